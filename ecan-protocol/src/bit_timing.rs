@@ -1,0 +1,467 @@
+//! CAN bit timing of the MCAN core, and its transmitter delay compensation (manual 13.4).
+//!
+//! In automatic mode the firmware solves the timing itself from bit rate and sample point window;
+//! the solver here finds out beforehand whether the window can be met at all, and what comes out.
+//! It looks at the source clock's divisors in this order and takes the first best:
+//!
+//! 1. the smallest deviation from the bit rate (normally none),
+//! 2. the smallest prescaler, that is the finest quanta,
+//! 3. the sample point closest to the middle of the window, the later one of two.
+//!
+//! The jump width is as wide as phase segment 2 and the register allow.
+
+use core::fmt;
+
+/// Source clock of each MCAN unless 0x8000:06..09 say otherwise (manual 13.3), in Hz.
+pub const MCAN_CLOCK_HZ: u32 = 80_000_000;
+
+/// From this data bit rate on the firmware switches TDC on whatever is configured (manual 13.4).
+pub const TDC_FORCED_FROM: u32 = 5_000_000;
+
+/// Greatest data prescaler with which the MCAN core can compensate the transmitter delay.
+pub const TDC_MAX_PRESCALER: u16 = 2;
+
+/// How far the solved bit rate may lie from the wanted one, in parts per million. Both ends of
+/// a CAN bus together may differ by some thousand; half a thousand leaves room for crystals.
+pub const BITRATE_TOLERANCE_PPM: u32 = 500;
+
+/// One of the two bit timings of CAN FD.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Phase {
+    /// Arbitration phase, and all of a classic frame.
+    Nominal,
+    /// Data phase of a CAN FD frame with bit rate switch.
+    Data,
+}
+
+impl fmt::Display for Phase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Nominal => "nominal",
+            Self::Data => "data",
+        })
+    }
+}
+
+/// What the MCAN registers can hold; every minimum is 1 but for the nominal segments (2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TimingLimits {
+    /// Greatest prescaler.
+    pub brp_max: u16,
+    /// Smallest and greatest segment before the sample point, in quanta.
+    pub tseg1: (u16, u16),
+    /// Smallest and greatest segment behind the sample point, in quanta.
+    pub tseg2: (u16, u16),
+    /// Greatest jump width, in quanta.
+    pub sjw_max: u16,
+}
+
+impl Phase {
+    /// Register limits of the phase.
+    pub const fn limits(self) -> TimingLimits {
+        match self {
+            Self::Nominal => TimingLimits {
+                brp_max: 512,
+                tseg1: (2, 256),
+                tseg2: (2, 128),
+                sjw_max: 128,
+            },
+            Self::Data => TimingLimits {
+                brp_max: 32,
+                tseg1: (1, 32),
+                tseg2: (1, 16),
+                sjw_max: 16,
+            },
+        }
+    }
+}
+
+/// A bit timing in physical values (not the registers' "minus one").
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct BitTiming {
+    /// Prescaler: source clock periods per quantum.
+    pub brp: u16,
+    /// Quanta between the sync segment and the sample point.
+    pub tseg1: u16,
+    /// Quanta behind the sample point.
+    pub tseg2: u16,
+    /// Jump width in quanta.
+    pub sjw: u16,
+}
+
+impl BitTiming {
+    /// Quanta per bit, the sync segment included.
+    pub const fn quanta(&self) -> u32 {
+        1 + self.tseg1 as u32 + self.tseg2 as u32
+    }
+
+    /// Source clock periods per bit.
+    pub const fn clocks_per_bit(&self) -> u32 {
+        (self.brp as u32).saturating_mul(self.quanta())
+    }
+
+    /// Bit rate in bit/s at a source clock in Hz, rounded down; 0 for a prescaler of 0.
+    pub const fn bitrate(&self, clock_hz: u32) -> u32 {
+        match clock_hz.checked_div(self.clocks_per_bit()) {
+            Some(bitrate) => bitrate,
+            None => 0,
+        }
+    }
+
+    /// Sample point in 0.01 %, rounded to the nearest.
+    pub const fn sample_point(&self) -> SamplePoint {
+        SamplePoint::of(1 + self.tseg1 as u32, self.quanta())
+    }
+
+    /// Sample point in 0.1 %, the unit of 0x8001:21..24, rounded to the nearest.
+    pub const fn sample_point_permille(&self) -> u16 {
+        ((2000 * (1 + self.tseg1 as u32) + self.quanta()) / (2 * self.quanta())) as u16
+    }
+
+    /// True when the registers of a phase can hold the timing and the jump width fits phase
+    /// segment 2.
+    pub const fn fits(&self, phase: Phase) -> bool {
+        let l = phase.limits();
+        self.brp >= 1
+            && self.brp <= l.brp_max
+            && self.tseg1 >= l.tseg1.0
+            && self.tseg1 <= l.tseg1.1
+            && self.tseg2 >= l.tseg2.0
+            && self.tseg2 <= l.tseg2.1
+            && self.sjw >= 1
+            && self.sjw <= l.sjw_max
+            && self.sjw <= self.tseg2
+    }
+
+    /// The secondary sample point offset that the driver chooses for TDC offset 0: the data
+    /// sample point in clock periods (minimum time quanta). `None` when the core cannot
+    /// compensate with this timing, because its prescaler is above [`TDC_MAX_PRESCALER`].
+    pub const fn automatic_tdc_offset(&self) -> Option<u8> {
+        let offset = self.brp as u32 * (1 + self.tseg1 as u32);
+        if self.brp >= 1 && self.brp <= TDC_MAX_PRESCALER && offset <= 127 {
+            Some(offset as u8)
+        } else {
+            None
+        }
+    }
+}
+
+/// True when the transmitter delay compensation runs: enabled, or forced by a data bit rate of
+/// [`TDC_FORCED_FROM`] or more (manual 13.4, "TDC Strategy").
+pub const fn tdc_active(enabled: bool, data_bitrate: u32) -> bool {
+    enabled || data_bitrate >= TDC_FORCED_FROM
+}
+
+/// A sample point in 0.01 % of the bit time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct SamplePoint(pub u16);
+
+impl SamplePoint {
+    const fn of(before: u32, quanta: u32) -> Self {
+        Self(((20_000 * before + quanta) / (2 * quanta)) as u16)
+    }
+}
+
+impl fmt::Display for SamplePoint {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (whole, hundredths) = (self.0 / 100, self.0 % 100);
+        match hundredths {
+            0 => write!(f, "{whole} %"),
+            h if h % 10 == 0 => write!(f, "{whole}.{} %", h / 10),
+            h => write!(f, "{whole}.{h:02} %"),
+        }
+    }
+}
+
+/// Why there is no bit timing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BitTimingError {
+    /// Clock or bit rate is 0.
+    Zero,
+    /// The window's bounds (0.1 %) are reversed or beyond 100 %.
+    Window {
+        /// Lower bound in 0.1 %.
+        min_permille: u16,
+        /// Upper bound in 0.1 %.
+        max_permille: u16,
+    },
+    /// No divisor of the clock comes close enough to the bit rate.
+    Bitrate {
+        /// Source clock in Hz.
+        clock_hz: u32,
+        /// The bit rate that was asked for, bit/s.
+        bitrate: u32,
+        /// Closest possible bit rate below, if any.
+        below: Option<u32>,
+        /// Closest possible bit rate above, if any.
+        above: Option<u32>,
+    },
+    /// The bit rate is possible, but with no sample point inside the window.
+    SamplePoint {
+        /// The bit rate in bit/s.
+        bitrate: u32,
+        /// Lower bound in 0.1 %.
+        min_permille: u16,
+        /// Upper bound in 0.1 %.
+        max_permille: u16,
+        /// Closest possible sample point before the window, if any.
+        below: Option<SamplePoint>,
+        /// Closest possible sample point behind the window, if any.
+        above: Option<SamplePoint>,
+    },
+}
+
+impl core::error::Error for BitTimingError {}
+
+impl fmt::Display for BitTimingError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match *self {
+            Self::Zero => f.write_str("clock and bit rate must not be 0"),
+            Self::Window {
+                min_permille,
+                max_permille,
+            } => write!(
+                f,
+                "sample point window {}..{} is not a range inside 0..100 %",
+                Permille(min_permille),
+                Permille(max_permille)
+            ),
+            Self::Bitrate {
+                clock_hz,
+                bitrate,
+                below,
+                above,
+            } => {
+                write!(
+                    f,
+                    "{bitrate} bit/s cannot be divided from a clock of {clock_hz} Hz"
+                )?;
+                write_nearest(f, below, above, " bit/s")
+            }
+            Self::SamplePoint {
+                bitrate,
+                min_permille,
+                max_permille,
+                below,
+                above,
+            } => {
+                write!(
+                    f,
+                    "no sample point between {} and {} at {bitrate} bit/s",
+                    Permille(min_permille),
+                    Permille(max_permille)
+                )?;
+                write_nearest(f, below, above, "")
+            }
+        }
+    }
+}
+
+fn write_nearest<T: fmt::Display>(
+    f: &mut fmt::Formatter<'_>,
+    below: Option<T>,
+    above: Option<T>,
+    unit: &str,
+) -> fmt::Result {
+    match (below, above) {
+        (Some(below), Some(above)) => write!(f, ", nearest are {below}{unit} and {above}{unit}"),
+        (Some(one), None) | (None, Some(one)) => write!(f, ", nearest is {one}{unit}"),
+        (None, None) => Ok(()),
+    }
+}
+
+/// A sample point bound in 0.1 %, printed in percent.
+struct Permille(u16);
+
+impl fmt::Display for Permille {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 % 10 {
+            0 => write!(f, "{} %", self.0 / 10),
+            tenth => write!(f, "{}.{tenth} %", self.0 / 10),
+        }
+    }
+}
+
+/// Solves the nominal timing for a clock (Hz), a bit rate (bit/s) and a sample point window
+/// (0.1 %, bounds included); equal bounds ask for that very sample point.
+///
+/// # Errors
+/// [`BitTimingError`], with the nearest possible values.
+pub fn solve_nominal(
+    clock_hz: u32,
+    bitrate: u32,
+    sample_point_min: u16,
+    sample_point_max: u16,
+) -> Result<BitTiming, BitTimingError> {
+    solve(
+        Phase::Nominal,
+        clock_hz,
+        bitrate,
+        sample_point_min,
+        sample_point_max,
+    )
+}
+
+/// Solves the CAN FD data timing; arguments and errors as for [`solve_nominal`].
+///
+/// # Errors
+/// [`BitTimingError`], with the nearest possible values.
+pub fn solve_data(
+    clock_hz: u32,
+    bitrate: u32,
+    sample_point_min: u16,
+    sample_point_max: u16,
+) -> Result<BitTiming, BitTimingError> {
+    solve(
+        Phase::Data,
+        clock_hz,
+        bitrate,
+        sample_point_min,
+        sample_point_max,
+    )
+}
+
+fn solve(
+    phase: Phase,
+    clock_hz: u32,
+    bitrate: u32,
+    min_permille: u16,
+    max_permille: u16,
+) -> Result<BitTiming, BitTimingError> {
+    if clock_hz == 0 || bitrate == 0 {
+        return Err(BitTimingError::Zero);
+    }
+    if min_permille > max_permille || max_permille > 1000 {
+        return Err(BitTimingError::Window {
+            min_permille,
+            max_permille,
+        });
+    }
+    let window = (u32::from(min_permille), u32::from(max_permille));
+    let mut best: Option<(u64, BitTiming)> = None;
+    let mut bitrate_possible = false;
+    let mut below = None;
+    let mut above = None;
+    for brp in 1..=phase.limits().brp_max {
+        let Some((quanta, deviation)) = quanta_for(phase, clock_hz, bitrate, brp) else {
+            continue;
+        };
+        bitrate_possible = true;
+        match place_sample_point(phase, brp, quanta, window) {
+            // A later prescaler only wins by a smaller deviation.
+            Placed::Inside(timing) if best.is_none_or(|(least, _)| deviation < least) => {
+                best = Some((deviation, timing));
+            }
+            Placed::Inside(_) => {}
+            Placed::Outside { before, behind } => {
+                below = below.max(before);
+                above = match (above, behind) {
+                    (Some(a), Some(b)) => Some(core::cmp::min::<SamplePoint>(a, b)),
+                    (a, b) => a.or(b),
+                };
+            }
+        }
+    }
+    match best {
+        Some((_, timing)) => Ok(timing),
+        None if bitrate_possible => Err(BitTimingError::SamplePoint {
+            bitrate,
+            min_permille,
+            max_permille,
+            below,
+            above,
+        }),
+        None => Err(nearest_bitrates(phase, clock_hz, bitrate)),
+    }
+}
+
+/// Quanta per bit that come closest to the bit rate with a prescaler, and the deviation (clock
+/// periods times bit rate); `None` outside the registers or the tolerance.
+fn quanta_for(phase: Phase, clock_hz: u32, bitrate: u32, brp: u16) -> Option<(u32, u64)> {
+    let (clock, rate) = (u64::from(clock_hz), u64::from(bitrate));
+    let per_quantum = rate * u64::from(brp);
+    let quanta = (clock + per_quantum / 2) / per_quantum;
+    let l = phase.limits();
+    let range = u64::from(1 + l.tseg1.0 + l.tseg2.0)..=u64::from(1 + l.tseg1.1 + l.tseg2.1);
+    if !range.contains(&quanta) {
+        return None;
+    }
+    let deviation = (quanta * per_quantum).abs_diff(clock);
+    if deviation * 1_000_000 > clock * u64::from(BITRATE_TOLERANCE_PPM) {
+        return None;
+    }
+    Some((quanta as u32, deviation))
+}
+
+enum Placed {
+    Inside(BitTiming),
+    Outside {
+        before: Option<SamplePoint>,
+        behind: Option<SamplePoint>,
+    },
+}
+
+/// Chooses the segments of a bit of so many quanta.
+fn place_sample_point(phase: Phase, brp: u16, quanta: u32, window: (u32, u32)) -> Placed {
+    let l = phase.limits();
+    // Quanta up to the sample point, limited by both segments.
+    let first = (1 + u32::from(l.tseg1.0)).max(quanta.saturating_sub(u32::from(l.tseg2.1)));
+    let last = (1 + u32::from(l.tseg1.1)).min(quanta.saturating_sub(u32::from(l.tseg2.0)));
+    let mut inside: Option<(u32, u32)> = None;
+    let mut before = None;
+    let mut behind = None;
+    for at in first..=last {
+        let point = at * 1000;
+        if point < window.0 * quanta {
+            before = Some(SamplePoint::of(at, quanta));
+        } else if point > window.1 * quanta {
+            behind = behind.or(Some(SamplePoint::of(at, quanta)));
+        } else {
+            let distance = (2 * point).abs_diff((window.0 + window.1) * quanta);
+            if inside.is_none_or(|(least, _)| distance <= least) {
+                inside = Some((distance, at));
+            }
+        }
+    }
+    match inside {
+        Some((_, at)) => {
+            let (tseg1, tseg2) = ((at - 1) as u16, (quanta - at) as u16);
+            Placed::Inside(BitTiming {
+                brp,
+                tseg1,
+                tseg2,
+                sjw: tseg2.min(tseg1).min(l.sjw_max),
+            })
+        }
+        None => Placed::Outside { before, behind },
+    }
+}
+
+/// The bit rates on either side of an impossible one.
+fn nearest_bitrates(phase: Phase, clock_hz: u32, bitrate: u32) -> BitTimingError {
+    let l = phase.limits();
+    let least = u32::from(1 + l.tseg1.0 + l.tseg2.0);
+    let most = u32::from(1 + l.tseg1.1 + l.tseg2.1);
+    let (mut below, mut above) = (None, None);
+    for brp in 1..=u32::from(l.brp_max) {
+        // Rounded up, the quanta give the bit rate at or below; one less the one above.
+        let slower = clock_hz.div_ceil(bitrate).div_ceil(brp);
+        if slower <= most {
+            let rate = clock_hz / (brp * slower.max(least));
+            if rate < bitrate {
+                below = below.max(Some(rate));
+            }
+        }
+        let faster = (clock_hz / bitrate / brp).min(most);
+        if faster >= least {
+            let rate = clock_hz / (brp * faster);
+            above = Some(above.map_or(rate, |a: u32| a.min(rate)));
+        }
+    }
+    BitTimingError::Bitrate {
+        clock_hz,
+        bitrate,
+        below: below.filter(|&b| b > 0),
+        above,
+    }
+}

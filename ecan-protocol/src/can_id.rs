@@ -1,0 +1,116 @@
+//! CAN identifiers.
+
+use core::fmt;
+
+use crate::frame::FrameError;
+
+const EXTENDED: u32 = 1 << 31;
+
+/// A CAN identifier: 11 bits (standard) or 29 bits (extended).
+///
+/// The order is that of the raw values, standard before extended; it is not the order of
+/// arbitration on the bus.
+#[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct CanId(u32);
+
+impl CanId {
+    /// Largest standard identifier.
+    pub const MAX_STANDARD: u32 = 0x7FF;
+    /// Largest extended identifier.
+    pub const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
+
+    /// A standard identifier.
+    ///
+    /// # Errors
+    /// [`FrameError::IdRange`] above 0x7FF.
+    pub const fn standard(id: u16) -> Result<Self, FrameError> {
+        Self::new(id as u32, false)
+    }
+
+    /// An extended identifier.
+    ///
+    /// # Errors
+    /// [`FrameError::IdRange`] above 0x1FFF_FFFF.
+    pub const fn extended(id: u32) -> Result<Self, FrameError> {
+        Self::new(id, true)
+    }
+
+    /// An identifier of the given format.
+    ///
+    /// # Errors
+    /// [`FrameError::IdRange`] where `raw` does not fit the format.
+    pub const fn new(raw: u32, extended: bool) -> Result<Self, FrameError> {
+        let (limit, mark) =
+            if extended { (Self::MAX_EXTENDED, EXTENDED) } else { (Self::MAX_STANDARD, 0) };
+        if raw > limit {
+            return Err(FrameError::IdRange { id: raw, extended });
+        }
+        Ok(Self(raw | mark))
+    }
+
+    /// The low 11 bits as a standard identifier.
+    #[inline]
+    pub(crate) const fn standard_bits(bits: u16) -> Self {
+        Self(bits as u32 & Self::MAX_STANDARD)
+    }
+
+    /// The low 29 bits as an extended identifier.
+    #[inline]
+    pub(crate) const fn extended_bits(bits: u32) -> Self {
+        Self(bits & Self::MAX_EXTENDED | EXTENDED)
+    }
+
+    /// The identifier's value without any mark: 0 to 0x7FF or 0 to 0x1FFF_FFFF.
+    #[inline]
+    #[must_use]
+    pub const fn raw(self) -> u32 {
+        self.0 & Self::MAX_EXTENDED
+    }
+
+    /// Whether this is a 29 bit identifier.
+    #[inline]
+    #[must_use]
+    pub const fn is_extended(self) -> bool {
+        self.0 & EXTENDED != 0
+    }
+}
+
+/// Three hex digits for a standard identifier, eight for an extended one, as in candump logs.
+impl fmt::Display for CanId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if self.is_extended() {
+            write!(f, "{:08X}", self.raw())
+        } else {
+            write!(f, "{:03X}", self.raw())
+        }
+    }
+}
+
+impl fmt::Debug for CanId {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "CanId({self})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::CanId;
+    use crate::frame::FrameError;
+    use std::string::ToString;
+
+    #[test]
+    fn limits_of_both_formats() {
+        assert_eq!(CanId::standard(0x7FF).unwrap().raw(), 0x7FF);
+        assert_eq!(CanId::standard(0x800), Err(FrameError::IdRange { id: 0x800, extended: false }));
+        assert!(CanId::extended(0x1FFF_FFFF).unwrap().is_extended());
+        assert!(CanId::extended(0x2000_0000).is_err());
+        assert_ne!(CanId::standard(1), CanId::extended(1));
+    }
+
+    #[test]
+    fn text_is_candumps() {
+        assert_eq!(CanId::standard(0x1A).unwrap().to_string(), "01A");
+        assert_eq!(CanId::extended(0x1A).unwrap().to_string(), "0000001A");
+    }
+}

@@ -1,0 +1,104 @@
+//! Control word of a frame packet (manual 8).
+
+use crate::dlc::Dlc;
+
+/// What a packet is, bits 13 and 14 of the control word.
+pub(crate) const KIND_CAN_FRAME: u8 = 0;
+pub(crate) const KIND_TX_RESULT: u8 = 1;
+
+/// The 16 bit control word, fields by their place in the manual.
+#[derive(Clone, Copy, PartialEq, Eq, Debug, Hash)]
+pub(crate) struct ControlWord(pub u16);
+
+impl ControlWord {
+    pub const IDE: u16 = 1 << 7;
+    pub const FDF: u16 = 1 << 8;
+    pub const BRS: u16 = 1 << 9;
+    /// Remote request in a classic frame, error state indicator in a CAN FD frame.
+    pub const X: u16 = 1 << 10;
+    pub const D64: u16 = 1 << 15;
+    /// The bits that belong to the CAN frame itself.
+    pub const FRAME_BITS: u16 = 0x0F << 3 | Self::IDE | Self::FDF | Self::BRS | Self::X;
+
+    const LOW_BITS: u16 = 0x7F;
+    /// The bits of CAN FD frames without timestamp and window.
+    const PLAIN_FD: u16 = Self::LOW_BITS | Self::IDE | Self::FDF | Self::BRS | Self::X;
+    /// The bits of classic data frames without timestamp.
+    const PLAIN_CLASSIC: u16 = Self::LOW_BITS | Self::IDE;
+
+    pub const fn tx_result(channel: u8) -> Self {
+        Self((channel & 7) as u16 | (KIND_TX_RESULT as u16) << 13)
+    }
+
+    #[inline]
+    pub const fn has(self, bits: u16) -> bool {
+        self.0 & bits != 0
+    }
+
+    #[inline]
+    pub const fn channel(self) -> u8 {
+        self.0 as u8 & 7
+    }
+
+    #[inline]
+    pub const fn dlc(self) -> Dlc {
+        Dlc::from_low_bits((self.0 >> 3) as u8)
+    }
+
+    #[inline]
+    pub const fn tsf(self) -> u8 {
+        (self.0 >> 11) as u8 & 3
+    }
+
+    #[inline]
+    pub const fn kind(self) -> u8 {
+        (self.0 >> 13) as u8 & 3
+    }
+
+    /// A CAN_FRAME of legal DLC that has its data, no timestamp and no window.
+    #[inline]
+    pub const fn is_plain(self) -> bool {
+        if self.has(Self::FDF) {
+            !self.has(!Self::PLAIN_FD)
+        } else {
+            !self.has(!Self::PLAIN_CLASSIC) && self.dlc().value() <= 8
+        }
+    }
+
+    /// A classic remote frame, which carries no data.
+    #[inline]
+    pub const fn is_remote(self) -> bool {
+        self.0 & (Self::FDF | Self::X) == Self::X
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::ControlWord;
+
+    #[test]
+    fn fields_stand_at_the_manuals_bits() {
+        let word = ControlWord(3 | 9 << 3 | 1 << 7 | 1 << 8 | 1 << 10 | 2 << 11 | 1 << 13);
+        assert_eq!(word.channel(), 3);
+        assert_eq!(word.dlc().value(), 9);
+        assert!(word.has(ControlWord::IDE) && word.has(ControlWord::FDF));
+        assert!(!word.has(ControlWord::BRS) && !word.has(ControlWord::D64));
+        assert_eq!(word.tsf(), 2);
+        assert_eq!(word.kind(), 1);
+        assert!(!word.is_remote());
+        assert!(ControlWord(1 << 10).is_remote());
+    }
+
+    #[test]
+    fn plain_frames_are_those_without_extras() {
+        for bits in 0..=u16::MAX {
+            let word = ControlWord(bits);
+            let plain = word.kind() == 0
+                && word.tsf() == 0
+                && !word.has(ControlWord::D64)
+                && (word.has(ControlWord::FDF)
+                    || !word.has(ControlWord::BRS | ControlWord::X) && word.dlc().value() <= 8);
+            assert_eq!(word.is_plain(), plain, "{bits:#06x}");
+        }
+    }
+}

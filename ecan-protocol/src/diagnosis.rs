@@ -1,0 +1,230 @@
+//! Errors of the encapsulation layer and where they were met (manual 13.2, 16.2).
+
+use core::fmt;
+
+use crate::header::Header;
+
+/// Errors of the encapsulation layer, with the values of 0x8010:14 and 0x8011:14 (manual 13.2).
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u16)]
+pub enum PdoError {
+    /// No error.
+    Ok = 0,
+    /// A frame exceeds what the active profile can carry.
+    FrameOverrun = 2,
+    /// A packet exceeds the frame area.
+    PacketOverrun = 3,
+    /// A packet of unknown or unsupported kind.
+    UnknownKind = 4,
+    /// The DLC breaks the rules of classic CAN or CAN FD.
+    InvalidDlc = 5,
+    /// The channel does not exist or is not in the channel mask.
+    InvalidChannel = 6,
+    /// The timestamp format does not belong to the profile or direction.
+    InvalidTsf = 7,
+    /// The payload ends inside a packet.
+    Truncated = 8,
+    /// The encapsulation profile is not supported.
+    UnsupportedProfile = 9,
+    /// The same RxPDO image again.
+    DuplicateSequence = 10,
+    /// An option flag is not supported.
+    UnsupportedOption = 11,
+    /// The frame area and the mapping of the master disagree.
+    ActiveArea = 12,
+    /// A reserved bit is set.
+    ReservedBit = 13,
+    /// Version, length or another field of the header is illegal.
+    BadHeader = 14,
+    /// The CRC does not match the payload.
+    BadCrc = 15,
+    /// The schedule record is illegal or not supported.
+    BadSchedule = 16,
+}
+
+impl PdoError {
+    /// The error with this value; `None` where the manual has none.
+    #[must_use]
+    pub const fn from_raw(raw: u16) -> Option<Self> {
+        Some(match raw {
+            0 => Self::Ok,
+            2 => Self::FrameOverrun,
+            3 => Self::PacketOverrun,
+            4 => Self::UnknownKind,
+            5 => Self::InvalidDlc,
+            6 => Self::InvalidChannel,
+            7 => Self::InvalidTsf,
+            8 => Self::Truncated,
+            9 => Self::UnsupportedProfile,
+            10 => Self::DuplicateSequence,
+            11 => Self::UnsupportedOption,
+            12 => Self::ActiveArea,
+            13 => Self::ReservedBit,
+            14 => Self::BadHeader,
+            15 => Self::BadCrc,
+            16 => Self::BadSchedule,
+            _ => return None,
+        })
+    }
+
+    /// The value that the gateway reports.
+    #[must_use]
+    pub const fn raw(self) -> u16 {
+        self as u16
+    }
+}
+
+impl fmt::Display for PdoError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Ok => "no error",
+            Self::FrameOverrun => "frame exceeds the encapsulation profile",
+            Self::PacketOverrun => "packet exceeds the frame area",
+            Self::UnknownKind => "unknown packet kind",
+            Self::InvalidDlc => "invalid DLC",
+            Self::InvalidChannel => "invalid channel",
+            Self::InvalidTsf => "timestamp format not allowed by profile or direction",
+            Self::Truncated => "packet truncated by the end of the payload",
+            Self::UnsupportedProfile => "unsupported encapsulation profile",
+            Self::DuplicateSequence => "duplicate sequence",
+            Self::UnsupportedOption => "unsupported option flag",
+            Self::ActiveArea => "frame area and mapping disagree",
+            Self::ReservedBit => "reserved bit set",
+            Self::BadHeader => "bad header",
+            Self::BadCrc => "bad CRC",
+            Self::BadSchedule => "bad schedule record",
+        })
+    }
+}
+
+impl core::error::Error for PdoError {}
+
+/// Why an image, or the rest of one, cannot be used.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum ImageFault {
+    /// `seq_begin` and `seq_end` differ: the image was being written. Skip this cycle.
+    Updating,
+    /// The header changed while the payload was checked. Skip this cycle.
+    Torn,
+    /// An error of the encapsulation layer.
+    Pdo(PdoError),
+}
+
+impl fmt::Display for ImageFault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Updating => f.write_str("image is being updated"),
+            Self::Torn => f.write_str("image changed while it was read"),
+            Self::Pdo(error) => error.fmt(f),
+        }
+    }
+}
+
+/// What was wrong with an image and where, with the fields that the manual asks for (manual 16.2).
+///
+/// Fields that do not apply to the fault are 0: packet fields for faults of the whole image,
+/// `computed_crc16` where no CRC was computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ParseDiagnosis {
+    /// What was wrong.
+    pub fault: ImageFault,
+    /// Offset in the image where the faulty packet starts, in bytes; 0 for the header.
+    pub offset: u16,
+    /// Offset behind that packet, padding included, as far as it is known.
+    pub packet_end: u16,
+    /// Control word of the packet.
+    pub ctrl: u16,
+    /// Sequence number of the image (`seq_begin`).
+    pub sequence: u16,
+    /// `payload_len` of the header.
+    pub payload_len: u16,
+    /// `payload_crc16` of the header.
+    pub payload_crc16: u16,
+    /// CRC of the payload as received.
+    pub computed_crc16: u16,
+    /// `layout_id` of the header.
+    pub layout_id: u16,
+    /// Channel of the packet.
+    pub channel: u8,
+    /// DLC of the packet.
+    pub dlc: u8,
+    /// Timestamp format of the packet.
+    pub tsf: u8,
+    /// Kind of the packet.
+    pub kind: u8,
+}
+
+impl ParseDiagnosis {
+    /// A fault of the image as a whole.
+    #[cold]
+    pub(crate) const fn of_image(header: &Header, fault: ImageFault, computed_crc16: u16) -> Self {
+        Self {
+            fault,
+            offset: 0,
+            packet_end: 0,
+            ctrl: 0,
+            sequence: header.seq_begin,
+            payload_len: header.payload_len,
+            payload_crc16: header.payload_crc16,
+            computed_crc16,
+            layout_id: header.layout_id,
+            channel: 0,
+            dlc: 0,
+            tsf: 0,
+            kind: 0,
+        }
+    }
+
+    /// The error of the encapsulation layer; `None` where the image was only caught in motion.
+    #[must_use]
+    pub const fn pdo_error(&self) -> Option<PdoError> {
+        match self.fault {
+            ImageFault::Pdo(error) => Some(error),
+            ImageFault::Updating | ImageFault::Torn => None,
+        }
+    }
+}
+
+impl fmt::Display for ParseDiagnosis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} in image {}", self.fault, self.sequence)?;
+        if self.fault == ImageFault::Pdo(PdoError::BadCrc) {
+            write!(
+                f,
+                ": {:#06x} computed, {:#06x} in the header",
+                self.computed_crc16, self.payload_crc16
+            )?;
+        }
+        if self.offset != 0 {
+            write!(
+                f,
+                " at offset {} to {}: control word {:#06x}, kind {}, channel {}, DLC {}, TSF {}",
+                self.offset,
+                self.packet_end,
+                self.ctrl,
+                self.kind,
+                self.channel,
+                self.dlc,
+                self.tsf
+            )?;
+        }
+        write!(f, " (payload of {} bytes, layout {:#06x})", self.payload_len, self.layout_id)
+    }
+}
+
+impl core::error::Error for ParseDiagnosis {}
+
+#[cfg(test)]
+mod tests {
+    use super::PdoError;
+
+    #[test]
+    fn values_are_the_manuals() {
+        for raw in 0..=17 {
+            match PdoError::from_raw(raw) {
+                Some(error) => assert_eq!(error.raw(), raw),
+                None => assert!(raw == 1 || raw == 17, "{raw}"),
+            }
+        }
+    }
+}

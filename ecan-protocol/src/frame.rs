@@ -1,0 +1,390 @@
+//! CAN frames: borrowed and owned.
+
+use core::fmt;
+
+use crate::can_id::CanId;
+use crate::control::ControlWord;
+use crate::copy::copy_data;
+use crate::dlc::Dlc;
+
+/// Why bytes are no CAN frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FrameError {
+    /// The identifier does not fit its format.
+    #[error("identifier {id:#X} exceeds {} bits", if *.extended { 29 } else { 11 })]
+    IdRange {
+        /// The identifier given.
+        id: u32,
+        /// Whether a 29 bit identifier was meant.
+        extended: bool,
+    },
+    /// The frame format has no DLC for this number of data bytes.
+    #[error("{length} data bytes do not fit a {} frame", if *.fd { "CAN FD" } else { "classic CAN" })]
+    Length {
+        /// Data bytes given.
+        length: usize,
+        /// Whether a CAN FD frame was meant.
+        fd: bool,
+    },
+    /// A remote frame asks for at most 8 bytes.
+    #[error("remote frame with DLC {dlc}, at most 8 is possible")]
+    RemoteDlc {
+        /// The DLC given.
+        dlc: u8,
+    },
+}
+
+/// What kind of CAN frame it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum FrameKind {
+    /// Classic CAN data frame, up to 8 bytes.
+    Data,
+    /// Classic CAN remote frame: a DLC without data.
+    Remote,
+    /// CAN FD frame, up to 64 bytes.
+    Fd {
+        /// The data phase runs at the data bit rate.
+        brs: bool,
+        /// Error state indicator: the sender is error passive.
+        esi: bool,
+    },
+}
+
+/// The frame bits of the control word for a kind and a DLC.
+const fn frame_bits(id: CanId, kind: FrameKind, dlc: Dlc) -> u16 {
+    let ide = if id.is_extended() { ControlWord::IDE } else { 0 };
+    let format = match kind {
+        FrameKind::Data => 0,
+        FrameKind::Remote => ControlWord::X,
+        FrameKind::Fd { brs, esi } => {
+            ControlWord::FDF
+                | if brs { ControlWord::BRS } else { 0 }
+                | if esi { ControlWord::X } else { 0 }
+        }
+    };
+    ide | format | (dlc.value() as u16) << 3
+}
+
+const fn kind_of(bits: u16) -> FrameKind {
+    let word = ControlWord(bits);
+    if word.has(ControlWord::FDF) {
+        FrameKind::Fd { brs: word.has(ControlWord::BRS), esi: word.has(ControlWord::X) }
+    } else if word.has(ControlWord::X) {
+        FrameKind::Remote
+    } else {
+        FrameKind::Data
+    }
+}
+
+/// A CAN frame whose data is borrowed.
+///
+/// It is valid by construction: identifier in range, data length one that the DLC expresses, no
+/// data in a remote frame.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct FrameRef<'a> {
+    id: CanId,
+    // DLC, IDE, FDF, BRS and X at their places in the control word, so that packing is an OR.
+    bits: u16,
+    data: &'a [u8],
+}
+
+impl<'a> FrameRef<'a> {
+    /// A classic CAN data frame.
+    ///
+    /// # Errors
+    /// [`FrameError::Length`] for more than 8 bytes.
+    #[inline]
+    pub const fn classic(id: CanId, data: &'a [u8]) -> Result<Self, FrameError> {
+        match Dlc::from_classic_len(data.len()) {
+            Some(dlc) => Ok(Self { id, bits: frame_bits(id, FrameKind::Data, dlc), data }),
+            None => Err(FrameError::Length { length: data.len(), fd: false }),
+        }
+    }
+
+    /// A classic CAN remote frame that asks for `dlc` bytes.
+    ///
+    /// # Errors
+    /// [`FrameError::RemoteDlc`] above 8.
+    #[inline]
+    pub const fn remote(id: CanId, dlc: Dlc) -> Result<Self, FrameError> {
+        if dlc.value() > 8 {
+            return Err(FrameError::RemoteDlc { dlc: dlc.value() });
+        }
+        Ok(Self { id, bits: frame_bits(id, FrameKind::Remote, dlc), data: &[] })
+    }
+
+    /// A CAN FD frame. `brs` switches to the data bit rate, `esi` is the error state indicator.
+    ///
+    /// # Errors
+    /// [`FrameError::Length`] where no DLC means exactly this many bytes.
+    #[inline]
+    pub const fn fd(id: CanId, data: &'a [u8], brs: bool, esi: bool) -> Result<Self, FrameError> {
+        match Dlc::from_fd_len(data.len()) {
+            Some(dlc) => {
+                Ok(Self { id, bits: frame_bits(id, FrameKind::Fd { brs, esi }, dlc), data })
+            }
+            None => Err(FrameError::Length { length: data.len(), fd: true }),
+        }
+    }
+
+    /// From a control word that has passed all checks, and the data that its DLC means.
+    #[inline]
+    pub(crate) const fn from_checked(id: CanId, control: ControlWord, data: &'a [u8]) -> Self {
+        Self { id, bits: control.0 & ControlWord::FRAME_BITS, data }
+    }
+
+    /// The frame's part of the control word.
+    #[inline]
+    pub(crate) const fn control_bits(&self) -> u16 {
+        self.bits
+    }
+
+    /// The identifier.
+    #[inline]
+    #[must_use]
+    pub const fn id(&self) -> CanId {
+        self.id
+    }
+
+    /// Classic data, remote or CAN FD.
+    #[inline]
+    #[must_use]
+    pub const fn kind(&self) -> FrameKind {
+        kind_of(self.bits)
+    }
+
+    /// The data length code.
+    #[inline]
+    #[must_use]
+    pub const fn dlc(&self) -> Dlc {
+        ControlWord(self.bits).dlc()
+    }
+
+    /// The data bytes; empty in a remote frame.
+    #[inline]
+    #[must_use]
+    pub const fn data(&self) -> &'a [u8] {
+        self.data
+    }
+
+    /// Whether this is a CAN FD frame.
+    #[inline]
+    #[must_use]
+    pub const fn is_fd(&self) -> bool {
+        ControlWord(self.bits).has(ControlWord::FDF)
+    }
+
+    /// Whether this is a remote frame.
+    #[inline]
+    #[must_use]
+    pub const fn is_remote(&self) -> bool {
+        ControlWord(self.bits).is_remote()
+    }
+
+    /// Bytes that the DLC means: the length of the data, or what a remote frame asks for.
+    #[inline]
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        if self.is_remote() { self.dlc().value() as usize } else { self.data.len() }
+    }
+
+    /// Whether the DLC is 0.
+    #[inline]
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// A copy that owns its data.
+    #[inline]
+    #[must_use]
+    pub fn to_owned(&self) -> CanFrame {
+        let mut data = [0; 64];
+        copy_data(&mut data, self.data);
+        CanFrame { id: self.id, bits: self.bits, data }
+    }
+}
+
+/// A CAN frame that owns its data; bytes behind the data are zero.
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+pub struct CanFrame {
+    id: CanId,
+    bits: u16,
+    data: [u8; 64],
+}
+
+impl CanFrame {
+    /// A classic CAN data frame.
+    ///
+    /// # Errors
+    /// [`FrameError::Length`] for more than 8 bytes.
+    pub fn classic(id: CanId, data: &[u8]) -> Result<Self, FrameError> {
+        FrameRef::classic(id, data).map(|frame| frame.to_owned())
+    }
+
+    /// A classic CAN remote frame that asks for `dlc` bytes.
+    ///
+    /// # Errors
+    /// [`FrameError::RemoteDlc`] above 8.
+    pub fn remote(id: CanId, dlc: Dlc) -> Result<Self, FrameError> {
+        FrameRef::remote(id, dlc).map(|frame| frame.to_owned())
+    }
+
+    /// A CAN FD frame. `brs` switches to the data bit rate, `esi` is the error state indicator.
+    ///
+    /// # Errors
+    /// [`FrameError::Length`] where no DLC means exactly this many bytes.
+    pub fn fd(id: CanId, data: &[u8], brs: bool, esi: bool) -> Result<Self, FrameError> {
+        FrameRef::fd(id, data, brs, esi).map(|frame| frame.to_owned())
+    }
+
+    /// The frame as a borrowed view.
+    #[inline]
+    #[must_use]
+    pub fn as_ref(&self) -> FrameRef<'_> {
+        FrameRef { id: self.id, bits: self.bits, data: self.data() }
+    }
+
+    /// The identifier.
+    #[inline]
+    #[must_use]
+    pub const fn id(&self) -> CanId {
+        self.id
+    }
+
+    /// Classic data, remote or CAN FD.
+    #[inline]
+    #[must_use]
+    pub const fn kind(&self) -> FrameKind {
+        kind_of(self.bits)
+    }
+
+    /// The data length code.
+    #[inline]
+    #[must_use]
+    pub const fn dlc(&self) -> Dlc {
+        ControlWord(self.bits).dlc()
+    }
+
+    /// The data bytes; empty in a remote frame.
+    #[inline]
+    #[must_use]
+    pub fn data(&self) -> &[u8] {
+        let length = if self.is_remote() { 0 } else { self.dlc().fd_len() };
+        // infallible: no DLC means more than 64 bytes
+        self.data.get(..length).unwrap_or_default()
+    }
+
+    /// Whether this is a CAN FD frame.
+    #[inline]
+    #[must_use]
+    pub const fn is_fd(&self) -> bool {
+        ControlWord(self.bits).has(ControlWord::FDF)
+    }
+
+    /// Whether this is a remote frame.
+    #[inline]
+    #[must_use]
+    pub const fn is_remote(&self) -> bool {
+        ControlWord(self.bits).is_remote()
+    }
+
+    /// Bytes that the DLC means: the length of the data, or what a remote frame asks for.
+    #[inline]
+    #[must_use]
+    pub const fn len(&self) -> usize {
+        if self.is_fd() { self.dlc().fd_len() } else { self.dlc().classic_len() }
+    }
+
+    /// Whether the DLC is 0.
+    #[inline]
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+}
+
+impl From<FrameRef<'_>> for CanFrame {
+    #[inline]
+    fn from(frame: FrameRef<'_>) -> Self {
+        frame.to_owned()
+    }
+}
+
+impl<'a> From<&'a CanFrame> for FrameRef<'a> {
+    #[inline]
+    fn from(frame: &'a CanFrame) -> Self {
+        frame.as_ref()
+    }
+}
+
+impl fmt::Debug for FrameRef<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {:?} dlc {} ", self.id, self.kind(), self.dlc())?;
+        f.debug_list().entries(self.data).finish()
+    }
+}
+
+impl fmt::Debug for CanFrame {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Debug::fmt(&self.as_ref(), f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{CanFrame, FrameError, FrameKind, FrameRef};
+    use crate::{CanId, Dlc};
+
+    fn id() -> CanId {
+        CanId::standard(0x123).unwrap()
+    }
+
+    #[test]
+    fn classic_frames_take_eight_bytes() {
+        let frame = CanFrame::classic(id(), &[1; 8]).unwrap();
+        assert_eq!(frame.data(), [1; 8]);
+        assert_eq!(frame.kind(), FrameKind::Data);
+        assert_eq!(
+            CanFrame::classic(id(), &[1; 9]),
+            Err(FrameError::Length { length: 9, fd: false })
+        );
+    }
+
+    #[test]
+    fn remote_frames_have_a_length_but_no_data() {
+        let frame = CanFrame::remote(id(), Dlc::new(5).unwrap()).unwrap();
+        assert_eq!((frame.len(), frame.data().len()), (5, 0));
+        assert!(frame.is_remote() && !frame.is_fd());
+        assert_eq!(
+            CanFrame::remote(id(), Dlc::new(9).unwrap()),
+            Err(FrameError::RemoteDlc { dlc: 9 })
+        );
+    }
+
+    #[test]
+    fn fd_frames_take_dlc_lengths_only() {
+        for length in 0..=64 {
+            let data = [7; 64];
+            let frame = CanFrame::fd(id(), &data[..length], true, false);
+            match Dlc::from_fd_len(length) {
+                Some(dlc) => {
+                    let frame = frame.unwrap();
+                    assert_eq!(frame.dlc(), dlc);
+                    assert_eq!(frame.len(), length);
+                    assert_eq!(frame.data(), &data[..length]);
+                    assert_eq!(frame.kind(), FrameKind::Fd { brs: true, esi: false });
+                }
+                None => assert_eq!(frame, Err(FrameError::Length { length, fd: true })),
+            }
+        }
+    }
+
+    #[test]
+    fn a_frame_survives_borrowing() {
+        let data = [9; 12];
+        let frame = FrameRef::fd(CanId::extended(0x1234_5678).unwrap(), &data, false, true);
+        let frame = frame.unwrap();
+        assert_eq!(frame.to_owned().as_ref(), frame);
+    }
+}

@@ -1,0 +1,174 @@
+//! Process data directions and the 128 byte chunk mapping (manual 5.1, 5.3).
+
+use core::fmt;
+
+/// CAN channels of a gateway.
+pub const CHANNELS: usize = 4;
+/// Bytes of one mapping chunk, the unit of the PDO size.
+pub const CHUNK_BYTES: usize = 128;
+/// Mapping units of a chunk.
+pub const UNITS_PER_CHUNK: usize = 8;
+/// Bytes of one mapping unit, an object of type STRING(16).
+pub const UNIT_BYTES: usize = 16;
+/// Bytes of the fixed header at the start of an image.
+pub const HEADER_BYTES: usize = 24;
+/// Largest PDO size multiplier N.
+pub const MAX_MULTIPLIER: u8 = 24;
+/// Largest process data image of one direction, in bytes.
+pub const MAX_PDO_BYTES: usize = MAX_MULTIPLIER as usize * CHUNK_BYTES;
+/// Most packets in one image: the header counts them in one byte.
+pub const MAX_PACKETS: usize = 255;
+
+/// A direction of process data, named from the slave's point of view as in the manual.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Direction {
+    /// Slave to master (SM3, inputs): received CAN frames. Controlled by 0x8010.
+    TxPdo,
+    /// Master to slave (SM2, outputs): CAN frames to send. Controlled by 0x8011.
+    RxPdo,
+}
+
+impl Direction {
+    /// Both directions.
+    pub const ALL: [Self; 2] = [Self::TxPdo, Self::RxPdo];
+
+    /// The PDO Profile Control object of this direction: 0x8010 or 0x8011 (manual 13.2).
+    #[must_use]
+    pub const fn profile_object(self) -> u16 {
+        match self {
+            Self::TxPdo => 0x8010,
+            Self::RxPdo => 0x8011,
+        }
+    }
+}
+
+impl fmt::Display for Direction {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::TxPdo => "TxPDO",
+            Self::RxPdo => "RxPDO",
+        })
+    }
+}
+
+/// Index of the PDO that maps a chunk: 0x1A00 or 0x1600 plus `chunk` (0 to 23).
+#[must_use]
+pub const fn pdo_map_index(direction: Direction, chunk: u8) -> u16 {
+    let base: u16 = match direction {
+        Direction::TxPdo => 0x1A00,
+        Direction::RxPdo => 0x1600,
+    };
+    base + chunk as u16
+}
+
+/// Subindex of a unit (0 to 7) in the PDO of its chunk.
+///
+/// The manual counts from 1; an installed gateway is asked what it really has before its entries
+/// are registered.
+#[must_use]
+pub const fn map_subindex(unit: u8) -> u8 {
+    unit.saturating_add(1)
+}
+
+/// Index of the data object behind a unit: 0x6000 or 0x7000 plus 0x80 for each chunk (0 to 23)
+/// and 0x10 for each unit (0 to 7).
+#[must_use]
+pub const fn data_object_index(direction: Direction, chunk: u8, unit: u8) -> u16 {
+    let base: u16 = match direction {
+        Direction::TxPdo => 0x6000,
+        Direction::RxPdo => 0x7000,
+    };
+    base + chunk as u16 * 0x80 + unit as u16 * 0x10
+}
+
+/// The unit that a data object stands for: direction, chunk and unit; `None` for other objects.
+#[must_use]
+pub const fn locate_data_object(index: u16) -> Option<(Direction, u8, u8)> {
+    let direction = match index & 0xF000 {
+        0x6000 => Direction::TxPdo,
+        0x7000 => Direction::RxPdo,
+        _ => return None,
+    };
+    let offset = index & 0x0FFF;
+    let chunk = (offset / 0x80) as u8;
+    if !offset.is_multiple_of(0x10) || chunk >= MAX_MULTIPLIER {
+        return None;
+    }
+    Some((direction, chunk, (offset % 0x80 / 0x10) as u8))
+}
+
+/// Offset of a unit in the continuous image, in bytes.
+#[must_use]
+pub const fn buffer_offset(chunk: u8, unit: u8) -> usize {
+    chunk as usize * CHUNK_BYTES + unit as usize * UNIT_BYTES
+}
+
+/// The sync manager PDO assignment object: 0x1C13 for TxPDO, 0x1C12 for RxPDO.
+#[must_use]
+pub const fn assignment_index(direction: Direction) -> u16 {
+    match direction {
+        Direction::TxPdo => 0x1C13,
+        Direction::RxPdo => 0x1C12,
+    }
+}
+
+/// The sync manager of a direction: 3 for TxPDO, 2 for RxPDO.
+#[must_use]
+pub const fn sync_manager(direction: Direction) -> u8 {
+    match direction {
+        Direction::TxPdo => 3,
+        Direction::RxPdo => 2,
+    }
+}
+
+/// Physical start address of the direction's sync manager (manual 5.3).
+#[must_use]
+pub const fn sync_manager_address(direction: Direction) -> u16 {
+    match direction {
+        Direction::TxPdo => 0x1D00,
+        Direction::RxPdo => 0x1100,
+    }
+}
+
+/// Control byte of the direction's sync manager, a single buffer (manual 5.3).
+#[must_use]
+pub const fn sync_manager_control(direction: Direction) -> u8 {
+    match direction {
+        Direction::TxPdo => 0x22,
+        Direction::RxPdo => 0x66,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_of_the_manuals_table() {
+        assert_eq!(pdo_map_index(Direction::RxPdo, 0), 0x1600);
+        assert_eq!(pdo_map_index(Direction::RxPdo, 23), 0x1617);
+        assert_eq!(pdo_map_index(Direction::TxPdo, 23), 0x1A17);
+        assert_eq!(data_object_index(Direction::RxPdo, 0, 7), 0x7070);
+        assert_eq!(data_object_index(Direction::RxPdo, 1, 0), 0x7080);
+        assert_eq!(data_object_index(Direction::TxPdo, 1, 7), 0x60F0);
+        assert_eq!(map_subindex(7), 8);
+        assert_eq!(buffer_offset(0, 7), 112);
+        assert_eq!(buffer_offset(1, 0), 128);
+        assert_eq!(MAX_PDO_BYTES, 3072);
+    }
+
+    #[test]
+    fn data_objects_are_found_again() {
+        for direction in Direction::ALL {
+            for chunk in 0..MAX_MULTIPLIER {
+                for unit in 0..UNITS_PER_CHUNK as u8 {
+                    let index = data_object_index(direction, chunk, unit);
+                    assert_eq!(locate_data_object(index), Some((direction, chunk, unit)));
+                }
+            }
+        }
+        assert_eq!(locate_data_object(0x6C00), None);
+        assert_eq!(locate_data_object(0x7001), None);
+        assert_eq!(locate_data_object(0x8010), None);
+    }
+}

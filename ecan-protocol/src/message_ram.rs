@@ -1,0 +1,174 @@
+//! The Message RAM of one MCAN channel and what fits into it (manual 13.4, "RAM/FIFO/Buffer").
+
+use crate::raw_enum::raw_enum;
+
+/// Message RAM of one channel in bytes: what the default layout fills to the last byte.
+pub const MESSAGE_RAM_BYTES: u32 = 8192;
+
+/// Filter elements that the firmware always reserves (0x8001:41, :42).
+pub const STANDARD_FILTERS_MAX: u8 = 64;
+/// Extended filter elements that the firmware always reserves.
+pub const EXTENDED_FILTERS_MAX: u8 = 24;
+
+const ELEMENT_HEADER_BYTES: u32 = 8;
+const EVENT_BYTES: u32 = 8;
+const FILTER_BYTES: u32 = STANDARD_FILTERS_MAX as u32 * 4 + EXTENDED_FILTERS_MAX as u32 * 8;
+
+raw_enum! {
+    /// Data bytes that one element can store.
+    pub enum DataSize: u8 {
+        /// 8 bytes: classic CAN.
+        B8 = 0,
+        /// 12 bytes.
+        B12 = 1,
+        /// 16 bytes.
+        B16 = 2,
+        /// 20 bytes.
+        B20 = 3,
+        /// 24 bytes.
+        B24 = 4,
+        /// 32 bytes.
+        B32 = 5,
+        /// 48 bytes.
+        B48 = 6,
+        /// 64 bytes: any CAN FD frame.
+        B64 = 7,
+    }
+}
+
+impl DataSize {
+    /// The size in bytes.
+    pub const fn bytes(self) -> u8 {
+        match self {
+            Self::B8 => 8,
+            Self::B12 => 12,
+            Self::B16 => 16,
+            Self::B20 => 20,
+            Self::B24 => 24,
+            Self::B32 => 32,
+            Self::B48 => 48,
+            Self::B64 => 64,
+        }
+    }
+
+    const fn element_bytes(self) -> u32 {
+        ELEMENT_HEADER_BYTES + self.bytes() as u32
+    }
+}
+
+raw_enum! {
+    /// What a full receive FIFO does with the next frame.
+    pub enum FifoMode: u8 {
+        /// Loses the new frame.
+        Blocking = 0,
+        /// Loses the oldest frame.
+        Overwrite = 1,
+    }
+}
+
+raw_enum! {
+    /// In which order the controller takes frames from the transmit elements.
+    pub enum TxMode: u8 {
+        /// As they came.
+        Fifo = 0,
+        /// The highest priority (lowest identifier) first.
+        Queue = 1,
+    }
+}
+
+/// A receive FIFO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RxFifo {
+    /// What happens when it is full.
+    pub mode: FifoMode,
+    /// Elements, 0..64.
+    pub size: u8,
+    /// Data bytes per element.
+    pub data_size: DataSize,
+}
+
+/// Elements in the Message RAM of a channel: 0x8001:61..73.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MessageRamLayout {
+    /// RX FIFO0, where frames go that no filter matches.
+    pub rx_fifo0: RxFifo,
+    /// RX FIFO1.
+    pub rx_fifo1: RxFifo,
+    /// Dedicated receive buffers, 0..64, used only by filters that name one.
+    pub rx_buffer_count: u8,
+    /// Data bytes per receive buffer.
+    pub rx_buffer_data_size: DataSize,
+    /// FIFO or queue.
+    pub tx_mode: TxMode,
+    /// Transmit FIFO or queue elements, 0..32.
+    pub tx_fifo_size: u8,
+    /// Dedicated transmit buffers; with the FIFO at most 32. The firmware sends by the FIFO.
+    pub tx_dedicated_count: u8,
+    /// Data bytes per transmit element.
+    pub tx_data_size: DataSize,
+    /// Transmit event elements, 0..32.
+    pub tx_event_size: u8,
+}
+
+impl Default for MessageRamLayout {
+    fn default() -> Self {
+        Self::fd()
+    }
+}
+
+impl MessageRamLayout {
+    /// The device default: elements of 64 bytes for any CAN FD frame.
+    pub const fn fd() -> Self {
+        Self {
+            rx_fifo0: RxFifo {
+                mode: FifoMode::Blocking,
+                size: 48,
+                data_size: DataSize::B64,
+            },
+            rx_fifo1: RxFifo {
+                mode: FifoMode::Blocking,
+                size: 12,
+                data_size: DataSize::B64,
+            },
+            rx_buffer_count: 12,
+            rx_buffer_data_size: DataSize::B64,
+            tx_mode: TxMode::Fifo,
+            tx_fifo_size: 32,
+            tx_dedicated_count: 0,
+            tx_data_size: DataSize::B64,
+            tx_event_size: 32,
+        }
+    }
+
+    /// For channels without CAN FD: elements of 8 bytes, and with the space gained receive FIFOs
+    /// of full length.
+    pub const fn classic() -> Self {
+        Self {
+            rx_fifo0: RxFifo {
+                mode: FifoMode::Blocking,
+                size: 64,
+                data_size: DataSize::B8,
+            },
+            rx_fifo1: RxFifo {
+                mode: FifoMode::Blocking,
+                size: 64,
+                data_size: DataSize::B8,
+            },
+            rx_buffer_data_size: DataSize::B8,
+            tx_data_size: DataSize::B8,
+            ..Self::fd()
+        }
+    }
+
+    /// Bytes that the layout needs, the reserved filter elements included; to be held against
+    /// [`MESSAGE_RAM_BYTES`].
+    pub const fn bytes(&self) -> u32 {
+        FILTER_BYTES
+            + self.rx_fifo0.size as u32 * self.rx_fifo0.data_size.element_bytes()
+            + self.rx_fifo1.size as u32 * self.rx_fifo1.data_size.element_bytes()
+            + self.rx_buffer_count as u32 * self.rx_buffer_data_size.element_bytes()
+            + (self.tx_fifo_size as u32 + self.tx_dedicated_count as u32)
+                * self.tx_data_size.element_bytes()
+            + self.tx_event_size as u32 * EVENT_BYTES
+    }
+}

@@ -1,0 +1,247 @@
+//! Reading process data images (manual 6.1, 8).
+
+use core::hint::black_box;
+use core::sync::atomic::{Ordering, fence};
+
+use crate::crc::crc16;
+use crate::diagnosis::{ImageFault, ParseDiagnosis, PdoError};
+use crate::header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, VER_IHL};
+use crate::mapping::{Direction, HEADER_BYTES};
+use crate::packets::{PacketCursor, Packets, Rules};
+use crate::profile::{OptionFlags, PdoProfile};
+use crate::timestamp::allowed_formats;
+
+/// Reads images of one direction.
+///
+/// It holds no state of the stream; [`SequenceTracker`](crate::SequenceTracker) tells repeated
+/// and lost images apart. Nothing here allocates, blocks or panics; all of it is real-time safe.
+#[derive(Clone, Debug)]
+pub struct ImageReader {
+    profile: PdoProfile,
+    crc: bool,
+    layout_id: u16,
+    rules: Rules,
+}
+
+impl ImageReader {
+    /// A reader for this direction and profile. Whether an image without CRC is accepted follows
+    /// the options of the profile.
+    #[must_use]
+    pub const fn new(direction: Direction, profile: PdoProfile) -> Self {
+        Self {
+            profile,
+            crc: !profile.options.contains(OptionFlags::NO_CRC16),
+            layout_id: profile.layout_id(),
+            rules: Rules {
+                direction,
+                channel_mask: profile.channel_mask & 0x0F,
+                formats: allowed_formats(direction, profile.profile),
+                d64: profile.profile.allows_d64(),
+                align_mask: if profile.options.contains(OptionFlags::ALIGN4) { 3 } else { 0 },
+            },
+        }
+    }
+
+    /// The same insisting on a CRC or not, whatever the option says (0x8030:04, manual 13.2.3).
+    #[must_use]
+    pub const fn with_crc(mut self, crc: bool) -> Self {
+        self.crc = crc;
+        self
+    }
+
+    /// Reads by another profile from now on; a choice made by [`with_crc`](Self::with_crc) is
+    /// forgotten.
+    pub const fn set_profile(&mut self, profile: PdoProfile) {
+        *self = Self::new(self.rules.direction, profile);
+    }
+
+    /// The direction.
+    #[must_use]
+    pub const fn direction(&self) -> Direction {
+        self.rules.direction
+    }
+
+    /// The profile.
+    #[must_use]
+    pub const fn profile(&self) -> &PdoProfile {
+        &self.profile
+    }
+
+    /// Judges an image in the order of manual 6.1: header, sequence numbers, CRC algorithm,
+    /// version, payload length, CRC, header again. Bytes behind the payload are ignored.
+    ///
+    /// A CRC, where the image has one, is checked even if none is needed. A layout other than the
+    /// profile's is no error; see [`Image::layout_changed`].
+    ///
+    /// # Errors
+    /// [`ParseDiagnosis`] with the fault of the image as a whole. `ActiveArea` means that `image`
+    /// is smaller than the profile's.
+    #[inline]
+    pub fn read<'a>(&self, image: &'a [u8]) -> Result<Image<'a>, ParseDiagnosis> {
+        let parts = image
+            .get(..self.profile.pdo_bytes())
+            .and_then(<[u8]>::split_first_chunk::<HEADER_BYTES>);
+        let Some((head, area)) = parts else {
+            return Err(short_image(image));
+        };
+        // The image may lie in memory that others write: keep what was seen first, and look anew
+        // at the end.
+        let first = black_box(*head);
+        let header = Header::parse(&first);
+        let payload = self.judge(&header, area)?;
+        fence(Ordering::Acquire);
+        unchanged(&header, &first, black_box(head))?;
+        Ok(Image {
+            header,
+            payload,
+            rules: self.rules,
+            layout_changed: header.layout_id != self.layout_id,
+        })
+    }
+
+    /// Goes on with the packets of an image that [`read`](Self::read) has judged, after it was let
+    /// go: with its header, and the cursor of [`Packets::cursor`] or a default one to start over.
+    ///
+    /// The image must be the one that was judged. Anything else gives wrong packets or errors,
+    /// never more than that.
+    #[inline]
+    #[must_use]
+    pub fn resume<'a>(
+        &self,
+        image: &'a [u8],
+        header: &Header,
+        cursor: PacketCursor,
+    ) -> Packets<'a> {
+        let end = HEADER_BYTES + usize::from(header.payload_len);
+        let payload = image.get(HEADER_BYTES..end).unwrap_or_default();
+        Packets::from_cursor(self.rules, header, payload, cursor)
+    }
+
+    /// The checks between the two looks at the header; returns the payload.
+    #[inline]
+    fn judge<'a>(&self, header: &Header, area: &'a [u8]) -> Result<&'a [u8], ParseDiagnosis> {
+        let refuse = |error| Err(ParseDiagnosis::of_image(header, ImageFault::Pdo(error), 0));
+        if !header.is_settled() {
+            return Err(ParseDiagnosis::of_image(header, ImageFault::Updating, 0));
+        }
+        let with_crc = match header.crc_alg {
+            CRC_ALG_CCITT_FALSE => true,
+            CRC_ALG_NONE if !self.crc && header.payload_crc16 == 0 => false,
+            _ => return refuse(PdoError::BadHeader),
+        };
+        if header.ver_ihl != VER_IHL {
+            return refuse(PdoError::BadHeader);
+        }
+        let Some(payload) = area.get(..usize::from(header.payload_len)) else {
+            return refuse(PdoError::BadHeader);
+        };
+        if with_crc {
+            let crc = crc16(payload);
+            if crc != header.payload_crc16 {
+                let fault = ImageFault::Pdo(PdoError::BadCrc);
+                return Err(ParseDiagnosis::of_image(header, fault, crc));
+            }
+        }
+        Ok(payload)
+    }
+}
+
+#[inline]
+fn unchanged(
+    header: &Header,
+    before: &[u8; HEADER_BYTES],
+    now: &[u8; HEADER_BYTES],
+) -> Result<(), ParseDiagnosis> {
+    if before == now { Ok(()) } else { Err(ParseDiagnosis::of_image(header, ImageFault::Torn, 0)) }
+}
+
+#[cold]
+fn short_image(image: &[u8]) -> ParseDiagnosis {
+    let mut head = [0; HEADER_BYTES];
+    for (to, from) in head.iter_mut().zip(image) {
+        *to = *from;
+    }
+    ParseDiagnosis::of_image(&Header::parse(&head), ImageFault::Pdo(PdoError::ActiveArea), 0)
+}
+
+/// An image that was received whole. Its packets are judged one by one as they are read.
+#[derive(Clone, Copy, Debug)]
+pub struct Image<'a> {
+    header: Header,
+    payload: &'a [u8],
+    rules: Rules,
+    layout_changed: bool,
+}
+
+impl<'a> Image<'a> {
+    /// The header.
+    #[inline]
+    #[must_use]
+    pub const fn header(&self) -> &Header {
+        &self.header
+    }
+
+    /// The sequence number.
+    #[inline]
+    #[must_use]
+    pub const fn sequence(&self) -> u16 {
+        self.header.seq_begin
+    }
+
+    /// Whether the sender left something out: truncation flag or overflow count.
+    #[inline]
+    #[must_use]
+    pub const fn is_incomplete(&self) -> bool {
+        self.header.is_incomplete()
+    }
+
+    /// Whether the image was made for another profile than the reader's. Its packets may then be
+    /// misread; compare with 0x8010:12 or 0x8011:12.
+    #[inline]
+    #[must_use]
+    pub const fn layout_changed(&self) -> bool {
+        self.layout_changed
+    }
+
+    /// The valid bytes of the frame area.
+    #[inline]
+    #[must_use]
+    pub const fn payload(&self) -> &'a [u8] {
+        self.payload
+    }
+
+    /// The packets, from the first.
+    #[inline]
+    #[must_use]
+    pub const fn packets(&self) -> Packets<'a> {
+        Packets::from_start(self.rules, &self.header, self.payload)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Header, ImageReader, unchanged};
+    use crate::*;
+
+    #[test]
+    fn a_header_that_changes_meanwhile_is_torn() {
+        let before = [0x16; 24];
+        let mut now = before;
+        let header = Header::parse(&before);
+        assert_eq!(unchanged(&header, &before, &now), Ok(()));
+        now[16] ^= 1;
+        let diagnosis = unchanged(&header, &before, &now).unwrap_err();
+        assert_eq!(diagnosis.fault, ImageFault::Torn);
+        assert_eq!(diagnosis.pdo_error(), None);
+    }
+
+    #[test]
+    fn a_short_image_is_no_image() {
+        let reader = ImageReader::new(Direction::TxPdo, PdoProfile::default());
+        for length in [0, 1, 23, 24, 1023] {
+            let image = [0; 1023];
+            let diagnosis = reader.read(&image[..length]).unwrap_err();
+            assert_eq!(diagnosis.pdo_error(), Some(PdoError::ActiveArea));
+        }
+    }
+}

@@ -1,0 +1,54 @@
+//! SDO downloads: what configurations turn into.
+
+use core::fmt;
+
+use crate::object::{ObjectType, object, write_object_name};
+
+/// One SDO download: what a configuration turns into.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SdoWrite {
+    /// Object index.
+    pub index: u16,
+    /// Subindex.
+    pub subindex: u8,
+    /// The value; of a signed type its two's complement.
+    pub value: u32,
+    /// Its type, which decides how many bytes are sent.
+    pub ty: ObjectType,
+}
+
+impl SdoWrite {
+    pub(crate) const fn new(index: u16, subindex: u8, ty: ObjectType, value: u32) -> Self {
+        Self {
+            index,
+            subindex,
+            value,
+            ty,
+        }
+    }
+
+    /// The value as it is sent, little-endian, and how many of the four bytes count.
+    pub const fn bytes(&self) -> ([u8; 4], usize) {
+        let size = match self.ty {
+            ObjectType::U8 => 1,
+            ObjectType::U16 => 2,
+            _ => 4,
+        };
+        (self.value.to_le_bytes(), size)
+    }
+}
+
+impl fmt::Display for SdoWrite {
+    /// `0x8010:03 TxPDO Profile Control / PDO size multiplier = 8`
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "0x{:04X}:{:02}", self.index, self.subindex)?;
+        if let Some(object) = object(self.index) {
+            f.write_str(" ")?;
+            write_object_name(f, object, self.index)?;
+            if let Some(entry) = object.entry(self.subindex) {
+                write!(f, " / {}", entry.name)?;
+            }
+        }
+        write!(f, " = {}", self.value)
+    }
+}

@@ -1,0 +1,465 @@
+//! Writing process data images (manual 5.4.4.1, 8).
+
+use core::sync::atomic::{Ordering, fence};
+
+use crate::control::ControlWord;
+use crate::copy::copy_data;
+use crate::crc::crc16;
+use crate::frame::FrameRef;
+use crate::header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, HeaderFlags, VER_IHL};
+use crate::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS};
+use crate::packet::{EXTENDED_AUX_SHIFT, STANDARD_AUX_SHIFT, TX_RESULT_BYTES, WINDOW_BYTES};
+use crate::profile::{OptionFlags, PdoProfile};
+use crate::schedule::Schedule;
+use crate::status::ChannelStatus;
+use crate::timestamp::{Timestamp, allowed_formats};
+use crate::tx_result::TxResult;
+
+/// Why a packet was not put into the image. The image is unchanged then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum PushError {
+    /// The rest of the frame area is too small; packets are never split (manual 12).
+    #[error("no room: the packet needs {needed} bytes, {left} are left")]
+    NoRoom {
+        /// Bytes of the packet, padding included.
+        needed: u16,
+        /// Bytes left in the frame area.
+        left: u16,
+    },
+    /// The image holds 255 packets already, as many as its header can count.
+    #[error("no room: the image holds 255 packets already")]
+    TooManyPackets,
+    /// The channel does not exist or is not in the channel mask.
+    #[error("channel {channel} is not in the channel mask {mask:#04x}")]
+    Channel {
+        /// Channel asked for.
+        channel: u8,
+        /// Channel mask of the profile.
+        mask: u8,
+    },
+    /// ID_AUX has three bits.
+    #[error("ID_AUX {0}, at most 7 is possible")]
+    IdAux(u8),
+    /// The timestamp does not belong to the profile or direction, or is no valid schedule record.
+    #[error("timestamp format {format} not allowed by profile or direction, or no schedule record")]
+    Timestamp {
+        /// TSF code of the timestamp.
+        format: u8,
+    },
+    /// TX_RESULT in RxPDO, or without its option.
+    #[error("TX_RESULT needs TxPDO and its option")]
+    TxResult,
+    /// The buffer is smaller than the profile's image.
+    #[error("the buffer has {length} bytes, the image {needed}")]
+    Buffer {
+        /// Bytes of the buffer.
+        length: usize,
+        /// Bytes of the image.
+        needed: u16,
+    },
+}
+
+/// Header fields that the writer cannot know by itself.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct CommitFields {
+    /// Flags to set. SEQ_WRAP, TX_RESULT_PRESENT and, with an overflow, OVERFLOW_SAT_VALID are
+    /// added where they apply; reserved bits are cleared.
+    pub flags: HeaderFlags,
+    /// `overflow_sat`.
+    pub overflow: u8,
+    /// Status of each channel; 0 in RxPDO.
+    pub channel_status: [ChannelStatus; CHANNELS],
+}
+
+/// Writes images of one direction into a buffer that the caller keeps.
+///
+/// One writer serves one buffer: it remembers how far earlier images reached, to clear no more
+/// than that. Nothing here allocates, blocks or panics; all of it is real-time safe. Packets go
+/// straight to their place in the buffer; [`commit`](Self::commit) makes them an image.
+#[derive(Clone, Debug)]
+pub struct ImageWriter {
+    direction: Direction,
+    profile: PdoProfile,
+    crc: bool,
+    payload_only: bool,
+    d64: bool,
+    formats: u8,
+    align_mask: usize,
+    // Offsets in the image.
+    area_end: usize,
+    position: usize,
+    dirty_end: usize,
+    // As the header counts: packets of either kind.
+    frame_count: u8,
+    // As TX_RESULT counts: CAN_FRAME packets.
+    next_index: u8,
+    tx_results: bool,
+    next_sequence: u16,
+    wrapped: bool,
+}
+
+impl ImageWriter {
+    /// A writer for this direction and profile. CRC and clearing follow the options of the
+    /// profile. The first image gets sequence number 1 and clears the whole buffer.
+    #[must_use]
+    pub const fn new(direction: Direction, profile: PdoProfile) -> Self {
+        let area_end = profile.pdo_bytes();
+        Self {
+            direction,
+            profile,
+            crc: !profile.options.contains(OptionFlags::NO_CRC16),
+            payload_only: profile.options.contains(OptionFlags::PAYLOAD_ONLY),
+            d64: false,
+            formats: allowed_formats(direction, profile.profile),
+            align_mask: if profile.options.contains(OptionFlags::ALIGN4) { 3 } else { 0 },
+            area_end,
+            position: HEADER_BYTES,
+            dirty_end: area_end,
+            frame_count: 0,
+            next_index: 0,
+            tx_results: false,
+            next_sequence: 1,
+            wrapped: false,
+        }
+    }
+
+    /// The same with or without CRC, whatever the option says (0x8030:04, manual 13.2.3).
+    #[must_use]
+    pub const fn with_crc(mut self, crc: bool) -> Self {
+        self.crc = crc;
+        self
+    }
+
+    /// The same with stale bytes behind the payload left as they are or cleared, whatever the
+    /// option says (0x8030:05, manual 13.2.3).
+    #[must_use]
+    pub const fn with_payload_only(mut self, payload_only: bool) -> Self {
+        self.payload_only = payload_only;
+        self
+    }
+
+    /// Puts the data of CAN FD frames into windows of 64 bytes from now on. Without effect where
+    /// the profile does not allow it.
+    pub const fn use_d64(&mut self, on: bool) {
+        self.d64 = on && self.profile.profile.allows_d64();
+    }
+
+    /// The direction.
+    #[must_use]
+    pub const fn direction(&self) -> Direction {
+        self.direction
+    }
+
+    /// The profile.
+    #[must_use]
+    pub const fn profile(&self) -> &PdoProfile {
+        &self.profile
+    }
+
+    /// Starts the next image empty. What was pushed since the last commit is forgotten.
+    ///
+    /// A commit does the same by itself.
+    pub const fn begin(&mut self) {
+        if self.position > self.dirty_end {
+            self.dirty_end = self.position;
+        }
+        self.position = HEADER_BYTES;
+        self.frame_count = 0;
+        self.next_index = 0;
+        self.tx_results = false;
+    }
+
+    /// The sequence number that the next commit publishes.
+    #[must_use]
+    pub const fn next_sequence(&self) -> u16 {
+        self.next_sequence
+    }
+
+    /// Sets the sequence number of the next image, as a sender does that starts anew.
+    pub const fn set_next_sequence(&mut self, sequence: u16) {
+        self.next_sequence = sequence;
+        self.wrapped = false;
+    }
+
+    /// Payload bytes of the image so far, padding included.
+    #[inline]
+    #[must_use]
+    pub const fn used(&self) -> usize {
+        self.position - HEADER_BYTES
+    }
+
+    /// Bytes left in the frame area.
+    #[inline]
+    #[must_use]
+    pub const fn room(&self) -> usize {
+        self.area_end - self.position
+    }
+
+    /// Packets in the image so far, TX_RESULT included.
+    #[inline]
+    #[must_use]
+    pub const fn frames(&self) -> u8 {
+        self.frame_count
+    }
+
+    /// Whether the image holds no packet yet.
+    #[inline]
+    #[must_use]
+    pub const fn is_empty(&self) -> bool {
+        self.frame_count == 0
+    }
+
+    /// Bytes that a frame takes in the image, padding included.
+    #[inline]
+    #[must_use]
+    pub fn packet_bytes(&self, frame: FrameRef<'_>, timestamp: Timestamp) -> usize {
+        let id = if frame.id().is_extended() { 4 } else { 2 };
+        let data = if self.d64 && frame.is_fd() { WINDOW_BYTES } else { frame.data().len() };
+        self.padded(2 + id + timestamp.size() + data)
+    }
+
+    #[inline]
+    const fn padded(&self, raw: usize) -> usize {
+        (raw + self.align_mask) & !self.align_mask
+    }
+
+    /// The bytes of the next packet; nothing changes where there are none.
+    #[inline]
+    fn claim<'b>(&self, image: &'b mut [u8], size: usize) -> Result<&'b mut [u8], PushError> {
+        let end = self.position + size;
+        if end > self.area_end {
+            return Err(PushError::NoRoom { needed: size as u16, left: self.room() as u16 });
+        }
+        if usize::from(self.frame_count) >= MAX_PACKETS {
+            return Err(PushError::TooManyPackets);
+        }
+        let length = image.len();
+        if length < self.area_end {
+            return Err(self.short_buffer(length));
+        }
+        image.get_mut(self.position..end).ok_or_else(|| self.short_buffer(length))
+    }
+
+    #[cold]
+    const fn short_buffer(&self, length: usize) -> PushError {
+        PushError::Buffer { length, needed: self.area_end as u16 }
+    }
+
+    /// Appends a CAN frame. `id_aux` (0 to 7) is the transmit hint in RxPDO, the receive source in
+    /// TxPDO. Returns the frame's place among the CAN_FRAME packets of this image, by which a
+    /// TX_RESULT refers to it.
+    ///
+    /// # Errors
+    /// [`PushError`]; the image is unchanged then.
+    #[inline]
+    pub fn push(
+        &mut self,
+        image: &mut [u8],
+        channel: u8,
+        id_aux: u8,
+        frame: FrameRef<'_>,
+        timestamp: Timestamp,
+    ) -> Result<u8, PushError> {
+        if !self.profile.has_channel(channel) {
+            return Err(PushError::Channel { channel, mask: self.profile.channel_mask });
+        }
+        if id_aux > 7 {
+            return Err(PushError::IdAux(id_aux));
+        }
+        if !matches!(timestamp, Timestamp::None) {
+            self.check_timestamp(timestamp)?;
+        }
+        let window = self.d64 && frame.is_fd();
+        let size = self.packet_bytes(frame, timestamp);
+        let packet = self.claim(image, size)?;
+
+        let control = frame.control_bits()
+            | u16::from(channel)
+            | u16::from(timestamp.format()) << 11
+            | if window { ControlWord::D64 } else { 0 };
+        let id = frame.id();
+        let rest = if id.is_extended() {
+            let field = id.raw() | u32::from(id_aux) << EXTENDED_AUX_SHIFT;
+            let rest = put(packet, control.to_le_bytes());
+            put(rest, field.to_le_bytes())
+        } else {
+            let field = id.raw() | u32::from(id_aux) << STANDARD_AUX_SHIFT;
+            put(packet, (u32::from(control) | field << 16).to_le_bytes())
+        };
+        let rest = match timestamp {
+            Timestamp::None => rest,
+            Timestamp::Delta16(value) => put(rest, value.to_le_bytes()),
+            Timestamp::Delta32(value) => put(rest, value.to_le_bytes()),
+            Timestamp::Full64(value) => put(rest, value.to_le_bytes()),
+        };
+        let data = frame.data();
+        copy_data(rest, data);
+        if rest.len() > data.len() {
+            // The end of a window, and padding.
+            clear(rest.get_mut(data.len()..).unwrap_or_default());
+        }
+
+        self.position += size;
+        self.frame_count += 1;
+        let index = self.next_index;
+        self.next_index += 1;
+        Ok(index)
+    }
+
+    /// Appends a frame that the gateway is to send at a phase of Sync0. RxPDO only.
+    ///
+    /// # Errors
+    /// [`PushError`]; the image is unchanged then.
+    #[inline]
+    pub fn push_scheduled(
+        &mut self,
+        image: &mut [u8],
+        channel: u8,
+        id_aux: u8,
+        frame: FrameRef<'_>,
+        schedule: Schedule,
+    ) -> Result<u8, PushError> {
+        let timestamp = schedule.to_timestamp();
+        if self.direction != Direction::RxPdo {
+            return Err(PushError::Timestamp { format: timestamp.format() });
+        }
+        self.push(image, channel, id_aux, frame, timestamp)
+    }
+
+    fn check_timestamp(&self, timestamp: Timestamp) -> Result<(), PushError> {
+        let format = timestamp.format();
+        let allowed = self.formats & 1 << format != 0;
+        let valid = match (self.direction, timestamp) {
+            (Direction::RxPdo, Timestamp::Full64(bits)) => {
+                Schedule::from_bytes(bits.to_le_bytes()).is_ok()
+            }
+            _ => true,
+        };
+        if allowed && valid { Ok(()) } else { Err(PushError::Timestamp { format }) }
+    }
+
+    /// Appends a TX_RESULT packet. TxPDO with option TX_RESULT only. The channel is that of the
+    /// frame reported on, 0 to 7, in the mask or not.
+    ///
+    /// # Errors
+    /// [`PushError`]; the image is unchanged then.
+    pub fn push_tx_result(&mut self, image: &mut [u8], result: &TxResult) -> Result<(), PushError> {
+        if self.direction != Direction::TxPdo
+            || !self.profile.options.contains(OptionFlags::TX_RESULT)
+        {
+            return Err(PushError::TxResult);
+        }
+        if result.channel > 7 {
+            return Err(PushError::Channel {
+                channel: result.channel,
+                mask: self.profile.channel_mask,
+            });
+        }
+        let size = self.padded(TX_RESULT_BYTES);
+        let packet = self.claim(image, size)?;
+        let rest = put(packet, ControlWord::tx_result(result.channel).0.to_le_bytes());
+        let rest = put(rest, result.sequence.to_le_bytes());
+        let rest = put(rest, [result.frame_index, result.code.raw()]);
+        clear(rest);
+        self.position += size;
+        self.frame_count += 1;
+        self.tx_results = true;
+        Ok(())
+    }
+
+    /// Publishes what was pushed as one image and returns its sequence number: clears what earlier
+    /// images left behind the payload, computes the CRC, writes the header, and `seq_end` last
+    /// behind a release fence. The next image then starts empty.
+    ///
+    /// Nothing happens where `image` is smaller than [`PdoProfile::pdo_bytes`]; the sequence does
+    /// not advance then.
+    pub fn commit(&mut self, image: &mut [u8], fields: CommitFields) -> u16 {
+        let sequence = self.next_sequence;
+        let payload_end = self.position;
+        let Some((head, area)) =
+            image.get_mut(..self.area_end).and_then(<[u8]>::split_first_chunk_mut::<HEADER_BYTES>)
+        else {
+            return sequence;
+        };
+
+        let payload_len = payload_end - HEADER_BYTES;
+        if self.payload_only {
+            self.dirty_end = self.dirty_end.max(payload_end);
+        } else {
+            let dirty_len = self.dirty_end - HEADER_BYTES;
+            if dirty_len > payload_len {
+                area.get_mut(payload_len..dirty_len).unwrap_or_default().fill(0);
+            }
+            self.dirty_end = payload_end;
+        }
+        let (payload_crc16, crc_alg) = if self.crc {
+            let payload = area.get(..payload_len).unwrap_or_default();
+            (crc16(payload), CRC_ALG_CCITT_FALSE)
+        } else {
+            (0, CRC_ALG_NONE)
+        };
+
+        let flags = HeaderFlags::from_bits(fields.flags.bits() & HeaderFlags::ALL.bits())
+            .with_if(HeaderFlags::SEQ_WRAP, self.wrapped)
+            .with_if(HeaderFlags::TX_RESULT_PRESENT, self.tx_results)
+            .with_if(HeaderFlags::OVERFLOW_SAT_VALID, fields.overflow != 0);
+        let mut bytes = [0; HEADER_BYTES];
+        Header {
+            ver_ihl: VER_IHL,
+            flags,
+            seq_begin: sequence,
+            seq_end: sequence,
+            payload_len: payload_len as u16,
+            payload_crc16,
+            layout_id: self.profile.layout_id(),
+            channel_mask: self.profile.channel_mask,
+            frame_count: self.frame_count,
+            overflow_sat: fields.overflow,
+            crc_alg,
+            channel_status: fields.channel_status,
+        }
+        .write(&mut bytes);
+        // `seq_end` keeps its old value until everything else stands.
+        head[..4].copy_from_slice(&bytes[..4]);
+        head[6..].copy_from_slice(&bytes[6..]);
+        fence(Ordering::Release);
+        head[4..6].copy_from_slice(&bytes[4..6]);
+
+        self.next_sequence = sequence.wrapping_add(1);
+        self.wrapped = self.next_sequence == 0;
+        self.begin();
+        sequence
+    }
+
+    /// Forgets what is known about the buffer, as after a change of the buffer or of its contents
+    /// by others: the next commit clears all that it does not fill. What was pushed stays pushed.
+    pub const fn assume_dirty(&mut self) {
+        self.dirty_end = self.area_end;
+    }
+
+    /// Starts the next image empty in a buffer of which nothing is known.
+    pub const fn reset(&mut self) {
+        self.assume_dirty();
+        self.begin();
+    }
+}
+
+/// Writes `bytes` to the start of `to` and returns what follows.
+#[inline(always)]
+fn put<const N: usize>(to: &mut [u8], bytes: [u8; N]) -> &mut [u8] {
+    match to.split_first_chunk_mut::<N>() {
+        Some((first, rest)) => {
+            *first = bytes;
+            rest
+        }
+        // infallible: the packet's size was computed from these very fields
+        None => &mut [],
+    }
+}
+
+#[inline]
+fn clear(bytes: &mut [u8]) {
+    for byte in bytes {
+        *byte = 0;
+    }
+}

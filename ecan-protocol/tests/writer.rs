@@ -1,0 +1,135 @@
+//! What the writer refuses, clears and counts (manual 5.4.4.1, 6.1, 9.1).
+
+use ecan_protocol::*;
+
+fn frame(data: &[u8]) -> FrameRef<'_> {
+    FrameRef::classic(CanId::standard(0x100).unwrap(), data).unwrap()
+}
+
+fn small() -> PdoProfile {
+    PdoProfile { multiplier: 1, channel_mask: 0x03, ..PdoProfile::default() }
+}
+
+#[test]
+fn a_full_image_refuses_the_frame_whole() {
+    let mut image = [0; 128];
+    let mut writer = ImageWriter::new(Direction::RxPdo, small());
+    for index in 0..8 {
+        let pushed = writer.push(&mut image, 0, 0, frame(&[1; 8]), Timestamp::None);
+        assert_eq!(pushed, Ok(index));
+    }
+    let before = image;
+    assert_eq!(
+        writer.push(&mut image, 0, 0, frame(&[1; 8]), Timestamp::None),
+        Err(PushError::NoRoom { needed: 12, left: 8 })
+    );
+    assert_eq!(image, before);
+    assert_eq!((writer.room(), writer.used(), writer.frames()), (8, 96, 8));
+    assert_eq!(writer.push(&mut image, 0, 0, frame(&[1; 4]), Timestamp::None), Ok(8));
+    assert_eq!(writer.room(), 0);
+}
+
+#[test]
+fn the_header_counts_no_more_than_255_packets() {
+    let mut image = [0; 3072];
+    let profile = PdoProfile { multiplier: 24, ..PdoProfile::default() };
+    let mut writer = ImageWriter::new(Direction::RxPdo, profile);
+    for index in 0..255 {
+        let pushed = writer.push(&mut image, 3, 0, frame(&[]), Timestamp::None);
+        assert_eq!(pushed, Ok(index as u8));
+    }
+    assert_eq!(
+        writer.push(&mut image, 3, 0, frame(&[]), Timestamp::None),
+        Err(PushError::TooManyPackets)
+    );
+}
+
+#[test]
+fn what_does_not_belong_is_refused() {
+    let mut image = [0; 128];
+    let mut writer = ImageWriter::new(Direction::RxPdo, small());
+    assert_eq!(
+        writer.push(&mut image, 2, 0, frame(&[]), Timestamp::None),
+        Err(PushError::Channel { channel: 2, mask: 3 })
+    );
+    assert_eq!(
+        writer.push(&mut image, 0, 8, frame(&[]), Timestamp::None),
+        Err(PushError::IdAux(8))
+    );
+    for timestamp in [Timestamp::Delta16(1), Timestamp::Full64(2)] {
+        assert_eq!(
+            writer.push(&mut image, 0, 0, frame(&[]), timestamp),
+            Err(PushError::Timestamp { format: timestamp.format() })
+        );
+    }
+    assert_eq!(
+        writer.push(&mut image[..127], 0, 0, frame(&[]), Timestamp::None),
+        Err(PushError::Buffer { length: 127, needed: 128 })
+    );
+    let result = TxResult { channel: 0, sequence: 1, frame_index: 0, code: ResultCode::Ok };
+    assert_eq!(writer.push_tx_result(&mut image, &result), Err(PushError::TxResult));
+    assert!(writer.is_empty());
+    assert_eq!(image, [0; 128]);
+}
+
+#[test]
+fn stale_bytes_are_cleared_unless_the_option_says_otherwise() {
+    for payload_only in [false, true] {
+        let mut image = [0xAA; 128];
+        let mut writer =
+            ImageWriter::new(Direction::RxPdo, small()).with_payload_only(payload_only);
+        let stale = if payload_only { 0xAA } else { 0 };
+        writer.commit(&mut image, CommitFields::default());
+        assert_eq!(image[24..], [stale; 104]);
+
+        let pushed = writer.push(&mut image, 0, 0, frame(&[0xBB; 8]), Timestamp::None);
+        assert_eq!(pushed, Ok(0));
+        writer.commit(&mut image, CommitFields::default());
+        let pushed = writer.push(&mut image, 0, 0, frame(&[0xCC; 2]), Timestamp::None);
+        assert_eq!(pushed, Ok(0));
+        writer.commit(&mut image, CommitFields::default());
+        let left = if payload_only { 0xBB } else { 0 };
+        assert_eq!(image[28..32], [0xCC, 0xCC, left, left]);
+        assert_eq!(image[36..], [stale; 92]);
+    }
+}
+
+#[test]
+fn packets_of_an_abandoned_image_are_cleared_too() {
+    let mut image = [0; 128];
+    let mut writer = ImageWriter::new(Direction::RxPdo, small());
+    writer.commit(&mut image, CommitFields::default());
+    for _ in 0..3 {
+        let pushed = writer.push(&mut image, 0, 0, frame(&[0xBB; 8]), Timestamp::None);
+        assert!(pushed.is_ok());
+    }
+    writer.begin();
+    assert!(writer.is_empty());
+    writer.commit(&mut image, CommitFields::default());
+    assert_eq!(image[24..], [0; 104]);
+}
+
+#[test]
+fn the_wrap_of_the_sequence_is_marked_once() {
+    let mut image = [0; 128];
+    let mut writer = ImageWriter::new(Direction::RxPdo, small());
+    let mut flags = |writer: &mut ImageWriter| {
+        let sequence = writer.commit(&mut image, CommitFields::default());
+        (sequence, image[1])
+    };
+    assert_eq!(flags(&mut writer), (1, 0));
+    writer.set_next_sequence(0xFFFF);
+    assert_eq!(flags(&mut writer), (0xFFFF, 0));
+    assert_eq!(writer.next_sequence(), 0);
+    assert_eq!(flags(&mut writer), (0, HeaderFlags::SEQ_WRAP.bits()));
+    assert_eq!(flags(&mut writer), (1, 0));
+}
+
+#[test]
+fn a_short_buffer_is_not_committed() {
+    let mut image = [0; 127];
+    let mut writer = ImageWriter::new(Direction::RxPdo, small());
+    writer.commit(&mut image, CommitFields::default());
+    assert_eq!(image, [0; 127]);
+    assert_eq!(writer.next_sequence(), 1);
+}
