@@ -1,0 +1,89 @@
+//! A position in a line.
+
+use crate::error::{ParseError, ParseErrorKind};
+
+/// The rest of a line, and where it begins.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Cursor<'a> {
+    line: &'a str,
+    /// Byte offset, always at the border of two characters: whole blank-free words or single
+    /// ASCII characters are taken.
+    offset: usize,
+}
+
+impl<'a> Cursor<'a> {
+    pub(crate) const fn new(line: &'a str) -> Self {
+        Self { line, offset: 0 }
+    }
+
+    pub(crate) fn rest(&self) -> &'a str {
+        self.line.get(self.offset..).unwrap_or_default()
+    }
+
+    pub(crate) fn peek(&self) -> Option<u8> {
+        self.line.as_bytes().get(self.offset).copied()
+    }
+
+    pub(crate) fn at_end(&self) -> bool {
+        self.offset >= self.line.len()
+    }
+
+    /// Goes past an ASCII character that `peek` has shown.
+    pub(crate) fn skip(&mut self) {
+        self.offset += 1;
+    }
+
+    /// Takes this ASCII character, if it is next.
+    pub(crate) fn take(&mut self, wanted: u8) -> bool {
+        let found = self.peek() == Some(wanted);
+        if found {
+            self.skip();
+        }
+        found
+    }
+
+    pub(crate) fn take_blanks(&mut self) -> bool {
+        let before = self.offset;
+        while self.peek().is_some_and(is_blank) {
+            self.skip();
+        }
+        self.offset > before
+    }
+
+    /// Takes everything up to the next blank.
+    pub(crate) fn take_word(&mut self) -> &'a str {
+        let rest = self.rest();
+        let length = rest.bytes().position(is_blank).unwrap_or(rest.len());
+        self.offset += length;
+        rest.get(..length).unwrap_or_default()
+    }
+
+    pub(crate) fn take_decimal(&mut self) -> Option<u8> {
+        let digit = self.peek()?;
+        digit.is_ascii_digit().then(|| {
+            self.skip();
+            digit - b'0'
+        })
+    }
+
+    pub(crate) fn take_hex(&mut self) -> Option<u8> {
+        let value = match self.peek()? {
+            digit @ b'0'..=b'9' => digit - b'0',
+            letter @ b'A'..=b'F' => letter - b'A' + 10,
+            letter @ b'a'..=b'f' => letter - b'a' + 10,
+            _ => return None,
+        };
+        self.skip();
+        Some(value)
+    }
+
+    /// An error at this position.
+    pub(crate) fn error(&self, kind: ParseErrorKind) -> ParseError {
+        let before = self.line.get(..self.offset).unwrap_or(self.line);
+        ParseError { kind, column: before.chars().count() + 1 }
+    }
+}
+
+const fn is_blank(byte: u8) -> bool {
+    matches!(byte, b' ' | b'\t' | b'\r' | b'\n')
+}

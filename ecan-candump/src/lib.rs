@@ -1,0 +1,45 @@
+//! The text grammar of candump logs (`candump -L`, `candump -l`), one line at a time.
+//!
+//! `no_std` and free of allocation: a [`Record`] borrows the interface name from its line.
+//!
+//! ```text
+//! line      = blank | comment | record
+//! comment   = [spaces] "#" anything
+//! record    = "(" seconds "." fraction ")" SP interface SP frame [SP direction]
+//! seconds   = digit, any number of them
+//! fraction  = 6 digits (microseconds) or 9 digits (nanoseconds)
+//! interface = characters that are no blanks
+//! frame     = id "#" data                 classic data frame, 0 to 8 bytes
+//!           | id "#R" [dlc]               remote frame, dlc 0 to 8
+//!           | id "##" flags data          CAN FD frame, a length that a DLC can express
+//! id        = 3 hex digits (standard) | 8 hex digits (extended)
+//! flags     = hex digit: bit 0 BRS, bit 1 ESI, bit 2 FDF (says nothing new)
+//! data      = pairs of hex digits
+//! direction = "R" | "T"                   received or sent
+//! ```
+//!
+//! Instead of one blank (SP) several, and tabs, are accepted; so are lower-case hex digits and
+//! blanks at the end. [`Record`]'s `Display` writes the form that candump writes.
+//!
+//! ```
+//! use ecan_candump::parse_line;
+//!
+//! let line = "(1398128223.803317) can0 166#D0320009";
+//! let record = parse_line(line)?.expect("a record");
+//! assert_eq!(record.time_ns, 1_398_128_223_803_317_000);
+//! assert_eq!(record.interface, "can0");
+//! assert_eq!(record.frame.data(), [0xD0, 0x32, 0x00, 0x09]);
+//! assert_eq!(record.to_string(), line);
+//! # Ok::<(), ecan_candump::ParseError>(())
+//! ```
+#![no_std]
+#![deny(missing_docs)]
+
+mod cursor;
+mod error;
+mod parse;
+mod record;
+
+pub use error::{ParseError, ParseErrorKind};
+pub use parse::parse_line;
+pub use record::{DirectionMark, Record};

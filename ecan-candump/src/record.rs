@@ -1,0 +1,71 @@
+//! One line of a log as a value.
+
+use core::fmt;
+
+use ecan_protocol::{CanFrame, FrameKind};
+
+/// Which way a frame went, as `candump -x` marks it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum DirectionMark {
+    /// `R`: received.
+    Received,
+    /// `T`: sent by the recording host itself.
+    Transmitted,
+}
+
+/// One recorded frame.
+///
+/// `Display` writes the line back: microseconds, or nanoseconds where the time is not a whole
+/// number of microseconds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Record<'a> {
+    /// Time of the recording in nanoseconds; with candump since 1970 unless asked otherwise.
+    pub time_ns: u64,
+    /// Name of the CAN interface. For `Display` to give a line that can be read again it must
+    /// not be empty nor contain blanks.
+    pub interface: &'a str,
+    /// The frame.
+    pub frame: CanFrame,
+    /// The direction mark, if the line has one.
+    pub direction: Option<DirectionMark>,
+}
+
+impl fmt::Display for Record<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let seconds = self.time_ns / 1_000_000_000;
+        let fraction = self.time_ns % 1_000_000_000;
+        if fraction.is_multiple_of(1000) {
+            write!(f, "({seconds:010}.{:06})", fraction / 1000)?;
+        } else {
+            write!(f, "({seconds:010}.{fraction:09})")?;
+        }
+        write!(f, " {} ", self.interface)?;
+        let id = self.frame.id();
+        if id.is_extended() {
+            write!(f, "{:08X}#", id.raw())?;
+        } else {
+            write!(f, "{:03X}#", id.raw())?;
+        }
+        match self.frame.kind() {
+            FrameKind::Data => {}
+            FrameKind::Remote => {
+                f.write_str("R")?;
+                let dlc = self.frame.dlc().value();
+                if dlc > 0 {
+                    write!(f, "{dlc}")?;
+                }
+            }
+            FrameKind::Fd { brs, esi } => {
+                write!(f, "#{}", u8::from(brs) | u8::from(esi) << 1)?;
+            }
+        }
+        for byte in self.frame.data() {
+            write!(f, "{byte:02X}")?;
+        }
+        match self.direction {
+            None => Ok(()),
+            Some(DirectionMark::Received) => f.write_str(" R"),
+            Some(DirectionMark::Transmitted) => f.write_str(" T"),
+        }
+    }
+}
