@@ -1,0 +1,214 @@
+//! The shared object: finding it, judging its version, looking its functions up.
+
+use std::ffi::{CString, c_uint};
+use std::path::{Path, PathBuf};
+
+use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
+
+use crate::bindings::ec_master_t;
+use crate::ecrt::OpenMaster;
+use crate::functions::{Functions, TABLE_SYMBOLS};
+use crate::load_error::LoadError;
+
+/// The library that is loaded when none is named: IgH's soname, searched where the dynamic
+/// loader searches (`LD_LIBRARY_PATH`, `ld.so.conf`, `/lib`, `/usr/lib`).
+pub const DEFAULT_LIBRARY: &str = "libethercat.so.1";
+
+/// Releases whose interface is known: 1.5 and 1.6.
+pub const RELEASES: [(u8, u8); 2] = [(1, 5), (1, 6)];
+
+/// Where IgH's own installation puts the library, which the dynamic loader does not search.
+const USUAL_DIRECTORIES: [&str; 4] =
+    ["/usr/local/etherlab/lib", "/opt/etherlab/lib", "/usr/local/lib", "/usr/local/lib64"];
+
+const SYMBOL_VERSION: &str = "ecrt_version_magic";
+const SYMBOL_REQUEST: &str = "ecrt_request_master";
+const SYMBOL_OPEN: &str = "ecrt_open_master";
+
+type VersionMagic = unsafe extern "C" fn() -> c_uint;
+type MasterByIndex = unsafe extern "C" fn(c_uint) -> *mut ec_master_t;
+
+/// Every name that is looked up in a library, and whether the library must have it.
+pub fn symbols() -> impl Iterator<Item = (&'static str, bool)> {
+    [SYMBOL_VERSION, SYMBOL_REQUEST, SYMBOL_OPEN]
+        .into_iter()
+        .map(|symbol| (symbol, true))
+        .chain(TABLE_SYMBOLS.iter().copied())
+}
+
+/// Names that a library should have and has not.
+#[derive(Debug)]
+pub(crate) struct Missing(pub(crate) Vec<&'static str>);
+
+/// A library while its functions are looked up; keeps account of what is missing.
+pub(crate) struct SymbolSource<'a> {
+    library: &'a Library,
+    reports_status: bool,
+    missing: Vec<&'static str>,
+}
+
+impl SymbolSource<'_> {
+    /// Whether this release's functions return a status where 1.5 returned nothing.
+    pub(crate) fn reports_status(&self) -> bool {
+        self.reports_status
+    }
+
+    /// A function that may be absent.
+    pub(crate) fn optional<F: Copy>(&self, symbol: &'static str) -> Option<F> {
+        let name = CString::new(symbol).ok()?;
+        // SAFETY: the symbol is read as an optional function pointer, for which null is a
+        // value. That it has the type F is the promise of `Functions::look_up`'s caller.
+        let found = unsafe { self.library.get::<Option<F>>(name.as_bytes_with_nul()) };
+        found.ok().and_then(|function| *function)
+    }
+
+    /// A function that must be there.
+    pub(crate) fn required<F: Copy>(&mut self, symbol: &'static str) -> Option<F> {
+        let found = self.optional(symbol);
+        if found.is_none() {
+            self.missing.push(symbol);
+        }
+        found
+    }
+
+    pub(crate) fn take_missing(&mut self) -> Missing {
+        Missing(std::mem::take(&mut self.missing))
+    }
+}
+
+/// A loaded library, kept so as long as one of its functions can be called.
+pub(crate) struct LoadedLibrary {
+    pub(crate) path: PathBuf,
+    pub(crate) version_magic: u32,
+    request: MasterByIndex,
+    open: MasterByIndex,
+    _library: Library,
+}
+
+impl OpenMaster for LoadedLibrary {
+    fn request(&self, index: u32) -> *mut ec_master_t {
+        // SAFETY: `request` is the library's function of this type, and the library is loaded.
+        unsafe { (self.request)(index) }
+    }
+
+    fn open(&self, index: u32) -> *mut ec_master_t {
+        // SAFETY: as in `request`.
+        unsafe { (self.open)(index) }
+    }
+}
+
+/// Loads a library and looks its functions up.
+pub(crate) fn load(path: Option<&Path>) -> Result<(LoadedLibrary, Functions), LoadError> {
+    let path = path.unwrap_or(Path::new(DEFAULT_LIBRARY));
+    // SAFETY: loading runs the library's initialisers. It is the one that the user names, or
+    // the system's libethercat; trusting it is what loading it means.
+    let library = unsafe { Library::open(Some(path), RTLD_NOW | RTLD_LOCAL) }
+        .map_err(|error| not_loaded(path, &loader_words(&error)))?;
+
+    let mut source = SymbolSource { library: &library, reports_status: true, missing: Vec::new() };
+    let version: Option<VersionMagic> = source.required(SYMBOL_VERSION);
+    let Some(version) = version else {
+        // The one function that has been there in every release.
+        return Err(LoadError::NotEthercat { path: path.into() });
+    };
+    // SAFETY: `ecrt_version_magic` has had this type in every release.
+    let version_magic = unsafe { version() };
+    let Some(release) = release(version_magic) else {
+        return Err(LoadError::UnknownVersion { path: path.into(), version_magic });
+    };
+    source.reports_status = release >= (1, 6);
+
+    let request = source.required(SYMBOL_REQUEST);
+    let open = source.required(SYMBOL_OPEN);
+    // SAFETY: the library says that it is libethercat of a release that is known, whose return
+    // types `reports_status` selects.
+    let functions = unsafe { Functions::look_up(&mut source) };
+    let mut missing = source.take_missing().0;
+    match (request, open, functions) {
+        (Some(request), Some(open), Ok(functions)) => Ok((
+            LoadedLibrary { path: path.into(), version_magic, request, open, _library: library },
+            functions,
+        )),
+        (_, _, functions) => {
+            if let Err(Missing(more)) = functions {
+                missing.extend(more);
+            }
+            Err(LoadError::MissingFunctions { path: path.into(), release, missing })
+        }
+    }
+}
+
+/// The release that a version magic stands for, when its interface is known.
+fn release(version_magic: u32) -> Option<(u8, u8)> {
+    RELEASES
+        .into_iter()
+        .find(|&(major, minor)| version_magic == u32::from(major) << 8 | u32::from(minor))
+}
+
+/// The dynamic loader's words alone.
+fn loader_words(error: &libloading::Error) -> String {
+    use std::error::Error;
+    match error.source() {
+        Some(words) => words.to_string(),
+        None => error.to_string(),
+    }
+}
+
+fn not_loaded(path: &Path, loader: &str) -> LoadError {
+    let has_directory = path.components().count() > 1 || path.is_absolute();
+    if has_directory {
+        return match std::fs::metadata(path) {
+            Ok(_) => LoadError::NotLoadable { path: path.into(), loader: loader.into() },
+            Err(error) => LoadError::NotFound {
+                path: path.into(),
+                loader: error.to_string(),
+                elsewhere: None,
+            },
+        };
+    }
+    // For a bare name the loader's message begins with the file it speaks of: when that is
+    // not the library itself, the library was found and something that it needs was not.
+    let itself = loader.starts_with(&*path.to_string_lossy());
+    let absent = loader.contains("cannot open shared object file") || loader.contains("not found");
+    if itself && absent {
+        LoadError::NotFound {
+            path: path.into(),
+            loader: loader.into(),
+            elsewhere: USUAL_DIRECTORIES
+                .iter()
+                .map(|directory| Path::new(directory).join(path))
+                .find(|candidate| candidate.is_file()),
+        }
+    } else {
+        LoadError::NotLoadable { path: path.into(), loader: loader.into() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_known_releases_are_taken() {
+        assert_eq!(release(0x105), Some((1, 5)));
+        assert_eq!(release(0x106), Some((1, 6)));
+        assert_eq!(release(0x107), None);
+        // A fork that counts three parts, and lays its structures out differently.
+        assert_eq!(release(0x0001_050a), None);
+        assert_eq!(release(0), None);
+    }
+
+    #[test]
+    fn a_dependency_that_is_missing_is_not_a_missing_library() {
+        let error = not_loaded(
+            Path::new("libethercat.so.1"),
+            "librt_special.so.3: cannot open shared object file: No such file or directory",
+        );
+        assert!(matches!(error, LoadError::NotLoadable { .. }), "{error}");
+        let error = not_loaded(
+            Path::new("libethercat.so.1"),
+            "libethercat.so.1: cannot open shared object file: No such file or directory",
+        );
+        assert!(matches!(error, LoadError::NotFound { .. }), "{error}");
+    }
+}

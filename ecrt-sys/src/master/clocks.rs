@@ -1,0 +1,117 @@
+//! Distributed clocks.
+
+use super::{Master, SlaveConfigId};
+use crate::errno::Errno;
+use crate::functions::status;
+
+impl Master {
+    /// Chooses the slave whose clock all others follow; `None` for the first that has one.
+    /// Before activation.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, or what the kernel module returns.
+    pub fn select_reference_clock(&mut self, config: Option<SlaveConfigId>) -> Result<(), Errno> {
+        let config = match config {
+            Some(id) => self.slave_config_raw(id)?,
+            None => std::ptr::null_mut(),
+        };
+        // SAFETY: master and configuration are valid and belong together; null is allowed.
+        Errno::check(unsafe {
+            (self.ecrt.functions().master_select_reference_clock)(self.raw.as_ptr(), config)
+        })
+    }
+
+    /// Tells the application's time, ns since 2000-01-01; every cycle, before the clocks are
+    /// synchronised. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// `EINTR` when interrupted, otherwise what the kernel module returns.
+    pub fn application_time(&mut self, time_ns: u64) -> Result<(), Errno> {
+        // SAFETY: the master is valid as long as `self`.
+        Errno::check(unsafe {
+            status!(self.ecrt.functions().master_application_time, self.raw.as_ptr(), time_ns)
+        })
+    }
+
+    /// Queues the reference clock's correction to the application time. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// `ENXIO` without a reference clock, `EINTR` when interrupted.
+    pub fn sync_reference_clock(&mut self) -> Result<(), Errno> {
+        // SAFETY: as in `application_time`.
+        Errno::check(unsafe {
+            status!(self.ecrt.functions().master_sync_reference_clock, self.raw.as_ptr())
+        })
+    }
+
+    /// Queues the reference clock's correction to `time_ns`. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// `ENOSYS` before 1.5.3, otherwise as [`Master::sync_reference_clock`].
+    pub fn sync_reference_clock_to(&mut self, time_ns: u64) -> Result<(), Errno> {
+        let function = self.ecrt.functions().master_sync_reference_clock_to;
+        let function = function.ok_or(Errno::ENOSYS)?;
+        // SAFETY: as in `application_time`.
+        Errno::check(unsafe { status!(function, self.raw.as_ptr(), time_ns) })
+    }
+
+    /// Queues the other clocks' correction to the reference clock. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// As [`Master::sync_reference_clock`].
+    pub fn sync_slave_clocks(&mut self) -> Result<(), Errno> {
+        // SAFETY: as in `application_time`.
+        Errno::check(unsafe {
+            status!(self.ecrt.functions().master_sync_slave_clocks, self.raw.as_ptr())
+        })
+    }
+
+    /// Lower half of the reference clock's time at the last exchange, ns. Cycle, but only after
+    /// an exchange that arrived: otherwise the library writes to stderr.
+    ///
+    /// # Errors
+    ///
+    /// `ENXIO` without a reference clock, `EIO` when the exchange was lost.
+    pub fn reference_clock_time(&self) -> Result<u32, Errno> {
+        let mut time_ns = 0;
+        // SAFETY: the master is valid as long as `self`, the target is writable.
+        let status = unsafe {
+            (self.ecrt.functions().master_reference_clock_time)(self.raw.as_ptr(), &mut time_ns)
+        };
+        Errno::check(status)?;
+        Ok(time_ns)
+    }
+
+    /// Queues the measurement of how far the clocks differ. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// `EINTR` when interrupted, otherwise what the kernel module returns.
+    pub fn sync_monitor_queue(&mut self) -> Result<(), Errno> {
+        // SAFETY: as in `application_time`.
+        Errno::check(unsafe {
+            status!(self.ecrt.functions().master_sync_monitor_queue, self.raw.as_ptr())
+        })
+    }
+
+    /// The largest difference of a clock to the reference clock, ns, as measured last. Cycle,
+    /// but only after an exchange that arrived: otherwise the library writes to stderr.
+    ///
+    /// # Errors
+    ///
+    /// `EIO` when the measurement did not arrive.
+    pub fn sync_monitor_process(&mut self) -> Result<u32, Errno> {
+        // SAFETY: as in `application_time`.
+        let difference =
+            unsafe { (self.ecrt.functions().master_sync_monitor_process)(self.raw.as_ptr()) };
+        match difference {
+            u32::MAX => Err(Errno::EIO),
+            difference => Ok(difference),
+        }
+    }
+}

@@ -1,0 +1,366 @@
+//! Configuration of slaves and domains, before activation.
+
+use std::ffi::CString;
+use std::ptr::NonNull;
+
+use libc::c_int;
+
+use super::process_data::Domain;
+use super::{Answer, DomainId, Master, SlaveConfigId};
+use crate::bindings::{
+    EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, EC_WD_DISABLE, EC_WD_ENABLE,
+    ec_slave_config_state_t,
+};
+use crate::errno::Errno;
+use crate::functions::status;
+
+/// Direction of a sync manager, seen from the master.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SyncDirection {
+    /// Master to slave.
+    Output,
+    /// Slave to master.
+    Input,
+}
+
+/// Whether a sync manager feeds the slave's watchdog.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum WatchdogMode {
+    /// As the EEPROM says.
+    Default,
+    /// It does.
+    Enable,
+    /// It does not.
+    Disable,
+}
+
+/// How far the master brought a configured slave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SlaveConfigState {
+    /// The slave was found.
+    pub online: bool,
+    /// It reached OP with this configuration.
+    pub operational: bool,
+    /// AL state: 1 INIT, 2 PREOP, 4 SAFEOP, 8 OP.
+    pub al_state: u8,
+}
+
+impl Master {
+    /// Makes a domain. Before activation.
+    ///
+    /// # Errors
+    ///
+    /// `EPERM` when the master is not reserved, `ENOMEM`.
+    pub fn create_domain(&mut self) -> Result<DomainId, Errno> {
+        Errno::forget_last();
+        // SAFETY: the master is valid as long as `self`.
+        let raw = unsafe { (self.ecrt.functions().master_create_domain)(self.raw.as_ptr()) };
+        let raw = NonNull::new(raw).ok_or_else(Errno::of_null)?;
+        let id = DomainId { generation: self.generation, index: self.domains.len() };
+        self.domains.push(Domain::new(raw));
+        Ok(id)
+    }
+
+    /// Makes the configuration of the slave at `position` behind `alias` (0: from the first
+    /// slave on). Before activation.
+    ///
+    /// # Errors
+    ///
+    /// `EPERM` when the master is not reserved, `ENOMEM`; also when that place was configured
+    /// before with another identity.
+    pub fn slave_config(
+        &mut self,
+        alias: u16,
+        position: u16,
+        vendor_id: u32,
+        product_code: u32,
+    ) -> Result<SlaveConfigId, Errno> {
+        Errno::forget_last();
+        // SAFETY: the master is valid as long as `self`.
+        let raw = unsafe {
+            (self.ecrt.functions().master_slave_config)(
+                self.raw.as_ptr(),
+                alias,
+                position,
+                vendor_id,
+                product_code,
+            )
+        };
+        let raw = NonNull::new(raw).ok_or_else(Errno::of_null)?;
+        let id = SlaveConfigId { generation: self.generation, index: self.slave_configs.len() };
+        self.slave_configs.push(raw);
+        Ok(id)
+    }
+
+    /// Sets direction and watchdog of a sync manager.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, `ENOENT` for a sync manager above 15.
+    pub fn config_sync_manager(
+        &mut self,
+        config: SlaveConfigId,
+        sync: u8,
+        direction: SyncDirection,
+        watchdog: WatchdogMode,
+    ) -> Result<(), Errno> {
+        let raw = self.slave_config_raw(config)?;
+        let direction = match direction {
+            SyncDirection::Output => EC_DIR_OUTPUT,
+            SyncDirection::Input => EC_DIR_INPUT,
+        };
+        let watchdog = match watchdog {
+            WatchdogMode::Default => EC_WD_DEFAULT,
+            WatchdogMode::Enable => EC_WD_ENABLE,
+            WatchdogMode::Disable => EC_WD_DISABLE,
+        };
+        // SAFETY: the configuration belongs to this master and is current, so it is valid.
+        Errno::check(unsafe {
+            (self.ecrt.functions().slave_config_sync_manager)(raw, sync, direction, watchdog)
+        })
+    }
+
+    /// Empties a sync manager's PDO assignment.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id.
+    pub fn config_pdo_assign_clear(
+        &mut self,
+        config: SlaveConfigId,
+        sync: u8,
+    ) -> Result<(), Errno> {
+        let raw = self.slave_config_raw(config)?;
+        // SAFETY: as in `config_sync_manager`.
+        Errno::check(unsafe {
+            status!(self.ecrt.functions().slave_config_pdo_assign_clear, raw, sync)
+        })
+    }
+
+    /// Adds a PDO to a sync manager's assignment.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id; `EEXIST` for a PDO assigned before.
+    pub fn config_pdo_assign_add(
+        &mut self,
+        config: SlaveConfigId,
+        sync: u8,
+        pdo_index: u16,
+    ) -> Result<(), Errno> {
+        let raw = self.slave_config_raw(config)?;
+        // SAFETY: as in `config_sync_manager`.
+        Errno::check(unsafe {
+            (self.ecrt.functions().slave_config_pdo_assign_add)(raw, sync, pdo_index)
+        })
+    }
+
+    /// Empties a PDO's mapping.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id.
+    pub fn config_pdo_mapping_clear(
+        &mut self,
+        config: SlaveConfigId,
+        pdo_index: u16,
+    ) -> Result<(), Errno> {
+        let raw = self.slave_config_raw(config)?;
+        // SAFETY: as in `config_sync_manager`.
+        Errno::check(unsafe {
+            status!(self.ecrt.functions().slave_config_pdo_mapping_clear, raw, pdo_index)
+        })
+    }
+
+    /// Adds an entry to a PDO's mapping.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id; `ENOENT` for a PDO that is not assigned.
+    pub fn config_pdo_mapping_add(
+        &mut self,
+        config: SlaveConfigId,
+        pdo_index: u16,
+        entry_index: u16,
+        entry_subindex: u8,
+        entry_bits: u8,
+    ) -> Result<(), Errno> {
+        let raw = self.slave_config_raw(config)?;
+        // SAFETY: as in `config_sync_manager`.
+        Errno::check(unsafe {
+            (self.ecrt.functions().slave_config_pdo_mapping_add)(
+                raw,
+                pdo_index,
+                entry_index,
+                entry_subindex,
+                entry_bits,
+            )
+        })
+    }
+
+    /// Sets divider and intervals of the slave's watchdog, in the units of its registers 0x0400
+    /// and 0x0420; 0 leaves the register alone.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id.
+    pub fn config_watchdog(
+        &mut self,
+        config: SlaveConfigId,
+        divider: u16,
+        intervals: u16,
+    ) -> Result<(), Errno> {
+        let raw = self.slave_config_raw(config)?;
+        // SAFETY: as in `config_sync_manager`.
+        Errno::check(unsafe {
+            status!(self.ecrt.functions().slave_config_watchdog, raw, divider, intervals)
+        })
+    }
+
+    /// Registers an object to be written at every start of the slave, in the order of these
+    /// calls, before the master writes the PDO assignment.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, `EINVAL` for an empty value, `ENOMEM`.
+    pub fn config_sdo(
+        &mut self,
+        config: SlaveConfigId,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+    ) -> Result<(), Errno> {
+        let raw = self.slave_config_raw(config)?;
+        // SAFETY: as in `config_sync_manager`; data and its length belong together, and the
+        // library copies them.
+        Errno::check(unsafe {
+            (self.ecrt.functions().slave_config_sdo)(
+                raw,
+                index,
+                subindex,
+                data.as_ptr(),
+                data.len(),
+            )
+        })
+    }
+
+    /// Sets the slave's distributed clocks: the AssignActivate word, cycle and shift of Sync0
+    /// and Sync1, ns.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id.
+    pub fn config_dc(
+        &mut self,
+        config: SlaveConfigId,
+        assign_activate: u16,
+        sync0_cycle_ns: u32,
+        sync0_shift_ns: i32,
+        sync1_cycle_ns: u32,
+        sync1_shift_ns: i32,
+    ) -> Result<(), Errno> {
+        let raw = self.slave_config_raw(config)?;
+        // SAFETY: as in `config_sync_manager`.
+        Errno::check(unsafe {
+            status!(
+                self.ecrt.functions().slave_config_dc,
+                raw,
+                assign_activate,
+                sync0_cycle_ns,
+                sync0_shift_ns,
+                sync1_cycle_ns,
+                sync1_shift_ns
+            )
+        })
+    }
+
+    /// Sets a named flag of the configuration.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, `EINVAL` for a name with a zero in it, `ENOSYS` before 1.5.3.
+    pub fn config_flag(
+        &mut self,
+        config: SlaveConfigId,
+        key: &str,
+        value: i32,
+    ) -> Result<(), Errno> {
+        let raw = self.slave_config_raw(config)?;
+        let function = self.ecrt.functions().slave_config_flag;
+        let function = function.ok_or(Errno::ENOSYS)?;
+        let key = CString::new(key).map_err(|_| Errno::EINVAL)?;
+        // SAFETY: as in `config_sync_manager`; the name ends with a zero, and the library
+        // copies it.
+        Errno::check(unsafe { function(raw, key.as_ptr(), value) })
+    }
+
+    /// Sets the time that a state change may take, ms; the states as in
+    /// [`SlaveConfigState::al_state`].
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, `ENOSYS` before 1.6.
+    pub fn config_state_timeout(
+        &mut self,
+        config: SlaveConfigId,
+        from: u8,
+        to: u8,
+        timeout_ms: u32,
+    ) -> Result<(), Errno> {
+        let raw = self.slave_config_raw(config)?;
+        let function = self.ecrt.functions().slave_config_state_timeout;
+        let function = function.ok_or(Errno::ENOSYS)?;
+        // SAFETY: as in `config_sync_manager`.
+        Errno::check(unsafe { function(raw, from.into(), to.into(), timeout_ms) })
+    }
+
+    /// Puts a PDO entry of the slave, and with it the whole sync manager, into a domain.
+    /// Returns the entry's offset there, bytes.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, `ENOENT` for an entry that is not mapped, `ERANGE` (or what the
+    /// library returns) for one that does not begin at a byte.
+    pub fn config_reg_pdo_entry(
+        &mut self,
+        config: SlaveConfigId,
+        entry_index: u16,
+        entry_subindex: u8,
+        domain: DomainId,
+    ) -> Result<usize, Errno> {
+        let raw = self.slave_config_raw(config)?;
+        let domain = self.domain_raw(domain)?;
+        // SAFETY: configuration and domain belong to this master and are current; a null bit
+        // position is how the library is asked for entries at byte borders only.
+        let offset: c_int = unsafe {
+            (self.ecrt.functions().slave_config_reg_pdo_entry)(
+                raw,
+                entry_index,
+                entry_subindex,
+                domain,
+                std::ptr::null_mut(),
+            )
+        };
+        Errno::check(offset)?;
+        usize::try_from(offset).map_err(|_| Errno::ERANGE)
+    }
+
+    /// How far the master brought the slave; some seconds behind the bus. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, or what the kernel module returns.
+    pub fn config_state(&self, config: SlaveConfigId) -> Result<SlaveConfigState, Errno> {
+        let raw = self.slave_config_raw(config)?;
+        let mut answer = Answer::<ec_slave_config_state_t>::new();
+        // SAFETY: as in `config_sync_manager`; the target is writable.
+        let status =
+            unsafe { status!(self.ecrt.functions().slave_config_state, raw, answer.target()) };
+        Errno::check(status)?;
+        Ok(SlaveConfigState {
+            online: answer.value.online() != 0,
+            operational: answer.value.operational() != 0,
+            al_state: answer.value.al_state() as u8,
+        })
+    }
+}

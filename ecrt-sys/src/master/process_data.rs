@@ -1,0 +1,256 @@
+//! Operation phase: activation, process image, exchange.
+
+use std::ptr::NonNull;
+
+use super::{Answer, DomainId, Master};
+use crate::bindings::{EC_WC_COMPLETE, EC_WC_INCOMPLETE, ec_domain_state_t, ec_domain_t};
+use crate::errno::Errno;
+use crate::functions::status;
+
+/// Result of a domain's last exchange.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct DomainState {
+    /// Working counter, summed over the domain's datagrams.
+    pub working_counter: u32,
+    /// That sum compared with what the master expects.
+    pub wc_state: WcState,
+    /// The redundant link carries data.
+    pub redundancy_active: bool,
+}
+
+/// Judgement of a domain's working counter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum WcState {
+    /// Nobody exchanged anything.
+    Zero,
+    /// Some of it was exchanged.
+    Incomplete,
+    /// All of it was exchanged.
+    Complete,
+}
+
+/// A domain and, in the operation phase, its memory.
+pub(super) struct Domain {
+    pub(super) raw: NonNull<ec_domain_t>,
+    data: NonNull<u8>,
+    size: usize,
+}
+
+impl Domain {
+    pub(super) fn new(raw: NonNull<ec_domain_t>) -> Self {
+        Self { raw, data: NonNull::dangling(), size: 0 }
+    }
+}
+
+/// Nothing is mapped below: the kernel keeps these addresses free. A pointer into there is an
+/// offset that an older library added to the NULL of a process image that does not exist yet.
+const LOWEST_ADDRESS: usize = 0x1_0000;
+
+/// The size that the library tells: an error is `(size_t)-1`, or a negative error number in some
+/// versions.
+fn image_size(size: usize) -> Result<usize, Errno> {
+    if size > isize::MAX as usize { Err(Errno::EIO) } else { Ok(size) }
+}
+
+impl Master {
+    /// Tells the master the interval between sends, µs: it plans mailbox traffic by it. May
+    /// block.
+    ///
+    /// # Errors
+    ///
+    /// `EPERM` for a foreign master, otherwise what the kernel module returns.
+    pub fn set_send_interval(&mut self, interval_us: usize) -> Result<(), Errno> {
+        self.owned()?;
+        // SAFETY: the master is valid as long as `self`.
+        Errno::check(unsafe {
+            (self.ecrt.functions().master_set_send_interval)(self.raw.as_ptr(), interval_us)
+        })
+    }
+
+    /// Ends configuration and starts the operation phase; from here on the application sends
+    /// and receives. Makes the process image available. Blocks.
+    ///
+    /// # Errors
+    ///
+    /// `EPERM` for a foreign master, `EINVAL` when active already, otherwise what the kernel
+    /// module returns. A master whose process image cannot be reached is deactivated again.
+    pub fn activate(&mut self) -> Result<(), Errno> {
+        self.owned()?;
+        if self.active {
+            return Err(Errno::EINVAL);
+        }
+        // SAFETY: the master is valid as long as `self`.
+        Errno::check(unsafe { (self.ecrt.functions().master_activate)(self.raw.as_ptr()) })?;
+        self.active = true;
+        self.refresh_domain_data().inspect_err(|_| {
+            // The first error counts.
+            let _ = self.deactivate();
+        })
+    }
+
+    /// Ends the operation phase. Every domain, slave configuration and request is gone, and
+    /// every id stale, whatever the library reports. Blocks.
+    ///
+    /// # Errors
+    ///
+    /// `EPERM` for a foreign master, `EINVAL` when not active, otherwise what the kernel module
+    /// returns.
+    pub fn deactivate(&mut self) -> Result<(), Errno> {
+        self.owned()?;
+        if !self.active {
+            return Err(Errno::EINVAL);
+        }
+        self.active = false;
+        self.forget_handles();
+        // SAFETY: the master is valid as long as `self`. The call frees the handles made from
+        // it and unmaps their memory: the tables are empty, and borrowing `self` mutably has
+        // ended every slice.
+        Errno::check(unsafe { status!(self.ecrt.functions().master_deactivate, self.raw.as_ptr()) })
+    }
+
+    /// Fetches where the domains' memory is. [`Master::activate`] does this itself; for a
+    /// foreign master it is called after the owner has activated. May block.
+    ///
+    /// # Errors
+    ///
+    /// `EAGAIN` when there is no process image yet, `EIO` when its size is not known. All
+    /// images are empty then.
+    pub fn refresh_domain_data(&mut self) -> Result<(), Errno> {
+        let fetched = self.fetch_domain_data();
+        if fetched.is_err() {
+            for domain in &mut self.domains {
+                domain.size = 0;
+            }
+        }
+        fetched
+    }
+
+    fn fetch_domain_data(&mut self) -> Result<(), Errno> {
+        let functions = self.ecrt.functions();
+        for domain in &mut self.domains {
+            let raw = domain.raw.as_ptr();
+            // SAFETY: the domain belongs to this master and is current, so it is valid.
+            let size = image_size(unsafe { (functions.domain_size)(raw) })?;
+            if size == 0 {
+                // Nothing is registered in it; its memory may not exist.
+                domain.size = 0;
+                continue;
+            }
+            // SAFETY: as above, and the operation phase has begun.
+            let data = unsafe { (functions.domain_data)(raw) };
+            match NonNull::new(data) {
+                Some(data) if data.as_ptr() as usize >= LOWEST_ADDRESS => {
+                    domain.data = data;
+                    domain.size = size;
+                }
+                _ => return Err(Errno::EAGAIN),
+            }
+        }
+        Ok(())
+    }
+
+    /// Bytes of a domain's process image, before activation too. May block.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, `EIO` when the kernel module does not tell.
+    pub fn domain_size(&self, id: DomainId) -> Result<usize, Errno> {
+        let raw = self.domain_raw(id)?;
+        // SAFETY: the domain belongs to this master and is current, so it is valid.
+        image_size(unsafe { (self.ecrt.functions().domain_size)(raw) })
+    }
+
+    /// A domain's process image; empty before activation and for a stale id. Cycle.
+    #[must_use]
+    pub fn domain_data(&self, id: DomainId) -> &[u8] {
+        match self.domain(id) {
+            // SAFETY: the library maps `size` bytes there from activation to deactivation,
+            // which needs `self` mutably, as does every call that lets the master write the
+            // image (receive, process). With size 0 the pointer is dangling, which is allowed.
+            Ok(domain) => unsafe { std::slice::from_raw_parts(domain.data.as_ptr(), domain.size) },
+            Err(_) => &[],
+        }
+    }
+
+    /// A domain's process image for writing; empty before activation and for a stale id. Cycle.
+    #[must_use]
+    pub fn domain_data_mut(&mut self, id: DomainId) -> &mut [u8] {
+        match self.domain(id) {
+            // SAFETY: as in `domain_data`; domains do not overlap, and `self` is borrowed
+            // mutably, so this is the only slice.
+            Ok(domain) => unsafe {
+                std::slice::from_raw_parts_mut(domain.data.as_ptr(), domain.size)
+            },
+            Err(_) => &mut [],
+        }
+    }
+
+    /// Judges a domain's received datagrams. Cycle, after [`Master::receive`].
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, `EINTR` when interrupted, otherwise what the kernel module
+    /// returns.
+    pub fn domain_process(&mut self, id: DomainId) -> Result<(), Errno> {
+        let raw = self.domain_raw(id)?;
+        // SAFETY: the domain belongs to this master and is current, so it is valid.
+        Errno::check(unsafe { status!(self.ecrt.functions().domain_process, raw) })
+    }
+
+    /// Queues a domain's datagrams. Cycle, before [`Master::send`].
+    ///
+    /// # Errors
+    ///
+    /// As [`Master::domain_process`].
+    pub fn domain_queue(&mut self, id: DomainId) -> Result<(), Errno> {
+        let raw = self.domain_raw(id)?;
+        // SAFETY: as in `domain_process`.
+        Errno::check(unsafe { status!(self.ecrt.functions().domain_queue, raw) })
+    }
+
+    /// Working counter of a domain's last processed exchange. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// As [`Master::domain_process`].
+    pub fn domain_state(&self, id: DomainId) -> Result<DomainState, Errno> {
+        let raw = self.domain_raw(id)?;
+        let mut answer = Answer::<ec_domain_state_t>::new();
+        // SAFETY: as in `domain_process`; the target is writable.
+        let status = unsafe { status!(self.ecrt.functions().domain_state, raw, answer.target()) };
+        Errno::check(status)?;
+        Ok(DomainState {
+            working_counter: answer.value.working_counter,
+            wc_state: match answer.value.wc_state {
+                EC_WC_COMPLETE => WcState::Complete,
+                EC_WC_INCOMPLETE => WcState::Incomplete,
+                _ => WcState::Zero,
+            },
+            redundancy_active: answer.value.redundancy_active != 0,
+        })
+    }
+
+    /// Sends everything queued. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// `EPERM` for a foreign or unreserved master, `EINTR` when interrupted, otherwise what the
+    /// kernel module returns.
+    pub fn send(&mut self) -> Result<(), Errno> {
+        self.owned()?;
+        // SAFETY: the master is valid as long as `self`.
+        Errno::check(unsafe { status!(self.ecrt.functions().master_send, self.raw.as_ptr()) })
+    }
+
+    /// Takes received frames, and writes their data into the domains' images. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// As [`Master::send`].
+    pub fn receive(&mut self) -> Result<(), Errno> {
+        self.owned()?;
+        // SAFETY: the master is valid as long as `self`; no slice of an image is alive, since
+        // `self` is borrowed mutably.
+        Errno::check(unsafe { status!(self.ecrt.functions().master_receive, self.raw.as_ptr()) })
+    }
+}

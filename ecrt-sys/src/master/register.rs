@@ -1,0 +1,106 @@
+//! Register requests: reading a slave controller's registers beside the cycle.
+
+use std::ptr::NonNull;
+
+use super::{Master, RegRequestId, RequestState, SlaveConfigId};
+use crate::bindings::ec_reg_request_t;
+use crate::errno::Errno;
+use crate::functions::status;
+
+/// A request, how much it can hold, and whether it may be under way.
+pub(super) struct RegRequest {
+    raw: NonNull<ec_reg_request_t>,
+    size: usize,
+    busy: bool,
+}
+
+impl Master {
+    /// Makes a request for registers of the slave, up to `size` bytes. Before activation.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, `ENOMEM`, otherwise what the kernel module returns.
+    pub fn create_reg_request(
+        &mut self,
+        config: SlaveConfigId,
+        size: usize,
+    ) -> Result<RegRequestId, Errno> {
+        let config = self.slave_config_raw(config)?;
+        let functions = self.ecrt.functions();
+        Errno::forget_last();
+        // SAFETY: the configuration belongs to this master and is current, so it is valid.
+        let raw = unsafe { (functions.slave_config_create_reg_request)(config, size) };
+        let raw = NonNull::new(raw).ok_or_else(Errno::of_null)?;
+        // SAFETY: the request was just made.
+        let data = unsafe { (functions.reg_request_data)(raw.as_ptr()) };
+        if !data.is_null() {
+            // SAFETY: the request holds `size` bytes there, which nobody uses yet. The library
+            // leaves them as the allocator gave them; zeroed, they may be read.
+            unsafe { std::ptr::write_bytes(data, 0, size) };
+        }
+        let id = RegRequestId { generation: self.generation, index: self.reg_requests.len() };
+        self.reg_requests.push(RegRequest { raw, size, busy: false });
+        Ok(id)
+    }
+
+    /// Starts reading `size` bytes from register `address` on. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id, `EBUSY` while it is under way, `EMSGSIZE` for more than the
+    /// request holds, otherwise what the kernel module returns.
+    pub fn reg_request_read(
+        &mut self,
+        id: RegRequestId,
+        address: u16,
+        size: usize,
+    ) -> Result<(), Errno> {
+        let request = self.reg_request(id)?;
+        if request.busy {
+            return Err(Errno::EBUSY);
+        }
+        if size > request.size {
+            return Err(Errno::EMSGSIZE);
+        }
+        let raw = request.raw.as_ptr();
+        // SAFETY: the request belongs to this master and is current, so it is valid, and it has
+        // room for `size` bytes.
+        Errno::check(unsafe {
+            status!(self.ecrt.functions().reg_request_read, raw, address, size)
+        })?;
+        self.reg_request_mut(id)?.busy = true;
+        Ok(())
+    }
+
+    /// State of the request; fetches the data of a finished read. Cycle.
+    ///
+    /// # Errors
+    ///
+    /// `EBADF` for a stale id.
+    pub fn reg_request_state(&mut self, id: RegRequestId) -> Result<RequestState, Errno> {
+        let raw = self.reg_request(id)?.raw.as_ptr();
+        // SAFETY: the request is valid as in `reg_request_read`; `self` is borrowed mutably, so
+        // no slice of the data that the call may overwrite is alive.
+        let state =
+            RequestState::from_raw(unsafe { (self.ecrt.functions().reg_request_state)(raw) });
+        self.reg_request_mut(id)?.busy = state == RequestState::Busy;
+        Ok(state)
+    }
+
+    /// All bytes that the request has room for; after a successful read the first of them are
+    /// the registers, lowest address first. Empty for a stale id. Cycle.
+    #[must_use]
+    pub fn reg_request_data(&self, id: RegRequestId) -> &[u8] {
+        let Ok(request) = self.reg_request(id) else {
+            return &[];
+        };
+        // SAFETY: the request is valid as in `reg_request_read`.
+        let data = unsafe { (self.ecrt.functions().reg_request_data)(request.raw.as_ptr()) };
+        if data.is_null() {
+            return &[];
+        }
+        // SAFETY: the request holds `size` bytes there, written when it was made; they change
+        // only in calls that borrow `self` mutably.
+        unsafe { std::slice::from_raw_parts(data, request.size) }
+    }
+}

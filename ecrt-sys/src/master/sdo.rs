@@ -1,0 +1,116 @@
+//! SDO transfers that wait for the slave's answer.
+
+use std::fmt;
+
+use super::Master;
+use crate::errno::Errno;
+
+/// Why an SDO transfer failed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SdoError {
+    /// The library's error: `EIO` aborted or failed on the bus, `EINVAL` no such slave,
+    /// `EOVERFLOW` or `ENOBUFS` answer larger than the target.
+    pub errno: Errno,
+    /// What the slave answered when it aborted the transfer.
+    pub abort_code: Option<u32>,
+}
+
+impl SdoError {
+    fn new(errno: Errno, abort_code: u32) -> Self {
+        // The library sets the code with EIO only, and 0 is no code: the transfer failed
+        // without an answer.
+        let aborted = errno == Errno::EIO && abort_code != 0;
+        Self { errno, abort_code: aborted.then_some(abort_code) }
+    }
+}
+
+impl fmt::Display for SdoError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.abort_code {
+            Some(code) => write!(f, "aborted by the slave with code 0x{code:08x}"),
+            None => self.errno.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for SdoError {}
+
+impl Master {
+    /// Reads an object of the slave at a ring position into `target` and returns how many bytes
+    /// it has. Blocks until the slave answers.
+    ///
+    /// # Errors
+    ///
+    /// The slave aborts, does not answer or is not there, or the object does not fit.
+    pub fn sdo_upload(
+        &self,
+        position: u16,
+        index: u16,
+        subindex: u8,
+        target: &mut [u8],
+    ) -> Result<usize, SdoError> {
+        let mut size = 0;
+        let mut abort_code = 0;
+        // SAFETY: the master is valid as long as `self`; target and its length belong together,
+        // the two results are writable.
+        let status = unsafe {
+            (self.ecrt.functions().master_sdo_upload)(
+                self.raw.as_ptr(),
+                position,
+                index,
+                subindex,
+                target.as_mut_ptr(),
+                target.len(),
+                &mut size,
+                &mut abort_code,
+            )
+        };
+        Errno::check(status).map_err(|errno| SdoError::new(errno, abort_code))?;
+        if size > target.len() {
+            return Err(SdoError::new(Errno::EOVERFLOW, 0));
+        }
+        Ok(size)
+    }
+
+    /// Writes an object of the slave at a ring position. Blocks until the slave answers.
+    ///
+    /// # Errors
+    ///
+    /// The slave aborts, does not answer or is not there.
+    pub fn sdo_download(
+        &self,
+        position: u16,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+    ) -> Result<(), SdoError> {
+        let mut abort_code = 0;
+        // SAFETY: the master is valid as long as `self`; data and its length belong together,
+        // the result is writable.
+        let status = unsafe {
+            (self.ecrt.functions().master_sdo_download)(
+                self.raw.as_ptr(),
+                position,
+                index,
+                subindex,
+                data.as_ptr(),
+                data.len(),
+                &mut abort_code,
+            )
+        };
+        Errno::check(status).map_err(|errno| SdoError::new(errno, abort_code))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_abort_code_comes_with_eio_only() {
+        let abort = |errno, code| SdoError::new(errno, code).abort_code;
+        assert_eq!(abort(Errno::EIO, 0x0602_0000), Some(0x0602_0000));
+        assert_eq!(abort(Errno::EIO, 0), None);
+        assert_eq!(abort(Errno::EINVAL, 0x0602_0000), None);
+    }
+}

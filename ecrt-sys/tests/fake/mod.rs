@@ -1,0 +1,88 @@
+//! Builds the fake libethercat of `libethercat.c`, or any other shared object, with the C
+//! compiler of the machine.
+#![allow(dead_code)] // Each test program uses its part.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use ecrt_sys::{Ecrt, Master};
+
+/// A shared object in a directory of its own.
+pub struct Fake {
+    directory: tempfile::TempDir,
+}
+
+impl Fake {
+    /// The fake with these macros; `None`, saying so, where there is no C compiler.
+    pub fn build(macros: &[&str]) -> Option<Self> {
+        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fake/libethercat.c");
+        Self::compile(&source, macros)
+    }
+
+    /// A shared object from this C text.
+    pub fn from_text(text: &str) -> Option<Self> {
+        let directory = tempfile::tempdir().unwrap();
+        let source = directory.path().join("source.c");
+        std::fs::write(&source, text).unwrap();
+        Self::compile(&source, &[])
+    }
+
+    fn compile(source: &Path, macros: &[&str]) -> Option<Self> {
+        let directory = tempfile::tempdir().unwrap();
+        let fake = Self { directory };
+        // Without optimisation: the garbage that a silent function leaves stays where it is.
+        let output = Command::new("cc")
+            .args(["-shared", "-fPIC", "-O0", "-Wall", "-Wextra", "-Werror", "-I"])
+            .arg(env!("CARGO_MANIFEST_DIR"))
+            .args(macros.iter().map(|name| format!("-D{name}")))
+            .arg("-o")
+            .arg(fake.path())
+            .arg(source)
+            .output();
+        let Ok(output) = output else {
+            println!("skipped: there is no C compiler (cc)");
+            return None;
+        };
+        let messages = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "cc: {messages}");
+        Some(fake)
+    }
+
+    /// Where the shared object is.
+    pub fn path(&self) -> PathBuf {
+        self.directory.path().join("libfake.so")
+    }
+
+    /// The fake, loaded.
+    pub fn load(&self) -> Ecrt {
+        Ecrt::load(Some(&self.path())).unwrap()
+    }
+}
+
+/// The two releases as macros: 1.5.2, whose silent functions leave garbage, and 1.6.
+pub const RELEASES: [&[&str]; 2] = [&["MAGIC=0x105", "SILENT", "OLD"], &["MAGIC=0x106"]];
+
+/// What the fake counts, see the enumeration there.
+#[derive(Clone, Copy)]
+pub enum Count {
+    Released,
+    Sent,
+    Received,
+    Queued,
+    Deactivated,
+    Written,
+}
+
+/// How often something happened in the fake, over all its masters.
+pub fn count(master: &Master, what: Count) -> u8 {
+    let mut value = [0];
+    assert_eq!(master.sdo_upload(0, 0x2000, what as u8, &mut value), Ok(1));
+    value[0]
+}
+
+#[track_caller]
+pub fn says(text: &str, words: &[&str]) {
+    for word in words {
+        assert!(text.contains(word), "\"{word}\" is not in \"{text}\"");
+    }
+}

@@ -1,0 +1,140 @@
+//! Loading a library, and opening a master of it: what works, and what each failure says.
+
+mod fake;
+
+use std::path::Path;
+
+use ecrt_sys::{Ecrt, Errno, LoadError, OpenFailure, Origin};
+use fake::{Fake, RELEASES, says};
+
+#[test]
+fn a_path_that_does_not_exist() {
+    let path = Path::new("/nonexistent/libethercat.so.1");
+    let error = Ecrt::load(Some(path)).unwrap_err();
+    assert!(matches!(error, LoadError::NotFound { .. }), "{error:?}");
+    says(
+        &error.to_string(),
+        &[
+            "/nonexistent/libethercat.so.1",
+            "was not found",
+            "No such file",
+            "name an existing libethercat",
+        ],
+    );
+}
+
+#[test]
+fn a_name_that_the_loader_does_not_find() {
+    let name = Path::new("libethercat-that-nobody-has.so.1");
+    let error = Ecrt::load(Some(name)).unwrap_err();
+    assert!(matches!(error, LoadError::NotFound { .. }), "{error:?}");
+    says(
+        &error.to_string(),
+        &[
+            "libethercat-that-nobody-has.so.1",
+            "install the IgH EtherCAT master",
+            "choose the simulated one",
+        ],
+    );
+}
+
+#[test]
+fn a_file_that_is_not_a_library() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("libethercat.so.1");
+    std::fs::write(&path, "GROUP ( libethercat.so.1.2.0 )\n").unwrap();
+    let error = Ecrt::load(Some(&path)).unwrap_err();
+    assert!(matches!(error, LoadError::NotLoadable { .. }), "{error:?}");
+    says(&error.to_string(), &[path.to_str().unwrap(), "cannot be loaded", std::env::consts::ARCH]);
+}
+
+#[test]
+fn a_library_that_is_not_libethercat() {
+    let Some(other) = Fake::from_text("int answer(void) { return 42; }\n") else {
+        return;
+    };
+    let error = Ecrt::load(Some(&other.path())).unwrap_err();
+    assert!(matches!(error, LoadError::NotEthercat { .. }), "{error:?}");
+    says(&error.to_string(), &["not IgH's libethercat", "ecrt_version_magic"]);
+}
+
+#[test]
+fn a_library_that_lacks_functions_names_all_of_them() {
+    let Some(fake) = Fake::build(&["LACKING"]) else {
+        return;
+    };
+    let error = Ecrt::load(Some(&fake.path())).unwrap_err();
+    let LoadError::MissingFunctions { release, missing, .. } = &error else {
+        panic!("{error:?}");
+    };
+    assert_eq!(*release, (1, 6));
+    assert_eq!(missing, &["ecrt_domain_queue", "ecrt_sdo_request_read"]);
+    says(&error.to_string(), &["version 1.6", "lacks ecrt_domain_queue, ecrt_sdo_request_read"]);
+}
+
+#[test]
+fn a_release_that_is_not_known_is_refused() {
+    for (magic, words) in
+        [("MAGIC=0x107", "version 1.7"), ("MAGIC=0x1050a", "version 1.5.10 (a fork")]
+    {
+        let Some(fake) = Fake::build(&[magic]) else {
+            return;
+        };
+        let error = Ecrt::load(Some(&fake.path())).unwrap_err();
+        assert!(matches!(error, LoadError::UnknownVersion { .. }), "{error:?}");
+        says(&error.to_string(), &[words, "1.5 and 1.6 only"]);
+    }
+}
+
+#[test]
+fn a_loaded_library_says_what_it_is() {
+    for (macros, version) in RELEASES.into_iter().zip([(1, 5), (1, 6)]) {
+        let Some(fake) = Fake::build(macros) else {
+            return;
+        };
+        let ecrt = fake.load();
+        assert_eq!(ecrt.version(), version);
+        assert!(!ecrt.is_simulated());
+        let Origin::Library { path, version_magic } = ecrt.origin() else {
+            panic!("{:?}", ecrt.origin());
+        };
+        assert_eq!(*path, fake.path());
+        assert_eq!(*version_magic, u32::from(version.0) << 8 | u32::from(version.1));
+        says(&ecrt.origin().to_string(), &["libfake.so (version 1.", &version.1.to_string()]);
+    }
+}
+
+#[test]
+fn each_way_of_not_getting_a_master_says_what_to_do() {
+    let Some(fake) = Fake::build(&[]) else { return };
+    let ecrt = fake.load();
+    let text = |index| {
+        let requested = ecrt.request_master(index).unwrap_err();
+        let opened = ecrt.open_master(index).unwrap_err();
+        assert_eq!(requested, opened);
+        assert_eq!(requested.index, index);
+        requested.to_string()
+    };
+    says(&text(101), &["EtherCAT master 101", "/dev/EtherCAT101"]);
+    says(&text(102), &["/dev/EtherCAT102", "may not be opened", "udev"]);
+    says(&text(103), &["another application has reserved it"]);
+    // Nothing left in errno, and a look at the device node finds none.
+    says(&text(104), &["/dev/EtherCAT104 does not exist"]);
+
+    let other = ecrt.request_master(105).unwrap_err();
+    // 105 has no device node either, which says more than what the library left.
+    assert!(
+        matches!(other.failure, OpenFailure::NotRunning { .. } | OpenFailure::NoSuchMaster { .. }),
+        "{other:?}"
+    );
+}
+
+#[test]
+fn a_failed_request_leaves_nothing_to_the_next() {
+    let Some(fake) = Fake::build(&[]) else { return };
+    let ecrt = fake.load();
+    assert_eq!(ecrt.request_master(103).unwrap_err().failure, OpenFailure::Busy);
+    Errno::EBUSY.set_last();
+    assert_ne!(ecrt.request_master(104).unwrap_err().failure, OpenFailure::Busy);
+    assert!(ecrt.request_master(0).is_ok());
+}

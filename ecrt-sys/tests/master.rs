@@ -1,0 +1,397 @@
+//! The safe handles work alike on a library of 1.5, whose functions return nothing, and on one
+//! of 1.6, whose functions report.
+
+mod fake;
+
+use ecrt_sys::{
+    DomainState, Errno, LinkState, Master, MasterInfo, MasterState, PdoEntryInfo, PdoInfo,
+    PortKind, RequestState, ScanProgress, SdoError, SlaveConfigState, SyncDirection,
+    SyncManagerInfo, WatchdogMode, WcState,
+};
+use fake::{Count, Fake, RELEASES, count};
+
+/// Runs a test on a reserved master of each release.
+fn on_each_release(test: impl Fn(Master, (u8, u8))) {
+    for macros in RELEASES {
+        let Some(fake) = Fake::build(macros) else {
+            return;
+        };
+        let ecrt = fake.load();
+        test(ecrt.request_master(0).unwrap(), ecrt.version());
+    }
+}
+
+#[test]
+fn the_bus_as_the_master_sees_it() {
+    on_each_release(|master, version| {
+        assert_eq!(
+            master.info(),
+            Ok(MasterInfo {
+                slave_count: 2,
+                link_up: true,
+                scan_busy: false,
+                app_time_ns: 0x1122_3344_5566_7788,
+            })
+        );
+        assert_eq!(
+            master.state(),
+            Ok(MasterState { slaves_responding: 2, al_states: 8, link_up: true })
+        );
+        assert_eq!(
+            master.link_state(0),
+            Ok(LinkState { slaves_responding: 2, al_states: 3, link_up: true })
+        );
+        assert_eq!(master.link_state(1), Err(Errno::EINVAL));
+        let progress = ScanProgress { slave_count: 2, scan_index: 1 };
+        let expected = match version {
+            (1, 5) => Err(Errno::ENOSYS),
+            _ => Ok(progress),
+        };
+        assert_eq!(master.scan_progress(), expected);
+    });
+}
+
+#[test]
+fn a_slave_and_its_default_mapping() {
+    on_each_release(|master, _| {
+        let slave = master.slave_info(1).unwrap();
+        assert_eq!(slave.position, 1);
+        assert_eq!((slave.vendor_id, slave.product_code), (0xec0, 0x1234_5678));
+        assert_eq!((slave.alias, slave.al_state), (5, 2));
+        assert!(slave.error_flag);
+        assert_eq!(slave.sdo_count, 300);
+        assert_eq!(slave.name, "ECAN-Lite");
+        assert_eq!(slave.ports[0].kind, PortKind::Mii);
+        assert!(slave.ports[0].link_up);
+        assert_eq!(slave.ports[0].next_slave, None);
+        assert_eq!(slave.ports[1].kind, PortKind::EBus);
+        assert_eq!(slave.ports[1].next_slave, Some(1));
+        assert_eq!(slave.ports[3].kind, PortKind::NotImplemented);
+        assert_eq!(master.slave_info(2), Err(Errno::EINVAL));
+
+        assert_eq!(
+            master.sync_manager(1, 2),
+            Ok(SyncManagerInfo {
+                index: 2,
+                direction: Some(SyncDirection::Output),
+                pdo_count: 8,
+                watchdog: WatchdogMode::Enable,
+            })
+        );
+        assert_eq!(master.sync_manager(1, 4), Err(Errno::ENOENT));
+        assert_eq!(master.pdo(1, 3, 7), Ok(PdoInfo { index: 0x1a07, entry_count: 8 }));
+        assert_eq!(
+            master.pdo_entry(1, 3, 7, 0),
+            Ok(PdoEntryInfo { index: 0x6000, subindex: 1, bit_length: 128 })
+        );
+    });
+}
+
+#[test]
+fn sdo_transfers_and_their_abort_codes() {
+    on_each_release(|master, _| {
+        let mut target = [0; 8];
+        assert_eq!(master.sdo_upload(1, 0x1018, 1, &mut target), Ok(4));
+        assert_eq!(target, [0x44, 0x33, 0x22, 0x11, 0, 0, 0, 0]);
+        assert_eq!(master.sdo_download(1, 0x8010, 1, &[1]), Ok(()));
+
+        let aborted = master.sdo_download(1, 0x8010, 3, &[30]).unwrap_err();
+        assert_eq!(aborted.abort_code, Some(0x0609_0030));
+        assert_eq!(aborted.to_string(), "aborted by the slave with code 0x06090030");
+        let upload = |index| master.sdo_upload(1, index, 0, &mut [0; 4]).unwrap_err();
+        assert_eq!(upload(0x3001).abort_code, Some(0x0602_0000));
+        // A code that comes with another error than EIO is left over from something else.
+        let invalid = SdoError { errno: Errno::EINVAL, abort_code: None };
+        assert_eq!(upload(0x3002), invalid);
+        assert_eq!(upload(0x3003).abort_code, None);
+        // A library that claims more than it was given room for.
+        assert_eq!(upload(0x3000).errno, Errno::EOVERFLOW);
+    });
+}
+
+#[test]
+fn a_configuration_reaches_the_library() {
+    on_each_release(|mut master, version| {
+        assert!(master.reserved());
+        let config = master.slave_config(0, 1, 0xec0, 0x1234_5678).unwrap();
+        assert_eq!(master.slave_config(0, 9, 0xec0, 0x1234_5678), Err(Errno::ENOMEM));
+        let (out, enable) = (SyncDirection::Output, WatchdogMode::Enable);
+        assert_eq!(master.config_sync_manager(config, 2, out, enable), Ok(()));
+        assert_eq!(master.config_pdo_assign_clear(config, 2), Ok(()));
+        assert_eq!(master.config_pdo_assign_add(config, 2, 0x1600), Ok(()));
+        assert_eq!(master.config_pdo_assign_add(config, 2, 0x1601), Err(Errno::new(17)));
+        assert_eq!(master.config_pdo_mapping_clear(config, 0x1600), Ok(()));
+        assert_eq!(master.config_pdo_mapping_add(config, 0x1600, 0x7000, 1, 128), Ok(()));
+        assert_eq!(master.config_watchdog(config, 2498, 1000), Ok(()));
+        assert_eq!(master.config_sdo(config, 0x8010, 1, &[1]), Ok(()));
+        assert_eq!(master.config_sdo(config, 0x8010, 1, &[]), Err(Errno::EINVAL));
+        assert_eq!(master.config_dc(config, 0x300, 1_000_000, 0, 0, 0), Ok(()));
+        assert_eq!(
+            master.config_state(config),
+            Ok(SlaveConfigState { online: true, operational: false, al_state: 4 })
+        );
+        assert_eq!(master.set_send_interval(1000), Ok(()));
+        assert_eq!(master.select_reference_clock(Some(config)), Ok(()));
+        assert_eq!(master.select_reference_clock(None), Err(Errno::ENOENT));
+
+        let newer = match version {
+            (1, 5) => Err(Errno::ENOSYS),
+            _ => Ok(()),
+        };
+        assert_eq!(master.config_flag(config, "AssignToPdi", 1), newer);
+        assert_eq!(master.config_state_timeout(config, 4, 8, 500), newer);
+        assert_eq!(master.sync_reference_clock_to(1), newer);
+
+        let domain = master.create_domain().unwrap();
+        assert_eq!(master.config_reg_pdo_entry(config, 0x7000, 3, domain), Ok(32));
+        assert_eq!(master.config_reg_pdo_entry(config, 0x7001, 1, domain), Err(Errno::ENOENT));
+    });
+}
+
+#[test]
+fn a_cycle_exchanges_the_image() {
+    on_each_release(|mut master, _| {
+        let first = master.create_domain().unwrap();
+        let second = master.create_domain().unwrap();
+        assert_eq!(master.domain_size(first), Ok(16));
+        assert!(master.domain_data(first).is_empty());
+        assert!(master.domain_data_mut(first).is_empty());
+
+        assert_eq!(master.activate(), Ok(()));
+        assert!(master.is_active());
+        assert_eq!(master.activate(), Err(Errno::EINVAL));
+        assert_eq!(master.domain_data(first).len(), 16);
+        master.domain_data_mut(second)[0] = 0x5a;
+
+        assert_eq!(master.receive(), Ok(()));
+        assert_eq!(master.domain_process(first), Ok(()));
+        assert_eq!(
+            master.domain_state(first),
+            Ok(DomainState {
+                working_counter: 3,
+                wc_state: WcState::Complete,
+                redundancy_active: false,
+            })
+        );
+        assert_eq!(master.domain_data(first)[8], 1);
+        assert_eq!(master.domain_data(second)[8], 2);
+        assert_eq!(master.domain_data(second)[0], 0x5a);
+        assert_eq!(master.domain_queue(first), Ok(()));
+        assert_eq!(master.application_time(1), Ok(()));
+        assert_eq!(master.sync_reference_clock(), Ok(()));
+        assert_eq!(master.sync_slave_clocks(), Ok(()));
+        assert_eq!(master.sync_monitor_queue(), Ok(()));
+        assert_eq!(master.send(), Ok(()));
+        assert_eq!(master.reference_clock_time(), Ok(0xfedc_ba98));
+        assert_eq!(master.sync_monitor_process(), Ok(42));
+        for what in [Count::Received, Count::Queued, Count::Sent] {
+            assert_eq!(count(&master, what), 1);
+        }
+    });
+}
+
+#[test]
+fn deactivation_makes_every_id_stale() {
+    on_each_release(|mut master, _| {
+        assert_eq!(master.deactivate(), Err(Errno::EINVAL));
+        let domain = master.create_domain().unwrap();
+        let config = master.slave_config(0, 0, 1, 2).unwrap();
+        let sdo = master.create_sdo_request(config, 0x1018, 1, 4).unwrap();
+        let reg = master.create_reg_request(config, 2).unwrap();
+        master.activate().unwrap();
+        assert_eq!(master.deactivate(), Ok(()));
+        assert!(!master.is_active());
+        assert_eq!(count(&master, Count::Deactivated), 1);
+
+        // The next configuration fills the same places with new handles.
+        let again = master.create_domain().unwrap();
+        master.slave_config(0, 0, 1, 2).unwrap();
+        assert_ne!(domain, again);
+
+        assert_eq!(master.domain_size(domain), Err(Errno::EBADF));
+        assert_eq!(master.domain_process(domain), Err(Errno::EBADF));
+        assert_eq!(master.domain_queue(domain), Err(Errno::EBADF));
+        assert_eq!(master.domain_state(domain), Err(Errno::EBADF));
+        assert!(master.domain_data(domain).is_empty());
+        assert!(master.domain_data_mut(domain).is_empty());
+        assert_eq!(master.config_state(config), Err(Errno::EBADF));
+        assert_eq!(master.create_sdo_request(config, 0x1018, 1, 4), Err(Errno::EBADF));
+        assert_eq!(master.sdo_request_read(sdo), Err(Errno::EBADF));
+        assert_eq!(master.sdo_request_state(sdo), Err(Errno::EBADF));
+        assert!(master.sdo_request_data(sdo).is_empty());
+        assert_eq!(master.reg_request_read(reg, 0x134, 2), Err(Errno::EBADF));
+        assert!(master.reg_request_data(reg).is_empty());
+    });
+}
+
+#[test]
+fn an_id_is_good_for_its_own_master_only() {
+    on_each_release(|mut master, _| {
+        let mut other = master.ecrt().request_master(1).unwrap();
+        let domain = master.create_domain().unwrap();
+        other.create_domain().unwrap();
+        assert_eq!(other.domain_size(domain), Err(Errno::EBADF));
+    });
+}
+
+#[test]
+fn an_sdo_request_reads_and_writes() {
+    on_each_release(|mut master, _| {
+        let config = master.slave_config(0, 0, 1, 2).unwrap();
+        let request = master.create_sdo_request(config, 0x1018, 1, 4).unwrap();
+        // What the allocator left there is not shown.
+        assert_eq!(master.sdo_request_data(request), [0; 4]);
+        assert_eq!(master.sdo_request_state(request), Ok(RequestState::Unused));
+        assert_eq!(master.sdo_request_timeout(request, 500), Ok(()));
+
+        let value = [0x77, 2, 3, 4];
+        assert_eq!(master.sdo_request_write(request, &value), Ok(()));
+        assert_eq!(count(&master, Count::Written), 0x77);
+        assert_eq!(master.sdo_request_write(request, &value), Err(Errno::EBUSY));
+        assert_eq!(master.sdo_request_read(request), Err(Errno::EBUSY));
+        assert_eq!(master.sdo_request_index(request, 0x1018, 2), Err(Errno::EBUSY));
+        assert_eq!(master.sdo_request_state(request), Ok(RequestState::Busy));
+        assert_eq!(master.sdo_request_state(request), Ok(RequestState::Success));
+        assert_eq!(master.sdo_request_index(request, 0x1018, 2), Ok(()));
+
+        assert_eq!(master.sdo_request_read(request), Ok(()));
+        assert_eq!(master.sdo_request_state(request), Ok(RequestState::Busy));
+        assert_eq!(master.sdo_request_state(request), Ok(RequestState::Success));
+        assert_eq!(master.sdo_request_data(request), [0xcd, 0xab]);
+        // The library would now write two bytes of the four.
+        assert_eq!(master.sdo_request_write(request, &value), Err(Errno::EMSGSIZE));
+        assert_eq!(master.sdo_request_write(request, &[0x77, 2]), Ok(()));
+    });
+}
+
+#[test]
+fn a_register_request_reads() {
+    on_each_release(|mut master, _| {
+        let config = master.slave_config(0, 0, 1, 2).unwrap();
+        let request = master.create_reg_request(config, 2).unwrap();
+        assert_eq!(master.reg_request_data(request), [0; 2]);
+        assert_eq!(master.reg_request_read(request, 0x134, 3), Err(Errno::EMSGSIZE));
+        assert_eq!(master.reg_request_read(request, 0x134, 2), Ok(()));
+        assert_eq!(master.reg_request_read(request, 0x134, 2), Err(Errno::EBUSY));
+        assert_eq!(master.reg_request_state(request), Ok(RequestState::Busy));
+        assert_eq!(master.reg_request_state(request), Ok(RequestState::Success));
+        assert_eq!(master.reg_request_data(request), [0x34, 0x01]);
+    });
+}
+
+#[test]
+fn what_1_6_reports_is_an_error_and_what_1_5_leaves_behind_is_not() {
+    for (macros, expected) in RELEASES.into_iter().zip([Ok(()), Err(Errno::EINTR)]) {
+        let Some(fake) = Fake::build(macros) else {
+            return;
+        };
+        // Master 7 reports EINTR where it can. The silent functions of the other release leave
+        // -EIO where a return value would be.
+        let mut master = fake.load().request_master(7).unwrap();
+        let config = master.slave_config(0, 0, 1, 2).unwrap();
+        let domain = master.create_domain().unwrap();
+        master.activate().unwrap();
+        assert_eq!(master.send(), expected);
+        assert_eq!(master.receive(), expected);
+        assert_eq!(master.domain_process(domain), expected);
+        assert_eq!(master.domain_queue(domain), expected);
+        assert_eq!(master.domain_state(domain).map(drop), expected);
+        assert_eq!(master.state().map(drop), expected);
+        assert_eq!(master.config_state(config).map(drop), expected);
+        assert_eq!(master.application_time(1), expected);
+        assert_eq!(master.sync_reference_clock(), expected);
+        assert_eq!(master.sync_slave_clocks(), expected);
+        assert_eq!(master.sync_monitor_queue(), expected);
+        assert_eq!(master.sync_monitor_process(), Err(Errno::EIO));
+        assert_eq!(master.config_watchdog(config, 1, 1), expected);
+        assert_eq!(master.config_dc(config, 0, 0, 0, 0, 0), expected);
+        assert_eq!(master.config_pdo_assign_clear(config, 2), expected);
+        assert_eq!(master.config_pdo_mapping_clear(config, 0x1600), expected);
+        assert_eq!(master.deactivate(), expected);
+        // Reported or not, the handles are gone.
+        assert_eq!(master.domain_queue(domain), Err(Errno::EBADF));
+    }
+}
+
+#[test]
+fn a_master_is_released_once_and_a_foreign_one_never() {
+    on_each_release(|mut watcher, _| {
+        let ecrt = watcher.ecrt().clone();
+        drop(ecrt.request_master(1).unwrap());
+        let opened = ecrt.open_master(1).unwrap();
+        assert!(!opened.reserved());
+        drop(opened);
+        assert_eq!(count(&watcher, Count::Released), 2);
+
+        // The application's own master.
+        // SAFETY: the fake is loaded, and has these functions with these types.
+        let (raw, activate, release) = unsafe {
+            let path = match ecrt.origin() {
+                ecrt_sys::Origin::Library { path, .. } => path.clone(),
+                ecrt_sys::Origin::Simulated { .. } => unreachable!(),
+            };
+            let library = libloading::os::unix::Library::new(path).unwrap();
+            type Master = *mut ecrt_sys::ec_master_t;
+            let request: extern "C" fn(u32) -> Master =
+                *library.get(b"ecrt_request_master").unwrap();
+            let activate: extern "C" fn(Master) -> i32 =
+                *library.get(b"ecrt_master_activate").unwrap();
+            let release: extern "C" fn(Master) = *library.get(b"ecrt_release_master").unwrap();
+            (request(3), activate, release)
+        };
+        // SAFETY: the master is of the same library and outlives the handle.
+        let mut foreign = unsafe { Master::from_raw(ecrt.clone(), raw) }.unwrap();
+        assert!(foreign.is_foreign() && foreign.reserved());
+        let domain = foreign.create_domain().unwrap();
+        for refused in [
+            foreign.activate(),
+            foreign.deactivate(),
+            foreign.send(),
+            foreign.receive(),
+            foreign.set_send_interval(1000),
+        ] {
+            assert_eq!(refused, Err(Errno::EPERM));
+        }
+        // Too early: what the library answers then is no address.
+        assert_eq!(foreign.refresh_domain_data(), Err(Errno::EAGAIN));
+        assert!(foreign.domain_data(domain).is_empty());
+        assert_eq!(activate(raw), 0);
+        assert_eq!(foreign.refresh_domain_data(), Ok(()));
+        assert_eq!(foreign.domain_data(domain).len(), 16);
+        assert_eq!(foreign.domain_queue(domain), Ok(()));
+        drop(foreign);
+        assert_eq!(count(&watcher, Count::Released), 2);
+        release(raw);
+        assert_eq!(count(&watcher, Count::Released), 3);
+
+        // SAFETY: null is refused, nothing is used.
+        let null = unsafe { Master::from_raw(ecrt, std::ptr::null_mut()) };
+        assert_eq!(null.map(drop).unwrap_err(), Errno::EINVAL);
+        assert!(watcher.create_domain().is_ok());
+    });
+}
+
+#[test]
+fn a_null_carries_the_error_number_of_the_library() {
+    on_each_release(|mut master, _| {
+        for _ in 0..4 {
+            master.create_domain().unwrap();
+        }
+        assert_eq!(master.create_domain(), Err(Errno::EPERM));
+    });
+}
+
+#[test]
+fn a_master_may_move_to_another_thread() {
+    on_each_release(|mut master, _| {
+        let domain = master.create_domain().unwrap();
+        master.activate().unwrap();
+        let master = std::thread::spawn(move || {
+            master.receive().unwrap();
+            master
+        })
+        .join()
+        .unwrap();
+        assert_eq!(master.domain_data(domain)[8], 1);
+    });
+}
