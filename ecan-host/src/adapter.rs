@@ -1,0 +1,363 @@
+//! The Adapter's life: open or attach, configure, activate, reconfigure, close.
+
+use std::fmt;
+use std::ops::Range;
+
+use ecan_protocol::Direction;
+use ecrt_sys::{Clock, DomainId, Ecrt, Master, RegRequestId, SlaveConfigId};
+
+use crate::capacity::Capacity;
+use crate::config::{AdapterConfig, Identity, SlaveSettings};
+use crate::cycle::DomainReport;
+use crate::diagnostics::Diagnostics;
+use crate::error::Error;
+use crate::identification;
+use crate::mapping;
+use crate::startup::{StartupStep, startup_list};
+
+/// Where an [`Adapter`] is in its life.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// Nothing is configured: a reconfiguration failed half way. Only
+    /// [`Adapter::reconfigure`] and dropping are left.
+    Down,
+    /// Slaves, domains and startup SDOs are configured; requests may be created.
+    Configured,
+    /// The master runs cyclically; the process images exist.
+    Active,
+}
+
+impl fmt::Display for Phase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Down => "down",
+            Self::Configured => "configured",
+            Self::Active => "active",
+        })
+    }
+}
+
+/// A configured slave and its place in the master.
+#[derive(Debug)]
+pub(crate) struct Slave {
+    pub(crate) config: SlaveConfigId,
+    pub(crate) domain: DomainId,
+    pub(crate) identity: Identity,
+    pub(crate) capacity: Capacity,
+    pub(crate) rx: Range<usize>,
+    pub(crate) tx: Range<usize>,
+    pub(crate) report: DomainReport,
+    /// Reads the AL status code register, for the report of a slave that does not reach OP.
+    pub(crate) al_status: RegRequestId,
+}
+
+/// The master side of one or more ECAN-Lite gateways (manual 15.1, "Adapter").
+///
+/// Belongs to one thread at a time. Dropping it releases the master, also after an error.
+#[derive(Debug)]
+pub struct Adapter {
+    pub(crate) ecrt: Ecrt,
+    pub(crate) master: Master,
+    pub(crate) diagnostics: Diagnostics,
+    pub(crate) config: AdapterConfig,
+    pub(crate) slaves: Vec<Slave>,
+    pub(crate) phase: Phase,
+    attached: bool,
+}
+
+impl Adapter {
+    /// Checks the configuration, reserves the master, finds and identifies the gateways, writes
+    /// their startup SDOs once in PREOP (so that a refusal is reported with its abort code),
+    /// registers them for every later reconfiguration, and sets up one domain per slave.
+    ///
+    /// Blocks, for seconds where slaves are still being scanned. The bus is not cyclic yet:
+    /// [`activate`](Self::activate) or [`wait_op`](Self::wait_op) starts it.
+    ///
+    /// # Errors
+    /// Any [`Error`]; the master is released.
+    pub fn open(ecrt: &Ecrt, config: AdapterConfig) -> Result<Self, Error> {
+        config.check()?;
+        let master = ecrt.request_master(config.master_index)?;
+        Self::build(ecrt, master, config, false)
+    }
+
+    /// Adds gateways to a master that the application runs itself, for its other slaves on the
+    /// same bus.
+    ///
+    /// `master` wraps the owner's handle (`ecrt_sys::Master::from_raw`). The Adapter adds slaves
+    /// and domains to it; requesting, activating, sending and receiving stay with the owner, who
+    /// calls [`owner_activated`](Self::owner_activated) after `ecrt_master_activate`, then in each
+    /// cycle [`receive`](Self::receive) after its `ecrt_master_receive` and [`send`](Self::send)
+    /// before its `ecrt_master_send`.
+    ///
+    /// # Errors
+    /// Any [`Error`]; the owner's handle stays as it is, with what was added until then.
+    pub fn attach(ecrt: &Ecrt, master: Master, config: AdapterConfig) -> Result<Self, Error> {
+        config.check()?;
+        Self::build(ecrt, master, config, true)
+    }
+
+    fn build(
+        ecrt: &Ecrt,
+        master: Master,
+        config: AdapterConfig,
+        attached: bool,
+    ) -> Result<Self, Error> {
+        let diagnostics = Diagnostics::open(ecrt, config.master_index, Vec::new())?;
+        let mut adapter = Self {
+            ecrt: ecrt.clone(),
+            master,
+            diagnostics,
+            config,
+            slaves: Vec::new(),
+            phase: Phase::Down,
+            attached,
+        };
+        adapter.configure()?;
+        Ok(adapter)
+    }
+
+    /// From PREOP slaves to a configured master.
+    fn configure(&mut self) -> Result<(), Error> {
+        let clock = self.ecrt.clock().as_ref();
+        let positions = identification::wait_for_slaves(&self.diagnostics, clock, &self.config)?;
+        self.diagnostics.set_positions(positions);
+        let settings = std::mem::take(&mut self.config.slaves);
+        let result = settings
+            .iter()
+            .enumerate()
+            .map(|(index, slave)| self.configure_slave(index, slave))
+            .collect::<Result<Vec<Slave>, Error>>();
+        self.config.slaves = settings;
+        self.slaves = result?;
+        self.phase = Phase::Configured;
+        Ok(())
+    }
+
+    fn configure_slave(&mut self, slave: usize, settings: &SlaveSettings) -> Result<Slave, Error> {
+        let identity = identification::identify(&self.diagnostics, slave, settings)?;
+        let steps = startup_list(settings);
+        self.run_startup(slave, &steps)?;
+        let (rx_n, tx_n) = (settings.rx_multiplier, settings.tx_multiplier);
+        let rx_units = mapping::read_mapping(&self.diagnostics, slave, Direction::RxPdo, rx_n)?;
+        let tx_units = mapping::read_mapping(&self.diagnostics, slave, Direction::TxPdo, tx_n)?;
+
+        let fail = |call| move |errno| Error::library(call, Some(slave), errno);
+        let master = &mut self.master;
+        let config = master
+            .slave_config(
+                settings.alias,
+                settings.position,
+                identity.vendor_id,
+                identity.product_code,
+            )
+            .map_err(fail("ecrt_master_slave_config"))?;
+        mapping::configure(master, slave, config, Direction::RxPdo, &rx_units)?;
+        mapping::configure(master, slave, config, Direction::TxPdo, &tx_units)?;
+        for step in &steps {
+            if let StartupStep::Download(sdo) = step {
+                let (bytes, length) = sdo.bytes();
+                master
+                    .config_sdo(config, sdo.index, sdo.subindex, &bytes[..length])
+                    .map_err(fail("ecrt_slave_config_sdo"))?;
+            }
+        }
+        if let Some(dc) = self.config.dc {
+            let shift = i32::try_from(dc.shift_ns).unwrap_or(i32::MAX);
+            master
+                .config_dc(config, dc.assign_activate, dc.cycle_ns, shift, 0, 0)
+                .map_err(fail("ecrt_slave_config_dc"))?;
+        }
+        let domain = master.create_domain().map_err(fail("ecrt_master_create_domain"))?;
+        let rx_start = mapping::register(master, slave, config, domain, &rx_units)?;
+        let tx_start = mapping::register(master, slave, config, domain, &tx_units)?;
+        let al_status = master
+            .create_reg_request(config, 2)
+            .map_err(fail("ecrt_slave_config_create_reg_request"))?;
+        let capacity = Capacity::new(rx_n, tx_n);
+        Ok(Slave {
+            config,
+            domain,
+            identity,
+            capacity,
+            rx: rx_start..rx_start + capacity.rx_bytes,
+            tx: tx_start..tx_start + capacity.tx_bytes,
+            report: DomainReport::default(),
+            al_status,
+        })
+    }
+
+    /// Runs the startup steps with blocking transfers.
+    pub(crate) fn run_startup(&self, slave: usize, steps: &[StartupStep]) -> Result<(), Error> {
+        for step in steps {
+            match step {
+                StartupStep::Download(sdo) => {
+                    let (bytes, length) = sdo.bytes();
+                    let data = &bytes[..length];
+                    self.diagnostics.sdo_download(slave, sdo.index, sdo.subindex, data)?;
+                }
+                StartupStep::Expect { index, subindex, expected } => {
+                    let (index, subindex, expected) = (*index, *subindex, *expected);
+                    let found = self.diagnostics.sdo_upload_u32(slave, index, subindex)?;
+                    if !expected.is_met_by(found) {
+                        return Err(Error::Readback { slave, index, subindex, expected, found });
+                    }
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Starts cyclic operation: from here the application calls [`receive`](Self::receive) and
+    /// [`send`](Self::send) every cycle, also while the slaves are still on their way to OP.
+    ///
+    /// # Errors
+    /// A wrong phase, an attached master, or the library's error.
+    pub fn activate(&mut self) -> Result<(), Error> {
+        self.need_owned("activate")?;
+        self.need_phase("activate", Phase::Configured)?;
+        let cycle_us = self.config.cycle_ns / 1_000;
+        self.master
+            .set_send_interval(cycle_us as usize)
+            .map_err(|e| Error::library("ecrt_master_set_send_interval", None, e))?;
+        if self.config.dc.is_some() {
+            let now = self.ecrt.clock().now_ns();
+            self.master
+                .application_time(now)
+                .map_err(|e| Error::library("ecrt_master_application_time", None, e))?;
+        }
+        self.master.activate().map_err(|e| Error::library("ecrt_master_activate", None, e))?;
+        self.phase = Phase::Active;
+        Ok(())
+    }
+
+    /// Tells an attached Adapter that the owner has activated the master.
+    ///
+    /// # Errors
+    /// A wrong phase, an Adapter that is not attached, or a domain without data.
+    pub fn owner_activated(&mut self) -> Result<(), Error> {
+        if !self.attached {
+            return self.activate();
+        }
+        self.need_phase("owner_activated", Phase::Configured)?;
+        self.master
+            .refresh_domain_data()
+            .map_err(|e| Error::library("ecrt_domain_data", None, e))?;
+        self.phase = Phase::Active;
+        Ok(())
+    }
+
+    /// Leaves cyclic operation, takes another configuration and applies it (manual 14.2): the
+    /// way to switch N at run time. The slaves go down to PREOP, are configured anew and wait for
+    /// [`activate`](Self::activate) or [`wait_op`](Self::wait_op). Requests must be created anew.
+    ///
+    /// # Errors
+    /// A faulty configuration changes nothing. After any other error the Adapter is
+    /// [`Phase::Down`] and takes another `reconfigure`, for instance with the old configuration.
+    pub fn reconfigure(&mut self, config: AdapterConfig) -> Result<(), Error> {
+        self.need_owned("reconfigure")?;
+        config.check()?;
+        let was_active = self.phase == Phase::Active;
+        self.phase = Phase::Down;
+        self.slaves.clear();
+        if was_active {
+            let failed = |e| Error::library("ecrt_master_deactivate", None, e);
+            self.master.deactivate().map_err(failed)?;
+        } else {
+            self.request_anew()?;
+        }
+        self.config = config;
+        self.configure()
+    }
+
+    /// Only releasing the master throws away a configuration that was never activated.
+    fn request_anew(&mut self) -> Result<(), Error> {
+        let index = self.config.master_index;
+        self.master = self.ecrt.open_master(index)?;
+        self.master = self.ecrt.request_master(index)?;
+        Ok(())
+    }
+
+    /// Where the Adapter is in its life.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Whether the master belongs to someone else.
+    pub fn is_attached(&self) -> bool {
+        self.attached
+    }
+
+    /// Whether the bus is simulated.
+    pub fn is_simulated(&self) -> bool {
+        self.ecrt.is_simulated()
+    }
+
+    /// The loaded library.
+    pub fn ecrt(&self) -> &Ecrt {
+        &self.ecrt
+    }
+
+    /// The time base that the master lives in.
+    pub fn clock(&self) -> &dyn Clock {
+        self.ecrt.clock().as_ref()
+    }
+
+    /// The configuration in force.
+    pub fn config(&self) -> &AdapterConfig {
+        &self.config
+    }
+
+    /// Number of configured slaves.
+    pub fn slave_count(&self) -> usize {
+        self.config.slaves.len()
+    }
+
+    /// Identity of a slave as found on the bus.
+    ///
+    /// # Errors
+    /// An index out of range.
+    pub fn identity(&self, slave: usize) -> Result<Identity, Error> {
+        Ok(self.slave(slave)?.identity)
+    }
+
+    /// Datagram layout of a slave.
+    ///
+    /// # Errors
+    /// An index out of range.
+    pub fn capacity(&self, slave: usize) -> Result<Capacity, Error> {
+        Ok(self.slave(slave)?.capacity)
+    }
+
+    /// State and blocking SDO transfers, before and after activation. Not for the cycle.
+    pub fn diagnostics(&self) -> &Diagnostics {
+        &self.diagnostics
+    }
+
+    /// Another diagnostics handle, to be moved to another thread.
+    ///
+    /// # Errors
+    /// The master cannot be opened.
+    pub fn open_diagnostics(&self) -> Result<Diagnostics, Error> {
+        let positions = (0..self.slave_count())
+            .map(|slave| self.diagnostics.position(slave))
+            .collect::<Result<Vec<u16>, Error>>()?;
+        Diagnostics::open(&self.ecrt, self.config.master_index, positions)
+    }
+
+    pub(crate) fn slave(&self, slave: usize) -> Result<&Slave, Error> {
+        self.slaves.get(slave).ok_or(Error::SlaveIndex { slave, count: self.slaves.len() })
+    }
+
+    pub(crate) fn need_phase(&self, call: &'static str, needed: Phase) -> Result<(), Error> {
+        if self.phase == needed {
+            Ok(())
+        } else {
+            Err(Error::Phase { call, needed, is: self.phase })
+        }
+    }
+
+    fn need_owned(&self, call: &'static str) -> Result<(), Error> {
+        if self.attached { Err(Error::Attached { call }) } else { Ok(()) }
+    }
+}

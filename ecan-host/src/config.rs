@@ -1,0 +1,125 @@
+//! What the Adapter is told: plain data, checked as a whole by [`AdapterConfig::check`].
+
+use std::fmt;
+
+use crate::startup::StartupStep;
+
+/// Vendor id and product code of a slave (object 0x1018).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Identity {
+    /// Vendor id, 0x1018:01.
+    pub vendor_id: u32,
+    /// Product code, 0x1018:02.
+    pub product_code: u32,
+}
+
+impl fmt::Display for Identity {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "vendor 0x{:08X} product 0x{:08X}", self.vendor_id, self.product_code)
+    }
+}
+
+/// Distributed clocks with Sync0 (manual 8.4, 15.6).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct DcSync {
+    /// Sync0 period in nanoseconds; a whole multiple of the cycle, normally the cycle itself.
+    pub cycle_ns: u32,
+    /// Phase of Sync0 against the start of the period, in nanoseconds, below `cycle_ns`.
+    ///
+    /// Outputs must have arrived before it (manual 15.6.1 lists proven values, 16.1 what happens
+    /// when it is too small).
+    pub shift_ns: u32,
+    /// AssignActivate word of the slave. The manual does not name it; see docs/ASSUMPTIONS.md.
+    pub assign_activate: u16,
+}
+
+impl DcSync {
+    /// Sync0 once per `cycle_ns`, `shift_ns` after its start.
+    pub fn new(cycle_ns: u32, shift_ns: u32) -> Self {
+        Self { cycle_ns, shift_ns, assign_activate: 0x0300 }
+    }
+}
+
+/// One gateway on the bus.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SlaveSettings {
+    /// Station alias that `position` counts from; 0 counts from the start of the bus.
+    pub alias: u16,
+    /// Ring position, relative to the slave that has `alias`.
+    pub position: u16,
+    /// Size of the RxPDO (master to slave) in chunks of 128 bytes, the manual's N (5.2).
+    pub rx_multiplier: u8,
+    /// Size of the TxPDO (slave to master) in chunks of 128 bytes.
+    pub tx_multiplier: u8,
+    /// A fixed identity. `None` takes the identity of the slave found at the position and checks
+    /// by content that it is an ECAN-Lite.
+    pub identity: Option<Identity>,
+    /// What is written after the PDO assignment, in order, at every (re)configuration.
+    pub startup: Vec<StartupStep>,
+}
+
+impl SlaveSettings {
+    /// The slave at `position`, counted from the start of the bus, with N = `multiplier` both ways.
+    pub fn at(position: u16, multiplier: u8) -> Self {
+        Self {
+            alias: 0,
+            position,
+            rx_multiplier: multiplier,
+            tx_multiplier: multiplier,
+            identity: None,
+            startup: Vec::new(),
+        }
+    }
+}
+
+/// The whole configuration of an [`Adapter`](crate::Adapter).
+///
+/// Plain data: build it, change it, [`check`](Self::check) it as often as needed; nothing touches
+/// the bus before [`Adapter::open`](crate::Adapter::open).
+#[derive(Debug, Clone, PartialEq)]
+pub struct AdapterConfig {
+    /// Index of the EtherCAT master, 0 for `/dev/EtherCAT0`.
+    pub master_index: u32,
+    /// The gateways; their index here is the slave index in every call.
+    pub slaves: Vec<SlaveSettings>,
+    /// Period of the application's cycle in nanoseconds.
+    pub cycle_ns: u32,
+    /// Distributed clocks with Sync0; `None` runs synchronous to process data ("SM/free").
+    pub dc: Option<DcSync>,
+    /// States that the installed master carries process data of more than one datagram per sync
+    /// manager. Without it N is limited to 11 per direction.
+    pub allow_large_pdos: bool,
+    /// How long the slaves may take to answer in PREOP, in milliseconds, before `open` and
+    /// `reconfigure` give up.
+    pub preop_timeout_ms: u32,
+}
+
+impl AdapterConfig {
+    /// `count` slaves from position 0 on, N = 3 (384 bytes, classic CAN, manual 5.2) and the
+    /// manual's first cycle of 10 ms (15.5.2).
+    pub fn new(count: u16) -> Self {
+        Self {
+            master_index: 0,
+            slaves: (0..count).map(|p| SlaveSettings::at(p, 3)).collect(),
+            cycle_ns: 10_000_000,
+            dc: None,
+            allow_large_pdos: false,
+            preop_timeout_ms: 10_000,
+        }
+    }
+
+    /// Sets N of both directions on every slave.
+    pub fn with_multiplier(mut self, multiplier: u8) -> Self {
+        for slave in &mut self.slaves {
+            slave.rx_multiplier = multiplier;
+            slave.tx_multiplier = multiplier;
+        }
+        self
+    }
+
+    /// Sets the cycle in microseconds.
+    pub fn with_cycle_us(mut self, cycle_us: u32) -> Self {
+        self.cycle_ns = cycle_us.saturating_mul(1_000);
+        self
+    }
+}

@@ -1,0 +1,256 @@
+//! The check of a configuration before anything touches the bus: every fault, not the first.
+
+use std::fmt;
+
+use ecan_protocol::MAX_MULTIPLIER;
+use thiserror::Error;
+
+use crate::capacity::{self, Capacity, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
+use crate::config::{AdapterConfig, SlaveSettings};
+
+/// Shortest cycle that is accepted, in nanoseconds.
+const MIN_CYCLE_NS: u32 = 100_000;
+/// Longest cycle that is accepted, in nanoseconds: the default watchdog of a slave is 100 ms.
+const MAX_CYCLE_NS: u32 = 100_000_000;
+
+/// One thing that is wrong with an [`AdapterConfig`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum ConfigFault {
+    /// The configuration names no slave.
+    #[error("no slave is configured")]
+    NoSlaves,
+    /// Two entries name the same place on the bus.
+    #[error("slaves {first} and {second} are the same: alias {alias}, position {position}")]
+    SamePlace {
+        /// Index of the first entry.
+        first: usize,
+        /// Index of the second entry.
+        second: usize,
+        /// Their alias.
+        alias: u16,
+        /// Their position.
+        position: u16,
+    },
+    /// N outside the gateway's range.
+    #[error("slave {slave}: {pdo} size N = {multiplier} is outside 1..{MAX_MULTIPLIER}")]
+    Multiplier {
+        /// Slave index.
+        slave: usize,
+        /// "RxPDO" or "TxPDO".
+        pdo: &'static str,
+        /// The N asked for.
+        multiplier: u8,
+    },
+    /// N that one datagram cannot carry, without the permission for it.
+    #[error(
+        "slave {slave}: {pdo} size N = {multiplier} needs {} bytes, but the IgH master puts a sync \
+         manager into one datagram of at most {MAX_DATAGRAM_BYTES} bytes, so N is at most \
+         {MAX_PLAIN_MULTIPLIER}; a larger one would activate and then block the whole bus. Set the \
+         large-PDO permission only if the installed master segments process data",
+        usize::from(*multiplier) * 128
+    )]
+    LargePdo {
+        /// Slave index.
+        slave: usize,
+        /// "RxPDO" or "TxPDO".
+        pdo: &'static str,
+        /// The N asked for.
+        multiplier: u8,
+    },
+    /// Cycle outside what a slave and the master can hold.
+    #[error(
+        "cycle of {} us is outside {}..{} us",
+        cycle_ns / 1000, MIN_CYCLE_NS / 1000, MAX_CYCLE_NS / 1000
+    )]
+    Cycle {
+        /// The cycle asked for, in nanoseconds.
+        cycle_ns: u32,
+    },
+    /// The process data leave no room for mailbox traffic, so that no slave would ever reach OP.
+    #[error(
+        "process data of {needed} bytes per cycle with mailbox do not fit a cycle of {} us, which \
+         carries {available} bytes: use a smaller N or a longer cycle", cycle_ns / 1000
+    )]
+    Bandwidth {
+        /// Bytes needed per cycle, with one mailbox transfer.
+        needed: usize,
+        /// Bytes that the cycle carries.
+        available: usize,
+        /// The cycle, in nanoseconds.
+        cycle_ns: u32,
+    },
+    /// Sync0 period that is no multiple of the cycle.
+    #[error(
+        "Sync0 period of {} us is not a whole multiple of the cycle of {} us",
+        sync0_ns / 1000, cycle_ns / 1000
+    )]
+    Sync0Cycle {
+        /// The Sync0 period, in nanoseconds.
+        sync0_ns: u32,
+        /// The cycle, in nanoseconds.
+        cycle_ns: u32,
+    },
+    /// Sync0 shift at or beyond its period.
+    #[error(
+        "Sync0 shift of {} us is not below its period of {} us", shift_ns / 1000, sync0_ns / 1000
+    )]
+    Sync0Shift {
+        /// The shift, in nanoseconds.
+        shift_ns: u32,
+        /// The Sync0 period, in nanoseconds.
+        sync0_ns: u32,
+    },
+    /// A fixed identity with an empty half.
+    #[error("slave {slave}: identity needs both a vendor id and a product code, neither 0")]
+    Identity {
+        /// Slave index.
+        slave: usize,
+    },
+    /// A startup step that writes what the Adapter itself manages.
+    #[error(
+        "slave {slave}: startup step {step} writes the PDO assignment 0x{index:04X}, which the \
+         Adapter writes itself from N"
+    )]
+    StartupAssignment {
+        /// Slave index.
+        slave: usize,
+        /// Index of the step.
+        step: usize,
+        /// 0x1C12 or 0x1C13.
+        index: u16,
+    },
+}
+
+/// Every fault of a configuration, in the order of the configuration's fields.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ConfigFaults(pub Vec<ConfigFault>);
+
+impl fmt::Display for ConfigFaults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.as_slice() {
+            [one] => write!(f, "{one}"),
+            all => {
+                write!(f, "{} faults in the configuration", all.len())?;
+                all.iter().try_for_each(|fault| write!(f, "\n  - {fault}"))
+            }
+        }
+    }
+}
+
+impl std::error::Error for ConfigFaults {}
+
+impl AdapterConfig {
+    /// Checks the whole configuration without touching the bus.
+    ///
+    /// # Errors
+    /// Every fault found.
+    pub fn check(&self) -> Result<(), ConfigFaults> {
+        let mut faults = Vec::new();
+        if self.slaves.is_empty() {
+            faults.push(ConfigFault::NoSlaves);
+        }
+        for (index, slave) in self.slaves.iter().enumerate() {
+            self.check_slave(index, slave, &mut faults);
+        }
+        self.check_cycle(&mut faults);
+        if faults.is_empty() { Ok(()) } else { Err(ConfigFaults(faults)) }
+    }
+
+    fn check_slave(&self, index: usize, slave: &SlaveSettings, faults: &mut Vec<ConfigFault>) {
+        let earlier = self.slaves.iter().take(index).enumerate();
+        for (first, other) in earlier {
+            if (other.alias, other.position) == (slave.alias, slave.position) {
+                faults.push(ConfigFault::SamePlace {
+                    first,
+                    second: index,
+                    alias: slave.alias,
+                    position: slave.position,
+                });
+            }
+        }
+        for (pdo, multiplier) in [("RxPDO", slave.rx_multiplier), ("TxPDO", slave.tx_multiplier)] {
+            if multiplier == 0 || multiplier > MAX_MULTIPLIER {
+                faults.push(ConfigFault::Multiplier { slave: index, pdo, multiplier });
+            } else if multiplier > MAX_PLAIN_MULTIPLIER && !self.allow_large_pdos {
+                faults.push(ConfigFault::LargePdo { slave: index, pdo, multiplier });
+            }
+        }
+        if slave.identity.is_some_and(|id| id.vendor_id == 0 || id.product_code == 0) {
+            faults.push(ConfigFault::Identity { slave: index });
+        }
+        for (step, startup) in slave.startup.iter().enumerate() {
+            let object = startup.object().0;
+            if startup.is_download() && (object == 0x1C12 || object == 0x1C13) {
+                faults.push(ConfigFault::StartupAssignment { slave: index, step, index: object });
+            }
+        }
+    }
+
+    fn check_cycle(&self, faults: &mut Vec<ConfigFault>) {
+        if !(MIN_CYCLE_NS..=MAX_CYCLE_NS).contains(&self.cycle_ns) {
+            faults.push(ConfigFault::Cycle { cycle_ns: self.cycle_ns });
+            return;
+        }
+        let needed = capacity::bytes_with_mailbox(
+            self.slaves.iter().map(|s| Capacity::new(s.rx_multiplier, s.tx_multiplier)),
+        );
+        let available = capacity::bytes_per_cycle(self.cycle_ns);
+        if needed > available {
+            faults.push(ConfigFault::Bandwidth { needed, available, cycle_ns: self.cycle_ns });
+        }
+        if let Some(dc) = self.dc {
+            if dc.cycle_ns == 0 || dc.cycle_ns % self.cycle_ns != 0 {
+                faults.push(ConfigFault::Sync0Cycle {
+                    sync0_ns: dc.cycle_ns,
+                    cycle_ns: self.cycle_ns,
+                });
+            }
+            if dc.shift_ns >= dc.cycle_ns {
+                faults
+                    .push(ConfigFault::Sync0Shift { shift_ns: dc.shift_ns, sync0_ns: dc.cycle_ns });
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::DcSync;
+
+    #[test]
+    fn the_default_is_sound() {
+        assert_eq!(AdapterConfig::new(1).check(), Ok(()));
+        assert_eq!(AdapterConfig::new(3).with_multiplier(11).check(), Ok(()));
+    }
+
+    #[test]
+    fn every_fault_is_reported() {
+        let mut config = AdapterConfig::new(3).with_cycle_us(1_000);
+        config.slaves[0].rx_multiplier = 0;
+        config.slaves[1].tx_multiplier = 12;
+        config.slaves[2].position = 1;
+        config.dc = Some(DcSync::new(1_500_000, 1_500_000));
+        let faults = config.check().unwrap_err().0;
+        assert_eq!(faults.len(), 5, "{faults:?}");
+    }
+
+    #[test]
+    fn twelve_chunks_are_refused_with_the_reason_and_allowed_by_permission() {
+        let mut config = AdapterConfig::new(1).with_multiplier(12);
+        let text = config.check().unwrap_err().to_string();
+        assert!(text.contains("1536 bytes") && text.contains("1486"), "{text}");
+        config.allow_large_pdos = true;
+        assert_eq!(config.check(), Ok(()));
+    }
+
+    #[test]
+    fn process_data_must_leave_room_for_the_mailbox() {
+        let config = AdapterConfig::new(3).with_multiplier(11).with_cycle_us(500);
+        assert!(matches!(
+            config.check().unwrap_err().0.as_slice(),
+            [ConfigFault::Bandwidth { .. }]
+        ));
+    }
+}

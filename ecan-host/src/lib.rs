@@ -1,0 +1,40 @@
+//! The Adapter: everything between an application and an EtherCAT bus with ECAN-Lite gateways on
+//! it, short of CAN itself.
+//!
+//! [`Adapter::open`] takes a loaded master library and a plain [`AdapterConfig`], checks it as a
+//! whole, finds the gateways, maps their PDO chunks into one domain each, sends the startup SDOs
+//! and leaves a bus that only waits for [`Adapter::activate`]. In the cycle [`Adapter::receive`]
+//! and [`Adapter::send`] exchange the process images (manual 15.5).
+//!
+//! Nothing here starts a thread or sleeps in the data path: the application owns the cycle.
+#![deny(missing_docs)]
+#![forbid(unsafe_code)]
+
+mod adapter;
+mod capacity;
+mod config;
+mod config_check;
+mod cycle;
+mod diagnostics;
+mod error;
+mod identification;
+mod mapping;
+mod operation;
+mod process_image;
+mod requests;
+mod startup;
+
+pub use adapter::{Adapter, Phase};
+pub use capacity::{Capacity, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
+pub use config::{AdapterConfig, DcSync, Identity, SlaveSettings};
+pub use config_check::{ConfigFault, ConfigFaults};
+pub use cycle::{CycleError, Delivery, DomainReport};
+pub use diagnostics::Diagnostics;
+pub use error::{Error, SdoDirection, value_words};
+pub use operation::{FailedSdo, NotOperational, SlaveReport};
+pub use requests::RequestId;
+pub use startup::{Expectation, StartupStep};
+
+pub use ecrt_sys::{
+    Clock, Ecrt, Errno, LinkState, Master, MasterState, RequestState, SlaveConfigState, WcState,
+};

@@ -1,0 +1,123 @@
+//! PDO chunks of a slave: reading what it really maps, and registering it with the master.
+
+use ecan_protocol::{
+    Direction, UNIT_BYTES, UNITS_PER_CHUNK, data_object_index, map_subindex, pdo_map_index,
+    sync_manager,
+};
+use ecrt_sys::{DomainId, Master, SlaveConfigId, SyncDirection, WatchdogMode};
+
+use crate::diagnostics::Diagnostics;
+use crate::error::Error;
+
+const UNIT_BITS: u8 = (UNIT_BYTES * 8) as u8;
+
+/// One mapped 16-byte object, with the subindex that the slave has for it: the manual leaves it
+/// open.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Unit {
+    pdo: u16,
+    index: u16,
+    subindex: u8,
+}
+
+/// Reads the mapping of the first `multiplier` chunks and checks it against manual 5.1.1.
+pub(crate) fn read_mapping(
+    diagnostics: &Diagnostics,
+    slave: usize,
+    direction: Direction,
+    multiplier: u8,
+) -> Result<Vec<Unit>, Error> {
+    let mut units = Vec::with_capacity(usize::from(multiplier) * UNITS_PER_CHUNK);
+    for chunk in 0..multiplier {
+        let pdo = pdo_map_index(direction, chunk);
+        let count = diagnostics.sdo_upload_u32(slave, pdo, 0)?;
+        if count != UNITS_PER_CHUNK as u32 {
+            return Err(Error::Mapping {
+                slave,
+                pdo,
+                entry: 0,
+                found_index: 0,
+                found_bits: u8::try_from(count).unwrap_or(u8::MAX),
+                expected_index: data_object_index(direction, chunk, 0),
+            });
+        }
+        for unit in 0..UNITS_PER_CHUNK as u8 {
+            let entry = map_subindex(unit);
+            let mapped = diagnostics.sdo_upload_u32(slave, pdo, entry)?.to_be_bytes();
+            let [high, low, subindex, found_bits] = mapped;
+            let found_index = u16::from_be_bytes([high, low]);
+            let expected_index = data_object_index(direction, chunk, unit);
+            if found_index != expected_index || found_bits != UNIT_BITS {
+                return Err(Error::Mapping {
+                    slave,
+                    pdo,
+                    entry,
+                    found_index,
+                    found_bits,
+                    expected_index,
+                });
+            }
+            units.push(Unit { pdo, index: found_index, subindex });
+        }
+    }
+    Ok(units)
+}
+
+/// Gives the master a direction's sync manager with its assignment and mapping.
+pub(crate) fn configure(
+    master: &mut Master,
+    slave: usize,
+    config: SlaveConfigId,
+    direction: Direction,
+    units: &[Unit],
+) -> Result<(), Error> {
+    let sm = sync_manager(direction);
+    let (sync_direction, watchdog) = match direction {
+        Direction::RxPdo => (SyncDirection::Output, WatchdogMode::Enable),
+        Direction::TxPdo => (SyncDirection::Input, WatchdogMode::Disable),
+    };
+    let fail = |call| move |errno| Error::library(call, Some(slave), errno);
+    master
+        .config_sync_manager(config, sm, sync_direction, watchdog)
+        .map_err(fail("ecrt_slave_config_sync_manager"))?;
+    master
+        .config_pdo_assign_clear(config, sm)
+        .map_err(fail("ecrt_slave_config_pdo_assign_clear"))?;
+    for chunk in units.chunk_by(|a, b| a.pdo == b.pdo) {
+        let Some(first) = chunk.first() else { continue };
+        master
+            .config_pdo_assign_add(config, sm, first.pdo)
+            .map_err(fail("ecrt_slave_config_pdo_assign_add"))?;
+        master
+            .config_pdo_mapping_clear(config, first.pdo)
+            .map_err(fail("ecrt_slave_config_pdo_mapping_clear"))?;
+        for unit in chunk {
+            master
+                .config_pdo_mapping_add(config, unit.pdo, unit.index, unit.subindex, UNIT_BITS)
+                .map_err(fail("ecrt_slave_config_pdo_mapping_add"))?;
+        }
+    }
+    Ok(())
+}
+
+/// Registers every unit in the domain and gives the offset of the continuous buffer.
+pub(crate) fn register(
+    master: &mut Master,
+    slave: usize,
+    config: SlaveConfigId,
+    domain: DomainId,
+    units: &[Unit],
+) -> Result<usize, Error> {
+    let mut start = None;
+    for (nth, unit) in units.iter().enumerate() {
+        let found = master
+            .config_reg_pdo_entry(config, unit.index, unit.subindex, domain)
+            .map_err(|e| Error::library("ecrt_slave_config_reg_pdo_entry", Some(slave), e))?;
+        let base = *start.get_or_insert(found);
+        let expected = base + nth * UNIT_BYTES;
+        if found != expected {
+            return Err(Error::Layout { slave, index: unit.index, found, expected });
+        }
+    }
+    Ok(start.unwrap_or(0))
+}

@@ -1,0 +1,95 @@
+//! SDO requests that run while the cycle goes on.
+
+use ecrt_sys::{RequestState, SdoRequestId};
+
+use crate::adapter::{Adapter, Phase};
+use crate::cycle::CycleError;
+use crate::error::Error;
+
+/// An SDO request of a slave, created by [`Adapter::create_sdo_request`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RequestId(SdoRequestId);
+
+fn fail(call: &'static str) -> impl Fn(ecrt_sys::Errno) -> CycleError {
+    move |errno| CycleError::Library { call, errno }
+}
+
+impl Adapter {
+    /// Creates a request for objects of up to `size` bytes. Its object is chosen with each
+    /// transfer, so one request serves many objects, one after the other.
+    ///
+    /// Only while [`Phase::Configured`]. Not for the cycle.
+    ///
+    /// # Errors
+    /// A wrong phase, an index out of range, or the library's error.
+    pub fn create_sdo_request(&mut self, slave: usize, size: usize) -> Result<RequestId, Error> {
+        self.need_phase("create_sdo_request", Phase::Configured)?;
+        let config = self.slave(slave)?.config;
+        let call = "ecrt_slave_config_create_sdo_request";
+        // The object is only a placeholder: each transfer names its own.
+        self.master
+            .create_sdo_request(config, 0xF000, 1, size)
+            .map(RequestId)
+            .map_err(|e| Error::library(call, Some(slave), e))
+    }
+
+    /// Sets how long a request may take, in milliseconds; 0 waits for ever. Real-time safe.
+    ///
+    /// # Errors
+    /// The library's error.
+    pub fn sdo_request_timeout(
+        &mut self,
+        id: RequestId,
+        timeout_ms: u32,
+    ) -> Result<(), CycleError> {
+        self.master.sdo_request_timeout(id.0, timeout_ms).map_err(fail("ecrt_sdo_request_timeout"))
+    }
+
+    /// Starts an upload. Real-time safe; the request must not be [`RequestState::Busy`].
+    ///
+    /// # Errors
+    /// The library's error.
+    pub fn sdo_request_read(
+        &mut self,
+        id: RequestId,
+        index: u16,
+        subindex: u8,
+    ) -> Result<(), CycleError> {
+        self.master
+            .sdo_request_index(id.0, index, subindex)
+            .map_err(fail("ecrt_sdo_request_index"))?;
+        self.master.sdo_request_read(id.0).map_err(fail("ecrt_sdo_request_read"))
+    }
+
+    /// Starts a download of `data`, whose length must be the size that the request was created
+    /// with: the library has no other way to tell the length. Real-time safe; the request must
+    /// not be [`RequestState::Busy`].
+    ///
+    /// # Errors
+    /// The library's error; another length is `EINVAL`.
+    pub fn sdo_request_write(
+        &mut self,
+        id: RequestId,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+    ) -> Result<(), CycleError> {
+        self.master
+            .sdo_request_index(id.0, index, subindex)
+            .map_err(fail("ecrt_sdo_request_index"))?;
+        self.master.sdo_request_write(id.0, data).map_err(fail("ecrt_sdo_request_write"))
+    }
+
+    /// How a request stands. Real-time safe.
+    ///
+    /// # Errors
+    /// The library's error.
+    pub fn sdo_request_state(&mut self, id: RequestId) -> Result<RequestState, CycleError> {
+        self.master.sdo_request_state(id.0).map_err(fail("ecrt_sdo_request_state"))
+    }
+
+    /// What an upload brought, once its state is [`RequestState::Success`]. Real-time safe.
+    pub fn sdo_request_data(&self, id: RequestId) -> &[u8] {
+        self.master.sdo_request_data(id.0)
+    }
+}
