@@ -1,0 +1,57 @@
+//! Batches, for bring-up, test scripts and code that thinks in lists (manual 15.4).
+
+use ecan_host::CycleError;
+
+use crate::port::Port;
+use crate::received::Received;
+use crate::send::{SendError, TransmitFrame};
+
+/// What became of a batch.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Batch {
+    /// Frames taken, from the front of the batch.
+    pub sent: usize,
+    /// Why the next one was not taken; `None` when all were.
+    pub stopped: Option<SendError>,
+}
+
+/// What became of an [`exchange`](Port::exchange).
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Exchange {
+    /// The frames to send.
+    pub batch: Batch,
+    /// Items received.
+    pub received: usize,
+}
+
+impl Port {
+    /// Sends frames in order and stops at the first that is not taken, so that the order holds
+    /// when the rest is sent in a later cycle. Real-time safe, between `cycle_begin` and
+    /// `cycle_end`.
+    pub fn send_batch(&mut self, frames: &[TransmitFrame]) -> Batch {
+        for (sent, frame) in frames.iter().enumerate() {
+            let one = frame.frame.as_ref();
+            if let Err(error) = self.send_with(frame.slave, frame.channel, one, frame.options) {
+                return Batch { sent, stopped: Some(error) };
+            }
+        }
+        Batch { sent: frames.len(), stopped: None }
+    }
+
+    /// One whole cycle: begin, receive, send the batch, end. Real-time safe. Keeping the period
+    /// is up to the caller.
+    ///
+    /// # Errors
+    /// A [`CycleError`] of the library; frames of the batch may have been taken all the same.
+    pub fn exchange(
+        &mut self,
+        frames: &[TransmitFrame],
+        received: &mut [Received],
+    ) -> Result<Exchange, CycleError> {
+        let begun = self.cycle_begin();
+        let received = self.receive(received);
+        let batch = self.send_batch(frames);
+        self.cycle_end()?;
+        begun.map(|()| Exchange { batch, received })
+    }
+}

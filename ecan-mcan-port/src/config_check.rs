@@ -1,0 +1,181 @@
+//! The check of a Port's configuration before anything touches the bus: every fault.
+
+use std::fmt;
+
+use ecan_host::{AdapterConfig, ConfigFault};
+use ecan_protocol::{
+    CHANNELS, ChannelFault, DataPathFault, Direction, FilterFault, OptionFlags, ProfileError,
+    check_filters,
+};
+use thiserror::Error;
+
+use crate::config::{GatewayConfig, PortConfig};
+
+/// One thing that is wrong with the configuration of a Port.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum PortConfigFault {
+    /// A fault of the Adapter's configuration.
+    #[error(transparent)]
+    Adapter(ConfigFault),
+    /// As many gateways as slaves are needed.
+    #[error("{gateways} gateway(s) are configured for {slaves} slave(s)")]
+    GatewayCount {
+        /// Gateways configured.
+        gateways: usize,
+        /// Slaves configured.
+        slaves: usize,
+    },
+    /// A gateway without an enabled channel.
+    #[error("slave {slave}: no channel is enabled")]
+    NoChannel {
+        /// Slave index.
+        slave: usize,
+    },
+    /// A PDO profile that the gateway does not have.
+    #[error("slave {slave}, {direction}: {fault}")]
+    Profile {
+        /// Slave index.
+        slave: usize,
+        /// The direction.
+        direction: Direction,
+        /// What is wrong.
+        fault: ProfileError,
+    },
+    /// The application bypass cuts the CAN side off.
+    #[error(
+        "slave {slave}, {direction}: the option APP_BYPASS cuts the CAN channels off; allow \
+         diagnostic tests if that is wanted"
+    )]
+    Bypass {
+        /// Slave index.
+        slave: usize,
+        /// The direction.
+        direction: Direction,
+    },
+    /// A CAN channel that the gateway cannot run.
+    #[error("slave {slave}, channel {channel}: {fault}")]
+    Channel {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// What is wrong.
+        fault: ChannelFault,
+    },
+    /// A data path that the gateway refuses.
+    #[error("slave {slave}, channel {channel}: {fault}")]
+    DataPath {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// What is wrong.
+        fault: DataPathFault,
+    },
+    /// A filter that the channel cannot have.
+    #[error("slave {slave}, channel {channel}: {fault}")]
+    Filter {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// What is wrong.
+        fault: FilterFault,
+    },
+    /// A limit of lost images that no image could keep.
+    #[error("slave {slave}: the hold limit must be at least 1 cycle")]
+    HoldLimit {
+        /// Slave index.
+        slave: usize,
+    },
+}
+
+/// Every fault of a configuration.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PortConfigFaults(pub Vec<PortConfigFault>);
+
+impl fmt::Display for PortConfigFaults {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0.as_slice() {
+            [one] => write!(f, "{one}"),
+            all => {
+                write!(f, "{} faults in the configuration", all.len())?;
+                all.iter().try_for_each(|fault| write!(f, "\n  - {fault}"))
+            }
+        }
+    }
+}
+
+impl std::error::Error for PortConfigFaults {}
+
+impl PortConfig {
+    /// Checks this configuration together with the Adapter's, without touching the bus.
+    ///
+    /// # Errors
+    /// Every fault found in both.
+    pub fn check(&self, adapter: &AdapterConfig) -> Result<(), PortConfigFaults> {
+        let mut faults = Vec::new();
+        if let Err(adapter_faults) = adapter.check() {
+            faults.extend(adapter_faults.0.into_iter().map(PortConfigFault::Adapter));
+        }
+        let (gateways, slaves) = (self.gateways.len(), adapter.slaves.len());
+        if gateways != slaves {
+            faults.push(PortConfigFault::GatewayCount { gateways, slaves });
+        }
+        for (slave, (gateway, settings)) in self.gateways.iter().zip(&adapter.slaves).enumerate() {
+            let sizes = [
+                (Direction::RxPdo, settings.rx_multiplier),
+                (Direction::TxPdo, settings.tx_multiplier),
+            ];
+            for (direction, multiplier) in sizes {
+                check_profile(slave, gateway, direction, multiplier, &mut faults);
+            }
+            check_channels(slave, gateway, &mut faults);
+        }
+        if faults.is_empty() { Ok(()) } else { Err(PortConfigFaults(faults)) }
+    }
+}
+
+fn check_profile(
+    slave: usize,
+    gateway: &GatewayConfig,
+    direction: Direction,
+    multiplier: u8,
+    faults: &mut Vec<PortConfigFault>,
+) {
+    let profile = gateway.profile(direction, multiplier);
+    // A wrong N and an empty mask are reported once, where they belong.
+    let known =
+        (1..=ecan_protocol::MAX_MULTIPLIER).contains(&multiplier) && profile.channel_mask != 0;
+    if known && let Err(fault) = profile.check(direction) {
+        faults.push(PortConfigFault::Profile { slave, direction, fault });
+    }
+    if profile.options.contains(OptionFlags::APP_BYPASS) && !gateway.allow_diagnostic_tests {
+        faults.push(PortConfigFault::Bypass { slave, direction });
+    }
+}
+
+fn check_channels(slave: usize, gateway: &GatewayConfig, faults: &mut Vec<PortConfigFault>) {
+    if gateway.channel_mask() == 0 {
+        faults.push(PortConfigFault::NoChannel { slave });
+    }
+    if gateway.hold_limit == 0 {
+        faults.push(PortConfigFault::HoldLimit { slave });
+    }
+    for channel in 0..CHANNELS as u8 {
+        let Some(settings) = &gateway.channels[usize::from(channel)] else { continue };
+        settings
+            .can
+            .check(&mut |fault| faults.push(PortConfigFault::Channel { slave, channel, fault }));
+        settings
+            .data_path
+            .check(&mut |fault| faults.push(PortConfigFault::DataPath { slave, channel, fault }));
+        check_filters(
+            &settings.can,
+            &settings.standard_filters,
+            &settings.extended_filters,
+            &mut |fault| faults.push(PortConfigFault::Filter { slave, channel, fault }),
+        );
+    }
+}

@@ -1,0 +1,160 @@
+//! The cycle of the Port: begin, receive, end.
+
+use ecan_host::{Adapter, CycleError, DomainReport};
+use ecan_protocol::ParseDiagnosis;
+
+use crate::port::{Gateway, Port};
+use crate::received::Received;
+use crate::session::Event;
+
+/// What became of the TxPDO image of a cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ImageReport {
+    /// The gateway is not in service.
+    #[default]
+    None,
+    /// A new image.
+    New {
+        /// Images that were lost before it, by the sequence.
+        lost: u16,
+        /// The gateway marked it as incomplete (truncated or overflowed, manual 6.1).
+        is_incomplete: bool,
+        /// Its layout is not the configured one: its frames may be misread.
+        layout_changed: bool,
+    },
+    /// The image of an earlier cycle again: nothing new arrived.
+    Repeated,
+    /// An image that cannot be used, or only up to the fault.
+    Fault(ParseDiagnosis),
+}
+
+/// One cycle with one gateway.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CycleReport {
+    /// The working counter and what it tells.
+    pub domain: DomainReport,
+    /// The TxPDO image.
+    pub image: ImageReport,
+    /// The last RxPDO image may not have arrived and is published again; frames sent now wait.
+    pub is_holding: bool,
+}
+
+impl Port {
+    /// First in the cycle: fetches the process images, judges them, and goes on with bringing
+    /// gateways into service.
+    ///
+    /// Real-time safe: no allocation, no lock of the SDK, no call beyond the master's own. What
+    /// the last cycle brought and was not received is gone.
+    ///
+    /// # Errors
+    /// A [`CycleError`] of the library. The cycle is open all the same, so that
+    /// [`cycle_end`](Self::cycle_end) can keep the bus alive.
+    pub fn cycle_begin(&mut self) -> Result<(), CycleError> {
+        let result = begin(&mut self.adapter, &mut self.gateways);
+        self.cycle_open = true;
+        result
+    }
+
+    /// Takes what came back into `received` and gives the number taken, in the order of the
+    /// images and of the slaves. What does not fit stays for another call in the same cycle.
+    ///
+    /// Real-time safe; between `cycle_begin` and `cycle_end`.
+    pub fn receive(&mut self, received: &mut [Received]) -> usize {
+        let mut count = 0;
+        let capacity = received.len();
+        if capacity == 0 {
+            return 0;
+        }
+        self.drain(|item| {
+            if let Some(place) = received.get_mut(count) {
+                *place = item;
+                count += 1;
+            }
+            count < capacity
+        });
+        count
+    }
+
+    /// Hands everything that came back to `take`, without a buffer between.
+    ///
+    /// Real-time safe as far as `take` is; between `cycle_begin` and `cycle_end`.
+    pub fn receive_each(&mut self, mut take: impl FnMut(Received)) {
+        self.drain(|item| {
+            take(item);
+            true
+        });
+    }
+
+    fn drain(&mut self, mut take: impl FnMut(Received) -> bool) {
+        let mut goes_on = true;
+        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
+            let image = self.adapter.tx_pdo(slave);
+            let Gateway { receiver, transmitter, statistics, .. } = gateway;
+            receiver.drain(slave, image, transmitter, statistics, |item| {
+                goes_on = take(item);
+                goes_on
+            });
+            if !goes_on {
+                return;
+            }
+        }
+    }
+
+    /// Last in the cycle: publishes the RxPDO images, or held ones once more, and sends.
+    ///
+    /// Real-time safe, as [`cycle_begin`](Self::cycle_begin).
+    ///
+    /// # Errors
+    /// A [`CycleError`] of the library; the cycle may go on with the next call.
+    pub fn cycle_end(&mut self) -> Result<(), CycleError> {
+        self.cycle_open = false;
+        end(&mut self.adapter, &mut self.gateways)
+    }
+}
+
+pub(crate) fn begin(adapter: &mut Adapter, gateways: &mut [Gateway]) -> Result<(), CycleError> {
+    let result = adapter.receive();
+    for (slave, gateway) in gateways.iter_mut().enumerate() {
+        begin_gateway(adapter, slave, gateway);
+    }
+    result
+}
+
+fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
+    let report = adapter.domain_report(slave);
+    let Gateway { session, transmitter, receiver, statistics, .. } = gateway;
+    if statistics.sessions > 0 {
+        statistics.cycles += 1;
+        statistics.incomplete_cycles += u64::from(!report.is_complete());
+    }
+    transmitter.begin(adapter.rx_pdo_mut(slave), report.delivery, statistics);
+    let is_lost = transmitter.misses() > gateway.hold_limit;
+    match session.step(adapter, is_lost) {
+        Event::None => {}
+        Event::Started => transmitter.reset(statistics),
+        Event::Ready => {
+            receiver.reset();
+            transmitter.reset(statistics);
+            statistics.sessions += 1;
+        }
+        Event::Failed => statistics.verification_failures += 1,
+        Event::Lost => {
+            receiver.reset();
+            transmitter.reset(statistics);
+            statistics.sessions_lost += 1;
+        }
+    }
+    if session.is_ready() && receiver.begin(adapter.tx_pdo(slave), statistics) {
+        for (channel, status) in receiver.status().iter().enumerate() {
+            transmitter.window(channel as u8).status(*status);
+        }
+    }
+}
+
+pub(crate) fn end(adapter: &mut Adapter, gateways: &mut [Gateway]) -> Result<(), CycleError> {
+    for (slave, gateway) in gateways.iter_mut().enumerate() {
+        let image = adapter.rx_pdo_mut(slave);
+        gateway.transmitter.end(image, &mut gateway.statistics);
+    }
+    adapter.send()
+}

@@ -1,0 +1,48 @@
+//! The MCAN Port: CAN and CAN FD frames through ECAN-Lite gateways (manual 15.1, 15.4, 15.5).
+//!
+//! A [`Port`] sits on an [`Adapter`](ecan_host::Adapter). It configures the gateways' PDO profiles
+//! and CAN channels, and in every cycle turns frames into process images and back:
+//!
+//! ```text
+//! port.cycle_begin()            what came back: images checked once, losses counted
+//! port.receive(&mut frames)     CAN frames and transmit results
+//! port.send_can(..)             straight into the RxPDO part of the domain memory
+//! port.cycle_end()              padding, CRC, header, sequence last; queue and send
+//! ```
+//!
+//! Between `cycle_begin` and `cycle_end` nothing allocates, locks or panics.
+#![deny(missing_docs)]
+#![forbid(unsafe_code)]
+
+mod batch;
+mod config;
+mod config_check;
+mod cycle;
+mod error;
+mod port;
+mod received;
+mod receiver;
+mod send;
+mod session;
+mod startup;
+mod statistics;
+mod transmit_history;
+mod transmit_window;
+mod transmitter;
+mod wait;
+
+pub use batch::{Batch, Exchange};
+pub use config::{ChannelSettings, GatewayConfig, PortConfig, Traffic};
+pub use config_check::{PortConfigFault, PortConfigFaults};
+pub use cycle::{CycleReport, ImageReport};
+pub use error::PortError;
+pub use port::Port;
+pub use received::{ReceiveSource, Received, ReceivedFrame, TransmitReport};
+pub use send::{
+    NoRoom, NotSchedulable, SendError, SendOptions, SendTicket, TransmitFrame, TransmitHint,
+};
+pub use session::{Session, VerificationFault};
+pub use statistics::{ChannelStatistics, SlaveStatistics};
+
+pub use ecan_host as host;
+pub use ecan_protocol as protocol;

@@ -1,0 +1,215 @@
+//! The Port's life, and what it knows of each gateway.
+
+use ecan_host::{Adapter, AdapterConfig, Ecrt};
+use ecan_protocol::{
+    CHANNELS, Capabilities, ChannelStatus, Direction, ImageReader, ImageWriter, ParseDiagnosis,
+};
+
+use crate::config::{GatewayConfig, PortConfig};
+use crate::cycle::CycleReport;
+use crate::error::PortError;
+use crate::receiver::Receiver;
+use crate::session::{Session, SessionMachine};
+use crate::statistics::SlaveStatistics;
+use crate::transmit_window::DEFAULT_DEPTH;
+use crate::transmitter::Transmitter;
+
+/// One gateway in the Port.
+#[derive(Debug)]
+pub(crate) struct Gateway {
+    pub(crate) session: SessionMachine,
+    pub(crate) transmitter: Transmitter,
+    pub(crate) receiver: Receiver,
+    pub(crate) statistics: SlaveStatistics,
+    pub(crate) capabilities: Capabilities,
+    pub(crate) channel_mask: u8,
+    pub(crate) fd_mask: u8,
+    pub(crate) can_schedule: bool,
+    pub(crate) is_paced: bool,
+    pub(crate) hold_limit: u16,
+}
+
+/// CAN and CAN FD through the gateways of one Adapter (manual 15.1, "MCAN Port").
+///
+/// Belongs to one thread at a time, like the Adapter that it owns. Dropping it releases the
+/// master.
+#[derive(Debug)]
+pub struct Port {
+    pub(crate) adapter: Adapter,
+    pub(crate) gateways: Vec<Gateway>,
+    /// Between `cycle_begin` and `cycle_end`.
+    pub(crate) cycle_open: bool,
+    config: PortConfig,
+}
+
+impl Port {
+    /// Checks both configurations, opens the Adapter with the startup steps of the gateways, and
+    /// prepares the cycle. [`wait_ready`](Self::wait_ready) brings the gateways into service.
+    ///
+    /// Blocks, for seconds where slaves are still being scanned.
+    ///
+    /// # Errors
+    /// Any [`PortError`]; the master is released.
+    pub fn open(
+        ecrt: &Ecrt,
+        mut adapter: AdapterConfig,
+        config: PortConfig,
+    ) -> Result<Self, PortError> {
+        config.check(&adapter)?;
+        config.apply(&mut adapter);
+        Self::new(Adapter::open(ecrt, adapter)?, config)
+    }
+
+    /// Puts a Port on an Adapter that is configured and not active yet, opened or attached, whose
+    /// configuration went through [`PortConfig::apply`].
+    ///
+    /// # Errors
+    /// Faults of the configuration, a wrong phase, or capabilities that cannot be read.
+    pub fn new(mut adapter: Adapter, config: PortConfig) -> Result<Self, PortError> {
+        config.check(adapter.config())?;
+        let gateways = build_gateways(&mut adapter, &config)?;
+        Ok(Self { adapter, gateways, cycle_open: false, config })
+    }
+
+    /// Takes the gateways out of service, configures them anew and waits for
+    /// [`wait_ready`](Self::wait_ready): the way to switch N or channels at run time (manual
+    /// 14.2). Frames not delivered are lost; statistics start anew.
+    ///
+    /// # Errors
+    /// A faulty configuration changes nothing. After any other error nothing is in service and
+    /// another `reconfigure` may be tried, for instance with the old configuration.
+    pub fn reconfigure(
+        &mut self,
+        mut adapter: AdapterConfig,
+        config: PortConfig,
+    ) -> Result<(), PortError> {
+        config.check(&adapter)?;
+        config.apply(&mut adapter);
+        self.gateways.clear();
+        self.cycle_open = false;
+        self.adapter.reconfigure(adapter)?;
+        self.gateways = build_gateways(&mut self.adapter, &config)?;
+        self.config = config;
+        Ok(())
+    }
+
+    /// The Adapter below.
+    pub fn adapter(&self) -> &Adapter {
+        &self.adapter
+    }
+
+    /// The Adapter below, for what the Port does not do itself. Cycling it or writing its RxPDO
+    /// images behind the Port's back breaks the images' sequence.
+    pub fn adapter_mut(&mut self) -> &mut Adapter {
+        &mut self.adapter
+    }
+
+    /// Gives the Adapter back, still active.
+    pub fn into_adapter(self) -> Adapter {
+        self.adapter
+    }
+
+    /// The configuration in force.
+    pub fn config(&self) -> &PortConfig {
+        &self.config
+    }
+
+    /// Number of gateways.
+    pub fn slave_count(&self) -> usize {
+        self.gateways.len()
+    }
+
+    /// How a gateway's session stands; real-time safe. Waiting for an index out of range.
+    pub fn session(&self, slave: usize) -> Session {
+        self.gateways.get(slave).map_or(Session::Waiting, |gateway| gateway.session.state())
+    }
+
+    /// Whether every gateway is in service; real-time safe.
+    pub fn is_ready(&self) -> bool {
+        !self.gateways.is_empty() && self.gateways.iter().all(|g| g.session.is_ready())
+    }
+
+    /// Status word of a channel from the last TxPDO image (manual 7); real-time safe. All zero,
+    /// "disabled", before the first image and for an index out of range.
+    pub fn channel_status(&self, slave: usize, channel: u8) -> ChannelStatus {
+        self.gateways
+            .get(slave)
+            .and_then(|gateway| gateway.receiver.status().get(usize::from(channel)))
+            .copied()
+            .unwrap_or_default()
+    }
+
+    /// Counters of a gateway; real-time safe. All zero for an index out of range.
+    pub fn statistics(&self, slave: usize) -> SlaveStatistics {
+        self.gateways.get(slave).map_or_else(SlaveStatistics::default, |g| g.statistics)
+    }
+
+    /// The last fault in a TxPDO image (manual 16.2); real-time safe.
+    pub fn last_diagnosis(&self, slave: usize) -> Option<ParseDiagnosis> {
+        self.gateways.get(slave).and_then(|gateway| gateway.receiver.last_diagnosis())
+    }
+
+    /// What the current cycle brought from a gateway; real-time safe.
+    pub fn cycle_report(&self, slave: usize) -> CycleReport {
+        let Some(gateway) = self.gateways.get(slave) else { return CycleReport::default() };
+        CycleReport {
+            domain: self.adapter.domain_report(slave),
+            image: gateway.receiver.report(),
+            is_holding: gateway.transmitter.is_holding(),
+        }
+    }
+
+    /// Capabilities of a gateway (0xF000, manual 13.8), read when the Port was opened.
+    pub fn capabilities(&self, slave: usize) -> Option<&Capabilities> {
+        self.gateways.get(slave).map(|gateway| &gateway.capabilities)
+    }
+}
+
+fn build_gateways(adapter: &mut Adapter, config: &PortConfig) -> Result<Vec<Gateway>, PortError> {
+    (0..config.gateways.len())
+        .map(|slave| build_gateway(adapter, slave, &config.gateways[slave]))
+        .collect()
+}
+
+fn build_gateway(
+    adapter: &mut Adapter,
+    slave: usize,
+    config: &GatewayConfig,
+) -> Result<Gateway, PortError> {
+    let read =
+        |subindex| adapter.diagnostics().sdo_upload_u32(slave, Capabilities::INDEX, subindex);
+    let capabilities = Capabilities::read(read)?;
+    let settings = &adapter.config().slaves[slave];
+    let rx = config.profile(Direction::RxPdo, settings.rx_multiplier);
+    let tx = config.profile(Direction::TxPdo, settings.tx_multiplier);
+    let mut writer = ImageWriter::new(Direction::RxPdo, rx);
+    let mut reader = ImageReader::new(Direction::TxPdo, tx);
+    if config.allow_diagnostic_tests {
+        // 0x8030:04 overrides the CRC option of both directions (manual 13.2.3).
+        match adapter.diagnostics().sdo_upload_u32(slave, 0x8030, 4)? {
+            1 => (writer, reader) = (writer.with_crc(true), reader.with_crc(true)),
+            2 => (writer, reader) = (writer.with_crc(false), reader.with_crc(false)),
+            _ => {}
+        }
+    }
+    let depth = match capabilities.tx_cache_max {
+        0 => DEFAULT_DEPTH,
+        depth => depth,
+    };
+    let fd_mask = (0..CHANNELS).fold(0, |mask, channel| {
+        let is_fd = config.channels[channel].as_ref().is_some_and(|c| c.can.fd);
+        mask | u8::from(is_fd) << channel
+    });
+    Ok(Gateway {
+        session: SessionMachine::new(adapter, slave, config)?,
+        transmitter: Transmitter::new(writer, &rx, depth),
+        receiver: Receiver::new(reader),
+        statistics: SlaveStatistics::default(),
+        can_schedule: capabilities.has_scheduled_tx(),
+        capabilities,
+        channel_mask: config.channel_mask(),
+        fd_mask,
+        is_paced: config.paced,
+        hold_limit: config.hold_limit,
+    })
+}

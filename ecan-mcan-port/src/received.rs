@@ -1,0 +1,101 @@
+//! What comes back from a gateway.
+
+use ecan_protocol::{CanFrame, FramePacket, ResultCode, Timestamp, TxResult};
+
+use crate::send::SendTicket;
+
+/// Where the gateway's CAN controller had stored a received frame (ID_AUX, manual 8.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ReceiveSource {
+    /// RX FIFO 0.
+    #[default]
+    Fifo0,
+    /// RX FIFO 1.
+    Fifo1,
+    /// A dedicated RX buffer.
+    RxBuffer,
+    /// Marked as a high priority message.
+    HighPriority,
+    /// A value that the manual does not define.
+    Other(u8),
+}
+
+impl ReceiveSource {
+    fn from_id_aux(id_aux: u8) -> Self {
+        match id_aux {
+            0 => Self::Fifo0,
+            1 => Self::Fifo1,
+            2 => Self::RxBuffer,
+            3 => Self::HighPriority,
+            other => Self::Other(other),
+        }
+    }
+}
+
+/// A CAN frame from the bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ReceivedFrame {
+    /// Slave index.
+    pub slave: usize,
+    /// Channel of the gateway, 0..3.
+    pub channel: u8,
+    /// The frame.
+    pub frame: CanFrame,
+    /// When the gateway received it; present with profiles 1 and 5 (manual 8.4).
+    pub timestamp: Timestamp,
+    /// Where the CAN controller had stored it.
+    pub source: ReceiveSource,
+}
+
+/// What became of a frame that was sent (manual 10). It tells that the gateway handed the frame
+/// to its CAN controller, not that a node received it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TransmitReport {
+    /// The send that the report belongs to; `None` when no such send is remembered.
+    pub ticket: Option<SendTicket>,
+    /// Slave index.
+    pub slave: usize,
+    /// Channel that the gateway names, 0..3.
+    pub channel: u8,
+    /// The outcome.
+    pub code: ResultCode,
+}
+
+/// One thing that came back.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Received {
+    /// A CAN frame from the bus.
+    Frame(ReceivedFrame),
+    /// The outcome of a frame sent.
+    TransmitReport(TransmitReport),
+}
+
+impl Received {
+    /// The frame, if it is one.
+    pub fn frame(&self) -> Option<&ReceivedFrame> {
+        match self {
+            Self::Frame(frame) => Some(frame),
+            Self::TransmitReport(_) => None,
+        }
+    }
+
+    pub(crate) fn from_packet(slave: usize, packet: &FramePacket<'_>) -> Self {
+        Self::Frame(ReceivedFrame {
+            slave,
+            channel: packet.channel,
+            frame: packet.frame.to_owned(),
+            timestamp: packet.timestamp,
+            source: ReceiveSource::from_id_aux(packet.id_aux),
+        })
+    }
+
+    pub(crate) fn from_result(slave: usize, result: &TxResult, is_known: bool) -> Self {
+        let ticket = SendTicket { slave, sequence: result.sequence, index: result.frame_index };
+        Self::TransmitReport(TransmitReport {
+            ticket: is_known.then_some(ticket),
+            slave,
+            channel: result.channel,
+            code: result.code,
+        })
+    }
+}

@@ -1,0 +1,315 @@
+//! Sending CAN frames: immediately or at a phase of the next Sync0 period.
+
+use ecan_protocol::{CHANNELS, CanFrame, CanId, FrameError, FrameRef, PushError, Schedule};
+use thiserror::Error;
+
+use crate::port::Port;
+
+/// Where a frame went: the image and its place among the frames of the image. A transmit result
+/// names the same (manual 10).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct SendTicket {
+    /// Slave index.
+    pub slave: usize,
+    /// Sequence of the image.
+    pub sequence: u16,
+    /// Place of the frame in the image, from 0.
+    pub index: u8,
+}
+
+/// Hint for the gateway's transmit path (ID_AUX, manual 8.1).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum TransmitHint {
+    /// No preference.
+    #[default]
+    Normal,
+    /// High priority.
+    HighPriority,
+    /// A dedicated TX buffer.
+    DedicatedBuffer,
+    /// The TX queue, sorted by identifier.
+    Queue,
+}
+
+impl TransmitHint {
+    fn id_aux(self) -> u8 {
+        match self {
+            Self::Normal => 0,
+            Self::HighPriority => 1,
+            Self::DedicatedBuffer => 2,
+            Self::Queue => 3,
+        }
+    }
+}
+
+/// How a frame is sent; the default sends at once.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SendOptions {
+    /// Hint for the gateway's transmit path.
+    pub hint: TransmitHint,
+    /// Phase of the next Sync0 period at which the gateway hands the frame to the bus, in
+    /// nanoseconds, with a tag of the application (manual 8.4). Needs distributed clocks.
+    pub schedule: Option<Schedule>,
+}
+
+/// A frame with its destination, for batches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct TransmitFrame {
+    /// Slave index.
+    pub slave: usize,
+    /// Channel of the gateway, 0..3.
+    pub channel: u8,
+    /// The frame.
+    pub frame: CanFrame,
+    /// How it is sent.
+    pub options: SendOptions,
+}
+
+impl TransmitFrame {
+    /// A frame that is sent at once.
+    pub fn new(slave: usize, channel: u8, frame: CanFrame) -> Self {
+        Self { slave, channel, frame, options: SendOptions::default() }
+    }
+}
+
+/// What is full.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NoRoom {
+    /// The RxPDO image of this cycle: bytes or the 255 packets of an image.
+    Image,
+    /// The channel's transmit queue in the gateway, as far as its status tells.
+    Queue,
+}
+
+/// Why a frame was not taken. Nothing of it was sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum SendError {
+    /// No room; send it again in a later cycle.
+    #[error(
+        "no room for a frame to slave {slave} channel {channel}: {} is full",
+        match what { NoRoom::Image => "the image of this cycle", NoRoom::Queue => "the gateway's transmit queue" }
+    )]
+    NoRoom {
+        /// Slave index.
+        slave: usize,
+        /// Channel.
+        channel: u8,
+        /// What is full.
+        what: NoRoom,
+    },
+    /// The gateway is not in service: not in OP, or not verified yet.
+    #[error("slave {slave} is not in service")]
+    NotReady {
+        /// Slave index.
+        slave: usize,
+    },
+    /// No such slave.
+    #[error("slave index {slave} is out of range")]
+    SlaveIndex {
+        /// The index given.
+        slave: usize,
+    },
+    /// The channel does not exist or is not enabled.
+    #[error("channel {channel} of slave {slave} is not enabled")]
+    Channel {
+        /// Slave index.
+        slave: usize,
+        /// The channel given.
+        channel: u8,
+    },
+    /// A CAN FD frame for a classic channel.
+    #[error("channel {channel} of slave {slave} is configured for classic CAN only")]
+    NotFd {
+        /// Slave index.
+        slave: usize,
+        /// Channel.
+        channel: u8,
+    },
+    /// A schedule that the configuration or the gateway cannot serve.
+    #[error(
+        "slave {slave} cannot schedule a frame at {offset_ns} ns: {}",
+        match reason {
+            NotSchedulable::NoSync0 => "distributed clocks with Sync0 are not configured",
+            NotSchedulable::NotSupported => "the gateway has no scheduled transmission (0xF000:16 bit 8)",
+            NotSchedulable::BeyondPeriod => "the offset is not within the Sync0 period",
+        }
+    )]
+    NotSchedulable {
+        /// Slave index.
+        slave: usize,
+        /// The phase asked for, in nanoseconds.
+        offset_ns: u32,
+        /// Why not.
+        reason: NotSchedulable,
+    },
+    /// The frame itself is not a CAN frame.
+    #[error(transparent)]
+    Frame(#[from] FrameError),
+    /// Between `cycle_end` and the next `cycle_begin` there is no image to put frames into.
+    #[error("no cycle is open: call cycle_begin first")]
+    NoCycle,
+}
+
+/// Why a frame cannot be scheduled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum NotSchedulable {
+    /// Distributed clocks are not configured.
+    NoSync0,
+    /// The gateway does not have the capability.
+    NotSupported,
+    /// The offset lies beyond the Sync0 period.
+    BeyondPeriod,
+}
+
+impl Port {
+    /// Sends a classic CAN data frame with up to 8 bytes.
+    ///
+    /// Like all functions here real-time safe, between `cycle_begin` and `cycle_end`: the packet
+    /// is written once, into the process image.
+    ///
+    /// # Errors
+    /// A [`SendError`]; nothing was sent.
+    pub fn send_can(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        id: CanId,
+        data: &[u8],
+    ) -> Result<SendTicket, SendError> {
+        self.send(slave, channel, FrameRef::classic(id, data)?)
+    }
+
+    /// Sends a CAN FD frame; its length must be one that a DLC can express (manual 8.2).
+    ///
+    /// # Errors
+    /// A [`SendError`]; nothing was sent.
+    pub fn send_canfd(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        id: CanId,
+        data: &[u8],
+        bit_rate_switch: bool,
+    ) -> Result<SendTicket, SendError> {
+        self.send(slave, channel, FrameRef::fd(id, data, bit_rate_switch, false)?)
+    }
+
+    /// Sends a classic frame at a phase of the next Sync0 period (manual 8.4, 13.8).
+    ///
+    /// # Errors
+    /// A [`SendError`]; nothing was sent.
+    pub fn schedule_can(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        id: CanId,
+        data: &[u8],
+        schedule: Schedule,
+    ) -> Result<SendTicket, SendError> {
+        self.send_with(slave, channel, FrameRef::classic(id, data)?, at(schedule))
+    }
+
+    /// Sends a CAN FD frame at a phase of the next Sync0 period.
+    ///
+    /// # Errors
+    /// A [`SendError`]; nothing was sent.
+    pub fn schedule_canfd(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        id: CanId,
+        data: &[u8],
+        bit_rate_switch: bool,
+        schedule: Schedule,
+    ) -> Result<SendTicket, SendError> {
+        let frame = FrameRef::fd(id, data, bit_rate_switch, false)?;
+        self.send_with(slave, channel, frame, at(schedule))
+    }
+
+    /// Sends any frame at once.
+    ///
+    /// # Errors
+    /// A [`SendError`]; nothing was sent.
+    pub fn send(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        frame: FrameRef<'_>,
+    ) -> Result<SendTicket, SendError> {
+        self.send_with(slave, channel, frame, SendOptions::default())
+    }
+
+    /// Sends any frame with a hint or a schedule.
+    ///
+    /// # Errors
+    /// A [`SendError`]; nothing was sent.
+    pub fn send_with(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        frame: FrameRef<'_>,
+        options: SendOptions,
+    ) -> Result<SendTicket, SendError> {
+        if !self.cycle_open {
+            return Err(SendError::NoCycle);
+        }
+        let sync0_ns = self.adapter.config().dc.map(|dc| dc.cycle_ns);
+        let gateway = self.gateways.get_mut(slave).ok_or(SendError::SlaveIndex { slave })?;
+        let enabled = usize::from(channel) < CHANNELS && gateway.channel_mask >> channel & 1 == 1;
+        if !enabled {
+            return Err(SendError::Channel { slave, channel });
+        }
+        if frame.is_fd() && gateway.fd_mask >> channel & 1 == 0 {
+            return Err(SendError::NotFd { slave, channel });
+        }
+        if !gateway.session.is_ready() {
+            return Err(SendError::NotReady { slave });
+        }
+        if let Some(schedule) = options.schedule {
+            let offset_ns = schedule.offset_ns;
+            let refuse = |reason| Err(SendError::NotSchedulable { slave, offset_ns, reason });
+            match sync0_ns {
+                None => return refuse(NotSchedulable::NoSync0),
+                Some(_) if !gateway.can_schedule => return refuse(NotSchedulable::NotSupported),
+                Some(ns) if offset_ns >= ns => return refuse(NotSchedulable::BeyondPeriod),
+                Some(_) => {}
+            }
+        }
+        let statistics = &mut gateway.statistics;
+        if gateway.is_paced && !gateway.transmitter.window(channel).has_room() {
+            statistics.channel(channel).refused_queue_full += 1;
+            return Err(SendError::NoRoom { slave, channel, what: NoRoom::Queue });
+        }
+        let image = self.adapter.rx_pdo_mut(slave);
+        let id_aux = options.hint.id_aux();
+        match gateway.transmitter.push(image, channel, id_aux, frame, options.schedule) {
+            Ok((sequence, index)) => Ok(SendTicket { slave, sequence, index }),
+            Err(
+                PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. },
+            ) => {
+                statistics.channel(channel).refused_image_full += 1;
+                Err(SendError::NoRoom { slave, channel, what: NoRoom::Image })
+            }
+            Err(_) => Err(SendError::Channel { slave, channel }),
+        }
+    }
+
+    /// Bytes left in the RxPDO image that is being filled; a packet needs 4 to 78 of them (manual
+    /// 8.3). Real-time safe; 0 for an index out of range.
+    pub fn image_room(&self, slave: usize) -> usize {
+        self.gateways.get(slave).map_or(0, |gateway| gateway.transmitter.room())
+    }
+
+    /// Gives up every frame that is not known to have reached the gateway, and returns their
+    /// number. Frames of a held image may have been executed all the same. Real-time safe.
+    pub fn discard_pending(&mut self, slave: usize) -> usize {
+        self.gateways
+            .get_mut(slave)
+            .map_or(0, |gateway| gateway.transmitter.discard(&mut gateway.statistics))
+    }
+}
+
+fn at(schedule: Schedule) -> SendOptions {
+    SendOptions { hint: TransmitHint::Normal, schedule: Some(schedule) }
+}

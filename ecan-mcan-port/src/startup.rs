@@ -1,0 +1,104 @@
+//! The startup steps that a gateway needs, in the manual's order (5.4.3, 14).
+
+use ecan_host::{AdapterConfig, Expectation, StartupStep};
+use ecan_protocol::{
+    CHANNELS, CHUNK_BYTES, Capabilities, DataPathConfig, Direction, HEADER_BYTES,
+    McanChannelConfig, PdoProfile, SdoWrite, filter_writes,
+};
+
+use crate::config::{ChannelSettings, GatewayConfig, PortConfig};
+
+const STATUS_OK: u32 = 0;
+/// Support of header version 1, bit 1 of 0xF000:09.
+const HEADER_VERSION_1: u32 = 1 << 1;
+
+impl PortConfig {
+    /// Appends to each slave of `adapter` the startup steps that its gateway needs: capability
+    /// checks, PDO profiles with readback, channels, filters and data paths.
+    ///
+    /// [`Port::open`](crate::Port::open) does this itself; call it only to open the Adapter by
+    /// hand. Slaves without a gateway entry are left as they are.
+    pub fn apply(&self, adapter: &mut AdapterConfig) {
+        for (slave, gateway) in adapter.slaves.iter_mut().zip(&self.gateways) {
+            let rx = gateway.profile(Direction::RxPdo, slave.rx_multiplier);
+            let tx = gateway.profile(Direction::TxPdo, slave.tx_multiplier);
+            push_capabilities(&mut slave.startup, gateway, &rx, &tx);
+            push_profile(&mut slave.startup, Direction::TxPdo, &tx);
+            push_profile(&mut slave.startup, Direction::RxPdo, &rx);
+            push_apply(&mut slave.startup, Direction::TxPdo, &tx);
+            push_apply(&mut slave.startup, Direction::RxPdo, &rx);
+            for (channel, settings) in gateway.channels.iter().enumerate() {
+                if let Some(settings) = settings {
+                    push_channel(&mut slave.startup, channel as u8, settings);
+                }
+            }
+        }
+    }
+}
+
+/// What the gateway must be able to do, from 0xF000 (manual 13.8), and the diagnostic tests of
+/// 0x8030 that must not cut the CAN side off.
+fn push_capabilities(
+    steps: &mut Vec<StartupStep>,
+    gateway: &GatewayConfig,
+    rx: &PdoProfile,
+    tx: &PdoProfile,
+) {
+    use Expectation::{AtLeast, AtMost, Equals, HasBits};
+    let channels = 8 - gateway.channel_mask().leading_zeros();
+    let profiles = (1 << rx.profile.raw()) | (1 << tx.profile.raw());
+    let options = rx.options.with(tx.options);
+    let least = u32::from(rx.multiplier.min(tx.multiplier));
+    let most = u32::from(rx.multiplier.max(tx.multiplier));
+    let capabilities = [
+        (2, AtLeast(channels)),
+        (9, HasBits(HEADER_VERSION_1)),
+        (10, AtMost(least)),
+        (11, AtLeast(most)),
+        (12, HasBits(profiles)),
+        (15, HasBits(u32::from(options.bits()))),
+        (17, Equals(CHUNK_BYTES as u32)),
+        (18, Equals(HEADER_BYTES as u32)),
+    ];
+    for (subindex, expected) in capabilities {
+        steps.push(StartupStep::Expect { index: Capabilities::INDEX, subindex, expected });
+    }
+    if !gateway.allow_diagnostic_tests {
+        steps.extend((2..=6).map(|subindex| StartupStep::expect(0x8030, subindex, 0)));
+    }
+}
+
+fn push_profile(steps: &mut Vec<StartupStep>, direction: Direction, profile: &PdoProfile) {
+    steps.extend(profile.writes(direction).map(StartupStep::Download));
+}
+
+/// Applies a profile and reads back what became active (manual 5.4.3 phase D).
+fn push_apply(steps: &mut Vec<StartupStep>, direction: Direction, profile: &PdoProfile) {
+    let apply = PdoProfile::apply_write(direction);
+    let index = apply.index;
+    steps.push(StartupStep::Download(apply));
+    steps.push(StartupStep::expect(index, 2, STATUS_OK));
+    steps.push(StartupStep::expect(index, 9, profile.pdo_bytes() as u32));
+    steps.push(StartupStep::expect(index, 10, profile.frame_area_bytes() as u32));
+    steps.push(StartupStep::expect(index, 12, profile.word()));
+}
+
+fn push_channel(steps: &mut Vec<StartupStep>, channel: u8, settings: &ChannelSettings) {
+    debug_assert!(usize::from(channel) < CHANNELS);
+    steps.extend(settings.can.writes(channel).map(StartupStep::Download));
+    push_filters(steps, channel, settings);
+    push_applied(steps, McanChannelConfig::apply_write(channel), 2);
+    steps.extend(settings.data_path.writes(channel).map(StartupStep::Download));
+    push_applied(steps, DataPathConfig::apply_write(channel), 3);
+}
+
+fn push_applied(steps: &mut Vec<StartupStep>, apply: SdoWrite, status_subindex: u8) {
+    steps.push(StartupStep::Download(apply));
+    steps.push(StartupStep::expect(apply.index, status_subindex, STATUS_OK));
+}
+
+/// The editing window of manual 13.4, entry by entry.
+fn push_filters(steps: &mut Vec<StartupStep>, channel: u8, settings: &ChannelSettings) {
+    let (standard, extended) = (&settings.standard_filters, &settings.extended_filters);
+    steps.extend(filter_writes(channel, standard, extended).map(StartupStep::Download));
+}

@@ -1,0 +1,70 @@
+//! Counters of a Port, per slave and channel. They only grow, and wrap at 2^64.
+
+use ecan_protocol::CHANNELS;
+
+/// Counters of one channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ChannelStatistics {
+    /// Frames put into RxPDO images.
+    pub frames_sent: u64,
+    /// Frames of images that the gateway took.
+    pub frames_delivered: u64,
+    /// Frames of images that were given up, by the application or after a lost session.
+    pub frames_discarded: u64,
+    /// Frames taken out of TxPDO images.
+    pub frames_received: u64,
+    /// Frames refused because the image was full.
+    pub refused_image_full: u64,
+    /// Frames refused because the gateway's transmit queue might not hold them.
+    pub refused_queue_full: u64,
+    /// Transmit results that reported success: code 0 or 1 (manual 10).
+    pub results_ok: u64,
+    /// Transmit results that reported a failure.
+    pub results_failed: u64,
+}
+
+/// Counters of one gateway.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SlaveStatistics {
+    /// Cycles run since the gateway was in service for the first time.
+    pub cycles: u64,
+    /// Those of them whose working counter was not complete.
+    pub incomplete_cycles: u64,
+    /// RxPDO images published with a new sequence.
+    pub images_sent: u64,
+    /// Cycles in which an image was published again because it may not have arrived.
+    pub images_repeated: u64,
+    /// RxPDO images with frames that were given up.
+    pub images_discarded: u64,
+    /// TxPDO images with new content.
+    pub images_received: u64,
+    /// Cycles that brought no new TxPDO image.
+    pub repeated_images: u64,
+    /// TxPDO images that never arrived, by the gaps in the sequence.
+    pub lost_images: u64,
+    /// TxPDO images that were being written while they were read.
+    pub torn_images: u64,
+    /// TxPDO images that the gateway marked as incomplete: frames stayed behind or were lost.
+    pub incomplete_images: u64,
+    /// TxPDO images of another layout than the configured one.
+    pub layout_changes: u64,
+    /// TxPDO images or packets with a fault: bad CRC, bad header, bad packet.
+    pub parse_errors: u64,
+    /// Transmit results that match no send.
+    pub unmatched_results: u64,
+    /// Times that the gateway was verified and taken into service.
+    pub sessions: u64,
+    /// Times that the gateway was lost while in service.
+    pub sessions_lost: u64,
+    /// Verifications that failed.
+    pub verification_failures: u64,
+    /// Per channel.
+    pub channels: [ChannelStatistics; CHANNELS],
+}
+
+impl SlaveStatistics {
+    /// The counters of a channel; the packet codec has checked the channel number.
+    pub(crate) fn channel(&mut self, channel: u8) -> &mut ChannelStatistics {
+        &mut self.channels[usize::from(channel) % CHANNELS]
+    }
+}

@@ -1,0 +1,97 @@
+//! No allocation between `cycle_begin` and `cycle_end`, with full images both ways.
+#![allow(missing_docs)]
+
+mod common;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use common::Bench;
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, Received};
+use ecan_protocol::{CanFrame, CanId, OptionFlags};
+
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+// SAFETY: every call goes to the system allocator unchanged; the counter allocates nothing.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller's promises are those of the system allocator.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        // SAFETY: as above.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn allocations() -> u64 {
+    ALLOCATIONS.with(Cell::get)
+}
+
+/// Runs `cycles` of sending until the image is full and receiving everything; gives the
+/// allocations inside the cycles and the frames that came back.
+fn full_images(bench: &mut Bench, frames: &[CanFrame; 4], cycles: u32) -> (u64, u64) {
+    let (mut inside, mut back) = (0, 0);
+    let mut next = bench.port.adapter().clock().now_ns();
+    for _ in 0..cycles {
+        let before = allocations();
+        bench.port.cycle_begin().unwrap();
+        bench.port.receive_each(|item| {
+            if let Received::Frame(_) = item {
+                back += 1;
+            }
+        });
+        let mut channel = 0;
+        while bench.port.send(0, channel % 4, frames[usize::from(channel % 4)].as_ref()).is_ok() {
+            channel += 1;
+        }
+        bench.port.cycle_end().unwrap();
+        inside += allocations() - before;
+        next += 1_000_000;
+        bench.port.adapter().clock().sleep_until_ns(next);
+    }
+    (inside, back)
+}
+
+#[test]
+fn the_counter_counts() {
+    let before = allocations();
+    let boxed = std::hint::black_box(Box::new(1));
+    assert_eq!(allocations() - before, 1, "{boxed}");
+}
+
+#[test]
+fn full_images_allocate_nothing() {
+    for paced in [true, false] {
+        let mut gateway =
+            GatewayConfig::on_all_channels(&ChannelSettings::fd(1_000_000, 5_000_000));
+        gateway.tx_options = OptionFlags::TX_RESULT;
+        gateway.paced = paced;
+        let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
+        let config = PortConfig::uniform(1, gateway);
+        let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+        let id = CanId::standard(0x100).unwrap();
+        let frames = [0, 1, 2, 3].map(|n| CanFrame::fd(id, &[n; 64], true, false).unwrap());
+        // The simulated world grows its queues to their working size first.
+        full_images(&mut bench, &frames, 200);
+        let (inside, back) = full_images(&mut bench, &frames, 500);
+        assert!(back > 1_000, "only {back} frames came back");
+        assert_eq!(inside, 0, "paced: {paced}");
+    }
+}

@@ -1,0 +1,115 @@
+//! A Port on a simulated bus in stepped time.
+#![allow(dead_code, missing_docs)]
+
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{
+    ChannelSettings, GatewayConfig, Port, PortConfig, PortError, Received, ReceivedFrame,
+};
+use ecan_protocol::{CanFrame, CanId};
+use ecan_sim::{ClockKind, Scenario, SimOptions, Simulation};
+
+pub const READY_MS: u32 = 20_000;
+
+pub struct Bench {
+    pub port: Port,
+    pub simulation: Simulation,
+    next_ns: u64,
+}
+
+impl Bench {
+    pub fn open(
+        scenario: Scenario,
+        adapter: AdapterConfig,
+        config: PortConfig,
+    ) -> Result<Self, PortError> {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(scenario, &options).expect("scenario");
+        let simulation = backend.simulation.expect("simulated");
+        let port = Port::open(&backend.ecrt, adapter, config)?;
+        Ok(Self { port, simulation, next_ns: 0 })
+    }
+
+    /// Opened and in service.
+    pub fn ready(scenario: Scenario, adapter: AdapterConfig, config: PortConfig) -> Self {
+        let mut bench = Self::open(scenario, adapter, config).unwrap_or_else(|e| panic!("{e}"));
+        bench.port.wait_ready(READY_MS).unwrap_or_else(|e| panic!("{e}"));
+        bench.resync();
+        bench
+    }
+
+    /// One gateway with echo nodes, N = 3, 1 ms, `gateway` as configured.
+    pub fn single(gateway: GatewayConfig) -> Self {
+        let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+        Self::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway))
+    }
+
+    /// The next cycle is due now.
+    pub fn resync(&mut self) {
+        self.next_ns = self.port.adapter().clock().now_ns();
+    }
+
+    /// One cycle: everything received, then `send`, then sleep to the next.
+    pub fn cycle(&mut self, send: impl FnOnce(&mut Port)) -> Vec<Received> {
+        let mut received = Vec::new();
+        self.port.cycle_begin().unwrap();
+        self.port.receive_each(|item| received.push(item));
+        send(&mut self.port);
+        self.port.cycle_end().unwrap();
+        self.next_ns += u64::from(self.port.adapter().config().cycle_ns);
+        self.port.adapter().clock().sleep_until_ns(self.next_ns);
+        received
+    }
+
+    /// Cycles without sending.
+    pub fn idle(&mut self, cycles: usize) -> Vec<Received> {
+        (0..cycles).flat_map(|_| self.cycle(|_| ())).collect()
+    }
+
+    /// Cycles until `done`, at most `limit`; the number run, or none.
+    pub fn until(&mut self, limit: usize, done: impl Fn(&Port) -> bool) -> Option<usize> {
+        for cycle in 0..limit {
+            if done(&self.port) {
+                return Some(cycle);
+            }
+            self.cycle(|_| ());
+        }
+        None
+    }
+
+    /// Sends all frames as fast as they are taken, on slave 0, and collects what comes back.
+    pub fn carry(&mut self, channel: u8, frames: &[CanFrame], limit: usize) -> Vec<ReceivedFrame> {
+        let mut sent = 0;
+        let mut back = Vec::new();
+        for _ in 0..limit {
+            let items = self.cycle(|port| {
+                while let Some(frame) = frames.get(sent) {
+                    if port.send(0, channel, frame.as_ref()).is_err() {
+                        break;
+                    }
+                    sent += 1;
+                }
+            });
+            back.extend(frames_of(&items));
+            if sent == frames.len() && back.len() >= sent {
+                break;
+            }
+        }
+        back
+    }
+}
+
+pub fn frames_of(items: &[Received]) -> Vec<ReceivedFrame> {
+    items.iter().filter_map(Received::frame).copied().collect()
+}
+
+pub fn id(raw: u16) -> CanId {
+    CanId::standard(raw).unwrap()
+}
+
+pub fn frame(raw_id: u16, data: &[u8]) -> CanFrame {
+    CanFrame::classic(id(raw_id), data).unwrap()
+}
+
+pub fn classic() -> ChannelSettings {
+    ChannelSettings::classic(1_000_000)
+}

@@ -1,0 +1,317 @@
+//! Frames out and back through simulated gateways.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{Bench, classic, frame, frames_of, id};
+use ecan_host::{AdapterConfig, ConfigFault};
+use ecan_mcan_port::{
+    ChannelSettings, GatewayConfig, NoRoom, PortConfig, PortConfigFault, PortError, ReceiveSource,
+    SendError, SendOptions, TransmitFrame, TransmitHint,
+};
+use ecan_protocol::{
+    CHANNELS, CanFrame, CanId, Dlc, EncapsulationProfile, FilterAction, OptionFlags,
+    StandardFilter, StandardMatch, Timestamp,
+};
+
+#[test]
+fn the_example_of_the_manual_lies_in_the_process_image() {
+    let gateway = GatewayConfig::on_all_channels(&classic());
+    let adapter = AdapterConfig::new(1).with_multiplier(8).with_cycle_us(1_000);
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
+    let data = [0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
+    let mut sequence = 0;
+    bench.cycle(|port| {
+        sequence = port.send_can(0, 0, id(0x123), &data).unwrap().sequence;
+    });
+    let image = bench.port.adapter().rx_pdo(0);
+    let [low, high] = sequence.to_le_bytes();
+    // Manual 5.4.4.1; the CRC covers the payload alone, so it does not depend on the sequence.
+    let header = [
+        0x16, 0x00, low, high, low, high, 0x0c, 0x00, 0xd3, 0x56, 0xe7, 0x01, 0x0f, 0x01, 0x00,
+        0x01, 0, 0, 0, 0, 0, 0, 0, 0,
+    ];
+    let packet = [0x40, 0x00, 0x23, 0x01, 0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
+    assert_eq!(image[..24], header);
+    assert_eq!(image[24..36], packet);
+    assert!(image[36..].iter().all(|byte| *byte == 0));
+    let back = frames_of(&bench.idle(5));
+    assert_eq!(back.len(), 1);
+    assert_eq!(back[0].frame, frame(0x123, &data));
+    assert_eq!((back[0].slave, back[0].channel), (0, 0));
+    // The packet of a received frame has the same bytes.
+    let tx = bench.port.adapter().tx_pdo(0);
+    assert_eq!(tx[0], 0x16);
+}
+
+#[test]
+fn every_size_works_in_either_direction() {
+    for n in [1, 3, 8, 11] {
+        for (rx, tx) in [(n, n), (n, 3), (3, n)] {
+            let mut adapter = AdapterConfig::new(1).with_cycle_us(2_000);
+            adapter.slaves[0].rx_multiplier = rx;
+            adapter.slaves[0].tx_multiplier = tx;
+            let gateway = GatewayConfig::on_channel(2, classic());
+            let config = PortConfig::uniform(1, gateway);
+            let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+            assert_eq!(bench.port.adapter().rx_pdo(0).len(), usize::from(rx) * 128);
+            assert_eq!(bench.port.adapter().tx_pdo(0).len(), usize::from(tx) * 128);
+            let frames: Vec<_> = (0..40).map(|n| frame(0x100 + n, &n.to_le_bytes())).collect();
+            let back: Vec<_> = bench.carry(2, &frames, 200).iter().map(|f| f.frame).collect();
+            assert_eq!(back, frames, "N = {rx} out, {tx} back");
+            assert_eq!(bench.port.statistics(0).parse_errors, 0);
+        }
+    }
+}
+
+#[test]
+fn twelve_chunks_and_more_need_a_master_that_carries_them() {
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    for n in [12, 16, 24] {
+        let mut adapter = AdapterConfig::new(1).with_multiplier(n);
+        let refused = Bench::open(ecan_sim::echo(1), adapter.clone(), config.clone());
+        let Err(PortError::Config(faults)) = refused.map(|_| ()) else { panic!("N = {n} taken") };
+        assert!(
+            matches!(
+                faults.0[0],
+                PortConfigFault::Adapter(ConfigFault::LargePdo { multiplier, .. }) if multiplier == n
+            ),
+            "{faults}"
+        );
+        adapter.allow_large_pdos = true;
+        let mut scenario = ecan_sim::echo(1);
+        scenario.carries_large_pdos = true;
+        let mut bench = Bench::ready(scenario, adapter, config.clone());
+        let frames: Vec<_> = (0..100).map(|n| frame(0x200 + n, &[7; 8])).collect();
+        assert_eq!(bench.carry(0, &frames, 200).len(), 100);
+    }
+}
+
+#[test]
+fn two_gateways_with_different_sizes_do_not_mix() {
+    let mut adapter = AdapterConfig::new(2).with_cycle_us(2_000);
+    adapter.slaves[1].rx_multiplier = 8;
+    adapter.slaves[1].tx_multiplier = 6;
+    let config = PortConfig {
+        gateways: vec![
+            GatewayConfig::on_channel(1, classic()),
+            GatewayConfig::on_channel(3, ChannelSettings::fd(500_000, 2_000_000)),
+        ],
+    };
+    let mut bench = Bench::ready(ecan_sim::echo(2), adapter, config);
+    let long = [0xA5; 48];
+    bench.cycle(|port| {
+        port.send_can(0, 1, id(0x11), &[1]).unwrap();
+        port.send_canfd(1, 3, id(0x22), &long, true).unwrap();
+        assert_eq!(
+            port.send_can(1, 1, id(0x33), &[]),
+            Err(SendError::Channel { slave: 1, channel: 1 })
+        );
+        assert_eq!(
+            port.send_canfd(0, 1, id(0x33), &[], false),
+            Err(SendError::NotFd { slave: 0, channel: 1 })
+        );
+    });
+    let back = frames_of(&bench.idle(6));
+    let seen: Vec<_> = back.iter().map(|f| (f.slave, f.channel, f.frame)).collect();
+    assert_eq!(seen.len(), 2, "{seen:?}");
+    assert!(seen.contains(&(0, 1, frame(0x11, &[1]))));
+    assert!(seen.contains(&(1, 3, CanFrame::fd(id(0x22), &long, true, false).unwrap())));
+}
+
+#[test]
+fn three_gateways_carry_traffic_on_all_twelve_channels() {
+    let adapter = AdapterConfig::new(3).with_cycle_us(2_000);
+    let gateway = GatewayConfig::on_all_channels(&classic());
+    let mut bench = Bench::ready(ecan_sim::echo(3), adapter, PortConfig::uniform(3, gateway));
+    let mut back = vec![Vec::new(); 12];
+    for round in 0..50u8 {
+        let items = bench.cycle(|port| {
+            for slave in 0..3 {
+                for channel in 0..4 {
+                    let data = [slave as u8, channel, round];
+                    port.send_can(slave, channel, id(0x100 + u16::from(round)), &data).unwrap();
+                }
+            }
+        });
+        collect(&items, &mut back);
+    }
+    collect(&bench.idle(6), &mut back);
+    for (place, frames) in back.iter().enumerate() {
+        let (slave, channel) = ((place / CHANNELS) as u8, (place % CHANNELS) as u8);
+        let expected: Vec<_> = (0..50u8)
+            .map(|round| frame(0x100 + u16::from(round), &[slave, channel, round]))
+            .collect();
+        assert_eq!(*frames, expected, "slave {slave} channel {channel}");
+    }
+}
+
+fn collect(items: &[ecan_mcan_port::Received], back: &mut [Vec<CanFrame>]) {
+    for received in frames_of(items) {
+        back[received.slave * CHANNELS + usize::from(received.channel)].push(received.frame);
+    }
+}
+
+#[test]
+fn every_kind_of_frame_comes_back_as_it_went() {
+    let fd = ChannelSettings::fd(1_000_000, 5_000_000);
+    let mut bench = Bench::single(GatewayConfig::on_channel(0, fd));
+    let mut frames = Vec::new();
+    let ids =
+        [id(0), id(0x7FF), CanId::extended(0).unwrap(), CanId::extended(0x1FFF_FFFF).unwrap()];
+    for can_id in ids {
+        for raw in 0..=15 {
+            let dlc = Dlc::new(raw).unwrap();
+            let data: Vec<u8> = (0..dlc.fd_len() as u8).map(|b| b ^ raw).collect();
+            if raw <= 8 {
+                frames.push(CanFrame::classic(can_id, &data).unwrap());
+                frames.push(CanFrame::remote(can_id, dlc).unwrap());
+            }
+            frames.push(CanFrame::fd(can_id, &data, true, false).unwrap());
+            frames.push(CanFrame::fd(can_id, &data, false, false).unwrap());
+        }
+    }
+    let back: Vec<_> = bench.carry(0, &frames, 2000).iter().map(|f| f.frame).collect();
+    assert_eq!(back, frames);
+}
+
+#[test]
+fn options_and_profiles_keep_frames_whole() {
+    let options = [
+        OptionFlags::ALIGN4,
+        OptionFlags::NO_CRC16,
+        OptionFlags::PAYLOAD_ONLY,
+        OptionFlags::ALIGN4.with(OptionFlags::NO_CRC16).with(OptionFlags::PAYLOAD_ONLY),
+    ];
+    for option in options {
+        for raw in [0, 1, 4, 5] {
+            let mut gateway =
+                GatewayConfig::on_channel(0, ChannelSettings::fd(1_000_000, 4_000_000));
+            gateway.tx_options = option;
+            gateway.rx_options = option;
+            gateway.tx_encapsulation = EncapsulationProfile::from_raw(raw).unwrap();
+            gateway.rx_encapsulation = gateway.tx_encapsulation;
+            let mut bench = Bench::single(gateway);
+            let frames: Vec<_> = (0..60)
+                .map(|n: u8| match n % 3 {
+                    0 => CanFrame::fd(id(n.into()), &[n; 12], true, false).unwrap(),
+                    1 => frame(n.into(), &[n; 3]),
+                    _ => CanFrame::fd(id(n.into()), &[n; 64], true, false).unwrap(),
+                })
+                .collect();
+            let back = bench.carry(0, &frames, 500);
+            let same: Vec<_> = back.iter().map(|f| f.frame).collect();
+            assert_eq!(same, frames, "{option:?}, profile {raw}");
+            let stamped = back.iter().any(|f| f.timestamp != Timestamp::None);
+            assert_eq!(stamped, raw == 1 || raw == 5, "profile {raw}");
+        }
+    }
+}
+
+#[test]
+fn a_full_image_refuses_the_frame_and_counts_it() {
+    let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle_us(1_000);
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+    // 104 bytes of frame area hold 8 packets of 12 bytes (manual 5.2, 8.3).
+    let mut refused = None;
+    bench.cycle(|port| {
+        for n in 0..8 {
+            port.send_can(0, 0, id(n), &[0; 8]).unwrap();
+        }
+        assert_eq!(port.image_room(0), 8);
+        refused = port.send_can(0, 0, id(8), &[0; 8]).err();
+        port.send_can(0, 0, id(9), &[0; 4]).unwrap();
+    });
+    let what = NoRoom::Image;
+    assert_eq!(refused, Some(SendError::NoRoom { slave: 0, channel: 0, what }));
+    assert_eq!(bench.port.statistics(0).channels[0].refused_image_full, 1);
+    let back = frames_of(&bench.idle(10));
+    assert_eq!(back.len(), 9);
+    assert_eq!(back[8].frame, frame(9, &[0; 4]));
+}
+
+#[test]
+fn a_burst_is_paced_by_the_gateways_queue_and_nothing_is_dropped() {
+    let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
+    let config =
+        PortConfig::uniform(1, GatewayConfig::on_channel(0, ChannelSettings::classic(125_000)));
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+    let frames: Vec<_> = (0..1000u16).map(|n| frame(n % 0x700, &n.to_le_bytes())).collect();
+    let back: Vec<_> = bench.carry(0, &frames, 5000).iter().map(|f| f.frame).collect();
+    assert_eq!(back, frames);
+    let statistics = bench.port.statistics(0);
+    assert!(statistics.channels[0].refused_queue_full > 0, "the burst was never held back");
+    assert_eq!(statistics.incomplete_images, 0);
+}
+
+#[test]
+fn the_receive_source_and_the_transmit_hint_travel_along() {
+    let mut settings = classic();
+    settings.standard_filters.push(StandardFilter {
+        matching: StandardMatch::Range,
+        action: FilterAction::Fifo1,
+        sync: false,
+        id1: 0x200,
+        id2: 0x2FF,
+    });
+    let mut bench = Bench::single(GatewayConfig::on_channel(0, settings));
+    let hint = TransmitHint::HighPriority;
+    bench.cycle(|port| {
+        let options = SendOptions { hint, schedule: None };
+        let batch = [
+            TransmitFrame { slave: 0, channel: 0, frame: frame(0x234, &[1]), options },
+            TransmitFrame::new(0, 0, frame(0x345, &[2])),
+        ];
+        assert_eq!(port.send_batch(&batch).sent, 2);
+    });
+    // ID_AUX stands in bits 11 to 13 of the identifier field (manual 8.1).
+    assert_eq!(bench.port.adapter().rx_pdo(0)[26..28], (0x234u16 | 1 << 11).to_le_bytes());
+    let mut back: Vec<_> =
+        frames_of(&bench.idle(6)).iter().map(|f| (f.frame.id().raw(), f.source)).collect();
+    back.sort_by_key(|(id, _)| *id);
+    assert_eq!(back, [(0x234, ReceiveSource::Fifo1), (0x345, ReceiveSource::Fifo0)]);
+}
+
+#[test]
+fn what_does_not_fit_the_buffer_stays_for_the_next_call() {
+    let mut bench = Bench::single(GatewayConfig::on_channel(0, classic()));
+    bench.cycle(|port| {
+        for n in 0..6 {
+            port.send_can(0, 0, id(n), &[]).unwrap();
+        }
+    });
+    let mut seen = Vec::new();
+    for _ in 0..8 {
+        bench.port.cycle_begin().unwrap();
+        let blank = ecan_mcan_port::Received::TransmitReport(ecan_mcan_port::TransmitReport {
+            ticket: None,
+            slave: 9,
+            channel: 0,
+            code: ecan_protocol::ResultCode::Ok,
+        });
+        let mut two = [blank; 2];
+        loop {
+            let count = bench.port.receive(&mut two);
+            seen.extend(frames_of(&two[..count]).iter().map(|f| f.frame.id().raw()));
+            if count < 2 {
+                break;
+            }
+        }
+        bench.port.cycle_end().unwrap();
+        let next = bench.port.adapter().clock().now_ns() + 1_000_000;
+        bench.port.adapter().clock().sleep_until_ns(next);
+    }
+    assert_eq!(seen, [0, 1, 2, 3, 4, 5]);
+}
+
+#[test]
+fn outside_a_cycle_nothing_is_sent() {
+    let mut bench = Bench::single(GatewayConfig::on_channel(0, classic()));
+    assert_eq!(bench.port.send_can(0, 0, id(1), &[]), Err(SendError::NoCycle));
+    bench.cycle(|port| {
+        assert_eq!(port.send_can(4, 0, id(1), &[]), Err(SendError::SlaveIndex { slave: 4 }));
+        let too_long = port.send_can(0, 0, id(1), &[0; 9]);
+        assert!(matches!(too_long, Err(SendError::Frame(_))), "{too_long:?}");
+    });
+}

@@ -1,0 +1,72 @@
+//! Switching N and channels at run time (manual 14.2).
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{Bench, READY_MS, classic, frame};
+use ecan_host::{AdapterConfig, Phase};
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortError};
+
+fn adapter(multiplier: u8) -> AdapterConfig {
+    AdapterConfig::new(1).with_multiplier(multiplier).with_cycle_us(1_000)
+}
+
+#[test]
+fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    for multiplier in [8, 1, 11, 3] {
+        bench.port.reconfigure(adapter(multiplier), config.clone()).unwrap();
+        assert_eq!(bench.port.adapter().phase(), Phase::Configured);
+        bench.port.wait_ready(READY_MS).unwrap();
+        bench.resync();
+        let bytes = u32::from(multiplier) * 128;
+        for object in [0x8010, 0x8011] {
+            let diagnostics = bench.port.adapter().diagnostics();
+            assert_eq!(diagnostics.sdo_upload_u32(0, object, 9).unwrap(), bytes);
+        }
+        let frames: Vec<_> = (0..30).map(|n| frame(n, &[multiplier])).collect();
+        let back: Vec<_> = bench.carry(0, &frames, 100).iter().map(|f| f.frame).collect();
+        assert_eq!(back, frames, "N = {multiplier}");
+    }
+}
+
+#[test]
+fn other_channels_and_bit_rates_can_be_chosen() {
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config);
+    let fd = ChannelSettings::fd(500_000, 4_000_000);
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(3, fd));
+    bench.port.reconfigure(adapter(8), config).unwrap();
+    bench.port.wait_ready(READY_MS).unwrap();
+    bench.resync();
+    let frames = [frame(7, &[1, 2, 3])];
+    let back = bench.carry(3, &frames, 50);
+    assert_eq!((back[0].channel, back[0].frame), (3, frames[0]));
+}
+
+#[test]
+fn a_faulty_configuration_leaves_everything_running() {
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let refused = bench.port.reconfigure(adapter(12), config);
+    assert!(matches!(refused, Err(PortError::Config(_))), "{refused:?}");
+    let frames = [frame(1, &[])];
+    assert_eq!(bench.carry(0, &frames, 50).len(), 1);
+}
+
+#[test]
+fn after_a_failed_switch_the_old_configuration_can_be_taken_up_again() {
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut elsewhere = adapter(3);
+    elsewhere.slaves[0].position = 5;
+    elsewhere.preop_timeout_ms = 200;
+    let failed = bench.port.reconfigure(elsewhere, config.clone());
+    assert!(failed.unwrap_err().to_string().contains("position 5"));
+    assert_eq!(bench.port.adapter().phase(), Phase::Down);
+    bench.port.reconfigure(adapter(3), config).unwrap();
+    bench.port.wait_ready(READY_MS).unwrap();
+    bench.resync();
+    assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
+}

@@ -1,0 +1,121 @@
+//! What a gateway is told before it goes to OP, and what is refused before the bus is touched.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{Bench, classic};
+use ecan_host::{AdapterConfig, Error, Expectation, StartupStep};
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortConfigFault, PortError};
+use ecan_protocol::{FilterAction, OptionFlags, StandardFilter, StandardMatch};
+
+/// (index, subindex, value) of the downloads; checks in between are left out.
+fn downloads(steps: &[StartupStep]) -> Vec<(u16, u8, u32)> {
+    let download = |step: &StartupStep| match step {
+        StartupStep::Download(sdo) => Some((sdo.index, sdo.subindex, sdo.value)),
+        StartupStep::Expect { .. } => None,
+    };
+    steps.iter().filter_map(download).collect()
+}
+
+#[test]
+fn the_sequence_of_the_manual_is_written() {
+    let mut adapter = AdapterConfig::new(1).with_multiplier(8);
+    let gateway = GatewayConfig::on_all_channels(&ChannelSettings::fd(1_000_000, 5_000_000));
+    PortConfig::uniform(1, gateway).apply(&mut adapter);
+    let written = downloads(&adapter.slaves[0].startup);
+    // Manual 5.4.2: both profiles, then both apply commands.
+    let profile: Vec<_> = [0x8010, 0x8011]
+        .into_iter()
+        .flat_map(|object| {
+            [(object, 3, 8), (object, 4, 0x0F), (object, 5, 0), (object, 6, 0), (object, 7, 0)]
+        })
+        .chain([(0x8010, 1, 1), (0x8011, 1, 1)])
+        .collect();
+    assert_eq!(written[..12], profile);
+    // Manual 5.4.3 phase E, for each channel, with the apply command last.
+    for channel in 0..4 {
+        let object = 0x8001 + channel;
+        let of_channel: Vec<_> = written.iter().filter(|w| w.0 == object).collect();
+        for expected in
+            [(15, 1), (16, 1), (19, 1_000_000), (20, 5_000_000), (62, 48), (65, 7), (72, 7)]
+        {
+            assert!(of_channel.contains(&&(object, expected.0, expected.1)), "{expected:?}");
+        }
+        assert_eq!(of_channel.last(), Some(&&(object, 1, 1)));
+        // Budgets above the default of 2 and 4 (13.2.2).
+        let data_path: Vec<_> = written.iter().filter(|w| w.0 == 0x8021 + channel).collect();
+        assert!(data_path.contains(&&(0x8021 + channel, 5, 8)));
+        assert!(data_path.contains(&&(0x8021 + channel, 12, 8)));
+        assert_eq!(data_path.last(), Some(&&(0x8021 + channel, 2, 1)));
+    }
+}
+
+#[test]
+fn capabilities_are_asked_before_anything_is_written() {
+    let mut adapter = AdapterConfig::new(1).with_multiplier(8);
+    let mut gateway = GatewayConfig::on_channel(2, classic());
+    gateway.tx_options = OptionFlags::TX_RESULT;
+    gateway.rx_options = OptionFlags::ALIGN4;
+    PortConfig::uniform(1, gateway).apply(&mut adapter);
+    let steps = &adapter.slaves[0].startup;
+    let leading = steps.iter().take_while(|step| !step.is_download()).count();
+    let asked = &steps[..leading];
+    let expect = |subindex, expected| StartupStep::Expect { index: 0xF000, subindex, expected };
+    for step in [
+        expect(2, Expectation::AtLeast(3)),
+        expect(11, Expectation::AtLeast(8)),
+        expect(15, Expectation::HasBits(0x03)),
+        expect(17, Expectation::Equals(128)),
+    ] {
+        assert!(asked.contains(&step), "{step:?} in {asked:?}");
+    }
+}
+
+#[test]
+fn every_fault_of_both_configurations_is_reported_at_once() {
+    let mut adapter = AdapterConfig::new(2).with_multiplier(12);
+    adapter.cycle_ns = 1;
+    let mut impossible = ChannelSettings::classic(1_234_567);
+    let filter = StandardFilter {
+        matching: StandardMatch::Range,
+        action: FilterAction::Fifo0,
+        sync: false,
+        id1: 0x100,
+        id2: 0x1FF,
+    };
+    impossible.standard_filters = vec![filter; 65];
+    impossible.data_path.rx_drain_max = 9;
+    let mut gateway = GatewayConfig::on_channel(0, impossible);
+    gateway.rx_options = OptionFlags::APP_BYPASS;
+    let config = PortConfig { gateways: vec![gateway, GatewayConfig::default()] };
+    let faults = config.check(&adapter).unwrap_err().0;
+    let has = |wanted: &dyn Fn(&PortConfigFault) -> bool| faults.iter().any(wanted);
+    assert!(has(&|f| matches!(f, PortConfigFault::Adapter(_))), "{faults:?}");
+    assert!(has(&|f| matches!(f, PortConfigFault::Channel { slave: 0, channel: 0, .. })));
+    assert!(has(&|f| matches!(f, PortConfigFault::Filter { slave: 0, channel: 0, .. })));
+    assert!(has(&|f| matches!(f, PortConfigFault::DataPath { slave: 0, channel: 0, .. })));
+    assert!(has(&|f| matches!(f, PortConfigFault::Bypass { slave: 0, .. })));
+    assert!(has(&|f| matches!(f, PortConfigFault::NoChannel { slave: 1 })));
+}
+
+#[test]
+fn a_gateway_whose_can_side_is_cut_off_by_a_test_is_refused_unless_allowed() {
+    let cut_off = |bench: &Bench| {
+        let diagnostics = bench.port.adapter().diagnostics();
+        let key = 0x4543_414E_u32.to_le_bytes();
+        diagnostics.sdo_download(0, 0x8030, 1, &key).unwrap();
+        diagnostics.sdo_download(0, 0x8030, 6, &[3]).unwrap();
+    };
+    let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let mut gateway = GatewayConfig::on_channel(0, classic());
+    let mut bench = Bench::single(gateway.clone());
+    cut_off(&bench);
+    let config = PortConfig::uniform(1, gateway.clone());
+    let refused = bench.port.reconfigure(adapter.clone(), config).unwrap_err();
+    let PortError::Adapter(Error::Readback { index: 0x8030, subindex: 6, found: 3, .. }) = refused
+    else {
+        panic!("{refused}")
+    };
+    gateway.allow_diagnostic_tests = true;
+    bench.port.reconfigure(adapter, PortConfig::uniform(1, gateway)).unwrap();
+}

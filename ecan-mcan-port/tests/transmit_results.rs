@@ -1,0 +1,71 @@
+//! Transmit results find the sends that caused them (manual 10).
+#![allow(missing_docs)]
+
+mod common;
+
+use std::collections::HashSet;
+
+use common::{Bench, classic, id};
+use ecan_mcan_port::{GatewayConfig, Received, TransmitReport};
+use ecan_protocol::{OptionFlags, ResultCode};
+
+fn with_results() -> GatewayConfig {
+    let mut gateway = GatewayConfig::on_all_channels(&classic());
+    gateway.tx_options = OptionFlags::TX_RESULT;
+    gateway
+}
+
+fn reports(items: &[Received]) -> Vec<TransmitReport> {
+    let report = |item: &Received| match item {
+        Received::TransmitReport(report) => Some(*report),
+        Received::Frame(_) => None,
+    };
+    items.iter().filter_map(report).collect()
+}
+
+#[test]
+fn every_send_gets_its_own_result() {
+    let mut bench = Bench::single(with_results());
+    let mut tickets = HashSet::new();
+    let mut answered = Vec::new();
+    for round in 0..20 {
+        let items = bench.cycle(|port| {
+            for channel in 0..4 {
+                let ticket = port.send_can(0, channel, id(round), &[channel]).unwrap();
+                assert!(tickets.insert((ticket, channel)), "tickets are unique");
+            }
+        });
+        answered.extend(reports(&items));
+    }
+    answered.extend(reports(&bench.idle(10)));
+    assert_eq!(answered.len(), 80);
+    for report in &answered {
+        let ticket = report.ticket.expect("known send");
+        assert!(report.code.is_success(), "{report:?}");
+        assert!(tickets.remove(&(ticket, report.channel)), "{report:?}");
+    }
+    assert!(tickets.is_empty());
+    let statistics = bench.port.statistics(0);
+    assert_eq!(statistics.unmatched_results, 0);
+    assert_eq!(statistics.channels.map(|c| c.results_ok), [20; 4]);
+}
+
+#[test]
+fn a_bus_off_channel_answers_with_the_reason() {
+    let mut gateway = with_results();
+    // Manual recovery keeps the channel off.
+    for settings in gateway.channels.iter_mut().flatten() {
+        settings.data_path.bus_off_recovery = ecan_protocol::BusOffRecovery::Manual;
+    }
+    let mut bench = Bench::single(gateway);
+    bench.simulation.inject(ecan_sim::Fault::BusOff { gateway: 0, channel: 1 });
+    bench.idle(5);
+    assert!(bench.port.channel_status(0, 1).bus_off());
+    let mut ticket = None;
+    let mut items = bench.cycle(|port| ticket = port.send_can(0, 1, id(5), &[]).ok());
+    items.extend(bench.idle(5));
+    let reports = reports(&items);
+    assert_eq!(reports.len(), 1, "{reports:?}");
+    assert_eq!((reports[0].ticket, reports[0].code), (ticket, ResultCode::BusOff));
+    assert_eq!(bench.port.statistics(0).channels[1].results_failed, 1);
+}
