@@ -1,0 +1,276 @@
+//! From the `ecrt` setting to a library: the real one or a simulated one.
+//!
+//! This is the only place that chooses between the two, and it never falls back from the real
+//! library to the simulator by itself.
+
+use std::ffi::OsString;
+use std::path::{Path, PathBuf};
+
+use ecrt_sys::{Ecrt, LoadError};
+
+use crate::ecrt::{secure_execution, simulated_library};
+use crate::scenario::{self, BUILTIN_SCENARIOS, ClockKind, Scenario, ScenarioError};
+use crate::simulation::Simulation;
+
+/// Environment variable of the setting.
+pub const ECRT_VARIABLE: &str = "ECAN_ECRT";
+
+/// Which scenario a simulated library runs.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ScenarioChoice {
+    /// The one that the program suggests, see [`SimOptions::suggested`].
+    Suggested,
+    /// A built-in one.
+    Named(String),
+    /// A file.
+    File(PathBuf),
+    /// One made in memory.
+    Given(Box<Scenario>),
+}
+
+/// The `ecrt` setting: which libethercat to use.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum EcrtSetting {
+    /// The real library: the one named, or the default one.
+    Library(Option<PathBuf>),
+    /// A simulated library.
+    Sim(ScenarioChoice),
+}
+
+impl EcrtSetting {
+    /// Reads a setting: empty is the default library; `sim`, `sim:<name>` and `sim:<file>.toml`
+    /// are simulated; everything else is the path of a library.
+    ///
+    /// # Errors
+    /// [`BackendError::UnknownScenario`].
+    pub fn parse(text: &str) -> Result<Self, BackendError> {
+        if text.is_empty() {
+            return Ok(Self::Library(None));
+        }
+        if text == "sim" {
+            return Ok(Self::Sim(ScenarioChoice::Suggested));
+        }
+        let Some(name) = text.strip_prefix("sim:") else {
+            return Ok(Self::Library(Some(PathBuf::from(text))));
+        };
+        if Path::new(name).extension().is_some_and(|extension| extension == "toml") {
+            return Ok(Self::Sim(ScenarioChoice::File(PathBuf::from(name))));
+        }
+        if BUILTIN_SCENARIOS.contains(&name) {
+            return Ok(Self::Sim(ScenarioChoice::Named(name.to_owned())));
+        }
+        Err(BackendError::UnknownScenario { name: name.to_owned() })
+    }
+
+    /// The setting of the environment variable `ECAN_ECRT`; `None` when it is not set, or when the
+    /// program runs with more rights than its user has (setuid, setgid, capabilities): then the
+    /// environment is not to be trusted, as for `secure_getenv`.
+    ///
+    /// # Errors
+    /// As [`parse`](Self::parse), and [`BackendError::Environment`] for a value that is not text.
+    pub fn from_environment() -> Result<Option<Self>, BackendError> {
+        if secure_execution() {
+            return Ok(None);
+        }
+        Self::from_variable(std::env::var_os(ECRT_VARIABLE))
+    }
+
+    fn from_variable(value: Option<OsString>) -> Result<Option<Self>, BackendError> {
+        match value {
+            None => Ok(None),
+            Some(value) if value.is_empty() => Ok(None),
+            Some(value) => {
+                let text = value.to_str().ok_or(BackendError::Environment)?;
+                Self::parse(text).map(Some)
+            }
+        }
+    }
+
+    /// The setting in force: an explicit one (API or `--ecrt`), else the environment's, else the
+    /// default library.
+    ///
+    /// # Errors
+    /// As [`parse`](Self::parse) and [`from_environment`](Self::from_environment).
+    pub fn resolve(explicit: Option<&str>) -> Result<Self, BackendError> {
+        match explicit {
+            Some(text) => Self::parse(text),
+            None => Ok(Self::from_environment()?.unwrap_or(Self::Library(None))),
+        }
+    }
+}
+
+/// What the program asks of a simulated library. The default asks for nothing.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct SimOptions {
+    /// Built-in scenario for a plain `sim`; `None` is `echo`.
+    pub suggested: Option<String>,
+    /// Clock unless the scenario names one; `None` is [`ClockKind::Real`].
+    pub clock: Option<ClockKind>,
+    /// Seed in place of the scenario's.
+    pub seed: Option<u64>,
+    /// Gateways of a built-in scenario; `None` is 1.
+    pub slaves: Option<usize>,
+    /// Whether the simulated master carries large PDOs, in place of the scenario's word.
+    pub carries_large_pdos: Option<bool>,
+}
+
+/// A library, and the simulation behind it if it is a simulated one.
+#[derive(Clone, Debug)]
+pub struct Backend {
+    /// The library.
+    pub ecrt: Ecrt,
+    /// The simulation; `None` for a real library.
+    pub simulation: Option<Simulation>,
+}
+
+/// Why no library could be had.
+#[derive(Debug, thiserror::Error)]
+pub enum BackendError {
+    /// The real library.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// No built-in scenario has this name.
+    #[error(
+        "there is no scenario \"{name}\"; there are: {}, or the name of a file that ends in .toml",
+        BUILTIN_SCENARIOS.join(", ")
+    )]
+    UnknownScenario {
+        /// The name.
+        name: String,
+    },
+    /// The environment variable holds something that is not UTF-8.
+    #[error("the environment variable {ECRT_VARIABLE} is not text")]
+    Environment,
+    /// A file could not be read.
+    #[error("cannot read {}: {error}", path.display())]
+    Read {
+        /// Which.
+        path: PathBuf,
+        /// Why.
+        error: std::io::Error,
+    },
+    /// A scenario file is wrong.
+    #[error("{}: {error}", path.display())]
+    Scenario {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong.
+        error: ScenarioError,
+    },
+    /// A candump log of the scenario is wrong.
+    #[error("{}, line {line}: {reason}", path.display())]
+    Log {
+        /// Which.
+        path: PathBuf,
+        /// Line, from 1.
+        line: usize,
+        /// What is wrong.
+        reason: String,
+    },
+}
+
+/// Opens the library that the setting names.
+///
+/// A simulated world is some seconds old when this returns: its gateways have booted and the
+/// master has scanned them.
+///
+/// # Errors
+/// The real library's error, or what is wrong with the scenario.
+pub fn open(setting: &EcrtSetting, options: &SimOptions) -> Result<Backend, BackendError> {
+    match setting {
+        EcrtSetting::Library(path) => {
+            Ok(Backend { ecrt: Ecrt::load(path.as_deref())?, simulation: None })
+        }
+        EcrtSetting::Sim(choice) => {
+            let mut scenario = choose(choice, options)?;
+            if let Some(seed) = options.seed {
+                scenario.seed = seed;
+            }
+            if let Some(carries) = options.carries_large_pdos {
+                scenario.carries_large_pdos = carries;
+            }
+            let clock = scenario.clock.or(options.clock).unwrap_or(ClockKind::Real);
+            let simulation = Simulation::new(&scenario, clock)?;
+            Ok(Backend { ecrt: simulated_library(&simulation), simulation: Some(simulation) })
+        }
+    }
+}
+
+/// Opens a simulated library for a scenario made in memory.
+///
+/// # Errors
+/// What is wrong with the scenario's files.
+pub fn open_scenario(scenario: Scenario, options: &SimOptions) -> Result<Backend, BackendError> {
+    open(&EcrtSetting::Sim(ScenarioChoice::Given(Box::new(scenario))), options)
+}
+
+fn choose(choice: &ScenarioChoice, options: &SimOptions) -> Result<Scenario, BackendError> {
+    let named = |name: &str| {
+        scenario::by_name(name, options.slaves.unwrap_or(1))
+            .ok_or_else(|| BackendError::UnknownScenario { name: name.to_owned() })
+    };
+    match choice {
+        ScenarioChoice::Suggested => named(options.suggested.as_deref().unwrap_or("echo")),
+        ScenarioChoice::Named(name) => named(name),
+        ScenarioChoice::Given(scenario) => Ok(Scenario::clone(scenario)),
+        ScenarioChoice::File(path) => {
+            let text = std::fs::read_to_string(path)
+                .map_err(|error| BackendError::Read { path: path.clone(), error })?;
+            let directory = path.parent().unwrap_or(Path::new("."));
+            let name = path.display().to_string();
+            Scenario::from_toml(&text, &name, directory)
+                .map_err(|error| BackendError::Scenario { path: path.clone(), error })
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settings_are_told_apart() {
+        let parse = |text| EcrtSetting::parse(text).unwrap();
+        assert_eq!(parse(""), EcrtSetting::Library(None));
+        assert_eq!(
+            parse("/opt/etherlab/lib/libethercat.so.1"),
+            EcrtSetting::Library(Some("/opt/etherlab/lib/libethercat.so.1".into()))
+        );
+        assert_eq!(parse("sim"), EcrtSetting::Sim(ScenarioChoice::Suggested));
+        assert_eq!(parse("sim:echo"), EcrtSetting::Sim(ScenarioChoice::Named("echo".into())));
+        assert_eq!(
+            parse("sim:cells/line 3.toml"),
+            EcrtSetting::Sim(ScenarioChoice::File("cells/line 3.toml".into()))
+        );
+    }
+
+    #[test]
+    fn an_unknown_scenario_is_refused_with_the_list() {
+        let error = EcrtSetting::parse("sim:ecco").unwrap_err();
+        assert_eq!(
+            error.to_string(),
+            "there is no scenario \"ecco\"; there are: echo, or the name of a file that ends in \
+             .toml"
+        );
+    }
+
+    #[test]
+    fn an_explicit_setting_wins() {
+        assert_eq!(
+            EcrtSetting::resolve(Some("sim")).unwrap(),
+            EcrtSetting::Sim(ScenarioChoice::Suggested)
+        );
+    }
+
+    #[test]
+    fn the_variable_is_read_like_the_option() {
+        let read = |value: Option<&str>| EcrtSetting::from_variable(value.map(OsString::from));
+        assert_eq!(read(None).unwrap(), None);
+        assert_eq!(read(Some("")).unwrap(), None);
+        assert_eq!(
+            read(Some("sim:echo")).unwrap(),
+            Some(EcrtSetting::Sim(ScenarioChoice::Named("echo".into())))
+        );
+        assert!(matches!(read(Some("sim:")), Err(BackendError::UnknownScenario { .. })));
+    }
+}

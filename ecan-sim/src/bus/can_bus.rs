@@ -1,0 +1,335 @@
+//! The bus as its stations' owner drives it.
+
+use ecan_protocol::CanFrame;
+
+use super::arbitration::arbitration_key;
+use super::error_confinement::{BusError, ErrorCounters, ErrorState};
+use super::event::{BusEvent, BusFault};
+use super::frame_timing::{FrameTiming, INTERMISSION_BITS};
+use super::planning::Transmission;
+use super::recovery::Recovery;
+use super::station::{LocalTransmission, Offer, Station, StationConfig, StationId, StationMode};
+use super::statistics::{BusStatistics, StationStatistics};
+
+/// Recessive bits a station waits for before it takes part.
+const INTEGRATION_BITS: u32 = 11;
+
+/// One CAN bus and its stations.
+///
+/// The caller alternates two steps: [`advance`](Self::advance) up to the next instant at which
+/// something ends, then [`offer`](Self::offer) what the stations want to send from there on.
+/// A frame may still be offered for an instant at which a transmission starts: arbitration is
+/// decided when time moves past it. Times never go back; an earlier `now` counts as the latest
+/// one seen.
+///
+/// Once the vectors have grown, no method allocates but [`new`](Self::new) and
+/// [`attach`](Self::attach).
+#[derive(Clone, Debug)]
+pub struct CanBus {
+    name: String,
+    pub(super) now: u64,
+    pub(super) free_at: u64,
+    pub(super) stations: Vec<Station>,
+    pub(super) current: Option<Transmission>,
+    pub(super) statistics: BusStatistics,
+    pub(super) report_due: bool,
+}
+
+impl CanBus {
+    /// An idle bus without stations at time 0.
+    #[must_use]
+    pub fn new(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            now: 0,
+            free_at: 0,
+            stations: Vec::new(),
+            current: None,
+            statistics: BusStatistics::default(),
+            report_due: false,
+        }
+    }
+
+    /// The name given to [`new`](Self::new).
+    #[must_use]
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Adds a station that is not on the bus yet.
+    pub fn attach(&mut self) -> StationId {
+        self.stations.push(Station::default());
+        StationId(self.stations.len() - 1)
+    }
+
+    /// Number of stations attached.
+    #[must_use]
+    pub fn station_count(&self) -> usize {
+        self.stations.len()
+    }
+
+    /// Starts a station anew with a configuration, or takes it off the bus (`None`).
+    ///
+    /// The controller is reset: its frame is lost (one under way breaks off in an error frame),
+    /// the error counters are 0 without an event, injected errors are forgotten. It takes part
+    /// in frames that start eleven recessive bits later.
+    pub fn configure(&mut self, now: u64, station: StationId, config: Option<StationConfig>) {
+        self.now = self.now.max(now);
+        let now = self.now;
+        let Some(slot) = self.stations.get_mut(station.0) else {
+            return;
+        };
+        let statistics = slot.statistics;
+        *slot = Station {
+            config,
+            active_from: config.map_or(now, |c| now + c.bits_ns(INTEGRATION_BITS)),
+            statistics,
+            ..Station::default()
+        };
+        self.station_vanished(station.0);
+        self.replan();
+    }
+
+    /// The configuration a station runs with.
+    #[must_use]
+    pub fn config(&self, station: StationId) -> Option<StationConfig> {
+        self.stations.get(station.0)?.config
+    }
+
+    /// Puts a station's next frame into arbitration.
+    ///
+    /// Returns false, and takes nothing, while the station has a frame under way or waiting,
+    /// or is not on the bus. The frames of a listening or a bus-off station wait.
+    pub fn offer(&mut self, now: u64, station: StationId, frame: CanFrame) -> bool {
+        self.now = self.now.max(now);
+        let now = self.now;
+        let Some(slot) = self.stations.get_mut(station.0) else {
+            return false;
+        };
+        let Some(config) = slot.config else {
+            return false;
+        };
+        if slot.offer.is_some() || slot.local.is_some() {
+            return false;
+        }
+        let frame = config.on_wire(frame, false);
+        let timing = FrameTiming::of(&frame);
+        if config.mode == StationMode::InternalLoopback {
+            let start = now.max(slot.active_from).max(slot.local_free_at);
+            slot.local =
+                Some(LocalTransmission { frame, start, end: start + config.duration_ns(&timing) });
+            return true;
+        }
+        slot.offer = Some(Offer {
+            frame,
+            timing,
+            key: arbitration_key(&frame),
+            ready_at: now,
+            withdrawn: false,
+        });
+        self.replan();
+        true
+    }
+
+    /// Whether a station has a frame under way or waiting for the bus.
+    #[must_use]
+    pub fn is_offering(&self, station: StationId) -> bool {
+        self.stations.get(station.0).is_some_and(|s| s.offer.is_some() || s.local.is_some())
+    }
+
+    /// Takes a waiting frame back. One that is already on the wire goes on, but is not repeated
+    /// if it fails.
+    pub fn withdraw(&mut self, station: StationId) {
+        let now = self.now;
+        let under_way =
+            self.current.as_ref().is_some_and(|t| t.transmitter == station.0 && t.start < now);
+        let Some(slot) = self.stations.get_mut(station.0) else {
+            return;
+        };
+        if slot.local.is_some_and(|local| local.start >= now) {
+            slot.local = None;
+        }
+        if under_way {
+            if let Some(offer) = &mut slot.offer {
+                offer.withdrawn = true;
+            }
+        } else {
+            slot.offer = None;
+            self.replan();
+        }
+    }
+
+    /// The next instant at which something ends or changes, as far as is known now.
+    #[must_use]
+    pub fn next_event(&self) -> Option<u64> {
+        if self.report_due {
+            return Some(self.now);
+        }
+        let mut next = self.current.as_ref().map(|t| t.end);
+        for station in &self.stations {
+            let local = station.local.as_ref().map(|local| local.end);
+            for at in [local, self.recovery_end(station)].into_iter().flatten() {
+                next = Some(next.map_or(at, |other| other.min(at)));
+            }
+        }
+        next
+    }
+
+    /// Moves time to the first instant not after `to` at which something happens, and appends
+    /// what happened; to `to` itself if nothing does.
+    ///
+    /// Returns the instant reached. Call it again, after offering the frames that follow from
+    /// the events, until it returns `to` without events.
+    pub fn advance(&mut self, to: u64, events: &mut Vec<BusEvent>) -> u64 {
+        let Some(at) = self.next_event().filter(|&at| at <= to) else {
+            self.now = self.now.max(to);
+            return self.now;
+        };
+        self.now = self.now.max(at);
+        if self.report_due {
+            self.report_states(events);
+        }
+        if let Some(t) = self.current.filter(|t| t.end == at) {
+            self.current = None;
+            self.complete(&t, events);
+        }
+        for index in 0..self.stations.len() {
+            self.complete_local(index, at, events);
+            self.complete_recovery(index, at);
+        }
+        self.report_states(events);
+        self.replan();
+        self.now
+    }
+
+    fn complete_local(&mut self, index: usize, at: u64, events: &mut Vec<BusEvent>) {
+        let Some(slot) = self.stations.get_mut(index) else {
+            return;
+        };
+        let Some(local) = slot.local.filter(|local| local.end == at) else {
+            return;
+        };
+        let station = StationId(index);
+        slot.local = None;
+        slot.local_free_at = at + slot.config.map_or(0, |c| c.bits_ns(INTERMISSION_BITS));
+        slot.statistics.transmitted += 1;
+        slot.statistics.received += 1;
+        events.push(BusEvent::Transmitted {
+            station,
+            frame: local.frame,
+            start_ns: local.start,
+            at_ns: at,
+        });
+        events.push(BusEvent::Received {
+            station,
+            frame: local.frame,
+            start_ns: local.start,
+            at_ns: at,
+        });
+    }
+
+    /// When a recovery ends, if that comes before the next transmission starts.
+    fn recovery_end(&self, station: &Station) -> Option<u64> {
+        let end = station.recovery.as_ref()?.end();
+        match &self.current {
+            Some(t) if end > t.start => None,
+            _ => Some(end),
+        }
+    }
+
+    fn complete_recovery(&mut self, index: usize, at: u64) {
+        let ended = self
+            .stations
+            .get(index)
+            .and_then(|station| self.recovery_end(station))
+            .is_some_and(|end| end <= at);
+        if ended && let Some(slot) = self.stations.get_mut(index) {
+            slot.recovery = None;
+            slot.counters = ErrorCounters::default();
+            slot.active_from = slot.active_from.max(at);
+            slot.suspended_until = 0;
+        }
+    }
+
+    /// Transmit and receive error counter.
+    ///
+    /// The transmit counter stays at 256 in bus-off; the receive counter stops at 255.
+    #[must_use]
+    pub fn error_counters(&self, station: StationId) -> (u16, u16) {
+        self.stations.get(station.0).map_or((0, 0), |s| (s.counters.tec, s.counters.rec))
+    }
+
+    /// The error state; [`ErrorState::Active`] for a station that is not on the bus.
+    #[must_use]
+    pub fn error_state(&self, station: StationId) -> ErrorState {
+        self.stations.get(station.0).map_or(ErrorState::Active, |s| s.counters.state())
+    }
+
+    /// What the station last saw go wrong since it was configured.
+    #[must_use]
+    pub fn last_error(&self, station: StationId) -> Option<BusError> {
+        self.stations.get(station.0)?.last_error
+    }
+
+    /// Lets a bus-off station come back: it is error active again after 128 occurrences of 11
+    /// recessive bits. No effect in another state, or while it is already coming back.
+    pub fn recover(&mut self, now: u64, station: StationId) {
+        self.now = self.now.max(now);
+        let now = self.now;
+        let Some(slot) = self.stations.get_mut(station.0) else {
+            return;
+        };
+        if let (true, None, Some(config)) =
+            (slot.counters.is_bus_off(), slot.recovery, &slot.config)
+        {
+            slot.recovery = Some(Recovery::start(now, config));
+        }
+    }
+
+    /// Whether a bus-off station is on its way back.
+    #[must_use]
+    pub fn is_recovering(&self, station: StationId) -> bool {
+        self.stations.get(station.0).is_some_and(|s| s.recovery.is_some())
+    }
+
+    /// Injects a fault at the instant the bus has reached.
+    pub fn inject(&mut self, fault: BusFault) {
+        match fault {
+            BusFault::ErrorFrames { station, count } => {
+                if let Some(slot) = self.stations.get_mut(station.0) {
+                    slot.injected_errors = slot.injected_errors.saturating_add(count);
+                }
+            }
+            BusFault::BusOff(station) => {
+                let Some(slot) = self.stations.get_mut(station.0) else {
+                    return;
+                };
+                if slot.config.is_none() || slot.counters.is_bus_off() {
+                    return;
+                }
+                slot.counters.leave_bus();
+                self.report_due = true;
+                self.station_vanished(station.0);
+            }
+        }
+        self.replan();
+    }
+
+    /// Counters of the bus up to the instant it has reached.
+    #[must_use]
+    pub fn statistics(&self) -> BusStatistics {
+        let mut statistics = self.statistics;
+        statistics.at_ns = self.now;
+        match self.current.as_ref().filter(|t| t.start < self.now) {
+            Some(t) => statistics.busy_ns += self.now - t.start,
+            None => statistics.busy_ns -= self.free_at.saturating_sub(self.now),
+        }
+        statistics
+    }
+
+    /// Counters of one station.
+    #[must_use]
+    pub fn station_statistics(&self, station: StationId) -> StationStatistics {
+        self.stations.get(station.0).map_or_else(StationStatistics::default, |s| s.statistics)
+    }
+}

@@ -1,0 +1,190 @@
+//! What a finished transmission does to the stations.
+
+use super::CanBus;
+use super::error_confinement::{BusError, ErrorState};
+use super::event::BusEvent;
+use super::frame_timing::INTERMISSION_BITS;
+use super::planning::{Outcome, Transmission};
+use super::station::{StationId, StationMode};
+
+/// Pause of an error-passive sender behind the intermission.
+const SUSPEND_BITS: u32 = 8;
+/// Recessive bits at the end of a frame (ACK delimiter, EOF) and of an error frame (delimiter).
+const QUIET_END_BITS: u32 = 8;
+/// A receiver that signals an error first sees the flags of the others behind its own.
+const FIRST_TO_SIGNAL: u16 = 8;
+
+impl CanBus {
+    /// Ends the transmission: counters, events, and the bus free again after the intermission.
+    pub(super) fn complete(&mut self, t: &Transmission, events: &mut Vec<BusEvent>) {
+        let intermission = t.config.bits_ns(INTERMISSION_BITS);
+        self.free_at = t.end + intermission;
+        self.statistics.busy_ns += t.end - t.start + intermission;
+        self.statistics.identifier_collisions += u64::from(t.collision);
+
+        // The ACK error of a passive sender disturbs no one: the frame is good for listeners.
+        let silent_no_ack = t.outcome == Outcome::NoAck
+            && self.stations.get(t.transmitter).is_some_and(|s| s.counters.is_passive());
+        let good = t.outcome == Outcome::Delivered;
+        self.complete_sender(t, good, silent_no_ack, events);
+        self.complete_receivers(t, good || silent_no_ack, events);
+        self.complete_losers(t, events);
+        self.complete_recoveries(t);
+        self.report_states(events);
+    }
+
+    fn complete_sender(
+        &mut self,
+        t: &Transmission,
+        good: bool,
+        silent_no_ack: bool,
+        events: &mut Vec<BusEvent>,
+    ) {
+        let transmitter = StationId(t.transmitter);
+        if good {
+            self.statistics.frames += 1;
+        } else {
+            self.statistics.error_frames += 1;
+            events.push(BusEvent::ErrorFrame { transmitter, at_ns: t.end });
+        }
+        let free_at = self.free_at;
+        let Some(station) = self.stations.get_mut(t.transmitter) else {
+            return;
+        };
+        if t.outcome == Outcome::BrokenOff {
+            // The station has been reset or is bus-off already.
+            return;
+        }
+        if good {
+            station.counters.sent();
+            station.statistics.transmitted += 1;
+            station.offer = None;
+            events.push(BusEvent::Transmitted {
+                station: transmitter,
+                frame: t.frame,
+                start_ns: t.start,
+                at_ns: t.end,
+            });
+            if t.config.mode == StationMode::ExternalLoopback {
+                station.statistics.received += 1;
+                events.push(BusEvent::Received {
+                    station: transmitter,
+                    frame: t.frame,
+                    start_ns: t.start,
+                    at_ns: t.end,
+                });
+            }
+        } else {
+            station.last_error = t.outcome.transmitter_error();
+            station.statistics.transmit_errors += 1;
+            if t.outcome == Outcome::Disturbed {
+                station.injected_errors = station.injected_errors.saturating_sub(1);
+            }
+            if !silent_no_ack {
+                station.counters.send_failed();
+            }
+            let once = !t.config.auto_retransmit;
+            if let Some(offer) = station.offer.filter(|o| once || o.withdrawn) {
+                station.offer = None;
+                if !offer.withdrawn {
+                    events.push(BusEvent::Abandoned {
+                        station: transmitter,
+                        frame: offer.frame,
+                        at_ns: t.end,
+                    });
+                }
+            }
+        }
+        if station.counters.is_passive() {
+            station.suspended_until = free_at + t.config.bits_ns(SUSPEND_BITS);
+        }
+    }
+
+    fn complete_receivers(&mut self, t: &Transmission, good: bool, events: &mut Vec<BusEvent>) {
+        for (index, station) in self.stations.iter_mut().enumerate() {
+            if index == t.transmitter {
+                continue;
+            }
+            let Some(config) = station.listening(t.start) else {
+                continue;
+            };
+            let counts = config.mode == StationMode::Normal;
+            let readable = config.understands(&t.config, &t.frame);
+            if good && readable.is_ok() {
+                if counts {
+                    station.counters.received();
+                }
+                station.statistics.received += 1;
+                events.push(BusEvent::Received {
+                    station: StationId(index),
+                    frame: t.frame,
+                    start_ns: t.start,
+                    at_ns: t.end,
+                });
+                continue;
+            }
+            station.statistics.receive_errors += 1;
+            station.last_error = Some(match readable {
+                Ok(()) => BusError::Stuff,
+                Err(mismatch) => mismatch.error(),
+            });
+            if counts {
+                let first = t.outcome == Outcome::Refused
+                    && readable.is_err()
+                    && !station.counters.is_passive();
+                station.counters.receive_failed(if first { 1 + FIRST_TO_SIGNAL } else { 1 });
+            }
+        }
+    }
+
+    /// Stations that were ready at the same start but had the lower priority.
+    fn complete_losers(&mut self, t: &Transmission, events: &mut Vec<BusEvent>) {
+        for (index, station) in self.stations.iter_mut().enumerate() {
+            if index == t.transmitter {
+                continue;
+            }
+            let Some((ready, offer, config)) = station.ready_at() else {
+                continue;
+            };
+            if ready > t.start || offer.key == t.key {
+                continue;
+            }
+            let frame = offer.frame;
+            let once = !config.auto_retransmit;
+            station.statistics.arbitrations_lost += 1;
+            if once {
+                station.offer = None;
+                events.push(BusEvent::Abandoned { station: StationId(index), frame, at_ns: t.end });
+            }
+        }
+    }
+
+    fn complete_recoveries(&mut self, t: &Transmission) {
+        let quiet = t.end.saturating_sub(t.config.bits_ns(QUIET_END_BITS));
+        for station in &mut self.stations {
+            if let Some(recovery) = &mut station.recovery {
+                recovery.interrupted(t.start, quiet);
+            }
+        }
+    }
+
+    /// Reports every error state that is not known yet.
+    pub(super) fn report_states(&mut self, events: &mut Vec<BusEvent>) {
+        self.report_due = false;
+        for (index, station) in self.stations.iter_mut().enumerate() {
+            let state = station.counters.state();
+            if state == station.reported {
+                continue;
+            }
+            station.reported = state;
+            if state == ErrorState::BusOff {
+                station.statistics.bus_offs += 1;
+            }
+            events.push(BusEvent::StateChanged {
+                station: StationId(index),
+                state,
+                at_ns: self.now,
+            });
+        }
+    }
+}

@@ -1,0 +1,130 @@
+//! Error counters and error states (ISO 11898-1, fault confinement).
+
+/// From this count on a station is reported as being in the warning state.
+const WARNING_LIMIT: u16 = 96;
+/// From this count on a station is error passive.
+const PASSIVE_LIMIT: u16 = 128;
+/// From this transmit error count on a station leaves the bus.
+const BUS_OFF_LIMIT: u16 = 256;
+/// Nothing depends on how far the receive error counter is above the passive limit.
+const REC_MAX: u16 = 255;
+/// Where an error-passive receiver's counter goes after a good frame; the standard leaves
+/// 119 to 127 open.
+const REC_AFTER_PASSIVE: u16 = 127;
+
+/// The error state of a station.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum ErrorState {
+    /// Error active, both counters below 96.
+    #[default]
+    Active,
+    /// Error active with a counter of 96 or more.
+    Warning,
+    /// Error passive: a counter of 128 or more. Its error flags disturb no one.
+    Passive,
+    /// Off the bus: the transmit error counter reached 256.
+    BusOff,
+}
+
+/// What a station last saw go wrong.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum BusError {
+    /// Six equal bits where stuffing allows five: also how another station's error flag looks.
+    Stuff,
+    /// No station acknowledged the frame.
+    Ack,
+    /// A sent bit read back with the other level.
+    Bit,
+    /// A bit of fixed form had the wrong level: also how an FD frame looks to a classic station.
+    Form,
+}
+
+/// The two error counters of one station.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct ErrorCounters {
+    pub tec: u16,
+    pub rec: u16,
+    bus_off: bool,
+}
+
+impl ErrorCounters {
+    pub(super) const fn state(&self) -> ErrorState {
+        if self.bus_off {
+            ErrorState::BusOff
+        } else if self.is_passive() {
+            ErrorState::Passive
+        } else if self.tec >= WARNING_LIMIT || self.rec >= WARNING_LIMIT {
+            ErrorState::Warning
+        } else {
+            ErrorState::Active
+        }
+    }
+
+    pub(super) const fn is_bus_off(&self) -> bool {
+        self.bus_off
+    }
+
+    pub(super) const fn is_passive(&self) -> bool {
+        self.tec >= PASSIVE_LIMIT || self.rec >= PASSIVE_LIMIT
+    }
+
+    pub(super) const fn sent(&mut self) {
+        self.tec = self.tec.saturating_sub(1);
+    }
+
+    pub(super) const fn received(&mut self) {
+        self.rec =
+            if self.rec >= PASSIVE_LIMIT { REC_AFTER_PASSIVE } else { self.rec.saturating_sub(1) };
+    }
+
+    /// The transmitter's error flag: eight points, and off the bus from 256 on.
+    pub(super) const fn send_failed(&mut self) {
+        self.tec += 8;
+        if self.tec >= BUS_OFF_LIMIT {
+            self.leave_bus();
+        }
+    }
+
+    pub(super) fn receive_failed(&mut self, points: u16) {
+        self.rec = REC_MAX.min(self.rec + points);
+    }
+
+    pub(super) const fn leave_bus(&mut self) {
+        self.tec = BUS_OFF_LIMIT;
+        self.bus_off = true;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sixteen_failures_make_passive_and_thirty_two_bus_off() {
+        let mut counters = ErrorCounters::default();
+        let mut seen = Vec::new();
+        for n in 1..=32 {
+            let before = counters.state();
+            counters.send_failed();
+            if counters.state() != before {
+                seen.push((n, counters.state()));
+            }
+        }
+        assert_eq!(
+            seen,
+            [(12, ErrorState::Warning), (16, ErrorState::Passive), (32, ErrorState::BusOff)]
+        );
+    }
+
+    #[test]
+    fn a_good_frame_ends_the_passive_state_of_a_receiver() {
+        let mut counters = ErrorCounters::default();
+        counters.receive_failed(300);
+        assert_eq!(counters.state(), ErrorState::Passive);
+        counters.received();
+        assert_eq!(counters.rec, 127);
+        assert_eq!(counters.state(), ErrorState::Warning);
+        counters.received();
+        assert_eq!(counters.rec, 126);
+    }
+}

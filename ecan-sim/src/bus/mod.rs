@@ -1,0 +1,28 @@
+//! A CAN bus with its stations: exact frame times, arbitration, error confinement.
+//!
+//! Time is in nanoseconds of the simulation and moves only when the caller says so. Stations
+//! put one frame each into arbitration, as a controller does; queues belong to the caller.
+
+mod arbitration;
+mod can_bus;
+mod completion;
+mod crc;
+mod error_confinement;
+mod event;
+mod frame_timing;
+mod header_bits;
+mod planning;
+mod recovery;
+mod station;
+mod statistics;
+mod stuffing;
+mod wire_frame;
+
+pub use arbitration::arbitration_key;
+pub use can_bus::CanBus;
+pub use error_confinement::{BusError, ErrorState};
+pub use event::{BusEvent, BusFault};
+pub use frame_timing::{FrameTiming, INTERMISSION_BITS, bits_ns};
+pub use station::{StationConfig, StationId, StationMode};
+pub use statistics::{BusStatistics, StationStatistics};
+pub use wire_frame::WireFrame;

@@ -1,0 +1,180 @@
+//! Which frame comes next and how its transmission will end.
+
+use ecan_protocol::CanFrame;
+
+use super::CanBus;
+use super::error_confinement::BusError;
+use super::frame_timing::{FrameTiming, bits_ns};
+use super::station::{Mismatch, StationConfig, StationMode};
+
+/// Where a disturbed frame fails: in the control field of a standard frame.
+const DISTURBED_AFTER_BITS: u32 = 20;
+/// When a receiver at another nominal bit rate sees more equal bits than stuffing allows.
+const RATE_ERROR_AFTER_BITS: u32 = 7;
+/// The same behind the switch to a data bit rate the receiver does not have, in data bits.
+const DATA_RATE_ERROR_AFTER_BITS: u32 = 6;
+/// An error flag, the flags of the others it provokes, and the error delimiter.
+const ERROR_FRAME_BITS: u32 = 6 + 6 + 8;
+/// A missing acknowledgement: six bits of flag and eight of delimiter from the ACK delimiter on,
+/// where a good frame has eight bits left.
+const NO_ACK_EXTRA_BITS: u32 = 6;
+
+/// How a transmission ends.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Outcome {
+    /// Acknowledged, or sent in external loopback.
+    Delivered,
+    /// No one acknowledged.
+    NoAck,
+    /// An injected bit error.
+    Disturbed,
+    /// An error-active station that cannot read the frame destroyed it.
+    Refused,
+    /// The sender vanished in the middle.
+    BrokenOff,
+}
+
+/// A transmission: planned while `start` has not passed, under way afterwards.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Transmission {
+    pub transmitter: usize,
+    pub config: StationConfig,
+    pub frame: CanFrame,
+    pub timing: FrameTiming,
+    pub key: u32,
+    pub start: u64,
+    pub end: u64,
+    pub outcome: Outcome,
+    pub collision: bool,
+}
+
+impl CanBus {
+    /// Plans the next transmission anew, unless one is under way.
+    pub(super) fn replan(&mut self) {
+        if self.current.as_ref().is_some_and(|t| t.start < self.now) {
+            return;
+        }
+        self.current = self.plan();
+    }
+
+    fn plan(&self) -> Option<Transmission> {
+        let mut start = u64::MAX;
+        let mut winner = None;
+        let mut collision = false;
+        for (index, station) in self.stations.iter().enumerate() {
+            let Some((ready, offer, config)) = station.ready_at() else {
+                continue;
+            };
+            let ready = ready.max(self.free_at);
+            let best = winner.map(|(_, best, _)| best);
+            if ready < start || ready == start && best.is_none_or(|best| offer.key < best) {
+                start = ready;
+                collision = false;
+                winner = Some((index, offer.key, (offer, config)));
+            } else if ready == start && best == Some(offer.key) {
+                collision = true;
+            }
+        }
+        let (transmitter, key, (offer, config)) = winner?;
+        let station = self.stations.get(transmitter)?;
+        let frame = config.on_wire(offer.frame, station.counters.is_passive());
+        let timing = if frame == offer.frame { offer.timing } else { FrameTiming::of(&frame) };
+        let mut planned = Transmission {
+            transmitter,
+            config: *config,
+            frame,
+            timing,
+            key,
+            start,
+            end: start,
+            outcome: Outcome::Delivered,
+            collision,
+        };
+        self.foresee(&mut planned);
+        Some(planned)
+    }
+
+    /// Sets outcome and end from what the stations can do now.
+    fn foresee(&self, t: &mut Transmission) {
+        let mut acknowledged = t.config.mode == StationMode::ExternalLoopback;
+        let mut refused: Option<u64> = None;
+        for (index, station) in self.stations.iter().enumerate() {
+            if index == t.transmitter {
+                continue;
+            }
+            let Some(config) = station.listening(t.start) else {
+                continue;
+            };
+            if config.mode != StationMode::Normal {
+                continue;
+            }
+            match config.understands(&t.config, &t.frame) {
+                Ok(()) => acknowledged = true,
+                Err(mismatch) if !station.counters.is_passive() => {
+                    let after = mismatch_ns(mismatch, t);
+                    refused = Some(refused.map_or(after, |other| other.min(after)));
+                }
+                Err(_) => {}
+            }
+        }
+        let disturbed = self.stations.get(t.transmitter).is_some_and(|s| s.injected_errors > 0);
+        let whole = t.config.duration_ns(&t.timing);
+        let (outcome, length) = if let Some(after) = refused
+            && !disturbed
+        {
+            (Outcome::Refused, after + t.config.bits_ns(ERROR_FRAME_BITS))
+        } else if disturbed {
+            (Outcome::Disturbed, t.config.bits_ns(DISTURBED_AFTER_BITS + ERROR_FRAME_BITS))
+        } else if acknowledged {
+            (Outcome::Delivered, whole)
+        } else {
+            (Outcome::NoAck, whole + t.config.bits_ns(NO_ACK_EXTRA_BITS))
+        };
+        t.outcome = outcome;
+        t.end = t.start + length;
+    }
+
+    /// A station left the bus at `now`, in the middle of what is under way.
+    pub(super) fn station_vanished(&mut self, index: usize) {
+        let now = self.now;
+        let Some(mut t) = self.current.filter(|t| t.start < now) else {
+            return;
+        };
+        if index == t.transmitter {
+            t.outcome = Outcome::BrokenOff;
+            t.end = t.end.min(now + t.config.bits_ns(ERROR_FRAME_BITS));
+        } else if t.outcome == Outcome::Delivered {
+            // Its acknowledgement may be missing now, unless the ACK slot has passed.
+            let before_delimiter = t.end.saturating_sub(t.config.bits_ns(8));
+            if now < before_delimiter {
+                self.foresee(&mut t);
+                if !matches!(t.outcome, Outcome::Delivered | Outcome::NoAck) {
+                    return;
+                }
+            }
+        }
+        self.current = Some(t);
+    }
+}
+
+fn mismatch_ns(mismatch: Mismatch, t: &Transmission) -> u64 {
+    let header = u32::from(t.timing.header_bits);
+    match mismatch {
+        Mismatch::NominalBitrate => t.config.bits_ns(RATE_ERROR_AFTER_BITS),
+        Mismatch::FdFormat => t.config.bits_ns(header),
+        Mismatch::DataBitrate => {
+            t.config.bits_ns(header) + bits_ns(DATA_RATE_ERROR_AFTER_BITS, t.config.data_bitrate)
+        }
+    }
+}
+
+impl Outcome {
+    /// What the transmitter sees.
+    pub(super) const fn transmitter_error(self) -> Option<BusError> {
+        match self {
+            Self::Delivered | Self::BrokenOff => None,
+            Self::NoAck => Some(BusError::Ack),
+            Self::Disturbed | Self::Refused => Some(BusError::Bit),
+        }
+    }
+}

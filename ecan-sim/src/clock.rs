@@ -1,0 +1,30 @@
+//! The clock of a simulation.
+
+use std::sync::Arc;
+
+use ecrt_sys::Clock;
+
+use crate::ecrt::Shared;
+
+/// Clock of a simulated world: the system's monotonic clock, or the stepped one, which moves while
+/// someone sleeps on it.
+#[derive(Clone)]
+pub struct SimClock {
+    shared: Arc<Shared>,
+}
+
+impl SimClock {
+    pub(crate) fn new(shared: Arc<Shared>) -> Self {
+        Self { shared }
+    }
+}
+
+impl Clock for SimClock {
+    fn now_ns(&self) -> u64 {
+        self.shared.now_ns()
+    }
+
+    fn sleep_until_ns(&self, deadline_ns: u64) {
+        self.shared.sleep_until(deadline_ns);
+    }
+}

@@ -1,0 +1,158 @@
+//! The master's look at the whole bus: who answers, in which state, and the scan when that changed.
+
+use ecan_protocol::AlState;
+
+use crate::ecrt::master::{MasterModel, Phase};
+use crate::ecrt::slave_view::{SlaveView, al_status};
+use crate::ecrt::startup::{Startup, set_up_mailboxes};
+use crate::ecrt::timing::{ACTIVE_POLL_NS, IDLE_POLL_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
+use crate::world::World;
+
+/// A scan in progress.
+#[derive(Debug)]
+pub(crate) struct Scan {
+    /// Gateways that answered when it began.
+    slots: Vec<usize>,
+    at: usize,
+    prepared: bool,
+}
+
+impl Scan {
+    /// Slaves that it is about.
+    pub(crate) fn total(&self) -> usize {
+        self.slots.len()
+    }
+}
+
+impl MasterModel {
+    /// Goes on with the scan, or looks at the slaves.
+    pub(crate) fn run_bus(&mut self, world: &mut World) {
+        match self.scan.take() {
+            Some(scan) => self.scan_step(scan, world),
+            None => self.poll(world),
+        }
+    }
+
+    fn poll(&mut self, world: &mut World) {
+        let now = world.now_ns();
+        let active = self.phase == Phase::Active;
+        self.poll_due = now + if active { ACTIVE_POLL_NS } else { IDLE_POLL_NS };
+        let (mut responding, mut states) = (0, 0);
+        if world.link_is_up() {
+            for slot in (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)) {
+                responding += 1;
+                states |= al_status(world, slot) & 0x0F;
+            }
+        }
+        (self.responding, self.al_states) = (responding, states);
+        let changed = responding as usize != self.slaves.len()
+            || self.slaves.iter().any(|slave| !slave.is_present(world));
+        // Between reservation and activation the slave list stays as it is.
+        if changed && self.phase != Phase::Reserved {
+            self.begin_scan(world);
+            return;
+        }
+        if active && self.clocks.offset.is_none() {
+            self.clocks.write_offsets(now);
+        }
+        for index in 0..self.slaves.len() {
+            self.look_at(index, world);
+        }
+    }
+
+    /// Reads a slave's state and starts its configuration if it is not where it shall be.
+    fn look_at(&mut self, index: usize, world: &World) {
+        let now = world.now_ns();
+        let Some(slave) = self.slaves.get_mut(index) else { return };
+        if !slave.is_present(world) {
+            slave.error_flag = true;
+            return;
+        }
+        slave.current = al_status(world, slave.slot);
+        let differs = slave.current != slave.requested.raw() || slave.force_config;
+        if differs && !slave.error_flag && slave.is_idle() {
+            slave.startup = Some(Startup::BEGIN);
+            slave.due = now;
+        }
+    }
+
+    fn begin_scan(&mut self, world: &World) {
+        self.slaves.clear();
+        self.fail_blocking();
+        for config in &mut self.configs {
+            config.slave = None;
+        }
+        let slots: Vec<_> = if world.link_is_up() {
+            (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)).collect()
+        } else {
+            Vec::new()
+        };
+        self.scan = Some(Scan { slots, at: 0, prepared: false });
+        self.poll_due = world.now_ns() + SCAN_BASE_NS;
+    }
+
+    fn scan_step(&mut self, mut scan: Scan, world: &mut World) {
+        let now = world.now_ns();
+        let Some(slot) = scan.slots.get(scan.at).copied() else {
+            self.poll_due = now;
+            self.attach_configs();
+            return;
+        };
+        if scan.prepared {
+            if world.is_reachable(slot) {
+                self.slaves.extend(SlaveView::scanned(world, slot));
+            }
+            scan.at += 1;
+            scan.prepared = false;
+            self.poll_due = now;
+        } else {
+            if al_status(world, slot) & 0x0F == AlState::Init.raw() {
+                set_up_mailboxes(world, slot);
+                world.with_gateway(slot, |gateway, now| {
+                    gateway.request_al_state(now, AlState::PreOp);
+                });
+            }
+            scan.prepared = true;
+            self.poll_due = now + SCAN_SLAVE_NS;
+        }
+        self.scan = Some(scan);
+    }
+
+    /// Attaches configurations to the slaves they were made for.
+    pub(crate) fn attach_configs(&mut self) {
+        for config in 0..self.configs.len() {
+            self.attach_config(config);
+        }
+    }
+
+    /// Attaches one configuration, if its slave is there, free, and of the right kind.
+    pub(crate) fn attach_config(&mut self, index: usize) {
+        let Some(config) = self.configs.get_mut(index) else { return };
+        if config.slave.is_some() {
+            return;
+        }
+        let Some(position) = find_slave(&self.slaves, config.alias, config.position) else {
+            return;
+        };
+        let Some(slave) = self.slaves.get_mut(position) else { return };
+        if slave.config.is_some() || !config.fits(slave) {
+            return;
+        }
+        slave.config = Some(index);
+        config.slave = Some(position);
+        if self.phase == Phase::Active {
+            slave.requested = AlState::Op;
+        }
+    }
+}
+
+/// Position of a slave by alias and distance; alias 0 counts from the master.
+pub(crate) fn find_slave(slaves: &[SlaveView], alias: u16, distance: u16) -> Option<usize> {
+    let from = if alias == 0 {
+        0
+    } else {
+        slaves.iter().position(|slave| slave.spec.alias == alias)?
+    };
+    let position = from + usize::from(distance);
+    (position < slaves.len()).then_some(position)
+}

@@ -1,0 +1,470 @@
+//! What each call of the library does, with checked handles and without pointers.
+
+use std::sync::Arc;
+
+use libc::c_int;
+
+use crate::ecrt::dc::ClockDatagram;
+use crate::ecrt::front::{Shared, State};
+use crate::ecrt::master::Phase;
+use crate::ecrt::process_memory::ProcessMemory;
+use crate::ecrt::registry::{self, Handle, Target};
+use crate::ecrt::slave_config::{
+    RegRequest, RequestProgress, SdoRequest, SlaveConfig, StartupSdo, SyncConfig,
+};
+use crate::ecrt::slave_view::{Pdo, SYNC_MANAGERS, SlaveView};
+use crate::ecrt::transport::Queued;
+
+/// What a call gives: something, or a positive error number.
+pub(super) type Answer<T = ()> = Result<T, c_int>;
+
+/// A handle, used as a master.
+pub(super) struct MasterCall(Handle);
+
+impl MasterCall {
+    pub(super) fn find(address: usize) -> Answer<Self> {
+        match registry::find(address) {
+            Some(handle) if handle.target == Target::Master => Ok(Self(handle)),
+            _ => Err(libc::EINVAL),
+        }
+    }
+
+    fn shared(&self) -> &Arc<Shared> {
+        &self.0.shared
+    }
+
+    pub(super) fn with<R>(&self, action: impl FnOnce(&mut State) -> R) -> R {
+        self.shared().with(action)
+    }
+
+    /// For the handle that has reserved the master.
+    pub(super) fn driving<R>(&self, action: impl FnOnce(&mut State) -> R) -> Answer<R> {
+        self.with(|state| {
+            state.master.may_exchange(self.0.client)?;
+            Ok(action(state))
+        })
+    }
+
+    fn configuring<R>(&self, action: impl FnOnce(&mut State) -> Answer<R>) -> Answer<R> {
+        self.with(|state| {
+            state.master.may_configure(self.0.client)?;
+            action(state)
+        })
+    }
+
+    fn handle_of(&self, target: Target) -> usize {
+        let (shared, client) = (self.shared(), self.0.client);
+        registry::address_of(shared, client, target).unwrap_or_else(|| {
+            registry::insert(Handle { shared: shared.clone(), client, target })
+        })
+    }
+
+    pub(super) fn release(&self) {
+        let client = self.0.client;
+        self.with(|state| {
+            let now = state.world.now_ns();
+            state.master.release(client, now);
+        });
+        registry::forget(self.shared(), client, true);
+    }
+
+    pub(super) fn create_domain(&self) -> Answer<usize> {
+        let index = self.configuring(|state| {
+            state.master.domains.push(Default::default());
+            Ok(state.master.domains.len() - 1)
+        })?;
+        Ok(self.handle_of(Target::Domain(index)))
+    }
+
+    pub(super) fn slave_config(
+        &self,
+        alias: u16,
+        position: u16,
+        vendor_id: u32,
+        product_code: u32,
+    ) -> Answer<usize> {
+        let index = self.configuring(|state| {
+            state.master.slave_config(alias, position, vendor_id, product_code)
+        })?;
+        Ok(self.handle_of(Target::Config(index)))
+    }
+
+    pub(super) fn activate(&self) -> Answer {
+        self.driving(|state| {
+            let now = state.world.now_ns();
+            if state.master.phase != Phase::Active {
+                state.master.activate(now);
+            }
+        })
+    }
+
+    pub(super) fn deactivate(&self) -> Answer {
+        self.driving(|state| {
+            let now = state.world.now_ns();
+            state.master.deactivate(now);
+        })?;
+        registry::forget(self.shared(), self.0.client, false);
+        Ok(())
+    }
+
+    pub(super) fn send(&self) -> Answer {
+        self.driving(|State { world, master }| {
+            master.send(world);
+            if master.phase == Phase::Active && !master.blocked {
+                master.step(world);
+            }
+        })
+    }
+
+    pub(super) fn receive(&self) -> Answer {
+        self.driving(|state| {
+            let now = state.world.now_ns();
+            state.master.receive(now);
+        })
+    }
+
+    /// Queues a datagram of the clocks; without a reference clock there is nothing to send.
+    pub(super) fn queue_clock(&self, item: Queued, target: Option<u64>) -> Answer {
+        self.driving(|state| {
+            let clocks = &mut state.master.clocks;
+            if clocks.offset.is_some() && !state.master.slaves.is_empty() {
+                if item == Queued::ReferenceClock {
+                    clocks.reference_target = target.unwrap_or(clocks.app_time);
+                }
+                state.master.enqueue(item);
+            }
+        })
+    }
+
+    pub(super) fn reference_clock_time(&self) -> Answer<u32> {
+        self.driving(|state| {
+            if state.master.slaves.is_empty() {
+                return Err(libc::ENXIO);
+            }
+            let clocks = &state.master.clocks;
+            match (clocks.slaves, clocks.offset) {
+                (ClockDatagram::Received, Some(_)) => Ok(clocks.reference_value),
+                (ClockDatagram::Received, None) => Err(libc::EAGAIN),
+                _ => Err(libc::EIO),
+            }
+        })?
+    }
+
+    /// Largest difference of the slaves' clocks. They do not drift: a few nanoseconds a slave.
+    pub(super) fn sync_monitor(&self) -> Answer<u32> {
+        self.driving(|state| match state.master.clocks.monitor {
+            ClockDatagram::Received => 7 * state.master.slaves.len() as u32,
+            _ => u32::MAX,
+        })
+    }
+
+    pub(super) fn slave<R>(
+        &self,
+        position: u16,
+        action: impl FnOnce(&SlaveView) -> Answer<R>,
+    ) -> Answer<R> {
+        self.with(|state| {
+            let slave = state.master.slaves.get(usize::from(position)).ok_or(libc::EINVAL)?;
+            action(slave)
+        })
+    }
+
+    /// The PDOs that a sync manager assigns by default.
+    pub(super) fn sync_pdos<R>(
+        &self,
+        position: u16,
+        sync: u8,
+        action: impl FnOnce(&[Pdo]) -> Answer<R>,
+    ) -> Answer<R> {
+        self.slave(position, |slave| {
+            if sync >= SYNC_MANAGERS {
+                return Err(libc::EINVAL);
+            }
+            action(slave.assigned.get(usize::from(sync)).ok_or(libc::EINVAL)?)
+        })
+    }
+
+    /// A blocking transfer; the error is error number and abort code.
+    pub(super) fn transfer(
+        &self,
+        position: u16,
+        index: u16,
+        subindex: u8,
+        download: Option<Vec<u8>>,
+    ) -> Result<Vec<u8>, (c_int, u32)> {
+        self.shared()
+            .transfer(position, index, subindex, download)
+            .map_err(|failure| (failure.errno, failure.abort_code))
+    }
+}
+
+/// A handle, used as a slave configuration.
+pub(super) struct ConfigCall {
+    handle: Handle,
+    index: usize,
+}
+
+impl ConfigCall {
+    pub(super) fn find(address: usize) -> Answer<Self> {
+        let handle = registry::find(address).ok_or(libc::EINVAL)?;
+        match handle.target {
+            Target::Config(index) => Ok(Self { handle, index }),
+            _ => Err(libc::EINVAL),
+        }
+    }
+
+    /// Whether it belongs to the same master handle as a domain.
+    pub(super) fn is_beside(&self, domain: &DomainCall) -> bool {
+        Arc::ptr_eq(&self.handle.shared, &domain.handle.shared)
+            && self.handle.client == domain.handle.client
+    }
+
+    /// Changes the configuration, before activation.
+    pub(super) fn change<R>(
+        &self,
+        action: impl FnOnce(&mut SlaveConfig) -> Answer<R>,
+    ) -> Answer<R> {
+        self.handle.shared.with(|state| {
+            state.master.may_configure(self.handle.client)?;
+            action(state.master.configs.get_mut(self.index).ok_or(libc::ENOENT)?)
+        })
+    }
+
+    pub(super) fn change_sync<R>(
+        &self,
+        sync: u8,
+        action: impl FnOnce(&mut SyncConfig) -> Answer<R>,
+    ) -> Answer<R> {
+        self.change(|config| {
+            action(config.syncs.get_mut(usize::from(sync)).ok_or(libc::ENOENT)?)
+        })
+    }
+
+    pub(super) fn assign_pdo(&self, sync: u8, index: u16) -> Answer {
+        self.handle.shared.with(|state| {
+            state.master.may_configure(self.handle.client)?;
+            let config = state.master.configs.get_mut(self.index).ok_or(libc::ENOENT)?;
+            let slave = config.slave.and_then(|slave| state.master.slaves.get(slave));
+            let known = slave.and_then(|slave| {
+                slave.assigned.iter().flatten().find(|pdo| pdo.index == index)
+            });
+            let pdo = known.cloned().unwrap_or(Pdo { index, entries: Vec::new() });
+            let sync = config.syncs.get_mut(usize::from(sync)).ok_or(libc::EINVAL)?;
+            sync.pdos.push(pdo);
+            Ok(())
+        })
+    }
+
+    /// Puts a mapped entry into a domain: byte offset and bit in that byte.
+    pub(super) fn register_entry(
+        &self,
+        index: u16,
+        subindex: u8,
+        domain: &DomainCall,
+    ) -> Answer<(usize, u32)> {
+        self.handle.shared.with(|state| {
+            state.master.may_configure(self.handle.client)?;
+            let config = state.master.configs.get(self.index).ok_or(libc::ENOENT)?;
+            let (sync, direction, size, bit) =
+                config.locate(index, subindex).ok_or(libc::ENOENT)?;
+            let direction = direction.ok_or(libc::EINVAL)?;
+            let domain = state.master.domains.get_mut(domain.index).ok_or(libc::ENOENT)?;
+            let base = domain.add_fmmu(self.index, sync, direction, size);
+            Ok((base + bit / 8, (bit % 8) as u32))
+        })
+    }
+
+    pub(super) fn add_sdo(&self, index: u16, subindex: u8, data: Vec<u8>) -> Answer {
+        self.change(|config| {
+            config.sdos.push(StartupSdo { index, subindex, data });
+            Ok(())
+        })
+    }
+
+    pub(super) fn create_sdo_request(&self, index: u16, sub: u8, size: usize) -> Answer<usize> {
+        let request = self.change(|config| {
+            config.requests.push(SdoRequest::new(index, sub, size));
+            Ok(config.requests.len() - 1)
+        })?;
+        Ok(self.insert(Target::Request { config: self.index, request }))
+    }
+
+    pub(super) fn create_reg_request(&self, size: usize) -> Answer<usize> {
+        let request = self.change(|config| {
+            config.reg_requests.push(RegRequest::new(size));
+            Ok(config.reg_requests.len() - 1)
+        })?;
+        Ok(self.insert(Target::RegRequest { config: self.index, request }))
+    }
+
+    fn insert(&self, target: Target) -> usize {
+        let (shared, client) = (self.handle.shared.clone(), self.handle.client);
+        registry::insert(Handle { shared, client, target })
+    }
+
+    pub(super) fn state(&self) -> Answer<(SlaveState, bool)> {
+        self.handle.shared.with(|state| {
+            let config = state.master.configs.get(self.index).ok_or(libc::ENOENT)?;
+            let slave = config.slave.and_then(|slave| state.master.slaves.get(slave));
+            Ok(match slave {
+                Some(slave) => {
+                    let operational = slave.current == SlaveState::OPERATIONAL
+                        && !slave.force_config
+                        && slave.startup.is_none();
+                    (SlaveState { online: true, al_state: slave.current & 0x0F }, operational)
+                }
+                None => (SlaveState { online: false, al_state: 0 }, false),
+            })
+        })
+    }
+}
+
+/// A slave as its configuration sees it.
+pub(super) struct SlaveState {
+    pub(super) online: bool,
+    pub(super) al_state: u8,
+}
+
+impl SlaveState {
+    const OPERATIONAL: u8 = 8;
+}
+
+/// A handle, used as a domain.
+pub(super) struct DomainCall {
+    handle: Handle,
+    index: usize,
+}
+
+impl DomainCall {
+    pub(super) fn find(address: usize) -> Answer<Self> {
+        let handle = registry::find(address).ok_or(libc::EINVAL)?;
+        match handle.target {
+            Target::Domain(index) => Ok(Self { handle, index }),
+            _ => Err(libc::EINVAL),
+        }
+    }
+
+    pub(super) fn size(&self) -> Answer<usize> {
+        self.handle.shared.with(|state| {
+            Ok(state.master.domains.get(self.index).ok_or(libc::ENOENT)?.size)
+        })
+    }
+
+    pub(super) fn memory(&self) -> Answer<ProcessMemory> {
+        self.handle.shared.with(|state| {
+            let domain = state.master.domains.get(self.index).ok_or(libc::ENOENT)?;
+            domain.memory.clone().ok_or(libc::EAGAIN)
+        })
+    }
+
+    pub(super) fn process(&self) -> Answer {
+        self.handle.shared.with(|state| {
+            state.master.may_exchange(self.handle.client)?;
+            state.master.domains.get_mut(self.index).ok_or(libc::ENOENT)?.process();
+            Ok(())
+        })
+    }
+
+    pub(super) fn queue(&self) -> Answer {
+        self.handle.shared.with(|state| {
+            state.master.may_exchange(self.handle.client)?;
+            let domain = state.master.domains.get(self.index).ok_or(libc::ENOENT)?;
+            for datagram in 0..domain.datagrams.len() {
+                state.master.enqueue(Queued::Domain { domain: self.index, datagram });
+            }
+            Ok(())
+        })
+    }
+
+    /// Working counter, and the expected one.
+    pub(super) fn counters(&self) -> Answer<(u32, u32)> {
+        self.handle.shared.with(|state| {
+            let domain = state.master.domains.get(self.index).ok_or(libc::ENOENT)?;
+            Ok((domain.working_counter, domain.expected))
+        })
+    }
+}
+
+/// A handle, used as an SDO request.
+pub(super) struct RequestCall {
+    handle: Handle,
+    config: usize,
+    request: usize,
+}
+
+impl RequestCall {
+    pub(super) fn find(address: usize) -> Answer<Self> {
+        let handle = registry::find(address).ok_or(libc::EINVAL)?;
+        match handle.target {
+            Target::Request { config, request } => Ok(Self { handle, config, request }),
+            _ => Err(libc::EINVAL),
+        }
+    }
+
+    pub(super) fn change<R>(&self, action: impl FnOnce(&mut SdoRequest) -> R) -> Answer<R> {
+        self.handle.shared.with(|state| {
+            state
+                .master
+                .request(self.config, self.request)
+                .map(action)
+                .ok_or(libc::ENOENT)
+        })
+    }
+
+    pub(super) fn start(&self, writes: bool) -> Answer {
+        self.handle.shared.with(|state| {
+            state.master.may_exchange(self.handle.client)?;
+            let now = state.world.now_ns();
+            if state.master.start_request(self.config, self.request, writes, now) {
+                Ok(())
+            } else {
+                Err(libc::EINVAL)
+            }
+        })
+    }
+
+    pub(super) fn progress(&self) -> Answer<RequestProgress> {
+        self.handle.shared.with(|state| {
+            let now = state.world.now_ns();
+            state
+                .master
+                .request_progress(self.config, self.request, now)
+                .ok_or(libc::ENOENT)
+        })
+    }
+}
+
+/// A handle, used as a register request.
+pub(super) struct RegRequestCall {
+    handle: Handle,
+    config: usize,
+    request: usize,
+}
+
+impl RegRequestCall {
+    pub(super) fn find(address: usize) -> Answer<Self> {
+        let handle = registry::find(address).ok_or(libc::EINVAL)?;
+        match handle.target {
+            Target::RegRequest { config, request } => Ok(Self { handle, config, request }),
+            _ => Err(libc::EINVAL),
+        }
+    }
+
+    pub(super) fn change<R>(&self, action: impl FnOnce(&mut RegRequest) -> R) -> Answer<R> {
+        self.handle.shared.with(|state| {
+            state
+                .master
+                .reg_request(self.config, self.request)
+                .map(action)
+                .ok_or(libc::ENOENT)
+        })
+    }
+
+    pub(super) fn read(&self, address: u16, size: usize) -> Answer {
+        self.handle.shared.with(|state| {
+            state.master.may_exchange(self.handle.client)?;
+            let now = state.world.now_ns();
+            state.master.start_reg_request(self.config, self.request, address, size, now)
+        })
+    }
+}

@@ -1,0 +1,254 @@
+//! The simulated master: reservation, phases, handles, and its state machines.
+
+use std::collections::VecDeque;
+
+use ecan_protocol::AlState;
+
+use crate::ecrt::bus_scan::Scan;
+use crate::ecrt::dc::Clocks;
+use crate::ecrt::domain::Domain;
+use crate::ecrt::sdo::BlockingSdo;
+use crate::ecrt::slave_config::SlaveConfig;
+use crate::ecrt::slave_view::SlaveView;
+use crate::ecrt::transport::Queued;
+use crate::scenario::{EcrtVersion, Scenario};
+use crate::world::World;
+
+/// Lines of the kernel log that are kept.
+const LOG_LINES: usize = 1000;
+
+/// What the master is doing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Phase {
+    /// Nobody has reserved it.
+    Idle,
+    /// Reserved, not activated.
+    Reserved,
+    /// Activated: its datagrams travel with the application's sends.
+    Active,
+}
+
+/// The master.
+#[derive(Debug)]
+pub(crate) struct MasterModel {
+    pub(crate) version: EcrtVersion,
+    pub(crate) carries_large_pdos: bool,
+    /// Another program holds it.
+    foreign: bool,
+    pub(crate) phase: Phase,
+    /// The handle that has reserved it.
+    pub(crate) owner: Option<u64>,
+    next_client: u64,
+    pub(crate) slaves: Vec<SlaveView>,
+    pub(crate) scan: Option<Scan>,
+    pub(crate) poll_due: u64,
+    pub(crate) responding: u32,
+    pub(crate) al_states: u8,
+    pub(crate) domains: Vec<Domain>,
+    pub(crate) configs: Vec<SlaveConfig>,
+    pub(crate) queue: Vec<Queued>,
+    /// The last send stopped at a datagram that fits no frame.
+    pub(crate) blocked: bool,
+    pub(crate) clocks: Clocks,
+    pub(crate) blocking: Vec<BlockingSdo>,
+    pub(crate) next_blocking: u64,
+    pub(crate) scratch: Vec<u8>,
+    log: VecDeque<String>,
+}
+
+impl MasterModel {
+    pub(crate) fn new(scenario: &Scenario) -> Self {
+        Self {
+            version: scenario.version,
+            carries_large_pdos: scenario.carries_large_pdos,
+            foreign: scenario.reserved,
+            phase: Phase::Idle,
+            owner: None,
+            next_client: 0,
+            slaves: Vec::new(),
+            scan: None,
+            poll_due: 0,
+            responding: 0,
+            al_states: 0,
+            domains: Vec::new(),
+            configs: Vec::new(),
+            queue: Vec::with_capacity(16),
+            blocked: false,
+            clocks: Clocks::default(),
+            blocking: Vec::new(),
+            next_blocking: 0,
+            scratch: Vec::with_capacity(256),
+            log: VecDeque::new(),
+        }
+    }
+
+    /// Writes a line about a slave to the kernel log.
+    pub(crate) fn log(&mut self, slave: usize, text: &str) {
+        self.log_line(format!("EtherCAT 0-{slave}: {text}"));
+    }
+
+    pub(crate) fn log_line(&mut self, line: String) {
+        if self.log.len() == LOG_LINES {
+            self.log.pop_front();
+        }
+        self.log.push_back(line);
+    }
+
+    /// The kernel log.
+    pub(crate) fn log_lines(&self) -> impl Iterator<Item = &str> {
+        self.log.iter().map(String::as_str)
+    }
+
+    /// A number for a new handle.
+    pub(crate) fn new_client(&mut self) -> u64 {
+        self.next_client += 1;
+        self.next_client
+    }
+
+    /// Whether the bus is scanned and every slave is where it shall be, or will not get there.
+    pub(crate) fn is_settled(&self) -> bool {
+        let settled = |slave: &SlaveView| {
+            slave.error_flag
+                || (slave.is_idle()
+                    && !slave.force_config
+                    && slave.current == slave.requested.raw())
+        };
+        self.scan.is_none() && self.slaves.iter().all(settled)
+    }
+
+    /// Whether it is free to be reserved.
+    pub(crate) fn is_free(&self) -> bool {
+        !self.foreign && self.owner.is_none()
+    }
+
+    pub(crate) fn reserve(&mut self, client: u64) {
+        self.owner = Some(client);
+        self.phase = Phase::Reserved;
+    }
+
+    /// Gives the master back; whatever was configured is gone.
+    pub(crate) fn release(&mut self, client: u64, now: u64) {
+        if self.owner == Some(client) {
+            self.deactivate(now);
+            self.owner = None;
+            self.phase = Phase::Idle;
+        }
+    }
+
+    /// Whether this handle may configure: it has the master, which is not active.
+    pub(crate) fn may_configure(&self, client: u64) -> Result<(), i32> {
+        match (self.owner == Some(client), self.phase) {
+            (false, _) => Err(libc::EPERM),
+            (true, Phase::Active) => Err(libc::EBUSY),
+            (true, _) => Ok(()),
+        }
+    }
+
+    /// Whether this handle drives the bus.
+    pub(crate) fn may_exchange(&self, client: u64) -> Result<(), i32> {
+        if self.owner == Some(client) { Ok(()) } else { Err(libc::EPERM) }
+    }
+
+    pub(crate) fn activate(&mut self, now: u64) {
+        let (mut base, mut datagrams) = (0u32, 0);
+        for domain in &mut self.domains {
+            domain.finish(base, self.version);
+            base = base.wrapping_add(domain.size as u32);
+            datagrams += domain.datagrams.len();
+        }
+        self.queue.reserve(datagrams + 3);
+        self.phase = Phase::Active;
+        self.clocks.offset = None;
+        for slave in self.slaves.iter_mut().filter(|slave| slave.config.is_some()) {
+            slave.requested = AlState::Op;
+            slave.error_flag = false;
+        }
+        self.poll_due = now;
+    }
+
+    /// Back to before activation; the slaves go to PREOP.
+    pub(crate) fn deactivate(&mut self, now: u64) {
+        self.domains.clear();
+        self.configs.clear();
+        self.queue.clear();
+        self.blocked = false;
+        self.clocks = Clocks::default();
+        for slave in &mut self.slaves {
+            slave.config = None;
+            slave.requested = AlState::PreOp;
+            slave.error_flag = false;
+            slave.startup = None;
+            slave.transfer = None;
+            slave.force_config = self.phase == Phase::Active || slave.force_config;
+            slave.due = now;
+        }
+        for sdo in &mut self.blocking {
+            sdo.taken = false;
+        }
+        if self.phase == Phase::Active {
+            self.phase = Phase::Reserved;
+        }
+        self.poll_due = now;
+    }
+
+    /// When a state machine goes on next.
+    pub(crate) fn next_due(&self) -> u64 {
+        self.slaves.iter().map(|slave| slave.due).min().unwrap_or(u64::MAX).min(self.poll_due)
+    }
+
+    /// Lets every state machine that is due go one step.
+    pub(crate) fn step(&mut self, world: &mut World) {
+        let now = world.now_ns();
+        if self.poll_due <= now {
+            self.run_bus(world);
+        }
+        for index in 0..self.slaves.len() {
+            let Some(slave) = self.slaves.get(index) else { break };
+            if slave.due > now {
+                continue;
+            }
+            if slave.startup.is_some() {
+                self.run_startup(index, world);
+            } else if slave.transfer.is_some() {
+                self.run_transfer(index, world);
+            } else {
+                self.choose_transfer(index, now);
+            }
+        }
+    }
+
+    /// The configuration attached to a slave.
+    pub(crate) fn attached(&self, slave: usize) -> Option<&SlaveConfig> {
+        self.configs.get(self.slaves.get(slave)?.config?)
+    }
+
+    /// Makes or finds the configuration of a slave.
+    pub(crate) fn slave_config(
+        &mut self,
+        alias: u16,
+        position: u16,
+        vendor_id: u32,
+        product_code: u32,
+    ) -> Result<usize, i32> {
+        let known = self
+            .configs
+            .iter()
+            .position(|config| config.alias == alias && config.position == position);
+        if let Some(index) = known {
+            let same = self.configs.get(index).is_some_and(|config| {
+                config.vendor_id == vendor_id && config.product_code == product_code
+            });
+            return if same { Ok(index) } else { Err(libc::ENOENT) };
+        }
+        let index = self.configs.len();
+        self.configs.push(SlaveConfig::new(alias, position, vendor_id, product_code));
+        self.attach_config(index);
+        let slave = self.configs.get(index).and_then(|config| config.slave);
+        if let (Some(config), Some(slave)) =
+            (self.configs.get_mut(index), slave.and_then(|slave| self.slaves.get(slave)))
+        {
+            config.load_defaults(slave);
+        }
+        Ok(index)
+    }
+}

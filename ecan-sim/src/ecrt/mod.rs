@@ -1,0 +1,25 @@
+//! A simulated libethercat: the same table of functions as the real one, in front of the world.
+//!
+//! Behaves as IgH EtherCAT master 1.6.2 (or 1.5.2) does towards an application. The kernel module
+//! and the user space library are one here.
+
+mod bus_scan;
+mod calls;
+mod dc;
+mod domain;
+mod front;
+mod functions;
+mod master;
+mod pdo_assignment;
+mod process_memory;
+mod register_access;
+mod registry;
+mod sdo;
+mod slave_config;
+mod slave_view;
+mod startup;
+mod timing;
+mod transport;
+
+pub(crate) use front::Shared;
+pub(crate) use functions::{secure_execution, simulated_library};

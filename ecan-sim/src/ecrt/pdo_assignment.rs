@@ -1,0 +1,105 @@
+//! The SDO writes with which the master sets PDO assignment and mapping after the startup SDOs.
+
+use crate::ecrt::slave_config::{SlaveConfig, SyncConfig};
+use crate::ecrt::slave_view::SYNC_MANAGERS;
+use crate::scenario::GatewaySpec;
+
+/// One write, and where to go on when the slave refuses it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct AssignmentWrite {
+    pub(crate) index: u16,
+    pub(crate) subindex: u8,
+    pub(crate) value: u32,
+    pub(crate) size: usize,
+    /// Place in the list to go on from after a failure.
+    pub(crate) after_failure: usize,
+}
+
+/// First sync manager with process data.
+const FIRST_PROCESS_SYNC: u8 = 2;
+
+/// The writes for a configuration, as far as the slave's SII allows them.
+///
+/// A count that cannot be cleared skips its object, a PDO that cannot be assigned ends the list.
+pub(crate) fn assignment_writes(config: &SlaveConfig, spec: &GatewaySpec) -> Vec<AssignmentWrite> {
+    let mut list = Vec::new();
+    for number in FIRST_PROCESS_SYNC..SYNC_MANAGERS {
+        let Some(sync) = config.syncs.get(usize::from(number)) else { continue };
+        if spec.pdo_configuration {
+            push_mappings(&mut list, sync);
+        }
+        if spec.pdo_assign {
+            let pdos = sync.pdos.iter().map(|pdo| (u32::from(pdo.index), 2));
+            push_list(&mut list, 0x1C10 + u16::from(number), pdos, true);
+        }
+    }
+    list
+}
+
+fn push_mappings(list: &mut Vec<AssignmentWrite>, sync: &SyncConfig) {
+    for pdo in &sync.pdos {
+        let entries = pdo.entries.iter().map(|entry| {
+            let word = u32::from(entry.index) << 16
+                | u32::from(entry.subindex) << 8
+                | u32::from(entry.bits);
+            (word, 4)
+        });
+        push_list(list, pdo.index, entries, false);
+    }
+}
+
+/// Count to 0, the entries, the count.
+fn push_list(
+    list: &mut Vec<AssignmentWrite>,
+    index: u16,
+    entries: impl Iterator<Item = (u32, usize)>,
+    fatal: bool,
+) {
+    let first = list.len();
+    let mut push = |subindex, value, size| {
+        list.push(AssignmentWrite { index, subindex, value, size, after_failure: 0 });
+    };
+    push(0, 0, 1);
+    let mut count = 0u8;
+    for (value, size) in entries {
+        count = count.saturating_add(1);
+        push(count, value, size);
+    }
+    if count > 0 {
+        push(0, u32::from(count), 1);
+    }
+    let end = list.len();
+    for (place, write) in list.iter_mut().enumerate().skip(first) {
+        write.after_failure = if fatal && place > first { usize::MAX } else { end };
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ecrt::slave_view::Pdo;
+
+    #[test]
+    fn assignment_is_cleared_written_and_counted() {
+        let mut config = SlaveConfig::new(0, 0, 1, 2);
+        config.syncs[2].pdos =
+            [0x1600, 0x1601].map(|index| Pdo { index, entries: Vec::new() }).to_vec();
+        let spec = GatewaySpec::at(0);
+        let list = assignment_writes(&config, &spec);
+        let lines: Vec<_> = list.iter().map(|w| (w.index, w.subindex, w.value, w.size)).collect();
+        assert_eq!(
+            lines,
+            [
+                (0x1C12, 0, 0, 1),
+                (0x1C12, 1, 0x1600, 2),
+                (0x1C12, 2, 0x1601, 2),
+                (0x1C12, 0, 2, 1),
+                (0x1C13, 0, 0, 1),
+            ]
+        );
+        assert_eq!(list[0].after_failure, 4);
+        assert_eq!(list[1].after_failure, usize::MAX);
+        let fixed = GatewaySpec { pdo_assign: false, ..spec };
+        assert!(assignment_writes(&config, &fixed).is_empty());
+    }
+}

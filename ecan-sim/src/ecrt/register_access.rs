@@ -1,0 +1,97 @@
+//! Requests that read a register of a slave's controller beside the cycle.
+
+use libc::c_int;
+
+use crate::ecrt::master::MasterModel;
+use crate::ecrt::sdo::{Transfer, TransferOwner};
+use crate::ecrt::slave_config::{RegRequest, RequestProgress};
+use crate::ecrt::slave_view::al_status;
+use crate::ecrt::timing::REGISTER_NS;
+use crate::world::World;
+
+/// AL status.
+const AL_STATUS: u16 = 0x0130;
+/// AL status code.
+const AL_STATUS_CODE: u16 = 0x0134;
+
+impl MasterModel {
+    /// A register request of a configuration.
+    pub(crate) fn reg_request(&mut self, config: usize, request: usize) -> Option<&mut RegRequest> {
+        self.configs.get_mut(config)?.reg_requests.get_mut(request)
+    }
+
+    /// Queues a read.
+    pub(crate) fn start_reg_request(
+        &mut self,
+        config: usize,
+        request: usize,
+        address: u16,
+        size: usize,
+        now: u64,
+    ) -> Result<(), c_int> {
+        let entry = self.reg_request(config, request).ok_or(libc::ENOENT)?;
+        if size == 0 || size > entry.memory.len() {
+            return Err(libc::ENOBUFS);
+        }
+        (entry.address, entry.size) = (address, size);
+        entry.progress = RequestProgress::Queued;
+        let slave = self.configs.get(config).and_then(|config| config.slave);
+        if let Some(slave) = slave.and_then(|slave| self.slaves.get_mut(slave)) {
+            slave.due = slave.due.min(now);
+        }
+        Ok(())
+    }
+
+    /// Chooses the next register request of an idle slave.
+    pub(crate) fn choose_reg_request(&mut self, index: usize, now: u64) -> bool {
+        let Some(slave) = self.slaves.get_mut(index) else { return false };
+        let Some(config) = slave.config else { return false };
+        let Some(known) = self.configs.get_mut(config) else { return false };
+        let queued = known
+            .reg_requests
+            .iter_mut()
+            .enumerate()
+            .find(|(_, entry)| entry.progress == RequestProgress::Queued);
+        let Some((request, entry)) = queued else { return false };
+        entry.progress = RequestProgress::Busy;
+        let owner = TransferOwner::Register { config, request };
+        slave.transfer = Some(Transfer { owner, since: now });
+        slave.due = now + REGISTER_NS;
+        true
+    }
+
+    /// Ends a register request.
+    pub(crate) fn finish_reg_request(
+        &mut self,
+        config: usize,
+        request: usize,
+        slot: usize,
+        present: bool,
+        world: &World,
+    ) {
+        let Some(entry) = self.reg_request(config, request) else { return };
+        if !present {
+            entry.progress = RequestProgress::Failure;
+            return;
+        }
+        entry.data.clear();
+        for offset in 0..entry.size {
+            let address = entry.address.wrapping_add(offset as u16);
+            entry.data.push(register(world, slot, address));
+        }
+        entry.progress = RequestProgress::Success;
+    }
+}
+
+/// A byte of the slave controller's registers. Only the state registers are modelled, the others
+/// read as 0.
+fn register(world: &World, slot: usize, address: u16) -> u8 {
+    let [low, high] =
+        world.gateway(slot).map_or(0, |gateway| gateway.al_status_code()).to_le_bytes();
+    match address {
+        AL_STATUS => al_status(world, slot),
+        AL_STATUS_CODE => low,
+        a if a == AL_STATUS_CODE + 1 => high,
+        _ => 0,
+    }
+}

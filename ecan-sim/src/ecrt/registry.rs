@@ -1,0 +1,71 @@
+//! Handles of the simulated library.
+//!
+//! A handle looks like the pointer that the real library returns, but is only a number that is
+//! never dereferenced and never given out twice. So a stale or foreign pointer is recognised
+//! instead of being followed.
+
+use std::collections::HashMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Arc, LazyLock, PoisonError, RwLock};
+
+use crate::ecrt::front::Shared;
+
+/// What a handle stands for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Target {
+    Master,
+    Domain(usize),
+    Config(usize),
+    Request { config: usize, request: usize },
+    RegRequest { config: usize, request: usize },
+}
+
+/// A handle.
+#[derive(Clone)]
+pub(super) struct Handle {
+    pub(super) shared: Arc<Shared>,
+    /// The master handle that it was made from.
+    pub(super) client: u64,
+    pub(super) target: Target,
+}
+
+/// The first address. Far from everything that is mapped, and aligned as a pointer would be.
+const FIRST: usize = 0x5ECA_0000;
+const STRIDE: usize = 16;
+
+static NEXT: AtomicUsize = AtomicUsize::new(FIRST);
+static HANDLES: LazyLock<RwLock<HashMap<usize, Handle>>> = LazyLock::new(RwLock::default);
+
+/// Enters a handle and gives the address that stands for it.
+pub(super) fn insert(handle: Handle) -> usize {
+    let address = NEXT.fetch_add(STRIDE, Ordering::Relaxed);
+    HANDLES.write().unwrap_or_else(PoisonError::into_inner).insert(address, handle);
+    address
+}
+
+/// Finds the handle of an address. Takes a shared lock, allocates nothing.
+pub(super) fn find(address: usize) -> Option<Handle> {
+    HANDLES.read().unwrap_or_else(PoisonError::into_inner).get(&address).cloned()
+}
+
+/// Finds a handle that is known, without entering it twice.
+pub(super) fn address_of(shared: &Arc<Shared>, client: u64, target: Target) -> Option<usize> {
+    let handles = HANDLES.read().unwrap_or_else(PoisonError::into_inner);
+    handles
+        .iter()
+        .find(|(_, handle)| {
+            Arc::ptr_eq(&handle.shared, shared)
+                && handle.client == client
+                && handle.target == target
+        })
+        .map(|(address, _)| *address)
+}
+
+/// Forgets what was made from a master handle, and the master handle itself if asked to.
+pub(super) fn forget(shared: &Arc<Shared>, client: u64, with_master: bool) {
+    let mut handles = HANDLES.write().unwrap_or_else(PoisonError::into_inner);
+    handles.retain(|_, handle| {
+        let own = Arc::ptr_eq(&handle.shared, shared) && handle.client == client;
+        !own || (handle.target == Target::Master && !with_master)
+    });
+}

@@ -1,0 +1,323 @@
+//! SDO transfers: blocking ones, requests beside the cycle, and the attempt that both share with
+//! the startup SDOs.
+
+use crate::ecrt::master::MasterModel;
+use crate::ecrt::slave_config::{RequestProgress, SdoRequest};
+use crate::ecrt::timing::{MAILBOX_TIMEOUT_NS, SDO_NS, STATE_POLL_NS};
+use crate::world::World;
+
+/// Why a transfer failed: error number (positive) and abort code, 0 without one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SdoFailure {
+    pub(crate) errno: i32,
+    pub(crate) abort_code: u32,
+}
+
+impl SdoFailure {
+    /// The slave did not answer, or is in no state to.
+    pub(crate) const UNANSWERED: Self = Self { errno: libc::EIO, abort_code: 0 };
+    /// There is no such slave.
+    pub(crate) const NO_SLAVE: Self = Self { errno: libc::EINVAL, abort_code: 0 };
+}
+
+/// What a transfer moves.
+pub(crate) enum Payload<'a> {
+    Download(&'a [u8]),
+    Upload(&'a mut Vec<u8>),
+}
+
+/// A transfer at the end of its time.
+pub(crate) enum Attempt {
+    /// Over.
+    Done(Result<(), SdoFailure>),
+    /// No answer yet: look again in a while.
+    Waiting,
+}
+
+/// Whom a running transfer belongs to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum TransferOwner {
+    Blocking(u64),
+    Request { config: usize, request: usize },
+    Register { config: usize, request: usize },
+}
+
+/// A running transfer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Transfer {
+    pub(crate) owner: TransferOwner,
+    pub(crate) since: u64,
+}
+
+/// A transfer that somebody waits for.
+#[derive(Debug)]
+pub(crate) struct BlockingSdo {
+    pub(crate) id: u64,
+    pub(crate) position: usize,
+    pub(crate) index: u16,
+    pub(crate) subindex: u8,
+    /// What to write; `None` reads.
+    pub(crate) download: Option<Vec<u8>>,
+    pub(crate) taken: bool,
+    /// Data of an upload, once it is over.
+    pub(crate) result: Option<Result<Vec<u8>, SdoFailure>>,
+}
+
+/// Lets a slave answer a transfer that began at `since`.
+pub(crate) fn attempt(
+    world: &mut World,
+    slot: usize,
+    present: bool,
+    since: u64,
+    (index, subindex): (u16, u8),
+    payload: Payload<'_>,
+) -> Attempt {
+    if !present {
+        return Attempt::Done(Err(SdoFailure::UNANSWERED));
+    }
+    let answers = world
+        .with_gateway(slot, |gateway, now| gateway.mailbox_answers(now))
+        .unwrap_or(false);
+    if !answers {
+        if world.now_ns().saturating_sub(since) >= MAILBOX_TIMEOUT_NS {
+            return Attempt::Done(Err(SdoFailure::UNANSWERED));
+        }
+        return Attempt::Waiting;
+    }
+    let result = world.with_gateway(slot, |gateway, now| match payload {
+        Payload::Download(data) => gateway.sdo_download(now, index, subindex, data),
+        Payload::Upload(data) => {
+            data.clear();
+            gateway.sdo_upload(now, index, subindex, data)
+        }
+    });
+    Attempt::Done(match result {
+        Some(result) => {
+            result.map_err(|abort| SdoFailure { errno: libc::EIO, abort_code: abort.0 })
+        }
+        None => Err(SdoFailure::UNANSWERED),
+    })
+}
+
+impl MasterModel {
+    /// Queues a transfer for a slave by its position; gives its number.
+    pub(crate) fn queue_blocking(
+        &mut self,
+        position: usize,
+        index: u16,
+        subindex: u8,
+        download: Option<Vec<u8>>,
+        now: u64,
+    ) -> Result<u64, SdoFailure> {
+        let slave = self.slaves.get_mut(position).ok_or(SdoFailure::NO_SLAVE)?;
+        slave.due = slave.due.min(now);
+        self.next_blocking += 1;
+        let id = self.next_blocking;
+        self.blocking.push(BlockingSdo {
+            id,
+            position,
+            index,
+            subindex,
+            download,
+            taken: false,
+            result: None,
+        });
+        Ok(id)
+    }
+
+    /// Takes the result of a transfer that is over.
+    pub(crate) fn take_blocking(&mut self, id: u64) -> Option<Result<Vec<u8>, SdoFailure>> {
+        let place = self.blocking.iter().position(|sdo| sdo.id == id)?;
+        if self.blocking.get(place).is_some_and(|sdo| sdo.result.is_none()) {
+            return None;
+        }
+        self.blocking.swap_remove(place).result
+    }
+
+    /// Gives a transfer up.
+    pub(crate) fn forget_blocking(&mut self, id: u64) {
+        self.blocking.retain(|sdo| sdo.id != id);
+    }
+
+    /// Fails every transfer that is waiting: its slave is gone.
+    pub(crate) fn fail_blocking(&mut self) {
+        for sdo in &mut self.blocking {
+            sdo.result.get_or_insert(Err(SdoFailure::UNANSWERED));
+        }
+    }
+
+    /// Chooses the next transfer of an idle slave.
+    pub(crate) fn choose_transfer(&mut self, index: usize, now: u64) {
+        let Some(slave) = self.slaves.get_mut(index) else { return };
+        slave.due = u64::MAX;
+        let mailbox = slave.has_mailbox();
+        let mut chosen = None;
+        for sdo in &mut self.blocking {
+            if sdo.position != index || sdo.taken || sdo.result.is_some() {
+                continue;
+            }
+            if !mailbox {
+                sdo.result = Some(Err(SdoFailure::UNANSWERED));
+                continue;
+            }
+            sdo.taken = true;
+            chosen = Some(TransferOwner::Blocking(sdo.id));
+            break;
+        }
+        if chosen.is_none()
+            && let Some(config) = slave.config
+            && let Some(known) = self.configs.get_mut(config)
+        {
+            for (request, entry) in known.requests.iter_mut().enumerate() {
+                if entry.progress != RequestProgress::Queued {
+                    continue;
+                }
+                if !mailbox || entry.is_overdue(now) {
+                    entry.progress = RequestProgress::Failure;
+                    continue;
+                }
+                entry.progress = RequestProgress::Busy;
+                chosen = Some(TransferOwner::Request { config, request });
+                break;
+            }
+        }
+        if let Some(owner) = chosen {
+            slave.transfer = Some(Transfer { owner, since: now });
+            slave.due = now + SDO_NS;
+        } else {
+            self.choose_reg_request(index, now);
+        }
+    }
+
+    /// Goes on with the running transfer of a slave.
+    pub(crate) fn run_transfer(&mut self, index: usize, world: &mut World) {
+        let now = world.now_ns();
+        let Some(slave) = self.slaves.get_mut(index) else { return };
+        let Some(transfer) = slave.transfer else { return };
+        let (slot, present) = (slave.slot, slave.is_present(world));
+        if let TransferOwner::Register { config, request } = transfer.owner {
+            self.finish_reg_request(config, request, slot, present, world);
+            self.end_transfer(index, now);
+            return;
+        }
+        let mut upload = std::mem::take(&mut self.scratch);
+        let attempt = match transfer.owner {
+            TransferOwner::Register { .. } => None,
+            TransferOwner::Blocking(id) => {
+                self.blocking.iter_mut().find(|sdo| sdo.id == id).map(|sdo| {
+                    let payload = match &sdo.download {
+                        Some(data) => Payload::Download(data),
+                        None => Payload::Upload(&mut upload),
+                    };
+                    let object = (sdo.index, sdo.subindex);
+                    attempt(world, slot, present, transfer.since, object, payload)
+                })
+            }
+            TransferOwner::Request { config, request } => {
+                self.request(config, request).map(|entry| {
+                    let object = (entry.index, entry.subindex);
+                    let payload = if entry.writes {
+                        Payload::Download(&entry.data)
+                    } else {
+                        Payload::Upload(&mut entry.data)
+                    };
+                    attempt(world, slot, present, transfer.since, object, payload)
+                })
+            }
+        };
+        match attempt {
+            Some(Attempt::Waiting) => {
+                if let Some(slave) = self.slaves.get_mut(index) {
+                    slave.due = now + STATE_POLL_NS;
+                }
+            }
+            Some(Attempt::Done(result)) => {
+                self.finish_transfer(transfer.owner, result, &upload);
+                self.end_transfer(index, now);
+            }
+            // Whoever wanted it has gone.
+            None => self.end_transfer(index, now),
+        }
+        self.scratch = upload;
+    }
+
+    fn end_transfer(&mut self, index: usize, now: u64) {
+        if let Some(slave) = self.slaves.get_mut(index) {
+            slave.transfer = None;
+            slave.due = now;
+        }
+    }
+
+    fn finish_transfer(
+        &mut self,
+        owner: TransferOwner,
+        result: Result<(), SdoFailure>,
+        upload: &[u8],
+    ) {
+        match owner {
+            TransferOwner::Register { .. } => {}
+            TransferOwner::Blocking(id) => {
+                if let Some(sdo) = self.blocking.iter_mut().find(|sdo| sdo.id == id) {
+                    sdo.result = Some(result.map(|()| upload.to_vec()));
+                }
+            }
+            TransferOwner::Request { config, request } => {
+                if let Some(entry) = self.request(config, request) {
+                    entry.unfetched = result.is_ok() && !entry.writes;
+                    entry.progress = if result.is_ok() {
+                        RequestProgress::Success
+                    } else {
+                        RequestProgress::Failure
+                    };
+                }
+            }
+        }
+    }
+
+    /// A request of a configuration.
+    pub(crate) fn request(&mut self, config: usize, request: usize) -> Option<&mut SdoRequest> {
+        self.configs.get_mut(config)?.requests.get_mut(request)
+    }
+
+    /// Queues the transfer of a request.
+    pub(crate) fn start_request(
+        &mut self,
+        config: usize,
+        request: usize,
+        writes: bool,
+        now: u64,
+    ) -> bool {
+        let Some(entry) = self.request(config, request) else { return false };
+        if writes && entry.data_size == 0 {
+            return false;
+        }
+        entry.start(writes, now);
+        let slave = self.configs.get(config).and_then(|config| config.slave);
+        if let Some(slave) = slave.and_then(|slave| self.slaves.get_mut(slave)) {
+            slave.due = slave.due.min(now);
+        }
+        true
+    }
+
+    /// How far a request is. One that nobody can serve ends with its own timeout.
+    pub(crate) fn request_progress(
+        &mut self,
+        config: usize,
+        request: usize,
+        now: u64,
+    ) -> Option<RequestProgress> {
+        let entry = self.request(config, request)?;
+        if entry.progress == RequestProgress::Queued && entry.is_overdue(now) {
+            entry.progress = RequestProgress::Failure;
+        }
+        if entry.unfetched {
+            if entry.data.len() > entry.memory.len() {
+                return Some(RequestProgress::Failure);
+            }
+            entry.memory.write(0, &entry.data);
+            entry.data_size = entry.data.len();
+            entry.unfetched = false;
+        }
+        Some(entry.progress)
+    }
+}

@@ -1,0 +1,217 @@
+//! What an application configures for one slave.
+
+use crate::ecrt::process_memory::ProcessMemory;
+use crate::ecrt::slave_view::{Pdo, PdoEntry, SlaveView, direction_of, pdo_bytes};
+use crate::world::ProcessDirection;
+
+/// Most sync managers that a configuration knows.
+pub(super) const MAX_SYNC_MANAGERS: usize = 16;
+
+/// Watchdog of a sync manager.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum SyncWatchdog {
+    #[default]
+    Default,
+    Enable,
+    Disable,
+}
+
+/// One sync manager of a configuration.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct SyncConfig {
+    pub(crate) direction: Option<ProcessDirection>,
+    pub(crate) watchdog: SyncWatchdog,
+    pub(crate) pdos: Vec<Pdo>,
+}
+
+/// A registered startup SDO.
+#[derive(Clone, Debug)]
+pub(crate) struct StartupSdo {
+    pub(crate) index: u16,
+    pub(crate) subindex: u8,
+    pub(crate) data: Vec<u8>,
+}
+
+/// Distributed clocks of a slave.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct DcConfig {
+    pub(crate) assign_activate: u16,
+    pub(crate) sync0_cycle: u32,
+    pub(crate) sync0_shift: i32,
+    pub(crate) sync1_cycle: u32,
+}
+
+/// Where an SDO request is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum RequestProgress {
+    Unused,
+    Queued,
+    Busy,
+    Success,
+    Failure,
+}
+
+/// An SDO request of a configuration.
+#[derive(Debug)]
+pub(crate) struct SdoRequest {
+    pub(crate) index: u16,
+    pub(crate) subindex: u8,
+    pub(crate) writes: bool,
+    pub(crate) progress: RequestProgress,
+    pub(crate) timeout_ns: u64,
+    pub(crate) queued_at: u64,
+    /// The master's copy of the data.
+    pub(crate) data: Vec<u8>,
+    /// The caller's memory, and how much of it is data.
+    pub(crate) memory: ProcessMemory,
+    pub(crate) data_size: usize,
+    /// A finished read that the caller has not fetched.
+    pub(crate) unfetched: bool,
+}
+
+impl SdoRequest {
+    pub(crate) fn new(index: u16, subindex: u8, size: usize) -> Self {
+        Self {
+            index,
+            subindex,
+            writes: false,
+            progress: RequestProgress::Unused,
+            timeout_ns: 0,
+            queued_at: 0,
+            data: Vec::with_capacity(size.max(64)),
+            memory: ProcessMemory::new(size),
+            data_size: size,
+            unfetched: false,
+        }
+    }
+
+    /// Queues a transfer. A write takes the caller's data with it.
+    pub(crate) fn start(&mut self, writes: bool, now: u64) {
+        self.writes = writes;
+        self.progress = RequestProgress::Queued;
+        self.queued_at = now;
+        self.unfetched = false;
+        if writes {
+            self.data.resize(self.data_size, 0);
+            self.memory.read(0, &mut self.data);
+        }
+    }
+
+    pub(crate) fn is_overdue(&self, now: u64) -> bool {
+        self.timeout_ns > 0 && now.saturating_sub(self.queued_at) >= self.timeout_ns
+    }
+}
+
+/// A slave configuration.
+#[derive(Debug)]
+pub(crate) struct SlaveConfig {
+    pub(crate) alias: u16,
+    pub(crate) position: u16,
+    pub(crate) vendor_id: u32,
+    pub(crate) product_code: u32,
+    /// The slave it is attached to.
+    pub(crate) slave: Option<usize>,
+    pub(crate) syncs: [SyncConfig; MAX_SYNC_MANAGERS],
+    pub(crate) sdos: Vec<StartupSdo>,
+    /// Divider and intervals; 0 leaves the slave's default.
+    pub(crate) watchdog: (u16, u16),
+    pub(crate) dc: Option<DcConfig>,
+    pub(crate) requests: Vec<SdoRequest>,
+    pub(crate) reg_requests: Vec<RegRequest>,
+    /// Longest time for a state change, by the states' bits.
+    pub(crate) state_timeouts: Vec<(u8, u8, u64)>,
+}
+
+impl SlaveConfig {
+    pub(crate) fn new(alias: u16, position: u16, vendor_id: u32, product_code: u32) -> Self {
+        Self {
+            alias,
+            position,
+            vendor_id,
+            product_code,
+            slave: None,
+            syncs: Default::default(),
+            sdos: Vec::new(),
+            watchdog: (0, 0),
+            dc: None,
+            requests: Vec::new(),
+            reg_requests: Vec::new(),
+            state_timeouts: Vec::new(),
+        }
+    }
+
+    /// Whether it was made for this slave.
+    pub(crate) fn fits(&self, slave: &SlaveView) -> bool {
+        let settings = &slave.spec.settings;
+        settings.vendor_id == self.vendor_id && settings.product_code == self.product_code
+    }
+
+    /// Takes over what the slave assigns by itself.
+    pub(crate) fn load_defaults(&mut self, slave: &SlaveView) {
+        for (number, pdos) in (0u8..).zip(&slave.assigned) {
+            if let Some(sync) = self.syncs.get_mut(usize::from(number)) {
+                sync.direction = direction_of(number);
+                sync.pdos.clone_from(pdos);
+            }
+        }
+    }
+
+    pub(crate) fn find_pdo(&mut self, index: u16) -> Option<&mut Pdo> {
+        self.syncs.iter_mut().flat_map(|sync| &mut sync.pdos).find(|pdo| pdo.index == index)
+    }
+
+    /// Where an entry lies: sync manager, its direction, its size, bit offset.
+    pub(crate) fn locate(
+        &self,
+        index: u16,
+        subindex: u8,
+    ) -> Option<(u8, Option<ProcessDirection>, usize, usize)> {
+        for (number, sync) in (0u8..).zip(&self.syncs) {
+            let mut bit = 0;
+            for entry in sync.pdos.iter().flat_map(|pdo| &pdo.entries) {
+                if entry.index == index && entry.subindex == subindex {
+                    return Some((number, sync.direction, pdo_bytes(&sync.pdos), bit));
+                }
+                bit += usize::from(entry.bits);
+            }
+        }
+        None
+    }
+
+    /// Adds an entry to a PDO of the configuration.
+    pub(crate) fn add_entry(&mut self, pdo: u16, entry: PdoEntry) -> bool {
+        self.find_pdo(pdo).map(|pdo| pdo.entries.push(entry)).is_some()
+    }
+}
+
+/// A register request of a configuration.
+#[derive(Debug)]
+pub(crate) struct RegRequest {
+    pub(crate) address: u16,
+    pub(crate) size: usize,
+    pub(crate) progress: RequestProgress,
+    /// The master's copy of the data.
+    pub(crate) data: Vec<u8>,
+    /// The caller's memory.
+    pub(crate) memory: ProcessMemory,
+}
+
+impl RegRequest {
+    pub(crate) fn new(size: usize) -> Self {
+        Self {
+            address: 0,
+            size,
+            progress: RequestProgress::Unused,
+            data: Vec::with_capacity(size),
+            memory: ProcessMemory::new(size),
+        }
+    }
+
+    /// How far it is. Brings the data of a finished read to the caller.
+    pub(crate) fn fetch(&mut self) -> RequestProgress {
+        if self.progress == RequestProgress::Success {
+            self.memory.write(0, &self.data);
+        }
+        self.progress
+    }
+}

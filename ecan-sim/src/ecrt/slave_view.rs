@@ -1,0 +1,159 @@
+//! What the master knows of a slave since the last scan.
+
+use crate::ecrt::sdo::Transfer;
+use crate::ecrt::startup::Startup;
+use crate::scenario::GatewaySpec;
+use crate::world::{ProcessDirection, World};
+use ecan_protocol::{AlState, Direction, UNITS_PER_CHUNK, assignment_index, sync_manager};
+
+/// Sync managers of the gateway: two mailboxes, outputs, inputs.
+pub(super) const SYNC_MANAGERS: u8 = 4;
+/// Bit of the AL status that says error.
+pub(super) const AL_ERROR: u8 = 0x10;
+
+/// An entry of a PDO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct PdoEntry {
+    pub(crate) index: u16,
+    pub(crate) subindex: u8,
+    pub(crate) bits: u8,
+}
+
+/// A PDO with its mapping.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(crate) struct Pdo {
+    pub(crate) index: u16,
+    pub(crate) entries: Vec<PdoEntry>,
+}
+
+impl Pdo {
+    pub(crate) fn bits(&self) -> usize {
+        self.entries.iter().map(|entry| usize::from(entry.bits)).sum()
+    }
+}
+
+/// Bytes that a list of PDOs takes.
+pub(crate) fn pdo_bytes(pdos: &[Pdo]) -> usize {
+    pdos.iter().map(Pdo::bits).sum::<usize>().div_ceil(8)
+}
+
+/// Direction of a sync manager of the gateway.
+pub(crate) fn direction_of(sync_manager: u8) -> Option<ProcessDirection> {
+    match sync_manager {
+        0 | 2 => Some(ProcessDirection::Output),
+        1 | 3 => Some(ProcessDirection::Input),
+        _ => None,
+    }
+}
+
+/// One slave.
+#[derive(Debug)]
+pub(crate) struct SlaveView {
+    /// Its gateway in the world.
+    pub(crate) slot: usize,
+    /// Losses of supply of the gateway when it was scanned.
+    pub(crate) generation: u32,
+    pub(crate) spec: GatewaySpec,
+    /// AL status as last read.
+    pub(crate) current: u8,
+    pub(crate) requested: AlState,
+    pub(crate) error_flag: bool,
+    pub(crate) force_config: bool,
+    /// The configuration attached to it.
+    pub(crate) config: Option<usize>,
+    /// Assigned PDOs as the scan found them, by sync manager.
+    pub(crate) assigned: [Vec<Pdo>; SYNC_MANAGERS as usize],
+    /// The state machine that brings it to the requested state.
+    pub(crate) startup: Option<Startup>,
+    pub(crate) transfer: Option<Transfer>,
+    /// When either of them goes on.
+    pub(crate) due: u64,
+}
+
+impl SlaveView {
+    /// A slave as it is found by a scan.
+    pub(crate) fn scanned(world: &mut World, slot: usize) -> Option<Self> {
+        let spec = world.spec(slot)?.clone();
+        let outputs = read_assignment(world, slot, Direction::RxPdo);
+        let inputs = read_assignment(world, slot, Direction::TxPdo);
+        let mut assigned = [const { Vec::new() }; SYNC_MANAGERS as usize];
+        for (direction, pdos) in [(Direction::RxPdo, outputs), (Direction::TxPdo, inputs)] {
+            if let Some(place) = assigned.get_mut(usize::from(sync_manager(direction))) {
+                *place = pdos;
+            }
+        }
+        Some(Self {
+            slot,
+            generation: world.generation(slot),
+            spec,
+            current: al_status(world, slot),
+            requested: AlState::PreOp,
+            error_flag: false,
+            force_config: false,
+            config: None,
+            assigned,
+            startup: None,
+            transfer: None,
+            due: world.now_ns(),
+        })
+    }
+
+    /// Whether the gateway still is the one that was scanned.
+    pub(crate) fn is_present(&self, world: &World) -> bool {
+        world.is_reachable(self.slot) && world.generation(self.slot) == self.generation
+    }
+
+    /// Whether the last AL status read says that mailbox traffic is possible.
+    pub(crate) fn has_mailbox(&self) -> bool {
+        self.current & AL_ERROR == 0 && self.current & 0x0F != AlState::Init.raw()
+    }
+
+    /// Whether neither configuration nor a transfer is running.
+    pub(crate) fn is_idle(&self) -> bool {
+        self.startup.is_none() && self.transfer.is_none()
+    }
+}
+
+/// AL status register of a gateway.
+pub(crate) fn al_status(world: &World, slot: usize) -> u8 {
+    world.gateway(slot).map_or(0, |gateway| {
+        gateway.al_state().raw() | if gateway.al_error() { AL_ERROR } else { 0 }
+    })
+}
+
+/// Reads the assigned PDOs and their mapping, as far as the slave answers.
+fn read_assignment(world: &mut World, slot: usize, direction: Direction) -> Vec<Pdo> {
+    let mut pdos = Vec::new();
+    let assignment = assignment_index(direction);
+    let count = read(world, slot, assignment, 0).unwrap_or(0);
+    for position in 1..=count.min(0xFE) as u8 {
+        let Some(index) = read(world, slot, assignment, position) else { break };
+        let index = index as u16;
+        let mut pdo = Pdo { index, entries: Vec::with_capacity(UNITS_PER_CHUNK) };
+        let entries = read(world, slot, index, 0).unwrap_or(0);
+        for entry in 1..=entries.min(0xFE) as u8 {
+            let Some(word) = read(world, slot, index, entry) else { break };
+            pdo.entries.push(PdoEntry {
+                index: (word >> 16) as u16,
+                subindex: (word >> 8) as u8,
+                bits: word as u8,
+            });
+        }
+        pdos.push(pdo);
+    }
+    pdos
+}
+
+/// An integer object of up to four bytes.
+fn read(world: &mut World, slot: usize, index: u16, subindex: u8) -> Option<u32> {
+    let mut data = Vec::new();
+    let answer = world.with_gateway(slot, |gateway, now| {
+        gateway.sdo_upload(now, index, subindex, &mut data)
+    });
+    answer?.ok()?;
+    let mut word = [0; 4];
+    for (to, from) in word.iter_mut().zip(&data) {
+        *to = *from;
+    }
+    Some(u32::from_le_bytes(word))
+}

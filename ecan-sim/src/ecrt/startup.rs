@@ -1,0 +1,312 @@
+//! The state machine that brings a slave to the state that is requested of it.
+//!
+//! The order is IgH's: INIT, registers cleared, mailboxes, PREOP, startup SDOs, PDO assignment and
+//! mapping, watchdog, sync managers, FMMUs, distributed clocks, SAFEOP, OP.
+
+use ecan_protocol::{AlState, AlStatusCode, Direction, describe, sync_manager,
+    sync_manager_address, sync_manager_control};
+
+use crate::ecrt::master::MasterModel;
+use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
+use crate::ecrt::sdo::{Attempt, Payload, SdoFailure, attempt};
+use crate::ecrt::slave_config::SyncWatchdog;
+use crate::ecrt::slave_view::{AL_ERROR, al_status, pdo_bytes};
+use crate::ecrt::timing::{
+    CLOCK_SETTLE_NS, REGISTER_NS, SDO_NS, STATE_POLL_NS, STATE_TIMEOUT_NS,
+};
+use crate::gateway::SmSettings;
+use crate::world::World;
+
+/// Mailboxes: what is left below the process data.
+const MAILBOXES: [SmSettings; 2] = [
+    SmSettings { start: 0x1000, length: 0x80, control: 0x26 },
+    SmSettings { start: 0x1080, length: 0x80, control: 0x22 },
+];
+/// Control bit that lets a sync manager trigger the watchdog.
+const WATCHDOG_TRIGGER: u8 = 0x40;
+/// Default of the watchdog divider: 100 µs a step.
+const WATCHDOG_DIVIDER: u16 = 2498;
+/// Default of the watchdog intervals: 100 ms.
+const WATCHDOG_INTERVALS: u16 = 1000;
+/// Time of one watchdog divider step, ns.
+const WATCHDOG_STEP_NS: u64 = 40;
+
+/// Where the state machine is.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Startup {
+    Request(AlState),
+    Wait { to: AlState, from: u8, since: u64 },
+    ClearRegisters,
+    Mailboxes,
+    Sdo { at: usize, since: u64 },
+    Assignment { list: Vec<AssignmentWrite>, at: usize, since: u64 },
+    Watchdog,
+    SyncManagers,
+    Fmmus,
+    ClockCycle,
+    ClockStart,
+}
+
+impl Startup {
+    /// The first step.
+    pub(crate) const BEGIN: Self = Self::Request(AlState::Init);
+}
+
+/// What a step leads to.
+enum Next {
+    Step(Startup, u64),
+    Done,
+    Failed,
+}
+
+impl MasterModel {
+    /// Goes on with the configuration of a slave.
+    pub(crate) fn run_startup(&mut self, index: usize, world: &mut World) {
+        let now = world.now_ns();
+        let Some(slave) = self.slaves.get_mut(index) else { return };
+        let Some(step) = slave.startup.take() else { return };
+        let next = if slave.is_present(world) {
+            self.startup_step(index, world, step)
+        } else {
+            self.log(index, "does not answer");
+            Next::Failed
+        };
+        let Some(slave) = self.slaves.get_mut(index) else { return };
+        slave.current = al_status(world, slave.slot);
+        slave.due = now;
+        match next {
+            Next::Step(step, delay) => {
+                slave.startup = Some(step);
+                slave.due = now + delay;
+            }
+            Next::Done => slave.force_config = false,
+            Next::Failed => slave.error_flag = true,
+        }
+    }
+
+    fn startup_step(&mut self, index: usize, world: &mut World, step: Startup) -> Next {
+        let Some(slave) = self.slaves.get(index) else { return Next::Failed };
+        let (slot, now) = (slave.slot, world.now_ns());
+        match step {
+            Startup::Request(to) => {
+                let from = slave.current & 0x0F;
+                world.with_gateway(slot, |gateway, now| gateway.request_al_state(now, to));
+                Next::Step(Startup::Wait { to, from, since: now }, STATE_POLL_NS)
+            }
+            Startup::Wait { to, from, since } => self.wait_state(index, world, to, from, since),
+            Startup::ClearRegisters => {
+                world.set_fmmus(slot, []);
+                world.with_gateway(slot, |gateway, _| {
+                    for number in 0..4 {
+                        gateway.configure_sync_manager(number, None);
+                    }
+                    gateway.set_dc_sync0(None);
+                });
+                Next::Step(Startup::Mailboxes, 3 * REGISTER_NS)
+            }
+            Startup::Mailboxes => {
+                set_up_mailboxes(world, slot);
+                Next::Step(Startup::Request(AlState::PreOp), REGISTER_NS)
+            }
+            Startup::Sdo { at, since } => self.startup_sdo(index, world, at, since),
+            Startup::Assignment { list, at, since } => {
+                self.assignment_step(index, world, list, at, since)
+            }
+            Startup::Watchdog => {
+                let (divider, intervals) = self.attached(index).map_or((0, 0), |c| c.watchdog);
+                let divider = if divider == 0 { WATCHDOG_DIVIDER } else { divider };
+                let intervals = if intervals == 0 { WATCHDOG_INTERVALS } else { intervals };
+                let ns = (u64::from(divider) + 2) * WATCHDOG_STEP_NS * u64::from(intervals);
+                world.with_gateway(slot, |gateway, _| gateway.set_watchdog_ns(ns));
+                Next::Step(Startup::SyncManagers, 2 * REGISTER_NS)
+            }
+            Startup::SyncManagers => {
+                self.set_up_sync_managers(index, world);
+                Next::Step(Startup::Fmmus, REGISTER_NS)
+            }
+            Startup::Fmmus => {
+                if let Some(config) = slave.config {
+                    let fmmus = self.domains.iter().flat_map(|domain| {
+                        let own = domain.fmmus.iter().filter(move |fmmu| fmmu.config == config);
+                        own.map(|fmmu| domain.slave_fmmu(fmmu))
+                    });
+                    world.set_fmmus(slot, fmmus);
+                }
+                let dc = self.attached(index).and_then(|config| config.dc);
+                let next = match dc {
+                    Some(dc) if dc.assign_activate != 0 => Startup::ClockCycle,
+                    _ => Startup::Request(AlState::SafeOp),
+                };
+                Next::Step(next, REGISTER_NS)
+            }
+            Startup::ClockCycle => Next::Step(Startup::ClockStart, CLOCK_SETTLE_NS),
+            Startup::ClockStart => {
+                let dc = self.attached(index).and_then(|config| config.dc);
+                let sync0 = dc.and_then(|dc| self.clocks.sync0(&dc));
+                if self.clocks.reference_time == 0 {
+                    self.log(index, "has no application time: Sync0 will not be in phase");
+                }
+                world.with_gateway(slot, |gateway, _| gateway.set_dc_sync0(sync0));
+                Next::Step(Startup::Request(AlState::SafeOp), 2 * REGISTER_NS)
+            }
+        }
+    }
+
+    fn wait_state(
+        &mut self,
+        index: usize,
+        world: &mut World,
+        to: AlState,
+        from: u8,
+        since: u64,
+    ) -> Next {
+        let now = world.now_ns();
+        let Some(slave) = self.slaves.get(index) else { return Next::Failed };
+        let (slot, requested) = (slave.slot, slave.requested);
+        let status = al_status(world, slot);
+        if status == to.raw() {
+            if to == requested {
+                return Next::Done;
+            }
+            return match to {
+                AlState::Init => Next::Step(Startup::ClearRegisters, REGISTER_NS),
+                AlState::PreOp => Next::Step(Startup::Sdo { at: 0, since: now }, SDO_NS),
+                AlState::SafeOp => Next::Step(Startup::Request(AlState::Op), REGISTER_NS),
+                _ => Next::Done,
+            };
+        }
+        if status & AL_ERROR != 0 {
+            let code = world.gateway(slot).map_or(0, |gateway| gateway.al_status_code());
+            self.log(
+                index,
+                &format!("refused to change to {to}: AL status code {}", AlStatusCode(code)),
+            );
+            // The master acknowledges the error in the state that the slave shows.
+            if let Some(shown) = AlState::from_raw(status & 0x0F) {
+                world.with_gateway(slot, |gateway, now| gateway.request_al_state(now, shown));
+            }
+            return Next::Failed;
+        }
+        let limit = self
+            .attached(index)
+            .and_then(|config| {
+                let known = config.state_timeouts.iter().rev();
+                known.clone().find(|(f, t, _)| *f == from && *t == to.raw())
+            })
+            .map_or(STATE_TIMEOUT_NS, |(_, _, limit)| *limit);
+        if now.saturating_sub(since) > limit {
+            self.log(index, &format!("did not change to {to} in time"));
+            return Next::Failed;
+        }
+        Next::Step(Startup::Wait { to, from, since }, STATE_POLL_NS)
+    }
+
+    fn startup_sdo(&mut self, index: usize, world: &mut World, at: usize, since: u64) -> Next {
+        let now = world.now_ns();
+        let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else {
+            return Next::Failed;
+        };
+        let Some(config) = self.attached(index) else {
+            return Next::Step(Startup::Watchdog, REGISTER_NS);
+        };
+        let Some(sdo) = config.sdos.get(at) else {
+            let list = self
+                .slaves
+                .get(index)
+                .map_or_else(Vec::new, |slave| assignment_writes(config, &slave.spec));
+            return Next::Step(Startup::Assignment { list, at: 0, since: now }, SDO_NS);
+        };
+        let object = (sdo.index, sdo.subindex);
+        match attempt(world, slot, true, since, object, Payload::Download(&sdo.data)) {
+            Attempt::Waiting => Next::Step(Startup::Sdo { at, since }, STATE_POLL_NS),
+            Attempt::Done(Ok(())) => Next::Step(Startup::Sdo { at: at + 1, since: now }, SDO_NS),
+            Attempt::Done(Err(failure)) => {
+                self.log_sdo(index, "startup SDO", object, failure);
+                Next::Failed
+            }
+        }
+    }
+
+    fn assignment_step(
+        &mut self,
+        index: usize,
+        world: &mut World,
+        list: Vec<AssignmentWrite>,
+        at: usize,
+        since: u64,
+    ) -> Next {
+        let now = world.now_ns();
+        let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else {
+            return Next::Failed;
+        };
+        let Some(write) = list.get(at).copied() else {
+            return Next::Step(Startup::Watchdog, REGISTER_NS);
+        };
+        let object = (write.index, write.subindex);
+        let bytes = write.value.to_le_bytes();
+        let data = bytes.get(..write.size).unwrap_or(&bytes);
+        match attempt(world, slot, true, since, object, Payload::Download(data)) {
+            Attempt::Waiting => {
+                Next::Step(Startup::Assignment { list, at, since }, STATE_POLL_NS)
+            }
+            Attempt::Done(result) => {
+                let at = match result {
+                    Ok(()) => at + 1,
+                    Err(failure) => {
+                        self.log_sdo(index, "warning: PDO configuration", object, failure);
+                        write.after_failure
+                    }
+                };
+                Next::Step(Startup::Assignment { list, at, since: now }, SDO_NS)
+            }
+        }
+    }
+
+    fn set_up_sync_managers(&mut self, index: usize, world: &mut World) {
+        let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else { return };
+        for direction in [Direction::RxPdo, Direction::TxPdo] {
+            let number = sync_manager(direction);
+            let sync = self
+                .attached(index)
+                .and_then(|config| config.syncs.get(usize::from(number)));
+            let length = sync.map_or(0, |sync| pdo_bytes(&sync.pdos));
+            let watchdog = sync.map_or(SyncWatchdog::Default, |sync| sync.watchdog);
+            let control = sync_manager_control(direction);
+            let settings = SmSettings {
+                start: sync_manager_address(direction),
+                length: u16::try_from(length).unwrap_or(u16::MAX),
+                control: match watchdog {
+                    SyncWatchdog::Default => control,
+                    SyncWatchdog::Enable => control | WATCHDOG_TRIGGER,
+                    SyncWatchdog::Disable => control & !WATCHDOG_TRIGGER,
+                },
+            };
+            let settings = (length > 0).then_some(settings);
+            world.with_gateway(slot, |gateway, _| {
+                gateway.configure_sync_manager(number, settings);
+            });
+        }
+    }
+
+    fn log_sdo(&mut self, index: usize, what: &str, object: (u16, u8), failure: SdoFailure) {
+        let text = if failure.abort_code == 0 {
+            format!("{what} {} was not answered", describe(object.0, object.1))
+        } else {
+            format!(
+                "{what} {} aborted: {}",
+                describe(object.0, object.1),
+                ecan_protocol::AbortCode(failure.abort_code)
+            )
+        };
+        self.log(index, &text);
+    }
+}
+
+/// Sets the mailboxes of a slave up.
+pub(crate) fn set_up_mailboxes(world: &mut World, slot: usize) {
+    world.with_gateway(slot, |gateway, _| {
+        for (number, settings) in (0..).zip(MAILBOXES) {
+            gateway.configure_sync_manager(number, Some(settings));
+        }
+    });
+}

@@ -1,0 +1,203 @@
+//! The send queue: what is sent together, what comes back when, and what blocks.
+
+use crate::ecrt::dc::ClockDatagram;
+use crate::ecrt::domain::DatagramState;
+use crate::ecrt::master::MasterModel;
+use crate::ecrt::timing::{
+    BYTE_NS, DATAGRAM_TIMEOUT_NS, HOST_LATENCY_NS, SLAVE_LATENCY_NS,
+};
+use crate::fault::LostWay;
+use crate::world::{CycleFate, LogicalCommand, World};
+
+/// Payload of an Ethernet frame.
+const FRAME_BYTES: usize = 1500;
+/// EtherCAT header of a frame.
+const FRAME_HEADER_BYTES: usize = 2;
+/// Header and working counter of a datagram.
+const DATAGRAM_OVERHEAD: usize = 12;
+/// Data of a datagram that sets or carries the reference clock.
+const CLOCK_BYTES: usize = 4;
+
+/// Something in the send queue.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Queued {
+    Domain { domain: usize, datagram: usize },
+    ReferenceClock,
+    SlaveClocks,
+    ClockMonitor,
+}
+
+impl MasterModel {
+    /// Queues a datagram; one that is queued already stays where it is and is sent once.
+    pub(crate) fn enqueue(&mut self, item: Queued) {
+        if !self.queue.contains(&item) {
+            self.queue.push(item);
+        }
+        match item {
+            Queued::Domain { domain, datagram } => {
+                let domain = self.domains.get_mut(domain);
+                if let Some(datagram) = domain.and_then(|d| d.datagrams.get_mut(datagram)) {
+                    datagram.state = DatagramState::Queued;
+                }
+            }
+            clock => *self.clock_datagram(clock) = ClockDatagram::Queued,
+        }
+    }
+
+    fn clock_datagram(&mut self, item: Queued) -> &mut ClockDatagram {
+        match item {
+            Queued::ReferenceClock => &mut self.clocks.reference,
+            Queued::SlaveClocks => &mut self.clocks.slaves,
+            Queued::ClockMonitor | Queued::Domain { .. } => &mut self.clocks.monitor,
+        }
+    }
+
+    /// Bytes of a datagram that is to be sent.
+    fn pending_bytes(&self, item: Queued) -> Option<usize> {
+        match item {
+            Queued::Domain { domain, datagram } => {
+                let datagram = self.domains.get(domain)?.datagrams.get(datagram)?;
+                (datagram.state == DatagramState::Queued).then_some(datagram.wire.len())
+            }
+            Queued::ReferenceClock => {
+                (self.clocks.reference == ClockDatagram::Queued).then_some(CLOCK_BYTES)
+            }
+            Queued::SlaveClocks => {
+                (self.clocks.slaves == ClockDatagram::Queued).then_some(CLOCK_BYTES)
+            }
+            Queued::ClockMonitor => {
+                (self.clocks.monitor == ClockDatagram::Queued).then_some(CLOCK_BYTES)
+            }
+        }
+    }
+
+    /// Sends the queue, frame by frame. A datagram larger than a frame stops everything behind it,
+    /// now and at every later send.
+    pub(crate) fn send(&mut self, world: &mut World) {
+        if !world.link_is_up() {
+            self.drop_queue();
+            return;
+        }
+        let carries_process_data = self.queue.iter().any(|item| {
+            matches!(item, Queued::Domain { .. }) && self.pending_bytes(*item).is_some()
+        });
+        let fate =
+            if carries_process_data { world.begin_cycle() } else { CycleFate::default() };
+        let passed = (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)).count();
+        let mut way = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;
+        let mut frame = FRAME_HEADER_BYTES;
+        self.blocked = false;
+        for place in 0..self.queue.len() {
+            let Some(item) = self.queue.get(place).copied() else { break };
+            let Some(bytes) = self.pending_bytes(item) else { continue };
+            let bytes = bytes + DATAGRAM_OVERHEAD;
+            if frame + bytes > FRAME_BYTES {
+                frame = FRAME_HEADER_BYTES;
+            }
+            if frame + bytes > FRAME_BYTES && !self.carries_large_pdos {
+                self.blocked = true;
+                break;
+            }
+            frame += bytes;
+            way += bytes as u64 * BYTE_NS;
+            self.transmit(item, world, fate, way);
+        }
+    }
+
+    fn transmit(&mut self, item: Queued, world: &mut World, fate: CycleFate, way: u64) {
+        let at_ns = world.now_ns();
+        let arrives_ns = fate.lost.is_none().then_some(at_ns + way);
+        let Queued::Domain { domain, datagram } = item else {
+            self.transmit_clock(item, at_ns, arrives_ns);
+            return;
+        };
+        let Some(domain) = self.domains.get_mut(domain) else { return };
+        let base = domain.logical_base;
+        let (Some(datagram), Some(memory)) =
+            (domain.datagrams.get_mut(datagram), domain.memory.as_ref())
+        else {
+            return;
+        };
+        memory.read(datagram.offset, &mut datagram.wire);
+        let counter = if fate.lost == Some(LostWay::Outward) {
+            0
+        } else {
+            let logical = base.wrapping_add(datagram.offset as u32);
+            world.exchange(datagram.command, logical, &mut datagram.wire)
+        };
+        let counter = i32::from(counter).saturating_add(fate.counter_offset);
+        datagram.working_counter = u16::try_from(counter.max(0)).unwrap_or(u16::MAX);
+        datagram.state = DatagramState::Sent { at_ns, arrives_ns };
+    }
+
+    fn transmit_clock(&mut self, item: Queued, at_ns: u64, arrives_ns: Option<u64>) {
+        let answered = arrives_ns.filter(|_| !self.slaves.is_empty());
+        match item {
+            Queued::ReferenceClock if answered.is_some() => {
+                let target = self.clocks.reference_target;
+                self.clocks.set_system_time(target, at_ns);
+            }
+            Queued::SlaveClocks => {
+                self.clocks.reference_value = self.clocks.system_time(at_ns) as u32;
+            }
+            _ => {}
+        }
+        *self.clock_datagram(item) = ClockDatagram::Sent { at_ns, arrives_ns: answered };
+    }
+
+    /// Takes what has come back by now, and gives up what is overdue.
+    pub(crate) fn receive(&mut self, now: u64) {
+        let mut queue = std::mem::take(&mut self.queue);
+        queue.retain(|item| !self.receive_one(*item, now));
+        self.queue = queue;
+    }
+
+    /// Whether the datagram's journey is over.
+    fn receive_one(&mut self, item: Queued, now: u64) -> bool {
+        let arrived = |arrives_ns: Option<u64>| arrives_ns.is_some_and(|at| at <= now);
+        let overdue = |at_ns: u64| now.saturating_sub(at_ns) > DATAGRAM_TIMEOUT_NS;
+        let Queued::Domain { domain, datagram } = item else {
+            let clock = self.clock_datagram(item);
+            let ClockDatagram::Sent { at_ns, arrives_ns } = *clock else { return false };
+            *clock = match () {
+                () if arrived(arrives_ns) => ClockDatagram::Received,
+                () if overdue(at_ns) => ClockDatagram::Lost,
+                () => return false,
+            };
+            return true;
+        };
+        let Some(domain) = self.domains.get_mut(domain) else { return true };
+        let Some(datagram) = domain.datagrams.get_mut(datagram) else { return true };
+        let DatagramState::Sent { at_ns, arrives_ns } = datagram.state else { return false };
+        if arrived(arrives_ns) {
+            datagram.state = DatagramState::Received;
+            if let Some(memory) = &domain.memory
+                && datagram.command != LogicalCommand::Write
+            {
+                memory.write(datagram.offset, &datagram.wire);
+            }
+            return true;
+        }
+        if overdue(at_ns) {
+            datagram.state = DatagramState::TimedOut;
+            return true;
+        }
+        false
+    }
+
+    /// Without a link nothing can be sent.
+    fn drop_queue(&mut self) {
+        self.blocked = false;
+        while let Some(item) = self.queue.pop() {
+            match item {
+                Queued::Domain { domain, datagram } => {
+                    let domain = self.domains.get_mut(domain);
+                    if let Some(datagram) = domain.and_then(|d| d.datagrams.get_mut(datagram)) {
+                        datagram.state = DatagramState::Error;
+                    }
+                }
+                clock => *self.clock_datagram(clock) = ClockDatagram::Lost,
+            }
+        }
+    }
+}

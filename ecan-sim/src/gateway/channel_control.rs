@@ -1,0 +1,222 @@
+//! 0x8001..0x8004: from the values in the dictionary to a running controller, and the filter
+//! editing window (manual 13.4).
+
+use ecan_protocol::{
+    ApplyStatus, BitTimingMode, ChannelFault, FilterCommand, FilterCommandStatus,
+    McanChannelConfig, NodeMode, object,
+};
+
+use crate::bus::{StationConfig, StationMode};
+
+use super::controller::ControllerConfig;
+use super::dictionary_values::DictionaryValues;
+use super::filter::{FilterElement, FilterTable};
+
+/// 0x8001.
+pub(super) const FIRST_CHANNEL_OBJECT: u16 = 0x8001;
+/// 0x8000:6, source clock of MCAN0; the others follow.
+const SYSTEM_OBJECT: u16 = 0x8000;
+const FIRST_CLOCK: u8 = 6;
+
+/// Subindices of 0x8001..0x8004 that do something when written, or that the firmware writes.
+pub(super) mod subindex {
+    pub(in crate::gateway) const APPLY: u8 = 1;
+    pub(in crate::gateway) const APPLY_STATUS: u8 = 2;
+    pub(in crate::gateway) const FLASH: u8 = 3;
+    pub(in crate::gateway) const FLASH_STATUS: u8 = 4;
+    pub(in crate::gateway) const COMMAND_SEQUENCE: u8 = 5;
+    pub(in crate::gateway) const STANDARD_COMMAND: u8 = 45;
+    pub(in crate::gateway) const EXTENDED_COMMAND: u8 = 46;
+}
+
+/// One of the two filter editing windows.
+#[derive(Clone, Copy, Debug)]
+struct Window {
+    list_max: u8,
+    current: u8,
+    status: u8,
+    count: u8,
+    /// Type, action, sync, ID1 and ID2 follow each other.
+    first_field: u8,
+}
+
+const STANDARD: Window =
+    Window { list_max: 41, current: 43, status: 47, count: 49, first_field: 50 };
+const EXTENDED: Window =
+    Window { list_max: 42, current: 44, status: 48, count: 55, first_field: 56 };
+
+/// Filter lists of one channel as edited, applied or not.
+#[derive(Debug)]
+pub(super) struct FilterLists {
+    standard: Vec<FilterElement>,
+    extended: Vec<FilterElement>,
+}
+
+impl FilterLists {
+    pub(super) fn new() -> Self {
+        Self {
+            standard: vec![
+                FilterElement::default();
+                usize::from(ecan_protocol::STANDARD_FILTERS_MAX)
+            ],
+            extended: vec![
+                FilterElement::default();
+                usize::from(ecan_protocol::EXTENDED_FILTERS_MAX)
+            ],
+        }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.standard.fill(FilterElement::default());
+        self.extended.fill(FilterElement::default());
+    }
+
+    /// A command of the editing window at subindex 45 or 46; the status goes to 47 or 48.
+    pub(super) fn command(
+        &mut self,
+        values: &mut DictionaryValues,
+        index: u16,
+        extended: bool,
+        command: u8,
+    ) {
+        let (list, window) =
+            if extended { (&mut self.extended, EXTENDED) } else { (&mut self.standard, STANDARD) };
+        let status = edit(list, values, index, window, command);
+        values.set(index, window.status, u32::from(status.raw()));
+    }
+}
+
+fn edit(
+    list: &mut [FilterElement],
+    values: &mut DictionaryValues,
+    index: u16,
+    window: Window,
+    command: u8,
+) -> FilterCommandStatus {
+    let command = match FilterCommand::from_raw(command) {
+        Some(FilterCommand::None) => return FilterCommandStatus::Ok,
+        // "flash current" is reserved
+        None | Some(FilterCommand::Flash) => return FilterCommandStatus::InvalidCommand,
+        Some(command) => command,
+    };
+    let current = values.get_u8(index, window.current);
+    let known = current < values.get_u8(index, window.list_max);
+    let Some(element) = list.get_mut(usize::from(current)).filter(|_| known) else {
+        return FilterCommandStatus::InvalidIndex;
+    };
+    let field = |offset| window.first_field + offset;
+    match command {
+        FilterCommand::Save => {
+            *element = FilterElement {
+                kind: values.get_u8(index, field(0)),
+                action: values.get_u8(index, field(1)),
+                sync: values.get_u8(index, field(2)),
+                id1: values.get(index, field(3)),
+                id2: values.get(index, field(4)),
+            };
+        }
+        FilterCommand::Clear => *element = FilterElement::default(),
+        _ => {
+            values.set(index, field(0), u32::from(element.kind));
+            values.set(index, field(1), u32::from(element.action));
+            values.set(index, field(2), u32::from(element.sync));
+            values.set(index, field(3), element.id1);
+            values.set(index, field(4), element.id2);
+        }
+    }
+    FilterCommandStatus::Ok
+}
+
+/// Builds the controller configuration of a channel from the dictionary.
+///
+/// `BuildFail` when values have no meaning, are out of range or admit no bit timing;
+/// `RuntimeFail` when the controller's Message RAM or transmit elements do not suffice.
+pub(super) fn build(
+    values: &DictionaryValues,
+    channel: u8,
+    filters: &FilterLists,
+) -> Result<ControllerConfig, ApplyStatus> {
+    let index = FIRST_CHANNEL_OBJECT + u16::from(channel);
+    let config = decode(values, index)?;
+    let clock = values.get(SYSTEM_OBJECT, FIRST_CLOCK + channel);
+    let mut verdict = Ok(());
+    config.check_at(clock, &mut |fault| {
+        let status = match fault {
+            ChannelFault::MessageRam { .. } | ChannelFault::TransmitElements { .. } => {
+                ApplyStatus::RuntimeFail
+            }
+            // nothing that the controller itself would object to
+            ChannelFault::DataBelowNominal { .. }
+            | ChannelFault::ManualBitrate { .. }
+            | ChannelFault::NoTransmitFifo
+            | ChannelFault::NonMatchWithoutFifo { .. } => return,
+            _ => ApplyStatus::BuildFail,
+        };
+        // a configuration that cannot be built is never tried on the controller
+        if verdict != Err(ApplyStatus::BuildFail) {
+            verdict = Err(status);
+        }
+    });
+    verdict?;
+    let (nominal, data) = config.timings(clock).map_err(|_| ApplyStatus::BuildFail)?;
+    let table = filter_table(values, index, &config, filters)?;
+    let manual = config.bit_timing_mode == BitTimingMode::Manual;
+    let rate = |configured, timing: ecan_protocol::BitTiming| {
+        if manual { timing.bitrate(clock) } else { configured }
+    };
+    let nominal_bitrate = rate(config.nominal_bitrate, nominal);
+    let station = StationConfig {
+        nominal_bitrate,
+        data_bitrate: data.map_or(nominal_bitrate, |data| rate(config.data_bitrate, data)),
+        fd: config.fd,
+        mode: match config.node_mode {
+            NodeMode::Normal => StationMode::Normal,
+            NodeMode::Listen => StationMode::Listen,
+            NodeMode::InternalLoopback => StationMode::InternalLoopback,
+            NodeMode::ExternalLoopback => StationMode::ExternalLoopback,
+        },
+        auto_retransmit: !config.disable_auto_retransmission,
+    };
+    Ok(ControllerConfig {
+        station,
+        ram: config.ram,
+        filters: table,
+        timing: (nominal, data),
+        captures_start: config.tsu && config.tsu_capture_sof,
+        tdc: config.tdc_runs().then_some((config.tdc_offset, config.tdc_filter)),
+    })
+}
+
+fn decode(values: &DictionaryValues, index: u16) -> Result<McanChannelConfig, ApplyStatus> {
+    let mut config = McanChannelConfig::default();
+    let entries = object(index).map_or(&[][..], |object| object.entries);
+    for entry in entries {
+        if config.value(entry.subindex).is_some() {
+            config
+                .set_value(entry.subindex, values.get(index, entry.subindex))
+                .map_err(|_| ApplyStatus::BuildFail)?;
+        }
+    }
+    Ok(config)
+}
+
+fn filter_table(
+    values: &DictionaryValues,
+    index: u16,
+    config: &McanChannelConfig,
+    lists: &FilterLists,
+) -> Result<FilterTable, ApplyStatus> {
+    let used = |list: &[FilterElement], window: Window| {
+        let count = usize::from(values.get_u8(index, window.count));
+        list.get(..count).map(<[FilterElement]>::to_vec).ok_or(ApplyStatus::BuildFail)
+    };
+    Ok(FilterTable {
+        standard: used(&lists.standard, STANDARD)?,
+        extended: used(&lists.extended, EXTENDED)?,
+        non_match_standard: config.non_match_standard,
+        non_match_extended: config.non_match_extended,
+        reject_remote_standard: config.reject_remote_standard,
+        reject_remote_extended: config.reject_remote_extended,
+        extended_mask: config.extended_id_mask,
+    })
+}

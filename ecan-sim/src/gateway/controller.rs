@@ -1,0 +1,494 @@
+//! One MCAN controller: transmit FIFO or queue, receive FIFOs and buffers, error state,
+//! and the status registers that 0x9000..0x9003 show (manual 13.4, 13.5).
+//!
+//! Register layouts are those of the Bosch M_CAN core; the manual names the registers but
+//! not their bits.
+
+mod registers;
+
+use std::collections::VecDeque;
+
+use ecan_protocol::{BitTiming, CanFrame, FifoMode, FrameKind, MessageRamLayout, TxMode};
+
+use crate::bus::{ErrorState, StationConfig, StationMode, arbitration_key};
+
+use super::filter::{Destination, FilterTable};
+use super::receive_path::Received;
+use super::truth::Truth;
+
+/// Most elements of a receive FIFO and most receive buffers.
+const RX_ELEMENTS_MAX: usize = 64;
+/// Most transmit elements.
+const TX_ELEMENTS_MAX: usize = 32;
+/// What the controller sends for data bytes that its element cannot hold.
+const MISSING_DATA: u8 = 0xCC;
+
+/// Bits of the IR register that the model raises.
+mod interrupt {
+    pub(super) const FIFO0_NEW: u32 = 1 << 0;
+    pub(super) const FIFO0_FULL: u32 = 1 << 2;
+    pub(super) const FIFO0_LOST: u32 = 1 << 3;
+    pub(super) const FIFO1_NEW: u32 = 1 << 4;
+    pub(super) const FIFO1_FULL: u32 = 1 << 6;
+    pub(super) const FIFO1_LOST: u32 = 1 << 7;
+    pub(super) const HIGH_PRIORITY: u32 = 1 << 8;
+    pub(super) const TRANSMITTED: u32 = 1 << 9;
+    pub(super) const TX_EMPTY: u32 = 1 << 11;
+    pub(super) const BUFFER_NEW: u32 = 1 << 19;
+    pub(super) const ERROR_PASSIVE: u32 = 1 << 23;
+    pub(super) const ERROR_WARNING: u32 = 1 << 24;
+    pub(super) const BUS_OFF: u32 = 1 << 25;
+}
+
+/// What an applied channel configuration means for the controller.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct ControllerConfig {
+    pub(super) station: StationConfig,
+    pub(super) ram: MessageRamLayout,
+    pub(super) filters: FilterTable,
+    /// Nominal and, for CAN FD, data bit timing.
+    pub(super) timing: (BitTiming, Option<BitTiming>),
+    /// Timestamps are those of the start of frame, not of its end.
+    pub(super) captures_start: bool,
+    /// Offset and filter of the delay compensation while it runs; 0 is automatic.
+    pub(super) tdc: Option<(u8, u8)>,
+}
+
+/// A receive FIFO with its get and put indices.
+#[derive(Debug)]
+struct ReceiveFifo {
+    elements: VecDeque<Received>,
+    get_index: u32,
+    put_index: u32,
+    lost: bool,
+}
+
+impl ReceiveFifo {
+    fn new() -> Self {
+        Self {
+            elements: VecDeque::with_capacity(RX_ELEMENTS_MAX),
+            get_index: 0,
+            put_index: 0,
+            lost: false,
+        }
+    }
+
+    fn clear(&mut self) -> usize {
+        let flushed = self.elements.len();
+        self.elements.clear();
+        self.get_index = 0;
+        self.put_index = 0;
+        self.lost = false;
+        flushed
+    }
+
+    /// Stores a frame; `false` when a frame was lost for it.
+    fn store(&mut self, received: Received, size: u8, mode: FifoMode) -> bool {
+        let size = usize::from(size).min(RX_ELEMENTS_MAX);
+        let full = self.elements.len() >= size;
+        if full {
+            self.lost = true;
+            if size == 0 || mode == FifoMode::Blocking {
+                return false;
+            }
+            self.elements.pop_front();
+            self.get_index = wrap_increment(self.get_index, size);
+        }
+        self.elements.push_back(received);
+        self.put_index = wrap_increment(self.put_index, size);
+        !full
+    }
+
+    fn take(&mut self, size: u8) -> Option<Received> {
+        let taken = self.elements.pop_front()?;
+        self.get_index = wrap_increment(self.get_index, usize::from(size));
+        self.lost = false;
+        Some(taken)
+    }
+
+    /// RXF0S or RXF1S: fill level, get index, put index, full, message lost.
+    fn status(&self, size: u8) -> u32 {
+        let fill = self.elements.len() as u32;
+        fill | self.get_index << 8
+            | self.put_index << 16
+            | u32::from(size != 0 && fill >= u32::from(size)) << 24
+            | u32::from(self.lost) << 25
+    }
+}
+
+fn wrap_increment(index: u32, size: usize) -> u32 {
+    match u32::try_from(size) {
+        Ok(size) if index + 1 < size => index + 1,
+        _ => 0,
+    }
+}
+
+/// Why the controller did not take a frame for transmission.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Refusal {
+    /// Not configured, listening only, or an FD frame on a classic channel.
+    CannotSend,
+    /// The controller is bus-off.
+    BusOff,
+    /// No free transmit element.
+    Full,
+}
+
+/// One MCAN controller behind a CAN connector.
+#[derive(Debug)]
+pub(super) struct Controller {
+    config: Option<ControllerConfig>,
+    generation: u32,
+    fifo0: ReceiveFifo,
+    fifo1: ReceiveFifo,
+    buffers: Vec<Option<Received>>,
+    transmit: VecDeque<CanFrame>,
+    in_flight: Option<CanFrame>,
+    tx_get_index: u32,
+    tx_put_index: u32,
+    error_state: ErrorState,
+    error_counters: (u16, u16),
+    recovery_wanted: bool,
+    interrupts: u32,
+    high_priority: u32,
+    pub(super) frames_lost: u32,
+}
+
+impl Controller {
+    pub(super) fn new() -> Self {
+        Self {
+            config: None,
+            generation: 0,
+            fifo0: ReceiveFifo::new(),
+            fifo1: ReceiveFifo::new(),
+            buffers: vec![None; RX_ELEMENTS_MAX],
+            transmit: VecDeque::with_capacity(TX_ELEMENTS_MAX),
+            in_flight: None,
+            tx_get_index: 0,
+            tx_put_index: 0,
+            error_state: ErrorState::Active,
+            error_counters: (0, 0),
+            recovery_wanted: false,
+            interrupts: 0,
+            high_priority: 0,
+            frames_lost: 0,
+        }
+    }
+
+    /// Restarts the controller with a configuration, or stops it; what it held is lost and
+    /// counted, a bus-off ends.
+    pub(super) fn restart(&mut self, config: Option<ControllerConfig>, truth: &mut Truth) {
+        truth.receive_losses.flushed += self.flush_received() as u64;
+        let unsent = self.transmit.len() + usize::from(self.in_flight.is_some());
+        truth.transmit_losses.stale += unsent as u64;
+        self.transmit.clear();
+        self.in_flight = None;
+        self.tx_get_index = 0;
+        self.tx_put_index = 0;
+        self.error_state = ErrorState::Active;
+        self.error_counters = (0, 0);
+        self.recovery_wanted = false;
+        self.interrupts = 0;
+        self.high_priority = 0;
+        self.config = config;
+        self.generation = self.generation.wrapping_add(1);
+    }
+
+    /// Drops the received frames and says how many that were.
+    pub(super) fn flush_received(&mut self) -> usize {
+        let mut flushed = self.fifo0.clear() + self.fifo1.clear();
+        for buffer in &mut self.buffers {
+            flushed += usize::from(buffer.take().is_some());
+        }
+        flushed
+    }
+
+    pub(super) fn config(&self) -> Option<&ControllerConfig> {
+        self.config.as_ref()
+    }
+
+    pub(super) fn station(&self) -> Option<StationConfig> {
+        self.config.as_ref().map(|config| config.station)
+    }
+
+    pub(super) fn generation(&self) -> u32 {
+        self.generation
+    }
+
+    pub(super) fn is_bus_off(&self) -> bool {
+        self.error_state == ErrorState::BusOff
+    }
+
+    pub(super) fn error_state(&self) -> ErrorState {
+        self.error_state
+    }
+
+    pub(super) fn is_listening(&self) -> bool {
+        self.station().is_some_and(|station| station.mode == StationMode::Listen)
+    }
+
+    // Transmission
+
+    fn transmit_elements(&self) -> usize {
+        self.config
+            .as_ref()
+            .map_or(0, |config| usize::from(config.ram.tx_fifo_size))
+            .min(TX_ELEMENTS_MAX)
+    }
+
+    /// Frames in the transmit FIFO or queue, the one in arbitration included.
+    pub(super) fn transmit_waiting(&self) -> usize {
+        self.transmit.len() + usize::from(self.in_flight.is_some())
+    }
+
+    pub(super) fn is_transmit_full(&self) -> bool {
+        self.config.is_some() && self.transmit_waiting() >= self.transmit_elements()
+    }
+
+    /// Whether a frame could ever be sent, and now.
+    pub(super) fn accepts(&self, frame: &CanFrame) -> Result<(), Refusal> {
+        let Some(config) = &self.config else {
+            return Err(Refusal::CannotSend);
+        };
+        if config.station.mode == StationMode::Listen || (frame.is_fd() && !config.station.fd) {
+            return Err(Refusal::CannotSend);
+        }
+        if self.is_bus_off() {
+            return Err(Refusal::BusOff);
+        }
+        Ok(())
+    }
+
+    /// Takes a frame for transmission.
+    pub(super) fn submit(&mut self, frame: CanFrame) -> Result<(), Refusal> {
+        self.accepts(&frame)?;
+        if self.is_transmit_full() {
+            return Err(Refusal::Full);
+        }
+        let size =
+            self.config.as_ref().map_or(0, |config| usize::from(config.ram.tx_data_size.bytes()));
+        self.transmit.push_back(cut_data(frame, size, MISSING_DATA));
+        self.tx_put_index = wrap_increment(self.tx_put_index, self.transmit_elements());
+        Ok(())
+    }
+
+    /// Takes the frame that goes into arbitration next; none while one is there.
+    pub(super) fn next_transmit(&mut self) -> Option<CanFrame> {
+        if self.in_flight.is_some() {
+            return None;
+        }
+        let config = self.config.as_ref()?;
+        if self.error_state == ErrorState::BusOff || config.station.mode == StationMode::Listen {
+            return None;
+        }
+        let place = match config.ram.tx_mode {
+            TxMode::Fifo => 0,
+            TxMode::Queue => {
+                self.transmit
+                    .iter()
+                    .enumerate()
+                    .min_by_key(|(place, frame)| (arbitration_key(frame), *place))?
+                    .0
+            }
+        };
+        let frame = self.transmit.remove(place)?;
+        self.in_flight = Some(frame);
+        Some(frame)
+    }
+
+    /// The bus confirms the frame in arbitration.
+    pub(super) fn transmitted(&mut self) {
+        if self.in_flight.take().is_some() {
+            self.tx_get_index = wrap_increment(self.tx_get_index, self.transmit_elements());
+            self.interrupts |= interrupt::TRANSMITTED;
+            if self.transmit.is_empty() {
+                self.interrupts |= interrupt::TX_EMPTY;
+            }
+        }
+    }
+
+    /// The bus gave the frame in arbitration up, automatic retransmission being off.
+    pub(super) fn abandoned(&mut self) {
+        if self.in_flight.take().is_some() {
+            self.tx_get_index = wrap_increment(self.tx_get_index, self.transmit_elements());
+        }
+    }
+
+    /// Drops the frames that wait behind the one in arbitration and says how many that were.
+    pub(super) fn flush_transmit(&mut self) -> usize {
+        let dropped = self.transmit.len();
+        self.transmit.clear();
+        dropped
+    }
+
+    // Reception
+
+    /// A frame comes from the bus.
+    pub(super) fn receive(
+        &mut self,
+        frame: &CanFrame,
+        start_ns: u64,
+        end_ns: u64,
+        truth: &mut Truth,
+    ) {
+        let Some(config) = &self.config else {
+            return;
+        };
+        let at_ns = if config.captures_start { start_ns } else { end_ns };
+        truth.frames_from_bus += 1;
+        let verdict = config.filters.judge(frame);
+        let source = |normal| if verdict.priority { 3 } else { normal };
+        let ram = config.ram;
+        let stored = match verdict.destination {
+            Destination::Fifo0 => {
+                let element = Received {
+                    frame: cut_data(*frame, usize::from(ram.rx_fifo0.data_size.bytes()), 0),
+                    at_ns,
+                    source: source(0),
+                };
+                let kept = self.fifo0.store(element, ram.rx_fifo0.size, ram.rx_fifo0.mode);
+                self.interrupts |= interrupt::FIFO0_NEW;
+                if !kept {
+                    self.interrupts |= interrupt::FIFO0_LOST;
+                }
+                if self.fifo0.elements.len() >= usize::from(ram.rx_fifo0.size) {
+                    self.interrupts |= interrupt::FIFO0_FULL;
+                }
+                kept
+            }
+            Destination::Fifo1 => {
+                let element = Received {
+                    frame: cut_data(*frame, usize::from(ram.rx_fifo1.data_size.bytes()), 0),
+                    at_ns,
+                    source: source(1),
+                };
+                let kept = self.fifo1.store(element, ram.rx_fifo1.size, ram.rx_fifo1.mode);
+                self.interrupts |= interrupt::FIFO1_NEW;
+                if !kept {
+                    self.interrupts |= interrupt::FIFO1_LOST;
+                }
+                if self.fifo1.elements.len() >= usize::from(ram.rx_fifo1.size) {
+                    self.interrupts |= interrupt::FIFO1_FULL;
+                }
+                kept
+            }
+            Destination::Buffer(number) => {
+                let element = Received {
+                    frame: cut_data(*frame, usize::from(ram.rx_buffer_data_size.bytes()), 0),
+                    at_ns,
+                    source: source(2),
+                };
+                match self.buffers.get_mut(usize::from(number)) {
+                    // a buffer that was not read yet is locked
+                    Some(free @ None) if number < ram.rx_buffer_count => {
+                        *free = Some(element);
+                        self.interrupts |= interrupt::BUFFER_NEW;
+                        true
+                    }
+                    _ => false,
+                }
+            }
+            Destination::Nowhere => {
+                truth.receive_losses.filtered += 1;
+                true
+            }
+        };
+        if verdict.priority {
+            self.interrupts |= interrupt::HIGH_PRIORITY;
+            self.high_priority = match verdict.destination {
+                Destination::Fifo0 => 2 << 6,
+                Destination::Fifo1 => 3 << 6,
+                _ => 0,
+            } | u32::from(verdict.filter.unwrap_or(0)) << 8
+                | u32::from(frame.id().is_extended()) << 15;
+        }
+        if !stored {
+            truth.receive_losses.controller_full += 1;
+            self.frames_lost = self.frames_lost.saturating_add(1);
+        }
+    }
+
+    /// Takes the next received frame: FIFO1 and the buffers first, since they hold frames
+    /// that filters selected, then FIFO0.
+    pub(super) fn take_received(&mut self) -> Option<Received> {
+        [1, 2, 0].into_iter().find_map(|source| self.take_received_from(source))
+    }
+
+    /// Takes the next received frame of one source: 0 FIFO0, 1 FIFO1, 2 receive buffers.
+    pub(super) fn take_received_from(&mut self, source: u8) -> Option<Received> {
+        let ram = self.config.as_ref()?.ram;
+        match source {
+            0 => self.fifo0.take(ram.rx_fifo0.size),
+            1 => self.fifo1.take(ram.rx_fifo1.size),
+            _ => self.buffers.iter_mut().find_map(Option::take),
+        }
+    }
+
+    /// Frames in the receive FIFOs and buffers.
+    pub(super) fn receive_waiting(&self) -> usize {
+        self.fifo0.elements.len()
+            + self.fifo1.elements.len()
+            + self.buffers.iter().filter(|buffer| buffer.is_some()).count()
+    }
+
+    /// FIFO0 is at least seven eighths full, or has lost a frame since it was last read.
+    pub(super) fn is_receive_pressed(&self) -> bool {
+        let Some(config) = &self.config else {
+            return false;
+        };
+        let size = usize::from(config.ram.rx_fifo0.size);
+        self.fifo0.lost
+            || self.fifo1.lost
+            || (size > 0 && self.fifo0.elements.len() * 8 >= size * 7)
+    }
+
+    // Error state
+
+    /// The bus reports error state and counters; tells whether the state changed.
+    pub(super) fn set_bus_state(&mut self, state: ErrorState, tec: u16, rec: u16) -> bool {
+        self.error_counters = (tec, rec);
+        let changed = state != self.error_state;
+        self.error_state = state;
+        if changed {
+            self.interrupts |= match state {
+                ErrorState::Active => 0,
+                ErrorState::Warning => interrupt::ERROR_WARNING,
+                ErrorState::Passive => interrupt::ERROR_PASSIVE,
+                ErrorState::BusOff => interrupt::BUS_OFF,
+            };
+            if state != ErrorState::BusOff {
+                self.recovery_wanted = false;
+            }
+        }
+        changed
+    }
+
+    pub(super) fn want_recovery(&mut self) {
+        self.recovery_wanted = self.is_bus_off();
+    }
+
+    /// Takes the wish to leave bus-off.
+    pub(super) fn take_recovery_wish(&mut self) -> bool {
+        std::mem::take(&mut self.recovery_wanted)
+    }
+}
+
+/// Replaces the data bytes that an element of `size` cannot hold.
+fn cut_data(frame: CanFrame, size: usize, filler: u8) -> CanFrame {
+    if frame.data().len() <= size {
+        return frame;
+    }
+    let mut data = [filler; 64];
+    let length = frame.data().len().min(data.len());
+    for (to, from) in data.iter_mut().zip(frame.data().iter().take(size)) {
+        *to = *from;
+    }
+    let Some(bytes) = data.get(..length) else {
+        return frame;
+    };
+    let cut = match frame.kind() {
+        FrameKind::Fd { brs, esi } => CanFrame::fd(frame.id(), bytes, brs, esi),
+        _ => CanFrame::classic(frame.id(), bytes),
+    };
+    cut.unwrap_or(frame)
+}

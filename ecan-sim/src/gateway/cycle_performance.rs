@@ -1,0 +1,117 @@
+//! 0x9011: interrupt counts and cost of the hot paths (manual 13.2.4).
+//!
+//! A model has no hot path to measure, so costs follow from the work done: a fixed part and a
+//! part per packet, frame or byte, in CPU cycles. They are plausible, not measured.
+
+use super::schedule::PulseTrain;
+
+/// CPU cycles per two and a half nanoseconds: 400 MHz (0x8000:4).
+const CYCLES_NUMERATOR: u64 = 2;
+const CYCLES_DENOMINATOR: u64 = 5;
+
+/// CPU cycles in so many nanoseconds, saturating.
+pub(super) fn cycles(ns: u64) -> u32 {
+    u32::try_from(ns.saturating_mul(CYCLES_NUMERATOR) / CYCLES_DENOMINATOR).unwrap_or(u32::MAX)
+}
+
+/// Cost of a step: a fixed part and a part for each of `count`.
+fn cost(fixed: u32, each: u32, count: usize) -> u32 {
+    let count = u32::try_from(count).unwrap_or(u32::MAX);
+    fixed.saturating_add(each.saturating_mul(count))
+}
+
+/// Running statistics of 0x9011.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct CyclePerformance {
+    pdi_interrupts: u32,
+    /// Sync0 pulses before this number do not count; see `sync0_count`.
+    sync0_before: u64,
+    phase: Option<(u32, u32)>,
+    output_mapping_max: u32,
+    input_mapping_max: u32,
+    service_max: u32,
+    shadow_max: u32,
+    parse_max: u32,
+    esc_read_max: u32,
+    esc_write_max: u32,
+    schedule_max: u32,
+}
+
+impl CyclePerformance {
+    /// The master completed an access to a process data buffer of `bytes`.
+    pub(super) fn pdi_interrupt(&mut self, now: u64, pulses: Option<PulseTrain>, write: bool) {
+        self.pdi_interrupts = self.pdi_interrupts.wrapping_add(1);
+        let Some(pulses) = pulses.filter(|pulses| write && pulses.pulses_until(now) > 0) else {
+            return;
+        };
+        let phase = cycles(pulses.phase(now));
+        let (min, max) = self.phase.unwrap_or((phase, phase));
+        self.phase = Some((min.min(phase), max.max(phase)));
+    }
+
+    pub(super) fn outputs_read(&mut self, bytes: usize) {
+        self.esc_read_max = self.esc_read_max.max(cost(200, 2, bytes));
+        self.output_mapping_max = self.output_mapping_max.max(cost(400, 2, bytes));
+    }
+
+    pub(super) fn image_parsed(&mut self, packets: usize) {
+        self.parse_max = self.parse_max.max(cost(600, 180, packets));
+    }
+
+    pub(super) fn inputs_published(&mut self, bytes: usize) {
+        self.esc_write_max = self.esc_write_max.max(cost(200, 2, bytes));
+        self.shadow_max = self.shadow_max.max(cost(300, 1, bytes));
+        self.input_mapping_max = self.input_mapping_max.max(cost(700, 3, bytes));
+    }
+
+    pub(super) fn served(&mut self, frames: usize) -> u32 {
+        let cycles = cost(1_500, 260, frames);
+        self.service_max = self.service_max.max(cycles);
+        cycles
+    }
+
+    pub(super) fn scheduled_released(&mut self) {
+        self.schedule_max = self.schedule_max.max(cost(350, 0, 0));
+    }
+
+    /// Clear command: counts and extremes start again.
+    pub(super) fn clear(&mut self, now: u64, pulses: Option<PulseTrain>) {
+        *self = Self {
+            sync0_before: pulses.map_or(0, |pulses| pulses.pulses_until(now)),
+            ..Self::default()
+        };
+    }
+
+    /// Pulse counting starts anew with another pulse train.
+    pub(super) fn restart_pulses(&mut self) {
+        self.sync0_before = 0;
+    }
+
+    /// What a subindex of 0x9011 shows; `None` for the clear command and what is reserved.
+    pub(super) fn readback(
+        &self,
+        subindex: u8,
+        now: u64,
+        pulses: Option<PulseTrain>,
+    ) -> Option<u32> {
+        Some(match subindex {
+            1 => self.pdi_interrupts,
+            2 => {
+                let pulses = pulses.map_or(0, |pulses| pulses.pulses_until(now));
+                pulses.saturating_sub(self.sync0_before) as u32
+            }
+            3 => 0,
+            4 => self.phase.map_or(0, |(min, _)| min),
+            5 => self.phase.map_or(0, |(_, max)| max),
+            6 => self.output_mapping_max,
+            7 => self.input_mapping_max,
+            8 => self.service_max,
+            9 => self.shadow_max,
+            10 => self.parse_max,
+            11 => self.esc_read_max,
+            12 => self.esc_write_max,
+            13 => self.schedule_max,
+            _ => return None,
+        })
+    }
+}

@@ -1,0 +1,236 @@
+//! 0x8010 and 0x8011: requested and active PDO profile of one direction, its status and its
+//! error counters (manual 13.2).
+
+use ecan_protocol::{
+    AlState, BudgetPolicy, Direction, EncapsulationProfile, MAX_MULTIPLIER, OptionFlags, PdoError,
+    PdoProfile, ProfileStatus,
+};
+
+use super::dictionary_values::DictionaryValues;
+
+/// Subindices of 0x8010 and 0x8011.
+pub(super) mod subindex {
+    pub(in crate::gateway) const APPLY: u8 = 1;
+    pub(in crate::gateway) const STATUS: u8 = 2;
+    pub(in crate::gateway) const MULTIPLIER: u8 = 3;
+    pub(in crate::gateway) const CHANNEL_MASK: u8 = 4;
+    pub(in crate::gateway) const PROFILE: u8 = 5;
+    pub(in crate::gateway) const BUDGET: u8 = 6;
+    pub(in crate::gateway) const OPTIONS: u8 = 7;
+    pub(in crate::gateway) const COMMAND: u8 = 8;
+    pub(in crate::gateway) const ACTIVE_BYTES: u8 = 9;
+    pub(in crate::gateway) const ACTIVE_AREA: u8 = 10;
+    pub(in crate::gateway) const LAYOUT_CRC: u8 = 11;
+    pub(in crate::gateway) const ACTIVE_WORD: u8 = 12;
+    pub(in crate::gateway) const SEQUENCE: u8 = 13;
+    pub(in crate::gateway) const LAST_ERROR: u8 = 14;
+    pub(in crate::gateway) const ERROR_COUNTER: u8 = 15;
+    pub(in crate::gateway) const OVERFLOW_COUNTER: u8 = 16;
+}
+
+/// Bits of the command, subindex 8.
+pub(super) const COMMAND_RESET_SESSION: u32 = 1 << 0;
+pub(super) const COMMAND_CLEAR_ERRORS: u32 = 1 << 1;
+
+const EXISTING_CHANNELS: u8 = 0x0F;
+
+/// Status, and where one fits the last PDO error, of a refused profile.
+type Refusal = (ProfileStatus, Option<PdoError>);
+
+/// What the firmware knows about one direction.
+#[derive(Debug)]
+pub(super) struct ProfileControl {
+    direction: Direction,
+    active: Option<PdoProfile>,
+    status: ProfileStatus,
+    pub(super) sequence: u16,
+    last_error: PdoError,
+    error_counter: u32,
+    overflow_counter: u32,
+}
+
+impl ProfileControl {
+    pub(super) fn new(direction: Direction) -> Self {
+        Self {
+            direction,
+            active: None,
+            status: ProfileStatus::Ok,
+            sequence: 0,
+            last_error: PdoError::Ok,
+            error_counter: 0,
+            overflow_counter: 0,
+        }
+    }
+
+    /// The profile in force; `None` until the first one was applied.
+    pub(super) fn active(&self) -> Option<PdoProfile> {
+        self.active
+    }
+
+    /// Bytes of the active image, 0 without a profile.
+    pub(super) fn active_bytes(&self) -> usize {
+        self.active.map_or(0, |profile| profile.pdo_bytes())
+    }
+
+    /// The apply command: checks the requested profile and, where it may, puts it in force.
+    /// `assigned` is the number of chunks in the assignment, `None` when it is not the first
+    /// so many of them. Returns whether the active profile changed.
+    pub(super) fn apply(
+        &mut self,
+        values: &DictionaryValues,
+        state: AlState,
+        assigned: Option<u8>,
+    ) -> bool {
+        match self.judge(values, state, assigned) {
+            Ok(profile) => {
+                self.status = ProfileStatus::Ok;
+                let changed = self.active != Some(profile);
+                self.active = Some(profile);
+                changed
+            }
+            Err((status, error)) => {
+                self.status = status;
+                if let Some(error) = error {
+                    self.last_error = error;
+                }
+                false
+            }
+        }
+    }
+
+    fn judge(
+        &self,
+        values: &DictionaryValues,
+        state: AlState,
+        assigned: Option<u8>,
+    ) -> Result<PdoProfile, Refusal> {
+        let requested = self.requested(values);
+        if state == AlState::Op {
+            // applying once more what is active changes no layout
+            return match requested {
+                Ok(profile) if self.active == Some(profile) => Ok(profile),
+                _ => Err((ProfileStatus::InvalidState, None)),
+            };
+        }
+        let requested = requested?;
+        if assigned != Some(requested.multiplier) {
+            return Err((ProfileStatus::MappingReloadRequired, Some(PdoError::ActiveArea)));
+        }
+        Ok(requested)
+    }
+
+    fn requested(&self, values: &DictionaryValues) -> Result<PdoProfile, Refusal> {
+        let value = |subindex| values.get_u8(self.direction.profile_object(), subindex);
+        let multiplier = value(subindex::MULTIPLIER);
+        if !(1..=MAX_MULTIPLIER).contains(&multiplier) {
+            return Err((ProfileStatus::InvalidMultiplier, None));
+        }
+        let channel_mask = value(subindex::CHANNEL_MASK);
+        if channel_mask == 0 || channel_mask & !EXISTING_CHANNELS != 0 {
+            return Err((ProfileStatus::InvalidChannelMask, None));
+        }
+        let profile = EncapsulationProfile::from_raw(value(subindex::PROFILE))
+            .ok_or((ProfileStatus::InvalidProfile, Some(PdoError::UnsupportedProfile)))?;
+        // The manual has no status for the budget policy; this is the nearest one.
+        let unsupported = (ProfileStatus::UnsupportedOption, Some(PdoError::UnsupportedOption));
+        let budget = BudgetPolicy::from_raw(value(subindex::BUDGET)).ok_or(unsupported)?;
+        let options = OptionFlags::from_bits(value(subindex::OPTIONS)).ok_or(unsupported)?;
+        Ok(PdoProfile { multiplier, channel_mask, profile, budget, options })
+    }
+
+    /// A requested field was written: pending until it is applied or written back.
+    pub(super) fn note_request(&mut self, values: &DictionaryValues) {
+        let object = self.direction.profile_object();
+        let fields = [
+            (subindex::MULTIPLIER, self.active.map(|p| p.multiplier)),
+            (subindex::CHANNEL_MASK, self.active.map(|p| p.channel_mask)),
+            (subindex::PROFILE, self.active.map(|p| p.profile.raw())),
+            (subindex::BUDGET, self.active.map(|p| p.budget.raw())),
+            (subindex::OPTIONS, self.active.map(|p| p.options.bits())),
+        ];
+        let equal = fields
+            .iter()
+            .all(|&(subindex, active)| active == Some(values.get_u8(object, subindex)));
+        if !equal {
+            self.status = ProfileStatus::PendingApply;
+        } else if self.status == ProfileStatus::PendingApply {
+            self.status = ProfileStatus::Ok;
+        }
+    }
+
+    /// The packet layer found a fault in an image.
+    pub(super) fn note_error(&mut self, error: PdoError) {
+        self.last_error = error;
+        self.error_counter = self.error_counter.saturating_add(1);
+        self.status = ProfileStatus::EncapsulationError;
+    }
+
+    /// Frames did not fit, or were dropped by backpressure.
+    pub(super) fn note_overflow(&mut self, frames: u32, error: Option<PdoError>) {
+        if frames == 0 {
+            return;
+        }
+        self.overflow_counter = self.overflow_counter.saturating_add(frames);
+        self.status = ProfileStatus::Overflow;
+        if let Some(error) = error {
+            self.last_error = error;
+        }
+    }
+
+    /// Command "clear errors": error and overflow state of the direction.
+    pub(super) fn clear_errors(&mut self) {
+        self.last_error = PdoError::Ok;
+        self.error_counter = 0;
+        self.overflow_counter = 0;
+        self.clear_running_status();
+    }
+
+    /// Command "reset session", as far as it concerns this object.
+    pub(super) fn reset_session(&mut self) {
+        self.sequence = 0;
+        self.last_error = PdoError::Ok;
+        self.clear_running_status();
+    }
+
+    fn clear_running_status(&mut self) {
+        if matches!(self.status, ProfileStatus::EncapsulationError | ProfileStatus::Overflow) {
+            self.status = ProfileStatus::Ok;
+        }
+    }
+
+    /// What subindices 2 and 9 to 16 show; `None` for the others.
+    pub(super) fn readback(&self, subindex: u8) -> Option<u32> {
+        let active = self.active;
+        Some(match subindex {
+            // commands read as done
+            subindex::APPLY | subindex::COMMAND => 0,
+            subindex::STATUS => u32::from(self.status.raw()),
+            subindex::ACTIVE_BYTES => self.active_bytes() as u32,
+            subindex::ACTIVE_AREA => active.map_or(0, |p| p.frame_area_bytes() as u32),
+            subindex::LAYOUT_CRC => active.map_or(0, |p| layout_crc(self.direction, p)),
+            subindex::ACTIVE_WORD => active.map_or(0, |p| p.word()),
+            subindex::SEQUENCE => u32::from(self.sequence),
+            subindex::LAST_ERROR => u32::from(self.last_error.raw()),
+            subindex::ERROR_COUNTER => self.error_counter,
+            subindex::OVERFLOW_COUNTER => self.overflow_counter,
+            _ => return None,
+        })
+    }
+}
+
+/// The layout contract CRC. The manual does not say how the device computes it; here it is
+/// CRC-32 (reflected 0x04C11DB7) over object index, image size and profile word.
+fn layout_crc(direction: Direction, profile: PdoProfile) -> u32 {
+    let mut contract = [0; 10];
+    contract[..2].copy_from_slice(&direction.profile_object().to_le_bytes());
+    contract[2..6].copy_from_slice(&(profile.pdo_bytes() as u32).to_le_bytes());
+    contract[6..].copy_from_slice(&profile.word().to_le_bytes());
+    let mut crc = u32::MAX;
+    for byte in contract {
+        crc ^= u32::from(byte);
+        for _ in 0..8 {
+            crc = crc >> 1 ^ (0xEDB8_8320 & (crc & 1).wrapping_neg());
+        }
+    }
+    !crc
+}

@@ -1,0 +1,272 @@
+//! From the CAN controller to the TxPDO: drain budgets, the RX cache and what happens when
+//! it is full (manual 13.2.2).
+
+use std::collections::VecDeque;
+
+use ecan_protocol::{CanFrame, CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
+
+use super::controller::Controller;
+use super::truth::ReceiveLosses;
+
+/// Most frames that an RX cache holds, 0xF000:28.
+pub(super) const RX_CACHE_MAX: usize = 32;
+/// Frames that the balanced policy drains per service, whatever the maximum allows beyond.
+const BALANCED_DRAIN: u8 = 2;
+
+/// A received frame on its way to the master.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Received {
+    pub(super) frame: CanFrame,
+    /// When it was on the bus: its end, or its start if the TSU captures that.
+    pub(super) at_ns: u64,
+    /// ID_AUX of the packet: 0 FIFO0, 1 FIFO1, 2 RX buffer, 3 high priority (manual 8.1).
+    pub(super) source: u8,
+}
+
+/// RX cache of one channel with its counters of 0x9020..0x9023.
+#[derive(Debug)]
+pub(super) struct ReceivePath {
+    cache: VecDeque<Received>,
+    pub(super) high_watermark: u16,
+    pub(super) drained_last: u16,
+    pub(super) drained_max: u16,
+    pub(super) dropped_total: u32,
+    pub(super) dropped_old: u32,
+    pub(super) dropped_new: u32,
+    pub(super) dropped_critical: u32,
+    pub(super) consumed_last: u16,
+    pub(super) consumed_max: u16,
+    /// Frames dropped since the last TxPDO image, for its overflow count.
+    pub(super) dropped_since_image: u32,
+    overflows_in_a_row: u32,
+    degraded: bool,
+}
+
+impl ReceivePath {
+    pub(super) fn new() -> Self {
+        Self {
+            cache: VecDeque::with_capacity(RX_CACHE_MAX),
+            high_watermark: 0,
+            drained_last: 0,
+            drained_max: 0,
+            dropped_total: 0,
+            dropped_old: 0,
+            dropped_new: 0,
+            dropped_critical: 0,
+            consumed_last: 0,
+            consumed_max: 0,
+            dropped_since_image: 0,
+            overflows_in_a_row: 0,
+            degraded: false,
+        }
+    }
+
+    pub(super) fn waiting(&self) -> usize {
+        self.cache.len()
+    }
+
+    pub(super) fn is_degraded(&self) -> bool {
+        self.degraded
+    }
+
+    /// At least three quarters of the configured depth are used.
+    pub(super) fn is_under_pressure(&self, policy: &DataPathConfig) -> bool {
+        self.cache.len() * 4 >= depth(policy) * 3
+    }
+
+    pub(super) fn front(&self) -> Option<&Received> {
+        self.cache.front()
+    }
+
+    pub(super) fn pop(&mut self) -> Option<Received> {
+        self.cache.pop_front()
+    }
+
+    /// Empties the cache and says how many frames were lost.
+    pub(super) fn flush(&mut self) -> usize {
+        let lost = self.cache.len();
+        self.cache.clear();
+        self.overflows_in_a_row = 0;
+        self.degraded = false;
+        lost
+    }
+
+    /// Brings the cache down to a smaller depth, oldest frames first.
+    pub(super) fn shrink(&mut self, policy: &DataPathConfig, losses: &mut ReceiveLosses) {
+        while self.cache.len() > depth(policy) {
+            self.cache.pop_front();
+            self.count_drop(Dropped::Old);
+            losses.cache_full += 1;
+        }
+    }
+
+    pub(super) fn clear_counters(&mut self) {
+        self.high_watermark = 0;
+        self.drained_last = 0;
+        self.drained_max = 0;
+        self.dropped_total = 0;
+        self.dropped_old = 0;
+        self.dropped_new = 0;
+        self.dropped_critical = 0;
+        self.consumed_last = 0;
+        self.consumed_max = 0;
+    }
+
+    pub(super) fn note_consumed(&mut self, frames: u16) {
+        self.consumed_last = frames;
+        self.consumed_max = self.consumed_max.max(frames);
+    }
+
+    /// A frame that the controller itself lost, its FIFO being full.
+    pub(super) fn note_controller_loss(&mut self) {
+        self.count_drop(Dropped::New);
+    }
+
+    /// One service: takes frames from the controller into the cache, within the policy's
+    /// budget and the `allowance` that the service budget still grants; the configured
+    /// minimum is granted in any case. Frames of a channel that the TxPDO does not carry
+    /// (`carried` false) are taken and dropped. Returns the number of frames taken.
+    pub(super) fn drain(
+        &mut self,
+        controller: &mut Controller,
+        policy: &DataPathConfig,
+        allowance: u32,
+        carried: bool,
+        losses: &mut ReceiveLosses,
+    ) -> u32 {
+        let minimum = policy.rx_drain_min;
+        let maximum = policy.rx_drain_max;
+        let budget = match policy.rx_budget {
+            RxBudget::Balanced => maximum.min(BALANCED_DRAIN),
+            RxBudget::Limited => maximum,
+            // every source of its own, see below
+            RxBudget::Performance => maximum,
+            RxBudget::Adaptive if self.is_under_pressure(policy) => minimum,
+            RxBudget::Adaptive => maximum,
+        };
+        let granted = u32::from(budget.max(minimum)).min(allowance.max(u32::from(minimum)));
+        let mut taken = 0;
+        if policy.rx_budget == RxBudget::Performance {
+            for source in 0..3 {
+                let mut from_source = 0;
+                while from_source < granted {
+                    let Some(received) = controller.take_received_from(source) else {
+                        break;
+                    };
+                    self.accept(received, policy, carried, losses);
+                    from_source += 1;
+                }
+                taken += from_source;
+            }
+        } else {
+            while taken < granted {
+                let Some(received) = controller.take_received() else {
+                    break;
+                };
+                self.accept(received, policy, carried, losses);
+                taken += 1;
+            }
+        }
+        let drained = u16::try_from(taken).unwrap_or(u16::MAX);
+        self.drained_last = drained;
+        self.drained_max = self.drained_max.max(drained);
+        if self.degraded && self.cache.is_empty() {
+            self.degraded = false;
+            self.overflows_in_a_row = 0;
+        }
+        taken
+    }
+
+    fn accept(
+        &mut self,
+        received: Received,
+        policy: &DataPathConfig,
+        carried: bool,
+        losses: &mut ReceiveLosses,
+    ) {
+        if !carried {
+            losses.masked += 1;
+            return;
+        }
+        if self.cache.len() < depth(policy) {
+            self.cache.push_back(received);
+            self.overflows_in_a_row = 0;
+            let fill = u16::try_from(self.cache.len()).unwrap_or(u16::MAX);
+            self.high_watermark = self.high_watermark.max(fill);
+            return;
+        }
+        losses.cache_full += 1;
+        self.overflows_in_a_row = self.overflows_in_a_row.saturating_add(1);
+        match policy.rx_overflow {
+            RxOverflow::DropOldest => {
+                self.cache.pop_front();
+                self.cache.push_back(received);
+                self.count_drop(Dropped::Old);
+            }
+            RxOverflow::DropNewest => self.count_drop(Dropped::New),
+            RxOverflow::PreserveCritical => self.preserve(received, policy),
+            RxOverflow::Degraded => {
+                if self.overflows_in_a_row >= u32::from(policy.degraded_threshold) {
+                    self.degraded = true;
+                }
+                self.count_drop(Dropped::New);
+            }
+        }
+    }
+
+    /// Full cache under the preserve-critical policy: an uncritical frame gives way to a
+    /// critical one; among critical ones the oldest goes.
+    fn preserve(&mut self, received: Received, policy: &DataPathConfig) {
+        if !is_critical(&received.frame, policy.critical_frames) {
+            self.count_drop(Dropped::New);
+            return;
+        }
+        let victim = self
+            .cache
+            .iter()
+            .position(|waiting| !is_critical(&waiting.frame, policy.critical_frames));
+        self.cache.remove(victim.unwrap_or(0));
+        self.cache.push_back(received);
+        self.count_drop(Dropped::Old);
+        self.dropped_critical = self.dropped_critical.saturating_add(1);
+    }
+
+    fn count_drop(&mut self, which: Dropped) {
+        self.dropped_total = self.dropped_total.saturating_add(1);
+        self.dropped_since_image = self.dropped_since_image.saturating_add(1);
+        let counter = match which {
+            Dropped::Old => &mut self.dropped_old,
+            Dropped::New => &mut self.dropped_new,
+        };
+        *counter = counter.saturating_add(1);
+    }
+}
+
+#[derive(Clone, Copy)]
+enum Dropped {
+    Old,
+    New,
+}
+
+/// Frames that the cache holds under this policy.
+fn depth(policy: &DataPathConfig) -> usize {
+    usize::from(policy.rx_cache_depth.frames()).min(RX_CACHE_MAX)
+}
+
+/// Whether a frame belongs to the CANopen services that a policy protects, judged by the
+/// predefined connection set: NMT, EMCY and heartbeat for "CANopen safety"; SYNC, TIME and
+/// SDO as well for "CANopen all". Process data is replaced by the next cycle and is
+/// protected by neither.
+pub(super) fn is_critical(frame: &CanFrame, policy: CriticalFrames) -> bool {
+    let id = frame.id();
+    if id.is_extended() {
+        return false;
+    }
+    let safety = matches!(id.raw(), 0x000 | 0x081..=0x0FF | 0x701..=0x77F);
+    let control = matches!(id.raw(), 0x080 | 0x100 | 0x581..=0x5FF | 0x601..=0x67F);
+    match policy {
+        CriticalFrames::None => false,
+        CriticalFrames::CanopenSafety => safety,
+        CriticalFrames::CanopenAll => safety || control,
+    }
+}

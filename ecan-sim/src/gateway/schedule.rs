@@ -1,0 +1,112 @@
+//! Scheduled transmission: frames that wait for a phase of a Sync0 cycle
+//! (manual 8.4 and 13.8).
+
+use std::collections::VecDeque;
+
+use ecan_protocol::CanFrame;
+
+use super::settings::Sync0;
+
+/// Frames that may wait at once; the manual names no size, so the size of a TX ring.
+const SCHEDULE_DEPTH: usize = 64;
+
+/// Pulse train of Sync0 in simulated time.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct PulseTrain {
+    first_ns: u64,
+    cycle_ns: u64,
+}
+
+impl PulseTrain {
+    pub(super) fn new(sync0: Sync0) -> Self {
+        Self {
+            first_ns: sync0.start_ns.saturating_add_signed(i64::from(sync0.shift_ns)),
+            cycle_ns: u64::from(sync0.cycle_ns).max(1),
+        }
+    }
+
+    pub(super) fn first_ns(self) -> u64 {
+        self.first_ns
+    }
+
+    pub(super) fn cycle_ns(self) -> u64 {
+        self.cycle_ns
+    }
+
+    /// The first pulse strictly after `now`.
+    pub(super) fn next_after(self, now: u64) -> u64 {
+        if now < self.first_ns {
+            return self.first_ns;
+        }
+        let passed = (now - self.first_ns) / self.cycle_ns;
+        self.first_ns.saturating_add((passed + 1).saturating_mul(self.cycle_ns))
+    }
+
+    /// Number of pulses from the first one up to and including `now`.
+    pub(super) fn pulses_until(self, now: u64) -> u64 {
+        if now < self.first_ns { 0 } else { (now - self.first_ns) / self.cycle_ns + 1 }
+    }
+
+    /// Distance from the last pulse at or before `now`; 0 before the first one.
+    pub(super) fn phase(self, now: u64) -> u64 {
+        if now < self.first_ns { 0 } else { (now - self.first_ns) % self.cycle_ns }
+    }
+}
+
+/// A frame that waits for its phase.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Scheduled {
+    pub(super) due_ns: u64,
+    pub(super) channel: usize,
+    pub(super) frame: CanFrame,
+}
+
+/// Waiting frames in the order of their phases; equal phases keep PDO order.
+#[derive(Debug)]
+pub(super) struct ScheduleQueue {
+    entries: VecDeque<Scheduled>,
+}
+
+impl ScheduleQueue {
+    pub(super) fn new() -> Self {
+        Self { entries: VecDeque::with_capacity(SCHEDULE_DEPTH) }
+    }
+
+    /// Takes a frame in; `false` when the queue is full.
+    pub(super) fn insert(&mut self, entry: Scheduled) -> bool {
+        if self.entries.len() >= SCHEDULE_DEPTH {
+            return false;
+        }
+        let place = self.entries.partition_point(|waiting| waiting.due_ns <= entry.due_ns);
+        self.entries.insert(place, entry);
+        true
+    }
+
+    pub(super) fn next_due(&self) -> Option<u64> {
+        self.entries.front().map(|entry| entry.due_ns)
+    }
+
+    /// Takes out the first frame whose phase has come.
+    pub(super) fn pop_due(&mut self, now: u64) -> Option<Scheduled> {
+        if self.next_due()? <= now { self.entries.pop_front() } else { None }
+    }
+
+    /// Waiting frames of one channel.
+    pub(super) fn waiting(&self, channel: usize) -> usize {
+        self.entries.iter().filter(|entry| entry.channel == channel).count()
+    }
+
+    /// Drops everything and says how many frames that were.
+    pub(super) fn flush(&mut self) -> usize {
+        let dropped = self.entries.len();
+        self.entries.clear();
+        dropped
+    }
+
+    /// Drops the frames of one channel and says how many that were.
+    pub(super) fn flush_channel(&mut self, channel: usize) -> usize {
+        let before = self.entries.len();
+        self.entries.retain(|entry| entry.channel != channel);
+        before - self.entries.len()
+    }
+}

@@ -1,0 +1,290 @@
+//! From the RxPDO to the CAN controller: the TX ring, its service budget, and what happens
+//! under backpressure (manual 10, 13.2.2).
+
+use std::collections::VecDeque;
+
+use ecan_protocol::{CanFrame, DataPathConfig, ResultCode, TxOverflow, TxResult};
+
+use super::controller::{Controller, Refusal};
+use super::truth::{TransmitLosses, Truth};
+
+/// Frames that a TX ring holds, 0xF000:29.
+pub(super) const TX_RING: usize = 64;
+/// TX_RESULT packets that may wait for a TxPDO image: those of two full images.
+const RESULTS_MAX: usize = 512;
+/// The backoff doubles at most this often.
+const BACKOFF_DOUBLINGS: u32 = 4;
+
+/// Which frame of which RxPDO image a TX_RESULT answers for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Reference {
+    pub(super) sequence: u16,
+    pub(super) frame_index: u8,
+}
+
+/// A frame in the TX ring. `reference` is there until its result is reported.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pending {
+    pub(super) frame: CanFrame,
+    pub(super) reference: Option<Reference>,
+}
+
+/// TX_RESULT packets on their way to the master.
+#[derive(Debug)]
+pub(super) struct ResultQueue {
+    results: VecDeque<TxResult>,
+    /// Results of the image under work, not yet in order.
+    fresh: Vec<TxResult>,
+}
+
+impl ResultQueue {
+    pub(super) fn new() -> Self {
+        Self {
+            results: VecDeque::with_capacity(RESULTS_MAX),
+            fresh: Vec::with_capacity(RESULTS_MAX),
+        }
+    }
+
+    /// Notes the result of a frame of the image under work.
+    pub(super) fn report(&mut self, channel: usize, reference: Reference, code: ResultCode) {
+        if self.fresh.len() < RESULTS_MAX {
+            self.fresh.push(TxResult {
+                channel: channel as u8,
+                sequence: reference.sequence,
+                frame_index: reference.frame_index,
+                code,
+            });
+        }
+    }
+
+    /// Ends the work on an image: its results follow in the order of its frames.
+    pub(super) fn settle(&mut self, truth: &mut Truth) {
+        self.fresh.sort_unstable_by_key(|result| result.frame_index);
+        for result in self.fresh.drain(..) {
+            if self.results.len() >= RESULTS_MAX {
+                self.results.pop_front();
+                truth.results_lost += 1;
+            }
+            self.results.push_back(result);
+        }
+    }
+
+    pub(super) fn front(&self) -> Option<&TxResult> {
+        self.results.front()
+    }
+
+    pub(super) fn pop(&mut self) -> Option<TxResult> {
+        self.results.pop_front()
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.results.clear();
+        self.fresh.clear();
+    }
+}
+
+/// TX ring of one channel with its counters of 0x9020..0x9023.
+#[derive(Debug)]
+pub(super) struct TransmitPath {
+    ring: VecDeque<Pending>,
+    backoff_left: u32,
+    backoff_step: u32,
+    congested_services: u32,
+    degraded: bool,
+    pub(super) fifo_full: u32,
+    pub(super) backpressure: u32,
+    pub(super) stale_dropped: u32,
+}
+
+impl TransmitPath {
+    pub(super) fn new() -> Self {
+        Self {
+            ring: VecDeque::with_capacity(TX_RING),
+            backoff_left: 0,
+            backoff_step: 0,
+            congested_services: 0,
+            degraded: false,
+            fifo_full: 0,
+            backpressure: 0,
+            stale_dropped: 0,
+        }
+    }
+
+    pub(super) fn waiting(&self) -> usize {
+        self.ring.len()
+    }
+
+    pub(super) fn is_degraded(&self) -> bool {
+        self.degraded
+    }
+
+    /// The ring is at least half full.
+    pub(super) fn is_under_pressure(&self) -> bool {
+        self.ring.len() * 2 >= TX_RING
+    }
+
+    /// Takes a frame into the ring; when it is full, the overflow policy decides who goes.
+    /// `Err` is the result code of the refused new frame.
+    pub(super) fn enqueue(
+        &mut self,
+        channel: usize,
+        pending: Pending,
+        policy: &DataPathConfig,
+        results: &mut ResultQueue,
+        losses: &mut TransmitLosses,
+    ) -> Result<(), ResultCode> {
+        if self.degraded {
+            self.note_backpressure();
+            losses.ring_full += 1;
+            return Err(ResultCode::BusBusy);
+        }
+        if self.ring.len() >= TX_RING {
+            self.note_backpressure();
+            if policy.tx_overflow != TxOverflow::DropOldest {
+                losses.ring_full += 1;
+                let backing_off = self.backoff_left > 0;
+                return Err(if backing_off { ResultCode::BusBusy } else { ResultCode::TxFifoFull });
+            }
+            if let Some(oldest) = self.ring.pop_front() {
+                self.stale_dropped = self.stale_dropped.saturating_add(1);
+                losses.stale += 1;
+                if let Some(reference) = oldest.reference {
+                    results.report(channel, reference, ResultCode::TxFifoFull);
+                }
+            }
+        }
+        self.ring.push_back(pending);
+        Ok(())
+    }
+
+    /// One service: hands frames to the controller, at most as many as the policy's budget and
+    /// the `allowance` of the service budget grant; the configured minimum is granted in any
+    /// case, even while backing off. Returns the number of frames handed over.
+    pub(super) fn serve(
+        &mut self,
+        channel: usize,
+        controller: &mut Controller,
+        policy: &DataPathConfig,
+        allowance: u32,
+        results: &mut ResultQueue,
+        truth: &mut Truth,
+    ) -> u32 {
+        let minimum = u32::from(policy.tx_budget_min);
+        let maximum = u32::from(policy.tx_budget_max).max(minimum);
+        let mut granted = maximum.min(allowance.max(minimum));
+        if self.backoff_left > 0 {
+            self.backoff_left -= 1;
+            granted = minimum;
+        }
+        let mut sent = 0;
+        let mut blocked = false;
+        while sent < granted {
+            let Some(pending) = self.ring.front().copied() else {
+                break;
+            };
+            let code = match controller.submit(pending.frame) {
+                Ok(()) => {
+                    truth.frames_to_controller += 1;
+                    ResultCode::Ok
+                }
+                Err(Refusal::Full) => {
+                    blocked = true;
+                    break;
+                }
+                Err(Refusal::BusOff) => break,
+                Err(Refusal::CannotSend) => {
+                    truth.transmit_losses.invalid_channel += 1;
+                    ResultCode::InvalidChannel
+                }
+            };
+            self.ring.pop_front();
+            sent += 1;
+            if let Some(reference) = pending.reference {
+                results.report(channel, reference, code);
+            }
+        }
+        if blocked {
+            self.fifo_full = self.fifo_full.saturating_add(1);
+            self.note_backpressure();
+            self.congest(policy);
+        } else {
+            if sent > 0 || self.ring.is_empty() {
+                self.congested_services = 0;
+                self.backoff_step = 0;
+            }
+            if self.ring.is_empty() {
+                self.degraded = false;
+            }
+        }
+        sent
+    }
+
+    /// Reports as queued what the service left in the ring of the image under work.
+    pub(super) fn report_queued(&mut self, channel: usize, results: &mut ResultQueue) {
+        for pending in &mut self.ring {
+            if let Some(reference) = pending.reference.take() {
+                results.report(channel, reference, ResultCode::Queued);
+            }
+        }
+    }
+
+    /// Drops everything as stale and says how many frames that were.
+    pub(super) fn flush(&mut self) -> usize {
+        let dropped = self.ring.len();
+        self.ring.clear();
+        self.note_stale(dropped);
+        self.backoff_left = 0;
+        self.backoff_step = 0;
+        self.congested_services = 0;
+        self.degraded = false;
+        dropped
+    }
+
+    /// Drops everything as stale and counts it.
+    pub(super) fn flush_into(&mut self, truth: &mut Truth) {
+        truth.transmit_losses.stale += self.flush() as u64;
+    }
+
+    /// Drops everything unsent without counting it as stale: a test policy skips sending.
+    pub(super) fn drop_unsent(&mut self) -> usize {
+        let dropped = self.ring.len();
+        self.ring.clear();
+        dropped
+    }
+
+    pub(super) fn note_stale(&mut self, frames: usize) {
+        let frames = u32::try_from(frames).unwrap_or(u32::MAX);
+        self.stale_dropped = self.stale_dropped.saturating_add(frames);
+    }
+
+    pub(super) fn note_fifo_full(&mut self) {
+        self.fifo_full = self.fifo_full.saturating_add(1);
+        self.note_backpressure();
+    }
+
+    pub(super) fn clear_counters(&mut self) {
+        self.fifo_full = 0;
+        self.backpressure = 0;
+        self.stale_dropped = 0;
+    }
+
+    fn note_backpressure(&mut self) {
+        self.backpressure = self.backpressure.saturating_add(1);
+    }
+
+    fn congest(&mut self, policy: &DataPathConfig) {
+        self.congested_services = self.congested_services.saturating_add(1);
+        match policy.tx_overflow {
+            TxOverflow::Backoff if self.backoff_left == 0 => {
+                self.backoff_left = u32::from(policy.backoff_base_cycles) << self.backoff_step;
+                self.backoff_step = (self.backoff_step + 1).min(BACKOFF_DOUBLINGS);
+            }
+            TxOverflow::Degraded
+                if self.congested_services >= u32::from(policy.degraded_threshold) =>
+            {
+                self.degraded = true;
+            }
+            _ => {}
+        }
+    }
+}

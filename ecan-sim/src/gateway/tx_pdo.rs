@@ -1,0 +1,324 @@
+//! From the RX caches to SM3: the TxPDO builder with its budget policies (manual 12).
+
+use ecan_protocol::{
+    BudgetPolicy, CHANNELS, ChannelStatus, CommitFields, Direction, HEADER_BYTES, HeaderFlags,
+    ImageWriter, MAX_PACKETS, MAX_PDO_BYTES, PdoProfile, Timestamp,
+};
+
+use super::channel::Channel;
+use super::transmit_path::ResultQueue;
+use super::truth::Truth;
+
+/// Bytes that the balanced policy reserves for each enabled channel: the greatest packet of a
+/// classic frame without timestamp, padded. The manual says only "a minimum packet budget".
+const BALANCED_RESERVE: usize = 16;
+
+/// How the frame area of one image is shared among the channels.
+#[derive(Debug)]
+struct Budget {
+    reserved: [usize; CHANNELS],
+    shared: usize,
+    /// Most that a single packet can get.
+    greatest: usize,
+    /// Reserves that nobody used may go to others in the end.
+    lends: bool,
+}
+
+impl Budget {
+    fn new(profile: &PdoProfile) -> Self {
+        let area = profile.frame_area_bytes();
+        let enabled = (0..CHANNELS as u8).filter(|&channel| profile.has_channel(channel));
+        let count = enabled.clone().count().max(1);
+        let even = area / count;
+        let (reserve, shared, greatest, lends) = match profile.budget {
+            BudgetPolicy::Balanced => {
+                let reserve = BALANCED_RESERVE.min(even);
+                (reserve, area - reserve * count, area, true)
+            }
+            BudgetPolicy::SharedOnly => (0, area, area, false),
+            BudgetPolicy::Deterministic => (even, 0, even, false),
+        };
+        let mut reserved = [0; CHANNELS];
+        for channel in enabled {
+            if let Some(own) = reserved.get_mut(usize::from(channel)) {
+                *own = reserve;
+            }
+        }
+        Self { reserved, shared, greatest, lends }
+    }
+
+    fn own(&self, channel: usize) -> usize {
+        self.reserved.get(channel).copied().unwrap_or(0)
+    }
+
+    fn fits(&self, channel: usize, bytes: usize) -> bool {
+        bytes <= self.own(channel) + self.shared
+    }
+
+    /// Whether a packet of this size fits no image at all under this policy.
+    fn never_fits(&self, bytes: usize) -> bool {
+        bytes > self.greatest
+    }
+
+    fn take(&mut self, channel: usize, bytes: usize) {
+        let from_own = bytes.min(self.own(channel));
+        if let Some(own) = self.reserved.get_mut(channel) {
+            *own -= from_own;
+        }
+        self.shared = self.shared.saturating_sub(bytes - from_own);
+    }
+
+    /// Every channel had its chance: what is left of the reserves becomes common. Returns
+    /// whether there was any.
+    fn release_reserves(&mut self) -> bool {
+        if !self.lends {
+            return false;
+        }
+        self.lends = false;
+        let left: usize = self.reserved.iter().sum();
+        self.reserved = [0; CHANNELS];
+        self.shared += left;
+        left > 0
+    }
+}
+
+/// What a TxPDO build could not deliver.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Shortfall {
+    /// Frames that stay in their caches for the next image.
+    pub(super) unpacked: u32,
+    /// Frames dropped on their way into the caches since the last image.
+    pub(super) dropped: u32,
+    /// Frames dropped because they fit no image.
+    pub(super) oversized: u32,
+}
+
+/// Builds TxPDO images in a shadow buffer.
+#[derive(Debug)]
+pub(super) struct TxPdoBuilder {
+    writer: Option<ImageWriter>,
+    payload_only: bool,
+    shadow: Box<[u8]>,
+    payload_bytes: usize,
+    last_status: [ChannelStatus; CHANNELS],
+}
+
+impl TxPdoBuilder {
+    pub(super) fn new() -> Self {
+        Self {
+            writer: None,
+            payload_only: false,
+            shadow: vec![0; MAX_PDO_BYTES].into_boxed_slice(),
+            payload_bytes: 0,
+            last_status: Default::default(),
+        }
+    }
+
+    /// Takes the active profile, whether images carry a CRC, and whether bytes behind the
+    /// payload are left alone. The sequence runs on.
+    pub(super) fn configure(&mut self, profile: Option<PdoProfile>, crc: bool, payload_only: bool) {
+        let next = self.writer.as_ref().map(ImageWriter::next_sequence);
+        self.payload_only = payload_only;
+        self.writer = profile.map(|profile| {
+            let mut writer = ImageWriter::new(Direction::TxPdo, profile)
+                .with_crc(crc)
+                .with_payload_only(payload_only);
+            writer.use_d64(true);
+            if let Some(next) = next {
+                writer.set_next_sequence(next);
+            }
+            writer
+        });
+    }
+
+    /// The next image gets sequence number 1 again.
+    pub(super) fn reset_session(&mut self) {
+        if let Some(writer) = &mut self.writer {
+            writer.set_next_sequence(1);
+        }
+    }
+
+    /// Packs results and frames, whole packets only, and commits the image to the shadow.
+    /// `empty` builds a header without packets. Returns the sequence number, and what did not
+    /// fit; `None` without a profile.
+    pub(super) fn build(
+        &mut self,
+        channels: &mut [Channel; CHANNELS],
+        results: &mut ResultQueue,
+        status: [ChannelStatus; CHANNELS],
+        time_base_ns: u64,
+        empty: bool,
+        truth: &mut Truth,
+    ) -> Option<(u16, Shortfall)> {
+        let writer = self.writer.as_mut()?;
+        let profile = *writer.profile();
+        let mut shortfall = Shortfall::default();
+        if !empty {
+            let mut budget = Budget::new(&profile);
+            pack_results(writer, &mut self.shadow, results, &mut budget, truth);
+            pack_frames(
+                writer,
+                &mut self.shadow,
+                channels,
+                &mut budget,
+                time_base_ns,
+                &mut shortfall,
+                truth,
+            );
+        }
+        for channel in channels.iter_mut() {
+            shortfall.dropped += std::mem::take(&mut channel.receive.dropped_since_image);
+        }
+        let overflow = shortfall.unpacked + shortfall.dropped + shortfall.oversized;
+        let troubled = channels.iter().any(Channel::is_troubled);
+        let flags = HeaderFlags::NONE
+            .with_if(HeaderFlags::STREAM_TRUNCATED, shortfall.unpacked > 0)
+            .with_if(HeaderFlags::ANY_CHANNEL_ERROR, troubled)
+            .with_if(HeaderFlags::STATUS_CHANGED, status != self.last_status);
+        self.last_status = status;
+        self.payload_bytes = writer.used();
+        let sequence = writer.commit(
+            &mut self.shadow,
+            CommitFields {
+                flags,
+                overflow: u8::try_from(overflow).unwrap_or(u8::MAX),
+                channel_status: status,
+            },
+        );
+        Some((sequence, shortfall))
+    }
+
+    /// The bytes to copy into SM3: all of the image, or header and payload only.
+    pub(super) fn published(&self) -> &[u8] {
+        let whole = self.writer.as_ref().map_or(0, |writer| writer.profile().pdo_bytes());
+        let end =
+            if self.payload_only { (HEADER_BYTES + self.payload_bytes).min(whole) } else { whole };
+        self.shadow.get(..end).unwrap_or_default()
+    }
+
+    /// Fault: leaves `seq_end` one behind `seq_begin`.
+    pub(super) fn tear(&mut self) {
+        let seq_begin = self.shadow.get(2..4).map(|bytes| [bytes[0], bytes[1]]);
+        if let (Some(begin), Some(seq_end)) = (seq_begin, self.shadow.get_mut(4..6)) {
+            let behind = u16::from_le_bytes(begin).wrapping_sub(1);
+            seq_end.copy_from_slice(&behind.to_le_bytes());
+        }
+    }
+
+    /// Fault: inverts the payload CRC.
+    pub(super) fn corrupt_crc(&mut self) {
+        for byte in self.shadow.iter_mut().skip(8).take(2) {
+            *byte = !*byte;
+        }
+    }
+}
+
+fn pack_results(
+    writer: &mut ImageWriter,
+    shadow: &mut [u8],
+    results: &mut ResultQueue,
+    budget: &mut Budget,
+    truth: &mut Truth,
+) {
+    while let Some(result) = results.front().copied() {
+        if !writer.profile().has_channel(result.channel) {
+            results.pop();
+            truth.results_lost += 1;
+            continue;
+        }
+        let channel = usize::from(result.channel);
+        let before = writer.used();
+        if !budget.fits(channel, RESULT_BYTES_MAX) {
+            break;
+        }
+        if writer.push_tx_result(shadow, &result).is_err() {
+            break;
+        }
+        budget.take(channel, writer.used() - before);
+        results.pop();
+        truth.results_to_master += 1;
+    }
+}
+
+/// A TX_RESULT packet with padding.
+const RESULT_BYTES_MAX: usize = 8;
+
+/// Packs frames, the oldest first over all channels, each channel in order and within its
+/// budget. A channel whose next frame does not fit waits for the next image.
+fn pack_frames(
+    writer: &mut ImageWriter,
+    shadow: &mut [u8],
+    channels: &mut [Channel; CHANNELS],
+    budget: &mut Budget,
+    time_base_ns: u64,
+    shortfall: &mut Shortfall,
+    truth: &mut Truth,
+) {
+    let with_timestamp = writer.profile().profile.allows_delta16();
+    let mut blocked = [false; CHANNELS];
+    let mut consumed = [0u16; CHANNELS];
+    loop {
+        let Some(number) = oldest(channels, &blocked) else {
+            if blocked.contains(&true) && budget.release_reserves() {
+                blocked = [false; CHANNELS];
+                continue;
+            }
+            break;
+        };
+        let (Some(channel), Some(blocked), Some(consumed)) =
+            (channels.get_mut(number), blocked.get_mut(number), consumed.get_mut(number))
+        else {
+            break;
+        };
+        let Some(head) = channel.receive.front() else {
+            break;
+        };
+        let timestamp = if with_timestamp {
+            Timestamp::Delta16(delta_us(head.at_ns, time_base_ns))
+        } else {
+            Timestamp::None
+        };
+        let frame = head.frame.as_ref();
+        let bytes = writer.packet_bytes(frame, timestamp);
+        if budget.never_fits(bytes) {
+            channel.receive.pop();
+            shortfall.oversized += 1;
+            truth.receive_losses.oversized += 1;
+            continue;
+        }
+        let pushed = budget.fits(number, bytes)
+            && usize::from(writer.frames()) < MAX_PACKETS
+            && writer.push(shadow, number as u8, head.source, frame, timestamp).is_ok();
+        if !pushed {
+            *blocked = true;
+            continue;
+        }
+        budget.take(number, bytes);
+        channel.receive.pop();
+        *consumed += 1;
+        truth.frames_to_master += 1;
+    }
+    for (channel, consumed) in channels.iter_mut().zip(consumed) {
+        channel.receive.note_consumed(consumed);
+        shortfall.unpacked += u32::try_from(channel.receive.waiting()).unwrap_or(u32::MAX);
+    }
+}
+
+/// The channel whose next frame was received first; the lower channel of two.
+fn oldest(channels: &[Channel; CHANNELS], blocked: &[bool; CHANNELS]) -> Option<usize> {
+    channels
+        .iter()
+        .zip(blocked)
+        .enumerate()
+        .filter(|(_, (_, blocked))| !**blocked)
+        .filter_map(|(number, (channel, _))| Some((channel.receive.front()?.at_ns, number)))
+        .min()
+        .map(|(_, number)| number)
+}
+
+/// Microseconds from the time base to the reception, modulo 2^16; negative differences of
+/// frames left over from earlier cycles wrap.
+fn delta_us(at_ns: u64, time_base_ns: u64) -> u16 {
+    let [low, high, ..] = (at_ns / 1000).wrapping_sub(time_base_ns / 1000).to_le_bytes();
+    u16::from_le_bytes([low, high])
+}

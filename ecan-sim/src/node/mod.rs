@@ -1,0 +1,52 @@
+//! What else is on the bus: peers of the gateway's CAN channels.
+//!
+//! A node decides what to send and when; the controller below it (a
+//! [`StationConfig`](crate::StationConfig)) and the queue in front of it belong to the world
+//! that runs it.
+
+mod echo;
+mod faulty;
+mod output;
+mod random;
+mod replay;
+mod silent;
+
+use ecan_protocol::CanFrame;
+
+pub use echo::EchoNode;
+pub use faulty::{FaultyNode, FaultySettings};
+pub use output::NodeOutput;
+pub use replay::{ReplayError, ReplayNode, ReplayRecord};
+pub use silent::SilentNode;
+
+/// A participant of a CAN bus. All times are nanoseconds of the simulation.
+///
+/// Calls come in the order of time. A node answers by putting frames into `out`; they are sent
+/// in that order as the bus allows.
+pub trait Node: Send {
+    /// The node's controller has been configured and the node starts, at `now`.
+    fn started(&mut self, now: u64, out: &mut NodeOutput) {
+        let _ = (now, out);
+    }
+
+    /// A frame of another station has been received.
+    fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
+        let _ = (now, frame, out);
+    }
+
+    /// One of the node's own frames has been sent.
+    fn transmitted(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
+        let _ = (now, frame, out);
+    }
+
+    /// When the node wants to act by itself, if ever.
+    fn next_event(&self) -> Option<u64> {
+        None
+    }
+
+    /// The time that [`next_event`](Self::next_event) asked for has come. Afterwards it names a
+    /// later one, or none.
+    fn advance(&mut self, now: u64, out: &mut NodeOutput) {
+        let _ = (now, out);
+    }
+}

@@ -1,0 +1,462 @@
+//! Scenario files: TOML, every key known, every error with its line and its reason.
+//!
+//! The tables are read flat and checked key by key afterwards, so that a key that does not belong
+//! to the kind of a node or fault is refused as clearly as one that nobody knows.
+
+use std::fmt;
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+
+use serde::Deserialize;
+use toml::Spanned;
+
+use crate::fault::{Fault, LostWay, ScriptedFault, When};
+use crate::gateway::GatewayFault;
+use crate::scenario::{
+    ClockKind, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind, NodeSpec, Scenario, Topology,
+};
+
+/// Why a scenario file is refused.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ScenarioError {
+    /// Line, from 1; `None` when the whole file is meant.
+    pub line: Option<usize>,
+    /// Reason in words.
+    pub reason: String,
+}
+
+impl fmt::Display for ScenarioError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.line {
+            Some(line) => write!(f, "line {line}: {}", self.reason),
+            None => f.write_str(&self.reason),
+        }
+    }
+}
+
+impl std::error::Error for ScenarioError {}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawScenario {
+    name: Option<String>,
+    seed: Option<u64>,
+    clock: Option<RawClock>,
+    version: Option<RawVersion>,
+    #[serde(default)]
+    carries_large_pdos: bool,
+    #[serde(default)]
+    reserved: bool,
+    topology: Option<RawTopology>,
+    #[serde(default)]
+    gateway: Vec<Spanned<RawGateway>>,
+    #[serde(default)]
+    node: Vec<Spanned<RawNode>>,
+    #[serde(default)]
+    fault: Vec<Spanned<RawFault>>,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(rename_all = "lowercase")]
+enum RawClock {
+    Real,
+    Stepped,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+enum RawVersion {
+    #[serde(rename = "1.5", alias = "1.5.2")]
+    V1_5,
+    #[serde(rename = "1.6", alias = "1.6.2")]
+    V1_6,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(rename_all = "lowercase")]
+enum RawTopology {
+    Line,
+    Star,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawGateway {
+    alias: Option<u16>,
+    serial: Option<u64>,
+    hardware_revision: Option<u32>,
+    firmware: Option<(u16, u16)>,
+    vendor_id: Option<u32>,
+    product_code: Option<u32>,
+    revision: Option<u32>,
+    boot_ms: Option<u32>,
+    service_delay_us: Option<u32>,
+    service_jitter_us: Option<u32>,
+    pdo_assign: Option<bool>,
+    pdo_configuration: Option<bool>,
+    buses: Option<Vec<String>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawNode {
+    kind: RawNodeKind,
+    bus: String,
+    name: Option<String>,
+    bitrate: Option<u32>,
+    data_bitrate: Option<u32>,
+    file: Option<PathBuf>,
+    drop_permille: Option<u16>,
+    corrupt_permille: Option<u16>,
+    repeat_permille: Option<u16>,
+    babble_us: Option<u32>,
+}
+
+#[derive(Deserialize, Clone, Copy, PartialEq)]
+#[serde(rename_all = "lowercase")]
+enum RawNodeKind {
+    Echo,
+    Replay,
+    Silent,
+    Faulty,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct RawFault {
+    kind: RawFaultKind,
+    cycle: Option<u64>,
+    at_ms: Option<u64>,
+    gateway: Option<usize>,
+    channel: Option<usize>,
+    node: Option<String>,
+    way: Option<RawWay>,
+    cycles: Option<u32>,
+    offset: Option<i32>,
+    off_ms: Option<u32>,
+    for_ms: Option<u32>,
+    index: Option<u16>,
+    subindex: Option<u8>,
+    code: Option<u32>,
+    times: Option<u32>,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(rename_all = "lowercase")]
+enum RawWay {
+    Outward,
+    Return,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(rename_all = "snake_case")]
+enum RawFaultKind {
+    LostFrame,
+    WorkingCounterOffset,
+    PowerCycle,
+    PowerOff,
+    LinkLoss,
+    SdoAbort,
+    MailboxTimeout,
+    TornImage,
+    CrcError,
+    AlError,
+    ServiceStall,
+    BusOff,
+    ErrorFrames,
+    NodeSilent,
+}
+
+/// Where in the file something stands.
+struct Source<'a> {
+    text: &'a str,
+}
+
+impl Source<'_> {
+    fn error(&self, span: Option<Range<usize>>, reason: impl Into<String>) -> ScenarioError {
+        let line = span.map(|span| {
+            let before = self.text.as_bytes().iter().take(span.start);
+            1 + before.filter(|byte| **byte == b'\n').count()
+        });
+        ScenarioError { line, reason: reason.into() }
+    }
+}
+
+impl Scenario {
+    /// Reads a scenario from the text of a file. `name` is what the banner calls it; paths inside
+    /// it count from `directory`.
+    ///
+    /// # Errors
+    /// The first fault of the text, with its line.
+    pub fn from_toml(text: &str, name: &str, directory: &Path) -> Result<Self, ScenarioError> {
+        let source = Source { text };
+        let raw: RawScenario = toml::from_str(text)
+            .map_err(|error| source.error(error.span(), error.message().trim()))?;
+        let mut scenario = Self {
+            name: raw.name.unwrap_or_else(|| name.to_owned()),
+            seed: raw.seed.unwrap_or(1),
+            clock: raw.clock.map(|clock| match clock {
+                RawClock::Real => ClockKind::Real,
+                RawClock::Stepped => ClockKind::Stepped,
+            }),
+            version: match raw.version {
+                Some(RawVersion::V1_5) => EcrtVersion::V1_5,
+                Some(RawVersion::V1_6) | None => EcrtVersion::V1_6,
+            },
+            carries_large_pdos: raw.carries_large_pdos,
+            reserved: raw.reserved,
+            topology: match raw.topology {
+                Some(RawTopology::Star) => Topology::Star,
+                Some(RawTopology::Line) | None => Topology::Line,
+            },
+            ..Self::default()
+        };
+        for (position, raw) in raw.gateway.into_iter().enumerate() {
+            let span = raw.span();
+            let gateway = raw
+                .into_inner()
+                .build(position)
+                .map_err(|reason| source.error(Some(span), reason))?;
+            scenario.gateways.push(gateway);
+        }
+        for raw in raw.node {
+            let span = raw.span();
+            let node = raw
+                .into_inner()
+                .build(&scenario, directory)
+                .map_err(|reason| source.error(Some(span), reason))?;
+            scenario.nodes.push(node);
+        }
+        for raw in raw.fault {
+            let span = raw.span();
+            let fault = raw
+                .into_inner()
+                .build(&scenario)
+                .map_err(|reason| source.error(Some(span), reason))?;
+            scenario.faults.push(fault);
+        }
+        Ok(scenario)
+    }
+}
+
+impl RawGateway {
+    fn build(self, position: usize) -> Result<GatewaySpec, String> {
+        let mut spec = GatewaySpec::at(position);
+        let settings = &mut spec.settings;
+        set(&mut spec.alias, self.alias);
+        set(&mut settings.serial, self.serial);
+        set(&mut settings.hardware_revision, self.hardware_revision);
+        set(&mut settings.firmware, self.firmware);
+        set(&mut settings.vendor_id, self.vendor_id);
+        set(&mut settings.product_code, self.product_code);
+        set(&mut settings.revision, self.revision);
+        set(&mut settings.boot_ms, self.boot_ms);
+        let ns = |us: u32| u64::from(us) * 1_000;
+        set(&mut settings.service_delay_ns, self.service_delay_us.map(ns));
+        set(&mut settings.service_jitter_ns, self.service_jitter_us.map(ns));
+        set(&mut spec.pdo_assign, self.pdo_assign);
+        set(&mut spec.pdo_configuration, self.pdo_configuration);
+        if let Some(buses) = self.buses {
+            spec.buses = buses.try_into().map_err(|buses: Vec<String>| {
+                format!(
+                    "gateway {position} names {} buses: it has {} channels",
+                    buses.len(),
+                    ecan_protocol::CHANNELS
+                )
+            })?;
+            if spec.buses.iter().any(|bus| bus.trim().is_empty()) {
+                return Err(format!("gateway {position} has a bus without a name"));
+            }
+        }
+        Ok(spec)
+    }
+}
+
+fn set<T>(field: &mut T, value: Option<T>) {
+    if let Some(value) = value {
+        *field = value;
+    }
+}
+
+impl RawNode {
+    fn build(self, scenario: &Scenario, directory: &Path) -> Result<NodeSpec, String> {
+        if !scenario.gateways.iter().any(|gateway| gateway.buses.contains(&self.bus)) {
+            let buses: Vec<_> =
+                scenario.gateways.iter().flat_map(|gateway| &gateway.buses).cloned().collect();
+            return Err(if buses.is_empty() {
+                format!("bus \"{}\" does not exist: there is no gateway", self.bus)
+            } else {
+                format!("bus \"{}\" does not exist; there are: {}", self.bus, buses.join(", "))
+            });
+        }
+        let for_faulty = [
+            ("drop_permille", self.drop_permille.is_some()),
+            ("corrupt_permille", self.corrupt_permille.is_some()),
+            ("repeat_permille", self.repeat_permille.is_some()),
+            ("babble_us", self.babble_us.is_some()),
+        ];
+        let stray = for_faulty.iter().find(|(_, given)| *given && self.kind != RawNodeKind::Faulty);
+        if let Some((key, _)) = stray {
+            return Err(format!("`{key}` belongs to nodes of kind \"faulty\""));
+        }
+        if self.file.is_some() && self.kind != RawNodeKind::Replay {
+            return Err("`file` belongs to nodes of kind \"replay\"".to_owned());
+        }
+        let shares = [self.drop_permille, self.corrupt_permille, self.repeat_permille];
+        if shares.into_iter().flatten().any(|share| share > 1000) {
+            return Err("a share is given in thousandths, 0 to 1000".to_owned());
+        }
+        if self.bitrate == Some(0) || self.data_bitrate == Some(0) {
+            return Err("a bit rate is not 0".to_owned());
+        }
+        if self.data_bitrate.is_some() && self.bitrate.is_none() {
+            return Err("`data_bitrate` needs `bitrate` beside it".to_owned());
+        }
+        let kind = match self.kind {
+            RawNodeKind::Echo => NodeKind::Echo,
+            RawNodeKind::Silent => NodeKind::Silent,
+            RawNodeKind::Faulty => NodeKind::Faulty(FaultyBehaviour {
+                drop_permille: self.drop_permille.unwrap_or(0),
+                corrupt_permille: self.corrupt_permille.unwrap_or(0),
+                repeat_permille: self.repeat_permille.unwrap_or(0),
+                babble_us: self.babble_us.unwrap_or(0),
+            }),
+            RawNodeKind::Replay => {
+                let file = self.file.ok_or("a node of kind \"replay\" needs `file`")?;
+                NodeKind::Replay { file: directory.join(file) }
+            }
+        };
+        let name = self.name.unwrap_or_else(|| format!("node {}", scenario.nodes.len()));
+        if scenario.nodes.iter().any(|node| node.name == name) {
+            return Err(format!("there are two nodes of the name \"{name}\""));
+        }
+        Ok(NodeSpec {
+            name,
+            bus: self.bus,
+            kind,
+            bitrate: self.bitrate,
+            data_bitrate: self.data_bitrate,
+        })
+    }
+}
+
+impl RawFault {
+    fn build(mut self, scenario: &Scenario) -> Result<ScriptedFault, String> {
+        let when = match (self.cycle.take(), self.at_ms.take()) {
+            (Some(cycle), None) => When::Cycle(cycle),
+            (None, Some(ms)) => When::At(ms.saturating_mul(1_000_000)),
+            _ => return Err("a fault needs either `cycle` or `at_ms`".to_owned()),
+        };
+        let fault = match self.kind {
+            RawFaultKind::LostFrame => Fault::LostFrame {
+                way: match self.way.take() {
+                    Some(RawWay::Return) => LostWay::Return,
+                    Some(RawWay::Outward) | None => LostWay::Outward,
+                },
+                cycles: self.cycles.take().unwrap_or(1),
+            },
+            RawFaultKind::WorkingCounterOffset => Fault::WorkingCounterOffset {
+                offset: need("offset", self.offset.take())?,
+                cycles: self.cycles.take().unwrap_or(1),
+            },
+            RawFaultKind::PowerCycle => Fault::PowerCycle {
+                gateway: self.gateway(scenario)?,
+                off_ms: self.off_ms.take().unwrap_or(1000),
+            },
+            RawFaultKind::PowerOff => Fault::PowerOff { gateway: self.gateway(scenario)? },
+            RawFaultKind::LinkLoss => Fault::LinkLoss {
+                gateway: self.gateway(scenario)?,
+                for_ms: need("for_ms", self.for_ms.take())?,
+            },
+            RawFaultKind::SdoAbort => {
+                let fault = GatewayFault::SdoAbort {
+                    index: need("index", self.index.take())?,
+                    subindex: self.subindex.take().unwrap_or(0),
+                    code: need("code", self.code.take())?,
+                    times: self.times.take().unwrap_or(1),
+                };
+                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
+            }
+            RawFaultKind::MailboxTimeout => {
+                let fault = GatewayFault::MailboxSilent { ms: need("for_ms", self.for_ms.take())? };
+                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
+            }
+            RawFaultKind::TornImage => {
+                let fault = GatewayFault::TornTxPdo { images: self.times.take().unwrap_or(1) };
+                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
+            }
+            RawFaultKind::CrcError => {
+                let fault = GatewayFault::CrcErrorTxPdo { images: self.times.take().unwrap_or(1) };
+                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
+            }
+            RawFaultKind::AlError => {
+                let code = need("code", self.code.take())?;
+                let code = u16::try_from(code).map_err(|_| "an AL status code has 16 bits")?;
+                let fault = GatewayFault::AlError { code };
+                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
+            }
+            RawFaultKind::ServiceStall => {
+                let fault = GatewayFault::ServiceStall { ms: need("for_ms", self.for_ms.take())? };
+                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
+            }
+            RawFaultKind::BusOff => {
+                Fault::BusOff { gateway: self.gateway(scenario)?, channel: self.channel()? }
+            }
+            RawFaultKind::ErrorFrames => Fault::ErrorFrames {
+                gateway: self.gateway(scenario)?,
+                channel: self.channel()?,
+                frames: self.times.take().unwrap_or(1),
+            },
+            RawFaultKind::NodeSilent => {
+                let node = need("node", self.node.take())?;
+                if !scenario.nodes.iter().any(|known| known.name == node) {
+                    return Err(format!("there is no node of the name \"{node}\""));
+                }
+                Fault::NodeSilent { node, for_ms: need("for_ms", self.for_ms.take())? }
+            }
+        };
+        match self.left_over() {
+            Some(key) => Err(format!("`{key}` does not belong to a fault of this kind")),
+            None => Ok(ScriptedFault { when, fault }),
+        }
+    }
+
+    fn gateway(&mut self, scenario: &Scenario) -> Result<usize, String> {
+        let gateway = need("gateway", self.gateway.take())?;
+        if gateway < scenario.gateways.len() {
+            Ok(gateway)
+        } else {
+            Err(format!("gateway {gateway} does not exist: there are {}", scenario.gateways.len()))
+        }
+    }
+
+    fn channel(&mut self) -> Result<usize, String> {
+        let channel = need("channel", self.channel.take())?;
+        if channel < ecan_protocol::CHANNELS {
+            Ok(channel)
+        } else {
+            Err(format!("channel {channel} does not exist: there are {}", ecan_protocol::CHANNELS))
+        }
+    }
+
+    fn left_over(&self) -> Option<&'static str> {
+        let keys = [
+            ("gateway", self.gateway.is_some()),
+            ("channel", self.channel.is_some()),
+            ("node", self.node.is_some()),
+            ("way", self.way.is_some()),
+            ("cycles", self.cycles.is_some()),
+            ("offset", self.offset.is_some()),
+            ("off_ms", self.off_ms.is_some()),
+            ("for_ms", self.for_ms.is_some()),
+            ("index", self.index.is_some()),
+            ("subindex", self.subindex.is_some()),
+            ("code", self.code.is_some()),
+            ("times", self.times.is_some()),
+        ];
+        keys.iter().find(|(_, given)| *given).map(|(key, _)| *key)
+    }
+}
+
+fn need<T>(key: &str, value: Option<T>) -> Result<T, String> {
+    value.ok_or_else(|| format!("this kind of fault needs `{key}`"))
+}

@@ -1,0 +1,278 @@
+//! The simulated world: gateways on an EtherCAT line, their CAN buses, the nodes on them, and the
+//! faults. Knows no EtherCAT master; a front drives it through the line.
+
+mod can_side;
+mod line;
+
+use ecan_protocol::CHANNELS;
+
+use crate::bus::{BusEvent, BusStatistics, CanBus, StationId};
+use crate::fault::{Fault, FaultScript, LostWay, ScriptedFault};
+use crate::gateway::{Gateway, Truth};
+use crate::scenario::{Scenario, Topology};
+use crate::world::can_side::{BusSlot, NodeSlot};
+use crate::world::line::{ChannelLink, LineSlot};
+
+pub(crate) use line::{CycleFate, Fmmu, LogicalCommand, ProcessDirection};
+
+/// Simulated time at which every stepped world begins, in nanoseconds. Not 0, which some
+/// interfaces take for "no time given".
+pub(crate) const EPOCH_NS: u64 = 1_000_000_000;
+
+const NEVER: u64 = u64::MAX;
+
+/// The world behind a simulated library.
+///
+/// Time moves only by [`advance`](Self::advance). Everything that happens at one instant happens
+/// in a fixed order: faults, supplies, gateways, nodes, buses, each in the order of the scenario.
+pub struct World {
+    now: u64,
+    start: u64,
+    topology: Topology,
+    slots: Vec<LineSlot>,
+    buses: Vec<BusSlot>,
+    nodes: Vec<NodeSlot>,
+    script: FaultScript,
+    lost: (Option<LostWay>, u32),
+    counter_offset: (i32, u32),
+    cycle: u64,
+    events: Vec<BusEvent>,
+}
+
+impl World {
+    /// Builds the world of a scenario at `now` nanoseconds, with the gateways switched on.
+    ///
+    /// # Errors
+    /// A candump log that cannot be read.
+    pub(crate) fn new(
+        scenario: &Scenario,
+        now: u64,
+    ) -> Result<Self, crate::backend::BackendError> {
+        let mut world = Self {
+            now,
+            start: now,
+            topology: scenario.topology,
+            slots: Vec::with_capacity(scenario.gateways.len()),
+            buses: Vec::new(),
+            nodes: Vec::with_capacity(scenario.nodes.len()),
+            script: FaultScript::default(),
+            lost: (None, 0),
+            counter_offset: (0, 0),
+            cycle: 0,
+            events: Vec::with_capacity(64),
+        };
+        for (position, spec) in scenario.gateways.iter().enumerate() {
+            let links = std::array::from_fn::<_, CHANNELS, _>(|channel| {
+                let owner = can_side::Owner::Channel { gateway: position, channel };
+                let (bus, station) = world.attach(&spec.buses[channel], owner);
+                ChannelLink::new(bus, station)
+            });
+            let seed = scenario.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ position as u64;
+            let mut gateway = Gateway::new(spec.settings.clone(), seed);
+            gateway.power(now, true);
+            world.slots.push(LineSlot::new(gateway, spec.clone(), links));
+        }
+        for (index, spec) in scenario.nodes.iter().enumerate() {
+            let (bus, station) = world.attach(&spec.bus, can_side::Owner::Node(index));
+            let seed = scenario.seed.rotate_left(17) ^ 0xD1B5_4A32_D192_ED03 ^ index as u64;
+            world.nodes.push(NodeSlot::new(spec, bus, station, seed)?);
+        }
+        for index in 0..world.nodes.len() {
+            world.start_fixed_node(index);
+        }
+        for slot in 0..world.slots.len() {
+            world.touch(slot);
+        }
+        Ok(world)
+    }
+
+    /// Declares this instant the beginning: times of scripted faults count from it.
+    pub(crate) fn begin(&mut self, faults: &[ScriptedFault]) {
+        self.start = self.now;
+        for fault in faults {
+            self.schedule(fault.clone());
+        }
+    }
+
+    /// The bus of this name, made if it does not exist, with a new station on it.
+    fn attach(&mut self, name: &str, owner: can_side::Owner) -> (usize, StationId) {
+        let bus = self.buses.iter().position(|slot| slot.bus.name() == name).unwrap_or_else(|| {
+            self.buses.push(BusSlot::new(CanBus::new(name)));
+            self.buses.len() - 1
+        });
+        // infallible: the index was found or made above
+        let slot = &mut self.buses[bus];
+        slot.owners.push(owner);
+        (bus, slot.bus.attach())
+    }
+
+    /// Simulated time, ns.
+    pub fn now_ns(&self) -> u64 {
+        self.now
+    }
+
+    /// When the simulation began, ns: scripted times count from here.
+    pub fn start_ns(&self) -> u64 {
+        self.start
+    }
+
+    /// Sends with process data so far.
+    pub fn cycles(&self) -> u64 {
+        self.cycle
+    }
+
+    /// Number of gateways, powered or not.
+    pub fn gateway_count(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// A gateway, by its place in the scenario.
+    pub fn gateway(&self, index: usize) -> Option<&Gateway> {
+        self.slots.get(index).map(|slot| &slot.gateway)
+    }
+
+    /// Changes a gateway behind the master's back; the world takes notice afterwards.
+    pub fn with_gateway<R>(
+        &mut self,
+        index: usize,
+        change: impl FnOnce(&mut Gateway, u64) -> R,
+    ) -> Option<R> {
+        let now = self.now;
+        let slot = self.slots.get_mut(index)?;
+        let result = change(&mut slot.gateway, now);
+        self.touch(index);
+        Some(result)
+    }
+
+    /// What really happened in a gateway.
+    pub fn truth(&self, gateway: usize) -> Option<Truth> {
+        self.slots.get(gateway).map(|slot| *slot.gateway.truth())
+    }
+
+    /// Names of the buses.
+    pub fn bus_names(&self) -> impl Iterator<Item = &str> {
+        self.buses.iter().map(|slot| slot.bus.name())
+    }
+
+    /// A bus by its name.
+    pub fn bus(&self, name: &str) -> Option<&CanBus> {
+        self.buses.iter().find(|slot| slot.bus.name() == name).map(|slot| &slot.bus)
+    }
+
+    /// The bus that a gateway's channel is on.
+    pub fn bus_of(&self, gateway: usize, channel: usize) -> Option<&CanBus> {
+        let link = self.slots.get(gateway)?.links.get(channel)?;
+        self.buses.get(link.bus).map(|slot| &slot.bus)
+    }
+
+    /// Counters of the bus that a gateway's channel is on.
+    pub fn bus_statistics(&self, gateway: usize, channel: usize) -> Option<BusStatistics> {
+        self.bus_of(gateway, channel).map(CanBus::statistics)
+    }
+
+    /// Adds a fault to the script.
+    pub fn schedule(&mut self, fault: ScriptedFault) {
+        self.script.add(self.start, fault);
+    }
+
+    /// Lets a fault strike now.
+    pub fn inject(&mut self, fault: Fault) {
+        let now = self.now;
+        match fault {
+            Fault::LostFrame { way, cycles } => self.lost = (Some(way), cycles),
+            Fault::WorkingCounterOffset { offset, cycles } => {
+                self.counter_offset = (offset, cycles);
+            }
+            Fault::PowerCycle { gateway, off_ms } => {
+                self.switch_off(gateway, Some(now + ms(off_ms)));
+            }
+            Fault::PowerOff { gateway } => self.switch_off(gateway, None),
+            Fault::LinkLoss { gateway, for_ms } => {
+                if let Some(slot) = self.slots.get_mut(gateway) {
+                    slot.cable_open_until = now + ms(for_ms);
+                }
+            }
+            Fault::Gateway { gateway, fault } => {
+                self.with_gateway(gateway, |gateway, now| gateway.inject(now, fault));
+            }
+            Fault::BusOff { gateway, channel } => self.bus_off(gateway, channel),
+            Fault::ErrorFrames { gateway, channel, frames } => {
+                self.error_frames(gateway, channel, frames);
+            }
+            Fault::NodeSilent { node, for_ms } => {
+                if let Some(slot) = self.nodes.iter_mut().find(|slot| slot.name == node) {
+                    slot.muted_until = now + ms(for_ms);
+                    slot.output.clear();
+                }
+            }
+        }
+    }
+
+    /// When something happens next by itself, if ever.
+    pub(crate) fn next_event(&self) -> u64 {
+        let buses = self.buses.iter().map(|slot| slot.next);
+        let nodes = self.nodes.iter().map(|slot| slot.next);
+        let slots = self.slots.iter().map(|slot| slot.next.min(slot.power_on_at.unwrap_or(NEVER)));
+        let faults = self.script.next_time().unwrap_or(NEVER);
+        buses.chain(nodes).chain(slots).min().unwrap_or(NEVER).min(faults)
+    }
+
+    /// Lets time pass up to `to`, ns. An earlier time does nothing.
+    pub fn advance(&mut self, to: u64) {
+        while self.now <= to {
+            let next = self.next_event().max(self.now);
+            if next > to {
+                break;
+            }
+            self.now = next;
+            self.run_instant();
+        }
+        self.now = self.now.max(to);
+    }
+
+    /// Everything that is due now. Whatever it leads to at the same instant is found by the next
+    /// call.
+    fn run_instant(&mut self) {
+        let now = self.now;
+        while let Some(fault) = self.script.due_time(now) {
+            self.inject(fault);
+        }
+        for index in 0..self.slots.len() {
+            self.run_slot(index);
+        }
+        for index in 0..self.nodes.len() {
+            self.run_node(index);
+        }
+        for index in 0..self.buses.len() {
+            self.run_bus(index);
+        }
+    }
+
+    fn run_slot(&mut self, index: usize) {
+        let now = self.now;
+        let Some(slot) = self.slots.get_mut(index) else { return };
+        if slot.power_on_at.is_some_and(|at| at <= now) {
+            slot.power_on_at = None;
+            slot.gateway.power(now, true);
+            slot.next = now;
+        }
+        if slot.next <= now {
+            slot.gateway.advance(now);
+            self.touch(index);
+        }
+    }
+
+    fn switch_off(&mut self, index: usize, on_at: Option<u64>) {
+        let now = self.now;
+        let Some(slot) = self.slots.get_mut(index) else { return };
+        slot.gateway.power(now, false);
+        slot.fmmus.clear();
+        slot.generation = slot.generation.wrapping_add(1);
+        slot.power_on_at = on_at;
+        self.touch(index);
+    }
+}
+
+fn ms(ms: u32) -> u64 {
+    u64::from(ms) * 1_000_000
+}

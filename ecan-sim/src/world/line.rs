@@ -1,0 +1,230 @@
+//! The EtherCAT side: who answers, and what a logical datagram does on its way.
+
+use ecan_protocol::CHANNELS;
+
+use crate::bus::{ErrorState, StationId};
+use crate::fault::LostWay;
+use crate::gateway::Gateway;
+use crate::scenario::{GatewaySpec, Topology};
+use crate::world::{NEVER, World};
+
+/// Direction of process data, from the master.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum ProcessDirection {
+    /// Master to slave.
+    Output,
+    /// Slave to master.
+    Input,
+}
+
+/// A logically addressed command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum LogicalCommand {
+    /// LRD
+    Read,
+    /// LWR
+    Write,
+    /// LRW
+    ReadWrite,
+}
+
+/// One FMMU of a slave as the master has set it up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Fmmu {
+    /// First logical address.
+    pub(crate) logical_start: u32,
+    /// Bytes.
+    pub(crate) length: u16,
+    /// Sync manager behind it.
+    pub(crate) sync_manager: u8,
+    /// Direction.
+    pub(crate) direction: ProcessDirection,
+}
+
+impl Fmmu {
+    /// The FMMU's part of a datagram's data; none unless the datagram covers all of it.
+    fn part<'a>(&self, logical: u32, data: &'a mut [u8]) -> Option<&'a mut [u8]> {
+        let from = usize::try_from(self.logical_start.checked_sub(logical)?).ok()?;
+        data.get_mut(from..from + usize::from(self.length))
+    }
+}
+
+/// A gateway's channel on its bus.
+pub(super) struct ChannelLink {
+    pub(super) bus: usize,
+    pub(super) station: StationId,
+    /// Configuration generation of the gateway that the bus knows.
+    pub(super) generation: Option<u32>,
+    /// Error state and counters that the gateway was last told.
+    pub(super) told: (ErrorState, u16, u16),
+}
+
+impl ChannelLink {
+    pub(super) fn new(bus: usize, station: StationId) -> Self {
+        Self { bus, station, generation: None, told: (ErrorState::Active, 0, 0) }
+    }
+}
+
+/// A gateway's place on the line.
+pub(super) struct LineSlot {
+    pub(super) gateway: Gateway,
+    pub(super) spec: GatewaySpec,
+    pub(super) fmmus: Vec<Fmmu>,
+    pub(super) links: [ChannelLink; CHANNELS],
+    /// When the supply comes back.
+    pub(super) power_on_at: Option<u64>,
+    /// Until when the cable towards the master is open.
+    pub(super) cable_open_until: u64,
+    /// Counts losses of supply: a station address does not survive one.
+    pub(super) generation: u32,
+    /// When the gateway does something by itself.
+    pub(super) next: u64,
+}
+
+impl LineSlot {
+    pub(super) fn new(
+        gateway: Gateway,
+        spec: GatewaySpec,
+        links: [ChannelLink; CHANNELS],
+    ) -> Self {
+        Self {
+            gateway,
+            spec,
+            fmmus: Vec::with_capacity(8),
+            links,
+            power_on_at: None,
+            cable_open_until: 0,
+            generation: 0,
+            next: NEVER,
+        }
+    }
+}
+
+/// What the faults make of the frames of one send.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct CycleFate {
+    pub(crate) lost: Option<LostWay>,
+    pub(crate) counter_offset: i32,
+}
+
+impl World {
+    /// Whether the master's own link is up.
+    pub(crate) fn link_is_up(&self) -> bool {
+        match (self.topology, self.slots.first()) {
+            (Topology::Line, Some(slot)) => slot.cable_open_until <= self.now,
+            _ => true,
+        }
+    }
+
+    /// Whether a frame of the master reaches this gateway and comes back.
+    pub(crate) fn is_reachable(&self, index: usize) -> bool {
+        let answers = |slot: &LineSlot| {
+            slot.cable_open_until <= self.now && slot.gateway.is_responding()
+        };
+        match self.topology {
+            Topology::Star => self.slots.get(index).is_some_and(answers),
+            Topology::Line => {
+                index < self.slots.len() && self.slots.iter().take(index + 1).all(answers)
+            }
+        }
+    }
+
+    /// Losses of supply of a gateway so far.
+    pub(crate) fn generation(&self, index: usize) -> u32 {
+        self.slots.get(index).map_or(0, |slot| slot.generation)
+    }
+
+    /// The scenario's word on a gateway.
+    pub(crate) fn spec(&self, index: usize) -> Option<&GatewaySpec> {
+        self.slots.get(index).map(|slot| &slot.spec)
+    }
+
+    /// Replaces the FMMUs of a slave.
+    pub(crate) fn set_fmmus(&mut self, index: usize, fmmus: impl IntoIterator<Item = Fmmu>) {
+        if let Some(slot) = self.slots.get_mut(index) {
+            slot.fmmus.clear();
+            slot.fmmus.extend(fmmus);
+        }
+    }
+
+    /// Begins a send that carries process data: counts it and asks the faults.
+    pub(crate) fn begin_cycle(&mut self) -> CycleFate {
+        self.cycle += 1;
+        while let Some(fault) = self.script.due_cycle(self.cycle) {
+            self.inject(fault);
+        }
+        let mut fate = CycleFate::default();
+        if self.lost.1 > 0 {
+            self.lost.1 -= 1;
+            fate.lost = self.lost.0;
+        }
+        if self.counter_offset.1 > 0 {
+            self.counter_offset.1 -= 1;
+            fate.counter_offset = self.counter_offset.0;
+        }
+        fate
+    }
+
+    /// Sends a logical datagram through all slaves; gives its working counter.
+    ///
+    /// A slave's read and write are judged each on its own: in an LRW a read adds 1 and a write
+    /// adds 2, a refused one adds nothing and leaves the data alone.
+    pub(crate) fn exchange(
+        &mut self,
+        command: LogicalCommand,
+        logical: u32,
+        data: &mut [u8],
+    ) -> u16 {
+        let now = self.now;
+        let mut counter = 0u16;
+        for index in 0..self.slots.len() {
+            if !self.is_reachable(index) {
+                continue;
+            }
+            let Some(slot) = self.slots.get_mut(index) else { continue };
+            let mut touched = false;
+            for fmmu in &slot.fmmus {
+                let Some(part) = fmmu.part(logical, data) else { continue };
+                let (done, weight) = match (fmmu.direction, command) {
+                    (ProcessDirection::Output, LogicalCommand::Write) => {
+                        (slot.gateway.write_outputs(now, part), 1)
+                    }
+                    (ProcessDirection::Output, LogicalCommand::ReadWrite) => {
+                        (slot.gateway.write_outputs(now, part), 2)
+                    }
+                    (ProcessDirection::Input, LogicalCommand::Read | LogicalCommand::ReadWrite) => {
+                        (slot.gateway.read_inputs(now, part), 1)
+                    }
+                    (ProcessDirection::Output, LogicalCommand::Read)
+                    | (ProcessDirection::Input, LogicalCommand::Write) => (false, 0),
+                };
+                touched |= done;
+                counter = counter.wrapping_add(if done { weight } else { 0 });
+            }
+            if touched {
+                self.touch(index);
+            }
+        }
+        counter
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_fmmu_takes_part_only_as_a_whole() {
+        let fmmu = Fmmu {
+            logical_start: 100,
+            length: 4,
+            sync_manager: 2,
+            direction: ProcessDirection::Output,
+        };
+        let mut data = [0, 1, 2, 3, 4, 5, 6, 7];
+        assert_eq!(fmmu.part(98, &mut data).as_deref(), Some(&[2, 3, 4, 5][..]));
+        assert_eq!(fmmu.part(96, &mut data).as_deref(), Some(&[4, 5, 6, 7][..]));
+        assert!(fmmu.part(95, &mut data).is_none());
+        assert!(fmmu.part(101, &mut data).is_none());
+    }
+}

@@ -1,0 +1,199 @@
+//! Behaviour of the nodes.
+
+use ecan_protocol::{CanFrame, CanId, Dlc};
+use ecan_sim::{
+    EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayError, ReplayNode, ReplayRecord,
+    SilentNode,
+};
+
+fn frame(id: u16, data: &[u8]) -> CanFrame {
+    CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
+}
+
+fn drain(out: &mut NodeOutput) -> Vec<CanFrame> {
+    std::iter::from_fn(|| out.pop()).collect()
+}
+
+/// Runs a node by its own times; gives each frame with the time it was handed out.
+fn play(node: &mut dyn Node, until: u64) -> Vec<(u64, CanFrame)> {
+    let mut out = NodeOutput::new();
+    let mut played = Vec::new();
+    while let Some(due) = node.next_event().filter(|&due| due <= until) {
+        node.advance(due, &mut out);
+        played.extend(drain(&mut out).into_iter().map(|frame| (due, frame)));
+    }
+    played
+}
+
+#[test]
+fn an_echo_node_answers_in_kind_and_in_order() {
+    let id = CanId::extended(0x1234_5678).unwrap();
+    let frames = [
+        frame(0x123, &[1, 2, 3]),
+        CanFrame::remote(id, Dlc::new(4).unwrap()).unwrap(),
+        CanFrame::fd(id, &[9; 48], true, false).unwrap(),
+    ];
+    let mut node = EchoNode::new();
+    let mut out = NodeOutput::new();
+    for (now, frame) in frames.iter().enumerate() {
+        node.received(now as u64, frame, &mut out);
+    }
+    assert_eq!(out.len(), 3);
+    assert_eq!(out.front(), Some(&frames[0]));
+    assert_eq!(drain(&mut out), frames);
+    assert_eq!(node.echoed(), 3);
+    // What it has sent itself it does not answer.
+    node.transmitted(9, &frames[0], &mut out);
+    assert!(out.is_empty());
+    assert_eq!(node.next_event(), None);
+}
+
+#[test]
+fn a_silent_node_says_nothing() {
+    let mut out = NodeOutput::new();
+    let mut node = SilentNode;
+    node.started(0, &mut out);
+    node.received(1, &frame(1, &[]), &mut out);
+    assert!(out.is_empty());
+    assert_eq!(node.next_event(), None);
+}
+
+const LOG: &str = "\
+# recorded by hand
+(100.000000) can0 101#01
+(100.000500) can1 201#
+(100.001000) can0 102#02
+
+(100.000900) can0 103#03
+(100.002000) can0 104#04
+";
+
+#[test]
+fn a_replay_keeps_the_recorded_distances() {
+    let mut node = ReplayNode::from_log(LOG, Some("can0")).unwrap().with_start_delay(7);
+    assert_eq!(node.next_event(), None, "not before it is started");
+    node.started(1_000, &mut NodeOutput::new());
+    let played = play(&mut node, u64::MAX);
+    let times: Vec<_> = played.iter().map(|(at, frame)| (*at, frame.id().raw())).collect();
+    // 103 is older than 102 in the log: it goes out together with it, and 104 comes 1.1 ms
+    // after 103.
+    assert_eq!(times, [(1_007, 0x101), (1_001_007, 0x102), (1_001_007, 0x103), (2_101_007, 0x104)]);
+    assert_eq!(node.sent(), 4);
+    assert_eq!(node.next_event(), None);
+    // Started again, as after a power cycle, it begins again.
+    node.started(5_000_000, &mut NodeOutput::new());
+    assert_eq!(node.next_event(), Some(5_000_007));
+}
+
+#[test]
+fn a_replay_of_all_interfaces_takes_every_record() {
+    assert_eq!(ReplayNode::from_log(LOG, None).unwrap().records().len(), 5);
+}
+
+#[test]
+fn a_replay_can_start_over() {
+    let records = vec![
+        ReplayRecord { time_ns: 50, frame: frame(1, &[]) },
+        ReplayRecord { time_ns: 60, frame: frame(2, &[]) },
+    ];
+    let mut node = ReplayNode::new(records).with_repeat(100);
+    node.started(0, &mut NodeOutput::new());
+    let times: Vec<_> = play(&mut node, 230).iter().map(|(at, _)| *at).collect();
+    assert_eq!(times, [0, 10, 110, 120, 220, 230]);
+}
+
+#[test]
+fn a_bad_log_is_refused_with_its_line() {
+    let error = ReplayNode::from_log("# ok\n(1.000000) can0 12#\n", None).unwrap_err();
+    let ReplayError { line, cause } = error;
+    assert_eq!((line, cause.column), (2, 19));
+    assert_eq!(
+        error.to_string(),
+        "candump log, line 2: column 19: expected an identifier of 3 or 8 hex digits, then `#`"
+    );
+}
+
+fn answers(settings: FaultySettings, count: usize) -> (FaultyNode, Vec<Vec<CanFrame>>) {
+    let mut node = FaultyNode::new(settings);
+    let mut out = NodeOutput::new();
+    let answers = (0..count)
+        .map(|now| {
+            node.received(now as u64, &frame(0x123, &[0xA5; 8]), &mut out);
+            drain(&mut out)
+        })
+        .collect();
+    (node, answers)
+}
+
+#[test]
+fn a_faulty_node_without_faults_echoes() {
+    let (_, answers) = answers(FaultySettings::default(), 100);
+    assert!(answers.iter().all(|a| a == &[frame(0x123, &[0xA5; 8])]));
+}
+
+#[test]
+fn a_faulty_node_drops_the_share_it_is_told_to() {
+    let settings =
+        |drop_per_mille| FaultySettings { seed: 1, drop_per_mille, ..FaultySettings::default() };
+    let (node, none) = answers(settings(1000), 50);
+    assert!(none.iter().all(Vec::is_empty));
+    assert_eq!(node.dropped(), 50);
+    let (node, some) = answers(settings(250), 10_000);
+    let dropped = some.iter().filter(|a| a.is_empty()).count();
+    assert_eq!(node.dropped(), dropped as u64);
+    assert!((2_300..2_700).contains(&dropped), "{dropped} of 10000");
+}
+
+#[test]
+fn a_corrupted_answer_differs_in_one_bit() {
+    let (node, answers) = answers(
+        FaultySettings { seed: 7, corrupt_per_mille: 1000, ..FaultySettings::default() },
+        200,
+    );
+    assert_eq!(node.corrupted(), 200);
+    let mut hit = [false; 64];
+    for answer in answers {
+        let [answer] = answer.as_slice() else {
+            panic!("one answer each");
+        };
+        let differing: Vec<usize> =
+            (0..64).filter(|bit| (answer.data()[bit / 8] ^ 0xA5) >> (bit % 8) & 1 == 1).collect();
+        assert_eq!(differing.len(), 1);
+        hit[differing[0]] = true;
+    }
+    assert!(hit.iter().filter(|h| **h).count() > 32, "any bit may be hit");
+}
+
+#[test]
+fn a_frame_without_data_cannot_be_corrupted() {
+    let mut node = FaultyNode::new(FaultySettings {
+        corrupt_per_mille: 1000,
+        repeat_per_mille: 1000,
+        ..FaultySettings::default()
+    });
+    let mut out = NodeOutput::new();
+    let remote = CanFrame::remote(CanId::standard(5).unwrap(), Dlc::new(8).unwrap()).unwrap();
+    node.received(0, &remote, &mut out);
+    assert_eq!(drain(&mut out), [remote, remote]);
+    assert_eq!(node.corrupted(), 0);
+}
+
+#[test]
+fn a_babbler_keeps_its_rhythm_and_does_not_pile_up() {
+    let babble = frame(0, &[0xFF]);
+    let mut node = FaultyNode::new(FaultySettings {
+        babble: Some(babble),
+        babble_interval_ns: 100,
+        ..FaultySettings::default()
+    });
+    let mut out = NodeOutput::new();
+    node.started(1_000, &mut out);
+    let played = play(&mut node, 1_300);
+    let expected: Vec<_> = [1_000, 1_100, 1_200, 1_300].map(|at| (at, babble)).into();
+    assert_eq!(played, expected);
+    // The bus was too slow to take the last one, and time has gone on.
+    node.advance(1_400, &mut out);
+    node.advance(1_950, &mut out);
+    assert_eq!(out.len(), 1);
+    assert_eq!(node.next_event(), Some(2_000));
+}
