@@ -1,0 +1,15 @@
+//! What the example programs share.
+//!
+//! Applications use the crates below directly; this is only about being a pleasant command line
+//! program.
+#![deny(missing_docs)]
+
+pub mod backend;
+pub mod bus_load;
+pub mod check;
+pub mod interrupt;
+pub mod log_file;
+pub mod progress;
+pub mod summary;
+pub mod traffic;
+pub mod watch;

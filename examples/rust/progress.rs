@@ -1,0 +1,20 @@
+//! The progress bar of long runs.
+
+use std::io::IsTerminal;
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+/// Steps below which a bar would only flicker.
+const LONG: u64 = 500;
+
+/// A bar on standard error, hidden for short runs and where no person looks.
+pub fn bar(total: u64) -> ProgressBar {
+    if total < LONG || !std::io::stderr().is_terminal() {
+        return ProgressBar::hidden();
+    }
+    let bar = ProgressBar::new(total);
+    if let Ok(style) = ProgressStyle::with_template("{bar:40} {pos}/{len}  {eta} left") {
+        bar.set_style(style);
+    }
+    bar
+}

@@ -1,0 +1,252 @@
+//! The manual's minimal CAN loop (15.4): sends frames through ECAN-Lite gateways every cycle and
+//! receives what comes back; or replays a recording and checks that it comes back unchanged.
+//!
+//! ```text
+//! simple_loop --ecrt sim
+//! simple_loop --ecrt sim --replay drive.log --dump back.log
+//! ```
+
+use std::error::Error;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::Parser;
+use ecan_examples::backend::{self, Wishes};
+use ecan_examples::bus_load::BusLoad;
+use ecan_examples::check::Check;
+use ecan_examples::interrupt::Interrupt;
+use ecan_examples::log_file::{self, LoggedFrame};
+use ecan_examples::progress;
+use ecan_examples::summary::{self, Run};
+use ecan_examples::traffic::{Channels, Traffic};
+use ecan_examples::watch::SessionWatch;
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received};
+use ecan_protocol::{CHANNELS, CanId};
+
+/// Identifier of the frames that the plain loop sends.
+const LOOP_ID: u16 = 0x123;
+/// Cycles of the plain loop unless told otherwise.
+const DEFAULT_CYCLES: u64 = 1000;
+/// How long a gateway may take to come into service.
+const READY_TIMEOUT_MS: u32 = 10_000;
+/// The end waits for frames under way until none has come for this long, in nanoseconds and in
+/// cycles.
+const QUIET_NS: u64 = 200_000_000;
+const QUIET_CYCLES: u64 = 20;
+
+/// Sends CAN frames through ECAN-Lite gateways every cycle and receives what comes back.
+#[derive(Debug, Parser)]
+#[command(name = "simple_loop", version)]
+struct Arguments {
+    /// EtherCAT master library: a path, `sim` for the built-in simulator, `sim:NAME` or
+    /// `sim:FILE.toml` for a scenario of it. Unset: the environment variable ECAN_ECRT, then the
+    /// installed libethercat.
+    #[arg(long, value_name = "SETTING")]
+    ecrt: Option<String>,
+    /// Index of the EtherCAT master.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    master: u32,
+    /// Number of gateways, from position 0 on.
+    #[arg(long, value_name = "N", default_value_t = 1,
+          value_parser = clap::value_parser!(u16).range(1..=64))]
+    slaves: u16,
+    /// PDO size per direction, in chunks of 128 bytes.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pdo_n: u8,
+    /// The installed master carries more than 1486 bytes of process data per sync manager.
+    #[arg(long)]
+    large_pdos: bool,
+    /// EtherCAT cycle in microseconds.
+    #[arg(long, value_name = "US", default_value_t = 10_000)]
+    cycle_us: u32,
+    /// Number of cycles to send in [default: 1000]; a recording is sent to its end.
+    #[arg(long, value_name = "N", conflicts_with = "replay")]
+    cycles: Option<u64>,
+    /// CAN channel of every gateway, 0 to 3, or `all`. With `all` a recorded frame goes to the
+    /// channel that its interface names, counted over all gateways.
+    #[arg(long, value_name = "CHANNEL", default_value = "0", value_parser = parse_channels)]
+    channel: Channels,
+    /// Nominal bit rate in bit/s.
+    #[arg(long, value_name = "BITRATE", default_value_t = 1_000_000)]
+    bitrate: u32,
+    /// Use CAN FD with this data bit rate in bit/s.
+    #[arg(long, value_name = "DATA_BITRATE")]
+    fd: Option<u32>,
+    /// Send the frames of a candump log, none before its time, and check that each comes back.
+    #[arg(long, value_name = "FILE")]
+    replay: Option<PathBuf>,
+    /// Write what comes back as a candump log.
+    #[arg(long, value_name = "FILE")]
+    dump: Option<PathBuf>,
+    /// Seed of everything random in a simulation.
+    #[arg(long, value_name = "SEED")]
+    seed: Option<u64>,
+    /// Run a simulation in wall-clock time instead of as fast as the machine goes.
+    #[arg(long)]
+    real_time: bool,
+}
+
+fn parse_channels(text: &str) -> Result<Channels, String> {
+    match text.parse() {
+        _ if text == "all" => Ok(Channels::All),
+        Ok(channel) if usize::from(channel) < CHANNELS => Ok(Channels::One(channel)),
+        _ => Err(format!("expected 0 to {} or `all`", CHANNELS - 1)),
+    }
+}
+
+fn main() -> ExitCode {
+    match run(&Arguments::parse()) {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            eprintln!("simple_loop: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The gateways: N, cycle and channels.
+fn configuration(arguments: &Arguments) -> (AdapterConfig, PortConfig) {
+    let mut adapter = AdapterConfig::new(arguments.slaves)
+        .with_multiplier(arguments.pdo_n)
+        .with_cycle_us(arguments.cycle_us);
+    adapter.master_index = arguments.master;
+    adapter.allow_large_pdos = arguments.large_pdos;
+    let settings = match arguments.fd {
+        Some(data_bitrate) => ChannelSettings::fd(arguments.bitrate, data_bitrate),
+        None => ChannelSettings::classic(arguments.bitrate),
+    };
+    let gateway = match arguments.channel {
+        Channels::One(channel) => GatewayConfig::on_channel(channel, settings),
+        Channels::All => GatewayConfig::on_all_channels(&settings),
+    };
+    (adapter, PortConfig::uniform(usize::from(arguments.slaves), gateway))
+}
+
+/// What is sent: the recording, or a counter.
+fn traffic(arguments: &Arguments) -> Result<Traffic, Box<dyn Error>> {
+    let is_fd = arguments.fd.is_some();
+    let Some(path) = &arguments.replay else {
+        let cycles = arguments.cycles.unwrap_or(DEFAULT_CYCLES);
+        return Ok(Traffic::Counter { id: CanId::standard(LOOP_ID)?, is_fd, cycles, done: 0 });
+    };
+    let frames: Vec<LoggedFrame> = log_file::read(path)?;
+    if let Some(fd) = frames.iter().find(|f| f.frame.as_ref().is_fd() && !is_fd) {
+        let (name, line) = (path.display(), fd.line);
+        return Err(format!("{name}, line {line} is a CAN FD frame: give --fd DATA_BITRATE").into());
+    }
+    Ok(Traffic::Recording { frames, done: 0 })
+}
+
+/// Runs the loop; false when a recording did not come back as it was sent.
+fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
+    let mut traffic = traffic(arguments)?;
+    let interrupt = Interrupt::install()?;
+    let wishes = Wishes {
+        slaves: usize::from(arguments.slaves),
+        seed: arguments.seed,
+        real_time: arguments.real_time,
+        large_pdos: arguments.large_pdos,
+    };
+    let (adapter, config) = configuration(arguments);
+    let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
+    let mut port = Port::open(&backend.ecrt, adapter, config)?;
+    port.wait_ready(READY_TIMEOUT_MS)?;
+    println!("{} gateway(s) in service", port.slave_count());
+    let mut dump = arguments.dump.as_deref().map(log_file::Writer::create).transpose()?;
+
+    let channels = port.slave_count() * CHANNELS;
+    let mut check = Check::new(channels);
+    let mut loads = vec![BusLoad::default(); channels];
+    let mut watch = SessionWatch::new(&port);
+    let progress = progress::bar(traffic.total());
+    let clock = backend.ecrt.clock().clone();
+    let cycle_ns = u64::from(arguments.cycle_us) * 1000;
+    let quiet_ns = QUIET_NS.max(QUIET_CYCLES * cycle_ns);
+    let start = clock.now_ns();
+    let (mut next, mut last_activity) = (start, start);
+    loop {
+        port.cycle_begin()?;
+        let now = clock.now_ns();
+        let mut written = Ok(());
+        port.receive_each(|item| {
+            let Received::Frame(received) = item else { return };
+            let channel = received.slave * CHANNELS + usize::from(received.channel);
+            check.received(channel, &received.frame);
+            loads[channel].add(&received.frame);
+            last_activity = now;
+            if let (Some(dump), Ok(())) = (&mut dump, &written) {
+                written = dump.write(traffic.log_time(now - start), channel, received.frame);
+            }
+        });
+        written?;
+        let is_sending = !interrupt.is_set() && !traffic.is_done();
+        if is_sending {
+            traffic.send(&mut port, arguments.channel, now - start, |channel, frame| {
+                check.sent(channel, frame);
+                loads[channel].add(&frame);
+            })?;
+            last_activity = now;
+        }
+        port.cycle_end()?;
+        for line in watch.changes(&port) {
+            progress.suspend(|| println!("{:>9.3} s  {line}", (now - start) as f64 / 1e9));
+        }
+        progress.set_position(traffic.done());
+        let is_quiet = now - last_activity > quiet_ns;
+        if interrupt.is_set() || !is_sending && (check.under_way() == 0 || is_quiet) {
+            break;
+        }
+        next += cycle_ns;
+        clock.sleep_until_ns(next);
+    }
+    progress.finish_and_clear();
+    if let Some(dump) = dump {
+        dump.finish()?;
+    }
+    if interrupt.is_set() {
+        println!("stopped by the user");
+    }
+    let run = Run {
+        nominal_bitrate: arguments.bitrate,
+        data_bitrate: arguments.fd.unwrap_or(arguments.bitrate),
+        elapsed_ns: clock.now_ns() - start,
+        cycle_ns: arguments.cycle_us * 1000,
+    };
+    print!("{}", summary::table(&port, run, &loads));
+    if arguments.replay.is_none() {
+        return Ok(true);
+    }
+    Ok(report_replay(&port, &traffic, &check))
+}
+
+/// Says how the replay went; true when every frame came back unchanged and in order.
+fn report_replay(port: &Port, traffic: &Traffic, check: &Check) -> bool {
+    let (sent, returned) = check.counts();
+    let mut faults: Vec<String> = check.first_difference().map(String::from).into_iter().collect();
+    if !traffic.is_done() {
+        faults.push(format!("{} frames were not sent", traffic.total() - traffic.done()));
+    }
+    if check.under_way() > 0 {
+        faults.push(format!("{} frames did not come back", check.under_way()));
+    }
+    for slave in 0..port.slave_count() {
+        let statistics = port.statistics(slave);
+        let errors = statistics.parse_errors + statistics.torn_images;
+        if errors + statistics.lost_images + statistics.incomplete_images > 0 {
+            faults.push(format!(
+                "slave {slave}: {errors} image errors, {} images lost, {} incomplete",
+                statistics.lost_images, statistics.incomplete_images
+            ));
+        }
+    }
+    println!("\nreplay: {sent} frames sent, {returned} came back");
+    if faults.is_empty() {
+        println!("replay: all of them, unchanged and in order");
+    }
+    for fault in &faults {
+        eprintln!("simple_loop: {fault}");
+    }
+    faults.is_empty()
+}
