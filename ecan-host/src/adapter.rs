@@ -4,7 +4,7 @@ use std::fmt;
 use std::ops::Range;
 
 use ecan_protocol::Direction;
-use ecrt_sys::{Clock, DomainId, Ecrt, Master, RegRequestId, SlaveConfigId};
+use ecrt_sys::{Clock, DomainId, Ecrt, Master, SlaveConfigId};
 
 use crate::capacity::Capacity;
 use crate::config::{AdapterConfig, Identity, SlaveSettings};
@@ -13,6 +13,7 @@ use crate::diagnostics::Diagnostics;
 use crate::error::Error;
 use crate::identification;
 use crate::mapping;
+use crate::operation::AlStatusWatch;
 use crate::startup::{StartupStep, startup_list};
 
 /// Where an [`Adapter`] is in its life.
@@ -47,8 +48,7 @@ pub(crate) struct Slave {
     pub(crate) rx: Range<usize>,
     pub(crate) tx: Range<usize>,
     pub(crate) report: DomainReport,
-    /// Reads the AL status code register, for the report of a slave that does not reach OP.
-    pub(crate) al_status: RegRequestId,
+    pub(crate) al_status: AlStatusWatch,
 }
 
 /// The master side of one or more ECAN-Lite gateways (manual 15.1, "Adapter").
@@ -183,7 +183,7 @@ impl Adapter {
             rx: rx_start..rx_start + capacity.rx_bytes,
             tx: tx_start..tx_start + capacity.tx_bytes,
             report: DomainReport::default(),
-            al_status,
+            al_status: AlStatusWatch::new(al_status),
         })
     }
 

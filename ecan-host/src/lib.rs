@@ -31,7 +31,7 @@ pub use config_check::{ConfigFault, ConfigFaults};
 pub use cycle::{CycleError, Delivery, DomainReport};
 pub use diagnostics::Diagnostics;
 pub use error::{Error, SdoDirection, value_words};
-pub use operation::{FailedSdo, NotOperational, SlaveReport};
+pub use operation::{NotOperational, SlaveReport};
 pub use requests::RequestId;
 pub use startup::{Expectation, StartupStep};
 

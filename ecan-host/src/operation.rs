@@ -2,24 +2,49 @@
 
 use std::fmt;
 
-use ecan_protocol::{AlState, AlStatusCode};
-use ecrt_sys::{RequestState, SlaveConfigState};
+use ecan_protocol::{AlState, AlStatusCode, Direction};
+use ecrt_sys::{Master, RegRequestId, RequestState, SlaveConfigState};
 
 use crate::adapter::{Adapter, Phase};
+use crate::capacity::Capacity;
 use crate::cycle::CycleError;
 use crate::error::{Error, al_state_words};
-use crate::startup::startup_list;
+use crate::startup::{StartupStep, startup_list};
 
 /// ESC register of the AL status code.
 const AL_STATUS_CODE_REGISTER: u16 = 0x0134;
 /// How often slow state is asked for while waiting, in nanoseconds.
 const INSPECT_NS: u64 = 200_000_000;
-/// How long the AL status code is waited for, in nanoseconds.
-const AL_STATUS_NS: u64 = 500_000_000;
-
-/// A startup SDO that the slave refuses.
+/// Watches a slave's AL status code while OP is waited for.
+///
+/// The master acknowledges errors by itself, which clears the code, so the last one seen counts.
 #[derive(Debug)]
-pub struct FailedSdo(pub Box<Error>);
+pub(crate) struct AlStatusWatch {
+    request: RegRequestId,
+    last: Option<AlStatusCode>,
+}
+
+impl AlStatusWatch {
+    pub(crate) fn new(request: RegRequestId) -> Self {
+        Self { request, last: None }
+    }
+
+    /// Takes the code that a read has brought and starts the next read.
+    fn step(&mut self, master: &mut Master) {
+        let Ok(state) = master.reg_request_state(self.request) else { return };
+        if state == RequestState::Busy {
+            return;
+        }
+        if state == RequestState::Success
+            && let [low, high, ..] = master.reg_request_data(self.request)
+        {
+            let code = u16::from_le_bytes([*low, *high]);
+            self.last = (code != 0).then_some(AlStatusCode(code)).or(self.last);
+        }
+        // A slave that is gone refuses; the next step tries again.
+        let _ = master.reg_request_read(self.request, AL_STATUS_CODE_REGISTER, 2);
+    }
+}
 
 /// One slave that is not in OP, with everything the master can tell about it.
 #[derive(Debug)]
@@ -36,10 +61,12 @@ pub struct SlaveReport {
     pub al_state: Option<u8>,
     /// Whether the slave reports an error with its state.
     pub error_flag: bool,
-    /// Why, in the slave's words; `None` when it could not be read.
+    /// Why, in the slave's words: the last code seen, since the master acknowledges errors and
+    /// so clears them. `None` when none was caught.
     pub al_status_code: Option<AlStatusCode>,
-    /// The startup step that fails, when the slave hangs in PREOP because of one.
-    pub failed_sdo: Option<FailedSdo>,
+    /// What is wrong with a slave that hangs in PREOP: the startup SDO that it refuses, or the
+    /// object that does not fit the configured N.
+    pub cause: Option<Box<Error>>,
     /// Working counter of its domain in the last cycle.
     pub working_counter: u32,
 }
@@ -54,11 +81,11 @@ impl fmt::Display for SlaveReport {
         if self.error_flag {
             f.write_str(" with its error flag set")?;
         }
-        if let Some(code) = self.al_status_code.filter(|code| code.0 != 0) {
+        if let Some(code) = self.al_status_code {
             write!(f, ", AL status code {code}")?;
         }
-        if let Some(FailedSdo(error)) = &self.failed_sdo {
-            write!(f, ", because {error}")?;
+        if let Some(cause) = &self.cause {
+            write!(f, ", because {cause}")?;
         }
         write!(f, ", working counter {}", self.working_counter)
     }
@@ -124,10 +151,13 @@ impl Adapter {
             if self.all_operational()? {
                 return Ok(());
             }
+            for slave in &mut self.slaves {
+                slave.al_status.step(&mut self.master);
+            }
             let now = clock.now_ns();
             let stuck = now >= inspect && self.a_slave_is_stuck();
             if stuck || now >= deadline {
-                let report = self.not_operational((now - start) / 1_000_000, &mut cycle)?;
+                let report = self.not_operational((now - start) / 1_000_000)?;
                 return Err(Error::NotOperational(Box::new(report)));
             }
             if now >= inspect {
@@ -174,84 +204,49 @@ impl Adapter {
         })
     }
 
-    fn not_operational(
-        &mut self,
-        waited_ms: u64,
-        cycle: &mut impl FnMut(&mut Self) -> Result<(), CycleError>,
-    ) -> Result<NotOperational, Error> {
+    fn not_operational(&self, waited_ms: u64) -> Result<NotOperational, Error> {
         let mut slaves = Vec::new();
         for slave in 0..self.slaves.len() {
             let state = self.slave_state(slave)?;
-            if state.operational && self.domain_report(slave).is_complete() {
-                continue;
+            if !state.operational || !self.domain_report(slave).is_complete() {
+                slaves.push(self.slave_report(slave, state)?);
             }
-            slaves.push(self.slave_report(slave, state, cycle)?);
         }
         Ok(NotOperational { waited_ms, slaves })
     }
 
-    fn slave_report(
-        &mut self,
-        slave: usize,
-        state: SlaveConfigState,
-        cycle: &mut impl FnMut(&mut Self) -> Result<(), CycleError>,
-    ) -> Result<SlaveReport, Error> {
+    fn slave_report(&self, slave: usize, state: SlaveConfigState) -> Result<SlaveReport, Error> {
         let info = self.diagnostics.slave_info(slave).ok();
-        let al_state =
-            info.as_ref().map(|info| info.al_state).or(state.online.then_some(state.al_state));
-        let error_flag = info.as_ref().is_some_and(|info| info.error_flag);
-        let al_status_code =
-            if state.online { self.read_al_status_code(slave, cycle)? } else { None };
-        let failed_sdo = if state.online && al_state.is_some_and(is_preop) {
-            let steps = startup_list(&self.config.slaves[slave]);
-            self.run_startup(slave, &steps).err().map(|error| FailedSdo(Box::new(error)))
-        } else {
-            None
-        };
+        let online = state.online;
+        let al_state = info.as_ref().map(|info| info.al_state).or(online.then_some(state.al_state));
+        let hangs = online && al_state.is_some_and(is_preop);
         let settings = &self.config.slaves[slave];
         Ok(SlaveReport {
             slave,
             alias: settings.alias,
             position: settings.position,
-            online: state.online,
+            online,
             al_state,
-            error_flag,
-            al_status_code,
-            failed_sdo,
+            error_flag: info.is_some_and(|info| info.error_flag),
+            al_status_code: self.slave(slave)?.al_status.last,
+            cause: if hangs { self.cause_in_preop(slave).map(Box::new) } else { None },
             working_counter: self.domain_report(slave).working_counter,
         })
     }
 
-    /// Reads the AL status code register while the cycle goes on.
-    fn read_al_status_code(
-        &mut self,
-        slave: usize,
-        cycle: &mut impl FnMut(&mut Self) -> Result<(), CycleError>,
-    ) -> Result<Option<AlStatusCode>, Error> {
-        let request = self.slave(slave)?.al_status;
-        let call = "ecrt_reg_request_read";
-        self.master
-            .reg_request_read(request, AL_STATUS_CODE_REGISTER, 2)
-            .map_err(|e| Error::library(call, Some(slave), e))?;
-        let clock = self.ecrt.clock().clone();
-        let mut next = clock.now_ns();
-        let deadline = next + AL_STATUS_NS;
-        while clock.now_ns() < deadline {
-            next += u64::from(self.config.cycle_ns);
-            clock.sleep_until_ns(next);
-            cycle(self)?;
-            match self.master.reg_request_state(request) {
-                Ok(RequestState::Success) => {
-                    let code = match self.master.reg_request_data(request) {
-                        [low, high, ..] => Some(AlStatusCode(u16::from_le_bytes([*low, *high]))),
-                        _ => None,
-                    };
-                    return Ok(code);
-                }
-                Ok(RequestState::Error) | Err(_) => break,
-                Ok(_) => {}
-            }
+    /// Why a slave does not leave PREOP: a startup step that fails when it is tried again, or a
+    /// profile that does not fit the process data, which the gateway answers with AL status
+    /// 0x001D or 0x001E.
+    fn cause_in_preop(&self, slave: usize) -> Option<Error> {
+        let settings = &self.config.slaves[slave];
+        if let Err(error) = self.run_startup(slave, &startup_list(settings)) {
+            return Some(error);
         }
-        Ok(None)
+        let capacity = Capacity::new(settings.rx_multiplier, settings.tx_multiplier);
+        let sizes = [(Direction::RxPdo, capacity.rx_bytes), (Direction::TxPdo, capacity.tx_bytes)];
+        sizes.into_iter().find_map(|(direction, bytes)| {
+            let step = StartupStep::expect(direction.profile_object(), 9, bytes as u32);
+            self.run_startup(slave, &[step]).err()
+        })
     }
 }

@@ -163,7 +163,7 @@ impl SessionMachine {
         match self.state {
             Session::Ready => {
                 let look = self.cycles.is_multiple_of(WATCH_CYCLES);
-                if is_lost || (look && !self.is_operational(adapter)) {
+                if is_lost || (look && self.has_left_op(adapter)) {
                     return self.lose();
                 }
                 Event::None
@@ -200,6 +200,12 @@ impl SessionMachine {
 
     fn is_operational(&self, adapter: &Adapter) -> bool {
         adapter.slave_state(self.slave).is_ok_and(|state| state.operational)
+    }
+
+    /// Whether the master sees the slave in another state. While it scans the bus anew it sees no
+    /// slave at all, though process data go on; that is no reason to stop.
+    fn has_left_op(&self, adapter: &Adapter) -> bool {
+        adapter.slave_state(self.slave).is_ok_and(|state| state.online && !state.operational)
     }
 
     fn start_if_operational(&mut self, adapter: &mut Adapter) -> Event {

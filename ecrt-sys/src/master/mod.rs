@@ -141,6 +141,13 @@ impl Master {
         Ok(Self::new(ecrt, raw, Ownership::Foreign))
     }
 
+    /// The library's own handle, for calls that this crate does not make. It is valid as long as
+    /// the master is.
+    #[must_use]
+    pub fn as_raw(&self) -> *mut ec_master_t {
+        self.raw.as_ptr()
+    }
+
     /// The library that the master belongs to.
     #[must_use]
     pub fn ecrt(&self) -> &Ecrt {

@@ -1,0 +1,41 @@
+//! Simulated buses in stepped time for the Adapter's tests.
+#![allow(dead_code, missing_docs)]
+
+use ecan_host::{Adapter, AdapterConfig, Ecrt, Error, StartupStep};
+use ecan_protocol::{Direction, PdoProfile};
+use ecan_sim::{ClockKind, Scenario, SimOptions, Simulation};
+
+pub fn simulated(scenario: Scenario) -> (Ecrt, Simulation) {
+    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+    let backend = ecan_sim::open_scenario(scenario, &options).expect("scenario");
+    (backend.ecrt, backend.simulation.expect("simulated"))
+}
+
+pub fn open(scenario: Scenario, config: AdapterConfig) -> Result<Adapter, Error> {
+    Adapter::open(&simulated(scenario).0, config)
+}
+
+/// Runs cycles without touching the images.
+pub fn run(adapter: &mut Adapter, cycles: usize) {
+    let mut next = adapter.clock().now_ns();
+    for _ in 0..cycles {
+        adapter.receive().unwrap();
+        adapter.send().unwrap();
+        next += u64::from(adapter.config().cycle_ns);
+        adapter.clock().sleep_until_ns(next);
+    }
+}
+
+/// The steps that give the gateway a profile for N = 3, as an application without the Port does
+/// (manual 15.5.3).
+pub fn raw_config() -> (AdapterConfig, PdoProfile) {
+    let mut config = AdapterConfig::new(1).with_cycle_us(1_000);
+    let profile = PdoProfile { multiplier: 3, ..PdoProfile::default() };
+    for direction in [Direction::TxPdo, Direction::RxPdo] {
+        let startup = &mut config.slaves[0].startup;
+        startup.extend(profile.writes(direction).map(StartupStep::Download));
+        startup.push(StartupStep::Download(PdoProfile::apply_write(direction)));
+        startup.push(StartupStep::expect(direction.profile_object(), 2, 0));
+    }
+    (config, profile)
+}

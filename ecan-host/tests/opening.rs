@@ -1,0 +1,128 @@
+//! From a configuration to a configured bus, and every way in which that fails.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{open, raw_config, simulated};
+use ecan_host::{Adapter, AdapterConfig, Error, Identity, Phase, StartupStep};
+use ecan_protocol::{ObjectType, SdoWrite};
+
+#[test]
+fn the_identity_is_taken_from_the_bus() {
+    let adapter = open(ecan_sim::echo(2), AdapterConfig::new(2)).unwrap();
+    let settings = ecan_sim::GatewaySettings::default();
+    let found = adapter.identity(1).unwrap();
+    assert_eq!((found.vendor_id, found.product_code), (settings.vendor_id, settings.product_code));
+    assert_eq!(adapter.phase(), Phase::Configured);
+    assert!(adapter.is_simulated());
+}
+
+#[test]
+fn another_identity_than_the_configured_one_is_refused() {
+    let mut config = AdapterConfig::new(1);
+    config.slaves[0].identity = Some(Identity { vendor_id: 0xBEEF, product_code: 1 });
+    let error = open(ecan_sim::echo(1), config).unwrap_err();
+    assert!(matches!(error, Error::WrongIdentity { slave: 0, .. }));
+    assert!(error.to_string().contains("vendor 0x0000BEEF"), "{error}");
+}
+
+#[test]
+fn a_device_that_is_no_ecan_lite_is_refused_by_its_content() {
+    let mut scenario = ecan_sim::echo(1);
+    let abort = ecan_sim::GatewayFault::SdoAbort {
+        index: 0xF000,
+        subindex: 17,
+        code: 0x0609_0011,
+        times: 1,
+    };
+    scenario.faults.push(ecan_sim::ScriptedFault {
+        when: ecan_sim::When::At(0),
+        fault: ecan_sim::Fault::Gateway { gateway: 0, fault: abort },
+    });
+    let error = open(scenario, AdapterConfig::new(1)).unwrap_err();
+    let text = error.to_string();
+    assert!(text.contains("cannot be recognised") && text.contains("0xF000:17"), "{text}");
+}
+
+#[test]
+fn slaves_are_found_by_alias() {
+    let mut scenario = ecan_sim::echo(3);
+    scenario.gateways[1].alias = 77;
+    let mut config = AdapterConfig::new(1);
+    config.slaves[0].alias = 77;
+    config.slaves[0].position = 1;
+    let adapter = open(scenario.clone(), config.clone()).unwrap();
+    let serial = adapter.diagnostics().sdo_upload_u32(0, 0xF000, 7).unwrap();
+    assert_eq!(u64::from(serial), scenario.gateways[2].settings.serial & 0xFFFF_FFFF);
+    config.slaves[0].alias = 78;
+    config.preop_timeout_ms = 300;
+    let error = open(scenario, config).unwrap_err();
+    assert!(matches!(error, Error::NoSuchSlave { alias: 78, .. }), "{error}");
+}
+
+#[test]
+fn the_first_chunks_are_assigned_and_the_domain_is_continuous() {
+    let mut config = AdapterConfig::new(1);
+    config.slaves[0].rx_multiplier = 2;
+    config.slaves[0].tx_multiplier = 4;
+    let mut adapter = open(ecan_sim::echo(1), config).unwrap();
+    assert!(adapter.rx_pdo(0).is_empty(), "no image before activation");
+    let diagnostics = adapter.diagnostics();
+    for (object, count, first) in [(0x1C12, 2, 0x1600), (0x1C13, 4, 0x1A00)] {
+        assert_eq!(diagnostics.sdo_upload_u32(0, object, 0).unwrap(), count);
+        for entry in 1..=count {
+            let chunk = diagnostics.sdo_upload_u32(0, object, entry as u8).unwrap();
+            assert_eq!(chunk, first + entry - 1);
+        }
+    }
+    adapter.activate().unwrap();
+    assert_eq!((adapter.rx_pdo(0).len(), adapter.tx_pdo(0).len()), (256, 512));
+    assert_eq!(adapter.rx_pdo_mut(0).len(), 256);
+    assert!(adapter.rx_pdo(1).is_empty() && adapter.tx_pdo(1).is_empty());
+}
+
+#[test]
+fn a_readback_that_does_not_match_is_named_in_words() {
+    let mut config = AdapterConfig::new(1);
+    // N = 8 in the profile, N = 3 in the assignment: the apply command answers 5 (manual 14.2).
+    for (subindex, value) in [(3, 8), (1, 1)] {
+        let write = SdoWrite { index: 0x8010, subindex, value, ty: ObjectType::U8 };
+        config.slaves[0].startup.push(StartupStep::Download(write));
+    }
+    config.slaves[0].startup.push(StartupStep::expect(0x8010, 2, 0));
+    let error = open(ecan_sim::echo(1), config).unwrap_err();
+    let Error::Readback { slave: 0, index: 0x8010, subindex: 2, found: 5, .. } = error else {
+        panic!("{error}")
+    };
+    let text = error.to_string();
+    assert!(text.contains("reload") && text.contains("OK"), "{text}");
+}
+
+#[test]
+fn the_master_is_released_on_every_way_out() {
+    let (ecrt, _simulation) = simulated(ecan_sim::echo(1));
+    let mut absent = AdapterConfig::new(2);
+    absent.preop_timeout_ms = 100;
+    assert!(Adapter::open(&ecrt, absent).is_err());
+    let adapter = Adapter::open(&ecrt, AdapterConfig::new(1)).unwrap();
+    let busy = Adapter::open(&ecrt, AdapterConfig::new(1)).unwrap_err();
+    assert!(matches!(busy, Error::Open(_)), "{busy}");
+    drop(adapter);
+    let mut adapter = Adapter::open(&ecrt, raw_config().0).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    drop(adapter);
+    assert!(Adapter::open(&ecrt, AdapterConfig::new(1)).is_ok());
+}
+
+#[test]
+fn calls_out_of_order_are_refused_by_name() {
+    let mut adapter = open(ecan_sim::echo(1), AdapterConfig::new(1)).unwrap();
+    assert!(adapter.receive().unwrap_err().to_string().contains("not active"));
+    assert!(adapter.send().is_err());
+    adapter.activate().unwrap();
+    let again = adapter.activate().unwrap_err().to_string();
+    assert!(again.contains("activate") && again.contains("configured"), "{again}");
+    let late = adapter.create_sdo_request(0, 4).unwrap_err();
+    assert!(matches!(late, Error::Phase { is: Phase::Active, .. }), "{late}");
+    assert!(matches!(adapter.identity(3), Err(Error::SlaveIndex { slave: 3, count: 1 })));
+}

@@ -1,0 +1,212 @@
+//! OP, its report, the cycle, requests in the cycle, distributed clocks and attaching.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{open, raw_config, run, simulated};
+use ecan_host::{
+    Adapter, AdapterConfig, DcSync, Delivery, Error, Master, Phase, RequestState, StartupStep,
+    WcState,
+};
+use ecan_protocol::{
+    CanFrame, CanId, CommitFields, Direction, ImageWriter, McanChannelConfig, ObjectType, SdoWrite,
+    Timestamp,
+};
+use ecan_sim::{Fault, GatewayFault};
+
+#[test]
+fn raw_images_carry_frames() {
+    let (mut config, profile) = raw_config();
+    let channel = McanChannelConfig::classic(500_000);
+    let startup = &mut config.slaves[0].startup;
+    startup.extend(channel.writes(2).map(StartupStep::Download));
+    startup.push(StartupStep::Download(McanChannelConfig::apply_write(2)));
+    let (ecrt, simulation) = simulated(ecan_sim::echo(1));
+    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[1, 2, 3]).unwrap();
+    let mut writer = ImageWriter::new(Direction::RxPdo, profile);
+    let image = adapter.rx_pdo_mut(0);
+    writer.push(image, 2, 0, frame.as_ref(), Timestamp::None).unwrap();
+    writer.commit(image, CommitFields::default());
+    run(&mut adapter, 10);
+    let truth = simulation.with_world(|world| world.truth(0).unwrap());
+    assert_eq!((truth.frames_on_bus, truth.frames_from_bus), (1, 1));
+    assert!(truth.images_repeated > 5, "the image stayed and was a no-op");
+}
+
+#[test]
+fn working_counters_tell_what_arrived() {
+    let (config, _) = raw_config();
+    let (ecrt, simulation) = simulated(ecan_sim::echo(1));
+    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    assert_eq!(adapter.domain_report(0).delivery, Delivery::None);
+    adapter.wait_op(20_000).unwrap();
+    run(&mut adapter, 3);
+    let report = adapter.domain_report(0);
+    assert_eq!((report.working_counter, report.wc_state), (3, WcState::Complete));
+    assert_eq!(report.delivery, Delivery::Confirmed);
+    for (offset, delivery) in
+        [(-3, Delivery::Missed), (-2, Delivery::Missed), (-1, Delivery::Confirmed)]
+    {
+        simulation.inject(Fault::WorkingCounterOffset { offset, cycles: 1 });
+        run(&mut adapter, 1);
+        adapter.receive().unwrap();
+        assert_eq!(adapter.domain_report(0).delivery, delivery, "offset {offset}");
+        assert!(!adapter.domain_is_complete());
+        run(&mut adapter, 2);
+    }
+}
+
+#[test]
+fn a_slave_whose_profile_does_not_fit_is_reported_with_the_object() {
+    // Nothing applies a profile for N = 3.
+    let mut adapter = open(ecan_sim::echo(1), AdapterConfig::new(1)).unwrap();
+    let error = adapter.wait_op(5_000).unwrap_err();
+    let Error::NotOperational(report) = &error else { panic!("{error}") };
+    let slave = &report.slaves[0];
+    assert!(slave.online && slave.error_flag, "{error}");
+    let Some(Error::Readback { index: 0x8011, subindex: 9, found: 0, .. }) = slave.cause.as_deref()
+    else {
+        panic!("{error}")
+    };
+    assert!(error.to_string().contains("expected 384"), "{error}");
+}
+
+#[test]
+fn the_al_status_code_is_caught_before_the_master_acknowledges_it() {
+    let (ecrt, simulation) = simulated(ecan_sim::echo(1));
+    let mut adapter = Adapter::open(&ecrt, raw_config().0).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    let watchdog = GatewayFault::AlError { code: 0x001B };
+    simulation.inject(Fault::Gateway { gateway: 0, fault: watchdog });
+    simulation.inject(Fault::WorkingCounterOffset { offset: -3, cycles: 1_000 });
+    let error = adapter.wait_op(100).unwrap_err();
+    assert!(error.to_string().contains("AL status code 0x001B"), "{error}");
+}
+
+#[test]
+fn a_slave_without_power_is_reported_as_such() {
+    let (config, _) = raw_config();
+    let (ecrt, simulation) = simulated(ecan_sim::echo(1));
+    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    simulation.inject(Fault::PowerOff { gateway: 0 });
+    let error = adapter.wait_op(3_000).unwrap_err();
+    assert!(error.to_string().contains("does not answer"), "{error}");
+}
+
+#[test]
+fn sdo_requests_run_while_the_cycle_goes_on() {
+    let (config, _) = raw_config();
+    let (ecrt, simulation) = simulated(ecan_sim::echo(1));
+    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    let read = adapter.create_sdo_request(0, 4).unwrap();
+    let write = adapter.create_sdo_request(0, 4).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    let settle = |adapter: &mut Adapter, id| {
+        for _ in 0..2_000 {
+            run(adapter, 1);
+            let state = adapter.sdo_request_state(id).unwrap();
+            if state != RequestState::Busy {
+                return state;
+            }
+        }
+        panic!("never done")
+    };
+    adapter.sdo_request_write(write, 0x8000, 10, &0xCAFE_u32.to_le_bytes()).unwrap();
+    assert_eq!(settle(&mut adapter, write), RequestState::Success);
+    adapter.sdo_request_read(read, 0x8000, 10).unwrap();
+    assert_eq!(settle(&mut adapter, read), RequestState::Success);
+    assert_eq!(adapter.sdo_request_data(read), 0xCAFE_u32.to_le_bytes());
+    adapter.sdo_request_read(read, 0x4711, 0).unwrap();
+    assert_eq!(settle(&mut adapter, read), RequestState::Error);
+    let silent = GatewayFault::MailboxSilent { ms: 60_000 };
+    simulation.inject(Fault::Gateway { gateway: 0, fault: silent });
+    adapter.sdo_request_timeout(read, 500).unwrap();
+    adapter.sdo_request_read(read, 0x8000, 10).unwrap();
+    assert_eq!(settle(&mut adapter, read), RequestState::Error);
+}
+
+#[test]
+fn blocking_transfers_name_object_and_abort_code() {
+    let adapter = open(ecan_sim::echo(1), AdapterConfig::new(1)).unwrap();
+    let diagnostics = adapter.diagnostics();
+    assert_eq!(diagnostics.sdo_upload_u32(0, 0xF000, 2).unwrap(), 4);
+    let error = diagnostics.sdo_download(0, 0xF000, 2, &[1]).unwrap_err();
+    let Error::Sdo { slave: 0, index: 0xF000, subindex: 2, abort_code: Some(code), .. } = error
+    else {
+        panic!("{error}")
+    };
+    assert_eq!(code.0, 0x0601_0002);
+    let text = error.to_string();
+    assert!(text.contains("0xF000:02") && text.contains("read-only"), "{text}");
+}
+
+#[test]
+fn a_second_handle_works_from_another_thread() {
+    let (config, _) = raw_config();
+    let mut adapter = open(ecan_sim::echo(1), config).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    let diagnostics = adapter.open_diagnostics().unwrap();
+    let name = std::thread::spawn(move || diagnostics.slave_info(0).map(|info| info.name));
+    assert!(!name.join().unwrap().unwrap().is_empty());
+    assert_eq!(adapter.diagnostics().master_state().unwrap().slaves_responding, 1);
+    assert!(adapter.diagnostics().link_state(0).unwrap().link_up);
+}
+
+#[test]
+fn op_is_reached_with_sync0() {
+    let (mut config, _) = raw_config();
+    config.dc = Some(DcSync::new(1_000_000, 300_000));
+    let mut adapter = open(ecan_sim::echo(1), config).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    run(&mut adapter, 100);
+    assert!(adapter.domain_is_complete());
+    assert!(adapter.slave_state(0).unwrap().operational);
+}
+
+#[test]
+fn an_attached_adapter_leaves_the_master_to_its_owner() {
+    let (ecrt, _simulation) = simulated(ecan_sim::echo(2));
+    let mut owner = ecrt.request_master(0).unwrap();
+    // SAFETY: the owner outlives the Adapter below and is used from this thread only.
+    let shared = unsafe { Master::from_raw(ecrt.clone(), owner.as_raw()) }.unwrap();
+    let (config, _) = raw_config();
+    let mut adapter = Adapter::attach(&ecrt, shared, config).unwrap();
+    assert!(matches!(adapter.activate(), Err(Error::Attached { .. })));
+    owner.set_send_interval(1_000).unwrap();
+    owner.activate().unwrap();
+    adapter.owner_activated().unwrap();
+    assert_eq!(adapter.phase(), Phase::Active);
+    let mut next = adapter.clock().now_ns();
+    for _ in 0..20_000 {
+        owner.receive().unwrap();
+        adapter.receive().unwrap();
+        if adapter.all_operational().unwrap() {
+            break;
+        }
+        adapter.send().unwrap();
+        owner.send().unwrap();
+        next += 1_000_000;
+        adapter.clock().sleep_until_ns(next);
+    }
+    assert!(adapter.all_operational().unwrap());
+    assert!(matches!(adapter.reconfigure(raw_config().0), Err(Error::Attached { .. })));
+    drop(adapter);
+    assert!(owner.state().is_ok(), "the owner's handle is still his");
+}
+
+#[test]
+fn the_startup_list_is_sent_again_after_a_power_cycle() {
+    let (mut config, _) = raw_config();
+    let mark = SdoWrite { index: 0x8000, subindex: 10, value: 4711, ty: ObjectType::U32 };
+    config.slaves[0].startup.push(StartupStep::Download(mark));
+    let (ecrt, simulation) = simulated(ecan_sim::echo(1));
+    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 300 });
+    run(&mut adapter, 200);
+    assert!(!adapter.domain_is_complete());
+    adapter.wait_op(30_000).unwrap();
+    assert_eq!(adapter.diagnostics().sdo_upload_u32(0, 0x8000, 10).unwrap(), 4711);
+}

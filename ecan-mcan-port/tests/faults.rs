@@ -1,0 +1,407 @@
+//! The fault scenarios of docs/FAULT-SCENARIOS.md; each test carries the number of its row.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{Bench, READY_MS, classic, frame, frames_of, id};
+use ecan_host::{AdapterConfig, Error};
+use ecan_mcan_port::{
+    GatewayConfig, ImageReport, NoRoom, Port, PortConfig, PortError, SendError, Session,
+    VerificationFault,
+};
+use ecan_protocol::{CanFrame, ImageFault, PdoError};
+use ecan_sim::{Fault, GatewayFault, LostWay, Topology};
+
+fn on_channel_0() -> GatewayConfig {
+    GatewayConfig::on_channel(0, classic())
+}
+
+fn bench_with(multiplier: u8, gateway: GatewayConfig) -> Bench {
+    let adapter = AdapterConfig::new(1).with_multiplier(multiplier).with_cycle_us(1_000);
+    Bench::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway))
+}
+
+/// Sends one numbered frame per cycle for 60 cycles and strikes after 10; gives the numbers that
+/// came back, in order.
+fn numbers_around(bench: &mut Bench, fault: Fault) -> Vec<u8> {
+    let mut next = 0;
+    let mut back = Vec::new();
+    for cycle in 0..80 {
+        if cycle == 10 {
+            bench.simulation.inject(fault.clone());
+        }
+        let items = bench.cycle(|port| {
+            if next < 60 && port.send_can(0, 0, id(0x100), &[next]).is_ok() {
+                next += 1;
+            }
+        });
+        back.extend(frames_of(&items).iter().map(|f| f.frame.data()[0]));
+    }
+    assert_eq!(next, 60, "every frame was taken");
+    back
+}
+
+fn frames_on_bus(bench: &Bench) -> u64 {
+    bench.simulation.with_world(|world| world.truth(0).unwrap().frames_on_bus)
+}
+
+fn all_numbers() -> Vec<u8> {
+    (0..60).collect()
+}
+
+#[test]
+fn f01_a_frame_lost_on_its_way_out_is_published_again() {
+    for multiplier in [3, 8] {
+        let mut bench = bench_with(multiplier, on_channel_0());
+        let fault = Fault::LostFrame { way: LostWay::Outward, cycles: 1 };
+        assert_eq!(numbers_around(&mut bench, fault), all_numbers(), "N = {multiplier}");
+        let statistics = bench.port.statistics(0);
+        assert_eq!(statistics.images_repeated, 1);
+        assert_eq!(statistics.incomplete_cycles, 1);
+        assert_eq!(statistics.lost_images, 0);
+        assert_eq!(frames_on_bus(&bench), 60, "no frame twice");
+    }
+}
+
+#[test]
+fn f02_a_lost_reply_loses_its_txpdo_and_sends_nothing_twice() {
+    for multiplier in [3, 8] {
+        let mut bench = bench_with(multiplier, on_channel_0());
+        let fault = Fault::LostFrame { way: LostWay::Return, cycles: 1 };
+        let back = numbers_around(&mut bench, fault);
+        assert_eq!(back.len(), 59, "the frame in the lost image is gone: {back:?}");
+        assert!(back.is_sorted_by(|a, b| a < b), "order holds: {back:?}");
+        let statistics = bench.port.statistics(0);
+        assert_eq!((statistics.lost_images, statistics.images_repeated), (1, 1));
+        assert_eq!(frames_on_bus(&bench), 60, "the repeat was a no-op");
+    }
+}
+
+#[test]
+fn f03_a_working_counter_that_cannot_be_told_apart_repeats_the_image() {
+    // With LWR and LRD a sum of 1 may be either direction.
+    let mut bench = bench_with(8, on_channel_0());
+    let fault = Fault::WorkingCounterOffset { offset: -1, cycles: 3 };
+    assert_eq!(numbers_around(&mut bench, fault), all_numbers());
+    let statistics = bench.port.statistics(0);
+    assert_eq!(statistics.images_repeated, 3);
+    assert_eq!(frames_on_bus(&bench), 60);
+}
+
+#[test]
+fn f04_a_working_counter_that_shows_only_the_read_repeats_the_image() {
+    // In one LRW a counter of 1 is the read, a counter of 2 the write.
+    let mut bench = bench_with(3, on_channel_0());
+    let fault = Fault::WorkingCounterOffset { offset: -2, cycles: 1 };
+    assert_eq!(numbers_around(&mut bench, fault), all_numbers());
+    assert_eq!(bench.port.statistics(0).images_repeated, 1);
+    let mut bench = bench_with(3, on_channel_0());
+    let fault = Fault::WorkingCounterOffset { offset: -1, cycles: 1 };
+    assert_eq!(numbers_around(&mut bench, fault), all_numbers());
+    let statistics = bench.port.statistics(0);
+    assert_eq!((statistics.images_repeated, statistics.incomplete_cycles), (0, 1));
+}
+
+#[test]
+fn f05_a_short_outage_is_held_and_nothing_is_lost() {
+    let mut bench = bench_with(3, on_channel_0());
+    let fault = Fault::LostFrame { way: LostWay::Outward, cycles: 8 };
+    assert_eq!(numbers_around(&mut bench, fault), all_numbers());
+    let statistics = bench.port.statistics(0);
+    assert_eq!((statistics.images_repeated, statistics.sessions_lost), (8, 0));
+}
+
+#[test]
+fn f06_frames_sent_while_an_image_is_held_can_be_discarded() {
+    let mut bench = bench_with(3, on_channel_0());
+    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 5 });
+    bench.cycle(|port| {
+        port.send_can(0, 0, id(1), &[]).unwrap();
+    });
+    bench.cycle(|port| {
+        assert!(port.cycle_report(0).is_holding);
+        port.send_can(0, 0, id(2), &[]).unwrap();
+        assert_eq!(port.discard_pending(0), 2);
+        assert!(!port.cycle_report(0).is_holding);
+        port.send_can(0, 0, id(3), &[]).unwrap();
+    });
+    let back: Vec<_> = frames_of(&bench.idle(20)).iter().map(|f| f.frame.id().raw()).collect();
+    assert_eq!(back, [3]);
+    assert_eq!(bench.port.statistics(0).channels[0].frames_discarded, 2);
+}
+
+#[test]
+fn f07_a_long_outage_ends_the_session_and_the_gateway_is_verified_anew() {
+    let mut bench = bench_with(3, on_channel_0());
+    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 40 });
+    bench.cycle(|port| {
+        port.send_can(0, 0, id(1), &[]).unwrap();
+    });
+    let lost = bench.until(30, |port| port.session(0) == Session::Waiting);
+    assert_eq!(lost, Some(11), "hold limit 10");
+    bench.cycle(|port| {
+        let refused = port.send_can(0, 0, id(2), &[]);
+        assert_eq!(refused, Err(SendError::NotReady { slave: 0 }));
+    });
+    assert!(bench.until(1000, Port::is_ready).is_some());
+    let statistics = bench.port.statistics(0);
+    assert_eq!((statistics.sessions, statistics.sessions_lost), (2, 1));
+    assert_eq!(statistics.channels[0].frames_discarded, 1);
+    assert_eq!(bench.carry(0, &[frame(3, &[])], 20).len(), 1);
+    assert_eq!(frames_on_bus(&bench), 1, "the discarded frame stayed off the bus");
+}
+
+#[test]
+fn f08_a_power_cycled_gateway_comes_back_configured_and_verified() {
+    let mut bench = bench_with(8, on_channel_0());
+    assert_eq!(bench.carry(0, &[frame(1, &[1])], 20).len(), 1);
+    bench.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
+    bench.cycle(|port| {
+        port.send_can(0, 0, id(2), &[2]).unwrap();
+    });
+    assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
+    let cycles = bench.until(30_000, Port::is_ready).expect("back in service");
+    assert!(cycles > 500, "after {cycles} cycles of 1 ms");
+    let diagnostics = bench.port.adapter().diagnostics();
+    assert_eq!(diagnostics.sdo_upload_u32(0, 0x8011, 9).unwrap(), 1024);
+    assert_eq!(diagnostics.sdo_upload_u32(0, 0x8001, 19).unwrap(), 1_000_000);
+    bench.resync();
+    let frames: Vec<CanFrame> = (3..40).map(|n| frame(n, &[9])).collect();
+    let back: Vec<_> = bench.carry(0, &frames, 100).iter().map(|f| f.frame).collect();
+    assert_eq!(back, frames, "the stale frame 2 must not appear");
+    assert_eq!(bench.port.statistics(0).sessions, 2);
+}
+
+#[test]
+fn f09_one_gateway_of_two_fails_and_the_other_goes_on() {
+    let mut scenario = ecan_sim::echo(2);
+    scenario.topology = Topology::Star;
+    // Aliases keep the configurations in place when positions move up.
+    scenario.gateways[0].alias = 100;
+    scenario.gateways[1].alias = 200;
+    let mut adapter = AdapterConfig::new(2).with_cycle_us(1_000);
+    for (slave, alias) in [(0, 100), (1, 200)] {
+        adapter.slaves[slave].alias = alias;
+        adapter.slaves[slave].position = 0;
+    }
+    let mut bench = Bench::ready(scenario, adapter, PortConfig::uniform(2, on_channel_0()));
+    bench.simulation.inject(Fault::PowerOff { gateway: 0 });
+    assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
+    let mut back = 0;
+    for n in 0..5000u16 {
+        let items = bench.cycle(|port| {
+            let sent = port.send_can(1, 0, id(n % 0x700), &[]);
+            assert!(sent.is_ok(), "cycle {n}: {sent:?}");
+        });
+        back += frames_of(&items).len();
+    }
+    assert!(back > 4990, "{back}");
+    assert_eq!(bench.port.session(1), Session::Ready);
+}
+
+#[test]
+fn f10_an_open_cable_is_survived_like_a_power_cycle() {
+    let mut bench = bench_with(3, on_channel_0());
+    bench.simulation.inject(Fault::LinkLoss { gateway: 0, for_ms: 2_000 });
+    assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
+    assert!(bench.until(30_000, Port::is_ready).is_some());
+    bench.resync();
+    assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
+}
+
+#[test]
+fn f11_a_refused_startup_sdo_is_named_with_its_abort_code() {
+    let mut scenario = ecan_sim::echo(1);
+    let abort = GatewayFault::SdoAbort { index: 0x8001, subindex: 19, code: 0x0609_0030, times: 1 };
+    scenario.faults.push(ecan_sim::ScriptedFault {
+        when: ecan_sim::When::At(0),
+        fault: Fault::Gateway { gateway: 0, fault: abort },
+    });
+    let config = PortConfig::uniform(1, on_channel_0());
+    let error = Bench::open(scenario, AdapterConfig::new(1), config).err().expect("refused");
+    let text = error.to_string();
+    for part in ["SDO download", "0x8001:19", "slave 0", "0x06090030"] {
+        assert!(text.contains(part), "{text}");
+    }
+}
+
+#[test]
+fn f12_a_startup_sdo_refused_after_a_power_cycle_is_named_in_the_report() {
+    let mut bench = bench_with(3, on_channel_0());
+    bench.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 100 });
+    assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
+    let abort = GatewayFault::SdoAbort { index: 0x8011, subindex: 3, code: 0x0800_0022, times: 9 };
+    bench.simulation.inject(Fault::Gateway { gateway: 0, fault: abort });
+    bench.idle(3000);
+    let error = bench.port.wait_ready(5_000).expect_err("stuck in PREOP");
+    let PortError::Adapter(Error::NotOperational(report)) = &error else { panic!("{error}") };
+    assert_eq!(report.slaves[0].al_state, Some(2), "{error}");
+    let text = error.to_string();
+    for part in ["slave 0", "PREOP", "0x8011:03", "0x08000022"] {
+        assert!(text.contains(part), "{text}");
+    }
+}
+
+#[test]
+fn f13_a_torn_image_is_skipped_and_counted() {
+    let mut bench = bench_with(3, on_channel_0());
+    let torn = Fault::Gateway { gateway: 0, fault: GatewayFault::TornTxPdo { images: 1 } };
+    let back = numbers_around(&mut bench, torn);
+    assert!(back.len() >= 59 && back.is_sorted_by(|a, b| a < b), "{back:?}");
+    let statistics = bench.port.statistics(0);
+    assert_eq!((statistics.torn_images, statistics.parse_errors), (1, 0));
+    let fault = bench.port.last_diagnosis(0).map(|diagnosis| diagnosis.fault);
+    assert_eq!(fault, Some(ImageFault::Updating));
+}
+
+#[test]
+fn f14_a_damaged_image_is_refused_and_diagnosed() {
+    let mut bench = bench_with(3, on_channel_0());
+    let damaged = GatewayFault::CrcErrorTxPdo { images: 1 };
+    let back = numbers_around(&mut bench, Fault::Gateway { gateway: 0, fault: damaged });
+    assert!(back.len() >= 59 && back.is_sorted_by(|a, b| a < b), "{back:?}");
+    assert_eq!(bench.port.statistics(0).parse_errors, 1);
+    let diagnosis = bench.port.last_diagnosis(0).expect("diagnosis");
+    assert_eq!(diagnosis.pdo_error(), Some(PdoError::BadCrc));
+    assert_ne!(diagnosis.payload_crc16, diagnosis.computed_crc16);
+}
+
+#[test]
+fn f15_bus_off_shows_in_the_status_and_recovers_by_itself() {
+    let mut bench = bench_with(3, on_channel_0());
+    bench.simulation.inject(Fault::BusOff { gateway: 0, channel: 0 });
+    let seen = bench.until(10, |port| port.channel_status(0, 0).bus_off());
+    assert!(seen.is_some(), "bus-off is reported");
+    let recovered = bench.until(500, |port| !port.channel_status(0, 0).bus_off());
+    assert!(recovered.is_some(), "automatic recovery is the default (manual 13.2.2)");
+    assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
+}
+
+#[test]
+fn f16_without_a_partner_on_the_bus_the_queue_fills_and_the_host_is_held_back() {
+    let mut scenario = ecan_sim::echo(1);
+    scenario.nodes.clear();
+    let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let mut bench = Bench::ready(scenario, adapter, PortConfig::uniform(1, on_channel_0()));
+    let (mut taken, mut refused) = (0, None);
+    for _ in 0..300 {
+        bench.cycle(|port| match port.send_can(0, 0, id(1), &[]) {
+            Ok(_) => taken += 1,
+            Err(error) => refused = Some(error),
+        });
+    }
+    let what = NoRoom::Queue;
+    assert_eq!(refused, Some(SendError::NoRoom { slave: 0, channel: 0, what }));
+    let status = bench.port.channel_status(0, 0);
+    assert!(status.warn() && status.tx_pressure(), "{status:?}");
+    let losses = bench.simulation.with_world(|world| world.truth(0).unwrap().transmit_losses);
+    assert_eq!((losses.ring_full, losses.stale), (0, 0), "{taken} taken, none dropped");
+}
+
+#[test]
+fn f17_disturbed_transmissions_are_repeated_by_the_controller() {
+    let mut bench = bench_with(3, on_channel_0());
+    let fault = Fault::ErrorFrames { gateway: 0, channel: 0, frames: 5 };
+    assert_eq!(numbers_around(&mut bench, fault), all_numbers());
+}
+
+#[test]
+fn f18_an_al_error_in_op_is_recovered_by_the_master_and_verified() {
+    let mut bench = bench_with(3, on_channel_0());
+    let error = GatewayFault::AlError { code: 0x001B };
+    bench.simulation.inject(Fault::Gateway { gateway: 0, fault: error });
+    // In SAFEOP the working counter stays complete; only the master's state tells.
+    assert!(bench.until(5_000, |port| port.session(0) != Session::Ready).is_some());
+    assert!(bench.until(30_000, Port::is_ready).is_some());
+    bench.resync();
+    assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
+}
+
+#[test]
+fn f19_a_silent_mailbox_delays_verification_and_is_named() {
+    let mut bench = bench_with(3, on_channel_0());
+    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 15 });
+    bench.cycle(|port| {
+        port.send_can(0, 0, id(1), &[]).unwrap();
+    });
+    bench.idle(12);
+    let silent = GatewayFault::MailboxSilent { ms: 4_000 };
+    bench.simulation.inject(Fault::Gateway { gateway: 0, fault: silent });
+    let failed = |port: &Port| {
+        matches!(port.session(0), Session::Failed(VerificationFault::Transfer { .. }))
+    };
+    assert!(bench.until(4_000, failed).is_some(), "{}", bench.port.session(0));
+    assert!(bench.until(10_000, Port::is_ready).is_some(), "{}", bench.port.session(0));
+    assert!(bench.port.statistics(0).verification_failures > 0);
+}
+
+#[test]
+fn f20_a_standing_firmware_refuses_images_and_catches_up() {
+    let mut bench = bench_with(3, on_channel_0());
+    let stall = Fault::Gateway { gateway: 0, fault: GatewayFault::ServiceStall { ms: 5 } };
+    assert_eq!(numbers_around(&mut bench, stall), all_numbers());
+    let statistics = bench.port.statistics(0);
+    assert!(statistics.images_repeated >= 3, "{statistics:?}");
+    assert_eq!(frames_on_bus(&bench), 60);
+}
+
+#[test]
+fn f21_a_host_that_pauses_is_caught_by_the_watchdog_and_comes_back() {
+    let mut bench = bench_with(3, on_channel_0());
+    bench.simulation.pass_ns(1_000_000_000);
+    bench.resync();
+    assert!(bench.until(500, |port| port.session(0) != Session::Ready).is_some());
+    assert!(bench.until(30_000, Port::is_ready).is_some());
+    bench.resync();
+    assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
+}
+
+#[test]
+fn f22_a_master_held_by_another_program_is_said_to_be() {
+    let mut scenario = ecan_sim::echo(1);
+    scenario.reserved = true;
+    let config = PortConfig::uniform(1, on_channel_0());
+    let error = Bench::open(scenario, AdapterConfig::new(1), config).err().expect("refused");
+    assert!(error.to_string().contains("another"), "{error}");
+}
+
+#[test]
+fn f23_a_missing_gateway_is_named_with_its_place() {
+    let mut adapter = AdapterConfig::new(2);
+    adapter.preop_timeout_ms = 500;
+    let config = PortConfig::uniform(2, on_channel_0());
+    let error = Bench::open(ecan_sim::echo(1), adapter, config).err().expect("refused");
+    let text = error.to_string();
+    assert!(text.contains("position 1") && text.contains("1 slave(s) found"), "{text}");
+}
+
+#[test]
+fn f24_a_profile_changed_behind_the_back_is_found_at_the_next_verification() {
+    let mut bench = bench_with(3, on_channel_0());
+    bench.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 100 });
+    assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
+    // The gateway comes back, but its readback is another one than configured.
+    let reached_op = |port: &Port| port.session(0) == Session::Verifying;
+    assert!(bench.until(30_000, reached_op).is_some());
+    bench.simulation.with_world(|world| {
+        world.with_gateway(0, |gateway, now| {
+            let _ = gateway.sdo_download(now, 0x8010, 7, &[0xE0]);
+            let _ = gateway.sdo_download(now, 0x8010, 1, &[1]);
+        })
+    });
+    let failed = |port: &Port| matches!(port.session(0), Session::Failed(_));
+    assert!(bench.until(2_000, failed).is_some(), "{}", bench.port.session(0));
+    let text = bench.port.session(0).to_string();
+    assert!(text.contains("0x8010:02"), "{text}");
+}
+
+#[test]
+fn a_cycle_report_names_what_the_image_was() {
+    let mut bench = bench_with(3, on_channel_0());
+    bench.idle(3);
+    let report = bench.port.cycle_report(0);
+    let new = ImageReport::New { lost: 0, is_incomplete: false, layout_changed: false };
+    assert_eq!(report.image, new);
+    assert!(report.domain.is_complete());
+    assert!(bench.port.wait_ready(READY_MS).is_ok(), "already in service");
+}
