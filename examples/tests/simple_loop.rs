@@ -1,0 +1,238 @@
+//! `simple_loop` as a user runs it.
+#![allow(missing_docs)]
+
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+use ecan_candump::Record;
+use ecan_protocol::{CanFrame, CanId, Dlc};
+
+/// Cargo builds a package's examples beside its tests.
+fn program() -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    let profile = test.parent().and_then(Path::parent).unwrap();
+    profile.join("examples").join("simple_loop")
+}
+
+fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(program());
+    command.args(arguments).env_remove("ECAN_ECRT").stdin(Stdio::null());
+    command
+}
+
+fn run(arguments: &[&str]) -> Output {
+    command(arguments).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Runs it, expects success, gives what it printed.
+fn succeeds(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    assert_eq!(text(&output.stderr), "", "{arguments:?}");
+    text(&output.stdout)
+}
+
+/// Runs it, expects one readable message and failure, gives the message.
+fn fails(arguments: &[&str]) -> String {
+    let output = run(arguments);
+    let message = text(&output.stderr);
+    assert!(!output.status.success(), "{arguments:?} succeeded");
+    assert!(output.status.code().is_some(), "{arguments:?} was killed");
+    assert!(!message.contains("panicked"), "{message}");
+    assert!(!message.trim().is_empty(), "{arguments:?} says nothing");
+    message
+}
+
+fn frames_of_log(path: &Path) -> Vec<CanFrame> {
+    let log = std::fs::read_to_string(path).unwrap();
+    log.lines().map(|line| ecan_candump::parse_line(line).unwrap().unwrap().frame).collect()
+}
+
+#[test]
+fn the_plain_loop_runs_and_sums_up() {
+    let printed = succeeds(&["--ecrt", "sim"]);
+    assert!(printed.starts_with("SIMULATED"), "{printed}");
+    let channel = printed.lines().find(|line| line.starts_with("slave 0 can0")).unwrap();
+    let numbers: Vec<_> = channel.split_whitespace().skip(3).take(5).collect();
+    assert_eq!(numbers, ["1000", "1000", "1000", "0", "0"], "{printed}");
+}
+
+#[test]
+fn three_gateways_and_all_channels_in_a_millisecond() {
+    let arguments = ["--ecrt", "sim", "--slaves", "3", "--channel", "all", "--cycle-us", "1000"];
+    let printed = succeeds(&[&arguments[..], &["--cycles", "200"]].concat());
+    assert_eq!(printed.matches("can").count(), 12, "{printed}");
+    let gateway = printed.lines().filter(|line| line.ends_with("0         0"));
+    assert_eq!(gateway.count(), 3, "no loss, no error: {printed}");
+}
+
+#[test]
+fn the_environment_chooses_the_library_unless_the_option_does() {
+    let output = command(&["--cycles", "10"]).env("ECAN_ECRT", "sim").output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let output = command(&["--ecrt", "/no/such/libethercat.so", "--cycles", "10"])
+        .env("ECAN_ECRT", "sim")
+        .output()
+        .unwrap();
+    assert!(!output.status.success(), "the option wins");
+}
+
+#[test]
+fn the_same_seed_gives_the_same_output() {
+    let arguments = ["--ecrt", "sim", "--seed", "7", "--cycles", "300", "--channel", "all"];
+    assert_eq!(succeeds(&arguments), succeeds(&arguments));
+}
+
+#[test]
+fn without_a_master_it_says_what_is_missing_and_what_to_do() {
+    let message = fails(&["--ecrt", "/no/such/libethercat.so.1"]);
+    assert!(message.contains("/no/such/libethercat.so.1 was not found"), "{message}");
+    assert_eq!(message.trim().lines().count(), 1, "{message}");
+    // Where IgH is installed the message is about its master instead.
+    let message = fails(&[]);
+    assert!(message.contains("EtherCAT"), "{message}");
+    let missing = message.contains("libethercat.so.1 was not found");
+    assert!(!missing || message.contains("install the IgH EtherCAT master"), "{message}");
+    assert!(!missing || message.contains("simulated"), "{message}");
+}
+
+#[test]
+fn a_real_recording_comes_back_unchanged() {
+    let log = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/vehicle-can.log");
+    if !log.exists() {
+        println!("skipped: {} is not there", log.display());
+        return;
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let back = directory.path().join("back.log");
+    let (log, dump) = (log.to_str().unwrap(), back.to_str().unwrap());
+    let printed = succeeds(&["--ecrt", "sim", "--replay", log, "--dump", dump]);
+    assert!(printed.contains("6158 frames sent, 6158 came back"), "{printed}");
+    assert_eq!(frames_of_log(&back), frames_of_log(Path::new(log)));
+}
+
+/// Every DLC of every kind of frame, with 11 and 29 bit identifiers.
+fn all_kinds() -> Vec<CanFrame> {
+    let mut frames = Vec::new();
+    for n in 0..64_u16 {
+        let standard = CanId::standard(0x100 + n).unwrap();
+        let extended = CanId::extended(0x1234_0000 + u32::from(n)).unwrap();
+        for id in [standard, extended] {
+            let dlc = Dlc::new((n % 16) as u8).unwrap();
+            let data = [n as u8; 64];
+            frames.push(CanFrame::fd(id, &data[..dlc.fd_len()], n % 2 == 0, false).unwrap());
+            if dlc.value() <= 8 {
+                frames.push(CanFrame::classic(id, &data[..dlc.classic_len()]).unwrap());
+                frames.push(CanFrame::remote(id, dlc).unwrap());
+            }
+        }
+    }
+    frames
+}
+
+fn write_log(path: &Path, frames: &[CanFrame], interface: &str) {
+    let line = |(nth, frame): (usize, &CanFrame)| {
+        // Microseconds and nanoseconds, with and without a direction mark.
+        let time_ns = 1_700_000_000_000_000_000 + nth as u64 * 50_000 + (nth as u64 % 3) * 7;
+        let direction = (nth % 2 == 1).then_some(ecan_candump::DirectionMark::Received);
+        format!("{}\n", Record { time_ns, interface, frame: *frame, direction })
+    };
+    let log: String = frames.iter().enumerate().map(line).collect();
+    std::fs::write(path, log).unwrap();
+}
+
+#[test]
+fn every_kind_of_frame_is_replayed() {
+    let directory = tempfile::tempdir().unwrap();
+    let (log, back) = (directory.path().join("all.log"), directory.path().join("back.log"));
+    let frames = all_kinds();
+    write_log(&log, &frames, "can2");
+    let (log_name, dump) = (log.to_str().unwrap(), back.to_str().unwrap());
+    let base = ["--ecrt", "sim", "--replay", log_name, "--dump", dump];
+    for extra in [&["--cycle-us", "1000", "--pdo-n", "8"][..], &["--channel", "all"][..]] {
+        let arguments = [&base[..], &["--fd", "2000000"][..], extra].concat();
+        let printed = succeeds(&arguments);
+        assert!(printed.contains("unchanged and in order"), "{printed}");
+        assert_eq!(frames_of_log(&back), frames);
+    }
+    let message = fails(&base);
+    assert!(message.contains("line 1 is a CAN FD frame: give --fd"), "{message}");
+}
+
+#[test]
+fn a_replay_that_loses_frames_says_so_and_fails() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = directory.path().join("drive.log");
+    let id = CanId::standard(1).unwrap();
+    let frames: Vec<_> = (0..200_u8).map(|n| CanFrame::classic(id, &[n]).unwrap()).collect();
+    write_log(&log, &frames, "can0");
+    let scenario = directory.path().join("lossy.toml");
+    let toml = "[[gateway]]\n\n[[node]]\nname = \"lossy\"\nbus = \"0.0\"\nkind = \"faulty\"\n\
+                drop_permille = 100\n";
+    std::fs::write(&scenario, toml).unwrap();
+    let ecrt = format!("sim:{}", scenario.display());
+    let message = fails(&["--ecrt", &ecrt, "--replay", log.to_str().unwrap()]);
+    assert!(message.contains("did not come back") || message.contains("was due"), "{message}");
+}
+
+#[test]
+fn wrong_use_gets_a_message_that_helps() {
+    let directory = tempfile::tempdir().unwrap();
+    let bad = directory.path().join("bad.log");
+    std::fs::write(&bad, "(1.000000) can0 123#00\n(1.000000) can0 12Z#00\n").unwrap();
+    let empty = directory.path().join("empty.log");
+    std::fs::write(&empty, "# nothing\n\n").unwrap();
+    let cases: [(&[&str], &str); 13] = [
+        (&["--slaves", "0"], "--slaves"),
+        (&["--channel", "4"], "0 to 3 or `all`"),
+        (&["--cycles", "many"], "--cycles"),
+        (&["--no-such-flag"], "--no-such-flag"),
+        (&["--replay", "/no/such.log"], "cannot read /no/such.log"),
+        (&["--replay", bad.to_str().unwrap()], "line 2, column"),
+        (&["--replay", empty.to_str().unwrap()], "holds no frame"),
+        (&["--dump", "/no/such/dir/out.log"], "cannot write /no/such/dir/out.log"),
+        (&["--pdo-n", "0"], "outside 1..24"),
+        (&["--pdo-n", "12"], "at most 11"),
+        (&["--bitrate", "123"], "bit timing"),
+        (&["--cycle-us", "10"], "cycle of 10 us"),
+        (&["--ecrt", "sim:none"], "there is no scenario"),
+    ];
+    for (arguments, words) in cases {
+        let sim: &[&str] = if arguments[0] == "--ecrt" { &[] } else { &["--ecrt", "sim"] };
+        let message = fails(&[sim, arguments].concat());
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+}
+
+#[test]
+fn a_missing_gateway_is_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let scenario = directory.path().join("one.toml");
+    std::fs::write(&scenario, "[[gateway]]\n").unwrap();
+    let ecrt = format!("sim:{}", scenario.display());
+    let message = fails(&["--ecrt", &ecrt, "--slaves", "2"]);
+    assert!(message.contains("position 1") && message.contains("not on the bus"), "{message}");
+}
+
+#[test]
+fn ctrl_c_stops_the_loop_and_still_sums_up() {
+    let arguments = ["--ecrt", "sim", "--real-time", "--cycles", "1000000", "--cycle-us", "1000"];
+    let mut child = command(&arguments).stdout(Stdio::piped()).spawn().unwrap();
+    let mut output = BufReader::new(child.stdout.take().unwrap());
+    let mut line = String::new();
+    while !line.contains("in service") {
+        line.clear();
+        assert!(output.read_line(&mut line).unwrap() > 0, "it ended by itself");
+    }
+    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(kill.success());
+    let mut rest = String::new();
+    output.read_to_string(&mut rest).unwrap();
+    assert!(child.wait().unwrap().success());
+    assert!(rest.contains("stopped by the user") && rest.contains("slave 0 can0"), "{rest}");
+}
