@@ -14,7 +14,7 @@ use crate::error::Error;
 use crate::identification;
 use crate::mapping;
 use crate::operation::AlStatusWatch;
-use crate::startup::{StartupStep, startup_list};
+use crate::startup::{StartupStep, run_steps, startup_list};
 
 /// Where an [`Adapter`] is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -137,7 +137,7 @@ impl Adapter {
     fn configure_slave(&mut self, slave: usize, settings: &SlaveSettings) -> Result<Slave, Error> {
         let identity = identification::identify(&self.diagnostics, slave, settings)?;
         let steps = startup_list(settings);
-        self.run_startup(slave, &steps)?;
+        run_steps(&self.diagnostics, slave, &steps)?;
         let (rx_n, tx_n) = (settings.rx_multiplier, settings.tx_multiplier);
         let rx_units = mapping::read_mapping(&self.diagnostics, slave, Direction::RxPdo, rx_n)?;
         let tx_units = mapping::read_mapping(&self.diagnostics, slave, Direction::TxPdo, tx_n)?;
@@ -185,27 +185,6 @@ impl Adapter {
             report: DomainReport::default(),
             al_status: AlStatusWatch::new(al_status),
         })
-    }
-
-    /// Runs the startup steps with blocking transfers.
-    pub(crate) fn run_startup(&self, slave: usize, steps: &[StartupStep]) -> Result<(), Error> {
-        for step in steps {
-            match step {
-                StartupStep::Download(sdo) => {
-                    let (bytes, length) = sdo.bytes();
-                    let data = &bytes[..length];
-                    self.diagnostics.sdo_download(slave, sdo.index, sdo.subindex, data)?;
-                }
-                StartupStep::Expect { index, subindex, expected } => {
-                    let (index, subindex, expected) = (*index, *subindex, *expected);
-                    let found = self.diagnostics.sdo_upload_u32(slave, index, subindex)?;
-                    if !expected.is_met_by(found) {
-                        return Err(Error::Readback { slave, index, subindex, expected, found });
-                    }
-                }
-            }
-        }
-        Ok(())
     }
 
     /// Starts cyclic operation: from here the application calls [`receive`](Self::receive) and
@@ -329,7 +308,8 @@ impl Adapter {
         Ok(self.slave(slave)?.capacity)
     }
 
-    /// State and blocking SDO transfers, before and after activation. Not for the cycle.
+    /// State of the bus and its slaves at any time, and blocking SDO transfers before activation;
+    /// afterwards see [`diagnose`](Self::diagnose). Not for the cycle.
     pub fn diagnostics(&self) -> &Diagnostics {
         &self.diagnostics
     }

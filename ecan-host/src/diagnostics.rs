@@ -1,14 +1,20 @@
 //! A second, unreserved handle for state and SDO transfers beside the cycle.
 
+use std::thread;
+
 use ecan_protocol::AlState;
 use ecrt_sys::{Ecrt, LinkState, Master, MasterState, SlaveInfo};
 
+use crate::adapter::{Adapter, Phase};
+use crate::cycle::CycleError;
 use crate::error::{Error, SdoDirection};
 
 /// State and blocking SDO transfers of the configured slaves, on a handle of its own.
 ///
-/// `Send`: another thread may use it while the cycle runs. Every call may block on the master's
-/// semaphore or for a mailbox round trip: never call it from the cycle.
+/// Every call may block on the master's semaphore: never call it from the cycle. Once the master
+/// is active, mailbox traffic moves only with the application's sending and receiving, so an SDO
+/// transfer on the thread that runs the cycle would never end: use it from another thread, or
+/// through [`Adapter::diagnose`].
 #[derive(Debug)]
 pub struct Diagnostics {
     master: Master,
@@ -115,5 +121,39 @@ impl Diagnostics {
             .get(slave)
             .copied()
             .ok_or(Error::SlaveIndex { slave, count: self.positions.len() })
+    }
+}
+
+impl Adapter {
+    /// Runs `work` with a diagnostics handle of its own, while the cycle goes on.
+    ///
+    /// On an active bus `work` runs on another thread and `cycle` on this one, every cycle, until
+    /// `work` is done; otherwise `work` just runs. Blocks; for SDO transfers in or between
+    /// cycles use [`create_sdo_request`](Self::create_sdo_request).
+    ///
+    /// # Errors
+    /// The handle cannot be opened. Errors of single cycles do not end the work.
+    pub fn diagnose<R: Send>(
+        &mut self,
+        mut cycle: impl FnMut(&mut Self) -> Result<(), CycleError>,
+        work: impl FnOnce(&Diagnostics) -> R + Send,
+    ) -> Result<R, Error> {
+        if self.phase != Phase::Active {
+            return Ok(work(&self.diagnostics));
+        }
+        let diagnostics = self.open_diagnostics()?;
+        let clock = self.ecrt.clock().clone();
+        let cycle_ns = u64::from(self.config.cycle_ns);
+        thread::scope(|scope| {
+            let worker = scope.spawn(move || work(&diagnostics));
+            let mut next = clock.now_ns();
+            while !worker.is_finished() {
+                // The transfer needs the bus to go on, whatever a single cycle says.
+                let _ = cycle(self);
+                next += cycle_ns;
+                clock.sleep_until_ns(next);
+            }
+            worker.join().map_err(|panic| std::panic::resume_unwind(panic))
+        })
     }
 }

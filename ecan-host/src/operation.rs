@@ -7,9 +7,11 @@ use ecrt_sys::{Master, RegRequestId, RequestState, SlaveConfigState};
 
 use crate::adapter::{Adapter, Phase};
 use crate::capacity::Capacity;
+use crate::config::SlaveSettings;
 use crate::cycle::CycleError;
+use crate::diagnostics::Diagnostics;
 use crate::error::{Error, al_state_words};
-use crate::startup::{StartupStep, startup_list};
+use crate::startup::{StartupStep, run_steps, startup_list};
 
 /// ESC register of the AL status code.
 const AL_STATUS_CODE_REGISTER: u16 = 0x0134;
@@ -157,7 +159,8 @@ impl Adapter {
             let now = clock.now_ns();
             let stuck = now >= inspect && self.a_slave_is_stuck();
             if stuck || now >= deadline {
-                let report = self.not_operational((now - start) / 1_000_000)?;
+                let waited_ms = (now - start) / 1_000_000;
+                let report = self.not_operational(waited_ms, &mut cycle)?;
                 return Err(Error::NotOperational(Box::new(report)));
             }
             if now >= inspect {
@@ -204,23 +207,37 @@ impl Adapter {
         })
     }
 
-    fn not_operational(&self, waited_ms: u64) -> Result<NotOperational, Error> {
+    fn not_operational(
+        &mut self,
+        waited_ms: u64,
+        cycle: &mut impl FnMut(&mut Self) -> Result<(), CycleError>,
+    ) -> Result<NotOperational, Error> {
         let mut slaves = Vec::new();
         for slave in 0..self.slaves.len() {
             let state = self.slave_state(slave)?;
             if !state.operational || !self.domain_report(slave).is_complete() {
-                slaves.push(self.slave_report(slave, state)?);
+                slaves.push(self.slave_report(slave, state, cycle)?);
             }
         }
         Ok(NotOperational { waited_ms, slaves })
     }
 
-    fn slave_report(&self, slave: usize, state: SlaveConfigState) -> Result<SlaveReport, Error> {
+    fn slave_report(
+        &mut self,
+        slave: usize,
+        state: SlaveConfigState,
+        cycle: &mut impl FnMut(&mut Self) -> Result<(), CycleError>,
+    ) -> Result<SlaveReport, Error> {
         let info = self.diagnostics.slave_info(slave).ok();
         let online = state.online;
         let al_state = info.as_ref().map(|info| info.al_state).or(online.then_some(state.al_state));
-        let hangs = online && al_state.is_some_and(is_preop);
-        let settings = &self.config.slaves[slave];
+        let working_counter = self.domain_report(slave).working_counter;
+        let settings = self.config.slaves[slave].clone();
+        let cause = if online && al_state.is_some_and(is_preop) {
+            self.diagnose(cycle, |diagnostics| cause_in_preop(diagnostics, slave, &settings))?
+        } else {
+            None
+        };
         Ok(SlaveReport {
             slave,
             alias: settings.alias,
@@ -229,24 +246,23 @@ impl Adapter {
             al_state,
             error_flag: info.is_some_and(|info| info.error_flag),
             al_status_code: self.slave(slave)?.al_status.last,
-            cause: if hangs { self.cause_in_preop(slave).map(Box::new) } else { None },
-            working_counter: self.domain_report(slave).working_counter,
+            cause: cause.map(Box::new),
+            working_counter,
         })
     }
+}
 
-    /// Why a slave does not leave PREOP: a startup step that fails when it is tried again, or a
-    /// profile that does not fit the process data, which the gateway answers with AL status
-    /// 0x001D or 0x001E.
-    fn cause_in_preop(&self, slave: usize) -> Option<Error> {
-        let settings = &self.config.slaves[slave];
-        if let Err(error) = self.run_startup(slave, &startup_list(settings)) {
-            return Some(error);
-        }
-        let capacity = Capacity::new(settings.rx_multiplier, settings.tx_multiplier);
-        let sizes = [(Direction::RxPdo, capacity.rx_bytes), (Direction::TxPdo, capacity.tx_bytes)];
-        sizes.into_iter().find_map(|(direction, bytes)| {
-            let step = StartupStep::expect(direction.profile_object(), 9, bytes as u32);
-            self.run_startup(slave, &[step]).err()
-        })
-    }
+/// Why a slave does not leave PREOP: a startup step that fails when it is tried again, or a profile
+/// that does not fit the process data, which the gateway answers with AL status 0x001D or 0x001E.
+fn cause_in_preop(
+    diagnostics: &Diagnostics,
+    slave: usize,
+    settings: &SlaveSettings,
+) -> Option<Error> {
+    let capacity = Capacity::new(settings.rx_multiplier, settings.tx_multiplier);
+    let sizes = [(Direction::RxPdo, capacity.rx_bytes), (Direction::TxPdo, capacity.tx_bytes)];
+    let fits = sizes
+        .map(|(direction, bytes)| StartupStep::expect(direction.profile_object(), 9, bytes as u32));
+    let steps = [startup_list(settings), fits.to_vec()].concat();
+    run_steps(diagnostics, slave, &steps).err()
 }

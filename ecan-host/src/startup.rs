@@ -10,6 +10,8 @@ use std::fmt;
 use ecan_protocol::{Direction, SdoWrite, assignment_writes};
 
 use crate::config::SlaveSettings;
+use crate::diagnostics::Diagnostics;
+use crate::error::Error;
 
 /// What an object must read.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -97,6 +99,30 @@ pub(crate) fn startup_list(slave: &SlaveSettings) -> Vec<StartupStep> {
     steps.extend(rx.chain(tx).map(StartupStep::Download));
     steps.extend_from_slice(others);
     steps
+}
+
+/// Runs steps with blocking transfers.
+pub(crate) fn run_steps(
+    diagnostics: &Diagnostics,
+    slave: usize,
+    steps: &[StartupStep],
+) -> Result<(), Error> {
+    for step in steps {
+        match *step {
+            StartupStep::Download(sdo) => {
+                let (bytes, length) = sdo.bytes();
+                let data = bytes.get(..length).unwrap_or_default();
+                diagnostics.sdo_download(slave, sdo.index, sdo.subindex, data)?;
+            }
+            StartupStep::Expect { index, subindex, expected } => {
+                let found = diagnostics.sdo_upload_u32(slave, index, subindex)?;
+                if !expected.is_met_by(found) {
+                    return Err(Error::Readback { slave, index, subindex, expected, found });
+                }
+            }
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

@@ -5,8 +5,8 @@ mod common;
 
 use common::{open, raw_config, run, simulated};
 use ecan_host::{
-    Adapter, AdapterConfig, DcSync, Delivery, Error, Master, Phase, RequestState, StartupStep,
-    WcState,
+    Adapter, AdapterConfig, DcSync, Delivery, Diagnostics, Error, Master, Phase, RequestState,
+    StartupStep, WcState,
 };
 use ecan_protocol::{
     CanFrame, CanId, CommitFields, Direction, ImageWriter, McanChannelConfig, ObjectType, SdoWrite,
@@ -208,5 +208,9 @@ fn the_startup_list_is_sent_again_after_a_power_cycle() {
     run(&mut adapter, 200);
     assert!(!adapter.domain_is_complete());
     adapter.wait_op(30_000).unwrap();
-    assert_eq!(adapter.diagnostics().sdo_upload_u32(0, 0x8000, 10).unwrap(), 4711);
+    let read = |diagnostics: &Diagnostics| diagnostics.sdo_upload_u32(0, 0x8000, 10).unwrap();
+    let cycle = |adapter: &mut Adapter| adapter.receive().and_then(|()| adapter.send());
+    assert_eq!(adapter.diagnose(cycle, read).unwrap(), 4711);
+    let complaints = simulation.kernel_log();
+    assert!(!complaints.iter().any(|line| line.starts_with("simulator:")), "{complaints:?}");
 }

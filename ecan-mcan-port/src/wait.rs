@@ -1,4 +1,6 @@
-//! Waiting until every gateway is in service.
+//! Running the cycle while something slower is waited for.
+
+use ecan_host::{Adapter, Diagnostics};
 
 use crate::cycle;
 use crate::error::PortError;
@@ -40,5 +42,22 @@ impl Port {
         // The next exchange is due one cycle after the last one, not at once.
         clock.sleep_until_ns(next + u64::from(self.adapter.config().cycle_ns));
         Ok(())
+    }
+
+    /// Runs `work` with a diagnostics handle of its own while the cycle goes on: blocking SDO
+    /// transfers on a running bus. Received frames are thrown away meanwhile, and nothing is sent.
+    ///
+    /// # Errors
+    /// The handle cannot be opened.
+    pub fn diagnose<R: Send>(
+        &mut self,
+        work: impl FnOnce(&Diagnostics) -> R + Send,
+    ) -> Result<R, PortError> {
+        let Self { adapter, gateways, .. } = self;
+        let cycle = |adapter: &mut Adapter| {
+            cycle::begin(adapter, gateways)?;
+            cycle::end(adapter, gateways)
+        };
+        Ok(adapter.diagnose(cycle, work)?)
     }
 }

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Bench, READY_MS, classic, frame, frames_of, id};
-use ecan_host::{AdapterConfig, Error};
+use ecan_host::{AdapterConfig, Diagnostics, Error};
 use ecan_mcan_port::{
     GatewayConfig, ImageReport, NoRoom, Port, PortConfig, PortError, SendError, Session,
     VerificationFault,
@@ -162,9 +162,11 @@ fn f08_a_power_cycled_gateway_comes_back_configured_and_verified() {
     assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
     let cycles = bench.until(30_000, Port::is_ready).expect("back in service");
     assert!(cycles > 500, "after {cycles} cycles of 1 ms");
-    let diagnostics = bench.port.adapter().diagnostics();
-    assert_eq!(diagnostics.sdo_upload_u32(0, 0x8011, 9).unwrap(), 1024);
-    assert_eq!(diagnostics.sdo_upload_u32(0, 0x8001, 19).unwrap(), 1_000_000);
+    let read = |index, subindex| {
+        move |diagnostics: &Diagnostics| diagnostics.sdo_upload_u32(0, index, subindex).unwrap()
+    };
+    assert_eq!(bench.port.diagnose(read(0x8011, 9)).unwrap(), 1024);
+    assert_eq!(bench.port.diagnose(read(0x8001, 19)).unwrap(), 1_000_000);
     bench.resync();
     let frames: Vec<CanFrame> = (3..40).map(|n| frame(n, &[9])).collect();
     let back: Vec<_> = bench.carry(0, &frames, 100).iter().map(|f| f.frame).collect();

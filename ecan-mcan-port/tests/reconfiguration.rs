@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Bench, READY_MS, classic, frame};
-use ecan_host::{AdapterConfig, Phase};
+use ecan_host::{AdapterConfig, Diagnostics, Phase};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortError};
 
 fn adapter(multiplier: u8) -> AdapterConfig {
@@ -19,12 +19,12 @@ fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
         bench.port.reconfigure(adapter(multiplier), config.clone()).unwrap();
         assert_eq!(bench.port.adapter().phase(), Phase::Configured);
         bench.port.wait_ready(READY_MS).unwrap();
-        bench.resync();
+        let read = |diagnostics: &Diagnostics| {
+            [0x8010, 0x8011].map(|object| diagnostics.sdo_upload_u32(0, object, 9).unwrap())
+        };
         let bytes = u32::from(multiplier) * 128;
-        for object in [0x8010, 0x8011] {
-            let diagnostics = bench.port.adapter().diagnostics();
-            assert_eq!(diagnostics.sdo_upload_u32(0, object, 9).unwrap(), bytes);
-        }
+        assert_eq!(bench.port.diagnose(read).unwrap(), [bytes; 2]);
+        bench.resync();
         let frames: Vec<_> = (0..30).map(|n| frame(n, &[multiplier])).collect();
         let back: Vec<_> = bench.carry(0, &frames, 100).iter().map(|f| f.frame).collect();
         assert_eq!(back, frames, "N = {multiplier}");

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Bench, classic};
-use ecan_host::{AdapterConfig, Error, Expectation, StartupStep};
+use ecan_host::{AdapterConfig, Diagnostics, Error, Expectation, StartupStep};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortConfigFault, PortError};
 use ecan_protocol::{FilterAction, OptionFlags, StandardFilter, StandardMatch};
 
@@ -100,8 +100,7 @@ fn every_fault_of_both_configurations_is_reported_at_once() {
 
 #[test]
 fn a_gateway_whose_can_side_is_cut_off_by_a_test_is_refused_unless_allowed() {
-    let cut_off = |bench: &Bench| {
-        let diagnostics = bench.port.adapter().diagnostics();
+    let cut_off = |diagnostics: &Diagnostics| {
         let key = 0x4543_414E_u32.to_le_bytes();
         diagnostics.sdo_download(0, 0x8030, 1, &key).unwrap();
         diagnostics.sdo_download(0, 0x8030, 6, &[3]).unwrap();
@@ -109,7 +108,7 @@ fn a_gateway_whose_can_side_is_cut_off_by_a_test_is_refused_unless_allowed() {
     let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
     let mut gateway = GatewayConfig::on_channel(0, classic());
     let mut bench = Bench::single(gateway.clone());
-    cut_off(&bench);
+    bench.port.diagnose(cut_off).unwrap();
     let config = PortConfig::uniform(1, gateway.clone());
     let refused = bench.port.reconfigure(adapter.clone(), config).unwrap_err();
     let PortError::Adapter(Error::Readback { index: 0x8030, subindex: 6, found: 3, .. }) = refused

@@ -105,12 +105,7 @@ impl AbortCode {
 impl fmt::Display for AbortCode {
     /// `0x06090030 value range exceeded`
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "0x{:08X} {}",
-            self.0,
-            self.meaning().unwrap_or("unknown abort code")
-        )
+        write!(f, "0x{:08X} {}", self.0, self.meaning().unwrap_or("unknown abort code"))
     }
 }
 

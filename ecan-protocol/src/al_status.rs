@@ -146,12 +146,7 @@ impl AlStatusCode {
 impl fmt::Display for AlStatusCode {
     /// `0x001B sync manager watchdog: outputs did not arrive in time`
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(
-            f,
-            "0x{:04X} {}",
-            self.0,
-            self.meaning().unwrap_or("unknown AL status code")
-        )
+        write!(f, "0x{:04X} {}", self.0, self.meaning().unwrap_or("unknown AL status code"))
     }
 }
 

@@ -60,18 +60,10 @@ impl Phase {
     /// Register limits of the phase.
     pub const fn limits(self) -> TimingLimits {
         match self {
-            Self::Nominal => TimingLimits {
-                brp_max: 512,
-                tseg1: (2, 256),
-                tseg2: (2, 128),
-                sjw_max: 128,
-            },
-            Self::Data => TimingLimits {
-                brp_max: 32,
-                tseg1: (1, 32),
-                tseg2: (1, 16),
-                sjw_max: 16,
-            },
+            Self::Nominal => {
+                TimingLimits { brp_max: 512, tseg1: (2, 256), tseg2: (2, 128), sjw_max: 128 }
+            }
+            Self::Data => TimingLimits { brp_max: 32, tseg1: (1, 32), tseg2: (1, 16), sjw_max: 16 },
         }
     }
 }
@@ -217,34 +209,17 @@ impl fmt::Display for BitTimingError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match *self {
             Self::Zero => f.write_str("clock and bit rate must not be 0"),
-            Self::Window {
-                min_permille,
-                max_permille,
-            } => write!(
+            Self::Window { min_permille, max_permille } => write!(
                 f,
                 "sample point window {}..{} is not a range inside 0..100 %",
                 Permille(min_permille),
                 Permille(max_permille)
             ),
-            Self::Bitrate {
-                clock_hz,
-                bitrate,
-                below,
-                above,
-            } => {
-                write!(
-                    f,
-                    "{bitrate} bit/s cannot be divided from a clock of {clock_hz} Hz"
-                )?;
+            Self::Bitrate { clock_hz, bitrate, below, above } => {
+                write!(f, "{bitrate} bit/s cannot be divided from a clock of {clock_hz} Hz")?;
                 write_nearest(f, below, above, " bit/s")
             }
-            Self::SamplePoint {
-                bitrate,
-                min_permille,
-                max_permille,
-                below,
-                above,
-            } => {
+            Self::SamplePoint { bitrate, min_permille, max_permille, below, above } => {
                 write!(
                     f,
                     "no sample point between {} and {} at {bitrate} bit/s",
@@ -293,13 +268,7 @@ pub fn solve_nominal(
     sample_point_min: u16,
     sample_point_max: u16,
 ) -> Result<BitTiming, BitTimingError> {
-    solve(
-        Phase::Nominal,
-        clock_hz,
-        bitrate,
-        sample_point_min,
-        sample_point_max,
-    )
+    solve(Phase::Nominal, clock_hz, bitrate, sample_point_min, sample_point_max)
 }
 
 /// Solves the CAN FD data timing; arguments and errors as for [`solve_nominal`].
@@ -312,13 +281,7 @@ pub fn solve_data(
     sample_point_min: u16,
     sample_point_max: u16,
 ) -> Result<BitTiming, BitTimingError> {
-    solve(
-        Phase::Data,
-        clock_hz,
-        bitrate,
-        sample_point_min,
-        sample_point_max,
-    )
+    solve(Phase::Data, clock_hz, bitrate, sample_point_min, sample_point_max)
 }
 
 fn solve(
@@ -332,10 +295,7 @@ fn solve(
         return Err(BitTimingError::Zero);
     }
     if min_permille > max_permille || max_permille > 1000 {
-        return Err(BitTimingError::Window {
-            min_permille,
-            max_permille,
-        });
+        return Err(BitTimingError::Window { min_permille, max_permille });
     }
     let window = (u32::from(min_permille), u32::from(max_permille));
     let mut best: Option<(u64, BitTiming)> = None;
@@ -364,13 +324,9 @@ fn solve(
     }
     match best {
         Some((_, timing)) => Ok(timing),
-        None if bitrate_possible => Err(BitTimingError::SamplePoint {
-            bitrate,
-            min_permille,
-            max_permille,
-            below,
-            above,
-        }),
+        None if bitrate_possible => {
+            Err(BitTimingError::SamplePoint { bitrate, min_permille, max_permille, below, above })
+        }
         None => Err(nearest_bitrates(phase, clock_hz, bitrate)),
     }
 }
@@ -395,10 +351,7 @@ fn quanta_for(phase: Phase, clock_hz: u32, bitrate: u32, brp: u16) -> Option<(u3
 
 enum Placed {
     Inside(BitTiming),
-    Outside {
-        before: Option<SamplePoint>,
-        behind: Option<SamplePoint>,
-    },
+    Outside { before: Option<SamplePoint>, behind: Option<SamplePoint> },
 }
 
 /// Chooses the segments of a bit of so many quanta.
@@ -426,12 +379,7 @@ fn place_sample_point(phase: Phase, brp: u16, quanta: u32, window: (u32, u32)) -
     match inside {
         Some((_, at)) => {
             let (tseg1, tseg2) = ((at - 1) as u16, (quanta - at) as u16);
-            Placed::Inside(BitTiming {
-                brp,
-                tseg1,
-                tseg2,
-                sjw: tseg2.min(tseg1).min(l.sjw_max),
-            })
+            Placed::Inside(BitTiming { brp, tseg1, tseg2, sjw: tseg2.min(tseg1).min(l.sjw_max) })
         }
         None => Placed::Outside { before, behind },
     }
@@ -458,10 +406,5 @@ fn nearest_bitrates(phase: Phase, clock_hz: u32, bitrate: u32) -> BitTimingError
             above = Some(above.map_or(rate, |a: u32| a.min(rate)));
         }
     }
-    BitTimingError::Bitrate {
-        clock_hz,
-        bitrate,
-        below: below.filter(|&b| b > 0),
-        above,
-    }
+    BitTimingError::Bitrate { clock_hz, bitrate, below: below.filter(|&b| b > 0), above }
 }

@@ -120,16 +120,8 @@ impl MessageRamLayout {
     /// The device default: elements of 64 bytes for any CAN FD frame.
     pub const fn fd() -> Self {
         Self {
-            rx_fifo0: RxFifo {
-                mode: FifoMode::Blocking,
-                size: 48,
-                data_size: DataSize::B64,
-            },
-            rx_fifo1: RxFifo {
-                mode: FifoMode::Blocking,
-                size: 12,
-                data_size: DataSize::B64,
-            },
+            rx_fifo0: RxFifo { mode: FifoMode::Blocking, size: 48, data_size: DataSize::B64 },
+            rx_fifo1: RxFifo { mode: FifoMode::Blocking, size: 12, data_size: DataSize::B64 },
             rx_buffer_count: 12,
             rx_buffer_data_size: DataSize::B64,
             tx_mode: TxMode::Fifo,
@@ -144,16 +136,8 @@ impl MessageRamLayout {
     /// of full length.
     pub const fn classic() -> Self {
         Self {
-            rx_fifo0: RxFifo {
-                mode: FifoMode::Blocking,
-                size: 64,
-                data_size: DataSize::B8,
-            },
-            rx_fifo1: RxFifo {
-                mode: FifoMode::Blocking,
-                size: 64,
-                data_size: DataSize::B8,
-            },
+            rx_fifo0: RxFifo { mode: FifoMode::Blocking, size: 64, data_size: DataSize::B8 },
+            rx_fifo1: RxFifo { mode: FifoMode::Blocking, size: 64, data_size: DataSize::B8 },
             rx_buffer_data_size: DataSize::B8,
             tx_data_size: DataSize::B8,
             ..Self::fd()

@@ -19,12 +19,7 @@ pub struct SdoWrite {
 
 impl SdoWrite {
     pub(crate) const fn new(index: u16, subindex: u8, ty: ObjectType, value: u32) -> Self {
-        Self {
-            index,
-            subindex,
-            value,
-            ty,
-        }
+        Self { index, subindex, value, ty }
     }
 
     /// The value as it is sent, little-endian, and how many of the four bytes count.

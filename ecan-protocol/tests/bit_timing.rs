@@ -9,12 +9,7 @@ use proptest::prelude::*;
 const CLOCK: u32 = MCAN_CLOCK_HZ;
 
 fn timing(brp: u16, tseg1: u16, tseg2: u16, sjw: u16) -> BitTiming {
-    BitTiming {
-        brp,
-        tseg1,
-        tseg2,
-        sjw,
-    }
+    BitTiming { brp, tseg1, tseg2, sjw }
 }
 
 #[test]
@@ -34,11 +29,7 @@ fn nominal_timings_worked_out_by_hand() {
         (10_000, 750, 875, timing(25, 256, 63, 63)),
         (10_000, 875, 875, timing(40, 174, 25, 25)),
     ] {
-        assert_eq!(
-            solve_nominal(CLOCK, bitrate, min, max),
-            Ok(expected),
-            "{bitrate}"
-        );
+        assert_eq!(solve_nominal(CLOCK, bitrate, min, max), Ok(expected), "{bitrate}");
         assert_eq!(expected.bitrate(CLOCK), bitrate);
         assert!(expected.fits(Phase::Nominal));
     }
@@ -73,10 +64,7 @@ fn five_megabit_has_three_sample_points_in_the_default_window() {
         }
     }
     found.dedup();
-    assert_eq!(
-        found,
-        [SamplePoint(7500), SamplePoint(8125), SamplePoint(8750)]
-    );
+    assert_eq!(found, [SamplePoint(7500), SamplePoint(8125), SamplePoint(8750)]);
 }
 
 #[test]
@@ -114,14 +102,9 @@ fn impossible_bit_rates_name_the_nearest() {
         })
     );
     assert_eq!(solve_nominal(CLOCK, 0, 750, 875), Err(BitTimingError::Zero));
+    assert_eq!(solve_nominal(0, 500_000, 750, 875), Err(BitTimingError::Zero));
     assert_eq!(
-        solve_nominal(0, 500_000, 750, 875),
-        Err(BitTimingError::Zero)
-    );
-    assert_eq!(
-        solve_nominal(CLOCK, 500_000, 875, 750)
-            .unwrap_err()
-            .to_string(),
+        solve_nominal(CLOCK, 500_000, 875, 750).unwrap_err().to_string(),
         "sample point window 87.5 %..75 % is not a range inside 0..100 %"
     );
 }

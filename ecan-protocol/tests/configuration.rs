@@ -57,26 +57,17 @@ fn phase_c_golden() {
         ]
     );
     in_table(&writes);
-    assert_eq!(
-        writes[0].to_string(),
-        "0x8010:03 TxPDO Profile Control / PDO size multiplier = 8"
-    );
+    assert_eq!(writes[0].to_string(), "0x8010:03 TxPDO Profile Control / PDO size multiplier = 8");
 }
 
 #[test]
 fn session_commands() {
     assert_eq!(
-        sent(&session_command_write(
-            Direction::RxPdo,
-            SessionCommand::ResetAndClear
-        )),
+        sent(&session_command_write(Direction::RxPdo, SessionCommand::ResetAndClear)),
         (0x8011, 8, 1, 3)
     );
     assert_eq!(
-        sent(&session_command_write(
-            Direction::TxPdo,
-            SessionCommand::ResetSession
-        )),
+        sent(&session_command_write(Direction::TxPdo, SessionCommand::ResetSession)),
         (0x8010, 8, 1, 1)
     );
 }
@@ -87,10 +78,7 @@ fn data_path_default_is_the_device_default() {
     assert_eq!(config.active_word(), 0x5405_9201);
     let writes = config.writes(3);
     let expected: Vec<u8> = std::iter::once(1).chain(4..=19).collect();
-    assert_eq!(
-        writes.iter().map(|w| w.subindex).collect::<Vec<_>>(),
-        expected
-    );
+    assert_eq!(writes.iter().map(|w| w.subindex).collect::<Vec<_>>(), expected);
     for write in &writes {
         let (_, entry) = lookup(write.index, write.subindex).unwrap();
         assert_eq!(entry.default, Some(write.value), "{write}");
@@ -122,10 +110,7 @@ fn active_word_packs_each_field_where_the_manual_says() {
         ..DataPathConfig::default()
     };
     // From the top: 00 10 0111 0010 10 11 01 10 1000 0001 0000.
-    assert_eq!(
-        config.active_word(),
-        0b0010_0111_0010_1011_0110_1000_0001_0000
-    );
+    assert_eq!(config.active_word(), 0b0010_0111_0010_1011_0110_1000_0001_0000);
 }
 
 #[test]
@@ -146,22 +131,12 @@ fn data_path_follows_the_traffic() {
 #[test]
 fn data_path_faults() {
     let mut found = Vec::new();
-    let config = DataPathConfig {
-        rx_drain_min: 9,
-        tx_budget_min: 5,
-        ..DataPathConfig::default()
-    };
+    let config = DataPathConfig { rx_drain_min: 9, tx_budget_min: 5, ..DataPathConfig::default() };
     config.check(&mut |fault| found.push(fault));
     assert_eq!(
         found,
         [
-            DataPathFault::Range {
-                index: 0x8021,
-                subindex: 4,
-                value: 9,
-                min: 0,
-                max: 8
-            },
+            DataPathFault::Range { index: 0x8021, subindex: 4, value: 9, min: 0, max: 8 },
             DataPathFault::RxBudget { min: 9, max: 2 },
             DataPathFault::TxBudget { min: 5, max: 4 },
         ]
@@ -185,12 +160,7 @@ fn global_data_path_writes() {
     let writes = DataPathGlobal::default().writes();
     assert_eq!(
         all_sent(&writes),
-        [
-            (0x8020, 4, 2, 3),
-            (0x8020, 5, 4, 0),
-            (0x8020, 6, 4, 0),
-            (0x8020, 7, 2, 1000)
-        ]
+        [(0x8020, 4, 2, 3), (0x8020, 5, 4, 0), (0x8020, 6, 4, 0), (0x8020, 7, 2, 1000)]
     );
     in_table(&writes);
     assert_eq!(sent(&DataPathGlobal::apply_write()), (0x8020, 2, 1, 1));
@@ -199,17 +169,10 @@ fn global_data_path_writes() {
 #[test]
 fn diagnostic_tests_need_the_key() {
     let mut found = Vec::new();
-    let locked = DiagnosticTest {
-        crc: CrcTest::Suppress,
-        ..DiagnosticTest::OFF
-    };
+    let locked = DiagnosticTest { crc: CrcTest::Suppress, ..DiagnosticTest::OFF };
     locked.check(&mut |fault| found.push(fault));
     assert_eq!(found, [DiagnosticFault::Locked]);
-    let wrong = DiagnosticTest {
-        key: 1,
-        rx_bypass: RxBypass(1),
-        ..DiagnosticTest::OFF
-    };
+    let wrong = DiagnosticTest { key: 1, rx_bypass: RxBypass(1), ..DiagnosticTest::OFF };
     found.clear();
     wrong.check(&mut |fault| found.push(fault));
     assert_eq!(found, [DiagnosticFault::Key(1), DiagnosticFault::RxBits(1)]);
@@ -228,12 +191,7 @@ fn diagnostic_tests_need_the_key() {
     assert_eq!(sent(&DiagnosticTest::OFF.writes()[5]), (0x8030, 1, 4, 0));
     in_table(&test.writes());
     let device = |subindex: u8| -> Result<u32, ()> {
-        Ok(test
-            .writes()
-            .iter()
-            .find(|w| w.subindex == subindex)
-            .unwrap()
-            .value)
+        Ok(test.writes().iter().find(|w| w.subindex == subindex).unwrap().value)
     };
     assert_eq!(DiagnosticTest::read(device), Ok(test));
 }

@@ -17,10 +17,7 @@ fn statuses_keep_their_numbers() {
         let known = !matches!(ApplyStatus::from_raw(raw), ApplyStatus::Unknown(_));
         assert_eq!(known, entry.meaning(raw.into()).is_some());
     }
-    assert_eq!(
-        ProfileStatus::from_raw(6).to_string(),
-        "6 (not in the manual)"
-    );
+    assert_eq!(ProfileStatus::from_raw(6).to_string(), "6 (not in the manual)");
 }
 
 #[test]
@@ -44,43 +41,24 @@ fn capabilities_of_a_factory_device() {
     }
     assert!(capabilities.supports_options(OptionFlags::ALL));
     assert_eq!(capabilities.serial_number, 0x0102_0304_0102_0304);
-    let limited = Capabilities {
-        option_mask: 0x01,
-        profile_mask: 0x01,
-        ..capabilities
-    };
+    let limited = Capabilities { option_mask: 0x01, profile_mask: 0x01, ..capabilities };
     assert!(!limited.supports_options(OptionFlags::ALIGN4));
     assert!(!limited.supports_profile(EncapsulationProfile::Window64));
     // Another device with an object 0xF000.
-    let other = Capabilities {
-        header_bytes: 0,
-        ..capabilities
-    };
+    let other = Capabilities { header_bytes: 0, ..capabilities };
     assert!(!other.looks_like_ecan_lite());
-    assert_eq!(
-        Capabilities::read(|s| if s == 9 { Err("lost") } else { Ok(0) }),
-        Err("lost")
-    );
+    assert_eq!(Capabilities::read(|s| if s == 9 { Err("lost") } else { Ok(0) }), Err("lost"));
 }
 
 #[test]
 fn codes_in_words() {
-    assert_eq!(
-        AbortCode::RANGE.to_string(),
-        "0x06090030 value range exceeded"
-    );
-    assert_eq!(
-        AbortCode(0xDEAD_BEEF).to_string(),
-        "0xDEADBEEF unknown abort code"
-    );
+    assert_eq!(AbortCode::RANGE.to_string(), "0x06090030 value range exceeded");
+    assert_eq!(AbortCode(0xDEAD_BEEF).to_string(), "0xDEADBEEF unknown abort code");
     assert_eq!(
         AlStatusCode::SM_WATCHDOG.to_string(),
         "0x001B sync manager watchdog: outputs did not arrive in time"
     );
-    assert_eq!(
-        AlStatusCode(0xFFFF).to_string(),
-        "0xFFFF unknown AL status code"
-    );
+    assert_eq!(AlStatusCode(0xFFFF).to_string(), "0xFFFF unknown AL status code");
     assert_eq!(AlState::from_status(0x14), Some(AlState::SafeOp));
     assert_eq!(AlState::from_status(0x05), None);
     assert_eq!(AlState::Op.to_string(), "OP");
@@ -117,10 +95,7 @@ fn codes_in_words() {
 fn phase_d_readback() {
     let profile = PdoProfile::default();
     assert_eq!(profile.word(), 0x0000_01E7);
-    let align4 = PdoProfile {
-        options: OptionFlags::ALIGN4,
-        ..profile
-    };
+    let align4 = PdoProfile { options: OptionFlags::ALIGN4, ..profile };
     assert_eq!(align4.word(), 0x0040_01E7);
     let device = |subindex| -> Result<u32, ()> {
         Ok(match subindex {
@@ -143,12 +118,6 @@ fn phase_d_readback() {
     };
     profile.verify(&other, &mut |mismatch| found.push(mismatch));
     assert_eq!(found.len(), 4);
-    assert_eq!(
-        found[0],
-        ProfileMismatch::Status(ProfileStatus::MappingReloadRequired)
-    );
-    assert_eq!(
-        found[3].to_string(),
-        "active profile word 0x000001E2 instead of 0x000001E7"
-    );
+    assert_eq!(found[0], ProfileMismatch::Status(ProfileStatus::MappingReloadRequired));
+    assert_eq!(found[3].to_string(), "active profile word 0x000001E2 instead of 0x000001E7");
 }

@@ -8,9 +8,7 @@ use ecan_protocol::{
 };
 
 fn entry(index: u16, subindex: u8) -> &'static Entry {
-    lookup(index, subindex)
-        .unwrap_or_else(|| panic!("{index:04X}:{subindex}"))
-        .1
+    lookup(index, subindex).unwrap_or_else(|| panic!("{index:04X}:{subindex}")).1
 }
 
 #[test]
@@ -55,10 +53,7 @@ fn objects_and_subindices_ascend_without_overlap() {
         next = last + 1;
         assert!(!object.entries.is_empty(), "{}", object.name);
         assert!(
-            object
-                .entries
-                .windows(2)
-                .all(|pair| pair[0].subindex < pair[1].subindex),
+            object.entries.windows(2).all(|pair| pair[0].subindex < pair[1].subindex),
             "{}",
             object.name
         );
@@ -135,23 +130,15 @@ fn spot_values() {
             "0x{index:04X}:{subindex}"
         );
     }
-    assert_eq!(
-        entry(0x8010, 2).meaning(5),
-        Some("master mapping reload required")
-    );
+    assert_eq!(entry(0x8010, 2).meaning(5), Some("master mapping reload required"));
     assert_eq!(entry(0x8010, 14).meaning(15), Some("bad CRC"));
-    assert_eq!(
-        entry(0x8030, 1).meaning(0x4543_414E),
-        Some("test controls allowed")
-    );
+    assert_eq!(entry(0x8030, 1).meaning(0x4543_414E), Some("test controls allowed"));
 }
 
 #[test]
 fn only_values_of_the_manual_are_accepted() {
     let accepted = |index, subindex, range: std::ops::Range<u32>| -> Vec<u32> {
-        range
-            .filter(|&value| entry(index, subindex).accepts(value))
-            .collect()
+        range.filter(|&value| entry(index, subindex).accepts(value)).collect()
     };
     assert_eq!(accepted(0x8010, 5, 0..64), [0, 1, 4, 5]);
     assert_eq!(accepted(0x8021, 7, 0..64), [0, 1, 2, 3, 8, 16, 24, 32]);
@@ -165,12 +152,7 @@ fn only_values_of_the_manual_are_accepted() {
 fn same_values(index: u16, subindex: u8, known: impl Fn(u8) -> bool) {
     let entry = entry(index, subindex);
     for raw in 0..=255 {
-        assert_eq!(
-            known(raw),
-            entry.accepts(raw.into()),
-            "{} {raw}",
-            describe(index, subindex)
-        );
+        assert_eq!(known(raw), entry.accepts(raw.into()), "{} {raw}", describe(index, subindex));
     }
 }
 
@@ -185,15 +167,11 @@ fn enumerations_and_table_agree() {
     same_values(0x8001, 61, |raw| FifoMode::from_raw(raw).is_some());
     same_values(0x8001, 65, |raw| DataSize::from_raw(raw).is_some());
     same_values(0x8001, 69, |raw| TxMode::from_raw(raw).is_some());
-    same_values(0x8010, 5, |raw| {
-        EncapsulationProfile::from_raw(raw).is_some()
-    });
+    same_values(0x8010, 5, |raw| EncapsulationProfile::from_raw(raw).is_some());
     same_values(0x8021, 6, |raw| RxBudget::from_raw(raw).is_some());
     same_values(0x8021, 7, |raw| CacheDepth::from_written(raw).is_some());
     same_values(0x8021, 8, |raw| RxOverflow::from_raw(raw).is_some());
-    same_values(0x8021, 9, |raw| {
-        CriticalFrames::from_raw(raw.into()).is_some()
-    });
+    same_values(0x8021, 9, |raw| CriticalFrames::from_raw(raw.into()).is_some());
     same_values(0x8021, 13, |raw| TxOverflow::from_raw(raw).is_some());
     same_values(0x8021, 14, |raw| BusOffRecovery::from_raw(raw).is_some());
     same_values(0x8030, 4, |raw| CrcTest::from_raw(raw).is_some());
@@ -235,14 +213,8 @@ fn mapping_objects_map_the_manuals_units() {
 #[test]
 fn entries_are_described_in_words() {
     let text = |index, subindex| describe(index, subindex).to_string();
-    assert_eq!(
-        text(0x8010, 3),
-        "0x8010:03 (TxPDO Profile Control, PDO size multiplier)"
-    );
-    assert_eq!(
-        text(0x8003, 15),
-        "0x8003:15 (MCAN Channel Config 2, FD enable)"
-    );
+    assert_eq!(text(0x8010, 3), "0x8010:03 (TxPDO Profile Control, PDO size multiplier)");
+    assert_eq!(text(0x8003, 15), "0x8003:15 (MCAN Channel Config 2, FD enable)");
     assert_eq!(text(0x8010, 99), "0x8010:99 (TxPDO Profile Control)");
     assert_eq!(text(0x2000, 1), "0x2000:01");
 }

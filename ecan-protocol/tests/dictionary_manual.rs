@@ -17,9 +17,7 @@ struct Row {
 fn parse_row(line: &str, has_default: bool) -> Option<Row> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let subindex = words.first()?.parse().ok()?;
-    let access_at = words
-        .iter()
-        .position(|word| matches!(*word, "RO" | "RW" | "WO"))?;
+    let access_at = words.iter().position(|word| matches!(*word, "RO" | "RW" | "WO"))?;
     let ty = match *words.get(access_at.checked_sub(1)?)? {
         "U8" => ObjectType::U8,
         "U16" => ObjectType::U16,

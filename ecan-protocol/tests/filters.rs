@@ -80,22 +80,9 @@ fn filter_faults_name_their_place() {
     check_filters(&config, &[FILTER_A, FILTER_B], &[FILTER_X], &mut collect);
     config.ram.rx_buffer_count = 3;
     config.ram.rx_fifo1.size = 0;
-    let reversed = StandardFilter {
-        id1: 2,
-        id2: 1,
-        action: FilterAction::Fifo0,
-        ..FILTER_A
-    };
-    let wide = ExtendedFilter {
-        id1: 0x2000_0000,
-        ..FILTER_X
-    };
-    check_filters(
-        &config,
-        &[FILTER_A, FILTER_B, reversed],
-        &[wide; 25],
-        &mut collect,
-    );
+    let reversed = StandardFilter { id1: 2, id2: 1, action: FilterAction::Fifo0, ..FILTER_A };
+    let wide = ExtendedFilter { id1: 0x2000_0000, ..FILTER_X };
+    check_filters(&config, &[FILTER_A, FILTER_B, reversed], &[wide; 25], &mut collect);
     assert_eq!(
         found[..5],
         [

@@ -62,12 +62,8 @@ fn whole_channel_configuration() {
     let config = manual_channel();
     let all = all_sent(&config.writes(2));
     // 7..34, 36..40 and 61..87 without the two pads.
-    let expected: Vec<u8> = (7..=34)
-        .chain(36..=40)
-        .chain(61..=79)
-        .chain(81..=85)
-        .chain([87])
-        .collect();
+    let expected: Vec<u8> =
+        (7..=34).chain(36..=40).chain(61..=79).chain(81..=85).chain([87]).collect();
     assert_eq!(all.iter().map(|w| w.1).collect::<Vec<_>>(), expected);
     in_table(&config.writes(2));
     // It contains the manual's example unchanged and in its order.
@@ -109,18 +105,8 @@ fn raw_values_and_fields_are_inverse() {
         disable_auto_retransmission: true,
         nominal_bitrate: 1,
         data_bitrate: 2,
-        manual_nominal: BitTiming {
-            brp: 3,
-            tseg1: 4,
-            tseg2: 5,
-            sjw: 6,
-        },
-        manual_data: BitTiming {
-            brp: 7,
-            tseg1: 8,
-            tseg2: 9,
-            sjw: 10,
-        },
+        manual_nominal: BitTiming { brp: 3, tseg1: 4, tseg2: 5, sjw: 6 },
+        manual_data: BitTiming { brp: 7, tseg1: 8, tseg2: 9, sjw: 10 },
         tdc_offset: 11,
         tdc_filter: 12,
         non_match_standard: NonMatch::Fifo1,
@@ -134,16 +120,8 @@ fn raw_values_and_fields_are_inverse() {
             tx_fifo_size: 16,
             tx_event_size: 17,
             tx_mode: TxMode::Queue,
-            rx_fifo0: RxFifo {
-                mode: FifoMode::Overwrite,
-                size: 18,
-                data_size: DataSize::B12,
-            },
-            rx_fifo1: RxFifo {
-                mode: FifoMode::Overwrite,
-                size: 19,
-                data_size: DataSize::B16,
-            },
+            rx_fifo0: RxFifo { mode: FifoMode::Overwrite, size: 18, data_size: DataSize::B12 },
+            rx_fifo1: RxFifo { mode: FifoMode::Overwrite, size: 19, data_size: DataSize::B16 },
             rx_buffer_data_size: DataSize::B20,
             tx_data_size: DataSize::B24,
         },
@@ -170,10 +148,7 @@ fn raw_values_and_fields_are_inverse() {
     assert_eq!(copy, changed);
     // What no field can hold is refused, with the field's name.
     let error = copy.set_value(8, 4).unwrap_err();
-    assert_eq!(
-        error.to_string(),
-        "4 is no value for Node mode (subindex 8)"
-    );
+    assert_eq!(error.to_string(), "4 is no value for Node mode (subindex 8)");
     assert!(copy.set_value(15, 2).is_err());
     assert!(copy.set_value(62, 256).is_err());
     assert!(copy.set_value(35, 0).is_err());
@@ -189,18 +164,10 @@ fn faults(config: &McanChannelConfig) -> Vec<ChannelFault> {
 
 #[test]
 fn convenient_configurations_are_valid() {
-    for bitrate in [
-        10_000, 20_000, 50_000, 83_333, 125_000, 250_000, 500_000, 800_000, 1_000_000,
-    ] {
-        assert_eq!(
-            faults(&McanChannelConfig::classic(bitrate)),
-            [],
-            "{bitrate}"
-        );
+    for bitrate in [10_000, 20_000, 50_000, 83_333, 125_000, 250_000, 500_000, 800_000, 1_000_000] {
+        assert_eq!(faults(&McanChannelConfig::classic(bitrate)), [], "{bitrate}");
     }
-    for data in [
-        500_000, 1_000_000, 2_000_000, 4_000_000, 5_000_000, 8_000_000,
-    ] {
+    for data in [500_000, 1_000_000, 2_000_000, 4_000_000, 5_000_000, 8_000_000] {
         assert_eq!(faults(&McanChannelConfig::fd(500_000, data)), [], "{data}");
     }
     let classic = McanChannelConfig::classic(1_000_000);
@@ -221,10 +188,7 @@ fn delay_compensation_is_forced_from_5_megabit_on() {
     assert!(config.tdc_runs());
     config.data_bitrate = 4_000_000;
     assert!(!config.tdc_runs());
-    let slow = McanChannelConfig {
-        tdc: true,
-        ..McanChannelConfig::fd(250_000, 500_000)
-    };
+    let slow = McanChannelConfig { tdc: true, ..McanChannelConfig::fd(250_000, 500_000) };
     assert_eq!(faults(&slow), [ChannelFault::TdcPrescaler { brp: 4 }]);
 }
 
@@ -249,51 +213,22 @@ fn every_fault_is_reported() {
         })
         .collect();
     assert_eq!(out_of_range, [19, 33, 40, 62, 74, 81, 85]);
-    assert!(found.iter().any(|f| matches!(
-        f,
-        ChannelFault::Timing {
-            phase: Phase::Data,
-            ..
-        }
-    )));
-    assert!(found.contains(&ChannelFault::TransmitElements {
-        fifo: 32,
-        dedicated: 1
-    }));
+    assert!(found.iter().any(|f| matches!(f, ChannelFault::Timing { phase: Phase::Data, .. })));
+    assert!(found.contains(&ChannelFault::TransmitElements { fifo: 32, dedicated: 1 }));
     assert!(found.contains(&ChannelFault::NonMatchWithoutFifo { fifo: 1 }));
-    assert!(found.contains(&ChannelFault::MessageRam {
-        bytes: 8192 + 17 * 72 - 12 * 72 + 72
-    }));
+    assert!(found.contains(&ChannelFault::MessageRam { bytes: 8192 + 17 * 72 - 12 * 72 + 72 }));
     assert_eq!(found.len(), 11);
     let texts: Vec<String> = found.iter().map(ToString::to_string).collect();
-    assert_eq!(
-        texts[0],
-        "Nominal bitrate (subindex 19) is 2000000, possible is 1..1000000"
-    );
-    assert!(
-        texts
-            .iter()
-            .any(|t| t.contains("nearest are 75 % and 81.25 %")),
-        "{texts:#?}"
-    );
+    assert_eq!(texts[0], "Nominal bitrate (subindex 19) is 2000000, possible is 1..1000000");
+    assert!(texts.iter().any(|t| t.contains("nearest are 75 % and 81.25 %")), "{texts:#?}");
 }
 
 #[test]
 fn manual_timing_is_checked_against_registers_and_bit_rate() {
     let mut config = manual_channel();
     config.bit_timing_mode = BitTimingMode::Manual;
-    config.manual_nominal = BitTiming {
-        brp: 1,
-        tseg1: 69,
-        tseg2: 10,
-        sjw: 10,
-    };
-    config.manual_data = BitTiming {
-        brp: 1,
-        tseg1: 13,
-        tseg2: 2,
-        sjw: 2,
-    };
+    config.manual_nominal = BitTiming { brp: 1, tseg1: 69, tseg2: 10, sjw: 10 };
+    config.manual_data = BitTiming { brp: 1, tseg1: 13, tseg2: 2, sjw: 2 };
     assert_eq!(faults(&config), []);
     config.manual_nominal.brp = 2;
     config.manual_data.sjw = 3;
@@ -305,27 +240,16 @@ fn manual_timing_is_checked_against_registers_and_bit_rate() {
                 configured: 1_000_000,
                 actual: 500_000
             },
-            ChannelFault::ManualTiming {
-                phase: Phase::Data,
-                timing: config.manual_data
-            },
+            ChannelFault::ManualTiming { phase: Phase::Data, timing: config.manual_data },
         ]
     );
     // One byte holds TSEG1, though the register could take 256.
     config.manual_data.sjw = 2;
     config.nominal_bitrate = 250_000;
-    config.manual_nominal = BitTiming {
-        brp: 1,
-        tseg1: 256,
-        tseg2: 63,
-        sjw: 1,
-    };
+    config.manual_nominal = BitTiming { brp: 1, tseg1: 256, tseg2: 63, sjw: 1 };
     assert_eq!(
         faults(&config),
-        [ChannelFault::ManualTiming {
-            phase: Phase::Nominal,
-            timing: config.manual_nominal
-        }]
+        [ChannelFault::ManualTiming { phase: Phase::Nominal, timing: config.manual_nominal }]
     );
     // Unset timing, as it is in automatic mode.
     config.manual_nominal = BitTiming::default();
@@ -340,8 +264,8 @@ fn listening_needs_no_transmit_elements() {
     config.node_mode = NodeMode::Listen;
     assert_eq!(faults(&config), []);
     config.data_bitrate = 250_000;
-    assert!(faults(&config).contains(&ChannelFault::DataBelowNominal {
-        nominal: 500_000,
-        data: 250_000
-    }));
+    assert!(
+        faults(&config)
+            .contains(&ChannelFault::DataBelowNominal { nominal: 500_000, data: 250_000 })
+    );
 }

@@ -127,7 +127,7 @@ pub struct Backend {
 #[derive(Debug, thiserror::Error)]
 pub enum BackendError {
     /// The real library.
-    #[error(transparent)]
+    #[error("{0}; without hardware choose the simulated master with the setting `sim`")]
     Load(#[from] LoadError),
     /// No built-in scenario has this name.
     #[error(

@@ -44,10 +44,7 @@ impl World {
     ///
     /// # Errors
     /// A candump log that cannot be read.
-    pub(crate) fn new(
-        scenario: &Scenario,
-        now: u64,
-    ) -> Result<Self, crate::backend::BackendError> {
+    pub(crate) fn new(scenario: &Scenario, now: u64) -> Result<Self, crate::backend::BackendError> {
         let mut world = Self {
             now,
             start: now,

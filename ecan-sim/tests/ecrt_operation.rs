@@ -5,7 +5,7 @@ mod ecrt_support;
 use ecan_protocol::{CanFrame, CanId};
 use ecan_sim::{EcrtVersion, Scenario, echo};
 use ecrt_support::{PATIENCE, Program, stepped, stepped_echo};
-use ecrt_sys::{Clock, Errno, WcState};
+use ecrt_sys::{Errno, WcState};
 
 fn frame(id: u16, data: &[u8]) -> CanFrame {
     CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
@@ -17,7 +17,7 @@ fn scenario(version: EcrtVersion) -> Scenario {
 
 #[test]
 fn a_frame_crosses_the_bus_and_comes_back() {
-    let mut program = Program::new(stepped_echo(1), &[3]).to_op();
+    let mut program = Program::new(stepped_echo(1), &[3]).into_op();
     program.cycle_with(&[(0, 0, frame(0x123, &[1, 2, 3]))]);
     program.receive_frames(1);
     assert_eq!(program.received, [(0, 0, frame(0x123, &[1, 2, 3]))]);
@@ -27,7 +27,7 @@ fn a_frame_crosses_the_bus_and_comes_back() {
 
 #[test]
 fn three_slaves_carry_traffic_on_all_twelve_channels() {
-    let mut program = Program::new(stepped_echo(3), &[3, 8, 1]).to_op();
+    let mut program = Program::new(stepped_echo(3), &[3, 8, 1]).into_op();
     let mut sent = Vec::new();
     for slave in 0..3 {
         for channel in 0..4u8 {
@@ -53,7 +53,7 @@ fn working_counters_are_those_of_the_release() {
         (6, EcrtVersion::V1_5, 3),
         (11, EcrtVersion::V1_5, 3),
     ] {
-        let mut program = Program::new(stepped(scenario(version)), &[n]).to_op();
+        let mut program = Program::new(stepped(scenario(version)), &[n]).into_op();
         // The cycle in which OP was seen may be one with an input buffer not filled yet.
         program.cycles(5);
         assert_eq!(program.domain(0).working_counter, expected, "N = {n}, {version:?}");
@@ -89,7 +89,7 @@ fn what_is_queued_before_the_oversized_datagram_still_travels() {
 fn twelve_to_twenty_four_chunks_work_on_a_master_that_carries_them() {
     for n in [12, 24] {
         let carries = Scenario { carries_large_pdos: true, ..echo(1) };
-        let mut program = Program::new(stepped(carries), &[n]).to_op();
+        let mut program = Program::new(stepped(carries), &[n]).into_op();
         program.cycle_with(&[(0, 3, frame(0x7FF, &[9; 8]))]);
         program.receive_frames(1);
         assert_eq!(program.received, [(0, 3, frame(0x7FF, &[9; 8]))]);
@@ -99,14 +99,14 @@ fn twelve_to_twenty_four_chunks_work_on_a_master_that_carries_them() {
 #[test]
 fn two_slaves_in_one_domain_share_a_datagram() {
     // One domain each here; the sums per slave stay those of a single slave.
-    let program = Program::new(stepped_echo(2), &[3, 6]).to_op();
+    let program = Program::new(stepped_echo(2), &[3, 6]).into_op();
     assert_eq!(program.domain(0).working_counter, 3);
     assert_eq!(program.domain(1).working_counter, 2);
 }
 
 #[test]
 fn the_stepped_clock_moves_only_in_sleep() {
-    let mut program = Program::new(stepped_echo(1), &[3]).to_op();
+    let mut program = Program::new(stepped_echo(1), &[3]).into_op();
     let clock = program.backend.ecrt.clock().clone();
     let before = clock.now_ns();
     for _ in 0..10 {
@@ -123,7 +123,7 @@ fn the_stepped_clock_moves_only_in_sleep() {
 
 #[test]
 fn a_reply_needs_its_time_on_the_wire() {
-    let mut program = Program::new(stepped_echo(1), &[3]).to_op();
+    let mut program = Program::new(stepped_echo(1), &[3]).into_op();
     let domain = program.slaves[0].domain;
     let clock = program.backend.ecrt.clock().clone();
     program.master.receive().unwrap();
@@ -141,7 +141,7 @@ fn a_reply_needs_its_time_on_the_wire() {
 #[test]
 fn equal_scenarios_give_equal_runs() {
     let run = || {
-        let mut program = Program::new(stepped_echo(1), &[3]).to_op();
+        let mut program = Program::new(stepped_echo(1), &[3]).into_op();
         for id in 0..50 {
             program.cycle_with(&[(0, (id % 4) as u8, frame(id, &id.to_le_bytes()))]);
         }
@@ -157,12 +157,9 @@ fn equal_scenarios_give_equal_runs() {
 
 #[test]
 fn deactivation_brings_the_slaves_back_to_preop_and_another_n_works() {
-    let mut program = Program::new(stepped_echo(1), &[3]).to_op();
+    let mut program = Program::new(stepped_echo(1), &[3]).into_op();
     program.master.deactivate().unwrap();
-    assert_eq!(
-        program.master.domain_state(program.slaves[0].domain).unwrap_err(),
-        Errno::EBADF
-    );
+    assert_eq!(program.master.domain_state(program.slaves[0].domain).unwrap_err(), Errno::EBADF);
     let backend = program.backend.clone();
     drop(program);
     let mut again = Program::new(backend, &[8]);

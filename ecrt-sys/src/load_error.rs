@@ -91,9 +91,7 @@ fn advice_not_found(path: &std::path::Path, elsewhere: Option<&PathBuf>) -> Stri
         None if path.components().count() > 1 => {
             "name an existing libethercat, or none for the system's".into()
         }
-        None => "install the IgH EtherCAT master, or name the path of its libethercat; without \
-                 hardware choose the simulated one"
-            .into(),
+        None => "install the IgH EtherCAT master, or name the path of its libethercat".into(),
     }
 }
 

@@ -98,6 +98,15 @@ impl Bench {
     }
 }
 
+impl Drop for Bench {
+    /// The simulator complains about what a real master would hang on.
+    fn drop(&mut self) {
+        let log = self.simulation.kernel_log();
+        let complaint = log.iter().find(|line| line.starts_with("simulator:"));
+        assert!(complaint.is_none() || std::thread::panicking(), "{complaint:?}");
+    }
+}
+
 pub fn frames_of(items: &[Received]) -> Vec<ReceivedFrame> {
     items.iter().filter_map(Received::frame).copied().collect()
 }

@@ -7,11 +7,7 @@ use crate::sdo_write::SdoWrite;
 /// The downloads that assign the first `multiplier` chunks of a direction: count 0, the chunks,
 /// the count. A multiplier above 24 counts as 24.
 pub fn assignment_writes(direction: Direction, multiplier: u8) -> AssignmentWrites {
-    AssignmentWrites {
-        direction,
-        multiplier: multiplier.min(MAX_MULTIPLIER),
-        next: 0,
-    }
+    AssignmentWrites { direction, multiplier: multiplier.min(MAX_MULTIPLIER), next: 0 }
 }
 
 /// Iterator of [`assignment_writes`].

@@ -110,12 +110,7 @@ impl DataPathGlobal {
 
     /// Reports every fault.
     pub fn check(&self, report: &mut dyn FnMut(DataPathFault)) {
-        check_ranges(
-            GLOBAL_INDEX,
-            &GLOBAL_FIELDS,
-            |subindex| self.value(subindex),
-            report,
-        );
+        check_ranges(GLOBAL_INDEX, &GLOBAL_FIELDS, |subindex| self.value(subindex), report);
     }
 }
 
@@ -409,23 +404,12 @@ impl DataPathConfig {
 
     /// Reports every fault.
     pub fn check(&self, report: &mut dyn FnMut(DataPathFault)) {
-        check_ranges(
-            CHANNEL_INDEX,
-            &CHANNEL_FIELDS,
-            |subindex| self.value(subindex),
-            report,
-        );
+        check_ranges(CHANNEL_INDEX, &CHANNEL_FIELDS, |subindex| self.value(subindex), report);
         if self.rx_drain_min > self.rx_drain_max {
-            report(DataPathFault::RxBudget {
-                min: self.rx_drain_min,
-                max: self.rx_drain_max,
-            });
+            report(DataPathFault::RxBudget { min: self.rx_drain_min, max: self.rx_drain_max });
         }
         if self.tx_budget_min > self.tx_budget_max {
-            report(DataPathFault::TxBudget {
-                min: self.tx_budget_min,
-                max: self.tx_budget_max,
-            });
+            report(DataPathFault::TxBudget { min: self.tx_budget_min, max: self.tx_budget_max });
         }
     }
 }
@@ -443,13 +427,7 @@ fn check_ranges(
         let value = value(subindex).unwrap_or_default();
         if !(entry.min..=entry.max).contains(&value) {
             let (min, max) = (entry.min, entry.max);
-            report(DataPathFault::Range {
-                index,
-                subindex,
-                value,
-                min,
-                max,
-            });
+            report(DataPathFault::Range { index, subindex, value, min, max });
         }
     }
 }

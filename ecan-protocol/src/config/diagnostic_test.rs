@@ -174,11 +174,7 @@ impl DiagnosticTest {
         if self.key == 0 && !self.is_idle() {
             report(DiagnosticFault::Locked);
         }
-        let mask = |subindex| {
-            DIAGNOSTIC_TEST
-                .entry(subindex)
-                .map_or(0, |entry| entry.bit_mask())
-        };
+        let mask = |subindex| DIAGNOSTIC_TEST.entry(subindex).map_or(0, |entry| entry.bit_mask());
         if self.tx_bypass.0 & !mask(2) != 0 {
             report(DiagnosticFault::TxBits(self.tx_bypass.0));
         }

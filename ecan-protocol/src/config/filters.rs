@@ -212,18 +212,8 @@ struct Window {
     first_field: u8,
 }
 
-const STANDARD: Window = Window {
-    index: 43,
-    command: 45,
-    count: 49,
-    first_field: 50,
-};
-const EXTENDED: Window = Window {
-    index: 44,
-    command: 46,
-    count: 55,
-    first_field: 56,
-};
+const STANDARD: Window = Window { index: 43, command: 45, count: 49, first_field: 50 };
+const EXTENDED: Window = Window { index: 44, command: 46, count: 55, first_field: 56 };
 
 /// The downloads that give a channel (0..3) these filters, in the order of the manual: for each
 /// kind the count, then per filter the index, its five fields and the save command. The channel
@@ -235,24 +225,11 @@ pub fn filter_writes<'a>(
     standard: &'a [StandardFilter],
     extended: &'a [ExtendedFilter],
 ) -> impl Iterator<Item = SdoWrite> + 'a {
-    let standard = standard
-        .get(..usize::from(STANDARD_FILTERS_MAX))
-        .unwrap_or(standard);
-    let extended = extended
-        .get(..usize::from(EXTENDED_FILTERS_MAX))
-        .unwrap_or(extended);
-    window_writes(
-        channel,
-        &STANDARD,
-        standard.iter().map(RawFilter::from),
-        standard.len(),
+    let standard = standard.get(..usize::from(STANDARD_FILTERS_MAX)).unwrap_or(standard);
+    let extended = extended.get(..usize::from(EXTENDED_FILTERS_MAX)).unwrap_or(extended);
+    window_writes(channel, &STANDARD, standard.iter().map(RawFilter::from), standard.len()).chain(
+        window_writes(channel, &EXTENDED, extended.iter().map(RawFilter::from), extended.len()),
     )
-    .chain(window_writes(
-        channel,
-        &EXTENDED,
-        extended.iter().map(RawFilter::from),
-        extended.len(),
-    ))
 }
 
 fn window_writes<'a>(
@@ -366,11 +343,7 @@ pub fn check_filters(
 
 fn check_count(extended: bool, count: usize, max: u8, report: &mut dyn FnMut(FilterFault)) {
     if count > usize::from(max) {
-        report(FilterFault::TooMany {
-            extended,
-            count,
-            max,
-        });
+        report(FilterFault::TooMany { extended, count, max });
     }
 }
 
@@ -381,20 +354,11 @@ fn check_filter(
     filter: &RawFilter,
     report: &mut dyn FnMut(FilterFault),
 ) {
-    let max = if extended {
-        EXTENDED_ID_MAX
-    } else {
-        STANDARD_ID_MAX
-    };
+    let max = if extended { EXTENDED_ID_MAX } else { STANDARD_ID_MAX };
     let (id1, id2) = (filter.id1, filter.id2);
     for id in [id1, id2] {
         if id > max {
-            report(FilterFault::Identifier {
-                extended,
-                at,
-                id,
-                max,
-            });
+            report(FilterFault::Identifier { extended, at, id, max });
         }
     }
     let ram = &config.ram;
@@ -403,12 +367,7 @@ fn check_filter(
     let fault = match filter.action {
         FilterAction::RxBuffer(buffer) => {
             let count = ram.rx_buffer_count;
-            (buffer >= count).then_some(FilterFault::NoBuffer {
-                extended,
-                at,
-                buffer,
-                count,
-            })
+            (buffer >= count).then_some(FilterFault::NoBuffer { extended, at, buffer, count })
         }
         FilterAction::Fifo0 | FilterAction::PriorityFifo0 => no_fifo(0, ram.rx_fifo0.size),
         FilterAction::Fifo1 | FilterAction::PriorityFifo1 => no_fifo(1, ram.rx_fifo1.size),
@@ -419,11 +378,6 @@ fn check_filter(
     }
     let to_buffer = matches!(filter.action, FilterAction::RxBuffer(_));
     if filter.is_range && !to_buffer && id1 > id2 {
-        report(FilterFault::EmptyRange {
-            extended,
-            at,
-            id1,
-            id2,
-        });
+        report(FilterFault::EmptyRange { extended, at, id1, id2 });
     }
 }

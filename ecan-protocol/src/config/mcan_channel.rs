@@ -65,10 +65,7 @@ impl SamplePointWindow {
 
     /// The window that leaves one sample point, in 0.1 %.
     pub const fn exactly(permille: u16) -> Self {
-        Self {
-            min: permille,
-            max: permille,
-        }
+        Self { min: permille, max: permille }
     }
 }
 
@@ -181,18 +178,8 @@ impl McanChannelConfig {
         data_bitrate: 5_000_000,
         nominal_sample_point: SamplePointWindow::DEFAULT,
         data_sample_point: SamplePointWindow::DEFAULT,
-        manual_nominal: BitTiming {
-            brp: 0,
-            tseg1: 0,
-            tseg2: 0,
-            sjw: 0,
-        },
-        manual_data: BitTiming {
-            brp: 0,
-            tseg1: 0,
-            tseg2: 0,
-            sjw: 0,
-        },
+        manual_nominal: BitTiming { brp: 0, tseg1: 0, tseg2: 0, sjw: 0 },
+        manual_data: BitTiming { brp: 0, tseg1: 0, tseg2: 0, sjw: 0 },
         tdc_offset: 0,
         tdc_filter: 0,
         non_match_standard: NonMatch::Fifo0,
@@ -235,12 +222,7 @@ impl McanChannelConfig {
             Ok(timing) => timing.brp <= TDC_MAX_PRESCALER,
             Err(_) => true,
         };
-        Self {
-            nominal_bitrate: nominal,
-            data_bitrate: data,
-            tdc,
-            ..Self::DEVICE_DEFAULT
-        }
+        Self { nominal_bitrate: nominal, data_bitrate: data, tdc, ..Self::DEVICE_DEFAULT }
     }
 
     /// The same with sample points in 0.1 % as the peers on the bus have them.

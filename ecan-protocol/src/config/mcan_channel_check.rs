@@ -116,14 +116,9 @@ impl McanChannelConfig {
         &self,
         clock_hz: u32,
     ) -> Result<(BitTiming, Option<BitTiming>), (Phase, BitTimingError)> {
-        let nominal = self
-            .timing(Phase::Nominal, clock_hz)
-            .map_err(|e| (Phase::Nominal, e))?;
+        let nominal = self.timing(Phase::Nominal, clock_hz).map_err(|e| (Phase::Nominal, e))?;
         let data = match self.fd {
-            true => Some(
-                self.timing(Phase::Data, clock_hz)
-                    .map_err(|e| (Phase::Data, e))?,
-            ),
+            true => Some(self.timing(Phase::Data, clock_hz).map_err(|e| (Phase::Data, e))?),
             false => None,
         };
         Ok((nominal, data))
@@ -206,11 +201,7 @@ impl McanChannelConfig {
         let actual = timing.bitrate(clock_hz);
         let off = u64::from(actual.abs_diff(configured)) * 1000;
         if self.bit_timing_mode == BitTimingMode::Manual && off > u64::from(configured) {
-            report(ChannelFault::ManualBitrate {
-                phase,
-                configured,
-                actual,
-            });
+            report(ChannelFault::ManualBitrate { phase, configured, actual });
         }
         Some(timing)
     }

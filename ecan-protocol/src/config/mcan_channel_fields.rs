@@ -42,9 +42,7 @@ impl McanChannelConfig {
     /// configuration as the device has it.
     pub fn bring_up_writes(&self, channel: u8) -> [SdoWrite; MCAN_CHANNEL_BRING_UP_WRITES] {
         BRING_UP.map(|subindex| {
-            let ty = MCAN_CHANNEL
-                .entry(subindex)
-                .map_or(ObjectType::U8, |entry| entry.ty);
+            let ty = MCAN_CHANNEL.entry(subindex).map_or(ObjectType::U8, |entry| entry.ty);
             self.field_write(channel, subindex, ty)
         })
     }

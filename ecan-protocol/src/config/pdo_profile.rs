@@ -37,24 +37,15 @@ impl PdoProfile {
         }
         let expected = self.pdo_bytes() as u16;
         if readback.pdo_bytes != expected {
-            report(ProfileMismatch::PdoBytes {
-                expected,
-                found: readback.pdo_bytes,
-            });
+            report(ProfileMismatch::PdoBytes { expected, found: readback.pdo_bytes });
         }
         let expected = self.frame_area_bytes() as u16;
         if readback.frame_area_bytes != expected {
-            report(ProfileMismatch::FrameAreaBytes {
-                expected,
-                found: readback.frame_area_bytes,
-            });
+            report(ProfileMismatch::FrameAreaBytes { expected, found: readback.frame_area_bytes });
         }
         let expected = self.word();
         if readback.profile_word != expected {
-            report(ProfileMismatch::ProfileWord {
-                expected,
-                found: readback.profile_word,
-            });
+            report(ProfileMismatch::ProfileWord { expected, found: readback.profile_word });
         }
     }
 }

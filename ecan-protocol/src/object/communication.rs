@@ -32,19 +32,11 @@ pub const fn pdo_mapping_entry(index: u16, subindex: u8) -> Option<u32> {
     Some(object << 16 | (MAPPED_SUBINDEX as u32) << 8 | 128)
 }
 
-pub(super) const DEVICE_TYPE: Object = Object::single(
-    0x1000,
-    "Device type",
-    "15",
-    &[Entry::ro(0, "Device type", U32)],
-);
+pub(super) const DEVICE_TYPE: Object =
+    Object::single(0x1000, "Device type", "15", &[Entry::ro(0, "Device type", U32)]);
 
-pub(super) const DEVICE_NAME: Object = Object::single(
-    0x1008,
-    "Device name",
-    "15",
-    &[Entry::ro(0, "Device name", VisibleString)],
-);
+pub(super) const DEVICE_NAME: Object =
+    Object::single(0x1008, "Device name", "15", &[Entry::ro(0, "Device name", VisibleString)]);
 
 pub(super) const HARDWARE_VERSION: Object = Object::single(
     0x1009,
@@ -106,18 +98,10 @@ pub(super) const SYNC_MANAGER_TYPES: Object = Object::single(
     "5.3",
     &[
         Entry::highest(4),
-        Entry::ro(1, "SM0 type", U8)
-            .default(1)
-            .values(SYNC_MANAGER_TYPE),
-        Entry::ro(2, "SM1 type", U8)
-            .default(2)
-            .values(SYNC_MANAGER_TYPE),
-        Entry::ro(3, "SM2 type", U8)
-            .default(3)
-            .values(SYNC_MANAGER_TYPE),
-        Entry::ro(4, "SM3 type", U8)
-            .default(4)
-            .values(SYNC_MANAGER_TYPE),
+        Entry::ro(1, "SM0 type", U8).default(1).values(SYNC_MANAGER_TYPE),
+        Entry::ro(2, "SM1 type", U8).default(2).values(SYNC_MANAGER_TYPE),
+        Entry::ro(3, "SM2 type", U8).default(3).values(SYNC_MANAGER_TYPE),
+        Entry::ro(4, "SM3 type", U8).default(4).values(SYNC_MANAGER_TYPE),
     ],
 );
 
@@ -157,10 +141,7 @@ pub(super) const INPUT_DATA: Object = Object::family(
     0x10,
     "TxPDO data unit",
     "5.1.1",
-    &[
-        Entry::highest(MAPPED_SUBINDEX),
-        Entry::ro(MAPPED_SUBINDEX, "Bytes", String16),
-    ],
+    &[Entry::highest(MAPPED_SUBINDEX), Entry::ro(MAPPED_SUBINDEX, "Bytes", String16)],
 );
 
 pub(super) const OUTPUT_DATA: Object = Object::family(
@@ -169,8 +150,5 @@ pub(super) const OUTPUT_DATA: Object = Object::family(
     0x10,
     "RxPDO data unit",
     "5.1.1",
-    &[
-        Entry::highest(MAPPED_SUBINDEX),
-        Entry::rw(MAPPED_SUBINDEX, "Bytes", String16),
-    ],
+    &[Entry::highest(MAPPED_SUBINDEX), Entry::rw(MAPPED_SUBINDEX, "Bytes", String16)],
 );

@@ -14,10 +14,7 @@ pub fn describe(index: u16, subindex: u8) -> impl fmt::Display {
 
 /// A configuration field in words where the object is clear: `Node mode (subindex 8)`.
 pub(crate) fn describe_field(index: u16, subindex: u8) -> impl fmt::Display {
-    Field {
-        name: lookup(index, subindex).map(|(_, entry)| entry.name),
-        subindex,
-    }
+    Field { name: lookup(index, subindex).map(|(_, entry)| entry.name), subindex }
 }
 
 struct Field {

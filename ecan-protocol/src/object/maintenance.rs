@@ -11,22 +11,18 @@ pub(super) const MAINTENANCE: Object = Object::single(
     "13.7",
     &[
         Entry::highest(12),
-        Entry::rw(1, "Access mode request", U8)
-            .range(0, 2)
-            .values(MODE),
+        Entry::rw(1, "Access mode request", U8).range(0, 2).values(MODE),
         Entry::ro(2, "Access status", U8).values(MODE),
         Entry::rw(3, "Access timeout s", U16).unit("s"),
-        Entry::wo(4, "Maintenance command", U8)
-            .range(0, 0x7F)
-            .bits(&[
-                (0, "save configuration"),
-                (1, "load configuration"),
-                (2, "restore factory defaults"),
-                (3, "validate FoE image"),
-                (4, "activate FoE image"),
-                (5, "clear diagnostics"),
-                (6, "rebuild EEPROM and reboot"),
-            ]),
+        Entry::wo(4, "Maintenance command", U8).range(0, 0x7F).bits(&[
+            (0, "save configuration"),
+            (1, "load configuration"),
+            (2, "restore factory defaults"),
+            (3, "validate FoE image"),
+            (4, "activate FoE image"),
+            (5, "clear diagnostics"),
+            (6, "rebuild EEPROM and reboot"),
+        ]),
         // The manual gives numbers to these two only.
         Entry::ro(5, "Maintenance status", U8).values(&[(0, "OK"), (2, "denied")]),
         Entry::ro(6, "Legacy maintenance diag flags", U16).bits(&[

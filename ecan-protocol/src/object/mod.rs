@@ -193,17 +193,14 @@ impl Entry {
 
     /// All bits that have a meaning, 0 when the entry is not a bit field.
     pub fn bit_mask(&self) -> u32 {
-        self.bits.iter().fold(0, |mask, &(bit, _)| {
-            mask | 1u32.checked_shl(u32::from(bit)).unwrap_or(0)
-        })
+        self.bits
+            .iter()
+            .fold(0, |mask, &(bit, _)| mask | 1u32.checked_shl(u32::from(bit)).unwrap_or(0))
     }
 
     /// What the manual says a value means, if it lists it.
     pub fn meaning(&self, value: u32) -> Option<&'static str> {
-        self.values
-            .iter()
-            .find(|&&(v, _)| v == value)
-            .map(|&(_, meaning)| meaning)
+        self.values.iter().find(|&&(v, _)| v == value).map(|&(_, meaning)| meaning)
     }
 }
 
@@ -253,15 +250,7 @@ impl Object {
         chapter: &'static str,
         entries: &'static [Entry],
     ) -> Self {
-        Self {
-            first,
-            count,
-            stride,
-            name,
-            chapter,
-            apply: None,
-            entries,
-        }
+        Self { first, count, stride, name, chapter, apply: None, entries }
     }
 
     const fn applied_by(mut self, command: u8, status: u8) -> Self {
@@ -285,10 +274,7 @@ impl Object {
 
     /// The entry at a subindex.
     pub fn entry(&self, subindex: u8) -> Option<&'static Entry> {
-        let at = self
-            .entries
-            .binary_search_by_key(&subindex, |entry| entry.subindex)
-            .ok()?;
+        let at = self.entries.binary_search_by_key(&subindex, |entry| entry.subindex).ok()?;
         self.entries.get(at)
     }
 
@@ -334,10 +320,7 @@ pub fn objects() -> &'static [&'static Object] {
 
 /// The object (or the family) that an index belongs to.
 pub fn object(index: u16) -> Option<&'static Object> {
-    OBJECTS
-        .iter()
-        .copied()
-        .find(|object| object.instance(index).is_some())
+    OBJECTS.iter().copied().find(|object| object.instance(index).is_some())
 }
 
 /// The object and the entry at an index and subindex.

@@ -56,46 +56,23 @@ const LAST_ERROR: &[(u32, &str)] = &[
 
 const ENTRIES: &[Entry] = &[
     Entry::highest(16),
-    Entry::rw(1, "Apply command", U8)
-        .default(0)
-        .values(&[(0, "no-op"), (1, "apply")]),
+    Entry::rw(1, "Apply command", U8).default(0).values(&[(0, "no-op"), (1, "apply")]),
     Entry::ro(2, "Status", U8).default(0).values(STATUS),
-    Entry::rw(3, "PDO size multiplier", U8)
-        .default(8)
-        .range(1, 24)
-        .unit("128 bytes"),
-    Entry::rw(4, "Channel mask", U8)
-        .default(0x0F)
-        .range(0, 0x0F)
-        .bits(CHANNELS),
-    Entry::rw(5, "Encapsulation profile", U8)
-        .default(0)
-        .range(0, 5)
-        .values(PROFILE),
-    Entry::rw(6, "Budget policy", U8)
-        .default(0)
-        .range(0, 2)
-        .values(BUDGET),
-    Entry::rw(7, "Option flags", U8)
-        .default(0)
-        .range(0, 0x1F)
-        .bits(OPTIONS),
+    Entry::rw(3, "PDO size multiplier", U8).default(8).range(1, 24).unit("128 bytes"),
+    Entry::rw(4, "Channel mask", U8).default(0x0F).range(0, 0x0F).bits(CHANNELS),
+    Entry::rw(5, "Encapsulation profile", U8).default(0).range(0, 5).values(PROFILE),
+    Entry::rw(6, "Budget policy", U8).default(0).range(0, 2).values(BUDGET),
+    Entry::rw(7, "Option flags", U8).default(0).range(0, 0x1F).bits(OPTIONS),
     Entry::rw(8, "Command", U8)
         .default(0)
         .range(0, 3)
         .bits(&[(0, "reset session"), (1, "clear errors")]),
-    Entry::ro(9, "Active PDO bytes", U16)
-        .default(0)
-        .unit("bytes"),
-    Entry::ro(10, "Active frame area bytes", U16)
-        .default(0)
-        .unit("bytes"),
+    Entry::ro(9, "Active PDO bytes", U16).default(0).unit("bytes"),
+    Entry::ro(10, "Active frame area bytes", U16).default(0).unit("bytes"),
     Entry::ro(11, "Active layout CRC", U32).default(0),
     Entry::ro(12, "Active profile word", U32).default(0),
     Entry::ro(13, "Packet sequence", U16).default(0),
-    Entry::ro(14, "Last PDO error", U16)
-        .default(0)
-        .values(LAST_ERROR),
+    Entry::ro(14, "Last PDO error", U16).default(0).values(LAST_ERROR),
     Entry::ro(15, "PDO error counter", U32).default(0),
     Entry::ro(16, "PDO overflow counter", U32).default(0),
 ];

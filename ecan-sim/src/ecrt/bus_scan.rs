@@ -148,11 +148,8 @@ impl MasterModel {
 
 /// Position of a slave by alias and distance; alias 0 counts from the master.
 pub(crate) fn find_slave(slaves: &[SlaveView], alias: u16, distance: u16) -> Option<usize> {
-    let from = if alias == 0 {
-        0
-    } else {
-        slaves.iter().position(|slave| slave.spec.alias == alias)?
-    };
+    let from =
+        if alias == 0 { 0 } else { slaves.iter().position(|slave| slave.spec.alias == alias)? };
     let position = from + usize::from(distance);
     (position < slaves.len()).then_some(position)
 }

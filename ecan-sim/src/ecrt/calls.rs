@@ -54,9 +54,8 @@ impl MasterCall {
 
     fn handle_of(&self, target: Target) -> usize {
         let (shared, client) = (self.shared(), self.0.client);
-        registry::address_of(shared, client, target).unwrap_or_else(|| {
-            registry::insert(Handle { shared: shared.clone(), client, target })
-        })
+        registry::address_of(shared, client, target)
+            .unwrap_or_else(|| registry::insert(Handle { shared: shared.clone(), client, target }))
     }
 
     pub(super) fn release(&self) {
@@ -235,9 +234,7 @@ impl ConfigCall {
         sync: u8,
         action: impl FnOnce(&mut SyncConfig) -> Answer<R>,
     ) -> Answer<R> {
-        self.change(|config| {
-            action(config.syncs.get_mut(usize::from(sync)).ok_or(libc::ENOENT)?)
-        })
+        self.change(|config| action(config.syncs.get_mut(usize::from(sync)).ok_or(libc::ENOENT)?))
     }
 
     pub(super) fn assign_pdo(&self, sync: u8, index: u16) -> Answer {
@@ -245,9 +242,8 @@ impl ConfigCall {
             state.master.may_configure(self.handle.client)?;
             let config = state.master.configs.get_mut(self.index).ok_or(libc::ENOENT)?;
             let slave = config.slave.and_then(|slave| state.master.slaves.get(slave));
-            let known = slave.and_then(|slave| {
-                slave.assigned.iter().flatten().find(|pdo| pdo.index == index)
-            });
+            let known = slave
+                .and_then(|slave| slave.assigned.iter().flatten().find(|pdo| pdo.index == index));
             let pdo = known.cloned().unwrap_or(Pdo { index, entries: Vec::new() });
             let sync = config.syncs.get_mut(usize::from(sync)).ok_or(libc::EINVAL)?;
             sync.pdos.push(pdo);
@@ -345,9 +341,9 @@ impl DomainCall {
     }
 
     pub(super) fn size(&self) -> Answer<usize> {
-        self.handle.shared.with(|state| {
-            Ok(state.master.domains.get(self.index).ok_or(libc::ENOENT)?.size)
-        })
+        self.handle
+            .shared
+            .with(|state| Ok(state.master.domains.get(self.index).ok_or(libc::ENOENT)?.size))
     }
 
     pub(super) fn memory(&self) -> Answer<ProcessMemory> {
@@ -403,11 +399,7 @@ impl RequestCall {
 
     pub(super) fn change<R>(&self, action: impl FnOnce(&mut SdoRequest) -> R) -> Answer<R> {
         self.handle.shared.with(|state| {
-            state
-                .master
-                .request(self.config, self.request)
-                .map(action)
-                .ok_or(libc::ENOENT)
+            state.master.request(self.config, self.request).map(action).ok_or(libc::ENOENT)
         })
     }
 
@@ -426,10 +418,7 @@ impl RequestCall {
     pub(super) fn progress(&self) -> Answer<RequestProgress> {
         self.handle.shared.with(|state| {
             let now = state.world.now_ns();
-            state
-                .master
-                .request_progress(self.config, self.request, now)
-                .ok_or(libc::ENOENT)
+            state.master.request_progress(self.config, self.request, now).ok_or(libc::ENOENT)
         })
     }
 }
@@ -452,11 +441,7 @@ impl RegRequestCall {
 
     pub(super) fn change<R>(&self, action: impl FnOnce(&mut RegRequest) -> R) -> Answer<R> {
         self.handle.shared.with(|state| {
-            state
-                .master
-                .reg_request(self.config, self.request)
-                .map(action)
-                .ok_or(libc::ENOENT)
+            state.master.reg_request(self.config, self.request).map(action).ok_or(libc::ENOENT)
         })
     }
 

@@ -1,7 +1,8 @@
 //! The world and its master behind one lock, and how time passes for them.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::Duration;
 
 use ecrt_sys::{Clock as _, MonotonicClock};
 
@@ -14,6 +15,8 @@ use crate::world::{EPOCH_NS, World};
 
 /// Longest step of a blocking call, so that it sees what other threads do.
 const WAIT_STEP_NS: u64 = 10_000_000;
+/// How long a blocking call waits in wall-clock time for another thread to run the cycle.
+const PATIENCE: Duration = Duration::from_secs(1);
 /// Time after power-on and scan in which the slaves reach PREOP.
 const SETTLE_NS: u64 = 1_000_000_000;
 
@@ -24,21 +27,26 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// Lets time pass up to `to`. In the operation phase the master's state machines stand still
-    /// meanwhile, unless `forced`: they move with the application's sends.
+    /// When the master's state machines go on without a send of the application, if they do.
+    ///
+    /// In the operation phase they move with the sends, unless `forced`; behind a blocked send
+    /// queue they do not move at all.
+    fn machines_due(&self, forced: bool) -> u64 {
+        match self.master.phase {
+            Phase::Active if !forced || self.master.blocked => u64::MAX,
+            _ => self.master.next_due(),
+        }
+    }
+
+    /// Lets time pass up to `to`.
     fn run_until(&mut self, to: u64, forced: bool) {
         loop {
-            let drives_itself = forced || self.master.phase != Phase::Active;
-            let due = if drives_itself { self.master.next_due() } else { u64::MAX };
+            let due = self.machines_due(forced).max(self.world.now_ns());
             if due > to {
                 break;
             }
-            let due = due.max(self.world.now_ns());
             self.world.advance(due);
             self.master.step(&mut self.world);
-            if due >= to && self.master.next_due() <= to {
-                break;
-            }
         }
         self.world.advance(to);
     }
@@ -51,6 +59,8 @@ pub(crate) struct Shared {
     /// Simulated time of the stepped clock, readable without the lock.
     now: AtomicU64,
     state: Mutex<State>,
+    /// Told whenever the stepped clock was moved.
+    moved: Condvar,
 }
 
 impl Shared {
@@ -73,6 +83,7 @@ impl Shared {
             version: scenario.version,
             now: AtomicU64::new(state.world.now_ns()),
             state: Mutex::new(state),
+            moved: Condvar::new(),
         })
     }
 
@@ -111,8 +122,8 @@ impl Shared {
         match self.kind {
             ClockKind::Real => MonotonicClock.sleep_until_ns(deadline),
             ClockKind::Stepped => {
-                let mut state = self.lock();
-                self.step_to(&mut state, deadline, false);
+                self.step_to(&mut self.lock(), deadline, false);
+                self.moved.notify_all();
             }
         }
     }
@@ -123,7 +134,11 @@ impl Shared {
     }
 
     /// Blocks until `poll` gives something, while simulated time passes and the master works.
+    ///
+    /// On an active bus in stepped time it is up to another thread to run the cycle; only when
+    /// none does, the call moves time itself.
     pub(crate) fn wait<R>(&self, mut poll: impl FnMut(&mut State) -> Option<R>) -> R {
+        let mut is_alone = false;
         loop {
             let mut state = self.lock();
             if self.kind == ClockKind::Real {
@@ -132,8 +147,17 @@ impl Shared {
             if let Some(result) = poll(&mut state) {
                 return result;
             }
+            if self.kind == ClockKind::Stepped && state.master.phase == Phase::Active && !is_alone {
+                let sends = state.master.sends;
+                let idle = |state: &mut State| {
+                    state.master.sends == sends && state.master.phase == Phase::Active
+                };
+                let waited = self.moved.wait_timeout_while(state, PATIENCE, idle);
+                is_alone = waited.unwrap_or_else(PoisonError::into_inner).1.timed_out();
+                continue;
+            }
             let now = state.world.now_ns();
-            let until = state.master.next_due().clamp(now + 1, now + WAIT_STEP_NS);
+            let until = state.machines_due(true).clamp(now + 1, now + WAIT_STEP_NS);
             match self.kind {
                 ClockKind::Stepped => self.step_to(&mut state, until, true),
                 ClockKind::Real => {
@@ -152,7 +176,7 @@ impl Shared {
         subindex: u8,
         download: Option<Vec<u8>>,
     ) -> Result<Vec<u8>, SdoFailure> {
-        let (id, begun) = self.with(|state| {
+        let (id, begun, sends) = self.with(|state| {
             let now = state.world.now_ns();
             let id = state.master.queue_blocking(
                 usize::from(position),
@@ -161,10 +185,16 @@ impl Shared {
                 download,
                 now,
             )?;
-            Ok((id, now))
+            Ok((id, now, state.master.sends))
         })?;
         self.wait(|state| {
             if let Some(result) = state.master.take_blocking(id) {
+                if state.master.phase == Phase::Active && state.master.sends == sends {
+                    state.master.log_line(format!(
+                        "simulator: a blocking transfer of slave {position} ended without a send \
+                         of the application; on a real master it would have waited for one"
+                    ));
+                }
                 return Some(result);
             }
             // Behind a blocked send queue the mailbox datagrams never leave.

@@ -49,6 +49,8 @@ pub(crate) struct MasterModel {
     pub(crate) queue: Vec<Queued>,
     /// The last send stopped at a datagram that fits no frame.
     pub(crate) blocked: bool,
+    /// Sends of the application so far.
+    pub(crate) sends: u64,
     pub(crate) clocks: Clocks,
     pub(crate) blocking: Vec<BlockingSdo>,
     pub(crate) next_blocking: u64,
@@ -74,6 +76,7 @@ impl MasterModel {
             configs: Vec::new(),
             queue: Vec::with_capacity(16),
             blocked: false,
+            sends: 0,
             clocks: Clocks::default(),
             blocking: Vec::new(),
             next_blocking: 0,

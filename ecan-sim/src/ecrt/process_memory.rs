@@ -36,47 +36,60 @@ impl ProcessMemory {
 
     /// Copies from `offset` on into `target`; what lies outside is left alone.
     pub(crate) fn read(&self, offset: usize, target: &mut [u8]) {
-        let end = self.len.min(offset.saturating_add(target.len()));
-        let mut at = offset;
-        let mut target = target;
-        while at < end {
-            let inside = at % WORD_BYTES;
-            let take = (WORD_BYTES - inside).min(end - at);
-            let (Some(word), Some((now, rest))) =
-                (self.words.get(at / WORD_BYTES), target.split_at_mut_checked(take))
-            else {
-                return;
-            };
-            let bytes = word.load(Ordering::Relaxed).to_ne_bytes();
-            if let Some(bytes) = bytes.get(inside..inside + take) {
-                now.copy_from_slice(bytes);
-            }
-            target = rest;
-            at += take;
+        let inside = self.len.saturating_sub(offset).min(target.len());
+        let Some(target) = target.get_mut(..inside) else { return };
+        let Some((head, words, skip)) = self.split(offset, inside) else { return };
+        let (first, rest) = target.split_at_mut(head);
+        if let (true, Some((word, _))) = (head > 0, words.split_first()) {
+            copy(first, word.load(Ordering::Relaxed).to_ne_bytes().get(skip..skip + head));
+        }
+        let words = words.get(usize::from(head > 0)..).unwrap_or_default();
+        for (bytes, word) in rest.chunks_mut(WORD_BYTES).zip(words) {
+            let length = bytes.len();
+            copy(bytes, word.load(Ordering::Relaxed).to_ne_bytes().get(..length));
         }
     }
 
     /// Copies `source` to `offset`; what lies outside is dropped.
     pub(crate) fn write(&self, offset: usize, source: &[u8]) {
-        let end = self.len.min(offset.saturating_add(source.len()));
-        let mut at = offset;
-        let mut source = source;
-        while at < end {
-            let inside = at % WORD_BYTES;
-            let take = (WORD_BYTES - inside).min(end - at);
-            let (Some(word), Some((now, rest))) =
-                (self.words.get(at / WORD_BYTES), source.split_at_checked(take))
-            else {
-                return;
-            };
-            let mut bytes = word.load(Ordering::Relaxed).to_ne_bytes();
-            if let Some(bytes) = bytes.get_mut(inside..inside + take) {
-                bytes.copy_from_slice(now);
-            }
-            word.store(u64::from_ne_bytes(bytes), Ordering::Relaxed);
-            source = rest;
-            at += take;
+        let inside = self.len.saturating_sub(offset).min(source.len());
+        let Some(source) = source.get(..inside) else { return };
+        let Some((head, words, skip)) = self.split(offset, inside) else { return };
+        let (first, rest) = source.split_at(head);
+        if let (true, Some((word, _))) = (head > 0, words.split_first()) {
+            change(word, skip, first);
         }
+        let words = words.get(usize::from(head > 0)..).unwrap_or_default();
+        for (bytes, word) in rest.chunks(WORD_BYTES).zip(words) {
+            match <[u8; WORD_BYTES]>::try_from(bytes) {
+                Ok(whole) => word.store(u64::from_ne_bytes(whole), Ordering::Relaxed),
+                Err(_) => change(word, 0, bytes),
+            }
+        }
+    }
+
+    /// How many bytes from `offset` on lie in a word that begins before it, the words from that
+    /// one on, and where in it the bytes begin.
+    fn split(&self, offset: usize, length: usize) -> Option<(usize, &[AtomicU64], usize)> {
+        let skip = offset % WORD_BYTES;
+        let head = if skip == 0 { 0 } else { (WORD_BYTES - skip).min(length) };
+        Some((head, self.words.get(offset / WORD_BYTES..)?, skip))
+    }
+}
+
+/// Copies what is there into a place of the same length.
+fn copy(target: &mut [u8], source: Option<&[u8]>) {
+    if let Some(source) = source.filter(|source| source.len() == target.len()) {
+        target.copy_from_slice(source);
+    }
+}
+
+/// Changes some bytes of a word.
+fn change(word: &AtomicU64, skip: usize, source: &[u8]) {
+    let mut bytes = word.load(Ordering::Relaxed).to_ne_bytes();
+    if let Some(place) = bytes.get_mut(skip..skip + source.len()) {
+        place.copy_from_slice(source);
+        word.store(u64::from_ne_bytes(bytes), Ordering::Relaxed);
     }
 }
 

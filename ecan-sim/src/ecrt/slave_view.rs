@@ -147,9 +147,8 @@ fn read_assignment(world: &mut World, slot: usize, direction: Direction) -> Vec<
 /// An integer object of up to four bytes.
 fn read(world: &mut World, slot: usize, index: u16, subindex: u8) -> Option<u32> {
     let mut data = Vec::new();
-    let answer = world.with_gateway(slot, |gateway, now| {
-        gateway.sdo_upload(now, index, subindex, &mut data)
-    });
+    let answer = world
+        .with_gateway(slot, |gateway, now| gateway.sdo_upload(now, index, subindex, &mut data));
     answer?.ok()?;
     let mut word = [0; 4];
     for (to, from) in word.iter_mut().zip(&data) {

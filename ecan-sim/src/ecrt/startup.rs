@@ -3,17 +3,17 @@
 //! The order is IgH's: INIT, registers cleared, mailboxes, PREOP, startup SDOs, PDO assignment and
 //! mapping, watchdog, sync managers, FMMUs, distributed clocks, SAFEOP, OP.
 
-use ecan_protocol::{AlState, AlStatusCode, Direction, describe, sync_manager,
-    sync_manager_address, sync_manager_control};
+use ecan_protocol::{
+    AlState, AlStatusCode, Direction, describe, sync_manager, sync_manager_address,
+    sync_manager_control,
+};
 
 use crate::ecrt::master::MasterModel;
 use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
 use crate::ecrt::sdo::{Attempt, Payload, SdoFailure, attempt};
 use crate::ecrt::slave_config::SyncWatchdog;
 use crate::ecrt::slave_view::{AL_ERROR, al_status, pdo_bytes};
-use crate::ecrt::timing::{
-    CLOCK_SETTLE_NS, REGISTER_NS, SDO_NS, STATE_POLL_NS, STATE_TIMEOUT_NS,
-};
+use crate::ecrt::timing::{CLOCK_SETTLE_NS, REGISTER_NS, SDO_NS, STATE_POLL_NS, STATE_TIMEOUT_NS};
 use crate::gateway::SmSettings;
 use crate::world::World;
 
@@ -56,7 +56,10 @@ impl Startup {
 enum Next {
     Step(Startup, u64),
     Done,
+    /// Refused: not tried again.
     Failed,
+    /// No answer: tried again after the next look at the bus.
+    Lost,
 }
 
 impl MasterModel {
@@ -69,7 +72,7 @@ impl MasterModel {
             self.startup_step(index, world, step)
         } else {
             self.log(index, "does not answer");
-            Next::Failed
+            Next::Lost
         };
         let Some(slave) = self.slaves.get_mut(index) else { return };
         slave.current = al_status(world, slave.slot);
@@ -81,6 +84,7 @@ impl MasterModel {
             }
             Next::Done => slave.force_config = false,
             Next::Failed => slave.error_flag = true,
+            Next::Lost => {}
         }
     }
 
@@ -246,9 +250,7 @@ impl MasterModel {
         let bytes = write.value.to_le_bytes();
         let data = bytes.get(..write.size).unwrap_or(&bytes);
         match attempt(world, slot, true, since, object, Payload::Download(data)) {
-            Attempt::Waiting => {
-                Next::Step(Startup::Assignment { list, at, since }, STATE_POLL_NS)
-            }
+            Attempt::Waiting => Next::Step(Startup::Assignment { list, at, since }, STATE_POLL_NS),
             Attempt::Done(result) => {
                 let at = match result {
                     Ok(()) => at + 1,
@@ -266,9 +268,8 @@ impl MasterModel {
         let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else { return };
         for direction in [Direction::RxPdo, Direction::TxPdo] {
             let number = sync_manager(direction);
-            let sync = self
-                .attached(index)
-                .and_then(|config| config.syncs.get(usize::from(number)));
+            let sync =
+                self.attached(index).and_then(|config| config.syncs.get(usize::from(number)));
             let length = sync.map_or(0, |sync| pdo_bytes(&sync.pdos));
             let watchdog = sync.map_or(SyncWatchdog::Default, |sync| sync.watchdog);
             let control = sync_manager_control(direction);

@@ -3,9 +3,7 @@
 use crate::ecrt::dc::ClockDatagram;
 use crate::ecrt::domain::DatagramState;
 use crate::ecrt::master::MasterModel;
-use crate::ecrt::timing::{
-    BYTE_NS, DATAGRAM_TIMEOUT_NS, HOST_LATENCY_NS, SLAVE_LATENCY_NS,
-};
+use crate::ecrt::timing::{BYTE_NS, DATAGRAM_TIMEOUT_NS, HOST_LATENCY_NS, SLAVE_LATENCY_NS};
 use crate::fault::LostWay;
 use crate::world::{CycleFate, LogicalCommand, World};
 
@@ -74,6 +72,7 @@ impl MasterModel {
     /// Sends the queue, frame by frame. A datagram larger than a frame stops everything behind it,
     /// now and at every later send.
     pub(crate) fn send(&mut self, world: &mut World) {
+        self.sends = self.sends.wrapping_add(1);
         if !world.link_is_up() {
             self.drop_queue();
             return;
@@ -81,8 +80,7 @@ impl MasterModel {
         let carries_process_data = self.queue.iter().any(|item| {
             matches!(item, Queued::Domain { .. }) && self.pending_bytes(*item).is_some()
         });
-        let fate =
-            if carries_process_data { world.begin_cycle() } else { CycleFate::default() };
+        let fate = if carries_process_data { world.begin_cycle() } else { CycleFate::default() };
         let passed = (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)).count();
         let mut way = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;
         let mut frame = FRAME_HEADER_BYTES;

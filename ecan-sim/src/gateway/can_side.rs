@@ -47,23 +47,19 @@ impl Gateway {
     }
 
     /// The bus confirms the frame that was taken last.
-    pub fn transmitted(&mut self, now: u64, channel: usize, frame: &CanFrame) {
+    pub fn transmitted(&mut self, now: u64, channel: usize, _frame: &CanFrame) {
         self.advance(now);
-        let _ = frame;
-        if let Some(channel) = self.channel_at(channel) {
-            channel.controller.transmitted();
-            self.truth.frames_on_bus += 1;
-        }
+        let confirmed =
+            self.channel_at(channel).is_some_and(|channel| channel.controller.transmitted());
+        self.truth.frames_on_bus += u64::from(confirmed);
     }
 
     /// The bus gave the frame up that was taken last (automatic retransmission is off).
-    pub fn abandoned(&mut self, now: u64, channel: usize, frame: &CanFrame) {
+    pub fn abandoned(&mut self, now: u64, channel: usize, _frame: &CanFrame) {
         self.advance(now);
-        let _ = frame;
-        if let Some(channel) = self.channel_at(channel) {
-            channel.controller.abandoned();
-            self.truth.transmit_losses.not_retransmitted += 1;
-        }
+        let given_up =
+            self.channel_at(channel).is_some_and(|channel| channel.controller.abandoned());
+        self.truth.transmit_losses.not_retransmitted += u64::from(given_up);
     }
 
     /// A frame arrives from the bus, complete at `now`.

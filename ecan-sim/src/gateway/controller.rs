@@ -8,16 +8,15 @@ mod registers;
 
 use std::collections::VecDeque;
 
-use ecan_protocol::{BitTiming, CanFrame, FifoMode, FrameKind, MessageRamLayout, TxMode};
+use ecan_protocol::{BitTiming, CanFrame, FrameKind, MessageRamLayout, TxMode};
 
 use crate::bus::{ErrorState, StationConfig, StationMode, arbitration_key};
 
 use super::filter::{Destination, FilterTable};
+use super::receive_fifo::{RX_ELEMENTS_MAX, ReceiveFifo, wrap_increment};
 use super::receive_path::Received;
 use super::truth::Truth;
 
-/// Most elements of a receive FIFO and most receive buffers.
-const RX_ELEMENTS_MAX: usize = 64;
 /// Most transmit elements.
 const TX_ELEMENTS_MAX: usize = 32;
 /// What the controller sends for data bytes that its element cannot hold.
@@ -52,75 +51,6 @@ pub(super) struct ControllerConfig {
     pub(super) captures_start: bool,
     /// Offset and filter of the delay compensation while it runs; 0 is automatic.
     pub(super) tdc: Option<(u8, u8)>,
-}
-
-/// A receive FIFO with its get and put indices.
-#[derive(Debug)]
-struct ReceiveFifo {
-    elements: VecDeque<Received>,
-    get_index: u32,
-    put_index: u32,
-    lost: bool,
-}
-
-impl ReceiveFifo {
-    fn new() -> Self {
-        Self {
-            elements: VecDeque::with_capacity(RX_ELEMENTS_MAX),
-            get_index: 0,
-            put_index: 0,
-            lost: false,
-        }
-    }
-
-    fn clear(&mut self) -> usize {
-        let flushed = self.elements.len();
-        self.elements.clear();
-        self.get_index = 0;
-        self.put_index = 0;
-        self.lost = false;
-        flushed
-    }
-
-    /// Stores a frame; `false` when a frame was lost for it.
-    fn store(&mut self, received: Received, size: u8, mode: FifoMode) -> bool {
-        let size = usize::from(size).min(RX_ELEMENTS_MAX);
-        let full = self.elements.len() >= size;
-        if full {
-            self.lost = true;
-            if size == 0 || mode == FifoMode::Blocking {
-                return false;
-            }
-            self.elements.pop_front();
-            self.get_index = wrap_increment(self.get_index, size);
-        }
-        self.elements.push_back(received);
-        self.put_index = wrap_increment(self.put_index, size);
-        !full
-    }
-
-    fn take(&mut self, size: u8) -> Option<Received> {
-        let taken = self.elements.pop_front()?;
-        self.get_index = wrap_increment(self.get_index, usize::from(size));
-        self.lost = false;
-        Some(taken)
-    }
-
-    /// RXF0S or RXF1S: fill level, get index, put index, full, message lost.
-    fn status(&self, size: u8) -> u32 {
-        let fill = self.elements.len() as u32;
-        fill | self.get_index << 8
-            | self.put_index << 16
-            | u32::from(size != 0 && fill >= u32::from(size)) << 24
-            | u32::from(self.lost) << 25
-    }
-}
-
-fn wrap_increment(index: u32, size: usize) -> u32 {
-    match u32::try_from(size) {
-        Ok(size) if index + 1 < size => index + 1,
-        _ => 0,
-    }
 }
 
 /// Why the controller did not take a frame for transmission.
@@ -296,22 +226,30 @@ impl Controller {
         Some(frame)
     }
 
-    /// The bus confirms the frame in arbitration.
-    pub(super) fn transmitted(&mut self) {
-        if self.in_flight.take().is_some() {
-            self.tx_get_index = wrap_increment(self.tx_get_index, self.transmit_elements());
-            self.interrupts |= interrupt::TRANSMITTED;
-            if self.transmit.is_empty() {
-                self.interrupts |= interrupt::TX_EMPTY;
-            }
+    /// The bus confirms the frame in arbitration; `false` when there was none.
+    pub(super) fn transmitted(&mut self) -> bool {
+        if !self.end_arbitration() {
+            return false;
         }
+        self.interrupts |= interrupt::TRANSMITTED;
+        if self.transmit.is_empty() {
+            self.interrupts |= interrupt::TX_EMPTY;
+        }
+        true
     }
 
-    /// The bus gave the frame in arbitration up, automatic retransmission being off.
-    pub(super) fn abandoned(&mut self) {
-        if self.in_flight.take().is_some() {
+    /// The bus gave the frame in arbitration up, automatic retransmission being off; `false`
+    /// when there was none.
+    pub(super) fn abandoned(&mut self) -> bool {
+        self.end_arbitration()
+    }
+
+    fn end_arbitration(&mut self) -> bool {
+        let ended = self.in_flight.take().is_some();
+        if ended {
             self.tx_get_index = wrap_increment(self.tx_get_index, self.transmit_elements());
         }
+        ended
     }
 
     /// Drops the frames that wait behind the one in arbitration and says how many that were.
@@ -351,7 +289,7 @@ impl Controller {
                 if !kept {
                     self.interrupts |= interrupt::FIFO0_LOST;
                 }
-                if self.fifo0.elements.len() >= usize::from(ram.rx_fifo0.size) {
+                if self.fifo0.len() >= usize::from(ram.rx_fifo0.size) {
                     self.interrupts |= interrupt::FIFO0_FULL;
                 }
                 kept
@@ -367,7 +305,7 @@ impl Controller {
                 if !kept {
                     self.interrupts |= interrupt::FIFO1_LOST;
                 }
-                if self.fifo1.elements.len() >= usize::from(ram.rx_fifo1.size) {
+                if self.fifo1.len() >= usize::from(ram.rx_fifo1.size) {
                     self.interrupts |= interrupt::FIFO1_FULL;
                 }
                 kept
@@ -426,8 +364,8 @@ impl Controller {
 
     /// Frames in the receive FIFOs and buffers.
     pub(super) fn receive_waiting(&self) -> usize {
-        self.fifo0.elements.len()
-            + self.fifo1.elements.len()
+        self.fifo0.len()
+            + self.fifo1.len()
             + self.buffers.iter().filter(|buffer| buffer.is_some()).count()
     }
 
@@ -437,9 +375,9 @@ impl Controller {
             return false;
         };
         let size = usize::from(config.ram.rx_fifo0.size);
-        self.fifo0.lost
-            || self.fifo1.lost
-            || (size > 0 && self.fifo0.elements.len() * 8 >= size * 7)
+        self.fifo0.has_lost()
+            || self.fifo1.has_lost()
+            || (size > 0 && self.fifo0.len() * 8 >= size * 7)
     }
 
     // Error state

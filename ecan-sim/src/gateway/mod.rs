@@ -24,6 +24,7 @@ mod maintenance;
 mod object_server;
 mod profile_control;
 mod readback;
+mod receive_fifo;
 mod receive_path;
 mod register_service;
 mod rx_pdo;
@@ -225,8 +226,12 @@ impl Gateway {
             GatewayFault::SdoAbort { index, subindex, code, times } => {
                 self.faults.sdo_aborts.push(SdoAbort { index, subindex, code, times })
             }
-            GatewayFault::TornTxPdo { images } => self.faults.torn_images += images,
-            GatewayFault::CrcErrorTxPdo { images } => self.faults.crc_errors += images,
+            GatewayFault::TornTxPdo { images } => {
+                self.faults.torn_images = self.faults.torn_images.saturating_add(images)
+            }
+            GatewayFault::CrcErrorTxPdo { images } => {
+                self.faults.crc_errors = self.faults.crc_errors.saturating_add(images)
+            }
             GatewayFault::AlError { code } => self.fall_back(AlStatusCode(code)),
             GatewayFault::MailboxSilent { ms } => self.faults.mailbox_silent_until = until(ms),
             GatewayFault::ServiceStall { ms } => self.faults.stalled_until = until(ms),

@@ -1,9 +1,14 @@
 //! The SDO server: every access is judged by ecan-protocol's object dictionary table, then by
 //! the rules of state and combination that the manual adds (manual 3.1, 5.4, 13).
+//!
+//! The mapping objects 0x1600.. and 0x1A00.. are read-only, as in an SII that fixes them. Their
+//! entries map subindex 1 of the 16-byte data objects ([`ecan_protocol::MAPPED_SUBINDEX`]); the
+//! manual names no subindex. After power-on all 24 chunks are assigned, as many as the SII's
+//! default sync manager size of 3072 bytes holds (manual 5.3).
 
 use ecan_protocol::{
-    AbortCode, Access, AlState, Direction, Entry, MAX_MULTIPLIER, Object, ObjectType,
-    assignment_index, buffer_offset, locate_data_object, object, pdo_map_index,
+    AbortCode, AlState, Direction, Entry, MAX_MULTIPLIER, Object, ObjectType, assignment_index,
+    buffer_offset, locate_data_object, object, pdo_map_index,
 };
 
 use super::Gateway;
@@ -215,7 +220,6 @@ fn is_judged_at_once(object: &Object, subindex: u8) -> bool {
 }
 
 fn check_value(entry: &Entry, value: u32) -> Result<(), AbortCode> {
-    debug_assert!(entry.access != Access::Ro);
     if value > entry.max {
         Err(AbortCode::TOO_GREAT)
     } else if value < entry.min {

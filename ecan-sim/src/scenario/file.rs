@@ -185,6 +185,75 @@ impl Scenario {
     /// Reads a scenario from the text of a file. `name` is what the banner calls it; paths inside
     /// it count from `directory`.
     ///
+    /// Every key below may be left out, except `kind` and `bus` of a node, `kind` of a fault and
+    /// what that kind needs. What is left out is as in [`Scenario::default`] and
+    /// [`GatewaySpec::at`].
+    ///
+    /// ```
+    /// # let text = r#"
+    /// name = "cell"
+    /// seed = 42
+    /// clock = "stepped"              # or "real"; otherwise the program chooses
+    /// version = "1.6"                # or "1.5"
+    /// carries_large_pdos = false     # process data above 1486 bytes a direction
+    /// reserved = false               # another program holds the master
+    /// topology = "line"              # or "star"
+    ///
+    /// [[gateway]]                    # in the order of their positions
+    /// alias = 0
+    /// serial = 4294967297
+    /// hardware_revision = 1
+    /// firmware = [514, 1]
+    /// vendor_id = 0x4543
+    /// product_code = 0x4C495445
+    /// revision = 0x20002
+    /// boot_ms = 200
+    /// service_delay_us = 30
+    /// service_jitter_us = 0
+    /// pdo_assign = true              # the SII lets the master write 0x1C12 and 0x1C13
+    /// pdo_configuration = false      # and the mapping
+    /// buses = ["0.0", "0.1", "0.2", "0.3"]
+    ///
+    /// [[node]]
+    /// kind = "faulty"                # echo, silent, faulty, or replay with `file`
+    /// bus = "0.0"
+    /// name = "drive"
+    /// bitrate = 500000               # otherwise that of the gateway's channel
+    /// data_bitrate = 2000000         # CAN FD
+    /// drop_permille = 5
+    /// corrupt_permille = 5
+    /// repeat_permille = 0
+    /// babble_us = 0
+    ///
+    /// [[fault]]
+    /// cycle = 1000                   # n-th send with process data; or at_ms
+    /// kind = "lost_frame"            # way = "outward" or "return", cycles
+    /// cycles = 2
+    ///
+    /// [[fault]]
+    /// at_ms = 2500
+    /// kind = "power_cycle"           # gateway, off_ms; also power_off; link_loss with for_ms
+    /// gateway = 0
+    /// off_ms = 300
+    ///
+    /// [[fault]]
+    /// at_ms = 5000
+    /// kind = "sdo_abort"             # index, subindex, code, times
+    /// gateway = 0
+    /// index = 0x8010
+    /// subindex = 1
+    /// code = 0x06090030
+    /// # "#;
+    /// let scenario = ecan_sim::Scenario::from_toml(text, "cell", std::path::Path::new("."))?;
+    /// # assert_eq!((scenario.gateways.len(), scenario.faults.len()), (1, 3));
+    /// # Ok::<(), ecan_sim::ScenarioError>(())
+    /// ```
+    ///
+    /// Further kinds of faults: `working_counter_offset` (`offset`, `cycles`), `mailbox_timeout`
+    /// and `service_stall` (`gateway`, `for_ms`), `torn_image` and `crc_error` (`gateway`,
+    /// `times`), `al_error` (`gateway`, `code`), `bus_off` (`gateway`, `channel`), `error_frames`
+    /// (`gateway`, `channel`, `times`), `node_silent` (`node`, `for_ms`).
+    ///
     /// # Errors
     /// The first fault of the text, with its line.
     pub fn from_toml(text: &str, name: &str, directory: &Path) -> Result<Self, ScenarioError> {

@@ -4,9 +4,7 @@ use ecan_protocol::{CHANNELS, CanFrame, CanId};
 
 use crate::backend::BackendError;
 use crate::bus::{BusEvent, BusFault, CanBus, StationConfig, StationId, StationMode};
-use crate::node::{
-    EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayNode, SilentNode,
-};
+use crate::node::{EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayNode, SilentNode};
 use crate::scenario::{NodeKind, NodeSpec};
 use crate::world::{NEVER, World};
 
@@ -156,11 +154,7 @@ impl World {
     /// Brings the bit rates of a gateway's channel to the nodes that follow it. A node starts with
     /// its first configuration.
     fn lead_nodes(&mut self, bus: usize, config: StationConfig) {
-        let config = StationConfig {
-            mode: StationMode::Normal,
-            auto_retransmit: true,
-            ..config
-        };
+        let config = StationConfig { mode: StationMode::Normal, auto_retransmit: true, ..config };
         for index in 0..self.nodes.len() {
             let follows =
                 self.nodes.get(index).is_some_and(|node| node.bus == bus && node.fixed.is_none());

@@ -82,11 +82,7 @@ pub(super) struct LineSlot {
 }
 
 impl LineSlot {
-    pub(super) fn new(
-        gateway: Gateway,
-        spec: GatewaySpec,
-        links: [ChannelLink; CHANNELS],
-    ) -> Self {
+    pub(super) fn new(gateway: Gateway, spec: GatewaySpec, links: [ChannelLink; CHANNELS]) -> Self {
         Self {
             gateway,
             spec,
@@ -118,9 +114,8 @@ impl World {
 
     /// Whether a frame of the master reaches this gateway and comes back.
     pub(crate) fn is_reachable(&self, index: usize) -> bool {
-        let answers = |slot: &LineSlot| {
-            slot.cable_open_until <= self.now && slot.gateway.is_responding()
-        };
+        let answers =
+            |slot: &LineSlot| slot.cable_open_until <= self.now && slot.gateway.is_responding();
         match self.topology {
             Topology::Star => self.slots.get(index).is_some_and(answers),
             Topology::Line => {

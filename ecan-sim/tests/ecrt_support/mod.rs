@@ -8,8 +8,8 @@ use ecan_protocol::{
 };
 use ecan_sim::{Backend, ClockKind, Scenario, SimOptions, Simulation, echo, open_scenario};
 use ecrt_sys::{
-    Clock, DomainId, DomainState, Master, SlaveConfigId, SlaveConfigState, SyncDirection,
-    WatchdogMode, WcState,
+    DomainId, DomainState, Master, SlaveConfigId, SlaveConfigState, SyncDirection, WatchdogMode,
+    WcState,
 };
 
 /// Cycle time of the program.
@@ -65,14 +65,16 @@ impl Program {
     ) -> Self {
         let mut master = backend.ecrt.request_master(0).expect("the master is free");
         let slaves = (0..multipliers.len())
-            .map(|position| configure(&mut master, position, multipliers[position], &extra(position)))
+            .map(|position| {
+                configure(&mut master, position, multipliers[position], &extra(position))
+            })
             .collect();
         let next = backend.ecrt.clock().now_ns();
         Self { backend, master, slaves, received: Vec::new(), bad_images: 0, next }
     }
 
     /// Activates, and cycles until every slave is in OP and its domain complete.
-    pub fn to_op(mut self) -> Self {
+    pub fn into_op(mut self) -> Self {
         self.activate();
         assert!(self.reaches_op(), "not in OP: {:#?}", self.simulation().kernel_log());
         self
@@ -181,9 +183,8 @@ fn configure(master: &mut Master, position: usize, n: u8, extra: &[SdoWrite]) ->
     let place = position as u16;
     let info = master.slave_info(place).expect("the slave is there");
     let domain = master.create_domain().expect("create_domain");
-    let config = master
-        .slave_config(0, place, info.vendor_id, info.product_code)
-        .expect("slave_config");
+    let config =
+        master.slave_config(0, place, info.vendor_id, info.product_code).expect("slave_config");
     let profile = PdoProfile { multiplier: n, ..PdoProfile::default() };
     let mut list: Vec<SdoWrite> = Vec::new();
     for direction in [Direction::RxPdo, Direction::TxPdo] {

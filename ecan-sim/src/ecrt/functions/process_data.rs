@@ -1,0 +1,91 @@
+//! Process data, exchange and clocks.
+
+use super::{null_with, on_domain, on_master, status, store};
+use crate::ecrt::transport::Queued;
+use ecrt_sys::{
+    EC_WC_COMPLETE, EC_WC_INCOMPLETE, EC_WC_ZERO, ec_domain_state_t, ec_domain_t, ec_master_t,
+};
+use libc::{c_int, size_t};
+
+pub(super) unsafe extern "C" fn domain_size(domain: *const ec_domain_t) -> size_t {
+    on_domain(domain).and_then(|call| call.size()).unwrap_or(size_t::MAX)
+}
+
+pub(super) unsafe extern "C" fn domain_data(domain: *mut ec_domain_t) -> *mut u8 {
+    match on_domain(domain).and_then(|call| call.memory()) {
+        Ok(memory) => memory.as_ptr(),
+        Err(errno) => null_with(errno),
+    }
+}
+
+two_forms!(domain_process / domain_process_silent(domain: *mut ec_domain_t) {
+    on_domain(domain)?.process()
+});
+
+two_forms!(domain_queue / domain_queue_silent(domain: *mut ec_domain_t) {
+    on_domain(domain)?.queue()
+});
+
+two_forms!(domain_state / domain_state_silent(
+    domain: *const ec_domain_t, state: *mut ec_domain_state_t) {
+    let (counter, expected) = on_domain(domain)?.counters()?;
+    let value = ec_domain_state_t {
+        working_counter: counter,
+        wc_state: match counter {
+            0 => EC_WC_ZERO,
+            counter if counter == expected => EC_WC_COMPLETE,
+            _ => EC_WC_INCOMPLETE,
+        },
+        redundancy_active: 0,
+    };
+    // SAFETY: the caller passes a place for the state, or null.
+    unsafe { store(state, value) }
+});
+
+two_forms!(master_send / master_send_silent(master: *mut ec_master_t) {
+    on_master(master)?.send()
+});
+
+two_forms!(master_receive / master_receive_silent(master: *mut ec_master_t) {
+    on_master(master)?.receive()
+});
+
+two_forms!(master_application_time / master_application_time_silent(
+    master: *mut ec_master_t, time_ns: u64) {
+    on_master(master)?.driving(|state| state.master.clocks.application_time(time_ns))
+});
+
+two_forms!(master_sync_reference_clock / master_sync_reference_clock_silent(
+    master: *mut ec_master_t) {
+    on_master(master)?.queue_clock(Queued::ReferenceClock, None)
+});
+
+two_forms!(master_sync_reference_clock_to / master_sync_reference_clock_to_silent(
+    master: *mut ec_master_t, time_ns: u64) {
+    on_master(master)?.queue_clock(Queued::ReferenceClock, Some(time_ns))
+});
+
+two_forms!(master_sync_slave_clocks / master_sync_slave_clocks_silent(
+    master: *mut ec_master_t) {
+    on_master(master)?.queue_clock(Queued::SlaveClocks, None)
+});
+
+pub(super) unsafe extern "C" fn master_reference_clock_time(
+    master: *mut ec_master_t,
+    time_ns: *mut u32,
+) -> c_int {
+    status(on_master(master).and_then(|call| {
+        let value = call.reference_clock_time()?;
+        // SAFETY: the caller passes a place for the time, or null.
+        unsafe { store(time_ns, value) }
+    }))
+}
+
+two_forms!(master_sync_monitor_queue / master_sync_monitor_queue_silent(
+    master: *mut ec_master_t) {
+    on_master(master)?.queue_clock(Queued::ClockMonitor, None)
+});
+
+pub(super) unsafe extern "C" fn master_sync_monitor_process(master: *mut ec_master_t) -> u32 {
+    on_master(master).and_then(|call| call.sync_monitor()).unwrap_or(u32::MAX)
+}

@@ -1,0 +1,89 @@
+//! A receive FIFO in the Message RAM (manual 13.4).
+
+use std::collections::VecDeque;
+
+use ecan_protocol::FifoMode;
+
+use super::receive_path::Received;
+
+/// Most elements of a receive FIFO, and most receive buffers.
+pub(super) const RX_ELEMENTS_MAX: usize = 64;
+
+/// A receive FIFO with its get and put indices.
+#[derive(Debug)]
+pub(super) struct ReceiveFifo {
+    elements: VecDeque<Received>,
+    get_index: u32,
+    put_index: u32,
+    lost: bool,
+}
+
+impl ReceiveFifo {
+    pub(super) fn new() -> Self {
+        Self {
+            elements: VecDeque::with_capacity(RX_ELEMENTS_MAX),
+            get_index: 0,
+            put_index: 0,
+            lost: false,
+        }
+    }
+
+    pub(super) fn clear(&mut self) -> usize {
+        let flushed = self.elements.len();
+        self.elements.clear();
+        self.get_index = 0;
+        self.put_index = 0;
+        self.lost = false;
+        flushed
+    }
+
+    /// Stores a frame; `false` when a frame was lost for it.
+    pub(super) fn store(&mut self, received: Received, size: u8, mode: FifoMode) -> bool {
+        let size = usize::from(size).min(RX_ELEMENTS_MAX);
+        let full = self.elements.len() >= size;
+        if full {
+            self.lost = true;
+            if size == 0 || mode == FifoMode::Blocking {
+                return false;
+            }
+            self.elements.pop_front();
+            self.get_index = wrap_increment(self.get_index, size);
+        }
+        self.elements.push_back(received);
+        self.put_index = wrap_increment(self.put_index, size);
+        !full
+    }
+
+    pub(super) fn take(&mut self, size: u8) -> Option<Received> {
+        let taken = self.elements.pop_front()?;
+        self.get_index = wrap_increment(self.get_index, usize::from(size));
+        self.lost = false;
+        Some(taken)
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.elements.len()
+    }
+
+    /// Whether a frame was lost since the last one was taken.
+    pub(super) fn has_lost(&self) -> bool {
+        self.lost
+    }
+
+    /// RXF0S or RXF1S: fill level, get index, put index, full, message lost.
+    pub(super) fn status(&self, size: u8) -> u32 {
+        let fill = self.elements.len() as u32;
+        fill | self.get_index << 8
+            | self.put_index << 16
+            | u32::from(size != 0 && fill >= u32::from(size)) << 24
+            | u32::from(self.lost) << 25
+    }
+}
+
+/// The index behind `index` in a ring of so many elements.
+pub(super) fn wrap_increment(index: u32, size: usize) -> u32 {
+    match u32::try_from(size) {
+        Ok(size) if index + 1 < size => index + 1,
+        _ => 0,
+    }
+}

@@ -1,0 +1,214 @@
+//! Scenario files and settings: what is accepted, and how what is wrong is named.
+
+use std::path::Path;
+
+use ecan_sim::{
+    BackendError, ClockKind, EcrtSetting, EcrtVersion, Fault, FaultyBehaviour, GatewayFault,
+    LostWay, NodeKind, Scenario, ScenarioChoice, ScriptedFault, SimOptions, Topology, When, open,
+};
+
+fn read(text: &str) -> Result<Scenario, String> {
+    Scenario::from_toml(text, "test", Path::new("/logs")).map_err(|error| error.to_string())
+}
+
+#[test]
+fn every_key_arrives() {
+    let scenario = read(
+        r#"
+name = "cell"
+seed = 42
+clock = "stepped"
+version = "1.5"
+carries_large_pdos = true
+reserved = true
+topology = "star"
+
+[[gateway]]
+alias = 3
+serial = 77
+firmware = [1, 2]
+boot_ms = 900
+service_delay_us = 40
+buses = ["arm", "arm", "tool", "spare"]
+
+[[node]]
+kind = "echo"
+bus = "arm"
+name = "drive"
+bitrate = 1000000
+data_bitrate = 5000000
+
+[[node]]
+kind = "replay"
+bus = "tool"
+file = "tool.log"
+
+[[node]]
+kind = "faulty"
+bus = "spare"
+drop_permille = 10
+corrupt_permille = 20
+repeat_permille = 30
+babble_us = 400
+
+[[node]]
+kind = "silent"
+bus = "spare"
+
+[[fault]]
+cycle = 100
+kind = "lost_frame"
+way = "return"
+cycles = 3
+
+[[fault]]
+at_ms = 20
+kind = "sdo_abort"
+gateway = 0
+index = 0x8010
+subindex = 1
+code = 0x06090030
+"#,
+    )
+    .unwrap();
+    assert_eq!((scenario.name.as_str(), scenario.seed), ("cell", 42));
+    assert_eq!(scenario.clock, Some(ClockKind::Stepped));
+    assert_eq!(scenario.version, EcrtVersion::V1_5);
+    assert_eq!(scenario.topology, Topology::Star);
+    assert!(scenario.carries_large_pdos && scenario.reserved);
+    let gateway = &scenario.gateways[0];
+    assert_eq!((gateway.alias, gateway.settings.serial), (3, 77));
+    assert_eq!((gateway.settings.firmware, gateway.settings.boot_ms), ((1, 2), 900));
+    assert_eq!(gateway.settings.service_delay_ns, 40_000);
+    assert_eq!(gateway.buses, ["arm", "arm", "tool", "spare"]);
+    let node = &scenario.nodes[0];
+    assert_eq!((node.name.as_str(), node.bitrate), ("drive", Some(1_000_000)));
+    assert_eq!(scenario.nodes[1].kind, NodeKind::Replay { file: "/logs/tool.log".into() });
+    let faulty = FaultyBehaviour {
+        drop_permille: 10,
+        corrupt_permille: 20,
+        repeat_permille: 30,
+        babble_us: 400,
+    };
+    assert_eq!(scenario.nodes[2].kind, NodeKind::Faulty(faulty));
+    assert_eq!(
+        scenario.faults,
+        [
+            ScriptedFault {
+                when: When::Cycle(100),
+                fault: Fault::LostFrame { way: LostWay::Return, cycles: 3 },
+            },
+            ScriptedFault {
+                when: When::At(20_000_000),
+                fault: Fault::Gateway {
+                    gateway: 0,
+                    fault: GatewayFault::SdoAbort {
+                        index: 0x8010,
+                        subindex: 1,
+                        code: 0x0609_0030,
+                        times: 1,
+                    },
+                },
+            },
+        ]
+    );
+}
+
+/// Text, line and part of the reason.
+#[test]
+fn what_is_wrong_is_named_with_its_line() {
+    let gateway = "[[gateway]]\n";
+    for (text, line, reason) in [
+        ("sead = 1", 1, "unknown field `sead`"),
+        ("seed = 1\nclock = \"fast\"", 2, "unknown variant `fast`"),
+        ("seed = \"one\"", 1, "invalid type"),
+        ("[[gateway]]\nalias = 70000", 2, "70000"),
+        ("[[gateway]]\nbuses = [\"a\"]", 1, "names 1 buses: it has 4 channels"),
+        ("[[gateway]]\ncolour = 1", 2, "unknown field `colour`"),
+        ("[[gateway", 1, ""),
+        ("[[node]]\nkind = \"echo\"\nbus = \"x\"", 1, "there is no gateway"),
+    ] {
+        let error = read(text).unwrap_err();
+        assert!(error.starts_with(&format!("line {line}: ")), "{text}: {error}");
+        assert!(error.contains(reason), "{text}: {error}");
+    }
+    for (text, reason) in [
+        ("[[node]]\nkind = \"echo\"\nbus = \"1.0\"", "there are: 0.0, 0.1, 0.2, 0.3"),
+        ("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nfile = \"x\"", "\"replay\""),
+        ("[[node]]\nkind = \"replay\"\nbus = \"0.0\"", "needs `file`"),
+        ("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\nbabble_us = 3", "\"faulty\""),
+        ("[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\ndrop_permille = 1001", "0 to 1000"),
+        ("[[node]]\nkind = \"echo\"\nbus = \"0.0\"\ndata_bitrate = 1", "needs `bitrate`"),
+        ("[[fault]]\nkind = \"lost_frame\"", "either `cycle` or `at_ms`"),
+        ("[[fault]]\nkind = \"lost_frame\"\ncycle = 1\nat_ms = 1", "either `cycle` or `at_ms`"),
+        ("[[fault]]\nkind = \"power_cycle\"\ncycle = 1", "needs `gateway`"),
+        ("[[fault]]\nkind = \"power_cycle\"\ncycle = 1\ngateway = 1", "there are 1"),
+        ("[[fault]]\nkind = \"lost_frame\"\ncycle = 1\ngateway = 0", "`gateway` does not belong"),
+        ("[[fault]]\nkind = \"bus_off\"\ncycle = 1\ngateway = 0\nchannel = 4", "channel 4"),
+        (
+            "[[fault]]\nkind = \"node_silent\"\ncycle = 1\nnode = \"x\"\nfor_ms = 1",
+            "no node of the name \"x\"",
+        ),
+    ] {
+        let error = read(&format!("{gateway}{text}")).unwrap_err();
+        assert!(error.starts_with("line 2: "), "{text}: {error}");
+        assert!(error.contains(reason), "{text}: {error}");
+    }
+}
+
+#[test]
+fn two_nodes_need_two_names() {
+    let node = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nname = \"twin\"\n";
+    let error = read(&format!("[[gateway]]\n{node}{node}")).unwrap_err();
+    assert!(error.starts_with("line 6: ") && error.contains("twin"), "{error}");
+}
+
+#[test]
+fn missing_files_and_bad_logs_are_named() {
+    let directory = std::env::temp_dir().join(format!("ecan-sim-files-{}", std::process::id()));
+    std::fs::create_dir_all(&directory).unwrap();
+    let setting = |name: &str| EcrtSetting::Sim(ScenarioChoice::File(directory.join(name)));
+    let options = SimOptions::default();
+    let error = open(&setting("none.toml"), &options).unwrap_err();
+    assert!(matches!(error, BackendError::Read { .. }));
+    assert!(error.to_string().contains("none.toml"));
+
+    std::fs::write(directory.join("bad.toml"), "seed = 1\nsead = 2\n").unwrap();
+    let error = open(&setting("bad.toml"), &options).unwrap_err().to_string();
+    assert!(error.contains("bad.toml: line 2: unknown field `sead`"), "{error}");
+
+    let replay = "clock = \"stepped\"\n[[gateway]]\n[[node]]\nkind = \"replay\"\nbus = \"0.0\"\n\
+                  file = \"frames.log\"\n";
+    std::fs::write(directory.join("replay.toml"), replay).unwrap();
+    std::fs::write(directory.join("frames.log"), "(1.000000) can0 123#11\nnonsense\n").unwrap();
+    let error = open(&setting("replay.toml"), &options).unwrap_err();
+    assert!(matches!(error, BackendError::Log { line: 2, .. }), "{error}");
+
+    std::fs::write(directory.join("frames.log"), "(1.000000) can0 123#11\n").unwrap();
+    let backend = open(&setting("replay.toml"), &options).unwrap();
+    let simulation = backend.simulation.unwrap();
+    assert!(simulation.scenario_name().ends_with("replay.toml"));
+    std::fs::remove_dir_all(&directory).unwrap();
+}
+
+#[test]
+fn a_simulated_run_says_so() {
+    let options =
+        SimOptions { clock: Some(ClockKind::Stepped), slaves: Some(2), ..SimOptions::default() };
+    let setting = EcrtSetting::parse("sim").unwrap();
+    let backend = open(&setting, &SimOptions { seed: Some(5), ..options }).unwrap();
+    assert!(backend.ecrt.is_simulated());
+    assert_eq!(
+        backend.simulation.unwrap().banner(),
+        "SIMULATED: no EtherCAT master, no hardware. Scenario echo: 2 gateways, 8 nodes, \
+         libethercat 1.6, stepped time, seed 5"
+    );
+}
+
+#[test]
+fn a_missing_library_is_an_error_and_not_a_simulation() {
+    let setting = EcrtSetting::parse("/nowhere/libethercat.so.1").unwrap();
+    let error = open(&setting, &SimOptions::default()).unwrap_err();
+    assert!(matches!(error, BackendError::Load(_)));
+    assert!(error.to_string().contains("/nowhere/libethercat.so.1"));
+}

@@ -1,0 +1,73 @@
+//! A gateway in operation allocates nothing.
+
+mod gateway_support;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use ecan_protocol::{DataPathConfig, OptionFlags, PdoProfile, Schedule};
+use gateway_support::{Bench, MS, chunks, fd, standard};
+
+struct Counting;
+
+static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
+
+// SAFETY: every call goes to the system's allocator unchanged.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: the caller's promise is passed on.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+/// Traffic in both directions with results, schedules, overflows and a faulty image. The only
+/// test of this file, since the counter is the process's.
+#[test]
+fn cycles_need_no_heap() {
+    let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(8) };
+    let mut bench = Bench::configured(tx, chunks(24));
+    for channel in 0..4 {
+        bench.apply_data_path(channel, DataPathConfig::for_traffic(4, 4));
+    }
+    bench.start_sync0();
+    bench.pass(MS);
+    bench.start();
+    let before = ALLOCATIONS.load(Ordering::Relaxed);
+    for cycle in 0..200u16 {
+        for channel in 0..4u8 {
+            for number in 0..(cycle % 40) {
+                bench.push(channel, standard(number, &[channel; 8]));
+                bench.gateway.received(bench.now, channel.into(), &fd(number, &[9; 12]), bench.now);
+            }
+            let frame = fd(cycle, &[1; 16]);
+            let schedule = Schedule { tag: cycle, offset_ns: 300_000 };
+            let result =
+                bench.writer.push_scheduled(&mut bench.image, channel, 0, frame.as_ref(), schedule);
+            assert!(result.is_ok());
+        }
+        if cycle % 50 == 49 {
+            bench.image[24] ^= 0xFF;
+        }
+        assert!(bench.write() && bench.read());
+        bench.pass(MS / 2);
+        for channel in 0..4 {
+            while let Some(frame) = bench.gateway.next_transmit(channel) {
+                bench.gateway.transmitted(bench.now, channel, &frame);
+            }
+        }
+        bench.pass(MS / 2);
+    }
+    assert_eq!(ALLOCATIONS.load(Ordering::Relaxed) - before, 0);
+    let truth = bench.gateway.truth();
+    assert!(truth.frames_on_bus > 1000 && truth.frames_released > 0 && truth.results_to_master > 0);
+    assert!(truth.frames_to_master > 1000 && truth.receive_losses.cache_full > 0);
+}

@@ -1,0 +1,206 @@
+//! Whatever comes in, the gateway stays whole: it answers with a code or a counter, keeps its
+//! books, and does the same again with the same seed.
+
+mod gateway_support;
+
+use ecan_protocol::{AlState, CommitFields, Packet, PdoProfile, objects};
+use ecan_sim::{ErrorState, GatewaySettings, ReceiveLosses, Truth};
+use gateway_support::{Bench, MS, chunks, fd, standard};
+use proptest::prelude::*;
+
+/// Something that may be done to a gateway.
+#[derive(Clone, Debug)]
+enum Step {
+    Download { object: prop::sample::Index, instance: u16, subindex: u8, data: Vec<u8> },
+    Upload { index: u16, subindex: u8 },
+    Request(u8),
+    Image(Vec<u8>),
+    Frames(u8),
+    FromBus(u8),
+    Cycle,
+    BusState(u8),
+    Pass(u32),
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    prop_oneof![
+        4 => (any::<prop::sample::Index>(), 0u16..5, 0u8..90, prop::collection::vec(any::<u8>(), 0..5))
+            .prop_map(|(object, instance, subindex, data)| {
+                Step::Download { object, instance, subindex, data }
+            }),
+        1 => (any::<u16>(), any::<u8>())
+            .prop_map(|(index, subindex)| Step::Upload { index, subindex }),
+        2 => (0u8..5).prop_map(Step::Request),
+        2 => prop::collection::vec(any::<u8>(), 24..200).prop_map(Step::Image),
+        3 => (0u8..40).prop_map(Step::Frames),
+        3 => any::<u8>().prop_map(Step::FromBus),
+        6 => Just(Step::Cycle),
+        1 => any::<u8>().prop_map(Step::BusState),
+        1 => (0u32..3_000_000).prop_map(Step::Pass),
+    ]
+}
+
+fn run(bench: &mut Bench, step: &Step) {
+    match step {
+        Step::Download { object, instance, subindex, data } => {
+            let object = object.get(objects());
+            let index = object.first + instance % object.count * object.stride;
+            let _ = bench.download(index, *subindex, data);
+        }
+        Step::Upload { index, subindex } => {
+            let _ = bench.try_upload(*index, *subindex);
+        }
+        Step::Request(state) => {
+            let states =
+                [AlState::Init, AlState::PreOp, AlState::Boot, AlState::SafeOp, AlState::Op];
+            bench.gateway.request_al_state(bench.now, states[usize::from(*state)]);
+        }
+        Step::Image(bytes) => {
+            let mut image = vec![0; bench.image.len()];
+            image[..bytes.len()].copy_from_slice(bytes);
+            bench.gateway.write_outputs(bench.now, &image);
+            bench.pass(50_000);
+        }
+        Step::Frames(count) => {
+            for number in 0..*count {
+                bench.push(number % 4, standard(number.into(), &[number; 3]));
+            }
+            bench.writer.commit(&mut bench.image, CommitFields::default());
+        }
+        Step::FromBus(byte) => {
+            bench.deliver(usize::from(*byte) % 4, fd(u16::from(*byte) * 7, &[*byte; 8]));
+        }
+        Step::Cycle => {
+            bench.write_again();
+            bench.read();
+            bench.pass(MS / 2);
+            for channel in 0..4 {
+                if let Some(frame) = bench.gateway.next_transmit(channel) {
+                    bench.gateway.transmitted(bench.now, channel, &frame);
+                }
+            }
+        }
+        Step::BusState(byte) => {
+            let states =
+                [ErrorState::Active, ErrorState::Warning, ErrorState::Passive, ErrorState::BusOff];
+            let state = states[usize::from(byte / 4) % 4];
+            bench.gateway.bus_state(bench.now, usize::from(byte % 4), state, 0, 0);
+        }
+        Step::Pass(ns) => bench.pass(u64::from(*ns)),
+    }
+}
+
+/// Brings the mailbox back, which may drop frames that wait.
+fn make_readable(bench: &mut Bench) {
+    if !bench.gateway.is_responding() {
+        bench.pass(1_000 * MS);
+    }
+    if !bench.gateway.mailbox_answers(bench.now) || bench.gateway.al_state() == AlState::Boot {
+        bench.gateway.request_al_state(bench.now, AlState::Init);
+        bench.gateway.request_al_state(bench.now, AlState::PreOp);
+    }
+}
+
+/// Frames that went in, on the way out and on the way in, and are neither delivered, nor
+/// lost, nor waiting.
+fn unaccounted(bench: &mut Bench) -> (i64, i64) {
+    let truth = *bench.gateway.truth();
+    let out = truth.transmit_losses;
+    let lost_out = out.invalid_channel
+        + out.bus_off
+        + out.ring_full
+        + out.stale
+        + out.late
+        + out.schedule_full
+        + out.schedule_failed
+        + out.bypassed
+        + out.not_retransmitted;
+    let lost_in = lost_in(&truth);
+    let (mut waiting_out, mut waiting_in) = (0, 0);
+    for channel in 0..4 {
+        waiting_out += i64::from(bench.upload(0x9000 + channel, 11));
+        waiting_in += i64::from(bench.upload(0x9000 + channel, 10));
+    }
+    (
+        truth.frames_parsed as i64 - (truth.frames_on_bus + lost_out) as i64 - waiting_out,
+        truth.frames_from_bus as i64 - (truth.frames_to_master + lost_in) as i64 - waiting_in,
+    )
+}
+
+fn lost_in(truth: &Truth) -> u64 {
+    let ReceiveLosses { filtered, controller_full, cache_full, oversized, masked, flushed } =
+        truth.receive_losses;
+    filtered + controller_full + cache_full + oversized + masked + flushed
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+
+    #[test]
+    fn any_sequence_of_steps_keeps_the_books(steps in prop::collection::vec(step(), 1..80)) {
+        let mut bench = Bench::op(chunks(8), chunks(8));
+        for step in &steps {
+            run(&mut bench, step);
+        }
+        make_readable(&mut bench);
+        prop_assert_eq!(unaccounted(&mut bench), (0, 0));
+    }
+
+    #[test]
+    fn equal_seeds_give_equal_runs(steps in prop::collection::vec(step(), 1..40)) {
+        let settings = GatewaySettings { service_jitter_ns: 20_000, ..Default::default() };
+        let [first, second] = [(); 2].map(|()| {
+            let mut bench = Bench::preop_with(settings.clone());
+            bench.apply_profiles(chunks(8), chunks(8));
+            bench.apply_channel(0, Default::default());
+            bench.start();
+            for step in &steps {
+                run(&mut bench, step);
+            }
+            (*bench.gateway.truth(), bench.input.clone(), bench.gateway.next_event())
+        });
+        prop_assert_eq!(first, second);
+    }
+
+    #[test]
+    fn every_image_published_is_one_that_the_reader_accepts(
+        profile in prop::sample::select(&ecan_protocol::EncapsulationProfile::ALL[..]),
+        budget in 0u8..3,
+        multiplier in 1u8..25,
+        options in 0u8..0x08,
+        frames in prop::collection::vec((0usize..4, 0usize..16, any::<bool>()), 0..60),
+    ) {
+        let tx = PdoProfile {
+            multiplier,
+            profile,
+            budget: ecan_protocol::BudgetPolicy::from_raw(budget).unwrap(),
+            options: ecan_protocol::OptionFlags::from_bits(options).unwrap(),
+            ..PdoProfile::default()
+        };
+        let mut bench = Bench::op(tx, chunks(8));
+        let mut cycles = 0;
+        for (count, (channel, size, is_fd)) in frames.iter().enumerate() {
+            let length = ecan_protocol::Dlc::new(*size as u8).unwrap().fd_len();
+            let frame = if *is_fd {
+                fd(count as u16, &vec![count as u8; length])
+            } else {
+                standard(count as u16, &vec![count as u8; length.min(8)])
+            };
+            bench.deliver(*channel, frame);
+            bench.push(*channel as u8, standard(count as u16, &[]));
+            if count % 3 == 0 {
+                bench.cycle();
+                cycles += 1;
+                bench.packets(|packet| Some(matches!(packet, Packet::Frame(_))));
+            }
+        }
+        for _ in 0..80 {
+            bench.cycle();
+            cycles += 1;
+            bench.packets(|packet| Some(matches!(packet, Packet::Frame(_))));
+        }
+        let truth = *bench.gateway.truth();
+        prop_assert_eq!(truth.images_read, cycles + 1);
+        prop_assert_eq!(truth.frames_to_master + lost_in(&truth), frames.len() as u64);
+    }
+}
