@@ -1,0 +1,49 @@
+//! Frames at a phase of the next Sync0 period (manual 8.4, 13.8).
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{Bench, classic, frames_of, id};
+use ecan_host::{AdapterConfig, DcSync};
+use ecan_mcan_port::{GatewayConfig, NotSchedulable, PortConfig, SendError};
+use ecan_protocol::Schedule;
+
+fn with_sync0() -> Bench {
+    let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    adapter.dc = Some(DcSync::new(1_000_000, 500_000));
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    Bench::ready(ecan_sim::echo(1), adapter, config)
+}
+
+#[test]
+fn a_scheduled_frame_leaves_at_its_phase_and_in_pdo_order() {
+    let mut bench = with_sync0();
+    let schedule = |offset_ns| Schedule { tag: 7, offset_ns };
+    bench.cycle(|port| {
+        port.schedule_can(0, 0, id(3), &[], schedule(300_000)).unwrap();
+        port.schedule_can(0, 0, id(1), &[], schedule(100_000)).unwrap();
+        port.schedule_can(0, 0, id(2), &[], schedule(100_000)).unwrap();
+    });
+    let back: Vec<_> = frames_of(&bench.idle(8)).iter().map(|f| f.frame.id().raw()).collect();
+    assert_eq!(back, [1, 2, 3], "by phase, then in the order of the image");
+    let truth = bench.simulation.with_world(|world| world.truth(0).unwrap());
+    assert_eq!((truth.frames_scheduled, truth.frames_released), (3, 3));
+    assert_eq!(truth.transmit_losses.late, 0);
+}
+
+#[test]
+fn what_cannot_be_scheduled_is_refused_with_the_reason() {
+    let mut bench = with_sync0();
+    let beyond = Schedule { tag: 0, offset_ns: 1_000_000 };
+    bench.cycle(|port| {
+        let refused = port.schedule_can(0, 0, id(1), &[], beyond).unwrap_err();
+        let reason = NotSchedulable::BeyondPeriod;
+        assert_eq!(refused, SendError::NotSchedulable { slave: 0, offset_ns: 1_000_000, reason });
+    });
+    let mut bench = Bench::single(GatewayConfig::on_channel(0, classic()));
+    bench.cycle(|port| {
+        let schedule = Schedule { tag: 0, offset_ns: 1 };
+        let refused = port.schedule_can(0, 0, id(1), &[], schedule).unwrap_err();
+        assert!(refused.to_string().contains("not configured"), "{refused}");
+    });
+}
