@@ -104,6 +104,11 @@ fn make_readable(bench: &mut Bench) {
 /// Frames that went in, on the way out and on the way in, and are neither delivered, nor
 /// lost, nor waiting.
 fn unaccounted(bench: &mut Bench) -> (i64, i64) {
+    let (mut waiting_out, mut waiting_in) = (0, 0);
+    for channel in 0..4 {
+        waiting_out += i64::from(bench.upload(0x9000 + channel, 11));
+        waiting_in += i64::from(bench.upload(0x9000 + channel, 10));
+    }
     let truth = *bench.gateway.truth();
     let out = truth.transmit_losses;
     let lost_out = out.invalid_channel
@@ -116,11 +121,6 @@ fn unaccounted(bench: &mut Bench) -> (i64, i64) {
         + out.bypassed
         + out.not_retransmitted;
     let lost_in = lost_in(&truth);
-    let (mut waiting_out, mut waiting_in) = (0, 0);
-    for channel in 0..4 {
-        waiting_out += i64::from(bench.upload(0x9000 + channel, 11));
-        waiting_in += i64::from(bench.upload(0x9000 + channel, 10));
-    }
     (
         truth.frames_parsed as i64 - (truth.frames_on_bus + lost_out) as i64 - waiting_out,
         truth.frames_from_bus as i64 - (truth.frames_to_master + lost_in) as i64 - waiting_in,

@@ -135,7 +135,7 @@ impl Gateway {
             channel.flush_receive(&mut self.truth);
         }
         self.last_service = self.now;
-        self.idle_service_at = self.now + self.settings.idle_service_ns.max(1);
+        self.plan_idle_service();
         self.publish_inputs();
     }
 
@@ -146,6 +146,11 @@ impl Gateway {
             stale += channel.transmit.flush();
         }
         self.truth.transmit_losses.stale += stale as u64;
+        self.plan_idle_service();
+    }
+
+    fn plan_idle_service(&mut self) {
+        self.idle_service_at = self.now + self.settings.idle_service_ns.max(1);
     }
 
     /// The slave itself leaves OP (or stays where it is below) with an error.
