@@ -13,3 +13,8 @@ pub mod progress;
 pub mod summary;
 pub mod traffic;
 pub mod watch;
+
+/// The programs in the README compile.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;
