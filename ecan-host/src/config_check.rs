@@ -1,12 +1,11 @@
 //! The check of a configuration before anything touches the bus: every fault, not the first.
 
-use std::fmt;
-
 use ecan_protocol::MAX_MULTIPLIER;
 use thiserror::Error;
 
 use crate::capacity::{self, Capacity, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 use crate::config::{AdapterConfig, SlaveSettings};
+use crate::faults::Faults;
 
 /// Shortest cycle that is accepted, in nanoseconds.
 const MIN_CYCLE_NS: u32 = 100_000;
@@ -122,30 +121,12 @@ pub enum ConfigFault {
     },
 }
 
-/// Every fault of a configuration, in the order of the configuration's fields.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct ConfigFaults(pub Vec<ConfigFault>);
-
-impl fmt::Display for ConfigFaults {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0.as_slice() {
-            [one] => write!(f, "{one}"),
-            all => {
-                write!(f, "{} faults in the configuration", all.len())?;
-                all.iter().try_for_each(|fault| write!(f, "\n  - {fault}"))
-            }
-        }
-    }
-}
-
-impl std::error::Error for ConfigFaults {}
-
 impl AdapterConfig {
     /// Checks the whole configuration without touching the bus.
     ///
     /// # Errors
     /// Every fault found.
-    pub fn check(&self) -> Result<(), ConfigFaults> {
+    pub fn check(&self) -> Result<(), Faults<ConfigFault>> {
         let mut faults = Vec::new();
         if self.slaves.is_empty() {
             faults.push(ConfigFault::NoSlaves);
@@ -154,7 +135,7 @@ impl AdapterConfig {
             self.check_slave(index, slave, &mut faults);
         }
         self.check_cycle(&mut faults);
-        if faults.is_empty() { Ok(()) } else { Err(ConfigFaults(faults)) }
+        Faults::check(faults)
     }
 
     fn check_slave(&self, index: usize, slave: &SlaveSettings, faults: &mut Vec<ConfigFault>) {

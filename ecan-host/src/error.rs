@@ -6,8 +6,9 @@ use thiserror::Error;
 
 use crate::adapter::Phase;
 use crate::config::Identity;
-use crate::config_check::ConfigFaults;
+use crate::config_check::ConfigFault;
 use crate::cycle::CycleError;
+use crate::faults::Faults;
 use crate::operation::NotOperational;
 use crate::startup::Expectation;
 
@@ -35,7 +36,7 @@ impl SdoDirection {
 pub enum Error {
     /// The configuration has faults; nothing was touched.
     #[error(transparent)]
-    Config(#[from] ConfigFaults),
+    Config(#[from] Faults<ConfigFault>),
     /// The master could not be requested or opened.
     #[error(transparent)]
     Open(#[from] OpenError),

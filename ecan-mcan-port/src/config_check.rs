@@ -1,8 +1,6 @@
 //! The check of a Port's configuration before anything touches the bus: every fault.
 
-use std::fmt;
-
-use ecan_host::{AdapterConfig, ConfigFault};
+use ecan_host::{AdapterConfig, ConfigFault, Faults};
 use ecan_protocol::{
     CHANNELS, ChannelFault, DataPathFault, Direction, FilterFault, OptionFlags, ProfileError,
     check_filters,
@@ -91,30 +89,12 @@ pub enum PortConfigFault {
     },
 }
 
-/// Every fault of a configuration.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct PortConfigFaults(pub Vec<PortConfigFault>);
-
-impl fmt::Display for PortConfigFaults {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self.0.as_slice() {
-            [one] => write!(f, "{one}"),
-            all => {
-                write!(f, "{} faults in the configuration", all.len())?;
-                all.iter().try_for_each(|fault| write!(f, "\n  - {fault}"))
-            }
-        }
-    }
-}
-
-impl std::error::Error for PortConfigFaults {}
-
 impl PortConfig {
     /// Checks this configuration together with the Adapter's, without touching the bus.
     ///
     /// # Errors
     /// Every fault found in both.
-    pub fn check(&self, adapter: &AdapterConfig) -> Result<(), PortConfigFaults> {
+    pub fn check(&self, adapter: &AdapterConfig) -> Result<(), Faults<PortConfigFault>> {
         let mut faults = Vec::new();
         if let Err(adapter_faults) = adapter.check() {
             faults.extend(adapter_faults.0.into_iter().map(PortConfigFault::Adapter));
@@ -133,7 +113,7 @@ impl PortConfig {
             }
             check_channels(slave, gateway, &mut faults);
         }
-        if faults.is_empty() { Ok(()) } else { Err(PortConfigFaults(faults)) }
+        Faults::check(faults)
     }
 }
 

@@ -1,9 +1,9 @@
 //! What can go wrong outside the cycle.
 
-use ecan_host::CycleError;
+use ecan_host::{CycleError, Faults};
 use thiserror::Error;
 
-use crate::config_check::PortConfigFaults;
+use crate::config_check::PortConfigFault;
 use crate::session::Session;
 
 /// Errors of the Port outside the cycle.
@@ -12,7 +12,7 @@ use crate::session::Session;
 pub enum PortError {
     /// The configuration has faults; nothing was touched.
     #[error(transparent)]
-    Config(#[from] PortConfigFaults),
+    Config(#[from] Faults<PortConfigFault>),
     /// The Adapter failed.
     #[error(transparent)]
     Adapter(#[from] ecan_host::Error),

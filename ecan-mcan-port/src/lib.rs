@@ -33,7 +33,7 @@ mod wait;
 
 pub use batch::{Batch, Exchange};
 pub use config::{ChannelSettings, GatewayConfig, PortConfig, Traffic};
-pub use config_check::{PortConfigFault, PortConfigFaults};
+pub use config_check::PortConfigFault;
 pub use cycle::{CycleReport, ImageReport};
 pub use error::PortError;
 pub use port::Port;
