@@ -6,14 +6,14 @@ use std::ops::Range;
 use ecan_protocol::Direction;
 use ecrt_sys::{Clock, DomainId, Ecrt, Master, SlaveConfigId};
 
-use crate::capacity::Capacity;
+use crate::al_status::AlStatusWatch;
 use crate::config::{AdapterConfig, Identity, SlaveSettings};
 use crate::cycle::DomainReport;
 use crate::diagnostics::Diagnostics;
+use crate::domain_layout::DomainLayout;
 use crate::error::Error;
-use crate::identification;
+use crate::identification::{self, Identified};
 use crate::mapping;
-use crate::operation::AlStatusWatch;
 use crate::startup::{StartupStep, run_steps, startup_list};
 
 /// Where an [`Adapter`] is in its life.
@@ -44,7 +44,9 @@ pub(crate) struct Slave {
     pub(crate) config: SlaveConfigId,
     pub(crate) domain: DomainId,
     pub(crate) identity: Identity,
-    pub(crate) capacity: Capacity,
+    /// 0xF000:07 and :08, by which the very device is known.
+    pub(crate) serial: [u32; 2],
+    pub(crate) layout: DomainLayout,
     pub(crate) rx: Range<usize>,
     pub(crate) tx: Range<usize>,
     pub(crate) report: DomainReport,
@@ -63,6 +65,11 @@ pub struct Adapter {
     pub(crate) slaves: Vec<Slave>,
     pub(crate) phase: Phase,
     attached: bool,
+    /// Last point of the cycle grid, the start of the cycle that is due there, and the time of
+    /// the running cycle.
+    pub(crate) grid_ns: Option<u64>,
+    pub(crate) cycle_due_ns: Option<u64>,
+    pub(crate) cycle_time_ns: u64,
 }
 
 impl Adapter {
@@ -88,11 +95,14 @@ impl Adapter {
     /// and domains to it; requesting, activating, sending and receiving stay with the owner, who
     /// calls [`owner_activated`](Self::owner_activated) after `ecrt_master_activate`, then in each
     /// cycle [`receive`](Self::receive) after its `ecrt_master_receive` and [`send`](Self::send)
-    /// before its `ecrt_master_send`.
+    /// before its `ecrt_master_send`. `config.master_index` must be the index of that master.
     ///
     /// # Errors
     /// Any [`Error`]; the owner's handle stays as it is, with what was added until then.
     pub fn attach(ecrt: &Ecrt, master: Master, config: AdapterConfig) -> Result<Self, Error> {
+        if !master.is_foreign() {
+            return Err(Error::NotForeign);
+        }
         config.check()?;
         Self::build(ecrt, master, config, true)
     }
@@ -103,7 +113,7 @@ impl Adapter {
         config: AdapterConfig,
         attached: bool,
     ) -> Result<Self, Error> {
-        let diagnostics = Diagnostics::open(ecrt, config.master_index, Vec::new())?;
+        let diagnostics = Diagnostics::open(ecrt, &config)?;
         let mut adapter = Self {
             ecrt: ecrt.clone(),
             master,
@@ -112,6 +122,9 @@ impl Adapter {
             slaves: Vec::new(),
             phase: Phase::Down,
             attached,
+            grid_ns: None,
+            cycle_due_ns: None,
+            cycle_time_ns: 0,
         };
         adapter.configure()?;
         Ok(adapter)
@@ -119,23 +132,32 @@ impl Adapter {
 
     /// From PREOP slaves to a configured master.
     fn configure(&mut self) -> Result<(), Error> {
+        self.diagnostics.set_places(&self.config);
         let clock = self.ecrt.clock().as_ref();
-        let positions = identification::wait_for_slaves(&self.diagnostics, clock, &self.config)?;
-        self.diagnostics.set_positions(positions);
-        let settings = std::mem::take(&mut self.config.slaves);
-        let result = settings
+        identification::wait_for_slaves(&self.diagnostics, clock, &self.config)?;
+        // All are known for what they are before the first is written to.
+        let settings = self.config.slaves.clone();
+        let identified = settings
             .iter()
             .enumerate()
-            .map(|(index, slave)| self.configure_slave(index, slave))
-            .collect::<Result<Vec<Slave>, Error>>();
-        self.config.slaves = settings;
-        self.slaves = result?;
+            .map(|(index, slave)| identification::identify(&self.diagnostics, index, slave))
+            .collect::<Result<Vec<Identified>, Error>>()?;
+        self.slaves = settings
+            .iter()
+            .zip(identified)
+            .enumerate()
+            .map(|(index, (slave, identified))| self.configure_slave(index, slave, identified))
+            .collect::<Result<Vec<Slave>, Error>>()?;
         self.phase = Phase::Configured;
         Ok(())
     }
 
-    fn configure_slave(&mut self, slave: usize, settings: &SlaveSettings) -> Result<Slave, Error> {
-        let identity = identification::identify(&self.diagnostics, slave, settings)?;
+    fn configure_slave(
+        &mut self,
+        slave: usize,
+        settings: &SlaveSettings,
+        Identified { identity, serial }: Identified,
+    ) -> Result<Slave, Error> {
         let steps = startup_list(settings);
         run_steps(&self.diagnostics, slave, &steps)?;
         let (rx_n, tx_n) = (settings.rx_multiplier, settings.tx_multiplier);
@@ -158,7 +180,12 @@ impl Adapter {
             if let StartupStep::Download(sdo) = step {
                 let (bytes, length) = sdo.bytes();
                 master
-                    .config_sdo(config, sdo.index, sdo.subindex, &bytes[..length])
+                    .config_sdo(
+                        config,
+                        sdo.index,
+                        sdo.subindex,
+                        bytes.get(..length).unwrap_or(&bytes),
+                    )
                     .map_err(fail("ecrt_slave_config_sdo"))?;
             }
         }
@@ -174,15 +201,19 @@ impl Adapter {
         let al_status = master
             .create_reg_request(config, 2)
             .map_err(fail("ecrt_slave_config_create_reg_request"))?;
-        let capacity = Capacity::new(rx_n, tx_n);
+        let layout = DomainLayout::new(rx_n, tx_n);
         Ok(Slave {
             config,
             domain,
             identity,
-            capacity,
-            rx: rx_start..rx_start + capacity.rx_bytes,
-            tx: tx_start..tx_start + capacity.tx_bytes,
-            report: DomainReport::default(),
+            serial,
+            layout,
+            rx: rx_start..rx_start + layout.rx_bytes,
+            tx: tx_start..tx_start + layout.tx_bytes,
+            report: DomainReport {
+                expected_working_counter: layout.expected_working_counter(self.ecrt.version()),
+                ..DomainReport::default()
+            },
             al_status: AlStatusWatch::new(al_status),
         })
     }
@@ -199,13 +230,10 @@ impl Adapter {
         self.master
             .set_send_interval(cycle_us as usize)
             .map_err(|e| Error::library("ecrt_master_set_send_interval", None, e))?;
-        if self.config.dc.is_some() {
-            let now = self.ecrt.clock().now_ns();
-            self.master
-                .application_time(now)
-                .map_err(|e| Error::library("ecrt_master_application_time", None, e))?;
-        }
         self.master.activate().map_err(|e| Error::library("ecrt_master_activate", None, e))?;
+        // The grid starts with the first cycle, and with it the application time, to which the
+        // master refers the phase of Sync0.
+        self.grid_ns = None;
         self.phase = Phase::Active;
         Ok(())
     }
@@ -216,7 +244,7 @@ impl Adapter {
     /// A wrong phase, an Adapter that is not attached, or a domain without data.
     pub fn owner_activated(&mut self) -> Result<(), Error> {
         if !self.attached {
-            return self.activate();
+            return Err(Error::NotAttached { call: "owner_activated" });
         }
         self.need_phase("owner_activated", Phase::Configured)?;
         self.master
@@ -236,6 +264,10 @@ impl Adapter {
     pub fn reconfigure(&mut self, config: AdapterConfig) -> Result<(), Error> {
         self.need_owned("reconfigure")?;
         config.check()?;
+        let (is, wanted) = (self.config.master_index, config.master_index);
+        if is != wanted {
+            return Err(Error::OtherMaster { is, wanted });
+        }
         let was_active = self.phase == Phase::Active;
         self.phase = Phase::Down;
         self.slaves.clear();
@@ -300,12 +332,21 @@ impl Adapter {
         Ok(self.slave(slave)?.identity)
     }
 
+    /// Serial number of the gateway that was found at a slave's place (0xF000:07 and :08).
+    ///
+    /// # Errors
+    /// An index out of range.
+    pub fn serial_number(&self, slave: usize) -> Result<u64, Error> {
+        let [low, high] = self.slave(slave)?.serial;
+        Ok(u64::from(high) << 32 | u64::from(low))
+    }
+
     /// Datagram layout of a slave.
     ///
     /// # Errors
     /// An index out of range.
-    pub fn capacity(&self, slave: usize) -> Result<Capacity, Error> {
-        Ok(self.slave(slave)?.capacity)
+    pub fn domain_layout(&self, slave: usize) -> Result<DomainLayout, Error> {
+        Ok(self.slave(slave)?.layout)
     }
 
     /// State of the bus and its slaves at any time, and blocking SDO transfers before activation;
@@ -319,10 +360,7 @@ impl Adapter {
     /// # Errors
     /// The master cannot be opened.
     pub fn open_diagnostics(&self) -> Result<Diagnostics, Error> {
-        let positions = (0..self.slave_count())
-            .map(|slave| self.diagnostics.position(slave))
-            .collect::<Result<Vec<u16>, Error>>()?;
-        Diagnostics::open(&self.ecrt, self.config.master_index, positions)
+        Diagnostics::open(&self.ecrt, &self.config)
     }
 
     pub(crate) fn slave(&self, slave: usize) -> Result<&Slave, Error> {

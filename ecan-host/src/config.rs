@@ -54,7 +54,11 @@ pub struct SlaveSettings {
     /// A fixed identity. `None` takes the identity of the slave found at the position and checks
     /// by content that it is an ECAN-Lite.
     pub identity: Option<Identity>,
-    /// What is written after the PDO assignment, in order, at every (re)configuration.
+    /// What the layer above needs, in order, at every (re)configuration: checks that come first
+    /// run before the PDO assignment. The MCAN Port puts its own steps here, in place of those it
+    /// finds.
+    pub base_startup: Vec<StartupStep>,
+    /// What the application adds, after that.
     pub startup: Vec<StartupStep>,
 }
 
@@ -67,6 +71,7 @@ impl SlaveSettings {
             rx_multiplier: multiplier,
             tx_multiplier: multiplier,
             identity: None,
+            base_startup: Vec::new(),
             startup: Vec::new(),
         }
     }

@@ -3,8 +3,8 @@
 use ecan_protocol::MAX_MULTIPLIER;
 use thiserror::Error;
 
-use crate::capacity::{self, Capacity, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 use crate::config::{AdapterConfig, SlaveSettings};
+use crate::domain_layout::{self, DomainLayout, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 use crate::faults::Faults;
 
 /// Shortest cycle that is accepted, in nanoseconds.
@@ -160,7 +160,7 @@ impl AdapterConfig {
         if slave.identity.is_some_and(|id| id.vendor_id == 0 || id.product_code == 0) {
             faults.push(ConfigFault::Identity { slave: index });
         }
-        for (step, startup) in slave.startup.iter().enumerate() {
+        for (step, startup) in slave.base_startup.iter().chain(&slave.startup).enumerate() {
             let object = startup.object().0;
             if startup.is_download() && (object == 0x1C12 || object == 0x1C13) {
                 faults.push(ConfigFault::StartupAssignment { slave: index, step, index: object });
@@ -173,10 +173,10 @@ impl AdapterConfig {
             faults.push(ConfigFault::Cycle { cycle_ns: self.cycle_ns });
             return;
         }
-        let needed = capacity::bytes_with_mailbox(
-            self.slaves.iter().map(|s| Capacity::new(s.rx_multiplier, s.tx_multiplier)),
+        let needed = domain_layout::bytes_with_mailbox(
+            self.slaves.iter().map(|s| DomainLayout::new(s.rx_multiplier, s.tx_multiplier)),
         );
-        let available = capacity::bytes_per_cycle(self.cycle_ns);
+        let available = domain_layout::bytes_per_cycle(self.cycle_ns);
         if needed > available {
             faults.push(ConfigFault::Bandwidth { needed, available, cycle_ns: self.cycle_ns });
         }

@@ -10,10 +10,12 @@ use crate::adapter::{Adapter, Phase, Slave};
 #[non_exhaustive]
 pub enum CycleError {
     /// A call of the master library failed.
-    #[error("{call} failed in the cycle: {errno}")]
+    #[error("{call}{} failed in the cycle: {errno}", Of(*slave))]
     Library {
         /// Name of the library function.
         call: &'static str,
+        /// Slave index, where the call concerns one.
+        slave: Option<usize>,
         /// What the system said.
         errno: Errno,
     },
@@ -25,17 +27,36 @@ pub enum CycleError {
     },
 }
 
-/// What the working counter tells about the RxPDO of the last exchange.
+impl CycleError {
+    pub(crate) fn library(call: &'static str) -> impl Fn(Errno) -> Self {
+        move |errno| Self::Library { call, slave: None, errno }
+    }
+
+    pub(crate) fn of_slave(call: &'static str, slave: usize) -> impl Fn(Errno) -> Self {
+        move |errno| Self::Library { call, slave: Some(slave), errno }
+    }
+}
+
+struct Of(Option<usize>);
+
+impl std::fmt::Display for Of {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        self.0.map_or(Ok(()), |slave| write!(f, " of slave {slave}"))
+    }
+}
+
+/// What the working counter tells about one direction of the last exchange.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Delivery {
     /// Nothing was exchanged yet.
     #[default]
     None,
-    /// The slave took the image.
+    /// The image was taken over.
     Confirmed,
-    /// The slave did not take it.
+    /// It was not.
     Missed,
-    /// It cannot be told: with LWR and LRD a sum of 1 may be either direction.
+    /// It cannot be told: with LWR and LRD a sum of 1 may be either direction, and after an error
+    /// of the library nothing is known.
     Unknown,
 }
 
@@ -44,15 +65,25 @@ pub enum Delivery {
 pub struct DomainReport {
     /// Working counter of the slave's domain.
     pub working_counter: u32,
-    /// The master's judgement of it; it knows the expected value.
+    /// Working counter of a complete exchange.
+    pub expected_working_counter: u32,
+    /// The master's judgement, which counts.
     pub wc_state: WcState,
-    /// What became of the output image.
-    pub delivery: Delivery,
+    /// What became of the RxPDO image that was sent.
+    pub outputs: Delivery,
+    /// Whether a TxPDO image was fetched.
+    pub inputs: Delivery,
 }
 
 impl Default for DomainReport {
     fn default() -> Self {
-        Self { working_counter: 0, wc_state: WcState::Zero, delivery: Delivery::None }
+        Self {
+            working_counter: 0,
+            expected_working_counter: 0,
+            wc_state: WcState::Zero,
+            outputs: Delivery::None,
+            inputs: Delivery::None,
+        }
     }
 }
 
@@ -64,52 +95,74 @@ impl DomainReport {
     }
 }
 
-fn judge(slave: &Slave, working_counter: u32, wc_state: WcState) -> Delivery {
+fn judge(slave: &Slave, working_counter: u32, wc_state: WcState) -> (Delivery, Delivery) {
+    let seen = |counted: bool| if counted { Delivery::Confirmed } else { Delivery::Missed };
     match wc_state {
-        WcState::Complete => Delivery::Confirmed,
-        WcState::Zero => Delivery::Missed,
+        WcState::Complete => (Delivery::Confirmed, Delivery::Confirmed),
+        WcState::Zero => (Delivery::Missed, Delivery::Missed),
         // In a single LRW a read counts 1 and a write 2, each on its own.
-        WcState::Incomplete if slave.capacity.is_single_datagram() => {
-            if working_counter & 2 != 0 {
-                Delivery::Confirmed
-            } else {
-                Delivery::Missed
-            }
+        WcState::Incomplete if slave.layout.is_single_datagram() => {
+            (seen(working_counter & 2 != 0), seen(working_counter & 1 != 0))
         }
-        WcState::Incomplete => Delivery::Unknown,
+        WcState::Incomplete => (Delivery::Unknown, Delivery::Unknown),
     }
 }
 
-fn fail(call: &'static str) -> impl Fn(Errno) -> CycleError {
-    move |errno| CycleError::Library { call, errno }
+/// Keeps the first error while the rest of the cycle goes on.
+fn keep(first: &mut Result<(), CycleError>, next: Result<(), CycleError>) {
+    if first.is_ok() {
+        *first = next;
+    }
 }
 
 impl Adapter {
     /// Fetches what came back and judges every slave's working counter.
     ///
     /// Real-time safe: no allocation, no lock, no call beyond the master's own. First in the
-    /// cycle; on an attached Adapter after the owner's `ecrt_master_receive`.
+    /// cycle, since with distributed clocks its time is that of the cycle; on an attached Adapter
+    /// after the owner's `ecrt_master_receive`.
     ///
     /// # Errors
-    /// A [`CycleError`]; the cycle may go on with the next call.
+    /// The first [`CycleError`]. Every other slave was served all the same; for those that were
+    /// not, [`DomainReport`] says that nothing is known.
     pub fn receive(&mut self) -> Result<(), CycleError> {
         if self.phase != Phase::Active {
             return Err(CycleError::NotActive { is: self.phase });
         }
+        self.start_cycle();
+        let mut result = Ok(());
         if !self.is_attached() {
-            self.master.receive().map_err(fail("ecrt_master_receive"))?;
+            let received = self.master.receive();
+            keep(&mut result, received.map_err(CycleError::library("ecrt_master_receive")));
         }
-        for slave in &mut self.slaves {
-            self.master.domain_process(slave.domain).map_err(fail("ecrt_domain_process"))?;
-            let state =
-                self.master.domain_state(slave.domain).map_err(fail("ecrt_domain_state"))?;
-            slave.report = DomainReport {
-                working_counter: state.working_counter,
-                wc_state: state.wc_state,
-                delivery: judge(slave, state.working_counter, state.wc_state),
-            };
+        let has_received = result.is_ok();
+        for (index, slave) in self.slaves.iter_mut().enumerate() {
+            slave.report.working_counter = 0;
+            slave.report.wc_state = WcState::Zero;
+            (slave.report.outputs, slave.report.inputs) = (Delivery::Unknown, Delivery::Unknown);
+            if !has_received {
+                continue;
+            }
+            let state = self
+                .master
+                .domain_process(slave.domain)
+                .map_err(CycleError::of_slave("ecrt_domain_process", index))
+                .and_then(|()| {
+                    let state = self.master.domain_state(slave.domain);
+                    state.map_err(CycleError::of_slave("ecrt_domain_state", index))
+                });
+            match state {
+                Ok(state) => {
+                    let (outputs, inputs) = judge(slave, state.working_counter, state.wc_state);
+                    let report = &mut slave.report;
+                    report.working_counter = state.working_counter;
+                    report.wc_state = state.wc_state;
+                    (report.outputs, report.inputs) = (outputs, inputs);
+                }
+                Err(error) => keep(&mut result, Err(error)),
+            }
         }
-        Ok(())
+        result
     }
 
     /// Queues every slave's process data, serves the distributed clocks and sends.
@@ -118,24 +171,33 @@ impl Adapter {
     /// before the owner's `ecrt_master_send`, who also serves the clocks.
     ///
     /// # Errors
-    /// A [`CycleError`]; the cycle may go on with the next call.
+    /// The first [`CycleError`]. What could be sent was sent all the same: a bus on which nothing
+    /// is sent never recovers.
     pub fn send(&mut self) -> Result<(), CycleError> {
         if self.phase != Phase::Active {
             return Err(CycleError::NotActive { is: self.phase });
         }
-        for slave in &self.slaves {
-            self.master.domain_queue(slave.domain).map_err(fail("ecrt_domain_queue"))?;
+        let mut result = Ok(());
+        for (index, slave) in self.slaves.iter().enumerate() {
+            let queued = self.master.domain_queue(slave.domain);
+            keep(&mut result, queued.map_err(CycleError::of_slave("ecrt_domain_queue", index)));
         }
         if self.is_attached() {
-            return Ok(());
+            return result;
         }
         if self.config.dc.is_some() {
-            let now = self.ecrt.clock().now_ns();
-            self.master.application_time(now).map_err(fail("ecrt_master_application_time"))?;
-            self.master.sync_reference_clock().map_err(fail("ecrt_master_sync_reference_clock"))?;
-            self.master.sync_slave_clocks().map_err(fail("ecrt_master_sync_slave_clocks"))?;
+            let time = self.cycle_time_ns;
+            let told = self.master.application_time(time);
+            keep(&mut result, told.map_err(CycleError::library("ecrt_master_application_time")));
+            let reference = without_clock(self.master.sync_reference_clock());
+            let failed = CycleError::library("ecrt_master_sync_reference_clock");
+            keep(&mut result, reference.map_err(failed));
+            let others = without_clock(self.master.sync_slave_clocks());
+            keep(&mut result, others.map_err(CycleError::library("ecrt_master_sync_slave_clocks")));
         }
-        self.master.send().map_err(fail("ecrt_master_send"))
+        let sent = self.master.send();
+        keep(&mut result, sent.map_err(CycleError::library("ecrt_master_send")));
+        result
     }
 
     /// Outcome of the last [`receive`](Self::receive) for a slave; real-time safe. A slave index
@@ -147,5 +209,13 @@ impl Adapter {
     /// Whether every slave exchanged both directions in the last cycle; real-time safe.
     pub fn domain_is_complete(&self) -> bool {
         !self.slaves.is_empty() && self.slaves.iter().all(|s| s.report.is_complete())
+    }
+}
+
+/// While the bus is scanned there is no reference clock; it is there again afterwards.
+fn without_clock(result: Result<(), Errno>) -> Result<(), Errno> {
+    match result {
+        Err(Errno::ENXIO) => Ok(()),
+        other => other,
     }
 }

@@ -1,12 +1,9 @@
 //! A second, unreserved handle for state and SDO transfers beside the cycle.
 
-use std::thread;
-
 use ecan_protocol::AlState;
 use ecrt_sys::{Ecrt, LinkState, Master, MasterState, SlaveInfo};
 
-use crate::adapter::{Adapter, Phase};
-use crate::cycle::CycleError;
+use crate::config::AdapterConfig;
 use crate::error::{Error, SdoDirection};
 
 /// State and blocking SDO transfers of the configured slaves, on a handle of its own.
@@ -14,25 +11,24 @@ use crate::error::{Error, SdoDirection};
 /// Every call may block on the master's semaphore: never call it from the cycle. Once the master
 /// is active, mailbox traffic moves only with the application's sending and receiving, so an SDO
 /// transfer on the thread that runs the cycle would never end: use it from another thread, or
-/// through [`Adapter::diagnose`].
+/// through [`Adapter::diagnose`](crate::Adapter::diagnose).
 #[derive(Debug)]
 pub struct Diagnostics {
     master: Master,
-    /// Ring position of each configured slave.
-    positions: Vec<u16>,
+    /// Alias and position of each configured slave.
+    places: Vec<(u16, u16)>,
 }
 
 impl Diagnostics {
-    pub(crate) fn open(ecrt: &Ecrt, master_index: u32, positions: Vec<u16>) -> Result<Self, Error> {
-        Ok(Self { master: ecrt.open_master(master_index)?, positions })
+    pub(crate) fn open(ecrt: &Ecrt, config: &AdapterConfig) -> Result<Self, Error> {
+        let mut diagnostics =
+            Self { master: ecrt.open_master(config.master_index)?, places: Vec::new() };
+        diagnostics.set_places(config);
+        Ok(diagnostics)
     }
 
-    pub(crate) fn master(&self) -> &Master {
-        &self.master
-    }
-
-    pub(crate) fn set_positions(&mut self, positions: Vec<u16>) {
-        self.positions = positions;
+    pub(crate) fn set_places(&mut self, config: &AdapterConfig) {
+        self.places = config.slaves.iter().map(|s| (s.alias, s.position)).collect();
     }
 
     /// Number of responding slaves, AL states present on the bus, link.
@@ -58,7 +54,7 @@ impl Diagnostics {
     /// # Errors
     /// An index out of range, or the library's error (the slave is gone).
     pub fn slave_info(&self, slave: usize) -> Result<SlaveInfo, Error> {
-        let position = self.position(slave)?;
+        let position = self.ring_position(slave)?;
         self.master
             .slave_info(position)
             .map_err(|e| Error::library("ecrt_master_get_slave", Some(slave), e))
@@ -83,7 +79,7 @@ impl Diagnostics {
         subindex: u8,
         data: &mut [u8],
     ) -> Result<usize, Error> {
-        let position = self.position(slave)?;
+        let position = self.ring_position(slave)?;
         self.master
             .sdo_upload(position, index, subindex, data)
             .map_err(|e| Error::sdo(slave, SdoDirection::Upload, (index, subindex), e))
@@ -110,50 +106,26 @@ impl Diagnostics {
         subindex: u8,
         data: &[u8],
     ) -> Result<(), Error> {
-        let position = self.position(slave)?;
+        let position = self.ring_position(slave)?;
         self.master
             .sdo_download(position, index, subindex, data)
             .map_err(|e| Error::sdo(slave, SdoDirection::Download, (index, subindex), e))
     }
 
-    pub(crate) fn position(&self, slave: usize) -> Result<u16, Error> {
-        self.positions
-            .get(slave)
-            .copied()
-            .ok_or(Error::SlaveIndex { slave, count: self.positions.len() })
-    }
-}
-
-impl Adapter {
-    /// Runs `work` with a diagnostics handle of its own, while the cycle goes on.
-    ///
-    /// On an active bus `work` runs on another thread and `cycle` on this one, every cycle, until
-    /// `work` is done; otherwise `work` just runs. Blocks; for SDO transfers in or between
-    /// cycles use [`create_sdo_request`](Self::create_sdo_request).
-    ///
-    /// # Errors
-    /// The handle cannot be opened. Errors of single cycles do not end the work.
-    pub fn diagnose<R: Send>(
-        &mut self,
-        mut cycle: impl FnMut(&mut Self) -> Result<(), CycleError>,
-        work: impl FnOnce(&Diagnostics) -> R + Send,
-    ) -> Result<R, Error> {
-        if self.phase != Phase::Active {
-            return Ok(work(&self.diagnostics));
-        }
-        let diagnostics = self.open_diagnostics()?;
-        let clock = self.ecrt.clock().clone();
-        let cycle_ns = u64::from(self.config.cycle_ns);
-        thread::scope(|scope| {
-            let worker = scope.spawn(move || work(&diagnostics));
-            let mut next = clock.now_ns();
-            while !worker.is_finished() {
-                // The transfer needs the bus to go on, whatever a single cycle says.
-                let _ = cycle(self);
-                next += cycle_ns;
-                clock.sleep_until_ns(next);
-            }
-            worker.join().map_err(|panic| std::panic::resume_unwind(panic))
-        })
+    /// Where a configured slave is on the bus now: alias 0 counts from the start, another one from
+    /// the slave that has it.
+    pub(crate) fn ring_position(&self, slave: usize) -> Result<u16, Error> {
+        let count = self.places.len();
+        let (alias, position) =
+            self.places.get(slave).copied().ok_or(Error::SlaveIndex { slave, count })?;
+        let info = self.master.info().map_err(|e| Error::library("ecrt_master", None, e))?;
+        let responding = if info.scan_busy { 0 } else { info.slave_count };
+        let on_bus = u16::try_from(responding).unwrap_or(u16::MAX);
+        let has_alias =
+            |p: &u16| self.master.slave_info(*p).is_ok_and(|found| found.alias == alias);
+        let base = if alias == 0 { Some(0) } else { (0..on_bus).find(has_alias) };
+        base.and_then(|base| base.checked_add(position)).filter(|p| *p < on_bus).ok_or(
+            Error::NoSuchSlave { slave, alias, position, responding, is_scanning: info.scan_busy },
+        )
     }
 }

@@ -9,7 +9,7 @@ use crate::config::Identity;
 use crate::config_check::ConfigFault;
 use crate::cycle::CycleError;
 use crate::faults::Faults;
-use crate::operation::NotOperational;
+use crate::operation_report::NotOperational;
 use crate::startup::Expectation;
 
 /// Direction of an SDO transfer.
@@ -52,8 +52,12 @@ pub enum Error {
     },
     /// No slave at the configured place.
     #[error(
-        "slave {slave} (alias {alias}, position {position}) is not on the bus: \
-         {responding} slave(s) found; check power and cabling, and `ethercat slaves`"
+        "slave {slave} (alias {alias}, position {position}) is not on the bus: {}",
+        if *is_scanning {
+            "the master is still scanning it".into()
+        } else {
+            format!("{responding} slave(s) found; check power and cabling, and `ethercat slaves`")
+        }
     )]
     NoSuchSlave {
         /// Slave index.
@@ -64,6 +68,35 @@ pub enum Error {
         position: u16,
         /// Number of slaves that the master found.
         responding: u32,
+        /// Whether the master is still scanning the bus.
+        is_scanning: bool,
+    },
+    /// Two configured slaves are one and the same.
+    #[error("slaves {first} and {second} are the same one, at ring position {position}")]
+    SameSlave {
+        /// Index of the first.
+        first: usize,
+        /// Index of the second.
+        second: usize,
+        /// Where both are.
+        position: u16,
+    },
+    /// Another master than the one that is reserved.
+    #[error("the Adapter has reserved master {is} and cannot change to master {wanted}")]
+    OtherMaster {
+        /// The master in use.
+        is: u32,
+        /// The master asked for.
+        wanted: u32,
+    },
+    /// An attached Adapter needs the handle of an owner, and only such a one.
+    #[error("attach needs a handle that another owner drives (Master::from_raw)")]
+    NotForeign,
+    /// The call is for attached Adapters.
+    #[error("{call} is for an Adapter that is attached to its owner's master")]
+    NotAttached {
+        /// The call.
+        call: &'static str,
     },
     /// The slave has another identity than the configured one.
     #[error("slave {slave} is {found}, configured is {wanted}")]
@@ -106,7 +139,7 @@ pub enum Error {
         slave: usize,
         /// PDO map object, 0x1600.. or 0x1A00...
         pdo: u16,
-        /// Entry subindex, from 1; 0 for the number of entries.
+        /// Entry subindex, from 1.
         entry: u8,
         /// Object that the slave maps.
         found_index: u16,
@@ -114,6 +147,16 @@ pub enum Error {
         found_bits: u8,
         /// Object that the manual maps.
         expected_index: u16,
+    },
+    /// A PDO with another number of entries than the manual's 8 (5.1).
+    #[error("slave {slave}: PDO 0x{pdo:04X} has {found} entries, expected 8 (manual 5.1.1)")]
+    MappingCount {
+        /// Slave index.
+        slave: usize,
+        /// PDO map object.
+        pdo: u16,
+        /// Entries that it has.
+        found: u32,
     },
     /// The domain does not lay the chunks out as one continuous buffer.
     #[error(

@@ -11,29 +11,35 @@
 #![forbid(unsafe_code)]
 
 mod adapter;
-mod capacity;
+mod al_status;
 mod config;
 mod config_check;
 mod cycle;
+mod cycle_grid;
+mod diagnose;
 mod diagnostics;
+mod domain_layout;
 mod error;
 mod faults;
 mod identification;
 mod mapping;
 mod operation;
+mod operation_report;
 mod process_image;
 mod requests;
 mod startup;
 
 pub use adapter::{Adapter, Phase};
-pub use capacity::{Capacity, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 pub use config::{AdapterConfig, DcSync, Identity, SlaveSettings};
 pub use config_check::ConfigFault;
 pub use cycle::{CycleError, Delivery, DomainReport};
+pub use diagnose::run_beside;
 pub use diagnostics::Diagnostics;
+pub use domain_layout::{DomainLayout, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 pub use error::{Error, SdoDirection, value_words};
 pub use faults::Faults;
-pub use operation::{NotOperational, SlaveReport};
+pub use operation::{OpProgress, OpWait};
+pub use operation_report::{NotOperational, SlaveReport};
 pub use requests::RequestId;
 pub use startup::{Expectation, StartupStep};
 

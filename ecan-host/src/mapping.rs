@@ -32,14 +32,7 @@ pub(crate) fn read_mapping(
         let pdo = pdo_map_index(direction, chunk);
         let count = diagnostics.sdo_upload_u32(slave, pdo, 0)?;
         if count != UNITS_PER_CHUNK as u32 {
-            return Err(Error::Mapping {
-                slave,
-                pdo,
-                entry: 0,
-                found_index: 0,
-                found_bits: u8::try_from(count).unwrap_or(u8::MAX),
-                expected_index: data_object_index(direction, chunk, 0),
-            });
+            return Err(Error::MappingCount { slave, pdo, found: count });
         }
         for unit in 0..UNITS_PER_CHUNK as u8 {
             let entry = map_subindex(unit);

@@ -10,10 +10,6 @@ use crate::error::Error;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct RequestId(SdoRequestId);
 
-fn fail(call: &'static str) -> impl Fn(ecrt_sys::Errno) -> CycleError {
-    move |errno| CycleError::Library { call, errno }
-}
-
 impl Adapter {
     /// Creates a request for objects of up to `size` bytes. Its object is chosen with each
     /// transfer, so one request serves many objects, one after the other.
@@ -42,7 +38,9 @@ impl Adapter {
         id: RequestId,
         timeout_ms: u32,
     ) -> Result<(), CycleError> {
-        self.master.sdo_request_timeout(id.0, timeout_ms).map_err(fail("ecrt_sdo_request_timeout"))
+        self.master
+            .sdo_request_timeout(id.0, timeout_ms)
+            .map_err(CycleError::library("ecrt_sdo_request_timeout"))
     }
 
     /// Starts an upload. Real-time safe; the request must not be [`RequestState::Busy`].
@@ -57,16 +55,17 @@ impl Adapter {
     ) -> Result<(), CycleError> {
         self.master
             .sdo_request_index(id.0, index, subindex)
-            .map_err(fail("ecrt_sdo_request_index"))?;
-        self.master.sdo_request_read(id.0).map_err(fail("ecrt_sdo_request_read"))
+            .map_err(CycleError::library("ecrt_sdo_request_index"))?;
+        self.master.sdo_request_read(id.0).map_err(CycleError::library("ecrt_sdo_request_read"))
     }
 
-    /// Starts a download of `data`, whose length must be the size that the request was created
-    /// with: the library has no other way to tell the length. Real-time safe; the request must
-    /// not be [`RequestState::Busy`].
+    /// Starts a download of `data`, whose length must be the size that the request holds: the size
+    /// it was created with, or that of the value it read last, since the library has no other
+    /// way to tell the length. So use one request for each size, and another one for reading.
+    /// Real-time safe; the request must not be [`RequestState::Busy`].
     ///
     /// # Errors
-    /// The library's error; another length is `EINVAL`.
+    /// The library's error; `EMSGSIZE` for another length.
     pub fn sdo_request_write(
         &mut self,
         id: RequestId,
@@ -76,8 +75,10 @@ impl Adapter {
     ) -> Result<(), CycleError> {
         self.master
             .sdo_request_index(id.0, index, subindex)
-            .map_err(fail("ecrt_sdo_request_index"))?;
-        self.master.sdo_request_write(id.0, data).map_err(fail("ecrt_sdo_request_write"))
+            .map_err(CycleError::library("ecrt_sdo_request_index"))?;
+        self.master
+            .sdo_request_write(id.0, data)
+            .map_err(CycleError::library("ecrt_sdo_request_write"))
     }
 
     /// How a request stands. Real-time safe.
@@ -85,7 +86,7 @@ impl Adapter {
     /// # Errors
     /// The library's error.
     pub fn sdo_request_state(&mut self, id: RequestId) -> Result<RequestState, CycleError> {
-        self.master.sdo_request_state(id.0).map_err(fail("ecrt_sdo_request_state"))
+        self.master.sdo_request_state(id.0).map_err(CycleError::library("ecrt_sdo_request_state"))
     }
 
     /// What an upload brought, once its state is [`RequestState::Success`]. Real-time safe.

@@ -24,6 +24,10 @@ pub enum Expectation {
     AtMost(u32),
     /// All of these bits, whatever the others are.
     HasBits(u32),
+    /// At least one of these bits.
+    HasAny(u32),
+    /// One of these values.
+    OneOf(&'static [u32]),
 }
 
 impl Expectation {
@@ -34,6 +38,8 @@ impl Expectation {
             Self::AtLeast(least) => value >= least,
             Self::AtMost(most) => value <= most,
             Self::HasBits(bits) => value & bits == bits,
+            Self::HasAny(bits) => value & bits != 0,
+            Self::OneOf(values) => values.contains(&value),
         }
     }
 }
@@ -45,6 +51,8 @@ impl fmt::Display for Expectation {
             Self::AtLeast(least) => write!(f, "at least {least}"),
             Self::AtMost(most) => write!(f, "at most {most}"),
             Self::HasBits(bits) => write!(f, "the bits 0x{bits:X}"),
+            Self::HasAny(bits) => write!(f, "one of the bits 0x{bits:X}"),
+            Self::OneOf(values) => write!(f, "one of {values:?}"),
         }
     }
 }
@@ -90,15 +98,22 @@ impl StartupStep {
 
 /// The whole list for a slave: leading checks, RxPDO and TxPDO assignment, the other steps.
 pub(crate) fn startup_list(slave: &SlaveSettings) -> Vec<StartupStep> {
-    let leading = slave.startup.iter().take_while(|step| !step.is_download()).count();
-    let (checks, others) = slave.startup.split_at(leading);
-    let mut steps = Vec::with_capacity(slave.startup.len() + 52);
+    let base = &slave.base_startup;
+    let leading = base.iter().take_while(|step| !step.is_download()).count();
+    let (checks, others) = base.split_at(leading);
+    let mut steps = Vec::with_capacity(base.len() + slave.startup.len() + 52);
     steps.extend_from_slice(checks);
     let rx = assignment_writes(Direction::RxPdo, slave.rx_multiplier);
     let tx = assignment_writes(Direction::TxPdo, slave.tx_multiplier);
     steps.extend(rx.chain(tx).map(StartupStep::Download));
     steps.extend_from_slice(others);
+    steps.extend_from_slice(&slave.startup);
     steps
+}
+
+/// Number of downloads that the master sends to a slave at start-up.
+pub(crate) fn download_count(slave: &SlaveSettings) -> usize {
+    startup_list(slave).iter().filter(|step| step.is_download()).count()
 }
 
 /// Runs steps with blocking transfers.
@@ -135,11 +150,9 @@ mod tests {
         let mut slave = SlaveSettings::at(0, 3);
         slave.tx_multiplier = 1;
         let apply = SdoWrite { index: 0x8010, subindex: 1, value: 1, ty: ObjectType::U8 };
-        slave.startup = vec![
-            StartupStep::expect(0xF000, 17, 128),
-            StartupStep::Download(apply),
-            StartupStep::expect(0x8010, 2, 0),
-        ];
+        slave.base_startup =
+            vec![StartupStep::expect(0xF000, 17, 128), StartupStep::Download(apply)];
+        slave.startup = vec![StartupStep::expect(0x8010, 2, 0)];
         let list: Vec<(u16, u8, Option<u32>)> = startup_list(&slave)
             .iter()
             .map(|step| {

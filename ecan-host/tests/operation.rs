@@ -26,9 +26,12 @@ fn raw_images_carry_frames() {
     adapter.wait_op(20_000).unwrap();
     let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[1, 2, 3]).unwrap();
     let mut writer = ImageWriter::new(Direction::RxPdo, profile);
+    adapter.wait_next_cycle();
+    adapter.receive().unwrap();
     let image = adapter.rx_pdo_mut(0);
     writer.push(image, 2, 0, frame.as_ref(), Timestamp::None).unwrap();
     writer.commit(image, CommitFields::default());
+    adapter.send().unwrap();
     run(&mut adapter, 10);
     let truth = simulation.with_world(|world| world.truth(0).unwrap());
     assert_eq!((truth.frames_on_bus, truth.frames_from_bus), (1, 1));
@@ -40,20 +43,22 @@ fn working_counters_tell_what_arrived() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
     let mut adapter = Adapter::open(&ecrt, config).unwrap();
-    assert_eq!(adapter.domain_report(0).delivery, Delivery::None);
+    assert_eq!(adapter.domain_report(0).outputs, Delivery::None);
     adapter.wait_op(20_000).unwrap();
     run(&mut adapter, 3);
     let report = adapter.domain_report(0);
     assert_eq!((report.working_counter, report.wc_state), (3, WcState::Complete));
-    assert_eq!(report.delivery, Delivery::Confirmed);
+    assert_eq!(report.outputs, Delivery::Confirmed);
     for (offset, delivery) in
         [(-3, Delivery::Missed), (-2, Delivery::Missed), (-1, Delivery::Confirmed)]
     {
         simulation.inject(Fault::WorkingCounterOffset { offset, cycles: 1 });
         run(&mut adapter, 1);
+        adapter.wait_next_cycle();
         adapter.receive().unwrap();
-        assert_eq!(adapter.domain_report(0).delivery, delivery, "offset {offset}");
+        assert_eq!(adapter.domain_report(0).outputs, delivery, "offset {offset}");
         assert!(!adapter.domain_is_complete());
+        adapter.send().unwrap();
         run(&mut adapter, 2);
     }
 }
@@ -81,6 +86,7 @@ fn the_al_status_code_is_caught_before_the_master_acknowledges_it() {
     let watchdog = GatewayFault::AlError { code: 0x001B };
     simulation.inject(Fault::Gateway { gateway: 0, fault: watchdog });
     simulation.inject(Fault::WorkingCounterOffset { offset: -3, cycles: 1_000 });
+    run(&mut adapter, 2);
     let error = adapter.wait_op(100).unwrap_err();
     assert!(error.to_string().contains("AL status code 0x001B"), "{error}");
 }
@@ -178,8 +184,8 @@ fn an_attached_adapter_leaves_the_master_to_its_owner() {
     owner.activate().unwrap();
     adapter.owner_activated().unwrap();
     assert_eq!(adapter.phase(), Phase::Active);
-    let mut next = adapter.clock().now_ns();
     for _ in 0..20_000 {
+        adapter.wait_next_cycle();
         owner.receive().unwrap();
         adapter.receive().unwrap();
         if adapter.all_operational().unwrap() {
@@ -187,8 +193,6 @@ fn an_attached_adapter_leaves_the_master_to_its_owner() {
         }
         adapter.send().unwrap();
         owner.send().unwrap();
-        next += 1_000_000;
-        adapter.clock().sleep_until_ns(next);
     }
     assert!(adapter.all_operational().unwrap());
     assert!(matches!(adapter.reconfigure(raw_config().0), Err(Error::Attached { .. })));

@@ -22,11 +22,13 @@ pub struct Exchange {
     pub batch: Batch,
     /// Items received.
     pub received: usize,
+    /// An error of the library; frames were taken and received all the same.
+    pub error: Option<CycleError>,
 }
 
 impl Port {
-    /// Sends frames in order and stops at the first that is not taken, so that the order holds
-    /// when the rest is sent in a later cycle. Real-time safe, between `cycle_begin` and
+    /// Sends frames in order and stops at the first that is not taken, whatever its channel, so
+    /// that the order holds when the rest is sent in a later cycle. Real-time safe, between `cycle_begin` and
     /// `cycle_end`.
     pub fn send_batch(&mut self, frames: &[TransmitFrame]) -> Batch {
         for (sent, frame) in frames.iter().enumerate() {
@@ -40,18 +42,11 @@ impl Port {
 
     /// One whole cycle: begin, receive, send the batch, end. Real-time safe. Keeping the period
     /// is up to the caller.
-    ///
-    /// # Errors
-    /// A [`CycleError`] of the library; frames of the batch may have been taken all the same.
-    pub fn exchange(
-        &mut self,
-        frames: &[TransmitFrame],
-        received: &mut [Received],
-    ) -> Result<Exchange, CycleError> {
+    pub fn exchange(&mut self, frames: &[TransmitFrame], received: &mut [Received]) -> Exchange {
         let begun = self.cycle_begin();
         let received = self.receive(received);
         let batch = self.send_batch(frames);
-        self.cycle_end()?;
-        begun.map(|()| Exchange { batch, received })
+        let ended = self.cycle_end();
+        Exchange { batch, received, error: begun.and(ended).err() }
     }
 }

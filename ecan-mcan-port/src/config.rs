@@ -36,6 +36,8 @@ pub struct ChannelSettings {
     pub extended_filters: Vec<ExtendedFilter>,
     /// Budgets and policies of 0x8021..0x8024 (manual 13.2.2).
     pub data_path: DataPathConfig,
+    /// The traffic that budgets and Message RAM are made for.
+    pub traffic: Traffic,
 }
 
 impl ChannelSettings {
@@ -56,11 +58,15 @@ impl ChannelSettings {
             standard_filters: Vec::new(),
             extended_filters: Vec::new(),
             data_path: DataPathConfig::for_traffic(expected.received, expected.sent),
+            traffic: expected,
         }
     }
 
-    /// Sets the data-path budgets and cache for the traffic that is expected.
+    /// Sets data-path budgets, cache and the share of transmission in the Message RAM for the
+    /// traffic that is expected.
     pub fn with_traffic(mut self, traffic: Traffic) -> Self {
+        self.traffic = traffic;
+        self.can.ram = self.can.ram.for_traffic(traffic.sent);
         self.data_path = DataPathConfig::for_traffic(traffic.received, traffic.sent);
         self
     }
@@ -84,13 +90,17 @@ pub struct GatewayConfig {
     pub tx_options: OptionFlags,
     /// Options of the RxPDO, 0x8011:07.
     pub rx_options: OptionFlags,
-    /// Refuse frames, as "no room", that would overrun the gateway's transmit queue.
+    /// Refuse frames, as "no room", that would overrun the gateway's transmit queue or meet a
+    /// channel that is bus-off.
     ///
     /// Off, the queue drops what it cannot hold, by the channel's TX overflow policy.
     pub paced: bool,
     /// Images in a row that may miss the gateway before the session counts as lost: pending
     /// frames are discarded, and nothing is sent until the gateway has been verified again.
     pub hold_limit: u16,
+    /// Cycles in a row that may bring no new TxPDO image before the session counts as lost; 0 for
+    /// no limit.
+    pub input_limit: u16,
     /// Permits the application bypass and the tests of 0x8030, which cut the CAN side off.
     pub allow_diagnostic_tests: bool,
 }
@@ -108,6 +118,7 @@ impl Default for GatewayConfig {
             rx_options: OptionFlags::default(),
             paced: true,
             hold_limit: 10,
+            input_limit: 100,
             allow_diagnostic_tests: false,
         }
     }

@@ -2,12 +2,12 @@
 
 use ecan_host::{AdapterConfig, ConfigFault, Faults};
 use ecan_protocol::{
-    CHANNELS, ChannelFault, DataPathFault, Direction, FilterFault, OptionFlags, ProfileError,
-    check_filters,
+    CHANNELS, ChannelFault, DATA_PATH_BUDGET_MAX, DataPathFault, Direction, FilterFault,
+    OptionFlags, ProfileError, check_filters,
 };
 use thiserror::Error;
 
-use crate::config::{GatewayConfig, PortConfig};
+use crate::config::{GatewayConfig, PortConfig, Traffic};
 
 /// One thing that is wrong with the configuration of a Port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -70,6 +70,21 @@ pub enum PortConfigFault {
         channel: u8,
         /// What is wrong.
         fault: DataPathFault,
+    },
+    /// More traffic than the gateway serves in a cycle.
+    #[error(
+        "slave {slave}, channel {channel}: {received} received and {sent} sent frames per cycle \
+         are expected, the gateway serves at most {DATA_PATH_BUDGET_MAX} of each (manual 13.2.2)"
+    )]
+    Traffic {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// Frames received per cycle.
+        received: u8,
+        /// Frames sent per cycle.
+        sent: u8,
     },
     /// A filter that the channel cannot have.
     #[error("slave {slave}, channel {channel}: {fault}")]
@@ -151,6 +166,10 @@ fn check_channels(slave: usize, gateway: &GatewayConfig, faults: &mut Vec<PortCo
         settings
             .data_path
             .check(&mut |fault| faults.push(PortConfigFault::DataPath { slave, channel, fault }));
+        let Traffic { received, sent } = settings.traffic;
+        if received > DATA_PATH_BUDGET_MAX || sent > DATA_PATH_BUDGET_MAX {
+            faults.push(PortConfigFault::Traffic { slave, channel, received, sent });
+        }
         check_filters(
             &settings.can,
             &settings.standard_filters,

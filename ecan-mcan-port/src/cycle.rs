@@ -44,12 +44,16 @@ impl Port {
     /// gateways into service.
     ///
     /// Real-time safe: no allocation, no lock of the SDK, no call beyond the master's own. What
-    /// the last cycle brought and was not received is gone.
+    /// the last cycle brought and was not received is gone. Nothing happens while a cycle is
+    /// open already.
     ///
     /// # Errors
     /// A [`CycleError`] of the library. The cycle is open all the same, so that
-    /// [`cycle_end`](Self::cycle_end) can keep the bus alive.
+    /// [`cycle_end`](Self::cycle_end) can keep the bus alive; call it in any case.
     pub fn cycle_begin(&mut self) -> Result<(), CycleError> {
+        if self.cycle_open {
+            return Ok(());
+        }
         let result = begin(&mut self.adapter, &mut self.gateways);
         self.cycle_open = true;
         result
@@ -122,13 +126,15 @@ pub(crate) fn begin(adapter: &mut Adapter, gateways: &mut [Gateway]) -> Result<(
 
 fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
     let report = adapter.domain_report(slave);
+    let limits = (gateway.hold_limit, gateway.input_limit);
     let Gateway { session, transmitter, receiver, statistics, .. } = gateway;
     if statistics.sessions > 0 {
         statistics.cycles += 1;
         statistics.incomplete_cycles += u64::from(!report.is_complete());
     }
-    transmitter.begin(adapter.rx_pdo_mut(slave), report.delivery, statistics);
-    let is_lost = transmitter.misses() > gateway.hold_limit;
+    transmitter.begin(adapter.rx_pdo_mut(slave), report.outputs, statistics);
+    let no_input = limits.1 > 0 && receiver.misses() > limits.1;
+    let is_lost = transmitter.misses() > limits.0 || no_input;
     match session.step(adapter, is_lost) {
         Event::None => {}
         Event::Started => transmitter.reset(statistics),
@@ -144,7 +150,8 @@ fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
             statistics.sessions_lost += 1;
         }
     }
-    if session.is_ready() && receiver.begin(adapter.tx_pdo(slave), statistics) {
+    let is_ready = session.is_ready();
+    if is_ready && receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics) {
         for (channel, status) in receiver.status().iter().enumerate() {
             transmitter.window(channel as u8).status(*status);
         }

@@ -1,6 +1,6 @@
 //! The Port's life, and what it knows of each gateway.
 
-use ecan_host::{Adapter, AdapterConfig, Ecrt};
+use ecan_host::{Adapter, AdapterConfig, Ecrt, Phase};
 use ecan_protocol::{
     CHANNELS, Capabilities, ChannelStatus, Direction, ImageReader, ImageWriter, ParseDiagnosis,
 };
@@ -27,6 +27,7 @@ pub(crate) struct Gateway {
     pub(crate) can_schedule: bool,
     pub(crate) is_paced: bool,
     pub(crate) hold_limit: u16,
+    pub(crate) input_limit: u16,
 }
 
 /// CAN and CAN FD through the gateways of one Adapter (manual 15.1, "MCAN Port").
@@ -85,9 +86,14 @@ impl Port {
     ) -> Result<(), PortError> {
         config.check(&adapter)?;
         config.apply(&mut adapter);
+        let result = self.adapter.reconfigure(adapter);
+        if self.adapter.phase() == Phase::Active {
+            // It was refused before anything was touched.
+            return result.map_err(PortError::from);
+        }
         self.gateways.clear();
         self.cycle_open = false;
-        self.adapter.reconfigure(adapter)?;
+        result?;
         self.gateways = build_gateways(&mut self.adapter, &config)?;
         self.config = config;
         Ok(())
@@ -211,5 +217,6 @@ fn build_gateway(
         fd_mask,
         is_paced: config.paced,
         hold_limit: config.hold_limit,
+        input_limit: config.input_limit,
     })
 }

@@ -1,6 +1,7 @@
 //! The way in from one gateway: TxPDO images judged once, packets handed out as they are asked
 //! for.
 
+use ecan_host::Delivery;
 use ecan_protocol::{
     Arrival, CHANNELS, ChannelStatus, Header, ImageFault, ImageReader, Packet, PacketCursor,
     ParseDiagnosis, SequenceTracker,
@@ -20,6 +21,8 @@ pub(crate) struct Receiver {
     last_diagnosis: Option<ParseDiagnosis>,
     /// The image whose packets are not all handed out, and how far they are.
     pending: Option<(Header, PacketCursor)>,
+    /// Cycles in a row without a new image.
+    misses: u16,
 }
 
 impl Receiver {
@@ -31,7 +34,12 @@ impl Receiver {
             status: [ChannelStatus::default(); CHANNELS],
             last_diagnosis: None,
             pending: None,
+            misses: 0,
         }
+    }
+
+    pub(crate) fn misses(&self) -> u16 {
+        self.misses
     }
 
     pub(crate) fn report(&self) -> ImageReport {
@@ -51,16 +59,23 @@ impl Receiver {
         self.tracker.reset();
         self.report = ImageReport::None;
         self.pending = None;
+        self.misses = 0;
     }
 
     /// Judges the image of this cycle (manual 6.1). Gives whether it is a new one.
-    pub(crate) fn begin(&mut self, image: &[u8], statistics: &mut SlaveStatistics) -> bool {
+    pub(crate) fn begin(
+        &mut self,
+        image: &[u8],
+        fetched: Delivery,
+        statistics: &mut SlaveStatistics,
+    ) -> bool {
         self.pending = None;
+        self.misses = self.misses.saturating_add(1);
         match self.reader.read(image) {
             Ok(image) => {
                 let lost = match self.tracker.observe(image.sequence()) {
                     Arrival::Repeated => {
-                        statistics.repeated_images += 1;
+                        statistics.txpdo_repeated += 1;
                         self.report = ImageReport::Repeated;
                         return false;
                     }
@@ -72,11 +87,18 @@ impl Receiver {
                 self.report = ImageReport::New { lost, is_incomplete, layout_changed };
                 self.status = image.header().channel_status;
                 self.pending = Some((*image.header(), PacketCursor::default()));
-                statistics.images_received += 1;
-                statistics.lost_images += u64::from(lost);
-                statistics.incomplete_images += u64::from(is_incomplete);
-                statistics.layout_changes += u64::from(layout_changed);
+                self.misses = 0;
+                statistics.txpdo_received += 1;
+                statistics.txpdo_lost += u64::from(lost);
+                statistics.txpdo_incomplete += u64::from(is_incomplete);
+                statistics.txpdo_layout_changes += u64::from(layout_changed);
                 true
+            }
+            Err(_) if fetched == Delivery::Missed => {
+                // The faulty image of an earlier cycle still lies there.
+                statistics.txpdo_repeated += 1;
+                self.report = ImageReport::Repeated;
+                false
             }
             Err(diagnosis) => {
                 self.fault(diagnosis, statistics);
@@ -87,7 +109,7 @@ impl Receiver {
 
     fn fault(&mut self, diagnosis: ParseDiagnosis, statistics: &mut SlaveStatistics) {
         match diagnosis.fault {
-            ImageFault::Updating | ImageFault::Torn => statistics.torn_images += 1,
+            ImageFault::Updating | ImageFault::Torn => statistics.txpdo_torn += 1,
             ImageFault::Pdo(_) => statistics.parse_errors += 1,
         }
         self.last_diagnosis = Some(diagnosis);

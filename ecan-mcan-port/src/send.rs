@@ -79,6 +79,8 @@ pub enum NoRoom {
     Image,
     /// The channel's transmit queue in the gateway, as far as its status tells.
     Queue,
+    /// The channel is off the bus: the gateway would throw the frame away.
+    BusOff,
 }
 
 /// Why a frame was not taken. Nothing of it was sent.
@@ -87,8 +89,12 @@ pub enum NoRoom {
 pub enum SendError {
     /// No room; send it again in a later cycle.
     #[error(
-        "no room for a frame to slave {slave} channel {channel}: {} is full",
-        match what { NoRoom::Image => "the image of this cycle", NoRoom::Queue => "the gateway's transmit queue" }
+        "no room for a frame to slave {slave} channel {channel}: {}",
+        match what {
+            NoRoom::Image => "the image of this cycle is full",
+            NoRoom::Queue => "the gateway's transmit queue is full",
+            NoRoom::BusOff => "the channel is bus-off",
+        }
     )]
     NoRoom {
         /// Slave index.
@@ -277,9 +283,17 @@ impl Port {
             }
         }
         let statistics = &mut gateway.statistics;
-        if gateway.is_paced && !gateway.transmitter.window(channel).has_room() {
-            statistics.channel(channel).refused_queue_full += 1;
-            return Err(SendError::NoRoom { slave, channel, what: NoRoom::Queue });
+        if gateway.is_paced {
+            let window = gateway.transmitter.window(channel);
+            let (is_bus_off, has_room) = (window.is_bus_off(), window.has_room());
+            if is_bus_off {
+                statistics.channel(channel).refused_bus_off += 1;
+                return Err(SendError::NoRoom { slave, channel, what: NoRoom::BusOff });
+            }
+            if !has_room {
+                statistics.channel(channel).refused_queue_full += 1;
+                return Err(SendError::NoRoom { slave, channel, what: NoRoom::Queue });
+            }
         }
         let image = self.adapter.rx_pdo_mut(slave);
         let id_aux = options.hint.id_aux();

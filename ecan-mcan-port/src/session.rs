@@ -8,7 +8,7 @@ use std::fmt;
 
 use ecan_host::{Adapter, CycleError, Delivery, Error, Expectation, RequestId, RequestState};
 use ecan_protocol::{
-    CHANNELS, Direction, SdoWrite, SessionCommand, describe, session_command_write,
+    Capabilities, Direction, PdoProfile, SdoWrite, SessionCommand, describe, session_command_write,
 };
 use thiserror::Error;
 
@@ -37,6 +37,19 @@ pub enum VerificationFault {
         /// What was expected.
         expected: Expectation,
         /// What was read.
+        found: u32,
+    },
+    /// Another gateway is in the place of the configured one.
+    #[error(
+        "another gateway is in its place: serial number half {} reads 0x{found:08X}, it was \
+         0x{expected:08X}", subindex - 6
+    )]
+    OtherGateway {
+        /// Subindex of 0xF000, 7 or 8.
+        subindex: u8,
+        /// What was read when the Port was opened.
+        expected: u32,
+        /// What is read now.
         found: u32,
     },
     /// The layout CRC is another one than at the first verification, with the same profile.
@@ -93,6 +106,7 @@ impl fmt::Display for Session {
 #[derive(Debug, Clone, Copy)]
 enum Check {
     Command(SdoWrite),
+    Serial { subindex: u8, expected: u32 },
     Expect { index: u16, subindex: u8, expected: Expectation },
     LayoutCrc { direction: usize, index: u16 },
 }
@@ -134,7 +148,11 @@ impl SessionMachine {
             adapter.sdo_request_timeout(request, REQUEST_TIMEOUT_MS)?;
         }
         let settings = &adapter.config().slaves[slave];
-        let checks = checks(config, settings.rx_multiplier, settings.tx_multiplier);
+        let profiles = [
+            config.profile(Direction::TxPdo, settings.tx_multiplier),
+            config.profile(Direction::RxPdo, settings.rx_multiplier),
+        ];
+        let checks = checks(config, profiles, adapter.serial_number(slave)?);
         Ok(Self {
             slave,
             state: Session::Waiting,
@@ -209,12 +227,14 @@ impl SessionMachine {
     }
 
     fn start_if_operational(&mut self, adapter: &mut Adapter) -> Event {
-        let arrives = adapter.domain_report(self.slave).delivery == Delivery::Confirmed;
+        let arrives = adapter.domain_report(self.slave).outputs == Delivery::Confirmed;
         if !arrives || !self.is_operational(adapter) {
             return Event::None;
         }
         self.state = Session::Verifying;
         self.next = 0;
+        // A request that an earlier attempt left behind says nothing about this one.
+        self.is_running = false;
         Event::Started
     }
 
@@ -228,6 +248,7 @@ impl SessionMachine {
         let Some(check) = self.checks.get(self.next).copied() else { return Ok(true) };
         let (request, index, subindex, is_download) = match check {
             Check::Command(sdo) => (self.command, sdo.index, sdo.subindex, true),
+            Check::Serial { subindex, .. } => (self.read, Capabilities::INDEX, subindex, false),
             Check::Expect { index, subindex, .. } => (self.read, index, subindex, false),
             Check::LayoutCrc { index, .. } => (self.read, index, 11, false),
         };
@@ -265,6 +286,13 @@ impl SessionMachine {
     fn judge(&mut self, check: Check, found: u32) -> Result<(), VerificationFault> {
         match check {
             Check::Command(_) => Ok(()),
+            Check::Serial { subindex, expected } => {
+                if found == expected {
+                    Ok(())
+                } else {
+                    Err(VerificationFault::OtherGateway { subindex, expected, found })
+                }
+            }
             Check::Expect { index, subindex, expected } => {
                 if expected.is_met_by(found) {
                     Ok(())
@@ -284,35 +312,46 @@ impl SessionMachine {
     }
 }
 
-/// Session reset, then profile readback (manual 5.4.3 phase D) and channel status (13.4, 13.5).
-fn checks(config: &GatewayConfig, rx_multiplier: u8, tx_multiplier: u8) -> Vec<Check> {
-    let mut checks = Vec::with_capacity(32);
-    let directions = [(Direction::TxPdo, tx_multiplier), (Direction::RxPdo, rx_multiplier)];
+/// Status values of 0x8010 and 0x8011 that a profile in use may show (manual 13.2): a parsing error
+/// or an overflow of the past says nothing against it.
+const IN_USE: &[u32] = &[0, 7, 8];
+/// The state bits of a channel status word (manual 7); all clear is disabled.
+const STATE_BITS: u32 = 0b111;
+
+/// The same device, session reset, profile readback (manual 5.4.3 phase D), channels and their
+/// data paths (13.2.2, 13.4, 13.5).
+fn checks(config: &GatewayConfig, [tx, rx]: [PdoProfile; 2], serial: u64) -> Vec<Check> {
+    let mut checks = Vec::with_capacity(40);
+    checks.push(Check::Serial { subindex: 7, expected: serial as u32 });
+    checks.push(Check::Serial { subindex: 8, expected: (serial >> 32) as u32 });
+    let directions = [(Direction::TxPdo, tx), (Direction::RxPdo, rx)];
     for (direction, _) in directions {
         let reset = session_command_write(direction, SessionCommand::ResetSession);
         checks.push(Check::Command(reset));
     }
-    for (nth, (direction, multiplier)) in directions.into_iter().enumerate() {
+    for (nth, (direction, profile)) in directions.into_iter().enumerate() {
         let index = direction.profile_object();
-        let profile = config.profile(direction, multiplier);
-        let readback = [
-            (2, STATUS_OK),
-            (9, profile.pdo_bytes() as u32),
-            (10, profile.frame_area_bytes() as u32),
-            (12, profile.word()),
-        ];
-        for (subindex, value) in readback {
+        let expected = Expectation::OneOf(IN_USE);
+        checks.push(Check::Expect { index, subindex: 2, expected });
+        for (subindex, value) in profile_readback(&profile) {
             let expected = Expectation::Equals(value);
             checks.push(Check::Expect { index, subindex, expected });
         }
         checks.push(Check::LayoutCrc { direction: nth, index });
     }
-    for channel in (0..CHANNELS as u16).filter(|c| config.channels[usize::from(*c)].is_some()) {
+    for (channel, settings) in (0..).zip(&config.channels) {
+        let Some(settings) = settings else { continue };
         let expected = Expectation::Equals(STATUS_OK);
         checks.push(Check::Expect { index: 0x8001 + channel, subindex: 2, expected });
-        // The channel status word is 0 only while the channel is disabled.
-        let expected = Expectation::AtLeast(1);
+        let expected = Expectation::HasAny(STATE_BITS);
         checks.push(Check::Expect { index: 0x9000 + channel, subindex: 9, expected });
+        let expected = Expectation::Equals(settings.data_path.active_word());
+        checks.push(Check::Expect { index: 0x8021 + channel, subindex: 20, expected });
     }
     checks
+}
+
+/// What an active profile reads back: :09, :10, :12.
+pub(crate) fn profile_readback(profile: &PdoProfile) -> [(u8, u32); 3] {
+    [(9, profile.pdo_bytes() as u32), (10, profile.frame_area_bytes() as u32), (12, profile.word())]
 }

@@ -7,14 +7,16 @@ use ecan_protocol::{
 };
 
 use crate::config::{ChannelSettings, GatewayConfig, PortConfig};
+use crate::session::profile_readback;
 
 const STATUS_OK: u32 = 0;
 /// Support of header version 1, bit 1 of 0xF000:09.
 const HEADER_VERSION_1: u32 = 1 << 1;
 
 impl PortConfig {
-    /// Appends to each slave of `adapter` the startup steps that its gateway needs: capability
-    /// checks, PDO profiles with readback, channels, filters and data paths.
+    /// Gives each slave of `adapter` the startup steps that its gateway needs, in place of those of
+    /// an earlier call: capability checks, PDO profiles with readback, channels, filters and data
+    /// paths.
     ///
     /// [`Port::open`](crate::Port::open) does this itself; call it only to open the Adapter by
     /// hand. Slaves without a gateway entry are left as they are.
@@ -22,16 +24,18 @@ impl PortConfig {
         for (slave, gateway) in adapter.slaves.iter_mut().zip(&self.gateways) {
             let rx = gateway.profile(Direction::RxPdo, slave.rx_multiplier);
             let tx = gateway.profile(Direction::TxPdo, slave.tx_multiplier);
-            push_capabilities(&mut slave.startup, gateway, &rx, &tx);
-            push_profile(&mut slave.startup, Direction::TxPdo, &tx);
-            push_profile(&mut slave.startup, Direction::RxPdo, &rx);
-            push_apply(&mut slave.startup, Direction::TxPdo, &tx);
-            push_apply(&mut slave.startup, Direction::RxPdo, &rx);
+            let mut steps = Vec::with_capacity(400);
+            push_capabilities(&mut steps, gateway, &rx, &tx);
+            push_profile(&mut steps, Direction::TxPdo, &tx);
+            push_profile(&mut steps, Direction::RxPdo, &rx);
+            push_apply(&mut steps, Direction::TxPdo, &tx);
+            push_apply(&mut steps, Direction::RxPdo, &rx);
             for (channel, settings) in gateway.channels.iter().enumerate() {
                 if let Some(settings) = settings {
-                    push_channel(&mut slave.startup, channel as u8, settings);
+                    push_channel(&mut steps, channel as u8, settings);
                 }
             }
+            slave.base_startup = steps;
         }
     }
 }
@@ -78,14 +82,13 @@ fn push_apply(steps: &mut Vec<StartupStep>, direction: Direction, profile: &PdoP
     let index = apply.index;
     steps.push(StartupStep::Download(apply));
     steps.push(StartupStep::expect(index, 2, STATUS_OK));
-    steps.push(StartupStep::expect(index, 9, profile.pdo_bytes() as u32));
-    steps.push(StartupStep::expect(index, 10, profile.frame_area_bytes() as u32));
-    steps.push(StartupStep::expect(index, 12, profile.word()));
+    let readback = profile_readback(profile);
+    steps.extend(readback.map(|(subindex, value)| StartupStep::expect(index, subindex, value)));
 }
 
 fn push_channel(steps: &mut Vec<StartupStep>, channel: u8, settings: &ChannelSettings) {
     debug_assert!(usize::from(channel) < CHANNELS);
-    steps.extend(settings.can.writes(channel).map(StartupStep::Download));
+    steps.extend(settings.can.needed_writes(channel).map(StartupStep::Download));
     push_filters(steps, channel, settings);
     push_applied(steps, McanChannelConfig::apply_write(channel), 2);
     steps.extend(settings.data_path.writes(channel).map(StartupStep::Download));

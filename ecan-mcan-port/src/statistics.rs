@@ -5,7 +5,7 @@ use ecan_protocol::CHANNELS;
 /// Counters of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ChannelStatistics {
-    /// Frames put into RxPDO images.
+    /// Frames of RxPDO images that were published.
     pub frames_sent: u64,
     /// Frames of images that the gateway took.
     pub frames_delivered: u64,
@@ -17,6 +17,8 @@ pub struct ChannelStatistics {
     pub refused_image_full: u64,
     /// Frames refused because the gateway's transmit queue might not hold them.
     pub refused_queue_full: u64,
+    /// Frames refused because the channel is bus-off.
+    pub refused_bus_off: u64,
     /// Transmit results that reported success: code 0 or 1 (manual 10).
     pub results_ok: u64,
     /// Transmit results that reported a failure.
@@ -31,23 +33,23 @@ pub struct SlaveStatistics {
     /// Those of them whose working counter was not complete.
     pub incomplete_cycles: u64,
     /// RxPDO images published with a new sequence.
-    pub images_sent: u64,
+    pub rxpdo_published: u64,
     /// Cycles in which an image was published again because it may not have arrived.
-    pub images_repeated: u64,
+    pub rxpdo_repeated: u64,
     /// RxPDO images with frames that were given up.
-    pub images_discarded: u64,
+    pub rxpdo_discarded: u64,
     /// TxPDO images with new content.
-    pub images_received: u64,
+    pub txpdo_received: u64,
     /// Cycles that brought no new TxPDO image.
-    pub repeated_images: u64,
+    pub txpdo_repeated: u64,
     /// TxPDO images that never arrived, by the gaps in the sequence.
-    pub lost_images: u64,
+    pub txpdo_lost: u64,
     /// TxPDO images that were being written while they were read.
-    pub torn_images: u64,
+    pub txpdo_torn: u64,
     /// TxPDO images that the gateway marked as incomplete: frames stayed behind or were lost.
-    pub incomplete_images: u64,
+    pub txpdo_incomplete: u64,
     /// TxPDO images of another layout than the configured one.
-    pub layout_changes: u64,
+    pub txpdo_layout_changes: u64,
     /// TxPDO images or packets with a fault: bad CRC, bad header, bad packet.
     pub parse_errors: u64,
     /// Transmit results that match no send.

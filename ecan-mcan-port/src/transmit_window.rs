@@ -1,8 +1,9 @@
 //! How many frames a channel's transmit queue in the gateway can still take.
 //!
-//! The gateway does not say how full its queue is beyond "7 or more" and a pressure bit (manual
-//! 7), and what it says is two images old when it arrives. So frames whose effect cannot show in
-//! the status yet are counted on top of it, and the sum stays below the queue's depth.
+//! The gateway does not say how full its queue is beyond "7 or more" and a pressure bit of unknown
+//! threshold (manual 7), and what it says is two images old when it arrives. But only frames of
+//! this host are in the queue. So all frames sent since the last exact count are added to that
+//! count, and the sum stays below the queue's depth: no threshold is assumed.
 
 use ecan_protocol::ChannelStatus;
 
@@ -21,37 +22,43 @@ pub(crate) struct TransmitWindow {
     last: u16,
     before: u16,
     older: u16,
+    /// Frames in the queue by the last exact count.
+    pending: u16,
     status: ChannelStatus,
 }
 
 impl TransmitWindow {
     pub(crate) fn new(depth: u16) -> Self {
-        Self { depth, filling: 0, last: 0, before: 0, older: 0, status: ChannelStatus::default() }
+        Self {
+            depth,
+            filling: 0,
+            last: 0,
+            before: 0,
+            older: 0,
+            pending: 0,
+            status: ChannelStatus::default(),
+        }
     }
 
     /// Whether one more frame fits for sure.
     pub(crate) fn has_room(&self) -> bool {
-        self.pending() + self.filling + self.last + self.before + self.older < self.depth
+        let unseen = [self.filling, self.last, self.before, self.older];
+        let at_most = unseen.into_iter().fold(self.pending, u16::saturating_add);
+        !self.status.tx_pressure() && at_most < self.depth
     }
 
-    /// Frames in the queue by the last status. Saturated without pressure means less than half.
-    fn pending(&self) -> u16 {
-        if self.status.tx_pressure() {
-            self.depth
-        } else if self.status.tx_pending() < SATURATED {
-            u16::from(self.status.tx_pending())
-        } else {
-            self.depth / 2
-        }
+    /// Whether the channel is off the bus, where the gateway throws frames away.
+    pub(crate) fn is_bus_off(&self) -> bool {
+        self.status.bus_off()
     }
 
     pub(crate) fn frame_added(&mut self) {
-        self.filling += 1;
+        self.filling = self.filling.saturating_add(1);
     }
 
     /// The image being filled was published.
     pub(crate) fn published(&mut self) {
-        self.older += self.before;
+        self.older = self.older.saturating_add(self.before);
         self.before = self.last;
         self.last = std::mem::take(&mut self.filling);
     }
@@ -61,13 +68,17 @@ impl TransmitWindow {
         self.filling = 0;
     }
 
-    /// A fresh TxPDO brought a status: it covers all but the last two images.
+    /// A fresh TxPDO brought a status: it covers all but the last two images. Only a count that is
+    /// not saturated tells how many frames are left.
     pub(crate) fn status(&mut self, status: ChannelStatus) {
         self.status = status;
-        self.older = 0;
+        if status.tx_pending() < SATURATED {
+            self.pending = status.tx_pending().into();
+            self.older = 0;
+        }
     }
 
-    /// The gateway started anew: its queue is empty.
+    /// The gateway starts anew; it was out of service for long enough to work its queue off.
     pub(crate) fn reset(&mut self) {
         *self = Self::new(self.depth);
     }
@@ -114,8 +125,38 @@ mod tests {
         let mut window = TransmitWindow::new(64);
         window.status(ChannelStatus::default().with_tx_pressure(true));
         assert!(!window.has_room());
-        window.status(ChannelStatus::default().with_tx_pending(7));
-        assert_eq!(fill(&mut window), 32);
+        window.status(ChannelStatus::default());
+        assert!(window.has_room());
+    }
+
+    #[test]
+    fn a_saturated_count_keeps_all_frames_since_the_last_exact_one() {
+        let mut window = TransmitWindow::new(64);
+        window.status(ChannelStatus::default().with_tx_pending(5));
+        for _ in 0..10 {
+            for _ in 0..5 {
+                assert!(window.has_room());
+                window.frame_added();
+            }
+            window.published();
+            window.status(ChannelStatus::default().with_tx_pending(7));
+        }
+        assert_eq!(fill(&mut window), 64 - 5 - 50);
+        window.published();
+        window.published();
+        window.published();
+        window.status(ChannelStatus::default().with_tx_pending(6));
+        assert_eq!(fill(&mut window), 58);
+    }
+
+    #[test]
+    fn counts_never_overflow() {
+        let mut window = TransmitWindow::new(64);
+        for _ in 0..70_000 {
+            window.frame_added();
+            window.published();
+        }
+        assert!(!window.has_room());
     }
 
     #[test]

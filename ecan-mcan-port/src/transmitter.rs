@@ -154,13 +154,16 @@ impl Transmitter {
 
     /// End of a cycle: publishes the image, or the held one once more.
     pub(crate) fn end(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
-        self.is_open = false;
+        if !std::mem::take(&mut self.is_open) {
+            // Nothing was begun: the image of the last cycle goes out once more.
+            return;
+        }
         if self.is_holding {
-            statistics.images_repeated += 1;
+            statistics.rxpdo_repeated += 1;
             return;
         }
         self.writer.commit(image, CommitFields::default());
-        statistics.images_sent += 1;
+        statistics.rxpdo_published += 1;
         for (channel, count) in self.filling.iter().enumerate() {
             statistics.channels[channel].frames_sent += u64::from(*count);
         }
@@ -177,7 +180,7 @@ impl Transmitter {
         for counts in [self.published.take(), Some(self.filling)].into_iter().flatten() {
             let frames: usize = counts.iter().map(|n| usize::from(*n)).sum();
             if frames > 0 {
-                statistics.images_discarded += 1;
+                statistics.rxpdo_discarded += 1;
             }
             for (channel, count) in counts.iter().enumerate() {
                 statistics.channels[channel].frames_discarded += u64::from(*count);

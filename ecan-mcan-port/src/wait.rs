@@ -1,47 +1,93 @@
 //! Running the cycle while something slower is waited for.
 
-use ecan_host::{Adapter, Diagnostics};
+use ecan_host::{Diagnostics, OpProgress, Phase, run_beside};
 
-use crate::cycle;
 use crate::error::PortError;
 use crate::port::Port;
+
+/// A cycle in which nothing is sent and what comes back is thrown away.
+fn empty_cycle(port: &mut Port) -> Result<(), PortError> {
+    let begun = port.cycle_begin();
+    // Single cycles may fail; the deadline ends it all.
+    let _ = port.cycle_end().and(begun);
+    Ok(())
+}
 
 impl Port {
     /// Activates the bus if that has not been done, and runs the cycle until every gateway is in
     /// OP, verified and in service.
     ///
-    /// Blocks, for seconds. Received frames are thrown away meanwhile.
+    /// Blocks, for seconds; [`startup_timeout_ms`](Self::startup_timeout_ms) tells what to allow.
+    /// Received frames are thrown away meanwhile. Goes on with
+    /// [`wait_next_cycle`](Self::wait_next_cycle).
     ///
     /// # Errors
     /// [`PortError::Adapter`] with a report of the slaves that do not reach OP,
     /// [`PortError::NotInService`] for one that does but fails verification, or what went wrong in
     /// the cycle.
     pub fn wait_ready(&mut self, timeout_ms: u32) -> Result<(), PortError> {
+        self.wait_ready_with(timeout_ms, empty_cycle)
+    }
+
+    /// As [`wait_ready`](Self::wait_ready), with a cycle of the application: between
+    /// `cycle_begin` and `cycle_end` it may do as it likes, and on an attached Adapter the
+    /// owner's receive comes before and its send after. It may also end the wait with an error.
+    ///
+    /// # Errors
+    /// As there, and the application's.
+    pub fn wait_ready_with<E: From<PortError>>(
+        &mut self,
+        timeout_ms: u32,
+        mut cycle: impl FnMut(&mut Self) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let failed = |error| E::from(PortError::Adapter(error));
+        let mut wait = self.adapter.begin_op_wait(timeout_ms).map_err(failed)?;
         let clock = self.adapter.ecrt().clock().clone();
         let start = clock.now_ns();
-        let Self { adapter, gateways, .. } = self;
-        adapter.wait_op_with(timeout_ms, |adapter| {
-            cycle::begin(adapter, gateways)?;
-            cycle::end(adapter, gateways)
-        })?;
-        let deadline = start + u64::from(timeout_ms) * 1_000_000;
-        let mut next = clock.now_ns();
-        while !self.is_ready() {
-            if next > deadline {
-                let waited_ms = (clock.now_ns() - start) / 1_000_000;
-                let open = self.gateways.iter().position(|g| !g.session.is_ready());
-                let slave = open.unwrap_or_default();
-                let session = self.session(slave);
-                return Err(PortError::NotInService { slave, session, waited_ms });
+        let mut is_operational = false;
+        loop {
+            self.wait_next_cycle();
+            cycle(self)?;
+            if is_operational && self.is_ready() {
+                return Ok(());
             }
-            next += u64::from(self.adapter.config().cycle_ns);
-            clock.sleep_until_ns(next);
-            self.cycle_begin()?;
-            self.cycle_end()?;
+            if is_operational {
+                let waited_ms = (clock.now_ns() - start) / 1_000_000;
+                if waited_ms > u64::from(timeout_ms) {
+                    let open = self.gateways.iter().position(|g| !g.session.is_ready());
+                    let slave = open.unwrap_or_default();
+                    let session = self.session(slave);
+                    return Err(PortError::NotInService { slave, session, waited_ms }.into());
+                }
+                continue;
+            }
+            match self.adapter.op_progress(&mut wait).map_err(failed)? {
+                OpProgress::Reached => is_operational = true,
+                OpProgress::Pending => {}
+                OpProgress::Failed { waited_ms } => {
+                    let mut report = self.adapter.not_operational(waited_ms).map_err(failed)?;
+                    let work = report.investigation(&self.adapter);
+                    let diagnostics = self.adapter.open_diagnostics().map_err(failed)?;
+                    let causes = run_beside(diagnostics, work, || {
+                        self.wait_next_cycle();
+                        let _ = cycle(self);
+                    });
+                    report.explain(causes);
+                    return Err(failed(ecan_host::Error::NotOperational(Box::new(report))));
+                }
+            }
         }
-        // The next exchange is due one cycle after the last one, not at once.
-        clock.sleep_until_ns(next + u64::from(self.adapter.config().cycle_ns));
-        Ok(())
+    }
+
+    /// Sleeps until the next cycle is due: see [`Adapter::wait_next_cycle`](ecan_host::Adapter::wait_next_cycle).
+    pub fn wait_next_cycle(&mut self) -> u64 {
+        self.adapter.wait_next_cycle()
+    }
+
+    /// How long the way into service may take, in milliseconds: see
+    /// [`Adapter::startup_timeout_ms`](ecan_host::Adapter::startup_timeout_ms).
+    pub fn startup_timeout_ms(&self) -> u32 {
+        self.adapter.startup_timeout_ms()
     }
 
     /// Runs `work` with a diagnostics handle of its own while the cycle goes on: blocking SDO
@@ -53,11 +99,25 @@ impl Port {
         &mut self,
         work: impl FnOnce(&Diagnostics) -> R + Send,
     ) -> Result<R, PortError> {
-        let Self { adapter, gateways, .. } = self;
-        let cycle = |adapter: &mut Adapter| {
-            cycle::begin(adapter, gateways)?;
-            cycle::end(adapter, gateways)
-        };
-        Ok(adapter.diagnose(cycle, work)?)
+        self.diagnose_with(empty_cycle, work)
+    }
+
+    /// As [`diagnose`](Self::diagnose), with a cycle of the application.
+    ///
+    /// # Errors
+    /// As there. Errors of single cycles do not end the work.
+    pub fn diagnose_with<R: Send, E>(
+        &mut self,
+        mut cycle: impl FnMut(&mut Self) -> Result<(), E>,
+        work: impl FnOnce(&Diagnostics) -> R + Send,
+    ) -> Result<R, PortError> {
+        let diagnostics = self.adapter.open_diagnostics()?;
+        if self.adapter.phase() != Phase::Active {
+            return Ok(work(&diagnostics));
+        }
+        Ok(run_beside(diagnostics, work, || {
+            self.wait_next_cycle();
+            let _ = cycle(self);
+        }))
     }
 }

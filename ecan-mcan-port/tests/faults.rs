@@ -56,9 +56,9 @@ fn f01_a_frame_lost_on_its_way_out_is_published_again() {
         let fault = Fault::LostFrame { way: LostWay::Outward, cycles: 1 };
         assert_eq!(numbers_around(&mut bench, fault), all_numbers(), "N = {multiplier}");
         let statistics = bench.port.statistics(0);
-        assert_eq!(statistics.images_repeated, 1);
+        assert_eq!(statistics.rxpdo_repeated, 1);
         assert_eq!(statistics.incomplete_cycles, 1);
-        assert_eq!(statistics.lost_images, 0);
+        assert_eq!(statistics.txpdo_lost, 0);
         assert_eq!(frames_on_bus(&bench), 60, "no frame twice");
     }
 }
@@ -72,7 +72,7 @@ fn f02_a_lost_reply_loses_its_txpdo_and_sends_nothing_twice() {
         assert_eq!(back.len(), 59, "the frame in the lost image is gone: {back:?}");
         assert!(back.is_sorted_by(|a, b| a < b), "order holds: {back:?}");
         let statistics = bench.port.statistics(0);
-        assert_eq!((statistics.lost_images, statistics.images_repeated), (1, 1));
+        assert_eq!((statistics.txpdo_lost, statistics.rxpdo_repeated), (1, 1));
         assert_eq!(frames_on_bus(&bench), 60, "the repeat was a no-op");
     }
 }
@@ -84,7 +84,7 @@ fn f03_a_working_counter_that_cannot_be_told_apart_repeats_the_image() {
     let fault = Fault::WorkingCounterOffset { offset: -1, cycles: 3 };
     assert_eq!(numbers_around(&mut bench, fault), all_numbers());
     let statistics = bench.port.statistics(0);
-    assert_eq!(statistics.images_repeated, 3);
+    assert_eq!(statistics.rxpdo_repeated, 3);
     assert_eq!(frames_on_bus(&bench), 60);
 }
 
@@ -94,12 +94,12 @@ fn f04_a_working_counter_that_shows_only_the_read_repeats_the_image() {
     let mut bench = bench_with(3, on_channel_0());
     let fault = Fault::WorkingCounterOffset { offset: -2, cycles: 1 };
     assert_eq!(numbers_around(&mut bench, fault), all_numbers());
-    assert_eq!(bench.port.statistics(0).images_repeated, 1);
+    assert_eq!(bench.port.statistics(0).rxpdo_repeated, 1);
     let mut bench = bench_with(3, on_channel_0());
     let fault = Fault::WorkingCounterOffset { offset: -1, cycles: 1 };
     assert_eq!(numbers_around(&mut bench, fault), all_numbers());
     let statistics = bench.port.statistics(0);
-    assert_eq!((statistics.images_repeated, statistics.incomplete_cycles), (0, 1));
+    assert_eq!((statistics.rxpdo_repeated, statistics.incomplete_cycles), (0, 1));
 }
 
 #[test]
@@ -108,7 +108,7 @@ fn f05_a_short_outage_is_held_and_nothing_is_lost() {
     let fault = Fault::LostFrame { way: LostWay::Outward, cycles: 8 };
     assert_eq!(numbers_around(&mut bench, fault), all_numbers());
     let statistics = bench.port.statistics(0);
-    assert_eq!((statistics.images_repeated, statistics.sessions_lost), (8, 0));
+    assert_eq!((statistics.rxpdo_repeated, statistics.sessions_lost), (8, 0));
 }
 
 #[test]
@@ -167,7 +167,6 @@ fn f08_a_power_cycled_gateway_comes_back_configured_and_verified() {
     };
     assert_eq!(bench.port.diagnose(read(0x8011, 9)).unwrap(), 1024);
     assert_eq!(bench.port.diagnose(read(0x8001, 19)).unwrap(), 1_000_000);
-    bench.resync();
     let frames: Vec<CanFrame> = (3..40).map(|n| frame(n, &[9])).collect();
     let back: Vec<_> = bench.carry(0, &frames, 100).iter().map(|f| f.frame).collect();
     assert_eq!(back, frames, "the stale frame 2 must not appear");
@@ -207,7 +206,6 @@ fn f10_an_open_cable_is_survived_like_a_power_cycle() {
     bench.simulation.inject(Fault::LinkLoss { gateway: 0, for_ms: 2_000 });
     assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
     assert!(bench.until(30_000, Port::is_ready).is_some());
-    bench.resync();
     assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
 }
 
@@ -251,7 +249,7 @@ fn f13_a_torn_image_is_skipped_and_counted() {
     let back = numbers_around(&mut bench, torn);
     assert!(back.len() >= 59 && back.is_sorted_by(|a, b| a < b), "{back:?}");
     let statistics = bench.port.statistics(0);
-    assert_eq!((statistics.torn_images, statistics.parse_errors), (1, 0));
+    assert_eq!((statistics.txpdo_torn, statistics.parse_errors), (1, 0));
     let fault = bench.port.last_diagnosis(0).map(|diagnosis| diagnosis.fault);
     assert_eq!(fault, Some(ImageFault::Updating));
 }
@@ -274,6 +272,13 @@ fn f15_bus_off_shows_in_the_status_and_recovers_by_itself() {
     bench.simulation.inject(Fault::BusOff { gateway: 0, channel: 0 });
     let seen = bench.until(10, |port| port.channel_status(0, 0).bus_off());
     assert!(seen.is_some(), "bus-off is reported");
+    bench.cycle(|port| {
+        let what = NoRoom::BusOff;
+        let refused = port.send_can(0, 0, id(7), &[]);
+        assert_eq!(refused, Err(SendError::NoRoom { slave: 0, channel: 0, what }));
+    });
+    let losses = bench.simulation.with_world(|world| world.truth(0).unwrap().transmit_losses);
+    assert_eq!(losses.bus_off, 0, "nothing was thrown away");
     let recovered = bench.until(500, |port| !port.channel_status(0, 0).bus_off());
     assert!(recovered.is_some(), "automatic recovery is the default (manual 13.2.2)");
     assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
@@ -315,7 +320,6 @@ fn f18_an_al_error_in_op_is_recovered_by_the_master_and_verified() {
     // In SAFEOP the working counter stays complete; only the master's state tells.
     assert!(bench.until(5_000, |port| port.session(0) != Session::Ready).is_some());
     assert!(bench.until(30_000, Port::is_ready).is_some());
-    bench.resync();
     assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
 }
 
@@ -343,7 +347,7 @@ fn f20_a_standing_firmware_refuses_images_and_catches_up() {
     let stall = Fault::Gateway { gateway: 0, fault: GatewayFault::ServiceStall { ms: 5 } };
     assert_eq!(numbers_around(&mut bench, stall), all_numbers());
     let statistics = bench.port.statistics(0);
-    assert!(statistics.images_repeated >= 3, "{statistics:?}");
+    assert!(statistics.rxpdo_repeated >= 3, "{statistics:?}");
     assert_eq!(frames_on_bus(&bench), 60);
 }
 
@@ -351,10 +355,8 @@ fn f20_a_standing_firmware_refuses_images_and_catches_up() {
 fn f21_a_host_that_pauses_is_caught_by_the_watchdog_and_comes_back() {
     let mut bench = bench_with(3, on_channel_0());
     bench.simulation.pass_ns(1_000_000_000);
-    bench.resync();
     assert!(bench.until(500, |port| port.session(0) != Session::Ready).is_some());
     assert!(bench.until(30_000, Port::is_ready).is_some());
-    bench.resync();
     assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
 }
 
@@ -406,4 +408,96 @@ fn a_cycle_report_names_what_the_image_was() {
     assert_eq!(report.image, new);
     assert!(report.domain.is_complete());
     assert!(bench.port.wait_ready(READY_MS).is_ok(), "already in service");
+}
+
+#[test]
+fn f25_another_gateway_in_the_place_of_a_lost_one_is_not_taken_for_it() {
+    let mut scenario = ecan_sim::echo(2);
+    scenario.topology = Topology::Star;
+    let adapter = AdapterConfig::new(2).with_cycle_us(1_000);
+    let mut bench = Bench::ready(scenario, adapter, PortConfig::uniform(2, on_channel_0()));
+    bench.simulation.inject(Fault::PowerOff { gateway: 0 });
+    bench.idle(6_000);
+    // The positions have moved up: the master gives the first configuration to the second gateway,
+    // and configures it so once it has left OP.
+    let error = GatewayFault::AlError { code: 0x001B };
+    bench.simulation.inject(Fault::Gateway { gateway: 1, fault: error });
+    bench.idle(20_000);
+    let session = bench.port.session(0);
+    let Session::Failed(VerificationFault::OtherGateway { .. }) = session else {
+        panic!("{session}")
+    };
+    bench.cycle(|port| {
+        let refused = port.send_can(0, 0, id(0x77), &[]);
+        assert_eq!(refused, Err(SendError::NotReady { slave: 0 }));
+    });
+}
+
+#[test]
+fn f26_a_busy_bus_does_not_keep_a_gateway_out_of_service() {
+    let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    (adapter.slaves[0].rx_multiplier, adapter.slaves[0].tx_multiplier) = (8, 1);
+    let gateway = GatewayConfig::on_all_channels(&classic());
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
+    // More comes back than images of 104 bytes carry: 0x8010:02 then shows 8 (manual 13.2).
+    for _ in 0..20 {
+        bench.cycle(|port| {
+            for channel in 0..4 {
+                for n in 0..6 {
+                    let _ = port.send_can(0, channel, id(n), &[0; 8]);
+                }
+            }
+        });
+    }
+    assert!(bench.port.statistics(0).txpdo_incomplete > 0);
+    let status = |diagnostics: &Diagnostics| diagnostics.sdo_upload_u32(0, 0x8010, 2).unwrap();
+    assert_eq!(bench.port.diagnose(status).unwrap(), 8);
+    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 30 });
+    bench.cycle(|port| {
+        let _ = port.send_can(0, 0, id(1), &[]);
+    });
+    assert!(bench.until(40, |port| port.session(0) == Session::Waiting).is_some());
+    assert!(bench.until(2_000, Port::is_ready).is_some(), "{}", bench.port.session(0));
+}
+
+#[test]
+fn f27_a_loss_in_the_middle_of_a_verification_starts_it_from_the_beginning() {
+    for cycles in 1..45 {
+        let mut bench = bench_with(3, on_channel_0());
+        bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 15 });
+        bench.cycle(|port| {
+            port.send_can(0, 0, id(1), &[]).unwrap();
+        });
+        let verifying = |port: &Port| port.session(0) == Session::Verifying;
+        assert!(bench.until(100, verifying).is_some());
+        bench.idle(cycles);
+        bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 15 });
+        assert!(bench.until(2_000, |port| port.statistics(0).sessions == 2).is_some());
+        assert_eq!(bench.carry(0, &[frame(3, &[])], 20).len(), 1, "lost after {cycles}");
+        assert_eq!(bench.port.statistics(0).verification_failures, 0);
+    }
+}
+
+#[test]
+fn f28_a_gateway_that_sends_no_images_is_not_left_in_service() {
+    let mut bench = bench_with(3, on_channel_0());
+    let stall = GatewayFault::ServiceStall { ms: 60_000 };
+    bench.simulation.inject(Fault::Gateway { gateway: 0, fault: stall });
+    assert!(bench.until(300, |port| port.session(0) != Session::Ready).is_some());
+}
+
+#[test]
+fn calls_out_of_order_lose_nothing() {
+    let mut bench = bench_with(3, on_channel_0());
+    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 1 });
+    bench.port.wait_next_cycle();
+    bench.port.cycle_begin().unwrap();
+    bench.port.send_can(0, 0, id(1), &[]).unwrap();
+    bench.port.cycle_begin().unwrap();
+    bench.port.send_can(0, 0, id(2), &[]).unwrap();
+    bench.port.cycle_end().unwrap();
+    bench.port.wait_next_cycle();
+    bench.port.cycle_end().unwrap();
+    let back: Vec<_> = frames_of(&bench.idle(10)).iter().map(|f| f.frame.id().raw()).collect();
+    assert_eq!(back, [1, 2]);
 }

@@ -24,7 +24,6 @@ fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
         };
         let bytes = u32::from(multiplier) * 128;
         assert_eq!(bench.port.diagnose(read).unwrap(), [bytes; 2]);
-        bench.resync();
         let frames: Vec<_> = (0..30).map(|n| frame(n, &[multiplier])).collect();
         let back: Vec<_> = bench.carry(0, &frames, 100).iter().map(|f| f.frame).collect();
         assert_eq!(back, frames, "N = {multiplier}");
@@ -39,7 +38,6 @@ fn other_channels_and_bit_rates_can_be_chosen() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(3, fd));
     bench.port.reconfigure(adapter(8), config).unwrap();
     bench.port.wait_ready(READY_MS).unwrap();
-    bench.resync();
     let frames = [frame(7, &[1, 2, 3])];
     let back = bench.carry(3, &frames, 50);
     assert_eq!((back[0].channel, back[0].frame), (3, frames[0]));
@@ -67,6 +65,26 @@ fn after_a_failed_switch_the_old_configuration_can_be_taken_up_again() {
     assert_eq!(bench.port.adapter().phase(), Phase::Down);
     bench.port.reconfigure(adapter(3), config).unwrap();
     bench.port.wait_ready(READY_MS).unwrap();
-    bench.resync();
+    assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
+}
+
+#[test]
+fn the_configuration_in_force_can_be_changed_and_given_back() {
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let larger = bench.port.adapter().config().clone().with_multiplier(8);
+    bench.port.reconfigure(larger, config).unwrap();
+    bench.port.wait_ready(READY_MS).unwrap();
+    assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
+}
+
+#[test]
+fn another_master_is_refused_and_nothing_changes() {
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut elsewhere = adapter(3);
+    elsewhere.master_index = 3;
+    let refused = bench.port.reconfigure(elsewhere, config).unwrap_err();
+    assert!(refused.to_string().contains("master 3"), "{refused}");
     assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
 }

@@ -22,7 +22,7 @@ fn the_sequence_of_the_manual_is_written() {
     let mut adapter = AdapterConfig::new(1).with_multiplier(8);
     let gateway = GatewayConfig::on_all_channels(&ChannelSettings::fd(1_000_000, 5_000_000));
     PortConfig::uniform(1, gateway).apply(&mut adapter);
-    let written = downloads(&adapter.slaves[0].startup);
+    let written = downloads(&adapter.slaves[0].base_startup);
     // Manual 5.4.2: both profiles, then both apply commands.
     let profile: Vec<_> = [0x8010, 0x8011]
         .into_iter()
@@ -57,7 +57,7 @@ fn capabilities_are_asked_before_anything_is_written() {
     gateway.tx_options = OptionFlags::TX_RESULT;
     gateway.rx_options = OptionFlags::ALIGN4;
     PortConfig::uniform(1, gateway).apply(&mut adapter);
-    let steps = &adapter.slaves[0].startup;
+    let steps = &adapter.slaves[0].base_startup;
     let leading = steps.iter().take_while(|step| !step.is_download()).count();
     let asked = &steps[..leading];
     let expect = |subindex, expected| StartupStep::Expect { index: 0xF000, subindex, expected };

@@ -132,6 +132,30 @@ impl MessageRamLayout {
         }
     }
 
+    /// The same with the transmit FIFO made for `sent` frames per cycle: four cycles of them, 8 to 32
+    /// elements, with as many transmit events. What that frees goes to RX FIFO0, 64 elements at
+    /// most.
+    pub const fn for_traffic(mut self, sent: u8) -> Self {
+        let wanted = sent.saturating_mul(4);
+        let size = if wanted < 8 {
+            8
+        } else if wanted > 32 {
+            32
+        } else {
+            wanted
+        };
+        self.tx_fifo_size = size;
+        self.tx_event_size = size;
+        while self.rx_fifo0.size < 64 {
+            self.rx_fifo0.size += 1;
+            if self.bytes() > MESSAGE_RAM_BYTES {
+                self.rx_fifo0.size -= 1;
+                break;
+            }
+        }
+        self
+    }
+
     /// For channels without CAN FD: elements of 8 bytes, and with the space gained receive FIFOs
     /// of full length.
     pub const fn classic() -> Self {

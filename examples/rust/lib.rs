@@ -10,8 +10,8 @@ pub mod check;
 pub mod interrupt;
 pub mod log_file;
 pub mod progress;
+pub mod source;
 pub mod summary;
-pub mod traffic;
 pub mod watch;
 
 /// The programs in the README compile.

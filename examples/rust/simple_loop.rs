@@ -17,23 +17,29 @@ use ecan_examples::check::Check;
 use ecan_examples::interrupt::Interrupt;
 use ecan_examples::log_file::{self, LoggedFrame};
 use ecan_examples::progress;
+use ecan_examples::source::{Channels, Source};
 use ecan_examples::summary::{self, Run};
-use ecan_examples::traffic::{Channels, Traffic};
 use ecan_examples::watch::SessionWatch;
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received};
+use ecan_mcan_port::{
+    ChannelSettings, GatewayConfig, Port, PortConfig, PortError, Received, Session,
+};
 use ecan_protocol::{CHANNELS, CanId};
 
 /// Identifier of the frames that the plain loop sends.
 const LOOP_ID: u16 = 0x123;
 /// Cycles of the plain loop unless told otherwise.
 const DEFAULT_CYCLES: u64 = 1000;
-/// How long a gateway may take to come into service.
-const READY_TIMEOUT_MS: u32 = 10_000;
 /// The end waits for frames under way until none has come for this long, in nanoseconds and in
 /// cycles.
 const QUIET_NS: u64 = 200_000_000;
 const QUIET_CYCLES: u64 = 20;
+/// A replay is given up when nothing was taken or came back for this long, in nanoseconds.
+const STUCK_NS: u64 = 10_000_000_000;
+/// Gaps of a recording from which the user is told, in nanoseconds.
+const LONG_GAP_NS: u64 = 60_000_000_000;
+/// Cycles in a row that may fail.
+const MAX_FAILED_CYCLES: u32 = 100;
 
 /// Sends CAN frames through ECAN-Lite gateways every cycle and receives what comes back.
 #[derive(Debug, Parser)]
@@ -125,24 +131,34 @@ fn configuration(arguments: &Arguments) -> (AdapterConfig, PortConfig) {
 }
 
 /// What is sent: the recording, or a counter.
-fn traffic(arguments: &Arguments) -> Result<Traffic, Box<dyn Error>> {
+fn source(arguments: &Arguments) -> Result<Source, Box<dyn Error>> {
     let is_fd = arguments.fd.is_some();
     let Some(path) = &arguments.replay else {
         let cycles = arguments.cycles.unwrap_or(DEFAULT_CYCLES);
-        return Ok(Traffic::Counter { id: CanId::standard(LOOP_ID)?, is_fd, cycles, done: 0 });
+        return Ok(Source::Counter { id: CanId::standard(LOOP_ID)?, is_fd, cycles, done: 0 });
     };
+    let name = path.display();
     let frames: Vec<LoggedFrame> = log_file::read(path)?;
     if let Some(fd) = frames.iter().find(|f| f.frame.as_ref().is_fd() && !is_fd) {
-        let (name, line) = (path.display(), fd.line);
-        return Err(format!("{name}, line {line} is a CAN FD frame: give --fd DATA_BITRATE").into());
+        return Err(
+            format!("{name}, line {} is a CAN FD frame: give --fd DATA_BITRATE", fd.line).into()
+        );
     }
-    Ok(Traffic::Recording { frames, done: 0 })
+    let same = |dump: &PathBuf| path.canonicalize().ok() == dump.canonicalize().ok();
+    if arguments.dump.as_ref().is_some_and(same) {
+        return Err(format!("--dump would overwrite the recording {name}").into());
+    }
+    for pair in frames.windows(2) {
+        let gap = pair[1].time_ns.saturating_sub(pair[0].time_ns);
+        if gap > LONG_GAP_NS {
+            println!("{name}, line {}: {} s without a frame", pair[1].line, gap / 1_000_000_000);
+        }
+    }
+    Ok(Source::Recording { frames, done: 0 })
 }
 
-/// Runs the loop; false when a recording did not come back as it was sent.
-fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
-    let mut traffic = traffic(arguments)?;
-    let interrupt = Interrupt::install()?;
+/// Opens the gateways and waits until they are in service; `None` when the user gave up.
+fn open(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port>, Box<dyn Error>> {
     let wishes = Wishes {
         slaves: usize::from(arguments.slaves),
         seed: arguments.seed,
@@ -152,7 +168,39 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let (adapter, config) = configuration(arguments);
     let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
     let mut port = Port::open(&backend.ecrt, adapter, config)?;
-    port.wait_ready(READY_TIMEOUT_MS)?;
+    let ready = port.wait_ready_with(port.startup_timeout_ms(), |port| {
+        // Single cycles may fail; the timeout ends it all.
+        let _ = port.cycle_begin();
+        let _ = port.cycle_end();
+        if interrupt.is_set() { Err(Stop::Interrupted) } else { Ok(()) }
+    });
+    match ready {
+        Ok(()) => Ok(Some(port)),
+        Err(Stop::Interrupted) => Ok(None),
+        Err(Stop::Failed(error)) => Err(error.into()),
+    }
+}
+
+/// Why the way into service ended.
+enum Stop {
+    Interrupted,
+    Failed(PortError),
+}
+
+impl From<PortError> for Stop {
+    fn from(error: PortError) -> Self {
+        Self::Failed(error)
+    }
+}
+
+/// Runs the loop; false when a recording did not come back as it was sent.
+fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
+    let mut source = source(arguments)?;
+    let interrupt = Interrupt::install()?;
+    let Some(mut port) = open(arguments, &interrupt)? else {
+        println!("stopped by the user");
+        return Ok(true);
+    };
     println!("{} gateway(s) in service", port.slave_count());
     let mut dump = arguments.dump.as_deref().map(log_file::Writer::create).transpose()?;
 
@@ -160,14 +208,16 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let mut check = Check::new(channels);
     let mut loads = vec![BusLoad::default(); channels];
     let mut watch = SessionWatch::new(&port);
-    let progress = progress::bar(traffic.total());
-    let clock = backend.ecrt.clock().clone();
+    let progress = progress::bar(source.total());
+    let clock = port.adapter().ecrt().clock().clone();
     let cycle_ns = u64::from(arguments.cycle_us) * 1000;
     let quiet_ns = QUIET_NS.max(QUIET_CYCLES * cycle_ns);
     let start = clock.now_ns();
-    let (mut next, mut last_activity) = (start, start);
+    let (mut last_activity, mut failed_cycles) = (start, 0);
+    let mut end = Ok(());
     loop {
-        port.cycle_begin()?;
+        port.wait_next_cycle();
+        let begun = port.cycle_begin();
         let now = clock.now_ns();
         let mut written = Ok(());
         port.receive_each(|item| {
@@ -177,29 +227,39 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
             loads[channel].add(&received.frame);
             last_activity = now;
             if let (Some(dump), Ok(())) = (&mut dump, &written) {
-                written = dump.write(traffic.log_time(now - start), channel, received.frame);
+                written = dump.write(source.log_time(now - start), channel, received.frame);
             }
         });
-        written?;
-        let is_sending = !interrupt.is_set() && !traffic.is_done();
+        let is_sending = !interrupt.is_set() && !source.is_done();
+        let mut sent = Ok(());
         if is_sending {
-            traffic.send(&mut port, arguments.channel, now - start, |channel, frame| {
+            sent = source.send(&mut port, arguments.channel, now - start, |channel, frame| {
                 check.sent(channel, frame);
                 loads[channel].add(&frame);
-            })?;
-            last_activity = now;
+                last_activity = now;
+            });
         }
-        port.cycle_end()?;
+        let cycle = port.cycle_end().and(begun);
+        failed_cycles = if cycle.is_err() { failed_cycles + 1 } else { 0 };
         for line in watch.changes(&port) {
             progress.suspend(|| println!("{:>9.3} s  {line}", (now - start) as f64 / 1e9));
         }
-        progress.set_position(traffic.done());
+        progress.set_position(source.done());
+        if failed_cycles > MAX_FAILED_CYCLES {
+            end = cycle.map_err(Box::from);
+        } else if let Err(error) = written {
+            end = Err(error);
+        } else if let Err(error) = sent {
+            end = Err(error.into());
+        }
+        // A gap of the recording is no standstill.
+        let due = source.next_due_ns().map_or(last_activity, |due| last_activity.max(start + due));
+        let is_stuck = source.next_due_ns().is_some() && now.saturating_sub(due) > STUCK_NS;
         let is_quiet = now - last_activity > quiet_ns;
-        if interrupt.is_set() || !is_sending && (check.under_way() == 0 || is_quiet) {
+        let is_over = !is_sending && (check.under_way() == 0 || is_quiet);
+        if end.is_err() || interrupt.is_set() || is_stuck || is_over {
             break;
         }
-        next += cycle_ns;
-        clock.sleep_until_ns(next);
     }
     progress.finish_and_clear();
     if let Some(dump) = dump {
@@ -215,30 +275,29 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         cycle_ns: arguments.cycle_us * 1000,
     };
     print!("{}", summary::table(&port, run, &loads));
-    if arguments.replay.is_none() {
-        return Ok(true);
-    }
-    Ok(report_replay(&port, &traffic, &check))
+    end?;
+    Ok(arguments.replay.is_none() || report_replay(&port, &source, &check))
 }
 
 /// Says how the replay went; true when every frame came back unchanged and in order.
-fn report_replay(port: &Port, traffic: &Traffic, check: &Check) -> bool {
+fn report_replay(port: &Port, source: &Source, check: &Check) -> bool {
     let (sent, returned) = check.counts();
     let mut faults: Vec<String> = check.first_difference().map(String::from).into_iter().collect();
-    if !traffic.is_done() {
-        faults.push(format!("{} frames were not sent", traffic.total() - traffic.done()));
+    if !source.is_done() {
+        faults.push(format!("{} frames were not sent", source.total() - source.done()));
     }
     if check.under_way() > 0 {
         faults.push(format!("{} frames did not come back", check.under_way()));
     }
     for slave in 0..port.slave_count() {
         let statistics = port.statistics(slave);
-        let errors = statistics.parse_errors + statistics.torn_images;
-        if errors + statistics.lost_images + statistics.incomplete_images > 0 {
-            faults.push(format!(
-                "slave {slave}: {errors} image errors, {} images lost, {} incomplete",
-                statistics.lost_images, statistics.incomplete_images
-            ));
+        let errors = statistics.parse_errors + statistics.txpdo_torn;
+        if errors + statistics.txpdo_lost > 0 {
+            let lost = statistics.txpdo_lost;
+            faults.push(format!("slave {slave}: {errors} image errors, {lost} images lost"));
+        }
+        if !matches!(port.session(slave), Session::Ready) {
+            faults.push(format!("slave {slave} is {}", port.session(slave)));
         }
     }
     println!("\nreplay: {sent} frames sent, {returned} came back");

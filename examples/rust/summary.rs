@@ -43,7 +43,8 @@ pub fn table(port: &Port, run: Run, loads: &[BusLoad]) -> String {
                 run.data_bitrate,
                 run.elapsed_ns,
             );
-            let refused = count.refused_image_full + count.refused_queue_full;
+            let refused =
+                count.refused_image_full + count.refused_queue_full + count.refused_bus_off;
             let _ = writeln!(
                 text,
                 "{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>8.1} %",
@@ -70,17 +71,17 @@ pub fn table(port: &Port, run: Run, loads: &[BusLoad]) -> String {
             format!("slave {slave}"),
             s.cycles,
             s.incomplete_cycles,
-            s.images_sent,
-            s.images_repeated,
-            s.images_received,
-            s.lost_images,
-            s.parse_errors + s.torn_images
+            s.rxpdo_published,
+            s.rxpdo_repeated,
+            s.txpdo_received,
+            s.txpdo_lost,
+            s.parse_errors + s.txpdo_torn
         );
-        if s.sessions_lost > 0 || s.incomplete_images > 0 {
+        if s.sessions_lost > 0 || s.txpdo_incomplete > 0 {
             let _ = writeln!(
                 text,
                 "{:<14}out of service {} time(s), incomplete images {}",
-                "", s.sessions_lost, s.incomplete_images
+                "", s.sessions_lost, s.txpdo_incomplete
             );
         }
     }

@@ -181,6 +181,39 @@ fn a_replay_that_loses_frames_says_so_and_fails() {
 }
 
 #[test]
+fn a_replay_that_gets_nowhere_ends_and_says_why() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = directory.path().join("drive.log");
+    let id = CanId::standard(1).unwrap();
+    let frames: Vec<_> = (0..200_u8).map(|n| CanFrame::classic(id, &[n]).unwrap()).collect();
+    write_log(&log, &frames, "can0");
+    let alone = directory.path().join("alone.toml");
+    std::fs::write(&alone, "[[gateway]]\n").unwrap();
+    let dies = directory.path().join("dies.toml");
+    let toml = "[[gateway]]\n[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n\
+                [[fault]]\nkind = \"power_off\"\ngateway = 0\ncycle = 400\n";
+    std::fs::write(&dies, toml).unwrap();
+    for (scenario, words) in [(alone, "were not sent"), (dies, "waiting for OP")] {
+        let ecrt = format!("sim:{}", scenario.display());
+        let arguments = ["--ecrt", &ecrt, "--cycle-us", "1000", "--replay", log.to_str().unwrap()];
+        let message = fails(&arguments);
+        assert!(message.contains(words), "{message}");
+    }
+}
+
+#[test]
+fn the_recording_is_not_overwritten() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = directory.path().join("drive.log");
+    let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[1]).unwrap();
+    write_log(&log, &[frame], "can0");
+    let name = log.to_str().unwrap();
+    let message = fails(&["--ecrt", "sim", "--replay", name, "--dump", name]);
+    assert!(message.contains("would overwrite"), "{message}");
+    assert_eq!(frames_of_log(&log), [frame]);
+}
+
+#[test]
 fn wrong_use_gets_a_message_that_helps() {
     let directory = tempfile::tempdir().unwrap();
     let bad = directory.path().join("bad.log");

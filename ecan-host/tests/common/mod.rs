@@ -17,12 +17,10 @@ pub fn open(scenario: Scenario, config: AdapterConfig) -> Result<Adapter, Error>
 
 /// Runs cycles without touching the images.
 pub fn run(adapter: &mut Adapter, cycles: usize) {
-    let mut next = adapter.clock().now_ns();
     for _ in 0..cycles {
+        adapter.wait_next_cycle();
         adapter.receive().unwrap();
         adapter.send().unwrap();
-        next += u64::from(adapter.config().cycle_ns);
-        adapter.clock().sleep_until_ns(next);
     }
 }
 

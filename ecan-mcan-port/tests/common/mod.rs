@@ -13,7 +13,6 @@ pub const READY_MS: u32 = 20_000;
 pub struct Bench {
     pub port: Port,
     pub simulation: Simulation,
-    next_ns: u64,
 }
 
 impl Bench {
@@ -26,14 +25,13 @@ impl Bench {
         let backend = ecan_sim::open_scenario(scenario, &options).expect("scenario");
         let simulation = backend.simulation.expect("simulated");
         let port = Port::open(&backend.ecrt, adapter, config)?;
-        Ok(Self { port, simulation, next_ns: 0 })
+        Ok(Self { port, simulation })
     }
 
     /// Opened and in service.
     pub fn ready(scenario: Scenario, adapter: AdapterConfig, config: PortConfig) -> Self {
         let mut bench = Self::open(scenario, adapter, config).unwrap_or_else(|e| panic!("{e}"));
         bench.port.wait_ready(READY_MS).unwrap_or_else(|e| panic!("{e}"));
-        bench.resync();
         bench
     }
 
@@ -43,20 +41,14 @@ impl Bench {
         Self::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway))
     }
 
-    /// The next cycle is due now.
-    pub fn resync(&mut self) {
-        self.next_ns = self.port.adapter().clock().now_ns();
-    }
-
-    /// One cycle: everything received, then `send`, then sleep to the next.
+    /// One cycle: waits until it is due, receives everything, then `send`.
     pub fn cycle(&mut self, send: impl FnOnce(&mut Port)) -> Vec<Received> {
         let mut received = Vec::new();
+        self.port.wait_next_cycle();
         self.port.cycle_begin().unwrap();
         self.port.receive_each(|item| received.push(item));
         send(&mut self.port);
         self.port.cycle_end().unwrap();
-        self.next_ns += u64::from(self.port.adapter().config().cycle_ns);
-        self.port.adapter().clock().sleep_until_ns(self.next_ns);
         received
     }
 

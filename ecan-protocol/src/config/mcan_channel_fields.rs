@@ -38,6 +38,22 @@ impl McanChannelConfig {
         FIELDS.map(|(subindex, ty)| self.field_write(channel, subindex, ty))
     }
 
+    /// Those of [`writes`](Self::writes) that have an effect in this configuration: without manual
+    /// timing in automatic mode, without the data phase in classic CAN (manual 5.4.3), without the
+    /// parameters of a timestamp unit or timeout that is off.
+    pub fn needed_writes(&self, channel: u8) -> impl Iterator<Item = SdoWrite> + use<> {
+        let (is_manual, fd) = (self.bit_timing_mode == BitTimingMode::Manual, self.fd);
+        let (tsu, timeout) = (self.tsu, self.timeout);
+        self.writes(channel).into_iter().filter(move |write| match write.subindex {
+            16 | 20 | 23 | 24 | 33 | 34 => fd,
+            25..=28 => is_manual,
+            29..=32 => is_manual && fd,
+            77..=79 | 81..=83 => tsu,
+            85 | 87 => timeout,
+            _ => true,
+        })
+    }
+
     /// The shorter list of the manual's example (5.4.3 E1..E30), which leaves the rest of the
     /// configuration as the device has it.
     pub fn bring_up_writes(&self, channel: u8) -> [SdoWrite; MCAN_CHANNEL_BRING_UP_WRITES] {

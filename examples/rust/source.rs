@@ -26,7 +26,7 @@ impl Channels {
 
 /// Sends what is due in a cycle.
 #[derive(Debug)]
-pub enum Traffic {
+pub enum Source {
     /// One frame per channel and cycle with the number of the cycle in it.
     Counter {
         /// Identifier of the frames.
@@ -47,7 +47,7 @@ pub enum Traffic {
     },
 }
 
-impl Traffic {
+impl Source {
     /// Number of steps in all: cycles or frames.
     pub fn total(&self) -> u64 {
         match self {
@@ -77,9 +77,16 @@ impl Traffic {
         }
     }
 
+    /// When the next frame of a recording is due, in nanoseconds after the start.
+    pub fn next_due_ns(&self) -> Option<u64> {
+        let Self::Recording { frames, done } = self else { return None };
+        let (first, next) = (frames.first()?, frames.get(*done)?);
+        Some(next.time_ns.saturating_sub(first.time_ns))
+    }
+
     /// Sends what is due `elapsed_ns` after the start and reports each frame to `sent` with its
     /// channel, counted over all gateways. A frame for which there is no room waits for the next
-    /// cycle, and so does all of a gateway that is out of service.
+    /// cycle, and with it all that come after it, so that their order holds.
     ///
     /// # Errors
     /// A frame that the port does not take for another reason.

@@ -17,14 +17,14 @@ const MAILBOX_BYTES: usize = 512 + DATAGRAM_OVERHEAD;
 
 /// Layout of one gateway's domain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Capacity {
+pub struct DomainLayout {
     /// Bytes of the RxPDO.
     pub rx_bytes: usize,
     /// Bytes of the TxPDO.
     pub tx_bytes: usize,
 }
 
-impl Capacity {
+impl DomainLayout {
     /// The domain of a gateway with these N.
     pub fn new(rx_multiplier: u8, tx_multiplier: u8) -> Self {
         Self {
@@ -41,6 +41,12 @@ impl Capacity {
         self.rx_bytes + self.tx_bytes <= MAX_DATAGRAM_BYTES
     }
 
+    /// Working counter of a complete exchange, for the release of libethercat: IgH 1.5 counts 3
+    /// also where the directions travel apart. For messages; the master's own judgement counts.
+    pub fn expected_working_counter(&self, version: (u8, u8)) -> u32 {
+        if self.is_single_datagram() || version < (1, 6) { 3 } else { 2 }
+    }
+
     /// Number of datagrams per cycle.
     pub fn datagrams(&self) -> usize {
         if self.is_single_datagram() { 1 } else { 2 }
@@ -53,7 +59,7 @@ impl Capacity {
 }
 
 /// Bytes per cycle that the process data of all slaves and one mailbox transfer need.
-pub(crate) fn bytes_with_mailbox(slaves: impl Iterator<Item = Capacity>) -> usize {
+pub(crate) fn bytes_with_mailbox(slaves: impl Iterator<Item = DomainLayout>) -> usize {
     slaves.map(|c| c.wire_bytes()).sum::<usize>() + MAILBOX_BYTES
 }
 
@@ -74,10 +80,10 @@ mod tests {
 
     #[test]
     fn five_chunks_each_way_share_a_datagram_and_six_do_not() {
-        assert!(Capacity::new(5, 5).is_single_datagram());
-        assert!(!Capacity::new(6, 6).is_single_datagram());
-        assert!(Capacity::new(10, 1).is_single_datagram());
-        assert_eq!(Capacity::new(11, 1).datagrams(), 2);
+        assert!(DomainLayout::new(5, 5).is_single_datagram());
+        assert!(!DomainLayout::new(6, 6).is_single_datagram());
+        assert!(DomainLayout::new(10, 1).is_single_datagram());
+        assert_eq!(DomainLayout::new(11, 1).datagrams(), 2);
     }
 
     #[test]
