@@ -50,6 +50,8 @@ pub(crate) struct Slave {
     pub(crate) rx: Range<usize>,
     pub(crate) tx: Range<usize>,
     pub(crate) report: DomainReport,
+    /// Its last process data were not sent, so the working counter is an old one.
+    pub(crate) is_unsent: bool,
     pub(crate) al_status: AlStatusWatch,
 }
 
@@ -214,6 +216,7 @@ impl Adapter {
                 expected_working_counter: layout.expected_working_counter(self.ecrt.version()),
                 ..DomainReport::default()
             },
+            is_unsent: false,
             al_status: AlStatusWatch::new(al_status),
         })
     }

@@ -152,6 +152,7 @@ impl Adapter {
                     state.map_err(CycleError::of_slave("ecrt_domain_state", index))
                 });
             match state {
+                Ok(_) if slave.is_unsent => {}
                 Ok(state) => {
                     let (outputs, inputs) = judge(slave, state.working_counter, state.wc_state);
                     let report = &mut slave.report;
@@ -178,8 +179,9 @@ impl Adapter {
             return Err(CycleError::NotActive { is: self.phase });
         }
         let mut result = Ok(());
-        for (index, slave) in self.slaves.iter().enumerate() {
+        for (index, slave) in self.slaves.iter_mut().enumerate() {
             let queued = self.master.domain_queue(slave.domain);
+            slave.is_unsent = queued.is_err();
             keep(&mut result, queued.map_err(CycleError::of_slave("ecrt_domain_queue", index)));
         }
         if self.is_attached() {
@@ -196,6 +198,9 @@ impl Adapter {
             keep(&mut result, others.map_err(CycleError::library("ecrt_master_sync_slave_clocks")));
         }
         let sent = self.master.send();
+        for slave in &mut self.slaves {
+            slave.is_unsent |= sent.is_err();
+        }
         keep(&mut result, sent.map_err(CycleError::library("ecrt_master_send")));
         result
     }

@@ -4,13 +4,13 @@
 mod common;
 
 use common::{Bench, READY_MS, classic, frame, frames_of, id};
-use ecan_host::{AdapterConfig, Diagnostics, Error};
+use ecan_host::{AdapterConfig, DcSync, Diagnostics, Error};
 use ecan_mcan_port::{
     GatewayConfig, ImageReport, NoRoom, Port, PortConfig, PortError, SendError, Session,
     VerificationFault,
 };
 use ecan_protocol::{CanFrame, ImageFault, PdoError};
-use ecan_sim::{Fault, GatewayFault, LostWay, Topology};
+use ecan_sim::{Fault, GatewayFault, LibraryCall, LostWay, Topology};
 
 fn on_channel_0() -> GatewayConfig {
     GatewayConfig::on_channel(0, classic())
@@ -306,6 +306,21 @@ fn f16_without_a_partner_on_the_bus_the_queue_fills_and_the_host_is_held_back() 
 }
 
 #[test]
+fn f16_pacing_holds_whatever_threshold_the_gateway_has() {
+    for tx_pressure_percent in [30, 75, 100] {
+        let mut scenario = ecan_sim::echo(1);
+        scenario.gateways[0].settings.tx_pressure_percent = tx_pressure_percent;
+        let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
+        let slow = ecan_mcan_port::ChannelSettings::classic(125_000);
+        let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, slow));
+        let mut bench = Bench::ready(scenario, adapter, config);
+        let frames: Vec<_> = (0..500u16).map(|n| frame(n, &n.to_le_bytes())).collect();
+        let back: Vec<_> = bench.carry(0, &frames, 5_000).iter().map(|f| f.frame).collect();
+        assert_eq!(back, frames, "{tx_pressure_percent} %");
+    }
+}
+
+#[test]
 fn f17_disturbed_transmissions_are_repeated_by_the_controller() {
     let mut bench = bench_with(3, on_channel_0());
     let fault = Fault::ErrorFrames { gateway: 0, channel: 0, frames: 5 };
@@ -500,4 +515,40 @@ fn calls_out_of_order_lose_nothing() {
     bench.port.cycle_end().unwrap();
     let back: Vec<_> = frames_of(&bench.idle(10)).iter().map(|f| f.frame.id().raw()).collect();
     assert_eq!(back, [1, 2]);
+}
+
+#[test]
+fn f29_an_interrupted_call_of_the_library_loses_and_repeats_nothing() {
+    let calls = [
+        LibraryCall::Receive,
+        LibraryCall::Send,
+        LibraryCall::DomainProcess,
+        LibraryCall::DomainQueue,
+        LibraryCall::DomainState,
+    ];
+    for call in calls {
+        for multiplier in [3, 8] {
+            let mut bench = bench_with(multiplier, on_channel_0());
+            let fault = Fault::LibraryError { call, errno: 4, times: 1 };
+            let back = numbers_around(&mut bench, fault);
+            assert!(back.len() >= 59 && back.is_sorted_by(|a, b| a < b), "{call:?}: {back:?}");
+            assert_eq!(frames_on_bus(&bench), 60, "{call:?}: every frame once");
+            assert_eq!(bench.cycle_errors.len(), 1, "{call:?}");
+            assert_eq!(bench.port.session(0), Session::Ready, "{call:?}");
+        }
+    }
+}
+
+#[test]
+fn f30_with_distributed_clocks_a_power_cycle_is_survived_too() {
+    // While the bus is scanned there is no reference clock, and the calls that need one fail.
+    let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    adapter.dc = Some(DcSync::new(1_000_000, 300_000));
+    let config = PortConfig::uniform(1, on_channel_0());
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+    bench.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
+    assert!(bench.until(200, |port| port.session(0) == Session::Waiting).is_some());
+    assert!(bench.until(60_000, Port::is_ready).is_some(), "{}", bench.port.session(0));
+    assert_eq!(bench.cycle_errors, []);
+    assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
 }

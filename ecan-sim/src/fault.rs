@@ -13,7 +13,27 @@ pub enum LostWay {
     Return,
 }
 
-/// A fault on the line, in a gateway, on a bus or in a node.
+/// A call of libethercat that [`Fault::LibraryError`] makes fail.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LibraryCall {
+    /// `ecrt_master_receive`: what has arrived stays where it is for the next call.
+    Receive,
+    /// `ecrt_master_send`: what is queued stays queued.
+    Send,
+    /// `ecrt_domain_process`: the domain keeps its last working counter.
+    DomainProcess,
+    /// `ecrt_domain_queue`
+    DomainQueue,
+    /// `ecrt_domain_state`
+    DomainState,
+}
+
+impl LibraryCall {
+    /// How many there are.
+    pub(crate) const COUNT: usize = 5;
+}
+
+/// A fault of the library, on the line, in a gateway, on a bus or in a node.
 ///
 /// `gateway` is the position on the EtherCAT line, from 0; one that does not exist makes the
 /// fault do nothing.
@@ -83,6 +103,17 @@ pub enum Fault {
         node: String,
         /// Milliseconds.
         for_ms: u32,
+    },
+    /// The next `times` calls of this function of the library fail without doing their work, as
+    /// when a signal interrupts them (`EINTR`). In 1.5 they fail silently. Struck with a cycle, it
+    /// concerns the calls behind that cycle's send.
+    LibraryError {
+        /// Which function.
+        call: LibraryCall,
+        /// Error number, positive.
+        errno: i32,
+        /// How many calls.
+        times: u32,
     },
 }
 

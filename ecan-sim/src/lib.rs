@@ -36,7 +36,7 @@ pub use backend::{
     open_scenario,
 };
 pub use clock::SimClock;
-pub use fault::{Fault, LostWay, ScriptedFault, When};
+pub use fault::{Fault, LibraryCall, LostWay, ScriptedFault, When};
 pub use scenario::{
     BUILTIN_SCENARIOS, ClockKind, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind, NodeSpec,
     Scenario, ScenarioError, Topology, echo,

@@ -7,7 +7,7 @@ mod line;
 use ecan_protocol::CHANNELS;
 
 use crate::bus::{BusEvent, BusStatistics, CanBus, StationId};
-use crate::fault::{Fault, FaultScript, LostWay, ScriptedFault};
+use crate::fault::{Fault, FaultScript, LibraryCall, LostWay, ScriptedFault};
 use crate::gateway::{Gateway, Truth};
 use crate::scenario::{Scenario, Topology};
 use crate::world::can_side::{BusSlot, NodeSlot};
@@ -35,6 +35,8 @@ pub struct World {
     script: FaultScript,
     lost: (Option<LostWay>, u32),
     counter_offset: (i32, u32),
+    /// Error number and how often, by call of the library.
+    library_errors: [(i32, u32); LibraryCall::COUNT],
     cycle: u64,
     events: Vec<BusEvent>,
 }
@@ -55,6 +57,7 @@ impl World {
             script: FaultScript::default(),
             lost: (None, 0),
             counter_offset: (0, 0),
+            library_errors: [(0, 0); LibraryCall::COUNT],
             cycle: 0,
             events: Vec::with_capacity(64),
         };
@@ -200,6 +203,11 @@ impl World {
                 if let Some(slot) = self.nodes.iter_mut().find(|slot| slot.name == node) {
                     slot.muted_until = now + ms(for_ms);
                     slot.output.clear();
+                }
+            }
+            Fault::LibraryError { call, errno, times } => {
+                if let Some(entry) = self.library_errors.get_mut(call as usize) {
+                    *entry = (errno, times);
                 }
             }
         }

@@ -1,34 +1,12 @@
 //! A bus in operation allocates nothing.
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicU64, Ordering};
+mod counting;
 
+use counting::allocations;
 use ecan_protocol::{CanFrame, CanId};
 use ecan_sim::{BusEvent, BusFault, CanBus, StationConfig};
 
-struct Counting;
-
-static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
-
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promise is passed on.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promise is passed on.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-/// Traffic with errors, a bus-off and its recovery. The only test of this file, since the
-/// counter is the process's.
+/// Traffic with errors, a bus-off and its recovery.
 #[test]
 fn traffic_and_errors_need_no_heap() {
     let mut bus = CanBus::new("test");
@@ -43,7 +21,7 @@ fn traffic_and_errors_need_no_heap() {
     let mut events: Vec<BusEvent> = Vec::with_capacity(64);
     let mut now = 0;
     let mut ended = 0;
-    let before = ALLOCATIONS.load(Ordering::Relaxed);
+    let before = allocations();
     for round in 0..20_000 {
         for (station, frame) in stations.iter().zip(frames) {
             bus.offer(now, *station, frame);
@@ -61,7 +39,7 @@ fn traffic_and_errors_need_no_heap() {
             }
         }
     }
-    let after = ALLOCATIONS.load(Ordering::Relaxed);
+    let after = allocations();
     assert!(ended > 10_000, "{ended} frames");
     assert_eq!(after - before, 0);
 }

@@ -1,47 +1,13 @@
 //! The simulated library allocates nothing in the steady state, so that a counting allocator
 //! around an application's cycle counts the application.
 
+mod counting;
+
 mod ecrt_support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use counting::allocations;
 use ecan_protocol::{CanFrame, CanId};
 use ecrt_support::{Program, stepped_echo};
-
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-fn count() {
-    // Threads that are ending have no counter any more; they are not measured.
-    let _ = ALLOCATIONS.try_with(|counter| counter.set(counter.get() + 1));
-}
-
-// SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
-        // SAFETY: as the caller promises.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        count();
-        // SAFETY: as the caller promises.
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as the caller promises.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 #[test]
 fn cycles_with_traffic_allocate_nothing() {
@@ -75,8 +41,8 @@ fn cycles_with_traffic_allocate_nothing() {
     };
     // Buffers grow to their size.
     run(&mut program, 1_000);
-    let before = ALLOCATIONS.with(Cell::get);
+    let before = allocations();
     run(&mut program, 2_000);
-    assert_eq!(ALLOCATIONS.with(Cell::get) - before, 0);
+    assert_eq!(allocations() - before, 0);
     assert!(program.received.len() > 1_000);
 }

@@ -4,7 +4,8 @@ use std::path::Path;
 
 use ecan_sim::{
     BackendError, ClockKind, EcrtSetting, EcrtVersion, Fault, FaultyBehaviour, GatewayFault,
-    LostWay, NodeKind, Scenario, ScenarioChoice, ScriptedFault, SimOptions, Topology, When, open,
+    LibraryCall, LostWay, NodeKind, Scenario, ScenarioChoice, ScriptedFault, SimOptions, Topology,
+    When, open,
 };
 
 fn read(text: &str) -> Result<Scenario, String> {
@@ -29,6 +30,7 @@ serial = 77
 firmware = [1, 2]
 boot_ms = 900
 service_delay_us = 40
+tx_pressure_percent = 100
 buses = ["arm", "arm", "tool", "spare"]
 
 [[node]]
@@ -68,6 +70,19 @@ gateway = 0
 index = 0x8010
 subindex = 1
 code = 0x06090030
+
+[[fault]]
+cycle = 7
+kind = "library_error"
+call = "domain_state"
+errno = "EINTR"
+times = 2
+
+[[fault]]
+cycle = 8
+kind = "library_error"
+call = "receive"
+errno = 5
 "#,
     )
     .unwrap();
@@ -80,6 +95,7 @@ code = 0x06090030
     assert_eq!((gateway.alias, gateway.settings.serial), (3, 77));
     assert_eq!((gateway.settings.firmware, gateway.settings.boot_ms), ((1, 2), 900));
     assert_eq!(gateway.settings.service_delay_ns, 40_000);
+    assert_eq!(gateway.settings.tx_pressure_percent, 100);
     assert_eq!(gateway.buses, ["arm", "arm", "tool", "spare"]);
     let node = &scenario.nodes[0];
     assert_eq!((node.name.as_str(), node.bitrate), ("drive", Some(1_000_000)));
@@ -110,6 +126,14 @@ code = 0x06090030
                     },
                 },
             },
+            ScriptedFault {
+                when: When::Cycle(7),
+                fault: Fault::LibraryError { call: LibraryCall::DomainState, errno: 4, times: 2 },
+            },
+            ScriptedFault {
+                when: When::Cycle(8),
+                fault: Fault::LibraryError { call: LibraryCall::Receive, errno: 5, times: 1 },
+            },
         ]
     );
 }
@@ -124,6 +148,8 @@ fn what_is_wrong_is_named_with_its_line() {
         ("seed = \"one\"", 1, "invalid type"),
         ("[[gateway]]\nalias = 70000", 2, "70000"),
         ("[[gateway]]\nbuses = [\"a\"]", 1, "names 1 buses: it has 4 channels"),
+        ("[[gateway]]\ntx_pressure_percent = 0", 1, "1 to 100"),
+        ("[[gateway]]\ntx_pressure_percent = 101", 1, "1 to 100"),
         ("[[gateway]]\ncolour = 1", 2, "unknown field `colour`"),
         ("[[gateway", 1, ""),
         ("[[node]]\nkind = \"echo\"\nbus = \"x\"", 1, "there is no gateway"),
@@ -145,6 +171,17 @@ fn what_is_wrong_is_named_with_its_line() {
         ("[[fault]]\nkind = \"power_cycle\"\ncycle = 1\ngateway = 1", "there are 1"),
         ("[[fault]]\nkind = \"lost_frame\"\ncycle = 1\ngateway = 0", "`gateway` does not belong"),
         ("[[fault]]\nkind = \"bus_off\"\ncycle = 1\ngateway = 0\nchannel = 4", "channel 4"),
+        ("[[fault]]\nkind = \"library_error\"\ncycle = 1\nerrno = 4", "needs `call`"),
+        ("[[fault]]\nkind = \"library_error\"\ncycle = 1\ncall = \"send\"", "needs `errno`"),
+        (
+            "[[fault]]\nkind = \"library_error\"\ncycle = 1\ncall = \"send\"\nerrno = \"EWHAT\"",
+            "one of: EPERM",
+        ),
+        (
+            "[[fault]]\nkind = \"library_error\"\ncycle = 1\ncall = \"send\"\nerrno = 4096",
+            "1 to 4095",
+        ),
+        ("[[fault]]\nkind = \"lost_frame\"\ncycle = 1\nerrno = 4", "`errno` does not belong"),
         (
             "[[fault]]\nkind = \"node_silent\"\ncycle = 1\nnode = \"x\"\nfor_ms = 1",
             "no node of the name \"x\"",

@@ -1,36 +1,14 @@
 //! A gateway in operation allocates nothing.
 
+mod counting;
+
 mod gateway_support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::sync::atomic::{AtomicU64, Ordering};
-
+use counting::allocations;
 use ecan_protocol::{DataPathConfig, OptionFlags, PdoProfile, Schedule};
 use gateway_support::{Bench, MS, chunks, fd, standard};
 
-struct Counting;
-
-static ALLOCATIONS: AtomicU64 = AtomicU64::new(0);
-
-// SAFETY: every call goes to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
-        // SAFETY: the caller's promise is passed on.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: the caller's promise is passed on.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-/// Traffic in both directions with results, schedules, overflows and a faulty image. The only
-/// test of this file, since the counter is the process's.
+/// Traffic in both directions with results, schedules, overflows and a faulty image.
 #[test]
 fn cycles_need_no_heap() {
     let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(8) };
@@ -41,7 +19,7 @@ fn cycles_need_no_heap() {
     bench.start_sync0();
     bench.pass(MS);
     bench.start();
-    let before = ALLOCATIONS.load(Ordering::Relaxed);
+    let before = allocations();
     for cycle in 0..200u16 {
         for channel in 0..4u8 {
             for number in 0..(cycle % 40) {
@@ -66,7 +44,7 @@ fn cycles_need_no_heap() {
         }
         bench.pass(MS / 2);
     }
-    assert_eq!(ALLOCATIONS.load(Ordering::Relaxed) - before, 0);
+    assert_eq!(allocations() - before, 0);
     let truth = bench.gateway.truth();
     assert!(truth.frames_on_bus > 1000 && truth.frames_released > 0 && truth.results_to_master > 0);
     assert!(truth.frames_to_master > 1000 && truth.receive_losses.cache_full > 0);

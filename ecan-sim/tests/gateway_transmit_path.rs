@@ -6,6 +6,7 @@ mod gateway_support;
 use ecan_protocol::{
     CanFrame, CanId, DataPathConfig, Dlc, McanChannelConfig, MessageRamLayout, TxMode, TxOverflow,
 };
+use ecan_sim::GatewaySettings;
 use gateway_support::{Bench, chunks, fd, standard};
 
 const FIFO_FULL: u8 = 11;
@@ -230,4 +231,37 @@ fn channels_have_rings_of_their_own() {
     bench.push(3, standard(0x300, &[]));
     bench.cycle();
     assert_eq!(Bench::identifiers(&bench.sent(3)), [0x300]);
+}
+
+/// In OP with this share of the ring for `tx_pressure`, and as [`with`].
+fn with_pressure(tx_pressure_percent: u8, policy: DataPathConfig, tx_fifo_size: u8) -> Bench {
+    let settings = GatewaySettings { tx_pressure_percent, ..GatewaySettings::default() };
+    let mut bench = Bench::preop_with(settings);
+    bench.apply_profiles(chunks(3), chunks(24));
+    let ram = MessageRamLayout { tx_fifo_size, ..MessageRamLayout::fd() };
+    bench.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });
+    bench.apply_data_path(0, policy);
+    bench.start();
+    bench
+}
+
+#[test]
+fn the_share_of_the_ring_that_is_pressure_is_a_setting() {
+    let still = DataPathConfig { tx_budget_max: 0, ..DataPathConfig::default() };
+    for (percent, frames) in [(1, 1), (25, 16), (50, 32), (99, 64), (100, 64)] {
+        let mut bench = with_pressure(percent, still, 32);
+        push_many(&mut bench, 0..frames - 1);
+        bench.cycle();
+        assert!(!bench.input().header().channel_status[0].tx_pressure(), "{percent} %");
+        push_many(&mut bench, 0..1);
+        bench.cycle();
+        assert!(bench.input().header().channel_status[0].tx_pressure(), "{percent} %");
+    }
+    // A full transmit FIFO of the controller is pressure, unless only a full ring is.
+    for (percent, shown) in [(99, true), (100, false)] {
+        let mut bench = with_pressure(percent, DataPathConfig::default(), 2);
+        push_many(&mut bench, 0..6);
+        bench.cycle();
+        assert_eq!(bench.input().header().channel_status[0].tx_pressure(), shown, "{percent} %");
+    }
 }

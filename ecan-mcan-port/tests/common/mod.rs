@@ -1,7 +1,7 @@
 //! A Port on a simulated bus in stepped time.
 #![allow(dead_code, missing_docs)]
 
-use ecan_host::AdapterConfig;
+use ecan_host::{AdapterConfig, CycleError};
 use ecan_mcan_port::{
     ChannelSettings, GatewayConfig, Port, PortConfig, PortError, Received, ReceivedFrame,
 };
@@ -13,6 +13,8 @@ pub const READY_MS: u32 = 20_000;
 pub struct Bench {
     pub port: Port,
     pub simulation: Simulation,
+    /// Errors of the library in the cycles so far.
+    pub cycle_errors: Vec<CycleError>,
 }
 
 impl Bench {
@@ -25,7 +27,7 @@ impl Bench {
         let backend = ecan_sim::open_scenario(scenario, &options).expect("scenario");
         let simulation = backend.simulation.expect("simulated");
         let port = Port::open(&backend.ecrt, adapter, config)?;
-        Ok(Self { port, simulation })
+        Ok(Self { port, simulation, cycle_errors: Vec::new() })
     }
 
     /// Opened and in service.
@@ -45,10 +47,11 @@ impl Bench {
     pub fn cycle(&mut self, send: impl FnOnce(&mut Port)) -> Vec<Received> {
         let mut received = Vec::new();
         self.port.wait_next_cycle();
-        self.port.cycle_begin().unwrap();
+        let begun = self.port.cycle_begin();
         self.port.receive_each(|item| received.push(item));
         send(&mut self.port);
-        self.port.cycle_end().unwrap();
+        let ended = self.port.cycle_end();
+        self.cycle_errors.extend(begun.err().into_iter().chain(ended.err()));
         received
     }
 

@@ -45,7 +45,8 @@ impl MasterModel {
             }
         }
         (self.responding, self.al_states) = (responding, states);
-        let changed = responding as usize != self.slaves.len()
+        let changed = self.rescan_required
+            || responding as usize != self.slaves.len()
             || self.slaves.iter().any(|slave| !slave.is_present(world));
         // Between reservation and activation the slave list stays as it is.
         if changed && self.phase != Phase::Reserved {
@@ -55,29 +56,50 @@ impl MasterModel {
         if active && self.clocks.offset.is_none() {
             self.clocks.write_offsets(now);
         }
-        for index in 0..self.slaves.len() {
-            self.look_at(index, world);
+        self.look_from(0, world);
+    }
+
+    /// Looks at the slaves from this one on until one has to be configured: that happens one slave
+    /// after the other, and the look goes on behind it. One that does not answer ends the look: the
+    /// bus is scanned anew, whether the slave is back by then or not.
+    pub(crate) fn look_from(&mut self, first: usize, world: &World) {
+        for index in first..self.slaves.len() {
+            if self.look_at(index, world) {
+                return;
+            }
         }
     }
 
-    /// Reads a slave's state and starts its configuration if it is not where it shall be.
-    fn look_at(&mut self, index: usize, world: &World) {
+    /// Reads a slave's state and starts its configuration if it is not where it shall be; whether
+    /// the look ends here.
+    fn look_at(&mut self, index: usize, world: &World) -> bool {
         let now = world.now_ns();
-        let Some(slave) = self.slaves.get_mut(index) else { return };
+        let Some(slave) = self.slaves.get_mut(index) else { return false };
         if !slave.is_present(world) {
             slave.error_flag = true;
-            return;
+            self.rescan_required = true;
+            let may_scan = self.phase != Phase::Reserved;
+            if may_scan {
+                self.poll_due = now;
+            }
+            return may_scan;
         }
         slave.current = al_status(world, slave.slot);
         let differs = slave.current != slave.requested.raw() || slave.force_config;
-        if differs && !slave.error_flag && slave.is_idle() {
-            slave.startup = Some(Startup::BEGIN);
+        if !differs || slave.error_flag {
+            return false;
+        }
+        slave.startup = Some(Startup::BEGIN);
+        // A transfer that is running ends first.
+        if slave.transfer.is_none() {
             slave.due = now;
         }
+        true
     }
 
     fn begin_scan(&mut self, world: &World) {
         self.slaves.clear();
+        self.rescan_required = false;
         self.fail_blocking();
         for config in &mut self.configs {
             config.slave = None;

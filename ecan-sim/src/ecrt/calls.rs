@@ -13,7 +13,9 @@ use crate::ecrt::slave_config::{
     RegRequest, RequestProgress, SdoRequest, SlaveConfig, StartupSdo, SyncConfig,
 };
 use crate::ecrt::slave_view::{Pdo, SYNC_MANAGERS, SlaveView};
+use crate::ecrt::timing::ACTIVATE_NS;
 use crate::ecrt::transport::Queued;
+use crate::fault::LibraryCall;
 
 /// What a call gives: something, or a positive error number.
 pub(super) type Answer<T = ()> = Result<T, c_int>;
@@ -88,13 +90,20 @@ impl MasterCall {
         Ok(self.handle_of(Target::Config(index)))
     }
 
+    /// Activates; that takes its time, as the master's threads are exchanged.
     pub(super) fn activate(&self) -> Answer {
-        self.driving(|state| {
+        let done = self.driving(|state| {
             let now = state.world.now_ns();
-            if state.master.phase != Phase::Active {
+            let fresh = state.master.phase != Phase::Active;
+            if fresh {
                 state.master.activate(now);
             }
-        })
+            fresh.then_some(now + ACTIVATE_NS)
+        })?;
+        if let Some(done) = done {
+            self.shared().sleep_until(done);
+        }
+        Ok(())
     }
 
     pub(super) fn deactivate(&self) -> Answer {
@@ -108,36 +117,44 @@ impl MasterCall {
 
     pub(super) fn send(&self) -> Answer {
         self.driving(|State { world, master }| {
+            world.library_call(LibraryCall::Send)?;
             master.send(world);
             if master.phase == Phase::Active && !master.blocked {
                 master.step(world);
             }
-        })
+            Ok(())
+        })?
     }
 
     pub(super) fn receive(&self) -> Answer {
         self.driving(|state| {
+            state.world.library_call(LibraryCall::Receive)?;
             let now = state.world.now_ns();
             state.master.receive(now);
-        })
+            Ok(())
+        })?
     }
 
-    /// Queues a datagram of the clocks; without a reference clock there is nothing to send.
+    /// Queues a datagram of the clocks. Only the monitor's needs no reference clock.
     pub(super) fn queue_clock(&self, item: Queued, target: Option<u64>) -> Answer {
         self.driving(|state| {
+            if item != Queued::ClockMonitor && !state.master.has_reference_clock() {
+                return Err(libc::ENXIO);
+            }
             let clocks = &mut state.master.clocks;
-            if clocks.offset.is_some() && !state.master.slaves.is_empty() {
+            if clocks.offset.is_some() {
                 if item == Queued::ReferenceClock {
                     clocks.reference_target = target.unwrap_or(clocks.app_time);
                 }
                 state.master.enqueue(item);
             }
-        })
+            Ok(())
+        })?
     }
 
     pub(super) fn reference_clock_time(&self) -> Answer<u32> {
         self.driving(|state| {
-            if state.master.slaves.is_empty() {
+            if !state.master.has_reference_clock() {
                 return Err(libc::ENXIO);
             }
             let clocks = &state.master.clocks;
@@ -356,6 +373,7 @@ impl DomainCall {
     pub(super) fn process(&self) -> Answer {
         self.handle.shared.with(|state| {
             state.master.may_exchange(self.handle.client)?;
+            state.world.library_call(LibraryCall::DomainProcess)?;
             state.master.domains.get_mut(self.index).ok_or(libc::ENOENT)?.process();
             Ok(())
         })
@@ -364,6 +382,7 @@ impl DomainCall {
     pub(super) fn queue(&self) -> Answer {
         self.handle.shared.with(|state| {
             state.master.may_exchange(self.handle.client)?;
+            state.world.library_call(LibraryCall::DomainQueue)?;
             let domain = state.master.domains.get(self.index).ok_or(libc::ENOENT)?;
             for datagram in 0..domain.datagrams.len() {
                 state.master.enqueue(Queued::Domain { domain: self.index, datagram });
@@ -375,6 +394,7 @@ impl DomainCall {
     /// Working counter, and the expected one.
     pub(super) fn counters(&self) -> Answer<(u32, u32)> {
         self.handle.shared.with(|state| {
+            state.world.library_call(LibraryCall::DomainState)?;
             let domain = state.master.domains.get(self.index).ok_or(libc::ENOENT)?;
             Ok((domain.working_counter, domain.expected))
         })

@@ -15,8 +15,12 @@ use crate::world::{EPOCH_NS, World};
 
 /// Longest step of a blocking call, so that it sees what other threads do.
 const WAIT_STEP_NS: u64 = 10_000_000;
+/// The same on an active bus, where only another thread gets on with what it waits for.
+const ACTIVE_WAIT_STEP_NS: u64 = 1_000_000;
 /// How long a blocking call waits in wall-clock time for another thread to run the cycle.
-const PATIENCE: Duration = Duration::from_secs(1);
+const PATIENCE: Duration = Duration::from_secs(3);
+/// The same behind a blocked send queue.
+const BLOCKED_PATIENCE: Duration = Duration::from_millis(500);
 /// Time after power-on and scan in which the slaves reach PREOP.
 const SETTLE_NS: u64 = 1_000_000_000;
 
@@ -27,21 +31,19 @@ pub(crate) struct State {
 }
 
 impl State {
-    /// When the master's state machines go on without a send of the application, if they do.
-    ///
-    /// In the operation phase they move with the sends, unless `forced`; behind a blocked send
-    /// queue they do not move at all.
-    fn machines_due(&self, forced: bool) -> u64 {
+    /// When the master's state machines go on without a send of the application. In the operation
+    /// phase they never do.
+    fn machines_due(&self) -> u64 {
         match self.master.phase {
-            Phase::Active if !forced || self.master.blocked => u64::MAX,
+            Phase::Active => u64::MAX,
             _ => self.master.next_due(),
         }
     }
 
     /// Lets time pass up to `to`.
-    fn run_until(&mut self, to: u64, forced: bool) {
+    fn run_until(&mut self, to: u64) {
         loop {
-            let due = self.machines_due(forced).max(self.world.now_ns());
+            let due = self.machines_due().max(self.world.now_ns());
             if due > to {
                 break;
             }
@@ -76,7 +78,7 @@ impl Shared {
         };
         let mut state =
             State { world: World::new(scenario, birth)?, master: MasterModel::new(scenario) };
-        state.run_until(birth + life, false);
+        state.run_until(birth + life);
         state.world.begin(&scenario.faults);
         Ok(Self {
             kind,
@@ -112,7 +114,7 @@ impl Shared {
     pub(crate) fn with<R>(&self, action: impl FnOnce(&mut State) -> R) -> R {
         let mut state = self.lock();
         if self.kind == ClockKind::Real {
-            state.run_until(MonotonicClock.now_ns(), false);
+            state.run_until(MonotonicClock.now_ns());
         }
         action(&mut state)
     }
@@ -122,44 +124,49 @@ impl Shared {
         match self.kind {
             ClockKind::Real => MonotonicClock.sleep_until_ns(deadline),
             ClockKind::Stepped => {
-                self.step_to(&mut self.lock(), deadline, false);
+                self.step_to(&mut self.lock(), deadline);
                 self.moved.notify_all();
             }
         }
     }
 
-    fn step_to(&self, state: &mut State, to: u64, forced: bool) {
-        state.run_until(to, forced);
+    fn step_to(&self, state: &mut State, to: u64) {
+        state.run_until(to);
         self.now.store(state.world.now_ns(), Ordering::Release);
     }
 
     /// Blocks until `poll` gives something, while simulated time passes and the master works.
     ///
-    /// On an active bus in stepped time it is up to another thread to run the cycle; only when
-    /// none does, the call moves time itself.
-    pub(crate) fn wait<R>(&self, mut poll: impl FnMut(&mut State) -> Option<R>) -> R {
+    /// On an active bus it is up to another thread to run the cycle, and in stepped time to move
+    /// time. `poll` is told when no thread does so.
+    pub(crate) fn wait<R>(&self, mut poll: impl FnMut(&mut State, bool) -> Option<R>) -> R {
         let mut is_alone = false;
         loop {
             let mut state = self.lock();
             if self.kind == ClockKind::Real {
-                state.run_until(MonotonicClock.now_ns(), true);
+                state.run_until(MonotonicClock.now_ns());
             }
-            if let Some(result) = poll(&mut state) {
+            if let Some(result) = poll(&mut state, is_alone) {
                 return result;
             }
-            if self.kind == ClockKind::Stepped && state.master.phase == Phase::Active && !is_alone {
+            let active = state.master.phase == Phase::Active;
+            if self.kind == ClockKind::Stepped && active {
                 let sends = state.master.sends;
                 let idle = |state: &mut State| {
                     state.master.sends == sends && state.master.phase == Phase::Active
                 };
-                let waited = self.moved.wait_timeout_while(state, PATIENCE, idle);
+                // Where no send can help there is nothing to be patient for.
+                let patience = if state.master.blocked { BLOCKED_PATIENCE } else { PATIENCE };
+                let waited = self.moved.wait_timeout_while(state, patience, idle);
                 is_alone = waited.unwrap_or_else(PoisonError::into_inner).1.timed_out();
                 continue;
             }
+            is_alone = false;
             let now = state.world.now_ns();
-            let until = state.machines_due(true).clamp(now + 1, now + WAIT_STEP_NS);
+            let longest = if active { ACTIVE_WAIT_STEP_NS } else { WAIT_STEP_NS };
+            let until = state.machines_due().clamp(now + 1, now + longest);
             match self.kind {
-                ClockKind::Stepped => self.step_to(&mut state, until, true),
+                ClockKind::Stepped => self.step_to(&mut state, until),
                 ClockKind::Real => {
                     drop(state);
                     MonotonicClock.sleep_until_ns(until);
@@ -176,7 +183,7 @@ impl Shared {
         subindex: u8,
         download: Option<Vec<u8>>,
     ) -> Result<Vec<u8>, SdoFailure> {
-        let (id, begun, sends) = self.with(|state| {
+        let (id, mut moved_at, mut sends) = self.with(|state| {
             let now = state.world.now_ns();
             let id = state.master.queue_blocking(
                 usize::from(position),
@@ -187,29 +194,33 @@ impl Shared {
             )?;
             Ok((id, now, state.master.sends))
         })?;
-        self.wait(|state| {
-            if let Some(result) = state.master.take_blocking(id) {
-                if state.master.phase == Phase::Active && state.master.sends == sends {
-                    state.master.log_line(format!(
-                        "simulator: a blocking transfer of slave {position} ended without a send \
-                         of the application; on a real master it would have waited for one"
-                    ));
-                }
-                return Some(result);
+        self.wait(|state, is_alone| {
+            let result = state.master.take_blocking(id);
+            if result.is_some() || state.master.phase != Phase::Active {
+                return result;
             }
             // Behind a blocked send queue the mailbox datagrams never leave.
-            let waited = state.world.now_ns().saturating_sub(begun);
-            if state.master.blocked && waited > BLOCKED_GIVE_UP_NS {
-                state.master.forget_blocking(id);
-                return Some(Err(SdoFailure { errno: libc::ETIMEDOUT, abort_code: 0 }));
+            if state.master.sends != sends && !state.master.blocked {
+                (moved_at, sends) = (state.world.now_ns(), state.master.sends);
             }
-            None
+            let waited = state.world.now_ns().saturating_sub(moved_at);
+            if !is_alone && waited <= BLOCKED_GIVE_UP_NS {
+                return None;
+            }
+            state.master.forget_blocking(id);
+            if !state.master.blocked {
+                state.master.log_line(format!(
+                    "simulator: a blocking transfer of slave {position} was given up, as the \
+                     application does not send; a real master would wait for ever"
+                ));
+            }
+            Some(Err(SdoFailure { errno: libc::ETIMEDOUT, abort_code: 0 }))
         })
     }
 
     /// Reserves the master, after a scan and the slaves' way to PREOP have ended.
     pub(crate) fn request(&self) -> Result<u64, i32> {
-        let claim = |state: &mut State| {
+        let claim = |state: &mut State, _| {
             if !state.master.is_free() {
                 return Some(Err(libc::EBUSY));
             }

@@ -42,6 +42,8 @@ pub(crate) struct MasterModel {
     pub(crate) slaves: Vec<SlaveView>,
     pub(crate) scan: Option<Scan>,
     pub(crate) poll_due: u64,
+    /// A slave did not answer: the bus is to be scanned as soon as that is allowed.
+    pub(crate) rescan_required: bool,
     pub(crate) responding: u32,
     pub(crate) al_states: u8,
     pub(crate) domains: Vec<Domain>,
@@ -70,6 +72,7 @@ impl MasterModel {
             slaves: Vec::new(),
             scan: None,
             poll_due: 0,
+            rescan_required: false,
             responding: 0,
             al_states: 0,
             domains: Vec::new(),
@@ -162,6 +165,11 @@ impl MasterModel {
         self.queue.reserve(datagrams + 3);
         self.phase = Phase::Active;
         self.clocks.offset = None;
+        // A configuration under way begins anew, for the state that is requested from now on.
+        for slave in &mut self.slaves {
+            slave.startup = None;
+            slave.due = now;
+        }
         for slave in self.slaves.iter_mut().filter(|slave| slave.config.is_some()) {
             slave.requested = AlState::Op;
             slave.error_flag = false;
@@ -196,13 +204,25 @@ impl MasterModel {
 
     /// When a state machine goes on next.
     pub(crate) fn next_due(&self) -> u64 {
-        self.slaves.iter().map(|slave| slave.due).min().unwrap_or(u64::MAX).min(self.poll_due)
+        let slaves = self.slaves.iter().map(|slave| slave.due).min().unwrap_or(u64::MAX);
+        if self.is_configuring() { slaves } else { slaves.min(self.poll_due) }
+    }
+
+    /// Whether a slave is being configured. Until that has ended the master looks at no other.
+    fn is_configuring(&self) -> bool {
+        self.slaves.iter().any(|slave| slave.startup.is_some())
+    }
+
+    /// Whether there is a reference clock: the first slave, every gateway being able to be it. It
+    /// is forgotten with the list of slaves and found again when a scan has ended.
+    pub(crate) fn has_reference_clock(&self) -> bool {
+        self.scan.is_none() && !self.slaves.is_empty()
     }
 
     /// Lets every state machine that is due go one step.
     pub(crate) fn step(&mut self, world: &mut World) {
         let now = world.now_ns();
-        if self.poll_due <= now {
+        if self.poll_due <= now && !self.is_configuring() {
             self.run_bus(world);
         }
         for index in 0..self.slaves.len() {
@@ -210,10 +230,10 @@ impl MasterModel {
             if slave.due > now {
                 continue;
             }
-            if slave.startup.is_some() {
-                self.run_startup(index, world);
-            } else if slave.transfer.is_some() {
+            if slave.transfer.is_some() {
                 self.run_transfer(index, world);
+            } else if slave.startup.is_some() {
+                self.run_startup(index, world);
             } else {
                 self.choose_transfer(index, now);
             }

@@ -9,6 +9,7 @@ mod dc;
 mod domain;
 mod front;
 mod functions;
+mod mailbox;
 mod master;
 mod pdo_assignment;
 mod process_memory;

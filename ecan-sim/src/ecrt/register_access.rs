@@ -44,6 +44,7 @@ impl MasterModel {
 
     /// Chooses the next register request of an idle slave.
     pub(crate) fn choose_reg_request(&mut self, index: usize, now: u64) -> bool {
+        let journey = self.begin_journey(now);
         let Some(slave) = self.slaves.get_mut(index) else { return false };
         let Some(config) = slave.config else { return false };
         let Some(known) = self.configs.get_mut(config) else { return false };
@@ -55,7 +56,7 @@ impl MasterModel {
         let Some((request, entry)) = queued else { return false };
         entry.progress = RequestProgress::Busy;
         let owner = TransferOwner::Register { config, request };
-        slave.transfer = Some(Transfer { owner, since: now });
+        slave.transfer = Some(Transfer { owner, journey });
         slave.due = now + REGISTER_NS;
         true
     }

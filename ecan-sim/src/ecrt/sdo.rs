@@ -1,9 +1,10 @@
 //! SDO transfers: blocking ones, requests beside the cycle, and the attempt that both share with
 //! the startup SDOs.
 
+use crate::ecrt::mailbox::Journey;
 use crate::ecrt::master::MasterModel;
 use crate::ecrt::slave_config::{RequestProgress, SdoRequest};
-use crate::ecrt::timing::{MAILBOX_TIMEOUT_NS, SDO_NS, STATE_POLL_NS};
+use crate::ecrt::timing::{MAILBOX_TIMEOUT_NS, STATE_POLL_NS};
 use crate::world::World;
 
 /// Why a transfer failed: error number (positive) and abort code, 0 without one.
@@ -46,7 +47,7 @@ pub(crate) enum TransferOwner {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Transfer {
     pub(crate) owner: TransferOwner,
-    pub(crate) since: u64,
+    pub(crate) journey: Journey,
 }
 
 /// A transfer that somebody waits for.
@@ -147,6 +148,7 @@ impl MasterModel {
 
     /// Chooses the next transfer of an idle slave.
     pub(crate) fn choose_transfer(&mut self, index: usize, now: u64) {
+        let journey = self.begin_journey(now);
         let Some(slave) = self.slaves.get_mut(index) else { return };
         slave.due = u64::MAX;
         let mailbox = slave.has_mailbox();
@@ -181,8 +183,8 @@ impl MasterModel {
             }
         }
         if let Some(owner) = chosen {
-            slave.transfer = Some(Transfer { owner, since: now });
-            slave.due = now + SDO_NS;
+            slave.transfer = Some(Transfer { owner, journey });
+            slave.due = now;
         } else {
             self.choose_reg_request(index, now);
         }
@@ -192,11 +194,18 @@ impl MasterModel {
     pub(crate) fn run_transfer(&mut self, index: usize, world: &mut World) {
         let now = world.now_ns();
         let Some(slave) = self.slaves.get_mut(index) else { return };
-        let Some(transfer) = slave.transfer else { return };
-        let (slot, present) = (slave.slot, slave.is_present(world));
+        let Some(mut transfer) = slave.transfer else { return };
+        let (slot, present, since) = (slave.slot, slave.is_present(world), transfer.journey.since);
         if let TransferOwner::Register { config, request } = transfer.owner {
             self.finish_reg_request(config, request, slot, present, world);
             self.end_transfer(index, now);
+            return;
+        }
+        if let Err(delay) = self.travel(&mut transfer.journey, now) {
+            if let Some(slave) = self.slaves.get_mut(index) {
+                slave.transfer = Some(transfer);
+                slave.due = now + delay;
+            }
             return;
         }
         let mut upload = std::mem::take(&mut self.scratch);
@@ -209,7 +218,7 @@ impl MasterModel {
                         None => Payload::Upload(&mut upload),
                     };
                     let object = (sdo.index, sdo.subindex);
-                    attempt(world, slot, present, transfer.since, object, payload)
+                    attempt(world, slot, present, since, object, payload)
                 })
             }
             TransferOwner::Request { config, request } => {
@@ -220,7 +229,7 @@ impl MasterModel {
                     } else {
                         Payload::Upload(&mut entry.data)
                     };
-                    attempt(world, slot, present, transfer.since, object, payload)
+                    attempt(world, slot, present, since, object, payload)
                 })
             }
         };

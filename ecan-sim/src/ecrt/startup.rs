@@ -8,12 +8,13 @@ use ecan_protocol::{
     sync_manager_control,
 };
 
+use crate::ecrt::mailbox::Journey;
 use crate::ecrt::master::MasterModel;
 use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
 use crate::ecrt::sdo::{Attempt, Payload, SdoFailure, attempt};
 use crate::ecrt::slave_config::SyncWatchdog;
 use crate::ecrt::slave_view::{AL_ERROR, al_status, pdo_bytes};
-use crate::ecrt::timing::{CLOCK_SETTLE_NS, REGISTER_NS, SDO_NS, STATE_POLL_NS, STATE_TIMEOUT_NS};
+use crate::ecrt::timing::{CLOCK_SETTLE_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS};
 use crate::gateway::SmSettings;
 use crate::world::World;
 
@@ -38,8 +39,8 @@ pub(crate) enum Startup {
     Wait { to: AlState, from: u8, since: u64 },
     ClearRegisters,
     Mailboxes,
-    Sdo { at: usize, since: u64 },
-    Assignment { list: Vec<AssignmentWrite>, at: usize, since: u64 },
+    Sdo { at: usize, journey: Journey },
+    Assignment { list: Vec<AssignmentWrite>, at: usize, journey: Journey },
     Watchdog,
     SyncManagers,
     Fmmus,
@@ -63,7 +64,8 @@ enum Next {
 }
 
 impl MasterModel {
-    /// Goes on with the configuration of a slave.
+    /// Goes on with the configuration of a slave. When it has ended, the master looks at the slaves
+    /// behind it.
     pub(crate) fn run_startup(&mut self, index: usize, world: &mut World) {
         let now = world.now_ns();
         let Some(slave) = self.slaves.get_mut(index) else { return };
@@ -85,6 +87,9 @@ impl MasterModel {
             Next::Done => slave.force_config = false,
             Next::Failed => slave.error_flag = true,
             Next::Lost => {}
+        }
+        if slave.startup.is_none() {
+            self.look_from(index + 1, world);
         }
     }
 
@@ -112,9 +117,9 @@ impl MasterModel {
                 set_up_mailboxes(world, slot);
                 Next::Step(Startup::Request(AlState::PreOp), REGISTER_NS)
             }
-            Startup::Sdo { at, since } => self.startup_sdo(index, world, at, since),
-            Startup::Assignment { list, at, since } => {
-                self.assignment_step(index, world, list, at, since)
+            Startup::Sdo { at, journey } => self.startup_sdo(index, world, at, journey),
+            Startup::Assignment { list, at, journey } => {
+                self.assignment_step(index, world, list, at, journey)
             }
             Startup::Watchdog => {
                 let (divider, intervals) = self.attached(index).map_or((0, 0), |c| c.watchdog);
@@ -174,7 +179,9 @@ impl MasterModel {
             }
             return match to {
                 AlState::Init => Next::Step(Startup::ClearRegisters, REGISTER_NS),
-                AlState::PreOp => Next::Step(Startup::Sdo { at: 0, since: now }, SDO_NS),
+                AlState::PreOp => {
+                    Next::Step(Startup::Sdo { at: 0, journey: self.begin_journey(now) }, 0)
+                }
                 AlState::SafeOp => Next::Step(Startup::Request(AlState::Op), REGISTER_NS),
                 _ => Next::Done,
             };
@@ -205,7 +212,13 @@ impl MasterModel {
         Next::Step(Startup::Wait { to, from, since }, STATE_POLL_NS)
     }
 
-    fn startup_sdo(&mut self, index: usize, world: &mut World, at: usize, since: u64) -> Next {
+    fn startup_sdo(
+        &mut self,
+        index: usize,
+        world: &mut World,
+        at: usize,
+        mut journey: Journey,
+    ) -> Next {
         let now = world.now_ns();
         let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else {
             return Next::Failed;
@@ -218,12 +231,18 @@ impl MasterModel {
                 .slaves
                 .get(index)
                 .map_or_else(Vec::new, |slave| assignment_writes(config, &slave.spec));
-            return Next::Step(Startup::Assignment { list, at: 0, since: now }, SDO_NS);
+            let journey = self.begin_journey(now);
+            return Next::Step(Startup::Assignment { list, at: 0, journey }, 0);
         };
+        if let Err(delay) = self.travel(&mut journey, now) {
+            return Next::Step(Startup::Sdo { at, journey }, delay);
+        }
         let object = (sdo.index, sdo.subindex);
-        match attempt(world, slot, true, since, object, Payload::Download(&sdo.data)) {
-            Attempt::Waiting => Next::Step(Startup::Sdo { at, since }, STATE_POLL_NS),
-            Attempt::Done(Ok(())) => Next::Step(Startup::Sdo { at: at + 1, since: now }, SDO_NS),
+        match attempt(world, slot, true, journey.since, object, Payload::Download(&sdo.data)) {
+            Attempt::Waiting => Next::Step(Startup::Sdo { at, journey }, STATE_POLL_NS),
+            Attempt::Done(Ok(())) => {
+                Next::Step(Startup::Sdo { at: at + 1, journey: self.begin_journey(now) }, 0)
+            }
             Attempt::Done(Err(failure)) => {
                 self.log_sdo(index, "startup SDO", object, failure);
                 Next::Failed
@@ -237,7 +256,7 @@ impl MasterModel {
         world: &mut World,
         list: Vec<AssignmentWrite>,
         at: usize,
-        since: u64,
+        mut journey: Journey,
     ) -> Next {
         let now = world.now_ns();
         let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else {
@@ -246,11 +265,16 @@ impl MasterModel {
         let Some(write) = list.get(at).copied() else {
             return Next::Step(Startup::Watchdog, REGISTER_NS);
         };
+        if let Err(delay) = self.travel(&mut journey, now) {
+            return Next::Step(Startup::Assignment { list, at, journey }, delay);
+        }
         let object = (write.index, write.subindex);
         let bytes = write.value.to_le_bytes();
         let data = bytes.get(..write.size).unwrap_or(&bytes);
-        match attempt(world, slot, true, since, object, Payload::Download(data)) {
-            Attempt::Waiting => Next::Step(Startup::Assignment { list, at, since }, STATE_POLL_NS),
+        match attempt(world, slot, true, journey.since, object, Payload::Download(data)) {
+            Attempt::Waiting => {
+                Next::Step(Startup::Assignment { list, at, journey }, STATE_POLL_NS)
+            }
             Attempt::Done(result) => {
                 let at = match result {
                     Ok(()) => at + 1,
@@ -259,7 +283,8 @@ impl MasterModel {
                         write.after_failure
                     }
                 };
-                Next::Step(Startup::Assignment { list, at, since: now }, SDO_NS)
+                let journey = self.begin_journey(now);
+                Next::Step(Startup::Assignment { list, at, journey }, 0)
             }
         }
     }

@@ -6,8 +6,11 @@
 
 /// One register access: queue, send, receive.
 pub(super) const REGISTER_NS: u64 = 1_000_000;
-/// One expedited SDO transfer: request, mailbox check, answer.
+/// One expedited SDO transfer: request, mailbox check, answer. In the operation phase each of the
+/// three travels with a send besides.
 pub(super) const SDO_NS: u64 = 2_000_000;
+/// Activation: the master's threads are exchanged.
+pub(super) const ACTIVATE_NS: u64 = 3_000_000;
 /// Between two looks at the AL status while a slave changes its state.
 pub(super) const STATE_POLL_NS: u64 = 2_000_000;
 /// Longest state change.
@@ -26,8 +29,8 @@ pub(super) const CLOCK_SETTLE_NS: u64 = 100_000_000;
 pub(super) const SYNC0_AHEAD_NS: u64 = 100_000_000;
 /// How long an SDO transfer waits for its answer.
 pub(super) const MAILBOX_TIMEOUT_NS: u64 = 1_000_000_000;
-/// How long a blocking call waits where a real one would wait for ever, because the send queue is
-/// blocked.
+/// How long a blocking call waits where a real one would wait for ever: the send queue is blocked,
+/// or the application does not send.
 pub(super) const BLOCKED_GIVE_UP_NS: u64 = 10_000_000_000;
 /// After this long a datagram that is not back counts as lost.
 pub(super) const DATAGRAM_TIMEOUT_NS: u64 = 500_000;

@@ -129,7 +129,7 @@ impl MasterModel {
     }
 
     fn transmit_clock(&mut self, item: Queued, at_ns: u64, arrives_ns: Option<u64>) {
-        let answered = arrives_ns.filter(|_| !self.slaves.is_empty());
+        let answered = arrives_ns.filter(|_| self.has_reference_clock());
         match item {
             Queued::ReferenceClock if answered.is_some() => {
                 let target = self.clocks.reference_target;

@@ -69,11 +69,14 @@ pub(super) struct Channel {
     pub(super) service_cycles_last: u32,
     pub(super) service_cycles_max: u32,
     last_state: ChannelState,
+    tx_pressure_percent: u8,
 }
 
 impl Channel {
-    pub(super) fn new() -> Self {
+    /// `tx_pressure_percent`: see [`super::GatewaySettings`].
+    pub(super) fn new(tx_pressure_percent: u8) -> Self {
         Self {
+            tx_pressure_percent,
             controller: Controller::new(),
             receive: ReceivePath::new(),
             transmit: TransmitPath::new(),
@@ -100,7 +103,7 @@ impl Channel {
         self.transmit.flush_into(truth);
         self.controller.restart(None, truth);
         let controller = std::mem::replace(&mut self.controller, Controller::new());
-        *self = Self::new();
+        *self = Self::new(self.tx_pressure_percent);
         self.controller = controller;
     }
 
@@ -243,7 +246,8 @@ impl Channel {
     }
 
     fn tx_pressure(&self) -> bool {
-        self.transmit.is_under_pressure() || self.controller.is_transmit_full()
+        self.transmit.is_filled_to(self.tx_pressure_percent)
+            || (self.tx_pressure_percent < 100 && self.controller.is_transmit_full())
     }
 
     pub(super) fn rx_pending(&self) -> usize {

@@ -138,6 +138,7 @@ impl Gateway {
     /// ([`GatewaySettings::service_jitter_ns`]).
     #[must_use]
     pub fn new(settings: GatewaySettings, seed: u64) -> Self {
+        let tx_pressure_percent = settings.tx_pressure_percent;
         let mut gateway = Self {
             settings,
             random: seed ^ 0x9E37_79B9_7F4A_7C15,
@@ -167,7 +168,7 @@ impl Gateway {
             rotations: 0,
             maintenance: Maintenance::default(),
             performance: CyclePerformance::default(),
-            channels: std::array::from_fn(|_| Channel::new()),
+            channels: std::array::from_fn(|_| Channel::new(tx_pressure_percent)),
             parser: RxPdoParser::new(),
             builder: TxPdoBuilder::new(),
             results: ResultQueue::new(),

@@ -33,6 +33,9 @@ pub struct GatewaySettings {
     /// Sync0 pulses in a row without an SM2 write that drop the slave out of OP with AL
     /// status 0x002C; 0 leaves that to the watchdog alone.
     pub missed_sync_limit: u32,
+    /// Share of its TX ring, in percent, from which on a channel shows `tx_pressure`; a full
+    /// transmit FIFO of the CAN controller shows it as well. With 100 only a full ring does.
+    pub tx_pressure_percent: u8,
 }
 
 impl Default for GatewaySettings {
@@ -50,6 +53,7 @@ impl Default for GatewaySettings {
             idle_service_ns: 1_000_000,
             sync_wait_ns: 2_000_000_000,
             missed_sync_limit: 0,
+            tx_pressure_percent: 50,
         }
     }
 }

@@ -118,9 +118,9 @@ impl TransmitPath {
         self.degraded
     }
 
-    /// The ring is at least half full.
-    pub(super) fn is_under_pressure(&self) -> bool {
-        self.ring.len() * 2 >= TX_RING
+    /// The ring is filled to at least this share.
+    pub(super) fn is_filled_to(&self, percent: u8) -> bool {
+        self.ring.len() * 100 >= TX_RING * usize::from(percent)
     }
 
     /// Takes a frame into the ring; when it is full, the overflow policy decides who goes.

@@ -10,8 +10,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::fault::{Fault, LostWay, ScriptedFault, When};
-use crate::gateway::GatewayFault;
+use crate::scenario::fault_file::RawFault;
 use crate::scenario::{
     ClockKind, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind, NodeSpec, Scenario, Topology,
 };
@@ -93,6 +92,7 @@ struct RawGateway {
     service_jitter_us: Option<u32>,
     pdo_assign: Option<bool>,
     pdo_configuration: Option<bool>,
+    tx_pressure_percent: Option<u8>,
     buses: Option<Vec<String>>,
 }
 
@@ -118,52 +118,6 @@ enum RawNodeKind {
     Replay,
     Silent,
     Faulty,
-}
-
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawFault {
-    kind: RawFaultKind,
-    cycle: Option<u64>,
-    at_ms: Option<u64>,
-    gateway: Option<usize>,
-    channel: Option<usize>,
-    node: Option<String>,
-    way: Option<RawWay>,
-    cycles: Option<u32>,
-    offset: Option<i32>,
-    off_ms: Option<u32>,
-    for_ms: Option<u32>,
-    index: Option<u16>,
-    subindex: Option<u8>,
-    code: Option<u32>,
-    times: Option<u32>,
-}
-
-#[derive(Deserialize, Clone, Copy)]
-#[serde(rename_all = "lowercase")]
-enum RawWay {
-    Outward,
-    Return,
-}
-
-#[derive(Deserialize, Clone, Copy)]
-#[serde(rename_all = "snake_case")]
-enum RawFaultKind {
-    LostFrame,
-    WorkingCounterOffset,
-    PowerCycle,
-    PowerOff,
-    LinkLoss,
-    SdoAbort,
-    MailboxTimeout,
-    TornImage,
-    CrcError,
-    AlError,
-    ServiceStall,
-    BusOff,
-    ErrorFrames,
-    NodeSilent,
 }
 
 /// Where in the file something stands.
@@ -212,6 +166,7 @@ impl Scenario {
     /// service_jitter_us = 0
     /// pdo_assign = true              # the SII lets the master write 0x1C12 and 0x1C13
     /// pdo_configuration = false      # and the mapping
+    /// tx_pressure_percent = 50       # of the TX ring; 100: only when it is full
     /// buses = ["0.0", "0.1", "0.2", "0.3"]
     ///
     /// [[node]]
@@ -252,7 +207,9 @@ impl Scenario {
     /// Further kinds of faults: `working_counter_offset` (`offset`, `cycles`), `mailbox_timeout`
     /// and `service_stall` (`gateway`, `for_ms`), `torn_image` and `crc_error` (`gateway`,
     /// `times`), `al_error` (`gateway`, `code`), `bus_off` (`gateway`, `channel`), `error_frames`
-    /// (`gateway`, `channel`, `times`), `node_silent` (`node`, `for_ms`).
+    /// (`gateway`, `channel`, `times`), `node_silent` (`node`, `for_ms`), `library_error` (`call` =
+    /// receive, send, domain_process, domain_queue or domain_state; `errno`, a number or a name;
+    /// `times`).
     ///
     /// # Errors
     /// The first fault of the text, with its line.
@@ -322,6 +279,10 @@ impl RawGateway {
         let ns = |us: u32| u64::from(us) * 1_000;
         set(&mut settings.service_delay_ns, self.service_delay_us.map(ns));
         set(&mut settings.service_jitter_ns, self.service_jitter_us.map(ns));
+        if self.tx_pressure_percent.is_some_and(|percent| !(1..=100).contains(&percent)) {
+            return Err("`tx_pressure_percent` is 1 to 100".to_owned());
+        }
+        set(&mut settings.tx_pressure_percent, self.tx_pressure_percent);
         set(&mut spec.pdo_assign, self.pdo_assign);
         set(&mut spec.pdo_configuration, self.pdo_configuration);
         if let Some(buses) = self.buses {
@@ -406,126 +367,4 @@ impl RawNode {
             data_bitrate: self.data_bitrate,
         })
     }
-}
-
-impl RawFault {
-    fn build(mut self, scenario: &Scenario) -> Result<ScriptedFault, String> {
-        let when = match (self.cycle.take(), self.at_ms.take()) {
-            (Some(cycle), None) => When::Cycle(cycle),
-            (None, Some(ms)) => When::At(ms.saturating_mul(1_000_000)),
-            _ => return Err("a fault needs either `cycle` or `at_ms`".to_owned()),
-        };
-        let fault = match self.kind {
-            RawFaultKind::LostFrame => Fault::LostFrame {
-                way: match self.way.take() {
-                    Some(RawWay::Return) => LostWay::Return,
-                    Some(RawWay::Outward) | None => LostWay::Outward,
-                },
-                cycles: self.cycles.take().unwrap_or(1),
-            },
-            RawFaultKind::WorkingCounterOffset => Fault::WorkingCounterOffset {
-                offset: need("offset", self.offset.take())?,
-                cycles: self.cycles.take().unwrap_or(1),
-            },
-            RawFaultKind::PowerCycle => Fault::PowerCycle {
-                gateway: self.gateway(scenario)?,
-                off_ms: self.off_ms.take().unwrap_or(1000),
-            },
-            RawFaultKind::PowerOff => Fault::PowerOff { gateway: self.gateway(scenario)? },
-            RawFaultKind::LinkLoss => Fault::LinkLoss {
-                gateway: self.gateway(scenario)?,
-                for_ms: need("for_ms", self.for_ms.take())?,
-            },
-            RawFaultKind::SdoAbort => {
-                let fault = GatewayFault::SdoAbort {
-                    index: need("index", self.index.take())?,
-                    subindex: self.subindex.take().unwrap_or(0),
-                    code: need("code", self.code.take())?,
-                    times: self.times.take().unwrap_or(1),
-                };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::MailboxTimeout => {
-                let fault = GatewayFault::MailboxSilent { ms: need("for_ms", self.for_ms.take())? };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::TornImage => {
-                let fault = GatewayFault::TornTxPdo { images: self.times.take().unwrap_or(1) };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::CrcError => {
-                let fault = GatewayFault::CrcErrorTxPdo { images: self.times.take().unwrap_or(1) };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::AlError => {
-                let code = need("code", self.code.take())?;
-                let code = u16::try_from(code).map_err(|_| "an AL status code has 16 bits")?;
-                let fault = GatewayFault::AlError { code };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::ServiceStall => {
-                let fault = GatewayFault::ServiceStall { ms: need("for_ms", self.for_ms.take())? };
-                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
-            }
-            RawFaultKind::BusOff => {
-                Fault::BusOff { gateway: self.gateway(scenario)?, channel: self.channel()? }
-            }
-            RawFaultKind::ErrorFrames => Fault::ErrorFrames {
-                gateway: self.gateway(scenario)?,
-                channel: self.channel()?,
-                frames: self.times.take().unwrap_or(1),
-            },
-            RawFaultKind::NodeSilent => {
-                let node = need("node", self.node.take())?;
-                if !scenario.nodes.iter().any(|known| known.name == node) {
-                    return Err(format!("there is no node of the name \"{node}\""));
-                }
-                Fault::NodeSilent { node, for_ms: need("for_ms", self.for_ms.take())? }
-            }
-        };
-        match self.left_over() {
-            Some(key) => Err(format!("`{key}` does not belong to a fault of this kind")),
-            None => Ok(ScriptedFault { when, fault }),
-        }
-    }
-
-    fn gateway(&mut self, scenario: &Scenario) -> Result<usize, String> {
-        let gateway = need("gateway", self.gateway.take())?;
-        if gateway < scenario.gateways.len() {
-            Ok(gateway)
-        } else {
-            Err(format!("gateway {gateway} does not exist: there are {}", scenario.gateways.len()))
-        }
-    }
-
-    fn channel(&mut self) -> Result<usize, String> {
-        let channel = need("channel", self.channel.take())?;
-        if channel < ecan_protocol::CHANNELS {
-            Ok(channel)
-        } else {
-            Err(format!("channel {channel} does not exist: there are {}", ecan_protocol::CHANNELS))
-        }
-    }
-
-    fn left_over(&self) -> Option<&'static str> {
-        let keys = [
-            ("gateway", self.gateway.is_some()),
-            ("channel", self.channel.is_some()),
-            ("node", self.node.is_some()),
-            ("way", self.way.is_some()),
-            ("cycles", self.cycles.is_some()),
-            ("offset", self.offset.is_some()),
-            ("off_ms", self.off_ms.is_some()),
-            ("for_ms", self.for_ms.is_some()),
-            ("index", self.index.is_some()),
-            ("subindex", self.subindex.is_some()),
-            ("code", self.code.is_some()),
-            ("times", self.times.is_some()),
-        ];
-        keys.iter().find(|(_, given)| *given).map(|(key, _)| *key)
-    }
-}
-
-fn need<T>(key: &str, value: Option<T>) -> Result<T, String> {
-    value.ok_or_else(|| format!("this kind of fault needs `{key}`"))
 }

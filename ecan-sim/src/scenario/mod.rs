@@ -1,6 +1,7 @@
 //! Scenarios: what a simulation is made of.
 
 mod builtin;
+mod fault_file;
 mod file;
 mod model;
 

@@ -3,7 +3,7 @@
 use ecan_protocol::CHANNELS;
 
 use crate::bus::{ErrorState, StationId};
-use crate::fault::LostWay;
+use crate::fault::{LibraryCall, LostWay};
 use crate::gateway::Gateway;
 use crate::scenario::{GatewaySpec, Topology};
 use crate::world::{NEVER, World};
@@ -139,6 +139,17 @@ impl World {
         if let Some(slot) = self.slots.get_mut(index) {
             slot.fmmus.clear();
             slot.fmmus.extend(fmmus);
+        }
+    }
+
+    /// Asks the faults whether this call of the library fails; the error number if it does.
+    pub(crate) fn library_call(&mut self, call: LibraryCall) -> Result<(), i32> {
+        match self.library_errors.get_mut(call as usize) {
+            Some((errno, times)) if *times > 0 => {
+                *times -= 1;
+                Err(*errno)
+            }
+            _ => Ok(()),
         }
     }
 

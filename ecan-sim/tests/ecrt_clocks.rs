@@ -1,0 +1,69 @@
+//! The reference clock: there with the slaves, gone while the bus is scanned.
+
+mod ecrt_support;
+
+use ecan_sim::{EcrtVersion, Fault, Scenario, echo};
+use ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
+use ecrt_sys::{Errno, Master};
+
+/// What the three calls for the clocks give.
+fn calls(master: &mut Master) -> [Result<(), Errno>; 3] {
+    [
+        master.sync_reference_clock(),
+        master.sync_slave_clocks(),
+        master.reference_clock_time().map(|_| ()),
+    ]
+}
+
+#[test]
+fn an_empty_bus_has_no_reference_clock() {
+    let backend = stepped(Scenario::default());
+    let mut master = backend.ecrt.request_master(0).unwrap();
+    master.activate().unwrap();
+    assert_eq!(calls(&mut master), [Err(Errno::ENXIO); 3]);
+    assert_eq!(master.sync_reference_clock_to(1).unwrap_err(), Errno::ENXIO);
+    assert!(master.sync_monitor_queue().is_ok());
+}
+
+#[test]
+fn one_5_reports_only_where_its_function_returns_something() {
+    let backend = stepped(Scenario { version: EcrtVersion::V1_5, ..Scenario::default() });
+    let mut master = backend.ecrt.request_master(0).unwrap();
+    master.activate().unwrap();
+    assert_eq!(calls(&mut master), [Ok(()), Ok(()), Err(Errno::ENXIO)]);
+}
+
+#[test]
+fn the_reference_clock_is_gone_during_a_scan_and_there_afterwards() {
+    let mut program = Program::new(stepped_echo(2), &[3, 1]);
+    let config = program.slaves[0].config;
+    program.master.config_dc(config, 0x0300, CYCLE_NS as u32, 0, 0, 0).unwrap();
+    let mut program = program.into_op();
+    assert_eq!(calls(&mut program.master)[..2], [Ok(()); 2]);
+    program.cycle();
+    program.master.receive().unwrap();
+    assert!(program.master.reference_clock_time().is_ok());
+    program.simulation().inject(Fault::PowerCycle { gateway: 1, off_ms: 100 });
+    // Scanning, and what the clocks say.
+    let seen: Vec<_> = (0..4_000)
+        .map(|_| {
+            let calls = calls(&mut program.master);
+            let scans = program.master.info().unwrap().scan_busy;
+            program.cycle();
+            (scans, calls[0], calls[1], calls[2] == Err(Errno::ENXIO))
+        })
+        .collect();
+    assert!(seen.iter().any(|(scans, ..)| *scans));
+    for (scans, reference, slaves, no_time) in seen {
+        let expected = if scans { Err(Errno::ENXIO) } else { Ok(()) };
+        assert_eq!((reference, slaves, no_time), (expected, expected, scans));
+    }
+    assert!(program.reaches_op());
+}
+
+#[test]
+fn clocks_are_not_missed_on_a_bus_that_never_had_traffic() {
+    let backend = stepped(echo(1));
+    let mut master = backend.ecrt.request_master(0).unwrap();
+    assert_eq!(calls(&mut master), [Ok(()), Ok(()), Err(Errno::EIO)]);
+}
