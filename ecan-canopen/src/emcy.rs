@@ -1,0 +1,269 @@
+//! Emergency messages (CiA 301, 7.2.7) and the error codes of CiA 402 in words.
+
+use core::fmt;
+
+/// The error register, 0x1001.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct ErrorRegister(pub u8);
+
+impl ErrorRegister {
+    /// Any error.
+    pub const GENERIC: Self = Self(1 << 0);
+    /// Current.
+    pub const CURRENT: Self = Self(1 << 1);
+    /// Voltage.
+    pub const VOLTAGE: Self = Self(1 << 2);
+    /// Temperature.
+    pub const TEMPERATURE: Self = Self(1 << 3);
+    /// Communication.
+    pub const COMMUNICATION: Self = Self(1 << 4);
+    /// Of the device profile.
+    pub const PROFILE: Self = Self(1 << 5);
+    /// Of the manufacturer.
+    pub const MANUFACTURER: Self = Self(1 << 7);
+
+    /// Whether all bits of `other` are set.
+    #[must_use]
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+}
+
+impl fmt::Display for ErrorRegister {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        const NAMES: [(ErrorRegister, &str); 7] = [
+            (ErrorRegister::GENERIC, "generic"),
+            (ErrorRegister::CURRENT, "current"),
+            (ErrorRegister::VOLTAGE, "voltage"),
+            (ErrorRegister::TEMPERATURE, "temperature"),
+            (ErrorRegister::COMMUNICATION, "communication"),
+            (ErrorRegister::PROFILE, "device profile"),
+            (ErrorRegister::MANUFACTURER, "manufacturer"),
+        ];
+        if self.0 == 0 {
+            return f.write_str("no error");
+        }
+        let mut first = true;
+        for (bit, name) in NAMES {
+            if self.contains(bit) {
+                if !first {
+                    f.write_str(", ")?;
+                }
+                f.write_str(name)?;
+                first = false;
+            }
+        }
+        if first { write!(f, "0x{:02X}", self.0) } else { Ok(()) }
+    }
+}
+
+/// Class of an error code: its upper half.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum EmcyClass {
+    /// 0x00xx: reset, no error.
+    NoError,
+    /// 0x10xx.
+    Generic,
+    /// 0x20xx to 0x23xx.
+    Current,
+    /// 0x30xx to 0x33xx.
+    Voltage,
+    /// 0x40xx to 0x42xx.
+    Temperature,
+    /// 0x50xx.
+    Hardware,
+    /// 0x60xx to 0x63xx.
+    Software,
+    /// 0x70xx.
+    AdditionalModules,
+    /// 0x80xx to 0x82xx.
+    Monitoring,
+    /// 0x90xx.
+    External,
+    /// 0xF0xx.
+    AdditionalFunctions,
+    /// 0xFFxx.
+    DeviceSpecific,
+    /// Anything else.
+    Unknown,
+}
+
+impl EmcyClass {
+    /// The class of a code.
+    #[must_use]
+    pub const fn of(code: u16) -> Self {
+        match code >> 8 {
+            0x00 => Self::NoError,
+            0x10..=0x1F => Self::Generic,
+            0x20..=0x2F => Self::Current,
+            0x30..=0x3F => Self::Voltage,
+            0x40..=0x4F => Self::Temperature,
+            0x50..=0x5F => Self::Hardware,
+            0x60..=0x6F => Self::Software,
+            0x70..=0x7F => Self::AdditionalModules,
+            0x80..=0x8F => Self::Monitoring,
+            0x90..=0x9F => Self::External,
+            0xFF => Self::DeviceSpecific,
+            0xF0..=0xFE => Self::AdditionalFunctions,
+            _ => Self::Unknown,
+        }
+    }
+}
+
+impl fmt::Display for EmcyClass {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::NoError => "error reset",
+            Self::Generic => "generic error",
+            Self::Current => "current",
+            Self::Voltage => "voltage",
+            Self::Temperature => "temperature",
+            Self::Hardware => "device hardware",
+            Self::Software => "device software",
+            Self::AdditionalModules => "additional modules",
+            Self::Monitoring => "monitoring",
+            Self::External => "external error",
+            Self::AdditionalFunctions => "additional functions",
+            Self::DeviceSpecific => "device specific",
+            Self::Unknown => "unknown class",
+        })
+    }
+}
+
+/// The meaning of an error code that CiA 301 or CiA 402 names.
+#[must_use]
+pub const fn error_code_words(code: u16) -> Option<&'static str> {
+    Some(match code {
+        0x0000 => "no error",
+        0x1000 => "generic error",
+        0x2110 => "short circuit or earth leakage at the input",
+        0x2250 => "continuous over-current inside the device",
+        0x2310 => "continuous over-current at the output",
+        0x2320 => "short circuit or earth leakage at the motor",
+        0x2330 => "earth leakage at the motor",
+        0x2350 => "load level fault (I2t, thermal state)",
+        0x3110 => "mains over-voltage",
+        0x3120 => "mains under-voltage",
+        0x3130 => "phase failure",
+        0x3210 => "DC link over-voltage",
+        0x3220 => "DC link under-voltage",
+        0x4210 => "excess temperature of the device",
+        0x4310 => "excess temperature of the drive",
+        0x5100 => "supply",
+        0x5441 => "contactor 1",
+        0x5530 => "EEPROM fault",
+        0x6010 => "software reset by watchdog",
+        0x6100 => "internal software",
+        0x6310 => "loss of parameters",
+        0x6320 => "parameter error",
+        0x7121 => "motor blocked",
+        0x7122 => "motor error or commutation malfunction",
+        0x7300 => "sensor",
+        0x7305 => "incremental sensor 1 fault",
+        0x7310 => "speed sensor",
+        0x7320 => "position sensor",
+        0x7500 => "communication",
+        0x8110 => "CAN overrun, objects lost",
+        0x8120 => "CAN in error passive mode",
+        0x8130 => "life guard or heartbeat error",
+        0x8140 => "recovered from bus-off",
+        0x8150 => "CAN identifier collision",
+        0x8210 => "PDO not processed, length error",
+        0x8220 => "PDO length exceeded",
+        0x8240 => "SYNC data length unexpected",
+        0x8250 => "RPDO timeout",
+        0x8311 => "excess torque",
+        0x8331 => "torque fault",
+        0x8400 => "velocity speed controller",
+        0x8480 => "excess velocity",
+        0x8500 => "position controller",
+        0x8600 => "positioning controller",
+        0x8611 => "following error",
+        0x8612 => "reference limit",
+        0x8680 => "speed too low",
+        0x8700 => "synchronisation controller",
+        0x9000 => "external error",
+        0xF001 => "deceleration",
+        0xFF01 => "device specific error 1",
+        _ => return None,
+    })
+}
+
+/// An emergency message.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Emcy {
+    /// Error code; 0 when an error has gone.
+    pub code: u16,
+    /// Error register.
+    pub register: ErrorRegister,
+    /// Bytes of the manufacturer.
+    pub manufacturer: [u8; 5],
+}
+
+impl Emcy {
+    /// Class of the code.
+    #[must_use]
+    pub const fn class(&self) -> EmcyClass {
+        EmcyClass::of(self.code)
+    }
+
+    /// Whether it reports that an error has gone.
+    #[must_use]
+    pub const fn is_reset(&self) -> bool {
+        matches!(self.class(), EmcyClass::NoError)
+    }
+
+    /// The data of the frame.
+    #[must_use]
+    pub const fn to_bytes(self) -> [u8; 8] {
+        let [low, high] = self.code.to_le_bytes();
+        let [a, b, c, d, e] = self.manufacturer;
+        [low, high, self.register.0, a, b, c, d, e]
+    }
+
+    /// Reads the data of a frame; `None` unless it has 8 bytes.
+    #[must_use]
+    pub fn parse(data: &[u8]) -> Option<Self> {
+        let &[low, high, register, a, b, c, d, e] = data else { return None };
+        Some(Self {
+            code: u16::from_le_bytes([low, high]),
+            register: ErrorRegister(register),
+            manufacturer: [a, b, c, d, e],
+        })
+    }
+}
+
+impl fmt::Display for Emcy {
+    /// `0x8611 following error (monitoring), error register: generic, device profile`
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "0x{:04X} ", self.code)?;
+        match error_code_words(self.code) {
+            Some(words) => write!(f, "{words} ({})", self.class())?,
+            None => write!(f, "{}", self.class())?,
+        }
+        write!(f, ", error register: {}", self.register)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use std::string::ToString;
+
+    use super::*;
+
+    #[test]
+    fn bytes_and_words() {
+        let emcy =
+            Emcy { code: 0x8611, register: ErrorRegister(0x21), manufacturer: [1, 2, 3, 4, 5] };
+        assert_eq!(emcy.to_bytes(), [0x11, 0x86, 0x21, 1, 2, 3, 4, 5]);
+        assert_eq!(Emcy::parse(&emcy.to_bytes()), Some(emcy));
+        assert_eq!(
+            emcy.to_string(),
+            "0x8611 following error (monitoring), error register: generic, device profile"
+        );
+        assert!(!emcy.is_reset());
+        assert!(Emcy { code: 0, ..emcy }.is_reset());
+        assert_eq!(Emcy::parse(&[0; 7]), None);
+    }
+}

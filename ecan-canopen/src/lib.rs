@@ -1,0 +1,44 @@
+//! CiA 301 and CiA 402 as types: what goes over the CAN bus between a master and its drives.
+//!
+//! `no_std`, without allocation and without I/O. The host's CANopen client and the simulated drive
+//! both build on it, so that every byte is defined once. Decoders take the data bytes of a CAN
+//! frame and give a value or a typed error, whatever the bytes.
+#![no_std]
+#![deny(missing_docs)]
+
+// CiA 301
+mod cob_id;
+mod emcy;
+mod heartbeat;
+mod nmt;
+mod node_id;
+mod pdo;
+mod sdo;
+mod sdo_block;
+mod sdo_client_frame;
+mod sdo_server_frame;
+mod sync;
+
+pub use cob_id::{CobId, Service};
+pub use emcy::{Emcy, EmcyClass, ErrorRegister, error_code_words};
+pub use heartbeat::{HeartbeatConsumer, heartbeat_data, parse_heartbeat};
+pub use nmt::{NmtCommand, NmtRequest, NmtState};
+pub use node_id::NodeId;
+pub use pdo::{MappingEntry, PdoCobId, TransmissionType};
+pub use sdo::{Initiate, SdoDecodeError, Segment};
+pub use sdo_block::{BlockSegment, MAX_BLOCK_SIZE, block_crc};
+pub use sdo_client_frame::ClientFrame;
+pub use sdo_server_frame::ServerFrame;
+pub use sync::{SYNC_COB_ID, parse_sync, sync_data};
+
+// CiA 402
+mod controlword;
+mod mode;
+pub mod object;
+mod option_code;
+mod statusword;
+
+pub use controlword::{Command, Controlword};
+pub use mode::{OperatingMode, SupportedModes};
+pub use option_code::{FaultReaction, HaltOption, NodeLossReaction, QuickStopOption, StopOption};
+pub use statusword::{DriveState, Statusword};
