@@ -8,6 +8,8 @@ use std::path::{Path, PathBuf};
 
 use ecrt_sys::{Ecrt, LoadError};
 
+use crate::bridge::BridgeServerError;
+use crate::drive::EdsError;
 use crate::ecrt::{secure_execution, simulated_library};
 use crate::scenario::{self, BUILTIN_SCENARIOS, ClockKind, Scenario, ScenarioError};
 use crate::simulation::Simulation;
@@ -149,6 +151,9 @@ pub enum BackendError {
         /// Why.
         error: std::io::Error,
     },
+    /// A bridge of the scenario cannot listen.
+    #[error(transparent)]
+    Bridge(#[from] BridgeServerError),
     /// A scenario file is wrong.
     #[error("{}: {error}", path.display())]
     Scenario {
@@ -156,6 +161,14 @@ pub enum BackendError {
         path: PathBuf,
         /// What is wrong.
         error: ScenarioError,
+    },
+    /// The EDS of a drive is wrong.
+    #[error("{}, {error}", path.display())]
+    Eds {
+        /// Which.
+        path: PathBuf,
+        /// What is wrong.
+        error: EdsError,
     },
     /// A candump log of the scenario is wrong.
     #[error("{}, line {line}: {reason}", path.display())]
@@ -249,8 +262,8 @@ mod tests {
         let error = EcrtSetting::parse("sim:ecco").unwrap_err();
         assert_eq!(
             error.to_string(),
-            "there is no scenario \"ecco\"; there are: echo, or the name of a file that ends in \
-             .toml"
+            "there is no scenario \"ecco\"; there are: echo, drives, or the name of a file that \
+             ends in .toml"
         );
     }
 

@@ -97,7 +97,8 @@ pub enum Fault {
         /// How many.
         frames: u32,
     },
-    /// The node sends nothing for `for_ms` milliseconds. It still acknowledges.
+    /// The node sends nothing for `for_ms` milliseconds. It still acknowledges. So a drive falls
+    /// silent too.
     NodeSilent {
         /// Name of the node.
         node: String,
@@ -114,6 +115,40 @@ pub enum Fault {
         errno: i32,
         /// How many calls.
         times: u32,
+    },
+    /// A fault in a drive. Nothing happens when the node is none.
+    Drive {
+        /// Name of the node.
+        node: String,
+        /// What.
+        fault: DriveFault,
+    },
+}
+
+/// A fault in a simulated drive.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum DriveFault {
+    /// The drive finds a fault: emergency message, fault reaction (0x605E), state fault.
+    Error {
+        /// Error code of CiA 402, as 0x2310.
+        code: u16,
+    },
+    /// An error comes and goes: an emergency message without a change of state.
+    Emcy {
+        /// Error code.
+        code: u16,
+        /// Error register in the message.
+        register: u8,
+    },
+    /// The drive loses its supply for `off_ms` milliseconds, then boots. Its motor coasts.
+    PowerCycle {
+        /// Milliseconds without supply.
+        off_ms: u32,
+    },
+    /// The machine is jammed for `for_ms` milliseconds: the motor stands whatever its torque.
+    Blocked {
+        /// Milliseconds.
+        for_ms: u32,
     },
 }
 

@@ -10,6 +10,7 @@ pub use gateway::{
 
 // CAN side
 mod bus;
+mod drive;
 mod node;
 
 pub use bus::{
@@ -17,9 +18,21 @@ pub use bus::{
     INTERMISSION_BITS, StationConfig, StationId, StationMode, StationStatistics, WireFrame,
     arbitration_key, bits_ns,
 };
+pub use drive::{
+    Drive, DriveQuirks, DriveSettings, EdsError, EdsProblem, MotorSettings, SdoDirection,
+    SdoEffect, SdoRule, TargetHistory, TargetKind, TargetRecord, TargetSums,
+};
 pub use node::{
     EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayError, ReplayNode, ReplayRecord,
     SilentNode,
+};
+
+// Other programs
+mod bridge;
+
+pub use bridge::{
+    Bridge, BridgeError, BridgeInfo, BridgeNode, BridgeProtocol, BridgeServerError, BridgeSettings,
+    BridgeStatistics,
 };
 
 // World and ecrt front
@@ -27,6 +40,7 @@ mod backend;
 mod clock;
 mod ecrt;
 mod fault;
+mod runner;
 mod scenario;
 mod simulation;
 mod world;
@@ -36,10 +50,11 @@ pub use backend::{
     open_scenario,
 };
 pub use clock::SimClock;
-pub use fault::{Fault, LibraryCall, LostWay, ScriptedFault, When};
+pub use fault::{DriveFault, Fault, LibraryCall, LostWay, ScriptedFault, When};
+pub use runner::{RealTimeRunner, RunnerError};
 pub use scenario::{
-    BUILTIN_SCENARIOS, ClockKind, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind, NodeSpec,
-    Scenario, ScenarioError, Topology, echo,
+    BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind,
+    NodeSpec, Scenario, ScenarioError, Topology, drives, echo,
 };
 pub use simulation::Simulation;
 pub use world::World;

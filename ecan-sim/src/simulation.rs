@@ -6,9 +6,11 @@ use std::sync::Arc;
 use ecrt_sys::Clock as _;
 
 use crate::backend::BackendError;
+use crate::bridge::{Bridge, BridgeError, BridgeInfo, BridgeSettings};
 use crate::clock::SimClock;
 use crate::ecrt::Shared;
 use crate::fault::{Fault, ScriptedFault, When};
+use crate::runner::{RealTimeRunner, RunnerError};
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
 use crate::world::World;
 
@@ -75,9 +77,11 @@ impl Simulation {
             EcrtVersion::V1_6 => "1.6",
         };
         let plural = |count: usize| if count == 1 { "" } else { "s" };
+        let bridges: String =
+            self.bridges().iter().map(|(bus, bridge)| format!(", {bridge} on bus {bus}")).collect();
         format!(
             "SIMULATED: no EtherCAT master, no hardware. Scenario {scenario}: {gateways} \
-             gateway{}, {nodes} node{}, libethercat {version}, {clock}, seed {seed}",
+             gateway{}, {nodes} node{}, libethercat {version}, {clock}, seed {seed}{bridges}",
             plural(*gateways),
             plural(*nodes),
         )
@@ -103,6 +107,46 @@ impl Simulation {
     /// which startup SDO failed and why.
     pub fn kernel_log(&self) -> Vec<String> {
         self.shared.with(|state| state.master.log_lines().map(str::to_owned).collect())
+    }
+
+    /// Puts a bridge on a bus (see [`World::bus_names`]), with the bit rates of the gateway channel
+    /// there: other programs join the bus through it until the handle is dropped.
+    ///
+    /// A bridge in a scenario (`kind = "bridge"`) may have bit rates of its own and needs no
+    /// gateway channel that is switched on.
+    ///
+    /// # Errors
+    /// A [`BridgeError`].
+    pub fn attach_bridge(
+        &self,
+        bus: &str,
+        settings: BridgeSettings,
+    ) -> Result<Bridge, BridgeError> {
+        let (node, info) = self.with_world(|world| {
+            if world.bus(bus).is_none() {
+                let known = world.bus_names().collect::<Vec<_>>().join(", ");
+                return Err(BridgeError::UnknownBus { bus: bus.to_owned(), known });
+            }
+            world.attach_bridge(bus, &settings).map_err(BridgeError::Server)
+        })?;
+        Ok(Bridge::new(self.clone(), node, info))
+    }
+
+    /// The bridges that there are, with the names of their buses, the scenario's first.
+    pub fn bridges(&self) -> Vec<(String, BridgeInfo)> {
+        self.with_world(|world| {
+            world.bridges().map(|(bus, info)| (bus.to_owned(), info.clone())).collect()
+        })
+    }
+
+    /// Keeps a simulation on the real clock going, on a thread of its own, until the runner is
+    /// dropped: for uses without a master's cycle, when bridges and nodes have to live
+    /// nevertheless.
+    ///
+    /// # Errors
+    /// A [`RunnerError`].
+    pub fn keep_running(&self) -> Result<RealTimeRunner, RunnerError> {
+        RealTimeRunner::start(self.clone())
     }
 
     /// Lets so many nanoseconds pass without the program exchanging anything.

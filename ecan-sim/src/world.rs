@@ -1,8 +1,11 @@
 //! The simulated world: gateways on an EtherCAT line, their CAN buses, the nodes on them, and the
 //! faults. Knows no EtherCAT master; a front drives it through the line.
 
+mod bridges;
 mod can_side;
+mod drives;
 mod line;
+mod node_slot;
 
 use ecan_protocol::CHANNELS;
 
@@ -10,8 +13,9 @@ use crate::bus::{BusEvent, BusStatistics, CanBus, StationId};
 use crate::fault::{Fault, FaultScript, LibraryCall, LostWay, ScriptedFault};
 use crate::gateway::{Gateway, Truth};
 use crate::scenario::{Scenario, Topology};
-use crate::world::can_side::{BusSlot, NodeSlot};
+use crate::world::can_side::BusSlot;
 use crate::world::line::{ChannelLink, LineSlot};
+use crate::world::node_slot::NodeSlot;
 
 pub(crate) use line::{CycleFate, Fmmu, LogicalCommand, ProcessDirection};
 
@@ -45,7 +49,7 @@ impl World {
     /// Builds the world of a scenario at `now` nanoseconds, with the gateways switched on.
     ///
     /// # Errors
-    /// A candump log that cannot be read.
+    /// A candump log or an EDS that cannot be read.
     pub(crate) fn new(scenario: &Scenario, now: u64) -> Result<Self, crate::backend::BackendError> {
         let mut world = Self {
             now,
@@ -205,6 +209,7 @@ impl World {
                     slot.output.clear();
                 }
             }
+            Fault::Drive { node, fault } => self.drive_fault(&node, fault),
             Fault::LibraryError { call, errno, times } => {
                 if let Some(entry) = self.library_errors.get_mut(call as usize) {
                     *entry = (errno, times);

@@ -13,6 +13,8 @@ mod silent;
 
 use ecan_protocol::CanFrame;
 
+use crate::bus::StationConfig;
+
 pub use echo::EchoNode;
 pub use faulty::{FaultyNode, FaultySettings};
 pub use output::NodeOutput;
@@ -24,6 +26,12 @@ pub use silent::SilentNode;
 /// Calls come in the order of time. A node answers by putting frames into `out`; they are sent
 /// in that order as the bus allows.
 pub trait Node: Send {
+    /// The node's controller runs with this configuration from now on. The first time,
+    /// [`started`](Self::started) follows.
+    fn configured(&mut self, now: u64, config: &StationConfig) {
+        let _ = (now, config);
+    }
+
     /// The node's controller has been configured and the node starts, at `now`.
     fn started(&mut self, now: u64, out: &mut NodeOutput) {
         let _ = (now, out);
@@ -42,6 +50,12 @@ pub trait Node: Send {
     /// When the node wants to act by itself, if ever.
     fn next_event(&self) -> Option<u64> {
         None
+    }
+
+    /// Whether the node's controller takes part in the bus: it then acknowledges frames and hears
+    /// them. Asked again after every call.
+    fn is_on_bus(&self) -> bool {
+        true
     }
 
     /// The time that [`next_event`](Self::next_event) asked for has come. Afterwards it names a

@@ -1,9 +1,12 @@
 //! The scenarios that need no file.
 
-use crate::scenario::{GatewaySpec, NodeKind, NodeSpec, Scenario};
+use ecan_canopen::NodeId;
+
+use crate::drive::{DriveSettings, MotorSettings};
+use crate::scenario::{DriveSpec, GatewaySpec, NodeKind, NodeSpec, Scenario};
 
 /// Names of the built-in scenarios.
-pub const BUILTIN_SCENARIOS: &[&str] = &["echo"];
+pub const BUILTIN_SCENARIOS: &[&str] = &["echo", "drives"];
 
 /// So many gateways with an echo node on each of their channels. The nodes take over the bit rates
 /// of their channel, so every configuration finds a partner.
@@ -23,10 +26,50 @@ pub fn echo(gateways: usize) -> Scenario {
     Scenario { name: "echo".to_owned(), gateways, nodes, ..Scenario::default() }
 }
 
+/// Drives on each channel of the built-in scenario `drives`.
+const DRIVES_PER_CHANNEL: u8 = 4;
+
+/// So many gateways with drives on each of their channels: node ids 1 to `per_channel` (at most
+/// 127) on every one, named `drive <gateway>.<channel>/<node id>`.
+///
+/// The built-in scenario `drives` has four on a channel: 16 axes with one gateway, 48 with three.
+/// So slave 0, channel 0, node 1 is there, and ten axes are, however they are spread. The drives
+/// take over the bit rates of their channel. Their motors stand at positions that all differ, none
+/// at 0: increments 100000 * gateway + 10000 * channel + 1000 * node id, plus 7.
+pub fn drives(gateways: usize, per_channel: u8) -> Scenario {
+    let gateways: Vec<_> = (0..gateways).map(GatewaySpec::at).collect();
+    let mut nodes = Vec::new();
+    for (position, gateway) in gateways.iter().enumerate() {
+        for (channel, bus) in gateway.buses.iter().enumerate() {
+            let ids = (1..=per_channel.min(NodeId::MAX.get())).filter_map(NodeId::new);
+            nodes.extend(ids.map(|node| built_in_drive(position, channel, bus, node)));
+        }
+    }
+    Scenario { name: "drives".to_owned(), gateways, nodes, ..Scenario::default() }
+}
+
+fn built_in_drive(gateway: usize, channel: usize, bus: &str, node: NodeId) -> NodeSpec {
+    let place = 100_000 * gateway + 10_000 * channel + 1_000 * usize::from(node.get()) + 7;
+    let start_position = i32::try_from(place).unwrap_or(i32::MAX);
+    let settings = DriveSettings {
+        serial: 1 + place as u32,
+        motor: MotorSettings { start_position, ..MotorSettings::default() },
+        ..DriveSettings::new(node)
+    };
+    NodeSpec {
+        name: format!("drive {bus}/{node}"),
+        bus: bus.to_owned(),
+        kind: NodeKind::Drive(Box::new(DriveSpec { settings, eds: None })),
+        bitrate: None,
+        data_bitrate: None,
+    }
+}
+
 /// A built-in scenario by its name.
 pub(crate) fn by_name(name: &str, gateways: usize) -> Option<Scenario> {
     match name {
         "echo" => Some(echo(gateways)),
+        "drives" => Some(drives(gateways, DRIVES_PER_CHANNEL)),
         _ => None,
     }
 }

@@ -3,17 +3,20 @@
 //! The tables are read flat and checked key by key afterwards, so that a key that does not belong
 //! to the kind of a node or fault is refused as clearly as one that nobody knows.
 
+mod raw_drive;
+mod raw_fault;
+mod raw_node;
+
 use std::fmt;
 use std::ops::Range;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use serde::Deserialize;
 use toml::Spanned;
 
-use crate::scenario::fault_file::RawFault;
-use crate::scenario::{
-    ClockKind, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind, NodeSpec, Scenario, Topology,
-};
+use crate::scenario::file::raw_fault::RawFault;
+use crate::scenario::file::raw_node::RawNode;
+use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, Scenario, Topology};
 
 /// Why a scenario file is refused.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -96,30 +99,6 @@ struct RawGateway {
     buses: Option<Vec<String>>,
 }
 
-#[derive(Deserialize)]
-#[serde(deny_unknown_fields)]
-struct RawNode {
-    kind: RawNodeKind,
-    bus: String,
-    name: Option<String>,
-    bitrate: Option<u32>,
-    data_bitrate: Option<u32>,
-    file: Option<PathBuf>,
-    drop_permille: Option<u16>,
-    corrupt_permille: Option<u16>,
-    repeat_permille: Option<u16>,
-    babble_us: Option<u32>,
-}
-
-#[derive(Deserialize, Clone, Copy, PartialEq)]
-#[serde(rename_all = "lowercase")]
-enum RawNodeKind {
-    Echo,
-    Replay,
-    Silent,
-    Faulty,
-}
-
 /// Where in the file something stands.
 struct Source<'a> {
     text: &'a str,
@@ -170,7 +149,7 @@ impl Scenario {
     /// buses = ["0.0", "0.1", "0.2", "0.3"]
     ///
     /// [[node]]
-    /// kind = "faulty"                # echo, silent, faulty, or replay with `file`
+    /// kind = "faulty"                # echo, silent, faulty, bridge, drive, replay with `file`
     /// bus = "0.0"
     /// name = "drive"
     /// bitrate = 500000               # otherwise that of the gateway's channel
@@ -179,6 +158,33 @@ impl Scenario {
     /// corrupt_permille = 5
     /// repeat_permille = 0
     /// babble_us = 0
+    ///
+    /// [[node]]
+    /// kind = "bridge"                # other programs join this bus by TCP
+    /// bus = "0.1"
+    /// protocol = "slcan"             # or "socketcand"
+    /// address = "127.0.0.1"
+    /// port = 0                       # any free one; the banner names it
+    /// max_clients = 8
+    /// queue = 4096                   # frames for the bus, and for each client
+    ///
+    /// [[node]]
+    /// kind = "drive"                 # a CiA 402 drive
+    /// bus = "0.2"
+    /// name = "shoulder"
+    /// node_id = 5
+    /// # eds = "drive.eds"            # otherwise the built-in object dictionary
+    /// serial = 77
+    /// boot_ms = 40
+    /// sdo_delay_us = 200
+    /// enable_ms = 0
+    /// motor = { start_position = 1000, absolute_encoder = false, friction = 5000000 }
+    ///
+    /// [node.quirks]                  # names as in `DriveQuirks`
+    /// refuses_mapping_while_valid = true
+    /// needs_mode = true
+    /// missing = [0x1016, 0x6007]
+    /// sdo = [{ index = 0x60C2, direction = "write", code = 0x06010000, times = 2 }]
     ///
     /// [[fault]]
     /// cycle = 1000                   # n-th send with process data; or at_ms
@@ -198,18 +204,26 @@ impl Scenario {
     /// index = 0x8010
     /// subindex = 1
     /// code = 0x06090030
+    ///
+    /// [[fault]]
+    /// at_ms = 6000
+    /// kind = "drive_error"           # node, code
+    /// node = "shoulder"
+    /// code = 0x2310
     /// # "#;
     /// let scenario = ecan_sim::Scenario::from_toml(text, "cell", std::path::Path::new("."))?;
-    /// # assert_eq!((scenario.gateways.len(), scenario.faults.len()), (1, 3));
+    /// # assert_eq!((scenario.gateways.len(), scenario.faults.len()), (1, 4));
     /// # Ok::<(), ecan_sim::ScenarioError>(())
     /// ```
     ///
     /// Further kinds of faults: `working_counter_offset` (`offset`, `cycles`), `mailbox_timeout`
     /// and `service_stall` (`gateway`, `for_ms`), `torn_image` and `crc_error` (`gateway`,
     /// `times`), `al_error` (`gateway`, `code`), `bus_off` (`gateway`, `channel`), `error_frames`
-    /// (`gateway`, `channel`, `times`), `node_silent` (`node`, `for_ms`), `library_error` (`call` =
-    /// receive, send, domain_process, domain_queue or domain_state; `errno`, a number or a name;
-    /// `times`).
+    /// (`gateway`, `channel`, `times`), `node_silent` (`node`, `for_ms`), and of drives
+    /// `drive_emcy` (`node`, `code`, `register`), `drive_power_cycle` (`node`, `off_ms`) and
+    /// `drive_blocked` (`node`, `for_ms`).
+    /// `library_error` (`call` = receive, send, domain_process, domain_queue or domain_state;
+    /// `errno`, a number or a name; `times`) makes a call of the library fail.
     ///
     /// # Errors
     /// The first fault of the text, with its line.
@@ -304,67 +318,5 @@ impl RawGateway {
 fn set<T>(field: &mut T, value: Option<T>) {
     if let Some(value) = value {
         *field = value;
-    }
-}
-
-impl RawNode {
-    fn build(self, scenario: &Scenario, directory: &Path) -> Result<NodeSpec, String> {
-        if !scenario.gateways.iter().any(|gateway| gateway.buses.contains(&self.bus)) {
-            let buses: Vec<_> =
-                scenario.gateways.iter().flat_map(|gateway| &gateway.buses).cloned().collect();
-            return Err(if buses.is_empty() {
-                format!("bus \"{}\" does not exist: there is no gateway", self.bus)
-            } else {
-                format!("bus \"{}\" does not exist; there are: {}", self.bus, buses.join(", "))
-            });
-        }
-        let for_faulty = [
-            ("drop_permille", self.drop_permille.is_some()),
-            ("corrupt_permille", self.corrupt_permille.is_some()),
-            ("repeat_permille", self.repeat_permille.is_some()),
-            ("babble_us", self.babble_us.is_some()),
-        ];
-        let stray = for_faulty.iter().find(|(_, given)| *given && self.kind != RawNodeKind::Faulty);
-        if let Some((key, _)) = stray {
-            return Err(format!("`{key}` belongs to nodes of kind \"faulty\""));
-        }
-        if self.file.is_some() && self.kind != RawNodeKind::Replay {
-            return Err("`file` belongs to nodes of kind \"replay\"".to_owned());
-        }
-        let shares = [self.drop_permille, self.corrupt_permille, self.repeat_permille];
-        if shares.into_iter().flatten().any(|share| share > 1000) {
-            return Err("a share is given in thousandths, 0 to 1000".to_owned());
-        }
-        if self.bitrate == Some(0) || self.data_bitrate == Some(0) {
-            return Err("a bit rate is not 0".to_owned());
-        }
-        if self.data_bitrate.is_some() && self.bitrate.is_none() {
-            return Err("`data_bitrate` needs `bitrate` beside it".to_owned());
-        }
-        let kind = match self.kind {
-            RawNodeKind::Echo => NodeKind::Echo,
-            RawNodeKind::Silent => NodeKind::Silent,
-            RawNodeKind::Faulty => NodeKind::Faulty(FaultyBehaviour {
-                drop_permille: self.drop_permille.unwrap_or(0),
-                corrupt_permille: self.corrupt_permille.unwrap_or(0),
-                repeat_permille: self.repeat_permille.unwrap_or(0),
-                babble_us: self.babble_us.unwrap_or(0),
-            }),
-            RawNodeKind::Replay => {
-                let file = self.file.ok_or("a node of kind \"replay\" needs `file`")?;
-                NodeKind::Replay { file: directory.join(file) }
-            }
-        };
-        let name = self.name.unwrap_or_else(|| format!("node {}", scenario.nodes.len()));
-        if scenario.nodes.iter().any(|node| node.name == name) {
-            return Err(format!("there are two nodes of the name \"{name}\""));
-        }
-        Ok(NodeSpec {
-            name,
-            bus: self.bus,
-            kind,
-            bitrate: self.bitrate,
-            data_bitrate: self.data_bitrate,
-        })
     }
 }

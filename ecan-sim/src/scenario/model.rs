@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use crate::bridge::BridgeSettings;
+use crate::drive::DriveSettings;
 use crate::fault::ScriptedFault;
 use crate::gateway::GatewaySettings;
 
@@ -89,6 +91,15 @@ pub struct FaultyBehaviour {
     pub babble_us: u32,
 }
 
+/// A simulated drive in a scenario.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DriveSpec {
+    /// What it is like.
+    pub settings: DriveSettings,
+    /// Its EDS; without one it has the built-in object dictionary.
+    pub eds: Option<PathBuf>,
+}
+
 /// What a node does.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NodeKind {
@@ -101,8 +112,12 @@ pub enum NodeKind {
     },
     /// Acknowledges, nothing else.
     Silent,
+    /// Joins other programs to the bus.
+    Bridge(BridgeSettings),
     /// Echoes, badly.
     Faulty(FaultyBehaviour),
+    /// A CiA 402 drive.
+    Drive(Box<DriveSpec>),
 }
 
 /// One node on a bus.

@@ -1,11 +1,8 @@
 //! The CAN side: moves frames between gateways, nodes and buses.
 
-use ecan_protocol::{CHANNELS, CanFrame, CanId};
+use ecan_protocol::CHANNELS;
 
-use crate::backend::BackendError;
 use crate::bus::{BusEvent, BusFault, CanBus, StationConfig, StationId, StationMode};
-use crate::node::{EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayNode, SilentNode};
-use crate::scenario::{NodeKind, NodeSpec};
 use crate::world::{NEVER, World};
 
 /// Who a station belongs to.
@@ -28,77 +25,9 @@ impl BusSlot {
         Self { bus, owners: Vec::new(), next: NEVER }
     }
 
-    fn refresh(&mut self) {
+    pub(super) fn refresh(&mut self) {
         self.next = self.bus.next_event().unwrap_or(NEVER);
     }
-}
-
-/// A node on its bus.
-pub(super) struct NodeSlot {
-    pub(super) name: String,
-    node: Box<dyn Node>,
-    bus: usize,
-    station: StationId,
-    /// Its own bit rates; `None` follows the gateway.
-    fixed: Option<StationConfig>,
-    started: bool,
-    /// Frames that wait for the bus.
-    pub(super) output: NodeOutput,
-    pub(super) muted_until: u64,
-    pub(super) next: u64,
-}
-
-impl NodeSlot {
-    pub(super) fn new(
-        spec: &NodeSpec,
-        bus: usize,
-        station: StationId,
-        seed: u64,
-    ) -> Result<Self, BackendError> {
-        let node: Box<dyn Node> = match &spec.kind {
-            NodeKind::Echo => Box::new(EchoNode::new()),
-            NodeKind::Silent => Box::new(SilentNode),
-            NodeKind::Replay { file } => Box::new(read_log(file)?),
-            NodeKind::Faulty(behaviour) => Box::new(FaultyNode::new(FaultySettings {
-                seed,
-                drop_per_mille: behaviour.drop_permille,
-                corrupt_per_mille: behaviour.corrupt_permille,
-                repeat_per_mille: behaviour.repeat_permille,
-                babble: if behaviour.babble_us > 0 { babble() } else { None },
-                babble_interval_ns: u64::from(behaviour.babble_us) * 1_000,
-            })),
-        };
-        let fixed = spec.bitrate.map(|nominal| match spec.data_bitrate {
-            Some(data) => StationConfig::fd(nominal, data),
-            None => StationConfig::classic(nominal),
-        });
-        Ok(Self {
-            name: spec.name.clone(),
-            node,
-            bus,
-            station,
-            fixed,
-            started: false,
-            output: NodeOutput::new(),
-            muted_until: 0,
-            next: NEVER,
-        })
-    }
-}
-
-/// What a babbling node says: the identifier that wins every arbitration.
-fn babble() -> Option<CanFrame> {
-    CanFrame::classic(CanId::standard(0).ok()?, &[0xBB; 8]).ok()
-}
-
-fn read_log(path: &std::path::Path) -> Result<ReplayNode, BackendError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| BackendError::Read { path: path.to_owned(), error })?;
-    ReplayNode::from_log(&text, None).map_err(|error| BackendError::Log {
-        path: path.to_owned(),
-        line: error.line,
-        reason: error.cause.to_string(),
-    })
 }
 
 impl World {
@@ -153,11 +82,13 @@ impl World {
 
     /// Brings the bit rates of a gateway's channel to the nodes that follow it. A node starts with
     /// its first configuration.
-    fn lead_nodes(&mut self, bus: usize, config: StationConfig) {
+    pub(super) fn lead_nodes(&mut self, bus: usize, config: StationConfig) {
         let config = StationConfig { mode: StationMode::Normal, auto_retransmit: true, ..config };
         for index in 0..self.nodes.len() {
-            let follows =
-                self.nodes.get(index).is_some_and(|node| node.bus == bus && node.fixed.is_none());
+            let follows = self
+                .nodes
+                .get(index)
+                .is_some_and(|node| node.bus == bus && node.fixed.is_none() && !node.detached);
             if follows {
                 self.configure_node(index, config);
             }
@@ -174,13 +105,14 @@ impl World {
     fn configure_node(&mut self, index: usize, config: StationConfig) {
         let now = self.now;
         let Some(slot) = self.nodes.get_mut(index) else { return };
-        let Some(bus) = self.buses.get_mut(slot.bus) else { return };
-        if bus.bus.config(slot.station) == Some(config) {
+        let before = slot.config.replace(config);
+        if before == Some(config) {
             return;
         }
-        bus.bus.configure(now, slot.station, Some(config));
-        if !std::mem::replace(&mut slot.started, true) {
-            slot.node.started(now, &mut slot.output);
+        let node = slot.node.as_node_mut();
+        node.configured(now, &config);
+        if before.is_none() {
+            node.started(now, &mut slot.output);
         }
         self.collect_output(index);
     }
@@ -189,20 +121,25 @@ impl World {
         let now = self.now;
         let Some(slot) = self.nodes.get_mut(index) else { return };
         if slot.next <= now {
-            slot.node.advance(now, &mut slot.output);
+            slot.node.as_node_mut().advance(now, &mut slot.output);
             self.collect_output(index);
         }
     }
 
-    /// Takes what a node wants to send and puts its first frame into arbitration.
-    fn collect_output(&mut self, index: usize) {
+    /// Takes what a node wants to send and puts its first frame into arbitration. Also takes its
+    /// controller off the bus and puts it back.
+    pub(super) fn collect_output(&mut self, index: usize) {
         let now = self.now;
         let Some(slot) = self.nodes.get_mut(index) else { return };
-        if now < slot.muted_until {
+        let config = slot.config.filter(|_| slot.node.as_node().is_on_bus());
+        if now < slot.muted_until || config.is_none() {
             slot.output.clear();
         }
-        slot.next = slot.node.next_event().map_or(NEVER, |at| at.max(now + 1));
+        slot.next = slot.node.as_node().next_event().map_or(NEVER, |at| at.max(now + 1));
         let Some(bus) = self.buses.get_mut(slot.bus) else { return };
+        if bus.bus.config(slot.station) != config {
+            bus.bus.configure(now, slot.station, config);
+        }
         if !bus.bus.is_offering(slot.station)
             && let Some(frame) = slot.output.front()
             && bus.bus.offer(now, slot.station, *frame)
@@ -262,7 +199,7 @@ impl World {
                 }
                 Some(Owner::Node(index)) => {
                     if let Some(slot) = self.nodes.get_mut(index) {
-                        slot.node.transmitted(now, frame, &mut slot.output);
+                        slot.node.as_node_mut().transmitted(now, frame, &mut slot.output);
                         self.collect_output(index);
                     }
                 }
@@ -276,7 +213,7 @@ impl World {
                 }
                 Some(Owner::Node(index)) => {
                     if let Some(slot) = self.nodes.get_mut(index) {
-                        slot.node.received(now, frame, &mut slot.output);
+                        slot.node.as_node_mut().received(now, frame, &mut slot.output);
                         self.collect_output(index);
                     }
                 }

@@ -1,10 +1,10 @@
-//! Faults in scenario files.
+//! Faults in a scenario file.
 
 use serde::Deserialize;
 
-use crate::fault::{Fault, LibraryCall, LostWay, ScriptedFault, When};
+use crate::fault::{DriveFault, Fault, LibraryCall, LostWay, ScriptedFault, When};
 use crate::gateway::GatewayFault;
-use crate::scenario::Scenario;
+use crate::scenario::{NodeKind, NodeSpec, Scenario};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -23,6 +23,7 @@ pub(super) struct RawFault {
     index: Option<u16>,
     subindex: Option<u8>,
     code: Option<u32>,
+    register: Option<u8>,
     times: Option<u32>,
     call: Option<RawCall>,
     errno: Option<toml::Value>,
@@ -52,6 +53,10 @@ enum RawFaultKind {
     BusOff,
     ErrorFrames,
     NodeSilent,
+    DriveError,
+    DriveEmcy,
+    DrivePowerCycle,
+    DriveBlocked,
     LibraryError,
 }
 
@@ -163,11 +168,25 @@ impl RawFault {
                 frames: self.times.take().unwrap_or(1),
             },
             RawFaultKind::NodeSilent => {
-                let node = need("node", self.node.take())?;
-                if !scenario.nodes.iter().any(|known| known.name == node) {
-                    return Err(format!("there is no node of the name \"{node}\""));
-                }
+                let node = self.node(scenario)?.name.clone();
                 Fault::NodeSilent { node, for_ms: need("for_ms", self.for_ms.take())? }
+            }
+            RawFaultKind::DriveError => {
+                let fault = DriveFault::Error { code: self.error_code()? };
+                Fault::Drive { node: self.drive(scenario)?, fault }
+            }
+            RawFaultKind::DriveEmcy => {
+                let register = self.register.take().unwrap_or(1);
+                let fault = DriveFault::Emcy { code: self.error_code()?, register };
+                Fault::Drive { node: self.drive(scenario)?, fault }
+            }
+            RawFaultKind::DrivePowerCycle => {
+                let fault = DriveFault::PowerCycle { off_ms: self.off_ms.take().unwrap_or(1000) };
+                Fault::Drive { node: self.drive(scenario)?, fault }
+            }
+            RawFaultKind::DriveBlocked => {
+                let fault = DriveFault::Blocked { for_ms: need("for_ms", self.for_ms.take())? };
+                Fault::Drive { node: self.drive(scenario)?, fault }
             }
             RawFaultKind::LibraryError => Fault::LibraryError {
                 call: need("call", self.call.take())?.into(),
@@ -179,6 +198,25 @@ impl RawFault {
             Some(key) => Err(format!("`{key}` does not belong to a fault of this kind")),
             None => Ok(ScriptedFault { when, fault }),
         }
+    }
+
+    fn node<'a>(&mut self, scenario: &'a Scenario) -> Result<&'a NodeSpec, String> {
+        let name = need("node", self.node.take())?;
+        let node = scenario.nodes.iter().find(|known| known.name == name);
+        node.ok_or_else(|| format!("there is no node of the name \"{name}\""))
+    }
+
+    fn drive(&mut self, scenario: &Scenario) -> Result<String, String> {
+        let node = self.node(scenario)?;
+        match node.kind {
+            NodeKind::Drive(_) => Ok(node.name.clone()),
+            _ => Err(format!("node \"{}\" is no drive", node.name)),
+        }
+    }
+
+    fn error_code(&mut self) -> Result<u16, String> {
+        let code = need("code", self.code.take())?;
+        u16::try_from(code).map_err(|_| "an error code has 16 bits".to_owned())
     }
 
     fn gateway(&mut self, scenario: &Scenario) -> Result<usize, String> {
@@ -212,6 +250,7 @@ impl RawFault {
             ("index", self.index.is_some()),
             ("subindex", self.subindex.is_some()),
             ("code", self.code.is_some()),
+            ("register", self.register.is_some()),
             ("times", self.times.is_some()),
             ("call", self.call.is_some()),
             ("errno", self.errno.is_some()),

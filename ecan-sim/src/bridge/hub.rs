@@ -1,0 +1,152 @@
+//! Where the node on the bus and the threads of its clients meet.
+
+use std::collections::VecDeque;
+use std::net::{Shutdown, TcpStream};
+use std::sync::mpsc::{SyncSender, TrySendError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use ecan_protocol::CanFrame;
+
+use super::statistics::{BridgeStatistics, Counters, count};
+use crate::bus::StationConfig;
+
+/// Names a client of one bridge.
+pub(super) type ClientId = u64;
+
+/// Something for a client.
+#[derive(Debug)]
+pub(super) enum Outgoing {
+    /// A frame of the bus and when it was complete, in simulated nanoseconds.
+    Frame(CanFrame, u64),
+    /// Bytes of the protocol.
+    Answer(Vec<u8>),
+}
+
+/// A client as the node sees it.
+#[derive(Debug)]
+struct Client {
+    id: ClientId,
+    outbox: SyncSender<Outgoing>,
+    stream: TcpStream,
+}
+
+#[derive(Debug, Default)]
+struct State {
+    clients: Vec<Client>,
+    next_client: ClientId,
+    closed: bool,
+    /// Frames for the bus, with their senders.
+    inbox: VecDeque<(ClientId, CanFrame)>,
+    /// The bus as the node's controller knows it.
+    bus: Option<StationConfig>,
+}
+
+/// Bounded queues between the simulation and the clients. Nobody blocks in here.
+#[derive(Debug)]
+pub(super) struct Hub {
+    state: Mutex<State>,
+    queue: usize,
+    max_clients: usize,
+    pub(super) counters: Counters,
+}
+
+impl Hub {
+    pub(super) fn new(queue: usize, max_clients: usize) -> Self {
+        let counters = Counters::default();
+        Self { state: Mutex::default(), queue: queue.max(1), max_clients, counters }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Places in a client's queue.
+    pub(super) fn queue(&self) -> usize {
+        self.queue
+    }
+
+    pub(super) fn statistics(&self) -> BridgeStatistics {
+        self.counters.read(self.lock().clients.len())
+    }
+
+    // Clients
+
+    /// Admits a client; `stream` is closed with it.
+    pub(super) fn join(&self, stream: TcpStream, outbox: SyncSender<Outgoing>) -> Option<ClientId> {
+        let mut state = self.lock();
+        if state.closed || state.clients.len() >= self.max_clients {
+            count(&self.counters.turned_away);
+            return None;
+        }
+        let id = state.next_client;
+        state.next_client += 1;
+        state.clients.push(Client { id, outbox, stream });
+        count(&self.counters.connections);
+        Some(id)
+    }
+
+    /// Forgets a client and closes its connection. Its frames that wait for the bus stay.
+    pub(super) fn leave(&self, id: ClientId) {
+        let mut state = self.lock();
+        if let Some(at) = state.clients.iter().position(|client| client.id == id) {
+            close(&state.clients.swap_remove(at).stream);
+        }
+    }
+
+    /// Closes every connection and admits no further client.
+    pub(super) fn close(&self) {
+        let mut state = self.lock();
+        state.closed = true;
+        for client in state.clients.drain(..) {
+            close(&client.stream);
+        }
+    }
+
+    /// The bus as the node's controller knows it; `None` before it was configured.
+    pub(super) fn bus(&self) -> Option<StationConfig> {
+        self.lock().bus
+    }
+
+    /// A client's frame for the bus; false when too many wait already.
+    pub(super) fn submit(&self, id: ClientId, frame: CanFrame) -> bool {
+        let mut state = self.lock();
+        let has_room = state.inbox.len() < self.queue;
+        if has_room {
+            state.inbox.push_back((id, frame));
+        } else {
+            count(&self.counters.dropped_to_bus);
+        }
+        has_room
+    }
+
+    // Node
+
+    pub(super) fn set_bus(&self, config: StationConfig) {
+        self.lock().bus = Some(config);
+    }
+
+    pub(super) fn has_clients(&self) -> bool {
+        !self.lock().clients.is_empty()
+    }
+
+    /// The next frame for the bus.
+    pub(super) fn next_for_bus(&self) -> Option<(ClientId, CanFrame)> {
+        self.lock().inbox.pop_front()
+    }
+
+    /// Hands a frame to every client but its sender.
+    pub(super) fn deliver(&self, frame: &CanFrame, now: u64, sender: Option<ClientId>) {
+        for client in self.lock().clients.iter().filter(|client| Some(client.id) != sender) {
+            match client.outbox.try_send(Outgoing::Frame(*frame, now)) {
+                Ok(()) => count(&self.counters.delivered),
+                Err(TrySendError::Full(_)) => count(&self.counters.dropped_to_clients),
+                Err(TrySendError::Disconnected(_)) => {}
+            }
+        }
+    }
+}
+
+/// Ends a connection; both of its threads notice. One that is gone already is no error.
+fn close(stream: &TcpStream) {
+    let _ = stream.shutdown(Shutdown::Both);
+}

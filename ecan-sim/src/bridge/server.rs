@@ -1,0 +1,246 @@
+//! The TCP server: one thread that accepts, two per client.
+
+use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+use ecan_protocol::CanFrame;
+
+use super::hub::{ClientId, Hub, Outgoing};
+use super::session::{Session, Uplink};
+use super::settings::{BridgeProtocol, BridgeSettings};
+use super::statistics::count;
+use crate::bus::StationConfig;
+
+/// Between two looks for a new client. Stopping does not wait for it.
+const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);
+/// Bytes written at a time, about.
+const WRITE_BYTES: usize = 16 * 1024;
+
+/// Why a bridge cannot be had.
+#[derive(Debug, thiserror::Error)]
+pub enum ServerError {
+    /// The address is not to be had.
+    #[error("bridge cannot listen on {address}: {error}")]
+    Listen {
+        /// The address.
+        address: SocketAddr,
+        /// Why.
+        error: io::Error,
+    },
+    /// No thread for it.
+    #[error("no thread for the bridge on {address}: {error}")]
+    Thread {
+        /// The address.
+        address: SocketAddr,
+        /// Why.
+        error: io::Error,
+    },
+}
+
+/// A listening bridge. Dropping it closes every connection and waits for its threads.
+#[derive(Debug)]
+pub(super) struct Server {
+    address: SocketAddr,
+    hub: Arc<Hub>,
+    stop: Arc<AtomicBool>,
+    acceptor: Option<JoinHandle<()>>,
+}
+
+impl Server {
+    pub(super) fn start(settings: &BridgeSettings, hub: Arc<Hub>) -> Result<Self, ServerError> {
+        let address = settings.address;
+        let listen = || {
+            let listener = TcpListener::bind(address)?;
+            listener.set_nonblocking(true)?;
+            let address = listener.local_addr()?;
+            Ok((listener, address))
+        };
+        let (listener, bound) = listen().map_err(|error| ServerError::Listen { address, error })?;
+        let stop = Arc::new(AtomicBool::new(false));
+        let acceptor = Acceptor {
+            listener,
+            protocol: settings.protocol,
+            hub: hub.clone(),
+            stop: stop.clone(),
+        };
+        let acceptor = thread::Builder::new()
+            .name(format!("bridge {}", bound.port()))
+            .spawn(move || acceptor.run())
+            .map_err(|error| ServerError::Thread { address: bound, error })?;
+        Ok(Self { address: bound, hub, stop, acceptor: Some(acceptor) })
+    }
+
+    pub(super) fn address(&self) -> SocketAddr {
+        self.address
+    }
+}
+
+impl Drop for Server {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Release);
+        self.hub.close();
+        if let Some(acceptor) = self.acceptor.take() {
+            acceptor.thread().unpark();
+            // A panic in it has been reported on stderr already.
+            let _ = acceptor.join();
+        }
+    }
+}
+
+struct Acceptor {
+    listener: TcpListener,
+    protocol: BridgeProtocol,
+    hub: Arc<Hub>,
+    stop: Arc<AtomicBool>,
+}
+
+impl Acceptor {
+    fn run(self) {
+        let mut clients: Vec<JoinHandle<()>> = Vec::new();
+        while !self.stop.load(Ordering::Acquire) {
+            clients.retain(|client| !client.is_finished());
+            match self.listener.accept() {
+                Ok((stream, _)) => clients.extend(self.admit(stream)),
+                // Nobody there, or someone who left again at once.
+                Err(_) => thread::park_timeout(ACCEPT_INTERVAL),
+            }
+        }
+        for client in clients {
+            let _ = client.join();
+        }
+    }
+
+    /// Starts the threads of a client. One for whom there is no room, or no thread, finds its
+    /// connection closed.
+    fn admit(&self, stream: TcpStream) -> Option<JoinHandle<()>> {
+        let (outbox, queue) = sync_channel(self.hub.queue());
+        let admit = || -> io::Result<Option<(TcpStream, ClientId)>> {
+            stream.set_nonblocking(false)?;
+            stream.set_nodelay(true)?;
+            let id = self.hub.join(stream.try_clone()?, outbox.clone());
+            Ok(id.map(|id| (stream, id)))
+        };
+        let (stream, id) = admit().ok()??;
+        let hub = self.hub.clone();
+        let session = Session::new(self.protocol);
+        let serve = move || serve(&hub, id, &stream, session, outbox, queue);
+        let started = thread::Builder::new().name(format!("bridge client {id}")).spawn(serve);
+        if started.is_err() {
+            self.hub.leave(id);
+        }
+        started.ok()
+    }
+}
+
+/// The life of a client.
+fn serve(
+    hub: &Hub,
+    id: ClientId,
+    stream: &TcpStream,
+    session: Session,
+    outbox: SyncSender<Outgoing>,
+    queue: Receiver<Outgoing>,
+) {
+    let mut greeting = Vec::new();
+    session.greet(&mut greeting);
+    let session = &Mutex::new(session);
+    thread::scope(|scope| {
+        // The writer ends when nobody can queue anything any more. The queue goes with it, so that
+        // the reader does not wait for room in it.
+        let writer = thread::Builder::new().spawn_scoped(scope, move || {
+            write_all(hub, stream, session, &queue, greeting);
+            hub.leave(id);
+        });
+        if writer.is_ok() {
+            read_all(hub, id, stream, session, &outbox);
+        }
+        drop(outbox);
+        hub.leave(id);
+    });
+}
+
+/// A client's way to the bus.
+struct ClientUplink<'a> {
+    hub: &'a Hub,
+    id: ClientId,
+}
+
+impl Uplink for ClientUplink<'_> {
+    fn bus(&self) -> Option<StationConfig> {
+        self.hub.bus()
+    }
+
+    fn send(&mut self, frame: CanFrame) -> bool {
+        self.hub.submit(self.id, frame)
+    }
+
+    fn count_refused(&mut self) {
+        count(&self.hub.counters.refused);
+    }
+
+    fn count_mismatched(&mut self) {
+        count(&self.hub.counters.mismatched);
+    }
+}
+
+fn read_all(
+    hub: &Hub,
+    id: ClientId,
+    mut stream: &TcpStream,
+    session: &Mutex<Session>,
+    outbox: &SyncSender<Outgoing>,
+) {
+    let mut uplink = ClientUplink { hub, id };
+    let mut bytes = [0; 2048];
+    loop {
+        let read = match stream.read(&mut bytes) {
+            Ok(0) => return,
+            Ok(read) => read,
+            Err(error) if error.kind() == ErrorKind::Interrupted => continue,
+            Err(_) => return,
+        };
+        let mut answer = Vec::new();
+        let written = bytes.get(..read).unwrap_or_default();
+        session.lock().unwrap_or_else(PoisonError::into_inner).feed(
+            written,
+            &mut uplink,
+            &mut answer,
+        );
+        // A client that does not read its answers is not read from either.
+        if !answer.is_empty() && outbox.send(Outgoing::Answer(answer)).is_err() {
+            return;
+        }
+    }
+}
+
+fn write_all(
+    hub: &Hub,
+    mut stream: &TcpStream,
+    session: &Mutex<Session>,
+    queue: &Receiver<Outgoing>,
+    greeting: Vec<u8>,
+) {
+    let mut text = greeting;
+    loop {
+        if !text.is_empty() && stream.write_all(&text).is_err() {
+            return;
+        }
+        text.clear();
+        let Ok(first) = queue.recv() else { return };
+        let bus = hub.bus();
+        let session = session.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut next = Some(first);
+        while let Some(item) = next {
+            match item {
+                Outgoing::Frame(frame, time_ns) => session.encode(&frame, time_ns, bus, &mut text),
+                Outgoing::Answer(answer) => text.extend(answer),
+            }
+            next = if text.len() < WRITE_BYTES { queue.try_recv().ok() } else { None };
+        }
+    }
+}

@@ -1,0 +1,60 @@
+//! The bit rates that slcan names.
+
+/// Clock of the SJA1000's time quanta in Lawicel's adapters, Hz: 16 MHz through two.
+const QUANTA_CLOCK: u32 = 8_000_000;
+
+/// `Sn`: bit/s of the arbitration phase. 9 is python-can's, as some adapters have it.
+pub(super) fn standard(code: u8) -> Option<u32> {
+    let rates =
+        [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000, 83_300];
+    rates.get(usize::from(code)).copied()
+}
+
+/// `Yn`: bit/s of the data phase, of CANable 2 and its successors.
+pub(super) fn data(code: u8) -> Option<u32> {
+    matches!(code, 1 | 2 | 4 | 5 | 8).then(|| u32::from(code) * 1_000_000)
+}
+
+/// `sxxyy`: bit/s that the bus timing registers of an SJA1000 make.
+pub(super) fn of_registers(btr0: u8, btr1: u8) -> u32 {
+    let prescaler = u32::from(btr0 & 0x3F) + 1;
+    let before_sample = u32::from(btr1 & 0x0F) + 1;
+    let after_sample = u32::from(btr1 >> 4 & 0x07) + 1;
+    QUANTA_CLOCK / (prescaler * (1 + before_sample + after_sample))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lawicels_register_values_give_its_standard_rates() {
+        // The table of the CAN232 manual.
+        let table = [
+            (0x31, 0x1C, 10_000),
+            (0x18, 0x1C, 20_000),
+            (0x09, 0x1C, 50_000),
+            (0x04, 0x1C, 100_000),
+            (0x03, 0x1C, 125_000),
+            (0x01, 0x1C, 250_000),
+            (0x00, 0x1C, 500_000),
+            (0x00, 0x16, 800_000),
+            (0x00, 0x14, 1_000_000),
+        ];
+        for (btr0, btr1, rate) in table {
+            assert_eq!(of_registers(btr0, btr1), rate, "{btr0:#04X} {btr1:#04X}");
+        }
+    }
+
+    #[test]
+    fn codes_without_a_rate_are_none() {
+        assert_eq!(
+            (standard(6), standard(8), standard(10)),
+            (Some(500_000), Some(1_000_000), None)
+        );
+        assert_eq!(
+            (data(2), data(5), data(0), data(3)),
+            (Some(2_000_000), Some(5_000_000), None, None)
+        );
+    }
+}

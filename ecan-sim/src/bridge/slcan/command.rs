@@ -1,0 +1,149 @@
+//! One line of slcan, read.
+
+use ecan_protocol::{CanFrame, CanId, Dlc};
+
+use super::bit_rate;
+
+/// What a client asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::bridge) enum SlcanCommand {
+    /// An empty line, as clients send it to get rid of half a command.
+    Nothing,
+    /// `Sn`, `sxxyy`: the bit rate of the arbitration phase is to be this, bit/s.
+    Bitrate(u32),
+    /// `Yn`: that of the data phase.
+    DataBitrate(u32),
+    /// `O`.
+    Open,
+    /// `L`.
+    OpenListening,
+    /// `C`.
+    Close,
+    /// A frame to send.
+    Transmit(CanFrame),
+    /// `F`: status flags.
+    Flags,
+    /// `V`, and `v` of some adapters.
+    Version,
+    /// `N`.
+    SerialNumber,
+    /// `Zn`: whether received frames carry a time.
+    Timestamps(bool),
+    /// `X1`: received frames are sent at once, which they always are.
+    AutoPoll,
+    /// `Mxxxxxxxx`, `mFFFFFFFF`: an acceptance filter that lets everything pass.
+    AcceptAll,
+}
+
+/// The line is no command that is served here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::bridge) struct NotUnderstood;
+
+/// The longest command: an extended CAN FD frame of 64 bytes.
+pub(super) const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64;
+
+/// Reads a line without its end.
+pub(super) fn parse(line: &[u8]) -> Result<SlcanCommand, NotUnderstood> {
+    use SlcanCommand as Command;
+    let Some((&letter, arguments)) = line.split_first() else { return Ok(Command::Nothing) };
+    let fd = |brs| Format::Fd { brs };
+    match letter {
+        b't' => transmit(arguments, false, Format::Classic),
+        b'T' => transmit(arguments, true, Format::Classic),
+        b'r' => transmit(arguments, false, Format::Remote),
+        b'R' => transmit(arguments, true, Format::Remote),
+        b'd' => transmit(arguments, false, fd(false)),
+        b'D' => transmit(arguments, true, fd(false)),
+        b'b' => transmit(arguments, false, fd(true)),
+        b'B' => transmit(arguments, true, fd(true)),
+        b'S' => digit(arguments).and_then(bit_rate::standard).map(Command::Bitrate),
+        b's' => number(arguments, 4).map(|registers| {
+            let [_, _, btr0, btr1] = registers.to_be_bytes();
+            Command::Bitrate(bit_rate::of_registers(btr0, btr1))
+        }),
+        b'Y' => digit(arguments).and_then(bit_rate::data).map(Command::DataBitrate),
+        b'Z' => match arguments {
+            b"0" => Some(Command::Timestamps(false)),
+            b"1" => Some(Command::Timestamps(true)),
+            _ => None,
+        },
+        b'X' => (arguments == b"1").then_some(Command::AutoPoll),
+        b'M' => number(arguments, 8).map(|_| Command::AcceptAll),
+        b'm' => (number(arguments, 8) == Some(u32::MAX)).then_some(Command::AcceptAll),
+        _ if !arguments.is_empty() => None,
+        b'O' => Some(Command::Open),
+        b'L' => Some(Command::OpenListening),
+        b'C' => Some(Command::Close),
+        b'F' => Some(Command::Flags),
+        b'V' | b'v' => Some(Command::Version),
+        b'N' => Some(Command::SerialNumber),
+        _ => None,
+    }
+    .ok_or(NotUnderstood)
+}
+
+/// Format of a frame to send.
+#[derive(Clone, Copy)]
+enum Format {
+    Classic,
+    Remote,
+    Fd { brs: bool },
+}
+
+fn transmit(arguments: &[u8], extended: bool, format: Format) -> Option<SlcanCommand> {
+    let digits = if extended { 8 } else { 3 };
+    let (id, rest) = arguments.split_at_checked(digits)?;
+    let id = CanId::new(number(id, digits)?, extended).ok()?;
+    let (&code, hex) = rest.split_first()?;
+    let dlc = Dlc::new(hex_digit(code)?)?;
+    if !matches!(format, Format::Fd { .. }) && dlc.value() > 8 {
+        return None;
+    }
+    let mut data = [0; 64];
+    let data = bytes(hex, &mut data)?;
+    let frame = match format {
+        Format::Remote if data.is_empty() => CanFrame::remote(id, dlc),
+        Format::Classic if data.len() == dlc.classic_len() => CanFrame::classic(id, data),
+        Format::Fd { brs } if data.len() == dlc.fd_len() => CanFrame::fd(id, data, brs, false),
+        _ => return None,
+    };
+    frame.ok().map(SlcanCommand::Transmit)
+}
+
+/// A single decimal digit.
+fn digit(text: &[u8]) -> Option<u8> {
+    match text {
+        [digit @ b'0'..=b'9'] => Some(digit - b'0'),
+        _ => None,
+    }
+}
+
+/// A number of exactly so many hexadecimal digits, at most eight.
+fn number(text: &[u8], digits: usize) -> Option<u32> {
+    if text.len() != digits {
+        return None;
+    }
+    text.iter().try_fold(0, |value, &digit| Some(value << 4 | u32::from(hex_digit(digit)?)))
+}
+
+/// Pairs of hexadecimal digits.
+fn bytes<'a>(hex: &[u8], store: &'a mut [u8; 64]) -> Option<&'a [u8]> {
+    let length = hex.len() / 2;
+    if !hex.len().is_multiple_of(2) || length > store.len() {
+        return None;
+    }
+    for (byte, pair) in store.iter_mut().zip(hex.chunks_exact(2)) {
+        *byte = u8::try_from(number(pair, 2)?).ok()?;
+    }
+    store.get(..length)
+}
+
+/// A hexadecimal digit of either case.
+fn hex_digit(digit: u8) -> Option<u8> {
+    match digit {
+        b'0'..=b'9' => Some(digit - b'0'),
+        b'a'..=b'f' => Some(digit - b'a' + 10),
+        b'A'..=b'F' => Some(digit - b'A' + 10),
+        _ => None,
+    }
+}

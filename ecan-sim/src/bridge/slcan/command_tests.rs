@@ -1,0 +1,200 @@
+//! Golden lines, and what every line has in common.
+
+use ecan_protocol::{CanFrame, CanId, Dlc};
+use proptest::prelude::*;
+
+use super::command::{MAX_LINE, NotUnderstood, SlcanCommand, parse};
+use super::encode::encode;
+
+fn standard(id: u16) -> CanId {
+    CanId::standard(id).unwrap()
+}
+
+fn extended(id: u32) -> CanId {
+    CanId::extended(id).unwrap()
+}
+
+fn text(frame: &CanFrame, time_ns: Option<u64>) -> String {
+    let mut text = Vec::new();
+    encode(frame, time_ns, &mut text);
+    String::from_utf8(text).unwrap()
+}
+
+/// Lines as python-can 4.6 writes them, and the frames they mean.
+fn golden_frames() -> Vec<(&'static str, CanFrame)> {
+    let bytes: Vec<u8> = (0x10..0x1C).collect();
+    vec![
+        ("t12381122334455667788", {
+            CanFrame::classic(standard(0x123), &[0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88])
+                .unwrap()
+        }),
+        ("t7FF0", CanFrame::classic(standard(0x7FF), &[]).unwrap()),
+        ("T1FFFFFFF2ABCD", CanFrame::classic(extended(0x1FFF_FFFF), &[0xAB, 0xCD]).unwrap()),
+        ("T000001231FF", CanFrame::classic(extended(0x123), &[0xFF]).unwrap()),
+        ("r6018", CanFrame::remote(standard(0x601), Dlc::new(8).unwrap()).unwrap()),
+        ("R123456780", CanFrame::remote(extended(0x1234_5678), Dlc::new(0).unwrap()).unwrap()),
+        ("d0013010203", CanFrame::fd(standard(1), &[1, 2, 3], false, false).unwrap()),
+        ("D000000100", CanFrame::fd(extended(0x10), &[], false, false).unwrap()),
+        (
+            "b7019101112131415161718191A1B",
+            CanFrame::fd(standard(0x701), &bytes, true, false).unwrap(),
+        ),
+        ("B1234567880102030405060708", {
+            let data = [1, 2, 3, 4, 5, 6, 7, 8];
+            CanFrame::fd(extended(0x1234_5678), &data, true, false).unwrap()
+        }),
+    ]
+}
+
+#[test]
+fn frames_are_written_and_read_as_python_can_does() {
+    for (line, frame) in golden_frames() {
+        assert_eq!(parse(line.as_bytes()), Ok(SlcanCommand::Transmit(frame)), "{line}");
+        assert_eq!(text(&frame, None), format!("{line}\r"));
+        let lower = line[..1].to_owned() + &line[1..].to_lowercase();
+        assert_eq!(parse(lower.as_bytes()), Ok(SlcanCommand::Transmit(frame)), "{lower}");
+    }
+}
+
+#[test]
+fn the_longest_frame_is_the_longest_line() {
+    let frame = CanFrame::fd(extended(1), &[0xA5; 64], true, false).unwrap();
+    assert_eq!(text(&frame, None).len(), MAX_LINE + 1);
+    assert!(text(&frame, None).starts_with("B00000001FA5"));
+}
+
+#[test]
+fn a_timestamp_counts_milliseconds_of_a_minute() {
+    let frame = CanFrame::classic(standard(0x123), &[7]).unwrap();
+    let stamped = |ms: u64| text(&frame, Some(ms * 1_000_000 + 999_999));
+    assert_eq!(stamped(0), "t1231070000\r");
+    assert_eq!(stamped(59_999), "t123107EA5F\r");
+    assert_eq!(stamped(60_001), "t1231070001\r");
+}
+
+#[test]
+fn commands_are_read() {
+    use SlcanCommand as Command;
+    let table = [
+        ("", Command::Nothing),
+        ("S0", Command::Bitrate(10_000)),
+        ("S6", Command::Bitrate(500_000)),
+        ("S8", Command::Bitrate(1_000_000)),
+        ("S9", Command::Bitrate(83_300)),
+        ("s031C", Command::Bitrate(125_000)),
+        ("s0014", Command::Bitrate(1_000_000)),
+        ("Y2", Command::DataBitrate(2_000_000)),
+        ("Y5", Command::DataBitrate(5_000_000)),
+        ("O", Command::Open),
+        ("L", Command::OpenListening),
+        ("C", Command::Close),
+        ("F", Command::Flags),
+        ("V", Command::Version),
+        ("v", Command::Version),
+        ("N", Command::SerialNumber),
+        ("Z0", Command::Timestamps(false)),
+        ("Z1", Command::Timestamps(true)),
+        ("X1", Command::AutoPoll),
+        ("M00000000", Command::AcceptAll),
+        ("mFFFFFFFF", Command::AcceptAll),
+    ];
+    for (line, command) in table {
+        assert_eq!(parse(line.as_bytes()), Ok(command), "{line:?}");
+    }
+}
+
+#[test]
+fn what_is_wrong_is_refused() {
+    let lines = [
+        "t",
+        "t12",
+        "t123",
+        "t8000",
+        "t123911",
+        "t12",
+        "t1232AA",
+        "t1231AAB",
+        "t1231AABB",
+        "t1231GG",
+        "t 231AA",
+        "T2000000000",
+        "T0000000",
+        "r12391",
+        "r123111",
+        "rF00",
+        "r1239",
+        "d123911",
+        "b123F",
+        "dFFF0",
+        "tFFF0",
+        "S",
+        "S:",
+        "S66",
+        "s0",
+        "sXXXX",
+        "Y0",
+        "Y3",
+        "Z2",
+        "X0",
+        "m00000000",
+        "M1",
+        "OO",
+        "O ",
+        "C1",
+        "A",
+        "P",
+        "U1",
+        "Q1",
+        "W0",
+        "x",
+        "\x07",
+        "é",
+    ];
+    for line in lines {
+        assert_eq!(parse(line.as_bytes()), Err(NotUnderstood), "{line:?}");
+    }
+}
+
+fn any_id() -> impl Strategy<Value = CanId> {
+    prop_oneof![(0..=0x7FFu16).prop_map(standard), (0..=0x1FFF_FFFFu32).prop_map(extended),]
+}
+
+/// Every frame that slcan can express: all but those with the error state indicator.
+pub(super) fn any_frame() -> impl Strategy<Value = CanFrame> {
+    let classic = (any_id(), prop::collection::vec(any::<u8>(), 0..=8))
+        .prop_map(|(id, data)| CanFrame::classic(id, &data).unwrap());
+    let remote = (any_id(), 0..=8u8)
+        .prop_map(|(id, dlc)| CanFrame::remote(id, Dlc::new(dlc).unwrap()).unwrap());
+    let fd =
+        (any_id(), 0..16u8, any::<[u8; 32]>(), any::<bool>()).prop_map(|(id, dlc, half, brs)| {
+            let data = [half, half].concat();
+            let length = Dlc::new(dlc).unwrap().fd_len();
+            CanFrame::fd(id, &data[..length], brs, false).unwrap()
+        });
+    prop_oneof![classic, remote, fd]
+}
+
+proptest! {
+    #[test]
+    fn what_is_written_can_be_read(frame in any_frame()) {
+        let line = text(&frame, None);
+        let line = line.strip_suffix('\r').unwrap();
+        prop_assert_eq!(parse(line.as_bytes()), Ok(SlcanCommand::Transmit(frame)));
+    }
+
+    #[test]
+    fn any_line_is_read_or_refused(line in prop::collection::vec(any::<u8>(), 0..200)) {
+        if let Ok(SlcanCommand::Transmit(frame)) = parse(&line) {
+            prop_assert_eq!(text(&frame, None).to_uppercase().into_bytes(),
+                [&line.to_ascii_uppercase()[..], b"\r"].concat());
+        }
+    }
+
+    #[test]
+    fn lines_that_are_nearly_frames_are_read_or_refused(line in "[tTrRdDbB][0-9A-Fa-f]{0,24}") {
+        if let Ok(command) = parse(line.as_bytes()) {
+            let SlcanCommand::Transmit(frame) = command else { panic!("{line} is {command:?}") };
+            prop_assert_eq!(text(&frame, None).to_uppercase(), line.to_uppercase() + "\r");
+        }
+    }
+}

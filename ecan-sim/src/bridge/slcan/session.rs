@@ -1,0 +1,151 @@
+//! What an slcan adapter remembers, and how it answers.
+
+use ecan_protocol::{CanFrame, FrameKind};
+
+use super::command::{MAX_LINE, NotUnderstood, SlcanCommand, parse};
+use super::encode::{encode, hex};
+use super::{BELL, OK};
+use crate::bridge::session::Uplink;
+use crate::bus::StationConfig;
+
+/// Hardware and software version, two digits each.
+const VERSION: &[u8] = b"V1010";
+/// Four characters, as Lawicel's have.
+const SERIAL_NUMBER: &[u8] = b"NECAN";
+/// Status flag "transmit queue full".
+const FLAG_TRANSMIT_FULL: u32 = 1 << 1;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Mode {
+    Closed,
+    Listening,
+    Open,
+}
+
+/// The adapter that one client sees.
+///
+/// The bus has the bit rates that it has: naming one does not change it. But a client that names
+/// another than that of the bus hears nothing and cannot send, as on a real bus, where it would
+/// disturb the others besides.
+#[derive(Debug)]
+pub(in crate::bridge) struct SlcanSession {
+    line: Vec<u8>,
+    /// The line is too long; the rest of it is not looked at.
+    overlong: bool,
+    mode: Mode,
+    bitrate: Option<u32>,
+    data_bitrate: Option<u32>,
+    timestamps: bool,
+    /// Since the flags were read last.
+    flags: u32,
+}
+
+impl SlcanSession {
+    pub(in crate::bridge) fn new() -> Self {
+        Self {
+            line: Vec::with_capacity(MAX_LINE),
+            overlong: false,
+            mode: Mode::Closed,
+            bitrate: None,
+            data_bitrate: None,
+            timestamps: false,
+            flags: 0,
+        }
+    }
+
+    /// Takes in what the client wrote. Line feeds between lines do not matter.
+    pub(in crate::bridge) fn feed(
+        &mut self,
+        bytes: &[u8],
+        bus: &mut impl Uplink,
+        answer: &mut Vec<u8>,
+    ) {
+        for &byte in bytes {
+            match byte {
+                b'\r' => self.line_ends(bus, answer),
+                b'\n' if self.line.is_empty() && !self.overlong => {}
+                _ if self.line.len() < MAX_LINE => self.line.push(byte),
+                _ => self.overlong = true,
+            }
+        }
+    }
+
+    fn line_ends(&mut self, bus: &mut impl Uplink, answer: &mut Vec<u8>) {
+        let overlong = std::mem::take(&mut self.overlong);
+        let command = if overlong { Err(NotUnderstood) } else { parse(&self.line) };
+        self.line.clear();
+        let done = command.is_ok_and(|command| self.run(command, bus, answer));
+        if done {
+            answer.push(OK);
+        } else {
+            bus.count_refused();
+            answer.push(BELL);
+        }
+    }
+
+    /// Does what is asked and appends the answer up to its end; false refuses, with no answer
+    /// appended.
+    fn run(&mut self, command: SlcanCommand, bus: &mut impl Uplink, answer: &mut Vec<u8>) -> bool {
+        use SlcanCommand as Command;
+        let is_closed = self.mode == Mode::Closed;
+        match command {
+            Command::Nothing | Command::AutoPoll => return true,
+            Command::Close => self.mode = Mode::Closed,
+            Command::Version => answer.extend(VERSION),
+            Command::SerialNumber => answer.extend(SERIAL_NUMBER),
+            Command::Flags if !is_closed => {
+                answer.push(b'F');
+                hex(std::mem::take(&mut self.flags), 2, answer);
+            }
+            Command::Transmit(frame) if self.mode == Mode::Open => {
+                return self.transmit(frame, bus, answer);
+            }
+            // The rest is set up while the channel is closed.
+            _ if !is_closed => return false,
+            Command::Open => self.mode = Mode::Open,
+            Command::OpenListening => self.mode = Mode::Listening,
+            Command::Bitrate(bitrate) => self.bitrate = Some(bitrate),
+            Command::DataBitrate(bitrate) => self.data_bitrate = Some(bitrate),
+            Command::Timestamps(wanted) => self.timestamps = wanted,
+            Command::AcceptAll => {}
+            Command::Flags | Command::Transmit(_) => return false,
+        }
+        true
+    }
+
+    fn transmit(&mut self, frame: CanFrame, bus: &mut impl Uplink, answer: &mut Vec<u8>) -> bool {
+        if bus.bus().is_some_and(|config| !self.fits(&frame, &config)) {
+            bus.count_mismatched();
+            return false;
+        }
+        if !bus.send(frame) {
+            self.flags |= FLAG_TRANSMIT_FULL;
+            return false;
+        }
+        answer.push(if frame.id().is_extended() { b'Z' } else { b'z' });
+        true
+    }
+
+    /// Whether a frame can go between this client and a bus.
+    fn fits(&self, frame: &CanFrame, bus: &StationConfig) -> bool {
+        let shares = |named: Option<u32>, real| named.is_none_or(|named| named == real);
+        let is_fast = matches!(frame.kind(), FrameKind::Fd { brs: true, .. });
+        shares(self.bitrate, bus.nominal_bitrate)
+            && (bus.fd || !frame.is_fd())
+            && (!is_fast || shares(self.data_bitrate, bus.data_bitrate))
+    }
+
+    /// Appends a frame of the bus, if the channel is open and the bit rates are right.
+    pub(in crate::bridge) fn encode(
+        &self,
+        frame: &CanFrame,
+        time_ns: u64,
+        bus: Option<StationConfig>,
+        text: &mut Vec<u8>,
+    ) {
+        let hears = bus.is_none_or(|config| self.fits(frame, &config));
+        if self.mode != Mode::Closed && hears {
+            encode(frame, self.timestamps.then_some(time_ns), text);
+        }
+    }
+}

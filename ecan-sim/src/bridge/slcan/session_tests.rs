@@ -1,0 +1,182 @@
+//! Conversations with the adapter.
+
+use ecan_protocol::{CanFrame, CanId};
+use proptest::prelude::*;
+
+use super::SlcanSession;
+use super::command_tests::any_frame;
+use crate::bridge::session::Uplink;
+use crate::bus::StationConfig;
+
+/// A bus that writes down what it is given.
+#[derive(Default)]
+struct Bus {
+    config: Option<StationConfig>,
+    sent: Vec<CanFrame>,
+    room: usize,
+    refused: usize,
+    mismatched: usize,
+}
+
+impl Bus {
+    fn new(config: Option<StationConfig>) -> Self {
+        Self { config, room: usize::MAX, ..Self::default() }
+    }
+}
+
+impl Uplink for Bus {
+    fn bus(&self) -> Option<StationConfig> {
+        self.config
+    }
+
+    fn send(&mut self, frame: CanFrame) -> bool {
+        let has_room = self.sent.len() < self.room;
+        if has_room {
+            self.sent.push(frame);
+        }
+        has_room
+    }
+
+    fn count_refused(&mut self) {
+        self.refused += 1;
+    }
+
+    fn count_mismatched(&mut self) {
+        self.mismatched += 1;
+    }
+}
+
+fn say(session: &mut SlcanSession, bus: &mut Bus, text: &str) -> String {
+    let mut answer = Vec::new();
+    session.feed(text.as_bytes(), bus, &mut answer);
+    String::from_utf8(answer).unwrap()
+}
+
+fn heard(session: &SlcanSession, bus: &Bus, frame: &CanFrame) -> String {
+    let mut text = Vec::new();
+    session.encode(frame, 1_234_000_000, bus.config, &mut text);
+    String::from_utf8(text).unwrap()
+}
+
+fn frame(data: &[u8]) -> CanFrame {
+    CanFrame::classic(CanId::standard(0x123).unwrap(), data).unwrap()
+}
+
+#[test]
+fn a_session_as_python_can_begins_it() {
+    let mut session = SlcanSession::new();
+    let mut bus = Bus::new(Some(StationConfig::classic(500_000)));
+    // Closing a closed channel does no harm; the second O finds it open.
+    assert_eq!(say(&mut session, &mut bus, "C\rS6\r\rO\rO\r"), "\r\r\r\r\x07");
+    assert_eq!(say(&mut session, &mut bus, "t1232AABB\r"), "z\r");
+    assert_eq!(say(&mut session, &mut bus, "T000001230\r"), "Z\r");
+    assert_eq!(bus.sent.len(), 2);
+    assert_eq!(heard(&session, &bus, &frame(&[1, 2])), "t12320102\r");
+    assert_eq!(say(&mut session, &mut bus, "V\rN\r"), "V1010\rNECAN\r");
+    assert_eq!(say(&mut session, &mut bus, "C\r"), "\r");
+    assert_eq!(heard(&session, &bus, &frame(&[1, 2])), "");
+    assert_eq!(say(&mut session, &mut bus, "t1230\r"), "\x07");
+    assert_eq!((bus.sent.len(), bus.refused), (2, 2));
+}
+
+#[test]
+fn a_listening_channel_hears_and_does_not_send() {
+    let mut session = SlcanSession::new();
+    let mut bus = Bus::new(None);
+    assert_eq!(say(&mut session, &mut bus, "Z1\rL\rt1230\r"), "\r\r\x07");
+    assert_eq!(heard(&session, &bus, &frame(&[])), "t123004D2\r");
+    assert!(bus.sent.is_empty());
+}
+
+#[test]
+fn the_channel_is_set_up_while_it_is_closed() {
+    let mut session = SlcanSession::new();
+    let mut bus = Bus::new(None);
+    assert_eq!(say(&mut session, &mut bus, "F\rO\r"), "\x07\r");
+    assert_eq!(say(&mut session, &mut bus, "S6\rY2\rZ1\rs0014\rmFFFFFFFF\r"), "\x07".repeat(5));
+    assert_eq!(say(&mut session, &mut bus, "F\r"), "F00\r");
+}
+
+#[test]
+fn a_full_queue_refuses_and_shows_in_the_flags() {
+    let mut session = SlcanSession::new();
+    let mut bus = Bus::new(None);
+    bus.room = 1;
+    assert_eq!(say(&mut session, &mut bus, "O\rt1230\rt1230\r"), "\rz\r\x07");
+    assert_eq!(say(&mut session, &mut bus, "F\rF\r"), "F02\rF00\r");
+}
+
+#[test]
+fn another_bit_rate_than_the_buses_hears_and_sends_nothing() {
+    let mut session = SlcanSession::new();
+    let mut bus = Bus::new(Some(StationConfig::classic(500_000)));
+    assert_eq!(say(&mut session, &mut bus, "S8\rO\rt1230\r"), "\r\r\x07");
+    assert_eq!(heard(&session, &bus, &frame(&[])), "");
+    assert_eq!((bus.sent.len(), bus.mismatched), (0, 1));
+    bus.config = Some(StationConfig::classic(1_000_000));
+    assert_eq!(say(&mut session, &mut bus, "t1230\r"), "z\r");
+    assert_eq!(heard(&session, &bus, &frame(&[])), "t1230\r");
+}
+
+#[test]
+fn fd_frames_need_an_fd_bus_and_fast_ones_its_data_bit_rate() {
+    let mut session = SlcanSession::new();
+    let mut bus = Bus::new(Some(StationConfig::classic(500_000)));
+    assert_eq!(say(&mut session, &mut bus, "S6\rY5\rO\rd1230\rb1230\r"), "\r\r\r\x07\x07");
+    bus.config = Some(StationConfig::fd(500_000, 2_000_000));
+    assert_eq!(say(&mut session, &mut bus, "d1230\rb1230\r"), "z\r\x07");
+    bus.config = Some(StationConfig::fd(500_000, 5_000_000));
+    assert_eq!(say(&mut session, &mut bus, "b1230\rB000001230\r"), "z\rZ\r");
+    assert_eq!((bus.sent.len(), bus.mismatched), (3, 3));
+}
+
+#[test]
+fn an_endless_line_is_refused_once_and_the_next_one_read() {
+    let mut session = SlcanSession::new();
+    let mut bus = Bus::new(None);
+    let endless = "t".repeat(100_000);
+    assert_eq!(say(&mut session, &mut bus, &endless), "");
+    assert_eq!(say(&mut session, &mut bus, "\rO\r\nt1230\r\n"), "\x07\rz\r");
+}
+
+proptest! {
+    /// It does not matter how TCP cuts what the client writes, and nothing is sent but what was
+    /// asked for, in its order.
+    #[test]
+    fn pieces_do_not_matter(
+        frames in prop::collection::vec(any_frame(), 1..20),
+        cuts in prop::collection::vec(1..40usize, 1..60),
+    ) {
+        let mut text = b"O\r".to_vec();
+        let mut writer = SlcanSession::new();
+        let mut nowhere = Bus::new(None);
+        writer.feed(b"O\r", &mut nowhere, &mut Vec::new());
+        for frame in &frames {
+            writer.encode(frame, 0, None, &mut text);
+        }
+        let mut session = SlcanSession::new();
+        let mut bus = Bus::new(None);
+        let mut answer = Vec::new();
+        let mut cuts = cuts.iter().cycle();
+        let mut rest = &text[..];
+        while !rest.is_empty() {
+            let (piece, behind) = rest.split_at(rest.len().min(*cuts.next().unwrap()));
+            session.feed(piece, &mut bus, &mut answer);
+            rest = behind;
+        }
+        prop_assert_eq!(bus.sent, frames);
+        prop_assert_eq!(bus.refused, 0);
+    }
+
+    /// Whatever comes, each line has one answer.
+    #[test]
+    fn any_bytes_are_answered(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
+        let mut session = SlcanSession::new();
+        let mut bus = Bus::new(None);
+        let mut answer = Vec::new();
+        session.feed(&bytes, &mut bus, &mut answer);
+        let lines = bytes.iter().filter(|byte| **byte == b'\r').count();
+        let ends = answer.iter().filter(|byte| matches!(byte, b'\r' | 0x07)).count();
+        prop_assert_eq!(ends, lines);
+    }
+}

@@ -1,0 +1,21 @@
+//! Frames as socketcand writes them.
+
+use std::io::Write as _;
+
+use ecan_protocol::{CanFrame, FrameKind};
+
+/// Appends a received classic data frame with its time in seconds. Raw mode has no form for others.
+pub(super) fn encode(frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
+    if frame.kind() != FrameKind::Data {
+        return;
+    }
+    let digits = if frame.id().is_extended() { 8 } else { 3 };
+    let (seconds, micros) = (time_ns / 1_000_000_000, time_ns / 1_000 % 1_000_000);
+    let id = frame.id().raw();
+    // infallible: writing to a vector
+    let _ = write!(text, "< frame {id:0digits$X} {seconds}.{micros:06} ");
+    for byte in frame.data() {
+        let _ = write!(text, "{byte:02X}");
+    }
+    text.extend(b" >");
+}

@@ -1,0 +1,10 @@
+//! socketcand: the ASCII protocol of the daemon of the same name, as far as raw mode needs it.
+
+mod command;
+mod encode;
+mod session;
+
+#[cfg(test)]
+mod tests;
+
+pub(super) use session::SocketcandSession;

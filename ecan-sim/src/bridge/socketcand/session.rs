@@ -1,0 +1,99 @@
+//! What socketcand remembers of a client, and how it answers.
+
+use std::io::Write as _;
+
+use ecan_protocol::CanFrame;
+
+use super::command::{Refusal, SocketcandCommand, parse};
+use super::encode::encode;
+use crate::bridge::session::Uplink;
+
+/// More between `<` and `>` is no command.
+const MAX_COMMAND: usize = 200;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+enum Mode {
+    NoBus,
+    Opened,
+    Raw,
+}
+
+/// The daemon that one client sees. Whatever bus it opens is the bridge's.
+#[derive(Debug)]
+pub(in crate::bridge) struct SocketcandSession {
+    /// What has come since the last `<`; none outside of a command.
+    command: Option<Vec<u8>>,
+    mode: Mode,
+}
+
+impl SocketcandSession {
+    pub(in crate::bridge) fn new() -> Self {
+        Self { command: None, mode: Mode::NoBus }
+    }
+
+    pub(in crate::bridge) fn greet(&self, answer: &mut Vec<u8>) {
+        answer.extend(b"< hi >");
+    }
+
+    /// Takes in what the client wrote. What stands outside of `<` and `>` does not matter.
+    pub(in crate::bridge) fn feed(
+        &mut self,
+        bytes: &[u8],
+        bus: &mut impl Uplink,
+        answer: &mut Vec<u8>,
+    ) {
+        for &byte in bytes {
+            match (byte, &mut self.command) {
+                (b'<', command) => *command = Some(Vec::new()),
+                (b'>', command) => {
+                    if let Some(text) = command.take() {
+                        self.command_ends(&text, bus, answer);
+                    }
+                }
+                // One byte too many is enough to tell.
+                (_, Some(text)) if text.len() <= MAX_COMMAND => text.push(byte),
+                _ => {}
+            }
+        }
+    }
+
+    fn command_ends(&mut self, text: &[u8], bus: &mut impl Uplink, answer: &mut Vec<u8>) {
+        let text = if text.len() > MAX_COMMAND { None } else { str::from_utf8(text).ok() };
+        let command = text.ok_or(Refusal::Syntax).and_then(parse);
+        if let Err(refusal) = command.and_then(|command| self.run(command, bus, answer)) {
+            bus.count_refused();
+            // infallible: writing to a vector
+            let _ = write!(answer, "< error {refusal} >");
+        }
+    }
+
+    fn run(
+        &mut self,
+        command: SocketcandCommand,
+        bus: &mut impl Uplink,
+        answer: &mut Vec<u8>,
+    ) -> Result<(), Refusal> {
+        match command {
+            SocketcandCommand::Open if self.mode == Mode::NoBus => self.mode = Mode::Opened,
+            SocketcandCommand::RawMode if self.mode == Mode::Opened => self.mode = Mode::Raw,
+            SocketcandCommand::Echo => {
+                answer.extend(b"< echo >");
+                return Ok(());
+            }
+            // Sending is not answered where it succeeds.
+            SocketcandCommand::Send(frame) if self.mode != Mode::NoBus => {
+                return if bus.send(frame) { Ok(()) } else { Err(Refusal::Full) };
+            }
+            _ => return Err(Refusal::Mode),
+        }
+        answer.extend(b"< ok >");
+        Ok(())
+    }
+
+    /// Appends a frame of the bus, in raw mode.
+    pub(in crate::bridge) fn encode(&self, frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
+        if self.mode == Mode::Raw {
+            encode(frame, time_ns, text);
+        }
+    }
+}

@@ -1,0 +1,199 @@
+//! Commands to the axis: controlword, mode, targets.
+
+use ecan_canopen::{Controlword, DriveState, OperatingMode, object};
+
+use super::axis::Axis;
+use super::history::{TargetKind, TargetRecord};
+use super::motion::ModeBits;
+use super::parameters::Parameters;
+use super::power::{Conditions, halt_slowing};
+
+/// What of the commands a frame has brought.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Brought {
+    pub(super) controlword: Option<u16>,
+    pub(super) mode: Option<i8>,
+    pub(super) position: bool,
+    pub(super) velocity: bool,
+    pub(super) torque: bool,
+}
+
+impl Axis {
+    /// Notes a command that has been written to an object. False for objects that are no commands.
+    pub(super) fn note(&mut self, index: u16, number: i64, brought: &mut Brought) -> bool {
+        match index {
+            object::CONTROLWORD => brought.controlword = Some(number as u16),
+            object::MODE_OF_OPERATION => brought.mode = Some(number as i8),
+            object::TARGET_POSITION => {
+                self.targets.position = number as i32;
+                brought.position = true;
+            }
+            object::TARGET_VELOCITY => {
+                self.targets.velocity = number as i32;
+                brought.velocity = true;
+            }
+            object::TARGET_TORQUE => {
+                self.targets.torque = number as i16;
+                brought.torque = true;
+            }
+            object::POSITION_OFFSET => self.targets.position_offset = number as i32,
+            object::VELOCITY_OFFSET => self.targets.velocity_offset = number as i32,
+            object::TORQUE_OFFSET => self.targets.torque_offset = number as i16,
+            _ => return false,
+        }
+        true
+    }
+
+    /// Takes what a frame has brought: mode, controlword, targets, in this order.
+    pub(super) fn take(&mut self, brought: &Brought, parameters: &Parameters) {
+        if let Some(raw) = brought.mode {
+            self.request_mode(raw, parameters);
+        }
+        if let Some(word) = brought.controlword {
+            self.command(Controlword(word), parameters);
+        }
+        if brought.position && self.mode != Some(OperatingMode::ProfilePosition) {
+            let followed = self.follows(OperatingMode::CyclicPosition);
+            self.record(TargetKind::Position, self.targets.position, followed, parameters);
+            if followed {
+                self.follow_position(parameters);
+            }
+        }
+        if brought.velocity {
+            let followed = self.follows(OperatingMode::CyclicVelocity)
+                || self.follows(OperatingMode::ProfileVelocity);
+            self.record(TargetKind::Velocity, self.targets.velocity, followed, parameters);
+            if followed {
+                self.follow_velocity();
+            }
+        }
+        if brought.torque {
+            let followed = self.follows(OperatingMode::CyclicTorque);
+            let torque = self.targets.torque;
+            self.record(TargetKind::Torque, i32::from(torque), followed, parameters);
+            if followed {
+                let sum = torque.saturating_add(self.targets.torque_offset);
+                self.motion.cyclic_torque(f64::from(sum));
+            }
+        }
+    }
+
+    fn follows(&self, mode: OperatingMode) -> bool {
+        self.power.state() == DriveState::OperationEnabled
+            && self.mode == Some(mode)
+            && !self.power.is_leaving()
+            && !self.controlword().has(Controlword::HALT)
+    }
+
+    fn record(&mut self, kind: TargetKind, target: i32, followed: bool, parameters: &Parameters) {
+        self.history.add(TargetRecord {
+            time_ns: self.now,
+            kind,
+            target,
+            state: self.power.state(),
+            followed,
+            actual: self.position(),
+            previous: None,
+            first: false,
+            window: parameters.following_window,
+        });
+    }
+
+    /// Mechanical position of a target, within the software limits.
+    fn mechanical(&mut self, target: i32, parameters: &Parameters) -> f64 {
+        let allowed = match parameters.limits {
+            Some((low, high)) => target.clamp(low, high),
+            None => target,
+        };
+        self.at_limit = allowed != target;
+        let here = self.position_wide();
+        // Targets run over as positions do: the shorter way is meant.
+        let way = allowed.wrapping_sub(here as i32);
+        (self.origin + here + i64::from(way)) as f64
+    }
+
+    pub(super) fn follow_position(&mut self, parameters: &Parameters) {
+        let target = self.targets.position.wrapping_add(self.targets.position_offset);
+        let position = self.mechanical(target, parameters);
+        self.motion.cyclic_position(position, parameters.interpolation as f64 / 1e9);
+    }
+
+    pub(super) fn follow_velocity(&mut self) {
+        let velocity = f64::from(self.targets.velocity);
+        if self.mode == Some(OperatingMode::CyclicVelocity) {
+            self.motion.cyclic_velocity(velocity + f64::from(self.targets.velocity_offset));
+        } else {
+            self.motion.profile_velocity(velocity);
+        }
+    }
+
+    fn request_mode(&mut self, raw: i8, parameters: &Parameters) {
+        let mode = OperatingMode::from_raw(raw);
+        if self.settings.quirks.ignored_modes.contains(&raw) {
+            return;
+        }
+        let delay = u64::from(self.settings.quirks.mode_delay_ms) * 1_000_000;
+        if delay == 0 {
+            self.change_mode(mode, parameters);
+        } else {
+            self.next_mode = Some((mode, self.now.saturating_add(delay)));
+        }
+    }
+
+    pub(super) fn change_mode(&mut self, mode: Option<OperatingMode>, parameters: &Parameters) {
+        if mode == self.mode {
+            return;
+        }
+        self.mode = mode;
+        if self.power.state() == DriveState::OperationEnabled && !self.power.is_leaving() {
+            self.take_up(parameters);
+        }
+    }
+
+    fn command(&mut self, word: Controlword, parameters: &Parameters) {
+        let previous = self.power.controlword();
+        let conditions = Conditions {
+            may_enable: self.mode.is_some() || !self.settings.quirks.needs_mode,
+            may_reset: !self.settings.quirks.stuck_in_fault,
+            enable_ns: u64::from(self.settings.enable_ms) * 1_000_000,
+        };
+        let action = self.power.command(self.now, word, parameters, &conditions);
+        self.act(action, parameters);
+        if self.power.state() != DriveState::OperationEnabled || self.power.is_leaving() {
+            return;
+        }
+        let bits = ModeBits::of(word, previous);
+        match self.mode {
+            Some(OperatingMode::ProfilePosition) if bits.rises => {
+                self.set_point(&bits, parameters);
+            }
+            Some(OperatingMode::ProfilePosition) if !word.has(Controlword::MODE_4) => {
+                self.motion.release_set_point();
+            }
+            Some(OperatingMode::Homing) if bits.rises && !bits.halt => {
+                self.motion.home(parameters.homing_method, &self.motor);
+            }
+            Some(OperatingMode::Homing) if bits.falls => self.motion.leave_home(),
+            _ => {}
+        }
+        if bits.halt {
+            self.slow(halt_slowing(parameters.halt), parameters);
+        } else if bits.halt_ends {
+            self.motion.go_on();
+            if self.mode == Some(OperatingMode::ProfileVelocity) {
+                self.follow_velocity();
+            }
+        }
+    }
+
+    fn set_point(&mut self, bits: &ModeBits, parameters: &Parameters) {
+        let mut target = self.targets.position;
+        if bits.relative {
+            let base = (self.motion.set_point_base().round() as i64 - self.origin) as i32;
+            target = target.wrapping_add(base);
+        }
+        let position = self.mechanical(target, parameters);
+        self.record(TargetKind::Position, target, true, parameters);
+        self.motion.set_point(position, bits.at_once);
+    }
+}

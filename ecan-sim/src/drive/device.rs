@@ -1,0 +1,447 @@
+//! The drive behind its CAN controller: what its parts do together.
+
+use std::collections::VecDeque;
+
+use ecan_canopen::{
+    CobId, DriveState, ErrorRegister, NmtCommand, NmtState, NodeLossReaction, Statusword,
+    heartbeat_data, object,
+};
+use ecan_protocol::{CanFrame, CanId};
+
+use super::axis::{Axis, Report};
+use super::default_objects::{default_objects, fill_in};
+use super::dictionary::{Dictionary, Object, Value};
+use super::emergency::{Emergency, register_of};
+use super::network::{Network, WatchEvent};
+use super::parameters::Parameters;
+use super::pdo::{ReceivePdo, TransmitPdo, numbers};
+use super::sdo_server::{BlockSupport, Bytes};
+use super::settings::{DriveSettings, SdoRule};
+use super::slots::Slots;
+use crate::node::NodeOutput;
+
+/// Heartbeat of another node is missing.
+pub(super) const HEARTBEAT_LOST: u16 = 0x8130;
+/// A PDO came with too few bytes.
+pub(super) const PDO_TOO_SHORT: u16 = 0x8210;
+/// A PDO came with too many bytes.
+pub(super) const PDO_TOO_LONG: u16 = 0x8220;
+/// The NMT master has ended communication while the motor was under current.
+const COMMUNICATION_ENDED: u16 = 0x8100;
+/// A PDO that has a timer did not come.
+pub(super) const PDO_LATE: u16 = 0x8250;
+
+/// Reset of communication takes this long.
+const COMMUNICATION_RESET_NS: u64 = 2_000_000;
+/// SDO answers that may wait for their time.
+const ANSWERS: usize = 8;
+
+/// The parts of a drive.
+#[derive(Clone, Debug)]
+pub(super) struct Device {
+    pub(super) settings: DriveSettings,
+    pub(super) now: u64,
+    powered: bool,
+    on_bus: bool,
+    power_on_at: Option<u64>,
+    pub(super) objects: Dictionary,
+    slots: Slots,
+    pub(super) parameters: Parameters,
+    pub(super) network: Network,
+    pub(super) emergency: Emergency,
+    pub(super) axis: Axis,
+    pub(super) receive: Vec<ReceivePdo>,
+    pub(super) transmit: Vec<TransmitPdo>,
+    pub(super) sync_id: Option<CanId>,
+    /// Rules about SDO transfers, and how often each may still strike.
+    pub(super) rules: Vec<(SdoRule, Option<u32>)>,
+    answers: VecDeque<(u64, Bytes)>,
+    pub(super) syncs: u64,
+    pub(super) received_pdos: u64,
+}
+
+impl Device {
+    /// A drive with the built-in objects, or those of an EDS.
+    pub(super) fn new(settings: &DriveSettings, objects: Option<Vec<Object>>) -> Self {
+        let motor = &settings.motor;
+        let mut list = match objects {
+            Some(mut objects) => {
+                fill_in(&mut objects, motor);
+                objects
+            }
+            None => default_objects(settings.node, settings.serial, motor),
+        };
+        list.retain(|object| !settings.quirks.missing.contains(&object.index));
+        let objects = Dictionary::new(list);
+        let axis = Axis::new(settings);
+        Self {
+            settings: settings.clone(),
+            now: 0,
+            powered: false,
+            on_bus: false,
+            power_on_at: None,
+            slots: Slots::find(&objects),
+            parameters: Parameters::read(&objects, axis.motor()),
+            network: Network::new(),
+            emergency: Emergency::new(),
+            axis,
+            receive: numbers(&objects, object::RPDO_COMMUNICATION)
+                .map(|number| ReceivePdo::load(&objects, number))
+                .collect(),
+            transmit: numbers(&objects, object::TPDO_COMMUNICATION)
+                .map(|number| TransmitPdo::load(&objects, number))
+                .collect(),
+            sync_id: None,
+            rules: settings.quirks.sdo_rules.iter().map(|rule| (*rule, rule.times)).collect(),
+            answers: VecDeque::with_capacity(ANSWERS),
+            syncs: 0,
+            received_pdos: 0,
+            objects,
+        }
+    }
+
+    pub(super) fn block_support(&self) -> BlockSupport {
+        BlockSupport {
+            known: !self.settings.quirks.no_block_transfer,
+            upload_falls_back: self.settings.quirks.block_upload_falls_back,
+        }
+    }
+
+    pub(super) const fn is_powered(&self) -> bool {
+        self.powered
+    }
+
+    /// Whether the controller takes part in the bus: from the end of booting until the supply
+    /// goes. A reset by NMT leaves it there.
+    pub(super) const fn is_on_bus(&self) -> bool {
+        self.on_bus
+    }
+
+    /// The supply comes.
+    pub(super) fn switch_on(&mut self, now: u64) {
+        self.axis.advance(now, &self.parameters);
+        self.now = now;
+        self.powered = true;
+        self.power_on_at = None;
+        self.axis.restart(true);
+        self.reset_node();
+    }
+
+    /// The supply goes, and comes again at `on_at`.
+    pub(super) fn switch_off(&mut self, now: u64, on_at: u64) {
+        self.axis.advance(now, &self.parameters);
+        self.now = now;
+        self.powered = false;
+        self.on_bus = false;
+        self.power_on_at = Some(on_at);
+        self.axis.restart(false);
+        self.network.boot(None);
+        self.answers.clear();
+        self.emergency.restart();
+    }
+
+    /// The device begins anew, with what was saved.
+    fn reset_node(&mut self) {
+        self.axis.restart(false);
+        self.emergency.restart();
+        self.reload(0x0000..=0xFFFF);
+        self.boot(u64::from(self.settings.boot_ms) * 1_000_000);
+    }
+
+    fn reset_communication(&mut self) {
+        self.lose_host_in_motion();
+        self.reload(0x1000..=0x1FFF);
+        self.boot(COMMUNICATION_RESET_NS);
+    }
+
+    fn boot(&mut self, ns: u64) {
+        self.answers.clear();
+        let at = self.now.saturating_add(ns);
+        self.network.boot((!self.settings.quirks.never_boots).then_some(at));
+    }
+
+    /// Takes saved values and defaults into force.
+    fn reload(&mut self, indices: std::ops::RangeInclusive<u16>) {
+        for object in self.objects.iter_mut().filter(|object| indices.contains(&object.index)) {
+            match (&mut object.value, object.saved.as_ref().unwrap_or(&object.default)) {
+                (Value::Bytes(value), Value::Bytes(bytes)) => {
+                    value.clear();
+                    value.extend_from_slice(bytes);
+                }
+                (value, reset) => *value = reset.clone(),
+            }
+        }
+        self.load_parameters();
+        for pdo in &mut self.receive {
+            *pdo = ReceivePdo::load(&self.objects, pdo.number);
+        }
+        for pdo in &mut self.transmit {
+            *pdo = TransmitPdo::load(&self.objects, pdo.number);
+        }
+        self.load_sync();
+        self.network.load_watches(&self.objects);
+        let mode = self.objects.number(object::MODE_OF_OPERATION, 0).unwrap_or(0) as i8;
+        self.axis.preset_mode(mode);
+    }
+
+    /// Takes changed parameters of motion into force.
+    pub(super) fn load_parameters(&mut self) {
+        self.parameters = Parameters::read(&self.objects, self.axis.motor());
+        self.axis.limit_torque(&self.parameters);
+    }
+
+    pub(super) fn load_sync(&mut self) {
+        let raw = self.objects.number(object::SYNC_COB_ID, 0);
+        self.sync_id = raw.and_then(|raw| CanId::standard((raw & 0x7FF) as u16).ok());
+    }
+
+    /// The boot-up message goes out.
+    fn finish_boot(&mut self, out: &mut NodeOutput) {
+        self.on_bus = true;
+        self.send(
+            out,
+            CobId::heartbeat(self.settings.node),
+            &heartbeat_data(NmtState::Initialising),
+        );
+        self.network.set_state(NmtState::PreOperational);
+        self.network.load(self.now, &self.objects);
+        self.axis.ready();
+    }
+
+    pub(super) fn send(&self, out: &mut NodeOutput, id: CobId, data: &[u8]) {
+        self.send_as(out, id.can_id(), data);
+    }
+
+    pub(super) fn send_as(&self, out: &mut NodeOutput, id: CanId, data: &[u8]) {
+        if !self.settings.quirks.silent
+            && let Ok(frame) = CanFrame::classic(id, data)
+        {
+            out.send(frame);
+        }
+    }
+
+    /// A command of the NMT master.
+    pub(super) fn nmt(&mut self, command: NmtCommand) {
+        let before = self.network.state();
+        match command {
+            NmtCommand::Start => {
+                self.network.set_state(NmtState::Operational);
+                if before != NmtState::Operational {
+                    self.transmit.iter_mut().for_each(TransmitPdo::start);
+                }
+            }
+            NmtCommand::Stop => {
+                self.network.set_state(NmtState::Stopped);
+                if before != NmtState::Stopped {
+                    self.lose_host_in_motion();
+                }
+            }
+            NmtCommand::EnterPreOperational => {
+                self.network.set_state(NmtState::PreOperational);
+            }
+            NmtCommand::ResetNode => self.reset_node(),
+            NmtCommand::ResetCommunication => self.reset_communication(),
+        }
+        if self.network.state() != NmtState::Operational {
+            self.leave_operational();
+        }
+    }
+
+    fn leave_operational(&mut self) {
+        for pdo in &mut self.receive {
+            pdo.waiting = None;
+            pdo.deadline = None;
+        }
+    }
+
+    /// Being stopped or reset counts as a loss of the host, for a motor under current.
+    fn lose_host_in_motion(&mut self) {
+        if self.axis.is_energised() {
+            self.axis.host_lost(COMMUNICATION_ENDED, &self.parameters);
+        }
+    }
+
+    /// Monitoring has found the host missing: what 0x1029 and 0x6007 say.
+    fn lose_host(&mut self, code: u16) {
+        let faults = self.parameters.node_loss == NodeLossReaction::Fault
+            && !matches!(self.axis.state(), DriveState::Fault | DriveState::FaultReactionActive);
+        if !faults {
+            // Otherwise the fault tells it.
+            self.emergency.raise(code, register_of(code), &mut self.objects);
+        }
+        self.axis.host_lost(code, &self.parameters);
+        match self.objects.number(object::ERROR_BEHAVIOUR, 1).unwrap_or(0) {
+            0 if self.network.state() == NmtState::Operational => {
+                self.nmt(NmtCommand::EnterPreOperational);
+            }
+            2 => self.nmt(NmtCommand::Stop),
+            _ => {}
+        }
+    }
+
+    /// A heartbeat of another node.
+    pub(super) fn heartbeat(&mut self, producer: ecan_canopen::NodeId) {
+        let faulted =
+            matches!(self.axis.state(), DriveState::Fault | DriveState::FaultReactionActive);
+        if self.network.heard(self.now, producer) == Some(WatchEvent::Back) && !faulted {
+            self.emergency.clear(ErrorRegister::COMMUNICATION);
+        }
+    }
+
+    /// A fault from outside the axis.
+    pub(super) fn fault(&mut self, code: u16) {
+        self.axis.fault(code, &self.parameters);
+    }
+
+    /// Lets time pass.
+    pub(super) fn run_to(&mut self, now: u64) {
+        self.axis.advance(now, &self.parameters);
+        self.now = now;
+    }
+
+    /// Everything that is due by the clock.
+    pub(super) fn tick(&mut self, now: u64, out: &mut NodeOutput) {
+        if !self.powered {
+            if self.power_on_at.is_some_and(|at| at <= now) {
+                self.switch_on(now);
+            }
+            return;
+        }
+        self.run_to(now);
+        if self.network.boots(now) {
+            self.finish_boot(out);
+        }
+        while self.network.misses(now).is_some() {
+            self.lose_host(HEARTBEAT_LOST);
+        }
+        let late = |pdo: &&mut ReceivePdo| pdo.deadline.is_some_and(|at| at <= now);
+        while let Some(pdo) = self.receive.iter_mut().find(late) {
+            pdo.deadline = None;
+            self.lose_host(PDO_LATE);
+        }
+        if self.network.beats(now) {
+            let data = heartbeat_data(self.network.state());
+            self.send(out, CobId::heartbeat(self.settings.node), &data);
+        }
+    }
+
+    /// Queues an SDO answer.
+    pub(super) fn answer(&mut self, bytes: Bytes) {
+        if self.answers.len() < ANSWERS {
+            let delay = u64::from(self.settings.sdo_delay_us) * 1_000;
+            self.answers.push_back((self.now.saturating_add(delay), bytes));
+        }
+    }
+
+    /// Whether an SDO answer waits for its time.
+    pub(super) fn is_answering(&self) -> bool {
+        !self.answers.is_empty()
+    }
+
+    /// Sends what has become due: reports of the axis, process data on events, answers, errors.
+    pub(super) fn settle(&mut self, out: &mut NodeOutput) {
+        if !self.powered {
+            return;
+        }
+        match self.axis.take_report() {
+            Some(Report::Fault(code)) => {
+                self.emergency.raise(code, register_of(code), &mut self.objects);
+            }
+            Some(Report::Reset) => self.emergency.clear_all(),
+            None => {}
+        }
+        let operational = self.network.state() == NmtState::Operational;
+        if operational && self.transmit.iter().any(TransmitPdo::is_event_driven) {
+            self.publish();
+            self.send_events(out);
+        }
+        while let Some((at, bytes)) = self.answers.front().copied()
+            && at <= self.now
+        {
+            self.answers.pop_front();
+            if self.network.communicates() {
+                self.send(out, CobId::sdo_server(self.settings.node), &bytes);
+            }
+        }
+        self.send_emergencies(out);
+    }
+
+    fn send_emergencies(&mut self, out: &mut NodeOutput) {
+        if self.emergency.next_event().is_none() {
+            return;
+        }
+        let raw = self.objects.number(object::EMCY_COB_ID, 0).unwrap_or(0) as u32;
+        let id = ecan_canopen::PdoCobId::from_raw(raw).filter(|cob_id| cob_id.is_valid);
+        let (true, Some(cob_id)) = (self.network.communicates(), id) else {
+            return self.emergency.drop_waiting();
+        };
+        let inhibit = self.objects.number(object::EMCY_INHIBIT, 0).unwrap_or(0).max(0) as u64;
+        while let Some(emcy) = self.emergency.due(self.now, inhibit * 100_000) {
+            self.send_as(out, cob_id.id, &emcy.to_bytes());
+        }
+    }
+
+    /// The statusword.
+    pub(super) fn statusword(&self) -> Statusword {
+        let mut word = self.axis.statusword(&self.parameters).0;
+        if self.network.state() != NmtState::Initialising {
+            word |= Statusword::REMOTE;
+        }
+        let faulted =
+            matches!(self.axis.state(), DriveState::Fault | DriveState::FaultReactionActive);
+        if self.emergency.register().0 != 0 && !faulted {
+            word |= Statusword::WARNING;
+        }
+        Statusword(word)
+    }
+
+    /// Brings the objects that the drive tells up to date.
+    pub(super) fn publish(&mut self) {
+        let position = i64::from(self.axis.position());
+        let mode = self.axis.mode().map_or(0, |mode| i64::from(mode.raw()));
+        let torque = self.axis.motor().torque().round() as i64;
+        let values = [
+            (self.slots.error_register, i64::from(self.emergency.register().0)),
+            (self.slots.error_code, i64::from(self.emergency.code())),
+            (self.slots.statusword, i64::from(self.statusword().0)),
+            (self.slots.mode_display, mode),
+            (self.slots.position_demand, i64::from(self.axis.demand())),
+            (self.slots.position_internal, self.axis.motor().position().round() as i64),
+            (self.slots.position, position),
+            (self.slots.velocity_demand, i64::from(self.axis.demanded_velocity())),
+            (self.slots.velocity, self.axis.motor().velocity().round() as i64),
+            (self.slots.torque_demand, torque),
+            (self.slots.torque, torque),
+            (self.slots.following_error, i64::from(self.axis.following_error())),
+            (self.slots.inputs, i64::from(self.axis.switches().bits())),
+        ];
+        for (slot, value) in values {
+            if let Some(slot) = slot {
+                self.objects.put(slot, value as u64);
+            }
+        }
+    }
+
+    /// When something is due by the clock.
+    pub(super) fn next_event(&self) -> Option<u64> {
+        if !self.powered {
+            return self.power_on_at;
+        }
+        let answer = self.answers.front().map(|(at, _)| *at);
+        let emergency = self.emergency.next_event().filter(|_| self.network.communicates());
+        let operational = self.network.state() == NmtState::Operational;
+        let late = self.receive.iter().filter_map(|pdo| pdo.deadline).min();
+        let events = self.transmit.iter().filter_map(|pdo| pdo.next_event(self.now)).min();
+        [
+            self.network.next_event(),
+            self.axis.next_event(),
+            answer,
+            emergency,
+            late,
+            events.filter(|_| operational),
+        ]
+        .into_iter()
+        .flatten()
+        .min()
+    }
+}

@@ -1,0 +1,231 @@
+//! The object dictionary: what there is, who may touch it, and its values.
+
+use ecan_protocol::AbortCode;
+
+use super::data_type::DataType;
+
+/// Who may read and write an object by SDO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Access {
+    /// Read, and never changing.
+    Const,
+    /// Read.
+    ReadOnly,
+    /// Write.
+    WriteOnly,
+    /// Read and write.
+    ReadWrite,
+    /// Read and write; in PDOs an input of the master.
+    ReadWriteInput,
+    /// Read and write; in PDOs an output of the master.
+    ReadWriteOutput,
+}
+
+impl Access {
+    const fn is_readable(self) -> bool {
+        !matches!(self, Self::WriteOnly)
+    }
+
+    const fn is_writable(self) -> bool {
+        !matches!(self, Self::Const | Self::ReadOnly)
+    }
+}
+
+/// A value: a number's raw bits, or bytes.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Value {
+    Number(u64),
+    Bytes(Vec<u8>),
+}
+
+/// One subindex.
+#[derive(Clone, Debug)]
+pub(super) struct Object {
+    pub(super) index: u16,
+    pub(super) subindex: u8,
+    pub(super) data_type: DataType,
+    pub(super) access: Access,
+    pub(super) mappable: bool,
+    /// Least and greatest value.
+    pub(super) limits: (Option<i64>, Option<i64>),
+    /// What it holds after a reset with nothing saved.
+    pub(super) default: Value,
+    /// Saved by 0x1010.
+    pub(super) saved: Option<Value>,
+    pub(super) value: Value,
+}
+
+impl Object {
+    pub(super) const fn key(&self) -> (u16, u8) {
+        (self.index, self.subindex)
+    }
+
+    /// Whether a TPDO can carry it.
+    pub(super) const fn can_be_sent(&self) -> bool {
+        let way = !matches!(self.access, Access::WriteOnly | Access::ReadWriteOutput);
+        self.mappable && way && self.data_type.bits().is_some()
+    }
+
+    /// Whether an RPDO can carry it.
+    pub(super) const fn can_be_received(&self) -> bool {
+        let way = !matches!(self.access, Access::ReadWriteInput) && self.access.is_writable();
+        self.mappable && way && self.data_type.bits().is_some()
+    }
+}
+
+/// Names an object of one dictionary.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Slot(u16);
+
+/// Longest value of an object without a length of its own.
+pub(super) const LONGEST: usize = 65_536;
+
+/// Objects in the order of their indices.
+#[derive(Clone, Debug, Default)]
+pub(super) struct Dictionary {
+    objects: Vec<Object>,
+}
+
+impl Dictionary {
+    /// A dictionary of these objects, each with its default. Of two with the same index and
+    /// subindex the first stays.
+    pub(super) fn new(mut objects: Vec<Object>) -> Self {
+        objects.sort_by_key(Object::key);
+        objects.dedup_by_key(|object| object.key());
+        objects.truncate(usize::from(u16::MAX));
+        Self { objects }
+    }
+
+    /// Where an object is.
+    ///
+    /// # Errors
+    /// Whether the index or only the subindex is unknown.
+    pub(super) fn find(&self, index: u16, subindex: u8) -> Result<Slot, AbortCode> {
+        match self.objects.binary_search_by_key(&(index, subindex), Object::key) {
+            Ok(place) => Ok(Slot(place as u16)),
+            Err(_) if self.has(index) => Err(AbortCode::NO_SUBINDEX),
+            Err(_) => Err(AbortCode::NO_OBJECT),
+        }
+    }
+
+    /// Whether there is an object of this index.
+    pub(super) fn has(&self, index: u16) -> bool {
+        let place = self.objects.partition_point(|object| object.index < index);
+        self.objects.get(place).is_some_and(|object| object.index == index)
+    }
+
+    pub(super) fn object(&self, slot: Slot) -> Option<&Object> {
+        self.objects.get(usize::from(slot.0))
+    }
+
+    pub(super) fn iter_mut(&mut self) -> impl Iterator<Item = &mut Object> {
+        self.objects.iter_mut()
+    }
+
+    /// The bits of a number; 0 for bytes.
+    pub(super) fn raw(&self, slot: Slot) -> u64 {
+        match self.object(slot).map(|object| &object.value) {
+            Some(Value::Number(raw)) => *raw,
+            _ => 0,
+        }
+    }
+
+    /// A number by index and subindex, with its sign.
+    pub(super) fn number(&self, index: u16, subindex: u8) -> Option<i64> {
+        let object = self.object(self.find(index, subindex).ok()?)?;
+        match object.value {
+            Value::Number(raw) => Some(object.data_type.number(raw)),
+            Value::Bytes(_) => None,
+        }
+    }
+
+    /// Sets a number whatever its access; bits that the type does not have are cut off.
+    pub(super) fn put(&mut self, slot: Slot, raw: u64) {
+        if let Some(object) = self.objects.get_mut(usize::from(slot.0))
+            && let Value::Number(value) = &mut object.value
+        {
+            *value = object.data_type.cut(raw);
+        }
+    }
+
+    /// The same by index and subindex; nothing where there is no such object.
+    pub(super) fn set(&mut self, index: u16, subindex: u8, value: i64) {
+        if let Ok(slot) = self.find(index, subindex) {
+            self.put(slot, value as u64);
+        }
+    }
+
+    /// What an SDO upload reads, into `out`.
+    ///
+    /// # Errors
+    /// A write-only object.
+    pub(super) fn read(&self, slot: Slot, out: &mut Vec<u8>) -> Result<(), AbortCode> {
+        let object = self.object(slot).ok_or(AbortCode::NO_OBJECT)?;
+        if !object.access.is_readable() {
+            return Err(AbortCode::WRITE_ONLY);
+        }
+        out.clear();
+        match &object.value {
+            Value::Number(raw) => {
+                let size = object.data_type.size().unwrap_or(8);
+                out.extend(raw.to_le_bytes().into_iter().take(size));
+            }
+            Value::Bytes(bytes) => out.extend_from_slice(bytes),
+        }
+        Ok(())
+    }
+
+    /// Whether an SDO download of `length` bytes could be taken at all; `None` where the client
+    /// does not say how many.
+    ///
+    /// # Errors
+    /// A read-only object, or a length that its type does not have.
+    pub(super) fn check_write(&self, slot: Slot, length: Option<usize>) -> Result<(), AbortCode> {
+        let object = self.object(slot).ok_or(AbortCode::NO_OBJECT)?;
+        if !object.access.is_writable() {
+            return Err(AbortCode::READ_ONLY);
+        }
+        let Some(length) = length else { return Ok(()) };
+        match object.data_type.size() {
+            Some(size) if length > size => Err(AbortCode::TOO_LONG),
+            Some(size) if length < size => Err(AbortCode::TOO_SHORT),
+            None if length > LONGEST => Err(AbortCode::TOO_LONG),
+            _ => Ok(()),
+        }
+    }
+
+    /// The number that `data` would make of an object; `None` for an object of bytes.
+    ///
+    /// # Errors
+    /// As [`check_write`](Self::check_write), and a number outside the object's limits.
+    pub(super) fn decode(&self, slot: Slot, data: &[u8]) -> Result<Option<i64>, AbortCode> {
+        self.check_write(slot, Some(data.len()))?;
+        let object = self.object(slot).ok_or(AbortCode::NO_OBJECT)?;
+        if object.data_type.size().is_none() {
+            return Ok(None);
+        }
+        let raw = data.iter().rev().fold(0, |raw, byte| raw << 8 | u64::from(*byte));
+        let number = object.data_type.number(raw);
+        let (low, high) = object.limits;
+        if matches!(object.data_type, DataType::Boolean) && raw > 1 {
+            return Err(AbortCode::RANGE);
+        }
+        if high.is_some_and(|high| number > high) {
+            return Err(AbortCode::TOO_GREAT);
+        }
+        if low.is_some_and(|low| number < low) {
+            return Err(AbortCode::TOO_SMALL);
+        }
+        Ok(Some(number))
+    }
+
+    /// Replaces the bytes of an object that holds bytes.
+    pub(super) fn put_bytes(&mut self, slot: Slot, data: &[u8]) {
+        if let Some(object) = self.objects.get_mut(usize::from(slot.0))
+            && let Value::Bytes(bytes) = &mut object.value
+        {
+            bytes.clear();
+            bytes.extend_from_slice(data);
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! What targets the drive received and what it was doing then: the drive's own testimony.
+
+use std::collections::VecDeque;
+
+use ecan_canopen::DriveState;
+
+/// Quantity of a target.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TargetKind {
+    /// 0x607A, in position units.
+    Position,
+    /// 0x60FF, in position units per second.
+    Velocity,
+    /// 0x6071, in thousandths of the rated torque.
+    Torque,
+}
+
+/// A target at the instant at which the drive took it.
+///
+/// A synchronous RPDO is taken at its SYNC, everything else when it arrives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TargetRecord {
+    /// When, in simulated nanoseconds.
+    pub time_ns: u64,
+    /// What of.
+    pub kind: TargetKind,
+    /// The target.
+    pub target: i32,
+    /// State of the drive behind the frame that brought the target, so with its controlword taken.
+    pub state: DriveState,
+    /// Whether the drive follows it: it is in Operation Enabled, in a mode for this kind, and not
+    /// stopping. In profile position the set-point counts, not the write to 0x607A.
+    pub followed: bool,
+    /// Actual position at that instant.
+    pub actual: i32,
+    /// Target before it, of the same kind and since the drive was enabled (or changed its mode, or
+    /// was homed).
+    pub previous: Option<i32>,
+    /// Whether it is the first since the drive entered Operation Enabled (or changed its mode
+    /// there, or was homed). Always `false` for a target that is not followed.
+    pub first: bool,
+    /// Following error window (0x6065) at that instant.
+    pub window: u32,
+}
+
+impl TargetRecord {
+    /// Distance of a position target from the actual position, in position units; 0 for other
+    /// kinds.
+    #[must_use]
+    pub fn offset(&self) -> u32 {
+        match self.kind {
+            TargetKind::Position => self.target.wrapping_sub(self.actual).unsigned_abs(),
+            TargetKind::Velocity | TargetKind::Torque => 0,
+        }
+    }
+
+    /// Distance from the target before it; 0 for the first.
+    #[must_use]
+    pub fn step(&self) -> u32 {
+        self.previous.map_or(0, |previous| self.target.wrapping_sub(previous).unsigned_abs())
+    }
+}
+
+/// Sums over all targets since the drive was made, those that the history has forgotten included.
+/// Distances are of position targets.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TargetSums {
+    /// Targets that the drive followed.
+    pub followed: u64,
+    /// Targets that it did not follow.
+    pub ignored: u64,
+    /// Firsts since enabling.
+    pub firsts: u64,
+    /// Greatest distance of a first target from the actual position.
+    pub largest_first_offset: u32,
+    /// Greatest distance of any target followed from the actual position.
+    pub largest_offset: u32,
+    /// Greatest distance between two targets in a row.
+    pub largest_step: u32,
+    /// Targets followed that lay outside the following error window.
+    pub outside_window: u64,
+}
+
+/// The last targets, and sums over all.
+#[derive(Clone, Debug)]
+pub struct TargetHistory {
+    records: VecDeque<TargetRecord>,
+    depth: usize,
+    sums: TargetSums,
+    /// Last target since enabling, by kind.
+    last: [Option<i32>; 3],
+    awaits_first: bool,
+}
+
+impl TargetHistory {
+    pub(super) fn new(depth: usize) -> Self {
+        Self {
+            records: VecDeque::with_capacity(depth),
+            depth,
+            sums: TargetSums::default(),
+            last: [None; 3],
+            awaits_first: false,
+        }
+    }
+
+    /// The drive has entered Operation Enabled, has changed its mode there, or has been homed: the
+    /// next target has none before it.
+    pub(super) fn restart(&mut self) {
+        self.awaits_first = true;
+        self.last = [None; 3];
+    }
+
+    /// Adds a target; `first` and `previous` are found here.
+    pub(super) fn add(&mut self, mut record: TargetRecord) {
+        if record.followed {
+            record.first = std::mem::take(&mut self.awaits_first);
+            if let Some(last) = self.last.get_mut(record.kind as usize) {
+                record.previous = last.replace(record.target);
+            }
+        }
+        self.sum(&record);
+        if self.depth > 0 {
+            if self.records.len() >= self.depth {
+                self.records.pop_front();
+            }
+            self.records.push_back(record);
+        }
+    }
+
+    fn sum(&mut self, record: &TargetRecord) {
+        let sums = &mut self.sums;
+        if !record.followed {
+            sums.ignored += 1;
+            return;
+        }
+        sums.followed += 1;
+        if record.first {
+            sums.firsts += 1;
+        }
+        if record.kind != TargetKind::Position {
+            return;
+        }
+        if record.first {
+            sums.largest_first_offset = sums.largest_first_offset.max(record.offset());
+        }
+        sums.largest_offset = sums.largest_offset.max(record.offset());
+        sums.largest_step = sums.largest_step.max(record.step());
+        if record.window != u32::MAX && record.offset() > record.window {
+            sums.outside_window += 1;
+        }
+    }
+
+    /// The last targets, oldest first; at most [`DriveSettings::history`](super::DriveSettings).
+    pub fn iter(&self) -> impl DoubleEndedIterator<Item = &TargetRecord> + ExactSizeIterator {
+        self.records.iter()
+    }
+
+    /// Number of targets kept.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.records.len()
+    }
+
+    /// Whether no target is kept.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.records.is_empty()
+    }
+
+    /// The last target.
+    #[must_use]
+    pub fn last(&self) -> Option<&TargetRecord> {
+        self.records.back()
+    }
+
+    /// Sums over all targets.
+    #[must_use]
+    pub const fn sums(&self) -> &TargetSums {
+        &self.sums
+    }
+}

@@ -1,0 +1,254 @@
+//! The motor and its position controller, in mechanical increments from a zero that never moves.
+//!
+//! All arithmetic is that of IEEE 754 with its basic operations, so that every machine computes
+//! the same motion.
+
+use super::settings::MotorSettings;
+
+/// What the power stage makes the motor do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Actuation {
+    /// No current: friction brings it to rest.
+    Free,
+    /// Follow a position that moves with this speed.
+    Position { position: f64, velocity: f64 },
+    /// Turn with this speed, increments per second.
+    Velocity(f64),
+    /// Turn with this torque, thousandths of the rated one.
+    Torque(f64),
+}
+
+/// A motor with a load.
+#[derive(Clone, Debug)]
+pub(super) struct Motor {
+    settings: MotorSettings,
+    position: f64,
+    velocity: f64,
+    torque: f64,
+    blocked: bool,
+    /// Greatest torque that the drive allows, thousandths (0x6072).
+    torque_limit: f64,
+}
+
+impl Motor {
+    pub(super) fn new(settings: MotorSettings) -> Self {
+        Self {
+            settings,
+            position: f64::from(settings.start_position),
+            velocity: 0.0,
+            torque: 0.0,
+            blocked: false,
+            torque_limit: f64::from(settings.max_torque),
+        }
+    }
+
+    /// Increments from the mechanical zero.
+    pub(super) const fn position(&self) -> f64 {
+        self.position
+    }
+
+    /// Increments per second.
+    pub(super) const fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    /// Thousandths of the rated torque.
+    pub(super) const fn torque(&self) -> f64 {
+        self.torque
+    }
+
+    pub(super) const fn max_velocity(&self) -> f64 {
+        self.settings.max_velocity as f64
+    }
+
+    pub(super) const fn max_acceleration(&self) -> f64 {
+        self.settings.max_acceleration as f64
+    }
+
+    /// Jams the machine, or frees it.
+    pub(super) fn block(&mut self, blocked: bool) {
+        self.blocked = blocked;
+    }
+
+    pub(super) fn limit_torque(&mut self, per_mille: u16) {
+        self.torque_limit = f64::from(per_mille.min(self.settings.max_torque));
+    }
+
+    /// Whether it stands still.
+    pub(super) fn is_still(&self) -> bool {
+        self.velocity == 0.0
+    }
+
+    /// Whether it turns so slowly that a stop counts as done: a hundredth of a revolution per
+    /// second.
+    pub(super) fn has_settled(&self) -> bool {
+        self.velocity.abs() * 100.0 < f64::from(self.settings.increments_per_revolution)
+    }
+
+    /// Lets `seconds` pass.
+    pub(super) fn advance(&mut self, seconds: f64, actuation: Actuation) {
+        let before = self.velocity;
+        let friction = f64::from(self.settings.friction);
+        let per_mille = self.max_acceleration() / f64::from(self.settings.max_torque.max(1));
+        let available = self.torque_limit * per_mille;
+        let wanted = match actuation {
+            Actuation::Free => 0.0,
+            Actuation::Position { position, velocity } => {
+                // Both are those at the end of the step; the error counts from its beginning.
+                let wanted = self.controlled(position - velocity * seconds, velocity, available);
+                self.effort(wanted, friction, seconds, available)
+            }
+            Actuation::Velocity(velocity) => {
+                let limit = self.max_velocity();
+                self.effort(velocity.clamp(-limit, limit), friction, seconds, available)
+            }
+            Actuation::Torque(torque) => {
+                let limit = self.torque_limit;
+                torque.clamp(-limit, limit) * per_mille
+            }
+        };
+        self.torque = wanted / per_mille;
+        if self.blocked {
+            self.velocity = 0.0;
+            return;
+        }
+        self.velocity = self.pushed(wanted, friction, seconds);
+        self.position += (before + self.velocity) / 2.0 * seconds;
+    }
+
+    /// Speed that the position controller demands.
+    fn controlled(&self, position: f64, velocity: f64, available: f64) -> f64 {
+        let error = position - self.position;
+        let gain = f64::from(self.settings.position_gain);
+        // Never faster towards the goal than it can brake.
+        let bound = (available * error.abs()).sqrt();
+        let correction = (gain * error).clamp(-bound, bound);
+        let fed_forward = velocity * f64::from(self.settings.feed_forward) / 1_000.0;
+        let limit = self.max_velocity();
+        (fed_forward + correction).clamp(-limit, limit)
+    }
+
+    /// Acceleration of the motor that reaches a speed within a step, friction overcome.
+    fn effort(&self, velocity: f64, friction: f64, seconds: f64, available: f64) -> f64 {
+        if seconds <= 0.0 {
+            return 0.0;
+        }
+        let moving = if velocity == 0.0 { self.velocity } else { velocity };
+        let drag = if moving == 0.0 { 0.0 } else { friction.copysign(moving) };
+        ((velocity - self.velocity) / seconds + drag).clamp(-available, available)
+    }
+
+    /// Speed behind a step with this acceleration by the motor; friction only ever brakes.
+    fn pushed(&self, acceleration: f64, friction: f64, seconds: f64) -> f64 {
+        let driven = self.velocity + acceleration * seconds;
+        let drag = friction * seconds;
+        let slowed = if driven > drag {
+            driven - drag
+        } else if driven < -drag {
+            driven + drag
+        } else {
+            0.0
+        };
+        let limit = self.max_velocity();
+        slowed.clamp(-limit, limit)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const STEP: f64 = 0.001;
+
+    fn motor() -> Motor {
+        Motor::new(MotorSettings::default())
+    }
+
+    #[test]
+    fn a_free_motor_comes_to_rest_by_friction() {
+        let mut motor = motor();
+        for _ in 0..100 {
+            motor.advance(STEP, Actuation::Velocity(1_000_000.0));
+        }
+        assert!((motor.velocity() - 1_000_000.0).abs() < 1.0);
+        let turning = motor.position();
+        // 1e6 increments/s at 5e6 increments/s²: 200 ms and 100 000 increments
+        for _ in 0..201 {
+            motor.advance(STEP, Actuation::Free);
+        }
+        assert!(motor.is_still());
+        assert_eq!(motor.torque(), 0.0);
+        assert!((motor.position() - turning - 100_000.0).abs() < 1_000.0);
+    }
+
+    #[test]
+    fn it_follows_a_moving_position_with_a_small_error() {
+        let mut motor = motor();
+        let mut demand = 0.0;
+        for _ in 0..1_000 {
+            demand += 100.0;
+            motor.advance(STEP, Actuation::Position { position: demand, velocity: 100_000.0 });
+        }
+        let error = demand - motor.position();
+        // 2 % of 100 000 increments/s not fed forward, over a gain of 200/s, is 10 increments
+        assert!((5.0..70.0).contains(&error), "following error {error}");
+        for _ in 0..1_000 {
+            motor.advance(STEP, Actuation::Position { position: demand, velocity: 0.0 });
+        }
+        assert!((demand - motor.position()).abs() < 0.5);
+        assert!(motor.has_settled());
+    }
+
+    #[test]
+    fn acceleration_speed_and_torque_have_limits() {
+        let mut motor = motor();
+        let settings = MotorSettings::default();
+        let mut fastest = 0.0f64;
+        for _ in 0..200 {
+            let before = motor.velocity();
+            motor.advance(STEP, Actuation::Position { position: 1e9, velocity: 0.0 });
+            let acceleration = (motor.velocity() - before) / STEP;
+            assert!(acceleration <= f64::from(settings.max_acceleration) + 1.0);
+            assert!(motor.torque() <= f64::from(settings.max_torque) + 1e-9);
+            fastest = fastest.max(motor.velocity());
+        }
+        assert_eq!(fastest, f64::from(settings.max_velocity));
+    }
+
+    #[test]
+    fn little_torque_does_not_overcome_friction() {
+        let mut motor = motor();
+        // friction is 5e6 of 2e8 increments/s² at 3000 thousandths: 75 thousandths
+        for _ in 0..100 {
+            motor.advance(STEP, Actuation::Torque(70.0));
+        }
+        assert_eq!((motor.velocity(), motor.position()), (0.0, 0.0));
+        for _ in 0..100 {
+            motor.advance(STEP, Actuation::Torque(150.0));
+        }
+        assert!((motor.velocity() - 500_000.0).abs() < 1_000.0);
+    }
+
+    #[test]
+    fn a_blocked_motor_pushes_and_stays() {
+        let mut motor = motor();
+        motor.block(true);
+        for _ in 0..10 {
+            motor.advance(STEP, Actuation::Position { position: 10_000.0, velocity: 0.0 });
+        }
+        assert_eq!(motor.position(), 0.0);
+        assert!(motor.torque() > 1_000.0);
+    }
+
+    #[test]
+    fn a_goal_far_away_is_reached_without_overshoot() {
+        let mut motor = motor();
+        let mut furthest = 0.0f64;
+        for _ in 0..3_000 {
+            motor.advance(STEP, Actuation::Position { position: 300_000.0, velocity: 0.0 });
+            furthest = furthest.max(motor.position());
+        }
+        assert!((motor.position() - 300_000.0).abs() < 0.5);
+        assert!(furthest < 300_500.0, "{furthest}");
+    }
+}

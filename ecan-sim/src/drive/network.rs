@@ -1,0 +1,151 @@
+//! NMT slave, heartbeat producer and consumer.
+
+use ecan_canopen::{HeartbeatConsumer, NmtState, NodeId, object};
+
+use super::dictionary::Dictionary;
+
+/// A heartbeat that is watched.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Watch {
+    producer: NodeId,
+    time_ns: u64,
+    /// When it is late; `None` until the first has come.
+    deadline: Option<u64>,
+    lost: bool,
+}
+
+/// The node in its network.
+#[derive(Clone, Debug)]
+pub(super) struct Network {
+    state: NmtState,
+    /// When the boot-up message goes out.
+    boot_at: Option<u64>,
+    producer_ns: u64,
+    heartbeat_at: Option<u64>,
+    watches: Vec<Watch>,
+}
+
+/// What became of a watched heartbeat.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum WatchEvent {
+    /// It is late.
+    Lost,
+    /// It is there again.
+    Back,
+}
+
+impl Network {
+    pub(super) const fn new() -> Self {
+        Self {
+            state: NmtState::Initialising,
+            boot_at: None,
+            producer_ns: 0,
+            heartbeat_at: None,
+            watches: Vec::new(),
+        }
+    }
+
+    pub(super) const fn state(&self) -> NmtState {
+        self.state
+    }
+
+    pub(super) fn set_state(&mut self, state: NmtState) {
+        self.state = state;
+    }
+
+    /// Whether SDO, SYNC and EMCY run.
+    pub(super) const fn communicates(&self) -> bool {
+        matches!(self.state, NmtState::PreOperational | NmtState::Operational)
+    }
+
+    /// Begins to boot; `None` never ends.
+    pub(super) fn boot(&mut self, at: Option<u64>) {
+        self.state = NmtState::Initialising;
+        self.boot_at = at;
+        self.heartbeat_at = None;
+        for watch in &mut self.watches {
+            watch.deadline = None;
+            watch.lost = false;
+        }
+    }
+
+    /// Whether booting ends now.
+    pub(super) fn boots(&mut self, now: u64) -> bool {
+        let ends = self.boot_at.is_some_and(|at| at <= now);
+        if ends {
+            self.boot_at = None;
+        }
+        ends
+    }
+
+    /// Takes the heartbeat times from the dictionary.
+    pub(super) fn load(&mut self, now: u64, objects: &Dictionary) {
+        let ms = objects.number(object::PRODUCER_HEARTBEAT, 0).unwrap_or(0).max(0) as u64;
+        self.producer_ns = ms * 1_000_000;
+        self.heartbeat_at = (ms > 0).then(|| now.saturating_add(self.producer_ns));
+        self.load_watches(objects);
+    }
+
+    /// Takes the watched heartbeats from the dictionary; one that stays goes on being watched.
+    pub(super) fn load_watches(&mut self, objects: &Dictionary) {
+        let before = std::mem::take(&mut self.watches);
+        for subindex in 1..=127 {
+            let Some(raw) = objects.number(object::CONSUMER_HEARTBEAT, subindex) else { break };
+            let Some(entry) = HeartbeatConsumer::from_raw(raw as u32) else { continue };
+            let watch = Watch {
+                producer: entry.producer,
+                time_ns: u64::from(entry.time_ms) * 1_000_000,
+                deadline: None,
+                lost: false,
+            };
+            let same = before
+                .iter()
+                .find(|old| old.producer == watch.producer && old.time_ns == watch.time_ns);
+            self.watches.push(same.copied().unwrap_or(watch));
+        }
+    }
+
+    /// Whether a heartbeat of this node is watched already by another entry than `subindex`.
+    pub(super) fn is_watched(objects: &Dictionary, producer: NodeId, subindex: u8) -> bool {
+        (1..=127).filter(|other| *other != subindex).any(|other| {
+            objects
+                .number(object::CONSUMER_HEARTBEAT, other)
+                .and_then(|raw| HeartbeatConsumer::from_raw(raw as u32))
+                .is_some_and(|entry| entry.producer == producer)
+        })
+    }
+
+    /// A heartbeat has come.
+    pub(super) fn heard(&mut self, now: u64, producer: NodeId) -> Option<WatchEvent> {
+        let watch = self.watches.iter_mut().find(|watch| watch.producer == producer)?;
+        watch.deadline = Some(now.saturating_add(watch.time_ns));
+        std::mem::take(&mut watch.lost).then_some(WatchEvent::Back)
+    }
+
+    /// Whether a watched heartbeat is late now.
+    pub(super) fn misses(&mut self, now: u64) -> Option<WatchEvent> {
+        let late = |watch: &&mut Watch| watch.deadline.is_some_and(|at| at <= now);
+        let watch = self.watches.iter_mut().find(late)?;
+        watch.deadline = None;
+        watch.lost = true;
+        Some(WatchEvent::Lost)
+    }
+
+    /// Whether a heartbeat is to be sent now.
+    pub(super) fn beats(&mut self, now: u64) -> bool {
+        match self.heartbeat_at {
+            Some(at) if at <= now => {
+                let periods = (now - at) / self.producer_ns.max(1) + 1;
+                self.heartbeat_at =
+                    Some(at.saturating_add(periods.saturating_mul(self.producer_ns.max(1))));
+                true
+            }
+            _ => false,
+        }
+    }
+
+    pub(super) fn next_event(&self) -> Option<u64> {
+        let watches = self.watches.iter().filter_map(|watch| watch.deadline).min();
+        [self.boot_at, self.heartbeat_at, watches].into_iter().flatten().min()
+    }
+}

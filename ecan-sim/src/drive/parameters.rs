@@ -1,0 +1,116 @@
+//! What the motion asks of the object dictionary, read once after every change.
+
+use ecan_canopen::{
+    FaultReaction, HaltOption, NodeLossReaction, QuickStopOption, StopOption, object,
+};
+
+use super::dictionary::Dictionary;
+use super::motor::Motor;
+use super::ramp::Bounds;
+
+/// Parameters of motion; times in nanoseconds, positions in increments.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Parameters {
+    pub(super) node_loss: NodeLossReaction,
+    pub(super) quick_stop: QuickStopOption,
+    pub(super) shutdown: StopOption,
+    pub(super) disable_operation: StopOption,
+    pub(super) halt: HaltOption,
+    pub(super) fault_reaction: FaultReaction,
+    pub(super) following_window: u32,
+    pub(super) following_time: u64,
+    pub(super) position_window: u32,
+    pub(super) position_window_time: u64,
+    pub(super) velocity_window: f64,
+    pub(super) max_torque: u16,
+    pub(super) home_offset: i32,
+    /// Software position limits; `None` when they are off.
+    pub(super) limits: Option<(i32, i32)>,
+    /// Of profile modes.
+    pub(super) profile: Bounds,
+    pub(super) max_profile_velocity: f64,
+    pub(super) quick_deceleration: f64,
+    pub(super) homing_method: i8,
+    pub(super) homing_fast: f64,
+    pub(super) homing_slow: f64,
+    pub(super) homing_acceleration: f64,
+    pub(super) interpolation: u64,
+}
+
+impl Parameters {
+    pub(super) fn read(dictionary: &Dictionary, motor: &Motor) -> Self {
+        let number = |index, subindex| dictionary.number(index, subindex);
+        let or = |index, default: i64| number(index, 0).unwrap_or(default);
+        let option = |index, default| or(index, default) as i16;
+        let strongest = motor.max_acceleration();
+        let fastest = motor.max_velocity();
+        let rate = |index, most: f64| match number(index, 0) {
+            Some(value) if value > 0 => (value as f64).min(most),
+            _ => most,
+        };
+        let max_profile_velocity = rate(object::MAX_PROFILE_VELOCITY, fastest);
+        let low = number(object::SOFTWARE_POSITION_LIMIT, 1);
+        let high = number(object::SOFTWARE_POSITION_LIMIT, 2);
+        let homing_speed = |subindex| match number(object::HOMING_SPEEDS, subindex) {
+            Some(value) if value > 0 => (value as f64).min(fastest),
+            _ => fastest / 100.0,
+        };
+        Self {
+            // A drive without 0x6007 faults, as the default of CiA 402-2 has it.
+            node_loss: NodeLossReaction::from_raw(option(object::ABORT_CONNECTION_OPTION, 1)),
+            quick_stop: QuickStopOption::from_raw(option(object::QUICK_STOP_OPTION, 2)),
+            shutdown: StopOption::from_raw(option(object::SHUTDOWN_OPTION, 0)),
+            disable_operation: StopOption::from_raw(option(object::DISABLE_OPERATION_OPTION, 1)),
+            halt: HaltOption::from_raw(option(object::HALT_OPTION, 1)),
+            fault_reaction: FaultReaction::from_raw(option(object::FAULT_REACTION_OPTION, 2)),
+            following_window: or(object::FOLLOWING_ERROR_WINDOW, i64::from(u32::MAX)) as u32,
+            following_time: or(object::FOLLOWING_ERROR_TIME, 0) as u64 * 1_000_000,
+            position_window: or(object::POSITION_WINDOW, 100) as u32,
+            position_window_time: or(object::POSITION_WINDOW_TIME, 0) as u64 * 1_000_000,
+            velocity_window: or(object::VELOCITY_WINDOW, 1_000) as f64,
+            max_torque: or(object::MAX_TORQUE, i64::from(u16::MAX)) as u16,
+            home_offset: or(object::HOME_OFFSET, 0) as i32,
+            limits: match (low, high) {
+                (Some(low), Some(high)) if low < high => Some((low as i32, high as i32)),
+                _ => None,
+            },
+            profile: Bounds {
+                velocity: rate(object::PROFILE_VELOCITY, max_profile_velocity),
+                acceleration: rate(object::PROFILE_ACCELERATION, strongest),
+                deceleration: rate(object::PROFILE_DECELERATION, strongest),
+            },
+            max_profile_velocity,
+            quick_deceleration: rate(object::QUICK_STOP_DECELERATION, strongest),
+            homing_method: or(object::HOMING_METHOD, 0) as i8,
+            homing_fast: homing_speed(1),
+            homing_slow: homing_speed(2),
+            homing_acceleration: rate(object::HOMING_ACCELERATION, strongest),
+            interpolation: interpolation_ns(
+                number(object::INTERPOLATION_TIME, 1).unwrap_or(0),
+                number(object::INTERPOLATION_TIME, 2).unwrap_or(-3),
+            ),
+        }
+    }
+}
+
+/// 0x60C2: a number of powers of ten of a second.
+fn interpolation_ns(value: i64, power: i64) -> u64 {
+    let value = value.clamp(0, 255) as u64;
+    let exponent = (9 + power).clamp(0, 10) as u32;
+    value.saturating_mul(10u64.pow(exponent))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::interpolation_ns;
+
+    #[test]
+    fn interpolation_time_counts_powers_of_ten() {
+        assert_eq!(interpolation_ns(1, -3), 1_000_000);
+        assert_eq!(interpolation_ns(10, -3), 10_000_000);
+        assert_eq!(interpolation_ns(25, -4), 2_500_000);
+        assert_eq!(interpolation_ns(1, -2), 10_000_000);
+        assert_eq!(interpolation_ns(0, -3), 0);
+        assert_eq!(interpolation_ns(1, -128), 1);
+    }
+}

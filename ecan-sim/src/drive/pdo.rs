@@ -1,0 +1,238 @@
+//! Process data as the drive sends and receives it.
+
+use ecan_canopen::{MappingEntry, PdoCobId, TransmissionType, object};
+use ecan_protocol::CanId;
+
+use super::data_type::DataType;
+use super::default_objects::PDO_ENTRIES;
+use super::dictionary::{Dictionary, Slot};
+
+/// Most bytes of a PDO.
+pub(super) const PDO_BYTES: usize = 8;
+
+/// One object in a PDO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Mapped {
+    /// `None` is a dummy: a gap in a received PDO.
+    pub(super) slot: Option<Slot>,
+    pub(super) bytes: u8,
+}
+
+/// What a PDO is made of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct Mapping {
+    entries: [Option<Mapped>; PDO_ENTRIES],
+    /// Bytes in all.
+    pub(super) length: usize,
+}
+
+impl Mapping {
+    fn load(objects: &Dictionary, index: u16) -> Self {
+        let mut mapping = Self::default();
+        let count = objects.number(index, 0).unwrap_or(0);
+        for (entry, subindex) in mapping.entries.iter_mut().zip(1u8..) {
+            if i64::from(subindex) > count {
+                break;
+            }
+            let raw = objects.number(index, subindex).unwrap_or(0) as u32;
+            let mapped = MappingEntry::from_raw(raw);
+            let bytes = mapped.bits / 8;
+            if mapping.length + usize::from(bytes) > PDO_BYTES {
+                break;
+            }
+            let slot = objects.find(mapped.index, mapped.subindex).ok();
+            *entry = Some(Mapped { slot, bytes });
+            mapping.length += usize::from(bytes);
+        }
+        mapping
+    }
+
+    pub(super) fn entries(&self) -> impl Iterator<Item = Mapped> {
+        self.entries.into_iter().flatten()
+    }
+
+    /// The data of a frame.
+    pub(super) fn pack(&self, objects: &Dictionary) -> [u8; PDO_BYTES] {
+        let mut data = [0; PDO_BYTES];
+        let mut rest = data.iter_mut();
+        for mapped in self.entries() {
+            let raw = mapped.slot.map_or(0, |slot| objects.raw(slot));
+            let bytes = raw.to_le_bytes().into_iter().take(usize::from(mapped.bytes));
+            for (value, to) in bytes.zip(rest.by_ref()) {
+                *to = value;
+            }
+        }
+        data
+    }
+}
+
+/// Whether a mapping entry is a dummy: the index of a data type, standing for a gap.
+pub(super) fn is_dummy(entry: MappingEntry) -> bool {
+    entry.subindex == 0
+        && (1..=7).contains(&entry.index)
+        && DataType::from_index(entry.index).and_then(DataType::bits) == Some(entry.bits)
+}
+
+/// The PDOs of a direction that a dictionary has.
+pub(super) fn numbers(objects: &Dictionary, first: u16) -> impl Iterator<Item = u16> {
+    (0..512).filter(move |number| objects.has(first + number))
+}
+
+/// A PDO that the drive receives.
+#[derive(Clone, Debug)]
+pub(super) struct ReceivePdo {
+    pub(super) number: u16,
+    /// `None` while it does not exist.
+    pub(super) id: Option<CanId>,
+    pub(super) synchronous: bool,
+    pub(super) mapping: Mapping,
+    /// Data that wait for SYNC.
+    pub(super) waiting: Option<[u8; PDO_BYTES]>,
+    timer_ns: u64,
+    /// When it is late; `None` until the first has come.
+    pub(super) deadline: Option<u64>,
+}
+
+impl ReceivePdo {
+    pub(super) fn load(objects: &Dictionary, number: u16) -> Self {
+        let communication = object::RPDO_COMMUNICATION + number;
+        let get = |subindex| objects.number(communication, subindex).unwrap_or(0);
+        let kind = TransmissionType::from_raw(get(2) as u8);
+        let mapping = Mapping::load(objects, object::RPDO_MAPPING + number);
+        Self {
+            number,
+            id: identifier(get(1) as u32).filter(|_| mapping.length > 0),
+            synchronous: kind.is_some_and(TransmissionType::is_synchronous),
+            mapping,
+            waiting: None,
+            timer_ns: get(5).max(0) as u64 * 1_000_000,
+            deadline: None,
+        }
+    }
+
+    /// Winds the timer up when a frame has come.
+    pub(super) fn rewind(&mut self, now: u64) {
+        self.deadline = (self.timer_ns > 0).then(|| now.saturating_add(self.timer_ns));
+    }
+}
+
+/// The identifier of a PDO that exists.
+fn identifier(raw: u32) -> Option<CanId> {
+    PdoCobId::from_raw(raw).filter(|cob_id| cob_id.is_valid).map(|cob_id| cob_id.id)
+}
+
+/// A PDO that the drive sends.
+#[derive(Clone, Debug)]
+pub(super) struct TransmitPdo {
+    pub(super) number: u16,
+    /// `None` while it does not exist.
+    pub(super) id: Option<CanId>,
+    kind: TransmissionType,
+    pub(super) mapping: Mapping,
+    inhibit_ns: u64,
+    timer_ns: u64,
+    sync_start: u8,
+    /// SYNCs since the last one; `None` while the start value has not been seen.
+    syncs: Option<u8>,
+    last: Option<[u8; PDO_BYTES]>,
+    free_at: u64,
+    timer_at: Option<u64>,
+}
+
+impl TransmitPdo {
+    pub(super) fn load(objects: &Dictionary, number: u16) -> Self {
+        let communication = object::TPDO_COMMUNICATION + number;
+        let get = |subindex| objects.number(communication, subindex).unwrap_or(0);
+        let mapping = Mapping::load(objects, object::TPDO_MAPPING + number);
+        let sync_start = get(6) as u8;
+        Self {
+            number,
+            id: identifier(get(1) as u32).filter(|_| mapping.length > 0),
+            kind: TransmissionType::from_raw(get(2) as u8)
+                .unwrap_or(TransmissionType::EventProfile),
+            mapping,
+            inhibit_ns: get(3).max(0) as u64 * 100_000,
+            timer_ns: get(5).max(0) as u64 * 1_000_000,
+            sync_start,
+            syncs: None,
+            last: None,
+            free_at: 0,
+            timer_at: None,
+        }
+    }
+
+    /// Operational begins: event-driven PDOs go out once, counters begin.
+    pub(super) fn start(&mut self) {
+        self.last = None;
+        self.free_at = 0;
+        self.timer_at = None;
+        self.syncs = None;
+    }
+
+    /// Whether it exists and goes out on events.
+    pub(super) const fn is_event_driven(&self) -> bool {
+        self.id.is_some()
+            && matches!(
+                self.kind,
+                TransmissionType::EventManufacturer | TransmissionType::EventProfile
+            )
+    }
+
+    /// SYNC has come, with its counter if it has one. The data to send, if it is its turn.
+    pub(super) fn on_sync(
+        &mut self,
+        counter: Option<u8>,
+        objects: &Dictionary,
+    ) -> Option<[u8; PDO_BYTES]> {
+        self.id?;
+        match self.kind {
+            TransmissionType::SynchronousAcyclic => {
+                let data = self.mapping.pack(objects);
+                (self.last.replace(data) != Some(data)).then_some(data)
+            }
+            TransmissionType::Synchronous(every) => {
+                let syncs = match (self.syncs, counter) {
+                    (Some(syncs), _) => syncs + 1,
+                    // The start value names the SYNC that counts as the first.
+                    (None, Some(counter)) if self.sync_start > 0 => {
+                        if counter != self.sync_start {
+                            return None;
+                        }
+                        every
+                    }
+                    (None, _) => 1,
+                };
+                let due = syncs >= every;
+                self.syncs = Some(if due { 0 } else { syncs });
+                due.then(|| self.mapping.pack(objects))
+            }
+            _ => None,
+        }
+    }
+
+    /// The data of an event-driven PDO that is to be sent now.
+    pub(super) fn on_event(&mut self, now: u64, objects: &Dictionary) -> Option<[u8; PDO_BYTES]> {
+        if !self.is_event_driven() || self.free_at > now {
+            return None;
+        }
+        let data = self.mapping.pack(objects);
+        let timed = self.timer_at.is_some_and(|at| at <= now);
+        if self.last == Some(data) && !timed {
+            return None;
+        }
+        self.last = Some(data);
+        self.free_at = now.saturating_add(self.inhibit_ns);
+        self.timer_at = (self.timer_ns > 0).then(|| now.saturating_add(self.timer_ns));
+        Some(data)
+    }
+
+    /// When it may have to be sent without anything else happening.
+    pub(super) fn next_event(&self, now: u64) -> Option<u64> {
+        if !self.is_event_driven() {
+            return None;
+        }
+        let inhibited = (self.free_at > now).then_some(self.free_at);
+        let timer = self.timer_at.map(|at| at.max(self.free_at));
+        [inhibited, timer].into_iter().flatten().min()
+    }
+}

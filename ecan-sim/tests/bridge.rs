@@ -1,0 +1,399 @@
+//! The bridge as its clients see it: over TCP, mostly in real time.
+
+mod ecrt_support;
+
+use std::io::{Read as _, Write as _};
+use std::net::{SocketAddr, TcpStream};
+use std::time::{Duration, Instant};
+
+use ecan_protocol::{CanFrame, CanId};
+use ecan_sim::{
+    BridgeError, BridgeInfo, BridgeProtocol, BridgeServerError, BridgeSettings, ClockKind, Fault,
+    FaultyBehaviour, GatewaySpec, NodeKind, NodeSpec, RunnerError, Scenario, SimOptions,
+    Simulation,
+};
+use ecrt_support::Program;
+
+/// Nothing here takes anywhere near as long, unless it fails.
+const PATIENCE: Duration = Duration::from_secs(60);
+
+fn node(name: &str, bus: &str, kind: NodeKind, bitrate: Option<u32>) -> NodeSpec {
+    NodeSpec { name: name.to_owned(), bus: bus.to_owned(), kind, bitrate, data_bitrate: None }
+}
+
+/// A gateway that nobody switches on, and nodes with bit rates of their own on its first bus.
+fn simulation(kinds: Vec<NodeKind>) -> Simulation {
+    let kinds = kinds.into_iter().enumerate();
+    let scenario = Scenario {
+        gateways: vec![GatewaySpec::at(0)],
+        nodes: kinds.map(|(i, kind)| node(&format!("n{i}"), "0.0", kind, Some(500_000))).collect(),
+        ..Scenario::default()
+    };
+    open(scenario, ClockKind::Real)
+}
+
+fn open(scenario: Scenario, clock: ClockKind) -> Simulation {
+    let options = SimOptions { clock: Some(clock), ..SimOptions::default() };
+    ecan_sim::open_scenario(scenario, &options).unwrap().simulation.unwrap()
+}
+
+fn bridge(settings: BridgeSettings) -> NodeKind {
+    NodeKind::Bridge(settings)
+}
+
+fn only_bridge(simulation: &Simulation) -> BridgeInfo {
+    let bridges = simulation.bridges();
+    assert_eq!(bridges.len(), 1);
+    bridges[0].1.clone()
+}
+
+/// A client that knows no protocol.
+struct Client(TcpStream);
+
+impl Client {
+    fn connect(address: SocketAddr) -> Self {
+        let stream = TcpStream::connect(address).unwrap();
+        stream.set_read_timeout(Some(PATIENCE)).unwrap();
+        stream.set_write_timeout(Some(PATIENCE)).unwrap();
+        Self(stream)
+    }
+
+    /// An slcan client with an open channel.
+    fn slcan(address: SocketAddr) -> Self {
+        let mut client = Self::connect(address);
+        client.say("O\r");
+        client.expect("\r");
+        client
+    }
+
+    fn say(&mut self, text: &str) {
+        self.0.write_all(text.as_bytes()).unwrap();
+    }
+
+    /// Reads exactly this.
+    fn expect(&mut self, text: &str) {
+        let mut bytes = vec![0; text.len()];
+        self.0.read_exact(&mut bytes).unwrap();
+        assert_eq!(String::from_utf8_lossy(&bytes), text);
+    }
+
+    /// Whether the server has closed the connection.
+    fn is_over(&mut self) -> bool {
+        matches!(self.0.read(&mut [0]), Ok(0) | Err(_))
+    }
+}
+
+fn wait_for(what: &str, mut done: impl FnMut() -> bool) {
+    let begun = Instant::now();
+    while !done() {
+        assert!(begun.elapsed() < PATIENCE, "{what}");
+        std::thread::sleep(Duration::from_millis(2));
+    }
+}
+
+/// Threads of this process that belong to bridges with this port, and to their clients.
+fn bridge_threads(port: u16) -> usize {
+    let tasks = std::fs::read_dir("/proc/self/task").unwrap();
+    let names =
+        tasks.filter_map(|task| std::fs::read_to_string(task.ok()?.path().join("comm")).ok());
+    names.filter(|name| name.trim() == format!("bridge {port}")).count()
+}
+
+#[test]
+fn a_client_talks_with_a_node_and_not_with_itself() {
+    let simulation = simulation(vec![NodeKind::Echo, bridge(BridgeSettings::default())]);
+    let _runner = simulation.keep_running().unwrap();
+    let bridge = only_bridge(&simulation);
+    assert!(bridge.address().ip().is_loopback());
+    let mut client = Client::slcan(bridge.address());
+    client.say("t1232AABB\rT012345670\rr1238\r");
+    client.expect("z\rZ\rz\rt1232AABB\rT012345670\rr1238\r");
+    assert_eq!(bridge.statistics().sent, 3);
+    assert_eq!(bridge.statistics().delivered, 3);
+}
+
+#[test]
+fn clients_hear_each_other() {
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSettings::default())]);
+    let _runner = simulation.keep_running().unwrap();
+    let bridge = only_bridge(&simulation);
+    let mut clients: Vec<_> = (0..3).map(|_| Client::slcan(bridge.address())).collect();
+    for sender in 0..3 {
+        clients[sender].say(&format!("t10{sender}0\r"));
+        clients[sender].expect("z\r");
+        for (_, other) in clients.iter_mut().enumerate().filter(|(other, _)| *other != sender) {
+            other.expect(&format!("t10{sender}0\r"));
+        }
+    }
+    assert_eq!(bridge.statistics().clients, 3);
+    drop(clients);
+    wait_for("clients leave", || bridge.statistics().clients == 0);
+}
+
+#[test]
+fn two_bridges_on_one_bus_speak_two_protocols() {
+    let simulation = simulation(vec![
+        bridge(BridgeSettings::default()),
+        bridge(BridgeSettings::speaking(BridgeProtocol::Socketcand)),
+    ]);
+    let _runner = simulation.keep_running().unwrap();
+    let bridges = simulation.bridges();
+    let mut slcan = Client::slcan(bridges[0].1.address());
+    let mut daemon = Client::connect(bridges[1].1.address());
+    daemon.expect("< hi >");
+    daemon.say("< open can0 >");
+    daemon.expect("< ok >");
+    daemon.say("< rawmode >");
+    daemon.expect("< ok >");
+    daemon.say("< send 321 2 1 2 >");
+    slcan.expect("t32120102\r");
+    slcan.say("t1231FF\r");
+    slcan.expect("z\r");
+    daemon.expect("< frame 123 ");
+}
+
+#[test]
+fn malformed_input_is_answered_with_a_bell() {
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSettings::default())]);
+    let bridge = only_bridge(&simulation);
+    let mut client = Client::slcan(bridge.address());
+    client.say("t12\rwhat?\r\0\u{fffd}\r");
+    client.expect("\x07\x07\x07");
+    client.say("V\r");
+    client.expect("V1010\r");
+    assert_eq!(bridge.statistics().refused, 3);
+}
+
+#[test]
+fn queues_are_bounded_and_count_what_they_drop() {
+    // Nobody moves time, so nothing leaves the queue to the bus.
+    let settings = BridgeSettings { queue: 8, ..BridgeSettings::default() };
+    let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
+    let bridge = only_bridge(&simulation);
+    let mut client = Client::slcan(bridge.address());
+    client.say(&"t1230\r".repeat(20));
+    client.expect(&("z\r".repeat(8) + &"\x07".repeat(12)));
+    assert_eq!(bridge.statistics().dropped_to_bus, 12);
+    client.say("F\r");
+    client.expect("F02\r");
+}
+
+/// The writer of a client that does not read gets stuck in its socket; the bus goes on, and so
+/// does the end of it all.
+#[test]
+fn a_client_that_does_not_read_holds_nobody_up() {
+    let babbler = FaultyBehaviour { babble_us: 100, ..FaultyBehaviour::default() };
+    let scenario = Scenario {
+        gateways: vec![GatewaySpec::at(0)],
+        nodes: vec![
+            node("babbler", "0.0", NodeKind::Faulty(babbler), Some(1_000_000)),
+            node("bridge", "0.0", bridge(BridgeSettings::default()), Some(1_000_000)),
+        ],
+        ..Scenario::default()
+    };
+    let simulation = open(scenario, ClockKind::Stepped);
+    let info = only_bridge(&simulation);
+    let lazy = Client::slcan(info.address());
+    // Once the sockets are full and the queue behind them too, nothing is delivered any more.
+    wait_for("the sockets are full", || {
+        let before = info.statistics();
+        simulation.pass_ns(1_000_000_000);
+        let after = info.statistics();
+        after.delivered == before.delivered && after.dropped_to_clients > before.dropped_to_clients
+    });
+    drop(simulation);
+    assert_eq!(bridge_threads(info.address().port()), 0);
+    drop(lazy);
+}
+
+#[test]
+fn a_client_too_many_is_turned_away_until_another_leaves() {
+    let settings = BridgeSettings { max_clients: 1, ..BridgeSettings::default() };
+    let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
+    let bridge = only_bridge(&simulation);
+    let first = Client::slcan(bridge.address());
+    assert!(Client::connect(bridge.address()).is_over());
+    assert_eq!(bridge.statistics().turned_away, 1);
+    drop(first);
+    wait_for("the first leaves", || bridge.statistics().clients == 0);
+    Client::slcan(bridge.address());
+}
+
+#[test]
+fn a_silent_bridge_neither_hears_late_nor_mixes_senders_up() {
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSettings::default())]);
+    let _runner = simulation.keep_running().unwrap();
+    let info = only_bridge(&simulation);
+    let (mut one, mut two) = (Client::slcan(info.address()), Client::slcan(info.address()));
+    simulation.inject(Fault::NodeSilent { node: "n1".to_owned(), for_ms: 50 });
+    one.say("t1110\r");
+    one.expect("z\r");
+    simulation.pass_ns(100_000_000);
+    two.say("t2220\r");
+    two.expect("z\r");
+    one.expect("t2220\r");
+    one.say("t3330\r");
+    one.expect("z\r");
+    two.expect("t3330\r");
+}
+
+#[test]
+fn an_attached_bridge_goes_with_its_handle_and_takes_its_threads_along() {
+    let simulation = simulation(vec![NodeKind::Silent]);
+    let _runner = simulation.keep_running().unwrap();
+    let handle = simulation.attach_bridge("0.0", BridgeSettings::default()).unwrap();
+    let address = handle.address();
+    let clients: Vec<_> = (0..3).map(|_| Client::slcan(address)).collect();
+    assert_eq!((simulation.bridges().len(), handle.statistics().clients), (1, 3));
+    assert_eq!(bridge_threads(address.port()), 1);
+    let info = handle.info().clone();
+    drop(handle);
+    assert_eq!((simulation.bridges().len(), info.statistics().clients), (0, 0));
+    assert_eq!(bridge_threads(address.port()), 0);
+    for mut client in clients {
+        assert!(client.is_over());
+    }
+    assert!(TcpStream::connect(address).is_err());
+}
+
+/// Nobody else is on the bus of the gateway: the bridge acknowledges its frames as long as it is
+/// there.
+#[test]
+fn an_attached_bridge_takes_part_in_a_bus_that_runs() {
+    let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
+    let mut program = Program::new(ecrt_support::stepped(scenario), &[3]).into_op();
+    let simulation = program.simulation().clone();
+    let handle = simulation.attach_bridge("0.0", BridgeSettings::default()).unwrap();
+    let mut client = Client::slcan(handle.address());
+    let frame = |data: &[u8]| CanFrame::classic(CanId::standard(0x123).unwrap(), data).unwrap();
+    program.cycle_with(&[(0, 0, frame(&[1]))]);
+    program.cycles(5);
+    client.expect("t123101\r");
+    client.say("t123102\r");
+    client.expect("z\r");
+    program.receive_frames(1);
+    assert_eq!(program.received, [(0, 0, frame(&[2]))]);
+    let on_bus = || simulation.with_world(|world| world.truth(0)).unwrap().frames_on_bus;
+    assert_eq!(on_bus(), 1);
+    drop(handle);
+    program.cycle_with(&[(0, 0, frame(&[3]))]);
+    program.cycles(50);
+    assert_eq!(on_bus(), 1);
+    let handle = simulation.attach_bridge("0.0", BridgeSettings::default()).unwrap();
+    program.cycles(50);
+    assert_eq!((on_bus(), handle.statistics().sent), (2, 0));
+}
+
+#[test]
+fn dropping_the_simulation_ends_its_bridges() {
+    let simulation = simulation(vec![bridge(BridgeSettings::default())]);
+    let address = only_bridge(&simulation).address();
+    let mut client = Client::slcan(address);
+    drop(simulation);
+    assert!(client.is_over());
+    assert_eq!(bridge_threads(address.port()), 0);
+}
+
+#[test]
+fn bridges_that_cannot_be_had_are_refused_with_the_reason() {
+    let simulation = simulation(vec![NodeKind::Silent]);
+    let error = simulation.attach_bridge("0.7", BridgeSettings::default()).unwrap_err();
+    assert_eq!(error.to_string(), "bus \"0.7\" does not exist; there are: 0.0, 0.1, 0.2, 0.3");
+    let first = simulation.attach_bridge("0.0", BridgeSettings::default()).unwrap();
+    let taken = BridgeSettings { address: first.address(), ..BridgeSettings::default() };
+    let error = simulation.attach_bridge("0.1", taken).unwrap_err();
+    let BridgeError::Server(BridgeServerError::Listen { address, .. }) = error else {
+        panic!("{error}")
+    };
+    assert_eq!(address, first.address());
+}
+
+#[test]
+fn stepped_time_is_not_moved_by_a_runner() {
+    let simulation = open(Scenario::default(), ClockKind::Stepped);
+    assert!(matches!(simulation.keep_running(), Err(RunnerError::SteppedClock)));
+}
+
+/// The program moves stepped time; the bridge takes part in it all the same.
+#[test]
+fn a_bridge_works_in_stepped_time_too() {
+    let scenario = Scenario {
+        gateways: vec![GatewaySpec::at(0)],
+        nodes: vec![
+            node("echo", "0.0", NodeKind::Echo, Some(500_000)),
+            node("bridge", "0.0", bridge(BridgeSettings::default()), Some(500_000)),
+        ],
+        ..Scenario::default()
+    };
+    let simulation = open(scenario, ClockKind::Stepped);
+    let mut client = Client::slcan(only_bridge(&simulation).address());
+    client.say("t1230\r");
+    client.expect("z\r");
+    simulation.pass_ns(10_000_000);
+    client.expect("t1230\r");
+}
+
+#[test]
+fn a_scenario_file_says_it_all() {
+    let text = r#"
+        [[gateway]]
+        [[node]]
+        kind = "echo"
+        bus = "0.2"
+        bitrate = 250000
+        [[node]]
+        kind = "bridge"
+        bus = "0.2"
+        bitrate = 250000
+        protocol = "socketcand"
+        max_clients = 2
+        queue = 10
+    "#;
+    let scenario = Scenario::from_toml(text, "joined", std::path::Path::new(".")).unwrap();
+    let settings = BridgeSettings {
+        max_clients: 2,
+        queue: 10,
+        ..BridgeSettings::speaking(BridgeProtocol::Socketcand)
+    };
+    assert_eq!(scenario.nodes[1].kind, bridge(settings));
+    let simulation = open(scenario, ClockKind::Real);
+    let info = only_bridge(&simulation);
+    let address = info.address();
+    assert!(address.port() != 0 && address.ip().is_loopback());
+    let ending = format!(", socketcand bridge at {address} on bus 0.2");
+    assert!(simulation.banner().ends_with(&ending), "{}", simulation.banner());
+}
+
+#[test]
+fn keys_of_bridges_belong_to_bridges() {
+    let refused = |keys: &str| {
+        let text = format!("[[gateway]]\n[[node]]\nbus = \"0.0\"\n{keys}");
+        Scenario::from_toml(&text, "wrong", std::path::Path::new(".")).unwrap_err().to_string()
+    };
+    assert_eq!(
+        refused("kind = \"echo\"\nport = 1"),
+        "line 2: `port` belongs to nodes of kind \"bridge\""
+    );
+    assert_eq!(
+        refused("kind = \"bridge\"\nqueue = 0"),
+        "line 2: a bridge needs `max_clients` and `queue` above 0"
+    );
+    assert!(refused("kind = \"bridge\"\nport = 70000").starts_with("line 5: "));
+    assert!(refused("kind = \"bridge\"\nprotocol = \"gvret\"").starts_with("line 5: "));
+}
+
+/// The bridge hands frames on as the bus brought them.
+#[test]
+fn the_frame_on_the_bus_is_the_clients() {
+    let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[1]).unwrap();
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSettings::default())]);
+    let _runner = simulation.keep_running().unwrap();
+    let info = only_bridge(&simulation);
+    let mut client = Client::slcan(info.address());
+    client.say("t123101\r");
+    client.expect("z\r");
+    wait_for("it is sent", || info.statistics().sent == 1);
+    let busy = simulation.with_world(|world| world.bus("0.0").unwrap().statistics().busy_ns);
+    let timing = ecan_sim::FrameTiming::of(&frame);
+    assert_eq!(busy, timing.duration_ns(500_000, 500_000));
+}

@@ -1,0 +1,189 @@
+//! The drive under any input: it neither panics nor breaks its own rules.
+
+mod drive_support;
+
+use drive_support::{Bench, settings};
+use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
+use ecan_sim::{Drive, MotorSettings, NodeOutput};
+use proptest::prelude::*;
+
+/// What can happen to a drive.
+#[derive(Clone, Debug)]
+enum Event {
+    Frame(u16, Vec<u8>),
+    Pass(u32),
+    Fail(u16),
+    PowerCycle(u16),
+    Block(u16),
+}
+
+fn event() -> impl Strategy<Value = Event> {
+    let identifiers = prop_oneof![
+        Just(0x000u16),
+        Just(0x080),
+        Just(0x205),
+        Just(0x305),
+        Just(0x605),
+        Just(0x77F),
+        0..0x800u16,
+    ];
+    let data = prop::collection::vec(any::<u8>(), 0..=8);
+    // SDO requests that mean something: all of PDO, profile and manufacturer objects
+    let index = prop_oneof![
+        0x1000..0x1020u16,
+        0x1400..0x1404u16,
+        0x1600..0x1604u16,
+        0x1800..0x1804u16,
+        0x1A00..0x1A04u16,
+        0x6000..0x6100u16,
+        0x2000..0x2002u16
+    ];
+    let command = prop_oneof![
+        Just(0x40u8),
+        Just(0x2F),
+        Just(0x2B),
+        Just(0x23),
+        Just(0x21),
+        Just(0xC6),
+        Just(0xA4),
+        Just(0x60),
+        Just(0x70),
+        Just(0xA3),
+        Just(0xA2)
+    ];
+    let sdo = (command, index, 0..4u8, any::<[u8; 4]>()).prop_map(|(command, index, sub, tail)| {
+        let [low, high] = index.to_le_bytes();
+        let [a, b, c, d] = tail;
+        Event::Frame(0x605, vec![command, low, high, sub, a, b, c, d])
+    });
+    prop_oneof![
+        6 => sdo,
+        4 => (identifiers, data).prop_map(|(id, data)| Event::Frame(id, data)),
+        4 => prop_oneof![Just(0x06u8), Just(0x07), Just(0x0F), Just(0x80), Just(0x00), Just(0x02),
+            Just(0x1F)].prop_map(|word| Event::Frame(0x205, vec![word, 0])),
+        1 => Just(Event::Frame(0, vec![1, 0])),
+        4 => (0..20_000_000u32).prop_map(Event::Pass),
+        1 => any::<u16>().prop_map(Event::Fail),
+        1 => (0..300u16).prop_map(Event::PowerCycle),
+        1 => (0..300u16).prop_map(Event::Block),
+    ]
+}
+
+fn apply(bench: &mut Bench, event: &Event) {
+    let mut out = NodeOutput::new();
+    let now = bench.now;
+    match event {
+        Event::Frame(id, data) => drop(bench.frame(*id, data)),
+        Event::Pass(ns) => bench.pass(u64::from(*ns)),
+        Event::Fail(code) => bench.drive.fail(now, *code, &mut out),
+        Event::PowerCycle(ms) => {
+            bench.drive.power_cycle(now, now + u64::from(*ms) * 1_000_000);
+        }
+        Event::Block(ms) => {
+            bench.drive.block(now, now + u64::from(*ms) * 1_000_000, &mut out);
+        }
+    }
+}
+
+/// Everything about a drive that a test can see.
+fn picture(bench: &Bench) -> String {
+    let drive = &bench.drive;
+    format!(
+        "{:?} {} {} {:?} {:?}",
+        bench.sent,
+        drive.mechanical_position(),
+        drive.velocity(),
+        drive.targets().sums(),
+        drive.statusword(),
+    )
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(100))]
+
+    #[test]
+    fn anything_may_happen(events in prop::collection::vec(event(), 0..200)) {
+        let mut bench = Bench::booted();
+        let most = f64::from(MotorSettings::default().max_velocity);
+        for event in &events {
+            apply(&mut bench, event);
+            prop_assert!(bench.drive.velocity().abs() <= most);
+            prop_assert!(bench.drive.statusword().state() == Some(bench.drive.state()));
+        }
+        // and it always comes back
+        bench.pass_ms(400);
+        bench.frame(0, &[0x81, 0]);
+        bench.pass_ms(50);
+        prop_assert_eq!(bench.drive.state(), DriveState::SwitchOnDisabled);
+        prop_assert_eq!(bench.read(0x1000, 0), Ok(0x0002_0192));
+    }
+
+    #[test]
+    fn the_same_story_ends_the_same_way(events in prop::collection::vec(event(), 0..100)) {
+        let run = || {
+            let mut bench = Bench::cold(Drive::new(&settings()));
+            events.iter().for_each(|event| apply(&mut bench, event));
+            picture(&bench)
+        };
+        prop_assert_eq!(run(), run());
+    }
+
+    #[test]
+    fn what_is_written_by_segments_is_read_by_blocks(
+        value in prop::collection::vec(any::<u8>(), 0..600),
+        block_size in 1..=127u8,
+    ) {
+        let mut bench = Bench::booted();
+        let [a, b, c, d] = (value.len() as u32).to_le_bytes();
+        prop_assert_eq!(bench.sdo([0x21, 0x00, 0x20, 0, a, b, c, d])[0], 0x60);
+        let chunks: Vec<_> = if value.is_empty() { vec![&[][..]] } else { value.chunks(7).collect() };
+        for (number, chunk) in chunks.iter().enumerate() {
+            let last = number + 1 == chunks.len();
+            let toggle = (number as u8 & 1) << 4;
+            let mut frame = [0; 8];
+            frame[0] = toggle | (7 - chunk.len() as u8) << 1 | u8::from(last);
+            frame[1..=chunk.len()].copy_from_slice(chunk);
+            prop_assert_eq!(bench.sdo(frame)[0], 0x20 | toggle);
+        }
+        prop_assert_eq!(bench.sdo([0xA4, 0x00, 0x20, 0, block_size, 0, 0, 0])[0], 0xC6);
+        let mut read = Vec::new();
+        let mut segments = bench.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
+        while segments[0][0] & 0xE0 != 0xC0 || segments.len() > 1 || read.len() < value.len() {
+            for segment in &segments {
+                read.extend_from_slice(&segment[1..]);
+            }
+            segments = bench.sdo_all([0xA2, segments.len() as u8, block_size, 0, 0, 0, 0, 0]);
+        }
+        read.truncate(value.len());
+        prop_assert_eq!(read, value);
+    }
+
+    /// Whatever targets come, the motor's speed and acceleration keep their bounds, and positions
+    /// move by no more than the speed allows.
+    #[test]
+    fn no_target_makes_the_motor_leap(
+        targets in prop::collection::vec(prop_oneof![-5_000..5_000i32, any::<i32>()], 1..60),
+        jitter in prop::collection::vec(0..900_000u64, 60),
+    ) {
+        let mut bench = Bench::booted();
+        bench.map_csp();
+        bench.write(0x6065, 0, 0xFFFF_FFFF, 4).unwrap();
+        bench.nmt(NmtCommand::Start);
+        for word in [0x06, 0x07, 0x0F] {
+            bench.cycle(word, 1000);
+        }
+        let (mut before, mut at) = (bench.drive.clone(), bench.now);
+        for (target, jitter) in targets.iter().zip(&jitter) {
+            bench.cycle(0x0F, *target);
+            bench.pass(*jitter);
+            let seconds = (bench.now - at) as f64 / 1e9;
+            let moved = bench.drive.mechanical_position() - before.mechanical_position();
+            // the last instant at which the drive did something may lie a period back
+            prop_assert!(moved.abs() <= 6_553_600.0 * (seconds + 0.001) + 1.0);
+            let gained = bench.drive.velocity() - before.velocity();
+            prop_assert!(gained.abs() <= 205_000_000.0 * (seconds + 0.001) + 1.0);
+            (before, at) = (bench.drive.clone(), bench.now);
+        }
+        prop_assert_eq!(bench.drive.mode(), Some(OperatingMode::CyclicPosition));
+    }
+}

@@ -1,0 +1,473 @@
+//! Drives behind gateways: the built-in scenario, scenario files, and faults that strike them.
+
+mod ecrt_support;
+
+use std::path::Path;
+
+use ecan_canopen::{DriveState, NmtState, NodeId};
+use ecan_protocol::{AbortCode, CanFrame, CanId};
+use ecan_sim::{
+    BackendError, ClockKind, DriveFault, DriveQuirks, DriveSettings, DriveSpec, EcrtSetting, Fault,
+    MotorSettings, NodeKind, Scenario, ScriptedFault, SdoDirection, SdoEffect, SdoRule, SimOptions,
+    When, drives, open, open_scenario,
+};
+use ecrt_support::{Program, stepped};
+
+fn id(node: u8) -> NodeId {
+    NodeId::new(node).unwrap()
+}
+
+fn frame(id: u16, data: &[u8]) -> CanFrame {
+    CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
+}
+
+/// A program on some drives, with one slave a gateway.
+fn program(scenario: Scenario) -> Program {
+    let slaves = scenario.gateways.len();
+    Program::new(stepped(scenario), &vec![3; slaves]).into_op()
+}
+
+/// Sends frames on channel 0 of slave 0 and cycles a few times; gives what came back from there.
+fn exchange(program: &mut Program, frames: &[CanFrame]) -> Vec<(u32, Vec<u8>)> {
+    let before = program.received.len();
+    let frames: Vec<_> = frames.iter().map(|frame| (0, 0, *frame)).collect();
+    program.cycle_with(&frames);
+    program.cycles(6);
+    program.received[before..]
+        .iter()
+        .filter(|(slave, channel, _)| (*slave, *channel) == (0, 0))
+        .map(|(_, _, frame)| (frame.id().raw(), frame.data().to_vec()))
+        .collect()
+}
+
+#[test]
+fn the_built_in_scenario_has_four_drives_on_every_channel() {
+    let options =
+        SimOptions { clock: Some(ClockKind::Stepped), slaves: Some(3), ..SimOptions::default() };
+    let setting = EcrtSetting::parse("sim:drives").unwrap();
+    let simulation = open(&setting, &options).unwrap().simulation.unwrap();
+    assert!(simulation.banner().contains("Scenario drives: 3 gateways, 48 nodes"));
+    simulation.with_world(|world| {
+        assert_eq!(world.drives().count(), 48);
+        for (gateway, channel, node) in [(0, 0, 1), (0, 3, 4), (2, 1, 3)] {
+            let drive = world.drive_at(gateway, channel, id(node)).unwrap();
+            let name = format!("drive {gateway}.{channel}/{node}");
+            assert_eq!(world.drive_name(gateway, channel, id(node)), Some(name.as_str()));
+            assert_eq!(world.drive(&name).unwrap().node_id(), drive.node_id());
+            let place = 100_000 * gateway + 10_000 * channel + 1_000 * usize::from(node) + 7;
+            assert_eq!(drive.position(), place as i32);
+        }
+        assert!(world.drive_at(0, 0, id(5)).is_none());
+        assert!(world.drive_at(3, 0, id(1)).is_none());
+        assert!(world.drive("drive").is_none());
+    });
+}
+
+/// The start-up of an axis as it stands on the bus, frame by frame.
+#[test]
+fn the_way_of_an_axis_to_its_first_target() {
+    let mut program = program(drives(1, 1));
+    program.cycles(100);
+    program.received.clear();
+    let mut trace: Vec<String> = Vec::new();
+    let mut step = |program: &mut Program, name: &str, frames: &[CanFrame]| {
+        // the motor comes to rest before the next step
+        program.cycles(50);
+        trace.push(format!("# {name}"));
+        let print = |arrow: &str, id: u32, data: &[u8]| {
+            let bytes: Vec<_> = data.iter().map(|byte| format!("{byte:02X}")).collect();
+            format!("{arrow} {id:03X} {}", bytes.join(" ")).trim_end().to_owned()
+        };
+        trace.extend(frames.iter().map(|frame| print(">", frame.id().raw(), frame.data())));
+        let answers = exchange(program, frames);
+        trace.extend(answers.iter().map(|(id, data)| print("<", *id, data)));
+    };
+    let sdo = |bytes: [u8; 8]| frame(0x601, &bytes);
+    step(&mut program, "identity", &[sdo([0x40, 0x18, 0x10, 1, 0, 0, 0, 0])]);
+    step(&mut program, "RPDO 1: invalid", &[sdo([0x23, 0x00, 0x14, 1, 0x01, 0x02, 0, 0xC0])]);
+    step(&mut program, "with every SYNC", &[sdo([0x2F, 0x00, 0x14, 2, 1, 0, 0, 0])]);
+    step(&mut program, "no entries", &[sdo([0x2F, 0x00, 0x16, 0, 0, 0, 0, 0])]);
+    step(&mut program, "controlword", &[sdo([0x23, 0x00, 0x16, 1, 0x10, 0, 0x40, 0x60])]);
+    step(&mut program, "target position", &[sdo([0x23, 0x00, 0x16, 2, 0x20, 0, 0x7A, 0x60])]);
+    step(&mut program, "two entries", &[sdo([0x2F, 0x00, 0x16, 0, 2, 0, 0, 0])]);
+    step(&mut program, "valid", &[sdo([0x23, 0x00, 0x14, 1, 0x01, 0x02, 0, 0x40])]);
+    step(&mut program, "TPDO 1: invalid", &[sdo([0x23, 0x00, 0x18, 1, 0x81, 0x01, 0, 0xC0])]);
+    step(&mut program, "with every SYNC", &[sdo([0x2F, 0x00, 0x18, 2, 1, 0, 0, 0])]);
+    step(&mut program, "no entries", &[sdo([0x2F, 0x00, 0x1A, 0, 0, 0, 0, 0])]);
+    step(&mut program, "statusword", &[sdo([0x23, 0x00, 0x1A, 1, 0x10, 0, 0x41, 0x60])]);
+    step(&mut program, "actual position", &[sdo([0x23, 0x00, 0x1A, 2, 0x20, 0, 0x64, 0x60])]);
+    step(&mut program, "two entries", &[sdo([0x2F, 0x00, 0x1A, 0, 2, 0, 0, 0])]);
+    step(&mut program, "valid", &[sdo([0x23, 0x00, 0x18, 1, 0x81, 0x01, 0, 0x40])]);
+    step(&mut program, "CSP", &[sdo([0x2F, 0x60, 0x60, 0, 8, 0, 0, 0])]);
+    step(&mut program, "operational", &[frame(0, &[1, 1])]);
+    let target = |word: u8, position: i32| {
+        let [a, b, c, d] = position.to_le_bytes();
+        [frame(0x201, &[word, 0, a, b, c, d]), frame(0x080, &[])]
+    };
+    step(&mut program, "shutdown", &target(0x06, 1007));
+    step(&mut program, "switch on", &target(0x07, 1007));
+    step(&mut program, "enable operation", &target(0x0F, 1007));
+    step(&mut program, "first step", &target(0x0F, 1107));
+    step(&mut program, "it has followed", &target(0x0F, 1107));
+    let expected = "\
+# identity
+> 601 40 18 10 01 00 00 00 00
+< 581 43 18 10 01 00 4D 49 53
+# RPDO 1: invalid
+> 601 23 00 14 01 01 02 00 C0
+< 581 60 00 14 01 00 00 00 00
+# with every SYNC
+> 601 2F 00 14 02 01 00 00 00
+< 581 60 00 14 02 00 00 00 00
+# no entries
+> 601 2F 00 16 00 00 00 00 00
+< 581 60 00 16 00 00 00 00 00
+# controlword
+> 601 23 00 16 01 10 00 40 60
+< 581 60 00 16 01 00 00 00 00
+# target position
+> 601 23 00 16 02 20 00 7A 60
+< 581 60 00 16 02 00 00 00 00
+# two entries
+> 601 2F 00 16 00 02 00 00 00
+< 581 60 00 16 00 00 00 00 00
+# valid
+> 601 23 00 14 01 01 02 00 40
+< 581 60 00 14 01 00 00 00 00
+# TPDO 1: invalid
+> 601 23 00 18 01 81 01 00 C0
+< 581 60 00 18 01 00 00 00 00
+# with every SYNC
+> 601 2F 00 18 02 01 00 00 00
+< 581 60 00 18 02 00 00 00 00
+# no entries
+> 601 2F 00 1A 00 00 00 00 00
+< 581 60 00 1A 00 00 00 00 00
+# statusword
+> 601 23 00 1A 01 10 00 41 60
+< 581 60 00 1A 01 00 00 00 00
+# actual position
+> 601 23 00 1A 02 20 00 64 60
+< 581 60 00 1A 02 00 00 00 00
+# two entries
+> 601 2F 00 1A 00 02 00 00 00
+< 581 60 00 1A 00 00 00 00 00
+# valid
+> 601 23 00 18 01 81 01 00 40
+< 581 60 00 18 01 00 00 00 00
+# CSP
+> 601 2F 60 60 00 08 00 00 00
+< 581 60 60 60 00 00 00 00 00
+# operational
+> 000 01 01
+# shutdown
+> 201 06 00 EF 03 00 00
+> 080
+< 181 40 02 EF 03 00 00
+# switch on
+> 201 07 00 EF 03 00 00
+> 080
+< 181 21 02 EF 03 00 00
+# enable operation
+> 201 0F 00 EF 03 00 00
+> 080
+< 181 33 02 EF 03 00 00
+# first step
+> 201 0F 00 53 04 00 00
+> 080
+< 181 37 12 EF 03 00 00
+# it has followed
+> 201 0F 00 53 04 00 00
+> 080
+< 181 37 12 53 04 00 00";
+    assert_eq!(trace.join("\n"), expected);
+    program.simulation().with_world(|world| {
+        let drive = world.drive_at(0, 0, id(1)).unwrap();
+        assert_eq!(drive.state(), DriveState::OperationEnabled);
+        let sums = drive.targets().sums();
+        assert_eq!((sums.firsts, sums.largest_first_offset, sums.largest_step), (1, 0, 100));
+    });
+}
+
+#[test]
+fn the_same_scenario_gives_the_same_frames() {
+    let run = || {
+        let mut program = program(drives(2, 4));
+        program.cycles(50);
+        exchange(&mut program, &[frame(0, &[0x81, 0])]);
+        program.cycles(50);
+        for node in 1..=4 {
+            exchange(&mut program, &[frame(0x600 + node, &[0x2B, 0x17, 0x10, 0, 10, 0, 0, 0])]);
+        }
+        program.cycles(200);
+        let frames: Vec<_> = program
+            .received
+            .iter()
+            .map(|(slave, channel, frame)| format!("{slave}.{channel} {frame:?}"))
+            .collect();
+        frames
+    };
+    let frames = run();
+    assert!(frames.len() > 80, "{}", frames.len());
+    assert_eq!(frames, run());
+}
+
+#[test]
+fn a_power_cycle_takes_the_drive_off_the_bus() {
+    let mut program = program(drives(1, 2));
+    program.cycles(100);
+    program.received.clear();
+    let node = "drive 0.0/1".to_owned();
+    let fault = DriveFault::PowerCycle { off_ms: 50 };
+    program.simulation().inject(Fault::Drive { node, fault });
+    let sdo = frame(0x601, &[0x40, 0x00, 0x10, 0, 0, 0, 0, 0]);
+    // the other drive acknowledges; this one does not answer
+    assert_eq!(exchange(&mut program, &[sdo]), []);
+    let errors = |program: &Program| {
+        program.simulation().with_world(|world| world.bus_statistics(0, 0).unwrap().error_frames)
+    };
+    assert_eq!(errors(&program), 0);
+    program.cycles(100);
+    let boot_up = program.received.iter().position(|(_, _, frame)| frame.id().raw() == 0x701);
+    assert_eq!(program.received[boot_up.unwrap()].2.data(), [0]);
+    assert_eq!(exchange(&mut program, &[sdo]).len(), 1);
+    // both off: nobody acknowledges
+    for node in ["drive 0.0/1", "drive 0.0/2"] {
+        program.simulation().inject(Fault::Drive { node: node.to_owned(), fault });
+    }
+    exchange(&mut program, &[sdo]);
+    assert!(errors(&program) > 0);
+}
+
+#[test]
+fn faults_strike_the_drive_that_they_name() {
+    let mut program = program(drives(1, 2));
+    program.cycles(100);
+    let inject = |program: &mut Program, node: u8, fault| {
+        program.received.clear();
+        let node = format!("drive 0.0/{node}");
+        program.simulation().inject(Fault::Drive { node, fault });
+        program.cycles(10);
+        let frames: Vec<_> = program
+            .received
+            .iter()
+            .map(|(_, _, frame)| (frame.id().raw(), frame.data().to_vec()))
+            .collect();
+        frames
+    };
+    let state = |program: &Program, node| {
+        program.simulation().with_world(|world| world.drive_at(0, 0, id(node)).unwrap().state())
+    };
+    let frames = inject(&mut program, 2, DriveFault::Error { code: 0x2310 });
+    assert_eq!(frames, [(0x082, vec![0x10, 0x23, 0x03, 0, 0, 0, 0, 0])]);
+    assert_eq!(state(&program, 2), DriveState::Fault);
+    assert_eq!(state(&program, 1), DriveState::SwitchOnDisabled);
+    let frames = inject(&mut program, 1, DriveFault::Emcy { code: 0x4210, register: 9 });
+    assert_eq!(frames, [(0x081, vec![0x10, 0x42, 0x09, 0, 0, 0, 0, 0])]);
+    assert_eq!(state(&program, 1), DriveState::SwitchOnDisabled);
+    // a name that is none
+    assert_eq!(inject(&mut program, 9, DriveFault::Error { code: 0x2310 }), []);
+    // silent: alive, but without a word
+    let node = "drive 0.0/1".to_owned();
+    program.simulation().inject(Fault::NodeSilent { node, for_ms: 100 });
+    let sdo = frame(0x601, &[0x40, 0x00, 0x10, 0, 0, 0, 0, 0]);
+    assert_eq!(exchange(&mut program, &[sdo]), []);
+    program.cycles(100);
+    assert_eq!(exchange(&mut program, &[sdo]).len(), 1);
+}
+
+fn read(text: &str) -> Result<Scenario, String> {
+    Scenario::from_toml(text, "test", Path::new("/cell")).map_err(|error| error.to_string())
+}
+
+const FILE: &str = r#"
+[[gateway]]
+
+[[node]]
+kind = "drive"
+bus = "0.1"
+name = "shoulder"
+node_id = 5
+eds = "drive.eds"
+bitrate = 1000000
+serial = 99
+boot_ms = 3000
+sdo_delay_us = 1000
+enable_ms = 20
+
+[node.motor]
+start_position = -5
+max_velocity = 100000
+absolute_encoder = false
+limit_switches = [-10, 10]
+
+[node.quirks]
+refuses_mapping_while_valid = false
+needs_mode = true
+ignored_modes = [9]
+missing = [0x1016]
+sdo = [
+  { index = 0x60C2, direction = "write", code = 0x06010000, times = 2 },
+  { index = 0x1018, subindex = 1, silent = true },
+]
+
+[[node]]
+kind = "drive"
+bus = "0.0"
+node_id = 5
+
+[[fault]]
+at_ms = 100
+kind = "drive_error"
+node = "shoulder"
+code = 0x2310
+
+[[fault]]
+cycle = 5
+kind = "drive_power_cycle"
+node = "shoulder"
+off_ms = 300
+
+[[fault]]
+cycle = 6
+kind = "drive_emcy"
+node = "shoulder"
+code = 0x4210
+register = 9
+
+[[fault]]
+cycle = 7
+kind = "drive_blocked"
+node = "shoulder"
+for_ms = 50
+"#;
+
+#[test]
+fn every_key_of_a_drive_arrives() {
+    let scenario = read(FILE).unwrap();
+    let NodeKind::Drive(drive) = &scenario.nodes[0].kind else { panic!() };
+    let expected = DriveSettings {
+        serial: 99,
+        boot_ms: 3000,
+        sdo_delay_us: 1000,
+        enable_ms: 20,
+        motor: MotorSettings {
+            start_position: -5,
+            max_velocity: 100_000,
+            absolute_encoder: false,
+            limit_switches: (-10, 10),
+            ..MotorSettings::default()
+        },
+        quirks: DriveQuirks {
+            refuses_mapping_while_valid: false,
+            needs_mode: true,
+            ignored_modes: vec![9],
+            missing: vec![0x1016],
+            sdo_rules: vec![
+                SdoRule {
+                    index: 0x60C2,
+                    subindex: None,
+                    direction: SdoDirection::Write,
+                    effect: SdoEffect::Abort(AbortCode(0x0601_0000)),
+                    times: Some(2),
+                },
+                SdoRule {
+                    index: 0x1018,
+                    subindex: Some(1),
+                    direction: SdoDirection::Both,
+                    effect: SdoEffect::Silence,
+                    times: None,
+                },
+            ],
+            ..DriveQuirks::default()
+        },
+        ..DriveSettings::new(id(5))
+    };
+    assert_eq!(**drive, DriveSpec { settings: expected, eds: Some("/cell/drive.eds".into()) });
+    assert_eq!(scenario.nodes[0].bitrate, Some(1_000_000));
+    let NodeKind::Drive(plain) = &scenario.nodes[1].kind else { panic!() };
+    assert_eq!(**plain, DriveSpec { settings: DriveSettings::new(id(5)), eds: None });
+    let fault = |when, fault| ScriptedFault {
+        when,
+        fault: Fault::Drive { node: "shoulder".to_owned(), fault },
+    };
+    assert_eq!(
+        scenario.faults,
+        [
+            fault(When::At(100_000_000), DriveFault::Error { code: 0x2310 }),
+            fault(When::Cycle(5), DriveFault::PowerCycle { off_ms: 300 }),
+            fault(When::Cycle(6), DriveFault::Emcy { code: 0x4210, register: 9 }),
+            fault(When::Cycle(7), DriveFault::Blocked { for_ms: 50 }),
+        ]
+    );
+}
+
+#[test]
+fn what_is_wrong_with_a_drive_is_named() {
+    let cases = [
+        ("node_id = 5\neds", "eds", "a node of kind \"drive\" needs `node_id`"),
+        ("node_id = 5\neds", "node_id = 128\neds", "`node_id` 128 is out of range: 1 to 127"),
+        (
+            "kind = \"drive\"\nbus = \"0.0\"",
+            "kind = \"echo\"\nbus = \"0.0\"",
+            "`node_id` belongs to nodes of kind \"drive\"",
+        ),
+        ("bus = \"0.0\"", "bus = \"0.1\"", "node id 5 is that of \"shoulder\" already"),
+        ("max_velocity = 100000", "max_velocity = 0", "`max_velocity` of a motor is not 0"),
+        ("[-10, 10]", "[10, -10]", "`limit_switches` are the negative one and the positive one"),
+        ("needs_mode = true", "need_mode = true", "unknown field `need_mode`"),
+        (", silent = true", "", "an `sdo` quirk needs either `code` or `silent = true`"),
+        ("code = 0x2310", "code = 0x12310", "an error code has 16 bits"),
+        ("for_ms = 50", "", "this kind of fault needs `for_ms`"),
+        (
+            "for_ms = 50",
+            "for_ms = 50\nregister = 1",
+            "`register` does not belong to a fault of this kind",
+        ),
+    ];
+    for (old, new, words) in cases {
+        assert!(FILE.contains(old), "{old}");
+        let error = read(&FILE.replacen(old, new, 1)).unwrap_err();
+        assert!(error.contains(words), "{error}");
+        assert!(error.starts_with("line "), "{error}");
+    }
+    let text = FILE.replace(
+        "kind = \"drive\"\nbus = \"0.0\"\nnode_id = 5",
+        "kind = \"echo\"\nname = \"e\"\nbus = \"0.0\"",
+    );
+    let text = text.replace("node = \"shoulder\"\ncode", "node = \"e\"\ncode");
+    assert!(read(&text).unwrap_err().contains("node \"e\" is no drive"));
+}
+
+#[test]
+fn an_eds_that_is_missing_or_wrong_is_named() {
+    let directory = std::env::temp_dir().join(format!("ecan-drive-{}", std::process::id()));
+    std::fs::create_dir_all(&directory).unwrap();
+    let path = directory.join("wrong.eds");
+    std::fs::write(&path, "[MandatoryObjects]\nSupportedObjects=none\n").unwrap();
+    let mut scenario = drives(1, 1);
+    for (file, words) in [
+        (path.clone(), "wrong.eds, line 2: `none` is not a number"),
+        (directory.join("absent.eds"), "absent.eds: "),
+    ] {
+        let settings = DriveSettings::new(id(1));
+        scenario.nodes[0].kind = NodeKind::Drive(Box::new(DriveSpec { settings, eds: Some(file) }));
+        let error = open_scenario(scenario.clone(), &SimOptions::default()).unwrap_err();
+        assert!(error.to_string().contains(words), "{error}");
+        assert!(matches!(error, BackendError::Eds { .. } | BackendError::Read { .. }));
+    }
+    std::fs::remove_dir_all(&directory).unwrap();
+}
+
+#[test]
+fn a_drive_with_bit_rates_of_its_own_runs_without_a_gateway() {
+    let text = FILE.replace("eds = \"drive.eds\"\n", "").replace("boot_ms = 3000", "boot_ms = 30");
+    let program = Program::new(stepped(read(&text).unwrap()), &[3]);
+    program.simulation().pass_ns(50_000_000);
+    program.simulation().with_world(|world| {
+        let state = |name| world.drive(name).unwrap().nmt_state();
+        assert_eq!(state("shoulder"), NmtState::PreOperational);
+        // the other follows a channel that nobody has configured yet
+        assert_eq!(state("node 1"), NmtState::Initialising);
+    });
+}

@@ -1,0 +1,323 @@
+//! The state machine of CiA 402 in the drive: transitions, option codes, faults.
+
+mod drive_support;
+
+use drive_support::{Bench, settings};
+use ecan_canopen::DriveState::{
+    self, Fault, FaultReactionActive, OperationEnabled, QuickStopActive, ReadyToSwitchOn,
+    SwitchOnDisabled, SwitchedOn,
+};
+use ecan_canopen::{Command, NmtCommand, OperatingMode};
+use ecan_sim::{DriveQuirks, DriveSettings, NodeOutput};
+
+const SHUTDOWN: u16 = 0x06;
+const SWITCH_ON: u16 = 0x07;
+const ENABLE: u16 = 0x0F;
+const DISABLE_VOLTAGE: u16 = 0x00;
+const QUICK_STOP: u16 = 0x02;
+const FAULT_RESET: u16 = 0x80;
+
+/// Controlwords that lead from switch on disabled to a state; the motor stands.
+fn way_to(state: DriveState) -> Bench {
+    let mut bench = Bench::booted();
+    bench.mode(OperatingMode::CyclicPosition);
+    // stay in quick stop active
+    bench.write(0x605A, 0, 6, 2).unwrap();
+    // disable at once
+    bench.write(0x605C, 0, 0, 2).unwrap();
+    let words: &[u16] = match state {
+        ReadyToSwitchOn => &[SHUTDOWN],
+        SwitchedOn => &[SHUTDOWN, SWITCH_ON],
+        OperationEnabled => &[SHUTDOWN, SWITCH_ON, ENABLE],
+        QuickStopActive => &[SHUTDOWN, SWITCH_ON, ENABLE, QUICK_STOP],
+        _ => &[],
+    };
+    words.iter().for_each(|word| bench.controlword(*word));
+    if state == Fault {
+        bench.drive.fail(bench.now, 0x1000, &mut NodeOutput::new());
+    }
+    assert_eq!(bench.drive.state(), state);
+    bench
+}
+
+#[test]
+fn every_controlword_in_every_state() {
+    let table = [
+        (
+            SwitchOnDisabled,
+            [
+                (SHUTDOWN, ReadyToSwitchOn),
+                (SWITCH_ON, SwitchOnDisabled),
+                (ENABLE, SwitchOnDisabled),
+                (DISABLE_VOLTAGE, SwitchOnDisabled),
+                (QUICK_STOP, SwitchOnDisabled),
+                (FAULT_RESET, SwitchOnDisabled),
+            ],
+        ),
+        (
+            ReadyToSwitchOn,
+            [
+                (SHUTDOWN, ReadyToSwitchOn),
+                (SWITCH_ON, SwitchedOn),
+                // transitions 3 and 4 in one
+                (ENABLE, OperationEnabled),
+                (DISABLE_VOLTAGE, SwitchOnDisabled),
+                (QUICK_STOP, SwitchOnDisabled),
+                // bit 7 means nothing here, the rest is disable voltage
+                (FAULT_RESET, SwitchOnDisabled),
+            ],
+        ),
+        (
+            SwitchedOn,
+            [
+                (SHUTDOWN, ReadyToSwitchOn),
+                (SWITCH_ON, SwitchedOn),
+                (ENABLE, OperationEnabled),
+                (DISABLE_VOLTAGE, SwitchOnDisabled),
+                (QUICK_STOP, SwitchOnDisabled),
+                (FAULT_RESET, SwitchOnDisabled),
+            ],
+        ),
+        (
+            OperationEnabled,
+            [
+                (SHUTDOWN, ReadyToSwitchOn),
+                (SWITCH_ON, SwitchedOn),
+                (ENABLE, OperationEnabled),
+                (DISABLE_VOLTAGE, SwitchOnDisabled),
+                (QUICK_STOP, QuickStopActive),
+                (FAULT_RESET, SwitchOnDisabled),
+            ],
+        ),
+        (
+            QuickStopActive,
+            [
+                (SHUTDOWN, QuickStopActive),
+                (SWITCH_ON, QuickStopActive),
+                // transition 16
+                (ENABLE, OperationEnabled),
+                (DISABLE_VOLTAGE, SwitchOnDisabled),
+                (QUICK_STOP, QuickStopActive),
+                (FAULT_RESET, SwitchOnDisabled),
+            ],
+        ),
+        (
+            Fault,
+            [
+                (SHUTDOWN, Fault),
+                (SWITCH_ON, Fault),
+                (ENABLE, Fault),
+                (DISABLE_VOLTAGE, Fault),
+                (QUICK_STOP, Fault),
+                (FAULT_RESET, SwitchOnDisabled),
+            ],
+        ),
+    ];
+    for (from, steps) in table {
+        for (word, to) in steps {
+            let mut bench = way_to(from);
+            bench.controlword(word);
+            assert_eq!(bench.drive.state(), to, "{from} with {word:#04X}");
+        }
+    }
+}
+
+#[test]
+fn the_statusword_of_each_state() {
+    let words = [
+        (SwitchOnDisabled, 0x0240),
+        (ReadyToSwitchOn, 0x0221),
+        (SwitchedOn, 0x0233),
+        // cyclic: bit 12, it follows its target
+        (OperationEnabled, 0x1237),
+        (QuickStopActive, 0x0217),
+        (Fault, 0x0208),
+    ];
+    for (state, word) in words {
+        let mut bench = way_to(state);
+        assert_eq!(bench.read(0x6041, 0), Ok(word), "{state}");
+        assert_eq!(u32::from(bench.drive.statusword().0), word);
+    }
+}
+
+#[test]
+fn only_a_rising_edge_resets_a_fault() {
+    let mut bench = Bench::booted();
+    bench.controlword(FAULT_RESET);
+    bench.drive.fail(bench.now, 0x2310, &mut NodeOutput::new());
+    // the bit is still set from before
+    for _ in 0..3 {
+        bench.controlword(FAULT_RESET);
+        assert_eq!(bench.drive.state(), Fault);
+    }
+    bench.controlword(0);
+    bench.controlword(FAULT_RESET);
+    assert_eq!(bench.drive.state(), SwitchOnDisabled);
+    assert_eq!(bench.drive.error_code(), 0);
+}
+
+/// An axis that turns at 1 000 000 increments per second in profile velocity.
+fn turning() -> Bench {
+    let mut bench = Bench::booted();
+    bench.write(0x60FF, 0, 1_000_000, 4).unwrap();
+    bench.enable(OperatingMode::ProfileVelocity);
+    bench.pass_ms(200);
+    assert!((bench.drive.velocity() - 1e6).abs() < 1e3, "{}", bench.drive.velocity());
+    bench
+}
+
+/// Milliseconds until it stands, and the states meanwhile.
+fn until_standing(bench: &mut Bench) -> (usize, Vec<DriveState>) {
+    let mut states = Vec::new();
+    for ms in 0..1000 {
+        if states.last() != Some(&bench.drive.state()) {
+            states.push(bench.drive.state());
+        }
+        if bench.drive.velocity().abs() < 1_000.0 {
+            return (ms, states);
+        }
+        bench.pass_ms(1);
+    }
+    panic!("it never stands");
+}
+
+// Speed over deceleration: friction 200 ms, profile (10 000 000) 100 ms, quick (50 000 000) 20 ms,
+// limit (200 000 000) 5 ms.
+
+#[test]
+fn quick_stop_option_codes() {
+    let cases = [
+        (0, 150..250, SwitchOnDisabled),
+        (1, 95..115, SwitchOnDisabled),
+        (2, 18..35, SwitchOnDisabled),
+        (3, 4..20, SwitchOnDisabled),
+        (5, 95..115, QuickStopActive),
+        (6, 18..35, QuickStopActive),
+        (7, 4..20, QuickStopActive),
+    ];
+    for (option, time, end) in cases {
+        let mut bench = turning();
+        bench.write(0x605A, 0, option, 2).unwrap();
+        bench.controlword(QUICK_STOP);
+        let first = if option == 0 { SwitchOnDisabled } else { QuickStopActive };
+        assert_eq!(bench.drive.state(), first);
+        let (ms, _) = until_standing(&mut bench);
+        assert!(time.contains(&ms), "option {option}: {ms} ms");
+        bench.pass_ms(20);
+        assert_eq!(bench.drive.state(), end, "option {option}");
+    }
+}
+
+#[test]
+fn shutdown_and_disable_operation_option_codes() {
+    // 0x605B, 0x605C: 0 cuts the current, 1 slows down first
+    for (object, word, end) in
+        [(0x605B, SHUTDOWN, ReadyToSwitchOn), (0x605C, SWITCH_ON, SwitchedOn)]
+    {
+        let mut bench = turning();
+        bench.write(object, 0, 0, 2).unwrap();
+        bench.controlword(word);
+        assert_eq!(bench.drive.state(), end);
+        assert!(until_standing(&mut bench).0 > 150);
+        let mut bench = turning();
+        bench.write(object, 0, 1, 2).unwrap();
+        bench.controlword(word);
+        let (ms, states) = until_standing(&mut bench);
+        assert!((95..115).contains(&ms), "{ms}");
+        assert_eq!(states[0], OperationEnabled);
+        bench.pass_ms(20);
+        assert_eq!(bench.drive.state(), end);
+    }
+}
+
+#[test]
+fn enabling_again_takes_a_slow_down_back() {
+    let mut bench = turning();
+    bench.controlword(SWITCH_ON);
+    bench.pass_ms(20);
+    bench.controlword(ENABLE);
+    bench.pass_ms(200);
+    assert_eq!(bench.drive.state(), OperationEnabled);
+    assert!((bench.drive.velocity() - 1e6).abs() < 1e3);
+}
+
+#[test]
+fn halt_option_codes_slow_down_and_stay_enabled() {
+    for (option, time) in [(1, 95..115), (2, 18..35), (3, 4..20)] {
+        let mut bench = turning();
+        bench.write(0x605D, 0, option, 2).unwrap();
+        bench.controlword(ENABLE | 0x100);
+        let (ms, states) = until_standing(&mut bench);
+        assert!(time.contains(&ms), "option {option}: {ms} ms");
+        assert_eq!(states, [OperationEnabled]);
+        // target reached tells that it stands
+        bench.pass_ms(10);
+        assert_eq!(bench.drive.statusword().0 & 0x0400, 0x0400);
+        bench.controlword(ENABLE);
+        bench.pass_ms(200);
+        assert!((bench.drive.velocity() - 1e6).abs() < 1e3);
+    }
+}
+
+#[test]
+fn fault_reaction_option_codes() {
+    for (option, time) in [(0, 150..250), (1, 95..115), (2, 18..35), (3, 4..20)] {
+        let mut bench = turning();
+        bench.write(0x605E, 0, option, 2).unwrap();
+        bench.drive.fail(bench.now, 0x4310, &mut NodeOutput::new());
+        let first = if option == 0 { Fault } else { FaultReactionActive };
+        assert_eq!(bench.drive.state(), first);
+        let (ms, _) = until_standing(&mut bench);
+        assert!(time.contains(&ms), "option {option}: {ms} ms");
+        bench.pass_ms(20);
+        assert_eq!(bench.drive.state(), Fault);
+    }
+}
+
+#[test]
+fn enabling_takes_the_time_of_the_brake() {
+    let mut bench = Bench::with(&DriveSettings { enable_ms: 30, ..settings() });
+    bench.mode(OperatingMode::CyclicPosition);
+    bench.command(Command::Shutdown);
+    bench.command(Command::SwitchOn);
+    bench.command(Command::EnableOperation);
+    bench.pass_ms(29);
+    assert_eq!(bench.drive.state(), SwitchedOn);
+    bench.command(Command::EnableOperation);
+    bench.pass_ms(1);
+    assert_eq!(bench.drive.state(), OperationEnabled);
+}
+
+#[test]
+fn quirks_of_the_state_machine() {
+    let with = |quirks| Bench::with(&DriveSettings { quirks, ..settings() });
+    let mut bench = with(DriveQuirks { needs_mode: true, ..DriveQuirks::default() });
+    for word in [SHUTDOWN, SWITCH_ON, ENABLE] {
+        bench.controlword(word);
+    }
+    assert_eq!(bench.drive.state(), SwitchedOn);
+    bench.mode(OperatingMode::CyclicPosition);
+    bench.controlword(ENABLE);
+    assert_eq!(bench.drive.state(), OperationEnabled);
+
+    let mut bench = with(DriveQuirks { stuck_in_fault: true, ..DriveQuirks::default() });
+    bench.drive.fail(bench.now, 0x2310, &mut NodeOutput::new());
+    for word in [0, FAULT_RESET, 0, FAULT_RESET] {
+        bench.controlword(word);
+        assert_eq!(bench.drive.state(), Fault);
+    }
+    bench.nmt(NmtCommand::ResetNode);
+    bench.pass_ms(50);
+    assert_eq!(bench.drive.state(), SwitchOnDisabled);
+
+    let quirks = DriveQuirks { ignored_modes: vec![8], mode_delay_ms: 5, ..Default::default() };
+    let mut bench = with(quirks);
+    bench.mode(OperatingMode::CyclicPosition);
+    bench.pass_ms(100);
+    assert_eq!((bench.read(0x6060, 0), bench.read(0x6061, 0)), (Ok(8), Ok(0)));
+    bench.mode(OperatingMode::Homing);
+    bench.pass_ms(4);
+    assert_eq!(bench.read(0x6061, 0), Ok(0));
+    bench.pass_ms(1);
+    assert_eq!(bench.read(0x6061, 0), Ok(6));
+}

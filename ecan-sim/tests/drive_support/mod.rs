@@ -1,0 +1,196 @@
+//! A drive on the table: frames go in and come out without a bus between.
+#![allow(dead_code)]
+
+use ecan_canopen::{
+    Command, Controlword, DriveState, NmtCommand, NmtRequest, NodeId, OperatingMode,
+};
+use ecan_protocol::{CanFrame, CanId};
+use ecan_sim::{Drive, DriveSettings, MotorSettings, Node, NodeOutput};
+
+/// Node id of the drive.
+pub const NODE: u16 = 5;
+/// A millisecond.
+pub const MS: u64 = 1_000_000;
+
+/// A frame as tests write it.
+pub type Line = (u16, Vec<u8>);
+
+/// A drive and its surroundings.
+pub struct Bench {
+    pub drive: Drive,
+    pub now: u64,
+    out: NodeOutput,
+    /// Frames that the drive has sent and nobody has looked at.
+    pub sent: Vec<(u64, Line)>,
+}
+
+/// Settings of a drive that answers at once and stands at 1000.
+pub fn settings() -> DriveSettings {
+    DriveSettings {
+        sdo_delay_us: 0,
+        motor: MotorSettings { start_position: 1000, ..MotorSettings::default() },
+        ..DriveSettings::new(NodeId::new(NODE as u8).unwrap())
+    }
+}
+
+impl Bench {
+    /// A drive with the built-in objects that has booted.
+    pub fn booted() -> Self {
+        Self::with(&settings())
+    }
+
+    pub fn with(settings: &DriveSettings) -> Self {
+        let mut bench = Self::cold(Drive::new(settings));
+        bench.pass_ms(u64::from(settings.boot_ms) + 1);
+        bench.sent.clear();
+        bench
+    }
+
+    /// A drive that has just got its supply.
+    pub fn cold(drive: Drive) -> Self {
+        let mut bench = Self { drive, now: 10 * MS, out: NodeOutput::new(), sent: Vec::new() };
+        bench.drive.started(bench.now, &mut bench.out);
+        bench.collect();
+        bench
+    }
+
+    fn collect(&mut self) {
+        while let Some(frame) = self.out.pop() {
+            self.sent.push((self.now, (frame.id().raw() as u16, frame.data().to_vec())));
+            self.drive.transmitted(self.now, &frame, &mut self.out);
+        }
+    }
+
+    /// Lets time pass, with everything that the drive does meanwhile.
+    pub fn pass(&mut self, ns: u64) {
+        let end = self.now + ns;
+        while let Some(at) = self.drive.next_event().filter(|at| *at <= end) {
+            self.now = at.max(self.now);
+            self.drive.advance(self.now, &mut self.out);
+            self.collect();
+            let next = self.drive.next_event();
+            assert!(next.is_none_or(|next| next > self.now), "time stands still");
+        }
+        self.now = end;
+    }
+
+    pub fn pass_ms(&mut self, ms: u64) {
+        self.pass(ms * MS);
+    }
+
+    /// A frame of someone else; gives what the drive sends in the same instant.
+    pub fn frame(&mut self, id: u16, data: &[u8]) -> Vec<Line> {
+        let frame = CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap();
+        let before = self.sent.len();
+        self.drive.received(self.now, &frame, &mut self.out);
+        self.collect();
+        self.sent.split_off(before).into_iter().map(|(_, line)| line).collect()
+    }
+
+    /// Everything that was sent since the last look, without its times.
+    pub fn lines(&mut self) -> Vec<Line> {
+        self.sent.drain(..).map(|(_, line)| line).collect()
+    }
+
+    pub fn nmt(&mut self, command: NmtCommand) -> Vec<Line> {
+        let node = NodeId::new(NODE as u8);
+        self.frame(0, &NmtRequest { command, node }.to_bytes())
+    }
+
+    /// One frame to the SDO server, one back.
+    pub fn sdo(&mut self, request: [u8; 8]) -> [u8; 8] {
+        let lines: Vec<_> = self.sdo_all(request);
+        assert_eq!(lines.len(), 1, "{lines:02X?}");
+        lines[0]
+    }
+
+    /// One frame to the SDO server, and all that come back.
+    pub fn sdo_all(&mut self, request: [u8; 8]) -> Vec<[u8; 8]> {
+        self.frame(0x600 + NODE, &request)
+            .into_iter()
+            .filter(|(id, _)| *id == 0x580 + NODE)
+            .map(|(_, data)| data.try_into().unwrap())
+            .collect()
+    }
+
+    /// Writes a number expedited; the abort code if it was refused.
+    pub fn write(&mut self, index: u16, sub: u8, value: i64, bytes: u8) -> Result<(), u32> {
+        let [low, high] = index.to_le_bytes();
+        let [a, b, c, d, ..] = value.to_le_bytes();
+        let mut data = [0; 4];
+        data[..usize::from(bytes)].copy_from_slice(&[a, b, c, d][..usize::from(bytes)]);
+        let [a, b, c, d] = data;
+        let answer = self.sdo([0x23 | (4 - bytes) << 2, low, high, sub, a, b, c, d]);
+        match answer[0] {
+            0x60 => Ok(()),
+            0x80 => Err(u32::from_le_bytes(answer[4..].try_into().unwrap())),
+            other => panic!("answer {other:02X}"),
+        }
+    }
+
+    /// Reads a number that comes expedited.
+    pub fn read(&mut self, index: u16, sub: u8) -> Result<u32, u32> {
+        let [low, high] = index.to_le_bytes();
+        let answer = self.sdo([0x40, low, high, sub, 0, 0, 0, 0]);
+        let value = u32::from_le_bytes(answer[4..].try_into().unwrap());
+        match answer[0] {
+            0x80 => Err(value),
+            command if command & 0xE3 == 0x43 => Ok(value),
+            other => panic!("answer {other:02X}"),
+        }
+    }
+
+    pub fn controlword(&mut self, word: u16) {
+        self.write(0x6040, 0, i64::from(word), 2).unwrap();
+    }
+
+    pub fn command(&mut self, command: Command) {
+        self.controlword(Controlword::of(command).0);
+    }
+
+    pub fn mode(&mut self, mode: OperatingMode) {
+        self.write(0x6060, 0, i64::from(mode.raw()), 1).unwrap();
+    }
+
+    /// Into Operation Enabled by SDO.
+    pub fn enable(&mut self, mode: OperatingMode) {
+        self.mode(mode);
+        for command in [Command::Shutdown, Command::SwitchOn, Command::EnableOperation] {
+            self.command(command);
+        }
+        assert_eq!(self.drive.state(), DriveState::OperationEnabled);
+    }
+
+    /// Maps controlword and target position to RPDO 1 and statusword and actual position to
+    /// TPDO 1, both with every SYNC, in the order that drives accept.
+    pub fn map_csp(&mut self) {
+        let pdos = [
+            (0x1400, 0x1600, 0x200 + NODE, 0x6040_0010, 0x607A_0020),
+            (0x1800, 0x1A00, 0x180 + NODE, 0x6041_0010, 0x6064_0020),
+        ];
+        for (communication, mapping, id, first, second) in pdos {
+            let id = i64::from(id);
+            self.write(communication, 1, id | 0xC000_0000, 4).unwrap();
+            self.write(communication, 2, 1, 1).unwrap();
+            self.write(mapping, 0, 0, 1).unwrap();
+            self.write(mapping, 1, first, 4).unwrap();
+            self.write(mapping, 2, second, 4).unwrap();
+            self.write(mapping, 0, 2, 1).unwrap();
+            self.write(communication, 1, id | 0x4000_0000, 4).unwrap();
+        }
+        self.mode(OperatingMode::CyclicPosition);
+    }
+
+    /// A cycle of the host: RPDO 1, SYNC; gives statusword and actual position of TPDO 1.
+    pub fn cycle(&mut self, word: u16, target: i32) -> (u16, i32) {
+        let mut data = word.to_le_bytes().to_vec();
+        data.extend(target.to_le_bytes());
+        self.frame(0x200 + NODE, &data);
+        let lines = self.frame(0x80, &[]);
+        let (id, data) = &lines[0];
+        assert_eq!(*id, 0x180 + NODE);
+        self.pass_ms(1);
+        let position = i32::from_le_bytes(data[2..6].try_into().unwrap());
+        (u16::from_le_bytes([data[0], data[1]]), position)
+    }
+}
