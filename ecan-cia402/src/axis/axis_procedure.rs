@@ -1,0 +1,259 @@
+//! One axis in what takes it many cycles: configuration, change of mode, homing.
+
+use ecan_canopen::{DriveState, OperatingMode, TransmissionType, object};
+
+use crate::canopen::{Configuring, Network};
+
+use super::axis_core::{Axis, Doubt, Setup};
+use super::guard_terms::GuardState;
+use super::homing::{HomingState, HomingWatch};
+use super::phase::{AxisTrouble, SetupFault};
+use super::power::PowerGoal;
+use super::procedure::{Procedure, Stage};
+use super::sdo_script::{ScriptFault, ScriptTurn, SdoScript};
+
+/// How long an axis may take to come to rest and switch off, in milliseconds.
+const REST_TIMEOUT_MS: u64 = 30_000;
+/// Pause before a drive that did not answer is asked again.
+const RETRY_NS: u64 = 500_000_000;
+
+impl Axis {
+    /// Goes on with the configuration.
+    pub(super) fn step_setup(&mut self, network: &mut Network, now_ns: u64) {
+        match &mut self.setup {
+            Setup::Steps => match self.configurator.step(network, now_ns) {
+                Configuring::Running => {}
+                Configuring::Done => self.setup = Setup::Mode(SdoScript::default().mode(self.mode)),
+                Configuring::Failed(failure) => self.fail_setup(failure.into()),
+            },
+            Setup::Mode(script) => match script.turn(network, self.node, now_ns) {
+                ScriptTurn::Busy => {}
+                ScriptTurn::Done => self.finish_setup(network),
+                ScriptTurn::Failed(fault) => self.fail_setup(fault.into()),
+            },
+            Setup::None | Setup::Done | Setup::Failed(_) => {}
+        }
+    }
+
+    fn fail_setup(&mut self, fault: SetupFault) {
+        self.setup = Setup::Failed(fault);
+        self.trouble = Some(fault.into());
+    }
+
+    fn finish_setup(&mut self, network: &mut Network) {
+        self.setup = Setup::Done;
+        let producer = object::PRODUCER_HEARTBEAT;
+        // What was written and read back; nothing where the drive has no heartbeat.
+        let period_ms = self.configurator.uploaded(self.node, producer, 0).unwrap_or_default();
+        let timeout_ms = u32::try_from(period_ms * 7 / 2).unwrap_or_default();
+        network.set_heartbeat_timeout(self.node, timeout_ms);
+        self.boot_ups = network.status(self.node).map_or(0, |status| status.boot_ups);
+        self.statistics.restart_tpdo_count();
+    }
+
+    /// Asks a drive that was out of sight whether it still has its configuration. One that does not
+    /// answer is asked again.
+    pub(super) fn step_doubt(&mut self, network: &mut Network, now_ns: u64) {
+        if !self.is_configured() || self.procedure.is_some() {
+            return;
+        }
+        match &mut self.doubt {
+            Doubt::None => {}
+            Doubt::Open { from_ns } => {
+                if self.sight.in_service && now_ns >= *from_ns {
+                    self.doubt = Doubt::Asking(self.verification());
+                }
+            }
+            Doubt::Asking(script) => match script.turn(network, self.node, now_ns) {
+                ScriptTurn::Busy => {}
+                ScriptTurn::Done => self.doubt = Doubt::None,
+                ScriptTurn::Failed(ScriptFault::Changed { .. } | ScriptFault::Mode { .. }) => {
+                    self.forget_setup();
+                }
+                ScriptTurn::Failed(_) => {
+                    let from_ns = now_ns.saturating_add(RETRY_NS);
+                    self.doubt = Doubt::Open { from_ns };
+                }
+            },
+        }
+    }
+
+    /// What a restart would have changed: the mapping of both PDOs, and the mode.
+    fn verification(&self) -> SdoScript {
+        let nth = u16::from(self.settings.pdo_number.saturating_sub(1));
+        let mut script = SdoScript::default();
+        let pdos = [
+            (object::RPDO_MAPPING, self.layout.rpdo_entries()),
+            (object::TPDO_MAPPING, self.layout.tpdo_entries()),
+        ];
+        for (mapping, entries) in pdos {
+            script = script.expect(mapping + nth, 0, entries.len() as u32);
+            for (subindex, entry) in (1..).zip(entries) {
+                script = script.expect(mapping + nth, subindex, entry.raw());
+            }
+        }
+        let synchronous = u32::from(TransmissionType::Synchronous(1).raw());
+        script = script.expect(object::RPDO_COMMUNICATION + nth, 2, synchronous);
+        script = script.expect(object::TPDO_COMMUNICATION + nth, 2, synchronous);
+        let mode = u32::from(self.mode.raw().cast_unsigned());
+        script.expect(object::MODE_DISPLAY, 0, mode)
+    }
+
+    /// Goes on with a change of mode or a homing.
+    pub(super) fn step_procedure(&mut self, network: &mut Network, now_ns: u64) {
+        let Some(mut procedure) = self.procedure else { return };
+        let goes_on = match procedure.stage {
+            Stage::Disabling => self.step_disabling(&mut procedure, now_ns),
+            Stage::Writing(_) => self.step_writing(&mut procedure, network, now_ns),
+            Stage::Enabling => self.step_enabling(&mut procedure, now_ns),
+            Stage::Homing(_) => self.step_homing(&mut procedure, now_ns),
+            Stage::WindingUp => self.step_winding_up(&mut procedure, now_ns),
+            Stage::Restoring(_) => self.step_restoring(&mut procedure, network, now_ns),
+        };
+        self.procedure = goes_on.then_some(procedure);
+        if !goes_on {
+            self.end_procedure(&procedure, now_ns);
+        }
+    }
+
+    /// The procedure is over. An axis that was enabled before is so again, unless something went
+    /// wrong.
+    fn end_procedure(&mut self, procedure: &Procedure, now_ns: u64) {
+        if procedure.trouble.is_some() {
+            // A fault says more than that the axis held for it.
+            if !matches!(self.trouble, Some(AxisTrouble::Fault { .. })) {
+                self.trouble = procedure.trouble;
+            }
+        } else if procedure.then_enable && self.is_configured() {
+            self.begin_enable(now_ns);
+        }
+    }
+
+    /// To rest by the ramp, then power off.
+    fn step_disabling(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
+        let is_moving = self.target().is_some() && !self.is_at_rest();
+        let is_late = procedure.waited_ms(now_ns) > REST_TIMEOUT_MS;
+        if is_moving && !is_late {
+            return true;
+        }
+        if self.power.goal() != PowerGoal::Disabled {
+            self.disable();
+        }
+        match self.state {
+            Some(DriveState::SwitchOnDisabled) => {
+                procedure.enter(Stage::Writing(procedure.script()), now_ns);
+                true
+            }
+            Some(DriveState::Fault) => {
+                procedure.trouble = Some(AxisTrouble::Fault { error_code: 0 });
+                false
+            }
+            state if is_late => {
+                procedure.trouble = Some(AxisTrouble::NotDisabled { state });
+                false
+            }
+            _ => true,
+        }
+    }
+
+    fn step_writing(
+        &mut self,
+        procedure: &mut Procedure,
+        network: &mut Network,
+        now_ns: u64,
+    ) -> bool {
+        let Stage::Writing(script) = &mut procedure.stage else { return false };
+        match script.turn(network, self.node, now_ns) {
+            ScriptTurn::Busy => true,
+            ScriptTurn::Done if procedure.homing.is_some() => {
+                self.take_mode(OperatingMode::Homing);
+                self.begin_enable(now_ns);
+                procedure.enter(Stage::Enabling, now_ns);
+                true
+            }
+            ScriptTurn::Done => {
+                self.take_mode(procedure.mode);
+                false
+            }
+            ScriptTurn::Failed(fault) => {
+                procedure.trouble = Some(fault.into());
+                let restore = SdoScript::default().mode(procedure.mode_before);
+                procedure.enter(Stage::Restoring(restore), now_ns);
+                true
+            }
+        }
+    }
+
+    fn step_enabling(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
+        if matches!(self.guard.state(), GuardState::Running { .. }) {
+            procedure.enter(Stage::Homing(HomingWatch::default()), now_ns);
+        } else if self.power.goal() != PowerGoal::Enabled {
+            // Timed out, held or in fault: the trouble is there already.
+            procedure.trouble = self.trouble;
+            procedure.enter(Stage::WindingUp, now_ns);
+        }
+        true
+    }
+
+    fn step_homing(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
+        let waited_ms = procedure.waited_ms(now_ns);
+        let Stage::Homing(watch) = &mut procedure.stage else { return false };
+        let outcome = self.arrived.and_then(|feedback| watch.step(feedback.statusword));
+        let limit_ms = procedure.homing.map_or(0, |homing| homing.timeout_ms);
+        let trouble = if !matches!(self.guard.state(), GuardState::Running { .. }) {
+            self.trouble.or(Some(AxisTrouble::Homing(HomingState::Waiting)))
+        } else {
+            match outcome {
+                Some(HomingState::Attained) => None,
+                Some(state) => Some(AxisTrouble::Homing(state)),
+                None if waited_ms > u64::from(limit_ms) => {
+                    let state = self.homing_state();
+                    Some(AxisTrouble::HomingTimedOut { state, waited_ms })
+                }
+                None => return true,
+            }
+        };
+        procedure.trouble = trouble;
+        procedure.enter(Stage::WindingUp, now_ns);
+        true
+    }
+
+    /// Power off, whatever homing came to; a drive that still looks for its home stops with it.
+    fn step_winding_up(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
+        if self.power.goal() != PowerGoal::Disabled {
+            self.disable();
+        }
+        let is_off = matches!(self.state, Some(DriveState::SwitchOnDisabled | DriveState::Fault));
+        if is_off || procedure.waited_ms(now_ns) > REST_TIMEOUT_MS {
+            if !is_off {
+                procedure.trouble =
+                    procedure.trouble.or(Some(AxisTrouble::NotDisabled { state: self.state }));
+            }
+            let restore = SdoScript::default().mode(procedure.mode_before);
+            procedure.enter(Stage::Restoring(restore), now_ns);
+        }
+        true
+    }
+
+    fn step_restoring(
+        &mut self,
+        procedure: &mut Procedure,
+        network: &mut Network,
+        now_ns: u64,
+    ) -> bool {
+        let Stage::Restoring(script) = &mut procedure.stage else { return false };
+        match script.turn(network, self.node, now_ns) {
+            ScriptTurn::Busy => true,
+            ScriptTurn::Done => {
+                self.take_mode(procedure.mode_before);
+                false
+            }
+            ScriptTurn::Failed(fault) => {
+                // Nobody knows the drive's mode any more: it must be configured anew.
+                procedure.trouble = procedure.trouble.or(Some(fault.into()));
+                self.fail_setup(fault.into());
+                false
+            }
+        }
+    }
+}

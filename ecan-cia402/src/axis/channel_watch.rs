@@ -1,0 +1,273 @@
+//! What a gateway and its channels tell in each cycle, and what changed since the last.
+//!
+//! The manual does not say whether the count of received frames that wait (manual 7, bits 10 to 12)
+//! includes those that the same image brings. It shows by itself: an image with more frames of a
+//! channel than its status counts proves that it does not, and answers to SDO requests bring such
+//! images long before an axis is taken up. Until then it is taken to include them.
+
+use ecan_mcan_port::{ImageReport, Port, Session};
+use ecan_protocol::{CHANNELS, ChannelState, ChannelStatus, ImageFault};
+
+use super::guard_input::{Actual, ChannelView, NoActual, WayView};
+
+/// Where the count of waiting frames in a channel's status ends (manual 7).
+const SATURATED: u8 = 7;
+
+/// Cycles in a row in which everything came, the present one included, before a position can be
+/// fresh.
+const STEADY: u8 = 3;
+
+/// A gateway that has axes.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct GatewayWatch {
+    pub(super) slave: usize,
+    image: ImageReport,
+    in_service: bool,
+    complete: bool,
+    holding: bool,
+    discarded: bool,
+    sessions_lost: u64,
+    images_discarded: u64,
+    /// The count of waiting frames is known not to include those of its own image.
+    counts_left_only: bool,
+    channels: [ChannelWatch; CHANNELS],
+}
+
+/// One of its channels.
+#[derive(Debug, Clone, Copy, Default)]
+struct ChannelWatch {
+    status: ChannelStatus,
+    refusals: u64,
+    queue_refused: bool,
+    image_refusals: u64,
+    image_full: bool,
+    received: u64,
+    /// Frames that this image brought.
+    in_image: u64,
+    /// Cycles in a row in which everything came that there was.
+    steady: u8,
+    /// Frames delivered: now, one and two new images ago.
+    delivered: [u64; 3],
+}
+
+impl GatewayWatch {
+    pub(super) fn new(slave: usize) -> Self {
+        Self {
+            slave,
+            image: ImageReport::None,
+            in_service: false,
+            complete: false,
+            holding: false,
+            discarded: false,
+            sessions_lost: 0,
+            images_discarded: 0,
+            counts_left_only: false,
+            channels: [ChannelWatch::default(); CHANNELS],
+        }
+    }
+
+    /// Once per cycle, when everything received has been taken out: only then is a fault behind
+    /// the first packets known.
+    pub(super) fn observe(&mut self, port: &Port) {
+        let report = port.cycle_report(self.slave);
+        let statistics = port.statistics(self.slave);
+        let is_new = matches!(report.image, ImageReport::New { .. });
+        let without_break = statistics.sessions_lost == self.sessions_lost;
+        self.in_service = port.session(self.slave) == Session::Ready && without_break;
+        self.sessions_lost = statistics.sessions_lost;
+        self.image = report.image;
+        self.complete = report.domain.is_complete();
+        self.holding = report.is_holding;
+        self.discarded = statistics.rxpdo_discarded != self.images_discarded;
+        self.images_discarded = statistics.rxpdo_discarded;
+        for (number, (channel, counters)) in
+            (0_u8..).zip(self.channels.iter_mut().zip(statistics.channels))
+        {
+            channel.queue_refused = counters.refused_queue_full != channel.refusals;
+            channel.refusals = counters.refused_queue_full;
+            channel.image_full = counters.refused_image_full != channel.image_refusals;
+            channel.image_refusals = counters.refused_image_full;
+            channel.in_image = counters.frames_received.saturating_sub(channel.received);
+            channel.received = counters.frames_received;
+            let [now, before, _] = channel.delivered;
+            if is_new {
+                channel.status = port.channel_status(self.slave, number);
+                channel.delivered = [counters.frames_delivered, now, before];
+                let counted = channel.status.rx_pending();
+                self.counts_left_only |=
+                    counted < SATURATED && u64::from(counted) < channel.in_image;
+            } else if let Some(latest) = channel.delivered.first_mut() {
+                *latest = counters.frames_delivered;
+            }
+        }
+        let flows = self.complete && !self.holding;
+        for channel in &mut self.channels {
+            let in_image = if self.counts_left_only { 0 } else { channel.in_image };
+            let verdict = judge(self.image, channel.status, in_image, Some(0));
+            let is_clear = flows && matches!(verdict, Actual::Fresh(_));
+            channel.steady = if is_clear { channel.steady.saturating_add(1) } else { 0 };
+        }
+    }
+
+    /// Whether the last image is repeated, so that nothing should be added.
+    pub(super) fn is_holding(&self) -> bool {
+        self.holding
+    }
+
+    /// Whether frames can go out at all.
+    pub(super) fn is_in_service(&self) -> bool {
+        self.in_service
+    }
+
+    /// The way to a drive on a channel.
+    pub(super) fn way(&self, channel: u8, target_lost: bool) -> WayView {
+        let watch = self.channel(channel);
+        let [delivered, _, covered] = watch.delivered;
+        WayView {
+            in_service: self.in_service,
+            complete: self.complete,
+            holding: self.holding,
+            discarded: self.discarded,
+            queue_refused: watch.queue_refused,
+            image_full: watch.image_full,
+            target_lost,
+            channel: view(self.image, watch.status),
+            delivered,
+            covered,
+        }
+    }
+
+    /// What a position from a TPDO of this cycle is worth.
+    pub(super) fn actual(&self, channel: u8, position: Option<i32>) -> Actual {
+        let watch = self.channel(channel);
+        let in_image = if self.counts_left_only { 0 } else { watch.in_image };
+        match judge(self.image, watch.status, in_image, position) {
+            Actual::Fresh(position) if watch.steady < STEADY => Actual::Late(position),
+            actual => actual,
+        }
+    }
+
+    fn channel(&self, channel: u8) -> ChannelWatch {
+        self.channels.get(usize::from(channel)).copied().unwrap_or_default()
+    }
+}
+
+fn view(image: ImageReport, status: ChannelStatus) -> ChannelView {
+    if !matches!(image, ImageReport::New { .. }) {
+        return ChannelView::NotSeen;
+    }
+    if status.bus_off() || status.state() == ChannelState::BusOff {
+        return ChannelView::BusOff;
+    }
+    match status.state() {
+        ChannelState::Run => {
+            ChannelView::Running { pending: status.tx_pending(), pressure: status.tx_pressure() }
+        }
+        _ => ChannelView::NotRunning,
+    }
+}
+
+/// `in_image` is the number of frames of the channel that the image brought, as far as the status
+/// counts them.
+fn judge(
+    image: ImageReport,
+    status: ChannelStatus,
+    in_image: u64,
+    position: Option<i32>,
+) -> Actual {
+    match image {
+        ImageReport::None | ImageReport::Repeated => Actual::None(NoActual::NoImage),
+        ImageReport::Fault(diagnosis) => Actual::None(match diagnosis.fault {
+            ImageFault::Updating | ImageFault::Torn => NoActual::NoImage,
+            ImageFault::Pdo(_) => NoActual::Damaged,
+        }),
+        ImageReport::New { layout_changed: true, .. } => Actual::None(NoActual::Layout),
+        ImageReport::New { is_incomplete: true, .. } => Actual::None(NoActual::Incomplete),
+        ImageReport::New { .. } => match position {
+            None => Actual::None(NoActual::NoTpdo),
+            Some(position) => judge_age(status, in_image, position),
+        },
+    }
+}
+
+/// Whether something newer may wait in the gateway.
+fn judge_age(status: ChannelStatus, in_image: u64, position: i32) -> Actual {
+    let counted = status.rx_pending();
+    if status.rx_pressure() {
+        Actual::None(NoActual::Backlog)
+    } else if counted < SATURATED {
+        if u64::from(counted) > in_image { Actual::Late(position) } else { Actual::Fresh(position) }
+    } else if in_image >= u64::from(SATURATED) {
+        // Seven or more, and as many are here: a few at most are left.
+        Actual::Late(position)
+    } else {
+        Actual::None(NoActual::Backlog)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const NEW: ImageReport =
+        ImageReport::New { lost: 0, is_incomplete: false, layout_changed: false };
+
+    fn running() -> ChannelStatus {
+        ChannelStatus::default().with_state(ChannelState::Run)
+    }
+
+    #[test]
+    fn a_position_is_worth_what_its_image_is() {
+        let lost = ImageReport::New { lost: 3, is_incomplete: false, layout_changed: false };
+        let short = ImageReport::New { lost: 0, is_incomplete: true, layout_changed: false };
+        let other = ImageReport::New { lost: 0, is_incomplete: false, layout_changed: true };
+        let none = Actual::None;
+        let cases = [
+            (NEW, running(), Some(5), Actual::Fresh(5)),
+            (lost, running(), Some(5), Actual::Fresh(5)),
+            (NEW, running().with_rx_pending(1), Some(5), Actual::Late(5)),
+            (NEW, running().with_rx_pending(6), Some(5), Actual::Late(5)),
+            (NEW, running().with_rx_pending(7), Some(5), none(NoActual::Backlog)),
+            (NEW, running().with_rx_pressure(true), Some(5), none(NoActual::Backlog)),
+            (NEW, running(), None, none(NoActual::NoTpdo)),
+            (short, running(), Some(5), none(NoActual::Incomplete)),
+            (other, running(), Some(5), none(NoActual::Layout)),
+            (ImageReport::Repeated, running(), Some(5), none(NoActual::NoImage)),
+            (ImageReport::None, running(), Some(5), none(NoActual::NoImage)),
+        ];
+        for (image, status, position, expected) in cases {
+            assert_eq!(judge(image, status, 0, position), expected, "{image:?} {status:?}");
+        }
+    }
+
+    #[test]
+    fn frames_that_are_here_do_not_wait() {
+        let cases = [
+            (1, 1, Actual::Fresh(5)),
+            (4, 4, Actual::Fresh(5)),
+            (5, 4, Actual::Late(5)),
+            (6, 6, Actual::Fresh(5)),
+            (7, 7, Actual::Late(5)),
+            (7, 9, Actual::Late(5)),
+            (7, 6, Actual::None(NoActual::Backlog)),
+        ];
+        for (counted, in_image, expected) in cases {
+            let status = running().with_rx_pending(counted);
+            assert_eq!(judge(NEW, status, in_image, Some(5)), expected, "{counted} {in_image}");
+        }
+    }
+
+    #[test]
+    fn a_channel_is_seen_only_with_a_new_image() {
+        assert_eq!(view(ImageReport::Repeated, running()), ChannelView::NotSeen);
+        assert_eq!(view(NEW, running().with_bus_off(true)), ChannelView::BusOff);
+        let off = ChannelStatus::default().with_state(ChannelState::BusOff);
+        assert_eq!(view(NEW, off), ChannelView::BusOff);
+        for state in [ChannelState::Init, ChannelState::Listen, ChannelState::Error] {
+            let status = ChannelStatus::default().with_state(state);
+            assert_eq!(view(NEW, status), ChannelView::NotRunning);
+        }
+        let busy = running().with_tx_pending(3).with_tx_pressure(true);
+        assert_eq!(view(NEW, busy), ChannelView::Running { pending: 3, pressure: true });
+    }
+}

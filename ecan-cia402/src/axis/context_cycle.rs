@@ -1,0 +1,212 @@
+//! The axes in the cycle: everything in, then everything out.
+
+use ecan_mcan_port::{Port, Received, ReceivedFrame};
+use ecan_protocol::{CHANNELS, FrameKind, FrameRef};
+
+use super::axis_core::Axis;
+use super::context::Cia402;
+use super::guard_terms::Decision;
+use super::lookup::AxisLookup;
+
+/// What went out to the axes in one cycle.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct SendSummary {
+    /// Axes that got a target of the application, or the host's own step.
+    pub targets: usize,
+    /// Axes that got their actual position as target: being enabled, or taken up.
+    pub positions: usize,
+    /// Axes that are taken up and got nothing in this cycle: their motion must not go on.
+    pub waiting: usize,
+    /// Axes whose target was refused; [`decision`](Cia402::decision) says why.
+    pub refused: usize,
+    /// Axes that are not taken up, or hold.
+    pub closed: usize,
+    /// SYNC messages.
+    pub syncs: usize,
+}
+
+impl SendSummary {
+    fn count(&mut self, decision: Decision) {
+        match decision {
+            Decision::Target(_) => self.targets += 1,
+            Decision::Track(_) | Decision::First(_) => self.positions += 1,
+            Decision::Wait(_) => self.waiting += 1,
+            Decision::Refuse(_) => self.refused += 1,
+            Decision::Closed => self.closed += 1,
+        }
+    }
+
+    /// Whether every axis got a target of the application.
+    pub fn all_moved(&self) -> bool {
+        self.targets > 0 && self.positions + self.waiting + self.refused + self.closed == 0
+    }
+}
+
+impl Cia402 {
+    /// Takes in what the cycle brought, and lets every axis do what is next: configuration, change
+    /// of mode, homing, enabling, holding.
+    ///
+    /// First in the cycle, behind `cycle_begin`. Real-time safe: no allocation, no lock, no call
+    /// beyond the clock.
+    pub fn process_rx(&mut self, port: &mut Port) {
+        self.process_rx_with(port, |_| {});
+    }
+
+    /// As [`process_rx`](Self::process_rx), with everything that is neither the network's nor an
+    /// axis' handed on: frames of other nodes, other PDOs, transmit reports. Real-time safe as far
+    /// as `other` is.
+    pub fn process_rx_with(&mut self, port: &mut Port, mut other: impl FnMut(Received)) {
+        self.now_ns = port.adapter().clock().now_ns();
+        let Self { network, axes, lookup, now_ns, .. } = self;
+        axes.iter_mut().for_each(Axis::begin_cycle);
+        network.receive(port, *now_ns, |item| {
+            match &item {
+                Received::Frame(frame) => {
+                    if let Some(axis) = axis_of(axes, lookup, frame) {
+                        axis.take_tpdo(frame.frame.data());
+                        return;
+                    }
+                }
+                Received::TransmitReport(report) => {
+                    for axis in axes.iter_mut() {
+                        let address = axis.settings.address;
+                        if (address.slave, address.channel) == (report.slave, report.channel) {
+                            axis.take_report(report);
+                        }
+                    }
+                }
+            }
+            other(item);
+        });
+        self.observe(port);
+        for axis in &mut self.axes {
+            axis.step_setup(&mut self.network, self.now_ns);
+            axis.step_doubt(&mut self.network, self.now_ns);
+            axis.step_procedure(&mut self.network, self.now_ns);
+            axis.step_commands(&mut self.network, self.now_ns);
+        }
+        self.step_shutdown();
+        for axis in &mut self.axes {
+            axis.note_phase(self.now_ns);
+        }
+    }
+
+    fn observe(&mut self, port: &mut Port) {
+        let Self { network, axes, gateways, .. } = self;
+        for gateway in gateways.iter_mut() {
+            gateway.observe(port);
+        }
+        for axis in axes.iter_mut() {
+            if let Some(gateway) = gateways.get(axis.settings.address.slave) {
+                axis.observe(gateway, network);
+            }
+        }
+        for gateway in gateways.iter() {
+            let slave = gateway.slave;
+            let is_stale =
+                |axis: &Axis| axis.settings.address.slave == slave && axis.guard.wants_discard();
+            if axes.iter().any(is_stale) {
+                // The counter of discarded images tells every axis of the gateway next cycle.
+                port.discard_pending(slave);
+            }
+        }
+    }
+
+    /// Sends targets and commands of all axes, SYNC behind them, then what the network has to
+    /// send. Last in the cycle, before `cycle_end`; once per cycle. Real-time safe.
+    pub fn send_targets_all(&mut self, port: &mut Port) -> SendSummary {
+        self.send(port, false)
+    }
+
+    /// As [`send_targets_all`](Self::send_targets_all), with every CSP axis moved by its own
+    /// [`target_step`](super::AxisSettings::target_step): it takes the step up by its ramp, and
+    /// does not move in a cycle in which its target does not go out. Axes of other modes get their
+    /// targets as there. Real-time safe.
+    pub fn send_target_step(&mut self, port: &mut Port) -> SendSummary {
+        self.send(port, true)
+    }
+
+    fn send(&mut self, port: &mut Port, stepping: bool) -> SendSummary {
+        let mut summary = SendSummary::default();
+        let with_target = self.cycles_to_target == 0;
+        self.cycles_to_target = self.cycles_to_target.checked_sub(1).unwrap_or(self.motion_div - 1);
+        let mut full = FullChannels::default();
+        for axis in &mut self.axes {
+            let place = (axis.settings.address.slave, axis.settings.address.channel);
+            let outgoing = axis.prepare(stepping, with_target);
+            if let Some(outgoing) = outgoing {
+                let gateway = self.gateways.get(place.0);
+                let is_open = gateway.is_some_and(|g| g.is_in_service() && !g.is_holding());
+                if !is_open || full.contains(place) {
+                    axis.skipped();
+                } else {
+                    let sent = FrameRef::classic(axis.rpdo, outgoing.rpdo.as_slice())
+                        .map_err(Into::into)
+                        .and_then(|frame| {
+                            port.send_with(place.0, place.1, frame, self.target_options)
+                        });
+                    match sent {
+                        Ok(ticket) => axis.sent(&outgoing, ticket),
+                        Err(error) => {
+                            if axis.not_sent(&outgoing, &error) {
+                                full.insert(place);
+                            }
+                        }
+                    }
+                }
+            }
+            summary.count(axis.decision);
+        }
+        summary.syncs = self.network.send_sync(port);
+        if summary.syncs > 0 {
+            self.note_sync();
+        }
+        self.network.send(port, self.now_ns);
+        summary
+    }
+
+    /// A TPDO of every axis that is Operational is due.
+    fn note_sync(&mut self) {
+        for axis in &mut self.axes {
+            let gateway = self.gateways.get(axis.settings.address.slave);
+            let counts = axis.is_configured()
+                && axis.sight.operational
+                && gateway.is_some_and(|g| g.is_in_service());
+            if counts {
+                axis.statistics.sync_sent();
+            } else {
+                axis.statistics.restart_tpdo_count();
+            }
+        }
+    }
+}
+
+fn axis_of<'a>(
+    axes: &'a mut [Axis],
+    lookup: &AxisLookup,
+    frame: &ReceivedFrame,
+) -> Option<&'a mut Axis> {
+    if frame.frame.kind() != FrameKind::Data {
+        return None;
+    }
+    axes.get_mut(lookup.tpdo(frame.slave, frame.channel, frame.frame.id())?)
+}
+
+/// Channels whose queue refused a frame in this cycle; a bit each for the first 32 slaves, and
+/// all of the others together.
+#[derive(Debug, Clone, Copy, Default)]
+struct FullChannels(u128);
+
+impl FullChannels {
+    fn bit((slave, channel): (usize, u8)) -> u128 {
+        1 << (slave.min(31) * CHANNELS + usize::from(channel) % CHANNELS)
+    }
+
+    fn insert(&mut self, place: (usize, u8)) {
+        self.0 |= Self::bit(place);
+    }
+
+    fn contains(self, place: (usize, u8)) -> bool {
+        self.0 & Self::bit(place) != 0
+    }
+}

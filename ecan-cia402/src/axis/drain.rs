@@ -1,0 +1,126 @@
+//! When the frames that were under way to a drive are known to be gone.
+//!
+//! The gateway sends what it got in order and tells how many frames wait (manual 7). So once no
+//! more frames wait than were delivered *behind* the last target, the target is not among them.
+//! That needs no pause of the channel: SYNC, SDO and heartbeats may go on.
+
+use super::guard_input::{ChannelView, WayView};
+
+/// Where the gateway's count of waiting frames ends.
+const SATURATED: u8 = 7;
+
+/// Follows the channel after the last target was sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Drain {
+    /// Frames delivered when the last target was certainly delivered or given up.
+    base: Option<u64>,
+    /// New channel statuses since then.
+    statuses: u16,
+}
+
+impl Drain {
+    /// One cycle in which no target of the axis was sent before. Gives whether nothing that was
+    /// sent before the drain began can reach the drive any more; at least `minimum` new statuses
+    /// have been seen then.
+    pub(super) fn step(&mut self, way: &WayView, minimum: u16) -> bool {
+        if !way.in_service || way.holding || way.discarded {
+            *self = Self::default();
+            return false;
+        }
+        let base = *self.base.get_or_insert(way.delivered);
+        let (pending, pressure) = match way.channel {
+            ChannelView::NotSeen => return false,
+            ChannelView::BusOff | ChannelView::NotRunning => {
+                // What waits here may go out when the channel is back.
+                self.statuses = 0;
+                return false;
+            }
+            ChannelView::Running { pending, pressure } => (pending, pressure),
+        };
+        self.statuses = self.statuses.saturating_add(1);
+        if self.statuses <= minimum || pressure || pending >= SATURATED {
+            return false;
+        }
+        way.covered.checked_sub(base).is_some_and(|behind| u64::from(pending) <= behind)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn way(pending: u8, delivered: u64, covered: u64) -> WayView {
+        WayView {
+            in_service: true,
+            complete: true,
+            holding: false,
+            discarded: false,
+            queue_refused: false,
+            image_full: false,
+            target_lost: false,
+            channel: ChannelView::Running { pending, pressure: false },
+            delivered,
+            covered,
+        }
+    }
+
+    #[test]
+    fn a_quiet_channel_is_drained_when_its_status_covers_everything() {
+        let mut drain = Drain::default();
+        assert!(!drain.step(&way(0, 10, 8), 2), "the status is older than the last image");
+        assert!(!drain.step(&way(0, 10, 9), 2));
+        assert!(drain.step(&way(0, 10, 10), 2));
+    }
+
+    #[test]
+    fn a_waiting_frame_that_may_be_the_target_is_waited_for() {
+        let mut drain = Drain::default();
+        for _ in 0..10 {
+            assert!(!drain.step(&way(1, 10, 10), 2));
+        }
+        assert!(drain.step(&way(0, 10, 10), 2));
+    }
+
+    #[test]
+    fn frames_behind_the_target_may_wait() {
+        let mut drain = Drain::default();
+        // One SYNC a cycle, one always waits.
+        assert!(!drain.step(&way(1, 10, 8), 2));
+        assert!(!drain.step(&way(1, 11, 9), 2));
+        assert!(!drain.step(&way(1, 12, 10), 2), "the one that waits may be the target");
+        assert!(drain.step(&way(1, 13, 11), 2), "the one that waits came behind it");
+    }
+
+    #[test]
+    fn a_count_at_its_end_proves_nothing() {
+        let mut drain = Drain::default();
+        for cycle in 0..100 {
+            assert!(!drain.step(&way(7, 10 + cycle, 8 + cycle), 2));
+        }
+        assert!(drain.step(&way(6, 110, 108), 2));
+    }
+
+    #[test]
+    fn bus_off_and_pressure_are_waited_out() {
+        let mut drain = Drain::default();
+        let off = WayView { channel: ChannelView::BusOff, ..way(0, 10, 10) };
+        let pressed = ChannelView::Running { pending: 0, pressure: true };
+        for _ in 0..10 {
+            assert!(!drain.step(&off, 1));
+            assert!(!drain.step(&WayView { channel: pressed, ..way(0, 10, 10) }, 1));
+        }
+        assert!(drain.step(&way(0, 10, 10), 1));
+    }
+
+    #[test]
+    fn a_held_image_and_a_new_session_start_it_over() {
+        let mut drain = Drain::default();
+        drain.step(&way(0, 10, 10), 1);
+        assert!(!drain.step(&WayView { holding: true, ..way(0, 10, 10) }, 1));
+        assert!(!drain.step(&way(0, 11, 10), 1), "delivered only now");
+        assert!(!drain.step(&way(0, 11, 10), 1), "not covered");
+        assert!(drain.step(&way(0, 11, 11), 1));
+        assert!(!drain.step(&WayView { in_service: false, ..way(0, 11, 11) }, 1));
+        assert!(!drain.step(&way(0, 11, 11), 1));
+    }
+}

@@ -1,0 +1,434 @@
+//! Each rule of the motion guard by itself.
+
+use ecan_canopen::DriveState;
+
+use super::guard::MotionGuard;
+use super::guard_input::{
+    Actual, ChannelView, DriveView, GuardInput, HoldReason, NoActual, WayView,
+};
+use super::guard_terms::{Decision, GuardLimits, GuardState, Refusal, TargetKind, WaitReason};
+use super::position_range::PositionRange;
+
+const LIMITS: GuardLimits = GuardLimits {
+    kind: TargetKind::Position,
+    range: PositionRange::Linear,
+    step: 100,
+    window: 1000,
+    bounds: None,
+    standstill: 5,
+    tpdo_timeout: 3,
+    wc_misses: 2,
+    drain_images: 2,
+};
+
+/// A quiet channel, an enabled drive at `position`.
+fn good(position: i32) -> GuardInput {
+    GuardInput {
+        way: WayView {
+            in_service: true,
+            complete: true,
+            holding: false,
+            discarded: false,
+            queue_refused: false,
+            image_full: false,
+            target_lost: false,
+            channel: ChannelView::Running { pending: 0, pressure: false },
+            delivered: 50,
+            covered: 50,
+        },
+        drive: DriveView {
+            state: Some(DriveState::OperationEnabled),
+            heartbeat_lost: false,
+            not_operational: false,
+            unverified: false,
+            follows: true,
+            following_error: false,
+        },
+        actual: Actual::Fresh(position),
+    }
+}
+
+fn in_state(state: DriveState, position: i32) -> GuardInput {
+    let mut input = good(position);
+    input.drive.state = Some(state);
+    input
+}
+
+fn cycle(guard: &mut MotionGuard, input: &GuardInput, wanted: Option<i32>) -> Decision {
+    guard.observe(input);
+    let decision = guard.decide(wanted);
+    if decision.target().is_some() {
+        guard.sent();
+    }
+    decision
+}
+
+/// Taken up and running at `position`.
+fn running_with(limits: GuardLimits, position: i32) -> MotionGuard {
+    let mut guard = MotionGuard::new(limits);
+    guard.take_up();
+    for _ in 0..20 {
+        if let Decision::First(first) = cycle(&mut guard, &good(position), Some(123_456)) {
+            let expected = if limits.kind == TargetKind::Rate { 0 } else { position };
+            assert_eq!(first, expected);
+            return guard;
+        }
+    }
+    panic!("not taken up: {:?}", guard.state());
+}
+
+fn running(position: i32) -> MotionGuard {
+    running_with(LIMITS, position)
+}
+
+#[test]
+fn an_axis_that_is_not_taken_up_gets_nothing() {
+    let mut guard = MotionGuard::new(LIMITS);
+    for _ in 0..10 {
+        assert_eq!(cycle(&mut guard, &good(7), Some(7)), Decision::Closed);
+    }
+}
+
+#[test]
+fn while_the_drive_is_not_enabled_the_target_is_its_actual_position() {
+    let mut guard = MotionGuard::new(LIMITS);
+    guard.take_up();
+    let mut tracked = Vec::new();
+    for position in 1000..1012 {
+        let input = in_state(DriveState::SwitchedOn, position);
+        if let Decision::Track(target) = cycle(&mut guard, &input, Some(0)) {
+            assert_eq!(target, position);
+            tracked.push(target);
+        }
+    }
+    assert!(tracked.len() > 5, "{tracked:?}");
+    assert_eq!(cycle(&mut guard, &good(1013), Some(0)), Decision::First(1013));
+    assert_eq!(cycle(&mut guard, &good(1013), Some(1100)), Decision::Target(1100));
+}
+
+#[test]
+fn the_first_target_is_the_actual_position_whatever_is_wanted() {
+    let guard = running(777);
+    assert_eq!(guard.state(), GuardState::Running { target: 777 });
+}
+
+#[test]
+fn an_axis_in_motion_is_not_taken_up() {
+    let mut guard = MotionGuard::new(LIMITS);
+    guard.take_up();
+    for n in 0..50 {
+        assert_eq!(cycle(&mut guard, &good(n * 6), None), Decision::Closed);
+    }
+    assert_eq!(guard.state(), GuardState::Reading);
+    assert_eq!(cycle(&mut guard, &good(49 * 6), None), Decision::First(49 * 6));
+}
+
+#[test]
+fn an_axis_that_is_moved_by_hand_is_read_again() {
+    let mut guard = MotionGuard::new(LIMITS);
+    let off = |position| in_state(DriveState::SwitchOnDisabled, position);
+    guard.take_up();
+    for _ in 0..10 {
+        cycle(&mut guard, &off(0), None);
+    }
+    assert_eq!(guard.state(), GuardState::Armed { target: 0 });
+    assert_eq!(cycle(&mut guard, &off(400), None), Decision::Closed);
+    assert_eq!(cycle(&mut guard, &off(400), None), Decision::Track(400));
+    assert_eq!(cycle(&mut guard, &good(400), None), Decision::First(400));
+}
+
+#[test]
+fn only_a_fresh_position_begins_anything() {
+    for actual in [Actual::Late(5), Actual::None(NoActual::Incomplete)] {
+        let mut guard = MotionGuard::new(LIMITS);
+        guard.take_up();
+        let input = GuardInput { actual, ..good(5) };
+        for _ in 0..50 {
+            assert_eq!(cycle(&mut guard, &input, None), Decision::Closed);
+        }
+    }
+}
+
+#[test]
+fn a_first_target_needs_the_position_of_its_own_cycle() {
+    let mut guard = MotionGuard::new(LIMITS);
+    guard.take_up();
+    for _ in 0..10 {
+        cycle(&mut guard, &in_state(DriveState::SwitchedOn, 9), None);
+    }
+    let late = GuardInput { actual: Actual::Late(9), ..good(9) };
+    let wait = Decision::Wait(WaitReason::NoFreshPosition);
+    assert_eq!(cycle(&mut guard, &late, None), wait);
+    assert_eq!(cycle(&mut guard, &good(10), None), Decision::First(10));
+}
+
+#[test]
+fn a_step_beyond_the_limit_is_refused_and_the_one_before_stands() {
+    let mut guard = running(0);
+    assert_eq!(cycle(&mut guard, &good(0), Some(100)), Decision::Target(100));
+    let refusal = Refusal::Step { step: 101, limit: 100 };
+    assert_eq!(cycle(&mut guard, &good(100), Some(201)), Decision::Refuse(refusal));
+    assert_eq!(cycle(&mut guard, &good(100), Some(200)), Decision::Target(200));
+    assert_eq!(cycle(&mut guard, &good(200), None), Decision::Target(200));
+    assert_eq!(
+        cycle(&mut guard, &good(200), Some(i32::MIN)),
+        Decision::Refuse(Refusal::Step { step: i64::from(i32::MIN) - 200, limit: 100 })
+    );
+}
+
+#[test]
+fn a_frame_that_was_not_taken_does_not_count_as_sent() {
+    let mut guard = running(0);
+    guard.observe(&good(0));
+    assert_eq!(guard.decide(Some(80)), Decision::Target(80));
+    guard.refused();
+    assert_eq!(guard.state(), GuardState::Running { target: 0 });
+    let refusal = Refusal::Step { step: 160, limit: 100 };
+    assert_eq!(cycle(&mut guard, &good(0), Some(160)), Decision::Refuse(refusal));
+}
+
+#[test]
+fn a_target_outside_the_following_window_is_refused() {
+    let mut guard = running(0);
+    for n in 1..=10 {
+        let target = n * 100;
+        assert_eq!(cycle(&mut guard, &good(0), Some(target)), Decision::Target(target));
+    }
+    let refusal = Refusal::Window { distance: 1001, window: 1000 };
+    assert_eq!(cycle(&mut guard, &good(0), Some(1001)), Decision::Refuse(refusal));
+    // The axis is pushed away: even the target that stands is outside now.
+    let refusal = Refusal::Window { distance: 1100, window: 1000 };
+    assert_eq!(cycle(&mut guard, &good(-100), None), Decision::Refuse(refusal));
+}
+
+#[test]
+fn bounds_hold_and_let_back_in() {
+    let limits = GuardLimits { bounds: Some((-50, 50)), ..LIMITS };
+    let mut guard = running_with(limits, 0);
+    assert_eq!(cycle(&mut guard, &good(0), Some(50)), Decision::Target(50));
+    let refusal = Refusal::Bounds { target: 51, min: -50, max: 50 };
+    assert_eq!(cycle(&mut guard, &good(0), Some(51)), Decision::Refuse(refusal));
+    let mut outside = running_with(limits, 80);
+    assert!(matches!(cycle(&mut outside, &good(80), Some(81)), Decision::Refuse(_)));
+    assert_eq!(cycle(&mut outside, &good(80), None), Decision::Target(80));
+    assert_eq!(cycle(&mut outside, &good(80), Some(70)), Decision::Target(70));
+    assert!(matches!(cycle(&mut outside, &good(70), Some(75)), Decision::Refuse(_)));
+    assert_eq!(cycle(&mut outside, &good(70), Some(0)), Decision::Target(0));
+}
+
+#[test]
+fn a_wrapping_counter_may_wrap_and_a_linear_one_not() {
+    let wrapping = GuardLimits { range: PositionRange::Wrapping, ..LIMITS };
+    let mut guard = running_with(wrapping, i32::MAX);
+    let wrapped = Decision::Target(i32::MIN);
+    assert_eq!(cycle(&mut guard, &good(i32::MAX), Some(i32::MIN)), wrapped);
+    let mut linear = running(i32::MAX);
+    let decision = cycle(&mut linear, &good(i32::MAX), Some(i32::MIN));
+    assert!(matches!(decision, Decision::Refuse(Refusal::Step { .. })));
+}
+
+#[test]
+fn an_incomplete_cycle_waits_and_too_many_hold() {
+    let mut guard = running(0);
+    let mut missed = good(0);
+    missed.way.complete = false;
+    missed.way.holding = true;
+    missed.actual = Actual::None(NoActual::NoImage);
+    for _ in 0..2 {
+        let wait = Decision::Wait(WaitReason::ImageHeld);
+        assert_eq!(cycle(&mut guard, &missed, Some(50)), wait);
+        assert!(!guard.wants_discard());
+    }
+    assert_eq!(cycle(&mut guard, &good(0), Some(50)), Decision::Target(50));
+    for _ in 0..2 {
+        cycle(&mut guard, &missed, Some(50));
+    }
+    assert_eq!(guard.observe(&missed), Some(HoldReason::WorkingCounter));
+    assert!(guard.wants_discard(), "the held image carries a target");
+    for _ in 0..50 {
+        assert_eq!(cycle(&mut guard, &good(0), Some(50)), Decision::Closed, "for good");
+    }
+}
+
+#[test]
+fn a_cycle_has_one_target() {
+    let mut guard = running(0);
+    guard.observe(&good(0));
+    assert_eq!(guard.decide(Some(50)), Decision::Target(50));
+    guard.sent();
+    assert_eq!(guard.decide(Some(100)), Decision::Wait(WaitReason::Spent));
+    guard.observe(&good(0));
+    assert_eq!(guard.decide(Some(100)), Decision::Target(100));
+}
+
+#[test]
+fn behind_a_full_image_a_cycle_is_left_out() {
+    let mut guard = running(0);
+    let mut full = good(0);
+    full.way.image_full = true;
+    let wait = Decision::Wait(WaitReason::ImageFull);
+    assert_eq!(cycle(&mut guard, &full, Some(50)), wait);
+    assert_eq!(cycle(&mut guard, &good(0), Some(50)), Decision::Target(50));
+}
+
+#[test]
+fn a_missing_tpdo_is_put_up_with_for_so_many_cycles() {
+    let mut guard = running(0);
+    let none = GuardInput { actual: Actual::None(NoActual::NoTpdo), ..good(0) };
+    for n in 1..=3 {
+        assert_eq!(cycle(&mut guard, &none, Some(n)), Decision::Target(n));
+    }
+    let lost = HoldReason::TpdoLost(NoActual::NoTpdo);
+    assert_eq!(guard.observe(&none), Some(lost));
+    assert_eq!(guard.decide(Some(4)), Decision::Closed);
+}
+
+#[test]
+fn a_late_tpdo_keeps_the_axis_going() {
+    let mut guard = running(0);
+    let late = GuardInput { actual: Actual::Late(0), ..good(0) };
+    for n in 1..=50 {
+        assert_eq!(cycle(&mut guard, &late, Some(n)), Decision::Target(n));
+    }
+}
+
+type Change = fn(&mut GuardInput);
+
+#[test]
+fn every_breach_holds_at_once_and_until_taken_up() {
+    let breaches: [(Change, HoldReason); 13] = [
+        (|i| i.way.in_service = false, HoldReason::GatewayLost),
+        (|i| i.way.discarded = true, HoldReason::FramesDiscarded),
+        (|i| i.way.channel = ChannelView::BusOff, HoldReason::BusOff),
+        (|i| i.way.channel = ChannelView::NotRunning, HoldReason::ChannelStopped),
+        (|i| i.way.queue_refused = true, HoldReason::QueueFull),
+        (|i| i.way.target_lost = true, HoldReason::TargetLost),
+        (|i| i.drive.heartbeat_lost = true, HoldReason::HeartbeatLost),
+        (|i| i.drive.not_operational = true, HoldReason::NotOperational),
+        (|i| i.drive.unverified = true, HoldReason::Unverified),
+        (
+            |i| i.drive.state = Some(DriveState::Fault),
+            HoldReason::LeftOperationEnabled(DriveState::Fault),
+        ),
+        (
+            |i| i.drive.state = Some(DriveState::QuickStopActive),
+            HoldReason::LeftOperationEnabled(DriveState::QuickStopActive),
+        ),
+        (|i| i.drive.follows = false, HoldReason::NotFollowing),
+        (|i| i.drive.following_error = true, HoldReason::FollowingError),
+    ];
+    for (change, reason) in breaches {
+        let mut guard = running(0);
+        cycle(&mut guard, &good(0), None);
+        let mut broken = good(0);
+        change(&mut broken);
+        assert_eq!(guard.observe(&broken), Some(reason));
+        assert_eq!(guard.decide(Some(0)), Decision::Closed);
+        for _ in 0..20 {
+            assert_eq!(guard.observe(&good(40)), None);
+            assert_eq!(guard.decide(Some(0)), Decision::Closed, "{reason}");
+        }
+        assert_eq!(guard.state(), GuardState::Holding { reason });
+        guard.take_up();
+        let decisions: Vec<_> = (0..6).map(|_| cycle(&mut guard, &good(40), Some(1))).collect();
+        let first = decisions.iter().position(|d| *d == Decision::First(40));
+        assert!(first.is_some_and(|n| n >= 4), "after {reason}: {decisions:?}");
+    }
+}
+
+#[test]
+fn a_drive_that_holds_a_far_target_is_not_taken_up_enabled() {
+    let mut guard = running(0);
+    for n in 1..=5 {
+        cycle(&mut guard, &good(0), Some(n * 100));
+    }
+    guard.hold();
+    guard.take_up();
+    for _ in 0..5 {
+        assert!(cycle(&mut guard, &good(0), None).target().is_none());
+    }
+    let far = Decision::Wait(WaitReason::HoldsOldTarget);
+    assert_eq!(cycle(&mut guard, &good(0), None), far);
+    assert_eq!(guard.resting_target(), Some(500), "what the drive holds moves nothing");
+    assert_eq!(cycle(&mut guard, &in_state(DriveState::SwitchedOn, 0), None), Decision::Track(0));
+    assert_eq!(cycle(&mut guard, &good(0), None), Decision::First(0));
+}
+
+#[test]
+fn a_drive_that_never_says_that_it_follows_is_believed() {
+    let mut guard = MotionGuard::new(LIMITS);
+    guard.take_up();
+    let mut input = good(0);
+    input.drive.follows = false;
+    for _ in 0..10 {
+        cycle(&mut guard, &input, None);
+    }
+    assert_eq!(cycle(&mut guard, &input, Some(5)), Decision::Target(5));
+}
+
+#[test]
+fn a_breach_during_the_take_up_starts_it_over() {
+    let mut guard = MotionGuard::new(LIMITS);
+    guard.take_up();
+    for _ in 0..4 {
+        cycle(&mut guard, &good(0), None);
+    }
+    assert_eq!(guard.state(), GuardState::Reading);
+    let mut off = good(0);
+    off.way.channel = ChannelView::BusOff;
+    assert_eq!(cycle(&mut guard, &off, None), Decision::Closed);
+    assert_eq!(guard.state(), GuardState::Draining);
+    for n in 0..4 {
+        assert!(cycle(&mut guard, &good(0), None).target().is_none(), "cycle {n}");
+    }
+    assert_eq!(cycle(&mut guard, &good(0), None), Decision::First(0));
+}
+
+#[test]
+fn a_rate_begins_at_zero_and_wraps_nowhere() {
+    let limits = GuardLimits { kind: TargetKind::Rate, range: PositionRange::Wrapping, ..LIMITS };
+    let mut guard = running_with(limits, 5000);
+    assert_eq!(cycle(&mut guard, &good(5000), Some(100)), Decision::Target(100));
+    // In motion, far from where it was taken up: no window for a rate.
+    assert_eq!(cycle(&mut guard, &good(50_000), Some(200)), Decision::Target(200));
+    assert!(matches!(
+        cycle(&mut guard, &good(50_000), Some(301)),
+        Decision::Refuse(Refusal::Step { step: 101, .. })
+    ));
+}
+
+#[test]
+fn a_profile_target_may_be_far_and_homing_takes_none() {
+    let limits = GuardLimits { kind: TargetKind::Profile, ..LIMITS };
+    let mut guard = running_with(limits, 0);
+    assert_eq!(cycle(&mut guard, &good(0), Some(1_000_000)), Decision::Target(1_000_000));
+    let limits = GuardLimits { kind: TargetKind::None, ..LIMITS };
+    let mut guard = running_with(limits, 0);
+    assert_eq!(cycle(&mut guard, &good(0), Some(1)), Decision::Refuse(Refusal::NoTargets));
+    assert_eq!(cycle(&mut guard, &good(0), None), Decision::Target(0));
+}
+
+#[test]
+fn a_stop_command_carries_a_target_that_moves_nothing() {
+    let mut guard = MotionGuard::new(LIMITS);
+    assert_eq!(guard.resting_target(), None);
+    guard.observe(&GuardInput { actual: Actual::Late(30), ..good(0) });
+    assert_eq!(guard.resting_target(), Some(30));
+    let mut guard = running(0);
+    cycle(&mut guard, &good(0), Some(60));
+    guard.hold();
+    guard.observe(&good(40));
+    assert_eq!(guard.resting_target(), Some(60), "the drive goes there already");
+    assert_eq!(guard.state(), GuardState::Holding { reason: HoldReason::Commanded });
+}
+
+#[test]
+fn words_say_what_is_the_matter() {
+    let reason = HoldReason::TpdoLost(NoActual::Backlog);
+    assert_eq!(
+        GuardState::Holding { reason }.to_string(),
+        "holding: TPDO missing: received frames pile up in the gateway"
+    );
+    let refusal = Refusal::Step { step: -300, limit: 100 };
+    assert_eq!(refusal.to_string(), "the step of -300 exceeds the limit of 100 per cycle");
+}

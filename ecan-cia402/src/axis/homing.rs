@@ -1,0 +1,177 @@
+//! Homing: what it is told, and what the statusword says about it (CiA 402-2, 12).
+
+use std::fmt;
+
+use ecan_canopen::{OperatingMode, Statusword, object};
+
+use super::sdo_script::SdoScript;
+
+/// Cycles for which a drive may still show the outcome of an earlier homing after the start.
+const OLD_NEWS_CYCLES: u16 = 20;
+
+/// How an axis finds its home position. Objects that a drive does not have are skipped, apart from
+/// the method.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct HomingSettings {
+    /// Homing method, 0x6098: 35 and 37 take the present position as home, -4..-1 are
+    /// manufacturers', 1..34 look for switches and index pulses.
+    pub method: i8,
+    /// Speed on the way to the switch, 0x6099:01, in the drive's units; `None` leaves it alone.
+    pub switch_speed: Option<u32>,
+    /// Speed on the way to the zero, 0x6099:02; `None` leaves it alone.
+    pub zero_speed: Option<u32>,
+    /// Acceleration, 0x609A; `None` leaves it alone.
+    pub acceleration: Option<u32>,
+    /// What the home position is called, 0x607C; `None` leaves it alone.
+    pub offset: Option<i32>,
+    /// How long it may take, in milliseconds.
+    pub timeout_ms: u32,
+}
+
+impl HomingSettings {
+    /// A method with the drive's own speeds, and a minute for it.
+    pub fn new(method: i8) -> Self {
+        Self {
+            method,
+            switch_speed: None,
+            zero_speed: None,
+            acceleration: None,
+            offset: None,
+            timeout_ms: 60_000,
+        }
+    }
+
+    /// The transfers before homing: parameters, then the mode with its confirmation.
+    pub(super) fn script(&self) -> SdoScript {
+        let mut script = SdoScript::default().write(object::HOMING_METHOD, 0, self.method);
+        if let Some(speed) = self.switch_speed {
+            script = script.write_if_present(object::HOMING_SPEEDS, 1, speed);
+        }
+        if let Some(speed) = self.zero_speed {
+            script = script.write_if_present(object::HOMING_SPEEDS, 2, speed);
+        }
+        if let Some(acceleration) = self.acceleration {
+            script = script.write_if_present(object::HOMING_ACCELERATION, 0, acceleration);
+        }
+        if let Some(offset) = self.offset {
+            script = script.write_if_present(object::HOME_OFFSET, 0, offset);
+        }
+        script.mode(OperatingMode::Homing)
+    }
+}
+
+/// What the statusword says about a homing that was started.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum HomingState {
+    /// Under way.
+    Running,
+    /// Interrupted or not begun: at rest without a home position.
+    Waiting,
+    /// The home position is found, the axis still moves.
+    Found,
+    /// The home position is found and the axis is at rest.
+    Attained,
+    /// An error; the axis still moves.
+    Failing,
+    /// An error, and the axis is at rest.
+    Failed,
+}
+
+impl HomingState {
+    /// Reads bits 10, 12 and 13 of a drive in homing mode.
+    pub fn of(status: Statusword) -> Self {
+        let rests = status.has(Statusword::TARGET_REACHED);
+        match (status.has(Statusword::MODE_13), status.has(Statusword::MODE_12), rests) {
+            (true, _, false) => Self::Failing,
+            (true, _, true) => Self::Failed,
+            (false, false, false) => Self::Running,
+            (false, false, true) => Self::Waiting,
+            (false, true, false) => Self::Found,
+            (false, true, true) => Self::Attained,
+        }
+    }
+}
+
+impl fmt::Display for HomingState {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Running => "looking for the home position",
+            Self::Waiting => "interrupted or not started",
+            Self::Found => "found, not at rest yet",
+            Self::Attained => "home position attained",
+            Self::Failing => "homing error, still moving",
+            Self::Failed => "homing error",
+        })
+    }
+}
+
+/// Judges a homing by the statuswords since its start bit went up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct HomingWatch {
+    cycles: u16,
+    /// The drive has shown that this homing, not an earlier one, is what it reports about.
+    has_begun: bool,
+}
+
+impl HomingWatch {
+    /// One cycle with the start bit on the bus. `None` while the outcome is open.
+    pub(super) fn step(&mut self, status: Statusword) -> Option<HomingState> {
+        let state = HomingState::of(status);
+        self.cycles = self.cycles.saturating_add(1);
+        match state {
+            HomingState::Running | HomingState::Found | HomingState::Failing => {
+                self.has_begun = true;
+                None
+            }
+            // Also where a method ends within a cycle, as 35 and 37 do.
+            HomingState::Attained | HomingState::Failed
+                if self.has_begun || self.cycles > OLD_NEWS_CYCLES =>
+            {
+                Some(state)
+            }
+            _ => None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const ATTAINED: Statusword = Statusword(0x1637);
+    const RUNNING: Statusword = Statusword(0x0237);
+    const FAILED: Statusword = Statusword(0x2637);
+
+    #[test]
+    fn the_bits_read_as_the_standard_says() {
+        let states = [
+            (0x0237, HomingState::Running),
+            (0x0637, HomingState::Waiting),
+            (0x1237, HomingState::Found),
+            (0x1637, HomingState::Attained),
+            (0x2237, HomingState::Failing),
+            (0x2637, HomingState::Failed),
+        ];
+        for (word, state) in states {
+            assert_eq!(HomingState::of(Statusword(word)), state);
+        }
+    }
+
+    #[test]
+    fn the_outcome_of_an_earlier_homing_is_not_taken_for_this_one() {
+        let mut watch = HomingWatch::default();
+        assert_eq!(watch.step(ATTAINED), None, "from before");
+        assert_eq!(watch.step(RUNNING), None);
+        assert_eq!(watch.step(ATTAINED), Some(HomingState::Attained));
+        let mut watch = HomingWatch::default();
+        watch.step(RUNNING);
+        assert_eq!(watch.step(FAILED), Some(HomingState::Failed));
+    }
+
+    #[test]
+    fn a_homing_that_takes_no_time_is_seen_all_the_same() {
+        let mut watch = HomingWatch::default();
+        let done = (0..30).find_map(|_| watch.step(ATTAINED));
+        assert_eq!(done, Some(HomingState::Attained));
+    }
+}

@@ -1,0 +1,66 @@
+//! Layer 2: CiA 402 axes over the CANopen network. It knows drives, targets and what must never
+//! happen to them.
+
+// Rules: pure, without frames or time
+mod drain;
+mod guard;
+mod guard_input;
+mod guard_terms;
+mod position_range;
+mod units;
+
+pub use guard::MotionGuard;
+pub use guard_input::{Actual, ChannelView, DriveView, GuardInput, HoldReason, NoActual, WayView};
+pub use guard_terms::{Decision, GuardLimits, GuardState, Refusal, TargetKind, WaitReason};
+pub use position_range::PositionRange;
+pub use units::{Scale, UnitError};
+
+#[cfg(test)]
+mod guard_properties;
+#[cfg(test)]
+mod guard_tests;
+#[cfg(test)]
+mod guard_way_model;
+
+// What a drive is told, step by step
+mod homing;
+mod pdo_layout;
+mod power;
+mod procedure;
+mod ramp;
+mod sdo_script;
+mod set_point;
+mod start_up;
+
+pub use homing::{HomingSettings, HomingState};
+pub use pdo_layout::{Feedback, PdoLayout, RpdoBytes, TargetObject};
+pub use sdo_script::ScriptFault;
+
+// One axis
+mod axis_core;
+mod axis_cycle;
+mod axis_procedure;
+mod channel_watch;
+mod phase;
+mod settings;
+mod statistics;
+
+pub use phase::{AxisPhase, AxisProgress, AxisTrouble, SetupFault};
+pub use settings::{AxisFault, AxisSettings, DriveSettings, NodeReset};
+pub use statistics::AxisStatistics;
+
+// All axes of a bus
+mod context;
+mod context_blocking;
+mod context_commands;
+mod context_cycle;
+mod error;
+mod load;
+mod lookup;
+mod shutdown;
+
+pub use context::{Cia402, Cia402Settings};
+pub use context_cycle::SendSummary;
+pub use error::{AxisFaults, Cia402Error, CommandError, NotReached, ScheduleError};
+pub use load::{BusLoad, LoadWarning, frame_bits};
+pub use shutdown::Shutdown;

@@ -1,0 +1,236 @@
+//! What an axis is doing, in words.
+
+use std::fmt;
+
+use ecan_canopen::{DriveState, OperatingMode};
+use thiserror::Error;
+
+use crate::canopen::{NodeAddress, Progress, StepFailure};
+
+use super::guard_input::HoldReason;
+use super::guard_terms::GuardState;
+use super::homing::HomingState;
+use super::sdo_script::ScriptFault;
+
+/// Why the configuration of an axis failed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum SetupFault {
+    /// A step failed.
+    #[error(transparent)]
+    Step(#[from] StepFailure),
+    /// The mode was not taken.
+    #[error(transparent)]
+    Mode(#[from] ScriptFault),
+}
+
+/// What went wrong with the last command to an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum AxisTrouble {
+    /// The configuration failed.
+    #[error("configuration failed: {0}")]
+    Setup(#[from] SetupFault),
+    /// The drive restarted and has forgotten its configuration.
+    #[error("the drive restarted")]
+    Restarted,
+    /// The drive did not reach Operation Enabled in time.
+    #[error("not enabled after {waited_ms} ms: {guard}, the drive is {}", StateWords(*state))]
+    EnableTimedOut {
+        /// State of the drive.
+        state: Option<DriveState>,
+        /// Where the guard stood.
+        guard: GuardState,
+        /// How long was waited, in milliseconds.
+        waited_ms: u64,
+    },
+    /// The drive has a fault.
+    #[error("the drive is in fault{}", CodeWords(*error_code))]
+    Fault {
+        /// Error code of its last emergency message; 0 where none came.
+        error_code: u16,
+    },
+    /// The drive stays in fault after a reset.
+    #[error("the drive stays in fault after a reset{}", CodeWords(*error_code))]
+    ResetRefused {
+        /// Error code of its last emergency message; 0 where none came.
+        error_code: u16,
+    },
+    /// The axis held.
+    #[error("{0}")]
+    Held(HoldReason),
+    /// Homing ended without a home position.
+    #[error("homing: {0}")]
+    Homing(HomingState),
+    /// Homing took too long.
+    #[error("homing is not done after {waited_ms} ms: {state}")]
+    HomingTimedOut {
+        /// What the statusword says.
+        state: HomingState,
+        /// How long was waited, in milliseconds.
+        waited_ms: u64,
+    },
+    /// A mode was not taken.
+    #[error(transparent)]
+    Script(#[from] ScriptFault),
+    /// The drive did not switch its power off in time.
+    #[error("the drive does not switch off: {}", StateWords(*state))]
+    NotDisabled {
+        /// State of the drive.
+        state: Option<DriveState>,
+    },
+}
+
+struct StateWords(Option<DriveState>);
+
+impl fmt::Display for StateWords {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            Some(state) => state.fmt(f),
+            None => f.write_str("not heard"),
+        }
+    }
+}
+
+struct CodeWords(u16);
+
+impl fmt::Display for CodeWords {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.0 {
+            0 => Ok(()),
+            code => {
+                write!(f, ", error code 0x{code:04X}")?;
+                match ecan_canopen::error_code_words(code) {
+                    Some(words) => write!(f, " ({words})"),
+                    None => Ok(()),
+                }
+            }
+        }
+    }
+}
+
+/// What an axis is doing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum AxisPhase {
+    /// Not configured yet, or not any more: the drive restarted.
+    NotConfigured,
+    /// The steps of its configuration are being done.
+    Configuring,
+    /// Its mode is written and waited for.
+    SettingMode(OperatingMode),
+    /// Its configuration failed.
+    SetupFailed,
+    /// Configured; nothing is commanded.
+    Standby,
+    /// Its actual position is being established; where something hinders that, what.
+    Reading(GuardState, Option<HoldReason>),
+    /// Its actual position is known; the drive is not enabled.
+    Ready,
+    /// The drive is brought to Operation Enabled.
+    Enabling(Option<DriveState>),
+    /// Follows targets.
+    Running,
+    /// Is being brought to rest, or was, by [`halt`](super::Cia402::halt).
+    Halted,
+    /// Gets no targets until it is taken up again.
+    Holding(HoldReason),
+    /// A quick stop was commanded.
+    QuickStop,
+    /// The drive's power is being switched off.
+    Disabling,
+    /// A fault is being reset.
+    ResettingFault,
+    /// The drive has a fault.
+    Fault,
+    /// The mode is being changed.
+    ChangingMode(OperatingMode),
+    /// Homing is prepared or wound up.
+    PreparingHoming,
+    /// Homing.
+    Homing(HomingState),
+}
+
+impl fmt::Display for AxisPhase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NotConfigured => f.write_str("not configured"),
+            Self::Configuring => f.write_str("being configured"),
+            Self::SettingMode(mode) => write!(f, "waiting for mode {mode}"),
+            Self::SetupFailed => f.write_str("configuration failed"),
+            Self::Standby => f.write_str("configured"),
+            Self::Reading(guard, None) => guard.fmt(f),
+            Self::Reading(guard, Some(reason)) => write!(f, "{guard}: {reason}"),
+            Self::Ready => f.write_str("ready at its actual position"),
+            Self::Enabling(state) => write!(f, "being enabled, {}", StateWords(*state)),
+            Self::Running => f.write_str("following targets"),
+            Self::Halted => f.write_str("halted"),
+            Self::Holding(reason) => write!(f, "holding: {reason}"),
+            Self::QuickStop => f.write_str("quick stop"),
+            Self::Disabling => f.write_str("being disabled"),
+            Self::ResettingFault => f.write_str("fault being reset"),
+            Self::Fault => f.write_str("fault"),
+            Self::ChangingMode(mode) => write!(f, "changing to mode {mode}"),
+            Self::PreparingHoming => f.write_str("preparing homing"),
+            Self::Homing(state) => write!(f, "homing: {state}"),
+        }
+    }
+}
+
+/// What an axis is doing, for how long, and what hinders it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct AxisProgress {
+    /// Index in the axis table.
+    pub axis: usize,
+    /// Where the drive is.
+    pub address: NodeAddress,
+    /// What it is doing.
+    pub phase: AxisPhase,
+    /// For how long, in milliseconds.
+    pub for_ms: u64,
+    /// While it is being configured: how far.
+    pub setup: Option<Progress>,
+    /// What went wrong with the last command.
+    pub trouble: Option<AxisTrouble>,
+}
+
+/// `axis 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms`
+impl fmt::Display for AxisProgress {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "axis {}, ", self.axis)?;
+        match (&self.setup, self.phase) {
+            (Some(setup), AxisPhase::Configuring) => setup.fmt(f)?,
+            _ => write!(f, "{}: {}, for {} ms", self.address, self.phase, self.for_ms)?,
+        }
+        match &self.trouble {
+            Some(AxisTrouble::Held(_)) | None => Ok(()),
+            Some(trouble) => write!(f, " ({trouble})"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ecan_canopen::NodeId;
+
+    #[test]
+    fn words_say_who_what_and_how_long() {
+        let node = NodeId::new(5).unwrap();
+        let progress = AxisProgress {
+            axis: 2,
+            address: NodeAddress { slave: 0, channel: 1, node },
+            phase: AxisPhase::Enabling(Some(DriveState::SwitchedOn)),
+            for_ms: 120,
+            setup: None,
+            trouble: None,
+        };
+        let text = progress.to_string();
+        assert_eq!(
+            text,
+            "axis 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms"
+        );
+        let trouble = AxisTrouble::Fault { error_code: 0x8611 };
+        assert!(trouble.to_string().contains("0x8611"), "{trouble}");
+    }
+}

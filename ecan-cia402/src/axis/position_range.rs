@@ -1,0 +1,132 @@
+//! How far apart two raw positions are, when the counter wraps and when it does not.
+
+/// How the position counter of a drive runs.
+///
+/// Every comparison of positions (step limit, following-error window, standstill) goes through
+/// [`distance`](Self::distance), every addition through [`add`](Self::add), so that a wrap is
+/// never taken for a jump nor a jump for a wrap.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PositionRange {
+    /// The counter ends at the limits of an `i32`. Nothing may be commanded beyond them, and
+    /// -2147483648 is as far from 2147483647 as it looks.
+    #[default]
+    Linear,
+    /// The counter wraps over the whole `i32`: one step beyond 2147483647 is -2147483648.
+    Wrapping,
+    /// The counter wraps within 0x607B (position range limit): one step beyond `max` is `min`.
+    Modulo {
+        /// Smallest position, 0x607B:01.
+        min: i32,
+        /// Largest position, 0x607B:02; above `min`.
+        max: i32,
+    },
+}
+
+impl PositionRange {
+    /// The signed way from one position to another, in steps: the shorter one where the counter
+    /// wraps. Real-time safe.
+    pub fn distance(self, from: i32, to: i32) -> i64 {
+        match self {
+            Self::Linear => i64::from(to) - i64::from(from),
+            Self::Wrapping => i64::from(to.wrapping_sub(from)),
+            Self::Modulo { min, max } => {
+                let span = span(min, max);
+                let way = (i64::from(to) - i64::from(from)).rem_euclid(span);
+                if way * 2 >= span { way - span } else { way }
+            }
+        }
+    }
+
+    /// The position `way` steps from `from`; `None` where a linear counter ends. Real-time safe.
+    pub fn add(self, from: i32, way: i64) -> Option<i32> {
+        match self {
+            Self::Linear => i32::try_from(i64::from(from).checked_add(way)?).ok(),
+            // The cast keeps the low 32 bits: that is the wrap.
+            Self::Wrapping => Some(i64::from(from).wrapping_add(way) as i32),
+            Self::Modulo { min, max } => {
+                let offset = i64::from(from).checked_sub(i64::from(min))?.checked_add(way)?;
+                i32::try_from(i64::from(min) + offset.rem_euclid(span(min, max))).ok()
+            }
+        }
+    }
+
+    /// Whether the counter can stand there. Real-time safe.
+    pub fn contains(self, position: i32) -> bool {
+        match self {
+            Self::Linear | Self::Wrapping => true,
+            Self::Modulo { min, max } => (min..=max).contains(&position),
+        }
+    }
+}
+
+/// Positions of a modulo counter; at least one, so that it can divide.
+fn span(min: i32, max: i32) -> i64 {
+    (i64::from(max) - i64::from(min) + 1).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const TURN: PositionRange = PositionRange::Modulo { min: 0, max: 3599 };
+
+    #[test]
+    fn a_linear_counter_ends_where_it_ends() {
+        assert_eq!(PositionRange::Linear.distance(i32::MAX, i32::MIN), -0xFFFF_FFFF);
+        assert_eq!(PositionRange::Linear.add(i32::MAX, 1), None);
+        assert_eq!(PositionRange::Linear.add(i32::MIN, -1), None);
+        assert_eq!(PositionRange::Linear.add(-5, 10), Some(5));
+    }
+
+    #[test]
+    fn a_wrapping_counter_goes_on() {
+        assert_eq!(PositionRange::Wrapping.distance(i32::MAX, i32::MIN), 1);
+        assert_eq!(PositionRange::Wrapping.distance(i32::MIN, i32::MAX), -1);
+        assert_eq!(PositionRange::Wrapping.add(i32::MAX, 1), Some(i32::MIN));
+        assert_eq!(PositionRange::Wrapping.add(i32::MIN, -1), Some(i32::MAX));
+    }
+
+    #[test]
+    fn a_modulo_counter_takes_the_shorter_way() {
+        assert_eq!(TURN.distance(3590, 10), 20);
+        assert_eq!(TURN.distance(10, 3590), -20);
+        assert_eq!(TURN.distance(0, 1799), 1799);
+        assert_eq!(TURN.distance(0, 1800), -1800);
+        assert_eq!(TURN.add(3590, 20), Some(10));
+        assert_eq!(TURN.add(10, -20), Some(3590));
+        assert!(TURN.contains(3599) && !TURN.contains(3600) && !TURN.contains(-1));
+    }
+
+    #[test]
+    fn a_senseless_modulo_range_does_not_divide_by_zero() {
+        let range = PositionRange::Modulo { min: 5, max: -5 };
+        assert_eq!(range.distance(1, 9), 0);
+        assert_eq!(range.add(5, 7), Some(5));
+    }
+
+    fn any_range() -> impl Strategy<Value = PositionRange> {
+        prop_oneof![
+            Just(PositionRange::Linear),
+            Just(PositionRange::Wrapping),
+            (any::<i32>(), any::<i32>())
+                .prop_map(|(a, b)| PositionRange::Modulo { min: a.min(b), max: a.max(b) }),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn going_the_distance_arrives(range in any_range(), from: i32, to: i32) {
+            prop_assume!(range.contains(from) && range.contains(to));
+            let way = range.distance(from, to);
+            prop_assert_eq!(range.add(from, way), Some(to));
+        }
+
+        #[test]
+        fn adding_stays_in_the_range(range in any_range(), from: i32, way: i64) {
+            if let Some(to) = range.add(from, way) {
+                prop_assert!(range.contains(to) || !range.contains(from));
+            }
+        }
+    }
+}

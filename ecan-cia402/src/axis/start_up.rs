@@ -1,0 +1,254 @@
+//! The steps that bring a drive from whatever state to Operational with its PDOs mapped.
+
+use ecan_canopen::{
+    CobId, HeartbeatConsumer, NmtCommand, OperatingMode, SupportedModes, TransmissionType, object,
+};
+
+use crate::canopen::{HostHeartbeat, PdoDirection, PdoMapping, PdoMappingError, Step};
+
+use super::pdo_layout::TargetObject;
+use super::settings::{AxisSettings, NodeReset};
+
+/// Highest PDO number of the predefined connection set.
+const LAST_PDO: u16 = 4;
+/// What the low half of the device type says for a drive.
+const PROFILE_402: u64 = 402;
+const NS_PER_US: u64 = 1_000;
+
+/// What the bus gives to every axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) struct BusSettings {
+    /// Time from SYNC to SYNC, in nanoseconds.
+    pub(super) sync_period_ns: u64,
+    /// The host's heartbeat, if it produces one.
+    pub(super) host: Option<HostHeartbeat>,
+}
+
+/// The steps, in order:
+///
+/// 1. NMT: reset where asked for, then Pre-operational.
+/// 2. Device type, identity, supported modes.
+/// 3. Power off by SDO: a drive that an earlier master left enabled must not be mapped while it
+///    moves.
+/// 4. Heartbeats both ways and what happens when the host's stays away.
+/// 5. Mapping of the RPDO and the TPDO, other TPDOs off.
+/// 6. SYNC period, interpolation time, limits, further steps of the application.
+/// 7. NMT: start.
+///
+/// The mode follows after that, with its confirmation.
+pub(super) fn steps(
+    settings: &AxisSettings,
+    bus: &BusSettings,
+) -> Result<Vec<Step>, PdoMappingError> {
+    let mut steps = Vec::new();
+    push_nmt(&mut steps, settings);
+    push_identity(&mut steps, settings);
+    steps.push(Step::write(object::CONTROLWORD, 0, 0_u16).named("power off").if_accepted());
+    push_heartbeats(&mut steps, settings, bus);
+    push_mapping(&mut steps, settings)?;
+    push_times(&mut steps, settings, bus);
+    push_limits(&mut steps, settings);
+    steps.extend(settings.drive.further.iter().copied());
+    steps.push(Step::nmt(NmtCommand::Start));
+    Ok(steps)
+}
+
+fn push_nmt(steps: &mut Vec<Step>, settings: &AxisSettings) {
+    let reset = match settings.drive.reset {
+        NodeReset::None => None,
+        NodeReset::Communication => Some(NmtCommand::ResetCommunication),
+        NodeReset::Node => Some(NmtCommand::ResetNode),
+    };
+    if let Some(command) = reset {
+        steps.push(Step::nmt(command));
+        steps.push(Step::await_boot_up(settings.drive.boot_timeout_ms));
+    }
+    steps.push(Step::nmt(NmtCommand::EnterPreOperational));
+}
+
+fn push_identity(steps: &mut Vec<Step>, settings: &AxisSettings) {
+    let drive = &settings.drive;
+    if drive.expect_profile_402 {
+        let step = Step::expect_masked(object::DEVICE_TYPE, 0, PROFILE_402, 0xFFFF);
+        steps.push(step.named("drive profile"));
+    }
+    if let Some((vendor, product)) = drive.identity {
+        steps.push(Step::expect(object::IDENTITY, 1, vendor).named("vendor id"));
+        steps.push(Step::expect(object::IDENTITY, 2, product).named("product code"));
+    }
+    let bit = u64::from(SupportedModes::bit(settings.mode));
+    let modes = Step::expect_masked(object::SUPPORTED_MODES, 0, bit, bit);
+    steps.push(modes.named("supported modes").if_present());
+}
+
+fn push_heartbeats(steps: &mut Vec<Step>, settings: &AxisSettings, bus: &BusSettings) {
+    let drive = &settings.drive;
+    let producer = object::PRODUCER_HEARTBEAT;
+    steps.push(Step::write(producer, 0, drive.heartbeat_ms).named("heartbeat").if_present());
+    steps.push(Step::read(producer, 0).named("heartbeat").if_present());
+    if let Some(host) = bus.host
+        && drive.host_heartbeat_ms > 0
+    {
+        let entry = HeartbeatConsumer { producer: host.node, time_ms: drive.host_heartbeat_ms };
+        let step = Step::write(object::CONSUMER_HEARTBEAT, 1, entry.raw());
+        steps.push(step.named("watch the host").if_present());
+        if let Some(reaction) = drive.host_loss {
+            let step = Step::write(object::ABORT_CONNECTION_OPTION, 0, reaction.raw());
+            steps.push(step.named("reaction to a lost host").if_present());
+        }
+    }
+}
+
+fn push_mapping(steps: &mut Vec<Step>, settings: &AxisSettings) -> Result<(), PdoMappingError> {
+    let (node, number) = (settings.address.node, settings.pdo_number);
+    let layout = settings.layout();
+    let pdo = |direction, cob_id, entries: &[_]| PdoMapping {
+        direction,
+        number: number.into(),
+        cob_id,
+        transmission: TransmissionType::Synchronous(1),
+        inhibit_time: None,
+        event_timer_ms: None,
+        entries: entries.to_vec(),
+    };
+    let rpdo =
+        pdo(PdoDirection::Receive, CobId::rpdo(node, number).can_id(), &layout.rpdo_entries());
+    let tpdo =
+        pdo(PdoDirection::Transmit, CobId::tpdo(node, number).can_id(), &layout.tpdo_entries());
+    steps.extend(rpdo.steps()?);
+    steps.extend(tpdo.steps()?);
+    if settings.drive.silence_other_tpdos {
+        for other in (1..=LAST_PDO).filter(|other| *other != u16::from(number)) {
+            let off = PdoMapping::disabling_steps(PdoDirection::Transmit, other)?;
+            steps.extend(off.into_iter().map(Step::if_present));
+        }
+    }
+    Ok(())
+}
+
+fn push_times(steps: &mut Vec<Step>, settings: &AxisSettings, bus: &BusSettings) {
+    if !settings.mode.is_cyclic() {
+        return;
+    }
+    if let Ok(period_us) = u32::try_from(bus.sync_period_ns / NS_PER_US) {
+        let step = Step::write(object::COMMUNICATION_CYCLE, 0, period_us);
+        steps.push(step.named("SYNC period").if_accepted());
+    }
+    if let Some((value, power)) = interpolation_time(bus.sync_period_ns) {
+        let time = object::INTERPOLATION_TIME;
+        steps.push(Step::write(time, 2, power).named("interpolation time").if_present());
+        steps.push(Step::write(time, 1, value).named("interpolation time").if_present());
+    }
+}
+
+/// A period as 0x60C2 has it: a value of 1 to 255 and a power of ten of seconds. Milliseconds
+/// where they are whole, since every drive has those.
+pub(super) fn interpolation_time(period_ns: u64) -> Option<(u8, i8)> {
+    [(-3, 1_000_000), (-4, 100_000), (-5, 10_000), (-6, 1_000)].into_iter().find_map(
+        |(power, unit_ns)| {
+            let value = u8::try_from(period_ns / unit_ns).ok()?;
+            (value > 0 && period_ns.is_multiple_of(unit_ns)).then_some((value, power))
+        },
+    )
+}
+
+fn push_limits(steps: &mut Vec<Step>, settings: &AxisSettings) {
+    let drive = &settings.drive;
+    if let Some(option) = drive.quick_stop {
+        let step = Step::write(object::QUICK_STOP_OPTION, 0, option.raw());
+        steps.push(step.named("quick stop option").if_present());
+    }
+    if let Some((window, time_ms)) = drive.following_error {
+        let step = Step::write(object::FOLLOWING_ERROR_WINDOW, 0, window);
+        steps.push(step.named("following error window").if_present());
+        let step = Step::write(object::FOLLOWING_ERROR_TIME, 0, time_ms);
+        steps.push(step.named("following error time").if_present());
+    }
+    let is_position = TargetObject::of_mode(settings.mode) == Some(TargetObject::Position);
+    if let Some((min, max)) = settings.bounds
+        && drive.write_position_limits
+        && is_position
+    {
+        let limit = object::SOFTWARE_POSITION_LIMIT;
+        steps.push(Step::write(limit, 1, min).named("lower position limit").if_present());
+        steps.push(Step::write(limit, 2, max).named("upper position limit").if_present());
+    }
+}
+
+/// Whether a mode can be chosen while the PDOs of `settings` are mapped.
+pub(super) fn can_switch_to(settings: &AxisSettings, mode: OperatingMode) -> bool {
+    settings.layout().target.serves(mode)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::canopen::NodeAddress;
+    use ecan_canopen::NodeId;
+
+    #[test]
+    fn periods_as_drives_take_them() {
+        let times = [
+            (1_000_000, Some((1, -3))),
+            (10_000_000, Some((10, -3))),
+            (500_000, Some((5, -4))),
+            (250_000, Some((25, -5))),
+            (125_000, Some((125, -6))),
+            (2_500_000, Some((25, -4))),
+            (0, None),
+            (333_333, None),
+            (300_000_000, None),
+        ];
+        for (period, expected) in times {
+            assert_eq!(interpolation_time(period), expected, "{period} ns");
+        }
+    }
+
+    #[test]
+    fn the_sequence_is_the_one_that_drives_accept() {
+        let node = NodeId::new(5).unwrap();
+        let mut settings = AxisSettings::new(NodeAddress { slave: 0, channel: 1, node });
+        settings.drive.silence_other_tpdos = false;
+        let host = HostHeartbeat { node: NodeId::new(127).unwrap(), period_ms: 50 };
+        let bus = BusSettings { sync_period_ns: 1_000_000, host: Some(host) };
+        let words: Vec<String> =
+            steps(&settings, &bus).unwrap().iter().map(|step| step.action.to_string()).collect();
+        let place = |part: &str| {
+            let at = words.iter().position(|word| word.contains(part));
+            at.unwrap_or_else(|| panic!("no {part} in {words:#?}"))
+        };
+        let order = [
+            "NMT enter pre-operational",
+            "check 0x1000:00",
+            "check 0x6502:00",
+            "write 0x6040:00 = 0x0000",
+            "write 0x1017:00 = 0x0064",
+            "write 0x1016:01 = 0x007F00FA",
+            "write 0x6007:00 = 0x0003",
+            "change 0x1400:01",
+            "write 0x1600:00 = 0x00",
+            "write 0x1600:01 = 0x60400010",
+            "write 0x1600:02 = 0x607A0020",
+            "write 0x1600:00 = 0x02",
+            "change 0x1800:01",
+            "write 0x1A00:01 = 0x60410010",
+            "write 0x1A00:02 = 0x60640020",
+            "write 0x60C2:02 = 0xFD",
+            "write 0x60C2:01 = 0x01",
+            "NMT start",
+        ];
+        let places: Vec<usize> = order.iter().map(|part| place(part)).collect();
+        assert!(places.is_sorted(), "{words:#?}");
+    }
+
+    #[test]
+    fn without_a_host_heartbeat_no_drive_waits_for_one() {
+        let node = NodeId::new(5).unwrap();
+        let settings = AxisSettings::new(NodeAddress { slave: 0, channel: 1, node });
+        let bus = BusSettings { sync_period_ns: 1_000_000, host: None };
+        let steps = steps(&settings, &bus).unwrap();
+        let text: String = steps.iter().map(|step| step.action.to_string()).collect();
+        assert!(!text.contains("0x1016") && !text.contains("0x6007"), "{text}");
+        assert!(text.contains("change 0x1802:01"), "the other TPDOs are off");
+    }
+}

@@ -1,0 +1,176 @@
+//! Encoder steps, radians and degrees.
+
+use std::f64::consts::PI;
+
+use thiserror::Error;
+
+use super::position_range::PositionRange;
+
+/// Why a value has no raw counterpart.
+#[derive(Debug, Clone, Copy, PartialEq, Error)]
+pub enum UnitError {
+    /// Not a number, or infinite.
+    #[error("{value} is not a position")]
+    NotFinite {
+        /// The value given.
+        value: f64,
+    },
+    /// Outside the counter of the drive.
+    #[error("{value} is {steps} steps, outside the drive's position counter")]
+    Range {
+        /// The value given, in its own unit.
+        value: f64,
+        /// What it would be in steps.
+        steps: f64,
+    },
+}
+
+/// Steps of the drive's position counter per turn of the axis, with sign.
+///
+/// A gear belongs into it: with 4096 steps per motor turn and a gear of 1:50, one turn of the
+/// axis is 204800 steps. A negative scale turns the direction around.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Scale {
+    steps_per_turn: f64,
+    origin: i32,
+}
+
+impl Default for Scale {
+    /// One step per degree at the drive: 360 steps per turn, origin at 0.
+    fn default() -> Self {
+        Self { steps_per_turn: 360.0, origin: 0 }
+    }
+}
+
+impl Scale {
+    /// A scale of so many steps per turn of the axis, not zero and finite (checked by
+    /// [`AxisSettings::check`](super::AxisSettings::check)), with step 0 at angle 0.
+    pub fn steps_per_turn(steps: f64) -> Self {
+        Self { steps_per_turn: steps, origin: 0 }
+    }
+
+    /// A motor of so many steps per turn behind a gear: `motor` turns of the motor are `axis`
+    /// turns of the axis.
+    pub fn geared(motor_steps_per_turn: f64, motor: f64, axis: f64) -> Self {
+        Self::steps_per_turn(motor_steps_per_turn * motor / axis)
+    }
+
+    /// The same scale with angle 0 at `step`.
+    pub fn with_origin(self, step: i32) -> Self {
+        Self { origin: step, ..self }
+    }
+
+    /// Steps per turn of the axis.
+    pub fn steps(self) -> f64 {
+        self.steps_per_turn
+    }
+
+    /// Whether it can be calculated with.
+    pub fn is_valid(self) -> bool {
+        self.steps_per_turn.is_normal()
+    }
+
+    /// Degrees at a raw position. Real-time safe.
+    pub fn degrees(self, raw: i32) -> f64 {
+        self.turns(raw) * 360.0
+    }
+
+    /// Radians at a raw position. Real-time safe.
+    pub fn radians(self, raw: i32) -> f64 {
+        self.turns(raw) * 2.0 * PI
+    }
+
+    fn turns(self, raw: i32) -> f64 {
+        (f64::from(raw) - f64::from(self.origin)) / self.steps_per_turn
+    }
+
+    /// The raw position at an angle in degrees, rounded to the nearest step. A counter that
+    /// wraps takes every angle, a linear one only those within an `i32`. Real-time safe.
+    ///
+    /// # Errors
+    /// [`UnitError`] for a value that is no position.
+    pub fn from_degrees(self, degrees: f64, range: PositionRange) -> Result<i32, UnitError> {
+        self.raw_at(degrees / 360.0, degrees, range)
+    }
+
+    /// The raw position at an angle in radians, as [`from_degrees`](Self::from_degrees).
+    ///
+    /// # Errors
+    /// [`UnitError`] for a value that is no position.
+    pub fn from_radians(self, radians: f64, range: PositionRange) -> Result<i32, UnitError> {
+        self.raw_at(radians / (2.0 * PI), radians, range)
+    }
+
+    fn raw_at(self, turns: f64, value: f64, range: PositionRange) -> Result<i32, UnitError> {
+        let steps = (turns * self.steps_per_turn).round();
+        if !steps.is_finite() {
+            return Err(UnitError::NotFinite { value });
+        }
+        let outside = UnitError::Range { value, steps };
+        // Beyond 2^53 an f64 has no single steps any more: that is no position either.
+        if steps.abs() > 9.0e15 {
+            return Err(outside);
+        }
+        range.add(self.origin, steps as i64).filter(|raw| range.contains(*raw)).ok_or(outside)
+    }
+
+    /// Steps per cycle for a speed in degrees per second. Real-time safe.
+    pub fn steps_per_cycle(self, degrees_per_second: f64, cycle_ns: u32) -> f64 {
+        degrees_per_second / 360.0 * self.steps_per_turn * f64::from(cycle_ns) / 1e9
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const LINEAR: PositionRange = PositionRange::Linear;
+
+    #[test]
+    fn a_quarter_turn_is_a_quarter_of_the_steps() {
+        let scale = Scale::geared(4096.0, 50.0, 1.0);
+        assert_eq!(scale.from_degrees(90.0, LINEAR), Ok(51_200));
+        assert_eq!(scale.from_radians(PI / 2.0, LINEAR), Ok(51_200));
+        assert_eq!(scale.degrees(-51_200), -90.0);
+        assert_eq!(Scale::steps_per_turn(-360.0).from_degrees(90.0, LINEAR), Ok(-90));
+        assert_eq!(scale.with_origin(1000).degrees(1000), 0.0);
+        assert_eq!(scale.with_origin(1000).from_degrees(90.0, LINEAR), Ok(52_200));
+    }
+
+    #[test]
+    fn what_is_no_position_is_refused() {
+        let scale = Scale::steps_per_turn(1e9);
+        for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+            assert!(matches!(scale.from_degrees(value, LINEAR), Err(UnitError::NotFinite { .. })));
+        }
+        assert!(matches!(scale.from_degrees(1080.0, LINEAR), Err(UnitError::Range { .. })));
+        assert_eq!(scale.from_degrees(720.0, LINEAR), Ok(2_000_000_000));
+        let text = scale.from_degrees(1080.0, LINEAR).unwrap_err().to_string();
+        assert!(text.contains("3000000000 steps"), "{text}");
+    }
+
+    #[test]
+    fn a_wrapping_counter_takes_every_angle() {
+        let scale = Scale::steps_per_turn(1e9);
+        let wrapped = scale.from_degrees(1080.0, PositionRange::Wrapping);
+        assert_eq!(wrapped, Ok((3_000_000_000_i64 - (1_i64 << 32)) as i32));
+        let turn = PositionRange::Modulo { min: 0, max: 359 };
+        assert_eq!(Scale::default().from_degrees(-10.0, turn), Ok(350));
+    }
+
+    #[test]
+    fn a_speed_in_steps_per_cycle() {
+        let scale = Scale::steps_per_turn(36_000.0);
+        assert_eq!(scale.steps_per_cycle(360.0, 1_000_000), 36.0);
+    }
+
+    proptest! {
+        #[test]
+        fn there_and_back(raw: i32, steps in 1.0_f64..1e6, origin in -1000..1000) {
+            let scale = Scale::steps_per_turn(steps).with_origin(origin);
+            let back = scale.from_degrees(scale.degrees(raw), LINEAR);
+            prop_assert_eq!(back, Ok(raw));
+        }
+    }
+}

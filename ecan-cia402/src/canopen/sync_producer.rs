@@ -1,0 +1,117 @@
+//! When SYNC is due on a channel, and its counter (CiA 301, 7.2.5).
+
+use super::settings::SyncSettings;
+
+/// SYNC of one channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct SyncProducer {
+    is_enabled: bool,
+    cycles_left: u32,
+    is_due: bool,
+    counter: u8,
+}
+
+impl SyncProducer {
+    /// Switches the channel on or off. The counter starts over at 1, and the first SYNC is due in
+    /// the next cycle.
+    pub(super) fn enable(&mut self, is_enabled: bool) {
+        *self = Self { is_enabled, ..Self::default() };
+    }
+
+    /// One cycle. A SYNC that found no room stays due; it is never made up for by two.
+    pub(super) fn tick(&mut self, settings: &SyncSettings) {
+        if !self.is_enabled {
+            return;
+        }
+        if self.cycles_left == 0 {
+            self.is_due = true;
+            self.cycles_left = settings.every_cycles.max(1);
+        }
+        self.cycles_left -= 1;
+    }
+
+    pub(super) fn is_due(&self) -> bool {
+        self.is_due
+    }
+
+    /// The counter that the next SYNC carries.
+    pub(super) fn counter(&self, settings: &SyncSettings) -> Option<u8> {
+        settings.counter_overflow.map(
+            |overflow| {
+                if self.counter >= overflow { 1 } else { self.counter + 1 }
+            },
+        )
+    }
+
+    pub(super) fn sent(&mut self, settings: &SyncSettings) {
+        self.is_due = false;
+        if let Some(counter) = self.counter(settings) {
+            self.counter = counter;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn enabled() -> SyncProducer {
+        let mut producer = SyncProducer::default();
+        producer.enable(true);
+        producer
+    }
+
+    #[test]
+    fn the_counter_runs_from_1_to_its_overflow() {
+        let settings = SyncSettings { counter_overflow: Some(3), ..SyncSettings::default() };
+        let mut producer = enabled();
+        let counters: Vec<_> = (0..7)
+            .map(|_| {
+                producer.tick(&settings);
+                let counter = producer.counter(&settings).unwrap();
+                producer.sent(&settings);
+                counter
+            })
+            .collect();
+        assert_eq!(counters, [1, 2, 3, 1, 2, 3, 1]);
+    }
+
+    #[test]
+    fn every_third_cycle() {
+        let settings = SyncSettings { every_cycles: 3, ..SyncSettings::default() };
+        let mut producer = enabled();
+        let due: Vec<_> = (0..7)
+            .map(|_| {
+                producer.tick(&settings);
+                let due = producer.is_due();
+                producer.sent(&settings);
+                due
+            })
+            .collect();
+        assert_eq!(due, [true, false, false, true, false, false, true]);
+    }
+
+    #[test]
+    fn a_refused_sync_is_sent_once_and_late() {
+        let settings = SyncSettings { every_cycles: 2, counter_overflow: Some(5), schedule: None };
+        let mut producer = enabled();
+        for _ in 0..3 {
+            producer.tick(&settings);
+            assert!(producer.is_due());
+        }
+        assert_eq!(producer.counter(&settings), Some(1));
+        producer.sent(&settings);
+        producer.tick(&settings);
+        assert!(!producer.is_due(), "the plan of even cycles holds");
+        producer.tick(&settings);
+        assert!(producer.is_due());
+        assert_eq!(producer.counter(&settings), Some(2));
+    }
+
+    #[test]
+    fn a_disabled_channel_is_never_due() {
+        let mut producer = SyncProducer::default();
+        producer.tick(&SyncSettings::default());
+        assert!(!producer.is_due());
+    }
+}

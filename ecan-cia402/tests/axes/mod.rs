@@ -1,0 +1,181 @@
+//! Axes behind simulated gateways, in stepped time, and the drives' own testimony about them.
+#![allow(dead_code)]
+
+use ecan_cia402::wire::NodeId;
+use ecan_cia402::{AxisSettings, Cia402, Cia402Settings, NodeAddress};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_sim::{
+    ClockKind, Drive, DriveFault, DriveQuirks, DriveSettings, Fault, NodeKind, Scenario,
+    SimOptions, Simulation, TargetRecord,
+};
+
+pub const READY_MS: u32 = 20_000;
+pub const START_MS: u32 = 10_000;
+
+pub fn node(id: u8) -> NodeId {
+    NodeId::new(id).unwrap()
+}
+
+pub fn address(slave: usize, channel: u8, id: u8) -> NodeAddress {
+    NodeAddress { slave, channel, node: node(id) }
+}
+
+pub fn axis(slave: usize, channel: u8, id: u8) -> AxisSettings {
+    AxisSettings::new(address(slave, channel, id))
+}
+
+/// The first `count` axes of the built-in scenario `drives`, on as few channels as possible.
+pub fn axes(count: usize) -> Vec<AxisSettings> {
+    (0..count).map(|n| axis(n / 16, (n / 4 % 4) as u8, (n % 4) as u8 + 1)).collect()
+}
+
+pub struct Bench {
+    pub port: Port,
+    pub cia402: Cia402,
+    pub simulation: Simulation,
+}
+
+/// The scenario `drives` for these axes, each drive changed by `change`.
+pub fn scenario(slaves: usize, change: impl Fn(&mut DriveSettings)) -> Scenario {
+    let mut scenario = ecan_sim::drives(slaves, 4);
+    for node in &mut scenario.nodes {
+        if let NodeKind::Drive(drive) = &mut node.kind {
+            change(&mut drive.settings);
+        }
+    }
+    scenario
+}
+
+pub fn with_quirk(slaves: usize, id: u8, quirk: impl Fn(&mut DriveQuirks)) -> Scenario {
+    scenario(slaves, |settings| {
+        if settings.node.get() == id {
+            quirk(&mut settings.quirks);
+        }
+    })
+}
+
+impl Bench {
+    /// One gateway, one channel's drives, 2 ms.
+    pub fn single(axes: Vec<AxisSettings>) -> Self {
+        Self::with(ecan_sim::drives(1, 4), axes)
+    }
+
+    pub fn with(scenario: Scenario, axes: Vec<AxisSettings>) -> Self {
+        Self::open(scenario, AdapterConfig::new(1).with_cycle_us(2_000), axes)
+    }
+
+    pub fn open(scenario: Scenario, adapter: AdapterConfig, axes: Vec<AxisSettings>) -> Self {
+        Self::open_with(scenario, adapter, axes, Cia402Settings::default())
+    }
+
+    pub fn open_with(
+        scenario: Scenario,
+        adapter: AdapterConfig,
+        axes: Vec<AxisSettings>,
+        settings: Cia402Settings,
+    ) -> Self {
+        let slaves = adapter.slaves.len();
+        let gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(1_000_000));
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
+        let config = PortConfig::uniform(slaves, gateway);
+        let mut port = Port::open(&backend.ecrt, adapter, config).unwrap_or_else(|e| panic!("{e}"));
+        port.wait_ready(READY_MS).unwrap_or_else(|e| panic!("{e}"));
+        let cia402 = Cia402::new(&port, axes, settings).unwrap_or_else(|e| panic!("{e}"));
+        Self { port, cia402, simulation: backend.simulation.unwrap() }
+    }
+
+    /// Started: every axis follows targets.
+    pub fn start(&mut self) {
+        let started = self.cia402.start_up_timeout(&mut self.port, START_MS, |_| {});
+        started.unwrap_or_else(|error| panic!("{error}"));
+    }
+
+    pub fn started(mut self) -> Self {
+        self.start();
+        self
+    }
+
+    pub fn now_ns(&self) -> u64 {
+        self.port.adapter().clock().now_ns()
+    }
+
+    /// One cycle when it is due: everything in, `work`, everything out. An error of the cycle is
+    /// what a bus in trouble has.
+    pub fn cycle_with<T>(&mut self, work: impl FnOnce(&mut Cia402, &mut Port) -> T) -> T {
+        self.port.wait_next_cycle();
+        let _ = self.port.cycle_begin();
+        self.cia402.process_rx(&mut self.port);
+        let result = work(&mut self.cia402, &mut self.port);
+        let _ = self.port.cycle_end();
+        result
+    }
+
+    /// One cycle in which every axis makes its step.
+    pub fn step(&mut self) {
+        self.cycle_with(|cia402, port| cia402.send_target_step(port));
+    }
+
+    pub fn steps(&mut self, cycles: usize) {
+        (0..cycles).for_each(|_| self.step());
+    }
+
+    /// One cycle at the application's targets.
+    pub fn idle(&mut self, cycles: usize) {
+        for _ in 0..cycles {
+            self.cycle_with(|cia402, port| cia402.send_targets_all(port));
+        }
+    }
+
+    /// Cycles with steps until `done`; the number run, or a panic with what the axes do.
+    pub fn until(&mut self, limit: usize, done: impl Fn(&Cia402) -> bool) -> usize {
+        for cycle in 0..limit {
+            if done(&self.cia402) {
+                return cycle;
+            }
+            self.step();
+        }
+        let axes: Vec<String> = self.cia402.progress_all().map(|axis| axis.to_string()).collect();
+        panic!("not after {limit} cycles: {axes:#?}");
+    }
+
+    pub fn drive<T>(&self, axis: usize, look: impl FnOnce(&Drive) -> T) -> T {
+        let address = self.cia402.settings(axis).unwrap().address;
+        self.simulation.with_world(|world| {
+            let drive = world.drive_at(address.slave, usize::from(address.channel), address.node);
+            look(drive.expect("a drive at every axis"))
+        })
+    }
+
+    pub fn history(&self, axis: usize) -> Vec<TargetRecord> {
+        self.drive(axis, |drive| drive.targets().iter().copied().collect())
+    }
+
+    pub fn inject(&self, fault: Fault) {
+        self.simulation.inject(fault);
+    }
+
+    /// A fault in the drive of an axis.
+    pub fn strike(&self, axis: usize, fault: DriveFault) {
+        let address = self.cia402.settings(axis).unwrap().address;
+        let node = self.simulation.with_world(|world| {
+            let (slave, channel) = (address.slave, usize::from(address.channel));
+            world.drive_name(slave, channel, address.node).unwrap().to_owned()
+        });
+        self.inject(Fault::Drive { node, fault });
+    }
+
+    /// By the drives' own testimony: nothing jumped.
+    pub fn judge(&self) {
+        for axis in 0..self.cia402.axis_count() {
+            let settings = self.cia402.settings(axis).unwrap();
+            let sums = self.drive(axis, |drive| *drive.targets().sums());
+            let said = format!("axis {axis}: {sums:?}");
+            assert!(sums.largest_first_offset <= 2 * settings.standstill, "first target, {said}");
+            assert!(sums.largest_step <= settings.step_limit, "step, {said}");
+            assert!(sums.largest_offset <= settings.following_window, "window, {said}");
+            assert_eq!(sums.outside_window, 0, "the drive's window, {said}");
+        }
+    }
+}

@@ -1,0 +1,86 @@
+//! The cycle with 40 axes allocates nothing: while they move, while some are silent, hold, are
+//! enabled again, are homed.
+#![allow(missing_docs)]
+
+mod axes;
+
+use std::alloc::{GlobalAlloc, Layout, System};
+use std::cell::Cell;
+
+use axes::{Bench, axes};
+use ecan_cia402::HomingSettings;
+use ecan_host::AdapterConfig;
+use ecan_sim::{Fault, LostWay};
+
+struct Counting;
+
+thread_local! {
+    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
+}
+
+// SAFETY: every call goes to the system allocator unchanged; the counter allocates nothing.
+unsafe impl GlobalAlloc for Counting {
+    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        // SAFETY: the caller's promises are those of the system allocator.
+        unsafe { System.alloc(layout) }
+    }
+
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
+        // SAFETY: as above.
+        unsafe { System.dealloc(pointer, layout) }
+    }
+
+    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
+        ALLOCATIONS.with(|count| count.set(count.get() + 1));
+        // SAFETY: as above.
+        unsafe { System.realloc(pointer, layout, size) }
+    }
+}
+
+#[global_allocator]
+static ALLOCATOR: Counting = Counting;
+
+fn allocations() -> u64 {
+    ALLOCATIONS.with(Cell::get)
+}
+
+/// Cycles of the axes, with what is allocated between begin and end.
+fn cycles(bench: &mut Bench, count: usize) -> u64 {
+    (0..count)
+        .map(|_| {
+            bench.port.wait_next_cycle();
+            let before = allocations();
+            let _ = bench.port.cycle_begin();
+            bench.cia402.process_rx(&mut bench.port);
+            bench.cia402.send_target_step(&mut bench.port);
+            let _ = bench.port.cycle_end();
+            allocations() - before
+        })
+        .sum()
+}
+
+#[test]
+fn forty_axes_allocate_nothing() {
+    let table = axes(40).into_iter().map(|axis| axis.with_target_step(50)).collect();
+    let adapter = AdapterConfig::new(3).with_multiplier(6).with_cycle_us(2_000);
+    let mut bench = Bench::open(ecan_sim::drives(3, 4), adapter, table).started();
+    // The simulated world grows its queues to their working size first.
+    cycles(&mut bench, 500);
+    assert_eq!(cycles(&mut bench, 500), 0, "in motion");
+    bench.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 6 });
+    bench.inject(Fault::NodeSilent { node: "drive 1.2/3".to_owned(), for_ms: 500 });
+    assert_eq!(cycles(&mut bench, 500), 0, "in trouble");
+    assert!(!bench.cia402.is_running(0));
+    bench.cia402.enable_all().unwrap();
+    assert_eq!(cycles(&mut bench, 500), 0, "while they are taken up");
+    assert!(bench.cia402.all_running());
+    let before = allocations();
+    bench.cia402.home(7, HomingSettings::new(37)).unwrap();
+    bench.cia402.quick_stop(8).unwrap();
+    bench.cia402.halt(9).unwrap();
+    assert_eq!(allocations() - before, 0, "commands");
+    assert_eq!(cycles(&mut bench, 2_000), 0, "while one is homed");
+    assert!(bench.cia402.is_running(7) && !bench.cia402.is_running(8));
+    bench.judge();
+}

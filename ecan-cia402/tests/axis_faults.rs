@@ -1,0 +1,350 @@
+//! What goes wrong in the field, with axes in motion: what they see, how they come back, and by the
+//! drives' own testimony that nothing jumped.
+#![allow(missing_docs)]
+
+mod axes;
+
+use axes::{Bench, START_MS, axes, axis, with_quirk};
+use ecan_cia402::wire::{DriveState, NmtState};
+use ecan_cia402::{
+    AxisPhase, AxisSettings, AxisTrouble, Cia402, Cia402Error, Decision, HoldReason, NotReached,
+    SetupFault,
+};
+use ecan_mcan_port::Session;
+use ecan_protocol::AbortCode;
+use ecan_sim::{DriveFault, Fault, LostWay, SdoDirection, SdoEffect, SdoRule};
+
+fn moving(count: usize) -> Vec<AxisSettings> {
+    axes(count).into_iter().map(|axis| axis.with_target_step(100)).collect()
+}
+
+/// Axes in motion.
+fn in_motion(count: usize) -> Bench {
+    let mut bench = Bench::single(moving(count)).started();
+    bench.steps(100);
+    assert!(bench.cia402.all_running());
+    bench
+}
+
+fn held_for(cia402: &Cia402, axis: usize) -> Option<HoldReason> {
+    cia402.statistics(axis).last_hold
+}
+
+/// Takes every axis up again and moves on.
+fn recover(bench: &mut Bench) {
+    bench.cia402.enable_all().unwrap();
+    bench.until(5_000, Cia402::all_running);
+    let before: Vec<_> = (0..bench.cia402.axis_count()).map(|n| bench.cia402.target(n)).collect();
+    bench.steps(100);
+    for (n, before) in before.into_iter().enumerate() {
+        assert!(bench.cia402.target(n) > before, "axis {n} moves on");
+    }
+    bench.judge();
+}
+
+fn start_fails(bench: &mut Bench) -> NotReached {
+    match bench.cia402.start_up_timeout(&mut bench.port, START_MS, |_| {}) {
+        Err(Cia402Error::NotReached(axes)) => axes,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn a_fault_holds_its_axis_and_a_reset_with_a_real_edge_ends_it() {
+    let mut bench = in_motion(2);
+    bench.strike(0, DriveFault::Error { code: 0x2310 });
+    bench.until(50, |cia402| !cia402.is_running(0));
+    assert!(matches!(held_for(&bench.cia402, 0), Some(HoldReason::LeftOperationEnabled(_))));
+    bench.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::Fault));
+    let trouble = bench.cia402.trouble(0);
+    assert_eq!(trouble, Some(AxisTrouble::Fault { error_code: 0x2310 }));
+    assert!(bench.cia402.is_running(1), "the other axis goes on");
+    // Enabling does not reset.
+    bench.cia402.enable(0).unwrap();
+    bench.steps(50);
+    assert_eq!(bench.cia402.drive_state(0), Some(DriveState::Fault));
+    bench.cia402.reset_fault(0).unwrap();
+    bench.until(200, |cia402| cia402.drive_state(0) == Some(DriveState::SwitchOnDisabled));
+    bench.steps(50);
+    assert_eq!(bench.cia402.drive_state(0), Some(DriveState::SwitchOnDisabled), "by itself");
+    recover(&mut bench);
+    assert_eq!(bench.cia402.statistics(0).faults, 1);
+}
+
+#[test]
+fn a_drive_stuck_in_fault_is_named_after_a_reset() {
+    let scenario = with_quirk(1, 1, |quirks| quirks.stuck_in_fault = true);
+    let mut bench = Bench::with(scenario, moving(1)).started();
+    bench.strike(0, DriveFault::Error { code: 0x7305 });
+    bench.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::Fault));
+    bench.cia402.reset_fault(0).unwrap();
+    bench.until(2_000, |cia402| {
+        cia402.trouble(0) == Some(AxisTrouble::ResetRefused { error_code: 0x7305 })
+    });
+    bench.judge();
+}
+
+#[test]
+fn a_quick_stop_stops_and_is_left_again() {
+    let mut bench = in_motion(1);
+    bench.cia402.quick_stop(0).unwrap();
+    bench.until(500, |cia402| cia402.drive_state(0) != Some(DriveState::OperationEnabled));
+    bench.steps(300);
+    assert!(bench.drive(0, |drive| drive.velocity()).abs() < 10.0);
+    assert_eq!(bench.cia402.decision(0), Decision::Closed);
+    recover(&mut bench);
+}
+
+#[test]
+fn a_silent_drive_holds_by_its_tpdo_then_by_its_heartbeat() {
+    let mut bench = in_motion(2);
+    let name = "drive 0.0/1".to_owned();
+    let known = bench.simulation.with_world(|world| world.drive(&name).is_some());
+    assert!(known, "the scenario's name of the first drive");
+    bench.inject(Fault::NodeSilent { node: name, for_ms: 600 });
+    let cycles = bench.until(50, |cia402| !cia402.is_running(0));
+    assert!(cycles <= 10, "{cycles}");
+    assert!(matches!(held_for(&bench.cia402, 0), Some(HoldReason::TpdoLost(_))));
+    bench.cia402.enable(0).unwrap();
+    bench.steps(200);
+    let words = bench.cia402.progress(0).unwrap().to_string();
+    assert!(words.contains("heartbeat"), "{words}");
+    assert!(bench.cia402.is_running(1));
+    bench.until(1_000, |cia402| cia402.is_running(0));
+    recover(&mut bench);
+}
+
+#[test]
+fn an_emergency_message_alone_stops_nothing() {
+    let mut bench = in_motion(1);
+    bench.strike(0, DriveFault::Emcy { code: 0x4210, register: 8 });
+    bench.steps(50);
+    assert_eq!(bench.cia402.statistics(0).emergencies, 1);
+    assert!(bench.cia402.is_running(0));
+    bench.judge();
+}
+
+#[test]
+fn a_drive_that_loses_power_in_motion_is_configured_anew() {
+    let mut bench = in_motion(2);
+    bench.strike(0, DriveFault::PowerCycle { off_ms: 300 });
+    bench.until(50, |cia402| !cia402.is_running(0));
+    bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
+    assert_eq!(bench.cia402.trouble(0), Some(AxisTrouble::Restarted));
+    assert!(bench.cia402.enable(0).is_err(), "not configured");
+    assert!(bench.cia402.is_running(1));
+    bench.cia402.configure_all().unwrap();
+    bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+    recover(&mut bench);
+}
+
+#[test]
+fn a_refused_object_is_named_with_its_abort_code() {
+    let rule = SdoRule {
+        index: 0x6065,
+        subindex: None,
+        direction: SdoDirection::Write,
+        effect: SdoEffect::Abort(AbortCode::RANGE),
+        times: None,
+    };
+    let scenario = with_quirk(1, 2, |quirks| quirks.sdo_rules.push(rule));
+    let mut table = moving(2);
+    for axis in &mut table {
+        axis.drive.following_error = Some((10_000, 10));
+    }
+    let mut bench = Bench::with(scenario, table);
+    let text = start_fails(&mut bench).to_string();
+    for part in ["1 axis not configured", "axis 1", "node 2", "0x6065", "0x06090030"] {
+        assert!(text.contains(part), "{text}");
+    }
+    assert!(bench.cia402.phase(0) == Some(AxisPhase::Standby), "the other one is configured");
+}
+
+#[test]
+fn an_object_that_is_not_answered_is_tried_again_and_then_named() {
+    let rule = |times| SdoRule {
+        index: 0x1A00,
+        subindex: Some(1),
+        direction: SdoDirection::Write,
+        effect: SdoEffect::Silence,
+        times,
+    };
+    let scenario = with_quirk(1, 1, |quirks| quirks.sdo_rules.push(rule(Some(1))));
+    let mut bench = Bench::with(scenario, moving(1)).started();
+    bench.judge();
+    let scenario = with_quirk(1, 1, |quirks| quirks.sdo_rules.push(rule(None)));
+    bench = Bench::with(scenario, moving(1));
+    let text = start_fails(&mut bench).to_string();
+    assert!(text.contains("0x1A00:01") && text.contains("no answer"), "{text}");
+}
+
+#[test]
+fn a_fixed_mapping_is_named() {
+    let scenario = with_quirk(1, 1, |quirks| quirks.fixed_mapping = true);
+    let mut bench = Bench::with(scenario, moving(1));
+    let text = start_fails(&mut bench).to_string();
+    assert!(text.contains("mapping") && text.contains("0x1600"), "{text}");
+}
+
+#[test]
+fn a_mode_that_is_not_taken_is_named() {
+    let scenario = with_quirk(1, 1, |quirks| quirks.ignored_modes = vec![8]);
+    let mut bench = Bench::with(scenario, moving(1));
+    let axes = start_fails(&mut bench);
+    assert!(matches!(axes.axes[0].trouble, Some(AxisTrouble::Setup(SetupFault::Mode(_)))));
+    let text = axes.to_string();
+    assert!(text.contains("mode CSP") && text.contains("0x6061"), "{text}");
+}
+
+#[test]
+fn a_mode_that_takes_its_time_is_waited_for() {
+    let scenario = with_quirk(1, 1, |quirks| quirks.mode_delay_ms = 300);
+    Bench::with(scenario, moving(1)).started().judge();
+}
+
+#[test]
+fn a_drive_that_never_boots_is_named() {
+    let scenario = with_quirk(1, 1, |quirks| quirks.never_boots = true);
+    let mut bench = Bench::with(scenario, moving(2));
+    let text = start_fails(&mut bench).to_string();
+    assert!(text.contains("axis 0") && !text.contains("axis 1"), "{text}");
+}
+
+#[test]
+fn a_brake_that_takes_longer_than_allowed_is_named() {
+    let scenario = axes::scenario(1, |settings| settings.enable_ms = 400);
+    let mut table = moving(1);
+    let mut bench = Bench::with(scenario.clone(), table.clone()).started();
+    bench.steps(50);
+    bench.judge();
+    table[0].enable_timeout_ms = 200;
+    bench = Bench::with(scenario, table);
+    let text = start_fails(&mut bench).to_string();
+    assert!(text.contains("not enabled after") && text.contains("switched on"), "{text}");
+}
+
+#[test]
+fn a_lost_frame_repeats_the_last_image_and_nothing_else() {
+    for way in [LostWay::Outward, LostWay::Return] {
+        let mut bench = in_motion(4);
+        bench.inject(Fault::LostFrame { way, cycles: 1 });
+        bench.steps(50);
+        for n in 0..4 {
+            let statistics = bench.cia402.statistics(n);
+            assert_eq!((statistics.holds, statistics.waits), (0, 1), "axis {n}, {way:?}");
+        }
+        bench.judge();
+    }
+}
+
+#[test]
+fn a_lost_working_counter_holds_until_taken_up() {
+    let mut bench = in_motion(4);
+    bench.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 6 });
+    bench.until(20, |cia402| !cia402.is_running(0));
+    bench.steps(50);
+    for n in 0..4 {
+        let reason = held_for(&bench.cia402, n);
+        assert_eq!(reason, Some(HoldReason::WorkingCounter), "axis {n}");
+        assert!(!bench.cia402.is_running(n));
+    }
+    assert_eq!(bench.port.session(0), Session::Ready);
+    assert!(bench.port.statistics(0).rxpdo_discarded > 0);
+    recover(&mut bench);
+}
+
+#[test]
+fn an_axis_may_take_itself_up_after_trouble_on_the_way() {
+    let mut table = moving(2);
+    table[0].auto_take_up = true;
+    let mut bench = Bench::single(table).started();
+    bench.steps(100);
+    bench.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 6 });
+    bench.steps(100);
+    assert!(bench.cia402.is_running(0) && !bench.cia402.is_running(1));
+    assert_eq!(bench.cia402.statistics(0).take_ups, 2);
+    // What lies in the drive is not for it to decide.
+    bench.strike(0, DriveFault::Error { code: 0x2310 });
+    bench.steps(500);
+    assert_eq!(bench.cia402.drive_state(0), Some(DriveState::Fault));
+    bench.judge();
+}
+
+#[test]
+fn after_bus_off_stale_targets_are_waited_out() {
+    let mut bench = in_motion(4);
+    bench.inject(Fault::BusOff { gateway: 0, channel: 0 });
+    bench.until(20, |cia402| !cia402.is_running(0));
+    for n in 0..4 {
+        assert_eq!(held_for(&bench.cia402, n), Some(HoldReason::BusOff), "axis {n}");
+    }
+    bench.steps(500);
+    assert!((0..4).all(|n| !bench.cia402.is_running(n)));
+    recover(&mut bench);
+}
+
+#[test]
+fn a_gateway_that_loses_power_in_motion_comes_back() {
+    let mut bench = in_motion(4);
+    bench.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
+    bench.until(50, |cia402| !cia402.is_running(0));
+    let mut cycles = 0;
+    while bench.port.session(0) != Session::Ready || cycles < 500 {
+        bench.step();
+        cycles += 1;
+        assert!(cycles < 30_000, "{}", bench.port.session(0));
+    }
+    for n in 0..4 {
+        let (state, operational) =
+            bench.drive(n, |drive| (drive.state(), drive.nmt_state() == NmtState::Operational));
+        // It noticed that the host was gone, and stopped by itself.
+        assert_eq!((state, operational), (DriveState::SwitchOnDisabled, false), "axis {n}");
+        assert!(!bench.cia402.is_running(n));
+    }
+    recover(&mut bench);
+}
+
+#[test]
+fn a_drive_that_restarted_unseen_is_not_trusted() {
+    let mut bench = in_motion(2);
+    bench.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
+    bench.steps(20);
+    bench.strike(0, DriveFault::PowerCycle { off_ms: 50 });
+    let mut cycles = 0;
+    while bench.port.session(0) != Session::Ready || cycles < 500 {
+        bench.step();
+        cycles += 1;
+        assert!(cycles < 30_000, "{}", bench.port.session(0));
+    }
+    // Its boot-up message came while nobody listened: only its mapping tells.
+    bench.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
+    assert_eq!(bench.cia402.trouble(0), Some(AxisTrouble::Restarted));
+    assert_ne!(bench.cia402.phase(1), Some(AxisPhase::NotConfigured), "the other kept it");
+    bench.cia402.configure_all().unwrap();
+    bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+    recover(&mut bench);
+}
+
+#[test]
+fn a_blocked_motor_stops_the_targets_at_the_window() {
+    let mut bench = in_motion(1);
+    bench.strike(0, DriveFault::Blocked { for_ms: 2_000 });
+    bench.steps(400);
+    assert!(bench.cia402.statistics(0).refused_window > 0 || !bench.cia402.is_running(0));
+    bench.judge();
+}
+
+#[test]
+fn a_target_beyond_the_limits_is_refused_by_name() {
+    let mut bench = Bench::single(vec![axis(0, 0, 1)]).started();
+    let at = bench.cia402.target(0).unwrap();
+    bench.cia402.set_target(0, at + 1_001).unwrap();
+    bench.idle(5);
+    assert!(matches!(bench.cia402.decision(0), Decision::Refuse(_)));
+    assert_eq!(bench.cia402.target(0), Some(at));
+    bench.cia402.set_target(0, at + 1_000).unwrap();
+    bench.idle(1);
+    assert_eq!(bench.cia402.decision(0), Decision::Target(at + 1_000));
+    assert_eq!(bench.cia402.statistics(0).refused_step, 5);
+    bench.judge();
+}

@@ -1,0 +1,109 @@
+//! From drives in whatever state to axes that follow targets.
+#![allow(missing_docs)]
+
+mod axes;
+
+use axes::{Bench, axes, axis, with_quirk};
+use ecan_cia402::wire::DriveState;
+use ecan_cia402::{AxisPhase, AxisSettings, Cia402, Cia402Error, Cia402Settings, Shutdown};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_protocol::TxMode;
+use ecan_sim::{ClockKind, SimOptions};
+
+#[test]
+fn an_axis_is_enabled_without_moving() {
+    let mut bench = Bench::single(vec![axis(0, 0, 1)]).started();
+    let before = bench.drive(0, |drive| drive.mechanical_position());
+    bench.idle(500);
+    assert_eq!(bench.cia402.drive_state(0), Some(DriveState::OperationEnabled));
+    assert_eq!(bench.cia402.phase(0), Some(AxisPhase::Running));
+    let after = bench.drive(0, |drive| drive.mechanical_position());
+    assert!((after - before).abs() < 0.5, "from {before} to {after}");
+    bench.judge();
+    let statistics = bench.cia402.statistics(0);
+    assert_eq!((statistics.take_ups, statistics.lost_tpdos, statistics.holds), (1, 0, 0));
+}
+
+#[test]
+fn four_axes_follow_their_steps() {
+    let table = axes(4).into_iter().map(|axis| axis.with_target_step(100)).collect();
+    let mut bench = Bench::single(table).started();
+    let before: Vec<_> = (0..4).map(|n| bench.cia402.actual(n).unwrap()).collect();
+    bench.steps(500);
+    for (n, before) in before.into_iter().enumerate() {
+        let (target, actual) = (bench.cia402.target(n).unwrap(), bench.cia402.actual(n).unwrap());
+        assert!(target - before > 48_000, "axis {n} from {before} to {target}");
+        assert!((target - actual).abs() < 1_000, "axis {n} at {actual} for {target}");
+        let statistics = bench.cia402.statistics(n);
+        assert_eq!((statistics.lost_tpdos, statistics.holds, statistics.waits), (0, 0, 0));
+    }
+    bench.judge();
+}
+
+#[test]
+fn an_orderly_end_leaves_drives_at_rest_without_a_fault() {
+    let table = axes(4).into_iter().map(|axis| axis.with_target_step(200)).collect();
+    let mut bench = Bench::single(table).started();
+    bench.steps(200);
+    let ended = bench.cia402.shutdown_timeout(&mut bench.port, 10_000, |_| {});
+    ended.unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(bench.cia402.shutdown_state(), Shutdown::Done);
+    bench.judge();
+    // The host is gone: no cycle for two seconds.
+    bench.simulation.pass_ns(2_000_000_000);
+    for n in 0..4 {
+        let (state, velocity) = bench.drive(n, |drive| (drive.state(), drive.velocity()));
+        assert_eq!(state, DriveState::SwitchOnDisabled, "axis {n}");
+        assert!(velocity.abs() < 10.0, "axis {n} at {velocity} increments per second");
+    }
+}
+
+#[test]
+fn a_host_that_dies_is_noticed_by_its_drives() {
+    let table = axes(2).into_iter().map(|axis| axis.with_target_step(200)).collect();
+    let mut bench = Bench::single(table).started();
+    bench.steps(200);
+    bench.simulation.pass_ns(1_000_000_000);
+    for n in 0..2 {
+        let state = bench.drive(n, |drive| drive.state());
+        assert_ne!(state, DriveState::OperationEnabled, "axis {n}");
+    }
+}
+
+#[test]
+fn drives_that_lack_what_they_need_not_have_are_started_all_the_same() {
+    let scenario = with_quirk(1, 1, |quirks| {
+        quirks.missing = vec![0x1006, 0x1016, 0x1017, 0x6007, 0x60C2];
+    });
+    let mut bench = Bench::with(scenario, axes(2)).started();
+    bench.idle(100);
+    assert!(bench.cia402.all_running());
+    bench.judge();
+}
+
+#[test]
+fn a_table_that_does_not_fit_is_refused_with_every_fault() {
+    let port = Bench::single(axes(1)).port;
+    let refused = |table: Vec<AxisSettings>| {
+        Cia402::new(&port, table, Cia402Settings::default()).unwrap_err().to_string()
+    };
+    let mut bad = axes(3);
+    bad[0].step_limit = 0;
+    bad[2].following_window = 1;
+    let text = refused(bad);
+    assert!(text.contains("axis 0") && text.contains("axis 2"), "{text}");
+    assert!(refused(vec![axis(1, 0, 1)]).contains("slave 1"));
+    assert!(refused(vec![axis(0, 0, 1), axis(0, 0, 1)]).contains("node 1"));
+    assert!(refused(vec![axis(0, 0, 127)]).contains("heartbeat"));
+    let mut queue = ChannelSettings::classic(1_000_000);
+    queue.can.ram.tx_mode = TxMode::Queue;
+    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+    let backend = ecan_sim::open_scenario(ecan_sim::drives(1, 4), &options).unwrap();
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, queue));
+    let port = Port::open(&backend.ecrt, AdapterConfig::new(1), config).unwrap();
+    let error = Cia402::new(&port, axes(1), Cia402Settings::default()).unwrap_err();
+    assert!(matches!(error, Cia402Error::TransmitQueue { axis: 0, .. }), "{error}");
+    let error = Cia402::new(&port, vec![axis(0, 1, 1)], Cia402Settings::default()).unwrap_err();
+    assert!(matches!(error, Cia402Error::ChannelNotEnabled { channel: 1, .. }), "{error}");
+}
