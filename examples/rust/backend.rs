@@ -5,6 +5,8 @@ use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 /// How a program wants its simulation, should one be asked for.
 #[derive(Debug, Clone, Copy)]
 pub struct Wishes {
+    /// Built-in scenario for a plain `sim`.
+    pub scenario: &'static str,
     /// Number of gateways.
     pub slaves: usize,
     /// Seed of everything random in the simulation.
@@ -24,7 +26,7 @@ pub fn open(setting: Option<&str>, wishes: Wishes) -> Result<Backend, BackendErr
     let setting = EcrtSetting::resolve(setting)?;
     let clock = if wishes.real_time { ClockKind::Real } else { ClockKind::Stepped };
     let options = SimOptions {
-        suggested: Some("echo".into()),
+        suggested: Some(wishes.scenario.into()),
         clock: Some(clock),
         seed: wishes.seed,
         slaves: Some(wishes.slaves),

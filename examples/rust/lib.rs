@@ -7,8 +7,14 @@
 pub mod backend;
 pub mod bus_load;
 pub mod check;
+pub mod exit;
 pub mod interrupt;
 pub mod log_file;
+pub mod motion;
+mod motion_table;
+pub mod object_value;
+pub mod open;
+pub mod plot;
 pub mod progress;
 pub mod source;
 pub mod summary;

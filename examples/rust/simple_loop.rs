@@ -16,14 +16,13 @@ use ecan_examples::bus_load::BusLoad;
 use ecan_examples::check::Check;
 use ecan_examples::interrupt::Interrupt;
 use ecan_examples::log_file::{self, LoggedFrame};
+use ecan_examples::open::{Configure, open};
 use ecan_examples::progress;
 use ecan_examples::source::{Channels, Source};
 use ecan_examples::summary::{self, Run};
 use ecan_examples::watch::SessionWatch;
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{
-    ChannelSettings, GatewayConfig, Port, PortConfig, PortError, Received, Session,
-};
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received, Session};
 use ecan_protocol::{CHANNELS, CanId};
 
 /// Identifier of the frames that the plain loop sends.
@@ -102,14 +101,7 @@ fn parse_channels(text: &str) -> Result<Channels, String> {
 }
 
 fn main() -> ExitCode {
-    match run(&Arguments::parse()) {
-        Ok(true) => ExitCode::SUCCESS,
-        Ok(false) => ExitCode::FAILURE,
-        Err(error) => {
-            eprintln!("simple_loop: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    ecan_examples::exit::report("simple_loop", run(&Arguments::parse()))
 }
 
 /// The gateways: N, cycle and channels.
@@ -158,8 +150,9 @@ fn source(arguments: &Arguments) -> Result<Source, Box<dyn Error>> {
 }
 
 /// Opens the gateways and waits until they are in service; `None` when the user gave up.
-fn open(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port>, Box<dyn Error>> {
+fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port>, Box<dyn Error>> {
     let wishes = Wishes {
+        scenario: "echo",
         slaves: usize::from(arguments.slaves),
         seed: arguments.seed,
         real_time: arguments.real_time,
@@ -167,37 +160,14 @@ fn open(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port>, Bo
     };
     let (adapter, config) = configuration(arguments);
     let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
-    let mut port = Port::open(&backend.ecrt, adapter, config)?;
-    let ready = port.wait_ready_with(port.startup_timeout_ms(), |port| {
-        // Single cycles may fail; the timeout ends it all.
-        let _ = port.cycle_begin();
-        let _ = port.cycle_end();
-        if interrupt.is_set() { Err(Stop::Interrupted) } else { Ok(()) }
-    });
-    match ready {
-        Ok(()) => Ok(Some(port)),
-        Err(Stop::Interrupted) => Ok(None),
-        Err(Stop::Failed(error)) => Err(error.into()),
-    }
-}
-
-/// Why the way into service ended.
-enum Stop {
-    Interrupted,
-    Failed(PortError),
-}
-
-impl From<PortError> for Stop {
-    fn from(error: PortError) -> Self {
-        Self::Failed(error)
-    }
+    open(&backend.ecrt, adapter, config, Configure::Write, interrupt)
 }
 
 /// Runs the loop; false when a recording did not come back as it was sent.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let mut source = source(arguments)?;
     let interrupt = Interrupt::install()?;
-    let Some(mut port) = open(arguments, &interrupt)? else {
+    let Some(mut port) = open_port(arguments, &interrupt)? else {
         println!("stopped by the user");
         return Ok(true);
     };

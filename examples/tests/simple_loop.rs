@@ -1,51 +1,26 @@
 //! `simple_loop` as a user runs it.
 #![allow(missing_docs)]
 
+mod program;
+
 use std::io::{BufRead, BufReader, Read};
-use std::path::{Path, PathBuf};
-use std::process::{Command, Output, Stdio};
+use std::path::Path;
+use std::process::{Command, Stdio};
 
 use ecan_candump::Record;
 use ecan_protocol::{CanFrame, CanId, Dlc};
-
-/// Cargo builds a package's examples beside its tests.
-fn program() -> PathBuf {
-    let test = std::env::current_exe().unwrap();
-    let profile = test.parent().and_then(Path::parent).unwrap();
-    profile.join("examples").join("simple_loop")
-}
+use program::text;
 
 fn command(arguments: &[&str]) -> Command {
-    let mut command = Command::new(program());
-    command.args(arguments).env_remove("ECAN_ECRT").stdin(Stdio::null());
-    command
+    program::command("simple_loop", arguments)
 }
 
-fn run(arguments: &[&str]) -> Output {
-    command(arguments).output().unwrap()
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// Runs it, expects success, gives what it printed.
 fn succeeds(arguments: &[&str]) -> String {
-    let output = run(arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
-    assert_eq!(text(&output.stderr), "", "{arguments:?}");
-    text(&output.stdout)
+    program::succeeds("simple_loop", arguments)
 }
 
-/// Runs it, expects one readable message and failure, gives the message.
 fn fails(arguments: &[&str]) -> String {
-    let output = run(arguments);
-    let message = text(&output.stderr);
-    assert!(!output.status.success(), "{arguments:?} succeeded");
-    assert!(output.status.code().is_some(), "{arguments:?} was killed");
-    assert!(!message.contains("panicked"), "{message}");
-    assert!(!message.trim().is_empty(), "{arguments:?} says nothing");
-    message
+    program::fails("simple_loop", arguments)
 }
 
 fn frames_of_log(path: &Path) -> Vec<CanFrame> {
@@ -135,10 +110,10 @@ fn all_kinds() -> Vec<CanFrame> {
     frames
 }
 
-fn write_log(path: &Path, frames: &[CanFrame], interface: &str) {
+fn write_log(path: &Path, frames: &[CanFrame], interface: &str, spacing_ns: u64) {
     let line = |(nth, frame): (usize, &CanFrame)| {
         // Microseconds and nanoseconds, with and without a direction mark.
-        let time_ns = 1_700_000_000_000_000_000 + nth as u64 * 50_000 + (nth as u64 % 3) * 7;
+        let time_ns = 1_700_000_000_000_000_000 + nth as u64 * spacing_ns + (nth as u64 % 3) * 7;
         let direction = (nth % 2 == 1).then_some(ecan_candump::DirectionMark::Received);
         format!("{}\n", Record { time_ns, interface, frame: *frame, direction })
     };
@@ -151,7 +126,7 @@ fn every_kind_of_frame_is_replayed() {
     let directory = tempfile::tempdir().unwrap();
     let (log, back) = (directory.path().join("all.log"), directory.path().join("back.log"));
     let frames = all_kinds();
-    write_log(&log, &frames, "can2");
+    write_log(&log, &frames, "can2", 50_000);
     let (log_name, dump) = (log.to_str().unwrap(), back.to_str().unwrap());
     let base = ["--ecrt", "sim", "--replay", log_name, "--dump", dump];
     for extra in [&["--cycle-us", "1000", "--pdo-n", "8"][..], &["--channel", "all"][..]] {
@@ -170,7 +145,7 @@ fn a_replay_that_loses_frames_says_so_and_fails() {
     let log = directory.path().join("drive.log");
     let id = CanId::standard(1).unwrap();
     let frames: Vec<_> = (0..200_u8).map(|n| CanFrame::classic(id, &[n]).unwrap()).collect();
-    write_log(&log, &frames, "can0");
+    write_log(&log, &frames, "can0", 50_000);
     let scenario = directory.path().join("lossy.toml");
     let toml = "[[gateway]]\n\n[[node]]\nname = \"lossy\"\nbus = \"0.0\"\nkind = \"faulty\"\n\
                 drop_permille = 100\n";
@@ -186,12 +161,12 @@ fn a_replay_that_gets_nowhere_ends_and_says_why() {
     let log = directory.path().join("drive.log");
     let id = CanId::standard(1).unwrap();
     let frames: Vec<_> = (0..200_u8).map(|n| CanFrame::classic(id, &[n]).unwrap()).collect();
-    write_log(&log, &frames, "can0");
+    write_log(&log, &frames, "can0", 200_000_000);
     let alone = directory.path().join("alone.toml");
     std::fs::write(&alone, "[[gateway]]\n").unwrap();
     let dies = directory.path().join("dies.toml");
     let toml = "[[gateway]]\n[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n\
-                [[fault]]\nkind = \"power_off\"\ngateway = 0\ncycle = 400\n";
+                [[fault]]\nkind = \"power_off\"\ngateway = 0\ncycle = 30000\n";
     std::fs::write(&dies, toml).unwrap();
     for (scenario, words) in [(alone, "were not sent"), (dies, "waiting for OP")] {
         let ecrt = format!("sim:{}", scenario.display());
@@ -206,7 +181,7 @@ fn the_recording_is_not_overwritten() {
     let directory = tempfile::tempdir().unwrap();
     let log = directory.path().join("drive.log");
     let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[1]).unwrap();
-    write_log(&log, &[frame], "can0");
+    write_log(&log, &[frame], "can0", 50_000);
     let name = log.to_str().unwrap();
     let message = fails(&["--ecrt", "sim", "--replay", name, "--dump", name]);
     assert!(message.contains("would overwrite"), "{message}");

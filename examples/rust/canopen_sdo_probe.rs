@@ -1,0 +1,117 @@
+//! Reads or writes an object of a CANopen node behind a gateway (manual 15.4).
+//!
+//! ```text
+//! canopen_sdo_probe --ecrt sim --node 1 --index 0x1000 --sub 0
+//! canopen_sdo_probe --ecrt sim --node 1 --index 0x6081 --sub 0 --type u32 --write 5000
+//! ```
+
+use std::error::Error;
+use std::process::ExitCode;
+
+use clap::Parser;
+use ecan_cia402::wire::NodeId;
+use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeSettings};
+use ecan_examples::backend::{self, Wishes};
+use ecan_examples::object_value::ValueType;
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+
+/// Reads or writes an object of a CANopen node behind an ECAN-Lite gateway.
+#[derive(Debug, Parser)]
+#[command(name = "canopen_sdo_probe", version)]
+struct Arguments {
+    /// EtherCAT master library: a path, `sim` for the built-in simulator with drives, `sim:NAME` or
+    /// `sim:FILE.toml` for a scenario of it. Unset: the environment variable ECAN_ECRT, then the
+    /// installed libethercat.
+    #[arg(long, value_name = "SETTING")]
+    ecrt: Option<String>,
+    /// Index of the EtherCAT master.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    master: u32,
+    /// Position of the gateway.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    slave: u16,
+    /// CAN channel of the node.
+    #[arg(long, value_name = "CHANNEL", default_value_t = 0,
+          value_parser = clap::value_parser!(u8).range(0..4))]
+    channel: u8,
+    /// Node id.
+    #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=127))]
+    node: u8,
+    /// Index of the object, hexadecimal with 0x.
+    #[arg(long, value_name = "INDEX", value_parser = parse_u16)]
+    index: u16,
+    /// Subindex.
+    #[arg(long, value_name = "SUB", default_value = "0", value_parser = parse_u8)]
+    sub: u8,
+    /// CAN bit rate in bit/s.
+    #[arg(long, value_name = "BITRATE", default_value_t = 1_000_000)]
+    bitrate: u32,
+    /// Type of the value: u8, u16, u32, u64, i8, i16, i32, i64, string or hex. Unset: shown as the
+    /// number and the text that it may be.
+    #[arg(long = "type", value_name = "TYPE")]
+    value_type: Option<ValueType>,
+    /// Write this value instead of reading; needs --type.
+    #[arg(long, value_name = "VALUE", requires = "value_type", allow_hyphen_values = true)]
+    write: Option<String>,
+    /// EtherCAT cycle in microseconds.
+    #[arg(long, value_name = "US", default_value_t = 10_000)]
+    cycle_us: u32,
+    /// How long the transfer may take, in milliseconds.
+    #[arg(long, value_name = "MS", default_value_t = 5_000)]
+    timeout_ms: u32,
+}
+
+fn parse_u16(text: &str) -> Result<u16, String> {
+    let parsed = match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
+        Some(digits) => u16::from_str_radix(digits, 16),
+        None => text.parse(),
+    };
+    parsed.map_err(|_| "expected a number from 0 to 65535 (0xFFFF)".into())
+}
+
+fn parse_u8(text: &str) -> Result<u8, String> {
+    let number = parse_u16(text)?;
+    u8::try_from(number).map_err(|_| "expected a number from 0 to 255".into())
+}
+
+fn main() -> ExitCode {
+    ecan_examples::exit::report("canopen_sdo_probe", run(&Arguments::parse()))
+}
+
+fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
+    let written = match (&arguments.write, arguments.value_type) {
+        (Some(text), Some(kind)) => Some(kind.encode(text)?),
+        _ => None,
+    };
+    let wishes = Wishes {
+        scenario: "drives",
+        slaves: usize::from(arguments.slave) + 1,
+        seed: None,
+        real_time: false,
+        large_pdos: false,
+    };
+    let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
+    let mut adapter = AdapterConfig::new(1).with_cycle_us(arguments.cycle_us);
+    adapter.master_index = arguments.master;
+    adapter.slaves[0].position = arguments.slave;
+    let channel = ChannelSettings::classic(arguments.bitrate);
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(arguments.channel, channel));
+    let mut port = Port::open(&backend.ecrt, adapter, config)?;
+    port.wait_ready(port.startup_timeout_ms())?;
+
+    let node = NodeId::new(arguments.node).ok_or("no such node id")?;
+    let mut network = Network::new(NetworkConfig::default());
+    let address = NodeAddress { slave: 0, channel: arguments.channel, node };
+    let node = network.add_node(address, NodeSettings::default())?;
+    let object = (arguments.index, arguments.sub);
+    let name = format!("0x{:04X}:{:02X}", arguments.index, arguments.sub);
+    if let Some(data) = written {
+        network.download_blocking(&mut port, node, object, &data, arguments.timeout_ms)?;
+        println!("{name} written");
+    }
+    let data = network.upload_blocking(&mut port, node, object, arguments.timeout_ms)?;
+    let kind = arguments.value_type.unwrap_or(ValueType::Any);
+    println!("{name} = {}", kind.show(&data)?);
+    Ok(true)
+}

@@ -1,0 +1,45 @@
+//! The table of the axes at the end of a motion demo.
+
+use std::fmt::Write;
+
+use ecan_cia402::Cia402;
+
+/// One line per axis: state, target, actual position, following error, gaps, emergencies.
+pub fn table(cia402: &Cia402) -> String {
+    let mut text = String::new();
+    // Writing to a String cannot fail.
+    let _ = writeln!(
+        text,
+        "\n{:<38}{:<20}{:>11}{:>11}{:>8}{:>8}{:>8}{:>7}{:>6}",
+        "axis", "state", "target", "actual", "error", "max", "TPDOs", "lost", "EMCY"
+    );
+    for axis in 0..cia402.axis_count() {
+        let statistics = cia402.statistics(axis);
+        let error = cia402.following_error(axis);
+        // The statistics take the error before the cycle's target, the column after it.
+        let max_error = statistics.max_following_error.max(error.map_or(0, i64::unsigned_abs));
+        let number = |value: Option<i64>| value.map_or_else(|| "-".into(), |v| v.to_string());
+        let name = cia402.settings(axis).map(|s| s.address.to_string()).unwrap_or_default();
+        let state = cia402.drive_state(axis).map_or_else(|| "unknown".into(), |s| s.to_string());
+        let _ = writeln!(
+            text,
+            "{:<38}{:<20}{:>11}{:>11}{:>8}{:>8}{:>8}{:>7}{:>6}",
+            format!("{axis}: {name}"),
+            state,
+            number(cia402.target(axis).map(i64::from)),
+            number(cia402.actual(axis).map(i64::from)),
+            number(error),
+            max_error,
+            statistics.tpdos,
+            statistics.lost_tpdos,
+            statistics.emergencies
+        );
+        if let Some(reason) = statistics.last_hold {
+            let _ = writeln!(text, "   held {} time(s), last: {reason}", statistics.holds);
+        }
+        if let Some(trouble) = cia402.trouble(axis) {
+            let _ = writeln!(text, "   {trouble}");
+        }
+    }
+    text
+}

@@ -1,0 +1,151 @@
+//! The CiA 402 demos and the SDO probe as a user runs them.
+#![allow(missing_docs)]
+
+mod program;
+
+use std::io::{BufRead, BufReader, Read};
+use std::process::Stdio;
+
+use program::{command, fails, succeeds};
+
+const SINGLE: &str = "cia402_single_axis_demo";
+const TEN: &str = "cia402_10axis_demo";
+const PROBE: &str = "canopen_sdo_probe";
+
+/// The line of an axis in the table, as columns from behind: target, actual, following error, its
+/// maximum, TPDOs, lost, EMCY.
+fn axis_line(printed: &str, axis: usize) -> (String, Vec<i64>) {
+    let start = format!("{axis}: node");
+    let line = printed
+        .lines()
+        .find(|line| line.starts_with(&start))
+        .unwrap_or_else(|| panic!("{printed}"));
+    let words: Vec<&str> = line.split_whitespace().collect();
+    let numbers = words[words.len() - 7..].iter().map(|word| word.parse().unwrap()).collect();
+    (line.to_owned(), numbers)
+}
+
+#[test]
+fn one_axis_is_enabled_without_moving() {
+    let printed = succeeds(SINGLE, &["--ecrt", "sim", "--step", "0"]);
+    assert!(printed.starts_with("SIMULATED"), "{printed}");
+    assert!(printed.contains("all axes enabled"), "{printed}");
+    let (line, numbers) = axis_line(&printed, 0);
+    assert!(line.contains("operation enabled"), "{line}");
+    // The drive of the scenario stands at 1007.
+    assert_eq!(numbers[..4], [1007, 1007, 0, 0], "{line}");
+    assert_eq!(numbers[5..], [0, 0], "no TPDO lost, no emergency: {line}");
+}
+
+#[test]
+fn one_axis_follows_its_steps_and_is_drawn() {
+    let directory = tempfile::tempdir().unwrap();
+    let plot = directory.path().join("axis.svg");
+    let arguments = ["--ecrt", "sim", "--step", "100", "--cycles", "2000", "--plot"];
+    let printed = succeeds(SINGLE, &[&arguments[..], &[plot.to_str().unwrap()]].concat());
+    let (line, numbers) = axis_line(&printed, 0);
+    let travelled = numbers[1] - 1007;
+    assert!((190_000..200_000).contains(&travelled), "{line}");
+    assert!(numbers[0] - numbers[1] < 1_000, "the axis follows: {line}");
+    let svg = std::fs::read_to_string(plot).unwrap();
+    assert_eq!(svg.matches("<polyline").count(), 2, "target and actual");
+    assert!(svg.contains("axis 0: node 1") && svg.trim_end().ends_with("</svg>"));
+}
+
+#[test]
+fn ten_axes_run_behind_one_and_three_gateways() {
+    let fast = ["--cycle-us", "1000", "--dc-sync0", "--dc-shift-us", "700", "--step", "20"];
+    for (slaves, extra) in [("1", &[][..]), ("3", &fast[..]), ("1", &fast[..])] {
+        let base = ["--ecrt", "sim", "--slaves", slaves];
+        let printed = succeeds(TEN, &[&base[..], extra].concat());
+        for axis in 0..10 {
+            let (line, numbers) = axis_line(&printed, axis);
+            assert!(line.contains("operation enabled"), "{line}");
+            assert_eq!(numbers[5..], [0, 0], "no TPDO lost, no emergency: {line}");
+        }
+    }
+}
+
+#[test]
+fn options_of_the_manual_are_taken() {
+    for extra in [
+        &["--profile", "1", "--align4"][..],
+        &["--profile", "5", "--motion-div", "2", "--step", "50"],
+        &["--pdo-n", "8", "--bitrate", "500000"],
+        &["--dc-sync0", "--dc-cycle-us", "10000", "--dc-shift-us", "3000"],
+    ] {
+        let printed = succeeds(SINGLE, &[&["--ecrt", "sim", "--cycles", "100"], extra].concat());
+        assert!(axis_line(&printed, 0).0.contains("operation enabled"), "{extra:?}: {printed}");
+    }
+}
+
+#[test]
+fn wrong_use_of_the_demos_gets_a_message_that_helps() {
+    let cases: [(&[&str], &str); 6] = [
+        (&["--profile", "2"], "not one of 0, 1, 4, 5"),
+        (&["--node", "0"], "--node"),
+        (&["--node", "99"], "node 99"),
+        (&["--bitrate", "1"], "bit timing"),
+        (&["--plot", "/no/such/dir/a.svg"], "cannot write /no/such/dir/a.svg"),
+        (&["--skip-sdo-config"], "0x8011:09"),
+    ];
+    for (arguments, words) in cases {
+        let message = fails(SINGLE, &[&["--ecrt", "sim"], arguments].concat());
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+    let message = fails(TEN, &["--ecrt", "/no/such/libethercat.so"]);
+    assert!(message.contains("was not found"), "{message}");
+}
+
+#[test]
+fn ctrl_c_brings_the_axes_to_rest() {
+    let arguments = ["--ecrt", "sim", "--real-time", "--cycles", "1000000", "--cycle-us", "2000"];
+    let mut child = command(SINGLE, &[&arguments[..], &["--step", "100"]].concat())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut output = BufReader::new(child.stdout.take().unwrap());
+    let mut line = String::new();
+    while !line.contains("all axes enabled") {
+        line.clear();
+        assert!(output.read_line(&mut line).unwrap() > 0, "it ended by itself");
+    }
+    let id = child.id().to_string();
+    assert!(std::process::Command::new("kill").args(["-INT", &id]).status().unwrap().success());
+    let mut rest = String::new();
+    output.read_to_string(&mut rest).unwrap();
+    assert!(child.wait().unwrap().success(), "{rest}");
+    assert!(rest.contains("stopped by the user") && rest.contains("being disabled"), "{rest}");
+    axis_line(&rest, 0);
+}
+
+#[test]
+fn the_probe_reads_and_writes_objects() {
+    let base = ["--ecrt", "sim", "--node", "1"];
+    let probe = |extra: &[&str]| succeeds(PROBE, &[&base[..], extra].concat());
+    let printed = probe(&["--index", "0x1000", "--sub", "0", "--bitrate", "1000000"]);
+    assert!(printed.contains("0x1000:00 = 0x00020192"), "{printed}");
+    let printed = probe(&["--index", "0x6081", "--type", "u32", "--write", "5000"]);
+    assert!(printed.contains("written") && printed.contains("= 5000"), "{printed}");
+    let printed = probe(&["--index", "0x6064", "--type", "i32"]);
+    assert!(printed.contains("= 1007"), "{printed}");
+}
+
+#[test]
+fn the_probe_says_why_it_fails() {
+    let base = ["--ecrt", "sim"];
+    let probe = |extra: &[&str]| fails(PROBE, &[&base[..], extra].concat());
+    let cases: [(&[&str], &str); 7] = [
+        (&["--node", "1", "--index", "0x5FFF"], "0x06020000"),
+        (&["--node", "1", "--index", "0x1000", "--type", "u8"], "4 bytes, not 1"),
+        (&["--node", "1", "--index", "0x1000", "--type", "u32", "--write", "1"], "0x06010002"),
+        (&["--node", "100", "--index", "0x1000"], "node 100"),
+        (&["--node", "1", "--index", "zero"], "expected a number"),
+        (&["--node", "1", "--index", "0x1000", "--type", "float"], "expected u8"),
+        (&["--node", "1", "--index", "0x6081", "--write", "1"], "--type"),
+    ];
+    for (arguments, words) in cases {
+        let message = probe(arguments);
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+}

@@ -1,0 +1,45 @@
+//! Running the example programs as a user does.
+#![allow(dead_code, missing_docs)]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output, Stdio};
+
+/// Cargo builds a package's examples beside its tests.
+fn path(program: &str) -> PathBuf {
+    let test = std::env::current_exe().unwrap();
+    let profile = test.parent().and_then(Path::parent).unwrap();
+    profile.join("examples").join(program)
+}
+
+pub fn command(program: &str, arguments: &[&str]) -> Command {
+    let mut command = Command::new(path(program));
+    command.args(arguments).env_remove("ECAN_ECRT").stdin(Stdio::null());
+    command
+}
+
+pub fn run(program: &str, arguments: &[&str]) -> Output {
+    command(program, arguments).output().unwrap()
+}
+
+pub fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// Runs it, expects success, gives what it printed.
+pub fn succeeds(program: &str, arguments: &[&str]) -> String {
+    let output = run(program, arguments);
+    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
+    assert_eq!(text(&output.stderr), "", "{arguments:?}");
+    text(&output.stdout)
+}
+
+/// Runs it, expects a readable message and failure, gives the message.
+pub fn fails(program: &str, arguments: &[&str]) -> String {
+    let output = run(program, arguments);
+    let message = text(&output.stderr);
+    assert!(!output.status.success(), "{arguments:?} succeeded");
+    assert!(output.status.code().is_some(), "{arguments:?} was killed");
+    assert!(!message.contains("panicked"), "{message}");
+    assert!(!message.trim().is_empty(), "{arguments:?} says nothing");
+    message
+}
