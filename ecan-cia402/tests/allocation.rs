@@ -1,9 +1,10 @@
 //! The network's part of the cycle allocates nothing, with 40 nodes in transfers.
 #![allow(missing_docs)]
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
+#[path = "../../ecan-sim/tests/counting/mod.rs"]
+mod counting;
 
+use counting::allocations;
 use ecan_cia402::wire::{NmtCommand, NodeId};
 use ecan_cia402::{
     Configurator, HostHeartbeat, Network, NetworkConfig, NodeAddress, NodeSettings, SdoSettings,
@@ -12,39 +13,6 @@ use ecan_cia402::{
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
 use ecan_sim::{ClockKind, SimOptions};
-
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-// SAFETY: every call goes to the system allocator unchanged; the counter allocates nothing.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        // SAFETY: the caller's promises are those of the system allocator.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as above.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        ALLOCATIONS.with(|count| count.set(count.get() + 1));
-        // SAFETY: as above.
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
-
-fn allocations() -> u64 {
-    ALLOCATIONS.with(Cell::get)
-}
 
 #[test]
 fn forty_nodes_in_transfers_allocate_nothing() {

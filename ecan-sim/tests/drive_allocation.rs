@@ -1,50 +1,15 @@
 //! A drive in motion allocates nothing: cycles of RPDO, SYNC and TPDO, heartbeats, SDO transfers.
 
+mod counting;
 mod drive_support;
 mod ecrt_support;
 
-use std::alloc::{GlobalAlloc, Layout, System};
-use std::cell::Cell;
-
+use counting::allocations;
 use drive_support::settings;
 use ecan_canopen::DriveState;
 use ecan_protocol::{CanFrame, CanId};
 use ecan_sim::{Drive, Node, NodeOutput, drives};
 use ecrt_support::{Program, stepped};
-
-struct Counting;
-
-thread_local! {
-    static ALLOCATIONS: Cell<u64> = const { Cell::new(0) };
-}
-
-fn count() {
-    // Threads that are ending have no counter any more; they are not measured.
-    let _ = ALLOCATIONS.try_with(|counter| counter.set(counter.get() + 1));
-}
-
-// SAFETY: every call is passed on to the system's allocator unchanged.
-unsafe impl GlobalAlloc for Counting {
-    unsafe fn alloc(&self, layout: Layout) -> *mut u8 {
-        count();
-        // SAFETY: as the caller promises.
-        unsafe { System.alloc(layout) }
-    }
-
-    unsafe fn realloc(&self, pointer: *mut u8, layout: Layout, size: usize) -> *mut u8 {
-        count();
-        // SAFETY: as the caller promises.
-        unsafe { System.realloc(pointer, layout, size) }
-    }
-
-    unsafe fn dealloc(&self, pointer: *mut u8, layout: Layout) {
-        // SAFETY: as the caller promises.
-        unsafe { System.dealloc(pointer, layout) }
-    }
-}
-
-#[global_allocator]
-static ALLOCATOR: Counting = Counting;
 
 struct Host {
     drive: Drive,
@@ -130,9 +95,9 @@ fn cycles_allocate_nothing() {
     };
     // buffers grow to their size
     run(&mut host, 2_000);
-    let before = (ALLOCATIONS.with(Cell::get), host.received);
+    let before = (allocations(), host.received);
     run(&mut host, 3_000);
-    assert_eq!(ALLOCATIONS.with(Cell::get), before.0);
+    assert_eq!(allocations(), before.0);
     assert!(host.received > before.1 + 9_000);
     assert_eq!(host.drive.state(), DriveState::OperationEnabled);
     assert!(host.drive.position() > 50_000);
@@ -167,8 +132,8 @@ fn a_world_of_drives_allocates_nothing() {
         }
     };
     run(&mut program, 100);
-    let (before, frames) = (ALLOCATIONS.with(Cell::get), program.received.len());
+    let (before, frames) = (allocations(), program.received.len());
     run(&mut program, 200);
-    assert_eq!(ALLOCATIONS.with(Cell::get), before);
+    assert_eq!(allocations(), before);
     assert!(program.received.len() > frames + 5_000, "{}", program.received.len() - frames);
 }

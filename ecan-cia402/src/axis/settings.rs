@@ -117,8 +117,8 @@ pub struct AxisSettings {
     /// New images that must be seen, at least, while stale targets are waited out.
     pub drain_images: u16,
     /// Takes the axis up again by itself after it held for a reason on the way to a drive that
-    /// stayed enabled; in CSP only, where the drive stands meanwhile. Off, only the application does. A drive that left Operation Enabled is
-    /// never enabled by itself.
+    /// stayed enabled; in CSP only, where the drive stands meanwhile. Off, only the application
+    /// does. A drive that left Operation Enabled is never enabled by itself.
     pub auto_take_up: bool,
     /// How long enabling may take, in milliseconds: the brake, the power stage.
     pub enable_timeout_ms: u32,
