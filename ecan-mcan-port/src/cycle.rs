@@ -69,7 +69,7 @@ impl Port {
         if capacity == 0 {
             return 0;
         }
-        self.drain(|item| {
+        self.receive_while(|item| {
             if let Some(place) = received.get_mut(count) {
                 *place = item;
                 count += 1;
@@ -83,13 +83,17 @@ impl Port {
     ///
     /// Real-time safe as far as `take` is; between `cycle_begin` and `cycle_end`.
     pub fn receive_each(&mut self, mut take: impl FnMut(Received)) {
-        self.drain(|item| {
+        self.receive_while(|item| {
             take(item);
             true
         });
     }
 
-    fn drain(&mut self, mut take: impl FnMut(Received) -> bool) {
+    /// Hands what came back to `take` until that returns false; the rest stays for another call in
+    /// the same cycle.
+    ///
+    /// Real-time safe as far as `take` is; between `cycle_begin` and `cycle_end`.
+    pub fn receive_while(&mut self, mut take: impl FnMut(Received) -> bool) {
         let mut goes_on = true;
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
             let image = self.adapter.tx_pdo(slave);

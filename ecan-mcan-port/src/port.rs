@@ -66,10 +66,23 @@ impl Port {
     ///
     /// # Errors
     /// Faults of the configuration, a wrong phase, or capabilities that cannot be read.
-    pub fn new(mut adapter: Adapter, config: PortConfig) -> Result<Self, PortError> {
-        config.check(adapter.config())?;
-        let gateways = build_gateways(&mut adapter, &config)?;
-        Ok(Self { adapter, gateways, cycle_open: false, config })
+    pub fn new(adapter: Adapter, config: PortConfig) -> Result<Self, PortError> {
+        Self::on(adapter, config).map_err(|(_, error)| error)
+    }
+
+    /// As [`new`](Self::new), with the Adapter given back where there can be no Port on it.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn on(mut adapter: Adapter, config: PortConfig) -> Result<Self, (Box<Adapter>, PortError)> {
+        let built = config
+            .check(adapter.config())
+            .map_err(PortError::from)
+            .and_then(|()| build_gateways(&mut adapter, &config));
+        match built {
+            Ok(gateways) => Ok(Self { adapter, gateways, cycle_open: false, config }),
+            Err(error) => Err((Box::new(adapter), error)),
+        }
     }
 
     /// Takes the gateways out of service, configures them anew and waits for

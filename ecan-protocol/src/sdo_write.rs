@@ -18,7 +18,8 @@ pub struct SdoWrite {
 }
 
 impl SdoWrite {
-    pub(crate) const fn new(index: u16, subindex: u8, ty: ObjectType, value: u32) -> Self {
+    /// A download of `value` as `ty`.
+    pub const fn new(index: u16, subindex: u8, ty: ObjectType, value: u32) -> Self {
         Self { index, subindex, value, ty }
     }
 

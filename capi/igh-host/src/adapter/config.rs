@@ -1,0 +1,262 @@
+//! Configuration
+//!
+//! Plain data: it may be copied and needs no end. Nothing touches the bus before ecan_igh_init().
+
+use std::ffi::{c_char, c_int};
+
+use ecan_host::{AdapterConfig, DcSync, Identity, SlaveSettings, StartupStep};
+use ecan_mcan_host::boundary::{Call, Plain, Room, Sealed, call, put_text};
+use ecan_mcan_host::common::constants::{ECAN_DEFAULT_CYCLE_US, ECAN_DEFAULT_PDO_MULTIPLIER};
+use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_port::PortConfig;
+use ecan_protocol::{ObjectType, SdoWrite};
+
+use crate::errors;
+use crate::mcan_port::config::PortPlain;
+
+/// Most slaves of a configuration.
+pub const ECAN_IGH_MAX_SLAVES: usize = 32;
+/// Most startup SDOs that an application may add, of all slaves together.
+pub const ECAN_IGH_MAX_STARTUP_SDOS: usize = 256;
+/// Most bytes of the setting `ecrt`, NUL included.
+pub const ECAN_IGH_MAX_SETTING: usize = 512;
+
+/// What the Adapter is told. About 50 kilobytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct ecan_igh_config_t {
+    /// Not for the application.
+    pub opaque: [u64; 6144],
+}
+
+/// One slave.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct SlavePlain {
+    pub(crate) alias: u16,
+    pub(crate) position: u16,
+    pub(crate) rx_multiplier: u8,
+    pub(crate) tx_multiplier: u8,
+    pub(crate) identity: Option<Identity>,
+}
+
+/// A startup SDO of the application.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct StartupPlain {
+    pub(crate) slave: u16,
+    pub(crate) index: u16,
+    pub(crate) subindex: u8,
+    pub(crate) size: u8,
+    pub(crate) value: u32,
+}
+
+/// A short text in place.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Text<const N: usize> {
+    bytes: [u8; N],
+    length: usize,
+}
+
+impl<const N: usize> Text<N> {
+    const EMPTY: Self = Self { bytes: [0; N], length: 0 };
+
+    pub(crate) fn new(call: Call, name: &str, text: &str) -> Result<Self, ecan_result_t> {
+        let mut value = Self::EMPTY;
+        let Some(place) = value.bytes.get_mut(..text.len()) else {
+            let words = format_args!("`{name}` has {} bytes, at most {N} fit", text.len());
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+        };
+        place.copy_from_slice(text.as_bytes());
+        value.length = text.len();
+        Ok(value)
+    }
+
+    pub(crate) fn get(&self) -> Option<&str> {
+        let text = self.bytes.get(..self.length)?;
+        std::str::from_utf8(text).ok().filter(|text| !text.is_empty())
+    }
+}
+
+/// What is in an [`ecan_igh_config_t`].
+pub(crate) struct AdapterPlain {
+    pub(crate) master_index: u32,
+    pub(crate) slave_count: usize,
+    pub(crate) slaves: [SlavePlain; ECAN_IGH_MAX_SLAVES],
+    pub(crate) cycle_ns: u32,
+    pub(crate) dc: Option<DcSync>,
+    pub(crate) allow_large_pdos: bool,
+    pub(crate) preop_timeout_ms: u32,
+    pub(crate) startup: [StartupPlain; ECAN_IGH_MAX_STARTUP_SDOS],
+    pub(crate) startup_count: usize,
+    /// Whether the setting was set, empty included.
+    pub(crate) is_ecrt_set: bool,
+    pub(crate) ecrt: Text<ECAN_IGH_MAX_SETTING>,
+    pub(crate) scenario: Text<64>,
+    pub(crate) is_stepped: bool,
+    pub(crate) seed: Option<u64>,
+    /// Set by igh_mcan_port_apply_config().
+    pub(crate) port: Option<PortPlain>,
+}
+
+impl Plain for AdapterPlain {
+    type Storage = ecan_igh_config_t;
+    const SEAL: u64 = 0x6563_616e_5f69_6763;
+    const INIT: &'static str = "ecan_igh_default_config";
+}
+
+impl AdapterPlain {
+    fn new() -> Self {
+        let slave = |position| SlavePlain {
+            alias: 0,
+            position: position as u16,
+            rx_multiplier: ECAN_DEFAULT_PDO_MULTIPLIER as u8,
+            tx_multiplier: ECAN_DEFAULT_PDO_MULTIPLIER as u8,
+            identity: None,
+        };
+        let defaults = AdapterConfig::new(1);
+        Self {
+            master_index: 0,
+            slave_count: 1,
+            slaves: std::array::from_fn(slave),
+            cycle_ns: ECAN_DEFAULT_CYCLE_US * 1000,
+            dc: None,
+            allow_large_pdos: false,
+            preop_timeout_ms: defaults.preop_timeout_ms,
+            startup: [StartupPlain { slave: 0, index: 0, subindex: 0, size: 0, value: 0 };
+                ECAN_IGH_MAX_STARTUP_SDOS],
+            startup_count: 0,
+            is_ecrt_set: false,
+            ecrt: Text::EMPTY,
+            scenario: Text::EMPTY,
+            is_stepped: false,
+            seed: None,
+            port: None,
+        }
+    }
+
+    /// The configuration of C.
+    ///
+    /// # Safety
+    /// As for [`Sealed::open`].
+    pub(crate) unsafe fn open<'a>(
+        call: Call,
+        config: *mut ecan_igh_config_t,
+    ) -> Result<&'a mut Self, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { Sealed::open(call, "config", config) }
+    }
+
+    /// A slave that is configured.
+    pub(crate) fn slave(
+        &mut self,
+        call: Call,
+        slave: usize,
+    ) -> Result<&mut SlavePlain, ecan_result_t> {
+        let count = self.slave_count;
+        self.slaves[..count].get_mut(slave).ok_or_else(|| no_slave(call, slave, count))
+    }
+
+    /// The gateways' configuration that igh_mcan_port_apply_config() gave.
+    pub(crate) fn applied(&self) -> Option<PortConfig> {
+        self.port.as_ref().map(|port| port.settings(self.slave_count))
+    }
+
+    /// As the Adapter takes it, with the startup steps of the gateways.
+    pub(crate) fn to_rust(&self) -> AdapterConfig {
+        let mut slaves: Vec<SlaveSettings> = self.slaves[..self.slave_count]
+            .iter()
+            .map(|slave| SlaveSettings {
+                alias: slave.alias,
+                position: slave.position,
+                rx_multiplier: slave.rx_multiplier,
+                tx_multiplier: slave.tx_multiplier,
+                identity: slave.identity,
+                base_startup: Vec::new(),
+                startup: Vec::new(),
+            })
+            .collect();
+        for sdo in &self.startup[..self.startup_count] {
+            let ty = match sdo.size {
+                1 => ObjectType::U8,
+                2 => ObjectType::U16,
+                _ => ObjectType::U32,
+            };
+            let write = SdoWrite::new(sdo.index, sdo.subindex, ty, sdo.value);
+            if let Some(slave) = slaves.get_mut(usize::from(sdo.slave)) {
+                slave.startup.push(StartupStep::Download(write));
+            }
+        }
+        let mut config = AdapterConfig {
+            master_index: self.master_index,
+            slaves,
+            cycle_ns: self.cycle_ns,
+            dc: self.dc,
+            allow_large_pdos: self.allow_large_pdos,
+            preop_timeout_ms: self.preop_timeout_ms,
+        };
+        if let Some(port) = self.applied() {
+            port.apply(&mut config);
+        }
+        config
+    }
+}
+
+/// The error of a slave index that is not configured.
+#[cold]
+pub(crate) fn no_slave(call: Call, slave: usize, count: usize) -> ecan_result_t {
+    let words =
+        format_args!("slave index {slave} is out of range: {count} slave(s) are configured");
+    call.fail(ecan_result_t::ECAN_ERR_SLAVE, words)
+}
+
+/// Fills a configuration: one slave at position 0, N = 3 (384 bytes), a cycle of 10 ms, no
+/// distributed clocks, master 0, the setting `ecrt` left to the environment (manual 15.5.2).
+///
+/// @param config  Is overwritten, whatever it holds.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK or ECAN_ERR_NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_default_config(config: *mut ecan_igh_config_t) -> c_int {
+    call("ecan_igh_default_config", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { Sealed::init(call, "config", config, AdapterPlain::new()) }
+    })
+}
+
+/// Checks a configuration as a whole, without touching the bus. ecan_igh_init() does it, too.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error(); ECAN_ERR_NULL,
+///          ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_check_config(config: *mut ecan_igh_config_t) -> c_int {
+    call("ecan_igh_check_config", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let config = unsafe { AdapterPlain::open(call, config)? }.to_rust();
+        config.check().map_err(|faults| errors::adapter(call, &faults.into()))
+    })
+}
+
+/// The setting `ecrt` of a configuration: which EtherCAT master library it asks for.
+///
+/// @param setting  Buffer; "" where nothing is set and the environment decides.
+/// @param size     Its bytes; ECAN_IGH_MAX_SETTING are enough.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, or ECAN_ERR_BUFFER with the text cut.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_get_ecrt(
+    config: *mut ecan_igh_config_t,
+    setting: *mut c_char,
+    size: usize,
+) -> c_int {
+    call("ecan_igh_config_get_ecrt", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (config, mut room): (_, Room<c_char>) =
+            unsafe { (AdapterPlain::open(call, config)?, call.room("setting", setting, size)?) };
+        if put_text(&mut room, config.ecrt.get().unwrap_or_default()) {
+            return Ok(());
+        }
+        Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, format_args!("{size} bytes are too few")))
+    })
+}

@@ -1,0 +1,246 @@
+//! Configuration of the master
+
+use std::ffi::{c_char, c_int};
+
+use ecan_host::DcSync;
+use ecan_mcan_host::boundary::call;
+use ecan_mcan_host::common::result::ecan_result_t;
+
+use super::config::{AdapterPlain, ECAN_IGH_MAX_SLAVES, Text, ecan_igh_config_t};
+
+/// Chooses the EtherCAT master library.
+///
+/// Without this call the environment variable ECAN_ECRT decides, and without that the installed
+/// libethercat.so.1. The SDK never falls back to the simulator by itself.
+///
+/// @param setting  "" for libethercat.so.1; the path of a library; "sim" for the built-in
+///                 simulator with the scenario that was suggested; "sim:echo", "sim:drives" or
+///                 "sim:FILE.toml" for a scenario. NULL undoes the choice. Is copied.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
+///          Whether there is such a library is told by ecan_igh_init().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_ecrt(
+    config: *mut ecan_igh_config_t,
+    setting: *const c_char,
+) -> c_int {
+    call("ecan_igh_config_set_ecrt", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let config = unsafe { AdapterPlain::open(call, config)? };
+        let text = if setting.is_null() {
+            ""
+        } else {
+            // SAFETY: as above.
+            unsafe { call.text("setting", setting)? }
+        };
+        config.ecrt = Text::new(call, "setting", text)?;
+        config.is_ecrt_set = !setting.is_null();
+        Ok(())
+    })
+}
+
+/// Suggests the scenario for a plain "sim": "echo" (the default) or "drives".
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_suggest_scenario(
+    config: *mut ecan_igh_config_t,
+    name: *const c_char,
+) -> c_int {
+    call("ecan_igh_config_suggest_scenario", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (config, name) =
+            unsafe { (AdapterPlain::open(call, config)?, call.text("name", name)?) };
+        config.scenario = Text::new(call, "name", name)?;
+        Ok(())
+    })
+}
+
+/// Chooses the clock of a simulated master, unless its scenario does. The real library takes no
+/// notice.
+///
+/// @param stepped  0: wall-clock time, the default. Else: the time passes only while the program
+///                 waits for the next cycle, as fast as the machine goes; same seed, same result.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_stepped_clock(
+    config: *mut ecan_igh_config_t,
+    stepped: c_int,
+) -> c_int {
+    call("ecan_igh_config_set_stepped_clock", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { AdapterPlain::open(call, config)? }.is_stepped = stepped != 0;
+        Ok(())
+    })
+}
+
+/// Sets the seed of everything random in a simulation, in place of the scenario's.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_seed(
+    config: *mut ecan_igh_config_t,
+    seed: u64,
+) -> c_int {
+    call("ecan_igh_config_set_seed", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { AdapterPlain::open(call, config)? }.seed = Some(seed);
+        Ok(())
+    })
+}
+
+/// Chooses the EtherCAT master.
+///
+/// @param index  0 for /dev/EtherCAT0, the default.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_master_index(
+    config: *mut ecan_igh_config_t,
+    index: u32,
+) -> c_int {
+    call("ecan_igh_config_set_master_index", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { AdapterPlain::open(call, config)? }.master_index = index;
+        Ok(())
+    })
+}
+
+/// Sets the number of ECAN-Lite slaves; slave i is at position i unless that is changed.
+///
+/// @param count  1 to ECAN_IGH_MAX_SLAVES.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_slave_count(
+    config: *mut ecan_igh_config_t,
+    count: usize,
+) -> c_int {
+    call("ecan_igh_config_set_slave_count", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let config = unsafe { AdapterPlain::open(call, config)? };
+        if !(1..=ECAN_IGH_MAX_SLAVES).contains(&count) {
+            let words = format_args!("{count} is not 1 to {ECAN_IGH_MAX_SLAVES}");
+            return Err(call.argument("count", words));
+        }
+        config.slave_count = count;
+        Ok(())
+    })
+}
+
+/// Sets the period of the application's cycle.
+///
+/// @param cycle_us  Microseconds, 1 to 4294967.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_cycle_us(
+    config: *mut ecan_igh_config_t,
+    cycle_us: u32,
+) -> c_int {
+    call("ecan_igh_config_set_cycle_us", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let config = unsafe { AdapterPlain::open(call, config)? };
+        config.cycle_ns = cycle_us.checked_mul(1000).filter(|ns| *ns > 0).ok_or_else(|| {
+            let most = u32::MAX / 1000;
+            call.argument("cycle_us", format_args!("{cycle_us} is not 1 to {most}"))
+        })?;
+        Ok(())
+    })
+}
+
+/// Switches distributed clocks with Sync0 on (manual 8.4, 15.6). 15.6.1 lists proven phases.
+///
+/// @param cycle_us  Period of Sync0 in microseconds, a whole multiple of the cycle; 0 switches
+///                  distributed clocks off.
+/// @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT. Whether it fits the
+///          cycle is told by ecan_igh_check_config().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_dc_sync0(
+    config: *mut ecan_igh_config_t,
+    cycle_us: u32,
+    shift_us: u32,
+) -> c_int {
+    call("ecan_igh_config_set_dc_sync0", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let config = unsafe { AdapterPlain::open(call, config)? };
+        let ns = |name, us: u32| {
+            let most = u32::MAX / 1000;
+            us.checked_mul(1000)
+                .ok_or_else(|| call.argument(name, format_args!("{us} is above {most}")))
+        };
+        let (cycle_ns, shift_ns) = (ns("cycle_us", cycle_us)?, ns("shift_us", shift_us)?);
+        let assign_activate = config.dc.map(|dc| dc.assign_activate);
+        config.dc = (cycle_ns > 0).then(|| {
+            let dc = DcSync::new(cycle_ns, shift_ns);
+            DcSync { assign_activate: assign_activate.unwrap_or(dc.assign_activate), ..dc }
+        });
+        Ok(())
+    })
+}
+
+/// Sets the AssignActivate word of the slaves' distributed clocks; 0x0300 by default.
+///
+/// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
+///          clocks are off.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_dc_assign_activate(
+    config: *mut ecan_igh_config_t,
+    word: u16,
+) -> c_int {
+    call("ecan_igh_config_set_dc_assign_activate", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let config = unsafe { AdapterPlain::open(call, config)? };
+        let Some(dc) = &mut config.dc else {
+            let words = format_args!("distributed clocks are off");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+        };
+        dc.assign_activate = word;
+        Ok(())
+    })
+}
+
+/// States that the installed master carries more than 1486 bytes of process data per sync manager.
+/// Without it N is at most 11 (ECAN_PDO_MAX_PLAIN_MULTIPLIER).
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_allow_large_pdos(
+    config: *mut ecan_igh_config_t,
+    allow: c_int,
+) -> c_int {
+    call("ecan_igh_config_allow_large_pdos", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { AdapterPlain::open(call, config)? }.allow_large_pdos = allow != 0;
+        Ok(())
+    })
+}
+
+/// Sets how long the slaves may take to answer in PREOP, in milliseconds; 10000 by default.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_preop_timeout_ms(
+    config: *mut ecan_igh_config_t,
+    timeout_ms: u32,
+) -> c_int {
+    call("ecan_igh_config_set_preop_timeout_ms", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { AdapterPlain::open(call, config)? }.preop_timeout_ms = timeout_ms;
+        Ok(())
+    })
+}

@@ -1,0 +1,161 @@
+//! Configuration of a slave
+
+use std::ffi::{c_int, c_void};
+
+use ecan_host::Identity;
+use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::common::constants::ECAN_PDO_MAX_MULTIPLIER;
+use ecan_mcan_host::common::result::ecan_result_t;
+
+use super::config::{AdapterPlain, ECAN_IGH_MAX_STARTUP_SDOS, StartupPlain, ecan_igh_config_t};
+
+fn multiplier(call: Call, name: &str, multiplier: u32) -> Result<u8, ecan_result_t> {
+    if !(1..=ECAN_PDO_MAX_MULTIPLIER).contains(&multiplier) {
+        let words = format_args!("{multiplier} is not 1 to {ECAN_PDO_MAX_MULTIPLIER}");
+        return Err(call.argument(name, words));
+    }
+    Ok(multiplier as u8)
+}
+
+/// Sets N of both directions on every slave: the PDOs have 128 * N bytes (manual 5.2).
+///
+/// @param n  1 to 24; above 11 see ecan_igh_config_allow_large_pdos().
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_pdo_multiplier(
+    config: *mut ecan_igh_config_t,
+    n: u32,
+) -> c_int {
+    call("ecan_igh_config_set_pdo_multiplier", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let config = unsafe { AdapterPlain::open(call, config)? };
+        let n = multiplier(call, "n", n)?;
+        for slave in &mut config.slaves {
+            (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
+        }
+        Ok(())
+    })
+}
+
+/// Sets N of both directions on one slave.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multiplier(
+    config: *mut ecan_igh_config_t,
+    slave: usize,
+    n: u32,
+) -> c_int {
+    // SAFETY: the same arguments under the same promises.
+    unsafe { ecan_igh_config_set_slave_pdo_multipliers(config, slave, n, n) }
+}
+
+/// Sets N of each direction on one slave.
+///
+/// @param rx_n  Of the RxPDO, master to slave.
+/// @param tx_n  Of the TxPDO, slave to master.
+///
+/// @usage   not rt, any thread, before init
+/// @return  As ecan_igh_config_set_slave_pdo_multiplier().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multipliers(
+    config: *mut ecan_igh_config_t,
+    slave: usize,
+    rx_n: u32,
+    tx_n: u32,
+) -> c_int {
+    call("ecan_igh_config_set_slave_pdo_multipliers", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let slave = unsafe { AdapterPlain::open(call, config)? }.slave(call, slave)?;
+        let sizes = (multiplier(call, "rx_n", rx_n)?, multiplier(call, "tx_n", tx_n)?);
+        (slave.rx_multiplier, slave.tx_multiplier) = sizes;
+        Ok(())
+    })
+}
+
+/// Says where a slave is.
+///
+/// @param alias     Station alias that the position counts from; 0 counts from the start of the bus.
+/// @param position  Ring position, from 0.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_slave_position(
+    config: *mut ecan_igh_config_t,
+    slave: usize,
+    alias: u16,
+    position: u16,
+) -> c_int {
+    call("ecan_igh_config_set_slave_position", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let slave = unsafe { AdapterPlain::open(call, config)? }.slave(call, slave)?;
+        (slave.alias, slave.position) = (alias, position);
+        Ok(())
+    })
+}
+
+/// Demands a vendor id and a product code (object 0x1018). Without it the identity of the slave
+/// found is taken, and that it is an ECAN-Lite is seen by its contents.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_slave_identity(
+    config: *mut ecan_igh_config_t,
+    slave: usize,
+    vendor_id: u32,
+    product_code: u32,
+) -> c_int {
+    call("ecan_igh_config_set_slave_identity", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let slave = unsafe { AdapterPlain::open(call, config)? }.slave(call, slave)?;
+        slave.identity = Some(Identity { vendor_id, product_code });
+        Ok(())
+    })
+}
+
+/// Adds a startup SDO of the application: it is written after the Port's own, in the order in
+/// which they were added, at every (re)configuration of the slave.
+///
+/// @param index     Object.
+/// @param subindex  Subindex.
+/// @param data      Value, little endian, as it goes over the bus. Is copied.
+/// @param size      Its bytes: 1, 2 or 4.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT;
+///          ECAN_ERR_FULL beyond ECAN_IGH_MAX_STARTUP_SDOS.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_add_startup_sdo(
+    config: *mut ecan_igh_config_t,
+    slave: usize,
+    index: u16,
+    subindex: u8,
+    data: *const c_void,
+    size: usize,
+) -> c_int {
+    call("ecan_igh_config_add_startup_sdo", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (config, data) = unsafe {
+            (AdapterPlain::open(call, config)?, call.items("data", data.cast::<u8>(), size)?)
+        };
+        config.slave(call, slave)?;
+        if !matches!(size, 1 | 2 | 4) {
+            return Err(call.argument("size", format_args!("{size} is not 1, 2 or 4")));
+        }
+        let mut bytes = [0; 4];
+        bytes[..size].copy_from_slice(data);
+        let Some(place) = config.startup.get_mut(config.startup_count) else {
+            let words = format_args!("{ECAN_IGH_MAX_STARTUP_SDOS} startup SDOs are the most");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, words));
+        };
+        let (slave, size) = (slave as u16, size as u8);
+        *place = StartupPlain { slave, index, subindex, size, value: u32::from_le_bytes(bytes) };
+        config.startup_count += 1;
+        Ok(())
+    })
+}

@@ -1,0 +1,278 @@
+//! Life of a master
+//!
+//! ```c
+//! ecan_igh_context_t igh;
+//! ecan_igh_init(&igh, &config);              PREOP, everything configured
+//! ecan_igh_wait_op_timeout(&igh, 10000);     OP, the cycle runs
+//! ...
+//! ecan_igh_deinit(&igh);
+//! ```
+
+use std::ffi::{c_int, c_void};
+
+use ecan_host::{Adapter, Ecrt};
+use ecan_mcan_host::boundary::{Call, call, getter};
+use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
+use ecrt_sys::Master;
+
+use super::config::{AdapterPlain, ecan_igh_config_t};
+use crate::bus::{self, Bus};
+use crate::errors;
+use crate::handle::{self, Entered, Kind, Words};
+
+/// A master with its slaves. Belongs to one thread at a time and stays where it is: a copy names
+/// nothing. What builds on it (igh_mcan_port_t, igh_cia402_context_t) ends with it.
+#[repr(C)]
+#[derive(Debug)]
+pub struct ecan_igh_context_t {
+    /// Not for the application.
+    pub opaque: [u64; 4],
+}
+
+const _: () = assert!(size_of::<Words>() == size_of::<ecan_igh_context_t>());
+
+/// The library that the configuration asks for; a simulated one says so on standard error.
+fn open_library(call: Call, config: &AdapterPlain) -> Result<Ecrt, ecan_result_t> {
+    let explicit = config.is_ecrt_set.then(|| config.ecrt.get().unwrap_or_default());
+    let setting = EcrtSetting::resolve(explicit).map_err(|e| errors::backend(call, &e))?;
+    let clock = if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real };
+    let last_position = config.slaves[..config.slave_count].iter().map(|s| s.position).max();
+    let options = SimOptions {
+        suggested: config.scenario.get().map(str::to_owned),
+        clock: Some(clock),
+        seed: config.seed,
+        slaves: last_position.map(|position| usize::from(position) + 1),
+        carries_large_pdos: config.allow_large_pdos.then_some(true),
+    };
+    let backend = ecan_sim::open(&setting, &options).map_err(|e| errors::backend(call, &e))?;
+    if let Some(simulation) = &backend.simulation {
+        eprintln!("{}", simulation.banner());
+    }
+    Ok(backend.ecrt)
+}
+
+/// Opens the master: checks the configuration as a whole, loads the EtherCAT master library,
+/// reserves the master, finds the slaves, writes their startup SDOs in PREOP (also those of
+/// igh_mcan_port_apply_config()) and maps their PDOs. The bus is not cyclic yet.
+///
+/// Blocks, for seconds where the master is still scanning the bus.
+///
+/// @param context  Whatever it holds; the manual's fragments leave it uninitialised.
+/// @param config   Is copied.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
+///          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL,
+///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER for a context that lives.
+///          After an error there is nothing to deinit.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_init(
+    context: *mut ecan_igh_context_t,
+    config: *mut ecan_igh_config_t,
+) -> c_int {
+    call("ecan_igh_init", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let config = unsafe {
+            call.out("context", context)?;
+            AdapterPlain::open(call, config)?
+        };
+        // SAFETY: as above.
+        unsafe {
+            handle::init(call, context.cast(), Kind::Adapter, || {
+                let rust = config.to_rust();
+                // A faulty configuration is told before any library is looked for.
+                rust.check().map_err(|faults| errors::adapter(call, &faults.into()))?;
+                let ecrt = open_library(call, config)?;
+                let adapter = Adapter::open(&ecrt, rust);
+                Ok(Bus::new(adapter.map_err(|e| errors::adapter(call, &e))?, config.applied()))
+            })
+        }
+    })
+}
+
+/// Adds slaves to a master that the application runs itself, for its other slaves on the same bus.
+///
+/// Requesting, activating, sending, receiving and releasing stay with the owner: call this before
+/// ecrt_master_activate(), ecan_igh_owner_activated() after it, in each cycle ecan_igh_receive()
+/// (or igh_mcan_port_cycle_begin()) after ecrt_master_receive() and ecan_igh_send() (or
+/// igh_mcan_port_cycle_end()) before ecrt_master_send(). Functions that wait by running the cycle
+/// themselves return ECAN_ERR_ATTACHED; poll ecan_igh_is_operational() or
+/// igh_mcan_port_is_ready() instead. Deinit the context before ecrt_master_deactivate() and
+/// ecrt_release_master().
+///
+/// @param master  The owner's ec_master_t, reserved, of the same library that the setting `ecrt`
+///                names (by default libethercat.so.1, as the owner has it).
+///
+/// @usage   not rt, the owner's thread, before ecrt_master_activate
+/// @return  As ecan_igh_init().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_attach(
+    context: *mut ecan_igh_context_t,
+    config: *mut ecan_igh_config_t,
+    master: *mut c_void,
+) -> c_int {
+    call("ecan_igh_attach", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let config = unsafe {
+            call.out("context", context)?;
+            call.out("master", master)?;
+            AdapterPlain::open(call, config)?
+        };
+        // SAFETY: as above.
+        unsafe {
+            handle::init(call, context.cast(), Kind::Adapter, || {
+                let rust = config.to_rust();
+                rust.check().map_err(|faults| errors::adapter(call, &faults.into()))?;
+                let ecrt = open_library(call, config)?;
+                let foreign = Master::from_raw(ecrt.clone(), master.cast()).map_err(|errno| {
+                    call.fail(ecan_result_t::ECAN_ERR_MASTER, format_args!("{errno}"))
+                })?;
+                let adapter = Adapter::attach(&ecrt, foreign, rust);
+                Ok(Bus::new(adapter.map_err(|e| errors::adapter(call, &e))?, config.applied()))
+            })
+        }
+    })
+}
+
+/// Tells that the owner has activated the master.
+///
+/// @usage   not rt, the owner's thread, after ecrt_master_activate
+/// @return  ECAN_OK; ECAN_ERR_ORDER for a context that is not attached or active already;
+///          ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_owner_activated(context: *mut ecan_igh_context_t) -> c_int {
+    call("ecan_igh_owner_activated", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter(call, context.cast())? };
+        let activated = bus.need_adapter(call)?.owner_activated();
+        activated.map_err(|error| errors::adapter(call, &error))
+    })
+}
+
+/// Starts cyclic operation without waiting for OP: from here on the application runs the cycle,
+/// and polls ecan_igh_is_operational() or igh_mcan_port_is_ready().
+///
+/// @usage   not rt, the cycle's thread, after init and igh_mcan_port_init
+/// @return  ECAN_OK; ECAN_ERR_ORDER where it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER,
+///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_activate(context: *mut ecan_igh_context_t) -> c_int {
+    call("ecan_igh_activate", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter(call, context.cast())? };
+        let activated = bus.need_adapter(call)?.activate();
+        activated.map_err(|error| errors::adapter(call, &error))
+    })
+}
+
+/// Starts cyclic operation if that has not been done, and runs the cycle until every slave is in
+/// OP; with a Port on it also until every gateway has been verified and is in service, so that
+/// frames can be sent. Blocks; received frames are thrown away meanwhile. Call igh_mcan_port_init()
+/// before, since a Port needs a bus that is not active yet.
+///
+/// @param timeout_ms  Milliseconds; ecan_igh_startup_timeout_ms() tells what to allow.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that lacks, and why;
+///          ECAN_ERR_VERIFICATION for a gateway that is in OP but reads back something else than
+///          was configured; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
+///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
+    context: *mut ecan_igh_context_t,
+    timeout_ms: u32,
+) -> c_int {
+    call("ecan_igh_wait_op_timeout", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter(call, context.cast())? };
+        bus.need_owned(call)?;
+        match bus.port_mut() {
+            Some(port) => port.wait_ready(timeout_ms).map_err(|e| errors::port(call, &e)),
+            None => {
+                let waited = bus.need_adapter(call)?.wait_op(timeout_ms);
+                waited.map_err(|error| errors::adapter(call, &error))
+            }
+        }
+    })
+}
+
+/// Leaves cyclic operation and configures the slaves anew: the way to switch N at run time (manual
+/// 14.2). Then wait for OP again. With a Port on it use igh_mcan_port_reconfigure().
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port on it, ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
+///          A faulty configuration changes nothing; after any other error another reconfigure may
+///          be tried.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_reconfigure(
+    context: *mut ecan_igh_context_t,
+    config: *mut ecan_igh_config_t,
+) -> c_int {
+    call("ecan_igh_reconfigure", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, config) =
+            unsafe { (bus::enter(call, context.cast())?, AdapterPlain::open(call, config)?) };
+        if bus.port_mut().is_some() {
+            let words = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+        }
+        let reconfigured = bus.need_adapter(call)?.reconfigure(config.to_rust());
+        bus.requests.clear();
+        reconfigured.map_err(|error| errors::adapter(call, &error))
+    })
+}
+
+/// Ends it: leaves cyclic operation and releases the master, or detaches from the owner's. A Port
+/// and axes on it end, too.
+///
+/// @usage   not rt, the cycle's thread, any time
+/// @return  ECAN_OK, also for a context that is deinitialised already or never was initialised;
+///          ECAN_ERR_NULL, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_deinit(context: *mut ecan_igh_context_t) -> c_int {
+    call("ecan_igh_deinit", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let bus: Option<Entered<Bus>> =
+            unsafe { handle::enter_to_end(call, context.cast(), Kind::Adapter)? };
+        if let Some(bus) = bus {
+            drop(bus.leave());
+        }
+        Ok(())
+    })
+}
+
+/// Whether the bus is simulated.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t) -> c_int {
+    getter(
+        "ecan_igh_is_simulated",
+        |error| error.code(),
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            let mut bus = unsafe { bus::enter(call, context.cast())? };
+            Ok(bus.need_adapter(call)?.is_simulated().into())
+        },
+    )
+}
+
+/// What ecan_igh_wait_op_timeout() should be allowed, by the startup SDOs, the cycle and the number
+/// of slaves.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  Milliseconds; 0 where there is no context.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_startup_timeout_ms(context: *mut ecan_igh_context_t) -> u32 {
+    getter(
+        "ecan_igh_startup_timeout_ms",
+        |_| 0,
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            let mut bus = unsafe { bus::enter(call, context.cast())? };
+            Ok(bus.need_adapter(call)?.startup_timeout_ms())
+        },
+    )
+}

@@ -1,0 +1,157 @@
+//! Diagnosis from another thread
+//!
+//! A second, unreserved handle on the master: a thread of lower priority reads states and objects
+//! while the cycle runs. Each handle belongs to one thread at a time.
+
+use std::ffi::{c_int, c_void};
+
+use ecan_host::Diagnostics;
+use ecan_mcan_host::boundary::call;
+
+use super::bus_state::ecan_igh_master_state_t;
+use super::context::ecan_igh_context_t;
+use crate::bus;
+use crate::errors;
+use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
+
+/// A handle for diagnosis. Stays where it is: a copy names nothing. May outlive the context.
+#[repr(C)]
+#[derive(Debug)]
+pub struct ecan_igh_diagnostics_t {
+    /// Not for the application.
+    pub opaque: [u64; 4],
+}
+
+const _: () = assert!(size_of::<Words>() == size_of::<ecan_igh_diagnostics_t>());
+
+static POOL: Pool<Diagnostics> = Pool::new();
+
+impl Pooled for Diagnostics {
+    fn pool() -> &'static Pool<Self> {
+        &POOL
+    }
+}
+
+/// Opens a handle for diagnosis.
+///
+/// @param diagnostics  Whatever it holds.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_ORDER for a handle that is open; ECAN_ERR_NULL,
+///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_diagnostics_open(
+    diagnostics: *mut ecan_igh_diagnostics_t,
+    context: *mut ecan_igh_context_t,
+) -> c_int {
+    call("ecan_igh_diagnostics_open", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        unsafe {
+            call.out("diagnostics", diagnostics)?;
+            let mut bus = bus::enter(call, context.cast())?;
+            handle::init(call, diagnostics.cast(), Kind::Diagnostics, || {
+                let opened = bus.need_adapter(call)?.open_diagnostics();
+                opened.map_err(|error| errors::adapter(call, &error))
+            })
+        }
+    })
+}
+
+/// Reads an object of a slave and waits for it; arguments as of ecan_igh_sdo_upload().
+///
+/// @usage   not rt, the handle's thread, after open
+/// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
+///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+///          ECAN_ERR_MASTER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_upload(
+    diagnostics: *mut ecan_igh_diagnostics_t,
+    slave: usize,
+    index: u16,
+    subindex: u8,
+    data: *mut c_void,
+    size: usize,
+    length: *mut usize,
+) -> c_int {
+    call("ecan_igh_diagnostics_sdo_upload", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (diagnostics, mut room, out): (Entered<Diagnostics>, _, _) = unsafe {
+            (
+                handle::enter(call, diagnostics.cast(), Kind::Diagnostics)?,
+                call.room("data", data.cast::<u8>(), size)?,
+                call.out("length", length)?,
+            )
+        };
+        let mut value = vec![0; size];
+        let read = diagnostics.sdo_upload(slave, index, subindex, &mut value);
+        let length = read.map_err(|error| errors::adapter(call, &error))?;
+        room.push_bytes(value.get(..length).unwrap_or_default());
+        out.set(length);
+        Ok(())
+    })
+}
+
+/// Writes an object of a slave and waits for it; arguments as of ecan_igh_sdo_download().
+///
+/// @usage   not rt, the handle's thread, after open
+/// @return  As ecan_igh_diagnostics_sdo_upload().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_download(
+    diagnostics: *mut ecan_igh_diagnostics_t,
+    slave: usize,
+    index: u16,
+    subindex: u8,
+    data: *const c_void,
+    size: usize,
+) -> c_int {
+    call("ecan_igh_diagnostics_sdo_download", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (diagnostics, data): (Entered<Diagnostics>, _) = unsafe {
+            (
+                handle::enter(call, diagnostics.cast(), Kind::Diagnostics)?,
+                call.items("data", data.cast::<u8>(), size)?,
+            )
+        };
+        let written = diagnostics.sdo_download(slave, index, subindex, data);
+        written.map_err(|error| errors::adapter(call, &error))
+    })
+}
+
+/// What the master sees of the bus.
+///
+/// @usage   not rt, the handle's thread, after open
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_diagnostics_master_state(
+    diagnostics: *mut ecan_igh_diagnostics_t,
+    state: *mut ecan_igh_master_state_t,
+) -> c_int {
+    call("ecan_igh_diagnostics_master_state", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (diagnostics, out): (Entered<Diagnostics>, _) = unsafe {
+            (handle::enter(call, diagnostics.cast(), Kind::Diagnostics)?, call.out("state", state)?)
+        };
+        let state = diagnostics.master_state().map_err(|error| errors::adapter(call, &error))?;
+        out.set(state.into());
+        Ok(())
+    })
+}
+
+/// Closes a handle.
+///
+/// @usage   not rt, the handle's thread, any time
+/// @return  ECAN_OK, also for a handle that is closed already; ECAN_ERR_NULL, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_diagnostics_deinit(
+    diagnostics: *mut ecan_igh_diagnostics_t,
+) -> c_int {
+    call("ecan_igh_diagnostics_deinit", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let handle: Option<Entered<Diagnostics>> =
+            unsafe { handle::enter_to_end(call, diagnostics.cast(), Kind::Diagnostics)? };
+        if let Some(handle) = handle {
+            drop(handle.leave());
+        }
+        Ok(())
+    })
+}

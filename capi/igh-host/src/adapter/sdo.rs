@@ -1,0 +1,109 @@
+//! SDO transfers that wait
+
+use std::ffi::{c_int, c_void};
+
+use ecan_host::{Diagnostics, Error, Phase};
+use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::common::result::ecan_result_t;
+
+use super::bus_state::need_slave;
+use super::context::ecan_igh_context_t;
+use crate::bus::{self, Bus};
+use crate::errors;
+use crate::handle::Entered;
+
+/// Runs a transfer, on an active bus beside the cycle.
+fn diagnose<R: Send>(
+    call: Call,
+    bus: &mut Entered<Bus>,
+    slave: usize,
+    work: impl FnOnce(&Diagnostics) -> Result<R, Error> + Send,
+) -> Result<R, ecan_result_t> {
+    let adapter = bus.need_adapter(call)?;
+    need_slave(call, adapter, slave)?;
+    if adapter.phase() == Phase::Active {
+        bus.need_owned(call)?;
+    }
+    let done = match bus.port_mut() {
+        Some(port) => port.diagnose(work).map_err(|error| errors::port(call, &error))?,
+        None => {
+            let adapter = bus.need_adapter(call)?;
+            let cycle = |adapter: &mut ecan_host::Adapter| {
+                let received = adapter.receive();
+                adapter.send().and(received)
+            };
+            adapter.diagnose(cycle, work).map_err(|error| errors::adapter(call, &error))?
+        }
+    };
+    done.map_err(|error| errors::adapter(call, &error))
+}
+
+/// Reads an object of a slave and waits for it. On an active bus the cycle is run meanwhile;
+/// received frames are thrown away then. In the cycle use ecan_igh_sdo_request_read().
+///
+/// @param data    Gets the value, little endian.
+/// @param size    Bytes of the buffer.
+/// @param length  Gets the bytes of the value.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
+///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+///          ECAN_ERR_MASTER; ECAN_ERR_ATTACHED on an active bus of another owner, where
+///          ecan_igh_diagnostics_sdo_upload() in another thread does it.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_sdo_upload(
+    context: *mut ecan_igh_context_t,
+    slave: usize,
+    index: u16,
+    subindex: u8,
+    data: *mut c_void,
+    size: usize,
+    length: *mut usize,
+) -> c_int {
+    call("ecan_igh_sdo_upload", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, mut room, out) = unsafe {
+            (
+                bus::enter(call, context.cast())?,
+                call.room("data", data.cast::<u8>(), size)?,
+                call.out("length", length)?,
+            )
+        };
+        let value = diagnose(call, &mut bus, slave, |diagnostics| {
+            let mut value = vec![0; size];
+            let length = diagnostics.sdo_upload(slave, index, subindex, &mut value)?;
+            value.truncate(length);
+            Ok(value)
+        })?;
+        room.push_bytes(&value);
+        out.set(value.len());
+        Ok(())
+    })
+}
+
+/// Writes an object of a slave and waits for it; as ecan_igh_sdo_upload().
+///
+/// @param data  The value, little endian.
+/// @param size  Its bytes.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  As ecan_igh_sdo_upload().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_sdo_download(
+    context: *mut ecan_igh_context_t,
+    slave: usize,
+    index: u16,
+    subindex: u8,
+    data: *const c_void,
+    size: usize,
+) -> c_int {
+    call("ecan_igh_sdo_download", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, data) = unsafe {
+            (bus::enter(call, context.cast())?, call.items("data", data.cast::<u8>(), size)?)
+        };
+        diagnose(call, &mut bus, slave, |diagnostics| {
+            diagnostics.sdo_download(slave, index, subindex, data)
+        })
+    })
+}

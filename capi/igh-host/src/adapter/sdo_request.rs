@@ -1,0 +1,229 @@
+//! SDO requests in the cycle
+//!
+//! Created before the bus is active, used in the cycle: start a transfer, look at its state in
+//! later cycles, take the value. A transfer takes some tens of cycles.
+
+use std::ffi::{c_int, c_void};
+
+use ecan_host::RequestState;
+use ecan_mcan_host::boundary::{Call, call, getter};
+use ecan_mcan_host::common::result::ecan_result_t;
+
+use super::bus_state::need_slave;
+use super::context::ecan_igh_context_t;
+use crate::bus::{self, Bus, Request};
+use crate::errors;
+use crate::handle::Entered;
+
+/// State of an SDO request.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ecan_igh_request_state_t {
+    /// Not used yet.
+    ECAN_IGH_REQUEST_UNUSED = 0,
+    /// Under way.
+    ECAN_IGH_REQUEST_RUNNING = 1,
+    /// Done.
+    ECAN_IGH_REQUEST_SUCCESS = 2,
+    /// Refused by the slave, or timed out; the kernel log tells which.
+    ECAN_IGH_REQUEST_ERROR = 3,
+}
+
+fn find(call: Call, bus: &Entered<Bus>, request: usize) -> Result<Request, ecan_result_t> {
+    let count = bus.requests.len();
+    bus.requests.get(request).copied().ok_or_else(|| {
+        call.argument("request", format_args!("{request} is none of the {count} requests"))
+    })
+}
+
+/// Creates an SDO request. A reconfiguration ends all requests.
+///
+/// @param size     Most bytes of the values that it will transfer.
+/// @param request  Gets the number by which the request is named.
+///
+/// @usage   not rt, the cycle's thread, after init and before the bus is active
+/// @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+///          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_create_sdo_request(
+    context: *mut ecan_igh_context_t,
+    slave: usize,
+    size: usize,
+    request: *mut usize,
+) -> c_int {
+    call("ecan_igh_create_sdo_request", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, out) =
+            unsafe { (bus::enter(call, context.cast())?, call.out("request", request)?) };
+        let adapter = bus.need_adapter(call)?;
+        need_slave(call, adapter, slave)?;
+        if !(1..=65_536).contains(&size) {
+            return Err(call.argument("size", format_args!("{size} is not 1 to 65536")));
+        }
+        let created = adapter.create_sdo_request(slave, size);
+        let id = created.map_err(|error| errors::adapter(call, &error))?;
+        bus.requests.push(Request { id, size });
+        out.set(bus.requests.len() - 1);
+        Ok(())
+    })
+}
+
+/// Sets how long a transfer of the request may take.
+///
+/// @param timeout_ms  Milliseconds; 0 for the master's own.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT,
+///          ECAN_ERR_MASTER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_sdo_request_timeout(
+    context: *mut ecan_igh_context_t,
+    request: usize,
+    timeout_ms: u32,
+) -> c_int {
+    call("ecan_igh_sdo_request_timeout", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter(call, context.cast())? };
+        let request = find(call, &bus, request)?;
+        let set = bus.need_adapter(call)?.sdo_request_timeout(request.id, timeout_ms);
+        set.map_err(|error| errors::cycle(call, &error))
+    })
+}
+
+/// Refuses a request that is under way.
+fn need_idle(call: Call, bus: &mut Entered<Bus>, request: Request) -> Result<(), ecan_result_t> {
+    let state = bus.need_adapter(call)?.sdo_request_state(request.id);
+    if state.map_err(|error| errors::cycle(call, &error))? == RequestState::Busy {
+        let words = format_args!("the request is under way");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+    }
+    Ok(())
+}
+
+/// Starts reading an object.
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  ECAN_OK; ECAN_ERR_ORDER for a request under way; ECAN_ERR_NULL,
+///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_sdo_request_read(
+    context: *mut ecan_igh_context_t,
+    request: usize,
+    index: u16,
+    subindex: u8,
+) -> c_int {
+    call("ecan_igh_sdo_request_read", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter(call, context.cast())? };
+        let request = find(call, &bus, request)?;
+        need_idle(call, &mut bus, request)?;
+        let started = bus.need_adapter(call)?.sdo_request_read(request.id, index, subindex);
+        started.map_err(|error| errors::cycle(call, &error))
+    })
+}
+
+/// Starts writing an object.
+///
+/// @param data  The value, little endian. Is copied.
+/// @param size  Its bytes, at most those of the request.
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for too many bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_sdo_request_write(
+    context: *mut ecan_igh_context_t,
+    request: usize,
+    index: u16,
+    subindex: u8,
+    data: *const c_void,
+    size: usize,
+) -> c_int {
+    call("ecan_igh_sdo_request_write", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, data) = unsafe {
+            (bus::enter(call, context.cast())?, call.items("data", data.cast::<u8>(), size)?)
+        };
+        let request = find(call, &bus, request)?;
+        if size > request.size {
+            let words = format_args!("{size} bytes do not fit a request of {}", request.size);
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+        }
+        need_idle(call, &mut bus, request)?;
+        let adapter = bus.need_adapter(call)?;
+        let started = adapter.sdo_request_write(request.id, index, subindex, data);
+        started.map_err(|error| errors::cycle(call, &error))
+    })
+}
+
+/// How far a request is.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  An ecan_igh_request_state_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
+///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_sdo_request_state(
+    context: *mut ecan_igh_context_t,
+    request: usize,
+) -> c_int {
+    getter(
+        "ecan_igh_sdo_request_state",
+        |error| error.code(),
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            let mut bus = unsafe { bus::enter(call, context.cast())? };
+            let request = find(call, &bus, request)?;
+            let state = bus.need_adapter(call)?.sdo_request_state(request.id);
+            let state = match state.map_err(|error| errors::cycle(call, &error))? {
+                RequestState::Unused => ecan_igh_request_state_t::ECAN_IGH_REQUEST_UNUSED,
+                RequestState::Busy => ecan_igh_request_state_t::ECAN_IGH_REQUEST_RUNNING,
+                RequestState::Success => ecan_igh_request_state_t::ECAN_IGH_REQUEST_SUCCESS,
+                RequestState::Error => ecan_igh_request_state_t::ECAN_IGH_REQUEST_ERROR,
+            };
+            Ok(state as c_int)
+        },
+    )
+}
+
+/// Takes the value that a read has brought.
+///
+/// @param data    Gets the value, little endian.
+/// @param size    Bytes of the buffer.
+/// @param length  Gets the bytes of the value.
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER where the state is not
+///          success; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT,
+///          ECAN_ERR_MASTER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_sdo_request_data(
+    context: *mut ecan_igh_context_t,
+    request: usize,
+    data: *mut c_void,
+    size: usize,
+    length: *mut usize,
+) -> c_int {
+    call("ecan_igh_sdo_request_data", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, mut room, out) = unsafe {
+            (
+                bus::enter(call, context.cast())?,
+                call.room("data", data.cast::<u8>(), size)?,
+                call.out("length", length)?,
+            )
+        };
+        let request = find(call, &bus, request)?;
+        let adapter = bus.need_adapter(call)?;
+        let state = adapter.sdo_request_state(request.id);
+        if state.map_err(|error| errors::cycle(call, &error))? != RequestState::Success {
+            let words = format_args!("the request has brought nothing");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+        }
+        let value = adapter.sdo_request_data(request.id);
+        out.set(value.len());
+        if room.push_bytes(value) {
+            return Ok(());
+        }
+        let words = format_args!("the value has {} bytes, {size} fit", value.len());
+        Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words))
+    })
+}

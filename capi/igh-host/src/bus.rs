@@ -1,0 +1,222 @@
+//! What the contexts of one master share: the Adapter, a Port on it, axes on that.
+
+use ecan_cia402::Cia402;
+use ecan_host::{Adapter, RequestId};
+use ecan_mcan_host::boundary::Call;
+use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_port::{Port, PortConfig, SendTicket};
+
+use crate::errors;
+use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
+
+/// The topmost layer that there is.
+#[derive(Debug)]
+pub(crate) enum Layer {
+    Adapter(Box<Adapter>),
+    Port(Box<Port>),
+    /// The Adapter is being handed from layer to layer.
+    Between,
+}
+
+/// One master with what is built on it.
+#[derive(Debug)]
+pub(crate) struct Bus {
+    layer: Layer,
+    /// Counts the Ports and the axes that there have been, so that an old context names none.
+    contexts: u64,
+    port_serial: u64,
+    cia402: Option<(u64, Box<Cia402>)>,
+    pub(crate) requests: Vec<Request>,
+    pub(crate) last_ticket: Option<SendTicket>,
+    /// What igh_mcan_port_apply_config() made the startup SDOs of.
+    pub(crate) applied: Option<PortConfig>,
+}
+
+/// An SDO request of the application.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Request {
+    pub(crate) id: RequestId,
+    pub(crate) size: usize,
+}
+
+static POOL: Pool<Bus> = Pool::new();
+
+impl Pooled for Bus {
+    fn pool() -> &'static Pool<Self> {
+        &POOL
+    }
+}
+
+impl Bus {
+    pub(crate) fn new(adapter: Adapter, applied: Option<PortConfig>) -> Self {
+        Self {
+            layer: Layer::Adapter(Box::new(adapter)),
+            contexts: 0,
+            port_serial: 0,
+            cia402: None,
+            requests: Vec::new(),
+            last_ticket: None,
+            applied,
+        }
+    }
+
+    /// The Adapter, alone or below a Port.
+    pub(crate) fn adapter(&self) -> Option<&Adapter> {
+        match &self.layer {
+            Layer::Adapter(adapter) => Some(adapter),
+            Layer::Port(port) => Some(port.adapter()),
+            Layer::Between => None,
+        }
+    }
+
+    pub(crate) fn adapter_mut(&mut self) -> Option<&mut Adapter> {
+        match &mut self.layer {
+            Layer::Adapter(adapter) => Some(adapter),
+            Layer::Port(port) => Some(port.adapter_mut()),
+            Layer::Between => None,
+        }
+    }
+
+    pub(crate) fn port_mut(&mut self) -> Option<&mut Port> {
+        if let Layer::Port(port) = &mut self.layer { Some(port) } else { None }
+    }
+
+    /// Puts a Port on the Adapter. Without success the Adapter stays as it is.
+    pub(crate) fn add_port(
+        &mut self,
+        call: Call,
+        make: impl FnOnce(Adapter) -> Result<Port, (ecan_result_t, Box<Adapter>)>,
+    ) -> Result<u64, ecan_result_t> {
+        match std::mem::replace(&mut self.layer, Layer::Between) {
+            Layer::Adapter(adapter) => match make(*adapter) {
+                Ok(port) => {
+                    self.layer = Layer::Port(Box::new(port));
+                    self.contexts += 1;
+                    self.port_serial = self.contexts;
+                    Ok(self.contexts)
+                }
+                Err((code, adapter)) => {
+                    self.layer = Layer::Adapter(adapter);
+                    Err(code)
+                }
+            },
+            other => {
+                self.layer = other;
+                let words = format_args!("there is a Port on this context already");
+                Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words))
+            }
+        }
+    }
+
+    /// Takes the Port off the Adapter.
+    pub(crate) fn remove_port(&mut self) {
+        self.cia402 = None;
+        self.last_ticket = None;
+        self.layer = match std::mem::replace(&mut self.layer, Layer::Between) {
+            Layer::Port(port) => Layer::Adapter(Box::new(port.into_adapter())),
+            other => other,
+        };
+    }
+
+    /// Puts axes on the Port.
+    pub(crate) fn add_cia402(
+        &mut self,
+        call: Call,
+        make: impl FnOnce(&Port) -> Result<Cia402, ecan_result_t>,
+    ) -> Result<u64, ecan_result_t> {
+        if self.cia402.is_some() {
+            let words = format_args!("there are axes on this Port already");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+        }
+        let Layer::Port(port) = &self.layer else {
+            return Err(handle::not_initialised(call, Kind::Port));
+        };
+        let cia402 = make(port)?;
+        self.contexts += 1;
+        self.cia402 = Some((self.contexts, Box::new(cia402)));
+        Ok(self.contexts)
+    }
+
+    /// Takes the axes off the Port; they are not told anything.
+    pub(crate) fn remove_cia402(&mut self) {
+        self.cia402 = None;
+    }
+}
+
+/// The bus of an Adapter context.
+///
+/// # Safety
+/// `context` is NULL or valid for reading, whatever bytes it holds.
+pub(crate) unsafe fn enter(
+    call: Call,
+    context: *const Words,
+) -> Result<Entered<Bus>, ecan_result_t> {
+    // SAFETY: the caller's promise.
+    unsafe { handle::enter(call, context, Kind::Adapter) }
+}
+
+/// The bus of a Port context.
+///
+/// # Safety
+/// As for [`enter`].
+#[inline]
+pub(crate) unsafe fn enter_port(
+    call: Call,
+    context: *const Words,
+) -> Result<Entered<Bus>, ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let bus: Entered<Bus> = unsafe { handle::enter(call, context, Kind::Port)? };
+    if bus.port_serial != bus.serial || !matches!(bus.layer, Layer::Port(_)) {
+        return Err(handle::not_initialised(call, Kind::Port));
+    }
+    Ok(bus)
+}
+
+/// The bus of an axes context.
+///
+/// # Safety
+/// As for [`enter`].
+pub(crate) unsafe fn enter_cia402(
+    call: Call,
+    context: *const Words,
+) -> Result<Entered<Bus>, ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let bus: Entered<Bus> = unsafe { handle::enter(call, context, Kind::Cia402)? };
+    if bus.cia402.as_ref().map(|(serial, _)| *serial) != Some(bus.serial) {
+        return Err(handle::not_initialised(call, Kind::Cia402));
+    }
+    Ok(bus)
+}
+
+impl Entered<Bus> {
+    /// The Adapter.
+    pub(crate) fn need_adapter(&mut self, call: Call) -> Result<&mut Adapter, ecan_result_t> {
+        self.adapter_mut().ok_or_else(|| handle::not_initialised(call, Kind::Adapter))
+    }
+
+    /// The Port.
+    #[inline]
+    pub(crate) fn need_port(&mut self, call: Call) -> Result<&mut Port, ecan_result_t> {
+        self.port_mut().ok_or_else(|| handle::not_initialised(call, Kind::Port))
+    }
+
+    /// The axes and their Port.
+    pub(crate) fn need_axes(
+        &mut self,
+        call: Call,
+    ) -> Result<(&mut Cia402, &mut Port), ecan_result_t> {
+        let bus = &mut **self;
+        match (&mut bus.cia402, &mut bus.layer) {
+            (Some((_, cia402)), Layer::Port(port)) => Ok((cia402, port)),
+            _ => Err(handle::not_initialised(call, Kind::Cia402)),
+        }
+    }
+
+    /// A call that runs the cycle itself is not for a master of another owner.
+    pub(crate) fn need_owned(&self, call: Call) -> Result<(), ecan_result_t> {
+        match self.adapter() {
+            Some(adapter) if adapter.is_attached() => Err(errors::attached(call)),
+            _ => Ok(()),
+        }
+    }
+}

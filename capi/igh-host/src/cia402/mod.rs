@@ -1,0 +1,1 @@
+//! CANopen and CiA 402: `igh_cia402_protocol.h`.

@@ -1,0 +1,166 @@
+//! Errors of the layers below as codes of C.
+
+use std::fmt::Display;
+
+use ecan_cia402::{
+    Cia402Error, CommandError, NmtError, ScheduleError, SdoFailure, SdoFault, WaitError,
+};
+use ecan_host::{CycleError, Error};
+use ecan_mcan_host::boundary::Call;
+use ecan_mcan_host::common::last_error;
+use ecan_mcan_host::common::result::ecan_result_t::{self, *};
+use ecan_mcan_port::{NoRoom, PortError, SendError};
+use ecan_sim::BackendError;
+
+/// Notes an error in words and gives its code.
+#[cold]
+fn note(call: Call, code: ecan_result_t, error: &dyn Display, abort_code: u32) -> ecan_result_t {
+    last_error::note_with_abort_code(call.function(), code, format_args!("{error}"), abort_code);
+    code
+}
+
+#[cold]
+pub(crate) fn backend(call: Call, error: &BackendError) -> ecan_result_t {
+    note(call, ECAN_ERR_ECRT, error, 0)
+}
+
+#[cold]
+pub(crate) fn cycle(call: Call, error: &CycleError) -> ecan_result_t {
+    let code = match error {
+        CycleError::NotActive { .. } => ECAN_ERR_ORDER,
+        _ => ECAN_ERR_MASTER,
+    };
+    note(call, code, error, 0)
+}
+
+#[cold]
+pub(crate) fn adapter(call: Call, error: &Error) -> ecan_result_t {
+    let (code, abort_code) = adapter_code(error);
+    note(call, code, error, abort_code)
+}
+
+fn adapter_code(error: &Error) -> (ecan_result_t, u32) {
+    let code = match error {
+        Error::Config(_) => ECAN_ERR_CONFIG,
+        Error::NoSuchSlave { .. } | Error::SameSlave { .. } => ECAN_ERR_NOT_FOUND,
+        Error::NotForeign | Error::NotAttached { .. } | Error::Phase { .. } => ECAN_ERR_ORDER,
+        Error::OtherMaster { .. } => ECAN_ERR_CONFIG,
+        Error::WrongIdentity { .. }
+        | Error::NotAnEcanLite { .. }
+        | Error::Unrecognised { .. }
+        | Error::Mapping { .. }
+        | Error::MappingCount { .. } => ECAN_ERR_IDENTITY,
+        Error::Sdo { abort_code, .. } => {
+            return (ECAN_ERR_SDO, abort_code.map_or(0, |code| code.0));
+        }
+        Error::Readback { .. } => ECAN_ERR_READBACK,
+        Error::NotInPreop { .. } | Error::NotOperational(_) => ECAN_ERR_NOT_OPERATIONAL,
+        Error::Attached { .. } => ECAN_ERR_ATTACHED,
+        Error::SlaveIndex { .. } => ECAN_ERR_SLAVE,
+        Error::Cycle(CycleError::NotActive { .. }) => ECAN_ERR_ORDER,
+        _ => ECAN_ERR_MASTER,
+    };
+    (code, 0)
+}
+
+/// A call that runs the cycle itself, on a master of another owner.
+#[cold]
+pub(crate) fn attached(call: Call) -> ecan_result_t {
+    let words = "this context is attached to its owner's master: run the cycle around \
+                 ecan_igh_receive and ecan_igh_send, and poll";
+    note(call, ECAN_ERR_ATTACHED, &words, 0)
+}
+
+#[cold]
+pub(crate) fn port(call: Call, error: &PortError) -> ecan_result_t {
+    let (code, abort_code) = match error {
+        PortError::Config(_) => (ECAN_ERR_CONFIG, 0),
+        PortError::Adapter(error) => adapter_code(error),
+        PortError::Cycle(CycleError::NotActive { .. }) => (ECAN_ERR_ORDER, 0),
+        PortError::Cycle(_) => (ECAN_ERR_MASTER, 0),
+        PortError::NotInService { .. } => (ECAN_ERR_VERIFICATION, 0),
+        _ => (ECAN_ERR_INTERNAL, 0),
+    };
+    note(call, code, error, abort_code)
+}
+
+#[cold]
+pub(crate) fn send(call: Call, error: &SendError) -> ecan_result_t {
+    let code = match error {
+        SendError::NoRoom { what: NoRoom::Image, .. } => ECAN_ERR_NO_ROOM,
+        SendError::NoRoom { what: NoRoom::Queue, .. } => ECAN_ERR_QUEUE_FULL,
+        SendError::NoRoom { what: NoRoom::BusOff, .. } => ECAN_ERR_BUS_OFF,
+        SendError::NotReady { .. } => ECAN_ERR_NOT_READY,
+        SendError::SlaveIndex { .. } => ECAN_ERR_SLAVE,
+        SendError::Channel { .. } => ECAN_ERR_CHANNEL,
+        SendError::NotFd { .. } => ECAN_ERR_NOT_FD,
+        SendError::NotSchedulable { .. } => ECAN_ERR_SCHEDULE,
+        SendError::Frame(_) => ECAN_ERR_FRAME,
+        SendError::NoCycle => ECAN_ERR_ORDER,
+        _ => ECAN_ERR_INTERNAL,
+    };
+    note(call, code, error, 0)
+}
+
+#[cold]
+pub(crate) fn command(call: Call, error: &CommandError) -> ecan_result_t {
+    note(call, command_code(error), error, 0)
+}
+
+fn command_code(error: &CommandError) -> ecan_result_t {
+    match error {
+        CommandError::NoSuchAxis { .. } => ECAN_ERR_AXIS,
+        CommandError::Unit { .. } => ECAN_ERR_ARGUMENT,
+        _ => ECAN_ERR_AXIS_STATE,
+    }
+}
+
+#[cold]
+pub(crate) fn schedule(call: Call, error: &ScheduleError) -> ecan_result_t {
+    let code = match error {
+        ScheduleError::NotSchedulable { .. } => ECAN_ERR_SCHEDULE,
+        ScheduleError::TakenUp { .. } => ECAN_ERR_AXIS_STATE,
+        _ => ECAN_ERR_ARGUMENT,
+    };
+    note(call, code, error, 0)
+}
+
+#[cold]
+pub(crate) fn nmt(call: Call, error: &NmtError) -> ecan_result_t {
+    note(call, ECAN_ERR_CANOPEN, error, 0)
+}
+
+#[cold]
+pub(crate) fn wait(call: Call, error: &WaitError) -> ecan_result_t {
+    let (code, abort_code) = wait_code(error);
+    note(call, code, error, abort_code)
+}
+
+fn wait_code(error: &WaitError) -> (ecan_result_t, u32) {
+    match error {
+        WaitError::Sdo(SdoFailure { fault, .. }) => match fault {
+            SdoFault::Aborted(code) | SdoFault::Violated(code) => (ECAN_ERR_SDO, code.0),
+            SdoFault::TimedOut { .. } => (ECAN_ERR_TIMEOUT, 0),
+            SdoFault::TooLong { .. } => (ECAN_ERR_BUFFER, 0),
+            _ => (ECAN_ERR_CANOPEN, 0),
+        },
+        WaitError::TimedOut { .. } => (ECAN_ERR_TIMEOUT, 0),
+        WaitError::Cycle(CycleError::NotActive { .. }) => (ECAN_ERR_ORDER, 0),
+        WaitError::Cycle(_) => (ECAN_ERR_MASTER, 0),
+        _ => (ECAN_ERR_CANOPEN, 0),
+    }
+}
+
+#[cold]
+pub(crate) fn cia402(call: Call, error: &Cia402Error) -> ecan_result_t {
+    let (code, abort_code) = match error {
+        Cia402Error::Command(error) => (command_code(error), 0),
+        Cia402Error::Nmt(_) => (ECAN_ERR_CANOPEN, 0),
+        Cia402Error::NotReached(_) => (ECAN_ERR_AXES, 0),
+        Cia402Error::Wait(error) => wait_code(error),
+        Cia402Error::NoSuchSlave { .. } => (ECAN_ERR_SLAVE, 0),
+        Cia402Error::ChannelNotEnabled { .. } => (ECAN_ERR_CHANNEL, 0),
+        _ => (ECAN_ERR_CONFIG, 0),
+    };
+    note(call, code, error, abort_code)
+}

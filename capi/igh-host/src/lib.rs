@@ -1,0 +1,22 @@
+//! libecan_igh_host: the whole SDK for C.
+//!
+//! The headers `igh_adapter.h`, `igh_mcan_port.h` and `igh_cia402_protocol.h` are generated from
+//! this crate: each source file below [`adapter`], [`mcan_port`] and [`cia402`] is a section of one
+//! of them, and its doc comments are the header's comments, written for readers of C.
+//!
+//! A context of C is a few words that name a [`bus`] in a table of slots; it is never followed as
+//! a pointer before these words have been checked ([`handle`]).
+#![deny(missing_docs)]
+#![allow(non_camel_case_types, reason = "the types have their C names")]
+#![allow(clippy::missing_safety_doc, reason = "the header states the rules for all pointers")]
+
+mod bus;
+mod errors;
+mod handle;
+
+pub mod adapter;
+pub mod cia402;
+pub mod mcan_port;
+
+// The protocol's functions are part of this library, too.
+pub use ecan_mcan_host::{common, pdo};

@@ -1,0 +1,140 @@
+//! Configuration of a gateway
+
+use std::ffi::c_int;
+
+use ecan_mcan_host::boundary::call;
+use ecan_mcan_host::pdo::profile;
+
+use super::config::{PortPlain, igh_mcan_port_config_t};
+
+/// Sets how frames are packed: 0x8010:05 and 0x8011:05 (manual 9); 0 by default.
+///
+/// @param tx_encapsulation  Of the TxPDO, slave to master: an igh_mcan_encapsulation_t. 1 and 5
+///                          bring timestamps.
+/// @param rx_encapsulation  Of the RxPDO.
+///
+/// @usage   not rt, any thread, before apply
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_set_encapsulation(
+    config: *mut igh_mcan_port_config_t,
+    slave: usize,
+    tx_encapsulation: c_int,
+    rx_encapsulation: c_int,
+) -> c_int {
+    call("igh_mcan_port_set_encapsulation", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
+        let tx = profile::encapsulation(call, tx_encapsulation)?;
+        gateway.rx_encapsulation = profile::encapsulation(call, rx_encapsulation)?;
+        gateway.tx_encapsulation = tx;
+        Ok(())
+    })
+}
+
+/// Sets how channels share the images: 0x8010:06 and 0x8011:06 (manual 12); balanced by default.
+///
+/// @param tx_budget, rx_budget  An igh_mcan_budget_t each.
+///
+/// @usage   not rt, any thread, before apply
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_set_budget(
+    config: *mut igh_mcan_port_config_t,
+    slave: usize,
+    tx_budget: c_int,
+    rx_budget: c_int,
+) -> c_int {
+    call("igh_mcan_port_set_budget", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
+        let tx = profile::budget(call, tx_budget)?;
+        gateway.rx_budget = profile::budget(call, rx_budget)?;
+        gateway.tx_budget = tx;
+        Ok(())
+    })
+}
+
+/// Sets the options of the images: 0x8010:07 and 0x8011:07 (manual 9.1); none by default.
+///
+/// @param tx_options  IGH_MCAN_OPTION_ values; with _TX_RESULT every frame sent is reported on.
+/// @param rx_options  IGH_MCAN_OPTION_ values but for _TX_RESULT.
+///
+/// @usage   not rt, any thread, before apply
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_set_options(
+    config: *mut igh_mcan_port_config_t,
+    slave: usize,
+    tx_options: u8,
+    rx_options: u8,
+) -> c_int {
+    call("igh_mcan_port_set_options", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
+        let tx = profile::options(call, tx_options)?;
+        gateway.rx_options = profile::options(call, rx_options)?;
+        gateway.tx_options = tx;
+        Ok(())
+    })
+}
+
+/// Says whether frames are refused that would overrun the gateway's transmit queue or meet a
+/// channel that is bus-off; they are, by default. Otherwise the queue drops what it cannot hold.
+///
+/// @usage   not rt, any thread, before apply
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_set_paced(
+    config: *mut igh_mcan_port_config_t,
+    slave: usize,
+    paced: c_int,
+) -> c_int {
+    call("igh_mcan_port_set_paced", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?.paced = paced != 0;
+        Ok(())
+    })
+}
+
+/// Sets when a gateway in service counts as lost: nothing is sent then until it has been verified
+/// again.
+///
+/// @param hold_limit   Images in a row that may miss it; 10 by default.
+/// @param input_limit  Cycles in a row without a new TxPDO image; 100 by default, 0 for no limit.
+///
+/// @usage   not rt, any thread, before apply
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_set_limits(
+    config: *mut igh_mcan_port_config_t,
+    slave: usize,
+    hold_limit: u16,
+    input_limit: u16,
+) -> c_int {
+    call("igh_mcan_port_set_limits", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
+        (gateway.hold_limit, gateway.input_limit) = (hold_limit, input_limit);
+        Ok(())
+    })
+}
+
+/// Permits the application bypass and the tests of 0x8030, which cut the CAN side off; a Port that
+/// finds them active refuses to start otherwise.
+///
+/// @usage   not rt, any thread, before apply
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_allow_diagnostic_tests(
+    config: *mut igh_mcan_port_config_t,
+    slave: usize,
+    allow: c_int,
+) -> c_int {
+    call("igh_mcan_port_allow_diagnostic_tests", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
+        gateway.allow_diagnostic_tests = allow != 0;
+        Ok(())
+    })
+}

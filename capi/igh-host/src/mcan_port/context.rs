@@ -1,0 +1,139 @@
+//! Life of a Port
+
+use std::ffi::c_int;
+
+use ecan_mcan_host::boundary::{call, getter};
+use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_port::Port;
+
+use super::config::{PortPlain, igh_mcan_port_config_t};
+use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
+use crate::adapter::context::ecan_igh_context_t;
+use crate::bus::{self, Bus};
+use crate::errors;
+use crate::handle::{self, Kind, Words};
+
+/// CAN and CAN FD through the gateways of one master. Belongs to the thread of the cycle and stays
+/// where it is: a copy names nothing. Ends with its ecan_igh_context_t at the latest.
+#[repr(C)]
+#[derive(Debug)]
+pub struct igh_mcan_port_t {
+    /// Not for the application.
+    pub opaque: [u64; 4],
+}
+
+const _: () = assert!(size_of::<Words>() == size_of::<igh_mcan_port_t>());
+
+/// Puts a Port on a master that is not active yet. ecan_igh_wait_op_timeout() then brings the
+/// gateways into service.
+///
+/// @param port    Whatever it holds; the manual's fragments leave it uninitialised.
+/// @param igh     The master. Must stay where it is as long as the Port is used.
+/// @param config  The one that was given to igh_mcan_port_apply_config(). Is copied.
+///
+/// @usage   not rt, the cycle's thread, after ecan_igh_init and before the bus is active
+/// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault, or for another configuration than the one
+///          that was applied; ECAN_ERR_ORDER where there is a Port already or the bus is active;
+///          ECAN_ERR_SDO, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+///          ECAN_ERR_BUSY. The master stays as it is after an error.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_init(
+    port: *mut igh_mcan_port_t,
+    igh: *mut ecan_igh_context_t,
+    config: *mut igh_mcan_port_config_t,
+) -> c_int {
+    call("igh_mcan_port_init", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, config) = unsafe {
+            call.out("port", port)?;
+            let bus = bus::enter(call, igh.cast())?;
+            handle::need_free::<Bus>(call, port.cast(), Kind::Port)?;
+            (bus, PortPlain::open(call, config)?)
+        };
+        let applied = bus.applied.clone();
+        let serial = bus.add_port(call, |adapter| {
+            let config = config.settings(adapter.slave_count());
+            if applied.is_some_and(|applied| applied != config) {
+                let words = format_args!(
+                    "the configuration is not the one that igh_mcan_port_apply_config was given"
+                );
+                let code = call.fail(ecan_result_t::ECAN_ERR_CONFIG, words);
+                return Err((code, Box::new(adapter)));
+            }
+            Port::on(adapter, config)
+                .map_err(|(adapter, error)| (errors::port(call, &error), adapter))
+        })?;
+        // SAFETY: as above.
+        unsafe { bus.add_context(port.cast(), Kind::Port, serial) };
+        Ok(())
+    })
+}
+
+/// Takes the gateways out of service and configures them anew: the way to switch N or channels at
+/// run time (manual 14.2). Then wait for OP again. Frames not delivered are lost, statistics start
+/// anew, axes on it end.
+///
+/// @param igh_config  Of the Adapter; the Port's part of it is `config`.
+/// @param config      Of the gateways.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  As ecan_igh_init(); a faulty configuration changes nothing. After any other error
+///          another reconfigure may be tried. ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_reconfigure(
+    port: *mut igh_mcan_port_t,
+    igh_config: *mut ecan_igh_config_t,
+    config: *mut igh_mcan_port_config_t,
+) -> c_int {
+    call("igh_mcan_port_reconfigure", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, adapter, config) = unsafe {
+            (
+                bus::enter_port(call, port.cast())?,
+                AdapterPlain::open(call, igh_config)?,
+                PortPlain::open(call, config)?,
+            )
+        };
+        let (adapter, config) = (adapter.to_rust(), config.settings(adapter.slave_count));
+        bus.remove_cia402();
+        bus.requests.clear();
+        (bus.last_ticket, bus.applied) = (None, None);
+        let reconfigured = bus.need_port(call)?.reconfigure(adapter, config);
+        reconfigured.map_err(|error| errors::port(call, &error))
+    })
+}
+
+/// Whether every gateway is in service: in OP and verified.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c_int {
+    getter(
+        "igh_mcan_port_is_ready",
+        |error| error.code(),
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+            Ok(bus.need_port(call)?.is_ready().into())
+        },
+    )
+}
+
+/// Takes the Port off the master, which stays active. Axes on it end.
+///
+/// @usage   not rt, the cycle's thread, any time
+/// @return  ECAN_OK, also for a Port that ended already or never was; ECAN_ERR_NULL,
+///          ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_deinit(port: *mut igh_mcan_port_t) -> c_int {
+    call("igh_mcan_port_deinit", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        match unsafe { bus::enter_port(call, port.cast()) } {
+            Ok(mut bus) => bus.remove_port(),
+            Err(ecan_result_t::ECAN_ERR_NOT_INITIALISED) => {}
+            Err(error) => return Err(error),
+        }
+        Ok(())
+    })
+}

@@ -1,0 +1,139 @@
+//! The cycle
+//!
+//! ```c
+//! igh_mcan_port_wait_next_cycle(&mcan);
+//! igh_mcan_port_cycle_begin(&mcan);
+//! igh_mcan_port_receive(&mcan, rx, 32, &rx_count);
+//! igh_mcan_port_send_can(&mcan, 0, 0, 0x123, 0, data, 8);
+//! igh_mcan_port_cycle_end(&mcan);
+//! ```
+
+use std::ffi::c_int;
+
+use ecan_mcan_host::boundary::call;
+use ecan_mcan_host::pdo::frames::{igh_mcan_rx_frame_t, igh_mcan_rx_kind_t};
+use ecan_mcan_port::{ReceiveSource, Received};
+
+use super::context::igh_mcan_port_t;
+use crate::bus;
+use crate::errors;
+
+/// Sleeps until the next cycle is due; as ecan_igh_wait_next_cycle().
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_t) -> c_int {
+    call("igh_mcan_port_wait_next_cycle", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+        bus.need_port(call)?.wait_next_cycle();
+        Ok(())
+    })
+}
+
+/// First in the cycle: fetches the images, judges them, and goes on with bringing gateways into
+/// service. What the last cycle brought and was not received is gone. Does nothing while a cycle
+/// is open already.
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  ECAN_OK; ECAN_ERR_MASTER where a call of the library failed: the cycle is open all the
+///          same, call igh_mcan_port_cycle_end() in any case. ECAN_ERR_ORDER where the bus is not
+///          active; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) -> c_int {
+    call("igh_mcan_port_cycle_begin", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+        let begun = bus.need_port(call)?.cycle_begin();
+        begun.map_err(|error| errors::cycle(call, &error))
+    })
+}
+
+/// Last in the cycle: publishes the images, or held ones once more, and sends.
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  ECAN_OK; ECAN_ERR_MASTER where a call of the library failed, and the cycle may go on
+///          with the next call; ECAN_ERR_ORDER where the bus is not active; ECAN_ERR_NULL,
+///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) -> c_int {
+    call("igh_mcan_port_cycle_end", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+        let ended = bus.need_port(call)?.cycle_end();
+        ended.map_err(|error| errors::cycle(call, &error))
+    })
+}
+
+fn source(source: ReceiveSource) -> u8 {
+    match source {
+        ReceiveSource::Fifo0 => 0,
+        ReceiveSource::Fifo1 => 1,
+        ReceiveSource::RxBuffer => 2,
+        ReceiveSource::HighPriority => 3,
+        ReceiveSource::Other(other) => other,
+    }
+}
+
+/// An item as C sees it.
+#[inline]
+pub(crate) fn rx_frame(item: &Received) -> igh_mcan_rx_frame_t {
+    match item {
+        Received::Frame(received) => igh_mcan_rx_frame_t::from_frame(
+            received.slave,
+            received.channel,
+            received.frame.as_ref(),
+            received.timestamp,
+            source(received.source),
+        ),
+        Received::TransmitReport(report) => igh_mcan_rx_frame_t {
+            slave: report.slave as u16,
+            channel: report.channel,
+            kind: igh_mcan_rx_kind_t::IGH_MCAN_RX_TX_RESULT as u8,
+            result: report.code.raw(),
+            sequence: report.ticket.map_or(0, |ticket| ticket.sequence),
+            frame_index: report.ticket.map_or(0, |ticket| ticket.index),
+            is_known: report.ticket.is_some().into(),
+            ..igh_mcan_rx_frame_t::EMPTY
+        },
+    }
+}
+
+/// Takes what came back: frames of the buses, and the outcome of frames sent where the option
+/// TX_RESULT is set (kind). In the order of the images and of the slaves. What does not fit stays
+/// for another call in the same cycle.
+///
+/// @param rx        Room for frames.
+/// @param capacity  Frames that fit.
+/// @param rx_count  Gets the number of frames taken.
+///
+/// @usage   rt, the cycle's thread, in an open cycle
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_receive(
+    port: *mut igh_mcan_port_t,
+    rx: *mut igh_mcan_rx_frame_t,
+    capacity: usize,
+    rx_count: *mut usize,
+) -> c_int {
+    call("igh_mcan_port_receive", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, mut room, count) = unsafe {
+            (
+                bus::enter_port(call, port.cast())?,
+                call.room("rx", rx, capacity)?,
+                call.out("rx_count", rx_count)?,
+            )
+        };
+        count.set(0);
+        if !room.is_full() {
+            bus.need_port(call)?.receive_while(|item| {
+                room.push(rx_frame(&item));
+                !room.is_full()
+            });
+        }
+        count.set(room.count());
+        Ok(())
+    })
+}

@@ -1,0 +1,345 @@
+//! Sending
+//!
+//! A packet is written once, straight into the process image. A frame that is not taken leaves no
+//! trace; ECAN_ERR_NO_ROOM and ECAN_ERR_QUEUE_FULL say: send it again in a later cycle.
+
+use std::ffi::c_int;
+
+use ecan_mcan_host::boundary::{Call, call, getter};
+use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pdo::frames::{
+    classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_tx_frame_t,
+};
+use ecan_mcan_port::{SendOptions, TransmitHint};
+use ecan_protocol::{FrameRef, Schedule};
+
+use super::context::igh_mcan_port_t;
+use super::cycle::rx_frame;
+use crate::bus::{self, Bus};
+use crate::errors;
+use crate::handle::Entered;
+
+/// Where a frame went; igh_mcan_rx_frame_t of kind IGH_MCAN_RX_TX_RESULT names the same.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct igh_mcan_ticket_t {
+    /// Slave index.
+    pub slave: u16,
+    /// Sequence of the image.
+    pub sequence: u16,
+    /// Place of the frame among the frames of the image, from 0.
+    pub frame_index: u8,
+    /// Not used.
+    pub reserved: [u8; 3],
+}
+
+#[inline]
+fn send(
+    call: Call,
+    bus: &mut Entered<Bus>,
+    slave: usize,
+    channel: u8,
+    frame: FrameRef<'_>,
+    options: SendOptions,
+) -> Result<(), ecan_result_t> {
+    let sent = bus.need_port(call)?.send_with(slave, channel, frame, options);
+    let ticket = sent.map_err(|error| errors::send(call, &error))?;
+    bus.last_ticket = Some(ticket);
+    Ok(())
+}
+
+fn at(offset_ns: u32, tag: u16) -> SendOptions {
+    SendOptions { schedule: Some(Schedule { tag, offset_ns }), ..SendOptions::default() }
+}
+
+/// Sends a classic CAN frame.
+///
+/// @param slave    Slave index.
+/// @param channel  Channel of the gateway, 0 to 3.
+/// @param can_id   11 bits; 29 bits with IGH_MCAN_FLAG_EXT.
+/// @param flags    0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_RTR.
+/// @param data     Data; may be NULL where len is 0 and for a remote frame.
+/// @param len      Bytes, 0 to 8; of a remote frame the DLC that it asks for.
+///
+/// @usage   rt, the cycle's thread, in an open cycle
+/// @return  ECAN_OK; ECAN_ERR_NO_ROOM, ECAN_ERR_QUEUE_FULL, ECAN_ERR_BUS_OFF, ECAN_ERR_NOT_READY:
+///          not now; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL, ECAN_ERR_FRAME; ECAN_ERR_ORDER where no
+///          cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_send_can(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    channel: u8,
+    can_id: u32,
+    flags: u8,
+    data: *const u8,
+    len: usize,
+) -> c_int {
+    call("igh_mcan_port_send_can", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, frame) = unsafe {
+            (bus::enter_port(call, port.cast())?, classic_frame_at(call, can_id, flags, data, len)?)
+        };
+        send(call, &mut bus, slave, channel, frame, SendOptions::default())
+    })
+}
+
+/// Sends a CAN FD frame.
+///
+/// @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI.
+/// @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
+///
+/// @usage   rt, the cycle's thread, in an open cycle
+/// @return  As igh_mcan_port_send_can(); ECAN_ERR_NOT_FD for a channel of classic CAN.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_send_canfd(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    channel: u8,
+    can_id: u32,
+    flags: u8,
+    data: *const u8,
+    len: usize,
+) -> c_int {
+    call("igh_mcan_port_send_canfd", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, data) =
+            unsafe { (bus::enter_port(call, port.cast())?, call.items("data", data, len)?) };
+        let frame = fd_frame(call, can_id, flags, data)?;
+        send(call, &mut bus, slave, channel, frame, SendOptions::default())
+    })
+}
+
+/// Sends a classic CAN frame at a phase of the next Sync0 period (manual 8.4, 13.8). Needs
+/// distributed clocks. A frame that reaches the gateway behind its phase is dropped there.
+///
+/// @param offset_ns  Phase, in nanoseconds, below the Sync0 period.
+/// @param tag        Mark of the application.
+///
+/// @usage   rt, the cycle's thread, in an open cycle
+/// @return  As igh_mcan_port_send_can(); ECAN_ERR_SCHEDULE where it cannot be scheduled.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_schedule_can(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    channel: u8,
+    can_id: u32,
+    flags: u8,
+    data: *const u8,
+    len: usize,
+    offset_ns: u32,
+    tag: u16,
+) -> c_int {
+    call("igh_mcan_port_schedule_can", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, frame) = unsafe {
+            (bus::enter_port(call, port.cast())?, classic_frame_at(call, can_id, flags, data, len)?)
+        };
+        send(call, &mut bus, slave, channel, frame, at(offset_ns, tag))
+    })
+}
+
+/// Sends a CAN FD frame at a phase of the next Sync0 period; as igh_mcan_port_schedule_can().
+///
+/// @usage   rt, the cycle's thread, in an open cycle
+/// @return  As igh_mcan_port_send_canfd(); ECAN_ERR_SCHEDULE where it cannot be scheduled.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_schedule_canfd(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    channel: u8,
+    can_id: u32,
+    flags: u8,
+    data: *const u8,
+    len: usize,
+    offset_ns: u32,
+    tag: u16,
+) -> c_int {
+    call("igh_mcan_port_schedule_canfd", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, data) =
+            unsafe { (bus::enter_port(call, port.cast())?, call.items("data", data, len)?) };
+        let frame = fd_frame(call, can_id, flags, data)?;
+        send(call, &mut bus, slave, channel, frame, at(offset_ns, tag))
+    })
+}
+
+fn send_tx(
+    call: Call,
+    bus: &mut Entered<Bus>,
+    tx: &igh_mcan_tx_frame_t,
+) -> Result<(), ecan_result_t> {
+    let hint = match tx.hint {
+        0 => TransmitHint::Normal,
+        1 => TransmitHint::HighPriority,
+        2 => TransmitHint::DedicatedBuffer,
+        3 => TransmitHint::Queue,
+        other => return Err(call.argument("hint", format_args!("{other} is not 0 to 3"))),
+    };
+    let options = SendOptions { hint, schedule: tx.schedule() };
+    send(call, bus, tx.slave.into(), tx.channel, tx.frame(call)?, options)
+}
+
+/// Sends a frame that was made by igh_mcan_tx_frame_set_can() and the like.
+///
+/// @usage   rt, the cycle's thread, in an open cycle
+/// @return  As the functions above; ECAN_ERR_ARGUMENT for an unknown hint.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_send(
+    port: *mut igh_mcan_port_t,
+    frame: *const igh_mcan_tx_frame_t,
+) -> c_int {
+    call("igh_mcan_port_send", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, tx) =
+            unsafe { (bus::enter_port(call, port.cast())?, call.read("frame", frame)?) };
+        send_tx(call, &mut bus, tx)
+    })
+}
+
+/// Sends frames in order and stops at the first that is not taken, so that the order holds when the
+/// rest is sent in a later cycle.
+///
+/// @param sent  Gets the number of frames taken, from the front.
+///
+/// @usage   rt, the cycle's thread, in an open cycle
+/// @return  ECAN_OK where all were taken; otherwise why the next one was not, as
+///          igh_mcan_port_send().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_send_batch(
+    port: *mut igh_mcan_port_t,
+    frames: *const igh_mcan_tx_frame_t,
+    count: usize,
+    sent: *mut usize,
+) -> c_int {
+    call("igh_mcan_port_send_batch", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, frames, sent) = unsafe {
+            (
+                bus::enter_port(call, port.cast())?,
+                call.items("frames", frames, count)?,
+                call.out("sent", sent)?,
+            )
+        };
+        sent.set(0);
+        for (done, tx) in frames.iter().enumerate() {
+            send_tx(call, &mut bus, tx)?;
+            sent.set(done + 1);
+        }
+        Ok(())
+    })
+}
+
+/// One whole cycle, for bring-up and test scripts: begin, receive, send, end. Keeping the period is
+/// up to the caller.
+///
+/// @param tx        Frames to send; may be NULL where tx_count is 0.
+/// @param rx        Room for what came back.
+/// @param rx_count  Gets the number of frames taken.
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  ECAN_OK where all frames were taken; otherwise the first thing that went wrong, as the
+///          functions that it stands for. The cycle is whole in any case.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_exchange(
+    port: *mut igh_mcan_port_t,
+    tx: *const igh_mcan_tx_frame_t,
+    tx_count: usize,
+    rx: *mut igh_mcan_rx_frame_t,
+    capacity: usize,
+    rx_count: *mut usize,
+) -> c_int {
+    call("igh_mcan_port_exchange", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, frames, mut room, count) = unsafe {
+            (
+                bus::enter_port(call, port.cast())?,
+                call.items("tx", tx, tx_count)?,
+                call.room("rx", rx, capacity)?,
+                call.out("rx_count", rx_count)?,
+            )
+        };
+        count.set(0);
+        let port = bus.need_port(call)?;
+        let begun = port.cycle_begin().map_err(|error| errors::cycle(call, &error));
+        if !room.is_full() {
+            port.receive_while(|item| {
+                room.push(rx_frame(&item));
+                !room.is_full()
+            });
+        }
+        count.set(room.count());
+        let sent = frames.iter().try_for_each(|tx| send_tx(call, &mut bus, tx));
+        let ended = bus.need_port(call)?.cycle_end();
+        begun.and(sent).and(ended.map_err(|error| errors::cycle(call, &error)))
+    })
+}
+
+/// Where the frame went that was sent last. Ask behind the send whose TX_RESULT is of interest.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_ORDER where nothing was sent yet; ECAN_ERR_NULL,
+///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_get_last_ticket(
+    port: *mut igh_mcan_port_t,
+    ticket: *mut igh_mcan_ticket_t,
+) -> c_int {
+    call("igh_mcan_port_get_last_ticket", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (bus, out) =
+            unsafe { (bus::enter_port(call, port.cast())?, call.out("ticket", ticket)?) };
+        let last = bus.last_ticket.ok_or_else(|| {
+            call.fail(ecan_result_t::ECAN_ERR_ORDER, format_args!("nothing was sent yet"))
+        })?;
+        out.set(igh_mcan_ticket_t {
+            slave: last.slave as u16,
+            sequence: last.sequence,
+            frame_index: last.index,
+            reserved: [0; 3],
+        });
+        Ok(())
+    })
+}
+
+/// Bytes left in the image of this cycle; a packet needs 4 to 78 of them (manual 8.3).
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  The bytes; 0 where there is no such gateway.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_image_room(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+) -> usize {
+    getter(
+        "igh_mcan_port_image_room",
+        |_| 0,
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+            Ok(bus.need_port(call)?.image_room(slave))
+        },
+    )
+}
+
+/// Gives up every frame that is not known to have reached the gateway. Frames of an image that is
+/// held may have been executed all the same.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  The number of frames given up, 0 or more; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+///          ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_discard_pending(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+) -> c_int {
+    getter(
+        "igh_mcan_port_discard_pending",
+        |error| error.code(),
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+            Ok(bus.need_port(call)?.discard_pending(slave) as c_int)
+        },
+    )
+}

@@ -1,0 +1,207 @@
+//! State of gateways and channels
+
+use std::ffi::{c_char, c_int};
+
+use ecan_mcan_host::boundary::{Call, call, getter, put_text};
+use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pdo::channel_status::igh_mcan_channel_status_t;
+use ecan_mcan_host::pdo::diagnosis::igh_mcan_pdo_parse_diag_t;
+use ecan_mcan_port::{ImageReport, Port, Session};
+use ecan_protocol::CHANNELS;
+
+use super::context::igh_mcan_port_t;
+use crate::adapter::config::no_slave;
+use crate::adapter::cycle::ecan_igh_domain_report_t;
+use crate::bus;
+
+/// Where a gateway's session stands.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_session_t {
+    /// The slave is not in OP, or its process data do not arrive.
+    IGH_MCAN_SESSION_WAITING = 0,
+    /// In OP, being verified; only empty images go out.
+    IGH_MCAN_SESSION_VERIFYING = 1,
+    /// In service.
+    IGH_MCAN_SESSION_READY = 2,
+    /// Verification failed; it starts over every second.
+    IGH_MCAN_SESSION_FAILED = 3,
+}
+
+/// What became of the TxPDO image of a cycle.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_image_t {
+    /// The gateway is not in service.
+    IGH_MCAN_IMAGE_NONE = 0,
+    /// A new image.
+    IGH_MCAN_IMAGE_NEW = 1,
+    /// The image of an earlier cycle again: nothing new arrived.
+    IGH_MCAN_IMAGE_REPEATED = 2,
+    /// An image that cannot be used, or only up to the fault; see igh_mcan_port_get_parse_diag().
+    IGH_MCAN_IMAGE_FAULT = 3,
+}
+
+/// One cycle with one gateway.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_mcan_cycle_report_t {
+    /// The working counter and what it tells.
+    pub domain: ecan_igh_domain_report_t,
+    /// An igh_mcan_image_t.
+    pub image: u8,
+    /// 1 where the gateway marked the image as incomplete (manual 6.1).
+    pub is_incomplete: u8,
+    /// 1 where the image's layout is not the configured one: its frames may be misread.
+    pub layout_changed: u8,
+    /// 1 where the last RxPDO image may not have arrived and is published again; frames sent now
+    /// wait.
+    pub is_holding: u8,
+    /// Images that were lost before this one, by the sequence.
+    pub lost_images: u16,
+    /// Not used.
+    pub reserved: u16,
+}
+
+pub(crate) fn need_slave(call: Call, port: &Port, slave: usize) -> Result<(), ecan_result_t> {
+    let count = port.slave_count();
+    if slave < count { Ok(()) } else { Err(no_slave(call, slave, count)) }
+}
+
+/// Where a gateway's session stands.
+///
+/// @param text  Gets the same in words, with the reason of a failure; may be NULL.
+/// @param size  Bytes of the buffer; what does not fit is cut.
+///
+/// @usage   rt with text NULL, the cycle's thread, after init
+/// @return  An igh_mcan_session_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
+///          ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_get_session(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    text: *mut c_char,
+    size: usize,
+) -> c_int {
+    getter(
+        "igh_mcan_port_get_session",
+        |error| error.code(),
+        |call| {
+            // SAFETY: the pointers are C's, valid or NULL as the header demands.
+            let (mut bus, room) = unsafe {
+                let room = (!text.is_null()).then(|| call.room("text", text, size)).transpose()?;
+                (bus::enter_port(call, port.cast())?, room)
+            };
+            let port = bus.need_port(call)?;
+            need_slave(call, port, slave)?;
+            let session = port.session(slave);
+            if let Some(mut room) = room {
+                put_text(&mut room, &session.to_string());
+            }
+            let value = match session {
+                Session::Waiting => igh_mcan_session_t::IGH_MCAN_SESSION_WAITING,
+                Session::Verifying => igh_mcan_session_t::IGH_MCAN_SESSION_VERIFYING,
+                Session::Ready => igh_mcan_session_t::IGH_MCAN_SESSION_READY,
+                Session::Failed(_) => igh_mcan_session_t::IGH_MCAN_SESSION_FAILED,
+            };
+            Ok(value as c_int)
+        },
+    )
+}
+
+/// What the current cycle brought from a gateway.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_get_cycle_report(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    report: *mut igh_mcan_cycle_report_t,
+) -> c_int {
+    call("igh_mcan_port_get_cycle_report", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, out) =
+            unsafe { (bus::enter_port(call, port.cast())?, call.out("report", report)?) };
+        let port = bus.need_port(call)?;
+        need_slave(call, port, slave)?;
+        let report = port.cycle_report(slave);
+        let mut value = igh_mcan_cycle_report_t {
+            domain: report.domain.into(),
+            image: igh_mcan_image_t::IGH_MCAN_IMAGE_NONE as u8,
+            is_incomplete: 0,
+            layout_changed: 0,
+            is_holding: report.is_holding.into(),
+            lost_images: 0,
+            reserved: 0,
+        };
+        match report.image {
+            ImageReport::None => {}
+            ImageReport::New { lost, is_incomplete, layout_changed } => {
+                value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_NEW as u8;
+                value.is_incomplete = is_incomplete.into();
+                value.layout_changed = layout_changed.into();
+                value.lost_images = lost;
+            }
+            ImageReport::Repeated => value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_REPEATED as u8,
+            ImageReport::Fault(_) => value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_FAULT as u8,
+        }
+        out.set(value);
+        Ok(())
+    })
+}
+
+/// The last fault in a TxPDO image (manual 16.2).
+///
+/// @param diag  Gets it; error 0 where there was none.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_get_parse_diag(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    diag: *mut igh_mcan_pdo_parse_diag_t,
+) -> c_int {
+    call("igh_mcan_port_get_parse_diag", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, out) =
+            unsafe { (bus::enter_port(call, port.cast())?, call.out("diag", diag)?) };
+        let port = bus.need_port(call)?;
+        need_slave(call, port, slave)?;
+        out.set(port.last_diagnosis(slave).as_ref().map(Into::into).unwrap_or_default());
+        Ok(())
+    })
+}
+
+/// Status of a channel from the last TxPDO image (manual 7); all 0 before the first.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+///          ECAN_ERR_CHANNEL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_get_channel_status(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    channel: u8,
+    status: *mut igh_mcan_channel_status_t,
+) -> c_int {
+    call("igh_mcan_port_get_channel_status", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, out) =
+            unsafe { (bus::enter_port(call, port.cast())?, call.out("status", status)?) };
+        let port = bus.need_port(call)?;
+        need_slave(call, port, slave)?;
+        need_channel(call, channel)?;
+        out.set(port.channel_status(slave, channel).into());
+        Ok(())
+    })
+}
+
+pub(crate) fn need_channel(call: Call, channel: u8) -> Result<(), ecan_result_t> {
+    if usize::from(channel) < CHANNELS {
+        return Ok(());
+    }
+    let words = format_args!("channel {channel} is not 0 to {}", CHANNELS - 1);
+    Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, words))
+}

@@ -1,0 +1,240 @@
+//! One call from C: its panics, its pointers, its errors.
+
+use std::ffi::{CStr, c_char, c_int};
+use std::fmt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::slice;
+
+use super::places::{Out, Room};
+use crate::common::last_error;
+use crate::common::result::ecan_result_t;
+
+/// An error of the layers below, as C sees it.
+pub trait ToResult: fmt::Display {
+    /// The code that it is.
+    fn result(&self) -> ecan_result_t;
+
+    /// The abort code of a refused SDO transfer; 0 for other errors.
+    fn abort_code(&self) -> u32 {
+        0
+    }
+}
+
+/// One call from C.
+#[derive(Clone, Copy, Debug)]
+pub struct Call {
+    function: &'static str,
+}
+
+/// Runs a call from C and gives its return value.
+pub fn call(function: &'static str, body: impl FnOnce(Call) -> Result<(), ecan_result_t>) -> c_int {
+    getter(function, |error| error.code(), |call| body(call).map(|()| 0))
+}
+
+/// Runs a call from C that returns something else than a code; `failed` says what in case of an
+/// error.
+pub fn getter<R>(
+    function: &'static str,
+    failed: impl FnOnce(ecan_result_t) -> R,
+    body: impl FnOnce(Call) -> Result<R, ecan_result_t>,
+) -> R {
+    let call = Call { function };
+    // What a panic leaves half done is behind a handle that is poisoned, or the caller's own.
+    match catch_unwind(AssertUnwindSafe(|| body(call))) {
+        Ok(Ok(value)) => value,
+        Ok(Err(error)) => failed(error),
+        Err(panic) => failed(panicked(call, panic.as_ref())),
+    }
+}
+
+#[cold]
+fn panicked(call: Call, panic: &(dyn std::any::Any + Send)) -> ecan_result_t {
+    let words = panic
+        .downcast_ref::<&str>()
+        .copied()
+        .or_else(|| panic.downcast_ref::<String>().map(String::as_str))
+        .unwrap_or("unknown");
+    call.fail(ecan_result_t::ECAN_ERR_INTERNAL, format_args!("internal fault: {words}"))
+}
+
+impl Call {
+    /// Name of the function.
+    pub fn function(self) -> &'static str {
+        self.function
+    }
+
+    /// Notes an error and gives its code.
+    #[cold]
+    pub fn fail(self, code: ecan_result_t, words: fmt::Arguments<'_>) -> ecan_result_t {
+        last_error::note(self.function, code, words);
+        code
+    }
+
+    /// Notes an error of the layers below and gives its code.
+    #[cold]
+    pub fn error(self, error: &dyn ToResult) -> ecan_result_t {
+        let code = error.result();
+        let words = format_args!("{error}");
+        last_error::note_with_abort_code(self.function, code, words, error.abort_code());
+        code
+    }
+
+    /// A value out of its range.
+    #[cold]
+    pub fn argument(self, name: &str, words: fmt::Arguments<'_>) -> ecan_result_t {
+        self.fail(ecan_result_t::ECAN_ERR_ARGUMENT, format_args!("`{name}` {words}"))
+    }
+
+    #[cold]
+    pub(super) fn null(self, name: &str) -> ecan_result_t {
+        self.fail(ecan_result_t::ECAN_ERR_NULL, format_args!("`{name}` is NULL"))
+    }
+
+    /// A value that C lends.
+    ///
+    /// # Errors
+    /// NULL.
+    ///
+    /// # Safety
+    /// `pointer` is NULL or valid for reading, and not written to meanwhile.
+    pub unsafe fn read<'a, T>(self, name: &str, pointer: *const T) -> Result<&'a T, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { pointer.as_ref() }.ok_or_else(|| self.null(name))
+    }
+
+    /// An initialised value of C that is to be changed.
+    ///
+    /// # Errors
+    /// NULL.
+    ///
+    /// # Safety
+    /// `pointer` is NULL or valid for reading and writing, and not used otherwise meanwhile.
+    pub unsafe fn change<'a, T>(
+        self,
+        name: &str,
+        pointer: *mut T,
+    ) -> Result<&'a mut T, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { pointer.as_mut() }.ok_or_else(|| self.null(name))
+    }
+
+    /// A place for a result, whatever bytes it holds.
+    ///
+    /// # Errors
+    /// NULL.
+    ///
+    /// # Safety
+    /// `pointer` is NULL or valid for writing as long as the result lives.
+    pub unsafe fn out<T>(self, name: &str, pointer: *mut T) -> Result<Out<T>, ecan_result_t> {
+        Out::new(pointer).ok_or_else(|| self.null(name))
+    }
+
+    /// A place for a result that the caller may leave out.
+    ///
+    /// # Safety
+    /// As for [`out`](Self::out).
+    pub unsafe fn optional_out<T>(self, pointer: *mut T) -> Option<Out<T>> {
+        Out::new(pointer)
+    }
+
+    /// Items that C lends. None may be at NULL.
+    ///
+    /// # Errors
+    /// NULL with a count.
+    ///
+    /// # Safety
+    /// `items` is NULL or valid for reading `count` items, and not written to meanwhile.
+    pub unsafe fn items<'a, T>(
+        self,
+        name: &str,
+        items: *const T,
+        count: usize,
+    ) -> Result<&'a [T], ecan_result_t> {
+        if count == 0 {
+            return Ok(&[]);
+        }
+        if items.is_null() {
+            return Err(self.null(name));
+        }
+        self.size::<T>(name, count)?;
+        // SAFETY: not NULL and not larger than can be, so valid by the caller's promise.
+        Ok(unsafe { slice::from_raw_parts(items, count) })
+    }
+
+    /// Room for items.
+    ///
+    /// # Errors
+    /// NULL with a capacity.
+    ///
+    /// # Safety
+    /// `items` is NULL or valid for writing `capacity` items as long as the result lives.
+    pub unsafe fn room<T>(
+        self,
+        name: &str,
+        items: *mut T,
+        capacity: usize,
+    ) -> Result<Room<T>, ecan_result_t> {
+        if items.is_null() && capacity > 0 {
+            return Err(self.null(name));
+        }
+        self.size::<T>(name, capacity)?;
+        Ok(Room::new(items, capacity))
+    }
+
+    fn size<T>(self, name: &str, count: usize) -> Result<(), ecan_result_t> {
+        let bytes = count.checked_mul(size_of::<T>());
+        if bytes.is_none_or(|bytes| bytes > isize::MAX as usize) {
+            return Err(self.argument(name, format_args!("with {count} items cannot be")));
+        }
+        Ok(())
+    }
+
+    /// A text of C.
+    ///
+    /// # Errors
+    /// NULL, or not UTF-8.
+    ///
+    /// # Safety
+    /// `text` is NULL or ends with NUL, and is not written to meanwhile.
+    pub unsafe fn text<'a>(
+        self,
+        name: &str,
+        text: *const c_char,
+    ) -> Result<&'a str, ecan_result_t> {
+        if text.is_null() {
+            return Err(self.null(name));
+        }
+        // SAFETY: not NULL, so it ends with NUL by the caller's promise.
+        let text = unsafe { CStr::from_ptr(text) };
+        text.to_str().map_err(|_| self.argument(name, format_args!("is not UTF-8")))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_ends_as_a_code() {
+        let code = call("f", |_| panic!("at {}", "work"));
+        assert_eq!(code, ecan_result_t::ECAN_ERR_INTERNAL.code());
+        // SAFETY: the text ends with NUL and is not changed while it is read.
+        let text = unsafe { CStr::from_ptr(last_error::ecan_last_error()) };
+        assert_eq!(text.to_str(), Ok("f: internal fault: at work"));
+    }
+
+    #[test]
+    fn null_is_a_code_but_not_without_items() {
+        let call = Call { function: "f" };
+        // SAFETY: NULL is allowed everywhere here.
+        unsafe {
+            assert_eq!(call.read("x", std::ptr::null::<u8>()), Err(ecan_result_t::ECAN_ERR_NULL));
+            assert_eq!(call.items("x", std::ptr::null::<u8>(), 0), Ok([].as_slice()));
+            assert!(call.items("x", std::ptr::null::<u8>(), 1).is_err());
+            assert!(call.room("x", std::ptr::null_mut::<u8>(), 1).is_err());
+            assert!(
+                call.items("x", std::ptr::NonNull::<u64>::dangling().as_ptr(), usize::MAX).is_err()
+            );
+        }
+    }
+}

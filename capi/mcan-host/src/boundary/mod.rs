@@ -1,0 +1,10 @@
+//! The boundary between C and Rust: no panic crosses it, every pointer is checked for NULL, and
+//! every error leaves its words behind.
+
+mod call;
+mod places;
+mod sealed;
+
+pub use call::{Call, ToResult, call, getter};
+pub use places::{Out, Room, put_text};
+pub use sealed::{Plain, Sealed};

@@ -1,0 +1,102 @@
+//! Places that C gives for results.
+
+use std::ffi::c_char;
+use std::ptr::NonNull;
+
+/// A place that C gave for a result.
+#[derive(Debug)]
+pub struct Out<T>(NonNull<T>);
+
+impl<T> Out<T> {
+    /// `pointer` must be valid for writing as long as this lives, or NULL.
+    pub(super) fn new(pointer: *mut T) -> Option<Self> {
+        NonNull::new(pointer).map(Self)
+    }
+
+    /// Stores the result.
+    pub fn set(&self, value: T) {
+        // SAFETY: `Call::out` was promised that it is valid for writing.
+        unsafe { self.0.write(value) };
+    }
+}
+
+/// Room that C gave for items.
+#[derive(Debug)]
+pub struct Room<T> {
+    items: *mut T,
+    capacity: usize,
+    count: usize,
+}
+
+impl<T> Room<T> {
+    /// `items` must be valid for writing `capacity` items as long as this lives.
+    pub(super) fn new(items: *mut T, capacity: usize) -> Self {
+        Self { items, capacity, count: 0 }
+    }
+
+    /// Stores the next item; false where there is no room for it.
+    #[inline]
+    pub fn push(&mut self, item: T) -> bool {
+        if self.count == self.capacity {
+            return false;
+        }
+        // SAFETY: below the capacity for which `Call::room` was promised validity.
+        unsafe { self.items.add(self.count).write(item) };
+        self.count += 1;
+        true
+    }
+
+    /// Whether another item fits.
+    #[inline]
+    pub fn is_full(&self) -> bool {
+        self.count == self.capacity
+    }
+
+    /// Items stored.
+    #[inline]
+    pub fn count(&self) -> usize {
+        self.count
+    }
+}
+
+impl Room<u8> {
+    /// Stores as many bytes as fit.
+    pub fn push_bytes(&mut self, bytes: &[u8]) -> bool {
+        bytes.iter().all(|byte| self.push(*byte))
+    }
+}
+
+/// Copies a text into a buffer of C, cut where it does not fit, with NUL at its end.
+pub fn put_text(room: &mut Room<c_char>, text: &str) -> bool {
+    let fits = text.len() < room.capacity;
+    let mut length = text.len().min(room.capacity.saturating_sub(1));
+    while !text.is_char_boundary(length) {
+        length -= 1;
+    }
+    for byte in text.as_bytes()[..length].iter().chain(&[0]) {
+        room.push(*byte as c_char);
+    }
+    fits
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn text_is_cut_to_the_room() {
+        let mut buffer = [1; 4];
+        let mut room = Room::new(buffer.as_mut_ptr(), 4);
+        assert!(!put_text(&mut room, "aöö"));
+        assert_eq!(buffer.map(|c| c as u8), [b'a', 0xC3, 0xB6, 0]);
+    }
+
+    #[test]
+    fn nothing_is_stored_beyond_the_capacity() {
+        let mut buffer = [0; 3];
+        let mut room = Room::new(buffer.as_mut_ptr(), 2);
+        assert!(!room.push_bytes(&[1, 2, 3]));
+        assert!(room.is_full());
+        assert_eq!((room.count(), buffer), (2, [1, 2, 0]));
+    }
+}

@@ -1,0 +1,77 @@
+//! Plain Rust values in opaque structs of C.
+
+use std::mem::MaybeUninit;
+
+use super::call::Call;
+use crate::common::result::ecan_result_t;
+
+/// A value without resources that lives in an opaque struct of C, which may copy it.
+pub trait Plain: Sized {
+    /// The struct of C.
+    type Storage;
+    /// Marks an initialised value; a number that bytes on a stack do not have by chance.
+    const SEAL: u64;
+    /// What initialises it.
+    const INIT: &'static str;
+}
+
+/// How the value lies in the struct.
+#[derive(Debug)]
+#[repr(C)]
+pub struct Sealed<T> {
+    seal: u64,
+    value: MaybeUninit<T>,
+}
+
+impl<T: Plain> Sealed<T> {
+    /// Checked when a call is compiled.
+    const FITS: () = assert!(
+        !std::mem::needs_drop::<T>()
+            && size_of::<Self>() <= size_of::<T::Storage>()
+            && align_of::<Self>() <= align_of::<T::Storage>()
+    );
+
+    /// Stores a value, whatever was there.
+    ///
+    /// # Errors
+    /// NULL.
+    ///
+    /// # Safety
+    /// `storage` is NULL or valid for writing.
+    pub unsafe fn init(
+        call: Call,
+        name: &str,
+        storage: *mut T::Storage,
+        value: T,
+    ) -> Result<(), ecan_result_t> {
+        const { Self::FITS };
+        // SAFETY: the caller's promise; it fits.
+        let out = unsafe { call.out(name, storage.cast::<Self>())? };
+        out.set(Self { seal: T::SEAL, value: MaybeUninit::new(value) });
+        Ok(())
+    }
+
+    /// The value that [`init`](Self::init) stored.
+    ///
+    /// # Errors
+    /// NULL, or nothing was stored there.
+    ///
+    /// # Safety
+    /// `storage` is NULL or valid for reading and writing, and not used otherwise meanwhile. Where
+    /// it has the seal, it has a value behind it.
+    pub unsafe fn open<'a>(
+        call: Call,
+        name: &str,
+        storage: *mut T::Storage,
+    ) -> Result<&'a mut T, ecan_result_t> {
+        const { Self::FITS };
+        // SAFETY: the caller's promise; any bytes are good for an integer and a `MaybeUninit`.
+        let sealed = unsafe { call.change(name, storage.cast::<Self>())? };
+        if sealed.seal != T::SEAL {
+            let words = format_args!("`{name}` is not initialised: call {} first", T::INIT);
+            return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, words));
+        }
+        // SAFETY: there is a value behind a seal.
+        Ok(unsafe { sealed.value.assume_init_mut() })
+    }
+}

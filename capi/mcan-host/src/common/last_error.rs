@@ -1,0 +1,146 @@
+//! The last error, in words
+
+use std::cell::RefCell;
+use std::ffi::{c_char, c_int};
+use std::fmt::{self, Write};
+
+use super::result::ecan_result_t;
+
+/// Room for the text; what is longer is cut at its end.
+const TEXT_BYTES: usize = 8192;
+
+struct LastError {
+    code: c_int,
+    abort_code: u32,
+    length: usize,
+    text: [u8; TEXT_BYTES],
+}
+
+impl LastError {
+    const fn none() -> Self {
+        Self { code: 0, abort_code: 0, length: 0, text: [0; TEXT_BYTES] }
+    }
+
+    fn start(&mut self, code: ecan_result_t) {
+        (self.code, self.abort_code, self.length) = (code.code(), 0, 0);
+        self.text[0] = 0;
+    }
+}
+
+/// Writes up to the end of the buffer and keeps a NUL behind it; text is only cut between
+/// characters.
+impl Write for LastError {
+    fn write_str(&mut self, text: &str) -> fmt::Result {
+        let mut room = (TEXT_BYTES - 1 - self.length).min(text.len());
+        while !text.is_char_boundary(room) {
+            room -= 1;
+        }
+        self.text[self.length..self.length + room].copy_from_slice(&text.as_bytes()[..room]);
+        self.length += room;
+        self.text[self.length] = 0;
+        if room == text.len() { Ok(()) } else { Err(fmt::Error) }
+    }
+}
+
+thread_local! {
+    // Constant and without a destructor, so that reaching it never allocates.
+    static LAST: RefCell<LastError> = const { RefCell::new(LastError::none()) };
+}
+
+/// Notes an error of this thread. Allocates nothing as far as `words` does not.
+pub fn note(function: &'static str, code: ecan_result_t, words: fmt::Arguments<'_>) {
+    note_with_abort_code(function, code, words, 0);
+}
+
+/// As [`note`], with the abort code of an SDO transfer.
+pub fn note_with_abort_code(
+    function: &'static str,
+    code: ecan_result_t,
+    words: fmt::Arguments<'_>,
+    abort_code: u32,
+) {
+    // It is only borrowed elsewhere while this thread is inside `words`, which never comes here.
+    let _ = LAST.try_with(|last| {
+        let Ok(mut last) = last.try_borrow_mut() else { return };
+        last.start(code);
+        // An error here is a cut text.
+        let _ = write!(last, "{function}: ").and_then(|()| last.write_fmt(words));
+        last.abort_code = abort_code;
+    });
+}
+
+/// The last error of this thread in words: which function, which slave, which object, why.
+///
+/// A successful call leaves it as it is, like errno.
+///
+/// @usage   rt, any thread, any time
+/// @return  The text, in UTF-8; "" before the first error. Valid until the thread's next error, and
+///          not in another thread.
+#[unsafe(no_mangle)]
+pub extern "C" fn ecan_last_error() -> *const c_char {
+    LAST.try_with(|last| last.try_borrow().map_or(c"".as_ptr(), |last| last.text.as_ptr().cast()))
+        .unwrap_or(c"".as_ptr())
+}
+
+/// The code that belongs to ecan_last_error().
+///
+/// @usage   rt, any thread, any time
+/// @return  A negative ecan_result_t; 0 before the first error.
+#[unsafe(no_mangle)]
+pub extern "C" fn ecan_last_error_code() -> c_int {
+    LAST.try_with(|last| last.try_borrow().map_or(0, |last| last.code)).unwrap_or(0)
+}
+
+/// The abort code with which a slave or a CANopen node refused the SDO transfer of the last error.
+///
+/// @usage   rt, any thread, any time
+/// @return  0x06090030 for example; 0 where the last error was no refused transfer.
+#[unsafe(no_mangle)]
+pub extern "C" fn ecan_last_abort_code() -> u32 {
+    LAST.try_with(|last| last.try_borrow().map_or(0, |last| last.abort_code)).unwrap_or(0)
+}
+
+/// Forgets the last error of this thread.
+///
+/// @usage   rt, any thread, any time
+#[unsafe(no_mangle)]
+pub extern "C" fn ecan_clear_last_error() {
+    let _ = LAST.try_with(|last| {
+        last.try_borrow_mut().map(|mut last| {
+            last.start(ecan_result_t::ECAN_OK);
+        })
+    });
+}
+
+#[cfg(test)]
+mod tests {
+    use std::ffi::CStr;
+
+    use super::*;
+
+    fn text() -> String {
+        // SAFETY: the text ends with NUL and is not changed before it was copied.
+        unsafe { CStr::from_ptr(ecan_last_error()) }.to_str().unwrap().to_owned()
+    }
+
+    #[test]
+    fn what_was_noted_is_told_in_the_same_thread_only() {
+        note_with_abort_code("f", ecan_result_t::ECAN_ERR_SDO, format_args!("slave {}", 2), 7);
+        assert_eq!(text(), "f: slave 2");
+        assert_eq!((ecan_last_error_code(), ecan_last_abort_code()), (-24, 7));
+        let other = std::thread::spawn(|| (text(), ecan_last_error_code())).join().unwrap();
+        assert_eq!(other, (String::new(), 0));
+        note("g", ecan_result_t::ECAN_ERR_NULL, format_args!("`port` is NULL"));
+        assert_eq!((text(), ecan_last_abort_code()), ("g: `port` is NULL".into(), 0));
+        ecan_clear_last_error();
+        assert_eq!((text(), ecan_last_error_code()), (String::new(), 0));
+    }
+
+    #[test]
+    fn a_long_text_is_cut_between_characters() {
+        note("f", ecan_result_t::ECAN_ERR_CONFIG, format_args!("{}", "ä".repeat(TEXT_BYTES)));
+        let cut = text();
+        assert!(cut.len() >= TEXT_BYTES - 2 && cut.len() < TEXT_BYTES, "{}", cut.len());
+        assert!(cut.ends_with('ä'));
+    }
+}

@@ -1,0 +1,516 @@
+//! CAN frames
+
+use std::ffi::c_int;
+
+use ecan_protocol::{
+    CHANNELS, CanId, Dlc, FrameError, FrameKind, FramePacket, FrameRef, PushError, Schedule,
+    Timestamp, TxResult,
+};
+
+use crate::boundary::{Call, ToResult, call};
+use crate::common::result::ecan_result_t;
+
+/// Flag: 29-bit identifier.
+pub const IGH_MCAN_FLAG_EXT: u8 = 1;
+/// Flag: remote frame, classic CAN only. Its length is the DLC that it asks for; it has no data.
+pub const IGH_MCAN_FLAG_RTR: u8 = 2;
+/// Flag: CAN FD frame whose data run at the data bit rate.
+pub const IGH_MCAN_FLAG_BRS: u8 = 4;
+/// Flag: CAN FD frame with the error state indicator.
+pub const IGH_MCAN_FLAG_ESI: u8 = 8;
+/// Flag: CAN FD frame. Set by the _canfd functions and in received frames.
+pub const IGH_MCAN_FLAG_FD: u8 = 16;
+
+/// Hint for the gateway's transmit path (manual 8.1), in igh_mcan_tx_frame_t.hint.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_hint_t {
+    /// No preference.
+    IGH_MCAN_HINT_NORMAL = 0,
+    /// High priority.
+    IGH_MCAN_HINT_HIGH_PRIORITY = 1,
+    /// A dedicated TX buffer.
+    IGH_MCAN_HINT_BUFFER = 2,
+    /// The TX queue, sorted by identifier.
+    IGH_MCAN_HINT_QUEUE = 3,
+}
+
+/// Where the gateway's CAN controller had stored a received frame (manual 8.1), in
+/// igh_mcan_rx_frame_t.source.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_source_t {
+    /// RX FIFO 0.
+    IGH_MCAN_SOURCE_FIFO0 = 0,
+    /// RX FIFO 1.
+    IGH_MCAN_SOURCE_FIFO1 = 1,
+    /// A dedicated RX buffer.
+    IGH_MCAN_SOURCE_BUFFER = 2,
+    /// Marked as a high priority message.
+    IGH_MCAN_SOURCE_HIGH_PRIORITY = 3,
+}
+
+/// What igh_mcan_rx_frame_t.kind says.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_rx_kind_t {
+    /// A CAN frame from the bus.
+    IGH_MCAN_RX_FRAME = 0,
+    /// What became of a frame that was sent (manual 10).
+    IGH_MCAN_RX_TX_RESULT = 1,
+}
+
+/// Form of igh_mcan_rx_frame_t.timestamp (manual 8.4). The manual gives no unit.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_timestamp_t {
+    /// None: other profiles than 1 and 5.
+    IGH_MCAN_TIMESTAMP_NONE = 0,
+    /// Low 16 bits of the difference to the image's time base.
+    IGH_MCAN_TIMESTAMP_DELTA16 = 1,
+    /// Low 32 bits of the difference to the image's time base.
+    IGH_MCAN_TIMESTAMP_DELTA32 = 2,
+    /// The whole time.
+    IGH_MCAN_TIMESTAMP_FULL64 = 3,
+}
+
+/// What became of a frame that was sent (manual 10), in igh_mcan_rx_frame_t.result. It tells of the
+/// way into the CAN controller, not of reception by any node. The device may tell other values.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_tx_result_t {
+    /// Handed to the CAN controller.
+    IGH_MCAN_TX_RESULT_OK = 0,
+    /// Waits in the gateway's transmit queue.
+    IGH_MCAN_TX_RESULT_QUEUED = 1,
+    /// The bus is busy.
+    IGH_MCAN_TX_RESULT_BUS_BUSY = 2,
+    /// The frame's channel does not exist or is not enabled.
+    IGH_MCAN_TX_RESULT_INVALID_CHANNEL = 3,
+    /// The transmit FIFO is full.
+    IGH_MCAN_TX_RESULT_FIFO_FULL = 4,
+    /// The channel is bus-off.
+    IGH_MCAN_TX_RESULT_BUS_OFF = 5,
+}
+
+/// A frame to send, with its destination. Filled by the igh_mcan_tx_frame_set functions, or by
+/// hand: set it to zero first.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_mcan_tx_frame_t {
+    /// Slave index.
+    pub slave: u16,
+    /// Channel of the gateway, 0 to 3.
+    pub channel: u8,
+    /// IGH_MCAN_FLAG_ values.
+    pub flags: u8,
+    /// Identifier, 11 or 29 bits.
+    pub can_id: u32,
+    /// Data bytes; the DLC of a remote frame.
+    pub len: u8,
+    /// An igh_mcan_hint_t.
+    pub hint: u8,
+    /// Other than 0: sent offset_ns into the next Sync0 period (manual 8.4).
+    pub scheduled: u8,
+    /// Not used.
+    pub reserved: u8,
+    /// Phase of Sync0, in nanoseconds.
+    pub offset_ns: u32,
+    /// Mark of the application for a scheduled frame.
+    pub tag: u16,
+    /// Not used.
+    pub reserved2: u16,
+    /// Data.
+    pub data: [u8; 64],
+}
+
+/// A received frame, or the outcome of one that was sent.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_mcan_rx_frame_t {
+    /// Slave index.
+    pub slave: u16,
+    /// Channel of the gateway, 0 to 3.
+    pub channel: u8,
+    /// IGH_MCAN_FLAG_ values.
+    pub flags: u8,
+    /// Identifier, 11 or 29 bits.
+    pub can_id: u32,
+    /// Data bytes; the DLC of a remote frame.
+    pub len: u8,
+    /// An igh_mcan_rx_kind_t: frame or TX_RESULT.
+    pub kind: u8,
+    /// An igh_mcan_source_t.
+    pub source: u8,
+    /// Form of the timestamp, an igh_mcan_timestamp_t.
+    pub timestamp_format: u8,
+    /// TX_RESULT: an igh_mcan_tx_result_t.
+    pub result: u8,
+    /// TX_RESULT: place of the frame among the frames of its image, from 0.
+    pub frame_index: u8,
+    /// TX_RESULT: sequence of the image in which the frame was sent.
+    pub sequence: u16,
+    /// TX_RESULT: 1 where this SDK remembers such a send, else 0.
+    pub is_known: u8,
+    /// Not used.
+    pub reserved: [u8; 7],
+    /// When the gateway received the frame.
+    pub timestamp: u64,
+    /// Data; bytes behind len are 0.
+    pub data: [u8; 64],
+}
+
+impl ToResult for FrameError {
+    fn result(&self) -> ecan_result_t {
+        ecan_result_t::ECAN_ERR_FRAME
+    }
+}
+
+/// A frame of classic CAN from what C says of it.
+///
+/// # Errors
+/// [`ecan_result_t::ECAN_ERR_FRAME`].
+#[inline]
+pub fn classic_frame(
+    call: Call,
+    can_id: u32,
+    flags: u8,
+    data: &[u8],
+) -> Result<FrameRef<'_>, ecan_result_t> {
+    known_flags(call, flags, IGH_MCAN_FLAG_EXT | IGH_MCAN_FLAG_RTR, "a classic CAN frame")?;
+    let id = CanId::new(can_id, flags & IGH_MCAN_FLAG_EXT != 0).map_err(|e| call.error(&e))?;
+    if flags & IGH_MCAN_FLAG_RTR == 0 {
+        return FrameRef::classic(id, data).map_err(|e| call.error(&e));
+    }
+    remote_frame(call, id, data.len())
+}
+
+/// As [`classic_frame`] where the data of a remote frame may be at NULL.
+///
+/// # Errors
+/// As there, and NULL.
+///
+/// # Safety
+/// As for [`Call::items`], but for a remote frame.
+#[inline]
+pub unsafe fn classic_frame_at<'a>(
+    call: Call,
+    can_id: u32,
+    flags: u8,
+    data: *const u8,
+    len: usize,
+) -> Result<FrameRef<'a>, ecan_result_t> {
+    if flags & IGH_MCAN_FLAG_RTR != 0 {
+        known_flags(call, flags, IGH_MCAN_FLAG_EXT | IGH_MCAN_FLAG_RTR, "a classic CAN frame")?;
+        let id = CanId::new(can_id, flags & IGH_MCAN_FLAG_EXT != 0).map_err(|e| call.error(&e))?;
+        return remote_frame(call, id, len);
+    }
+    // SAFETY: the caller's promise.
+    classic_frame(call, can_id, flags, unsafe { call.items("data", data, len)? })
+}
+
+fn remote_frame<'a>(call: Call, id: CanId, length: usize) -> Result<FrameRef<'a>, ecan_result_t> {
+    let dlc = Dlc::from_classic_len(length)
+        .ok_or(FrameError::RemoteDlc { dlc: length.min(255) as u8 })
+        .map_err(|e| call.error(&e))?;
+    FrameRef::remote(id, dlc).map_err(|e| call.error(&e))
+}
+
+/// A CAN FD frame from what C says of it.
+///
+/// # Errors
+/// [`ecan_result_t::ECAN_ERR_FRAME`].
+#[inline]
+pub fn fd_frame(
+    call: Call,
+    can_id: u32,
+    flags: u8,
+    data: &[u8],
+) -> Result<FrameRef<'_>, ecan_result_t> {
+    let known = IGH_MCAN_FLAG_EXT | IGH_MCAN_FLAG_BRS | IGH_MCAN_FLAG_ESI | IGH_MCAN_FLAG_FD;
+    known_flags(call, flags, known, "a CAN FD frame")?;
+    let id = CanId::new(can_id, flags & IGH_MCAN_FLAG_EXT != 0).map_err(|e| call.error(&e))?;
+    let (brs, esi) = (flags & IGH_MCAN_FLAG_BRS != 0, flags & IGH_MCAN_FLAG_ESI != 0);
+    FrameRef::fd(id, data, brs, esi).map_err(|e| call.error(&e))
+}
+
+#[inline]
+fn known_flags(call: Call, flags: u8, known: u8, what: &str) -> Result<(), ecan_result_t> {
+    if flags & !known == 0 {
+        return Ok(());
+    }
+    let unknown = flags & !known;
+    let words = format_args!("flags 0x{unknown:02X} do not belong to {what}");
+    Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, words))
+}
+
+impl igh_mcan_tx_frame_t {
+    /// The frame that C describes.
+    ///
+    /// # Errors
+    /// [`ecan_result_t::ECAN_ERR_FRAME`].
+    #[inline]
+    pub fn frame(&self, call: Call) -> Result<FrameRef<'_>, ecan_result_t> {
+        let data = self.data.get(..usize::from(self.len));
+        if self.flags & IGH_MCAN_FLAG_FD != 0 {
+            let length = FrameError::Length { length: self.len.into(), fd: true };
+            let data = data.ok_or(length).map_err(|e| call.error(&e))?;
+            fd_frame(call, self.can_id, self.flags, data)
+        } else {
+            let length = FrameError::Length { length: self.len.into(), fd: false };
+            let data = data.ok_or(length).map_err(|e| call.error(&e))?;
+            classic_frame(call, self.can_id, self.flags, data)
+        }
+    }
+
+    /// When it is to be sent.
+    #[inline]
+    pub fn schedule(&self) -> Option<Schedule> {
+        (self.scheduled != 0).then_some(Schedule { tag: self.tag, offset_ns: self.offset_ns })
+    }
+
+    fn from_frame(slave: u16, channel: u8, frame: FrameRef<'_>) -> Self {
+        let mut data = [0; 64];
+        let bytes = frame.data();
+        data[..bytes.len()].copy_from_slice(bytes);
+        Self {
+            slave,
+            channel,
+            flags: flags_of(frame),
+            can_id: frame.id().raw(),
+            len: length_of(frame),
+            hint: 0,
+            scheduled: 0,
+            reserved: 0,
+            offset_ns: 0,
+            tag: 0,
+            reserved2: 0,
+            data,
+        }
+    }
+}
+
+#[inline]
+fn flags_of(frame: FrameRef<'_>) -> u8 {
+    let ext = if frame.id().is_extended() { IGH_MCAN_FLAG_EXT } else { 0 };
+    ext | match frame.kind() {
+        FrameKind::Data => 0,
+        FrameKind::Remote => IGH_MCAN_FLAG_RTR,
+        FrameKind::Fd { brs, esi } => {
+            IGH_MCAN_FLAG_FD
+                | if brs { IGH_MCAN_FLAG_BRS } else { 0 }
+                | if esi { IGH_MCAN_FLAG_ESI } else { 0 }
+        }
+    }
+}
+
+#[inline]
+fn length_of(frame: FrameRef<'_>) -> u8 {
+    match frame.kind() {
+        FrameKind::Remote => frame.dlc().value(),
+        _ => frame.data().len() as u8,
+    }
+}
+
+impl igh_mcan_rx_frame_t {
+    /// All zero.
+    pub const EMPTY: Self = Self {
+        slave: 0,
+        channel: 0,
+        flags: 0,
+        can_id: 0,
+        len: 0,
+        kind: 0,
+        source: 0,
+        timestamp_format: 0,
+        result: 0,
+        frame_index: 0,
+        sequence: 0,
+        is_known: 0,
+        reserved: [0; 7],
+        timestamp: 0,
+        data: [0; 64],
+    };
+
+    /// A received frame.
+    #[inline]
+    pub fn from_frame(
+        slave: usize,
+        channel: u8,
+        frame: FrameRef<'_>,
+        timestamp: Timestamp,
+        source: u8,
+    ) -> Self {
+        let mut data = [0; 64];
+        let bytes = frame.data();
+        data[..bytes.len()].copy_from_slice(bytes);
+        Self {
+            slave: slave as u16,
+            channel,
+            flags: flags_of(frame),
+            can_id: frame.id().raw(),
+            len: length_of(frame),
+            kind: igh_mcan_rx_kind_t::IGH_MCAN_RX_FRAME as u8,
+            source,
+            timestamp_format: timestamp.format(),
+            result: 0,
+            frame_index: 0,
+            sequence: 0,
+            is_known: 0,
+            reserved: [0; 7],
+            timestamp: match timestamp {
+                Timestamp::None => 0,
+                Timestamp::Delta16(time) => time.into(),
+                Timestamp::Delta32(time) => time.into(),
+                Timestamp::Full64(time) => time,
+            },
+            data,
+        }
+    }
+
+    /// A frame as it stands in an image.
+    #[inline]
+    pub fn from_packet(slave: usize, packet: &FramePacket<'_>) -> Self {
+        Self::from_frame(slave, packet.channel, packet.frame, packet.timestamp, packet.id_aux)
+    }
+
+    /// The outcome of a frame that was sent.
+    pub fn from_result(slave: usize, result: &TxResult, is_known: bool) -> Self {
+        Self {
+            slave: slave as u16,
+            channel: result.channel,
+            kind: igh_mcan_rx_kind_t::IGH_MCAN_RX_TX_RESULT as u8,
+            result: result.code.raw(),
+            frame_index: result.frame_index,
+            sequence: result.sequence,
+            is_known: is_known.into(),
+            ..Self::EMPTY
+        }
+    }
+}
+
+impl ToResult for PushError {
+    fn result(&self) -> ecan_result_t {
+        match self {
+            Self::NoRoom { .. } | Self::TooManyPackets => ecan_result_t::ECAN_ERR_NO_ROOM,
+            Self::Channel { .. } => ecan_result_t::ECAN_ERR_CHANNEL,
+            Self::Buffer { .. } => ecan_result_t::ECAN_ERR_BUFFER,
+            _ => ecan_result_t::ECAN_ERR_ARGUMENT,
+        }
+    }
+}
+
+/// A slave index and a channel as they are stored in a frame.
+fn place(call: Call, slave: usize, channel: u8) -> Result<u16, ecan_result_t> {
+    if usize::from(channel) >= CHANNELS {
+        let words = format_args!("channel {channel} is not 0 to {}", CHANNELS - 1);
+        return Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, words));
+    }
+    u16::try_from(slave).map_err(|_| {
+        let words = format_args!("slave index {slave} is out of range");
+        call.fail(ecan_result_t::ECAN_ERR_SLAVE, words)
+    })
+}
+
+/// Makes a classic CAN frame that is sent at once.
+///
+/// @param frame    Is overwritten.
+/// @param slave    Slave index.
+/// @param channel  Channel of the gateway, 0 to 3.
+/// @param can_id   11 bits; 29 bits with IGH_MCAN_FLAG_EXT.
+/// @param flags    0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_RTR.
+/// @param data     Data; may be NULL where len is 0 and for a remote frame.
+/// @param len      Bytes, 0 to 8; of a remote frame the DLC that it asks for.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL or ECAN_ERR_FRAME; the frame
+///          is only written to with ECAN_OK.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_tx_frame_set_can(
+    frame: *mut igh_mcan_tx_frame_t,
+    slave: usize,
+    channel: u8,
+    can_id: u32,
+    flags: u8,
+    data: *const u8,
+    len: usize,
+) -> c_int {
+    call("igh_mcan_tx_frame_set_can", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (out, can) = unsafe {
+            (call.out("frame", frame)?, classic_frame_at(call, can_id, flags, data, len)?)
+        };
+        out.set(igh_mcan_tx_frame_t::from_frame(place(call, slave, channel)?, channel, can));
+        Ok(())
+    })
+}
+
+/// Makes a CAN FD frame that is sent at once.
+///
+/// @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI.
+/// @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
+///
+/// @usage   rt, any thread, any time
+/// @return  As igh_mcan_tx_frame_set_can().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_tx_frame_set_canfd(
+    frame: *mut igh_mcan_tx_frame_t,
+    slave: usize,
+    channel: u8,
+    can_id: u32,
+    flags: u8,
+    data: *const u8,
+    len: usize,
+) -> c_int {
+    call("igh_mcan_tx_frame_set_canfd", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (out, data) = unsafe { (call.out("frame", frame)?, call.items("data", data, len)?) };
+        let fd = fd_frame(call, can_id, flags, data)?;
+        out.set(igh_mcan_tx_frame_t::from_frame(place(call, slave, channel)?, channel, fd));
+        Ok(())
+    })
+}
+
+/// Has a frame sent at a phase of the next Sync0 period instead of at once (manual 8.4).
+///
+/// @param offset_ns  Phase, in nanoseconds, below the Sync0 period.
+/// @param tag        Mark of the application.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK or ECAN_ERR_NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_tx_frame_set_schedule(
+    frame: *mut igh_mcan_tx_frame_t,
+    offset_ns: u32,
+    tag: u16,
+) -> c_int {
+    call("igh_mcan_tx_frame_set_schedule", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let frame = unsafe { call.change("frame", frame)? };
+        (frame.scheduled, frame.offset_ns, frame.tag) = (1, offset_ns, tag);
+        Ok(())
+    })
+}
+
+/// Gives the gateway a hint how to send a frame (manual 8.1).
+///
+/// @param hint  An igh_mcan_hint_t.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL or ECAN_ERR_ARGUMENT.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_tx_frame_set_hint(
+    frame: *mut igh_mcan_tx_frame_t,
+    hint: c_int,
+) -> c_int {
+    call("igh_mcan_tx_frame_set_hint", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let frame = unsafe { call.change("frame", frame)? };
+        let known = igh_mcan_hint_t::IGH_MCAN_HINT_QUEUE as c_int;
+        if !(0..=known).contains(&hint) {
+            return Err(call.argument("hint", format_args!("{hint} is not 0 to {known}")));
+        }
+        frame.hint = hint as u8;
+        Ok(())
+    })
+}

@@ -1,0 +1,269 @@
+//! Reading images
+
+use std::ffi::c_int;
+
+use ecan_protocol::{
+    Arrival, HEADER_BYTES, Header, ImageReader, Packet, ParseDiagnosis, SequenceTracker,
+};
+
+use super::diagnosis::igh_mcan_pdo_parse_diag_t;
+use super::frames::igh_mcan_rx_frame_t;
+use super::profile::igh_mcan_pdo_profile_t;
+use crate::boundary::{Call, Plain, Room, Sealed, call};
+use crate::common::result::ecan_result_t;
+
+/// The header of an image, as transmitted (manual 6). Nothing in it is judged.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct igh_mcan_pdo_header_t {
+    /// Header version and length, 0x16.
+    pub ver_ihl: u8,
+    /// Flags (manual 6.1).
+    pub flags: u8,
+    /// Sequence number of the image.
+    pub seq_begin: u16,
+    /// The same, written last: an image is whole where both agree.
+    pub seq_end: u16,
+    /// Valid bytes of the frame area.
+    pub payload_len: u16,
+    /// CRC over them; 0 without CRC.
+    pub payload_crc16: u16,
+    /// Short identifier of the layout.
+    pub layout_id: u16,
+    /// Channels that take part.
+    pub channel_mask: u8,
+    /// Packets in the frame area.
+    pub frame_count: u8,
+    /// Overflows and truncations of this image, 255 for more.
+    pub overflow_sat: u8,
+    /// 1 = CRC-16/CCITT-FALSE, 0 = none.
+    pub crc_alg: u8,
+    /// Status words of the channels; see igh_mcan_channel_status_decode().
+    pub channel_status: [u16; 4],
+}
+
+impl From<&Header> for igh_mcan_pdo_header_t {
+    fn from(header: &Header) -> Self {
+        Self {
+            ver_ihl: header.ver_ihl,
+            flags: header.flags.bits(),
+            seq_begin: header.seq_begin,
+            seq_end: header.seq_end,
+            payload_len: header.payload_len,
+            payload_crc16: header.payload_crc16,
+            layout_id: header.layout_id,
+            channel_mask: header.channel_mask,
+            frame_count: header.frame_count,
+            overflow_sat: header.overflow_sat,
+            crc_alg: header.crc_alg,
+            channel_status: header.channel_status.map(|status| status.raw()),
+        }
+    }
+}
+
+/// How an image's sequence number follows the one before (manual 6.1).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_pdo_arrival_t {
+    /// The first image, or one whose number went back, as after a restart of the sender.
+    IGH_MCAN_PDO_FIRST = 0,
+    /// The number that was due.
+    IGH_MCAN_PDO_NEXT = 1,
+    /// The same image again; its packets are known.
+    IGH_MCAN_PDO_REPEATED = 2,
+    /// A new image, with others lost before it.
+    IGH_MCAN_PDO_GAP = 3,
+}
+
+/// Follows the sequence numbers of one direction. Plain data without resources.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_mcan_pdo_sequence_t {
+    /// Not for the application.
+    pub opaque: [u64; 2],
+}
+
+impl Plain for SequenceTracker {
+    type Storage = igh_mcan_pdo_sequence_t;
+    const SEAL: u64 = 0x6d63_616e_5f73_6571;
+    const INIT: &'static str = "igh_mcan_pdo_sequence_init";
+}
+
+/// Reads the header of an image.
+///
+/// @param image   The image.
+/// @param size    Its bytes, at least 24.
+/// @param header  Is overwritten.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL or ECAN_ERR_BUFFER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_parse_header(
+    image: *const u8,
+    size: usize,
+    header: *mut igh_mcan_pdo_header_t,
+) -> c_int {
+    call("igh_mcan_pdo_parse_header", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (image, out) =
+            unsafe { (call.items("image", image, size)?, call.out("header", header)?) };
+        let Some(head) = image.first_chunk::<HEADER_BYTES>() else {
+            let words = format_args!("the image has {size} bytes, its header {HEADER_BYTES}");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+        };
+        out.set((&Header::parse(head)).into());
+        Ok(())
+    })
+}
+
+/// Judges an image and takes its frames out (manual 6.1).
+fn parse(
+    call: Call,
+    profile: &igh_mcan_pdo_profile_t,
+    image: &[u8],
+    frames: &mut Room<igh_mcan_rx_frame_t>,
+) -> Result<Result<usize, ParseDiagnosis>, ecan_result_t> {
+    let (direction, profile) = profile.checked(call)?;
+    let reader = ImageReader::new(direction, profile);
+    let image = match reader.read(image) {
+        Ok(image) => image,
+        Err(diagnosis) => return Ok(Err(diagnosis)),
+    };
+    let mut found = 0;
+    for packet in image.packets() {
+        match packet {
+            Ok(Packet::Frame(packet)) => {
+                frames.push(igh_mcan_rx_frame_t::from_packet(0, &packet));
+            }
+            Ok(Packet::TxResult(result)) => {
+                frames.push(igh_mcan_rx_frame_t::from_result(0, &result, false));
+            }
+            Err(diagnosis) => return Ok(Err(diagnosis)),
+        }
+        found += 1;
+    }
+    Ok(Ok(found))
+}
+
+/// Judges an image as manual 6.1 asks and takes its frames and transmit results out, with a
+/// diagnosis where something is wrong with it (manual 16.2).
+///
+/// Stateless: that an image is the one of the cycle before is for igh_mcan_pdo_sequence_observe().
+///
+/// @param profile   The profile that is active on the device.
+/// @param txpdo     The image.
+/// @param size      Its bytes, at least those of the profile.
+/// @param frames    Room for the frames; their slave index is 0.
+/// @param capacity  Frames that fit; an image holds at most ECAN_PDO_MAX_PACKETS.
+/// @param count     Gets the number of frames stored. Those before a fault are stored and valid.
+/// @param diag      Gets what was wrong, error 0 for nothing; may be NULL.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK; ECAN_ERR_PARSE for a fault of the image; ECAN_ERR_IMAGE_BUSY for one that was
+///          being written; ECAN_ERR_BUFFER where size is too small or more frames are there than
+///          fit; ECAN_ERR_NULL, ECAN_ERR_ARGUMENT, ECAN_ERR_CONFIG.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_parse_frames_ex(
+    profile: *const igh_mcan_pdo_profile_t,
+    txpdo: *const u8,
+    size: usize,
+    frames: *mut igh_mcan_rx_frame_t,
+    capacity: usize,
+    count: *mut usize,
+    diag: *mut igh_mcan_pdo_parse_diag_t,
+) -> c_int {
+    call("igh_mcan_pdo_parse_frames_ex", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (count, diag, profile, image, mut room) = unsafe {
+            (
+                call.out("count", count)?,
+                call.optional_out(diag),
+                call.read("profile", profile)?,
+                call.items("txpdo", txpdo, size)?,
+                call.room("frames", frames, capacity)?,
+            )
+        };
+        count.set(0);
+        let parsed = parse(call, profile, image, &mut room)?;
+        count.set(room.count());
+        if let Some(diag) = diag {
+            diag.set(parsed.as_ref().err().map(Into::into).unwrap_or_default());
+        }
+        let found = parsed.map_err(|diagnosis| call.error(&diagnosis))?;
+        if found > capacity {
+            let words = format_args!("the image holds {found} frames, {capacity} fit");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+        }
+        Ok(())
+    })
+}
+
+/// As igh_mcan_pdo_parse_frames_ex(), without a diagnosis.
+///
+/// @usage   rt, any thread, any time
+/// @return  As there.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_parse_frames(
+    profile: *const igh_mcan_pdo_profile_t,
+    txpdo: *const u8,
+    size: usize,
+    frames: *mut igh_mcan_rx_frame_t,
+    capacity: usize,
+    count: *mut usize,
+) -> c_int {
+    let diag = std::ptr::null_mut();
+    // SAFETY: the same arguments under the same promises.
+    unsafe { igh_mcan_pdo_parse_frames_ex(profile, txpdo, size, frames, capacity, count, diag) }
+}
+
+/// Begins to follow sequence numbers.
+///
+/// @param sequence  Is overwritten.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK or ECAN_ERR_NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_sequence_init(
+    sequence: *mut igh_mcan_pdo_sequence_t,
+) -> c_int {
+    call("igh_mcan_pdo_sequence_init", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { Sealed::init(call, "sequence", sequence, SequenceTracker::new()) }
+    })
+}
+
+/// Judges the number of an image that was received intact, and remembers it.
+///
+/// @param number  seq_begin of the image.
+/// @param lost    Gets the number of images lost before this one; may be NULL.
+///
+/// @usage   rt, one thread at a time, after init
+/// @return  An igh_mcan_pdo_arrival_t; ECAN_ERR_NULL or ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_sequence_observe(
+    sequence: *mut igh_mcan_pdo_sequence_t,
+    number: u16,
+    lost: *mut u16,
+) -> c_int {
+    let mut arrival = igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_FIRST;
+    let code = call("igh_mcan_pdo_sequence_observe", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (tracker, lost) = unsafe {
+            let tracker: &mut SequenceTracker = Sealed::open(call, "sequence", sequence)?;
+            (tracker, call.optional_out(lost))
+        };
+        let judged = tracker.observe(number);
+        let gap = if let Arrival::Gap { lost } = judged { lost } else { 0 };
+        if let Some(lost) = lost {
+            lost.set(gap);
+        }
+        arrival = match judged {
+            Arrival::First => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_FIRST,
+            Arrival::Next => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_NEXT,
+            Arrival::Repeated => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_REPEATED,
+            Arrival::Gap { .. } => igh_mcan_pdo_arrival_t::IGH_MCAN_PDO_GAP,
+        };
+        Ok(())
+    });
+    if code < 0 { code } else { arrival as c_int }
+}

@@ -1,0 +1,245 @@
+//! PDO profiles
+
+use std::ffi::c_int;
+
+use ecan_protocol::{
+    BudgetPolicy, Direction, EncapsulationProfile, OptionFlags, PdoProfile, ProfileError,
+};
+
+use crate::boundary::{Call, ToResult, call, getter};
+use crate::common::result::ecan_result_t;
+
+/// Direction of an image, as the slave sees it.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_direction_t {
+    /// Master to slave.
+    IGH_MCAN_RXPDO = 0,
+    /// Slave to master.
+    IGH_MCAN_TXPDO = 1,
+}
+
+/// How frames are packed (manual 9).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_encapsulation_t {
+    /// Data length by DLC, no timestamp. The device default.
+    IGH_MCAN_ENCAPSULATION_COMPACT = 0,
+    /// Data length by DLC, timestamps allowed.
+    IGH_MCAN_ENCAPSULATION_COMPACT_TIMESTAMPED = 1,
+    /// 64-byte data windows allowed, no timestamp.
+    IGH_MCAN_ENCAPSULATION_WINDOW64 = 4,
+    /// 64-byte data windows and timestamps allowed.
+    IGH_MCAN_ENCAPSULATION_WINDOW64_TIMESTAMPED = 5,
+}
+
+/// How channels share an image (manual 12).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_budget_t {
+    /// A small reserve for each channel, the rest shared. The device default.
+    IGH_MCAN_BUDGET_BALANCED = 0,
+    /// No reserve, everything shared.
+    IGH_MCAN_BUDGET_SHARED_ONLY = 1,
+    /// Equal parts for each enabled channel, none borrowed.
+    IGH_MCAN_BUDGET_DETERMINISTIC = 2,
+}
+
+/// Option: the gateway reports what became of each frame sent (manual 9.1, 10). TxPDO only.
+pub const IGH_MCAN_OPTION_TX_RESULT: u8 = 0x01;
+/// Option: packets are padded to 4 bytes.
+pub const IGH_MCAN_OPTION_ALIGN4: u8 = 0x02;
+/// Option: no CRC. For performance tests.
+pub const IGH_MCAN_OPTION_NO_CRC16: u8 = 0x04;
+/// Option: the CAN side is cut off. For tests.
+pub const IGH_MCAN_OPTION_APP_BYPASS: u8 = 0x08;
+/// Option: bytes behind the payload are left as they were.
+pub const IGH_MCAN_OPTION_PAYLOAD_ONLY: u8 = 0x10;
+
+/// The PDO profile of one direction, 0x8010:03..07 or 0x8011:03..07 (manual 13.2).
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_mcan_pdo_profile_t {
+    /// An igh_mcan_direction_t.
+    pub direction: u8,
+    /// PDO size multiplier N, 1 to 24: the image has 128 times as many bytes.
+    pub multiplier: u8,
+    /// Channels that take part, bit 0 for channel 0.
+    pub channel_mask: u8,
+    /// An igh_mcan_encapsulation_t.
+    pub encapsulation: u8,
+    /// An igh_mcan_budget_t.
+    pub budget: u8,
+    /// IGH_MCAN_OPTION_ values.
+    pub options: u8,
+    /// Not used.
+    pub reserved: [u8; 2],
+}
+
+impl ToResult for ProfileError {
+    fn result(&self) -> ecan_result_t {
+        ecan_result_t::ECAN_ERR_CONFIG
+    }
+}
+
+/// An encapsulation profile by its number.
+///
+/// # Errors
+/// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
+pub fn encapsulation(call: Call, raw: c_int) -> Result<EncapsulationProfile, ecan_result_t> {
+    let profile = u8::try_from(raw).ok().and_then(EncapsulationProfile::from_raw);
+    profile.ok_or_else(|| call.argument("encapsulation", format_args!("{raw} is not 0, 1, 4 or 5")))
+}
+
+/// A budget policy by its number.
+///
+/// # Errors
+/// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
+pub fn budget(call: Call, raw: c_int) -> Result<BudgetPolicy, ecan_result_t> {
+    let policy = u8::try_from(raw).ok().and_then(BudgetPolicy::from_raw);
+    policy.ok_or_else(|| call.argument("budget", format_args!("{raw} is not 0 to 2")))
+}
+
+/// Options by their bits.
+///
+/// # Errors
+/// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
+pub fn options(call: Call, bits: u8) -> Result<OptionFlags, ecan_result_t> {
+    OptionFlags::from_bits(bits).ok_or_else(|| {
+        call.argument("options", format_args!("0x{bits:02X} has bits that are reserved"))
+    })
+}
+
+impl igh_mcan_pdo_profile_t {
+    /// The profile that C describes.
+    ///
+    /// # Errors
+    /// The first fault.
+    pub fn checked(&self, call: Call) -> Result<(Direction, PdoProfile), ecan_result_t> {
+        let direction = match self.direction {
+            0 => Direction::RxPdo,
+            1 => Direction::TxPdo,
+            other => {
+                return Err(call.argument("direction", format_args!("{other} is not 0 or 1")));
+            }
+        };
+        let profile = PdoProfile {
+            multiplier: self.multiplier,
+            channel_mask: self.channel_mask,
+            profile: encapsulation(call, self.encapsulation.into())?,
+            budget: budget(call, self.budget.into())?,
+            options: options(call, self.options)?,
+        };
+        profile.check(direction).map_err(|error| call.error(&error))?;
+        Ok((direction, profile))
+    }
+
+    /// As C sees a profile.
+    pub fn new(direction: Direction, profile: &PdoProfile) -> Self {
+        Self {
+            direction: u8::from(direction == Direction::TxPdo),
+            multiplier: profile.multiplier,
+            channel_mask: profile.channel_mask,
+            encapsulation: profile.profile.raw(),
+            budget: profile.budget.raw(),
+            options: profile.options.bits(),
+            reserved: [0; 2],
+        }
+    }
+}
+
+/// Makes a profile: N chunks of 128 bytes for these channels, everything else at its default.
+///
+/// @param profile       Is overwritten.
+/// @param direction     An igh_mcan_direction_t.
+/// @param multiplier    N, 1 to 24.
+/// @param channel_mask  Channels, bit 0 for channel 0.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_profile_default(
+    profile: *mut igh_mcan_pdo_profile_t,
+    direction: c_int,
+    multiplier: u8,
+    channel_mask: u8,
+) -> c_int {
+    call("igh_mcan_pdo_profile_default", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let out = unsafe { call.out("profile", profile)? };
+        let value = igh_mcan_pdo_profile_t {
+            direction: u8::try_from(direction).unwrap_or(u8::MAX),
+            multiplier,
+            channel_mask,
+            encapsulation: 0,
+            budget: 0,
+            options: 0,
+            reserved: [0; 2],
+        };
+        value.checked(call)?;
+        out.set(value);
+        Ok(())
+    })
+}
+
+/// Checks a profile.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_profile_check(
+    profile: *const igh_mcan_pdo_profile_t,
+) -> c_int {
+    call("igh_mcan_pdo_profile_check", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { call.read("profile", profile)? }.checked(call).map(|_| ())
+    })
+}
+
+/// The profile word, as 0x8010:12 and 0x8011:12 read when the profile is active (manual 13.2).
+///
+/// @usage   rt, any thread, any time
+/// @return  The word; 0, which no sound profile has, for a faulty profile or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_profile_word(profile: *const igh_mcan_pdo_profile_t) -> u32 {
+    getter(
+        "igh_mcan_pdo_profile_word",
+        |_| 0,
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.word())
+        },
+    )
+}
+
+/// The layout_id of the image header: the profile word folded to 16 bits (manual 5.4.4.1).
+///
+/// @usage   rt, any thread, any time
+/// @return  The id; 0 for a faulty profile or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_layout_id(profile: *const igh_mcan_pdo_profile_t) -> u16 {
+    getter(
+        "igh_mcan_pdo_layout_id",
+        |_| 0,
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.layout_id())
+        },
+    )
+}
+
+/// Bytes of an image under a profile: 128 * N.
+///
+/// @usage   rt, any thread, any time
+/// @return  The bytes; 0 for a faulty profile or NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_bytes(profile: *const igh_mcan_pdo_profile_t) -> usize {
+    getter(
+        "igh_mcan_pdo_bytes",
+        |_| 0,
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            Ok(unsafe { call.read("profile", profile)? }.checked(call)?.1.pdo_bytes())
+        },
+    )
+}

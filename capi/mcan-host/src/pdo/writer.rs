@@ -1,0 +1,280 @@
+//! Writing images
+//!
+//! ```c
+//! igh_mcan_pdo_writer_init(&writer, &profile);
+//! for each cycle:
+//!     igh_mcan_pdo_writer_begin(&writer, rxpdo, rxpdo_size);
+//!     igh_mcan_pdo_writer_add_can(&writer, 0, 0x123, 0, data, 8);
+//!     igh_mcan_pdo_writer_finish(&writer, NULL);
+//! ```
+
+use std::ffi::c_int;
+
+use ecan_protocol::{CommitFields, FrameRef, ImageWriter, Schedule};
+
+use super::frames::{classic_frame_at, fd_frame, igh_mcan_tx_frame_t};
+use super::profile::igh_mcan_pdo_profile_t;
+use crate::boundary::{Call, Plain, Sealed, call, getter};
+use crate::common::result::ecan_result_t;
+
+/// Writes the images of one direction into a buffer of the application. Plain data without
+/// resources: it may be copied and needs no end. One writer serves one buffer; it remembers the
+/// sequence number and how far earlier images reached.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_mcan_pdo_writer_t {
+    /// Not for the application.
+    pub opaque: [u64; 16],
+}
+
+struct Writer {
+    writer: ImageWriter,
+    /// The image that is begun, NULL for none, and its bytes.
+    image: *mut u8,
+    size: usize,
+}
+
+impl Plain for Writer {
+    type Storage = igh_mcan_pdo_writer_t;
+    const SEAL: u64 = 0x6d63_616e_5f77_7274;
+    const INIT: &'static str = "igh_mcan_pdo_writer_init";
+}
+
+impl Writer {
+    /// The writer of C.
+    ///
+    /// # Safety
+    /// As for [`Sealed::open`].
+    unsafe fn open<'a>(
+        call: Call,
+        writer: *mut igh_mcan_pdo_writer_t,
+    ) -> Result<&'a mut Self, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { Sealed::open(call, "writer", writer) }
+    }
+
+    /// The writer, and the image that is begun.
+    ///
+    /// # Safety
+    /// The buffer given to `begin` is still valid and not used otherwise meanwhile.
+    unsafe fn parts(&mut self, call: Call) -> Result<(&mut ImageWriter, &mut [u8]), ecan_result_t> {
+        if self.image.is_null() {
+            let words = format_args!("no image is begun: call igh_mcan_pdo_writer_begin first");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+        }
+        // SAFETY: the caller's promise; `begin` has checked the size.
+        let image = unsafe { std::slice::from_raw_parts_mut(self.image, self.size) };
+        Ok((&mut self.writer, image))
+    }
+
+    /// # Safety
+    /// As for [`parts`](Self::parts).
+    unsafe fn push(
+        &mut self,
+        call: Call,
+        channel: u8,
+        hint: u8,
+        frame: FrameRef<'_>,
+        schedule: Option<Schedule>,
+    ) -> Result<(), ecan_result_t> {
+        // SAFETY: the caller's promise.
+        let (writer, image) = unsafe { self.parts(call)? };
+        let pushed = match schedule {
+            None => writer.push(image, channel, hint, frame, Default::default()),
+            Some(schedule) => writer.push_scheduled(image, channel, hint, frame, schedule),
+        };
+        pushed.map(|_| ()).map_err(|error| call.error(&error))
+    }
+}
+
+/// Prepares a writer. Its first image gets sequence number 1.
+///
+/// @param writer   Is overwritten.
+/// @param profile  The profile that is active on the device.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_ARGUMENT or ECAN_ERR_CONFIG.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_writer_init(
+    writer: *mut igh_mcan_pdo_writer_t,
+    profile: *const igh_mcan_pdo_profile_t,
+) -> c_int {
+    call("igh_mcan_pdo_writer_init", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (direction, profile) = unsafe { call.read("profile", profile)? }.checked(call)?;
+        let image_writer = ImageWriter::new(direction, profile);
+        let value = Writer { writer: image_writer, image: std::ptr::null_mut(), size: 0 };
+        // SAFETY: as above.
+        unsafe { Sealed::init(call, "writer", writer, value) }
+    })
+}
+
+/// Starts an image in a buffer. What was added since the last finish is forgotten.
+///
+/// @param rxpdo       Buffer of the image, in place in the process data for example. Must stay
+///                    valid until igh_mcan_pdo_writer_finish().
+/// @param rxpdo_size  Its bytes, at least those of the profile.
+///
+/// @usage   rt, one thread at a time, after init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED or ECAN_ERR_BUFFER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_writer_begin(
+    writer: *mut igh_mcan_pdo_writer_t,
+    rxpdo: *mut u8,
+    rxpdo_size: usize,
+) -> c_int {
+    call("igh_mcan_pdo_writer_begin", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let state = unsafe { Writer::open(call, writer)? };
+        // SAFETY: as above.
+        unsafe { call.out("rxpdo", rxpdo)? };
+        let needed = state.writer.profile().pdo_bytes();
+        if rxpdo_size < needed {
+            let words = format_args!("the buffer has {rxpdo_size} bytes, the image {needed}");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+        }
+        state.writer.begin();
+        (state.image, state.size) = (rxpdo, needed);
+        Ok(())
+    })
+}
+
+/// Adds a frame to the image; its slave index is not looked at.
+///
+/// @usage   rt, one thread at a time, after begin
+/// @return  ECAN_OK; ECAN_ERR_NO_ROOM where the image is full; ECAN_ERR_CHANNEL where the profile
+///          does not have the channel; ECAN_ERR_FRAME, ECAN_ERR_ARGUMENT, ECAN_ERR_NULL,
+///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ORDER. The image is unchanged but for ECAN_OK.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_writer_add(
+    writer: *mut igh_mcan_pdo_writer_t,
+    frame: *const igh_mcan_tx_frame_t,
+) -> c_int {
+    call("igh_mcan_pdo_writer_add", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (writer, tx) = unsafe { (Writer::open(call, writer)?, call.read("frame", frame)?) };
+        // SAFETY: the image is C's as long as it is begun.
+        unsafe { writer.push(call, tx.channel, tx.hint, tx.frame(call)?, tx.schedule()) }
+    })
+}
+
+/// Adds a classic CAN frame to the image. Arguments as of igh_mcan_tx_frame_set_can().
+///
+/// @usage   rt, one thread at a time, after begin
+/// @return  As igh_mcan_pdo_writer_add().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_writer_add_can(
+    writer: *mut igh_mcan_pdo_writer_t,
+    channel: u8,
+    can_id: u32,
+    flags: u8,
+    data: *const u8,
+    len: usize,
+) -> c_int {
+    call("igh_mcan_pdo_writer_add_can", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (writer, frame) = unsafe {
+            (Writer::open(call, writer)?, classic_frame_at(call, can_id, flags, data, len)?)
+        };
+        // SAFETY: the image is C's as long as it is begun.
+        unsafe { writer.push(call, channel, 0, frame, None) }
+    })
+}
+
+/// Adds a CAN FD frame to the image. Arguments as of igh_mcan_tx_frame_set_canfd().
+///
+/// @usage   rt, one thread at a time, after begin
+/// @return  As igh_mcan_pdo_writer_add().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_writer_add_canfd(
+    writer: *mut igh_mcan_pdo_writer_t,
+    channel: u8,
+    can_id: u32,
+    flags: u8,
+    data: *const u8,
+    len: usize,
+) -> c_int {
+    call("igh_mcan_pdo_writer_add_canfd", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (writer, data) =
+            unsafe { (Writer::open(call, writer)?, call.items("data", data, len)?) };
+        // SAFETY: the image is C's as long as it is begun.
+        unsafe { writer.push(call, channel, 0, fd_frame(call, can_id, flags, data)?, None) }
+    })
+}
+
+/// Makes what was added an image: clears what earlier ones left behind it, computes the CRC, writes
+/// the header, and the second sequence number last. Call it in every cycle that has something to
+/// send: the device does nothing with an image whose sequence number it has seen.
+///
+/// @param sequence  Gets the image's sequence number, to which a TX_RESULT refers; may be NULL.
+///
+/// @usage   rt, one thread at a time, after begin
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED or ECAN_ERR_ORDER.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_writer_finish(
+    writer: *mut igh_mcan_pdo_writer_t,
+    sequence: *mut u16,
+) -> c_int {
+    call("igh_mcan_pdo_writer_finish", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (state, out) = unsafe { (Writer::open(call, writer)?, call.optional_out(sequence)) };
+        // SAFETY: the image is C's as long as it is begun.
+        let (image_writer, image) = unsafe { state.parts(call)? };
+        let number = image_writer.commit(image, CommitFields::default());
+        state.image = std::ptr::null_mut();
+        if let Some(out) = out {
+            out.set(number);
+        }
+        Ok(())
+    })
+}
+
+/// Sets the sequence number of the next image, as after a reset of the device's session
+/// (0x8011:08, manual 13.2).
+///
+/// @usage   rt, one thread at a time, after init
+/// @return  ECAN_OK, ECAN_ERR_NULL or ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_writer_set_next_sequence(
+    writer: *mut igh_mcan_pdo_writer_t,
+    sequence: u16,
+) -> c_int {
+    call("igh_mcan_pdo_writer_set_next_sequence", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { Writer::open(call, writer)? }.writer.set_next_sequence(sequence);
+        Ok(())
+    })
+}
+
+/// Bytes left in the image; a packet needs 4 to 78 of them (manual 8.3).
+///
+/// @usage   rt, one thread at a time, after init
+/// @return  The bytes; 0 where there is no writer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_writer_room(writer: *mut igh_mcan_pdo_writer_t) -> usize {
+    getter(
+        "igh_mcan_pdo_writer_room",
+        |_| 0,
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            Ok(unsafe { Writer::open(call, writer)? }.writer.room())
+        },
+    )
+}
+
+/// Frames in the image so far, at most 255.
+///
+/// @usage   rt, one thread at a time, after init
+/// @return  The number; 0 where there is no writer.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_pdo_writer_frames(writer: *mut igh_mcan_pdo_writer_t) -> usize {
+    getter(
+        "igh_mcan_pdo_writer_frames",
+        |_| 0,
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            Ok(unsafe { Writer::open(call, writer)? }.writer.frames().into())
+        },
+    )
+}
