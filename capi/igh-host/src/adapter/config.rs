@@ -133,16 +133,28 @@ impl AdapterPlain {
         }
     }
 
-    /// The configuration of C.
+    /// The configuration of C, to be changed.
     ///
     /// # Safety
-    /// As for [`Sealed::open`].
+    /// As for [`Sealed::change`].
     pub(crate) unsafe fn open<'a>(
         call: Call,
         config: *mut ecan_igh_config_t,
     ) -> Result<&'a mut Self, ecan_result_t> {
         // SAFETY: the caller's promise.
-        unsafe { Sealed::open(call, "config", config) }
+        unsafe { Sealed::change(call, "config", config) }
+    }
+
+    /// The configuration of C.
+    ///
+    /// # Safety
+    /// As for [`Sealed::read`].
+    pub(crate) unsafe fn read<'a>(
+        call: Call,
+        config: *const ecan_igh_config_t,
+    ) -> Result<&'a Self, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { Sealed::read(call, "config", config) }
     }
 
     /// A slave that is configured.
@@ -229,10 +241,10 @@ pub unsafe extern "C" fn ecan_igh_default_config(config: *mut ecan_igh_config_t)
 /// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error(); ECAN_ERR_NULL,
 ///          ECAN_ERR_NOT_INITIALISED.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_check_config(config: *mut ecan_igh_config_t) -> c_int {
+pub unsafe extern "C" fn ecan_igh_check_config(config: *const ecan_igh_config_t) -> c_int {
     call("ecan_igh_check_config", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::open(call, config)? }.to_rust();
+        let config = unsafe { AdapterPlain::read(call, config)? }.to_rust();
         config.check().map_err(|faults| errors::adapter(call, &faults.into()))
     })
 }
@@ -246,14 +258,14 @@ pub unsafe extern "C" fn ecan_igh_check_config(config: *mut ecan_igh_config_t) -
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, or ECAN_ERR_BUFFER with the text cut.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_get_ecrt(
-    config: *mut ecan_igh_config_t,
+    config: *const ecan_igh_config_t,
     setting: *mut c_char,
     size: usize,
 ) -> c_int {
     call("ecan_igh_config_get_ecrt", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (config, mut room): (_, Room<c_char>) =
-            unsafe { (AdapterPlain::open(call, config)?, call.room("setting", setting, size)?) };
+            unsafe { (AdapterPlain::read(call, config)?, call.room("setting", setting, size)?) };
         if put_text(&mut room, config.ecrt.get().unwrap_or_default()) {
             return Ok(());
         }

@@ -69,13 +69,13 @@ fn open_library(call: Call, config: &AdapterPlain) -> Result<Ecrt, ecan_result_t
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_init(
     context: *mut ecan_igh_context_t,
-    config: *mut ecan_igh_config_t,
+    config: *const ecan_igh_config_t,
 ) -> c_int {
     call("ecan_igh_init", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let config = unsafe {
             call.out("context", context)?;
-            AdapterPlain::open(call, config)?
+            AdapterPlain::read(call, config)?
         };
         // SAFETY: as above.
         unsafe {
@@ -109,7 +109,7 @@ pub unsafe extern "C" fn ecan_igh_init(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_attach(
     context: *mut ecan_igh_context_t,
-    config: *mut ecan_igh_config_t,
+    config: *const ecan_igh_config_t,
     master: *mut c_void,
 ) -> c_int {
     call("ecan_igh_attach", |call| {
@@ -117,7 +117,7 @@ pub unsafe extern "C" fn ecan_igh_attach(
         let config = unsafe {
             call.out("context", context)?;
             call.out("master", master)?;
-            AdapterPlain::open(call, config)?
+            AdapterPlain::read(call, config)?
         };
         // SAFETY: as above.
         unsafe {
@@ -207,12 +207,12 @@ pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_reconfigure(
     context: *mut ecan_igh_context_t,
-    config: *mut ecan_igh_config_t,
+    config: *const ecan_igh_config_t,
 ) -> c_int {
     call("ecan_igh_reconfigure", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (mut bus, config) =
-            unsafe { (bus::enter(call, context.cast())?, AdapterPlain::open(call, config)?) };
+            unsafe { (bus::enter(call, context.cast())?, AdapterPlain::read(call, config)?) };
         if bus.port_mut().is_some() {
             let words = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
             return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));

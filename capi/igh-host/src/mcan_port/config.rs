@@ -108,16 +108,28 @@ impl PortPlain {
         Self { gateways: [gateway; ECAN_IGH_MAX_SLAVES], filters: [None; IGH_MCAN_MAX_FILTERS] }
     }
 
-    /// The configuration of C.
+    /// The configuration of C, to be changed.
     ///
     /// # Safety
-    /// As for [`Sealed::open`].
+    /// As for [`Sealed::change`].
     pub(crate) unsafe fn open<'a>(
         call: Call,
         config: *mut igh_mcan_port_config_t,
     ) -> Result<&'a mut Self, ecan_result_t> {
         // SAFETY: the caller's promise.
-        unsafe { Sealed::open(call, "config", config) }
+        unsafe { Sealed::change(call, "config", config) }
+    }
+
+    /// The configuration of C.
+    ///
+    /// # Safety
+    /// As for [`Sealed::read`].
+    pub(crate) unsafe fn read<'a>(
+        call: Call,
+        config: *const igh_mcan_port_config_t,
+    ) -> Result<&'a Self, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { Sealed::read(call, "config", config) }
     }
 
     /// A gateway that a configuration may have.
@@ -130,6 +142,19 @@ impl PortPlain {
         gateway.ok_or_else(|| no_slave(call, slave, ECAN_IGH_MAX_SLAVES))
     }
 
+    /// A channel that is enabled, to be looked at.
+    pub(crate) fn channel_of(
+        &self,
+        call: Call,
+        slave: usize,
+        channel: u8,
+    ) -> Result<&ChannelPlain, ecan_result_t> {
+        let gateway = self.gateways.get(slave);
+        let gateway = gateway.ok_or_else(|| no_slave(call, slave, ECAN_IGH_MAX_SLAVES))?;
+        let place = gateway.channels.get(usize::from(channel)).and_then(Option::as_ref);
+        place.ok_or_else(|| not_enabled(call, slave, channel))
+    }
+
     /// A channel that is enabled.
     pub(crate) fn channel(
         &mut self,
@@ -138,10 +163,7 @@ impl PortPlain {
         channel: u8,
     ) -> Result<&mut ChannelPlain, ecan_result_t> {
         let place = self.gateway(call, slave)?.place(call, channel)?;
-        place.as_mut().ok_or_else(|| {
-            let words = format_args!("channel {channel} of slave {slave} is not enabled");
-            call.fail(ecan_result_t::ECAN_ERR_CHANNEL, words)
-        })
+        place.as_mut().ok_or_else(|| not_enabled(call, slave, channel))
     }
 
     /// As the Port takes it, of the first `count` gateways.
@@ -160,6 +182,12 @@ impl PortPlain {
         }
         PortConfig { gateways }
     }
+}
+
+#[cold]
+fn not_enabled(call: Call, slave: usize, channel: u8) -> ecan_result_t {
+    let words = format_args!("channel {channel} of slave {slave} is not enabled");
+    call.fail(ecan_result_t::ECAN_ERR_CHANNEL, words)
 }
 
 impl GatewayPlain {
@@ -230,12 +258,12 @@ pub unsafe extern "C" fn igh_mcan_port_default_config(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_apply_config(
     igh_config: *mut ecan_igh_config_t,
-    config: *mut igh_mcan_port_config_t,
+    config: *const igh_mcan_port_config_t,
 ) -> c_int {
     call("igh_mcan_port_apply_config", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (adapter, port) =
-            unsafe { (AdapterPlain::open(call, igh_config)?, PortPlain::open(call, config)?) };
+            unsafe { (AdapterPlain::open(call, igh_config)?, PortPlain::read(call, config)?) };
         let slaves = adapter.slave_count;
         let checked = port.settings(slaves).check(&adapter.to_rust());
         checked.map_err(|faults| errors::port(call, &faults.into()))?;
@@ -251,13 +279,13 @@ pub unsafe extern "C" fn igh_mcan_port_apply_config(
 /// @return  As igh_mcan_port_apply_config().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_check_config(
-    igh_config: *mut ecan_igh_config_t,
-    config: *mut igh_mcan_port_config_t,
+    igh_config: *const ecan_igh_config_t,
+    config: *const igh_mcan_port_config_t,
 ) -> c_int {
     call("igh_mcan_port_check_config", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (adapter, port) =
-            unsafe { (AdapterPlain::open(call, igh_config)?, PortPlain::open(call, config)?) };
+            unsafe { (AdapterPlain::read(call, igh_config)?, PortPlain::read(call, config)?) };
         let checked = port.settings(adapter.slave_count).check(&adapter.to_rust());
         checked.map_err(|faults| errors::port(call, &faults.into()))
     })

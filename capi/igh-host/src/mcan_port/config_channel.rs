@@ -187,7 +187,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_channel_object(
 /// @return  As igh_mcan_port_set_channel_object().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_channel_object(
-    config: *mut igh_mcan_port_config_t,
+    config: *const igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
     subindex: u8,
@@ -195,8 +195,8 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_object(
 ) -> c_int {
     call("igh_mcan_port_get_channel_object", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, out) = unsafe { (PortPlain::open(call, config)?, call.out("value", value)?) };
-        let value = config.channel(call, slave, channel)?.can.value(subindex);
+        let (config, out) = unsafe { (PortPlain::read(call, config)?, call.out("value", value)?) };
+        let value = config.channel_of(call, slave, channel)?.can.value(subindex);
         out.set(value.ok_or_else(|| no_object(call, 0x8001 + u16::from(channel), subindex))?);
         Ok(())
     })
@@ -249,7 +249,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_data_path_object(
 /// @return  As igh_mcan_port_set_channel_object().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_data_path_object(
-    config: *mut igh_mcan_port_config_t,
+    config: *const igh_mcan_port_config_t,
     slave: usize,
     channel: u8,
     subindex: u8,
@@ -257,8 +257,8 @@ pub unsafe extern "C" fn igh_mcan_port_get_data_path_object(
 ) -> c_int {
     call("igh_mcan_port_get_data_path_object", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, out) = unsafe { (PortPlain::open(call, config)?, call.out("value", value)?) };
-        let value = config.channel(call, slave, channel)?.data_path.value(subindex);
+        let (config, out) = unsafe { (PortPlain::read(call, config)?, call.out("value", value)?) };
+        let value = config.channel_of(call, slave, channel)?.data_path.value(subindex);
         out.set(value.ok_or_else(|| no_object(call, 0x8021 + u16::from(channel), subindex))?);
         Ok(())
     })

@@ -40,7 +40,7 @@ const _: () = assert!(size_of::<Words>() == size_of::<igh_mcan_port_t>());
 pub unsafe extern "C" fn igh_mcan_port_init(
     port: *mut igh_mcan_port_t,
     igh: *mut ecan_igh_context_t,
-    config: *mut igh_mcan_port_config_t,
+    config: *const igh_mcan_port_config_t,
 ) -> c_int {
     call("igh_mcan_port_init", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
@@ -48,7 +48,7 @@ pub unsafe extern "C" fn igh_mcan_port_init(
             call.out("port", port)?;
             let bus = bus::enter(call, igh.cast())?;
             handle::need_free::<Bus>(call, port.cast(), Kind::Port)?;
-            (bus, PortPlain::open(call, config)?)
+            (bus, PortPlain::read(call, config)?)
         };
         let applied = bus.applied.clone();
         let serial = bus.add_port(call, |adapter| {
@@ -82,16 +82,16 @@ pub unsafe extern "C" fn igh_mcan_port_init(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_reconfigure(
     port: *mut igh_mcan_port_t,
-    igh_config: *mut ecan_igh_config_t,
-    config: *mut igh_mcan_port_config_t,
+    igh_config: *const ecan_igh_config_t,
+    config: *const igh_mcan_port_config_t,
 ) -> c_int {
     call("igh_mcan_port_reconfigure", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (mut bus, adapter, config) = unsafe {
             (
                 bus::enter_port(call, port.cast())?,
-                AdapterPlain::open(call, igh_config)?,
-                PortPlain::open(call, config)?,
+                AdapterPlain::read(call, igh_config)?,
+                PortPlain::read(call, config)?,
             )
         };
         let (adapter, config) = (adapter.to_rust(), config.settings(adapter.slave_count));

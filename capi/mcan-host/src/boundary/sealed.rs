@@ -51,7 +51,7 @@ impl<T: Plain> Sealed<T> {
         Ok(())
     }
 
-    /// The value that [`init`](Self::init) stored.
+    /// The value that [`init`](Self::init) stored, to be changed.
     ///
     /// # Errors
     /// NULL, or nothing was stored there.
@@ -59,19 +59,41 @@ impl<T: Plain> Sealed<T> {
     /// # Safety
     /// `storage` is NULL or valid for reading and writing, and not used otherwise meanwhile. Where
     /// it has the seal, it has a value behind it.
-    pub unsafe fn open<'a>(
+    pub unsafe fn change<'a>(
         call: Call,
         name: &str,
         storage: *mut T::Storage,
     ) -> Result<&'a mut T, ecan_result_t> {
+        // SAFETY: the caller's promise; any bytes are good for an integer and a `MaybeUninit`.
+        let sealed = unsafe {
+            Self::read(call, name, storage)?;
+            call.change(name, storage.cast::<Self>())?
+        };
+        // SAFETY: there is a value behind a seal.
+        Ok(unsafe { sealed.value.assume_init_mut() })
+    }
+
+    /// The value that [`init`](Self::init) stored.
+    ///
+    /// # Errors
+    /// As for [`change`](Self::change).
+    ///
+    /// # Safety
+    /// `storage` is NULL or valid for reading, and not written to meanwhile. Where it has the seal,
+    /// it has a value behind it.
+    pub unsafe fn read<'a>(
+        call: Call,
+        name: &str,
+        storage: *const T::Storage,
+    ) -> Result<&'a T, ecan_result_t> {
         const { Self::FITS };
         // SAFETY: the caller's promise; any bytes are good for an integer and a `MaybeUninit`.
-        let sealed = unsafe { call.change(name, storage.cast::<Self>())? };
+        let sealed = unsafe { call.read(name, storage.cast::<Self>())? };
         if sealed.seal != T::SEAL {
             let words = format_args!("`{name}` is not initialised: call {} first", T::INIT);
             return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, words));
         }
         // SAFETY: there is a value behind a seal.
-        Ok(unsafe { sealed.value.assume_init_mut() })
+        Ok(unsafe { sealed.value.assume_init_ref() })
     }
 }

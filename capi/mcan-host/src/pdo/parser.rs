@@ -249,7 +249,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_sequence_observe(
     let code = call("igh_mcan_pdo_sequence_observe", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (tracker, lost) = unsafe {
-            let tracker: &mut SequenceTracker = Sealed::open(call, "sequence", sequence)?;
+            let tracker: &mut SequenceTracker = Sealed::change(call, "sequence", sequence)?;
             (tracker, call.optional_out(lost))
         };
         let judged = tracker.observe(number);

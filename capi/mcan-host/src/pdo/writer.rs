@@ -44,13 +44,13 @@ impl Writer {
     /// The writer of C.
     ///
     /// # Safety
-    /// As for [`Sealed::open`].
+    /// As for [`Sealed::change`].
     unsafe fn open<'a>(
         call: Call,
         writer: *mut igh_mcan_pdo_writer_t,
     ) -> Result<&'a mut Self, ecan_result_t> {
         // SAFETY: the caller's promise.
-        unsafe { Sealed::open(call, "writer", writer) }
+        unsafe { Sealed::change(call, "writer", writer) }
     }
 
     /// The writer, and the image that is begun.

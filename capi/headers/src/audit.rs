@@ -1,0 +1,53 @@
+//! Whether every exported function is documented, and announced on purpose.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use crate::manifest::{HEADERS, LIBRARIES};
+use crate::{read, sources};
+
+/// Tags that the comment of every function has.
+const TAGS: [&str; 1] = ["@usage"];
+
+/// Adds what is missing to `faults`.
+pub fn audit(root: &Path, faults: &mut Vec<String>) -> Result<(), String> {
+    let api = read(&root.join("API.md"))?;
+    for header in HEADERS {
+        for function in sources::functions(root, header)? {
+            for tag in TAGS {
+                if !function.comment.iter().any(|line| line.starts_with(tag)) {
+                    let (name, place) = (&function.name, &function.place);
+                    faults.push(format!("{place}: the comment of {name} has no {tag}"));
+                }
+            }
+            if !api.contains(&format!("`{}`", function.name)) {
+                faults.push(format!("API.md does not name `{}`", function.name));
+            }
+        }
+    }
+    for library in LIBRARIES {
+        let map = read(&root.join("capi").join(library.map))?;
+        let announced: BTreeSet<&str> = map
+            .lines()
+            .filter_map(|line| line.trim().strip_suffix(';'))
+            .filter(|name| name.starts_with("ecan_") || name.starts_with("igh_"))
+            .collect();
+        let mut exported = BTreeSet::new();
+        for header in HEADERS.iter().filter(|header| library.headers.contains(&header.name)) {
+            for function in sources::functions(root, header)? {
+                exported.insert(function.name);
+            }
+        }
+        for name in exported.iter().filter(|name| !announced.contains(name.as_str())) {
+            faults.push(format!(
+                "capi/{}: {name} is not announced: add it to the newest node, and to the header's \
+                 change log",
+                library.map
+            ));
+        }
+        for name in announced.iter().filter(|name| !exported.contains(**name)) {
+            faults.push(format!("capi/{}: {name} is announced but does not exist", library.map));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,73 @@
+//! Makes the C headers in `include/` from the sources of `capi/`, and checks that every exported
+//! function is announced in a version script and documented.
+//!
+//! ```text
+//! scripts/regenerate-headers.sh           writes the headers
+//! scripts/regenerate-headers.sh --check   says what is stale or missing
+//! ```
+
+mod audit;
+mod manifest;
+mod render;
+mod sources;
+
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+
+use clap::Parser;
+
+/// Makes the C headers, and checks that what is exported is announced and documented.
+#[derive(Debug, Parser)]
+#[command(name = "ecan-headers", version)]
+struct Arguments {
+    /// Only say what is stale or missing.
+    #[arg(long)]
+    check: bool,
+    /// Root of the repository.
+    #[arg(long, value_name = "DIRECTORY", default_value = ".")]
+    root: PathBuf,
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    match run(&arguments) {
+        Ok(faults) if faults.is_empty() => ExitCode::SUCCESS,
+        Ok(faults) => {
+            for fault in faults {
+                eprintln!("ecan-headers: {fault}");
+            }
+            ExitCode::FAILURE
+        }
+        Err(error) => {
+            eprintln!("ecan-headers: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: &Arguments) -> Result<Vec<String>, String> {
+    let root = &arguments.root;
+    let mut faults = Vec::new();
+    for header in manifest::HEADERS {
+        let text = render::header(root, header)?;
+        let path = root.join("include").join(header.name);
+        if read(&path).is_ok_and(|found| found == text) {
+            continue;
+        }
+        if arguments.check {
+            faults.push(format!(
+                "{} is stale: run scripts/regenerate-headers.sh and commit it",
+                path.display()
+            ));
+        } else {
+            std::fs::write(&path, text).map_err(|e| format!("{}: {e}", path.display()))?;
+            println!("{} written", path.display());
+        }
+    }
+    audit::audit(root, &mut faults)?;
+    Ok(faults)
+}
+
+fn read(path: &Path) -> Result<String, String> {
+    std::fs::read_to_string(path).map_err(|error| format!("{}: {error}", path.display()))
+}

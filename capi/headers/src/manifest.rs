@@ -1,0 +1,80 @@
+//! Which sources make which header, and which library exports what.
+
+/// A header.
+pub struct Header {
+    /// Name in `include/`.
+    pub name: &'static str,
+    /// Its sections, in order: sources below `capi/`.
+    pub sections: &'static [&'static str],
+}
+
+/// A library.
+pub struct Library {
+    /// Its version script below `capi/`.
+    pub map: &'static str,
+    /// The headers whose functions it exports.
+    pub headers: &'static [&'static str],
+}
+
+/// All headers.
+pub const HEADERS: &[Header] = &[
+    Header {
+        name: "igh_ecan_common.h",
+        sections: &[
+            "mcan-host/src/common/result.rs",
+            "mcan-host/src/common/last_error.rs",
+            "mcan-host/src/common/constants.rs",
+            "mcan-host/src/common/version.rs",
+        ],
+    },
+    Header {
+        name: "igh_mcan_pdo.h",
+        sections: &[
+            "mcan-host/src/pdo/frames.rs",
+            "mcan-host/src/pdo/profile.rs",
+            "mcan-host/src/pdo/writer.rs",
+            "mcan-host/src/pdo/diagnosis.rs",
+            "mcan-host/src/pdo/parser.rs",
+            "mcan-host/src/pdo/channel_status.rs",
+            "mcan-host/src/pdo/tools.rs",
+        ],
+    },
+    Header {
+        name: "igh_adapter.h",
+        sections: &[
+            "igh-host/src/adapter/config.rs",
+            "igh-host/src/adapter/config_master.rs",
+            "igh-host/src/adapter/config_slave.rs",
+            "igh-host/src/adapter/context.rs",
+            "igh-host/src/adapter/cycle.rs",
+            "igh-host/src/adapter/process_data.rs",
+            "igh-host/src/adapter/bus_state.rs",
+            "igh-host/src/adapter/sdo.rs",
+            "igh-host/src/adapter/sdo_request.rs",
+            "igh-host/src/adapter/diagnostics.rs",
+        ],
+    },
+    Header {
+        name: "igh_mcan_port.h",
+        sections: &[
+            "igh-host/src/mcan_port/config.rs",
+            "igh-host/src/mcan_port/config_channel.rs",
+            "igh-host/src/mcan_port/config_filter.rs",
+            "igh-host/src/mcan_port/config_gateway.rs",
+            "igh-host/src/mcan_port/context.rs",
+            "igh-host/src/mcan_port/cycle.rs",
+            "igh-host/src/mcan_port/send.rs",
+            "igh-host/src/mcan_port/state.rs",
+            "igh-host/src/mcan_port/statistics.rs",
+        ],
+    },
+];
+
+/// All libraries.
+pub const LIBRARIES: &[Library] = &[
+    Library { map: "libecan_mcan_host.map", headers: &["igh_ecan_common.h", "igh_mcan_pdo.h"] },
+    Library {
+        map: "libecan_igh_host.map",
+        headers: &["igh_ecan_common.h", "igh_mcan_pdo.h", "igh_adapter.h", "igh_mcan_port.h"],
+    },
+];

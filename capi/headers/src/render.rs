@@ -1,0 +1,96 @@
+//! A header from its template and its sections.
+
+use std::fmt::Write;
+use std::path::Path;
+
+use cbindgen::{Builder, Config, DocumentationStyle, ExportConfig, Language, Style};
+
+use crate::manifest::Header;
+use crate::{read, sources};
+
+/// Renders a header. A section is what cbindgen makes of one source file, below the heading and
+/// the introduction that the file itself begins with.
+pub fn header(root: &Path, header: &Header) -> Result<String, String> {
+    let template = read(&root.join("capi/headers/templates").join(header.name))?;
+    let mut sections = String::new();
+    for section in header.sections {
+        heading(&mut sections, &sources::section(root, section)?);
+        sections.push('\n');
+        let types = sources::types(root, section)?;
+        let declarations = declarations(&root.join("capi").join(section), types)?;
+        sections.push_str(one_line_comments(&declarations).trim_end());
+        sections.push_str("\n\n");
+    }
+    let guard = header.name.to_uppercase().replace('.', "_");
+    Ok(template
+        .replace("@GUARD@", &guard)
+        .replace("@MAJOR@", env!("CARGO_PKG_VERSION_MAJOR"))
+        .replace("@MINOR@", env!("CARGO_PKG_VERSION_MINOR"))
+        .replace("@PATCH@", env!("CARGO_PKG_VERSION_PATCH"))
+        .replace("@SECTIONS@\n", &sections))
+}
+
+fn heading(out: &mut String, source: &str) {
+    let intro: Vec<&str> = source
+        .lines()
+        .map_while(|line| line.strip_prefix("//!"))
+        .map(str::trim_end)
+        .filter(|line| !line.trim_start().starts_with("```"))
+        .collect();
+    let rule = "-".repeat(75);
+    let _ = writeln!(out, "/* {rule}");
+    for line in intro {
+        let _ = writeln!(out, " *{line}");
+    }
+    let _ = writeln!(out, " * {rule} */");
+}
+
+/// Puts a comment of one line on one line.
+fn one_line_comments(text: &str) -> String {
+    let lines: Vec<&str> = text.lines().collect();
+    let mut out = String::new();
+    let mut at = 0;
+    while let Some(line) = lines.get(at) {
+        let words = match lines.get(at..at + 3) {
+            Some([open, words, end]) if open.trim() == "/**" && end.trim() == "*/" => {
+                words.trim().strip_prefix("* ")
+            }
+            _ => None,
+        };
+        match words {
+            Some(words) => {
+                let indent = &line[..line.len() - line.trim_start().len()];
+                let _ = writeln!(out, "{indent}/** {words} */");
+                at += 3;
+            }
+            None => {
+                let _ = writeln!(out, "{line}");
+                at += 1;
+            }
+        }
+    }
+    out
+}
+
+/// `types` are exported whether a function takes them or not.
+fn declarations(source: &Path, types: Vec<String>) -> Result<String, String> {
+    let config = Config {
+        export: ExportConfig { include: types, ..ExportConfig::default() },
+        language: Language::C,
+        style: Style::Type,
+        documentation_style: DocumentationStyle::Doxy,
+        no_includes: true,
+        usize_is_size_t: true,
+        line_length: 100,
+        tab_width: 4,
+        ..Config::default()
+    };
+    let bindings = Builder::new()
+        .with_src(source)
+        .with_config(config)
+        .generate()
+        .map_err(|error| format!("{}: {error}", source.display()))?;
+    let mut text = Vec::new();
+    bindings.write(&mut text);
+    String::from_utf8(text).map_err(|error| format!("{}: {error}", source.display()))
+}

@@ -1,0 +1,59 @@
+//! What the sources of a header say.
+
+use std::path::Path;
+
+use crate::manifest::Header;
+use crate::read;
+
+/// An exported function.
+#[derive(Debug)]
+pub struct Function {
+    /// Its name.
+    pub name: String,
+    /// Its doc comment, line by line.
+    pub comment: Vec<String>,
+    /// Where it stands: file and line.
+    pub place: String,
+}
+
+/// The text of a section.
+pub fn section(root: &Path, section: &str) -> Result<String, String> {
+    read(&root.join("capi").join(section))
+}
+
+/// The exported functions of a header.
+pub fn functions(root: &Path, header: &Header) -> Result<Vec<Function>, String> {
+    let mut found = Vec::new();
+    for name in header.sections {
+        let text = section(root, name)?;
+        let mut comment = Vec::new();
+        for (line, number) in text.lines().zip(1..) {
+            let declared = line
+                .strip_prefix("pub unsafe extern \"C\" fn ")
+                .or_else(|| line.strip_prefix("pub extern \"C\" fn "));
+            if let Some(declared) = declared {
+                let end = declared.find('(').unwrap_or(declared.len());
+                found.push(Function {
+                    name: declared[..end].to_owned(),
+                    comment: std::mem::take(&mut comment),
+                    place: format!("capi/{name}:{number}"),
+                });
+            } else if let Some(words) = line.strip_prefix("///") {
+                comment.push(words.trim().to_owned());
+            } else if !line.starts_with("#[") {
+                comment.clear();
+            }
+        }
+    }
+    Ok(found)
+}
+
+/// The types of C that a section declares.
+pub fn types(root: &Path, name: &str) -> Result<Vec<String>, String> {
+    let text = section(root, name)?;
+    let declared = text.lines().filter_map(|line| {
+        let rest = line.strip_prefix("pub struct ").or_else(|| line.strip_prefix("pub enum "))?;
+        Some(rest.split([' ', '{']).next()?.to_owned())
+    });
+    Ok(declared.filter(|name| name.ends_with("_t")).collect())
+}

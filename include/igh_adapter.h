@@ -1,0 +1,854 @@
+/**
+ * ECAN-Lite host SDK: the Adapter (manual 15.1, 15.5).
+ *
+ * Master, slaves, one domain for each, startup SDOs, distributed clocks, the cycle and raw process
+ * data.
+ *
+ * The rules for all functions stand at the head of igh_ecan_common.h.
+ *
+ * Change log
+ *
+ *   0.1.0  First version.
+ */
+#ifndef IGH_ADAPTER_H
+#define IGH_ADAPTER_H
+
+#include "igh_ecan_common.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---------------------------------------------------------------------------
+ * Configuration
+ *
+ * Plain data: it may be copied and needs no end. Nothing touches the bus before ecan_igh_init().
+ * --------------------------------------------------------------------------- */
+
+/** Most slaves of a configuration. */
+#define ECAN_IGH_MAX_SLAVES 32
+
+/** Most startup SDOs that an application may add, of all slaves together. */
+#define ECAN_IGH_MAX_STARTUP_SDOS 256
+
+/** Most bytes of the setting `ecrt`, NUL included. */
+#define ECAN_IGH_MAX_SETTING 512
+
+/** What the Adapter is told. About 50 kilobytes. */
+typedef struct {
+    /** Not for the application. */
+    uint64_t opaque[6144];
+} ecan_igh_config_t;
+
+/**
+ * Fills a configuration: one slave at position 0, N = 3 (384 bytes), a cycle of 10 ms, no
+ * distributed clocks, master 0, the setting `ecrt` left to the environment (manual 15.5.2).
+ *
+ * @param config  Is overwritten, whatever it holds.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  ECAN_OK or ECAN_ERR_NULL.
+ */
+int ecan_igh_default_config(ecan_igh_config_t *config);
+
+/**
+ * Checks a configuration as a whole, without touching the bus. ecan_igh_init() does it, too.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault in ecan_last_error(); ECAN_ERR_NULL,
+ *          ECAN_ERR_NOT_INITIALISED.
+ */
+int ecan_igh_check_config(const ecan_igh_config_t *config);
+
+/**
+ * The setting `ecrt` of a configuration: which EtherCAT master library it asks for.
+ *
+ * @param setting  Buffer; "" where nothing is set and the environment decides.
+ * @param size     Its bytes; ECAN_IGH_MAX_SETTING are enough.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, or ECAN_ERR_BUFFER with the text cut.
+ */
+int ecan_igh_config_get_ecrt(const ecan_igh_config_t *config, char *setting, size_t size);
+
+/* ---------------------------------------------------------------------------
+ * Configuration of the master
+ * --------------------------------------------------------------------------- */
+
+/**
+ * Chooses the EtherCAT master library.
+ *
+ * Without this call the environment variable ECAN_ECRT decides, and without that the installed
+ * libethercat.so.1. The SDK never falls back to the simulator by itself.
+ *
+ * @param setting  "" for libethercat.so.1; the path of a library; "sim" for the built-in
+ *                 simulator with the scenario that was suggested; "sim:echo", "sim:drives" or
+ *                 "sim:FILE.toml" for a scenario. NULL undoes the choice. Is copied.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
+ *          Whether there is such a library is told by ecan_igh_init().
+ */
+int ecan_igh_config_set_ecrt(ecan_igh_config_t *config, const char *setting);
+
+/**
+ * Suggests the scenario for a plain "sim": "echo" (the default) or "drives".
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT, ECAN_ERR_BUFFER.
+ */
+int ecan_igh_config_suggest_scenario(ecan_igh_config_t *config, const char *name);
+
+/**
+ * Chooses the clock of a simulated master, unless its scenario does. The real library takes no
+ * notice.
+ *
+ * @param stepped  0: wall-clock time, the default. Else: the time passes only while the program
+ *                 waits for the next cycle, as fast as the machine goes; same seed, same result.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ */
+int ecan_igh_config_set_stepped_clock(ecan_igh_config_t *config, int stepped);
+
+/**
+ * Sets the seed of everything random in a simulation, in place of the scenario's.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ */
+int ecan_igh_config_set_seed(ecan_igh_config_t *config, uint64_t seed);
+
+/**
+ * Chooses the EtherCAT master.
+ *
+ * @param index  0 for /dev/EtherCAT0, the default.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ */
+int ecan_igh_config_set_master_index(ecan_igh_config_t *config, uint32_t index);
+
+/**
+ * Sets the number of ECAN-Lite slaves; slave i is at position i unless that is changed.
+ *
+ * @param count  1 to ECAN_IGH_MAX_SLAVES.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+ */
+int ecan_igh_config_set_slave_count(ecan_igh_config_t *config, size_t count);
+
+/**
+ * Sets the period of the application's cycle.
+ *
+ * @param cycle_us  Microseconds, 1 to 4294967.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+ */
+int ecan_igh_config_set_cycle_us(ecan_igh_config_t *config, uint32_t cycle_us);
+
+/**
+ * Switches distributed clocks with Sync0 on (manual 8.4, 15.6). 15.6.1 lists proven phases.
+ *
+ * @param cycle_us  Period of Sync0 in microseconds, a whole multiple of the cycle; 0 switches
+ *                  distributed clocks off.
+ * @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT. Whether it fits the
+ *          cycle is told by ecan_igh_check_config().
+ */
+int ecan_igh_config_set_dc_sync0(ecan_igh_config_t *config, uint32_t cycle_us, uint32_t shift_us);
+
+/**
+ * Sets the AssignActivate word of the slaves' distributed clocks; 0x0300 by default.
+ *
+ * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
+ *          clocks are off.
+ */
+int ecan_igh_config_set_dc_assign_activate(ecan_igh_config_t *config, uint16_t word);
+
+/**
+ * States that the installed master carries more than 1486 bytes of process data per sync manager.
+ * Without it N is at most 11 (ECAN_PDO_MAX_PLAIN_MULTIPLIER).
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ */
+int ecan_igh_config_allow_large_pdos(ecan_igh_config_t *config, int allow);
+
+/**
+ * Sets how long the slaves may take to answer in PREOP, in milliseconds; 10000 by default.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ */
+int ecan_igh_config_set_preop_timeout_ms(ecan_igh_config_t *config, uint32_t timeout_ms);
+
+/* ---------------------------------------------------------------------------
+ * Configuration of a slave
+ * --------------------------------------------------------------------------- */
+
+/**
+ * Sets N of both directions on every slave: the PDOs have 128 * N bytes (manual 5.2).
+ *
+ * @param n  1 to 24; above 11 see ecan_igh_config_allow_large_pdos().
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
+ */
+int ecan_igh_config_set_pdo_multiplier(ecan_igh_config_t *config, uint32_t n);
+
+/**
+ * Sets N of both directions on one slave.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT.
+ */
+int ecan_igh_config_set_slave_pdo_multiplier(ecan_igh_config_t *config, size_t slave, uint32_t n);
+
+/**
+ * Sets N of each direction on one slave.
+ *
+ * @param rx_n  Of the RxPDO, master to slave.
+ * @param tx_n  Of the TxPDO, slave to master.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  As ecan_igh_config_set_slave_pdo_multiplier().
+ */
+int ecan_igh_config_set_slave_pdo_multipliers(ecan_igh_config_t *config,
+                                              size_t slave,
+                                              uint32_t rx_n,
+                                              uint32_t tx_n);
+
+/**
+ * Says where a slave is.
+ *
+ * @param alias     Station alias that the position counts from; 0 counts from the start of the bus.
+ * @param position  Ring position, from 0.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+ */
+int ecan_igh_config_set_slave_position(ecan_igh_config_t *config,
+                                       size_t slave,
+                                       uint16_t alias,
+                                       uint16_t position);
+
+/**
+ * Demands a vendor id and a product code (object 0x1018). Without it the identity of the slave
+ * found is taken, and that it is an ECAN-Lite is seen by its contents.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+ */
+int ecan_igh_config_set_slave_identity(ecan_igh_config_t *config,
+                                       size_t slave,
+                                       uint32_t vendor_id,
+                                       uint32_t product_code);
+
+/**
+ * Adds a startup SDO of the application: it is written after the Port's own, in the order in
+ * which they were added, at every (re)configuration of the slave.
+ *
+ * @param index     Object.
+ * @param subindex  Subindex.
+ * @param data      Value, little endian, as it goes over the bus. Is copied.
+ * @param size      Its bytes: 1, 2 or 4.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT;
+ *          ECAN_ERR_FULL beyond ECAN_IGH_MAX_STARTUP_SDOS.
+ */
+int ecan_igh_config_add_startup_sdo(ecan_igh_config_t *config,
+                                    size_t slave,
+                                    uint16_t index,
+                                    uint8_t subindex,
+                                    const void *data,
+                                    size_t size);
+
+/* ---------------------------------------------------------------------------
+ * Life of a master
+ *
+ * ecan_igh_context_t igh;
+ * ecan_igh_init(&igh, &config);              PREOP, everything configured
+ * ecan_igh_wait_op_timeout(&igh, 10000);     OP, the cycle runs
+ * ...
+ * ecan_igh_deinit(&igh);
+ * --------------------------------------------------------------------------- */
+
+/**
+ * A master with its slaves. Belongs to one thread at a time and stays where it is: a copy names
+ * nothing. What builds on it (igh_mcan_port_t, igh_cia402_context_t) ends with it.
+ */
+typedef struct {
+    /** Not for the application. */
+    uint64_t opaque[4];
+} ecan_igh_context_t;
+
+/**
+ * Opens the master: checks the configuration as a whole, loads the EtherCAT master library,
+ * reserves the master, finds the slaves, writes their startup SDOs in PREOP (also those of
+ * igh_mcan_port_apply_config()) and maps their PDOs. The bus is not cyclic yet.
+ *
+ * Blocks, for seconds where the master is still scanning the bus.
+ *
+ * @param context  Whatever it holds; the manual's fragments leave it uninitialised.
+ * @param config   Is copied.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
+ *          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL,
+ *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER for a context that lives.
+ *          After an error there is nothing to deinit.
+ */
+int ecan_igh_init(ecan_igh_context_t *context, const ecan_igh_config_t *config);
+
+/**
+ * Adds slaves to a master that the application runs itself, for its other slaves on the same bus.
+ *
+ * Requesting, activating, sending, receiving and releasing stay with the owner: call this before
+ * ecrt_master_activate(), ecan_igh_owner_activated() after it, in each cycle ecan_igh_receive()
+ * (or igh_mcan_port_cycle_begin()) after ecrt_master_receive() and ecan_igh_send() (or
+ * igh_mcan_port_cycle_end()) before ecrt_master_send(). Functions that wait by running the cycle
+ * themselves return ECAN_ERR_ATTACHED; poll ecan_igh_is_operational() or
+ * igh_mcan_port_is_ready() instead. Deinit the context before ecrt_master_deactivate() and
+ * ecrt_release_master().
+ *
+ * @param master  The owner's ec_master_t, reserved, of the same library that the setting `ecrt`
+ *                names (by default libethercat.so.1, as the owner has it).
+ *
+ * @usage   not rt, the owner's thread, before ecrt_master_activate
+ * @return  As ecan_igh_init().
+ */
+int ecan_igh_attach(ecan_igh_context_t *context, const ecan_igh_config_t *config, void *master);
+
+/**
+ * Tells that the owner has activated the master.
+ *
+ * @usage   not rt, the owner's thread, after ecrt_master_activate
+ * @return  ECAN_OK; ECAN_ERR_ORDER for a context that is not attached or active already;
+ *          ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_owner_activated(ecan_igh_context_t *context);
+
+/**
+ * Starts cyclic operation without waiting for OP: from here on the application runs the cycle,
+ * and polls ecan_igh_is_operational() or igh_mcan_port_is_ready().
+ *
+ * @usage   not rt, the cycle's thread, after init and igh_mcan_port_init
+ * @return  ECAN_OK; ECAN_ERR_ORDER where it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER,
+ *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_activate(ecan_igh_context_t *context);
+
+/**
+ * Starts cyclic operation if that has not been done, and runs the cycle until every slave is in
+ * OP; with a Port on it also until every gateway has been verified and is in service, so that
+ * frames can be sent. Blocks; received frames are thrown away meanwhile. Call igh_mcan_port_init()
+ * before, since a Port needs a bus that is not active yet.
+ *
+ * @param timeout_ms  Milliseconds; ecan_igh_startup_timeout_ms() tells what to allow.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that lacks, and why;
+ *          ECAN_ERR_VERIFICATION for a gateway that is in OP but reads back something else than
+ *          was configured; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
+ *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_wait_op_timeout(ecan_igh_context_t *context, uint32_t timeout_ms);
+
+/**
+ * Leaves cyclic operation and configures the slaves anew: the way to switch N at run time (manual
+ * 14.2). Then wait for OP again. With a Port on it use igh_mcan_port_reconfigure().
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port on it, ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
+ *          A faulty configuration changes nothing; after any other error another reconfigure may
+ *          be tried.
+ */
+int ecan_igh_reconfigure(ecan_igh_context_t *context, const ecan_igh_config_t *config);
+
+/**
+ * Ends it: leaves cyclic operation and releases the master, or detaches from the owner's. A Port
+ * and axes on it end, too.
+ *
+ * @usage   not rt, the cycle's thread, any time
+ * @return  ECAN_OK, also for a context that is deinitialised already or never was initialised;
+ *          ECAN_ERR_NULL, ECAN_ERR_BUSY.
+ */
+int ecan_igh_deinit(ecan_igh_context_t *context);
+
+/**
+ * Whether the bus is simulated.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_is_simulated(ecan_igh_context_t *context);
+
+/**
+ * What ecan_igh_wait_op_timeout() should be allowed, by the startup SDOs, the cycle and the number
+ * of slaves.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  Milliseconds; 0 where there is no context.
+ */
+uint32_t ecan_igh_startup_timeout_ms(ecan_igh_context_t *context);
+
+/* ---------------------------------------------------------------------------
+ * The cycle
+ *
+ * With a Port on the context use igh_mcan_port_cycle_begin() and igh_mcan_port_cycle_end(), which
+ * call these.
+ * --------------------------------------------------------------------------- */
+
+/** What the working counter tells about one direction of the last exchange. */
+typedef enum {
+    /** Nothing was exchanged yet. */
+    ECAN_IGH_DELIVERY_NONE = 0,
+    /** The image was taken over. */
+    ECAN_IGH_DELIVERY_CONFIRMED = 1,
+    /** It was not. */
+    ECAN_IGH_DELIVERY_MISSED = 2,
+    /** It cannot be told: one of two datagrams counted. */
+    ECAN_IGH_DELIVERY_UNKNOWN = 3,
+} ecan_igh_delivery_t;
+
+/** Outcome of the last exchange with one slave. */
+typedef struct {
+    /** Working counter of the slave's domain. */
+    uint32_t working_counter;
+    /** Working counter of a complete exchange. */
+    uint32_t expected_working_counter;
+    /** The master's judgement, which counts: 0 nothing, 1 incomplete, 2 complete. */
+    uint8_t wc_state;
+    /** What became of the RxPDO: an ecan_igh_delivery_t. */
+    uint8_t outputs;
+    /** Whether a TxPDO was fetched: an ecan_igh_delivery_t. */
+    uint8_t inputs;
+    /** 1 where both directions were exchanged, else 0. */
+    uint8_t is_complete;
+} ecan_igh_domain_report_t;
+
+/**
+ * First in the cycle: fetches the process data and judges the working counters.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  ECAN_OK; ECAN_ERR_MASTER where a call of the library failed, and the cycle may go on;
+ *          ECAN_ERR_ORDER where the bus is not active or there is a Port on it; ECAN_ERR_NULL,
+ *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_receive(ecan_igh_context_t *context);
+
+/**
+ * Last in the cycle: sends the process data.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  As ecan_igh_receive().
+ */
+int ecan_igh_send(ecan_igh_context_t *context);
+
+/**
+ * Sleeps until the next cycle is due, on a grid of the configured period that never drifts. On a
+ * stepped simulation this is where time passes.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_wait_next_cycle(ecan_igh_context_t *context);
+
+/**
+ * Time of the clock that the master lives in: CLOCK_MONOTONIC, or the simulation's.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  Nanoseconds; 0 where there is no context.
+ */
+uint64_t ecan_igh_now_ns(ecan_igh_context_t *context);
+
+/**
+ * Whether every slave exchanged both directions in the last cycle. Do not advance motion where
+ * it did not (manual 15.5.2, step 8).
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
+ */
+int ecan_igh_domain_is_complete(ecan_igh_context_t *context);
+
+/**
+ * The outcome of the last exchange with one slave.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+ */
+int ecan_igh_get_domain_report(ecan_igh_context_t *context,
+                               size_t slave,
+                               ecan_igh_domain_report_t *report);
+
+/* ---------------------------------------------------------------------------
+ * Raw process data (manual 15.5.3)
+ *
+ * With a Port on the context the RxPDO is the Port's; read it, but do not write to it.
+ * --------------------------------------------------------------------------- */
+
+/**
+ * The RxPDO of a slave, which the master sends to it: 128 * N continuous bytes to write the next
+ * image into, with igh_mcan_pdo_writer_begin() for example.
+ *
+ * @param rxpdo       Gets the address. Valid until the context is reconfigured or ends.
+ * @param rxpdo_size  Gets the bytes.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  ECAN_OK; ECAN_ERR_ORDER before the bus is active; ECAN_ERR_NULL, ECAN_ERR_SLAVE,
+ *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_get_rxpdo_buffer(ecan_igh_context_t *context,
+                              size_t slave,
+                              uint8_t **rxpdo,
+                              size_t *rxpdo_size);
+
+/**
+ * The TxPDO of a slave as of the last receive: 128 * N continuous bytes, for
+ * igh_mcan_pdo_parse_frames_ex() for example.
+ *
+ * @param txpdo       Gets the address. Valid until the context is reconfigured or ends; the
+ *                    content changes with every receive.
+ * @param txpdo_size  Gets the bytes.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  As ecan_igh_get_rxpdo_buffer().
+ */
+int ecan_igh_get_txpdo_buffer(ecan_igh_context_t *context,
+                              size_t slave,
+                              const uint8_t **txpdo,
+                              size_t *txpdo_size);
+
+/* ---------------------------------------------------------------------------
+ * State of the bus and its slaves
+ * --------------------------------------------------------------------------- */
+
+/** AL state of a slave. */
+typedef enum {
+    /** INIT. */
+    ECAN_IGH_AL_INIT = 1,
+    /** PREOP. */
+    ECAN_IGH_AL_PREOP = 2,
+    /** SAFEOP. */
+    ECAN_IGH_AL_SAFEOP = 4,
+    /** OP. */
+    ECAN_IGH_AL_OP = 8,
+} ecan_igh_al_state_t;
+
+/** How far the master brought a slave. It lags behind the working counter by seconds. */
+typedef struct {
+    /** 1 where the slave was found. */
+    uint8_t online;
+    /** 1 where it reached OP with this configuration. */
+    uint8_t operational;
+    /** An ecan_igh_al_state_t. */
+    uint8_t al_state;
+    /** Not used. */
+    uint8_t reserved;
+} ecan_igh_slave_state_t;
+
+/** What the master sees of the bus. */
+typedef struct {
+    /** Slaves that answer. */
+    uint32_t slaves_responding;
+    /** AL states that occur: bit 0 INIT, 1 PREOP, 2 SAFEOP, 3 OP. */
+    uint8_t al_states;
+    /** 1 where a link is up. */
+    uint8_t link_up;
+    /** Not used. */
+    uint8_t reserved[2];
+} ecan_igh_master_state_t;
+
+/** What is known of a slave. */
+typedef struct {
+    /** Serial number of the gateway (0xF000:07 and :08). */
+    uint64_t serial_number;
+    /** Vendor id as found on the bus. */
+    uint32_t vendor_id;
+    /** Product code as found on the bus. */
+    uint32_t product_code;
+    /** Revision as found on the bus. */
+    uint32_t revision;
+    /** Ring position. */
+    uint16_t position;
+    /** Station alias; 0 for none. */
+    uint16_t alias;
+    /** An ecan_igh_al_state_t, with bit 4 (0x10) for an error. */
+    uint8_t al_state;
+    /** 1 where the master met an error with the slave and holds it where it is. */
+    uint8_t error_flag;
+    /** Not used. */
+    uint8_t reserved[6];
+    /** Name, cut to its place. */
+    char name[64];
+} ecan_igh_slave_info_t;
+
+/**
+ * Number of configured slaves.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  The number; 0 where there is no context.
+ */
+size_t ecan_igh_slave_count(ecan_igh_context_t *context);
+
+/**
+ * Whether all slaves are in OP and the last exchange was complete.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
+ *          Compare with 1.
+ */
+int ecan_igh_is_operational(ecan_igh_context_t *context);
+
+/**
+ * How far the master brought a slave.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+ *          ECAN_ERR_MASTER.
+ */
+int ecan_igh_get_slave_state(ecan_igh_context_t *context,
+                             size_t slave,
+                             ecan_igh_slave_state_t *state);
+
+/**
+ * What the master sees of the bus.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
+ */
+int ecan_igh_get_master_state(ecan_igh_context_t *context, ecan_igh_master_state_t *state);
+
+/**
+ * What is known of a slave.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+ *          ECAN_ERR_MASTER.
+ */
+int ecan_igh_get_slave_info(ecan_igh_context_t *context, size_t slave, ecan_igh_slave_info_t *info);
+
+/* ---------------------------------------------------------------------------
+ * SDO transfers that wait
+ * --------------------------------------------------------------------------- */
+
+/**
+ * Reads an object of a slave and waits for it. On an active bus the cycle is run meanwhile;
+ * received frames are thrown away then. In the cycle use ecan_igh_sdo_request_read().
+ *
+ * @param data    Gets the value, little endian.
+ * @param size    Bytes of the buffer.
+ * @param length  Gets the bytes of the value.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
+ *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+ *          ECAN_ERR_MASTER; ECAN_ERR_ATTACHED on an active bus of another owner, where
+ *          ecan_igh_diagnostics_sdo_upload() in another thread does it.
+ */
+int ecan_igh_sdo_upload(ecan_igh_context_t *context,
+                        size_t slave,
+                        uint16_t index,
+                        uint8_t subindex,
+                        void *data,
+                        size_t size,
+                        size_t *length);
+
+/**
+ * Writes an object of a slave and waits for it; as ecan_igh_sdo_upload().
+ *
+ * @param data  The value, little endian.
+ * @param size  Its bytes.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  As ecan_igh_sdo_upload().
+ */
+int ecan_igh_sdo_download(ecan_igh_context_t *context,
+                          size_t slave,
+                          uint16_t index,
+                          uint8_t subindex,
+                          const void *data,
+                          size_t size);
+
+/* ---------------------------------------------------------------------------
+ * SDO requests in the cycle
+ *
+ * Created before the bus is active, used in the cycle: start a transfer, look at its state in
+ * later cycles, take the value. A transfer takes some tens of cycles.
+ * --------------------------------------------------------------------------- */
+
+/** State of an SDO request. */
+typedef enum {
+    /** Not used yet. */
+    ECAN_IGH_REQUEST_UNUSED = 0,
+    /** Under way. */
+    ECAN_IGH_REQUEST_RUNNING = 1,
+    /** Done. */
+    ECAN_IGH_REQUEST_SUCCESS = 2,
+    /** Refused by the slave, or timed out; the kernel log tells which. */
+    ECAN_IGH_REQUEST_ERROR = 3,
+} ecan_igh_request_state_t;
+
+/**
+ * Creates an SDO request. A reconfiguration ends all requests.
+ *
+ * @param size     Most bytes of the values that it will transfer.
+ * @param request  Gets the number by which the request is named.
+ *
+ * @usage   not rt, the cycle's thread, after init and before the bus is active
+ * @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+ *          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+ */
+int ecan_igh_create_sdo_request(ecan_igh_context_t *context,
+                                size_t slave,
+                                size_t size,
+                                size_t *request);
+
+/**
+ * Sets how long a transfer of the request may take.
+ *
+ * @param timeout_ms  Milliseconds; 0 for the master's own.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT,
+ *          ECAN_ERR_MASTER.
+ */
+int ecan_igh_sdo_request_timeout(ecan_igh_context_t *context, size_t request, uint32_t timeout_ms);
+
+/**
+ * Starts reading an object.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  ECAN_OK; ECAN_ERR_ORDER for a request under way; ECAN_ERR_NULL,
+ *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+ */
+int ecan_igh_sdo_request_read(ecan_igh_context_t *context,
+                              size_t request,
+                              uint16_t index,
+                              uint8_t subindex);
+
+/**
+ * Starts writing an object.
+ *
+ * @param data  The value, little endian. Is copied.
+ * @param size  Its bytes, at most those of the request.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for too many bytes.
+ */
+int ecan_igh_sdo_request_write(ecan_igh_context_t *context,
+                               size_t request,
+                               uint16_t index,
+                               uint8_t subindex,
+                               const void *data,
+                               size_t size);
+
+/**
+ * How far a request is.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  An ecan_igh_request_state_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
+ *          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
+ */
+int ecan_igh_sdo_request_state(ecan_igh_context_t *context, size_t request);
+
+/**
+ * Takes the value that a read has brought.
+ *
+ * @param data    Gets the value, little endian.
+ * @param size    Bytes of the buffer.
+ * @param length  Gets the bytes of the value.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER where the state is not
+ *          success; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT,
+ *          ECAN_ERR_MASTER.
+ */
+int ecan_igh_sdo_request_data(ecan_igh_context_t *context,
+                              size_t request,
+                              void *data,
+                              size_t size,
+                              size_t *length);
+
+/* ---------------------------------------------------------------------------
+ * Diagnosis from another thread
+ *
+ * A second, unreserved handle on the master: a thread of lower priority reads states and objects
+ * while the cycle runs. Each handle belongs to one thread at a time.
+ * --------------------------------------------------------------------------- */
+
+/** A handle for diagnosis. Stays where it is: a copy names nothing. May outlive the context. */
+typedef struct {
+    /** Not for the application. */
+    uint64_t opaque[4];
+} ecan_igh_diagnostics_t;
+
+/**
+ * Opens a handle for diagnosis.
+ *
+ * @param diagnostics  Whatever it holds.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_ORDER for a handle that is open; ECAN_ERR_NULL,
+ *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
+ */
+int ecan_igh_diagnostics_open(ecan_igh_diagnostics_t *diagnostics, ecan_igh_context_t *context);
+
+/**
+ * Reads an object of a slave and waits for it; arguments as of ecan_igh_sdo_upload().
+ *
+ * @usage   not rt, the handle's thread, after open
+ * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
+ *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+ *          ECAN_ERR_MASTER.
+ */
+int ecan_igh_diagnostics_sdo_upload(ecan_igh_diagnostics_t *diagnostics,
+                                    size_t slave,
+                                    uint16_t index,
+                                    uint8_t subindex,
+                                    void *data,
+                                    size_t size,
+                                    size_t *length);
+
+/**
+ * Writes an object of a slave and waits for it; arguments as of ecan_igh_sdo_download().
+ *
+ * @usage   not rt, the handle's thread, after open
+ * @return  As ecan_igh_diagnostics_sdo_upload().
+ */
+int ecan_igh_diagnostics_sdo_download(ecan_igh_diagnostics_t *diagnostics,
+                                      size_t slave,
+                                      uint16_t index,
+                                      uint8_t subindex,
+                                      const void *data,
+                                      size_t size);
+
+/**
+ * What the master sees of the bus.
+ *
+ * @usage   not rt, the handle's thread, after open
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
+ */
+int ecan_igh_diagnostics_master_state(ecan_igh_diagnostics_t *diagnostics,
+                                      ecan_igh_master_state_t *state);
+
+/**
+ * Closes a handle.
+ *
+ * @usage   not rt, the handle's thread, any time
+ * @return  ECAN_OK, also for a handle that is closed already; ECAN_ERR_NULL, ECAN_ERR_BUSY.
+ */
+int ecan_igh_diagnostics_deinit(ecan_igh_diagnostics_t *diagnostics);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* IGH_ADAPTER_H */

@@ -1,0 +1,264 @@
+/**
+ * ECAN-Lite host SDK: what all headers share (manual 15.1).
+ *
+ * Layers, from the bottom to the top; each header includes those that it builds on:
+ *
+ *     igh_ecan_common.h         return values, the last error, constants
+ *     igh_mcan_pdo.h            process data protocol, without an EtherCAT master
+ *     igh_adapter.h             EtherCAT master: slaves, PDOs, startup SDOs, Sync0, raw process data
+ *     igh_mcan_port.h           CAN and CAN FD frames through the gateways
+ *     igh_cia402_protocol.h     CANopen and CiA 402 axes
+ *
+ * Rules for all functions
+ *
+ *   - Return: ECAN_OK (0) or a negative ecan_result_t, but for functions that say otherwise.
+ *     ecan_last_error() tells the particulars in words.
+ *   - Pointers: NULL is refused with ECAN_ERR_NULL where it is not expressly allowed. Any other
+ *     pointer must be valid for what the function does with it.
+ *   - Contexts (ecan_igh_context_t, igh_mcan_port_t, igh_cia402_context_t, ecan_igh_diagnostics_t)
+ *     need no preparation before their init function and stay where they are; ending one twice
+ *     does no harm. Configurations, frames and the like are plain data.
+ *   - @usage says three things about every function:
+ *       "rt" or "not rt": whether it may be called in the real-time cycle. A function that is rt
+ *           allocates nothing, takes no lock of the SDK's and calls the system only as far as the
+ *           master does. Errors are put into words without allocation, too.
+ *       which thread: "any thread"; or the one that the object belongs to, which may change as long
+ *           as there is only one at a time. A call during another one gets ECAN_ERR_BUSY.
+ *       when: before or after which other function.
+ *
+ * Change log
+ *
+ *   0.1.0  First version.
+ */
+#ifndef IGH_ECAN_COMMON_H
+#define IGH_ECAN_COMMON_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+/** Version of this header; ecan_version() is that of the library. */
+#define ECAN_VERSION_MAJOR 0
+#define ECAN_VERSION_MINOR 1
+#define ECAN_VERSION_PATCH 0
+#define ECAN_VERSION (ECAN_VERSION_MAJOR * 10000 + ECAN_VERSION_MINOR * 100 + ECAN_VERSION_PATCH)
+
+/** What this version has; to be tested with #ifdef. */
+#define ECAN_HAVE_ATTACH 1          /* ecan_igh_attach() */
+#define ECAN_HAVE_SDO_REQUESTS 1    /* ecan_igh_create_sdo_request() */
+#define ECAN_HAVE_SCHEDULED_TX 1    /* igh_mcan_port_schedule_can() */
+#define ECAN_HAVE_TX_RESULT 1       /* igh_mcan_port_get_last_ticket() */
+#define ECAN_HAVE_SIMULATOR 1       /* the setting "sim" of ecan_igh_config_set_ecrt() */
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* ---------------------------------------------------------------------------
+ * Return values
+ * --------------------------------------------------------------------------- */
+
+/**
+ * What functions return: 0, or one of these negative codes.
+ *
+ * ecan_last_error() tells the particulars: which slave, which object, what was expected.
+ */
+typedef enum {
+    /** Done. */
+    ECAN_OK = 0,
+    /** A pointer is NULL that must not be. */
+    ECAN_ERR_NULL = -1,
+    /** A value is out of its range. */
+    ECAN_ERR_ARGUMENT = -2,
+    /** The object was not initialised, is deinitialised, or was copied to another place. */
+    ECAN_ERR_NOT_INITIALISED = -3,
+    /** The call does not fit what was done before: wrong order. */
+    ECAN_ERR_ORDER = -4,
+    /** Another thread, or a callback's caller, is inside this object. */
+    ECAN_ERR_BUSY = -5,
+    /** The buffer is too small; what was needed is told where there is a place for it. */
+    ECAN_ERR_BUFFER = -6,
+    /** A table of the configuration is full. */
+    ECAN_ERR_FULL = -7,
+    /** The configuration has faults; ecan_last_error() names every one. */
+    ECAN_ERR_CONFIG = -8,
+    /** No such slave is configured. */
+    ECAN_ERR_SLAVE = -9,
+    /** The channel does not exist or is not enabled. */
+    ECAN_ERR_CHANNEL = -10,
+    /** Not a CAN frame: identifier, length or flags. */
+    ECAN_ERR_FRAME = -11,
+    /** A CAN FD frame for a channel that is configured for classic CAN. */
+    ECAN_ERR_NOT_FD = -12,
+    /** The frame cannot be scheduled: no Sync0, no such capability, or beyond the period. */
+    ECAN_ERR_SCHEDULE = -13,
+    /** The image of this cycle is full; send again in a later cycle. */
+    ECAN_ERR_NO_ROOM = -14,
+    /** The gateway's transmit queue is full; send again in a later cycle. */
+    ECAN_ERR_QUEUE_FULL = -15,
+    /** The channel is bus-off. */
+    ECAN_ERR_BUS_OFF = -16,
+    /** The gateway is not in service: not in OP, or not verified yet. */
+    ECAN_ERR_NOT_READY = -17,
+    /** The image was being written while it was read; skip it in this cycle. */
+    ECAN_ERR_IMAGE_BUSY = -18,
+    /** The image, or the rest of it, cannot be parsed. */
+    ECAN_ERR_PARSE = -19,
+    /** The EtherCAT master library could not be had, or its setting is wrong. */
+    ECAN_ERR_ECRT = -20,
+    /** The EtherCAT master could not be opened, or a call of its library failed. */
+    ECAN_ERR_MASTER = -21,
+    /** A configured slave is not on the bus. */
+    ECAN_ERR_NOT_FOUND = -22,
+    /** The slave is another one than configured, or no ECAN-Lite. */
+    ECAN_ERR_IDENTITY = -23,
+    /** An SDO transfer failed; ecan_last_abort_code() tells why the slave refused. */
+    ECAN_ERR_SDO = -24,
+    /** An object reads back something else than its configuration demands. */
+    ECAN_ERR_READBACK = -25,
+    /** What was waited for did not happen in time. */
+    ECAN_ERR_TIMEOUT = -26,
+    /** A slave did not reach PREOP or OP. */
+    ECAN_ERR_NOT_OPERATIONAL = -27,
+    /** A gateway in OP was not taken into service: what it reads back is not what was configured. */
+    ECAN_ERR_VERIFICATION = -28,
+    /** The master belongs to someone else: the call is its owner's business. */
+    ECAN_ERR_ATTACHED = -29,
+    /** No such axis. */
+    ECAN_ERR_AXIS = -30,
+    /** The axis cannot do this now, or not at all. */
+    ECAN_ERR_AXIS_STATE = -31,
+    /** One or more axes are not where they are to be; ecan_last_error() names each. */
+    ECAN_ERR_AXES = -32,
+    /** A CANopen transfer or command failed. */
+    ECAN_ERR_CANOPEN = -33,
+    /** A fault of the library itself. Please report it with the text of ecan_last_error(). */
+    ECAN_ERR_INTERNAL = -99,
+} ecan_result_t;
+
+/**
+ * The name of a code, as it is written in this header.
+ *
+ * @usage   rt, any thread, any time
+ * @return  "ECAN_ERR_SDO" for example; "unknown result" for a value that is no code. Static.
+ */
+const char *ecan_result_name(int code);
+
+/**
+ * What a code means, in a few words.
+ *
+ * @usage   rt, any thread, any time
+ * @return  "the EtherCAT master refused" for example. Static.
+ */
+const char *ecan_result_words(int code);
+
+/* ---------------------------------------------------------------------------
+ * The last error, in words
+ * --------------------------------------------------------------------------- */
+
+/**
+ * The last error of this thread in words: which function, which slave, which object, why.
+ *
+ * A successful call leaves it as it is, like errno.
+ *
+ * @usage   rt, any thread, any time
+ * @return  The text, in UTF-8; "" before the first error. Valid until the thread's next error, and
+ *          not in another thread.
+ */
+const char *ecan_last_error(void);
+
+/**
+ * The code that belongs to ecan_last_error().
+ *
+ * @usage   rt, any thread, any time
+ * @return  A negative ecan_result_t; 0 before the first error.
+ */
+int ecan_last_error_code(void);
+
+/**
+ * The abort code with which a slave or a CANopen node refused the SDO transfer of the last error.
+ *
+ * @usage   rt, any thread, any time
+ * @return  0x06090030 for example; 0 where the last error was no refused transfer.
+ */
+uint32_t ecan_last_abort_code(void);
+
+/**
+ * Forgets the last error of this thread.
+ *
+ * @usage   rt, any thread, any time
+ */
+void ecan_clear_last_error(void);
+
+/* ---------------------------------------------------------------------------
+ * Constants
+ * --------------------------------------------------------------------------- */
+
+/** First cycle for bring-up, in microseconds (manual 15.5.2). */
+#define ECAN_DEFAULT_CYCLE_US 10000
+
+/** PDO size for classic CAN and CANopen, in chunks of 128 bytes (manual 15.5.2). */
+#define ECAN_DEFAULT_PDO_MULTIPLIER 3
+
+/** Bytes of a PDO chunk (manual 5.1). */
+#define ECAN_PDO_CHUNK_BYTES 128
+
+/** Bytes of an image's header (manual 6). */
+#define ECAN_PDO_HEADER_BYTES 24
+
+/** Most chunks of a PDO (manual 5.2). */
+#define ECAN_PDO_MAX_MULTIPLIER 24
+
+/**
+ * Most chunks that IgH 1.6.2 carries per direction: a sync manager never spans two datagrams of
+ * at most 1486 bytes.
+ */
+#define ECAN_PDO_MAX_PLAIN_MULTIPLIER 11
+
+/** Most packets of an image: its header counts them in a byte. */
+#define ECAN_PDO_MAX_PACKETS 255
+
+/** CAN channels of a gateway. */
+#define ECAN_MCAN_CHANNELS 4
+
+/** Most data bytes of a CAN FD frame. */
+#define ECAN_CANFD_MAX_BYTES 64
+
+/** The CAN channels of a gateway, by number. */
+typedef enum {
+    /** CAN0. */
+    ECAN_MCAN0 = 0,
+    /** CAN1. */
+    ECAN_MCAN1 = 1,
+    /** CAN2. */
+    ECAN_MCAN2 = 2,
+    /** CAN3. */
+    ECAN_MCAN3 = 3,
+} ecan_mcan_channel_t;
+
+/* ---------------------------------------------------------------------------
+ * Version of the library
+ * --------------------------------------------------------------------------- */
+
+/**
+ * Version of the library that was linked: major * 10000 + minor * 100 + patch.
+ *
+ * Compare with ECAN_VERSION, the version of the header that was compiled against.
+ *
+ * @usage   rt, any thread, any time
+ * @return  100 for 0.1.0.
+ */
+int ecan_version(void);
+
+/**
+ * Version of the library that was linked, as text.
+ *
+ * @usage   rt, any thread, any time
+ * @return  "0.1.0" for example. Static.
+ */
+const char *ecan_version_text(void);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif /* IGH_ECAN_COMMON_H */
