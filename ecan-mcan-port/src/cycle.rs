@@ -4,7 +4,7 @@ use ecan_host::{Adapter, CycleError, DomainReport};
 use ecan_protocol::ParseDiagnosis;
 
 use crate::port::{Gateway, Port};
-use crate::received::Received;
+use crate::received::{Received, ReceivedView};
 use crate::session::Event;
 
 /// What became of the TxPDO image of a cycle.
@@ -69,9 +69,9 @@ impl Port {
         if capacity == 0 {
             return 0;
         }
-        self.receive_while(|item| {
+        self.receive_views(|item| {
             if let Some(place) = received.get_mut(count) {
-                *place = item;
+                *place = item.to_owned();
                 count += 1;
             }
             count < capacity
@@ -83,17 +83,18 @@ impl Port {
     ///
     /// Real-time safe as far as `take` is; between `cycle_begin` and `cycle_end`.
     pub fn receive_each(&mut self, mut take: impl FnMut(Received)) {
-        self.receive_while(|item| {
-            take(item);
+        self.receive_views(|item| {
+            take(item.to_owned());
             true
         });
     }
 
-    /// Hands what came back to `take` until that returns false; the rest stays for another call in
-    /// the same cycle.
+    /// Hands what came back to `take`, where it lies in the images, until that returns false; the
+    /// rest stays for another call in the same cycle.
     ///
     /// Real-time safe as far as `take` is; between `cycle_begin` and `cycle_end`.
-    pub fn receive_while(&mut self, mut take: impl FnMut(Received) -> bool) {
+    #[inline]
+    pub fn receive_views(&mut self, mut take: impl FnMut(ReceivedView<'_>) -> bool) {
         let mut goes_on = true;
         for (slave, gateway) in self.gateways.iter_mut().enumerate() {
             let image = self.adapter.tx_pdo(slave);

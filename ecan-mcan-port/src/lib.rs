@@ -37,7 +37,7 @@ pub use config_check::PortConfigFault;
 pub use cycle::{CycleReport, ImageReport};
 pub use error::PortError;
 pub use port::Port;
-pub use received::{ReceiveSource, Received, ReceivedFrame, TransmitReport};
+pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
 pub use send::{
     NoRoom, NotSchedulable, SendError, SendOptions, SendTicket, TransmitFrame, TransmitHint,
 };

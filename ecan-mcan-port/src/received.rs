@@ -30,6 +30,17 @@ impl ReceiveSource {
             other => Self::Other(other),
         }
     }
+
+    /// The value in the packet.
+    pub fn raw(self) -> u8 {
+        match self {
+            Self::Fifo0 => 0,
+            Self::Fifo1 => 1,
+            Self::RxBuffer => 2,
+            Self::HighPriority => 3,
+            Self::Other(other) => other,
+        }
+    }
 }
 
 /// A CAN frame from the bus.
@@ -78,15 +89,36 @@ impl Received {
             Self::TransmitReport(_) => None,
         }
     }
+}
 
-    pub(crate) fn from_packet(slave: usize, packet: &FramePacket<'_>) -> Self {
-        Self::Frame(ReceivedFrame {
-            slave,
-            channel: packet.channel,
-            frame: packet.frame.to_owned(),
-            timestamp: packet.timestamp,
-            source: ReceiveSource::from_id_aux(packet.id_aux),
-        })
+/// One thing that came back, as it lies in the image: no data were copied.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ReceivedView<'a> {
+    /// A CAN frame from the bus.
+    Frame {
+        /// Slave index.
+        slave: usize,
+        /// The packet; its `id_aux` is the [`ReceiveSource`].
+        packet: FramePacket<'a>,
+    },
+    /// The outcome of a frame sent.
+    TransmitReport(TransmitReport),
+}
+
+impl ReceivedView<'_> {
+    /// The same with data of its own.
+    #[inline]
+    pub fn to_owned(&self) -> Received {
+        match self {
+            Self::Frame { slave, packet } => Received::Frame(ReceivedFrame {
+                slave: *slave,
+                channel: packet.channel,
+                frame: packet.frame.to_owned(),
+                timestamp: packet.timestamp,
+                source: ReceiveSource::from_id_aux(packet.id_aux),
+            }),
+            Self::TransmitReport(report) => Received::TransmitReport(*report),
+        }
     }
 
     pub(crate) fn from_result(slave: usize, result: &TxResult, is_known: bool) -> Self {

@@ -8,7 +8,7 @@ use ecan_protocol::{
 };
 
 use crate::cycle::ImageReport;
-use crate::received::Received;
+use crate::received::ReceivedView;
 use crate::statistics::SlaveStatistics;
 use crate::transmitter::Transmitter;
 
@@ -117,13 +117,14 @@ impl Receiver {
     }
 
     /// Hands out the next packets until `take` says stop or the image is through.
+    #[inline]
     pub(crate) fn drain(
         &mut self,
         slave: usize,
         image: &[u8],
         transmitter: &mut Transmitter,
         statistics: &mut SlaveStatistics,
-        mut take: impl FnMut(Received) -> bool,
+        mut take: impl FnMut(ReceivedView<'_>) -> bool,
     ) {
         let Some((header, cursor)) = self.pending else { return };
         let mut packets = self.reader.resume(image, &header, cursor);
@@ -131,7 +132,7 @@ impl Receiver {
             let received = match packets.next() {
                 Some(Ok(Packet::Frame(packet))) => {
                     statistics.channel(packet.channel).frames_received += 1;
-                    Received::from_packet(slave, &packet)
+                    ReceivedView::Frame { slave, packet }
                 }
                 Some(Ok(Packet::TxResult(result))) => {
                     let is_known = transmitter.history().take(&result);
@@ -142,7 +143,7 @@ impl Receiver {
                     } else {
                         statistics.channel(result.channel).results_failed += 1;
                     }
-                    Received::from_result(slave, &result, is_known)
+                    ReceivedView::from_result(slave, &result, is_known)
                 }
                 Some(Err(diagnosis)) => {
                     // What came before the fault has been handed out and stays valid.

@@ -195,13 +195,20 @@ impl<'a> FrameRef<'a> {
         self.len() == 0
     }
 
+    /// A copy of the data, with zeros behind them.
+    #[inline]
+    #[must_use]
+    pub fn padded_data(&self) -> [u8; 64] {
+        let mut data = [0; 64];
+        copy_data(&mut data, self.data);
+        data
+    }
+
     /// A copy that owns its data.
     #[inline]
     #[must_use]
     pub fn to_owned(&self) -> CanFrame {
-        let mut data = [0; 64];
-        copy_data(&mut data, self.data);
-        CanFrame { id: self.id, bits: self.bits, data }
+        CanFrame { id: self.id, bits: self.bits, data: self.padded_data() }
     }
 }
 

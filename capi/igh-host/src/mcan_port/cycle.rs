@@ -10,9 +10,9 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::call;
+use ecan_mcan_host::boundary::{Room, call};
 use ecan_mcan_host::pdo::frames::{igh_mcan_rx_frame_t, igh_mcan_rx_kind_t};
-use ecan_mcan_port::{ReceiveSource, Received};
+use ecan_mcan_port::{Port, Received, ReceivedView, TransmitReport};
 
 use super::context::igh_mcan_port_t;
 use crate::bus;
@@ -66,38 +66,51 @@ pub unsafe extern "C" fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) -> 
     })
 }
 
-fn source(source: ReceiveSource) -> u8 {
-    match source {
-        ReceiveSource::Fifo0 => 0,
-        ReceiveSource::Fifo1 => 1,
-        ReceiveSource::RxBuffer => 2,
-        ReceiveSource::HighPriority => 3,
-        ReceiveSource::Other(other) => other,
+/// An item as C sees it.
+#[inline]
+fn rx_frame(item: &ReceivedView<'_>) -> igh_mcan_rx_frame_t {
+    match item {
+        ReceivedView::Frame { slave, packet } => igh_mcan_rx_frame_t::from_packet(*slave, packet),
+        ReceivedView::TransmitReport(report) => tx_result(report),
     }
 }
 
-/// An item as C sees it.
-#[inline]
-pub(crate) fn rx_frame(item: &Received) -> igh_mcan_rx_frame_t {
+/// An item that has left its image, as C sees it.
+pub(crate) fn owned_rx_frame(item: &Received) -> igh_mcan_rx_frame_t {
     match item {
         Received::Frame(received) => igh_mcan_rx_frame_t::from_frame(
             received.slave,
             received.channel,
             received.frame.as_ref(),
             received.timestamp,
-            source(received.source),
+            received.source.raw(),
         ),
-        Received::TransmitReport(report) => igh_mcan_rx_frame_t {
-            slave: report.slave as u16,
-            channel: report.channel,
-            kind: igh_mcan_rx_kind_t::IGH_MCAN_RX_TX_RESULT as u8,
-            result: report.code.raw(),
-            sequence: report.ticket.map_or(0, |ticket| ticket.sequence),
-            frame_index: report.ticket.map_or(0, |ticket| ticket.index),
-            is_known: report.ticket.is_some().into(),
-            ..igh_mcan_rx_frame_t::EMPTY
-        },
+        Received::TransmitReport(report) => tx_result(report),
     }
+}
+
+fn tx_result(report: &TransmitReport) -> igh_mcan_rx_frame_t {
+    igh_mcan_rx_frame_t {
+        slave: report.slave as u16,
+        channel: report.channel,
+        kind: igh_mcan_rx_kind_t::IGH_MCAN_RX_TX_RESULT as u8,
+        result: report.code.raw(),
+        sequence: report.ticket.map_or(0, |ticket| ticket.sequence),
+        frame_index: report.ticket.map_or(0, |ticket| ticket.index),
+        is_known: report.ticket.is_some().into(),
+        ..igh_mcan_rx_frame_t::EMPTY
+    }
+}
+
+/// Hands what came back to C, as much as there is room for.
+pub(crate) fn receive(port: &mut Port, room: &mut Room<igh_mcan_rx_frame_t>) {
+    if room.is_full() {
+        return;
+    }
+    port.receive_views(|item| {
+        room.push(rx_frame(&item));
+        !room.is_full()
+    });
 }
 
 /// Takes what came back: frames of the buses, and the outcome of frames sent where the option
@@ -127,12 +140,7 @@ pub unsafe extern "C" fn igh_mcan_port_receive(
             )
         };
         count.set(0);
-        if !room.is_full() {
-            bus.need_port(call)?.receive_while(|item| {
-                room.push(rx_frame(&item));
-                !room.is_full()
-            });
-        }
+        receive(bus.need_port(call)?, &mut room);
         count.set(room.count());
         Ok(())
     })

@@ -14,7 +14,7 @@ use ecan_mcan_port::{SendOptions, TransmitHint};
 use ecan_protocol::{FrameRef, Schedule};
 
 use super::context::igh_mcan_port_t;
-use super::cycle::rx_frame;
+use super::cycle::receive;
 use crate::bus::{self, Bus};
 use crate::errors;
 use crate::handle::Entered;
@@ -262,12 +262,7 @@ pub unsafe extern "C" fn igh_mcan_port_exchange(
         count.set(0);
         let port = bus.need_port(call)?;
         let begun = port.cycle_begin().map_err(|error| errors::cycle(call, &error));
-        if !room.is_full() {
-            port.receive_while(|item| {
-                room.push(rx_frame(&item));
-                !room.is_full()
-            });
-        }
+        receive(port, &mut room);
         count.set(room.count());
         let sent = frames.iter().try_for_each(|tx| send_tx(call, &mut bus, tx));
         let ended = bus.need_port(call)?.cycle_end();

@@ -27,12 +27,14 @@ pub struct Call {
 }
 
 /// Runs a call from C and gives its return value.
+#[inline(always)]
 pub fn call(function: &'static str, body: impl FnOnce(Call) -> Result<(), ecan_result_t>) -> c_int {
     getter(function, |error| error.code(), |call| body(call).map(|()| 0))
 }
 
 /// Runs a call from C that returns something else than a code; `failed` says what in case of an
 /// error.
+#[inline(always)]
 pub fn getter<R>(
     function: &'static str,
     failed: impl FnOnce(ecan_result_t) -> R,
@@ -97,6 +99,7 @@ impl Call {
     ///
     /// # Safety
     /// `pointer` is NULL or valid for reading, and not written to meanwhile.
+    #[inline]
     pub unsafe fn read<'a, T>(self, name: &str, pointer: *const T) -> Result<&'a T, ecan_result_t> {
         // SAFETY: the caller's promise.
         unsafe { pointer.as_ref() }.ok_or_else(|| self.null(name))
@@ -109,6 +112,7 @@ impl Call {
     ///
     /// # Safety
     /// `pointer` is NULL or valid for reading and writing, and not used otherwise meanwhile.
+    #[inline]
     pub unsafe fn change<'a, T>(
         self,
         name: &str,
@@ -125,6 +129,7 @@ impl Call {
     ///
     /// # Safety
     /// `pointer` is NULL or valid for writing as long as the result lives.
+    #[inline]
     pub unsafe fn out<T>(self, name: &str, pointer: *mut T) -> Result<Out<T>, ecan_result_t> {
         Out::new(pointer).ok_or_else(|| self.null(name))
     }
@@ -144,6 +149,7 @@ impl Call {
     ///
     /// # Safety
     /// `items` is NULL or valid for reading `count` items, and not written to meanwhile.
+    #[inline]
     pub unsafe fn items<'a, T>(
         self,
         name: &str,
@@ -168,6 +174,7 @@ impl Call {
     ///
     /// # Safety
     /// `items` is NULL or valid for writing `capacity` items as long as the result lives.
+    #[inline]
     pub unsafe fn room<T>(
         self,
         name: &str,
@@ -181,6 +188,7 @@ impl Call {
         Ok(Room::new(items, capacity))
     }
 
+    #[inline]
     fn size<T>(self, name: &str, count: usize) -> Result<(), ecan_result_t> {
         let bytes = count.checked_mul(size_of::<T>());
         if bytes.is_none_or(|bytes| bytes > isize::MAX as usize) {

@@ -170,7 +170,7 @@ impl ToResult for FrameError {
 ///
 /// # Errors
 /// [`ecan_result_t::ECAN_ERR_FRAME`].
-#[inline]
+#[inline(always)]
 pub fn classic_frame(
     call: Call,
     can_id: u32,
@@ -192,7 +192,7 @@ pub fn classic_frame(
 ///
 /// # Safety
 /// As for [`Call::items`], but for a remote frame.
-#[inline]
+#[inline(always)]
 pub unsafe fn classic_frame_at<'a>(
     call: Call,
     can_id: u32,
@@ -270,9 +270,6 @@ impl igh_mcan_tx_frame_t {
     }
 
     fn from_frame(slave: u16, channel: u8, frame: FrameRef<'_>) -> Self {
-        let mut data = [0; 64];
-        let bytes = frame.data();
-        data[..bytes.len()].copy_from_slice(bytes);
         Self {
             slave,
             channel,
@@ -285,7 +282,7 @@ impl igh_mcan_tx_frame_t {
             offset_ns: 0,
             tag: 0,
             reserved2: 0,
-            data,
+            data: frame.padded_data(),
         }
     }
 }
@@ -341,9 +338,6 @@ impl igh_mcan_rx_frame_t {
         timestamp: Timestamp,
         source: u8,
     ) -> Self {
-        let mut data = [0; 64];
-        let bytes = frame.data();
-        data[..bytes.len()].copy_from_slice(bytes);
         Self {
             slave: slave as u16,
             channel,
@@ -364,7 +358,7 @@ impl igh_mcan_rx_frame_t {
                 Timestamp::Delta32(time) => time.into(),
                 Timestamp::Full64(time) => time,
             },
-            data,
+            data: frame.padded_data(),
         }
     }
 

@@ -1,0 +1,34 @@
+# Headers, libraries, pkg-config files and a CMake package.
+set(_libraries ecan_mcan_host)
+if(TARGET ecan_igh_host)
+    list(APPEND _libraries ecan_igh_host)
+endif()
+
+file(RELATIVE_PATH _pc_to_prefix
+    "/prefix/${CMAKE_INSTALL_LIBDIR}/pkgconfig" "/prefix")
+string(REGEX REPLACE "/$" "" _pc_to_prefix "${_pc_to_prefix}")
+
+install(FILES ${_headers} DESTINATION ${CMAKE_INSTALL_INCLUDEDIR})
+install(TARGETS ${_libraries} LIBRARY DESTINATION ${CMAKE_INSTALL_LIBDIR})
+foreach(_library IN LISTS _libraries)
+    install(FILES "${CMAKE_CURRENT_BINARY_DIR}/lib${_library}.a"
+        DESTINATION ${CMAKE_INSTALL_LIBDIR})
+    if(_library STREQUAL "ecan_igh_host")
+        set(_description "ECAN-Lite: Adapter, MCAN Port and CiA 402 on the IgH EtherCAT master")
+    else()
+        set(_description "ECAN-Lite: the process data protocol")
+    endif()
+    configure_file(cmake/ecan.pc.in "${_library}.pc" @ONLY)
+    install(FILES "${CMAKE_CURRENT_BINARY_DIR}/${_library}.pc"
+        DESTINATION ${CMAKE_INSTALL_LIBDIR}/pkgconfig)
+endforeach()
+
+set(_package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/EcanLite)
+configure_package_config_file(cmake/EcanLiteConfig.cmake.in EcanLiteConfig.cmake
+    INSTALL_DESTINATION ${_package_dir} PATH_VARS CMAKE_INSTALL_INCLUDEDIR CMAKE_INSTALL_LIBDIR)
+write_basic_package_version_file("${CMAKE_CURRENT_BINARY_DIR}/EcanLiteConfigVersion.cmake"
+    COMPATIBILITY SameMinorVersion)
+install(FILES
+    "${CMAKE_CURRENT_BINARY_DIR}/EcanLiteConfig.cmake"
+    "${CMAKE_CURRENT_BINARY_DIR}/EcanLiteConfigVersion.cmake"
+    DESTINATION ${_package_dir})

@@ -1,0 +1,62 @@
+# The C libraries from their Rust crates.
+#
+# cargo makes the static library. The shared one is linked from it here, since its symbols are
+# versioned: rustc's own link of a cdylib takes no version script.
+
+find_program(ECAN_CARGO cargo HINTS "$ENV{HOME}/.cargo/bin" REQUIRED)
+find_package(Threads REQUIRED)
+
+# What a Rust static library needs of the system.
+set(ECAN_SYSTEM_LIBRARIES Threads::Threads ${CMAKE_DL_LIBS} m)
+
+# cargo's release build of a package; OUTPUT gets the path of its static library.
+function(ecan_cargo_build target)
+    cmake_parse_arguments(_arg "" "PACKAGE;LIBRARY;OUTPUT" "" ${ARGN})
+    set(_file "${ECAN_CARGO_TARGET_DIR}/release/lib${_arg_LIBRARY}.a")
+    # cargo knows best what is stale, and does nothing where nothing is.
+    add_custom_target(${target}_cargo ALL
+        COMMAND ${CMAKE_COMMAND} -E env
+            "CARGO_TARGET_DIR=${ECAN_CARGO_TARGET_DIR}" "ECAN_DEFAULT_ECRT=${ECRT_LIBRARY}"
+            ${ECAN_CARGO} build --release --locked --quiet -p ${_arg_PACKAGE}
+        WORKING_DIRECTORY "${PROJECT_SOURCE_DIR}"
+        BYPRODUCTS "${_file}"
+        COMMENT "cargo build ${_arg_PACKAGE}"
+        USES_TERMINAL VERBATIM)
+    set(${_arg_OUTPUT} "${_file}" PARENT_SCOPE)
+endfunction()
+
+# A library of the SDK: <name> (shared) and <name>_static.
+function(ecan_add_library name)
+    cmake_parse_arguments(_arg "" "PACKAGE" "" ${ARGN})
+    ecan_cargo_build(${name} PACKAGE ${_arg_PACKAGE} LIBRARY ${name} OUTPUT _archive)
+    set(_static "${CMAKE_CURRENT_BINARY_DIR}/lib${name}.a")
+    add_custom_command(OUTPUT "${_static}"
+        COMMAND ${CMAKE_COMMAND} -E copy_if_different "${_archive}" "${_static}"
+        DEPENDS ${name}_cargo "${_archive}")
+    add_custom_target(${name}_archive ALL DEPENDS "${_static}")
+
+    add_library(${name}_static STATIC IMPORTED GLOBAL)
+    add_dependencies(${name}_static ${name}_archive)
+    set_target_properties(${name}_static PROPERTIES
+        IMPORTED_LOCATION "${_static}"
+        INTERFACE_INCLUDE_DIRECTORIES "${PROJECT_SOURCE_DIR}/include"
+        INTERFACE_LINK_LIBRARIES "${ECAN_SYSTEM_LIBRARIES}")
+
+    set(_map "${PROJECT_SOURCE_DIR}/capi/lib${name}.map")
+    file(WRITE "${CMAKE_CURRENT_BINARY_DIR}/empty.c" "typedef int ecan_empty;\n")
+    add_library(${name} SHARED "${CMAKE_CURRENT_BINARY_DIR}/empty.c")
+    add_dependencies(${name} ${name}_archive)
+    target_include_directories(${name} INTERFACE
+        "$<BUILD_INTERFACE:${PROJECT_SOURCE_DIR}/include>"
+        "$<INSTALL_INTERFACE:${CMAKE_INSTALL_INCLUDEDIR}>")
+    target_link_libraries(${name} PRIVATE
+        "-Wl,--whole-archive" "${_static}" "-Wl,--no-whole-archive" ${ECAN_SYSTEM_LIBRARIES})
+    target_link_options(${name} PRIVATE
+        "-Wl,--version-script=${_map}" "-Wl,--gc-sections" "-Wl,--no-undefined"
+        "$<$<CONFIG:Release>:-Wl,--strip-debug>")
+    set_target_properties(${name} PROPERTIES
+        VERSION ${PROJECT_VERSION}
+        # Before 1.0 each minor version may break what was.
+        SOVERSION ${PROJECT_VERSION_MAJOR}.${PROJECT_VERSION_MINOR}
+        LINK_DEPENDS "${_static};${_map}")
+endfunction()
