@@ -2,12 +2,14 @@
 
 use std::ptr::{null, null_mut};
 
+use super::opening::SimulatedMasters;
 use super::*;
 use crate::scenario::{ClockKind, echo};
+use ecrt_sys::OpenMaster as _;
 
-fn simulated() -> (Functions, SimulatedLibrary) {
+fn simulated() -> (Functions, SimulatedMasters) {
     let simulation = Simulation::new(&echo(1), ClockKind::Stepped).unwrap();
-    (table(EcrtVersion::V1_6), SimulatedLibrary { shared: simulation.shared().clone() })
+    (table(EcrtVersion::V1_6), SimulatedMasters { shared: simulation.shared().clone() })
 }
 
 fn call<A>(
