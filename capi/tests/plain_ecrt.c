@@ -18,6 +18,7 @@
 #define CYCLE_NS 1000000LL
 #define OP_SECONDS 20
 #define ECHO_SECONDS 5
+#define RETRY_CYCLES 100
 
 /* N = 8 chunks of 128 bytes in each direction, four channels (5.4.3). */
 #define CHUNKS 8
@@ -326,31 +327,32 @@ static int wait_for_op(struct program *program)
         const int complete = begin_cycle(program);
         ecrt_slave_config_state(program->config, &slave);
         if (complete) {
-            if (slave.operational) {
-                printf("OP after %ld cycles\n", cycle);
-                return 0;
-            }
             publish(program, NULL, 0);
         }
         end_cycle(program);
+        if (complete && slave.operational) {
+            printf("OP after %ld cycles\n", cycle);
+            return 0;
+        }
     }
     fprintf(stderr, "plain_ecrt: not in OP after %d s: online %u, AL state 0x%02X\n", OP_SECONDS,
             (unsigned int)slave.online, (unsigned int)slave.al_state);
     return -1;
 }
 
-/* An image that did not arrive stays as it is: to the gateway a repeat is nothing new. */
+/*
+ * An image that did not arrive stays as it is: to the gateway a repeat is
+ * nothing new. A frame without an answer is sent again.
+ */
 static int exchange_frame(struct program *program)
 {
-    publish(program, frame, sizeof frame);
-    end_cycle(program);
-    for (long cycle = 1; cycle < ECHO_SECONDS * 1000L; cycle++) {
+    for (long cycle = 0; cycle < ECHO_SECONDS * 1000L; cycle++) {
         if (begin_cycle(program)) {
-            if (holds_frame(program->inputs)) {
+            if (cycle > 0 && holds_frame(program->inputs)) {
                 printf("the frame is back after %ld cycles\n", cycle);
                 return 0;
             }
-            publish(program, NULL, 0);
+            publish(program, frame, cycle % RETRY_CYCLES == 0 ? sizeof frame : 0);
         }
         end_cycle(program);
     }

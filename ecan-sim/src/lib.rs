@@ -67,7 +67,7 @@ pub mod libethercat {
 
 pub use backend::{
     Backend, BackendError, ECRT_VARIABLE, EcrtSetting, ScenarioChoice, SimOptions, open,
-    open_scenario,
+    open_scenario, simulate,
 };
 pub use clock::SimClock;
 pub use fault::{DriveFault, Fault, LibraryCall, LostWay, ScriptedFault, When};

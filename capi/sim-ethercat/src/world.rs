@@ -32,14 +32,12 @@ pub(crate) fn simulation() -> Result<Simulation, c_int> {
 }
 
 fn open() -> Result<Simulation, BackendError> {
-    let setting = match EcrtSetting::from_environment()? {
-        Some(simulated @ EcrtSetting::Sim(_)) => simulated,
+    let choice = match EcrtSetting::from_environment()? {
+        Some(EcrtSetting::Sim(choice)) => choice,
         // The name of a library, most likely of this one: it says nothing about the scenario.
-        Some(EcrtSetting::Library(_)) | None => EcrtSetting::Sim(ScenarioChoice::Suggested),
+        Some(EcrtSetting::Library(_)) | None => ScenarioChoice::Suggested,
     };
-    let backend = ecan_sim::open(&setting, &SimOptions::default())?;
-    // A setting that is simulated gives a simulation.
-    backend.simulation.ok_or(BackendError::Environment)
+    ecan_sim::simulate(&choice, &SimOptions::default())
 }
 
 fn error_number(error: &BackendError) -> c_int {

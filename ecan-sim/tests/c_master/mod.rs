@@ -6,7 +6,7 @@ use ecan_protocol::{
     Direction, MAPPED_SUBINDEX, PdoProfile, SdoWrite, assignment_writes, data_object_index,
     pdo_map_index, sync_manager,
 };
-use ecan_sim::{ClockKind, SimOptions, Simulation, echo, libethercat as c, open_scenario};
+use ecan_sim::{ClockKind, ScenarioChoice, SimOptions, Simulation, libethercat as c, simulate};
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, ec_domain_t, ec_master_t, ec_pdo_entry_info_t,
     ec_pdo_entry_reg_t, ec_pdo_info_t, ec_slave_config_state_t, ec_slave_config_t, ec_slave_info_t,
@@ -29,8 +29,7 @@ pub struct CMaster {
 /// The built-in scenario on stepped time.
 pub fn stepped_echo() -> Simulation {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
-    let backend = open_scenario(echo(1), &options).expect("the scenario is good");
-    backend.simulation.expect("it is simulated")
+    simulate(&ScenarioChoice::Suggested, &options).expect("the scenario is good")
 }
 
 impl CMaster {
