@@ -8,7 +8,7 @@ export! {
         domain: *mut ec_domain_t, entries: *const ec_pdo_entry_reg_t) -> c_int
         = domain_reg_pdo_entry_list;
     silent ecrt_domain_size(domain: *const ec_domain_t) -> size_t = domain_size;
-    told ecrt_domain_data(domain: *mut ec_domain_t) -> *mut u8 = domain_data;
+    silent ecrt_domain_data(domain: *mut ec_domain_t) -> *mut u8 = domain_data;
     silent ecrt_domain_process(domain: *mut ec_domain_t) -> c_int = domain_process;
     silent ecrt_domain_queue(domain: *mut ec_domain_t) -> c_int = domain_queue;
     silent ecrt_domain_state(

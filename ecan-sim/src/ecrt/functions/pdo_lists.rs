@@ -36,7 +36,7 @@ unsafe fn list<'a, T>(first: *const T, count: c_uint) -> &'a [T] {
 }
 
 /// `ecrt_slave_config_pdos`: sync managers with their PDOs and entries, up to the given number or
-/// the one with index 0xFF. It begins with what fails: what came before stays configured.
+/// the one with index 0xFF. What came before a refused one stays configured.
 pub unsafe extern "C" fn slave_config_pdos(
     config: *mut ec_slave_config_t,
     sync_count: c_uint,
