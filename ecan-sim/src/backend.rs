@@ -195,18 +195,28 @@ pub fn open(setting: &EcrtSetting, options: &SimOptions) -> Result<Backend, Back
             Ok(Backend { ecrt: Ecrt::load(path.as_deref())?, simulation: None })
         }
         EcrtSetting::Sim(choice) => {
-            let mut scenario = choose(choice, options)?;
-            if let Some(seed) = options.seed {
-                scenario.seed = seed;
-            }
-            if let Some(carries) = options.carries_large_pdos {
-                scenario.carries_large_pdos = carries;
-            }
-            let clock = scenario.clock.or(options.clock).unwrap_or(ClockKind::Real);
-            let simulation = Simulation::new(&scenario, clock)?;
+            let simulation = simulate(choice, options)?;
             Ok(Backend { ecrt: simulated_library(&simulation), simulation: Some(simulation) })
         }
     }
+}
+
+/// Opens a simulation without the table of a library in front, for [`libethercat`].
+///
+/// [`libethercat`]: crate::libethercat
+///
+/// # Errors
+/// What is wrong with the scenario.
+pub fn simulate(choice: &ScenarioChoice, options: &SimOptions) -> Result<Simulation, BackendError> {
+    let mut scenario = choose(choice, options)?;
+    if let Some(seed) = options.seed {
+        scenario.seed = seed;
+    }
+    if let Some(carries) = options.carries_large_pdos {
+        scenario.carries_large_pdos = carries;
+    }
+    let clock = scenario.clock.or(options.clock).unwrap_or(ClockKind::Real);
+    Simulation::new(&scenario, clock)
 }
 
 /// Opens a simulated library for a scenario made in memory.

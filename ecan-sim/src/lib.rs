@@ -45,9 +45,29 @@ mod scenario;
 mod simulation;
 mod world;
 
+/// The functions of the simulated libethercat as C calls them, for a library that exports them
+/// under their names `ecrt_...`. Rust programs take the table that [`open`] gives.
+///
+/// They are the functions of 1.6, which report a status: 0, or a negative error number; a null
+/// pointer comes with the thread's error number. A panic never leaves one of them: it ends as
+/// `EIO`.
+///
+/// # Safety
+///
+/// The handles that the functions take are the numbers that [`request_master`], [`open_master`]
+/// and the others gave; they are looked up and never followed, so a wrong one is `EINVAL`. Every
+/// other pointer is null or points to what libethercat's interface says: a place for the result, a
+/// text that ends with a zero, as many bytes as the size beside it.
+///
+/// [`request_master`]: libethercat::request_master
+/// [`open_master`]: libethercat::open_master
+pub mod libethercat {
+    pub use crate::ecrt::functions::*;
+}
+
 pub use backend::{
     Backend, BackendError, ECRT_VARIABLE, EcrtSetting, ScenarioChoice, SimOptions, open,
-    open_scenario,
+    open_scenario, simulate,
 };
 pub use clock::SimClock;
 pub use fault::{DriveFault, Fault, LibraryCall, LostWay, ScriptedFault, When};

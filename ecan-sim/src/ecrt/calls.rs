@@ -9,9 +9,8 @@ use crate::ecrt::front::{Shared, State};
 use crate::ecrt::master::Phase;
 use crate::ecrt::process_memory::ProcessMemory;
 use crate::ecrt::registry::{self, Handle, Target};
-use crate::ecrt::slave_config::{
-    RegRequest, RequestProgress, SdoRequest, SlaveConfig, StartupSdo, SyncConfig,
-};
+use crate::ecrt::sdo::SdoObject;
+use crate::ecrt::slave_config::{EntryPlace, RegRequest, SdoRequest, SlaveConfig, SyncConfig};
 use crate::ecrt::slave_view::{Pdo, SYNC_MANAGERS, SlaveView};
 use crate::ecrt::timing::ACTIVATE_NS;
 use crate::ecrt::transport::Queued;
@@ -58,6 +57,16 @@ impl MasterCall {
         let (shared, client) = (self.shared(), self.0.client);
         registry::address_of(shared, client, target)
             .unwrap_or_else(|| registry::insert(Handle { shared: shared.clone(), client, target }))
+    }
+
+    /// Reserves the master for this handle.
+    pub(super) fn reserve(&self) -> Answer {
+        self.shared().reserve(self.0.client)
+    }
+
+    /// Lets the slaves that were given up start again.
+    pub(super) fn reset(&self) -> Answer {
+        self.driving(|state| state.master.reset())
     }
 
     pub(super) fn release(&self) {
@@ -204,12 +213,11 @@ impl MasterCall {
     pub(super) fn transfer(
         &self,
         position: u16,
-        index: u16,
-        subindex: u8,
+        object: SdoObject,
         download: Option<Vec<u8>>,
     ) -> Result<Vec<u8>, (c_int, u32)> {
         self.shared()
-            .transfer(position, index, subindex, download)
+            .transfer(position, object, download)
             .map_err(|failure| (failure.errno, failure.abort_code))
     }
 }
@@ -230,7 +238,7 @@ impl ConfigCall {
     }
 
     /// Whether it belongs to the same master handle as a domain.
-    pub(super) fn is_beside(&self, domain: &DomainCall) -> bool {
+    fn is_beside(&self, domain: &DomainCall) -> bool {
         Arc::ptr_eq(&self.handle.shared, &domain.handle.shared)
             && self.handle.client == domain.handle.client
     }
@@ -268,29 +276,24 @@ impl ConfigCall {
         })
     }
 
-    /// Puts a mapped entry into a domain: byte offset and bit in that byte.
+    /// Puts a mapped entry into a domain of the same master handle: byte offset and bit in that
+    /// byte.
     pub(super) fn register_entry(
         &self,
-        index: u16,
-        subindex: u8,
+        entry: EntryPlace,
         domain: &DomainCall,
     ) -> Answer<(usize, u32)> {
+        if !self.is_beside(domain) {
+            return Err(libc::ENOENT);
+        }
         self.handle.shared.with(|state| {
             state.master.may_configure(self.handle.client)?;
             let config = state.master.configs.get(self.index).ok_or(libc::ENOENT)?;
-            let (sync, direction, size, bit) =
-                config.locate(index, subindex).ok_or(libc::ENOENT)?;
+            let (sync, direction, size, bit) = config.locate(entry).ok_or(libc::ENOENT)?;
             let direction = direction.ok_or(libc::EINVAL)?;
             let domain = state.master.domains.get_mut(domain.index).ok_or(libc::ENOENT)?;
             let base = domain.add_fmmu(self.index, sync, direction, size);
             Ok((base + bit / 8, (bit % 8) as u32))
-        })
-    }
-
-    pub(super) fn add_sdo(&self, index: u16, subindex: u8, data: Vec<u8>) -> Answer {
-        self.change(|config| {
-            config.sdos.push(StartupSdo { index, subindex, data });
-            Ok(())
         })
     }
 
@@ -299,7 +302,7 @@ impl ConfigCall {
             config.requests.push(SdoRequest::new(index, sub, size));
             Ok(config.requests.len() - 1)
         })?;
-        Ok(self.insert(Target::Request { config: self.index, request }))
+        Ok(self.insert(|config| Target::Request { config, request }))
     }
 
     pub(super) fn create_reg_request(&self, size: usize) -> Answer<usize> {
@@ -307,12 +310,13 @@ impl ConfigCall {
             config.reg_requests.push(RegRequest::new(size));
             Ok(config.reg_requests.len() - 1)
         })?;
-        Ok(self.insert(Target::RegRequest { config: self.index, request }))
+        Ok(self.insert(|config| Target::RegRequest { config, request }))
     }
 
-    fn insert(&self, target: Target) -> usize {
+    /// Enters a handle of something that belongs to this configuration.
+    pub(super) fn insert(&self, target: impl FnOnce(usize) -> Target) -> usize {
         let (shared, client) = (self.handle.shared.clone(), self.handle.client);
-        registry::insert(Handle { shared, client, target })
+        registry::insert(Handle { shared, client, target: target(self.index) })
     }
 
     pub(super) fn state(&self) -> Answer<(SlaveState, bool)> {
@@ -357,6 +361,12 @@ impl DomainCall {
         }
     }
 
+    /// The master handle that it was made from.
+    pub(super) fn master_address(&self) -> Answer<usize> {
+        let Handle { shared, client, .. } = &self.handle;
+        registry::address_of(shared, *client, Target::Master).ok_or(libc::EINVAL)
+    }
+
     pub(super) fn size(&self) -> Answer<usize> {
         self.handle
             .shared
@@ -397,79 +407,6 @@ impl DomainCall {
             state.world.library_call(LibraryCall::DomainState)?;
             let domain = state.master.domains.get(self.index).ok_or(libc::ENOENT)?;
             Ok((domain.working_counter, domain.expected))
-        })
-    }
-}
-
-/// A handle, used as an SDO request.
-pub(super) struct RequestCall {
-    handle: Handle,
-    config: usize,
-    request: usize,
-}
-
-impl RequestCall {
-    pub(super) fn find(address: usize) -> Answer<Self> {
-        let handle = registry::find(address).ok_or(libc::EINVAL)?;
-        match handle.target {
-            Target::Request { config, request } => Ok(Self { handle, config, request }),
-            _ => Err(libc::EINVAL),
-        }
-    }
-
-    pub(super) fn change<R>(&self, action: impl FnOnce(&mut SdoRequest) -> R) -> Answer<R> {
-        self.handle.shared.with(|state| {
-            state.master.request(self.config, self.request).map(action).ok_or(libc::ENOENT)
-        })
-    }
-
-    pub(super) fn start(&self, writes: bool) -> Answer {
-        self.handle.shared.with(|state| {
-            state.master.may_exchange(self.handle.client)?;
-            let now = state.world.now_ns();
-            if state.master.start_request(self.config, self.request, writes, now) {
-                Ok(())
-            } else {
-                Err(libc::EINVAL)
-            }
-        })
-    }
-
-    pub(super) fn progress(&self) -> Answer<RequestProgress> {
-        self.handle.shared.with(|state| {
-            let now = state.world.now_ns();
-            state.master.request_progress(self.config, self.request, now).ok_or(libc::ENOENT)
-        })
-    }
-}
-
-/// A handle, used as a register request.
-pub(super) struct RegRequestCall {
-    handle: Handle,
-    config: usize,
-    request: usize,
-}
-
-impl RegRequestCall {
-    pub(super) fn find(address: usize) -> Answer<Self> {
-        let handle = registry::find(address).ok_or(libc::EINVAL)?;
-        match handle.target {
-            Target::RegRequest { config, request } => Ok(Self { handle, config, request }),
-            _ => Err(libc::EINVAL),
-        }
-    }
-
-    pub(super) fn change<R>(&self, action: impl FnOnce(&mut RegRequest) -> R) -> Answer<R> {
-        self.handle.shared.with(|state| {
-            state.master.reg_request(self.config, self.request).map(action).ok_or(libc::ENOENT)
-        })
-    }
-
-    pub(super) fn read(&self, address: u16, size: usize) -> Answer {
-        self.handle.shared.with(|state| {
-            state.master.may_exchange(self.handle.client)?;
-            let now = state.world.now_ns();
-            state.master.start_reg_request(self.config, self.request, address, size, now)
         })
     }
 }

@@ -8,7 +8,7 @@ use ecrt_sys::{Clock as _, MonotonicClock};
 
 use crate::backend::BackendError;
 use crate::ecrt::master::{MasterModel, Phase};
-use crate::ecrt::sdo::SdoFailure;
+use crate::ecrt::sdo::{SdoFailure, SdoObject};
 use crate::ecrt::timing::{BLOCKED_GIVE_UP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
 use crate::world::{EPOCH_NS, World};
@@ -179,19 +179,12 @@ impl Shared {
     pub(crate) fn transfer(
         &self,
         position: u16,
-        index: u16,
-        subindex: u8,
+        object: SdoObject,
         download: Option<Vec<u8>>,
     ) -> Result<Vec<u8>, SdoFailure> {
         let (id, mut moved_at, mut sends) = self.with(|state| {
             let now = state.world.now_ns();
-            let id = state.master.queue_blocking(
-                usize::from(position),
-                index,
-                subindex,
-                download,
-                now,
-            )?;
+            let id = state.master.queue_blocking(usize::from(position), object, download, now)?;
             Ok((id, now, state.master.sends))
         })?;
         self.wait(|state, is_alone| {
@@ -218,8 +211,8 @@ impl Shared {
         })
     }
 
-    /// Reserves the master, after a scan and the slaves' way to PREOP have ended.
-    pub(crate) fn request(&self) -> Result<u64, i32> {
+    /// Reserves the master for a handle, after a scan and the slaves' way to PREOP have ended.
+    pub(crate) fn reserve(&self, client: u64) -> Result<(), i32> {
         let claim = |state: &mut State, _| {
             if !state.master.is_free() {
                 return Some(Err(libc::EBUSY));
@@ -227,9 +220,8 @@ impl Shared {
             if !state.master.is_settled() {
                 return None;
             }
-            let client = state.master.new_client();
             state.master.reserve(client);
-            Some(Ok(client))
+            Some(Ok(()))
         };
         self.wait(claim)
     }

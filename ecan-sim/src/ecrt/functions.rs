@@ -4,19 +4,20 @@
 //! what is dereferenced are the caller's own out-parameters and buffers, which libethercat's
 //! interface obliges it to pass valid or null.
 
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
 use std::sync::Arc;
 
-use crate::ecrt::calls::{Answer, ConfigCall, DomainCall, MasterCall, RegRequestCall, RequestCall};
-use crate::ecrt::front::Shared;
-use crate::ecrt::registry::{self, Handle, Target};
+use crate::ecrt::calls::{Answer, ConfigCall, DomainCall, MasterCall};
+use crate::ecrt::foreign_mailbox::ForeignCall;
+use crate::ecrt::request_calls::{RegRequestCall, RequestCall};
 use crate::scenario::EcrtVersion;
 use crate::simulation::Simulation;
 use ecrt_sys::{
-    Ecrt, Errno, Functions, OpenMaster, Status, ec_domain_t, ec_master_t, ec_reg_request_t,
-    ec_sdo_request_t, ec_slave_config_t,
+    Ecrt, Errno, Functions, Status, ec_domain_t, ec_master_t, ec_reg_request_t, ec_sdo_request_t,
+    ec_slave_config_t,
 };
-use libc::{c_int, size_t};
+use libc::{c_int, c_uint, size_t};
 
 /// Whether the kernel started this program with more rights than its user has.
 pub(crate) fn secure_execution() -> bool {
@@ -28,44 +29,12 @@ pub(crate) fn secure_execution() -> bool {
 pub(crate) fn simulated_library(simulation: &Simulation) -> Ecrt {
     let shared = simulation.shared().clone();
     let version = shared.version();
-    let masters = Arc::new(SimulatedLibrary { shared });
+    let masters = Arc::new(opening::SimulatedMasters { shared });
     let scenario = simulation.scenario_name();
     let clock = Arc::new(simulation.clock());
     // SAFETY: every entry of the table behaves as libethercat's function of that name: it takes
     // only handles that it gave out, and touches only its own memory and what its caller passes.
     unsafe { Ecrt::simulated(table(version), masters, version.magic(), scenario, clock) }
-}
-
-/// Opens masters of one simulated world.
-struct SimulatedLibrary {
-    shared: Arc<Shared>,
-}
-
-impl SimulatedLibrary {
-    fn handle(&self, client: u64) -> *mut ec_master_t {
-        let shared = self.shared.clone();
-        pointer(registry::insert(Handle { shared, client, target: Target::Master }))
-    }
-}
-
-impl OpenMaster for SimulatedLibrary {
-    fn request(&self, index: u32) -> *mut ec_master_t {
-        if index != 0 {
-            return null_with(libc::ENOENT);
-        }
-        match self.shared.request() {
-            Ok(client) => self.handle(client),
-            Err(errno) => null_with(errno),
-        }
-    }
-
-    fn open(&self, index: u32) -> *mut ec_master_t {
-        if index != 0 {
-            return null_with(libc::ENOENT);
-        }
-        let client = self.shared.with(|state| state.master.new_client());
-        self.handle(client)
-    }
 }
 
 /// A handle's number as the pointer that the caller gets.
@@ -78,19 +47,29 @@ fn null_with<T>(errno: c_int) -> *mut T {
     std::ptr::null_mut()
 }
 
-/// What a call returns that reports a status.
-fn status(answer: Answer) -> c_int {
-    match answer {
-        Ok(()) => 0,
-        Err(errno) => -errno,
-    }
+/// Runs a call. A panic inside it ends here, as an input/output error: it must not reach C.
+fn guarded<T>(call: impl FnOnce() -> Answer<T>) -> Answer<T> {
+    catch_unwind(AssertUnwindSafe(call)).unwrap_or(Err(libc::EIO))
 }
 
-fn handle_or_null<T>(answer: Answer<usize>) -> *mut T {
-    match answer {
-        Ok(address) => pointer(address),
-        Err(errno) => null_with(errno),
-    }
+/// What a call returns that reports a status.
+fn status(call: impl FnOnce() -> Answer) -> c_int {
+    guarded(call).map_or_else(|errno| -errno, |()| 0)
+}
+
+/// What a call returns that puts an entry into a domain.
+fn byte_offset(call: impl FnOnce() -> Answer<usize>) -> c_int {
+    guarded(call)
+        .and_then(|byte| c_int::try_from(byte).map_err(|_| libc::EOVERFLOW))
+        .unwrap_or_else(|errno| -errno)
+}
+
+fn handle_or_null<T>(call: impl FnOnce() -> Answer<usize>) -> *mut T {
+    guarded(call).map_or_else(null_with, pointer)
+}
+
+fn data_or_null(call: impl FnOnce() -> Answer<*mut u8>) -> *mut u8 {
+    guarded(call).unwrap_or_else(null_with)
 }
 
 /// Stores a result where the caller wants it.
@@ -104,6 +83,23 @@ unsafe fn store<T>(target: *mut T, value: T) -> Answer {
     // SAFETY: not null, so valid for writing by the caller's promise.
     unsafe { target.write(value) };
     Ok(())
+}
+
+/// Tells where an entry lies: the bit in its byte where the caller wants it, the byte as the
+/// answer. A caller that wants no bit gets no entry that begins inside a byte.
+///
+/// # Safety
+/// `bit_position` is null or valid for writing.
+unsafe fn place_in_domain(
+    (byte, bit): (usize, c_uint),
+    bit_position: *mut c_uint,
+) -> Answer<usize> {
+    if bit_position.is_null() {
+        return if bit == 0 { Ok(byte) } else { Err(libc::EFAULT) };
+    }
+    // SAFETY: not null, so valid for writing by the caller's promise.
+    unsafe { store(bit_position, bit)? };
+    Ok(byte)
 }
 
 /// Copies the caller's data.
@@ -134,15 +130,25 @@ fn on_request(request: *const ec_sdo_request_t) -> Answer<RequestCall> {
     RequestCall::find(request.addr())
 }
 
+fn on_soe_request(request: *const ec_soe_request_t) -> Answer<ForeignCall> {
+    ForeignCall::find_soe_request(request.addr())
+}
+
+fn on_voe_handler(handler: *const ec_voe_handler_t) -> Answer<ForeignCall> {
+    ForeignCall::find_voe_handler(handler.addr())
+}
+
 fn on_reg_request(request: *const ec_reg_request_t) -> Answer<RegRequestCall> {
     RegRequestCall::find(request.addr())
 }
 
 /// A function in both of its forms: 1.6 returns a status, 1.5 returned nothing.
 macro_rules! two_forms {
-    ($reported:ident / $silent:ident ($($argument:ident: $type:ty),*) $body:block) => {
-        pub(super) unsafe extern "C" fn $reported($($argument: $type),*) -> ::libc::c_int {
-            $crate::ecrt::functions::status((|| -> $crate::ecrt::calls::Answer { $body })())
+    ($(#[$doc:meta])* $reported:ident / $silent:ident ($($argument:ident: $type:ty),*)
+        $body:block) => {
+        $(#[$doc])*
+        pub unsafe extern "C" fn $reported($($argument: $type),*) -> ::libc::c_int {
+            $crate::ecrt::functions::status(|| -> $crate::ecrt::calls::Answer { $body })
         }
         pub(super) unsafe extern "C" fn $silent($($argument: $type),*) {
             // SAFETY: the same arguments under the same promises.
@@ -154,15 +160,31 @@ macro_rules! two_forms {
 // Behind the macro, which they use.
 mod bus;
 mod configuration;
+mod emergencies;
+mod eoe;
+mod opening;
+mod pdo_lists;
 mod process_data;
 mod requests;
+mod sdo_transfers;
+mod soe;
+mod startup_sdos;
 #[cfg(test)]
 mod tests;
+mod voe;
 
-use bus::*;
-use configuration::*;
-use process_data::*;
-use requests::*;
+pub use bus::*;
+pub use configuration::*;
+pub use emergencies::*;
+pub use eoe::*;
+pub use opening::*;
+pub use pdo_lists::*;
+pub use process_data::*;
+pub use requests::*;
+pub use sdo_transfers::*;
+pub use soe::*;
+pub use startup_sdos::*;
+pub use voe::*;
 
 /// The table of a simulated release.
 fn table(version: EcrtVersion) -> Functions {

@@ -177,6 +177,17 @@ impl MasterModel {
         self.poll_due = now;
     }
 
+    /// Wants every configured slave in OP, also those that were given up with an error.
+    pub(crate) fn reset(&mut self) {
+        if self.phase != Phase::Active {
+            return;
+        }
+        for slave in self.slaves.iter_mut().filter(|slave| slave.config.is_some()) {
+            slave.requested = AlState::Op;
+            slave.error_flag = false;
+        }
+    }
+
     /// Back to before activation; the slaves go to PREOP.
     pub(crate) fn deactivate(&mut self, now: u64) {
         self.domains.clear();

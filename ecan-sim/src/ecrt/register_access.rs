@@ -1,5 +1,6 @@
-//! Requests that read a register of a slave's controller beside the cycle.
+//! Requests that read or write registers of a slave's controller beside the cycle.
 
+use ecan_protocol::AlState;
 use libc::c_int;
 
 use crate::ecrt::master::MasterModel;
@@ -9,6 +10,8 @@ use crate::ecrt::slave_view::al_status;
 use crate::ecrt::timing::REGISTER_NS;
 use crate::world::World;
 
+/// AL control.
+const AL_CONTROL: u16 = 0x0120;
 /// AL status.
 const AL_STATUS: u16 = 0x0130;
 /// AL status code.
@@ -20,11 +23,12 @@ impl MasterModel {
         self.configs.get_mut(config)?.reg_requests.get_mut(request)
     }
 
-    /// Queues a read.
+    /// Queues an access. A write takes the caller's data with it.
     pub(crate) fn start_reg_request(
         &mut self,
         config: usize,
         request: usize,
+        writes: bool,
         address: u16,
         size: usize,
         now: u64,
@@ -33,7 +37,11 @@ impl MasterModel {
         if size == 0 || size > entry.memory.len() {
             return Err(libc::ENOBUFS);
         }
-        (entry.address, entry.size) = (address, size);
+        (entry.writes, entry.address, entry.size) = (writes, address, size);
+        if writes {
+            entry.data.resize(size, 0);
+            entry.memory.read(0, &mut entry.data);
+        }
         entry.progress = RequestProgress::Queued;
         let slave = self.configs.get(config).and_then(|config| config.slave);
         if let Some(slave) = slave.and_then(|slave| self.slaves.get_mut(slave)) {
@@ -68,11 +76,16 @@ impl MasterModel {
         request: usize,
         slot: usize,
         present: bool,
-        world: &World,
+        world: &mut World,
     ) {
         let Some(entry) = self.reg_request(config, request) else { return };
         if !present {
             entry.progress = RequestProgress::Failure;
+            return;
+        }
+        entry.progress = RequestProgress::Success;
+        if entry.writes {
+            write_registers(world, slot, entry.address, &entry.data);
             return;
         }
         entry.data.clear();
@@ -80,7 +93,6 @@ impl MasterModel {
             let address = entry.address.wrapping_add(offset as u16);
             entry.data.push(register(world, slot, address));
         }
-        entry.progress = RequestProgress::Success;
     }
 }
 
@@ -94,5 +106,13 @@ fn register(world: &World, slot: usize, address: u16) -> u8 {
         AL_STATUS_CODE => low,
         a if a == AL_STATUS_CODE + 1 => high,
         _ => 0,
+    }
+}
+
+/// Writes registers. Only AL control is modelled, the others keep nothing.
+fn write_registers(world: &mut World, slot: usize, address: u16, data: &[u8]) {
+    let control = AL_CONTROL.checked_sub(address).and_then(|at| data.get(usize::from(at)));
+    if let Some(state) = control.and_then(|control| AlState::from_raw(control & 0x0F)) {
+        world.with_gateway(slot, |gateway, now| gateway.request_al_state(now, state));
     }
 }

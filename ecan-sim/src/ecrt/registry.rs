@@ -4,7 +4,7 @@
 //! never dereferenced and never given out twice. So a stale or foreign pointer is recognised
 //! instead of being followed.
 
-use std::collections::HashMap;
+use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Arc, LazyLock, PoisonError, RwLock};
 
@@ -18,6 +18,8 @@ pub(super) enum Target {
     Config(usize),
     Request { config: usize, request: usize },
     RegRequest { config: usize, request: usize },
+    SoeRequest { config: usize, request: usize },
+    VoeHandler { config: usize, handler: usize },
 }
 
 /// A handle.
@@ -34,7 +36,8 @@ const FIRST: usize = 0x5ECA_0000;
 const STRIDE: usize = 16;
 
 static NEXT: AtomicUsize = AtomicUsize::new(FIRST);
-static HANDLES: LazyLock<RwLock<HashMap<usize, Handle>>> = LazyLock::new(RwLock::default);
+// A BTreeMap, since leak checkers take what a static HashMap holds for possibly lost.
+static HANDLES: LazyLock<RwLock<BTreeMap<usize, Handle>>> = LazyLock::new(RwLock::default);
 
 /// Enters a handle and gives the address that stands for it.
 pub(super) fn insert(handle: Handle) -> usize {

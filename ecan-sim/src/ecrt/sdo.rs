@@ -1,6 +1,8 @@
 //! SDO transfers: blocking ones, requests beside the cycle, and the attempt that both share with
 //! the startup SDOs.
 
+use ecan_protocol::AbortCode;
+
 use crate::ecrt::mailbox::Journey;
 use crate::ecrt::master::MasterModel;
 use crate::ecrt::slave_config::{RequestProgress, SdoRequest};
@@ -19,6 +21,27 @@ impl SdoFailure {
     pub(crate) const UNANSWERED: Self = Self { errno: libc::EIO, abort_code: 0 };
     /// There is no such slave.
     pub(crate) const NO_SLAVE: Self = Self { errno: libc::EINVAL, abort_code: 0 };
+}
+
+/// What a transfer is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SdoObject {
+    pub(crate) index: u16,
+    pub(crate) subindex: u8,
+    /// Complete Access: all subindices at once.
+    pub(crate) complete: bool,
+}
+
+impl SdoObject {
+    /// One subindex.
+    pub(crate) const fn entry(index: u16, subindex: u8) -> Self {
+        Self { index, subindex, complete: false }
+    }
+
+    /// A whole object.
+    pub(crate) const fn whole(index: u16) -> Self {
+        Self { index, subindex: 0, complete: true }
+    }
 }
 
 /// What a transfer moves.
@@ -55,8 +78,7 @@ pub(crate) struct Transfer {
 pub(crate) struct BlockingSdo {
     pub(crate) id: u64,
     pub(crate) position: usize,
-    pub(crate) index: u16,
-    pub(crate) subindex: u8,
+    pub(crate) object: SdoObject,
     /// What to write; `None` reads.
     pub(crate) download: Option<Vec<u8>>,
     pub(crate) taken: bool,
@@ -70,7 +92,7 @@ pub(crate) fn attempt(
     slot: usize,
     present: bool,
     since: u64,
-    (index, subindex): (u16, u8),
+    object: SdoObject,
     payload: Payload<'_>,
 ) -> Attempt {
     if !present {
@@ -84,7 +106,9 @@ pub(crate) fn attempt(
         }
         return Attempt::Waiting;
     }
+    let SdoObject { index, subindex, complete } = object;
     let result = world.with_gateway(slot, |gateway, now| match payload {
+        _ if complete => Err(AbortCode::UNSUPPORTED_ACCESS),
         Payload::Download(data) => gateway.sdo_download(now, index, subindex, data),
         Payload::Upload(data) => {
             data.clear();
@@ -104,8 +128,7 @@ impl MasterModel {
     pub(crate) fn queue_blocking(
         &mut self,
         position: usize,
-        index: u16,
-        subindex: u8,
+        object: SdoObject,
         download: Option<Vec<u8>>,
         now: u64,
     ) -> Result<u64, SdoFailure> {
@@ -116,8 +139,7 @@ impl MasterModel {
         self.blocking.push(BlockingSdo {
             id,
             position,
-            index,
-            subindex,
+            object,
             download,
             taken: false,
             result: None,
@@ -217,13 +239,12 @@ impl MasterModel {
                         Some(data) => Payload::Download(data),
                         None => Payload::Upload(&mut upload),
                     };
-                    let object = (sdo.index, sdo.subindex);
-                    attempt(world, slot, present, since, object, payload)
+                    attempt(world, slot, present, since, sdo.object, payload)
                 })
             }
             TransferOwner::Request { config, request } => {
                 self.request(config, request).map(|entry| {
-                    let object = (entry.index, entry.subindex);
+                    let object = SdoObject::entry(entry.index, entry.subindex);
                     let payload = if entry.writes {
                         Payload::Download(&entry.data)
                     } else {

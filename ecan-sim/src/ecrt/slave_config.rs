@@ -1,6 +1,8 @@
 //! What an application configures for one slave.
 
+use crate::ecrt::foreign_mailbox::ForeignMailbox;
 use crate::ecrt::process_memory::ProcessMemory;
+use crate::ecrt::sdo::SdoObject;
 use crate::ecrt::slave_view::{Pdo, PdoEntry, SlaveView, direction_of, pdo_bytes};
 use crate::world::ProcessDirection;
 
@@ -27,8 +29,7 @@ pub(crate) struct SyncConfig {
 /// A registered startup SDO.
 #[derive(Clone, Debug)]
 pub(crate) struct StartupSdo {
-    pub(crate) index: u16,
-    pub(crate) subindex: u8,
+    pub(crate) object: SdoObject,
     pub(crate) data: Vec<u8>,
 }
 
@@ -120,6 +121,17 @@ pub(crate) struct SlaveConfig {
     pub(crate) reg_requests: Vec<RegRequest>,
     /// Longest time for a state change, by the states' bits.
     pub(crate) state_timeouts: Vec<(u8, u8, u64)>,
+    /// What is wanted of mailbox protocols that the gateway does not speak.
+    pub(crate) foreign: ForeignMailbox,
+}
+
+/// An entry of a configured PDO.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum EntryPlace {
+    /// The first one of this object.
+    Object { index: u16, subindex: u8 },
+    /// By its place: sync manager, PDO in it, entry in that, each from 0.
+    Position { sync: u8, pdo: usize, entry: usize },
 }
 
 impl SlaveConfig {
@@ -137,6 +149,7 @@ impl SlaveConfig {
             requests: Vec::new(),
             reg_requests: Vec::new(),
             state_timeouts: Vec::new(),
+            foreign: ForeignMailbox::default(),
         }
     }
 
@@ -163,16 +176,25 @@ impl SlaveConfig {
     /// Where an entry lies: sync manager, its direction, its size, bit offset.
     pub(crate) fn locate(
         &self,
-        index: u16,
-        subindex: u8,
+        wanted: EntryPlace,
     ) -> Option<(u8, Option<ProcessDirection>, usize, usize)> {
         for (number, sync) in (0u8..).zip(&self.syncs) {
             let mut bit = 0;
-            for entry in sync.pdos.iter().flat_map(|pdo| &pdo.entries) {
-                if entry.index == index && entry.subindex == subindex {
-                    return Some((number, sync.direction, pdo_bytes(&sync.pdos), bit));
+            for (pdo_place, pdo) in sync.pdos.iter().enumerate() {
+                for (place, entry) in pdo.entries.iter().enumerate() {
+                    let found = match wanted {
+                        EntryPlace::Object { index, subindex } => {
+                            (entry.index, entry.subindex) == (index, subindex)
+                        }
+                        EntryPlace::Position { sync, pdo, entry } => {
+                            (number, pdo_place, place) == (sync, pdo, entry)
+                        }
+                    };
+                    if found {
+                        return Some((number, sync.direction, pdo_bytes(&sync.pdos), bit));
+                    }
+                    bit += usize::from(entry.bits);
                 }
-                bit += usize::from(entry.bits);
             }
         }
         None
@@ -187,6 +209,7 @@ impl SlaveConfig {
 /// A register request of a configuration.
 #[derive(Debug)]
 pub(crate) struct RegRequest {
+    pub(crate) writes: bool,
     pub(crate) address: u16,
     pub(crate) size: usize,
     pub(crate) progress: RequestProgress,
@@ -199,6 +222,7 @@ pub(crate) struct RegRequest {
 impl RegRequest {
     pub(crate) fn new(size: usize) -> Self {
         Self {
+            writes: false,
             address: 0,
             size,
             progress: RequestProgress::Unused,
@@ -209,7 +233,7 @@ impl RegRequest {
 
     /// How far it is. Brings the data of a finished read to the caller.
     pub(crate) fn fetch(&mut self) -> RequestProgress {
-        if self.progress == RequestProgress::Success {
+        if self.progress == RequestProgress::Success && !self.writes {
             self.memory.write(0, &self.data);
         }
         self.progress

@@ -11,7 +11,7 @@ use ecan_protocol::{
 use crate::ecrt::mailbox::Journey;
 use crate::ecrt::master::MasterModel;
 use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
-use crate::ecrt::sdo::{Attempt, Payload, SdoFailure, attempt};
+use crate::ecrt::sdo::{Attempt, Payload, SdoFailure, SdoObject, attempt};
 use crate::ecrt::slave_config::SyncWatchdog;
 use crate::ecrt::slave_view::{AL_ERROR, al_status, pdo_bytes};
 use crate::ecrt::timing::{CLOCK_SETTLE_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS};
@@ -182,6 +182,7 @@ impl MasterModel {
                 AlState::PreOp => {
                     Next::Step(Startup::Sdo { at: 0, journey: self.begin_journey(now) }, 0)
                 }
+                AlState::SafeOp if !self.foreign_settings(index, to) => Next::Failed,
                 AlState::SafeOp => Next::Step(Startup::Request(AlState::Op), REGISTER_NS),
                 _ => Next::Done,
             };
@@ -227,6 +228,10 @@ impl MasterModel {
             return Next::Step(Startup::Watchdog, REGISTER_NS);
         };
         let Some(sdo) = config.sdos.get(at) else {
+            if !self.foreign_settings(index, AlState::PreOp) {
+                return Next::Failed;
+            }
+            let Some(config) = self.attached(index) else { return Next::Failed };
             let list = self
                 .slaves
                 .get(index)
@@ -237,7 +242,7 @@ impl MasterModel {
         if let Err(delay) = self.travel(&mut journey, now) {
             return Next::Step(Startup::Sdo { at, journey }, delay);
         }
-        let object = (sdo.index, sdo.subindex);
+        let object = sdo.object;
         match attempt(world, slot, true, journey.since, object, Payload::Download(&sdo.data)) {
             Attempt::Waiting => Next::Step(Startup::Sdo { at, journey }, STATE_POLL_NS),
             Attempt::Done(Ok(())) => {
@@ -268,7 +273,7 @@ impl MasterModel {
         if let Err(delay) = self.travel(&mut journey, now) {
             return Next::Step(Startup::Assignment { list, at, journey }, delay);
         }
-        let object = (write.index, write.subindex);
+        let object = SdoObject::entry(write.index, write.subindex);
         let bytes = write.value.to_le_bytes();
         let data = bytes.get(..write.size).unwrap_or(&bytes);
         match attempt(world, slot, true, journey.since, object, Payload::Download(data)) {
@@ -314,15 +319,12 @@ impl MasterModel {
         }
     }
 
-    fn log_sdo(&mut self, index: usize, what: &str, object: (u16, u8), failure: SdoFailure) {
+    fn log_sdo(&mut self, index: usize, what: &str, object: SdoObject, failure: SdoFailure) {
+        let object = describe(object.index, object.subindex);
         let text = if failure.abort_code == 0 {
-            format!("{what} {} was not answered", describe(object.0, object.1))
+            format!("{what} {object} was not answered")
         } else {
-            format!(
-                "{what} {} aborted: {}",
-                describe(object.0, object.1),
-                ecan_protocol::AbortCode(failure.abort_code)
-            )
+            format!("{what} {object} aborted: {}", ecan_protocol::AbortCode(failure.abort_code))
         };
         self.log(index, &text);
     }

@@ -1,6 +1,6 @@
-//! Looking at the bus, and blocking transfers.
+//! Looking at the bus.
 
-use super::{bytes, on_master, status, store};
+use super::{on_master, status, store};
 use crate::ecrt::front::State;
 use crate::ecrt::slave_view::{SYNC_MANAGERS, direction_of};
 use crate::world::ProcessDirection;
@@ -10,19 +10,15 @@ use ecrt_sys::{
     ec_master_scan_progress_t, ec_master_state_t, ec_master_t, ec_pdo_entry_info_t, ec_pdo_info_t,
     ec_slave_info_t, ec_sync_info_t,
 };
-use libc::{c_char, c_int, c_uint, size_t};
+use libc::{c_char, c_int, c_uint};
 
-pub(super) unsafe extern "C" fn release_master(master: *mut ec_master_t) {
-    if let Ok(call) = on_master(master) {
-        call.release();
-    }
-}
-
-pub(super) unsafe extern "C" fn master_info(
+/// `ecrt_master`: general information.
+pub unsafe extern "C" fn master_info(
     master: *mut ec_master_t,
     info: *mut ec_master_info_t,
 ) -> c_int {
-    status(on_master(master).and_then(|call| {
+    status(|| {
+        let call = on_master(master)?;
         let value = call.with(|State { world, master }| {
             let mut value = ec_master_info_t {
                 slave_count: master.slaves.len() as c_uint,
@@ -35,14 +31,16 @@ pub(super) unsafe extern "C" fn master_info(
         });
         // SAFETY: the caller passes a place for the information, or null.
         unsafe { store(info, value) }
-    }))
+    })
 }
 
-pub(super) unsafe extern "C" fn master_scan_progress(
+/// `ecrt_master_scan_progress`: how far the bus scan is.
+pub unsafe extern "C" fn master_scan_progress(
     master: *mut ec_master_t,
     progress: *mut ec_master_scan_progress_t,
 ) -> c_int {
-    status(on_master(master).and_then(|call| {
+    status(|| {
+        let call = on_master(master)?;
         let value = call.with(|state| {
             let scanned = state.master.slaves.len() as c_uint;
             let total = state.master.scan.as_ref().map_or(scanned, |scan| scan.total() as c_uint);
@@ -50,15 +48,17 @@ pub(super) unsafe extern "C" fn master_scan_progress(
         });
         // SAFETY: the caller passes a place for the progress, or null.
         unsafe { store(progress, value) }
-    }))
+    })
 }
 
-pub(super) unsafe extern "C" fn master_get_slave(
+/// `ecrt_master_get_slave`: a slave on the bus.
+pub unsafe extern "C" fn master_get_slave(
     master: *mut ec_master_t,
     position: u16,
     info: *mut ec_slave_info_t,
 ) -> c_int {
-    status(on_master(master).and_then(|call| {
+    status(|| {
+        let call = on_master(master)?;
         let last = call.with(|state| state.master.slaves.len());
         let value = call.slave(position, |slave| {
             let settings = &slave.spec.settings;
@@ -95,16 +95,18 @@ pub(super) unsafe extern "C" fn master_get_slave(
         })?;
         // SAFETY: the caller passes a place for the information, or null.
         unsafe { store(info, value) }
-    }))
+    })
 }
 
-pub(super) unsafe extern "C" fn master_get_sync_manager(
+/// `ecrt_master_get_sync_manager`: a sync manager of a slave on the bus.
+pub unsafe extern "C" fn master_get_sync_manager(
     master: *mut ec_master_t,
     position: u16,
     sync_index: u8,
     sync: *mut ec_sync_info_t,
 ) -> c_int {
-    status(on_master(master).and_then(|call| {
+    status(|| {
+        let call = on_master(master)?;
         let value = call.sync_pdos(position, sync_index, |pdos| {
             Ok(ec_sync_info_t {
                 index: sync_index,
@@ -120,17 +122,19 @@ pub(super) unsafe extern "C" fn master_get_sync_manager(
         })?;
         // SAFETY: the caller passes a place for the information, or null.
         unsafe { store(sync, value) }
-    }))
+    })
 }
 
-pub(super) unsafe extern "C" fn master_get_pdo(
+/// `ecrt_master_get_pdo`: a PDO that a slave assigns by default.
+pub unsafe extern "C" fn master_get_pdo(
     master: *mut ec_master_t,
     position: u16,
     sync_index: u8,
     pdo_position: u16,
     pdo: *mut ec_pdo_info_t,
 ) -> c_int {
-    status(on_master(master).and_then(|call| {
+    status(|| {
+        let call = on_master(master)?;
         let value = call.sync_pdos(position, sync_index, |pdos| {
             let found = pdos.get(usize::from(pdo_position)).ok_or(libc::EINVAL)?;
             Ok(ec_pdo_info_t {
@@ -141,10 +145,11 @@ pub(super) unsafe extern "C" fn master_get_pdo(
         })?;
         // SAFETY: the caller passes a place for the information, or null.
         unsafe { store(pdo, value) }
-    }))
+    })
 }
 
-pub(super) unsafe extern "C" fn master_get_pdo_entry(
+/// `ecrt_master_get_pdo_entry`: an entry of such a PDO.
+pub unsafe extern "C" fn master_get_pdo_entry(
     master: *mut ec_master_t,
     position: u16,
     sync_index: u8,
@@ -152,7 +157,8 @@ pub(super) unsafe extern "C" fn master_get_pdo_entry(
     entry_position: u16,
     entry: *mut ec_pdo_entry_info_t,
 ) -> c_int {
-    status(on_master(master).and_then(|call| {
+    status(|| {
+        let call = on_master(master)?;
         let value = call.sync_pdos(position, sync_index, |pdos| {
             let pdo = pdos.get(usize::from(pdo_position)).ok_or(libc::EINVAL)?;
             let found = pdo.entries.get(usize::from(entry_position)).ok_or(libc::EINVAL)?;
@@ -164,69 +170,12 @@ pub(super) unsafe extern "C" fn master_get_pdo_entry(
         })?;
         // SAFETY: the caller passes a place for the information, or null.
         unsafe { store(entry, value) }
-    }))
+    })
 }
 
-/// Ends a blocking transfer that failed: the abort code is told only with `EIO`.
-///
-/// # Safety
-/// `abort_code` is null or valid for writing.
-unsafe fn transfer_failed((errno, code): (c_int, u32), abort_code: *mut u32) -> c_int {
-    if errno == libc::EIO {
-        // SAFETY: the caller's promise. Without a place for it the code goes nowhere.
-        let _ = unsafe { store(abort_code, code) };
-    }
-    errno
-}
-
-pub(super) unsafe extern "C" fn master_sdo_download(
-    master: *mut ec_master_t,
-    position: u16,
-    index: u16,
-    subindex: u8,
-    data: *const u8,
-    size: size_t,
-    abort_code: *mut u32,
-) -> c_int {
-    status(on_master(master).and_then(|call| {
-        // SAFETY: the caller passes `size` bytes, or null.
-        let data = unsafe { bytes(data, size)? };
-        call.transfer(position, index, subindex, Some(data)).map(drop).map_err(|failure| {
-            // SAFETY: the caller passes a place for the code, or null.
-            unsafe { transfer_failed(failure, abort_code) }
-        })
-    }))
-}
-
-pub(super) unsafe extern "C" fn master_sdo_upload(
-    master: *mut ec_master_t,
-    position: u16,
-    index: u16,
-    subindex: u8,
-    target: *mut u8,
-    target_size: size_t,
-    result_size: *mut size_t,
-    abort_code: *mut u32,
-) -> c_int {
-    status(on_master(master).and_then(|call| {
-        let data = call.transfer(position, index, subindex, None).map_err(|failure| {
-            // SAFETY: the caller passes a place for the code, or null.
-            unsafe { transfer_failed(failure, abort_code) }
-        })?;
-        if data.len() > target_size {
-            return Err(libc::EOVERFLOW);
-        }
-        if target.is_null() {
-            return Err(libc::EFAULT);
-        }
-        // SAFETY: the caller passes a place for `target_size` bytes, and there are no more.
-        unsafe { target.copy_from_nonoverlapping(data.as_ptr(), data.len()) };
-        // SAFETY: the caller passes a place for the size, or null.
-        unsafe { store(result_size, data.len()) }
-    }))
-}
-
-two_forms!(master_state / master_state_silent(
+two_forms!(
+    /// `ecrt_master_state`: what all links see.
+    master_state / master_state_silent(
     master: *const ec_master_t, state: *mut ec_master_state_t) {
     let value = on_master(master)?.with(|State { world, master }| {
         let mut value = ec_master_state_t {
@@ -241,12 +190,14 @@ two_forms!(master_state / master_state_silent(
     unsafe { store(state, value) }
 });
 
-pub(super) unsafe extern "C" fn master_link_state(
+/// `ecrt_master_link_state`: what one link sees; there is one.
+pub unsafe extern "C" fn master_link_state(
     master: *const ec_master_t,
     device: c_uint,
     state: *mut ec_master_link_state_t,
 ) -> c_int {
-    status(on_master(master).and_then(|call| {
+    status(|| {
+        let call = on_master(master)?;
         if device != 0 {
             return Err(libc::EINVAL);
         }
@@ -261,5 +212,5 @@ pub(super) unsafe extern "C" fn master_link_state(
         });
         // SAFETY: the caller passes a place for the state, or null.
         unsafe { store(state, value) }
-    }))
+    })
 }

@@ -1,7 +1,11 @@
 //! Configuration and activation.
 
-use super::{bytes, handle_or_null, on_config, on_domain, on_master, status, store};
-use crate::ecrt::slave_config::{DcConfig, SyncWatchdog};
+use std::ffi::CStr;
+
+use super::{
+    byte_offset, handle_or_null, on_config, on_domain, on_master, place_in_domain, status, store,
+};
+use crate::ecrt::slave_config::{DcConfig, EntryPlace, SyncWatchdog};
 use crate::ecrt::slave_view::PdoEntry;
 use crate::world::ProcessDirection;
 use ecrt_sys::{
@@ -11,63 +15,74 @@ use ecrt_sys::{
 };
 use libc::{c_char, c_int, c_uint, size_t};
 
-pub(super) unsafe extern "C" fn master_create_domain(master: *mut ec_master_t) -> *mut ec_domain_t {
-    handle_or_null(on_master(master).and_then(|call| call.create_domain()))
+/// `ecrt_master_create_domain`: makes a domain.
+pub unsafe extern "C" fn master_create_domain(master: *mut ec_master_t) -> *mut ec_domain_t {
+    handle_or_null(|| on_master(master).and_then(|call| call.create_domain()))
 }
 
-pub(super) unsafe extern "C" fn master_slave_config(
+/// `ecrt_master_slave_config`: makes or finds the configuration of a slave.
+pub unsafe extern "C" fn master_slave_config(
     master: *mut ec_master_t,
     alias: u16,
     position: u16,
     vendor_id: u32,
     product_code: u32,
 ) -> *mut ec_slave_config_t {
-    handle_or_null(
+    handle_or_null(|| {
         on_master(master)
-            .and_then(|call| call.slave_config(alias, position, vendor_id, product_code)),
-    )
+            .and_then(|call| call.slave_config(alias, position, vendor_id, product_code))
+    })
 }
 
-pub(super) unsafe extern "C" fn master_select_reference_clock(
+/// `ecrt_master_select_reference_clock`: chooses the reference clock.
+pub unsafe extern "C" fn master_select_reference_clock(
     master: *mut ec_master_t,
     config: *mut ec_slave_config_t,
 ) -> c_int {
-    status(on_master(master).and_then(|call| {
+    status(|| {
+        let call = on_master(master)?;
         if !config.is_null() {
             on_config(config)?;
         }
         // The clocks do not drift: whichever is the reference, the others agree with it.
         call.driving(|_| ())
-    }))
+    })
 }
 
-pub(super) unsafe extern "C" fn master_set_send_interval(
+/// `ecrt_master_set_send_interval`: tells the interval between sends.
+pub unsafe extern "C" fn master_set_send_interval(
     master: *mut ec_master_t,
     interval_us: size_t,
 ) -> c_int {
-    status(on_master(master).and_then(|call| {
+    status(|| {
+        let call = on_master(master)?;
         if interval_us == 0 {
             return Err(libc::EINVAL);
         }
         call.driving(|_| ())
-    }))
+    })
 }
 
-pub(super) unsafe extern "C" fn master_activate(master: *mut ec_master_t) -> c_int {
-    status(on_master(master).and_then(|call| call.activate()))
+/// `ecrt_master_activate`: ends configuration, starts the operation phase.
+pub unsafe extern "C" fn master_activate(master: *mut ec_master_t) -> c_int {
+    status(|| on_master(master).and_then(|call| call.activate()))
 }
 
-two_forms!(master_deactivate / master_deactivate_silent(master: *mut ec_master_t) {
+two_forms!(
+    /// `ecrt_master_deactivate`: ends the operation phase; every handle made from the master is dead.
+    master_deactivate / master_deactivate_silent(master: *mut ec_master_t) {
     on_master(master)?.deactivate()
 });
 
-pub(super) unsafe extern "C" fn slave_config_sync_manager(
+/// `ecrt_slave_config_sync_manager`: direction and watchdog of a sync manager.
+pub unsafe extern "C" fn slave_config_sync_manager(
     config: *mut ec_slave_config_t,
     sync_index: u8,
     direction: ec_direction_t,
     watchdog: ec_watchdog_mode_t,
 ) -> c_int {
-    status(on_config(config).and_then(|call| {
+    status(|| {
+        let call = on_config(config)?;
         let direction = match direction {
             EC_DIR_OUTPUT => ProcessDirection::Output,
             EC_DIR_INPUT => ProcessDirection::Input,
@@ -83,10 +98,12 @@ pub(super) unsafe extern "C" fn slave_config_sync_manager(
             (sync.direction, sync.watchdog) = (Some(direction), watchdog);
             Ok(())
         })
-    }))
+    })
 }
 
-two_forms!(slave_config_watchdog / slave_config_watchdog_silent(
+two_forms!(
+    /// `ecrt_slave_config_watchdog`: divider and intervals of the watchdog.
+    slave_config_watchdog / slave_config_watchdog_silent(
     config: *mut ec_slave_config_t, divider: u16, intervals: u16) {
     on_config(config)?.change(|config| {
         config.watchdog = (divider, intervals);
@@ -94,15 +111,18 @@ two_forms!(slave_config_watchdog / slave_config_watchdog_silent(
     })
 });
 
-pub(super) unsafe extern "C" fn slave_config_pdo_assign_add(
+/// `ecrt_slave_config_pdo_assign_add`: adds a PDO to a sync manager.
+pub unsafe extern "C" fn slave_config_pdo_assign_add(
     config: *mut ec_slave_config_t,
     sync_index: u8,
     pdo_index: u16,
 ) -> c_int {
-    status(on_config(config).and_then(|call| call.assign_pdo(sync_index, pdo_index)))
+    status(|| on_config(config).and_then(|call| call.assign_pdo(sync_index, pdo_index)))
 }
 
-two_forms!(slave_config_pdo_assign_clear / slave_config_pdo_assign_clear_silent(
+two_forms!(
+    /// `ecrt_slave_config_pdo_assign_clear`: takes every PDO off a sync manager.
+    slave_config_pdo_assign_clear / slave_config_pdo_assign_clear_silent(
     config: *mut ec_slave_config_t, sync_index: u8) {
     on_config(config)?.change_sync(sync_index, |sync| {
         sync.pdos.clear();
@@ -110,24 +130,28 @@ two_forms!(slave_config_pdo_assign_clear / slave_config_pdo_assign_clear_silent(
     })
 });
 
-pub(super) unsafe extern "C" fn slave_config_pdo_mapping_add(
+/// `ecrt_slave_config_pdo_mapping_add`: adds an entry to a PDO.
+pub unsafe extern "C" fn slave_config_pdo_mapping_add(
     config: *mut ec_slave_config_t,
     pdo_index: u16,
     entry_index: u16,
     entry_subindex: u8,
     entry_bits: u8,
 ) -> c_int {
-    status(on_config(config).and_then(|call| {
+    status(|| {
+        let call = on_config(config)?;
         let entry = PdoEntry { index: entry_index, subindex: entry_subindex, bits: entry_bits };
         call.change(
             |config| {
                 if config.add_entry(pdo_index, entry) { Ok(()) } else { Err(libc::ENOENT) }
             },
         )
-    }))
+    })
 }
 
-two_forms!(slave_config_pdo_mapping_clear / slave_config_pdo_mapping_clear_silent(
+two_forms!(
+    /// `ecrt_slave_config_pdo_mapping_clear`: takes every entry out of a PDO.
+    slave_config_pdo_mapping_clear / slave_config_pdo_mapping_clear_silent(
     config: *mut ec_slave_config_t, pdo_index: u16) {
     on_config(config)?.change(|config| {
         if let Some(pdo) = config.find_pdo(pdo_index) {
@@ -137,30 +161,27 @@ two_forms!(slave_config_pdo_mapping_clear / slave_config_pdo_mapping_clear_silen
     })
 });
 
-pub(super) unsafe extern "C" fn slave_config_reg_pdo_entry(
+/// `ecrt_slave_config_reg_pdo_entry`: puts an entry into a domain; gives its byte offset.
+pub unsafe extern "C" fn slave_config_reg_pdo_entry(
     config: *mut ec_slave_config_t,
     entry_index: u16,
     entry_subindex: u8,
     domain: *mut ec_domain_t,
     bit_position: *mut c_uint,
 ) -> c_int {
-    let answer = on_config(config).and_then(|call| {
+    byte_offset(|| {
+        let call = on_config(config)?;
         let domain = on_domain(domain)?;
-        if !call.is_beside(&domain) {
-            return Err(libc::ENOENT);
-        }
-        let (byte, bit) = call.register_entry(entry_index, entry_subindex, &domain)?;
-        if bit_position.is_null() && bit != 0 {
-            return Err(libc::EFAULT);
-        }
+        let entry = EntryPlace::Object { index: entry_index, subindex: entry_subindex };
+        let place = call.register_entry(entry, &domain)?;
         // SAFETY: the caller passes a place for the bit position, or null.
-        let _ = unsafe { store(bit_position, bit) };
-        c_int::try_from(byte).map_err(|_| libc::EOVERFLOW)
-    });
-    answer.unwrap_or_else(|errno| -errno)
+        unsafe { place_in_domain(place, bit_position) }
+    })
 }
 
-two_forms!(slave_config_dc / slave_config_dc_silent(
+two_forms!(
+    /// `ecrt_slave_config_dc`: distributed clocks of a slave.
+    slave_config_dc / slave_config_dc_silent(
     config: *mut ec_slave_config_t, assign_activate: u16, sync0_cycle: u32, sync0_shift: i32,
     sync1_cycle: u32, _sync1_shift: i32) {
     on_config(config)?.change(|config| {
@@ -169,49 +190,47 @@ two_forms!(slave_config_dc / slave_config_dc_silent(
     })
 });
 
-pub(super) unsafe extern "C" fn slave_config_sdo(
-    config: *mut ec_slave_config_t,
-    index: u16,
-    subindex: u8,
-    data: *const u8,
-    size: size_t,
-) -> c_int {
-    status(on_config(config).and_then(|call| {
-        // SAFETY: the caller passes `size` bytes, or null.
-        call.add_sdo(index, subindex, unsafe { bytes(data, size)? })
-    }))
-}
-
-pub(super) unsafe extern "C" fn slave_config_flag(
+/// `ecrt_slave_config_flag`: a named flag. None changes anything that is simulated.
+pub unsafe extern "C" fn slave_config_flag(
     config: *mut ec_slave_config_t,
     key: *const c_char,
     _value: i32,
 ) -> c_int {
     // Flags change nothing that is simulated.
-    status(
-        on_config(config).and_then(|call| {
-            if key.is_null() { Err(libc::EFAULT) } else { call.change(|_| Ok(())) }
-        }),
-    )
+    status(|| {
+        let call = on_config(config)?;
+        if key.is_null() {
+            return Err(libc::EFAULT);
+        }
+        // SAFETY: not null, so a text that ends with a zero.
+        if unsafe { CStr::from_ptr(key) }.is_empty() {
+            return Err(libc::EINVAL);
+        }
+        call.change(|_| Ok(()))
+    })
 }
 
-pub(super) unsafe extern "C" fn slave_config_state_timeout(
+/// `ecrt_slave_config_state_timeout`: time that a state change may take.
+pub unsafe extern "C" fn slave_config_state_timeout(
     config: *mut ec_slave_config_t,
     from: ec_al_state_t,
     to: ec_al_state_t,
     timeout_ms: c_uint,
 ) -> c_int {
-    status(on_config(config).and_then(|call| {
+    status(|| {
+        let call = on_config(config)?;
         let state = |state: ec_al_state_t| u8::try_from(state).map_err(|_| libc::EINVAL);
         let limit = (state(from)?, state(to)?, u64::from(timeout_ms) * 1_000_000);
         call.change(|config| {
             config.state_timeouts.push(limit);
             Ok(())
         })
-    }))
+    })
 }
 
-two_forms!(slave_config_state / slave_config_state_silent(
+two_forms!(
+    /// `ecrt_slave_config_state`: how far the master brought the slave.
+    slave_config_state / slave_config_state_silent(
     config: *const ec_slave_config_t, state: *mut ec_slave_config_state_t) {
     let (slave, operational) = on_config(config)?.state()?;
     let mut value = ec_slave_config_state_t::default();
@@ -222,13 +241,14 @@ two_forms!(slave_config_state / slave_config_state_silent(
     unsafe { store(state, value) }
 });
 
-pub(super) unsafe extern "C" fn slave_config_create_sdo_request(
+/// `ecrt_slave_config_create_sdo_request`: an SDO request that runs beside the cycle.
+pub unsafe extern "C" fn slave_config_create_sdo_request(
     config: *mut ec_slave_config_t,
     index: u16,
     subindex: u8,
     size: size_t,
 ) -> *mut ec_sdo_request_t {
-    handle_or_null(
-        on_config(config).and_then(|call| call.create_sdo_request(index, subindex, size)),
-    )
+    handle_or_null(|| {
+        on_config(config).and_then(|call| call.create_sdo_request(index, subindex, size))
+    })
 }

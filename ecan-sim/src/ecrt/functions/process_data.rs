@@ -1,32 +1,37 @@
 //! Process data, exchange and clocks.
 
-use super::{null_with, on_domain, on_master, status, store};
+use super::{data_or_null, guarded, on_domain, on_master, status, store};
 use crate::ecrt::transport::Queued;
 use ecrt_sys::{
     EC_WC_COMPLETE, EC_WC_INCOMPLETE, EC_WC_ZERO, ec_domain_state_t, ec_domain_t, ec_master_t,
 };
 use libc::{c_int, size_t};
 
-pub(super) unsafe extern "C" fn domain_size(domain: *const ec_domain_t) -> size_t {
-    on_domain(domain).and_then(|call| call.size()).unwrap_or(size_t::MAX)
+/// `ecrt_domain_size`: bytes of a domain.
+pub unsafe extern "C" fn domain_size(domain: *const ec_domain_t) -> size_t {
+    guarded(|| on_domain(domain)?.size()).unwrap_or(size_t::MAX)
 }
 
-pub(super) unsafe extern "C" fn domain_data(domain: *mut ec_domain_t) -> *mut u8 {
-    match on_domain(domain).and_then(|call| call.memory()) {
-        Ok(memory) => memory.as_ptr(),
-        Err(errno) => null_with(errno),
-    }
+/// `ecrt_domain_data`: a domain's memory; null before activation.
+pub unsafe extern "C" fn domain_data(domain: *mut ec_domain_t) -> *mut u8 {
+    data_or_null(|| Ok(on_domain(domain)?.memory()?.as_ptr()))
 }
 
-two_forms!(domain_process / domain_process_silent(domain: *mut ec_domain_t) {
+two_forms!(
+    /// `ecrt_domain_process`: judges the datagrams that came back.
+    domain_process / domain_process_silent(domain: *mut ec_domain_t) {
     on_domain(domain)?.process()
 });
 
-two_forms!(domain_queue / domain_queue_silent(domain: *mut ec_domain_t) {
+two_forms!(
+    /// `ecrt_domain_queue`: queues a domain's datagrams.
+    domain_queue / domain_queue_silent(domain: *mut ec_domain_t) {
     on_domain(domain)?.queue()
 });
 
-two_forms!(domain_state / domain_state_silent(
+two_forms!(
+    /// `ecrt_domain_state`: working counter of the last exchange.
+    domain_state / domain_state_silent(
     domain: *const ec_domain_t, state: *mut ec_domain_state_t) {
     let (counter, expected) = on_domain(domain)?.counters()?;
     let value = ec_domain_state_t {
@@ -42,50 +47,67 @@ two_forms!(domain_state / domain_state_silent(
     unsafe { store(state, value) }
 });
 
-two_forms!(master_send / master_send_silent(master: *mut ec_master_t) {
+two_forms!(
+    /// `ecrt_master_send`: sends everything queued.
+    master_send / master_send_silent(master: *mut ec_master_t) {
     on_master(master)?.send()
 });
 
-two_forms!(master_receive / master_receive_silent(master: *mut ec_master_t) {
+two_forms!(
+    /// `ecrt_master_receive`: takes the frames that came back.
+    master_receive / master_receive_silent(master: *mut ec_master_t) {
     on_master(master)?.receive()
 });
 
-two_forms!(master_application_time / master_application_time_silent(
+two_forms!(
+    /// `ecrt_master_application_time`: tells the application's time.
+    master_application_time / master_application_time_silent(
     master: *mut ec_master_t, time_ns: u64) {
     on_master(master)?.driving(|state| state.master.clocks.application_time(time_ns))
 });
 
-two_forms!(master_sync_reference_clock / master_sync_reference_clock_silent(
+two_forms!(
+    /// `ecrt_master_sync_reference_clock`: queues the reference clock's correction to the application time.
+    master_sync_reference_clock / master_sync_reference_clock_silent(
     master: *mut ec_master_t) {
     on_master(master)?.queue_clock(Queued::ReferenceClock, None)
 });
 
-two_forms!(master_sync_reference_clock_to / master_sync_reference_clock_to_silent(
+two_forms!(
+    /// `ecrt_master_sync_reference_clock_to`: the same to a given time.
+    master_sync_reference_clock_to / master_sync_reference_clock_to_silent(
     master: *mut ec_master_t, time_ns: u64) {
     on_master(master)?.queue_clock(Queued::ReferenceClock, Some(time_ns))
 });
 
-two_forms!(master_sync_slave_clocks / master_sync_slave_clocks_silent(
+two_forms!(
+    /// `ecrt_master_sync_slave_clocks`: queues the other clocks' correction.
+    master_sync_slave_clocks / master_sync_slave_clocks_silent(
     master: *mut ec_master_t) {
     on_master(master)?.queue_clock(Queued::SlaveClocks, None)
 });
 
-pub(super) unsafe extern "C" fn master_reference_clock_time(
+/// `ecrt_master_reference_clock_time`: lower half of the reference clock.
+pub unsafe extern "C" fn master_reference_clock_time(
     master: *mut ec_master_t,
     time_ns: *mut u32,
 ) -> c_int {
-    status(on_master(master).and_then(|call| {
+    status(|| {
+        let call = on_master(master)?;
         let value = call.reference_clock_time()?;
         // SAFETY: the caller passes a place for the time, or null.
         unsafe { store(time_ns, value) }
-    }))
+    })
 }
 
-two_forms!(master_sync_monitor_queue / master_sync_monitor_queue_silent(
+two_forms!(
+    /// `ecrt_master_sync_monitor_queue`: queues the measurement of the clocks' difference.
+    master_sync_monitor_queue / master_sync_monitor_queue_silent(
     master: *mut ec_master_t) {
     on_master(master)?.queue_clock(Queued::ClockMonitor, None)
 });
 
-pub(super) unsafe extern "C" fn master_sync_monitor_process(master: *mut ec_master_t) -> u32 {
-    on_master(master).and_then(|call| call.sync_monitor()).unwrap_or(u32::MAX)
+/// `ecrt_master_sync_monitor_process`: largest difference of the clocks.
+pub unsafe extern "C" fn master_sync_monitor_process(master: *mut ec_master_t) -> u32 {
+    guarded(|| on_master(master)?.sync_monitor()).unwrap_or(u32::MAX)
 }

@@ -2,12 +2,14 @@
 
 use std::ptr::{null, null_mut};
 
+use super::opening::SimulatedMasters;
 use super::*;
 use crate::scenario::{ClockKind, echo};
+use ecrt_sys::OpenMaster as _;
 
-fn simulated() -> (Functions, SimulatedLibrary) {
+fn simulated() -> (Functions, SimulatedMasters) {
     let simulation = Simulation::new(&echo(1), ClockKind::Stepped).unwrap();
-    (table(EcrtVersion::V1_6), SimulatedLibrary { shared: simulation.shared().clone() })
+    (table(EcrtVersion::V1_6), SimulatedMasters { shared: simulation.shared().clone() })
 }
 
 fn call<A>(
@@ -61,4 +63,14 @@ fn handles_die_with_deactivation_and_release() {
         assert_eq!(call(table.master_send, master), -libc::EINVAL);
         assert_eq!((table.master)(master, null_mut()), -libc::EINVAL);
     }
+}
+
+#[test]
+fn a_panic_ends_as_an_error_of_the_call() {
+    assert_eq!(status(|| panic!("on purpose")), -libc::EIO);
+    assert_eq!(byte_offset(|| panic!("on purpose")), -libc::EIO);
+    assert!(data_or_null(|| panic!("on purpose")).is_null());
+    Errno::new(0).set_last();
+    assert!(handle_or_null::<ec_master_t>(|| panic!("on purpose")).is_null());
+    assert_eq!(Errno::last(), Errno::EIO);
 }

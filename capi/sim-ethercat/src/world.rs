@@ -1,0 +1,48 @@
+//! The one simulated world of the process.
+
+use std::sync::{Mutex, PoisonError};
+
+use ecan_sim::{BackendError, ClockKind, EcrtSetting, ScenarioChoice, SimOptions, Simulation};
+use libc::c_int;
+
+use crate::report::line;
+
+static WORLD: Mutex<Option<Simulation>> = Mutex::new(None);
+
+/// The simulation, opened when it is first asked for. Why it cannot be is told on stderr, as an
+/// error number it is the result.
+pub(crate) fn simulation() -> Result<Simulation, c_int> {
+    // A panic while opening leaves no world behind, so there is nothing half made to find.
+    let mut world = WORLD.lock().unwrap_or_else(PoisonError::into_inner);
+    if let Some(simulation) = &*world {
+        return Ok(simulation.clone());
+    }
+    let simulation = open().map_err(|error| {
+        line(format_args!("{error}"));
+        error_number(&error)
+    })?;
+    line(format_args!("{}", simulation.banner()));
+    if simulation.clock_kind() == ClockKind::Stepped {
+        line(format_args!(
+            "the scenario asks for stepped time, which stands still while this program sleeps"
+        ));
+    }
+    *world = Some(simulation.clone());
+    Ok(simulation)
+}
+
+fn open() -> Result<Simulation, BackendError> {
+    let choice = match EcrtSetting::from_environment()? {
+        Some(EcrtSetting::Sim(choice)) => choice,
+        // The name of a library, most likely of this one: it says nothing about the scenario.
+        Some(EcrtSetting::Library(_)) | None => ScenarioChoice::Suggested,
+    };
+    ecan_sim::simulate(&choice, &SimOptions::default())
+}
+
+fn error_number(error: &BackendError) -> c_int {
+    match error {
+        BackendError::Read { error, .. } => error.raw_os_error().unwrap_or(libc::EIO),
+        _ => libc::EINVAL,
+    }
+}

@@ -1,0 +1,40 @@
+//! The shared library in the hands of the SDK's own binding, which loads it as it loads IgH's.
+
+mod toolchain;
+
+use std::thread;
+
+use ecrt_sys::{Ecrt, OpenError, OpenFailure};
+use toolchain::{SONAME, simulated_library};
+
+#[test]
+fn the_binding_finds_every_function_and_all_threads_the_same_world() {
+    if !toolchain::is_there() {
+        return;
+    }
+    let library = simulated_library();
+    let ecrt = Ecrt::load(Some(&library.path().join(SONAME))).expect("it is a libethercat");
+    assert_eq!(ecrt.version(), (1, 6));
+
+    let ready = std::sync::Barrier::new(4);
+    let masters: Vec<_> = thread::scope(|scope| {
+        let threads: Vec<_> = (0..4)
+            .map(|_| {
+                scope.spawn(|| {
+                    ready.wait();
+                    ecrt.request_master(0)
+                })
+            })
+            .collect();
+        threads.into_iter().map(|thread| thread.join().expect("no thread panics")).collect()
+    });
+    let errors: Vec<&OpenError> =
+        masters.iter().filter_map(|master| master.as_ref().err()).collect();
+    assert_eq!(errors.len(), 3, "one thread has the master");
+    for error in errors {
+        assert_eq!(error.failure, OpenFailure::Busy, "{error}");
+    }
+    let looking = ecrt.open_master(0).expect("anyone may look");
+    assert_eq!(looking.info().expect("information").slave_count, 1);
+    assert!(ecrt.open_master(3).is_err(), "there is one master");
+}

@@ -1,0 +1,75 @@
+//! A C program of plain `ecrt_*` calls on the simulated library.
+
+mod toolchain;
+
+use std::ffi::OsStr;
+use std::process::Command;
+
+use toolchain::{plain_master, simulated_library, start, told};
+
+#[test]
+fn it_reaches_op_and_a_frame_comes_back() {
+    if !toolchain::is_there() {
+        return;
+    }
+    let library = simulated_library();
+    let program = plain_master(&library);
+    let output = start(&program, &library, &[]);
+    let words = told(&output);
+    assert!(output.status.success(), "{words}");
+    assert!(words.contains("libethercat 1.6\n") && words.contains("OP after"), "{words}");
+    assert!(words.contains("the frame is back after"), "{words}");
+
+    let mut with_clocks = Command::new(&program);
+    with_clocks.arg("--dc").env_remove("ECAN_ECRT").env("LD_LIBRARY_PATH", library.path());
+    let output = with_clocks.output().expect("the program starts");
+    assert!(output.status.success(), "{}", told(&output));
+}
+
+#[test]
+fn a_run_says_once_that_it_is_simulated_and_names_the_scenario() {
+    if !toolchain::is_there() {
+        return;
+    }
+    let library = simulated_library();
+    let program = plain_master(&library);
+    let file = library.path().join("cell.toml");
+    std::fs::write(&file, "seed = 77\n[[gateway]]\n[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n")
+        .expect("room for the scenario");
+    let mut setting = std::ffi::OsString::from("sim:");
+    setting.push(&file);
+    let settings = [
+        // The name of a library says nothing about the scenario.
+        (OsStr::new("libethercat.so.1"), "Scenario echo: "),
+        (OsStr::new("sim"), "Scenario echo: "),
+        (&setting, "seed 77"),
+    ];
+    for (setting, expected) in settings {
+        let output = start(&program, &library, &[("ECAN_ECRT", setting)]);
+        let words = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.success(), "{}", told(&output));
+        assert_eq!(words.lines().count(), 1, "{words}");
+        assert!(words.contains("SIMULATED: ") && words.contains(expected), "{words}");
+    }
+}
+
+#[test]
+fn a_wrong_setting_is_told_and_gives_no_master() {
+    if !toolchain::is_there() {
+        return;
+    }
+    let library = simulated_library();
+    let program = plain_master(&library);
+    let settings = [
+        ("sim:ecco", "there is no scenario \"ecco\"", "Invalid argument"),
+        ("sim:nowhere.toml", "cannot read nowhere.toml", "No such file or directory"),
+    ];
+    for (setting, why, errno) in settings {
+        let output = start(&program, &library, &[("ECAN_ECRT", OsStr::new(setting))]);
+        let words = told(&output);
+        assert_eq!(output.status.code(), Some(1), "{words}");
+        assert!(words.contains(why), "{words}");
+        assert!(words.contains(&format!("ecrt_request_master: {errno}")), "{words}");
+        assert!(!words.contains("SIMULATED: "), "{words}");
+    }
+}

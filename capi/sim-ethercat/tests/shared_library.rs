@@ -1,0 +1,103 @@
+//! The shared library as a linker and a loader see it.
+
+mod toolchain;
+
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::Command;
+
+use tempfile::TempDir;
+use toolchain::{CRATE, SONAME, plain_master, run, simulated_library, start, told};
+
+/// Functions of libethercat 1.6.2 with their versions, one a line.
+const EXPORTED: &str = include_str!("exported-symbols.txt");
+
+/// What the loader says about a library without the versions that a program wants.
+const WARNING: &str = "no version information available";
+
+fn committed() -> Vec<&'static str> {
+    EXPORTED.lines().collect()
+}
+
+#[test]
+fn the_committed_list_is_that_of_the_real_library() {
+    let path = Path::new(CRATE).join("../../../shared/igh/libethercat-1.6.2-symbols.txt");
+    let Ok(text) = std::fs::read_to_string(&path) else {
+        println!("skipped: {} is not there", path.display());
+        return;
+    };
+    let mut real: Vec<_> = text
+        .lines()
+        .filter_map(|line| line.split_whitespace().nth(2))
+        .filter(|symbol| symbol.contains("@@"))
+        .collect();
+    real.sort_unstable();
+    assert_eq!(committed(), real);
+}
+
+#[test]
+fn soname_and_symbols_are_the_real_ones() {
+    if !toolchain::is_there() {
+        return;
+    }
+    let library = simulated_library();
+    let file = library.path().join(SONAME);
+    let dynamic = run(Command::new("readelf").arg("-d").arg(&file));
+    assert!(dynamic.contains("Library soname: [libethercat.so.1]"), "{dynamic}");
+    assert!(dynamic.contains("NODELETE"), "{dynamic}");
+
+    let symbols = run(Command::new("nm").args(["-D", "--defined-only"]).arg(&file));
+    let (nodes, mut functions): (Vec<_>, Vec<_>) = symbols
+        .lines()
+        .filter_map(|line| line.split_once(' '))
+        .partition(|(_, symbol)| symbol.starts_with("A "));
+    let mut nodes: Vec<_> = nodes.into_iter().map(|(_, symbol)| symbol).collect();
+    nodes.sort_unstable();
+    assert_eq!(nodes, ["A LIBETHERCAT_1.5.2", "A LIBETHERCAT_1.5.3", "A LIBETHERCAT_1.6"]);
+    functions.sort_unstable_by_key(|(_, symbol)| *symbol);
+    let names: Vec<_> =
+        functions.iter().map(|(_, symbol)| symbol.trim_start_matches("T ")).collect();
+    assert_eq!(names, committed());
+}
+
+/// A library without contents, with the real one's soname, functions and versions: what a program
+/// is linked against that was built on a machine with IgH.
+fn stub_of_the_real_library() -> TempDir {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let mut versions: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for symbol in committed() {
+        let (name, version) = symbol.split_once("@@").expect("each has a version");
+        versions.entry(version).or_default().push(name);
+    }
+    let (mut source, mut map, mut before) = (String::new(), String::new(), "");
+    for (version, names) in versions {
+        source
+            .extend(names.iter().map(|name| format!("void {name}(void);void {name}(void) {{}}\n")));
+        map += &format!("{version} {{ global: {}; }} {before};\n", names.join("; "));
+        before = version;
+    }
+    let path = |name: &str| directory.path().join(name);
+    std::fs::write(path("stub.c"), source).expect("room for the source");
+    std::fs::write(path("stub.map"), map).expect("room for the map");
+    let mut link = Command::new("cc");
+    link.args(["-shared", "-fPIC", "-w", "-Wl,-soname,libethercat.so.1", "-o"]).arg(path(SONAME));
+    link.arg(format!("-Wl,--version-script={}", path("stub.map").display())).arg(path("stub.c"));
+    run(&mut link);
+    directory
+}
+
+#[test]
+fn a_program_linked_against_the_real_library_starts_without_a_warning() {
+    if !toolchain::is_there() {
+        return;
+    }
+    let program_with_stub = stub_of_the_real_library();
+    let program = plain_master(&program_with_stub);
+    let output = start(&program, &simulated_library(), &[]);
+    assert!(output.status.success(), "{}", told(&output));
+    assert!(!told(&output).contains(WARNING), "{}", told(&output));
+
+    // The same would be told of a library without versions.
+    let output = start(&program, &toolchain::simulated_library_without_versions(), &[]);
+    assert!(told(&output).contains(WARNING), "{}", told(&output));
+}

@@ -1,0 +1,114 @@
+//! Building libraries and programs with `cc`, as a user does.
+#![allow(dead_code)]
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::sync::OnceLock;
+
+use tempfile::TempDir;
+
+/// The real library's soname.
+pub const SONAME: &str = "libethercat.so.1";
+
+/// This crate's directory.
+pub const CRATE: &str = env!("CARGO_MANIFEST_DIR");
+
+/// Whether there are a C compiler and the tools that read what it made; says so if not.
+pub fn is_there() -> bool {
+    let found = |tool: &str| Command::new(tool).arg("--version").output().is_ok();
+    let missing: Vec<_> = ["cc", "nm", "readelf"].into_iter().filter(|tool| !found(tool)).collect();
+    if !missing.is_empty() {
+        println!("skipped: {} not found", missing.join(", "));
+    }
+    missing.is_empty()
+}
+
+/// Runs a command, which has to succeed; gives what it wrote.
+pub fn run(command: &mut Command) -> String {
+    let output = command.output().unwrap_or_else(|error| panic!("{command:?}: {error}"));
+    assert!(output.status.success(), "{command:?}: {}", told(&output));
+    String::from_utf8_lossy(&output.stdout).into_owned()
+}
+
+/// Everything that a program wrote, and how it ended.
+pub fn told(output: &Output) -> String {
+    format!(
+        "{}\n{}{}",
+        output.status,
+        String::from_utf8_lossy(&output.stdout),
+        String::from_utf8_lossy(&output.stderr)
+    )
+}
+
+/// The static library of this crate, from the build directory that this test comes from.
+///
+/// A test does not depend on a static library, so cargo is asked to build it. That is done once.
+fn static_library() -> &'static Path {
+    static LIBRARY: OnceLock<PathBuf> = OnceLock::new();
+    LIBRARY.get_or_init(|| {
+        // <target directory>[/<triple>]/<profile>/deps/<this test>
+        let test = std::env::current_exe().expect("a test has a name");
+        let profile = test.ancestors().nth(2).expect("tests lie in a directory of their profile");
+        let target = Path::new(env!("CARGO_TARGET_TMPDIR")).parent().expect("it is in there");
+        let name = |path: &Path| path.file_name().expect("not the root").to_owned();
+        let mut build = Command::new(env!("CARGO"));
+        build.args(["build", "--offline", "--quiet", "--package", env!("CARGO_PKG_NAME")]);
+        build.arg("--manifest-path").arg(Path::new(CRATE).join("Cargo.toml"));
+        build.arg("--target-dir").arg(target);
+        match name(profile).to_str() {
+            Some("debug") | None => {}
+            Some(other) => drop(build.args(["--profile", other])),
+        }
+        if let Some(triple) = profile.parent().filter(|parent| *parent != target) {
+            build.arg("--target").arg(name(triple));
+        }
+        run(&mut build);
+        profile.join("libethercat_sim.a")
+    })
+}
+
+/// A directory with the simulated library in it.
+pub fn simulated_library() -> TempDir {
+    let map = Path::new(CRATE).join("libethercat.map");
+    let mut script = std::ffi::OsString::from("-Wl,--version-script=");
+    script.push(map);
+    link_simulated(Some(&script))
+}
+
+/// The same without symbol versions.
+pub fn simulated_library_without_versions() -> TempDir {
+    link_simulated(None)
+}
+
+fn link_simulated(version_script: Option<&OsStr>) -> TempDir {
+    let directory = tempfile::tempdir().expect("a temporary directory");
+    let mut link = Command::new("cc");
+    link.args(["-shared", "-Wl,-soname,libethercat.so.1", "-Wl,-z,defs", "-Wl,-z,nodelete"]);
+    link.args(version_script);
+    link.arg("-o").arg(directory.path().join(SONAME));
+    link.args(["-Wl,--gc-sections", "-Wl,--whole-archive"]).arg(static_library());
+    link.args(["-Wl,--no-whole-archive", "-lgcc_s", "-lpthread", "-lm", "-ldl", "-lc"]);
+    run(&mut link);
+    directory
+}
+
+/// Builds the plain C master against the library in a directory; gives the program.
+pub fn plain_master(library: &TempDir) -> PathBuf {
+    let tests = Path::new(CRATE).join("../tests");
+    let program = library.path().join("plain_ecrt");
+    let mut compile = Command::new("cc");
+    compile.args(["-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-o"]).arg(&program);
+    compile.arg(tests.join("plain_ecrt.c")).arg(library.path().join(SONAME));
+    run(&mut compile);
+    program
+}
+
+/// Runs a program with the library of a directory, found as `LD_LIBRARY_PATH` says.
+pub fn start(program: &Path, library: &TempDir, environment: &[(&str, &OsStr)]) -> Output {
+    let mut command = Command::new(program);
+    command.env_remove("ECAN_ECRT").env("LD_LIBRARY_PATH", library.path());
+    // Every symbol is looked up at once, so that each missing version is told.
+    command.env("LD_BIND_NOW", "1").envs(environment.iter().copied());
+    command.output().unwrap_or_else(|error| panic!("{}: {error}", program.display()))
+}

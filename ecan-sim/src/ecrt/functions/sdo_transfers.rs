@@ -1,0 +1,93 @@
+//! SDO transfers that wait for their answer.
+
+use super::{bytes, on_master, status, store};
+use crate::ecrt::calls::Answer;
+use crate::ecrt::sdo::SdoObject;
+use ecrt_sys::ec_master_t;
+use libc::{c_int, size_t};
+
+/// Transfers. The abort code is told only with `EIO`.
+///
+/// # Safety
+/// `abort_code` is null or valid for writing.
+unsafe fn transfer(
+    master: *mut ec_master_t,
+    position: u16,
+    object: SdoObject,
+    download: Option<Vec<u8>>,
+    abort_code: *mut u32,
+) -> Answer<Vec<u8>> {
+    on_master(master)?.transfer(position, object, download).map_err(|(errno, code)| {
+        if errno == libc::EIO {
+            // SAFETY: the caller's promise. Without a place for it the code goes nowhere.
+            let _ = unsafe { store(abort_code, code) };
+        }
+        errno
+    })
+}
+
+/// `ecrt_master_sdo_download`: writes an object and waits for the answer.
+pub unsafe extern "C" fn master_sdo_download(
+    master: *mut ec_master_t,
+    position: u16,
+    index: u16,
+    subindex: u8,
+    data: *const u8,
+    size: size_t,
+    abort_code: *mut u32,
+) -> c_int {
+    status(|| {
+        let object = SdoObject::entry(index, subindex);
+        // SAFETY: the caller passes `size` bytes and a place for the code, each or null.
+        unsafe {
+            let data = bytes(data, size)?;
+            transfer(master, position, object, Some(data), abort_code).map(drop)
+        }
+    })
+}
+
+/// `ecrt_master_sdo_download_complete`: the same by Complete Access, which the gateway refuses.
+pub unsafe extern "C" fn master_sdo_download_complete(
+    master: *mut ec_master_t,
+    position: u16,
+    index: u16,
+    data: *const u8,
+    size: size_t,
+    abort_code: *mut u32,
+) -> c_int {
+    status(|| {
+        // SAFETY: the caller passes `size` bytes and a place for the code, each or null.
+        unsafe {
+            let data = bytes(data, size)?;
+            transfer(master, position, SdoObject::whole(index), Some(data), abort_code).map(drop)
+        }
+    })
+}
+
+/// `ecrt_master_sdo_upload`: reads an object and waits for the answer.
+pub unsafe extern "C" fn master_sdo_upload(
+    master: *mut ec_master_t,
+    position: u16,
+    index: u16,
+    subindex: u8,
+    target: *mut u8,
+    target_size: size_t,
+    result_size: *mut size_t,
+    abort_code: *mut u32,
+) -> c_int {
+    status(|| {
+        let object = SdoObject::entry(index, subindex);
+        // SAFETY: the caller passes a place for the code, or null.
+        let data = unsafe { transfer(master, position, object, None, abort_code)? };
+        if data.len() > target_size {
+            return Err(libc::EOVERFLOW);
+        }
+        if target.is_null() {
+            return Err(libc::EFAULT);
+        }
+        // SAFETY: the caller passes a place for `target_size` bytes, and there are no more.
+        unsafe { target.copy_from_nonoverlapping(data.as_ptr(), data.len()) };
+        // SAFETY: the caller passes a place for the size, or null.
+        unsafe { store(result_size, data.len()) }
+    })
+}

@@ -1,0 +1,78 @@
+//! What each call for an SDO or register request does.
+
+use crate::ecrt::calls::Answer;
+use crate::ecrt::registry::{self, Handle, Target};
+use crate::ecrt::slave_config::{RegRequest, RequestProgress, SdoRequest};
+
+/// A handle, used as an SDO request.
+pub(super) struct RequestCall {
+    handle: Handle,
+    config: usize,
+    request: usize,
+}
+
+impl RequestCall {
+    pub(super) fn find(address: usize) -> Answer<Self> {
+        let handle = registry::find(address).ok_or(libc::EINVAL)?;
+        match handle.target {
+            Target::Request { config, request } => Ok(Self { handle, config, request }),
+            _ => Err(libc::EINVAL),
+        }
+    }
+
+    pub(super) fn change<R>(&self, action: impl FnOnce(&mut SdoRequest) -> R) -> Answer<R> {
+        self.handle.shared.with(|state| {
+            state.master.request(self.config, self.request).map(action).ok_or(libc::ENOENT)
+        })
+    }
+
+    pub(super) fn start(&self, writes: bool) -> Answer {
+        self.handle.shared.with(|state| {
+            state.master.may_exchange(self.handle.client)?;
+            let now = state.world.now_ns();
+            if state.master.start_request(self.config, self.request, writes, now) {
+                Ok(())
+            } else {
+                Err(libc::EINVAL)
+            }
+        })
+    }
+
+    pub(super) fn progress(&self) -> Answer<RequestProgress> {
+        self.handle.shared.with(|state| {
+            let now = state.world.now_ns();
+            state.master.request_progress(self.config, self.request, now).ok_or(libc::ENOENT)
+        })
+    }
+}
+
+/// A handle, used as a register request.
+pub(super) struct RegRequestCall {
+    handle: Handle,
+    config: usize,
+    request: usize,
+}
+
+impl RegRequestCall {
+    pub(super) fn find(address: usize) -> Answer<Self> {
+        let handle = registry::find(address).ok_or(libc::EINVAL)?;
+        match handle.target {
+            Target::RegRequest { config, request } => Ok(Self { handle, config, request }),
+            _ => Err(libc::EINVAL),
+        }
+    }
+
+    pub(super) fn change<R>(&self, action: impl FnOnce(&mut RegRequest) -> R) -> Answer<R> {
+        self.handle.shared.with(|state| {
+            state.master.reg_request(self.config, self.request).map(action).ok_or(libc::ENOENT)
+        })
+    }
+
+    pub(super) fn start(&self, writes: bool, address: u16, size: usize) -> Answer {
+        self.handle.shared.with(|state| {
+            state.master.may_exchange(self.handle.client)?;
+            let now = state.world.now_ns();
+            state.master.start_reg_request(self.config, self.request, writes, address, size, now)
+        })
+    }
+}

@@ -1,0 +1,269 @@
+//! The functions that only C programs call: lists, places, whole objects, registers, other
+//! mailbox protocols, reservation.
+
+mod c_master;
+
+use std::ptr::{null, null_mut};
+
+use c_master::{CMaster, stepped_echo};
+use ecan_sim::libethercat as c;
+use ecrt_sys::{
+    EC_AL_STATE_OP, EC_AL_STATE_PREOP, EC_AL_STATE_SAFEOP, EC_REQUEST_BUSY, EC_REQUEST_ERROR,
+    EC_REQUEST_SUCCESS, EC_REQUEST_UNUSED, Errno,
+};
+
+const PREOP: u8 = 2;
+const SAFEOP: u8 = 4;
+
+#[test]
+fn lists_of_pdos_and_entries_bring_a_slave_to_op() {
+    let program = CMaster::configured();
+    assert_eq!(program.register_by_list(), (0, [0, 128]));
+    program.activate();
+    assert!(program.reaches_op(), "{}", program.log());
+}
+
+#[test]
+fn an_entry_is_found_by_its_place_as_by_its_object() {
+    let program = CMaster::configured();
+    let (config, domain) = (program.config, program.domain);
+    let at = |sync, pdo, entry| {
+        let mut bit = u32::MAX;
+        // SAFETY: the handles are the library's, the place is there.
+        let byte = unsafe {
+            c::slave_config_reg_pdo_entry_pos(config, sync, pdo, entry, domain, &mut bit)
+        };
+        (byte, bit)
+    };
+    assert_eq!(at(2, 0, 3), (48, 0));
+    assert_eq!(at(3, 0, 7), (128 + 112, 0));
+    // SAFETY: as above.
+    let by_object = unsafe { c::slave_config_reg_pdo_entry(config, 0x7030, 1, domain, null_mut()) };
+    assert_eq!(by_object, 48);
+    let nowhere = (-libc::ENOENT, u32::MAX);
+    assert_eq!([at(2, 1, 0), at(2, 0, 8), at(5, 0, 0)], [nowhere; 3]);
+    assert_eq!(at(16, 0, 0), (-libc::EINVAL, u32::MAX));
+}
+
+#[test]
+fn an_entry_inside_a_byte_needs_a_place_for_its_bit() {
+    let program = CMaster::configured();
+    let (config, domain) = (program.config, program.domain);
+    let mut bit = 0;
+    // SAFETY: the handles are the library's, the place is there.
+    unsafe {
+        assert_eq!(c::slave_config_pdo_mapping_clear(config, 0x1600), 0);
+        assert_eq!(c::slave_config_pdo_mapping_add(config, 0x1600, 0x7000, 1, 3), 0);
+        assert_eq!(c::slave_config_pdo_mapping_add(config, 0x1600, 0x7010, 1, 8), 0);
+        let refused = c::slave_config_reg_pdo_entry(config, 0x7010, 1, domain, null_mut());
+        assert_eq!(refused, -libc::EFAULT);
+        assert_eq!(c::slave_config_reg_pdo_entry(config, 0x7010, 1, domain, &mut bit), 0);
+    }
+    assert_eq!(bit, 3);
+}
+
+#[test]
+fn a_list_that_names_an_unmapped_entry_or_another_device_ends_there() {
+    let mut program = CMaster::configured();
+    program.product_code += 1;
+    assert_eq!(program.register_by_list(), (-libc::ENOENT, [u32::MAX; 2]));
+    // SAFETY: the handles are the library's; null lists are allowed where IgH allows them.
+    unsafe {
+        assert_eq!(c::slave_config_pdos(program.config, 3, null()), 0);
+        assert_eq!(c::domain_reg_pdo_entry_list(program.domain, null()), -libc::EFAULT);
+    }
+}
+
+#[test]
+fn one_handle_at_a_time_has_the_master() {
+    let simulation = stepped_echo();
+    let first = c::open_master(&simulation, 0);
+    // SAFETY: the handles are the library's.
+    unsafe {
+        assert_eq!(c::master_reset(first), -libc::EPERM);
+        assert_eq!(c::master_reserve(first), 0);
+        assert_eq!(c::master_reserve(first), -libc::EBUSY);
+        assert!(c::request_master(&simulation, 0).is_null());
+        assert_eq!(Errno::last(), Errno::EBUSY);
+        c::release_master(first);
+        let second = c::request_master(&simulation, 0);
+        assert!(!second.is_null());
+        c::release_master(second);
+    }
+    assert!(c::open_master(&simulation, 1).is_null());
+    assert_eq!(Errno::last(), Errno::ENOENT);
+}
+
+#[test]
+fn complete_access_is_aborted() {
+    let program = CMaster::configured();
+    let (data, mut abort_code) = ([8u8, 0, 0, 0], 0);
+    // SAFETY: the handle is the library's, the data and the place are there.
+    let answer = unsafe {
+        let (first, size) = (data.as_ptr(), data.len());
+        c::master_sdo_download_complete(program.master, 0, 0x8010, first, size, &mut abort_code)
+    };
+    assert_eq!((answer, abort_code), (-libc::EIO, 0x0601_0000));
+}
+
+#[test]
+fn complete_access_at_start_up_keeps_the_slave_in_preop() {
+    let program = CMaster::configured();
+    program.register_by_list();
+    let data = [8u8, 0, 0, 0];
+    // SAFETY: the handle is the library's, the data are there.
+    let answer =
+        unsafe { c::slave_config_complete_sdo(program.config, 0x8010, data.as_ptr(), data.len()) };
+    assert_eq!(answer, 0);
+    program.activate();
+    assert_eq!(program.ends_without_op(), (PREOP, true));
+    assert!(program.log().contains("startup SDO 0x8010"), "{}", program.log());
+}
+
+#[test]
+fn a_reset_lets_a_slave_that_was_given_up_start_again() {
+    let program = CMaster::configured();
+    program.register_by_list();
+    let fault = ecan_sim::GatewayFault::SdoAbort {
+        index: 0x8010,
+        subindex: 1,
+        code: 0x0800_0022,
+        times: 1,
+    };
+    program.simulation.inject(ecan_sim::Fault::Gateway { gateway: 0, fault });
+    program.activate();
+    assert_eq!(program.ends_without_op(), (PREOP, true));
+    // SAFETY: the handle is the library's.
+    assert_eq!(unsafe { c::master_reset(program.master) }, 0);
+    assert!(program.reaches_op(), "{}", program.log());
+}
+
+#[test]
+fn a_written_register_takes_effect() {
+    let program = CMaster::configured();
+    program.register_by_list();
+    // SAFETY: the handles are the library's, the request's memory has two bytes.
+    unsafe {
+        let request = c::slave_config_create_reg_request(program.config, 2);
+        assert_eq!(c::reg_request_state(request), EC_REQUEST_UNUSED);
+        assert_eq!(c::reg_request_write(request, 0x0120, 3), -libc::ENOBUFS);
+        program.activate();
+        assert!(program.reaches_op(), "{}", program.log());
+        let data = c::reg_request_data(request);
+        data.write(SAFEOP);
+        assert_eq!(c::reg_request_write(request, 0x0120, 2), 0);
+        while c::reg_request_state(request) == EC_REQUEST_BUSY {
+            program.cycle();
+        }
+        assert_eq!(c::reg_request_state(request), EC_REQUEST_SUCCESS);
+        assert_eq!(c::reg_request_read(request, 0x0130, 2), 0);
+        while c::reg_request_state(request) == EC_REQUEST_BUSY {
+            program.cycle();
+        }
+        assert_eq!(data.read(), SAFEOP);
+    }
+}
+
+#[test]
+fn a_slave_without_emergencies_has_none() {
+    let program = CMaster::configured();
+    let mut message = [0xEE; 8];
+    // SAFETY: the handle is the library's, a message has room for its eight bytes.
+    unsafe {
+        assert_eq!(c::slave_config_emerg_size(program.config, 10), 0);
+        let popped = c::slave_config_emerg_pop(program.config, message.as_mut_ptr());
+        assert_eq!(popped, -libc::ENOENT);
+        assert_eq!(c::slave_config_emerg_overruns(program.config), 0);
+        assert_eq!(c::slave_config_emerg_clear(program.config), 0);
+    }
+    assert_eq!(message, [0xEE; 8]);
+}
+
+#[test]
+fn soe_requests_end_in_an_error() {
+    let program = CMaster::configured();
+    let (data, mut error_code, mut size) = ([1u8, 2], 0xEEEE, 0);
+    // SAFETY: the handles are the library's, data and places are there.
+    unsafe {
+        let request = c::slave_config_create_soe_request(program.config, 0, 32, 4);
+        assert_eq!(c::soe_request_data_size(request), 4);
+        c::soe_request_data(request).write_bytes(7, 4);
+        assert_eq!(c::soe_request_idn(request, 1, 33), 0);
+        assert_eq!(c::soe_request_timeout(request, 100), 0);
+        assert_eq!(c::soe_request_state(request), EC_REQUEST_UNUSED);
+        assert_eq!(c::soe_request_read(request), 0);
+        assert_eq!(c::soe_request_state(request), EC_REQUEST_ERROR);
+        assert_eq!(c::soe_request_write(request), 0);
+        let (first, length) = (data.as_ptr(), data.len());
+        let written = c::master_write_idn(program.master, 0, 0, 32, first, length, &mut error_code);
+        assert_eq!((written, error_code), (-libc::EIO, 0));
+        let read =
+            c::master_read_idn(program.master, 7, 0, 32, null_mut(), 0, &mut size, &mut error_code);
+        assert_eq!(read, -libc::EINVAL, "there is no slave 7");
+        // A VoE handler is none of these.
+        assert_eq!(c::voe_handler_read(request.cast()), -libc::EINVAL);
+    }
+}
+
+#[test]
+fn an_idn_keeps_the_slave_from_leaving_its_state() {
+    for (state, reached) in [(EC_AL_STATE_PREOP, PREOP), (EC_AL_STATE_SAFEOP, SAFEOP)] {
+        let program = CMaster::configured();
+        program.register_by_list();
+        let data = [1u8, 2];
+        // SAFETY: the handle is the library's, the data are there.
+        unsafe {
+            let add = |drive, state| {
+                c::slave_config_idn(program.config, drive, 32, state, data.as_ptr(), data.len())
+            };
+            assert_eq!(add(8, state), -libc::EINVAL);
+            assert_eq!(add(0, EC_AL_STATE_OP), -libc::EINVAL);
+            assert_eq!(add(0, state), 0);
+        }
+        program.activate();
+        assert_eq!(program.ends_without_op(), (reached, true));
+        assert!(program.log().contains("does not support SoE"), "{}", program.log());
+    }
+}
+
+#[test]
+fn voe_transfers_end_in_an_error() {
+    let program = CMaster::configured();
+    let (mut vendor_id, mut vendor_type) = (1, 1);
+    // SAFETY: the handles are the library's, the places are there.
+    unsafe {
+        let handler = c::slave_config_create_voe_handler(program.config, 16);
+        assert_eq!(c::voe_handler_data_size(handler), 16);
+        c::voe_handler_data(handler).write_bytes(7, 16);
+        assert_eq!(c::voe_handler_send_header(handler, 5, 6), 0);
+        assert_eq!(c::voe_handler_execute(handler), EC_REQUEST_UNUSED);
+        assert_eq!(c::voe_handler_write(handler, 17), -libc::EOVERFLOW);
+        assert_eq!(c::voe_handler_write(handler, 16), 0);
+        assert_eq!(c::voe_handler_execute(handler), EC_REQUEST_ERROR);
+        assert_eq!(c::voe_handler_read_nosync(handler), 0);
+        let received = c::voe_handler_received_header(handler, &mut vendor_id, &mut vendor_type);
+        assert_eq!((received, vendor_id, vendor_type), (0, 0, 0));
+    }
+}
+
+#[test]
+fn ip_parameters_leave_a_line_in_the_log_and_nothing_else() {
+    let program = CMaster::configured();
+    program.register_by_list();
+    let address = libc::in_addr { s_addr: u32::from_ne_bytes([192, 168, 1, 2]) };
+    // SAFETY: the handle is the library's, the texts are there.
+    unsafe {
+        let config = program.config;
+        assert_eq!(c::slave_config_eoe_mac_address(config, [2u8; 6].as_ptr()), 0);
+        assert_eq!(c::slave_config_eoe_mac_address(config, null()), -libc::EFAULT);
+        assert_eq!(c::slave_config_eoe_ip_address(config, address), 0);
+        assert_eq!(c::slave_config_eoe_subnet_mask(config, address), 0);
+        assert_eq!(c::slave_config_eoe_default_gateway(config, address), 0);
+        assert_eq!(c::slave_config_eoe_dns_address(config, address), 0);
+        assert_eq!(c::slave_config_eoe_hostname(config, c"gateway".as_ptr()), 0);
+        assert_eq!(c::slave_config_flag(config, c"".as_ptr(), 1), -libc::EINVAL);
+    }
+    program.activate();
+    assert!(program.reaches_op(), "{}", program.log());
+    assert!(program.log().contains("does not support EoE"), "{}", program.log());
+}
