@@ -1,11 +1,13 @@
-//! Makes the C headers in `include/` from the sources of `capi/`, and checks that every exported
-//! function is announced in a version script and documented.
+//! Makes the C headers in `include/` and the table of functions in `API.md` from the sources of
+//! `capi/`, and checks that every exported function is announced in a version script and says when
+//! it may be called.
 //!
 //! ```text
 //! scripts/regenerate-headers.sh           writes the headers
 //! scripts/regenerate-headers.sh --check   says what is stale or missing
 //! ```
 
+mod api_table;
 mod audit;
 mod manifest;
 mod render;
@@ -48,9 +50,12 @@ fn main() -> ExitCode {
 fn run(arguments: &Arguments) -> Result<Vec<String>, String> {
     let root = &arguments.root;
     let mut faults = Vec::new();
+    let mut files = Vec::new();
     for header in manifest::HEADERS {
-        let text = render::header(root, header)?;
-        let path = root.join("include").join(header.name);
+        files.push((root.join("include").join(header.name), render::header(root, header)?));
+    }
+    files.push((root.join("API.md"), api_table::api(root)?));
+    for (path, text) in files {
         if read(&path).is_ok_and(|found| found == text) {
             continue;
         }

@@ -23,29 +23,56 @@ pub fn section(root: &Path, section: &str) -> Result<String, String> {
 
 /// The exported functions of a header.
 pub fn functions(root: &Path, header: &Header) -> Result<Vec<Function>, String> {
+    let sections = header.sections.iter().map(|name| functions_of(root, name));
+    Ok(sections.collect::<Result<Vec<_>, _>>()?.into_iter().flatten().collect())
+}
+
+/// The exported functions of a section.
+pub fn functions_of(root: &Path, name: &str) -> Result<Vec<Function>, String> {
     let mut found = Vec::new();
-    for name in header.sections {
-        let text = section(root, name)?;
-        let mut comment = Vec::new();
-        for (line, number) in text.lines().zip(1..) {
-            let declared = line
-                .strip_prefix("pub unsafe extern \"C\" fn ")
-                .or_else(|| line.strip_prefix("pub extern \"C\" fn "));
-            if let Some(declared) = declared {
-                let end = declared.find('(').unwrap_or(declared.len());
-                found.push(Function {
-                    name: declared[..end].to_owned(),
-                    comment: std::mem::take(&mut comment),
-                    place: format!("capi/{name}:{number}"),
-                });
-            } else if let Some(words) = line.strip_prefix("///") {
-                comment.push(words.trim().to_owned());
-            } else if !line.starts_with("#[") {
-                comment.clear();
-            }
+    let text = section(root, name)?;
+    let mut comment = Vec::new();
+    for (line, number) in text.lines().zip(1..) {
+        let declared = line
+            .strip_prefix("pub unsafe extern \"C\" fn ")
+            .or_else(|| line.strip_prefix("pub extern \"C\" fn "));
+        if let Some(declared) = declared {
+            let end = declared.find('(').unwrap_or(declared.len());
+            found.push(Function {
+                name: declared[..end].to_owned(),
+                comment: std::mem::take(&mut comment),
+                place: format!("capi/{name}:{number}"),
+            });
+        } else if let Some(words) = line.strip_prefix("///") {
+            comment.push(words.trim().to_owned());
+        } else if !line.starts_with("#[") {
+            comment.clear();
         }
     }
     Ok(found)
+}
+
+impl Function {
+    /// The first sentence of its comment.
+    pub fn summary(&self) -> String {
+        let paragraph = self.comment.iter().take_while(|line| !line.is_empty());
+        let text = paragraph.map(String::as_str).collect::<Vec<_>>().join(" ");
+        match text.find(". ") {
+            Some(end) => text[..end].to_owned(),
+            None => text.trim_end_matches('.').to_owned(),
+        }
+    }
+
+    /// The words behind a tag.
+    pub fn tag(&self, tag: &str) -> Option<&str> {
+        self.comment.iter().find_map(|line| line.strip_prefix(tag)).map(str::trim)
+    }
+}
+
+/// The heading of a section: the first line of its source.
+pub fn heading(root: &Path, name: &str) -> Result<String, String> {
+    let text = section(root, name)?;
+    Ok(text.lines().next().unwrap_or_default().trim_start_matches("//!").trim().to_owned())
 }
 
 /// The types of C that a section declares.

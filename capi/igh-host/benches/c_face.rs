@@ -68,8 +68,10 @@ fn rust_port() -> Port {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let setting = EcrtSetting::parse("sim:echo").unwrap();
     let backend = ecan_sim::open(&setting, &options).unwrap();
-    let gateway =
-        GatewayConfig { paced: false, ..GatewayConfig::on_channel(0, ChannelSettings::classic(1_000_000)) };
+    let gateway = GatewayConfig {
+        paced: false,
+        ..GatewayConfig::on_channel(0, ChannelSettings::classic(1_000_000))
+    };
     let config = PortConfig::uniform(1, gateway);
     let mut port = Port::open(&backend.ecrt, AdapterConfig::new(1), config).unwrap();
     port.wait_ready(30_000).unwrap();

@@ -9,6 +9,7 @@
 //! ```
 
 use std::ffi::{c_int, c_void};
+use std::path::PathBuf;
 
 use ecan_host::{Adapter, Ecrt};
 use ecan_mcan_host::boundary::{Call, call, getter};
@@ -32,10 +33,18 @@ pub struct ecan_igh_context_t {
 
 const _: () = assert!(size_of::<Words>() == size_of::<ecan_igh_context_t>());
 
+/// What the build chose in place of the installed libethercat (CMake's ECRT_LIBRARY).
+fn default_library() -> Option<PathBuf> {
+    option_env!("ECAN_DEFAULT_ECRT").filter(|path| !path.is_empty()).map(PathBuf::from)
+}
+
 /// The library that the configuration asks for; a simulated one says so on standard error.
 fn open_library(call: Call, config: &AdapterPlain) -> Result<Ecrt, ecan_result_t> {
     let explicit = config.is_ecrt_set.then(|| config.ecrt.get().unwrap_or_default());
-    let setting = EcrtSetting::resolve(explicit).map_err(|e| errors::backend(call, &e))?;
+    let setting = match EcrtSetting::resolve(explicit).map_err(|e| errors::backend(call, &e))? {
+        EcrtSetting::Library(None) if explicit.is_none() => EcrtSetting::Library(default_library()),
+        setting => setting,
+    };
     let clock = if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real };
     let last_position = config.slaves[..config.slave_count].iter().map(|s| s.position).max();
     let options = SimOptions {

@@ -1,0 +1,73 @@
+#!/usr/bin/env bash
+# Proves the C side: builds everything with CMake, runs its tests, runs the test of every function
+# under AddressSanitizer and valgrind, installs, and builds consumers from the installed tree by
+# find_package and by pkg-config. Needs cmake, gcc, g++, pkg-config and valgrind.
+#
+#     scripts/check-c.sh [BUILD_DIRECTORY]
+set -euo pipefail
+cd "$(dirname "$0")/.."
+build=${1:-build}
+mkdir -p "$build"
+build=$(cd "$build" && pwd)
+target=${CARGO_TARGET_DIR:-$PWD/target}
+
+say() { printf -- '-- %s\n' "$1"; }
+
+say "CMake"
+cmake -S . -B "$build" -DECAN_CARGO_TARGET_DIR="$target" >"$build/configure.log" ||
+    { cat "$build/configure.log"; exit 1; }
+cmake --build "$build" --parallel 2
+ctest --test-dir "$build" --output-on-failure
+
+say "headers alone, in C99 and in C++11"
+for header in include/*.h; do
+    name=$(basename "$header")
+    echo "#include <$name>" | gcc -std=c99 -Wall -Wextra -Wpedantic -Werror -Iinclude -fsyntax-only -xc -
+    echo "#include <$name>" | g++ -std=c++11 -Wall -Wextra -Wpedantic -Werror -Iinclude -fsyntax-only -xc++ -
+done
+
+say "every function, under AddressSanitizer"
+gcc -std=c99 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -Wall -Wextra -Werror \
+    -Iinclude capi/tests/every_function.c "$build/libecan_igh_host.a" -lpthread -ldl -lm \
+    -o "$build/every_function_sanitized"
+ASAN_OPTIONS=detect_leaks=1 "$build/every_function_sanitized"
+
+say "every function, under valgrind"
+valgrind --quiet --error-exitcode=1 --leak-check=full \
+    --errors-for-leak-kinds=definite,indirect "$build/capi/tests/every_function"
+
+say "consumers of the installed tree"
+rm -rf "$build/installed" "$build/consumer"
+cmake --install "$build" --prefix "$build/installed" >"$build/install.log"
+# A tree that was moved works as well.
+mv "$build/installed" "$build/moved"
+trap 'rm -rf "$build/moved"' EXIT
+cmake -S capi/tests/consumer -B "$build/consumer" -DCMAKE_PREFIX_PATH="$build/moved" \
+    >"$build/consumer.log" || { cat "$build/consumer.log"; exit 1; }
+cmake --build "$build/consumer" --parallel 2
+export ECAN_ECRT=sim
+for program in port_c port_cxx port_c_static port_cxx_static protocol_c protocol_c_static; do
+    "$build/consumer/$program"
+done
+PKG_CONFIG_PATH=$(dirname "$(find "$build/moved" -name ecan_igh_host.pc)")
+export PKG_CONFIG_PATH
+library_path=$(dirname "$(find "$build/moved" -name libecan_igh_host.so)")
+pushd capi/tests/consumer >/dev/null
+# shellcheck disable=SC2046 # pkg-config gives words
+gcc port.c $(pkg-config --cflags --libs ecan_igh_host) -o "$build/consumer/by_pkg_config"
+# shellcheck disable=SC2046
+g++ port.cpp $(pkg-config --cflags --libs ecan_igh_host) -o "$build/consumer/by_pkg_config_cxx"
+# shellcheck disable=SC2046
+gcc protocol.c $(pkg-config --cflags --libs ecan_mcan_host) -o "$build/consumer/protocol_by_pkg_config"
+popd >/dev/null
+for program in by_pkg_config by_pkg_config_cxx protocol_by_pkg_config; do
+    LD_LIBRARY_PATH=$library_path "$build/consumer/$program"
+done
+
+say "the protocol alone"
+cmake -S . -B "$build/protocol" -DECAN_IGH_BUILD_DEMO=OFF -DECAN_CARGO_TARGET_DIR="$target" \
+    >"$build/protocol.log"
+cmake --build "$build/protocol"
+test ! -e "$build/protocol/libecan_igh_host.a"
+
+say "all of the C side holds"
