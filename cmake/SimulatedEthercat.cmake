@@ -3,6 +3,7 @@
 #     LD_LIBRARY_PATH=build/sim ./my_master
 #
 # It is never installed: the loader must not find it by itself.
+# A scenario's bridges have threads, so the code stays once it is loaded (nodelete).
 ecan_cargo_build(simulated_ethercat PACKAGE ecan-sim-ethercat LIBRARY ethercat_sim
     OUTPUT _sim_archive)
 set(_sim_map "${PROJECT_SOURCE_DIR}/capi/sim-ethercat/libethercat.map")
@@ -11,7 +12,7 @@ add_dependencies(simulated_ethercat simulated_ethercat_cargo)
 target_link_libraries(simulated_ethercat PRIVATE
     "-Wl,--whole-archive" "${_sim_archive}" "-Wl,--no-whole-archive" ${ECAN_SYSTEM_LIBRARIES})
 target_link_options(simulated_ethercat PRIVATE
-    "-Wl,--version-script=${_sim_map}" "-Wl,--gc-sections" "-Wl,--no-undefined"
+    "-Wl,--version-script=${_sim_map}" "-Wl,--gc-sections" "-Wl,-z,nodelete" "-Wl,--no-undefined"
     "$<$<CONFIG:Release>:-Wl,--strip-debug>")
 set_target_properties(simulated_ethercat PROPERTIES
     OUTPUT_NAME ethercat VERSION 1.6.2 SOVERSION 1

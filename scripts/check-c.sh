@@ -26,9 +26,18 @@ for header in include/*.h; do
     echo "#include <$name>" | g++ -std=c++11 -Wall -Wextra -Wpedantic -Werror -Iinclude -fsyntax-only -xc++ -
 done
 
+say "the first program of README.md"
+awk '/^```c$/ { on = 1; next } /^```$/ { on = 0 } on' README.md >"$build/first.c"
+gcc -std=c99 -Wall -Wextra -Wpedantic -Werror -Iinclude "$build/first.c" \
+    "$build/libecan_igh_host.a" -lpthread -ldl -lm -o "$build/first"
+ECAN_ECRT=sim "$build/first" | tail -1
+
+say "every function is in the test"
+capi/tests/every_function/complete.sh
+
 say "every function, under AddressSanitizer"
 gcc -std=c99 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -Wall -Wextra -Werror \
-    -Iinclude capi/tests/every_function.c "$build/libecan_igh_host.a" -lpthread -ldl -lm \
+    -Iinclude capi/tests/every_function/*.c "$build/libecan_igh_host.a" -lpthread -ldl -lm \
     -o "$build/every_function_sanitized"
 ASAN_OPTIONS=detect_leaks=1 "$build/every_function_sanitized"
 

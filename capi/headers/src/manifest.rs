@@ -68,6 +68,25 @@ pub const HEADERS: &[Header] = &[
             "igh-host/src/mcan_port/statistics.rs",
         ],
     },
+    Header {
+        name: "igh_cia402_protocol.h",
+        sections: &[
+            "igh-host/src/cia402/numbers.rs",
+            "igh-host/src/cia402/axis.rs",
+            "igh-host/src/cia402/settings.rs",
+            "igh-host/src/cia402/context.rs",
+            "igh-host/src/cia402/progress.rs",
+            "igh-host/src/cia402/start_up.rs",
+            "igh-host/src/cia402/cycle.rs",
+            "igh-host/src/cia402/targets.rs",
+            "igh-host/src/cia402/commands.rs",
+            "igh-host/src/cia402/state_terms.rs",
+            "igh-host/src/cia402/state.rs",
+            "igh-host/src/cia402/statistics.rs",
+            "igh-host/src/cia402/sdo.rs",
+            "igh-host/src/cia402/canopen.rs",
+        ],
+    },
 ];
 
 /// All libraries.
@@ -75,6 +94,12 @@ pub const LIBRARIES: &[Library] = &[
     Library { map: "libecan_mcan_host.map", headers: &["igh_ecan_common.h", "igh_mcan_pdo.h"] },
     Library {
         map: "libecan_igh_host.map",
-        headers: &["igh_ecan_common.h", "igh_mcan_pdo.h", "igh_adapter.h", "igh_mcan_port.h"],
+        headers: &[
+            "igh_ecan_common.h",
+            "igh_mcan_pdo.h",
+            "igh_adapter.h",
+            "igh_mcan_port.h",
+            "igh_cia402_protocol.h",
+        ],
     },
 ];

@@ -1,1 +1,19 @@
 //! CANopen and CiA 402: `igh_cia402_protocol.h`.
+
+pub mod axis;
+pub mod canopen;
+pub mod commands;
+pub mod context;
+pub mod cycle;
+pub mod numbers;
+pub mod progress;
+pub mod sdo;
+pub mod settings;
+pub mod start_up;
+pub mod state;
+pub mod state_terms;
+pub mod statistics;
+pub mod targets;
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,466 @@
+//! The axis table
+//!
+//! Plain data: a table may be copied and needs no end. igh_cia402_axis_init() fills every field
+//! with what is right for most drives; change fields after it, before igh_cia402_context_init(),
+//! which checks the table as a whole.
+//!
+//! ```c
+//! igh_cia402_axis_t axes[2];
+//! igh_cia402_axis_init(&axes[0], 0, 0, 1, 10);     slave 0, CAN0, node 1, 10 steps per cycle
+//! igh_cia402_axis_init(&axes[1], 0, 0, 2, 10);
+//! axes[1].steps_per_turn = 131072.0;
+//! ```
+
+use std::ffi::c_int;
+
+use ecan_cia402::wire::{NodeId, NodeLossReaction, OperatingMode, QuickStopOption};
+use ecan_cia402::{AxisSettings, DriveSettings, NodeAddress, PositionRange, Scale, SdoValue, Step};
+use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::common::result::ecan_result_t;
+
+use super::numbers::{igh_cia402_range_t, node_reset};
+
+/// Leaves an option code of the drive as it is.
+pub const IGH_CIA402_UNCHANGED: i32 = 2_147_483_647;
+
+/// Objects that can be written besides the drive's configuration.
+pub const IGH_CIA402_MAX_FURTHER: usize = 16;
+
+/// Marks a filled axis.
+const SEAL: u64 = 0x6563_616e_5f61_7873;
+
+/// An object that is written while a drive is configured.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default)]
+pub struct igh_cia402_object_t {
+    /// The value; of a signed object with its sign.
+    pub value: i64,
+    /// Index.
+    pub index: u16,
+    /// Subindex.
+    pub subindex: u8,
+    /// Bytes of the object: 1, 2, 4 or 8.
+    pub size: u8,
+    /// 1 where the drive need not have it.
+    pub is_optional: u8,
+    /// Not used.
+    pub reserved: [u8; 3],
+}
+
+/// One axis: a drive, how it is configured, and what its targets may be. Steps are those of the
+/// drive's position counter; a cycle is one in which targets are sent.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_cia402_axis_t {
+    /// Not for the application: tells a filled axis from other bytes.
+    pub seal: u64,
+
+    /// Slave index of the gateway.
+    pub slave: u16,
+    /// Channel of the gateway, 0 to 3.
+    pub channel: u8,
+    /// Node-ID of the drive, 1 to 127.
+    pub node_id: u8,
+    /// An igh_cia402_mode_t; it decides what the process data carry. Default
+    /// IGH_CIA402_MODE_CSP.
+    pub mode: i8,
+    /// Number of the RPDO and the TPDO that are used, 1 to 4. Default 1.
+    pub pdo_number: u8,
+
+    /// 1: the axis is taken up again by itself after it held while its drive stayed enabled, in CSP
+    /// only. Default 0: only igh_cia402_enable() does that. A drive that left Operation Enabled is
+    /// never enabled by itself.
+    pub auto_take_up: u8,
+    /// An igh_cia402_range_t: how the position counter runs. Default IGH_CIA402_RANGE_LINEAR.
+    pub range: u8,
+    /// Smallest position of IGH_CIA402_RANGE_MODULO, 0x607B:01.
+    pub range_min: i32,
+    /// Largest position of IGH_CIA402_RANGE_MODULO, 0x607B:02.
+    pub range_max: i32,
+    /// Step at which the angle is 0. Default 0.
+    pub origin: i32,
+    /// Steps per turn of the axis, gear included; negative turns the direction around. For angles
+    /// only. Default 360, one step per degree.
+    pub steps_per_turn: f64,
+
+    /// Step per cycle that igh_cia402_send_target_step() makes.
+    pub target_step: i32,
+    /// Farthest that a target may be from the one before: steps, or units of velocity or torque.
+    /// Without meaning in PP, PV and PT. Default 1000, or the target step where that is larger.
+    pub step_limit: u32,
+    /// Farthest that a position target may be from the actual position, in steps; at least eight
+    /// step limits, since a moving axis lags by the way out and back. Default 0: what the step
+    /// limit needs, at least 10000.
+    pub following_window: u32,
+    /// How far apart two actual positions of an axis at rest may be, in steps: noise. An axis that
+    /// moves faster is not taken up. The step limit where that is smaller. Default 20.
+    pub standstill: u32,
+    /// How much the step may change per cycle while the host makes the way itself: target step,
+    /// halt, shutdown. Default 20.
+    pub ramp: u32,
+    /// Smallest target, where has_bounds is 1; steps, or units of velocity or torque.
+    pub bound_min: i32,
+    /// Largest target, where has_bounds is 1.
+    pub bound_max: i32,
+    /// 1: targets beyond bound_min and bound_max are refused. Default 0.
+    pub has_bounds: u8,
+    /// 1: the bounds are written to 0x607D, too, in position modes and where the drive has it.
+    /// Default 0.
+    pub write_position_limits: u8,
+
+    /// SYNC periods in a row without a usable TPDO that are put up with. Default 5.
+    pub tpdo_timeout: u16,
+    /// Cycles in a row with an incomplete working counter that are put up with; no target goes out
+    /// meanwhile. Default 3.
+    pub wc_misses: u16,
+    /// Images that must be seen, at least, until targets of before are taken to be gone. Default 3.
+    pub drain_images: u16,
+    /// How long enabling may take, in milliseconds. Default 5000.
+    pub enable_timeout_ms: u32,
+
+    /// How long the boot-up message may take after a reset, in milliseconds. Default 5000.
+    pub boot_timeout_ms: u32,
+    /// An igh_cia402_reset_t. Default IGH_CIA402_RESET_NONE.
+    pub reset: u8,
+    /// 1: the low half of 0x1000 must be 402. Default 1.
+    pub expect_profile_402: u8,
+    /// 1: 0x1018 must name this vendor and product. Default 0.
+    pub check_identity: u8,
+    /// 1: TPDO 2 to 4 are switched off where the drive has them, so that nothing else takes bus
+    /// time. Default 1.
+    pub silence_other_tpdos: u8,
+    /// 0x1018:01, where check_identity is 1.
+    pub vendor_id: u32,
+    /// 0x1018:02, where check_identity is 1.
+    pub product_code: u32,
+
+    /// Heartbeat of the drive, 0x1017, in milliseconds; the host takes it for lost after three and
+    /// a half of them. 0 switches it off. Default 100.
+    pub heartbeat_ms: u16,
+    /// After which time the drive takes the host for lost, 0x1016:01, in milliseconds; 0 leaves the
+    /// object alone. Default 250.
+    pub host_heartbeat_ms: u16,
+    /// What the drive does then, 0x6007: an igh_cia402_host_loss_t, or IGH_CIA402_UNCHANGED.
+    /// Default IGH_CIA402_HOST_LOSS_QUICK_STOP.
+    pub host_loss: i32,
+    /// How it makes a quick stop, 0x605A: an igh_cia402_quick_stop_t, or IGH_CIA402_UNCHANGED.
+    /// Default IGH_CIA402_UNCHANGED.
+    pub quick_stop: i32,
+    /// Following error window of the drive, 0x6065, in steps, where write_following_error is 1.
+    /// Should not be below following_window.
+    pub following_error_window: u32,
+    /// Its time, 0x6066, in milliseconds.
+    pub following_error_ms: u16,
+    /// 1: both are written where the drive has them. Default 0.
+    pub write_following_error: u8,
+
+    /// How many of `further` there are. Default 0.
+    pub further_count: u8,
+    /// Objects that are written besides, after the mapping and while Pre-operational.
+    pub further: [igh_cia402_object_t; IGH_CIA402_MAX_FURTHER],
+    /// Not used.
+    pub reserved: [u64; 4],
+}
+
+impl igh_cia402_axis_t {
+    /// Everything as Rust has it by default.
+    fn new(slave: u16, channel: u8, node_id: u8, settings: &AxisSettings) -> Self {
+        let code = |code: Option<i16>| code.map_or(IGH_CIA402_UNCHANGED, i32::from);
+        let AxisSettings { drive, .. } = settings;
+        let (bounds, identity) = (settings.bounds, drive.identity);
+        let following_error = drive.following_error;
+        Self {
+            seal: SEAL,
+            slave,
+            channel,
+            node_id,
+            mode: settings.mode.raw(),
+            pdo_number: settings.pdo_number,
+            auto_take_up: settings.auto_take_up.into(),
+            range: igh_cia402_range_t::IGH_CIA402_RANGE_LINEAR as u8,
+            range_min: 0,
+            range_max: 0,
+            origin: 0,
+            steps_per_turn: settings.scale.steps(),
+            target_step: settings.target_step,
+            step_limit: settings.step_limit,
+            following_window: 0,
+            standstill: settings.standstill,
+            ramp: settings.ramp,
+            bound_min: bounds.map_or(0, |(min, _)| min),
+            bound_max: bounds.map_or(0, |(_, max)| max),
+            has_bounds: bounds.is_some().into(),
+            write_position_limits: drive.write_position_limits.into(),
+            tpdo_timeout: settings.tpdo_timeout,
+            wc_misses: settings.wc_misses,
+            drain_images: settings.drain_images,
+            enable_timeout_ms: settings.enable_timeout_ms,
+            boot_timeout_ms: drive.boot_timeout_ms,
+            reset: drive.reset as u8,
+            expect_profile_402: drive.expect_profile_402.into(),
+            check_identity: identity.is_some().into(),
+            silence_other_tpdos: drive.silence_other_tpdos.into(),
+            vendor_id: identity.map_or(0, |(vendor, _)| vendor),
+            product_code: identity.map_or(0, |(_, product)| product),
+            heartbeat_ms: drive.heartbeat_ms,
+            host_heartbeat_ms: drive.host_heartbeat_ms,
+            host_loss: code(drive.host_loss.map(NodeLossReaction::raw)),
+            quick_stop: code(drive.quick_stop.map(QuickStopOption::raw)),
+            following_error_window: following_error.map_or(0, |(window, _)| window),
+            following_error_ms: following_error.map_or(0, |(_, ms)| ms),
+            write_following_error: following_error.is_some().into(),
+            further_count: 0,
+            further: [igh_cia402_object_t::default(); IGH_CIA402_MAX_FURTHER],
+            reserved: [0; 4],
+        }
+    }
+
+    /// As Rust takes it. What is checked here is what Rust's types cannot hold; the rest is checked
+    /// with the whole table.
+    pub(crate) fn checked(&self, call: Call, axis: usize) -> Result<AxisSettings, ecan_result_t> {
+        if self.seal != SEAL {
+            let words = format_args!("axis {axis} is not filled: call igh_cia402_axis_init first");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, words));
+        }
+        let fault = |name: &str, value: i64| {
+            let words = format_args!("axis {axis}: `{name}` cannot be {value}");
+            call.fail(ecan_result_t::ECAN_ERR_CONFIG, words)
+        };
+        let address = NodeAddress {
+            slave: self.slave.into(),
+            channel: self.channel,
+            node: NodeId::new(self.node_id).ok_or_else(|| fault("node_id", self.node_id.into()))?,
+        };
+        let code = |name, code: i32| match code {
+            IGH_CIA402_UNCHANGED => Ok(None),
+            code => i16::try_from(code).map(Some).map_err(|_| fault(name, code.into())),
+        };
+        let count = usize::from(self.further_count);
+        let further = self
+            .further
+            .get(..count)
+            .ok_or_else(|| fault("further_count", self.further_count.into()))?;
+        let drive = DriveSettings {
+            reset: node_reset(self.reset).ok_or_else(|| fault("reset", self.reset.into()))?,
+            boot_timeout_ms: self.boot_timeout_ms,
+            identity: (self.check_identity != 0).then_some((self.vendor_id, self.product_code)),
+            expect_profile_402: self.expect_profile_402 != 0,
+            heartbeat_ms: self.heartbeat_ms,
+            host_heartbeat_ms: self.host_heartbeat_ms,
+            host_loss: code("host_loss", self.host_loss)?.map(NodeLossReaction::from_raw),
+            quick_stop: code("quick_stop", self.quick_stop)?.map(QuickStopOption::from_raw),
+            following_error: (self.write_following_error != 0)
+                .then_some((self.following_error_window, self.following_error_ms)),
+            write_position_limits: self.write_position_limits != 0,
+            silence_other_tpdos: self.silence_other_tpdos != 0,
+            further: further
+                .iter()
+                .map(|object| object.step().ok_or_else(|| fault("further", object.value)))
+                .collect::<Result<_, _>>()?,
+        };
+        let mut settings = AxisSettings {
+            mode: OperatingMode::from_raw(self.mode)
+                .ok_or_else(|| fault("mode", self.mode.into()))?,
+            scale: Scale::steps_per_turn(self.steps_per_turn).with_origin(self.origin),
+            range: self.range().ok_or_else(|| fault("range", self.range.into()))?,
+            bounds: (self.has_bounds != 0).then_some((self.bound_min, self.bound_max)),
+            standstill: self.standstill,
+            target_step: self.target_step,
+            ramp: self.ramp,
+            tpdo_timeout: self.tpdo_timeout,
+            wc_misses: self.wc_misses,
+            drain_images: self.drain_images,
+            auto_take_up: self.auto_take_up != 0,
+            enable_timeout_ms: self.enable_timeout_ms,
+            pdo_number: self.pdo_number,
+            drive,
+            ..AxisSettings::new(address)
+        }
+        .with_step_limit(self.step_limit);
+        if self.following_window != 0 {
+            settings.following_window = self.following_window;
+        }
+        Ok(settings)
+    }
+
+    fn range(&self) -> Option<PositionRange> {
+        use igh_cia402_range_t::*;
+        const LINEAR: u8 = IGH_CIA402_RANGE_LINEAR as u8;
+        const WRAPPING: u8 = IGH_CIA402_RANGE_WRAPPING as u8;
+        const MODULO: u8 = IGH_CIA402_RANGE_MODULO as u8;
+        Some(match self.range {
+            LINEAR => PositionRange::Linear,
+            WRAPPING => PositionRange::Wrapping,
+            MODULO => PositionRange::Modulo { min: self.range_min, max: self.range_max },
+            _ => return None,
+        })
+    }
+}
+
+impl igh_cia402_object_t {
+    /// The step that writes it; `None` where the value does not fit the size.
+    fn step(&self) -> Option<Step> {
+        // A value fits where it is that of the object, read with or without sign.
+        let value = self.value;
+        let sized: SdoValue = match self.size {
+            1 => i8::try_from(value).map(Into::into).or(u8::try_from(value).map(Into::into)),
+            2 => i16::try_from(value).map(Into::into).or(u16::try_from(value).map(Into::into)),
+            4 => i32::try_from(value).map(Into::into).or(u32::try_from(value).map(Into::into)),
+            8 => Ok(value.into()),
+            _ => return None,
+        }
+        .ok()?;
+        let step = Step::write(self.index, self.subindex, sized);
+        Some(if self.is_optional != 0 { step.if_present() } else { step })
+    }
+}
+
+/// Fills an axis: CSP, with limits that let its target step pass.
+///
+/// @param axis         Is overwritten, whatever it holds.
+/// @param slave        Slave index of the gateway.
+/// @param channel      Channel of the gateway, 0 to 3.
+/// @param node_id      Node-ID of the drive, 1 to 127.
+/// @param target_step  Steps per cycle that igh_cia402_send_target_step() makes; 0 for none.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK; ECAN_ERR_NULL; ECAN_ERR_ARGUMENT, with nothing filled, for a node-ID, channel
+///          or slave that cannot be.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_axis_init(
+    axis: *mut igh_cia402_axis_t,
+    slave: usize,
+    channel: u8,
+    node_id: u8,
+    target_step: i32,
+) -> c_int {
+    call("igh_cia402_axis_init", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let out = unsafe { call.out("axis", axis)? };
+        let number = u16::try_from(slave)
+            .map_err(|_| call.argument("slave", format_args!("cannot be {slave}")))?;
+        if channel > 3 {
+            return Err(call.argument("channel", format_args!("{channel} is not 0 to 3")));
+        }
+        let node = NodeId::new(node_id)
+            .ok_or_else(|| call.argument("node_id", format_args!("{node_id} is not 1 to 127")))?;
+        let settings = AxisSettings::new(NodeAddress { slave, channel, node });
+        let settings = settings.with_target_step(target_step);
+        out.set(igh_cia402_axis_t::new(number, channel, node_id, &settings));
+        Ok(())
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn axis(target_step: i32) -> igh_cia402_axis_t {
+        let mut axis = std::mem::MaybeUninit::uninit();
+        // SAFETY: the pointer is valid for writing.
+        let code = unsafe { igh_cia402_axis_init(axis.as_mut_ptr(), 2, 1, 5, target_step) };
+        assert_eq!(code, 0);
+        // SAFETY: filled by the call above.
+        unsafe { axis.assume_init() }
+    }
+
+    fn to_rust(axis: &igh_cia402_axis_t) -> Result<AxisSettings, c_int> {
+        let mut settings = None;
+        let code = call("to_rust", |call| {
+            settings = Some(axis.checked(call, 0)?);
+            Ok(())
+        });
+        settings.ok_or(code)
+    }
+
+    fn defaults(target_step: i32) -> AxisSettings {
+        let node = NodeId::new(5).unwrap();
+        AxisSettings::new(NodeAddress { slave: 2, channel: 1, node }).with_target_step(target_step)
+    }
+
+    #[test]
+    fn the_defaults_of_c_are_those_of_rust() {
+        for target_step in [0, 10, -1000, 5000, i32::MIN] {
+            assert_eq!(to_rust(&axis(target_step)), Ok(defaults(target_step)));
+        }
+    }
+
+    #[test]
+    fn limits_follow_the_step_limit_unless_they_are_given() {
+        let mut small = axis(0);
+        small.step_limit = 3;
+        assert_eq!(to_rust(&small), Ok(defaults(0).with_step_limit(3)));
+        let mut large = axis(0);
+        large.step_limit = 100_000;
+        assert_eq!(to_rust(&large).unwrap().following_window, 800_000);
+        large.following_window = 900_000;
+        assert_eq!(to_rust(&large).unwrap().following_window, 900_000);
+    }
+
+    #[test]
+    fn every_field_arrives() {
+        let mut axis = axis(0);
+        axis.mode = OperatingMode::CyclicVelocity.raw();
+        (axis.range, axis.range_min, axis.range_max) = (2, -5, 7);
+        (axis.has_bounds, axis.bound_min, axis.bound_max) = (1, -3, 3);
+        (axis.steps_per_turn, axis.origin) = (4096.0, 11);
+        (axis.check_identity, axis.vendor_id, axis.product_code) = (1, 0x99, 0x402);
+        (axis.host_loss, axis.quick_stop) = (IGH_CIA402_UNCHANGED, -2);
+        axis.write_following_error = 1;
+        (axis.following_error_window, axis.following_error_ms) = (12_000, 20);
+        (axis.reset, axis.auto_take_up, axis.write_position_limits) = (1, 1, 1);
+        axis.further_count = 2;
+        axis.further[0] =
+            igh_cia402_object_t { value: -1, index: 0x2000, size: 2, ..Default::default() };
+        axis.further[1] = igh_cia402_object_t {
+            value: 200,
+            index: 0x2001,
+            subindex: 3,
+            size: 1,
+            is_optional: 1,
+            reserved: [0; 3],
+        };
+        let drive = DriveSettings {
+            reset: ecan_cia402::NodeReset::Communication,
+            identity: Some((0x99, 0x402)),
+            host_loss: None,
+            quick_stop: Some(QuickStopOption::Other(-2)),
+            following_error: Some((12_000, 20)),
+            write_position_limits: true,
+            further: vec![
+                Step::write(0x2000, 0, -1_i16),
+                Step::write(0x2001, 3, 200_u8).if_present(),
+            ],
+            ..DriveSettings::default()
+        };
+        let expected = AxisSettings {
+            mode: OperatingMode::CyclicVelocity,
+            range: PositionRange::Modulo { min: -5, max: 7 },
+            bounds: Some((-3, 3)),
+            scale: Scale::steps_per_turn(4096.0).with_origin(11),
+            auto_take_up: true,
+            drive,
+            ..defaults(0)
+        };
+        assert_eq!(to_rust(&axis), Ok(expected));
+    }
+
+    #[test]
+    fn what_rust_cannot_hold_is_refused() {
+        let config = Err(ecan_result_t::ECAN_ERR_CONFIG.code());
+        let faulty = |change: fn(&mut igh_cia402_axis_t)| {
+            let mut axis = axis(0);
+            change(&mut axis);
+            to_rust(&axis)
+        };
+        assert_eq!(faulty(|axis| axis.node_id = 128), config);
+        assert_eq!(faulty(|axis| axis.mode = 2), config);
+        assert_eq!(faulty(|axis| axis.range = 3), config);
+        assert_eq!(faulty(|axis| axis.reset = 3), config);
+        assert_eq!(faulty(|axis| axis.host_loss = 0x8000), config);
+        assert_eq!(faulty(|axis| axis.further_count = 17), config);
+        assert_eq!(faulty(|axis| axis.further_count = 1), config, "a size of 0");
+        let unfilled = Err(ecan_result_t::ECAN_ERR_NOT_INITIALISED.code());
+        assert_eq!(faulty(|axis| axis.seal = 0), unfilled);
+    }
+}

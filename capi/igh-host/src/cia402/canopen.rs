@@ -1,0 +1,144 @@
+//! SDO transfers with any CANopen node
+//!
+//! For programs without axes: tools, start-up of other devices. Each call runs the cycle itself
+//! and throws away what else is received.
+
+use std::ffi::{c_int, c_void};
+
+use ecan_cia402::wire::NodeId;
+use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeHandle, NodeSettings, SdoSettings};
+use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_port::Port;
+
+use super::sdo::put_value;
+use crate::bus::{self, Bus};
+use crate::errors;
+use crate::handle::Entered;
+use crate::mcan_port::context::igh_mcan_port_t;
+use crate::mcan_port::state::{need_channel, need_slave};
+
+/// Bytes that a transfer has room for, whatever the caller's buffer.
+const LEAST_BUFFER: usize = 1024;
+const MOST_BUFFER: usize = 1 << 24;
+
+/// Which node is meant.
+struct Place {
+    slave: usize,
+    channel: u8,
+    node_id: u8,
+}
+
+/// A network of that one node.
+fn network<'a>(
+    call: Call,
+    bus: &'a mut Entered<Bus>,
+    place: &Place,
+    size: usize,
+) -> Result<(&'a mut Port, Network, NodeHandle), ecan_result_t> {
+    bus.need_owned(call)?;
+    if bus.axes_mut().is_some() {
+        let words = format_args!(
+            "there are axes on this Port: transfer with igh_cia402_sdo_upload or _download"
+        );
+        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+    }
+    let port = bus.need_port(call)?;
+    let Place { slave, channel, node_id } = *place;
+    need_slave(call, port, slave)?;
+    need_channel(call, channel)?;
+    let node = NodeId::new(node_id)
+        .ok_or_else(|| call.argument("node_id", format_args!("{node_id} is not 1 to 127")))?;
+    let buffer_bytes = size.clamp(LEAST_BUFFER, MOST_BUFFER);
+    let sdo = SdoSettings { buffer_bytes, ..SdoSettings::default() };
+    let mut network = Network::new(NetworkConfig::default());
+    let added = network.add_node(
+        NodeAddress { slave, channel, node },
+        NodeSettings { sdo, ..NodeSettings::default() },
+    );
+    match added {
+        Ok(handle) => Ok((port, network, handle)),
+        Err(error) => Err(call.fail(ecan_result_t::ECAN_ERR_ARGUMENT, format_args!("{error}"))),
+    }
+}
+
+/// Reads an object of a CANopen node and waits.
+///
+/// @param slave       Slave index of the gateway.
+/// @param channel     Channel of the gateway, 0 to 3, enabled for classic CAN or CAN FD.
+/// @param node_id     Node-ID, 1 to 127.
+/// @param data        Gets the value, little endian.
+/// @param size        Bytes of the buffer.
+/// @param length      Gets the bytes of the value, also where it does not fit.
+/// @param timeout_ms  Milliseconds in all. A node that does not answer ends it after 1500 already.
+///
+/// @usage   not rt, the cycle's thread, active bus
+/// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the node refused;
+///          ECAN_ERR_TIMEOUT, ECAN_ERR_BUFFER, ECAN_ERR_CANOPEN, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL,
+///          ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+///          ECAN_ERR_BUSY; ECAN_ERR_ORDER where the bus is not active, or there are axes on the
+///          Port: igh_cia402_sdo_upload() is the way then; ECAN_ERR_ATTACHED on a master of another
+///          owner.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_canopen_sdo_upload(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    channel: u8,
+    node_id: u8,
+    index: u16,
+    subindex: u8,
+    data: *mut c_void,
+    size: usize,
+    length: *mut usize,
+    timeout_ms: u32,
+) -> c_int {
+    call("igh_canopen_sdo_upload", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, mut room, out) = unsafe {
+            (
+                bus::enter_port(call, port.cast())?,
+                call.room("data", data.cast::<u8>(), size)?,
+                call.out("length", length)?,
+            )
+        };
+        let place = Place { slave, channel, node_id };
+        let (port, mut network, node) = network(call, &mut bus, &place, size)?;
+        let value = network
+            .upload_blocking(port, node, (index, subindex), timeout_ms)
+            .map_err(|error| errors::wait(call, &error))?;
+        put_value(call, &value, &mut room, &out)
+    })
+}
+
+/// Writes an object of a CANopen node and waits; as igh_canopen_sdo_upload().
+///
+/// @param data        The value, little endian, with as many bytes as the object has.
+/// @param size        Its bytes.
+/// @param timeout_ms  Milliseconds in all.
+///
+/// @usage   not rt, the cycle's thread, active bus
+/// @return  As igh_canopen_sdo_upload().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_canopen_sdo_download(
+    port: *mut igh_mcan_port_t,
+    slave: usize,
+    channel: u8,
+    node_id: u8,
+    index: u16,
+    subindex: u8,
+    data: *const c_void,
+    size: usize,
+    timeout_ms: u32,
+) -> c_int {
+    call("igh_canopen_sdo_download", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, data) = unsafe {
+            (bus::enter_port(call, port.cast())?, call.items("data", data.cast::<u8>(), size)?)
+        };
+        let place = Place { slave, channel, node_id };
+        let (port, mut network, node) = network(call, &mut bus, &place, size)?;
+        network
+            .download_blocking(port, node, (index, subindex), data, timeout_ms)
+            .map_err(|error| errors::wait(call, &error))
+    })
+}

@@ -1,0 +1,175 @@
+//! Life of the axes
+//!
+//! ```c
+//! igh_cia402_context_init(&motors, &mcan, axes, 2);
+//! igh_cia402_send_nmt_all(&motors, IGH_CANOPEN_NMT_START);
+//! igh_cia402_configure_csp_all_timeout(&motors, 10000);
+//! igh_cia402_request_actual_position_all_timeout(&motors, 2000);
+//! igh_cia402_enable_all_timeout(&motors, 5000);
+//! ...                                              the cycle
+//! igh_cia402_shutdown_timeout(&motors, 5000);
+//! igh_cia402_context_deinit(&motors);
+//! ```
+
+use std::ffi::c_int;
+
+use ecan_cia402::{Cia402, Cia402Settings};
+use ecan_mcan_host::boundary::{Call, call, getter};
+use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_port::Port;
+
+use super::axis::igh_cia402_axis_t;
+use super::settings::igh_cia402_settings_t;
+use crate::bus;
+use crate::errors;
+use crate::handle::{Kind, Words};
+use crate::mcan_port::context::igh_mcan_port_t;
+
+/// CiA 402 axes behind the gateways of a Port. Belongs to the thread of the cycle and stays where
+/// it is: a copy names nothing. Ends with its igh_mcan_port_t at the latest.
+#[repr(C)]
+#[derive(Debug)]
+pub struct igh_cia402_context_t {
+    /// Not for the application.
+    pub opaque: [u64; 4],
+}
+
+const _: () = assert!(size_of::<Words>() == size_of::<igh_cia402_context_t>());
+
+/// Works on the axes of a context.
+///
+/// # Safety
+/// As for [`bus::enter_cia402`].
+pub(crate) unsafe fn on_axes<R>(
+    call: Call,
+    context: *const igh_cia402_context_t,
+    work: impl FnOnce(&mut Cia402, &mut Port) -> Result<R, ecan_result_t>,
+) -> Result<R, ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let mut bus = unsafe { bus::enter_cia402(call, context.cast())? };
+    let (cia402, port) = bus.need_axes(call)?;
+    work(cia402, port)
+}
+
+/// Refuses an axis that is not there.
+pub(crate) fn need_axis(call: Call, cia402: &Cia402, axis: usize) -> Result<(), ecan_result_t> {
+    let count = cia402.axis_count();
+    if axis < count {
+        return Ok(());
+    }
+    let words = format_args!("there is no axis {axis}, the table has {count}");
+    Err(call.fail(ecan_result_t::ECAN_ERR_AXIS, words))
+}
+
+/// Puts axes on a Port, with default settings. Nothing is sent; SYNC and the host's heartbeat begin
+/// with the first cycle.
+///
+/// @param context     Whatever it holds; the manual's fragments leave it uninitialised.
+/// @param port        The Port. Must stay where it is as long as the axes are used.
+/// @param axes        The axis table. Is copied.
+/// @param axis_count  Its length.
+///
+/// @usage   not rt, the cycle's thread, after igh_mcan_port_init
+/// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault of the table; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL
+///          for what the Port does not have; ECAN_ERR_NOT_INITIALISED for a Port, or an axis that
+///          is not filled; ECAN_ERR_ORDER for a context that lives, or a Port that has axes;
+///          ECAN_ERR_NULL, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_context_init(
+    context: *mut igh_cia402_context_t,
+    port: *mut igh_mcan_port_t,
+    axes: *const igh_cia402_axis_t,
+    axis_count: usize,
+) -> c_int {
+    call("igh_cia402_context_init", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        unsafe { init(call, context, port, axes, axis_count, |_| Ok(Cia402Settings::default())) }
+    })
+}
+
+/// As igh_cia402_context_init(), with settings of the application's own.
+///
+/// @param settings  Is copied.
+///
+/// @usage   not rt, the cycle's thread, after igh_mcan_port_init
+/// @return  As igh_cia402_context_init().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_context_init_ex(
+    context: *mut igh_cia402_context_t,
+    port: *mut igh_mcan_port_t,
+    axes: *const igh_cia402_axis_t,
+    axis_count: usize,
+    settings: *const igh_cia402_settings_t,
+) -> c_int {
+    call("igh_cia402_context_init_ex", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        unsafe {
+            let settings = call.read("settings", settings)?;
+            init(call, context, port, axes, axis_count, |call| settings.checked(call))
+        }
+    })
+}
+
+/// # Safety
+/// Every pointer is NULL or valid as the header demands.
+unsafe fn init(
+    call: Call,
+    context: *mut igh_cia402_context_t,
+    port: *mut igh_mcan_port_t,
+    axes: *const igh_cia402_axis_t,
+    axis_count: usize,
+    settings: impl FnOnce(Call) -> Result<Cia402Settings, ecan_result_t>,
+) -> Result<(), ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let table = unsafe {
+        call.out("context", context)?;
+        if bus::enter_cia402_to_end(call, context.cast())?.is_some() {
+            let words = format_args!("the context is initialised already: deinit it first");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+        }
+        call.items("axes", axes, axis_count)?
+    };
+    let table: Vec<_> = (0..)
+        .zip(table)
+        .map(|(index, axis)| axis.checked(call, index))
+        .collect::<Result<_, _>>()?;
+    let settings = settings(call)?;
+    // SAFETY: the caller's promise.
+    let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+    let serial = bus.add_cia402(call, |port| {
+        Cia402::new(port, table, settings).map_err(|error| errors::cia402(call, &error))
+    })?;
+    // SAFETY: the caller's promise.
+    unsafe { bus.add_context(context.cast(), Kind::Cia402, serial) };
+    Ok(())
+}
+
+/// Takes the axes off the Port, which goes on. The drives are not told anything, and notice that
+/// the host's heartbeat has ended: igh_cia402_shutdown_timeout() first leaves them in order.
+///
+/// @usage   not rt, the cycle's thread, any time
+/// @return  ECAN_OK, also for axes that ended already or never were; ECAN_ERR_NULL, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_context_deinit(context: *mut igh_cia402_context_t) -> c_int {
+    call("igh_cia402_context_deinit", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        if let Some(mut bus) = unsafe { bus::enter_cia402_to_end(call, context.cast())? } {
+            bus.remove_cia402();
+        }
+        Ok(())
+    })
+}
+
+/// Number of axes.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  The number; 0 where there is no context.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_axis_count(context: *mut igh_cia402_context_t) -> usize {
+    getter(
+        "igh_cia402_axis_count",
+        |_| 0,
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        |call| unsafe { on_axes(call, context, |cia402, _| Ok(cia402.axis_count())) },
+    )
+}

@@ -1,0 +1,246 @@
+//! The cycle
+//!
+//! ```c
+//! igh_mcan_port_wait_next_cycle(&mcan);
+//! igh_mcan_port_cycle_begin(&mcan);
+//! igh_cia402_process_rx(&motors);
+//! igh_cia402_set_target(&motors, 0, target);
+//! igh_cia402_send_targets_all(&motors);
+//! igh_mcan_port_cycle_end(&mcan);
+//! ```
+//!
+//! An axis is given a target only where nothing speaks against it: an incomplete working counter,
+//! a repeated image, a step beyond the limit, a drive that is not enabled. What is no passing
+//! matter makes the axis hold; igh_cia402_enable() takes it up again.
+
+use std::ffi::c_int;
+
+use ecan_cia402::{Cia402, SendSummary};
+use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
+use ecan_mcan_port::Port;
+
+use super::context::{igh_cia402_context_t, on_axes};
+use crate::bus;
+use crate::errors;
+use crate::mcan_port::cycle::owned_rx_frame;
+
+/// Offset of igh_cia402_set_scheduled_tx() that sends at once.
+pub const IGH_CIA402_AT_ONCE: u32 = 0xFFFF_FFFF;
+
+/// What went out to the axes in one cycle.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct igh_cia402_send_summary_t {
+    /// Axes that got a target of the application, or their step.
+    pub targets: u32,
+    /// Axes that got their actual position as target: being enabled, or taken up.
+    pub positions: u32,
+    /// Axes that are taken up and got nothing in this cycle: their motion must not go on.
+    pub waiting: u32,
+    /// Axes whose target was refused.
+    pub refused: u32,
+    /// Axes that are not taken up, or hold.
+    pub closed: u32,
+    /// SYNC messages.
+    pub syncs: u32,
+    /// 1 where every axis got a target of the application.
+    pub all_moved: u8,
+    /// Not used.
+    pub reserved: [u8; 7],
+}
+
+impl From<SendSummary> for igh_cia402_send_summary_t {
+    fn from(from: SendSummary) -> Self {
+        Self {
+            targets: from.targets as u32,
+            positions: from.positions as u32,
+            waiting: from.waiting as u32,
+            refused: from.refused as u32,
+            closed: from.closed as u32,
+            syncs: from.syncs as u32,
+            all_moved: from.all_moved().into(),
+            reserved: [0; 7],
+        }
+    }
+}
+
+/// First in the open cycle: takes in TPDOs, SDO answers, heartbeats and emergencies, and lets every
+/// axis do what is next. Frames that are not the axes' are thrown away; igh_cia402_process_rx_ex()
+/// hands them out. In place of igh_mcan_port_receive().
+///
+/// @usage   rt, the cycle's thread, in an open cycle
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_process_rx(context: *mut igh_cia402_context_t) -> c_int {
+    call("igh_cia402_process_rx", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe {
+            on_axes(call, context, |cia402, port| {
+                cia402.process_rx(port);
+                Ok(())
+            })
+        }
+    })
+}
+
+/// As igh_cia402_process_rx(), with everything that is neither the axes' nor their network's handed
+/// out: frames of other nodes, other PDOs, transmit results (kind).
+///
+/// @param rx        Room for frames.
+/// @param capacity  Frames that fit.
+/// @param rx_count  Gets the number of frames handed out.
+///
+/// @usage   rt, the cycle's thread, in an open cycle
+/// @return  As igh_cia402_process_rx(); ECAN_ERR_BUFFER where more came than fit: the rest is lost,
+///          everything else is done.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_process_rx_ex(
+    context: *mut igh_cia402_context_t,
+    rx: *mut igh_mcan_rx_frame_t,
+    capacity: usize,
+    rx_count: *mut usize,
+) -> c_int {
+    call("igh_cia402_process_rx_ex", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut room, count) =
+            unsafe { (call.room("rx", rx, capacity)?, call.out("rx_count", rx_count)?) };
+        count.set(0);
+        let mut lost = 0_usize;
+        // SAFETY: as above.
+        unsafe {
+            on_axes(call, context, |cia402, port| {
+                cia402.process_rx_with(port, |item| {
+                    lost += usize::from(!room.push(owned_rx_frame(&item)));
+                });
+                Ok(())
+            })?;
+        }
+        count.set(room.count());
+        if lost > 0 {
+            let words = format_args!("{lost} more frames came than the {capacity} that fit");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+        }
+        Ok(())
+    })
+}
+
+/// # Safety
+/// As for [`bus::enter_cia402`].
+unsafe fn send(
+    call: Call,
+    context: *mut igh_cia402_context_t,
+    send: impl FnOnce(&mut Cia402, &mut Port) -> SendSummary,
+) -> Result<(), ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let mut bus = unsafe { bus::enter_cia402(call, context.cast())? };
+    let (cia402, port) = bus.need_axes(call)?;
+    let summary = send(cia402, port);
+    if let Some(axes) = bus.axes_mut() {
+        axes.summary = summary;
+    }
+    Ok(())
+}
+
+/// Last in the open cycle, once: sends targets and commands of all axes, SYNC behind them, then
+/// NMT, SDO and heartbeat frames that are due.
+///
+/// @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. What became of the
+///          targets is told by igh_cia402_get_send_summary().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_send_targets_all(context: *mut igh_cia402_context_t) -> c_int {
+    call("igh_cia402_send_targets_all", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { send(call, context, Cia402::send_targets_all) }
+    })
+}
+
+/// As igh_cia402_send_targets_all(), with every CSP axis moved by its own target step, which it
+/// takes up by its ramp. An axis does not move in a cycle in which its target does not go out.
+///
+/// @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
+/// @return  As igh_cia402_send_targets_all().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_send_target_step(context: *mut igh_cia402_context_t) -> c_int {
+    call("igh_cia402_send_target_step", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { send(call, context, Cia402::send_target_step) }
+    })
+}
+
+/// What went out with the last igh_cia402_send_targets_all() or igh_cia402_send_target_step().
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_get_send_summary(
+    context: *mut igh_cia402_context_t,
+    summary: *mut igh_cia402_send_summary_t,
+) -> c_int {
+    call("igh_cia402_get_send_summary", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, out) =
+            unsafe { (bus::enter_cia402(call, context.cast())?, call.out("summary", summary)?) };
+        out.set(bus.axes_mut().map(|axes| axes.summary).unwrap_or_default().into());
+        Ok(())
+    })
+}
+
+/// Sends targets only in every n-th cycle (--motion-div). The step limit is one per target.
+///
+/// @param motion_div  Cycles from target to target; 0 counts as 1.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_set_motion_div(
+    context: *mut igh_cia402_context_t,
+    motion_div: u32,
+) -> c_int {
+    call("igh_cia402_set_motion_div", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe {
+            on_axes(call, context, |cia402, _| {
+                cia402.set_motion_div(motion_div);
+                Ok(())
+            })
+        }
+    })
+}
+
+/// Sends targets and SYNC at phases of the Sync0 period instead of at once (manual 8.4, 13.8), each
+/// by itself. Needs distributed clocks with Sync0. Only while no axis is taken up.
+///
+/// A gateway drops a scheduled frame that reaches it behind its phase, and the drive then keeps the
+/// target before it: leave a margin.
+///
+/// @param enable          0 sends both at once, whatever the offsets; else they are scheduled.
+/// @param rpdo_offset_ns  Nanoseconds after Sync0 at which targets go out, or IGH_CIA402_AT_ONCE.
+/// @param sync_offset_ns  The same of SYNC; not before the targets.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_SCHEDULE without Sync0, beyond its period, or on a gateway that
+///          cannot; ECAN_ERR_AXIS_STATE while an axis is taken up; ECAN_ERR_ARGUMENT for SYNC ahead
+///          of the targets; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. After an error
+///          everything is as it was.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_set_scheduled_tx(
+    context: *mut igh_cia402_context_t,
+    enable: c_int,
+    rpdo_offset_ns: u32,
+    sync_offset_ns: u32,
+) -> c_int {
+    call("igh_cia402_set_scheduled_tx", |call| {
+        let offset = |ns: u32| (enable != 0 && ns != IGH_CIA402_AT_ONCE).then_some(ns);
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe {
+            on_axes(call, context, |cia402, port| {
+                cia402
+                    .set_scheduled_tx(port, offset(rpdo_offset_ns), offset(sync_offset_ns))
+                    .map_err(|error| errors::schedule(call, &error))
+            })
+        }
+    })
+}

@@ -1,0 +1,89 @@
+//! Progress of the calls that wait
+
+use std::ffi::{CString, c_char, c_int, c_void};
+
+use ecan_cia402::{AxisPhase, AxisProgress, AxisTrouble};
+use ecan_mcan_host::boundary::call;
+
+use super::context::igh_cia402_context_t;
+use crate::bus;
+
+/// A function of C that is told what an axis is doing.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ProgressCallback {
+    function: unsafe extern "C" fn(user: *mut c_void, axis: usize, text: *const c_char),
+    user: *mut c_void,
+}
+
+// SAFETY: the pointer is never followed here, and handed to C only in the thread that calls a
+// waiting function: the header leaves it to the application to allow that.
+unsafe impl Send for ProgressCallback {}
+
+/// Calls back when what an axis does has changed.
+pub(crate) struct Reporter {
+    callback: Option<ProgressCallback>,
+    /// By axis: what was told last.
+    told: Vec<Option<Told>>,
+}
+
+/// What of an axis' progress makes another text than before; the time alone does not.
+#[derive(Clone, Copy, PartialEq)]
+struct Told {
+    phase: AxisPhase,
+    trouble: Option<AxisTrouble>,
+    setup_steps: Option<usize>,
+}
+
+impl Reporter {
+    pub(crate) fn new(callback: Option<ProgressCallback>) -> Self {
+        Self { callback, told: Vec::new() }
+    }
+
+    pub(crate) fn see(&mut self, progress: &AxisProgress) {
+        let Some(callback) = self.callback else { return };
+        let now = Told {
+            phase: progress.phase,
+            trouble: progress.trouble,
+            setup_steps: progress.setup.map(|setup| setup.done),
+        };
+        if self.told.len() <= progress.axis {
+            self.told.resize(progress.axis + 1, None);
+        }
+        let Some(told) = self.told.get_mut(progress.axis) else { return };
+        if *told == Some(now) {
+            return;
+        }
+        *told = Some(now);
+        let text = CString::new(progress.to_string()).unwrap_or_default();
+        // SAFETY: the application gave the function for this, with this pointer; the text lives
+        // until it returns.
+        unsafe { (callback.function)(callback.user, progress.axis, text.as_ptr()) };
+    }
+}
+
+/// Sets a function that the waiting calls tell what the axes are doing: at their start, and
+/// whenever that changes. It runs inside these calls, between two cycles, so it should be quick; a
+/// call to the library with this context gets ECAN_ERR_BUSY there.
+///
+/// @param callback  Gets `user`, the axis, and the words, "axis 0, node 1 (slave 0, channel 0):
+///                  being enabled, switched on, for 120 ms" for example, which are valid until it
+///                  returns; NULL for none.
+/// @param user      Is handed to it, in the thread that waits.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_set_progress_callback(
+    context: *mut igh_cia402_context_t,
+    callback: Option<unsafe extern "C" fn(user: *mut c_void, axis: usize, text: *const c_char)>,
+    user: *mut c_void,
+) -> c_int {
+    call("igh_cia402_set_progress_callback", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter_cia402(call, context.cast())? };
+        if let Some(axes) = bus.axes_mut() {
+            axes.progress = callback.map(|function| ProgressCallback { function, user });
+        }
+        Ok(())
+    })
+}

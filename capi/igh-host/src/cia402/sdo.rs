@@ -1,0 +1,255 @@
+//! SDO transfers with the drives
+//!
+//! A drive has one SDO server: while its axis is configured, changes its mode or is homing, a
+//! transfer of the application waits.
+
+use std::ffi::{c_int, c_void};
+
+use ecan_cia402::{Sdo, SdoStartError, WaitError};
+use ecan_mcan_host::boundary::{Call, Out, Room, call};
+use ecan_mcan_host::common::result::ecan_result_t;
+
+use super::context::{igh_cia402_context_t, need_axis, on_axes};
+use crate::bus;
+use crate::errors;
+
+/// How the last SDO transfer with a drive stands.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_cia402_sdo_state_t {
+    /// There was none.
+    IGH_CIA402_SDO_IDLE = 0,
+    /// Under way.
+    IGH_CIA402_SDO_RUNNING = 1,
+    /// Done.
+    IGH_CIA402_SDO_DONE = 2,
+    /// Failed.
+    IGH_CIA402_SDO_FAILED = 3,
+}
+
+/// Hands a value to C, with the length that it has in any case.
+pub(crate) fn put_value(
+    call: Call,
+    value: &[u8],
+    room: &mut Room<u8>,
+    length: &Out<usize>,
+) -> Result<(), ecan_result_t> {
+    length.set(value.len());
+    if room.push_bytes(value) {
+        return Ok(());
+    }
+    let words = format_args!("the value has {} bytes, more than fit", value.len());
+    Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words))
+}
+
+/// Reads an object of a drive and waits. Runs the cycle meanwhile, with the axes at their last
+/// targets.
+///
+/// @param data        Gets the value, little endian.
+/// @param size        Bytes of the buffer.
+/// @param length      Gets the bytes of the value, also where it does not fit.
+/// @param timeout_ms  Milliseconds in all.
+///
+/// @usage   not rt, the cycle's thread, active bus
+/// @return  ECAN_OK; ECAN_ERR_SDO with ecan_last_abort_code(); ECAN_ERR_TIMEOUT, ECAN_ERR_BUFFER,
+///          ECAN_ERR_CANOPEN, ECAN_ERR_AXIS, ECAN_ERR_MASTER, ECAN_ERR_NULL,
+///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY; ECAN_ERR_ORDER where the bus is not active;
+///          ECAN_ERR_ATTACHED on a master of another owner, where igh_cia402_sdo_start_upload()
+///          does it.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_sdo_upload(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    index: u16,
+    subindex: u8,
+    data: *mut c_void,
+    size: usize,
+    length: *mut usize,
+    timeout_ms: u32,
+) -> c_int {
+    call("igh_cia402_sdo_upload", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, mut room, out) = unsafe {
+            (
+                bus::enter_cia402(call, context.cast())?,
+                call.room("data", data.cast::<u8>(), size)?,
+                call.out("length", length)?,
+            )
+        };
+        bus.need_owned(call)?;
+        let (cia402, port) = bus.need_axes(call)?;
+        let value = cia402
+            .upload_timeout(port, axis, (index, subindex), timeout_ms)
+            .map_err(|error| errors::cia402(call, &error))?;
+        put_value(call, &value, &mut room, &out)
+    })
+}
+
+/// Writes an object of a drive and waits; as igh_cia402_sdo_upload().
+///
+/// @param data        The value, little endian, with as many bytes as the object has.
+/// @param size        Its bytes.
+/// @param timeout_ms  Milliseconds in all.
+///
+/// @usage   not rt, the cycle's thread, active bus
+/// @return  As igh_cia402_sdo_upload(); on a master of another owner igh_cia402_sdo_start_download()
+///          does it.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_sdo_download(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    index: u16,
+    subindex: u8,
+    data: *const c_void,
+    size: usize,
+    timeout_ms: u32,
+) -> c_int {
+    call("igh_cia402_sdo_download", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (mut bus, data) = unsafe {
+            (bus::enter_cia402(call, context.cast())?, call.items("data", data.cast::<u8>(), size)?)
+        };
+        bus.need_owned(call)?;
+        let (cia402, port) = bus.need_axes(call)?;
+        cia402
+            .download_timeout(port, axis, (index, subindex), data, timeout_ms)
+            .map_err(|error| errors::cia402(call, &error))
+    })
+}
+
+fn started(call: Call, started: Result<(), SdoStartError>) -> Result<(), ecan_result_t> {
+    started.map_err(|error| match error {
+        SdoStartError::Busy => {
+            call.fail(ecan_result_t::ECAN_ERR_AXIS_STATE, format_args!("{error}"))
+        }
+        error => errors::wait(call, &WaitError::Start(error)),
+    })
+}
+
+/// Begins to read an object of a drive; igh_cia402_sdo_poll() tells the outcome in later cycles.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK; ECAN_ERR_AXIS_STATE while another transfer with the drive is under way;
+///          ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_sdo_start_upload(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    index: u16,
+    subindex: u8,
+) -> c_int {
+    call("igh_cia402_sdo_start_upload", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe {
+            on_axes(call, context, |cia402, _| {
+                need_axis(call, cia402, axis)?;
+                started(
+                    call,
+                    match cia402.node(axis) {
+                        Some(node) => cia402.network_mut().start_upload(node, index, subindex),
+                        None => Err(SdoStartError::UnknownNode),
+                    },
+                )
+            })
+        }
+    })
+}
+
+/// Begins to write an object of a drive, as igh_cia402_sdo_start_upload().
+///
+/// @param data  The value, little endian, with as many bytes as the object has. Is copied.
+/// @param size  Its bytes.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  As igh_cia402_sdo_start_upload(); ECAN_ERR_CANOPEN for a value that is longer than
+///          igh_cia402_settings_t.sdo_buffer_bytes.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_sdo_start_download(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    index: u16,
+    subindex: u8,
+    data: *const c_void,
+    size: usize,
+) -> c_int {
+    call("igh_cia402_sdo_start_download", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        unsafe {
+            let data = call.items("data", data.cast::<u8>(), size)?;
+            on_axes(call, context, |cia402, _| {
+                need_axis(call, cia402, axis)?;
+                started(
+                    call,
+                    match cia402.node(axis) {
+                        Some(node) => {
+                            cia402.network_mut().start_download(node, index, subindex, data)
+                        }
+                        None => Err(SdoStartError::UnknownNode),
+                    },
+                )
+            })
+        }
+    })
+}
+
+/// How the transfer with a drive stands that was begun last. Call it in every cycle: the axis' own
+/// transfers begin the next one when it needs to, and the value of this one is gone.
+///
+/// @param state   Gets an igh_cia402_sdo_state_t.
+/// @param data    Gets the value of an upload that is done, little endian; may be NULL with size 0.
+/// @param size    Bytes of the buffer.
+/// @param length  Gets the bytes of the value, also where it does not fit; 0 while there is none.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, also for a transfer that failed, whose reason is in ecan_last_error() and
+///          ecan_last_abort_code(); ECAN_ERR_BUFFER, ECAN_ERR_AXIS, ECAN_ERR_NULL,
+///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_sdo_poll(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    state: *mut u8,
+    data: *mut c_void,
+    size: usize,
+    length: *mut usize,
+) -> c_int {
+    call("igh_cia402_sdo_poll", |call| {
+        use igh_cia402_sdo_state_t::*;
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (out, mut room, length) = unsafe {
+            (
+                call.out("state", state)?,
+                call.room("data", data.cast::<u8>(), size)?,
+                call.out("length", length)?,
+            )
+        };
+        length.set(0);
+        out.set(IGH_CIA402_SDO_IDLE as u8);
+        // SAFETY: as above.
+        unsafe {
+            on_axes(call, context, |cia402, _| {
+                need_axis(call, cia402, axis)?;
+                let Some(node) = cia402.node(axis) else { return Ok(()) };
+                let network = cia402.network();
+                match network.sdo_state(node) {
+                    Sdo::Idle => Ok(()),
+                    Sdo::Busy => {
+                        out.set(IGH_CIA402_SDO_RUNNING as u8);
+                        Ok(())
+                    }
+                    Sdo::Failed(_) => {
+                        if let Some(failure) = network.sdo_failure(node) {
+                            errors::wait(call, &failure.into());
+                        }
+                        out.set(IGH_CIA402_SDO_FAILED as u8);
+                        Ok(())
+                    }
+                    _ => {
+                        out.set(IGH_CIA402_SDO_DONE as u8);
+                        put_value(call, network.sdo_data(node), &mut room, &length)
+                    }
+                }
+            })
+        }
+    })
+}

@@ -1,0 +1,224 @@
+//! State of the axes
+
+use std::ffi::{c_char, c_int};
+
+use ecan_cia402::{Cia402, GuardState, Shutdown};
+use ecan_mcan_host::boundary::{call, getter, put_text};
+
+use super::context::{igh_cia402_context_t, need_axis, on_axes};
+use super::numbers::{self, igh_canopen_nmt_state_t};
+use super::state_terms::{
+    decision, heartbeat, hold, igh_cia402_hold_t, igh_cia402_phase_t, phase, trouble,
+};
+
+/// Everything known of an axis, at a glance.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_cia402_axis_state_t {
+    /// For how long the axis has been in this phase, in milliseconds.
+    pub for_ms: u64,
+    /// How far it is behind its target, in steps, where has_target and has_actual are 1. It
+    /// contains the way out and back, two cycles or more; the drive's own is in 0x60F4.
+    pub following_error: i64,
+    /// Actual position in degrees, where has_actual is 1.
+    pub actual_degrees: f64,
+    /// Actual position in radians, where has_actual is 1.
+    pub actual_radians: f64,
+    /// Last usable actual position, in steps, where has_actual is 1.
+    pub actual: i32,
+    /// Last target that was sent, where has_target is 1; the next is judged against it.
+    pub target: i32,
+    /// Cycles since the actual position came: 0 for this cycle, 65535 for many or never.
+    pub actual_age: u16,
+    /// Last statusword, however old, where has_statusword is 1.
+    pub statusword: u16,
+    /// Error code of the last emergency message, 0x8611 for example; 0 where none came, or the node
+    /// took it back.
+    pub error_code: u16,
+    /// Slave index of the gateway.
+    pub slave: u16,
+    /// Channel of the gateway.
+    pub channel: u8,
+    /// Node-ID of the drive.
+    pub node_id: u8,
+    /// The mode that the drive has confirmed, that of the axis table before: an igh_cia402_mode_t.
+    pub mode: i8,
+    /// An igh_cia402_phase_t.
+    pub phase: u8,
+    /// An igh_cia402_drive_state_t, by the last statusword.
+    pub drive_state: u8,
+    /// An igh_canopen_nmt_state_t.
+    pub nmt_state: u8,
+    /// An igh_canopen_heartbeat_t.
+    pub heartbeat: u8,
+    /// An igh_cia402_decision_t: what became of the target that was sent last.
+    pub decision: u8,
+    /// An igh_cia402_wait_t or igh_cia402_refusal_t, by the decision; else 0.
+    pub decision_reason: u8,
+    /// An igh_cia402_hold_t: why the axis holds.
+    pub hold_reason: u8,
+    /// An igh_cia402_trouble_t: what went wrong with the last command.
+    pub trouble: u8,
+    /// 1 where the drive is configured.
+    pub is_configured: u8,
+    /// 1 where the axis follows targets.
+    pub is_running: u8,
+    /// 1 where a halted axis has come to rest, and where it does not run.
+    pub is_at_rest: u8,
+    /// 1 where a drive that makes its own way (PP, PV, PT) has arrived; 0 in cyclic modes.
+    pub is_target_reached: u8,
+    /// 1 where there is an actual position.
+    pub has_actual: u8,
+    /// 1 where the axis follows targets and has one.
+    pub has_target: u8,
+    /// 1 where there was a statusword.
+    pub has_statusword: u8,
+    /// Not used.
+    pub reserved: [u8; 6],
+}
+
+/// The state of an axis that exists.
+fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
+    use igh_cia402_phase_t::*;
+    let (progress, node) = (cia402.progress(axis)?, cia402.node(axis)?);
+    let network = cia402.network();
+    let phase = phase(progress.phase);
+    let (actual, target) = (cia402.actual(axis), cia402.target(axis));
+    let (decision, decision_reason) = decision(cia402.decision(axis));
+    let held = match cia402.guard(axis)?.state() {
+        GuardState::Holding { reason } => hold(reason),
+        _ => igh_cia402_hold_t::IGH_CIA402_HOLD_NONE,
+    };
+    let unknown = igh_canopen_nmt_state_t::IGH_CANOPEN_NMT_STATE_UNKNOWN as u8;
+    Some(igh_cia402_axis_state_t {
+        for_ms: progress.for_ms,
+        following_error: cia402.following_error(axis).unwrap_or(0),
+        actual_degrees: cia402.actual_degrees(axis).unwrap_or(0.0),
+        actual_radians: cia402.actual_radians(axis).unwrap_or(0.0),
+        actual: actual.unwrap_or(0),
+        target: target.unwrap_or(0),
+        actual_age: cia402.actual_age(axis),
+        statusword: cia402.statusword(axis).map_or(0, |word| word.0),
+        error_code: network
+            .emcy(node)
+            .and_then(|log| log.last())
+            .map_or(0, |record| record.emcy.code),
+        slave: u16::try_from(progress.address.slave).unwrap_or(u16::MAX),
+        channel: progress.address.channel,
+        node_id: progress.address.node.get(),
+        mode: cia402.mode(axis)?.raw(),
+        phase: phase as u8,
+        drive_state: numbers::drive_state(cia402.drive_state(axis)),
+        nmt_state: network.nmt_state(node).map_or(unknown, |state| state.raw()),
+        heartbeat: heartbeat(network.heartbeat(node)) as u8,
+        decision: decision as u8,
+        decision_reason,
+        hold_reason: held as u8,
+        trouble: trouble(progress.trouble) as u8,
+        is_configured: (!matches!(
+            phase,
+            IGH_CIA402_PHASE_NOT_CONFIGURED
+                | IGH_CIA402_PHASE_CONFIGURING
+                | IGH_CIA402_PHASE_SETTING_MODE
+                | IGH_CIA402_PHASE_SETUP_FAILED
+        ))
+        .into(),
+        is_running: cia402.is_running(axis).into(),
+        is_at_rest: cia402.is_at_rest(axis).into(),
+        is_target_reached: cia402.is_target_reached(axis).into(),
+        has_actual: actual.is_some().into(),
+        has_target: target.is_some().into(),
+        has_statusword: cia402.statusword(axis).is_some().into(),
+        reserved: [0; 6],
+    })
+}
+
+/// Tells everything known of an axis.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_get_axis_state(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    axis_state: *mut igh_cia402_axis_state_t,
+) -> c_int {
+    call("igh_cia402_get_axis_state", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        unsafe {
+            let out = call.out("axis_state", axis_state)?;
+            on_axes(call, context, |cia402, _| {
+                need_axis(call, cia402, axis)?;
+                if let Some(state) = state(cia402, axis) {
+                    out.set(state);
+                }
+                Ok(())
+            })
+        }
+    })
+}
+
+/// Tells in words what an axis is doing, for how long, and what hinders it: "axis 2, node 5 (slave
+/// 0, channel 1): being enabled, switched on, for 120 ms" for example.
+///
+/// @param text  Gets the words, with NUL at the end; what does not fit is cut.
+/// @param size  Bytes of the buffer.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_get_axis_text(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    text: *mut c_char,
+    size: usize,
+) -> c_int {
+    call("igh_cia402_get_axis_text", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        unsafe {
+            let mut room = call.room("text", text, size)?;
+            on_axes(call, context, |cia402, _| {
+                need_axis(call, cia402, axis)?;
+                if let Some(progress) = cia402.progress(axis) {
+                    put_text(&mut room, &progress.to_string());
+                }
+                Ok(())
+            })
+        }
+    })
+}
+
+/// Whether all axes follow targets.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  1 or 0, also 0 without any axis; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+///          ECAN_ERR_BUSY. Compare with 1.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_all_running(context: *mut igh_cia402_context_t) -> c_int {
+    getter(
+        "igh_cia402_all_running",
+        |error| error.code(),
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        |call| unsafe { on_axes(call, context, |cia402, _| Ok(cia402.all_running().into())) },
+    )
+}
+
+/// Whether the end that igh_cia402_begin_shutdown() began is complete, and the host may leave.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_shutdown_is_done(context: *mut igh_cia402_context_t) -> c_int {
+    getter(
+        "igh_cia402_shutdown_is_done",
+        |error| error.code(),
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        |call| unsafe {
+            on_axes(call, context, |cia402, _| {
+                let is_done = cia402.shutdown_state() == Shutdown::Done;
+                // The last commands must have left before the host does.
+                Ok((is_done && !cia402.network().nmt_is_pending()).into())
+            })
+        },
+    )
+}

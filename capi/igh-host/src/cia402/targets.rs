@@ -1,0 +1,100 @@
+//! Targets
+//!
+//! A target stands until the next. It is forgotten when the axis holds; taken up again, the axis
+//! stays where it is until it gets a new one.
+
+use std::ffi::c_int;
+
+use ecan_cia402::{Cia402, CommandError};
+use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::common::result::ecan_result_t;
+
+use super::context::{igh_cia402_context_t, on_axes};
+use crate::errors;
+
+/// # Safety
+/// As for [`on_axes`].
+unsafe fn set(
+    call: Call,
+    context: *mut igh_cia402_context_t,
+    set: impl FnOnce(&mut Cia402) -> Result<(), CommandError>,
+) -> Result<(), ecan_result_t> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        on_axes(call, context, |cia402, _| set(cia402).map_err(|e| errors::command(call, &e)))
+    }
+}
+
+/// Sets the target of an axis from now on. What became of it is told by
+/// igh_cia402_get_axis_state() after the targets were sent.
+///
+/// @param target  Raw units of the mode: steps, velocity or torque.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_set_target(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    target: i32,
+) -> c_int {
+    call("igh_cia402_set_target", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { set(call, context, |cia402| cia402.set_target(axis, target)) }
+    })
+}
+
+/// As igh_cia402_set_target(), with an angle by the axis' steps_per_turn and origin.
+///
+/// @param degrees  Degrees of the axis.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  As igh_cia402_set_target(); ECAN_ERR_ARGUMENT for an angle that is no position.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_set_target_degrees(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    degrees: f64,
+) -> c_int {
+    call("igh_cia402_set_target_degrees", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { set(call, context, |cia402| cia402.set_target_degrees(axis, degrees)) }
+    })
+}
+
+/// As igh_cia402_set_target(), with an angle by the axis' steps_per_turn and origin.
+///
+/// @param radians  Radians of the axis.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  As igh_cia402_set_target(); ECAN_ERR_ARGUMENT for an angle that is no position.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_set_target_radians(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    radians: f64,
+) -> c_int {
+    call("igh_cia402_set_target_radians", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { set(call, context, |cia402| cia402.set_target_radians(axis, radians)) }
+    })
+}
+
+/// Sets the step that igh_cia402_send_target_step() makes from now on; the axis takes it up by its
+/// ramp.
+///
+/// @param step  Steps per cycle. One beyond the step limit is refused when the ramp gets there.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  As igh_cia402_set_target().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_set_target_step(
+    context: *mut igh_cia402_context_t,
+    axis: usize,
+    step: i32,
+) -> c_int {
+    call("igh_cia402_set_target_step", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { set(call, context, |cia402| cia402.set_target_step(axis, step)) }
+    })
+}

@@ -1,0 +1,176 @@
+#define _POSIX_C_SOURCE 200809L
+#include "check.h"
+
+#include <stdlib.h>
+#include <unistd.h>
+
+static unsigned long checks;
+static unsigned long failures;
+static const char *what_about;
+
+static void failed(const char *file, int line, const char *what)
+{
+    const char *name = strrchr(file, '/');
+    failures++;
+    fprintf(stderr, "%s:%d: %s%s%s%s\n", name == NULL ? file : name + 1, line, what,
+            what_about == NULL ? "" : " [", what_about == NULL ? "" : what_about,
+            what_about == NULL ? "" : "]");
+}
+
+/* The words of the last error begin with the function that was called. */
+static int names_function(const char *call)
+{
+    size_t length = strcspn(call, "(");
+    const char *words = ecan_last_error();
+    return strncmp(words, call, length) == 0 && strncmp(words + length, ": ", 2) == 0 &&
+           words[length + 2] != '\0';
+}
+
+void check_before(void)
+{
+    ecan_clear_last_error();
+}
+
+void check_good(const char *file, int line, const char *call, int found)
+{
+    checks++;
+    if (found != ECAN_OK) {
+        failed(file, line, call);
+        fprintf(stderr, "    expected ECAN_OK, found %s: %s\n", ecan_result_name(found),
+                ecan_last_error());
+    } else if (ecan_last_error()[0] != '\0' || ecan_last_error_code() != 0) {
+        failed(file, line, call);
+        fprintf(stderr, "    succeeded, but left an error: %s\n", ecan_last_error());
+    }
+}
+
+void check_bad(const char *file, int line, const char *call, int expected, int found)
+{
+    check_none(file, line, call, expected, expected, found);
+}
+
+void check_none(const char *file, int line, const char *call, int code, long long expected,
+                long long found)
+{
+    checks++;
+    if (found != expected) {
+        failed(file, line, call);
+        fprintf(stderr, "    expected %lld (%s), found %lld (%s): %s\n", expected,
+                ecan_result_name((int)expected), found, ecan_result_name((int)found),
+                ecan_last_error());
+    } else if (ecan_last_error_code() != code) {
+        failed(file, line, call);
+        fprintf(stderr, "    expected the last error %s, found %s: %s\n", ecan_result_name(code),
+                ecan_result_name(ecan_last_error_code()), ecan_last_error());
+    } else if (!names_function(call)) {
+        failed(file, line, call);
+        fprintf(stderr, "    the words do not name the function: \"%s\"\n", ecan_last_error());
+    }
+}
+
+void check_same(const char *file, int line, const char *what, long long expected, long long found)
+{
+    checks++;
+    if (found != expected) {
+        failed(file, line, what);
+        fprintf(stderr, "    expected %lld, found %lld; last error: %s\n", expected, found,
+                ecan_last_error());
+    }
+}
+
+void check_true(const char *file, int line, const char *what, int condition)
+{
+    checks++;
+    if (!condition) {
+        failed(file, line, what);
+        fprintf(stderr, "    is not so; last error: %s\n", ecan_last_error());
+    }
+}
+
+void check_words(const char *file, int line, const char *part, const char *text)
+{
+    checks++;
+    if (strstr(text, part) == NULL) {
+        failed(file, line, part);
+        fprintf(stderr, "    is not in: \"%s\"\n", text);
+    }
+}
+
+void check_about(const char *about)
+{
+    what_about = about;
+}
+
+unsigned long check_count(void)
+{
+    return checks;
+}
+
+unsigned long check_failures(void)
+{
+    return failures;
+}
+
+const char *fill_garbage(int kind, void *memory, size_t size)
+{
+    static uint64_t random = 0x9E3779B97F4A7C15u;
+    unsigned char *bytes = memory;
+    switch (kind) {
+    case 0:
+        memset(memory, 0x00, size);
+        return "memory of 0x00";
+    case 1:
+        memset(memory, 0xFF, size);
+        return "memory of 0xFF";
+    case 2:
+        memset(memory, 0xA5, size);
+        return "memory of 0xA5";
+    default:
+        for (size_t i = 0; i < size; i++) {
+            random ^= random << 13;
+            random ^= random >> 7;
+            random ^= random << 17;
+            bytes[i] = (unsigned char)random;
+        }
+        return "random memory";
+    }
+}
+
+int write_scenario(const char *toml, char *setting, size_t size)
+{
+    char path[] = "/tmp/every_function_XXXXXX.toml";
+    size_t length = strlen(toml);
+    int file = mkstemps(path, 5);
+    if (file < 0) {
+        return -1;
+    }
+    if (write(file, toml, length) != (ssize_t)length || close(file) != 0) {
+        return -1;
+    }
+    return snprintf(setting, size, "sim:%s", path) < (int)size ? 0 : -1;
+}
+
+void remove_scenario(const char *setting)
+{
+    unlink(setting + strlen("sim:"));
+}
+
+void simulate(ecan_igh_config_t *config, const char *setting)
+{
+    GOOD(ecan_igh_default_config(config));
+    GOOD(ecan_igh_config_set_ecrt(config, setting));
+    GOOD(ecan_igh_config_set_stepped_clock(config, 1));
+    GOOD(ecan_igh_config_set_cycle_us(config, 1000));
+}
+
+int start_port(ecan_igh_context_t *igh, igh_mcan_port_t *port, const ecan_igh_config_t *igh_config,
+               const igh_mcan_port_config_t *config)
+{
+    static ecan_igh_config_t applied;
+    applied = *igh_config;
+    GOOD(igh_mcan_port_apply_config(&applied, config));
+    GOOD(ecan_igh_init(igh, &applied));
+    GOOD(igh_mcan_port_init(port, igh, config));
+    GOOD(ecan_igh_wait_op_timeout(igh, 20000));
+    return igh_mcan_port_is_ready(port) == 1 ? 0 : -1;
+}

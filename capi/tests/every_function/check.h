@@ -1,0 +1,92 @@
+/* Checks that count, and the contexts that every function has to refuse. */
+#ifndef CHECK_H
+#define CHECK_H
+
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "igh_adapter.h"
+#include "igh_cia402_protocol.h"
+#include "igh_mcan_port.h"
+
+/* A call that succeeds, and leaves the last error as it is. */
+#define GOOD(call)                                                                                 \
+    do {                                                                                           \
+        check_before();                                                                            \
+        check_good(__FILE__, __LINE__, #call, (call));                                             \
+    } while (0)
+
+/* A call that returns this code, in words of its own. */
+#define BAD(code, call)                                                                            \
+    do {                                                                                           \
+        check_before();                                                                            \
+        check_bad(__FILE__, __LINE__, #call, (code), (call));                                      \
+    } while (0)
+
+/* A getter that returns this value where it fails with this code. */
+#define NONE(code, value, call)                                                                    \
+    do {                                                                                           \
+        check_before();                                                                            \
+        check_none(__FILE__, __LINE__, #call, (code), (long long)(value), (long long)(call));      \
+    } while (0)
+
+/* A value of any integer type. */
+#define SAME(value, expression)                                                                    \
+    check_same(__FILE__, __LINE__, #expression, (long long)(value), (long long)(expression))
+
+#define TRUE(condition) check_true(__FILE__, __LINE__, #condition, (condition))
+
+/* A part of the words of the last error, or of another text. */
+#define WORDS(part) check_words(__FILE__, __LINE__, (part), ecan_last_error())
+#define WORDS_IN(part, text) check_words(__FILE__, __LINE__, (part), (text))
+
+#define ITEMS(array) (sizeof(array) / sizeof((array)[0]))
+
+void check_before(void);
+void check_good(const char *file, int line, const char *call, int found);
+void check_bad(const char *file, int line, const char *call, int expected, int found);
+void check_none(const char *file, int line, const char *call, int code, long long expected,
+                long long found);
+void check_same(const char *file, int line, const char *what, long long expected,
+                long long found);
+void check_true(const char *file, int line, const char *what, int condition);
+void check_words(const char *file, int line, const char *part, const char *text);
+
+/* What is being tried; told with a failure. NULL for nothing in particular. */
+void check_about(const char *about);
+unsigned long check_count(void);
+unsigned long check_failures(void);
+
+/* Fills memory as it may be found: 0x00, 0xFF, 0xA5, and random bytes. */
+#define GARBAGE_KINDS 4
+const char *fill_garbage(int kind, void *memory, size_t size);
+
+/* A file with a scenario for the simulator; `setting` gets "sim:" and its path. 0 for success. */
+int write_scenario(const char *toml, char *setting, size_t size);
+void remove_scenario(const char *setting);
+
+/* Configurations for a simulated bus with a stepped clock. */
+void simulate(ecan_igh_config_t *config, const char *setting);
+/* With a Port, its configuration applied; the context and the Port are initialised, or it fails. */
+int start_port(ecan_igh_context_t *igh, igh_mcan_port_t *port, const ecan_igh_config_t *igh_config,
+               const igh_mcan_port_config_t *config);
+
+/* The tests, by header. */
+void test_common(void);
+void test_pdo(void);
+void test_pdo_parse(void);
+void test_adapter_config(void);
+void test_adapter_life(void);
+void test_adapter_cycle(void);
+void test_adapter_sdo(void);
+void test_port_config(void);
+void test_port_life(void);
+void test_port_cycle(void);
+void test_port_schedule(void);
+void test_cia402_axes(void);
+void test_cia402_motion(void);
+void test_cia402_sdo(void);
+
+#endif

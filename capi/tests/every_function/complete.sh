@@ -1,0 +1,16 @@
+#!/bin/sh
+# Fails where a function that the libraries export is not called by this test.
+set -eu
+here=$(cd "$(dirname "$0")" && pwd)
+missing=0
+for name in $(sed -n 's/^ *\([a-z][a-z0-9_]*\);$/\1/p' "$here"/../../libecan_*.map | sort -u); do
+    if ! grep -q "\b$name *(" "$here"/*.c; then
+        echo "not called: $name" >&2
+        missing=$((missing + 1))
+    fi
+done
+if [ "$missing" -gt 0 ]; then
+    echo "$missing functions are missing" >&2
+    exit 1
+fi
+echo "every exported function is called"

@@ -1,0 +1,27 @@
+/* Calls every function of the C API, as it is meant and as it is not. */
+#include "check.h"
+
+int main(void)
+{
+    test_common();
+    test_pdo();
+    test_pdo_parse();
+    test_adapter_config();
+    test_adapter_life();
+    test_adapter_cycle();
+    test_adapter_sdo();
+    test_port_config();
+    test_port_life();
+    test_port_cycle();
+    test_port_schedule();
+    test_cia402_axes();
+    test_cia402_motion();
+    test_cia402_sdo();
+    if (check_failures() > 0) {
+        fprintf(stderr, "every_function: %lu of %lu checks failed\n", check_failures(),
+                check_count());
+        return 1;
+    }
+    printf("every_function: %lu checks hold\n", check_count());
+    return 0;
+}

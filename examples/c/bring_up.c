@@ -1,0 +1,174 @@
+#include "bring_up.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "report.h"
+
+void bus_settings_default(bus_settings_t *settings, const char *scenario)
+{
+    memset(settings, 0, sizeof(*settings));
+    settings->scenario = scenario;
+    settings->slaves = 1;
+    settings->pdo_n = ECAN_DEFAULT_PDO_MULTIPLIER;
+    settings->cycle_us = ECAN_DEFAULT_CYCLE_US;
+    settings->bitrate = 1000000;
+}
+
+void bus_settings_add_options(bus_settings_t *settings, option_list_t *list)
+{
+    options_add(list, (option_t){
+        .name = "ecrt", .value_name = "SETTING", .text = &settings->ecrt,
+        .help = "EtherCAT master library: a path, `sim` for the built-in simulator, `sim:NAME` or "
+                "`sim:FILE.toml` for a scenario of it. Unset: the environment variable ECAN_ECRT, "
+                "then the installed libethercat"});
+    options_add(list, (option_t){
+        .name = "master", .value_name = "N", .number = &settings->master, .maximum = UINT32_MAX,
+        .help = "Index of the EtherCAT master"});
+    options_add(list, (option_t){
+        .name = "pdo-n", .value_name = "N", .number = &settings->pdo_n,
+        .minimum = 1, .maximum = ECAN_PDO_MAX_MULTIPLIER,
+        .help = "PDO size per direction, in chunks of 128 bytes"});
+    options_add(list, (option_t){
+        .name = "cycle-us", .value_name = "US", .number = &settings->cycle_us,
+        .minimum = 1, .maximum = 4294967,
+        .help = "EtherCAT cycle in microseconds"});
+    options_add(list, (option_t){
+        .name = "bitrate", .value_name = "BITRATE", .number = &settings->bitrate,
+        .minimum = 1, .maximum = UINT32_MAX,
+        .help = "CAN bit rate in bit/s; of CAN FD the nominal one"});
+    options_add(list, (option_t){
+        .name = "seed", .value_name = "SEED", .number = &settings->seed, .maximum = UINT64_MAX,
+        .is_given = &settings->is_seed_given,
+        .help = "Seed of everything random in a simulation"});
+    options_add(list, (option_t){
+        .name = "real-time", .flag = &settings->real_time,
+        .help = "Run a simulation in wall-clock time, not as fast as the machine goes"});
+}
+
+void bus_settings_add_fd_option(bus_settings_t *settings, option_list_t *list)
+{
+    options_add(list, (option_t){
+        .name = "fd", .value_name = "DATA_BITRATE", .number = &settings->fd_bitrate,
+        .minimum = 1, .maximum = UINT32_MAX,
+        .help = "Use CAN FD with this data bit rate in bit/s"});
+}
+
+void bus_settings_add_dc_options(bus_settings_t *settings, option_list_t *list)
+{
+    options_add(list, (option_t){
+        .name = "dc-sync0", .flag = &settings->dc_sync0,
+        .help = "Use distributed clocks with Sync0"});
+    options_add(list, (option_t){
+        .name = "dc-cycle-us", .value_name = "US", .number = &settings->dc_cycle_us,
+        .minimum = 1, .maximum = 4294967,
+        .help = "Period of Sync0 in microseconds [default: the cycle]"});
+    options_add(list, (option_t){
+        .name = "dc-shift-us", .value_name = "US", .number = &settings->dc_shift_us,
+        .maximum = 4294967,
+        .help = "Shift of Sync0 in microseconds"});
+}
+
+static bool configure_master(ecan_igh_config_t *config, const bus_settings_t *settings)
+{
+    uint64_t dc_cycle_us = settings->dc_cycle_us != 0 ? settings->dc_cycle_us : settings->cycle_us;
+    if (ecan_igh_default_config(config) != ECAN_OK ||
+        ecan_igh_config_suggest_scenario(config, settings->scenario) != ECAN_OK ||
+        ecan_igh_config_set_stepped_clock(config, !settings->real_time) != ECAN_OK ||
+        ecan_igh_config_set_master_index(config, (uint32_t)settings->master) != ECAN_OK ||
+        ecan_igh_config_set_slave_count(config, (size_t)settings->slaves) != ECAN_OK ||
+        ecan_igh_config_allow_large_pdos(config, settings->large_pdos) != ECAN_OK ||
+        ecan_igh_config_set_pdo_multiplier(config, (uint32_t)settings->pdo_n) != ECAN_OK ||
+        ecan_igh_config_set_cycle_us(config, (uint32_t)settings->cycle_us) != ECAN_OK) {
+        return false;
+    }
+    if (settings->ecrt != NULL && ecan_igh_config_set_ecrt(config, settings->ecrt) != ECAN_OK) {
+        return false;
+    }
+    if (settings->is_seed_given && ecan_igh_config_set_seed(config, settings->seed) != ECAN_OK) {
+        return false;
+    }
+    if (settings->dc_sync0 &&
+        ecan_igh_config_set_dc_sync0(config, (uint32_t)dc_cycle_us,
+                                     (uint32_t)settings->dc_shift_us) != ECAN_OK) {
+        return false;
+    }
+    for (size_t slave = 0; slave < settings->slaves; slave++) {
+        uint16_t position = (uint16_t)(settings->first_position + slave);
+        if (ecan_igh_config_set_slave_position(config, slave, 0, position) != ECAN_OK) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static bool configure_channel(igh_mcan_port_config_t *config, size_t slave, uint8_t channel,
+                              const bus_settings_t *settings)
+{
+    uint32_t bitrate = (uint32_t)settings->bitrate;
+    if (settings->fd_bitrate == 0) {
+        return igh_mcan_port_set_classic_channel(config, slave, channel, bitrate) == ECAN_OK;
+    }
+    return igh_mcan_port_set_canfd_channel(config, slave, channel, bitrate,
+                                           (uint32_t)settings->fd_bitrate) == ECAN_OK;
+}
+
+static bool configure_gateways(igh_mcan_port_config_t *config, const bus_settings_t *settings)
+{
+    int profile = (int)settings->profile;
+    uint8_t options = settings->align4 ? IGH_MCAN_OPTION_ALIGN4 : 0;
+    if (igh_mcan_port_default_config(config) != ECAN_OK) {
+        return false;
+    }
+    for (size_t slave = 0; slave < settings->slaves; slave++) {
+        if (igh_mcan_port_set_encapsulation(config, slave, profile, profile) != ECAN_OK ||
+            igh_mcan_port_set_options(config, slave, options, options) != ECAN_OK) {
+            return false;
+        }
+        for (uint8_t channel = 0; channel < ECAN_MCAN_CHANNELS; channel++) {
+            bool is_used = (settings->channel_masks[slave] >> channel & 1) != 0;
+            if (is_used && !configure_channel(config, slave, channel, settings)) {
+                return false;
+            }
+        }
+    }
+    return true;
+}
+
+bool bring_up(bus_t *bus, const bus_settings_t *settings)
+{
+    ecan_igh_config_t igh_config;
+    igh_mcan_port_config_t mcan_config;
+    if (!configure_master(&igh_config, settings) || !configure_gateways(&mcan_config, settings)) {
+        report_sdk_error();
+        return false;
+    }
+    /* Gateways that are configured already may keep what they were told. */
+    if (!settings->skip_sdo_config &&
+        igh_mcan_port_apply_config(&igh_config, &mcan_config) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    if (ecan_igh_init(&bus->igh, &igh_config) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    if (igh_mcan_port_init(&bus->mcan, &bus->igh, &mcan_config) != ECAN_OK ||
+        ecan_igh_wait_op_timeout(&bus->igh, ecan_igh_startup_timeout_ms(&bus->igh)) != ECAN_OK) {
+        report_sdk_error();
+        shut_down(bus);
+        return false;
+    }
+    printf("%zu gateway(s) in service\n", ecan_igh_slave_count(&bus->igh));
+    return true;
+}
+
+bool shut_down(bus_t *bus)
+{
+    /* The Port ends with its master. */
+    if (ecan_igh_deinit(&bus->igh) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    return true;
+}

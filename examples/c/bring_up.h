@@ -1,0 +1,60 @@
+/* From options to gateways in service: the manual's steps 3 to 5 (15.5.2). */
+#ifndef BRING_UP_H
+#define BRING_UP_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "igh_mcan_port.h"
+#include "options.h"
+
+/* What the programs tell the SDK; most of it comes from the command line. */
+typedef struct {
+    const char *ecrt;     /* NULL: the environment decides */
+    const char *scenario; /* what a plain "sim" simulates */
+    uint64_t master;
+    uint64_t slaves;         /* number of gateways */
+    uint64_t first_position; /* of the first of them; the others follow */
+    uint64_t pdo_n;
+    bool large_pdos;
+    uint64_t cycle_us;
+    uint8_t channel_masks[ECAN_IGH_MAX_SLAVES]; /* channels in use of each gateway */
+    uint64_t bitrate;
+    uint64_t fd_bitrate; /* data bit rate of CAN FD; 0 for classic CAN */
+    uint64_t profile;
+    bool align4;
+    bool skip_sdo_config;
+    bool dc_sync0;
+    uint64_t dc_cycle_us; /* 0: the cycle */
+    uint64_t dc_shift_us;
+    uint64_t seed;
+    bool is_seed_given;
+    bool real_time;
+} bus_settings_t;
+
+/* The master and the Port on it. */
+typedef struct {
+    ecan_igh_context_t igh;
+    igh_mcan_port_t mcan;
+} bus_t;
+
+/* One gateway at position 0 with the manual's values for the first contact. */
+void bus_settings_default(bus_settings_t *settings, const char *scenario);
+
+/* --ecrt, --master, --pdo-n, --cycle-us, --bitrate, --seed, --real-time */
+void bus_settings_add_options(bus_settings_t *settings, option_list_t *list);
+
+/* --fd */
+void bus_settings_add_fd_option(bus_settings_t *settings, option_list_t *list);
+
+/* --dc-sync0, --dc-cycle-us, --dc-shift-us */
+void bus_settings_add_dc_options(bus_settings_t *settings, option_list_t *list);
+
+/* Opens the gateways and waits until they are in service; false, with a message on standard error,
+ * where they do not get there. */
+bool bring_up(bus_t *bus, const bus_settings_t *settings);
+
+/* Releases the master. */
+bool shut_down(bus_t *bus);
+
+#endif /* BRING_UP_H */

@@ -1,0 +1,44 @@
+/* Ten CiA 402 axes behind one or more gateways (manual 15.6): bring-up and load test.
+ *
+ *     cia402_10axis_demo --ecrt sim --slaves 1
+ *     cia402_10axis_demo --ecrt sim --cycle-us 1000 --dc-sync0 --dc-shift-us 700 --step 20
+ */
+#include <stdlib.h>
+
+#include "motion.h"
+#include "options.h"
+
+enum { AXES = 10 };
+
+/* Axis by axis to the next channel of all gateways; node ids count up on each channel from 1. */
+static void add_drives(motion_t *motion)
+{
+    size_t channels = (size_t)motion->bus.slaves * ECAN_MCAN_CHANNELS;
+    for (size_t axis = 0; axis < AXES; axis++) {
+        size_t place = axis % channels;
+        motion_add_drive(motion, (drive_place_t){
+            .slave = place / ECAN_MCAN_CHANNELS,
+            .channel = (uint8_t)(place % ECAN_MCAN_CHANNELS),
+            .node_id = (uint8_t)(axis / channels + 1)});
+    }
+}
+
+int main(int argc, char **argv)
+{
+    motion_t motion;
+    option_list_t list = {
+        .program = "cia402_10axis_demo",
+        .about = "Enables ten CiA 402 axes, spread over the channels of all gateways, and moves them "
+                 "by a step per target."};
+    motion_default(&motion, 1000);
+    motion.bus.slaves = 3;
+    motion_add_options(&motion, &list);
+    options_add(&list, (option_t){
+        .name = "slaves", .value_name = "N", .number = &motion.bus.slaves,
+        .minimum = 1, .maximum = AXES,
+        .help = "Number of gateways"});
+    options_parse(&list, argc, argv);
+
+    add_drives(&motion);
+    return motion_run(&motion) ? EXIT_SUCCESS : EXIT_FAILURE;
+}

@@ -1,0 +1,102 @@
+#include "echo_check.h"
+
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "report.h"
+
+/* More than the queues of a gateway hold. */
+enum { MAX_UNDER_WAY = 1024 };
+
+bool echo_check_init(echo_check_t *check, size_t slaves)
+{
+    memset(check, 0, sizeof(*check));
+    check->channels = calloc(slaves * ECAN_MCAN_CHANNELS, sizeof(*check->channels));
+    if (check->channels == NULL) {
+        report("too little memory");
+        return false;
+    }
+    check->channel_count = slaves * ECAN_MCAN_CHANNELS;
+    for (size_t i = 0; i < check->channel_count; i++) {
+        check->channels[i].frames = calloc(MAX_UNDER_WAY, sizeof(igh_mcan_tx_frame_t));
+        if (check->channels[i].frames == NULL) {
+            report("too little memory");
+            echo_check_free(check);
+            return false;
+        }
+    }
+    return true;
+}
+
+void echo_check_free(echo_check_t *check)
+{
+    for (size_t i = 0; i < check->channel_count; i++) {
+        free(check->channels[i].frames);
+    }
+    free(check->channels);
+    memset(check, 0, sizeof(*check));
+}
+
+static void note(echo_check_t *check, const char *format, ...)
+{
+    va_list arguments;
+    if (check->first_difference[0] == '\0') {
+        va_start(arguments, format);
+        vsnprintf(check->first_difference, sizeof(check->first_difference), format, arguments);
+        va_end(arguments);
+    }
+}
+
+/* Takes the oldest frame out of a ring that is not empty. */
+static const igh_mcan_tx_frame_t *take_first(echo_check_t *check, under_way_t *channel)
+{
+    const igh_mcan_tx_frame_t *frame = &channel->frames[channel->first];
+    channel->first = (channel->first + 1) % MAX_UNDER_WAY;
+    channel->count--;
+    check->under_way--;
+    return frame;
+}
+
+void echo_check_sent(echo_check_t *check, const igh_mcan_tx_frame_t *frame)
+{
+    size_t place = (size_t)frame->slave * ECAN_MCAN_CHANNELS + frame->channel;
+    under_way_t *channel = &check->channels[place];
+    check->sent++;
+    if (channel->count == MAX_UNDER_WAY) {
+        note(check, "%d frames on can%zu did not come back", MAX_UNDER_WAY, place);
+        take_first(check, channel);
+    }
+    channel->frames[(channel->first + channel->count) % MAX_UNDER_WAY] = *frame;
+    channel->count++;
+    check->under_way++;
+}
+
+static bool is_same(const igh_mcan_tx_frame_t *sent, const igh_mcan_rx_frame_t *received)
+{
+    /* A remote frame has a length, but no data. */
+    size_t bytes = (sent->flags & IGH_MCAN_FLAG_RTR) != 0 ? 0 : sent->len;
+    return sent->can_id == received->can_id && sent->flags == received->flags &&
+           sent->len == received->len && memcmp(sent->data, received->data, bytes) == 0;
+}
+
+void echo_check_received(echo_check_t *check, const igh_mcan_rx_frame_t *frame)
+{
+    size_t place = (size_t)frame->slave * ECAN_MCAN_CHANNELS + frame->channel;
+    under_way_t *channel = &check->channels[place];
+    check->returned++;
+    if (channel->count == 0) {
+        note(check, "frame %" PRIu64 " on can%zu: 0x%" PRIX32 " came back, nothing was due",
+             check->returned, place, frame->can_id);
+        return;
+    }
+    const igh_mcan_tx_frame_t *due = take_first(check, channel);
+    if (!is_same(due, frame)) {
+        note(check,
+             "frame %" PRIu64 " on can%zu: 0x%" PRIX32 " with %u bytes came back, 0x%" PRIX32
+             " with %u bytes was due, or their data differ",
+             check->returned, place, frame->can_id, frame->len, due->can_id, due->len);
+    }
+}

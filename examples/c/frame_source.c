@@ -1,0 +1,110 @@
+#include "frame_source.h"
+
+#include "cycle_result.h"
+#include "report.h"
+
+enum { LOOP_ID = 0x123 };
+
+static uint64_t due_after_start(const candump_log_t *recording, uint64_t frame)
+{
+    uint64_t start = recording->frames[0].record.time_ns;
+    uint64_t time = recording->frames[frame].record.time_ns;
+    return time > start ? time - start : 0;
+}
+
+bool frame_source_next_due(const frame_source_t *source, uint64_t *due_ns)
+{
+    if (source->recording == NULL || source->done == source->total) {
+        return false;
+    }
+    *due_ns = due_after_start(source->recording, source->done);
+    return true;
+}
+
+uint64_t frame_source_log_time(const frame_source_t *source, uint64_t elapsed_ns)
+{
+    return source->recording == NULL ? elapsed_ns
+                                     : source->recording->frames[0].record.time_ns + elapsed_ns;
+}
+
+/* One frame per channel with the number of the cycle in it. A frame that is refused for now is
+ * left out: the next cycle has a newer one. */
+static bool send_counter(frame_source_t *source, igh_mcan_port_t *mcan, echo_check_t *check)
+{
+    uint8_t data[ECAN_CANFD_MAX_BYTES] = {0};
+    for (size_t i = 0; i < 8; i++) {
+        data[i] = (uint8_t)(source->done >> (8 * i));
+    }
+    for (size_t slave = 0; slave < source->slaves; slave++) {
+        for (uint8_t channel = 0; channel < ECAN_MCAN_CHANNELS; channel++) {
+            igh_mcan_tx_frame_t frame;
+            int result;
+            if ((source->channel_mask >> channel & 1) == 0) {
+                continue;
+            }
+            if (source->is_fd) {
+                result = igh_mcan_tx_frame_set_canfd(&frame, slave, channel, LOOP_ID,
+                                                     IGH_MCAN_FLAG_BRS, data, sizeof(data));
+            } else {
+                result = igh_mcan_tx_frame_set_can(&frame, slave, channel, LOOP_ID, 0, data, 8);
+            }
+            if (result == ECAN_OK) {
+                result = igh_mcan_port_send(mcan, &frame);
+            }
+            if (result == ECAN_OK) {
+                echo_check_sent(check, &frame);
+            } else if (!is_refused_for_now(result)) {
+                report_sdk_error();
+                return false;
+            }
+        }
+    }
+    source->done++;
+    return true;
+}
+
+/* Where a recorded frame goes: to its interface, counted over all gateways, when all channels are
+ * used, and to the one channel otherwise. */
+static void set_place(const frame_source_t *source, unsigned interface, igh_mcan_tx_frame_t *frame)
+{
+    if (source->channel_mask == 0x0F) {
+        size_t place = interface % (source->slaves * ECAN_MCAN_CHANNELS);
+        frame->slave = (uint16_t)(place / ECAN_MCAN_CHANNELS);
+        frame->channel = (uint8_t)(place % ECAN_MCAN_CHANNELS);
+    } else {
+        while ((source->channel_mask >> frame->channel & 1) == 0) {
+            frame->channel++;
+        }
+    }
+}
+
+/* All that the gateway takes of what is due. A frame that is refused for now waits for the next
+ * cycle, and with it all that come after it, so that their order holds. */
+static bool send_recording(frame_source_t *source, igh_mcan_port_t *mcan, uint64_t elapsed_ns,
+                           echo_check_t *check)
+{
+    while (source->done < source->total &&
+           due_after_start(source->recording, source->done) <= elapsed_ns) {
+        const candump_record_t *record = &source->recording->frames[source->done].record;
+        igh_mcan_tx_frame_t frame = record->frame;
+        set_place(source, record->interface, &frame);
+        int result = igh_mcan_port_send(mcan, &frame);
+        if (is_refused_for_now(result)) {
+            break;
+        }
+        if (result != ECAN_OK) {
+            report_sdk_error();
+            return false;
+        }
+        echo_check_sent(check, &frame);
+        source->done++;
+    }
+    return true;
+}
+
+bool frame_source_send(frame_source_t *source, igh_mcan_port_t *mcan, uint64_t elapsed_ns,
+                       echo_check_t *check)
+{
+    return source->recording == NULL ? send_counter(source, mcan, check)
+                                     : send_recording(source, mcan, elapsed_ns, check);
+}

@@ -1,0 +1,105 @@
+#include "gateway_report.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+
+#include "report.h"
+
+void session_watch_init(session_watch_t *watch)
+{
+    for (size_t slave = 0; slave < ECAN_IGH_MAX_SLAVES; slave++) {
+        watch->sessions[slave] = IGH_MCAN_SESSION_READY;
+    }
+}
+
+void session_watch_print(session_watch_t *watch, bus_t *bus, uint64_t elapsed_ns)
+{
+    size_t slaves = ecan_igh_slave_count(&bus->igh);
+    for (size_t slave = 0; slave < slaves; slave++) {
+        char words[256];
+        /* Only a change is worth putting into words, which takes time. */
+        int session = igh_mcan_port_get_session(&bus->mcan, slave, NULL, 0);
+        if (session != watch->sessions[slave]) {
+            watch->sessions[slave] = session;
+            if (igh_mcan_port_get_session(&bus->mcan, slave, words, sizeof(words)) >= 0) {
+                printf("%9.3f s  slave %zu: %s\n", (double)elapsed_ns / 1e9, slave, words);
+            }
+        }
+    }
+}
+
+static bool print_channels(bus_t *bus, size_t slave, uint8_t channel_mask)
+{
+    for (uint8_t channel = 0; channel < ECAN_MCAN_CHANNELS; channel++) {
+        igh_mcan_channel_statistics_t count;
+        if ((channel_mask >> channel & 1) == 0) {
+            continue;
+        }
+        if (igh_mcan_port_get_channel_statistics(&bus->mcan, slave, channel, &count) != ECAN_OK) {
+            report_sdk_error();
+            return false;
+        }
+        uint64_t refused =
+            count.refused_image_full + count.refused_queue_full + count.refused_bus_off;
+        printf("slave %zu can%u %10" PRIu64 "%10" PRIu64 "%10" PRIu64 "%10" PRIu64 "%12" PRIu64
+               "\n",
+               slave, channel, count.frames_sent, count.frames_delivered, count.frames_received,
+               count.frames_discarded, refused);
+    }
+    return true;
+}
+
+static bool print_gateway(bus_t *bus, size_t slave)
+{
+    igh_mcan_statistics_t count;
+    if (igh_mcan_port_get_statistics(&bus->mcan, slave, &count) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    printf("slave %-8zu%10" PRIu64 "%10" PRIu64 "%10" PRIu64 "%10" PRIu64 "%12" PRIu64 "%10" PRIu64
+           "%10" PRIu64 "\n",
+           slave, count.cycles, count.incomplete_cycles, count.rxpdo_published,
+           count.rxpdo_repeated, count.txpdo_received, count.txpdo_lost,
+           count.parse_errors + count.txpdo_torn);
+    if (count.sessions_lost > 0 || count.txpdo_incomplete > 0) {
+        printf("%-14sout of service %" PRIu64 " time(s), incomplete images %" PRIu64 "\n", "",
+               count.sessions_lost, count.txpdo_incomplete);
+    }
+    return true;
+}
+
+bool gateway_report_print(bus_t *bus, const bus_settings_t *settings)
+{
+    bool is_complete = true;
+    printf("\n%-13s %10s%10s%10s%10s%12s\n", "channel", "sent", "delivered", "received",
+           "discarded", "refused");
+    for (size_t slave = 0; slave < settings->slaves; slave++) {
+        is_complete &= print_channels(bus, slave, settings->channel_masks[slave]);
+    }
+    printf("\n%-14s%10s%10s%10s%10s%12s%10s%10s\n", "gateway", "cycles", "wc miss", "images",
+           "repeated", "rx images", "rx lost", "errors");
+    for (size_t slave = 0; slave < settings->slaves; slave++) {
+        is_complete &= print_gateway(bus, slave);
+    }
+    return is_complete;
+}
+
+bool gateway_report_is_flawless(bus_t *bus, size_t slave)
+{
+    igh_mcan_statistics_t count;
+    char words[256];
+    int session = igh_mcan_port_get_session(&bus->mcan, slave, words, sizeof(words));
+    if (session < 0 || igh_mcan_port_get_statistics(&bus->mcan, slave, &count) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    uint64_t errors = count.parse_errors + count.txpdo_torn;
+    if (errors + count.txpdo_lost > 0) {
+        report("slave %zu: %" PRIu64 " image errors, %" PRIu64 " images lost", slave, errors,
+               count.txpdo_lost);
+    }
+    if (session != IGH_MCAN_SESSION_READY) {
+        report("slave %zu is %s", slave, words);
+    }
+    return errors + count.txpdo_lost == 0 && session == IGH_MCAN_SESSION_READY;
+}

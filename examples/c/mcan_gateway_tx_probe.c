@@ -1,0 +1,289 @@
+/* How steadily frames leave a gateway, sent directly or scheduled to a phase of Sync0 (manual 13.9).
+ *
+ *     mcan_gateway_tx_probe --ecrt sim --frames 1000
+ *     mcan_gateway_tx_probe --cycle-us 1000 --fd 2000000 --offset-ns 100000 --rt-priority 80 --spin-us 100
+ */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "bring_up.h"
+#include "cycle_result.h"
+#include "interrupt.h"
+#include "options.h"
+#include "real_time.h"
+#include "report.h"
+#include "statistics.h"
+
+enum { PROBE_ID = 0x123, CLASSIC_BYTES = 8, FD_BYTES = 16, RX_CAPACITY = 32 };
+
+/* The end waits so long for frames under way. */
+#define QUIET_NS UINT64_C(500000000)
+/* A gateway that takes no frame for so long will not take any more. */
+#define STUCK_NS UINT64_C(10000000000)
+
+typedef struct {
+    bus_settings_t bus;
+    uint64_t channel;
+    uint64_t frames;
+    uint64_t offset_ns;
+    bool is_scheduled;
+    uint64_t rt_priority; /* 0: none */
+    bool rt_required;
+    uint64_t spin_us;
+} arguments_t;
+
+/* What the run brought. */
+typedef struct {
+    uint64_t sent;
+    uint64_t refused;
+    uint64_t received;
+    uint64_t order_errors;
+    uint64_t next_number;     /* of the frame that is due back */
+    uint64_t last_receive_ns; /* 0 before the first */
+    samples_t master_periods;
+    samples_t rx_periods;
+} result_t;
+
+/* Keeps the period. A simulation has a clock of its own, which only the SDK's waiting moves on. */
+typedef struct {
+    bool is_own_timer;
+    uint64_t cycle_ns;
+    uint64_t spin_ns;
+    uint64_t deadline_ns;
+} pacer_t;
+
+static void parse_arguments(arguments_t *arguments, int argc, char **argv)
+{
+    option_list_t list = {
+        .program = "mcan_gateway_tx_probe",
+        .about = "Sends one CAN frame per cycle, directly or scheduled, and measures the periods."};
+    *arguments = (arguments_t){.frames = 1000};
+    bus_settings_default(&arguments->bus, "echo");
+    bus_settings_add_options(&arguments->bus, &list);
+    bus_settings_add_fd_option(&arguments->bus, &list);
+    bus_settings_add_dc_options(&arguments->bus, &list);
+    options_add(&list, (option_t){
+        .name = "channel", .value_name = "CHANNEL", .number = &arguments->channel,
+        .maximum = ECAN_MCAN_CHANNELS - 1,
+        .help = "CAN channel"});
+    options_add(&list, (option_t){
+        .name = "frames", .value_name = "N", .number = &arguments->frames,
+        .minimum = 1, .maximum = 10000000,
+        .help = "Number of frames, one per cycle"});
+    options_add(&list, (option_t){
+        .name = "offset-ns", .value_name = "NS", .number = &arguments->offset_ns,
+        .maximum = UINT32_MAX, .is_given = &arguments->is_scheduled,
+        .help = "Schedule the frames so long behind Sync0 instead of sending them directly; "
+                "implies --dc-sync0"});
+    options_add(&list, (option_t){
+        .name = "rt-priority", .value_name = "P", .number = &arguments->rt_priority,
+        .minimum = 1, .maximum = 99,
+        .help = "Run under SCHED_FIFO with this priority and with locked memory"});
+    options_add(&list, (option_t){
+        .name = "rt-required", .flag = &arguments->rt_required,
+        .help = "Give up where --rt-priority is not permitted"});
+    options_add(&list, (option_t){
+        .name = "spin-us", .value_name = "US", .number = &arguments->spin_us, .maximum = 1000000,
+        .help = "Sleep until so many microseconds before the deadline, then spin; not in a stepped "
+                "simulation"});
+    options_parse(&list, argc, argv);
+    arguments->bus.dc_sync0 |= arguments->is_scheduled;
+    arguments->bus.channel_masks[0] = (uint8_t)(1u << arguments->channel);
+    if (arguments->rt_required && arguments->rt_priority == 0) {
+        options_wrong_use("--rt-required needs --rt-priority P");
+    }
+}
+
+static bool pacer_init(pacer_t *pacer, bus_t *bus, const arguments_t *arguments)
+{
+    int is_simulated = ecan_igh_is_simulated(&bus->igh);
+    if (is_simulated < 0 || igh_mcan_port_wait_next_cycle(&bus->mcan) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    /* The own deadlines go on from the SDK's last one: Sync0 was started in phase with it. */
+    *pacer = (pacer_t){
+        .is_own_timer = is_simulated == 0 || arguments->bus.real_time,
+        .cycle_ns = arguments->bus.cycle_us * 1000,
+        .spin_ns = arguments->spin_us * 1000,
+        .deadline_ns = monotonic_ns()};
+    return true;
+}
+
+/* Waits for the next cycle; false, with a message, where that fails. */
+static bool pacer_wait(pacer_t *pacer, bus_t *bus)
+{
+    if (!pacer->is_own_timer) {
+        if (igh_mcan_port_wait_next_cycle(&bus->mcan) != ECAN_OK) {
+            report_sdk_error();
+            return false;
+        }
+        return true;
+    }
+    /* A deadline that has passed is left out, so that the phase stays. */
+    uint64_t late_ns = monotonic_ns() - pacer->deadline_ns;
+    pacer->deadline_ns += (late_ns / pacer->cycle_ns + 1) * pacer->cycle_ns;
+    sleep_until(pacer->deadline_ns, pacer->spin_ns);
+    return true;
+}
+
+/* Sends the next frame, which carries its number. */
+static int send_frame(bus_t *bus, const arguments_t *arguments, uint64_t number)
+{
+    uint8_t data[FD_BYTES] = {0}, channel = (uint8_t)arguments->channel;
+    uint32_t offset_ns = (uint32_t)arguments->offset_ns;
+    for (size_t i = 0; i < sizeof(number); i++) {
+        data[i] = (uint8_t)(number >> (8 * i));
+    }
+    if (arguments->bus.fd_bitrate == 0) {
+        return arguments->is_scheduled
+                   ? igh_mcan_port_schedule_can(&bus->mcan, 0, channel, PROBE_ID, 0, data,
+                                                CLASSIC_BYTES, offset_ns, (uint16_t)number)
+                   : igh_mcan_port_send_can(&bus->mcan, 0, channel, PROBE_ID, 0, data,
+                                            CLASSIC_BYTES);
+    }
+    return arguments->is_scheduled
+               ? igh_mcan_port_schedule_canfd(&bus->mcan, 0, channel, PROBE_ID, IGH_MCAN_FLAG_BRS,
+                                              data, FD_BYTES, offset_ns, (uint16_t)number)
+               : igh_mcan_port_send_canfd(&bus->mcan, 0, channel, PROBE_ID, IGH_MCAN_FLAG_BRS,
+                                          data, FD_BYTES);
+}
+
+static bool receive(bus_t *bus, result_t *result, uint64_t now_ns)
+{
+    igh_mcan_rx_frame_t rx[RX_CAPACITY];
+    size_t rx_count = 0;
+    do {
+        if (igh_mcan_port_receive(&bus->mcan, rx, RX_CAPACITY, &rx_count) != ECAN_OK) {
+            report_sdk_error();
+            return false;
+        }
+        for (size_t i = 0; i < rx_count; i++) {
+            uint64_t number = 0;
+            if (rx[i].can_id != PROBE_ID || rx[i].len < sizeof(number)) {
+                continue;
+            }
+            for (size_t byte = sizeof(number); byte-- > 0;) {
+                number = number << 8 | rx[i].data[byte];
+            }
+            result->order_errors += number != result->next_number;
+            result->next_number = number + 1;
+            result->received++;
+            if (result->last_receive_ns != 0) {
+                samples_add(&result->rx_periods, now_ns - result->last_receive_ns);
+            }
+            result->last_receive_ns = now_ns;
+        }
+    } while (rx_count == RX_CAPACITY);
+    return true;
+}
+
+/* Sends all frames and waits for what is under way; false, with a message, when it cannot go on. */
+static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *result)
+{
+    pacer_t pacer;
+    unsigned failed_cycles = 0;
+    if (!pacer_init(&pacer, bus, arguments)) {
+        return false;
+    }
+    uint64_t last_cycle = ecan_igh_now_ns(&bus->igh), last_sent = last_cycle;
+    while (!interrupt_is_set()) {
+        if (!pacer_wait(&pacer, bus)) {
+            return false;
+        }
+        uint64_t now = ecan_igh_now_ns(&bus->igh);
+        bool is_sending = result->sent < arguments->frames;
+        int begun = igh_mcan_port_cycle_begin(&bus->mcan);
+        bool is_fine = receive(bus, result, now);
+        if (is_sending) {
+            samples_add(&result->master_periods, now - last_cycle);
+            /* A frame that is refused for now is sent again in the next cycle. */
+            int sent = send_frame(bus, arguments, result->sent);
+            if (sent == ECAN_OK) {
+                result->sent++;
+                last_sent = now;
+            } else if (is_refused_for_now(sent)) {
+                result->refused++;
+            } else if (is_fine) {
+                report_sdk_error();
+                is_fine = false;
+            }
+        }
+        int ended = igh_mcan_port_cycle_end(&bus->mcan);
+        if (!is_fine || !cycle_may_go_on(&failed_cycles, begun, ended)) {
+            return false;
+        }
+        last_cycle = now;
+        if (is_sending && now - last_sent > STUCK_NS) {
+            report("no frame was taken for 10 s: %s", ecan_last_error());
+            return false;
+        }
+        if (!is_sending && (result->received >= result->sent || now - last_sent > QUIET_NS)) {
+            break;
+        }
+    }
+    if (interrupt_is_set()) {
+        printf("stopped by the user\n");
+    }
+    return true;
+}
+
+static void print_periods(const char *name, samples_t *samples, uint64_t cycle_ns)
+{
+    distribution_t d = samples_distribution(samples);
+    uint64_t below = cycle_ns > d.min ? cycle_ns - d.min : 0;
+    uint64_t above = d.max > cycle_ns ? d.max - cycle_ns : 0;
+    if (samples->count == 0) {
+        printf("%s: none\n", name);
+        return;
+    }
+    printf("%s: min/max %.3f/%.3f us, p95 %.3f us, p99 %.3f us, max error %.3f us\n", name,
+           (double)d.min / 1e3, (double)d.max / 1e3, (double)d.p95 / 1e3, (double)d.p99 / 1e3,
+           (double)(above > below ? above : below) / 1e3);
+}
+
+static void print_result(result_t *result, const arguments_t *arguments)
+{
+    uint64_t cycle_ns = arguments->bus.cycle_us * 1000;
+    printf("%" PRIu64 " frames sent, %" PRIu64 " refused and sent later\n", result->sent,
+           result->refused);
+    printf("%" PRIu64 " came back, %" PRIu64 " out of order\n", result->received,
+           result->order_errors);
+    print_periods("master_period", &result->master_periods, cycle_ns);
+    print_periods("rx_period", &result->rx_periods, cycle_ns);
+    printf("rx_period is what the host sees, in whole cycles; times on the bus need an analyser\n");
+}
+
+/* With the gateway in service: the measurement. */
+static bool work(bus_t *bus, const arguments_t *arguments)
+{
+    result_t result = {0};
+    size_t capacity = (size_t)arguments->frames * 2;
+    bool is_good = samples_init(&result.master_periods, capacity) &&
+                   samples_init(&result.rx_periods, capacity);
+    if (is_good && arguments->rt_priority != 0 && !real_time_enter((int)arguments->rt_priority)) {
+        is_good = !arguments->rt_required;
+        printf("%s\n", is_good ? "going on without real-time priority" : "giving up: --rt-required");
+    }
+    if (is_good) {
+        is_good = run_cycles(bus, arguments, &result);
+        print_result(&result, arguments);
+    }
+    samples_free(&result.master_periods);
+    samples_free(&result.rx_periods);
+    return is_good;
+}
+
+int main(int argc, char **argv)
+{
+    arguments_t arguments;
+    bus_t bus;
+    parse_arguments(&arguments, argc, argv);
+    if (!bring_up(&bus, &arguments.bus)) {
+        return EXIT_FAILURE;
+    }
+    bool is_good = interrupt_install() && work(&bus, &arguments);
+    is_good &= shut_down(&bus);
+    return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
+}

@@ -1,0 +1,226 @@
+#include "motion.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "cycle_result.h"
+#include "igh_cia402_protocol.h"
+#include "interrupt.h"
+#include "motion_table.h"
+#include "report.h"
+
+/* How long drives may take to be configured, found and enabled, each, and to be switched off. */
+enum { START_UP_MS = 30000, SHUTDOWN_MS = 20000 };
+
+void motion_default(motion_t *motion, uint64_t cycles)
+{
+    memset(motion, 0, sizeof(*motion));
+    bus_settings_default(&motion->bus, "drives");
+    motion->motion_div = 1;
+    motion->cycles = cycles;
+}
+
+void motion_add_options(motion_t *motion, option_list_t *list)
+{
+    bus_settings_t *bus = &motion->bus;
+    bus_settings_add_options(bus, list);
+    bus_settings_add_dc_options(bus, list);
+    options_add(list, (option_t){
+        .name = "cycles", .value_name = "N", .number = &motion->cycles, .maximum = UINT64_MAX,
+        .help = "Number of cycles to move in"});
+    options_add(list, (option_t){
+        .name = "step", .value_name = "STEP", .integer = &motion->step,
+        .help = "Step of every axis per target, in increments; 0 enables without moving"});
+    options_add(list, (option_t){
+        .name = "motion-div", .value_name = "N", .number = &motion->motion_div,
+        .minimum = 1, .maximum = UINT32_MAX,
+        .help = "Cycles from target to target"});
+    options_add(list, (option_t){
+        .name = "profile", .value_name = "N", .number = &bus->profile, .maximum = UINT8_MAX,
+        .help = "PDO packet profile: 0, 1, 4 or 5"});
+    options_add(list, (option_t){
+        .name = "align4", .flag = &bus->align4,
+        .help = "Align packets to 4 bytes"});
+    options_add(list, (option_t){
+        .name = "skip-sdo-config", .flag = &bus->skip_sdo_config,
+        .help = "Leave the gateways' startup SDOs out, for repeated debugging: they must be "
+                "configured already"});
+}
+
+void motion_add_drive(motion_t *motion, drive_place_t place)
+{
+    motion->drives[motion->drive_count++] = place;
+    motion->bus.channel_masks[place.slave] |= (uint8_t)(1u << place.channel);
+}
+
+/* Puts the axes on the Port. */
+static bool init_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motion)
+{
+    igh_cia402_axis_t axes[MOTION_MAX_AXES];
+    igh_cia402_settings_t settings;
+    for (size_t i = 0; i < motion->drive_count; i++) {
+        const drive_place_t *place = &motion->drives[i];
+        if (igh_cia402_axis_init(&axes[i], place->slave, place->channel, place->node_id,
+                                 motion->step) != ECAN_OK) {
+            report_sdk_error();
+            return false;
+        }
+    }
+    if (igh_cia402_default_settings(&settings) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    settings.motion_div = (uint32_t)motion->motion_div;
+    if (igh_cia402_context_init_ex(cia402, &bus->mcan, axes, motion->drive_count, &settings) !=
+        ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    return true;
+}
+
+/* Whether the buses carry what is to come. */
+static bool print_loads(igh_cia402_context_t *cia402)
+{
+    igh_cia402_bus_load_t loads[MOTION_MAX_AXES];
+    size_t count = 0;
+    if (igh_cia402_get_bus_load(cia402, loads, MOTION_MAX_AXES, &count) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    for (size_t i = 0; i < count; i++) {
+        const igh_cia402_bus_load_t *load = &loads[i];
+        const char *warning = "";
+        switch (load->warning) {
+        case IGH_CIA402_LOAD_TOO_MUCH: warning = " - too much: lengthen the cycle"; break;
+        case IGH_CIA402_LOAD_BUDGET:
+            warning = " - more frames than the gateway serves per cycle";
+            break;
+        case IGH_CIA402_LOAD_TIGHT: warning = " - too much with unlucky data"; break;
+        case IGH_CIA402_LOAD_NO_RESERVE: warning = " - little is left for SDO and heartbeats"; break;
+        default: break;
+        }
+        printf("slave %u can%u: %" PRIu32 " axes, %" PRIu32 " + %" PRIu32
+               " frames per cycle, bus load %.0f to %.0f %%%s\n",
+               load->slave, load->channel, load->axes, load->frames_out, load->frames_in,
+               load->least * 100.0, load->most * 100.0, warning);
+    }
+    return true;
+}
+
+static void print_progress(void *user, size_t axis, const char *text)
+{
+    (void)user;
+    (void)axis;
+    printf("  %s\n", text);
+}
+
+/* Brings all axes to where they follow targets (manual 15.5.4, step 4). */
+static bool start_up(igh_cia402_context_t *cia402, bus_t *bus, uint64_t cycles)
+{
+    uint64_t start = ecan_igh_now_ns(&bus->igh);
+    if (igh_cia402_configure_csp_all_timeout(cia402, START_UP_MS) != ECAN_OK ||
+        igh_cia402_request_actual_position_all_timeout(cia402, START_UP_MS) != ECAN_OK ||
+        igh_cia402_enable_all_timeout(cia402, START_UP_MS) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    printf("all axes enabled after %.2f s, %" PRIu64 " cycles of motion\n",
+           (double)(ecan_igh_now_ns(&bus->igh) - start) / 1e9, cycles);
+    return true;
+}
+
+/* One cycle with a step of every axis. Where the working counter is incomplete the SDK by itself
+ * moves no axis on (manual 15.5.2, step 8). */
+static bool run_cycle(igh_cia402_context_t *cia402, bus_t *bus, unsigned *failed_cycles)
+{
+    if (igh_mcan_port_wait_next_cycle(&bus->mcan) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    int begun = igh_mcan_port_cycle_begin(&bus->mcan);
+    bool is_fine = igh_cia402_process_rx(cia402) == ECAN_OK &&
+                   igh_cia402_send_target_step(cia402) == ECAN_OK;
+    if (!is_fine) {
+        report_sdk_error();
+    }
+    int ended = igh_mcan_port_cycle_end(&bus->mcan);
+    return is_fine && cycle_may_go_on(failed_cycles, begun, ended);
+}
+
+/* Prints what an axis is doing when it is no longer what it was doing before. */
+static bool print_changes(igh_cia402_context_t *cia402, uint8_t *phases, size_t axis_count)
+{
+    igh_cia402_axis_state_t state;
+    char text[256];
+    for (size_t axis = 0; axis < axis_count; axis++) {
+        if (igh_cia402_get_axis_state(cia402, axis, &state) != ECAN_OK ||
+            igh_cia402_get_axis_text(cia402, axis, text, sizeof(text)) != ECAN_OK) {
+            report_sdk_error();
+            return false;
+        }
+        if (state.phase != phases[axis]) {
+            phases[axis] = state.phase;
+            printf("  %s\n", text);
+        }
+    }
+    return true;
+}
+
+static bool move(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motion)
+{
+    igh_cia402_send_summary_t summary;
+    unsigned failed_cycles = 0;
+    uint8_t phases[MOTION_MAX_AXES];
+    memset(phases, IGH_CIA402_PHASE_RUNNING, sizeof(phases));
+    for (uint64_t cycle = 0; cycle < motion->cycles && !interrupt_is_set(); cycle++) {
+        if (!run_cycle(cia402, bus, &failed_cycles)) {
+            return false;
+        }
+        if (igh_cia402_get_send_summary(cia402, &summary) != ECAN_OK) {
+            report_sdk_error();
+            return false;
+        }
+        if (summary.closed > 0 && !print_changes(cia402, phases, motion->drive_count)) {
+            return false;
+        }
+    }
+    return true;
+}
+
+/* With axes on the Port: the whole way from standstill to standstill. */
+static bool run_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motion)
+{
+    motion_table_t table;
+    if (igh_cia402_set_progress_callback(cia402, print_progress, NULL) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    bool is_good = print_loads(cia402) && start_up(cia402, bus, motion->cycles) &&
+                   move(cia402, bus, motion);
+    is_good &= igh_cia402_all_running(cia402) == 1;
+    is_good &= motion_table_take(&table, cia402);
+
+    printf("%scoming to rest\n", interrupt_is_set() ? "stopped by the user\n" : "");
+    if (igh_cia402_shutdown_timeout(cia402, SHUTDOWN_MS) != ECAN_OK) {
+        report_sdk_error();
+        is_good = false;
+    }
+    motion_table_print(&table);
+    return is_good;
+}
+
+bool motion_run(const motion_t *motion)
+{
+    bus_t bus;
+    igh_cia402_context_t cia402;
+    if (!bring_up(&bus, &motion->bus)) {
+        return false;
+    }
+    bool is_good = interrupt_install() && init_axes(&cia402, &bus, motion) &&
+                   run_axes(&cia402, &bus, motion);
+    /* The axes end with their master. */
+    is_good &= shut_down(&bus);
+    return is_good;
+}

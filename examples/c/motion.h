@@ -1,0 +1,44 @@
+/* What the CiA 402 demos share: from their options to axes that move and come to rest again (manual
+ * 15.5.4, 15.6). */
+#ifndef MOTION_H
+#define MOTION_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "bring_up.h"
+#include "options.h"
+
+enum { MOTION_MAX_AXES = 10 };
+
+/* Where a drive is. */
+typedef struct {
+    size_t slave;
+    uint8_t channel;
+    uint8_t node_id;
+} drive_place_t;
+
+typedef struct {
+    bus_settings_t bus;
+    drive_place_t drives[MOTION_MAX_AXES];
+    size_t drive_count;
+    int32_t step;
+    uint64_t motion_div;
+    uint64_t cycles;
+} motion_t;
+
+/* No drive yet; they do not move. */
+void motion_default(motion_t *motion, uint64_t cycles);
+
+/* The options of the manual's table, but for --slaves. */
+void motion_add_options(motion_t *motion, option_list_t *list);
+
+/* Adds a drive and puts its channel to use. */
+void motion_add_drive(motion_t *motion, drive_place_t place);
+
+/* Runs the demo. True when every axis followed its targets until the end; all else has a message on
+ * standard error or stands in the table. */
+bool motion_run(const motion_t *motion);
+
+#endif /* MOTION_H */

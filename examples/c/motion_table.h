@@ -1,0 +1,27 @@
+/* The table of the axes at the end of a motion demo. */
+#ifndef MOTION_TABLE_H
+#define MOTION_TABLE_H
+
+#include <stdbool.h>
+
+#include "igh_cia402_protocol.h"
+#include "motion.h"
+
+/* What is known of the axes at one moment. */
+typedef struct {
+    struct {
+        igh_cia402_axis_state_t state;
+        igh_cia402_axis_statistics_t statistics;
+        char text[256];
+    } rows[MOTION_MAX_AXES];
+    size_t count;
+} motion_table_t;
+
+/* Takes the rows: before the axes come to rest, since they are switched off then. False, with a
+ * message on standard error and the rows so far, where that fails. */
+bool motion_table_take(motion_table_t *table, igh_cia402_context_t *cia402);
+
+/* One line per axis: state, target, actual position, following error, gaps, emergencies. */
+void motion_table_print(const motion_table_t *table);
+
+#endif /* MOTION_TABLE_H */

@@ -1,0 +1,185 @@
+#include "options.h"
+
+#include <errno.h>
+#include <getopt.h>
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "igh_ecan_common.h"
+#include "report.h"
+
+/* What getopt_long() returns: the place in the list, behind all characters. */
+enum { FIRST_OPTION = 256 };
+
+void options_wrong_use(const char *format, ...)
+{
+    va_list arguments;
+    fputs("error: ", stderr);
+    va_start(arguments, format);
+    vfprintf(stderr, format, arguments);
+    va_end(arguments);
+    fputs("\nFor more information, try --help.\n", stderr);
+    exit(EXIT_WRONG_USE);
+}
+
+void options_add(option_list_t *list, option_t option)
+{
+    if (list->count >= OPTIONS_MAX) {
+        report("more than %d options", OPTIONS_MAX);
+        exit(EXIT_FAILURE);
+    }
+    list->options[list->count++] = option;
+}
+
+bool parse_number(const char *text, uint64_t *number)
+{
+    bool is_hexadecimal = text[0] == '0' && (text[1] == 'x' || text[1] == 'X');
+    const char *digits = is_hexadecimal ? text + 2 : text;
+    /* strtoull() by itself takes blanks and signs, too. */
+    if (strspn(digits, is_hexadecimal ? "0123456789abcdefABCDEF" : "0123456789") != strlen(digits) ||
+        *digits == '\0') {
+        return false;
+    }
+    errno = 0;
+    *number = strtoull(digits, NULL, is_hexadecimal ? 16 : 10);
+    return errno == 0;
+}
+
+static bool parse_integer(const char *text, int32_t *integer)
+{
+    bool is_negative = text[0] == '-';
+    uint64_t magnitude = 0;
+    if (!parse_number(is_negative ? text + 1 : text, &magnitude) ||
+        magnitude > (uint64_t)INT32_MAX + (is_negative ? 1 : 0)) {
+        return false;
+    }
+    *integer = (int32_t)(is_negative ? -(int64_t)magnitude : (int64_t)magnitude);
+    return true;
+}
+
+static void store(const option_t *option, const char *value)
+{
+    if (option->flag != NULL) {
+        *option->flag = true;
+    } else if (option->text != NULL) {
+        *option->text = value;
+    } else if (option->integer != NULL) {
+        if (!parse_integer(value, option->integer)) {
+            options_wrong_use("--%s %s: expected a number from %" PRId32 " to %" PRId32,
+                              option->name, value, INT32_MIN, INT32_MAX);
+        }
+    } else {
+        uint64_t number = 0;
+        if (!parse_number(value, &number) || number < option->minimum ||
+            number > option->maximum) {
+            options_wrong_use("--%s %s: expected a number from %" PRIu64 " to %" PRIu64,
+                              option->name, value, option->minimum, option->maximum);
+        }
+        *option->number = number;
+    }
+    if (option->is_given != NULL) {
+        *option->is_given = true;
+    }
+}
+
+/* Prints words behind the column of the names, broken into lines of 80 characters. */
+static void print_wrapped(const char *words)
+{
+    enum { INDENT = 26, WIDTH = 80 };
+    size_t column = INDENT;
+    for (const char *word = words; *word != '\0';) {
+        size_t length = strcspn(word, " ");
+        if (column > INDENT && column + 1 + length > WIDTH) {
+            printf("\n%*s", INDENT, "");
+            column = INDENT;
+        } else if (column > INDENT) {
+            putchar(' ');
+            column++;
+        }
+        printf("%.*s", (int)length, word);
+        column += length;
+        word += length;
+        word += strspn(word, " ");
+    }
+    putchar('\n');
+}
+
+static void print_option(const option_t *option)
+{
+    char left[64], words[512];
+    size_t room = sizeof(words);
+    snprintf(left, sizeof(left), "--%s %s", option->name,
+             option->value_name != NULL ? option->value_name : "");
+    printf("  %-22s  ", left);
+    if (option->is_required) {
+        snprintf(words, room, "%s (required)", option->help);
+    } else if (option->integer != NULL) {
+        snprintf(words, room, "%s [default: %" PRId32 "]", option->help, *option->integer);
+    } else if (option->text != NULL && *option->text != NULL) {
+        snprintf(words, room, "%s [default: %s]", option->help, *option->text);
+    } else if (option->number != NULL && option->is_given == NULL &&
+               *option->number >= option->minimum) {
+        snprintf(words, room, "%s [default: %" PRIu64 "]", option->help, *option->number);
+    } else {
+        snprintf(words, room, "%s", option->help);
+    }
+    print_wrapped(words);
+}
+
+static void print_help(const option_list_t *list)
+{
+    printf("%s\n\nUsage: %s [OPTIONS]\n\nOptions:\n", list->about, list->program);
+    for (size_t i = 0; i < list->count; i++) {
+        print_option(&list->options[i]);
+    }
+    print_option(&(option_t){.name = "help", .help = "Print this"});
+    print_option(&(option_t){.name = "version", .help = "Print the version"});
+}
+
+void options_parse(const option_list_t *list, int argc, char **argv)
+{
+    enum { HELP = 1, VERSION = 2 };
+    struct option table[OPTIONS_MAX + 3];
+    bool was_given[OPTIONS_MAX] = {false};
+    memset(table, 0, sizeof(table));
+    for (size_t i = 0; i < list->count; i++) {
+        table[i].name = list->options[i].name;
+        table[i].has_arg = list->options[i].flag != NULL ? no_argument : required_argument;
+        table[i].val = FIRST_OPTION + (int)i;
+    }
+    table[list->count] = (struct option){"help", no_argument, NULL, HELP};
+    table[list->count + 1] = (struct option){"version", no_argument, NULL, VERSION};
+
+    /* The colon asks for ':' in place of a message of getopt's own where a value is missing. */
+    int found;
+    while ((found = getopt_long(argc, argv, ":h", table, NULL)) != -1) {
+        switch (found) {
+        case 'h':
+        case HELP:
+            print_help(list);
+            exit(EXIT_SUCCESS);
+        case VERSION:
+            printf("%s %s\n", list->program, ecan_version_text());
+            exit(EXIT_SUCCESS);
+        case ':':
+            options_wrong_use("%s needs a value", argv[optind - 1]);
+        case '?':
+            options_wrong_use("%s is no option, or takes no value", argv[optind - 1]);
+        default:
+            store(&list->options[found - FIRST_OPTION], optarg);
+            was_given[found - FIRST_OPTION] = true;
+        }
+    }
+    if (optind < argc) {
+        options_wrong_use("%s is no option", argv[optind]);
+    }
+    for (size_t i = 0; i < list->count; i++) {
+        if (list->options[i].is_required && !was_given[i]) {
+            options_wrong_use("--%s %s is missing", list->options[i].name,
+                              list->options[i].value_name);
+        }
+    }
+}

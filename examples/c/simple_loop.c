@@ -1,0 +1,270 @@
+/* The manual's minimal CAN loop (15.4): sends frames through ECAN-Lite gateways every cycle and
+ * receives what comes back; or replays a recording and checks that it comes back unchanged.
+ *
+ *     simple_loop --ecrt sim
+ *     simple_loop --ecrt sim --replay drive.log --dump back.log
+ */
+#include <errno.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "bring_up.h"
+#include "candump_log.h"
+#include "cycle_result.h"
+#include "echo_check.h"
+#include "frame_source.h"
+#include "gateway_report.h"
+#include "interrupt.h"
+#include "options.h"
+#include "report.h"
+
+enum { RX_CAPACITY = 32 };
+
+/* The end waits for frames under way until none has come for so long: the longer of the two. */
+#define QUIET_NS UINT64_C(200000000)
+#define QUIET_CYCLES 20
+/* A replay is given up when nothing was taken or came back for so long. */
+#define STUCK_NS UINT64_C(10000000000)
+
+typedef struct {
+    bus_settings_t bus;
+    const char *channel;
+    uint8_t channel_mask;
+    uint64_t cycles;
+    bool is_cycles_given;
+    const char *replay;
+    const char *dump;
+} arguments_t;
+
+static void parse_arguments(arguments_t *arguments, int argc, char **argv)
+{
+    option_list_t list = {
+        .program = "simple_loop",
+        .about = "Sends CAN frames through ECAN-Lite gateways every cycle and receives what comes "
+                 "back."};
+    *arguments = (arguments_t){.channel = "0", .cycles = 1000};
+    bus_settings_default(&arguments->bus, "echo");
+    bus_settings_add_options(&arguments->bus, &list);
+    bus_settings_add_fd_option(&arguments->bus, &list);
+    options_add(&list, (option_t){
+        .name = "slaves", .value_name = "N", .number = &arguments->bus.slaves,
+        .minimum = 1, .maximum = ECAN_IGH_MAX_SLAVES,
+        .help = "Number of gateways, from position 0 on"});
+    options_add(&list, (option_t){
+        .name = "large-pdos", .flag = &arguments->bus.large_pdos,
+        .help = "The installed master carries more than 1486 bytes of process data per sync "
+                "manager"});
+    options_add(&list, (option_t){
+        .name = "cycles", .value_name = "N", .number = &arguments->cycles, .maximum = UINT64_MAX,
+        .is_given = &arguments->is_cycles_given,
+        .help = "Number of cycles to send in [default: 1000]; a recording is sent to its end"});
+    options_add(&list, (option_t){
+        .name = "channel", .value_name = "CHANNEL", .text = &arguments->channel,
+        .help = "CAN channel of every gateway, 0 to 3, or `all`. With `all` a recorded frame goes "
+                "to the channel that its interface names, counted over all gateways"});
+    options_add(&list, (option_t){
+        .name = "replay", .value_name = "FILE", .text = &arguments->replay,
+        .help = "Send the frames of a candump log and check that each comes back"});
+    options_add(&list, (option_t){
+        .name = "dump", .value_name = "FILE", .text = &arguments->dump,
+        .help = "Write what comes back as a candump log"});
+    options_parse(&list, argc, argv);
+
+    uint64_t channel = 0;
+    if (strcmp(arguments->channel, "all") == 0) {
+        arguments->channel_mask = 0x0F;
+    } else if (parse_number(arguments->channel, &channel) && channel < ECAN_MCAN_CHANNELS) {
+        arguments->channel_mask = (uint8_t)(1u << channel);
+    } else {
+        options_wrong_use("--channel %s: expected 0 to 3 or `all`", arguments->channel);
+    }
+    if (arguments->is_cycles_given && arguments->replay != NULL) {
+        options_wrong_use("--cycles and --replay exclude each other");
+    }
+    for (size_t slave = 0; slave < arguments->bus.slaves; slave++) {
+        arguments->bus.channel_masks[slave] = arguments->channel_mask;
+    }
+}
+
+static bool is_same_file(const char *one, const char *other)
+{
+    struct stat a, b;
+    return stat(one, &a) == 0 && stat(other, &b) == 0 && a.st_dev == b.st_dev &&
+           a.st_ino == b.st_ino;
+}
+
+static bool read_recording(const arguments_t *arguments, candump_log_t *recording)
+{
+    if (!candump_log_read(recording, arguments->replay)) {
+        return false;
+    }
+    for (size_t i = 0; i < recording->count && arguments->bus.fd_bitrate == 0; i++) {
+        if ((recording->frames[i].record.frame.flags & IGH_MCAN_FLAG_FD) != 0) {
+            report("%s, line %zu is a CAN FD frame: give --fd DATA_BITRATE", arguments->replay,
+                   recording->frames[i].line);
+            candump_log_free(recording);
+            return false;
+        }
+    }
+    if (arguments->dump != NULL && is_same_file(arguments->replay, arguments->dump)) {
+        report("--dump would overwrite the recording %s", arguments->replay);
+        candump_log_free(recording);
+        return false;
+    }
+    return true;
+}
+
+/* Takes what came back in this cycle; false, with a message, when it cannot go on. */
+static bool receive(bus_t *bus, echo_check_t *check, FILE *dump, uint64_t log_time_ns)
+{
+    igh_mcan_rx_frame_t rx[RX_CAPACITY];
+    size_t rx_count = 0;
+    do {
+        if (igh_mcan_port_receive(&bus->mcan, rx, RX_CAPACITY, &rx_count) != ECAN_OK) {
+            report_sdk_error();
+            return false;
+        }
+        for (size_t i = 0; i < rx_count; i++) {
+            if (rx[i].kind != IGH_MCAN_RX_FRAME) {
+                continue;
+            }
+            size_t interface = (size_t)rx[i].slave * ECAN_MCAN_CHANNELS + rx[i].channel;
+            echo_check_received(check, &rx[i]);
+            if (dump != NULL && !candump_line_write(dump, log_time_ns, interface, &rx[i])) {
+                report_errno("cannot write", "the dump");
+                return false;
+            }
+        }
+    } while (rx_count == RX_CAPACITY);
+    return true;
+}
+
+/* Sends to the end of the source and receives until everything is back or nothing comes any more.
+ * False, with a message, when it cannot go on. */
+static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t *source,
+                     echo_check_t *check, FILE *dump)
+{
+    uint64_t cycle_ns = settings->cycle_us * 1000;
+    uint64_t quiet_ns = QUIET_CYCLES * cycle_ns > QUIET_NS ? QUIET_CYCLES * cycle_ns : QUIET_NS;
+    uint64_t start = ecan_igh_now_ns(&bus->igh), last_activity = 0;
+    unsigned failed_cycles = 0;
+    session_watch_t watch;
+    session_watch_init(&watch);
+    while (!interrupt_is_set()) {
+        if (igh_mcan_port_wait_next_cycle(&bus->mcan) != ECAN_OK) {
+            report_sdk_error();
+            return false;
+        }
+        int begun = igh_mcan_port_cycle_begin(&bus->mcan);
+        uint64_t elapsed = ecan_igh_now_ns(&bus->igh) - start;
+        uint64_t frames_before = check->sent + check->returned, due = 0;
+        bool is_fine = receive(bus, check, dump, frame_source_log_time(source, elapsed));
+        if (is_fine && source->done < source->total) {
+            is_fine = frame_source_send(source, &bus->mcan, elapsed, check);
+        }
+        int ended = igh_mcan_port_cycle_end(&bus->mcan);
+        if (!is_fine || !cycle_may_go_on(&failed_cycles, begun, ended)) {
+            return false;
+        }
+        session_watch_print(&watch, bus, elapsed);
+
+        if (check->sent + check->returned != frames_before) {
+            last_activity = elapsed;
+        }
+        if (source->done == source->total) {
+            if (check->under_way == 0 || elapsed - last_activity > quiet_ns) {
+                break;
+            }
+        } else if (frame_source_next_due(source, &due)) {
+            /* A gap of the recording is no standstill. */
+            uint64_t expected = due > last_activity ? due : last_activity;
+            if (elapsed > expected && elapsed - expected > STUCK_NS) {
+                break;
+            }
+        }
+    }
+    printf("%s\nran %.3f s, cycle %" PRIu64 " us\n",
+           interrupt_is_set() ? "stopped by the user\n" : "",
+           (double)(ecan_igh_now_ns(&bus->igh) - start) / 1e9, settings->cycle_us);
+    return true;
+}
+
+/* Says how the replay went; true when every frame came back unchanged and in order. */
+static bool report_replay(bus_t *bus, const frame_source_t *source, const echo_check_t *check)
+{
+    bool is_good = true;
+    printf("\nreplay: %" PRIu64 " frames sent, %" PRIu64 " came back\n", check->sent,
+           check->returned);
+    if (check->first_difference[0] != '\0') {
+        report("%s", check->first_difference);
+        is_good = false;
+    }
+    if (source->done < source->total) {
+        report("%" PRIu64 " frames were not sent", source->total - source->done);
+        is_good = false;
+    }
+    if (check->under_way > 0) {
+        report("%zu frames did not come back", check->under_way);
+        is_good = false;
+    }
+    for (size_t slave = 0; slave < source->slaves; slave++) {
+        is_good &= gateway_report_is_flawless(bus, slave);
+    }
+    if (is_good) {
+        printf("replay: all of them, unchanged and in order\n");
+    }
+    return is_good;
+}
+
+/* With the gateways in service: the loop, and what is to be said at its end. */
+static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *recording)
+{
+    bool is_replay = arguments->replay != NULL;
+    frame_source_t source = {
+        .recording = is_replay ? recording : NULL,
+        .slaves = (size_t)arguments->bus.slaves,
+        .channel_mask = arguments->channel_mask,
+        .is_fd = arguments->bus.fd_bitrate != 0,
+        .total = is_replay ? recording->count : arguments->cycles};
+    echo_check_t check;
+    FILE *dump = NULL;
+    if (arguments->dump != NULL && (dump = fopen(arguments->dump, "w")) == NULL) {
+        report_errno("cannot write", arguments->dump);
+        return false;
+    }
+    bool is_good = echo_check_init(&check, source.slaves);
+    if (is_good) {
+        is_good = run_loop(bus, &arguments->bus, &source, &check, dump);
+        is_good &= gateway_report_print(bus, &arguments->bus);
+        if (is_good && is_replay) {
+            is_good = report_replay(bus, &source, &check);
+        }
+        echo_check_free(&check);
+    }
+    if (dump != NULL && fclose(dump) != 0) {
+        report_errno("cannot write", arguments->dump);
+        is_good = false;
+    }
+    return is_good;
+}
+
+int main(int argc, char **argv)
+{
+    arguments_t arguments;
+    candump_log_t recording = {0};
+    bus_t bus;
+    parse_arguments(&arguments, argc, argv);
+    if (arguments.replay != NULL && !read_recording(&arguments, &recording)) {
+        return EXIT_FAILURE;
+    }
+    bool is_good = bring_up(&bus, &arguments.bus);
+    if (is_good) {
+        is_good = interrupt_install() && work(&bus, &arguments, &recording);
+        is_good &= shut_down(&bus);
+    }
+    candump_log_free(&recording);
+    return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
+}

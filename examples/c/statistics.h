@@ -1,0 +1,30 @@
+/* Least, greatest and percentiles of a row of times. */
+#ifndef STATISTICS_H
+#define STATISTICS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+typedef struct {
+    uint64_t *values;
+    size_t count;
+    size_t capacity;
+} samples_t;
+
+typedef struct {
+    uint64_t min, max, p95, p99;
+} distribution_t;
+
+/* Takes the memory, so that the cycle need not. False, with a message, where there is too little. */
+bool samples_init(samples_t *samples, size_t capacity);
+
+void samples_free(samples_t *samples);
+
+/* Adds a value; behind the capacity it is left out. */
+void samples_add(samples_t *samples, uint64_t value);
+
+/* Sorts the samples. All 0 where there is none. */
+distribution_t samples_distribution(samples_t *samples);
+
+#endif /* STATISTICS_H */
