@@ -82,21 +82,33 @@ static bool is_same(const igh_mcan_tx_frame_t *sent, const igh_mcan_rx_frame_t *
            sent->len == received->len && memcmp(sent->data, received->data, bytes) == 0;
 }
 
+/* Words for a frame: identifier, flags, length and the first bytes. */
+static const char *words(char *text, size_t size, uint32_t can_id, uint8_t flags, uint8_t len,
+                         const uint8_t *data)
+{
+    int used = snprintf(text, size, "0x%" PRIX32 " (flags 0x%02X) [%u]", can_id, flags, len);
+    for (size_t i = 0; i < len && i < 8 && (size_t)used < size; i++) {
+        used += snprintf(text + used, size - (size_t)used, " %02X", data[i]);
+    }
+    return text;
+}
+
 void echo_check_received(echo_check_t *check, const igh_mcan_rx_frame_t *frame)
 {
     size_t place = (size_t)frame->slave * ECAN_MCAN_CHANNELS + frame->channel;
     under_way_t *channel = &check->channels[place];
+    char came[64], due[64] = "nothing";
+    bool is_right = false;
     check->returned++;
-    if (channel->count == 0) {
-        note(check, "frame %" PRIu64 " on can%zu: 0x%" PRIX32 " came back, nothing was due",
-             check->returned, place, frame->can_id);
-        return;
+    if (channel->count > 0) {
+        const igh_mcan_tx_frame_t *sent = take_first(check, channel);
+        is_right = is_same(sent, frame);
+        if (!is_right) {
+            words(due, sizeof(due), sent->can_id, sent->flags, sent->len, sent->data);
+        }
     }
-    const igh_mcan_tx_frame_t *due = take_first(check, channel);
-    if (!is_same(due, frame)) {
-        note(check,
-             "frame %" PRIu64 " on can%zu: 0x%" PRIX32 " with %u bytes came back, 0x%" PRIX32
-             " with %u bytes was due, or their data differ",
-             check->returned, place, frame->can_id, frame->len, due->can_id, due->len);
+    if (!is_right) {
+        note(check, "frame %" PRIu64 " on can%zu: %s came back, %s was due", check->returned, place,
+             words(came, sizeof(came), frame->can_id, frame->flags, frame->len, frame->data), due);
     }
 }

@@ -134,7 +134,7 @@ static bool receive(bus_t *bus, echo_check_t *check, FILE *dump, uint64_t log_ti
             size_t interface = (size_t)rx[i].slave * ECAN_MCAN_CHANNELS + rx[i].channel;
             echo_check_received(check, &rx[i]);
             if (dump != NULL && !candump_line_write(dump, log_time_ns, interface, &rx[i])) {
-                report_errno("cannot write", "the dump");
+                report_errno("cannot write", "what came back");
                 return false;
             }
         }
@@ -244,7 +244,7 @@ static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *
         }
         echo_check_free(&check);
     }
-    if (dump != NULL && fclose(dump) != 0) {
+    if (dump != NULL && fclose(dump) != 0 && is_good) {
         report_errno("cannot write", arguments->dump);
         is_good = false;
     }

@@ -188,7 +188,7 @@ pub(crate) unsafe fn enter_port(
 ) -> Result<Entered<Bus>, ecan_result_t> {
     // SAFETY: the caller's promise.
     let bus: Entered<Bus> = unsafe { handle::enter(call, context, Kind::Port)? };
-    if bus.port_serial != bus.serial || !matches!(bus.layer, Layer::Port(_)) {
+    if !bus.names_port() {
         return Err(handle::not_initialised(call, Kind::Port));
     }
     Ok(bus)
@@ -210,6 +210,19 @@ pub(crate) unsafe fn enter_cia402(
     Ok(bus)
 }
 
+/// As [`enter_port`], where a context that names no Port is as good as ended.
+///
+/// # Safety
+/// As for [`enter`].
+pub(crate) unsafe fn enter_port_to_end(
+    call: Call,
+    context: *const Words,
+) -> Result<Option<Entered<Bus>>, ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let bus: Option<Entered<Bus>> = unsafe { handle::enter_to_end(call, context, Kind::Port)? };
+    Ok(bus.filter(Entered::names_port))
+}
+
 /// As [`enter_cia402`], where a context that names no axes is as good as ended.
 ///
 /// # Safety
@@ -224,6 +237,12 @@ pub(crate) unsafe fn enter_cia402_to_end(
 }
 
 impl Entered<Bus> {
+    /// Whether the context through which it was entered is that of the Port.
+    #[inline]
+    fn names_port(&self) -> bool {
+        self.port_serial == self.serial && matches!(self.layer, Layer::Port(_))
+    }
+
     /// Whether the context through which it was entered is that of the axes.
     fn names_axes(&self) -> bool {
         self.axes.as_ref().is_some_and(|axes| axes.serial == self.serial)

@@ -175,7 +175,9 @@ pub(crate) unsafe fn init<T: Pooled>(
     object: impl FnOnce() -> Result<T, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
     // SAFETY: the caller's promise.
-    unsafe { need_free::<T>(call, context, kind)? };
+    if unsafe { find::<T>(context, kind) }.is_some() {
+        return Err(living(call));
+    }
     let object = object()?;
     let free = T::pool().0.lock().unwrap_or_else(PoisonError::into_inner).pop();
     let slot = free.unwrap_or_else(|| {
@@ -195,21 +197,11 @@ pub(crate) unsafe fn init<T: Pooled>(
     Ok(())
 }
 
-/// Refuses a context that names a living object.
-///
-/// # Safety
-/// As for [`init`].
-pub(crate) unsafe fn need_free<T: Pooled>(
-    call: Call,
-    context: *const Words,
-    kind: Kind,
-) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    if unsafe { find::<T>(context, kind) }.is_some() {
-        let words = format_args!("the context is initialised already: deinit it first");
-        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
-    }
-    Ok(())
+/// The error of a context that names a living object already.
+#[cold]
+pub(crate) fn living(call: Call) -> ecan_result_t {
+    let words = format_args!("the context is initialised already: deinit it first");
+    call.fail(ecan_result_t::ECAN_ERR_ORDER, words)
 }
 
 /// Enters the object that a context names. Takes no lock and allocates nothing.

@@ -136,23 +136,33 @@ const char *fill_garbage(int kind, void *memory, size_t size)
     }
 }
 
+/* In a directory of its own, which ends with it. */
 int write_scenario(const char *toml, char *setting, size_t size)
 {
-    char path[] = "/tmp/every_function_XXXXXX.toml";
-    size_t length = strlen(toml);
-    int file = mkstemps(path, 5);
-    if (file < 0) {
+    const char *place = getenv("TMPDIR");
+    char directory[256];
+    FILE *file;
+    int length = snprintf(directory, sizeof(directory), "%s/every_function_XXXXXX",
+                          place == NULL ? "/tmp" : place);
+    if (length >= (int)sizeof(directory) || mkdtemp(directory) == NULL ||
+        snprintf(setting, size, "sim:%s/scenario.toml", directory) >= (int)size) {
         return -1;
     }
-    if (write(file, toml, length) != (ssize_t)length || close(file) != 0) {
+    file = fopen(setting + strlen("sim:"), "w");
+    if (file == NULL) {
         return -1;
     }
-    return snprintf(setting, size, "sim:%s", path) < (int)size ? 0 : -1;
+    length = fputs(toml, file);
+    return fclose(file) == 0 && length >= 0 ? 0 : -1;
 }
 
 void remove_scenario(const char *setting)
 {
-    unlink(setting + strlen("sim:"));
+    char path[512];
+    snprintf(path, sizeof(path), "%s", setting + strlen("sim:"));
+    unlink(path);
+    *strrchr(path, '/') = '\0';
+    rmdir(path);
 }
 
 void simulate(ecan_igh_config_t *config, const char *setting)

@@ -4,7 +4,7 @@ set -eu
 here=$(cd "$(dirname "$0")" && pwd)
 missing=0
 for name in $(sed -n 's/^ *\([a-z][a-z0-9_]*\);$/\1/p' "$here"/../../libecan_*.map | sort -u); do
-    if ! grep -q "\b$name *(" "$here"/*.c; then
+    if ! grep -Eq "(^|[^a-z0-9_])$name *\(" "$here"/*.c; then
         echo "not called: $name" >&2
         missing=$((missing + 1))
     fi

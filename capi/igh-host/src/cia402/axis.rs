@@ -113,7 +113,7 @@ pub struct igh_cia402_axis_t {
     /// Cycles in a row with an incomplete working counter that are put up with; no target goes out
     /// meanwhile. Default 3.
     pub wc_misses: u16,
-    /// Images that must be seen, at least, until targets of before are taken to be gone. Default 3.
+    /// Images that must be seen, at least, until targets of before count as gone. Default 3.
     pub drain_images: u16,
     /// How long enabling may take, in milliseconds. Default 5000.
     pub enable_timeout_ms: u32,

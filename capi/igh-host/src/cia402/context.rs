@@ -22,7 +22,7 @@ use super::axis::igh_cia402_axis_t;
 use super::settings::igh_cia402_settings_t;
 use crate::bus;
 use crate::errors;
-use crate::handle::{Kind, Words};
+use crate::handle::{self, Kind, Words};
 use crate::mcan_port::context::igh_mcan_port_t;
 
 /// CiA 402 axes behind the gateways of a Port. Belongs to the thread of the cycle and stays where
@@ -124,8 +124,7 @@ unsafe fn init(
     let table = unsafe {
         call.out("context", context)?;
         if bus::enter_cia402_to_end(call, context.cast())?.is_some() {
-            let words = format_args!("the context is initialised already: deinit it first");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+            return Err(handle::living(call));
         }
         call.items("axes", axes, axis_count)?
     };

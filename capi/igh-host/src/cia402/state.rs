@@ -41,7 +41,7 @@ pub struct igh_cia402_axis_state_t {
     pub channel: u8,
     /// Node-ID of the drive.
     pub node_id: u8,
-    /// The mode that the drive has confirmed, that of the axis table before: an igh_cia402_mode_t.
+    /// An igh_cia402_mode_t: the one that the drive has confirmed, that of the axis table before.
     pub mode: i8,
     /// An igh_cia402_phase_t.
     pub phase: u8,

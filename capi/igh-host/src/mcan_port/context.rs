@@ -9,7 +9,7 @@ use ecan_mcan_port::Port;
 use super::config::{PortPlain, igh_mcan_port_config_t};
 use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
 use crate::adapter::context::ecan_igh_context_t;
-use crate::bus::{self, Bus};
+use crate::bus;
 use crate::errors;
 use crate::handle::{self, Kind, Words};
 
@@ -45,10 +45,10 @@ pub unsafe extern "C" fn igh_mcan_port_init(
     call("igh_mcan_port_init", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (mut bus, config) = unsafe {
-            call.out("port", port)?;
-            let bus = bus::enter(call, igh.cast())?;
-            handle::need_free::<Bus>(call, port.cast(), Kind::Port)?;
-            (bus, PortPlain::read(call, config)?)
+            if bus::enter_port_to_end(call, port.cast())?.is_some() {
+                return Err(handle::living(call));
+            }
+            (bus::enter(call, igh.cast())?, PortPlain::read(call, config)?)
         };
         let applied = bus.applied.clone();
         let serial = bus.add_port(call, |adapter| {
@@ -129,10 +129,8 @@ pub unsafe extern "C" fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c
 pub unsafe extern "C" fn igh_mcan_port_deinit(port: *mut igh_mcan_port_t) -> c_int {
     call("igh_mcan_port_deinit", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        match unsafe { bus::enter_port(call, port.cast()) } {
-            Ok(mut bus) => bus.remove_port(),
-            Err(ecan_result_t::ECAN_ERR_NOT_INITIALISED) => {}
-            Err(error) => return Err(error),
+        if let Some(mut bus) = unsafe { bus::enter_port_to_end(call, port.cast())? } {
+            bus.remove_port();
         }
         Ok(())
     })
