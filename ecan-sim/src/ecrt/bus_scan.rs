@@ -98,9 +98,9 @@ impl MasterModel {
     }
 
     fn begin_scan(&mut self, world: &World) {
+        self.fail_transfers();
         self.slaves.clear();
         self.rescan_required = false;
-        self.fail_blocking();
         for config in &mut self.configs {
             config.slave = None;
         }
