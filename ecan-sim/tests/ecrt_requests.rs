@@ -23,13 +23,16 @@ fn register_state(program: &mut Program, request: RegRequestId) -> RequestState 
     program.master.reg_request_state(request).unwrap()
 }
 
-/// Cycles over a lost link until the bus is scanned anew, with `keep_busy` in each.
-fn into_scan(program: &mut Program, mut keep_busy: impl FnMut(&mut Program)) {
+/// Cycles over a lost link until the bus is scanned anew, with `keep_busy` in each; their number.
+fn into_scan(program: &mut Program, mut keep_busy: impl FnMut(&mut Program)) -> usize {
     program.simulation().inject(Fault::LinkLoss { gateway: 0, for_ms: 1_100 });
+    let mut cycles = 0;
     while !program.master.info().unwrap().scan_busy {
         keep_busy(program);
         program.cycle();
+        cycles += 1;
     }
+    cycles
 }
 
 #[test]
@@ -75,7 +78,7 @@ fn a_register_request_under_way_fails_when_the_bus_is_scanned_anew() {
 }
 
 #[test]
-fn a_request_that_waits_for_its_lost_slave_is_served_when_it_is_back() {
+fn a_request_that_waits_for_its_lost_slave_ends_when_it_is_back() {
     let (mut program, request, _) = with_requests();
     into_scan(&mut program, |_| {});
     program.master.sdo_request_read(request).unwrap();
@@ -83,6 +86,26 @@ fn a_request_that_waits_for_its_lost_slave_is_served_when_it_is_back() {
     assert_eq!(sdo_state(&mut program, request), RequestState::Busy);
     assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
     program.cycles(5);
+    // The slave came back with an AL error, in which no request is served.
+    assert_eq!(sdo_state(&mut program, request), RequestState::Error);
+    program.master.sdo_request_read(request).unwrap();
+    program.cycles(5);
+    assert_eq!(sdo_state(&mut program, request), RequestState::Success);
+}
+
+#[test]
+fn a_request_that_waits_for_a_slave_that_never_left_op_is_served_after_the_scan() {
+    let (mut program, _, _) = with_requests();
+    let cycles = into_scan(&mut program, |_| {});
+    // Open only for a moment, when the master looks at the bus.
+    let (mut program, request, _) = with_requests();
+    program.cycles(cycles - 2);
+    program.simulation().inject(Fault::LinkLoss { gateway: 0, for_ms: 4 });
+    program.cycles(2);
+    assert!(program.master.info().unwrap().scan_busy);
+    program.master.sdo_request_read(request).unwrap();
+    program.cycles(1_000);
+    assert!(program.state(0).operational);
     assert_eq!(sdo_state(&mut program, request), RequestState::Success);
 }
 

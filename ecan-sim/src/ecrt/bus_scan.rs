@@ -161,6 +161,10 @@ impl MasterModel {
             return;
         }
         slave.config = Some(index);
+        // Requests of the configuration may have been waiting for it.
+        if slave.is_idle() {
+            slave.due = 0;
+        }
         config.slave = Some(position);
         if self.phase == Phase::Active {
             slave.requested = AlState::Op;
