@@ -326,6 +326,27 @@ fn a_drive_that_restarted_unseen_is_not_trusted() {
 }
 
 #[test]
+fn a_drive_that_restarts_unseen_in_its_configuration_is_not_trusted() {
+    for steps in [8, 15, 20, 30, 38] {
+        let mut bench = Bench::single(moving(1));
+        bench.cia402.configure_all().unwrap();
+        bench.until(500, |cia402| {
+            let setup = cia402.progress(0).and_then(|progress| progress.setup);
+            setup.is_some_and(|setup| setup.done >= steps)
+        });
+        // Its boot-up message is lost; the request under way is repeated and answered.
+        bench.strike(0, DriveFault::PowerCycle { off_ms: 50 });
+        bench.inject(Fault::NodeSilent { node: "drive 0.0/1".into(), for_ms: 300 });
+        // Or the configuration itself reads back what is missing.
+        let is_found = [Some(AxisPhase::NotConfigured), Some(AxisPhase::SetupFailed)];
+        bench.until(1_000, |cia402| is_found.contains(&cia402.phase(0)));
+        bench.cia402.configure_all().unwrap();
+        bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
+        recover(&mut bench);
+    }
+}
+
+#[test]
 fn a_blocked_motor_stops_the_targets_at_the_window() {
     let mut bench = in_motion(1);
     bench.strike(0, DriveFault::Blocked { for_ms: 2_000 });

@@ -7,7 +7,6 @@ mod axes;
 use axes::{Bench, axes};
 use ecan_cia402::AxisPhase;
 use ecan_cia402::wire::DriveState;
-use ecan_mcan_port::Session;
 use ecan_sim::{DriveFault, Fault, GatewayFault, LostWay};
 use proptest::prelude::*;
 
@@ -133,9 +132,15 @@ fn bench() -> Bench {
     Bench::single(table).started()
 }
 
+/// Few, unless the environment asks for many: proptest heeds it only where no number is given.
+fn cases() -> u32 {
+    let asked = std::env::var("PROPTEST_CASES").ok().and_then(|cases| cases.parse().ok());
+    asked.unwrap_or(64)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig {
-        cases: 64,
+        cases: cases(),
         failure_persistence: None,
         max_shrink_iters: 200,
         ..ProptestConfig::default()
@@ -165,18 +170,15 @@ proptest! {
                 operate(&mut bench);
             }
         }
-        // Back at work, unless the gateway itself stays out of service: the known fault of its way
-        // back in docs/FEATURES.md. Whether anything jumped is judged in any case.
         prop_assert!(
-            sound > 400 || bench.port.session(0) != Session::Ready,
-            "{:#?}",
+            sound > 400,
+            "gateway {}, {:#?}",
+            bench.port.session(0),
             bench.cia402.progress_all().map(|axis| axis.to_string()).collect::<Vec<_>>()
         );
         for n in 0..AXES {
-            if sound > 400 {
-                let state = bench.drive(n, |drive| drive.state());
-                prop_assert_eq!(state, DriveState::OperationEnabled);
-            }
+            let state = bench.drive(n, |drive| drive.state());
+            prop_assert_eq!(state, DriveState::OperationEnabled);
         }
         bench.judge();
     }

@@ -132,6 +132,39 @@ fn a_scheduled_sync_meets_its_phase_or_is_refused_by_name() {
 }
 
 #[test]
+fn while_an_image_is_held_syncs_do_not_pile_up_behind_it() {
+    let (mut port, simulation) =
+        open(ecan_sim::echo(1), AdapterConfig::new(1).with_cycle_us(2_000), 1);
+    let mut network = Network::new(NetworkConfig::default());
+    network.add_node(address(0, 0, 1), NodeSettings::default()).unwrap();
+    let settings = SyncSettings { counter_overflow: Some(240), ..SyncSettings::default() };
+    network.set_sync(Some(settings)).unwrap();
+    let mut held = 0;
+    // A target goes out only when it does so at once, as the axes have it.
+    let mut target = |port: &mut Port| {
+        if port.cycle_report(0).is_holding {
+            held += 1;
+        } else {
+            port.send_can(0, 0, id(0x201), &[]).unwrap();
+        }
+    };
+    let mut back = cycles(&mut port, &mut network, 10, &mut target);
+    simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 6 });
+    back.extend(cycles(&mut port, &mut network, 20, &mut target));
+    assert_eq!(held, 6);
+    network.set_sync(None).unwrap();
+    back.extend(cycles(&mut port, &mut network, 5, |_| {}));
+    let on_bus = ids(&back, 0);
+    assert_eq!(on_bus.len(), 2 * 24, "{on_bus:X?}");
+    assert!(on_bus.chunks(2).all(|pair| pair == [0x201, 0x080]), "{on_bus:X?}");
+    let syncs = back.iter().filter(|frame| frame.frame.id() == id(0x080));
+    let counters: Vec<u8> = syncs.map(|frame| frame.frame.data()[0]).collect();
+    assert_eq!(counters, (1..=24).collect::<Vec<u8>>(), "no number is left out");
+    let statistics = network.statistics();
+    assert_eq!((statistics.syncs_sent, statistics.syncs_late), (24, 6));
+}
+
+#[test]
 fn frames_that_find_no_room_in_the_image_wait_and_none_is_lost_or_doubled() {
     // N = 1: 104 bytes for packets, eight frames of 12 bytes.
     let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle_us(4_000);

@@ -4,7 +4,8 @@ use ecan_host::{CycleError, Faults};
 use thiserror::Error;
 
 use crate::config_check::PortConfigFault;
-use crate::session::Session;
+use crate::session::{Awaited, Session};
+use crate::verification::VerificationFault;
 
 /// Errors of the Port outside the cycle.
 #[derive(Debug, Error)]
@@ -20,13 +21,35 @@ pub enum PortError {
     #[error(transparent)]
     Cycle(#[from] CycleError),
     /// A gateway is in OP but was not taken into service in time.
-    #[error("slave {slave} is {session} after {waited_ms} ms")]
+    #[error(
+        "slave {slave} is {session} after {waited_ms} ms{}",
+        details(*session, *waiting_for, *last_fault)
+    )]
     NotInService {
         /// Slave index.
         slave: usize,
         /// How its session stands.
         session: Session,
+        /// What it waits for.
+        waiting_for: Option<Awaited>,
+        /// Why its last attempt failed, if one did.
+        last_fault: Option<VerificationFault>,
         /// How long was waited, in milliseconds.
         waited_ms: u64,
     },
+}
+
+/// What a gateway waits for and what went wrong before, as far as the session does not say it.
+fn details(
+    session: Session,
+    waiting_for: Option<Awaited>,
+    last_fault: Option<VerificationFault>,
+) -> String {
+    let mut text = waiting_for.map_or_else(String::new, |it| format!("; it waits for {it}"));
+    if let Some(fault) = last_fault
+        && session != Session::Failed(fault)
+    {
+        text.push_str(&format!("; the last attempt failed: {fault}"));
+    }
+    text
 }

@@ -29,6 +29,7 @@ mod statistics;
 mod transmit_history;
 mod transmit_window;
 mod transmitter;
+mod verification;
 mod wait;
 
 pub use batch::{Batch, Exchange};
@@ -41,8 +42,9 @@ pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, Transmi
 pub use send::{
     NoRoom, NotSchedulable, SendError, SendOptions, SendTicket, TransmitFrame, TransmitHint,
 };
-pub use session::{Session, VerificationFault};
+pub use session::{Awaited, Session};
 pub use statistics::{ChannelStatistics, SlaveStatistics};
+pub use verification::{SdoTransfer, VerificationFault};
 
 pub use ecan_host as host;
 pub use ecan_protocol as protocol;

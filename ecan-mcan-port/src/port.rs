@@ -9,10 +9,11 @@ use crate::config::{GatewayConfig, PortConfig};
 use crate::cycle::CycleReport;
 use crate::error::PortError;
 use crate::receiver::Receiver;
-use crate::session::{Session, SessionMachine};
+use crate::session::{Awaited, Session, SessionMachine};
 use crate::statistics::SlaveStatistics;
 use crate::transmit_window::DEFAULT_DEPTH;
 use crate::transmitter::Transmitter;
+use crate::verification::VerificationFault;
 
 /// One gateway in the Port.
 #[derive(Debug)]
@@ -141,6 +142,18 @@ impl Port {
     /// How a gateway's session stands; real-time safe. Waiting for an index out of range.
     pub fn session(&self, slave: usize) -> Session {
         self.gateways.get(slave).map_or(Session::Waiting, |gateway| gateway.session.state())
+    }
+
+    /// What a gateway that is not in service waits for; real-time safe. None for one in service and
+    /// for an index out of range.
+    pub fn waiting_for(&self, slave: usize) -> Option<Awaited> {
+        self.gateways.get(slave)?.session.awaited(&self.adapter)
+    }
+
+    /// Why the last verification of a gateway failed, also while the next one is running; none once
+    /// one has succeeded. Real-time safe.
+    pub fn last_verification_fault(&self, slave: usize) -> Option<VerificationFault> {
+        self.gateways.get(slave)?.session.last_fault()
     }
 
     /// Whether every gateway is in service; real-time safe.

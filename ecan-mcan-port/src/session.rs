@@ -6,76 +6,23 @@
 
 use std::fmt;
 
-use ecan_host::{Adapter, CycleError, Delivery, Error, Expectation, RequestId, RequestState};
-use ecan_protocol::{
-    Capabilities, Direction, PdoProfile, SdoWrite, SessionCommand, describe, session_command_write,
-};
-use thiserror::Error;
+use ecan_host::{Adapter, Delivery, Error, RequestId, RequestState};
+use ecan_protocol::Direction;
 
 use crate::config::GatewayConfig;
+use crate::verification::{Check, SdoTransfer, VerificationFault, checks};
 
 /// Cycles between looks at the slave's state while it is in service.
 const WATCH_CYCLES: u64 = 64;
-/// How long a request may take, in milliseconds.
+/// How long a request may wait for its turn in the master, in milliseconds.
 const REQUEST_TIMEOUT_MS: u32 = 2_000;
+/// How long an attempt waits for a request to end, in nanoseconds: the timeout, and what the
+/// transfer itself may take, with the master's own timeout for an answer. The master judges its
+/// timeout only when the turn of the request comes, so it may never end one.
+const REQUEST_LIMIT_NS: u64 = (REQUEST_TIMEOUT_MS as u64 + 2_000) * NS_PER_MS;
 /// Pause before a failed verification starts over, in nanoseconds.
 const RETRY_NS: u64 = 1_000_000_000;
-
-const STATUS_OK: u32 = 0;
-
-/// Why a gateway is not taken into service.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum VerificationFault {
-    /// An object reads something else than the configuration demands.
-    #[error("{} reads {found}, expected {expected}", describe(*index, *subindex))]
-    Readback {
-        /// Object index.
-        index: u16,
-        /// Object subindex.
-        subindex: u8,
-        /// What was expected.
-        expected: Expectation,
-        /// What was read.
-        found: u32,
-    },
-    /// Another gateway is in the place of the configured one.
-    #[error(
-        "another gateway is in its place: serial number half {} reads 0x{found:08X}, it was \
-         0x{expected:08X}", subindex - 6
-    )]
-    OtherGateway {
-        /// Subindex of 0xF000, 7 or 8.
-        subindex: u8,
-        /// What was read when the Port was opened.
-        expected: u32,
-        /// What is read now.
-        found: u32,
-    },
-    /// The layout CRC is another one than at the first verification, with the same profile.
-    #[error("{} changed from 0x{recorded:08X} to 0x{found:08X}", describe(*index, 11))]
-    LayoutCrc {
-        /// 0x8010 or 0x8011.
-        index: u16,
-        /// The value of the first verification.
-        recorded: u32,
-        /// The value now.
-        found: u32,
-    },
-    /// A transfer failed.
-    #[error("SDO {} of {} failed", if *is_download { "download" } else { "upload" }, describe(*index, *subindex))]
-    Transfer {
-        /// Object index.
-        index: u16,
-        /// Object subindex.
-        subindex: u8,
-        /// Whether it was a download.
-        is_download: bool,
-    },
-    /// The master library refused a request.
-    #[error(transparent)]
-    Library(CycleError),
-}
+const NS_PER_MS: u64 = 1_000_000;
 
 /// Where a gateway's session stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -102,13 +49,42 @@ impl fmt::Display for Session {
     }
 }
 
-/// One step of the verification.
+/// What a gateway that is not in service waits for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum Awaited {
+    /// The master does not see the slave in OP.
+    Operational,
+    /// The slave is in OP, but its outputs are not known to arrive.
+    ProcessData,
+    /// A transfer of the verification.
+    Transfer(SdoTransfer),
+    /// A transfer that an earlier attempt began and the master has not ended.
+    EarlierTransfer(SdoTransfer),
+    /// The next attempt, after a failed one.
+    NextAttempt,
+}
+
+impl fmt::Display for Awaited {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Operational => f.write_str("OP"),
+            Self::ProcessData => f.write_str("its process data to arrive"),
+            Self::Transfer(transfer) => write!(f, "the {transfer}"),
+            Self::EarlierTransfer(transfer) => {
+                write!(f, "the master to end the {transfer} of an earlier attempt")
+            }
+            Self::NextAttempt => f.write_str("the next attempt"),
+        }
+    }
+}
+
+/// A request of the session, which serves one transfer after the other.
 #[derive(Debug, Clone, Copy)]
-enum Check {
-    Command(SdoWrite),
-    Serial { subindex: u8, expected: u32 },
-    Expect { index: u16, subindex: u8, expected: Expectation },
-    LayoutCrc { direction: usize, index: u16 },
+struct Request {
+    id: RequestId,
+    /// The last transfer, and when it was begun.
+    begun: Option<(SdoTransfer, u64)>,
 }
 
 /// What a step of the session changed.
@@ -127,10 +103,15 @@ pub(crate) struct SessionMachine {
     state: Session,
     checks: Vec<Check>,
     next: usize,
+    /// The transfer of the next check has been begun by this attempt.
     is_running: bool,
-    read: RequestId,
-    command: RequestId,
+    read: Request,
+    command: Request,
+    /// Since when this attempt waits for a request.
+    waiting_since_ns: u64,
     layout_crc: [Option<u32>; 2],
+    /// Why the last attempt failed, until one succeeds.
+    last_fault: Option<VerificationFault>,
     retry_at_ns: u64,
     cycles: u64,
 }
@@ -159,9 +140,11 @@ impl SessionMachine {
             checks,
             next: 0,
             is_running: false,
-            read,
-            command,
+            read: Request { id: read, begun: None },
+            command: Request { id: command, begun: None },
+            waiting_since_ns: 0,
             layout_crc: [None; 2],
+            last_fault: None,
             retry_at_ns: 0,
             cycles: 0,
         })
@@ -173,6 +156,30 @@ impl SessionMachine {
 
     pub(crate) fn is_ready(&self) -> bool {
         self.state == Session::Ready
+    }
+
+    /// Why the last attempt failed, if none has succeeded since.
+    pub(crate) fn last_fault(&self) -> Option<VerificationFault> {
+        self.last_fault
+    }
+
+    /// What it waits for, unless it is in service.
+    pub(crate) fn awaited(&self, adapter: &Adapter) -> Option<Awaited> {
+        match self.state {
+            Session::Ready => None,
+            Session::Verifying => self.checks.get(self.next).map(|check| {
+                let request = if check.transfer().is_download { self.command } else { self.read };
+                match request.begun {
+                    Some((transfer, _)) if !self.is_running => Awaited::EarlierTransfer(transfer),
+                    _ => Awaited::Transfer(check.transfer()),
+                }
+            }),
+            Session::Waiting | Session::Failed(_) => Some(match () {
+                () if !self.is_operational(adapter) => Awaited::Operational,
+                () if !self.outputs_arrive(adapter) => Awaited::ProcessData,
+                () => Awaited::NextAttempt,
+            }),
+        }
     }
 
     /// One step, once a cycle. `is_lost` tells that too many images in a row did not arrive.
@@ -193,11 +200,13 @@ impl SessionMachine {
                 match self.verify(adapter) {
                     Ok(true) => {
                         self.state = Session::Ready;
+                        self.last_fault = None;
                         Event::Ready
                     }
                     Ok(false) => Event::None,
                     Err(fault) => {
                         self.state = Session::Failed(fault);
+                        self.last_fault = Some(fault);
                         self.retry_at_ns = adapter.clock().now_ns() + RETRY_NS;
                         Event::Failed
                     }
@@ -220,6 +229,10 @@ impl SessionMachine {
         adapter.slave_state(self.slave).is_ok_and(|state| state.operational)
     }
 
+    fn outputs_arrive(&self, adapter: &Adapter) -> bool {
+        adapter.domain_report(self.slave).outputs == Delivery::Confirmed
+    }
+
     /// Whether the master sees the slave in another state. While it scans the bus anew it sees no
     /// slave at all, though process data go on; that is no reason to stop.
     fn has_left_op(&self, adapter: &Adapter) -> bool {
@@ -227,14 +240,14 @@ impl SessionMachine {
     }
 
     fn start_if_operational(&mut self, adapter: &mut Adapter) -> Event {
-        let arrives = adapter.domain_report(self.slave).outputs == Delivery::Confirmed;
-        if !arrives || !self.is_operational(adapter) {
+        if !self.outputs_arrive(adapter) || !self.is_operational(adapter) {
             return Event::None;
         }
         self.state = Session::Verifying;
         self.next = 0;
         // A request that an earlier attempt left behind says nothing about this one.
         self.is_running = false;
+        self.waiting_since_ns = adapter.clock().now_ns();
         Event::Started
     }
 
@@ -246,112 +259,46 @@ impl SessionMachine {
     /// Goes on with the checks; true once all are passed.
     fn verify(&mut self, adapter: &mut Adapter) -> Result<bool, VerificationFault> {
         let Some(check) = self.checks.get(self.next).copied() else { return Ok(true) };
-        let (request, index, subindex, is_download) = match check {
-            Check::Command(sdo) => (self.command, sdo.index, sdo.subindex, true),
-            Check::Serial { subindex, .. } => (self.read, Capabilities::INDEX, subindex, false),
-            Check::Expect { index, subindex, .. } => (self.read, index, subindex, false),
-            Check::LayoutCrc { index, .. } => (self.read, index, 11, false),
-        };
-        let state = adapter.sdo_request_state(request).map_err(VerificationFault::Library)?;
+        let transfer = check.transfer();
+        let request = if transfer.is_download { &mut self.command } else { &mut self.read };
+        let state = adapter.sdo_request_state(request.id).map_err(VerificationFault::Library)?;
+        let now = adapter.clock().now_ns();
         if state == RequestState::Busy {
             // Also a request of an earlier attempt that the master has not given up yet.
-            return Ok(false);
+            if now.saturating_sub(self.waiting_since_ns) < REQUEST_LIMIT_NS {
+                return Ok(false);
+            }
+            let (transfer, begun_ns) = request.begun.unwrap_or((transfer, self.waiting_since_ns));
+            let waited_ms = now.saturating_sub(begun_ns) / NS_PER_MS;
+            return Err(VerificationFault::Unended { transfer, waited_ms });
         }
         if !self.is_running {
-            self.is_running = true;
-            return match check {
+            let SdoTransfer { index, subindex, .. } = transfer;
+            match check {
                 Check::Command(sdo) => {
                     let (bytes, length) = sdo.bytes();
                     let data = bytes.get(..length).unwrap_or_default();
-                    adapter.sdo_request_write(request, index, subindex, data)
+                    adapter.sdo_request_write(request.id, index, subindex, data)
                 }
-                _ => adapter.sdo_request_read(request, index, subindex),
+                _ => adapter.sdo_request_read(request.id, index, subindex),
             }
-            .map(|()| false)
-            .map_err(VerificationFault::Library);
+            .map_err(VerificationFault::Library)?;
+            request.begun = Some((transfer, now));
+            self.waiting_since_ns = now;
+            self.is_running = true;
+            return Ok(false);
         }
         self.is_running = false;
+        request.begun = None;
         if state != RequestState::Success {
-            return Err(VerificationFault::Transfer { index, subindex, is_download });
+            return Err(VerificationFault::Transfer(transfer));
         }
         let mut value = [0; 4];
-        for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request)) {
+        for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(request.id)) {
             *to = *from;
         }
-        self.judge(check, u32::from_le_bytes(value))?;
+        check.judge(u32::from_le_bytes(value), &mut self.layout_crc)?;
         self.next += 1;
         Ok(self.next == self.checks.len())
     }
-
-    fn judge(&mut self, check: Check, found: u32) -> Result<(), VerificationFault> {
-        match check {
-            Check::Command(_) => Ok(()),
-            Check::Serial { subindex, expected } => {
-                if found == expected {
-                    Ok(())
-                } else {
-                    Err(VerificationFault::OtherGateway { subindex, expected, found })
-                }
-            }
-            Check::Expect { index, subindex, expected } => {
-                if expected.is_met_by(found) {
-                    Ok(())
-                } else {
-                    Err(VerificationFault::Readback { index, subindex, expected, found })
-                }
-            }
-            Check::LayoutCrc { direction, index } => {
-                let recorded = *self.layout_crc[direction].get_or_insert(found);
-                if recorded == found {
-                    Ok(())
-                } else {
-                    Err(VerificationFault::LayoutCrc { index, recorded, found })
-                }
-            }
-        }
-    }
-}
-
-/// Status values of 0x8010 and 0x8011 that a profile in use may show (manual 13.2): a parsing error
-/// or an overflow of the past says nothing against it.
-const IN_USE: &[u32] = &[0, 7, 8];
-/// The state bits of a channel status word (manual 7); all clear is disabled.
-const STATE_BITS: u32 = 0b111;
-
-/// The same device, session reset, profile readback (manual 5.4.3 phase D), channels and their
-/// data paths (13.2.2, 13.4, 13.5).
-fn checks(config: &GatewayConfig, [tx, rx]: [PdoProfile; 2], serial: u64) -> Vec<Check> {
-    let mut checks = Vec::with_capacity(40);
-    checks.push(Check::Serial { subindex: 7, expected: serial as u32 });
-    checks.push(Check::Serial { subindex: 8, expected: (serial >> 32) as u32 });
-    let directions = [(Direction::TxPdo, tx), (Direction::RxPdo, rx)];
-    for (direction, _) in directions {
-        let reset = session_command_write(direction, SessionCommand::ResetSession);
-        checks.push(Check::Command(reset));
-    }
-    for (nth, (direction, profile)) in directions.into_iter().enumerate() {
-        let index = direction.profile_object();
-        let expected = Expectation::OneOf(IN_USE);
-        checks.push(Check::Expect { index, subindex: 2, expected });
-        for (subindex, value) in profile_readback(&profile) {
-            let expected = Expectation::Equals(value);
-            checks.push(Check::Expect { index, subindex, expected });
-        }
-        checks.push(Check::LayoutCrc { direction: nth, index });
-    }
-    for (channel, settings) in (0..).zip(&config.channels) {
-        let Some(settings) = settings else { continue };
-        let expected = Expectation::Equals(STATUS_OK);
-        checks.push(Check::Expect { index: 0x8001 + channel, subindex: 2, expected });
-        let expected = Expectation::HasAny(STATE_BITS);
-        checks.push(Check::Expect { index: 0x9000 + channel, subindex: 9, expected });
-        let expected = Expectation::Equals(settings.data_path.active_word());
-        checks.push(Check::Expect { index: 0x8021 + channel, subindex: 20, expected });
-    }
-    checks
-}
-
-/// What an active profile reads back: :09, :10, :12.
-pub(crate) fn profile_readback(profile: &PdoProfile) -> [(u8, u32); 3] {
-    [(9, profile.pdo_bytes() as u32), (10, profile.frame_area_bytes() as u32), (12, profile.word())]
 }

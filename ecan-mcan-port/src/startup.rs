@@ -7,7 +7,7 @@ use ecan_protocol::{
 };
 
 use crate::config::{ChannelSettings, GatewayConfig, PortConfig};
-use crate::session::profile_readback;
+use crate::verification::profile_readback;
 
 const STATUS_OK: u32 = 0;
 /// Support of header version 1, bit 1 of 0xF000:09.

@@ -23,8 +23,8 @@ impl Port {
     ///
     /// # Errors
     /// [`PortError::Adapter`] with a report of the slaves that do not reach OP,
-    /// [`PortError::NotInService`] for one that does but fails verification, or what went wrong in
-    /// the cycle.
+    /// [`PortError::NotInService`] for one that does but is not in service, with the step that it
+    /// waits for, or what went wrong in the cycle.
     pub fn wait_ready(&mut self, timeout_ms: u32) -> Result<(), PortError> {
         self.wait_ready_with(timeout_ms, empty_cycle)
     }
@@ -56,8 +56,7 @@ impl Port {
                 if waited_ms > u64::from(timeout_ms) {
                     let open = self.gateways.iter().position(|g| !g.session.is_ready());
                     let slave = open.unwrap_or_default();
-                    let session = self.session(slave);
-                    return Err(PortError::NotInService { slave, session, waited_ms }.into());
+                    return Err(self.not_in_service(slave, waited_ms).into());
                 }
                 continue;
             }
@@ -76,6 +75,16 @@ impl Port {
                     return Err(failed(ecan_host::Error::NotOperational(Box::new(report))));
                 }
             }
+        }
+    }
+
+    fn not_in_service(&self, slave: usize, waited_ms: u64) -> PortError {
+        PortError::NotInService {
+            slave,
+            session: self.session(slave),
+            waiting_for: self.waiting_for(slave),
+            last_fault: self.last_verification_fault(slave),
+            waited_ms,
         }
     }
 

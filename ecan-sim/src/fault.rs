@@ -116,6 +116,13 @@ pub enum Fault {
         /// How many calls.
         times: u32,
     },
+    /// The master begins no SDO or register request of a configuration for `for_ms` milliseconds,
+    /// as where process data leave its mailbox traffic no room. Requests stay busy, whatever their
+    /// timeout.
+    RequestsHeld {
+        /// Milliseconds.
+        for_ms: u32,
+    },
     /// A fault in a drive. Nothing happens when the node is none.
     Drive {
         /// Name of the node.

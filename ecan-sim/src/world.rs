@@ -41,6 +41,8 @@ pub struct World {
     counter_offset: (i32, u32),
     /// Error number and how often, by call of the library.
     library_errors: [(i32, u32); LibraryCall::COUNT],
+    /// Until when the master begins no request.
+    requests_held_until: u64,
     cycle: u64,
     events: Vec<BusEvent>,
 }
@@ -62,6 +64,7 @@ impl World {
             lost: (None, 0),
             counter_offset: (0, 0),
             library_errors: [(0, 0); LibraryCall::COUNT],
+            requests_held_until: 0,
             cycle: 0,
             events: Vec::with_capacity(64),
         };
@@ -215,6 +218,7 @@ impl World {
                     *entry = (errno, times);
                 }
             }
+            Fault::RequestsHeld { for_ms } => self.requests_held_until = now + ms(for_ms),
         }
     }
 

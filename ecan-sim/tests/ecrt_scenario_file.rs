@@ -83,6 +83,11 @@ cycle = 8
 kind = "library_error"
 call = "receive"
 errno = 5
+
+[[fault]]
+at_ms = 30
+kind = "requests_held"
+for_ms = 9000
 "#,
     )
     .unwrap();
@@ -133,6 +138,10 @@ errno = 5
             ScriptedFault {
                 when: When::Cycle(8),
                 fault: Fault::LibraryError { call: LibraryCall::Receive, errno: 5, times: 1 },
+            },
+            ScriptedFault {
+                when: When::At(30_000_000),
+                fault: Fault::RequestsHeld { for_ms: 9_000 },
             },
         ]
     );

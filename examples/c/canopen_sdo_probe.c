@@ -105,7 +105,7 @@ int main(int argc, char **argv)
     arguments_t arguments;
     uint8_t written[MAX_VALUE_BYTES];
     size_t written_length = 0;
-    bus_t bus;
+    bus_t bus = {0};
     parse_arguments(&arguments, argc, argv);
     if (arguments.written != NULL &&
         !object_value_encode(arguments.type, arguments.written, written, sizeof(written),

@@ -28,8 +28,8 @@ int main(int argc, char **argv)
     motion_t motion;
     option_list_t list = {
         .program = "cia402_10axis_demo",
-        .about = "Enables ten CiA 402 axes, spread over the channels of all gateways, and moves them "
-                 "by a step per target."};
+        .about = "Enables ten CiA 402 axes, spread over the channels of all gateways, and moves "
+                 "them by a step per target."};
     motion_default(&motion, 1000);
     motion.bus.slaves = 3;
     motion_add_options(&motion, &list);

@@ -25,7 +25,8 @@ typedef struct {
     char first_difference[256]; /* "" as long as everything comes back as it should */
 } echo_check_t;
 
-/* Takes the memory, so that the cycle need not. False, with a message, where there is too little. */
+/* Takes the memory, so that the cycle need not. False, with a message on standard error, where
+ * there is too little. */
 bool echo_check_init(echo_check_t *check, size_t slaves);
 
 void echo_check_free(echo_check_t *check);

@@ -1,7 +1,9 @@
-/* How steadily frames leave a gateway, sent directly or scheduled to a phase of Sync0 (manual 13.9).
+/* How steadily frames leave a gateway, sent directly or scheduled to a phase of Sync0 (manual
+ * 13.9).
  *
  *     mcan_gateway_tx_probe --ecrt sim --frames 1000
- *     mcan_gateway_tx_probe --cycle-us 1000 --fd 2000000 --offset-ns 100000 --rt-priority 80 --spin-us 100
+ *     mcan_gateway_tx_probe --cycle-us 1000 --fd 2000000 --offset-ns 100000 \
+ *         --rt-priority 80 --spin-us 100
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -246,8 +248,8 @@ static void print_periods(const char *name, samples_t *samples, uint64_t cycle_n
 static void print_result(result_t *result, const arguments_t *arguments)
 {
     uint64_t cycle_ns = arguments->bus.cycle_us * 1000;
-    printf("%" PRIu64 " frames sent, %" PRIu64 " refused and sent later\n", result->sent,
-           result->refused);
+    printf("%" PRIu64 " frames sent, %" PRIu64 " times one had to wait for the next cycle\n",
+           result->sent, result->refused);
     printf("%" PRIu64 " came back, %" PRIu64 " out of order\n", result->received,
            result->order_errors);
     print_periods("master_period", &result->master_periods, cycle_ns);
@@ -264,7 +266,7 @@ static bool work(bus_t *bus, const arguments_t *arguments)
                    samples_init(&result.rx_periods, capacity);
     if (is_good && arguments->rt_priority != 0 && !real_time_enter((int)arguments->rt_priority)) {
         is_good = !arguments->rt_required;
-        printf("%s\n", is_good ? "going on without real-time priority" : "giving up: --rt-required");
+        printf("%s\n", is_good ? "going on without it" : "giving up: --rt-required");
     }
     if (is_good) {
         is_good = run_cycles(bus, arguments, &result);
@@ -278,7 +280,7 @@ static bool work(bus_t *bus, const arguments_t *arguments)
 int main(int argc, char **argv)
 {
     arguments_t arguments;
-    bus_t bus;
+    bus_t bus = {0};
     parse_arguments(&arguments, argc, argv);
     if (!bring_up(&bus, &arguments.bus)) {
         return EXIT_FAILURE;

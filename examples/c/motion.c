@@ -98,7 +98,9 @@ static bool print_loads(igh_cia402_context_t *cia402)
             warning = " - more frames than the gateway serves per cycle";
             break;
         case IGH_CIA402_LOAD_TIGHT: warning = " - too much with unlucky data"; break;
-        case IGH_CIA402_LOAD_NO_RESERVE: warning = " - little is left for SDO and heartbeats"; break;
+        case IGH_CIA402_LOAD_NO_RESERVE:
+            warning = " - little is left for SDO and heartbeats";
+            break;
         default: break;
         }
         printf("slave %u can%u: %" PRIu32 " axes, %" PRIu32 " + %" PRIu32
@@ -213,8 +215,8 @@ static bool run_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *m
 
 bool motion_run(const motion_t *motion)
 {
-    bus_t bus;
-    igh_cia402_context_t cia402;
+    bus_t bus = {0};
+    igh_cia402_context_t cia402 = {0};
     if (!bring_up(&bus, &motion->bus)) {
         return false;
     }

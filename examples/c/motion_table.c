@@ -24,11 +24,11 @@ bool motion_table_take(motion_table_t *table, igh_cia402_context_t *cia402)
 {
     size_t axes = igh_cia402_axis_count(cia402);
     for (table->count = 0; table->count < axes && table->count < MOTION_MAX_AXES; table->count++) {
-        size_t axis = table->count;
-        if (igh_cia402_get_axis_state(cia402, axis, &table->rows[axis].state) != ECAN_OK ||
-            igh_cia402_get_axis_statistics(cia402, axis, &table->rows[axis].statistics) != ECAN_OK ||
-            igh_cia402_get_axis_text(cia402, axis, table->rows[axis].text,
-                                     sizeof(table->rows[axis].text)) != ECAN_OK) {
+        motion_row_t *row = &table->rows[table->count];
+        if (igh_cia402_get_axis_state(cia402, table->count, &row->state) != ECAN_OK ||
+            igh_cia402_get_axis_statistics(cia402, table->count, &row->statistics) != ECAN_OK ||
+            igh_cia402_get_axis_text(cia402, table->count, row->text, sizeof(row->text)) !=
+                ECAN_OK) {
             report_sdk_error();
             return false;
         }
@@ -46,9 +46,10 @@ static void print_number(int columns, bool is_there, int64_t number)
     }
 }
 
-static void print_row(size_t axis, const igh_cia402_axis_state_t *state,
-                      const igh_cia402_axis_statistics_t *statistics)
+static void print_row(size_t axis, const motion_row_t *row)
 {
+    const igh_cia402_axis_state_t *state = &row->state;
+    const igh_cia402_axis_statistics_t *statistics = &row->statistics;
     char name[64];
     bool has_error = state->has_target && state->has_actual;
     uint64_t error = (uint64_t)(state->following_error < 0 ? -state->following_error
@@ -66,6 +67,12 @@ static void print_row(size_t axis, const igh_cia402_axis_state_t *state,
     print_number(8, has_error, state->following_error);
     printf("%8" PRIu64 "%8" PRIu64 "%7" PRIu64 "%6" PRIu32 "\n", max_error, statistics->tpdos,
            statistics->lost_tpdos, statistics->emergencies);
+    if (statistics->holds > 0) {
+        printf("   held %" PRIu64 " time(s)\n", statistics->holds);
+    }
+    if (statistics->holds > 0 || state->trouble != IGH_CIA402_TROUBLE_NONE) {
+        printf("   %s\n", row->text);
+    }
 }
 
 void motion_table_print(const motion_table_t *table)
@@ -73,14 +80,6 @@ void motion_table_print(const motion_table_t *table)
     printf("\n%-38s%-20s%11s%11s%8s%8s%8s%7s%6s\n", "axis", "state", "target", "actual", "error",
            "max", "TPDOs", "lost", "EMCY");
     for (size_t axis = 0; axis < table->count; axis++) {
-        const igh_cia402_axis_state_t *state = &table->rows[axis].state;
-        const igh_cia402_axis_statistics_t *statistics = &table->rows[axis].statistics;
-        print_row(axis, state, statistics);
-        if (statistics->holds > 0) {
-            printf("   held %" PRIu64 " time(s)\n", statistics->holds);
-        }
-        if (statistics->holds > 0 || state->trouble != IGH_CIA402_TROUBLE_NONE) {
-            printf("   %s\n", table->rows[axis].text);
-        }
+        print_row(axis, &table->rows[axis]);
     }
 }

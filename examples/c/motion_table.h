@@ -7,13 +7,15 @@
 #include "igh_cia402_protocol.h"
 #include "motion.h"
 
-/* What is known of the axes at one moment. */
+/* What is known of an axis at one moment. */
 typedef struct {
-    struct {
-        igh_cia402_axis_state_t state;
-        igh_cia402_axis_statistics_t statistics;
-        char text[256];
-    } rows[MOTION_MAX_AXES];
+    igh_cia402_axis_state_t state;
+    igh_cia402_axis_statistics_t statistics;
+    char text[256];
+} motion_row_t;
+
+typedef struct {
+    motion_row_t rows[MOTION_MAX_AXES];
     size_t count;
 } motion_table_t;
 

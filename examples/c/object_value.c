@@ -16,8 +16,8 @@ bool object_type_parse(const char *name, object_type_t *type)
     } types[] = {
         {"u8", {OBJECT_UNSIGNED, 1}},  {"u16", {OBJECT_UNSIGNED, 2}}, {"u32", {OBJECT_UNSIGNED, 4}},
         {"u64", {OBJECT_UNSIGNED, 8}}, {"i8", {OBJECT_SIGNED, 1}},    {"i16", {OBJECT_SIGNED, 2}},
-        {"i32", {OBJECT_SIGNED, 4}},   {"i64", {OBJECT_SIGNED, 8}},   {"string", {OBJECT_STRING, 0}},
-        {"hex", {OBJECT_HEX, 0}},
+        {"i32", {OBJECT_SIGNED, 4}},   {"i64", {OBJECT_SIGNED, 8}},   {"hex", {OBJECT_HEX, 0}},
+        {"string", {OBJECT_STRING, 0}},
     };
     for (size_t i = 0; i < sizeof(types) / sizeof(types[0]); i++) {
         if (strcmp(name, types[i].name) == 0) {

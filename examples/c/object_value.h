@@ -22,8 +22,8 @@ typedef struct {
 /* u8, u16, u32, u64, i8, i16, i32, i64, string or hex; false for other names. */
 bool object_type_parse(const char *name, object_type_t *type);
 
-/* The bytes of a value, little-endian; false, with a message on standard error, where the text is no
- * such value or does not fit. */
+/* The bytes of a value, little-endian; false, with a message on standard error, where the text is
+ * no such value or does not fit. */
 bool object_value_encode(object_type_t type, const char *text, uint8_t *data, size_t size,
                          size_t *length);
 

@@ -39,8 +39,8 @@ bool parse_number(const char *text, uint64_t *number)
     bool is_hexadecimal = text[0] == '0' && (text[1] == 'x' || text[1] == 'X');
     const char *digits = is_hexadecimal ? text + 2 : text;
     /* strtoull() by itself takes blanks and signs, too. */
-    if (strspn(digits, is_hexadecimal ? "0123456789abcdefABCDEF" : "0123456789") != strlen(digits) ||
-        *digits == '\0') {
+    const char *known = is_hexadecimal ? "0123456789abcdefABCDEF" : "0123456789";
+    if (*digits == '\0' || strspn(digits, known) != strlen(digits)) {
         return false;
     }
     errno = 0;

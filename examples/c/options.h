@@ -19,7 +19,7 @@ typedef struct {
     uint64_t minimum, maximum;
     int32_t *integer;       /* a number that may be negative */
     const char **text;
-    bool *is_given;         /* may be NULL: gets true where the option was given; there is no default */
+    bool *is_given;         /* may be NULL; gets true where the option was given */
     bool is_required;
 } option_t;
 

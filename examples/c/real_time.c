@@ -18,8 +18,8 @@ bool real_time_enter(int priority)
     parameters.sched_priority = priority;
     int fault = pthread_setschedparam(pthread_self(), SCHED_FIFO, &parameters);
     if (fault != 0) {
-        report("no SCHED_FIFO with priority %d: %s (root, CAP_SYS_NICE or an rtprio limit permit it)",
-               priority, strerror(fault));
+        report("no SCHED_FIFO with priority %d: %s (root, CAP_SYS_NICE or an rtprio limit permit "
+               "it)", priority, strerror(fault));
         return false;
     }
     if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) {

@@ -255,7 +255,7 @@ int main(int argc, char **argv)
 {
     arguments_t arguments;
     candump_log_t recording = {0};
-    bus_t bus;
+    bus_t bus = {0};
     parse_arguments(&arguments, argc, argv);
     if (arguments.replay != NULL && !read_recording(&arguments, &recording)) {
         return EXIT_FAILURE;

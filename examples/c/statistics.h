@@ -16,7 +16,8 @@ typedef struct {
     uint64_t min, max, p95, p99;
 } distribution_t;
 
-/* Takes the memory, so that the cycle need not. False, with a message, where there is too little. */
+/* Takes the memory, so that the cycle need not. False, with a message on standard error, where
+ * there is too little. */
 bool samples_init(samples_t *samples, size_t capacity);
 
 void samples_free(samples_t *samples);

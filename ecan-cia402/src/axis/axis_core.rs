@@ -95,6 +95,8 @@ pub(super) struct Axis {
     pub(super) wanted: Option<i32>,
     pub(super) setup: Setup,
     pub(super) configurator: Configurator,
+    /// SDO requests that the drive had left unanswered when its configuration was begun.
+    pub(super) silences: u64,
     pub(super) procedure: Option<Procedure>,
     /// Tells the drive not to wait for the host any more.
     pub(super) release: Option<SdoScript>,
@@ -152,6 +154,7 @@ impl Axis {
             wanted: None,
             setup: Setup::None,
             configurator: Configurator::new(),
+            silences: 0,
             procedure: None,
             release: None,
             resumes: false,
@@ -228,6 +231,7 @@ impl Axis {
         self.configurator.add(network, self.node, steps);
         self.take_mode(self.settings.mode);
         self.setup = Setup::Steps;
+        self.silences = network.sdo_silences(self.node);
         self.doubt = Doubt::None;
         self.trouble = None;
         // What the drive said until now, it said under another configuration.

@@ -145,7 +145,7 @@ impl Axis {
         }
     }
 
-    fn begin_doubt(&mut self) {
+    pub(super) fn begin_doubt(&mut self) {
         if self.setup == Setup::Done && self.doubt == Doubt::None {
             self.doubt = Doubt::Open { from_ns: 0 };
         }

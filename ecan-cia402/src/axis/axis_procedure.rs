@@ -49,6 +49,10 @@ impl Axis {
         network.set_heartbeat_timeout(self.node, timeout_ms);
         self.boot_ups = network.status(self.node).map_or(0, |status| status.boot_ups);
         self.statistics.restart_tpdo_count();
+        if network.sdo_silences(self.node) != self.silences {
+            // It may have restarted in between: then the first steps are forgotten.
+            self.begin_doubt();
+        }
     }
 
     /// Asks a drive that was out of sight whether it still has its configuration. One that does not
@@ -78,7 +82,7 @@ impl Axis {
         }
     }
 
-    /// What a restart would have changed: the mapping of both PDOs, and the mode.
+    /// What a restart would have changed: the mapping of both PDOs, the heartbeat and the mode.
     fn verification(&self) -> SdoScript {
         let nth = u16::from(self.settings.pdo_number.saturating_sub(1));
         let mut script = SdoScript::default();
@@ -95,6 +99,10 @@ impl Axis {
         let synchronous = u32::from(TransmissionType::Synchronous(1).raw());
         script = script.expect(object::RPDO_COMMUNICATION + nth, 2, synchronous);
         script = script.expect(object::TPDO_COMMUNICATION + nth, 2, synchronous);
+        let heartbeat = self.configurator.uploaded(self.node, object::PRODUCER_HEARTBEAT, 0);
+        if let Some(period_ms) = heartbeat.and_then(|period| u32::try_from(period).ok()) {
+            script = script.expect(object::PRODUCER_HEARTBEAT, 0, period_ms);
+        }
         let mode = u32::from(self.mode.raw().cast_unsigned());
         script.expect(object::MODE_DISPLAY, 0, mode)
     }

@@ -70,8 +70,10 @@ impl Default for Cia402Settings {
 /// # Order on the bus
 ///
 /// All targets of a cycle are handed over ahead of its SYNC, and a channel sends in the order in
-/// which it was given frames, so that a SYNC makes the targets of its own cycle effective. With
-/// [`set_scheduled_tx`](Self::set_scheduled_tx) both go out at a phase of Sync0.
+/// which it was given frames, so that a SYNC makes the targets of its own cycle effective. While a
+/// gateway's last image is repeated, neither targets nor SYNC are handed to it; both go on with the
+/// cycle that has a new image. With [`set_scheduled_tx`](Self::set_scheduled_tx) both go out at a
+/// phase of Sync0.
 ///
 /// # When the host dies
 ///

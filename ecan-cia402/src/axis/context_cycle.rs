@@ -165,17 +165,18 @@ impl Cia402 {
         summary
     }
 
-    /// A TPDO of every axis that is Operational is due.
+    /// A TPDO is due of every axis that is Operational and whose channel had a SYNC.
     fn note_sync(&mut self) {
         for axis in &mut self.axes {
             let gateway = self.gateways.get(axis.settings.address.slave);
             let counts = axis.is_configured()
                 && axis.sight.operational
                 && gateway.is_some_and(|g| g.is_in_service());
-            if counts {
-                axis.statistics.sync_sent();
-            } else {
+            let address = axis.settings.address;
+            if !counts {
                 axis.statistics.restart_tpdo_count();
+            } else if self.network.has_sent_sync(address.slave, address.channel) {
+                axis.statistics.sync_sent();
             }
         }
     }

@@ -134,9 +134,14 @@ impl<O: Outlet> Courier<'_, O> {
         }
     }
 
-    /// The SYNC that is due, if one is.
+    /// The SYNC that is due, if one is. Behind an image that is held it would go out with the SYNC
+    /// of the cycle that ends the hold, back to back; so it waits.
     pub(super) fn send_sync(&mut self, settings: &SyncSettings) {
         if !self.channel.sync.is_due() {
+            return;
+        }
+        if self.outlet.is_holding(self.channel.slave) {
+            self.statistics.syncs_late += 1;
             return;
         }
         let counter = self.channel.sync.counter(settings);

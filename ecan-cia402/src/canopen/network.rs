@@ -283,6 +283,11 @@ impl Network {
         }
     }
 
+    /// Times that a node did not answer an SDO request, also where it did after a repetition.
+    pub(crate) fn sdo_silences(&self, handle: NodeHandle) -> u64 {
+        self.node(handle).map_or(0, |node| node.sdo.silences())
+    }
+
     /// How the transfer with a node stands; real-time safe.
     pub fn sdo_state(&self, handle: NodeHandle) -> Sdo {
         self.node(handle).map_or(Sdo::Idle, |node| node.sdo.state())

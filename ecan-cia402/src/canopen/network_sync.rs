@@ -49,12 +49,20 @@ impl Network {
     }
 
     /// Sends the SYNC messages that are due, behind the targets of the cycle: channels send in the
-    /// order in which frames were handed over. One that finds no room goes out in a later cycle,
-    /// and is not made up for by two. Gives the number sent.
+    /// order in which frames were handed over. One that finds no room, or whose gateway's last image
+    /// is repeated ([`CycleReport::is_holding`](ecan_mcan_port::CycleReport::is_holding)), goes out
+    /// in a later cycle, behind the targets of that one, with the next number of the counter. It is
+    /// not made up for by two. Gives the number sent.
     ///
     /// Once per cycle, between `cycle_begin` and `cycle_end`. Real-time safe.
     pub fn send_sync(&mut self, port: &mut Port) -> usize {
         self.send_sync_to(port)
+    }
+
+    /// Whether a SYNC was handed over for a channel in this cycle.
+    pub(crate) fn has_sent_sync(&self, slave: usize, channel: u8) -> bool {
+        let place = self.channel_place(slave, channel);
+        place.and_then(|place| self.channels.get(place)).is_some_and(|c| c.sync.is_sent())
     }
 
     pub(super) fn send_sync_to(&mut self, outlet: &mut impl Outlet) -> usize {

@@ -25,6 +25,8 @@ pub(super) struct Paper {
     pub(super) pending: u8,
     pub(super) room: usize,
     pub(super) ready: [bool; 3],
+    /// Slaves whose last image is repeated.
+    holding: [bool; 3],
     /// The refusal in place of "no room".
     pub(super) error: Option<SendError>,
 }
@@ -39,6 +41,7 @@ impl Paper {
             pending: 0,
             room: 1000,
             ready: [true; 3],
+            holding: [false; 3],
             error: None,
         }
     }
@@ -85,6 +88,10 @@ impl Outlet for Paper {
 
     fn is_ready(&self, slave: usize) -> bool {
         self.ready[slave]
+    }
+
+    fn is_holding(&self, slave: usize) -> bool {
+        self.holding[slave]
     }
 }
 
@@ -436,6 +443,29 @@ fn sync_follows_its_settings_on_the_channels_that_want_it() {
     network.set_sync(None).unwrap();
     network.tick(8 * MS);
     assert_eq!((network.sync_is_due(), network.send_sync_to(&mut paper)), (false, 0));
+}
+
+#[test]
+fn a_gateway_whose_image_is_held_gets_no_sync_and_the_others_do() {
+    let nodes = [address(0, 0, 1), address(1, 0, 1)];
+    let (mut network, _) = network(NetworkConfig::default(), &nodes);
+    let settings = SyncSettings { every_cycles: 2, counter_overflow: Some(9), schedule: None };
+    network.set_sync(Some(settings)).unwrap();
+    let mut paper = Paper::new();
+    let mut sent = Vec::new();
+    for ms in 0..10 {
+        paper.holding[0] = (3..=6).contains(&ms);
+        network.tick(ms * MS);
+        network.send_sync_to(&mut paper);
+        let by_channel = [0, 1].map(|slave| network.has_sent_sync(slave, 0));
+        assert_eq!(by_channel, [0, 1].map(|slave| paper.sent.iter().any(|s| s.0 == slave)));
+        sent.extend(paper.sent.drain(..).map(|(slave, _, _, data)| (ms, slave, data[0])));
+    }
+    let of = |slave| sent.iter().filter(|s| s.1 == slave).map(|s| (s.0, s.2)).collect::<Vec<_>>();
+    assert_eq!(of(1), [(0, 1), (2, 2), (4, 3), (6, 4), (8, 5)]);
+    // Due at 4, and again at 6; one goes out, at 7, and the plan of even cycles goes on.
+    assert_eq!(of(0), [(0, 1), (2, 2), (7, 3), (8, 4)]);
+    assert_eq!(network.statistics().syncs_late, 3);
 }
 
 #[test]

@@ -20,6 +20,9 @@ pub(super) trait Outlet {
 
     /// Whether the gateway is in service.
     fn is_ready(&self, slave: usize) -> bool;
+
+    /// Whether the last image is repeated, so that frames wait for the next one.
+    fn is_holding(&self, slave: usize) -> bool;
 }
 
 impl Outlet for Port {
@@ -43,6 +46,10 @@ impl Outlet for Port {
 
     fn is_ready(&self, slave: usize) -> bool {
         self.session(slave) == Session::Ready
+    }
+
+    fn is_holding(&self, slave: usize) -> bool {
+        self.cycle_report(slave).is_holding
     }
 }
 

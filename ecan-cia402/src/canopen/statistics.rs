@@ -17,7 +17,8 @@ pub struct ServiceStatistics {
     pub syncs_sent: u64,
     /// Times that a frame found no room, or its gateway out of service, and waited.
     pub waited: u64,
-    /// Cycles in which a SYNC was due and not taken.
+    /// Cycles in which a SYNC was due on a channel and waited: it found no room, or the gateway's
+    /// last image was repeated.
     pub syncs_late: u64,
     /// Frames that the Port refused for good.
     pub refused: u64,

@@ -8,6 +8,8 @@ pub(super) struct SyncProducer {
     is_enabled: bool,
     cycles_left: u32,
     is_due: bool,
+    /// One went out in this cycle.
+    is_sent: bool,
     counter: u8,
 }
 
@@ -20,6 +22,7 @@ impl SyncProducer {
 
     /// One cycle. A SYNC that found no room stays due; it is never made up for by two.
     pub(super) fn tick(&mut self, settings: &SyncSettings) {
+        self.is_sent = false;
         if !self.is_enabled {
             return;
         }
@@ -34,6 +37,10 @@ impl SyncProducer {
         self.is_due
     }
 
+    pub(super) fn is_sent(&self) -> bool {
+        self.is_sent
+    }
+
     /// The counter that the next SYNC carries.
     pub(super) fn counter(&self, settings: &SyncSettings) -> Option<u8> {
         settings.counter_overflow.map(
@@ -45,6 +52,7 @@ impl SyncProducer {
 
     pub(super) fn sent(&mut self, settings: &SyncSettings) {
         self.is_due = false;
+        self.is_sent = true;
         if let Some(counter) = self.counter(settings) {
             self.counter = counter;
         }

@@ -98,9 +98,9 @@ impl MasterModel {
     }
 
     fn begin_scan(&mut self, world: &World) {
+        self.fail_transfers();
         self.slaves.clear();
         self.rescan_required = false;
-        self.fail_blocking();
         for config in &mut self.configs {
             config.slave = None;
         }
@@ -161,6 +161,10 @@ impl MasterModel {
             return;
         }
         slave.config = Some(index);
+        // Requests of the configuration may have been waiting for it.
+        if slave.is_idle() {
+            slave.due = 0;
+        }
         config.slave = Some(position);
         if self.phase == Phase::Active {
             slave.requested = AlState::Op;

@@ -246,7 +246,7 @@ impl MasterModel {
             } else if slave.startup.is_some() {
                 self.run_startup(index, world);
             } else {
-                self.choose_transfer(index, now);
+                self.choose_transfer(index, world);
             }
         }
     }

@@ -40,8 +40,7 @@ impl RequestCall {
 
     pub(super) fn progress(&self) -> Answer<RequestProgress> {
         self.handle.shared.with(|state| {
-            let now = state.world.now_ns();
-            state.master.request_progress(self.config, self.request, now).ok_or(libc::ENOENT)
+            state.master.request_progress(self.config, self.request).ok_or(libc::ENOENT)
         })
     }
 }

@@ -161,15 +161,35 @@ impl MasterModel {
         self.blocking.retain(|sdo| sdo.id != id);
     }
 
-    /// Fails every transfer that is waiting: its slave is gone.
-    pub(crate) fn fail_blocking(&mut self) {
+    /// Fails what the slaves are busy with, and blocking transfers that are waiting: the slaves
+    /// are about to be forgotten. Requests that are waiting belong to a configuration and outlive
+    /// its slave.
+    pub(crate) fn fail_transfers(&mut self) {
         for sdo in &mut self.blocking {
             sdo.result.get_or_insert(Err(SdoFailure::UNANSWERED));
+        }
+        for index in 0..self.slaves.len() {
+            let transfer = self.slaves.get_mut(index).and_then(|slave| slave.transfer.take());
+            match transfer.map(|transfer| transfer.owner) {
+                Some(TransferOwner::Request { config, request }) => {
+                    if let Some(entry) = self.request(config, request) {
+                        entry.progress = RequestProgress::Failure;
+                    }
+                }
+                Some(TransferOwner::Register { config, request }) => {
+                    if let Some(entry) = self.reg_request(config, request) {
+                        entry.progress = RequestProgress::Failure;
+                    }
+                }
+                Some(TransferOwner::Blocking(_)) | None => {}
+            }
         }
     }
 
     /// Chooses the next transfer of an idle slave.
-    pub(crate) fn choose_transfer(&mut self, index: usize, now: u64) {
+    pub(crate) fn choose_transfer(&mut self, index: usize, world: &World) {
+        let now = world.now_ns();
+        let held_until = world.requests_held_until();
         let journey = self.begin_journey(now);
         let Some(slave) = self.slaves.get_mut(index) else { return };
         slave.due = u64::MAX;
@@ -186,6 +206,12 @@ impl MasterModel {
             sdo.taken = true;
             chosen = Some(TransferOwner::Blocking(sdo.id));
             break;
+        }
+        if chosen.is_none()
+            && let Some(until) = held_until
+        {
+            slave.due = until;
+            return;
         }
         if chosen.is_none()
             && let Some(config) = slave.config
@@ -328,17 +354,14 @@ impl MasterModel {
         true
     }
 
-    /// How far a request is. One that nobody can serve ends with its own timeout.
+    /// How far a request is. Its timeout is judged only when its turn comes: while nobody can serve
+    /// it, it stays busy.
     pub(crate) fn request_progress(
         &mut self,
         config: usize,
         request: usize,
-        now: u64,
     ) -> Option<RequestProgress> {
         let entry = self.request(config, request)?;
-        if entry.progress == RequestProgress::Queued && entry.is_overdue(now) {
-            entry.progress = RequestProgress::Failure;
-        }
         if entry.unfetched {
             if entry.data.len() > entry.memory.len() {
                 return Some(RequestProgress::Failure);

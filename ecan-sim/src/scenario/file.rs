@@ -223,7 +223,8 @@ impl Scenario {
     /// `drive_emcy` (`node`, `code`, `register`), `drive_power_cycle` (`node`, `off_ms`) and
     /// `drive_blocked` (`node`, `for_ms`).
     /// `library_error` (`call` = receive, send, domain_process, domain_queue or domain_state;
-    /// `errno`, a number or a name; `times`) makes a call of the library fail.
+    /// `errno`, a number or a name; `times`) makes a call of the library fail, `requests_held`
+    /// (`for_ms`) lets the master begin no request.
     ///
     /// # Errors
     /// The first fault of the text, with its line.

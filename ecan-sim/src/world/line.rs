@@ -153,6 +153,11 @@ impl World {
         }
     }
 
+    /// When the faults let the master begin requests again, if they keep it from that now.
+    pub(crate) fn requests_held_until(&self) -> Option<u64> {
+        (self.requests_held_until > self.now).then_some(self.requests_held_until)
+    }
+
     /// Begins a send that carries process data: counts it and asks the faults.
     pub(crate) fn begin_cycle(&mut self) -> CycleFate {
         self.cycle += 1;

@@ -47,7 +47,7 @@ pub struct Program {
     pub received: Vec<(usize, u8, CanFrame)>,
     /// Images that were repeated, torn or wrong.
     pub bad_images: usize,
-    next: u64,
+    pub next: u64,
 }
 
 impl Program {

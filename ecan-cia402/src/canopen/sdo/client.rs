@@ -73,6 +73,7 @@ pub struct SdoClient {
     refuses_block: (bool, bool),
     generation: u64,
     strays: u64,
+    silences: u64,
 }
 
 impl SdoClient {
@@ -89,6 +90,7 @@ impl SdoClient {
             refuses_block: (false, false),
             generation: 0,
             strays: 0,
+            silences: 0,
         }
     }
 
@@ -123,6 +125,11 @@ impl SdoClient {
     /// Frames of the server that fitted no transfer.
     pub fn strays(&self) -> u64 {
         self.strays
+    }
+
+    /// Times that the server did not answer, also where it did after a repetition.
+    pub fn silences(&self) -> u64 {
+        self.silences
     }
 
     /// Begins to read an object; by block transfer only where the settings say so.
@@ -204,6 +211,7 @@ impl SdoClient {
         if transfer.deadline_ns.is_none_or(|deadline| now_ns <= deadline) {
             return;
         }
+        self.silences += 1;
         if let Phase::BlockUploadSegments { last, seen: true } = transfer.phase
             && transfer.stalls < self.settings.retries
             && (transfer.crc || transfer.size.is_some())

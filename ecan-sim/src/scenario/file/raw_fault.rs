@@ -58,6 +58,7 @@ enum RawFaultKind {
     DrivePowerCycle,
     DriveBlocked,
     LibraryError,
+    RequestsHeld,
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -193,6 +194,9 @@ impl RawFault {
                 errno: errno(&need("errno", self.errno.take())?)?,
                 times: self.times.take().unwrap_or(1),
             },
+            RawFaultKind::RequestsHeld => {
+                Fault::RequestsHeld { for_ms: need("for_ms", self.for_ms.take())? }
+            }
         };
         match self.left_over() {
             Some(key) => Err(format!("`{key}` does not belong to a fault of this kind")),

@@ -1,0 +1,201 @@
+/* igh_adapter.h: the configuration. */
+#include "check.h"
+
+static const uint8_t VALUE[8] = {1};
+
+/* Every function of a configuration refuses what is none. */
+static void no_config(int code, ecan_igh_config_t *config)
+{
+    char text[ECAN_IGH_MAX_SETTING];
+    BAD(code, ecan_igh_check_config(config));
+    BAD(code, ecan_igh_config_get_ecrt(config, text, sizeof(text)));
+    BAD(code, ecan_igh_config_set_ecrt(config, "sim"));
+    BAD(code, ecan_igh_config_suggest_scenario(config, "echo"));
+    BAD(code, ecan_igh_config_set_stepped_clock(config, 1));
+    BAD(code, ecan_igh_config_set_seed(config, 1));
+    BAD(code, ecan_igh_config_set_master_index(config, 0));
+    BAD(code, ecan_igh_config_set_slave_count(config, 1));
+    BAD(code, ecan_igh_config_set_cycle_us(config, 1000));
+    BAD(code, ecan_igh_config_set_dc_sync0(config, 1000, 0));
+    BAD(code, ecan_igh_config_set_dc_assign_activate(config, 0x0300));
+    BAD(code, ecan_igh_config_allow_large_pdos(config, 1));
+    BAD(code, ecan_igh_config_set_preop_timeout_ms(config, 1000));
+    BAD(code, ecan_igh_config_set_pdo_multiplier(config, 3));
+    BAD(code, ecan_igh_config_set_slave_pdo_multiplier(config, 0, 3));
+    BAD(code, ecan_igh_config_set_slave_pdo_multipliers(config, 0, 3, 3));
+    BAD(code, ecan_igh_config_set_slave_position(config, 0, 0, 0));
+    BAD(code, ecan_igh_config_set_slave_identity(config, 0, 1, 1));
+    BAD(code, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, VALUE, 1));
+}
+
+static void settings(ecan_igh_config_t *config)
+{
+    char text[ECAN_IGH_MAX_SETTING];
+    char long_text[ECAN_IGH_MAX_SETTING + 1];
+
+    fill_garbage(2, text, sizeof(text));
+    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text)));
+    SAME(0, text[0]);
+    GOOD(ecan_igh_config_set_ecrt(config, "sim:echo"));
+    GOOD(ecan_igh_config_get_ecrt(config, text, 9));
+    TRUE(strcmp(text, "sim:echo") == 0);
+    BAD(ECAN_ERR_BUFFER, ecan_igh_config_get_ecrt(config, text, 8));
+    TRUE(strcmp(text, "sim:ech") == 0);
+    BAD(ECAN_ERR_BUFFER, ecan_igh_config_get_ecrt(config, text, 1));
+    SAME(0, text[0]);
+    BAD(ECAN_ERR_BUFFER, ecan_igh_config_get_ecrt(config, text, 0));
+    BAD(ECAN_ERR_NULL, ecan_igh_config_get_ecrt(config, NULL, sizeof(text)));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_ecrt(config, "\xFF\xFE"));
+    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text)));
+    TRUE(strcmp(text, "sim:echo") == 0);
+
+    memset(long_text, 'x', sizeof(long_text));
+    long_text[ECAN_IGH_MAX_SETTING] = '\0';
+    BAD(ECAN_ERR_BUFFER, ecan_igh_config_set_ecrt(config, long_text));
+    long_text[ECAN_IGH_MAX_SETTING - 1] = '\0';
+    GOOD(ecan_igh_config_set_ecrt(config, long_text));
+    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text)));
+    TRUE(strcmp(text, long_text) == 0);
+    GOOD(ecan_igh_config_set_ecrt(config, ""));
+    GOOD(ecan_igh_config_set_ecrt(config, NULL));
+    GOOD(ecan_igh_config_get_ecrt(config, text, sizeof(text)));
+    SAME(0, text[0]);
+
+    GOOD(ecan_igh_config_suggest_scenario(config, "drives"));
+    GOOD(ecan_igh_config_suggest_scenario(config, "echo"));
+    BAD(ECAN_ERR_NULL, ecan_igh_config_suggest_scenario(config, NULL));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_suggest_scenario(config, "\xFF"));
+    BAD(ECAN_ERR_BUFFER, ecan_igh_config_suggest_scenario(config, long_text));
+}
+
+static void numbers(ecan_igh_config_t *config)
+{
+    GOOD(ecan_igh_config_set_stepped_clock(config, 0));
+    GOOD(ecan_igh_config_set_stepped_clock(config, -1));
+    GOOD(ecan_igh_config_set_seed(config, UINT64_MAX));
+    GOOD(ecan_igh_config_set_master_index(config, UINT32_MAX));
+    GOOD(ecan_igh_config_set_master_index(config, 0));
+    GOOD(ecan_igh_config_set_preop_timeout_ms(config, 0));
+    GOOD(ecan_igh_config_set_preop_timeout_ms(config, UINT32_MAX));
+    GOOD(ecan_igh_config_set_preop_timeout_ms(config, 10000));
+
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_cycle_us(config, 0));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_cycle_us(config, 4294968));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_cycle_us(config, UINT32_MAX));
+    GOOD(ecan_igh_config_set_cycle_us(config, 4294967));
+    GOOD(ecan_igh_config_set_cycle_us(config, 1));
+    GOOD(ecan_igh_config_set_cycle_us(config, 1000));
+
+    BAD(ECAN_ERR_ORDER, ecan_igh_config_set_dc_assign_activate(config, 0x0300));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_dc_sync0(config, 4294968, 0));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_dc_sync0(config, 1000, 4294968));
+    GOOD(ecan_igh_config_set_dc_sync0(config, 1000, 1000));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_dc_sync0(config, 1500, 100));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_dc_sync0(config, 2000, 1999));
+    GOOD(ecan_igh_config_set_dc_assign_activate(config, 0x0700));
+    GOOD(ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_dc_sync0(config, 0, 0));
+    BAD(ECAN_ERR_ORDER, ecan_igh_config_set_dc_assign_activate(config, 0x0300));
+    GOOD(ecan_igh_check_config(config));
+}
+
+static void slaves(ecan_igh_config_t *config)
+{
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_slave_count(config, 0));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_slave_count(config, ECAN_IGH_MAX_SLAVES + 1));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_slave_count(config, SIZE_MAX));
+    GOOD(ecan_igh_config_set_slave_count(config, ECAN_IGH_MAX_SLAVES));
+    GOOD(ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_slave_count(config, 2));
+
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_pdo_multiplier(config, 0));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_pdo_multiplier(config, 25));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_pdo_multiplier(config, 259));
+    GOOD(ecan_igh_config_set_pdo_multiplier(config, ECAN_PDO_MAX_PLAIN_MULTIPLIER));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_slave_pdo_multiplier(config, 0, 0));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_slave_pdo_multiplier(config, 0, 25));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_slave_pdo_multipliers(config, 0, 3, 0));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_slave_pdo_multipliers(config, 0, 25, 3));
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_set_slave_pdo_multiplier(config, 2, 3));
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_set_slave_pdo_multipliers(config, 2, 3, 3));
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_set_slave_pdo_multipliers(config, SIZE_MAX, 3, 3));
+    GOOD(ecan_igh_config_set_slave_pdo_multipliers(config, 1, 2, 4));
+    GOOD(ecan_igh_check_config(config));
+
+    /* N of 12 needs permission. */
+    GOOD(ecan_igh_config_set_slave_pdo_multiplier(config, 1, 12));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_allow_large_pdos(config, 1));
+    GOOD(ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_pdo_multiplier(config, ECAN_PDO_MAX_MULTIPLIER));
+    GOOD(ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_allow_large_pdos(config, 0));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+
+    /* Every fault is named. */
+    GOOD(ecan_igh_config_set_slave_position(config, 1, 0, 0));
+    GOOD(ecan_igh_config_set_dc_sync0(config, 1500, 0));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    WORDS("24");
+    WORDS("1486");
+    WORDS("1500");
+    GOOD(ecan_igh_config_set_dc_sync0(config, 0, 0));
+    GOOD(ecan_igh_config_set_pdo_multiplier(config, 3));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_slave_position(config, 1, 0, 1));
+    GOOD(ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_slave_position(config, 1, 0xFFFF, 0xFFFF));
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_set_slave_position(config, 2, 0, 0));
+
+    GOOD(ecan_igh_config_set_slave_identity(config, 1, 0, 0));
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_set_slave_identity(config, 2, 0, 0));
+}
+
+static void startup_sdos(ecan_igh_config_t *config)
+{
+    GOOD(ecan_igh_default_config(config));
+    BAD(ECAN_ERR_NULL, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, NULL, 1));
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_add_startup_sdo(config, 1, 0x8001, 1, VALUE, 1));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, VALUE, 0));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, VALUE, 3));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, VALUE, 5));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, VALUE, 8));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_add_startup_sdo(config, 0, 0x8001, 1, NULL, 0));
+    for (size_t i = 0; i < ECAN_IGH_MAX_STARTUP_SDOS; i++) {
+        static const size_t SIZES[3] = {1, 2, 4};
+        GOOD(ecan_igh_config_add_startup_sdo(config, 0, 0x2000, (uint8_t)i, VALUE, SIZES[i % 3]));
+    }
+    BAD(ECAN_ERR_FULL, ecan_igh_config_add_startup_sdo(config, 0, 0x2000, 1, VALUE, 1));
+    GOOD(ecan_igh_check_config(config));
+}
+
+void test_adapter_config(void)
+{
+    static ecan_igh_config_t config;
+    static ecan_igh_config_t copy;
+    static igh_mcan_port_config_t other;
+
+    check_about("NULL");
+    no_config(ECAN_ERR_NULL, NULL);
+    for (int kind = 0; kind < GARBAGE_KINDS; kind++) {
+        check_about(fill_garbage(kind, &config, sizeof(config)));
+        no_config(ECAN_ERR_NOT_INITIALISED, &config);
+    }
+    check_about("a Port's configuration");
+    GOOD(igh_mcan_port_default_config(&other));
+    memcpy(&config, &other, sizeof(other));
+    no_config(ECAN_ERR_NOT_INITIALISED, &config);
+    check_about(NULL);
+
+    BAD(ECAN_ERR_NULL, ecan_igh_default_config(NULL));
+    GOOD(ecan_igh_default_config(&config));
+    GOOD(ecan_igh_check_config(&config));
+    settings(&config);
+    numbers(&config);
+    slaves(&config);
+    copy = config;
+    GOOD(ecan_igh_check_config(&copy));
+    startup_sdos(&config);
+}

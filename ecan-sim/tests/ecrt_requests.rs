@@ -1,0 +1,125 @@
+//! What becomes of requests beside the cycle when nobody serves them.
+
+mod ecrt_support;
+
+use ecan_sim::Fault;
+use ecrt_support::{CYCLE_NS, Program, stepped_echo};
+use ecrt_sys::{RegRequestId, RequestState, SdoRequestId};
+
+/// In OP, with a request for the vendor id and one for the AL status.
+fn with_requests() -> (Program, SdoRequestId, RegRequestId) {
+    let mut program = Program::new(stepped_echo(1), &[1]);
+    let config = program.slaves[0].config;
+    let sdo = program.master.create_sdo_request(config, 0x1018, 1, 4).unwrap();
+    let register = program.master.create_reg_request(config, 2).unwrap();
+    (program.into_op(), sdo, register)
+}
+
+fn sdo_state(program: &mut Program, request: SdoRequestId) -> RequestState {
+    program.master.sdo_request_state(request).unwrap()
+}
+
+fn register_state(program: &mut Program, request: RegRequestId) -> RequestState {
+    program.master.reg_request_state(request).unwrap()
+}
+
+/// Cycles over a lost link until the bus is scanned anew, with `keep_busy` in each; their number.
+fn into_scan(program: &mut Program, mut keep_busy: impl FnMut(&mut Program)) -> usize {
+    program.simulation().inject(Fault::LinkLoss { gateway: 0, for_ms: 1_100 });
+    let mut cycles = 0;
+    while !program.master.info().unwrap().scan_busy {
+        keep_busy(program);
+        program.cycle();
+        cycles += 1;
+    }
+    cycles
+}
+
+#[test]
+fn a_request_under_way_fails_when_the_bus_is_scanned_anew() {
+    // The scan meets the transfer at each of its steps.
+    for delay in 0..4 {
+        let (mut program, request, _) = with_requests();
+        program.cycles(delay);
+        into_scan(&mut program, |program| {
+            if sdo_state(program, request) != RequestState::Busy {
+                program.master.sdo_request_read(request).unwrap();
+            }
+        });
+        assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
+        program.cycles(5);
+        assert_ne!(sdo_state(&mut program, request), RequestState::Busy, "delay {delay}");
+        program.master.sdo_request_read(request).unwrap();
+        program.cycles(5);
+        assert_eq!(sdo_state(&mut program, request), RequestState::Success, "delay {delay}");
+    }
+}
+
+#[test]
+fn a_register_request_under_way_fails_when_the_bus_is_scanned_anew() {
+    // A register is read within a cycle: what the scan meets depends on the cycle's phase.
+    for quarter in 0..4 {
+        let (mut program, _, request) = with_requests();
+        program.cycles(5);
+        program.simulation().pass_ns(quarter * CYCLE_NS / 4);
+        program.next += quarter * CYCLE_NS / 4;
+        into_scan(&mut program, |program| {
+            if register_state(program, request) != RequestState::Busy {
+                program.master.reg_request_read(request, 0x0130, 2).unwrap();
+            }
+        });
+        assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
+        program.cycles(5);
+        assert_ne!(register_state(&mut program, request), RequestState::Busy, "{quarter}");
+        program.master.reg_request_read(request, 0x0130, 2).unwrap();
+        program.cycles(3);
+        assert_eq!(register_state(&mut program, request), RequestState::Success, "{quarter}");
+    }
+}
+
+#[test]
+fn a_request_that_waits_for_its_lost_slave_ends_when_it_is_back() {
+    let (mut program, request, _) = with_requests();
+    into_scan(&mut program, |_| {});
+    program.master.sdo_request_read(request).unwrap();
+    program.cycles(50);
+    assert_eq!(sdo_state(&mut program, request), RequestState::Busy);
+    assert!(program.reaches_op(), "{:#?}", program.simulation().kernel_log());
+    program.cycles(5);
+    // The slave came back with an AL error, in which no request is served.
+    assert_eq!(sdo_state(&mut program, request), RequestState::Error);
+    program.master.sdo_request_read(request).unwrap();
+    program.cycles(5);
+    assert_eq!(sdo_state(&mut program, request), RequestState::Success);
+}
+
+#[test]
+fn a_request_that_waits_for_a_slave_that_never_left_op_is_served_after_the_scan() {
+    let (mut program, _, _) = with_requests();
+    let cycles = into_scan(&mut program, |_| {});
+    // Open only for a moment, when the master looks at the bus.
+    let (mut program, request, _) = with_requests();
+    program.cycles(cycles - 2);
+    program.simulation().inject(Fault::LinkLoss { gateway: 0, for_ms: 4 });
+    program.cycles(2);
+    assert!(program.master.info().unwrap().scan_busy);
+    program.master.sdo_request_read(request).unwrap();
+    program.cycles(1_000);
+    assert!(program.state(0).operational);
+    assert_eq!(sdo_state(&mut program, request), RequestState::Success);
+}
+
+#[test]
+fn the_timeout_of_a_request_is_judged_when_its_turn_comes() {
+    let (mut program, request, _) = with_requests();
+    program.master.sdo_request_timeout(request, 100).unwrap();
+    program.simulation().inject(Fault::RequestsHeld { for_ms: 1_000 });
+    program.master.sdo_request_read(request).unwrap();
+    program.cycles(990);
+    assert_eq!(sdo_state(&mut program, request), RequestState::Busy);
+    program.cycles(20);
+    assert_eq!(sdo_state(&mut program, request), RequestState::Error);
+    program.master.sdo_request_read(request).unwrap();
+    program.cycles(5);
+    assert_eq!(sdo_state(&mut program, request), RequestState::Success);
+}
