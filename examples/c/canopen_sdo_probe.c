@@ -1,7 +1,7 @@
 /* Reads or writes an object of a CANopen node behind a gateway (manual 15.4).
  *
- *     canopen_sdo_probe --ecrt sim --node 1 --index 0x1000 --sub 0
- *     canopen_sdo_probe --ecrt sim --node 1 --index 0x6081 --sub 0 --type u32 --write 5000
+ *     igh_canopen_sdo_probe --ecrt sim --node 1 --index 0x1000 --sub 0
+ *     igh_canopen_sdo_probe --ecrt sim --node 1 --index 0x6081 --sub 0 --type u32 --write 5000
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,7 +25,6 @@ typedef struct {
 static void parse_arguments(arguments_t *arguments, int argc, char **argv)
 {
     option_list_t list = {
-        .program = "canopen_sdo_probe",
         .about = "Reads or writes an object of a CANopen node behind an ECAN-Lite gateway."};
     *arguments = (arguments_t){.timeout_ms = 5000};
     bus_settings_default(&arguments->bus, "drives");

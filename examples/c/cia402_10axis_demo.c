@@ -1,7 +1,7 @@
 /* Ten CiA 402 axes behind one or more gateways (manual 15.6): bring-up and load test.
  *
- *     cia402_10axis_demo --ecrt sim --slaves 1
- *     cia402_10axis_demo --ecrt sim --cycle-us 1000 --dc-sync0 --dc-shift-us 700 --step 20
+ *     igh_cia402_10axis_demo --ecrt sim --slaves 1
+ *     igh_cia402_10axis_demo --ecrt sim --cycle-us 1000 --dc-sync0 --dc-shift-us 700 --step 20
  */
 #include <stdlib.h>
 
@@ -27,7 +27,6 @@ int main(int argc, char **argv)
 {
     motion_t motion;
     option_list_t list = {
-        .program = "cia402_10axis_demo",
         .about = "Enables ten CiA 402 axes, spread over the channels of all gateways, and moves "
                  "them by a step per target."};
     motion_default(&motion, 1000);

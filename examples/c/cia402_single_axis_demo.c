@@ -1,8 +1,8 @@
 /* One CiA 402 axis behind a gateway (manual 15.6): configures it, enables it where it stands, and
  * moves it step by step.
  *
- *     cia402_single_axis_demo --ecrt sim --step 0
- *     cia402_single_axis_demo --ecrt sim --step 100 --cycles 2000
+ *     igh_cia402_single_axis_demo --ecrt sim --step 0
+ *     igh_cia402_single_axis_demo --ecrt sim --step 100 --cycles 2000
  */
 #include <stdlib.h>
 
@@ -14,7 +14,6 @@ int main(int argc, char **argv)
     motion_t motion;
     uint64_t channel = 0, node_id = 1;
     option_list_t list = {
-        .program = "cia402_single_axis_demo",
         .about = "Enables one CiA 402 axis and moves it by a step per target."};
     motion_default(&motion, 20);
     motion_add_options(&motion, &list);

@@ -1,8 +1,8 @@
 /* How steadily frames leave a gateway, sent directly or scheduled to a phase of Sync0 (manual
  * 13.9).
  *
- *     mcan_gateway_tx_probe --ecrt sim --frames 1000
- *     mcan_gateway_tx_probe --cycle-us 1000 --fd 2000000 --offset-ns 100000 \
+ *     igh_mcan_gateway_tx_probe --ecrt sim --frames 1000
+ *     igh_mcan_gateway_tx_probe --cycle-us 1000 --fd 2000000 --offset-ns 100000 \
  *         --rt-priority 80 --spin-us 100
  */
 #include <inttypes.h>
@@ -58,7 +58,6 @@ typedef struct {
 static void parse_arguments(arguments_t *arguments, int argc, char **argv)
 {
     option_list_t list = {
-        .program = "mcan_gateway_tx_probe",
         .about = "Sends one CAN frame per cycle, directly or scheduled, and measures the periods."};
     *arguments = (arguments_t){.frames = 1000};
     bus_settings_default(&arguments->bus, "echo");
@@ -185,7 +184,7 @@ static bool receive(bus_t *bus, result_t *result, uint64_t now_ns)
 static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *result)
 {
     pacer_t pacer;
-    unsigned failed_cycles = 0;
+    cycle_health_t health = {0};
     if (!pacer_init(&pacer, bus, arguments)) {
         return false;
     }
@@ -196,7 +195,7 @@ static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *resul
         }
         uint64_t now = ecan_igh_now_ns(&bus->igh);
         bool is_sending = result->sent < arguments->frames;
-        int begun = igh_mcan_port_cycle_begin(&bus->mcan);
+        cycle_begun(&health, igh_mcan_port_cycle_begin(&bus->mcan));
         bool is_fine = receive(bus, result, now);
         if (is_sending) {
             samples_add(&result->master_periods, now - last_cycle);
@@ -212,8 +211,8 @@ static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *resul
                 is_fine = false;
             }
         }
-        int ended = igh_mcan_port_cycle_end(&bus->mcan);
-        if (!is_fine || !cycle_may_go_on(&failed_cycles, begun, ended)) {
+        bool may_go_on = cycle_ended(&health, igh_mcan_port_cycle_end(&bus->mcan));
+        if (!is_fine || !may_go_on) {
             return false;
         }
         last_cycle = now;

@@ -135,20 +135,20 @@ static bool start_up(igh_cia402_context_t *cia402, bus_t *bus, uint64_t cycles)
 
 /* One cycle with a step of every axis. Where the working counter is incomplete the SDK by itself
  * moves no axis on (manual 15.5.2, step 8). */
-static bool run_cycle(igh_cia402_context_t *cia402, bus_t *bus, unsigned *failed_cycles)
+static bool run_cycle(igh_cia402_context_t *cia402, bus_t *bus, cycle_health_t *health)
 {
     if (igh_mcan_port_wait_next_cycle(&bus->mcan) != ECAN_OK) {
         report_sdk_error();
         return false;
     }
-    int begun = igh_mcan_port_cycle_begin(&bus->mcan);
+    cycle_begun(health, igh_mcan_port_cycle_begin(&bus->mcan));
     bool is_fine = igh_cia402_process_rx(cia402) == ECAN_OK &&
                    igh_cia402_send_target_step(cia402) == ECAN_OK;
     if (!is_fine) {
         report_sdk_error();
     }
-    int ended = igh_mcan_port_cycle_end(&bus->mcan);
-    return is_fine && cycle_may_go_on(failed_cycles, begun, ended);
+    bool may_go_on = cycle_ended(health, igh_mcan_port_cycle_end(&bus->mcan));
+    return is_fine && may_go_on;
 }
 
 /* Prints what an axis is doing when it is no longer what it was doing before. */
@@ -173,11 +173,11 @@ static bool print_changes(igh_cia402_context_t *cia402, uint8_t *phases, size_t 
 static bool move(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motion)
 {
     igh_cia402_send_summary_t summary;
-    unsigned failed_cycles = 0;
+    cycle_health_t health = {0};
     uint8_t phases[MOTION_MAX_AXES];
     memset(phases, IGH_CIA402_PHASE_RUNNING, sizeof(phases));
     for (uint64_t cycle = 0; cycle < motion->cycles && !interrupt_is_set(); cycle++) {
-        if (!run_cycle(cia402, bus, &failed_cycles)) {
+        if (!run_cycle(cia402, bus, &health)) {
             return false;
         }
         if (igh_cia402_get_send_summary(cia402, &summary) != ECAN_OK) {

@@ -129,9 +129,9 @@ static void print_option(const option_t *option)
     print_wrapped(words);
 }
 
-static void print_help(const option_list_t *list)
+static void print_help(const option_list_t *list, const char *program)
 {
-    printf("%s\n\nUsage: %s [OPTIONS]\n\nOptions:\n", list->about, list->program);
+    printf("%s\n\nUsage: %s [OPTIONS]\n\nOptions:\n", list->about, program);
     for (size_t i = 0; i < list->count; i++) {
         print_option(&list->options[i]);
     }
@@ -143,7 +143,8 @@ void options_parse(const option_list_t *list, int argc, char **argv)
 {
     enum { HELP = 1, VERSION = 2 };
     struct option table[OPTIONS_MAX + 3];
-    bool was_given[OPTIONS_MAX] = {false};
+    /* Values are stored at the end, so that the help still finds the defaults. */
+    const char *values[OPTIONS_MAX] = {NULL};
     memset(table, 0, sizeof(table));
     for (size_t i = 0; i < list->count; i++) {
         table[i].name = list->options[i].name;
@@ -159,25 +160,26 @@ void options_parse(const option_list_t *list, int argc, char **argv)
         switch (found) {
         case 'h':
         case HELP:
-            print_help(list);
+            print_help(list, argv[0]);
             exit(EXIT_SUCCESS);
         case VERSION:
-            printf("%s %s\n", list->program, ecan_version_text());
+            printf("%s %s\n", argv[0], ecan_version_text());
             exit(EXIT_SUCCESS);
         case ':':
             options_wrong_use("%s needs a value", argv[optind - 1]);
         case '?':
             options_wrong_use("%s is no option, or takes no value", argv[optind - 1]);
         default:
-            store(&list->options[found - FIRST_OPTION], optarg);
-            was_given[found - FIRST_OPTION] = true;
+            values[found - FIRST_OPTION] = optarg != NULL ? optarg : "";
         }
     }
     if (optind < argc) {
         options_wrong_use("%s is no option", argv[optind]);
     }
     for (size_t i = 0; i < list->count; i++) {
-        if (list->options[i].is_required && !was_given[i]) {
+        if (values[i] != NULL) {
+            store(&list->options[i], values[i]);
+        } else if (list->options[i].is_required) {
             options_wrong_use("--%s %s is missing", list->options[i].name,
                               list->options[i].value_name);
         }

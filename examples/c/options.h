@@ -24,7 +24,6 @@ typedef struct {
 } option_t;
 
 typedef struct {
-    const char *program;
     const char *about; /* one sentence for the help */
     option_t options[OPTIONS_MAX];
     size_t count;

@@ -1,10 +1,9 @@
 /* The manual's minimal CAN loop (15.4): sends frames through ECAN-Lite gateways every cycle and
  * receives what comes back; or replays a recording and checks that it comes back unchanged.
  *
- *     simple_loop --ecrt sim
- *     simple_loop --ecrt sim --replay drive.log --dump back.log
+ *     igh_simple_loop --ecrt sim
+ *     igh_simple_loop --ecrt sim --replay drive.log --dump back.log
  */
-#include <errno.h>
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -42,7 +41,6 @@ typedef struct {
 static void parse_arguments(arguments_t *arguments, int argc, char **argv)
 {
     option_list_t list = {
-        .program = "simple_loop",
         .about = "Sends CAN frames through ECAN-Lite gateways every cycle and receives what comes "
                  "back."};
     *arguments = (arguments_t){.channel = "0", .cycles = 1000};
@@ -150,7 +148,7 @@ static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t 
     uint64_t cycle_ns = settings->cycle_us * 1000;
     uint64_t quiet_ns = QUIET_CYCLES * cycle_ns > QUIET_NS ? QUIET_CYCLES * cycle_ns : QUIET_NS;
     uint64_t start = ecan_igh_now_ns(&bus->igh), last_activity = 0;
-    unsigned failed_cycles = 0;
+    cycle_health_t health = {0};
     session_watch_t watch;
     session_watch_init(&watch);
     while (!interrupt_is_set()) {
@@ -158,15 +156,15 @@ static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t 
             report_sdk_error();
             return false;
         }
-        int begun = igh_mcan_port_cycle_begin(&bus->mcan);
+        cycle_begun(&health, igh_mcan_port_cycle_begin(&bus->mcan));
         uint64_t elapsed = ecan_igh_now_ns(&bus->igh) - start;
         uint64_t frames_before = check->sent + check->returned, due = 0;
         bool is_fine = receive(bus, check, dump, frame_source_log_time(source, elapsed));
         if (is_fine && source->done < source->total) {
             is_fine = frame_source_send(source, &bus->mcan, elapsed, check);
         }
-        int ended = igh_mcan_port_cycle_end(&bus->mcan);
-        if (!is_fine || !cycle_may_go_on(&failed_cycles, begun, ended)) {
+        bool may_go_on = cycle_ended(&health, igh_mcan_port_cycle_end(&bus->mcan));
+        if (!is_fine || !may_go_on) {
             return false;
         }
         session_watch_print(&watch, bus, elapsed);

@@ -6,23 +6,13 @@
 //! calls are timed, not the simulation. Prints the medians and their ratio.
 #![allow(missing_docs)]
 
-use std::mem::MaybeUninit;
+#[path = "../tests/c_port/mod.rs"]
+mod c_port;
+
 use std::time::Instant;
 
+use c_port::CPort;
 use ecan_host::AdapterConfig;
-use ecan_igh_host::adapter::config::{ecan_igh_config_t, ecan_igh_default_config};
-use ecan_igh_host::adapter::config_master::{
-    ecan_igh_config_set_ecrt, ecan_igh_config_set_stepped_clock,
-};
-use ecan_igh_host::adapter::context::{
-    ecan_igh_context_t, ecan_igh_deinit, ecan_igh_init, ecan_igh_wait_op_timeout,
-};
-use ecan_igh_host::mcan_port::config::{
-    igh_mcan_port_apply_config, igh_mcan_port_config_t, igh_mcan_port_default_config,
-};
-use ecan_igh_host::mcan_port::config_channel::igh_mcan_port_set_classic_channel;
-use ecan_igh_host::mcan_port::config_gateway::igh_mcan_port_set_paced;
-use ecan_igh_host::mcan_port::context::{igh_mcan_port_init, igh_mcan_port_t};
 use ecan_igh_host::mcan_port::cycle::{
     igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_receive,
     igh_mcan_port_wait_next_cycle,
@@ -35,9 +25,9 @@ use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 
 /// Frames sent in a cycle; the echo node's answers come back later.
 const FRAMES: usize = 8;
-const CYCLES: usize = 40_000;
+const CYCLES: usize = 20_000;
 const WARM_UP: usize = 100;
-/// In-cycle repetitions of a receive that brings nothing more, as a real loop has none.
+/// Frames that a receive takes at most.
 const CAPACITY: usize = 64;
 
 struct Through {
@@ -78,40 +68,12 @@ fn rust_port() -> Port {
     port
 }
 
-/// The contexts of C stay where they are.
-struct CPort {
-    igh: Box<MaybeUninit<ecan_igh_context_t>>,
-    port: Box<MaybeUninit<igh_mcan_port_t>>,
-}
-
-fn c_port() -> CPort {
-    let mut c = CPort { igh: Box::new_uninit(), port: Box::new_uninit() };
-    let mut config: Box<MaybeUninit<ecan_igh_config_t>> = Box::new_uninit();
-    let mut gateways: Box<MaybeUninit<igh_mcan_port_config_t>> = Box::new_uninit();
-    // SAFETY: every pointer is valid, and each init function takes what bytes there are.
-    unsafe {
-        let (config, gateways) = (config.as_mut_ptr(), gateways.as_mut_ptr());
-        assert_eq!(ecan_igh_default_config(config), 0);
-        assert_eq!(ecan_igh_config_set_ecrt(config, c"sim:echo".as_ptr()), 0);
-        assert_eq!(ecan_igh_config_set_stepped_clock(config, 1), 0);
-        assert_eq!(igh_mcan_port_default_config(gateways), 0);
-        assert_eq!(igh_mcan_port_set_classic_channel(gateways, 0, 0, 1_000_000), 0);
-        assert_eq!(igh_mcan_port_set_paced(gateways, 0, 0), 0);
-        assert_eq!(igh_mcan_port_apply_config(config, gateways), 0);
-        assert_eq!(ecan_igh_init(c.igh.as_mut_ptr(), config), 0);
-        assert_eq!(igh_mcan_port_init(c.port.as_mut_ptr(), c.igh.as_mut_ptr(), gateways), 0);
-        assert_eq!(ecan_igh_wait_op_timeout(c.igh.as_mut_ptr(), 30_000), 0);
-    }
-    c
-}
-
 fn main() {
     let mut rust = rust_port();
-    let mut c = c_port();
+    let mut c = CPort::ready(1);
     let (mut through_rust, mut through_c) = (Through::new(), Through::new());
     let data = [1, 2, 3, 4, 5, 6, 7, 8];
     let mut items = Vec::new();
-    rust.receive_each(|_| {});
     let placeholder = Received::TransmitReport(ecan_mcan_port::TransmitReport {
         ticket: None,
         slave: 0,
@@ -120,7 +82,7 @@ fn main() {
     });
     items.resize(CAPACITY, placeholder);
     let mut frames = vec![igh_mcan_rx_frame_t::EMPTY; CAPACITY];
-    let port = c.port.as_mut_ptr();
+    let port = c.port();
 
     for cycle in 0..CYCLES + WARM_UP {
         rust.wait_next_cycle();
@@ -149,9 +111,6 @@ fn main() {
             assert_eq!(igh_mcan_port_cycle_end(port), 0);
         }
     }
-    // SAFETY: the context is valid.
-    unsafe { ecan_igh_deinit(c.igh.as_mut_ptr()) };
-
     let (in_rust, in_c) = (through_rust.median(), through_c.median());
     println!(
         "{FRAMES} frames sent and those due received, per cycle: {in_rust:.0} ns in Rust ({} frames \

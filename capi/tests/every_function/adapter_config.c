@@ -107,6 +107,8 @@ static void slaves(ecan_igh_config_t *config)
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_slave_count(config, ECAN_IGH_MAX_SLAVES + 1));
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_slave_count(config, SIZE_MAX));
     GOOD(ecan_igh_config_set_slave_count(config, ECAN_IGH_MAX_SLAVES));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_cycle_us(config, 10000));
     GOOD(ecan_igh_check_config(config));
     GOOD(ecan_igh_config_set_slave_count(config, 2));
 
@@ -149,7 +151,9 @@ static void slaves(ecan_igh_config_t *config)
     GOOD(ecan_igh_config_set_slave_position(config, 1, 0xFFFF, 0xFFFF));
     BAD(ECAN_ERR_SLAVE, ecan_igh_config_set_slave_position(config, 2, 0, 0));
 
-    GOOD(ecan_igh_config_set_slave_identity(config, 1, 0, 0));
+    GOOD(ecan_igh_config_set_slave_identity(config, 1, 1, 0));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_slave_identity(config, 1, 1, 1));
     BAD(ECAN_ERR_SLAVE, ecan_igh_config_set_slave_identity(config, 2, 0, 0));
 }
 

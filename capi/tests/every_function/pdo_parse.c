@@ -151,7 +151,6 @@ static void broken(void)
     SAME(0, diag.tsf);
     SAME(0, diag.kind);
     SAME(10, diag.payload_len);
-    SAME(diag.payload_crc16, diag.computed_crc16);
 
     check_about("a second packet of a channel that there is not");
     make_example();

@@ -70,7 +70,8 @@ pub(crate) fn need_slave(call: Call, port: &Port, slave: usize) -> Result<(), ec
 
 /// Where a gateway's session stands.
 ///
-/// @param text  Gets the same in words, with the reason of a failure; may be NULL.
+/// @param text  Gets the same in words, with the reason of a failure and what is waited for; may be
+///              NULL.
 /// @param size  Bytes of the buffer; what does not fit is cut.
 ///
 /// @usage   rt with text NULL, the cycle's thread, after init
@@ -96,7 +97,11 @@ pub unsafe extern "C" fn igh_mcan_port_get_session(
             need_slave(call, port, slave)?;
             let session = port.session(slave);
             if let Some(mut room) = room {
-                put_text(&mut room, &session.to_string());
+                let words = match port.waiting_for(slave) {
+                    Some(awaited) => format!("{session}; it waits for {awaited}"),
+                    None => session.to_string(),
+                };
+                put_text(&mut room, &words);
             }
             let value = match session {
                 Session::Waiting => igh_mcan_session_t::IGH_MCAN_SESSION_WAITING,
