@@ -294,7 +294,8 @@ typedef struct {
  * reserves the master, finds the slaves, writes their startup SDOs in PREOP (also those of
  * igh_mcan_port_apply_config()) and maps their PDOs. The bus is not cyclic yet.
  *
- * Blocks, for seconds where the master is still scanning the bus.
+ * Blocks, for seconds where the master is still scanning the bus. A simulated library says on
+ * standard error that it is one.
  *
  * @param context  Whatever it holds; the manual's fragments leave it uninitialised.
  * @param config   Is copied.
@@ -391,6 +392,15 @@ int ecan_igh_deinit(ecan_igh_context_t *context);
 int ecan_igh_is_simulated(ecan_igh_context_t *context);
 
 /**
+ * Whether time passes only while the program waits for the next cycle: on a simulation with a
+ * stepped clock. Deadlines of the program's own must be taken from ecan_igh_now_ns() then.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_clock_is_stepped(ecan_igh_context_t *context);
+
+/**
  * What ecan_igh_wait_op_timeout() should be allowed, by the startup SDOs, the cycle and the number
  * of slaves.
  *
@@ -468,6 +478,15 @@ int ecan_igh_wait_next_cycle(ecan_igh_context_t *context);
  * @return  Nanoseconds; 0 where there is no context.
  */
 uint64_t ecan_igh_now_ns(ecan_igh_context_t *context);
+
+/**
+ * The point of the grid on which the running cycle stands, on the clock of ecan_igh_now_ns(): to it
+ * Sync0 refers, whatever the wake-up was late.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  Nanoseconds; 0 before the first cycle and where there is no context.
+ */
+uint64_t ecan_igh_cycle_time_ns(ecan_igh_context_t *context);
 
 /**
  * Whether every slave exchanged both directions in the last cycle. Do not advance motion where

@@ -268,7 +268,7 @@ typedef struct {
      * meanwhile. Default 3.
      */
     uint16_t wc_misses;
-    /** Images that must be seen, at least, until targets of before are taken to be gone. Default 3. */
+    /** Images that must be seen, at least, until targets of before count as gone. Default 3. */
     uint16_t drain_images;
     /** How long enabling may take, in milliseconds. Default 5000. */
     uint32_t enable_timeout_ms;
@@ -560,6 +560,16 @@ int igh_cia402_request_actual_position_all_timeout(igh_cia402_context_t *context
 int igh_cia402_enable_all_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
 
 /**
+ * The three calls above in a row: from drives in whatever state to axes that follow targets.
+ *
+ * @param timeout_ms  Milliseconds, for each of the three.
+ *
+ * @usage   not rt, the cycle's thread, active bus
+ * @return  As those calls.
+ */
+int igh_cia402_start_up_timeout(igh_cia402_context_t *context, uint32_t timeout_ms);
+
+/**
  * Waits until the changes of mode and the homings of all axes are done.
  *
  * @param timeout_ms  Milliseconds.
@@ -790,7 +800,7 @@ typedef struct {
 
 /**
  * Sends an NMT command to all nodes of the channels that have axes, with the next targets. After
- * anything but IGH_CANOPEN_NMT_START the axes hold.
+ * anything but IGH_CANOPEN_NMT_START the axes hold. Configuring a drive sends what it needs by itself.
  *
  * @param command  An igh_canopen_nmt_t.
  *
@@ -798,7 +808,8 @@ typedef struct {
  * @return  ECAN_OK; ECAN_ERR_CANOPEN where so many commands wait that no more can;
  *          ECAN_ERR_ARGUMENT, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
-int igh_cia402_send_nmt_all(igh_cia402_context_t *context, int command);
+int igh_cia402_send_nmt_all(igh_cia402_context_t *context,
+                            int command);
 
 /**
  * Sends an NMT command to the drive of an axis, as igh_cia402_send_nmt_all().
@@ -1183,7 +1194,7 @@ typedef struct {
     uint8_t channel;
     /** Node-ID of the drive. */
     uint8_t node_id;
-    /** The mode that the drive has confirmed, that of the axis table before: an igh_cia402_mode_t. */
+    /** An igh_cia402_mode_t: the one that the drive has confirmed, that of the axis table before. */
     int8_t mode;
     /** An igh_cia402_phase_t. */
     uint8_t phase;

@@ -151,6 +151,15 @@ const char *ecan_result_name(int code);
  */
 const char *ecan_result_words(int code);
 
+/**
+ * Whether a frame that was refused with a code may be sent again in a later cycle: no room, the
+ * queue full, bus-off, or the gateway not in service.
+ *
+ * @usage   rt, any thread, any time
+ * @return  1 or 0.
+ */
+int ecan_result_is_temporary(int code);
+
 /* ---------------------------------------------------------------------------
  * The last error, in words
  * --------------------------------------------------------------------------- */

@@ -196,7 +196,8 @@ int igh_mcan_tx_frame_set_can(igh_mcan_tx_frame_t *frame,
 /**
  * Makes a CAN FD frame that is sent at once.
  *
- * @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI.
+ * @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI; IGH_MCAN_FLAG_FD is
+ *               understood.
  * @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
  *
  * @usage   rt, any thread, any time
@@ -209,6 +210,18 @@ int igh_mcan_tx_frame_set_canfd(igh_mcan_tx_frame_t *frame,
                                 uint8_t flags,
                                 const uint8_t *data,
                                 size_t len);
+
+/**
+ * Makes a frame to send of one that was received, as an echo or a bridge does; slave and channel
+ * are those that it came from.
+ *
+ * @param frame     Is overwritten.
+ * @param received  A frame, no TX_RESULT.
+ *
+ * @usage   rt, any thread, any time
+ * @return  ECAN_OK, ECAN_ERR_NULL, or ECAN_ERR_FRAME for what is no frame.
+ */
+int igh_mcan_tx_frame_set_received(igh_mcan_tx_frame_t *frame, const igh_mcan_rx_frame_t *received);
 
 /**
  * Has a frame sent at a phase of the next Sync0 period instead of at once (manual 8.4).

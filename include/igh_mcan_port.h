@@ -457,7 +457,8 @@ int igh_mcan_port_wait_next_cycle(igh_mcan_port_t *port);
 /**
  * First in the cycle: fetches the images, judges them, and goes on with bringing gateways into
  * service. What the last cycle brought and was not received is gone. Does nothing while a cycle
- * is open already.
+ * is open already. Keep the words of an error if they matter: a frame that is refused later in the
+ * cycle has others.
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  ECAN_OK; ECAN_ERR_MASTER where a call of the library failed: the cycle is open all the
@@ -497,7 +498,7 @@ int igh_mcan_port_receive(igh_mcan_port_t *port,
  * Sending
  *
  * A packet is written once, straight into the process image. A frame that is not taken leaves no
- * trace; ECAN_ERR_NO_ROOM and ECAN_ERR_QUEUE_FULL say: send it again in a later cycle.
+ * trace; for some codes it may be sent again in a later cycle (ecan_result_is_temporary()).
  * --------------------------------------------------------------------------- */
 
 /** Where a frame went; igh_mcan_rx_frame_t of kind IGH_MCAN_RX_TX_RESULT names the same. */
@@ -538,7 +539,8 @@ int igh_mcan_port_send_can(igh_mcan_port_t *port,
 /**
  * Sends a CAN FD frame.
  *
- * @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI.
+ * @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI; IGH_MCAN_FLAG_FD is
+ *               understood.
  * @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
  *
  * @usage   rt, the cycle's thread, in an open cycle
@@ -709,7 +711,8 @@ typedef struct {
 /**
  * Where a gateway's session stands.
  *
- * @param text  Gets the same in words, with the reason of a failure; may be NULL.
+ * @param text  Gets the same in words, with the reason of a failure and what is waited for; may be
+ *              NULL.
  * @param size  Bytes of the buffer; what does not fit is cut.
  *
  * @usage   rt with text NULL, the cycle's thread, after init

@@ -3,7 +3,7 @@
 //! `Port::receive`.
 //!
 //! Both run on a simulated gateway of their own with an echo node, cycle by cycle in turn; only the
-//! calls are timed, not the simulation. Prints the medians and their ratio.
+//! calls are timed, not the simulation. Prints the medians and their ratios.
 #![allow(missing_docs)]
 
 #[path = "../tests/c_port/mod.rs"]
@@ -19,39 +19,45 @@ use ecan_igh_host::mcan_port::cycle::{
 };
 use ecan_igh_host::mcan_port::send::igh_mcan_port_send_can;
 use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received};
-use ecan_protocol::CanId;
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received, TransmitReport};
+use ecan_protocol::{CanId, ResultCode};
 use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 
-/// Frames sent in a cycle; the echo node's answers come back later.
-const FRAMES: usize = 8;
-const CYCLES: usize = 20_000;
+/// Frames sent in a cycle: what an image of N = 8 holds comfortably. The gateway sends some of them
+/// on, and their echoes come back later.
+const FRAMES: u32 = 60;
+const CYCLES: usize = 10_000;
 const WARM_UP: usize = 100;
 /// Frames that a receive takes at most.
-const CAPACITY: usize = 64;
+const CAPACITY: usize = 255;
 
-struct Through {
-    nanoseconds: Vec<f64>,
-    received: usize,
+/// Nanoseconds per frame, of each cycle.
+#[derive(Default)]
+struct Times {
+    send: Vec<f64>,
+    receive: Vec<f64>,
 }
 
-impl Through {
-    fn new() -> Self {
-        Self { nanoseconds: Vec::with_capacity(CYCLES), received: 0 }
-    }
-
-    fn add(&mut self, cycle: usize, start: Instant, received: usize) {
-        let time = start.elapsed().as_nanos() as f64;
-        if cycle >= WARM_UP {
-            self.nanoseconds.push(time);
-            self.received += received;
+impl Times {
+    fn add(&mut self, cycle: usize, marks: [Instant; 3], received: usize) {
+        if cycle < WARM_UP {
+            return;
         }
+        let per_frame = |from: Instant, to: Instant, frames| (to - from).as_nanos() as f64 / frames;
+        if received > 0 {
+            self.receive.push(per_frame(marks[0], marks[1], received as f64));
+        }
+        self.send.push(per_frame(marks[1], marks[2], FRAMES.into()));
     }
 
-    fn median(&mut self) -> f64 {
-        self.nanoseconds.sort_by(f64::total_cmp);
-        self.nanoseconds[self.nanoseconds.len() / 2]
+    fn medians(mut self) -> (f64, f64) {
+        (median(&mut self.send), median(&mut self.receive))
     }
+}
+
+fn median(times: &mut [f64]) -> f64 {
+    times.sort_by(f64::total_cmp);
+    times[times.len() / 2]
 }
 
 fn rust_port() -> Port {
@@ -63,7 +69,8 @@ fn rust_port() -> Port {
         ..GatewayConfig::on_channel(0, ChannelSettings::classic(1_000_000))
     };
     let config = PortConfig::uniform(1, gateway);
-    let mut port = Port::open(&backend.ecrt, AdapterConfig::new(1), config).unwrap();
+    let mut port =
+        Port::open(&backend.ecrt, AdapterConfig::new(1).with_multiplier(8), config).unwrap();
     port.wait_ready(30_000).unwrap();
     port
 }
@@ -71,16 +78,15 @@ fn rust_port() -> Port {
 fn main() {
     let mut rust = rust_port();
     let mut c = CPort::ready(1);
-    let (mut through_rust, mut through_c) = (Through::new(), Through::new());
+    let (mut through_rust, mut through_c) = (Times::default(), Times::default());
     let data = [1, 2, 3, 4, 5, 6, 7, 8];
-    let mut items = Vec::new();
-    let placeholder = Received::TransmitReport(ecan_mcan_port::TransmitReport {
+    let placeholder = Received::TransmitReport(TransmitReport {
         ticket: None,
         slave: 0,
         channel: 0,
-        code: ecan_protocol::ResultCode::Ok,
+        code: ResultCode::Ok,
     });
-    items.resize(CAPACITY, placeholder);
+    let mut items = vec![placeholder; CAPACITY];
     let mut frames = vec![igh_mcan_rx_frame_t::EMPTY; CAPACITY];
     let port = c.port();
 
@@ -89,33 +95,36 @@ fn main() {
         rust.cycle_begin().unwrap();
         let start = Instant::now();
         let received = rust.receive(&mut items);
-        for n in 0..FRAMES as u32 {
+        let middle = Instant::now();
+        for n in 0..FRAMES {
             let id = CanId::new(0x100 + n, false).unwrap();
             rust.send_can(0, 0, id, &data).unwrap();
         }
-        through_rust.add(cycle, start, received);
+        through_rust.add(cycle, [start, middle, Instant::now()], received);
         rust.cycle_end().unwrap();
 
         // SAFETY: every pointer is valid.
         unsafe {
             igh_mcan_port_wait_next_cycle(port);
             assert_eq!(igh_mcan_port_cycle_begin(port), 0);
-            let start = Instant::now();
             let mut received = 0;
+            let start = Instant::now();
             igh_mcan_port_receive(port, frames.as_mut_ptr(), CAPACITY, &mut received);
-            for n in 0..FRAMES as u32 {
+            let middle = Instant::now();
+            for n in 0..FRAMES {
                 let sent = igh_mcan_port_send_can(port, 0, 0, 0x100 + n, 0, data.as_ptr(), 8);
                 assert_eq!(sent, 0);
             }
-            through_c.add(cycle, start, received);
+            through_c.add(cycle, [start, middle, Instant::now()], received);
             assert_eq!(igh_mcan_port_cycle_end(port), 0);
         }
     }
-    let (in_rust, in_c) = (through_rust.median(), through_c.median());
-    println!(
-        "{FRAMES} frames sent and those due received, per cycle: {in_rust:.0} ns in Rust ({} frames \
-         received), {in_c:.0} ns through C ({} received)",
-        through_rust.received, through_c.received
-    );
-    println!("C over Rust: {:.3}", in_c / in_rust);
+
+    let (rust, c) = (through_rust.medians(), through_c.medians());
+    println!("per frame, in ns       Rust      C   C over Rust");
+    let row =
+        |name, rust: f64, c: f64| println!("{name:<20} {rust:>6.1} {c:>6.1} {:>8.3}", c / rust);
+    row("send_can", rust.0, c.0);
+    row("receive", rust.1, c.1);
+    row("send_can + receive", rust.0 + rust.1, c.0 + c.1);
 }

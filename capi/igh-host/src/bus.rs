@@ -4,11 +4,12 @@ use ecan_cia402::{Cia402, SendSummary};
 use ecan_host::{Adapter, RequestId};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_port::{Port, PortConfig, SendTicket};
+use ecan_mcan_port::{Port, PortConfig};
 
 use crate::cia402::progress::ProgressCallback;
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
+use crate::mcan_port::send::igh_mcan_ticket_t;
 
 /// The topmost layer that there is.
 #[derive(Debug)]
@@ -28,9 +29,11 @@ pub(crate) struct Bus {
     port_serial: u64,
     axes: Option<Axes>,
     pub(crate) requests: Vec<Request>,
-    pub(crate) last_ticket: Option<SendTicket>,
+    pub(crate) last_ticket: Option<igh_mcan_ticket_t>,
     /// What igh_mcan_port_apply_config() made the startup SDOs of.
     pub(crate) applied: Option<PortConfig>,
+    /// Simulated time passes only while the program waits.
+    pub(crate) is_stepped: bool,
 }
 
 /// The axes on a Port, and what their context keeps for C.
@@ -59,7 +62,7 @@ impl Pooled for Bus {
 }
 
 impl Bus {
-    pub(crate) fn new(adapter: Adapter, applied: Option<PortConfig>) -> Self {
+    pub(crate) fn new(adapter: Adapter, applied: Option<PortConfig>, is_stepped: bool) -> Self {
         Self {
             layer: Layer::Adapter(Box::new(adapter)),
             contexts: 0,
@@ -68,6 +71,7 @@ impl Bus {
             requests: Vec::new(),
             last_ticket: None,
             applied,
+            is_stepped,
         }
     }
 
@@ -114,16 +118,34 @@ impl Bus {
             },
             other => {
                 self.layer = other;
-                let words = format_args!("there is a Port on this context already");
-                Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words))
+                Err(handle::not_initialised(call, Kind::Adapter))
             }
         }
+    }
+
+    /// Refuses a second Port.
+    pub(crate) fn need_no_port(&self, call: Call) -> Result<(), ecan_result_t> {
+        if !matches!(self.layer, Layer::Port(_)) {
+            return Ok(());
+        }
+        let words = format_args!("there is a Port on this master already: deinit it first");
+        Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words))
+    }
+
+    /// Refuses axes beside those that there are.
+    pub(crate) fn need_no_axes(&self, call: Call) -> Result<(), ecan_result_t> {
+        if self.axes.is_none() {
+            return Ok(());
+        }
+        let words = format_args!("there are axes on this Port already: deinit them first");
+        Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words))
     }
 
     /// Takes the Port off the Adapter.
     pub(crate) fn remove_port(&mut self) {
         self.axes = None;
         self.last_ticket = None;
+        self.port_serial = 0;
         self.layer = match std::mem::replace(&mut self.layer, Layer::Between) {
             Layer::Port(port) => Layer::Adapter(Box::new(port.into_adapter())),
             other => other,
@@ -136,10 +158,6 @@ impl Bus {
         call: Call,
         make: impl FnOnce(&Port) -> Result<Cia402, ecan_result_t>,
     ) -> Result<u64, ecan_result_t> {
-        if self.axes.is_some() {
-            let words = format_args!("there are axes on this Port already");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
-        }
         let Layer::Port(port) = &self.layer else {
             return Err(handle::not_initialised(call, Kind::Port));
         };
@@ -240,7 +258,7 @@ impl Entered<Bus> {
     /// Whether the context through which it was entered is that of the Port.
     #[inline]
     fn names_port(&self) -> bool {
-        self.port_serial == self.serial && matches!(self.layer, Layer::Port(_))
+        self.port_serial == self.serial
     }
 
     /// Whether the context through which it was entered is that of the axes.

@@ -7,7 +7,7 @@
 use std::cell::UnsafeCell;
 use std::ops::{Deref, DerefMut};
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -48,11 +48,8 @@ impl Words {
     /// to lie there have it once in 2^64 times.
     #[inline]
     fn sealed(&self, address: usize, kind: Kind) -> u64 {
-        (0x6563_616e_5f69_6768 + kind as u64)
-            ^ (address as u64).rotate_left(7)
-            ^ (self.slot as u64).rotate_left(19)
-            ^ self.generation.rotate_left(37)
-            ^ self.serial.rotate_left(53)
+        let kind = 0x6563_616e_5f69_6768 ^ (kind as u64) << 56;
+        kind ^ address as u64 ^ self.slot as u64 ^ self.generation ^ self.serial.rotate_left(32)
     }
 }
 
@@ -66,12 +63,22 @@ pub(crate) struct Slot<T> {
 // SAFETY: the object is reached only by whoever set `is_busy`.
 unsafe impl<T: Send> Sync for Slot<T> {}
 
-/// The slots of a type that are free.
-pub(crate) struct Pool<T: 'static>(Mutex<Vec<&'static Slot<T>>>);
+/// The slots of a type: those that are free, and the living with the address of the context that
+/// was initialised for each.
+pub(crate) struct Pool<T: 'static>(Mutex<Slots<T>>);
+
+struct Slots<T: 'static> {
+    free: Vec<&'static Slot<T>>,
+    living: Vec<(usize, &'static Slot<T>)>,
+}
 
 impl<T> Pool<T> {
     pub(crate) const fn new() -> Self {
-        Self(Mutex::new(Vec::new()))
+        Self(Mutex::new(Slots { free: Vec::new(), living: Vec::new() }))
+    }
+
+    fn slots(&self) -> MutexGuard<'_, Slots<T>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -93,7 +100,7 @@ impl<T: Pooled> Deref for Entered<T> {
     #[inline]
     fn deref(&self) -> &T {
         // SAFETY: this value has set `is_busy`, so no other reference exists; `enter` has seen
-        // that there is an object, which only `leave` takes out.
+        // the object's generation, which ends when `leave` takes it out.
         unsafe { (*self.slot.object.get()).as_ref().unwrap_unchecked() }
     }
 }
@@ -131,7 +138,9 @@ impl<T: Pooled> Entered<T> {
         let object = unsafe { (*slot.object.get()).take() };
         slot.generation.fetch_add(1, Ordering::Release);
         drop(self);
-        T::pool().0.lock().unwrap_or_else(PoisonError::into_inner).push(slot);
+        let mut slots = T::pool().slots();
+        slots.living.retain(|(_, living)| !std::ptr::eq(*living, slot));
+        slots.free.push(slot);
         object
     }
 }
@@ -161,26 +170,29 @@ unsafe fn find<T: Pooled>(context: *const Words, kind: Kind) -> Option<(&'static
     (slot.generation.load(Ordering::Acquire) == words.generation).then_some((slot, words))
 }
 
-/// Puts an object into a slot and makes its first context.
+/// Puts an object into a slot and makes its first context. The context is not looked at, since its
+/// bytes may never have been written; after an error it names nothing.
 ///
 /// # Errors
-/// The context names a living object already.
+/// The context names a living object already, which stays.
 ///
 /// # Safety
-/// `context` is valid for reading and writing, whatever bytes it holds.
+/// `context` is valid for writing.
 pub(crate) unsafe fn init<T: Pooled>(
     call: Call,
     context: *mut Words,
     kind: Kind,
     object: impl FnOnce() -> Result<T, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    if unsafe { find::<T>(context, kind) }.is_some() {
+    let address = context.addr();
+    if T::pool().slots().living.iter().any(|(living, _)| *living == address) {
         return Err(living(call));
     }
+    // SAFETY: the caller's promise.
+    unsafe { clear(context) };
     let object = object()?;
-    let free = T::pool().0.lock().unwrap_or_else(PoisonError::into_inner).pop();
-    let slot = free.unwrap_or_else(|| {
+    let mut slots = T::pool().slots();
+    let slot = slots.free.pop().unwrap_or_else(|| {
         let slot: &'static Slot<T> = Box::leak(Box::new(Slot {
             generation: AtomicU64::new(1),
             is_busy: AtomicBool::new(false),
@@ -189,6 +201,7 @@ pub(crate) unsafe fn init<T: Pooled>(
         std::ptr::from_ref(slot).expose_provenance();
         slot
     });
+    slots.living.push((address, slot));
     // SAFETY: a slot of the pool is nobody's: no generation that a context has is its own.
     unsafe { *slot.object.get() = Some(object) };
     let generation = slot.generation.load(Ordering::Relaxed);
@@ -197,9 +210,18 @@ pub(crate) unsafe fn init<T: Pooled>(
     Ok(())
 }
 
+/// Lets a context name nothing.
+///
+/// # Safety
+/// `context` is valid for writing.
+pub(crate) unsafe fn clear(context: *mut Words) {
+    // SAFETY: the caller's promise.
+    unsafe { context.write(Words { slot: 0, generation: 0, serial: 0, seal: 0 }) };
+}
+
 /// The error of a context that names a living object already.
 #[cold]
-pub(crate) fn living(call: Call) -> ecan_result_t {
+fn living(call: Call) -> ecan_result_t {
     let words = format_args!("the context is initialised already: deinit it first");
     call.fail(ecan_result_t::ECAN_ERR_ORDER, words)
 }
@@ -230,12 +252,6 @@ pub(crate) unsafe fn enter<T: Pooled>(
     // No exchange, which would cost as much as the rest of a call: of two threads that come at the
     // very same instant, against the rules, both may pass.
     slot.is_busy.store(true, Ordering::Relaxed);
-    // SAFETY: `is_busy` was set just now.
-    let is_there = unsafe { (*slot.object.get()).is_some() };
-    if !is_there || slot.generation.load(Ordering::Acquire) != words.generation {
-        slot.is_busy.store(false, Ordering::Release);
-        return Err(not_initialised(call, kind));
-    }
     Ok(Entered { slot, serial: words.serial })
 }
 
@@ -336,6 +352,7 @@ mod tests {
         let now = context;
         context = saved;
         assert_eq!(value(&context, Kind::Adapter), NONE, "an old context");
+        assert_eq!(make(&mut context, 8), ecan_result_t::ECAN_ERR_ORDER.code(), "at its place");
         context = now;
         assert_eq!(value(&context, Kind::Adapter), Ok(9));
         assert_eq!(end(&context), 0);

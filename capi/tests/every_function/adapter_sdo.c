@@ -83,9 +83,6 @@ static void create_requests(ecan_igh_context_t *context, size_t *request, size_t
     SAME(ECAN_IGH_REQUEST_UNUSED, ecan_igh_sdo_request_state(context, *request));
     GOOD(ecan_igh_sdo_request_timeout(context, *request, 0));
     GOOD(ecan_igh_sdo_request_timeout(context, *request, 2000));
-    /* Not before the bus is active. */
-    BAD(ECAN_ERR_ORDER, ecan_igh_sdo_request_read(context, *request, 0x1018, 1));
-    BAD(ECAN_ERR_ORDER, ecan_igh_sdo_request_write(context, *request, 0x1018, 1, ZERO, 4));
 }
 
 static void use_requests(ecan_igh_context_t *context, size_t request, size_t small)

@@ -11,10 +11,10 @@
 use std::ffi::{c_int, c_void};
 use std::path::PathBuf;
 
-use ecan_host::{Adapter, Ecrt};
+use ecan_host::Adapter;
 use ecan_mcan_host::boundary::{Call, call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
+use ecan_sim::{Backend, ClockKind, EcrtSetting, SimOptions};
 use ecrt_sys::Master;
 
 use super::config::{AdapterPlain, ecan_igh_config_t};
@@ -39,7 +39,7 @@ fn default_library() -> Option<PathBuf> {
 }
 
 /// The library that the configuration asks for; a simulated one says so on standard error.
-fn open_library(call: Call, config: &AdapterPlain) -> Result<Ecrt, ecan_result_t> {
+fn open_library(call: Call, config: &AdapterPlain) -> Result<Backend, ecan_result_t> {
     let explicit = config.is_ecrt_set.then(|| config.ecrt.get().unwrap_or_default());
     let setting = match EcrtSetting::resolve(explicit).map_err(|e| errors::backend(call, &e))? {
         EcrtSetting::Library(None) if explicit.is_none() => EcrtSetting::Library(default_library()),
@@ -58,14 +58,19 @@ fn open_library(call: Call, config: &AdapterPlain) -> Result<Ecrt, ecan_result_t
     if let Some(simulation) = &backend.simulation {
         eprintln!("{}", simulation.banner());
     }
-    Ok(backend.ecrt)
+    Ok(backend)
+}
+
+fn is_stepped(library: &Backend) -> bool {
+    library.simulation.as_ref().is_some_and(|world| world.clock_kind() == ClockKind::Stepped)
 }
 
 /// Opens the master: checks the configuration as a whole, loads the EtherCAT master library,
 /// reserves the master, finds the slaves, writes their startup SDOs in PREOP (also those of
 /// igh_mcan_port_apply_config()) and maps their PDOs. The bus is not cyclic yet.
 ///
-/// Blocks, for seconds where the master is still scanning the bus.
+/// Blocks, for seconds where the master is still scanning the bus. A simulated library says on
+/// standard error that it is one.
 ///
 /// @param context  Whatever it holds; the manual's fragments leave it uninitialised.
 /// @param config   Is copied.
@@ -92,9 +97,10 @@ pub unsafe extern "C" fn ecan_igh_init(
                 let rust = config.to_rust();
                 // A faulty configuration is told before any library is looked for.
                 rust.check().map_err(|faults| errors::adapter(call, &faults.into()))?;
-                let ecrt = open_library(call, config)?;
-                let adapter = Adapter::open(&ecrt, rust);
-                Ok(Bus::new(adapter.map_err(|e| errors::adapter(call, &e))?, config.applied()))
+                let library = open_library(call, config)?;
+                let adapter = Adapter::open(&library.ecrt, rust);
+                let adapter = adapter.map_err(|e| errors::adapter(call, &e))?;
+                Ok(Bus::new(adapter, config.applied(), is_stepped(&library)))
             })
         }
     })
@@ -133,12 +139,14 @@ pub unsafe extern "C" fn ecan_igh_attach(
             handle::init(call, context.cast(), Kind::Adapter, || {
                 let rust = config.to_rust();
                 rust.check().map_err(|faults| errors::adapter(call, &faults.into()))?;
-                let ecrt = open_library(call, config)?;
-                let foreign = Master::from_raw(ecrt.clone(), master.cast()).map_err(|errno| {
-                    call.fail(ecan_result_t::ECAN_ERR_MASTER, format_args!("{errno}"))
-                })?;
-                let adapter = Adapter::attach(&ecrt, foreign, rust);
-                Ok(Bus::new(adapter.map_err(|e| errors::adapter(call, &e))?, config.applied()))
+                let library = open_library(call, config)?;
+                let foreign =
+                    Master::from_raw(library.ecrt.clone(), master.cast()).map_err(|errno| {
+                        call.fail(ecan_result_t::ECAN_ERR_MASTER, format_args!("{errno}"))
+                    })?;
+                let adapter = Adapter::attach(&library.ecrt, foreign, rust);
+                let adapter = adapter.map_err(|e| errors::adapter(call, &e))?;
+                Ok(Bus::new(adapter, config.applied(), is_stepped(&library)))
             })
         }
     })
@@ -264,6 +272,24 @@ pub unsafe extern "C" fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t)
             // SAFETY: the pointer is C's, valid or NULL as the header demands.
             let mut bus = unsafe { bus::enter(call, context.cast())? };
             Ok(bus.need_adapter(call)?.is_simulated().into())
+        },
+    )
+}
+
+/// Whether time passes only while the program waits for the next cycle: on a simulation with a
+/// stepped clock. Deadlines of the program's own must be taken from ecan_igh_now_ns() then.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_clock_is_stepped(context: *mut ecan_igh_context_t) -> c_int {
+    getter(
+        "ecan_igh_clock_is_stepped",
+        |error| error.code(),
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            let bus = unsafe { bus::enter(call, context.cast())? };
+            Ok(bus.is_stepped.into())
         },
     )
 }

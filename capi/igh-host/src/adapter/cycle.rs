@@ -146,6 +146,24 @@ pub unsafe extern "C" fn ecan_igh_now_ns(context: *mut ecan_igh_context_t) -> u6
     )
 }
 
+/// The point of the grid on which the running cycle stands, on the clock of ecan_igh_now_ns(): to it
+/// Sync0 refers, whatever the wake-up was late.
+///
+/// @usage   rt, the cycle's thread, active bus
+/// @return  Nanoseconds; 0 before the first cycle and where there is no context.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_cycle_time_ns(context: *mut ecan_igh_context_t) -> u64 {
+    getter(
+        "ecan_igh_cycle_time_ns",
+        |_| 0,
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            let mut bus = unsafe { bus::enter(call, context.cast())? };
+            Ok(bus.need_adapter(call)?.cycle_time_ns())
+        },
+    )
+}
+
 /// Whether every slave exchanged both directions in the last cycle. Do not advance motion where
 /// it did not (manual 15.5.2, step 8).
 ///

@@ -28,7 +28,7 @@ unsafe fn command(
 }
 
 /// Sends an NMT command to all nodes of the channels that have axes, with the next targets. After
-/// anything but IGH_CANOPEN_NMT_START the axes hold.
+/// anything but IGH_CANOPEN_NMT_START the axes hold. Configuring a drive sends what it needs by itself.
 ///
 /// @param command  An igh_canopen_nmt_t.
 ///

@@ -121,20 +121,19 @@ unsafe fn init(
     settings: impl FnOnce(Call) -> Result<Cia402Settings, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
     // SAFETY: the caller's promise.
-    let table = unsafe {
+    let (mut bus, table) = unsafe {
         call.out("context", context)?;
-        if bus::enter_cia402_to_end(call, context.cast())?.is_some() {
-            return Err(handle::living(call));
-        }
-        call.items("axes", axes, axis_count)?
+        (bus::enter_port(call, port.cast())?, call.items("axes", axes, axis_count)?)
     };
+    // Living axes may well be those of this context, which stay.
+    bus.need_no_axes(call)?;
+    // SAFETY: the caller's promise.
+    unsafe { handle::clear(context.cast()) };
     let table: Vec<_> = (0..)
         .zip(table)
         .map(|(index, axis)| axis.checked(call, index))
         .collect::<Result<_, _>>()?;
     let settings = settings(call)?;
-    // SAFETY: the caller's promise.
-    let mut bus = unsafe { bus::enter_port(call, port.cast())? };
     let serial = bus.add_cia402(call, |port| {
         Cia402::new(port, table, settings).map_err(|error| errors::cia402(call, &error))
     })?;

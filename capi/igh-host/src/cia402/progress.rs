@@ -26,12 +26,12 @@ pub(crate) struct Reporter {
     told: Vec<Option<Told>>,
 }
 
-/// What of an axis' progress makes another text than before; the time alone does not.
+/// What of an axis' progress is worth telling; the time alone is not, nor the single steps of its
+/// configuration.
 #[derive(Clone, Copy, PartialEq)]
 struct Told {
     phase: AxisPhase,
     trouble: Option<AxisTrouble>,
-    setup_steps: Option<usize>,
 }
 
 impl Reporter {
@@ -41,11 +41,7 @@ impl Reporter {
 
     pub(crate) fn see(&mut self, progress: &AxisProgress) {
         let Some(callback) = self.callback else { return };
-        let now = Told {
-            phase: progress.phase,
-            trouble: progress.trouble,
-            setup_steps: progress.setup.map(|setup| setup.done),
-        };
+        let now = Told { phase: progress.phase, trouble: progress.trouble };
         if self.told.len() <= progress.axis {
             self.told.resize(progress.axis + 1, None);
         }

@@ -107,6 +107,27 @@ pub unsafe extern "C" fn igh_cia402_enable_all_timeout(
     })
 }
 
+/// The three calls above in a row: from drives in whatever state to axes that follow targets.
+///
+/// @param timeout_ms  Milliseconds, for each of the three.
+///
+/// @usage   not rt, the cycle's thread, active bus
+/// @return  As those calls.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_start_up_timeout(
+    context: *mut igh_cia402_context_t,
+    timeout_ms: u32,
+) -> c_int {
+    call("igh_cia402_start_up_timeout", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe {
+            wait(call, context, |cia402, port, progress| {
+                cia402.start_up_timeout(port, timeout_ms, progress)
+            })
+        }
+    })
+}
+
 /// Waits until the changes of mode and the homings of all axes are done.
 ///
 /// @param timeout_ms  Milliseconds.

@@ -45,11 +45,13 @@ pub unsafe extern "C" fn igh_mcan_port_init(
     call("igh_mcan_port_init", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (mut bus, config) = unsafe {
-            if bus::enter_port_to_end(call, port.cast())?.is_some() {
-                return Err(handle::living(call));
-            }
+            call.out("port", port)?;
             (bus::enter(call, igh.cast())?, PortPlain::read(call, config)?)
         };
+        // A living Port may well be this one, which stays.
+        bus.need_no_port(call)?;
+        // SAFETY: as above.
+        unsafe { handle::clear(port.cast()) };
         let applied = bus.applied.clone();
         let serial = bus.add_port(call, |adapter| {
             let config = config.settings(adapter.slave_count());

@@ -34,7 +34,8 @@ pub unsafe extern "C" fn igh_mcan_port_wait_next_cycle(port: *mut igh_mcan_port_
 
 /// First in the cycle: fetches the images, judges them, and goes on with bringing gateways into
 /// service. What the last cycle brought and was not received is gone. Does nothing while a cycle
-/// is open already.
+/// is open already. Keep the words of an error if they matter: a frame that is refused later in the
+/// cycle has others.
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK; ECAN_ERR_MASTER where a call of the library failed: the cycle is open all the
@@ -67,7 +68,7 @@ pub unsafe extern "C" fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) -> 
 }
 
 /// An item as C sees it.
-#[inline]
+#[inline(always)]
 fn rx_frame(item: &ReceivedView<'_>) -> igh_mcan_rx_frame_t {
     match item {
         ReceivedView::Frame { slave, packet } => igh_mcan_rx_frame_t::from_packet(*slave, packet),
@@ -107,10 +108,13 @@ pub(crate) fn receive(port: &mut Port, room: &mut Room<igh_mcan_rx_frame_t>) {
     if room.is_full() {
         return;
     }
-    port.receive_views(|item| {
-        room.push(rx_frame(&item));
-        !room.is_full()
-    });
+    port.receive_views(
+        #[inline(always)]
+        |item| {
+            room.push(rx_frame(&item));
+            !room.is_full()
+        },
+    );
 }
 
 /// Takes what came back: frames of the buses, and the outcome of frames sent where the option

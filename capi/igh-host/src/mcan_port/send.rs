@@ -1,17 +1,17 @@
 //! Sending
 //!
 //! A packet is written once, straight into the process image. A frame that is not taken leaves no
-//! trace; ECAN_ERR_NO_ROOM and ECAN_ERR_QUEUE_FULL say: send it again in a later cycle.
+//! trace; for some codes it may be sent again in a later cycle (ecan_result_is_temporary()).
 
 use std::ffi::c_int;
 
 use ecan_mcan_host::boundary::{Call, call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::{
-    classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_tx_frame_t,
+    IGH_MCAN_FLAG_EXT, classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_tx_frame_t,
 };
-use ecan_mcan_port::{SendOptions, TransmitHint};
-use ecan_protocol::{FrameRef, Schedule};
+use ecan_mcan_port::{SendOptions, SendTicket, TransmitHint};
+use ecan_protocol::{CanId, FrameRef, Schedule};
 
 use super::context::igh_mcan_port_t;
 use super::cycle::receive;
@@ -33,6 +33,18 @@ pub struct igh_mcan_ticket_t {
     pub reserved: [u8; 3],
 }
 
+impl From<SendTicket> for igh_mcan_ticket_t {
+    #[inline]
+    fn from(ticket: SendTicket) -> Self {
+        Self {
+            slave: ticket.slave as u16,
+            sequence: ticket.sequence,
+            frame_index: ticket.index,
+            reserved: [0; 3],
+        }
+    }
+}
+
 #[inline]
 fn send(
     call: Call,
@@ -44,7 +56,7 @@ fn send(
 ) -> Result<(), ecan_result_t> {
     let sent = bus.need_port(call)?.send_with(slave, channel, frame, options);
     let ticket = sent.map_err(|error| errors::send(call, &error))?;
-    bus.last_ticket = Some(ticket);
+    bus.last_ticket = Some(ticket.into());
     Ok(())
 }
 
@@ -77,16 +89,26 @@ pub unsafe extern "C" fn igh_mcan_port_send_can(
 ) -> c_int {
     call("igh_mcan_port_send_can", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, frame) = unsafe {
-            (bus::enter_port(call, port.cast())?, classic_frame_at(call, can_id, flags, data, len)?)
-        };
-        send(call, &mut bus, slave, channel, frame, SendOptions::default())
+        let mut bus = unsafe { bus::enter_port(call, port.cast())? };
+        if flags & !IGH_MCAN_FLAG_EXT != 0 {
+            // SAFETY: as above.
+            let frame = unsafe { classic_frame_at(call, can_id, flags, data, len)? };
+            return send(call, &mut bus, slave, channel, frame, SendOptions::default());
+        }
+        // By far the most frequent frame takes the shortest way.
+        // SAFETY: as above.
+        let data = unsafe { call.items("data", data, len)? };
+        let id = CanId::new(can_id, flags != 0).map_err(|error| call.error(&error))?;
+        let sent = bus.need_port(call)?.send_can(slave, channel, id, data);
+        bus.last_ticket = Some(sent.map_err(|error| errors::send(call, &error))?.into());
+        Ok(())
     })
 }
 
 /// Sends a CAN FD frame.
 ///
-/// @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI.
+/// @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI; IGH_MCAN_FLAG_FD is
+///               understood.
 /// @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
@@ -287,12 +309,7 @@ pub unsafe extern "C" fn igh_mcan_port_get_last_ticket(
         let last = bus.last_ticket.ok_or_else(|| {
             call.fail(ecan_result_t::ECAN_ERR_ORDER, format_args!("nothing was sent yet"))
         })?;
-        out.set(igh_mcan_ticket_t {
-            slave: last.slave as u16,
-            sequence: last.sequence,
-            frame_index: last.index,
-            reserved: [0; 3],
-        });
+        out.set(last);
         Ok(())
     })
 }

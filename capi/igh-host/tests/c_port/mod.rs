@@ -40,7 +40,7 @@ impl CPort {
             assert_eq!(ecan_igh_default_config(config), 0);
             assert_eq!(ecan_igh_config_set_ecrt(config, c"sim:echo".as_ptr()), 0);
             assert_eq!(ecan_igh_config_set_stepped_clock(config, 1), 0);
-            assert_eq!(ecan_igh_config_set_pdo_multiplier(config, 3), 0);
+            assert_eq!(ecan_igh_config_set_pdo_multiplier(config, 8), 0);
             assert_eq!(igh_mcan_port_default_config(gateways), 0);
             for channel in 0..channels {
                 assert_eq!(igh_mcan_port_set_classic_channel(gateways, 0, channel, 1_000_000), 0);

@@ -35,7 +35,7 @@ impl<T> Room<T> {
     }
 
     /// Stores the next item; false where there is no room for it.
-    #[inline]
+    #[inline(always)]
     pub fn push(&mut self, item: T) -> bool {
         if self.count == self.capacity {
             return false;

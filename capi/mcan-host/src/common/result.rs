@@ -172,6 +172,18 @@ pub extern "C" fn ecan_result_words(code: c_int) -> *const c_char {
     ecan_result_t::of(code).map_or(c"unknown result", |result| result.names().1).as_ptr()
 }
 
+/// Whether a frame that was refused with a code may be sent again in a later cycle: no room, the
+/// queue full, bus-off, or the gateway not in service.
+///
+/// @usage   rt, any thread, any time
+/// @return  1 or 0.
+#[unsafe(no_mangle)]
+pub extern "C" fn ecan_result_is_temporary(code: c_int) -> c_int {
+    use ecan_result_t::*;
+    let temporary = [ECAN_ERR_NO_ROOM, ECAN_ERR_QUEUE_FULL, ECAN_ERR_BUS_OFF, ECAN_ERR_NOT_READY];
+    temporary.iter().any(|result| result.code() == code).into()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -287,7 +287,7 @@ impl igh_mcan_tx_frame_t {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn flags_of(frame: FrameRef<'_>) -> u8 {
     let ext = if frame.id().is_extended() { IGH_MCAN_FLAG_EXT } else { 0 };
     ext | match frame.kind() {
@@ -301,7 +301,7 @@ fn flags_of(frame: FrameRef<'_>) -> u8 {
     }
 }
 
-#[inline]
+#[inline(always)]
 fn length_of(frame: FrameRef<'_>) -> u8 {
     match frame.kind() {
         FrameKind::Remote => frame.dlc().value(),
@@ -330,7 +330,7 @@ impl igh_mcan_rx_frame_t {
     };
 
     /// A received frame.
-    #[inline]
+    #[inline(always)]
     pub fn from_frame(
         slave: usize,
         channel: u8,
@@ -363,7 +363,7 @@ impl igh_mcan_rx_frame_t {
     }
 
     /// A frame as it stands in an image.
-    #[inline]
+    #[inline(always)]
     pub fn from_packet(slave: usize, packet: &FramePacket<'_>) -> Self {
         Self::from_frame(slave, packet.channel, packet.frame, packet.timestamp, packet.id_aux)
     }
@@ -441,7 +441,8 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_can(
 
 /// Makes a CAN FD frame that is sent at once.
 ///
-/// @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI.
+/// @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI; IGH_MCAN_FLAG_FD is
+///               understood.
 /// @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
 ///
 /// @usage   rt, any thread, any time
@@ -461,6 +462,46 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_canfd(
         let (out, data) = unsafe { (call.out("frame", frame)?, call.items("data", data, len)?) };
         let fd = fd_frame(call, can_id, flags, data)?;
         out.set(igh_mcan_tx_frame_t::from_frame(place(call, slave, channel)?, channel, fd));
+        Ok(())
+    })
+}
+
+/// Makes a frame to send of one that was received, as an echo or a bridge does; slave and channel
+/// are those that it came from.
+///
+/// @param frame     Is overwritten.
+/// @param received  A frame, no TX_RESULT.
+///
+/// @usage   rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, or ECAN_ERR_FRAME for what is no frame.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
+    frame: *mut igh_mcan_tx_frame_t,
+    received: *const igh_mcan_rx_frame_t,
+) -> c_int {
+    call("igh_mcan_tx_frame_set_received", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (out, rx) = unsafe { (call.out("frame", frame)?, call.read("received", received)?) };
+        if rx.kind != igh_mcan_rx_kind_t::IGH_MCAN_RX_FRAME as u8 {
+            let words = format_args!("`received` is a TX_RESULT, no frame");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, words));
+        }
+        let value = igh_mcan_tx_frame_t {
+            slave: rx.slave,
+            channel: rx.channel,
+            flags: rx.flags,
+            can_id: rx.can_id,
+            len: rx.len,
+            hint: 0,
+            scheduled: 0,
+            reserved: 0,
+            offset_ns: 0,
+            tag: 0,
+            reserved2: 0,
+            data: rx.data,
+        };
+        value.frame(call)?;
+        out.set(value);
         Ok(())
     })
 }
