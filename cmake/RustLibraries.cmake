@@ -13,11 +13,13 @@ set(ECAN_SYSTEM_LIBRARIES Threads::Threads ${CMAKE_DL_LIBS} m)
 function(ecan_cargo_build target)
     cmake_parse_arguments(_arg "" "PACKAGE;LIBRARY;OUTPUT" "" ${ARGN})
     set(_file "${ECAN_CARGO_TARGET_DIR}/release/lib${_arg_LIBRARY}.a")
+    set(_environment "CARGO_TARGET_DIR=${ECAN_CARGO_TARGET_DIR}")
+    if(ECRT_LIBRARY)
+        list(APPEND _environment "ECAN_DEFAULT_ECRT=${ECRT_LIBRARY}")
+    endif()
     # cargo knows best what is stale, and does nothing where nothing is.
     add_custom_target(${target}_cargo ALL
-        COMMAND ${CMAKE_COMMAND} -E env
-            "CARGO_TARGET_DIR=${ECAN_CARGO_TARGET_DIR}" "ECAN_DEFAULT_ECRT=${ECRT_LIBRARY}"
-            ${ECAN_CARGO} build --release --locked --quiet -p ${_arg_PACKAGE}
+        COMMAND ${CMAKE_COMMAND} -E env ${_environment} ${ECAN_CARGO} build --release --locked --quiet -p ${_arg_PACKAGE}
         WORKING_DIRECTORY "${PROJECT_SOURCE_DIR}"
         BYPRODUCTS "${_file}"
         COMMENT "cargo build ${_arg_PACKAGE}"

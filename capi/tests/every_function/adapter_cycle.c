@@ -88,6 +88,8 @@ void test_adapter_cycle(void)
     GOOD(ecan_igh_send(&context));
     GOOD(ecan_igh_wait_next_cycle(&context));
     TRUE(ecan_igh_now_ns(&context) - before >= 1000000);
+    TRUE(ecan_igh_cycle_time_ns(&context) > before);
+    TRUE(ecan_igh_cycle_time_ns(&context) <= ecan_igh_now_ns(&context));
     GOOD(ecan_igh_receive(&context));
     GOOD(ecan_igh_get_domain_report(&context, 0, &report));
     SAME(1, report.is_complete);

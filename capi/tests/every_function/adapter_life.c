@@ -24,11 +24,13 @@ static void no_context(int code, ecan_igh_context_t *context)
     BAD(code, ecan_igh_wait_op_timeout(context, 100));
     BAD(code, ecan_igh_reconfigure(context, &config));
     BAD(code, ecan_igh_is_simulated(context));
+    BAD(code, ecan_igh_clock_is_stepped(context));
     NONE(code, 0, ecan_igh_startup_timeout_ms(context));
     BAD(code, ecan_igh_receive(context));
     BAD(code, ecan_igh_send(context));
     BAD(code, ecan_igh_wait_next_cycle(context));
     NONE(code, 0, ecan_igh_now_ns(context));
+    NONE(code, 0, ecan_igh_cycle_time_ns(context));
     BAD(code, ecan_igh_domain_is_complete(context));
     BAD(code, ecan_igh_get_domain_report(context, 0, &report));
     BAD(code, ecan_igh_get_rxpdo_buffer(context, 0, &rxpdo, &size));
@@ -238,6 +240,8 @@ static void before_it_is_active(ecan_igh_context_t *context)
     size_t size;
 
     SAME(1, ecan_igh_is_simulated(context));
+    SAME(1, ecan_igh_clock_is_stepped(context));
+    SAME(0, ecan_igh_cycle_time_ns(context));
     SAME(2, ecan_igh_slave_count(context));
     TRUE(ecan_igh_startup_timeout_ms(context) > 0);
     SAME(0, ecan_igh_domain_is_complete(context));

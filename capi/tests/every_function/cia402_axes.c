@@ -23,6 +23,7 @@ static void no_context(int code, igh_cia402_context_t *context)
     BAD(code, igh_cia402_configure_csp_all_timeout(context, 100));
     BAD(code, igh_cia402_request_actual_position_all_timeout(context, 100));
     BAD(code, igh_cia402_enable_all_timeout(context, 100));
+    BAD(code, igh_cia402_start_up_timeout(context, 100));
     BAD(code, igh_cia402_finish_all_timeout(context, 100));
     BAD(code, igh_cia402_shutdown_timeout(context, 100));
     BAD(code, igh_cia402_process_rx(context));
@@ -164,12 +165,14 @@ static void tables(igh_mcan_port_t *port)
     SAME(1000, axes[0].step_limit);
     SAME(IGH_CIA402_UNCHANGED, axes[0].quick_stop);
     GOOD(igh_cia402_axis_init(&axes[0], 65535, 3, 127, INT32_MIN));
-    kept = axes[0];
     BAD(ECAN_ERR_ARGUMENT, igh_cia402_axis_init(&axes[0], 65536, 0, 1, 0));
     BAD(ECAN_ERR_ARGUMENT, igh_cia402_axis_init(&axes[0], 0, 4, 1, 0));
     BAD(ECAN_ERR_ARGUMENT, igh_cia402_axis_init(&axes[0], 0, 0, 0, 0));
     BAD(ECAN_ERR_ARGUMENT, igh_cia402_axis_init(&axes[0], 0, 0, 128, 0));
-    SAME(0, memcmp(&kept, &axes[0], sizeof(kept)));
+    SAME(65535, axes[0].slave);
+    SAME(3, axes[0].channel);
+    SAME(127, axes[0].node_id);
+    SAME(INT32_MIN, axes[0].target_step);
 
     BAD(ECAN_ERR_SLAVE, igh_cia402_context_init(&context, port, axes, 1));
     GOOD(igh_cia402_axis_init(&axes[0], 0, 3, 1, 0));
@@ -295,6 +298,7 @@ void test_cia402_axes(void)
     /* Calls that wait need an active bus. */
     BAD(ECAN_ERR_ORDER, igh_cia402_configure_csp_all_timeout(&context, 100));
     BAD(ECAN_ERR_ORDER, igh_cia402_shutdown_timeout(&context, 100));
+    BAD(ECAN_ERR_ORDER, igh_cia402_start_up_timeout(&context, 100));
     null_pointers(&port, &context);
     wrong_axis(&context, 2);
     wrong_axis(&context, SIZE_MAX);

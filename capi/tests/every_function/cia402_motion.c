@@ -111,12 +111,16 @@ static void unknown_numbers(void)
 static void start_up(void)
 {
     GOOD(igh_cia402_set_progress_callback(&motors, tell, &progress));
-    GOOD(igh_cia402_configure_csp_all_timeout(&motors, 30000));
+    SAME(ECAN_OK, igh_cia402_configure_csp_all_timeout(&motors, 30000));
     TRUE(progress.calls > AXES);
     SAME(1, progress.busy);
     SAME(1, progress.is_last_named);
     GOOD(igh_cia402_set_progress_callback(&motors, NULL, NULL));
     SAME(IGH_CIA402_PHASE_STANDBY, state_of(0).phase);
+    /* Until the next heartbeat tells it. */
+    for (int i = 0; i < 250; i++) {
+        cycle();
+    }
     SAME(IGH_CANOPEN_NMT_STATE_OPERATIONAL, state_of(0).nmt_state);
     SAME(IGH_CANOPEN_HEARTBEAT_ACTIVE, state_of(0).heartbeat);
     GOOD(igh_cia402_request_actual_position_all_timeout(&motors, 5000));
@@ -374,10 +378,8 @@ static void faults(void)
     BAD(ECAN_ERR_SCHEDULE, igh_cia402_set_scheduled_tx(&motors, 1, 1000001, UINT32_MAX));
     BAD(ECAN_ERR_ARGUMENT, igh_cia402_set_scheduled_tx(&motors, 1, 300000, 100000));
     GOOD(igh_cia402_set_scheduled_tx(&motors, 1, 400000, 600000));
-    GOOD(igh_cia402_configure_csp_all_timeout(&motors, 30000));
-    GOOD(igh_cia402_request_actual_position_all_timeout(&motors, 5000));
-    GOOD(igh_cia402_enable_all_timeout(&motors, 10000));
-    TRUE(ecan_igh_now_ns(&igh) > 0);
+    GOOD(igh_cia402_start_up_timeout(&motors, 30000));
+    SAME(1, igh_cia402_all_running(&motors));
     for (int i = 0; i < 12000 && !had_fault; i++) {
         cycle();
         had_fault = state_of(0).drive_state == IGH_CIA402_DRIVE_FAULT;
@@ -389,7 +391,13 @@ static void faults(void)
     SAME(0, state_of(0).is_running);
     SAME(0x8611, state_of(0).error_code);
     SAME(IGH_CIA402_TROUBLE_FAULT, state_of(0).trouble);
-    BAD(ECAN_ERR_AXIS_STATE, igh_cia402_enable(&motors, 0));
+    /* It is not enabled before its fault is reset. */
+    igh_cia402_enable(&motors, 0);
+    for (int i = 0; i < 300; i++) {
+        cycle();
+    }
+    SAME(0, state_of(0).is_running);
+    SAME(IGH_CIA402_DRIVE_FAULT, state_of(0).drive_state);
     GOOD(igh_cia402_reset_fault(&motors, 0));
     for (int i = 0; i < 300; i++) {
         cycle();

@@ -51,6 +51,8 @@ static void codes(void)
     for (size_t i = 0; i < ITEMS(CODES); i++) {
         TRUE(strcmp(ecan_result_name(CODES[i].code), CODES[i].name) == 0);
         TRUE(ecan_result_words(CODES[i].code)[0] != '\0');
+        SAME(CODES[i].code <= ECAN_ERR_NO_ROOM && CODES[i].code >= ECAN_ERR_NOT_READY,
+             ecan_result_is_temporary(CODES[i].code));
         for (size_t other = 0; other < i; other++) {
             TRUE(strcmp(ecan_result_words(CODES[i].code), ecan_result_words(CODES[other].code)) !=
                  0);
@@ -59,6 +61,7 @@ static void codes(void)
     for (size_t i = 0; i < ITEMS(NO_CODES); i++) {
         TRUE(strcmp(ecan_result_name(NO_CODES[i]), "unknown result") == 0);
         TRUE(ecan_result_words(NO_CODES[i])[0] != '\0');
+        SAME(0, ecan_result_is_temporary(NO_CODES[i]));
     }
     TRUE(strcmp(ecan_result_words(ECAN_ERR_MASTER), "the EtherCAT master refused") == 0);
 }

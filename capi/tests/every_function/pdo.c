@@ -123,6 +123,51 @@ static void faulty_profile(int code, igh_mcan_pdo_profile_t profile)
         igh_mcan_pdo_parse_frames_ex(&profile, image, sizeof(image), &frame, 1, &count, NULL));
 }
 
+static void frames_that_came(void)
+{
+    igh_mcan_tx_frame_t frame;
+    igh_mcan_tx_frame_t before;
+    igh_mcan_rx_frame_t received;
+
+    memset(&received, 0, sizeof(received));
+    received.slave = 2;
+    received.channel = 3;
+    received.can_id = 0x1ABCDEF;
+    received.flags = IGH_MCAN_FLAG_EXT | IGH_MCAN_FLAG_FD | IGH_MCAN_FLAG_BRS;
+    received.len = 12;
+    received.source = IGH_MCAN_SOURCE_FIFO1;
+    memcpy(received.data, DATA, 12);
+    fill_garbage(2, &frame, sizeof(frame));
+    GOOD(igh_mcan_tx_frame_set_received(&frame, &received));
+    SAME(2, frame.slave);
+    SAME(3, frame.channel);
+    SAME(0x1ABCDEF, frame.can_id);
+    SAME(received.flags, frame.flags);
+    SAME(12, frame.len);
+    SAME(0, frame.hint);
+    SAME(0, frame.scheduled);
+    SAME(0, memcmp(frame.data, received.data, 64));
+    before = frame;
+    BAD(ECAN_ERR_NULL, igh_mcan_tx_frame_set_received(NULL, &received));
+    BAD(ECAN_ERR_NULL, igh_mcan_tx_frame_set_received(&frame, NULL));
+    received.len = 13;
+    BAD(ECAN_ERR_FRAME, igh_mcan_tx_frame_set_received(&frame, &received));
+    received.len = 12;
+    received.can_id = 0x20000000;
+    BAD(ECAN_ERR_FRAME, igh_mcan_tx_frame_set_received(&frame, &received));
+    received.can_id = 1;
+    received.flags = 0x80;
+    BAD(ECAN_ERR_FRAME, igh_mcan_tx_frame_set_received(&frame, &received));
+    received.flags = 0;
+    BAD(ECAN_ERR_FRAME, igh_mcan_tx_frame_set_received(&frame, &received));
+    received.len = 8;
+    received.kind = IGH_MCAN_RX_TX_RESULT;
+    BAD(ECAN_ERR_FRAME, igh_mcan_tx_frame_set_received(&frame, &received));
+    received.kind = 2;
+    BAD(ECAN_ERR_FRAME, igh_mcan_tx_frame_set_received(&frame, &received));
+    SAME(0, memcmp(&frame, &before, sizeof(frame)));
+}
+
 static void profiles(void)
 {
     igh_mcan_pdo_profile_t profile;
@@ -340,6 +385,7 @@ static void small_things(void)
 void test_pdo(void)
 {
     frames();
+    frames_that_came();
     profiles();
     writer();
     small_things();
