@@ -668,7 +668,7 @@ int ecan_igh_get_slave_info(ecan_igh_context_t *context, size_t slave, ecan_igh_
  *
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
- *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+ *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
  *          ECAN_ERR_MASTER; ECAN_ERR_ATTACHED on an active bus of another owner, where
  *          ecan_igh_diagnostics_sdo_upload() in another thread does it.
  */
@@ -718,7 +718,7 @@ typedef enum {
 /**
  * Creates an SDO request. A reconfiguration ends all requests.
  *
- * @param size     Most bytes of the values that it will transfer.
+ * @param size     Bytes of the values that it will write, or most bytes of those that it will read.
  * @param request  Gets the number by which the request is named.
  *
  * @usage   not rt, the cycle's thread, after init and before the bus is active
@@ -754,13 +754,15 @@ int ecan_igh_sdo_request_read(ecan_igh_context_t *context,
                               uint8_t subindex);
 
 /**
- * Starts writing an object.
+ * Starts writing an object. EtherCAT's library knows the length of a value only by what the request
+ * holds, so take one request for each size, and another for reading.
  *
  * @param data  The value, little endian. Is copied.
- * @param size  Its bytes, at most those of the request.
+ * @param size  Its bytes: the size with which the request was created, or that of the value that it
+ *              read last.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for too many bytes.
+ * @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for another number of bytes.
  */
 int ecan_igh_sdo_request_write(ecan_igh_context_t *context,
                                size_t request,
@@ -825,7 +827,7 @@ int ecan_igh_diagnostics_open(ecan_igh_diagnostics_t *diagnostics, ecan_igh_cont
  *
  * @usage   not rt, the handle's thread, after open
  * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
- *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+ *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
  *          ECAN_ERR_MASTER.
  */
 int ecan_igh_diagnostics_sdo_upload(ecan_igh_diagnostics_t *diagnostics,

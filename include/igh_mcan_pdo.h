@@ -219,7 +219,7 @@ int igh_mcan_tx_frame_set_canfd(igh_mcan_tx_frame_t *frame,
  * @param received  A frame, no TX_RESULT.
  *
  * @usage   rt, any thread, any time
- * @return  ECAN_OK, ECAN_ERR_NULL, or ECAN_ERR_FRAME for what is no frame.
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME for what is no frame.
  */
 int igh_mcan_tx_frame_set_received(igh_mcan_tx_frame_t *frame, const igh_mcan_rx_frame_t *received);
 

@@ -655,7 +655,7 @@ size_t igh_mcan_port_image_room(igh_mcan_port_t *port, size_t slave);
  *
  * @usage   rt, the cycle's thread, after init
  * @return  The number of frames given up, 0 or more; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY.
+ *          ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_discard_pending(igh_mcan_port_t *port, size_t slave);
 

@@ -172,6 +172,13 @@ impl Bus {
         Ok(self.contexts)
     }
 
+    /// Drops what a reconfiguration has ended: axes, requests, and what is known of startup SDOs.
+    pub(crate) fn forget_configuration(&mut self) {
+        self.remove_cia402();
+        self.requests.clear();
+        (self.last_ticket, self.applied) = (None, None);
+    }
+
     /// Takes the axes off the Port; they are not told anything.
     pub(crate) fn remove_cia402(&mut self) {
         self.axes = None;

@@ -5,7 +5,7 @@ use std::fmt::Display;
 use ecan_cia402::{
     Cia402Error, CommandError, NmtError, ScheduleError, SdoFailure, SdoFault, WaitError,
 };
-use ecan_host::{CycleError, Error};
+use ecan_host::{CycleError, Errno, Error};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::last_error;
 use ecan_mcan_host::common::result::ecan_result_t::{self, *};
@@ -28,6 +28,8 @@ pub(crate) fn backend(call: Call, error: &BackendError) -> ecan_result_t {
 pub(crate) fn cycle(call: Call, error: &CycleError) -> ecan_result_t {
     let code = match error {
         CycleError::NotActive { .. } => ECAN_ERR_ORDER,
+        // A value of another length than the request's.
+        CycleError::Library { errno: Errno::EMSGSIZE, .. } => ECAN_ERR_BUFFER,
         _ => ECAN_ERR_MASTER,
     };
     note(call, code, error, 0)
@@ -50,6 +52,7 @@ fn adapter_code(error: &Error) -> (ecan_result_t, u32) {
         | Error::Unrecognised { .. }
         | Error::Mapping { .. }
         | Error::MappingCount { .. } => ECAN_ERR_IDENTITY,
+        Error::Sdo { abort_code: None, errno: Errno::EOVERFLOW, .. } => ECAN_ERR_BUFFER,
         Error::Sdo { abort_code, .. } => {
             return (ECAN_ERR_SDO, abort_code.map_or(0, |code| code.0));
         }
@@ -61,6 +64,20 @@ fn adapter_code(error: &Error) -> (ecan_result_t, u32) {
         _ => ECAN_ERR_MASTER,
     };
     (code, 0)
+}
+
+/// Whether a reconfiguration that ended with an error has touched anything.
+pub(crate) fn has_changed(error: &Error) -> bool {
+    !matches!(error, Error::Config(_) | Error::OtherMaster { .. } | Error::Attached { .. })
+}
+
+/// As [`has_changed`].
+pub(crate) fn port_has_changed(error: &PortError) -> bool {
+    match error {
+        PortError::Config(_) => false,
+        PortError::Adapter(error) => has_changed(error),
+        _ => true,
+    }
 }
 
 /// A call that runs the cycle itself, on a master of another owner.
@@ -86,7 +103,11 @@ pub(crate) fn port(call: Call, error: &PortError) -> ecan_result_t {
 
 #[cold]
 pub(crate) fn send(call: Call, error: &SendError) -> ecan_result_t {
-    let code = match error {
+    note(call, send_code(error), error, 0)
+}
+
+fn send_code(error: &SendError) -> ecan_result_t {
+    match error {
         SendError::NoRoom { what: NoRoom::Image, .. } => ECAN_ERR_NO_ROOM,
         SendError::NoRoom { what: NoRoom::Queue, .. } => ECAN_ERR_QUEUE_FULL,
         SendError::NoRoom { what: NoRoom::BusOff, .. } => ECAN_ERR_BUS_OFF,
@@ -98,8 +119,7 @@ pub(crate) fn send(call: Call, error: &SendError) -> ecan_result_t {
         SendError::Frame(_) => ECAN_ERR_FRAME,
         SendError::NoCycle => ECAN_ERR_ORDER,
         _ => ECAN_ERR_INTERNAL,
-    };
-    note(call, code, error, 0)
+    }
 }
 
 #[cold]
@@ -142,6 +162,8 @@ fn wait_code(error: &WaitError) -> (ecan_result_t, u32) {
             SdoFault::Aborted(code) | SdoFault::Violated(code) => (ECAN_ERR_SDO, code.0),
             SdoFault::TimedOut { .. } => (ECAN_ERR_TIMEOUT, 0),
             SdoFault::TooLong { .. } => (ECAN_ERR_BUFFER, 0),
+            SdoFault::GatewayLost => (ECAN_ERR_NOT_READY, 0),
+            SdoFault::Refused(error) => (send_code(error), 0),
             _ => (ECAN_ERR_CANOPEN, 0),
         },
         WaitError::TimedOut { .. } => (ECAN_ERR_TIMEOUT, 0),

@@ -22,9 +22,9 @@ static void waiting_transfers(ecan_igh_context_t *context)
     SAME(0xA5, data[4]);
     GOOD(ecan_igh_sdo_upload(context, 0, 0x1018, 1, data, 4, &length));
     SAME(4, length);
-    BAD(ECAN_ERR_SDO, ecan_igh_sdo_upload(context, 0, 0x1018, 1, data, 3, &length));
-    BAD(ECAN_ERR_SDO, ecan_igh_sdo_upload(context, 0, 0x1018, 1, data, 1, &length));
-    BAD(ECAN_ERR_SDO, ecan_igh_sdo_upload(context, 0, 0x1018, 1, data, 0, &length));
+    BAD(ECAN_ERR_BUFFER, ecan_igh_sdo_upload(context, 0, 0x1018, 1, data, 3, &length));
+    BAD(ECAN_ERR_BUFFER, ecan_igh_sdo_upload(context, 0, 0x1018, 1, data, 1, &length));
+    BAD(ECAN_ERR_BUFFER, ecan_igh_sdo_upload(context, 0, 0x1018, 1, data, 0, &length));
     BAD(ECAN_ERR_SDO, ecan_igh_sdo_upload(context, 0, 0x5555, 0, data, 64, &length));
     SAME(ABORT_NO_OBJECT, ecan_last_abort_code());
     WORDS("0x5555");
@@ -125,8 +125,10 @@ static void use_requests(ecan_igh_context_t *context, size_t request, size_t sma
     BAD(ECAN_ERR_BUFFER, ecan_igh_sdo_request_write(context, small, 0x8001, 36, ZERO, 2));
     GOOD(ecan_igh_sdo_upload(context, 0, 0x8001, 36, blocking, sizeof(blocking),
                              &blocking_length));
-    GOOD(ecan_igh_sdo_request_write(context, request, 0x8001, 36, blocking, blocking_length));
-    SAME(ECAN_IGH_REQUEST_SUCCESS, finish(context, request));
+    SAME(1, blocking_length);
+    BAD(ECAN_ERR_BUFFER, ecan_igh_sdo_request_write(context, request, 0x8001, 36, blocking, 1));
+    GOOD(ecan_igh_sdo_request_write(context, small, 0x8001, 36, blocking, 1));
+    SAME(ECAN_IGH_REQUEST_SUCCESS, finish(context, small));
 }
 
 static void no_diagnostics(int code, ecan_igh_diagnostics_t *handle)

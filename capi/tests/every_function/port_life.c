@@ -104,7 +104,7 @@ static void wrong_places(igh_mcan_port_t *port, size_t slave)
         igh_mcan_port_get_channel_statistics(port, slave, 0, &channel_statistics));
     BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_capabilities(port, slave, &capabilities));
     SAME(0, igh_mcan_port_image_room(port, slave));
-    SAME(0, igh_mcan_port_discard_pending(port, slave));
+    BAD(ECAN_ERR_SLAVE, igh_mcan_port_discard_pending(port, slave));
     BAD(ECAN_ERR_CHANNEL, igh_mcan_port_get_channel_status(port, 0, 4, &status));
     BAD(ECAN_ERR_CHANNEL, igh_mcan_port_get_channel_statistics(port, 0, 4, &channel_statistics));
     BAD(ECAN_ERR_CHANNEL,

@@ -162,6 +162,10 @@ impl Cia402 {
             self.note_sync();
         }
         self.network.send(port, self.now_ns);
+        // A first target takes an axis up.
+        for axis in &mut self.axes {
+            axis.note_phase(self.now_ns);
+        }
         summary
     }
 

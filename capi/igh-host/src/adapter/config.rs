@@ -61,8 +61,9 @@ impl<const N: usize> Text<N> {
 
     pub(crate) fn new(call: Call, name: &str, text: &str) -> Result<Self, ecan_result_t> {
         let mut value = Self::EMPTY;
-        let Some(place) = value.bytes.get_mut(..text.len()) else {
-            let words = format_args!("`{name}` has {} bytes, at most {N} fit", text.len());
+        // As C counts, with NUL at the end.
+        let Some(place) = value.bytes[..N - 1].get_mut(..text.len()) else {
+            let words = format_args!("`{name}` has {} bytes, at most {} fit", text.len(), N - 1);
             return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
         };
         place.copy_from_slice(text.as_bytes());

@@ -49,8 +49,13 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multiplier(
     slave: usize,
     n: u32,
 ) -> c_int {
-    // SAFETY: the same arguments under the same promises.
-    unsafe { ecan_igh_config_set_slave_pdo_multipliers(config, slave, n, n) }
+    call("ecan_igh_config_set_slave_pdo_multiplier", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let slave = unsafe { AdapterPlain::open(call, config)? }.slave(call, slave)?;
+        let n = multiplier(call, "n", n)?;
+        (slave.rx_multiplier, slave.tx_multiplier) = (n, n);
+        Ok(())
+    })
 }
 
 /// Sets N of each direction on one slave.

@@ -235,7 +235,9 @@ pub unsafe extern "C" fn ecan_igh_reconfigure(
             return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
         }
         let reconfigured = bus.need_adapter(call)?.reconfigure(config.to_rust());
-        bus.requests.clear();
+        if reconfigured.as_ref().err().is_none_or(errors::has_changed) {
+            bus.forget_configuration();
+        }
         reconfigured.map_err(|error| errors::adapter(call, &error))
     })
 }

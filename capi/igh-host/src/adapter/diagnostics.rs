@@ -10,6 +10,7 @@ use ecan_mcan_host::boundary::call;
 
 use super::bus_state::ecan_igh_master_state_t;
 use super::context::ecan_igh_context_t;
+use super::sdo::MAX_VALUE_BYTES;
 use crate::bus;
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
@@ -61,7 +62,7 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_open(
 ///
 /// @usage   not rt, the handle's thread, after open
 /// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
-///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
 ///          ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_upload(
@@ -82,7 +83,7 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_upload(
                 call.out("length", length)?,
             )
         };
-        let mut value = vec![0; size];
+        let mut value = vec![0; size.min(MAX_VALUE_BYTES)];
         let read = diagnostics.sdo_upload(slave, index, subindex, &mut value);
         let length = read.map_err(|error| errors::adapter(call, &error))?;
         room.push_bytes(value.get(..length).unwrap_or_default());

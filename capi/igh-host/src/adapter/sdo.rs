@@ -12,6 +12,9 @@ use crate::bus::{self, Bus};
 use crate::errors;
 use crate::handle::Entered;
 
+/// Longer values than any object has are not waited for, whatever buffer C offers.
+pub(super) const MAX_VALUE_BYTES: usize = 1 << 20;
+
 /// Runs a transfer, on an active bus beside the cycle.
 fn diagnose<R: Send>(
     call: Call,
@@ -47,7 +50,7 @@ fn diagnose<R: Send>(
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
-///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
 ///          ECAN_ERR_MASTER; ECAN_ERR_ATTACHED on an active bus of another owner, where
 ///          ecan_igh_diagnostics_sdo_upload() in another thread does it.
 #[unsafe(no_mangle)]
@@ -70,7 +73,7 @@ pub unsafe extern "C" fn ecan_igh_sdo_upload(
             )
         };
         let value = diagnose(call, &mut bus, slave, |diagnostics| {
-            let mut value = vec![0; size];
+            let mut value = vec![0; size.min(MAX_VALUE_BYTES)];
             let length = diagnostics.sdo_upload(slave, index, subindex, &mut value)?;
             value.truncate(length);
             Ok(value)

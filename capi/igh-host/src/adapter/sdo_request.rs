@@ -38,7 +38,7 @@ fn find(call: Call, bus: &Entered<Bus>, request: usize) -> Result<Request, ecan_
 
 /// Creates an SDO request. A reconfiguration ends all requests.
 ///
-/// @param size     Most bytes of the values that it will transfer.
+/// @param size     Bytes of the values that it will write, or most bytes of those that it will read.
 /// @param request  Gets the number by which the request is named.
 ///
 /// @usage   not rt, the cycle's thread, after init and before the bus is active
@@ -122,13 +122,15 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_read(
     })
 }
 
-/// Starts writing an object.
+/// Starts writing an object. EtherCAT's library knows the length of a value only by what the request
+/// holds, so take one request for each size, and another for reading.
 ///
 /// @param data  The value, little endian. Is copied.
-/// @param size  Its bytes, at most those of the request.
+/// @param size  Its bytes: the size with which the request was created, or that of the value that it
+///              read last.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for too many bytes.
+/// @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for another number of bytes.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_sdo_request_write(
     context: *mut ecan_igh_context_t,

@@ -3,7 +3,7 @@
 use std::ffi::c_int;
 
 use ecan_mcan_host::boundary::call;
-use ecan_mcan_host::pdo::profile;
+use ecan_mcan_host::pdo::profile::{self, IGH_MCAN_OPTION_TX_RESULT};
 
 use super::config::{PortPlain, igh_mcan_port_config_t};
 
@@ -73,6 +73,11 @@ pub unsafe extern "C" fn igh_mcan_port_set_options(
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
         let tx = profile::options(call, tx_options)?;
+        if rx_options & IGH_MCAN_OPTION_TX_RESULT != 0 {
+            return Err(
+                call.argument("rx_options", format_args!("has TX_RESULT, which is the TxPDO's"))
+            );
+        }
         gateway.rx_options = profile::options(call, rx_options)?;
         gateway.tx_options = tx;
         Ok(())

@@ -2,6 +2,7 @@
 
 use std::ffi::c_int;
 
+use ecan_host::Phase;
 use ecan_mcan_host::boundary::{call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Port;
@@ -50,6 +51,10 @@ pub unsafe extern "C" fn igh_mcan_port_init(
         };
         // A living Port may well be this one, which stays.
         bus.need_no_port(call)?;
+        if bus.need_adapter(call)?.phase() != Phase::Configured {
+            let words = format_args!("the bus is active already: a Port is put on it before");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+        }
         // SAFETY: as above.
         unsafe { handle::clear(port.cast()) };
         let applied = bus.applied.clone();
@@ -97,10 +102,10 @@ pub unsafe extern "C" fn igh_mcan_port_reconfigure(
             )
         };
         let (adapter, config) = (adapter.to_rust(), config.settings(adapter.slave_count));
-        bus.remove_cia402();
-        bus.requests.clear();
-        (bus.last_ticket, bus.applied) = (None, None);
         let reconfigured = bus.need_port(call)?.reconfigure(adapter, config);
+        if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
+            bus.forget_configuration();
+        }
         reconfigured.map_err(|error| errors::port(call, &error))
     })
 }

@@ -15,6 +15,7 @@ use ecan_protocol::{CanId, FrameRef, Schedule};
 
 use super::context::igh_mcan_port_t;
 use super::cycle::receive;
+use super::state::need_slave;
 use crate::bus::{self, Bus};
 use crate::errors;
 use crate::handle::Entered;
@@ -191,12 +192,11 @@ fn send_tx(
     bus: &mut Entered<Bus>,
     tx: &igh_mcan_tx_frame_t,
 ) -> Result<(), ecan_result_t> {
-    let hint = match tx.hint {
+    let hint = match tx.checked_hint(call)? {
         0 => TransmitHint::Normal,
         1 => TransmitHint::HighPriority,
         2 => TransmitHint::DedicatedBuffer,
-        3 => TransmitHint::Queue,
-        other => return Err(call.argument("hint", format_args!("{other} is not 0 to 3"))),
+        _ => TransmitHint::Queue,
     };
     let options = SendOptions { hint, schedule: tx.schedule() };
     send(call, bus, tx.slave.into(), tx.channel, tx.frame(call)?, options)
@@ -283,12 +283,15 @@ pub unsafe extern "C" fn igh_mcan_port_exchange(
         };
         count.set(0);
         let port = bus.need_port(call)?;
-        let begun = port.cycle_begin().map_err(|error| errors::cycle(call, &error));
+        let begun = port.cycle_begin();
         receive(port, &mut room);
         count.set(room.count());
         let sent = frames.iter().try_for_each(|tx| send_tx(call, &mut bus, tx));
         let ended = bus.need_port(call)?.cycle_end();
-        begun.and(sent).and(ended.map_err(|error| errors::cycle(call, &error)))
+        // The words are those of the code that is returned.
+        begun.map_err(|error| errors::cycle(call, &error))?;
+        sent?;
+        ended.map_err(|error| errors::cycle(call, &error))
     })
 }
 
@@ -339,7 +342,7 @@ pub unsafe extern "C" fn igh_mcan_port_image_room(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  The number of frames given up, 0 or more; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
-///          ECAN_ERR_BUSY.
+///          ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_discard_pending(
     port: *mut igh_mcan_port_t,
@@ -351,7 +354,9 @@ pub unsafe extern "C" fn igh_mcan_port_discard_pending(
         |call| {
             // SAFETY: the pointer is C's, valid or NULL as the header demands.
             let mut bus = unsafe { bus::enter_port(call, port.cast())? };
-            Ok(bus.need_port(call)?.discard_pending(slave) as c_int)
+            let port = bus.need_port(call)?;
+            need_slave(call, port, slave)?;
+            Ok(port.discard_pending(slave) as c_int)
         },
     )
 }

@@ -263,6 +263,15 @@ impl igh_mcan_tx_frame_t {
         }
     }
 
+    /// The hint, an [`igh_mcan_hint_t`].
+    ///
+    /// # Errors
+    /// [`ecan_result_t::ECAN_ERR_ARGUMENT`].
+    #[inline]
+    pub fn checked_hint(&self, call: Call) -> Result<u8, ecan_result_t> {
+        check_hint(call, self.hint.into())
+    }
+
     /// When it is to be sent.
     #[inline]
     pub fn schedule(&self) -> Option<Schedule> {
@@ -394,6 +403,14 @@ impl ToResult for PushError {
     }
 }
 
+#[inline]
+fn check_hint(call: Call, hint: c_int) -> Result<u8, ecan_result_t> {
+    match hint {
+        0..=3 => Ok(hint as u8),
+        _ => Err(call.argument("hint", format_args!("{hint} is not 0 to 3"))),
+    }
+}
+
 /// A slave index and a channel as they are stored in a frame.
 fn place(call: Call, slave: usize, channel: u8) -> Result<u16, ecan_result_t> {
     if usize::from(channel) >= CHANNELS {
@@ -473,7 +490,7 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_canfd(
 /// @param received  A frame, no TX_RESULT.
 ///
 /// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, or ECAN_ERR_FRAME for what is no frame.
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME for what is no frame.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
     frame: *mut igh_mcan_tx_frame_t,
@@ -487,7 +504,7 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
             return Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, words));
         }
         let value = igh_mcan_tx_frame_t {
-            slave: rx.slave,
+            slave: place(call, rx.slave.into(), rx.channel)?,
             channel: rx.channel,
             flags: rx.flags,
             can_id: rx.can_id,
@@ -541,11 +558,7 @@ pub unsafe extern "C" fn igh_mcan_tx_frame_set_hint(
     call("igh_mcan_tx_frame_set_hint", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let frame = unsafe { call.change("frame", frame)? };
-        let known = igh_mcan_hint_t::IGH_MCAN_HINT_QUEUE as c_int;
-        if !(0..=known).contains(&hint) {
-            return Err(call.argument("hint", format_args!("{hint} is not 0 to {known}")));
-        }
-        frame.hint = hint as u8;
+        frame.hint = check_hint(call, hint)?;
         Ok(())
     })
 }

@@ -3,7 +3,7 @@
 use std::ffi::c_int;
 
 use ecan_protocol::{
-    Arrival, HEADER_BYTES, Header, ImageReader, Packet, ParseDiagnosis, SequenceTracker,
+    Arrival, HEADER_BYTES, Header, ImageReader, Packet, ParseDiagnosis, PdoError, SequenceTracker,
 };
 
 use super::diagnosis::igh_mcan_pdo_parse_diag_t;
@@ -145,6 +145,49 @@ fn parse(
     Ok(Ok(found))
 }
 
+/// # Safety
+/// Every pointer is NULL or valid as the header demands.
+#[expect(clippy::too_many_arguments, reason = "they are the C function's")]
+unsafe fn parse_into(
+    call: Call,
+    profile: *const igh_mcan_pdo_profile_t,
+    txpdo: *const u8,
+    size: usize,
+    frames: *mut igh_mcan_rx_frame_t,
+    capacity: usize,
+    count: *mut usize,
+    diag: *mut igh_mcan_pdo_parse_diag_t,
+) -> Result<(), ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let (count, diag, profile, image, mut room) = unsafe {
+        (
+            call.out("count", count)?,
+            call.optional_out(diag),
+            call.read("profile", profile)?,
+            call.items("txpdo", txpdo, size)?,
+            call.room("frames", frames, capacity)?,
+        )
+    };
+    count.set(0);
+    let parsed = parse(call, profile, image, &mut room)?;
+    count.set(room.count());
+    if let Some(diag) = diag {
+        diag.set(parsed.as_ref().err().map(Into::into).unwrap_or_default());
+    }
+    let found = parsed.map_err(|diagnosis| match diagnosis.pdo_error() {
+        Some(PdoError::ActiveArea) => call.fail(
+            ecan_result_t::ECAN_ERR_BUFFER,
+            format_args!("{size} bytes are no image of this profile"),
+        ),
+        _ => call.error(&diagnosis),
+    })?;
+    if found > capacity {
+        let words = format_args!("the image holds {found} frames, {capacity} fit");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+    }
+    Ok(())
+}
+
 /// Judges an image as manual 6.1 asks and takes its frames and transmit results out, with a
 /// diagnosis where something is wrong with it (manual 16.2).
 ///
@@ -174,27 +217,7 @@ pub unsafe extern "C" fn igh_mcan_pdo_parse_frames_ex(
 ) -> c_int {
     call("igh_mcan_pdo_parse_frames_ex", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (count, diag, profile, image, mut room) = unsafe {
-            (
-                call.out("count", count)?,
-                call.optional_out(diag),
-                call.read("profile", profile)?,
-                call.items("txpdo", txpdo, size)?,
-                call.room("frames", frames, capacity)?,
-            )
-        };
-        count.set(0);
-        let parsed = parse(call, profile, image, &mut room)?;
-        count.set(room.count());
-        if let Some(diag) = diag {
-            diag.set(parsed.as_ref().err().map(Into::into).unwrap_or_default());
-        }
-        let found = parsed.map_err(|diagnosis| call.error(&diagnosis))?;
-        if found > capacity {
-            let words = format_args!("the image holds {found} frames, {capacity} fit");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
-        }
-        Ok(())
+        unsafe { parse_into(call, profile, txpdo, size, frames, capacity, count, diag) }
     })
 }
 
@@ -211,9 +234,11 @@ pub unsafe extern "C" fn igh_mcan_pdo_parse_frames(
     capacity: usize,
     count: *mut usize,
 ) -> c_int {
-    let diag = std::ptr::null_mut();
-    // SAFETY: the same arguments under the same promises.
-    unsafe { igh_mcan_pdo_parse_frames_ex(profile, txpdo, size, frames, capacity, count, diag) }
+    call("igh_mcan_pdo_parse_frames", |call| {
+        let diag = std::ptr::null_mut();
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        unsafe { parse_into(call, profile, txpdo, size, frames, capacity, count, diag) }
+    })
 }
 
 /// Begins to follow sequence numbers.

@@ -154,7 +154,10 @@ pub unsafe extern "C" fn igh_mcan_pdo_writer_add(
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (writer, tx) = unsafe { (Writer::open(call, writer)?, call.read("frame", frame)?) };
         // SAFETY: the image is C's as long as it is begun.
-        unsafe { writer.push(call, tx.channel, tx.hint, tx.frame(call)?, tx.schedule()) }
+        unsafe {
+            let hint = tx.checked_hint(call)?;
+            writer.push(call, tx.channel, hint, tx.frame(call)?, tx.schedule())
+        }
     })
 }
 
