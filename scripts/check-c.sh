@@ -41,9 +41,11 @@ gcc -std=c99 -g -fsanitize=address,undefined -fno-sanitize-recover=undefined -Wa
     -o "$build/every_function_sanitized"
 ASAN_OPTIONS=detect_leaks=1 "$build/every_function_sanitized"
 
-say "every function, under valgrind"
-valgrind --quiet --error-exitcode=1 --leak-check=full \
-    --errors-for-leak-kinds=definite,indirect "$build/capi/tests/every_function"
+say "every function and the manual's fragments, under valgrind"
+checked=(valgrind --quiet --error-exitcode=1 --leak-check=full
+    --show-leak-kinds=definite,indirect --errors-for-leak-kinds=definite,indirect)
+"${checked[@]}" "$build/capi/tests/every_function"
+ECAN_ECRT=sim "${checked[@]}" "$build/capi/tests/manual_fragments"
 
 say "consumers of the installed tree"
 rm -rf "$build/installed" "$build/consumer"

@@ -1,4 +1,5 @@
 // The headers in C++: the same program, with contexts on the heap.
+#include <cstdint>
 #include <cstdio>
 #include <memory>
 
