@@ -357,10 +357,24 @@ int ecan_igh_activate(ecan_igh_context_t *context);
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that lacks, and why;
  *          ECAN_ERR_VERIFICATION for a gateway that is in OP but reads back something else than
- *          was configured; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
+ *          was configured; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
  *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int ecan_igh_wait_op_timeout(ecan_igh_context_t *context, uint32_t timeout_ms);
+
+/**
+ * Sets a function that the waiting calls of all layers ask once in every cycle; where it returns
+ * other than 0, they end with ECAN_ERR_STOPPED: a signal came, a button was pressed. What has been
+ * begun goes on as far as the cycle goes on. igh_cia402_shutdown_timeout() does not ask.
+ *
+ * @param stop  Gets `user`; NULL for none. It should be quick; a call to the library with this
+ *              context gets ECAN_ERR_BUSY there.
+ * @param user  Is handed to it, in the thread that waits.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_stop_waiting_when(ecan_igh_context_t *context, int (*stop)(void *user), void *user);
 
 /**
  * Leaves cyclic operation and configures the slaves anew: the way to switch N at run time (manual

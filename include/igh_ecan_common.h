@@ -131,6 +131,8 @@ typedef enum {
     ECAN_ERR_AXES = -32,
     /** A CANopen transfer or command failed. */
     ECAN_ERR_CANOPEN = -33,
+    /** The application gave up waiting (ecan_igh_stop_waiting_when()). */
+    ECAN_ERR_STOPPED = -34,
     /** A fault of the library itself. Please report it with the text of ecan_last_error(). */
     ECAN_ERR_INTERNAL = -99,
 } ecan_result_t;

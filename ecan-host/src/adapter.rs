@@ -15,6 +15,7 @@ use crate::error::Error;
 use crate::identification::{self, Identified};
 use crate::mapping;
 use crate::startup::{StartupStep, run_steps, startup_list};
+use crate::stop::StopCheck;
 
 /// Where an [`Adapter`] is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -67,6 +68,7 @@ pub struct Adapter {
     pub(crate) slaves: Vec<Slave>,
     pub(crate) phase: Phase,
     attached: bool,
+    pub(crate) stop: Option<StopCheck>,
     /// Last point of the cycle grid, the start of the cycle that is due there, and the time of
     /// the running cycle.
     pub(crate) grid_ns: Option<u64>,
@@ -124,6 +126,7 @@ impl Adapter {
             slaves: Vec::new(),
             phase: Phase::Down,
             attached,
+            stop: None,
             grid_ns: None,
             cycle_due_ns: None,
             cycle_time_ns: 0,

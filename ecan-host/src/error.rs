@@ -253,6 +253,10 @@ pub enum Error {
         /// Number of configured slaves.
         count: usize,
     },
+    /// The application gave up waiting, see
+    /// [`Adapter::stop_waiting_when`](crate::Adapter::stop_waiting_when).
+    #[error("given up by the application")]
+    Stopped,
     /// The cycle failed while waiting.
     #[error(transparent)]
     Cycle(#[from] CycleError),

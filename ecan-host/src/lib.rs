@@ -28,6 +28,7 @@ mod operation_report;
 mod process_image;
 mod requests;
 mod startup;
+mod stop;
 
 pub use adapter::{Adapter, Phase};
 pub use config::{AdapterConfig, DcSync, Identity, SlaveSettings};

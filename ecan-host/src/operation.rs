@@ -70,6 +70,9 @@ impl Adapter {
             self.wait_next_cycle();
             // A single cycle may fail; the deadline ends it all.
             let result = cycle(self);
+            if self.should_stop() {
+                return Err(Error::Stopped);
+            }
             match self.op_progress(&mut wait)? {
                 OpProgress::Reached => return Ok(()),
                 OpProgress::Pending => {}

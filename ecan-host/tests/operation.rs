@@ -39,6 +39,25 @@ fn raw_images_carry_frames() {
 }
 
 #[test]
+fn the_application_may_give_up_a_wait_and_take_it_up_again() {
+    use std::sync::Arc;
+    use std::sync::atomic::{AtomicU32, Ordering};
+
+    let (config, _) = raw_config();
+    let (ecrt, _simulation) = simulated(ecan_sim::echo(1));
+    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    let asked = Arc::new(AtomicU32::new(0));
+    let counter = asked.clone();
+    adapter.stop_waiting_when(Some(Box::new(move || counter.fetch_add(1, Ordering::Relaxed) == 9)));
+    let error = adapter.wait_op(20_000).unwrap_err();
+    assert!(matches!(error, Error::Stopped), "{error}");
+    assert_eq!(asked.load(Ordering::Relaxed), 10, "once in every cycle");
+    adapter.stop_waiting_when(None);
+    adapter.wait_op(20_000).unwrap();
+    assert_eq!(asked.load(Ordering::Relaxed), 10);
+}
+
+#[test]
 fn working_counters_tell_what_arrived() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));

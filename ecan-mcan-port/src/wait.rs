@@ -48,6 +48,9 @@ impl Port {
         loop {
             self.wait_next_cycle();
             cycle(self)?;
+            if self.adapter.should_stop() {
+                return Err(failed(ecan_host::Error::Stopped));
+            }
             if is_operational && self.is_ready() {
                 return Ok(());
             }

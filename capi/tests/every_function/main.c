@@ -17,6 +17,7 @@ int main(void)
     test_cia402_axes();
     test_cia402_motion();
     test_cia402_sdo();
+    test_stop();
     if (check_failures() > 0) {
         fprintf(stderr, "every_function: %lu of %lu checks failed\n", check_failures(),
                 check_count());

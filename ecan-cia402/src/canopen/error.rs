@@ -156,6 +156,10 @@ pub enum WaitError {
         /// How long was waited, in milliseconds of the bus clock.
         waited_ms: u64,
     },
+    /// The application gave up waiting
+    /// ([`Adapter::stop_waiting_when`](ecan_host::Adapter::stop_waiting_when)).
+    #[error("given up by the application")]
+    Stopped,
     /// The cycle failed.
     #[error(transparent)]
     Cycle(#[from] CycleError),

@@ -47,6 +47,7 @@ pub use step_failure::{StepFailure, StepFault};
 mod blocking;
 mod wait;
 
+pub(crate) use wait::run_cycle_to_the_end;
 pub use wait::run_cycle_until;
 
 pub use ecan_host::SdoDirection;

@@ -13,11 +13,29 @@ use super::heartbeat::NS_PER_MS;
 /// single cycles do not end it; the step then finds nothing received.
 ///
 /// # Errors
-/// [`WaitError::TimedOut`] after `timeout_ms` milliseconds of the bus clock; [`WaitError::Cycle`]
+/// [`WaitError::Stopped`] where the application gives up; [`WaitError::TimedOut`] after `timeout_ms` milliseconds of the bus clock; [`WaitError::Cycle`]
 /// instead where the last cycle failed, and at once where the bus is not active.
 pub fn run_cycle_until<T>(
     port: &mut Port,
     timeout_ms: u32,
+    step: impl FnMut(&mut Port, u64) -> Option<T>,
+) -> Result<T, WaitError> {
+    run(port, timeout_ms, true, step)
+}
+
+/// As [`run_cycle_until`], for what the application cannot give up.
+pub(crate) fn run_cycle_to_the_end<T>(
+    port: &mut Port,
+    timeout_ms: u32,
+    step: impl FnMut(&mut Port, u64) -> Option<T>,
+) -> Result<T, WaitError> {
+    run(port, timeout_ms, false, step)
+}
+
+fn run<T>(
+    port: &mut Port,
+    timeout_ms: u32,
+    may_stop: bool,
     mut step: impl FnMut(&mut Port, u64) -> Option<T>,
 ) -> Result<T, WaitError> {
     let clock = port.adapter().ecrt().clock().clone();
@@ -34,6 +52,9 @@ pub fn run_cycle_until<T>(
         }
         if let Err(error @ CycleError::NotActive { .. }) = cycle {
             return Err(error.into());
+        }
+        if may_stop && port.adapter().should_stop() {
+            return Err(WaitError::Stopped);
         }
         let waited_ns = now_ns.saturating_sub(start_ns);
         if waited_ns > limit_ns {

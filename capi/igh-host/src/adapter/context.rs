@@ -193,7 +193,7 @@ pub unsafe extern "C" fn ecan_igh_activate(context: *mut ecan_igh_context_t) -> 
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that lacks, and why;
 ///          ECAN_ERR_VERIFICATION for a gateway that is in OP but reads back something else than
-///          was configured; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
+///          was configured; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
 ///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
@@ -211,6 +211,51 @@ pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
                 waited.map_err(|error| errors::adapter(call, &error))
             }
         }
+    })
+}
+
+/// A function of C that says whether to give up.
+struct StopFunction {
+    function: unsafe extern "C" fn(user: *mut c_void) -> c_int,
+    user: *mut c_void,
+}
+
+// SAFETY: the pointer is never followed here, and handed to C only in the thread that calls a
+// waiting function: the header leaves it to the application to allow that.
+unsafe impl Send for StopFunction {}
+
+impl StopFunction {
+    fn says_stop(&self) -> bool {
+        // SAFETY: the application gave the function for this, with this pointer.
+        unsafe { (self.function)(self.user) != 0 }
+    }
+}
+
+/// Sets a function that the waiting calls of all layers ask once in every cycle; where it returns
+/// other than 0, they end with ECAN_ERR_STOPPED: a signal came, a button was pressed. What has been
+/// begun goes on as far as the cycle goes on. igh_cia402_shutdown_timeout() does not ask.
+///
+/// @param stop  Gets `user`; NULL for none. It should be quick; a call to the library with this
+///              context gets ECAN_ERR_BUSY there.
+/// @param user  Is handed to it, in the thread that waits.
+///
+/// @usage   not rt, the cycle's thread, after init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_stop_waiting_when(
+    context: *mut ecan_igh_context_t,
+    stop: Option<unsafe extern "C" fn(user: *mut c_void) -> c_int>,
+    user: *mut c_void,
+) -> c_int {
+    call("ecan_igh_stop_waiting_when", |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter(call, context.cast())? };
+        let check = stop.map(|function| {
+            let stop = StopFunction { function, user };
+            Box::new(move || stop.says_stop()) as Box<dyn Fn() -> bool + Send>
+        });
+        bus.need_adapter(call)?.stop_waiting_when(check);
+        Ok(())
     })
 }
 

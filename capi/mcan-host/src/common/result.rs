@@ -76,6 +76,8 @@ pub enum ecan_result_t {
     ECAN_ERR_AXES = -32,
     /// A CANopen transfer or command failed.
     ECAN_ERR_CANOPEN = -33,
+    /// The application gave up waiting (ecan_igh_stop_waiting_when()).
+    ECAN_ERR_STOPPED = -34,
     /// A fault of the library itself. Please report it with the text of ecan_last_error().
     ECAN_ERR_INTERNAL = -99,
 }
@@ -140,6 +142,7 @@ results! {
     ECAN_ERR_AXIS_STATE: "the axis cannot do this now",
     ECAN_ERR_AXES: "not every axis got there",
     ECAN_ERR_CANOPEN: "a CANopen service failed",
+    ECAN_ERR_STOPPED: "the application gave up waiting",
     ECAN_ERR_INTERNAL: "internal fault of the library",
 }
 

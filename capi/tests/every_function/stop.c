@@ -1,0 +1,68 @@
+/* ecan_igh_stop_waiting_when(): the waiting calls of every layer end, and may be taken up again. */
+#include "check.h"
+
+static ecan_igh_context_t igh;
+static igh_mcan_port_t port;
+static igh_cia402_context_t motors;
+
+/* Cycles that are still waited for. */
+static int cycles_left;
+
+static int stop(void *user)
+{
+    TRUE(user == &cycles_left);
+    BAD(ECAN_ERR_BUSY, ecan_igh_deinit(&igh));
+    return cycles_left-- <= 0;
+}
+
+static void stop_after(int cycles)
+{
+    cycles_left = cycles;
+    GOOD(ecan_igh_stop_waiting_when(&igh, stop, &cycles_left));
+}
+
+static void stop_the_way_to_op(void)
+{
+    stop_after(5);
+    BAD(ECAN_ERR_STOPPED, ecan_igh_wait_op_timeout(&igh, 20000));
+    SAME(-1, cycles_left);
+    GOOD(ecan_igh_stop_waiting_when(&igh, NULL, NULL));
+    GOOD(ecan_igh_wait_op_timeout(&igh, 20000));
+}
+
+static void stop_the_axes(void)
+{
+    igh_cia402_axis_t axis;
+    GOOD(igh_cia402_axis_init(&axis, 0, 0, 1, 0));
+    GOOD(igh_cia402_context_init(&motors, &port, &axis, 1));
+    stop_after(3);
+    BAD(ECAN_ERR_STOPPED, igh_cia402_start_up_timeout(&motors, 20000));
+    stop_after(0);
+    BAD(ECAN_ERR_STOPPED, igh_cia402_configure_csp_all_timeout(&motors, 20000));
+    GOOD(ecan_igh_stop_waiting_when(&igh, NULL, NULL));
+    GOOD(igh_cia402_start_up_timeout(&motors, 20000));
+    /* The end in order is not given up. */
+    stop_after(0);
+    GOOD(igh_cia402_shutdown_timeout(&motors, 20000));
+    SAME(0, cycles_left);
+}
+
+void test_stop(void)
+{
+    ecan_igh_config_t config;
+    igh_mcan_port_config_t gateways;
+
+    BAD(ECAN_ERR_NULL, ecan_igh_stop_waiting_when(NULL, stop, NULL));
+    memset(&igh, 0, sizeof(igh));
+    BAD(ECAN_ERR_NOT_INITIALISED, ecan_igh_stop_waiting_when(&igh, stop, NULL));
+
+    simulate(&config, "sim:drives");
+    GOOD(igh_mcan_port_default_config(&gateways));
+    GOOD(igh_mcan_port_set_classic_channel(&gateways, 0, 0, 1000000));
+    GOOD(igh_mcan_port_apply_config(&config, &gateways));
+    GOOD(ecan_igh_init(&igh, &config));
+    GOOD(igh_mcan_port_init(&port, &igh, &gateways));
+    stop_the_way_to_op();
+    stop_the_axes();
+    GOOD(ecan_igh_deinit(&igh));
+}
