@@ -3,6 +3,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "interrupt.h"
 #include "report.h"
 
 void bus_settings_default(bus_settings_t *settings, const char *scenario)
@@ -135,6 +136,23 @@ static bool configure_gateways(igh_mcan_port_config_t *config, const bus_setting
     return true;
 }
 
+static int user_gave_up(void *user)
+{
+    (void)user;
+    return interrupt_is_set();
+}
+
+static bool wait_for_service(bus_t *bus)
+{
+    int code = ecan_igh_wait_op_timeout(&bus->igh, ecan_igh_startup_timeout_ms(&bus->igh));
+    if (code == ECAN_ERR_STOPPED) {
+        puts("stopped by the user");
+    } else if (code != ECAN_OK) {
+        report_sdk_error();
+    }
+    return code == ECAN_OK;
+}
+
 bool bring_up(bus_t *bus, const bus_settings_t *settings)
 {
     ecan_igh_config_t igh_config;
@@ -149,13 +167,20 @@ bool bring_up(bus_t *bus, const bus_settings_t *settings)
         report_sdk_error();
         return false;
     }
+    if (!interrupt_install()) {
+        return false;
+    }
     if (ecan_igh_init(&bus->igh, &igh_config) != ECAN_OK) {
         report_sdk_error();
         return false;
     }
     if (igh_mcan_port_init(&bus->mcan, &bus->igh, &mcan_config) != ECAN_OK ||
-        ecan_igh_wait_op_timeout(&bus->igh, ecan_igh_startup_timeout_ms(&bus->igh)) != ECAN_OK) {
+        ecan_igh_stop_waiting_when(&bus->igh, user_gave_up, NULL) != ECAN_OK) {
         report_sdk_error();
+        shut_down(bus);
+        return false;
+    }
+    if (!wait_for_service(bus)) {
         shut_down(bus);
         return false;
     }

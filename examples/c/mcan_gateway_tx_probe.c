@@ -284,7 +284,7 @@ int main(int argc, char **argv)
     if (!bring_up(&bus, &arguments.bus)) {
         return EXIT_FAILURE;
     }
-    bool is_good = interrupt_install() && work(&bus, &arguments);
+    bool is_good = work(&bus, &arguments);
     is_good &= shut_down(&bus);
     return is_good ? EXIT_SUCCESS : EXIT_FAILURE;
 }

@@ -220,7 +220,7 @@ bool motion_run(const motion_t *motion)
     if (!bring_up(&bus, &motion->bus)) {
         return false;
     }
-    bool is_good = interrupt_install() && init_axes(&cia402, &bus, motion) &&
+    bool is_good = init_axes(&cia402, &bus, motion) &&
                    run_axes(&cia402, &bus, motion);
     /* The axes end with their master. */
     is_good &= shut_down(&bus);

@@ -260,7 +260,7 @@ int main(int argc, char **argv)
     }
     bool is_good = bring_up(&bus, &arguments.bus);
     if (is_good) {
-        is_good = interrupt_install() && work(&bus, &arguments, &recording);
+        is_good = work(&bus, &arguments, &recording);
         is_good &= shut_down(&bus);
     }
     candump_log_free(&recording);
