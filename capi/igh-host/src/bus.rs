@@ -4,12 +4,11 @@ use ecan_cia402::{Cia402, SendSummary};
 use ecan_host::{Adapter, RequestId};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_port::{Port, PortConfig};
+use ecan_mcan_port::{Port, PortConfig, SendTicket};
 
 use crate::cia402::progress::ProgressCallback;
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
-use crate::mcan_port::send::igh_mcan_ticket_t;
 
 /// The topmost layer that there is.
 #[derive(Debug)]
@@ -29,7 +28,7 @@ pub(crate) struct Bus {
     port_serial: u64,
     axes: Option<Axes>,
     pub(crate) requests: Vec<Request>,
-    pub(crate) last_ticket: Option<igh_mcan_ticket_t>,
+    pub(crate) last_ticket: Option<LastTicket>,
     /// What igh_mcan_port_apply_config() made the startup SDOs of.
     pub(crate) applied: Option<PortConfig>,
     /// Simulated time passes only while the program waits.
@@ -44,6 +43,28 @@ pub(crate) struct Axes {
     /// Of the last time that targets were sent.
     pub(crate) summary: SendSummary,
     pub(crate) progress: Option<ProgressCallback>,
+}
+
+/// Where the frame went that was sent last.
+///
+/// Its fields are wide on purpose: narrow ones would be copied out of a result as one word, which
+/// waits for the stores of its parts, in every send.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LastTicket {
+    pub(crate) slave: u32,
+    pub(crate) sequence: u32,
+    pub(crate) index: u32,
+}
+
+impl From<SendTicket> for LastTicket {
+    #[inline]
+    fn from(ticket: SendTicket) -> Self {
+        Self {
+            slave: ticket.slave as u32,
+            sequence: ticket.sequence.into(),
+            index: ticket.index.into(),
+        }
+    }
 }
 
 /// An SDO request of the application.

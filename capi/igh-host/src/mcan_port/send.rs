@@ -10,7 +10,7 @@ use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::{
     IGH_MCAN_FLAG_EXT, classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_tx_frame_t,
 };
-use ecan_mcan_port::{SendOptions, SendTicket, TransmitHint};
+use ecan_mcan_port::{SendOptions, TransmitHint};
 use ecan_protocol::{CanId, FrameRef, Schedule};
 
 use super::context::igh_mcan_port_t;
@@ -32,18 +32,6 @@ pub struct igh_mcan_ticket_t {
     pub frame_index: u8,
     /// Not used.
     pub reserved: [u8; 3],
-}
-
-impl From<SendTicket> for igh_mcan_ticket_t {
-    #[inline]
-    fn from(ticket: SendTicket) -> Self {
-        Self {
-            slave: ticket.slave as u16,
-            sequence: ticket.sequence,
-            frame_index: ticket.index,
-            reserved: [0; 3],
-        }
-    }
 }
 
 #[inline]
@@ -312,7 +300,12 @@ pub unsafe extern "C" fn igh_mcan_port_get_last_ticket(
         let last = bus.last_ticket.ok_or_else(|| {
             call.fail(ecan_result_t::ECAN_ERR_ORDER, format_args!("nothing was sent yet"))
         })?;
-        out.set(last);
+        out.set(igh_mcan_ticket_t {
+            slave: last.slave as u16,
+            sequence: last.sequence as u16,
+            frame_index: last.index as u8,
+            reserved: [0; 3],
+        });
         Ok(())
     })
 }
