@@ -4,11 +4,8 @@
  * Master, slaves, one domain for each, startup SDOs, distributed clocks, the cycle and raw process
  * data.
  *
- * The rules for all functions stand at the head of igh_ecan_common.h.
- *
- * Change log
- *
- *   0.1.0  First version.
+ * The rules for all functions, and the change log of all headers, stand at the head of
+ * igh_ecan_common.h.
  */
 #ifndef IGH_ADAPTER_H
 #define IGH_ADAPTER_H

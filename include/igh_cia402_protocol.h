@@ -3,11 +3,8 @@
  *
  * Motors behind the gateways: start-up, targets, states, SDO.
  *
- * The rules for all functions stand at the head of igh_ecan_common.h.
- *
- * Change log
- *
- *   0.1.0  First version.
+ * The rules for all functions, and the change log of all headers, stand at the head of
+ * igh_ecan_common.h.
  */
 #ifndef IGH_CIA402_PROTOCOL_H
 #define IGH_CIA402_PROTOCOL_H

@@ -26,7 +26,7 @@
  *           as there is only one at a time. A call during another one gets ECAN_ERR_BUSY.
  *       when: before or after which other function.
  *
- * Change log
+ * Change log of all headers
  *
  *   0.1.0  First version.
  */

@@ -5,11 +5,8 @@
  * has it alone, libecan_igh_host among everything else. With igh_mcan_port.h it is not needed; it
  * is for applications that exchange raw process data (manual 15.5.3).
  *
- * The rules for all functions stand at the head of igh_ecan_common.h.
- *
- * Change log
- *
- *   0.1.0  First version.
+ * The rules for all functions, and the change log of all headers, stand at the head of
+ * igh_ecan_common.h.
  */
 #ifndef IGH_MCAN_PDO_H
 #define IGH_MCAN_PDO_H

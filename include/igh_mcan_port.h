@@ -3,11 +3,8 @@
  *
  * CAN and CAN FD frames through ECAN-Lite gateways.
  *
- * The rules for all functions stand at the head of igh_ecan_common.h.
- *
- * Change log
- *
- *   0.1.0  First version.
+ * The rules for all functions, and the change log of all headers, stand at the head of
+ * igh_ecan_common.h.
  */
 #ifndef IGH_MCAN_PORT_H
 #define IGH_MCAN_PORT_H

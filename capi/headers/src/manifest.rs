@@ -4,6 +4,14 @@
 pub struct Header {
     /// Name in `include/`.
     pub name: &'static str,
+    /// Its template below `capi/headers/templates`.
+    pub template: &'static str,
+    /// Its first line; this and the next two are for the template of the layers.
+    pub title: &'static str,
+    /// What it is for, line by line.
+    pub intro: &'static [&'static str],
+    /// The headers that it builds on.
+    pub includes: &'static [&'static str],
     /// Its sections, in order: sources below `capi/`.
     pub sections: &'static [&'static str],
 }
@@ -20,6 +28,10 @@ pub struct Library {
 pub const HEADERS: &[Header] = &[
     Header {
         name: "igh_ecan_common.h",
+        template: "common.h",
+        title: "",
+        intro: &[],
+        includes: &[],
         sections: &[
             "mcan-host/src/common/result.rs",
             "mcan-host/src/common/last_error.rs",
@@ -29,6 +41,14 @@ pub const HEADERS: &[Header] = &[
     },
     Header {
         name: "igh_mcan_pdo.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the process data protocol (manual 5 to 12).",
+        intro: &[
+            "Writes frames into images and takes them out again. Knows no EtherCAT master: libecan_mcan_host",
+            "has it alone, libecan_igh_host among everything else. With igh_mcan_port.h it is not needed; it",
+            "is for applications that exchange raw process data (manual 15.5.3).",
+        ],
+        includes: &["igh_ecan_common.h"],
         sections: &[
             "mcan-host/src/pdo/frames.rs",
             "mcan-host/src/pdo/profile.rs",
@@ -41,6 +61,13 @@ pub const HEADERS: &[Header] = &[
     },
     Header {
         name: "igh_adapter.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the Adapter (manual 15.1, 15.5).",
+        intro: &[
+            "Master, slaves, one domain for each, startup SDOs, distributed clocks, the cycle and raw process",
+            "data.",
+        ],
+        includes: &["igh_ecan_common.h"],
         sections: &[
             "igh-host/src/adapter/config.rs",
             "igh-host/src/adapter/config_master.rs",
@@ -56,6 +83,10 @@ pub const HEADERS: &[Header] = &[
     },
     Header {
         name: "igh_mcan_port.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: the MCAN Port (manual 15.1, 15.4, 15.5).",
+        intro: &["CAN and CAN FD frames through ECAN-Lite gateways."],
+        includes: &["igh_adapter.h", "igh_ecan_common.h", "igh_mcan_pdo.h"],
         sections: &[
             "igh-host/src/mcan_port/config.rs",
             "igh-host/src/mcan_port/config_channel.rs",
@@ -70,6 +101,10 @@ pub const HEADERS: &[Header] = &[
     },
     Header {
         name: "igh_cia402_protocol.h",
+        template: "layer.h",
+        title: "ECAN-Lite host SDK: CANopen and CiA 402 (manual 15.1, 15.4, 15.5.4).",
+        intro: &["Motors behind the gateways: start-up, targets, states, SDO."],
+        includes: &["igh_ecan_common.h", "igh_mcan_port.h"],
         sections: &[
             "igh-host/src/cia402/numbers.rs",
             "igh-host/src/cia402/axis.rs",

@@ -11,7 +11,7 @@ use crate::{read, sources};
 /// Renders a header. A section is what cbindgen makes of one source file, below the heading and
 /// the introduction that the file itself begins with.
 pub fn header(root: &Path, header: &Header) -> Result<String, String> {
-    let template = read(&root.join("capi/headers/templates").join(header.name))?;
+    let template = read(&root.join("capi/headers/templates").join(header.template))?;
     let mut sections = String::new();
     for section in header.sections {
         heading(&mut sections, &sources::section(root, section)?);
@@ -22,7 +22,13 @@ pub fn header(root: &Path, header: &Header) -> Result<String, String> {
         sections.push_str("\n\n");
     }
     let guard = header.name.to_uppercase().replace('.', "_");
+    let lines = |prefix: &str, lines: &[&str], suffix: &str| {
+        lines.iter().map(|line| format!("{prefix}{line}{suffix}\n")).collect::<String>()
+    };
     Ok(template
+        .replace("@TITLE@", header.title)
+        .replace("@INTRO@", &lines(" * ", header.intro, ""))
+        .replace("@INCLUDES@", &lines("#include \"", header.includes, "\""))
         .replace("@GUARD@", &guard)
         .replace("@MAJOR@", env!("CARGO_PKG_VERSION_MAJOR"))
         .replace("@MINOR@", env!("CARGO_PKG_VERSION_MINOR"))
