@@ -167,6 +167,10 @@ typedef struct {
     uint8_t data[64];
 } igh_mcan_rx_frame_t;
 
+/* ---------------------------------------------------------------------------
+ * Making frames to send
+ * --------------------------------------------------------------------------- */
+
 /**
  * Makes a classic CAN frame that is sent at once.
  *

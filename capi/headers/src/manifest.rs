@@ -51,6 +51,7 @@ pub const HEADERS: &[Header] = &[
         includes: &["igh_ecan_common.h"],
         sections: &[
             "mcan-host/src/pdo/frames.rs",
+            "mcan-host/src/pdo/tx_frames.rs",
             "mcan-host/src/pdo/profile.rs",
             "mcan-host/src/pdo/writer.rs",
             "mcan-host/src/pdo/diagnosis.rs",

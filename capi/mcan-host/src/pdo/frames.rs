@@ -3,11 +3,11 @@
 use std::ffi::c_int;
 
 use ecan_protocol::{
-    CHANNELS, CanId, Dlc, FrameError, FrameKind, FramePacket, FrameRef, PushError, Schedule,
-    Timestamp, TxResult,
+    CanId, Dlc, FrameError, FrameKind, FramePacket, FrameRef, PushError, Schedule, Timestamp,
+    TxResult,
 };
 
-use crate::boundary::{Call, ToResult, call};
+use crate::boundary::{Call, ToResult};
 use crate::common::result::ecan_result_t;
 
 /// Flag: 29-bit identifier.
@@ -278,7 +278,7 @@ impl igh_mcan_tx_frame_t {
         (self.scheduled != 0).then_some(Schedule { tag: self.tag, offset_ns: self.offset_ns })
     }
 
-    fn from_frame(slave: u16, channel: u8, frame: FrameRef<'_>) -> Self {
+    pub(super) fn from_frame(slave: u16, channel: u8, frame: FrameRef<'_>) -> Self {
         Self {
             slave,
             channel,
@@ -404,161 +404,9 @@ impl ToResult for PushError {
 }
 
 #[inline]
-fn check_hint(call: Call, hint: c_int) -> Result<u8, ecan_result_t> {
+pub(super) fn check_hint(call: Call, hint: c_int) -> Result<u8, ecan_result_t> {
     match hint {
         0..=3 => Ok(hint as u8),
         _ => Err(call.argument("hint", format_args!("{hint} is not 0 to 3"))),
     }
-}
-
-/// A slave index and a channel as they are stored in a frame.
-fn place(call: Call, slave: usize, channel: u8) -> Result<u16, ecan_result_t> {
-    if usize::from(channel) >= CHANNELS {
-        let words = format_args!("channel {channel} is not 0 to {}", CHANNELS - 1);
-        return Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, words));
-    }
-    u16::try_from(slave).map_err(|_| {
-        let words = format_args!("slave index {slave} is out of range");
-        call.fail(ecan_result_t::ECAN_ERR_SLAVE, words)
-    })
-}
-
-/// Makes a classic CAN frame that is sent at once.
-///
-/// @param frame    Is overwritten.
-/// @param slave    Slave index.
-/// @param channel  Channel of the gateway, 0 to 3.
-/// @param can_id   11 bits; 29 bits with IGH_MCAN_FLAG_EXT.
-/// @param flags    0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_RTR.
-/// @param data     Data; may be NULL where len is 0 and for a remote frame.
-/// @param len      Bytes, 0 to 8; of a remote frame the DLC that it asks for.
-///
-/// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL or ECAN_ERR_FRAME; the frame
-///          is only written to with ECAN_OK.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_tx_frame_set_can(
-    frame: *mut igh_mcan_tx_frame_t,
-    slave: usize,
-    channel: u8,
-    can_id: u32,
-    flags: u8,
-    data: *const u8,
-    len: usize,
-) -> c_int {
-    call("igh_mcan_tx_frame_set_can", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (out, can) = unsafe {
-            (call.out("frame", frame)?, classic_frame_at(call, can_id, flags, data, len)?)
-        };
-        out.set(igh_mcan_tx_frame_t::from_frame(place(call, slave, channel)?, channel, can));
-        Ok(())
-    })
-}
-
-/// Makes a CAN FD frame that is sent at once.
-///
-/// @param flags  0, IGH_MCAN_FLAG_EXT, IGH_MCAN_FLAG_BRS, IGH_MCAN_FLAG_ESI; IGH_MCAN_FLAG_FD is
-///               understood.
-/// @param len    Bytes: 0 to 8, 12, 16, 20, 24, 32, 48 or 64 (manual 8.2).
-///
-/// @usage   rt, any thread, any time
-/// @return  As igh_mcan_tx_frame_set_can().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_tx_frame_set_canfd(
-    frame: *mut igh_mcan_tx_frame_t,
-    slave: usize,
-    channel: u8,
-    can_id: u32,
-    flags: u8,
-    data: *const u8,
-    len: usize,
-) -> c_int {
-    call("igh_mcan_tx_frame_set_canfd", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (out, data) = unsafe { (call.out("frame", frame)?, call.items("data", data, len)?) };
-        let fd = fd_frame(call, can_id, flags, data)?;
-        out.set(igh_mcan_tx_frame_t::from_frame(place(call, slave, channel)?, channel, fd));
-        Ok(())
-    })
-}
-
-/// Makes a frame to send of one that was received, as an echo or a bridge does; slave and channel
-/// are those that it came from.
-///
-/// @param frame     Is overwritten.
-/// @param received  A frame, no TX_RESULT.
-///
-/// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_CHANNEL, or ECAN_ERR_FRAME for what is no frame.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_tx_frame_set_received(
-    frame: *mut igh_mcan_tx_frame_t,
-    received: *const igh_mcan_rx_frame_t,
-) -> c_int {
-    call("igh_mcan_tx_frame_set_received", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (out, rx) = unsafe { (call.out("frame", frame)?, call.read("received", received)?) };
-        if rx.kind != igh_mcan_rx_kind_t::IGH_MCAN_RX_FRAME as u8 {
-            let words = format_args!("`received` is a TX_RESULT, no frame");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_FRAME, words));
-        }
-        let value = igh_mcan_tx_frame_t {
-            slave: place(call, rx.slave.into(), rx.channel)?,
-            channel: rx.channel,
-            flags: rx.flags,
-            can_id: rx.can_id,
-            len: rx.len,
-            hint: 0,
-            scheduled: 0,
-            reserved: 0,
-            offset_ns: 0,
-            tag: 0,
-            reserved2: 0,
-            data: rx.data,
-        };
-        value.frame(call)?;
-        out.set(value);
-        Ok(())
-    })
-}
-
-/// Has a frame sent at a phase of the next Sync0 period instead of at once (manual 8.4).
-///
-/// @param offset_ns  Phase, in nanoseconds, below the Sync0 period.
-/// @param tag        Mark of the application.
-///
-/// @usage   rt, any thread, any time
-/// @return  ECAN_OK or ECAN_ERR_NULL.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_tx_frame_set_schedule(
-    frame: *mut igh_mcan_tx_frame_t,
-    offset_ns: u32,
-    tag: u16,
-) -> c_int {
-    call("igh_mcan_tx_frame_set_schedule", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let frame = unsafe { call.change("frame", frame)? };
-        (frame.scheduled, frame.offset_ns, frame.tag) = (1, offset_ns, tag);
-        Ok(())
-    })
-}
-
-/// Gives the gateway a hint how to send a frame (manual 8.1).
-///
-/// @param hint  An igh_mcan_hint_t.
-///
-/// @usage   rt, any thread, any time
-/// @return  ECAN_OK, ECAN_ERR_NULL or ECAN_ERR_ARGUMENT.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn igh_mcan_tx_frame_set_hint(
-    frame: *mut igh_mcan_tx_frame_t,
-    hint: c_int,
-) -> c_int {
-    call("igh_mcan_tx_frame_set_hint", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let frame = unsafe { call.change("frame", frame)? };
-        frame.hint = check_hint(call, hint)?;
-        Ok(())
-    })
 }

@@ -6,4 +6,5 @@ pub mod frames;
 pub mod parser;
 pub mod profile;
 pub mod tools;
+pub mod tx_frames;
 pub mod writer;
