@@ -14,6 +14,7 @@ use crate::domain_layout::DomainLayout;
 use crate::error::Error;
 use crate::identification::{self, Identified};
 use crate::mapping;
+use crate::real_time::{CycleStart, CycleTimer, CycleTiming};
 use crate::startup::{StartupStep, run_steps, startup_list};
 use crate::stop::StopCheck;
 
@@ -69,9 +70,10 @@ pub struct Adapter {
     pub(crate) phase: Phase,
     attached: bool,
     pub(crate) stop: Option<StopCheck>,
-    /// Last point of the cycle grid, the start of the cycle that is due there, and the time of
+    /// The cycle grid, its last point, the start of the cycle that is due there, and the time of
     /// the running cycle.
-    pub(crate) grid_ns: Option<u64>,
+    pub(crate) cycle_timer: CycleTimer,
+    pub(crate) cycle_start: CycleStart,
     pub(crate) cycle_due_ns: Option<u64>,
     pub(crate) cycle_time_ns: u64,
 }
@@ -118,6 +120,7 @@ impl Adapter {
         attached: bool,
     ) -> Result<Self, Error> {
         let diagnostics = Diagnostics::open(ecrt, &config)?;
+        let cycle_timer = CycleTimer::new(config.cycle_ns, CycleTiming::default());
         let mut adapter = Self {
             ecrt: ecrt.clone(),
             master,
@@ -127,7 +130,8 @@ impl Adapter {
             phase: Phase::Down,
             attached,
             stop: None,
-            grid_ns: None,
+            cycle_timer,
+            cycle_start: CycleStart::default(),
             cycle_due_ns: None,
             cycle_time_ns: 0,
         };
@@ -239,7 +243,7 @@ impl Adapter {
         self.master.activate().map_err(|e| Error::library("ecrt_master_activate", None, e))?;
         // The grid starts with the first cycle, and with it the application time, to which the
         // master refers the phase of Sync0.
-        self.grid_ns = None;
+        self.cycle_timer.restart();
         self.phase = Phase::Active;
         Ok(())
     }
@@ -283,6 +287,7 @@ impl Adapter {
         } else {
             self.request_anew()?;
         }
+        self.cycle_timer.set_cycle_ns(config.cycle_ns);
         self.config = config;
         self.configure()
     }

@@ -1,6 +1,7 @@
 //! The grid of cycle starts: one for waiting, for the application, and for the clocks.
 
 use crate::adapter::Adapter;
+use crate::real_time::{CycleStart, CycleTiming};
 
 impl Adapter {
     /// Sleeps until the next cycle is due and gives the number of cycles that were skipped because
@@ -10,21 +11,28 @@ impl Adapter {
     /// [`wait_op`](Self::wait_op) stays in phase with Sync0. The first call starts the grid. An
     /// application with a cycle timer of its own need not call it; then the time of each
     /// [`receive`](Self::receive) is the time of its cycle.
+    ///
+    /// [`set_cycle_timing`](Self::set_cycle_timing) makes it spin before the point, or make up for
+    /// cycles instead of skipping them. Real-time safe: it allocates nothing.
     pub fn wait_next_cycle(&mut self) -> u64 {
-        let clock = self.ecrt.clock();
-        let cycle_ns = u64::from(self.config.cycle_ns.max(1));
-        let now = clock.now_ns();
-        let Some(last) = self.grid_ns else {
-            self.grid_ns = Some(now);
-            self.cycle_due_ns = Some(now);
-            return 0;
-        };
-        let skipped = now.saturating_sub(last) / cycle_ns;
-        let next = last + (skipped + 1) * cycle_ns;
-        self.grid_ns = Some(next);
-        self.cycle_due_ns = Some(next);
-        clock.sleep_until_ns(next);
-        skipped
+        let start = self.cycle_timer.wait(self.ecrt.clock().as_ref());
+        self.cycle_start = start;
+        self.cycle_due_ns = Some(start.deadline_ns);
+        start.skipped
+    }
+
+    /// What the last [`wait_next_cycle`](Self::wait_next_cycle) met: point of the grid, delay,
+    /// skipped cycles; all 0 before the first. For
+    /// [`CycleStatistics::begin`](crate::CycleStatistics::begin). Real-time safe.
+    pub fn cycle_start(&self) -> CycleStart {
+        self.cycle_start
+    }
+
+    /// Sets final spin and overrun policy of [`wait_next_cycle`](Self::wait_next_cycle), from the
+    /// next wait on; the grid stays. At first it neither spins nor makes up for cycles. A spin
+    /// above [`MAX_SPIN_NS`](crate::MAX_SPIN_NS) is cut to that. Real-time safe.
+    pub fn set_cycle_timing(&mut self, timing: CycleTiming) {
+        self.cycle_timer.set_timing(timing);
     }
 
     /// The time that the running cycle has on the grid, in nanoseconds of the library's clock.

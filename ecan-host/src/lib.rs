@@ -7,6 +7,7 @@
 //! and [`Adapter::send`] exchange the process images (manual 15.5).
 //!
 //! Nothing here starts a thread or sleeps in the data path: the application owns the cycle.
+//! [`RealTimeSettings`] and [`CycleStatistics`] help it to keep it (manual 13.9).
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]
 
@@ -26,6 +27,7 @@ mod mapping;
 mod operation;
 mod operation_report;
 mod process_image;
+mod real_time;
 mod requests;
 mod startup;
 mod stop;
@@ -41,9 +43,15 @@ pub use error::{Error, SdoDirection, value_words};
 pub use faults::Faults;
 pub use operation::{OpProgress, OpWait};
 pub use operation_report::{NotOperational, SlaveReport};
+pub use real_time::{
+    CycleStart, CycleStatistics, CycleTimer, CycleTiming, Distribution, MAX_SPIN_NS,
+    MAX_STACK_PREFAULT_BYTES, Need, OverrunPolicy, Privilege, PrivilegeOutcome, RealTimeError,
+    RealTimeFault, RealTimeReport, RealTimeSettings, Refusal,
+};
 pub use requests::RequestId;
 pub use startup::{Expectation, StartupStep};
 
 pub use ecrt_sys::{
-    Clock, Ecrt, Errno, LinkState, Master, MasterState, RequestState, SlaveConfigState, WcState,
+    Clock, Ecrt, Errno, LinkState, Master, MasterState, MonotonicClock, RequestState,
+    SlaveConfigState, WcState,
 };

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use ecrt_sys::Clock;
 
 use crate::ecrt::Shared;
+use crate::scenario::ClockKind;
 
 /// Clock of a simulated world: the system's monotonic clock, or the stepped one, which moves while
 /// someone sleeps on it.
@@ -26,5 +27,9 @@ impl Clock for SimClock {
 
     fn sleep_until_ns(&self, deadline_ns: u64) {
         self.shared.sleep_until(deadline_ns);
+    }
+
+    fn runs_by_itself(&self) -> bool {
+        self.shared.clock_kind() == ClockKind::Real
     }
 }

@@ -10,6 +10,14 @@ pub trait Clock: Send + Sync {
 
     /// Sleeps until the clock shows `deadline_ns`; returns at once when it already does.
     fn sleep_until_ns(&self, deadline_ns: u64);
+
+    /// Whether the time goes on while nobody sleeps here, so that the last stretch before a
+    /// deadline can be waited for by looking at the clock. Real-time safe.
+    ///
+    /// A clock that says nothing is taken to stand still: on it such a wait would never end.
+    fn runs_by_itself(&self) -> bool {
+        false
+    }
 }
 
 /// The system's `CLOCK_MONOTONIC`.
@@ -47,6 +55,10 @@ impl Clock for MonotonicClock {
                 return;
             }
         }
+    }
+
+    fn runs_by_itself(&self) -> bool {
+        true
     }
 }
 

@@ -50,6 +50,7 @@ mod library;
 mod load_error;
 mod master;
 mod open_error;
+mod scheduling;
 
 pub use bindings::{
     EC_AL_STATE_INIT, EC_AL_STATE_OP, EC_AL_STATE_PREOP, EC_AL_STATE_SAFEOP, EC_DIR_INPUT,
@@ -76,3 +77,4 @@ pub use master::{
     WcState,
 };
 pub use open_error::{NodeOwner, OpenError, OpenFailure};
+pub use scheduling::set_fifo_priority;

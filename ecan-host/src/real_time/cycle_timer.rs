@@ -1,0 +1,159 @@
+//! The timer that waits for the points of the cycle grid.
+
+use ecrt_sys::Clock;
+
+/// Longest final spin that settings may ask for, in nanoseconds; more only burns the processor.
+pub const MAX_SPIN_NS: u64 = 1_000_000;
+
+/// What happens to the points of the grid that passed while a cycle took too long.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum OverrunPolicy {
+    /// They are left out; the next cycle starts on the next point still to come.
+    #[default]
+    Skip,
+    /// Their cycles are made up for at once, back to back, each with the time of its own point.
+    ///
+    /// For applications that count cycles. Nothing leaves time for the answers of the bus between
+    /// two such cycles, so that working counters may be missed in them.
+    CatchUp {
+        /// Most points that are made up for, the oldest being left out. 0 is as `Skip`.
+        max_cycles: u32,
+    },
+}
+
+/// How the cycle is waited for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CycleTiming {
+    /// Time before each point from which the clock is looked at in a loop instead of slept on, in
+    /// nanoseconds, 0 to [`MAX_SPIN_NS`] (manual 13.9: 100 us). It takes the delay of waking up
+    /// out of the cycle and costs as much processor time. A clock that is stepped is never spun on.
+    pub spin_ns: u64,
+    /// What happens to missed points.
+    pub overrun: OverrunPolicy,
+}
+
+/// A cycle that is due.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct CycleStart {
+    /// Its point on the grid, in nanoseconds of the clock.
+    pub deadline_ns: u64,
+    /// How long after that point the wait ended, in nanoseconds: the error of the wake-up, and for
+    /// a cycle that is made up for its whole delay.
+    pub late_ns: u64,
+    /// Points of the grid that were left out before this one.
+    pub skipped: u64,
+    /// The cycle before took past a point of the grid. Cycles that are made up for do not count
+    /// again.
+    pub has_overrun: bool,
+}
+
+impl CycleStart {
+    /// When the wait ended, in nanoseconds of the clock.
+    pub fn begun_ns(&self) -> u64 {
+        self.deadline_ns.saturating_add(self.late_ns)
+    }
+}
+
+/// Waits for one point after the other of a grid of equal cycles.
+///
+/// The points are absolute: they stand where the first wait put them, whatever each cycle takes, so
+/// that neither run time nor delays of waking up add up. [`Adapter`](crate::Adapter) has one of
+/// its own behind [`wait_next_cycle`](crate::Adapter::wait_next_cycle); one by itself is for
+/// applications whose cycle is not the Adapter's.
+///
+/// Belongs to one thread at a time. Never allocates.
+///
+/// ```
+/// use ecan_host::{Clock, CycleTimer, CycleTiming, MonotonicClock};
+///
+/// let clock = MonotonicClock;
+/// let mut timer = CycleTimer::new(1_000_000, CycleTiming::default());
+/// let first = timer.wait(&clock);
+/// let second = timer.wait(&clock);
+/// assert_eq!((second.deadline_ns - first.deadline_ns) % 1_000_000, 0);
+/// assert!(clock.now_ns() >= second.deadline_ns);
+/// ```
+#[derive(Debug, Clone)]
+pub struct CycleTimer {
+    cycle_ns: u64,
+    timing: CycleTiming,
+    /// The last point that was given out; none before the first.
+    last_ns: Option<u64>,
+    /// Points that had passed behind it already.
+    behind: u64,
+}
+
+impl CycleTimer {
+    /// A timer whose grid starts with the first [`wait`](Self::wait). The cycle is in nanoseconds;
+    /// 0 is taken for 1. A spin of more than [`MAX_SPIN_NS`] is cut to that.
+    pub fn new(cycle_ns: u32, timing: CycleTiming) -> Self {
+        let mut timer =
+            Self { cycle_ns: 1, timing: CycleTiming::default(), last_ns: None, behind: 0 };
+        timer.set_cycle_ns(cycle_ns);
+        timer.set_timing(timing);
+        timer
+    }
+
+    /// Changes spin and overrun policy from the next wait on; the grid stays. Real-time safe.
+    pub fn set_timing(&mut self, timing: CycleTiming) {
+        self.timing = CycleTiming { spin_ns: timing.spin_ns.min(MAX_SPIN_NS), ..timing };
+    }
+
+    /// Spin and overrun policy in force. Real-time safe.
+    pub fn timing(&self) -> CycleTiming {
+        self.timing
+    }
+
+    /// Length of the cycle in nanoseconds. Real-time safe.
+    pub fn cycle_ns(&self) -> u64 {
+        self.cycle_ns
+    }
+
+    /// Changes the cycle; its grid goes on from the last point. In nanoseconds, 0 is taken for 1.
+    pub(crate) fn set_cycle_ns(&mut self, cycle_ns: u32) {
+        self.cycle_ns = u64::from(cycle_ns.max(1));
+    }
+
+    /// Forgets the grid: the next wait starts another, at once. Real-time safe.
+    pub fn restart(&mut self) {
+        self.last_ns = None;
+        self.behind = 0;
+    }
+
+    /// Waits for the next point of the grid; the first call starts the grid and returns at once.
+    ///
+    /// Sleeps, and spins before the end where that is set. Real-time safe: no allocation, no lock,
+    /// no system call but the clock's own sleep. `clock` is the same in every call.
+    pub fn wait(&mut self, clock: &dyn Clock) -> CycleStart {
+        let now = clock.now_ns();
+        let Some(last) = self.last_ns else {
+            self.last_ns = Some(now);
+            return CycleStart { deadline_ns: now, ..CycleStart::default() };
+        };
+        let missed = now.saturating_sub(last) / self.cycle_ns;
+        let made_up_for = match self.timing.overrun {
+            OverrunPolicy::Skip => 0,
+            OverrunPolicy::CatchUp { max_cycles } => missed.min(u64::from(max_cycles)),
+        };
+        let skipped = missed - made_up_for;
+        let has_overrun = missed > self.behind;
+        let deadline_ns = last + (skipped + 1) * self.cycle_ns;
+        self.last_ns = Some(deadline_ns);
+        self.behind = made_up_for.saturating_sub(1);
+        self.wait_until(clock, deadline_ns);
+        let late_ns = clock.now_ns().saturating_sub(deadline_ns);
+        CycleStart { deadline_ns, late_ns, skipped, has_overrun }
+    }
+
+    fn wait_until(&self, clock: &dyn Clock, deadline_ns: u64) {
+        // Looking at a clock that only moves in sleeps would never end.
+        if self.timing.spin_ns == 0 || !clock.runs_by_itself() {
+            clock.sleep_until_ns(deadline_ns);
+            return;
+        }
+        clock.sleep_until_ns(deadline_ns.saturating_sub(self.timing.spin_ns));
+        while clock.now_ns() < deadline_ns {
+            std::hint::spin_loop();
+        }
+    }
+}

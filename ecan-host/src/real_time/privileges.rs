@@ -1,0 +1,159 @@
+//! Asking the system for each privilege, and saying in words why it refused.
+
+use std::hint::black_box;
+
+use ecrt_sys::{Errno, set_fifo_priority};
+use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
+use nix::sys::mman::{MlockAllFlags, mlockall};
+use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
+use nix::unistd::Pid;
+
+use super::report::{List, Privilege, PrivilegeOutcome, Refusal};
+use super::settings::Need;
+
+/// The calling thread, in calls that take a thread id.
+const THIS_THREAD: Pid = Pid::from_raw(0);
+/// Stack that each call of [`touch_stack`] takes, in bytes.
+const PAGE_BYTES: usize = 4096;
+
+/// Locks all memory of the process and touches the thread's stack.
+pub(super) fn lock_memory(stack_bytes: usize, need: Need) -> PrivilegeOutcome {
+    let locked = mlockall(MlockAllFlags::MCL_CURRENT | MlockAllFlags::MCL_FUTURE);
+    // Not locked, the stack is at least there before the cycle needs it.
+    touch_stack(stack_bytes);
+    let refusal =
+        locked.err().map(|errno| memory_refusal(errno, soft_limit(Resource::RLIMIT_MEMLOCK)));
+    PrivilegeOutcome { privilege: Privilege::LockedMemory { stack_bytes }, need, refusal }
+}
+
+fn memory_refusal(errno: nix::errno::Errno, limit_bytes: Option<u64>) -> Refusal {
+    let errno = Errno::new(errno as i32);
+    let limit = match limit_bytes {
+        Some(bytes) => format!("RLIMIT_MEMLOCK is {} KiB", bytes / 1024),
+        None => "RLIMIT_MEMLOCK is not what bounds it".into(),
+    };
+    let remedy = "run as root, give the program CAP_IPC_LOCK (setcap cap_ipc_lock+ep PROGRAM) or \
+                  raise RLIMIT_MEMLOCK (memlock in /etc/security/limits.conf, LimitMEMLOCK= of a \
+                  systemd service); a container needs it from its host";
+    Refusal { cause: format!("{errno}, {limit}"), remedy: remedy.into() }
+}
+
+/// Writes to so many bytes of the stack below the caller.
+#[inline(never)]
+fn touch_stack(bytes: usize) {
+    let mut page = [0_u8; PAGE_BYTES];
+    black_box(&mut page);
+    if bytes > PAGE_BYTES {
+        touch_stack(bytes - PAGE_BYTES);
+        // Work after the call keeps it from becoming a loop over one page.
+        black_box(&mut page);
+    }
+}
+
+/// Lets the thread run on these CPUs only.
+pub(super) fn bind_to_cpus(cpus: &[usize], need: Need) -> PrivilegeOutcome {
+    let privilege = Privilege::Affinity { cpus: cpus.to_vec() };
+    PrivilegeOutcome { privilege, need, refusal: try_bind_to_cpus(cpus).err() }
+}
+
+fn try_bind_to_cpus(cpus: &[usize]) -> Result<(), Refusal> {
+    let mut wanted = CpuSet::new();
+    // The system's set has no place for CPUs above its size.
+    let beyond: Vec<usize> = cpus.iter().copied().filter(|cpu| wanted.set(*cpu).is_err()).collect();
+    let before = sched_getaffinity(THIS_THREAD).map_err(|errno| affinity_refusal(errno, cpus))?;
+    if !beyond.is_empty() {
+        return Err(absent_cpus(&beyond, &before));
+    }
+    match sched_setaffinity(THIS_THREAD, &wanted) {
+        Ok(()) => {}
+        Err(nix::errno::Errno::EINVAL) => return Err(absent_cpus(cpus, &before)),
+        Err(errno) => return Err(affinity_refusal(errno, cpus)),
+    }
+    // The system leaves out without a word what is not there, as long as one CPU is.
+    let now = sched_getaffinity(THIS_THREAD).map_err(|errno| affinity_refusal(errno, cpus))?;
+    let absent: Vec<usize> =
+        cpus.iter().copied().filter(|cpu| !now.is_set(*cpu).unwrap_or(false)).collect();
+    if absent.is_empty() {
+        return Ok(());
+    }
+    // Half a wish is none: as it was. That it was possible before makes it possible again.
+    let _ = sched_setaffinity(THIS_THREAD, &before);
+    Err(absent_cpus(&absent, &before))
+}
+
+fn absent_cpus(cpus: &[usize], usable: &CpuSet) -> Refusal {
+    let there: Vec<usize> =
+        (0..CpuSet::count()).filter(|cpu| usable.is_set(*cpu).unwrap_or(false)).collect();
+    let (name, are) = if cpus.len() == 1 { ("CPU", "is") } else { ("CPUs", "are") };
+    Refusal {
+        cause: format!("{name} {} {are} not there, off line or kept from this process", List(cpus)),
+        remedy: format!(
+            "this thread could use {}; /sys/devices/system/cpu/online lists those of the machine, \
+             and the process's cpuset (its container or systemd's AllowedCPUs=) must include them",
+            List(&there)
+        ),
+    }
+}
+
+fn affinity_refusal(errno: nix::errno::Errno, cpus: &[usize]) -> Refusal {
+    Refusal {
+        cause: format!("{} for CPU {}", Errno::new(errno as i32), List(cpus)),
+        remedy: "the sandbox or container that the process runs in must permit \
+                 sched_setaffinity"
+            .into(),
+    }
+}
+
+/// Puts the thread under SCHED_FIFO.
+pub(super) fn raise_priority(priority: u8, need: Need) -> PrivilegeOutcome {
+    let refusal = set_fifo_priority(priority)
+        .err()
+        .map(|errno| priority_refusal(errno, priority, soft_limit(Resource::RLIMIT_RTPRIO)));
+    PrivilegeOutcome { privilege: Privilege::Priority { priority }, need, refusal }
+}
+
+fn priority_refusal(errno: Errno, priority: u8, limit: Option<u64>) -> Refusal {
+    let limit = match limit {
+        Some(limit) => format!("RLIMIT_RTPRIO is {limit}"),
+        None => "RLIMIT_RTPRIO is not what bounds it".into(),
+    };
+    let remedy = format!(
+        "run as root, give the program CAP_SYS_NICE (setcap cap_sys_nice+ep PROGRAM) or raise \
+         RLIMIT_RTPRIO to {priority} (rtprio in /etc/security/limits.conf, LimitRTPRIO= of a \
+         systemd service); a container needs it from its host, and a control group with \
+         real-time scheduling needs cpu.rt_runtime_us"
+    );
+    Refusal { cause: format!("{errno}, {limit}"), remedy }
+}
+
+/// The limit in force; none where there is none or it cannot be told.
+fn soft_limit(resource: Resource) -> Option<u64> {
+    getrlimit(resource).ok().map(|(soft, _)| soft).filter(|soft| *soft != RLIM_INFINITY)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_refused_priority_names_limit_and_remedies() {
+        let words = priority_refusal(Errno::EPERM, 80, Some(0)).to_string();
+        for part in ["not permitted", "RLIMIT_RTPRIO is 0", "CAP_SYS_NICE", "RLIMIT_RTPRIO to 80"] {
+            assert!(words.contains(part), "{part} is not in: {words}");
+        }
+    }
+
+    #[test]
+    fn refused_memory_names_limit_and_remedies() {
+        let words = memory_refusal(nix::errno::Errno::ENOMEM, Some(65_536)).to_string();
+        for part in ["RLIMIT_MEMLOCK is 64 KiB", "CAP_IPC_LOCK", "LimitMEMLOCK="] {
+            assert!(words.contains(part), "{part} is not in: {words}");
+        }
+    }
+
+    #[test]
+    fn the_stack_is_touched_to_the_end_of_what_settings_allow() {
+        touch_stack(0);
+        touch_stack(super::super::settings::MAX_STACK_PREFAULT_BYTES);
+    }
+}

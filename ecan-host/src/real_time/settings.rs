@@ -1,0 +1,141 @@
+//! What the thread of the cycle asks of the system, as plain data.
+
+use thiserror::Error;
+
+use super::cycle_timer::{CycleTiming, MAX_SPIN_NS};
+use super::privileges;
+use super::report::{RealTimeError, RealTimeReport};
+use crate::faults::Faults;
+
+/// Most of the stack that settings may ask to have touched in advance, in bytes: half of what Rust
+/// gives a thread.
+pub const MAX_STACK_PREFAULT_BYTES: usize = 1024 * 1024;
+
+/// Whether the cycle may run without a privilege.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Need {
+    /// Without it the application goes on; the report says so.
+    #[default]
+    Optional,
+    /// Without it [`RealTimeSettings::apply`] fails.
+    Required,
+}
+
+/// One thing that is wrong with [`RealTimeSettings`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum RealTimeFault {
+    /// A priority that SCHED_FIFO does not have.
+    #[error("real-time priority {priority} is outside 1..99")]
+    Priority {
+        /// The priority asked for.
+        priority: u8,
+    },
+    /// An affinity without a processor.
+    #[error("the CPU affinity names no CPU")]
+    NoCpus,
+    /// More stack than a thread is sure to have.
+    #[error("stack prefault of {bytes} bytes is above {MAX_STACK_PREFAULT_BYTES}")]
+    StackPrefault {
+        /// The bytes asked for.
+        bytes: usize,
+    },
+    /// A final spin that only burns the processor.
+    #[error("final spin of {spin_ns} ns is above {MAX_SPIN_NS} ns")]
+    Spin {
+        /// The spin asked for, in nanoseconds.
+        spin_ns: u64,
+    },
+}
+
+/// What the thread of the cycle asks of the system (manual 15.5.2, step 7), and how it waits.
+///
+/// The default asks for nothing.
+///
+/// ```
+/// use ecan_host::{CycleTiming, Need, RealTimeSettings};
+///
+/// let settings = RealTimeSettings {
+///     priority: Some(80),
+///     cpus: Some(vec![0]),
+///     timing: CycleTiming { spin_ns: 100_000, ..CycleTiming::default() },
+///     ..RealTimeSettings::default()
+/// };
+/// settings.check()?;
+/// assert_eq!(settings.priority_need, Need::Optional);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct RealTimeSettings {
+    /// SCHED_FIFO with this priority, 1 (lowest) to 99; none leaves the scheduling as it is.
+    pub priority: Option<u8>,
+    /// Whether the priority is needed.
+    pub priority_need: Need,
+    /// CPUs that the thread may run on, counted from 0; none leaves the affinity as it is.
+    pub cpus: Option<Vec<usize>>,
+    /// Whether the affinity is needed.
+    pub cpus_need: Need,
+    /// Keeps all memory of the process in RAM, present and future, and touches so many bytes of
+    /// the thread's stack in advance, 0 to [`MAX_STACK_PREFAULT_BYTES`]; none locks nothing.
+    ///
+    /// Where RLIMIT_MEMLOCK bounds what may be locked, it bounds what the process can allocate
+    /// from then on.
+    pub lock_memory: Option<usize>,
+    /// Whether locked memory is needed.
+    pub lock_memory_need: Need,
+    /// How the cycle is waited for; for
+    /// [`Adapter::set_cycle_timing`](crate::Adapter::set_cycle_timing) or a
+    /// [`CycleTimer`](crate::CycleTimer). [`apply`](Self::apply) only checks it.
+    pub timing: CycleTiming,
+}
+
+impl RealTimeSettings {
+    /// Checks the values, without asking the system for anything.
+    ///
+    /// # Errors
+    /// Every fault found.
+    pub fn check(&self) -> Result<(), Faults<RealTimeFault>> {
+        let mut faults = Vec::new();
+        if let Some(priority) = self.priority.filter(|p| !(1..=99).contains(p)) {
+            faults.push(RealTimeFault::Priority { priority });
+        }
+        if self.cpus.as_ref().is_some_and(Vec::is_empty) {
+            faults.push(RealTimeFault::NoCpus);
+        }
+        if let Some(bytes) = self.lock_memory.filter(|bytes| *bytes > MAX_STACK_PREFAULT_BYTES) {
+            faults.push(RealTimeFault::StackPrefault { bytes });
+        }
+        let spin_ns = self.timing.spin_ns;
+        if spin_ns > MAX_SPIN_NS {
+            faults.push(RealTimeFault::Spin { spin_ns });
+        }
+        Faults::check(faults)
+    }
+
+    /// Applies them to the calling thread, locked memory to its whole process, and tells what was
+    /// granted.
+    ///
+    /// To be called once by the thread of the cycle, before the cycle and after threads were
+    /// started that shall not inherit priority and affinity. Not real-time safe.
+    ///
+    /// # Errors
+    /// [`RealTimeError::Settings`] for faulty values, with nothing applied;
+    /// [`RealTimeError::Missing`] where a required privilege was not granted, with the report. What
+    /// was granted stays in force.
+    pub fn apply(&self) -> Result<RealTimeReport, RealTimeError> {
+        self.check()?;
+        let mut outcomes = Vec::new();
+        if let Some(stack_bytes) = self.lock_memory {
+            outcomes.push(privileges::lock_memory(stack_bytes, self.lock_memory_need));
+        }
+        if let Some(cpus) = &self.cpus {
+            outcomes.push(privileges::bind_to_cpus(cpus, self.cpus_need));
+        }
+        // Last, so that the preparation is not done at a priority above everything else.
+        if let Some(priority) = self.priority {
+            outcomes.push(privileges::raise_priority(priority, self.priority_need));
+        }
+        let report = RealTimeReport { outcomes };
+        if report.is_sufficient() { Ok(report) } else { Err(RealTimeError::Missing(report)) }
+    }
+}

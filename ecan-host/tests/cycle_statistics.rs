@@ -1,0 +1,77 @@
+//! Histograms of the cycle: exact ends, bounded percentiles, the manual's line.
+#![allow(missing_docs)]
+
+use ecan_host::{CycleStart, CycleStatistics, Distribution};
+
+const CYCLE_NS: u64 = 1_000_000;
+
+fn record(statistics: &mut CycleStatistics, point: u64, late_ns: u64, run_ns: u64) {
+    let start = CycleStart { deadline_ns: point * CYCLE_NS, late_ns, ..CycleStart::default() };
+    statistics.begin(&start);
+    statistics.end(start.begun_ns() + run_ns);
+}
+
+#[test]
+fn nothing_recorded_is_none() {
+    let statistics = CycleStatistics::new(CYCLE_NS as u32);
+    assert_eq!(statistics.period(), Distribution::default());
+    let text =
+        "master_period: none\nwake_up: none\nrun_time: none\ncycles 0, overruns 0, skipped 0";
+    assert_eq!(statistics.to_string(), text);
+}
+
+#[test]
+fn ends_and_mean_are_exact_and_percentiles_close() {
+    let mut statistics = CycleStatistics::new(CYCLE_NS as u32);
+    for nth in 0..=1000 {
+        // Late by 71 ns once, which shortens the period after it.
+        record(&mut statistics, nth, if nth == 500 { 71 } else { 0 }, 1_000 + nth);
+    }
+    let period = statistics.period();
+    assert_eq!((period.count, period.min_ns, period.max_ns), (1000, 999_929, 1_000_071));
+    assert_eq!(period.mean_ns, 1e6);
+    for percentile in [period.p50_ns, period.p95_ns, period.p99_ns, period.p99_9_ns] {
+        assert!(percentile.abs_diff(CYCLE_NS) <= 100, "{percentile}");
+    }
+    let run_time = statistics.run_time();
+    assert_eq!((run_time.count, run_time.min_ns, run_time.max_ns), (1001, 1_000, 2_000));
+    let expected = [(run_time.p50_ns, 1500), (run_time.p95_ns, 1950), (run_time.p99_ns, 1990)];
+    for (percentile, exact) in expected {
+        assert!(percentile.abs_diff(exact) <= 2, "{percentile} instead of {exact}");
+    }
+    assert_eq!(statistics.wake_up().p99_9_ns, 0);
+    assert_eq!(statistics.wake_up().max_ns, 71);
+    assert_eq!(statistics.max_period_error_ns(), 71);
+    let line = statistics.to_string();
+    assert!(
+        line.starts_with("master_period: min/max 999.929/1000.071 us, mean 1000.000 us"),
+        "{line}"
+    );
+    assert!(line.lines().next().unwrap().ends_with("max error 0.071 us"), "{line}");
+}
+
+#[test]
+fn overruns_and_skipped_points_are_summed_up() {
+    let mut statistics = CycleStatistics::new(CYCLE_NS as u32);
+    record(&mut statistics, 0, 0, 5_200_000);
+    let late = CycleStart { deadline_ns: 6 * CYCLE_NS, skipped: 5, has_overrun: true, late_ns: 0 };
+    statistics.begin(&late);
+    assert_eq!((statistics.cycles(), statistics.overruns(), statistics.skipped()), (2, 1, 5));
+    assert_eq!(statistics.period().max_ns, 6 * CYCLE_NS);
+    assert_eq!(statistics.max_period_error_ns(), 5 * CYCLE_NS);
+    statistics.clear();
+    assert_eq!(statistics.to_string(), CycleStatistics::new(CYCLE_NS as u32).to_string());
+}
+
+#[test]
+fn times_out_of_range_are_recorded_at_its_end() {
+    let mut statistics = CycleStatistics::new(CYCLE_NS as u32);
+    statistics.end(7);
+    assert_eq!(statistics.run_time().count, 0, "no cycle has begun");
+    record(&mut statistics, 0, u64::MAX / 2, 0);
+    record(&mut statistics, 0, 0, u64::MAX);
+    assert_eq!(statistics.wake_up().max_ns, u64::MAX / 2);
+    assert_eq!(statistics.wake_up().count, 2);
+    assert_eq!(statistics.run_time().max_ns, u64::MAX);
+    assert!(statistics.run_time().p99_ns >= 1_000_000_000);
+}

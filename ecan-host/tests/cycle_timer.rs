@@ -1,0 +1,239 @@
+//! The cycle timer on the stepped clock: exact points, whatever the cycles take.
+#![allow(missing_docs)]
+
+mod common;
+
+use std::cell::Cell;
+use std::sync::Mutex;
+
+use common::{open, raw_config, run, simulated};
+use ecan_host::{
+    Adapter, AdapterConfig, Clock, CycleStart, CycleTimer, CycleTiming, Ecrt, MAX_SPIN_NS,
+    OverrunPolicy,
+};
+use proptest::prelude::*;
+
+const CYCLE_NS: u64 = 1_000_000;
+
+fn with_policy(overrun: OverrunPolicy) -> CycleTiming {
+    CycleTiming { overrun, ..CycleTiming::default() }
+}
+
+fn catch_up(max_cycles: u32) -> CycleTiming {
+    with_policy(OverrunPolicy::CatchUp { max_cycles })
+}
+
+/// A timer whose first cycle took so long; the starts of the cycles after it, which take no time.
+/// Points are told from the first.
+fn starts_after(timing: CycleTiming, work_ns: u64, count: usize) -> Vec<CycleStart> {
+    let ecrt: Ecrt = simulated(ecan_sim::echo(1)).0;
+    let clock = ecrt.clock();
+    let mut timer = CycleTimer::new(CYCLE_NS as u32, timing);
+    let first = timer.wait(clock.as_ref());
+    assert_eq!((first.late_ns, first.skipped, first.has_overrun), (0, 0, false));
+    clock.sleep_until_ns(first.deadline_ns + work_ns);
+    let from_first = |start: CycleStart| CycleStart {
+        deadline_ns: start.deadline_ns - first.deadline_ns,
+        ..start
+    };
+    (0..count).map(|_| from_first(timer.wait(clock.as_ref()))).collect()
+}
+
+fn start(point: u64, late_ns: u64, skipped: u64, has_overrun: bool) -> CycleStart {
+    CycleStart { deadline_ns: point * CYCLE_NS, late_ns, skipped, has_overrun }
+}
+
+#[test]
+fn a_cycle_that_ends_in_time_changes_nothing() {
+    for timing in [CycleTiming::default(), catch_up(0), catch_up(3)] {
+        let starts = starts_after(timing, 300_000, 2);
+        assert_eq!(starts, [start(1, 0, 0, false), start(2, 0, 0, false)], "{timing:?}");
+    }
+}
+
+#[test]
+fn missed_points_are_skipped() {
+    for timing in [CycleTiming::default(), catch_up(0)] {
+        let starts = starts_after(timing, 1_700_000, 2);
+        assert_eq!(starts, [start(2, 0, 1, true), start(3, 0, 0, false)], "{timing:?}");
+        let starts = starts_after(timing, 5_200_000, 2);
+        assert_eq!(starts, [start(6, 0, 5, true), start(7, 0, 0, false)], "{timing:?}");
+    }
+}
+
+#[test]
+fn missed_points_are_made_up_for() {
+    let starts = starts_after(catch_up(10), 1_700_000, 2);
+    assert_eq!(starts, [start(1, 700_000, 0, true), start(2, 0, 0, false)]);
+    let starts = starts_after(catch_up(10), 5_200_000, 6);
+    let expected = [
+        start(1, 4_200_000, 0, true),
+        start(2, 3_200_000, 0, false),
+        start(3, 2_200_000, 0, false),
+        start(4, 1_200_000, 0, false),
+        start(5, 200_000, 0, false),
+        start(6, 0, 0, false),
+    ];
+    assert_eq!(starts, expected);
+}
+
+#[test]
+fn making_up_for_points_is_bounded() {
+    let starts = starts_after(catch_up(3), 5_200_000, 4);
+    let expected = [
+        start(3, 2_200_000, 2, true),
+        start(4, 1_200_000, 0, false),
+        start(5, 200_000, 0, false),
+        start(6, 0, 0, false),
+    ];
+    assert_eq!(starts, expected);
+}
+
+#[test]
+fn a_cycle_that_overruns_while_points_are_made_up_for_counts_again() {
+    let ecrt = simulated(ecan_sim::echo(1)).0;
+    let clock = ecrt.clock();
+    let mut timer = CycleTimer::new(CYCLE_NS as u32, catch_up(10));
+    let first = timer.wait(clock.as_ref()).deadline_ns;
+    let mut overruns = Vec::new();
+    for work_ns in [2_500_000, 100_000, 1_500_000, 0, 0, 0] {
+        clock.sleep_until_ns(clock.now_ns() + work_ns);
+        let start = timer.wait(clock.as_ref());
+        overruns.push((start.has_overrun, (start.deadline_ns - first) / CYCLE_NS));
+    }
+    let expected = [(true, 1), (false, 2), (true, 3), (false, 4), (false, 5), (false, 6)];
+    assert_eq!(overruns, expected);
+}
+
+#[test]
+fn a_restart_puts_the_grid_elsewhere() {
+    let ecrt = simulated(ecan_sim::echo(1)).0;
+    let clock = ecrt.clock();
+    let mut timer = CycleTimer::new(CYCLE_NS as u32, CycleTiming::default());
+    timer.wait(clock.as_ref());
+    let moved = clock.now_ns() + 123_456;
+    clock.sleep_until_ns(moved);
+    timer.restart();
+    assert_eq!(timer.wait(clock.as_ref()).deadline_ns, moved);
+    assert_eq!(timer.wait(clock.as_ref()).deadline_ns, moved + CYCLE_NS);
+}
+
+/// A clock that goes on by 10 us with every look at it.
+struct Looked {
+    now_ns: Mutex<Cell<u64>>,
+    slept_until_ns: Mutex<Cell<u64>>,
+}
+
+impl Clock for Looked {
+    fn now_ns(&self) -> u64 {
+        let now = self.now_ns.lock().unwrap();
+        now.set(now.get() + 10_000);
+        now.get()
+    }
+
+    fn sleep_until_ns(&self, deadline_ns: u64) {
+        self.slept_until_ns.lock().unwrap().set(deadline_ns);
+        let now = self.now_ns.lock().unwrap();
+        now.set(now.get().max(deadline_ns));
+    }
+
+    fn runs_by_itself(&self) -> bool {
+        true
+    }
+}
+
+#[test]
+fn a_clock_that_runs_is_slept_on_until_the_spin_and_looked_at_from_there() {
+    let clock = Looked { now_ns: Mutex::default(), slept_until_ns: Mutex::default() };
+    let timing = CycleTiming { spin_ns: 100_000, ..CycleTiming::default() };
+    let mut timer = CycleTimer::new(CYCLE_NS as u32, timing);
+    timer.wait(&clock);
+    let start = timer.wait(&clock);
+    let slept = clock.slept_until_ns.lock().unwrap().get();
+    assert_eq!(slept, start.deadline_ns - 100_000);
+    assert_eq!(start.late_ns, 10_000, "one look more than the ten that the spin takes");
+
+    timer.set_timing(CycleTiming { spin_ns: u64::MAX, ..timing });
+    assert_eq!(timer.timing().spin_ns, MAX_SPIN_NS);
+}
+
+#[test]
+fn the_adapter_waits_by_it() {
+    let mut config = raw_config().0;
+    config.cycle_ns = CYCLE_NS as u32;
+    let mut adapter: Adapter = open(ecan_sim::echo(1), config).unwrap();
+    adapter.wait_op(10_000).unwrap();
+    run(&mut adapter, 3);
+    let before = adapter.cycle_start().deadline_ns;
+    adapter.set_cycle_timing(CycleTiming { spin_ns: 100_000, ..catch_up(2) });
+    let clock = adapter.ecrt().clock().clone();
+    clock.sleep_until_ns(clock.now_ns() + 5_200_000);
+    let mut points = Vec::new();
+    for _ in 0..3 {
+        let skipped = adapter.wait_next_cycle();
+        adapter.receive().unwrap();
+        adapter.send().unwrap();
+        let start = adapter.cycle_start();
+        assert_eq!(
+            adapter.cycle_time_ns(),
+            start.deadline_ns,
+            "the time of the cycle is its point"
+        );
+        points.push(((start.deadline_ns - before) / CYCLE_NS, skipped));
+    }
+    assert_eq!(points, [(4, 3), (5, 0), (6, 0)]);
+}
+
+#[test]
+fn a_changed_cycle_is_waited_for_after_the_next_activation() {
+    let (config, _) = raw_config();
+    let mut adapter = open(ecan_sim::echo(1), config.clone()).unwrap();
+    adapter.wait_op(10_000).unwrap();
+    let slower = AdapterConfig { cycle_ns: 2_000_000, ..config };
+    adapter.reconfigure(slower).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    let before = adapter.cycle_start().deadline_ns;
+    adapter.wait_next_cycle();
+    assert_eq!(adapter.cycle_start().deadline_ns - before, 2_000_000);
+}
+
+fn policies() -> impl Strategy<Value = OverrunPolicy> {
+    let bounded = (0_u32..6).prop_map(|max_cycles| OverrunPolicy::CatchUp { max_cycles });
+    prop_oneof![Just(OverrunPolicy::Skip), bounded]
+}
+
+proptest! {
+    #[test]
+    fn the_grid_never_drifts(
+        overrun in policies(),
+        spin_ns in 0_u64..200_000,
+        cycle_ns in 100_000_u32..20_000_000,
+        work in prop::collection::vec(0_u64..800, 1..60),
+    ) {
+        let ecrt = simulated(ecan_sim::echo(1)).0;
+        let clock = ecrt.clock();
+        let cycle = u64::from(cycle_ns);
+        let mut timer = CycleTimer::new(cycle_ns, CycleTiming { spin_ns, overrun });
+        let first = timer.wait(clock.as_ref()).deadline_ns;
+        let mut points = 0;
+        for percent in work {
+            let before = clock.now_ns();
+            let done = before + cycle * percent / 100;
+            clock.sleep_until_ns(done);
+            let start = timer.wait(clock.as_ref());
+            points += 1 + start.skipped;
+            prop_assert_eq!(start.deadline_ns, first + points * cycle);
+            prop_assert_eq!(clock.now_ns(), start.begun_ns());
+            prop_assert_eq!(start.begun_ns(), done.max(start.deadline_ns));
+            let bound = match overrun {
+                OverrunPolicy::Skip => 0,
+                OverrunPolicy::CatchUp { max_cycles } => u64::from(max_cycles),
+            };
+            prop_assert!(start.late_ns < bound.max(1) * cycle);
+            prop_assert!(bound > 0 || start.late_ns == 0);
+            // A point in the span of the work, its end included, is an overrun, and nothing else.
+            let passed = |time: u64| (time - first) / cycle;
+            prop_assert_eq!(start.has_overrun, passed(done) > passed(before));
+        }
+    }
+}
