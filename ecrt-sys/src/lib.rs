@@ -7,7 +7,7 @@
 //!
 //! [`Master`] is the safe face: it owns the handles that the library gives out, names them by
 //! small ids, and lends the process image as slices. All `unsafe` that the C interface needs is
-//! in this crate.
+//! in this crate, and that of the system calls of a cycle: its clock and its priority.
 //!
 //! ```no_run
 //! let ecrt = ecrt_sys::Ecrt::load(None)?;

@@ -16,6 +16,7 @@ pub mod object_value;
 pub mod open;
 pub mod plot;
 pub mod progress;
+pub mod real_time;
 pub mod source;
 pub mod summary;
 pub mod watch;

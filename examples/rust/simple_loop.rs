@@ -18,10 +18,11 @@ use ecan_examples::interrupt::Interrupt;
 use ecan_examples::log_file::{self, LoggedFrame};
 use ecan_examples::open::{Configure, open};
 use ecan_examples::progress;
+use ecan_examples::real_time::{self, RealTimeArguments};
 use ecan_examples::source::{Channels, Source};
 use ecan_examples::summary::{self, Run};
 use ecan_examples::watch::SessionWatch;
-use ecan_host::AdapterConfig;
+use ecan_host::{AdapterConfig, CycleStatistics};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received, Session};
 use ecan_protocol::{CHANNELS, CanId};
 
@@ -90,6 +91,8 @@ struct Arguments {
     /// Run a simulation in wall-clock time instead of as fast as the machine goes.
     #[arg(long)]
     real_time: bool,
+    #[command(flatten)]
+    thread: RealTimeArguments,
 }
 
 fn parse_channels(text: &str) -> Result<Channels, String> {
@@ -160,6 +163,7 @@ fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port
     };
     let (adapter, config) = configuration(arguments);
     let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
+    arguments.thread.apply()?;
     open(&backend.ecrt, adapter, config, Configure::Write, interrupt)
 }
 
@@ -184,9 +188,15 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let quiet_ns = QUIET_NS.max(QUIET_CYCLES * cycle_ns);
     let start = clock.now_ns();
     let (mut last_activity, mut failed_cycles) = (start, 0);
+    let is_measured = arguments.real_time || arguments.thread.is_given();
+    let mut statistics = is_measured.then(|| CycleStatistics::new(arguments.cycle_us * 1000));
+    arguments.thread.set_timing(port.adapter_mut());
     let mut end = Ok(());
     loop {
         port.wait_next_cycle();
+        if let Some(statistics) = &mut statistics {
+            statistics.begin(&port.adapter().cycle_start());
+        }
         let begun = port.cycle_begin();
         let now = clock.now_ns();
         let mut written = Ok(());
@@ -227,6 +237,9 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         let is_stuck = source.next_due_ns().is_some() && now.saturating_sub(due) > STUCK_NS;
         let is_quiet = now - last_activity > quiet_ns;
         let is_over = !is_sending && (check.under_way() == 0 || is_quiet);
+        if let Some(statistics) = &mut statistics {
+            statistics.end(clock.now_ns());
+        }
         if end.is_err() || interrupt.is_set() || is_stuck || is_over {
             break;
         }
@@ -245,6 +258,9 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         cycle_ns: arguments.cycle_us * 1000,
     };
     print!("{}", summary::table(&port, run, &loads));
+    if let Some(statistics) = &statistics {
+        real_time::print_statistics(port.adapter(), statistics);
+    }
     end?;
     Ok(arguments.replay.is_none() || report_replay(&port, &source, &check))
 }

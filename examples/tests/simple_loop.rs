@@ -228,6 +228,36 @@ fn a_missing_gateway_is_named() {
 }
 
 #[test]
+fn the_period_of_the_cycle_is_told_and_what_the_system_did_not_grant() {
+    let base = ["--ecrt", "sim", "--cycles", "100", "--cycle-us", "1000"];
+    assert!(!succeeds(&base).contains("master_period"), "nobody asked");
+    let asked = ["--spin-us", "100", "--cpu", "4095"];
+    let printed = succeeds(&[&base[..], &asked].concat());
+    let refused = "CPU 4095: not granted, CPU 4095 is not there";
+    assert!(printed.contains(refused) && printed.contains("going on without it"), "{printed}");
+    let exact = "master_period: min/max 1000.000/1000.000 us, mean 1000.000 us";
+    assert!(printed.contains(exact) && printed.contains("max error 0.000 us"), "{printed}");
+    assert!(printed.contains("overruns 0, skipped 0"), "{printed}");
+    assert!(printed.contains("simulated times"), "{printed}");
+
+    let printed = succeeds(&[&base[..], &["--real-time", "--spin-us", "100"]].concat());
+    for part in ["master_period: min/max ", "p99.9 ", "wake_up: ", "run_time: "] {
+        assert!(printed.contains(part), "{part} is not in: {printed}");
+    }
+    assert!(!printed.contains("simulated times"), "{printed}");
+
+    // Granted or not, in words.
+    let printed = succeeds(&[&base[..], &["--rt-priority", "1", "--lock-memory"]].concat());
+    assert!(printed.contains("\nSCHED_FIFO priority 1: "), "{printed}");
+    assert!(printed.contains("\nlocked memory with 262144 bytes of stack: "), "{printed}");
+
+    let message = fails(&[&base[..], &["--cpu", "4095", "--rt-required"]].concat());
+    assert!(message.contains("no real-time thread: CPU 4095: not granted"), "{message}");
+    let message = fails(&[&base[..], &["--rt-priority", "200"]].concat());
+    assert!(message.contains("1..=99"), "{message}");
+}
+
+#[test]
 fn ctrl_c_stops_the_loop_and_still_sums_up() {
     let arguments = ["--ecrt", "sim", "--real-time", "--cycles", "1000000", "--cycle-us", "1000"];
     let mut child = command(&arguments).stdout(Stdio::piped()).spawn().unwrap();

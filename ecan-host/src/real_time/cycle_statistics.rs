@@ -144,16 +144,17 @@ impl CycleStatistics {
         }
     }
 
-    /// Notes the start of a cycle, right after the wait for it. Real-time safe.
+    /// Notes the start of a cycle, right after the wait for it. What was missed before the first
+    /// one noted is not counted. Real-time safe.
     pub fn begin(&mut self, start: &CycleStart) {
         let begun = start.begun_ns();
         if let Some(before) = self.begun_ns.replace(begun) {
             self.period.record(begun.saturating_sub(before));
+            self.overruns += u64::from(start.has_overrun);
+            self.skipped += start.skipped;
         }
         self.wake_up.record(start.late_ns);
         self.cycles += 1;
-        self.overruns += u64::from(start.has_overrun);
-        self.skipped += start.skipped;
     }
 
     /// Notes the end of a cycle's work: the clock's time in nanoseconds. Before the first

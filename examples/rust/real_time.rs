@@ -1,0 +1,82 @@
+//! The options that make a program's thread keep its cycle (manual 13.9), and what it prints then.
+
+use clap::Args;
+use ecan_host::{
+    Adapter, CycleStatistics, CycleTiming, MAX_SPIN_NS, Need, OverrunPolicy, RealTimeError,
+    RealTimeSettings,
+};
+
+/// Stack that is touched in advance with `--lock-memory`, in bytes.
+const STACK_BYTES: usize = 256 * 1024;
+
+/// Options for the thread of the cycle.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Real time")]
+pub struct RealTimeArguments {
+    /// Run the cycle under SCHED_FIFO with this priority, 1 to 99.
+    #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(u8).range(1..=99))]
+    rt_priority: Option<u8>,
+    /// Run the cycle on this CPU only; several with commas between.
+    #[arg(long, value_name = "CPU", value_delimiter = ',')]
+    cpu: Option<Vec<usize>>,
+    /// Keep all memory in RAM.
+    #[arg(long)]
+    lock_memory: bool,
+    /// Look at the clock for the last so many microseconds before each cycle instead of sleeping.
+    #[arg(long, value_name = "US", default_value_t = 0, hide_default_value = true,
+          value_parser = clap::value_parser!(u64).range(..=MAX_SPIN_NS / 1000))]
+    spin_us: u64,
+    /// Give up where the system does not grant what these options ask for.
+    #[arg(long)]
+    rt_required: bool,
+}
+
+impl RealTimeArguments {
+    /// Whether any of them is given.
+    pub fn is_given(&self) -> bool {
+        self.settings() != RealTimeSettings::default()
+    }
+
+    fn settings(&self) -> RealTimeSettings {
+        let need = if self.rt_required { Need::Required } else { Need::Optional };
+        RealTimeSettings {
+            priority: self.rt_priority,
+            priority_need: need,
+            cpus: self.cpu.clone(),
+            cpus_need: need,
+            lock_memory: self.lock_memory.then_some(STACK_BYTES),
+            lock_memory_need: need,
+            timing: CycleTiming { spin_ns: self.spin_us * 1000, overrun: OverrunPolicy::Skip },
+        }
+    }
+
+    /// Applies them to this thread and prints what was granted.
+    ///
+    /// To be called when the threads that shall not inherit them run, and before the cycle does.
+    ///
+    /// # Errors
+    /// What `--rt-required` asks for was not granted.
+    pub fn apply(&self) -> Result<(), RealTimeError> {
+        let report = self.settings().apply()?;
+        for outcome in &report.outcomes {
+            println!("{outcome}");
+        }
+        if !report.is_complete() {
+            println!("going on without it");
+        }
+        Ok(())
+    }
+
+    /// Makes the Adapter wait for its cycles as asked for.
+    pub fn set_timing(&self, adapter: &mut Adapter) {
+        adapter.set_cycle_timing(self.settings().timing);
+    }
+}
+
+/// Prints how the cycle was kept.
+pub fn print_statistics(adapter: &Adapter, statistics: &CycleStatistics) {
+    println!("\n{statistics}");
+    if !adapter.clock().runs_by_itself() {
+        println!("these are simulated times: --real-time measures the machine");
+    }
+}
