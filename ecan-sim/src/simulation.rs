@@ -109,6 +109,12 @@ impl Simulation {
         self.shared.with(|state| state.master.log_lines().map(str::to_owned).collect())
     }
 
+    /// Lines that calls of the clocks in the cycle would have written to stderr with a real
+    /// library, which does so whenever one fails.
+    pub fn stderr_lines(&self) -> u64 {
+        self.shared.with(|state| state.master.stderr_lines)
+    }
+
     /// Puts a bridge on a bus (see [`World::bus_names`]), with the bit rates of the gateway channel
     /// there: other programs join the bus through it until the handle is dropped.
     ///

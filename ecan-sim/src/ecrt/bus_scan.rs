@@ -53,8 +53,8 @@ impl MasterModel {
             self.begin_scan(world);
             return;
         }
-        if active && self.clocks.offset.is_none() {
-            self.clocks.write_offsets(now);
+        if active && !self.clocks.are_set {
+            self.set_clocks(world);
         }
         self.look_from(0, world);
     }
@@ -100,6 +100,7 @@ impl MasterModel {
     fn begin_scan(&mut self, world: &World) {
         self.fail_transfers();
         self.slaves.clear();
+        self.clocks.are_set = false;
         self.rescan_required = false;
         for config in &mut self.configs {
             config.slave = None;

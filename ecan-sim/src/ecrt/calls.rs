@@ -147,11 +147,11 @@ impl MasterCall {
     /// Queues a datagram of the clocks. Only the monitor's needs no reference clock.
     pub(super) fn queue_clock(&self, item: Queued, target: Option<u64>) -> Answer {
         self.driving(|state| {
-            if item != Queued::ClockMonitor && !state.master.has_reference_clock() {
+            if item != Queued::ClockMonitor && state.master.reference_clock().is_none() {
                 return Err(libc::ENXIO);
             }
             let clocks = &mut state.master.clocks;
-            if clocks.offset.is_some() {
+            if clocks.are_set {
                 if item == Queued::ReferenceClock {
                     clocks.reference_target = target.unwrap_or(clocks.app_time);
                 }
@@ -161,25 +161,37 @@ impl MasterCall {
         })?
     }
 
+    /// As the real one, every failure of it is told on stderr.
     pub(super) fn reference_clock_time(&self) -> Answer<u32> {
         self.driving(|state| {
-            if !state.master.has_reference_clock() {
-                return Err(libc::ENXIO);
-            }
             let clocks = &state.master.clocks;
-            match (clocks.slaves, clocks.offset) {
-                (ClockDatagram::Received, Some(_)) => Ok(clocks.reference_value),
-                (ClockDatagram::Received, None) => Err(libc::EAGAIN),
+            let time = match (clocks.slaves, clocks.are_set) {
+                _ if state.master.reference_clock().is_none() => Err(libc::ENXIO),
+                (ClockDatagram::Received, true) => Ok(clocks.reference_value),
+                (ClockDatagram::Received, false) => Err(libc::EAGAIN),
                 _ => Err(libc::EIO),
-            }
+            };
+            state.master.stderr_lines += u64::from(time.is_err());
+            time
         })?
     }
 
-    /// Largest difference of the slaves' clocks. They do not drift: a few nanoseconds a slave.
+    /// Chooses the reference clock; none stands for the first slave.
+    pub(super) fn select_reference_clock(&self, config: Option<&ConfigCall>) -> Answer {
+        self.configuring(|state| {
+            state.master.clocks.selected = config.map(|config| config.index);
+            Ok(())
+        })
+    }
+
+    /// Upper estimate of the slaves' differences to the reference clock.
     pub(super) fn sync_monitor(&self) -> Answer<u32> {
         self.driving(|state| match state.master.clocks.monitor {
-            ClockDatagram::Received => 7 * state.master.slaves.len() as u32,
-            _ => u32::MAX,
+            ClockDatagram::Received => state.master.clocks.monitor_value,
+            _ => {
+                state.master.stderr_lines += 1;
+                u32::MAX
+            }
         })
     }
 

@@ -54,6 +54,8 @@ pub(crate) struct MasterModel {
     /// Sends of the application so far.
     pub(crate) sends: u64,
     pub(crate) clocks: Clocks,
+    /// Lines that the calls for the clocks would have written to stderr.
+    pub(crate) stderr_lines: u64,
     pub(crate) blocking: Vec<BlockingSdo>,
     pub(crate) next_blocking: u64,
     pub(crate) scratch: Vec<u8>,
@@ -81,6 +83,7 @@ impl MasterModel {
             blocked: false,
             sends: 0,
             clocks: Clocks::default(),
+            stderr_lines: 0,
             blocking: Vec::new(),
             next_blocking: 0,
             scratch: Vec::with_capacity(256),
@@ -164,7 +167,7 @@ impl MasterModel {
         }
         self.queue.reserve(datagrams + 3);
         self.phase = Phase::Active;
-        self.clocks.offset = None;
+        self.clocks.are_set = false;
         // A configuration under way begins anew, for the state that is requested from now on.
         for slave in &mut self.slaves {
             slave.startup = None;
@@ -222,12 +225,6 @@ impl MasterModel {
     /// Whether a slave is being configured. Until that has ended the master looks at no other.
     fn is_configuring(&self) -> bool {
         self.slaves.iter().any(|slave| slave.startup.is_some())
-    }
-
-    /// Whether there is a reference clock: the first slave, every gateway being able to be it. It
-    /// is forgotten with the list of slaves and found again when a scan has ended.
-    pub(crate) fn has_reference_clock(&self) -> bool {
-        self.scan.is_none() && !self.slaves.is_empty()
     }
 
     /// Lets every state machine that is due go one step.

@@ -14,8 +14,10 @@ use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
 use crate::ecrt::sdo::{Attempt, Payload, SdoFailure, SdoObject, attempt};
 use crate::ecrt::slave_config::SyncWatchdog;
 use crate::ecrt::slave_view::{AL_ERROR, al_status, pdo_bytes};
-use crate::ecrt::timing::{CLOCK_SETTLE_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS};
-use crate::gateway::SmSettings;
+use crate::ecrt::timing::{
+    CLOCK_NEAR_NS, CLOCK_SETTLE_NS, CLOCK_TIMEOUT_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS,
+};
+use crate::gateway::{Gateway, SmSettings};
 use crate::world::World;
 
 /// Mailboxes: what is left below the process data.
@@ -45,6 +47,7 @@ pub(crate) enum Startup {
     SyncManagers,
     Fmmus,
     ClockCycle,
+    ClockSettle { since: u64 },
     ClockStart,
 }
 
@@ -148,7 +151,17 @@ impl MasterModel {
                 };
                 Next::Step(next, REGISTER_NS)
             }
-            Startup::ClockCycle => Next::Step(Startup::ClockStart, CLOCK_SETTLE_NS),
+            Startup::ClockCycle => Next::Step(Startup::ClockSettle { since: now }, CLOCK_SETTLE_NS),
+            Startup::ClockSettle { since } => {
+                let difference = world.gateway(slot).map_or(0, Gateway::dc_difference_ns);
+                if difference.unsigned_abs() > CLOCK_NEAR_NS {
+                    if now.saturating_sub(since) < CLOCK_TIMEOUT_NS {
+                        return Next::Step(Startup::ClockSettle { since }, STATE_POLL_NS);
+                    }
+                    self.log(index, "did not follow the reference clock in time");
+                }
+                Next::Step(Startup::ClockStart, 0)
+            }
             Startup::ClockStart => {
                 let dc = self.attached(index).and_then(|config| config.dc);
                 let sync0 = dc.and_then(|dc| self.clocks.sync0(&dc));

@@ -25,6 +25,10 @@ pub(super) const IDLE_POLL_NS: u64 = 100_000_000;
 pub(super) const ACTIVE_POLL_NS: u64 = 1_000_000_000;
 /// Settling of the slaves' clocks before Sync0 is started.
 pub(super) const CLOCK_SETTLE_NS: u64 = 100_000_000;
+/// Difference of a slave's clock at which it counts as settled.
+pub(super) const CLOCK_NEAR_NS: u64 = 10_000;
+/// How long the master waits for that.
+pub(super) const CLOCK_TIMEOUT_NS: u64 = 5_000_000_000;
 /// Distance of the first Sync0 pulse.
 pub(super) const SYNC0_AHEAD_NS: u64 = 100_000_000;
 /// How long an SDO transfer waits for its answer.

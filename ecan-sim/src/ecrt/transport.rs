@@ -106,7 +106,9 @@ impl MasterModel {
         let at_ns = world.now_ns();
         let arrives_ns = fate.lost.is_none().then_some(at_ns + way);
         let Queued::Domain { domain, datagram } = item else {
-            self.transmit_clock(item, at_ns, arrives_ns);
+            self.exchange_clock(item, world, fate.lost);
+            let answered = arrives_ns.filter(|_| self.reference_clock().is_some());
+            *self.clock_datagram(item) = ClockDatagram::Sent { at_ns, arrives_ns: answered };
             return;
         };
         let Some(domain) = self.domains.get_mut(domain) else { return };
@@ -126,21 +128,6 @@ impl MasterModel {
         let counter = i32::from(counter).saturating_add(fate.counter_offset);
         datagram.working_counter = u16::try_from(counter.max(0)).unwrap_or(u16::MAX);
         datagram.state = DatagramState::Sent { at_ns, arrives_ns };
-    }
-
-    fn transmit_clock(&mut self, item: Queued, at_ns: u64, arrives_ns: Option<u64>) {
-        let answered = arrives_ns.filter(|_| self.has_reference_clock());
-        match item {
-            Queued::ReferenceClock if answered.is_some() => {
-                let target = self.clocks.reference_target;
-                self.clocks.set_system_time(target, at_ns);
-            }
-            Queued::SlaveClocks => {
-                self.clocks.reference_value = self.clocks.system_time(at_ns) as u32;
-            }
-            _ => {}
-        }
-        *self.clock_datagram(item) = ClockDatagram::Sent { at_ns, arrives_ns: answered };
     }
 
     /// Takes what has come back by now, and gives up what is overdue.

@@ -287,7 +287,7 @@ impl Gateway {
             self.maintenance.flags |= maintenance::flag::SCHED_TIMER_MISS;
         }
         self.sync0 = sync0;
-        self.pulses = sync0.map(PulseTrain::new);
+        self.pulses = sync0.map(|sync0| PulseTrain::new(sync0, self.clock.line()));
         self.performance.restart_pulses();
         if sync0.is_none() && self.state == AlState::Op {
             self.fall_back(AlStatusCode::FATAL_SYNC);

@@ -18,6 +18,7 @@ mod channel;
 mod channel_control;
 mod controller;
 mod cycle_performance;
+mod dc_clock;
 mod dictionary_values;
 mod filter;
 mod maintenance;
@@ -45,6 +46,7 @@ use ecan_protocol::{
 use channel::Channel;
 use channel_control::FilterLists;
 use cycle_performance::CyclePerformance;
+use dc_clock::DcClock;
 use dictionary_values::DictionaryValues;
 use maintenance::Maintenance;
 use profile_control::ProfileControl;
@@ -105,6 +107,7 @@ pub struct Gateway {
     inputs: SingleBuffer,
     watchdog_ns: u64,
     last_outputs: u64,
+    clock: DcClock,
     sync0: Option<Sync0>,
     pulses: Option<PulseTrain>,
     // services
@@ -139,6 +142,7 @@ impl Gateway {
     #[must_use]
     pub fn new(settings: GatewaySettings, seed: u64) -> Self {
         let tx_pressure_percent = settings.tx_pressure_percent;
+        let clock = DcClock::new(settings.clock_drift_ppb);
         let mut gateway = Self {
             settings,
             random: seed ^ 0x9E37_79B9_7F4A_7C15,
@@ -153,6 +157,7 @@ impl Gateway {
             inputs: SingleBuffer::new(),
             watchdog_ns: DEFAULT_WATCHDOG_NS,
             last_outputs: 0,
+            clock,
             sync0: None,
             pulses: None,
             service_due: None,
@@ -234,6 +239,7 @@ impl Gateway {
                 self.faults.crc_errors = self.faults.crc_errors.saturating_add(images)
             }
             GatewayFault::AlError { code } => self.fall_back(AlStatusCode(code)),
+            GatewayFault::ClockJump { ns } => self.change_clock(|clock, now| clock.jump(ns, now)),
             GatewayFault::MailboxSilent { ms } => self.faults.mailbox_silent_until = until(ms),
             GatewayFault::ServiceStall { ms } => self.faults.stalled_until = until(ms),
         }
@@ -333,6 +339,7 @@ impl Gateway {
         self.outputs.clear();
         self.inputs.clear();
         self.watchdog_ns = DEFAULT_WATCHDOG_NS;
+        self.clock = DcClock::new(self.settings.clock_drift_ppb);
         self.sync0 = None;
         self.pulses = None;
         self.service_due = None;

@@ -5,28 +5,37 @@ use std::collections::VecDeque;
 
 use ecan_protocol::CanFrame;
 
+use super::dc_clock::TimeLine;
 use super::settings::Sync0;
 
 /// Frames that may wait at once; the manual names no size, so the size of a TX ring.
 const SCHEDULE_DEPTH: usize = 64;
 
-/// Pulse train of Sync0 in simulated time.
+/// Pulse train of Sync0: even in the slave's system time, told in simulated time.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct PulseTrain {
-    first_ns: u64,
+    /// In system time.
+    first_system_ns: u64,
     cycle_ns: u64,
+    line: TimeLine,
 }
 
 impl PulseTrain {
-    pub(super) fn new(sync0: Sync0) -> Self {
+    pub(super) fn new(sync0: Sync0, line: TimeLine) -> Self {
         Self {
-            first_ns: sync0.start_ns.saturating_add_signed(i64::from(sync0.shift_ns)),
+            first_system_ns: sync0.start_ns.saturating_add_signed(i64::from(sync0.shift_ns)),
             cycle_ns: u64::from(sync0.cycle_ns).max(1),
+            line,
         }
     }
 
+    /// The slave's clock was corrected.
+    pub(super) fn set_line(&mut self, line: TimeLine) {
+        self.line = line;
+    }
+
     pub(super) fn first_ns(self) -> u64 {
-        self.first_ns
+        self.line.simulated(self.first_system_ns)
     }
 
     pub(super) fn cycle_ns(self) -> u64 {
@@ -35,21 +44,21 @@ impl PulseTrain {
 
     /// The first pulse strictly after `now`.
     pub(super) fn next_after(self, now: u64) -> u64 {
-        if now < self.first_ns {
-            return self.first_ns;
-        }
-        let passed = (now - self.first_ns) / self.cycle_ns;
-        self.first_ns.saturating_add((passed + 1).saturating_mul(self.cycle_ns))
+        let pulses = self.pulses_until(now);
+        let next = pulses.saturating_mul(self.cycle_ns).saturating_add(self.first_system_ns);
+        self.line.simulated(next)
     }
 
     /// Number of pulses from the first one up to and including `now`.
     pub(super) fn pulses_until(self, now: u64) -> u64 {
-        if now < self.first_ns { 0 } else { (now - self.first_ns) / self.cycle_ns + 1 }
+        let since_first = self.line.system(now).checked_sub(self.first_system_ns);
+        since_first.map_or(0, |ns| ns / self.cycle_ns + 1)
     }
 
     /// Distance from the last pulse at or before `now`; 0 before the first one.
     pub(super) fn phase(self, now: u64) -> u64 {
-        if now < self.first_ns { 0 } else { (now - self.first_ns) % self.cycle_ns }
+        let since_first = self.line.system(now).checked_sub(self.first_system_ns);
+        since_first.map_or(0, |ns| ns % self.cycle_ns)
     }
 }
 

@@ -33,6 +33,9 @@ pub struct GatewaySettings {
     /// Sync0 pulses in a row without an SM2 write that drop the slave out of OP with AL
     /// status 0x002C; 0 leaves that to the watchdog alone.
     pub missed_sync_limit: u32,
+    /// How much faster than simulated time the oscillator of the distributed clock runs, in parts
+    /// per billion: 50 000 is 50 ppm.
+    pub clock_drift_ppb: i32,
     /// Share of its TX ring, in percent, from which on a channel shows `tx_pressure`; a full
     /// transmit FIFO of the CAN controller shows it as well. With 100 only a full ring does.
     pub tx_pressure_percent: u8,
@@ -53,6 +56,7 @@ impl Default for GatewaySettings {
             idle_service_ns: 1_000_000,
             sync_wait_ns: 2_000_000_000,
             missed_sync_limit: 0,
+            clock_drift_ppb: 0,
             tx_pressure_percent: 50,
         }
     }
@@ -74,7 +78,8 @@ pub struct SmSettings {
 /// Distributed clock pulses as the master has set them up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sync0 {
-    /// Time of the first pulse without the shift, in simulated nanoseconds.
+    /// Time of the first pulse without the shift, in nanoseconds of the slave's system time,
+    /// which is simulated time until the master writes it.
     pub start_ns: u64,
     /// Distance of two pulses in nanoseconds; 0 counts as one nanosecond.
     pub cycle_ns: u32,
@@ -112,6 +117,11 @@ pub enum GatewayFault {
     AlError {
         /// AL status code.
         code: u16,
+    },
+    /// The distributed clock of the slave jumps.
+    ClockJump {
+        /// By so many nanoseconds.
+        ns: i64,
     },
     /// The mailbox does not answer for so many milliseconds.
     MailboxSilent {

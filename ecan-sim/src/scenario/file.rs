@@ -93,6 +93,7 @@ struct RawGateway {
     boot_ms: Option<u32>,
     service_delay_us: Option<u32>,
     service_jitter_us: Option<u32>,
+    clock_drift_ppm: Option<f64>,
     pdo_assign: Option<bool>,
     pdo_configuration: Option<bool>,
     tx_pressure_percent: Option<u8>,
@@ -217,7 +218,7 @@ impl Scenario {
     /// ```
     ///
     /// Further kinds of faults: `working_counter_offset` (`offset`, `cycles`), `mailbox_timeout`
-    /// and `service_stall` (`gateway`, `for_ms`), `torn_image` and `crc_error` (`gateway`,
+    /// and `service_stall` (`gateway`, `for_ms`), `clock_jump` (`gateway`, `ns`), `torn_image` and `crc_error` (`gateway`,
     /// `times`), `al_error` (`gateway`, `code`), `bus_off` (`gateway`, `channel`), `error_frames`
     /// (`gateway`, `channel`, `times`), `node_silent` (`node`, `for_ms`), and of drives
     /// `drive_emcy` (`node`, `code`, `register`), `drive_power_cycle` (`node`, `off_ms`) and
@@ -294,6 +295,12 @@ impl RawGateway {
         let ns = |us: u32| u64::from(us) * 1_000;
         set(&mut settings.service_delay_ns, self.service_delay_us.map(ns));
         set(&mut settings.service_jitter_ns, self.service_jitter_us.map(ns));
+        if let Some(ppm) = self.clock_drift_ppm {
+            if !(-1000.0..=1000.0).contains(&ppm) {
+                return Err("`clock_drift_ppm` is -1000 to 1000".to_owned());
+            }
+            settings.clock_drift_ppb = (ppm * 1000.0).round() as i32;
+        }
         if self.tx_pressure_percent.is_some_and(|percent| !(1..=100).contains(&percent)) {
             return Err("`tx_pressure_percent` is 1 to 100".to_owned());
         }

@@ -40,12 +40,8 @@ pub unsafe extern "C" fn master_select_reference_clock(
     config: *mut ec_slave_config_t,
 ) -> c_int {
     status(|| {
-        let call = on_master(master)?;
-        if !config.is_null() {
-            on_config(config)?;
-        }
-        // The clocks do not drift: whichever is the reference, the others agree with it.
-        call.driving(|_| ())
+        let config = if config.is_null() { None } else { Some(on_config(config)?) };
+        on_master(master)?.select_reference_clock(config.as_ref())
     })
 }
 

@@ -63,7 +63,10 @@ two_forms!(
     /// `ecrt_master_application_time`: tells the application's time.
     master_application_time / master_application_time_silent(
     master: *mut ec_master_t, time_ns: u64) {
-    on_master(master)?.driving(|state| state.master.clocks.application_time(time_ns))
+    on_master(master)?.driving(|state| {
+        let now = state.world.now_ns();
+        state.master.clocks.application_time(time_ns, now);
+    })
 });
 
 two_forms!(

@@ -27,6 +27,7 @@ pub(super) struct RawFault {
     times: Option<u32>,
     call: Option<RawCall>,
     errno: Option<toml::Value>,
+    ns: Option<i64>,
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -50,6 +51,7 @@ enum RawFaultKind {
     CrcError,
     AlError,
     ServiceStall,
+    ClockJump,
     BusOff,
     ErrorFrames,
     NodeSilent,
@@ -154,6 +156,10 @@ impl RawFault {
                 let code = need("code", self.code.take())?;
                 let code = u16::try_from(code).map_err(|_| "an AL status code has 16 bits")?;
                 let fault = GatewayFault::AlError { code };
+                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
+            }
+            RawFaultKind::ClockJump => {
+                let fault = GatewayFault::ClockJump { ns: need("ns", self.ns.take())? };
                 Fault::Gateway { gateway: self.gateway(scenario)?, fault }
             }
             RawFaultKind::ServiceStall => {

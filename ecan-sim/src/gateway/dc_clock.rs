@@ -1,0 +1,193 @@
+//! The distributed clock of a slave: an oscillator that drifts, and what the master makes of it.
+
+use super::Gateway;
+
+/// Share of a difference that one correction takes away at once.
+const STEP_SHARE: i64 = 4;
+/// Share of a difference that one correction adds to the rate, per interval.
+const RATE_SHARE: i64 = 64;
+/// Largest step of one correction: a clock is pulled, not thrown.
+const MAX_STEP_NS: i64 = 2_000;
+/// Largest correction of the rate, in parts per billion: 500 ppm.
+const MAX_RATE_PPB: i64 = 500_000;
+/// Intervals between corrections outside this say nothing about the rate.
+const INTERVALS_NS: std::ops::Range<u64> = 10_000..1_000_000_000;
+
+const BILLION: i128 = 1_000_000_000;
+
+/// System time as a straight line over simulated time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct TimeLine {
+    simulated_ns: u64,
+    system_ns: u64,
+    /// Rate of system time above that of simulated time, in parts per billion.
+    rate_ppb: i64,
+}
+
+impl TimeLine {
+    /// System time at a simulated time.
+    pub(super) fn system(self, now: u64) -> u64 {
+        let passed = i128::from(now) - i128::from(self.simulated_ns);
+        let time =
+            i128::from(self.system_ns) + passed + passed * i128::from(self.rate_ppb) / BILLION;
+        u64::try_from(time).unwrap_or(0)
+    }
+
+    /// The simulated time at which system time has come that far, rounded up.
+    pub(super) fn simulated(self, system: u64) -> u64 {
+        let passed = i128::from(system) - i128::from(self.system_ns);
+        let rate = BILLION + i128::from(self.rate_ppb);
+        let time = i128::from(self.simulated_ns) + (passed * BILLION + rate - 1).div_euclid(rate);
+        u64::try_from(time).unwrap_or(0)
+    }
+}
+
+/// The clock. Until the master writes its time, system time is simulated time with the
+/// oscillator's drift.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct DcClock {
+    drift_ppb: i64,
+    line: TimeLine,
+    is_written: bool,
+    /// The last correction.
+    corrected_ns: Option<u64>,
+    /// What the last correction found, received time minus own (0x092C).
+    difference_ns: i64,
+}
+
+impl DcClock {
+    pub(super) fn new(drift_ppb: i32) -> Self {
+        let drift_ppb = i64::from(drift_ppb);
+        let line = TimeLine { rate_ppb: drift_ppb, ..TimeLine::default() };
+        Self { drift_ppb, line, is_written: false, corrected_ns: None, difference_ns: 0 }
+    }
+
+    pub(super) fn line(&self) -> TimeLine {
+        self.line
+    }
+
+    /// System time, once the master has written it.
+    pub(super) fn written_time(&self, now: u64) -> Option<u64> {
+        self.is_written.then(|| self.line.system(now))
+    }
+
+    /// Sets system time, as a write of the offset (0x0920) does.
+    pub(super) fn write(&mut self, system_ns: u64, now: u64) {
+        self.line.system_ns = system_ns;
+        self.line.simulated_ns = now;
+        self.is_written = true;
+        self.corrected_ns = None;
+    }
+
+    /// The master sends the time that it shall be (0x0910): the clock goes after it.
+    pub(super) fn correct(&mut self, system_ns: u64, now: u64) {
+        let own = self.line.system(now);
+        let difference = (i128::from(system_ns) - i128::from(own)) as i64;
+        self.difference_ns = difference;
+        let step = (difference / STEP_SHARE).clamp(-MAX_STEP_NS, MAX_STEP_NS);
+        let interval = self.corrected_ns.replace(now).map(|before| now.saturating_sub(before));
+        // While it is still on its way the difference says nothing about the rate.
+        let is_near = difference.abs() < MAX_STEP_NS * STEP_SHARE;
+        if let Some(interval) = interval.filter(|ns| INTERVALS_NS.contains(ns) && is_near) {
+            let per_interval = difference * BILLION as i64 / (RATE_SHARE * interval as i64);
+            let rate = (self.line.rate_ppb - self.drift_ppb + per_interval)
+                .clamp(-MAX_RATE_PPB, MAX_RATE_PPB);
+            self.line.rate_ppb = self.drift_ppb + rate;
+        }
+        self.line.system_ns = own.saturating_add_signed(step);
+        self.line.simulated_ns = now;
+    }
+
+    /// The clock jumps.
+    pub(super) fn jump(&mut self, by_ns: i64, now: u64) {
+        self.line.system_ns = self.line.system(now).saturating_add_signed(by_ns);
+        self.line.simulated_ns = now;
+    }
+
+    /// What the last correction found.
+    pub(super) fn difference_ns(&self) -> i64 {
+        self.difference_ns
+    }
+}
+
+impl Gateway {
+    /// System time of the distributed clock (0x0910); `None` until the master has written it.
+    #[must_use]
+    pub fn dc_system_time(&self, now: u64) -> Option<u64> {
+        self.clock.written_time(now)
+    }
+
+    /// What the last correction of the clock found, received time minus own, in nanoseconds
+    /// (0x092C).
+    #[must_use]
+    pub fn dc_difference_ns(&self) -> i64 {
+        self.clock.difference_ns()
+    }
+
+    /// The master sets the clock's time.
+    pub fn write_dc_system_time(&mut self, system_ns: u64) {
+        self.change_clock(|clock, now| clock.write(system_ns, now));
+    }
+
+    /// The master sends the time that the clock shall have now; it goes after it.
+    pub fn correct_dc_system_time(&mut self, system_ns: u64) {
+        self.change_clock(|clock, now| clock.correct(system_ns, now));
+    }
+
+    pub(super) fn change_clock(&mut self, change: impl FnOnce(&mut DcClock, u64)) {
+        change(&mut self.clock, self.now);
+        let line = self.clock.line();
+        if let Some(pulses) = &mut self.pulses {
+            pulses.set_line(line);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Largest difference to simulated time in the last `look` of `count` corrections.
+    fn worst(clock: &mut DcClock, count: u64, look: u64) -> i64 {
+        let mut worst = 0;
+        for number in 1..=count {
+            let now = number * 1_000_000;
+            clock.correct(now, now);
+            if number > count - look {
+                worst = worst.max(clock.difference_ns().abs());
+            }
+        }
+        worst
+    }
+
+    #[test]
+    fn it_drifts_when_nobody_corrects_it() {
+        let mut clock = DcClock::new(50_000);
+        clock.write(7_000, 1_000);
+        assert_eq!(clock.written_time(1_000_001_000), Some(1_000_057_000));
+        let line = clock.line();
+        for now in [1_000, 1_001, 12_345_678, 5_000_000_123] {
+            let there = line.simulated(line.system(now));
+            assert!(there.abs_diff(now) <= 1, "{now} became {there}");
+        }
+    }
+
+    #[test]
+    fn corrections_take_its_drift_and_its_error_away() {
+        for drift_ppb in [-50_000, 0, 50_000] {
+            let mut clock = DcClock::new(drift_ppb);
+            clock.write(300_000, 0);
+            assert!(worst(&mut clock, 1_000, 100) < 20, "drift {drift_ppb}");
+        }
+    }
+
+    #[test]
+    fn a_jump_is_pulled_back_slowly() {
+        let mut clock = DcClock::new(0);
+        clock.write(0, 0);
+        clock.jump(100_000, 0);
+        clock.correct(1_000_000, 1_000_000);
+        assert_eq!(clock.written_time(1_000_000), Some(1_100_000 - MAX_STEP_NS as u64));
+        assert!(worst(&mut clock, 2_000, 100) < 20);
+    }
+}
