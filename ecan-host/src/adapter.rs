@@ -7,6 +7,7 @@ use ecan_protocol::Direction;
 use ecrt_sys::{Clock, DomainId, Ecrt, Master, SlaveConfigId};
 
 use crate::al_status::AlStatusWatch;
+use crate::clocks::DistributedClocks;
 use crate::config::{AdapterConfig, Identity, SlaveSettings};
 use crate::cycle::DomainReport;
 use crate::diagnostics::Diagnostics;
@@ -76,6 +77,9 @@ pub struct Adapter {
     pub(crate) cycle_start: CycleStart,
     pub(crate) cycle_due_ns: Option<u64>,
     pub(crate) cycle_time_ns: u64,
+    /// Distributed clocks, while the bus is active and theirs are the Adapter's.
+    pub(crate) clocks: Option<DistributedClocks>,
+    pub(crate) clock_correction_ns: i64,
 }
 
 impl Adapter {
@@ -134,6 +138,8 @@ impl Adapter {
             cycle_start: CycleStart::default(),
             cycle_due_ns: None,
             cycle_time_ns: 0,
+            clocks: None,
+            clock_correction_ns: 0,
         };
         adapter.configure()?;
         Ok(adapter)
@@ -157,8 +163,21 @@ impl Adapter {
             .enumerate()
             .map(|(index, (slave, identified))| self.configure_slave(index, slave, identified))
             .collect::<Result<Vec<Slave>, Error>>()?;
+        self.select_reference_clock()?;
         self.phase = Phase::Configured;
         Ok(())
+    }
+
+    fn select_reference_clock(&mut self) -> Result<(), Error> {
+        let Some(slave) = self.config.dc.and_then(|dc| dc.reference) else { return Ok(()) };
+        // On an attached Adapter the owner chooses.
+        if self.attached {
+            return Ok(());
+        }
+        let config = self.slaves.get(slave).map(|slave| slave.config);
+        self.master
+            .select_reference_clock(config)
+            .map_err(|e| Error::library("ecrt_master_select_reference_clock", Some(slave), e))
     }
 
     fn configure_slave(
@@ -244,6 +263,8 @@ impl Adapter {
         // The grid starts with the first cycle, and with it the application time, to which the
         // master refers the phase of Sync0.
         self.cycle_timer.restart();
+        let cycle_ns = self.config.cycle_ns;
+        self.clocks = self.config.dc.map(|dc| DistributedClocks::new(dc, cycle_ns));
         self.phase = Phase::Active;
         Ok(())
     }
@@ -281,6 +302,7 @@ impl Adapter {
         let was_active = self.phase == Phase::Active;
         self.phase = Phase::Down;
         self.slaves.clear();
+        self.clocks = None;
         if was_active {
             let failed = |e| Error::library("ecrt_master_deactivate", None, e);
             self.master.deactivate().map_err(failed)?;

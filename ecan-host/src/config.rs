@@ -19,6 +19,23 @@ impl fmt::Display for Identity {
     }
 }
 
+/// Which clock the others follow.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum ClockSource {
+    /// The host's: each cycle the reference clock is corrected to the application's time, and the
+    /// other slaves to the reference clock.
+    #[default]
+    Host,
+    /// The reference clock's: a phase-locked loop shifts the points of the host's cycle until the
+    /// frames pass it in phase. Sync0 is as even as the slave's oscillator then, and the delays of
+    /// the host never reach it.
+    ///
+    /// The loop acts on [`Adapter::wait_next_cycle`](crate::Adapter::wait_next_cycle); an
+    /// application with a cycle timer of its own adds
+    /// [`Adapter::clock_correction_ns`](crate::Adapter::clock_correction_ns) to its next deadline.
+    Reference,
+}
+
 /// Distributed clocks with Sync0 (manual 8.4, 15.6).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DcSync {
@@ -31,12 +48,28 @@ pub struct DcSync {
     pub shift_ns: u32,
     /// AssignActivate word of the slave. The manual does not name it; see docs/ASSUMPTIONS.md.
     pub assign_activate: u16,
+    /// Which clock the others follow.
+    pub source: ClockSource,
+    /// Index of the slave whose clock is the reference; none takes the first on the bus that has
+    /// one.
+    pub reference: Option<usize>,
+    /// Every so many cycles the differences between the slaves' clocks are measured, for
+    /// [`ClockStatus::synchrony_ns`](crate::ClockStatus::synchrony_ns); 0 is never.
+    pub monitor_every: u32,
 }
 
 impl DcSync {
-    /// Sync0 once per `cycle_ns`, `shift_ns` after its start.
+    /// Sync0 once per `cycle_ns`, `shift_ns` after its start. The host's clock leads, the first
+    /// slave is the reference, and the differences are measured every 100 cycles.
     pub fn new(cycle_ns: u32, shift_ns: u32) -> Self {
-        Self { cycle_ns, shift_ns, assign_activate: 0x0300 }
+        Self {
+            cycle_ns,
+            shift_ns,
+            assign_activate: 0x0300,
+            source: ClockSource::Host,
+            reference: None,
+            monitor_every: 100,
+        }
     }
 }
 

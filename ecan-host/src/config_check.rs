@@ -100,6 +100,14 @@ pub enum ConfigFault {
         /// The Sync0 period, in nanoseconds.
         sync0_ns: u32,
     },
+    /// A reference clock that is no slave of the configuration.
+    #[error("reference clock: slave index {reference} is not below {slaves}, the number of slaves")]
+    ReferenceClock {
+        /// The index asked for.
+        reference: usize,
+        /// Number of slaves.
+        slaves: usize,
+    },
     /// A fixed identity with an empty half.
     #[error("slave {slave}: identity needs both a vendor id and a product code, neither 0")]
     Identity {
@@ -191,6 +199,10 @@ impl AdapterConfig {
                 faults
                     .push(ConfigFault::Sync0Shift { shift_ns: dc.shift_ns, sync0_ns: dc.cycle_ns });
             }
+            let slaves = self.slaves.len();
+            if let Some(reference) = dc.reference.filter(|reference| *reference >= slaves) {
+                faults.push(ConfigFault::ReferenceClock { reference, slaves });
+            }
         }
     }
 }
@@ -212,9 +224,9 @@ mod tests {
         config.slaves[0].rx_multiplier = 0;
         config.slaves[1].tx_multiplier = 12;
         config.slaves[2].position = 1;
-        config.dc = Some(DcSync::new(1_500_000, 1_500_000));
+        config.dc = Some(DcSync { reference: Some(3), ..DcSync::new(1_500_000, 1_500_000) });
         let faults = config.check().unwrap_err().0;
-        assert_eq!(faults.len(), 5, "{faults:?}");
+        assert_eq!(faults.len(), 6, "{faults:?}");
     }
 
     #[test]

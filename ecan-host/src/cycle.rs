@@ -163,6 +163,14 @@ impl Adapter {
                 Err(error) => keep(&mut result, Err(error)),
             }
         }
+        self.clock_correction_ns = 0;
+        if let Some(clocks) = &mut self.clocks {
+            let answering = self.slaves.iter().filter(|s| s.report.working_counter > 0).count();
+            match clocks.receive(&mut self.master, answering) {
+                Ok(correction) => self.correct_deadline(correction),
+                Err(error) => keep(&mut result, Err(error)),
+            }
+        }
         result
     }
 
@@ -187,15 +195,9 @@ impl Adapter {
         if self.is_attached() {
             return result;
         }
-        if self.config.dc.is_some() {
-            let time = self.cycle_time_ns;
-            let told = self.master.application_time(time);
-            keep(&mut result, told.map_err(CycleError::library("ecrt_master_application_time")));
-            let reference = without_clock(self.master.sync_reference_clock());
-            let failed = CycleError::library("ecrt_master_sync_reference_clock");
-            keep(&mut result, reference.map_err(failed));
-            let others = without_clock(self.master.sync_slave_clocks());
-            keep(&mut result, others.map_err(CycleError::library("ecrt_master_sync_slave_clocks")));
+        if let Some(clocks) = &mut self.clocks {
+            let now = self.ecrt.clock().now_ns();
+            keep(&mut result, clocks.send(&mut self.master, now));
         }
         let sent = self.master.send();
         for slave in &mut self.slaves {
@@ -214,13 +216,5 @@ impl Adapter {
     /// Whether every slave exchanged both directions in the last cycle; real-time safe.
     pub fn domain_is_complete(&self) -> bool {
         !self.slaves.is_empty() && self.slaves.iter().all(|s| s.report.is_complete())
-    }
-}
-
-/// While the bus is scanned there is no reference clock; it is there again afterwards.
-fn without_clock(result: Result<(), Errno>) -> Result<(), Errno> {
-    match result {
-        Err(Errno::ENXIO) => Ok(()),
-        other => other,
     }
 }

@@ -1,6 +1,7 @@
 //! The grid of cycle starts: one for waiting, for the application, and for the clocks.
 
 use crate::adapter::Adapter;
+use crate::clocks::{ClockStatus, DistributedClocks};
 use crate::real_time::{CycleStart, CycleTiming};
 
 impl Adapter {
@@ -40,9 +41,31 @@ impl Adapter {
         self.cycle_time_ns
     }
 
+    /// How far the distributed clocks are apart; none without them, before activation, and on an
+    /// attached Adapter, whose owner serves the clocks. Real-time safe.
+    pub fn clock_status(&self) -> Option<ClockStatus> {
+        self.clocks.as_ref().map(DistributedClocks::status)
+    }
+
+    /// What the last [`receive`](Self::receive) found that the next deadline is to be shifted by,
+    /// in nanoseconds, so that the host follows the reference clock
+    /// ([`ClockSource::Reference`](crate::ClockSource::Reference)); otherwise 0.
+    /// [`wait_next_cycle`](Self::wait_next_cycle) has it in already. Real-time safe.
+    pub fn clock_correction_ns(&self) -> i64 {
+        self.clock_correction_ns
+    }
+
+    pub(crate) fn correct_deadline(&mut self, by_ns: i64) {
+        self.clock_correction_ns = by_ns;
+        self.cycle_timer.shift(by_ns);
+    }
+
     /// Fixes the time of the cycle that starts now.
     pub(crate) fn start_cycle(&mut self) {
         let due = self.cycle_due_ns.take();
         self.cycle_time_ns = due.unwrap_or_else(|| self.ecrt.clock().now_ns());
+        if let Some(clocks) = &mut self.clocks {
+            clocks.start_cycle(self.cycle_time_ns);
+        }
     }
 }

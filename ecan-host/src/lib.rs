@@ -13,6 +13,7 @@
 
 mod adapter;
 mod al_status;
+mod clocks;
 mod config;
 mod config_check;
 mod cycle;
@@ -33,7 +34,8 @@ mod startup;
 mod stop;
 
 pub use adapter::{Adapter, Phase};
-pub use config::{AdapterConfig, DcSync, Identity, SlaveSettings};
+pub use clocks::ClockStatus;
+pub use config::{AdapterConfig, ClockSource, DcSync, Identity, SlaveSettings};
 pub use config_check::ConfigFault;
 pub use cycle::{CycleError, Delivery, DomainReport};
 pub use diagnose::run_beside;

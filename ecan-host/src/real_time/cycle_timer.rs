@@ -114,6 +114,11 @@ impl CycleTimer {
         self.cycle_ns = u64::from(cycle_ns.max(1));
     }
 
+    /// Moves the rest of the grid by so many nanoseconds. Real-time safe.
+    pub fn shift(&mut self, by_ns: i64) {
+        self.last_ns = self.last_ns.map(|last| last.saturating_add_signed(by_ns));
+    }
+
     /// Forgets the grid: the next wait starts another, at once. Real-time safe.
     pub fn restart(&mut self) {
         self.last_ns = None;

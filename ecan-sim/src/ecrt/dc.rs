@@ -96,7 +96,7 @@ impl MasterModel {
             world.with_gateway(slave.slot, |gateway, now| {
                 let own = gateway.dc_system_time(now);
                 if own.is_none_or(|own| own.abs_diff(time) > TOLERANCE_NS) {
-                    gateway.write_dc_system_time(time);
+                    gateway.write_dc_system_time(now, time);
                 }
             });
         }
@@ -122,14 +122,18 @@ impl MasterModel {
         match item {
             Queued::ReferenceClock => {
                 let target = self.clocks.reference_target;
-                world.with_gateway(reference, |gateway, _| gateway.correct_dc_system_time(target));
+                world.with_gateway(reference, |gateway, now| {
+                    gateway.correct_dc_system_time(now, target)
+                });
             }
             Queued::SlaveClocks => {
                 let Some(time) = time else { return };
                 self.clocks.reference_value = time as u32;
                 for slot in self.slaves.iter().map(|slave| slave.slot) {
                     if slot != reference && world.is_reachable(slot) {
-                        world.with_gateway(slot, |gateway, _| gateway.correct_dc_system_time(time));
+                        world.with_gateway(slot, |gateway, now| {
+                            gateway.correct_dc_system_time(now, time)
+                        });
                     }
                 }
             }

@@ -124,18 +124,24 @@ impl Gateway {
         self.clock.difference_ns()
     }
 
+    /// The next Sync0 pulse in simulated time; `None` without Sync0.
+    #[must_use]
+    pub fn next_sync0(&self, now: u64) -> Option<u64> {
+        self.pulses.map(|pulses| pulses.next_after(now))
+    }
+
     /// The master sets the clock's time.
-    pub fn write_dc_system_time(&mut self, system_ns: u64) {
-        self.change_clock(|clock, now| clock.write(system_ns, now));
+    pub fn write_dc_system_time(&mut self, now: u64, system_ns: u64) {
+        self.change_clock(|clock| clock.write(system_ns, now));
     }
 
     /// The master sends the time that the clock shall have now; it goes after it.
-    pub fn correct_dc_system_time(&mut self, system_ns: u64) {
-        self.change_clock(|clock, now| clock.correct(system_ns, now));
+    pub fn correct_dc_system_time(&mut self, now: u64, system_ns: u64) {
+        self.change_clock(|clock| clock.correct(system_ns, now));
     }
 
-    pub(super) fn change_clock(&mut self, change: impl FnOnce(&mut DcClock, u64)) {
-        change(&mut self.clock, self.now);
+    pub(super) fn change_clock(&mut self, change: impl FnOnce(&mut DcClock)) {
+        change(&mut self.clock);
         let line = self.clock.line();
         if let Some(pulses) = &mut self.pulses {
             pulses.set_line(line);

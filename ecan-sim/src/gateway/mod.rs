@@ -239,7 +239,7 @@ impl Gateway {
                 self.faults.crc_errors = self.faults.crc_errors.saturating_add(images)
             }
             GatewayFault::AlError { code } => self.fall_back(AlStatusCode(code)),
-            GatewayFault::ClockJump { ns } => self.change_clock(|clock, now| clock.jump(ns, now)),
+            GatewayFault::ClockJump { ns } => self.change_clock(|clock| clock.jump(ns, now)),
             GatewayFault::MailboxSilent { ms } => self.faults.mailbox_silent_until = until(ms),
             GatewayFault::ServiceStall { ms } => self.faults.stalled_until = until(ms),
         }

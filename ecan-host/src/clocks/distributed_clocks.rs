@@ -1,0 +1,183 @@
+//! What the Adapter does for the distributed clocks in each cycle.
+
+use ecrt_sys::{Errno, Master};
+
+use super::phase_locked_loop::PhaseLockedLoop;
+use crate::config::{ClockSource, DcSync};
+use crate::cycle::CycleError;
+
+/// How far the clocks are apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ClockStatus {
+    /// How late the host was against the reference clock in the last cycle that tells, in
+    /// nanoseconds, within half a Sync0 period; what the host knows to have waited and worked since
+    /// the point of its grid is taken off. None before the first reading.
+    pub phase_error_ns: Option<i32>,
+    /// The phase errors have become small: below 0.2 % of the cycle in the mean.
+    pub is_locked: bool,
+    /// How much faster the host's clock runs than the reference clock, in parts per billion. Known
+    /// while the host follows; otherwise 0.
+    pub rate_ppb: i32,
+    /// Upper estimate of the differences between the slaves' clocks as last measured, in
+    /// nanoseconds. None before the first measurement.
+    pub synchrony_ns: Option<u32>,
+    /// Cycles whose frame did not come back, so that the reference clock could not be read.
+    pub missed_readings: u64,
+}
+
+/// The frame of the cycle before, as the clocks need it.
+#[derive(Debug, Clone, Copy)]
+struct Sent {
+    /// Application time of its cycle.
+    time_ns: u64,
+    /// When it left, after the point of the grid.
+    late_ns: u64,
+    carries_monitor: bool,
+}
+
+/// State of the clocks between the calls of a cycle.
+#[derive(Debug)]
+pub(crate) struct DistributedClocks {
+    dc: DcSync,
+    cycle_ns: u32,
+    /// Application time of the running cycle: steps by whole cycles, as the reference clock does.
+    time_ns: Option<u64>,
+    /// Point of the grid of the running cycle, on the host's clock.
+    point_ns: u64,
+    sent: Option<Sent>,
+    cycles: u32,
+    /// Slaves that answered in the last cycle.
+    answering: usize,
+    pll: PhaseLockedLoop,
+    status: ClockStatus,
+}
+
+impl DistributedClocks {
+    pub(crate) fn new(dc: DcSync, cycle_ns: u32) -> Self {
+        Self {
+            dc,
+            cycle_ns,
+            time_ns: None,
+            point_ns: 0,
+            sent: None,
+            cycles: 0,
+            answering: 0,
+            pll: PhaseLockedLoop::new(cycle_ns),
+            status: ClockStatus::default(),
+        }
+    }
+
+    pub(crate) fn status(&self) -> ClockStatus {
+        ClockStatus { is_locked: self.pll.is_locked(), ..self.status }
+    }
+
+    /// A cycle starts at a point of the grid.
+    pub(crate) fn start_cycle(&mut self, point_ns: u64) {
+        let cycle = u64::from(self.cycle_ns).max(1);
+        self.time_ns = Some(match (self.time_ns, self.dc.source) {
+            (None, _) | (_, ClockSource::Host) => point_ns,
+            // Shifted deadlines: the number of cycles counts, not their length.
+            (Some(time), ClockSource::Reference) => {
+                let passed = point_ns.saturating_sub(self.point_ns);
+                time + (passed + cycle / 2) / cycle * cycle
+            }
+        });
+        self.point_ns = point_ns;
+    }
+
+    /// Reads the clocks when the frame of the cycle before is back: `answering` slaves took part in
+    /// it. Gives the correction of the next deadline.
+    ///
+    /// The library writes to stderr when it is asked for the time of a frame that was lost, so it is
+    /// not asked when there is a sign of that.
+    pub(crate) fn receive(
+        &mut self,
+        master: &mut Master,
+        answering: usize,
+    ) -> Result<i64, CycleError> {
+        let is_back =
+            answering > 0 && answering >= std::mem::replace(&mut self.answering, answering);
+        let Some(sent) = self.sent.take() else { return Ok(self.coast()) };
+        if !is_back {
+            self.status.missed_readings += 1;
+            return Ok(self.coast());
+        }
+        if sent.carries_monitor {
+            let synchrony = master.sync_monitor_process();
+            self.status.synchrony_ns = synchrony.ok().or(self.status.synchrony_ns);
+        }
+        let time = match master.reference_clock_time() {
+            Ok(time) => time,
+            // Not written yet, or gone with a scan that has just begun.
+            Err(Errno::EAGAIN | Errno::ENXIO | Errno::EIO) => {
+                self.status.missed_readings += 1;
+                return Ok(self.coast());
+            }
+            Err(errno) => {
+                return Err(CycleError::library("ecrt_master_reference_clock_time")(errno));
+            }
+        };
+        let expected = sent.time_ns.wrapping_add(sent.late_ns) as u32;
+        let error = centred(i64::from(time.wrapping_sub(expected) as i32), self.dc.cycle_ns);
+        self.status.phase_error_ns = i32::try_from(error).ok();
+        let correction = self.pll.update(error);
+        if self.dc.source == ClockSource::Host {
+            return Ok(0);
+        }
+        self.status.rate_ppb = self.pll.rate_ppb();
+        Ok(correction)
+    }
+
+    fn coast(&mut self) -> i64 {
+        match self.dc.source {
+            ClockSource::Host => 0,
+            ClockSource::Reference => self.pll.coast(),
+        }
+    }
+
+    /// Queues what keeps the clocks together, last before the send.
+    pub(crate) fn send(&mut self, master: &mut Master, now_ns: u64) -> Result<(), CycleError> {
+        let Some(time_ns) = self.time_ns else { return Ok(()) };
+        let late_ns = now_ns.saturating_sub(self.point_ns);
+        let told = master.application_time(time_ns);
+        told.map_err(CycleError::library("ecrt_master_application_time"))?;
+        if self.dc.source == ClockSource::Host {
+            // With the time of leaving, delays of the cycle do not reach the clocks.
+            let led = match master.sync_reference_clock_to(time_ns.wrapping_add(late_ns)) {
+                Err(Errno::ENOSYS) => master.sync_reference_clock(),
+                led => led,
+            };
+            let failed = CycleError::library("ecrt_master_sync_reference_clock");
+            has_clock(led).map_err(failed)?;
+        }
+        let failed = CycleError::library("ecrt_master_sync_slave_clocks");
+        if !has_clock(master.sync_slave_clocks()).map_err(failed)? {
+            return Ok(());
+        }
+        self.cycles = self.cycles.wrapping_add(1);
+        let every = self.dc.monitor_every;
+        let carries_monitor = every > 0 && self.cycles.is_multiple_of(every);
+        if carries_monitor {
+            let failed = CycleError::library("ecrt_master_sync_monitor_queue");
+            master.sync_monitor_queue().map_err(failed)?;
+        }
+        self.sent = Some(Sent { time_ns, late_ns, carries_monitor });
+        Ok(())
+    }
+}
+
+/// The nearest way round a period.
+fn centred(error_ns: i64, period_ns: u32) -> i64 {
+    let period = i64::from(period_ns).max(1);
+    let error = error_ns.rem_euclid(period);
+    if error * 2 >= period { error - period } else { error }
+}
+
+/// Whether there is a reference clock; while the bus is scanned there is none.
+fn has_clock(result: Result<(), Errno>) -> Result<bool, Errno> {
+    match result {
+        Ok(()) => Ok(true),
+        Err(Errno::ENXIO) => Ok(false),
+        Err(errno) => Err(errno),
+    }
+}

@@ -1,0 +1,203 @@
+//! Distributed clocks on the stepped clock: drift, start phase, lost frames, both directions.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{raw_config, simulated};
+use ecan_host::{Adapter, ClockSource, ClockStatus, DcSync, SlaveSettings};
+use ecan_sim::{EcrtVersion, Fault, GatewayFault, LostWay, Scenario, Simulation};
+
+const CYCLE_NS: u32 = 1_000_000;
+
+/// A line of gateways with these drifts in ppm, and an Adapter in OP.
+fn in_op(drifts: &[i32], scenario: Scenario, dc: DcSync) -> (Adapter, Simulation) {
+    let mut scenario = Scenario { gateways: ecan_sim::echo(drifts.len()).gateways, ..scenario };
+    for (gateway, ppm) in scenario.gateways.iter_mut().zip(drifts) {
+        gateway.settings.clock_drift_ppb = ppm * 1_000;
+    }
+    let (ecrt, simulation) = simulated(scenario);
+    let mut config = raw_config().0;
+    let slave = config.slaves.remove(0);
+    let at = |position| SlaveSettings { position, ..slave.clone() };
+    config.slaves = (0..drifts.len() as u16).map(at).collect();
+    config.dc = Some(dc);
+    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    (adapter, simulation)
+}
+
+fn following() -> DcSync {
+    DcSync { source: ClockSource::Reference, ..DcSync::new(CYCLE_NS, 0) }
+}
+
+fn status(adapter: &Adapter) -> ClockStatus {
+    adapter.clock_status().expect("clocks are configured")
+}
+
+/// Phase errors that the Adapter tells, one a cycle.
+fn phase_errors(adapter: &mut Adapter, cycles: usize) -> Vec<i32> {
+    let mut errors = Vec::with_capacity(cycles);
+    for _ in 0..cycles {
+        adapter.wait_next_cycle();
+        adapter.receive().unwrap();
+        errors.push(status(adapter).phase_error_ns.unwrap());
+        adapter.send().unwrap();
+    }
+    errors
+}
+
+fn worst(errors: &[i32]) -> u32 {
+    errors.iter().map(|e| e.unsigned_abs()).max().unwrap()
+}
+
+/// How far apart the points of the host's cycle stand in the Sync0 period of a gateway, as its
+/// clock tells.
+fn true_spread(adapter: &mut Adapter, simulation: &Simulation, cycles: usize) -> u64 {
+    let (mut phases, mut first) = (Vec::with_capacity(cycles), None);
+    for _ in 0..cycles {
+        adapter.wait_next_cycle();
+        let now = adapter.clock().now_ns();
+        let time = simulation.with_world(|world| world.gateway(0).unwrap().dc_system_time(now));
+        let half = u64::from(CYCLE_NS) / 2;
+        // From the first on, which is taken into the middle.
+        let first = *first.get_or_insert(time.unwrap());
+        phases.push((time.unwrap() - first + half) % u64::from(CYCLE_NS));
+        adapter.receive().unwrap();
+        adapter.send().unwrap();
+    }
+    phases.iter().max().unwrap() - phases.iter().min().unwrap()
+}
+
+#[test]
+fn the_host_follows_from_any_phase_and_with_any_drift() {
+    for ppm in [-50, 50] {
+        for jump_ns in [0, 1_000, 250_000, 499_000, 750_000] {
+            let (mut adapter, simulation) = in_op(&[ppm], Scenario::default(), following());
+            let fault = GatewayFault::ClockJump { ns: jump_ns };
+            simulation.inject(Fault::Gateway { gateway: 0, fault });
+            phase_errors(&mut adapter, 1_000);
+            let errors = phase_errors(&mut adapter, 200);
+            assert!(worst(&errors) < 1_000, "{ppm} ppm, {jump_ns} ns: {} ns", worst(&errors));
+            assert!(status(&adapter).is_locked);
+            let rate = status(&adapter).rate_ppb;
+            assert!((rate + ppm * 1_000).abs() < 1_000, "{ppm} ppm: {rate} ppb");
+            // The gateway's own clock says the same.
+            let spread = true_spread(&mut adapter, &simulation, 200);
+            assert!(spread < 1_000, "{ppm} ppm, {jump_ns} ns: phases differ by {spread} ns");
+        }
+    }
+}
+
+#[test]
+fn the_first_cycle_is_in_phase_with_sync0() {
+    let dc = DcSync { shift_ns: 300_000, ..following() };
+    let (mut adapter, simulation) = in_op(&[50], Scenario::default(), dc);
+    phase_errors(&mut adapter, 500);
+    let now = adapter.clock().now_ns();
+    let point = adapter.cycle_start().deadline_ns;
+    let pulse = simulation.with_world(|world| world.gateway(0).unwrap().next_sync0(now).unwrap());
+    let phase = (pulse + u64::from(CYCLE_NS) - point % u64::from(CYCLE_NS)) % u64::from(CYCLE_NS);
+    assert!(phase.abs_diff(300_000) < 1_000, "Sync0 comes {phase} ns after the point");
+}
+
+#[test]
+fn lost_frames_are_counted_and_do_not_shift_the_phase() {
+    let (mut adapter, simulation) = in_op(&[50, -30], Scenario::default(), following());
+    phase_errors(&mut adapter, 1_000);
+    for way in [LostWay::Outward, LostWay::Return] {
+        let before = status(&adapter).missed_readings;
+        simulation.inject(Fault::LostFrame { way, cycles: 1 });
+        let errors = phase_errors(&mut adapter, 200);
+        assert!(worst(&errors) < 1_000, "{way:?}: {} ns", worst(&errors));
+        assert_eq!(status(&adapter).missed_readings - before, 1);
+        simulation.inject(Fault::LostFrame { way, cycles: 50 });
+        let errors = phase_errors(&mut adapter, 300);
+        assert!(worst(&errors) < 1_000, "{way:?}: {} ns", worst(&errors));
+    }
+    assert_eq!(simulation.stderr_lines(), 0);
+}
+
+#[test]
+fn the_slaves_follow_the_host() {
+    for version in [EcrtVersion::V1_5, EcrtVersion::V1_6] {
+        let scenario = Scenario { version, ..Scenario::default() };
+        let (mut adapter, _simulation) = in_op(&[50, -80, 20], scenario, DcSync::new(CYCLE_NS, 0));
+        phase_errors(&mut adapter, 1_000);
+        let errors = phase_errors(&mut adapter, 200);
+        assert!(worst(&errors) < 1_000, "{version:?}: {} ns", worst(&errors));
+        let ClockStatus { is_locked, synchrony_ns, rate_ppb, .. } = status(&adapter);
+        assert!(is_locked && rate_ppb == 0);
+        assert!(synchrony_ns.unwrap() < 1_000, "{synchrony_ns:?}");
+        assert_eq!(adapter.clock_correction_ns(), 0);
+    }
+}
+
+#[test]
+fn another_slave_can_be_the_reference() {
+    let dc = DcSync { reference: Some(1), ..following() };
+    let (mut adapter, _simulation) = in_op(&[-90, 40], Scenario::default(), dc);
+    phase_errors(&mut adapter, 1_500);
+    let rate = status(&adapter).rate_ppb;
+    assert!((rate + 40_000).abs() < 1_000, "the host follows a clock of {rate} ppb");
+}
+
+#[test]
+fn synchrony_tells_of_a_clock_that_jumped() {
+    let dc = DcSync { monitor_every: 1, ..following() };
+    let (mut adapter, simulation) = in_op(&[0, 0], Scenario::default(), dc);
+    phase_errors(&mut adapter, 100);
+    assert_eq!(status(&adapter).synchrony_ns, Some(0));
+    let fault = GatewayFault::ClockJump { ns: 100_000 };
+    simulation.inject(Fault::Gateway { gateway: 1, fault });
+    phase_errors(&mut adapter, 3);
+    assert!(status(&adapter).synchrony_ns.unwrap() > 90_000);
+    phase_errors(&mut adapter, 500);
+    assert!(status(&adapter).synchrony_ns.unwrap() < 100);
+}
+
+#[test]
+fn a_gateway_that_comes_back_is_in_phase_again() {
+    let (mut adapter, simulation) = in_op(&[50, -50], Scenario::default(), following());
+    phase_errors(&mut adapter, 500);
+    simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 100 });
+    let mut cycles = 0;
+    while cycles < 20_000 {
+        adapter.wait_next_cycle();
+        let _ = adapter.receive();
+        adapter.send().unwrap();
+        cycles += 1;
+        if cycles > 5_000 && adapter.domain_is_complete() {
+            break;
+        }
+    }
+    assert!(adapter.domain_is_complete());
+    phase_errors(&mut adapter, 1_500);
+    let errors = phase_errors(&mut adapter, 200);
+    assert!(worst(&errors) < 1_000, "{} ns", worst(&errors));
+    let lines = simulation.stderr_lines();
+    assert!(lines <= 1, "{lines} lines on stderr: at most the one of a scan that just began");
+}
+
+#[test]
+fn a_cycle_timer_of_the_application_gets_the_correction() {
+    let (mut adapter, _simulation) = in_op(&[50], Scenario::default(), following());
+    let mut next = adapter.clock().now_ns();
+    let mut errors = Vec::new();
+    for _ in 0..2_000 {
+        adapter.clock().sleep_until_ns(next);
+        adapter.receive().unwrap();
+        errors.extend(status(&adapter).phase_error_ns);
+        adapter.send().unwrap();
+        next = (next + u64::from(CYCLE_NS)).saturating_add_signed(adapter.clock_correction_ns());
+    }
+    assert!(worst(&errors[1_500..]) < 1_000, "{} ns", worst(&errors[1_500..]));
+}
+
+#[test]
+fn without_clocks_there_is_no_status() {
+    let (ecrt, _simulation) = simulated(ecan_sim::echo(1));
+    let mut adapter = Adapter::open(&ecrt, raw_config().0).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    assert_eq!(adapter.clock_status(), None);
+    assert_eq!(adapter.clock_correction_ns(), 0);
+}
