@@ -147,6 +147,35 @@ int ecan_igh_config_set_slave_count(ecan_igh_config_t *config, size_t count);
 int ecan_igh_config_set_cycle_us(ecan_igh_config_t *config, uint32_t cycle_us);
 
 /**
+ * States that the installed master carries more than 1486 bytes of process data per sync manager.
+ * Without it N is at most 11 (ECAN_PDO_MAX_PLAIN_MULTIPLIER).
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ */
+int ecan_igh_config_allow_large_pdos(ecan_igh_config_t *config, int allow);
+
+/**
+ * Sets how long the slaves may take to answer in PREOP, in milliseconds; 10000 by default.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ */
+int ecan_igh_config_set_preop_timeout_ms(ecan_igh_config_t *config, uint32_t timeout_ms);
+
+/* ---------------------------------------------------------------------------
+ * Configuration of the distributed clocks
+ * --------------------------------------------------------------------------- */
+
+/** Which clock the others follow. */
+typedef enum {
+    /** The host's: the reference clock is corrected to the application's time in each cycle. */
+    ECAN_IGH_CLOCK_HOST = 0,
+    /** The reference clock's: a phase-locked loop shifts the points of the host's cycle. */
+    ECAN_IGH_CLOCK_REFERENCE = 1,
+} ecan_igh_clock_source_t;
+
+/**
  * Switches distributed clocks with Sync0 on (manual 8.4, 15.6). 15.6.1 lists proven phases.
  *
  * @param cycle_us  Period of Sync0 in microseconds, a whole multiple of the cycle; 0 switches
@@ -169,21 +198,39 @@ int ecan_igh_config_set_dc_sync0(ecan_igh_config_t *config, uint32_t cycle_us, u
 int ecan_igh_config_set_dc_assign_activate(ecan_igh_config_t *config, uint16_t word);
 
 /**
- * States that the installed master carries more than 1486 bytes of process data per sync manager.
- * Without it N is at most 11 (ECAN_PDO_MAX_PLAIN_MULTIPLIER).
+ * Chooses which clock the others follow; the host's by default.
  *
- * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ * @param source  An ecan_igh_clock_source_t.
+ *
+ * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER where
+ *          distributed clocks are off.
  */
-int ecan_igh_config_allow_large_pdos(ecan_igh_config_t *config, int allow);
+int ecan_igh_config_set_dc_source(ecan_igh_config_t *config,
+                                  int source);
 
 /**
- * Sets how long the slaves may take to answer in PREOP, in milliseconds; 10000 by default.
+ * Chooses the slave whose clock is the reference; by default the first on the bus that has one.
  *
- * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ * @param slave  Slave index; whether there is such a slave is told by ecan_igh_check_config().
+ *
+ * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
+ *          clocks are off.
  */
-int ecan_igh_config_set_preop_timeout_ms(ecan_igh_config_t *config, uint32_t timeout_ms);
+int ecan_igh_config_set_dc_reference(ecan_igh_config_t *config, size_t slave);
+
+/**
+ * Sets how often the differences between the slaves' clocks are measured; every 100 cycles by
+ * default.
+ *
+ * @param every  Cycles from measurement to measurement; 0 is never.
+ *
+ * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
+ *          clocks are off.
+ */
+int ecan_igh_config_set_dc_monitor(ecan_igh_config_t *config, uint32_t every);
 
 /* ---------------------------------------------------------------------------
  * Configuration of a slave
@@ -517,6 +564,215 @@ int ecan_igh_domain_is_complete(ecan_igh_context_t *context);
 int ecan_igh_get_domain_report(ecan_igh_context_t *context,
                                size_t slave,
                                ecan_igh_domain_report_t *report);
+
+/* ---------------------------------------------------------------------------
+ * Distributed clocks in the cycle
+ * --------------------------------------------------------------------------- */
+
+/** How far the clocks are apart. */
+typedef struct {
+    /**
+     * How late the host was against the reference clock in the last cycle that tells, in
+     * nanoseconds, without what it is known to have waited and worked since the point of its grid.
+     */
+    int32_t phase_error_ns;
+    /**
+     * How much faster the host's clock runs than the reference clock, in parts per billion; 0
+     * while the host's clock leads.
+     */
+    int32_t rate_ppb;
+    /** Upper estimate of the differences between the slaves' clocks, in nanoseconds. */
+    uint32_t synchrony_ns;
+    /** 1 where phase_error_ns is known. */
+    uint8_t has_phase_error;
+    /** 1 where synchrony_ns is known. */
+    uint8_t has_synchrony;
+    /** 1 where the phase errors have become small: below 0.2 % of the cycle in the mean. */
+    uint8_t is_locked;
+    /** Not used. */
+    uint8_t reserved;
+    /**
+     * Cycles since the first reading whose frame did not come back, so that the reference clock
+     * could not be read.
+     */
+    uint64_t missed_readings;
+} ecan_igh_clock_status_t;
+
+/**
+ * How far the distributed clocks are apart.
+ *
+ * @usage   rt, the cycle's thread, active bus
+ * @return  ECAN_OK; ECAN_ERR_ORDER without distributed clocks, before activation, and on an attached
+ *          context, whose owner serves the clocks; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+ *          ECAN_ERR_BUSY.
+ */
+int ecan_igh_get_clock_status(ecan_igh_context_t *context,
+                              ecan_igh_clock_status_t *status);
+
+/**
+ * What an application with a cycle timer of its own adds to its next deadline, so that it follows
+ * the reference clock. ecan_igh_wait_next_cycle() has it in already.
+ *
+ * @usage   rt, the cycle's thread, after receive
+ * @return  Nanoseconds; 0 while the host's clock leads and where there is no context.
+ */
+int64_t ecan_igh_clock_correction_ns(ecan_igh_context_t *context);
+
+/* ---------------------------------------------------------------------------
+ * The real-time thread
+ *
+ * What makes the application's thread keep its cycle (manual 13.9 and 15.5.2, step 7).
+ * --------------------------------------------------------------------------- */
+
+/**
+ * What the thread of the cycle asks of the system. Fill with ecan_igh_default_real_time(), then
+ * change fields.
+ */
+typedef struct {
+    /** SCHED_FIFO with this priority, 1 (lowest) to 99; 0 leaves the scheduling as it is. */
+    int32_t priority;
+    /** 1 keeps all memory of the process in RAM. */
+    uint8_t lock_memory;
+    /** 1 makes ecan_igh_apply_real_time() fail where something is not granted. */
+    uint8_t is_required;
+    /** Not used. */
+    uint8_t reserved[2];
+    /** With lock_memory so many bytes of the thread's stack are touched in advance, up to 1 MiB. */
+    uint32_t stack_bytes;
+    /**
+     * Keeps the processors of the machine out of sleep states that take longer than so many
+     * microseconds to leave, for as long as the process lives; -1 leaves them as they are.
+     */
+    int32_t wake_up_latency_us;
+    /** CPUs that the thread may run on, bit 0 for CPU 0; 0 leaves the affinity as it is. */
+    uint64_t cpu_mask;
+} ecan_igh_real_time_t;
+
+/** A cycle as ecan_igh_wait_next_cycle() met it. */
+typedef struct {
+    /** Its point on the grid, in nanoseconds of ecan_igh_now_ns(). */
+    uint64_t deadline_ns;
+    /** How long after that point the wait ended, in nanoseconds. */
+    uint64_t late_ns;
+    /** Points of the grid that were left out before this one. */
+    uint64_t skipped;
+    /** 1 where the cycle before took past a point of the grid. */
+    uint8_t has_overrun;
+    /** Not used. */
+    uint8_t reserved[7];
+} ecan_igh_cycle_start_t;
+
+/** A row of times, in nanoseconds; all 0 where nothing was recorded. */
+typedef struct {
+    /** Number of times. */
+    uint64_t count;
+    /** Shortest. */
+    uint64_t min_ns;
+    /** Longest. */
+    uint64_t max_ns;
+    /** Mean. */
+    double mean_ns;
+    /** Half of the times are at most this long. */
+    uint64_t p50_ns;
+    /** 95 of 100 are at most this long. */
+    uint64_t p95_ns;
+    /** 99 of 100 are at most this long. */
+    uint64_t p99_ns;
+    /** 999 of 1000 are at most this long. */
+    uint64_t p99_9_ns;
+} ecan_igh_distribution_t;
+
+/** How well the cycle was kept (manual 13.9). */
+typedef struct {
+    /** From the start of a cycle to the next: the manual's master_period. */
+    ecan_igh_distribution_t period;
+    /** From the point on the grid to the start of its cycle. */
+    ecan_igh_distribution_t wake_up;
+    /** From the start of a cycle to its ecan_igh_send(). */
+    ecan_igh_distribution_t run_time;
+    /** Largest difference of a period from the cycle, in nanoseconds. */
+    uint64_t max_period_error_ns;
+    /** Cycles started. */
+    uint64_t cycles;
+    /** Cycles that took past a point of the grid. */
+    uint64_t overruns;
+    /** Points of the grid that were left out. */
+    uint64_t skipped;
+} ecan_igh_cycle_statistics_t;
+
+/**
+ * Asks for nothing.
+ *
+ * @usage   rt, any thread, any time
+ * @return  ECAN_OK, ECAN_ERR_NULL.
+ */
+int ecan_igh_default_real_time(ecan_igh_real_time_t *settings);
+
+/**
+ * Applies the settings to the calling thread, locked memory to its whole process.
+ *
+ * To be called once by the thread of the cycle, before the cycle and after threads were started
+ * that shall not inherit priority and affinity.
+ *
+ * @param report  A line for each thing asked for: granted, or why not and what to do. Cut where it
+ *                does not fit.
+ * @param size    Bytes of the report, NUL included; 0 asks for none.
+ *
+ * @usage   not rt, the cycle's thread, any time
+ * @return  ECAN_OK, also where something that is not required was not granted;
+ *          ECAN_ERR_PRIVILEGE where something required was not; what was granted stays in force.
+ *          ECAN_ERR_ARGUMENT for a value out of range, with nothing applied; ECAN_ERR_NULL.
+ */
+int ecan_igh_apply_real_time(const ecan_igh_real_time_t *settings, char *report, size_t size);
+
+/**
+ * Sets how ecan_igh_wait_next_cycle() waits, from the next wait on; at first it neither spins nor
+ * makes up for cycles.
+ *
+ * @param spin_us   Microseconds before each point in which the clock is looked at instead of slept
+ *                  on, 0 to 1000 (manual 13.9: 100). A stepped simulation never spins.
+ * @param catch_up  Most missed cycles that are made up for at once; 0 leaves missed points out.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT.
+ */
+int ecan_igh_set_cycle_timing(ecan_igh_context_t *context, uint32_t spin_us, uint32_t catch_up);
+
+/**
+ * What the last ecan_igh_wait_next_cycle() met; all 0 before the first.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_get_cycle_start(ecan_igh_context_t *context, ecan_igh_cycle_start_t *start);
+
+/**
+ * Begins to measure how well the cycle is kept, or anew. Takes about 3 megabytes.
+ *
+ * @usage   not rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_measure_cycles(ecan_igh_context_t *context);
+
+/**
+ * What was measured since ecan_igh_measure_cycles().
+ *
+ * @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
+ * @return  ECAN_OK; ECAN_ERR_ORDER where nothing is measured; ECAN_ERR_NULL,
+ *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ */
+int ecan_igh_get_cycle_statistics(ecan_igh_context_t *context,
+                                  ecan_igh_cycle_statistics_t *statistics);
+
+/**
+ * The same in words, as in manual 13.9: four lines, the first of them master_period.
+ *
+ * @param text  Cut where it does not fit; 512 bytes are enough.
+ *
+ * @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
+ * @return  As ecan_igh_get_cycle_statistics().
+ */
+int ecan_igh_get_cycle_statistics_text(ecan_igh_context_t *context, char *text, size_t size);
 
 /* ---------------------------------------------------------------------------
  * Raw process data (manual 15.5.3)

@@ -133,6 +133,11 @@ typedef enum {
     ECAN_ERR_CANOPEN = -33,
     /** The application gave up waiting (ecan_igh_stop_waiting_when()). */
     ECAN_ERR_STOPPED = -34,
+    /**
+     * The system does not grant what a real-time thread needs; ecan_last_error() says why and what
+     * to do.
+     */
+    ECAN_ERR_PRIVILEGE = -35,
     /** A fault of the library itself. Please report it with the text of ecan_last_error(). */
     ECAN_ERR_INTERNAL = -99,
 } ecan_result_t;

@@ -15,7 +15,7 @@ use crate::domain_layout::DomainLayout;
 use crate::error::Error;
 use crate::identification::{self, Identified};
 use crate::mapping;
-use crate::real_time::{CycleStart, CycleTimer, CycleTiming};
+use crate::real_time::{CycleStart, CycleStatistics, CycleTimer, CycleTiming};
 use crate::startup::{StartupStep, run_steps, startup_list};
 use crate::stop::StopCheck;
 
@@ -75,6 +75,7 @@ pub struct Adapter {
     /// the running cycle.
     pub(crate) cycle_timer: CycleTimer,
     pub(crate) cycle_start: CycleStart,
+    pub(crate) cycle_statistics: Option<CycleStatistics>,
     pub(crate) cycle_due_ns: Option<u64>,
     pub(crate) cycle_time_ns: u64,
     /// Distributed clocks, while the bus is active and theirs are the Adapter's.
@@ -136,6 +137,7 @@ impl Adapter {
             stop: None,
             cycle_timer,
             cycle_start: CycleStart::default(),
+            cycle_statistics: None,
             cycle_due_ns: None,
             cycle_time_ns: 0,
             clocks: None,

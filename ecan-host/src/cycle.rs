@@ -193,6 +193,7 @@ impl Adapter {
             keep(&mut result, queued.map_err(CycleError::of_slave("ecrt_domain_queue", index)));
         }
         if self.is_attached() {
+            self.end_cycle();
             return result;
         }
         if let Some(clocks) = &mut self.clocks {
@@ -204,6 +205,7 @@ impl Adapter {
             slave.is_unsent |= sent.is_err();
         }
         keep(&mut result, sent.map_err(CycleError::library("ecrt_master_send")));
+        self.end_cycle();
         result
     }
 

@@ -2,7 +2,7 @@
 
 use crate::adapter::Adapter;
 use crate::clocks::{ClockStatus, DistributedClocks};
-use crate::real_time::{CycleStart, CycleTiming};
+use crate::real_time::{CycleStart, CycleStatistics, CycleTiming};
 
 impl Adapter {
     /// Sleeps until the next cycle is due and gives the number of cycles that were skipped because
@@ -19,6 +19,9 @@ impl Adapter {
         let start = self.cycle_timer.wait(self.ecrt.clock().as_ref());
         self.cycle_start = start;
         self.cycle_due_ns = Some(start.deadline_ns);
+        if let Some(statistics) = &mut self.cycle_statistics {
+            statistics.begin(&start);
+        }
         start.skipped
     }
 
@@ -27,6 +30,19 @@ impl Adapter {
     /// [`CycleStatistics::begin`](crate::CycleStatistics::begin). Real-time safe.
     pub fn cycle_start(&self) -> CycleStart {
         self.cycle_start
+    }
+
+    /// Begins to measure how well the cycle is kept, or anew: from the next
+    /// [`wait_next_cycle`](Self::wait_next_cycle) on, each one is a start and each
+    /// [`send`](Self::send) an end. Takes memory, so not for the cycle.
+    pub fn measure_cycles(&mut self) {
+        self.cycle_statistics = Some(CycleStatistics::new(self.config.cycle_ns));
+    }
+
+    /// What was measured since [`measure_cycles`](Self::measure_cycles); none without it.
+    /// Real-time safe, but not its distributions.
+    pub fn cycle_statistics(&self) -> Option<&CycleStatistics> {
+        self.cycle_statistics.as_ref()
     }
 
     /// Sets final spin and overrun policy of [`wait_next_cycle`](Self::wait_next_cycle), from the
@@ -53,6 +69,13 @@ impl Adapter {
     /// [`wait_next_cycle`](Self::wait_next_cycle) has it in already. Real-time safe.
     pub fn clock_correction_ns(&self) -> i64 {
         self.clock_correction_ns
+    }
+
+    /// The work of the cycle is done.
+    pub(crate) fn end_cycle(&mut self) {
+        if let Some(statistics) = &mut self.cycle_statistics {
+            statistics.end(self.ecrt.clock().now_ns());
+        }
     }
 
     pub(crate) fn correct_deadline(&mut self, by_ns: i64) {

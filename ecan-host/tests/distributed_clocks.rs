@@ -201,3 +201,11 @@ fn without_clocks_there_is_no_status() {
     assert_eq!(adapter.clock_status(), None);
     assert_eq!(adapter.clock_correction_ns(), 0);
 }
+
+#[test]
+fn the_host_is_in_phase_before_the_slaves_are_in_op() {
+    let (adapter, _simulation) = in_op(&[50], Scenario::default(), following());
+    let ClockStatus { phase_error_ns, missed_readings, .. } = status(&adapter);
+    assert!(phase_error_ns.unwrap().abs() < 1_000, "{phase_error_ns:?}");
+    assert_eq!(missed_readings, 0);
+}

@@ -81,14 +81,17 @@ fn priority_and_memory_are_granted_or_refused_with_a_remedy() {
     let settings = RealTimeSettings {
         priority: Some(1),
         lock_memory: Some(65_536),
+        wake_up_latency_us: Some(50),
         ..RealTimeSettings::default()
     };
     let report = std::thread::spawn(move || settings.apply().unwrap()).join().unwrap();
     let lines: Vec<String> = report.outcomes.iter().map(ToString::to_string).collect();
-    assert_eq!(lines.len(), 2);
+    assert_eq!(lines.len(), 3);
     let granted = |line: &str| line.ends_with(": done");
     assert!(lines[0].starts_with("locked memory with 65536 bytes of stack: "), "{}", lines[0]);
     assert!(granted(&lines[0]) || lines[0].contains("RLIMIT_MEMLOCK"), "{}", lines[0]);
-    assert!(lines[1].starts_with("SCHED_FIFO priority 1: "), "{}", lines[1]);
-    assert!(granted(&lines[1]) || lines[1].contains("CAP_SYS_NICE"), "{}", lines[1]);
+    assert!(lines[1].starts_with("processors that wake up within 50 us: "), "{}", lines[1]);
+    assert!(granted(&lines[1]) || lines[1].contains("/dev/cpu_dma_latency"), "{}", lines[1]);
+    assert!(lines[2].starts_with("SCHED_FIFO priority 1: "), "{}", lines[2]);
+    assert!(granted(&lines[2]) || lines[2].contains("CAP_SYS_NICE"), "{}", lines[2]);
 }

@@ -13,11 +13,16 @@
 #include "cycle_result.h"
 #include "interrupt.h"
 #include "options.h"
-#include "real_time.h"
 #include "report.h"
 #include "statistics.h"
 
-enum { PROBE_ID = 0x123, CLASSIC_BYTES = 8, FD_BYTES = 16, RX_CAPACITY = 32 };
+enum {
+    PROBE_ID = 0x123,
+    CLASSIC_BYTES = 8,
+    FD_BYTES = 16,
+    RX_CAPACITY = 32,
+    STACK_BYTES = 256 * 1024
+};
 
 /* The end waits so long for frames under way. */
 #define QUIET_NS UINT64_C(500000000)
@@ -43,17 +48,8 @@ typedef struct {
     uint64_t order_errors;
     uint64_t next_number;     /* of the frame that is due back */
     uint64_t last_receive_ns; /* 0 before the first */
-    samples_t master_periods;
     samples_t rx_periods;
 } result_t;
-
-/* Keeps the period. A simulation has a clock of its own, which only the SDK's waiting moves on. */
-typedef struct {
-    bool is_own_timer;
-    uint64_t cycle_ns;
-    uint64_t spin_ns;
-    uint64_t deadline_ns;
-} pacer_t;
 
 static void parse_arguments(arguments_t *arguments, int argc, char **argv)
 {
@@ -85,9 +81,9 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
         .name = "rt-required", .flag = &arguments->rt_required,
         .help = "Give up where --rt-priority is not permitted"});
     options_add(&list, (option_t){
-        .name = "spin-us", .value_name = "US", .number = &arguments->spin_us, .maximum = 1000000,
-        .help = "Sleep until so many microseconds before the deadline, then spin; not in a stepped "
-                "simulation"});
+        .name = "spin-us", .value_name = "US", .number = &arguments->spin_us, .maximum = 1000,
+        .help = "Sleep until so many microseconds before the cycle is due, then spin; not in a "
+                "stepped simulation"});
     options_parse(&list, argc, argv);
     arguments->bus.dc_sync0 |= arguments->is_scheduled;
     arguments->bus.channel_masks[0] = (uint8_t)(1u << arguments->channel);
@@ -96,36 +92,23 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     }
 }
 
-static bool pacer_init(pacer_t *pacer, bus_t *bus, const arguments_t *arguments)
+/* Makes this thread keep its cycle; false, with a message, where --rt-required asks for more. */
+static bool enter_real_time(bus_t *bus, const arguments_t *arguments)
 {
-    int is_simulated = ecan_igh_is_simulated(&bus->igh);
-    if (is_simulated < 0 || igh_mcan_port_wait_next_cycle(&bus->mcan) != ECAN_OK) {
+    ecan_igh_real_time_t settings;
+    char told[1024] = "";
+    ecan_igh_default_real_time(&settings);
+    settings.priority = (int32_t)arguments->rt_priority;
+    settings.lock_memory = arguments->rt_priority != 0;
+    settings.stack_bytes = STACK_BYTES;
+    settings.is_required = arguments->rt_required;
+    if (ecan_igh_apply_real_time(&settings, told, sizeof(told)) != ECAN_OK ||
+        ecan_igh_set_cycle_timing(&bus->igh, (uint32_t)arguments->spin_us, 0) != ECAN_OK ||
+        ecan_igh_measure_cycles(&bus->igh) != ECAN_OK) {
         report_sdk_error();
         return false;
     }
-    /* The own deadlines go on from the SDK's last one: Sync0 was started in phase with it. */
-    *pacer = (pacer_t){
-        .is_own_timer = is_simulated == 0 || arguments->bus.real_time,
-        .cycle_ns = arguments->bus.cycle_us * 1000,
-        .spin_ns = arguments->spin_us * 1000,
-        .deadline_ns = monotonic_ns()};
-    return true;
-}
-
-/* Waits for the next cycle; false, with a message, where that fails. */
-static bool pacer_wait(pacer_t *pacer, bus_t *bus)
-{
-    if (!pacer->is_own_timer) {
-        if (igh_mcan_port_wait_next_cycle(&bus->mcan) != ECAN_OK) {
-            report_sdk_error();
-            return false;
-        }
-        return true;
-    }
-    /* A deadline that has passed is left out, so that the phase stays. */
-    uint64_t late_ns = monotonic_ns() - pacer->deadline_ns;
-    pacer->deadline_ns += (late_ns / pacer->cycle_ns + 1) * pacer->cycle_ns;
-    sleep_until(pacer->deadline_ns, pacer->spin_ns);
+    printf("%s%s", told, told[0] == '\0' ? "" : "\n");
     return true;
 }
 
@@ -183,14 +166,11 @@ static bool receive(bus_t *bus, result_t *result, uint64_t now_ns)
 /* Sends all frames and waits for what is under way; false, with a message, when it cannot go on. */
 static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *result)
 {
-    pacer_t pacer;
     cycle_health_t health = {0};
-    if (!pacer_init(&pacer, bus, arguments)) {
-        return false;
-    }
-    uint64_t last_cycle = ecan_igh_now_ns(&bus->igh), last_sent = last_cycle;
+    uint64_t last_sent = ecan_igh_now_ns(&bus->igh);
     while (!interrupt_is_set()) {
-        if (!pacer_wait(&pacer, bus)) {
+        if (igh_mcan_port_wait_next_cycle(&bus->mcan) != ECAN_OK) {
+            report_sdk_error();
             return false;
         }
         uint64_t now = ecan_igh_now_ns(&bus->igh);
@@ -198,7 +178,6 @@ static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *resul
         cycle_begun(&health, igh_mcan_port_cycle_begin(&bus->mcan));
         bool is_fine = receive(bus, result, now);
         if (is_sending) {
-            samples_add(&result->master_periods, now - last_cycle);
             /* A frame that is refused for now is sent again in the next cycle. */
             int sent = send_frame(bus, arguments, result->sent);
             if (sent == ECAN_OK) {
@@ -215,7 +194,6 @@ static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *resul
         if (!is_fine || !may_go_on) {
             return false;
         }
-        last_cycle = now;
         if (is_sending && now - last_sent > STUCK_NS) {
             report("no frame was taken for 10 s: %s", ecan_last_error());
             return false;
@@ -244,14 +222,18 @@ static void print_periods(const char *name, samples_t *samples, uint64_t cycle_n
            (double)(above > below ? above : below) / 1e3);
 }
 
-static void print_result(result_t *result, const arguments_t *arguments)
+static void print_result(bus_t *bus, result_t *result, const arguments_t *arguments)
 {
+    char master_period[512];
     uint64_t cycle_ns = arguments->bus.cycle_us * 1000;
     printf("%" PRIu64 " frames sent, %" PRIu64 " times one had to wait for the next cycle\n",
            result->sent, result->refused);
     printf("%" PRIu64 " came back, %" PRIu64 " out of order\n", result->received,
            result->order_errors);
-    print_periods("master_period", &result->master_periods, cycle_ns);
+    if (ecan_igh_get_cycle_statistics_text(&bus->igh, master_period, sizeof(master_period)) ==
+        ECAN_OK) {
+        printf("%s\n", master_period);
+    }
     print_periods("rx_period", &result->rx_periods, cycle_ns);
     printf("rx_period is what the host sees, in whole cycles; times on the bus need an analyser\n");
 }
@@ -260,18 +242,12 @@ static void print_result(result_t *result, const arguments_t *arguments)
 static bool work(bus_t *bus, const arguments_t *arguments)
 {
     result_t result = {0};
-    size_t capacity = (size_t)arguments->frames * 2;
-    bool is_good = samples_init(&result.master_periods, capacity) &&
-                   samples_init(&result.rx_periods, capacity);
-    if (is_good && arguments->rt_priority != 0 && !real_time_enter((int)arguments->rt_priority)) {
-        is_good = !arguments->rt_required;
-        printf("%s\n", is_good ? "going on without it" : "giving up: --rt-required");
-    }
+    bool is_good = samples_init(&result.rx_periods, (size_t)arguments->frames * 2) &&
+                   enter_real_time(bus, arguments);
     if (is_good) {
         is_good = run_cycles(bus, arguments, &result);
-        print_result(&result, arguments);
+        print_result(bus, &result, arguments);
     }
-    samples_free(&result.master_periods);
     samples_free(&result.rx_periods);
     return is_good;
 }

@@ -2,8 +2,7 @@
 
 use clap::Args;
 use ecan_host::{
-    Adapter, CycleStatistics, CycleTiming, MAX_SPIN_NS, Need, OverrunPolicy, RealTimeError,
-    RealTimeSettings,
+    Adapter, CycleTiming, MAX_SPIN_NS, Need, OverrunPolicy, RealTimeError, RealTimeSettings,
 };
 
 /// Stack that is touched in advance with `--lock-memory`, in bytes.
@@ -19,6 +18,9 @@ pub struct RealTimeArguments {
     /// Run the cycle on this CPU only; several with commas between.
     #[arg(long, value_name = "CPU", value_delimiter = ',')]
     cpu: Option<Vec<usize>>,
+    /// Keep the processors out of sleep states that take longer than so many microseconds to leave.
+    #[arg(long, value_name = "US")]
+    cpu_latency_us: Option<u32>,
     /// Keep all memory in RAM.
     #[arg(long)]
     lock_memory: bool,
@@ -46,6 +48,8 @@ impl RealTimeArguments {
             cpus_need: need,
             lock_memory: self.lock_memory.then_some(STACK_BYTES),
             lock_memory_need: need,
+            wake_up_latency_us: self.cpu_latency_us,
+            wake_up_latency_need: need,
             timing: CycleTiming { spin_ns: self.spin_us * 1000, overrun: OverrunPolicy::Skip },
         }
     }
@@ -73,8 +77,9 @@ impl RealTimeArguments {
     }
 }
 
-/// Prints how the cycle was kept.
-pub fn print_statistics(adapter: &Adapter, statistics: &CycleStatistics) {
+/// Prints how the cycle was kept, where that was measured.
+pub fn print_statistics(adapter: &Adapter) {
+    let Some(statistics) = adapter.cycle_statistics() else { return };
     println!("\n{statistics}");
     if !adapter.clock().runs_by_itself() {
         println!("these are simulated times: --real-time measures the machine");

@@ -22,7 +22,7 @@ use ecan_examples::real_time::{self, RealTimeArguments};
 use ecan_examples::source::{Channels, Source};
 use ecan_examples::summary::{self, Run};
 use ecan_examples::watch::SessionWatch;
-use ecan_host::{AdapterConfig, CycleStatistics};
+use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received, Session};
 use ecan_protocol::{CHANNELS, CanId};
 
@@ -189,14 +189,13 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let start = clock.now_ns();
     let (mut last_activity, mut failed_cycles) = (start, 0);
     let is_measured = arguments.real_time || arguments.thread.is_given();
-    let mut statistics = is_measured.then(|| CycleStatistics::new(arguments.cycle_us * 1000));
+    if is_measured {
+        port.adapter_mut().measure_cycles();
+    }
     arguments.thread.set_timing(port.adapter_mut());
     let mut end = Ok(());
     loop {
         port.wait_next_cycle();
-        if let Some(statistics) = &mut statistics {
-            statistics.begin(&port.adapter().cycle_start());
-        }
         let begun = port.cycle_begin();
         let now = clock.now_ns();
         let mut written = Ok(());
@@ -237,9 +236,6 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         let is_stuck = source.next_due_ns().is_some() && now.saturating_sub(due) > STUCK_NS;
         let is_quiet = now - last_activity > quiet_ns;
         let is_over = !is_sending && (check.under_way() == 0 || is_quiet);
-        if let Some(statistics) = &mut statistics {
-            statistics.end(clock.now_ns());
-        }
         if end.is_err() || interrupt.is_set() || is_stuck || is_over {
             break;
         }
@@ -258,9 +254,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         cycle_ns: arguments.cycle_us * 1000,
     };
     print!("{}", summary::table(&port, run, &loads));
-    if let Some(statistics) = &statistics {
-        real_time::print_statistics(port.adapter(), statistics);
-    }
+    real_time::print_statistics(port.adapter());
     end?;
     Ok(arguments.replay.is_none() || report_replay(&port, &source, &check))
 }

@@ -72,9 +72,12 @@ pub const HEADERS: &[Header] = &[
         sections: &[
             "igh-host/src/adapter/config.rs",
             "igh-host/src/adapter/config_master.rs",
+            "igh-host/src/adapter/config_clocks.rs",
             "igh-host/src/adapter/config_slave.rs",
             "igh-host/src/adapter/context.rs",
             "igh-host/src/adapter/cycle.rs",
+            "igh-host/src/adapter/clocks.rs",
+            "igh-host/src/adapter/real_time.rs",
             "igh-host/src/adapter/process_data.rs",
             "igh-host/src/adapter/bus_state.rs",
             "igh-host/src/adapter/sdo.rs",

@@ -18,6 +18,9 @@ static void no_config(int code, ecan_igh_config_t *config)
     BAD(code, ecan_igh_config_set_cycle_us(config, 1000));
     BAD(code, ecan_igh_config_set_dc_sync0(config, 1000, 0));
     BAD(code, ecan_igh_config_set_dc_assign_activate(config, 0x0300));
+    BAD(code, ecan_igh_config_set_dc_source(config, ECAN_IGH_CLOCK_HOST));
+    BAD(code, ecan_igh_config_set_dc_reference(config, 0));
+    BAD(code, ecan_igh_config_set_dc_monitor(config, 100));
     BAD(code, ecan_igh_config_allow_large_pdos(config, 1));
     BAD(code, ecan_igh_config_set_preop_timeout_ms(config, 1000));
     BAD(code, ecan_igh_config_set_pdo_multiplier(config, 3));
@@ -96,8 +99,21 @@ static void numbers(ecan_igh_config_t *config)
     GOOD(ecan_igh_config_set_dc_sync0(config, 2000, 1999));
     GOOD(ecan_igh_config_set_dc_assign_activate(config, 0x0700));
     GOOD(ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_dc_source(config, ECAN_IGH_CLOCK_REFERENCE));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_dc_source(config, 2));
+    BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_dc_source(config, -1));
+    GOOD(ecan_igh_config_set_dc_monitor(config, 0));
+    GOOD(ecan_igh_config_set_dc_monitor(config, UINT32_MAX));
+    GOOD(ecan_igh_config_set_dc_reference(config, SIZE_MAX));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    WORDS("reference clock");
+    GOOD(ecan_igh_config_set_dc_reference(config, 0));
+    GOOD(ecan_igh_check_config(config));
     GOOD(ecan_igh_config_set_dc_sync0(config, 0, 0));
     BAD(ECAN_ERR_ORDER, ecan_igh_config_set_dc_assign_activate(config, 0x0300));
+    BAD(ECAN_ERR_ORDER, ecan_igh_config_set_dc_source(config, ECAN_IGH_CLOCK_HOST));
+    BAD(ECAN_ERR_ORDER, ecan_igh_config_set_dc_reference(config, 0));
+    BAD(ECAN_ERR_ORDER, ecan_igh_config_set_dc_monitor(config, 1));
     GOOD(ecan_igh_check_config(config));
 }
 

@@ -9,6 +9,10 @@ static void no_context(int code, ecan_igh_context_t *context)
     static ecan_igh_config_t config;
     ecan_igh_diagnostics_t diagnostics;
     ecan_igh_domain_report_t report;
+    ecan_igh_clock_status_t clocks;
+    ecan_igh_cycle_start_t start;
+    ecan_igh_cycle_statistics_t statistics;
+    char text[64];
     ecan_igh_slave_state_t slave_state;
     ecan_igh_master_state_t master_state;
     ecan_igh_slave_info_t info;
@@ -31,6 +35,13 @@ static void no_context(int code, ecan_igh_context_t *context)
     BAD(code, ecan_igh_wait_next_cycle(context));
     NONE(code, 0, ecan_igh_now_ns(context));
     NONE(code, 0, ecan_igh_cycle_time_ns(context));
+    BAD(code, ecan_igh_get_clock_status(context, &clocks));
+    NONE(code, 0, ecan_igh_clock_correction_ns(context));
+    BAD(code, ecan_igh_set_cycle_timing(context, 100, 0));
+    BAD(code, ecan_igh_get_cycle_start(context, &start));
+    BAD(code, ecan_igh_measure_cycles(context));
+    BAD(code, ecan_igh_get_cycle_statistics(context, &statistics));
+    BAD(code, ecan_igh_get_cycle_statistics_text(context, text, sizeof(text)));
     BAD(code, ecan_igh_domain_is_complete(context));
     BAD(code, ecan_igh_get_domain_report(context, 0, &report));
     BAD(code, ecan_igh_get_rxpdo_buffer(context, 0, &rxpdo, &size));

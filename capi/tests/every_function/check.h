@@ -80,6 +80,7 @@ void test_pdo_parse(void);
 void test_adapter_config(void);
 void test_adapter_life(void);
 void test_adapter_cycle(void);
+void test_adapter_real_time(void);
 void test_adapter_sdo(void);
 void test_port_config(void);
 void test_port_life(void);

@@ -18,6 +18,8 @@ int main(void)
     test_cia402_motion();
     test_cia402_sdo();
     test_stop();
+    /* Last: it may raise the priority of the thread. */
+    test_adapter_real_time();
     if (check_failures() > 0) {
         fprintf(stderr, "every_function: %lu of %lu checks failed\n", check_failures(),
                 check_count());

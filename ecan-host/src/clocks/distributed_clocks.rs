@@ -21,7 +21,8 @@ pub struct ClockStatus {
     /// Upper estimate of the differences between the slaves' clocks as last measured, in
     /// nanoseconds. None before the first measurement.
     pub synchrony_ns: Option<u32>,
-    /// Cycles whose frame did not come back, so that the reference clock could not be read.
+    /// Cycles since the first reading whose frame did not come back, so that the reference clock
+    /// could not be read.
     pub missed_readings: u64,
 }
 
@@ -99,8 +100,7 @@ impl DistributedClocks {
             answering > 0 && answering >= std::mem::replace(&mut self.answering, answering);
         let Some(sent) = self.sent.take() else { return Ok(self.coast()) };
         if !is_back {
-            self.status.missed_readings += 1;
-            return Ok(self.coast());
+            return Ok(self.miss());
         }
         if sent.carries_monitor {
             let synchrony = master.sync_monitor_process();
@@ -109,10 +109,7 @@ impl DistributedClocks {
         let time = match master.reference_clock_time() {
             Ok(time) => time,
             // Not written yet, or gone with a scan that has just begun.
-            Err(Errno::EAGAIN | Errno::ENXIO | Errno::EIO) => {
-                self.status.missed_readings += 1;
-                return Ok(self.coast());
-            }
+            Err(Errno::EAGAIN | Errno::ENXIO | Errno::EIO) => return Ok(self.miss()),
             Err(errno) => {
                 return Err(CycleError::library("ecrt_master_reference_clock_time")(errno));
             }
@@ -126,6 +123,12 @@ impl DistributedClocks {
         }
         self.status.rate_ppb = self.pll.rate_ppb();
         Ok(correction)
+    }
+
+    fn miss(&mut self) -> i64 {
+        // Until the slaves answer for the first time there is nothing to miss.
+        self.status.missed_readings += u64::from(self.status.phase_error_ns.is_some());
+        self.coast()
     }
 
     fn coast(&mut self) -> i64 {

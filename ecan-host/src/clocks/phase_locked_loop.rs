@@ -23,22 +23,27 @@ pub(crate) struct PhaseLockedLoop {
     rate_ns: f64,
     /// Part of a nanosecond that no correction has carried yet.
     rest_ns: f64,
-    /// Mean size of the phase error.
-    mean_ns: f64,
+    /// Mean size of the phase error; none before the first.
+    mean_ns: Option<f64>,
 }
 
 impl PhaseLockedLoop {
     /// Unlocked, without a notion of the rate.
     pub(crate) fn new(cycle_ns: u32) -> Self {
         let cycle_ns = f64::from(cycle_ns);
-        Self { cycle_ns, rate_ns: 0.0, rest_ns: 0.0, mean_ns: cycle_ns }
+        Self { cycle_ns, rate_ns: 0.0, rest_ns: 0.0, mean_ns: None }
     }
 
     /// Takes the phase error of a cycle, positive where the host is late, and gives what is to be
-    /// added to the next deadline, in nanoseconds.
+    /// added to the next deadline, in nanoseconds. The first error is taken away at once: no slave
+    /// is in OP yet.
     pub(crate) fn update(&mut self, error_ns: i64) -> i64 {
         let error = error_ns as f64;
-        self.mean_ns += (error.abs() - self.mean_ns) / MEAN_OVER;
+        let Some(mean) = self.mean_ns else {
+            self.mean_ns = Some(self.cycle_ns);
+            return -error_ns;
+        };
+        self.mean_ns = Some(mean + (error.abs() - mean) / MEAN_OVER);
         let limit = self.cycle_ns * MAX_SHIFT;
         let wanted = -error * PROPORTIONAL;
         let shift = wanted.clamp(-limit, limit);
@@ -63,7 +68,7 @@ impl PhaseLockedLoop {
 
     /// Whether the phase errors have become small.
     pub(crate) fn is_locked(&self) -> bool {
-        self.mean_ns < self.cycle_ns * LOCKED
+        self.mean_ns.is_some_and(|mean| mean < self.cycle_ns * LOCKED)
     }
 
     /// How much faster the host's clock runs than the other, in parts per billion.
@@ -87,6 +92,7 @@ mod tests {
         lost: std::ops::Range<usize>,
     ) -> Vec<f64> {
         let mut pll = PhaseLockedLoop::new(CYCLE_NS);
+        pll.update(0);
         let (mut phase, mut pending) = (start_ns, 0);
         let mut errors = Vec::new();
         for cycle in 0..cycles {
@@ -133,8 +139,9 @@ mod tests {
     }
 
     #[test]
-    fn no_cycle_is_shifted_by_more_than_a_hundredth() {
+    fn but_for_the_first_no_cycle_is_shifted_by_more_than_a_hundredth() {
         let mut pll = PhaseLockedLoop::new(CYCLE_NS);
+        assert_eq!(pll.update(300_000), -300_000);
         assert_eq!(pll.update(500_000), -10_000);
         assert_eq!(pll.update(-500_000), 10_000);
     }

@@ -1,6 +1,9 @@
 //! Asking the system for each privilege, and saying in words why it refused.
 
+use std::fs::{File, OpenOptions};
 use std::hint::black_box;
+use std::io::Write;
+use std::sync::{Mutex, PoisonError};
 
 use ecrt_sys::{Errno, set_fifo_priority};
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
@@ -102,6 +105,27 @@ fn affinity_refusal(errno: nix::errno::Errno, cpus: &[usize]) -> Refusal {
                  sched_setaffinity"
             .into(),
     }
+}
+
+/// Where the kernel takes a limit for the processors' sleep states, in force while it is open.
+const WAKE_UP_DEVICE: &str = "/dev/cpu_dma_latency";
+static WAKE_UP_LIMIT: Mutex<Option<File>> = Mutex::new(None);
+
+/// Keeps the processors out of sleep states that take longer to leave.
+pub(super) fn limit_wake_up(latency_us: u32, need: Need) -> PrivilegeOutcome {
+    let limit = i32::try_from(latency_us).unwrap_or(i32::MAX);
+    let taken = OpenOptions::new().write(true).open(WAKE_UP_DEVICE).and_then(|mut device| {
+        device.write_all(&limit.to_ne_bytes())?;
+        *WAKE_UP_LIMIT.lock().unwrap_or_else(PoisonError::into_inner) = Some(device);
+        Ok(())
+    });
+    let refusal = taken.err().map(|error| Refusal {
+        cause: format!("{WAKE_UP_DEVICE}: {error}"),
+        remedy: "run as root or let a udev rule give the program's group write access to it; a \
+                 container needs it from its host"
+            .into(),
+    });
+    PrivilegeOutcome { privilege: Privilege::WakeUpLatency { latency_us }, need, refusal }
 }
 
 /// Puts the thread under SCHED_FIFO.

@@ -20,6 +20,11 @@ pub enum Privilege {
         /// The CPUs, counted from 0.
         cpus: Vec<usize>,
     },
+    /// No sleep state of a processor that takes longer to leave.
+    WakeUpLatency {
+        /// In microseconds.
+        latency_us: u32,
+    },
     /// SCHED_FIFO.
     Priority {
         /// Its priority, 1 to 99.
@@ -36,6 +41,9 @@ impl fmt::Display for Privilege {
             Self::Affinity { cpus } => {
                 f.write_str(if cpus.len() == 1 { "CPU " } else { "CPUs " })?;
                 write!(f, "{}", List(cpus))
+            }
+            Self::WakeUpLatency { latency_us } => {
+                write!(f, "processors that wake up within {latency_us} us")
             }
             Self::Priority { priority } => write!(f, "SCHED_FIFO priority {priority}"),
         }

@@ -83,6 +83,11 @@ pub struct RealTimeSettings {
     pub lock_memory: Option<usize>,
     /// Whether locked memory is needed.
     pub lock_memory_need: Need,
+    /// Keeps the processors of the machine out of sleep states that take longer than so many
+    /// microseconds to leave, for as long as the process lives; 0 is none at all. It costs power.
+    pub wake_up_latency_us: Option<u32>,
+    /// Whether that is needed.
+    pub wake_up_latency_need: Need,
     /// How the cycle is waited for; for
     /// [`Adapter::set_cycle_timing`](crate::Adapter::set_cycle_timing) or a
     /// [`CycleTimer`](crate::CycleTimer). [`apply`](Self::apply) only checks it.
@@ -112,8 +117,8 @@ impl RealTimeSettings {
         Faults::check(faults)
     }
 
-    /// Applies them to the calling thread, locked memory to its whole process, and tells what was
-    /// granted.
+    /// Applies them to the calling thread, locked memory to its whole process, the latency of
+    /// waking up to the machine, and tells what was granted.
     ///
     /// To be called once by the thread of the cycle, before the cycle and after threads were
     /// started that shall not inherit priority and affinity. Not real-time safe.
@@ -130,6 +135,9 @@ impl RealTimeSettings {
         }
         if let Some(cpus) = &self.cpus {
             outcomes.push(privileges::bind_to_cpus(cpus, self.cpus_need));
+        }
+        if let Some(latency_us) = self.wake_up_latency_us {
+            outcomes.push(privileges::limit_wake_up(latency_us, self.wake_up_latency_need));
         }
         // Last, so that the preparation is not done at a priority above everything else.
         if let Some(priority) = self.priority {

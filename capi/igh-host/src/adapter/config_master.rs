@@ -2,9 +2,7 @@
 
 use std::ffi::{c_char, c_int};
 
-use ecan_host::DcSync;
 use ecan_mcan_host::boundary::call;
-use ecan_mcan_host::common::result::ecan_result_t;
 
 use super::config::{AdapterPlain, ECAN_IGH_MAX_SLAVES, Text, ecan_igh_config_t};
 
@@ -153,61 +151,6 @@ pub unsafe extern "C" fn ecan_igh_config_set_cycle_us(
             let most = u32::MAX / 1000;
             call.argument("cycle_us", format_args!("{cycle_us} is not 1 to {most}"))
         })?;
-        Ok(())
-    })
-}
-
-/// Switches distributed clocks with Sync0 on (manual 8.4, 15.6). 15.6.1 lists proven phases.
-///
-/// @param cycle_us  Period of Sync0 in microseconds, a whole multiple of the cycle; 0 switches
-///                  distributed clocks off.
-/// @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
-///
-/// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT. Whether it fits the
-///          cycle is told by ecan_igh_check_config().
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_dc_sync0(
-    config: *mut ecan_igh_config_t,
-    cycle_us: u32,
-    shift_us: u32,
-) -> c_int {
-    call("ecan_igh_config_set_dc_sync0", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::open(call, config)? };
-        let ns = |name, us: u32| {
-            let most = u32::MAX / 1000;
-            us.checked_mul(1000)
-                .ok_or_else(|| call.argument(name, format_args!("{us} is above {most}")))
-        };
-        let (cycle_ns, shift_ns) = (ns("cycle_us", cycle_us)?, ns("shift_us", shift_us)?);
-        let assign_activate = config.dc.map(|dc| dc.assign_activate);
-        config.dc = (cycle_ns > 0).then(|| {
-            let dc = DcSync::new(cycle_ns, shift_ns);
-            DcSync { assign_activate: assign_activate.unwrap_or(dc.assign_activate), ..dc }
-        });
-        Ok(())
-    })
-}
-
-/// Sets the AssignActivate word of the slaves' distributed clocks; 0x0300 by default.
-///
-/// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER where distributed
-///          clocks are off.
-#[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_config_set_dc_assign_activate(
-    config: *mut ecan_igh_config_t,
-    word: u16,
-) -> c_int {
-    call("ecan_igh_config_set_dc_assign_activate", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let config = unsafe { AdapterPlain::open(call, config)? };
-        let Some(dc) = &mut config.dc else {
-            let words = format_args!("distributed clocks are off");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
-        };
-        dc.assign_activate = word;
         Ok(())
     })
 }

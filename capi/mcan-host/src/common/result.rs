@@ -78,6 +78,9 @@ pub enum ecan_result_t {
     ECAN_ERR_CANOPEN = -33,
     /// The application gave up waiting (ecan_igh_stop_waiting_when()).
     ECAN_ERR_STOPPED = -34,
+    /// The system does not grant what a real-time thread needs; ecan_last_error() says why and what
+    /// to do.
+    ECAN_ERR_PRIVILEGE = -35,
     /// A fault of the library itself. Please report it with the text of ecan_last_error().
     ECAN_ERR_INTERNAL = -99,
 }
@@ -143,6 +146,7 @@ results! {
     ECAN_ERR_AXES: "not every axis got there",
     ECAN_ERR_CANOPEN: "a CANopen service failed",
     ECAN_ERR_STOPPED: "the application gave up waiting",
+    ECAN_ERR_PRIVILEGE: "the system does not grant a privilege",
     ECAN_ERR_INTERNAL: "internal fault of the library",
 }
 
