@@ -9,6 +9,7 @@ use ecan_host::{
     Plan, PlanRefusal, PlanWarning,
 };
 use ecan_sim::EcrtVersion;
+use proptest::prelude::*;
 
 fn config(slaves: u16, multiplier: u8, cycle_us: u32) -> AdapterConfig {
     AdapterConfig::new(slaves).with_multiplier(multiplier).with_cycle_us(cycle_us)
@@ -183,6 +184,47 @@ fn scheduled_frames_have_a_margin() {
     assert_eq!(plan.judge_schedule(0, 50_000, 600_000), Ok(vec![thin, small]));
     let beyond = PlanRefusal::ScheduleBeyondPeriod { offset_ns: 1_000_000, sync0_ns: 1_000_000 };
     assert_eq!(plan.judge_schedule(0, 1_000_000, 0), Err(beyond));
+}
+
+proptest! {
+    /// Every configuration has a plan; frames hold all datagrams in their order, and no more than
+    /// Ethernet lets.
+    #[test]
+    fn any_configuration_has_a_plan(
+        sizes in prop::collection::vec((any::<u8>(), any::<u8>()), 0..8),
+        cycle_ns: u32,
+        dc: Option<(u32, u32)>,
+        allow_large_pdos: bool,
+        (offset_ns, send_after_ns) in any::<(u32, u64)>(),
+    ) {
+        let mut config = AdapterConfig::new(sizes.len() as u16);
+        for (slave, (rx, tx)) in config.slaves.iter_mut().zip(&sizes) {
+            (slave.rx_multiplier, slave.tx_multiplier) = (*rx, *tx);
+        }
+        (config.cycle_ns, config.allow_large_pdos) = (cycle_ns, allow_large_pdos);
+        config.dc = dc.map(|(cycle, shift)| DcSync::new(cycle, shift));
+        let plan = Plan::of(&config);
+        let bytes: usize = sizes.iter().map(|(rx, tx)| 128 * (*rx as usize + *tx as usize)).sum();
+        let is_clock = |purpose| purpose == DatagramUse::Clock;
+        let carried = plan.datagrams().filter(|d| !is_clock(d.purpose));
+        prop_assert_eq!(carried.map(|d| d.data_bytes).sum::<usize>(), bytes);
+        prop_assert!(plan.frames.iter().all(|f| (84..=1538).contains(&f.wire_bytes())));
+        let slaves: Vec<_> = plan
+            .datagrams()
+            .filter_map(|d| match d.purpose {
+                DatagramUse::ProcessData { slave, .. } => Some(slave),
+                DatagramUse::Clock => None,
+            })
+            .collect();
+        prop_assert!(slaves.is_sorted());
+        if let Some(Ok(margin)) = plan.schedule_margin(0, offset_ns, send_after_ns) {
+            let period = u64::from(config.dc.unwrap().cycle_ns);
+            prop_assert!(margin.pulse_ns > margin.arrives_ns);
+            prop_assert!((margin.pulse_ns - u64::from(config.dc.unwrap().shift_ns)) % period == 0);
+        }
+        // What the plan refuses the check refuses, unless a plainer fault is the cause.
+        prop_assert!(plan.refusals.is_empty() || config.check().is_err());
+    }
 }
 
 // Against the simulated master

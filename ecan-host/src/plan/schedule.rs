@@ -36,19 +36,20 @@ impl ScheduleMargin {
         // infallible: the period is above the offset, so not 0
         let period = u64::from(dc.cycle_ns).max(1);
         let first = u64::from(dc.shift_ns);
-        let passed = (arrives_ns + period).saturating_sub(first) / period;
-        let pulse_ns = first + passed * period;
-        Ok(Self { slave, arrives_ns, pulse_ns, leaves_ns: pulse_ns + u64::from(offset_ns) })
+        let passed = arrives_ns.saturating_add(period).saturating_sub(first) / period;
+        let pulse_ns = passed.saturating_mul(period).saturating_add(first);
+        let leaves_ns = pulse_ns.saturating_add(offset_ns.into());
+        Ok(Self { slave, arrives_ns, pulse_ns, leaves_ns })
     }
 
     /// Nanoseconds by which an image may come later without missing its Sync0 pulse.
     pub fn to_pulse_ns(&self) -> u64 {
-        self.pulse_ns - self.arrives_ns
+        self.pulse_ns.saturating_sub(self.arrives_ns)
     }
 
     /// Nanoseconds between the arrival and the phase.
     pub fn to_phase_ns(&self) -> u64 {
-        self.leaves_ns - self.arrives_ns
+        self.leaves_ns.saturating_sub(self.arrives_ns)
     }
 
     pub(super) fn warning(&self, sync0_ns: u32) -> Option<PlanWarning> {
