@@ -9,7 +9,9 @@ use ecan_mcan_port::{
     ChannelSettings, CpuCost, FrameRate, FrameStream, FrameWay, GatewayConfig, ImageFill,
     PortConfig, PortConfigFault, PortPlan, PortRefusal, PortWarning, SendError, Traffic,
 };
-use ecan_protocol::{BudgetPolicy, CanFrame, CanId, Direction, EncapsulationProfile, OptionFlags};
+use ecan_protocol::{
+    BudgetPolicy, CanFrame, CanId, Direction, EncapsulationProfile, OptionFlags, Schedule,
+};
 
 const EVERY_CYCLE: FrameRate = FrameRate::PerCycle(1);
 
@@ -341,5 +343,33 @@ fn the_measured_load_lies_within_the_planned_one() {
         assert_eq!(measured.frames - before.frames, 1_000);
         let share = (measured.busy_ns - before.busy_ns) as f64 / 500e6;
         assert!(load.least - 1e-6 <= share && share <= load.most + 1e-6, "{share}: {load:?}");
+    }
+}
+
+/// The simulated gateway releases scheduled frames when the plan says, to the microsecond.
+#[test]
+fn scheduled_frames_leave_when_the_plan_says() {
+    for (shift_us, offset_us) in [(500, 100), (700, 100), (700, 350), (900, 0)] {
+        let mut adapter = adapter(3);
+        adapter.dc = Some(DcSync::new(1_000_000, shift_us * 1_000));
+        let config = one_channel(classic());
+        let offset_ns = offset_us * 1_000;
+        let plan = PortPlan::of(&adapter, &config, &[]).ethercat;
+        let planned = plan.schedule_margin(0, offset_ns, 0).unwrap().unwrap().leaves_ns;
+        let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+        bench.cycle(|port| {
+            let schedule = Schedule { tag: 1, offset_ns };
+            port.schedule_can(0, 0, CanId::standard(1).unwrap(), &[1], schedule).unwrap();
+        });
+        let released = |bench: &Bench| {
+            bench.simulation.with_world(|world| world.truth(0).unwrap().frames_released)
+        };
+        let mut passed_us = 0;
+        while released(&bench) == 0 {
+            assert!(passed_us < 3_000, "it never left");
+            bench.simulation.pass_ns(1_000);
+            passed_us += 1;
+        }
+        assert_eq!(passed_us * 1_000, planned, "shift {shift_us} us, offset {offset_us} us");
     }
 }
