@@ -35,7 +35,7 @@ pub enum PortRefusal {
     },
     /// The frames take more than the whole bus.
     #[error(
-        "slave {slave}, channel {channel}: the frames take {} to {} % of the bus, by their stuff \
+        "slave {slave}, channel {channel}: the frames take {} to {} % of the bus, depending on stuff \
          bits: send fewer or shorter ones, lengthen the cycle, raise the bit rate, or spread them \
          over channels",
         least_percent,
