@@ -4,8 +4,8 @@ use ecan_protocol::MAX_MULTIPLIER;
 use thiserror::Error;
 
 use crate::config::{AdapterConfig, SlaveSettings};
-use crate::domain_layout::{self, DomainLayout, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 use crate::faults::Faults;
+use crate::plan::{Plan, PlanRefusal};
 
 /// Shortest cycle that is accepted, in nanoseconds.
 const MIN_CYCLE_NS: u32 = 100_000;
@@ -41,22 +41,6 @@ pub enum ConfigFault {
         /// The N asked for.
         multiplier: u8,
     },
-    /// N that one datagram cannot carry, without the permission for it.
-    #[error(
-        "slave {slave}: {pdo} size N = {multiplier} needs {} bytes, but the IgH master puts a sync \
-         manager into one datagram of at most {MAX_DATAGRAM_BYTES} bytes, so N is at most \
-         {MAX_PLAIN_MULTIPLIER}; a larger one would activate and then block the whole bus. Set the \
-         large-PDO permission only if the installed master segments process data",
-        usize::from(*multiplier) * 128
-    )]
-    LargePdo {
-        /// Slave index.
-        slave: usize,
-        /// "RxPDO" or "TxPDO".
-        pdo: &'static str,
-        /// The N asked for.
-        multiplier: u8,
-    },
     /// Cycle outside what a slave and the master can hold.
     #[error(
         "cycle of {} us is outside {}..{} us",
@@ -66,19 +50,9 @@ pub enum ConfigFault {
         /// The cycle asked for, in nanoseconds.
         cycle_ns: u32,
     },
-    /// The process data leave no room for mailbox traffic, so that no slave would ever reach OP.
-    #[error(
-        "process data of {needed} bytes per cycle with mailbox do not fit a cycle of {} us, which \
-         carries {available} bytes: use a smaller N or a longer cycle", cycle_ns / 1000
-    )]
-    Bandwidth {
-        /// Bytes needed per cycle, with one mailbox transfer.
-        needed: usize,
-        /// Bytes that the cycle carries.
-        available: usize,
-        /// The cycle, in nanoseconds.
-        cycle_ns: u32,
-    },
+    /// The [`Plan`] finds that it would not work on the wire.
+    #[error(transparent)]
+    Plan(PlanRefusal),
     /// Sync0 period that is no multiple of the cycle.
     #[error(
         "Sync0 period of {} us is not a whole multiple of the cycle of {} us",
@@ -143,6 +117,7 @@ impl AdapterConfig {
             self.check_slave(index, slave, &mut faults);
         }
         self.check_cycle(&mut faults);
+        self.check_plan(&mut faults);
         Faults::check(faults)
     }
 
@@ -161,8 +136,6 @@ impl AdapterConfig {
         for (pdo, multiplier) in [("RxPDO", slave.rx_multiplier), ("TxPDO", slave.tx_multiplier)] {
             if multiplier == 0 || multiplier > MAX_MULTIPLIER {
                 faults.push(ConfigFault::Multiplier { slave: index, pdo, multiplier });
-            } else if multiplier > MAX_PLAIN_MULTIPLIER && !self.allow_large_pdos {
-                faults.push(ConfigFault::LargePdo { slave: index, pdo, multiplier });
             }
         }
         if slave.identity.is_some_and(|id| id.vendor_id == 0 || id.product_code == 0) {
@@ -181,13 +154,6 @@ impl AdapterConfig {
             faults.push(ConfigFault::Cycle { cycle_ns: self.cycle_ns });
             return;
         }
-        let needed = domain_layout::bytes_with_mailbox(
-            self.slaves.iter().map(|s| DomainLayout::new(s.rx_multiplier, s.tx_multiplier)),
-        );
-        let available = domain_layout::bytes_per_cycle(self.cycle_ns);
-        if needed > available {
-            faults.push(ConfigFault::Bandwidth { needed, available, cycle_ns: self.cycle_ns });
-        }
         if let Some(dc) = self.dc {
             if dc.cycle_ns == 0 || dc.cycle_ns % self.cycle_ns != 0 {
                 faults.push(ConfigFault::Sync0Cycle {
@@ -204,6 +170,17 @@ impl AdapterConfig {
                 faults.push(ConfigFault::ReferenceClock { reference, slaves });
             }
         }
+    }
+
+    /// What the plan refuses, as far as it is not the consequence of a fault found before.
+    fn check_plan(&self, faults: &mut Vec<ConfigFault>) {
+        let is_real_size = |multiplier| (1..=MAX_MULTIPLIER).contains(&multiplier);
+        let has_cycle = (MIN_CYCLE_NS..=MAX_CYCLE_NS).contains(&self.cycle_ns);
+        let counts = |refusal: &PlanRefusal| match refusal {
+            PlanRefusal::LargePdo { multiplier, .. } => is_real_size(*multiplier),
+            _ => has_cycle,
+        };
+        faults.extend(Plan::of(self).refusals.into_iter().filter(counts).map(ConfigFault::Plan));
     }
 }
 
@@ -240,10 +217,36 @@ mod tests {
 
     #[test]
     fn process_data_must_leave_room_for_the_mailbox() {
-        let config = AdapterConfig::new(3).with_multiplier(11).with_cycle_us(500);
+        let refused = |slaves, multiplier, cycle_us| {
+            let config =
+                AdapterConfig::new(slaves).with_multiplier(multiplier).with_cycle_us(cycle_us);
+            config.check().unwrap_err().0
+        };
         assert!(matches!(
-            config.check().unwrap_err().0.as_slice(),
-            [ConfigFault::Bandwidth { .. }]
+            refused(3, 11, 500).as_slice(),
+            [ConfigFault::Plan(PlanRefusal::WireTime { wire_ns: 700_800, cycle_ns: 500_000 })]
         ));
+        assert!(matches!(
+            refused(3, 11, 800).as_slice(),
+            [ConfigFault::Plan(PlanRefusal::MailboxStarved {
+                needed: 9_324,
+                available: 9_000,
+                ..
+            })]
+        ));
+    }
+
+    #[test]
+    fn a_fault_is_not_reported_by_its_consequences() {
+        let mut config = AdapterConfig::new(1).with_cycle_us(0);
+        config.slaves[0].rx_multiplier = 200;
+        let faults = config.check().unwrap_err().0;
+        assert!(
+            matches!(
+                faults.as_slice(),
+                [ConfigFault::Multiplier { multiplier: 200, .. }, ConfigFault::Cycle { .. }]
+            ),
+            "{faults:?}"
+        );
     }
 }

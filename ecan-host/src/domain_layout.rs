@@ -1,4 +1,6 @@
-//! How the master packs a slave's process data into datagrams, and what follows from it.
+//! How the master packs a slave's process data into datagrams.
+
+use std::fmt;
 
 use ecan_protocol::CHUNK_BYTES;
 
@@ -8,12 +10,26 @@ pub const MAX_DATAGRAM_BYTES: usize = 1486;
 /// Largest N of one direction that fits one datagram: 11 * 128 = 1408 bytes.
 pub const MAX_PLAIN_MULTIPLIER: u8 = (MAX_DATAGRAM_BYTES / CHUNK_BYTES) as u8;
 
-/// Bytes on the wire for each datagram beside its data: datagram header, working counter, and the
-/// share of Ethernet frame, preamble and gap when it fills a frame of its own.
-const DATAGRAM_OVERHEAD: usize = 12 + 2 + 18 + 20;
+/// What a datagram does with the process data of a slave.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum LogicalCommand {
+    /// Writes the RxPDO and reads the TxPDO.
+    ReadWrite,
+    /// Writes the RxPDO.
+    Write,
+    /// Reads the TxPDO.
+    Read,
+}
 
-/// Room that a mailbox transfer needs in a cycle beside the process data.
-const MAILBOX_BYTES: usize = 512 + DATAGRAM_OVERHEAD;
+impl fmt::Display for LogicalCommand {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::ReadWrite => "LRW",
+            Self::Write => "LWR",
+            Self::Read => "LRD",
+        })
+    }
+}
 
 /// Layout of one gateway's domain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -47,31 +63,31 @@ impl DomainLayout {
         if self.is_single_datagram() || version < (1, 6) { 3 } else { 2 }
     }
 
-    /// Number of datagrams per cycle.
-    pub fn datagrams(&self) -> usize {
-        if self.is_single_datagram() { 1 } else { 2 }
+    /// The datagrams of a cycle in their order, with the bytes of data of each. A direction that
+    /// exceeds one datagram (N of 12 and more) is taken as a segmenting master would send it. The
+    /// 1.5 release has LRW where this says LWR; sizes are the same.
+    pub fn datagrams(&self) -> impl Iterator<Item = (LogicalCommand, usize)> + use<> {
+        let Self { rx_bytes, tx_bytes } = *self;
+        let parts = if self.is_single_datagram() {
+            [(LogicalCommand::ReadWrite, rx_bytes + tx_bytes), (LogicalCommand::Read, 0)]
+        } else {
+            [(LogicalCommand::Write, rx_bytes), (LogicalCommand::Read, tx_bytes)]
+        };
+        parts.into_iter().flat_map(|(command, bytes)| {
+            (0..bytes)
+                .step_by(MAX_DATAGRAM_BYTES)
+                .map(move |start| (command, (bytes - start).min(MAX_DATAGRAM_BYTES)))
+        })
     }
-
-    /// Bytes on the wire per cycle, frame overhead included.
-    pub fn wire_bytes(&self) -> usize {
-        self.rx_bytes + self.tx_bytes + self.datagrams() * DATAGRAM_OVERHEAD
-    }
-}
-
-/// Bytes per cycle that the process data of all slaves and one mailbox transfer need.
-pub(crate) fn bytes_with_mailbox(slaves: impl Iterator<Item = DomainLayout>) -> usize {
-    slaves.map(|c| c.wire_bytes()).sum::<usize>() + MAILBOX_BYTES
-}
-
-/// Bytes that the master lets through in a cycle of `cycle_ns` before it holds mailbox traffic
-/// back: about 11.25 bytes per microsecond, 90 % of 100 Mbit/s.
-pub(crate) fn bytes_per_cycle(cycle_ns: u32) -> usize {
-    (u64::from(cycle_ns) * 1125 / 100_000) as usize
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn datagrams(rx: u8, tx: u8) -> Vec<(LogicalCommand, usize)> {
+        DomainLayout::new(rx, tx).datagrams().collect()
+    }
 
     #[test]
     fn eleven_chunks_are_the_limit() {
@@ -80,14 +96,19 @@ mod tests {
 
     #[test]
     fn five_chunks_each_way_share_a_datagram_and_six_do_not() {
+        use LogicalCommand::{Read, ReadWrite, Write};
         assert!(DomainLayout::new(5, 5).is_single_datagram());
+        assert_eq!(datagrams(5, 5), [(ReadWrite, 1280)]);
         assert!(!DomainLayout::new(6, 6).is_single_datagram());
+        assert_eq!(datagrams(6, 6), [(Write, 768), (Read, 768)]);
         assert!(DomainLayout::new(10, 1).is_single_datagram());
-        assert_eq!(DomainLayout::new(11, 1).datagrams(), 2);
+        assert_eq!(datagrams(11, 1), [(Write, 1408), (Read, 128)]);
     }
 
     #[test]
-    fn a_millisecond_carries_11250_bytes() {
-        assert_eq!(bytes_per_cycle(1_000_000), 11_250);
+    fn a_segmenting_master_splits_what_is_too_large() {
+        use LogicalCommand::{Read, Write};
+        assert_eq!(datagrams(12, 1), [(Write, 1486), (Write, 50), (Read, 128)]);
+        assert_eq!(datagrams(0, 0), []);
     }
 }

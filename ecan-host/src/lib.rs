@@ -6,6 +6,8 @@
 //! and leaves a bus that only waits for [`Adapter::activate`]. In the cycle [`Adapter::receive`]
 //! and [`Adapter::send`] exchange the process images (manual 15.5).
 //!
+//! [`Plan`] tells beforehand what a configuration costs on the wire.
+//!
 //! Nothing here starts a thread or sleeps in the data path: the application owns the cycle.
 //! [`RealTimeSettings`] and [`CycleStatistics`] help it to keep it (manual 13.9).
 #![deny(missing_docs)]
@@ -27,6 +29,7 @@ mod identification;
 mod mapping;
 mod operation;
 mod operation_report;
+mod plan;
 mod process_image;
 mod real_time;
 mod requests;
@@ -40,11 +43,15 @@ pub use config_check::ConfigFault;
 pub use cycle::{CycleError, Delivery, DomainReport};
 pub use diagnose::run_beside;
 pub use diagnostics::Diagnostics;
-pub use domain_layout::{DomainLayout, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
+pub use domain_layout::{DomainLayout, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 pub use error::{Error, SdoDirection, value_words};
 pub use faults::Faults;
 pub use operation::{OpProgress, OpWait};
 pub use operation_report::{NotOperational, SlaveReport};
+pub use plan::{
+    BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, EthernetFrame, FRAME_OVERHEAD_BYTES,
+    MailboxRoom, Plan, PlanRefusal, PlanWarning, RECOMMENDED_OFFSET_NS, ScheduleMargin, SlavePlan,
+};
 pub use real_time::{
     CycleStart, CycleStatistics, CycleTimer, CycleTiming, Distribution, MAX_SPIN_NS,
     MAX_STACK_PREFAULT_BYTES, Need, OverrunPolicy, Privilege, PrivilegeOutcome, RealTimeError,

@@ -2,12 +2,13 @@
 
 use ecan_host::{AdapterConfig, ConfigFault, Faults};
 use ecan_protocol::{
-    CHANNELS, ChannelFault, DATA_PATH_BUDGET_MAX, DataPathFault, Direction, FilterFault,
-    OptionFlags, ProfileError, check_filters,
+    CHANNELS, ChannelFault, DataPathFault, Direction, FilterFault, OptionFlags, ProfileError,
+    check_filters,
 };
 use thiserror::Error;
 
 use crate::config::{GatewayConfig, PortConfig, Traffic};
+use crate::plan::{PortRefusal, budget};
 
 /// One thing that is wrong with the configuration of a Port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -71,21 +72,9 @@ pub enum PortConfigFault {
         /// What is wrong.
         fault: DataPathFault,
     },
-    /// More traffic than the gateway serves in a cycle.
-    #[error(
-        "slave {slave}, channel {channel}: {received} received and {sent} sent frames per cycle \
-         are expected, the gateway serves at most {DATA_PATH_BUDGET_MAX} of each (manual 13.2.2)"
-    )]
-    Traffic {
-        /// Slave index.
-        slave: usize,
-        /// The channel.
-        channel: u8,
-        /// Frames received per cycle.
-        received: u8,
-        /// Frames sent per cycle.
-        sent: u8,
-    },
+    /// The [`PortPlan`](crate::PortPlan) finds that it would not work.
+    #[error(transparent)]
+    Plan(PortRefusal),
     /// A filter that the channel cannot have.
     #[error("slave {slave}, channel {channel}: {fault}")]
     Filter {
@@ -167,9 +156,8 @@ fn check_channels(slave: usize, gateway: &GatewayConfig, faults: &mut Vec<PortCo
             .data_path
             .check(&mut |fault| faults.push(PortConfigFault::DataPath { slave, channel, fault }));
         let Traffic { received, sent } = settings.traffic;
-        if received > DATA_PATH_BUDGET_MAX || sent > DATA_PATH_BUDGET_MAX {
-            faults.push(PortConfigFault::Traffic { slave, channel, received, sent });
-        }
+        let unserved = budget::refusal((slave, channel), received.into(), sent.into());
+        faults.extend(unserved.map(PortConfigFault::Plan));
         check_filters(
             &settings.can,
             &settings.standard_filters,

@@ -10,6 +10,8 @@
 //! port.cycle_end()              padding, CRC, header, sequence last; queue and send
 //! ```
 //!
+//! [`PortPlan`] tells beforehand what a configuration costs for a given traffic.
+//!
 //! Between `cycle_begin` and `cycle_end` nothing allocates, locks or panics.
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]
@@ -19,6 +21,7 @@ mod config;
 mod config_check;
 mod cycle;
 mod error;
+mod plan;
 mod port;
 mod received;
 mod receiver;
@@ -37,6 +40,10 @@ pub use config::{ChannelSettings, GatewayConfig, PortConfig, Traffic};
 pub use config_check::PortConfigFault;
 pub use cycle::{CycleReport, ImageReport};
 pub use error::PortError;
+pub use plan::{
+    ChannelLoad, ChannelPlan, CpuCost, FrameRate, FrameStream, FrameWay, GatewayPlan, ImageFill,
+    ImagePlan, PortPlan, PortRefusal, PortWarning,
+};
 pub use port::Port;
 pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
 pub use send::{

@@ -4,7 +4,7 @@
 mod common;
 
 use common::{Bench, classic, frame, frames_of, id};
-use ecan_host::{AdapterConfig, ConfigFault};
+use ecan_host::{AdapterConfig, ConfigFault, PlanRefusal};
 use ecan_mcan_port::{
     ChannelSettings, GatewayConfig, NoRoom, PortConfig, PortConfigFault, PortError, ReceiveSource,
     SendError, SendOptions, TransmitFrame, TransmitHint,
@@ -74,7 +74,8 @@ fn twelve_chunks_and_more_need_a_master_that_carries_them() {
         assert!(
             matches!(
                 faults.0[0],
-                PortConfigFault::Adapter(ConfigFault::LargePdo { multiplier, .. }) if multiplier == n
+                PortConfigFault::Adapter(ConfigFault::Plan(PlanRefusal::LargePdo { multiplier, .. }))
+                    if multiplier == n
             ),
             "{faults}"
         );

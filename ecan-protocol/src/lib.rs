@@ -43,6 +43,7 @@ mod crc;
 mod diagnosis;
 mod dlc;
 mod frame;
+mod frame_bits;
 mod header;
 mod mapping;
 mod packet;
@@ -61,6 +62,7 @@ pub use crc::{crc16, crc16_is_accelerated, crc16_portable};
 pub use diagnosis::{ImageFault, ParseDiagnosis, PdoError};
 pub use dlc::Dlc;
 pub use frame::{CanFrame, FrameError, FrameKind, FrameRef};
+pub use frame_bits::FrameBits;
 pub use header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, HeaderFlags, VER_IHL};
 pub use mapping::{
     CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES, MAX_MULTIPLIER, MAX_PACKETS, MAX_PDO_BYTES,

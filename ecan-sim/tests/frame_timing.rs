@@ -6,7 +6,7 @@ mod naive;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use ecan_protocol::{CanFrame, CanId, Dlc, FrameKind};
+use ecan_protocol::{CanFrame, CanId, Dlc, FrameBits, FrameKind};
 use ecan_sim::{FrameTiming, INTERMISSION_BITS, WireFrame};
 use proptest::prelude::*;
 
@@ -194,6 +194,19 @@ proptest! {
         let total = FrameTiming::of(&frame).total_bits();
         prop_assert!(total >= least);
         prop_assert!(total <= least + (stuffed - 1) / 4);
+    }
+
+    /// The host plans with bounds that hold in each phase by itself, intermission included.
+    #[test]
+    fn the_hosts_bounds_hold_in_each_phase(frame in any_frame()) {
+        let exact = FrameTiming::of(&frame);
+        let nominal = u32::from(exact.nominal_bits) + INTERMISSION_BITS;
+        let data = u32::from(exact.data_bits);
+        let (least, most) = (FrameBits::least(frame.as_ref()), FrameBits::most(frame.as_ref()));
+        prop_assert!(least.nominal <= nominal && nominal <= most.nominal);
+        prop_assert!(least.data <= data && data <= most.data);
+        // Without their stuff bits they are alike.
+        prop_assert_eq!(least.total(), nominal + data - u32::from(exact.stuff_bits));
     }
 }
 

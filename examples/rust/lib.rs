@@ -14,6 +14,7 @@ pub mod motion;
 mod motion_table;
 pub mod object_value;
 pub mod open;
+pub mod plan;
 pub mod plot;
 pub mod progress;
 pub mod real_time;

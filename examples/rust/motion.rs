@@ -6,7 +6,7 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use clap::Args;
-use ecan_cia402::{AxisProgress, AxisSettings, Cia402, Cia402Settings, LoadWarning};
+use ecan_cia402::{AxisProgress, AxisSettings, Cia402, Cia402Settings, LoadWarning, axis_traffic};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Traffic};
 use ecan_protocol::{CHANNELS, EncapsulationProfile, OptionFlags};
@@ -15,6 +15,7 @@ use crate::backend::{self, Wishes};
 use crate::interrupt::Interrupt;
 use crate::motion_table;
 use crate::open::{Configure, open};
+use crate::plan;
 use crate::plot::Plot;
 use crate::progress;
 
@@ -70,6 +71,9 @@ pub struct MotionArguments {
     /// Shift of Sync0 in microseconds.
     #[arg(long, value_name = "US", default_value_t = 0)]
     pub dc_shift_us: u32,
+    /// Print what the configuration costs, with what speaks against it, and end; touches no bus.
+    #[arg(long)]
+    pub plan: bool,
     /// Draw target and actual position of every axis.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
@@ -197,15 +201,20 @@ pub fn run(
     extent: Extent,
     axes: Vec<AxisSettings>,
 ) -> Result<bool, Box<dyn Error>> {
-    let interrupt = Interrupt::install()?;
     let axes: Vec<AxisSettings> =
         axes.into_iter().map(|axis| axis.with_target_step(arguments.step)).collect();
+    let settings = Cia402Settings { motion_div: arguments.motion_div, ..Cia402Settings::default() };
+    if arguments.plan {
+        let (adapter, config) = configuration(arguments, extent, &axes)?;
+        plan::print(&adapter, &config, &axis_traffic(&axes, &settings))?;
+        return Ok(true);
+    }
+    let interrupt = Interrupt::install()?;
     let Some(mut port) = open_port(arguments, extent, &axes, &interrupt)? else {
         println!("stopped by the user");
         return Ok(true);
     };
     println!("{} gateway(s) in service", port.slave_count());
-    let settings = Cia402Settings { motion_div: arguments.motion_div, ..Cia402Settings::default() };
     let mut cia402 = Cia402::new(&port, axes, settings)?;
     print_loads(&cia402, &port);
 

@@ -4,6 +4,7 @@
 //! ```text
 //! simple_loop --ecrt sim
 //! simple_loop --ecrt sim --replay drive.log --dump back.log
+//! simple_loop --plan --slaves 3 --pdo-n 5 --cycle-us 1000 --channel all
 //! ```
 
 use std::error::Error;
@@ -17,6 +18,7 @@ use ecan_examples::check::Check;
 use ecan_examples::interrupt::Interrupt;
 use ecan_examples::log_file::{self, LoggedFrame};
 use ecan_examples::open::{Configure, open};
+use ecan_examples::plan;
 use ecan_examples::progress;
 use ecan_examples::real_time::{self, RealTimeArguments};
 use ecan_examples::source::{Channels, Source};
@@ -91,6 +93,9 @@ struct Arguments {
     /// Run a simulation in wall-clock time instead of as fast as the machine goes.
     #[arg(long)]
     real_time: bool,
+    /// Print what the configuration costs, with what speaks against it, and end; touches no bus.
+    #[arg(long)]
+    plan: bool,
     #[command(flatten)]
     thread: RealTimeArguments,
 }
@@ -170,6 +175,12 @@ fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port
 /// Runs the loop; false when a recording did not come back as it was sent.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let mut source = source(arguments)?;
+    if arguments.plan {
+        let (adapter, config) = configuration(arguments);
+        let traffic = source.traffic(adapter.slaves.len(), arguments.channel)?;
+        plan::print(&adapter, &config, &traffic)?;
+        return Ok(true);
+    }
     let interrupt = Interrupt::install()?;
     let Some(mut port) = open_port(arguments, &interrupt)? else {
         println!("stopped by the user");

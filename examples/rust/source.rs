@@ -1,6 +1,6 @@
 //! The frames that a loop sends: a counter, or a recording.
 
-use ecan_mcan_port::{Port, SendError};
+use ecan_mcan_port::{FrameRate, FrameStream, Port, SendError};
 use ecan_protocol::{CHANNELS, CanFrame, CanId};
 
 use crate::log_file::LoggedFrame;
@@ -84,6 +84,50 @@ impl Source {
         Some(next.time_ns.saturating_sub(first.time_ns))
     }
 
+    /// The frames for a plan: each goes out and comes back. Those of a recording are spread over
+    /// its length.
+    ///
+    /// # Errors
+    /// A counter frame that is none.
+    pub fn traffic(
+        &self,
+        slaves: usize,
+        channels: Channels,
+    ) -> Result<Vec<FrameStream>, SendError> {
+        let mut sent = Vec::new();
+        match self {
+            Self::Counter { id, is_fd, .. } => {
+                let frame = counter_frame(*id, *is_fd, 0)?;
+                for slave in 0..slaves {
+                    let used = (0..CHANNELS as u8).filter(|c| channels.contains(*c));
+                    sent.extend(used.map(|channel| {
+                        FrameStream::to_bus(slave, channel, frame, FrameRate::PerCycle(1))
+                    }));
+                }
+            }
+            Self::Recording { frames, .. } => {
+                let ends = frames.first().zip(frames.last());
+                let seconds = ends.map_or(0.0, |(first, last)| {
+                    last.time_ns.saturating_sub(first.time_ns) as f64 / 1e9
+                });
+                for (place, frame, count) in kinds(frames, channels, slaves) {
+                    let (slave, channel) = (place / CHANNELS, (place % CHANNELS) as u8);
+                    let rate = if seconds > 0.0 {
+                        FrameRate::PerSecond(f64::from(count) / seconds)
+                    } else {
+                        FrameRate::PerCycle(count)
+                    };
+                    sent.push(FrameStream::to_bus(slave, channel, frame, rate));
+                }
+            }
+        }
+        let back: Vec<_> = sent
+            .iter()
+            .map(|s| FrameStream::from_bus(s.slave, s.channel, s.frame, s.rate))
+            .collect();
+        Ok([sent, back].concat())
+    }
+
     /// Sends what is due `elapsed_ns` after the start and reports each frame to `sent` with its
     /// channel, counted over all gateways. A frame for which there is no room waits for the next
     /// cycle, and with it all that come after it, so that their order holds.
@@ -139,6 +183,23 @@ fn counter_frame(id: CanId, is_fd: bool, count: u64) -> Result<CanFrame, SendErr
         CanFrame::classic(id, &data[..8])
     };
     frame.map_err(SendError::from)
+}
+
+/// Frames of one length and format on a channel, counted over all gateways: the first of them, and
+/// how many there are.
+fn kinds(frames: &[LoggedFrame], channels: Channels, slaves: usize) -> Vec<(usize, CanFrame, u32)> {
+    let alike = |a: &CanFrame, b: &CanFrame| {
+        (a.kind(), a.len(), a.id().is_extended()) == (b.kind(), b.len(), b.id().is_extended())
+    };
+    let mut kinds: Vec<(usize, CanFrame, u32)> = Vec::new();
+    for LoggedFrame { frame, interface, .. } in frames {
+        let to = place(channels, slaves, interface);
+        match kinds.iter_mut().find(|(place, first, _)| *place == to && alike(first, frame)) {
+            Some((_, _, count)) => *count += 1,
+            None => kinds.push((to, *frame, 1)),
+        }
+    }
+    kinds
 }
 
 /// `canN` of a recording goes to channel N over all gateways when all are used.

@@ -10,7 +10,7 @@ use super::axis_core::Axis;
 use super::channel_watch::GatewayWatch;
 use super::error::{AxisFaults, Cia402Error, ScheduleError};
 use super::guard_terms::GuardState;
-use super::load::{BusLoad, channel_load};
+use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
 use super::settings::AxisSettings;
 use super::shutdown::Shutdown;
@@ -294,20 +294,14 @@ impl Cia402 {
             .collect();
         channels.sort_unstable();
         channels.dedup();
+        let axes = self.axes.iter().map(|a| (a.settings.address, a.settings.pdo_number, a.layout));
+        let offset_ns = self.target_options.schedule.map(|schedule| schedule.offset_ns);
+        let streams = process_data(axes, &self.sync, self.motion_div, offset_ns);
         let cycle_ns = port.adapter().config().cycle_ns;
-        let sync_cycles = self.sync.every_cycles.max(1);
         let load = |place: (usize, u8)| {
             let gateway = port.config().gateways.get(place.0)?;
             let channel = gateway.channels.get(usize::from(place.1))?.as_ref()?;
-            let lengths = self
-                .axes
-                .iter()
-                .filter(|a| (a.settings.address.slave, a.settings.address.channel) == place)
-                .map(|axis| {
-                    axis.layout.rpdo_entries().iter().map(|e| u32::from(e.bits)).sum::<u32>() / 8
-                });
-            let cycles = (self.motion_div, sync_cycles);
-            Some(channel_load(place, lengths, cycles, cycle_ns, channel.can.nominal_bitrate))
+            Some(BusLoad::of(place, &streams, &channel.can, cycle_ns))
         };
         channels.into_iter().filter_map(load).collect()
     }

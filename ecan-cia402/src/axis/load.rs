@@ -1,12 +1,14 @@
-//! How much of a CAN bus the process data take.
+//! The process data of the axes as CAN frames, and how much of a bus they take.
 
-/// Bits of a classic frame with an 11-bit identifier and so many data bytes, interframe space
-/// included: without a stuff bit, and with as many as are possible.
-pub fn frame_bits(data_bytes: u32) -> (u32, u32) {
-    let stuffed = 34 + 8 * data_bytes;
-    let least = stuffed + 13;
-    (least, least + (stuffed - 1) / 4)
-}
+use ecan_mcan_port::{ChannelLoad, FrameRate, FrameStream, FrameWay};
+use ecan_protocol::{CanFrame, CanId, DATA_PATH_BUDGET_MAX, McanChannelConfig};
+
+use crate::canopen::{NodeAddress, SyncSettings};
+use ecan_canopen::{CobId, MappingEntry, SYNC_COB_ID};
+
+use super::context::Cia402Settings;
+use super::pdo_layout::PdoLayout;
+use super::settings::AxisSettings;
 
 /// The load of one channel by the process data of its axes and SYNC; SDO, heartbeats and NMT need
 /// what is left.
@@ -47,7 +49,7 @@ impl BusLoad {
     pub fn warning(&self) -> Option<LoadWarning> {
         if self.least > 1.0 {
             Some(LoadWarning::TooMuch)
-        } else if self.frames_out > 8 || self.frames_in > 8 {
+        } else if self.frames_out.max(self.frames_in) > u32::from(DATA_PATH_BUDGET_MAX) {
             Some(LoadWarning::Budget)
         } else if self.most > 1.0 {
             Some(LoadWarning::Tight)
@@ -80,60 +82,123 @@ impl std::fmt::Display for LoadWarning {
     }
 }
 
-/// Adds up one channel: data bytes of the RPDO of each axis, cycles from target to target and from
-/// SYNC to SYNC, cycle time and bit rate.
-pub(super) fn channel_load(
-    (slave, channel): (usize, u8),
-    rpdo_bytes: impl Iterator<Item = u32>,
-    (target_cycles, sync_cycles): (u32, u32),
-    cycle_ns: u32,
-    bitrate: u32,
-) -> BusLoad {
-    let share = |bits: u32, cycles: u32| f64::from(bits) / f64::from(cycles.max(1));
-    let mut load =
-        BusLoad { slave, channel, axes: 0, frames_out: 1, frames_in: 0, least: 0.0, most: 0.0 };
-    let mut add = |data_bytes, cycles| {
-        let (least, most) = frame_bits(data_bytes);
-        load.least += share(least, cycles);
-        load.most += share(most, cycles);
-    };
-    add(0, sync_cycles);
-    for bytes in rpdo_bytes {
-        add(bytes, target_cycles);
-        add(6, sync_cycles);
-        load.axes += 1;
-        load.frames_out += 1;
-        load.frames_in += 1;
+impl BusLoad {
+    /// The load of a channel by the streams of its axes.
+    pub(super) fn of(
+        (slave, channel): (usize, u8),
+        streams: &[FrameStream],
+        can: &McanChannelConfig,
+        cycle_ns: u32,
+    ) -> Self {
+        let here = || streams.iter().filter(|s| (s.slave, s.channel) == (slave, channel));
+        let load = ChannelLoad::of(here(), can, cycle_ns);
+        Self {
+            slave,
+            channel,
+            axes: here().filter(|s| s.way == FrameWay::FromBus).count() as u32,
+            frames_out: load.peak_sent,
+            frames_in: load.peak_received,
+            least: load.least,
+            most: load.most,
+        }
     }
-    let bits_per_cycle = f64::from(bitrate.max(1)) * f64::from(cycle_ns) / 1e9;
-    load.least /= bits_per_cycle;
-    load.most /= bits_per_cycle;
-    load
+}
+
+/// The process data of a table of axes as frames, for a
+/// [`PortPlan`](ecan_mcan_port::PortPlan): target and TPDO of each axis, SYNC of each channel that
+/// has one. SDO, heartbeats and NMT come on top. Needs no Port; allocates.
+pub fn axis_traffic(axes: &[AxisSettings], settings: &Cia402Settings) -> Vec<FrameStream> {
+    let axes = axes.iter().map(|axis| (axis.address, axis.pdo_number, axis.layout()));
+    process_data(axes, &settings.sync, settings.motion_div, None)
+}
+
+/// The same for axes with these layouts, and targets that go out at an offset behind Sync0.
+pub(super) fn process_data(
+    axes: impl Iterator<Item = (NodeAddress, u8, PdoLayout)>,
+    sync: &SyncSettings,
+    motion_div: u32,
+    target_offset_ns: Option<u32>,
+) -> Vec<FrameStream> {
+    let (per_target, per_sync) =
+        (FrameRate::EveryCycles(motion_div), FrameRate::EveryCycles(sync.every_cycles));
+    let mut streams = Vec::new();
+    let mut channels = Vec::new();
+    for (NodeAddress { slave, channel, node }, pdo_number, layout) in axes {
+        let rpdo = CobId::rpdo(node, pdo_number).can_id();
+        let tpdo = CobId::tpdo(node, pdo_number).can_id();
+        if let Some(frame) = frame(rpdo, bytes(&layout.rpdo_entries())) {
+            let target = FrameStream::to_bus(slave, channel, frame, per_target);
+            streams.push(FrameStream { schedule_offset_ns: target_offset_ns, ..target });
+        }
+        if let Some(frame) = frame(tpdo, bytes(&layout.tpdo_entries())) {
+            streams.push(FrameStream::from_bus(slave, channel, frame, per_sync));
+        }
+        channels.push((slave, channel));
+    }
+    channels.sort_unstable();
+    channels.dedup();
+    let counter = usize::from(sync.counter_overflow.is_some());
+    if let Some(frame) = frame(SYNC_COB_ID.can_id(), counter) {
+        let schedule_offset_ns = sync.schedule.map(|schedule| schedule.offset_ns);
+        streams.extend(channels.into_iter().map(|(slave, channel)| FrameStream {
+            schedule_offset_ns,
+            ..FrameStream::to_bus(slave, channel, frame, per_sync)
+        }));
+    }
+    streams
+}
+
+fn bytes(entries: &[MappingEntry]) -> usize {
+    entries.iter().map(|entry| usize::from(entry.bits)).sum::<usize>() / 8
+}
+
+/// A frame of so many zeros; none beyond eight, which no layout has.
+fn frame(id: CanId, length: usize) -> Option<CanFrame> {
+    CanFrame::classic(id, [0; 8].get(..length)?).ok()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ecan_canopen::{NodeId, OperatingMode};
 
-    #[test]
-    fn frames_have_the_bits_that_the_standard_gives_them() {
-        assert_eq!(frame_bits(0), (47, 55));
-        assert_eq!(frame_bits(6), (95, 115));
-        assert_eq!(frame_bits(8), (111, 135));
+    const PLACE: (usize, u8) = (0, 1);
+
+    fn axes(count: u8) -> Vec<AxisSettings> {
+        let node = |n| NodeId::new(n).unwrap();
+        (1..=count)
+            .map(|n| AxisSettings::new(NodeAddress { slave: 0, channel: 1, node: node(n) }))
+            .collect()
     }
 
+    fn load(count: u8, cycle_us: u32) -> BusLoad {
+        let streams = axis_traffic(&axes(count), &Cia402Settings::default());
+        BusLoad::of(PLACE, &streams, &McanChannelConfig::classic(1_000_000), cycle_us * 1_000)
+    }
+
+    /// Per axis 95 to 115 bits each way, SYNC 47 to 55: 807 to 975 of 1000.
     #[test]
     fn four_axes_at_one_kilohertz_fill_the_bus() {
-        let load = channel_load((0, 1), [6; 4].into_iter(), (1, 1), 1_000_000, 1_000_000);
-        assert_eq!(load.to_string(), "slave 0 channel 1: 4 axes, 81 to 98 % of the bus");
-        assert_eq!(load.warning(), Some(LoadWarning::NoReserve));
-        let load = channel_load((0, 1), [6; 4].into_iter(), (1, 1), 2_000_000, 1_000_000);
-        assert_eq!(load.warning(), None, "at 500 Hz there is room");
-        let load = channel_load((0, 1), [6; 5].into_iter(), (1, 1), 1_000_000, 1_000_000);
-        assert_eq!(load.warning(), Some(LoadWarning::Tight));
-        let load = channel_load((0, 1), [6; 6].into_iter(), (1, 1), 1_000_000, 1_000_000);
-        assert_eq!(load.warning(), Some(LoadWarning::TooMuch));
-        let load = channel_load((0, 1), [6; 8].into_iter(), (1, 1), 10_000_000, 1_000_000);
-        assert_eq!(load.warning(), Some(LoadWarning::Budget));
+        assert_eq!(load(4, 1_000).to_string(), "slave 0 channel 1: 4 axes, 81 to 98 % of the bus");
+        assert_eq!(load(4, 1_000).warning(), Some(LoadWarning::NoReserve));
+        assert_eq!(load(4, 2_000).warning(), None, "at 500 Hz there is room");
+        assert_eq!(load(5, 1_000).warning(), Some(LoadWarning::Tight));
+        assert_eq!(load(6, 1_000).warning(), Some(LoadWarning::TooMuch));
+        assert_eq!(load(8, 10_000).warning(), Some(LoadWarning::Budget));
+    }
+
+    /// Torque targets are 4 bytes: 79 to 95 bits; a counter makes a SYNC 55 to 65 bits.
+    #[test]
+    fn layout_counter_and_divisors_count() {
+        let torque = axes(1).into_iter().map(|a| a.with_mode(OperatingMode::CyclicTorque));
+        let sync =
+            SyncSettings { every_cycles: 2, counter_overflow: Some(10), ..SyncSettings::default() };
+        let settings = Cia402Settings { sync, motion_div: 4, ..Cia402Settings::default() };
+        let streams = axis_traffic(&torque.collect::<Vec<_>>(), &settings);
+        let can = McanChannelConfig::classic(1_000_000);
+        let load = BusLoad::of(PLACE, &streams, &can, 1_000_000);
+        let most = (95.0 / 4.0 + 115.0 / 2.0 + 65.0 / 2.0) / 1000.0;
+        assert!((load.most - most).abs() < 1e-9, "{load}");
+        assert_eq!((load.axes, load.frames_out, load.frames_in), (1, 2, 1));
     }
 }

@@ -63,5 +63,5 @@ mod shutdown;
 pub use context::{Cia402, Cia402Settings};
 pub use context_cycle::SendSummary;
 pub use error::{AxisFaults, Cia402Error, CommandError, NotReached, ScheduleError};
-pub use load::{BusLoad, LoadWarning, frame_bits};
+pub use load::{BusLoad, LoadWarning, axis_traffic};
 pub use shutdown::Shutdown;

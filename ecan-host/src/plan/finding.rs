@@ -1,0 +1,134 @@
+//! What a plan finds: what would not work, and what barely would.
+
+use ecan_protocol::CHUNK_BYTES;
+use thiserror::Error;
+
+use super::schedule::RECOMMENDED_OFFSET_NS;
+use crate::domain_layout::{MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
+
+fn us(ns: u64) -> f64 {
+    ns as f64 / 1e3
+}
+
+fn percent(part: u64, whole: u64) -> f64 {
+    100.0 * part as f64 / whole.max(1) as f64
+}
+
+/// Something that would not work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum PlanRefusal {
+    /// N that one datagram cannot carry, without the permission for it.
+    #[error(
+        "slave {slave}: {pdo} size N = {multiplier} needs {} bytes, but the IgH master puts a sync \
+         manager into one datagram of at most {MAX_DATAGRAM_BYTES} bytes, so N is at most \
+         {MAX_PLAIN_MULTIPLIER}; a larger one would activate and then block the whole bus. Set the \
+         large-PDO permission only if the installed master segments process data",
+        usize::from(*multiplier) * CHUNK_BYTES
+    )]
+    LargePdo {
+        /// Slave index.
+        slave: usize,
+        /// "RxPDO" or "TxPDO".
+        pdo: &'static str,
+        /// The N asked for.
+        multiplier: u8,
+    },
+    /// The frames of a cycle take longer than the cycle.
+    #[error(
+        "the frames of a cycle take {:.1} us on the wire, the cycle is {:.1} us: use a smaller N \
+         or a longer cycle", us(*wire_ns), us((*cycle_ns).into())
+    )]
+    WireTime {
+        /// Time on the wire in nanoseconds.
+        wire_ns: u64,
+        /// The cycle in nanoseconds.
+        cycle_ns: u32,
+    },
+    /// The process data leave no room for mailbox traffic, so that no slave would ever reach OP.
+    #[error(
+        "process data of {needed} bytes per cycle with mailbox do not fit a cycle of {} us, of \
+         which the master fills {available} bytes at most: its mailbox traffic would starve, and \
+         no slave reach OP. Use a smaller N or a longer cycle", us((*cycle_ns).into())
+    )]
+    MailboxStarved {
+        /// Bytes needed per cycle, with one mailbox transfer.
+        needed: usize,
+        /// Bytes that the master lets through in a cycle.
+        available: usize,
+        /// The cycle in nanoseconds.
+        cycle_ns: u32,
+    },
+    /// Scheduled transmission without the pulses that it counts from.
+    #[error(
+        "frames are to leave {:.1} us behind Sync0, but there is no Sync0: configure distributed \
+         clocks, or send at once", us((*offset_ns).into())
+    )]
+    ScheduleWithoutSync0 {
+        /// Offset in nanoseconds.
+        offset_ns: u32,
+    },
+    /// An offset that is no phase of the Sync0 period.
+    #[error(
+        "an offset of {:.1} us is not below the Sync0 period of {:.1} us: the gateway refuses it. \
+         Use a smaller one", us((*offset_ns).into()), us((*sync0_ns).into())
+    )]
+    ScheduleBeyondPeriod {
+        /// Offset in nanoseconds.
+        offset_ns: u32,
+        /// Sync0 period in nanoseconds.
+        sync0_ns: u32,
+    },
+}
+
+/// Something that works with little to spare.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum PlanWarning {
+    /// More than 80 % of the cycle goes to the wire.
+    #[error(
+        "the frames of a cycle take {:.1} us on the wire, {:.0} % of the cycle of {:.1} us: a \
+         frame that is sent late is not back for the next cycle. Use a smaller N or a longer cycle",
+        us(*wire_ns), percent(*wire_ns, (*cycle_ns).into()), us((*cycle_ns).into())
+    )]
+    WireTime {
+        /// Time on the wire in nanoseconds.
+        wire_ns: u64,
+        /// The cycle in nanoseconds.
+        cycle_ns: u32,
+    },
+    /// Fewer mailbox transfers fit a cycle than there are slaves.
+    #[error(
+        "a cycle leaves room for {transfers} mailbox transfer(s) of {slaves} slaves: start-up and \
+         SDOs take longer. Use a smaller N or a longer cycle"
+    )]
+    MailboxTight {
+        /// Mailbox transfers that fit.
+        transfers: usize,
+        /// Number of slaves.
+        slaves: usize,
+    },
+    /// Images arrive shortly before Sync0.
+    #[error(
+        "slave {slave}: images arrive {:.1} us before Sync0; one that comes later than that sends \
+         its scheduled frames a whole period of {:.1} us late. Use another Sync0 shift",
+        us(*to_pulse_ns), us((*sync0_ns).into())
+    )]
+    ThinSchedule {
+        /// Slave index.
+        slave: usize,
+        /// Nanoseconds from the arrival to the pulse.
+        to_pulse_ns: u64,
+        /// Sync0 period in nanoseconds.
+        sync0_ns: u32,
+    },
+    /// An offset below what the manual recommends (13.8).
+    #[error(
+        "an offset of {:.1} us behind Sync0 leaves the gateway little time; begin with {:.0} us \
+         (manual 13.8)", us((*offset_ns).into()), us(RECOMMENDED_OFFSET_NS.into())
+    )]
+    SmallOffset {
+        /// Offset in nanoseconds.
+        offset_ns: u32,
+    },
+}

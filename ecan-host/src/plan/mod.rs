@@ -1,0 +1,251 @@
+//! The preflight plan of the EtherCAT side: what a configuration costs before it touches a bus.
+
+mod ethernet;
+mod finding;
+mod schedule;
+
+pub use ethernet::{
+    BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, EthernetFrame, FRAME_OVERHEAD_BYTES,
+};
+pub use finding::{PlanRefusal, PlanWarning};
+pub use schedule::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
+
+use crate::config::AdapterConfig;
+use crate::domain_layout::{DomainLayout, MAX_PLAIN_MULTIPLIER};
+
+/// Datagrams per cycle that keep the distributed clocks together: one sets the reference clock,
+/// one carries its time to the others.
+const CLOCK_DATAGRAMS: usize = 2;
+/// Data of one of them: the low half of the system time.
+const CLOCK_BYTES: usize = 4;
+/// Room that a mailbox transfer needs in a cycle: the largest mailbox, in a frame of its own.
+const MAILBOX_BYTES: usize = 512 + DATAGRAM_OVERHEAD_BYTES + FRAME_OVERHEAD_BYTES;
+/// Share of the cycle on the wire from which a plan warns, in percent.
+const WIRE_WARNING_PERCENT: u64 = 80;
+
+/// One slave in the plan.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SlavePlan {
+    /// Sizes of its process data, and what follows from them: datagrams and working counter.
+    pub layout: DomainLayout,
+    /// When its RxPDO image has arrived, in nanoseconds after the master began to send.
+    pub outputs_arrive_ns: u64,
+}
+
+/// Room for the master's own mailbox traffic, which it sends beside the process data.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct MailboxRoom {
+    /// Bytes that the master lets through per send interval before it holds mailbox traffic back:
+    /// 11.25 a microsecond, 90 % of 100 Mbit/s.
+    pub available_bytes: usize,
+    /// Bytes of them that process data and clocks take on the wire.
+    pub process_bytes: usize,
+}
+
+impl MailboxRoom {
+    /// Bytes that are left, 0 where there are none.
+    pub fn headroom_bytes(&self) -> usize {
+        self.available_bytes.saturating_sub(self.process_bytes)
+    }
+
+    /// Largest mailbox transfers that fit beside the process data of a cycle.
+    pub fn transfers(&self) -> usize {
+        self.headroom_bytes() / MAILBOX_BYTES
+    }
+}
+
+/// What a configuration puts on the EtherCAT line in every cycle, and what that means (manual 5.2,
+/// 15.6.1).
+///
+/// Only arithmetic: it asks neither a master nor a slave, and any configuration has a plan, sound
+/// or not. It counts the Adapter's own datagrams; the master sends few and small ones besides, and
+/// on a shared bus the owner's come on top.
+///
+/// ```
+/// use ecan_host::{AdapterConfig, Plan};
+///
+/// let plan = Plan::of(&AdapterConfig::new(3).with_multiplier(5).with_cycle_us(1_000));
+/// assert_eq!(plan.frames.len(), 3);
+/// assert_eq!(plan.expected_working_counter((1, 6)), 9);
+/// assert!(plan.refusals.is_empty() && plan.warnings.is_empty());
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// The cycle in nanoseconds.
+    pub cycle_ns: u32,
+    /// One entry per slave.
+    pub slaves: Vec<SlavePlan>,
+    /// The Ethernet frames of a cycle, in their order.
+    pub frames: Vec<EthernetFrame>,
+    /// Room for mailbox traffic.
+    pub mailbox: MailboxRoom,
+    /// What would not work.
+    pub refusals: Vec<PlanRefusal>,
+    /// What works with little to spare.
+    pub warnings: Vec<PlanWarning>,
+    dc: Option<crate::config::DcSync>,
+}
+
+impl Plan {
+    /// The plan of a configuration. Allocates; not for the cycle.
+    pub fn of(config: &AdapterConfig) -> Self {
+        let layouts: Vec<DomainLayout> = config
+            .slaves
+            .iter()
+            .map(|s| DomainLayout::new(s.rx_multiplier, s.tx_multiplier))
+            .collect();
+        let process_data = layouts.iter().enumerate().flat_map(|(slave, layout)| {
+            layout.datagrams().map(move |(command, data_bytes)| Datagram {
+                purpose: DatagramUse::ProcessData { slave, command },
+                data_bytes,
+            })
+        });
+        let clocks = if config.dc.is_some() { CLOCK_DATAGRAMS } else { 0 };
+        let clock = Datagram { purpose: DatagramUse::Clock, data_bytes: CLOCK_BYTES };
+        let frames = ethernet::pack(process_data.chain(std::iter::repeat_n(clock, clocks)));
+        let slaves = layouts
+            .into_iter()
+            .enumerate()
+            .map(|(slave, layout)| SlavePlan {
+                layout,
+                outputs_arrive_ns: outputs_arrive_ns(&frames, slave),
+            })
+            .collect();
+        let mailbox = MailboxRoom {
+            available_bytes: (u64::from(config.cycle_ns) * 1125 / 100_000) as usize,
+            process_bytes: frames.iter().map(EthernetFrame::wire_bytes).sum(),
+        };
+        let mut plan = Self {
+            cycle_ns: config.cycle_ns,
+            slaves,
+            frames,
+            mailbox,
+            refusals: Vec::new(),
+            warnings: Vec::new(),
+            dc: config.dc,
+        };
+        plan.judge_sizes(config);
+        plan.judge_time();
+        plan
+    }
+
+    fn judge_sizes(&mut self, config: &AdapterConfig) {
+        if config.allow_large_pdos {
+            return;
+        }
+        for (slave, settings) in config.slaves.iter().enumerate() {
+            let sizes = [("RxPDO", settings.rx_multiplier), ("TxPDO", settings.tx_multiplier)];
+            for (pdo, multiplier) in sizes {
+                if multiplier > MAX_PLAIN_MULTIPLIER {
+                    self.refusals.push(PlanRefusal::LargePdo { slave, pdo, multiplier });
+                }
+            }
+        }
+    }
+
+    fn judge_time(&mut self) {
+        let (wire_ns, cycle_ns) = (self.wire_ns(), self.cycle_ns);
+        let cycle = u64::from(cycle_ns);
+        let (transfers, slaves) = (self.mailbox.transfers(), self.slaves.len());
+        if wire_ns > cycle {
+            // That mailbox traffic starves, too, goes without saying.
+            self.refusals.push(PlanRefusal::WireTime { wire_ns, cycle_ns });
+            return;
+        }
+        if transfers == 0 {
+            self.refusals.push(PlanRefusal::MailboxStarved {
+                needed: self.mailbox.process_bytes + MAILBOX_BYTES,
+                available: self.mailbox.available_bytes,
+                cycle_ns,
+            });
+        } else if transfers < slaves {
+            self.warnings.push(PlanWarning::MailboxTight { transfers, slaves });
+        }
+        if wire_ns * 100 > cycle * WIRE_WARNING_PERCENT {
+            self.warnings.push(PlanWarning::WireTime { wire_ns, cycle_ns });
+        }
+    }
+
+    /// The datagrams of a cycle in their order.
+    pub fn datagrams(&self) -> impl Iterator<Item = &Datagram> {
+        self.frames.iter().flat_map(|frame| &frame.datagrams)
+    }
+
+    /// Bytes of process data per cycle, both directions of all slaves.
+    pub fn process_data_bytes(&self) -> usize {
+        self.slaves.iter().map(|s| s.layout.rx_bytes + s.layout.tx_bytes).sum()
+    }
+
+    /// Bytes on the wire per cycle: preamble, headers, check sequences and gaps included.
+    pub fn wire_bytes(&self) -> usize {
+        self.mailbox.process_bytes
+    }
+
+    /// Time on the wire per cycle in nanoseconds, at 100 Mbit/s. The way through host and slaves
+    /// comes on top of it until a frame is back.
+    pub fn wire_ns(&self) -> u64 {
+        self.wire_bytes() as u64 * BYTE_NS
+    }
+
+    /// Share of the cycle that goes to the wire; 1 is all of it.
+    pub fn wire_share(&self) -> f64 {
+        self.wire_ns() as f64 / f64::from(self.cycle_ns.max(1))
+    }
+
+    /// Working counters of a complete exchange, summed over the slaves, for a release of
+    /// libethercat such as (1, 6); that of each stands in its layout.
+    pub fn expected_working_counter(&self, version: (u8, u8)) -> u32 {
+        self.slaves.iter().map(|s| s.layout.expected_working_counter(version)).sum()
+    }
+
+    /// The time that frames scheduled `offset_ns` behind Sync0 have to get there, for an
+    /// application that sends `send_after_ns` after the start of its cycle (its run time). `None`
+    /// for a slave out of range.
+    ///
+    /// # Errors
+    /// [`PlanRefusal`] where such an offset cannot be scheduled.
+    pub fn schedule_margin(
+        &self,
+        slave: usize,
+        offset_ns: u32,
+        send_after_ns: u64,
+    ) -> Option<Result<ScheduleMargin, PlanRefusal>> {
+        let arrives_ns = send_after_ns.saturating_add(self.slaves.get(slave)?.outputs_arrive_ns);
+        Some(ScheduleMargin::new(slave, arrives_ns, self.dc, offset_ns))
+    }
+
+    /// What to say of an offset on a slave: the refusal, or the warnings.
+    ///
+    /// # Errors
+    /// As [`schedule_margin`](Self::schedule_margin).
+    pub fn judge_schedule(
+        &self,
+        slave: usize,
+        offset_ns: u32,
+        send_after_ns: u64,
+    ) -> Result<Vec<PlanWarning>, PlanRefusal> {
+        let margin = self.schedule_margin(slave, offset_ns, send_after_ns).transpose()?;
+        let sync0_ns = self.dc.map_or(0, |dc| dc.cycle_ns);
+        let thin = margin.and_then(|margin| margin.warning(sync0_ns));
+        let small =
+            (offset_ns < RECOMMENDED_OFFSET_NS).then_some(PlanWarning::SmallOffset { offset_ns });
+        Ok(thin.into_iter().chain(small).collect())
+    }
+}
+
+/// End of the last frame that carries the slave's outputs.
+fn outputs_arrive_ns(frames: &[EthernetFrame], slave: usize) -> u64 {
+    use crate::domain_layout::LogicalCommand::Read;
+    let carries = |datagram: &Datagram| match datagram.purpose {
+        DatagramUse::ProcessData { slave: of, command } => of == slave && command != Read,
+        DatagramUse::Clock => false,
+    };
+    let (mut start, mut arrival) = (0, 0);
+    for frame in frames {
+        if frame.datagrams.iter().any(carries) {
+            arrival = start + frame.end_ns();
+        }
+        start += frame.wire_ns();
+    }
+    arrival
+}

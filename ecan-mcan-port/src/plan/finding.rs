@@ -1,0 +1,202 @@
+//! What the plan of a Port finds: what would not work, and what barely would.
+
+use ecan_host::{PlanRefusal, PlanWarning};
+use ecan_protocol::{DATA_PATH_BUDGET_MAX, Direction, MAX_PACKETS};
+use thiserror::Error;
+
+/// Something that would not work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum PortRefusal {
+    /// On the EtherCAT side.
+    #[error(transparent)]
+    EtherCat(PlanRefusal),
+    /// Frames for a channel that is not there, or left out.
+    #[error(
+        "slave {slave} has no channel {channel} in use: enable it, or leave its frames out of the \
+         plan"
+    )]
+    NoChannel {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+    },
+    /// CAN FD frames for a classic channel.
+    #[error(
+        "slave {slave}, channel {channel} is configured for classic CAN and cannot carry CAN FD \
+         frames: give it a data bit rate"
+    )]
+    NotFd {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+    },
+    /// The frames take more than the whole bus.
+    #[error(
+        "slave {slave}, channel {channel}: the frames take {} to {} % of the bus, depending on stuff \
+         bits: send fewer or shorter ones, lengthen the cycle, raise the bit rate, or spread them \
+         over channels",
+        least_percent,
+        most_percent
+    )]
+    BusLoad {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// Percent without a stuff bit.
+        least_percent: u32,
+        /// Percent with as many as possible.
+        most_percent: u32,
+    },
+    /// More frames in the long run than the gateway serves.
+    #[error(
+        "slave {slave}, channel {channel}: {received} received and {sent} sent frames per cycle \
+         are expected, the gateway serves at most {DATA_PATH_BUDGET_MAX} of each (manual 13.2.2): \
+         shorten the cycle, or spread them over channels"
+    )]
+    Budget {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// Frames received per cycle, rounded up.
+        received: u32,
+        /// Frames sent per cycle, rounded up.
+        sent: u32,
+    },
+    /// More in the long run than the images of a direction carry.
+    #[error(
+        "slave {slave}: {packets} packets of together {bytes} bytes per cycle do not fit its \
+         {direction} image, which holds {area} bytes and {MAX_PACKETS} packets: use a larger N, a \
+         shorter cycle, or fewer frames"
+    )]
+    ImageTooSmall {
+        /// Slave index.
+        slave: usize,
+        /// The direction.
+        direction: Direction,
+        /// Packets per cycle on the average, rounded up.
+        packets: u64,
+        /// Bytes per cycle on the average, rounded up.
+        bytes: u64,
+        /// Bytes of the frame area.
+        area: u64,
+    },
+    /// More in the long run than a channel's fixed share of the TxPDO.
+    #[error(
+        "slave {slave}, channel {channel}: {bytes} bytes per cycle do not fit the channel's fixed \
+         share of {share} bytes of the TxPDO: use a larger N or another budget policy than \
+         Deterministic"
+    )]
+    ShareTooSmall {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// Bytes per cycle on the average, rounded up.
+        bytes: u64,
+        /// Bytes of the share.
+        share: u64,
+    },
+}
+
+/// Something that works with little to spare.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum PortWarning {
+    /// On the EtherCAT side.
+    #[error(transparent)]
+    EtherCat(PlanWarning),
+    /// More than 70 % of the bus.
+    #[error(
+        "slave {slave}, channel {channel}: the frames take {least_percent} to {most_percent} % of \
+         the bus: little is left for other frames and for repeats. Send fewer, lengthen the cycle, \
+         or raise the bit rate"
+    )]
+    BusLoad {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// Percent without a stuff bit.
+        least_percent: u32,
+        /// Percent with as many as possible.
+        most_percent: u32,
+    },
+    /// The channel's budgets are set smaller than its traffic.
+    #[error(
+        "slave {slave}, channel {channel}: {received} received and {sent} sent frames per cycle, \
+         but its budgets are {drain} and {serve} per service (0x802{}:05, :12): the gateway falls \
+         behind and drops frames. Configure the channel for this traffic",
+        channel + 1
+    )]
+    Budget {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// Frames received per cycle, rounded up.
+        received: u32,
+        /// Frames sent per cycle, rounded up.
+        sent: u32,
+        /// Most frames that a service takes from the bus.
+        drain: u8,
+        /// Most frames that a service hands to the bus.
+        serve: u8,
+    },
+    /// The fullest cycle exceeds an image.
+    #[error(
+        "slave {slave}: the fullest cycle has {packets} packets of together {bytes} bytes for its \
+         {direction} image, which holds {area} bytes and {MAX_PACKETS} packets: frames wait for \
+         the next one. Use a larger N, or spread the frames over cycles"
+    )]
+    ImagePeak {
+        /// Slave index.
+        slave: usize,
+        /// The direction.
+        direction: Direction,
+        /// Packets in that cycle.
+        packets: u64,
+        /// Bytes in that cycle.
+        bytes: u64,
+        /// Bytes of the frame area.
+        area: u64,
+    },
+    /// The fullest cycle exceeds a channel's fixed share of the TxPDO.
+    #[error(
+        "slave {slave}, channel {channel}: the fullest cycle has {bytes} bytes for the channel's \
+         fixed share of {share} bytes of the TxPDO: frames wait for the next image. Use a larger N \
+         or another budget policy than Deterministic"
+    )]
+    SharePeak {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// Bytes in that cycle.
+        bytes: u64,
+        /// Bytes of the share.
+        share: u64,
+    },
+    /// Scheduled frames are still on the bus when the next period begins.
+    #[error(
+        "slave {slave}, channel {channel}: the frames from {} us behind Sync0 on take {} us of \
+         the bus and run into the next period of {} us: use a smaller offset or fewer frames",
+        offset_ns / 1000, frames_ns / 1000, sync0_ns / 1000
+    )]
+    ScheduleOverruns {
+        /// Slave index.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// First offset of the channel, in nanoseconds.
+        offset_ns: u32,
+        /// Bus time of its scheduled frames, in nanoseconds.
+        frames_ns: u64,
+        /// Sync0 period, in nanoseconds.
+        sync0_ns: u32,
+    },
+}

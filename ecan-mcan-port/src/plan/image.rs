@@ -1,0 +1,153 @@
+//! How the frames of a cycle fit the process images (manual 5.2, 8, 10, 12).
+
+use ecan_protocol::{
+    BudgetPolicy, CHANNELS, Direction, FrameRef, ImageWriter, MAX_PACKETS, OptionFlags, PdoProfile,
+    ResultCode, Timestamp, TxResult,
+};
+
+use super::finding::{PortRefusal, PortWarning};
+use super::frame_stream::{FrameStream, FrameWay};
+
+/// Packets of some frames, and the bytes that they take.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ImageFill {
+    /// Packets, TX_RESULT included.
+    pub packets: f64,
+    /// Bytes of the frame area, padding included.
+    pub bytes: f64,
+}
+
+impl ImageFill {
+    fn add(&mut self, count: f64, bytes: usize) {
+        self.packets += count;
+        self.bytes += count * bytes as f64;
+    }
+
+    fn exceeds(&self, area_bytes: usize) -> bool {
+        self.bytes > area_bytes as f64 || self.packets > MAX_PACKETS as f64
+    }
+
+    fn packets_up(&self) -> u64 {
+        self.packets.ceil() as u64
+    }
+
+    fn bytes_up(&self) -> u64 {
+        self.bytes.ceil() as u64
+    }
+}
+
+/// The image of one direction of a gateway.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ImagePlan {
+    /// The direction.
+    pub direction: Direction,
+    /// Its profile.
+    pub profile: PdoProfile,
+    /// What the frames of a cycle take on the average.
+    pub mean: ImageFill,
+    /// What those of the fullest cycle take.
+    pub peak: ImageFill,
+    /// Parts of the mean by channel, and of the peak.
+    channels: [(ImageFill, ImageFill); CHANNELS],
+}
+
+impl ImagePlan {
+    pub(super) fn new<'a>(
+        direction: Direction,
+        profile: PdoProfile,
+        streams: impl Iterator<Item = &'a FrameStream>,
+        cycle_ns: u32,
+    ) -> Self {
+        let mut plan = Self {
+            direction,
+            profile,
+            mean: ImageFill::default(),
+            peak: ImageFill::default(),
+            channels: Default::default(),
+        };
+        let reports = profile.options.contains(OptionFlags::TX_RESULT);
+        for stream in streams {
+            let bytes = match (direction, stream.way) {
+                (Direction::RxPdo, FrameWay::ToBus) | (Direction::TxPdo, FrameWay::FromBus) => {
+                    plan.packet_bytes(stream.frame.as_ref(), stream.offset_ns().is_some())
+                }
+                (Direction::TxPdo, FrameWay::ToBus) if reports => plan.result_bytes(),
+                _ => continue,
+            };
+            let (mean, peak) = (stream.rate.mean(cycle_ns), stream.rate.peak(cycle_ns).into());
+            plan.mean.add(mean, bytes);
+            plan.peak.add(peak, bytes);
+            if let Some((of_mean, of_peak)) = plan.channels.get_mut(usize::from(stream.channel)) {
+                of_mean.add(mean, bytes);
+                of_peak.add(peak, bytes);
+            }
+        }
+        plan
+    }
+
+    /// Bytes for packets.
+    pub fn area_bytes(&self) -> usize {
+        self.profile.frame_area_bytes()
+    }
+
+    /// Bytes that a frame takes: scheduled ones carry their record, received ones a timestamp of
+    /// 16 bits and a window of 64 bytes wherever the profile allows them.
+    pub fn packet_bytes(&self, frame: FrameRef<'_>, is_scheduled: bool) -> usize {
+        let mut writer = ImageWriter::new(self.direction, self.profile);
+        let timestamp = match self.direction {
+            Direction::RxPdo if is_scheduled => Timestamp::Full64(0),
+            Direction::TxPdo if self.profile.profile.allows_delta16() => Timestamp::Delta16(0),
+            _ => Timestamp::None,
+        };
+        writer.use_d64(self.direction == Direction::TxPdo);
+        writer.packet_bytes(frame, timestamp)
+    }
+
+    /// Bytes of a TX_RESULT packet.
+    fn result_bytes(&self) -> usize {
+        let options = self.profile.options.with(OptionFlags::TX_RESULT);
+        let profile = PdoProfile { multiplier: 1, options, ..self.profile };
+        let mut writer = ImageWriter::new(Direction::TxPdo, profile);
+        let result = TxResult { channel: 0, sequence: 0, frame_index: 0, code: ResultCode::Ok };
+        // infallible: an empty image has room for one
+        let _ = writer.push_tx_result(&mut [0; ecan_protocol::CHUNK_BYTES], &result);
+        writer.used()
+    }
+
+    /// How many of such frames one image holds when nothing else is in it; 255 at most.
+    pub fn frames_per_image(&self, frame: FrameRef<'_>, is_scheduled: bool) -> usize {
+        (self.area_bytes() / self.packet_bytes(frame, is_scheduled).max(1)).min(MAX_PACKETS)
+    }
+
+    pub(super) fn judge(
+        &self,
+        slave: usize,
+        refusals: &mut Vec<PortRefusal>,
+        warnings: &mut Vec<PortWarning>,
+    ) {
+        let (direction, area) = (self.direction, self.area_bytes() as u64);
+        if self.mean.exceeds(self.area_bytes()) {
+            let (packets, bytes) = (self.mean.packets_up(), self.mean.bytes_up());
+            refusals.push(PortRefusal::ImageTooSmall { slave, direction, packets, bytes, area });
+        } else if self.peak.exceeds(self.area_bytes()) {
+            let (packets, bytes) = (self.peak.packets_up(), self.peak.bytes_up());
+            warnings.push(PortWarning::ImagePeak { slave, direction, packets, bytes, area });
+        }
+        // The Port lets any channel fill an RxPDO image.
+        if direction == Direction::RxPdo || self.profile.budget != BudgetPolicy::Deterministic {
+            return;
+        }
+        let enabled = (0..CHANNELS as u8).filter(|c| self.profile.has_channel(*c)).count().max(1);
+        let share = self.area_bytes() / enabled;
+        for (channel, (mean, peak)) in (0u8..).zip(&self.channels) {
+            let share = share as u64;
+            if mean.bytes > share as f64 {
+                let bytes = mean.bytes_up();
+                refusals.push(PortRefusal::ShareTooSmall { slave, channel, bytes, share });
+            } else if peak.bytes > share as f64 {
+                let bytes = peak.bytes_up();
+                warnings.push(PortWarning::SharePeak { slave, channel, bytes, share });
+            }
+        }
+    }
+}

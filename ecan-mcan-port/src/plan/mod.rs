@@ -1,0 +1,256 @@
+//! The preflight plan of a Port: its frames on the CAN buses and in the images, on top of the
+//! EtherCAT side.
+
+pub(crate) mod budget;
+mod channel_load;
+mod cpu_cost;
+mod finding;
+mod frame_stream;
+mod image;
+
+pub use channel_load::ChannelLoad;
+pub use cpu_cost::CpuCost;
+pub use finding::{PortRefusal, PortWarning};
+pub use frame_stream::{FrameRate, FrameStream, FrameWay};
+pub use image::{ImageFill, ImagePlan};
+
+use std::collections::BTreeMap;
+
+use ecan_host::{AdapterConfig, Plan};
+use ecan_protocol::{Direction, FrameBits};
+
+use crate::config::{ChannelSettings, PortConfig};
+
+/// Share of a bus from which a plan warns.
+const LOAD_WARNING: f64 = 0.7;
+
+/// One enabled channel in the plan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ChannelPlan {
+    /// Slave index.
+    pub slave: usize,
+    /// The channel.
+    pub channel: u8,
+    /// What its frames take of the bus.
+    pub load: ChannelLoad,
+    /// Most frames that a service of the gateway takes from the bus (0x8021:05).
+    pub drain: u8,
+    /// Most frames that a service hands to the bus (0x8021:12).
+    pub serve: u8,
+}
+
+/// The images of one gateway.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GatewayPlan {
+    /// From the host.
+    pub rx: ImagePlan,
+    /// To the host, TX_RESULT included where the gateway is to report.
+    pub tx: ImagePlan,
+}
+
+/// What a configuration costs for a given traffic, before it touches a bus (manual 5.2, 12,
+/// 13.2.2).
+///
+/// Only arithmetic, as [`Plan`]: any configuration has a plan, sound or not.
+///
+/// ```
+/// use ecan_mcan_port::protocol::{CanFrame, CanId};
+/// use ecan_mcan_port::{ChannelSettings, FrameRate, FrameStream, GatewayConfig, PortConfig, PortPlan};
+/// use ecan_mcan_port::host::AdapterConfig;
+///
+/// let gateway = GatewayConfig::on_channel(0, ChannelSettings::classic(1_000_000));
+/// let frame = CanFrame::classic(CanId::standard(0x123)?, &[0; 8])?;
+/// let plan = PortPlan::of(
+///     &AdapterConfig::new(1).with_cycle_us(1_000),
+///     &PortConfig::uniform(1, gateway),
+///     &[FrameStream::to_bus(0, 0, frame, FrameRate::PerCycle(4))],
+/// );
+/// assert!(plan.refusals.is_empty());
+/// assert!((plan.channels[0].load.most - 0.54).abs() < 1e-9);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct PortPlan {
+    /// The EtherCAT side, with its findings; they are among those of the whole, too.
+    pub ethercat: Plan,
+    /// The enabled channels, in the order of slaves and channels.
+    pub channels: Vec<ChannelPlan>,
+    /// One entry per gateway.
+    pub gateways: Vec<GatewayPlan>,
+    /// What would not work.
+    pub refusals: Vec<PortRefusal>,
+    /// What works with little to spare.
+    pub warnings: Vec<PortWarning>,
+}
+
+impl PortPlan {
+    /// The plan of both configurations for this traffic. Allocates; not for the cycle.
+    pub fn of(adapter: &AdapterConfig, port: &PortConfig, traffic: &[FrameStream]) -> Self {
+        let ethercat = Plan::of(adapter);
+        let mut plan = Self {
+            refusals: ethercat.refusals.iter().copied().map(PortRefusal::EtherCat).collect(),
+            warnings: ethercat.warnings.iter().copied().map(PortWarning::EtherCat).collect(),
+            ethercat,
+            channels: Vec::new(),
+            gateways: Vec::new(),
+        };
+        plan.add_streams(port, traffic);
+        plan.add_channels(adapter, port, traffic);
+        plan.add_images(adapter, port, traffic);
+        plan.judge_schedules(adapter, port, traffic);
+        plan
+    }
+
+    fn add_streams(&mut self, port: &PortConfig, traffic: &[FrameStream]) {
+        for stream in traffic {
+            let FrameStream { slave, channel, .. } = *stream;
+            let refusal = match settings(port, slave, channel) {
+                None => PortRefusal::NoChannel { slave, channel },
+                Some(settings) if stream.frame.is_fd() && !settings.can.fd => {
+                    PortRefusal::NotFd { slave, channel }
+                }
+                Some(_) => continue,
+            };
+            if !self.refusals.contains(&refusal) {
+                self.refusals.push(refusal);
+            }
+        }
+    }
+
+    fn add_channels(
+        &mut self,
+        adapter: &AdapterConfig,
+        port: &PortConfig,
+        traffic: &[FrameStream],
+    ) {
+        for (slave, gateway) in port.gateways.iter().enumerate() {
+            for (channel, settings) in (0u8..).zip(&gateway.channels) {
+                let Some(settings) = settings else { continue };
+                let place = (slave, channel);
+                let here = traffic.iter().filter(|s| (s.slave, s.channel) == place);
+                let load = ChannelLoad::of(here, &settings.can, adapter.cycle_ns);
+                let data_path = &settings.data_path;
+                self.judge_load(place, &load);
+                let (received, sent) = (up(load.mean_received), up(load.mean_sent));
+                if let Some(refusal) = budget::refusal(place, received, sent) {
+                    self.refusals.push(refusal);
+                } else {
+                    self.warnings.extend(budget::warning(place, received, sent, data_path));
+                }
+                let (drain, serve) = (data_path.rx_drain_max, data_path.tx_budget_max);
+                self.channels.push(ChannelPlan { slave, channel, load, drain, serve });
+            }
+        }
+    }
+
+    fn judge_load(&mut self, (slave, channel): (usize, u8), load: &ChannelLoad) {
+        let percent = |share: f64| (share * 100.0).round() as u32;
+        // Rounded up to the next where it would read as 100 although it is more.
+        let (least_percent, most_percent) = (percent(load.least), up(load.most * 100.0));
+        if load.most > 1.0 {
+            self.refusals.push(PortRefusal::BusLoad {
+                slave,
+                channel,
+                least_percent,
+                most_percent,
+            });
+        } else if load.most > LOAD_WARNING {
+            let most_percent = percent(load.most);
+            self.warnings.push(PortWarning::BusLoad {
+                slave,
+                channel,
+                least_percent,
+                most_percent,
+            });
+        }
+    }
+
+    fn add_images(&mut self, adapter: &AdapterConfig, port: &PortConfig, traffic: &[FrameStream]) {
+        for (slave, (gateway, size)) in port.gateways.iter().zip(&adapter.slaves).enumerate() {
+            let image = |direction, multiplier| {
+                let profile = gateway.profile(direction, multiplier);
+                let here = traffic.iter().filter(|stream| stream.slave == slave);
+                ImagePlan::new(direction, profile, here, adapter.cycle_ns)
+            };
+            let images = GatewayPlan {
+                rx: image(Direction::RxPdo, size.rx_multiplier),
+                tx: image(Direction::TxPdo, size.tx_multiplier),
+            };
+            images.rx.judge(slave, &mut self.refusals, &mut self.warnings);
+            images.tx.judge(slave, &mut self.refusals, &mut self.warnings);
+            self.gateways.push(images);
+        }
+    }
+
+    fn judge_schedules(
+        &mut self,
+        adapter: &AdapterConfig,
+        port: &PortConfig,
+        traffic: &[FrameStream],
+    ) {
+        // Per channel: the first offset, and the bus time of all that is scheduled in a cycle.
+        let mut scheduled: BTreeMap<(usize, u8), (u32, f64)> = BTreeMap::new();
+        for stream in traffic {
+            let Some(offset_ns) = stream.offset_ns() else { continue };
+            match self.ethercat.judge_schedule(stream.slave, offset_ns, 0) {
+                Ok(found) => {
+                    for warning in found.into_iter().map(PortWarning::EtherCat) {
+                        if !self.warnings.contains(&warning) {
+                            self.warnings.push(warning);
+                        }
+                    }
+                }
+                Err(refusal) => {
+                    let refusal = PortRefusal::EtherCat(refusal);
+                    if !self.refusals.contains(&refusal) {
+                        self.refusals.push(refusal);
+                    }
+                }
+            }
+            let Some(settings) = settings(port, stream.slave, stream.channel) else { continue };
+            let can = &settings.can;
+            let bits = FrameBits::most(stream.frame.as_ref());
+            let frames_s = f64::from(stream.rate.peak(adapter.cycle_ns))
+                * bits.seconds(can.nominal_bitrate, can.data_bitrate);
+            let (first, total_s) =
+                scheduled.entry((stream.slave, stream.channel)).or_insert((offset_ns, 0.0));
+            *first = (*first).min(offset_ns);
+            *total_s += frames_s;
+        }
+        let Some(sync0_ns) = adapter.dc.map(|dc| dc.cycle_ns) else { return };
+        for ((slave, channel), (offset_ns, total_s)) in scheduled {
+            let frames_ns = (total_s * 1e9) as u64;
+            let is_phase = offset_ns < sync0_ns;
+            if is_phase && u64::from(offset_ns) + frames_ns > u64::from(sync0_ns) {
+                self.warnings.push(PortWarning::ScheduleOverruns {
+                    slave,
+                    channel,
+                    offset_ns,
+                    frames_ns,
+                    sync0_ns,
+                });
+            }
+        }
+    }
+
+    /// Estimated processor time per cycle for the images of all gateways, in nanoseconds, in the
+    /// fullest cycle. Without the master's own work and the application's.
+    pub fn cpu_ns(&self, cost: CpuCost) -> f64 {
+        let images = self.gateways.iter().flat_map(|gateway| [&gateway.rx, &gateway.tx]);
+        images.map(|image| cost.image(image.peak)).sum()
+    }
+
+    /// The same as a share of the cycle; 1 is one processor.
+    pub fn cpu_share(&self, cost: CpuCost) -> f64 {
+        self.cpu_ns(cost) / f64::from(self.ethercat.cycle_ns.max(1))
+    }
+}
+
+/// A count that is never told smaller than it is; what only rounding added does not count.
+fn up(value: f64) -> u32 {
+    (value - 1e-9).ceil() as u32
+}
+
+fn settings(port: &PortConfig, slave: usize, channel: u8) -> Option<&ChannelSettings> {
+    port.gateways.get(slave)?.channels.get(usize::from(channel))?.as_ref()
+}

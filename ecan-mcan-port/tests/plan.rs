@@ -1,0 +1,375 @@
+//! The preflight plan of a Port: figures worked out by hand, and against the simulated gateway.
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{Bench, classic, frame};
+use ecan_host::{AdapterConfig, DcSync, PlanRefusal, PlanWarning};
+use ecan_mcan_port::{
+    ChannelSettings, CpuCost, FrameRate, FrameStream, FrameWay, GatewayConfig, ImageFill,
+    PortConfig, PortConfigFault, PortPlan, PortRefusal, PortWarning, SendError, Traffic,
+};
+use ecan_protocol::{
+    BudgetPolicy, CanFrame, CanId, Direction, EncapsulationProfile, OptionFlags, Schedule,
+};
+
+const EVERY_CYCLE: FrameRate = FrameRate::PerCycle(1);
+
+fn adapter(multiplier: u8) -> AdapterConfig {
+    AdapterConfig::new(1).with_multiplier(multiplier).with_cycle_us(1_000)
+}
+
+fn one_channel(settings: ChannelSettings) -> PortConfig {
+    PortConfig::uniform(1, GatewayConfig::on_channel(0, settings))
+}
+
+fn fd_frame(length: usize) -> CanFrame {
+    CanFrame::fd(CanId::standard(0x123).unwrap(), &[0x5A; 64][..length], true, false).unwrap()
+}
+
+fn eight() -> CanFrame {
+    frame(0x123, &[0x5A; 8])
+}
+
+fn fill(packets: u32, bytes: u32) -> ImageFill {
+    ImageFill { packets: packets.into(), bytes: bytes.into() }
+}
+
+/// Frames of 8 bytes, standard: 2 + 2 + 8 = 12 bytes a packet, 30 of them in 384 - 24 = 360 bytes.
+/// Four out and three back in 1000 bits: 7 * 111 = 777 to 7 * 135 = 945.
+#[test]
+fn classic_frames_on_one_channel() {
+    let traffic = [
+        FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(4)),
+        FrameStream::from_bus(0, 0, eight(), FrameRate::PerSecond(3_000.0)),
+    ];
+    let plan = PortPlan::of(&adapter(3), &one_channel(classic()), &traffic);
+    let load = plan.channels[0].load;
+    assert!((load.least - 0.777).abs() < 1e-9 && (load.most - 0.945).abs() < 1e-9, "{load:?}");
+    let gateway = &plan.gateways[0];
+    assert_eq!(gateway.rx.area_bytes(), 360);
+    assert_eq!(gateway.rx.frames_per_image(eight().as_ref(), false), 30);
+    assert_eq!(gateway.rx.peak, fill(4, 48));
+    assert_eq!(gateway.tx.peak, fill(3, 36));
+    assert_eq!(plan.refusals, []);
+    let high = PortWarning::BusLoad { slave: 0, channel: 0, least_percent: 78, most_percent: 95 };
+    assert_eq!(plan.warnings, [high]);
+    // Two images, seven packets, 84 bytes: 2 * 50 + 7 * 9 + 84 * 0.08 = 169.72 ns.
+    assert!((plan.cpu_ns(CpuCost::MEASURED) - 169.72).abs() < 1e-6);
+    assert!((plan.cpu_share(CpuCost::MEASURED) - 169.72e-6).abs() < 1e-12);
+}
+
+/// The manual's examples of lengths (8): 68 bytes for a standard FD frame of 64, 72 with extended identifier
+/// and delta16. A schedule record takes 8, a TX_RESULT 6 or, aligned, 8.
+#[test]
+fn packets_have_the_sizes_of_the_manual() {
+    let mut gateway = GatewayConfig::on_channel(0, ChannelSettings::fd(1_000_000, 5_000_000));
+    gateway.tx_encapsulation = EncapsulationProfile::Window64Timestamped;
+    gateway.tx_options = OptionFlags::TX_RESULT.with(OptionFlags::ALIGN4);
+    let mut adapter = adapter(8);
+    adapter.dc = Some(DcSync::new(1_000_000, 700_000));
+    let extended = CanFrame::fd(CanId::extended(1).unwrap(), &[0; 64], true, false).unwrap();
+    let traffic = [
+        FrameStream::to_bus(0, 0, fd_frame(64), EVERY_CYCLE).scheduled(100_000),
+        FrameStream::to_bus(0, 0, fd_frame(64), EVERY_CYCLE),
+        FrameStream::from_bus(0, 0, extended, EVERY_CYCLE),
+    ];
+    let plan = PortPlan::of(&adapter, &PortConfig::uniform(1, gateway), &traffic);
+    let images = &plan.gateways[0];
+    assert_eq!(images.rx.peak, fill(2, 76 + 68));
+    assert_eq!(images.tx.peak, fill(3, 72 + 2 * 8));
+    // In a window of 64 bytes even a short one takes 2 + 2 + 2 + 64, aligned 72.
+    assert_eq!(images.tx.packet_bytes(fd_frame(1).as_ref(), false), 72);
+    assert_eq!(images.rx.packet_bytes(fd_frame(1).as_ref(), false), 5);
+    assert_eq!(images.rx.frames_per_image(fd_frame(64).as_ref(), false), 14, "1000 / 68");
+    assert_eq!((plan.refusals, plan.warnings), (vec![], vec![]));
+}
+
+/// An image of N = 24 holds 255 packets of 4 bytes though 762 would fit.
+#[test]
+fn an_image_holds_255_packets_at_most() {
+    let mut adapter = adapter(24).with_cycle_us(10_000);
+    adapter.allow_large_pdos = true;
+    let empty = frame(1, &[]);
+    let config = PortConfig::uniform(1, GatewayConfig::on_all_channels(&classic()));
+    let traffic = |frames| [FrameStream::to_bus(0, 0, empty, FrameRate::PerCycle(frames))];
+    let plan = PortPlan::of(&adapter, &config, &traffic(255));
+    assert_eq!(plan.gateways[0].rx.frames_per_image(empty.as_ref(), false), 255);
+    let is_image = |refusal: &&PortRefusal| matches!(refusal, PortRefusal::ImageTooSmall { .. });
+    assert_eq!(plan.refusals.iter().find(is_image), None);
+    let plan = PortPlan::of(&adapter, &config, &traffic(256));
+    let text = plan.refusals.iter().find(is_image).unwrap().to_string();
+    assert!(text.contains("256 packets of together 1024 bytes") && text.contains("3048"), "{text}");
+}
+
+#[test]
+fn frames_that_do_not_fit_an_image_are_refused_or_wait() {
+    let config = PortConfig::uniform(1, GatewayConfig::on_all_channels(&classic()));
+    // Eight frames of 12 bytes on each channel are 384 bytes, and 360 fit.
+    let all = |rate| [0u8, 1, 2, 3].map(|channel| FrameStream::to_bus(0, channel, eight(), rate));
+    let plan = PortPlan::of(&adapter(3), &config, &all(FrameRate::PerCycle(8)));
+    let expected = PortRefusal::ImageTooSmall {
+        slave: 0,
+        direction: Direction::RxPdo,
+        packets: 32,
+        bytes: 384,
+        area: 360,
+    };
+    assert!(plan.refusals.contains(&expected), "{:?}", plan.refusals);
+    // 31 kinds of frame in every fourth cycle: 7.75 on the average, 372 bytes when they meet.
+    let meeting = vec![FrameStream::to_bus(0, 1, eight(), FrameRate::EveryCycles(4)); 31];
+    let plan = PortPlan::of(&adapter(3), &config, &meeting);
+    let expected = PortWarning::ImagePeak {
+        slave: 0,
+        direction: Direction::RxPdo,
+        packets: 31,
+        bytes: 372,
+        area: 360,
+    };
+    assert!(plan.warnings.contains(&expected), "{:?}", plan.warnings);
+}
+
+/// 360 bytes for four channels are 90 each: seven frames of 12 bytes fit, eight do not.
+#[test]
+fn fixed_shares_are_judged_by_themselves() {
+    let mut gateway = GatewayConfig::on_all_channels(&classic());
+    gateway.tx_budget = BudgetPolicy::Deterministic;
+    let config = PortConfig::uniform(1, gateway);
+    let refusals = |frames| {
+        let traffic = [FrameStream::from_bus(0, 2, eight(), FrameRate::PerCycle(frames))];
+        PortPlan::of(&adapter(3), &config, &traffic).refusals
+    };
+    assert_eq!(refusals(7), []);
+    let expected = PortRefusal::ShareTooSmall { slave: 0, channel: 2, bytes: 96, share: 90 };
+    assert!(refusals(8).contains(&expected), "{:?}", refusals(8));
+}
+
+/// Eight frames of 111 to 135 bits in 1000: 89 to 108 %.
+#[test]
+fn a_bus_that_stuff_bits_can_fill_is_refused() {
+    let traffic = [FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(8))];
+    let plan = PortPlan::of(&adapter(3), &one_channel(classic()), &traffic);
+    let [PortRefusal::BusLoad { least_percent: 89, most_percent: 108, .. }] = plan.refusals[..]
+    else {
+        panic!("{:?}", plan.refusals)
+    };
+    let text = plan.refusals[0].to_string();
+    assert!(text.contains("89 to 108 % of the bus") && text.contains("bit rate"), "{text}");
+    // What other nodes tell each other counts, too, and only there.
+    let way = FrameWay::OnBusOnly;
+    let plan =
+        PortPlan::of(&adapter(3), &one_channel(classic()), &[FrameStream { way, ..traffic[0] }]);
+    assert_eq!(plan.refusals.len(), 1);
+    assert_eq!(plan.gateways[0].rx.peak, fill(0, 0));
+}
+
+#[test]
+fn budgets_of_the_service_are_compared_with_the_traffic() {
+    // Ten frames in 2 ms are more than a service hands on, though the bus could carry them.
+    let adapter = adapter(3).with_cycle_us(2_000);
+    let sent = |frames| [FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(frames))];
+    let plan = PortPlan::of(&adapter, &one_channel(classic()), &sent(10));
+    assert_eq!(
+        plan.refusals,
+        [PortRefusal::Budget { slave: 0, channel: 0, received: 0, sent: 10 }]
+    );
+    // The device's own budgets hand four on.
+    let mut settings = classic();
+    settings.data_path = Default::default();
+    let plan = PortPlan::of(&adapter, &one_channel(settings), &sent(5));
+    assert_eq!(plan.refusals, []);
+    let [warning] = &plan.warnings[..] else { panic!("{:?}", plan.warnings) };
+    let text = warning.to_string();
+    assert!(text.contains("5 sent") && text.contains("2 and 4 per service"), "{text}");
+    assert!(text.contains("0x8021:05"), "{text}");
+    // What the SDK sets for that traffic does.
+    let settings = classic().with_traffic(Traffic { received: 0, sent: 5 });
+    let plan = PortPlan::of(&adapter, &one_channel(settings), &sent(5));
+    assert_eq!((plan.refusals, plan.warnings), (vec![], vec![]));
+}
+
+#[test]
+fn the_check_refuses_a_budget_in_the_words_of_the_plan() {
+    let settings = classic().with_traffic(Traffic { received: 9, sent: 1 });
+    let faults = one_channel(settings).check(&adapter(3)).unwrap_err().0;
+    let refusal = PortRefusal::Budget { slave: 0, channel: 0, received: 9, sent: 1 };
+    assert_eq!(faults, [PortConfigFault::Plan(refusal)]);
+    let plan = PortPlan::of(
+        &adapter(3),
+        &one_channel(classic()),
+        &[
+            FrameStream::from_bus(0, 0, eight(), FrameRate::PerCycle(9)),
+            FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(1)),
+        ],
+    );
+    assert!(plan.refusals.contains(&refusal));
+}
+
+#[test]
+fn frames_without_a_place_are_refused_once() {
+    let traffic = [
+        FrameStream::to_bus(0, 3, eight(), EVERY_CYCLE),
+        FrameStream::to_bus(0, 3, eight(), EVERY_CYCLE),
+        FrameStream::to_bus(2, 0, eight(), EVERY_CYCLE),
+        FrameStream::to_bus(0, 9, eight(), EVERY_CYCLE),
+        FrameStream::to_bus(0, 0, fd_frame(8), EVERY_CYCLE),
+    ];
+    let plan = PortPlan::of(&adapter(3), &one_channel(classic()), &traffic);
+    assert_eq!(
+        plan.refusals,
+        [
+            PortRefusal::NoChannel { slave: 0, channel: 3 },
+            PortRefusal::NoChannel { slave: 2, channel: 0 },
+            PortRefusal::NoChannel { slave: 0, channel: 9 },
+            PortRefusal::NotFd { slave: 0, channel: 0 },
+        ]
+    );
+}
+
+#[test]
+fn findings_of_the_ethercat_side_are_among_those_of_the_whole() {
+    let plan = PortPlan::of(&adapter(12), &one_channel(classic()), &[]);
+    assert!(matches!(
+        plan.refusals[..],
+        [
+            PortRefusal::EtherCat(PlanRefusal::LargePdo { pdo: "RxPDO", .. }),
+            PortRefusal::EtherCat(PlanRefusal::LargePdo { pdo: "TxPDO", .. })
+        ]
+    ));
+}
+
+#[test]
+fn schedules_are_judged() {
+    let plan = |adapter: &AdapterConfig, offset_ns, frames| {
+        let stream = FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(frames));
+        PortPlan::of(adapter, &one_channel(classic()), &[stream.scheduled(offset_ns)])
+    };
+    let mut adapter = adapter(3);
+    let refused = plan(&adapter, 100_000, 1).refusals;
+    let offset_ns = 100_000;
+    assert_eq!(refused, [PortRefusal::EtherCat(PlanRefusal::ScheduleWithoutSync0 { offset_ns })]);
+    adapter.dc = Some(DcSync::new(1_000_000, 700_000));
+    assert_eq!(plan(&adapter, 100_000, 4).warnings, []);
+    let small = PortWarning::EtherCat(PlanWarning::SmallOffset { offset_ns: 50_000 });
+    assert_eq!(plan(&adapter, 50_000, 1).warnings, [small]);
+    // Four frames of at most 135 us from 600 us on end at 1140 us.
+    let overruns = PortWarning::ScheduleOverruns {
+        slave: 0,
+        channel: 0,
+        offset_ns: 600_000,
+        frames_ns: 540_000,
+        sync0_ns: 1_000_000,
+    };
+    assert_eq!(plan(&adapter, 600_000, 4).warnings, [overruns]);
+    // The image is there 67.2 us after the send: shortly before a pulse at 100 us.
+    adapter.dc = Some(DcSync::new(1_000_000, 100_000));
+    let thin = PlanWarning::ThinSchedule { slave: 0, to_pulse_ns: 32_800, sync0_ns: 1_000_000 };
+    assert_eq!(plan(&adapter, 100_000, 4).warnings, [PortWarning::EtherCat(thin)]);
+}
+
+#[test]
+fn configurations_that_do_not_match_have_a_plan_all_the_same() {
+    let mut adapter = AdapterConfig::new(3).with_cycle_us(0);
+    adapter.slaves[0].rx_multiplier = 0;
+    adapter.slaves[1].tx_multiplier = 255;
+    let stream = FrameStream::to_bus(1, 0, eight(), FrameRate::PerCycle(u32::MAX));
+    let plan = PortPlan::of(&adapter, &PortConfig::default(), &[stream, stream]);
+    assert!(plan.gateways.is_empty() && !plan.refusals.is_empty());
+    let plan = PortPlan::of(&adapter, &one_channel(classic()), &[]);
+    assert_eq!(plan.gateways.len(), 1);
+}
+
+// Against the simulated gateway
+
+/// The Port takes as many frames into one image as the plan says, and not one more.
+#[test]
+fn an_image_takes_the_frames_of_the_plan() {
+    let empty_fd = fd_frame(0);
+    let cases = [(1, eight()), (3, eight()), (2, fd_frame(64)), (3, fd_frame(20)), (8, empty_fd)];
+    for (multiplier, frame) in cases {
+        for options in [OptionFlags::NONE, OptionFlags::ALIGN4] {
+            let settings = ChannelSettings::fd(500_000, 2_000_000);
+            let mut gateway = GatewayConfig::on_channel(0, settings);
+            gateway.rx_options = options;
+            gateway.paced = false;
+            let config = PortConfig::uniform(1, gateway);
+            let planned = PortPlan::of(&adapter(multiplier), &config, &[]).gateways[0]
+                .rx
+                .frames_per_image(frame.as_ref(), false);
+            let mut bench = Bench::ready(ecan_sim::echo(1), adapter(multiplier), config);
+            let mut taken = 0;
+            bench.cycle(|port| {
+                while port.send(0, 0, frame.as_ref()).is_ok() {
+                    taken += 1;
+                }
+                let full = port.send(0, 0, frame.as_ref());
+                assert!(matches!(full, Err(SendError::NoRoom { .. })), "{full:?}");
+            });
+            assert_eq!(taken, planned, "N = {multiplier}, {frame:?}, {options}");
+        }
+    }
+}
+
+/// What the simulated bus measures to the bit lies between the bounds of the plan.
+#[test]
+fn the_measured_load_lies_within_the_planned_one() {
+    let settings = ChannelSettings::fd(500_000, 2_000_000);
+    let frames = [eight(), frame(0, &[0; 8]), fd_frame(32), frame(0x7FF, &[])];
+    for sample in frames {
+        // Every frame comes back from the echo node.
+        let traffic = [
+            FrameStream::to_bus(0, 0, sample, EVERY_CYCLE),
+            FrameStream::from_bus(0, 0, sample, EVERY_CYCLE),
+        ];
+        let config = one_channel(settings.clone());
+        let load = PortPlan::of(&adapter(3), &config, &traffic).channels[0].load;
+        let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config);
+        let busy = |bench: &Bench| {
+            bench.simulation.with_world(|world| world.bus("0.0").unwrap().statistics())
+        };
+        let send = |bench: &mut Bench| {
+            bench.cycle(|port| {
+                port.send(0, 0, sample.as_ref()).unwrap();
+            });
+        };
+        for _ in 0..20 {
+            send(&mut bench);
+        }
+        let before = busy(&bench);
+        for _ in 0..500 {
+            send(&mut bench);
+        }
+        let measured = busy(&bench);
+        assert_eq!(measured.frames - before.frames, 1_000);
+        let share = (measured.busy_ns - before.busy_ns) as f64 / 500e6;
+        assert!(load.least - 1e-6 <= share && share <= load.most + 1e-6, "{share}: {load:?}");
+    }
+}
+
+/// The simulated gateway releases scheduled frames when the plan says, to the microsecond.
+#[test]
+fn scheduled_frames_leave_when_the_plan_says() {
+    for (shift_us, offset_us) in [(500, 100), (700, 100), (700, 350), (900, 0)] {
+        let mut adapter = adapter(3);
+        adapter.dc = Some(DcSync::new(1_000_000, shift_us * 1_000));
+        let config = one_channel(classic());
+        let offset_ns = offset_us * 1_000;
+        let plan = PortPlan::of(&adapter, &config, &[]).ethercat;
+        let planned = plan.schedule_margin(0, offset_ns, 0).unwrap().unwrap().leaves_ns;
+        let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+        bench.cycle(|port| {
+            let schedule = Schedule { tag: 1, offset_ns };
+            port.schedule_can(0, 0, CanId::standard(1).unwrap(), &[1], schedule).unwrap();
+        });
+        let released = |bench: &Bench| {
+            bench.simulation.with_world(|world| world.truth(0).unwrap().frames_released)
+        };
+        let mut passed_us = 0;
+        while released(&bench) == 0 {
+            assert!(passed_us < 3_000, "it never left");
+            bench.simulation.pass_ns(1_000);
+            passed_us += 1;
+        }
+        assert_eq!(passed_us * 1_000, planned, "shift {shift_us} us, offset {offset_us} us");
+    }
+}

@@ -1,0 +1,141 @@
+//! `--plan` as a user runs it: no bus, no master, no `--ecrt`.
+#![allow(missing_docs)]
+
+mod program;
+
+use program::{fails, run, succeeds, text};
+
+const LOOP: &str = "simple_loop";
+const SINGLE: &str = "cia402_single_axis_demo";
+const TEN: &str = "cia402_10axis_demo";
+
+/// The words of the line that begins with these.
+fn line<'a>(printed: &'a str, start: &str) -> Vec<&'a str> {
+    let line = printed.lines().find(|line| line.starts_with(start));
+    line.unwrap_or_else(|| panic!("{start} is not in {printed}")).split_whitespace().collect()
+}
+
+fn contains_all(printed: &str, parts: &[&str]) {
+    for part in parts {
+        assert!(printed.contains(part), "{part} is not in {printed}");
+    }
+}
+
+/// 2 * 384 + 12 + 40 = 820 bytes of 80 ns; out and back 111 to 135 bits each in 10000.
+#[test]
+fn the_plain_loop_has_a_plan_without_a_master() {
+    for library in [&[][..], &["--ecrt", "/no/such/libethercat.so"], &["--ecrt", "sim"]] {
+        let printed = succeeds(LOOP, &[&["--plan"], library].concat());
+        assert_eq!(
+            line(&printed, "frame 0")[2..],
+            ["820", "65.6", "us", "slave", "0", "LRW", "768"]
+        );
+        assert_eq!(line(&printed, "in all")[2..7], ["820", "65.6", "us", "0.7", "%"]);
+        assert_eq!(
+            line(&printed, "slave 0 can0")[3..],
+            ["1", "1", "8", "8", "2.2", "to", "2.7", "%"]
+        );
+        assert_eq!(line(&printed, "slave 0 RxPDO")[3..], ["360", "1", "(1)", "12", "(12)"]);
+        contains_all(&printed, &["an estimate", "nothing speaks against it"]);
+        assert!(!printed.contains("SIMULATED") && !printed.contains("in service"), "{printed}");
+    }
+}
+
+/// Three slaves of N = 6: six frames of 820 bytes. FD frames of 64 bytes take 68 in the image:
+/// 744 / 68 = 10; out and back 2 * (29 + 550 / 5) = 278 to 2 * (32 + 680 / 5) = 336 us of 1000.
+#[test]
+fn three_gateways_with_can_fd() {
+    let arguments = ["--plan", "--slaves", "3", "--pdo-n", "6", "--cycle-us", "1000"];
+    let fd = ["--fd", "5000000", "--channel", "all"];
+    let printed = succeeds(LOOP, &[&arguments[..], &fd].concat());
+    assert_eq!(printed.matches(" 820 ").count(), 6, "{printed}");
+    assert_eq!(line(&printed, "in all")[2..7], ["4920", "393.6", "us", "39.4", "%"]);
+    let counters = "6 (2 + 2 + 2) with IgH 1.6, 9 (3 + 3 + 3) with 1.5";
+    contains_all(&printed, &[counters, "FD with BRS, 11 bit, 64 bytes"]);
+    assert_eq!(line(&printed, "slave 1 out")[10..], ["68", "10"]);
+    assert_eq!(line(&printed, "slave 2 can3")[7..], ["27.8", "to", "33.6", "%"]);
+    assert_eq!(printed.matches(" can").count(), 12);
+}
+
+/// 100 frames of 8 bytes with 29 bits and one remote frame in 1 s: 101 frames of which each comes
+/// back.
+#[test]
+fn a_recording_is_spread_over_its_length() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("a.log");
+    let mut log: String =
+        (0..100).map(|n| format!("({n}.000000) can0 00000123#1122334455667788\n")).collect();
+    log.push_str("(100.000000) can0 123#R8\n");
+    std::fs::write(&path, log).unwrap();
+    let replay = ["--plan", "--replay", path.to_str().unwrap(), "--cycle-us", "2000"];
+    let printed = succeeds(LOOP, &replay);
+    contains_all(&printed, &["classic, 29 bit, 8 bytes", "remote, 11 bit, 8 bytes"]);
+    // 1.01 frames a second are 0.002 a cycle; the fullest cycle may have one of each kind.
+    assert_eq!(line(&printed, "slave 0 RxPDO")[3..], ["360", "0.00", "(2)", "0.03", "(18)"]);
+}
+
+#[test]
+fn what_would_not_work_ends_with_the_reason() {
+    let cases: [(&[&str], &[&str]); 5] = [
+        (&["--pdo-n", "12"], &["N = 12 needs 1536 bytes", "N is at most 11", "2 faults"]),
+        (&["--slaves", "3", "--pdo-n", "11", "--cycle-us", "500"], &["700.8 us on the wire"]),
+        (&["--cycle-us", "100"], &["1384 bytes", "no slave reach OP"]),
+        (&["--bitrate", "125000", "--cycle-us", "1000"], &["178 to 216 % of the bus"]),
+        (&["--bitrate", "1"], &["bit timing"]),
+    ];
+    for (arguments, words) in cases {
+        let output = run(LOOP, &[&["--plan"], arguments].concat());
+        let message = text(&output.stderr);
+        assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
+        contains_all(&message, words);
+        assert!(
+            text(&output.stdout).contains("working counter"),
+            "the table is there all the same"
+        );
+    }
+    succeeds(LOOP, &["--plan", "--pdo-n", "12", "--large-pdos"]);
+}
+
+/// Three axes on channels 0 and 1, two on 2 and 3: 3 * 2 * 95 + 47 = 617 to 3 * 2 * 115 + 55 = 745
+/// of 2500 bits, a SYNC and three targets out, three TPDOs in; 427 to 515 with two axes.
+#[test]
+fn axes_fill_their_channels() {
+    let printed = succeeds(TEN, &["--plan", "--slaves", "1", "--cycle-us", "2500"]);
+    assert_eq!(
+        line(&printed, "slave 0 can0")[3..],
+        ["4", "3", "8", "8", "24.7", "to", "29.8", "%"]
+    );
+    assert_eq!(
+        line(&printed, "slave 0 can3")[3..],
+        ["3", "2", "8", "8", "17.1", "to", "20.6", "%"]
+    );
+    // 10 targets of 2 + 2 + 6 bytes and 4 SYNC of 4.
+    assert_eq!(line(&printed, "slave 0 RxPDO")[3..], ["360", "14", "(14)", "116", "(116)"]);
+    assert_eq!(line(&printed, "slave 0 TxPDO")[3..], ["360", "10", "(10)", "100", "(100)"]);
+
+    let printed = succeeds(TEN, &["--plan", "--slaves", "1", "--cycle-us", "1000"]);
+    contains_all(&printed, &["warning: slave 0, channel 0: the frames take 62 to 75 % of the bus"]);
+
+    let slow = ["--plan", "--slaves", "1", "--cycle-us", "1000", "--bitrate", "500000"];
+    let message = fails(TEN, &slow);
+    contains_all(&message, &["4 faults", "channel 0: the frames take 123 to 149 % of the bus"]);
+
+    let printed = succeeds(SINGLE, &["--plan", "--motion-div", "4", "--channel", "2"]);
+    assert_eq!(line(&printed, "slave 0 can2")[3..5], ["1.25", "1"]);
+}
+
+/// The clocks make the frame 32 bytes longer: 852 bytes, of which the last 12 are gap. Frames 100 us
+/// behind a Sync0 at 700 us leave 732.8 us after the image has arrived at 67.2 us.
+#[test]
+fn with_sync0_the_plan_tells_when_scheduled_frames_would_leave() {
+    let sync0 = ["--plan", "--cycle-us", "1000", "--dc-sync0", "--dc-shift-us", "700"];
+    let printed = succeeds(SINGLE, &sync0);
+    contains_all(&printed, &["slave 0 LRW 768, clock 4, clock 4", "shifted by 700.0 us"]);
+    let schedule = printed.split("\nscheduled").nth(1).unwrap_or_else(|| panic!("{printed}"));
+    assert_eq!(
+        line(schedule, "slave 0")[2..],
+        ["100.0", "us", "67.2", "us", "700.0", "us", "800.0", "us", "632.8", "us"]
+    );
+    let message = fails(SINGLE, &["--plan", "--dc-sync0", "--dc-shift-us", "10000"]);
+    contains_all(&message, &["Sync0 shift of 10000 us is not below its period"]);
+}
