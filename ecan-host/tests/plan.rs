@@ -5,8 +5,8 @@ mod common;
 
 use common::{run, simulated};
 use ecan_host::{
-    Adapter, AdapterConfig, BYTE_NS, DatagramUse, DcSync, FRAME_OVERHEAD_BYTES, LogicalCommand,
-    Plan, PlanRefusal, PlanWarning,
+    Adapter, AdapterConfig, BYTE_NS, ClockSource, DatagramUse, DcSync, FRAME_OVERHEAD_BYTES,
+    LogicalCommand, Plan, PlanRefusal, PlanWarning,
 };
 use ecan_sim::EcrtVersion;
 use proptest::prelude::*;
@@ -93,10 +93,17 @@ fn three_slaves_of_eleven_chunks_fill_two_thirds_of_a_millisecond() {
 #[test]
 fn small_images_and_clocks_share_frames() {
     let mut config = config(6, 1, 1_000);
-    config.dc = Some(DcSync::new(1_000_000, 0));
+    let dc = DcSync { monitor_every: 0, ..DcSync::new(1_000_000, 0) };
+    config.dc = Some(dc);
     let plan = Plan::of(&config);
     assert_eq!(frame_bytes(&plan), [1_380, 340]);
-    assert_eq!(plan.datagrams().filter(|d| d.purpose == DatagramUse::Clock).count(), 2);
+    let clocks = |dc| {
+        let plan = Plan::of(&AdapterConfig { dc: Some(dc), ..config.clone() });
+        plan.datagrams().filter(|d| d.purpose == DatagramUse::Clock).count()
+    };
+    assert_eq!(clocks(dc), 2);
+    assert_eq!(clocks(DcSync { monitor_every: 100, ..dc }), 3, "in every hundredth cycle");
+    assert_eq!(clocks(DcSync { source: ClockSource::Reference, ..dc }), 1);
     // The one frame brings all five images at its end: 1368 bytes.
     assert_eq!(plan.slaves[0].outputs_arrive_ns, plan.slaves[4].outputs_arrive_ns);
     assert_eq!(plan.slaves[4].outputs_arrive_ns, 109_440);
@@ -171,7 +178,7 @@ fn scheduled_frames_have_a_margin() {
     let mut config = config(1, 3, 1_000);
     let without = Plan::of(&config).judge_schedule(0, 100_000, 0);
     assert_eq!(without, Err(PlanRefusal::ScheduleWithoutSync0 { offset_ns: 100_000 }));
-    config.dc = Some(DcSync::new(1_000_000, 700_000));
+    config.dc = Some(DcSync { monitor_every: 0, ..DcSync::new(1_000_000, 700_000) });
     let plan = Plan::of(&config);
     let margin = plan.schedule_margin(0, 100_000, 0).unwrap().unwrap();
     assert_eq!((margin.arrives_ns, margin.leaves_ns), (67_200, 800_000));

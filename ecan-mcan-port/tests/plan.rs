@@ -262,7 +262,7 @@ fn schedules_are_judged() {
     };
     assert_eq!(plan(&adapter, 600_000, 4).warnings, [overruns]);
     // The image is there 67.2 us after the send: shortly before a pulse at 100 us.
-    adapter.dc = Some(DcSync::new(1_000_000, 100_000));
+    adapter.dc = Some(DcSync { monitor_every: 0, ..DcSync::new(1_000_000, 100_000) });
     let thin = PlanWarning::ThinSchedule { slave: 0, to_pulse_ns: 32_800, sync0_ns: 1_000_000 };
     assert_eq!(plan(&adapter, 100_000, 4).warnings, [PortWarning::EtherCat(thin)]);
 }

@@ -124,8 +124,8 @@ fn axes_fill_their_channels() {
     assert_eq!(line(&printed, "slave 0 can2")[3..5], ["1.25", "1"]);
 }
 
-/// The clocks make the frame 32 bytes longer: 852 bytes, of which the last 12 are gap. Frames 100 us
-/// behind a Sync0 at 700 us leave 732.8 us after the image has arrived at 67.2 us.
+/// The clocks make the frame 48 bytes longer: 868 bytes, of which the last 12 are gap. Frames 100 us
+/// behind a Sync0 at 700 us leave 732.8 us after the image has arrived at 68.5 us.
 #[test]
 fn with_sync0_the_plan_tells_when_scheduled_frames_would_leave() {
     let sync0 = ["--plan", "--cycle-us", "1000", "--dc-sync0", "--dc-shift-us", "700"];
@@ -134,7 +134,7 @@ fn with_sync0_the_plan_tells_when_scheduled_frames_would_leave() {
     let schedule = printed.split("\nscheduled").nth(1).unwrap_or_else(|| panic!("{printed}"));
     assert_eq!(
         line(schedule, "slave 0")[2..],
-        ["100.0", "us", "67.2", "us", "700.0", "us", "800.0", "us", "632.8", "us"]
+        ["100.0", "us", "68.5", "us", "700.0", "us", "800.0", "us", "631.5", "us"]
     );
     let message = fails(SINGLE, &["--plan", "--dc-sync0", "--dc-shift-us", "10000"]);
     contains_all(&message, &["Sync0 shift of 10000 us is not below its period"]);

@@ -10,13 +10,10 @@ pub use ethernet::{
 pub use finding::{PlanRefusal, PlanWarning};
 pub use schedule::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
 
-use crate::config::AdapterConfig;
+use crate::config::{AdapterConfig, ClockSource, DcSync};
 use crate::domain_layout::{DomainLayout, MAX_PLAIN_MULTIPLIER};
 
-/// Datagrams per cycle that keep the distributed clocks together: one sets the reference clock,
-/// one carries its time to the others.
-const CLOCK_DATAGRAMS: usize = 2;
-/// Data of one of them: the low half of the system time.
+/// Data of a datagram of the clocks: the low half of the system time.
 const CLOCK_BYTES: usize = 4;
 /// Room that a mailbox transfer needs in a cycle: the largest mailbox, in a frame of its own.
 const MAILBOX_BYTES: usize = 512 + DATAGRAM_OVERHEAD_BYTES + FRAME_OVERHEAD_BYTES;
@@ -83,7 +80,7 @@ pub struct Plan {
     pub refusals: Vec<PlanRefusal>,
     /// What works with little to spare.
     pub warnings: Vec<PlanWarning>,
-    dc: Option<crate::config::DcSync>,
+    dc: Option<DcSync>,
 }
 
 impl Plan {
@@ -100,7 +97,7 @@ impl Plan {
                 data_bytes,
             })
         });
-        let clocks = if config.dc.is_some() { CLOCK_DATAGRAMS } else { 0 };
+        let clocks = config.dc.map_or(0, clock_datagrams);
         let clock = Datagram { purpose: DatagramUse::Clock, data_bytes: CLOCK_BYTES };
         let frames = ethernet::pack(process_data.chain(std::iter::repeat_n(clock, clocks)));
         let slaves = layouts
@@ -231,6 +228,12 @@ impl Plan {
             (offset_ns < RECOMMENDED_OFFSET_NS).then_some(PlanWarning::SmallOffset { offset_ns });
         Ok(thin.into_iter().chain(small).collect())
     }
+}
+
+/// Datagrams that keep the distributed clocks together, in the fullest cycle: one sets the reference
+/// clock, one carries its time to the others, one measures how far they are apart.
+fn clock_datagrams(dc: DcSync) -> usize {
+    1 + usize::from(dc.source == ClockSource::Host) + usize::from(dc.monitor_every > 0)
 }
 
 /// End of the last frame that carries the slave's outputs.
