@@ -138,7 +138,7 @@ impl Gateway {
     /// ([`GatewaySettings::service_jitter_ns`]).
     #[must_use]
     pub fn new(settings: GatewaySettings, seed: u64) -> Self {
-        let tx_pressure_percent = settings.tx_pressure_percent;
+        let GatewaySettings { tx_pressure_percent, release_jitter_ns, .. } = settings;
         let mut gateway = Self {
             settings,
             random: seed ^ 0x9E37_79B9_7F4A_7C15,
@@ -172,7 +172,7 @@ impl Gateway {
             parser: RxPdoParser::new(),
             builder: TxPdoBuilder::new(),
             results: ResultQueue::new(),
-            schedule: ScheduleQueue::new(),
+            schedule: ScheduleQueue::new(release_jitter_ns, seed),
             faults: PendingFaults::default(),
             truth: Truth::default(),
         };
