@@ -22,6 +22,10 @@ mod error;
 mod port;
 mod received;
 mod receiver;
+mod schedule_account;
+mod schedule_margin;
+mod schedule_settings;
+mod schedule_watch;
 mod send;
 mod session;
 mod startup;
@@ -39,6 +43,10 @@ pub use cycle::{CycleReport, ImageReport};
 pub use error::PortError;
 pub use port::Port;
 pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
+pub use schedule_account::ScheduleAccount;
+pub use schedule_margin::ScheduleMargin;
+pub use schedule_settings::{MarginCheck, ScheduleSettings};
+pub use schedule_watch::{ChannelDrops, ScheduleDiagnostics};
 pub use send::{
     NoRoom, NotSchedulable, SendError, SendOptions, SendTicket, TransmitFrame, TransmitHint,
 };
