@@ -39,6 +39,8 @@ impl Range {
 pub struct Panel<'a> {
     /// What stands above it.
     pub title: &'a str,
+    /// What stands beside that, in grey.
+    pub subtitle: &'a str,
     /// What the horizontal axis shows.
     pub axis: &'a str,
     /// The times, in nanoseconds.
@@ -47,6 +49,8 @@ pub struct Panel<'a> {
     pub range: Range,
     /// A mark on the horizontal axis: the period that is meant, in microseconds.
     pub mark_us: f64,
+    /// Times that the vertical axis reaches at least, for panels that are to be compared.
+    pub at_least: u64,
     /// Colour of the bars.
     pub colour: &'a str,
 }
@@ -60,11 +64,12 @@ impl Panel<'_> {
         let (y0, y1) = (top + height - BOTTOM, top + TOP);
         let x = |us: f64| x0 + (x1 - x0) * (us - low_us) / (high_us - low_us);
         let counts = self.counts();
-        let most = counts.iter().copied().max().unwrap_or(0).max(1);
+        let most = counts.iter().copied().max().unwrap_or(0).max(self.at_least).max(1);
         // One decade above the largest bar at most; a single time is a bar of its own height.
         let decades = (most as f64 * 1.25).log10().max(1.0);
         let y = |count: f64| y0 - (y0 - y1) * ((count.log10() + 0.3) / (decades + 0.3)).max(0.0);
         svg::text(out, (x0, top + 20.0), Anchor::Start, "font-weight=\"bold\"", self.title);
+        svg::text(out, (x1, top + 20.0), Anchor::End, "fill=\"#555\"", self.subtitle);
         for power in 0..=decades.floor() as i32 {
             let count = 10_f64.powi(power);
             let line = y(count);
@@ -112,6 +117,11 @@ impl Panel<'_> {
         svg::text(out, ((x0 + x1) / 2.0, y0 + 33.0), Anchor::Middle, "", self.axis);
     }
 
+    /// The number of times in the largest bar.
+    pub fn largest_bar(&self) -> u64 {
+        self.counts().into_iter().max().unwrap_or(0)
+    }
+
     fn counts(&self) -> [u64; BARS] {
         let Range { low_us, high_us } = self.range;
         let mut counts = [0; BARS];
@@ -136,6 +146,8 @@ mod tests {
         assert!(range.low_us < 900.0 && range.high_us > 1_099.8);
         let panel = Panel {
             title: "t",
+            subtitle: "",
+            at_least: 0,
             axis: "us",
             times_ns: &times,
             range,

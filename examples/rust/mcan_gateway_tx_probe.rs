@@ -266,6 +266,7 @@ fn measure(
     let report = Report {
         cycle_ns: arguments.cycle_us * 1_000,
         setting: arguments.setting(),
+        banner: simulation.map(Simulation::banner),
         bus_source,
         rows: results.into_iter().map(row).collect(),
     };

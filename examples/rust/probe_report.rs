@@ -31,6 +31,8 @@ pub struct Report {
     pub cycle_ns: u32,
     /// How it was measured, in words.
     pub setting: String,
+    /// What a simulated run says of itself.
+    pub banner: Option<String>,
     /// Where the times on the bus come from, or why there are none.
     pub bus_source: String,
     /// The measurements.
@@ -160,6 +162,9 @@ impl Report {
         let body: String = self.rows.iter().map(|it| row(&self.cells(it), "td")).collect();
         let notes: String =
             self.notes().iter().map(|note| format!("<p>{}</p>\n", svg::escaped(note))).collect();
+        let banner = self.banner.as_deref().map_or_else(String::new, |banner| {
+            format!("<p><strong>{}</strong></p>\n", svg::escaped(banner))
+        });
         format!(
             "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
              <title>Direct and scheduled transmission</title>\n<style>\n\
@@ -170,7 +175,7 @@ impl Report {
              th {{ background: #f3f3f3; white-space: normal; }}\n\
              th:first-child, td:first-child {{ text-align: left; }}\n\
              svg {{ max-width: 100%; height: auto; }}\n</style>\n</head>\n<body>\n\
-             <h1>Direct and scheduled transmission</h1>\n<p>{}</p>\n<table>\n{head}{body}</table>\n\
+             <h1>Direct and scheduled transmission</h1>\n{banner}<p>{}</p>\n<table>\n{head}{body}</table>\n\
              {notes}{}</body>\n</html>\n",
             svg::escaped(&self.setting),
             self.svg()
@@ -212,48 +217,66 @@ impl Report {
         notes
     }
 
-    /// Two rows for each measurement: the periods on the bus and those of the master, on the left
-    /// with the same axis for all, on the right each with its own.
+    /// A line of panels for each measurement on the bus, and then for each of the master: on the
+    /// left with the same axes for all, on the right each with its own.
     fn svg(&self) -> String {
-        let mark_us = f64::from(self.cycle_ns) / 1e3;
-        let mut panels = Vec::new();
         let bus = |row: &Row| row.bus.as_ref().map_or_else(Vec::new, |bus| bus.periods_ns.clone());
         let master = |row: &Row| row.result.master_periods_ns.clone();
-        let kinds: [(&str, &dyn Fn(&Row) -> Vec<u64>); 2] =
-            [("period on the bus", &bus), ("master period", &master)];
-        for (name, times) in kinds {
-            let all: Vec<u64> = self.rows.iter().flat_map(times).collect();
-            let Some(common) = Range::around(all.iter(), mark_us) else { continue };
-            for (nth, row) in self.rows.iter().enumerate() {
-                let own = times(row);
-                if let Some(range) = Range::around(own.iter(), mark_us) {
-                    let title = format!("{}: {name}", row.result.mode);
-                    panels.push((title, own, common, range, COLOURS[nth % COLOURS.len()]));
-                }
-            }
-        }
-        let height = PANEL_HEIGHT * panels.len() as f64 + 16.0;
-        let mut picture = svg::open(2.0 * PANEL_WIDTH, height);
-        for (nth, (title, times_ns, common, own, colour)) in panels.iter().enumerate() {
-            let top = PANEL_HEIGHT * nth as f64;
-            let scales = [(common, "the same scale for all"), (own, "its own scale")];
-            for (column, (range, words)) in scales.into_iter().enumerate() {
-                let title = format!("{title}, {words}");
-                let panel = Panel {
-                    title: &title,
-                    axis: "microseconds (number of cycles upwards, logarithmic)",
-                    times_ns,
-                    range: *range,
-                    mark_us,
-                    colour,
-                };
-                let place = (PANEL_WIDTH * column as f64, top);
-                panel.draw(&mut picture, place, (PANEL_WIDTH, PANEL_HEIGHT));
-            }
+        let kinds: [(&str, Vec<Vec<u64>>); 2] = [
+            ("period on the bus", self.rows.iter().map(bus).collect()),
+            ("master period", self.rows.iter().map(master).collect()),
+        ];
+        let lines: usize = kinds.iter().map(|(_, all)| filled(all)).sum();
+        let mut picture = svg::open(2.0 * PANEL_WIDTH, PANEL_HEIGHT * lines as f64 + 16.0);
+        let mut top = 0.0;
+        for (name, all) in &kinds {
+            self.draw_kind(&mut picture, top, name, all);
+            top += PANEL_HEIGHT * filled(all) as f64;
         }
         picture.push_str("</svg>\n");
         picture
     }
+
+    fn draw_kind(&self, picture: &mut String, mut top: f64, name: &str, all: &[Vec<u64>]) {
+        let mark_us = f64::from(self.cycle_ns) / 1e3;
+        let Some(common) = Range::around(all.iter().flatten(), mark_us) else { return };
+        let panel = |times_ns, range, colour| Panel {
+            title: "",
+            subtitle: "",
+            axis: "period in us (number of cycles upwards, logarithmic)",
+            times_ns,
+            range,
+            mark_us,
+            at_least: 0,
+            colour,
+        };
+        let largest = all.iter().map(|times| panel(times, common, "").largest_bar()).max();
+        for (nth, (row, times)) in self.rows.iter().zip(all).enumerate() {
+            let Some(own) = Range::around(times.iter(), mark_us) else { continue };
+            let colour = COLOURS[nth % COLOURS.len()];
+            let title = format!("{}: {name}", row.result.mode);
+            let figures = Spread::of(times).map_or_else(String::new, |it| {
+                let (min, max, p99) = (us(it.min_ns), us(it.max_ns), us(it.p99_ns));
+                format!("min/max {min:.1}/{max:.1} us, p99 {p99:.1} us")
+            });
+            let left = Panel {
+                title: &title,
+                subtitle: "same axes for all",
+                at_least: largest.unwrap_or(0),
+                ..panel(times, common, colour)
+            };
+            let right =
+                Panel { title: "its own axes", subtitle: &figures, ..panel(times, own, colour) };
+            left.draw(picture, (0.0, top), (PANEL_WIDTH, PANEL_HEIGHT));
+            right.draw(picture, (PANEL_WIDTH, top), (PANEL_WIDTH, PANEL_HEIGHT));
+            top += PANEL_HEIGHT;
+        }
+    }
+}
+
+/// Measurements that brought any time.
+fn filled(all: &[Vec<u64>]) -> usize {
+    all.iter().filter(|times| !times.is_empty()).count()
 }
 
 fn dash() -> String {
