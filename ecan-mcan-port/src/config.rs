@@ -5,6 +5,8 @@ use ecan_protocol::{
     McanChannelConfig, OptionFlags, PdoProfile, StandardFilter,
 };
 
+use crate::schedule_settings::ScheduleSettings;
+
 /// Frames per cycle that a channel is expected to carry, for the gateway's data-path budgets
 /// (0x8021..0x8024, manual 13.2.2).
 ///
@@ -101,6 +103,8 @@ pub struct GatewayConfig {
     /// Cycles in a row that may bring no new TxPDO image before the session counts as lost; 0 for
     /// no limit.
     pub input_limit: u16,
+    /// Scheduled transmission: margin, and how the gateway is watched.
+    pub schedule: ScheduleSettings,
     /// Permits the application bypass and the tests of 0x8030, which cut the CAN side off.
     pub allow_diagnostic_tests: bool,
 }
@@ -119,6 +123,7 @@ impl Default for GatewayConfig {
             paced: true,
             hold_limit: 10,
             input_limit: 100,
+            schedule: ScheduleSettings::default(),
             allow_diagnostic_tests: false,
         }
     }

@@ -5,6 +5,7 @@ use ecan_protocol::ParseDiagnosis;
 
 use crate::port::{Gateway, Port};
 use crate::received::{Received, ReceivedView};
+use crate::schedule_watch;
 use crate::session::Event;
 
 /// What became of the TxPDO image of a cycle.
@@ -117,6 +118,9 @@ impl Port {
     /// A [`CycleError`] of the library; the cycle may go on with the next call.
     pub fn cycle_end(&mut self) -> Result<(), CycleError> {
         self.cycle_open = false;
+        if let Some(point_ns) = self.cycle_point_ns.take() {
+            withdraw_late(&self.adapter, &mut self.gateways, point_ns);
+        }
         end(&mut self.adapter, &mut self.gateways)
     }
 }
@@ -132,7 +136,7 @@ pub(crate) fn begin(adapter: &mut Adapter, gateways: &mut [Gateway]) -> Result<(
 fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
     let report = adapter.domain_report(slave);
     let limits = (gateway.hold_limit, gateway.input_limit);
-    let Gateway { session, transmitter, receiver, statistics, .. } = gateway;
+    let Gateway { session, transmitter, receiver, statistics, watch, .. } = gateway;
     if statistics.sessions > 0 {
         statistics.cycles += 1;
         statistics.incomplete_cycles += u64::from(!report.is_complete());
@@ -146,6 +150,7 @@ fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
         Event::Ready => {
             receiver.reset();
             transmitter.reset(statistics);
+            watch.reset();
             statistics.sessions += 1;
         }
         Event::Failed => statistics.verification_failures += 1,
@@ -156,9 +161,24 @@ fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
         }
     }
     let is_ready = session.is_ready();
+    if is_ready {
+        schedule_watch::step(adapter, gateway);
+    }
+    let Gateway { transmitter, receiver, statistics, .. } = gateway;
     if is_ready && receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics) {
         for (channel, status) in receiver.status().iter().enumerate() {
             transmitter.window(channel as u8).status(*status);
+        }
+    }
+}
+
+/// Takes scheduled frames back whose image would arrive behind their pulse: they would go out a
+/// period late.
+fn withdraw_late(adapter: &Adapter, gateways: &mut [Gateway], point_ns: u64) {
+    for gateway in gateways.iter_mut().filter(|gateway| gateway.transmitter.has_scheduled()) {
+        let sent_ns = adapter.clock().now_ns().saturating_sub(point_ns);
+        if gateway.misses_pulse(sent_ns) {
+            gateway.transmitter.withdraw_late(&mut gateway.statistics);
         }
     }
 }

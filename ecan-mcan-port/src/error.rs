@@ -20,6 +20,9 @@ pub enum PortError {
     /// The cycle failed while waiting.
     #[error(transparent)]
     Cycle(#[from] CycleError),
+    /// Phases of Sync0 are to be tried, but distributed clocks are not configured.
+    #[error("distributed clocks with Sync0 are not configured: there is no phase to be found")]
+    NoSync0,
     /// A gateway is in OP but was not taken into service in time.
     #[error(
         "slave {slave} is {session} after {waited_ms} ms{}",

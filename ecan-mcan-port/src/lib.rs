@@ -21,10 +21,16 @@ mod config;
 mod config_check;
 mod cycle;
 mod error;
+mod phase_sweep;
+mod phase_table;
 mod plan;
 mod port;
 mod received;
 mod receiver;
+mod schedule_account;
+mod schedule_margin;
+mod schedule_settings;
+mod schedule_watch;
 mod send;
 mod session;
 mod startup;
@@ -40,12 +46,18 @@ pub use config::{ChannelSettings, GatewayConfig, PortConfig, Traffic};
 pub use config_check::PortConfigFault;
 pub use cycle::{CycleReport, ImageReport};
 pub use error::PortError;
+pub use phase_sweep::PhaseSweep;
+pub use phase_table::{PhaseMargins, PhasePoint, PhaseTable};
 pub use plan::{
     ChannelLoad, ChannelPlan, CpuCost, FrameRate, FrameStream, FrameWay, GatewayPlan, ImageFill,
     ImagePlan, PortPlan, PortRefusal, PortWarning,
 };
 pub use port::Port;
 pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
+pub use schedule_account::ScheduleAccount;
+pub use schedule_margin::ScheduleMargin;
+pub use schedule_settings::{MarginCheck, ScheduleSettings};
+pub use schedule_watch::{ChannelDrops, ScheduleDiagnostics};
 pub use send::{
     NoRoom, NotSchedulable, SendError, SendOptions, SendTicket, TransmitFrame, TransmitHint,
 };

@@ -1,14 +1,18 @@
 //! The Port's life, and what it knows of each gateway.
 
-use ecan_host::{Adapter, AdapterConfig, Ecrt, Phase};
+use ecan_host::{Adapter, AdapterConfig, Ecrt, Phase, Plan};
 use ecan_protocol::{
-    CHANNELS, Capabilities, ChannelStatus, Direction, ImageReader, ImageWriter, ParseDiagnosis,
+    CHANNELS, Capabilities, ChannelStatus, Direction, ImageReader, ImageWriter, OptionFlags,
+    ParseDiagnosis,
 };
 
 use crate::config::{GatewayConfig, PortConfig};
 use crate::cycle::CycleReport;
 use crate::error::PortError;
 use crate::receiver::Receiver;
+use crate::schedule_margin::{ScheduleMargin, wire_ns};
+use crate::schedule_settings::ScheduleSettings;
+use crate::schedule_watch::ScheduleWatch;
 use crate::session::{Awaited, Session, SessionMachine};
 use crate::statistics::SlaveStatistics;
 use crate::transmit_window::DEFAULT_DEPTH;
@@ -29,6 +33,21 @@ pub(crate) struct Gateway {
     pub(crate) is_paced: bool,
     pub(crate) hold_limit: u16,
     pub(crate) input_limit: u16,
+    pub(crate) schedule: ScheduleSettings,
+    /// Time of the process data on the wire: its own outputs, and everything up to them.
+    pub(crate) wire_ns: (u64, u64),
+    /// The Sync0 pulse that scheduled frames of a cycle count from, behind the point of its grid.
+    pub(crate) pulse_ns: Option<u64>,
+    pub(crate) watch: ScheduleWatch,
+}
+
+impl Gateway {
+    /// Whether an image sent so long behind the point of the cycle grid arrives behind the pulse
+    /// that its scheduled frames count from.
+    pub(crate) fn misses_pulse(&self, sent_ns: u64) -> bool {
+        let way = u64::from(self.schedule.transport_ns) + self.wire_ns.1;
+        self.pulse_ns.is_some_and(|pulse_ns| sent_ns.saturating_add(way) >= pulse_ns)
+    }
 }
 
 /// CAN and CAN FD through the gateways of one Adapter (manual 15.1, "MCAN Port").
@@ -41,6 +60,8 @@ pub struct Port {
     pub(crate) gateways: Vec<Gateway>,
     /// Between `cycle_begin` and `cycle_end`.
     pub(crate) cycle_open: bool,
+    /// Point of the running cycle on the grid, where the cycle was waited for.
+    pub(crate) cycle_point_ns: Option<u64>,
     config: PortConfig,
 }
 
@@ -81,7 +102,9 @@ impl Port {
             .map_err(PortError::from)
             .and_then(|()| build_gateways(&mut adapter, &config));
         match built {
-            Ok(gateways) => Ok(Self { adapter, gateways, cycle_open: false, config }),
+            Ok(gateways) => {
+                Ok(Self { adapter, gateways, cycle_open: false, cycle_point_ns: None, config })
+            }
             Err(error) => Err((Box::new(adapter), error)),
         }
     }
@@ -107,6 +130,7 @@ impl Port {
         }
         self.gateways.clear();
         self.cycle_open = false;
+        self.cycle_point_ns = None;
         result?;
         self.gateways = build_gateways(&mut self.adapter, &config)?;
         self.config = config;
@@ -232,14 +256,25 @@ fn build_gateway(
         let is_fd = config.channels[channel].as_ref().is_some_and(|c| c.can.fd);
         mask | u8::from(is_fd) << channel
     });
+    let has_results = config.tx_options.contains(OptionFlags::TX_RESULT);
+    let schedule = config.schedule;
+    let wire_ns = wire_ns(&Plan::of(adapter.config()), slave);
+    let cycle_ns = adapter.config().cycle_ns;
+    let dc = adapter.config().dc;
+    let pulse_ns = dc.map(|dc| ScheduleMargin::new(&schedule, cycle_ns, dc, 0, wire_ns).pulse_ns);
+    let channel_mask = config.channel_mask();
     Ok(Gateway {
         session: SessionMachine::new(adapter, slave, config)?,
-        transmitter: Transmitter::new(writer, &rx, depth),
+        watch: ScheduleWatch::new(adapter, slave, channel_mask, &schedule, dc)?,
+        transmitter: Transmitter::new(writer, &rx, depth, has_results, schedule.give_up_missed),
         receiver: Receiver::new(reader),
         statistics: SlaveStatistics::default(),
         can_schedule: capabilities.has_scheduled_tx(),
         capabilities,
-        channel_mask: config.channel_mask(),
+        channel_mask,
+        schedule,
+        wire_ns,
+        pulse_ns,
         fd_mask,
         is_paced: config.paced,
         hold_limit: config.hold_limit,

@@ -3,6 +3,7 @@
 use ecan_protocol::{CanFrame, FramePacket, ResultCode, Timestamp, TxResult};
 
 use crate::send::SendTicket;
+use crate::transmit_history::OpenFrame;
 
 /// Where the gateway's CAN controller had stored a received frame (ID_AUX, manual 8.1).
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -70,6 +71,17 @@ pub struct TransmitReport {
     pub channel: u8,
     /// The outcome.
     pub code: ResultCode,
+    /// Tag of a frame that was scheduled; `None` for one that was sent at once, and where the send
+    /// is not remembered.
+    pub schedule_tag: Option<u16>,
+}
+
+impl TransmitReport {
+    /// Whether the gateway dropped a scheduled frame since its phase had passed: the result "bus
+    /// busy" of a scheduled frame (docs/ASSUMPTIONS.md, H23).
+    pub fn is_late_drop(&self) -> bool {
+        self.schedule_tag.is_some() && self.code == ResultCode::BusBusy
+    }
 }
 
 /// One thing that came back.
@@ -121,13 +133,14 @@ impl ReceivedView<'_> {
         }
     }
 
-    pub(crate) fn from_result(slave: usize, result: &TxResult, is_known: bool) -> Self {
+    pub(crate) fn from_result(slave: usize, result: &TxResult, send: Option<OpenFrame>) -> Self {
         let ticket = SendTicket { slave, sequence: result.sequence, index: result.frame_index };
         Self::TransmitReport(TransmitReport {
-            ticket: is_known.then_some(ticket),
+            ticket: send.map(|_| ticket),
             slave,
             channel: result.channel,
             code: result.code,
+            schedule_tag: send.and_then(|send| send.tag),
         })
     }
 }

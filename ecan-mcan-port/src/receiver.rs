@@ -135,15 +135,15 @@ impl Receiver {
                     ReceivedView::Frame { slave, packet }
                 }
                 Some(Ok(Packet::TxResult(result))) => {
-                    let is_known = transmitter.history().take(&result);
-                    if !is_known {
+                    let send = transmitter.take_result(&result);
+                    if send.is_none() {
                         statistics.unmatched_results += 1;
                     } else if result.code.is_success() {
                         statistics.channel(result.channel).results_ok += 1;
                     } else {
                         statistics.channel(result.channel).results_failed += 1;
                     }
-                    ReceivedView::from_result(slave, &result, is_known)
+                    ReceivedView::from_result(slave, &result, send)
                 }
                 Some(Err(diagnosis)) => {
                     // What came before the fault has been handed out and stays valid.

@@ -4,6 +4,7 @@ use ecan_protocol::{CHANNELS, CanFrame, CanId, FrameError, FrameRef, PushError, 
 use thiserror::Error;
 
 use crate::port::Port;
+use crate::schedule_settings::MarginCheck;
 
 /// Where a frame went: the image and its place among the frames of the image. A transmit result
 /// names the same (manual 10).
@@ -81,6 +82,9 @@ pub enum NoRoom {
     Queue,
     /// The channel is off the bus: the gateway would throw the frame away.
     BusOff,
+    /// The phase of a scheduled frame: this cycle began too late for it, or an image that may not
+    /// have arrived goes out before.
+    Phase,
 }
 
 /// Why a frame was not taken. Nothing of it was sent.
@@ -94,6 +98,7 @@ pub enum SendError {
             NoRoom::Image => "the image of this cycle is full",
             NoRoom::Queue => "the gateway's transmit queue is full",
             NoRoom::BusOff => "the channel is bus-off",
+            NoRoom::Phase => "this cycle is too late for its Sync0 phase",
         }
     )]
     NoRoom {
@@ -133,14 +138,7 @@ pub enum SendError {
         channel: u8,
     },
     /// A schedule that the configuration or the gateway cannot serve.
-    #[error(
-        "slave {slave} cannot schedule a frame at {offset_ns} ns: {}",
-        match reason {
-            NotSchedulable::NoSync0 => "distributed clocks with Sync0 are not configured",
-            NotSchedulable::NotSupported => "the gateway has no scheduled transmission (0xF000:16 bit 8)",
-            NotSchedulable::BeyondPeriod => "the offset is not within the Sync0 period",
-        }
-    )]
+    #[error("slave {slave} cannot schedule a frame at {offset_ns} ns: {reason}")]
     NotSchedulable {
         /// Slave index.
         slave: usize,
@@ -158,14 +156,28 @@ pub enum SendError {
 }
 
 /// Why a frame cannot be scheduled.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
 pub enum NotSchedulable {
     /// Distributed clocks are not configured.
+    #[error("distributed clocks with Sync0 are not configured")]
     NoSync0,
     /// The gateway does not have the capability.
+    #[error("the gateway has no scheduled transmission (0xF000:16 bit 8)")]
     NotSupported,
     /// The offset lies beyond the Sync0 period.
+    #[error("the offset is not within the Sync0 period")]
     BeyondPeriod,
+    /// The phase is not surely reached in time, and
+    /// [`MarginCheck::Refuse`](crate::MarginCheck::Refuse) is chosen.
+    #[error(
+        "the margin is short by {lacking_ns} ns: move the Sync0 shift away from the arrival of the \
+         images, or enlarge the offset"
+    )]
+    NoMargin {
+        /// What the margin lacks, in nanoseconds.
+        lacking_ns: u64,
+    },
 }
 
 impl Port {
@@ -202,6 +214,11 @@ impl Port {
     }
 
     /// Sends a classic frame at a phase of the next Sync0 period (manual 8.4, 13.8).
+    ///
+    /// A frame whose phase cannot be reached any more is not taken ([`NoRoom::Phase`]), as far as
+    /// the cycle is waited for with [`wait_next_cycle`](Self::wait_next_cycle): it is never sent a
+    /// period late. [`schedule_margin`](Self::schedule_margin) tells how much time a phase leaves,
+    /// [`schedule_account`](Self::schedule_account) what became of the frames.
     ///
     /// # Errors
     /// A [`SendError`]; nothing was sent.
@@ -260,7 +277,6 @@ impl Port {
         if !self.cycle_open {
             return Err(SendError::NoCycle);
         }
-        let sync0_ns = self.adapter.config().dc.map(|dc| dc.cycle_ns);
         let gateway = self.gateways.get_mut(slave).ok_or(SendError::SlaveIndex { slave })?;
         let enabled = usize::from(channel) < CHANNELS && gateway.channel_mask >> channel & 1 == 1;
         if !enabled {
@@ -272,16 +288,11 @@ impl Port {
         if !gateway.session.is_ready() {
             return Err(SendError::NotReady { slave });
         }
-        if let Some(schedule) = options.schedule {
-            let offset_ns = schedule.offset_ns;
-            let refuse = |reason| Err(SendError::NotSchedulable { slave, offset_ns, reason });
-            match sync0_ns {
-                None => return refuse(NotSchedulable::NoSync0),
-                Some(_) if !gateway.can_schedule => return refuse(NotSchedulable::NotSupported),
-                Some(ns) if offset_ns >= ns => return refuse(NotSchedulable::BeyondPeriod),
-                Some(_) => {}
-            }
-        }
+        let has_margin = match options.schedule {
+            Some(schedule) => self.check_phase(slave, channel, schedule.offset_ns)?,
+            None => true,
+        };
+        let gateway = self.gateways.get_mut(slave).ok_or(SendError::SlaveIndex { slave })?;
         let statistics = &mut gateway.statistics;
         if gateway.is_paced {
             let window = gateway.transmitter.window(channel);
@@ -298,7 +309,12 @@ impl Port {
         let image = self.adapter.rx_pdo_mut(slave);
         let id_aux = options.hint.id_aux();
         match gateway.transmitter.push(image, channel, id_aux, frame, options.schedule) {
-            Ok((sequence, index)) => Ok(SendTicket { slave, sequence, index }),
+            Ok((sequence, index)) => {
+                if options.schedule.is_some() {
+                    gateway.transmitter.accounts_mut().scheduled(channel, has_margin);
+                }
+                Ok(SendTicket { slave, sequence, index })
+            }
             Err(
                 PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. },
             ) => {
@@ -307,6 +323,31 @@ impl Port {
             }
             Err(_) => Err(SendError::Channel { slave, channel }),
         }
+    }
+
+    /// Whether a phase can be kept: gives whether its margin suffices.
+    fn check_phase(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        offset_ns: u32,
+    ) -> Result<bool, SendError> {
+        let refuse = |reason| SendError::NotSchedulable { slave, offset_ns, reason };
+        let margin = self.schedule_margin(slave, offset_ns).map_err(refuse)?;
+        let has_margin = margin.is_sufficient();
+        let begun_ns = self.cycle_point_ns.map(|_| self.adapter.cycle_start().late_ns);
+        let gateway = self.gateways.get_mut(slave).ok_or(SendError::SlaveIndex { slave })?;
+        if !has_margin && gateway.schedule.margin_check == MarginCheck::Refuse {
+            let lacking_ns = margin.least_ns().unsigned_abs();
+            return Err(refuse(NotSchedulable::NoMargin { lacking_ns }));
+        }
+        // What is sent while an image is held goes out in a later cycle.
+        let is_late = begun_ns.is_some_and(|ns| gateway.misses_pulse(ns));
+        if is_late || gateway.transmitter.is_holding() {
+            gateway.transmitter.accounts_mut().refused_late(channel);
+            return Err(SendError::NoRoom { slave, channel, what: NoRoom::Phase });
+        }
+        Ok(has_margin)
     }
 
     /// Bytes left in the RxPDO image that is being filled; a packet needs 4 to 78 of them (manual

@@ -9,7 +9,8 @@ pub struct ChannelStatistics {
     pub frames_sent: u64,
     /// Frames of images that the gateway took.
     pub frames_delivered: u64,
-    /// Frames of images that were given up, by the application or after a lost session.
+    /// Frames of images that were given up: by the application, after a lost session, or since
+    /// their phase had passed.
     pub frames_discarded: u64,
     /// Frames taken out of TxPDO images.
     pub frames_received: u64,

@@ -1,21 +1,26 @@
 //! Which sends the last images carried, to match transmit results with them (manual 10).
 
-use ecan_protocol::{CHANNELS, MAX_PACKETS, TxResult};
+use ecan_protocol::{MAX_PACKETS, TxResult};
 
 /// Images remembered. Results come one or two images later; a channel under back pressure may
 /// take longer.
 const DEPTH: usize = 16;
 
+/// A frame that waits for its outcome.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct OpenFrame {
+    pub(crate) channel: u8,
+    /// Tag of a scheduled frame.
+    pub(crate) tag: Option<u16>,
+}
+
 #[derive(Debug, Clone)]
 struct SentImage {
     sequence: u16,
     count: u8,
-    /// Channel per frame; [`ANSWERED`] once its result has come.
-    channels: [u8; MAX_PACKETS],
+    /// None once its result has come.
+    frames: [Option<OpenFrame>; MAX_PACKETS],
 }
-
-const ANSWERED: u8 = u8::MAX;
-const _: () = assert!(CHANNELS < ANSWERED as usize);
 
 /// A ring of the last images by sequence.
 #[derive(Debug, Clone)]
@@ -25,41 +30,64 @@ pub(crate) struct TransmitHistory {
 
 impl TransmitHistory {
     pub(crate) fn new() -> Self {
-        let empty = SentImage { sequence: 0, count: 0, channels: [0; MAX_PACKETS] };
+        let empty = SentImage { sequence: 0, count: 0, frames: [None; MAX_PACKETS] };
         Self { images: vec![empty; DEPTH].into_boxed_slice() }
     }
 
-    /// Remembers the frame `index` of the image `sequence`. Frames of an image come in order.
-    pub(crate) fn frame_added(&mut self, sequence: u16, index: u8, channel: u8) {
+    /// Remembers the frame `index` of the image `sequence`. Frames of an image come in order, and
+    /// the place of the image was made free.
+    pub(crate) fn frame_added(&mut self, sequence: u16, index: u8, channel: u8, tag: Option<u16>) {
         let image = &mut self.images[usize::from(sequence) % DEPTH];
         if index == 0 {
             image.sequence = sequence;
         }
         image.count = index.saturating_add(1);
-        if let Some(place) = image.channels.get_mut(usize::from(index)) {
-            *place = channel;
+        if let Some(place) = image.frames.get_mut(usize::from(index)) {
+            *place = Some(OpenFrame { channel, tag });
         }
     }
 
-    /// Whether the result belongs to a send that has had none yet.
-    pub(crate) fn take(&mut self, result: &TxResult) -> bool {
+    /// The send that a result belongs to, if it has had none yet.
+    pub(crate) fn take(&mut self, result: &TxResult) -> Option<OpenFrame> {
         let image = &mut self.images[usize::from(result.sequence) % DEPTH];
         if image.sequence != result.sequence || result.frame_index >= image.count {
-            return false;
+            return None;
         }
-        match image.channels.get_mut(usize::from(result.frame_index)) {
-            Some(channel) if *channel == result.channel => {
-                *channel = ANSWERED;
-                true
-            }
-            _ => false,
+        let place = image.frames.get_mut(usize::from(result.frame_index))?;
+        place.take_if(|frame| frame.channel == result.channel)
+    }
+
+    /// Ends the waiting of the scheduled frames of an image; `close` gets each of them.
+    pub(crate) fn close_scheduled(&mut self, sequence: u16, close: impl FnMut(u8)) {
+        let image = &mut self.images[usize::from(sequence) % DEPTH];
+        if image.sequence == sequence {
+            image.close_scheduled(close);
         }
     }
 
-    /// Forgets everything: the gateway's session starts anew.
-    pub(crate) fn reset(&mut self) {
+    /// Makes the place of an image free; `close` gets each scheduled frame that still waited there.
+    pub(crate) fn make_room(&mut self, sequence: u16, close: impl FnMut(u8)) {
+        let image = &mut self.images[usize::from(sequence) % DEPTH];
+        image.close_scheduled(close);
+        image.count = 0;
+    }
+
+    /// Forgets everything: the gateway's session starts anew. `close` gets each scheduled frame
+    /// that still waited.
+    pub(crate) fn reset(&mut self, mut close: impl FnMut(u8)) {
         for image in &mut self.images {
+            image.close_scheduled(&mut close);
             image.count = 0;
+        }
+    }
+}
+
+impl SentImage {
+    fn close_scheduled(&mut self, mut close: impl FnMut(u8)) {
+        for place in self.frames.iter_mut().take(usize::from(self.count)) {
+            if let Some(frame) = place.take_if(|frame| frame.tag.is_some()) {
+                close(frame.channel);
+            }
         }
     }
 }
@@ -76,25 +104,43 @@ mod tests {
     #[test]
     fn a_result_matches_its_send_once() {
         let mut history = TransmitHistory::new();
-        history.frame_added(7, 0, 1);
-        history.frame_added(7, 1, 2);
-        assert!(history.take(&result(7, 1, 2)));
-        assert!(!history.take(&result(7, 1, 2)), "answered already");
-        assert!(!history.take(&result(7, 0, 2)), "another channel");
-        assert!(!history.take(&result(7, 2, 2)), "no such frame");
-        assert!(!history.take(&result(8, 0, 1)), "no such image");
-        assert!(history.take(&result(7, 0, 1)));
+        history.frame_added(7, 0, 1, None);
+        history.frame_added(7, 1, 2, None);
+        assert!(history.take(&result(7, 1, 2)).is_some());
+        assert!(history.take(&result(7, 1, 2)).is_none(), "answered already");
+        assert!(history.take(&result(7, 0, 2)).is_none(), "another channel");
+        assert!(history.take(&result(7, 2, 2)).is_none(), "no such frame");
+        assert!(history.take(&result(8, 0, 1)).is_none(), "no such image");
+        assert!(history.take(&result(7, 0, 1)).is_some());
     }
 
     #[test]
     fn an_old_image_gives_way_to_a_new_one() {
         let mut history = TransmitHistory::new();
-        history.frame_added(1, 0, 0);
-        history.frame_added(17, 0, 3);
-        assert!(!history.take(&result(1, 0, 0)));
-        assert!(history.take(&result(17, 0, 3)));
-        history.frame_added(18, 0, 3);
-        history.reset();
-        assert!(!history.take(&result(18, 0, 3)));
+        history.frame_added(1, 0, 0, None);
+        history.frame_added(17, 0, 3, None);
+        assert!(history.take(&result(1, 0, 0)).is_none());
+        assert!(history.take(&result(17, 0, 3)).is_some());
+        history.frame_added(18, 0, 3, None);
+        history.reset(|_| ());
+        assert!(history.take(&result(18, 0, 3)).is_none());
+    }
+
+    #[test]
+    fn scheduled_frames_are_closed_once() {
+        let mut history = TransmitHistory::new();
+        history.frame_added(5, 0, 1, Some(70));
+        history.frame_added(5, 1, 2, None);
+        history.frame_added(5, 2, 3, Some(71));
+        assert_eq!(history.take(&result(5, 0, 1)).unwrap().tag, Some(70));
+        let mut closed = Vec::new();
+        history.close_scheduled(6, |channel| closed.push(channel));
+        history.close_scheduled(5, |channel| closed.push(channel));
+        history.make_room(21, |channel| closed.push(channel));
+        assert_eq!(closed, [3]);
+        assert!(history.take(&result(5, 1, 2)).is_none(), "its place is free");
+        history.frame_added(21, 0, 1, Some(1));
+        history.reset(|channel| closed.push(channel));
+        assert_eq!(closed, [3, 1]);
     }
 }

@@ -7,11 +7,12 @@
 use ecan_host::Delivery;
 use ecan_protocol::{
     CHANNELS, CommitFields, FrameRef, HEADER_BYTES, ImageWriter, PdoProfile, PushError, Schedule,
-    Timestamp,
+    Timestamp, TxResult,
 };
 
+use crate::schedule_account::{Fate, ScheduleAccounts};
 use crate::statistics::SlaveStatistics;
-use crate::transmit_history::TransmitHistory;
+use crate::transmit_history::{OpenFrame, TransmitHistory};
 use crate::transmit_window::TransmitWindow;
 
 /// Frames per channel in an image.
@@ -32,11 +33,25 @@ pub(crate) struct Transmitter {
     /// Images in a row whose arrival was not confirmed.
     misses: u16,
     history: TransmitHistory,
+    /// Scheduled frames of the image being filled and of the one that was published last.
+    filling_scheduled: u8,
+    published_scheduled: u8,
+    published_sequence: u16,
+    accounts: ScheduleAccounts,
+    /// The gateway tells of each frame what became of it.
+    has_results: bool,
+    gives_up_missed: bool,
     windows: [TransmitWindow; CHANNELS],
 }
 
 impl Transmitter {
-    pub(crate) fn new(writer: ImageWriter, profile: &PdoProfile, queue_depth: u16) -> Self {
+    pub(crate) fn new(
+        writer: ImageWriter,
+        profile: &PdoProfile,
+        queue_depth: u16,
+        has_results: bool,
+        gives_up_missed: bool,
+    ) -> Self {
         Self {
             writer,
             spare: vec![0; profile.pdo_bytes()].into_boxed_slice(),
@@ -46,6 +61,12 @@ impl Transmitter {
             is_open: false,
             misses: 0,
             history: TransmitHistory::new(),
+            filling_scheduled: 0,
+            published_scheduled: 0,
+            published_sequence: 0,
+            accounts: ScheduleAccounts::default(),
+            has_results,
+            gives_up_missed,
             windows: std::array::from_fn(|_| TransmitWindow::new(queue_depth)),
         }
     }
@@ -62,8 +83,30 @@ impl Transmitter {
         &mut self.windows[usize::from(channel) % CHANNELS]
     }
 
-    pub(crate) fn history(&mut self) -> &mut TransmitHistory {
-        &mut self.history
+    pub(crate) fn accounts(&self) -> &ScheduleAccounts {
+        &self.accounts
+    }
+
+    pub(crate) fn accounts_mut(&mut self) -> &mut ScheduleAccounts {
+        &mut self.accounts
+    }
+
+    pub(crate) fn has_results(&self) -> bool {
+        self.has_results
+    }
+
+    /// The send that a result belongs to; none where there is no such send.
+    pub(crate) fn take_result(&mut self, result: &TxResult) -> Option<OpenFrame> {
+        let frame = self.history.take(result)?;
+        if frame.tag.is_some() {
+            self.accounts.ended(frame.channel, Fate::Result(result.code));
+        }
+        Some(frame)
+    }
+
+    /// Whether the image being filled holds scheduled frames and will be published.
+    pub(crate) fn has_scheduled(&self) -> bool {
+        self.is_open && !self.is_holding && self.filling_scheduled > 0
     }
 
     /// Bytes left in the image being filled.
@@ -89,7 +132,10 @@ impl Transmitter {
             }
             Delivery::Missed | Delivery::Unknown => {
                 self.misses = self.misses.saturating_add(1);
-                if carries_frames {
+                if carries_frames && !self.is_holding && self.is_past_its_phase() {
+                    self.give_up_published(statistics);
+                    self.start_image();
+                } else if carries_frames {
                     if !self.is_holding {
                         self.is_holding = true;
                         self.start_image();
@@ -104,8 +150,33 @@ impl Transmitter {
         self.is_open = true;
     }
 
+    /// Published again, the image could do nothing but send its frames a period late.
+    fn is_past_its_phase(&self) -> bool {
+        let frames: u16 = self.published.iter().flatten().map(|n| u16::from(*n)).sum();
+        self.gives_up_missed && frames == u16::from(self.published_scheduled)
+    }
+
+    /// Gives up the published image, of which it is not known whether it arrived.
+    fn give_up_published(&mut self, statistics: &mut SlaveStatistics) -> usize {
+        let Some(counts) = self.published.take() else { return 0 };
+        let frames = count_discarded(&counts, statistics);
+        // Results may still come of an image that did arrive.
+        if !self.has_results {
+            self.close_published(Fate::Unknown);
+        }
+        frames
+    }
+
+    fn close_published(&mut self, fate: Fate) {
+        let Self { history, accounts, published_sequence, .. } = self;
+        history.close_scheduled(*published_sequence, |channel| accounts.ended(channel, fate));
+    }
+
     /// The published image has arrived.
     fn release(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
+        if !self.has_results && self.published_scheduled > 0 {
+            self.close_published(Fate::Taken);
+        }
         for (channel, count) in self.published.take().iter().flatten().enumerate() {
             statistics.channels[channel].frames_delivered += u64::from(*count);
         }
@@ -124,6 +195,9 @@ impl Transmitter {
     fn start_image(&mut self) {
         self.writer.begin();
         self.filling = Counts::default();
+        self.filling_scheduled = 0;
+        let Self { history, accounts, writer, .. } = self;
+        history.make_room(writer.next_sequence(), |channel| accounts.ended(channel, Fate::Unknown));
         for window in &mut self.windows {
             window.abandoned();
         }
@@ -148,7 +222,8 @@ impl Transmitter {
         let sequence = self.writer.next_sequence();
         self.filling[usize::from(channel) % CHANNELS] += 1;
         self.window(channel).frame_added();
-        self.history.frame_added(sequence, index, channel);
+        self.filling_scheduled += u8::from(schedule.is_some());
+        self.history.frame_added(sequence, index, channel, schedule.map(|it| it.tag));
         Ok((sequence, index))
     }
 
@@ -162,6 +237,8 @@ impl Transmitter {
             statistics.rxpdo_repeated += 1;
             return;
         }
+        self.published_sequence = self.writer.next_sequence();
+        self.published_scheduled = std::mem::take(&mut self.filling_scheduled);
         self.writer.commit(image, CommitFields::default());
         statistics.rxpdo_published += 1;
         for (channel, count) in self.filling.iter().enumerate() {
@@ -176,30 +253,50 @@ impl Transmitter {
     /// Gives up every frame that is not known to have arrived, and gives their number. The next
     /// image published is a new one, empty unless frames are sent into it.
     pub(crate) fn discard(&mut self, statistics: &mut SlaveStatistics) -> usize {
-        let mut discarded = 0;
-        for counts in [self.published.take(), Some(self.filling)].into_iter().flatten() {
-            let frames: usize = counts.iter().map(|n| usize::from(*n)).sum();
-            if frames > 0 {
-                statistics.rxpdo_discarded += 1;
-            }
-            for (channel, count) in counts.iter().enumerate() {
-                statistics.channels[channel].frames_discarded += u64::from(*count);
-            }
-            discarded += frames;
-        }
+        let discarded = self.give_up_published(statistics) + self.withdraw(statistics);
         self.is_holding = false;
         self.start_image();
         self.writer.assume_dirty();
         discarded
     }
 
+    /// Takes back the frames of the image being filled, and gives their number.
+    fn withdraw(&mut self, statistics: &mut SlaveStatistics) -> usize {
+        let sequence = self.writer.next_sequence();
+        let Self { history, accounts, .. } = self;
+        history.close_scheduled(sequence, |channel| accounts.ended(channel, Fate::Withdrawn));
+        count_discarded(&std::mem::take(&mut self.filling), statistics)
+    }
+
+    /// The image being filled comes too late for the phase of its scheduled frames: they are taken
+    /// back, unless the image holds others too.
+    pub(crate) fn withdraw_late(&mut self, statistics: &mut SlaveStatistics) {
+        let frames: u16 = self.filling.iter().map(|n| u16::from(*n)).sum();
+        if self.has_scheduled() && frames == u16::from(self.filling_scheduled) {
+            self.withdraw(statistics);
+            self.start_image();
+        }
+    }
+
     /// The gateway's session starts anew.
     pub(crate) fn reset(&mut self, statistics: &mut SlaveStatistics) {
         self.discard(statistics);
         self.misses = 0;
-        self.history.reset();
+        let Self { history, accounts, .. } = self;
+        history.reset(|channel| accounts.ended(channel, Fate::Unknown));
+        accounts.reset();
         for window in &mut self.windows {
             window.reset();
         }
     }
+}
+
+/// Counts the frames of an image that is given up, and gives their number.
+fn count_discarded(counts: &Counts, statistics: &mut SlaveStatistics) -> usize {
+    let frames: usize = counts.iter().map(|n| usize::from(*n)).sum();
+    statistics.rxpdo_discarded += u64::from(frames > 0);
+    for (channel, count) in counts.iter().enumerate() {
+        statistics.channels[channel].frames_discarded += u64::from(*count);
+    }
+    frames
 }

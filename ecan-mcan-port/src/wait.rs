@@ -93,7 +93,9 @@ impl Port {
 
     /// Sleeps until the next cycle is due: see [`Adapter::wait_next_cycle`](ecan_host::Adapter::wait_next_cycle).
     pub fn wait_next_cycle(&mut self) -> u64 {
-        self.adapter.wait_next_cycle()
+        let skipped = self.adapter.wait_next_cycle();
+        self.cycle_point_ns = Some(self.adapter.cycle_start().deadline_ns);
+        skipped
     }
 
     /// How long the way into service may take, in milliseconds: see

@@ -291,6 +291,7 @@ fn what_does_not_fit_the_buffer_stays_for_the_next_call() {
             slave: 9,
             channel: 0,
             code: ecan_protocol::ResultCode::Ok,
+            schedule_tag: None,
         });
         let mut two = [blank; 2];
         loop {

@@ -272,7 +272,7 @@ mod tests {
         let error = EcrtSetting::parse("sim:ecco").unwrap_err();
         assert_eq!(
             error.to_string(),
-            "there is no scenario \"ecco\"; there are: echo, drives, or the name of a file that \
+            "there is no scenario \"ecco\"; there are: echo, drives, jitter, or the name of a file that \
              ends in .toml"
         );
     }

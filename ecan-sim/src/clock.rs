@@ -26,7 +26,13 @@ impl Clock for SimClock {
     }
 
     fn sleep_until_ns(&self, deadline_ns: u64) {
-        self.shared.sleep_until(deadline_ns);
+        self.shared.sleep_as_application(deadline_ns, 0);
+    }
+
+    /// In stepped time the spin is simulated: it swallows as much of the scenario's
+    /// [`WakeUpDelay`](crate::WakeUpDelay).
+    fn sleep_and_spin_until_ns(&self, deadline_ns: u64, spin_ns: u64) {
+        self.shared.sleep_as_application(deadline_ns, spin_ns);
     }
 
     fn runs_by_itself(&self) -> bool {

@@ -40,9 +40,11 @@ mod backend;
 mod clock;
 mod ecrt;
 mod fault;
+mod random;
 mod runner;
 mod scenario;
 mod simulation;
+mod wake_up;
 mod world;
 
 /// The functions of the simulated libethercat as C calls them, for a library that exports them
@@ -74,7 +76,8 @@ pub use fault::{DriveFault, Fault, LibraryCall, LostWay, ScriptedFault, When};
 pub use runner::{RealTimeRunner, RunnerError};
 pub use scenario::{
     BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind,
-    NodeSpec, Scenario, ScenarioError, Topology, drives, echo,
+    NodeSpec, Scenario, ScenarioError, Topology, drives, echo, jitter,
 };
 pub use simulation::Simulation;
-pub use world::World;
+pub use wake_up::WakeUpDelay;
+pub use world::{BusFrame, World};

@@ -157,8 +157,7 @@ impl Simulation {
 
     /// Lets so many nanoseconds pass without the program exchanging anything.
     pub fn pass_ns(&self, ns: u64) {
-        let clock = self.clock();
-        clock.sleep_until_ns(clock.now_ns().saturating_add(ns));
+        self.shared.sleep_until(self.shared.now_ns().saturating_add(ns));
     }
 }
 

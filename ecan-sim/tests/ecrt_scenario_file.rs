@@ -5,7 +5,7 @@ use std::path::Path;
 use ecan_sim::{
     BackendError, ClockKind, EcrtSetting, EcrtVersion, Fault, FaultyBehaviour, GatewayFault,
     LibraryCall, LostWay, NodeKind, Scenario, ScenarioChoice, ScriptedFault, SimOptions, Topology,
-    When, open,
+    WakeUpDelay, When, open,
 };
 
 fn read(text: &str) -> Result<Scenario, String> {
@@ -19,6 +19,7 @@ fn every_key_arrives() {
 name = "cell"
 seed = 42
 clock = "stepped"
+wake_up_us = { typical = 5, p99 = 50, longest = 500 }
 version = "1.5"
 carries_large_pdos = true
 reserved = true
@@ -30,6 +31,7 @@ serial = 77
 firmware = [1, 2]
 boot_ms = 900
 service_delay_us = 40
+release_jitter_us = 9
 tx_pressure_percent = 100
 buses = ["arm", "arm", "tool", "spare"]
 
@@ -93,6 +95,8 @@ for_ms = 9000
     .unwrap();
     assert_eq!((scenario.name.as_str(), scenario.seed), ("cell", 42));
     assert_eq!(scenario.clock, Some(ClockKind::Stepped));
+    let wake_up = WakeUpDelay { typical_ns: 5_000, p99_ns: 50_000, longest_ns: 500_000 };
+    assert_eq!(scenario.wake_up, Some(wake_up));
     assert_eq!(scenario.version, EcrtVersion::V1_5);
     assert_eq!(scenario.topology, Topology::Star);
     assert!(scenario.carries_large_pdos && scenario.reserved);
@@ -100,6 +104,7 @@ for_ms = 9000
     assert_eq!((gateway.alias, gateway.settings.serial), (3, 77));
     assert_eq!((gateway.settings.firmware, gateway.settings.boot_ms), ((1, 2), 900));
     assert_eq!(gateway.settings.service_delay_ns, 40_000);
+    assert_eq!(gateway.settings.release_jitter_ns, 9_000);
     assert_eq!(gateway.settings.tx_pressure_percent, 100);
     assert_eq!(gateway.buses, ["arm", "arm", "tool", "spare"]);
     let node = &scenario.nodes[0];
@@ -155,6 +160,8 @@ fn what_is_wrong_is_named_with_its_line() {
         ("sead = 1", 1, "unknown field `sead`"),
         ("seed = 1\nclock = \"fast\"", 2, "unknown variant `fast`"),
         ("seed = \"one\"", 1, "invalid type"),
+        ("seed = 1\nwake_up_us = { typical = 5, p99 = 4, longest = 9 }", 2, "typical <= p99"),
+        ("wake_up_us = { typical = 5 }", 1, "missing field `p99`"),
         ("[[gateway]]\nalias = 70000", 2, "70000"),
         ("[[gateway]]\nbuses = [\"a\"]", 1, "names 1 buses: it has 4 channels"),
         ("[[gateway]]\ntx_pressure_percent = 0", 1, "1 to 100"),

@@ -181,3 +181,31 @@ fn pulses_follow_start_and_shift() {
     assert!(bench.write());
     assert_eq!(bench.gateway.next_event(), Some(start_ns + 2 * MS + 250_000 + 1_000));
 }
+
+#[test]
+fn the_timer_is_late_by_its_jitter_and_keeps_the_order_of_a_phase() {
+    let settings = ecan_sim::GatewaySettings {
+        release_jitter_ns: 13_000,
+        ..ecan_sim::GatewaySettings::default()
+    };
+    let mut bench = Bench::configured_with(settings, chunks(24), chunks(24));
+    let start = bench.start_sync0();
+    bench.pass(MS);
+    bench.start();
+    let mut delays = Vec::new();
+    for cycle in 4..54 {
+        bench.now = start + cycle * MS + 300_000;
+        schedule(&mut bench, 0, 0x20, 100_000);
+        schedule(&mut bench, 0, 0x10, 100_000);
+        assert!(bench.write());
+        let due = start + (cycle + 1) * MS + 100_000;
+        let released = bench.gateway.next_event().unwrap();
+        delays.push(released - due);
+        bench.gateway.advance(released - 1);
+        assert_eq!(bench.sent(0), []);
+        bench.gateway.advance(released);
+        assert_eq!(Bench::identifiers(&bench.sent(0)), [0x20, 0x10]);
+    }
+    let (least, most) = (delays.iter().min().unwrap(), delays.iter().max().unwrap());
+    assert!(*most <= 13_000 && most - least > 6_000, "{delays:?}");
+}

@@ -11,6 +11,21 @@ pub trait Clock: Send + Sync {
     /// Sleeps until the clock shows `deadline_ns`; returns at once when it already does.
     fn sleep_until_ns(&self, deadline_ns: u64);
 
+    /// Waits until the clock shows `deadline_ns`: sleeps, and for the last `spin_ns` before it looks
+    /// at the clock, so that the delay of waking up is swallowed where it is no longer than that.
+    ///
+    /// A clock that does not run by itself sleeps to the end, unless it knows better.
+    fn sleep_and_spin_until_ns(&self, deadline_ns: u64, spin_ns: u64) {
+        // Looking at a clock that only moves in sleeps would never end.
+        if spin_ns == 0 || !self.runs_by_itself() {
+            return self.sleep_until_ns(deadline_ns);
+        }
+        self.sleep_until_ns(deadline_ns.saturating_sub(spin_ns));
+        while self.now_ns() < deadline_ns {
+            std::hint::spin_loop();
+        }
+    }
+
     /// Whether the time goes on while nobody sleeps here, so that the last stretch before a
     /// deadline can be waited for by looking at the clock. Real-time safe.
     ///

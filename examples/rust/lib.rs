@@ -6,8 +6,10 @@
 
 pub mod backend;
 pub mod bus_load;
+pub mod bus_periods;
 pub mod check;
 pub mod exit;
+pub mod histogram;
 pub mod interrupt;
 pub mod log_file;
 pub mod motion;
@@ -16,10 +18,13 @@ pub mod object_value;
 pub mod open;
 pub mod plan;
 pub mod plot;
+pub mod probe_report;
 pub mod progress;
 pub mod real_time;
 pub mod source;
 pub mod summary;
+pub mod svg;
+pub mod tx_probe;
 pub mod watch;
 
 /// The programs in the README compile.

@@ -6,6 +6,8 @@ use std::path::Path;
 
 use ecan_cia402::Cia402;
 
+use crate::svg;
+
 /// Samples per axis that a picture shows at most.
 const SAMPLES: u64 = 1_500;
 const WIDTH: f64 = 960.0;
@@ -54,11 +56,7 @@ impl Plot {
 
     fn svg(&self, name: impl Fn(usize) -> String) -> String {
         let height = PANEL * self.axes.len() as f64 + 10.0;
-        let mut svg = format!(
-            "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{WIDTH}\" height=\"{height}\" \
-             font-family=\"sans-serif\" font-size=\"12\">\n\
-             <rect width=\"100%\" height=\"100%\" fill=\"white\"/>\n"
-        );
+        let mut svg = svg::open(WIDTH, height);
         for (axis, samples) in self.axes.iter().enumerate() {
             let title = format!("axis {axis}: {}", name(axis));
             panel(&mut svg, PANEL * axis as f64, &title, samples);

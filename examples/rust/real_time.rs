@@ -2,7 +2,8 @@
 
 use clap::Args;
 use ecan_host::{
-    Adapter, CycleTiming, MAX_SPIN_NS, Need, OverrunPolicy, RealTimeError, RealTimeSettings,
+    Adapter, CycleStatistics, CycleTiming, MAX_SPIN_NS, Need, OverrunPolicy, RealTimeError,
+    RealTimeSettings,
 };
 
 /// Stack that is touched in advance with `--lock-memory`, in bytes.
@@ -77,9 +78,8 @@ impl RealTimeArguments {
     }
 }
 
-/// Prints how the cycle was kept, where that was measured.
-pub fn print_statistics(adapter: &Adapter) {
-    let Some(statistics) = adapter.cycle_statistics() else { return };
+/// Prints how the cycle was kept.
+pub fn print_statistics(adapter: &Adapter, statistics: &CycleStatistics) {
     println!("\n{statistics}");
     if !adapter.clock().runs_by_itself() {
         println!("these are simulated times: --real-time measures the machine");

@@ -265,7 +265,9 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         cycle_ns: arguments.cycle_us * 1000,
     };
     print!("{}", summary::table(&port, run, &loads));
-    real_time::print_statistics(port.adapter());
+    if let Some(statistics) = port.adapter().cycle_statistics() {
+        real_time::print_statistics(port.adapter(), statistics);
+    }
     end?;
     Ok(arguments.replay.is_none() || report_replay(&port, &source, &check))
 }

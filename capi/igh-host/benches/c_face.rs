@@ -85,6 +85,7 @@ fn main() {
         slave: 0,
         channel: 0,
         code: ResultCode::Ok,
+        schedule_tag: None,
     });
     let mut items = vec![placeholder; CAPACITY];
     let mut frames = vec![igh_mcan_rx_frame_t::EMPTY; CAPACITY];

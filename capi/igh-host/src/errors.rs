@@ -111,6 +111,7 @@ fn send_code(error: &SendError) -> ecan_result_t {
     match error {
         SendError::NoRoom { what: NoRoom::Image, .. } => ECAN_ERR_NO_ROOM,
         SendError::NoRoom { what: NoRoom::Queue, .. } => ECAN_ERR_QUEUE_FULL,
+        SendError::NoRoom { what: NoRoom::Phase, .. } => ECAN_ERR_NO_ROOM,
         SendError::NoRoom { what: NoRoom::BusOff, .. } => ECAN_ERR_BUS_OFF,
         SendError::NotReady { .. } => ECAN_ERR_NOT_READY,
         SendError::SlaveIndex { .. } => ECAN_ERR_SLAVE,

@@ -67,14 +67,7 @@ pub enum CommandError {
 #[non_exhaustive]
 pub enum ScheduleError {
     /// The configuration or a gateway cannot serve it.
-    #[error(
-        "slave {slave} cannot schedule at {offset_ns} ns: {}",
-        match reason {
-            NotSchedulable::NoSync0 => "distributed clocks with Sync0 are not configured",
-            NotSchedulable::NotSupported => "the gateway has no scheduled transmission (0xF000:16 bit 8)",
-            NotSchedulable::BeyondPeriod => "the offset is not within the Sync0 period",
-        }
-    )]
+    #[error("slave {slave} cannot schedule at {offset_ns} ns: {reason}")]
     NotSchedulable {
         /// Slave index.
         slave: usize,

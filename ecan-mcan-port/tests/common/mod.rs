@@ -117,3 +117,16 @@ pub fn frame(raw_id: u16, data: &[u8]) -> CanFrame {
 pub fn classic() -> ChannelSettings {
     ChannelSettings::classic(1_000_000)
 }
+
+/// N = 3, 1 ms, Sync0 with this shift, channel 0 classic; `gateway` changes the rest.
+pub fn with_sync0(
+    scenario: Scenario,
+    shift_ns: u32,
+    change: impl FnOnce(&mut GatewayConfig),
+) -> Bench {
+    let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    adapter.dc = Some(ecan_host::DcSync::new(1_000_000, shift_ns));
+    let mut gateway = GatewayConfig::on_channel(0, classic());
+    change(&mut gateway);
+    Bench::ready(scenario, adapter, PortConfig::uniform(1, gateway))
+}

@@ -11,6 +11,7 @@ use crate::ecrt::master::{MasterModel, Phase};
 use crate::ecrt::sdo::{SdoFailure, SdoObject};
 use crate::ecrt::timing::{BLOCKED_GIVE_UP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
+use crate::wake_up::WakeUps;
 use crate::world::{EPOCH_NS, World};
 
 /// Longest step of a blocking call, so that it sees what other threads do.
@@ -61,6 +62,7 @@ pub(crate) struct Shared {
     /// Simulated time of the stepped clock, readable without the lock.
     now: AtomicU64,
     state: Mutex<State>,
+    wake_ups: Mutex<Option<WakeUps>>,
     /// Told whenever the stepped clock was moved.
     moved: Condvar,
 }
@@ -85,6 +87,7 @@ impl Shared {
             version: scenario.version,
             now: AtomicU64::new(state.world.now_ns()),
             state: Mutex::new(state),
+            wake_ups: Mutex::new(scenario.wake_up.map(|d| WakeUps::new(d, scenario.seed))),
             moved: Condvar::new(),
         })
     }
@@ -128,6 +131,20 @@ impl Shared {
                 self.moved.notify_all();
             }
         }
+    }
+
+    /// Sleeps for the application: it wakes up late, as the scenario says, but for what a spin of
+    /// `spin_ns` before the deadline swallows.
+    pub(crate) fn sleep_as_application(&self, deadline: u64, spin_ns: u64) {
+        if self.kind == ClockKind::Real {
+            return MonotonicClock.sleep_and_spin_until_ns(deadline, spin_ns);
+        }
+        let wakes_at = deadline.saturating_sub(spin_ns);
+        let late = match &mut *self.wake_ups.lock().unwrap_or_else(PoisonError::into_inner) {
+            Some(wake_ups) if wakes_at > self.now_ns() => wake_ups.next_ns(),
+            _ => 0,
+        };
+        self.sleep_until(deadline.max(wakes_at.saturating_add(late)));
     }
 
     fn step_to(&self, state: &mut State, to: u64) {

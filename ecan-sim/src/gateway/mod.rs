@@ -141,7 +141,7 @@ impl Gateway {
     /// ([`GatewaySettings::service_jitter_ns`]).
     #[must_use]
     pub fn new(settings: GatewaySettings, seed: u64) -> Self {
-        let tx_pressure_percent = settings.tx_pressure_percent;
+        let GatewaySettings { tx_pressure_percent, release_jitter_ns, .. } = settings;
         let clock = DcClock::new(settings.clock_drift_ppb);
         let mut gateway = Self {
             settings,
@@ -177,7 +177,7 @@ impl Gateway {
             parser: RxPdoParser::new(),
             builder: TxPdoBuilder::new(),
             results: ResultQueue::new(),
-            schedule: ScheduleQueue::new(),
+            schedule: ScheduleQueue::new(release_jitter_ns, seed),
             faults: PendingFaults::default(),
             truth: Truth::default(),
         };

@@ -7,6 +7,7 @@ use ecan_protocol::CanFrame;
 
 use super::dc_clock::TimeLine;
 use super::settings::Sync0;
+use crate::random::Random;
 
 /// Frames that may wait at once; the manual names no size, so the size of a TX ring.
 const SCHEDULE_DEPTH: usize = 64;
@@ -74,11 +75,22 @@ pub(super) struct Scheduled {
 #[derive(Debug)]
 pub(super) struct ScheduleQueue {
     entries: VecDeque<Scheduled>,
+    /// Bound of the delay of the timer, and what its draws start from.
+    jitter_ns: u64,
+    seed: u64,
 }
 
 impl ScheduleQueue {
-    pub(super) fn new() -> Self {
-        Self { entries: VecDeque::with_capacity(SCHEDULE_DEPTH) }
+    pub(super) fn new(jitter_ns: u64, seed: u64) -> Self {
+        Self { entries: VecDeque::with_capacity(SCHEDULE_DEPTH), jitter_ns, seed }
+    }
+
+    /// How late the timer is at a phase: drawn anew for each, the same for all frames of one.
+    fn timer_delay(&self, due_ns: u64) -> u64 {
+        match self.jitter_ns {
+            0 => 0,
+            jitter_ns => Random::new(self.seed ^ due_ns).below(jitter_ns + 1),
+        }
     }
 
     /// Takes a frame in; `false` when the queue is full.
@@ -91,8 +103,11 @@ impl ScheduleQueue {
         true
     }
 
+    /// When the next frame is handed to its controller.
     pub(super) fn next_due(&self) -> Option<u64> {
-        self.entries.front().map(|entry| entry.due_ns)
+        self.entries
+            .front()
+            .map(|entry| entry.due_ns.saturating_add(self.timer_delay(entry.due_ns)))
     }
 
     /// Takes out the first frame whose phase has come.

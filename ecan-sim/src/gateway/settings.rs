@@ -25,6 +25,9 @@ pub struct GatewaySettings {
     /// Upper bound of a pseudo random addition to `service_delay_ns`, drawn from the
     /// gateway's seed; 0 makes every service take exactly `service_delay_ns`.
     pub service_jitter_ns: u64,
+    /// Upper bound of a pseudo random delay of the timer that releases scheduled frames,
+    /// in nanoseconds. Frames of one phase share it and keep their order.
+    pub release_jitter_ns: u64,
     /// Nanoseconds between two services in SAFEOP, where no SM2 write paces them.
     pub idle_service_ns: u64,
     /// How long a transition to OP waits for the first Sync0 pulse before it fails with
@@ -53,6 +56,7 @@ impl Default for GatewaySettings {
             boot_ms: 200,
             service_delay_ns: 30_000,
             service_jitter_ns: 0,
+            release_jitter_ns: 0,
             idle_service_ns: 1_000_000,
             sync_wait_ns: 2_000_000_000,
             missed_sync_limit: 0,

@@ -2,8 +2,8 @@
 
 use ecan_protocol::{CanFrame, FrameKind};
 
-use super::random::Random;
 use super::{Node, NodeOutput};
+use crate::random::Random;
 
 /// What a [`FaultyNode`] does wrong. The default is nothing: it then behaves as an echo node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

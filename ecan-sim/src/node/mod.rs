@@ -7,7 +7,6 @@
 mod echo;
 mod faulty;
 mod output;
-mod random;
 mod replay;
 mod silent;
 

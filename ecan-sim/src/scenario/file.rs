@@ -17,6 +17,7 @@ use toml::Spanned;
 use crate::scenario::file::raw_fault::RawFault;
 use crate::scenario::file::raw_node::RawNode;
 use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, Scenario, Topology};
+use crate::wake_up::WakeUpDelay;
 
 /// Why a scenario file is refused.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -44,6 +45,7 @@ struct RawScenario {
     name: Option<String>,
     seed: Option<u64>,
     clock: Option<RawClock>,
+    wake_up_us: Option<Spanned<RawWakeUp>>,
     version: Option<RawVersion>,
     #[serde(default)]
     carries_large_pdos: bool,
@@ -63,6 +65,28 @@ struct RawScenario {
 enum RawClock {
     Real,
     Stepped,
+}
+
+#[derive(Deserialize, Clone, Copy)]
+#[serde(deny_unknown_fields)]
+struct RawWakeUp {
+    typical: u32,
+    p99: u32,
+    longest: u32,
+}
+
+impl RawWakeUp {
+    fn build(self) -> Result<WakeUpDelay, String> {
+        if self.typical > self.p99 || self.p99 > self.longest {
+            return Err("`wake_up_us` needs typical <= p99 <= longest".to_owned());
+        }
+        let ns = |us: u32| u64::from(us) * 1_000;
+        Ok(WakeUpDelay {
+            typical_ns: ns(self.typical),
+            p99_ns: ns(self.p99),
+            longest_ns: ns(self.longest),
+        })
+    }
 }
 
 #[derive(Deserialize, Clone, Copy)]
@@ -94,6 +118,7 @@ struct RawGateway {
     service_delay_us: Option<u32>,
     service_jitter_us: Option<u32>,
     clock_drift_ppm: Option<f64>,
+    release_jitter_us: Option<u32>,
     pdo_assign: Option<bool>,
     pdo_configuration: Option<bool>,
     tx_pressure_percent: Option<u8>,
@@ -128,6 +153,7 @@ impl Scenario {
     /// name = "cell"
     /// seed = 42
     /// clock = "stepped"              # or "real"; otherwise the program chooses
+    /// wake_up_us = { typical = 10, p99 = 80, longest = 500 }  # how late sleeps end, if stepped
     /// version = "1.6"                # or "1.5"
     /// carries_large_pdos = false     # process data above 1486 bytes a direction
     /// reserved = false               # another program holds the master
@@ -144,6 +170,7 @@ impl Scenario {
     /// boot_ms = 200
     /// service_delay_us = 30
     /// service_jitter_us = 0
+    /// release_jitter_us = 0          # of scheduled frames behind their phase
     /// pdo_assign = true              # the SII lets the master write 0x1C12 and 0x1C13
     /// pdo_configuration = false      # and the mapping
     /// tx_pressure_percent = 50       # of the TX ring; 100: only when it is full
@@ -233,6 +260,10 @@ impl Scenario {
         let source = Source { text };
         let raw: RawScenario = toml::from_str(text)
             .map_err(|error| source.error(error.span(), error.message().trim()))?;
+        let wake_up = raw.wake_up_us.map(|raw| {
+            let span = raw.span();
+            raw.into_inner().build().map_err(|reason| source.error(Some(span), reason))
+        });
         let mut scenario = Self {
             name: raw.name.unwrap_or_else(|| name.to_owned()),
             seed: raw.seed.unwrap_or(1),
@@ -240,6 +271,7 @@ impl Scenario {
                 RawClock::Real => ClockKind::Real,
                 RawClock::Stepped => ClockKind::Stepped,
             }),
+            wake_up: wake_up.transpose()?,
             version: match raw.version {
                 Some(RawVersion::V1_5) => EcrtVersion::V1_5,
                 Some(RawVersion::V1_6) | None => EcrtVersion::V1_6,
@@ -301,6 +333,7 @@ impl RawGateway {
             }
             settings.clock_drift_ppb = (ppm * 1000.0).round() as i32;
         }
+        set(&mut settings.release_jitter_ns, self.release_jitter_us.map(ns));
         if self.tx_pressure_percent.is_some_and(|percent| !(1..=100).contains(&percent)) {
             return Err("`tx_pressure_percent` is 1 to 100".to_owned());
         }

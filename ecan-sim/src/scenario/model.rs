@@ -6,6 +6,7 @@ use crate::bridge::BridgeSettings;
 use crate::drive::DriveSettings;
 use crate::fault::ScriptedFault;
 use crate::gateway::GatewaySettings;
+use crate::wake_up::WakeUpDelay;
 
 /// How simulated time passes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -144,6 +145,8 @@ pub struct Scenario {
     pub seed: u64,
     /// Clock that the scenario demands; `None` leaves it to the program.
     pub clock: Option<ClockKind>,
+    /// How late the application's sleeps end in stepped time; `None` ends them on time.
+    pub wake_up: Option<WakeUpDelay>,
     /// Simulated release of the library.
     pub version: EcrtVersion,
     /// Whether the master sends process data of more than 1486 bytes a direction.
@@ -167,6 +170,7 @@ impl Default for Scenario {
             name: "empty".to_owned(),
             seed: 1,
             clock: None,
+            wake_up: None,
             version: EcrtVersion::V1_6,
             carries_large_pdos: false,
             reserved: false,

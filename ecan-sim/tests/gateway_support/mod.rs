@@ -67,7 +67,11 @@ impl Bench {
 
     /// In PREOP with these profiles applied, sync managers set up and all channels running.
     pub fn configured(tx: PdoProfile, rx: PdoProfile) -> Self {
-        let mut bench = Self::preop();
+        Self::configured_with(GatewaySettings::default(), tx, rx)
+    }
+
+    pub fn configured_with(settings: GatewaySettings, tx: PdoProfile, rx: PdoProfile) -> Self {
+        let mut bench = Self::preop_with(settings);
         bench.apply_profiles(tx, rx);
         for channel in 0..CHANNELS as u8 {
             bench.apply_channel(channel, McanChannelConfig::fd(1_000_000, 5_000_000));

@@ -8,7 +8,7 @@ use std::ffi::c_int;
 use ecan_mcan_host::boundary::{Call, Plain, Sealed, call};
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, Traffic};
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, ScheduleSettings, Traffic};
 use ecan_protocol::{
     BudgetPolicy, DataPathConfig, EncapsulationProfile, ExtendedFilter, McanChannelConfig,
     OptionFlags, StandardFilter,
@@ -90,6 +90,7 @@ impl PortPlain {
             paced,
             hold_limit,
             input_limit,
+            schedule: _,
             allow_diagnostic_tests,
         } = GatewayConfig::default();
         let gateway = GatewayPlain {
@@ -224,6 +225,7 @@ impl GatewayPlain {
             paced: self.paced,
             hold_limit: self.hold_limit,
             input_limit: self.input_limit,
+            schedule: ScheduleSettings::default(),
             allow_diagnostic_tests: self.allow_diagnostic_tests,
         }
     }

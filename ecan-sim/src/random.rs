@@ -2,16 +2,16 @@
 
 /// A SplitMix64 generator: the same seed gives the same numbers on every machine.
 #[derive(Clone, Debug)]
-pub(super) struct Random {
+pub(crate) struct Random {
     state: u64,
 }
 
 impl Random {
-    pub(super) const fn new(seed: u64) -> Self {
+    pub(crate) const fn new(seed: u64) -> Self {
         Self { state: seed }
     }
 
-    pub(super) const fn next(&mut self) -> u64 {
+    pub(crate) const fn next(&mut self) -> u64 {
         self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
         let mut z = self.state;
         z = (z ^ z >> 30).wrapping_mul(0xBF58_476D_1CE4_E5B9);
@@ -20,13 +20,13 @@ impl Random {
     }
 
     /// A number below `limit`; 0 for a limit of 0.
-    pub(super) const fn below(&mut self, limit: u64) -> u64 {
+    pub(crate) const fn below(&mut self, limit: u64) -> u64 {
         // The high half of the product; its bias is far below anything a scenario could show.
         ((self.next() as u128 * limit as u128) >> 64) as u64
     }
 
     /// True in `per_mille` of a thousand cases.
-    pub(super) const fn chance(&mut self, per_mille: u16) -> bool {
+    pub(crate) const fn chance(&mut self, per_mille: u16) -> bool {
         self.below(1000) < per_mille as u64
     }
 }

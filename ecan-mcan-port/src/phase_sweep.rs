@@ -1,0 +1,223 @@
+//! Finding a Sync0 shift and an offset by trying them (manual 15.6.1, 16.1).
+
+use ecan_host::{Diagnostics, Error};
+use ecan_protocol::CHANNELS;
+
+use crate::error::PortError;
+use crate::phase_table::{PhasePoint, PhaseTable};
+use crate::port::Port;
+use crate::schedule_watch::{LATE_DROP, QUEUE_FULL, TIMER_MISS, TX_FAIL};
+
+const SCHEDULE_FLAGS: u16 = LATE_DROP | QUEUE_FULL | TX_FAIL | TIMER_MISS;
+/// Cycles without frames that let those under way meet their phases.
+const QUIET_CYCLES: u32 = 8;
+
+/// The candidates of a sweep, and how long each is tried.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PhaseSweep {
+    /// Sync0 shifts in nanoseconds, each below the Sync0 period.
+    pub shifts_ns: Vec<u32>,
+    /// Offsets behind Sync0 in nanoseconds, each below the Sync0 period.
+    pub offsets_ns: Vec<u32>,
+    /// Cycles of each candidate that are not measured.
+    pub settle_cycles: u32,
+    /// Cycles of each candidate that are measured. The rare delays of a machine show in long runs
+    /// only: let the recommended point run for minutes before it is relied on (manual 15.6.1).
+    pub cycles: u32,
+    /// What the arrival of images has to keep from a Sync0 pulse, in nanoseconds.
+    pub arrival_margin_ns: u32,
+    /// The offset margin that the recommended point shall have, in nanoseconds.
+    pub offset_margin_ns: u32,
+}
+
+impl PhaseSweep {
+    /// Ten shifts over the whole period, six offsets from 0 to half of it, a second each at 1 ms.
+    pub fn over(period_ns: u32) -> Self {
+        Self {
+            shifts_ns: (0..10).map(|nth| period_ns / 10 * nth).collect(),
+            offsets_ns: (0..6).map(|nth| period_ns / 10 * nth).collect(),
+            settle_cycles: 20,
+            cycles: 1_000,
+            arrival_margin_ns: 20_000,
+            offset_margin_ns: 50_000,
+        }
+    }
+}
+
+/// What happened in all gateways so far.
+#[derive(Debug, Clone, Copy, Default)]
+struct Counts {
+    incomplete_cycles: u64,
+    sessions_lost: u64,
+    late_drops: u64,
+    other_drops: u64,
+    host_drops: u64,
+}
+
+impl Counts {
+    fn of(port: &Port) -> Self {
+        let mut counts = Self::default();
+        for slave in 0..port.slave_count() {
+            let statistics = port.statistics(slave);
+            counts.incomplete_cycles += statistics.incomplete_cycles;
+            counts.sessions_lost += statistics.sessions_lost;
+            for channel in 0..CHANNELS as u8 {
+                let account = port.schedule_account(slave, channel);
+                counts.late_drops += account.late_dropped;
+                counts.other_drops += account.queue_full + account.not_sent;
+                counts.host_drops += account.refused_late + account.withdrawn;
+            }
+        }
+        counts
+    }
+}
+
+impl Port {
+    /// Tries every shift with every offset and tells what was lost at each.
+    ///
+    /// The Port is reconfigured for every shift, and afterwards again as it was before. `cycle`
+    /// runs one cycle of the application, from `cycle_begin` to `cycle_end`, with its frames
+    /// scheduled at the offset that it gets; errors that it returns end the sweep. For each
+    /// candidate the gateways' runtime diagnostics are cleared (0xB000:04 and 0x9011:14) and read
+    /// afterwards. With [`OptionFlags::TX_RESULT`](ecan_protocol::OptionFlags::TX_RESULT) late
+    /// frames are counted, otherwise only a flag tells of them. `progress` gets each point when it
+    /// is done.
+    ///
+    /// Blocks for as long as it takes; not for a machine at work.
+    ///
+    /// # Errors
+    /// [`PortError::NoSync0`], whatever keeps the gateways from going
+    /// back into service with the old configuration; the application's. A shift with which they do
+    /// not go into service is a point of the table.
+    pub fn sweep_phase<E: From<PortError>>(
+        &mut self,
+        sweep: &PhaseSweep,
+        mut cycle: impl FnMut(&mut Self, u32) -> Result<(), E>,
+        mut progress: impl FnMut(&PhasePoint),
+    ) -> Result<PhaseTable, E> {
+        let (before, config) = (self.adapter.config().clone(), self.config().clone());
+        let dc = before.dc.ok_or(PortError::NoSync0)?;
+        let mut table = PhaseTable {
+            period_ns: dc.cycle_ns,
+            arrival_margin_ns: sweep.arrival_margin_ns,
+            offset_margin_ns: sweep.offset_margin_ns,
+            points: Vec::with_capacity(sweep.shifts_ns.len() * sweep.offsets_ns.len()),
+        };
+        let mut end = Ok(());
+        'sweep: for &shift_ns in &sweep.shifts_ns {
+            let mut adapter = before.clone();
+            adapter.dc = Some(ecan_host::DcSync { shift_ns, ..dc });
+            let ready = self.reconfigure(adapter, config.clone()).and_then(|()| {
+                let timeout_ms = self.startup_timeout_ms();
+                self.wait_ready(timeout_ms)
+            });
+            for &offset_ns in &sweep.offsets_ns {
+                let mut point = PhasePoint { shift_ns, offset_ns, ..PhasePoint::default() };
+                match &ready {
+                    Ok(()) => {
+                        if let Err(error) = self.try_phase(sweep, &mut point, &mut cycle) {
+                            end = Err(error);
+                            break 'sweep;
+                        }
+                    }
+                    Err(error) => point.failure = Some(error.to_string()),
+                }
+                progress(&point);
+                table.points.push(point);
+            }
+        }
+        let restored = self.reconfigure(before, config).and_then(|()| {
+            let timeout_ms = self.startup_timeout_ms();
+            self.wait_ready(timeout_ms)
+        });
+        end?;
+        restored?;
+        Ok(table)
+    }
+
+    fn try_phase<E: From<PortError>>(
+        &mut self,
+        sweep: &PhaseSweep,
+        point: &mut PhasePoint,
+        cycle: &mut impl FnMut(&mut Self, u32) -> Result<(), E>,
+    ) -> Result<(), E> {
+        let offset_ns = point.offset_ns;
+        for _ in 0..sweep.settle_cycles {
+            self.wait_next_cycle();
+            cycle(self, offset_ns)?;
+        }
+        self.let_pass();
+        let slaves = self.slave_count();
+        self.diagnose(|diagnostics| clear(diagnostics, slaves))?.map_err(PortError::from)?;
+        let before = Counts::of(self);
+        for _ in 0..sweep.cycles {
+            self.wait_next_cycle();
+            cycle(self, offset_ns)?;
+        }
+        self.let_pass();
+        let after = Counts::of(self);
+        point.cycles = sweep.cycles.into();
+        point.incomplete_cycles = after.incomplete_cycles - before.incomplete_cycles;
+        point.sessions_lost = after.sessions_lost - before.sessions_lost;
+        point.late_drops = after.late_drops - before.late_drops;
+        point.other_drops = after.other_drops - before.other_drops;
+        point.host_drops = after.host_drops - before.host_drops;
+        let period_ns = self.adapter.config().dc.map_or(0, |dc| dc.cycle_ns);
+        let told = self.diagnose(|diagnostics| read(diagnostics, slaves, period_ns))?;
+        let told = told.map_err(PortError::from)?;
+        point.flags = told.flags;
+        if let Some((after_ns, before_ns)) = told.arrival_ns {
+            point.arrival_after_pulse_ns = Some(after_ns);
+            point.arrival_before_pulse_ns = Some(before_ns);
+        }
+        Ok(())
+    }
+
+    /// Cycles without frames. What comes back is thrown away, but results are accounted for.
+    fn let_pass(&mut self) {
+        for _ in 0..QUIET_CYCLES {
+            self.wait_next_cycle();
+            // A cycle that fails shows in the working counters.
+            let _ = self.cycle_begin();
+            self.receive_each(|_| ());
+            let _ = self.cycle_end();
+        }
+    }
+}
+
+/// What the gateways told after a candidate.
+#[derive(Debug, Clone, Copy, Default)]
+struct Told {
+    flags: u16,
+    /// Shortest distances of arrivals from the pulse before and to the pulse behind.
+    arrival_ns: Option<(u32, u32)>,
+}
+
+fn clear(diagnostics: &Diagnostics, slaves: usize) -> Result<(), Error> {
+    for slave in 0..slaves {
+        diagnostics.sdo_download(slave, 0xB000, 4, &[1 << 5])?;
+        diagnostics.sdo_download(slave, 0x9011, 14, &[1])?;
+    }
+    Ok(())
+}
+
+fn read(diagnostics: &Diagnostics, slaves: usize, period_ns: u32) -> Result<Told, Error> {
+    let mut told = Told::default();
+    for slave in 0..slaves {
+        let upload = |index, subindex| diagnostics.sdo_upload_u32(slave, index, subindex);
+        told.flags |= upload(0xB000, 6)? as u16 & SCHEDULE_FLAGS;
+        let clock_hz = u64::from(upload(0x8000, 4)?);
+        let (least, most) = (upload(0x9011, 4)?, upload(0x9011, 5)?);
+        // A gateway that does not measure it, or means something else by it, tells nothing.
+        let ns = |cycles: u32| (u64::from(cycles) * 1_000_000_000).checked_div(clock_hz);
+        let (Some(least), Some(most)) = (ns(least), ns(most)) else { continue };
+        let period = u64::from(period_ns);
+        if (least, most) == (0, 0) || most > period {
+            continue;
+        }
+        let (after, before) = (least as u32, (period - most) as u32);
+        let (a, b) = told.arrival_ns.unwrap_or((after, before));
+        told.arrival_ns = Some((a.min(after), b.min(before)));
+    }
+    Ok(told)
+}

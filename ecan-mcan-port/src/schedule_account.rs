@@ -1,0 +1,225 @@
+//! What became of scheduled frames, as far as the gateway tells (manual 10, 13.7).
+//!
+//! A TX_RESULT tells of each frame whether the gateway took it, and why not. What it does not tell
+//! is whether a frame that was taken left at its phase: that is known only as long as no flag of
+//! 0xB000:06 speaks of trouble, and the flags name neither frame nor channel. So frames that were
+//! taken wait for two looks at the flags, and where these show trouble they count as unknown.
+
+use ecan_protocol::{CHANNELS, ResultCode};
+
+use crate::schedule_watch::ScheduleDiagnostics;
+
+/// What became of a channel's scheduled frames. Counters only grow, except `open`.
+///
+/// `scheduled` is the sum of `sent`, `late_dropped`, `queue_full`, `not_sent`, `withdrawn`,
+/// `unknown` and `open`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ScheduleAccount {
+    /// Frames that the Port took.
+    pub scheduled: u64,
+    /// Frames that the gateway took and, by its flags, handed to the CAN controller at their phase.
+    pub sent: u64,
+    /// Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT.
+    pub late_dropped: u64,
+    /// Frames that found the gateway's schedule full. Needs TX_RESULT.
+    pub queue_full: u64,
+    /// Frames that the gateway did not take for another reason: bus-off, channel not enabled.
+    /// Needs TX_RESULT.
+    pub not_sent: u64,
+    /// Frames that never left the host: discarded, or in an image that was too late for its phase.
+    pub withdrawn: u64,
+    /// Frames of which it cannot be told: the image may not have arrived, no result came, the
+    /// session was lost, or flags showed trouble.
+    pub unknown: u64,
+    /// Frames of which it is not told yet.
+    pub open: u64,
+    /// Frames that the Port refused since their cycle had begun too late for the phase; they are
+    /// not among `scheduled`.
+    pub refused_late: u64,
+    /// Frames among `scheduled` that were taken although the margin does not suffice, see
+    /// [`ScheduleMargin`](crate::ScheduleMargin).
+    pub without_margin: u64,
+}
+
+impl ScheduleAccount {
+    /// The sum of all outcomes and of what is open, which equals `scheduled`.
+    pub fn accounted(&self) -> u64 {
+        let told = self.sent + self.late_dropped + self.queue_full + self.not_sent;
+        told + self.withdrawn + self.unknown + self.open
+    }
+}
+
+/// How a frame's story goes on or ends.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Fate {
+    /// The gateway has it; the flags have the last word.
+    Taken,
+    Result(ResultCode),
+    Withdrawn,
+    Unknown,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct ChannelAccount {
+    account: ScheduleAccount,
+    /// Taken since the last look at the flags, and before it.
+    young: u64,
+    ripe: u64,
+}
+
+impl ChannelAccount {
+    fn close(&mut self, frames: u64, counter: impl FnOnce(&mut ScheduleAccount) -> &mut u64) {
+        self.account.open = self.account.open.saturating_sub(frames);
+        *counter(&mut self.account) += frames;
+    }
+
+    fn give_up_taken(&mut self) {
+        let frames = std::mem::take(&mut self.young) + std::mem::take(&mut self.ripe);
+        self.close(frames, |account| &mut account.unknown);
+    }
+}
+
+/// The accounts of one gateway.
+#[derive(Debug, Default)]
+pub(crate) struct ScheduleAccounts {
+    channels: [ChannelAccount; CHANNELS],
+    /// A frame was scheduled in this session.
+    is_used: bool,
+}
+
+impl ScheduleAccounts {
+    fn channel(&mut self, channel: u8) -> &mut ChannelAccount {
+        &mut self.channels[usize::from(channel) % CHANNELS]
+    }
+
+    pub(crate) fn account(&self, channel: u8) -> ScheduleAccount {
+        self.channels.get(usize::from(channel)).map(|c| c.account).unwrap_or_default()
+    }
+
+    pub(crate) fn is_used(&self) -> bool {
+        self.is_used
+    }
+
+    pub(crate) fn scheduled(&mut self, channel: u8, has_margin: bool) {
+        self.is_used = true;
+        let account = &mut self.channel(channel).account;
+        account.scheduled += 1;
+        account.open += 1;
+        account.without_margin += u64::from(!has_margin);
+    }
+
+    pub(crate) fn refused_late(&mut self, channel: u8) {
+        self.channel(channel).account.refused_late += 1;
+    }
+
+    pub(crate) fn ended(&mut self, channel: u8, fate: Fate) {
+        let channel = self.channel(channel);
+        match fate {
+            Fate::Taken | Fate::Result(ResultCode::Queued) => channel.young += 1,
+            Fate::Result(ResultCode::Ok) => channel.close(1, |account| &mut account.sent),
+            Fate::Result(ResultCode::BusBusy) => {
+                channel.close(1, |account| &mut account.late_dropped);
+            }
+            Fate::Result(ResultCode::TxFifoFull) => {
+                channel.close(1, |account| &mut account.queue_full);
+            }
+            Fate::Result(_) => channel.close(1, |account| &mut account.not_sent),
+            Fate::Withdrawn => channel.close(1, |account| &mut account.withdrawn),
+            Fate::Unknown => channel.close(1, |account| &mut account.unknown),
+        }
+    }
+
+    /// The gateway's diagnostics were read once more. `troubling` are the flags that may concern
+    /// frames whose fate no result has told.
+    pub(crate) fn looked(
+        &mut self,
+        now: &ScheduleDiagnostics,
+        before: Option<&ScheduleDiagnostics>,
+        troubling: u16,
+    ) {
+        let is_troubled = now.flags & troubling != 0;
+        for (number, channel) in self.channels.iter_mut().enumerate() {
+            let drops = |seen: &ScheduleDiagnostics| {
+                seen.channels.get(number).map(|c| (c.bus_offs, c.stale_drops))
+            };
+            // Without an earlier look the counters may have moved at any time.
+            let has_moved = before.is_none_or(|before| drops(before) != drops(now));
+            let ripe = std::mem::take(&mut channel.ripe);
+            if is_troubled || has_moved {
+                channel.close(ripe, |account| &mut account.unknown);
+            } else {
+                channel.close(ripe, |account| &mut account.sent);
+            }
+            channel.ripe = std::mem::take(&mut channel.young);
+        }
+    }
+
+    /// What flags there were can be told no more: cleared, or forgotten by the gateway.
+    pub(crate) fn flags_lost(&mut self) {
+        for channel in &mut self.channels {
+            channel.give_up_taken();
+        }
+    }
+
+    /// The session starts anew.
+    pub(crate) fn reset(&mut self) {
+        self.flags_lost();
+        self.is_used = false;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn taken(frames: u64) -> ScheduleAccounts {
+        let mut accounts = ScheduleAccounts::default();
+        for _ in 0..frames {
+            accounts.scheduled(1, true);
+            accounts.ended(1, Fate::Result(ResultCode::Queued));
+        }
+        accounts
+    }
+
+    #[test]
+    fn what_was_taken_is_sent_when_two_looks_find_nothing() {
+        let (mut accounts, clean) = (taken(3), ScheduleDiagnostics::default());
+        accounts.looked(&clean, None, 0x3C0);
+        assert_eq!(accounts.account(1).open, 3, "its phase may still have been to come");
+        accounts.looked(&clean, Some(&clean), 0x3C0);
+        let account = accounts.account(1);
+        assert_eq!((account.sent, account.open, account.accounted()), (3, 0, 3));
+    }
+
+    #[test]
+    fn a_flag_or_a_counter_makes_it_unknown() {
+        let clean = ScheduleDiagnostics::default();
+        let flagged = ScheduleDiagnostics { flags: 1 << 8, ..clean };
+        let mut bus_off = clean;
+        bus_off.channels[1].bus_offs = 1;
+        for trouble in [flagged, bus_off] {
+            let mut accounts = taken(2);
+            accounts.looked(&clean, None, 0x3C0);
+            accounts.looked(&trouble, Some(&clean), 0x3C0);
+            let account = accounts.account(1);
+            assert_eq!((account.unknown, account.open), (2, 0));
+        }
+        let mut accounts = taken(2);
+        accounts.looked(&clean, None, 0x300);
+        let late = ScheduleDiagnostics { flags: 1 << 6, ..clean };
+        accounts.looked(&late, Some(&clean), 0x300);
+        assert_eq!(accounts.account(1).sent, 2, "results tell of late frames, one by one");
+    }
+
+    #[test]
+    fn a_lost_session_leaves_nothing_taken_open() {
+        let mut accounts = taken(2);
+        accounts.looked(&ScheduleDiagnostics::default(), None, 0);
+        accounts.scheduled(1, false);
+        accounts.ended(1, Fate::Taken);
+        accounts.reset();
+        let account = accounts.account(1);
+        assert_eq!((account.unknown, account.open, account.without_margin), (3, 0, 1));
+        assert!(!accounts.is_used());
+    }
+}

@@ -1,0 +1,354 @@
+//! Reading what a gateway tells of its scheduled transmission, beside the cycle (manual 13.2.4,
+//! 13.2.5, 13.7).
+
+use ecan_host::{Adapter, DcSync, Error, RequestId, RequestState};
+use ecan_protocol::CHANNELS;
+
+use crate::port::{Gateway, Port};
+use crate::schedule_settings::ScheduleSettings;
+
+/// Flags of 0xB000:06.
+pub(crate) const LATE_DROP: u16 = 1 << 6;
+pub(crate) const QUEUE_FULL: u16 = 1 << 7;
+pub(crate) const TX_FAIL: u16 = 1 << 8;
+pub(crate) const TIMER_MISS: u16 = 1 << 9;
+
+const MAINTENANCE: u16 = 0xB000;
+const FLAGS: u8 = 6;
+const COMMAND: u8 = 4;
+/// Maintenance command "clear runtime diagnostics and legacy diagnostic flags".
+const CLEAR_DIAGNOSTICS: u8 = 1 << 5;
+const PERFORMANCE: u16 = 0x9011;
+const DATA_PATH: u16 = 0x9020;
+const REQUEST_TIMEOUT_MS: u32 = 2_000;
+const NS_PER_MS: u64 = 1_000_000;
+
+/// Counters of one channel, 0x9020..0x9023 (manual 13.2.5).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ChannelDrops {
+    /// Times that the controller's FIFO was full, :11.
+    pub fifo_full: u32,
+    /// Frames dropped as stale, :12.
+    pub stale_drops: u32,
+    /// Times that the channel went off the bus, :13.
+    pub bus_offs: u32,
+}
+
+/// What a gateway tells of its scheduled transmission.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ScheduleDiagnostics {
+    /// Legacy maintenance flags, 0xB000:06; they stay until they are cleared.
+    pub flags: u16,
+    /// Per channel; all 0 for one that is not enabled.
+    pub channels: [ChannelDrops; CHANNELS],
+    /// Sync0 pulses counted, 0x9011:02.
+    pub sync0_count: u32,
+    /// Smallest distance from a Sync0 pulse to the arrival of an image, in CPU cycles of the
+    /// gateway (0x8000:04), 0x9011:04.
+    pub phase_min_cycles: i32,
+    /// Largest such distance, 0x9011:05.
+    pub phase_max_cycles: i32,
+    /// Longest service of scheduled frames, in CPU cycles, 0x9011:13.
+    pub service_max_cycles: u32,
+    /// When the reading ended, in nanoseconds of the library's clock.
+    pub read_at_ns: u64,
+}
+
+impl ScheduleDiagnostics {
+    /// A scheduled frame was dropped since its phase had passed (SCHED_LATE_DROP).
+    pub fn has_late_drop(&self) -> bool {
+        self.flags & LATE_DROP != 0
+    }
+
+    /// A scheduled frame found the queue full (SCHED_QUEUE_FULL).
+    pub fn has_queue_full(&self) -> bool {
+        self.flags & QUEUE_FULL != 0
+    }
+
+    /// A scheduled frame was refused by the CAN controller at its phase (SCHED_TX_FAIL).
+    pub fn has_tx_fail(&self) -> bool {
+        self.flags & TX_FAIL != 0
+    }
+
+    /// The timer of scheduled transmission missed a phase (SCHED_TIMER_MISS).
+    pub fn has_timer_miss(&self) -> bool {
+        self.flags & TIMER_MISS != 0
+    }
+}
+
+/// Objects of a look: the flags, then three for each channel, then four of 0x9011.
+const PER_CHANNEL: [u8; 3] = [11, 12, 13];
+const PER_GATEWAY: [u8; 4] = [2, 4, 5, 13];
+const STEPS: usize = 1 + CHANNELS * PER_CHANNEL.len() + PER_GATEWAY.len();
+
+/// The object of a step, and where its value goes.
+fn object(step: usize) -> (u16, u8) {
+    let Some(step) = step.checked_sub(1) else { return (MAINTENANCE, FLAGS) };
+    let (channel, field) = (step / PER_CHANNEL.len(), step % PER_CHANNEL.len());
+    if channel < CHANNELS {
+        return (DATA_PATH + channel as u16, PER_CHANNEL.get(field).copied().unwrap_or_default());
+    }
+    let field = step - CHANNELS * PER_CHANNEL.len();
+    (PERFORMANCE, PER_GATEWAY.get(field).copied().unwrap_or_default())
+}
+
+fn store(diagnostics: &mut ScheduleDiagnostics, step: usize, value: u32) {
+    match object(step) {
+        (MAINTENANCE, _) => diagnostics.flags = value as u16,
+        (PERFORMANCE, 2) => diagnostics.sync0_count = value,
+        (PERFORMANCE, 4) => diagnostics.phase_min_cycles = value as i32,
+        (PERFORMANCE, 5) => diagnostics.phase_max_cycles = value as i32,
+        (PERFORMANCE, _) => diagnostics.service_max_cycles = value,
+        (index, field) => {
+            let channel = usize::from(index.wrapping_sub(DATA_PATH));
+            let Some(channel) = diagnostics.channels.get_mut(channel) else { return };
+            match field {
+                11 => channel.fifo_full = value,
+                12 => channel.stale_drops = value,
+                _ => channel.bus_offs = value,
+            }
+        }
+    }
+}
+
+/// What a step of the watch brought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Seen {
+    Nothing,
+    /// A whole look.
+    Looked(ScheduleDiagnostics),
+    /// The flags were cleared, or may have been.
+    Cleared,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Activity {
+    Idle,
+    Reading { step: usize },
+    Clearing,
+}
+
+#[derive(Debug)]
+pub(crate) struct ScheduleWatch {
+    read: RequestId,
+    command: RequestId,
+    channel_mask: u8,
+    interval_ns: u64,
+    activity: Activity,
+    is_clear_wanted: bool,
+    next_at_ns: u64,
+    seen: ScheduleDiagnostics,
+    last: Option<ScheduleDiagnostics>,
+}
+
+impl ScheduleWatch {
+    /// Creates the requests; the Adapter must be configured and not yet active.
+    pub(crate) fn new(
+        adapter: &mut Adapter,
+        slave: usize,
+        channel_mask: u8,
+        settings: &ScheduleSettings,
+        dc: Option<DcSync>,
+    ) -> Result<Self, Error> {
+        // Frames that were taken before a look have met their phase before the next one.
+        let shortest_ns = dc.map_or(0, |dc| 3 * u64::from(dc.cycle_ns));
+        let interval_ns = match settings.watch_ms {
+            0 => 0,
+            ms => (u64::from(ms) * NS_PER_MS).max(shortest_ns),
+        };
+        let read = adapter.create_sdo_request(slave, 4)?;
+        let command = adapter.create_sdo_request(slave, 1)?;
+        for request in [read, command] {
+            adapter.sdo_request_timeout(request, REQUEST_TIMEOUT_MS)?;
+        }
+        Ok(Self {
+            read,
+            command,
+            channel_mask,
+            interval_ns,
+            activity: Activity::Idle,
+            is_clear_wanted: false,
+            next_at_ns: 0,
+            seen: ScheduleDiagnostics::default(),
+            last: None,
+        })
+    }
+
+    /// The last whole look of this session.
+    pub(crate) fn last(&self) -> Option<&ScheduleDiagnostics> {
+        self.last.as_ref()
+    }
+
+    pub(crate) fn want_clear(&mut self) {
+        self.is_clear_wanted = true;
+    }
+
+    /// The session starts anew: what is under way says nothing about it.
+    pub(crate) fn reset(&mut self) {
+        self.activity = Activity::Idle;
+        self.is_clear_wanted = false;
+        self.next_at_ns = 0;
+        self.last = None;
+    }
+
+    fn is_read(&self, step: usize) -> bool {
+        let (index, _) = object(step);
+        let channel = index.wrapping_sub(DATA_PATH);
+        usize::from(channel) >= CHANNELS || self.channel_mask >> channel & 1 == 1
+    }
+
+    /// One step, once a cycle while the gateway is in service. `is_used` tells that there are
+    /// scheduled frames to look for.
+    pub(crate) fn step(&mut self, adapter: &mut Adapter, is_used: bool) -> Seen {
+        match self.activity {
+            Activity::Idle => {
+                if self.is_clear_wanted {
+                    self.begin_clear(adapter);
+                } else if is_used && self.interval_ns > 0 {
+                    let now = adapter.clock().now_ns();
+                    if now >= self.next_at_ns {
+                        self.next_at_ns = now.saturating_add(self.interval_ns);
+                        self.seen = ScheduleDiagnostics::default();
+                        self.begin_read(adapter, 0);
+                    }
+                }
+                Seen::Nothing
+            }
+            Activity::Clearing => match adapter.sdo_request_state(self.command) {
+                Ok(RequestState::Busy) => Seen::Nothing,
+                // Whether it was done or not, nothing can be said about the flags before it.
+                _ => {
+                    self.activity = Activity::Idle;
+                    self.last = None;
+                    self.next_at_ns = 0;
+                    Seen::Cleared
+                }
+            },
+            Activity::Reading { step } => match adapter.sdo_request_state(self.read) {
+                Ok(RequestState::Busy) => Seen::Nothing,
+                Ok(RequestState::Success) => {
+                    let mut value = [0; 4];
+                    for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(self.read)) {
+                        *to = *from;
+                    }
+                    store(&mut self.seen, step, u32::from_le_bytes(value));
+                    match (step + 1..STEPS).find(|next| self.is_read(*next)) {
+                        Some(next) => {
+                            self.begin_read(adapter, next);
+                            Seen::Nothing
+                        }
+                        None => {
+                            self.activity = Activity::Idle;
+                            self.seen.read_at_ns = adapter.clock().now_ns();
+                            Seen::Looked(self.seen)
+                        }
+                    }
+                }
+                _ => {
+                    // The next look starts over.
+                    self.activity = Activity::Idle;
+                    Seen::Nothing
+                }
+            },
+        }
+    }
+
+    /// Keeps a look for the comparison with the next one.
+    pub(crate) fn keep(&mut self, seen: ScheduleDiagnostics) {
+        self.last = Some(seen);
+    }
+
+    fn begin_read(&mut self, adapter: &mut Adapter, step: usize) {
+        // A request that an earlier session left behind has to end first.
+        let is_free = !matches!(adapter.sdo_request_state(self.read), Ok(RequestState::Busy));
+        let (index, subindex) = object(step);
+        let is_begun = is_free && adapter.sdo_request_read(self.read, index, subindex).is_ok();
+        self.activity = if is_begun { Activity::Reading { step } } else { Activity::Idle };
+    }
+
+    fn begin_clear(&mut self, adapter: &mut Adapter) {
+        if matches!(adapter.sdo_request_state(self.command), Ok(RequestState::Busy)) {
+            return;
+        }
+        let command = [CLEAR_DIAGNOSTICS];
+        if adapter.sdo_request_write(self.command, MAINTENANCE, COMMAND, &command).is_ok() {
+            self.is_clear_wanted = false;
+            self.activity = Activity::Clearing;
+        }
+    }
+}
+
+/// One step of the watch of a gateway in service, and what it means for the accounts.
+pub(crate) fn step(adapter: &mut Adapter, gateway: &mut Gateway) {
+    let Gateway { watch, transmitter, .. } = gateway;
+    match watch.step(adapter, transmitter.accounts().is_used()) {
+        Seen::Nothing => {}
+        Seen::Cleared => transmitter.accounts_mut().flags_lost(),
+        Seen::Looked(seen) => {
+            // Of the others, results tell frame by frame.
+            let told = if transmitter.has_results() { 0 } else { LATE_DROP | QUEUE_FULL };
+            let troubling = TX_FAIL | TIMER_MISS | told;
+            transmitter.accounts_mut().looked(&seen, watch.last(), troubling);
+            watch.keep(seen);
+        }
+    }
+}
+
+impl Port {
+    /// What a channel's scheduled frames came to, as far as the gateway tells; real-time safe. All
+    /// zero for an index out of range.
+    ///
+    /// Without [`OptionFlags::TX_RESULT`](ecan_protocol::OptionFlags::TX_RESULT) only the flags of
+    /// 0xB000:06 tell: then frames are sent as long as no flag shows, and unknown afterwards.
+    pub fn schedule_account(&self, slave: usize, channel: u8) -> crate::ScheduleAccount {
+        self.gateways
+            .get(slave)
+            .map(|g| g.transmitter.accounts().account(channel))
+            .unwrap_or_default()
+    }
+
+    /// The last look at what the gateway tells of scheduled transmission, in this session;
+    /// real-time safe. None before the first: a look is taken every
+    /// [`watch_ms`](crate::ScheduleSettings::watch_ms) once a frame has been scheduled.
+    pub fn schedule_diagnostics(&self, slave: usize) -> Option<ScheduleDiagnostics> {
+        self.gateways.get(slave).and_then(|gateway| gateway.watch.last().copied())
+    }
+
+    /// Has the gateway clear the flags of 0xB000:06, and with them its other runtime diagnostics
+    /// (manual 13.7, bit 5), in the cycles to come; real-time safe. Until the flags are cleared
+    /// they make every frame unknown that no result tells of. Frames that have no outcome when
+    /// this is done count as unknown. Nothing happens for an index out of range.
+    pub fn clear_schedule_flags(&mut self, slave: usize) {
+        if let Some(gateway) = self.gateways.get_mut(slave) {
+            gateway.watch.want_clear();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_step_reads_another_object_and_stores_it() {
+        let objects: Vec<_> = (0..STEPS).map(object).collect();
+        let mut distinct = objects.clone();
+        distinct.sort_unstable();
+        distinct.dedup();
+        assert_eq!(distinct.len(), STEPS);
+        assert_eq!(
+            (objects[0], objects[1], objects[12]),
+            ((0xB000, 6), (0x9020, 11), (0x9023, 13))
+        );
+        assert_eq!(objects[13..], [(0x9011, 2), (0x9011, 4), (0x9011, 5), (0x9011, 13)]);
+        let mut seen = ScheduleDiagnostics::default();
+        for step in 0..STEPS {
+            store(&mut seen, step, 100 + step as u32);
+        }
+        assert_eq!((seen.flags, seen.sync0_count), (100, 113));
+        assert_eq!((seen.phase_min_cycles, seen.phase_max_cycles), (114, 115));
+        assert_eq!(seen.service_max_cycles, 116);
+        let channel = seen.channels[3];
+        assert_eq!((channel.fifo_full, channel.stale_drops, channel.bus_offs), (110, 111, 112));
+    }
+}

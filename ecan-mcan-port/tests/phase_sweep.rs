@@ -1,0 +1,115 @@
+//! A sweep finds the shifts and offsets that work, and recommends one that goes on working
+//! (manual 15.6.1).
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{Bench, classic, id, with_sync0};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{GatewayConfig, PhaseSweep, Port, PortConfig, PortError};
+use ecan_protocol::{OptionFlags, Schedule};
+
+/// One cycle with one scheduled frame.
+fn cycle(port: &mut Port, offset_ns: u32) -> Result<(), PortError> {
+    port.cycle_begin()?;
+    port.receive_each(|_| ());
+    let at = Schedule { tag: 0, offset_ns };
+    // A frame that is refused shows in the account.
+    let _ = port.schedule_can(0, 0, id(1), &[], at);
+    port.cycle_end()?;
+    Ok(())
+}
+
+fn results(gateway: &mut GatewayConfig) {
+    gateway.tx_options = OptionFlags::TX_RESULT;
+}
+
+#[test]
+fn the_recommended_point_holds_in_a_longer_run_and_the_bad_ones_are_bad() {
+    let mut bench = with_sync0(ecan_sim::jitter(1), 250_000, results);
+    let sweep = PhaseSweep {
+        shifts_ns: (0..10).map(|nth| nth * 100_000).collect(),
+        offsets_ns: vec![0, 50_000, 100_000, 150_000],
+        cycles: 400,
+        ..PhaseSweep::over(1_000_000)
+    };
+    let mut seen = 0;
+    let table = bench.port.sweep_phase(&sweep, cycle, |_| seen += 1).unwrap();
+    assert_eq!((seen, table.points.len()), (40, 40));
+    assert!(bench.port.is_ready());
+    assert_eq!(bench.port.adapter().config().dc.unwrap().shift_ns, 250_000, "as it was");
+    for point in &table.points {
+        assert!(point.failure.is_none(), "{table}");
+        // Half of the images come within 15 us, so a pulse there always meets some.
+        if point.shift_ns < 100_000 {
+            assert!(!table.is_good(point), "{table}");
+        }
+    }
+    let best = table.recommended().expect("some point is good").clone();
+    let margins = table.margins(&best).unwrap();
+    assert!(margins.shift_below_ns >= 100_000 && margins.shift_above_ns >= 100_000, "{table}");
+
+    let mut adapter = bench.port.adapter().config().clone();
+    adapter.dc = Some(ecan_host::DcSync::new(1_000_000, best.shift_ns));
+    let config = bench.port.config().clone();
+    bench.port.reconfigure(adapter, config).unwrap();
+    bench.port.wait_ready(common::READY_MS).unwrap();
+    let before = bench.simulation.with_world(|world| world.truth(0).unwrap());
+    for _ in 0..5_000 {
+        bench.port.wait_next_cycle();
+        cycle(&mut bench.port, best.offset_ns).unwrap();
+    }
+    bench.idle(500);
+    let truth = bench.simulation.with_world(|world| world.truth(0).unwrap());
+    let account = bench.port.schedule_account(0, 0);
+    assert_eq!((account.scheduled, account.refused_late), (5_000, 0), "{table}");
+    assert_eq!((account.sent, truth.frames_released - before.frames_released), (5_000, 5_000));
+}
+
+#[test]
+fn a_slow_firmware_needs_an_offset() {
+    let mut scenario = ecan_sim::echo(1);
+    scenario.gateways[0].settings.service_delay_ns = 250_000;
+    let mut bench = with_sync0(scenario, 100_000, results);
+    let sweep = PhaseSweep {
+        shifts_ns: vec![200_000],
+        offsets_ns: vec![0, 30_000, 100_000, 200_000],
+        cycles: 50,
+        ..PhaseSweep::over(1_000_000)
+    };
+    let table = bench.port.sweep_phase(&sweep, cycle, |_| ()).unwrap();
+    let good: Vec<_> = table.points.iter().map(|point| table.is_good(point)).collect();
+    assert_eq!(good, [false, false, true, true], "{table}");
+    assert_eq!(table.points[0].late_drops, 50, "{table}");
+    assert_ne!(table.points[0].flags, 0);
+    assert_eq!(table.recommended().unwrap().offset_ns, 100_000);
+    assert_eq!(table.points[0].arrival_before_pulse_ns.unwrap() / 1_000, 200);
+}
+
+#[test]
+fn without_sync0_there_is_nothing_to_sweep() {
+    let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+    let refused = bench.port.sweep_phase(&PhaseSweep::over(1_000_000), cycle, |_| ());
+    assert!(matches!(refused, Err(PortError::NoSync0)));
+    assert!(bench.port.is_ready(), "nothing was touched");
+}
+
+#[test]
+fn an_error_of_the_application_ends_the_sweep_and_restores_the_port() {
+    let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
+    let mut cycles = 0;
+    let ended = bench.port.sweep_phase(
+        &PhaseSweep::over(1_000_000),
+        |port, offset_ns| {
+            cycles += 1;
+            cycle(port, offset_ns)?;
+            if cycles < 100 { Ok(()) } else { Err(PortError::NoSync0) }
+        },
+        |_| (),
+    );
+    assert!(ended.is_err());
+    assert!(bench.port.is_ready());
+    assert_eq!(bench.port.adapter().config().dc.unwrap().shift_ns, 250_000);
+}

@@ -1,0 +1,315 @@
+//! What the Port says of scheduled frames against what really happened in the gateway
+//! (manual 8.4, 10, 13.7).
+#![allow(missing_docs)]
+
+mod common;
+
+use common::{Bench, id, with_sync0};
+use ecan_mcan_port::{
+    GatewayConfig, MarginCheck, NoRoom, NotSchedulable, Received, ScheduleAccount, SendError,
+};
+use ecan_protocol::{OptionFlags, Schedule};
+use ecan_sim::{Fault, GatewayFault, LostWay, Scenario, Truth, echo};
+
+/// Phases at which frames leave, 500 us behind the start of the cycle: the images come long before.
+const SHIFT_NS: u32 = 500_000;
+const OFFSET_NS: u32 = 100_000;
+
+fn results(gateway: &mut GatewayConfig) {
+    gateway.tx_options = OptionFlags::TX_RESULT;
+}
+
+fn truth(bench: &Bench) -> Truth {
+    bench.simulation.with_world(|world| world.truth(0).unwrap())
+}
+
+fn account(bench: &Bench) -> ScheduleAccount {
+    bench.port.schedule_account(0, 0)
+}
+
+/// One cycle that schedules so many frames; gives how many were taken.
+fn schedule(bench: &mut Bench, frames: u16, offset_ns: u32) -> u16 {
+    let mut taken = 0;
+    bench.cycle(|port| {
+        for tag in 0..frames {
+            let at = Schedule { tag, offset_ns };
+            taken += u16::from(port.schedule_can(0, 0, id(0x100 + tag), &[], at).is_ok());
+        }
+    });
+    taken
+}
+
+/// Compares the account with the truth once nothing is open any more: each kind of outcome may
+/// hide among the unknown ones, none may be claimed that did not happen.
+fn check(bench: &mut Bench) -> (ScheduleAccount, Truth) {
+    bench.idle(500);
+    let (told, truth) = (account(bench), truth(bench));
+    assert_eq!(told.accounted(), told.scheduled, "{told:?}");
+    assert_eq!(told.open, 0, "{told:?}");
+    let losses = truth.transmit_losses;
+    let failed = losses.stale + losses.schedule_failed;
+    let refused = losses.bus_off + losses.invalid_channel;
+    for (told_of, happened) in [
+        (told.sent, truth.frames_released),
+        (told.late_dropped, losses.late),
+        (told.queue_full, losses.schedule_full),
+        (told.not_sent, refused),
+    ] {
+        assert!(told_of <= happened, "{told:?} {truth:?}");
+        assert!(happened <= told_of + told.unknown, "{told:?} {truth:?}");
+    }
+    let reached = truth.frames_released + losses.late + losses.schedule_full + failed + refused;
+    assert_eq!(reached, truth.frames_parsed, "every frame that arrived ended somehow");
+    assert!(told.scheduled - told.withdrawn >= truth.frames_parsed, "{told:?} {truth:?}");
+    (told, truth)
+}
+
+#[test]
+fn every_frame_is_sent_with_and_without_results() {
+    for change in [results as fn(&mut GatewayConfig), |_| ()] {
+        let mut bench = with_sync0(echo(1), SHIFT_NS, change);
+        for _ in 0..300 {
+            assert_eq!(schedule(&mut bench, 2, OFFSET_NS), 2);
+        }
+        let (told, truth) = check(&mut bench);
+        assert_eq!((told.scheduled, told.sent, truth.frames_released), (600, 600, 600));
+        let diagnostics = bench.port.schedule_diagnostics(0).unwrap();
+        assert_eq!(diagnostics.flags, 0);
+        assert!(diagnostics.sync0_count > 300 && diagnostics.service_max_cycles > 0);
+        assert!(diagnostics.phase_min_cycles > 0, "{diagnostics:?}");
+        assert_eq!(bench.cycle_errors, []);
+    }
+}
+
+#[test]
+fn results_bring_the_tag_of_their_frame() {
+    let mut bench = with_sync0(echo(1), SHIFT_NS, results);
+    let mut tickets = Vec::new();
+    let mut items = bench.cycle(|port| {
+        for tag in [7, 9] {
+            let at = Schedule { tag, offset_ns: OFFSET_NS };
+            tickets.push((port.schedule_can(0, 0, id(tag), &[], at).unwrap(), Some(tag)));
+        }
+        tickets.push((port.send_can(0, 0, id(1), &[]).unwrap(), None));
+    });
+    items.extend(bench.idle(5));
+    let told: Vec<_> = items
+        .iter()
+        .filter_map(|item| match item {
+            Received::TransmitReport(report) => {
+                assert!(report.code.is_success() && !report.is_late_drop());
+                Some((report.ticket.unwrap(), report.schedule_tag))
+            }
+            Received::Frame(_) => None,
+        })
+        .collect();
+    assert_eq!(told, tickets);
+}
+
+/// A service that comes so late that phases have passed: results name each frame.
+fn stalled(change: fn(&mut GatewayConfig)) -> Bench {
+    let mut bench = with_sync0(echo(1), SHIFT_NS, change);
+    for nth in 0..200 {
+        if nth == 100 {
+            let fault = GatewayFault::ServiceStall { ms: 2 };
+            bench.simulation.inject(Fault::Gateway { gateway: 0, fault });
+        }
+        schedule(&mut bench, 3, OFFSET_NS);
+    }
+    bench
+}
+
+#[test]
+fn late_frames_are_dropped_and_told_by_results() {
+    let mut bench = stalled(results);
+    let (told, truth) = check(&mut bench);
+    assert!(truth.transmit_losses.late > 0, "{truth:?}");
+    assert_eq!(told.late_dropped, truth.transmit_losses.late);
+    assert_eq!(told.sent, truth.frames_released);
+    assert!(bench.port.schedule_diagnostics(0).unwrap().has_late_drop());
+}
+
+#[test]
+fn without_results_a_flag_makes_frames_unknown_until_it_is_cleared() {
+    let mut bench = stalled(|_| ());
+    let (told, truth) = check(&mut bench);
+    assert!(truth.transmit_losses.late > 0 && told.unknown > 0 && told.sent < 600, "{told:?}");
+    schedule(&mut bench, 1, OFFSET_NS);
+    assert_eq!(check(&mut bench).0.unknown, told.unknown + 1, "the flag stays");
+    bench.port.clear_schedule_flags(0);
+    bench.idle(50);
+    for _ in 0..10 {
+        schedule(&mut bench, 1, OFFSET_NS);
+    }
+    let after = check(&mut bench).0;
+    assert_eq!((after.unknown, after.sent), (told.unknown + 1, told.sent + 10));
+    assert_eq!(bench.port.schedule_diagnostics(0).unwrap().flags, 0);
+}
+
+#[test]
+fn a_full_schedule_is_told() {
+    let mut bench = with_sync0(echo(1), SHIFT_NS, |gateway| {
+        results(gateway);
+        gateway.paced = false;
+    });
+    let bits = |n: u64| n > 0;
+    // An image of N = 3 holds less than the schedule, so two Sync0 periods of it would be needed.
+    let mut adapter = bench.port.adapter().config().clone();
+    adapter = adapter.with_multiplier(8);
+    let config = bench.port.config().clone();
+    bench.port.reconfigure(adapter, config).unwrap();
+    bench.port.wait_ready(common::READY_MS).unwrap();
+    let taken = schedule(&mut bench, 100, OFFSET_NS);
+    assert!(taken > 64);
+    let (told, truth) = check(&mut bench);
+    assert!(bits(truth.transmit_losses.schedule_full), "{truth:?}");
+    assert_eq!(told.queue_full, truth.transmit_losses.schedule_full);
+    let diagnostics = bench.port.schedule_diagnostics(0).unwrap();
+    assert!(diagnostics.has_queue_full(), "{diagnostics:?}");
+    // More at a phase than the controller holds: the flags do not name the frames.
+    assert!(!bits(truth.transmit_losses.schedule_failed) || told.unknown > 0, "{told:?}");
+}
+
+#[test]
+fn lost_images_leave_unknown_frames_and_none_is_sent_late() {
+    for way in [LostWay::Outward, LostWay::Return] {
+        for change in [results as fn(&mut GatewayConfig), |_| ()] {
+            let mut bench = with_sync0(echo(1), SHIFT_NS, change);
+            bench.simulation.with_world(|world| world.record_bus_of(0, 0));
+            for nth in 0..200_u32 {
+                if nth % 20 == 10 {
+                    bench.simulation.inject(Fault::LostFrame { way, cycles: 1 + nth / 60 });
+                }
+                schedule(&mut bench, 1, OFFSET_NS);
+            }
+            let (told, truth) = check(&mut bench);
+            assert!(told.unknown > 0, "{way:?} {told:?}");
+            assert!(told.sent + told.unknown == 200, "{told:?} {truth:?}");
+            // One frame a cycle, so two in one would be one that was sent late.
+            let frames = bench.simulation.with_world(|world| world.take_recorded());
+            let sent: Vec<_> = frames.iter().filter(|f| f.is_from_channel).collect();
+            assert_eq!(sent.len() as u64, truth.frames_released);
+            for pair in sent.windows(2) {
+                let period = pair[1].start_ns - pair[0].start_ns;
+                assert!(period > 900_000, "{way:?}: {period}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_channel_that_goes_off_the_bus_is_told() {
+    let mut bench = with_sync0(echo(1), SHIFT_NS, |gateway| {
+        results(gateway);
+        gateway.paced = false;
+    });
+    for nth in 0..300 {
+        if nth == 100 {
+            bench.simulation.inject(Fault::BusOff { gateway: 0, channel: 0 });
+        }
+        schedule(&mut bench, 2, OFFSET_NS);
+    }
+    let (told, truth) = check(&mut bench);
+    assert!(truth.transmit_losses.bus_off > 0, "{truth:?}");
+    assert_eq!(told.not_sent, truth.transmit_losses.bus_off);
+    assert!(bench.port.schedule_diagnostics(0).unwrap().channels[0].bus_offs > 0);
+}
+
+#[test]
+fn a_lost_gateway_leaves_nothing_open() {
+    let mut bench = with_sync0(echo(1), SHIFT_NS, results);
+    for nth in 0..100 {
+        if nth == 50 {
+            bench.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 100 });
+        }
+        schedule(&mut bench, 2, OFFSET_NS);
+    }
+    assert!(bench.until(20_000, |port| port.is_ready()).is_some());
+    for _ in 0..100 {
+        schedule(&mut bench, 2, OFFSET_NS);
+    }
+    let (told, _) = check(&mut bench);
+    assert!(told.unknown > 0 && told.sent >= 200, "{told:?}");
+}
+
+/// A machine that now and then wakes up behind the pulse.
+fn sluggish() -> Scenario {
+    let mut scenario = ecan_sim::jitter(1);
+    let wake_up =
+        ecan_sim::WakeUpDelay { typical_ns: 20_000, p99_ns: 400_000, longest_ns: 900_000 };
+    scenario.wake_up = Some(wake_up);
+    scenario
+}
+
+#[test]
+fn a_cycle_that_begins_behind_the_pulse_is_refused_and_never_sent_late() {
+    let mut bench = with_sync0(sluggish(), 300_000, results);
+    bench.simulation.with_world(|world| world.record_bus_of(0, 0));
+    let mut sent = 0;
+    for _ in 0..2_000 {
+        bench.cycle(|port| {
+            let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
+            match port.schedule_can(0, 0, id(1), &[], at) {
+                Ok(_) => sent += 1,
+                Err(SendError::NoRoom { what: NoRoom::Phase, .. }) => {}
+                Err(error) => panic!("{error}"),
+            }
+        });
+    }
+    let (told, truth) = check(&mut bench);
+    assert!(told.refused_late > 10, "{told:?}");
+    assert_eq!((told.scheduled, told.refused_late), (sent, 2_000 - sent));
+    assert_eq!((truth.frames_released, told.sent), (sent, sent), "{truth:?}");
+    let frames = bench.simulation.with_world(|world| world.take_recorded());
+    let sent: Vec<_> = frames.iter().filter(|f| f.is_from_channel).collect();
+    for pair in sent.windows(2) {
+        let period = pair[1].start_ns - pair[0].start_ns;
+        let nearest = (period + 500_000) / 1_000_000;
+        assert!(nearest >= 1 && period.abs_diff(nearest * 1_000_000) <= 13_000, "{period}");
+    }
+}
+
+#[test]
+fn an_application_that_takes_too_long_withdraws_what_would_be_late() {
+    let mut bench = with_sync0(echo(1), 300_000, results);
+    let clock = bench.port.adapter().ecrt().clock().clone();
+    for nth in 0..50 {
+        bench.cycle(|port| {
+            let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
+            port.schedule_can(0, 0, id(1), &[], at).unwrap();
+            if nth % 10 == 0 {
+                clock.sleep_until_ns(clock.now_ns() + 400_000);
+            }
+        });
+    }
+    let (told, truth) = check(&mut bench);
+    assert_eq!((told.withdrawn, told.sent, truth.frames_released), (5, 45, 45));
+}
+
+#[test]
+fn the_margin_is_told_counted_or_demanded() {
+    let mut bench = with_sync0(echo(1), 120_000, results);
+    let margin = bench.port.schedule_margin(0, OFFSET_NS).unwrap();
+    assert!(!margin.is_sufficient(), "{margin}");
+    assert!(margin.to_string().starts_with("margin -"), "{margin}");
+    schedule(&mut bench, 1, OFFSET_NS);
+    assert_eq!(check(&mut bench).0.without_margin, 1);
+    let mut bench = with_sync0(echo(1), 120_000, |gateway| {
+        gateway.schedule.margin_check = MarginCheck::Refuse;
+    });
+    bench.cycle(|port| {
+        let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
+        let refused = port.schedule_can(0, 0, id(1), &[], at).unwrap_err();
+        let SendError::NotSchedulable { reason: NotSchedulable::NoMargin { lacking_ns }, .. } =
+            refused
+        else {
+            panic!("{refused}");
+        };
+        assert_eq!(i64::try_from(lacking_ns).unwrap(), -margin.least_ns());
+        assert!(refused.to_string().contains("move the Sync0 shift"), "{refused}");
+    });
+    let bench = with_sync0(echo(1), SHIFT_NS, |_| ());
+    assert!(bench.port.schedule_margin(0, OFFSET_NS).unwrap().is_sufficient());
+    let beyond = bench.port.schedule_margin(0, 1_000_000);
+    assert_eq!(beyond, Err(NotSchedulable::BeyondPeriod));
+}

@@ -1,0 +1,99 @@
+//! How late the simulated machine wakes a sleeping application up.
+
+use crate::random::Random;
+
+/// How long after its time a sleep of the application ends in stepped time.
+///
+/// Half of the sleeps end between half of `typical_ns` and `typical_ns` late, 49 of 100 between
+/// that and `p99_ns`, and one of 100 between that and `longest_ns`, each the rarer the later: the
+/// long tail that a machine shows whose kernel does other things too (manual 13.9).
+///
+/// The scenario's seed decides which. Nothing else moves time late: neither the master's blocking
+/// calls nor [`Simulation::pass_ns`](crate::Simulation::pass_ns). The real clock has delays of its
+/// own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct WakeUpDelay {
+    /// The median, in nanoseconds.
+    pub typical_ns: u64,
+    /// What 99 of 100 sleeps keep to, in nanoseconds; at least `typical_ns`.
+    pub p99_ns: u64,
+    /// What all sleeps keep to, in nanoseconds; at least `p99_ns`.
+    pub longest_ns: u64,
+}
+
+/// Numbers of the generator that stand for one draw.
+const DRAWS: u64 = 1_000_000;
+const HALF: u64 = DRAWS / 2;
+const P99: u64 = DRAWS / 100 * 99;
+
+impl WakeUpDelay {
+    /// The delay that so many of [`DRAWS`] draws keep to.
+    fn quantile_ns(self, rank: u64) -> u64 {
+        let Self { typical_ns, p99_ns, longest_ns } = self;
+        match rank {
+            0..HALF => between(typical_ns / 2, typical_ns, rank, HALF, 1),
+            HALF..P99 => between(typical_ns, p99_ns, rank - HALF, P99 - HALF, 3),
+            _ => between(p99_ns, longest_ns, rank.min(DRAWS) - P99, DRAWS - P99, 2),
+        }
+    }
+}
+
+/// On the way from `low` to `high`, the share `part / whole` to the power `power` of it.
+fn between(low: u64, high: u64, part: u64, whole: u64, power: u32) -> u64 {
+    const ONE: u128 = 1 << 32;
+    let share = ONE * u128::from(part) / u128::from(whole.max(1));
+    let bent = (1..power).fold(share, |bent, _| bent * share / ONE);
+    let way = u128::from(high.saturating_sub(low)) * bent / ONE;
+    low.saturating_add(u64::try_from(way).unwrap_or(u64::MAX))
+}
+
+/// The delays of one run.
+#[derive(Debug)]
+pub(crate) struct WakeUps {
+    delay: WakeUpDelay,
+    random: Random,
+}
+
+impl WakeUps {
+    pub(crate) fn new(delay: WakeUpDelay, seed: u64) -> Self {
+        Self { delay, random: Random::new(seed ^ 0x5EE9_0000_1A7E_57A9) }
+    }
+
+    pub(crate) fn next_ns(&mut self) -> u64 {
+        self.delay.quantile_ns(self.random.below(DRAWS))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const DELAY: WakeUpDelay =
+        WakeUpDelay { typical_ns: 10_000, p99_ns: 80_000, longest_ns: 600_000 };
+
+    #[test]
+    fn the_named_shares_have_the_named_delays_and_none_goes_beyond() {
+        let mut wake_ups = WakeUps::new(DELAY, 1);
+        let mut drawn: Vec<u64> = (0..100_000).map(|_| wake_ups.next_ns()).collect();
+        drawn.sort_unstable();
+        let near = |rank: usize, ns: u64| drawn[rank].abs_diff(ns) * 100 < ns * 3;
+        assert!(
+            near(50_000, 10_000) && near(99_000, 80_000),
+            "{} {}",
+            drawn[50_000],
+            drawn[99_000]
+        );
+        assert!(drawn[0] >= 5_000 && drawn[99_999] <= 600_000 && drawn[99_999] > 550_000);
+    }
+
+    #[test]
+    fn the_quantiles_never_fall_and_meet_at_their_ends() {
+        let all: Vec<u64> = (0..=DRAWS).step_by(97).map(|r| DELAY.quantile_ns(r)).collect();
+        assert!(all.is_sorted());
+        assert_eq!(DELAY.quantile_ns(HALF), 10_000);
+        assert_eq!(DELAY.quantile_ns(P99), 80_000);
+        assert_eq!(DELAY.quantile_ns(DRAWS), 600_000);
+        let exact = WakeUpDelay { typical_ns: 0, p99_ns: 0, longest_ns: 0 };
+        assert_eq!(exact.quantile_ns(DRAWS), 0);
+    }
+}

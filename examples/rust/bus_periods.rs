@@ -1,0 +1,162 @@
+//! Frames with a number as an analyser on the bus saw them: periods, losses, order.
+
+use std::error::Error;
+use std::path::Path;
+
+use ecan_protocol::{CanFrame, CanId};
+use ecan_sim::BusFrame;
+
+use crate::log_file;
+
+/// A numbered frame on the bus.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct NumberedFrame {
+    /// Its number.
+    pub number: u64,
+    /// When it was on the bus, in nanoseconds.
+    pub time_ns: u64,
+}
+
+/// The number that a frame of this identifier carries in its first 8 bytes, least byte first.
+pub fn number_of(frame: &CanFrame, id: CanId) -> Option<u64> {
+    let bytes = frame.data().first_chunk::<8>()?;
+    (frame.id() == id).then(|| u64::from_le_bytes(*bytes))
+}
+
+/// Everything that was recorded, in the order of the bus.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct BusRecord {
+    frames: Vec<NumberedFrame>,
+    /// Steps of the time stamps, in nanoseconds.
+    pub resolution_ns: u64,
+}
+
+impl BusRecord {
+    /// From what the simulated bus recorded; frames of other stations are left out.
+    pub fn from_simulation(frames: &[BusFrame], id: CanId) -> Self {
+        let numbered = |it: &BusFrame| {
+            let number = number_of(&it.frame, id).filter(|_| it.is_from_channel)?;
+            Some(NumberedFrame { number, time_ns: it.start_ns })
+        };
+        Self { frames: frames.iter().filter_map(numbered).collect(), resolution_ns: 1 }
+    }
+
+    /// From an analyser's candump log. Frames of other identifiers are left out; of those with the
+    /// same number the first is taken for the frame that was sent, and the others for its echo.
+    ///
+    /// # Errors
+    /// The file and why it cannot be read, or that no numbered frame is in it.
+    pub fn from_log(path: &Path, id: CanId) -> Result<Self, Box<dyn Error>> {
+        let log = log_file::read(path)?;
+        let is_coarse = log.iter().all(|it| it.time_ns.is_multiple_of(1_000));
+        let mut seen = std::collections::HashSet::new();
+        let frames: Vec<_> = log
+            .iter()
+            .filter_map(|it| {
+                let number = number_of(&it.frame, id)?;
+                seen.insert(number).then_some(NumberedFrame { number, time_ns: it.time_ns })
+            })
+            .collect();
+        if frames.is_empty() {
+            let (name, id) = (path.display(), id.raw());
+            return Err(
+                format!("{name} holds no numbered frame with the identifier {id:03X}").into()
+            );
+        }
+        Ok(Self { frames, resolution_ns: if is_coarse { 1_000 } else { 1 } })
+    }
+
+    /// What became of the frames with these numbers.
+    pub fn periods(&self, numbers: std::ops::Range<u64>) -> BusPeriods {
+        let frames: Vec<_> =
+            self.frames.iter().filter(|it| numbers.contains(&it.number)).copied().collect();
+        let order_errors = frames.windows(2).filter(|pair| pair[1].number < pair[0].number);
+        let periods = frames.windows(2).map(|pair| pair[1].time_ns.saturating_sub(pair[0].time_ns));
+        BusPeriods {
+            sent: numbers.end - numbers.start,
+            order_errors: order_errors.count() as u64,
+            periods_ns: periods.collect(),
+            frames,
+        }
+    }
+}
+
+/// The frames of one run on the bus.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct BusPeriods {
+    /// Frames that were sent.
+    pub sent: u64,
+    /// Frames that came before one with a smaller number.
+    pub order_errors: u64,
+    /// From frame to frame, in nanoseconds.
+    pub periods_ns: Vec<u64>,
+    /// The frames.
+    pub frames: Vec<NumberedFrame>,
+}
+
+impl BusPeriods {
+    /// Frames that were on the bus.
+    pub fn received(&self) -> u64 {
+        self.frames.len() as u64
+    }
+}
+
+/// Ends and percentiles of times, in nanoseconds; exact.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Spread {
+    /// Shortest.
+    pub min_ns: u64,
+    /// Longest.
+    pub max_ns: u64,
+    /// 95 of 100 are at most this long.
+    pub p95_ns: u64,
+    /// 99 of 100 are at most this long.
+    pub p99_ns: u64,
+}
+
+impl Spread {
+    /// Of these times; none where there is no time.
+    pub fn of(times_ns: &[u64]) -> Option<Self> {
+        let mut sorted = times_ns.to_vec();
+        sorted.sort_unstable();
+        let at = |percent: usize| {
+            let rank = (sorted.len() * percent).div_ceil(100).max(1);
+            sorted.get(rank - 1).copied()
+        };
+        Some(Self {
+            min_ns: *sorted.first()?,
+            max_ns: *sorted.last()?,
+            p95_ns: at(95)?,
+            p99_ns: at(99)?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn losses_and_order_come_from_the_numbers() {
+        let frames = [(3, 10), (4, 20), (6, 30), (5, 41), (9, 50)]
+            .map(|(number, time_ns)| NumberedFrame { number, time_ns })
+            .to_vec();
+        let record = BusRecord { frames, resolution_ns: 1 };
+        let periods = record.periods(3..9);
+        assert_eq!((periods.sent, periods.received(), periods.order_errors), (6, 4, 1));
+        assert_eq!(periods.periods_ns, [10, 10, 11]);
+        assert_eq!(record.periods(0..3).received(), 0);
+    }
+
+    #[test]
+    fn percentiles_are_nearest_ranks() {
+        let times: Vec<u64> = (1..=200).rev().collect();
+        let spread = Spread::of(&times).unwrap();
+        assert_eq!(
+            (spread.min_ns, spread.max_ns, spread.p95_ns, spread.p99_ns),
+            (1, 200, 190, 198)
+        );
+        assert_eq!(Spread::of(&[]), None);
+        assert_eq!(Spread::of(&[7]).unwrap().p99_ns, 7);
+    }
+}

@@ -1,0 +1,288 @@
+//! What a transmission probe prints and writes: table, CSV, pictures.
+
+use std::error::Error;
+use std::fmt::Write;
+use std::path::Path;
+
+use ecan_host::Distribution;
+
+use crate::bus_periods::{BusPeriods, Spread};
+use crate::histogram::{Panel, Range};
+use crate::svg;
+use crate::tx_probe::ModeResult;
+
+const PANEL_WIDTH: f64 = 500.0;
+const PANEL_HEIGHT: f64 = 210.0;
+const COLOURS: [&str; 2] = ["#d9542b", "#0b62a4"];
+
+/// One row of the table: a measurement, and the same frames on the bus where that is known.
+#[derive(Debug)]
+pub struct Row {
+    /// What the host saw.
+    pub result: ModeResult,
+    /// What the bus saw.
+    pub bus: Option<BusPeriods>,
+}
+
+/// Everything that is reported.
+#[derive(Debug)]
+pub struct Report {
+    /// The cycle that is meant, in nanoseconds.
+    pub cycle_ns: u32,
+    /// How it was measured, in words.
+    pub setting: String,
+    /// What a simulated run says of itself.
+    pub banner: Option<String>,
+    /// Where the times on the bus come from, or why there are none.
+    pub bus_source: String,
+    /// The measurements.
+    pub rows: Vec<Row>,
+}
+
+fn us(ns: u64) -> f64 {
+    ns as f64 / 1e3
+}
+
+fn max_error_us(period: &Distribution, cycle_ns: u32) -> f64 {
+    let error = |ns: u64| ns.abs_diff(cycle_ns.into());
+    us(error(period.min_ns).max(error(period.max_ns)))
+}
+
+/// The head of the table and of its cells, as in manual 13.9.
+const HEAD: [&str; 7] = [
+    "mode",
+    "master period min/max (max error) us",
+    "on the bus",
+    "bus period min/max us",
+    "p95 us",
+    "p99 us",
+    "order errors",
+];
+
+impl Report {
+    fn cells(&self, row: &Row) -> [String; 7] {
+        let period = row.result.statistics.period();
+        let error = max_error_us(&period, self.cycle_ns);
+        let master = match period.count {
+            0 => "none".to_owned(),
+            _ => format!("{:.3}/{:.3} ({error:.3})", us(period.min_ns), us(period.max_ns)),
+        };
+        let sent = row.result.numbers.end - row.result.numbers.start;
+        let mode = row.result.mode.to_string();
+        let Some(bus) = &row.bus else {
+            return [mode, master, format!("?/{sent}"), dash(), dash(), dash(), dash()];
+        };
+        let spread = Spread::of(&bus.periods_ns);
+        let of = |pick: fn(Spread) -> u64| {
+            spread.map_or_else(dash, |spread| format!("{:.1}", us(pick(spread))))
+        };
+        [
+            mode,
+            master,
+            format!("{}/{sent}", bus.received()),
+            spread.map_or_else(dash, |s| format!("{:.1}/{:.1}", us(s.min_ns), us(s.max_ns))),
+            of(|spread| spread.p95_ns),
+            of(|spread| spread.p99_ns),
+            bus.order_errors.to_string(),
+        ]
+    }
+
+    /// The table of manual 13.9, for a terminal.
+    pub fn table(&self) -> String {
+        let rows: Vec<_> = self.rows.iter().map(|row| self.cells(row)).collect();
+        let width = |column: usize| {
+            let cells = rows.iter().map(|row| row[column].len());
+            cells.max().unwrap_or(0).max(HEAD[column].len())
+        };
+        let mut table = String::new();
+        let head = HEAD.map(str::to_owned);
+        for row in std::iter::once(&head).chain(&rows) {
+            for (column, cell) in row.iter().enumerate() {
+                // Words to the left, numbers to the right.
+                let width = width(column);
+                let _ = match column {
+                    0 => write!(table, "{cell:<width$}"),
+                    _ => write!(table, "  {cell:>width$}"),
+                };
+            }
+            table.push('\n');
+        }
+        let _ = writeln!(table, "{}", self.bus_source);
+        table
+    }
+
+    /// Writes a line for each frame: mode, number, start of its cycle, time on the bus and period
+    /// there, in nanoseconds.
+    ///
+    /// # Errors
+    /// The file and why it cannot be written.
+    pub fn write_csv(&self, path: &Path) -> Result<(), Box<dyn Error>> {
+        let mut csv = String::from("mode,number,cycle_start_ns,bus_ns,bus_period_ns\n");
+        for row in &self.rows {
+            let mode = match row.result.mode {
+                crate::tx_probe::Mode::Direct => "direct",
+                crate::tx_probe::Mode::Scheduled { .. } => "scheduled",
+            };
+            let start = row.result.numbers.start;
+            let mut on_bus = vec![None; row.result.sent_ns.len()];
+            for (nth, frame) in row.bus.iter().flat_map(|bus| &bus.frames).enumerate() {
+                let period =
+                    row.bus.as_ref().and_then(|bus| bus.periods_ns.get(nth.checked_sub(1)?));
+                let place = usize::try_from(frame.number - start)?;
+                if let Some(place) = on_bus.get_mut(place) {
+                    *place = Some((frame.time_ns, period.copied()));
+                }
+            }
+            for (number, (sent_ns, bus)) in (start..).zip(row.result.sent_ns.iter().zip(on_bus)) {
+                let text = |ns: Option<u64>| ns.map_or_else(String::new, |ns| ns.to_string());
+                let (at, period) = (bus.map(|it| it.0), bus.and_then(|it| it.1));
+                let _ = writeln!(csv, "{mode},{number},{sent_ns},{},{}", text(at), text(period));
+            }
+        }
+        write(path, &csv)
+    }
+
+    /// Writes the picture, as a page with the table (`.html`) or alone (`.svg`).
+    ///
+    /// # Errors
+    /// The file and why it cannot be written.
+    pub fn write_picture(&self, path: &Path) -> Result<(), Box<dyn Error>> {
+        if path.extension().is_some_and(|extension| extension == "svg") {
+            return write(path, &self.svg());
+        }
+        write(path, &self.html())
+    }
+
+    fn html(&self) -> String {
+        let row = |cells: &[String; 7], tag: &str| -> String {
+            let cell = |cell: &String| format!("<{tag}>{}</{tag}>", svg::escaped(cell));
+            format!("<tr>{}</tr>\n", cells.iter().map(cell).collect::<String>())
+        };
+        let head = row(&HEAD.map(str::to_owned), "th");
+        let body: String = self.rows.iter().map(|it| row(&self.cells(it), "td")).collect();
+        let notes: String =
+            self.notes().iter().map(|note| format!("<p>{}</p>\n", svg::escaped(note))).collect();
+        let banner = self.banner.as_deref().map_or_else(String::new, |banner| {
+            format!("<p><strong>{}</strong></p>\n", svg::escaped(banner))
+        });
+        format!(
+            "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
+             <title>Direct and scheduled transmission</title>\n<style>\n\
+             body {{ font-family: sans-serif; margin: 2em; color: #222; max-width: 66em; }}\n\
+             table {{ border-collapse: collapse; margin: 1em 0; }}\n\
+             th, td {{ border: 1px solid #ccc; padding: 0.35em 0.8em; text-align: right; \
+             white-space: nowrap; }}\n\
+             th {{ background: #f3f3f3; white-space: normal; }}\n\
+             th:first-child, td:first-child {{ text-align: left; }}\n\
+             svg {{ max-width: 100%; height: auto; }}\n</style>\n</head>\n<body>\n\
+             <h1>Direct and scheduled transmission</h1>\n{banner}<p>{}</p>\n<table>\n{head}{body}</table>\n\
+             {notes}{}</body>\n</html>\n",
+            svg::escaped(&self.setting),
+            self.svg()
+        )
+    }
+
+    /// What is to be said beside the numbers.
+    pub fn notes(&self) -> Vec<String> {
+        let mut notes = vec![self.bus_source.clone()];
+        for Row { result, .. } in &self.rows {
+            if result.refused > 0 {
+                notes.push(format!(
+                    "{}: {} times a frame had to wait for the next cycle",
+                    result.mode, result.refused
+                ));
+            }
+            let account = &result.account;
+            if account.scheduled > 0 {
+                notes.push(format!(
+                    "{}: of {} frames the gateway says: {} sent, {} late, {} without room, {} not \
+                     sent for another reason, {} not told; {} taken back by the host",
+                    result.mode,
+                    account.scheduled,
+                    account.sent,
+                    account.late_dropped,
+                    account.queue_full,
+                    account.not_sent,
+                    account.unknown + account.open,
+                    account.withdrawn
+                ));
+            }
+            if result.incomplete_cycles > 0 {
+                notes.push(format!(
+                    "{}: {} cycles with an incomplete working counter",
+                    result.mode, result.incomplete_cycles
+                ));
+            }
+        }
+        notes
+    }
+
+    /// A line of panels for each measurement on the bus, and then for each of the master: on the
+    /// left with the same axes for all, on the right each with its own.
+    fn svg(&self) -> String {
+        let bus = |row: &Row| row.bus.as_ref().map_or_else(Vec::new, |bus| bus.periods_ns.clone());
+        let master = |row: &Row| row.result.master_periods_ns.clone();
+        let kinds: [(&str, Vec<Vec<u64>>); 2] = [
+            ("period on the bus", self.rows.iter().map(bus).collect()),
+            ("master period", self.rows.iter().map(master).collect()),
+        ];
+        let lines: usize = kinds.iter().map(|(_, all)| filled(all)).sum();
+        let mut picture = svg::open(2.0 * PANEL_WIDTH, PANEL_HEIGHT * lines as f64 + 16.0);
+        let mut top = 0.0;
+        for (name, all) in &kinds {
+            self.draw_kind(&mut picture, top, name, all);
+            top += PANEL_HEIGHT * filled(all) as f64;
+        }
+        picture.push_str("</svg>\n");
+        picture
+    }
+
+    fn draw_kind(&self, picture: &mut String, mut top: f64, name: &str, all: &[Vec<u64>]) {
+        let mark_us = f64::from(self.cycle_ns) / 1e3;
+        let Some(common) = Range::around(all.iter().flatten(), mark_us) else { return };
+        let panel = |times_ns, range, colour| Panel {
+            title: "",
+            subtitle: "",
+            axis: "period in us (number of cycles upwards, logarithmic)",
+            times_ns,
+            range,
+            mark_us,
+            at_least: 0,
+            colour,
+        };
+        let largest = all.iter().map(|times| panel(times, common, "").largest_bar()).max();
+        for (nth, (row, times)) in self.rows.iter().zip(all).enumerate() {
+            let Some(own) = Range::around(times.iter(), mark_us) else { continue };
+            let colour = COLOURS[nth % COLOURS.len()];
+            let title = format!("{}: {name}", row.result.mode);
+            let figures = Spread::of(times).map_or_else(String::new, |it| {
+                let (min, max, p99) = (us(it.min_ns), us(it.max_ns), us(it.p99_ns));
+                format!("min/max {min:.1}/{max:.1} us, p99 {p99:.1} us")
+            });
+            let left = Panel {
+                title: &title,
+                subtitle: "same axes for all",
+                at_least: largest.unwrap_or(0),
+                ..panel(times, common, colour)
+            };
+            let right =
+                Panel { title: "its own axes", subtitle: &figures, ..panel(times, own, colour) };
+            left.draw(picture, (0.0, top), (PANEL_WIDTH, PANEL_HEIGHT));
+            right.draw(picture, (PANEL_WIDTH, top), (PANEL_WIDTH, PANEL_HEIGHT));
+            top += PANEL_HEIGHT;
+        }
+    }
+}
+
+/// Measurements that brought any time.
+fn filled(all: &[Vec<u64>]) -> usize {
+    all.iter().filter(|times| !times.is_empty()).count()
+}
+
+fn dash() -> String {
+    "-".to_owned()
+}
+
+fn write(path: &Path, text: &str) -> Result<(), Box<dyn Error>> {
+    std::fs::write(path, text).map_err(|e| format!("cannot write {}: {e}", path.display()).into())
+}

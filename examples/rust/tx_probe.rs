@@ -1,0 +1,233 @@
+//! One numbered frame per cycle, sent directly or scheduled: the measurement of manual 13.9.
+
+use std::error::Error;
+use std::fmt;
+use std::ops::Range;
+
+use ecan_host::CycleStatistics;
+use ecan_mcan_port::{Port, PortError, ScheduleAccount, SendError, SendTicket};
+use ecan_protocol::{CanId, Schedule};
+
+use crate::interrupt::Interrupt;
+
+/// Identifier of the frames.
+pub const PROBE_ID: u16 = 0x123;
+/// Bytes of a classic frame and of a CAN FD frame.
+const CLASSIC_BYTES: usize = 8;
+const FD_BYTES: usize = 16;
+/// Cycles without a frame before each measurement.
+const SETTLE_CYCLES: u32 = 50;
+/// The end waits so long for frames under way and for the gateway's last word, in nanoseconds.
+const QUIET_NS: u64 = 200_000_000;
+const ACCOUNT_NS: u64 = 2_000_000_000;
+/// A gateway that takes no frame for so long will not take any more, in nanoseconds.
+const STUCK_NS: u64 = 10_000_000_000;
+/// Cycles in a row that may fail.
+const MAX_FAILED_CYCLES: u32 = 100;
+
+/// How the frames are sent.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Mode {
+    /// Sent by the gateway when it has taken the image.
+    Direct,
+    /// Sent by the gateway at a phase of Sync0.
+    Scheduled {
+        /// The phase behind Sync0, in nanoseconds.
+        offset_ns: u32,
+    },
+}
+
+impl fmt::Display for Mode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Direct => f.write_str("direct"),
+            Self::Scheduled { offset_ns } => {
+                write!(f, "scheduled {} us", f64::from(*offset_ns) / 1e3)
+            }
+        }
+    }
+}
+
+/// Where the frames go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Target {
+    /// Slave index.
+    pub slave: usize,
+    /// CAN channel.
+    pub channel: u8,
+    /// Whether they are CAN FD frames with bit rate switch.
+    pub is_fd: bool,
+}
+
+/// What one measurement brought, as far as the host sees it.
+#[derive(Debug, Clone)]
+pub struct ModeResult {
+    /// How the frames were sent.
+    pub mode: Mode,
+    /// Their numbers.
+    pub numbers: Range<u64>,
+    /// The cycles in which they were sent.
+    pub statistics: CycleStatistics,
+    /// The periods of these cycles, in nanoseconds.
+    pub master_periods_ns: Vec<u64>,
+    /// When the cycle of each frame began, in nanoseconds of the library's clock.
+    pub sent_ns: Vec<u64>,
+    /// Times that a frame had to wait for the next cycle.
+    pub refused: u64,
+    /// What became of scheduled frames; all 0 for others.
+    pub account: ScheduleAccount,
+    /// Cycles whose working counter was not complete.
+    pub incomplete_cycles: u64,
+}
+
+impl Target {
+    /// Sends the frame of a number.
+    ///
+    /// # Errors
+    /// Why it was not taken.
+    pub fn send(&self, port: &mut Port, mode: Mode, number: u64) -> Result<SendTicket, SendError> {
+        let Self { slave, channel, is_fd } = *self;
+        let mut bytes = [0; FD_BYTES];
+        let (head, _) = bytes.split_at_mut(8);
+        head.copy_from_slice(&number.to_le_bytes());
+        let data = &bytes[..if is_fd { FD_BYTES } else { CLASSIC_BYTES }];
+        let id = probe_id();
+        match mode {
+            Mode::Direct if is_fd => port.send_canfd(slave, channel, id, data, true),
+            Mode::Direct => port.send_can(slave, channel, id, data),
+            Mode::Scheduled { offset_ns } => {
+                let at = Schedule { tag: number as u16, offset_ns };
+                match is_fd {
+                    true => port.schedule_canfd(slave, channel, id, data, true, at),
+                    false => port.schedule_can(slave, channel, id, data, at),
+                }
+            }
+        }
+    }
+
+    /// One cycle for a sweep: a frame scheduled at this offset. One that is refused for now shows
+    /// in the account.
+    ///
+    /// # Errors
+    /// The library's.
+    pub fn sweep_cycle(&self, port: &mut Port, offset_ns: u32) -> Result<(), PortError> {
+        let begun = port.cycle_begin();
+        port.receive_each(|_| ());
+        let _ = self.send(port, Mode::Scheduled { offset_ns }, 0);
+        let ended = port.cycle_end();
+        Ok(ended.and(begun)?)
+    }
+
+    /// Sends the frames of these numbers, one per cycle, and waits for what is under way.
+    ///
+    /// # Errors
+    /// Frames that are not taken, or a library that fails for many cycles.
+    pub fn measure(
+        &self,
+        port: &mut Port,
+        mode: Mode,
+        numbers: Range<u64>,
+        interrupt: &Interrupt,
+    ) -> Result<ModeResult, Box<dyn Error>> {
+        let clock = port.adapter().ecrt().clock().clone();
+        let cycle_ns = port.adapter().config().cycle_ns;
+        let capacity = usize::try_from((numbers.end - numbers.start) * 2)?;
+        let account = port.schedule_account(self.slave, self.channel);
+        let incomplete_cycles = port.statistics(self.slave).incomplete_cycles;
+        let mut result = ModeResult {
+            mode,
+            numbers: numbers.clone(),
+            statistics: CycleStatistics::new(cycle_ns),
+            master_periods_ns: Vec::with_capacity(capacity),
+            sent_ns: Vec::with_capacity(capacity),
+            refused: 0,
+            account: ScheduleAccount::default(),
+            incomplete_cycles: 0,
+        };
+        for _ in 0..SETTLE_CYCLES {
+            port.wait_next_cycle();
+            let _ = port.cycle_begin().and(port.cycle_end());
+        }
+        let mut number = numbers.start;
+        let (mut last_taken_ns, mut failed_cycles, mut begun_before) = (clock.now_ns(), 0, None);
+        while number < numbers.end && !interrupt.is_set() {
+            port.wait_next_cycle();
+            let start = port.adapter().cycle_start();
+            result.statistics.begin(&start);
+            let begun_ns = start.begun_ns();
+            if let Some(before) = begun_before.replace(begun_ns)
+                && result.master_periods_ns.len() < capacity
+            {
+                result.master_periods_ns.push(begun_ns - before);
+            }
+            let begun = port.cycle_begin();
+            port.receive_each(|_| ());
+            let sent = self.send(port, mode, number);
+            let cycle = port.cycle_end().and(begun);
+            match sent {
+                Ok(_) => {
+                    result.sent_ns.push(begun_ns);
+                    number += 1;
+                    last_taken_ns = begun_ns;
+                }
+                Err(SendError::NoRoom { .. } | SendError::NotReady { .. })
+                    if begun_ns.saturating_sub(last_taken_ns) < STUCK_NS =>
+                {
+                    result.refused += 1;
+                }
+                Err(error) => return Err(format!("no frame is taken any more: {error}").into()),
+            }
+            failed_cycles = if cycle.is_err() { failed_cycles + 1 } else { 0 };
+            if failed_cycles > MAX_FAILED_CYCLES {
+                cycle?;
+            }
+            result.statistics.end(clock.now_ns());
+        }
+        result.numbers.end = number;
+        self.wait_for_account(port, interrupt);
+        let now = port.schedule_account(self.slave, self.channel);
+        result.account = difference(&now, &account);
+        result.incomplete_cycles =
+            port.statistics(self.slave).incomplete_cycles - incomplete_cycles;
+        Ok(result)
+    }
+
+    /// Runs the cycle until frames are through and the gateway has told what it will tell.
+    fn wait_for_account(&self, port: &mut Port, interrupt: &Interrupt) {
+        let clock = port.adapter().ecrt().clock().clone();
+        let start = clock.now_ns();
+        loop {
+            port.wait_next_cycle();
+            let begun = port.cycle_begin();
+            port.receive_each(|_| ());
+            // Single cycles may fail; the time ends it all.
+            let _ = port.cycle_end().and(begun);
+            let waited_ns = clock.now_ns().saturating_sub(start);
+            let is_open = port.schedule_account(self.slave, self.channel).open > 0;
+            let is_over = waited_ns > QUIET_NS && !is_open || waited_ns > ACCOUNT_NS;
+            if is_over || interrupt.is_set() {
+                return;
+            }
+        }
+    }
+}
+
+/// The identifier of the frames.
+pub fn probe_id() -> CanId {
+    CanId::standard(PROBE_ID).expect("it has 11 bits")
+}
+
+fn difference(now: &ScheduleAccount, before: &ScheduleAccount) -> ScheduleAccount {
+    ScheduleAccount {
+        scheduled: now.scheduled - before.scheduled,
+        sent: now.sent - before.sent,
+        late_dropped: now.late_dropped - before.late_dropped,
+        queue_full: now.queue_full - before.queue_full,
+        not_sent: now.not_sent - before.not_sent,
+        withdrawn: now.withdrawn - before.withdrawn,
+        unknown: now.unknown - before.unknown,
+        open: now.open,
+        refused_late: now.refused_late - before.refused_late,
+        without_margin: now.without_margin - before.without_margin,
+    }
+}

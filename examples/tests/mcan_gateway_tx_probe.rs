@@ -1,0 +1,202 @@
+//! `mcan_gateway_tx_probe` as a user runs it.
+#![allow(missing_docs)]
+
+mod program;
+
+use program::text;
+
+const NAME: &str = "mcan_gateway_tx_probe";
+const SIM: [&str; 4] = ["--ecrt", "sim", "--frames", "1000"];
+
+fn succeeds(arguments: &[&str]) -> String {
+    program::succeeds(NAME, arguments)
+}
+
+fn fails(arguments: &[&str]) -> String {
+    program::fails(NAME, arguments)
+}
+
+/// Numbers of a row of the table: frames on the bus, then bus min, max, p95, p99 in microseconds
+/// and order errors.
+fn row(printed: &str, mode: &str) -> (String, Vec<f64>) {
+    let line = printed.lines().find(|line| line.starts_with(mode) && line.contains(" ("));
+    let line = line.unwrap_or_else(|| panic!("no row of {mode} in: {printed}"));
+    let (_, cells) = line.split_once(") ").unwrap();
+    let mut cells = cells.split_whitespace();
+    let on_bus = cells.next().unwrap().to_owned();
+    let numbers = cells.flat_map(|cell| cell.split('/')).map(|number| number.parse().unwrap());
+    (on_bus, numbers.collect())
+}
+
+#[test]
+fn the_table_of_the_manual_direct_against_scheduled() {
+    let printed = succeeds(&[&SIM[..], &["--fd", "5000000"]].concat());
+    assert!(printed.starts_with("SIMULATED") && printed.contains("Scenario jitter"), "{printed}");
+    assert_eq!(printed.matches("master_period: min/max ").count(), 2, "{printed}");
+    assert!(printed.contains("scheduled 100 us: margin "), "{printed}");
+    let (on_bus, scheduled) = row(&printed, "scheduled");
+    assert_eq!(on_bus, "1000/1000");
+    let [min, max, p95, p99, order] = scheduled[..] else { panic!("{printed}") };
+    assert!(min >= 944.0 && max <= 1032.0 && p95 <= 1012.0 && p99 <= 1012.0, "{printed}");
+    assert_eq!(order, 0.0);
+    let (on_bus, direct) = row(&printed, "direct");
+    assert_eq!(on_bus, "1000/1000");
+    assert!(direct[1] - direct[0] > 10.0 * (max - min), "{printed}");
+    assert!(direct[3] - 1000.0 > 10.0 * (p99 - 1000.0), "{printed}");
+    assert!(printed.contains("1000 sent, 0 late"), "{printed}");
+    assert!(printed.contains("times on the bus from the simulated bus"), "{printed}");
+}
+
+#[test]
+fn a_single_mode_a_spin_and_another_cycle() {
+    let p95 = |arguments: &[&str]| {
+        let printed = succeeds(&[&SIM[..], &["--mode", "direct"], arguments].concat());
+        assert!(!printed.contains("scheduled"), "{printed}");
+        row(&printed, "direct").1[2]
+    };
+    assert!(p95(&["--spin-us", "100"]) < p95(&[]) - 20.0);
+    let arguments = ["--mode", "scheduled", "--cycle-us", "2000", "--offset-ns", "250000"];
+    let printed = succeeds(&[&SIM[..], &arguments].concat());
+    assert!(!printed.contains("direct"), "{printed}");
+    let numbers = row(&printed, "scheduled 250 us").1;
+    assert!(numbers[0] >= 1986.0 && numbers[1] <= 2014.0, "13.9: {printed}");
+}
+
+#[test]
+fn another_gateway_and_channel_and_the_same_result_for_the_same_seed() {
+    let place = ["--slaves", "2", "--slave", "1", "--channel", "3", "--seed", "5"];
+    let printed = succeeds(&[&SIM[..], &place].concat());
+    assert_eq!(row(&printed, "scheduled").0, "1000/1000");
+    assert_eq!(printed, succeeds(&[&SIM[..], &place].concat()));
+}
+
+#[test]
+fn files_hold_every_frame_and_a_picture_that_needs_nothing_else() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name).display().to_string();
+    let (csv, html, svg, log) = (path("p.csv"), path("p.html"), path("p.svg"), path("bus.log"));
+    let simulated =
+        succeeds(&[&SIM[..], &["--csv", &csv, "--report", &html, "--bus-dump", &log]].concat());
+    let lines = std::fs::read_to_string(&csv).unwrap();
+    let mut lines = lines.lines();
+    assert_eq!(lines.next(), Some("mode,number,cycle_start_ns,bus_ns,bus_period_ns"));
+    let frames: Vec<Vec<&str>> = lines.map(|line| line.split(',').collect()).collect();
+    assert_eq!(frames.len(), 2_000);
+    for (number, frame) in frames.iter().enumerate() {
+        assert_eq!(frame[0], if number < 1_000 { "direct" } else { "scheduled" });
+        assert_eq!(frame[1], number.to_string());
+        let [start, bus]: [u64; 2] = [2, 3].map(|place| frame[place].parse().unwrap());
+        assert!(bus > start && bus - start < 2_000_000, "{frame:?}");
+        assert_eq!(frame[4].is_empty(), number % 1_000 == 0, "{frame:?}");
+    }
+    let page = std::fs::read_to_string(&html).unwrap();
+    for part in ["SIMULATED", "1000/1000", "<svg", "direct: period on the bus", "</html>"] {
+        assert!(page.contains(part), "{part}");
+    }
+    for outside in ["<script", "<link", "src=", "href="] {
+        assert!(!page.contains(outside), "{outside}");
+    }
+    assert!(!page.contains("NaN") && !page.contains("inf"), "numbers only");
+
+    // The same times from a log, as an analyser would have written it.
+    let from_log = succeeds(&[&SIM[..], &["--bus-log", &log, "--report", &svg]].concat());
+    assert_eq!(row(&from_log, "direct"), row(&simulated, "direct"));
+    assert_eq!(row(&from_log, "scheduled"), row(&simulated, "scheduled"));
+    assert!(from_log.contains(&format!("times on the bus from {log}")), "{from_log}");
+    assert!(std::fs::read_to_string(&svg).unwrap().starts_with("<svg"));
+}
+
+/// A candump log of the probe's frames with these numbers, a millisecond apart, in microseconds.
+fn write_log(path: &str, numbers: &[u64]) {
+    let line = |(nth, number): (usize, &u64)| {
+        let data: String = number.to_le_bytes().iter().map(|byte| format!("{byte:02X}")).collect();
+        format!("(1700000000.{:06}) can0 123#{data}\n", 1_000 * nth + 3)
+    };
+    std::fs::write(path, numbers.iter().enumerate().map(line).collect::<String>()).unwrap();
+}
+
+#[test]
+fn an_analysers_log_tells_of_losses_and_order_and_its_own_resolution() {
+    let directory = tempfile::tempdir().unwrap();
+    let log = directory.path().join("analyser.log").display().to_string();
+    // 2 is lost, 5 and 4 have changed places, 6 came twice.
+    write_log(&log, &[0, 1, 3, 5, 4, 6, 6, 7, 8, 9]);
+    let arguments = ["--ecrt", "sim", "--mode", "direct", "--frames", "10", "--bus-log", &log];
+    let printed = succeeds(&arguments);
+    let (on_bus, numbers) = row(&printed, "direct");
+    assert_eq!(on_bus, "9/10");
+    assert_eq!(numbers, [1_000.0, 2_000.0, 2_000.0, 2_000.0, 1.0], "{printed}");
+    assert!(printed.contains("whole microseconds"), "{printed}");
+    std::fs::write(&log, "(1700000000.000001) can0 124#00\n").unwrap();
+    assert!(fails(&arguments).contains("holds no numbered frame"));
+}
+
+#[test]
+fn a_sweep_recommends_a_phase_that_then_loses_nothing() {
+    let printed = succeeds(&["--ecrt", "sim", "--sweep", "--frames", "300"]);
+    assert_eq!(printed.matches("<- recommended").count(), 1, "{printed}");
+    let hint = printed.lines().last().unwrap();
+    let (_, options) = hint.split_once(": ").unwrap();
+    let mut words: Vec<&str> = options.split_whitespace().collect();
+    assert_eq!(words.pop(), Some("120000"), "two minutes: {hint}");
+    words.pop();
+    let run = succeeds(&[&SIM[..], &["--mode", "scheduled"], &words].concat());
+    assert_eq!(row(&run, "scheduled").0, "1000/1000");
+    assert!(run.contains("1000 sent, 0 late"), "{run}");
+}
+
+#[test]
+fn late_frames_are_dropped_and_told() {
+    let directory = tempfile::tempdir().unwrap();
+    let scenario = directory.path().join("slow.toml");
+    // The firmware is at hand 0 to 300 us after the image has arrived.
+    let toml = "[[gateway]]\nservice_jitter_us = 300\n[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
+    std::fs::write(&scenario, toml).unwrap();
+    let ecrt = format!("sim:{}", scenario.display());
+    let arguments = ["--ecrt", &ecrt, "--mode", "scheduled", "--dc-shift-us", "150"];
+    let printed = succeeds(&[&arguments[..], &["--offset-ns", "20000"]].concat());
+    assert!(printed.contains("margin -"), "it was said before: {printed}");
+    let told = printed.lines().last().unwrap();
+    let number = |words: &str| -> u64 {
+        let (before, _) = told.split_once(words).unwrap_or_else(|| panic!("{told}"));
+        before.rsplit([' ', ':']).next().unwrap().parse().unwrap()
+    };
+    let (sent, late) = (number(" sent,"), number(" late,"));
+    assert!(late > 100 && sent > 100 && sent + late == 1_000, "{told}");
+    let (on_bus, _) = row(&printed, "scheduled");
+    assert_eq!(on_bus, format!("{sent}/1000"), "the gateway's word is the bus's: {printed}");
+}
+
+#[test]
+fn real_time_runs_on_the_clock_of_the_machine() {
+    let arguments = ["--ecrt", "sim", "--real-time", "--frames", "50", "--rt-priority", "1"];
+    let printed = succeeds(&arguments);
+    assert!(printed.contains("SCHED_FIFO priority 1: "), "{printed}");
+    assert!(printed.contains("real time") && !printed.contains("simulated times"), "{printed}");
+}
+
+#[test]
+fn wrong_use_gets_a_message_that_helps() {
+    let cases: [(&[&str], &str); 13] = [
+        (&["--slave", "1"], "--slave 1 is not among 1 gateway(s)"),
+        (&["--slaves", "0"], "--slaves"),
+        (&["--channel", "4"], "--channel"),
+        (&["--frames", "0"], "--frames"),
+        (&["--mode", "sideways"], "--mode"),
+        (&["--offset-ns", "1000000"], "not within the Sync0 period"),
+        (&["--dc-shift-us", "1000"], "shift"),
+        (&["--report", "probe.png"], ".html or .svg"),
+        (&["--report", "/no/such/dir/probe.html"], "cannot write /no/such/dir/probe.html"),
+        (&["--csv", "/no/such/dir/probe.csv"], "cannot write /no/such/dir/probe.csv"),
+        (&["--bus-log", "/no/such.log"], "cannot read /no/such.log"),
+        (&["--sweep", "--csv", "a.csv"], "cannot be used with"),
+        (&["--pdo-n", "12"], "at most 11"),
+    ];
+    for (arguments, words) in cases {
+        let message = fails(&[&["--ecrt", "sim"], arguments].concat());
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+    let output = program::run(NAME, &["--ecrt", "/no/such/libethercat.so.1"]);
+    assert!(!output.status.success());
+    assert!(text(&output.stderr).contains("was not found"));
+}
