@@ -8,6 +8,7 @@ pub mod backend;
 pub mod bus_load;
 pub mod bus_periods;
 pub mod check;
+pub mod clock_plot;
 pub mod exit;
 pub mod histogram;
 pub mod interrupt;

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ecan_cia402::{AxisProgress, AxisSettings, Cia402, Cia402Settings, LoadWarning, axis_traffic};
-use ecan_host::{AdapterConfig, DcSync};
+use ecan_host::{AdapterConfig, ClockSource, DcSync};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Traffic};
 use ecan_protocol::{CHANNELS, EncapsulationProfile, OptionFlags};
 
@@ -18,6 +18,7 @@ use crate::open::{Configure, open};
 use crate::plan;
 use crate::plot::Plot;
 use crate::progress;
+use crate::real_time::{self, RealTimeArguments};
 
 /// How long drives may take to be configured, found and enabled, each, in milliseconds.
 const START_UP_MS: u32 = 30_000;
@@ -68,6 +69,9 @@ pub struct MotionArguments {
     /// Period of Sync0 in microseconds [default: the cycle].
     #[arg(long, value_name = "US")]
     pub dc_cycle_us: Option<u32>,
+    /// Let the cycle follow the slaves' reference clock, instead of the other way round.
+    #[arg(long, requires = "dc_sync0")]
+    pub dc_follow: bool,
     /// Shift of Sync0 in microseconds.
     #[arg(long, value_name = "US", default_value_t = 0)]
     pub dc_shift_us: u32,
@@ -77,6 +81,8 @@ pub struct MotionArguments {
     /// Draw target and actual position of every axis.
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
+    #[command(flatten)]
+    thread: RealTimeArguments,
     /// Seed of everything random in a simulation.
     #[arg(long, value_name = "SEED")]
     pub seed: Option<u64>,
@@ -106,7 +112,9 @@ fn configuration(
     if arguments.dc_sync0 {
         let sync0_us = arguments.dc_cycle_us.unwrap_or(arguments.cycle_us);
         let ns = |us: u32| us.saturating_mul(1_000);
-        adapter.dc = Some(DcSync::new(ns(sync0_us), ns(arguments.dc_shift_us)));
+        let source = if arguments.dc_follow { ClockSource::Reference } else { ClockSource::Host };
+        adapter.dc =
+            Some(DcSync { source, ..DcSync::new(ns(sync0_us), ns(arguments.dc_shift_us)) });
     }
     let profile = EncapsulationProfile::from_raw(arguments.profile)
         .ok_or_else(|| format!("--profile {} is not one of 0, 1, 4, 5", arguments.profile))?;
@@ -147,6 +155,7 @@ fn open_port(
         },
     )?;
     let configure = if arguments.skip_sdo_config { Configure::Keep } else { Configure::Write };
+    arguments.thread.apply()?;
     open(&backend.ecrt, adapter, config, configure, interrupt)
 }
 
@@ -215,6 +224,10 @@ pub fn run(
         return Ok(true);
     };
     println!("{} gateway(s) in service", port.slave_count());
+    arguments.thread.set_timing(port.adapter_mut());
+    if arguments.real_time || arguments.thread.is_given() {
+        port.adapter_mut().measure_cycles();
+    }
     let mut cia402 = Cia402::new(&port, axes, settings)?;
     print_loads(&cia402, &port);
 
@@ -231,6 +244,9 @@ pub fn run(
     println!("coming to rest");
     let shutdown = cia402.shutdown_timeout(&mut port, SHUTDOWN_MS, |axis| narrator.tell(axis));
     print!("{table}");
+    if let Some(statistics) = port.adapter().cycle_statistics() {
+        real_time::print_statistics(port.adapter(), statistics);
+    }
     if let Some(path) = &arguments.plot {
         plot.write(path, &cia402)?;
     }

@@ -1,0 +1,202 @@
+//! How well host and slaves keep together with distributed clocks (manual 8.4, 15.6).
+//!
+//! ```text
+//! dc_clocks --ecrt sim
+//! dc_clocks --slaves 3 --cycle-us 1000 --shift-us 300 --source reference --rt-priority 80 --plot clocks.svg
+//! ```
+
+use std::error::Error;
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+use clap::{Parser, ValueEnum};
+use ecan_examples::backend::{self, Wishes};
+use ecan_examples::clock_plot::ClockPlot;
+use ecan_examples::exit::report;
+use ecan_examples::interrupt::Interrupt;
+use ecan_examples::open::{Configure, open};
+use ecan_examples::real_time::{self, RealTimeArguments};
+use ecan_host::{AdapterConfig, ClockSource, ClockStatus, DcSync};
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+
+/// Bit rate of the one CAN channel that every gateway needs; nothing is sent on it.
+const BITRATE: u32 = 1_000_000;
+/// Every so many nanoseconds a line is printed.
+const LINE_NS: u64 = 1_000_000_000;
+/// A phase error below this counts as settled, in nanoseconds.
+const SETTLED_NS: u32 = 1_000;
+
+/// Shows how well host and slaves keep together with distributed clocks.
+#[derive(Debug, Parser)]
+#[command(name = "dc_clocks", version)]
+struct Arguments {
+    /// EtherCAT master library: a path, `sim` for the built-in simulator, `sim:FILE.toml` for a
+    /// scenario of it. Unset: the environment variable ECAN_ECRT, then the installed libethercat.
+    #[arg(long, value_name = "SETTING")]
+    ecrt: Option<String>,
+    /// Index of the EtherCAT master.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    master: u32,
+    /// Number of gateways.
+    #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
+    slaves: u16,
+    /// PDO size per direction, in chunks of 128 bytes.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pdo_n: u8,
+    /// EtherCAT cycle and period of Sync0 in microseconds.
+    #[arg(long, value_name = "US", default_value_t = 1_000)]
+    cycle_us: u32,
+    /// Shift of Sync0 in microseconds.
+    #[arg(long, value_name = "US", default_value_t = 0)]
+    shift_us: u32,
+    /// Cycles to run.
+    #[arg(long, value_name = "N", default_value_t = 10_000)]
+    cycles: u64,
+    /// Whose clock the others follow.
+    #[arg(long, value_enum, default_value_t = Source::Host)]
+    source: Source,
+    /// Slave whose clock is the reference [default: the first on the bus].
+    #[arg(long, value_name = "SLAVE")]
+    reference: Option<usize>,
+    /// Draw the phase error.
+    #[arg(long, value_name = "FILE.svg")]
+    plot: Option<PathBuf>,
+    /// Seed of everything random in a simulation.
+    #[arg(long, value_name = "SEED")]
+    seed: Option<u64>,
+    /// Run a simulation in wall-clock time instead of as fast as the machine goes.
+    #[arg(long)]
+    real_time: bool,
+    #[command(flatten)]
+    thread: RealTimeArguments,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Source {
+    /// The host's: the slaves are corrected to it.
+    Host,
+    /// The reference clock's: the host's cycle is shifted to it.
+    Reference,
+}
+
+fn main() -> ExitCode {
+    report("dc_clocks", run(&Arguments::parse()))
+}
+
+fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port>, Box<dyn Error>> {
+    let mut adapter = AdapterConfig::new(arguments.slaves)
+        .with_multiplier(arguments.pdo_n)
+        .with_cycle_us(arguments.cycle_us);
+    adapter.master_index = arguments.master;
+    adapter.dc = Some(DcSync {
+        source: match arguments.source {
+            Source::Host => ClockSource::Host,
+            Source::Reference => ClockSource::Reference,
+        },
+        reference: arguments.reference,
+        ..DcSync::new(adapter.cycle_ns, arguments.shift_us.saturating_mul(1_000))
+    });
+    let gateway = GatewayConfig::on_channel(0, ChannelSettings::classic(BITRATE));
+    let config = PortConfig::uniform(arguments.slaves.into(), gateway);
+    let wishes = Wishes {
+        scenario: "echo",
+        slaves: arguments.slaves.into(),
+        seed: arguments.seed,
+        real_time: arguments.real_time,
+        large_pdos: false,
+    };
+    let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
+    arguments.thread.apply()?;
+    open(&backend.ecrt, adapter, config, Configure::Write, interrupt)
+}
+
+fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
+    let interrupt = Interrupt::install()?;
+    let Some(mut port) = open_port(arguments, &interrupt)? else {
+        println!("stopped by the user");
+        return Ok(true);
+    };
+    arguments.thread.set_timing(port.adapter_mut());
+    port.adapter_mut().measure_cycles();
+    let start = port.adapter().cycle_time_ns();
+    let mut seen = Seen::default();
+    let mut plot = ClockPlot::new(arguments.cycles);
+    println!("   time   phase error      rate   synchrony  missed");
+    for cycle in 0..arguments.cycles {
+        if interrupt.is_set() {
+            println!("stopped by the user");
+            break;
+        }
+        port.wait_next_cycle();
+        // A lost frame shows in the figures.
+        let _ = port.cycle_begin();
+        let _ = port.cycle_end();
+        let Some(status) = port.adapter().clock_status() else { continue };
+        let time = port.adapter().cycle_time_ns().saturating_sub(start);
+        seen.take(cycle, status);
+        plot.sample(cycle, time as f64 / 1e9, status);
+        if seen.line_due(time) {
+            println!("{:6.1} s {}", time as f64 / 1e9, line(status));
+        }
+    }
+    print!("{}", seen.summary(arguments.cycle_us));
+    if let Some(statistics) = port.adapter().cycle_statistics() {
+        real_time::print_statistics(port.adapter(), statistics);
+    }
+    if let Some(path) = &arguments.plot {
+        plot.write(path)?;
+    }
+    Ok(seen.settled_since.is_some())
+}
+
+fn line(status: ClockStatus) -> String {
+    let phase = status.phase_error_ns.map_or("unknown".into(), |ns| format!("{ns} ns"));
+    let synchrony = status.synchrony_ns.map_or("unknown".into(), |ns| format!("{ns} ns"));
+    let rate = f64::from(status.rate_ppb) / 1e3;
+    let locked = if status.is_locked { "" } else { "  not locked" };
+    format!("{phase:>13} {rate:+7.2} ppm {synchrony:>11} {:>7}{locked}", status.missed_readings)
+}
+
+/// What the run has shown.
+#[derive(Debug, Default)]
+struct Seen {
+    lines: u64,
+    largest_ns: u32,
+    /// Since when the phase error has stayed small.
+    settled_since: Option<u64>,
+    last: Option<ClockStatus>,
+}
+
+impl Seen {
+    fn take(&mut self, cycle: u64, status: ClockStatus) {
+        self.last = Some(status);
+        let Some(error) = status.phase_error_ns.map(i32::unsigned_abs) else { return };
+        self.largest_ns = self.largest_ns.max(error);
+        if error >= SETTLED_NS {
+            self.settled_since = None;
+        } else {
+            self.settled_since.get_or_insert(cycle);
+        }
+    }
+
+    fn line_due(&mut self, time_ns: u64) -> bool {
+        let due = time_ns >= self.lines * LINE_NS;
+        self.lines += u64::from(due);
+        due
+    }
+
+    fn summary(&self, cycle_us: u32) -> String {
+        let Some(last) = self.last else { return "no cycle was run\n".into() };
+        let settled = match self.settled_since {
+            Some(cycle) => format!("below 1 us since cycle {cycle} of {cycle_us} us"),
+            None => "not below 1 us at the end".into(),
+        };
+        let largest = f64::from(self.largest_ns) / 1e3;
+        format!(
+            "\nphase error: largest {largest:.3} us, {settled}\nrate of the host against the \
+             reference clock: {:+.3} ppm\nreadings missed: {}\n",
+            f64::from(last.rate_ppb) / 1e3,
+            last.missed_readings
+        )
+    }
+}

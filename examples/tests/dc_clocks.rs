@@ -1,0 +1,41 @@
+//! The program on distributed clocks as a user runs it.
+#![allow(missing_docs)]
+
+mod program;
+
+use program::{fails, succeeds};
+
+const PROGRAM: &str = "dc_clocks";
+const DRIFT: &str = concat!("sim:", env!("CARGO_MANIFEST_DIR"), "/scenarios/drift.toml");
+
+#[test]
+fn host_and_slaves_keep_together_whoever_leads() {
+    let folder = tempfile::tempdir().unwrap();
+    let plot = folder.path().join("clocks.svg");
+    let base = ["--ecrt", DRIFT, "--slaves", "3", "--plot", plot.to_str().unwrap()];
+    let printed = succeeds(PROGRAM, &[&base[..], &["--source", "reference"]].concat());
+    // The scenario loses 51 frames and lets the reference clock, which is 50 ppm fast, jump.
+    assert!(printed.contains("phase error: largest 200.0"), "{printed}");
+    assert!(printed.contains("below 1 us since cycle "), "{printed}");
+    assert!(printed.contains("clock: -50.0") || printed.contains("clock: -49.9"), "{printed}");
+    assert!(printed.contains("readings missed: 51"), "{printed}");
+    assert!(printed.contains("master_period: "), "{printed}");
+    let svg = std::fs::read_to_string(&plot).unwrap();
+    assert_eq!(svg.matches("<polyline").count(), 2);
+    assert!(svg.contains("reading missed") && svg.ends_with("</svg>\n"));
+
+    let printed = succeeds(PROGRAM, &base);
+    assert!(printed.contains("below 1 us since cycle "), "{printed}");
+    assert!(printed.contains("clock: +0.000 ppm"), "{printed}");
+}
+
+#[test]
+fn what_cannot_be_is_told() {
+    let message = fails(PROGRAM, &["--ecrt", "sim", "--reference", "1"]);
+    assert!(message.contains("slave index 1 is not below 1"), "{message}");
+    let message = fails(PROGRAM, &["--ecrt", "sim", "--shift-us", "1000"]);
+    assert!(message.contains("shift of 1000 us is not below its period"), "{message}");
+    let message = fails(PROGRAM, &["--ecrt", "sim", "--cycles", "10", "--plot", "/no/where.svg"]);
+    assert!(message.contains("cannot write /no/where.svg"), "{message}");
+    fails(PROGRAM, &["--source", "nobody"]);
+}
