@@ -391,3 +391,49 @@ fn the_account_never_claims_what_did_not_happen_whatever_strikes() {
     }
     assert!(kinds.iter().all(|sum| *sum > 0), "every kind of outcome was there: {kinds:?}");
 }
+
+#[test]
+fn no_frame_leaves_before_its_phase_or_a_period_behind_it() {
+    let mut lost = 0;
+    for seed in 1..=8 {
+        let mut state = seed;
+        let change: fn(&mut GatewayConfig) = if seed % 2 == 0 { |_| () } else { results };
+        let mut bench = with_sync0(echo(1), SHIFT_NS, change);
+        bench.simulation.with_world(|world| world.record_bus_of(0, 0));
+        for _ in 0..400 {
+            let fault = match draw(&mut state, 100) {
+                0..6 => Some(Fault::LostFrame {
+                    way: [LostWay::Outward, LostWay::Return][draw(&mut state, 2) as usize],
+                    cycles: 1 + draw(&mut state, 5) as u32,
+                }),
+                6..9 => Some(Fault::Gateway {
+                    gateway: 0,
+                    fault: GatewayFault::ServiceStall { ms: 1 + draw(&mut state, 4) as u32 },
+                }),
+                9 => Some(Fault::WorkingCounterOffset { offset: -2, cycles: 2 }),
+                _ => None,
+            };
+            if let Some(fault) = fault {
+                bench.simulation.inject(fault);
+            }
+            let offset_ns = draw(&mut state, 9) as u32 * 50_000;
+            bench.cycle(|port| {
+                // Each frame carries the time at which it is due.
+                let pulse_ns = port.adapter().cycle_time_ns() + u64::from(SHIFT_NS);
+                let due_ns = pulse_ns + u64::from(offset_ns);
+                let at = Schedule { tag: 0, offset_ns };
+                let _ = port.schedule_can(0, 0, id(1), &due_ns.to_le_bytes(), at);
+            });
+        }
+        let (told, truth) = check(&mut bench);
+        lost += told.scheduled - truth.frames_released;
+        let frames = bench.simulation.with_world(|world| world.take_recorded());
+        for frame in frames.iter().filter(|it| it.is_from_channel) {
+            let due_ns = u64::from_le_bytes(*frame.frame.data().first_chunk().unwrap());
+            let after_ns = i128::from(frame.start_ns) - i128::from(due_ns);
+            // The echo of the frame before may still be on the bus.
+            assert!((0..400_000).contains(&after_ns), "seed {seed}: {after_ns} ns");
+        }
+    }
+    assert!(lost > 100, "only {lost} frames met trouble");
+}
