@@ -10,7 +10,7 @@ use common::Bench;
 use counting::allocations;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, Received};
-use ecan_protocol::{CanFrame, CanId, OptionFlags};
+use ecan_protocol::{CanFrame, CanId, OptionFlags, Schedule};
 
 /// Runs `cycles` of sending until the image is full and receiving everything; gives the
 /// allocations inside the cycles and the frames that came back.
@@ -60,4 +60,33 @@ fn full_images_allocate_nothing() {
         assert!(back > 1_000, "only {back} frames came back");
         assert_eq!(inside, 0, "paced: {paced}");
     }
+}
+
+#[test]
+fn scheduled_frames_and_the_look_at_their_flags_allocate_nothing() {
+    let mut bench = common::with_sync0(ecan_sim::echo(1), 500_000, |gateway| {
+        gateway.tx_options = OptionFlags::TX_RESULT;
+        gateway.schedule.watch_ms = 10;
+    });
+    let run = |bench: &mut Bench, cycles: u16| {
+        let mut inside = 0;
+        for tag in 0..cycles {
+            bench.port.wait_next_cycle();
+            let before = allocations();
+            bench.port.cycle_begin().unwrap();
+            bench.port.receive_each(|_| ());
+            let at = Schedule { tag, offset_ns: 100_000 };
+            bench.port.schedule_can(0, 0, common::id(1), &[1], at).unwrap();
+            if tag % 100 == 50 {
+                bench.port.clear_schedule_flags(0);
+            }
+            bench.port.cycle_end().unwrap();
+            inside += allocations() - before;
+        }
+        inside
+    };
+    run(&mut bench, 200);
+    assert_eq!(run(&mut bench, 500), 0);
+    let account = bench.port.schedule_account(0, 0);
+    assert!(account.sent > 300 && bench.port.schedule_diagnostics(0).is_some(), "{account:?}");
 }

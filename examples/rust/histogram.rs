@@ -4,8 +4,8 @@ use std::fmt::Write;
 
 use crate::svg::{self, Anchor};
 
-/// Bars of a histogram.
-const BARS: usize = 60;
+/// Bars of a histogram; an odd number, so that even spreads have one in the middle.
+const BARS: usize = 61;
 const LEFT: f64 = 56.0;
 const RIGHT: f64 = 14.0;
 const TOP: f64 = 34.0;

@@ -254,7 +254,11 @@ fn measure(
     }
     let recorded: Option<Vec<BusFrame>> =
         simulation.map(|simulation| simulation.with_world(|world| world.take_recorded()));
-    let (record, bus_source) = bus_record(arguments, recorded.as_deref())?;
+    // A log that cannot be read is no reason to keep back what was measured.
+    let (record, bus_source, fault) = match bus_record(arguments, recorded.as_deref()) {
+        Ok((record, words)) => (record, words, Ok(())),
+        Err(error) => (None, "no times on the bus: the log cannot be used".into(), Err(error)),
+    };
     for result in &results {
         println!("\n{}:", result.mode);
         real_time::print_statistics(port.adapter(), &result.statistics);
@@ -288,6 +292,7 @@ fn measure(
     if let Some(path) = &arguments.report {
         report.write_picture(path)?;
     }
+    fault?;
     Ok(true)
 }
 
