@@ -109,51 +109,6 @@ impl<'a> Images<'a> {
         evictor.cold(|| self.rust(&mut rust, 1), || self.c(&mut c, 1))
     }
 
-    pub fn parts(&self, repeat: usize) {
-        let (mut rust, mut c) = self.both();
-        let (mut rust2, mut c2) = self.both();
-        let e = measure::warm(
-            || {
-                for _ in 0..repeat {
-                    for (f, _) in &self.frames {
-                        rust.encode(black_box(f));
-                    }
-                }
-            },
-            || {
-                for _ in 0..repeat {
-                    for (_, f) in &self.frames {
-                        c.encode(black_box(f));
-                    }
-                }
-            },
-        );
-        for (s, f) in &self.frames {
-            rust2.encode(s);
-            c2.encode(f);
-        }
-        let d = measure::warm(
-            || {
-                for _ in 0..repeat * self.frames.len() {
-                    black_box(rust2.decode());
-                }
-            },
-            || {
-                for _ in 0..repeat * self.frames.len() {
-                    black_box(c2.decode());
-                }
-            },
-        );
-        let k = (repeat * self.frames.len()) as f64;
-        eprintln!(
-            "   encode {:.0} {:.0}  decode {:.0} {:.0}",
-            e.rust / k,
-            e.c / k,
-            d.rust / k,
-            d.c / k
-        );
-    }
-
     fn rust(&self, side: &mut Rust, repeat: usize) {
         for _ in 0..repeat {
             for (sent, _) in &self.frames {

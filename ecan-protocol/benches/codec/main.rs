@@ -88,11 +88,6 @@ fn all(evictor: &Evictor) -> Vec<Line> {
         eprintln!("{name}: {value:.4}");
         lines.push(Line { name, goals, percent, values: vec![value] });
     };
-    Images::classic(24, 254, &data).parts(4);
-    Images::fd(24, 44, &data).parts(4);
-    Images::mixed(24, 1, &data).parts(4);
-    Images::mixed(24, 64, &data).parts(1);
-    Images::classic(3, 10, &data).parts(64);
     let three = Images::classic(3, 10, &data);
     let mut image = |name: &str, goals, value| add(name.into(), Some(goals), false, value);
     image("N = 24, 254 frames of 8 bytes", [0.09, 0.15], {
@@ -101,7 +96,7 @@ fn all(evictor: &Evictor) -> Vec<Line> {
     image("N = 24, 44 CAN FD frames of 64 bytes", [0.045, 0.11], {
         Images::fd(24, 44, &data).warm(4).ratio()
     });
-    image("N = 24, one random mix", [0.14, 0.20], { Images::mixed(24, 1, &data).warm(4).ratio() });
+    image("N = 24, one random mix", [0.14, 0.20], Images::mixed(24, 1, &data).warm(4).ratio());
     image("N = 24, 64 random mixes in turn", [0.14, 0.20], {
         Images::mixed(24, 64, &data).warm(1).ratio()
     });
