@@ -2,12 +2,12 @@
 
 use std::hint::black_box;
 
+use ecan_bench::{Evictor, Outcome};
 use ecan_codec_baseline as baseline;
 use ecan_protocol::{
     CommitFields, Direction, FrameRef, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp,
 };
 
-use crate::measure::{self, Evictor, Medians};
 use crate::pair::{self, Random};
 
 /// Most frames of a mix, more than fit.
@@ -91,20 +91,20 @@ impl<'a> Images<'a> {
     }
 
     /// Writes and reads all images `repeat` times a round.
-    pub fn warm(&self, repeat: usize) -> Medians {
+    pub fn warm(&self, repeat: usize) -> Outcome {
         let (mut rust, mut c) = self.both();
-        measure::warm(|| self.rust(&mut rust, repeat), || self.c(&mut c, repeat))
+        ecan_bench::warm(|| self.rust(&mut rust, repeat), || self.c(&mut c, repeat))
     }
 
     /// This codec alone, nanoseconds per image.
     pub fn rust_alone(&self, repeat: usize) -> f64 {
         let (mut rust, _) = self.both();
-        let round = measure::warm_alone(|| self.rust(&mut rust, repeat));
+        let round = ecan_bench::warm_alone(|| self.rust(&mut rust, repeat));
         round / (repeat * self.frames.len()) as f64
     }
 
     /// Writes and reads the images once a round, with everything out of the caches before.
-    pub fn cold(&self, evictor: &Evictor) -> Medians {
+    pub fn cold(&self, evictor: &Evictor) -> Outcome {
         let (mut rust, mut c) = self.both();
         evictor.cold(|| self.rust(&mut rust, 1), || self.c(&mut c, 1))
     }
