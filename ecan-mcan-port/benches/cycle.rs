@@ -19,7 +19,7 @@ use ecan_protocol::{
     PdoProfile, Timestamp, crc16_is_accelerated, crc16_use_portable,
 };
 
-const READY_MS: u32 = 20_000;
+const READY_MS: u32 = 120_000;
 /// Cycles in a round.
 const REPEAT: usize = 16;
 const DATA: [u8; 8] = [1, 2, 3, 4, 5, 6, 7, 8];

@@ -28,7 +28,7 @@ const SEQ_END: usize = 4;
 const FLAG_SEQ_WRAP: u8 = 0x10;
 
 static IS_FROZEN: AtomicBool = AtomicBool::new(false);
-static DOMAINS: [Domain; MOST_DOMAINS] = [const { Domain::NEW }; MOST_DOMAINS];
+static DOMAINS: [Domain; MOST_DOMAINS] = [const { Domain::unused() }; MOST_DOMAINS];
 
 /// A domain of the process.
 struct Domain {
@@ -42,12 +42,14 @@ struct Domain {
 const NO_IMAGE: usize = usize::MAX;
 
 impl Domain {
-    const NEW: Self = Self {
-        handle: AtomicPtr::new(std::ptr::null_mut()),
-        memory: AtomicPtr::new(std::ptr::null_mut()),
-        size: AtomicUsize::new(0),
-        image: AtomicUsize::new(NO_IMAGE),
-    };
+    const fn unused() -> Self {
+        Self {
+            handle: AtomicPtr::new(std::ptr::null_mut()),
+            memory: AtomicPtr::new(std::ptr::null_mut()),
+            size: AtomicUsize::new(0),
+            image: AtomicUsize::new(NO_IMAGE),
+        }
+    }
 
     /// The domain of this handle, or an unused place for it.
     fn of(handle: *mut ec_domain_t) -> Option<&'static Self> {
@@ -217,9 +219,11 @@ unsafe extern "C" fn domain_state(
         // SAFETY: the same arguments under the same promises.
         return unsafe { simulated::domain_state(handle, state) };
     }
-    let mut complete = ec_domain_state_t::default();
-    complete.working_counter = 3;
-    complete.wc_state = EC_WC_COMPLETE;
+    let complete = ec_domain_state_t {
+        working_counter: 3,
+        wc_state: EC_WC_COMPLETE,
+        ..ec_domain_state_t::default()
+    };
     // SAFETY: the caller passes a place for the result.
     unsafe { state.write(complete) };
     0
