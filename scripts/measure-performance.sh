@@ -5,8 +5,8 @@
 #
 #     scripts/measure-performance.sh
 #
-# Needs a C compiler for the plain C codec that the codec is measured against. Where
-# scripts/measure-wake-up.sh and cyclictest exist, their rows come in too.
+# Needs a C compiler for the plain C codec that the codec is measured against; and, for the rows of
+# the wake-up, cyclictest and the right to SCHED_FIFO.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 document=docs/PERFORMANCE.md
@@ -18,8 +18,9 @@ details() { grep -v '^= ' <<<"$1" || true; }
 has_goal() { awk -F'|' '$3 !~ /^ *$/'; }
 has_no_goal() { awk -F'|' '$3 ~ /^ *$/'; }
 
-cargo bench --quiet --locked --no-run -p ecan-protocol -p ecan-mcan-port -p ecan-cia402 \
-    -p ecan-igh-host --bench codec --bench cycle --bench axes --bench simulation --bench c_face
+cargo bench --quiet --locked --no-run -p ecan-protocol -p ecan-host -p ecan-mcan-port \
+    -p ecan-cia402 -p ecan-igh-host --bench codec --bench wake_up --bench cycle --bench axes \
+    --bench simulation --bench c_face
 load_before=$(cut -d' ' -f1-2 /proc/loadavg)
 codec=$(bench ecan-protocol codec)
 cycle=$(bench ecan-mcan-port cycle)
@@ -30,13 +31,10 @@ c_face=$(bench ecan-igh-host c_face)
 wake_up='| wake-up at 1 ms, p50 | 1.1 | not measured in this run | | cycle timer / cyclictest |
 | wake-up at 1 ms, p99 | 1.2 | not measured in this run | | cycle timer / cyclictest |
 | wake-up at 1 ms, p99, 100 us spin | 0.1 | not measured in this run | | cycle timer / cyclictest |'
-wake_up_details="Not measured in this run: needs \`scripts/measure-wake-up.sh\` and \`cyclictest\`."
-if [ -x scripts/measure-wake-up.sh ] && command -v cyclictest >/dev/null; then
-    if measured=$(scripts/measure-wake-up.sh); then
-        wake_up=$(rows "$measured")
-        wake_up_details=$(details "$measured")
-    fi
-fi
+wake_up_details=$(bench ecan-host wake_up)
+measured=$(rows "$wake_up_details")
+wake_up=${measured:-$wake_up}
+wake_up_details=$(details "$wake_up_details")
 
 # cycle "us" frames load "%" median ...
 simulated=$(awk '$2 == "us" {
@@ -138,7 +136,14 @@ $simulation
 
 ## Wake-up
 
+How late the cycle starts at a period of 1 ms, segments of the cycle timer and of \`cyclictest\` in
+turn; the figure is the median of the ratios of neighbours.
+
+\`\`\`text
 $wake_up_details
+\`\`\`
+
+    cargo bench -p ecan-host --bench wake_up
 
 ## C face
 

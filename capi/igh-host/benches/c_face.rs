@@ -51,8 +51,8 @@ impl Times {
         self.send.push(per_frame(marks[1], marks[2], FRAMES.into()));
     }
 
-    fn medians(mut self) -> (f64, f64) {
-        (median(&mut self.send), median(&mut self.receive))
+    fn medians(self) -> (f64, f64) {
+        (median(self.send), median(self.receive))
     }
 }
 
