@@ -9,6 +9,7 @@
 
 use std::process::Command;
 
+use ecan_bench::{Row, median, print_rows, rounds};
 use ecan_host::{
     Clock, CycleStatistics, CycleTimer, CycleTiming, MonotonicClock, OverrunPolicy,
     RealTimeSettings,
@@ -89,14 +90,9 @@ fn cyclictest(cycles: usize) -> Result<Delays, String> {
     Ok(Delays { p50: at(0.5), p99: at(0.99) })
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
-}
-
 fn main() {
     let mut numbers = std::env::args().filter_map(|argument| argument.parse::<usize>().ok());
-    let segments = numbers.next().unwrap_or(SEGMENTS);
+    let segments = numbers.next().unwrap_or_else(|| rounds(SEGMENTS));
     let cycles = numbers.next().unwrap_or(CYCLES);
     let (mut plain, mut spun, mut peers, mut peer_fault) = (vec![], vec![], vec![], None);
     for segment in 0..segments {
@@ -127,7 +123,12 @@ fn main() {
     let ratio = |of: &[Delays], pick: fn(&Delays) -> f64| {
         median(of.iter().zip(&peers).map(|(own, peer)| pick(own) / pick(peer)).collect())
     };
-    println!("| wake-up at 1 ms against cyclictest, p50 | 1.1 | {:.2} |", ratio(&plain, |d| d.p50));
-    println!("| wake-up at 1 ms against cyclictest, p99 | 1.2 | {:.2} |", ratio(&plain, |d| d.p99));
-    println!("| the same with 100 us spin, p99 | 0.1 | {:.3} |", ratio(&spun, |d| d.p99));
+    let row = |name, goal, value| {
+        Row::new(name, "cycle timer / cyclictest", value).with_goals(goal, goal)
+    };
+    print_rows(&[
+        row("wake-up at 1 ms, p50", 1.1, ratio(&plain, |d| d.p50)),
+        row("wake-up at 1 ms, p99", 1.2, ratio(&plain, |d| d.p99)),
+        row("wake-up at 1 ms, p99, 100 us spin", 0.1, ratio(&spun, |d| d.p99)),
+    ]);
 }

@@ -65,6 +65,18 @@ impl ControlWord {
         }
     }
 
+    /// A plain classic frame of 8 bytes with a standard identifier.
+    #[inline]
+    pub const fn is_standard_of_eight(self) -> bool {
+        self.0 & !7 == 8 << 3
+    }
+
+    /// The same word, all but the channel as constants.
+    #[inline]
+    pub const fn standard_of_eight(self) -> Self {
+        Self(self.0 & 7 | 8 << 3)
+    }
+
     /// A classic remote frame, which carries no data.
     #[inline]
     pub const fn is_remote(self) -> bool {

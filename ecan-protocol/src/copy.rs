@@ -31,28 +31,37 @@ pub(crate) fn copy_data(to: &mut [u8], from: &[u8]) {
     }
 }
 
+/// Copies the whole of `from`, of `N` to `2 * N` bytes, as two blocks that may overlap.
+#[inline(always)]
+fn both_ends<const N: usize>(to: &mut [u8], from: &[u8]) {
+    if let (Some(to), Some(from)) = (to.first_chunk_mut::<N>(), from.first_chunk::<N>()) {
+        *to = *from;
+    }
+    if let (Some(to), Some(from)) = (to.last_chunk_mut::<N>(), from.last_chunk::<N>()) {
+        *to = *from;
+    }
+}
+
+/// Few cases, so that lengths in no order are not mistaken at every frame.
 fn copy_other(to: &mut [u8], from: &[u8]) {
-    let done = match from.len() {
-        0 => true,
-        1 => block::<1>(to, from),
-        2 => block::<2>(to, from),
-        3 => block::<3>(to, from),
-        4 => block::<4>(to, from),
-        5 => block::<5>(to, from),
-        6 => block::<6>(to, from),
-        7 => block::<7>(to, from),
-        12 => block::<12>(to, from),
-        16 => block::<16>(to, from),
-        20 => block::<20>(to, from),
-        24 => block::<24>(to, from),
-        32 => block::<32>(to, from),
-        48 => block::<48>(to, from),
-        _ => false,
-    };
-    if !done {
-        for (to, from) in to.iter_mut().zip(from) {
-            *to = *from;
+    let length = to.len().min(from.len());
+    let (Some(to), Some(from)) = (to.get_mut(..length), from.get(..length)) else { return };
+    if length >= 8 {
+        if length <= 16 {
+            both_ends::<8>(to, from);
+        } else if length <= 32 {
+            both_ends::<16>(to, from);
+        } else if length <= 64 {
+            both_ends::<32>(to, from);
+        } else {
+            to.copy_from_slice(from);
         }
+    } else if length >= 4 {
+        both_ends::<4>(to, from);
+    } else if length >= 2 {
+        both_ends::<2>(to, from);
+    } else {
+        both_ends::<1>(to, from);
     }
 }
 

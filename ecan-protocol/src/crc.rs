@@ -63,16 +63,28 @@ pub fn crc16_portable(data: &[u8]) -> u16 {
     let (blocks, tail) = data.as_chunks::<16>();
     let mut crc = INITIAL;
     for block in blocks {
-        let [high, low] = crc.to_be_bytes();
-        crc = entry(15, block[0] ^ high) ^ entry(14, block[1] ^ low);
-        for (i, &byte) in block.iter().enumerate().skip(2) {
-            crc ^= entry(15 - i, byte);
+        crc = step(crc, block);
+    }
+    step(crc, tail)
+}
+
+/// The CRC `crc` goes on with up to 16 bytes.
+#[inline(always)]
+fn step(crc: u16, bytes: &[u8]) -> u16 {
+    let [high, low] = crc.to_be_bytes();
+    match *bytes {
+        [] => crc,
+        [first] => crc << 8 ^ entry(0, first ^ high),
+        [first, second, ref rest @ ..] => {
+            // What does not depend on `crc` comes first, so that few look-ups wait for it.
+            let mut sum = 0;
+            for (zeros, &byte) in rest.iter().rev().enumerate() {
+                sum ^= entry(zeros, byte);
+            }
+            let zeros = rest.len();
+            sum ^ (entry(zeros + 1, first ^ high) ^ entry(zeros, second ^ low))
         }
     }
-    for &byte in tail {
-        crc = crc << 8 ^ entry(0, (crc >> 8) as u8 ^ byte);
-    }
-    crc
 }
 
 /// Whether [`crc16`] uses carry-less multiplication on this processor.
@@ -86,6 +98,17 @@ pub fn crc16_is_accelerated() -> bool {
     {
         false
     }
+}
+
+/// Makes [`crc16`] do without carry-less multiplication from now on, or take it up again where the
+/// processor has it. For benchmarks and tests of the codec without it; it has no effect where the
+/// program was compiled for processors that always have it.
+#[doc(hidden)]
+pub fn crc16_use_portable(on: bool) {
+    #[cfg(all(target_arch = "x86_64", target_feature = "sse2"))]
+    folding::pretend_absent(on);
+    #[cfg(not(all(target_arch = "x86_64", target_feature = "sse2")))]
+    let _ = on;
 }
 
 #[cfg(test)]

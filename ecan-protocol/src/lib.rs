@@ -58,6 +58,8 @@ mod tx_result;
 mod writer;
 
 pub use can_id::CanId;
+#[doc(hidden)]
+pub use crc::crc16_use_portable;
 pub use crc::{crc16, crc16_is_accelerated, crc16_portable};
 pub use diagnosis::{ImageFault, ParseDiagnosis, PdoError};
 pub use dlc::Dlc;

@@ -264,6 +264,14 @@ impl<'a> Iterator for Packets<'a> {
     fn next(&mut self) -> Option<Self::Item> {
         if let Some(&bytes) = self.rest.first_chunk::<CONTROL_BYTES>() {
             let control = ControlWord(u16::from_le_bytes(bytes));
+            // Most frames; with their size known, the next packet need not wait for this one's DLC.
+            if self.left != 0
+                && control.is_standard_of_eight()
+                && self.has_channel(control)
+                && let Ok(packet) = self.take_frame::<true>(ControlWord::standard_of_eight(control))
+            {
+                return Some(Ok(Packet::Frame(packet)));
+            }
             if self.left != 0
                 && control.is_plain()
                 && self.has_channel(control)

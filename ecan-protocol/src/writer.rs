@@ -268,6 +268,17 @@ impl ImageWriter {
         }
         if !matches!(timestamp, Timestamp::None) {
             self.check_timestamp(timestamp)?;
+        } else if ControlWord(frame.control_bits()).is_standard_of_eight()
+            && let Some(data) = frame.data().first_chunk::<8>()
+        {
+            // Most frames. Their packets are of one size, which needs no padding.
+            const SIZE: usize = 12;
+            let packet = self.claim(image, SIZE)?;
+            let control = frame.control_bits() | u16::from(channel);
+            let field = frame.id().raw() | u32::from(id_aux) << STANDARD_AUX_SHIFT;
+            let rest = put(packet, (u32::from(control) | field << 16).to_le_bytes());
+            put(rest, *data);
+            return Ok(self.pushed(SIZE));
         }
         let window = self.d64 && frame.is_fd();
         let size = self.packet_bytes(frame, timestamp);
@@ -299,11 +310,17 @@ impl ImageWriter {
             clear(rest.get_mut(data.len()..).unwrap_or_default());
         }
 
+        Ok(self.pushed(size))
+    }
+
+    /// Counts a frame whose packet of `size` bytes was written; its place among the frames.
+    #[inline(always)]
+    const fn pushed(&mut self, size: usize) -> u8 {
         self.position += size;
         self.frame_count += 1;
         let index = self.next_index;
         self.next_index += 1;
-        Ok(index)
+        index
     }
 
     /// Appends a frame that the gateway is to send at a phase of Sync0. RxPDO only.

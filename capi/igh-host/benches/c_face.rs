@@ -12,6 +12,7 @@ mod c_port;
 use std::time::Instant;
 
 use c_port::CPort;
+use ecan_bench::{Row, median, print_rows};
 use ecan_host::AdapterConfig;
 use ecan_igh_host::mcan_port::cycle::{
     igh_mcan_port_cycle_begin, igh_mcan_port_cycle_end, igh_mcan_port_receive,
@@ -50,14 +51,9 @@ impl Times {
         self.send.push(per_frame(marks[1], marks[2], FRAMES.into()));
     }
 
-    fn medians(mut self) -> (f64, f64) {
-        (median(&mut self.send), median(&mut self.receive))
+    fn medians(self) -> (f64, f64) {
+        (median(self.send), median(self.receive))
     }
-}
-
-fn median(times: &mut [f64]) -> f64 {
-    times.sort_by(f64::total_cmp);
-    times[times.len() / 2]
 }
 
 fn rust_port() -> Port {
@@ -91,7 +87,7 @@ fn main() {
     let mut frames = vec![igh_mcan_rx_frame_t::EMPTY; CAPACITY];
     let port = c.port();
 
-    for cycle in 0..CYCLES + WARM_UP {
+    for cycle in 0..ecan_bench::rounds(CYCLES) + WARM_UP {
         rust.wait_next_cycle();
         rust.cycle_begin().unwrap();
         let start = Instant::now();
@@ -128,4 +124,6 @@ fn main() {
     row("send_can", rust.0, c.0);
     row("receive", rust.1, c.1);
     row("send_can + receive", rust.0 + rust.1, c.0 + c.1);
+    let ratio = (c.0 + c.1) / (rust.0 + rust.1);
+    print_rows(&[Row::new("C face, send_can and receive", "C functions / Port, per frame", ratio)]);
 }

@@ -79,6 +79,11 @@ fn detect() -> bool {
     present
 }
 
+/// Takes the instructions for absent from now on, or asks the processor anew.
+pub(super) fn pretend_absent(on: bool) {
+    AVAILABLE.store(if on { ABSENT } else { UNKNOWN }, Ordering::Relaxed);
+}
+
 /// The 16 bytes as a polynomial, the first byte highest.
 #[inline]
 #[target_feature(enable = "ssse3")]

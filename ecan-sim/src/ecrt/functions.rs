@@ -186,8 +186,8 @@ pub use soe::*;
 pub use startup_sdos::*;
 pub use voe::*;
 
-/// The table of a simulated release.
-fn table(version: EcrtVersion) -> Functions {
+/// The table of a simulated release: all the functions that the SDK uses.
+pub fn table(version: EcrtVersion) -> Functions {
     let new = version != EcrtVersion::V1_5;
     /// The form of a function that the release has.
     macro_rules! form {

@@ -1,0 +1,125 @@
+//! What an axis costs the host in a cycle: taking TPDOs, deciding, sending targets; with ten axes
+//! and with forty.
+//!
+//! ```text
+//! cargo bench -p ecan-cia402 --bench axes
+//! ```
+//!
+//! The axes are started on simulated drives. A cycle in which every axis sent its TPDO is then
+//! frozen and played again and again, so that nothing of the simulator is in the caches or in the
+//! time: every axis follows targets, at standstill. Ten and forty axes take turns.
+#![allow(missing_docs)]
+
+use std::time::Instant;
+
+use ecan_bench::{Outcome, Row, interleaved, print_rows, rounds};
+use ecan_cia402::wire::NodeId;
+use ecan_cia402::{AxisSettings, Cia402, Cia402Settings, NodeAddress};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_protocol::Header;
+
+const READY_MS: u32 = 20_000;
+/// Axes of a channel and of a gateway.
+const ON_CHANNEL: usize = 4;
+const ON_GATEWAY: usize = 16;
+/// Cycles until all TPDOs of a cycle lie in one image.
+const MOST_CYCLES: usize = 2_000;
+const ROUNDS: usize = 3001;
+const WARM_UP: usize = 100;
+/// Cycles in a round.
+const REPEAT: usize = 8;
+
+fn axis(number: usize) -> AxisSettings {
+    AxisSettings::new(NodeAddress {
+        slave: number / ON_GATEWAY,
+        channel: (number % ON_GATEWAY / ON_CHANNEL) as u8,
+        node: NodeId::new((number % ON_CHANNEL) as u8 + 1).unwrap(),
+    })
+}
+
+struct Bench {
+    axes: usize,
+    port: Port,
+    cia402: Cia402,
+}
+
+impl Bench {
+    fn started(axes: usize) -> Self {
+        let slaves = axes.div_ceil(ON_GATEWAY);
+        let ecrt = ecan_null_master::open(ecan_sim::drives(slaves, ON_CHANNEL as u8)).unwrap();
+        let adapter = AdapterConfig::new(slaves as u16).with_multiplier(6).with_cycle_us(2_000);
+        let gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(1_000_000));
+        let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(slaves, gateway)).unwrap();
+        port.wait_ready(READY_MS).unwrap();
+        let settings = (0..axes).map(axis).collect();
+        let mut cia402 = Cia402::new(&port, settings, Cia402Settings::default()).unwrap();
+        cia402.start_up_timeout(&mut port, READY_MS, |_| {}).unwrap();
+        let mut bench = Self { axes, port, cia402 };
+        bench.find_full_cycle();
+        bench
+    }
+
+    /// Runs to a cycle in whose images every axis has its TPDO, and nothing else lies.
+    fn find_full_cycle(&mut self) {
+        for _ in 0..MOST_CYCLES {
+            self.port.wait_next_cycle();
+            self.cycle();
+            let is_full = (0..self.port.slave_count()).all(|slave| {
+                let image = self.port.adapter().tx_pdo(slave);
+                let axes = (self.axes - slave * ON_GATEWAY).min(ON_GATEWAY);
+                let header = image.first_chunk().map(Header::parse);
+                header.is_some_and(|header| usize::from(header.frame_count) == axes)
+            });
+            if is_full {
+                for slave in 0..self.port.slave_count() {
+                    ecan_null_master::keep_new(self.port.adapter().tx_pdo(slave));
+                }
+                return;
+            }
+        }
+        panic!("{} axes never had all their TPDOs in one cycle", self.axes);
+    }
+
+    /// A cycle; nanoseconds of the axes' part.
+    fn cycle(&mut self) -> f64 {
+        self.port.cycle_begin().unwrap();
+        let start = Instant::now();
+        self.cia402.process_rx(&mut self.port);
+        let summary = self.cia402.send_targets_all(&mut self.port);
+        let time = start.elapsed().as_nanos() as f64;
+        self.port.cycle_end().unwrap();
+        assert_eq!(summary.targets, self.axes, "{summary:?}");
+        time
+    }
+
+    fn round(&mut self) -> f64 {
+        (0..REPEAT).map(|_| self.cycle()).sum()
+    }
+
+    fn received(&self) -> u64 {
+        (0..self.axes).map(|axis| self.cia402.statistics(axis).tpdos).sum()
+    }
+}
+
+fn main() {
+    let (mut ten, mut forty) = (Bench::started(10), Bench::started(40));
+    ecan_null_master::freeze();
+    let mut measure = |rounds| interleaved(rounds, || forty.round(), || ten.round());
+    measure(rounds(WARM_UP));
+    let Outcome { first, second, ratio } = measure(rounds(ROUNDS));
+    // Every axis followed targets and got its TPDO throughout.
+    for bench in [&mut ten, &mut forty] {
+        let before = bench.received();
+        bench.round();
+        assert_eq!(bench.received() - before, (REPEAT * bench.axes) as u64);
+        assert!(bench.cia402.all_running());
+    }
+    println!(
+        "Time of an axis in a cycle: {:.0} ns of 10, {:.0} ns of 40.",
+        second / (REPEAT * 10) as f64,
+        first / (REPEAT * 40) as f64
+    );
+    let row = Row::new("host cost per axis", "one axis of 40 / one axis of 10", ratio / 4.0);
+    print_rows(&[row.with_goals(1.15, 1.15)]);
+}

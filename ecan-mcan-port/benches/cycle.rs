@@ -1,0 +1,206 @@
+//! A whole cycle of the Port on a master that exchanges nothing: begin, receive all, send, end.
+//!
+//! ```text
+//! cargo bench -p ecan-mcan-port --bench cycle
+//! ```
+//!
+//! Set against the bare codec that writes and reads the same images, and against the time that they
+//! take on the wire. The rest is the Port's own: sessions, working counters, sequences, statistics,
+//! tickets. A real master adds its system calls.
+#![allow(missing_docs)]
+
+use std::hint::black_box;
+
+use ecan_bench::{Row, print_rows, warm, wire_ns};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, ReceivedView};
+use ecan_protocol::{
+    CHANNELS, CanId, CommitFields, Direction, FrameRef, ImageReader, ImageWriter, Packet,
+    PdoProfile, Timestamp, crc16_is_accelerated, crc16_use_portable,
+};
+
+const READY_MS: u32 = 120_000;
+/// Cycles in a round.
+const REPEAT: usize = 16;
+const DATA: [u8; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
+
+struct Case {
+    slaves: usize,
+    multiplier: u8,
+    /// In each image.
+    frames: usize,
+}
+
+const CASES: [Case; 4] = [
+    Case { slaves: 1, multiplier: 3, frames: 10 },
+    Case { slaves: 3, multiplier: 3, frames: 10 },
+    Case { slaves: 1, multiplier: 11, frames: 115 },
+    Case { slaves: 3, multiplier: 11, frames: 115 },
+];
+
+fn frame(number: usize) -> (u8, FrameRef<'static>) {
+    let id = CanId::new(0x100 + number as u32, false).unwrap();
+    ((number % CHANNELS) as u8, FrameRef::classic(id, &DATA).unwrap())
+}
+
+fn push_all(writer: &mut ImageWriter, image: &mut [u8], frames: &[(u8, FrameRef<'_>)]) {
+    for &(channel, frame) in frames {
+        writer.push(image, channel, 0, frame, Timestamp::None).unwrap();
+    }
+    writer.commit(image, CommitFields::default());
+}
+
+/// The look that both sides take at each frame.
+fn look(channel: u8, frame: FrameRef<'_>) -> u64 {
+    let data = frame.data();
+    u64::from(channel)
+        + u64::from(frame.id().raw())
+        + data.len() as u64
+        + data.first().map_or(0, |&first| first.into())
+}
+
+/// The bare codec, with the images of one slave.
+struct Codec {
+    writer: ImageWriter,
+    reader: ImageReader,
+    rx_image: Vec<u8>,
+    tx_image: Vec<u8>,
+}
+
+impl Codec {
+    fn new(rx: PdoProfile, tx: PdoProfile, frames: &[(u8, FrameRef<'_>)]) -> Self {
+        let mut tx_image = vec![0; tx.pdo_bytes()];
+        push_all(&mut ImageWriter::new(Direction::TxPdo, tx), &mut tx_image, frames);
+        Self {
+            writer: ImageWriter::new(Direction::RxPdo, rx),
+            reader: ImageReader::new(Direction::TxPdo, tx),
+            rx_image: vec![0; rx.pdo_bytes()],
+            tx_image,
+        }
+    }
+
+    #[inline(never)]
+    fn cycle(&mut self, frames: &[(u8, FrameRef<'_>)]) -> u64 {
+        let mut sum = 0;
+        for packet in self.reader.read(black_box(&self.tx_image)).unwrap().packets() {
+            if let Ok(Packet::Frame(packet)) = packet {
+                sum += look(packet.channel, packet.frame);
+            }
+        }
+        push_all(&mut self.writer, &mut self.rx_image, frames);
+        sum
+    }
+}
+
+/// Both sides of a case.
+struct Bench {
+    case: &'static Case,
+    frames: Vec<(u8, FrameRef<'static>)>,
+    port: Port,
+    codecs: Vec<Codec>,
+}
+
+impl Bench {
+    fn new(case: &'static Case) -> Self {
+        let gateway = GatewayConfig {
+            paced: false,
+            ..GatewayConfig::on_all_channels(&ChannelSettings::classic(1_000_000))
+        };
+        let profile = |direction| gateway.profile(direction, case.multiplier);
+        let frames: Vec<_> = (0..case.frames).map(frame).collect();
+        let codec = || Codec::new(profile(Direction::RxPdo), profile(Direction::TxPdo), &frames);
+        let codecs: Vec<_> = (0..case.slaves).map(|_| codec()).collect();
+
+        let ecrt = ecan_null_master::open(ecan_sim::echo(case.slaves)).unwrap();
+        let adapter = AdapterConfig::new(case.slaves as u16).with_multiplier(case.multiplier);
+        let config = PortConfig::uniform(case.slaves, gateway);
+        let mut port = Port::open(&ecrt, adapter, config).unwrap();
+        port.wait_ready(READY_MS).unwrap();
+        for (slave, codec) in codecs.iter().enumerate() {
+            let image = port.adapter().tx_pdo(slave);
+            ecan_null_master::keep_new(image);
+            ecan_null_master::replace(image, &codec.tx_image);
+        }
+        Self { case, frames, port, codecs }
+    }
+
+    /// A cycle of the Port; the sum over what was received.
+    #[inline(never)]
+    fn cycle(port: &mut Port, slaves: usize, frames: &[(u8, FrameRef<'_>)]) -> u64 {
+        let mut sum = 0;
+        port.cycle_begin().unwrap();
+        port.receive_views(|item| {
+            if let ReceivedView::Frame { packet, .. } = item {
+                sum += look(packet.channel, packet.frame);
+            }
+            true
+        });
+        for slave in 0..slaves {
+            for &(channel, frame) in frames {
+                port.send(slave, channel, frame).unwrap();
+            }
+        }
+        port.cycle_end().unwrap();
+        sum
+    }
+
+    /// Cycle over codec, and cycle over wire.
+    fn measure(&mut self) -> (f64, f64) {
+        let Self { case, frames, port, codecs } = self;
+        // What is timed is the same work.
+        Self::cycle(port, case.slaves, frames);
+        let through_port = Self::cycle(port, case.slaves, frames);
+        let bare: u64 = codecs.iter_mut().map(|codec| codec.cycle(frames)).sum();
+        assert_eq!(through_port, bare);
+        for (slave, codec) in codecs.iter().enumerate() {
+            let image = port.adapter().rx_pdo(slave);
+            let (sent, bare) = (image.get(24..), codec.rx_image.get(24..));
+            assert!(sent == bare, "the images of slave {slave} differ");
+        }
+
+        let outcome = warm(
+            || {
+                for _ in 0..REPEAT {
+                    black_box(Self::cycle(port, case.slaves, black_box(frames)));
+                }
+            },
+            || {
+                for _ in 0..REPEAT {
+                    for codec in codecs.iter_mut() {
+                        black_box(codec.cycle(black_box(frames)));
+                    }
+                }
+            },
+        );
+        let wire = wire_ns(case.multiplier) * case.slaves as f64 * REPEAT as f64;
+        (outcome.ratio, outcome.first / wire)
+    }
+
+    fn rows(&mut self) -> [Row; 2] {
+        let (over_codec, over_wire) = self.measure();
+        let Case { slaves, multiplier, frames } = self.case;
+        let plural = if *slaves == 1 { "" } else { "s" };
+        let name = format!(
+            "whole cycle, {slaves} slave{plural}, N = {multiplier}, {frames} frames each way"
+        );
+        let row = Row::new(name, "Port on a null master / bare codec, same images", over_codec);
+        let share = Row::new("the same, share of the wire time", "Port / 100 Mbit/s", over_wire);
+        [row, share.as_share()]
+    }
+}
+
+fn main() {
+    let mut benches: Vec<Bench> = CASES.iter().map(Bench::new).collect();
+    ecan_null_master::freeze();
+    let mut all = || -> Vec<Row> { benches.iter_mut().flat_map(Bench::rows).collect() };
+    let is_accelerated = crc16_is_accelerated();
+    let mut rows = all();
+    crc16_use_portable(true);
+    if is_accelerated && !crc16_is_accelerated() {
+        for (row, portable) in rows.iter_mut().zip(all()) {
+            row.values.extend(portable.values);
+        }
+    }
+    crc16_use_portable(false);
+    print_rows(&rows);
+}
