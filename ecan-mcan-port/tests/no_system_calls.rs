@@ -1,0 +1,98 @@
+//! No system call in a cycle beyond those of the master's library.
+//!
+//! A child process runs cycles on a master whose functions make none. Once it has forbidden itself
+//! every system call but those that end it, the first one of a cycle kills it.
+#![cfg(all(target_os = "linux", any(target_arch = "x86_64", target_arch = "aarch64")))]
+#![allow(missing_docs)]
+
+use std::collections::BTreeMap;
+use std::os::unix::process::ExitStatusExt as _;
+use std::process::{Command, ExitStatus};
+
+use ecan_host::{AdapterConfig, ClockSource, DcSync};
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received};
+use ecan_protocol::{CanId, OptionFlags, Schedule};
+use seccompiler::{BpfProgram, SeccompAction, SeccompFilter};
+
+/// Tells the child what to do; without it the child's part is skipped.
+const ROLE: &str = "ECAN_TEST_CHILD";
+const CYCLES: u16 = 2_000;
+const READY_MS: u32 = 120_000;
+
+fn port() -> Port {
+    let ecrt = ecan_null_master::open(ecan_sim::echo(2)).unwrap();
+    let mut adapter = AdapterConfig::new(2).with_multiplier(3).with_cycle_us(1_000);
+    let source = ClockSource::Reference;
+    adapter.dc = Some(DcSync { source, monitor_every: 10, ..DcSync::new(1_000_000, 500_000) });
+    let mut gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(1_000_000));
+    gateway.tx_options = OptionFlags::TX_RESULT;
+    gateway.schedule.watch_ms = 1;
+    let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(2, gateway)).unwrap();
+    port.wait_ready(READY_MS).unwrap();
+    for slave in 0..2 {
+        ecan_null_master::keep_new(port.adapter().tx_pdo(slave));
+    }
+    ecan_null_master::freeze();
+    port
+}
+
+/// A cycle with frames both ways; true when some were sent.
+fn cycle(port: &mut Port, tag: u16) -> bool {
+    let mut sent = 0;
+    let _ = port.cycle_begin();
+    port.receive_each(|item| sent += i32::from(matches!(item, Received::Frame(_))));
+    let id = CanId::standard(0x123).unwrap();
+    for slave in 0..2 {
+        sent += i32::from(port.send_can(slave, 0, id, &[1, 2, 3]).is_ok());
+        let at = Schedule { tag, offset_ns: 100_000 };
+        sent += i32::from(port.schedule_can(slave, 1, id, &[4], at).is_ok());
+    }
+    let _ = port.cycle_end();
+    sent > 0
+}
+
+/// Kills the process at every system call but those that end it.
+fn forbid_system_calls() {
+    let ending = [libc::SYS_exit_group, libc::SYS_exit, libc::SYS_sigaltstack, libc::SYS_munmap];
+    let rules: BTreeMap<i64, Vec<_>> = ending.map(|call| (call, Vec::new())).into();
+    let arch = std::env::consts::ARCH.try_into().unwrap();
+    let (others, these) = (SeccompAction::KillProcess, SeccompAction::Allow);
+    let filter: BpfProgram =
+        SeccompFilter::new(rules, others, these, arch).unwrap().try_into().unwrap();
+    seccompiler::apply_filter(&filter).unwrap();
+}
+
+/// The child's part, run by the tests below.
+#[test]
+fn child() {
+    let Ok(role) = std::env::var(ROLE) else { return };
+    let mut port = port();
+    // What grows to its working size has grown; errors have been put into words once.
+    (0..100).for_each(|tag| assert!(cycle(&mut port, tag)));
+    forbid_system_calls();
+    let mut all_sent = true;
+    for tag in 0..CYCLES {
+        all_sent &= cycle(&mut port, tag);
+        if role == "calls" {
+            std::thread::yield_now();
+        }
+    }
+    std::process::exit(i32::from(!all_sent));
+}
+
+fn child_as(role: &str) -> ExitStatus {
+    let test = std::env::current_exe().unwrap();
+    let mut command = Command::new(test);
+    command.args(["--exact", "child", "--test-threads", "1"]).env(ROLE, role);
+    command.output().unwrap().status
+}
+
+#[test]
+fn a_cycle_makes_none() {
+    assert_eq!(child_as("works").code(), Some(0));
+}
+
+#[test]
+fn one_would_be_noticed() {
+    assert_eq!(child_as("calls").signal(), Some(libc::SIGSYS));
+}
