@@ -657,6 +657,203 @@ size_t igh_mcan_port_image_room(igh_mcan_port_t *port, size_t slave);
 int igh_mcan_port_discard_pending(igh_mcan_port_t *port, size_t slave);
 
 /* ---------------------------------------------------------------------------
+ * Scheduled transmission
+ *
+ * Frames sent at a phase of Sync0 (manual 8.4, 13.8, 13.9): the time that they have to get there,
+ * and what became of them, as far as the gateway tells. igh_mcan_port_schedule_can() and its like
+ * send them.
+ * --------------------------------------------------------------------------- */
+
+/** Flag of 0xB000:06: a scheduled frame was dropped since its phase had passed. */
+#define IGH_MCAN_SCHEDULE_LATE_DROP 64
+
+/** Flag of 0xB000:06: a scheduled frame found the queue full. */
+#define IGH_MCAN_SCHEDULE_QUEUE_FULL 128
+
+/** Flag of 0xB000:06: a scheduled frame was refused by the CAN controller at its phase. */
+#define IGH_MCAN_SCHEDULE_TX_FAIL 256
+
+/** Flag of 0xB000:06: the timer missed a phase. */
+#define IGH_MCAN_SCHEDULE_TIMER_MISS 512
+
+/**
+ * The times that the margin of a schedule is reckoned with, and what is done without margin. The
+ * manual gives no times; docs/ASSUMPTIONS.md says where the defaults come from.
+ */
+typedef struct {
+    /** Latest time behind the point of the grid at which the cycle is sent, in nanoseconds. */
+    uint32_t latest_send_ns;
+    /** Way of an image through host and network card, in nanoseconds, beside its time on the wire. */
+    uint32_t transport_ns;
+    /** What the firmware needs until a frame waits for its phase, in nanoseconds. */
+    uint32_t processing_ns;
+    /**
+     * Interval at which the gateway's diagnostics are read once a frame was scheduled, in
+     * milliseconds; 0 never reads them.
+     */
+    uint32_t watch_ms;
+    /** 1 refuses frames without margin; 0 sends and counts them. */
+    uint8_t refuse_without_margin;
+    /**
+     * 1 gives up an image of scheduled frames only that may not have arrived, since published again
+     * they could leave a period late.
+     */
+    uint8_t give_up_missed;
+    /** Not used. */
+    uint8_t reserved[2];
+} igh_mcan_schedule_settings_t;
+
+/**
+ * Times around the Sync0 pulse that the offset of a scheduled frame counts from, in nanoseconds
+ * from the point of the cycle's grid.
+ */
+typedef struct {
+    /** Earliest arrival of the image in the gateway. */
+    uint64_t earliest_arrival_ns;
+    /** Latest arrival of the image in the gateway. */
+    uint64_t latest_arrival_ns;
+    /** The pulse that the offset counts from. */
+    uint64_t pulse_ns;
+    /** The phase at which the frame leaves. */
+    uint64_t release_ns;
+    /** From the pulse before to the earliest arrival. */
+    int64_t after_pulse_ns;
+    /** From the latest arrival to the pulse; negative where the pulse falls among the arrivals. */
+    int64_t before_pulse_ns;
+    /** From the end of the firmware's work to the phase; negative where frames may be dropped. */
+    int64_t before_release_ns;
+    /** The least of the three: what there is to spare. */
+    int64_t least_ns;
+} igh_mcan_schedule_margin_t;
+
+/**
+ * What became of a channel's scheduled frames. `scheduled` is the sum of `sent` to `open`; all but
+ * `open` only grow.
+ */
+typedef struct {
+    /** Frames that were taken. */
+    uint64_t scheduled;
+    /** Frames that left at their phase. */
+    uint64_t sent;
+    /** Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT. */
+    uint64_t late_dropped;
+    /** Frames that found the gateway's schedule full. Needs TX_RESULT. */
+    uint64_t queue_full;
+    /** Frames that the gateway did not take for another reason. Needs TX_RESULT. */
+    uint64_t not_sent;
+    /** Frames that never left the host. */
+    uint64_t withdrawn;
+    /** Frames of which it cannot be told. */
+    uint64_t unknown;
+    /** Frames of which it is not told yet. */
+    uint64_t open;
+    /** Frames that were refused since their cycle had begun too late for the phase. */
+    uint64_t refused_late;
+    /** Frames among `scheduled` that were taken without margin. */
+    uint64_t without_margin;
+} igh_mcan_schedule_account_t;
+
+/** Counters of one channel, 0x9020 to 0x9023 (manual 13.2.5). */
+typedef struct {
+    /** :11 Times that the controller's FIFO was full. */
+    uint32_t fifo_full;
+    /** :12 Frames dropped as stale. */
+    uint32_t stale_drops;
+    /** :13 Times that the channel went off the bus. */
+    uint32_t bus_offs;
+} igh_mcan_channel_drops_t;
+
+/** What a gateway tells of its scheduled transmission. */
+typedef struct {
+    /** When the reading ended, on the clock of ecan_igh_now_ns(). */
+    uint64_t read_at_ns;
+    /** Per channel; all 0 for one that is not enabled. */
+    igh_mcan_channel_drops_t channels[ECAN_MCAN_CHANNELS];
+    /** 0x9011:02 Sync0 pulses counted. */
+    uint32_t sync0_count;
+    /**
+     * 0x9011:04 Smallest distance from a Sync0 pulse to the arrival of an image, in CPU cycles of
+     * the gateway (0x8000:04).
+     */
+    int32_t phase_min_cycles;
+    /** 0x9011:05 Largest such distance. */
+    int32_t phase_max_cycles;
+    /** 0x9011:13 Longest service of scheduled frames, in CPU cycles. */
+    uint32_t service_max_cycles;
+    /**
+     * 0xB000:06 IGH_MCAN_SCHEDULE_ values and others (manual 13.7); they stay until they are
+     * cleared.
+     */
+    uint16_t flags;
+    /** Not used. */
+    uint8_t reserved[6];
+} igh_mcan_schedule_diagnostics_t;
+
+/**
+ * Fills the settings with their defaults.
+ *
+ * @usage   rt, any thread, any time
+ * @return  ECAN_OK, ECAN_ERR_NULL.
+ */
+int igh_mcan_port_default_schedule(igh_mcan_schedule_settings_t *settings);
+
+/**
+ * Sets them for a gateway.
+ *
+ * @usage   not rt, any thread, before apply
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+ */
+int igh_mcan_port_set_schedule(igh_mcan_port_config_t *config,
+                               size_t slave,
+                               const igh_mcan_schedule_settings_t *settings);
+
+/**
+ * The margin that an offset has against cycle, wire and firmware.
+ *
+ * @param offset_ns  Behind Sync0, in nanoseconds.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK, whatever the margin is; ECAN_ERR_SCHEDULE for an offset that cannot be
+ *          scheduled at all; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+ */
+int igh_mcan_port_get_schedule_margin(igh_mcan_port_t *port,
+                                      size_t slave,
+                                      uint32_t offset_ns,
+                                      igh_mcan_schedule_margin_t *margin);
+
+/**
+ * What became of a channel's scheduled frames.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
+ *          ECAN_ERR_CHANNEL.
+ */
+int igh_mcan_port_get_schedule_account(igh_mcan_port_t *port,
+                                       size_t slave,
+                                       uint8_t channel,
+                                       igh_mcan_schedule_account_t *account);
+
+/**
+ * The last look at what the gateway tells of scheduled transmission.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK; ECAN_ERR_NOT_READY before the first look of this session; ECAN_ERR_NULL,
+ *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+ */
+int igh_mcan_port_get_schedule_diagnostics(igh_mcan_port_t *port,
+                                           size_t slave,
+                                           igh_mcan_schedule_diagnostics_t *diagnostics);
+
+/**
+ * Has the gateway clear the flags of 0xB000:06, and with them its other runtime diagnostics, in the
+ * cycles to come (manual 13.7, bit 5).
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+ */
+int igh_mcan_port_clear_schedule_flags(igh_mcan_port_t *port, size_t slave);
+
+/* ---------------------------------------------------------------------------
  * State of gateways and channels
  * --------------------------------------------------------------------------- */
 

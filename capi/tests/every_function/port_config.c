@@ -6,6 +6,7 @@ static ecan_igh_config_t igh_config;
 /* Every function of a configuration refuses what is none. */
 static void no_config(int code, igh_mcan_port_config_t *config)
 {
+    igh_mcan_schedule_settings_t schedule = {0};
     uint32_t value;
     BAD(code, igh_mcan_port_apply_config(&igh_config, config));
     BAD(code, igh_mcan_port_check_config(&igh_config, config));
@@ -25,12 +26,14 @@ static void no_config(int code, igh_mcan_port_config_t *config)
     BAD(code, igh_mcan_port_set_budget(config, 0, 0, 0));
     BAD(code, igh_mcan_port_set_options(config, 0, 0, 0));
     BAD(code, igh_mcan_port_set_paced(config, 0, 1));
+    BAD(code, igh_mcan_port_set_schedule(config, 0, &schedule));
     BAD(code, igh_mcan_port_set_limits(config, 0, 10, 100));
     BAD(code, igh_mcan_port_allow_diagnostic_tests(config, 0, 0));
 }
 
 static void wrong_slave(igh_mcan_port_config_t *config, size_t slave)
 {
+    igh_mcan_schedule_settings_t schedule = {0};
     uint32_t value;
     const int code = ECAN_ERR_SLAVE;
     BAD(code, igh_mcan_port_set_channel_mask(config, slave, 1, 0));
@@ -49,6 +52,7 @@ static void wrong_slave(igh_mcan_port_config_t *config, size_t slave)
     BAD(code, igh_mcan_port_set_budget(config, slave, 0, 0));
     BAD(code, igh_mcan_port_set_options(config, slave, 0, 0));
     BAD(code, igh_mcan_port_set_paced(config, slave, 1));
+    BAD(code, igh_mcan_port_set_schedule(config, slave, &schedule));
     BAD(code, igh_mcan_port_set_limits(config, slave, 10, 100));
     BAD(code, igh_mcan_port_allow_diagnostic_tests(config, slave, 0));
 }
@@ -162,6 +166,7 @@ static void filters(igh_mcan_port_config_t *config)
 
 static void gateway(igh_mcan_port_config_t *config)
 {
+    igh_mcan_schedule_settings_t schedule = {0};
     static const int NO_ENCAPSULATIONS[] = {-1, 2, 3, 6, 256};
     for (size_t i = 0; i < ITEMS(NO_ENCAPSULATIONS); i++) {
         BAD(ECAN_ERR_ARGUMENT,
@@ -185,6 +190,12 @@ static void gateway(igh_mcan_port_config_t *config)
     GOOD(igh_mcan_port_set_options(config, 0, IGH_MCAN_OPTION_TX_RESULT, 0));
     GOOD(igh_mcan_port_check_config(&igh_config, config));
     GOOD(igh_mcan_port_set_options(config, 0, 0, 0));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_default_schedule(NULL));
+    GOOD(igh_mcan_port_default_schedule(&schedule));
+    SAME(100, schedule.watch_ms);
+    SAME(0, schedule.refuse_without_margin);
+    BAD(ECAN_ERR_NULL, igh_mcan_port_set_schedule(config, 0, NULL));
+    GOOD(igh_mcan_port_set_schedule(config, 0, &schedule));
     GOOD(igh_mcan_port_set_paced(config, 0, 0));
     GOOD(igh_mcan_port_set_paced(config, 0, -1));
     GOOD(igh_mcan_port_set_limits(config, 0, 1, 0));

@@ -16,6 +16,9 @@ static void no_port(int code, igh_mcan_port_t *port)
     igh_mcan_pdo_parse_diag_t diag;
     igh_mcan_channel_status_t status;
     igh_mcan_statistics_t statistics;
+    igh_mcan_schedule_margin_t margin;
+    igh_mcan_schedule_account_t account;
+    igh_mcan_schedule_diagnostics_t schedule;
     igh_mcan_channel_statistics_t channel_statistics;
     igh_mcan_capabilities_t capabilities;
     size_t count;
@@ -43,6 +46,10 @@ static void no_port(int code, igh_mcan_port_t *port)
     BAD(code, igh_mcan_port_get_channel_status(port, 0, 0, &status));
     BAD(code, igh_mcan_port_get_statistics(port, 0, &statistics));
     BAD(code, igh_mcan_port_get_channel_statistics(port, 0, 0, &channel_statistics));
+    BAD(code, igh_mcan_port_get_schedule_margin(port, 0, 0, &margin));
+    BAD(code, igh_mcan_port_get_schedule_account(port, 0, 0, &account));
+    BAD(code, igh_mcan_port_get_schedule_diagnostics(port, 0, &schedule));
+    BAD(code, igh_mcan_port_clear_schedule_flags(port, 0));
     BAD(code, igh_mcan_port_get_capabilities(port, 0, &capabilities));
     if (port == NULL) {
         BAD(code, igh_mcan_port_deinit(port));

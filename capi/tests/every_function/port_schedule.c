@@ -11,6 +11,10 @@ void test_port_schedule(void)
     igh_mcan_port_t port;
     igh_mcan_rx_frame_t rx[16];
     igh_mcan_tx_frame_t tx;
+    igh_mcan_schedule_settings_t schedule;
+    igh_mcan_schedule_margin_t margin;
+    igh_mcan_schedule_account_t account;
+    igh_mcan_schedule_diagnostics_t diagnostics;
     size_t count;
     int echoes = 0;
     int sent = 0;
@@ -20,8 +24,12 @@ void test_port_schedule(void)
     GOOD(ecan_igh_config_set_dc_assign_activate(&igh_config, 0x0300));
     GOOD(igh_mcan_port_default_config(&config));
     GOOD(igh_mcan_port_set_channel_mask(&config, 0, 0x03, 0x02));
+    GOOD(igh_mcan_port_default_schedule(&schedule));
+    schedule.watch_ms = 10;
+    GOOD(igh_mcan_port_set_schedule(&config, 0, &schedule));
+    GOOD(igh_mcan_port_set_options(&config, 0, IGH_MCAN_OPTION_TX_RESULT, 0));
     SAME(0, start_port(&igh, &port, &igh_config, &config));
-    for (int cycle = 0; cycle < 200; cycle++) {
+    for (int cycle = 0; cycle < 500; cycle++) {
         GOOD(igh_mcan_port_wait_next_cycle(&port));
         GOOD(igh_mcan_port_cycle_begin(&port));
         GOOD(igh_mcan_port_receive(&port, rx, ITEMS(rx), &count));
@@ -54,6 +62,31 @@ void test_port_schedule(void)
     }
     SAME(150, sent);
     SAME(sent, echoes);
+    GOOD(igh_mcan_port_get_schedule_account(&port, 0, 0, &account));
+    SAME(100, account.scheduled);
+    SAME(100, account.sent);
+    SAME(0, account.open);
+    GOOD(igh_mcan_port_get_schedule_account(&port, 0, 1, &account));
+    SAME(50, account.sent);
+    SAME(0, account.late_dropped);
+    BAD(ECAN_ERR_CHANNEL, igh_mcan_port_get_schedule_account(&port, 0, 4, &account));
+    BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_schedule_account(&port, 1, 0, &account));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_get_schedule_account(&port, 0, 0, NULL));
+    GOOD(igh_mcan_port_get_schedule_diagnostics(&port, 0, &diagnostics));
+    SAME(0, diagnostics.flags & (IGH_MCAN_SCHEDULE_LATE_DROP | IGH_MCAN_SCHEDULE_QUEUE_FULL |
+                                 IGH_MCAN_SCHEDULE_TX_FAIL | IGH_MCAN_SCHEDULE_TIMER_MISS));
+    TRUE(diagnostics.read_at_ns > 0 && diagnostics.sync0_count > 100);
+    BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_schedule_diagnostics(&port, 1, &diagnostics));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_get_schedule_diagnostics(&port, 0, NULL));
+    GOOD(igh_mcan_port_clear_schedule_flags(&port, 0));
+    BAD(ECAN_ERR_SLAVE, igh_mcan_port_clear_schedule_flags(&port, 1));
+    GOOD(igh_mcan_port_get_schedule_margin(&port, 0, 100000, &margin));
+    SAME(700000, margin.pulse_ns);
+    SAME(800000, margin.release_ns);
+    TRUE(margin.least_ns > 0 && margin.latest_arrival_ns < margin.pulse_ns);
+    BAD(ECAN_ERR_SCHEDULE, igh_mcan_port_get_schedule_margin(&port, 0, 1000000, &margin));
+    BAD(ECAN_ERR_SLAVE, igh_mcan_port_get_schedule_margin(&port, 1, 100000, &margin));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_get_schedule_margin(&port, 0, 100000, NULL));
     BAD(ECAN_ERR_ORDER, igh_mcan_port_schedule_can(&port, 0, 0, 0x321, 0, DATA, 8, 1, 1));
     BAD(ECAN_ERR_ORDER, igh_mcan_port_schedule_canfd(&port, 0, 1, 0x321, 0, DATA, 8, 1, 1));
     GOOD(igh_mcan_port_deinit(&port));

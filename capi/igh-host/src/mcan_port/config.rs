@@ -54,6 +54,7 @@ pub(crate) struct GatewayPlain {
     pub(crate) paced: bool,
     pub(crate) hold_limit: u16,
     pub(crate) input_limit: u16,
+    pub(crate) schedule: ScheduleSettings,
     pub(crate) allow_diagnostic_tests: bool,
 }
 
@@ -90,7 +91,7 @@ impl PortPlain {
             paced,
             hold_limit,
             input_limit,
-            schedule: _,
+            schedule,
             allow_diagnostic_tests,
         } = GatewayConfig::default();
         let gateway = GatewayPlain {
@@ -104,6 +105,7 @@ impl PortPlain {
             paced,
             hold_limit,
             input_limit,
+            schedule,
             allow_diagnostic_tests,
         };
         Self { gateways: [gateway; ECAN_IGH_MAX_SLAVES], filters: [None; IGH_MCAN_MAX_FILTERS] }
@@ -225,7 +227,7 @@ impl GatewayPlain {
             paced: self.paced,
             hold_limit: self.hold_limit,
             input_limit: self.input_limit,
-            schedule: ScheduleSettings::default(),
+            schedule: self.schedule,
             allow_diagnostic_tests: self.allow_diagnostic_tests,
         }
     }
