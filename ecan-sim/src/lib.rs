@@ -77,4 +77,4 @@ pub use scenario::{
     NodeSpec, Scenario, ScenarioError, Topology, drives, echo,
 };
 pub use simulation::Simulation;
-pub use world::World;
+pub use world::{BusFrame, World};

@@ -6,6 +6,7 @@ mod can_side;
 mod drives;
 mod line;
 mod node_slot;
+mod recording;
 
 use ecan_protocol::CHANNELS;
 
@@ -16,6 +17,9 @@ use crate::scenario::{Scenario, Topology};
 use crate::world::can_side::BusSlot;
 use crate::world::line::{ChannelLink, LineSlot};
 use crate::world::node_slot::NodeSlot;
+use crate::world::recording::Recording;
+
+pub use recording::BusFrame;
 
 pub(crate) use line::{CycleFate, Fmmu, LogicalCommand, ProcessDirection};
 
@@ -45,6 +49,7 @@ pub struct World {
     requests_held_until: u64,
     cycle: u64,
     events: Vec<BusEvent>,
+    recording: Option<Recording>,
 }
 
 impl World {
@@ -67,6 +72,7 @@ impl World {
             requests_held_until: 0,
             cycle: 0,
             events: Vec::with_capacity(64),
+            recording: None,
         };
         for (position, spec) in scenario.gateways.iter().enumerate() {
             let links = std::array::from_fn::<_, CHANNELS, _>(|channel| {

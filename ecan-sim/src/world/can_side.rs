@@ -187,6 +187,9 @@ impl World {
 
     fn deliver(&mut self, bus: usize, event: &BusEvent) {
         let now = self.now;
+        if let Some(recording) = &mut self.recording {
+            recording.note(bus, event);
+        }
         let owner = |station: StationId| {
             self.buses.get(bus).and_then(|slot| slot.owners.get(station.index())).copied()
         };
