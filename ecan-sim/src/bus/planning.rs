@@ -49,12 +49,24 @@ pub(super) struct Transmission {
 }
 
 impl CanBus {
-    /// Plans the next transmission anew, unless one is under way.
-    pub(super) fn replan(&mut self) {
-        if self.current.as_ref().is_some_and(|t| t.start < self.now) {
-            return;
+    /// Plans the next transmission anew, unless one is under way, and foretells what ends next.
+    pub(crate) fn replan(&mut self) {
+        if self.current.as_ref().is_none_or(|t| t.start >= self.now) {
+            self.current = self.plan();
         }
-        self.current = self.plan();
+        let mut next = self.current.as_ref().map(|t| t.end);
+        self.has_asides = false;
+        for station in &self.stations {
+            if station.local.is_none() && station.recovery.is_none() {
+                continue;
+            }
+            self.has_asides = true;
+            let local = station.local.as_ref().map(|local| local.end);
+            for at in [local, self.recovery_end(station)].into_iter().flatten() {
+                next = Some(next.map_or(at, |other| other.min(at)));
+            }
+        }
+        self.next_end = next;
     }
 
     fn plan(&self) -> Option<Transmission> {

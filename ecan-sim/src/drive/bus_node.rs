@@ -260,6 +260,15 @@ impl Drive {
         }
     }
 
+    /// A frame has been received; false if it means nothing to this drive, and nothing changed.
+    pub(crate) fn takes(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
+        let concerns = self.concerns(frame);
+        if concerns {
+            self.act(now, out, |drive, out| drive.frame(frame, out));
+        }
+        concerns
+    }
+
     /// Whether a frame means anything to this drive.
     fn concerns(&self, frame: &CanFrame) -> bool {
         let id = frame.id();
@@ -281,9 +290,7 @@ impl Node for Drive {
     }
 
     fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
-        if self.concerns(frame) {
-            self.act(now, out, |drive, out| drive.frame(frame, out));
-        }
+        self.takes(now, frame, out);
     }
 
     fn transmitted(&mut self, _now: u64, frame: &CanFrame, out: &mut NodeOutput) {

@@ -129,6 +129,7 @@ pub struct Gateway {
     results: ResultQueue,
     schedule: ScheduleQueue,
     // beside the firmware
+    acts: u64,
     faults: PendingFaults,
     truth: Truth,
 }
@@ -173,6 +174,7 @@ impl Gateway {
             builder: TxPdoBuilder::new(),
             results: ResultQueue::new(),
             schedule: ScheduleQueue::new(),
+            acts: 0,
             faults: PendingFaults::default(),
             truth: Truth::default(),
         };
@@ -271,8 +273,14 @@ impl Gateway {
         self.now = self.now.max(now);
     }
 
+    /// Counts what the gateway did by itself, so that its owner sees whether it did anything.
+    pub(crate) fn acts(&self) -> u64 {
+        self.acts
+    }
+
     /// Does the first of what is due at the present instant.
     fn act(&mut self) {
+        self.acts += 1;
         let now = self.now;
         let due = |time: Option<u64>| time.is_some_and(|time| time <= now);
         if let Power::Booting { until } = self.power {

@@ -31,6 +31,17 @@ impl NodeBody {
         }
     }
 
+    /// A frame has been received. Whether it meant anything to the node.
+    pub(super) fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
+        match self {
+            Self::Drive(drive) => drive.takes(now, frame, out),
+            Self::Other(node) => {
+                node.received(now, frame, out);
+                true
+            }
+        }
+    }
+
     pub(super) fn as_node_mut(&mut self) -> &mut dyn Node {
         match self {
             Self::Drive(drive) => &mut **drive,
@@ -53,6 +64,8 @@ pub(super) struct NodeSlot {
     pub(super) output: NodeOutput,
     pub(super) muted_until: u64,
     pub(super) next: u64,
+    /// Something has happened to it on the bus, so that its output has to be looked at.
+    pub(super) is_concerned: bool,
     /// Taken off the bus for good.
     pub(super) detached: bool,
     /// What is known of it if it is a bridge.
@@ -106,6 +119,7 @@ impl NodeSlot {
             output: NodeOutput::new(),
             muted_until: 0,
             next: NEVER,
+            is_concerned: false,
             detached: false,
             bridge: None,
         }
