@@ -18,6 +18,7 @@ use super::pdo::{ReceivePdo, TransmitPdo, numbers};
 use super::sdo_server::{BlockSupport, Bytes};
 use super::settings::{DriveSettings, SdoRule};
 use super::slots::Slots;
+use crate::earliest::earliest;
 use crate::node::NodeOutput;
 
 /// Heartbeat of another node is missing.
@@ -430,18 +431,19 @@ impl Device {
         let answer = self.answers.front().map(|(at, _)| *at);
         let emergency = self.emergency.next_event().filter(|_| self.network.communicates());
         let operational = self.network.state() == NmtState::Operational;
-        let late = self.receive.iter().filter_map(|pdo| pdo.deadline).min();
-        let events = self.transmit.iter().filter_map(|pdo| pdo.next_event(self.now)).min();
-        [
+        let late = earliest(self.receive.iter().map(|pdo| pdo.deadline));
+        let events = if operational {
+            earliest(self.transmit.iter().map(|pdo| pdo.next_event(self.now)))
+        } else {
+            None
+        };
+        earliest([
             self.network.next_event(),
             self.axis.next_event(),
             answer,
             emergency,
             late,
-            events.filter(|_| operational),
-        ]
-        .into_iter()
-        .flatten()
-        .min()
+            events,
+        ])
     }
 }

@@ -42,6 +42,8 @@ use ecan_protocol::{
     OptionFlags, Sides,
 };
 
+use crate::earliest::earliest;
+
 use channel::Channel;
 use channel_control::FilterLists;
 use cycle_performance::CyclePerformance;
@@ -249,7 +251,7 @@ impl Gateway {
         match self.power {
             Power::Off => None,
             Power::Booting { until } => Some(until),
-            Power::On => [
+            Power::On => earliest([
                 self.service_time(),
                 self.idle_service_time(),
                 self.watchdog_expiry(),
@@ -257,10 +259,7 @@ impl Gateway {
                 self.awaited_sync(),
                 self.release_time(),
                 self.maintenance.mode_ends(),
-            ]
-            .into_iter()
-            .flatten()
-            .min(),
+            ]),
         }
     }
 

@@ -4,6 +4,7 @@ use ecan_protocol::CHANNELS;
 
 use crate::bus::{BusEvent, BusFault, CanBus, StationConfig, StationId, StationMode};
 use crate::world::line::LineSlot;
+use crate::world::node_slot::NodeSlot;
 use crate::world::{NEVER, World};
 
 /// Who a station belongs to.
@@ -114,6 +115,12 @@ impl World {
         }
     }
 
+    /// Adds a node that is not started yet.
+    pub(super) fn add_node(&mut self, node: NodeSlot) {
+        self.nodes.push(node);
+        self.nodes_due.push(NEVER);
+    }
+
     /// Starts a node that has bit rates of its own.
     pub(super) fn start_fixed_node(&mut self, index: usize) {
         if let Some(config) = self.nodes.get(index).and_then(|node| node.fixed) {
@@ -138,8 +145,10 @@ impl World {
 
     pub(super) fn run_node(&mut self, index: usize) {
         let now = self.now;
-        let Some(slot) = self.nodes.get_mut(index) else { return };
-        if slot.next <= now {
+        if self.nodes_due.get(index).is_none_or(|due| *due > now) {
+            return;
+        }
+        if let Some(slot) = self.nodes.get_mut(index) {
             slot.node.as_node_mut().advance(now, &mut slot.output);
             self.collect_output(index);
         }
@@ -164,7 +173,9 @@ impl World {
         if now < slot.muted_until || config.is_none() {
             slot.output.clear();
         }
-        slot.next = slot.node.as_node().next_event().map_or(NEVER, |at| at.max(now + 1));
+        if let Some(due) = self.nodes_due.get_mut(index) {
+            *due = slot.node.as_node().next_event().map_or(NEVER, |at| at.max(now + 1));
+        }
         let Some(bus) = self.buses.get_mut(slot.bus) else { return };
         if bus.bus.config(slot.station) != config {
             bus.bus.configure(now, slot.station, config);

@@ -8,7 +8,6 @@ use crate::bus::{StationConfig, StationId};
 use crate::drive::Drive;
 use crate::node::{EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayNode, SilentNode};
 use crate::scenario::{DriveSpec, NodeKind, NodeSpec};
-use crate::world::NEVER;
 
 /// A node; drives are kept apart because tests look into them and faults strike them.
 pub(super) enum NodeBody {
@@ -63,7 +62,6 @@ pub(super) struct NodeSlot {
     /// Frames that wait for the bus.
     pub(super) output: NodeOutput,
     pub(super) muted_until: u64,
-    pub(super) next: u64,
     /// Something has happened to it on the bus, so that its output has to be looked at.
     pub(super) is_concerned: bool,
     /// Taken off the bus for good.
@@ -118,7 +116,6 @@ impl NodeSlot {
             config: None,
             output: NodeOutput::new(),
             muted_until: 0,
-            next: NEVER,
             is_concerned: false,
             detached: false,
             bridge: None,
