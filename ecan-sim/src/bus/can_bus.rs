@@ -35,7 +35,7 @@ pub struct CanBus {
     pub(super) report_due: bool,
     /// When something ends next, as of the last planning.
     pub(super) next_end: Option<u64>,
-    /// Whether a station sends to itself or is on its way back from bus-off, as of then.
+    /// Whether a station may be sending to itself or be on its way back from bus-off.
     pub(super) has_asides: bool,
 }
 
@@ -138,6 +138,7 @@ impl CanBus {
             let start = now.max(slot.active_from).max(slot.local_free_at);
             slot.local =
                 Some(LocalTransmission { frame, start, end: start + config.duration_ns(&timing) });
+            self.has_asides = true;
             return true;
         }
         slot.offer = Some(Offer {
@@ -301,6 +302,7 @@ impl CanBus {
             (slot.counters.is_bus_off(), slot.recovery, &slot.config)
         {
             slot.recovery = Some(Recovery::start(now, config));
+            self.has_asides = true;
             self.replan();
         }
     }

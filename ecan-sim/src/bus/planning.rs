@@ -2,6 +2,8 @@
 
 use ecan_protocol::CanFrame;
 
+use crate::earliest::earliest;
+
 use super::CanBus;
 use super::error_confinement::BusError;
 use super::frame_timing::{FrameTiming, bits_ns};
@@ -55,15 +57,12 @@ impl CanBus {
             self.current = self.plan();
         }
         let mut next = self.current.as_ref().map(|t| t.end);
-        self.has_asides = false;
-        for station in &self.stations {
-            if station.local.is_none() && station.recovery.is_none() {
-                continue;
-            }
-            self.has_asides = true;
-            let local = station.local.as_ref().map(|local| local.end);
-            for at in [local, self.recovery_end(station)].into_iter().flatten() {
-                next = Some(next.map_or(at, |other| other.min(at)));
+        if self.has_asides {
+            self.has_asides = false;
+            for station in &self.stations {
+                self.has_asides |= station.local.is_some() || station.recovery.is_some();
+                let local = station.local.as_ref().map(|local| local.end);
+                next = earliest([next, local, self.recovery_end(station)]);
             }
         }
         self.next_end = next;

@@ -157,17 +157,20 @@ impl World {
     /// Takes what a node wants to send and puts its first frame into arbitration. Also takes its
     /// controller off the bus and puts it back.
     pub(super) fn collect_output(&mut self, index: usize) {
-        self.collect_unplanned(index);
+        let changed = self.collect_unplanned(index);
         let bus = self.nodes.get(index).map(|slot| slot.bus);
         if let Some(bus) = bus.and_then(|bus| self.buses.get_mut(bus)) {
-            bus.replan();
+            if changed {
+                bus.bus.replan();
+            }
+            bus.refresh();
         }
     }
 
-    /// The same for one of several nodes of a bus, which is to be planned anew afterwards.
-    fn collect_unplanned(&mut self, index: usize) {
+    /// The same for one of several nodes of a bus. Whether the bus is to be planned anew.
+    fn collect_unplanned(&mut self, index: usize) -> bool {
         let now = self.now;
-        let Some(slot) = self.nodes.get_mut(index) else { return };
+        let Some(slot) = self.nodes.get_mut(index) else { return false };
         slot.is_concerned = false;
         let config = slot.config.filter(|_| slot.node.as_node().is_on_bus());
         if now < slot.muted_until || config.is_none() {
@@ -176,7 +179,7 @@ impl World {
         if let Some(due) = self.nodes_due.get_mut(index) {
             *due = slot.node.as_node().next_event().map_or(NEVER, |at| at.max(now + 1));
         }
-        let Some(bus) = self.buses.get_mut(slot.bus) else { return };
+        let Some(bus) = self.buses.get_mut(slot.bus) else { return false };
         if bus.bus.config(slot.station) != config {
             bus.bus.configure(now, slot.station, config);
         }
@@ -185,7 +188,9 @@ impl World {
             && bus.bus.offer_unplanned(now, slot.station, frame)
         {
             slot.output.pop();
+            return true;
         }
+        false
     }
 
     fn refresh_bus(&mut self, index: usize) {
