@@ -53,6 +53,10 @@ pub(super) struct Device {
     pub(super) axis: Axis,
     pub(super) receive: Vec<ReceivePdo>,
     pub(super) transmit: Vec<TransmitPdo>,
+    /// Whether a PDO exists that is received in time, or sent on events: synchronous ones need not
+    /// be looked at when it comes to what is due.
+    has_timed_pdos: bool,
+    has_event_pdos: bool,
     pub(super) sync_id: Option<CanId>,
     /// Rules about SDO transfers, and how often each may still strike.
     pub(super) rules: Vec<(SdoRule, Option<u32>)>,
@@ -92,6 +96,8 @@ impl Device {
             transmit: numbers(&objects, object::TPDO_COMMUNICATION)
                 .map(|number| TransmitPdo::load(&objects, number))
                 .collect(),
+            has_timed_pdos: false,
+            has_event_pdos: false,
             sync_id: None,
             rules: settings.quirks.sdo_rules.iter().map(|rule| (*rule, rule.times)).collect(),
             answers: VecDeque::with_capacity(ANSWERS),
@@ -179,6 +185,7 @@ impl Device {
         for pdo in &mut self.transmit {
             *pdo = TransmitPdo::load(&self.objects, pdo.number);
         }
+        self.note_pdos();
         self.load_sync();
         self.network.load_watches(&self.objects);
         let mode = self.objects.number(object::MODE_OF_OPERATION, 0).unwrap_or(0) as i8;
@@ -189,6 +196,12 @@ impl Device {
     pub(super) fn load_parameters(&mut self) {
         self.parameters = Parameters::read(&self.objects, self.axis.motor());
         self.axis.limit_torque(&self.parameters);
+    }
+
+    /// To be called when PDOs have been loaded.
+    pub(super) fn note_pdos(&mut self) {
+        self.has_timed_pdos = self.receive.iter().any(ReceivePdo::is_timed);
+        self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
     }
 
     pub(super) fn load_sync(&mut self) {
@@ -352,7 +365,7 @@ impl Device {
             None => {}
         }
         let operational = self.network.state() == NmtState::Operational;
-        if operational && self.transmit.iter().any(TransmitPdo::is_event_driven) {
+        if operational && self.has_event_pdos {
             self.publish();
             self.send_events(out);
         }
@@ -431,8 +444,12 @@ impl Device {
         let answer = self.answers.front().map(|(at, _)| *at);
         let emergency = self.emergency.next_event().filter(|_| self.network.communicates());
         let operational = self.network.state() == NmtState::Operational;
-        let late = earliest(self.receive.iter().map(|pdo| pdo.deadline));
-        let events = if operational {
+        let late = if self.has_timed_pdos {
+            earliest(self.receive.iter().map(|pdo| pdo.deadline))
+        } else {
+            None
+        };
+        let events = if operational && self.has_event_pdos {
             earliest(self.transmit.iter().map(|pdo| pdo.next_event(self.now)))
         } else {
             None

@@ -111,6 +111,11 @@ impl ReceivePdo {
         }
     }
 
+    /// Whether it has a timer.
+    pub(super) const fn is_timed(&self) -> bool {
+        self.timer_ns > 0
+    }
+
     /// Winds the timer up when a frame has come.
     pub(super) fn rewind(&mut self, now: u64) {
         self.deadline = (self.timer_ns > 0).then(|| now.saturating_add(self.timer_ns));
