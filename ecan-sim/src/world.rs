@@ -234,11 +234,18 @@ impl World {
 
     /// When something happens next by itself, if ever.
     pub(crate) fn next_event(&self) -> u64 {
-        let buses = self.buses.iter().map(|slot| slot.next);
-        let nodes = self.nodes_due.iter().copied();
-        let slots = self.slots.iter().map(|slot| slot.next.min(slot.power_on_at.unwrap_or(NEVER)));
-        let faults = self.script.next_time().unwrap_or(NEVER);
-        buses.chain(nodes).chain(slots).min().unwrap_or(NEVER).min(faults)
+        // One plain loop for each: this runs at every instant.
+        let mut next = self.script.next_time().unwrap_or(NEVER);
+        for due in &self.nodes_due {
+            next = next.min(*due);
+        }
+        for slot in &self.buses {
+            next = next.min(slot.next);
+        }
+        for slot in &self.slots {
+            next = next.min(slot.next).min(slot.power_on_at.unwrap_or(NEVER));
+        }
+        next
     }
 
     /// Lets time pass up to `to`, ns. An earlier time does nothing.

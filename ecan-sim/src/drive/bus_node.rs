@@ -272,14 +272,14 @@ impl Drive {
     /// Whether a frame means anything to this drive.
     fn concerns(&self, frame: &CanFrame) -> bool {
         let id = frame.id();
-        let service = match CobId::classify(id) {
+        let is_service = || match CobId::classify(id) {
             Some(Service::Nmt | Service::Heartbeat(_)) => true,
             Some(Service::SdoClient(server)) => server == self.node_id(),
             _ => false,
         };
         frame.kind() == FrameKind::Data
             && self.device.network.state() != NmtState::Initialising
-            && (service || self.device.sync_id == Some(id) || self.device.receives(id))
+            && (self.device.sync_id == Some(id) || self.device.receives(id) || is_service())
     }
 }
 

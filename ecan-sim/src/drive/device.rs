@@ -57,6 +57,8 @@ pub(super) struct Device {
     /// be looked at when it comes to what is due.
     has_timed_pdos: bool,
     has_event_pdos: bool,
+    /// Identifiers of the PDOs that are received.
+    pub(super) receive_ids: Vec<CanId>,
     pub(super) sync_id: Option<CanId>,
     /// Rules about SDO transfers, and how often each may still strike.
     pub(super) rules: Vec<(SdoRule, Option<u32>)>,
@@ -98,6 +100,7 @@ impl Device {
                 .collect(),
             has_timed_pdos: false,
             has_event_pdos: false,
+            receive_ids: Vec::new(),
             sync_id: None,
             rules: settings.quirks.sdo_rules.iter().map(|rule| (*rule, rule.times)).collect(),
             answers: VecDeque::with_capacity(ANSWERS),
@@ -202,6 +205,9 @@ impl Device {
     pub(super) fn note_pdos(&mut self) {
         self.has_timed_pdos = self.receive.iter().any(ReceivePdo::is_timed);
         self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
+        self.receive_ids.clear();
+        self.receive_ids.reserve(self.receive.len());
+        self.receive_ids.extend(self.receive.iter().filter_map(|pdo| pdo.id));
     }
 
     pub(super) fn load_sync(&mut self) {
