@@ -88,8 +88,11 @@ impl CanBus {
         }
         let (transmitter, key, (offer, config)) = winner?;
         let station = self.stations.get(transmitter)?;
-        let frame = config.on_wire(offer.frame, station.counters.is_passive());
-        let timing = if frame == offer.frame { offer.timing } else { FrameTiming::of(&frame) };
+        let (mut frame, mut timing) = (offer.frame, offer.timing);
+        if station.counters.is_passive() {
+            frame = config.on_wire(frame, true);
+            timing = FrameTiming::of(&frame);
+        }
         let mut planned = Transmission {
             transmitter,
             config: *config,
