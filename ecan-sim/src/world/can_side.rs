@@ -286,12 +286,12 @@ impl World {
                     self.tell_bus_state(gateway, channel);
                     self.touch_after_event(gateway, channel);
                 }
-                Some(Owner::Node(index)) => {
-                    if self.nodes.get(index).is_some_and(|slot| slot.is_concerned) {
-                        self.recover_node(index);
-                    }
+                Some(Owner::Node(index))
+                    if self.nodes.get(index).is_some_and(|slot| slot.is_concerned) =>
+                {
+                    self.recover_node(index);
                 }
-                None => {}
+                Some(Owner::Node(_)) | None => {}
             }
         }
         if let Some(slot) = self.buses.get_mut(bus) {
