@@ -65,6 +65,7 @@ const fn frame_bits(id: CanId, kind: FrameKind, dlc: Dlc) -> u16 {
     ide | format | (dlc.value() as u16) << 3
 }
 
+#[inline]
 const fn kind_of(bits: u16) -> FrameKind {
     let word = ControlWord(bits);
     if word.has(ControlWord::FDF) {

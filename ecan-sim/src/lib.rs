@@ -38,6 +38,7 @@ pub use bridge::{
 // World and ecrt front
 mod backend;
 mod clock;
+mod earliest;
 mod ecrt;
 mod fault;
 mod random;

@@ -40,6 +40,9 @@ pub struct World {
     slots: Vec<LineSlot>,
     buses: Vec<BusSlot>,
     nodes: Vec<NodeSlot>,
+    /// When each node wants to act by itself. Not in the nodes, since it is looked through at every
+    /// instant.
+    nodes_due: Vec<u64>,
     script: FaultScript,
     lost: (Option<LostWay>, u32),
     counter_offset: (i32, u32),
@@ -65,6 +68,7 @@ impl World {
             slots: Vec::with_capacity(scenario.gateways.len()),
             buses: Vec::new(),
             nodes: Vec::with_capacity(scenario.nodes.len()),
+            nodes_due: Vec::with_capacity(scenario.nodes.len()),
             script: FaultScript::default(),
             lost: (None, 0),
             counter_offset: (0, 0),
@@ -88,7 +92,7 @@ impl World {
         for (index, spec) in scenario.nodes.iter().enumerate() {
             let (bus, station) = world.attach(&spec.bus, can_side::Owner::Node(index));
             let seed = scenario.seed.rotate_left(17) ^ 0xD1B5_4A32_D192_ED03 ^ index as u64;
-            world.nodes.push(NodeSlot::new(spec, bus, station, seed)?);
+            world.add_node(NodeSlot::new(spec, bus, station, seed)?);
         }
         for index in 0..world.nodes.len() {
             world.start_fixed_node(index);
@@ -230,11 +234,18 @@ impl World {
 
     /// When something happens next by itself, if ever.
     pub(crate) fn next_event(&self) -> u64 {
-        let buses = self.buses.iter().map(|slot| slot.next);
-        let nodes = self.nodes.iter().map(|slot| slot.next);
-        let slots = self.slots.iter().map(|slot| slot.next.min(slot.power_on_at.unwrap_or(NEVER)));
-        let faults = self.script.next_time().unwrap_or(NEVER);
-        buses.chain(nodes).chain(slots).min().unwrap_or(NEVER).min(faults)
+        // One plain loop for each: this runs at every instant.
+        let mut next = self.script.next_time().unwrap_or(NEVER);
+        for due in &self.nodes_due {
+            next = next.min(*due);
+        }
+        for slot in &self.buses {
+            next = next.min(slot.next);
+        }
+        for slot in &self.slots {
+            next = next.min(slot.next).min(slot.power_on_at.unwrap_or(NEVER));
+        }
+        next
     }
 
     /// Lets time pass up to `to`, ns. An earlier time does nothing.
@@ -260,7 +271,7 @@ impl World {
         for index in 0..self.slots.len() {
             self.run_slot(index);
         }
-        for index in 0..self.nodes.len() {
+        for index in 0..self.nodes_due.len() {
             self.run_node(index);
         }
         for index in 0..self.buses.len() {

@@ -33,6 +33,10 @@ pub struct CanBus {
     pub(super) current: Option<Transmission>,
     pub(super) statistics: BusStatistics,
     pub(super) report_due: bool,
+    /// When something ends next, as of the last planning.
+    pub(super) next_end: Option<u64>,
+    /// Whether a station may be sending to itself or be on its way back from bus-off.
+    pub(super) has_asides: bool,
 }
 
 impl CanBus {
@@ -47,6 +51,8 @@ impl CanBus {
             current: None,
             statistics: BusStatistics::default(),
             report_due: false,
+            next_end: None,
+            has_asides: false,
         }
     }
 
@@ -101,6 +107,20 @@ impl CanBus {
     /// Returns false, and takes nothing, while the station has a frame under way or waiting,
     /// or is not on the bus. The frames of a listening or a bus-off station wait.
     pub fn offer(&mut self, now: u64, station: StationId, frame: CanFrame) -> bool {
+        let taken = self.offer_unplanned(now, station, &frame);
+        if taken {
+            self.replan();
+        }
+        taken
+    }
+
+    /// The same, when others may offer too: [`replan`](Self::replan) must follow.
+    pub(crate) fn offer_unplanned(
+        &mut self,
+        now: u64,
+        station: StationId,
+        frame: &CanFrame,
+    ) -> bool {
         self.now = self.now.max(now);
         let now = self.now;
         let Some(slot) = self.stations.get_mut(station.0) else {
@@ -112,12 +132,13 @@ impl CanBus {
         if slot.offer.is_some() || slot.local.is_some() {
             return false;
         }
-        let frame = config.on_wire(frame, false);
+        let frame = config.on_wire(*frame, false);
         let timing = FrameTiming::of(&frame);
         if config.mode == StationMode::InternalLoopback {
             let start = now.max(slot.active_from).max(slot.local_free_at);
             slot.local =
                 Some(LocalTransmission { frame, start, end: start + config.duration_ns(&timing) });
+            self.has_asides = true;
             return true;
         }
         slot.offer = Some(Offer {
@@ -127,7 +148,6 @@ impl CanBus {
             ready_at: now,
             withdrawn: false,
         });
-        self.replan();
         true
     }
 
@@ -155,8 +175,8 @@ impl CanBus {
             }
         } else {
             slot.offer = None;
-            self.replan();
         }
+        self.replan();
     }
 
     /// The next instant at which something ends or changes, as far as is known now.
@@ -165,14 +185,7 @@ impl CanBus {
         if self.report_due {
             return Some(self.now);
         }
-        let mut next = self.current.as_ref().map(|t| t.end);
-        for station in &self.stations {
-            let local = station.local.as_ref().map(|local| local.end);
-            for at in [local, self.recovery_end(station)].into_iter().flatten() {
-                next = Some(next.map_or(at, |other| other.min(at)));
-            }
-        }
-        next
+        self.next_end
     }
 
     /// Moves time to the first instant not after `to` at which something happens, and appends
@@ -181,25 +194,31 @@ impl CanBus {
     /// Returns the instant reached. Call it again, after offering the frames that follow from
     /// the events, until it returns `to` without events.
     pub fn advance(&mut self, to: u64, events: &mut Vec<BusEvent>) -> u64 {
+        self.advance_unplanned(to, events);
+        self.replan();
+        self.now
+    }
+
+    /// The same, when frames are offered next: [`replan`](Self::replan) must follow.
+    pub(crate) fn advance_unplanned(&mut self, to: u64, events: &mut Vec<BusEvent>) {
         let Some(at) = self.next_event().filter(|&at| at <= to) else {
             self.now = self.now.max(to);
-            return self.now;
+            return;
         };
         self.now = self.now.max(at);
         if self.report_due {
             self.report_states(events);
         }
-        if let Some(t) = self.current.filter(|t| t.end == at) {
-            self.current = None;
+        if let Some(t) = self.current.take_if(|t| t.end == at) {
             self.complete(&t, events);
         }
-        for index in 0..self.stations.len() {
-            self.complete_local(index, at, events);
-            self.complete_recovery(index, at);
+        if self.has_asides {
+            for index in 0..self.stations.len() {
+                self.complete_local(index, at, events);
+                self.complete_recovery(index, at);
+            }
+            self.report_states(events);
         }
-        self.report_states(events);
-        self.replan();
-        self.now
     }
 
     fn complete_local(&mut self, index: usize, at: u64, events: &mut Vec<BusEvent>) {
@@ -229,7 +248,7 @@ impl CanBus {
     }
 
     /// When a recovery ends, if that comes before the next transmission starts.
-    fn recovery_end(&self, station: &Station) -> Option<u64> {
+    pub(super) fn recovery_end(&self, station: &Station) -> Option<u64> {
         let end = station.recovery.as_ref()?.end();
         match &self.current {
             Some(t) if end > t.start => None,
@@ -283,6 +302,8 @@ impl CanBus {
             (slot.counters.is_bus_off(), slot.recovery, &slot.config)
         {
             slot.recovery = Some(Recovery::start(now, config));
+            self.has_asides = true;
+            self.replan();
         }
     }
 

@@ -48,7 +48,8 @@ impl FrameTiming {
         // The CRC starts with 0, so zeros in front of SOF change nothing and the header can be
         // taken bytewise.
         let mut crc = CRC15.start();
-        for &byte in &header.bits.to_be_bytes()[3..] {
+        let skipped = 8 - header.length.div_ceil(8) as usize;
+        for &byte in header.bits.to_be_bytes().iter().skip(skipped) {
             crc = CRC15.byte(crc, byte);
         }
         for &byte in frame.data() {

@@ -2,6 +2,8 @@
 
 use ecan_protocol::CanFrame;
 
+use crate::earliest::earliest;
+
 use super::CanBus;
 use super::error_confinement::BusError;
 use super::frame_timing::{FrameTiming, bits_ns};
@@ -49,12 +51,21 @@ pub(super) struct Transmission {
 }
 
 impl CanBus {
-    /// Plans the next transmission anew, unless one is under way.
-    pub(super) fn replan(&mut self) {
-        if self.current.as_ref().is_some_and(|t| t.start < self.now) {
-            return;
+    /// Plans the next transmission anew, unless one is under way, and foretells what ends next.
+    pub(crate) fn replan(&mut self) {
+        if self.current.as_ref().is_none_or(|t| t.start >= self.now) {
+            self.current = self.plan();
         }
-        self.current = self.plan();
+        let mut next = self.current.as_ref().map(|t| t.end);
+        if self.has_asides {
+            self.has_asides = false;
+            for station in &self.stations {
+                self.has_asides |= station.local.is_some() || station.recovery.is_some();
+                let local = station.local.as_ref().map(|local| local.end);
+                next = earliest([next, local, self.recovery_end(station)]);
+            }
+        }
+        self.next_end = next;
     }
 
     fn plan(&self) -> Option<Transmission> {
@@ -77,8 +88,11 @@ impl CanBus {
         }
         let (transmitter, key, (offer, config)) = winner?;
         let station = self.stations.get(transmitter)?;
-        let frame = config.on_wire(offer.frame, station.counters.is_passive());
-        let timing = if frame == offer.frame { offer.timing } else { FrameTiming::of(&frame) };
+        let (mut frame, mut timing) = (offer.frame, offer.timing);
+        if station.counters.is_passive() {
+            frame = config.on_wire(frame, true);
+            timing = FrameTiming::of(&frame);
+        }
         let mut planned = Transmission {
             transmitter,
             config: *config,

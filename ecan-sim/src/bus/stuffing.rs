@@ -23,8 +23,21 @@ const fn step(state: State, bit: bool) -> (u8, State) {
 
 /// Stuff bits (high nibble) and next state (low nibble) for eight bits in each state.
 static BYTE_STEPS: [[u8; 256]; 10] = byte_steps();
-/// The same for one bit.
-static BIT_STEPS: [[u8; 2]; 10] = bit_steps();
+/// The same for one to seven bits, with a 1 in front of the first.
+static PART_STEPS: [[u8; 256]; 10] = part_steps();
+
+/// The entry for the lowest `length` bits.
+const fn steps(mut state: State, bits: usize, length: u32) -> u8 {
+    let mut total = 0;
+    let mut position = length;
+    while position > 0 {
+        position -= 1;
+        let (inserted, next) = step(state, bits >> position & 1 == 1);
+        total += inserted;
+        state = next;
+    }
+    total << 4 | state
+}
 
 const fn byte_steps() -> [[u8; 256]; 10] {
     let mut table = [[0; 256]; 10];
@@ -32,16 +45,7 @@ const fn byte_steps() -> [[u8; 256]; 10] {
     while state < 10 {
         let mut byte = 0;
         while byte < 256 {
-            let mut total = 0;
-            let mut now = state as State;
-            let mut position = 8;
-            while position > 0 {
-                position -= 1;
-                let (inserted, next) = step(now, byte >> position & 1 == 1);
-                total += inserted;
-                now = next;
-            }
-            table[state][byte] = total << 4 | now;
+            table[state][byte] = steps(state as State, byte, 8);
             byte += 1;
         }
         state += 1;
@@ -49,15 +53,14 @@ const fn byte_steps() -> [[u8; 256]; 10] {
     table
 }
 
-const fn bit_steps() -> [[u8; 2]; 10] {
-    let mut table = [[0; 2]; 10];
+const fn part_steps() -> [[u8; 256]; 10] {
+    let mut table = [[0; 256]; 10];
     let mut state = 0;
     while state < 10 {
-        let mut bit = 0;
-        while bit < 2 {
-            let (inserted, next) = step(state as State, bit == 1);
-            table[state][bit] = inserted << 4 | next;
-            bit += 1;
+        let mut marked = 2;
+        while marked < 256 {
+            table[state][marked] = steps(state as State, marked, (marked as u32).ilog2());
+            marked += 1;
         }
         state += 1;
     }
@@ -97,11 +100,12 @@ impl StuffCounter {
     /// The lowest `length` bits of `bits`, the most significant of them first.
     #[inline]
     pub(super) fn bits(&mut self, bits: u64, length: u32) {
-        let mut left = length;
-        while !left.is_multiple_of(8) {
-            left -= 1;
+        let part = length % 8;
+        let mut left = length - part;
+        if part > 0 {
+            let marked = 1 << part | (bits >> left) as u8 & ((1 << part) - 1);
             // infallible: as above
-            let entry = BIT_STEPS[usize::from(self.state)][(bits >> left & 1) as usize];
+            let entry = PART_STEPS[usize::from(self.state)][usize::from(marked)];
             self.count += u32::from(entry >> 4);
             self.state = entry & 0xF;
         }

@@ -9,6 +9,7 @@ use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
 use super::power::{Action, PowerStage, Slowing};
 use super::settings::DriveSettings;
+use crate::earliest::earliest;
 
 /// Following error too great for too long.
 const FOLLOWING_ERROR: u16 = 0x8611;
@@ -38,6 +39,10 @@ pub(super) enum Report {
 pub(super) struct Axis {
     pub(super) settings: DriveSettings,
     pub(super) now: u64,
+    /// Period of the controller, nanoseconds.
+    period: u64,
+    /// First multiple of the period behind `now`.
+    next_tick: u64,
     pub(super) power: PowerStage,
     pub(super) motion: Motion,
     pub(super) motor: Motor,
@@ -58,9 +63,12 @@ pub(super) struct Axis {
 
 impl Axis {
     pub(super) fn new(settings: &DriveSettings) -> Self {
+        let period = u64::from(settings.motor.period_us.clamp(1, 1_000)) * 1_000;
         Self {
             settings: settings.clone(),
             now: 0,
+            period,
+            next_tick: period,
             power: PowerStage::new(),
             motion: Motion::new(settings.motor),
             motor: Motor::new(settings.motor),
@@ -178,27 +186,29 @@ impl Axis {
     }
 
     pub(super) fn next_event(&self) -> Option<u64> {
-        let period = self.period();
-        let tick = self.is_live().then(|| (self.now / period + 1).saturating_mul(period));
+        let tick = self.is_live().then_some(self.next_tick);
         let mode = self.next_mode.map(|(_, at)| at);
-        let fixed = [tick, mode, self.power.enabled_at(), self.blocked_until];
-        fixed.into_iter().flatten().min()
+        earliest([tick, mode, self.power.enabled_at(), self.blocked_until])
     }
 
+    /// Moves the clock to a time that is not before its own.
+    ///
     /// Controllers of all drives tick together, at multiples of their period.
-    fn period(&self) -> u64 {
-        u64::from(self.settings.motor.period_us.clamp(1, 1_000)) * 1_000
+    fn set_now(&mut self, now: u64) {
+        self.now = now;
+        if now >= self.next_tick {
+            self.next_tick = (now / self.period + 1).saturating_mul(self.period);
+        }
     }
 
     /// Lets time pass up to `to`.
     pub(super) fn advance(&mut self, to: u64, parameters: &Parameters) {
-        let period = self.period();
         while self.now < to {
             if !self.is_live() {
-                self.now = to;
+                self.set_now(to);
                 break;
             }
-            let end = (self.now / period + 1).saturating_mul(period).min(to);
+            let end = self.next_tick.min(to);
             self.step(end, parameters);
         }
         if self.blocked_until.is_some_and(|at| at <= self.now) {
@@ -218,7 +228,7 @@ impl Axis {
     fn step(&mut self, end: u64, parameters: &Parameters) {
         let ns = end - self.now;
         let seconds = ns as f64 / 1e9;
-        self.now = end;
+        self.set_now(end);
         if !self.power.is_energised() {
             self.motor.advance(seconds, Actuation::Free);
             self.motion.shadow(&self.motor);

@@ -260,17 +260,26 @@ impl Drive {
         }
     }
 
+    /// A frame has been received; false if it means nothing to this drive, and nothing changed.
+    pub(crate) fn takes(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
+        let concerns = self.concerns(frame);
+        if concerns {
+            self.act(now, out, |drive, out| drive.frame(frame, out));
+        }
+        concerns
+    }
+
     /// Whether a frame means anything to this drive.
     fn concerns(&self, frame: &CanFrame) -> bool {
         let id = frame.id();
-        let service = match CobId::classify(id) {
+        let is_service = || match CobId::classify(id) {
             Some(Service::Nmt | Service::Heartbeat(_)) => true,
             Some(Service::SdoClient(server)) => server == self.node_id(),
             _ => false,
         };
         frame.kind() == FrameKind::Data
             && self.device.network.state() != NmtState::Initialising
-            && (service || self.device.sync_id == Some(id) || self.device.receives(id))
+            && (self.device.sync_id == Some(id) || self.device.receives(id) || is_service())
     }
 }
 
@@ -281,9 +290,7 @@ impl Node for Drive {
     }
 
     fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
-        if self.concerns(frame) {
-            self.act(now, out, |drive, out| drive.frame(frame, out));
-        }
+        self.takes(now, frame, out);
     }
 
     fn transmitted(&mut self, _now: u64, frame: &CanFrame, out: &mut NodeOutput) {

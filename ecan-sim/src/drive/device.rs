@@ -18,6 +18,7 @@ use super::pdo::{ReceivePdo, TransmitPdo, numbers};
 use super::sdo_server::{BlockSupport, Bytes};
 use super::settings::{DriveSettings, SdoRule};
 use super::slots::Slots;
+use crate::earliest::earliest;
 use crate::node::NodeOutput;
 
 /// Heartbeat of another node is missing.
@@ -52,6 +53,12 @@ pub(super) struct Device {
     pub(super) axis: Axis,
     pub(super) receive: Vec<ReceivePdo>,
     pub(super) transmit: Vec<TransmitPdo>,
+    /// Whether a PDO exists that is received in time, or sent on events: synchronous ones need not
+    /// be looked at when it comes to what is due.
+    has_timed_pdos: bool,
+    has_event_pdos: bool,
+    /// Identifiers of the PDOs that are received.
+    pub(super) receive_ids: Vec<CanId>,
     pub(super) sync_id: Option<CanId>,
     /// Rules about SDO transfers, and how often each may still strike.
     pub(super) rules: Vec<(SdoRule, Option<u32>)>,
@@ -91,6 +98,9 @@ impl Device {
             transmit: numbers(&objects, object::TPDO_COMMUNICATION)
                 .map(|number| TransmitPdo::load(&objects, number))
                 .collect(),
+            has_timed_pdos: false,
+            has_event_pdos: false,
+            receive_ids: Vec::new(),
             sync_id: None,
             rules: settings.quirks.sdo_rules.iter().map(|rule| (*rule, rule.times)).collect(),
             answers: VecDeque::with_capacity(ANSWERS),
@@ -178,6 +188,7 @@ impl Device {
         for pdo in &mut self.transmit {
             *pdo = TransmitPdo::load(&self.objects, pdo.number);
         }
+        self.note_pdos();
         self.load_sync();
         self.network.load_watches(&self.objects);
         let mode = self.objects.number(object::MODE_OF_OPERATION, 0).unwrap_or(0) as i8;
@@ -188,6 +199,15 @@ impl Device {
     pub(super) fn load_parameters(&mut self) {
         self.parameters = Parameters::read(&self.objects, self.axis.motor());
         self.axis.limit_torque(&self.parameters);
+    }
+
+    /// To be called when PDOs have been loaded.
+    pub(super) fn note_pdos(&mut self) {
+        self.has_timed_pdos = self.receive.iter().any(ReceivePdo::is_timed);
+        self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
+        self.receive_ids.clear();
+        self.receive_ids.reserve(self.receive.len());
+        self.receive_ids.extend(self.receive.iter().filter_map(|pdo| pdo.id));
     }
 
     pub(super) fn load_sync(&mut self) {
@@ -351,7 +371,7 @@ impl Device {
             None => {}
         }
         let operational = self.network.state() == NmtState::Operational;
-        if operational && self.transmit.iter().any(TransmitPdo::is_event_driven) {
+        if operational && self.has_event_pdos {
             self.publish();
             self.send_events(out);
         }
@@ -430,18 +450,23 @@ impl Device {
         let answer = self.answers.front().map(|(at, _)| *at);
         let emergency = self.emergency.next_event().filter(|_| self.network.communicates());
         let operational = self.network.state() == NmtState::Operational;
-        let late = self.receive.iter().filter_map(|pdo| pdo.deadline).min();
-        let events = self.transmit.iter().filter_map(|pdo| pdo.next_event(self.now)).min();
-        [
+        let late = if self.has_timed_pdos {
+            earliest(self.receive.iter().map(|pdo| pdo.deadline))
+        } else {
+            None
+        };
+        let events = if operational && self.has_event_pdos {
+            earliest(self.transmit.iter().map(|pdo| pdo.next_event(self.now)))
+        } else {
+            None
+        };
+        earliest([
             self.network.next_event(),
             self.axis.next_event(),
             answer,
             emergency,
             late,
-            events.filter(|_| operational),
-        ]
-        .into_iter()
-        .flatten()
-        .min()
+            events,
+        ])
     }
 }

@@ -3,6 +3,7 @@
 use ecan_canopen::{HeartbeatConsumer, NmtState, NodeId, object};
 
 use super::dictionary::Dictionary;
+use crate::earliest::earliest;
 
 /// A heartbeat that is watched.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -145,7 +146,7 @@ impl Network {
     }
 
     pub(super) fn next_event(&self) -> Option<u64> {
-        let watches = self.watches.iter().filter_map(|watch| watch.deadline).min();
-        [self.boot_at, self.heartbeat_at, watches].into_iter().flatten().min()
+        let watches = earliest(self.watches.iter().map(|watch| watch.deadline));
+        earliest([self.boot_at, self.heartbeat_at, watches])
     }
 }

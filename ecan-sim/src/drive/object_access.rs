@@ -162,6 +162,7 @@ impl Device {
                 }
             }
         }
+        self.note_pdos();
     }
 
     /// Saves parameters, not commands.

@@ -6,6 +6,7 @@ use ecan_protocol::CanId;
 use super::data_type::DataType;
 use super::default_objects::PDO_ENTRIES;
 use super::dictionary::{Dictionary, Slot};
+use crate::earliest::earliest;
 
 /// Most bytes of a PDO.
 pub(super) const PDO_BYTES: usize = 8;
@@ -108,6 +109,11 @@ impl ReceivePdo {
             timer_ns: get(5).max(0) as u64 * 1_000_000,
             deadline: None,
         }
+    }
+
+    /// Whether it has a timer.
+    pub(super) const fn is_timed(&self) -> bool {
+        self.timer_ns > 0
     }
 
     /// Winds the timer up when a frame has come.
@@ -233,6 +239,6 @@ impl TransmitPdo {
         }
         let inhibited = (self.free_at > now).then_some(self.free_at);
         let timer = self.timer_at.map(|at| at.max(self.free_at));
-        [inhibited, timer].into_iter().flatten().min()
+        earliest([inhibited, timer])
     }
 }

@@ -57,7 +57,7 @@ impl Device {
 
     /// Whether a frame of this identifier is a PDO for this drive.
     pub(super) fn receives(&self, id: CanId) -> bool {
-        self.receive.iter().any(|pdo| pdo.id == Some(id))
+        self.receive_ids.contains(&id)
     }
 
     /// A PDO has come.

@@ -72,6 +72,8 @@ pub(super) struct Controller {
     fifo0: ReceiveFifo,
     fifo1: ReceiveFifo,
     buffers: Vec<Option<Received>>,
+    /// Receive buffers that hold a frame: mostly none, which spares looking through them.
+    buffers_full: usize,
     transmit: VecDeque<CanFrame>,
     in_flight: Option<CanFrame>,
     tx_get_index: u32,
@@ -92,6 +94,7 @@ impl Controller {
             fifo0: ReceiveFifo::new(),
             fifo1: ReceiveFifo::new(),
             buffers: vec![None; RX_ELEMENTS_MAX],
+            buffers_full: 0,
             transmit: VecDeque::with_capacity(TX_ELEMENTS_MAX),
             in_flight: None,
             tx_get_index: 0,
@@ -126,11 +129,8 @@ impl Controller {
 
     /// Drops the received frames and says how many that were.
     pub(super) fn flush_received(&mut self) -> usize {
-        let mut flushed = self.fifo0.clear() + self.fifo1.clear();
-        for buffer in &mut self.buffers {
-            flushed += usize::from(buffer.take().is_some());
-        }
-        flushed
+        self.buffers.fill(None);
+        self.fifo0.clear() + self.fifo1.clear() + std::mem::take(&mut self.buffers_full)
     }
 
     pub(super) fn config(&self) -> Option<&ControllerConfig> {
@@ -320,6 +320,7 @@ impl Controller {
                     // a buffer that was not read yet is locked
                     Some(free @ None) if number < ram.rx_buffer_count => {
                         *free = Some(element);
+                        self.buffers_full += 1;
                         self.interrupts |= interrupt::BUFFER_NEW;
                         true
                     }
@@ -358,15 +359,18 @@ impl Controller {
         match source {
             0 => self.fifo0.take(ram.rx_fifo0.size),
             1 => self.fifo1.take(ram.rx_fifo1.size),
-            _ => self.buffers.iter_mut().find_map(Option::take),
+            _ if self.buffers_full == 0 => None,
+            _ => {
+                let taken = self.buffers.iter_mut().find_map(Option::take);
+                self.buffers_full -= usize::from(taken.is_some());
+                taken
+            }
         }
     }
 
     /// Frames in the receive FIFOs and buffers.
     pub(super) fn receive_waiting(&self) -> usize {
-        self.fifo0.len()
-            + self.fifo1.len()
-            + self.buffers.iter().filter(|buffer| buffer.is_some()).count()
+        self.fifo0.len() + self.fifo1.len() + self.buffers_full
     }
 
     /// FIFO0 is at least seven eighths full, or has lost a frame since it was last read.

@@ -43,6 +43,8 @@ use ecan_protocol::{
     OptionFlags, Sides,
 };
 
+use crate::earliest::earliest;
+
 use channel::Channel;
 use channel_control::FilterLists;
 use cycle_performance::CyclePerformance;
@@ -132,6 +134,7 @@ pub struct Gateway {
     results: ResultQueue,
     schedule: ScheduleQueue,
     // beside the firmware
+    acts: u64,
     faults: PendingFaults,
     truth: Truth,
 }
@@ -178,6 +181,7 @@ impl Gateway {
             builder: TxPdoBuilder::new(),
             results: ResultQueue::new(),
             schedule: ScheduleQueue::new(release_jitter_ns, seed),
+            acts: 0,
             faults: PendingFaults::default(),
             truth: Truth::default(),
         };
@@ -253,7 +257,7 @@ impl Gateway {
         match self.power {
             Power::Off => None,
             Power::Booting { until } => Some(until),
-            Power::On => [
+            Power::On => earliest([
                 self.service_time(),
                 self.idle_service_time(),
                 self.watchdog_expiry(),
@@ -261,10 +265,7 @@ impl Gateway {
                 self.awaited_sync(),
                 self.release_time(),
                 self.maintenance.mode_ends(),
-            ]
-            .into_iter()
-            .flatten()
-            .min(),
+            ]),
         }
     }
 
@@ -277,8 +278,14 @@ impl Gateway {
         self.now = self.now.max(now);
     }
 
+    /// Counts what the gateway did by itself, so that its owner sees whether it did anything.
+    pub(crate) fn acts(&self) -> u64 {
+        self.acts
+    }
+
     /// Does the first of what is due at the present instant.
     fn act(&mut self) {
+        self.acts += 1;
         let now = self.now;
         let due = |time: Option<u64>| time.is_some_and(|time| time <= now);
         if let Power::Booting { until } = self.power {

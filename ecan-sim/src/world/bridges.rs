@@ -23,7 +23,7 @@ impl World {
         let name = format!("bridge {}", info.address().port());
         let node = NodeBody::Other(Box::new(node));
         let slot = NodeSlot::with_node(name, node, bus, station);
-        self.nodes.push(NodeSlot { bridge: Some(info.clone()), ..slot });
+        self.add_node(NodeSlot { bridge: Some(info.clone()), ..slot });
         // The gateway's channel may be running already.
         let leader = self.slots.iter().flat_map(|slot| &slot.links).find_map(|link| {
             let config = self.buses.get(link.bus)?.bus.config(link.station)?;
@@ -41,9 +41,12 @@ impl World {
         let slot = self.nodes.get_mut(index)?;
         let silent = NodeBody::Other(Box::new(SilentNode));
         let node = std::mem::replace(&mut slot.node, silent);
-        (slot.fixed, slot.detached, slot.bridge, slot.next) = (None, true, None, NEVER);
+        (slot.fixed, slot.detached, slot.bridge) = (None, true, None);
         slot.config = None;
         slot.output.clear();
+        if let Some(due) = self.nodes_due.get_mut(index) {
+            *due = NEVER;
+        }
         if let Some(bus) = self.buses.get_mut(slot.bus) {
             bus.bus.configure(now, slot.station, None);
             bus.refresh();

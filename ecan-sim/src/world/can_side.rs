@@ -3,6 +3,8 @@
 use ecan_protocol::CHANNELS;
 
 use crate::bus::{BusEvent, BusFault, CanBus, StationConfig, StationId, StationMode};
+use crate::world::line::LineSlot;
+use crate::world::node_slot::NodeSlot;
 use crate::world::{NEVER, World};
 
 /// Who a station belongs to.
@@ -28,6 +30,12 @@ impl BusSlot {
     pub(super) fn refresh(&mut self) {
         self.next = self.bus.next_event().unwrap_or(NEVER);
     }
+
+    /// Takes the frames just offered into account.
+    fn replan(&mut self) {
+        self.bus.replan();
+        self.refresh();
+    }
 }
 
 impl World {
@@ -42,6 +50,18 @@ impl World {
             // A gateway that has something due now gets its turn at this instant's end, so that
             // it cannot hold time still.
             slot.next = slot.gateway.next_event().map_or(NEVER, |at| at.max(now + 1));
+            slot.acts_seen = Some(slot.gateway.acts());
+        }
+    }
+
+    /// Takes notice of what an event on a channel's bus has changed in its gateway: only that
+    /// channel, unless the gateway had something due at this instant.
+    fn touch_after_event(&mut self, index: usize, channel: usize) {
+        match self.slots.get(index) {
+            Some(slot) if slot.acts_seen == Some(slot.gateway.acts()) => {
+                self.touch_channel(index, channel);
+            }
+            _ => self.touch(index),
         }
     }
 
@@ -73,10 +93,10 @@ impl World {
             && !bus.bus.is_offering(link.station)
             && let Some(frame) = slot.gateway.next_transmit(channel)
         {
-            changed |= bus.bus.offer(now, link.station, frame);
+            changed |= bus.bus.offer_unplanned(now, link.station, &frame);
         }
         if changed {
-            bus.refresh();
+            bus.replan();
         }
     }
 
@@ -93,6 +113,12 @@ impl World {
                 self.configure_node(index, config);
             }
         }
+    }
+
+    /// Adds a node that is not started yet.
+    pub(super) fn add_node(&mut self, node: NodeSlot) {
+        self.nodes.push(node);
+        self.nodes_due.push(NEVER);
     }
 
     /// Starts a node that has bit rates of its own.
@@ -119,8 +145,10 @@ impl World {
 
     pub(super) fn run_node(&mut self, index: usize) {
         let now = self.now;
-        let Some(slot) = self.nodes.get_mut(index) else { return };
-        if slot.next <= now {
+        if self.nodes_due.get(index).is_none_or(|due| *due > now) {
+            return;
+        }
+        if let Some(slot) = self.nodes.get_mut(index) {
             slot.node.as_node_mut().advance(now, &mut slot.output);
             self.collect_output(index);
         }
@@ -129,24 +157,40 @@ impl World {
     /// Takes what a node wants to send and puts its first frame into arbitration. Also takes its
     /// controller off the bus and puts it back.
     pub(super) fn collect_output(&mut self, index: usize) {
+        let changed = self.collect_unplanned(index);
+        let bus = self.nodes.get(index).map(|slot| slot.bus);
+        if let Some(bus) = bus.and_then(|bus| self.buses.get_mut(bus)) {
+            if changed {
+                bus.bus.replan();
+            }
+            bus.refresh();
+        }
+    }
+
+    /// The same for one of several nodes of a bus. Whether the bus is to be planned anew.
+    fn collect_unplanned(&mut self, index: usize) -> bool {
         let now = self.now;
-        let Some(slot) = self.nodes.get_mut(index) else { return };
+        let Some(slot) = self.nodes.get_mut(index) else { return false };
+        slot.is_concerned = false;
         let config = slot.config.filter(|_| slot.node.as_node().is_on_bus());
         if now < slot.muted_until || config.is_none() {
             slot.output.clear();
         }
-        slot.next = slot.node.as_node().next_event().map_or(NEVER, |at| at.max(now + 1));
-        let Some(bus) = self.buses.get_mut(slot.bus) else { return };
+        if let Some(due) = self.nodes_due.get_mut(index) {
+            *due = slot.node.as_node().next_event().map_or(NEVER, |at| at.max(now + 1));
+        }
+        let Some(bus) = self.buses.get_mut(slot.bus) else { return false };
         if bus.bus.config(slot.station) != config {
             bus.bus.configure(now, slot.station, config);
         }
-        if !bus.bus.is_offering(slot.station)
-            && let Some(frame) = slot.output.front()
-            && bus.bus.offer(now, slot.station, *frame)
+        if let Some(frame) = slot.output.front()
+            && !bus.bus.is_offering(slot.station)
+            && bus.bus.offer_unplanned(now, slot.station, frame)
         {
             slot.output.pop();
+            return true;
         }
-        bus.refresh();
+        false
     }
 
     fn refresh_bus(&mut self, index: usize) {
@@ -164,78 +208,75 @@ impl World {
                 return;
             }
             let mut events = std::mem::take(&mut self.events);
-            slot.bus.advance(now, &mut events);
-            slot.refresh();
-            let quiet = events.is_empty();
+            slot.bus.advance_unplanned(now, &mut events);
             for event in &events {
                 self.deliver(index, event);
             }
-            let concerned = !quiet;
+            let quiet = events.is_empty();
             events.clear();
             self.events = events;
-            if concerned {
-                self.after_events(index);
-            } else if self.buses.get(index).is_some_and(|slot| slot.next <= now) {
-                // Nothing happened and nothing moved: let the clock go on.
-                if let Some(slot) = self.buses.get_mut(index) {
+            if quiet {
+                let Some(slot) = self.buses.get_mut(index) else { return };
+                slot.replan();
+                if slot.next <= now {
+                    // Nothing happened and nothing moved: let the clock go on.
                     slot.next = now + 1;
+                    return;
                 }
-                return;
+            } else {
+                self.after_events(index);
             }
         }
     }
 
+    /// Tells the owner of a station what it has to know. Frames that it sends in answer go to the
+    /// bus [afterwards](Self::after_events).
     fn deliver(&mut self, bus: usize, event: &BusEvent) {
         let now = self.now;
         if let Some(recording) = &mut self.recording {
             recording.note(bus, event);
         }
-        let owner = |station: StationId| {
-            self.buses.get(bus).and_then(|slot| slot.owners.get(station.index())).copied()
+        let station = match event {
+            BusEvent::Transmitted { station, .. }
+            | BusEvent::Received { station, .. }
+            | BusEvent::Abandoned { station, .. }
+            | BusEvent::StateChanged { station, .. } => *station,
+            BusEvent::ErrorFrame { .. } => return,
         };
-        match event {
-            BusEvent::Transmitted { station, frame, .. } => match owner(*station) {
-                Some(Owner::Channel { gateway, channel }) => {
-                    if let Some(slot) = self.slots.get_mut(gateway) {
-                        slot.gateway.transmitted(now, channel, frame);
+        let owners = self.buses.get(bus).map(|slot| &slot.owners);
+        match owners.and_then(|owners| owners.get(station.index())) {
+            Some(&Owner::Channel { gateway, channel }) => {
+                let Some(slot) = self.slots.get_mut(gateway) else { return };
+                let gateway = &mut slot.gateway;
+                match event {
+                    BusEvent::Transmitted { frame, .. } => gateway.transmitted(now, channel, frame),
+                    BusEvent::Received { frame, start_ns, .. } => {
+                        gateway.received(now, channel, frame, *start_ns);
                     }
+                    BusEvent::Abandoned { frame, .. } => gateway.abandoned(now, channel, frame),
+                    BusEvent::ErrorFrame { .. } | BusEvent::StateChanged { .. } => {}
                 }
-                Some(Owner::Node(index)) => {
-                    if let Some(slot) = self.nodes.get_mut(index) {
+            }
+            Some(&Owner::Node(index)) => {
+                let Some(slot) = self.nodes.get_mut(index) else { return };
+                slot.is_concerned |= match event {
+                    BusEvent::Transmitted { frame, .. } => {
                         slot.node.as_node_mut().transmitted(now, frame, &mut slot.output);
-                        self.collect_output(index);
+                        true
                     }
-                }
-                None => {}
-            },
-            BusEvent::Received { station, frame, start_ns, .. } => match owner(*station) {
-                Some(Owner::Channel { gateway, channel }) => {
-                    if let Some(slot) = self.slots.get_mut(gateway) {
-                        slot.gateway.received(now, channel, frame, *start_ns);
+                    BusEvent::Received { frame, .. } => {
+                        slot.node.received(now, frame, &mut slot.output)
                     }
-                }
-                Some(Owner::Node(index)) => {
-                    if let Some(slot) = self.nodes.get_mut(index) {
-                        slot.node.as_node_mut().received(now, frame, &mut slot.output);
-                        self.collect_output(index);
-                    }
-                }
-                None => {}
-            },
-            BusEvent::Abandoned { station, frame, .. } => match owner(*station) {
-                Some(Owner::Channel { gateway, channel }) => {
-                    if let Some(slot) = self.slots.get_mut(gateway) {
-                        slot.gateway.abandoned(now, channel, frame);
-                    }
-                }
-                Some(Owner::Node(index)) => self.collect_output(index),
-                None => {}
-            },
-            BusEvent::ErrorFrame { .. } | BusEvent::StateChanged { .. } => {}
+                    BusEvent::Abandoned { .. } | BusEvent::StateChanged { .. } => true,
+                    BusEvent::ErrorFrame { .. } => false,
+                };
+            }
+            None => {}
         }
     }
 
-    /// Tells everyone on a bus the error counters, and lets everyone offer the next frame.
+    /// Tells gateways the error counters, and lets everyone who had to do with the events offer
+    /// the next frame.
     fn after_events(&mut self, bus: usize) {
         let stations = self.buses.get(bus).map_or(0, |slot| slot.owners.len());
         for station in 0..stations {
@@ -243,13 +284,19 @@ impl World {
             match owner {
                 Some(Owner::Channel { gateway, channel }) => {
                     self.tell_bus_state(gateway, channel);
-                    self.touch(gateway);
+                    self.touch_after_event(gateway, channel);
                 }
-                Some(Owner::Node(index)) => self.recover_node(index),
-                None => {}
+                Some(Owner::Node(index))
+                    if self.nodes.get(index).is_some_and(|slot| slot.is_concerned) =>
+                {
+                    self.recover_node(index);
+                }
+                Some(Owner::Node(_)) | None => {}
             }
         }
-        self.refresh_bus(bus);
+        if let Some(slot) = self.buses.get_mut(bus) {
+            slot.replan();
+        }
     }
 
     /// A node that went bus-off comes back by itself, as most do.
@@ -260,7 +307,7 @@ impl World {
         if bus.bus.error_state(slot.station) == crate::bus::ErrorState::BusOff {
             bus.bus.recover(now, slot.station);
         }
-        self.collect_output(index);
+        self.collect_unplanned(index);
     }
 
     fn tell_bus_state(&mut self, index: usize, channel: usize) {
@@ -304,6 +351,12 @@ impl World {
         }
         events.clear();
         self.events = events;
+        // Faults strike first: whoever had its turn now gets it behind what follows from them.
+        for node in self.nodes.iter_mut().filter(|node| node.bus == bus) {
+            node.is_concerned = true;
+        }
+        let is_there = |slot: &&mut LineSlot| slot.links.iter().any(|link| link.bus == bus);
+        self.slots.iter_mut().filter(is_there).for_each(|slot| slot.acts_seen = None);
         self.after_events(bus);
     }
 }

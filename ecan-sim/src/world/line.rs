@@ -79,6 +79,9 @@ pub(super) struct LineSlot {
     pub(super) generation: u32,
     /// When the gateway does something by itself.
     pub(super) next: u64,
+    /// How often the gateway had acted by itself when notice was last taken; `None` when notice is
+    /// due whatever it did.
+    pub(super) acts_seen: Option<u64>,
 }
 
 impl LineSlot {
@@ -92,6 +95,7 @@ impl LineSlot {
             cable_open_until: 0,
             generation: 0,
             next: NEVER,
+            acts_seen: None,
         }
     }
 }

@@ -8,7 +8,6 @@ use crate::bus::{StationConfig, StationId};
 use crate::drive::Drive;
 use crate::node::{EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayNode, SilentNode};
 use crate::scenario::{DriveSpec, NodeKind, NodeSpec};
-use crate::world::NEVER;
 
 /// A node; drives are kept apart because tests look into them and faults strike them.
 pub(super) enum NodeBody {
@@ -28,6 +27,17 @@ impl NodeBody {
         match self {
             Self::Drive(drive) => drive,
             Self::Other(node) => node,
+        }
+    }
+
+    /// A frame has been received. Whether it meant anything to the node.
+    pub(super) fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
+        match self {
+            Self::Drive(drive) => drive.takes(now, frame, out),
+            Self::Other(node) => {
+                node.received(now, frame, out);
+                true
+            }
         }
     }
 
@@ -52,7 +62,8 @@ pub(super) struct NodeSlot {
     /// Frames that wait for the bus.
     pub(super) output: NodeOutput,
     pub(super) muted_until: u64,
-    pub(super) next: u64,
+    /// Something has happened to it on the bus, so that its output has to be looked at.
+    pub(super) is_concerned: bool,
     /// Taken off the bus for good.
     pub(super) detached: bool,
     /// What is known of it if it is a bridge.
@@ -105,7 +116,7 @@ impl NodeSlot {
             config: None,
             output: NodeOutput::new(),
             muted_until: 0,
-            next: NEVER,
+            is_concerned: false,
             detached: false,
             bridge: None,
         }
