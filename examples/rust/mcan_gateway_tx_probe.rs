@@ -6,6 +6,7 @@
 //! mcan_gateway_tx_probe --cycle-us 1000 --fd 5000000 --rt-priority 80 --spin-us 100 \
 //!     --bus-log analyser.log
 //! mcan_gateway_tx_probe --cycle-us 1000 --sweep
+//! mcan_gateway_tx_probe --plan --cycle-us 1000 --dc-shift-us 700 --offset-ns 100000
 //! ```
 
 use std::error::Error;
@@ -18,12 +19,16 @@ use ecan_examples::bus_periods::BusRecord;
 use ecan_examples::interrupt::Interrupt;
 use ecan_examples::log_file;
 use ecan_examples::open::{Configure, open};
+use ecan_examples::plan;
 use ecan_examples::probe_report::{Report, Row};
 use ecan_examples::real_time::{self, RealTimeArguments};
 use ecan_examples::tx_probe::{Mode, Target, probe_id};
 use ecan_host::{AdapterConfig, DcSync};
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, PhaseSweep, Port, PortConfig};
-use ecan_protocol::{CHANNELS, OptionFlags};
+use ecan_mcan_port::{
+    ChannelSettings, FrameStream, GatewayConfig, PhaseSweep, Port, PortConfig,
+    RECOMMENDED_OFFSET_NS,
+};
+use ecan_protocol::{CHANNELS, FrameError, OptionFlags};
 use ecan_sim::{BusFrame, Simulation};
 
 /// Sync0 shift unless told otherwise, in percent of the cycle: behind the arrival of the images.
@@ -69,7 +74,7 @@ struct Arguments {
     #[arg(long, value_enum, default_value_t = Modes::Both)]
     mode: Modes,
     /// Phase of scheduled frames behind Sync0, in nanoseconds.
-    #[arg(long, value_name = "NS", default_value_t = 100_000)]
+    #[arg(long, value_name = "NS", default_value_t = RECOMMENDED_OFFSET_NS)]
     offset_ns: u32,
     /// Start Sync0 also where nothing is scheduled.
     #[arg(long)]
@@ -101,6 +106,10 @@ struct Arguments {
     #[arg(long, conflicts_with_all = ["mode", "offset_ns", "dc_shift_us", "bus_log", "bus_dump",
                                       "csv", "report"])]
     sweep: bool,
+    /// Print what the configuration costs, with what speaks against it, and end; touches no bus.
+    /// Of both ways of sending, the scheduled one is planned.
+    #[arg(long, conflicts_with = "sweep")]
+    plan: bool,
     /// Seed of everything random in a simulation.
     #[arg(long, value_name = "SEED")]
     seed: Option<u64>,
@@ -173,6 +182,15 @@ impl Arguments {
         Ok((adapter, PortConfig::uniform(self.slaves.into(), gateway)))
     }
 
+    /// The frames of a measurement.
+    fn traffic(&self) -> Result<FrameStream, FrameError> {
+        let stream = self.target().traffic()?;
+        Ok(match self.mode {
+            Modes::Direct => stream,
+            Modes::Scheduled | Modes::Both => stream.scheduled(self.offset_ns),
+        })
+    }
+
     /// How it is measured, in words.
     fn setting(&self) -> String {
         let kind = match self.fd {
@@ -187,6 +205,10 @@ impl Arguments {
 /// Runs the probe.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let (adapter, config) = arguments.configuration()?;
+    if arguments.plan {
+        plan::print(&adapter, &config, &[arguments.traffic()?])?;
+        return Ok(true);
+    }
     // What is not there shall not be told after the measurement. A log may come into being
     // meanwhile, but not its directory.
     for path in [&arguments.csv, &arguments.report, &arguments.bus_dump].into_iter().flatten() {
