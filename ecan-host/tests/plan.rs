@@ -6,7 +6,7 @@ mod common;
 use common::{run, simulated};
 use ecan_host::{
     Adapter, AdapterConfig, BYTE_NS, ClockSource, DatagramUse, DcSync, FRAME_OVERHEAD_BYTES,
-    LogicalCommand, Plan, PlanRefusal, PlanWarning,
+    LogicalCommand, Plan, PlanWarning,
 };
 use ecan_sim::EcrtVersion;
 use proptest::prelude::*;

@@ -9,6 +9,7 @@ pub mod bus_load;
 pub mod bus_periods;
 pub mod check;
 pub mod exit;
+pub mod gateway_arguments;
 pub mod histogram;
 pub mod interrupt;
 pub mod log_file;
