@@ -17,6 +17,7 @@ pub mod motion;
 mod motion_table;
 pub mod object_value;
 pub mod open;
+pub mod patience;
 pub mod plan;
 pub mod plot;
 pub mod probe_report;

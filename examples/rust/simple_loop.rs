@@ -18,6 +18,7 @@ use ecan_examples::gateway_arguments::GatewayArguments;
 use ecan_examples::interrupt::Interrupt;
 use ecan_examples::log_file::{self, LoggedFrame};
 use ecan_examples::open::{Configure, open};
+use ecan_examples::patience::{MAX_FAILED_CYCLES, QUIET_NS, STUCK_NS};
 use ecan_examples::plan;
 use ecan_examples::progress;
 use ecan_examples::real_time::{self, RealTimeArguments};
@@ -32,16 +33,10 @@ use ecan_protocol::{CHANNELS, CanId};
 const LOOP_ID: u16 = 0x123;
 /// Cycles of the plain loop unless told otherwise.
 const DEFAULT_CYCLES: u64 = 1000;
-/// The end waits for frames under way until none has come for this long, in nanoseconds and in
-/// cycles.
-const QUIET_NS: u64 = 200_000_000;
+/// The end waits for frames under way for so many cycles at least.
 const QUIET_CYCLES: u64 = 20;
-/// A replay is given up when nothing was taken or came back for this long, in nanoseconds.
-const STUCK_NS: u64 = 10_000_000_000;
 /// Gaps of a recording from which the user is told, in nanoseconds.
 const LONG_GAP_NS: u64 = 60_000_000_000;
-/// Cycles in a row that may fail.
-const MAX_FAILED_CYCLES: u32 = 100;
 
 /// Sends CAN frames through ECAN-Lite gateways every cycle and receives what comes back.
 #[derive(Debug, Parser)]

@@ -11,6 +11,7 @@ use ecan_mcan_port::{
 use ecan_protocol::{CanFrame, CanId, FrameError, Schedule};
 
 use crate::interrupt::Interrupt;
+use crate::patience::{MAX_FAILED_CYCLES, QUIET_NS, STUCK_NS};
 
 /// Identifier of the frames.
 pub const PROBE_ID: u16 = 0x123;
@@ -19,13 +20,8 @@ const CLASSIC_BYTES: usize = 8;
 const FD_BYTES: usize = 16;
 /// Cycles without a frame before each measurement.
 const SETTLE_CYCLES: u32 = 50;
-/// The end waits so long for frames under way and for the gateway's last word, in nanoseconds.
-const QUIET_NS: u64 = 200_000_000;
+/// The end waits so long for the gateway's last word, in nanoseconds.
 const ACCOUNT_NS: u64 = 2_000_000_000;
-/// A gateway that takes no frame for so long will not take any more, in nanoseconds.
-const STUCK_NS: u64 = 10_000_000_000;
-/// Cycles in a row that may fail.
-const MAX_FAILED_CYCLES: u32 = 100;
 
 /// How the frames are sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
