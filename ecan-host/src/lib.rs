@@ -50,7 +50,7 @@ pub use operation::{OpProgress, OpWait};
 pub use operation_report::{NotOperational, SlaveReport};
 pub use plan::{
     BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, EthernetFrame, FRAME_OVERHEAD_BYTES,
-    MailboxRoom, Plan, PlanRefusal, PlanWarning, RECOMMENDED_OFFSET_NS, ScheduleMargin, SlavePlan,
+    MailboxRoom, Plan, PlanRefusal, PlanWarning, SlavePlan,
 };
 pub use real_time::{
     CycleStart, CycleStatistics, CycleTimer, CycleTiming, Distribution, MAX_SPIN_NS,

@@ -76,3 +76,15 @@ fn times_out_of_range_are_recorded_at_its_end() {
     assert_eq!(statistics.run_time().max_ns, u64::MAX);
     assert!(statistics.run_time().p99_ns >= 1_000_000_000);
 }
+
+#[test]
+fn percentiles_of_a_list_are_nearest_ranks() {
+    let times: Vec<u64> = (1..=200).rev().collect();
+    let of = Distribution::of(&times);
+    assert_eq!((of.count, of.min_ns, of.max_ns), (200, 1, 200));
+    assert!((of.mean_ns - 100.5).abs() < 1e-9);
+    assert_eq!((of.p50_ns, of.p95_ns, of.p99_ns, of.p99_9_ns), (100, 190, 198, 200));
+    assert_eq!(Distribution::of(&[]), Distribution::default());
+    let single = Distribution::of(&[7]);
+    assert_eq!((single.p50_ns, single.p99_9_ns), (7, 7));
+}

@@ -6,7 +6,7 @@ mod common;
 use common::{run, simulated};
 use ecan_host::{
     Adapter, AdapterConfig, BYTE_NS, ClockSource, DatagramUse, DcSync, FRAME_OVERHEAD_BYTES,
-    LogicalCommand, Plan, PlanRefusal, PlanWarning,
+    LogicalCommand, Plan, PlanWarning,
 };
 use ecan_sim::EcrtVersion;
 use proptest::prelude::*;
@@ -171,26 +171,17 @@ fn what_barely_works_is_warned_of() {
     assert_eq!(of(952), []);
 }
 
-/// 64.64 us after the send (the clocks make the frame 32 bytes longer: 67.2 us) the image is
-/// there; with a shift of 700 us its frames leave at 700 + 100 us.
+/// The image of one slave of N = 3 is there 64.64 us after the send. Two clock datagrams make the
+/// frame 32 bytes longer, and the image waits for its end: 67.2 us; a third one 1.28 us more.
 #[test]
-fn scheduled_frames_have_a_margin() {
+fn clocks_in_the_frame_delay_its_image() {
     let mut config = config(1, 3, 1_000);
-    let without = Plan::of(&config).judge_schedule(0, 100_000, 0);
-    assert_eq!(without, Err(PlanRefusal::ScheduleWithoutSync0 { offset_ns: 100_000 }));
+    let arrives_ns = |config: &AdapterConfig| Plan::of(config).slaves[0].outputs_arrive_ns;
+    assert_eq!(arrives_ns(&config), 64_640);
     config.dc = Some(DcSync { monitor_every: 0, ..DcSync::new(1_000_000, 700_000) });
-    let plan = Plan::of(&config);
-    let margin = plan.schedule_margin(0, 100_000, 0).unwrap().unwrap();
-    assert_eq!((margin.arrives_ns, margin.leaves_ns), (67_200, 800_000));
-    assert_eq!((margin.to_pulse_ns(), margin.to_phase_ns()), (632_800, 732_800));
-    assert_eq!(plan.judge_schedule(0, 100_000, 0), Ok(vec![]));
-    assert!(plan.schedule_margin(1, 100_000, 0).is_none(), "there is no slave 1");
-    // An application that works for 600 us before it sends cuts it fine.
-    let thin = PlanWarning::ThinSchedule { slave: 0, to_pulse_ns: 32_800, sync0_ns: 1_000_000 };
-    let small = PlanWarning::SmallOffset { offset_ns: 50_000 };
-    assert_eq!(plan.judge_schedule(0, 50_000, 600_000), Ok(vec![thin, small]));
-    let beyond = PlanRefusal::ScheduleBeyondPeriod { offset_ns: 1_000_000, sync0_ns: 1_000_000 };
-    assert_eq!(plan.judge_schedule(0, 1_000_000, 0), Err(beyond));
+    assert_eq!(arrives_ns(&config), 67_200);
+    config.dc = Some(DcSync::new(1_000_000, 700_000));
+    assert_eq!(arrives_ns(&config), 68_480);
 }
 
 proptest! {
@@ -202,7 +193,6 @@ proptest! {
         cycle_ns: u32,
         dc: Option<(u32, u32)>,
         allow_large_pdos: bool,
-        (offset_ns, send_after_ns) in any::<(u32, u64)>(),
     ) {
         let mut config = AdapterConfig::new(sizes.len() as u16);
         for (slave, (rx, tx)) in config.slaves.iter_mut().zip(&sizes) {
@@ -224,11 +214,8 @@ proptest! {
             })
             .collect();
         prop_assert!(slaves.is_sorted());
-        if let Some(Ok(margin)) = plan.schedule_margin(0, offset_ns, send_after_ns) {
-            let period = u64::from(config.dc.unwrap().cycle_ns);
-            prop_assert!(margin.pulse_ns > margin.arrives_ns);
-            prop_assert!((margin.pulse_ns - u64::from(config.dc.unwrap().shift_ns)) % period == 0);
-        }
+        let arrivals = plan.slaves.iter().map(|slave| slave.outputs_arrive_ns);
+        prop_assert!(arrivals.clone().all(|ns| ns < plan.wire_ns().max(1)));
         // What the plan refuses the check refuses, unless a plainer fault is the cause.
         prop_assert!(plan.refusals.is_empty() || config.check().is_err());
     }

@@ -177,7 +177,7 @@ fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
 fn withdraw_late(adapter: &Adapter, gateways: &mut [Gateway], point_ns: u64) {
     for gateway in gateways.iter_mut().filter(|gateway| gateway.transmitter.has_scheduled()) {
         let sent_ns = adapter.clock().now_ns().saturating_sub(point_ns);
-        if gateway.misses_pulse(sent_ns) {
+        if gateway.schedule_times.misses_pulse(sent_ns) {
             gateway.transmitter.withdraw_late(&mut gateway.statistics);
         }
     }

@@ -55,7 +55,7 @@ pub use plan::{
 pub use port::Port;
 pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
 pub use schedule_account::ScheduleAccount;
-pub use schedule_margin::ScheduleMargin;
+pub use schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
 pub use schedule_settings::{MarginCheck, ScheduleSettings};
 pub use schedule_watch::{ChannelDrops, ScheduleDiagnostics};
 pub use send::{

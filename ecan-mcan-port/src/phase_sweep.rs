@@ -6,6 +6,7 @@ use ecan_protocol::CHANNELS;
 use crate::error::PortError;
 use crate::phase_table::{PhasePoint, PhaseTable};
 use crate::port::Port;
+use crate::schedule_margin::THIN_MARGIN_NS;
 use crate::schedule_watch::{LATE_DROP, QUEUE_FULL, TIMER_MISS, TX_FAIL};
 
 const SCHEDULE_FLAGS: u16 = LATE_DROP | QUEUE_FULL | TX_FAIL | TIMER_MISS;
@@ -38,7 +39,7 @@ impl PhaseSweep {
             offsets_ns: (0..6).map(|nth| period_ns / 10 * nth).collect(),
             settle_cycles: 20,
             cycles: 1_000,
-            arrival_margin_ns: 20_000,
+            arrival_margin_ns: THIN_MARGIN_NS,
             offset_margin_ns: 50_000,
         }
     }

@@ -10,7 +10,7 @@ use crate::config::{GatewayConfig, PortConfig};
 use crate::cycle::CycleReport;
 use crate::error::PortError;
 use crate::receiver::Receiver;
-use crate::schedule_margin::{ScheduleMargin, wire_ns};
+use crate::schedule_margin::ScheduleTimes;
 use crate::schedule_settings::ScheduleSettings;
 use crate::schedule_watch::ScheduleWatch;
 use crate::session::{Awaited, Session, SessionMachine};
@@ -34,20 +34,8 @@ pub(crate) struct Gateway {
     pub(crate) hold_limit: u16,
     pub(crate) input_limit: u16,
     pub(crate) schedule: ScheduleSettings,
-    /// Time of the process data on the wire: its own outputs, and everything up to them.
-    pub(crate) wire_ns: (u64, u64),
-    /// The Sync0 pulse that scheduled frames of a cycle count from, behind the point of its grid.
-    pub(crate) pulse_ns: Option<u64>,
+    pub(crate) schedule_times: ScheduleTimes,
     pub(crate) watch: ScheduleWatch,
-}
-
-impl Gateway {
-    /// Whether an image sent so long behind the point of the cycle grid arrives behind the pulse
-    /// that its scheduled frames count from.
-    pub(crate) fn misses_pulse(&self, sent_ns: u64) -> bool {
-        let way = u64::from(self.schedule.transport_ns) + self.wire_ns.1;
-        self.pulse_ns.is_some_and(|pulse_ns| sent_ns.saturating_add(way) >= pulse_ns)
-    }
 }
 
 /// CAN and CAN FD through the gateways of one Adapter (manual 15.1, "MCAN Port").
@@ -258,10 +246,9 @@ fn build_gateway(
     });
     let has_results = config.tx_options.contains(OptionFlags::TX_RESULT);
     let schedule = config.schedule;
-    let wire_ns = wire_ns(&Plan::of(adapter.config()), slave);
-    let cycle_ns = adapter.config().cycle_ns;
     let dc = adapter.config().dc;
-    let pulse_ns = dc.map(|dc| ScheduleMargin::new(&schedule, cycle_ns, dc, 0, wire_ns).pulse_ns);
+    let plan = Plan::of(adapter.config());
+    let schedule_times = ScheduleTimes::new(&schedule, adapter.config(), &plan.slaves[slave]);
     let channel_mask = config.channel_mask();
     Ok(Gateway {
         session: SessionMachine::new(adapter, slave, config)?,
@@ -273,8 +260,7 @@ fn build_gateway(
         capabilities,
         channel_mask,
         schedule,
-        wire_ns,
-        pulse_ns,
+        schedule_times,
         fd_mask,
         is_paced: config.paced,
         hold_limit: config.hold_limit,

@@ -2,11 +2,16 @@
 
 use std::fmt;
 
-use ecan_host::{BYTE_NS, DcSync, Plan};
+use ecan_host::{AdapterConfig, BYTE_NS, SlavePlan};
 
 use crate::port::Port;
 use crate::schedule_settings::ScheduleSettings;
 use crate::send::NotSchedulable;
+
+/// Smallest offset behind Sync0 that the manual recommends to begin with (13.8), in nanoseconds.
+pub const RECOMMENDED_OFFSET_NS: u32 = 100_000;
+/// A margin below this is a thin one, in nanoseconds.
+pub(crate) const THIN_MARGIN_NS: u32 = 20_000;
 
 /// Times of a cycle around the Sync0 pulse that the offset of a scheduled frame counts from, all
 /// in nanoseconds from the point of the cycle grid.
@@ -17,6 +22,9 @@ use crate::send::NotSchedulable;
 ///        '--after-->'              '--before-->'            |
 ///                                  '--processing, before---->
 /// ```
+///
+/// [`Port::schedule_margin`] gives it for gateways in service,
+/// [`PortPlan::schedule_margin`](crate::PortPlan::schedule_margin) beforehand; both reckon alike.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScheduleMargin {
     /// Earliest arrival of the image in the gateway.
@@ -38,39 +46,6 @@ pub struct ScheduleMargin {
 }
 
 impl ScheduleMargin {
-    /// Reckons the margin of an offset behind Sync0. The cycle and the Sync0 period are those of
-    /// the configuration, `wire_ns` is the time on the wire of all process data before and with
-    /// those of the gateway, and `own_wire_ns` that of the gateway's outputs alone.
-    pub fn new(
-        settings: &ScheduleSettings,
-        cycle_ns: u32,
-        dc: DcSync,
-        offset_ns: u32,
-        (own_wire_ns, wire_ns): (u64, u64),
-    ) -> Self {
-        let cycle = u64::from(cycle_ns.max(1));
-        let earliest = own_wire_ns;
-        let latest =
-            u64::from(settings.latest_send_ns) + u64::from(settings.transport_ns) + wire_ns;
-        // Whatever the number of cycles in a Sync0 period: in one of them a pulse stands here.
-        let shift = u64::from(dc.shift_ns) % cycle;
-        // The first pulse that is not before every arrival.
-        let periods = if shift >= earliest { 0 } else { (earliest - shift).div_ceil(cycle) };
-        let pulse = shift + periods * cycle;
-        let release = pulse + u64::from(offset_ns);
-        let ready = latest + u64::from(settings.processing_ns);
-        let signed = |ns: u64| i64::try_from(ns).unwrap_or(i64::MAX);
-        Self {
-            earliest_arrival_ns: earliest,
-            latest_arrival_ns: latest,
-            pulse_ns: pulse,
-            release_ns: release,
-            after_pulse_ns: signed(earliest) - (signed(pulse) - signed(cycle)),
-            before_pulse_ns: signed(pulse) - signed(latest),
-            before_release_ns: signed(release) - signed(ready),
-        }
-    }
-
     /// The smallest of the three distances, in nanoseconds; negative where there is no margin.
     pub fn least_ns(&self) -> i64 {
         self.after_pulse_ns.min(self.before_pulse_ns).min(self.before_release_ns)
@@ -78,7 +53,18 @@ impl ScheduleMargin {
 
     /// Whether the phase is reached in time whenever the times of the settings are kept.
     pub fn is_sufficient(&self) -> bool {
-        self.least_ns() >= 0
+        self.lacking_ns() == 0
+    }
+
+    /// Whether it suffices with less than 20 us to spare, the distance that a
+    /// [`PhaseSweep`](crate::PhaseSweep) wants the arrival of images to keep from a pulse.
+    pub fn is_thin(&self) -> bool {
+        (0..i64::from(THIN_MARGIN_NS)).contains(&self.least_ns())
+    }
+
+    /// What the margin lacks, in nanoseconds; 0 where it suffices.
+    pub fn lacking_ns(&self) -> u64 {
+        self.least_ns().min(0).unsigned_abs()
     }
 }
 
@@ -97,11 +83,83 @@ impl fmt::Display for ScheduleMargin {
     }
 }
 
-/// Times of a gateway's process data on the wire: its own outputs, and everything up to them.
-pub(crate) fn wire_ns(plan: &Plan, slave: usize) -> (u64, u64) {
-    plan.slaves
-        .get(slave)
-        .map_or((0, 0), |slave| (slave.layout.rx_bytes as u64 * BYTE_NS, slave.outputs_arrive_ns))
+/// What the margins of a gateway are reckoned from: times in nanoseconds from the point of the
+/// cycle grid.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct ScheduleTimes {
+    earliest_arrival_ns: u64,
+    latest_arrival_ns: u64,
+    /// The firmware has done with the image that came latest.
+    ready_ns: u64,
+    /// From the send of an image to its arrival.
+    way_ns: u64,
+    cycle_ns: u64,
+    sync0: Option<Sync0>,
+}
+
+/// The pulse that offsets count from, and the period that they lie in.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Sync0 {
+    pulse_ns: u64,
+    period_ns: u32,
+}
+
+impl ScheduleTimes {
+    /// Of a gateway with these settings and this place on the line. At the latest an image comes
+    /// with the last of its Ethernet frames in the order of the plan; however the master packs
+    /// them, never before its own bytes have passed.
+    pub(crate) fn new(
+        settings: &ScheduleSettings,
+        adapter: &AdapterConfig,
+        slave: &SlavePlan,
+    ) -> Self {
+        let cycle_ns = u64::from(adapter.cycle_ns.max(1));
+        let earliest_arrival_ns = slave.layout.rx_bytes as u64 * BYTE_NS;
+        let way_ns = u64::from(settings.transport_ns) + slave.outputs_arrive_ns;
+        let latest_arrival_ns = u64::from(settings.latest_send_ns) + way_ns;
+        let sync0 = adapter.dc.map(|dc| {
+            // Whatever the number of cycles in a Sync0 period: in one of them a pulse stands here.
+            let shift = u64::from(dc.shift_ns) % cycle_ns;
+            // The first pulse that is not before every arrival.
+            let periods = earliest_arrival_ns.saturating_sub(shift).div_ceil(cycle_ns);
+            Sync0 { pulse_ns: shift + periods * cycle_ns, period_ns: dc.cycle_ns }
+        });
+        Self {
+            earliest_arrival_ns,
+            latest_arrival_ns,
+            ready_ns: latest_arrival_ns + u64::from(settings.processing_ns),
+            way_ns,
+            cycle_ns,
+            sync0,
+        }
+    }
+
+    /// The margin of an offset behind Sync0. Real-time safe.
+    pub(crate) fn margin(&self, offset_ns: u32) -> Result<ScheduleMargin, NotSchedulable> {
+        let Sync0 { pulse_ns, period_ns } = self.sync0.ok_or(NotSchedulable::NoSync0)?;
+        if offset_ns >= period_ns {
+            return Err(NotSchedulable::BeyondPeriod { sync0_ns: period_ns });
+        }
+        let release_ns = pulse_ns + u64::from(offset_ns);
+        let signed = |ns: u64| i64::try_from(ns).unwrap_or(i64::MAX);
+        let [earliest, latest, pulse] =
+            [self.earliest_arrival_ns, self.latest_arrival_ns, pulse_ns].map(signed);
+        Ok(ScheduleMargin {
+            earliest_arrival_ns: self.earliest_arrival_ns,
+            latest_arrival_ns: self.latest_arrival_ns,
+            pulse_ns,
+            release_ns,
+            after_pulse_ns: earliest - (pulse - signed(self.cycle_ns)),
+            before_pulse_ns: pulse - latest,
+            before_release_ns: signed(release_ns) - signed(self.ready_ns),
+        })
+    }
+
+    /// Whether an image sent so long behind the point of the cycle grid arrives behind the pulse
+    /// that its scheduled frames count from.
+    pub(crate) fn misses_pulse(&self, sent_ns: u64) -> bool {
+        self.sync0.is_some_and(|sync0| sent_ns.saturating_add(self.way_ns) >= sync0.pulse_ns)
+    }
 }
 
 impl Port {
@@ -117,29 +175,34 @@ impl Port {
         offset_ns: u32,
     ) -> Result<ScheduleMargin, NotSchedulable> {
         let gateway = self.gateways.get(slave).ok_or(NotSchedulable::NotSupported)?;
-        let config = self.adapter.config();
-        let dc = config.dc.ok_or(NotSchedulable::NoSync0)?;
-        if !gateway.can_schedule {
-            return Err(NotSchedulable::NotSupported);
+        let margin = gateway.schedule_times.margin(offset_ns);
+        match margin {
+            Err(NotSchedulable::NoSync0) => margin,
+            _ if !gateway.can_schedule => Err(NotSchedulable::NotSupported),
+            _ => margin,
         }
-        if offset_ns >= dc.cycle_ns {
-            return Err(NotSchedulable::BeyondPeriod);
-        }
-        let settings = &gateway.schedule;
-        Ok(ScheduleMargin::new(settings, config.cycle_ns, dc, offset_ns, gateway.wire_ns))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use ecan_host::AdapterConfig;
+    use ecan_host::{DcSync, Plan};
+    use proptest::prelude::*;
 
     use super::*;
 
+    /// An image of 30 us, in the gateway 70 us after the send.
+    fn times(settings: ScheduleSettings, dc: Option<DcSync>) -> ScheduleTimes {
+        let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+        adapter.dc = dc;
+        let mut slave = Plan::of(&adapter).slaves[0];
+        (slave.layout.rx_bytes, slave.outputs_arrive_ns) = (375, 70_000);
+        ScheduleTimes::new(&settings, &adapter, &slave)
+    }
+
     fn margin(shift_ns: u32, offset_ns: u32) -> ScheduleMargin {
-        let settings = ScheduleSettings::default();
         let dc = DcSync::new(1_000_000, shift_ns);
-        ScheduleMargin::new(&settings, 1_000_000, dc, offset_ns, (30_000, 70_000))
+        times(ScheduleSettings::default(), Some(dc)).margin(offset_ns).unwrap()
     }
 
     #[test]
@@ -150,13 +213,14 @@ mod tests {
         assert_eq!((margin.after_pulse_ns, margin.before_pulse_ns), (530_000, 300_000));
         assert_eq!(margin.before_release_ns, 350_000);
         assert!(margin.is_sufficient() && margin.least_ns() == 300_000);
+        assert!(!margin.is_thin() && margin.lacking_ns() == 0);
     }
 
     #[test]
     fn a_pulse_among_the_arrivals_has_no_margin() {
         let margin = margin(100_000, 400_000);
-        assert_eq!(margin.before_pulse_ns, -100_000);
-        assert!(!margin.is_sufficient());
+        assert_eq!((margin.before_pulse_ns, margin.lacking_ns()), (-100_000, 100_000));
+        assert!(!margin.is_sufficient() && !margin.is_thin());
     }
 
     #[test]
@@ -164,7 +228,21 @@ mod tests {
         let margin = margin(10_000, 0);
         assert_eq!(margin.pulse_ns, 1_010_000);
         assert_eq!((margin.after_pulse_ns, margin.before_pulse_ns), (20_000, 810_000));
-        assert!(margin.is_sufficient());
+        assert!(margin.is_sufficient() && !margin.is_thin());
+    }
+
+    /// Frames leave behind the pulse that follows their arrival, also where that is the shift 0 or
+    /// one of a later cycle.
+    #[test]
+    fn the_pulse_is_the_first_behind_the_arrival() {
+        let pulse = |shift_ns| margin(shift_ns, 100_000).pulse_ns;
+        assert_eq!(
+            [700_000, 30_001, 30_000, 29_999, 0].map(pulse),
+            [700_000, 30_001, 30_000, 1_029_999, 1_000_000]
+        );
+        // A shift beyond the period, which the check refuses, is no reason to panic: the pulse is
+        // at 300 us, too.
+        assert_eq!(pulse(1_300_000), 300_000);
     }
 
     #[test]
@@ -172,23 +250,100 @@ mod tests {
         let short = margin(210_000, 20_000);
         assert_eq!((short.before_pulse_ns, short.before_release_ns), (10_000, -20_000));
         assert!(!short.is_sufficient());
-        assert!(margin(210_000, 40_000).is_sufficient());
+        let thin = margin(210_000, 69_999);
+        assert_eq!((thin.before_release_ns, thin.least_ns()), (29_999, 10_000));
+        assert!(thin.is_sufficient() && thin.is_thin());
+        assert!(margin(219_999, 100_000).is_thin() && !margin(220_000, 100_000).is_thin());
     }
 
     #[test]
     fn a_longer_sync0_period_has_its_pulse_in_one_of_its_cycles() {
-        let settings = ScheduleSettings::default();
         let dc = DcSync::new(4_000_000, 2_500_000);
-        let margin = ScheduleMargin::new(&settings, 1_000_000, dc, 3_000_000, (30_000, 70_000));
+        let margin = times(ScheduleSettings::default(), Some(dc)).margin(3_000_000).unwrap();
         assert_eq!((margin.pulse_ns, margin.release_ns), (500_000, 3_500_000));
     }
 
     #[test]
+    fn without_a_pulse_or_beyond_the_period_there_is_no_phase() {
+        let times = |dc| times(ScheduleSettings::default(), dc);
+        assert_eq!(times(None).margin(100_000), Err(NotSchedulable::NoSync0));
+        assert!(!times(None).misses_pulse(u64::MAX));
+        let times = times(Some(DcSync::new(1_000_000, 700_000)));
+        let beyond = NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 };
+        assert_eq!(times.margin(1_000_000), Err(beyond));
+        assert!(times.margin(999_999).is_ok());
+        // 30 us through the host and 70 us on the wire.
+        assert!(times.misses_pulse(600_000) && !times.misses_pulse(599_999));
+    }
+
+    #[test]
     fn wire_time_counts_the_slaves_before() {
-        let plan = Plan::of(&AdapterConfig::new(2));
-        let ((own, first), (_, second)) = (wire_ns(&plan, 0), wire_ns(&plan, 1));
-        assert_eq!(own, 384 * 80);
-        assert!(first > own && second > 2 * own, "{first} and {second} ns");
-        assert_eq!(wire_ns(&plan, 2), (0, 0));
+        let mut adapter = AdapterConfig::new(2);
+        adapter.dc = Some(DcSync::new(adapter.cycle_ns, 5_000_000));
+        let slaves = Plan::of(&adapter).slaves;
+        let of = |slave: usize| {
+            let settings = ScheduleSettings::default();
+            ScheduleTimes::new(&settings, &adapter, &slaves[slave]).margin(0).unwrap()
+        };
+        let sent_ns = 100_000 + 30_000;
+        assert_eq!(of(0).earliest_arrival_ns, 384 * 80);
+        assert_eq!(of(0).latest_arrival_ns, sent_ns + slaves[0].outputs_arrive_ns);
+        assert_eq!(of(1).latest_arrival_ns, sent_ns + slaves[1].outputs_arrive_ns);
+        assert!(slaves[1].outputs_arrive_ns > 2 * 384 * 80);
+    }
+
+    proptest! {
+        /// Every configuration has its margins or a reason: the pulse is the first behind the
+        /// earliest arrival, on the grid of Sync0, and the distances are those between the times.
+        #[test]
+        fn the_times_of_a_margin_belong_together(
+            sizes in prop::collection::vec(any::<u8>(), 1..8),
+            (cycle_ns, offset_ns) in any::<(u32, u32)>(),
+            dc: Option<(u32, u32)>,
+            (latest_send_ns, transport_ns, processing_ns) in any::<(u32, u32, u32)>(),
+            sent_ns: u64,
+        ) {
+            let mut adapter = AdapterConfig::new(sizes.len() as u16);
+            for (slave, rx) in adapter.slaves.iter_mut().zip(&sizes) {
+                slave.rx_multiplier = *rx;
+            }
+            adapter.cycle_ns = cycle_ns;
+            adapter.dc = dc.map(|(period, shift)| DcSync::new(period, shift));
+            let settings = ScheduleSettings {
+                latest_send_ns,
+                transport_ns,
+                processing_ns,
+                ..ScheduleSettings::default()
+            };
+            for slave in Plan::of(&adapter).slaves {
+                let times = ScheduleTimes::new(&settings, &adapter, &slave);
+                let Ok(margin) = times.margin(offset_ns) else {
+                    prop_assert!(adapter.dc.is_none_or(|dc| offset_ns >= dc.cycle_ns));
+                    continue;
+                };
+                let dc = adapter.dc.unwrap();
+                prop_assert!(offset_ns < dc.cycle_ns);
+                let cycle = u64::from(cycle_ns.max(1));
+                prop_assert!(margin.earliest_arrival_ns <= margin.latest_arrival_ns);
+                prop_assert!(margin.pulse_ns >= margin.earliest_arrival_ns);
+                prop_assert!(margin.pulse_ns < margin.earliest_arrival_ns + cycle);
+                prop_assert_eq!(margin.pulse_ns % cycle, u64::from(dc.shift_ns) % cycle);
+                prop_assert_eq!(margin.release_ns - margin.pulse_ns, u64::from(offset_ns));
+                // From pulse to pulse is a cycle: arrivals and both distances fill it.
+                let arrivals = margin.latest_arrival_ns - margin.earliest_arrival_ns;
+                let filled =
+                    i128::from(margin.after_pulse_ns) + i128::from(margin.before_pulse_ns);
+                prop_assert_eq!(filled + i128::from(arrivals), i128::from(cycle));
+                let work = i128::from(offset_ns) - i128::from(processing_ns);
+                let ready = i128::from(margin.before_pulse_ns) + work;
+                prop_assert_eq!(i128::from(margin.before_release_ns), ready);
+                prop_assert_eq!(margin.is_sufficient(), margin.least_ns() >= 0);
+                // An image that is sent in time meets the pulse where there is a margin to it.
+                if margin.before_pulse_ns > 0 {
+                    prop_assert!(!times.misses_pulse(u64::from(latest_send_ns)));
+                }
+                let _ = times.misses_pulse(sent_ns);
+            }
+        }
     }
 }

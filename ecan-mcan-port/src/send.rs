@@ -160,19 +160,27 @@ pub enum SendError {
 #[non_exhaustive]
 pub enum NotSchedulable {
     /// Distributed clocks are not configured.
-    #[error("distributed clocks with Sync0 are not configured")]
+    #[error(
+        "distributed clocks with Sync0 are not configured: configure them, or send frames at once"
+    )]
     NoSync0,
     /// The gateway does not have the capability.
     #[error("the gateway has no scheduled transmission (0xF000:16 bit 8)")]
     NotSupported,
     /// The offset lies beyond the Sync0 period.
-    #[error("the offset is not within the Sync0 period")]
-    BeyondPeriod,
+    #[error(
+        "the offset is not below the Sync0 period of {:.1} us: use a smaller one",
+        f64::from(*sync0_ns) / 1e3
+    )]
+    BeyondPeriod {
+        /// The Sync0 period, in nanoseconds.
+        sync0_ns: u32,
+    },
     /// The phase is not surely reached in time, and
     /// [`MarginCheck::Refuse`](crate::MarginCheck::Refuse) is chosen.
     #[error(
-        "the margin is short by {lacking_ns} ns: move the Sync0 shift away from the arrival of the \
-         images, or enlarge the offset"
+        "the margin is short by {:.1} us: move the Sync0 shift away from the arrival of the images, \
+         or enlarge the offset", *lacking_ns as f64 / 1e3
     )]
     NoMargin {
         /// What the margin lacks, in nanoseconds.
@@ -338,11 +346,11 @@ impl Port {
         let begun_ns = self.cycle_point_ns.map(|_| self.adapter.cycle_start().late_ns);
         let gateway = self.gateways.get_mut(slave).ok_or(SendError::SlaveIndex { slave })?;
         if !has_margin && gateway.schedule.margin_check == MarginCheck::Refuse {
-            let lacking_ns = margin.least_ns().unsigned_abs();
+            let lacking_ns = margin.lacking_ns();
             return Err(refuse(NotSchedulable::NoMargin { lacking_ns }));
         }
         // What is sent while an image is held goes out in a later cycle.
-        let is_late = begun_ns.is_some_and(|ns| gateway.misses_pulse(ns));
+        let is_late = begun_ns.is_some_and(|ns| gateway.schedule_times.misses_pulse(ns));
         if is_late || gateway.transmitter.is_holding() {
             gateway.transmitter.accounts_mut().refused_late(channel);
             return Err(SendError::NoRoom { slave, channel, what: NoRoom::Phase });

@@ -4,10 +4,11 @@
 mod common;
 
 use common::{Bench, classic, frame};
-use ecan_host::{AdapterConfig, DcSync, PlanRefusal, PlanWarning};
+use ecan_host::{AdapterConfig, DcSync, PlanRefusal};
 use ecan_mcan_port::{
     ChannelSettings, CpuCost, FrameRate, FrameStream, FrameWay, GatewayConfig, ImageFill,
-    PortConfig, PortConfigFault, PortPlan, PortRefusal, PortWarning, SendError, Traffic,
+    MarginCheck, NotSchedulable, PortConfig, PortConfigFault, PortPlan, PortRefusal, PortWarning,
+    SendError, Traffic,
 };
 use ecan_protocol::{
     BudgetPolicy, CanFrame, CanId, Direction, EncapsulationProfile, OptionFlags, Schedule,
@@ -238,21 +239,68 @@ fn findings_of_the_ethercat_side_are_among_those_of_the_whole() {
     ));
 }
 
+/// Two clock datagrams beside N = 3: the image is there 67.2 us after the send at the latest, and
+/// not before its own 384 bytes, 30.72 us; 100 us until the send and 30 us through the host come
+/// on top, then 50 us in the firmware.
+fn with_sync0(shift_ns: u32) -> AdapterConfig {
+    let mut adapter = adapter(3);
+    adapter.dc = Some(DcSync { monitor_every: 0, ..DcSync::new(1_000_000, shift_ns) });
+    adapter
+}
+
+fn scheduled(adapter: &AdapterConfig, config: &PortConfig, offset_ns: u32) -> PortPlan {
+    let stream = FrameStream::to_bus(0, 0, eight(), EVERY_CYCLE).scheduled(offset_ns);
+    PortPlan::of(adapter, config, &[stream])
+}
+
+#[test]
+fn scheduled_frames_have_a_margin() {
+    let mut config = one_channel(classic());
+    let plan = scheduled(&with_sync0(700_000), &config, 100_000);
+    assert_eq!((&plan.refusals[..], &plan.warnings[..]), (&[][..], &[][..]));
+    let margin = plan.schedule_margin(0, 100_000).unwrap();
+    assert_eq!((margin.earliest_arrival_ns, margin.latest_arrival_ns), (30_720, 197_200));
+    assert_eq!((margin.pulse_ns, margin.release_ns), (700_000, 800_000));
+    assert_eq!((margin.after_pulse_ns, margin.before_pulse_ns), (330_720, 502_800));
+    assert_eq!((margin.before_release_ns, margin.least_ns()), (552_800, 330_720));
+    let none = plan.schedule_margin(1, 100_000);
+    assert_eq!(none, Err(NotSchedulable::NotSupported), "there is no slave 1");
+    // An application that works for 600 us before it sends cuts it fine: 697.2 us.
+    config.gateways[0].schedule.latest_send_ns = 600_000;
+    let plan = scheduled(&with_sync0(700_000), &config, 50_000);
+    let margin = plan.schedule_margin(0, 50_000).unwrap();
+    assert_eq!((margin.before_pulse_ns, margin.before_release_ns), (2_800, 2_800));
+    let thin = PortWarning::ThinMargin { slave: 0, offset_ns: 50_000, margin };
+    assert!(thin.to_string().contains("margin 2.8 us: image in the gateway"), "{thin}");
+    let small = PortWarning::SmallOffset { offset_ns: 50_000 };
+    assert!(small.to_string().contains("50.0 us") && small.to_string().contains("with 100 us"));
+    assert_eq!((plan.refusals, plan.warnings), (vec![], vec![thin, small]));
+}
+
 #[test]
 fn schedules_are_judged() {
-    let plan = |adapter: &AdapterConfig, offset_ns, frames| {
-        let stream = FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(frames));
-        PortPlan::of(adapter, &one_channel(classic()), &[stream.scheduled(offset_ns)])
+    let config = one_channel(classic());
+    let refused = |adapter: &AdapterConfig, offset_ns| {
+        let refusals = scheduled(adapter, &config, offset_ns).refusals;
+        let [PortRefusal::NotSchedulable { slave: 0, offset_ns: told, reason }] = refusals[..]
+        else {
+            panic!("{refusals:?}")
+        };
+        assert_eq!(told, offset_ns);
+        (reason, refusals[0].to_string())
     };
-    let mut adapter = adapter(3);
-    let refused = plan(&adapter, 100_000, 1).refusals;
-    let offset_ns = 100_000;
-    assert_eq!(refused, [PortRefusal::EtherCat(PlanRefusal::ScheduleWithoutSync0 { offset_ns })]);
-    adapter.dc = Some(DcSync::new(1_000_000, 700_000));
-    assert_eq!(plan(&adapter, 100_000, 4).warnings, []);
-    let small = PortWarning::EtherCat(PlanWarning::SmallOffset { offset_ns: 50_000 });
-    assert_eq!(plan(&adapter, 50_000, 1).warnings, [small]);
+    let (reason, text) = refused(&adapter(3), 100_000);
+    assert_eq!(reason, NotSchedulable::NoSync0);
+    assert!(text.contains("100.0 us behind Sync0") && text.contains("send frames at once"));
+    let (reason, text) = refused(&with_sync0(700_000), 1_000_000);
+    assert_eq!(reason, NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 });
+    assert!(text.contains("not below the Sync0 period of 1000.0 us"), "{text}");
     // Four frames of at most 135 us from 600 us on end at 1140 us.
+    let four = FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(4));
+    let plan = |offset_ns| {
+        PortPlan::of(&with_sync0(700_000), &config, &[four.scheduled(offset_ns)]).warnings
+    };
+    assert_eq!(plan(100_000), []);
     let overruns = PortWarning::ScheduleOverruns {
         slave: 0,
         channel: 0,
@@ -260,11 +308,25 @@ fn schedules_are_judged() {
         frames_ns: 540_000,
         sync0_ns: 1_000_000,
     };
-    assert_eq!(plan(&adapter, 600_000, 4).warnings, [overruns]);
-    // The image is there 67.2 us after the send: shortly before a pulse at 100 us.
-    adapter.dc = Some(DcSync { monitor_every: 0, ..DcSync::new(1_000_000, 100_000) });
-    let thin = PlanWarning::ThinSchedule { slave: 0, to_pulse_ns: 32_800, sync0_ns: 1_000_000 };
-    assert_eq!(plan(&adapter, 100_000, 4).warnings, [PortWarning::EtherCat(thin)]);
+    assert_eq!(plan(600_000), [overruns]);
+}
+
+/// A pulse at 100 us, images until 197.2 us: what is counted by default is refused on wish.
+#[test]
+fn a_short_margin_is_warned_of_or_refused_as_the_port_does() {
+    let mut config = one_channel(classic());
+    let adapter = with_sync0(100_000);
+    let (offset_ns, lacking_ns) = (100_000, 97_200);
+    let counted = scheduled(&adapter, &config, offset_ns);
+    let short = PortWarning::NoMargin { slave: 0, offset_ns, lacking_ns };
+    assert!(short.to_string().contains("short by 97.2 us"), "{short}");
+    assert_eq!((counted.refusals, counted.warnings), (vec![], vec![short]));
+    config.gateways[0].schedule.margin_check = MarginCheck::Refuse;
+    let refused = scheduled(&adapter, &config, offset_ns);
+    let reason = NotSchedulable::NoMargin { lacking_ns };
+    let expected = PortRefusal::NotSchedulable { slave: 0, offset_ns, reason };
+    assert!(expected.to_string().contains("short by 97.2 us: move the Sync0 shift"), "{expected}");
+    assert_eq!((refused.refusals, refused.warnings), (vec![expected], vec![]));
 }
 
 #[test]
@@ -346,6 +408,42 @@ fn the_measured_load_lies_within_the_planned_one() {
     }
 }
 
+/// Plan and Port reckon alike, and what one takes the other takes.
+#[test]
+fn the_port_has_the_margins_of_the_plan() {
+    for shift_us in [0, 30, 150, 210, 230, 700] {
+        let mut adapter = AdapterConfig::new(2).with_multiplier(3).with_cycle_us(1_000);
+        adapter.dc = Some(DcSync::new(1_000_000, shift_us * 1_000));
+        let mut gateway = GatewayConfig::on_channel(0, classic());
+        gateway.schedule.margin_check = MarginCheck::Refuse;
+        let config = PortConfig::uniform(2, gateway);
+        let mut bench = Bench::ready(ecan_sim::echo(2), adapter.clone(), config.clone());
+        for (slave, offset_ns) in [0, 1]
+            .into_iter()
+            .flat_map(|slave| [0, 20_000, 60_000, 999_999, 1_000_000].map(|ns| (slave, ns)))
+        {
+            let stream = FrameStream::to_bus(slave, 0, eight(), EVERY_CYCLE).scheduled(offset_ns);
+            let plan = PortPlan::of(&adapter, &config, &[stream]);
+            let planned = plan.schedule_margin(slave, offset_ns);
+            assert_eq!(planned, bench.port.schedule_margin(slave, offset_ns));
+            let mut sent = None;
+            bench.cycle(|port| {
+                let at = Schedule { tag: 0, offset_ns };
+                sent = Some(port.schedule_can(slave, 0, common::id(1), &[], at).map(drop));
+            });
+            let expected = match plan.refusals[..] {
+                [] => Ok(()),
+                [PortRefusal::NotSchedulable { slave, offset_ns, reason }] => {
+                    Err(SendError::NotSchedulable { slave, offset_ns, reason })
+                }
+                _ => panic!("{:?}", plan.refusals),
+            };
+            assert_eq!(sent, Some(expected), "shift {shift_us} us, offset {offset_ns} ns");
+            assert_eq!(plan.refusals.is_empty(), planned.is_ok_and(|it| it.is_sufficient()));
+        }
+    }
+}
+
 /// The simulated gateway releases scheduled frames when the plan says, to the microsecond.
 #[test]
 fn scheduled_frames_leave_when_the_plan_says() {
@@ -354,8 +452,8 @@ fn scheduled_frames_leave_when_the_plan_says() {
         adapter.dc = Some(DcSync::new(1_000_000, shift_us * 1_000));
         let config = one_channel(classic());
         let offset_ns = offset_us * 1_000;
-        let plan = PortPlan::of(&adapter, &config, &[]).ethercat;
-        let planned = plan.schedule_margin(0, offset_ns, 0).unwrap().unwrap().leaves_ns;
+        let plan = PortPlan::of(&adapter, &config, &[]);
+        let planned = plan.schedule_margin(0, offset_ns).unwrap().release_ns;
         let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
         bench.cycle(|port| {
             let schedule = Schedule { tag: 1, offset_ns };

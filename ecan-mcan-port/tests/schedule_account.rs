@@ -313,7 +313,7 @@ fn the_margin_is_told_counted_or_demanded() {
     let bench = with_sync0(echo(1), SHIFT_NS, |_| ());
     assert!(bench.port.schedule_margin(0, OFFSET_NS).unwrap().is_sufficient());
     let beyond = bench.port.schedule_margin(0, 1_000_000);
-    assert_eq!(beyond, Err(NotSchedulable::BeyondPeriod));
+    assert_eq!(beyond, Err(NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 }));
 }
 
 #[test]

@@ -37,7 +37,7 @@ fn what_cannot_be_scheduled_is_refused_with_the_reason() {
     let beyond = Schedule { tag: 0, offset_ns: 1_000_000 };
     bench.cycle(|port| {
         let refused = port.schedule_can(0, 0, id(1), &[], beyond).unwrap_err();
-        let reason = NotSchedulable::BeyondPeriod;
+        let reason = NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 };
         assert_eq!(refused, SendError::NotSchedulable { slave: 0, offset_ns: 1_000_000, reason });
     });
     let mut bench = Bench::single(GatewayConfig::on_channel(0, classic()));

@@ -5,7 +5,7 @@
 mod common;
 
 use common::{Bench, id, with_sync0};
-use ecan_host::{CycleTiming, OverrunPolicy};
+use ecan_host::{CycleTiming, Distribution, OverrunPolicy};
 use ecan_mcan_port::GatewayConfig;
 use ecan_protocol::{CanId, OptionFlags, Schedule};
 
@@ -33,8 +33,8 @@ fn send(bench: &mut Bench, id: CanId, offset_ns: Option<u32>) {
     });
 }
 
-/// Distances from the period of all frames on the bus, in nanoseconds, smallest first.
-fn errors(offset_ns: Option<u32>, spin_ns: u64) -> Vec<u64> {
+/// Distances from the period of all frames on the bus.
+fn errors(offset_ns: Option<u32>, spin_ns: u64) -> Distribution {
     let mut bench = with_sync0(ecan_sim::jitter(1), 700_000, fd);
     let timing = CycleTiming { spin_ns, overrun: OverrunPolicy::Skip };
     bench.port.adapter_mut().set_cycle_timing(timing);
@@ -51,13 +51,7 @@ fn errors(offset_ns: Option<u32>, spin_ns: u64) -> Vec<u64> {
         assert_eq!((account.scheduled, account.sent), (FRAMES, FRAMES));
     }
     let periods = sent.windows(2).map(|pair| pair[1].start_ns - pair[0].start_ns);
-    let mut errors: Vec<u64> = periods.map(|ns| ns.abs_diff(CYCLE_NS)).collect();
-    errors.sort_unstable();
-    errors
-}
-
-fn percentile(sorted: &[u64], percent: usize) -> u64 {
-    sorted[(sorted.len() * percent).div_ceil(100) - 1]
+    Distribution::of(&periods.map(|ns| ns.abs_diff(CYCLE_NS)).collect::<Vec<_>>())
 }
 
 #[test]
@@ -65,16 +59,16 @@ fn scheduled_frames_keep_the_window_of_the_manual_and_direct_ones_an_order_less(
     let direct = errors(None, 0);
     let scheduled = errors(Some(OFFSET_NS), 0);
     // 13.9: p99 1012 us, between 944 and 1032 us.
-    assert!(percentile(&scheduled, 99) <= 12_000, "{}", percentile(&scheduled, 99));
-    assert!(*scheduled.last().unwrap() <= 32_000);
-    assert!(percentile(&scheduled, 50) > 0, "the release has jitter of its own");
-    assert!(percentile(&direct, 99) > 10 * percentile(&scheduled, 99));
-    assert!(*direct.last().unwrap() > 10 * scheduled.last().unwrap());
+    assert!(scheduled.p99_ns <= 12_000, "{scheduled}");
+    assert!(scheduled.max_ns <= 32_000, "{scheduled}");
+    assert!(scheduled.p50_ns > 0, "the release has jitter of its own");
+    assert!(direct.p99_ns > 10 * scheduled.p99_ns, "{direct}");
+    assert!(direct.max_ns > 10 * scheduled.max_ns, "{direct}");
 }
 
 #[test]
 fn a_spin_helps_direct_frames_and_is_not_needed_by_scheduled_ones() {
     let (direct, spun) = (errors(None, 0), errors(None, 100_000));
-    assert!(percentile(&spun, 95) * 2 < percentile(&direct, 95));
+    assert!(spun.p95_ns * 2 < direct.p95_ns, "{spun}");
     assert_eq!(errors(Some(OFFSET_NS), 0), errors(Some(OFFSET_NS), 100_000));
 }

@@ -101,37 +101,6 @@ impl BusPeriods {
     }
 }
 
-/// Ends and percentiles of times, in nanoseconds; exact.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Spread {
-    /// Shortest.
-    pub min_ns: u64,
-    /// Longest.
-    pub max_ns: u64,
-    /// 95 of 100 are at most this long.
-    pub p95_ns: u64,
-    /// 99 of 100 are at most this long.
-    pub p99_ns: u64,
-}
-
-impl Spread {
-    /// Of these times; none where there is no time.
-    pub fn of(times_ns: &[u64]) -> Option<Self> {
-        let mut sorted = times_ns.to_vec();
-        sorted.sort_unstable();
-        let at = |percent: usize| {
-            let rank = (sorted.len() * percent).div_ceil(100).max(1);
-            sorted.get(rank - 1).copied()
-        };
-        Some(Self {
-            min_ns: *sorted.first()?,
-            max_ns: *sorted.last()?,
-            p95_ns: at(95)?,
-            p99_ns: at(99)?,
-        })
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -146,17 +115,5 @@ mod tests {
         assert_eq!((periods.sent, periods.received(), periods.order_errors), (6, 4, 1));
         assert_eq!(periods.periods_ns, [10, 10, 11]);
         assert_eq!(record.periods(0..3).received(), 0);
-    }
-
-    #[test]
-    fn percentiles_are_nearest_ranks() {
-        let times: Vec<u64> = (1..=200).rev().collect();
-        let spread = Spread::of(&times).unwrap();
-        assert_eq!(
-            (spread.min_ns, spread.max_ns, spread.p95_ns, spread.p99_ns),
-            (1, 200, 190, 198)
-        );
-        assert_eq!(Spread::of(&[]), None);
-        assert_eq!(Spread::of(&[7]).unwrap().p99_ns, 7);
     }
 }

@@ -6,6 +6,7 @@
 //! mcan_gateway_tx_probe --cycle-us 1000 --fd 5000000 --rt-priority 80 --spin-us 100 \
 //!     --bus-log analyser.log
 //! mcan_gateway_tx_probe --cycle-us 1000 --sweep
+//! mcan_gateway_tx_probe --plan --cycle-us 1000 --dc-shift-us 700 --offset-ns 100000
 //! ```
 
 use std::error::Error;
@@ -13,17 +14,20 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
-use ecan_examples::backend::{self, Wishes};
 use ecan_examples::bus_periods::BusRecord;
+use ecan_examples::gateway_arguments::GatewayArguments;
 use ecan_examples::interrupt::Interrupt;
 use ecan_examples::log_file;
 use ecan_examples::open::{Configure, open};
+use ecan_examples::plan;
 use ecan_examples::probe_report::{Report, Row};
 use ecan_examples::real_time::{self, RealTimeArguments};
 use ecan_examples::tx_probe::{Mode, Target, probe_id};
 use ecan_host::{AdapterConfig, DcSync};
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, PhaseSweep, Port, PortConfig};
-use ecan_protocol::{CHANNELS, OptionFlags};
+use ecan_mcan_port::{
+    FrameStream, GatewayConfig, PhaseSweep, Port, PortConfig, RECOMMENDED_OFFSET_NS,
+};
+use ecan_protocol::{CHANNELS, FrameError, OptionFlags};
 use ecan_sim::{BusFrame, Simulation};
 
 /// Sync0 shift unless told otherwise, in percent of the cycle: behind the arrival of the images.
@@ -33,18 +37,8 @@ const DEFAULT_SHIFT_PERCENT: u32 = 70;
 #[derive(Debug, Parser)]
 #[command(name = "mcan_gateway_tx_probe", version)]
 struct Arguments {
-    /// EtherCAT master library: a path, `sim` for the built-in simulator, `sim:NAME` or
-    /// `sim:FILE.toml` for a scenario of it. Unset: the environment variable ECAN_ECRT, then the
-    /// installed libethercat.
-    #[arg(long, value_name = "SETTING")]
-    ecrt: Option<String>,
-    /// Index of the EtherCAT master.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    master: u32,
-    /// Number of gateways, from position 0 on.
-    #[arg(long, value_name = "N", default_value_t = 1,
-          value_parser = clap::value_parser!(u16).range(1..=64))]
-    slaves: u16,
+    #[command(flatten)]
+    gateways: GatewayArguments,
     /// Index of the gateway that sends the frames.
     #[arg(long, value_name = "INDEX", default_value_t = 0)]
     slave: u16,
@@ -52,12 +46,6 @@ struct Arguments {
     #[arg(long, value_name = "CHANNEL", default_value_t = 0,
           value_parser = clap::value_parser!(u8).range(..CHANNELS as i64))]
     channel: u8,
-    /// PDO size per direction, in chunks of 128 bytes.
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    pdo_n: u8,
-    /// The installed master carries more than 1486 bytes of process data per sync manager.
-    #[arg(long)]
-    large_pdos: bool,
     /// EtherCAT cycle in microseconds, and Sync0 period.
     #[arg(long, value_name = "US", default_value_t = 1_000)]
     cycle_us: u32,
@@ -65,11 +53,11 @@ struct Arguments {
     #[arg(long, value_name = "N", default_value_t = 1_000,
           value_parser = clap::value_parser!(u64).range(1..=10_000_000))]
     frames: u64,
-    /// How the frames are sent.
+    /// How the frames are sent; of `both`, --plan plans the scheduled way.
     #[arg(long, value_enum, default_value_t = Modes::Both)]
     mode: Modes,
     /// Phase of scheduled frames behind Sync0, in nanoseconds.
-    #[arg(long, value_name = "NS", default_value_t = 100_000)]
+    #[arg(long, value_name = "NS", default_value_t = RECOMMENDED_OFFSET_NS)]
     offset_ns: u32,
     /// Start Sync0 also where nothing is scheduled.
     #[arg(long)]
@@ -77,12 +65,6 @@ struct Arguments {
     /// Sync0 shift against the cycle, in microseconds [default: 70 % of the cycle].
     #[arg(long, value_name = "US")]
     dc_shift_us: Option<u32>,
-    /// Nominal bit rate in bit/s.
-    #[arg(long, value_name = "BITRATE", default_value_t = 1_000_000)]
-    bitrate: u32,
-    /// Send CAN FD frames of 16 bytes with this data bit rate in bit/s.
-    #[arg(long, value_name = "DATA_BITRATE")]
-    fd: Option<u32>,
     /// An analyser's candump log of the bus, which is complete when the frames have been sent:
     /// read at the end for the times of the frames.
     #[arg(long, value_name = "FILE")]
@@ -98,15 +80,9 @@ struct Arguments {
     report: Option<PathBuf>,
     /// Try Sync0 shifts and offsets instead, with as many frames each as --frames says, and print
     /// which of them lose nothing.
-    #[arg(long, conflicts_with_all = ["mode", "offset_ns", "dc_shift_us", "bus_log", "bus_dump",
+    #[arg(long, conflicts_with_all = ["plan", "mode", "offset_ns", "dc_shift_us", "bus_log", "bus_dump",
                                       "csv", "report"])]
     sweep: bool,
-    /// Seed of everything random in a simulation.
-    #[arg(long, value_name = "SEED")]
-    seed: Option<u64>,
-    /// Run a simulation in wall-clock time instead of as fast as the machine goes.
-    #[arg(long)]
-    real_time: bool,
     #[command(flatten)]
     thread: RealTimeArguments,
 }
@@ -142,21 +118,21 @@ impl Arguments {
     }
 
     fn target(&self) -> Target {
-        Target { slave: self.slave.into(), channel: self.channel, is_fd: self.fd.is_some() }
+        Target {
+            slave: self.slave.into(),
+            channel: self.channel,
+            is_fd: self.gateways.fd.is_some(),
+        }
     }
 
     fn configuration(&self) -> Result<(AdapterConfig, PortConfig), Box<dyn Error>> {
-        if self.slave >= self.slaves {
-            let (slave, slaves) = (self.slave, self.slaves);
+        if self.slave >= self.gateways.slaves {
+            let (slave, slaves) = (self.slave, self.gateways.slaves);
             return Err(
                 format!("--slave {slave} is not among {slaves} gateway(s), from 0 on").into()
             );
         }
-        let mut adapter = AdapterConfig::new(self.slaves)
-            .with_multiplier(self.pdo_n)
-            .with_cycle_us(self.cycle_us);
-        adapter.master_index = self.master;
-        adapter.allow_large_pdos = self.large_pdos;
+        let mut adapter = self.gateways.adapter(self.cycle_us);
         if self.dc_sync0 || self.sweep || self.mode != Modes::Direct {
             let shift_ns = match self.dc_shift_us {
                 Some(us) => us.saturating_mul(1_000),
@@ -164,22 +140,29 @@ impl Arguments {
             };
             adapter.dc = Some(DcSync::new(adapter.cycle_ns, shift_ns));
         }
-        let settings = match self.fd {
-            Some(data_bitrate) => ChannelSettings::fd(self.bitrate, data_bitrate),
-            None => ChannelSettings::classic(self.bitrate),
-        };
-        let mut gateway = GatewayConfig::on_channel(self.channel, settings);
+        let mut gateway = GatewayConfig::on_channel(self.channel, self.gateways.channel());
         gateway.tx_options = OptionFlags::TX_RESULT;
-        Ok((adapter, PortConfig::uniform(self.slaves.into(), gateway)))
+        Ok((adapter, PortConfig::uniform(self.gateways.slaves.into(), gateway)))
+    }
+
+    /// The frames of a measurement.
+    fn traffic(&self) -> Result<FrameStream, FrameError> {
+        let stream = self.target().traffic()?;
+        Ok(match self.mode {
+            Modes::Direct => stream,
+            Modes::Scheduled | Modes::Both => stream.scheduled(self.offset_ns),
+        })
     }
 
     /// How it is measured, in words.
     fn setting(&self) -> String {
-        let kind = match self.fd {
-            Some(data) => format!("CAN FD frames of 16 bytes at {} and {data} bit/s", self.bitrate),
-            None => format!("CAN frames of 8 bytes at {} bit/s", self.bitrate),
+        let kind = match self.gateways.fd {
+            Some(data) => {
+                format!("CAN FD frames of 16 bytes at {} and {data} bit/s", self.gateways.bitrate)
+            }
+            None => format!("CAN frames of 8 bytes at {} bit/s", self.gateways.bitrate),
         };
-        let (frames, cycle, n) = (self.frames, self.cycle_us, self.pdo_n);
+        let (frames, cycle, n) = (self.frames, self.cycle_us, self.gateways.pdo_n);
         format!("{frames} {kind}, one per cycle of {cycle} us, N = {n}")
     }
 }
@@ -187,20 +170,17 @@ impl Arguments {
 /// Runs the probe.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let (adapter, config) = arguments.configuration()?;
+    if arguments.gateways.plan {
+        plan::print(&adapter, &config, &[arguments.traffic()?])?;
+        return Ok(true);
+    }
     // What is not there shall not be told after the measurement. A log may come into being
     // meanwhile, but not its directory.
     for path in [&arguments.csv, &arguments.report, &arguments.bus_dump].into_iter().flatten() {
         check_writable(path)?;
     }
-    let wishes = Wishes {
-        scenario: "jitter",
-        slaves: usize::from(arguments.slaves),
-        seed: arguments.seed,
-        real_time: arguments.real_time,
-        large_pdos: arguments.large_pdos,
-    };
     let interrupt = Interrupt::install()?;
-    let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
+    let backend = arguments.gateways.open_backend("jitter")?;
     if arguments.bus_dump.is_some() && backend.simulation.is_none() {
         return Err("--bus-dump needs a simulated bus".into());
     }

@@ -3,8 +3,11 @@
 use std::error::Error;
 use std::fmt::Write;
 
-use ecan_host::{AdapterConfig, Faults, RECOMMENDED_OFFSET_NS};
-use ecan_mcan_port::{CpuCost, FrameStream, FrameWay, ImageFill, ImagePlan, PortConfig, PortPlan};
+use ecan_host::{AdapterConfig, Faults};
+use ecan_mcan_port::{
+    CpuCost, FrameStream, FrameWay, ImageFill, ImagePlan, PortConfig, PortPlan,
+    RECOMMENDED_OFFSET_NS,
+};
 use ecan_protocol::{CanFrame, FrameKind, MAX_PACKETS};
 
 /// Prints the plan with its warnings.
@@ -206,7 +209,8 @@ fn kind(frame: &CanFrame) -> String {
     format!("{format}, {id}, {} bytes", frame.len())
 }
 
-/// When scheduled frames leave: those of the traffic, or what the manual begins with.
+/// When scheduled frames leave: those of the traffic, or what the manual begins with. Times count
+/// from the point of the cycle grid, by the settings of each gateway.
 fn schedules(text: &mut String, plan: &PortPlan, traffic: &[FrameStream]) -> std::fmt::Result {
     let mut offsets: Vec<(usize, u32)> =
         traffic.iter().filter_map(|s| Some((s.slave, s.schedule_offset_ns?))).collect();
@@ -217,31 +221,32 @@ fn schedules(text: &mut String, plan: &PortPlan, traffic: &[FrameStream]) -> std
     offsets.sort_unstable();
     offsets.dedup();
     let margins = offsets.into_iter().filter_map(|(slave, offset_ns)| {
-        Some((offset_ns, plan.ethercat.schedule_margin(slave, offset_ns, 0)?.ok()?))
+        Some((slave, offset_ns, plan.schedule_margin(slave, offset_ns).ok()?))
     });
-    for (nth, (offset_ns, margin)) in margins.enumerate() {
-        if nth == 0 {
-            writeln!(
-                text,
-                "\n{:<16}{:>14}{:>14}{:>14}{:>14}{:>14}",
-                "scheduled",
-                "behind Sync0",
-                "image there",
-                "Sync0 at",
-                "leaves at",
-                "late by up to"
-            )?;
-        }
+    let mut margins = margins.peekable();
+    if margins.peek().is_none() {
+        return Ok(());
+    }
+    writeln!(
+        text,
+        "\n{:<16}{:>14}{:>12}{:>12}{:>12}{:>12}{:>12}",
+        "scheduled", "behind Sync0", "image from", "to", "Sync0 at", "leaves at", "margin"
+    )?;
+    for (slave, offset_ns, margin) in margins {
         writeln!(
             text,
-            "{:<16}{:>14}{:>14}{:>14}{:>14}{:>14}",
-            format!("slave {}", margin.slave),
+            "{:<16}{:>14}{:>12}{:>12}{:>12}{:>12}{:>12}",
+            format!("slave {slave}"),
             us(offset_ns.into()),
-            us(margin.arrives_ns),
+            us(margin.earliest_arrival_ns),
+            us(margin.latest_arrival_ns),
             us(margin.pulse_ns),
-            us(margin.leaves_ns),
-            us(margin.to_pulse_ns())
+            us(margin.release_ns),
+            format!("{:.1} us", margin.least_ns() as f64 / 1e3)
         )?;
     }
-    Ok(())
+    writeln!(
+        text,
+        "behind the start of a cycle; images until then with what is allowed for waking up and work"
+    )
 }

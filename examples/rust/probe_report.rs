@@ -6,7 +6,7 @@ use std::path::Path;
 
 use ecan_host::Distribution;
 
-use crate::bus_periods::{BusPeriods, Spread};
+use crate::bus_periods::BusPeriods;
 use crate::histogram::{Panel, Range};
 use crate::svg;
 use crate::tx_probe::ModeResult;
@@ -43,11 +43,6 @@ fn us(ns: u64) -> f64 {
     ns as f64 / 1e3
 }
 
-fn max_error_us(period: &Distribution, cycle_ns: u32) -> f64 {
-    let error = |ns: u64| ns.abs_diff(cycle_ns.into());
-    us(error(period.min_ns).max(error(period.max_ns)))
-}
-
 /// The head of the table and of its cells, as in manual 13.9.
 const HEAD: [&str; 7] = [
     "mode",
@@ -62,7 +57,7 @@ const HEAD: [&str; 7] = [
 impl Report {
     fn cells(&self, row: &Row) -> [String; 7] {
         let period = row.result.statistics.period();
-        let error = max_error_us(&period, self.cycle_ns);
+        let error = us(row.result.statistics.max_period_error_ns());
         let master = match period.count {
             0 => "none".to_owned(),
             _ => format!("{:.3}/{:.3} ({error:.3})", us(period.min_ns), us(period.max_ns)),
@@ -72,17 +67,15 @@ impl Report {
         let Some(bus) = &row.bus else {
             return [mode, master, format!("?/{sent}"), dash(), dash(), dash(), dash()];
         };
-        let spread = Spread::of(&bus.periods_ns);
-        let of = |pick: fn(Spread) -> u64| {
-            spread.map_or_else(dash, |spread| format!("{:.1}", us(pick(spread))))
-        };
+        let periods = Distribution::of(&bus.periods_ns);
+        let of = |text: String| if periods.count == 0 { dash() } else { text };
         [
             mode,
             master,
             format!("{}/{sent}", bus.received()),
-            spread.map_or_else(dash, |s| format!("{:.1}/{:.1}", us(s.min_ns), us(s.max_ns))),
-            of(|spread| spread.p95_ns),
-            of(|spread| spread.p99_ns),
+            of(format!("{:.1}/{:.1}", us(periods.min_ns), us(periods.max_ns))),
+            of(format!("{:.1}", us(periods.p95_ns))),
+            of(format!("{:.1}", us(periods.p99_ns))),
             bus.order_errors.to_string(),
         ]
     }
@@ -255,10 +248,9 @@ impl Report {
             let Some(own) = Range::around(times.iter(), mark_us) else { continue };
             let colour = COLOURS[nth % COLOURS.len()];
             let title = format!("{}: {name}", row.result.mode);
-            let figures = Spread::of(times).map_or_else(String::new, |it| {
-                let (min, max, p99) = (us(it.min_ns), us(it.max_ns), us(it.p99_ns));
-                format!("min/max {min:.1}/{max:.1} us, p99 {p99:.1} us")
-            });
+            let it = Distribution::of(times);
+            let (min, max, p99) = (us(it.min_ns), us(it.max_ns), us(it.p99_ns));
+            let figures = format!("min/max {min:.1}/{max:.1} us, p99 {p99:.1} us");
             let left = Panel {
                 title: &title,
                 subtitle: "same axes for all",

@@ -12,12 +12,13 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
-use ecan_examples::backend::{self, Wishes};
 use ecan_examples::bus_load::BusLoad;
 use ecan_examples::check::Check;
+use ecan_examples::gateway_arguments::GatewayArguments;
 use ecan_examples::interrupt::Interrupt;
 use ecan_examples::log_file::{self, LoggedFrame};
 use ecan_examples::open::{Configure, open};
+use ecan_examples::patience::{MAX_FAILED_CYCLES, QUIET_NS, STUCK_NS};
 use ecan_examples::plan;
 use ecan_examples::progress;
 use ecan_examples::real_time::{self, RealTimeArguments};
@@ -25,46 +26,24 @@ use ecan_examples::source::{Channels, Source};
 use ecan_examples::summary::{self, Run};
 use ecan_examples::watch::SessionWatch;
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received, Session};
+use ecan_mcan_port::{GatewayConfig, Port, PortConfig, Received, Session};
 use ecan_protocol::{CHANNELS, CanId};
 
 /// Identifier of the frames that the plain loop sends.
 const LOOP_ID: u16 = 0x123;
 /// Cycles of the plain loop unless told otherwise.
 const DEFAULT_CYCLES: u64 = 1000;
-/// The end waits for frames under way until none has come for this long, in nanoseconds and in
-/// cycles.
-const QUIET_NS: u64 = 200_000_000;
+/// The end waits for frames under way for so many cycles at least.
 const QUIET_CYCLES: u64 = 20;
-/// A replay is given up when nothing was taken or came back for this long, in nanoseconds.
-const STUCK_NS: u64 = 10_000_000_000;
 /// Gaps of a recording from which the user is told, in nanoseconds.
 const LONG_GAP_NS: u64 = 60_000_000_000;
-/// Cycles in a row that may fail.
-const MAX_FAILED_CYCLES: u32 = 100;
 
 /// Sends CAN frames through ECAN-Lite gateways every cycle and receives what comes back.
 #[derive(Debug, Parser)]
 #[command(name = "simple_loop", version)]
 struct Arguments {
-    /// EtherCAT master library: a path, `sim` for the built-in simulator, `sim:NAME` or
-    /// `sim:FILE.toml` for a scenario of it. Unset: the environment variable ECAN_ECRT, then the
-    /// installed libethercat.
-    #[arg(long, value_name = "SETTING")]
-    ecrt: Option<String>,
-    /// Index of the EtherCAT master.
-    #[arg(long, value_name = "N", default_value_t = 0)]
-    master: u32,
-    /// Number of gateways, from position 0 on.
-    #[arg(long, value_name = "N", default_value_t = 1,
-          value_parser = clap::value_parser!(u16).range(1..=64))]
-    slaves: u16,
-    /// PDO size per direction, in chunks of 128 bytes.
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    pdo_n: u8,
-    /// The installed master carries more than 1486 bytes of process data per sync manager.
-    #[arg(long)]
-    large_pdos: bool,
+    #[command(flatten)]
+    gateways: GatewayArguments,
     /// EtherCAT cycle in microseconds.
     #[arg(long, value_name = "US", default_value_t = 10_000)]
     cycle_us: u32,
@@ -75,27 +54,12 @@ struct Arguments {
     /// channel that its interface names, counted over all gateways.
     #[arg(long, value_name = "CHANNEL", default_value = "0", value_parser = parse_channels)]
     channel: Channels,
-    /// Nominal bit rate in bit/s.
-    #[arg(long, value_name = "BITRATE", default_value_t = 1_000_000)]
-    bitrate: u32,
-    /// Use CAN FD with this data bit rate in bit/s.
-    #[arg(long, value_name = "DATA_BITRATE")]
-    fd: Option<u32>,
     /// Send the frames of a candump log, none before its time, and check that each comes back.
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
     /// Write what comes back as a candump log.
     #[arg(long, value_name = "FILE")]
     dump: Option<PathBuf>,
-    /// Seed of everything random in a simulation.
-    #[arg(long, value_name = "SEED")]
-    seed: Option<u64>,
-    /// Run a simulation in wall-clock time instead of as fast as the machine goes.
-    #[arg(long)]
-    real_time: bool,
-    /// Print what the configuration costs, with what speaks against it, and end; touches no bus.
-    #[arg(long)]
-    plan: bool,
     #[command(flatten)]
     thread: RealTimeArguments,
 }
@@ -114,25 +78,18 @@ fn main() -> ExitCode {
 
 /// The gateways: N, cycle and channels.
 fn configuration(arguments: &Arguments) -> (AdapterConfig, PortConfig) {
-    let mut adapter = AdapterConfig::new(arguments.slaves)
-        .with_multiplier(arguments.pdo_n)
-        .with_cycle_us(arguments.cycle_us);
-    adapter.master_index = arguments.master;
-    adapter.allow_large_pdos = arguments.large_pdos;
-    let settings = match arguments.fd {
-        Some(data_bitrate) => ChannelSettings::fd(arguments.bitrate, data_bitrate),
-        None => ChannelSettings::classic(arguments.bitrate),
-    };
+    let adapter = arguments.gateways.adapter(arguments.cycle_us);
+    let settings = arguments.gateways.channel();
     let gateway = match arguments.channel {
         Channels::One(channel) => GatewayConfig::on_channel(channel, settings),
         Channels::All => GatewayConfig::on_all_channels(&settings),
     };
-    (adapter, PortConfig::uniform(usize::from(arguments.slaves), gateway))
+    (adapter, PortConfig::uniform(usize::from(arguments.gateways.slaves), gateway))
 }
 
 /// What is sent: the recording, or a counter.
 fn source(arguments: &Arguments) -> Result<Source, Box<dyn Error>> {
-    let is_fd = arguments.fd.is_some();
+    let is_fd = arguments.gateways.fd.is_some();
     let Some(path) = &arguments.replay else {
         let cycles = arguments.cycles.unwrap_or(DEFAULT_CYCLES);
         return Ok(Source::Counter { id: CanId::standard(LOOP_ID)?, is_fd, cycles, done: 0 });
@@ -159,15 +116,8 @@ fn source(arguments: &Arguments) -> Result<Source, Box<dyn Error>> {
 
 /// Opens the gateways and waits until they are in service; `None` when the user gave up.
 fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port>, Box<dyn Error>> {
-    let wishes = Wishes {
-        scenario: "echo",
-        slaves: usize::from(arguments.slaves),
-        seed: arguments.seed,
-        real_time: arguments.real_time,
-        large_pdos: arguments.large_pdos,
-    };
     let (adapter, config) = configuration(arguments);
-    let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
+    let backend = arguments.gateways.open_backend("echo")?;
     arguments.thread.apply()?;
     open(&backend.ecrt, adapter, config, Configure::Write, interrupt)
 }
@@ -175,7 +125,7 @@ fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port
 /// Runs the loop; false when a recording did not come back as it was sent.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let mut source = source(arguments)?;
-    if arguments.plan {
+    if arguments.gateways.plan {
         let (adapter, config) = configuration(arguments);
         let traffic = source.traffic(adapter.slaves.len(), arguments.channel)?;
         plan::print(&adapter, &config, &traffic)?;
@@ -199,7 +149,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let quiet_ns = QUIET_NS.max(QUIET_CYCLES * cycle_ns);
     let start = clock.now_ns();
     let (mut last_activity, mut failed_cycles) = (start, 0);
-    let is_measured = arguments.real_time || arguments.thread.is_given();
+    let is_measured = arguments.gateways.real_time || arguments.thread.is_given();
     if is_measured {
         port.adapter_mut().measure_cycles();
     }
@@ -259,8 +209,8 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         println!("stopped by the user");
     }
     let run = Run {
-        nominal_bitrate: arguments.bitrate,
-        data_bitrate: arguments.fd.unwrap_or(arguments.bitrate),
+        nominal_bitrate: arguments.gateways.bitrate,
+        data_bitrate: arguments.gateways.fd.unwrap_or(arguments.gateways.bitrate),
         elapsed_ns: clock.now_ns() - start,
         cycle_ns: arguments.cycle_us * 1000,
     };

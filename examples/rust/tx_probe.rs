@@ -5,10 +5,13 @@ use std::fmt;
 use std::ops::Range;
 
 use ecan_host::CycleStatistics;
-use ecan_mcan_port::{Port, PortError, ScheduleAccount, SendError, SendTicket};
-use ecan_protocol::{CanId, Schedule};
+use ecan_mcan_port::{
+    FrameRate, FrameStream, Port, PortError, ScheduleAccount, SendError, SendOptions, SendTicket,
+};
+use ecan_protocol::{CanFrame, CanId, FrameError, Schedule};
 
 use crate::interrupt::Interrupt;
+use crate::patience::{MAX_FAILED_CYCLES, QUIET_NS, STUCK_NS};
 
 /// Identifier of the frames.
 pub const PROBE_ID: u16 = 0x123;
@@ -17,13 +20,8 @@ const CLASSIC_BYTES: usize = 8;
 const FD_BYTES: usize = 16;
 /// Cycles without a frame before each measurement.
 const SETTLE_CYCLES: u32 = 50;
-/// The end waits so long for frames under way and for the gateway's last word, in nanoseconds.
-const QUIET_NS: u64 = 200_000_000;
+/// The end waits so long for the gateway's last word, in nanoseconds.
 const ACCOUNT_NS: u64 = 2_000_000_000;
-/// A gateway that takes no frame for so long will not take any more, in nanoseconds.
-const STUCK_NS: u64 = 10_000_000_000;
-/// Cycles in a row that may fail.
-const MAX_FAILED_CYCLES: u32 = 100;
 
 /// How the frames are sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -86,23 +84,34 @@ impl Target {
     /// # Errors
     /// Why it was not taken.
     pub fn send(&self, port: &mut Port, mode: Mode, number: u64) -> Result<SendTicket, SendError> {
-        let Self { slave, channel, is_fd } = *self;
+        let Self { slave, channel, .. } = *self;
+        let frame = self.frame(number)?;
+        let schedule = match mode {
+            Mode::Direct => None,
+            Mode::Scheduled { offset_ns } => Some(Schedule { tag: number as u16, offset_ns }),
+        };
+        let options = SendOptions { schedule, ..SendOptions::default() };
+        port.send_with(slave, channel, frame.as_ref(), options)
+    }
+
+    /// The frame of a number.
+    fn frame(&self, number: u64) -> Result<CanFrame, FrameError> {
         let mut bytes = [0; FD_BYTES];
-        let (head, _) = bytes.split_at_mut(8);
+        let (head, _) = bytes.split_at_mut(CLASSIC_BYTES);
         head.copy_from_slice(&number.to_le_bytes());
-        let data = &bytes[..if is_fd { FD_BYTES } else { CLASSIC_BYTES }];
-        let id = probe_id();
-        match mode {
-            Mode::Direct if is_fd => port.send_canfd(slave, channel, id, data, true),
-            Mode::Direct => port.send_can(slave, channel, id, data),
-            Mode::Scheduled { offset_ns } => {
-                let at = Schedule { tag: number as u16, offset_ns };
-                match is_fd {
-                    true => port.schedule_canfd(slave, channel, id, data, true, at),
-                    false => port.schedule_can(slave, channel, id, data, at),
-                }
-            }
+        match self.is_fd {
+            true => CanFrame::fd(probe_id(), &bytes, true, false),
+            false => CanFrame::classic(probe_id(), head),
         }
+    }
+
+    /// The frames of a measurement, sent directly, for a [`PortPlan`](ecan_mcan_port::PortPlan).
+    ///
+    /// # Errors
+    /// A frame that cannot be, which none of this program's is.
+    pub fn traffic(&self) -> Result<FrameStream, FrameError> {
+        let Self { slave, channel, .. } = *self;
+        Ok(FrameStream::to_bus(slave, channel, self.frame(0)?, FrameRate::PerCycle(1)))
     }
 
     /// One cycle for a sweep: a frame scheduled at this offset. One that is refused for now shows

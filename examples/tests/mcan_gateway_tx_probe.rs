@@ -186,7 +186,7 @@ fn wrong_use_gets_a_message_that_helps() {
         (&["--channel", "4"], "--channel"),
         (&["--frames", "0"], "--frames"),
         (&["--mode", "sideways"], "--mode"),
-        (&["--offset-ns", "1000000"], "not within the Sync0 period"),
+        (&["--offset-ns", "1000000"], "not below the Sync0 period of 1000.0 us"),
         (&["--dc-shift-us", "1000"], "shift"),
         (&["--report", "probe.png"], ".html or .svg"),
         (&["--report", "/no/such/dir/probe.html"], "cannot write /no/such/dir/probe.html"),

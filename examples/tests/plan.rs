@@ -8,6 +8,7 @@ use program::{fails, run, succeeds, text};
 const LOOP: &str = "simple_loop";
 const SINGLE: &str = "cia402_single_axis_demo";
 const TEN: &str = "cia402_10axis_demo";
+const PROBE: &str = "mcan_gateway_tx_probe";
 
 /// The words of the line that begins with these.
 fn line<'a>(printed: &'a str, start: &str) -> Vec<&'a str> {
@@ -124,18 +125,78 @@ fn axes_fill_their_channels() {
     assert_eq!(line(&printed, "slave 0 can2")[3..5], ["1.25", "1"]);
 }
 
-/// The clocks make the frame 48 bytes longer: 868 bytes, of which the last 12 are gap. Frames 100 us
-/// behind a Sync0 at 700 us leave 732.8 us after the image has arrived at 68.5 us.
+/// The line of slave 0 in the table of scheduled frames.
+fn schedule(printed: &str) -> Vec<&str> {
+    let (_, table) = printed.split_once("\nscheduled").unwrap_or_else(|| panic!("{printed}"));
+    line(table, "slave 0")[2..].to_vec()
+}
+
+/// The clocks make the frame 48 bytes longer: 868 bytes, of which the last 12 are gap, so that the
+/// image arrives 68.5 us after it is sent, and 100 us of work and 30 us through the host later at
+/// the latest. A Sync0 at 700 us is 330.7 us before the first arrival that counts from the next.
 #[test]
 fn with_sync0_the_plan_tells_when_scheduled_frames_would_leave() {
     let sync0 = ["--plan", "--cycle-us", "1000", "--dc-sync0", "--dc-shift-us", "700"];
     let printed = succeeds(SINGLE, &sync0);
     contains_all(&printed, &["slave 0 LRW 768, clock 4, clock 4", "shifted by 700.0 us"]);
-    let schedule = printed.split("\nscheduled").nth(1).unwrap_or_else(|| panic!("{printed}"));
+    let arrival = ["68.5", "us", "after", "they", "are", "sent,", "the", "last", "one"];
+    assert_eq!(line(&printed, "images arrive")[2..], arrival);
     assert_eq!(
-        line(schedule, "slave 0")[2..],
-        ["100.0", "us", "68.5", "us", "700.0", "us", "800.0", "us", "631.5", "us"]
+        schedule(&printed),
+        ["100.0", "us", "30.7", "us", "198.5", "us", "700.0", "us", "800.0", "us", "330.7", "us"]
     );
     let message = fails(SINGLE, &["--plan", "--dc-sync0", "--dc-shift-us", "10000"]);
     contains_all(&message, &["Sync0 shift of 10000 us is not below its period"]);
+}
+
+/// The probe's frame of 8 bytes takes 20 with its schedule record, 12 without; 11 bits and 8 bytes
+/// are 111 to 135 us of 1000.
+#[test]
+fn the_probe_plans_its_frames_with_their_offset() {
+    let printed = succeeds(PROBE, &["--plan", "--offset-ns", "250000"]);
+    assert_eq!(
+        line(&printed, "slave 0 can0")[3..],
+        ["1", "0", "8", "8", "11.1", "to", "13.5", "%"]
+    );
+    assert_eq!(line(&printed, "slave 0 RxPDO")[3..], ["360", "1", "(1)", "20", "(20)"]);
+    assert_eq!(
+        schedule(&printed),
+        ["250.0", "us", "30.7", "us", "198.5", "us", "700.0", "us", "950.0", "us", "330.7", "us"]
+    );
+    contains_all(&printed, &["nothing speaks against it"]);
+    assert!(!printed.contains("SIMULATED") && !printed.contains("in service"), "{printed}");
+
+    let printed = succeeds(PROBE, &["--plan", "--mode", "direct"]);
+    assert_eq!(line(&printed, "slave 0 RxPDO")[3..], ["360", "1", "(1)", "12", "(12)"]);
+    assert!(!printed.contains("Sync0"), "{printed}");
+
+    let place = ["--slaves", "2", "--slave", "1", "--channel", "3", "--fd", "5000000"];
+    let printed = succeeds(PROBE, &[&["--plan"], &place[..]].concat());
+    contains_all(&printed, &["FD with BRS, 11 bit, 16 bytes"]);
+    assert_eq!(line(&printed, "slave 1 can3")[3], "1");
+    assert_eq!(line(&printed, "slave 0 can3")[3], "0");
+}
+
+/// Images until 198.5 us: a pulse at 150 us falls among them, one at 210 us is 11.5 us behind.
+#[test]
+fn the_probe_is_told_of_phases_that_are_not_kept() {
+    let shift = |us| ["--plan", "--dc-shift-us", us];
+    let printed = succeeds(PROBE, &shift("150"));
+    contains_all(
+        &printed,
+        &["warning: slave 0: the margin of frames 100.0 us behind Sync0 is short by 48.5 us"],
+    );
+    assert_eq!(schedule(&printed)[10], "-48.5");
+    let printed = succeeds(PROBE, &shift("210"));
+    contains_all(
+        &printed,
+        &["warning: slave 0: frames 100.0 us behind Sync0 have little to spare, margin 11.5 us"],
+    );
+    let printed = succeeds(PROBE, &["--plan", "--offset-ns", "90000"]);
+    contains_all(&printed, &["warning: an offset of 90.0 us", "begin with 100 us"]);
+    let message = fails(PROBE, &["--plan", "--offset-ns", "1000000"]);
+    contains_all(&message, &["frames cannot leave 1000.0 us behind Sync0", "period of 1000.0 us"]);
+    let message = fails(PROBE, &["--plan", "--slave", "1"]);
+    contains_all(&message, &["--slave 1 is not among 1 gateway(s)"]);
+    contains_all(&fails(PROBE, &["--plan", "--sweep"]), &["cannot be used with"]);
 }

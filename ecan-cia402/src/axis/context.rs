@@ -1,7 +1,7 @@
 //! The axes of a bus: network, axis table and Port brought together.
 
 use ecan_canopen::NmtCommand;
-use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
+use ecan_mcan_port::{Port, SendOptions};
 use ecan_protocol::{Schedule, TxMode};
 
 use crate::canopen::{HostHeartbeat, Network, NetworkConfig, NmtError, NodeSettings, SyncSettings};
@@ -252,21 +252,10 @@ impl Cia402 {
     }
 
     fn check_offset(&self, port: &Port, offset_ns: u32) -> Result<(), ScheduleError> {
-        let refuse =
-            |slave, reason| Err(ScheduleError::NotSchedulable { slave, offset_ns, reason });
-        let period = port.adapter().config().dc.map(|dc| dc.cycle_ns);
         for axis in &self.axes {
             let slave = axis.settings.address.slave;
-            match period {
-                None => return refuse(slave, NotSchedulable::NoSync0),
-                Some(period) if offset_ns >= period => {
-                    return refuse(slave, NotSchedulable::BeyondPeriod);
-                }
-                Some(_) => {}
-            }
-            if !port.capabilities(slave).is_some_and(|c| c.has_scheduled_tx()) {
-                return refuse(slave, NotSchedulable::NotSupported);
-            }
+            port.schedule_margin(slave, offset_ns)
+                .map_err(|reason| ScheduleError::NotSchedulable { slave, offset_ns, reason })?;
         }
         Ok(())
     }

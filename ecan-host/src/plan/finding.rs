@@ -3,7 +3,6 @@
 use ecan_protocol::CHUNK_BYTES;
 use thiserror::Error;
 
-use super::schedule::RECOMMENDED_OFFSET_NS;
 use crate::domain_layout::{MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 
 fn us(ns: u64) -> f64 {
@@ -59,26 +58,6 @@ pub enum PlanRefusal {
         /// The cycle in nanoseconds.
         cycle_ns: u32,
     },
-    /// Scheduled transmission without the pulses that it counts from.
-    #[error(
-        "frames are to leave {:.1} us behind Sync0, but there is no Sync0: configure distributed \
-         clocks, or send at once", us((*offset_ns).into())
-    )]
-    ScheduleWithoutSync0 {
-        /// Offset in nanoseconds.
-        offset_ns: u32,
-    },
-    /// An offset that is no phase of the Sync0 period.
-    #[error(
-        "an offset of {:.1} us is not below the Sync0 period of {:.1} us: the gateway refuses it. \
-         Use a smaller one", us((*offset_ns).into()), us((*sync0_ns).into())
-    )]
-    ScheduleBeyondPeriod {
-        /// Offset in nanoseconds.
-        offset_ns: u32,
-        /// Sync0 period in nanoseconds.
-        sync0_ns: u32,
-    },
 }
 
 /// Something that works with little to spare.
@@ -107,28 +86,5 @@ pub enum PlanWarning {
         transfers: usize,
         /// Number of slaves.
         slaves: usize,
-    },
-    /// Images arrive shortly before Sync0.
-    #[error(
-        "slave {slave}: images arrive {:.1} us before Sync0; one that comes later than that sends \
-         its scheduled frames a whole period of {:.1} us late. Use another Sync0 shift",
-        us(*to_pulse_ns), us((*sync0_ns).into())
-    )]
-    ThinSchedule {
-        /// Slave index.
-        slave: usize,
-        /// Nanoseconds from the arrival to the pulse.
-        to_pulse_ns: u64,
-        /// Sync0 period in nanoseconds.
-        sync0_ns: u32,
-    },
-    /// An offset below what the manual recommends (13.8).
-    #[error(
-        "an offset of {:.1} us behind Sync0 leaves the gateway little time; begin with {:.0} us \
-         (manual 13.8)", us((*offset_ns).into()), us(RECOMMENDED_OFFSET_NS.into())
-    )]
-    SmallOffset {
-        /// Offset in nanoseconds.
-        offset_ns: u32,
     },
 }

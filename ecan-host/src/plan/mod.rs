@@ -2,13 +2,11 @@
 
 mod ethernet;
 mod finding;
-mod schedule;
 
 pub use ethernet::{
     BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, EthernetFrame, FRAME_OVERHEAD_BYTES,
 };
 pub use finding::{PlanRefusal, PlanWarning};
-pub use schedule::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
 
 use crate::config::{AdapterConfig, ClockSource, DcSync};
 use crate::domain_layout::{DomainLayout, MAX_PLAIN_MULTIPLIER};
@@ -80,7 +78,6 @@ pub struct Plan {
     pub refusals: Vec<PlanRefusal>,
     /// What works with little to spare.
     pub warnings: Vec<PlanWarning>,
-    dc: Option<DcSync>,
 }
 
 impl Plan {
@@ -119,7 +116,6 @@ impl Plan {
             mailbox,
             refusals: Vec::new(),
             warnings: Vec::new(),
-            dc: config.dc,
         };
         plan.judge_sizes(config);
         plan.judge_time();
@@ -193,40 +189,6 @@ impl Plan {
     /// libethercat such as (1, 6); that of each stands in its layout.
     pub fn expected_working_counter(&self, version: (u8, u8)) -> u32 {
         self.slaves.iter().map(|s| s.layout.expected_working_counter(version)).sum()
-    }
-
-    /// The time that frames scheduled `offset_ns` behind Sync0 have to get there, for an
-    /// application that sends `send_after_ns` after the start of its cycle (its run time). `None`
-    /// for a slave out of range.
-    ///
-    /// # Errors
-    /// [`PlanRefusal`] where such an offset cannot be scheduled.
-    pub fn schedule_margin(
-        &self,
-        slave: usize,
-        offset_ns: u32,
-        send_after_ns: u64,
-    ) -> Option<Result<ScheduleMargin, PlanRefusal>> {
-        let arrives_ns = send_after_ns.saturating_add(self.slaves.get(slave)?.outputs_arrive_ns);
-        Some(ScheduleMargin::new(slave, arrives_ns, self.dc, offset_ns))
-    }
-
-    /// What to say of an offset on a slave: the refusal, or the warnings.
-    ///
-    /// # Errors
-    /// As [`schedule_margin`](Self::schedule_margin).
-    pub fn judge_schedule(
-        &self,
-        slave: usize,
-        offset_ns: u32,
-        send_after_ns: u64,
-    ) -> Result<Vec<PlanWarning>, PlanRefusal> {
-        let margin = self.schedule_margin(slave, offset_ns, send_after_ns).transpose()?;
-        let sync0_ns = self.dc.map_or(0, |dc| dc.cycle_ns);
-        let thin = margin.and_then(|margin| margin.warning(sync0_ns));
-        let small =
-            (offset_ns < RECOMMENDED_OFFSET_NS).then_some(PlanWarning::SmallOffset { offset_ns });
-        Ok(thin.into_iter().chain(small).collect())
     }
 }
 

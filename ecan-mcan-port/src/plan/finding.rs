@@ -4,6 +4,13 @@ use ecan_host::{PlanRefusal, PlanWarning};
 use ecan_protocol::{DATA_PATH_BUDGET_MAX, Direction, MAX_PACKETS};
 use thiserror::Error;
 
+use crate::schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
+use crate::send::NotSchedulable;
+
+fn us(ns: u64) -> f64 {
+    ns as f64 / 1e3
+}
+
 /// Something that would not work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
@@ -101,6 +108,20 @@ pub enum PortRefusal {
         /// Bytes of the share.
         share: u64,
     },
+    /// An offset that the Port would refuse: no Sync0, beyond its period, or without margin where
+    /// [`MarginCheck::Refuse`](crate::MarginCheck::Refuse) is chosen.
+    #[error(
+        "slave {slave}: frames cannot leave {:.1} us behind Sync0: {reason}",
+        us((*offset_ns).into())
+    )]
+    NotSchedulable {
+        /// Slave index.
+        slave: usize,
+        /// Offset in nanoseconds.
+        offset_ns: u32,
+        /// Why.
+        reason: NotSchedulable,
+    },
 }
 
 /// Something that works with little to spare.
@@ -180,6 +201,45 @@ pub enum PortWarning {
         bytes: u64,
         /// Bytes of the share.
         share: u64,
+    },
+    /// A phase that is not surely reached, by the times of
+    /// [`ScheduleSettings`](crate::ScheduleSettings).
+    #[error(
+        "slave {slave}: the margin of frames {:.1} us behind Sync0 is short by {:.1} us: some may \
+         be dropped, or leave a period late. Move the Sync0 shift away from the arrival of the \
+         images, or enlarge the offset",
+        us((*offset_ns).into()), us(*lacking_ns)
+    )]
+    NoMargin {
+        /// Slave index.
+        slave: usize,
+        /// Offset in nanoseconds.
+        offset_ns: u32,
+        /// What the margin lacks, in nanoseconds.
+        lacking_ns: u64,
+    },
+    /// A phase that is reached with little to spare.
+    #[error(
+        "slave {slave}: frames {:.1} us behind Sync0 have little to spare, {margin}. Move the \
+         Sync0 shift away from the arrival of the images, or enlarge the offset",
+        us((*offset_ns).into())
+    )]
+    ThinMargin {
+        /// Slave index.
+        slave: usize,
+        /// Offset in nanoseconds.
+        offset_ns: u32,
+        /// The margin.
+        margin: ScheduleMargin,
+    },
+    /// An offset below what the manual recommends (13.8).
+    #[error(
+        "an offset of {:.1} us behind Sync0 leaves the gateway little time; begin with {:.0} us \
+         (manual 13.8)", us((*offset_ns).into()), us(RECOMMENDED_OFFSET_NS.into())
+    )]
+    SmallOffset {
+        /// Offset in nanoseconds.
+        offset_ns: u32,
     },
     /// Scheduled frames are still on the bus when the next period begins.
     #[error(

@@ -7,6 +7,7 @@ mod cpu_cost;
 mod finding;
 mod frame_stream;
 mod image;
+mod schedule;
 
 pub use channel_load::ChannelLoad;
 pub use cpu_cost::CpuCost;
@@ -14,12 +15,11 @@ pub use finding::{PortRefusal, PortWarning};
 pub use frame_stream::{FrameRate, FrameStream, FrameWay};
 pub use image::{ImageFill, ImagePlan};
 
-use std::collections::BTreeMap;
-
 use ecan_host::{AdapterConfig, Plan};
-use ecan_protocol::{Direction, FrameBits};
+use ecan_protocol::Direction;
 
 use crate::config::{ChannelSettings, PortConfig};
+use crate::schedule_margin::ScheduleTimes;
 
 /// Share of a bus from which a plan warns.
 const LOAD_WARNING: f64 = 0.7;
@@ -46,9 +46,10 @@ pub struct GatewayPlan {
     pub rx: ImagePlan,
     /// To the host, TX_RESULT included where the gateway is to report.
     pub tx: ImagePlan,
+    schedule_times: ScheduleTimes,
 }
 
-/// What a configuration costs for a given traffic, before it touches a bus (manual 5.2, 12,
+/// What a configuration costs for a given traffic, before it touches a bus (manual 5.2, 8.4, 12,
 /// 13.2.2).
 ///
 /// Only arithmetic, as [`Plan`]: any configuration has a plan, sound or not.
@@ -166,7 +167,8 @@ impl PortPlan {
     }
 
     fn add_images(&mut self, adapter: &AdapterConfig, port: &PortConfig, traffic: &[FrameStream]) {
-        for (slave, (gateway, size)) in port.gateways.iter().zip(&adapter.slaves).enumerate() {
+        let sizes = adapter.slaves.iter().zip(&self.ethercat.slaves);
+        for (slave, (gateway, (size, wire))) in port.gateways.iter().zip(sizes).enumerate() {
             let image = |direction, multiplier| {
                 let profile = gateway.profile(direction, multiplier);
                 let here = traffic.iter().filter(|stream| stream.slave == slave);
@@ -175,61 +177,11 @@ impl PortPlan {
             let images = GatewayPlan {
                 rx: image(Direction::RxPdo, size.rx_multiplier),
                 tx: image(Direction::TxPdo, size.tx_multiplier),
+                schedule_times: ScheduleTimes::new(&gateway.schedule, adapter, wire),
             };
             images.rx.judge(slave, &mut self.refusals, &mut self.warnings);
             images.tx.judge(slave, &mut self.refusals, &mut self.warnings);
             self.gateways.push(images);
-        }
-    }
-
-    fn judge_schedules(
-        &mut self,
-        adapter: &AdapterConfig,
-        port: &PortConfig,
-        traffic: &[FrameStream],
-    ) {
-        // Per channel: the first offset, and the bus time of all that is scheduled in a cycle.
-        let mut scheduled: BTreeMap<(usize, u8), (u32, f64)> = BTreeMap::new();
-        for stream in traffic {
-            let Some(offset_ns) = stream.offset_ns() else { continue };
-            match self.ethercat.judge_schedule(stream.slave, offset_ns, 0) {
-                Ok(found) => {
-                    for warning in found.into_iter().map(PortWarning::EtherCat) {
-                        if !self.warnings.contains(&warning) {
-                            self.warnings.push(warning);
-                        }
-                    }
-                }
-                Err(refusal) => {
-                    let refusal = PortRefusal::EtherCat(refusal);
-                    if !self.refusals.contains(&refusal) {
-                        self.refusals.push(refusal);
-                    }
-                }
-            }
-            let Some(settings) = settings(port, stream.slave, stream.channel) else { continue };
-            let can = &settings.can;
-            let bits = FrameBits::most(stream.frame.as_ref());
-            let frames_s = f64::from(stream.rate.peak(adapter.cycle_ns))
-                * bits.seconds(can.nominal_bitrate, can.data_bitrate);
-            let (first, total_s) =
-                scheduled.entry((stream.slave, stream.channel)).or_insert((offset_ns, 0.0));
-            *first = (*first).min(offset_ns);
-            *total_s += frames_s;
-        }
-        let Some(sync0_ns) = adapter.dc.map(|dc| dc.cycle_ns) else { return };
-        for ((slave, channel), (offset_ns, total_s)) in scheduled {
-            let frames_ns = (total_s * 1e9) as u64;
-            let is_phase = offset_ns < sync0_ns;
-            if is_phase && u64::from(offset_ns) + frames_ns > u64::from(sync0_ns) {
-                self.warnings.push(PortWarning::ScheduleOverruns {
-                    slave,
-                    channel,
-                    offset_ns,
-                    frames_ns,
-                    sync0_ns,
-                });
-            }
         }
     }
 

@@ -1,0 +1,120 @@
+//! Whether scheduled frames reach their phase, and leave before the next one (manual 8.4, 13.8).
+
+use std::collections::BTreeMap;
+
+use ecan_host::AdapterConfig;
+use ecan_protocol::FrameBits;
+
+use super::finding::{PortRefusal, PortWarning};
+use super::frame_stream::FrameStream;
+use super::{PortPlan, settings};
+use crate::config::PortConfig;
+use crate::schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
+use crate::schedule_settings::MarginCheck;
+use crate::send::NotSchedulable;
+
+impl PortPlan {
+    /// The margin that a phase will have, as
+    /// [`Port::schedule_margin`](crate::Port::schedule_margin) gives it for gateways that have the
+    /// capability, which a plan cannot know.
+    ///
+    /// # Errors
+    /// Why a frame cannot be scheduled at this phase at all: without Sync0, beyond the Sync0
+    /// period. A slave index out of range is not supported.
+    pub fn schedule_margin(
+        &self,
+        slave: usize,
+        offset_ns: u32,
+    ) -> Result<ScheduleMargin, NotSchedulable> {
+        let gateway = self.gateways.get(slave).ok_or(NotSchedulable::NotSupported)?;
+        gateway.schedule_times.margin(offset_ns)
+    }
+
+    pub(super) fn judge_schedules(
+        &mut self,
+        adapter: &AdapterConfig,
+        port: &PortConfig,
+        traffic: &[FrameStream],
+    ) {
+        for stream in traffic {
+            // What has no place is refused for that.
+            let (slave, Some(offset_ns)) = (stream.slave, stream.offset_ns()) else { continue };
+            let Some(gateway) = port.gateways.get(slave) else { continue };
+            if slave < self.gateways.len() {
+                self.judge_phase(slave, offset_ns, gateway.schedule.margin_check);
+            }
+        }
+        self.judge_bus_time(adapter, port, traffic);
+    }
+
+    /// What the Port would refuse is refused, what it would send and count is warned of.
+    fn judge_phase(&mut self, slave: usize, offset_ns: u32, check: MarginCheck) {
+        let judged = self.schedule_margin(slave, offset_ns).and_then(|margin| {
+            let lacking_ns = margin.lacking_ns();
+            match check {
+                MarginCheck::Refuse if lacking_ns > 0 => {
+                    Err(NotSchedulable::NoMargin { lacking_ns })
+                }
+                _ => Ok(margin),
+            }
+        });
+        let margin = match judged {
+            Ok(margin) => margin,
+            Err(reason) => {
+                let refusal = PortRefusal::NotSchedulable { slave, offset_ns, reason };
+                if !self.refusals.contains(&refusal) {
+                    self.refusals.push(refusal);
+                }
+                return;
+            }
+        };
+        let lacking_ns = margin.lacking_ns();
+        let short =
+            (lacking_ns > 0).then_some(PortWarning::NoMargin { slave, offset_ns, lacking_ns });
+        let thin = margin.is_thin().then_some(PortWarning::ThinMargin { slave, offset_ns, margin });
+        let small =
+            (offset_ns < RECOMMENDED_OFFSET_NS).then_some(PortWarning::SmallOffset { offset_ns });
+        for warning in [short, thin, small].into_iter().flatten() {
+            if !self.warnings.contains(&warning) {
+                self.warnings.push(warning);
+            }
+        }
+    }
+
+    /// Warns of frames that are still on the bus when the next period begins.
+    fn judge_bus_time(
+        &mut self,
+        adapter: &AdapterConfig,
+        port: &PortConfig,
+        traffic: &[FrameStream],
+    ) {
+        // Per channel: the first offset, and the bus time of all that is scheduled in a cycle.
+        let mut scheduled: BTreeMap<(usize, u8), (u32, f64)> = BTreeMap::new();
+        for stream in traffic {
+            let Some(offset_ns) = stream.offset_ns() else { continue };
+            let Some(settings) = settings(port, stream.slave, stream.channel) else { continue };
+            let can = &settings.can;
+            let bits = FrameBits::most(stream.frame.as_ref());
+            let frames_s = f64::from(stream.rate.peak(adapter.cycle_ns))
+                * bits.seconds(can.nominal_bitrate, can.data_bitrate);
+            let (first, total_s) =
+                scheduled.entry((stream.slave, stream.channel)).or_insert((offset_ns, 0.0));
+            *first = (*first).min(offset_ns);
+            *total_s += frames_s;
+        }
+        let Some(sync0_ns) = adapter.dc.map(|dc| dc.cycle_ns) else { return };
+        for ((slave, channel), (offset_ns, total_s)) in scheduled {
+            let frames_ns = (total_s * 1e9) as u64;
+            let is_phase = offset_ns < sync0_ns;
+            if is_phase && u64::from(offset_ns) + frames_ns > u64::from(sync0_ns) {
+                self.warnings.push(PortWarning::ScheduleOverruns {
+                    slave,
+                    channel,
+                    offset_ns,
+                    frames_ns,
+                    sync0_ns,
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! What programs that carry plain CAN frames are told about master, gateways and channels.
+
+use clap::Args;
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::ChannelSettings;
+use ecan_sim::{Backend, BackendError};
+
+use crate::backend::{self, Wishes};
+
+/// The options that these programs share.
+#[derive(Debug, Args)]
+pub struct GatewayArguments {
+    /// EtherCAT master library: a path, `sim` for the built-in simulator, `sim:NAME` or
+    /// `sim:FILE.toml` for a scenario of it. Unset: the environment variable ECAN_ECRT, then the
+    /// installed libethercat.
+    #[arg(long, value_name = "SETTING")]
+    pub ecrt: Option<String>,
+    /// Index of the EtherCAT master.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub master: u32,
+    /// Number of gateways, from position 0 on.
+    #[arg(long, value_name = "N", default_value_t = 1,
+          value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub slaves: u16,
+    /// PDO size per direction, in chunks of 128 bytes.
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub pdo_n: u8,
+    /// The installed master carries more than 1486 bytes of process data per sync manager.
+    #[arg(long)]
+    pub large_pdos: bool,
+    /// Nominal bit rate in bit/s.
+    #[arg(long, value_name = "BITRATE", default_value_t = 1_000_000)]
+    pub bitrate: u32,
+    /// Use CAN FD with this data bit rate in bit/s.
+    #[arg(long, value_name = "DATA_BITRATE")]
+    pub fd: Option<u32>,
+    /// Print what the configuration costs, with what speaks against it, and end; touches no bus.
+    #[arg(long)]
+    pub plan: bool,
+    /// Seed of everything random in a simulation.
+    #[arg(long, value_name = "SEED")]
+    pub seed: Option<u64>,
+    /// Run a simulation in wall-clock time instead of as fast as the machine goes.
+    #[arg(long)]
+    pub real_time: bool,
+}
+
+impl GatewayArguments {
+    /// The Adapter's part, with this cycle.
+    pub fn adapter(&self, cycle_us: u32) -> AdapterConfig {
+        let mut adapter =
+            AdapterConfig::new(self.slaves).with_multiplier(self.pdo_n).with_cycle_us(cycle_us);
+        adapter.master_index = self.master;
+        adapter.allow_large_pdos = self.large_pdos;
+        adapter
+    }
+
+    /// One CAN channel.
+    pub fn channel(&self) -> ChannelSettings {
+        match self.fd {
+            Some(data_bitrate) => ChannelSettings::fd(self.bitrate, data_bitrate),
+            None => ChannelSettings::classic(self.bitrate),
+        }
+    }
+
+    /// Opens the library; a plain `sim` means this scenario.
+    ///
+    /// # Errors
+    /// Why there is no library, in words.
+    pub fn open_backend(&self, scenario: &'static str) -> Result<Backend, BackendError> {
+        let wishes = Wishes {
+            scenario,
+            slaves: usize::from(self.slaves),
+            seed: self.seed,
+            real_time: self.real_time,
+            large_pdos: self.large_pdos,
+        };
+        backend::open(self.ecrt.as_deref(), wishes)
+    }
+}
