@@ -313,6 +313,9 @@ impl Adapter {
         }
         self.cycle_timer.set_cycle_ns(config.cycle_ns);
         self.config = config;
+        if self.cycle_statistics.is_some() {
+            self.measure_cycles();
+        }
         self.configure()
     }
 

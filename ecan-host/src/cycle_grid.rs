@@ -32,7 +32,8 @@ impl Adapter {
         self.cycle_start
     }
 
-    /// Begins to measure how well the cycle is kept, or anew: from the next
+    /// Begins to measure how well the cycle is kept, or anew, as does
+    /// [`reconfigure`](Self::reconfigure): from the next
     /// [`wait_next_cycle`](Self::wait_next_cycle) on, each one is a start and each
     /// [`send`](Self::send) an end. Takes memory, so not for the cycle.
     pub fn measure_cycles(&mut self) {
