@@ -412,6 +412,28 @@ typedef struct {
 int igh_cia402_default_settings(igh_cia402_settings_t *settings);
 
 /* ---------------------------------------------------------------------------
+ * Preflight plan of axes
+ * --------------------------------------------------------------------------- */
+
+/**
+ * Plans configurations for the process data of axes: targets, TPDOs and SYNC. As
+ * igh_mcan_port_plan().
+ *
+ * @param motion_div  Cycles from target to target; 0 counts as 1.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  As igh_mcan_port_plan(); ECAN_ERR_NOT_INITIALISED also for an axis that is not filled,
+ *          ECAN_ERR_CONFIG also for one with a value that cannot be.
+ */
+int igh_cia402_plan(const ecan_igh_config_t *igh_config,
+                    const igh_mcan_port_config_t *config,
+                    const igh_cia402_axis_t *axes,
+                    size_t axis_count,
+                    uint32_t motion_div,
+                    char *text,
+                    size_t size);
+
+/* ---------------------------------------------------------------------------
  * Life of the axes
  *
  * igh_cia402_context_init(&motors, &mcan, axes, 2);

@@ -370,6 +370,60 @@ int igh_mcan_port_set_limits(igh_mcan_port_config_t *config,
 int igh_mcan_port_allow_diagnostic_tests(igh_mcan_port_config_t *config, size_t slave, int allow);
 
 /* ---------------------------------------------------------------------------
+ * Preflight plan
+ *
+ * What configurations cost on wire, CAN buses, images and mailboxes, and what speaks against them,
+ * before anything touches a bus.
+ * --------------------------------------------------------------------------- */
+
+/** Where frames of a plan go. */
+typedef enum {
+    /** From the host through the gateway to the bus. */
+    IGH_MCAN_WAY_TO_BUS = 0,
+    /** From the bus through the gateway to the host. */
+    IGH_MCAN_WAY_FROM_BUS = 1,
+    /** Between other nodes: it only takes bus time. */
+    IGH_MCAN_WAY_ON_BUS_ONLY = 2,
+} igh_mcan_frame_way_t;
+
+/** Frames of one kind on one channel, for a plan. */
+typedef struct {
+    /**
+     * One of them, made by igh_mcan_tx_frame_set_can() and the like; slave, channel, kind of
+     * identifier, flags, length and schedule count.
+     */
+    igh_mcan_tx_frame_t frame;
+    /** So many frames ... */
+    uint32_t frames;
+    /** ... in so many cycles; 0 counts as 1. More than one frame needs 1. */
+    uint32_t cycles;
+    /** An igh_mcan_frame_way_t. */
+    uint8_t way;
+    /** Not used. */
+    uint8_t reserved[3];
+} igh_mcan_frame_stream_t;
+
+/**
+ * Plans configurations for a traffic.
+ *
+ * @param streams  The frames; may be NULL where count is 0.
+ * @param text     Gets the plan as a table with its warnings; cut where it does not fit. 4096 bytes
+ *                 are enough for a few gateways.
+ * @param size     Bytes of the text, NUL included; 0 asks for none.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG where something would not work, with
+ *          everything in ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream;
+ *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ */
+int igh_mcan_port_plan(const ecan_igh_config_t *igh_config,
+                       const igh_mcan_port_config_t *config,
+                       const igh_mcan_frame_stream_t *streams,
+                       size_t count,
+                       char *text,
+                       size_t size);
+
+/* ---------------------------------------------------------------------------
  * Life of a Port
  * --------------------------------------------------------------------------- */
 

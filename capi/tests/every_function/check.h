@@ -89,6 +89,7 @@ void test_port_schedule(void);
 void test_cia402_axes(void);
 void test_cia402_motion(void);
 void test_cia402_sdo(void);
+void test_plan(void);
 void test_stop(void);
 
 #endif

@@ -17,6 +17,7 @@ int main(void)
     test_cia402_axes();
     test_cia402_motion();
     test_cia402_sdo();
+    test_plan();
     test_stop();
     /* Last: it may raise the priority of the thread. */
     test_adapter_real_time();

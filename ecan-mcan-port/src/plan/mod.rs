@@ -8,6 +8,7 @@ mod finding;
 mod frame_stream;
 mod image;
 mod schedule;
+mod table;
 
 pub use channel_load::ChannelLoad;
 pub use cpu_cost::CpuCost;
@@ -100,6 +101,20 @@ impl PortPlan {
         plan.add_images(adapter, port, traffic);
         plan.judge_schedules(adapter, port, traffic);
         plan
+    }
+
+    /// Everything that would not work, in words: the refusals, and what the check of the
+    /// configurations says besides.
+    pub fn faults(&self, adapter: &AdapterConfig, port: &PortConfig) -> Vec<String> {
+        let mut faults: Vec<String> = self.refusals.iter().map(ToString::to_string).collect();
+        if let Err(checked) = port.check(adapter) {
+            for fault in checked.0.iter().map(ToString::to_string) {
+                if !faults.contains(&fault) {
+                    faults.push(fault);
+                }
+            }
+        }
+        faults
     }
 
     fn add_streams(&mut self, port: &PortConfig, traffic: &[FrameStream]) {

@@ -6,6 +6,7 @@ pub mod commands;
 pub mod context;
 pub mod cycle;
 pub mod numbers;
+pub mod plan;
 pub mod progress;
 pub mod sdo;
 pub mod settings;

@@ -1,0 +1,47 @@
+//! Preflight plan of axes
+
+use std::ffi::{c_char, c_int};
+
+use ecan_cia402::{Cia402Settings, axis_traffic};
+use ecan_mcan_host::boundary::call;
+
+use super::axis::igh_cia402_axis_t;
+use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
+use crate::mcan_port::config::{PortPlain, igh_mcan_port_config_t};
+use crate::mcan_port::plan::plan;
+
+/// Plans configurations for the process data of axes: targets, TPDOs and SYNC. As
+/// igh_mcan_port_plan().
+///
+/// @param motion_div  Cycles from target to target; 0 counts as 1.
+///
+/// @usage   not rt, any thread, any time
+/// @return  As igh_mcan_port_plan(); ECAN_ERR_NOT_INITIALISED also for an axis that is not filled,
+///          ECAN_ERR_CONFIG also for one with a value that cannot be.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_cia402_plan(
+    igh_config: *const ecan_igh_config_t,
+    config: *const igh_mcan_port_config_t,
+    axes: *const igh_cia402_axis_t,
+    axis_count: usize,
+    motion_div: u32,
+    text: *mut c_char,
+    size: usize,
+) -> c_int {
+    call("igh_cia402_plan", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (adapter, port, axes, room) = unsafe {
+            (
+                AdapterPlain::read(call, igh_config)?,
+                PortPlain::read(call, config)?,
+                call.items("axes", axes, axis_count)?,
+                call.room("text", text, size)?,
+            )
+        };
+        let axes: Result<Vec<_>, _> =
+            axes.iter().enumerate().map(|(number, axis)| axis.checked(call, number)).collect();
+        let settings =
+            Cia402Settings { motion_div: motion_div.max(1), ..Cia402Settings::default() };
+        plan(call, adapter, port, &axis_traffic(&axes?, &settings), room)
+    })
+}

@@ -1,0 +1,129 @@
+//! Preflight plan
+//!
+//! What configurations cost on wire, CAN buses, images and mailboxes, and what speaks against them,
+//! before anything touches a bus.
+
+use std::ffi::{c_char, c_int};
+
+use ecan_host::Faults;
+use ecan_mcan_host::boundary::{Call, Room, call, put_text};
+use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::pdo::frames::igh_mcan_tx_frame_t;
+use ecan_mcan_port::{FrameRate, FrameStream, FrameWay, PortPlan};
+
+use super::config::{PortPlain, igh_mcan_port_config_t};
+use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
+
+/// Where frames of a plan go.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum igh_mcan_frame_way_t {
+    /// From the host through the gateway to the bus.
+    IGH_MCAN_WAY_TO_BUS = 0,
+    /// From the bus through the gateway to the host.
+    IGH_MCAN_WAY_FROM_BUS = 1,
+    /// Between other nodes: it only takes bus time.
+    IGH_MCAN_WAY_ON_BUS_ONLY = 2,
+}
+
+/// Frames of one kind on one channel, for a plan.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_mcan_frame_stream_t {
+    /// One of them, made by igh_mcan_tx_frame_set_can() and the like; slave, channel, kind of
+    /// identifier, flags, length and schedule count.
+    pub frame: igh_mcan_tx_frame_t,
+    /// So many frames ...
+    pub frames: u32,
+    /// ... in so many cycles; 0 counts as 1. More than one frame needs 1.
+    pub cycles: u32,
+    /// An igh_mcan_frame_way_t.
+    pub way: u8,
+    /// Not used.
+    pub reserved: [u8; 3],
+}
+
+impl igh_mcan_frame_stream_t {
+    fn to_rust(self, call: Call) -> Result<FrameStream, ecan_result_t> {
+        let way = match self.way {
+            0 => FrameWay::ToBus,
+            1 => FrameWay::FromBus,
+            2 => FrameWay::OnBusOnly,
+            way => {
+                let words = format_args!("{way} is no igh_mcan_frame_way_t");
+                return Err(call.argument("way", words));
+            }
+        };
+        let rate = match (self.frames, self.cycles) {
+            (frames, 0 | 1) => FrameRate::PerCycle(frames),
+            (0, _) => FrameRate::PerCycle(0),
+            (1, cycles) => FrameRate::EveryCycles(cycles),
+            (frames, cycles) => {
+                let words =
+                    format_args!("{frames} frames in {cycles} cycles: one of them must be 1");
+                return Err(call.argument("frames", words));
+            }
+        };
+        Ok(FrameStream {
+            slave: self.frame.slave.into(),
+            channel: self.frame.channel,
+            frame: self.frame.frame(call)?.into(),
+            rate,
+            way,
+            schedule_offset_ns: self.frame.schedule().map(|schedule| schedule.offset_ns),
+        })
+    }
+}
+
+/// Makes the plan and puts it into words.
+pub(crate) fn plan(
+    call: Call,
+    adapter: &AdapterPlain,
+    port: &PortPlain,
+    traffic: &[FrameStream],
+    mut room: Room<c_char>,
+) -> Result<(), ecan_result_t> {
+    let config = port.settings(adapter.slave_count);
+    let adapter = adapter.to_rust();
+    let plan = PortPlan::of(&adapter, &config, traffic);
+    if !room.is_full() {
+        put_text(&mut room, &plan.table(&adapter, traffic));
+    }
+    Faults::check(plan.faults(&adapter, &config))
+        .map_err(|faults| call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{faults}")))
+}
+
+/// Plans configurations for a traffic.
+///
+/// @param streams  The frames; may be NULL where count is 0.
+/// @param text     Gets the plan as a table with its warnings; cut where it does not fit. 4096 bytes
+///                 are enough for a few gateways.
+/// @param size     Bytes of the text, NUL included; 0 asks for none.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK, also with warnings; ECAN_ERR_CONFIG where something would not work, with
+///          everything in ecan_last_error(); ECAN_ERR_ARGUMENT, ECAN_ERR_FRAME for a stream;
+///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_plan(
+    igh_config: *const ecan_igh_config_t,
+    config: *const igh_mcan_port_config_t,
+    streams: *const igh_mcan_frame_stream_t,
+    count: usize,
+    text: *mut c_char,
+    size: usize,
+) -> c_int {
+    call("igh_mcan_port_plan", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (adapter, port, streams, room) = unsafe {
+            (
+                AdapterPlain::read(call, igh_config)?,
+                PortPlain::read(call, config)?,
+                call.items("streams", streams, count)?,
+                call.room("text", text, size)?,
+            )
+        };
+        let traffic: Result<Vec<_>, _> = streams.iter().map(|s| s.to_rust(call)).collect();
+        plan(call, adapter, port, &traffic?, room)
+    })
+}

@@ -1,0 +1,92 @@
+/* igh_mcan_port.h, igh_cia402_protocol.h: the preflight plan. */
+#include "check.h"
+
+static ecan_igh_config_t igh_config;
+static igh_mcan_port_config_t config;
+static char text[8192];
+
+static void frames(void)
+{
+    static const uint8_t DATA[8] = {0};
+    igh_mcan_frame_stream_t stream[2];
+
+    memset(stream, 0, sizeof(stream));
+    GOOD(igh_mcan_tx_frame_set_can(&stream[0].frame, 0, 0, 0x123, 0, DATA, 8));
+    stream[0].frames = 4;
+    stream[0].cycles = 1;
+    stream[0].way = IGH_MCAN_WAY_TO_BUS;
+    GOOD(igh_mcan_tx_frame_set_can(&stream[1].frame, 0, 0, 0x7FF, IGH_MCAN_FLAG_EXT, DATA, 8));
+    stream[1].frames = 1;
+    stream[1].cycles = 10;
+    stream[1].way = IGH_MCAN_WAY_FROM_BUS;
+    GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 2, text, sizeof(text)));
+    WORDS_IN("plan for 1 gateway(s), cycle 1000.0 us", text);
+    WORDS_IN("slave 0 LRW 768", text);
+    WORDS_IN("classic, 29 bit, 8 bytes", text);
+    WORDS_IN("nothing speaks against it", text);
+    GOOD(igh_mcan_port_plan(&igh_config, &config, NULL, 0, NULL, 0));
+    GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 2, text, 10));
+    SAME(9, strlen(text));
+
+    /* Eight frames of 135 bits do not go into a millisecond; every reason is told. */
+    stream[0].frames = 8;
+    GOOD(ecan_igh_config_set_pdo_multiplier(&igh_config, 12));
+    BAD(ECAN_ERR_CONFIG, igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text)));
+    WORDS("% of the bus");
+    WORDS("1486");
+    WORDS_IN("plan for 1 gateway(s)", text);
+    GOOD(ecan_igh_config_set_pdo_multiplier(&igh_config, 3));
+
+    /* A schedule without Sync0. */
+    stream[0].frames = 1;
+    GOOD(igh_mcan_tx_frame_set_schedule(&stream[0].frame, 100000, 1));
+    BAD(ECAN_ERR_CONFIG, igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text)));
+    GOOD(ecan_igh_config_set_dc_sync0(&igh_config, 1000, 700));
+    GOOD(igh_mcan_port_plan(&igh_config, &config, stream, 1, text, sizeof(text)));
+    WORDS_IN("leaves at", text);
+    GOOD(ecan_igh_config_set_dc_sync0(&igh_config, 0, 0));
+
+    stream[0].way = 3;
+    BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0));
+    stream[0].way = 0;
+    stream[0].frames = 2;
+    stream[0].cycles = 3;
+    BAD(ECAN_ERR_ARGUMENT, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0));
+    stream[0].cycles = 0;
+    stream[0].frame.len = 9;
+    BAD(ECAN_ERR_FRAME, igh_mcan_port_plan(&igh_config, &config, stream, 1, NULL, 0));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(NULL, &config, stream, 1, NULL, 0));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(&igh_config, NULL, stream, 1, NULL, 0));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(&igh_config, &config, NULL, 1, NULL, 0));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_plan(&igh_config, &config, stream, 0, NULL, 1));
+}
+
+static void axes(void)
+{
+    igh_cia402_axis_t axis[2];
+
+    memset(axis, 0, sizeof(axis));
+    GOOD(igh_cia402_axis_init(&axis[0], 0, 0, 1, 0));
+    BAD(ECAN_ERR_NOT_INITIALISED,
+        igh_cia402_plan(&igh_config, &config, axis, 2, 1, text, sizeof(text)));
+    GOOD(igh_cia402_axis_init(&axis[1], 0, 0, 2, 0));
+    GOOD(igh_cia402_plan(&igh_config, &config, axis, 2, 0, text, sizeof(text)));
+    WORDS_IN("slave 0 can0", text);
+    GOOD(igh_cia402_plan(&igh_config, &config, axis, 2, 4, text, sizeof(text)));
+    GOOD(igh_cia402_axis_init(&axis[1], 0, 1, 2, 0));
+    BAD(ECAN_ERR_CONFIG, igh_cia402_plan(&igh_config, &config, axis, 2, 1, text, sizeof(text)));
+    WORDS("channel 1");
+    BAD(ECAN_ERR_NULL, igh_cia402_plan(&igh_config, &config, NULL, 1, 1, NULL, 0));
+    BAD(ECAN_ERR_NULL, igh_cia402_plan(NULL, &config, axis, 1, 1, NULL, 0));
+    BAD(ECAN_ERR_NULL, igh_cia402_plan(&igh_config, NULL, axis, 1, 1, NULL, 0));
+}
+
+void test_plan(void)
+{
+    GOOD(ecan_igh_default_config(&igh_config));
+    GOOD(ecan_igh_config_set_cycle_us(&igh_config, 1000));
+    GOOD(igh_mcan_port_default_config(&config));
+    GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 1000000));
+    frames();
+    axes();
+}
