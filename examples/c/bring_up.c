@@ -70,6 +70,14 @@ void bus_settings_add_dc_options(bus_settings_t *settings, option_list_t *list)
         .help = "Shift of Sync0 in microseconds"});
 }
 
+void bus_settings_add_plan_option(bus_settings_t *settings, option_list_t *list)
+{
+    options_add(list, (option_t){
+        .name = "plan", .flag = &settings->plan,
+        .help = "Tell what this costs on wire, buses and mailboxes, and what speaks against it, "
+                "without touching a bus"});
+}
+
 static bool configure_master(ecan_igh_config_t *config, const bus_settings_t *settings)
 {
     uint64_t dc_cycle_us = settings->dc_cycle_us != 0 ? settings->dc_cycle_us : settings->cycle_us;
@@ -136,6 +144,16 @@ static bool configure_gateways(igh_mcan_port_config_t *config, const bus_setting
     return true;
 }
 
+bool bus_settings_configure(const bus_settings_t *settings, ecan_igh_config_t *igh_config,
+                            igh_mcan_port_config_t *mcan_config)
+{
+    if (!configure_master(igh_config, settings) || !configure_gateways(mcan_config, settings)) {
+        report_sdk_error();
+        return false;
+    }
+    return true;
+}
+
 static int user_gave_up(void *user)
 {
     (void)user;
@@ -157,8 +175,7 @@ bool bring_up(bus_t *bus, const bus_settings_t *settings)
 {
     ecan_igh_config_t igh_config;
     igh_mcan_port_config_t mcan_config;
-    if (!configure_master(&igh_config, settings) || !configure_gateways(&mcan_config, settings)) {
-        report_sdk_error();
+    if (!bus_settings_configure(settings, &igh_config, &mcan_config)) {
         return false;
     }
     /* Gateways that are configured already may keep what they were told. */

@@ -30,6 +30,7 @@ typedef struct {
     uint64_t seed;
     bool is_seed_given;
     bool real_time;
+    bool plan;
 } bus_settings_t;
 
 /* The master and the Port on it. */
@@ -49,6 +50,14 @@ void bus_settings_add_fd_option(bus_settings_t *settings, option_list_t *list);
 
 /* --dc-sync0, --dc-cycle-us, --dc-shift-us */
 void bus_settings_add_dc_options(bus_settings_t *settings, option_list_t *list);
+
+/* --plan */
+void bus_settings_add_plan_option(bus_settings_t *settings, option_list_t *list);
+
+/* The configurations that the settings mean; false, with a message on standard error, for a value
+ * that the SDK refuses. */
+bool bus_settings_configure(const bus_settings_t *settings, ecan_igh_config_t *igh_config,
+                            igh_mcan_port_config_t *mcan_config);
 
 /* Opens the gateways and waits until they are in service; false, with a message on standard error,
  * where they do not get there. */

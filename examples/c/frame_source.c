@@ -27,27 +27,30 @@ uint64_t frame_source_log_time(const frame_source_t *source, uint64_t elapsed_ns
                                      : source->recording->frames[0].record.time_ns + elapsed_ns;
 }
 
+int frame_source_counter(igh_mcan_tx_frame_t *frame, size_t slave, uint8_t channel, bool is_fd,
+                         uint64_t number)
+{
+    uint8_t data[ECAN_CANFD_MAX_BYTES] = {0};
+    for (size_t i = 0; i < sizeof(number); i++) {
+        data[i] = (uint8_t)(number >> (8 * i));
+    }
+    return is_fd ? igh_mcan_tx_frame_set_canfd(frame, slave, channel, LOOP_ID, IGH_MCAN_FLAG_BRS,
+                                               data, sizeof(data))
+                 : igh_mcan_tx_frame_set_can(frame, slave, channel, LOOP_ID, 0, data, 8);
+}
+
 /* One frame per channel with the number of the cycle in it. A frame that is refused for now is
  * left out: the next cycle has a newer one. */
 static bool send_counter(frame_source_t *source, igh_mcan_port_t *mcan, echo_check_t *check)
 {
-    uint8_t data[ECAN_CANFD_MAX_BYTES] = {0};
-    for (size_t i = 0; i < 8; i++) {
-        data[i] = (uint8_t)(source->done >> (8 * i));
-    }
     for (size_t slave = 0; slave < source->slaves; slave++) {
         for (uint8_t channel = 0; channel < ECAN_MCAN_CHANNELS; channel++) {
             igh_mcan_tx_frame_t frame;
-            int result;
             if ((source->channel_mask >> channel & 1) == 0) {
                 continue;
             }
-            if (source->is_fd) {
-                result = igh_mcan_tx_frame_set_canfd(&frame, slave, channel, LOOP_ID,
-                                                     IGH_MCAN_FLAG_BRS, data, sizeof(data));
-            } else {
-                result = igh_mcan_tx_frame_set_can(&frame, slave, channel, LOOP_ID, 0, data, 8);
-            }
+            int result =
+                frame_source_counter(&frame, slave, channel, source->is_fd, source->done);
             if (result == ECAN_OK) {
                 result = igh_mcan_port_send(mcan, &frame);
             }

@@ -18,6 +18,10 @@ typedef struct {
     uint64_t done;
 } frame_source_t;
 
+/* A frame as the counter sends it. A code of the SDK. */
+int frame_source_counter(igh_mcan_tx_frame_t *frame, size_t slave, uint8_t channel, bool is_fd,
+                         uint64_t number);
+
 /* When the next frame of a recording is due, after the start. False where none is. */
 bool frame_source_next_due(const frame_source_t *source, uint64_t *due_ns);
 

@@ -11,6 +11,7 @@
 
 #include "bring_up.h"
 #include "cycle_result.h"
+#include "frame_plan.h"
 #include "interrupt.h"
 #include "options.h"
 #include "report.h"
@@ -60,6 +61,7 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     bus_settings_add_options(&arguments->bus, &list);
     bus_settings_add_fd_option(&arguments->bus, &list);
     bus_settings_add_dc_options(&arguments->bus, &list);
+    bus_settings_add_plan_option(&arguments->bus, &list);
     options_add(&list, (option_t){
         .name = "channel", .value_name = "CHANNEL", .number = &arguments->channel,
         .maximum = ECAN_MCAN_CHANNELS - 1,
@@ -112,26 +114,30 @@ static bool enter_real_time(bus_t *bus, const arguments_t *arguments)
     return true;
 }
 
-/* Sends the next frame, which carries its number. */
-static int send_frame(bus_t *bus, const arguments_t *arguments, uint64_t number)
+/* The frame with this number. */
+static int make_frame(igh_mcan_tx_frame_t *frame, const arguments_t *arguments, uint64_t number)
 {
     uint8_t data[FD_BYTES] = {0}, channel = (uint8_t)arguments->channel;
-    uint32_t offset_ns = (uint32_t)arguments->offset_ns;
     for (size_t i = 0; i < sizeof(number); i++) {
         data[i] = (uint8_t)(number >> (8 * i));
     }
-    if (arguments->bus.fd_bitrate == 0) {
-        return arguments->is_scheduled
-                   ? igh_mcan_port_schedule_can(&bus->mcan, 0, channel, PROBE_ID, 0, data,
-                                                CLASSIC_BYTES, offset_ns, (uint16_t)number)
-                   : igh_mcan_port_send_can(&bus->mcan, 0, channel, PROBE_ID, 0, data,
-                                            CLASSIC_BYTES);
+    int made = arguments->bus.fd_bitrate == 0
+                   ? igh_mcan_tx_frame_set_can(frame, 0, channel, PROBE_ID, 0, data, CLASSIC_BYTES)
+                   : igh_mcan_tx_frame_set_canfd(frame, 0, channel, PROBE_ID, IGH_MCAN_FLAG_BRS,
+                                                 data, FD_BYTES);
+    if (made == ECAN_OK && arguments->is_scheduled) {
+        made = igh_mcan_tx_frame_set_schedule(frame, (uint32_t)arguments->offset_ns,
+                                              (uint16_t)number);
     }
-    return arguments->is_scheduled
-               ? igh_mcan_port_schedule_canfd(&bus->mcan, 0, channel, PROBE_ID, IGH_MCAN_FLAG_BRS,
-                                              data, FD_BYTES, offset_ns, (uint16_t)number)
-               : igh_mcan_port_send_canfd(&bus->mcan, 0, channel, PROBE_ID, IGH_MCAN_FLAG_BRS,
-                                          data, FD_BYTES);
+    return made;
+}
+
+/* Sends the next frame. */
+static int send_frame(bus_t *bus, const arguments_t *arguments, uint64_t number)
+{
+    igh_mcan_tx_frame_t frame;
+    int made = make_frame(&frame, arguments, number);
+    return made == ECAN_OK ? igh_mcan_port_send(&bus->mcan, &frame) : made;
 }
 
 static bool receive(bus_t *bus, result_t *result, uint64_t now_ns)
@@ -252,11 +258,25 @@ static bool work(bus_t *bus, const arguments_t *arguments)
     return is_good;
 }
 
+/* What the probe's frames cost. */
+static bool print_plan(const arguments_t *arguments)
+{
+    igh_mcan_tx_frame_t frame;
+    if (make_frame(&frame, arguments, 0) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    return frame_plan_print(&arguments->bus, &frame);
+}
+
 int main(int argc, char **argv)
 {
     arguments_t arguments;
     bus_t bus = {0};
     parse_arguments(&arguments, argc, argv);
+    if (arguments.bus.plan) {
+        return print_plan(&arguments) ? EXIT_SUCCESS : EXIT_FAILURE;
+    }
     if (!bring_up(&bus, &arguments.bus)) {
         return EXIT_FAILURE;
     }

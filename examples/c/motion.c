@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "cycle_result.h"
+#include "frame_plan.h"
 #include "igh_cia402_protocol.h"
 #include "interrupt.h"
 #include "motion_table.h"
@@ -26,6 +27,7 @@ void motion_add_options(motion_t *motion, option_list_t *list)
     bus_settings_t *bus = &motion->bus;
     bus_settings_add_options(bus, list);
     bus_settings_add_dc_options(bus, list);
+    bus_settings_add_plan_option(bus, list);
     options_add(list, (option_t){
         .name = "cycles", .value_name = "N", .number = &motion->cycles, .maximum = UINT64_MAX,
         .help = "Number of cycles to move in"});
@@ -54,11 +56,8 @@ void motion_add_drive(motion_t *motion, drive_place_t place)
     motion->bus.channel_masks[place.slave] |= (uint8_t)(1u << place.channel);
 }
 
-/* Puts the axes on the Port. */
-static bool init_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motion)
+static bool fill_axes(igh_cia402_axis_t *axes, const motion_t *motion)
 {
-    igh_cia402_axis_t axes[MOTION_MAX_AXES];
-    igh_cia402_settings_t settings;
     for (size_t i = 0; i < motion->drive_count; i++) {
         const drive_place_t *place = &motion->drives[i];
         if (igh_cia402_axis_init(&axes[i], place->slave, place->channel, place->node_id,
@@ -66,6 +65,37 @@ static bool init_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *
             report_sdk_error();
             return false;
         }
+    }
+    return true;
+}
+
+/* Prints what the axes cost, for --plan. */
+static bool print_plan(const motion_t *motion)
+{
+    static char text[PLAN_TEXT];
+    igh_cia402_axis_t axes[MOTION_MAX_AXES];
+    ecan_igh_config_t igh_config;
+    igh_mcan_port_config_t mcan_config;
+    if (!fill_axes(axes, motion) ||
+        !bus_settings_configure(&motion->bus, &igh_config, &mcan_config)) {
+        return false;
+    }
+    int code = igh_cia402_plan(&igh_config, &mcan_config, axes, motion->drive_count,
+                               (uint32_t)motion->motion_div, text, sizeof(text));
+    fputs(text, stdout);
+    if (code != ECAN_OK) {
+        report_sdk_error();
+    }
+    return code == ECAN_OK;
+}
+
+/* Puts the axes on the Port. */
+static bool init_axes(igh_cia402_context_t *cia402, bus_t *bus, const motion_t *motion)
+{
+    igh_cia402_axis_t axes[MOTION_MAX_AXES];
+    igh_cia402_settings_t settings;
+    if (!fill_axes(axes, motion)) {
+        return false;
     }
     if (igh_cia402_default_settings(&settings) != ECAN_OK) {
         report_sdk_error();
@@ -217,6 +247,9 @@ bool motion_run(const motion_t *motion)
 {
     bus_t bus = {0};
     igh_cia402_context_t cia402 = {0};
+    if (motion->bus.plan) {
+        return print_plan(motion);
+    }
     if (!bring_up(&bus, &motion->bus)) {
         return false;
     }

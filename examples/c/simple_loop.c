@@ -14,6 +14,7 @@
 #include "candump_log.h"
 #include "cycle_result.h"
 #include "echo_check.h"
+#include "frame_plan.h"
 #include "frame_source.h"
 #include "gateway_report.h"
 #include "interrupt.h"
@@ -47,6 +48,7 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     bus_settings_default(&arguments->bus, "echo");
     bus_settings_add_options(&arguments->bus, &list);
     bus_settings_add_fd_option(&arguments->bus, &list);
+    bus_settings_add_plan_option(&arguments->bus, &list);
     options_add(&list, (option_t){
         .name = "slaves", .value_name = "N", .number = &arguments->bus.slaves,
         .minimum = 1, .maximum = ECAN_IGH_MAX_SLAVES,
@@ -81,6 +83,9 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     }
     if (arguments->is_cycles_given && arguments->replay != NULL) {
         options_wrong_use("--cycles and --replay exclude each other");
+    }
+    if (arguments->bus.plan && arguments->replay != NULL) {
+        options_wrong_use("--plan and --replay exclude each other");
     }
     for (size_t slave = 0; slave < arguments->bus.slaves; slave++) {
         arguments->bus.channel_masks[slave] = arguments->channel_mask;
@@ -249,12 +254,26 @@ static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *
     return is_good;
 }
 
+/* What the counter's frames cost. */
+static bool print_plan(const arguments_t *arguments)
+{
+    igh_mcan_tx_frame_t frame;
+    if (frame_source_counter(&frame, 0, 0, arguments->bus.fd_bitrate != 0, 0) != ECAN_OK) {
+        report_sdk_error();
+        return false;
+    }
+    return frame_plan_print(&arguments->bus, &frame);
+}
+
 int main(int argc, char **argv)
 {
     arguments_t arguments;
     candump_log_t recording = {0};
     bus_t bus = {0};
     parse_arguments(&arguments, argc, argv);
+    if (arguments.bus.plan) {
+        return print_plan(&arguments) ? EXIT_SUCCESS : EXIT_FAILURE;
+    }
     if (arguments.replay != NULL && !read_recording(&arguments, &recording)) {
         return EXIT_FAILURE;
     }
