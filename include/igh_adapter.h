@@ -730,7 +730,7 @@ int ecan_igh_apply_real_time(const ecan_igh_real_time_t *settings, char *report,
  * makes up for cycles.
  *
  * @param spin_us   Microseconds before each point in which the clock is looked at instead of slept
- *                  on, 0 to 1000 (manual 13.9: 100). A stepped simulation never spins.
+ *                  on, 0 to 1000 (manual 13.9: 100). A stepped simulation plays it.
  * @param catch_up  Most missed cycles that are made up for at once; 0 leaves missed points out.
  *
  * @usage   rt, the cycle's thread, after init

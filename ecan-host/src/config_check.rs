@@ -229,7 +229,7 @@ mod tests {
         assert!(matches!(
             refused(3, 11, 800).as_slice(),
             [ConfigFault::Plan(PlanRefusal::MailboxStarved {
-                needed: 9_324,
+                needed: 9_068,
                 available: 9_000,
                 ..
             })]

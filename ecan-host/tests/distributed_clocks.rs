@@ -5,12 +5,12 @@ mod common;
 
 use common::{raw_config, simulated};
 use ecan_host::{Adapter, ClockSource, ClockStatus, DcSync, SlaveSettings};
-use ecan_sim::{EcrtVersion, Fault, GatewayFault, LostWay, Scenario, Simulation};
+use ecan_sim::{EcrtVersion, Fault, GatewayFault, LostWay, Scenario, Simulation, WakeUpDelay};
 
 const CYCLE_NS: u32 = 1_000_000;
 
-/// A line of gateways with these drifts in ppm, and an Adapter in OP.
-fn in_op(drifts: &[i32], scenario: Scenario, dc: DcSync) -> (Adapter, Simulation) {
+/// A line of gateways with these drifts in ppm, and an Adapter that is not active yet.
+fn opened(drifts: &[i32], scenario: Scenario, dc: DcSync) -> (Adapter, Simulation) {
     let mut scenario = Scenario { gateways: ecan_sim::echo(drifts.len()).gateways, ..scenario };
     for (gateway, ppm) in scenario.gateways.iter_mut().zip(drifts) {
         gateway.settings.clock_drift_ppb = ppm * 1_000;
@@ -21,7 +21,12 @@ fn in_op(drifts: &[i32], scenario: Scenario, dc: DcSync) -> (Adapter, Simulation
     let at = |position| SlaveSettings { position, ..slave.clone() };
     config.slaves = (0..drifts.len() as u16).map(at).collect();
     config.dc = Some(dc);
-    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    (Adapter::open(&ecrt, config).unwrap(), simulation)
+}
+
+/// The same in OP.
+fn in_op(drifts: &[i32], scenario: Scenario, dc: DcSync) -> (Adapter, Simulation) {
+    let (mut adapter, simulation) = opened(drifts, scenario, dc);
     adapter.wait_op(20_000).unwrap();
     (adapter, simulation)
 }
@@ -89,7 +94,7 @@ fn the_host_follows_from_any_phase_and_with_any_drift() {
 }
 
 #[test]
-fn the_first_cycle_is_in_phase_with_sync0() {
+fn the_cycle_is_in_phase_with_sync0() {
     let dc = DcSync { shift_ns: 300_000, ..following() };
     let (mut adapter, simulation) = in_op(&[50], Scenario::default(), dc);
     phase_errors(&mut adapter, 500);
@@ -202,10 +207,76 @@ fn without_clocks_there_is_no_status() {
     assert_eq!(adapter.clock_correction_ns(), 0);
 }
 
+/// Phase errors from the first reading on, of a bus whose reference clock jumps before it.
+fn first_errors(sync0_cycles: u32, jump_ns: i64, count: usize) -> Vec<i32> {
+    let dc = DcSync { cycle_ns: sync0_cycles * CYCLE_NS, ..following() };
+    let (mut adapter, simulation) = opened(&[50], Scenario::default(), dc);
+    adapter.activate().unwrap();
+    let mut errors: Vec<i32> = Vec::new();
+    let mut jump = Some(GatewayFault::ClockJump { ns: jump_ns });
+    for _ in 0..5_000 {
+        adapter.wait_next_cycle();
+        adapter.receive().unwrap();
+        // Behind the master's own setting of the clocks, before the first answer of the slave.
+        if simulation.with_world(|world| world.gateway(0).unwrap().dc_system_time(0)).is_some()
+            && let Some(fault) = jump.take()
+        {
+            simulation.inject(Fault::Gateway { gateway: 0, fault });
+        }
+        errors.extend(status(&adapter).phase_error_ns);
+        adapter.send().unwrap();
+        if errors.len() == count {
+            return errors;
+        }
+    }
+    panic!("the reference clock was read {} times", errors.len());
+}
+
 #[test]
-fn the_host_is_in_phase_before_the_slaves_are_in_op() {
-    let (adapter, _simulation) = in_op(&[50], Scenario::default(), following());
-    let ClockStatus { phase_error_ns, missed_readings, .. } = status(&adapter);
-    assert!(phase_error_ns.unwrap().abs() < 1_000, "{phase_error_ns:?}");
-    assert_eq!(missed_readings, 0);
+fn the_first_phase_error_is_taken_away_at_once() {
+    for sync0_cycles in [1, 4] {
+        let half = i64::from(sync0_cycles * CYCLE_NS) / 2;
+        for jump_ns in [-half + 1_000, -600_000, -300_000, 300_000, 600_000, half - 1_000] {
+            let errors = first_errors(sync0_cycles, jump_ns, 1_000);
+            assert!(errors[0].abs() > 100_000, "{jump_ns}: the start is out of phase");
+            // The second is of a cycle from before; then the rate is learnt.
+            let least = errors[2..].iter().map(|e| e.unsigned_abs()).max().unwrap();
+            assert!(least < 5_000, "{sync0_cycles} cycles, {jump_ns}: {least} ns");
+            assert!(worst(&errors[600..]) < 1_000, "{sync0_cycles} cycles, {jump_ns}");
+        }
+    }
+}
+
+#[test]
+fn late_cycles_of_the_host_do_not_reach_the_clocks() {
+    let wake_up = WakeUpDelay { typical_ns: 40_000, p99_ns: 80_000, longest_ns: 200_000 };
+    for version in [EcrtVersion::V1_5, EcrtVersion::V1_6] {
+        for dc in [DcSync::new(CYCLE_NS, 0), following()] {
+            let scenario = Scenario { version, wake_up: Some(wake_up), ..Scenario::default() };
+            let (mut adapter, _simulation) = in_op(&[50, -30], scenario, dc);
+            phase_errors(&mut adapter, 1_000);
+            let errors = phase_errors(&mut adapter, 500);
+            assert!(worst(&errors) < 1_000, "{version:?}, {:?}: {}", dc.source, worst(&errors));
+            assert!(status(&adapter).is_locked);
+        }
+    }
+}
+
+#[test]
+fn a_reference_slave_that_is_gone_is_not_followed() {
+    let dc = DcSync { reference: Some(1), ..following() };
+    let (mut adapter, simulation) = in_op(&[0, 50], Scenario::default(), dc);
+    phase_errors(&mut adapter, 1_000);
+    let rate = status(&adapter).rate_ppb;
+    let before = status(&adapter).missed_readings;
+    simulation.inject(Fault::PowerOff { gateway: 1 });
+    for _ in 0..3_000 {
+        adapter.wait_next_cycle();
+        let _ = adapter.receive();
+        adapter.send().unwrap();
+        let told = status(&adapter);
+        assert!((told.rate_ppb - rate).abs() < 1_000, "{told:?}");
+        assert!(told.phase_error_ns.unwrap().abs() < 1_000, "{told:?}");
+    }
+    assert!(status(&adapter).missed_readings > before);
 }

@@ -84,8 +84,7 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
         .help = "Give up where --rt-priority is not permitted"});
     options_add(&list, (option_t){
         .name = "spin-us", .value_name = "US", .number = &arguments->spin_us, .maximum = 1000,
-        .help = "Sleep until so many microseconds before the cycle is due, then spin; not in a "
-                "stepped simulation"});
+        .help = "Sleep until so many microseconds before the cycle is due, then spin"});
     options_parse(&list, argc, argv);
     arguments->bus.dc_sync0 |= arguments->is_scheduled;
     arguments->bus.channel_masks[0] = (uint8_t)(1u << arguments->channel);

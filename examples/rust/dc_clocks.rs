@@ -1,8 +1,8 @@
 //! How well host and slaves keep together with distributed clocks (manual 8.4, 15.6).
 //!
 //! ```text
-//! dc_clocks --ecrt sim
-//! dc_clocks --slaves 3 --cycle-us 1000 --shift-us 300 --source reference --rt-priority 80 --plot clocks.svg
+//! dc_clocks --ecrt sim:examples/scenarios/drift.toml --slaves 3 --source reference --plot clocks.svg
+//! dc_clocks --slaves 3 --cycle-us 1000 --shift-us 300 --source reference --rt-priority 80
 //! ```
 
 use std::error::Error;

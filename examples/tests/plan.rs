@@ -80,7 +80,7 @@ fn what_would_not_work_ends_with_the_reason() {
     let cases: [(&[&str], &[&str]); 5] = [
         (&["--pdo-n", "12"], &["N = 12 needs 1536 bytes", "N is at most 11", "2 faults"]),
         (&["--slaves", "3", "--pdo-n", "11", "--cycle-us", "500"], &["700.8 us on the wire"]),
-        (&["--cycle-us", "100"], &["1384 bytes", "no slave reach OP"]),
+        (&["--cycle-us", "100"], &["1128 bytes", "no slave reach OP"]),
         (&["--bitrate", "125000", "--cycle-us", "1000"], &["178 to 216 % of the bus"]),
         (&["--bitrate", "1"], &["bit timing"]),
     ];

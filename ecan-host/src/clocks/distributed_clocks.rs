@@ -21,8 +21,8 @@ pub struct ClockStatus {
     /// Upper estimate of the differences between the slaves' clocks as last measured, in
     /// nanoseconds. None before the first measurement.
     pub synchrony_ns: Option<u32>,
-    /// Cycles since the first reading whose frame did not come back, so that the reference clock
-    /// could not be read.
+    /// Cycles since the first reading in which the reference clock could not be read: the frame did
+    /// not come back, or what it brought is no time that follows the one before.
     pub missed_readings: u64,
 }
 
@@ -31,9 +31,31 @@ pub struct ClockStatus {
 struct Sent {
     /// Application time of its cycle.
     time_ns: u64,
+    /// Point of the grid of its cycle.
+    point_ns: u64,
     /// When it left, after the point of the grid.
     late_ns: u64,
     carries_monitor: bool,
+}
+
+/// A reading of the reference clock.
+#[derive(Debug, Clone, Copy)]
+struct Reading {
+    /// Lower half of its time.
+    time: u32,
+    /// When the frame left, on the host's clock.
+    sent_ns: u64,
+}
+
+impl Reading {
+    /// Whether it can be the time of a clock that showed `before`. When the reference slave is gone
+    /// the library goes on handing out what came back, which stands still.
+    fn follows(&self, before: Self, cycle_ns: u32) -> bool {
+        let passed = self.sent_ns.saturating_sub(before.sent_ns);
+        let told = self.time.wrapping_sub(before.time);
+        let error = (told.wrapping_sub(passed as u32) as i32).unsigned_abs();
+        u64::from(error) <= u64::from(cycle_ns / 4) + passed / 1_000
+    }
 }
 
 /// State of the clocks between the calls of a cycle.
@@ -45,7 +67,11 @@ pub(crate) struct DistributedClocks {
     time_ns: Option<u64>,
     /// Point of the grid of the running cycle, on the host's clock.
     point_ns: u64,
+    /// What the deadline after it was shifted by.
+    correction_ns: i64,
     sent: Option<Sent>,
+    /// The last reading, whether it was of use or not.
+    read: Option<Reading>,
     cycles: u32,
     /// Slaves that answered in the last cycle.
     answering: usize,
@@ -60,7 +86,9 @@ impl DistributedClocks {
             cycle_ns,
             time_ns: None,
             point_ns: 0,
+            correction_ns: 0,
             sent: None,
+            read: None,
             cycles: 0,
             answering: 0,
             pll: PhaseLockedLoop::new(cycle_ns),
@@ -79,11 +107,12 @@ impl DistributedClocks {
             (None, _) | (_, ClockSource::Host) => point_ns,
             // Shifted deadlines: the number of cycles counts, not their length.
             (Some(time), ClockSource::Reference) => {
-                let passed = point_ns.saturating_sub(self.point_ns);
+                let from = self.point_ns.saturating_add_signed(self.correction_ns);
+                let passed = point_ns.saturating_sub(from);
                 time + (passed + cycle / 2) / cycle * cycle
             }
         });
-        self.point_ns = point_ns;
+        (self.point_ns, self.correction_ns) = (point_ns, 0);
     }
 
     /// Reads the clocks when the frame of the cycle before is back: `answering` slaves took part in
@@ -114,15 +143,25 @@ impl DistributedClocks {
                 return Err(CycleError::library("ecrt_master_reference_clock_time")(errno));
             }
         };
+        let reading = Reading { time, sent_ns: sent.point_ns.wrapping_add(sent.late_ns) };
+        let before = self.read.replace(reading);
+        if !before.is_some_and(|before| reading.follows(before, self.cycle_ns)) {
+            return Ok(self.miss());
+        }
         let expected = sent.time_ns.wrapping_add(sent.late_ns) as u32;
         let error = centred(i64::from(time.wrapping_sub(expected) as i32), self.dc.cycle_ns);
         self.status.phase_error_ns = i32::try_from(error).ok();
-        let correction = self.pll.update(error);
         if self.dc.source == ClockSource::Host {
+            self.pll.update(error);
             return Ok(0);
         }
+        // Whole cycles are made up for by counting, so that no deadline moves by more than half of
+        // one where Sync0 comes every few cycles.
+        let within = centred(error, self.cycle_ns);
+        self.time_ns = self.time_ns.map(|time| time.wrapping_add_signed(error - within));
+        self.correction_ns = self.pll.update(within);
         self.status.rate_ppb = self.pll.rate_ppb();
-        Ok(correction)
+        Ok(self.correction_ns)
     }
 
     fn miss(&mut self) -> i64 {
@@ -132,10 +171,11 @@ impl DistributedClocks {
     }
 
     fn coast(&mut self) -> i64 {
-        match self.dc.source {
+        self.correction_ns = match self.dc.source {
             ClockSource::Host => 0,
             ClockSource::Reference => self.pll.coast(),
-        }
+        };
+        self.correction_ns
     }
 
     /// Queues what keeps the clocks together, last before the send.
@@ -146,8 +186,9 @@ impl DistributedClocks {
         told.map_err(CycleError::library("ecrt_master_application_time"))?;
         if self.dc.source == ClockSource::Host {
             // With the time of leaving, delays of the cycle do not reach the clocks.
-            let led = match master.sync_reference_clock_to(time_ns.wrapping_add(late_ns)) {
-                Err(Errno::ENOSYS) => master.sync_reference_clock(),
+            let leaves_ns = time_ns.wrapping_add(late_ns);
+            let led = match master.sync_reference_clock_to(leaves_ns) {
+                Err(Errno::ENOSYS) => lead_by_application_time(master, time_ns, leaves_ns),
                 led => led,
             };
             let failed = CycleError::library("ecrt_master_sync_reference_clock");
@@ -164,9 +205,21 @@ impl DistributedClocks {
             let failed = CycleError::library("ecrt_master_sync_monitor_queue");
             master.sync_monitor_queue().map_err(failed)?;
         }
-        self.sent = Some(Sent { time_ns, late_ns, carries_monitor });
+        self.sent = Some(Sent { time_ns, point_ns: self.point_ns, late_ns, carries_monitor });
         Ok(())
     }
+}
+
+/// As `sync_reference_clock_to`, which 1.5.2 does not have: there the application time is sent.
+fn lead_by_application_time(
+    master: &mut Master,
+    time_ns: u64,
+    leaves_ns: u64,
+) -> Result<(), Errno> {
+    master.application_time(leaves_ns)?;
+    let led = master.sync_reference_clock();
+    master.application_time(time_ns)?;
+    led
 }
 
 /// The nearest way round a period.

@@ -25,13 +25,15 @@ pub(crate) struct PhaseLockedLoop {
     rest_ns: f64,
     /// Mean size of the phase error; none before the first.
     mean_ns: Option<f64>,
+    /// The next phase error is of a cycle that stood before the first correction took effect.
+    is_stale: bool,
 }
 
 impl PhaseLockedLoop {
     /// Unlocked, without a notion of the rate.
     pub(crate) fn new(cycle_ns: u32) -> Self {
         let cycle_ns = f64::from(cycle_ns);
-        Self { cycle_ns, rate_ns: 0.0, rest_ns: 0.0, mean_ns: None }
+        Self { cycle_ns, rate_ns: 0.0, rest_ns: 0.0, mean_ns: None, is_stale: false }
     }
 
     /// Takes the phase error of a cycle, positive where the host is late, and gives what is to be
@@ -41,8 +43,12 @@ impl PhaseLockedLoop {
         let error = error_ns as f64;
         let Some(mean) = self.mean_ns else {
             self.mean_ns = Some(self.cycle_ns);
+            self.is_stale = true;
             return -error_ns;
         };
+        if std::mem::take(&mut self.is_stale) {
+            return self.coast();
+        }
         self.mean_ns = Some(mean + (error.abs() - mean) / MEAN_OVER);
         let limit = self.cycle_ns * MAX_SHIFT;
         let wanted = -error * PROPORTIONAL;
@@ -93,6 +99,7 @@ mod tests {
     ) -> Vec<f64> {
         let mut pll = PhaseLockedLoop::new(CYCLE_NS);
         pll.update(0);
+        pll.update(0);
         let (mut phase, mut pending) = (start_ns, 0);
         let mut errors = Vec::new();
         for cycle in 0..cycles {
@@ -142,6 +149,7 @@ mod tests {
     fn but_for_the_first_no_cycle_is_shifted_by_more_than_a_hundredth() {
         let mut pll = PhaseLockedLoop::new(CYCLE_NS);
         assert_eq!(pll.update(300_000), -300_000);
+        assert_eq!(pll.update(300_000), 0, "still of a cycle from before");
         assert_eq!(pll.update(500_000), -10_000);
         assert_eq!(pll.update(-500_000), 10_000);
     }

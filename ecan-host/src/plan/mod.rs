@@ -13,8 +13,9 @@ use crate::domain_layout::{DomainLayout, MAX_PLAIN_MULTIPLIER};
 
 /// Data of a datagram of the clocks: the low half of the system time.
 const CLOCK_BYTES: usize = 4;
-/// Room that a mailbox transfer needs in a cycle: the largest mailbox, in a frame of its own.
-const MAILBOX_BYTES: usize = 512 + DATAGRAM_OVERHEAD_BYTES + FRAME_OVERHEAD_BYTES;
+/// Room that a mailbox transfer needs in a cycle: all the room that a gateway has for mailboxes
+/// (manual 5.3: 0x1000 to 0x10FF), in a frame of its own.
+const MAILBOX_BYTES: usize = 256 + DATAGRAM_OVERHEAD_BYTES + FRAME_OVERHEAD_BYTES;
 /// Share of the cycle on the wire from which a plan warns, in percent.
 const WIRE_WARNING_PERCENT: u64 = 80;
 

@@ -111,13 +111,17 @@ impl MasterModel {
         lost: Option<LostWay>,
     ) {
         let now = world.now_ns();
-        let Some(reference) = self.reference_clock().filter(|slot| world.is_reachable(*slot))
-        else {
-            return;
-        };
         if lost == Some(LostWay::Outward) {
             return;
         }
+        let reached = self.reference_clock().filter(|slot| world.is_reachable(*slot));
+        let Some(reference) = reached else {
+            if item == Queued::SlaveClocks {
+                // It comes back as it went.
+                self.clocks.reference_value = 0;
+            }
+            return;
+        };
         let time = world.gateway(reference).and_then(|gateway| gateway.dc_system_time(now));
         match item {
             Queued::ReferenceClock => {

@@ -207,7 +207,7 @@ pub unsafe extern "C" fn ecan_igh_apply_real_time(
 /// makes up for cycles.
 ///
 /// @param spin_us   Microseconds before each point in which the clock is looked at instead of slept
-///                  on, 0 to 1000 (manual 13.9: 100). A stepped simulation never spins.
+///                  on, 0 to 1000 (manual 13.9: 100). A stepped simulation plays it.
 /// @param catch_up  Most missed cycles that are made up for at once; 0 leaves missed points out.
 ///
 /// @usage   rt, the cycle's thread, after init
