@@ -185,10 +185,35 @@ impl Axis {
         self.power.is_energised() || !self.motor.is_still()
     }
 
-    pub(super) fn next_event(&self) -> Option<u64> {
-        let tick = self.is_live().then_some(self.next_tick);
+    /// When the controller ticks next, if it does.
+    pub(super) fn next_tick(&self) -> Option<u64> {
+        self.is_live().then_some(self.next_tick)
+    }
+
+    /// The last tick of the controller up to `now`, if it is still to come.
+    pub(super) fn missed_tick(&self, now: u64) -> Option<u64> {
+        (self.next_tick <= now && self.is_live()).then(|| now / self.period * self.period)
+    }
+
+    /// When something happens that others may notice at once. Ticks of the controller can be made
+    /// up for, all but the one that may find a fault.
+    pub(super) fn next_event(&self, parameters: &Parameters) -> Option<u64> {
         let mode = self.next_mode.map(|(_, at)| at);
-        earliest([tick, mode, self.power.enabled_at(), self.blocked_until])
+        let fault = self.earliest_fault(parameters);
+        earliest([fault, mode, self.power.enabled_at(), self.blocked_until])
+    }
+
+    /// The first tick that may find too great a following error for too long.
+    fn earliest_fault(&self, parameters: &Parameters) -> Option<u64> {
+        if !self.may_stray(parameters) {
+            return None;
+        }
+        let since = self.strayed_since.unwrap_or(self.next_tick);
+        let at = since.saturating_add(parameters.following_time);
+        if at <= self.next_tick {
+            return Some(self.next_tick);
+        }
+        Some(at.div_ceil(self.period).saturating_mul(self.period))
     }
 
     /// Moves the clock to a time that is not before its own.
@@ -261,8 +286,13 @@ impl Axis {
     }
 
     fn strays(&self, parameters: &Parameters) -> bool {
-        parameters.following_window != u32::MAX
+        self.may_stray(parameters)
             && self.following_error().unsigned_abs() > parameters.following_window
+    }
+
+    /// Whether a following error is watched.
+    fn may_stray(&self, parameters: &Parameters) -> bool {
+        parameters.following_window != u32::MAX
             && self.power.state() == DriveState::OperationEnabled
     }
 

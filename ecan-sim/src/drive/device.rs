@@ -442,7 +442,22 @@ impl Device {
         }
     }
 
-    /// When something is due by the clock.
+    /// Makes up for the ticks of the controller up to `now` that nothing depended on.
+    pub(super) fn catch_up(&mut self, now: u64) {
+        if self.powered
+            && let Some(tick) = self.axis.missed_tick(now)
+        {
+            self.run_to(tick);
+        }
+    }
+
+    /// When the controller ticks next, if it does.
+    pub(super) fn next_tick(&self) -> Option<u64> {
+        if self.powered { self.axis.next_tick() } else { None }
+    }
+
+    /// When something is due by the clock that others may notice at once: ticks of the controller
+    /// only where they may lead to a frame.
     pub(super) fn next_event(&self) -> Option<u64> {
         if !self.powered {
             return self.power_on_at;
@@ -456,13 +471,14 @@ impl Device {
             None
         };
         let events = if operational && self.has_event_pdos {
-            earliest(self.transmit.iter().map(|pdo| pdo.next_event(self.now)))
+            let timers = self.transmit.iter().map(|pdo| pdo.next_event(self.now));
+            earliest(timers.chain([self.axis.next_tick()]))
         } else {
             None
         };
         earliest([
             self.network.next_event(),
-            self.axis.next_event(),
+            self.axis.next_event(&self.parameters),
             answer,
             emergency,
             late,
