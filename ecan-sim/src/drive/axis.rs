@@ -41,6 +41,8 @@ pub(super) struct Axis {
     pub(super) now: u64,
     /// Period of the controller, nanoseconds.
     period: u64,
+    /// The same in seconds.
+    period_seconds: f64,
     /// First multiple of the period behind `now`.
     next_tick: u64,
     pub(super) power: PowerStage,
@@ -68,6 +70,7 @@ impl Axis {
             settings: settings.clone(),
             now: 0,
             period,
+            period_seconds: seconds(period),
             next_tick: period,
             power: PowerStage::new(),
             motion: Motion::new(settings.motor),
@@ -252,7 +255,7 @@ impl Axis {
 
     fn step(&mut self, end: u64, parameters: &Parameters) {
         let ns = end - self.now;
-        let seconds = ns as f64 / 1e9;
+        let seconds = if ns == self.period { self.period_seconds } else { seconds(ns) };
         self.set_now(end);
         if !self.power.is_energised() {
             self.motor.advance(seconds, Actuation::Free);
@@ -267,7 +270,7 @@ impl Axis {
             self.history.restart();
         }
         self.motion.watch_window(ns, &self.motor, parameters);
-        if self.motion.has_stopped(&self.motor) && self.power.is_leaving() {
+        if self.power.is_leaving() && self.motion.has_stopped(&self.motor) {
             let action = self.power.stands();
             self.act(action, parameters);
         }
@@ -372,4 +375,8 @@ impl Axis {
         }
         Statusword(word)
     }
+}
+
+fn seconds(ns: u64) -> f64 {
+    ns as f64 / 1e9
 }

@@ -284,15 +284,9 @@ impl Drive {
 
     /// Whether a frame means anything to this drive.
     fn concerns(&self, frame: &CanFrame) -> bool {
-        let id = frame.id();
-        let is_service = || match CobId::classify(id) {
-            Some(Service::Nmt | Service::Heartbeat(_)) => true,
-            Some(Service::SdoClient(server)) => server == self.node_id(),
-            _ => false,
-        };
-        frame.kind() == FrameKind::Data
+        self.device.heard.contains(frame.id())
+            && frame.kind() == FrameKind::Data
             && self.device.network.state() != NmtState::Initialising
-            && (self.device.sync_id == Some(id) || self.device.receives(id) || is_service())
     }
 }
 

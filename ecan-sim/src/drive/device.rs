@@ -12,6 +12,7 @@ use super::axis::{Axis, Report};
 use super::default_objects::{default_objects, fill_in};
 use super::dictionary::{Dictionary, Object, Value};
 use super::emergency::{Emergency, register_of};
+use super::identifiers::Identifiers;
 use super::network::{Network, WatchEvent};
 use super::parameters::Parameters;
 use super::pdo::{ReceivePdo, TransmitPdo, numbers};
@@ -57,8 +58,9 @@ pub(super) struct Device {
     /// be looked at when it comes to what is due.
     has_timed_pdos: bool,
     has_event_pdos: bool,
-    /// Identifiers of the PDOs that are received.
-    pub(super) receive_ids: Vec<CanId>,
+    /// Identifiers of the services, SYNC and the PDOs that are received.
+    pub(super) heard: Identifiers,
+    services: Identifiers,
     pub(super) sync_id: Option<CanId>,
     /// Rules about SDO transfers, and how often each may still strike.
     pub(super) rules: Vec<(SdoRule, Option<u32>)>,
@@ -100,7 +102,8 @@ impl Device {
                 .collect(),
             has_timed_pdos: false,
             has_event_pdos: false,
-            receive_ids: Vec::new(),
+            heard: Identifiers::new(),
+            services: Identifiers::services_of(settings.node),
             sync_id: None,
             rules: settings.quirks.sdo_rules.iter().map(|rule| (*rule, rule.times)).collect(),
             answers: VecDeque::with_capacity(ANSWERS),
@@ -205,14 +208,19 @@ impl Device {
     pub(super) fn note_pdos(&mut self) {
         self.has_timed_pdos = self.receive.iter().any(ReceivePdo::is_timed);
         self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
-        self.receive_ids.clear();
-        self.receive_ids.reserve(self.receive.len());
-        self.receive_ids.extend(self.receive.iter().filter_map(|pdo| pdo.id));
+        self.note_identifiers();
+    }
+
+    fn note_identifiers(&mut self) {
+        self.heard.reset(&self.services);
+        let pdos = self.receive.iter().filter_map(|pdo| pdo.id);
+        pdos.chain(self.sync_id).for_each(|id| self.heard.insert(id));
     }
 
     pub(super) fn load_sync(&mut self) {
         let raw = self.objects.number(object::SYNC_COB_ID, 0);
         self.sync_id = raw.and_then(|raw| CanId::standard((raw & 0x7FF) as u16).ok());
+        self.note_identifiers();
     }
 
     /// The boot-up message goes out.

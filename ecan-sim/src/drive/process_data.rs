@@ -55,11 +55,6 @@ impl Device {
         }
     }
 
-    /// Whether a frame of this identifier is a PDO for this drive.
-    pub(super) fn receives(&self, id: CanId) -> bool {
-        self.receive_ids.contains(&id)
-    }
-
     /// A PDO has come.
     pub(super) fn on_pdo(&mut self, id: CanId, data: &[u8]) {
         if self.network.state() != NmtState::Operational {
