@@ -224,7 +224,9 @@ impl Axis {
     /// Controllers of all drives tick together, at multiples of their period.
     fn set_now(&mut self, now: u64) {
         self.now = now;
-        if now >= self.next_tick {
+        if now == self.next_tick {
+            self.next_tick = now.saturating_add(self.period);
+        } else if now > self.next_tick {
             self.next_tick = (now / self.period + 1).saturating_mul(self.period);
         }
     }

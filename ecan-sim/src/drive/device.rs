@@ -47,7 +47,9 @@ pub(super) struct Device {
     on_bus: bool,
     power_on_at: Option<u64>,
     pub(super) objects: Dictionary,
-    slots: Slots,
+    pub(super) slots: Slots,
+    /// Those of the slots that PDOs carry.
+    pub(super) sent_slots: Slots,
     pub(super) parameters: Parameters,
     pub(super) network: Network,
     pub(super) emergency: Emergency,
@@ -90,6 +92,7 @@ impl Device {
             on_bus: false,
             power_on_at: None,
             slots: Slots::find(&objects),
+            sent_slots: Slots::default(),
             parameters: Parameters::read(&objects, axis.motor()),
             network: Network::new(),
             emergency: Emergency::new(),
@@ -208,6 +211,8 @@ impl Device {
     pub(super) fn note_pdos(&mut self) {
         self.has_timed_pdos = self.receive.iter().any(ReceivePdo::is_timed);
         self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
+        let sent = |slot| self.transmit.iter().any(|pdo| pdo.id.is_some() && pdo.mapping.has(slot));
+        self.sent_slots = self.slots.in_use(sent);
         self.note_identifiers();
     }
 
@@ -380,7 +385,7 @@ impl Device {
         }
         let operational = self.network.state() == NmtState::Operational;
         if operational && self.has_event_pdos {
-            self.publish();
+            self.publish_sent();
             self.send_events(out);
         }
         while let Some((at, bytes)) = self.answers.front().copied()
@@ -421,33 +426,6 @@ impl Device {
             word |= Statusword::WARNING;
         }
         Statusword(word)
-    }
-
-    /// Brings the objects that the drive tells up to date.
-    pub(super) fn publish(&mut self) {
-        let position = i64::from(self.axis.position());
-        let mode = self.axis.mode().map_or(0, |mode| i64::from(mode.raw()));
-        let torque = self.axis.motor().torque().round() as i64;
-        let values = [
-            (self.slots.error_register, i64::from(self.emergency.register().0)),
-            (self.slots.error_code, i64::from(self.emergency.code())),
-            (self.slots.statusword, i64::from(self.statusword().0)),
-            (self.slots.mode_display, mode),
-            (self.slots.position_demand, i64::from(self.axis.demand())),
-            (self.slots.position_internal, self.axis.motor().position().round() as i64),
-            (self.slots.position, position),
-            (self.slots.velocity_demand, i64::from(self.axis.demanded_velocity())),
-            (self.slots.velocity, self.axis.motor().velocity().round() as i64),
-            (self.slots.torque_demand, torque),
-            (self.slots.torque, torque),
-            (self.slots.following_error, i64::from(self.axis.following_error())),
-            (self.slots.inputs, i64::from(self.axis.switches().bits())),
-        ];
-        for (slot, value) in values {
-            if let Some(slot) = slot {
-                self.objects.put(slot, value as u64);
-            }
-        }
     }
 
     /// Makes up for the ticks of the controller up to `now` that nothing depended on.

@@ -27,7 +27,7 @@ impl Device {
         if self.network.state() != NmtState::Operational {
             return;
         }
-        self.publish();
+        self.publish_sent();
         for place in 0..self.transmit.len() {
             let Some(pdo) = self.transmit.get_mut(place) else { continue };
             let (Some(id), length) = (pdo.id, pdo.mapping.length) else { continue };
