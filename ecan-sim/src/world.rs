@@ -4,6 +4,7 @@
 mod bridges;
 mod can_side;
 mod drives;
+mod due_times;
 mod line;
 mod node_slot;
 mod recording;
@@ -15,6 +16,7 @@ use crate::fault::{Fault, FaultScript, LibraryCall, LostWay, ScriptedFault};
 use crate::gateway::{Gateway, Truth};
 use crate::scenario::{Scenario, Topology};
 use crate::world::can_side::BusSlot;
+use crate::world::due_times::DueTimes;
 use crate::world::line::{ChannelLink, LineSlot};
 use crate::world::node_slot::NodeSlot;
 use crate::world::recording::Recording;
@@ -40,9 +42,10 @@ pub struct World {
     slots: Vec<LineSlot>,
     buses: Vec<BusSlot>,
     nodes: Vec<NodeSlot>,
-    /// When each node wants to act by itself. Not in the nodes, since it is looked through at every
-    /// instant.
-    nodes_due: Vec<u64>,
+    /// When each node wants to act by itself.
+    nodes_due: DueTimes,
+    /// Whether the nodes that were due at this instant have acted.
+    nodes_had_turn: bool,
     script: FaultScript,
     lost: (Option<LostWay>, u32),
     counter_offset: (i32, u32),
@@ -68,7 +71,8 @@ impl World {
             slots: Vec::with_capacity(scenario.gateways.len()),
             buses: Vec::new(),
             nodes: Vec::with_capacity(scenario.nodes.len()),
-            nodes_due: Vec::with_capacity(scenario.nodes.len()),
+            nodes_due: DueTimes::default(),
+            nodes_had_turn: true,
             script: FaultScript::default(),
             lost: (None, 0),
             counter_offset: (0, 0),
@@ -235,10 +239,7 @@ impl World {
     /// When something happens next by itself, if ever.
     pub(crate) fn next_event(&self) -> u64 {
         // One plain loop for each: this runs at every instant.
-        let mut next = self.script.next_time().unwrap_or(NEVER);
-        for due in &self.nodes_due {
-            next = next.min(*due);
-        }
+        let mut next = self.script.next_time().unwrap_or(NEVER).min(self.nodes_due.first());
         for slot in &self.buses {
             next = next.min(slot.next);
         }
@@ -259,20 +260,28 @@ impl World {
             self.run_instant();
         }
         self.now = self.now.max(to);
+        let now = self.now;
+        for slot in self.nodes.iter_mut().filter(|slot| !slot.is_postponed) {
+            slot.node.catch_up(now);
+        }
     }
 
     /// Everything that is due now. Whatever it leads to at the same instant is found by the next
     /// call.
     fn run_instant(&mut self) {
         let now = self.now;
+        self.nodes_had_turn = false;
         while let Some(fault) = self.script.due_time(now) {
             self.inject(fault);
         }
         for index in 0..self.slots.len() {
             self.run_slot(index);
         }
-        for index in 0..self.nodes_due.len() {
-            self.run_node(index);
+        self.nodes_had_turn = true;
+        if self.nodes_due.first() <= now {
+            for index in 0..self.nodes.len() {
+                self.run_node(index);
+            }
         }
         for index in 0..self.buses.len() {
             self.run_bus(index);

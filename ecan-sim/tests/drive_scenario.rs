@@ -189,6 +189,42 @@ fn the_way_of_an_axis_to_its_first_target() {
     });
 }
 
+/// The controllers of drives that nobody talks to are not run tick by tick; whoever looks at a drive
+/// must not notice.
+#[test]
+fn a_drive_is_where_its_last_tick_has_left_it_whenever_one_looks() {
+    let run = |steps: &[u64]| {
+        let mut program = program(drives(1, 1));
+        program.cycles(100);
+        let sdo = |bytes: [u8; 8]| frame(0x601, &bytes);
+        for request in [
+            sdo([0x23, 0xFF, 0x60, 0, 0xA0, 0x86, 0x01, 0]),
+            sdo([0x2F, 0x60, 0x60, 0, 3, 0, 0, 0]),
+            sdo([0x2B, 0x40, 0x60, 0, 0x06, 0, 0, 0]),
+            sdo([0x2B, 0x40, 0x60, 0, 0x07, 0, 0, 0]),
+            sdo([0x2B, 0x40, 0x60, 0, 0x0F, 0, 0, 0]),
+        ] {
+            exchange(&mut program, &[request]);
+        }
+        let mut seen = Vec::new();
+        for step_ns in steps {
+            program.simulation().pass_ns(*step_ns);
+            program.simulation().with_world(|world| {
+                let drive = world.drive("drive 0.0/1").unwrap();
+                assert_eq!(drive.state(), DriveState::OperationEnabled);
+                seen.push((world.now_ns(), drive.mechanical_position(), drive.velocity()));
+            });
+        }
+        seen
+    };
+    let fine = run(&[250_000; 160]);
+    let coarse = run(&[10_000_000; 4]);
+    assert_eq!(coarse, [fine[39], fine[79], fine[119], fine[159]]);
+    assert!(coarse.is_sorted_by(|a, b| a.1 + 100.0 < b.1), "{coarse:?}");
+    let ticks = fine.windows(2).filter(|pair| pair[0].1 != pair[1].1).count();
+    assert!((39..=40).contains(&ticks), "{ticks} ticks in 40 ms");
+}
+
 #[test]
 fn the_same_scenario_gives_the_same_frames() {
     let run = || {

@@ -181,7 +181,7 @@ impl Axis {
     }
 
     pub(super) fn is_configured(&self) -> bool {
-        self.setup == Setup::Done
+        matches!(self.setup, Setup::Done)
     }
 
     pub(super) fn is_enabled(&self) -> bool {

@@ -146,16 +146,16 @@ impl Axis {
     }
 
     pub(super) fn begin_doubt(&mut self) {
-        if self.setup == Setup::Done && self.doubt == Doubt::None {
+        if matches!(self.setup, Setup::Done) && matches!(self.doubt, Doubt::None) {
             self.doubt = Doubt::Open { from_ns: 0 };
         }
     }
 
     fn note_restart(&mut self, status: &NodeStatus) {
-        if self.setup == Setup::Done && status.boot_ups != self.boot_ups {
+        if matches!(self.setup, Setup::Done) && status.boot_ups != self.boot_ups {
             self.forget_setup();
         }
-        if self.setup == Setup::None {
+        if matches!(self.setup, Setup::None) {
             self.boot_ups = status.boot_ups;
             self.statistics.restart_tpdo_count();
         }

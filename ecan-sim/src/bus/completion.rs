@@ -26,20 +26,27 @@ impl CanBus {
         let silent_no_ack = t.outcome == Outcome::NoAck
             && self.stations.get(t.transmitter).is_some_and(|s| s.counters.is_passive());
         let good = t.outcome == Outcome::Delivered;
-        self.complete_sender(t, good, silent_no_ack, events);
-        self.complete_receivers(t, good || silent_no_ack, events);
-        self.complete_losers(t, events);
-        self.complete_recoveries(t);
-        self.report_states(events);
+        let mut states_changed = self.complete_sender(t, good, silent_no_ack, events);
+        states_changed |= self.complete_receivers(t, good || silent_no_ack, events);
+        if t.contested {
+            self.complete_losers(t, events);
+        }
+        if self.has_asides {
+            self.complete_recoveries(t);
+        }
+        if states_changed {
+            self.report_states(events);
+        }
     }
 
+    /// Whether the sender's error state has changed.
     fn complete_sender(
         &mut self,
         t: &Transmission,
         good: bool,
         silent_no_ack: bool,
         events: &mut Vec<BusEvent>,
-    ) {
+    ) -> bool {
         let transmitter = StationId(t.transmitter);
         if good {
             self.statistics.frames += 1;
@@ -49,11 +56,11 @@ impl CanBus {
         }
         let free_at = self.free_at;
         let Some(station) = self.stations.get_mut(t.transmitter) else {
-            return;
+            return false;
         };
         if t.outcome == Outcome::BrokenOff {
             // The station has been reset or is bus-off already.
-            return;
+            return false;
         }
         if good {
             station.counters.sent();
@@ -98,9 +105,17 @@ impl CanBus {
         if station.counters.is_passive() {
             station.suspended_until = free_at + t.config.bits_ns(SUSPEND_BITS);
         }
+        station.state_is_new()
     }
 
-    fn complete_receivers(&mut self, t: &Transmission, good: bool, events: &mut Vec<BusEvent>) {
+    /// Whether a receiver's error state has changed.
+    fn complete_receivers(
+        &mut self,
+        t: &Transmission,
+        good: bool,
+        events: &mut Vec<BusEvent>,
+    ) -> bool {
+        let mut states_changed = false;
         for (index, station) in self.stations.iter_mut().enumerate() {
             if index == t.transmitter {
                 continue;
@@ -113,6 +128,7 @@ impl CanBus {
             if good && readable.is_ok() {
                 if counts {
                     station.counters.received();
+                    states_changed |= station.state_is_new();
                 }
                 station.statistics.received += 1;
                 events.push(BusEvent::Received {
@@ -133,8 +149,10 @@ impl CanBus {
                     && readable.is_err()
                     && !station.counters.is_passive();
                 station.counters.receive_failed(if first { 1 + FIRST_TO_SIGNAL } else { 1 });
+                states_changed |= station.state_is_new();
             }
         }
+        states_changed
     }
 
     /// Stations that were ready at the same start but had the lower priority.

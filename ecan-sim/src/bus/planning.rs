@@ -48,6 +48,8 @@ pub(super) struct Transmission {
     pub end: u64,
     pub outcome: Outcome,
     pub collision: bool,
+    /// Whether others were ready at the same start.
+    pub contested: bool,
 }
 
 impl CanBus {
@@ -72,12 +74,14 @@ impl CanBus {
         let mut start = u64::MAX;
         let mut winner = None;
         let mut collision = false;
+        let mut contested = false;
         for (index, station) in self.stations.iter().enumerate() {
             let Some((ready, offer, config)) = station.ready_at() else {
                 continue;
             };
             let ready = ready.max(self.free_at);
             let best = winner.map(|(_, best, _)| best);
+            contested = ready == start || contested && ready > start;
             if ready < start || ready == start && best.is_none_or(|best| offer.key < best) {
                 start = ready;
                 collision = false;
@@ -103,6 +107,7 @@ impl CanBus {
             end: start,
             outcome: Outcome::Delivered,
             collision,
+            contested,
         };
         self.foresee(&mut planned);
         Some(planned)

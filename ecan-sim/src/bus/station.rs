@@ -172,6 +172,11 @@ pub(super) struct Station {
 }
 
 impl Station {
+    /// Whether its error state is still to be reported.
+    pub(super) fn state_is_new(&self) -> bool {
+        self.counters.state() != self.reported
+    }
+
     /// The configuration of a station that hears a frame starting at `start`.
     pub(super) fn listening(&self, start: u64) -> Option<&StationConfig> {
         let config = self.config.as_ref()?;

@@ -41,6 +41,8 @@ pub(super) struct Axis {
     pub(super) now: u64,
     /// Period of the controller, nanoseconds.
     period: u64,
+    /// The same in seconds.
+    period_seconds: f64,
     /// First multiple of the period behind `now`.
     next_tick: u64,
     pub(super) power: PowerStage,
@@ -68,6 +70,7 @@ impl Axis {
             settings: settings.clone(),
             now: 0,
             period,
+            period_seconds: seconds(period),
             next_tick: period,
             power: PowerStage::new(),
             motion: Motion::new(settings.motor),
@@ -185,10 +188,35 @@ impl Axis {
         self.power.is_energised() || !self.motor.is_still()
     }
 
-    pub(super) fn next_event(&self) -> Option<u64> {
-        let tick = self.is_live().then_some(self.next_tick);
+    /// When the controller ticks next, if it does.
+    pub(super) fn next_tick(&self) -> Option<u64> {
+        self.is_live().then_some(self.next_tick)
+    }
+
+    /// The last tick of the controller up to `now`, if it is still to come.
+    pub(super) fn missed_tick(&self, now: u64) -> Option<u64> {
+        (self.next_tick <= now && self.is_live()).then(|| now / self.period * self.period)
+    }
+
+    /// When something happens that others may notice at once. Ticks of the controller can be made
+    /// up for, all but the one that may find a fault.
+    pub(super) fn next_event(&self, parameters: &Parameters) -> Option<u64> {
         let mode = self.next_mode.map(|(_, at)| at);
-        earliest([tick, mode, self.power.enabled_at(), self.blocked_until])
+        let fault = self.earliest_fault(parameters);
+        earliest([fault, mode, self.power.enabled_at(), self.blocked_until])
+    }
+
+    /// The first tick that may find too great a following error for too long.
+    fn earliest_fault(&self, parameters: &Parameters) -> Option<u64> {
+        if !self.may_stray(parameters) {
+            return None;
+        }
+        let since = self.strayed_since.unwrap_or(self.next_tick);
+        let at = since.saturating_add(parameters.following_time);
+        if at <= self.next_tick {
+            return Some(self.next_tick);
+        }
+        Some(at.div_ceil(self.period).saturating_mul(self.period))
     }
 
     /// Moves the clock to a time that is not before its own.
@@ -196,7 +224,9 @@ impl Axis {
     /// Controllers of all drives tick together, at multiples of their period.
     fn set_now(&mut self, now: u64) {
         self.now = now;
-        if now >= self.next_tick {
+        if now == self.next_tick {
+            self.next_tick = now.saturating_add(self.period);
+        } else if now > self.next_tick {
             self.next_tick = (now / self.period + 1).saturating_mul(self.period);
         }
     }
@@ -227,7 +257,7 @@ impl Axis {
 
     fn step(&mut self, end: u64, parameters: &Parameters) {
         let ns = end - self.now;
-        let seconds = ns as f64 / 1e9;
+        let seconds = if ns == self.period { self.period_seconds } else { seconds(ns) };
         self.set_now(end);
         if !self.power.is_energised() {
             self.motor.advance(seconds, Actuation::Free);
@@ -242,7 +272,7 @@ impl Axis {
             self.history.restart();
         }
         self.motion.watch_window(ns, &self.motor, parameters);
-        if self.motion.has_stopped(&self.motor) && self.power.is_leaving() {
+        if self.power.is_leaving() && self.motion.has_stopped(&self.motor) {
             let action = self.power.stands();
             self.act(action, parameters);
         }
@@ -261,8 +291,13 @@ impl Axis {
     }
 
     fn strays(&self, parameters: &Parameters) -> bool {
-        parameters.following_window != u32::MAX
+        self.may_stray(parameters)
             && self.following_error().unsigned_abs() > parameters.following_window
+    }
+
+    /// Whether a following error is watched.
+    fn may_stray(&self, parameters: &Parameters) -> bool {
+        parameters.following_window != u32::MAX
             && self.power.state() == DriveState::OperationEnabled
     }
 
@@ -342,4 +377,8 @@ impl Axis {
         }
         Statusword(word)
     }
+}
+
+fn seconds(ns: u64) -> f64 {
+    ns as f64 / 1e9
 }

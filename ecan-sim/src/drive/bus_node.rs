@@ -11,6 +11,7 @@ use super::eds::{self, EdsError};
 use super::history::TargetHistory;
 use super::sdo_server::SdoServer;
 use super::settings::DriveSettings;
+use crate::earliest::earliest;
 use crate::node::{Node, NodeOutput};
 
 /// A simulated CiA 402 drive: CANopen slave, state machine, motor.
@@ -24,7 +25,8 @@ pub struct Drive {
     sdo: SdoServer,
     /// A segment of a block upload is on its way to the bus.
     segment_waits: bool,
-    /// When something is due by the clock. Kept, for it is asked for after every frame on the bus.
+    /// When something is due by the clock that others may notice at once. Kept, for it is asked for
+    /// after every frame on the bus.
     next: Option<u64>,
 }
 
@@ -260,6 +262,17 @@ impl Drive {
         }
     }
 
+    /// When the drive has to act by itself at the latest. Until then its controller may tick without
+    /// being called, if [`catch_up`](Self::catch_up) follows before anyone looks at the drive.
+    pub(crate) const fn next_due(&self) -> Option<u64> {
+        self.next
+    }
+
+    /// Brings the drive to where the last tick of its controller up to `now` has left it.
+    pub(crate) fn catch_up(&mut self, now: u64) {
+        self.device.catch_up(now);
+    }
+
     /// A frame has been received; false if it means nothing to this drive, and nothing changed.
     pub(crate) fn takes(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
         let concerns = self.concerns(frame);
@@ -271,15 +284,9 @@ impl Drive {
 
     /// Whether a frame means anything to this drive.
     fn concerns(&self, frame: &CanFrame) -> bool {
-        let id = frame.id();
-        let is_service = || match CobId::classify(id) {
-            Some(Service::Nmt | Service::Heartbeat(_)) => true,
-            Some(Service::SdoClient(server)) => server == self.node_id(),
-            _ => false,
-        };
-        frame.kind() == FrameKind::Data
+        self.device.heard.contains(frame.id())
+            && frame.kind() == FrameKind::Data
             && self.device.network.state() != NmtState::Initialising
-            && (self.device.sync_id == Some(id) || self.device.receives(id) || is_service())
     }
 }
 
@@ -301,7 +308,7 @@ impl Node for Drive {
     }
 
     fn next_event(&self) -> Option<u64> {
-        self.next
+        earliest([self.next, self.device.next_tick()])
     }
 
     fn advance(&mut self, now: u64, out: &mut NodeOutput) {

@@ -12,6 +12,7 @@ use super::axis::{Axis, Report};
 use super::default_objects::{default_objects, fill_in};
 use super::dictionary::{Dictionary, Object, Value};
 use super::emergency::{Emergency, register_of};
+use super::identifiers::Identifiers;
 use super::network::{Network, WatchEvent};
 use super::parameters::Parameters;
 use super::pdo::{ReceivePdo, TransmitPdo, numbers};
@@ -46,7 +47,9 @@ pub(super) struct Device {
     on_bus: bool,
     power_on_at: Option<u64>,
     pub(super) objects: Dictionary,
-    slots: Slots,
+    pub(super) slots: Slots,
+    /// Those of the slots that PDOs carry.
+    pub(super) sent_slots: Slots,
     pub(super) parameters: Parameters,
     pub(super) network: Network,
     pub(super) emergency: Emergency,
@@ -57,8 +60,9 @@ pub(super) struct Device {
     /// be looked at when it comes to what is due.
     has_timed_pdos: bool,
     has_event_pdos: bool,
-    /// Identifiers of the PDOs that are received.
-    pub(super) receive_ids: Vec<CanId>,
+    /// Identifiers of the services, SYNC and the PDOs that are received.
+    pub(super) heard: Identifiers,
+    services: Identifiers,
     pub(super) sync_id: Option<CanId>,
     /// Rules about SDO transfers, and how often each may still strike.
     pub(super) rules: Vec<(SdoRule, Option<u32>)>,
@@ -88,6 +92,7 @@ impl Device {
             on_bus: false,
             power_on_at: None,
             slots: Slots::find(&objects),
+            sent_slots: Slots::default(),
             parameters: Parameters::read(&objects, axis.motor()),
             network: Network::new(),
             emergency: Emergency::new(),
@@ -100,7 +105,8 @@ impl Device {
                 .collect(),
             has_timed_pdos: false,
             has_event_pdos: false,
-            receive_ids: Vec::new(),
+            heard: Identifiers::new(),
+            services: Identifiers::services_of(settings.node),
             sync_id: None,
             rules: settings.quirks.sdo_rules.iter().map(|rule| (*rule, rule.times)).collect(),
             answers: VecDeque::with_capacity(ANSWERS),
@@ -205,14 +211,21 @@ impl Device {
     pub(super) fn note_pdos(&mut self) {
         self.has_timed_pdos = self.receive.iter().any(ReceivePdo::is_timed);
         self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
-        self.receive_ids.clear();
-        self.receive_ids.reserve(self.receive.len());
-        self.receive_ids.extend(self.receive.iter().filter_map(|pdo| pdo.id));
+        let sent = |slot| self.transmit.iter().any(|pdo| pdo.id.is_some() && pdo.mapping.has(slot));
+        self.sent_slots = self.slots.in_use(sent);
+        self.note_identifiers();
+    }
+
+    fn note_identifiers(&mut self) {
+        self.heard.reset(&self.services);
+        let pdos = self.receive.iter().filter_map(|pdo| pdo.id);
+        pdos.chain(self.sync_id).for_each(|id| self.heard.insert(id));
     }
 
     pub(super) fn load_sync(&mut self) {
         let raw = self.objects.number(object::SYNC_COB_ID, 0);
         self.sync_id = raw.and_then(|raw| CanId::standard((raw & 0x7FF) as u16).ok());
+        self.note_identifiers();
     }
 
     /// The boot-up message goes out.
@@ -372,7 +385,7 @@ impl Device {
         }
         let operational = self.network.state() == NmtState::Operational;
         if operational && self.has_event_pdos {
-            self.publish();
+            self.publish_sent();
             self.send_events(out);
         }
         while let Some((at, bytes)) = self.answers.front().copied()
@@ -415,34 +428,22 @@ impl Device {
         Statusword(word)
     }
 
-    /// Brings the objects that the drive tells up to date.
-    pub(super) fn publish(&mut self) {
-        let position = i64::from(self.axis.position());
-        let mode = self.axis.mode().map_or(0, |mode| i64::from(mode.raw()));
-        let torque = self.axis.motor().torque().round() as i64;
-        let values = [
-            (self.slots.error_register, i64::from(self.emergency.register().0)),
-            (self.slots.error_code, i64::from(self.emergency.code())),
-            (self.slots.statusword, i64::from(self.statusword().0)),
-            (self.slots.mode_display, mode),
-            (self.slots.position_demand, i64::from(self.axis.demand())),
-            (self.slots.position_internal, self.axis.motor().position().round() as i64),
-            (self.slots.position, position),
-            (self.slots.velocity_demand, i64::from(self.axis.demanded_velocity())),
-            (self.slots.velocity, self.axis.motor().velocity().round() as i64),
-            (self.slots.torque_demand, torque),
-            (self.slots.torque, torque),
-            (self.slots.following_error, i64::from(self.axis.following_error())),
-            (self.slots.inputs, i64::from(self.axis.switches().bits())),
-        ];
-        for (slot, value) in values {
-            if let Some(slot) = slot {
-                self.objects.put(slot, value as u64);
-            }
+    /// Makes up for the ticks of the controller up to `now` that nothing depended on.
+    pub(super) fn catch_up(&mut self, now: u64) {
+        if self.powered
+            && let Some(tick) = self.axis.missed_tick(now)
+        {
+            self.run_to(tick);
         }
     }
 
-    /// When something is due by the clock.
+    /// When the controller ticks next, if it does.
+    pub(super) fn next_tick(&self) -> Option<u64> {
+        if self.powered { self.axis.next_tick() } else { None }
+    }
+
+    /// When something is due by the clock that others may notice at once: ticks of the controller
+    /// only where they may lead to a frame.
     pub(super) fn next_event(&self) -> Option<u64> {
         if !self.powered {
             return self.power_on_at;
@@ -456,13 +457,14 @@ impl Device {
             None
         };
         let events = if operational && self.has_event_pdos {
-            earliest(self.transmit.iter().map(|pdo| pdo.next_event(self.now)))
+            let timers = self.transmit.iter().map(|pdo| pdo.next_event(self.now));
+            earliest(timers.chain([self.axis.next_tick()]))
         } else {
             None
         };
         earliest([
             self.network.next_event(),
-            self.axis.next_event(),
+            self.axis.next_event(&self.parameters),
             answer,
             emergency,
             late,

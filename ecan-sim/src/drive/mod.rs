@@ -16,6 +16,7 @@ mod eds;
 mod emergency;
 mod history;
 mod homing;
+mod identifiers;
 mod ini;
 mod motion;
 mod motor;

@@ -29,7 +29,7 @@ enum Course {
     /// Brake with this deceleration for a stop or halt, then stand.
     Stop { deceleration: f64 },
     /// Go straight from one cyclic position to the next.
-    Interpolate { from: f64, to: f64, elapsed: f64, duration: f64 },
+    Interpolate { from: f64, to: f64, elapsed: f64, duration: f64, velocity: f64 },
     /// Turn as told, increments per second.
     Velocity(f64),
     /// Push as told, thousandths.
@@ -162,8 +162,9 @@ impl Motion {
     /// A cyclic position, to be reached after `duration` seconds.
     pub(super) fn cyclic_position(&mut self, to: f64, duration: f64) {
         if !self.is_stopping() {
-            self.course =
-                Course::Interpolate { from: self.ramp.position, to, elapsed: 0.0, duration };
+            let from = self.ramp.position;
+            let velocity = (to - from) / duration;
+            self.course = Course::Interpolate { from, to, elapsed: 0.0, duration, velocity };
         }
     }
 
@@ -254,18 +255,16 @@ impl Motion {
         match self.course {
             Course::Hold => self.brake(seconds, parameters.profile.deceleration),
             Course::Stop { deceleration } => self.brake(seconds, deceleration),
-            Course::Interpolate { from, to, elapsed, duration } => {
+            Course::Interpolate { from, to, elapsed, duration, velocity } => {
                 let elapsed = elapsed + seconds;
                 if elapsed >= duration {
                     self.ramp = Ramp::at(to);
                     // The speed of the way just finished counts until the next target is late.
-                    self.ramp.velocity =
-                        if elapsed < 1.5 * duration { (to - from) / duration } else { 0.0 };
+                    self.ramp.velocity = if elapsed < 1.5 * duration { velocity } else { 0.0 };
                 } else {
-                    let velocity = (to - from) / duration;
                     self.ramp = Ramp { position: from + velocity * elapsed, velocity };
                 }
-                self.course = Course::Interpolate { from, to, elapsed, duration };
+                self.course = Course::Interpolate { from, to, elapsed, duration, velocity };
             }
             Course::Velocity(velocity) => {
                 self.ramp = Ramp { position: motor.position(), velocity };

@@ -28,17 +28,26 @@ pub(super) struct Motor {
     blocked: bool,
     /// Greatest torque that the drive allows, thousandths (0x6072).
     torque_limit: f64,
+    /// Acceleration by a thousandth of the rated torque.
+    per_mille: f64,
+    /// Acceleration by the greatest torque that is allowed.
+    available: f64,
 }
 
 impl Motor {
     pub(super) fn new(settings: MotorSettings) -> Self {
+        let torque_limit = f64::from(settings.max_torque);
+        let per_mille =
+            f64::from(settings.max_acceleration) / f64::from(settings.max_torque.max(1));
         Self {
             settings,
             position: f64::from(settings.start_position),
             velocity: 0.0,
             torque: 0.0,
             blocked: false,
-            torque_limit: f64::from(settings.max_torque),
+            torque_limit,
+            per_mille,
+            available: torque_limit * per_mille,
         }
     }
 
@@ -72,6 +81,7 @@ impl Motor {
 
     pub(super) fn limit_torque(&mut self, per_mille: u16) {
         self.torque_limit = f64::from(per_mille.min(self.settings.max_torque));
+        self.available = self.torque_limit * self.per_mille;
     }
 
     /// Whether it stands still.
@@ -89,8 +99,7 @@ impl Motor {
     pub(super) fn advance(&mut self, seconds: f64, actuation: Actuation) {
         let before = self.velocity;
         let friction = f64::from(self.settings.friction);
-        let per_mille = self.max_acceleration() / f64::from(self.settings.max_torque.max(1));
-        let available = self.torque_limit * per_mille;
+        let Self { per_mille, available, .. } = *self;
         let wanted = match actuation {
             Actuation::Free => 0.0,
             Actuation::Position { position, velocity } => {

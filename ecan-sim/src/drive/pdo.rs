@@ -52,6 +52,11 @@ impl Mapping {
         self.entries.into_iter().flatten()
     }
 
+    /// Whether it carries this object.
+    pub(super) fn has(&self, slot: Slot) -> bool {
+        self.entries().any(|mapped| mapped.slot == Some(slot))
+    }
+
     /// The data of a frame.
     pub(super) fn pack(&self, objects: &Dictionary) -> [u8; PDO_BYTES] {
         let mut data = [0; PDO_BYTES];

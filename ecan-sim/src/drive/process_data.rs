@@ -27,7 +27,7 @@ impl Device {
         if self.network.state() != NmtState::Operational {
             return;
         }
-        self.publish();
+        self.publish_sent();
         for place in 0..self.transmit.len() {
             let Some(pdo) = self.transmit.get_mut(place) else { continue };
             let (Some(id), length) = (pdo.id, pdo.mapping.length) else { continue };
@@ -53,11 +53,6 @@ impl Device {
                 self.send_as(out, id, packed.get(..length).unwrap_or(&packed));
             }
         }
-    }
-
-    /// Whether a frame of this identifier is a PDO for this drive.
-    pub(super) fn receives(&self, id: CanId) -> bool {
-        self.receive_ids.contains(&id)
     }
 
     /// A PDO has come.

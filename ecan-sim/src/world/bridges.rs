@@ -44,9 +44,7 @@ impl World {
         (slot.fixed, slot.detached, slot.bridge) = (None, true, None);
         slot.config = None;
         slot.output.clear();
-        if let Some(due) = self.nodes_due.get_mut(index) {
-            *due = NEVER;
-        }
+        self.nodes_due.set(index, NEVER);
         if let Some(bus) = self.buses.get_mut(slot.bus) {
             bus.bus.configure(now, slot.station, None);
             bus.refresh();

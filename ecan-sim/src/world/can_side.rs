@@ -118,7 +118,7 @@ impl World {
     /// Adds a node that is not started yet.
     pub(super) fn add_node(&mut self, node: NodeSlot) {
         self.nodes.push(node);
-        self.nodes_due.push(NEVER);
+        self.nodes_due.add();
     }
 
     /// Starts a node that has bit rates of its own.
@@ -145,7 +145,7 @@ impl World {
 
     pub(super) fn run_node(&mut self, index: usize) {
         let now = self.now;
-        if self.nodes_due.get(index).is_none_or(|due| *due > now) {
+        if self.nodes_due.get(index) > now {
             return;
         }
         if let Some(slot) = self.nodes.get_mut(index) {
@@ -176,9 +176,17 @@ impl World {
         if now < slot.muted_until || config.is_none() {
             slot.output.clear();
         }
-        if let Some(due) = self.nodes_due.get_mut(index) {
-            *due = slot.node.as_node().next_event().map_or(NEVER, |at| at.max(now + 1));
-        }
+        slot.is_postponed = false;
+        let due = if self.nodes_had_turn {
+            slot.node.next_due()
+        } else {
+            // What is due now comes behind whatever has brought the world here.
+            slot.node.catch_up(now - 1);
+            let due = slot.node.as_node().next_event();
+            slot.is_postponed = due.is_some_and(|at| at <= now);
+            due
+        };
+        self.nodes_due.set(index, due.map_or(NEVER, |at| at.max(now + 1)));
         let Some(bus) = self.buses.get_mut(slot.bus) else { return false };
         if bus.bus.config(slot.station) != config {
             bus.bus.configure(now, slot.station, config);

@@ -30,6 +30,22 @@ impl NodeBody {
         }
     }
 
+    /// When it has to act by itself at the latest. A drive may be [behind](Self::catch_up) until
+    /// then.
+    pub(super) fn next_due(&self) -> Option<u64> {
+        match self {
+            Self::Drive(drive) => drive.next_due(),
+            Self::Other(node) => node.next_event(),
+        }
+    }
+
+    /// Does what a node puts off while no one looks at it.
+    pub(super) fn catch_up(&mut self, now: u64) {
+        if let Self::Drive(drive) = self {
+            drive.catch_up(now);
+        }
+    }
+
     /// A frame has been received. Whether it meant anything to the node.
     pub(super) fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
         match self {
@@ -64,6 +80,8 @@ pub(super) struct NodeSlot {
     pub(super) muted_until: u64,
     /// Something has happened to it on the bus, so that its output has to be looked at.
     pub(super) is_concerned: bool,
+    /// It has lost its turn at this instant and gets it right behind.
+    pub(super) is_postponed: bool,
     /// Taken off the bus for good.
     pub(super) detached: bool,
     /// What is known of it if it is a bridge.
@@ -117,6 +135,7 @@ impl NodeSlot {
             output: NodeOutput::new(),
             muted_until: 0,
             is_concerned: false,
+            is_postponed: false,
             detached: false,
             bridge: None,
         }

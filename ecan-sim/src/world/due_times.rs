@@ -1,0 +1,64 @@
+//! When each of several is due, and who is first.
+
+use crate::world::NEVER;
+
+/// Times by number, and the earliest of them, which is asked for at every instant.
+#[derive(Debug)]
+pub(super) struct DueTimes {
+    times: Vec<u64>,
+    first: u64,
+}
+
+impl Default for DueTimes {
+    fn default() -> Self {
+        Self { times: Vec::new(), first: NEVER }
+    }
+}
+
+impl DueTimes {
+    /// One more, who is never due.
+    pub(super) fn add(&mut self) {
+        self.times.push(NEVER);
+    }
+
+    /// When the one of this number is due; one that does not exist never is.
+    pub(super) fn get(&self, number: usize) -> u64 {
+        self.times.get(number).copied().unwrap_or(NEVER)
+    }
+
+    /// The earliest of all times.
+    pub(super) const fn first(&self) -> u64 {
+        self.first
+    }
+
+    pub(super) fn set(&mut self, number: usize, time: u64) {
+        let Some(slot) = self.times.get_mut(number) else { return };
+        let before = std::mem::replace(slot, time);
+        if time <= self.first {
+            self.first = time;
+        } else if before == self.first {
+            self.first = self.times.iter().copied().min().unwrap_or(NEVER);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_first_is_known_whatever_changes() {
+        let mut due = DueTimes::default();
+        assert_eq!(due.first(), NEVER);
+        (0..3).for_each(|_| due.add());
+        let mut set = |number, time| {
+            due.set(number, time);
+            due.first()
+        };
+        assert_eq!([set(0, 30), set(1, 20), set(2, 40)], [30, 20, 20]);
+        assert_eq!([set(1, 50), set(0, NEVER), set(2, 40)], [30, 40, 40]);
+        assert_eq!([set(1, 40), set(2, 60), set(1, NEVER)], [40, 40, 60]);
+        assert_eq!(set(9, 1), 60, "there is no such number");
+        assert_eq!((due.get(2), due.get(9)), (60, NEVER));
+    }
+}
