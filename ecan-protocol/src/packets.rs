@@ -4,7 +4,7 @@ use core::iter::FusedIterator;
 
 use crate::can_id::CanId;
 use crate::control::{ControlWord, KIND_CAN_FRAME, KIND_TX_RESULT};
-use crate::diagnosis::{ImageFault, ParseDiagnosis, PdoError};
+use crate::diagnosis::{HeaderExcerpt, ImageFault, ParseDiagnosis, PdoError};
 use crate::frame::FrameRef;
 use crate::header::Header;
 use crate::mapping::{Direction, HEADER_BYTES};
@@ -29,7 +29,8 @@ pub(crate) struct Rules {
 /// the place of what follows is unknown.
 #[derive(Clone, Debug)]
 pub struct Packets<'a> {
-    header: Header,
+    header: HeaderExcerpt,
+    frame_count: u8,
     rules: Rules,
     place: Place<'a>,
 }
@@ -64,7 +65,7 @@ impl<'a> Packets<'a> {
             left: header.frame_count,
             next_index: 0,
         };
-        Self { header: *header, rules, place }
+        Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, place }
     }
 
     #[inline]
@@ -80,7 +81,7 @@ impl<'a> Packets<'a> {
             left: header.frame_count.saturating_sub(cursor.packets),
             next_index: cursor.frames,
         };
-        Self { header: *header, rules, place }
+        Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, place }
     }
 
     /// The place of the next packet, for [`ImageReader::resume`](crate::ImageReader::resume).
@@ -89,7 +90,7 @@ impl<'a> Packets<'a> {
     pub const fn cursor(&self) -> PacketCursor {
         PacketCursor {
             consumed: self.place.offset.saturating_sub(HEADER_BYTES as u16),
-            packets: self.header.frame_count.saturating_sub(self.place.left),
+            packets: self.frame_count.saturating_sub(self.place.left),
             frames: self.place.next_index,
         }
     }
@@ -109,9 +110,9 @@ impl<'a> Iterator for Packets<'a> {
         if place.is_end() {
             return None;
         }
-        // Copies, lest the compiler keep all of `self` in memory.
-        let (header, rules) = (self.header, self.rules);
-        let (item, behind) = other(&header, &rules, place);
+        // A copy, lest the compiler keep all of `self` in memory.
+        let rules = self.rules;
+        let (item, behind) = other(self.header, &rules, place);
         self.place = behind;
         Some(item)
     }
@@ -316,7 +317,7 @@ impl Rules {
 /// Everything but an intact plain frame: other frames and kinds, and what is wrong.
 #[inline(never)]
 fn other<'a>(
-    header: &Header,
+    header: HeaderExcerpt,
     rules: &Rules,
     place: Place<'a>,
 ) -> (Result<Packet<'a>, ParseDiagnosis>, Place<'a>) {
@@ -347,7 +348,7 @@ fn other<'a>(
 #[cold]
 #[inline(never)]
 fn fault<'a>(
-    header: &Header,
+    header: HeaderExcerpt,
     rules: &Rules,
     place: Place<'a>,
     error: PdoError,
@@ -366,7 +367,7 @@ fn fault<'a>(
         dlc: control.dlc().value(),
         tsf: control.tsf(),
         kind: control.kind(),
-        ..ParseDiagnosis::of_image(header, ImageFault::Pdo(error), 0)
+        ..ParseDiagnosis::of_excerpt(header, ImageFault::Pdo(error), 0)
     };
     (Err(diagnosis), Place { rest: &[], left: 0, ..place })
 }
