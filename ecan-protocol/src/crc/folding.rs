@@ -1,4 +1,4 @@
-//! CRC by carry-less multiplication (PCLMULQDQ), the only unsafe code of this crate.
+//! CRC by carry-less multiplication (PCLMULQDQ), with [`wide`] the only unsafe code of this crate.
 //!
 //! The message is a polynomial over GF(2), its first byte the highest, and its CRC is
 //! `message * x^16 mod P`. Of 16 bytes that stand `n` bits above the end, each half is multiplied by
@@ -8,13 +8,15 @@
 //! the next block, several of them side by side to hide the multiplier's latency.
 
 use core::arch::x86_64::{
-    __cpuid, __m128i, _mm_clmulepi64_si128, _mm_cvtsi128_si32, _mm_loadu_si128, _mm_set_epi8,
-    _mm_set_epi64x, _mm_set1_epi8, _mm_setzero_si128, _mm_shuffle_epi8, _mm_slli_si128,
-    _mm_sub_epi8, _mm_xor_si128,
+    __cpuid, __cpuid_count, __m128i, _mm_clmulepi64_si128, _mm_cvtsi128_si32, _mm_loadu_si128,
+    _mm_set_epi8, _mm_set_epi64x, _mm_set1_epi8, _mm_setzero_si128, _mm_shuffle_epi8,
+    _mm_slli_si128, _mm_sub_epi8, _mm_xor_si128, _xgetbv,
 };
 use core::sync::atomic::{AtomicU8, Ordering};
 
 use super::POLYNOMIAL;
+
+mod wide;
 
 /// Shortest input of [`crc16`], that of the smallest packet.
 pub(super) const MIN_BYTES: usize = 4;
@@ -68,7 +70,10 @@ const fn quotient() -> u64 {
 
 const UNKNOWN: u8 = 0;
 const ABSENT: u8 = 1;
+/// PCLMULQDQ and SSSE3.
 const PRESENT: u8 = 2;
+/// AVX2 and VPCLMULQDQ besides.
+const WIDE: u8 = 3;
 static AVAILABLE: AtomicU8 = AtomicU8::new(UNKNOWN);
 
 /// Whether the processor has PCLMULQDQ and SSSE3. Asks it once.
@@ -78,20 +83,55 @@ pub(super) fn is_available() -> bool {
         return true;
     }
     match AVAILABLE.load(Ordering::Relaxed) {
-        UNKNOWN => detect(),
-        known => known == PRESENT,
+        UNKNOWN => detect() >= PRESENT,
+        known => known >= PRESENT,
+    }
+}
+
+/// Whether the processor also has AVX2 and VPCLMULQDQ.
+#[inline]
+fn is_wide() -> bool {
+    match AVAILABLE.load(Ordering::Relaxed) {
+        UNKNOWN => detect() == WIDE,
+        known => known == WIDE,
     }
 }
 
 #[cold]
 #[inline(never)]
-fn detect() -> bool {
+fn detect() -> u8 {
     const PCLMULQDQ: u32 = 1 << 1;
     const SSSE3: u32 = 1 << 9;
     let features = __cpuid(1).ecx;
-    let present = features & PCLMULQDQ != 0 && features & SSSE3 != 0;
-    AVAILABLE.store(if present { PRESENT } else { ABSENT }, Ordering::Relaxed);
-    present
+    let level = if features & PCLMULQDQ == 0 || features & SSSE3 == 0 {
+        ABSENT
+    } else if has_wide() {
+        WIDE
+    } else {
+        PRESENT
+    };
+    AVAILABLE.store(level, Ordering::Relaxed);
+    level
+}
+
+/// Whether the processor has AVX2 and VPCLMULQDQ, and the system keeps their registers.
+fn has_wide() -> bool {
+    const OSXSAVE: u32 = 1 << 27;
+    const AVX: u32 = 1 << 28;
+    const AVX2: u32 = 1 << 5;
+    const VPCLMULQDQ: u32 = 1 << 10;
+    const SSE_AND_AVX_STATE: u64 = 0b110;
+    const EXTENDED_FEATURES: u32 = 7;
+    let features = __cpuid(1).ecx;
+    if features & OSXSAVE == 0 || features & AVX == 0 || __cpuid(0).eax < EXTENDED_FEATURES {
+        return false;
+    }
+    // SAFETY: OSXSAVE says that the instruction may be used.
+    let kept = unsafe { _xgetbv(0) };
+    let extended = __cpuid_count(EXTENDED_FEATURES, 0);
+    kept & SSE_AND_AVX_STATE == SSE_AND_AVX_STATE
+        && extended.ebx & AVX2 != 0
+        && extended.ecx & VPCLMULQDQ != 0
 }
 
 /// Takes the instructions for absent from now on, or asks the processor anew.
@@ -193,6 +233,10 @@ pub(super) fn crc16(data: &[u8]) -> u16 {
         }
     }
     if blocks.len() > DIRECT_BLOCKS {
+        if is_wide() {
+            // SAFETY: the processor has the instructions, as just checked.
+            return unsafe { wide::long(head, blocks) };
+        }
         return long(head, blocks);
     }
     reduce(sum_of(head, blocks))
@@ -230,4 +274,28 @@ fn short(data: &[u8]) -> u16 {
     };
     let message = message ^ 0xFFFF << (bits - 16);
     reduce(sum_of(_mm_set_epi64x((message >> 64) as i64, message as i64), &[]))
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+
+    use super::super::{crc16, crc16_portable};
+    use super::{ABSENT, AVAILABLE, Ordering, PRESENT, detect};
+    use std::vec::Vec;
+
+    /// Processors with VPCLMULQDQ would otherwise never take the other way.
+    #[test]
+    fn every_level_gives_the_same() {
+        let level = detect();
+        let data: Vec<u8> = (0..1000_u32).map(|i| (i * i >> 3) as u8).collect();
+        for level in (PRESENT..=level).chain([ABSENT]) {
+            AVAILABLE.store(level, Ordering::Relaxed);
+            for length in 0..data.len() {
+                let data = &data[..length];
+                assert_eq!(crc16(data), crc16_portable(data), "level {level}, {length} bytes");
+            }
+        }
+        AVAILABLE.store(level, Ordering::Relaxed);
+    }
 }
