@@ -40,7 +40,14 @@ impl TransmitWindow {
         }
     }
 
+    /// Whether the channel takes one more frame.
+    #[inline]
+    pub(crate) fn takes_frames(&self) -> bool {
+        !self.is_bus_off() && self.has_room()
+    }
+
     /// Whether one more frame fits for sure.
+    #[inline]
     pub(crate) fn has_room(&self) -> bool {
         let unseen = [self.filling, self.last, self.before, self.older];
         let at_most = unseen.into_iter().fold(self.pending, u16::saturating_add);

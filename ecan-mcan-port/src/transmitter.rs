@@ -204,6 +204,7 @@ impl Transmitter {
     }
 
     /// Adds a frame to the image being filled; gives its sequence and index.
+    #[inline(always)]
     pub(crate) fn push(
         &mut self,
         image: &mut [u8],

@@ -99,7 +99,7 @@ impl<'a> Packets<'a> {
 impl<'a> Iterator for Packets<'a> {
     type Item = Result<Packet<'a>, ParseDiagnosis>;
 
-    #[inline]
+    #[inline(always)]
     fn next(&mut self) -> Option<Self::Item> {
         let place = self.place;
         let taken = self.rules.standard_of_eight(place).or_else(|| self.rules.plain(place));
