@@ -40,6 +40,11 @@ impl TransmitWindow {
         }
     }
 
+    /// Frames of the image being filled.
+    pub(crate) fn filling(&self) -> u16 {
+        self.filling
+    }
+
     /// Whether the channel takes one more frame.
     #[inline]
     pub(crate) fn takes_frames(&self) -> bool {
@@ -59,6 +64,7 @@ impl TransmitWindow {
         self.status.bus_off()
     }
 
+    #[inline]
     pub(crate) fn frame_added(&mut self) {
         self.filling = self.filling.saturating_add(1);
     }
