@@ -71,6 +71,12 @@ impl ControlWord {
         self.0 & !7 == 8 << 3
     }
 
+    /// A CAN FD frame of 64 bytes with a standard identifier, without timestamp and window.
+    #[inline]
+    pub const fn is_standard_of_64(self) -> bool {
+        self.0 & !(7 | Self::BRS | Self::X) == Self::FDF | 15 << 3
+    }
+
     /// The same word, all but the channel as constants.
     #[inline]
     pub const fn standard_of_eight(self) -> Self {

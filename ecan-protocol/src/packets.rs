@@ -102,7 +102,11 @@ impl<'a> Iterator for Packets<'a> {
     #[inline(always)]
     fn next(&mut self) -> Option<Self::Item> {
         let place = self.place;
-        let taken = self.rules.standard_of_eight(place).or_else(|| self.rules.plain(place));
+        let rules = &self.rules;
+        let taken = rules
+            .standard_of_eight(place)
+            .or_else(|| rules.standard_of_64(place))
+            .or_else(|| rules.plain(place));
         if let Some((packet, behind)) = taken {
             self.place = behind;
             return Some(Ok(Packet::Frame(packet)));
@@ -202,29 +206,42 @@ impl Rules {
         Ok(())
     }
 
-    /// Takes a plain classic frame of 8 bytes with a standard identifier, if that is what follows:
-    /// most frames. With their size known, the next packet need not wait for this one's DLC; it is
-    /// a multiple of 4, so that there is no padding.
+    /// Takes a classic frame of 8 bytes with a standard identifier, if that is what follows: most
+    /// frames.
     #[inline(always)]
     fn standard_of_eight<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
-        const SIZE: usize = 12;
+        self.standard_of_size::<12>(place, |control| {
+            control.is_standard_of_eight().then(|| control.standard_of_eight())
+        })
+    }
+
+    /// The same of CAN FD frames of 64 bytes.
+    #[inline(always)]
+    fn standard_of_64<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
+        self.standard_of_size::<68>(place, |control| control.is_standard_of_64().then_some(control))
+    }
+
+    /// Takes a packet of `SIZE` bytes with a standard identifier, if `known` recognises its control
+    /// word. With its size known, the next packet need not wait for this one's DLC; `SIZE` is a
+    /// multiple of 4, so that there is no padding.
+    #[inline(always)]
+    fn standard_of_size<'a, const SIZE: usize>(
+        &self,
+        place: Place<'a>,
+        known: impl Fn(ControlWord) -> Option<ControlWord>,
+    ) -> Option<(FramePacket<'a>, Place<'a>)> {
         let (packet, rest) = place.rest.split_first_chunk::<SIZE>()?;
-        let [c0, c1, id0, id1, data @ ..] = packet;
-        let control = ControlWord(u16::from_le_bytes([*c0, *c1]));
+        let ([c0, c1, id0, id1], data) = packet.split_first_chunk::<4>()?;
+        let control = known(ControlWord(u16::from_le_bytes([*c0, *c1])))?;
         let field = u16::from_le_bytes([*id0, *id1]);
-        if place.left == 0
-            || !control.is_standard_of_eight()
-            || field >> STANDARD_FIELD_BITS != 0
-            || !self.has_channel(control)
-        {
+        if place.left == 0 || field >> STANDARD_FIELD_BITS != 0 || !self.has_channel(control) {
             return None;
         }
-        let id = CanId::standard_bits(field);
         let packet = FramePacket {
             direction: self.direction,
             channel: control.channel(),
             id_aux: (field >> STANDARD_AUX_SHIFT) as u8,
-            frame: FrameRef::from_checked(id, control.standard_of_eight(), data),
+            frame: FrameRef::from_checked(CanId::standard_bits(field), control, data),
             timestamp: Timestamp::None,
             index: place.next_index,
             offset: place.offset,

@@ -255,22 +255,35 @@ impl ImageWriter {
         frame: FrameRef<'_>,
         timestamp: Timestamp,
     ) -> Result<u8, PushError> {
-        // Most frames. Their packets are of one size, which needs no padding.
-        const SIZE: usize = 12;
         if matches!(timestamp, Timestamp::None)
             && ControlWord(frame.control_bits()).is_standard_of_eight()
-            && self.profile.has_channel(channel)
-            && id_aux <= 7
-            && let Some(data) = frame.data().first_chunk::<8>()
-            && let Some(packet) = self.claim(image, SIZE)
+            && let Some(index) = self.push_standard::<8, 12>(image, channel, id_aux, frame)
         {
-            let control = frame.control_bits() | u16::from(channel);
-            let field = frame.id().raw() | u32::from(id_aux) << STANDARD_AUX_SHIFT;
-            let rest = put(packet, (u32::from(control) | field << 16).to_le_bytes());
-            put(rest, *data);
-            return Ok(self.pushed(SIZE));
+            return Ok(index);
         }
         self.push_other(image, channel, id_aux, frame, timestamp)
+    }
+
+    /// Appends a frame of `LENGTH` bytes with a standard identifier: most frames. Their packets are
+    /// of one size, which needs no padding.
+    #[inline(always)]
+    fn push_standard<const LENGTH: usize, const SIZE: usize>(
+        &mut self,
+        image: &mut [u8],
+        channel: u8,
+        id_aux: u8,
+        frame: FrameRef<'_>,
+    ) -> Option<u8> {
+        if !self.profile.has_channel(channel) || id_aux > 7 {
+            return None;
+        }
+        let data = frame.data().first_chunk::<LENGTH>()?;
+        let packet = self.claim(image, SIZE)?;
+        let control = frame.control_bits() | u16::from(channel);
+        let field = frame.id().raw() | u32::from(id_aux) << STANDARD_AUX_SHIFT;
+        let rest = put(packet, (u32::from(control) | field << 16).to_le_bytes());
+        put(rest, *data);
+        Some(self.pushed(SIZE))
     }
 
     /// Appends any frame, or says why not.
@@ -283,6 +296,13 @@ impl ImageWriter {
         frame: FrameRef<'_>,
         timestamp: Timestamp,
     ) -> Result<u8, PushError> {
+        if matches!(timestamp, Timestamp::None)
+            && ControlWord(frame.control_bits()).is_standard_of_64()
+            && !self.d64
+            && let Some(index) = self.push_standard::<64, 68>(image, channel, id_aux, frame)
+        {
+            return Ok(index);
+        }
         if !self.profile.has_channel(channel) {
             return Err(PushError::Channel { channel, mask: self.profile.channel_mask });
         }
