@@ -252,28 +252,46 @@ impl Rules {
     /// Takes a frame that has its data, no timestamp and no window, if that is what follows.
     #[inline(always)]
     fn plain<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
-        let control = place.control()?;
-        if place.left == 0 || !control.is_plain() || !self.has_channel(control) {
+        // Both identifier formats at once, without branches: which of them comes next cannot be
+        // foretold. The last packets may be shorter than that.
+        let [c0, c1, id @ ..] = *place.rest.first_chunk::<6>()?;
+        let control = ControlWord(u16::from_le_bytes([c0, c1]));
+        let field = u32::from_le_bytes(id);
+        let is_extended = control.has(ControlWord::IDE);
+        let is_reserved = !is_extended & (field as u16 >> STANDARD_FIELD_BITS != 0);
+        if place.left == 0 || !control.is_plain() || is_reserved || !self.has_channel(control) {
             return None;
         }
-        self.take_frame::<true>(place, control).ok()
+        let start = CONTROL_BYTES + if is_extended { 4 } else { 2 };
+        let length = control.dlc().fd_len();
+        let size = self.padded(start + length);
+        let (packet, rest) = place.rest.split_at_checked(size)?;
+        let (id, id_aux) = if is_extended {
+            (CanId::extended_bits(field), field >> EXTENDED_AUX_SHIFT)
+        } else {
+            (CanId::standard_bits(field as u16), (field as u16 >> STANDARD_AUX_SHIFT).into())
+        };
+        let packet = FramePacket {
+            direction: self.direction,
+            channel: control.channel(),
+            id_aux: id_aux as u8,
+            frame: FrameRef::from_checked(id, control, packet.get(start..start + length)?),
+            timestamp: Timestamp::None,
+            index: place.next_index,
+            offset: place.offset,
+        };
+        Some((packet, place.behind_frame(size, rest)))
     }
 
-    /// Takes a packet whose control word has passed the rules. `PLAIN` frames, nearly all, have
-    /// data of the DLC's length, no timestamp and no window.
-    #[inline(always)]
-    fn take_frame<'a, const PLAIN: bool>(
+    /// Takes a packet whose control word has passed the rules.
+    fn take_frame<'a>(
         &self,
         place: Place<'a>,
         control: ControlWord,
     ) -> Result<(FramePacket<'a>, Place<'a>), PdoError> {
         let extended = control.has(ControlWord::IDE);
-        let length = if !PLAIN && control.is_remote() { 0 } else { control.dlc().fd_len() };
-        let size = if PLAIN {
-            self.padded(CONTROL_BYTES + if extended { 4 } else { 2 } + length)
-        } else {
-            self.frame_size(control)
-        };
+        let length = if control.is_remote() { 0 } else { control.dlc().fd_len() };
+        let size = self.frame_size(control);
         let Some((packet, behind)) = place.rest.split_at_checked(size) else {
             return Err(PdoError::Truncated);
         };
@@ -291,8 +309,7 @@ impl Rules {
             let id_aux = (field >> STANDARD_AUX_SHIFT) as u8;
             (CanId::standard_bits(field), id_aux, rest)
         };
-        let (timestamp, rest) =
-            if PLAIN { (Timestamp::None, rest) } else { take_timestamp(control.tsf(), rest) };
+        let (timestamp, rest) = take_timestamp(control.tsf(), rest);
         // infallible: the packet's size was computed from these very fields
         let data = rest.get(..length).unwrap_or_default();
         let packet = FramePacket {
@@ -346,7 +363,7 @@ fn other<'a>(
         _ if place.left == 0 => Err(PdoError::BadHeader),
         KIND_CAN_FRAME => match rules.check(control) {
             Ok(()) => rules
-                .take_frame::<false>(place, control)
+                .take_frame(place, control)
                 .map(|(packet, behind)| (Packet::Frame(packet), behind)),
             Err(error) => Err(error),
         },
