@@ -27,6 +27,9 @@ const LANES: usize = 4;
 /// Blocks of 16 bytes, behind the first, that are summed without folding.
 const DIRECT_BLOCKS: usize = 8;
 
+/// From this many blocks behind the first on it pays to take two at once.
+const WIDE_BLOCKS: usize = 3;
+
 /// x^`exponent` mod P.
 const fn power(exponent: usize) -> u64 {
     let mut value: u16 = 1;
@@ -232,14 +235,15 @@ pub(super) fn crc16(data: &[u8]) -> u16 {
             blocks = rest;
         }
     }
-    if blocks.len() > DIRECT_BLOCKS {
-        if is_wide() {
-            // SAFETY: the processor has the instructions, as just checked.
-            return unsafe { wide::long(head, blocks) };
-        }
-        return long(head, blocks);
+    match blocks.len() {
+        0..WIDE_BLOCKS => reduce(sum_of(head, blocks)),
+        // SAFETY: the processor has the instructions, as just checked.
+        WIDE_BLOCKS..=DIRECT_BLOCKS if is_wide() => unsafe { wide::direct(head, blocks) },
+        WIDE_BLOCKS..=DIRECT_BLOCKS => reduce(sum_of(head, blocks)),
+        // SAFETY: as above.
+        _ if is_wide() => unsafe { wide::long(head, blocks) },
+        _ => long(head, blocks),
     }
-    reduce(sum_of(head, blocks))
 }
 
 /// The same for a head and many blocks behind it.
