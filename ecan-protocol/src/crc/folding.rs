@@ -292,7 +292,7 @@ mod tests {
     #[test]
     fn every_level_gives_the_same() {
         let level = detect();
-        let data: Vec<u8> = (0..1000_u32).map(|i| (i * i >> 3) as u8).collect();
+        let data: Vec<u8> = (0..1000_u32).map(|i| ((i * i) >> 3) as u8).collect();
         for level in (PRESENT..=level).chain([ABSENT]) {
             AVAILABLE.store(level, Ordering::Relaxed);
             for length in 0..data.len() {
