@@ -74,7 +74,8 @@ Written by \`scripts/measure-performance.sh\` on $(date -u +%F).
 
 Ratios only: smaller is better, except for the simulator. Two sides take turns in one process; each
 round gives a ratio, and the figure is the median of 3001 of them (301 with cold caches). Accelerated
-means CRC by carry-less multiplication; portable, by tables alone. Where both have a goal, the goal of
+means CRC by carry-less multiplication (of two blocks at once where the processor can); portable, by
+tables alone. Where both have a goal, the goal of
 the portable kernel stands second.
 
 $table
@@ -88,8 +89,9 @@ a copy, with a look at channel, identifier, length and first data byte of each f
 
 $(details "$codec")
 
-Before each cold call one byte of every cache line of that buffer, twice as large as the last-level
-cache, is read. Frames, image, tables and code then come from memory, and the first clock reading too.
+Before each cold call one byte of every cache line of a buffer is read. Twice as large as the
+second-level cache, it leaves frames, image, tables and code in the last-level cache, as far as that has
+room; twice as large as the last-level cache, it leaves them in memory, the first clock reading too.
 
 Wire time is that of an RxPDO and a TxPDO image of N x 128 bytes each at 100 Mbit/s, 80 ns a byte:
 \`bytes = 2 x 128 x N + 52 x frames\`, \`frames = ceil(2 x 128 x N / 1486)\`. The 52 bytes around the

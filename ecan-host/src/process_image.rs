@@ -7,12 +7,14 @@ impl Adapter {
     ///
     /// Real-time safe. Empty before activation and for an index out of range. What is written
     /// between [`receive`](Self::receive) and [`send`](Self::send) goes out with that send.
+    #[inline]
     pub fn rx_pdo_mut(&mut self, slave: usize) -> &mut [u8] {
         let Some(slave) = self.slaves.get(slave) else { return &mut [] };
         self.master.domain_data_mut(slave.domain).get_mut(slave.rx.clone()).unwrap_or_default()
     }
 
     /// The RxPDO as it stands in the process image. Real-time safe; empty as above.
+    #[inline]
     pub fn rx_pdo(&self, slave: usize) -> &[u8] {
         let Some(slave) = self.slaves.get(slave) else { return &[] };
         self.master.domain_data(slave.domain).get(slave.rx.clone()).unwrap_or_default()
@@ -23,6 +25,7 @@ impl Adapter {
     /// Real-time safe. Empty before activation and for an index out of range. An image that was
     /// not exchanged keeps its old content: see [`domain_report`](Self::domain_report) and the
     /// sequence in its header.
+    #[inline]
     pub fn tx_pdo(&self, slave: usize) -> &[u8] {
         let Some(slave) = self.slaves.get(slave) else { return &[] };
         self.master.domain_data(slave.domain).get(slave.tx.clone()).unwrap_or_default()

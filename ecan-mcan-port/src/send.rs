@@ -3,7 +3,7 @@
 use ecan_protocol::{CHANNELS, CanFrame, CanId, FrameError, FrameRef, PushError, Schedule};
 use thiserror::Error;
 
-use crate::port::Port;
+use crate::port::{Gateway, Port};
 use crate::schedule_settings::MarginCheck;
 
 /// Where a frame went: the image and its place among the frames of the image. A transmit result
@@ -268,7 +268,7 @@ impl Port {
         channel: u8,
         frame: FrameRef<'_>,
     ) -> Result<SendTicket, SendError> {
-        self.send_with(slave, channel, frame, SendOptions::default())
+        self.put(slave, channel, frame, SendOptions::default(), true)
     }
 
     /// Sends any frame with a hint or a schedule.
@@ -282,37 +282,36 @@ impl Port {
         frame: FrameRef<'_>,
         options: SendOptions,
     ) -> Result<SendTicket, SendError> {
-        if !self.cycle_open {
-            return Err(SendError::NoCycle);
-        }
-        let gateway = self.gateways.get_mut(slave).ok_or(SendError::SlaveIndex { slave })?;
-        let enabled = usize::from(channel) < CHANNELS && gateway.channel_mask >> channel & 1 == 1;
-        if !enabled {
-            return Err(SendError::Channel { slave, channel });
-        }
-        if frame.is_fd() && gateway.fd_mask >> channel & 1 == 0 {
-            return Err(SendError::NotFd { slave, channel });
-        }
-        if !gateway.session.is_ready() {
-            return Err(SendError::NotReady { slave });
-        }
         let has_margin = match options.schedule {
-            Some(schedule) => self.check_phase(slave, channel, schedule.offset_ns)?,
+            Some(schedule) => {
+                self.check_place(slave, channel, frame)?;
+                self.check_phase(slave, channel, schedule.offset_ns)?
+            }
             None => true,
         };
-        let gateway = self.gateways.get_mut(slave).ok_or(SendError::SlaveIndex { slave })?;
-        let statistics = &mut gateway.statistics;
-        if gateway.is_paced {
-            let window = gateway.transmitter.window(channel);
-            let (is_bus_off, has_room) = (window.is_bus_off(), window.has_room());
-            if is_bus_off {
-                statistics.channel(channel).refused_bus_off += 1;
-                return Err(SendError::NoRoom { slave, channel, what: NoRoom::BusOff });
-            }
-            if !has_room {
-                statistics.channel(channel).refused_queue_full += 1;
-                return Err(SendError::NoRoom { slave, channel, what: NoRoom::Queue });
-            }
+        self.put(slave, channel, frame, options, has_margin)
+    }
+
+    /// Puts a frame into the image, unless something speaks against it; a schedule's phase was
+    /// checked before. Inlined into its two callers, of which the one that sends at once, by far the
+    /// more frequent, has no options to look at.
+    #[inline(always)]
+    fn put(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        frame: FrameRef<'_>,
+        options: SendOptions,
+        has_margin: bool,
+    ) -> Result<SendTicket, SendError> {
+        let Some(gateway) = self.gateways.get_mut(slave).filter(|_| self.cycle_open) else {
+            return self.refuse_place(slave, channel, frame);
+        };
+        if !gateway.takes(channel, frame) {
+            return self.refuse_place(slave, channel, frame);
+        }
+        if gateway.is_paced && !gateway.transmitter.window(channel).takes_frames() {
+            return Err(gateway.refuse_paced(slave, channel));
         }
         let image = self.adapter.rx_pdo_mut(slave);
         let id_aux = options.hint.id_aux();
@@ -323,14 +322,40 @@ impl Port {
                 }
                 Ok(SendTicket { slave, sequence, index })
             }
-            Err(
-                PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. },
-            ) => {
-                statistics.channel(channel).refused_image_full += 1;
-                Err(SendError::NoRoom { slave, channel, what: NoRoom::Image })
-            }
-            Err(_) => Err(SendError::Channel { slave, channel }),
+            Err(error) => Err(gateway.refuse_push(slave, channel, error)),
         }
+    }
+
+    /// Whether there is a gateway in service that takes such a frame on such a channel.
+    fn check_place(&self, slave: usize, channel: u8, frame: FrameRef<'_>) -> Result<(), SendError> {
+        if !self.cycle_open {
+            return Err(SendError::NoCycle);
+        }
+        let gateway = self.gateways.get(slave).ok_or(SendError::SlaveIndex { slave })?;
+        let enabled = usize::from(channel) < CHANNELS && gateway.channel_mask >> channel & 1 == 1;
+        if !enabled {
+            return Err(SendError::Channel { slave, channel });
+        }
+        if frame.is_fd() && gateway.fd_mask >> channel & 1 == 0 {
+            return Err(SendError::NotFd { slave, channel });
+        }
+        if !gateway.session.is_ready() {
+            return Err(SendError::NotReady { slave });
+        }
+        Ok(())
+    }
+
+    /// What [`check_place`](Self::check_place) finds, where something was found amiss.
+    #[cold]
+    #[inline(never)]
+    fn refuse_place(
+        &self,
+        slave: usize,
+        channel: u8,
+        frame: FrameRef<'_>,
+    ) -> Result<SendTicket, SendError> {
+        self.check_place(slave, channel, frame)?;
+        Err(SendError::Channel { slave, channel })
     }
 
     /// Whether a phase can be kept: gives whether its margin suffices.
@@ -370,6 +395,43 @@ impl Port {
         self.gateways
             .get_mut(slave)
             .map_or(0, |gateway| gateway.transmitter.discard(&mut gateway.statistics))
+    }
+}
+
+impl Gateway {
+    /// Whether it is in service and the frame suits an enabled channel.
+    #[inline(always)]
+    fn takes(&self, channel: u8, frame: FrameRef<'_>) -> bool {
+        let mask = if frame.is_fd() { self.channel_mask & self.fd_mask } else { self.channel_mask };
+        usize::from(channel) < CHANNELS && mask >> channel & 1 == 1 && self.session.is_ready()
+    }
+
+    /// Why a paced channel takes no frame, counted.
+    #[cold]
+    #[inline(never)]
+    fn refuse_paced(&mut self, slave: usize, channel: u8) -> SendError {
+        let statistics = self.statistics.channel(channel);
+        let what = if self.transmitter.window(channel).is_bus_off() {
+            statistics.refused_bus_off += 1;
+            NoRoom::BusOff
+        } else {
+            statistics.refused_queue_full += 1;
+            NoRoom::Queue
+        };
+        SendError::NoRoom { slave, channel, what }
+    }
+
+    /// Why the image takes no frame, counted.
+    #[cold]
+    #[inline(never)]
+    fn refuse_push(&mut self, slave: usize, channel: u8, error: PushError) -> SendError {
+        match error {
+            PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. } => {
+                self.statistics.channel(channel).refused_image_full += 1;
+                SendError::NoRoom { slave, channel, what: NoRoom::Image }
+            }
+            _ => SendError::Channel { slave, channel },
+        }
     }
 }
 

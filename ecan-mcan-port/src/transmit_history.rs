@@ -18,6 +18,8 @@ pub(crate) struct OpenFrame {
 struct SentImage {
     sequence: u16,
     count: u8,
+    /// Any of the frames was scheduled.
+    has_scheduled: bool,
     /// None once its result has come.
     frames: [Option<OpenFrame>; MAX_PACKETS],
 }
@@ -25,23 +27,26 @@ struct SentImage {
 /// A ring of the last images by sequence.
 #[derive(Debug, Clone)]
 pub(crate) struct TransmitHistory {
-    images: Box<[SentImage]>,
+    images: Box<[SentImage; DEPTH]>,
 }
 
 impl TransmitHistory {
     pub(crate) fn new() -> Self {
-        let empty = SentImage { sequence: 0, count: 0, frames: [None; MAX_PACKETS] };
-        Self { images: vec![empty; DEPTH].into_boxed_slice() }
+        let empty =
+            SentImage { sequence: 0, count: 0, has_scheduled: false, frames: [None; MAX_PACKETS] };
+        Self { images: Box::new(std::array::from_fn(|_| empty.clone())) }
     }
 
     /// Remembers the frame `index` of the image `sequence`. Frames of an image come in order, and
     /// the place of the image was made free.
+    #[inline]
     pub(crate) fn frame_added(&mut self, sequence: u16, index: u8, channel: u8, tag: Option<u16>) {
         let image = &mut self.images[usize::from(sequence) % DEPTH];
         if index == 0 {
             image.sequence = sequence;
         }
         image.count = index.saturating_add(1);
+        image.has_scheduled |= tag.is_some();
         if let Some(place) = image.frames.get_mut(usize::from(index)) {
             *place = Some(OpenFrame { channel, tag });
         }
@@ -75,7 +80,7 @@ impl TransmitHistory {
     /// Forgets everything: the gateway's session starts anew. `close` gets each scheduled frame
     /// that still waited.
     pub(crate) fn reset(&mut self, mut close: impl FnMut(u8)) {
-        for image in &mut self.images {
+        for image in self.images.iter_mut() {
             image.close_scheduled(&mut close);
             image.count = 0;
         }
@@ -84,6 +89,9 @@ impl TransmitHistory {
 
 impl SentImage {
     fn close_scheduled(&mut self, mut close: impl FnMut(u8)) {
+        if !std::mem::take(&mut self.has_scheduled) {
+            return;
+        }
         for place in self.frames.iter_mut().take(usize::from(self.count)) {
             if let Some(frame) = place.take_if(|frame| frame.tag.is_some()) {
                 close(frame.channel);

@@ -40,7 +40,19 @@ impl TransmitWindow {
         }
     }
 
+    /// Frames of the image being filled.
+    pub(crate) fn filling(&self) -> u16 {
+        self.filling
+    }
+
+    /// Whether the channel takes one more frame.
+    #[inline]
+    pub(crate) fn takes_frames(&self) -> bool {
+        !self.is_bus_off() && self.has_room()
+    }
+
     /// Whether one more frame fits for sure.
+    #[inline]
     pub(crate) fn has_room(&self) -> bool {
         let unseen = [self.filling, self.last, self.before, self.older];
         let at_most = unseen.into_iter().fold(self.pending, u16::saturating_add);
@@ -52,6 +64,7 @@ impl TransmitWindow {
         self.status.bus_off()
     }
 
+    #[inline]
     pub(crate) fn frame_added(&mut self) {
         self.filling = self.filling.saturating_add(1);
     }

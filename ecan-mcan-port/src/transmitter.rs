@@ -22,8 +22,6 @@ type Counts = [u8; CHANNELS];
 pub(crate) struct Transmitter {
     writer: ImageWriter,
     spare: Box<[u8]>,
-    /// Frames of the image being filled.
-    filling: Counts,
     /// Frames of the image that was published last, until its delivery is known.
     published: Option<Counts>,
     /// The process image holds an image that may not have arrived; filling goes to the spare.
@@ -55,7 +53,6 @@ impl Transmitter {
         Self {
             writer,
             spare: vec![0; profile.pdo_bytes()].into_boxed_slice(),
-            filling: Counts::default(),
             published: None,
             is_holding: false,
             is_open: false,
@@ -107,6 +104,12 @@ impl Transmitter {
     /// Whether the image being filled holds scheduled frames and will be published.
     pub(crate) fn has_scheduled(&self) -> bool {
         self.is_open && !self.is_holding && self.filling_scheduled > 0
+    }
+
+    /// Frames of the image being filled.
+    fn filling(&self) -> Counts {
+        // infallible: an image holds 255 frames at most
+        self.windows.each_ref().map(|window| window.filling() as u8)
     }
 
     /// Bytes left in the image being filled.
@@ -194,7 +197,6 @@ impl Transmitter {
 
     fn start_image(&mut self) {
         self.writer.begin();
-        self.filling = Counts::default();
         self.filling_scheduled = 0;
         let Self { history, accounts, writer, .. } = self;
         history.make_room(writer.next_sequence(), |channel| accounts.ended(channel, Fate::Unknown));
@@ -204,6 +206,7 @@ impl Transmitter {
     }
 
     /// Adds a frame to the image being filled; gives its sequence and index.
+    #[inline(always)]
     pub(crate) fn push(
         &mut self,
         image: &mut [u8],
@@ -220,7 +223,6 @@ impl Transmitter {
             None => self.writer.push(image, channel, id_aux, frame, Timestamp::None)?,
         };
         let sequence = self.writer.next_sequence();
-        self.filling[usize::from(channel) % CHANNELS] += 1;
         self.window(channel).frame_added();
         self.filling_scheduled += u8::from(schedule.is_some());
         self.history.frame_added(sequence, index, channel, schedule.map(|it| it.tag));
@@ -241,10 +243,11 @@ impl Transmitter {
         self.published_scheduled = std::mem::take(&mut self.filling_scheduled);
         self.writer.commit(image, CommitFields::default());
         statistics.rxpdo_published += 1;
-        for (channel, count) in self.filling.iter().enumerate() {
+        let filling = self.filling();
+        for (channel, count) in filling.iter().enumerate() {
             statistics.channels[channel].frames_sent += u64::from(*count);
         }
-        self.published = Some(std::mem::take(&mut self.filling));
+        self.published = Some(filling);
         for window in &mut self.windows {
             window.published();
         }
@@ -265,13 +268,17 @@ impl Transmitter {
         let sequence = self.writer.next_sequence();
         let Self { history, accounts, .. } = self;
         history.close_scheduled(sequence, |channel| accounts.ended(channel, Fate::Withdrawn));
-        count_discarded(&std::mem::take(&mut self.filling), statistics)
+        let filling = self.filling();
+        for window in &mut self.windows {
+            window.abandoned();
+        }
+        count_discarded(&filling, statistics)
     }
 
     /// The image being filled comes too late for the phase of its scheduled frames: they are taken
     /// back, unless the image holds others too.
     pub(crate) fn withdraw_late(&mut self, statistics: &mut SlaveStatistics) {
-        let frames: u16 = self.filling.iter().map(|n| u16::from(*n)).sum();
+        let frames: u16 = self.filling().iter().map(|n| u16::from(*n)).sum();
         if self.has_scheduled() && frames == u16::from(self.filling_scheduled) {
             self.withdraw(statistics);
             self.start_image();

@@ -58,17 +58,22 @@ impl ControlWord {
     /// A CAN_FRAME of legal DLC that has its data, no timestamp and no window.
     #[inline]
     pub const fn is_plain(self) -> bool {
-        if self.has(Self::FDF) {
-            !self.has(!Self::PLAIN_FD)
-        } else {
-            !self.has(!Self::PLAIN_CLASSIC) && self.dlc().value() <= 8
-        }
+        // Without branches: which of the two comes next cannot be foretold.
+        let is_fd = self.has(Self::FDF);
+        let allowed = if is_fd { Self::PLAIN_FD } else { Self::PLAIN_CLASSIC };
+        !self.has(!allowed) & (is_fd | (self.dlc().value() <= 8))
     }
 
     /// A plain classic frame of 8 bytes with a standard identifier.
     #[inline]
     pub const fn is_standard_of_eight(self) -> bool {
         self.0 & !7 == 8 << 3
+    }
+
+    /// A CAN FD frame of 64 bytes with a standard identifier, without timestamp and window.
+    #[inline]
+    pub const fn is_standard_of_64(self) -> bool {
+        self.0 & !(7 | Self::BRS | Self::X) == Self::FDF | 15 << 3
     }
 
     /// The same word, all but the channel as constants.

@@ -120,6 +120,27 @@ impl fmt::Display for ImageFault {
     }
 }
 
+/// What a diagnosis tells of the header: small, so that walks over packets can carry it along.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct HeaderExcerpt {
+    sequence: u16,
+    payload_len: u16,
+    payload_crc16: u16,
+    layout_id: u16,
+}
+
+impl HeaderExcerpt {
+    #[inline]
+    pub(crate) const fn of(header: &Header) -> Self {
+        Self {
+            sequence: header.seq_begin,
+            payload_len: header.payload_len,
+            payload_crc16: header.payload_crc16,
+            layout_id: header.layout_id,
+        }
+    }
+}
+
 /// What was wrong with an image and where, with the fields that the manual asks for (manual 16.2).
 ///
 /// Fields that do not apply to the fault are 0: packet fields for faults of the whole image,
@@ -158,12 +179,22 @@ impl ParseDiagnosis {
     /// A fault of the image as a whole.
     #[cold]
     pub(crate) const fn of_image(header: &Header, fault: ImageFault, computed_crc16: u16) -> Self {
+        Self::of_excerpt(HeaderExcerpt::of(header), fault, computed_crc16)
+    }
+
+    /// The same by what is left of the header.
+    #[cold]
+    pub(crate) const fn of_excerpt(
+        header: HeaderExcerpt,
+        fault: ImageFault,
+        computed_crc16: u16,
+    ) -> Self {
         Self {
             fault,
             offset: 0,
             packet_end: 0,
             ctrl: 0,
-            sequence: header.seq_begin,
+            sequence: header.sequence,
             payload_len: header.payload_len,
             payload_crc16: header.payload_crc16,
             computed_crc16,

@@ -1,6 +1,7 @@
 //! Fixed header of a process data image (manual 6).
 
 use core::fmt;
+use core::sync::atomic::{Ordering, fence};
 
 use crate::mapping::{CHANNELS, HEADER_BYTES};
 use crate::status::ChannelStatus;
@@ -84,7 +85,9 @@ impl fmt::Debug for HeaderFlags {
 }
 
 /// The fixed header of an image, all fields as transmitted (manual 6).
+// In the order of transmission, so that it is moved as three words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct Header {
     /// Header version (high four bits) and length in words of 4 bytes: [`VER_IHL`].
     pub ver_ihl: u8,
@@ -117,53 +120,80 @@ impl Header {
     #[inline]
     #[must_use]
     pub const fn parse(bytes: &[u8; HEADER_BYTES]) -> Self {
-        const fn word(bytes: &[u8; HEADER_BYTES], at: usize) -> u16 {
-            u16::from_le_bytes([bytes[at], bytes[at + 1]])
-        }
+        Self::from_words(words_of(bytes))
+    }
+
+    /// From the bytes as little-endian words.
+    #[inline]
+    pub(crate) const fn from_words([first, second, third]: [u64; 3]) -> Self {
         Self {
-            ver_ihl: bytes[0],
-            flags: HeaderFlags::from_bits(bytes[1]),
-            seq_begin: word(bytes, 2),
-            seq_end: word(bytes, 4),
-            payload_len: word(bytes, 6),
-            payload_crc16: word(bytes, 8),
-            layout_id: word(bytes, 10),
-            channel_mask: bytes[12],
-            frame_count: bytes[13],
-            overflow_sat: bytes[14],
-            crc_alg: bytes[15],
+            ver_ihl: first as u8,
+            flags: HeaderFlags::from_bits((first >> 8) as u8),
+            seq_begin: (first >> 16) as u16,
+            seq_end: (first >> 32) as u16,
+            payload_len: (first >> 48) as u16,
+            payload_crc16: second as u16,
+            layout_id: (second >> 16) as u16,
+            channel_mask: (second >> 32) as u8,
+            frame_count: (second >> 40) as u8,
+            overflow_sat: (second >> 48) as u8,
+            crc_alg: (second >> 56) as u8,
             channel_status: [
-                ChannelStatus::from_raw(word(bytes, 16)),
-                ChannelStatus::from_raw(word(bytes, 18)),
-                ChannelStatus::from_raw(word(bytes, 20)),
-                ChannelStatus::from_raw(word(bytes, 22)),
+                ChannelStatus::from_raw(third as u16),
+                ChannelStatus::from_raw((third >> 16) as u16),
+                ChannelStatus::from_raw((third >> 32) as u16),
+                ChannelStatus::from_raw((third >> 48) as u16),
             ],
         }
+    }
+
+    /// The bytes as little-endian words.
+    #[inline]
+    const fn words(&self) -> [u64; 3] {
+        let [status0, status1, status2, status3] = self.channel_status;
+        [
+            self.ver_ihl as u64
+                | (self.flags.bits() as u64) << 8
+                | (self.seq_begin as u64) << 16
+                | (self.seq_end as u64) << 32
+                | (self.payload_len as u64) << 48,
+            self.payload_crc16 as u64
+                | (self.layout_id as u64) << 16
+                | (self.channel_mask as u64) << 32
+                | (self.frame_count as u64) << 40
+                | (self.overflow_sat as u64) << 48
+                | (self.crc_alg as u64) << 56,
+            status0.raw() as u64
+                | (status1.raw() as u64) << 16
+                | (status2.raw() as u64) << 32
+                | (status3.raw() as u64) << 48,
+        ]
     }
 
     /// Writes all 24 bytes as they are. The order of publication is the writer's matter.
     #[inline]
     pub const fn write(&self, bytes: &mut [u8; HEADER_BYTES]) {
-        const fn put(bytes: &mut [u8; HEADER_BYTES], at: usize, value: u16) {
-            let value = value.to_le_bytes();
-            bytes[at] = value[0];
-            bytes[at + 1] = value[1];
+        let (places, _) = bytes.as_chunks_mut::<8>();
+        let [first, second, third] = self.words();
+        if let [place0, place1, place2] = places {
+            *place0 = first.to_le_bytes();
+            *place1 = second.to_le_bytes();
+            *place2 = third.to_le_bytes();
         }
-        bytes[0] = self.ver_ihl;
-        bytes[1] = self.flags.bits();
-        put(bytes, 2, self.seq_begin);
-        put(bytes, 4, self.seq_end);
-        put(bytes, 6, self.payload_len);
-        put(bytes, 8, self.payload_crc16);
-        put(bytes, 10, self.layout_id);
-        bytes[12] = self.channel_mask;
-        bytes[13] = self.frame_count;
-        bytes[14] = self.overflow_sat;
-        bytes[15] = self.crc_alg;
-        put(bytes, 16, self.channel_status[0].raw());
-        put(bytes, 18, self.channel_status[1].raw());
-        put(bytes, 20, self.channel_status[2].raw());
-        put(bytes, 22, self.channel_status[3].raw());
+    }
+
+    /// Writes all 24 bytes, `seq_end` behind a release fence last: it keeps its old value until
+    /// everything else stands.
+    #[inline]
+    pub(crate) fn publish(&self, bytes: &mut [u8; HEADER_BYTES]) {
+        let [first, second, third] = self.words();
+        let [b0, b1, b2, b3, e0, e1, l0, l1] = first.to_le_bytes();
+        bytes[..4].copy_from_slice(&[b0, b1, b2, b3]);
+        bytes[6..8].copy_from_slice(&[l0, l1]);
+        bytes[8..16].copy_from_slice(&second.to_le_bytes());
+        bytes[16..].copy_from_slice(&third.to_le_bytes());
+        fence(Ordering::Release);
+        bytes[4..6].copy_from_slice(&[e0, e1]);
     }
 
     /// Whether both sequence numbers agree.
@@ -178,6 +208,19 @@ impl Header {
     #[must_use]
     pub const fn is_incomplete(&self) -> bool {
         self.overflow_sat != 0 || self.flags.contains(HeaderFlags::STREAM_TRUNCATED)
+    }
+}
+
+/// The bytes of a header as little-endian words.
+#[inline]
+pub(crate) const fn words_of(bytes: &[u8; HEADER_BYTES]) -> [u64; 3] {
+    let (places, _) = bytes.as_chunks::<8>();
+    match *places {
+        [first, second, third] => {
+            [u64::from_le_bytes(first), u64::from_le_bytes(second), u64::from_le_bytes(third)]
+        }
+        // infallible: a header has three words
+        _ => [0; 3],
     }
 }
 

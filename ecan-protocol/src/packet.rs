@@ -15,6 +15,8 @@ pub(crate) const TX_RESULT_BYTES: usize = 6;
 pub(crate) const WINDOW_BYTES: usize = 64;
 /// Where ID_AUX starts in the identifier field.
 pub(crate) const STANDARD_AUX_SHIFT: u32 = 11;
+/// Identifier and ID_AUX of a standard frame; the bits above are reserved.
+pub(crate) const STANDARD_FIELD_BITS: u32 = 14;
 pub(crate) const EXTENDED_AUX_SHIFT: u32 = 29;
 
 /// A CAN_FRAME packet as read from an image (manual 8.1).

@@ -4,13 +4,13 @@ use core::iter::FusedIterator;
 
 use crate::can_id::CanId;
 use crate::control::{ControlWord, KIND_CAN_FRAME, KIND_TX_RESULT};
-use crate::diagnosis::{ImageFault, ParseDiagnosis, PdoError};
+use crate::diagnosis::{HeaderExcerpt, ImageFault, ParseDiagnosis, PdoError};
 use crate::frame::FrameRef;
 use crate::header::Header;
 use crate::mapping::{Direction, HEADER_BYTES};
 use crate::packet::{
-    CONTROL_BYTES, EXTENDED_AUX_SHIFT, FramePacket, Packet, STANDARD_AUX_SHIFT, TX_RESULT_BYTES,
-    WINDOW_BYTES,
+    CONTROL_BYTES, EXTENDED_AUX_SHIFT, FramePacket, Packet, STANDARD_AUX_SHIFT,
+    STANDARD_FIELD_BITS, TX_RESULT_BYTES, WINDOW_BYTES,
 };
 use crate::timestamp::{Timestamp, format_size};
 use crate::tx_result::{ResultCode, TxResult};
@@ -29,9 +29,19 @@ pub(crate) struct Rules {
 /// the place of what follows is unknown.
 #[derive(Clone, Debug)]
 pub struct Packets<'a> {
-    header: Header,
-    rest: &'a [u8],
+    header: HeaderExcerpt,
+    frame_count: u8,
     rules: Rules,
+    place: Place<'a>,
+}
+
+/// How far the packets are read. Passed by value to whatever is not inlined, so that it can stay in
+/// registers.
+#[derive(Clone, Copy, Debug)]
+struct Place<'a> {
+    rest: &'a [u8],
+    // Of the rest in the image.
+    offset: u16,
     // Packets that the header still promises.
     left: u8,
     next_index: u8,
@@ -49,7 +59,13 @@ pub struct PacketCursor {
 impl<'a> Packets<'a> {
     #[inline]
     pub(crate) const fn from_start(rules: Rules, header: &Header, payload: &'a [u8]) -> Self {
-        Self { header: *header, rest: payload, rules, left: header.frame_count, next_index: 0 }
+        let place = Place {
+            rest: payload,
+            offset: HEADER_BYTES as u16,
+            left: header.frame_count,
+            next_index: 0,
+        };
+        Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, place }
     }
 
     #[inline]
@@ -59,13 +75,13 @@ impl<'a> Packets<'a> {
         payload: &'a [u8],
         cursor: PacketCursor,
     ) -> Self {
-        Self {
-            header: *header,
+        let place = Place {
             rest: payload.get(usize::from(cursor.consumed)..).unwrap_or_default(),
-            rules,
+            offset: cursor.consumed.saturating_add(HEADER_BYTES as u16),
             left: header.frame_count.saturating_sub(cursor.packets),
             next_index: cursor.frames,
-        }
+        };
+        Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, place }
     }
 
     /// The place of the next packet, for [`ImageReader::resume`](crate::ImageReader::resume).
@@ -73,46 +89,81 @@ impl<'a> Packets<'a> {
     #[must_use]
     pub const fn cursor(&self) -> PacketCursor {
         PacketCursor {
-            consumed: self.header.payload_len.saturating_sub(self.rest.len() as u16),
-            packets: self.header.frame_count.saturating_sub(self.left),
-            frames: self.next_index,
+            consumed: self.place.offset.saturating_sub(HEADER_BYTES as u16),
+            packets: self.frame_count.saturating_sub(self.place.left),
+            frames: self.place.next_index,
         }
     }
+}
 
-    /// Offset of the current position in the image.
+impl<'a> Iterator for Packets<'a> {
+    type Item = Result<Packet<'a>, ParseDiagnosis>;
+
     #[inline(always)]
-    const fn offset(&self) -> usize {
-        // infallible: the rest is part of a payload of this length
-        HEADER_BYTES + self.header.payload_len as usize - self.rest.len()
+    fn next(&mut self) -> Option<Self::Item> {
+        let place = self.place;
+        let rules = &self.rules;
+        let taken = rules
+            .standard_of_eight(place)
+            .or_else(|| rules.standard_of_64(place))
+            .or_else(|| rules.plain(place));
+        if let Some((packet, behind)) = taken {
+            self.place = behind;
+            return Some(Ok(Packet::Frame(packet)));
+        }
+        if place.is_end() {
+            return None;
+        }
+        // A copy, lest the compiler keep all of `self` in memory.
+        let rules = self.rules;
+        let (item, behind) = other(self.header, &rules, place);
+        self.place = behind;
+        Some(item)
     }
+}
 
-    /// Ends the iteration with what is known about the packet at the current position.
-    #[cold]
-    #[inline(never)]
-    fn fault(&mut self, error: PdoError, control: ControlWord) -> ParseDiagnosis {
-        let size = match control.kind() {
-            KIND_CAN_FRAME => self.frame_size(control),
-            KIND_TX_RESULT => self.padded(TX_RESULT_BYTES),
-            _ => CONTROL_BYTES,
-        };
-        let offset = self.offset();
-        self.rest = &[];
-        self.left = 0;
-        ParseDiagnosis {
-            offset: offset as u16,
-            packet_end: (offset + size) as u16,
-            ctrl: control.0,
-            channel: control.channel(),
-            dlc: control.dlc().value(),
-            tsf: control.tsf(),
-            kind: control.kind(),
-            ..ParseDiagnosis::of_image(&self.header, ImageFault::Pdo(error), 0)
+impl FusedIterator for Packets<'_> {}
+
+impl<'a> Place<'a> {
+    /// Behind a packet of `size` bytes, of which `rest` is what follows.
+    #[inline(always)]
+    const fn behind(self, size: usize, rest: &'a [u8]) -> Self {
+        Self {
+            rest,
+            offset: self.offset.wrapping_add(size as u16),
+            left: self.left.saturating_sub(1),
+            next_index: self.next_index,
         }
     }
 
+    /// The same behind a frame.
+    #[inline(always)]
+    const fn behind_frame(self, size: usize, rest: &'a [u8]) -> Self {
+        Self { next_index: self.next_index.wrapping_add(1), ..self.behind(size, rest) }
+    }
+
+    /// Whether everything was read that the header promised, and no more is there.
+    #[inline(always)]
+    const fn is_end(self) -> bool {
+        self.left == 0 && self.rest.is_empty()
+    }
+
+    /// The control word, where there is one.
+    #[inline(always)]
+    fn control(self) -> Option<ControlWord> {
+        self.rest.first_chunk().map(|bytes| ControlWord(u16::from_le_bytes(*bytes)))
+    }
+}
+
+impl Rules {
     #[inline(always)]
     const fn padded(&self, raw: usize) -> usize {
-        (raw + self.rules.align_mask) & !self.rules.align_mask
+        (raw + self.align_mask) & !self.align_mask
+    }
+
+    #[inline(always)]
+    const fn has_channel(&self, control: ControlWord) -> bool {
+        self.channel_mask >> control.channel() & 1 != 0
     }
 
     /// Bytes of a CAN_FRAME packet (manual 8.3).
@@ -134,7 +185,7 @@ impl<'a> Packets<'a> {
         if !self.has_channel(control) {
             return Err(PdoError::InvalidChannel);
         }
-        if self.rules.formats >> control.tsf() & 1 == 0 {
+        if self.formats >> control.tsf() & 1 == 0 {
             return Err(PdoError::InvalidTsf);
         }
         if !control.has(ControlWord::FDF) {
@@ -149,32 +200,99 @@ impl<'a> Packets<'a> {
                 return Err(PdoError::InvalidDlc);
             }
         }
-        if control.has(ControlWord::D64) && !self.rules.d64 {
+        if control.has(ControlWord::D64) && !self.d64 {
             return Err(PdoError::FrameOverrun);
         }
         Ok(())
     }
 
+    /// Takes a classic frame of 8 bytes with a standard identifier, if that is what follows: most
+    /// frames.
     #[inline(always)]
-    const fn has_channel(&self, control: ControlWord) -> bool {
-        self.rules.channel_mask >> control.channel() & 1 != 0
+    fn standard_of_eight<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
+        self.standard_of_size::<12>(place, |control| {
+            control.is_standard_of_eight().then(|| control.standard_of_eight())
+        })
     }
 
-    /// Takes a packet whose control word has passed the rules. `PLAIN` frames, nearly all, have
-    /// data of the DLC's length, no timestamp and no window.
+    /// The same of CAN FD frames of 64 bytes.
     #[inline(always)]
-    fn take_frame<const PLAIN: bool>(
-        &mut self,
-        control: ControlWord,
-    ) -> Result<FramePacket<'a>, PdoError> {
-        let extended = control.has(ControlWord::IDE);
-        let length = if !PLAIN && control.is_remote() { 0 } else { control.dlc().fd_len() };
-        let size = if PLAIN {
-            self.padded(CONTROL_BYTES + if extended { 4 } else { 2 } + length)
-        } else {
-            self.frame_size(control)
+    fn standard_of_64<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
+        self.standard_of_size::<68>(place, |control| control.is_standard_of_64().then_some(control))
+    }
+
+    /// Takes a packet of `SIZE` bytes with a standard identifier, if `known` recognises its control
+    /// word. With its size known, the next packet need not wait for this one's DLC; `SIZE` is a
+    /// multiple of 4, so that there is no padding.
+    #[inline(always)]
+    fn standard_of_size<'a, const SIZE: usize>(
+        &self,
+        place: Place<'a>,
+        known: impl Fn(ControlWord) -> Option<ControlWord>,
+    ) -> Option<(FramePacket<'a>, Place<'a>)> {
+        let (packet, rest) = place.rest.split_first_chunk::<SIZE>()?;
+        let ([c0, c1, id0, id1], data) = packet.split_first_chunk::<4>()?;
+        let control = known(ControlWord(u16::from_le_bytes([*c0, *c1])))?;
+        let field = u16::from_le_bytes([*id0, *id1]);
+        if place.left == 0 || field >> STANDARD_FIELD_BITS != 0 || !self.has_channel(control) {
+            return None;
+        }
+        let packet = FramePacket {
+            direction: self.direction,
+            channel: control.channel(),
+            id_aux: (field >> STANDARD_AUX_SHIFT) as u8,
+            frame: FrameRef::from_checked(CanId::standard_bits(field), control, data),
+            timestamp: Timestamp::None,
+            index: place.next_index,
+            offset: place.offset,
         };
-        let Some((packet, behind)) = self.rest.split_at_checked(size) else {
+        Some((packet, place.behind_frame(SIZE, rest)))
+    }
+
+    /// Takes a frame that has its data, no timestamp and no window, if that is what follows.
+    #[inline(always)]
+    fn plain<'a>(&self, place: Place<'a>) -> Option<(FramePacket<'a>, Place<'a>)> {
+        // Both identifier formats at once, without branches: which of them comes next cannot be
+        // foretold. The last packets may be shorter than that.
+        let [c0, c1, id @ ..] = *place.rest.first_chunk::<6>()?;
+        let control = ControlWord(u16::from_le_bytes([c0, c1]));
+        let field = u32::from_le_bytes(id);
+        let is_extended = control.has(ControlWord::IDE);
+        let is_reserved = !is_extended & (field as u16 >> STANDARD_FIELD_BITS != 0);
+        if place.left == 0 || !control.is_plain() || is_reserved || !self.has_channel(control) {
+            return None;
+        }
+        let start = CONTROL_BYTES + if is_extended { 4 } else { 2 };
+        let length = control.dlc().fd_len();
+        let size = self.padded(start + length);
+        let (packet, rest) = place.rest.split_at_checked(size)?;
+        let (id, id_aux) = if is_extended {
+            (CanId::extended_bits(field), field >> EXTENDED_AUX_SHIFT)
+        } else {
+            (CanId::standard_bits(field as u16), (field as u16 >> STANDARD_AUX_SHIFT).into())
+        };
+        let packet = FramePacket {
+            direction: self.direction,
+            channel: control.channel(),
+            id_aux: id_aux as u8,
+            frame: FrameRef::from_checked(id, control, packet.get(start..start + length)?),
+            timestamp: Timestamp::None,
+            index: place.next_index,
+            offset: place.offset,
+        };
+        Some((packet, place.behind_frame(size, rest)))
+    }
+
+    /// Takes a packet whose control word has passed the rules.
+    fn take_frame<'a>(
+        &self,
+        place: Place<'a>,
+        control: ControlWord,
+    ) -> Result<(FramePacket<'a>, Place<'a>), PdoError> {
+        let extended = control.has(ControlWord::IDE);
+        let length = if control.is_remote() { 0 } else { control.dlc().fd_len() };
+        let size = self.frame_size(control);
+        let Some((packet, behind)) = place.rest.split_at_checked(size) else {
             return Err(PdoError::Truncated);
         };
         let (id, id_aux, rest) = if extended {
@@ -185,106 +303,108 @@ impl<'a> Packets<'a> {
         } else {
             let ([_, _, b0, b1], rest) = split(packet);
             let field = u16::from_le_bytes([b0, b1]);
-            if field >> 14 != 0 {
+            if field >> STANDARD_FIELD_BITS != 0 {
                 return Err(PdoError::ReservedBit);
             }
             let id_aux = (field >> STANDARD_AUX_SHIFT) as u8;
             (CanId::standard_bits(field), id_aux, rest)
         };
-        let (timestamp, rest) =
-            if PLAIN { (Timestamp::None, rest) } else { take_timestamp(control.tsf(), rest) };
+        let (timestamp, rest) = take_timestamp(control.tsf(), rest);
         // infallible: the packet's size was computed from these very fields
         let data = rest.get(..length).unwrap_or_default();
-        let index = self.next_index;
-        let offset = self.offset() as u16;
-        self.rest = behind;
-        self.left = self.left.saturating_sub(1);
-        self.next_index = index.wrapping_add(1);
-        Ok(FramePacket {
-            direction: self.rules.direction,
+        let packet = FramePacket {
+            direction: self.direction,
             channel: control.channel(),
             id_aux,
             frame: FrameRef::from_checked(id, control, data),
             timestamp,
-            index,
-            offset,
-        })
+            index: place.next_index,
+            offset: place.offset,
+        };
+        Ok((packet, place.behind_frame(size, behind)))
     }
 
-    /// Takes the TX_RESULT packet at the current position.
-    fn tx_result(&mut self, control: ControlWord) -> Result<TxResult, PdoError> {
-        if self.rules.direction != Direction::TxPdo {
+    /// Takes the TX_RESULT packet at this place.
+    fn tx_result<'a>(
+        &self,
+        place: Place<'a>,
+        control: ControlWord,
+    ) -> Result<(TxResult, Place<'a>), PdoError> {
+        if self.direction != Direction::TxPdo {
             return Err(PdoError::UnknownKind);
         }
         let size = self.padded(TX_RESULT_BYTES);
-        let Some((packet, behind)) = self.rest.split_at_checked(size) else {
+        let Some((packet, behind)) = place.rest.split_at_checked(size) else {
             return Err(PdoError::Truncated);
         };
         let ([_, _, sequence0, sequence1, frame_index, code], _) = split(packet);
-        self.rest = behind;
-        self.left = self.left.saturating_sub(1);
-        Ok(TxResult {
+        let result = TxResult {
             channel: control.channel(),
             sequence: u16::from_le_bytes([sequence0, sequence1]),
             frame_index,
             code: ResultCode::from_raw(code),
-        })
-    }
-
-    /// Everything but an intact plain frame: other frames and kinds, the end of the payload, and
-    /// what is wrong.
-    #[inline(never)]
-    fn other(&mut self) -> Option<Result<Packet<'a>, ParseDiagnosis>> {
-        let Some(&bytes) = self.rest.first_chunk::<CONTROL_BYTES>() else {
-            let error = match (self.rest.is_empty(), self.left) {
-                (true, 0) => return None,
-                (true, _) => PdoError::BadHeader,
-                (false, _) => PdoError::Truncated,
-            };
-            return Some(Err(self.fault(error, ControlWord(0))));
         };
-        let control = ControlWord(u16::from_le_bytes(bytes));
-        let result = match control.kind() {
-            _ if self.left == 0 => Err(PdoError::BadHeader),
-            KIND_CAN_FRAME => match self.check(control) {
-                Ok(()) => self.take_frame::<false>(control).map(Packet::Frame),
-                Err(error) => Err(error),
-            },
-            KIND_TX_RESULT => self.tx_result(control).map(Packet::TxResult),
-            _ => Err(PdoError::UnknownKind),
-        };
-        Some(result.map_err(|error| self.fault(error, control)))
+        Ok((result, place.behind(size, behind)))
     }
 }
 
-impl<'a> Iterator for Packets<'a> {
-    type Item = Result<Packet<'a>, ParseDiagnosis>;
-
-    #[inline]
-    fn next(&mut self) -> Option<Self::Item> {
-        if let Some(&bytes) = self.rest.first_chunk::<CONTROL_BYTES>() {
-            let control = ControlWord(u16::from_le_bytes(bytes));
-            // Most frames; with their size known, the next packet need not wait for this one's DLC.
-            if self.left != 0
-                && control.is_standard_of_eight()
-                && self.has_channel(control)
-                && let Ok(packet) = self.take_frame::<true>(ControlWord::standard_of_eight(control))
-            {
-                return Some(Ok(Packet::Frame(packet)));
-            }
-            if self.left != 0
-                && control.is_plain()
-                && self.has_channel(control)
-                && let Ok(packet) = self.take_frame::<true>(control)
-            {
-                return Some(Ok(Packet::Frame(packet)));
-            }
-        }
-        self.other()
+/// Everything but an intact plain frame: other frames and kinds, and what is wrong.
+#[inline(never)]
+fn other<'a>(
+    header: HeaderExcerpt,
+    rules: &Rules,
+    place: Place<'a>,
+) -> (Result<Packet<'a>, ParseDiagnosis>, Place<'a>) {
+    let Some(control) = place.control() else {
+        let error = if place.rest.is_empty() { PdoError::BadHeader } else { PdoError::Truncated };
+        return fault(header, rules, place, error, ControlWord(0));
+    };
+    let taken = match control.kind() {
+        _ if place.left == 0 => Err(PdoError::BadHeader),
+        KIND_CAN_FRAME => match rules.check(control) {
+            Ok(()) => rules
+                .take_frame(place, control)
+                .map(|(packet, behind)| (Packet::Frame(packet), behind)),
+            Err(error) => Err(error),
+        },
+        KIND_TX_RESULT => rules
+            .tx_result(place, control)
+            .map(|(result, behind)| (Packet::TxResult(result), behind)),
+        _ => Err(PdoError::UnknownKind),
+    };
+    match taken {
+        Ok((packet, behind)) => (Ok(packet), behind),
+        Err(error) => fault(header, rules, place, error, control),
     }
 }
 
-impl FusedIterator for Packets<'_> {}
+/// Ends the iteration with what is known about the packet at this place.
+#[cold]
+#[inline(never)]
+fn fault<'a>(
+    header: HeaderExcerpt,
+    rules: &Rules,
+    place: Place<'a>,
+    error: PdoError,
+    control: ControlWord,
+) -> (Result<Packet<'a>, ParseDiagnosis>, Place<'a>) {
+    let size = match control.kind() {
+        KIND_CAN_FRAME => rules.frame_size(control),
+        KIND_TX_RESULT => rules.padded(TX_RESULT_BYTES),
+        _ => CONTROL_BYTES,
+    };
+    let diagnosis = ParseDiagnosis {
+        offset: place.offset,
+        packet_end: place.offset.wrapping_add(size as u16),
+        ctrl: control.0,
+        channel: control.channel(),
+        dlc: control.dlc().value(),
+        tsf: control.tsf(),
+        kind: control.kind(),
+        ..ParseDiagnosis::of_excerpt(header, ImageFault::Pdo(error), 0)
+    };
+    (Err(diagnosis), Place { rest: &[], left: 0, ..place })
+}
 
 /// The timestamp field of this format, and what follows it.
 fn take_timestamp(tsf: u8, bytes: &[u8]) -> (Timestamp, &[u8]) {

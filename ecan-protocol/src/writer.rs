@@ -1,7 +1,5 @@
 //! Writing process data images (manual 5.4.4.1, 8).
 
-use core::sync::atomic::{Ordering, fence};
-
 use crate::control::ControlWord;
 use crate::copy::copy_data;
 use crate::crc::crc16;
@@ -80,6 +78,7 @@ pub struct CommitFields {
 pub struct ImageWriter {
     direction: Direction,
     profile: PdoProfile,
+    layout_id: u16,
     crc: bool,
     payload_only: bool,
     d64: bool,
@@ -91,9 +90,8 @@ pub struct ImageWriter {
     dirty_end: usize,
     // As the header counts: packets of either kind.
     frame_count: u8,
-    // As TX_RESULT counts: CAN_FRAME packets.
-    next_index: u8,
-    tx_results: bool,
+    // TX_RESULT packets among them.
+    tx_results: u8,
     next_sequence: u16,
     wrapped: bool,
 }
@@ -107,6 +105,7 @@ impl ImageWriter {
         Self {
             direction,
             profile,
+            layout_id: profile.layout_id(),
             crc: !profile.options.contains(OptionFlags::NO_CRC16),
             payload_only: profile.options.contains(OptionFlags::PAYLOAD_ONLY),
             d64: false,
@@ -116,8 +115,7 @@ impl ImageWriter {
             position: HEADER_BYTES,
             dirty_end: area_end,
             frame_count: 0,
-            next_index: 0,
-            tx_results: false,
+            tx_results: 0,
             next_sequence: 1,
             wrapped: false,
         }
@@ -165,8 +163,7 @@ impl ImageWriter {
         }
         self.position = HEADER_BYTES;
         self.frame_count = 0;
-        self.next_index = 0;
-        self.tx_results = false;
+        self.tx_results = 0;
     }
 
     /// The sequence number that the next commit publishes.
@@ -224,25 +221,23 @@ impl ImageWriter {
     }
 
     /// The bytes of the next packet; nothing changes where there are none.
-    #[inline]
-    fn claim<'b>(&self, image: &'b mut [u8], size: usize) -> Result<&'b mut [u8], PushError> {
-        let end = self.position + size;
-        if end > self.area_end {
-            return Err(PushError::NoRoom { needed: size as u16, left: self.room() as u16 });
-        }
-        if usize::from(self.frame_count) >= MAX_PACKETS {
-            return Err(PushError::TooManyPackets);
-        }
-        let length = image.len();
-        if length < self.area_end {
-            return Err(self.short_buffer(length));
-        }
-        image.get_mut(self.position..end).ok_or_else(|| self.short_buffer(length))
+    #[inline(always)]
+    fn claim<'b>(&self, image: &'b mut [u8], size: usize) -> Option<&'b mut [u8]> {
+        let area = image.get_mut(..self.area_end)?.get_mut(self.position..)?;
+        if usize::from(self.frame_count) < MAX_PACKETS { area.get_mut(..size) } else { None }
     }
 
+    /// Why [`claim`](Self::claim) gave nothing.
     #[cold]
-    const fn short_buffer(&self, length: usize) -> PushError {
-        PushError::Buffer { length, needed: self.area_end as u16 }
+    #[inline(never)]
+    const fn no_claim(&self, length: usize, size: usize) -> PushError {
+        if self.position + size > self.area_end {
+            PushError::NoRoom { needed: size as u16, left: self.room() as u16 }
+        } else if self.frame_count as usize >= MAX_PACKETS {
+            PushError::TooManyPackets
+        } else {
+            PushError::Buffer { length, needed: self.area_end as u16 }
+        }
     }
 
     /// Appends a CAN frame. `id_aux` (0 to 7) is the transmit hint in RxPDO, the receive source in
@@ -260,6 +255,54 @@ impl ImageWriter {
         frame: FrameRef<'_>,
         timestamp: Timestamp,
     ) -> Result<u8, PushError> {
+        if matches!(timestamp, Timestamp::None)
+            && ControlWord(frame.control_bits()).is_standard_of_eight()
+            && let Some(index) = self.push_standard::<8, 12>(image, channel, id_aux, frame)
+        {
+            return Ok(index);
+        }
+        self.push_other(image, channel, id_aux, frame, timestamp)
+    }
+
+    /// Appends a frame of `LENGTH` bytes with a standard identifier: most frames. Their packets are
+    /// of one size, which needs no padding.
+    #[inline(always)]
+    fn push_standard<const LENGTH: usize, const SIZE: usize>(
+        &mut self,
+        image: &mut [u8],
+        channel: u8,
+        id_aux: u8,
+        frame: FrameRef<'_>,
+    ) -> Option<u8> {
+        if !self.profile.has_channel(channel) || id_aux > 7 {
+            return None;
+        }
+        let data = frame.data().first_chunk::<LENGTH>()?;
+        let packet = self.claim(image, SIZE)?;
+        let control = frame.control_bits() | u16::from(channel);
+        let field = frame.id().raw() | u32::from(id_aux) << STANDARD_AUX_SHIFT;
+        let rest = put(packet, (u32::from(control) | field << 16).to_le_bytes());
+        put(rest, *data);
+        Some(self.pushed(SIZE))
+    }
+
+    /// Appends any frame, or says why not.
+    #[inline(never)]
+    fn push_other(
+        &mut self,
+        image: &mut [u8],
+        channel: u8,
+        id_aux: u8,
+        frame: FrameRef<'_>,
+        timestamp: Timestamp,
+    ) -> Result<u8, PushError> {
+        if matches!(timestamp, Timestamp::None)
+            && ControlWord(frame.control_bits()).is_standard_of_64()
+            && !self.d64
+            && let Some(index) = self.push_standard::<64, 68>(image, channel, id_aux, frame)
+        {
+            return Ok(index);
+        }
         if !self.profile.has_channel(channel) {
             return Err(PushError::Channel { channel, mask: self.profile.channel_mask });
         }
@@ -268,21 +311,13 @@ impl ImageWriter {
         }
         if !matches!(timestamp, Timestamp::None) {
             self.check_timestamp(timestamp)?;
-        } else if ControlWord(frame.control_bits()).is_standard_of_eight()
-            && let Some(data) = frame.data().first_chunk::<8>()
-        {
-            // Most frames. Their packets are of one size, which needs no padding.
-            const SIZE: usize = 12;
-            let packet = self.claim(image, SIZE)?;
-            let control = frame.control_bits() | u16::from(channel);
-            let field = frame.id().raw() | u32::from(id_aux) << STANDARD_AUX_SHIFT;
-            let rest = put(packet, (u32::from(control) | field << 16).to_le_bytes());
-            put(rest, *data);
-            return Ok(self.pushed(SIZE));
         }
         let window = self.d64 && frame.is_fd();
         let size = self.packet_bytes(frame, timestamp);
-        let packet = self.claim(image, size)?;
+        let length = image.len();
+        let Some(packet) = self.claim(image, size) else {
+            return Err(self.no_claim(length, size));
+        };
 
         let control = frame.control_bits()
             | u16::from(channel)
@@ -316,10 +351,9 @@ impl ImageWriter {
     /// Counts a frame whose packet of `size` bytes was written; its place among the frames.
     #[inline(always)]
     const fn pushed(&mut self, size: usize) -> u8 {
+        let index = self.frame_count - self.tx_results;
         self.position += size;
         self.frame_count += 1;
-        let index = self.next_index;
-        self.next_index += 1;
         index
     }
 
@@ -373,14 +407,17 @@ impl ImageWriter {
             });
         }
         let size = self.padded(TX_RESULT_BYTES);
-        let packet = self.claim(image, size)?;
+        let length = image.len();
+        let Some(packet) = self.claim(image, size) else {
+            return Err(self.no_claim(length, size));
+        };
         let rest = put(packet, ControlWord::tx_result(result.channel).0.to_le_bytes());
         let rest = put(rest, result.sequence.to_le_bytes());
         let rest = put(rest, [result.frame_index, result.code.raw()]);
         clear(rest);
         self.position += size;
         self.frame_count += 1;
-        self.tx_results = true;
+        self.tx_results += 1;
         Ok(())
     }
 
@@ -418,29 +455,23 @@ impl ImageWriter {
 
         let flags = HeaderFlags::from_bits(fields.flags.bits() & HeaderFlags::ALL.bits())
             .with_if(HeaderFlags::SEQ_WRAP, self.wrapped)
-            .with_if(HeaderFlags::TX_RESULT_PRESENT, self.tx_results)
+            .with_if(HeaderFlags::TX_RESULT_PRESENT, self.tx_results != 0)
             .with_if(HeaderFlags::OVERFLOW_SAT_VALID, fields.overflow != 0);
-        let mut bytes = [0; HEADER_BYTES];
-        Header {
+        let header = Header {
             ver_ihl: VER_IHL,
             flags,
             seq_begin: sequence,
             seq_end: sequence,
             payload_len: payload_len as u16,
             payload_crc16,
-            layout_id: self.profile.layout_id(),
+            layout_id: self.layout_id,
             channel_mask: self.profile.channel_mask,
             frame_count: self.frame_count,
             overflow_sat: fields.overflow,
             crc_alg,
             channel_status: fields.channel_status,
-        }
-        .write(&mut bytes);
-        // `seq_end` keeps its old value until everything else stands.
-        head[..4].copy_from_slice(&bytes[..4]);
-        head[6..].copy_from_slice(&bytes[6..]);
-        fence(Ordering::Release);
-        head[4..6].copy_from_slice(&bytes[4..6]);
+        };
+        header.publish(head);
 
         self.next_sequence = sequence.wrapping_add(1);
         self.wrapped = self.next_sequence == 0;

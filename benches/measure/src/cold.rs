@@ -7,19 +7,36 @@ use crate::turns::{Outcome, interleaved, rounds, timed};
 /// Rounds of a cold measure; each walks the buffer twice.
 const COLD_ROUNDS: usize = 301;
 const LINE: usize = 64;
+/// Where the kernel tells of no cache.
+const SECOND_LEVEL: usize = 1024 * 1024;
+const LAST_LEVEL: usize = 32 * 1024 * 1024;
 
-/// Drives everything else out of the caches.
+/// Drives what was used before out of the caches, up to a level.
 #[derive(Debug)]
 pub struct Evictor {
     buffer: Vec<u8>,
 }
 
 impl Evictor {
-    /// With a buffer twice as large as the last-level cache.
-    #[expect(clippy::new_without_default, reason = "it asks the machine")]
+    /// Out of all caches: with a buffer twice as large as the last-level cache.
     #[must_use]
-    pub fn new() -> Self {
-        Self { buffer: vec![1; 2 * last_level_cache()] }
+    pub fn of_last_level() -> Self {
+        Self::of(cache_bytes().max().unwrap_or(LAST_LEVEL))
+    }
+
+    /// Out of the processor's own caches into the last-level one, as far as that has room: with a
+    /// buffer twice as large as the second-level cache.
+    #[must_use]
+    pub fn of_second_level() -> Self {
+        let mut sizes: Vec<_> = cache_bytes().collect();
+        sizes.sort_unstable();
+        // Two of the first level, one of the second, one of the last.
+        sizes.pop();
+        Self::of(sizes.pop().unwrap_or(SECOND_LEVEL))
+    }
+
+    fn of(cache: usize) -> Self {
+        Self { buffer: vec![1; 2 * cache] }
     }
 
     /// Bytes of the buffer.
@@ -45,13 +62,12 @@ impl Evictor {
     }
 }
 
-/// Bytes of the largest cache that the kernel tells of, or 32 MiB where it tells of none.
-fn last_level_cache() -> usize {
-    let sizes = (0..8).filter_map(|index| {
+/// Sizes of the caches that the kernel tells of.
+fn cache_bytes() -> impl Iterator<Item = usize> {
+    (0..8).filter_map(|index| {
         let path = format!("/sys/devices/system/cpu/cpu0/cache/index{index}/size");
         let text = std::fs::read_to_string(path).ok()?;
         let kibibytes: usize = text.trim().strip_suffix('K')?.parse().ok()?;
         Some(kibibytes * 1024)
-    });
-    sizes.max().unwrap_or(32 * 1024 * 1024)
+    })
 }

@@ -37,8 +37,14 @@ fn crc_rounds(data: &[u8], crc: impl Fn(&[u8]) -> u16) -> impl FnMut() {
     }
 }
 
+/// What is walked before cold calls.
+struct Cold {
+    second_level: Evictor,
+    last_level: Evictor,
+}
+
 /// Every measure with the kernel that is chosen now, in the order of the table.
-fn all(evictor: &Evictor) -> Vec<Row> {
+fn all(cold: &Cold) -> Vec<Row> {
     let mut random = Random(7);
     let data: Vec<[u8; 64]> =
         (0..255).map(|_| std::array::from_fn(|_| random.bits() as u8)).collect();
@@ -63,7 +69,8 @@ fn all(evictor: &Evictor) -> Vec<Row> {
             Images::mixed(24, 64, &data).warm(1)
         }),
         image("N = 3, 10 frames of 8 bytes", [0.11, 0.17], three.warm(64)),
-        image("the same, cold caches", [0.22, 0.45], three.cold(evictor)),
+        image("the same, from the last-level cache", [0.22, 0.45], three.cold(&cold.second_level)),
+        image("the same, from memory", [0.22, 0.45], three.cold(&cold.last_level)),
     ];
     let shares = (1..=MAX_MULTIPLIER)
         .map(|multiplier| Images::full(multiplier, &data).rust_alone(32) / wire_ns(multiplier));
@@ -82,12 +89,13 @@ fn all(evictor: &Evictor) -> Vec<Row> {
 }
 
 fn main() {
-    let evictor = Evictor::new();
+    let cold =
+        Cold { second_level: Evictor::of_second_level(), last_level: Evictor::of_last_level() };
     let is_accelerated = crc16_is_accelerated();
-    let mut rows = all(&evictor);
+    let mut rows = all(&cold);
     crc16_use_portable(true);
     if is_accelerated && !crc16_is_accelerated() {
-        for (row, portable) in rows.iter_mut().zip(all(&evictor)) {
+        for (row, portable) in rows.iter_mut().zip(all(&cold)) {
             row.values.extend(portable.values);
         }
     }
@@ -96,5 +104,7 @@ fn main() {
     if !is_accelerated {
         println!("This processor has no carry-less multiplication: one kernel is measured.");
     }
-    println!("Cold: {} MiB walked before each timed call.", evictor.bytes() >> 20);
+    let [second, last] = [&cold.second_level, &cold.last_level].map(|it| it.bytes() >> 20);
+    println!("From the last-level cache: {second} MiB walked before each timed call.");
+    println!("From memory: {last} MiB.");
 }

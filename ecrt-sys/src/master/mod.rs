@@ -177,6 +177,7 @@ impl Master {
         if self.is_foreign() { Err(Errno::EPERM) } else { Ok(()) }
     }
 
+    #[inline]
     fn domain(&self, id: DomainId) -> Result<&Domain, Errno> {
         self.current(id.generation)?;
         self.domains.get(id.index).ok_or(Errno::EBADF)
@@ -212,6 +213,7 @@ impl Master {
         self.reg_requests.get_mut(id.index).ok_or(Errno::EBADF)
     }
 
+    #[inline]
     fn current(&self, generation: u64) -> Result<(), Errno> {
         if generation == self.generation { Ok(()) } else { Err(Errno::EBADF) }
     }

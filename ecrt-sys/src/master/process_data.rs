@@ -161,6 +161,7 @@ impl Master {
     }
 
     /// A domain's process image; empty before activation and for a stale id. Cycle.
+    #[inline]
     #[must_use]
     pub fn domain_data(&self, id: DomainId) -> &[u8] {
         match self.domain(id) {
@@ -173,6 +174,7 @@ impl Master {
     }
 
     /// A domain's process image for writing; empty before activation and for a stale id. Cycle.
+    #[inline]
     #[must_use]
     pub fn domain_data_mut(&mut self, id: DomainId) -> &mut [u8] {
         match self.domain(id) {
