@@ -119,7 +119,7 @@ impl Port {
     pub fn cycle_end(&mut self) -> Result<(), CycleError> {
         self.cycle_open = false;
         if let Some(point_ns) = self.cycle_point_ns.take() {
-            withdraw_late(&self.adapter, &mut self.gateways, point_ns);
+            withdraw_late(&mut self.adapter, &mut self.gateways, point_ns);
         }
         end(&mut self.adapter, &mut self.gateways)
     }
@@ -174,11 +174,13 @@ fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
 
 /// Takes scheduled frames back whose image would arrive behind their pulse: they would go out a
 /// period late.
-fn withdraw_late(adapter: &Adapter, gateways: &mut [Gateway], point_ns: u64) {
-    for gateway in gateways.iter_mut().filter(|gateway| gateway.transmitter.has_scheduled()) {
+fn withdraw_late(adapter: &mut Adapter, gateways: &mut [Gateway], point_ns: u64) {
+    let gateways = gateways.iter_mut().enumerate();
+    for (slave, gateway) in gateways.filter(|(_, gateway)| gateway.transmitter.has_scheduled()) {
         let sent_ns = adapter.clock().now_ns().saturating_sub(point_ns);
         if gateway.schedule_times.misses_pulse(sent_ns) {
-            gateway.transmitter.withdraw_late(&mut gateway.statistics);
+            let image = adapter.rx_pdo_mut(slave);
+            gateway.transmitter.withdraw_late(image, &mut gateway.statistics);
         }
     }
 }

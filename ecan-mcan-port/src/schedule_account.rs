@@ -17,7 +17,9 @@ use crate::schedule_watch::ScheduleDiagnostics;
 pub struct ScheduleAccount {
     /// Frames that the Port took.
     pub scheduled: u64,
-    /// Frames that the gateway took and, by its flags, handed to the CAN controller at their phase.
+    /// Frames that the gateway took and, by its flags, handed to the CAN controller at their phase:
+    /// that of the Sync0 period that followed the cycle, as far as it is reckoned whether an image
+    /// comes too late, see [`Port::schedule_can`](crate::Port::schedule_can).
     pub sent: u64,
     /// Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT.
     pub late_dropped: u64,
@@ -26,10 +28,12 @@ pub struct ScheduleAccount {
     /// Frames that the gateway did not take for another reason: bus-off, channel not enabled.
     /// Needs TX_RESULT.
     pub not_sent: u64,
-    /// Frames that never left the host: discarded, or in an image that was too late for its phase.
+    /// Frames that never left the host: discarded, or taken back when the cycle ended too late for
+    /// their phase.
     pub withdrawn: u64,
-    /// Frames of which it cannot be told: the image may not have arrived, no result came, the
-    /// session was lost, or flags showed trouble.
+    /// Frames of which it cannot be told: the image may not have arrived, or arrived only when it
+    /// was published again, a period late; no result came, the session was lost, or flags showed
+    /// trouble.
     pub unknown: u64,
     /// Frames of which it is not told yet.
     pub open: u64,

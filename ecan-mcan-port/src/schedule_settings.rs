@@ -37,7 +37,8 @@ pub struct ScheduleSettings {
     /// arrived: published again it could only send them a period late.
     ///
     /// An image that also holds frames to be sent at once is published again in any case, as those
-    /// must not be lost.
+    /// must not be lost. Its scheduled frames may then leave a period late, and count as unknown
+    /// unless a result tells that they were dropped.
     pub give_up_missed: bool,
 }
 

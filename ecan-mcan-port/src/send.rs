@@ -14,7 +14,8 @@ pub struct SendTicket {
     pub slave: usize,
     /// Sequence of the image.
     pub sequence: u16,
-    /// Place of the frame in the image, from 0.
+    /// Place of the frame in the image, from 0, as long as no scheduled frame before it is taken
+    /// back.
     pub index: u8,
 }
 
@@ -224,9 +225,11 @@ impl Port {
     /// Sends a classic frame at a phase of the next Sync0 period (manual 8.4, 13.8).
     ///
     /// A frame whose phase cannot be reached any more is not taken ([`NoRoom::Phase`]), as far as
-    /// the cycle is waited for with [`wait_next_cycle`](Self::wait_next_cycle): it is never sent a
-    /// period late. [`schedule_margin`](Self::schedule_margin) tells how much time a phase leaves,
-    /// [`schedule_account`](Self::schedule_account) what became of the frames.
+    /// the cycle is waited for with [`wait_next_cycle`](Self::wait_next_cycle), and one that is taken
+    /// is taken back where [`cycle_end`](Self::cycle_end) comes too late. A period late leaves only
+    /// a frame whose image was lost and published again, since it holds frames to be sent at once,
+    /// too; it counts as unknown. [`schedule_margin`](Self::schedule_margin) tells how much time a
+    /// phase leaves, [`schedule_account`](Self::schedule_account) what became of the frames.
     ///
     /// # Errors
     /// A [`SendError`]; nothing was sent.

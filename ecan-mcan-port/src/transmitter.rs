@@ -6,8 +6,8 @@
 
 use ecan_host::Delivery;
 use ecan_protocol::{
-    CHANNELS, CommitFields, FrameRef, HEADER_BYTES, ImageWriter, PdoProfile, PushError, Schedule,
-    Timestamp, TxResult,
+    CHANNELS, CommitFields, Direction, FrameRef, HEADER_BYTES, ImageReader, ImageWriter, Packet,
+    PdoProfile, PushError, ResultCode, Schedule, Timestamp, TxResult,
 };
 
 use crate::schedule_account::{Fate, ScheduleAccounts};
@@ -99,7 +99,16 @@ impl Transmitter {
     pub(crate) fn take_result(&mut self, result: &TxResult) -> Option<OpenFrame> {
         let frame = self.history.take(result)?;
         if frame.tag.is_some() {
-            self.accounts.ended(frame.channel, Fate::Result(result.code));
+            // Of an image that went out more than once, no result tells at which pulse it was there.
+            let fate = match result.code {
+                ResultCode::Ok | ResultCode::Queued
+                    if self.history.is_repeated(result.sequence) =>
+                {
+                    Fate::Unknown
+                }
+                code => Fate::Result(code),
+            };
+            self.accounts.ended(frame.channel, fate);
         }
         Some(frame)
     }
@@ -138,6 +147,7 @@ impl Transmitter {
                 } else if carries_frames {
                     if !self.is_holding {
                         self.is_holding = true;
+                        self.history.repeated(self.published_sequence);
                         self.start_image();
                     }
                 } else {
@@ -175,7 +185,8 @@ impl Transmitter {
     /// The published image has arrived.
     fn release(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         if !self.has_results && self.published_scheduled > 0 {
-            self.close_published(Fate::Taken);
+            let is_repeated = self.history.is_repeated(self.published_sequence);
+            self.close_published(if is_repeated { Fate::Unknown } else { Fate::Taken });
         }
         for (channel, count) in self.published.take().iter().flatten().enumerate() {
             statistics.channels[channel].frames_delivered += u64::from(*count);
@@ -231,6 +242,7 @@ impl Transmitter {
     pub(crate) fn end(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         if !std::mem::take(&mut self.is_open) {
             // Nothing was begun: the image of the last cycle goes out once more.
+            self.history.repeated(self.published_sequence);
             return;
         }
         if self.is_holding {
@@ -269,12 +281,49 @@ impl Transmitter {
     }
 
     /// The image being filled comes too late for the phase of its scheduled frames: they are taken
-    /// back, unless the image holds others too.
-    pub(crate) fn withdraw_late(&mut self, statistics: &mut SlaveStatistics) {
+    /// back, and the others move up.
+    pub(crate) fn withdraw_late(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
+        if !self.has_scheduled() {
+            return;
+        }
         let frames: u16 = self.filling.iter().map(|n| u16::from(*n)).sum();
-        if self.has_scheduled() && frames == u16::from(self.filling_scheduled) {
+        if frames == u16::from(self.filling_scheduled) {
             self.withdraw(statistics);
             self.start_image();
+            return;
+        }
+        // What there is as an image, to be read.
+        let packets = HEADER_BYTES..HEADER_BYTES + self.writer.used();
+        if let (Some(to), Some(from)) = (self.spare.get_mut(packets.clone()), image.get(packets)) {
+            to.copy_from_slice(from);
+        }
+        self.writer.clone().commit(&mut self.spare, CommitFields::default());
+        let reader = ImageReader::new(Direction::RxPdo, *self.writer.profile()).with_crc(false);
+        let sequence = self.writer.next_sequence();
+        let Self { history, accounts, writer, spare, .. } = self;
+        history.close_scheduled(sequence, |channel| accounts.ended(channel, Fate::Withdrawn));
+        history.move_up(sequence);
+        writer.begin();
+        for window in &mut self.windows {
+            window.abandoned();
+        }
+        self.filling_scheduled = 0;
+        let filled = std::mem::take(&mut self.filling);
+        for packet in reader.read(spare).into_iter().flat_map(|read| read.packets()).flatten() {
+            let Packet::Frame(packet) = packet else { continue };
+            // In an RxPDO only a schedule is a timestamp.
+            let is_kept = packet.timestamp == Timestamp::None
+                && writer
+                    .push(image, packet.channel, packet.id_aux, packet.frame, Timestamp::None)
+                    .is_ok();
+            if is_kept {
+                let channel = usize::from(packet.channel) % CHANNELS;
+                self.windows[channel].frame_added();
+                self.filling[channel] += 1;
+            }
+        }
+        for (channel, (before, now)) in filled.iter().zip(&self.filling).enumerate() {
+            statistics.channels[channel].frames_discarded += u64::from(before.saturating_sub(*now));
         }
     }
 

@@ -338,12 +338,84 @@ fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
     assert_eq!(schedule(&mut bench, 1, OFFSET_NS), 1, "it arrived");
     bench.idle(500);
     let (told, truth) = (account(&bench), truth(&bench));
-    assert_eq!((told.refused_late, told.scheduled, told.sent), (2, 2, 2));
+    // The first one left two periods late.
+    assert_eq!((told.refused_late, told.scheduled), (2, 2));
+    assert_eq!((told.sent, told.unknown), (1, 1));
     assert_eq!(
         (truth.frames_released, truth.frames_on_bus),
         (2, 3),
         "no frame to be sent at once was lost"
     );
+}
+
+/// Images with frames of both kinds that are published again: what left may have left late.
+#[test]
+fn a_repeated_image_is_never_told_as_sent() {
+    for way in [LostWay::Outward, LostWay::Return] {
+        for change in [results as fn(&mut GatewayConfig), |_| ()] {
+            let mut bench = with_sync0(echo(1), SHIFT_NS, change);
+            bench.simulation.inject(Fault::LostFrame { way, cycles: 3 });
+            bench.cycle(|port| {
+                let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
+                port.schedule_can(0, 0, id(2), &[], at).unwrap();
+                port.send_can(0, 0, id(1), &[]).unwrap();
+            });
+            bench.idle(500);
+            let (told, truth) = (account(&bench), truth(&bench));
+            assert_eq!((told.sent, told.unknown, told.open), (0, 1, 0), "{way:?}");
+            assert_eq!((truth.frames_released, truth.frames_on_bus), (1, 2));
+        }
+    }
+}
+
+/// Frames to be sent at once leave in a late cycle, too, with their own results; scheduled ones
+/// beside them do not.
+#[test]
+fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
+    for has_results in [true, false] {
+        let change = if has_results { results } else { |_: &mut GatewayConfig| () };
+        let mut bench = with_sync0(echo(1), 300_000, change);
+        let clock = bench.port.adapter().ecrt().clock().clone();
+        let mut tickets = Vec::new();
+        let mut items = Vec::new();
+        for nth in 0..20_u8 {
+            items.extend(bench.cycle(|port| {
+                let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
+                port.schedule_can(0, 0, id(1), &[], at).unwrap();
+                tickets.push(port.send_can(0, 0, id(2), &[nth; 8]).unwrap());
+                port.schedule_can(0, 0, id(3), &[9], at).unwrap();
+                let long = ecan_protocol::CanId::extended(0x1234).unwrap();
+                tickets.push(port.send_can(0, 0, long, &[nth; 3]).unwrap());
+                if nth % 2 == 0 {
+                    clock.sleep_until_ns(clock.now_ns() + 400_000);
+                }
+            }));
+        }
+        items.extend(bench.idle(500));
+        let (told, truth) = (account(&bench), truth(&bench));
+        assert_eq!((told.scheduled, told.withdrawn, told.sent), (40, 20, 20));
+        assert_eq!((truth.frames_released, truth.frames_on_bus), (20, 60));
+        let mut sent_at_once = Vec::new();
+        let mut ended = Vec::new();
+        for item in &items {
+            match item {
+                Received::Frame(frame) if frame.frame.data().len() >= 3 => {
+                    sent_at_once.push((frame.frame.data().len(), frame.frame.data()[0]));
+                }
+                Received::TransmitReport(report) if report.schedule_tag.is_none() => {
+                    ended.push(report.ticket.unwrap());
+                }
+                _ => {}
+            }
+        }
+        let expected: Vec<_> = (0..20).flat_map(|nth| [(8, nth), (3, nth)]).collect();
+        assert_eq!(sent_at_once, expected);
+        tickets.retain(|_| has_results);
+        assert_eq!(ended, tickets);
+        let statistics = bench.port.statistics(0);
+        assert_eq!(statistics.channels[0].frames_discarded, 20);
+        assert_eq!(statistics.channels[0].frames_delivered, 60);
+    }
 }
 
 /// The next number of a plain generator.
