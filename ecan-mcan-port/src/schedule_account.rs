@@ -69,6 +69,10 @@ struct ChannelAccount {
     /// Taken since the last look at the flags, and before it.
     young: u64,
     ripe: u64,
+    /// Frames that were to be scheduled, taken by the Port or not.
+    asked: u64,
+    /// Frames that the gateway took, whatever became of them.
+    taken: u64,
 }
 
 impl ChannelAccount {
@@ -100,6 +104,18 @@ impl ScheduleAccounts {
         self.channels.get(usize::from(channel)).map(|c| c.account).unwrap_or_default()
     }
 
+    /// Frames that were to be scheduled, and those that the gateway took, on all channels. For
+    /// differences over a stretch of time: neither ever shrinks.
+    pub(crate) fn asked_and_taken(&self) -> (u64, u64) {
+        let sum = |of: fn(&ChannelAccount) -> u64| self.channels.iter().map(of).sum();
+        (sum(|it| it.asked), sum(|it| it.taken))
+    }
+
+    /// A frame is to be scheduled.
+    pub(crate) fn asked(&mut self, channel: u8) {
+        self.channel(channel).asked += 1;
+    }
+
     pub(crate) fn is_used(&self) -> bool {
         self.is_used
     }
@@ -118,6 +134,9 @@ impl ScheduleAccounts {
 
     pub(crate) fn ended(&mut self, channel: u8, fate: Fate) {
         let channel = self.channel(channel);
+        let is_taken =
+            matches!(fate, Fate::Taken | Fate::Result(ResultCode::Ok | ResultCode::Queued));
+        channel.taken += u64::from(is_taken);
         match fate {
             Fate::Taken | Fate::Result(ResultCode::Queued) => channel.young += 1,
             Fate::Result(ResultCode::Ok) => channel.close(1, |account| &mut account.sent),

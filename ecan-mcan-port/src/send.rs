@@ -344,6 +344,9 @@ impl Port {
         offset_ns: u32,
     ) -> Result<bool, SendError> {
         let refuse = |reason| SendError::NotSchedulable { slave, offset_ns, reason };
+        if let Some(gateway) = self.gateways.get_mut(slave) {
+            gateway.transmitter.accounts_mut().asked(channel);
+        }
         let margin = self.schedule_margin(slave, offset_ns).map_err(refuse)?;
         let has_margin = margin.is_sufficient();
         let begun_ns = self.cycle_point_ns.map(|_| self.adapter.cycle_start().late_ns);
