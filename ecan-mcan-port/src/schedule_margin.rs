@@ -27,15 +27,18 @@ pub(crate) const THIN_MARGIN_NS: u32 = 20_000;
 /// [`PortPlan::schedule_margin`](crate::PortPlan::schedule_margin) beforehand; both reckon alike.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScheduleMargin {
-    /// Earliest arrival of the image in the gateway.
+    /// Earliest arrival of the image in the gateway: no earlier than its own bytes have passed.
     pub earliest_arrival_ns: u64,
     /// Latest arrival of the image in the gateway.
     pub latest_arrival_ns: u64,
-    /// The pulse that the offset counts from.
+    /// The pulse that the offset counts from: the first that an image sent at the point of the grid
+    /// is there for, with the time through the host and on the wire.
     pub pulse_ns: u64,
     /// The phase at which the frame is sent.
     pub release_ns: u64,
-    /// From the pulse before to the earliest arrival.
+    /// From the pulse before to the earliest arrival. Negative where the pulse before falls into
+    /// the time between the image's own bytes and the way that is reckoned with: then some images
+    /// meet that one, and frames leave a period early.
     pub after_pulse_ns: i64,
     /// From the latest arrival to the pulse. Negative where the pulse falls into the arrivals:
     /// then some images meet this pulse and some the next one, and frames leave a period late.
@@ -120,8 +123,8 @@ impl ScheduleTimes {
         let sync0 = adapter.dc.map(|dc| {
             // Whatever the number of cycles in a Sync0 period: in one of them a pulse stands here.
             let shift = u64::from(dc.shift_ns) % cycle_ns;
-            // The first pulse that is not before every arrival.
-            let periods = earliest_arrival_ns.saturating_sub(shift).div_ceil(cycle_ns);
+            // The first pulse that an image sent at once is there for by the times of the settings.
+            let periods = (way_ns + 1).saturating_sub(shift).div_ceil(cycle_ns);
             Sync0 { pulse_ns: shift + periods * cycle_ns, period_ns: dc.cycle_ns }
         });
         Self {
@@ -218,8 +221,8 @@ mod tests {
 
     #[test]
     fn a_pulse_among_the_arrivals_has_no_margin() {
-        let margin = margin(100_000, 400_000);
-        assert_eq!((margin.before_pulse_ns, margin.lacking_ns()), (-100_000, 100_000));
+        let margin = margin(110_000, 400_000);
+        assert_eq!((margin.before_pulse_ns, margin.lacking_ns()), (-90_000, 90_000));
         assert!(!margin.is_sufficient() && !margin.is_thin());
     }
 
@@ -237,12 +240,25 @@ mod tests {
     fn the_pulse_is_the_first_behind_the_arrival() {
         let pulse = |shift_ns| margin(shift_ns, 100_000).pulse_ns;
         assert_eq!(
-            [700_000, 30_001, 30_000, 29_999, 0].map(pulse),
-            [700_000, 30_001, 30_000, 1_029_999, 1_000_000]
+            [700_000, 100_001, 100_000, 29_999, 0].map(pulse),
+            [700_000, 100_001, 1_100_000, 1_029_999, 1_000_000]
         );
         // A shift beyond the period, which the check refuses, is no reason to panic: the pulse is
         // at 300 us, too.
         assert_eq!(pulse(1_300_000), 300_000);
+    }
+
+    /// The image is there 30 us behind the point of the grid at the earliest, but 100 us are reckoned
+    /// with: a pulse between is met by none that keeps to the times, so offsets count from the next.
+    #[test]
+    fn a_pulse_within_the_way_means_the_next_one_without_margin() {
+        for shift_ns in [30_001, 65_000, 100_000] {
+            let times = times(ScheduleSettings::default(), Some(DcSync::new(1_000_000, shift_ns)));
+            let margin = times.margin(100_000).unwrap();
+            assert_eq!(margin.pulse_ns, u64::from(shift_ns) + 1_000_000);
+            assert!(!times.misses_pulse(0) && !times.misses_pulse(100_000));
+            assert_eq!(margin.lacking_ns(), u64::from(shift_ns) - 30_000);
+        }
     }
 
     #[test]
@@ -325,8 +341,9 @@ mod tests {
                 prop_assert!(offset_ns < dc.cycle_ns);
                 let cycle = u64::from(cycle_ns.max(1));
                 prop_assert!(margin.earliest_arrival_ns <= margin.latest_arrival_ns);
-                prop_assert!(margin.pulse_ns >= margin.earliest_arrival_ns);
-                prop_assert!(margin.pulse_ns < margin.earliest_arrival_ns + cycle);
+                let way = u64::from(transport_ns) + slave.outputs_arrive_ns;
+                prop_assert!(margin.pulse_ns > way && margin.pulse_ns <= way + cycle);
+                prop_assert!(!times.misses_pulse(0));
                 prop_assert_eq!(margin.pulse_ns % cycle, u64::from(dc.shift_ns) % cycle);
                 prop_assert_eq!(margin.release_ns - margin.pulse_ns, u64::from(offset_ns));
                 // From pulse to pulse is a cycle: arrivals and both distances fill it.

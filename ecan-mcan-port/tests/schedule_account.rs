@@ -316,6 +316,21 @@ fn the_margin_is_told_counted_or_demanded() {
     assert_eq!(beyond, Err(NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 }));
 }
 
+/// A pulse within the time that an image needs through the host and on the wire: without a margin,
+/// but frames are taken and sent, as is promised where margins are only counted.
+#[test]
+fn a_pulse_within_the_way_of_the_images_refuses_no_frame() {
+    for shift_ns in [31_000, 50_000, 95_000] {
+        let mut bench = with_sync0(echo(1), shift_ns, results);
+        assert!(bench.port.schedule_margin(0, OFFSET_NS).unwrap().after_pulse_ns < 0);
+        for _ in 0..100 {
+            assert_eq!(schedule(&mut bench, 1, OFFSET_NS), 1, "shift {shift_ns}");
+        }
+        let (told, _) = check(&mut bench);
+        assert_eq!((told.without_margin, told.sent, told.refused_late), (100, 100, 0));
+    }
+}
+
 #[test]
 fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
     let mut bench = with_sync0(echo(1), SHIFT_NS, results);
