@@ -20,6 +20,7 @@ mod batch;
 mod config;
 mod config_check;
 mod cycle;
+mod cycle_place;
 mod error;
 mod phase_sweep;
 mod phase_table;

@@ -34,7 +34,8 @@ pub struct ScheduleSettings {
     /// the cycle.
     pub watch_ms: u32,
     /// Whether an image that holds nothing but scheduled frames is given up when it may not have
-    /// arrived: published again it could only send them a period late.
+    /// arrived and the Sync0 pulse of its cycle has passed: published again it could only send them
+    /// a period late.
     ///
     /// An image that also holds frames to be sent at once is published again in any case, as those
     /// must not be lost. Its scheduled frames may then leave a period late, and count as unknown

@@ -356,7 +356,8 @@ impl Port {
             return Err(refuse(NotSchedulable::NoMargin { lacking_ns }));
         }
         // What is sent while an image is held goes out in a later cycle.
-        let is_late = begun_ns.is_some_and(|ns| gateway.schedule_times.misses_pulse(ns));
+        let is_late =
+            begun_ns.is_some_and(|ns| gateway.schedule_times.misses_pulse(self.since_first_ns, ns));
         if is_late || gateway.transmitter.is_holding() {
             gateway.transmitter.accounts_mut().refused_late(channel);
             return Err(SendError::NoRoom { slave, channel, what: NoRoom::Phase });

@@ -113,9 +113,11 @@ impl Transmitter {
         Some(frame)
     }
 
-    /// Whether the image being filled holds scheduled frames and will be published.
+    /// Whether the image that will be published holds scheduled frames.
     pub(crate) fn has_scheduled(&self) -> bool {
-        self.is_open && !self.is_holding && self.filling_scheduled > 0
+        let scheduled =
+            if self.is_holding { self.published_scheduled } else { self.filling_scheduled };
+        self.is_open && scheduled > 0
     }
 
     /// Bytes left in the image being filled.
@@ -123,11 +125,13 @@ impl Transmitter {
         self.writer.room()
     }
 
-    /// Start of a cycle: `delivery` is the fate of the image published in the last one.
+    /// Start of a cycle: `delivery` is the fate of the image published in the last one, whose
+    /// scheduled frames count from the same pulse as those of this cycle if `is_same_pulse`.
     pub(crate) fn begin(
         &mut self,
         image: &mut [u8],
         delivery: Delivery,
+        is_same_pulse: bool,
         statistics: &mut SlaveStatistics,
     ) {
         if self.is_open {
@@ -141,14 +145,13 @@ impl Transmitter {
             }
             Delivery::Missed | Delivery::Unknown => {
                 self.misses = self.misses.saturating_add(1);
-                if carries_frames && !self.is_holding && self.is_past_its_phase() {
-                    self.give_up_published(statistics);
-                    self.start_image();
-                } else if carries_frames {
+                if carries_frames {
                     if !self.is_holding {
                         self.is_holding = true;
-                        self.history.repeated(self.published_sequence);
                         self.start_image();
+                    }
+                    if !is_same_pulse {
+                        self.pulse_passed(image, statistics);
                     }
                 } else {
                     self.published = None;
@@ -160,10 +163,26 @@ impl Transmitter {
         self.is_open = true;
     }
 
-    /// Published again, the image could do nothing but send its frames a period late.
-    fn is_past_its_phase(&self) -> bool {
+    /// The pulse of the held image has passed: published again it sends its scheduled frames a
+    /// period late. Where it could do nothing else, it is given up.
+    fn pulse_passed(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         let frames: u16 = self.published.iter().flatten().map(|n| u16::from(*n)).sum();
-        self.gives_up_missed && frames == u16::from(self.published_scheduled)
+        if self.gives_up_missed && frames == u16::from(self.published_scheduled) {
+            self.give_up_published(statistics);
+            self.let_go(image);
+        } else {
+            self.history.repeated(self.published_sequence);
+        }
+    }
+
+    /// What was filled beside the held image takes its place.
+    fn let_go(&mut self, image: &mut [u8]) {
+        self.is_holding = false;
+        let packets = HEADER_BYTES..HEADER_BYTES + self.writer.used();
+        if let (Some(to), Some(from)) = (image.get_mut(packets.clone()), self.spare.get(packets)) {
+            to.copy_from_slice(from);
+        }
+        self.writer.assume_dirty();
     }
 
     /// Gives up the published image, of which it is not known whether it arrived.
@@ -191,16 +210,11 @@ impl Transmitter {
         for (channel, count) in self.published.take().iter().flatten().enumerate() {
             statistics.channels[channel].frames_delivered += u64::from(*count);
         }
-        if !self.is_holding {
+        if self.is_holding {
+            self.let_go(image);
+        } else {
             self.start_image();
-            return;
         }
-        self.is_holding = false;
-        let packets = HEADER_BYTES..HEADER_BYTES + self.writer.used();
-        if let (Some(to), Some(from)) = (image.get_mut(packets.clone()), self.spare.get(packets)) {
-            to.copy_from_slice(from);
-        }
-        self.writer.assume_dirty();
     }
 
     fn start_image(&mut self) {
@@ -280,10 +294,14 @@ impl Transmitter {
         count_discarded(&std::mem::take(&mut self.filling), statistics)
     }
 
-    /// The image being filled comes too late for the phase of its scheduled frames: they are taken
-    /// back, and the others move up.
+    /// The image to be published comes too late for the phase of its scheduled frames: they are
+    /// taken back, and the others move up; those of a held one may have left.
     pub(crate) fn withdraw_late(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         if !self.has_scheduled() {
+            return;
+        }
+        if self.is_holding {
+            self.pulse_passed(image, statistics);
             return;
         }
         let frames: u16 = self.filling.iter().map(|n| u16::from(*n)).sum();

@@ -433,6 +433,86 @@ fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
     }
 }
 
+/// Sync0 of 4 ms with cycles of 1 ms: one cycle in four has a pulse.
+fn with_long_sync0(shift_ns: u32, change: fn(&mut GatewayConfig)) -> Bench {
+    let mut bench = with_sync0(echo(1), SHIFT_NS, change);
+    let mut adapter = bench.port.adapter().config().clone();
+    adapter.dc = Some(ecan_host::DcSync::new(4_000_000, shift_ns));
+    let config = bench.port.config().clone();
+    bench.port.reconfigure(adapter, config).unwrap();
+    bench.port.wait_ready(common::READY_MS).unwrap();
+    bench
+}
+
+/// A cycle that ends behind the time at which a pulse stands misses one only where there is one.
+#[test]
+fn only_the_cycle_with_the_pulse_can_miss_it() {
+    let mut bench = with_long_sync0(300_000, results);
+    bench.simulation.with_world(|world| world.record_bus_of(0, 0));
+    let clock = bench.port.adapter().ecrt().clock().clone();
+    for _ in 0..400 {
+        bench.cycle(|port| {
+            let point_ns = port.adapter().cycle_time_ns();
+            let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
+            port.schedule_can(0, 0, id(1), &point_ns.to_le_bytes(), at).unwrap();
+            clock.sleep_until_ns(clock.now_ns() + 250_000);
+        });
+    }
+    bench.idle(500);
+    let (told, truth) = (account(&bench), truth(&bench));
+    assert_eq!((told.scheduled, told.withdrawn, told.sent), (400, 100, 300));
+    assert_eq!(truth.frames_released, 300);
+    let frames = bench.simulation.with_world(|world| world.take_recorded());
+    for frame in frames.iter().filter(|it| it.is_from_channel) {
+        let point_ns = u64::from_le_bytes(*frame.frame.data().first_chunk().unwrap());
+        let waited_ns = frame.start_ns - point_ns;
+        // Three share a pulse, and the bus with their echoes.
+        assert!((1_400_000..4_400_000).contains(&waited_ns), "{waited_ns} ns");
+    }
+}
+
+/// A lost image that goes out again before its pulse is as good as new.
+#[test]
+fn a_repeat_that_meets_the_same_pulse_loses_nothing() {
+    for change in [results as fn(&mut GatewayConfig), |_| ()] {
+        let mut bench = with_long_sync0(SHIFT_NS, change);
+        let mut outcomes = Vec::new();
+        for _ in 0..4 {
+            let (before, released) = (account(&bench), truth(&bench).frames_released);
+            for nth in 0..40 {
+                if nth % 4 == 0 {
+                    let way = LostWay::Outward;
+                    bench.simulation.inject(Fault::LostFrame { way, cycles: 1 });
+                }
+                schedule(&mut bench, u16::from(nth % 4 == 0), OFFSET_NS);
+            }
+            bench.idle(501);
+            let (told, released) = (account(&bench), truth(&bench).frames_released - released);
+            outcomes.push((told.sent - before.sent, told.unknown - before.unknown, released));
+        }
+        outcomes.sort_unstable();
+        // In the cycle of the pulse it comes too late.
+        assert_eq!(outcomes, [(0, 10, 0), (10, 0, 10), (10, 0, 10), (10, 0, 10)]);
+    }
+}
+
+/// An image that stays lost until its pulse has passed is given up then.
+#[test]
+fn a_repeat_is_given_up_when_the_pulse_has_passed() {
+    for change in [results as fn(&mut GatewayConfig), |_| ()] {
+        let mut bench = with_long_sync0(SHIFT_NS, change);
+        for _ in 0..20 {
+            let way = LostWay::Outward;
+            bench.simulation.inject(Fault::LostFrame { way, cycles: 5 });
+            schedule(&mut bench, 1, OFFSET_NS);
+            bench.idle(12);
+        }
+        bench.idle(500);
+        let (told, truth) = (account(&bench), truth(&bench));
+        assert_eq!((told.sent, told.unknown, truth.frames_released), (0, 20, 0));
+    }
+}
+
 /// The next number of a plain generator.
 fn draw(state: &mut u64, below: u64) -> u64 {
     *state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
