@@ -66,7 +66,8 @@ pub(crate) enum Fate {
 #[derive(Debug, Clone, Copy, Default)]
 struct ChannelAccount {
     account: ScheduleAccount,
-    /// Taken since the last look at the flags, and before it.
+    /// Taken since the end of the last look at the flags, and before it. The next look begins when
+    /// those taken before have met their phase.
     young: u64,
     ripe: u64,
     /// Frames that were to be scheduled, taken by the Port or not.

@@ -444,6 +444,33 @@ fn with_long_sync0(shift_ns: u32, change: fn(&mut GatewayConfig)) -> Bench {
     bench
 }
 
+/// Where a look at the flags takes longer than the interval between looks, and Sync0 is long, frames
+/// wait for a look behind their phase: more at a phase than the controller holds are never told as
+/// sent.
+#[test]
+fn a_look_before_the_phase_tells_nothing() {
+    let mut failed = 0;
+    for nth in 0..40 {
+        let mut adapter = ecan_host::AdapterConfig::new(1).with_cycle_us(10_000).with_multiplier(8);
+        adapter.dc = Some(ecan_host::DcSync::new(100_000_000, 5_000_000));
+        let mut gateway = GatewayConfig::on_channel(0, common::classic());
+        results(&mut gateway);
+        gateway.paced = false;
+        let config = ecan_mcan_port::PortConfig::uniform(1, gateway);
+        let mut bench = Bench::ready(echo(1), adapter, config);
+        // The looks begin with the first frame.
+        assert_eq!(schedule(&mut bench, 1, OFFSET_NS), 1);
+        bench.idle(nth);
+        let taken = schedule(&mut bench, 60, 90_000_000);
+        assert!(taken > 40);
+        let (told, truth) = check(&mut bench);
+        let happened = truth.transmit_losses.schedule_failed;
+        assert!(told.unknown >= u64::from(taken), "{nth} {told:?}");
+        failed += happened;
+    }
+    assert!(failed > 400, "{failed}");
+}
+
 /// A cycle that ends behind the time at which a pulse stands misses one only where there is one.
 #[test]
 fn only_the_cycle_with_the_pulse_can_miss_it() {
