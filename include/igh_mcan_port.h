@@ -787,7 +787,7 @@ typedef struct {
 typedef struct {
     /** Frames that were taken. */
     uint64_t scheduled;
-    /** Frames that left at their phase. */
+    /** Frames that the gateway took and, by its flags, handed to the CAN controller at their phase. */
     uint64_t sent;
     /** Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT. */
     uint64_t late_dropped;
@@ -795,9 +795,12 @@ typedef struct {
     uint64_t queue_full;
     /** Frames that the gateway did not take for another reason. Needs TX_RESULT. */
     uint64_t not_sent;
-    /** Frames that never left the host. */
+    /** Frames that never left the host: discarded, or taken back since the cycle ended too late. */
     uint64_t withdrawn;
-    /** Frames of which it cannot be told. */
+    /**
+     * Frames of which it cannot be told, among them those of an image that was published again, a
+     * period late.
+     */
     uint64_t unknown;
     /** Frames of which it is not told yet. */
     uint64_t open;

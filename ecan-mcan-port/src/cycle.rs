@@ -1,6 +1,6 @@
 //! The cycle of the Port: begin, receive, end.
 
-use ecan_host::{Adapter, CycleError, DomainReport};
+use ecan_host::{Adapter, CycleError, DomainReport, Phase};
 use ecan_protocol::ParseDiagnosis;
 
 use crate::port::{Gateway, Port};
@@ -55,7 +55,15 @@ impl Port {
         if self.cycle_open {
             return Ok(());
         }
-        let result = begin(&mut self.adapter, &mut self.gateways);
+        let result = self.adapter.receive();
+        if self.adapter.phase() == Phase::Active {
+            let time_ns = self.adapter.cycle_time_ns();
+            self.since_first_ns = self.cycle_place.begin(time_ns, self.adapter.config());
+        }
+        let place_ns = self.cycle_point_ns.map(|_| self.since_first_ns);
+        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
+            begin_gateway(&mut self.adapter, slave, gateway, place_ns);
+        }
         self.cycle_open = true;
         result
     }
@@ -119,21 +127,19 @@ impl Port {
     pub fn cycle_end(&mut self) -> Result<(), CycleError> {
         self.cycle_open = false;
         if let Some(point_ns) = self.cycle_point_ns.take() {
-            withdraw_late(&self.adapter, &mut self.gateways, point_ns);
+            withdraw_late(&mut self.adapter, &mut self.gateways, point_ns, self.since_first_ns);
         }
         end(&mut self.adapter, &mut self.gateways)
     }
 }
 
-pub(crate) fn begin(adapter: &mut Adapter, gateways: &mut [Gateway]) -> Result<(), CycleError> {
-    let result = adapter.receive();
-    for (slave, gateway) in gateways.iter_mut().enumerate() {
-        begin_gateway(adapter, slave, gateway);
-    }
-    result
-}
-
-fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
+/// One gateway's part; `place_ns` is the application time since the first cycle, where it is known.
+fn begin_gateway(
+    adapter: &mut Adapter,
+    slave: usize,
+    gateway: &mut Gateway,
+    place_ns: Option<u64>,
+) {
     let report = adapter.domain_report(slave);
     let limits = (gateway.hold_limit, gateway.input_limit);
     let Gateway { session, transmitter, receiver, statistics, watch, .. } = gateway;
@@ -141,7 +147,10 @@ fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
         statistics.cycles += 1;
         statistics.incomplete_cycles += u64::from(!report.is_complete());
     }
-    transmitter.begin(adapter.rx_pdo_mut(slave), report.outputs, statistics);
+    let pulse_ns = place_ns.and_then(|ns| gateway.schedule_times.pulse_of(ns));
+    let last_ns = std::mem::replace(&mut gateway.pulse_ns, pulse_ns);
+    let is_same_pulse = pulse_ns.is_some() && last_ns == pulse_ns;
+    transmitter.begin(adapter.rx_pdo_mut(slave), report.outputs, is_same_pulse, statistics);
     let no_input = limits.1 > 0 && receiver.misses() > limits.1;
     let is_lost = transmitter.misses() > limits.0 || no_input;
     match session.step(adapter, is_lost) {
@@ -174,11 +183,18 @@ fn begin_gateway(adapter: &mut Adapter, slave: usize, gateway: &mut Gateway) {
 
 /// Takes scheduled frames back whose image would arrive behind their pulse: they would go out a
 /// period late.
-fn withdraw_late(adapter: &Adapter, gateways: &mut [Gateway], point_ns: u64) {
-    for gateway in gateways.iter_mut().filter(|gateway| gateway.transmitter.has_scheduled()) {
+fn withdraw_late(
+    adapter: &mut Adapter,
+    gateways: &mut [Gateway],
+    point_ns: u64,
+    since_first_ns: u64,
+) {
+    let gateways = gateways.iter_mut().enumerate();
+    for (slave, gateway) in gateways.filter(|(_, gateway)| gateway.transmitter.has_scheduled()) {
         let sent_ns = adapter.clock().now_ns().saturating_sub(point_ns);
-        if gateway.schedule_times.misses_pulse(sent_ns) {
-            gateway.transmitter.withdraw_late(&mut gateway.statistics);
+        if gateway.schedule_times.misses_pulse(since_first_ns, sent_ns) {
+            let image = adapter.rx_pdo_mut(slave);
+            gateway.transmitter.withdraw_late(image, &mut gateway.statistics);
         }
     }
 }

@@ -4,6 +4,7 @@ use ecan_host::{CycleError, Faults};
 use thiserror::Error;
 
 use crate::config_check::PortConfigFault;
+use crate::phase_sweep::PhaseSweepFault;
 use crate::session::{Awaited, Session};
 use crate::verification::VerificationFault;
 
@@ -23,6 +24,9 @@ pub enum PortError {
     /// Phases of Sync0 are to be tried, but distributed clocks are not configured.
     #[error("distributed clocks with Sync0 are not configured: there is no phase to be found")]
     NoSync0,
+    /// A sweep over phases that cannot be tried; nothing was touched.
+    #[error(transparent)]
+    PhaseSweep(#[from] PhaseSweepFault),
     /// A gateway is in OP but was not taken into service in time.
     #[error(
         "slave {slave} is {session} after {waited_ms} ms{}",

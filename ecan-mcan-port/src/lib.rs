@@ -20,6 +20,7 @@ mod batch;
 mod config;
 mod config_check;
 mod cycle;
+mod cycle_place;
 mod error;
 mod phase_sweep;
 mod phase_table;
@@ -46,7 +47,7 @@ pub use config::{ChannelSettings, GatewayConfig, PortConfig, Traffic};
 pub use config_check::PortConfigFault;
 pub use cycle::{CycleReport, ImageReport};
 pub use error::PortError;
-pub use phase_sweep::PhaseSweep;
+pub use phase_sweep::{PhaseSweep, PhaseSweepFault};
 pub use phase_table::{PhaseMargins, PhasePoint, PhaseTable};
 pub use plan::{
     ChannelLoad, ChannelPlan, CpuCost, FrameRate, FrameStream, FrameWay, GatewayPlan, ImageFill,

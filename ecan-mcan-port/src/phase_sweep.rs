@@ -2,6 +2,7 @@
 
 use ecan_host::{Diagnostics, Error};
 use ecan_protocol::CHANNELS;
+use thiserror::Error;
 
 use crate::error::PortError;
 use crate::phase_table::{PhasePoint, PhaseTable};
@@ -10,8 +11,8 @@ use crate::schedule_margin::THIN_MARGIN_NS;
 use crate::schedule_watch::{LATE_DROP, QUEUE_FULL, TIMER_MISS, TX_FAIL};
 
 const SCHEDULE_FLAGS: u16 = LATE_DROP | QUEUE_FULL | TX_FAIL | TIMER_MISS;
-/// Cycles without frames that let those under way meet their phases.
-const QUIET_CYCLES: u32 = 8;
+/// Cycles without frames that let those under way come back, beside those of two Sync0 periods.
+const QUIET_CYCLES: u64 = 4;
 
 /// The candidates of a sweep, and how long each is tried.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -45,14 +46,55 @@ impl PhaseSweep {
     }
 }
 
+/// Why a sweep cannot be tried.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum PhaseSweepFault {
+    /// A shift is not below the Sync0 period.
+    #[error("the shift of {shift_ns} ns is not below the Sync0 period of {sync0_ns} ns")]
+    Shift {
+        /// The shift, in nanoseconds.
+        shift_ns: u32,
+        /// The Sync0 period, in nanoseconds.
+        sync0_ns: u32,
+    },
+    /// An offset is not below the Sync0 period.
+    #[error("the offset of {offset_ns} ns is not below the Sync0 period of {sync0_ns} ns")]
+    Offset {
+        /// The offset, in nanoseconds.
+        offset_ns: u32,
+        /// The Sync0 period, in nanoseconds.
+        sync0_ns: u32,
+    },
+    /// No cycle is to be measured, so nothing would speak against any point.
+    #[error("no cycle is to be measured: nothing would tell a good phase from a bad one")]
+    NoCycles,
+}
+
+impl PhaseSweep {
+    fn check(&self, sync0_ns: u32) -> Result<(), PhaseSweepFault> {
+        let beyond = |ns: &&u32| **ns >= sync0_ns;
+        if let Some(&shift_ns) = self.shifts_ns.iter().find(beyond) {
+            return Err(PhaseSweepFault::Shift { shift_ns, sync0_ns });
+        }
+        if let Some(&offset_ns) = self.offsets_ns.iter().find(beyond) {
+            return Err(PhaseSweepFault::Offset { offset_ns, sync0_ns });
+        }
+        if self.cycles == 0 { Err(PhaseSweepFault::NoCycles) } else { Ok(()) }
+    }
+}
+
 /// What happened in all gateways so far.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Default)]
 struct Counts {
     incomplete_cycles: u64,
     sessions_lost: u64,
     late_drops: u64,
     other_drops: u64,
     host_drops: u64,
+    taken: u64,
+    /// Per gateway: frames that were to be scheduled, and those that the Port took.
+    scheduled: Vec<(u64, u64)>,
 }
 
 impl Counts {
@@ -62,12 +104,18 @@ impl Counts {
             let statistics = port.statistics(slave);
             counts.incomplete_cycles += statistics.incomplete_cycles;
             counts.sessions_lost += statistics.sessions_lost;
+            let mut scheduled = 0;
             for channel in 0..CHANNELS as u8 {
                 let account = port.schedule_account(slave, channel);
+                scheduled += account.scheduled;
                 counts.late_drops += account.late_dropped;
                 counts.other_drops += account.queue_full + account.not_sent;
                 counts.host_drops += account.refused_late + account.withdrawn;
             }
+            let accounts = port.gateways.get(slave).map(|gateway| gateway.transmitter.accounts());
+            let (asked, taken) = accounts.map_or((0, 0), |it| it.asked_and_taken());
+            counts.taken += taken;
+            counts.scheduled.push((asked, scheduled));
         }
         counts
     }
@@ -78,7 +126,8 @@ impl Port {
     ///
     /// The Port is reconfigured for every shift, and afterwards again as it was before. `cycle`
     /// runs one cycle of the application, from `cycle_begin` to `cycle_end`, with its frames
-    /// scheduled at the offset that it gets; errors that it returns end the sweep. For each
+    /// scheduled at the offset that it gets, at least one for each gateway and Sync0 period: a point
+    /// is good only if they were all taken. Errors that it returns end the sweep. For each
     /// candidate the gateways' runtime diagnostics are cleared (0xB000:04 and 0x9011:14) and read
     /// afterwards. With [`OptionFlags::TX_RESULT`](ecan_protocol::OptionFlags::TX_RESULT) late
     /// frames are counted, otherwise only a flag tells of them. `progress` gets each point when it
@@ -87,8 +136,8 @@ impl Port {
     /// Blocks for as long as it takes; not for a machine at work.
     ///
     /// # Errors
-    /// [`PortError::NoSync0`], whatever keeps the gateways from going
-    /// back into service with the old configuration; the application's. A shift with which they do
+    /// [`PortError::NoSync0`]; [`PortError::PhaseSweep`] with a candidate that is no phase; whatever
+    /// keeps the gateways from going back into service with the old configuration; the application's. A shift with which they do
     /// not go into service is a point of the table.
     pub fn sweep_phase<E: From<PortError>>(
         &mut self,
@@ -98,6 +147,7 @@ impl Port {
     ) -> Result<PhaseTable, E> {
         let (before, config) = (self.adapter.config().clone(), self.config().clone());
         let dc = before.dc.ok_or(PortError::NoSync0)?;
+        sweep.check(dc.cycle_ns).map_err(PortError::from)?;
         let mut table = PhaseTable {
             period_ns: dc.cycle_ns,
             arrival_margin_ns: sweep.arrival_margin_ns,
@@ -163,7 +213,15 @@ impl Port {
         point.late_drops = after.late_drops - before.late_drops;
         point.other_drops = after.other_drops - before.other_drops;
         point.host_drops = after.host_drops - before.host_drops;
+        point.taken = after.taken - before.taken;
+        let cycle_ns = self.adapter.config().cycle_ns;
         let period_ns = self.adapter.config().dc.map_or(0, |dc| dc.cycle_ns);
+        let periods = u64::from(sweep.cycles) * u64::from(cycle_ns) / u64::from(period_ns.max(1));
+        for (after, before) in after.scheduled.iter().zip(&before.scheduled) {
+            let (asked, scheduled) = (after.0 - before.0, after.1 - before.1);
+            point.scheduled += scheduled;
+            point.short_gateways += u32::from(asked > 0 && scheduled < periods);
+        }
         let told = self.diagnose(|diagnostics| read(diagnostics, slaves, period_ns))?;
         let told = told.map_err(PortError::from)?;
         point.flags = told.flags;
@@ -176,7 +234,10 @@ impl Port {
 
     /// Cycles without frames. What comes back is thrown away, but results are accounted for.
     fn let_pass(&mut self) {
-        for _ in 0..QUIET_CYCLES {
+        // A pulse comes within one period, the phase behind it within another.
+        let config = self.adapter.config();
+        let phases_ns = config.dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns));
+        for _ in 0..phases_ns.div_ceil(config.cycle_ns.max(1).into()) + QUIET_CYCLES {
             self.wait_next_cycle();
             // A cycle that fails shows in the working counters.
             let _ = self.cycle_begin();
@@ -208,17 +269,47 @@ fn read(diagnostics: &Diagnostics, slaves: usize, period_ns: u32) -> Result<Told
         let upload = |index, subindex| diagnostics.sdo_upload_u32(slave, index, subindex);
         told.flags |= upload(0xB000, 6)? as u16 & SCHEDULE_FLAGS;
         let clock_hz = u64::from(upload(0x8000, 4)?);
-        let (least, most) = (upload(0x9011, 4)?, upload(0x9011, 5)?);
-        // A gateway that does not measure it, or means something else by it, tells nothing.
-        let ns = |cycles: u32| (u64::from(cycles) * 1_000_000_000).checked_div(clock_hz);
-        let (Some(least), Some(most)) = (ns(least), ns(most)) else { continue };
-        let period = u64::from(period_ns);
-        if (least, most) == (0, 0) || most > period {
-            continue;
-        }
-        let (after, before) = (least as u32, (period - most) as u32);
+        let (least, most) = (upload(0x9011, 4)? as i32, upload(0x9011, 5)? as i32);
+        let Some((after, before)) = distances(least, most, clock_hz, period_ns) else { continue };
         let (a, b) = told.arrival_ns.unwrap_or((after, before));
         told.arrival_ns = Some((a.min(after), b.min(before)));
     }
     Ok(told)
+}
+
+/// Shortest distances in nanoseconds from the pulse before and to the pulse behind, of arrivals
+/// between `least` and `most` CPU cycles behind a pulse. None where a gateway does not measure
+/// them, or means something else by them.
+fn distances(least: i32, most: i32, clock_hz: u64, period_ns: u32) -> Option<(u32, u32)> {
+    let ns = |cycles: i32| (i64::from(cycles) * 1_000_000_000).checked_div(clock_hz as i64);
+    let (least_ns, most_ns, period_ns) = (ns(least)?, ns(most)?, i64::from(period_ns));
+    let is_plausible = least_ns <= most_ns && -period_ns <= least_ns && most_ns <= period_ns;
+    if !is_plausible || (least, most) == (0, 0) || most_ns - least_ns > period_ns {
+        return None;
+    }
+    let (after, before) = match (least_ns < 0, most_ns < 0) {
+        (false, _) => (least_ns, period_ns - most_ns),
+        (true, true) => (period_ns + least_ns, -most_ns),
+        // On both sides of the pulse.
+        (true, false) => (0, 0),
+    };
+    Some((u32::try_from(after).ok()?, u32::try_from(before).ok()?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn arrivals_before_and_behind_the_pulse_have_their_distances() {
+        let of = |least, most| distances(least, most, 500_000_000, 1_000_000);
+        assert_eq!(of(100_000, 150_000), Some((200_000, 700_000)));
+        assert_eq!(of(-150_000, -100_000), Some((700_000, 200_000)), "before the pulse");
+        assert_eq!(of(-200, 50_000), Some((0, 0)), "on both sides of it");
+        assert_eq!(of(0, 0), None, "not measured");
+        assert_eq!(of(150_000, 100_000), None, "the wrong way round");
+        assert_eq!(of(0, 500_001), None, "beyond the period");
+        assert_eq!(of(-400_000, 400_000), None, "further apart than pulses");
+        assert_eq!(distances(1, 2, 0, 1_000_000), None, "no clock");
+    }
 }

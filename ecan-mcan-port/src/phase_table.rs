@@ -12,6 +12,13 @@ pub struct PhasePoint {
     pub offset_ns: u32,
     /// Cycles that were measured.
     pub cycles: u64,
+    /// Frames that the Port took to be scheduled, for all gateways.
+    pub scheduled: u64,
+    /// Frames among them that the gateways took.
+    pub taken: u64,
+    /// Gateways for which the Port took less than one frame in a Sync0 period, although it was
+    /// asked to.
+    pub short_gateways: u32,
     /// Cycles whose working counter was not complete, over all gateways.
     pub incomplete_cycles: u64,
     /// Times that a gateway was lost.
@@ -62,7 +69,8 @@ pub struct PhaseTable {
 }
 
 impl PhaseTable {
-    /// Whether nothing was lost at a point, and no image came near a pulse.
+    /// Whether frames were sent at a point, none was lost or refused there, and no image came near
+    /// a pulse.
     pub fn is_good(&self, point: &PhasePoint) -> bool {
         let keeps = |distance: Option<u32>| distance.is_none_or(|ns| ns >= self.arrival_margin_ns);
         let lost = point.incomplete_cycles
@@ -71,6 +79,9 @@ impl PhaseTable {
             + point.other_drops
             + point.host_drops;
         lost == 0
+            && point.scheduled > 0
+            && point.taken == point.scheduled
+            && point.short_gateways == 0
             && point.failure.is_none()
             && point.flags == 0
             && keeps(point.arrival_after_pulse_ns)
@@ -137,9 +148,10 @@ impl fmt::Display for PhaseTable {
         let recommended = self.recommended();
         writeln!(
             f,
-            "{:>9} {:>9} {:>7} {:>6} {:>6} {:>6} {:>6} {:>17} {:>17} {:>15}",
+            "{:>9} {:>9} {:>13} {:>7} {:>6} {:>6} {:>6} {:>6} {:>17} {:>17} {:>15}",
             "shift us",
             "offset us",
+            "taken",
             "WC miss",
             "late",
             "other",
@@ -165,7 +177,8 @@ impl fmt::Display for PhaseTable {
             let offset = margins.map(|m| pair(us(m.offset_below_ns), us(m.offset_above_ns)));
             write!(
                 f,
-                "{:>7} {:>6} {:>6} {:>6} {:>6} {arrival:>17} {:>17} {:>15}",
+                "{:>13} {:>7} {:>6} {:>6} {:>6} {:>6} {arrival:>17} {:>17} {:>15}",
+                format!("{}/{}", point.taken, point.scheduled),
                 point.incomplete_cycles,
                 point.late_drops,
                 point.other_drops,
@@ -212,6 +225,8 @@ mod tests {
                     shift_ns: shift * 1_000,
                     offset_ns: offset * 1_000,
                     cycles: 10,
+                    scheduled: 10,
+                    taken: 10,
                     late_drops: u64::from(!is_good(shift, offset)),
                     ..PhasePoint::default()
                 });
@@ -265,8 +280,11 @@ mod tests {
     #[test]
     fn each_trouble_makes_a_point_bad() {
         let table = table(|_, _| true);
-        let troubles: [fn(&mut PhasePoint); 8] = [
+        let troubles: [fn(&mut PhasePoint); 11] = [
             |point| point.incomplete_cycles = 1,
+            |point| (point.scheduled, point.taken) = (0, 0),
+            |point| point.taken = 9,
+            |point| point.short_gateways = 1,
             |point| point.sessions_lost = 1,
             |point| point.other_drops = 1,
             |point| point.host_drops = 1,

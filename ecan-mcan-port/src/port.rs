@@ -8,6 +8,7 @@ use ecan_protocol::{
 
 use crate::config::{GatewayConfig, PortConfig};
 use crate::cycle::CycleReport;
+use crate::cycle_place::CyclePlace;
 use crate::error::PortError;
 use crate::receiver::Receiver;
 use crate::schedule_margin::ScheduleTimes;
@@ -35,6 +36,9 @@ pub(crate) struct Gateway {
     pub(crate) input_limit: u16,
     pub(crate) schedule: ScheduleSettings,
     pub(crate) schedule_times: ScheduleTimes,
+    /// The pulse that scheduled frames of the running cycle count from, in application time since
+    /// the first cycle; none where that is not known.
+    pub(crate) pulse_ns: Option<u64>,
     pub(crate) watch: ScheduleWatch,
 }
 
@@ -50,6 +54,9 @@ pub struct Port {
     pub(crate) cycle_open: bool,
     /// Point of the running cycle on the grid, where the cycle was waited for.
     pub(crate) cycle_point_ns: Option<u64>,
+    pub(crate) cycle_place: CyclePlace,
+    /// Application time of the running cycle since the first one.
+    pub(crate) since_first_ns: u64,
     config: PortConfig,
 }
 
@@ -90,9 +97,15 @@ impl Port {
             .map_err(PortError::from)
             .and_then(|()| build_gateways(&mut adapter, &config));
         match built {
-            Ok(gateways) => {
-                Ok(Self { adapter, gateways, cycle_open: false, cycle_point_ns: None, config })
-            }
+            Ok(gateways) => Ok(Self {
+                adapter,
+                gateways,
+                cycle_open: false,
+                cycle_point_ns: None,
+                cycle_place: CyclePlace::default(),
+                since_first_ns: 0,
+                config,
+            }),
             Err(error) => Err((Box::new(adapter), error)),
         }
     }
@@ -119,6 +132,7 @@ impl Port {
         self.gateways.clear();
         self.cycle_open = false;
         self.cycle_point_ns = None;
+        self.cycle_place = CyclePlace::default();
         result?;
         self.gateways = build_gateways(&mut self.adapter, &config)?;
         self.config = config;
@@ -261,6 +275,7 @@ fn build_gateway(
         channel_mask,
         schedule,
         schedule_times,
+        pulse_ns: None,
         fd_mask,
         is_paced: config.paced,
         hold_limit: config.hold_limit,

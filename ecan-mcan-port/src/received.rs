@@ -134,9 +134,12 @@ impl ReceivedView<'_> {
     }
 
     pub(crate) fn from_result(slave: usize, result: &TxResult, send: Option<OpenFrame>) -> Self {
-        let ticket = SendTicket { slave, sequence: result.sequence, index: result.frame_index };
         Self::TransmitReport(TransmitReport {
-            ticket: send.map(|_| ticket),
+            ticket: send.map(|send| SendTicket {
+                slave,
+                sequence: result.sequence,
+                index: send.index,
+            }),
             slave,
             channel: result.channel,
             code: result.code,

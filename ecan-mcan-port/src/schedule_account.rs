@@ -17,7 +17,9 @@ use crate::schedule_watch::ScheduleDiagnostics;
 pub struct ScheduleAccount {
     /// Frames that the Port took.
     pub scheduled: u64,
-    /// Frames that the gateway took and, by its flags, handed to the CAN controller at their phase.
+    /// Frames that the gateway took and, by its flags, handed to the CAN controller at their phase:
+    /// that of the Sync0 period that followed the cycle, as far as it is reckoned whether an image
+    /// comes too late, see [`Port::schedule_can`](crate::Port::schedule_can).
     pub sent: u64,
     /// Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT.
     pub late_dropped: u64,
@@ -26,10 +28,12 @@ pub struct ScheduleAccount {
     /// Frames that the gateway did not take for another reason: bus-off, channel not enabled.
     /// Needs TX_RESULT.
     pub not_sent: u64,
-    /// Frames that never left the host: discarded, or in an image that was too late for its phase.
+    /// Frames that never left the host: discarded, or taken back when the cycle ended too late for
+    /// their phase.
     pub withdrawn: u64,
-    /// Frames of which it cannot be told: the image may not have arrived, no result came, the
-    /// session was lost, or flags showed trouble.
+    /// Frames of which it cannot be told: the image may not have arrived, or arrived only when it
+    /// was published again, a period late; no result came, the session was lost, or flags showed
+    /// trouble.
     pub unknown: u64,
     /// Frames of which it is not told yet.
     pub open: u64,
@@ -62,9 +66,14 @@ pub(crate) enum Fate {
 #[derive(Debug, Clone, Copy, Default)]
 struct ChannelAccount {
     account: ScheduleAccount,
-    /// Taken since the last look at the flags, and before it.
+    /// Taken since the end of the last look at the flags, and before it. The next look begins when
+    /// those taken before have met their phase.
     young: u64,
     ripe: u64,
+    /// Frames that were to be scheduled, taken by the Port or not.
+    asked: u64,
+    /// Frames that the gateway took, whatever became of them.
+    taken: u64,
 }
 
 impl ChannelAccount {
@@ -96,6 +105,18 @@ impl ScheduleAccounts {
         self.channels.get(usize::from(channel)).map(|c| c.account).unwrap_or_default()
     }
 
+    /// Frames that were to be scheduled, and those that the gateway took, on all channels. For
+    /// differences over a stretch of time: neither ever shrinks.
+    pub(crate) fn asked_and_taken(&self) -> (u64, u64) {
+        let sum = |of: fn(&ChannelAccount) -> u64| self.channels.iter().map(of).sum();
+        (sum(|it| it.asked), sum(|it| it.taken))
+    }
+
+    /// A frame is to be scheduled.
+    pub(crate) fn asked(&mut self, channel: u8) {
+        self.channel(channel).asked += 1;
+    }
+
     pub(crate) fn is_used(&self) -> bool {
         self.is_used
     }
@@ -114,6 +135,9 @@ impl ScheduleAccounts {
 
     pub(crate) fn ended(&mut self, channel: u8, fate: Fate) {
         let channel = self.channel(channel);
+        let is_taken =
+            matches!(fate, Fate::Taken | Fate::Result(ResultCode::Ok | ResultCode::Queued));
+        channel.taken += u64::from(is_taken);
         match fate {
             Fate::Taken | Fate::Result(ResultCode::Queued) => channel.young += 1,
             Fate::Result(ResultCode::Ok) => channel.close(1, |account| &mut account.sent),

@@ -27,15 +27,18 @@ pub(crate) const THIN_MARGIN_NS: u32 = 20_000;
 /// [`PortPlan::schedule_margin`](crate::PortPlan::schedule_margin) beforehand; both reckon alike.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScheduleMargin {
-    /// Earliest arrival of the image in the gateway.
+    /// Earliest arrival of the image in the gateway: no earlier than its own bytes have passed.
     pub earliest_arrival_ns: u64,
     /// Latest arrival of the image in the gateway.
     pub latest_arrival_ns: u64,
-    /// The pulse that the offset counts from.
+    /// The pulse that the offset counts from: the first that an image sent at the point of the grid
+    /// is there for, with the time through the host and on the wire.
     pub pulse_ns: u64,
     /// The phase at which the frame is sent.
     pub release_ns: u64,
-    /// From the pulse before to the earliest arrival.
+    /// From the pulse before to the earliest arrival. Negative where the pulse before falls into
+    /// the time between the image's own bytes and the way that is reckoned with: then some images
+    /// meet that one, and frames leave a period early.
     pub after_pulse_ns: i64,
     /// From the latest arrival to the pulse. Negative where the pulse falls into the arrivals:
     /// then some images meet this pulse and some the next one, and frames leave a period late.
@@ -101,6 +104,7 @@ pub(crate) struct ScheduleTimes {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Sync0 {
     pulse_ns: u64,
+    shift_ns: u32,
     period_ns: u32,
 }
 
@@ -120,9 +124,13 @@ impl ScheduleTimes {
         let sync0 = adapter.dc.map(|dc| {
             // Whatever the number of cycles in a Sync0 period: in one of them a pulse stands here.
             let shift = u64::from(dc.shift_ns) % cycle_ns;
-            // The first pulse that is not before every arrival.
-            let periods = earliest_arrival_ns.saturating_sub(shift).div_ceil(cycle_ns);
-            Sync0 { pulse_ns: shift + periods * cycle_ns, period_ns: dc.cycle_ns }
+            // The first pulse that an image sent at once is there for by the times of the settings.
+            let periods = (way_ns + 1).saturating_sub(shift).div_ceil(cycle_ns);
+            Sync0 {
+                pulse_ns: shift + periods * cycle_ns,
+                shift_ns: dc.shift_ns,
+                period_ns: dc.cycle_ns,
+            }
         });
         Self {
             earliest_arrival_ns,
@@ -136,7 +144,7 @@ impl ScheduleTimes {
 
     /// The margin of an offset behind Sync0. Real-time safe.
     pub(crate) fn margin(&self, offset_ns: u32) -> Result<ScheduleMargin, NotSchedulable> {
-        let Sync0 { pulse_ns, period_ns } = self.sync0.ok_or(NotSchedulable::NoSync0)?;
+        let Sync0 { pulse_ns, period_ns, .. } = self.sync0.ok_or(NotSchedulable::NoSync0)?;
         if offset_ns >= period_ns {
             return Err(NotSchedulable::BeyondPeriod { sync0_ns: period_ns });
         }
@@ -155,16 +163,29 @@ impl ScheduleTimes {
         })
     }
 
-    /// Whether an image sent so long behind the point of the cycle grid arrives behind the pulse
-    /// that its scheduled frames count from.
-    pub(crate) fn misses_pulse(&self, sent_ns: u64) -> bool {
-        self.sync0.is_some_and(|sync0| sent_ns.saturating_add(self.way_ns) >= sync0.pulse_ns)
+    /// The pulse that scheduled frames of a cycle count from: the first that an image sent at its
+    /// point is there for. Both in application time since the first cycle.
+    pub(crate) fn pulse_of(&self, since_first_ns: u64) -> Option<u64> {
+        let Sync0 { shift_ns, period_ns, .. } = self.sync0?;
+        let (shift_ns, period_ns) = (u64::from(shift_ns), u64::from(period_ns.max(1)));
+        let arrival_ns = since_first_ns.saturating_add(self.way_ns);
+        // Strictly behind the arrival.
+        let periods = (arrival_ns.saturating_add(1)).saturating_sub(shift_ns).div_ceil(period_ns);
+        Some(shift_ns.saturating_add(periods.saturating_mul(period_ns)))
+    }
+
+    /// Whether an image of this cycle, sent so long behind the point of the cycle grid, arrives
+    /// behind the pulse that its scheduled frames count from.
+    pub(crate) fn misses_pulse(&self, since_first_ns: u64, sent_ns: u64) -> bool {
+        let arrival_ns = since_first_ns.saturating_add(sent_ns).saturating_add(self.way_ns);
+        self.pulse_of(since_first_ns).is_some_and(|pulse_ns| arrival_ns >= pulse_ns)
     }
 }
 
 impl Port {
     /// The margin that a phase has against the cycle and the times of
-    /// [`ScheduleSettings`]. Real-time safe.
+    /// [`ScheduleSettings`]. Real-time safe. On an attached Adapter it holds where the owner gives
+    /// its application time by the start of the cycle.
     ///
     /// # Errors
     /// Why a frame cannot be scheduled at this phase at all: without Sync0, on a gateway without
@@ -218,8 +239,8 @@ mod tests {
 
     #[test]
     fn a_pulse_among_the_arrivals_has_no_margin() {
-        let margin = margin(100_000, 400_000);
-        assert_eq!((margin.before_pulse_ns, margin.lacking_ns()), (-100_000, 100_000));
+        let margin = margin(110_000, 400_000);
+        assert_eq!((margin.before_pulse_ns, margin.lacking_ns()), (-90_000, 90_000));
         assert!(!margin.is_sufficient() && !margin.is_thin());
     }
 
@@ -237,12 +258,25 @@ mod tests {
     fn the_pulse_is_the_first_behind_the_arrival() {
         let pulse = |shift_ns| margin(shift_ns, 100_000).pulse_ns;
         assert_eq!(
-            [700_000, 30_001, 30_000, 29_999, 0].map(pulse),
-            [700_000, 30_001, 30_000, 1_029_999, 1_000_000]
+            [700_000, 100_001, 100_000, 29_999, 0].map(pulse),
+            [700_000, 100_001, 1_100_000, 1_029_999, 1_000_000]
         );
         // A shift beyond the period, which the check refuses, is no reason to panic: the pulse is
         // at 300 us, too.
         assert_eq!(pulse(1_300_000), 300_000);
+    }
+
+    /// The image is there 30 us behind the point of the grid at the earliest, but 100 us are reckoned
+    /// with: a pulse between is met by none that keeps to the times, so offsets count from the next.
+    #[test]
+    fn a_pulse_within_the_way_means_the_next_one_without_margin() {
+        for shift_ns in [30_001, 65_000, 100_000] {
+            let times = times(ScheduleSettings::default(), Some(DcSync::new(1_000_000, shift_ns)));
+            let margin = times.margin(100_000).unwrap();
+            assert_eq!(margin.pulse_ns, u64::from(shift_ns) + 1_000_000);
+            assert!(!times.misses_pulse(0, 0) && !times.misses_pulse(0, 100_000));
+            assert_eq!(margin.lacking_ns(), u64::from(shift_ns) - 30_000);
+        }
     }
 
     #[test]
@@ -261,19 +295,26 @@ mod tests {
         let dc = DcSync::new(4_000_000, 2_500_000);
         let margin = times(ScheduleSettings::default(), Some(dc)).margin(3_000_000).unwrap();
         assert_eq!((margin.pulse_ns, margin.release_ns), (500_000, 3_500_000));
+        // It is missed in that cycle only, and images of the others meet the same one.
+        let times = times(ScheduleSettings::default(), Some(dc));
+        let cycles = [0, 1_000_000, 2_000_000, 3_000_000, 6_000_000];
+        let pulses = cycles.map(|place_ns| times.pulse_of(place_ns).unwrap());
+        assert_eq!(pulses, [2_500_000, 2_500_000, 2_500_000, 6_500_000, 6_500_000]);
+        let missed = cycles.map(|place_ns| times.misses_pulse(place_ns, 450_000));
+        assert_eq!(missed, [false, false, true, false, true]);
     }
 
     #[test]
     fn without_a_pulse_or_beyond_the_period_there_is_no_phase() {
         let times = |dc| times(ScheduleSettings::default(), dc);
         assert_eq!(times(None).margin(100_000), Err(NotSchedulable::NoSync0));
-        assert!(!times(None).misses_pulse(u64::MAX));
+        assert!(!times(None).misses_pulse(0, u64::MAX));
         let times = times(Some(DcSync::new(1_000_000, 700_000)));
         let beyond = NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 };
         assert_eq!(times.margin(1_000_000), Err(beyond));
         assert!(times.margin(999_999).is_ok());
         // 30 us through the host and 70 us on the wire.
-        assert!(times.misses_pulse(600_000) && !times.misses_pulse(599_999));
+        assert!(times.misses_pulse(0, 600_000) && !times.misses_pulse(0, 599_999));
     }
 
     #[test]
@@ -301,14 +342,22 @@ mod tests {
             (cycle_ns, offset_ns) in any::<(u32, u32)>(),
             dc: Option<(u32, u32)>,
             (latest_send_ns, transport_ns, processing_ns) in any::<(u32, u32, u32)>(),
-            sent_ns: u64,
+            (sent_ns, is_valid) in any::<(u64, bool)>(),
         ) {
             let mut adapter = AdapterConfig::new(sizes.len() as u16);
             for (slave, rx) in adapter.slaves.iter_mut().zip(&sizes) {
                 slave.rx_multiplier = *rx;
             }
             adapter.cycle_ns = cycle_ns;
-            adapter.dc = dc.map(|(period, shift)| DcSync::new(period, shift));
+            // Half of them as a configuration has to be.
+            adapter.dc = dc.map(|(period, shift)| match cycle_ns {
+                1.. if is_valid => {
+                    let period = period % (u32::MAX / cycle_ns) * cycle_ns;
+                    let period = period.max(cycle_ns);
+                    DcSync::new(period, shift % period)
+                }
+                _ => DcSync::new(period, shift),
+            });
             let settings = ScheduleSettings {
                 latest_send_ns,
                 transport_ns,
@@ -325,8 +374,12 @@ mod tests {
                 prop_assert!(offset_ns < dc.cycle_ns);
                 let cycle = u64::from(cycle_ns.max(1));
                 prop_assert!(margin.earliest_arrival_ns <= margin.latest_arrival_ns);
-                prop_assert!(margin.pulse_ns >= margin.earliest_arrival_ns);
-                prop_assert!(margin.pulse_ns < margin.earliest_arrival_ns + cycle);
+                let way = u64::from(transport_ns) + slave.outputs_arrive_ns;
+                prop_assert!(margin.pulse_ns > way && margin.pulse_ns <= way + cycle);
+                prop_assert!(!times.misses_pulse(0, 0));
+                // The same in the cycle of the period that has a pulse there.
+                let place = u64::from(dc.shift_ns) / cycle * cycle;
+
                 prop_assert_eq!(margin.pulse_ns % cycle, u64::from(dc.shift_ns) % cycle);
                 prop_assert_eq!(margin.release_ns - margin.pulse_ns, u64::from(offset_ns));
                 // From pulse to pulse is a cycle: arrivals and both distances fill it.
@@ -339,10 +392,10 @@ mod tests {
                 prop_assert_eq!(i128::from(margin.before_release_ns), ready);
                 prop_assert_eq!(margin.is_sufficient(), margin.least_ns() >= 0);
                 // An image that is sent in time meets the pulse where there is a margin to it.
-                if margin.before_pulse_ns > 0 {
-                    prop_assert!(!times.misses_pulse(u64::from(latest_send_ns)));
+                if margin.before_pulse_ns > 0 && is_valid && cycle_ns > 0 {
+                    prop_assert!(!times.misses_pulse(place, u64::from(latest_send_ns)));
                 }
-                let _ = times.misses_pulse(sent_ns);
+                let _ = times.misses_pulse(sent_ns, sent_ns);
             }
         }
     }

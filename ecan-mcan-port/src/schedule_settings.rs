@@ -30,14 +30,16 @@ pub struct ScheduleSettings {
     /// What happens to a frame without margin.
     pub margin_check: MarginCheck,
     /// Interval in milliseconds at which the gateway's diagnostics are read, once a frame has been
-    /// scheduled; 0 never reads them. Each look takes about ten SDO transfers, which run beside
-    /// the cycle.
+    /// scheduled; 0 never reads them. Each look takes up to 17 SDO transfers, which run beside the
+    /// cycle; the next one begins two Sync0 periods and a cycle after it at the earliest.
     pub watch_ms: u32,
     /// Whether an image that holds nothing but scheduled frames is given up when it may not have
-    /// arrived: published again it could only send them a period late.
+    /// arrived and the Sync0 pulse of its cycle has passed: published again it could only send them
+    /// a period late.
     ///
     /// An image that also holds frames to be sent at once is published again in any case, as those
-    /// must not be lost.
+    /// must not be lost. Its scheduled frames may then leave a period late, and count as unknown
+    /// unless a result tells that they were dropped.
     pub give_up_missed: bool,
 }
 

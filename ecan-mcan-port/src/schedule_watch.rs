@@ -134,6 +134,8 @@ pub(crate) struct ScheduleWatch {
     command: RequestId,
     channel_mask: u8,
     interval_ns: u64,
+    /// Until a frame that was taken has met its phase.
+    settling_ns: u64,
     activity: Activity,
     is_clear_wanted: bool,
     next_at_ns: u64,
@@ -150,12 +152,9 @@ impl ScheduleWatch {
         settings: &ScheduleSettings,
         dc: Option<DcSync>,
     ) -> Result<Self, Error> {
-        // Frames that were taken before a look have met their phase before the next one.
-        let shortest_ns = dc.map_or(0, |dc| 3 * u64::from(dc.cycle_ns));
-        let interval_ns = match settings.watch_ms {
-            0 => 0,
-            ms => (u64::from(ms) * NS_PER_MS).max(shortest_ns),
-        };
+        // The pulse comes within one Sync0 period, the phase behind it within another.
+        let settling_ns =
+            dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns)) + u64::from(adapter.config().cycle_ns);
         let read = adapter.create_sdo_request(slave, 4)?;
         let command = adapter.create_sdo_request(slave, 1)?;
         for request in [read, command] {
@@ -165,7 +164,8 @@ impl ScheduleWatch {
             read,
             command,
             channel_mask,
-            interval_ns,
+            interval_ns: u64::from(settings.watch_ms) * NS_PER_MS,
+            settling_ns,
             activity: Activity::Idle,
             is_clear_wanted: false,
             next_at_ns: 0,
@@ -239,7 +239,9 @@ impl ScheduleWatch {
                         }
                         None => {
                             self.activity = Activity::Idle;
-                            self.seen.read_at_ns = adapter.clock().now_ns();
+                            let now = adapter.clock().now_ns();
+                            self.seen.read_at_ns = now;
+                            self.next_at_ns = self.next_at_ns.max(now + self.settling_ns);
                             Seen::Looked(self.seen)
                         }
                     }

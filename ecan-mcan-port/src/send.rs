@@ -14,7 +14,8 @@ pub struct SendTicket {
     pub slave: usize,
     /// Sequence of the image.
     pub sequence: u16,
-    /// Place of the frame in the image, from 0.
+    /// Place of the frame in the image, from 0, as long as no scheduled frame before it is taken
+    /// back.
     pub index: u8,
 }
 
@@ -224,9 +225,12 @@ impl Port {
     /// Sends a classic frame at a phase of the next Sync0 period (manual 8.4, 13.8).
     ///
     /// A frame whose phase cannot be reached any more is not taken ([`NoRoom::Phase`]), as far as
-    /// the cycle is waited for with [`wait_next_cycle`](Self::wait_next_cycle): it is never sent a
-    /// period late. [`schedule_margin`](Self::schedule_margin) tells how much time a phase leaves,
-    /// [`schedule_account`](Self::schedule_account) what became of the frames.
+    /// the cycle is waited for with [`wait_next_cycle`](Self::wait_next_cycle), and one that is taken
+    /// is taken back where [`cycle_end`](Self::cycle_end) comes too late. On an attached Adapter
+    /// neither happens: Sync0 follows the owner's grid. A period late leaves otherwise only a frame
+    /// whose image was lost and published again, since it holds frames to be sent at once, too; it
+    /// counts as unknown. [`schedule_margin`](Self::schedule_margin) tells how much time a
+    /// phase leaves, [`schedule_account`](Self::schedule_account) what became of the frames.
     ///
     /// # Errors
     /// A [`SendError`]; nothing was sent.
@@ -366,6 +370,9 @@ impl Port {
         offset_ns: u32,
     ) -> Result<bool, SendError> {
         let refuse = |reason| SendError::NotSchedulable { slave, offset_ns, reason };
+        if let Some(gateway) = self.gateways.get_mut(slave) {
+            gateway.transmitter.accounts_mut().asked(channel);
+        }
         let margin = self.schedule_margin(slave, offset_ns).map_err(refuse)?;
         let has_margin = margin.is_sufficient();
         let begun_ns = self.cycle_point_ns.map(|_| self.adapter.cycle_start().late_ns);
@@ -375,7 +382,8 @@ impl Port {
             return Err(refuse(NotSchedulable::NoMargin { lacking_ns }));
         }
         // What is sent while an image is held goes out in a later cycle.
-        let is_late = begun_ns.is_some_and(|ns| gateway.schedule_times.misses_pulse(ns));
+        let is_late =
+            begun_ns.is_some_and(|ns| gateway.schedule_times.misses_pulse(self.since_first_ns, ns));
         if is_late || gateway.transmitter.is_holding() {
             gateway.transmitter.accounts_mut().refused_late(channel);
             return Err(SendError::NoRoom { slave, channel, what: NoRoom::Phase });

@@ -12,6 +12,8 @@ pub(crate) struct OpenFrame {
     pub(crate) channel: u8,
     /// Tag of a scheduled frame.
     pub(crate) tag: Option<u16>,
+    /// Place in the image that its ticket names.
+    pub(crate) index: u8,
 }
 
 #[derive(Debug, Clone)]
@@ -20,6 +22,8 @@ struct SentImage {
     count: u8,
     /// Any of the frames was scheduled.
     has_scheduled: bool,
+    /// It was published more than once: what is known of it came from any of these times.
+    is_repeated: bool,
     /// None once its result has come.
     frames: [Option<OpenFrame>; MAX_PACKETS],
 }
@@ -32,8 +36,13 @@ pub(crate) struct TransmitHistory {
 
 impl TransmitHistory {
     pub(crate) fn new() -> Self {
-        let empty =
-            SentImage { sequence: 0, count: 0, has_scheduled: false, frames: [None; MAX_PACKETS] };
+        let empty = SentImage {
+            sequence: 0,
+            count: 0,
+            has_scheduled: false,
+            is_repeated: false,
+            frames: [None; MAX_PACKETS],
+        };
         Self { images: Box::new(std::array::from_fn(|_| empty.clone())) }
     }
 
@@ -48,7 +57,7 @@ impl TransmitHistory {
         image.count = index.saturating_add(1);
         image.has_scheduled |= tag.is_some();
         if let Some(place) = image.frames.get_mut(usize::from(index)) {
-            *place = Some(OpenFrame { channel, tag });
+            *place = Some(OpenFrame { channel, tag, index });
         }
     }
 
@@ -70,11 +79,42 @@ impl TransmitHistory {
         }
     }
 
+    /// The frames of an image that is not published yet and still wait take the places of those
+    /// that do not.
+    pub(crate) fn move_up(&mut self, sequence: u16) {
+        let image = &mut self.images[usize::from(sequence) % DEPTH];
+        if image.sequence != sequence {
+            return;
+        }
+        let mut kept = 0;
+        for index in 0..image.count {
+            let frame = image.frames.get_mut(usize::from(index)).and_then(Option::take);
+            if let (Some(_), Some(place)) = (frame, image.frames.get_mut(usize::from(kept))) {
+                *place = frame;
+                kept += 1;
+            }
+        }
+        image.count = kept;
+    }
+
+    /// An image was published once more.
+    pub(crate) fn repeated(&mut self, sequence: u16) {
+        let image = &mut self.images[usize::from(sequence) % DEPTH];
+        image.is_repeated |= image.sequence == sequence;
+    }
+
+    /// Whether an image was published more than once.
+    pub(crate) fn is_repeated(&self, sequence: u16) -> bool {
+        let image = &self.images[usize::from(sequence) % DEPTH];
+        image.sequence == sequence && image.is_repeated
+    }
+
     /// Makes the place of an image free; `close` gets each scheduled frame that still waited there.
     pub(crate) fn make_room(&mut self, sequence: u16, close: impl FnMut(u8)) {
         let image = &mut self.images[usize::from(sequence) % DEPTH];
         image.close_scheduled(close);
         image.count = 0;
+        image.is_repeated = false;
     }
 
     /// Forgets everything: the gateway's session starts anew. `close` gets each scheduled frame
@@ -132,6 +172,33 @@ mod tests {
         history.frame_added(18, 0, 3, None);
         history.reset(|_| ());
         assert!(history.take(&result(18, 0, 3)).is_none());
+    }
+
+    #[test]
+    fn frames_that_stay_move_up_and_keep_what_their_tickets_name() {
+        let mut history = TransmitHistory::new();
+        for (index, tag) in [Some(1), None, Some(2), None].into_iter().enumerate() {
+            history.frame_added(9, index as u8, 0, tag);
+        }
+        history.close_scheduled(9, |_| ());
+        history.move_up(8);
+        history.move_up(9);
+        assert_eq!(history.take(&result(9, 0, 0)).unwrap().index, 1);
+        assert_eq!(history.take(&result(9, 1, 0)).unwrap().index, 3);
+        assert!(history.take(&result(9, 2, 0)).is_none(), "there are two");
+    }
+
+    #[test]
+    fn an_image_is_repeated_until_its_place_is_used_anew() {
+        let mut history = TransmitHistory::new();
+        history.frame_added(3, 0, 0, Some(1));
+        history.repeated(19);
+        assert!(!history.is_repeated(3), "another image");
+        history.repeated(3);
+        assert!(history.is_repeated(3) && !history.is_repeated(19));
+        history.make_room(19, |_| ());
+        history.frame_added(19, 0, 0, None);
+        assert!(!history.is_repeated(19));
     }
 
     #[test]

@@ -6,8 +6,8 @@
 
 use ecan_host::Delivery;
 use ecan_protocol::{
-    CHANNELS, CommitFields, FrameRef, HEADER_BYTES, ImageWriter, PdoProfile, PushError, Schedule,
-    Timestamp, TxResult,
+    CHANNELS, CommitFields, Direction, FrameRef, HEADER_BYTES, ImageReader, ImageWriter, Packet,
+    PdoProfile, PushError, ResultCode, Schedule, Timestamp, TxResult,
 };
 
 use crate::schedule_account::{Fate, ScheduleAccounts};
@@ -96,14 +96,25 @@ impl Transmitter {
     pub(crate) fn take_result(&mut self, result: &TxResult) -> Option<OpenFrame> {
         let frame = self.history.take(result)?;
         if frame.tag.is_some() {
-            self.accounts.ended(frame.channel, Fate::Result(result.code));
+            // Of an image that went out more than once, no result tells at which pulse it was there.
+            let fate = match result.code {
+                ResultCode::Ok | ResultCode::Queued
+                    if self.history.is_repeated(result.sequence) =>
+                {
+                    Fate::Unknown
+                }
+                code => Fate::Result(code),
+            };
+            self.accounts.ended(frame.channel, fate);
         }
         Some(frame)
     }
 
-    /// Whether the image being filled holds scheduled frames and will be published.
+    /// Whether the image that will be published holds scheduled frames.
     pub(crate) fn has_scheduled(&self) -> bool {
-        self.is_open && !self.is_holding && self.filling_scheduled > 0
+        let scheduled =
+            if self.is_holding { self.published_scheduled } else { self.filling_scheduled };
+        self.is_open && scheduled > 0
     }
 
     /// Frames of the image being filled.
@@ -117,11 +128,13 @@ impl Transmitter {
         self.writer.room()
     }
 
-    /// Start of a cycle: `delivery` is the fate of the image published in the last one.
+    /// Start of a cycle: `delivery` is the fate of the image published in the last one, whose
+    /// scheduled frames count from the same pulse as those of this cycle if `is_same_pulse`.
     pub(crate) fn begin(
         &mut self,
         image: &mut [u8],
         delivery: Delivery,
+        is_same_pulse: bool,
         statistics: &mut SlaveStatistics,
     ) {
         if self.is_open {
@@ -135,13 +148,13 @@ impl Transmitter {
             }
             Delivery::Missed | Delivery::Unknown => {
                 self.misses = self.misses.saturating_add(1);
-                if carries_frames && !self.is_holding && self.is_past_its_phase() {
-                    self.give_up_published(statistics);
-                    self.start_image();
-                } else if carries_frames {
+                if carries_frames {
                     if !self.is_holding {
                         self.is_holding = true;
                         self.start_image();
+                    }
+                    if !is_same_pulse {
+                        self.pulse_passed(image, statistics);
                     }
                 } else {
                     self.published = None;
@@ -153,10 +166,26 @@ impl Transmitter {
         self.is_open = true;
     }
 
-    /// Published again, the image could do nothing but send its frames a period late.
-    fn is_past_its_phase(&self) -> bool {
+    /// The pulse of the held image has passed: published again it sends its scheduled frames a
+    /// period late. Where it could do nothing else, it is given up.
+    fn pulse_passed(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         let frames: u16 = self.published.iter().flatten().map(|n| u16::from(*n)).sum();
-        self.gives_up_missed && frames == u16::from(self.published_scheduled)
+        if self.gives_up_missed && frames == u16::from(self.published_scheduled) {
+            self.give_up_published(statistics);
+            self.let_go(image);
+        } else {
+            self.history.repeated(self.published_sequence);
+        }
+    }
+
+    /// What was filled beside the held image takes its place.
+    fn let_go(&mut self, image: &mut [u8]) {
+        self.is_holding = false;
+        let packets = HEADER_BYTES..HEADER_BYTES + self.writer.used();
+        if let (Some(to), Some(from)) = (image.get_mut(packets.clone()), self.spare.get(packets)) {
+            to.copy_from_slice(from);
+        }
+        self.writer.assume_dirty();
     }
 
     /// Gives up the published image, of which it is not known whether it arrived.
@@ -178,21 +207,17 @@ impl Transmitter {
     /// The published image has arrived.
     fn release(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         if !self.has_results && self.published_scheduled > 0 {
-            self.close_published(Fate::Taken);
+            let is_repeated = self.history.is_repeated(self.published_sequence);
+            self.close_published(if is_repeated { Fate::Unknown } else { Fate::Taken });
         }
         for (channel, count) in self.published.take().iter().flatten().enumerate() {
             statistics.channels[channel].frames_delivered += u64::from(*count);
         }
-        if !self.is_holding {
+        if self.is_holding {
+            self.let_go(image);
+        } else {
             self.start_image();
-            return;
         }
-        self.is_holding = false;
-        let packets = HEADER_BYTES..HEADER_BYTES + self.writer.used();
-        if let (Some(to), Some(from)) = (image.get_mut(packets.clone()), self.spare.get(packets)) {
-            to.copy_from_slice(from);
-        }
-        self.writer.assume_dirty();
     }
 
     fn start_image(&mut self) {
@@ -233,6 +258,7 @@ impl Transmitter {
     pub(crate) fn end(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         if !std::mem::take(&mut self.is_open) {
             // Nothing was begun: the image of the last cycle goes out once more.
+            self.history.repeated(self.published_sequence);
             return;
         }
         if self.is_holding {
@@ -275,13 +301,52 @@ impl Transmitter {
         count_discarded(&filling, statistics)
     }
 
-    /// The image being filled comes too late for the phase of its scheduled frames: they are taken
-    /// back, unless the image holds others too.
-    pub(crate) fn withdraw_late(&mut self, statistics: &mut SlaveStatistics) {
-        let frames: u16 = self.filling().iter().map(|n| u16::from(*n)).sum();
-        if self.has_scheduled() && frames == u16::from(self.filling_scheduled) {
+    /// The image to be published comes too late for the phase of its scheduled frames: they are
+    /// taken back, and the others move up; those of a held one may have left.
+    pub(crate) fn withdraw_late(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
+        if !self.has_scheduled() {
+            return;
+        }
+        if self.is_holding {
+            self.pulse_passed(image, statistics);
+            return;
+        }
+        let filled = self.filling();
+        let frames: u16 = filled.iter().map(|n| u16::from(*n)).sum();
+        if frames == u16::from(self.filling_scheduled) {
             self.withdraw(statistics);
             self.start_image();
+            return;
+        }
+        // What there is as an image, to be read.
+        let packets = HEADER_BYTES..HEADER_BYTES + self.writer.used();
+        if let (Some(to), Some(from)) = (self.spare.get_mut(packets.clone()), image.get(packets)) {
+            to.copy_from_slice(from);
+        }
+        self.writer.clone().commit(&mut self.spare, CommitFields::default());
+        let reader = ImageReader::new(Direction::RxPdo, *self.writer.profile()).with_crc(false);
+        let sequence = self.writer.next_sequence();
+        let Self { history, accounts, writer, spare, .. } = self;
+        history.close_scheduled(sequence, |channel| accounts.ended(channel, Fate::Withdrawn));
+        history.move_up(sequence);
+        writer.begin();
+        for window in &mut self.windows {
+            window.abandoned();
+        }
+        self.filling_scheduled = 0;
+        for packet in reader.read(spare).into_iter().flat_map(|read| read.packets()).flatten() {
+            let Packet::Frame(packet) = packet else { continue };
+            // In an RxPDO only a schedule is a timestamp.
+            let is_kept = packet.timestamp == Timestamp::None
+                && writer
+                    .push(image, packet.channel, packet.id_aux, packet.frame, Timestamp::None)
+                    .is_ok();
+            if is_kept {
+                self.windows[usize::from(packet.channel) % CHANNELS].frame_added();
+            }
+        }
+        for (channel, (before, now)) in filled.iter().zip(&self.filling()).enumerate() {
+            statistics.channels[channel].frames_discarded += u64::from(before.saturating_sub(*now));
         }
     }
 

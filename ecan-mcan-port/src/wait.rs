@@ -94,7 +94,9 @@ impl Port {
     /// Sleeps until the next cycle is due: see [`Adapter::wait_next_cycle`](ecan_host::Adapter::wait_next_cycle).
     pub fn wait_next_cycle(&mut self) -> u64 {
         let skipped = self.adapter.wait_next_cycle();
-        self.cycle_point_ns = Some(self.adapter.cycle_start().deadline_ns);
+        // The owner of an attached master sets Sync0 by a grid of its own.
+        let is_in_phase = !self.adapter.is_attached();
+        self.cycle_point_ns = is_in_phase.then_some(self.adapter.cycle_start().deadline_ns);
         skipped
     }
 

@@ -6,7 +6,7 @@ mod common;
 
 use common::{Bench, classic, id, with_sync0};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{GatewayConfig, PhaseSweep, Port, PortConfig, PortError};
+use ecan_mcan_port::{GatewayConfig, PhaseSweep, PhaseSweepFault, Port, PortConfig, PortError};
 use ecan_protocol::{OptionFlags, Schedule};
 
 /// One cycle with one scheduled frame.
@@ -94,6 +94,65 @@ fn without_sync0_there_is_nothing_to_sweep() {
     let refused = bench.port.sweep_phase(&PhaseSweep::over(1_000_000), cycle, |_| ());
     assert!(matches!(refused, Err(PortError::NoSync0)));
     assert!(bench.port.is_ready(), "nothing was touched");
+}
+
+#[test]
+fn candidates_that_are_no_phases_are_refused() {
+    let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
+    let over = PhaseSweep::over(1_000_000);
+    let sync0_ns = 1_000_000;
+    for (sweep, fault) in [
+        (
+            PhaseSweep { offsets_ns: vec![0, 2_000_000], ..over.clone() },
+            PhaseSweepFault::Offset { offset_ns: 2_000_000, sync0_ns },
+        ),
+        (
+            PhaseSweep { shifts_ns: vec![1_000_000], ..over.clone() },
+            PhaseSweepFault::Shift { shift_ns: 1_000_000, sync0_ns },
+        ),
+        (PhaseSweep { cycles: 0, ..over }, PhaseSweepFault::NoCycles),
+    ] {
+        match bench.port.sweep_phase(&sweep, cycle, |_| ()) {
+            Err(PortError::PhaseSweep(told)) => assert_eq!(told, fault),
+            other => panic!("{other:?}"),
+        }
+        assert!(bench.port.is_ready(), "nothing was touched");
+    }
+}
+
+/// Where the channel is off the bus, or the application schedules nothing, no phase is shown to be
+/// good.
+#[test]
+fn a_point_without_frames_is_not_good() {
+    let sweep = PhaseSweep {
+        shifts_ns: vec![500_000],
+        offsets_ns: vec![100_000],
+        cycles: 50,
+        ..PhaseSweep::over(1_000_000)
+    };
+    for is_silent in [true, false] {
+        let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
+        let simulation = bench.simulation.clone();
+        let table = bench.port.sweep_phase(
+            &sweep,
+            |port, offset_ns| {
+                let fault = ecan_sim::Fault::BusOff { gateway: 0, channel: 0 };
+                simulation.inject(fault);
+                if !is_silent {
+                    return cycle(port, offset_ns);
+                }
+                port.cycle_begin()?;
+                Ok(port.cycle_end()?)
+            },
+            |_| (),
+        );
+        let table = table.unwrap();
+        assert!(table.recommended().is_none(), "{table}");
+    }
+    let mut bench = with_sync0(ecan_sim::echo(1), 250_000, results);
+    let table = bench.port.sweep_phase(&sweep, cycle, |_| ()).unwrap();
+    let point = table.recommended().expect("good");
+    assert_eq!((point.scheduled, point.taken, point.short_gateways), (50, 50, 0), "{table}");
 }
 
 #[test]

@@ -311,6 +311,39 @@ fn schedules_are_judged() {
     assert_eq!(plan(600_000), [overruns]);
 }
 
+/// With Sync0 every fourth cycle the frames of four cycles meet.
+#[test]
+fn frames_of_all_cycles_of_a_sync0_period_meet_at_its_pulse() {
+    let config = one_channel(classic());
+    let mut adapter = adapter(3);
+    adapter.dc = Some(DcSync::new(4_000_000, 700_000));
+    let plan = |rate, offset_ns| {
+        let stream = FrameStream::to_bus(0, 0, eight(), rate).scheduled(offset_ns);
+        PortPlan::of(&adapter, &config, &[stream]).warnings
+    };
+    let overruns = |offset_ns, frames_ns| PortWarning::ScheduleOverruns {
+        slave: 0,
+        channel: 0,
+        offset_ns,
+        frames_ns,
+        sync0_ns: 4_000_000,
+    };
+    // Of at most 135 us each.
+    assert_eq!(plan(FrameRate::PerCycle(4), 100_000), []);
+    assert_eq!(plan(FrameRate::PerCycle(4), 2_000_000), [overruns(2_000_000, 2_160_000)]);
+    assert_eq!(plan(FrameRate::EveryCycles(3), 3_700_000), []);
+    assert_eq!(plan(FrameRate::EveryCycles(3), 3_750_000), [overruns(3_750_000, 270_000)]);
+    let crowded = PortWarning::ScheduleCrowded { slave: 0, frames: 80, depth: 64 };
+    let told = plan(FrameRate::PerCycle(20), 100_000);
+    assert!(told.contains(&crowded), "{told:?}");
+    assert!(crowded.to_string().contains("80 scheduled frames wait for one Sync0 pulse"));
+    assert!(
+        !plan(FrameRate::PerCycle(16), 100_000)
+            .iter()
+            .any(|warning| { matches!(warning, PortWarning::ScheduleCrowded { .. }) })
+    );
+}
+
 /// A pulse at 100 us, images until 197.2 us: what is counted by default is refused on wish.
 #[test]
 fn a_short_margin_is_warned_of_or_refused_as_the_port_does() {

@@ -241,6 +241,19 @@ pub enum PortWarning {
         /// Offset in nanoseconds.
         offset_ns: u32,
     },
+    /// More scheduled frames wait for one Sync0 pulse than a gateway holds.
+    #[error(
+        "slave {slave}: {frames} scheduled frames wait for one Sync0 pulse, a gateway holds about \
+         {depth}: schedule fewer, or shorten the Sync0 period"
+    )]
+    ScheduleCrowded {
+        /// Slave index.
+        slave: usize,
+        /// Frames of all cycles in a Sync0 period, on all channels.
+        frames: u32,
+        /// What a gateway is assumed to hold.
+        depth: u32,
+    },
     /// Scheduled frames are still on the bus when the next period begins.
     #[error(
         "slave {slave}, channel {channel}: the frames from {} us behind Sync0 on take {} us of \

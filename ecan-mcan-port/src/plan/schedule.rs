@@ -6,12 +6,13 @@ use ecan_host::AdapterConfig;
 use ecan_protocol::FrameBits;
 
 use super::finding::{PortRefusal, PortWarning};
-use super::frame_stream::FrameStream;
+use super::frame_stream::{FrameRate, FrameStream};
 use super::{PortPlan, settings};
 use crate::config::PortConfig;
 use crate::schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
 use crate::schedule_settings::MarginCheck;
 use crate::send::NotSchedulable;
+use crate::transmit_window::DEFAULT_DEPTH;
 
 impl PortPlan {
     /// The margin that a phase will have, as
@@ -44,7 +45,7 @@ impl PortPlan {
                 self.judge_phase(slave, offset_ns, gateway.schedule.margin_check);
             }
         }
-        self.judge_bus_time(adapter, port, traffic);
+        self.judge_meeting_frames(adapter, port, traffic);
     }
 
     /// What the Port would refuse is refused, what it would send and count is warned of.
@@ -81,28 +82,36 @@ impl PortPlan {
         }
     }
 
-    /// Warns of frames that are still on the bus when the next period begins.
-    fn judge_bus_time(
+    /// Warns of more frames for one Sync0 pulse than a gateway holds, and of frames that are still
+    /// on the bus when the next period begins.
+    fn judge_meeting_frames(
         &mut self,
         adapter: &AdapterConfig,
         port: &PortConfig,
         traffic: &[FrameStream],
     ) {
-        // Per channel: the first offset, and the bus time of all that is scheduled in a cycle.
+        let Some(sync0_ns) = adapter.dc.map(|dc| dc.cycle_ns) else { return };
+        let mut meeting: BTreeMap<usize, u32> = BTreeMap::new();
+        // Per channel: the first offset, and the bus time of all that meets at a pulse.
         let mut scheduled: BTreeMap<(usize, u8), (u32, f64)> = BTreeMap::new();
         for stream in traffic {
             let Some(offset_ns) = stream.offset_ns() else { continue };
             let Some(settings) = settings(port, stream.slave, stream.channel) else { continue };
             let can = &settings.can;
             let bits = FrameBits::most(stream.frame.as_ref());
-            let frames_s = f64::from(stream.rate.peak(adapter.cycle_ns))
-                * bits.seconds(can.nominal_bitrate, can.data_bitrate);
+            let frames = frames_at_a_pulse(stream.rate, adapter.cycle_ns, sync0_ns);
+            let held = meeting.entry(stream.slave).or_default();
+            *held = held.saturating_add(frames);
+            let frames_s = f64::from(frames) * bits.seconds(can.nominal_bitrate, can.data_bitrate);
             let (first, total_s) =
                 scheduled.entry((stream.slave, stream.channel)).or_insert((offset_ns, 0.0));
             *first = (*first).min(offset_ns);
             *total_s += frames_s;
         }
-        let Some(sync0_ns) = adapter.dc.map(|dc| dc.cycle_ns) else { return };
+        let depth = u32::from(DEFAULT_DEPTH);
+        for (slave, frames) in meeting.into_iter().filter(|(_, frames)| *frames > depth) {
+            self.warnings.push(PortWarning::ScheduleCrowded { slave, frames, depth });
+        }
         for ((slave, channel), (offset_ns, total_s)) in scheduled {
             let frames_ns = (total_s * 1e9) as u64;
             let is_phase = offset_ns < sync0_ns;
@@ -116,5 +125,15 @@ impl PortPlan {
                 });
             }
         }
+    }
+}
+
+/// Frames of all cycles that lie in a Sync0 period: they wait for the same pulse.
+fn frames_at_a_pulse(rate: FrameRate, cycle_ns: u32, sync0_ns: u32) -> u32 {
+    let cycles = (sync0_ns / cycle_ns.max(1)).max(1);
+    match rate {
+        FrameRate::PerCycle(frames) => frames.saturating_mul(cycles),
+        FrameRate::EveryCycles(every) => cycles.div_ceil(every.max(1)),
+        FrameRate::PerSecond(_) => rate.peak(cycle_ns.max(sync0_ns)),
     }
 }

@@ -117,7 +117,7 @@ impl From<ScheduleMargin> for igh_mcan_schedule_margin_t {
 pub struct igh_mcan_schedule_account_t {
     /// Frames that were taken.
     pub scheduled: u64,
-    /// Frames that left at their phase.
+    /// Frames that the gateway took and, by its flags, handed to the CAN controller at their phase.
     pub sent: u64,
     /// Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT.
     pub late_dropped: u64,
@@ -125,9 +125,10 @@ pub struct igh_mcan_schedule_account_t {
     pub queue_full: u64,
     /// Frames that the gateway did not take for another reason. Needs TX_RESULT.
     pub not_sent: u64,
-    /// Frames that never left the host.
+    /// Frames that never left the host: discarded, or taken back since the cycle ended too late.
     pub withdrawn: u64,
-    /// Frames of which it cannot be told.
+    /// Frames of which it cannot be told, among them those of an image that was published again, a
+    /// period late.
     pub unknown: u64,
     /// Frames of which it is not told yet.
     pub open: u64,
