@@ -35,12 +35,14 @@ pub use bridge::{
     BridgeStatistics,
 };
 
-// World and ecrt front
+// World, and the ecrt and EtherCAT fronts
 mod backend;
 mod clock;
 mod earliest;
 mod ecrt;
+mod esc;
 mod fault;
+mod mailbox;
 mod random;
 mod runner;
 mod scenario;
@@ -73,6 +75,7 @@ pub use backend::{
     open_scenario, simulate,
 };
 pub use clock::SimClock;
+pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{DriveFault, Fault, LibraryCall, LostWay, ScriptedFault, When};
 pub use runner::{RealTimeRunner, RunnerError};
 pub use scenario::{

@@ -142,6 +142,11 @@ impl World {
         self.cycle
     }
 
+    /// How the gateways hang on the master.
+    pub(crate) fn topology(&self) -> Topology {
+        self.topology
+    }
+
     /// Number of gateways, powered or not.
     pub fn gateway_count(&self) -> usize {
         self.slots.len()

@@ -58,6 +58,18 @@ fn boot_is_reached_from_init_only_and_has_no_coe() {
 }
 
 #[test]
+fn preop_needs_both_mailboxes() {
+    let mut bench = Bench::preop();
+    bench.gateway.request_al_state(bench.now, Init);
+    bench.gateway.configure_sync_manager(1, None);
+    bench.gateway.request_al_state(bench.now, PreOp);
+    assert_eq!(bench.state(), (Init, 0x16));
+    bench.set_up_mailboxes();
+    bench.gateway.request_al_state(bench.now, PreOp);
+    assert_eq!(bench.state(), (PreOp, 0));
+}
+
+#[test]
 fn safeop_needs_sync_managers_of_the_active_length() {
     for (direction, code) in [(Direction::RxPdo, 0x1D), (Direction::TxPdo, 0x1E)] {
         for length in [0, 128, 383, 385, 1024] {
@@ -261,6 +273,7 @@ fn reboot_command_loses_all_volatile_configuration() {
     assert_eq!(bench.state(), (Init, 0));
     assert_eq!(bench.gateway.station_config(0), None);
     assert_ne!(bench.gateway.station_generation(0), generation);
+    bench.set_up_mailboxes();
     bench.gateway.request_al_state(bench.now, PreOp);
     assert_eq!(bench.upload(0x8010, 12), 0);
 }

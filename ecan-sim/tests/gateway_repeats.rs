@@ -70,6 +70,7 @@ fn power_cycle_makes_the_old_image_new_again() {
     bench.gateway.power(bench.now, false);
     bench.gateway.power(bench.now, true);
     bench.pass(1_000 * gateway_support::MS);
+    bench.set_up_mailboxes();
     bench.gateway.request_al_state(bench.now, ecan_protocol::AlState::PreOp);
     bench.apply_profiles(chunks(8), chunks(8));
     bench.apply_channel(0, ecan_protocol::McanChannelConfig::default());

@@ -5,7 +5,7 @@ use ecan_protocol::{AlState, AlStatusCode, Direction};
 
 use super::schedule::PulseTrain;
 use super::settings::{SmSettings, Sync0};
-use super::sync_manager::{is_acceptable, overlap};
+use super::sync_manager::{is_acceptable, is_single_buffer, overlap};
 use super::{Gateway, maintenance};
 
 /// What lies between a request and its state.
@@ -58,9 +58,11 @@ impl Gateway {
         use AlState::{Boot, Init, Op, PreOp, SafeOp};
         match (self.state, to) {
             (from, to) if from == to => Ok(Step::Done),
-            (_, Init) | (Init, PreOp | Boot) | (SafeOp | Op, PreOp) | (Op, SafeOp) => {
+            (Init, PreOp | Boot) => {
+                self.check_mailboxes()?;
                 Ok(Step::Done)
             }
+            (_, Init) | (SafeOp | Op, PreOp) | (Op, SafeOp) => Ok(Step::Done),
             (PreOp, SafeOp) => {
                 self.apply_implicit_profiles();
                 self.check_process_data()?;
@@ -74,6 +76,19 @@ impl Gateway {
                 }
             }
             _ => Err(AlStatusCode::INVALID_STATE_CHANGE),
+        }
+    }
+
+    /// Both mailboxes are single buffers, one in each direction.
+    fn check_mailboxes(&self) -> Result<(), AlStatusCode> {
+        let is_mailbox = |sm: Option<SmSettings>, written_by_master| {
+            sm.is_some_and(|sm| is_single_buffer(sm, written_by_master))
+        };
+        let [to_device, from_device] = self.mailboxes;
+        if is_mailbox(to_device, true) && is_mailbox(from_device, false) {
+            Ok(())
+        } else {
+            Err(AlStatusCode::MAILBOX_CONFIGURATION)
         }
     }
 
@@ -252,12 +267,19 @@ impl Gateway {
             self.truth.reads_refused += 1;
             return false;
         }
-        self.truth.images_read += 1;
-        self.performance.pdi_interrupt(self.now, self.pulses, false);
+        self.inputs_were_read(now);
         true
     }
 
-    pub(super) fn exchanges_process_data(&self) -> bool {
+    /// SM3 was read to its last byte and is empty now.
+    pub(crate) fn inputs_were_read(&mut self, now: u64) {
+        self.advance(now);
+        self.inputs.empty();
+        self.truth.images_read += 1;
+        self.performance.pdi_interrupt(self.now, self.pulses, false);
+    }
+
+    pub(crate) fn exchanges_process_data(&self) -> bool {
         self.is_responding() && matches!(self.state, AlState::SafeOp | AlState::Op)
     }
 

@@ -17,6 +17,7 @@ mod can_side;
 mod channel;
 mod channel_control;
 mod controller;
+mod controller_side;
 mod cycle_performance;
 mod dc_clock;
 mod dictionary_values;
@@ -98,6 +99,8 @@ pub struct Gateway {
     random: u64,
     now: u64,
     power: Power,
+    boots: u32,
+    eeprom: Vec<u16>,
     // EtherCAT state machine and process data
     state: AlState,
     error: bool,
@@ -108,6 +111,7 @@ pub struct Gateway {
     outputs: SingleBuffer,
     inputs: SingleBuffer,
     watchdog_ns: u64,
+    watchdog_expirations: u32,
     last_outputs: u64,
     clock: DcClock,
     sync0: Option<Sync0>,
@@ -151,6 +155,8 @@ impl Gateway {
             random: seed ^ 0x9E37_79B9_7F4A_7C15,
             now: 0,
             power: Power::Off,
+            boots: 0,
+            eeprom: Vec::new(),
             state: AlState::Init,
             error: false,
             status_code: AlStatusCode::OK,
@@ -159,6 +165,7 @@ impl Gateway {
             outputs: SingleBuffer::new(),
             inputs: SingleBuffer::new(),
             watchdog_ns: DEFAULT_WATCHDOG_NS,
+            watchdog_expirations: 0,
             last_outputs: 0,
             clock,
             sync0: None,
@@ -303,6 +310,7 @@ impl Gateway {
         } else if due(self.awaited_sync()) {
             self.finish_awaiting_sync();
         } else if due(self.watchdog_expiry()) {
+            self.watchdog_expirations += 1;
             self.fall_back(AlStatusCode::SM_WATCHDOG);
         } else if due(self.missed_sync_expiry()) {
             self.fall_back(AlStatusCode::FATAL_SYNC);
@@ -313,6 +321,7 @@ impl Gateway {
 
     fn boot(&mut self) {
         self.forget_everything();
+        self.boots = self.boots.wrapping_add(1);
         self.power =
             Power::Booting { until: self.now + u64::from(self.settings.boot_ms) * NS_PER_MS };
     }
@@ -346,6 +355,7 @@ impl Gateway {
         self.outputs.clear();
         self.inputs.clear();
         self.watchdog_ns = DEFAULT_WATCHDOG_NS;
+        self.watchdog_expirations = 0;
         self.clock = DcClock::new(self.settings.clock_drift_ppb);
         self.sync0 = None;
         self.pulses = None;

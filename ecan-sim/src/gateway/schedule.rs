@@ -45,9 +45,13 @@ impl PulseTrain {
 
     /// The first pulse strictly after `now`.
     pub(super) fn next_after(self, now: u64) -> u64 {
+        self.line.simulated(self.next_system_after(now))
+    }
+
+    /// The same in system time.
+    pub(super) fn next_system_after(self, now: u64) -> u64 {
         let pulses = self.pulses_until(now);
-        let next = pulses.saturating_mul(self.cycle_ns).saturating_add(self.first_system_ns);
-        self.line.simulated(next)
+        pulses.saturating_mul(self.cycle_ns).saturating_add(self.first_system_ns)
     }
 
     /// Number of pulses from the first one up to and including `now`.

@@ -136,18 +136,19 @@ pub(super) fn is_acceptable(
     let Some(sm) = settings else {
         return false;
     };
-    let wanted = match direction {
-        Direction::RxPdo => DIRECTION_WRITE,
-        Direction::TxPdo => 0,
-    };
     let start = u32::from(sm.start);
     let end = start + u32::from(sm.length);
     bytes > 0
         && usize::from(sm.length) == bytes
-        && sm.control & MODE_MASK == MODE_SINGLE
-        && sm.control & DIRECTION_MASK == wanted
+        && is_single_buffer(sm, direction == Direction::RxPdo)
         && start >= PROCESS_DATA_START
         && end <= PROCESS_DATA_END
+}
+
+/// Whether a sync manager is a single buffer of this direction.
+pub(super) fn is_single_buffer(sm: SmSettings, written_by_master: bool) -> bool {
+    let wanted = if written_by_master { DIRECTION_WRITE } else { 0 };
+    sm.control & MODE_MASK == MODE_SINGLE && sm.control & DIRECTION_MASK == wanted
 }
 
 /// Whether two enabled sync managers share memory.

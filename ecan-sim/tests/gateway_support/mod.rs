@@ -53,9 +53,17 @@ impl Bench {
         };
         bench.gateway.power(bench.now, true);
         bench.pass(1_000 * MS);
+        bench.set_up_mailboxes();
         bench.gateway.request_al_state(bench.now, AlState::PreOp);
         assert_eq!(bench.gateway.al_state(), AlState::PreOp);
         bench
+    }
+
+    /// As a master does in INIT.
+    pub fn set_up_mailboxes(&mut self) {
+        let sm = |start, control| SmSettings { start, length: 0x80, control };
+        self.gateway.configure_sync_manager(0, Some(sm(0x1000, 0x26)));
+        self.gateway.configure_sync_manager(1, Some(sm(0x1080, 0x22)));
     }
 
     /// In OP with these profiles and all channels at 1 and 5 Mbit/s.

@@ -1,0 +1,94 @@
+//! Registers of the distributed clock: receive times, system time, its control, Sync0.
+//!
+//! The clock itself is the gateway's: local time is system time without the offset that the master
+//! wrote, so what the control loop does to the one it does to the other.
+
+use crate::gateway::{Gateway, Sync0};
+
+use super::memory::Context;
+
+/// Ports of a controller, wired or not.
+const PORTS: usize = 4;
+/// Activation: the cyclic unit runs, and gives Sync0.
+const ACTIVE: u8 = 0x01;
+const SYNC0: u8 = 0x02;
+
+/// State behind 0x0900 to 0x09A7 that is not the gateway's.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ClockRegisters {
+    receive_times: [u32; PORTS],
+    frame_received: u64,
+    offset: u64,
+    delay: u32,
+}
+
+impl ClockRegisters {
+    fn system_time(self, context: &Context<'_>) -> u64 {
+        context.gateway.dc_time(context.now).wrapping_add(context.way_ns)
+    }
+
+    /// A write to 0x0900: latches when this frame came and when it comes back.
+    pub(super) fn latch(&mut self, context: &Context<'_>) {
+        let arrival = self.system_time(context).wrapping_sub(self.offset);
+        self.frame_received = arrival;
+        self.receive_times[0] = arrival as u32;
+        if let Some(ns) = context.way_back_ns {
+            self.receive_times[1] = arrival.wrapping_add(ns) as u32;
+        }
+    }
+
+    /// 0x0900 to 0x0937 as they read now.
+    pub(super) fn show(&self, registers: &mut [u8], context: &Context<'_>) {
+        let mut put = |at: usize, bytes: &[u8]| {
+            if let Some(to) = registers.get_mut(at..at + bytes.len()) {
+                to.copy_from_slice(bytes);
+            }
+        };
+        for (port, time) in self.receive_times.iter().enumerate() {
+            put(4 * port, &time.to_le_bytes());
+        }
+        put(0x10, &self.system_time(context).to_le_bytes());
+        put(0x18, &self.frame_received.to_le_bytes());
+        put(0x20, &self.offset.to_le_bytes());
+        put(0x28, &self.delay.to_le_bytes());
+        // Sign and magnitude; set while the own time is behind.
+        let difference = context.gateway.dc_difference_ns();
+        let magnitude = u32::try_from(difference.unsigned_abs()).unwrap_or(u32::MAX) & 0x7FFF_FFFF;
+        let sign = if difference > 0 { 1 << 31 } else { 0 };
+        put(0x2C, &(magnitude | sign).to_le_bytes());
+    }
+
+    /// The master tells the time, whole or its lower half (0x0910).
+    pub(super) fn told(&self, bytes: &[u8], context: &mut Context<'_>) {
+        let own = self.system_time(context);
+        let told = match *bytes {
+            [a, b, c, d, e, f, g, h] => u64::from_le_bytes([a, b, c, d, e, f, g, h]),
+            [a, b, c, d] => {
+                let ahead = u32::from_le_bytes([a, b, c, d])
+                    .wrapping_sub(own as u32)
+                    .wrapping_add(self.delay) as i32;
+                own.wrapping_add_signed(i64::from(ahead)).wrapping_sub(self.delay.into())
+            }
+            _ => return,
+        };
+        let shall_be = told.wrapping_add(self.delay.into()).wrapping_sub(context.way_ns);
+        context.gateway.correct_dc_system_time(context.now, shall_be);
+    }
+
+    /// The master sets the offset of the system time (0x0920).
+    pub(super) fn set_offset(&mut self, offset: u64, context: &mut Context<'_>) {
+        let moved = offset.wrapping_sub(std::mem::replace(&mut self.offset, offset));
+        let time = context.gateway.dc_time(context.now).wrapping_add(moved);
+        context.gateway.write_dc_system_time(context.now, time);
+    }
+
+    pub(super) fn set_delay(&mut self, delay: u32) {
+        self.delay = delay;
+    }
+}
+
+/// The cyclic unit was switched (0x0980, 0x0981): start and cycle time hold from then on.
+pub(super) fn switch_sync0(gateway: &mut Gateway, activation: u8, start_ns: u64, cycle_ns: u32) {
+    let runs = activation & (ACTIVE | SYNC0) == ACTIVE | SYNC0 && cycle_ns > 0;
+    gateway.set_dc_sync0(runs.then_some(Sync0 { start_ns, cycle_ns, shift_ns: 0 }));
+}

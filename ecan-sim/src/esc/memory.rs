@@ -1,0 +1,213 @@
+//! Accesses to the address space of a slave controller: registers, buffers behind sync managers,
+//! and plain memory. An access counts if any byte of it was taken.
+
+use crate::gateway::Gateway;
+
+use super::controller::Controller;
+use super::registers::REGISTER_BYTES;
+use super::sync_manager::{Progress, SYNC_MANAGERS};
+
+/// End of the memory: 8 KiB behind the registers.
+const MEMORY_END: usize = REGISTER_BYTES + 0x2000;
+pub(super) const MEMORY_BYTES: usize = MEMORY_END - REGISTER_BYTES;
+
+/// Sync managers by their use.
+pub(super) const WRITE_MAILBOX: usize = 0;
+pub(super) const READ_MAILBOX: usize = 1;
+const OUTPUTS: usize = 2;
+const INPUTS: usize = 3;
+
+/// What an access happens in.
+pub(super) struct Context<'a> {
+    pub(super) gateway: &'a mut Gateway,
+    /// Simulated time, ns.
+    pub(super) now: u64,
+    /// Time of the frame from the first slave to this one.
+    pub(super) way_ns: u64,
+    /// Time until it comes back behind this one; none without a slave there.
+    pub(super) way_back_ns: Option<u64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Area {
+    Registers,
+    Buffer(usize),
+    Memory,
+    Nothing,
+}
+
+impl Controller {
+    /// What lies at an address, and up to where.
+    fn area(&self, at: usize) -> (Area, usize) {
+        if at < REGISTER_BYTES {
+            return (Area::Registers, REGISTER_BYTES);
+        }
+        if at >= MEMORY_END {
+            return (Area::Nothing, usize::MAX);
+        }
+        let managers = self.sync_managers.iter();
+        if let Some(number) = managers.clone().position(|sm| sm.contains(at)) {
+            return (Area::Buffer(number), self.sync_managers[number].end());
+        }
+        let next = managers.filter(|sm| sm.is_enabled() && sm.start() > at).map(|sm| sm.start());
+        (Area::Memory, next.min().unwrap_or(MEMORY_END).min(MEMORY_END))
+    }
+
+    /// The master reads from an address on. What is refused leaves `out` alone.
+    pub(super) fn read(&mut self, at: u16, out: &mut [u8], context: &mut Context<'_>) -> bool {
+        let (mut at, mut rest, mut is_done) = (usize::from(at), out, false);
+        while !rest.is_empty() {
+            let (area, end) = self.area(at);
+            let (part, behind) = rest.split_at_mut((end - at).min(rest.len()));
+            is_done |= match area {
+                Area::Registers => {
+                    self.read_registers(at, part, context);
+                    true
+                }
+                Area::Buffer(number) => self.read_buffer(number, at, part, context),
+                Area::Memory => {
+                    part.copy_from_slice(self.memory_at(at, part.len()));
+                    true
+                }
+                Area::Nothing => false,
+            };
+            at += part.len();
+            rest = behind;
+        }
+        is_done
+    }
+
+    /// The master writes from an address on.
+    pub(super) fn write(&mut self, at: u16, data: &[u8], context: &mut Context<'_>) -> bool {
+        let (mut at, mut rest, mut is_done) = (usize::from(at), data, false);
+        while !rest.is_empty() {
+            let (area, end) = self.area(at);
+            let (part, behind) = rest.split_at((end - at).min(rest.len()));
+            is_done |= match area {
+                Area::Registers => self.write_registers(at, part, context),
+                Area::Buffer(number) => self.write_buffer(number, at, part, context),
+                Area::Memory => {
+                    self.memory_mut(at, part.len()).copy_from_slice(part);
+                    true
+                }
+                Area::Nothing => false,
+            };
+            at += part.len();
+            rest = behind;
+        }
+        is_done
+    }
+
+    /// Memory at an address behind the registers; shorter where it ends.
+    pub(super) fn memory_at(&self, at: usize, bytes: usize) -> &[u8] {
+        let from = at.saturating_sub(REGISTER_BYTES).min(MEMORY_BYTES);
+        &self.memory[from..(from + bytes).min(MEMORY_BYTES)]
+    }
+
+    pub(super) fn memory_mut(&mut self, at: usize, bytes: usize) -> &mut [u8] {
+        let from = at.saturating_sub(REGISTER_BYTES).min(MEMORY_BYTES);
+        &mut self.memory[from..(from + bytes).min(MEMORY_BYTES)]
+    }
+
+    /// The buffers of process data are the firmware's.
+    pub(super) fn buffer_is_full(&self, number: usize, context: &Context<'_>) -> bool {
+        match number {
+            OUTPUTS => context.gateway.outputs_full(),
+            INPUTS => context.gateway.inputs_full(),
+            _ => self.sync_managers.get(number).is_some_and(|sm| sm.is_full),
+        }
+    }
+
+    fn write_buffer(
+        &mut self,
+        number: usize,
+        at: usize,
+        data: &[u8],
+        context: &mut Context<'_>,
+    ) -> bool {
+        let is_full = self.buffer_is_full(number, context);
+        if number == OUTPUTS && !context.gateway.exchanges_process_data() {
+            return false;
+        }
+        let sm = &mut self.sync_managers[number];
+        let progress = sm.write(at - sm.start(), data.len(), is_full);
+        if progress == Progress::Refused {
+            if number == OUTPUTS {
+                context.gateway.note_refused(true);
+            }
+            return false;
+        }
+        let (start, length) = (sm.start(), sm.length());
+        let to = self.memory_mut(at, data.len());
+        let length_in = to.len();
+        to.copy_from_slice(&data[..length_in]);
+        if progress == Progress::Complete {
+            self.sync_managers[number].filled();
+            match number {
+                OUTPUTS => {
+                    let from = start - REGISTER_BYTES;
+                    let image = self.memory.get(from..from + length).unwrap_or_default();
+                    let _ = context.gateway.write_outputs(context.now, image);
+                }
+                WRITE_MAILBOX => self.serve_mailbox(context),
+                _ => {}
+            }
+        }
+        true
+    }
+
+    fn read_buffer(
+        &mut self,
+        number: usize,
+        at: usize,
+        out: &mut [u8],
+        context: &mut Context<'_>,
+    ) -> bool {
+        let is_full = self.buffer_is_full(number, context);
+        if number == INPUTS && !context.gateway.exchanges_process_data() {
+            return false;
+        }
+        let sm = &mut self.sync_managers[number];
+        let (start, length) = (sm.start(), sm.length());
+        let progress = sm.read(at - start, out.len(), is_full);
+        if progress == Progress::Refused {
+            if number == INPUTS {
+                context.gateway.note_refused(false);
+            }
+            return false;
+        }
+        if number == INPUTS && at == start {
+            // The image stands still until it has been read.
+            let image = context.gateway.input_image();
+            let to = start - REGISTER_BYTES;
+            if let Some(to) = self.memory.get_mut(to..to + length.min(image.len())) {
+                to.copy_from_slice(&image[..to.len()]);
+            }
+        }
+        let from = self.memory_at(at, out.len());
+        out[..from.len()].copy_from_slice(from);
+        if progress == Progress::Complete {
+            self.sync_managers[number].emptied();
+            match number {
+                INPUTS => context.gateway.inputs_were_read(context.now),
+                READ_MAILBOX => self.serve_mailbox(context),
+                _ => {}
+            }
+        }
+        true
+    }
+
+    /// Sync managers whose buffer the firmware has filled or emptied since show it as an event.
+    pub(super) fn notice_buffers(&mut self, context: &Context<'_>) {
+        for number in [OUTPUTS, INPUTS] {
+            let is_full = self.buffer_is_full(number, context);
+            let sm = &mut self.sync_managers[number];
+            match (sm.is_full, is_full) {
+                (false, true) => sm.filled(),
+                (true, false) => sm.emptied(),
+                _ => {}
+            }
+        }
+        debug_assert!(OUTPUTS < SYNC_MANAGERS && INPUTS < SYNC_MANAGERS);
+    }
+}

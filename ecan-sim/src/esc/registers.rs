@@ -1,0 +1,377 @@
+//! The registers of a slave controller (ETG.1000.4): addresses, what may be written, how they read.
+
+use ecan_protocol::AlState;
+
+use super::clock::{self, ClockRegisters};
+use super::controller::Controller;
+use super::eeprom::INTERFACE_BYTES;
+use super::fmmu::{FMMU_BYTES, FMMUS, Fmmu};
+use super::memory::Context;
+use super::sync_manager::{SYNC_MANAGER_BYTES, SYNC_MANAGERS};
+use crate::gateway::SmSettings;
+
+/// Registers end where the memory begins.
+pub(super) const REGISTER_BYTES: usize = 0x1000;
+
+/// First addresses.
+pub(super) mod address {
+    pub(crate) const TYPE: usize = 0x0000;
+    pub(crate) const STATION: usize = 0x0010;
+    pub(crate) const ALIAS: usize = 0x0012;
+    pub(crate) const WRITE_PROTECTION: usize = 0x0020;
+    pub(crate) const DL_CONTROL: usize = 0x0100;
+    pub(crate) const DL_STATUS: usize = 0x0110;
+    pub(crate) const AL_CONTROL: usize = 0x0120;
+    pub(crate) const AL_STATUS: usize = 0x0130;
+    pub(crate) const AL_STATUS_CODE: usize = 0x0134;
+    pub(crate) const PDI: usize = 0x0140;
+    pub(crate) const EVENT_MASK: usize = 0x0200;
+    pub(crate) const EVENTS: usize = 0x0210;
+    pub(crate) const DEVICE_EVENTS: usize = 0x0220;
+    pub(crate) const RECEIVE_ERRORS: usize = 0x0300;
+    pub(crate) const PROCESSING_ERRORS: usize = 0x030C;
+    pub(crate) const LOST_LINKS: usize = 0x0310;
+    pub(crate) const WATCHDOG_DIVIDER: usize = 0x0400;
+    pub(crate) const WATCHDOG_DEVICE: usize = 0x0410;
+    pub(crate) const WATCHDOG_TIME: usize = 0x0420;
+    pub(crate) const WATCHDOG_STATUS: usize = 0x0440;
+    pub(crate) const WATCHDOG_COUNTERS: usize = 0x0442;
+    pub(crate) const EEPROM_OWNER: usize = 0x0500;
+    pub(crate) const EEPROM: usize = 0x0502;
+    pub(crate) const FMMU: usize = 0x0600;
+    pub(crate) const SYNC_MANAGER: usize = 0x0800;
+    pub(crate) const RECEIVE_TIMES: usize = 0x0900;
+    pub(crate) const SYSTEM_TIME: usize = 0x0910;
+    pub(crate) const TIME_OFFSET: usize = 0x0920;
+    pub(crate) const TIME_DELAY: usize = 0x0928;
+    pub(crate) const SPEED_COUNTER: usize = 0x0930;
+    pub(crate) const FILTER_DEPTHS: usize = 0x0934;
+    pub(crate) const CYCLIC_CONTROL: usize = 0x0980;
+    pub(crate) const ACTIVATION: usize = 0x0981;
+    pub(crate) const PULSE_LENGTH: usize = 0x0982;
+    pub(crate) const CYCLIC_START: usize = 0x0990;
+    pub(crate) const SYNC0_CYCLE: usize = 0x09A0;
+    pub(crate) const USER: usize = 0x0F80;
+}
+
+/// What the master may write, beside sync managers and EEPROM: address and bytes.
+const WRITABLE: [(usize, usize); 22] = [
+    (address::STATION, 2),
+    (address::WRITE_PROTECTION, 2),
+    (address::WRITE_PROTECTION + 0x10, 2),
+    (address::DL_CONTROL, 4),
+    (0x0108, 2),
+    (address::AL_CONTROL, 2),
+    (address::EVENT_MASK, 2),
+    (address::RECEIVE_ERRORS, 20),
+    (address::WATCHDOG_DIVIDER, 2),
+    (address::WATCHDOG_DEVICE, 2),
+    (address::WATCHDOG_TIME, 2),
+    (address::WATCHDOG_COUNTERS, 2),
+    (address::EEPROM_OWNER, 1),
+    (address::FMMU, FMMUS * FMMU_BYTES),
+    (address::RECEIVE_TIMES, 4),
+    (address::SYSTEM_TIME, 8),
+    (address::TIME_OFFSET, 12),
+    (address::SPEED_COUNTER, 2),
+    (address::FILTER_DEPTHS, 2),
+    (address::CYCLIC_CONTROL, 2),
+    (address::CYCLIC_START, 8),
+    (address::SYNC0_CYCLE, 8),
+];
+
+/// Registers after power-on that do not start at 0. Type, revision, build, FMMUs, sync managers,
+/// KiB of memory, ports (0 and 1 MII), features (distributed clocks of 64 bits, receive errors told
+/// apart).
+const INFORMATION: [u8; 10] =
+    [0x04, 0x01, 0, 0, FMMUS as u8, SYNC_MANAGERS as u8, 8, 0x0F, 0x8C, 0];
+const DEFAULTS: [(usize, &[u8]); 7] = [
+    (address::TYPE, &INFORMATION),
+    (address::DL_CONTROL, &[0x01, 0, 0, 0]),
+    (address::WATCHDOG_DIVIDER, &2498_u16.to_le_bytes()),
+    (address::WATCHDOG_DEVICE, &1000_u16.to_le_bytes()),
+    (address::WATCHDOG_TIME, &1000_u16.to_le_bytes()),
+    (address::SPEED_COUNTER, &0x1000_u16.to_le_bytes()),
+    (address::FILTER_DEPTHS, &[4, 12]),
+];
+
+/// A step of the watchdog divider, in nanoseconds; two more than it says.
+const WATCHDOG_STEP_NS: u64 = 40;
+
+const AL_STATE: u8 = 0x0F;
+const AL_ACKNOWLEDGE: u8 = 0x10;
+
+/// Event requests of the master.
+pub(super) mod event {
+    pub(crate) const DL_STATUS: u16 = 1 << 2;
+    pub(crate) const AL_STATUS: u16 = 1 << 3;
+    pub(crate) const FIRST_SYNC_MANAGER: u16 = 1 << 4;
+}
+/// First event request of the device that is a sync manager's.
+const FIRST_DEVICE_SYNC_MANAGER: u32 = 1 << 8;
+
+fn touches(at: usize, bytes: usize, register: usize, length: usize) -> bool {
+    at < register + length && register < at + bytes
+}
+
+/// Values after power-on.
+pub(super) fn initial() -> Box<[u8]> {
+    let mut registers = vec![0; REGISTER_BYTES].into_boxed_slice();
+    for (at, bytes) in DEFAULTS {
+        registers[at..at + bytes.len()].copy_from_slice(bytes);
+    }
+    registers
+}
+
+impl Controller {
+    /// So many bytes of a register, as stored.
+    pub(super) fn stored<const N: usize>(&self, at: usize) -> [u8; N] {
+        self.registers.get(at..at + N).and_then(|bytes| bytes.try_into().ok()).unwrap_or([0; N])
+    }
+
+    pub(super) fn store(&mut self, at: usize, bytes: &[u8]) {
+        if let Some(to) = self.registers.get_mut(at..at + bytes.len()) {
+            to.copy_from_slice(bytes);
+        }
+    }
+
+    /// Adds one to a counter of a byte, up to its end.
+    pub(super) fn count(&mut self, at: usize) {
+        let [value] = self.stored(at);
+        self.store(at, &[value.saturating_add(1)]);
+    }
+
+    /// The master reads registers.
+    pub(super) fn read_registers(&mut self, at: usize, out: &mut [u8], context: &Context<'_>) {
+        self.refresh(at, out.len(), context);
+        if let Some(from) = self.registers.get(at..at + out.len()) {
+            out.copy_from_slice(from);
+        }
+        // Reading acknowledges.
+        if touches(at, out.len(), address::DL_STATUS, 2) {
+            self.events &= !event::DL_STATUS;
+        }
+        if touches(at, out.len(), address::AL_STATUS, 2) {
+            self.events &= !event::AL_STATUS;
+        }
+    }
+
+    /// Brings what changes by itself up to date.
+    fn refresh(&mut self, at: usize, bytes: usize, context: &Context<'_>) {
+        let touches = |register, length| touches(at, bytes, register, length);
+        if touches(address::DL_STATUS, 2) {
+            self.store(address::DL_STATUS, &self.dl_status(context).to_le_bytes());
+        }
+        if touches(address::AL_STATUS, 6) {
+            let gateway = &context.gateway;
+            let error = if gateway.al_error() { AL_ACKNOWLEDGE } else { 0 };
+            self.store(address::AL_STATUS, &[gateway.al_state().raw() | error, 0]);
+            self.store(address::AL_STATUS_CODE, &gateway.al_status_code().to_le_bytes());
+        }
+        if touches(address::EVENTS, 2) {
+            self.store(address::EVENTS, &self.event_requests().to_le_bytes());
+        }
+        if touches(address::DEVICE_EVENTS, 4) {
+            let events = self.sync_managers.iter().enumerate().map(|(number, sm)| {
+                if sm.has_device_event() { FIRST_DEVICE_SYNC_MANAGER << number } else { 0 }
+            });
+            let events: u32 = events.sum();
+            self.store(address::DEVICE_EVENTS, &events.to_le_bytes());
+        }
+        if touches(address::WATCHDOG_STATUS, 4) {
+            let expired = context.gateway.watchdog_expirations();
+            self.store(
+                address::WATCHDOG_STATUS,
+                &[u8::from(!context.gateway.watchdog_has_expired())],
+            );
+            let seen = expired.wrapping_sub(self.watchdogs_cleared).min(0xFF) as u8;
+            self.store(address::WATCHDOG_COUNTERS, &[seen]);
+        }
+        if touches(address::EEPROM, INTERFACE_BYTES) {
+            self.store(address::EEPROM, &self.eeprom.show(context.now));
+        }
+        if touches(address::SYNC_MANAGER, SYNC_MANAGERS * SYNC_MANAGER_BYTES) {
+            for number in 0..SYNC_MANAGERS {
+                let is_full = self.buffer_is_full(number, context);
+                let first = address::SYNC_MANAGER + number * SYNC_MANAGER_BYTES;
+                for (byte, at) in (first..first + SYNC_MANAGER_BYTES).enumerate() {
+                    let value = self.sync_managers[number].register(byte, is_full);
+                    self.store(at, &[value]);
+                }
+            }
+        }
+        if touches(address::RECEIVE_TIMES, 0x30) {
+            let clock: ClockRegisters = self.clock;
+            let end = address::RECEIVE_TIMES + 0x30;
+            clock.show(&mut self.registers[address::RECEIVE_TIMES..end], context);
+        }
+        if touches(address::CYCLIC_START, 8)
+            && let Some(next) = context.gateway.next_sync0_system_time(context.now)
+        {
+            self.store(address::CYCLIC_START, &next.to_le_bytes());
+        }
+    }
+
+    /// What the master is told of, in each datagram where it asked for it.
+    pub(super) fn event_requests(&self) -> u16 {
+        let sync_managers = self.sync_managers.iter().enumerate();
+        self.events
+            | sync_managers
+                .map(
+                    |(number, sm)| {
+                        if sm.has_event() { event::FIRST_SYNC_MANAGER << number } else { 0 }
+                    },
+                )
+                .sum::<u16>()
+    }
+
+    /// The master writes registers; whether there was any that it may write.
+    pub(super) fn write_registers(
+        &mut self,
+        at: usize,
+        data: &[u8],
+        context: &mut Context<'_>,
+    ) -> bool {
+        let mut is_done = false;
+        for (first, length) in WRITABLE.into_iter().chain([(address::USER, 128)]) {
+            let from = first.max(at);
+            let to = (first + length).min(at + data.len());
+            if from >= to {
+                continue;
+            }
+            is_done = true;
+            // Counters are cleared by any write.
+            let is_counter = matches!(first, address::RECEIVE_ERRORS | address::WATCHDOG_COUNTERS);
+            for place in from..to {
+                self.registers[place] = if is_counter { 0 } else { data[place - at] };
+            }
+        }
+        let sync_managers =
+            address::SYNC_MANAGER..address::SYNC_MANAGER + SYNC_MANAGERS * SYNC_MANAGER_BYTES;
+        for (place, value) in (at..).zip(data).filter(|(place, _)| sync_managers.contains(place)) {
+            let place = place - address::SYNC_MANAGER;
+            let sm = &mut self.sync_managers[place / SYNC_MANAGER_BYTES];
+            is_done |= sm.write_register(place % SYNC_MANAGER_BYTES, *value);
+        }
+        if touches(at, data.len(), address::EEPROM, INTERFACE_BYTES) {
+            is_done |= self.write_eeprom_interface(at, data, context);
+        }
+        if is_done {
+            self.after_write(at, data.len(), context);
+        }
+        is_done
+    }
+
+    /// What written registers set off.
+    fn after_write(&mut self, at: usize, bytes: usize, context: &mut Context<'_>) {
+        let touches = |register, length| touches(at, bytes, register, length);
+        if touches(address::AL_CONTROL, 1) {
+            self.request_state(context);
+        }
+        if touches(address::WATCHDOG_COUNTERS, 2) {
+            self.watchdogs_cleared = context.gateway.watchdog_expirations();
+        }
+        if touches(address::WATCHDOG_DIVIDER, 2) || touches(address::WATCHDOG_TIME, 2) {
+            let divider = u64::from(u16::from_le_bytes(self.stored(address::WATCHDOG_DIVIDER)));
+            let time = u64::from(u16::from_le_bytes(self.stored(address::WATCHDOG_TIME)));
+            context.gateway.set_watchdog_ns((divider + 2) * WATCHDOG_STEP_NS * time);
+        }
+        if touches(address::FMMU, FMMUS * FMMU_BYTES) {
+            for number in 0..FMMUS {
+                let registers = self.stored(address::FMMU + number * FMMU_BYTES);
+                self.fmmus[number] = Fmmu::from_registers(&registers);
+            }
+        }
+        if touches(address::SYNC_MANAGER, SYNC_MANAGERS * SYNC_MANAGER_BYTES) {
+            self.after_sync_manager_write(context);
+        }
+        if touches(address::RECEIVE_TIMES, 4) {
+            self.clock.latch(context);
+        }
+        if touches(address::TIME_OFFSET, 8) {
+            let offset = u64::from_le_bytes(self.stored(address::TIME_OFFSET));
+            self.clock.set_offset(offset, context);
+        }
+        if touches(address::TIME_DELAY, 4) {
+            self.clock.set_delay(u32::from_le_bytes(self.stored(address::TIME_DELAY)));
+        }
+        if touches(address::SYSTEM_TIME, 8) {
+            let told: [u8; 8] = self.stored(address::SYSTEM_TIME);
+            let is_whole = at + bytes >= address::SYSTEM_TIME + 8;
+            self.clock.told(if is_whole { &told } else { &told[..4] }, context);
+        }
+        if touches(address::CYCLIC_CONTROL, 2) {
+            let [activation] = self.stored(address::ACTIVATION);
+            let start = u64::from_le_bytes(self.stored(address::CYCLIC_START));
+            let cycle = u32::from_le_bytes(self.stored(address::SYNC0_CYCLE));
+            clock::switch_sync0(context.gateway, activation, start, cycle);
+        }
+    }
+
+    /// AL control was written. With a pending error only a request that acknowledges it counts.
+    fn request_state(&mut self, context: &mut Context<'_>) {
+        let [control] = self.stored(address::AL_CONTROL);
+        if context.gateway.al_error() && control & AL_ACKNOWLEDGE == 0 {
+            return;
+        }
+        match AlState::from_raw(control & AL_STATE) {
+            Some(state) => context.gateway.request_al_state(context.now, state),
+            None => context.gateway.refuse_unknown_al_state(context.now),
+        }
+    }
+
+    /// Tells the firmware of the sync managers that are its.
+    fn after_sync_manager_write(&mut self, context: &mut Context<'_>) {
+        for number in 0..4 {
+            let sm = self.sync_managers[number];
+            let settings = sm.is_enabled().then(|| SmSettings {
+                start: sm.start() as u16,
+                length: sm.length() as u16,
+                control: sm.control(),
+            });
+            context.gateway.configure_sync_manager(number as u8, settings);
+        }
+        self.repeat_if_asked();
+    }
+
+    fn write_eeprom_interface(
+        &mut self,
+        at: usize,
+        data: &[u8],
+        context: &mut Context<'_>,
+    ) -> bool {
+        const OWNED_BY_DEVICE: u8 = 1;
+        let [owner] = self.stored(address::EEPROM_OWNER);
+        if owner & OWNED_BY_DEVICE != 0 {
+            return false;
+        }
+        let mut interface = self.eeprom.show(context.now);
+        for (place, value) in (at..).zip(data) {
+            let place = place.checked_sub(address::EEPROM);
+            if let Some(to) = place.and_then(|place| interface.get_mut(place)) {
+                *to = *value;
+            }
+        }
+        let has_command = touches(at, data.len(), address::EEPROM + 1, 1);
+        self.command_eeprom(&interface, has_command, context);
+        true
+    }
+
+    /// After power-on and reload: what the controller takes from its EEPROM.
+    pub(super) fn load_configuration(&mut self, words: &[u16]) {
+        let word = |at: usize| words.get(at).copied().unwrap_or(0).to_le_bytes();
+        self.store(address::PDI, &word(0));
+        self.store(address::PULSE_LENGTH, &word(2));
+        self.store(address::ALIAS, &word(4));
+    }
+
+    /// A frame that could not be processed to its end.
+    pub(super) fn count_processing_error(&mut self) {
+        self.count(address::PROCESSING_ERRORS);
+    }
+
+    pub(super) fn count_lost_link(&mut self, port: usize) {
+        self.count(address::LOST_LINKS + port);
+        self.events |= event::DL_STATUS;
+    }
+}

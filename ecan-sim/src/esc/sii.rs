@@ -1,0 +1,207 @@
+//! What stands in the SII EEPROM of a gateway as it leaves the factory (ETG.2010; manual 5.3, 15.7).
+
+use ecan_protocol::MAX_PDO_BYTES;
+
+use crate::gateway::SmSettings;
+use crate::scenario::GatewaySpec;
+
+use super::eeprom::checksum;
+
+/// Words of the EEPROM: 2 KiB.
+const WORDS: usize = 1024;
+/// First word of the categories.
+const CATEGORIES: usize = 0x40;
+const END: u16 = 0xFFFF;
+
+/// Words of the fixed part.
+mod word {
+    pub(super) const PDI_CONTROL: usize = 0;
+    pub(super) const SYNC_PULSE: usize = 2;
+    pub(super) const ALIAS: usize = 4;
+    pub(super) const CHECKSUM: usize = 7;
+    pub(super) const VENDOR: usize = 0x08;
+    pub(super) const PRODUCT: usize = 0x0A;
+    pub(super) const REVISION: usize = 0x0C;
+    pub(super) const SERIAL: usize = 0x0E;
+    pub(super) const BOOT_MAILBOX: usize = 0x14;
+    pub(super) const MAILBOX: usize = 0x18;
+    pub(super) const PROTOCOLS: usize = 0x1C;
+    pub(super) const SIZE: usize = 0x3E;
+    pub(super) const VERSION: usize = 0x3F;
+}
+
+/// Category numbers.
+mod category {
+    pub(super) const STRINGS: u16 = 10;
+    pub(super) const GENERAL: u16 = 30;
+    pub(super) const FMMU: u16 = 40;
+    pub(super) const SYNC_MANAGER: u16 = 41;
+    pub(super) const CLOCK: u16 = 60;
+}
+
+/// Process data interface: on the chip. Its configuration byte enables Sync0.
+const PDI: u16 = 0x0E80;
+/// Length of a Sync0 pulse in 10 ns.
+const SYNC_PULSE: u16 = 1000;
+const PROTOCOL_COE: u16 = 0x0004;
+const PROTOCOL_FOE: u16 = 0x0008;
+/// CoE details: SDO, SDO information, complete access; with the scenario's word on the others.
+const COE_SDO: u8 = 0x01 | 0x02 | 0x20;
+const COE_PDO_ASSIGN: u8 = 0x04;
+const COE_PDO_CONFIGURATION: u8 = 0x08;
+const FOE: u8 = 0x01;
+
+/// Mailboxes: what is left below the process data.
+pub(crate) const MAILBOXES: [SmSettings; 2] = [
+    SmSettings { start: 0x1000, length: 0x80, control: 0x26 },
+    SmSettings { start: 0x1080, length: 0x80, control: 0x22 },
+];
+/// Process data as manual 5.3 asks for them.
+const PROCESS_DATA: [SmSettings; 2] = [
+    SmSettings { start: 0x1100, length: MAX_PDO_BYTES as u16, control: 0x66 },
+    SmSettings { start: 0x1D00, length: MAX_PDO_BYTES as u16, control: 0x22 },
+];
+
+const STRINGS: [&str; 4] =
+    ["ECAN-Lite", "EtherCAT to CAN FD gateway, 4 channels", "FreeRun", "DC Sync0"];
+const NAME: u8 = 1;
+const DESCRIPTION: u8 = 2;
+const FREE_RUN: u8 = 3;
+const DC_SYNC0: u8 = 4;
+/// AssignActivate of the operation mode with Sync0.
+const ASSIGN_ACTIVATE: u16 = 0x0300;
+
+/// The words of a gateway's EEPROM.
+pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
+    let settings = &spec.settings;
+    let mut words = vec![0; CATEGORIES];
+    let mut put = |at: usize, value: u16| words[at] = value;
+    put(word::PDI_CONTROL, PDI);
+    put(word::SYNC_PULSE, SYNC_PULSE);
+    put(word::ALIAS, spec.alias);
+    let numbers = [
+        (word::VENDOR, settings.vendor_id),
+        (word::PRODUCT, settings.product_code),
+        (word::REVISION, settings.revision),
+        (word::SERIAL, settings.serial as u32),
+    ];
+    for (at, value) in numbers {
+        put(at, value as u16);
+        put(at + 1, (value >> 16) as u16);
+    }
+    for at in [word::BOOT_MAILBOX, word::MAILBOX] {
+        for (nth, mailbox) in MAILBOXES.into_iter().enumerate() {
+            put(at + 2 * nth, mailbox.start);
+            put(at + 2 * nth + 1, mailbox.length);
+        }
+    }
+    put(word::PROTOCOLS, PROTOCOL_COE | PROTOCOL_FOE);
+    put(word::SIZE, (WORDS * 16 / 1024 - 1) as u16);
+    put(word::VERSION, 1);
+    words[word::CHECKSUM] = checksum(&words).into();
+    add(&mut words, category::STRINGS, &strings());
+    add(&mut words, category::GENERAL, &general(spec));
+    // FMMU 0 for outputs, 1 for inputs, 2 for the state of the mailbox.
+    add(&mut words, category::FMMU, &[1, 2, 3, 0]);
+    add(&mut words, category::SYNC_MANAGER, &sync_managers());
+    add(&mut words, category::CLOCK, &clocks());
+    words.push(END);
+    words.resize(WORDS, 0xFFFF);
+    words
+}
+
+fn add(words: &mut Vec<u16>, category: u16, bytes: &[u8]) {
+    words.extend([category, bytes.len().div_ceil(2) as u16]);
+    words.extend(bytes.chunks(2).map(|pair| {
+        let [low, high] = [pair.first(), pair.get(1)].map(|byte| byte.copied().unwrap_or(0));
+        u16::from_le_bytes([low, high])
+    }));
+}
+
+fn strings() -> Vec<u8> {
+    let mut bytes = vec![STRINGS.len() as u8];
+    for text in STRINGS {
+        bytes.push(text.len() as u8);
+        bytes.extend(text.as_bytes());
+    }
+    bytes
+}
+
+fn general(spec: &GatewaySpec) -> [u8; 32] {
+    let mut bytes = [0; 32];
+    // Group, image, order number, name.
+    bytes[..4].copy_from_slice(&[DESCRIPTION, 0, NAME, DESCRIPTION]);
+    bytes[5] = COE_SDO
+        | if spec.pdo_assign { COE_PDO_ASSIGN } else { 0 }
+        | if spec.pdo_configuration { COE_PDO_CONFIGURATION } else { 0 };
+    bytes[6] = FOE;
+    // Ports 0 and 1 are MII.
+    bytes[16] = 0x11;
+    bytes
+}
+
+fn sync_managers() -> Vec<u8> {
+    let all = MAILBOXES.into_iter().chain(PROCESS_DATA).zip(1..);
+    let entry = |(sm, kind): (SmSettings, u8)| {
+        let ([s0, s1], [l0, l1]) = (sm.start.to_le_bytes(), sm.length.to_le_bytes());
+        [s0, s1, l0, l1, sm.control, 0, 1, kind]
+    };
+    all.flat_map(entry).collect()
+}
+
+fn clocks() -> Vec<u8> {
+    let mode = |assign_activate: u16, name: u8| {
+        let mut bytes = [0; 24];
+        bytes[14..16].copy_from_slice(&assign_activate.to_le_bytes());
+        bytes[18] = name;
+        bytes
+    };
+    [mode(0, FREE_RUN), mode(ASSIGN_ACTIVATE, DC_SYNC0)].concat()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Words of a category.
+    fn find(words: &[u16], wanted: u16) -> &[u16] {
+        let mut at = CATEGORIES;
+        while words[at] != END {
+            let length = usize::from(words[at + 1]);
+            if words[at] == wanted {
+                return &words[at + 2..at + 2 + length];
+            }
+            at += 2 + length;
+        }
+        panic!("no category {wanted}");
+    }
+
+    #[test]
+    fn sync_managers_are_those_of_the_manual() {
+        let words = image(&GatewaySpec::at(0));
+        assert_eq!(words.len(), WORDS);
+        let expected = [
+            [0x1000, 0x0080, 0x0026, 0x0101],
+            [0x1080, 0x0080, 0x0022, 0x0201],
+            [0x1100, 3072, 0x0066, 0x0301],
+            [0x1D00, 3072, 0x0022, 0x0401],
+        ];
+        assert_eq!(find(&words, category::SYNC_MANAGER), expected.concat());
+        assert_eq!(words[0x18..0x1D], [0x1000, 0x80, 0x1080, 0x80, 0x0C]);
+        assert_eq!(words[word::SIZE], 15, "16 Kibit");
+    }
+
+    #[test]
+    fn the_scenario_decides_on_identity_alias_and_assignment() {
+        let mut spec = GatewaySpec::at(0);
+        spec.alias = 0x1234;
+        spec.settings.vendor_id = 0xAABB_CCDD;
+        (spec.pdo_assign, spec.pdo_configuration) = (false, true);
+        let words = image(&spec);
+        assert_eq!((words[4], words[8], words[9]), (0x1234, 0xCCDD, 0xAABB));
+        assert_eq!(find(&words, category::GENERAL)[2] >> 8, 0x23 | 0x08);
+        let strings = find(&words, category::STRINGS);
+        assert_eq!(strings[0].to_le_bytes(), [4, 9], "four strings, the first of nine bytes");
+        assert_eq!(find(&words, category::CLOCK)[12 + 7], 0x0300);
+    }
+}

@@ -1,0 +1,242 @@
+//! Sync managers: who may touch a buffer, and when (ETG.1000.4; manual 5.3).
+//!
+//! A single buffer (mailbox mode) is full or empty. An access begins with its first byte and is
+//! complete with its last one, in one datagram or in several; what begins elsewhere is refused.
+
+/// Bytes of a sync manager's registers.
+pub(super) const SYNC_MANAGER_BYTES: usize = 8;
+/// Sync managers of a controller.
+pub(super) const SYNC_MANAGERS: usize = 8;
+
+const CONTROL_MODE: u8 = 0x03;
+const CONTROL_SINGLE: u8 = 0x02;
+const CONTROL_DIRECTION: u8 = 0x0C;
+const CONTROL_WRITTEN_BY_MASTER: u8 = 0x04;
+
+const STATUS_WRITTEN: u8 = 0x01;
+const STATUS_READ: u8 = 0x02;
+const STATUS_FULL: u8 = 0x08;
+
+const ACTIVATE_ENABLED: u8 = 0x01;
+const ACTIVATE_REPEAT: u8 = 0x02;
+/// Bits of the activation register that the master may write.
+const ACTIVATE_WRITABLE: u8 = 0xC3;
+
+/// One sync manager.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) struct SyncManager {
+    start: u16,
+    length: u16,
+    control: u8,
+    activate: u8,
+    /// Answer to the repeat request, in the register of the device's side.
+    repeat_acknowledged: bool,
+    /// Single buffer: it holds something that the other side has not read.
+    pub(super) is_full: bool,
+    /// An access has begun and not ended.
+    is_open: bool,
+    /// Written completely, and not read since; read completely, and not written since.
+    was_written: bool,
+    was_read: bool,
+}
+
+/// How far an access got.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Progress {
+    Refused,
+    Begun,
+    Complete,
+}
+
+impl SyncManager {
+    pub(super) fn is_enabled(&self) -> bool {
+        self.activate & ACTIVATE_ENABLED != 0 && self.length > 0
+    }
+
+    pub(super) fn start(&self) -> usize {
+        self.start.into()
+    }
+
+    pub(super) fn length(&self) -> usize {
+        self.length.into()
+    }
+
+    pub(super) fn end(&self) -> usize {
+        self.start() + self.length()
+    }
+
+    pub(super) fn control(&self) -> u8 {
+        self.control
+    }
+
+    pub(super) fn contains(&self, address: usize) -> bool {
+        self.is_enabled() && (self.start()..self.end()).contains(&address)
+    }
+
+    fn is_single(&self) -> bool {
+        self.control & CONTROL_MODE == CONTROL_SINGLE
+    }
+
+    fn is_written_by_master(&self) -> bool {
+        self.control & CONTROL_DIRECTION == CONTROL_WRITTEN_BY_MASTER
+    }
+
+    /// The master writes so many bytes from an offset on. `is_full` tells of the buffer, which may
+    /// belong to the firmware.
+    pub(super) fn write(&mut self, offset: usize, bytes: usize, is_full: bool) -> Progress {
+        let may = self.is_written_by_master() && !(self.is_single() && is_full);
+        self.access(may, offset, bytes)
+    }
+
+    /// The master reads, as [`write`](Self::write).
+    pub(super) fn read(&mut self, offset: usize, bytes: usize, is_full: bool) -> Progress {
+        let may = !self.is_written_by_master() && !(self.is_single() && !is_full);
+        self.access(may, offset, bytes)
+    }
+
+    fn access(&mut self, may: bool, offset: usize, bytes: usize) -> Progress {
+        if !may || (offset > 0 && !self.is_open) {
+            return Progress::Refused;
+        }
+        self.is_open = offset + bytes < self.length();
+        if self.is_open { Progress::Begun } else { Progress::Complete }
+    }
+
+    /// The side that fills the buffer has done so.
+    pub(super) fn filled(&mut self) {
+        (self.is_full, self.was_written, self.was_read) = (true, true, false);
+    }
+
+    /// The side that empties the buffer has done so.
+    pub(super) fn emptied(&mut self) {
+        (self.is_full, self.was_written, self.was_read) = (false, false, true);
+    }
+
+    /// What the master's event request shows of it.
+    pub(super) fn has_event(&self) -> bool {
+        self.is_enabled()
+            && if self.is_written_by_master() { self.was_read } else { self.was_written }
+    }
+
+    /// What the device's event request shows of it.
+    pub(super) fn has_device_event(&self) -> bool {
+        self.is_enabled()
+            && if self.is_written_by_master() { self.was_written } else { self.was_read }
+    }
+
+    /// Takes the request to repeat the last message, once.
+    pub(super) fn take_repeat_request(&mut self) -> bool {
+        let requested = self.activate & ACTIVATE_REPEAT != 0;
+        let is_new = requested != self.repeat_acknowledged;
+        self.repeat_acknowledged = requested;
+        is_new
+    }
+
+    // Registers
+
+    pub(super) fn register(&self, at: usize, is_full: bool) -> u8 {
+        let flag = |is_set: bool, flag: u8| if is_set { flag } else { 0 };
+        match at {
+            0 => self.start.to_le_bytes()[0],
+            1 => self.start.to_le_bytes()[1],
+            2 => self.length.to_le_bytes()[0],
+            3 => self.length.to_le_bytes()[1],
+            4 => self.control,
+            5 => {
+                flag(self.was_written, STATUS_WRITTEN)
+                    | flag(self.was_read, STATUS_READ)
+                    | flag(is_full && self.is_single(), STATUS_FULL)
+            }
+            6 => self.activate,
+            7 => flag(self.repeat_acknowledged, ACTIVATE_REPEAT),
+            _ => 0,
+        }
+    }
+
+    /// Whether the master may write this register, and writes it. The buffer can be set up only
+    /// while it is switched off.
+    pub(super) fn write_register(&mut self, at: usize, value: u8) -> bool {
+        let is_on = self.activate & ACTIVATE_ENABLED != 0;
+        let byte = |word: u16, place: usize| {
+            let mut bytes = word.to_le_bytes();
+            bytes[place % 2] = value;
+            u16::from_le_bytes(bytes)
+        };
+        match at {
+            0..=4 if is_on => return true,
+            0 | 1 => self.start = byte(self.start, at),
+            2 | 3 => self.length = byte(self.length, at),
+            4 => self.control = value,
+            6 => {
+                self.activate = value & ACTIVATE_WRITABLE;
+                let is_still_on = value & ACTIVATE_ENABLED != 0;
+                if is_on != is_still_on {
+                    (self.is_full, self.is_open) = (false, false);
+                    (self.was_written, self.was_read) = (false, false);
+                }
+            }
+            _ => return false,
+        }
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn set_up(registers: [u8; SYNC_MANAGER_BYTES]) -> SyncManager {
+        let mut sm = SyncManager::default();
+        for (at, value) in registers.into_iter().enumerate() {
+            sm.write_register(at, value);
+        }
+        sm
+    }
+
+    #[test]
+    fn a_single_buffer_is_written_from_its_first_byte_to_its_last() {
+        let mut sm = set_up([0x00, 0x11, 0x80, 0x01, 0x66, 0, 1, 0]);
+        assert!(sm.contains(0x1100) && sm.contains(0x127F) && !sm.contains(0x1280));
+        assert_eq!(sm.write(1, 10, false), Progress::Refused, "not begun");
+        assert_eq!(sm.write(0, 0x100, false), Progress::Begun);
+        assert_eq!(sm.write(0x100, 0x80, false), Progress::Complete);
+        assert_eq!(sm.write(0, 0x180, true), Progress::Refused, "full");
+        assert_eq!(sm.read(0, 0x180, true), Progress::Refused, "the other direction");
+        assert_eq!(sm.write(0, 0x180, false), Progress::Complete);
+    }
+
+    #[test]
+    fn a_buffer_to_be_read_has_to_be_full() {
+        let mut sm = set_up([0x00, 0x1D, 0x80, 0x00, 0x22, 0, 1, 0]);
+        assert_eq!(sm.read(0, 0x80, false), Progress::Refused);
+        sm.filled();
+        assert!(sm.has_event() && !sm.has_device_event());
+        assert_eq!(sm.register(5, sm.is_full), STATUS_WRITTEN | STATUS_FULL);
+        assert_eq!(sm.read(0, 0x40, true), Progress::Begun);
+        assert_eq!(sm.read(0x40, 0x40, true), Progress::Complete);
+        sm.emptied();
+        assert_eq!(sm.register(5, sm.is_full), STATUS_READ);
+    }
+
+    #[test]
+    fn it_is_set_up_while_it_is_off() {
+        let mut sm = set_up([0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0]);
+        sm.write_register(0, 0x55);
+        assert_eq!(sm.start(), 0x1000, "it is on");
+        sm.write_register(6, 0);
+        sm.write_register(0, 0x80);
+        assert_eq!((sm.start(), sm.is_enabled()), (0x1080, false));
+        assert!(!sm.write_register(5, 0xFF) && !sm.write_register(7, 0xFF), "read only");
+    }
+
+    #[test]
+    fn a_repeat_is_asked_for_by_a_change() {
+        let mut sm = set_up([0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0]);
+        assert!(!sm.take_repeat_request());
+        sm.write_register(6, 3);
+        assert!(sm.take_repeat_request() && !sm.take_repeat_request());
+        assert_eq!(sm.register(7, false), 2);
+        sm.write_register(6, 1);
+        assert!(sm.take_repeat_request());
+    }
+}

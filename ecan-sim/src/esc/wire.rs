@@ -1,0 +1,149 @@
+//! The line of slave controllers before the gateways of a world.
+
+use crate::backend::BackendError;
+use crate::fault::LostWay;
+use crate::scenario::{Scenario, Topology};
+use crate::world::{CycleFate, World};
+
+use super::controller::Controller;
+use super::frame::{FrameFault, for_each_datagram, mark_as_processed};
+use super::memory::Context;
+use super::sii;
+
+/// Time that a frame takes from one slave to the next, ns: processing and cable.
+const HOP_NS: u64 = 600;
+
+/// What has come by so far.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct WireStatistics {
+    /// EtherCAT frames.
+    pub frames: u64,
+    /// Frames with a fault: served up to it, and sent back.
+    pub faulty: u64,
+    /// Frames of other protocols: destroyed, as slave controllers do.
+    pub foreign: u64,
+    /// Frames that did not come back: a fault of the scenario, or nobody there.
+    pub lost: u64,
+}
+
+/// Gateways on an Ethernet wire, for any EtherCAT master: frames go in, and come back as the last
+/// slave of the line has left them.
+///
+/// The world behind is that of the simulated libethercat: the same firmware, buses, nodes and
+/// faults. Time is the caller's, in simulated nanoseconds; it must not run backwards. Not for the
+/// time before a `Wire` was made: gateways boot when it begins.
+pub struct Wire {
+    world: World,
+    controllers: Vec<Controller>,
+    /// Gateways that the present frame reaches.
+    reached: Vec<usize>,
+    statistics: WireStatistics,
+}
+
+impl Wire {
+    /// The world of a scenario at `now`, with the gateways switched on; they answer when they have
+    /// booted.
+    ///
+    /// # Errors
+    /// A candump log or an EDS that cannot be read, a bridge that cannot listen.
+    pub fn new(scenario: &Scenario, now: u64) -> Result<Self, BackendError> {
+        let mut world = World::new(scenario, now)?;
+        for index in 0..world.gateway_count() {
+            let image = world.spec(index).map(sii::image).unwrap_or_default();
+            world.with_gateway(index, |gateway, _| gateway.install_eeprom(image));
+        }
+        world.begin(&scenario.faults);
+        let controllers = (0..world.gateway_count()).map(|_| Controller::new()).collect();
+        Ok(Self { world, controllers, reached: Vec::new(), statistics: WireStatistics::default() })
+    }
+
+    /// The world behind.
+    pub fn world(&self) -> &World {
+        &self.world
+    }
+
+    /// The world behind, to interfere with it.
+    pub fn world_mut(&mut self) -> &mut World {
+        &mut self.world
+    }
+
+    /// What has come by so far.
+    pub fn statistics(&self) -> WireStatistics {
+        self.statistics
+    }
+
+    /// Lets time pass without a frame.
+    pub fn advance(&mut self, now: u64) {
+        self.world.advance(now);
+    }
+
+    /// When something happens by itself, if ever: until then nothing needs [`advance`](Self::advance).
+    pub fn next_event(&self) -> Option<u64> {
+        Some(self.world.next_event()).filter(|at| *at < u64::MAX)
+    }
+
+    /// An Ethernet frame, without its checksum, goes down the line at `now`; whether it comes back.
+    /// Its bytes are then what the master receives.
+    pub fn pass(&mut self, now: u64, frame: &mut [u8]) -> bool {
+        self.world.advance(now);
+        let mut carries_process_data = false;
+        let looked = for_each_datagram(frame, |datagram| {
+            carries_process_data |= datagram.is_logical();
+        });
+        match looked {
+            Ok(()) => {}
+            // As long as it is told from the others.
+            Err(FrameFault::NotEtherCat) => {
+                self.statistics.foreign += 1;
+                return false;
+            }
+            Err(_) => self.statistics.faulty += 1,
+        }
+        self.statistics.frames += 1;
+        let fate =
+            if carries_process_data { self.world.begin_cycle() } else { CycleFate::default() };
+        self.find_reached();
+        if fate.lost == Some(LostWay::Outward) || self.reached.is_empty() {
+            self.statistics.lost += 1;
+            return false;
+        }
+        let hops = self.reached.len() as u64 - 1;
+        for (place, index) in (0..).zip(&self.reached) {
+            let Some(controller) = self.controllers.get_mut(*index) else { continue };
+            let way_back_ns = (place < hops).then(|| 2 * (hops - place) * HOP_NS);
+            self.world.with_gateway(*index, |gateway, now| {
+                let way_ns = place * HOP_NS;
+                controller.pass(frame, &mut Context { gateway, now, way_ns, way_back_ns });
+            });
+        }
+        if fate.counter_offset != 0 {
+            let shift = |mut datagram: super::frame::Datagram<'_>| {
+                if datagram.is_logical() {
+                    datagram.shift_counter(fate.counter_offset);
+                }
+            };
+            // Its faults were told above.
+            let _ = for_each_datagram(frame, shift);
+        }
+        mark_as_processed(frame);
+        if fate.lost == Some(LostWay::Return) {
+            self.statistics.lost += 1;
+            return false;
+        }
+        true
+    }
+
+    fn find_reached(&mut self) {
+        self.reached.clear();
+        if !self.world.link_is_up() {
+            return;
+        }
+        for index in 0..self.world.gateway_count() {
+            if self.world.is_reachable(index) {
+                self.reached.push(index);
+            } else if self.world.topology() == Topology::Line {
+                break;
+            }
+        }
+    }
+}

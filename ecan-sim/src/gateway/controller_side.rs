@@ -1,0 +1,66 @@
+//! What a slave controller on the wire asks of its gateway, beside what every front does.
+
+use ecan_protocol::AlStatusCode;
+
+use super::Gateway;
+
+impl Gateway {
+    /// How often it has booted; the controller starts anew with it.
+    pub(crate) fn boots(&self) -> u32 {
+        self.boots
+    }
+
+    /// The image that waits in SM3.
+    pub(crate) fn input_image(&self) -> &[u8] {
+        let length = self.inputs.length().unwrap_or(0);
+        self.inputs.memory().get(..length).unwrap_or_default()
+    }
+
+    /// The controller refused an access to SM2 or SM3.
+    pub(crate) fn note_refused(&mut self, is_write: bool) {
+        let refused =
+            if is_write { &mut self.truth.writes_refused } else { &mut self.truth.reads_refused };
+        *refused += 1;
+    }
+
+    /// Time of the distributed clock, whoever has set it, ns.
+    pub(crate) fn dc_time(&self, now: u64) -> u64 {
+        self.clock.line().system(now)
+    }
+
+    /// The next Sync0 pulse in the system time of the slave; none without Sync0.
+    pub(crate) fn next_sync0_system_time(&self, now: u64) -> Option<u64> {
+        self.pulses.map(|pulses| pulses.next_system_after(now))
+    }
+
+    /// Expirations of the process data watchdog since the boot.
+    pub(crate) fn watchdog_expirations(&self) -> u32 {
+        self.watchdog_expirations
+    }
+
+    /// Whether the process data watchdog has run out and not been fed since.
+    pub(crate) fn watchdog_has_expired(&self) -> bool {
+        self.status_code == AlStatusCode::SM_WATCHDOG
+    }
+
+    /// The master asks for a state that there is not.
+    pub(crate) fn refuse_unknown_al_state(&mut self, now: u64) {
+        self.advance(now);
+        if self.is_responding() {
+            self.error = true;
+            self.status_code = AlStatusCode::UNKNOWN_STATE;
+        }
+    }
+}
+// temporary
+impl Gateway {
+    pub(crate) fn eeprom(&self) -> &[u16] {
+        &self.eeprom
+    }
+    pub(crate) fn install_eeprom(&mut self, words: Vec<u16>) {
+        self.eeprom = words;
+    }
+    pub(crate) fn write_eeprom(&mut self, word: u16, value: u16) {
+        self.eeprom[usize::from(word)] = value;
+    }
+}

@@ -1,0 +1,182 @@
+//! A wire with gateways, and datagrams by hand.
+#![allow(dead_code, missing_docs)]
+
+use ecan_sim::{Scenario, Wire, echo};
+
+pub const MS: u64 = 1_000_000;
+
+/// Commands of datagrams.
+pub mod command {
+    pub const APRD: u8 = 1;
+    pub const APWR: u8 = 2;
+    pub const APRW: u8 = 3;
+    pub const FPRD: u8 = 4;
+    pub const FPWR: u8 = 5;
+    pub const FPRW: u8 = 6;
+    pub const BRD: u8 = 7;
+    pub const BWR: u8 = 8;
+    pub const BRW: u8 = 9;
+    pub const LRD: u8 = 10;
+    pub const LWR: u8 = 11;
+    pub const LRW: u8 = 12;
+    pub const ARMW: u8 = 13;
+    pub const FRMW: u8 = 14;
+}
+use command::*;
+
+/// A datagram as it is sent, and as it came back.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Datagram {
+    pub command: u8,
+    pub slave: u16,
+    pub offset: u16,
+    pub data: Vec<u8>,
+    pub events: u16,
+    pub counter: u16,
+}
+
+impl Datagram {
+    pub fn new(command: u8, slave: u16, offset: u16, data: &[u8]) -> Self {
+        Self { command, slave, offset, data: data.to_vec(), events: 0, counter: 0 }
+    }
+
+    pub fn logical(command: u8, address: u32, data: &[u8]) -> Self {
+        Self::new(command, address as u16, (address >> 16) as u16, data)
+    }
+}
+
+pub fn encode(datagrams: &[Datagram]) -> Vec<u8> {
+    let mut frame = vec![0xFF; 6];
+    frame.extend([0x10, 0x10, 0x10, 0x10, 0x10, 0x10, 0x88, 0xA4, 0, 0]);
+    for (nth, datagram) in datagrams.iter().enumerate() {
+        let more = if nth + 1 < datagrams.len() { 0x8000 } else { 0 };
+        frame.extend([datagram.command, nth as u8]);
+        for word in [datagram.slave, datagram.offset, datagram.data.len() as u16 | more, 0] {
+            frame.extend(word.to_le_bytes());
+        }
+        frame.extend(&datagram.data);
+        frame.extend([0, 0]);
+    }
+    let length = (frame.len() - 16) as u16 | 1 << 12;
+    frame[14..16].copy_from_slice(&length.to_le_bytes());
+    frame
+}
+
+pub fn decode(frame: &[u8]) -> Vec<Datagram> {
+    let word = |at: usize| u16::from_le_bytes([frame[at], frame[at + 1]]);
+    let (mut at, mut datagrams) = (16, Vec::new());
+    loop {
+        let length = usize::from(word(at + 6) & 0x7FF);
+        datagrams.push(Datagram {
+            command: frame[at],
+            slave: word(at + 2),
+            offset: word(at + 4),
+            data: frame[at + 10..at + 10 + length].to_vec(),
+            events: word(at + 8),
+            counter: word(at + 10 + length),
+        });
+        if word(at + 6) & 0x8000 == 0 {
+            return datagrams;
+        }
+        at += 12 + length;
+    }
+}
+
+/// A master that does one thing at a time.
+pub struct Line {
+    pub wire: Wire,
+    pub now: u64,
+}
+
+impl Line {
+    /// So many gateways with echo nodes, booted.
+    pub fn of(gateways: usize) -> Self {
+        Self::with(&echo(gateways))
+    }
+
+    pub fn with(scenario: &Scenario) -> Self {
+        let now = 1_000 * MS;
+        let mut line = Self { wire: Wire::new(scenario, now).unwrap(), now };
+        line.pass(1_000 * MS);
+        line
+    }
+
+    /// Station addresses 0x1001 and up, mailboxes, PREOP.
+    pub fn preop(gateways: usize) -> Self {
+        let mut line = Self::of(gateways);
+        for position in 0..gateways as u16 {
+            line.address(position);
+            line.set_up_mailboxes(0x1001 + position);
+            line.request(0x1001 + position, 2);
+            assert_eq!(line.state(0x1001 + position), (2, 0));
+        }
+        line
+    }
+
+    pub fn address(&mut self, position: u16) {
+        let station = (0x1001 + position).to_le_bytes();
+        assert_eq!(self.write(APWR, 0u16.wrapping_sub(position), 0x0010, &station), 1);
+    }
+
+    pub fn set_up_mailboxes(&mut self, station: u16) {
+        let sync_managers =
+            [0x00, 0x10, 0x80, 0, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0, 0x22, 0, 1, 0];
+        assert_eq!(self.write(FPWR, station, 0x0800, &sync_managers), 1);
+    }
+
+    pub fn request(&mut self, station: u16, state: u8) {
+        assert_eq!(self.write(FPWR, station, 0x0120, &[state, 0]), 1);
+    }
+
+    /// AL status and its code.
+    pub fn state(&mut self, station: u16) -> (u8, u16) {
+        let (data, counter) = self.read(FPRD, station, 0x0130, 6);
+        assert_eq!(counter, 1);
+        (data[0], u16::from_le_bytes([data[4], data[5]]))
+    }
+
+    pub fn pass(&mut self, ns: u64) {
+        self.now += ns;
+        self.wire.advance(self.now);
+    }
+
+    /// Sends one frame; `None` if it does not come back.
+    pub fn exchange(&mut self, datagrams: &[Datagram]) -> Option<Vec<Datagram>> {
+        self.now += 10_000;
+        let mut frame = encode(datagrams);
+        self.wire.pass(self.now, &mut frame).then(|| decode(&frame))
+    }
+
+    pub fn one(&mut self, datagram: Datagram) -> Datagram {
+        self.exchange(&[datagram]).expect("it comes back").remove(0)
+    }
+
+    pub fn read(&mut self, command: u8, slave: u16, offset: u16, bytes: usize) -> (Vec<u8>, u16) {
+        let back = self.one(Datagram::new(command, slave, offset, &vec![0; bytes]));
+        (back.data, back.counter)
+    }
+
+    pub fn write(&mut self, command: u8, slave: u16, offset: u16, data: &[u8]) -> u16 {
+        self.one(Datagram::new(command, slave, offset, data)).counter
+    }
+
+    pub fn read_u16(&mut self, station: u16, offset: u16) -> u16 {
+        let (data, counter) = self.read(FPRD, station, offset, 2);
+        assert_eq!(counter, 1);
+        u16::from_le_bytes([data[0], data[1]])
+    }
+
+    /// Two words of the EEPROM.
+    pub fn eeprom(&mut self, station: u16, word: u16) -> [u16; 2] {
+        let [low, high] = word.to_le_bytes();
+        assert_eq!(self.write(FPWR, station, 0x0502, &[0, 1, low, high]), 1);
+        for _ in 0..100 {
+            let (data, _) = self.read(FPRD, station, 0x0502, 10);
+            if data[1] & 0x80 == 0 {
+                assert_eq!(data[1] & 0x78, 0, "no error");
+                return [6, 8].map(|at| u16::from_le_bytes([data[at], data[at + 1]]));
+            }
+        }
+        panic!("busy for ever");
+    }
+}
