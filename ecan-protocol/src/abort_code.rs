@@ -23,6 +23,8 @@ impl AbortCode {
     pub const READ_ONLY: Self = Self(0x0601_0002);
     /// Subindex 0 must be 0 before this one can be written.
     pub const SUBINDEX_LOCKED: Self = Self(0x0601_0003);
+    /// Complete access not supported for this object.
+    pub const NO_COMPLETE_ACCESS: Self = Self(0x0601_0004);
     /// Longer than the mailbox.
     pub const EXCEEDS_MAILBOX: Self = Self(0x0601_0005);
     /// No such object.

@@ -3,6 +3,7 @@
 
 use ecan_protocol::{AlState, AlStatusCode, Direction};
 
+use super::emergency::Emergency;
 use super::schedule::PulseTrain;
 use super::settings::{SmSettings, Sync0};
 use super::sync_manager::{is_acceptable, is_single_buffer, overlap};
@@ -136,8 +137,10 @@ impl Gateway {
             }
             _ => {}
         }
-        if state == AlState::Op {
-            self.last_outputs = self.now;
+        match state {
+            AlState::Op => self.last_outputs = self.now,
+            AlState::Init => self.emergencies.clear(),
+            _ => {}
         }
     }
 
@@ -180,6 +183,7 @@ impl Gateway {
         }
         self.error = true;
         self.status_code = code;
+        self.raise_emergency(Emergency::al_error(code));
     }
 
     // Sync managers
@@ -214,6 +218,7 @@ impl Gateway {
             self.enter(AlState::PreOp);
             self.error = true;
             self.status_code = code;
+            self.raise_emergency(Emergency::al_error(code));
         }
     }
 

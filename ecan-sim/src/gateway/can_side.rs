@@ -6,6 +6,7 @@ use crate::bus::{ErrorState, StationConfig};
 
 use super::Gateway;
 use super::channel::Channel;
+use super::emergency::Emergency;
 
 impl Gateway {
     /// The logical channel behind a connector, by the active pin rotation (0x8000:13).
@@ -79,8 +80,15 @@ impl Gateway {
         let Some(logical) = self.logical(channel) else {
             return;
         };
-        if let Some(channel) = self.channels.get_mut(logical) {
-            channel.bus_state(state, tec, rec, &mut self.truth);
+        let Some(channel) = self.channels.get_mut(logical) else {
+            return;
+        };
+        let was_bus_off = channel.controller.is_bus_off();
+        channel.bus_state(state, tec, rec, &mut self.truth);
+        match (was_bus_off, channel.controller.is_bus_off()) {
+            (false, true) => self.raise_emergency(Emergency::bus_off(logical)),
+            (true, false) => self.raise_emergency(Emergency::bus_off_recovered(logical)),
+            _ => {}
         }
     }
 

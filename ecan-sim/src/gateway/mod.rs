@@ -21,6 +21,7 @@ mod controller_side;
 mod cycle_performance;
 mod dc_clock;
 mod dictionary_values;
+mod emergency;
 mod filter;
 mod maintenance;
 mod object_server;
@@ -51,6 +52,7 @@ use channel_control::FilterLists;
 use cycle_performance::CyclePerformance;
 use dc_clock::DcClock;
 use dictionary_values::DictionaryValues;
+use emergency::EmergencyQueue;
 use maintenance::Maintenance;
 use profile_control::ProfileControl;
 use rx_pdo::RxPdoParser;
@@ -59,6 +61,7 @@ use sync_manager::SingleBuffer;
 use transmit_path::ResultQueue;
 use tx_pdo::TxPdoBuilder;
 
+pub(crate) use emergency::Emergency;
 pub use settings::{GatewayFault, GatewaySettings, SmSettings, Sync0};
 pub use truth::{ReceiveLosses, TransmitLosses, Truth};
 
@@ -137,6 +140,7 @@ pub struct Gateway {
     builder: TxPdoBuilder,
     results: ResultQueue,
     schedule: ScheduleQueue,
+    emergencies: EmergencyQueue,
     // beside the firmware
     acts: u64,
     faults: PendingFaults,
@@ -188,6 +192,7 @@ impl Gateway {
             builder: TxPdoBuilder::new(),
             results: ResultQueue::new(),
             schedule: ScheduleQueue::new(release_jitter_ns, seed),
+            emergencies: EmergencyQueue::new(),
             acts: 0,
             faults: PendingFaults::default(),
             truth: Truth::default(),
@@ -221,6 +226,12 @@ impl Gateway {
     #[must_use]
     pub fn mailbox_answers(&self, now: u64) -> bool {
         self.is_responding() && self.state.has_mailbox() && now >= self.faults.mailbox_silent_until
+    }
+
+    /// Until when a fault keeps a mailbox silent that would answer otherwise.
+    pub(crate) fn mailbox_silent_until(&self, now: u64) -> Option<u64> {
+        let until = self.faults.mailbox_silent_until;
+        (self.is_responding() && self.state.has_mailbox() && now < until).then_some(until)
     }
 
     /// The settings that the gateway was made with.
@@ -371,6 +382,7 @@ impl Gateway {
         self.parser.configure(None, true);
         self.builder = TxPdoBuilder::new();
         self.results.clear();
+        self.emergencies.clear();
     }
 
     /// A pseudo random number below `bound` (xorshift), 0 for a bound of 0.

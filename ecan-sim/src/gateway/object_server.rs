@@ -130,7 +130,8 @@ impl Gateway {
 
     // Process data objects
 
-    fn text(&self, index: u16) -> String {
+    /// The text of a string object.
+    pub(crate) fn text(&self, index: u16) -> String {
         let (major, minor) = self.settings.firmware;
         match index {
             0x1008 => DEVICE_NAME.to_owned(),

@@ -42,6 +42,10 @@ pub struct GatewaySettings {
     /// Share of its TX ring, in percent, from which on a channel shows `tx_pressure`; a full
     /// transmit FIFO of the CAN controller shows it as well. With 100 only a full ring does.
     pub tx_pressure_percent: u8,
+    /// Nanoseconds from a complete write of the mailbox (SM0) until the firmware's answer is
+    /// ready for SM1. The manual gives no time. A front that knows no bytes of the mailbox, as the
+    /// simulated libethercat, has a pace of its own.
+    pub mailbox_delay_ns: u64,
 }
 
 impl Default for GatewaySettings {
@@ -62,6 +66,7 @@ impl Default for GatewaySettings {
             missed_sync_limit: 0,
             clock_drift_ppb: 0,
             tx_pressure_percent: 50,
+            mailbox_delay_ns: 200_000,
         }
     }
 }

@@ -1,0 +1,132 @@
+//! CoE emergencies that wait for a master to fetch them (ETG.1000.6, CiA 301).
+//!
+//! The manual names no emergencies. The codes are those that CiA 301 gives for the same events on
+//! a CANopen device. A front without a mailbox in bytes never fetches any: the queue has a bound,
+//! and the oldest gives way.
+
+use std::collections::VecDeque;
+
+use ecan_protocol::AlStatusCode;
+
+use super::Gateway;
+
+/// Emergencies that the firmware keeps.
+const KEPT: usize = 8;
+
+/// Error codes.
+mod code {
+    /// Communication, generic.
+    pub(super) const COMMUNICATION: u16 = 0x8100;
+    /// Life guarding: who should send has gone silent.
+    pub(super) const LIFE_GUARD: u16 = 0x8130;
+    /// Recovered from bus-off.
+    pub(super) const RECOVERED: u16 = 0x8140;
+    /// Protocol error, generic.
+    pub(super) const PROTOCOL: u16 = 0x8200;
+}
+
+/// Bits of the error register: generic error and communication error.
+const COMMUNICATION_ERROR: u8 = 0x11;
+
+/// One emergency.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Emergency {
+    /// Error code.
+    pub(crate) code: u16,
+    /// Error register.
+    pub(crate) register: u8,
+    /// Bytes of the device's own.
+    pub(crate) data: [u8; 5],
+}
+
+impl Emergency {
+    /// A channel went bus-off; its number (0 to 3) is in the first byte.
+    pub(super) fn bus_off(channel: usize) -> Self {
+        Self::of_channel(code::COMMUNICATION, COMMUNICATION_ERROR, channel)
+    }
+
+    /// A channel takes part in its bus again; its number is in the first byte.
+    pub(super) fn bus_off_recovered(channel: usize) -> Self {
+        Self::of_channel(code::RECOVERED, 0, channel)
+    }
+
+    fn of_channel(code: u16, register: u8, channel: usize) -> Self {
+        Self { code, register, data: [channel.to_le_bytes()[0], 0, 0, 0, 0] }
+    }
+
+    /// The slave fell back by itself; the AL status code is in the first two bytes.
+    pub(super) fn al_error(status: AlStatusCode) -> Self {
+        let code = match status {
+            AlStatusCode::SM_WATCHDOG => code::LIFE_GUARD,
+            _ => code::PROTOCOL,
+        };
+        let [low, high] = status.0.to_le_bytes();
+        Self { code, register: COMMUNICATION_ERROR, data: [low, high, 0, 0, 0] }
+    }
+}
+
+/// The emergencies that wait.
+#[derive(Debug)]
+pub(super) struct EmergencyQueue {
+    waiting: VecDeque<Emergency>,
+}
+
+impl EmergencyQueue {
+    pub(super) fn new() -> Self {
+        Self { waiting: VecDeque::with_capacity(KEPT) }
+    }
+
+    pub(super) fn clear(&mut self) {
+        self.waiting.clear();
+    }
+
+    fn push(&mut self, emergency: Emergency) {
+        if self.waiting.len() >= KEPT {
+            self.waiting.pop_front();
+        }
+        self.waiting.push_back(emergency);
+    }
+}
+
+impl Gateway {
+    /// Reports an event to the master, if there is a mailbox to do it with. Does not allocate.
+    pub(super) fn raise_emergency(&mut self, emergency: Emergency) {
+        if self.is_responding() && self.state.has_mailbox() {
+            self.emergencies.push(emergency);
+        }
+    }
+
+    /// Whether an emergency waits for the read mailbox.
+    pub(crate) fn has_emergency(&self) -> bool {
+        !self.emergencies.waiting.is_empty()
+    }
+
+    /// Takes the oldest emergency.
+    pub(crate) fn take_emergency(&mut self) -> Option<Emergency> {
+        self.emergencies.waiting.pop_front()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_oldest_gives_way() {
+        let mut queue = EmergencyQueue::new();
+        for channel in 0..KEPT + 3 {
+            queue.push(Emergency::bus_off(channel));
+        }
+        assert_eq!(queue.waiting.len(), KEPT);
+        assert_eq!(queue.waiting.front(), Some(&Emergency::bus_off(3)));
+        assert_eq!(queue.waiting.back(), Some(&Emergency::bus_off(KEPT + 2)));
+    }
+
+    #[test]
+    fn a_watchdog_is_told_from_other_errors() {
+        let watchdog = Emergency::al_error(AlStatusCode::SM_WATCHDOG);
+        assert_eq!((watchdog.code, watchdog.data), (0x8130, [0x1B, 0, 0, 0, 0]));
+        let sync = Emergency::al_error(AlStatusCode::FATAL_SYNC);
+        assert_eq!((sync.code, sync.data), (0x8200, [0x2C, 0, 0, 0, 0]));
+    }
+}

@@ -1,0 +1,132 @@
+//! Complete access: an object's entries as one block (ETG.1000.6).
+//!
+//! Subindex 0 takes 16 bits, the entries behind it follow without gaps in the size of their type,
+//! which is whole bytes for every type of this dictionary; a subindex that does not exist takes
+//! nothing. An object of a single value is that value. Where subindex 0 can be written it counts
+//! the entries in use, and an upload ends with them.
+
+use ecan_protocol::{AbortCode, Entry, Object, object};
+
+use crate::gateway::Gateway;
+
+/// Bytes of subindex 0 in the block.
+const COUNT_BYTES: usize = 2;
+
+/// What is known of an object before its entries are touched.
+fn open(index: u16, first: u8) -> Result<&'static Object, AbortCode> {
+    let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
+    if first > 1 {
+        return Err(AbortCode::UNSUPPORTED_ACCESS);
+    }
+    if first > object.highest_subindex() {
+        return Err(AbortCode::NO_SUBINDEX);
+    }
+    if object.entries.iter().any(|entry| entry.ty.size_bytes().is_none()) {
+        return Err(AbortCode::NO_COMPLETE_ACCESS);
+    }
+    Ok(object)
+}
+
+/// Bytes that an entry takes in the block.
+fn block_bytes(object: &Object, entry: &Entry) -> usize {
+    if entry.subindex == 0 && object.highest_subindex() > 0 {
+        COUNT_BYTES
+    } else {
+        entry.ty.size_bytes().unwrap_or(0)
+    }
+}
+
+/// Subindex 0, if it can be written.
+fn writable_count(object: &Object) -> Option<&'static Entry> {
+    object.entry(0).filter(|entry| object.highest_subindex() > 0 && entry.access.can_write())
+}
+
+/// Uploads the entries from `first` on, 0 or 1. What can only be written shows zeros.
+pub(super) fn upload(
+    now: u64,
+    index: u16,
+    first: u8,
+    gateway: &mut Gateway,
+) -> Result<Vec<u8>, AbortCode> {
+    let object = open(index, first)?;
+    let mut value = Vec::new();
+    let mut last = object.highest_subindex();
+    if writable_count(object).is_some() {
+        gateway.sdo_upload(now, index, 0, &mut value)?;
+        last = value.first().copied().unwrap_or(0);
+    }
+    let mut block = Vec::new();
+    for entry in object.entries {
+        if !(first..=last).contains(&entry.subindex) {
+            continue;
+        }
+        let end = block.len() + block_bytes(object, entry);
+        if entry.access.can_read() {
+            gateway.sdo_upload(now, index, entry.subindex, &mut value)?;
+            block.extend_from_slice(&value);
+        }
+        block.resize(end, 0);
+    }
+    Ok(block)
+}
+
+/// Downloads a block that begins with subindex `first`, 0 or 1, and may end behind any entry. A
+/// count in subindex 0 becomes 0 before the entries are written, and what it is to be behind
+/// them; one that can only be read must be what it is. The first entry that is refused ends the
+/// download; what was written before it stays.
+pub(super) fn download(
+    now: u64,
+    index: u16,
+    first: u8,
+    data: &[u8],
+    gateway: &mut Gateway,
+) -> Result<(), AbortCode> {
+    let object = open(index, first)?;
+    let parts = split(object, first, data)?;
+    let mut count = None;
+    for (entry, bytes) in parts {
+        let subindex = entry.subindex;
+        if subindex == 0 && object.highest_subindex() > 0 {
+            let value = bytes.get(..1).unwrap_or_default();
+            if entry.access.can_write() {
+                gateway.sdo_download(now, index, 0, &[0])?;
+                count = Some(value);
+            } else {
+                let mut present = Vec::new();
+                gateway.sdo_upload(now, index, 0, &mut present)?;
+                if present != value {
+                    return Err(AbortCode::READ_ONLY);
+                }
+            }
+        } else {
+            gateway.sdo_download(now, index, subindex, bytes)?;
+        }
+    }
+    match count {
+        Some(count) => gateway.sdo_download(now, index, 0, count),
+        None => Ok(()),
+    }
+}
+
+/// Divides a block among the entries.
+fn split<'a>(
+    object: &Object,
+    first: u8,
+    data: &'a [u8],
+) -> Result<Vec<(&'static Entry, &'a [u8])>, AbortCode> {
+    if data.is_empty() {
+        return Err(AbortCode::LENGTH);
+    }
+    let mut rest = data;
+    let mut parts = Vec::new();
+    for entry in object.entries.iter().filter(|entry| entry.subindex >= first) {
+        if rest.is_empty() {
+            break;
+        }
+        let (part, behind) =
+            rest.split_at_checked(block_bytes(object, entry)).ok_or(AbortCode::TOO_SHORT)?;
+        parts.push((entry, part));
+        rest = behind;
+    }
+    if rest.is_empty() { Ok(parts) } else { Err(AbortCode::TOO_LONG) }
+}

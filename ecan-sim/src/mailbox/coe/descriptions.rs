@@ -1,0 +1,118 @@
+//! Objects and entries as SDO information describes them (ETG.1000.6).
+
+use ecan_protocol::{AbortCode, Entry, Object, ObjectType, object};
+
+use crate::gateway::Gateway;
+
+use super::entry_rights::entry_rights;
+
+/// Object codes.
+mod code {
+    pub(super) const VAR: u8 = 7;
+    pub(super) const ARRAY: u8 = 8;
+    pub(super) const RECORD: u8 = 9;
+}
+
+/// Data types of whole objects.
+mod record {
+    pub(super) const PDO_MAPPING: u16 = 0x0021;
+    pub(super) const IDENTITY: u16 = 0x0023;
+    pub(super) const RECORD: u16 = 0x002A;
+}
+
+/// What an entry description may contain beside the type. The table's units are words, not the
+/// standard's codes, and are left out.
+mod value_info {
+    pub(super) const DEFAULT: u8 = 0x10;
+    pub(super) const MINIMUM: u8 = 0x20;
+    pub(super) const MAXIMUM: u8 = 0x40;
+}
+
+/// Number of a data type.
+fn type_code(ty: ObjectType) -> u16 {
+    match ty {
+        ObjectType::I32 => 0x0004,
+        ObjectType::U8 => 0x0005,
+        ObjectType::U16 => 0x0006,
+        ObjectType::U32 => 0x0007,
+        ObjectType::VisibleString | ObjectType::String16 => 0x0009,
+    }
+}
+
+/// Data type and object code of an object.
+fn object_kind(index: u16, object: &Object) -> (u16, u8) {
+    let entry_type = |subindex| object.entry(subindex).map_or(0, |entry| type_code(entry.ty));
+    match index {
+        _ if object.highest_subindex() == 0 => (entry_type(0), code::VAR),
+        0x1018 => (record::IDENTITY, code::RECORD),
+        0x1600..=0x17FF | 0x1A00..=0x1BFF => (record::PDO_MAPPING, code::RECORD),
+        0x1C00..=0x1C13 => (entry_type(1), code::ARRAY),
+        _ => (record::RECORD, code::RECORD),
+    }
+}
+
+/// The description of an object, behind the SDO information header.
+pub(super) fn describe_object(index: u16) -> Result<Vec<u8>, AbortCode> {
+    let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
+    let (data_type, code) = object_kind(index, object);
+    let mut body = index.to_le_bytes().to_vec();
+    body.extend_from_slice(&data_type.to_le_bytes());
+    body.push(object.highest_subindex());
+    body.push(code);
+    body.extend_from_slice(object.name.as_bytes());
+    if let Some(instance) = object.instance(index).filter(|_| object.count > 1) {
+        body.extend_from_slice(format!(" {instance}").as_bytes());
+    }
+    Ok(body)
+}
+
+/// The description of an entry, behind the SDO information header, with what is known of
+/// `wanted`.
+pub(super) fn describe_entry(
+    index: u16,
+    subindex: u8,
+    wanted: u8,
+    gateway: &Gateway,
+) -> Result<Vec<u8>, AbortCode> {
+    let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
+    let entry = object.entry(subindex).ok_or(AbortCode::NO_SUBINDEX)?;
+    let bytes = entry.ty.size_bytes().unwrap_or_else(|| gateway.text(index).len());
+    let (contained, values) = known_values(entry, wanted);
+    let mut body = index.to_le_bytes().to_vec();
+    body.push(subindex);
+    body.push(contained);
+    body.extend_from_slice(&type_code(entry.ty).to_le_bytes());
+    body.extend_from_slice(&((bytes * 8) as u16).to_le_bytes());
+    body.extend_from_slice(&entry_rights(index, entry).to_le_bytes());
+    body.extend_from_slice(&values);
+    body.extend_from_slice(entry.name.as_bytes());
+    Ok(body)
+}
+
+/// Default, least and greatest value as far as they are wanted and known, and which they are.
+fn known_values(entry: &Entry, wanted: u8) -> (u8, Vec<u8>) {
+    let size = entry.ty.size_bytes().filter(|_| entry.ty.is_integer());
+    let (min, max) = match entry.ty {
+        // the table leaves a signed type without limits as it is
+        ObjectType::I32 if (entry.min, entry.max) == (0, u32::MAX) => {
+            (i32::MIN as u32, i32::MAX as u32)
+        }
+        _ => (entry.min, entry.max),
+    };
+    let known = [
+        (value_info::DEFAULT, entry.default),
+        (value_info::MINIMUM, Some(min)),
+        (value_info::MAXIMUM, Some(max)),
+    ];
+    let mut contained = 0;
+    let mut values = Vec::new();
+    for (bit, value) in known {
+        if let (Some(value), Some(size)) = (value, size)
+            && wanted & bit != 0
+        {
+            contained |= bit;
+            values.extend(value.to_le_bytes().into_iter().take(size));
+        }
+    }
+    (contained, values)
+}

@@ -1,0 +1,67 @@
+//! What SDO information says of an entry's access: who may do what in which state, whether PDOs
+//! map it, and whether it belongs to the settings of the device (ETG.1000.6).
+
+use ecan_protocol::{Access, Entry, Object};
+
+/// Bits of the access field.
+pub(super) mod rights {
+    /// Readable in PREOP, SAFEOP and OP.
+    pub(in crate::mailbox::coe) const READ: u16 = 0x0007;
+    /// Writable in PREOP.
+    pub(in crate::mailbox::coe) const WRITE_PREOP: u16 = 0x0008;
+    /// Writable in SAFEOP.
+    pub(in crate::mailbox::coe) const WRITE_SAFEOP: u16 = 0x0010;
+    /// Writable in PREOP, SAFEOP and OP.
+    pub(in crate::mailbox::coe) const WRITE: u16 = 0x0038;
+    /// An RxPDO maps it.
+    pub(in crate::mailbox::coe) const RX_MAPPABLE: u16 = 0x0040;
+    /// A TxPDO maps it.
+    pub(in crate::mailbox::coe) const TX_MAPPABLE: u16 = 0x0080;
+    /// To be saved, and loaded into a device that replaces this one.
+    pub(in crate::mailbox::coe) const BACKUP: u16 = 0x0100;
+    /// A startup parameter.
+    pub(in crate::mailbox::coe) const SETTING: u16 = 0x0200;
+}
+
+/// The access field of an entry.
+pub(super) fn entry_rights(index: u16, entry: &Entry) -> u16 {
+    let mut field = 0;
+    if entry.access.can_read() {
+        field |= rights::READ;
+    }
+    if entry.access.can_write() {
+        field |= match index {
+            // as the gateway takes an assignment
+            0x1C12 | 0x1C13 => rights::WRITE_PREOP | rights::WRITE_SAFEOP,
+            // while process data run the sync manager owns them
+            0x7000..=0x7FFF => rights::WRITE_PREOP,
+            _ => rights::WRITE,
+        };
+    }
+    if entry.subindex == ecan_protocol::MAPPED_SUBINDEX {
+        field |= match index {
+            0x6000..=0x6FFF => rights::TX_MAPPABLE,
+            0x7000..=0x7FFF => rights::RX_MAPPABLE,
+            _ => 0,
+        };
+    }
+    match index {
+        0x1C12 | 0x1C13 => field |= rights::SETTING,
+        // the configuration, but for the test controls of 0x8030
+        0x8000..=0x802F if entry.access == Access::Rw && !is_command(entry) => {
+            field |= rights::BACKUP | rights::SETTING;
+        }
+        _ => {}
+    }
+    field
+}
+
+/// The access fields of all entries of an object together.
+pub(super) fn object_rights(index: u16, object: &Object) -> u16 {
+    object.entries.iter().fold(0, |field, entry| field | entry_rights(index, entry))
+}
+
+/// Whether writing an entry does something, rather than setting something.
+fn is_command(entry: &Entry) -> bool {
+    entry.name.ends_with("ommand") || entry.meaning(0) == Some("no-op")
+}

@@ -1,0 +1,85 @@
+//! SDO information: the object dictionary as the device tells it (ETG.1000.6).
+
+use ecan_protocol::AbortCode;
+
+use crate::gateway::Gateway;
+
+use super::descriptions::{describe_entry, describe_object};
+use super::object_lists::object_list;
+use super::{COE_HEADER_BYTES, MailboxError, coe_header, service};
+
+/// Bytes of the SDO information header.
+const INFO_HEADER_BYTES: usize = 4;
+
+/// Services in the SDO information header.
+mod opcode {
+    pub(super) const LIST_REQUEST: u8 = 1;
+    pub(super) const LIST: u8 = 2;
+    pub(super) const OBJECT_REQUEST: u8 = 3;
+    pub(super) const OBJECT: u8 = 4;
+    pub(super) const ENTRY_REQUEST: u8 = 5;
+    pub(super) const ENTRY: u8 = 6;
+    pub(super) const ERROR: u8 = 7;
+    /// More fragments follow.
+    pub(super) const INCOMPLETE: u8 = 0x80;
+}
+
+/// Answers a request, in as many messages of up to `room` bytes as it takes.
+pub(super) fn answer(
+    request: &[u8],
+    room: usize,
+    gateway: &Gateway,
+) -> Result<Vec<Vec<u8>>, MailboxError> {
+    let (&[service, ..], body) =
+        request.split_first_chunk::<INFO_HEADER_BYTES>().ok_or(MailboxError::SizeTooShort)?;
+    let (opcode, result) = match service & !opcode::INCOMPLETE {
+        opcode::LIST_REQUEST => {
+            let &[t0, t1] = parameters(body)?;
+            (opcode::LIST, list(u16::from_le_bytes([t0, t1])))
+        }
+        opcode::OBJECT_REQUEST => {
+            let &[i0, i1] = parameters(body)?;
+            (opcode::OBJECT, describe_object(u16::from_le_bytes([i0, i1])))
+        }
+        opcode::ENTRY_REQUEST => {
+            let &[i0, i1, subindex, wanted] = parameters(body)?;
+            let index = u16::from_le_bytes([i0, i1]);
+            (opcode::ENTRY, describe_entry(index, subindex, wanted, gateway))
+        }
+        _ => (opcode::ERROR, Err(AbortCode::COMMAND)),
+    };
+    Ok(match result {
+        Ok(body) => fragments(opcode, &body, room),
+        Err(code) => fragments(opcode::ERROR, &code.0.to_le_bytes(), room),
+    })
+}
+
+fn parameters<const N: usize>(body: &[u8]) -> Result<&[u8; N], MailboxError> {
+    body.first_chunk().ok_or(MailboxError::SizeTooShort)
+}
+
+/// An object list: its type, then its indices or the lengths.
+fn list(list_type: u16) -> Result<Vec<u8>, AbortCode> {
+    let list = object_list(list_type)?;
+    Ok(std::iter::once(list_type).chain(list).flat_map(u16::to_le_bytes).collect())
+}
+
+/// Divides an answer; no fragment ends within an index of a list.
+fn fragments(opcode: u8, body: &[u8], room: usize) -> Vec<Vec<u8>> {
+    let bytes = room.saturating_sub(COE_HEADER_BYTES + INFO_HEADER_BYTES) & !1;
+    let parts = body.chunks(bytes.max(2));
+    let count = parts.len();
+    parts
+        .enumerate()
+        .map(|(number, part)| {
+            let left = count - 1 - number;
+            let more = if left > 0 { opcode::INCOMPLETE } else { 0 };
+            let mut message = Vec::with_capacity(COE_HEADER_BYTES + INFO_HEADER_BYTES + part.len());
+            message.extend_from_slice(&coe_header(service::SDO_INFORMATION));
+            message.extend_from_slice(&[opcode | more, 0]);
+            message.extend_from_slice(&(left as u16).to_le_bytes());
+            message.extend_from_slice(part);
+            message
+        })
+        .collect()
+}

@@ -1,0 +1,82 @@
+//! CAN application protocol over EtherCAT (ETG.1000.6): SDO, SDO information, emergencies.
+
+mod abort;
+mod complete_access;
+mod descriptions;
+mod entry_rights;
+mod information;
+mod object_lists;
+mod sdo_server;
+mod segments;
+
+use sdo_server::SdoServer;
+
+use crate::gateway::{Emergency, Gateway};
+
+use super::errors::MailboxError;
+
+/// Services in the CoE header.
+mod service {
+    pub(super) const EMERGENCY: u8 = 1;
+    pub(super) const SDO_REQUEST: u8 = 2;
+    pub(super) const SDO_RESPONSE: u8 = 3;
+    pub(super) const TX_PDO: u8 = 4;
+    pub(super) const RX_PDO_REMOTE_REQUEST: u8 = 7;
+    pub(super) const SDO_INFORMATION: u8 = 8;
+}
+
+/// Bytes of the CoE header.
+const COE_HEADER_BYTES: usize = 2;
+
+/// A CoE header with number 0.
+const fn coe_header(service: u8) -> [u8; COE_HEADER_BYTES] {
+    ((service as u16) << 12).to_le_bytes()
+}
+
+/// The message of an emergency, without mailbox header.
+pub(super) fn emergency_message(emergency: Emergency) -> Vec<u8> {
+    let Emergency { code, register, data } = emergency;
+    let mut message = Vec::with_capacity(10);
+    message.extend_from_slice(&coe_header(service::EMERGENCY));
+    message.extend_from_slice(&code.to_le_bytes());
+    message.push(register);
+    message.extend_from_slice(&data);
+    message
+}
+
+/// CoE of one gateway.
+#[derive(Debug)]
+pub(super) struct CoeServer {
+    sdo: SdoServer,
+}
+
+impl CoeServer {
+    pub(super) fn new() -> Self {
+        Self { sdo: SdoServer::new() }
+    }
+
+    /// Works on a CoE message; gives its answers, of up to `room` bytes each.
+    pub(super) fn request(
+        &mut self,
+        now: u64,
+        body: &[u8],
+        room: usize,
+        gateway: &mut Gateway,
+    ) -> Result<Vec<Vec<u8>>, MailboxError> {
+        let (&[_, high], rest) =
+            body.split_first_chunk::<COE_HEADER_BYTES>().ok_or(MailboxError::SizeTooShort)?;
+        match high >> 4 {
+            service::SDO_REQUEST => {
+                Ok(self.sdo.request(now, rest, room, gateway)?.into_iter().collect())
+            }
+            service::SDO_INFORMATION => information::answer(rest, room, gateway),
+            // what only a slave sends, and process data beside the sync managers
+            service::EMERGENCY
+            | service::SDO_RESPONSE
+            | service::TX_PDO..=service::RX_PDO_REMOTE_REQUEST => {
+                Err(MailboxError::ServiceNotSupported)
+            }
+            _ => Err(MailboxError::InvalidHeader),
+        }
+    }
+}

@@ -1,0 +1,40 @@
+//! The lists of objects that SDO information knows (ETG.1000.6).
+
+use ecan_protocol::{AbortCode, Object, objects};
+
+use super::entry_rights::{object_rights, rights};
+
+/// List type that asks for the lengths of the others.
+const LENGTHS: u16 = 0;
+/// List types, from 1 on, by what an object in them has; all objects are in the first.
+const MEMBERSHIP: [Option<u16>; 5] = [
+    None,
+    Some(rights::RX_MAPPABLE),
+    Some(rights::TX_MAPPABLE),
+    Some(rights::BACKUP),
+    Some(rights::SETTING),
+];
+
+/// Every object with its index, in ascending order.
+pub(super) fn all_objects() -> impl Iterator<Item = (u16, &'static Object)> {
+    objects().iter().flat_map(|object| {
+        (0..object.count).map(move |instance| (object.first + instance * object.stride, *object))
+    })
+}
+
+fn members(membership: Option<u16>) -> impl Iterator<Item = u16> {
+    all_objects().filter_map(move |(index, object)| {
+        membership.is_none_or(|field| object_rights(index, object) & field != 0).then_some(index)
+    })
+}
+
+/// The list of a type, or the lengths of all.
+pub(super) fn object_list(list_type: u16) -> Result<Vec<u16>, AbortCode> {
+    if list_type == LENGTHS {
+        let length = |membership: &Option<u16>| members(*membership).count() as u16;
+        return Ok(MEMBERSHIP.iter().map(length).collect());
+    }
+    let membership =
+        MEMBERSHIP.get(usize::from(list_type) - 1).ok_or(AbortCode::UNSUPPORTED_ACCESS)?;
+    Ok(members(*membership).collect())
+}

@@ -1,0 +1,74 @@
+//! Transfers of more than one message: what is left of an upload, what has come of a download.
+
+use ecan_protocol::AbortCode;
+
+use super::sdo_server::Target;
+
+/// Data bytes that the smallest segment holds.
+pub(super) const SMALLEST_SEGMENT: usize = 7;
+
+/// An upload whose first message did not take all of it.
+#[derive(Debug)]
+pub(super) struct SegmentedUpload {
+    pub(super) target: Target,
+    data: Vec<u8>,
+    sent: usize,
+    toggle: bool,
+}
+
+impl SegmentedUpload {
+    /// An upload of which `sent` bytes have gone.
+    pub(super) fn new(target: Target, data: Vec<u8>, sent: usize) -> Self {
+        Self { target, data, sent, toggle: false }
+    }
+
+    /// The next segment of up to `room` bytes, and whether it is the last.
+    pub(super) fn next(&mut self, toggle: bool, room: usize) -> Result<(&[u8], bool), AbortCode> {
+        if toggle != self.toggle {
+            return Err(AbortCode::TOGGLE);
+        }
+        self.toggle = !toggle;
+        let from = self.sent;
+        self.sent = self.data.len().min(from + room.max(SMALLEST_SEGMENT));
+        let is_last = self.sent == self.data.len();
+        Ok((self.data.get(from..self.sent).unwrap_or_default(), is_last))
+    }
+}
+
+/// A download whose first message did not hold all of it.
+#[derive(Debug)]
+pub(super) struct SegmentedDownload {
+    pub(super) target: Target,
+    data: Vec<u8>,
+    announced: usize,
+    toggle: bool,
+}
+
+impl SegmentedDownload {
+    /// A download of `announced` bytes, of which the first are there.
+    pub(super) fn new(target: Target, first: &[u8], announced: usize) -> Self {
+        Self { target, data: first.to_vec(), announced, toggle: false }
+    }
+
+    /// Takes a segment; gives all the data with the last one.
+    pub(super) fn take(
+        &mut self,
+        toggle: bool,
+        segment: &[u8],
+        is_last: bool,
+    ) -> Result<Option<&[u8]>, AbortCode> {
+        if toggle != self.toggle {
+            return Err(AbortCode::TOGGLE);
+        }
+        self.toggle = !toggle;
+        if self.data.len() + segment.len() > self.announced {
+            return Err(AbortCode::TOO_LONG);
+        }
+        self.data.extend_from_slice(segment);
+        match is_last {
+            true if self.data.len() < self.announced => Err(AbortCode::TOO_SHORT),
+            true => Ok(Some(&self.data)),
+            false => Ok(None),
+        }
+    }
+}

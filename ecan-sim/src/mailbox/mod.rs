@@ -1,0 +1,188 @@
+//! The mailbox services of the firmware, bytes in and bytes out: the messages of SM0 and SM1
+//! (ETG.1000.4 to ETG.1000.6). What the sync managers do with them is the slave controller's.
+//!
+//! A request is worked on when it arrives; its answer is ready
+//! [`GatewaySettings::mailbox_delay_ns`](crate::GatewaySettings::mailbox_delay_ns) later.
+//! Emergencies overtake answers.
+
+mod coe;
+mod errors;
+mod header;
+mod outbox;
+#[cfg(test)]
+mod tests;
+
+use std::collections::VecDeque;
+
+use coe::CoeServer;
+use errors::MailboxError;
+use header::{HEADER_BYTES, Header, protocol};
+use outbox::{Envelope, Outbox};
+
+use crate::gateway::Gateway;
+
+/// Requests that a silent firmware keeps until it speaks again.
+const DEFERRED: usize = 4;
+
+/// A request that waits for the firmware.
+#[derive(Debug)]
+struct Deferred {
+    request: Vec<u8>,
+    reply_bytes: usize,
+}
+
+/// Mailbox services of one gateway's firmware.
+#[derive(Debug)]
+pub(crate) struct MailboxServer {
+    coe: CoeServer,
+    outbox: Outbox,
+    /// Counter of the last request, 0 for none.
+    last_counter: u8,
+    deferred: VecDeque<Deferred>,
+    /// Until when a fault keeps the firmware silent, as far as that was seen.
+    silent_until: u64,
+}
+
+impl MailboxServer {
+    /// A firmware that has just started.
+    pub(crate) fn new() -> Self {
+        Self {
+            coe: CoeServer::new(),
+            outbox: Outbox::default(),
+            last_counter: 0,
+            deferred: VecDeque::new(),
+            silent_until: 0,
+        }
+    }
+
+    /// Forgets everything: power loss, reboot, INIT.
+    pub(crate) fn reset(&mut self) {
+        *self = Self::new();
+    }
+
+    /// The master has filled the write mailbox (SM0): `request` is the whole buffer, as long as
+    /// the sync manager. `reply_bytes` is the length of the read mailbox (SM1).
+    ///
+    /// While a fault silences the mailbox the request waits for its end; a gateway without a
+    /// mailbox at all loses it.
+    pub(crate) fn receive(
+        &mut self,
+        now: u64,
+        request: &[u8],
+        reply_bytes: usize,
+        gateway: &mut Gateway,
+    ) {
+        gateway.advance(now);
+        if gateway.mailbox_answers(now) {
+            self.serve_deferred(now, gateway);
+            self.serve(now, request, reply_bytes, gateway);
+        } else if let Some(until) = gateway.mailbox_silent_until(now) {
+            self.silent_until = until;
+            if self.deferred.len() < DEFERRED {
+                self.deferred.push_back(Deferred { request: request.to_vec(), reply_bytes });
+            }
+        }
+    }
+
+    /// When the next message becomes ready for the read mailbox, simulated ns; `None` if there is
+    /// none. Emergencies come without notice and are the gateway's, so they are not in here: see
+    /// [`is_due`](Self::is_due).
+    pub(crate) fn next_event(&self) -> Option<u64> {
+        let deferred = (!self.deferred.is_empty()).then_some(self.silent_until);
+        let ready = self.outbox.next_ready().map(|ready| ready.max(self.silent_until));
+        crate::earliest::earliest([deferred, ready])
+    }
+
+    /// Whether [`send`](Self::send) has something to do by `now`, emergencies included. Cheap: to
+    /// be asked whenever the read mailbox is empty and the slave controller is looked at.
+    pub(crate) fn is_due(&self, now: u64, gateway: &Gateway) -> bool {
+        let has_emergency = gateway.has_emergency() && gateway.mailbox_answers(now);
+        has_emergency || self.next_event().is_some_and(|time| time <= now)
+    }
+
+    /// The read mailbox is empty: puts the next message that is ready by `now` into `out` (the
+    /// whole of SM1, rest zero). `false` if there is none.
+    pub(crate) fn send(&mut self, now: u64, out: &mut [u8], gateway: &mut Gateway) -> bool {
+        gateway.advance(now);
+        if !gateway.mailbox_answers(now) {
+            match gateway.mailbox_silent_until(now) {
+                Some(until) => self.silent_until = until,
+                // no mailbox, no messages
+                None => self.reset(),
+            }
+            return false;
+        }
+        self.serve_deferred(now, gateway);
+        while let Some(emergency) = gateway.take_emergency() {
+            let envelope = Envelope { address: 0, protocol: protocol::COE };
+            if self.outbox.write(envelope, &coe::emergency_message(emergency), out) {
+                return true;
+            }
+        }
+        self.outbox.send(now, out)
+    }
+
+    /// The master asks for the last message once more (mailbox repeat). `false` if there was none.
+    pub(crate) fn repeat(&self, out: &mut [u8]) -> bool {
+        self.outbox.repeat(out)
+    }
+
+    fn serve_deferred(&mut self, now: u64, gateway: &mut Gateway) {
+        while let Some(Deferred { request, reply_bytes }) = self.deferred.pop_front() {
+            self.serve(now, &request, reply_bytes, gateway);
+        }
+    }
+
+    fn serve(&mut self, now: u64, request: &[u8], reply_bytes: usize, gateway: &mut Gateway) {
+        let ready = now.saturating_add(gateway.settings().mailbox_delay_ns);
+        let Some((header, rest)) = Header::parse(request) else {
+            let envelope = Envelope { address: 0, protocol: protocol::ERROR };
+            let message = MailboxError::SizeTooShort.message();
+            self.outbox.push(ready, envelope, vec![message], reply_bytes);
+            return;
+        };
+        // the master did not see that the mailbox took it, and wrote it again
+        let is_repeated = header.counter != 0 && header.counter == self.last_counter;
+        if is_repeated {
+            return;
+        }
+        self.last_counter = header.counter;
+        // nobody answers an error with an error
+        if header.protocol == protocol::ERROR {
+            return;
+        }
+        let answer = if self.outbox.is_full() {
+            Err(MailboxError::NoMemory)
+        } else {
+            self.answer(now, header, rest, reply_bytes, gateway)
+        };
+        let (protocol, messages) = match answer {
+            Ok(messages) => (header.protocol, messages),
+            Err(error) => (protocol::ERROR, vec![error.message()]),
+        };
+        let envelope = Envelope { address: header.address, protocol };
+        self.outbox.push(ready, envelope, messages, reply_bytes);
+    }
+
+    /// The messages, without mailbox headers, that answer a request; `rest` is what is behind its
+    /// header.
+    fn answer(
+        &mut self,
+        now: u64,
+        header: Header,
+        rest: &[u8],
+        reply_bytes: usize,
+        gateway: &mut Gateway,
+    ) -> Result<Vec<Vec<u8>>, MailboxError> {
+        if header.channel != 0 {
+            return Err(MailboxError::InvalidChannel);
+        }
+        let body = rest.get(..usize::from(header.length)).ok_or(MailboxError::InvalidSize)?;
+        let room = reply_bytes.saturating_sub(HEADER_BYTES);
+        match header.protocol {
+            protocol::COE => self.coe.request(now, body, room, gateway),
+            reserved if protocol::RESERVED.contains(&reserved) => Err(MailboxError::Syntax),
+            _ => Err(MailboxError::UnsupportedProtocol),
+        }
+    }
+}

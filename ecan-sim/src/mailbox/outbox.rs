@@ -1,0 +1,119 @@
+//! Messages for the read mailbox: those that wait, and the last one for a repeat.
+
+use std::collections::VecDeque;
+
+use super::errors::MailboxError;
+use super::header::{HEADER_BYTES, Header, protocol};
+
+/// Answers that may wait; one of several fragments counts once.
+const KEPT: usize = 8;
+
+/// Whom a message goes to, and by which protocol.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Envelope {
+    /// Station address of whoever asked.
+    pub(super) address: u16,
+    pub(super) protocol: u8,
+}
+
+/// The answer to one request.
+#[derive(Debug)]
+struct Answer {
+    ready: u64,
+    envelope: Envelope,
+    /// Never empty.
+    messages: VecDeque<Vec<u8>>,
+}
+
+/// What waits for the read mailbox.
+#[derive(Debug, Default)]
+pub(super) struct Outbox {
+    answers: VecDeque<Answer>,
+    /// Counter of the last message.
+    counter: u8,
+    /// The last message, with its header.
+    last: Vec<u8>,
+}
+
+impl Outbox {
+    /// Whether there is no room for another answer.
+    pub(super) fn is_full(&self) -> bool {
+        self.answers.len() >= KEPT
+    }
+
+    /// Adds an answer that becomes ready at `ready`; the messages come without mailbox header.
+    /// What does not fit a read mailbox of `reply_bytes` becomes a mailbox error. One error finds
+    /// room even in a full outbox; what comes then is lost.
+    pub(super) fn push(
+        &mut self,
+        ready: u64,
+        envelope: Envelope,
+        messages: Vec<Vec<u8>>,
+        reply_bytes: usize,
+    ) {
+        let fits = |message: &Vec<u8>| HEADER_BYTES + message.len() <= reply_bytes;
+        let answer = if messages.iter().all(fits) {
+            Answer { ready, envelope, messages: messages.into() }
+        } else {
+            Answer {
+                ready,
+                envelope: Envelope { protocol: protocol::ERROR, ..envelope },
+                messages: VecDeque::from([MailboxError::InvalidSize.message()]),
+            }
+        };
+        if self.answers.len() <= KEPT && !answer.messages.is_empty() {
+            self.answers.push_back(answer);
+        }
+    }
+
+    /// When the first answer is ready.
+    pub(super) fn next_ready(&self) -> Option<u64> {
+        self.answers.front().map(|answer| answer.ready)
+    }
+
+    /// Puts the next message that is ready by `now` into the read mailbox.
+    pub(super) fn send(&mut self, now: u64, out: &mut [u8]) -> bool {
+        while let Some(answer) = self.answers.front_mut().filter(|answer| answer.ready <= now) {
+            let (envelope, message) = (answer.envelope, answer.messages.pop_front());
+            if answer.messages.is_empty() {
+                self.answers.pop_front();
+            }
+            if message.is_some_and(|message| self.write(envelope, &message, out)) {
+                return true;
+            }
+        }
+        false
+    }
+
+    /// Puts a message into the read mailbox, and keeps it for a repeat. `false` if it does not
+    /// fit.
+    pub(super) fn write(&mut self, envelope: Envelope, message: &[u8], out: &mut [u8]) -> bool {
+        let Ok(length) = u16::try_from(message.len()) else {
+            return false;
+        };
+        if HEADER_BYTES + message.len() > out.len() {
+            return false;
+        }
+        self.counter = self.counter % 7 + 1;
+        let Envelope { address, protocol } = envelope;
+        let header = Header { length, address, channel: 0, protocol, counter: self.counter };
+        self.last.clear();
+        self.last.extend_from_slice(&header.to_bytes());
+        self.last.extend_from_slice(message);
+        self.repeat(out)
+    }
+
+    /// Puts the last message into the read mailbox once more. `false` if there was none, or if it
+    /// does not fit any more.
+    pub(super) fn repeat(&self, out: &mut [u8]) -> bool {
+        let Some((message, rest)) = out.split_at_mut_checked(self.last.len()) else {
+            return false;
+        };
+        if message.is_empty() {
+            return false;
+        }
+        message.copy_from_slice(&self.last);
+        rest.fill(0);
+        true
+    }
+}

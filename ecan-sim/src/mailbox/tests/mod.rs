@@ -1,0 +1,1 @@
+//! Tests of the mailbox services, byte by byte and by property.
