@@ -8,10 +8,6 @@ pub use gateway::{
     Gateway, GatewayFault, GatewaySettings, ReceiveLosses, SmSettings, Sync0, TransmitLosses, Truth,
 };
 
-#[cfg_attr(
-    not(test),
-    expect(dead_code, reason = "the slave controller that carries the messages comes on top")
-)]
 mod mailbox;
 
 // CAN side
@@ -48,7 +44,6 @@ mod earliest;
 mod ecrt;
 mod esc;
 mod fault;
-mod mailbox;
 mod random;
 mod runner;
 mod scenario;

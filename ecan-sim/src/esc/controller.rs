@@ -99,6 +99,9 @@ impl Controller {
         let state = (context.gateway.al_state(), context.gateway.al_error());
         if std::mem::replace(&mut self.shown_state, state) != state {
             self.events |= event::AL_STATUS;
+            if !context.gateway.al_state().has_mailbox() {
+                self.mailbox.reset();
+            }
         }
         self.notice_buffers(context);
         self.serve_mailbox(context);
@@ -273,10 +276,6 @@ impl Controller {
     /// Lets the firmware take what lies in the write mailbox, and fill the read mailbox.
     pub(super) fn serve_mailbox(&mut self, context: &mut Context<'_>) {
         let now = context.now;
-        if !context.gateway.al_state().has_mailbox() {
-            self.mailbox.reset();
-            return;
-        }
         if !context.gateway.mailbox_answers(now) {
             return;
         }
@@ -287,7 +286,8 @@ impl Controller {
             self.mailbox.receive(now, request, from_device.length(), context.gateway);
             self.sync_managers[WRITE_MAILBOX].emptied();
         }
-        if from_device.is_enabled() && !from_device.is_full {
+        let is_waiting = from_device.is_enabled() && !from_device.is_full;
+        if is_waiting && self.mailbox.is_due(now, context.gateway) {
             let to = from_device.start().saturating_sub(REGISTER_BYTES);
             let out = self.memory.get_mut(to..to + from_device.length()).unwrap_or_default();
             if self.mailbox.send(now, out, context.gateway) {
