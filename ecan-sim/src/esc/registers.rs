@@ -300,6 +300,9 @@ impl Controller {
             let is_whole = at + bytes >= address::SYSTEM_TIME + 8;
             self.clock.told(if is_whole { &told } else { &told[..4] }, context);
         }
+        if touches(address::SPEED_COUNTER, 2) {
+            context.gateway.restart_dc_control(context.now);
+        }
         if touches(address::CYCLIC_CONTROL, 2) {
             let [activation] = self.stored(address::ACTIVATION);
             let start = u64::from_le_bytes(self.stored(address::CYCLIC_START));

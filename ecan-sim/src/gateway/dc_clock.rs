@@ -98,6 +98,14 @@ impl DcClock {
         self.line.simulated_ns = now;
     }
 
+    /// The control loop starts anew, with the rate of the oscillator.
+    pub(super) fn restart_control(&mut self, now: u64) {
+        self.line.system_ns = self.line.system(now);
+        self.line.simulated_ns = now;
+        self.line.rate_ppb = self.drift_ppb;
+        (self.corrected_ns, self.difference_ns) = (None, 0);
+    }
+
     /// The clock jumps.
     pub(super) fn jump(&mut self, by_ns: i64, now: u64) {
         self.line.system_ns = self.line.system(now).saturating_add_signed(by_ns);
@@ -138,6 +146,11 @@ impl Gateway {
     /// The master sends the time that the clock shall have now; it goes after it.
     pub fn correct_dc_system_time(&mut self, now: u64, system_ns: u64) {
         self.change_clock(|clock| clock.correct(system_ns, now));
+    }
+
+    /// The master restarts the clock's control loop (0x0930).
+    pub(crate) fn restart_dc_control(&mut self, now: u64) {
+        self.change_clock(|clock| clock.restart_control(now));
     }
 
     pub(super) fn change_clock(&mut self, change: impl FnOnce(&mut DcClock)) {
