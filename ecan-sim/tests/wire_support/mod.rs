@@ -180,3 +180,113 @@ impl Line {
         panic!("busy for ever");
     }
 }
+
+// Mailbox and process data, as a master does them
+
+impl Line {
+    /// A message through the mailboxes: CoE service and data. Gives the answer without its mailbox
+    /// header.
+    pub fn coe(&mut self, station: u16, counter: u8, message: &[u8]) -> Vec<u8> {
+        let mut mailbox = vec![0; 128];
+        mailbox[..2].copy_from_slice(&(message.len() as u16).to_le_bytes());
+        mailbox[5] = 3 | counter << 4;
+        mailbox[6..6 + message.len()].copy_from_slice(message);
+        assert_eq!(self.write(FPWR, station, 0x1000, &mailbox), 1);
+        for _ in 0..1_000 {
+            let (status, _) = self.read(FPRD, station, 0x080D, 1);
+            if status[0] & 0x08 != 0 {
+                let (answer, counter) = self.read(FPRD, station, 0x1080, 128);
+                assert_eq!(counter, 1);
+                let length = usize::from(u16::from_le_bytes([answer[0], answer[1]]));
+                return answer[6..6 + length].to_vec();
+            }
+        }
+        panic!("no answer");
+    }
+
+    /// Expedited download of 1, 2 or 4 bytes; the abort code if it is refused.
+    pub fn download(&mut self, station: u16, object: (u16, u8), data: &[u8]) -> Result<(), u32> {
+        let command = 0x23 | ((4 - data.len()) as u8) << 2;
+        let [low, high] = object.0.to_le_bytes();
+        let mut message = vec![0x00, 0x20, command, low, high, object.1, 0, 0, 0, 0];
+        message[6..6 + data.len()].copy_from_slice(data);
+        let answer = self.coe(station, 0, &message);
+        match answer[2] {
+            0x60 => Ok(()),
+            0x80 => Err(u32::from_le_bytes(answer[6..10].try_into().unwrap())),
+            other => panic!("command {other:#04x}"),
+        }
+    }
+
+    /// Expedited upload.
+    pub fn upload(&mut self, station: u16, object: (u16, u8)) -> u32 {
+        let [low, high] = object.0.to_le_bytes();
+        let message = [0x00, 0x20, 0x40, low, high, object.1, 0, 0, 0, 0];
+        let answer = self.coe(station, 0, &message);
+        assert_eq!(answer[2] & 0xF2, 0x42, "expedited");
+        let unused = usize::from(answer[2] >> 2 & 3);
+        let mut value = [0; 4];
+        value[..4 - unused].copy_from_slice(&answer[6..10 - unused]);
+        u32::from_le_bytes(value)
+    }
+
+    pub fn assign(&mut self, station: u16, chunks: u8) {
+        for (assignment, first) in [(0x1C12, 0x1600_u16), (0x1C13, 0x1A00)] {
+            self.download(station, (assignment, 0), &[0]).unwrap();
+            for chunk in 0..chunks {
+                let map = (first + u16::from(chunk)).to_le_bytes();
+                self.download(station, (assignment, chunk + 1), &map).unwrap();
+            }
+            self.download(station, (assignment, 0), &[chunks]).unwrap();
+        }
+    }
+
+    /// The startup list of a project, which has the assignment in it: the profiles need it.
+    pub fn configure(&mut self, station: u16, chunks: u8) {
+        self.assign(station, chunks);
+        for profile in [0x8010, 0x8011] {
+            self.download(station, (profile, 3), &[chunks]).unwrap();
+            self.download(station, (profile, 4), &[0x0F]).unwrap();
+            self.download(station, (profile, 1), &[1]).unwrap();
+            assert_eq!(self.upload(station, (profile, 2)), 0);
+        }
+        self.download(station, (0x8001, 15), &[0]).unwrap();
+        self.download(station, (0x8001, 19), &500_000_u32.to_le_bytes()).unwrap();
+        self.download(station, (0x8001, 1), &[1]).unwrap();
+        assert_eq!(self.upload(station, (0x8001, 2)), 0);
+    }
+
+    /// SM2 and SM3, and FMMUs 0 and 1 that map them one behind the other from `logical` on.
+    pub fn map(&mut self, station: u16, chunks: u8, logical: u32) {
+        let bytes = 128 * u16::from(chunks);
+        let [low, high] = bytes.to_le_bytes();
+        let sync_managers =
+            [0x00, 0x11, low, high, 0x66, 0, 1, 0, 0x00, 0x1D, low, high, 0x22, 0, 1, 0];
+        assert_eq!(self.write(FPWR, station, 0x0810, &sync_managers), 1);
+        let mut fmmus = Vec::new();
+        let parts = [(logical, 0x1100_u16, 2), (logical + u32::from(bytes), 0x1D00, 1)];
+        for (logical, physical, direction) in parts {
+            fmmus.extend(logical.to_le_bytes());
+            fmmus.extend([low, high, 0, 7]);
+            fmmus.extend(physical.to_le_bytes());
+            fmmus.extend([0, direction, 1, 0, 0, 0]);
+        }
+        assert_eq!(self.write(FPWR, station, 0x0600, &fmmus), 1);
+    }
+
+    /// One gateway, N = 3, logical address 0, in OP.
+    pub fn op() -> Self {
+        let mut line = Self::preop(1);
+        line.configure(0x1001, 3);
+        line.map(0x1001, 3, 0);
+        for state in [4, 8] {
+            line.request(0x1001, state);
+            assert_eq!(line.state(0x1001), (state, 0));
+        }
+        line
+    }
+
+    pub fn logical(&mut self, command: u8, address: u32, data: &[u8]) -> Datagram {
+        self.one(Datagram::logical(command, address, data))
+    }
+}
