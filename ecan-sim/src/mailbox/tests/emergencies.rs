@@ -1,10 +1,10 @@
 //! Emergencies on their way to the master.
 
-use ecan_protocol::AlState;
+use ecan_protocol::{AlState, Direction, sync_manager, sync_manager_address, sync_manager_control};
 
 use super::bench::{Bench, MS, coe};
 use crate::bus::ErrorState;
-use crate::gateway::GatewayFault;
+use crate::gateway::{GatewayFault, SmSettings};
 
 /// Error code and bytes of an emergency message.
 fn emergency(message: &[u8]) -> (u16, [u8; 5]) {
@@ -35,6 +35,34 @@ fn a_slave_that_falls_back_says_why() {
     bench.gateway.inject(bench.now, GatewayFault::AlError { code: 0x002C });
     assert_eq!(emergency(&bench.read_now().unwrap()), (0x8130, [0x1B, 0, 0, 0, 0]));
     assert_eq!(emergency(&bench.read_now().unwrap()), (0x8200, [0x2C, 0, 0, 0, 0]));
+}
+
+#[test]
+fn the_watchdog_after_a_start_as_a_master_does_it() {
+    let mut bench = Bench::preop();
+    for (direction, object, first_map) in
+        [(Direction::RxPdo, 0x1C12, 0x1600_u16), (Direction::TxPdo, 0x1C13, 0x1A00)]
+    {
+        let mut block = vec![8, 0];
+        block.extend((0..8).flat_map(|chunk| (first_map + chunk).to_le_bytes()));
+        bench.download(object, 0, true, &block).unwrap();
+        let settings = SmSettings {
+            start: sync_manager_address(direction),
+            length: 1024,
+            control: sync_manager_control(direction),
+        };
+        bench.gateway.configure_sync_manager(sync_manager(direction), Some(settings));
+    }
+    bench.gateway.set_watchdog_ns(3 * MS);
+    for state in [AlState::SafeOp, AlState::Op] {
+        bench.gateway.request_al_state(bench.now, state);
+        assert_eq!(bench.gateway.al_state(), state);
+    }
+    assert_eq!(bench.read_now(), None);
+    bench.now += 3 * MS;
+    assert_eq!(emergency(&bench.read_now().unwrap()), (0x8130, [0x1B, 0, 0, 0, 0]));
+    assert_eq!(bench.gateway.al_state(), AlState::SafeOp);
+    assert_eq!(bench.read_now(), None);
 }
 
 #[test]
