@@ -135,3 +135,44 @@ fn a_signed_entry_has_signed_limits() {
     assert_eq!(description[10..14], i32::MIN.to_le_bytes());
     assert_eq!(description[14..18], i32::MAX.to_le_bytes());
 }
+
+#[test]
+fn rights_of_entries() {
+    let cases = [
+        (0xF000, 2, 0x0007, "read-only"),
+        (0x8001, 1, 0x0038, "a command that can only be written"),
+        (0x8010, 1, 0x003F, "a command is no setting"),
+        (0x8020, 2, 0x003F, "nor is this one"),
+        (0x8010, 3, 0x033F, "a setting, to be saved"),
+        (0x8030, 2, 0x003F, "a test is not to be saved"),
+        (0x1C12, 1, 0x021F, "an assignment is made in PREOP or SAFEOP"),
+        (0x6000, 1, 0x0087, "a TxPDO maps it"),
+        (0x7000, 1, 0x004F, "an RxPDO maps it, and owns it from SAFEOP on"),
+        (0x7000, 0, 0x0007, "nothing maps the count"),
+    ];
+    let mut bench = Bench::preop();
+    for (index, subindex, rights, what) in cases {
+        let [i0, i1] = u16::to_le_bytes(index);
+        let description = ask(&mut bench, 5, &[i0, i1, subindex, 0]);
+        let found = u16::from_le_bytes([description[8], description[9]]);
+        assert_eq!(found, rights, "0x{index:04X}:{subindex}: {what}");
+    }
+}
+
+#[test]
+fn no_fragment_ends_within_an_index() {
+    let expected = dictionary();
+    for mailbox in 16..=64 {
+        let mut bench = Bench::with_mailbox(mailbox);
+        bench.write(&coe(&info(1, &[1, 0])));
+        let mut found = Vec::new();
+        let mut first = true;
+        while let Some(message) = bench.read() {
+            let indices = &message[if first { 14 } else { 12 }..];
+            first = false;
+            assert!(indices.len().is_multiple_of(2), "mailbox of {mailbox} bytes");
+            found.extend(indices.chunks(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])));
+        }
+        assert_eq!(found, expected, "mailbox of {mailbox} bytes");
+    }
+}
