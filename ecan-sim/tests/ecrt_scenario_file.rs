@@ -32,6 +32,7 @@ firmware = [1, 2]
 boot_ms = 900
 service_delay_us = 40
 release_jitter_us = 9
+mailbox_delay_us = 350
 tx_pressure_percent = 100
 buses = ["arm", "arm", "tool", "spare"]
 
@@ -105,6 +106,7 @@ for_ms = 9000
     assert_eq!((gateway.settings.firmware, gateway.settings.boot_ms), ((1, 2), 900));
     assert_eq!(gateway.settings.service_delay_ns, 40_000);
     assert_eq!(gateway.settings.release_jitter_ns, 9_000);
+    assert_eq!(gateway.settings.mailbox_delay_ns, 350_000);
     assert_eq!(gateway.settings.tx_pressure_percent, 100);
     assert_eq!(gateway.buses, ["arm", "arm", "tool", "spare"]);
     let node = &scenario.nodes[0];

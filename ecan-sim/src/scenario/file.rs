@@ -119,6 +119,7 @@ struct RawGateway {
     service_jitter_us: Option<u32>,
     clock_drift_ppm: Option<f64>,
     release_jitter_us: Option<u32>,
+    mailbox_delay_us: Option<u32>,
     pdo_assign: Option<bool>,
     pdo_configuration: Option<bool>,
     tx_pressure_percent: Option<u8>,
@@ -171,6 +172,7 @@ impl Scenario {
     /// service_delay_us = 30
     /// service_jitter_us = 0
     /// release_jitter_us = 0          # of scheduled frames behind their phase
+    /// mailbox_delay_us = 200         # of answers on the wire
     /// pdo_assign = true              # the SII lets the master write 0x1C12 and 0x1C13
     /// pdo_configuration = false      # and the mapping
     /// tx_pressure_percent = 50       # of the TX ring; 100: only when it is full
@@ -334,6 +336,7 @@ impl RawGateway {
             settings.clock_drift_ppb = (ppm * 1000.0).round() as i32;
         }
         set(&mut settings.release_jitter_ns, self.release_jitter_us.map(ns));
+        set(&mut settings.mailbox_delay_ns, self.mailbox_delay_us.map(ns));
         if self.tx_pressure_percent.is_some_and(|percent| !(1..=100).contains(&percent)) {
             return Err("`tx_pressure_percent` is 1 to 100".to_owned());
         }

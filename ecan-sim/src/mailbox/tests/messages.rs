@@ -1,0 +1,176 @@
+//! The mailbox itself: errors, counters, pace, silence, the bound of the queue, repeats.
+
+use ecan_protocol::AlState;
+
+use super::bench::{Bench, MAILBOX, MS, coe, message};
+use crate::gateway::{GatewayFault, GatewaySettings};
+
+/// An upload of 0xF000:2, CoE body.
+const UPLOAD: [u8; 10] = [0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0, 0, 0, 0];
+const DELAY: u64 = 200_000;
+
+/// The detail of an answer that is a mailbox error.
+fn error_detail(answer: &[u8]) -> Option<u16> {
+    match answer {
+        &[4, 0, _, _, 0, kind, 1, 0, low, high] if kind & 0x0F == 0 => {
+            Some(u16::from_le_bytes([low, high]))
+        }
+        _ => None,
+    }
+}
+
+#[test]
+fn every_detail_of_a_mailbox_error() {
+    let cases: [(&str, Vec<u8>, u16); 14] = [
+        ("reserved protocol", message(9, 0, &UPLOAD), 1),
+        ("AoE", message(1, 0, &UPLOAD), 2),
+        ("SoE", message(5, 0, &UPLOAD), 2),
+        ("VoE", message(15, 0, &UPLOAD), 2),
+        ("channel 5", vec![2, 0, 0, 0, 5, 3, 0, 0x20], 3),
+        ("emergency of a master", coe(&[0x00, 0x10, 0, 0, 0, 0, 0, 0, 0, 0]), 4),
+        ("SDO response of a master", coe(&[0x00, 0x30, 0, 0, 0, 0, 0, 0, 0, 0]), 4),
+        ("TxPDO request", coe(&[0x00, 0x60]), 4),
+        ("RxPDO", coe(&[0x00, 0x50, 1, 2]), 4),
+        ("CoE service 9", coe(&[0x00, 0x90]), 5),
+        ("no CoE header", coe(&[0x00]), 6),
+        ("half an SDO", coe(&UPLOAD[..9]), 6),
+        ("half an object description request", coe(&[0x00, 0x80, 3, 0, 0, 0, 0x18]), 6),
+        ("longer than the mailbox", vec![0xFF, 0xFF, 0, 0, 0, 3], 8),
+    ];
+    for (what, request, detail) in cases {
+        let mut bench = Bench::preop();
+        let answer = bench.exchange(&request);
+        assert_eq!(error_detail(&answer), Some(detail), "{what}: {answer:02X?}");
+        let next = bench.exchange(&coe(&UPLOAD));
+        assert_eq!(next[8], 0x4F, "{what}: the next request is served");
+    }
+}
+
+#[test]
+fn a_mailbox_shorter_than_a_header() {
+    let mut bench = Bench::preop();
+    bench.server.receive(bench.now, &[1, 2, 3], MAILBOX, &mut bench.gateway);
+    assert_eq!(bench.read().as_deref().and_then(error_detail), Some(6));
+}
+
+#[test]
+fn an_answer_that_the_read_mailbox_cannot_hold() {
+    let mut bench = Bench::preop();
+    bench.mailbox = 10;
+    bench.server.receive(bench.now, &coe(&UPLOAD), 10, &mut bench.gateway);
+    assert_eq!(bench.read().as_deref().and_then(error_detail), Some(8));
+    // not even for the error
+    bench.mailbox = 9;
+    bench.server.receive(bench.now, &coe(&UPLOAD), 9, &mut bench.gateway);
+    assert_eq!(bench.read(), None);
+    assert_eq!(bench.server.next_event(), None);
+}
+
+#[test]
+fn an_error_is_not_answered() {
+    let mut bench = Bench::preop();
+    bench.write(&message(0, 0, &[1, 0, 2, 0]));
+    assert_eq!(bench.server.next_event(), None);
+}
+
+#[test]
+fn the_counter_of_answers_goes_from_one_to_seven() {
+    let mut bench = Bench::preop();
+    let counters: Vec<u8> = (0..9).map(|_| bench.exchange(&coe(&UPLOAD))[5] >> 4).collect();
+    assert_eq!(counters, [1, 2, 3, 4, 5, 6, 7, 1, 2]);
+}
+
+#[test]
+fn a_repeated_write_is_ignored() {
+    let mut bench = Bench::preop();
+    assert_eq!(bench.exchange(&message(3, 4, &UPLOAD))[8], 0x4F);
+    bench.write(&message(3, 4, &UPLOAD));
+    assert_eq!(bench.server.next_event(), None);
+    assert_eq!(bench.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
+    // without counter nothing is a repeat
+    for _ in 0..2 {
+        assert_eq!(bench.exchange(&message(3, 0, &UPLOAD))[8], 0x4F);
+    }
+    // INIT forgets the counter
+    assert_eq!(bench.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
+    bench.server.reset();
+    assert_eq!(bench.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
+}
+
+#[test]
+fn the_answer_takes_its_time() {
+    let mut bench = Bench::preop();
+    assert_eq!(GatewaySettings::default().mailbox_delay_ns, DELAY);
+    let asked = bench.now;
+    bench.write(&coe(&UPLOAD));
+    assert_eq!(bench.server.next_event(), Some(asked + DELAY));
+    bench.now = asked + DELAY - 1;
+    assert!(!bench.server.is_due(bench.now, &bench.gateway));
+    assert_eq!(bench.read_now(), None);
+    bench.now += 1;
+    assert!(bench.server.is_due(bench.now, &bench.gateway));
+    assert!(bench.read_now().is_some());
+    assert_eq!(bench.server.next_event(), None);
+}
+
+#[test]
+fn a_silent_mailbox_answers_when_it_speaks_again() {
+    let mut bench = Bench::preop();
+    let asked = bench.now;
+    bench.write(&coe(&UPLOAD));
+    bench.gateway.inject(asked, GatewayFault::MailboxSilent { ms: 5 });
+    bench.now = asked + DELAY;
+    assert_eq!(bench.read_now(), None, "the answer that was ready waits");
+    assert_eq!(bench.server.next_event(), Some(asked + 5 * MS));
+    bench.write(&coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x0E, 0, 0, 0, 0]));
+    assert_eq!(bench.server.next_event(), Some(asked + 5 * MS));
+    bench.now = asked + 5 * MS;
+    assert_eq!(bench.read_now().unwrap()[11], 0x02);
+    assert_eq!(bench.server.next_event(), Some(asked + 5 * MS + DELAY));
+    assert_eq!(bench.read().unwrap()[11], 0x0E);
+}
+
+#[test]
+fn a_gateway_in_init_neither_answers_nor_remembers() {
+    let mut bench = Bench::preop();
+    bench.write(&coe(&UPLOAD));
+    bench.gateway.request_al_state(bench.now, AlState::Init);
+    assert_eq!(bench.read(), None);
+    assert_eq!(bench.server.next_event(), None);
+    bench.write(&coe(&UPLOAD));
+    assert_eq!(bench.server.next_event(), None);
+}
+
+#[test]
+fn a_full_queue_says_so_once() {
+    let mut bench = Bench::preop();
+    for _ in 0..12 {
+        bench.write(&coe(&UPLOAD));
+    }
+    let mut answers = Vec::new();
+    while let Some(answer) = bench.read() {
+        answers.push(error_detail(&answer));
+    }
+    assert_eq!(answers.len(), 9);
+    assert!(answers[..8].iter().all(Option::is_none));
+    assert_eq!(answers[8], Some(7));
+    assert_eq!(bench.exchange(&coe(&UPLOAD))[8], 0x4F);
+}
+
+#[test]
+fn the_last_message_is_repeated_with_its_counter() {
+    let mut bench = Bench::preop();
+    let mut out = [0xAA; MAILBOX];
+    assert!(!bench.server.repeat(&mut out), "there was none");
+    bench.exchange(&coe(&UPLOAD));
+    let last = bench.exchange(&coe(&UPLOAD));
+    for _ in 0..2 {
+        out.fill(0xAA);
+        assert!(bench.server.repeat(&mut out));
+        assert_eq!(super::bench::trimmed(&out), last);
+    }
+    assert!(!bench.server.repeat(&mut [0; 15]), "a mailbox that became too short");
+    assert_eq!(bench.exchange(&coe(&UPLOAD))[5] >> 4, 3);
+    bench.server.reset();
+    assert!(!bench.server.repeat(&mut out));
+}

@@ -1,0 +1,219 @@
+//! Whatever a master writes, the services neither panic nor break the form of a mailbox, and
+//! never keep their front busy without a message.
+
+use ecan_protocol::AlState;
+use proptest::prelude::*;
+
+use super::bench::{Bench, coe, message};
+use crate::bus::ErrorState;
+use crate::gateway::GatewayFault;
+
+#[derive(Clone, Debug)]
+enum Step {
+    /// Any bytes as the whole write mailbox.
+    Write(Vec<u8>),
+    /// A message that may be longer or shorter than it says.
+    Message {
+        protocol: u8,
+        counter: u8,
+        body: Vec<u8>,
+        length: Option<u16>,
+    },
+    /// The client of the bench: something that must succeed whatever came before.
+    Upload,
+    Read,
+    Repeat,
+    Mailbox(usize),
+    Wait(u64),
+    Silence(u32),
+    BusState(ErrorState),
+    State(AlState),
+    Reset,
+}
+
+/// SDO requests that are likely to mean something.
+fn sdo() -> impl Strategy<Value = Vec<u8>> {
+    let index = prop_oneof![
+        Just(0x1008_u16),
+        Just(0x1018),
+        Just(0x1C12),
+        Just(0x7000),
+        Just(0x8000),
+        Just(0x8001),
+        Just(0x8010),
+        Just(0xA000),
+        Just(0xF000),
+        any::<u16>(),
+    ];
+    let size = prop_oneof![0..40_u32, any::<u32>()];
+    (any::<u8>(), index, 0..5_u8, size, prop::collection::vec(any::<u8>(), 0..40)).prop_map(
+        |(command, index, subindex, size, data)| {
+            let mut body = vec![0x00, 0x20, command];
+            body.extend_from_slice(&index.to_le_bytes());
+            body.push(subindex);
+            body.extend_from_slice(&size.to_le_bytes());
+            body.extend_from_slice(&data);
+            body
+        },
+    )
+}
+
+fn information() -> impl Strategy<Value = Vec<u8>> {
+    (0..9_u8, prop_oneof![0..7_u16, Just(0x8001), any::<u16>()], any::<u8>(), any::<u8>()).prop_map(
+        |(opcode, index, subindex, wanted)| {
+            let [i0, i1] = index.to_le_bytes();
+            vec![0x00, 0x80, opcode, 0, 0, 0, i0, i1, subindex, wanted]
+        },
+    )
+}
+
+fn step() -> impl Strategy<Value = Step> {
+    let body = prop_oneof![
+        6 => sdo(),
+        3 => information(),
+        1 => prop::collection::vec(any::<u8>(), 0..80),
+    ];
+    let protocol = prop_oneof![8 => Just(3_u8), 1 => 0..16_u8];
+    let length = prop_oneof![9 => Just(None), 1 => any::<u16>().prop_map(Some)];
+    let states = prop::sample::select(vec![
+        ErrorState::Active,
+        ErrorState::Warning,
+        ErrorState::Passive,
+        ErrorState::BusOff,
+    ]);
+    let al = prop::sample::select(vec![AlState::Init, AlState::PreOp, AlState::Boot]);
+    prop_oneof![
+        10 => (protocol, 0..8_u8, body, length).prop_map(|(protocol, counter, body, length)| {
+            Step::Message { protocol, counter, body, length }
+        }),
+        3 => prop::collection::vec(any::<u8>(), 0..150).prop_map(Step::Write),
+        10 => Just(Step::Read),
+        1 => Just(Step::Repeat),
+        1 => Just(Step::Upload),
+        1 => (0..200_usize).prop_map(Step::Mailbox),
+        2 => (0..400_000_u64).prop_map(Step::Wait),
+        1 => (0..3_u32).prop_map(Step::Silence),
+        1 => states.prop_map(Step::BusState),
+        1 => al.prop_map(Step::State),
+        1 => Just(Step::Reset),
+    ]
+}
+
+/// A mailbox as it must be; gives its counter.
+fn check_form(out: &[u8]) -> u8 {
+    let length = usize::from(u16::from_le_bytes([out[0], out[1]]));
+    assert!(6 + length <= out.len());
+    assert!(out[6 + length..].iter().all(|&byte| byte == 0));
+    assert!(matches!(out[5] & 0x0F, 0 | 3), "neither error nor CoE");
+    let shortest = if out[5] & 0x0F == 0 { 4 } else { 7 };
+    assert!(length >= shortest);
+    let counter = out[5] >> 4;
+    assert!((1..=7).contains(&counter));
+    counter
+}
+
+/// Reads all there is; more rounds than there can be messages are an endless loop.
+fn drain(bench: &mut Bench) {
+    for _ in 0..20_000 {
+        if !bench.server.is_due(bench.now, &bench.gateway) {
+            return;
+        }
+        let mut out = vec![0xAA; bench.mailbox];
+        if bench.server.send(bench.now, &mut out, &mut bench.gateway) {
+            check_form(&out);
+        }
+    }
+    panic!("there is always something to do");
+}
+
+fn run(steps: Vec<Step>) {
+    let mut bench = Bench::preop();
+    let mut counter = 0;
+    for step in steps {
+        match step {
+            Step::Write(bytes) => {
+                let reply_bytes = bench.mailbox;
+                bench.server.receive(bench.now, &bytes, reply_bytes, &mut bench.gateway);
+            }
+            Step::Message { protocol, counter, body, length } => {
+                let mut bytes = message(protocol, counter, &body);
+                if let Some(length) = length {
+                    bytes[..2].copy_from_slice(&length.to_le_bytes());
+                }
+                bench.write(&bytes);
+            }
+            Step::Upload => {
+                bench.gateway.advance(bench.now);
+                let is_served = bench.gateway.mailbox_answers(bench.now)
+                    && bench.gateway.al_state() == AlState::PreOp
+                    && bench.mailbox >= 16;
+                drain(&mut bench);
+                while bench.read().is_some() {}
+                bench.gateway.advance(bench.now);
+                counter = 0;
+                bench.server.reset();
+                if is_served && bench.gateway.mailbox_answers(bench.now) {
+                    let upload = coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0, 0, 0, 0]);
+                    assert_eq!(bench.exchange(&upload)[8], 0x4F);
+                    counter = 1;
+                }
+            }
+            Step::Read => {
+                let mut out = vec![0xAA; bench.mailbox];
+                let before = out.clone();
+                if bench.server.send(bench.now, &mut out, &mut bench.gateway) {
+                    let found = check_form(&out);
+                    // a lost mailbox (INIT) begins anew
+                    assert!(found == counter % 7 + 1 || found == 1, "{found} behind {counter}");
+                    counter = found;
+                } else {
+                    assert_eq!(out, before, "untouched");
+                }
+            }
+            Step::Repeat => {
+                let mut out = vec![0xAA; bench.mailbox];
+                if bench.server.repeat(&mut out) {
+                    assert_eq!(check_form(&out), counter);
+                }
+            }
+            Step::Mailbox(bytes) => bench.mailbox = bytes,
+            Step::Wait(ns) => bench.now += ns,
+            Step::Silence(ms) => {
+                bench.gateway.inject(bench.now, GatewayFault::MailboxSilent { ms });
+            }
+            Step::BusState(state) => bench.gateway.bus_state(bench.now, 0, state, 0, 0),
+            Step::State(state) => bench.gateway.request_al_state(bench.now, state),
+            Step::Reset => {
+                counter = 0;
+                bench.server.reset();
+            }
+        }
+    }
+    drain(&mut bench);
+    while let Some(time) = bench.server.next_event() {
+        assert!(time > bench.now);
+        bench.now = time;
+        drain(&mut bench);
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(400))]
+
+    #[test]
+    fn whatever_is_written(steps in prop::collection::vec(step(), 1..60)) {
+        run(steps);
+    }
+
+    #[test]
+    fn data_goes_down_and_comes_up(
+        data in prop::array::uniform16(any::<u8>()),
+        mailbox in 16..160_usize,
+        unit in 0..192_u16,
+    ) {
+        let mut bench = Bench::with_mailbox(mailbox);
+        let index = 0x7000 + 16 * unit;
+        prop_assert_eq!(bench.download(index, 1, false, &data), Ok(()));
+        prop_assert_eq!(bench.upload(index, 1, false), Ok(data.to_vec()));
+    }
+}
