@@ -121,6 +121,10 @@ impl Gateway {
             }
             _ => {}
         }
+        if state == AlState::Init {
+            // the mailbox is gone, and with it whoever was sending a file
+            self.firmware.abandon();
+        }
         if state == AlState::Op {
             self.last_outputs = self.now;
         }

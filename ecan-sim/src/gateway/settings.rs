@@ -10,7 +10,7 @@ pub struct GatewaySettings {
     pub serial: u64,
     /// Hardware revision, 0xF000:4.
     pub hardware_revision: u32,
-    /// Firmware version, 0xF000:5 and :6.
+    /// Firmware version at manufacture, 0xF000:5 and :6; a firmware update brings another.
     pub firmware: (u16, u16),
     /// Vendor id of the SII and of 0x1018:1.
     pub vendor_id: u32,
@@ -137,5 +137,10 @@ pub enum GatewayFault {
     ServiceStall {
         /// Duration in milliseconds from now.
         ms: u32,
+    },
+    /// The next erasures or writes of the flash fail: of the saved configuration, or of firmware.
+    FlashFailure {
+        /// Number of operations concerned.
+        times: u32,
     },
 }
