@@ -400,6 +400,14 @@ impl Gateway {
         for channel in &mut self.channels {
             channel.clear_diagnostics();
         }
+        self.clear_performance();
+    }
+
+    /// The clear command of 0x9011, which also concerns the channels' service times.
+    pub(super) fn clear_performance(&mut self) {
+        for channel in &mut self.channels {
+            channel.clear_service_times();
+        }
         self.performance.clear(self.now, self.pulses);
     }
 }

@@ -101,7 +101,7 @@ impl Gateway {
             CYCLE_PERFORMANCE => {
                 self.values.set(index, subindex, 0);
                 if value == 1 {
-                    self.performance.clear(self.now, self.pulses);
+                    self.clear_performance();
                 }
             }
             0xA000..=0xA003 if subindex == 2 => {

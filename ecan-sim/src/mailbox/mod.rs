@@ -1,0 +1,3 @@
+//! Mailbox services of the gateway (ETG.1000.6).
+
+pub(crate) mod foe;
