@@ -5,6 +5,7 @@ mod gateway_support;
 use ecan_protocol::{CanFrame, CanId, WRITABLE_REGISTERS};
 use ecan_sim::{StationConfig, StationMode};
 use gateway_support::{Bench, MS, chunks, standard};
+use proptest::prelude::*;
 
 const READ: u8 = 1;
 const WRITE: u8 = 2;
@@ -291,4 +292,38 @@ fn a_controller_that_was_never_applied_stays_in_init() {
     write(&mut bench, CCCR, 0);
     assert_eq!(read(&mut bench, CCCR), INIT);
     assert_eq!(bench.gateway.station_config(0), None);
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    /// Whatever is written in whatever order: cycles go on, and no frame is lost uncounted.
+    #[test]
+    fn any_writes_leave_a_gateway_that_works(
+        writes in proptest::collection::vec(
+            (0..WRITABLE_REGISTERS.len(), prop_oneof![0u32..0x400, any::<u32>()], any::<bool>()),
+            1..60,
+        ),
+    ) {
+        let mut bench = engineering();
+        for (which, value, open) in writes {
+            if open {
+                write(&mut bench, CCCR, INIT);
+                write(&mut bench, CCCR, CHANGE);
+            }
+            write(&mut bench, WRITABLE_REGISTERS[which].0.into(), value);
+            bench.push(0, standard(1, &[1]));
+            bench.deliver(0, standard(2, &[2]));
+            bench.cycle();
+            bench.sent(0);
+            if let Some(station) = bench.gateway.station_config(0) {
+                prop_assert!(station.nominal_bitrate > 0 && station.data_bitrate > 0);
+            }
+        }
+        let truth = *bench.gateway.truth();
+        let losses = truth.transmit_losses;
+        let lost = losses.invalid_channel + losses.bus_off + losses.ring_full + losses.stale;
+        let waiting = u64::from(bench.upload(0x9000, 11));
+        prop_assert_eq!(truth.frames_parsed, truth.frames_on_bus + lost + waiting);
+    }
 }

@@ -68,7 +68,7 @@ impl ReceiveFifo {
         if index >= size {
             return 0;
         }
-        let count = (index + size - self.get_index) % size + 1;
+        let count = (index + size).saturating_sub(self.get_index) % size + 1;
         if count as usize > self.elements.len() {
             return 0;
         }

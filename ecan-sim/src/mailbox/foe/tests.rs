@@ -248,6 +248,17 @@ fn the_flash_makes_the_master_wait_or_fail() {
 }
 
 #[test]
+fn bootstrap_takes_firmware_too() {
+    let mut bench = Bench::new(122);
+    bench.gateway.request_al_state(bench.now, AlState::Init);
+    bench.gateway.request_al_state(bench.now, AlState::Boot);
+    assert_eq!(bench.gateway.al_state(), AlState::Boot);
+    assert_eq!(bench.write(&package(100).to_bytes())[0], 4);
+    bench.restart();
+    assert_eq!(bench.version().1, "3.5.14");
+}
+
+#[test]
 fn a_file_too_big_for_the_partition_is_refused() {
     let mut bench = Bench::new(60_000);
     assert_eq!(bench.write(&vec![0; 512 * 1024 + 1]), error(0x8003, "file write fail"));
