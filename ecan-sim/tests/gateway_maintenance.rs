@@ -2,6 +2,7 @@
 
 mod gateway_support;
 
+use ecan_protocol::Schedule;
 use gateway_support::{Bench, MS, chunks, standard};
 
 #[test]
@@ -122,4 +123,37 @@ fn data_path_diagnostics_show_what_happens() {
     }
     let bus_off: Vec<u32> = [13, 14, 16].map(|at| bench.upload(0x9021, at)).to_vec();
     assert_eq!(bus_off, [1, 1, 4]);
+}
+
+#[test]
+fn costs_follow_the_work() {
+    let mut bench = Bench::configured(chunks(2), chunks(3));
+    bench.start_sync0();
+    bench.pass(MS);
+    bench.start();
+    bench.write_u8(0x9011, 14, 1);
+    for id in 0..3 {
+        bench.push(0, standard(id, &[]));
+    }
+    for tag in 0..2 {
+        let frame = standard(9, &[]);
+        let schedule = Schedule { tag, offset_ns: 300_000 };
+        bench.writer.push_scheduled(&mut bench.image, 1, 0, frame.as_ref(), schedule).unwrap();
+    }
+    bench.deliver(2, standard(1, &[]));
+    bench.cycle();
+    bench.pass(2 * MS);
+    let costs: Vec<u32> = (6..=13).map(|at| bench.upload(0x9011, at)).collect();
+    // 384 bytes out, 256 in; four frames served, five parsed, two released at once
+    let expected = [
+        400 + 2 * 384,
+        700 + 3 * 256,
+        1_500 + 4 * 260,
+        300 + 256,
+        600 + 5 * 180,
+        200 + 2 * 384,
+        200 + 2 * 256,
+        150 + 2 * 200,
+    ];
+    assert_eq!(costs, expected);
 }

@@ -313,7 +313,7 @@ impl Gateway {
         let Some(due) = self.schedule.pop_due(self.now) else {
             return;
         };
-        self.performance.scheduled_released();
+        self.performance.scheduled_released(self.now);
         if self.bypasses_rx(RxBypass::MCAN_WRITE) {
             self.truth.transmit_losses.bypassed += 1;
             return;
