@@ -5,11 +5,13 @@ mod ecrt_support;
 
 use std::path::Path;
 
+use ecan_protocol::{CanFrame, CanId};
+
 use ecan_sim::{
     Backend, Fault, FirmwarePackage, FirmwareProgress, FirmwareUpdateError, Gateway, Scenario,
     StationConfig,
 };
-use ecrt_support::{stepped, stepped_echo};
+use ecrt_support::{Program, stepped, stepped_echo};
 use ecrt_sys::Master;
 
 const MS: u64 = 1_000_000;
@@ -99,4 +101,48 @@ fn an_update_shows_in_the_version_objects() {
     let mut text = [0; 16];
     let length = master.sdo_upload(0, 0x100A, 0, &mut text).unwrap();
     assert_eq!(&text[..length], b"3.4.5");
+}
+
+/// Writes a register of channel 0 through the register service.
+fn write_register(program: &Program, offset: u32, value: u32) {
+    let writes: [(u16, u8, Vec<u8>); 4] = [
+        (0xB000, 1, vec![1]),
+        (0xA000, 1, offset.to_le_bytes().to_vec()),
+        (0xA000, 4, value.to_le_bytes().to_vec()),
+        (0xA000, 2, vec![2]),
+    ];
+    let write = |gateway: &mut Gateway, now| {
+        for (index, subindex, data) in &writes {
+            gateway.sdo_download(now, *index, *subindex, data).unwrap();
+        }
+        let mut status = Vec::new();
+        gateway.sdo_upload(now, 0xA000, 3, &mut status).unwrap();
+        assert_eq!(status, [0]);
+    };
+    program.simulation().with_world(|world| world.with_gateway(0, write)).unwrap();
+}
+
+#[test]
+fn frames_of_a_stopped_controller_wait_for_its_return() {
+    const CCCR: u32 = 0x18;
+    const INIT: u32 = 1;
+    let mut program = Program::new(stepped_echo(1), &[3]).into_op();
+    let frames: Vec<_> = (1..=6u16)
+        .map(|id| (0, 0, CanFrame::classic(CanId::standard(id).unwrap(), &[7; 8]).unwrap()))
+        .collect();
+    // stopped at each phase of the transmission
+    for delay_us in (0..1_500).step_by(100) {
+        program.received.clear();
+        program.cycle_with(&frames);
+        program.simulation().pass_ns(delay_us * 1_000);
+        write_register(&program, CCCR, INIT);
+        let before = program.simulation().with_world(|world| world.truth(0)).unwrap().frames_on_bus;
+        program.cycles(5);
+        let after = program.simulation().with_world(|world| world.truth(0)).unwrap().frames_on_bus;
+        assert_eq!(after, before, "off the bus");
+        write_register(&program, CCCR, 0);
+        program.cycles(20);
+        let sent = program.simulation().with_world(|world| world.truth(0)).unwrap();
+        assert_eq!(sent.frames_on_bus, sent.frames_parsed, "delay {delay_us} us");
+    }
 }
