@@ -5,7 +5,8 @@
 mod gateway;
 
 pub use gateway::{
-    Gateway, GatewayFault, GatewaySettings, ReceiveLosses, SmSettings, Sync0, TransmitLosses, Truth,
+    FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,
+    GatewayFault, GatewaySettings, ReceiveLosses, SmSettings, Sync0, TransmitLosses, Truth,
 };
 
 mod mailbox;

@@ -355,16 +355,6 @@ fn filters_take_effect_with_the_apply() {
 }
 
 #[test]
-fn flash_commands_fail_and_count() {
-    let mut bench = Bench::preop();
-    for command in [1, 2, 4] {
-        bench.write_u8(0x8001, 3, command);
-        assert_eq!(bench.upload(0x8001, 4), 1);
-    }
-    assert_eq!(bench.upload(0x8001, 5), 3);
-}
-
-#[test]
 fn pin_rotation_moves_channels_to_other_connectors() {
     let mut bench = Bench::preop();
     bench.apply_profiles(chunks(3), chunks(3));

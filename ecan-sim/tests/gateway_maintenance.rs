@@ -1,19 +1,12 @@
-//! 0xB000, 0xA000..0xA003 and 0x9011: access modes, maintenance commands, register access and
-//! cycle statistics (manual 13.2.4, 13.6, 13.7).
+//! 0xB000 and 0x9011: access modes, diagnostics and cycle statistics (manual 13.2.4, 13.7).
 
 mod gateway_support;
 
-use ecan_protocol::WRITABLE_REGISTERS;
+use ecan_protocol::Schedule;
 use gateway_support::{Bench, MS, chunks, standard};
 
-fn register(bench: &mut Bench, offset: u32, command: u8) -> (u32, u32) {
-    bench.download(0xA000, 1, &offset.to_le_bytes()).unwrap();
-    bench.write_u8(0xA000, 2, command);
-    (bench.upload(0xA000, 3), bench.upload(0xA000, 5))
-}
-
 #[test]
-fn commands_without_a_memory_behind_them_are_denied() {
+fn commands_are_denied_in_run_mode() {
     let mut bench = Bench::preop();
     for (count, command) in [(1, 0x01), (2, 0x02), (3, 0x04), (4, 0x08), (5, 0x10), (6, 0x40)] {
         bench.write_u8(0xB000, 4, command);
@@ -63,45 +56,6 @@ fn clear_diagnostics_resets_the_channels_counters() {
 }
 
 #[test]
-fn registers_are_read_where_they_exist() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
-    bench.gateway.bus_state(bench.now, 0, ecan_sim::ErrorState::Warning, 100, 3);
-    assert_eq!(register(&mut bench, 0x40, 1), (0, 100 | 3 << 8), "ECR");
-    // 1 Mbit/s at 80 MHz, one clock a quantum
-    let (status, nbtp) = register(&mut bench, 0x1C, 1);
-    let (tseg1, tseg2) = (nbtp >> 8 & 0xFF, nbtp & 0x7F);
-    assert_eq!((status, nbtp >> 16 & 0x1FF), (0, 0));
-    assert_eq!(1 + (tseg1 + 1) + (tseg2 + 1), 80);
-    let (_, dbtp) = register(&mut bench, 0x0C, 1);
-    assert_eq!(dbtp >> 23 & 1, 1, "delay compensation");
-    let (_, cccr) = register(&mut bench, 0x18, 1);
-    assert_eq!(cccr, 3 << 8, "FD with bit rate switch");
-    assert_ne!(register(&mut bench, 0x48, 1).1, 0, "TDCR");
-    for (offset, expected) in [(0, 1), (2, 1), (0x41, 1), (0x408, 1), (0x404, 0), (0x0FC, 0)] {
-        assert_eq!(register(&mut bench, offset, 1).0, expected, "{offset:#x}");
-    }
-    assert_eq!(bench.upload(0xA000, 6), bench.now as u32);
-}
-
-#[test]
-fn registers_are_written_by_the_whitelist_and_in_engineering_mode() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
-    bench.gateway.bus_state(bench.now, 0, ecan_sim::ErrorState::Warning, 100, 3);
-    for offset in (4..=0x404).step_by(4) {
-        let writable = WRITABLE_REGISTERS.iter().any(|&(known, _)| u32::from(known) == offset);
-        let expected = if writable { 4 } else { 2 };
-        assert_eq!(register(&mut bench, offset, 2).0, expected, "{offset:#x}");
-    }
-    bench.write_u8(0xB000, 1, 1);
-    let ir = bench.upload(0x9000, 3);
-    assert_ne!(ir, 0);
-    bench.download(0xA000, 4, &ir.to_le_bytes()).unwrap();
-    assert_eq!(register(&mut bench, 0x50, 2).0, 0);
-    assert_eq!(bench.upload(0x9000, 3), 0, "IR is cleared by writing ones");
-    assert_eq!(register(&mut bench, 0x18, 2).0, 4, "CCCR is protected while running");
-}
-
-#[test]
 fn cycle_statistics_count_and_clear() {
     let mut bench = Bench::configured(chunks(3), chunks(3));
     let start = bench.start_sync0();
@@ -128,4 +82,78 @@ fn cycle_statistics_count_and_clear() {
     }
     bench.cycle();
     assert_eq!((bench.upload(0x9011, 1), bench.upload(0x9011, 2)), (2, 1));
+}
+
+#[test]
+fn clearing_the_cycle_statistics_clears_the_channels_service_times() {
+    let mut bench = Bench::op(chunks(3), chunks(3));
+    bench.cycle();
+    for subindex in [17, 18] {
+        assert_ne!(bench.upload(0x9020, subindex), 0, "{subindex}");
+    }
+    bench.write_u8(0x9011, 14, 1);
+    for subindex in [17, 18] {
+        assert_eq!(bench.upload(0x9020, subindex), 0, "{subindex}");
+    }
+}
+
+#[test]
+fn data_path_diagnostics_show_what_happens() {
+    let mut bench = Bench::op(chunks(3), chunks(24));
+    for id in 0..3 {
+        bench.deliver(0, standard(id, &[]));
+        bench.deliver(1, standard(id, &[]));
+    }
+    bench.push(1, standard(9, &[]));
+    bench.cycle();
+    let show = |bench: &mut Bench, index| (1..=18).map(|at| bench.upload(index, at)).collect();
+    // two frames a service; one frame costs 260 cycles beside 1500
+    let quiet: Vec<u32> = show(&mut bench, 0x9022);
+    assert_eq!(quiet, [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1_500, 1_500]);
+    let receiving: Vec<u32> = show(&mut bench, 0x9020);
+    assert_eq!(receiving, [0, 2, 2, 2, 0, 0, 0, 0, 2, 2, 0, 0, 0, 0, 0, 0, 2_020, 2_020]);
+    let both: Vec<u32> = show(&mut bench, 0x9021);
+    assert_eq!(both, [0, 2, 2, 2, 0, 0, 0, 0, 2, 2, 0, 0, 0, 0, 0, 0, 2_280, 2_280]);
+    bench.cycle();
+    let later: Vec<u32> = show(&mut bench, 0x9021);
+    assert_eq!(later, [0, 2, 1, 2, 0, 0, 0, 0, 1, 2, 0, 0, 0, 0, 0, 0, 2_280, 1_760]);
+    bench.gateway.bus_state(bench.now, 1, ecan_sim::ErrorState::BusOff, 256, 0);
+    for _ in 0..4 {
+        bench.cycle();
+    }
+    let bus_off: Vec<u32> = [13, 14, 16].map(|at| bench.upload(0x9021, at)).to_vec();
+    assert_eq!(bus_off, [1, 1, 4]);
+}
+
+#[test]
+fn costs_follow_the_work() {
+    let mut bench = Bench::configured(chunks(2), chunks(3));
+    bench.start_sync0();
+    bench.pass(MS);
+    bench.start();
+    bench.write_u8(0x9011, 14, 1);
+    for id in 0..3 {
+        bench.push(0, standard(id, &[]));
+    }
+    for tag in 0..2 {
+        let frame = standard(9, &[]);
+        let schedule = Schedule { tag, offset_ns: 300_000 };
+        bench.writer.push_scheduled(&mut bench.image, 1, 0, frame.as_ref(), schedule).unwrap();
+    }
+    bench.deliver(2, standard(1, &[]));
+    bench.cycle();
+    bench.pass(2 * MS);
+    let costs: Vec<u32> = (6..=13).map(|at| bench.upload(0x9011, at)).collect();
+    // 384 bytes out, 256 in; four frames served, five parsed, two released at once
+    let expected = [
+        400 + 2 * 384,
+        700 + 3 * 256,
+        1_500 + 4 * 260,
+        300 + 256,
+        600 + 5 * 180,
+        200 + 2 * 384,
+        200 + 2 * 256,
+        150 + 2 * 200,
+    ];
+    assert_eq!(costs, expected);
 }

@@ -25,9 +25,8 @@ fn offset() -> impl Strategy<Value = u16> {
 
 fn datagram() -> impl Strategy<Value = Datagram> {
     let slave = prop_oneof![Just(0), Just(0x1001), Just(0x1002), any::<u16>()];
-    (0_u8..20, slave, offset(), vec(any::<u8>(), 0..200)).prop_map(
-        |(command, slave, offset, data)| Datagram::new(command, slave, offset, &data),
-    )
+    (0_u8..20, slave, offset(), vec(any::<u8>(), 0..200))
+        .prop_map(|(command, slave, offset, data)| Datagram::new(command, slave, offset, &data))
 }
 
 /// The line still answers as a line of two gateways does.

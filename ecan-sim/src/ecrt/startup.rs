@@ -20,11 +20,6 @@ use crate::ecrt::timing::{
 use crate::gateway::{Gateway, SmSettings};
 use crate::world::World;
 
-/// Mailboxes: what is left below the process data.
-const MAILBOXES: [SmSettings; 2] = [
-    SmSettings { start: 0x1000, length: 0x80, control: 0x26 },
-    SmSettings { start: 0x1080, length: 0x80, control: 0x22 },
-];
 /// Control bit that lets a sync manager trigger the watchdog.
 const WATCHDOG_TRIGGER: u8 = 0x40;
 /// Default of the watchdog divider: 100 µs a step.
@@ -345,9 +340,5 @@ impl MasterModel {
 
 /// Sets the mailboxes of a slave up.
 pub(crate) fn set_up_mailboxes(world: &mut World, slot: usize) {
-    world.with_gateway(slot, |gateway, _| {
-        for (number, settings) in (0..).zip(MAILBOXES) {
-            gateway.configure_sync_manager(number, Some(settings));
-        }
-    });
+    world.with_gateway(slot, |gateway, _| gateway.set_up_mailboxes());
 }

@@ -2,7 +2,7 @@
 
 use ecan_protocol::MAX_PDO_BYTES;
 
-use crate::gateway::SmSettings;
+use crate::gateway::{MAILBOXES, SmSettings};
 use crate::scenario::GatewaySpec;
 
 use super::eeprom::checksum;
@@ -51,11 +51,6 @@ const COE_PDO_ASSIGN: u8 = 0x04;
 const COE_PDO_CONFIGURATION: u8 = 0x08;
 const FOE: u8 = 0x01;
 
-/// Mailboxes: what is left below the process data.
-pub(crate) const MAILBOXES: [SmSettings; 2] = [
-    SmSettings { start: 0x1000, length: 0x80, control: 0x26 },
-    SmSettings { start: 0x1080, length: 0x80, control: 0x22 },
-];
 /// Process data as manual 5.3 asks for them.
 const PROCESS_DATA: [SmSettings; 2] = [
     SmSettings { start: 0x1100, length: MAX_PDO_BYTES as u16, control: 0x66 },

@@ -5,7 +5,7 @@ use ecan_protocol::{AlState, AlStatusCode, Direction};
 
 use super::emergency::Emergency;
 use super::schedule::PulseTrain;
-use super::settings::{SmSettings, Sync0};
+use super::settings::{MAILBOXES, SmSettings, Sync0};
 use super::sync_manager::{is_acceptable, is_single_buffer, overlap};
 use super::{Gateway, maintenance};
 
@@ -139,7 +139,11 @@ impl Gateway {
         }
         match state {
             AlState::Op => self.last_outputs = self.now,
-            AlState::Init => self.emergencies.clear(),
+            AlState::Init => {
+                self.emergencies.clear();
+                // The mailbox is gone, and with it whoever was sending a file.
+                self.firmware.abandon();
+            }
             _ => {}
         }
     }
@@ -219,6 +223,13 @@ impl Gateway {
             self.error = true;
             self.status_code = code;
             self.raise_emergency(Emergency::al_error(code));
+        }
+    }
+
+    /// Sets the mailboxes up as the SII says.
+    pub(crate) fn set_up_mailboxes(&mut self) {
+        for (number, settings) in (0..).zip(MAILBOXES) {
+            self.configure_sync_manager(number, Some(settings));
         }
     }
 

@@ -21,7 +21,7 @@ impl Gateway {
     }
 
     /// How the controller at a connector (0 to 3) takes part in its bus; `None` while it is
-    /// not configured or the gateway has no supply.
+    /// not configured, in INIT by its own register, or the gateway has no supply.
     #[must_use]
     pub fn station_config(&self, channel: usize) -> Option<StationConfig> {
         let logical = self.logical(channel)?;

@@ -232,7 +232,9 @@ impl Channel {
         if self.controller.config().is_none() {
             return if self.apply_failed { ChannelState::Error } else { ChannelState::Disabled };
         }
-        if self.controller.is_bus_off() {
+        if self.controller.is_stopped() {
+            ChannelState::Disabled
+        } else if self.controller.is_bus_off() {
             ChannelState::BusOff
         } else if self.controller.is_listening() {
             ChannelState::Listen
@@ -319,8 +321,12 @@ impl Channel {
         self.bus_off_count = 0;
         self.recovery_attempts = 0;
         self.last_error = 0;
+        self.clear_service_times();
+        self.acknowledge_details();
+    }
+
+    pub(super) fn clear_service_times(&mut self) {
         self.service_cycles_last = 0;
         self.service_cycles_max = 0;
-        self.acknowledge_details();
     }
 }

@@ -71,6 +71,16 @@ impl FilterLists {
         self.extended.fill(FilterElement::default());
     }
 
+    /// All elements, standard before extended ones.
+    pub(super) fn elements(&self) -> impl Iterator<Item = &FilterElement> {
+        self.standard.iter().chain(&self.extended)
+    }
+
+    /// All elements, in the same order.
+    pub(super) fn elements_mut(&mut self) -> impl Iterator<Item = &mut FilterElement> {
+        self.standard.iter_mut().chain(&mut self.extended)
+    }
+
     /// A command of the editing window at subindex 45 or 46; the status goes to 47 or 48.
     pub(super) fn command(
         &mut self,

@@ -4,6 +4,8 @@
 //! Register layouts are those of the Bosch M_CAN core; the manual names the registers but
 //! not their bits.
 
+mod offset;
+mod register_writes;
 mod registers;
 
 use std::collections::VecDeque;
@@ -16,6 +18,9 @@ use super::filter::{Destination, FilterTable};
 use super::receive_fifo::{RX_ELEMENTS_MAX, ReceiveFifo, wrap_increment};
 use super::receive_path::Received;
 use super::truth::Truth;
+use register_writes::WrittenRegisters;
+
+pub(super) use register_writes::FramesDropped;
 
 /// Most transmit elements.
 const TX_ELEMENTS_MAX: usize = 32;
@@ -83,6 +88,7 @@ pub(super) struct Controller {
     recovery_wanted: bool,
     interrupts: u32,
     high_priority: u32,
+    written: WrittenRegisters,
     pub(super) frames_lost: u32,
 }
 
@@ -104,6 +110,7 @@ impl Controller {
             recovery_wanted: false,
             interrupts: 0,
             high_priority: 0,
+            written: WrittenRegisters::default(),
             frames_lost: 0,
         }
     }
@@ -123,6 +130,7 @@ impl Controller {
         self.recovery_wanted = false;
         self.interrupts = 0;
         self.high_priority = 0;
+        self.written = WrittenRegisters::default();
         self.config = config;
         self.generation = self.generation.wrapping_add(1);
     }
@@ -137,8 +145,14 @@ impl Controller {
         self.config.as_ref()
     }
 
+    /// How it takes part in its bus; not at all while it is not configured or in INIT.
     pub(super) fn station(&self) -> Option<StationConfig> {
-        self.config.as_ref().map(|config| config.station)
+        self.config.as_ref().filter(|_| !self.is_stopped()).map(|config| config.station)
+    }
+
+    /// Not configured, or taken off the bus by its INIT bit.
+    pub(super) fn is_stopped(&self) -> bool {
+        self.config.is_none() || self.written.is_stopped
     }
 
     pub(super) fn generation(&self) -> u32 {
@@ -208,7 +222,10 @@ impl Controller {
             return None;
         }
         let config = self.config.as_ref()?;
-        if self.error_state == ErrorState::BusOff || config.station.mode == StationMode::Listen {
+        if self.error_state == ErrorState::BusOff
+            || config.station.mode == StationMode::Listen
+            || self.written.is_stopped
+        {
             return None;
         }
         let place = match config.ram.tx_mode {
@@ -269,7 +286,7 @@ impl Controller {
         end_ns: u64,
         truth: &mut Truth,
     ) {
-        let Some(config) = &self.config else {
+        let Some(config) = self.config.as_ref().filter(|_| !self.written.is_stopped) else {
             return;
         };
         let at_ns = if config.captures_start { start_ns } else { end_ns };

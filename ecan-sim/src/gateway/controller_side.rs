@@ -52,15 +52,3 @@ impl Gateway {
         }
     }
 }
-// temporary
-impl Gateway {
-    pub(crate) fn eeprom(&self) -> &[u16] {
-        &self.eeprom
-    }
-    pub(crate) fn install_eeprom(&mut self, words: Vec<u16>) {
-        self.eeprom = words;
-    }
-    pub(crate) fn write_eeprom(&mut self, word: u16, value: u16) {
-        self.eeprom[usize::from(word)] = value;
-    }
-}

@@ -35,6 +35,8 @@ pub(super) struct CyclePerformance {
     esc_read_max: u32,
     esc_write_max: u32,
     schedule_max: u32,
+    /// Instant of the last release, and how many frames left then.
+    released: (u64, usize),
 }
 
 impl CyclePerformance {
@@ -70,8 +72,12 @@ impl CyclePerformance {
         cycles
     }
 
-    pub(super) fn scheduled_released(&mut self) {
-        self.schedule_max = self.schedule_max.max(cost(350, 0, 0));
+    /// A scheduled frame left; those of one instant leave in one service.
+    pub(super) fn scheduled_released(&mut self, now: u64) {
+        let (at, count) = self.released;
+        let count = if at == now { count + 1 } else { 1 };
+        self.released = (now, count);
+        self.schedule_max = self.schedule_max.max(cost(150, 200, count));
     }
 
     /// Clear command: counts and extremes start again.

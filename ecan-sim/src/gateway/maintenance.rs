@@ -1,7 +1,13 @@
-//! 0xB000: access mode, maintenance commands and diagnostic flags (manual 13.7).
+//! 0xB000: access mode, maintenance status and sequence, diagnostic flags (manual 13.7).
 //!
-//! Flash, FoE and EEPROM commands are answered with "denied": this gateway has nothing to
-//! keep them in.
+//! Which command needs which mode is an assumption: the manual says only that the mode may be
+//! why one is denied, that engineering mode opens some functions, and what factory mode is for.
+//! Here everyone may clear diagnostics; saving, loading, validating and activating need
+//! engineering or factory mode; restoring the factory's configuration and rebuilding the EEPROM
+//! need factory mode. In OP, where the flash must not hold the cycle up, only clearing and
+//! validating are allowed. The status numbers beside 0 and 2 follow the order in which the manual
+//! names them. Of the diagnostic flags, 0 to 3 never show: this gateway publishes images whole
+//! and has no stage in front of the parser.
 
 /// Legacy maintenance diag flags, 0xB000:6.
 pub(super) mod flag {
@@ -13,21 +19,54 @@ pub(super) mod flag {
     pub(in crate::gateway) const SCHED_TIMER_MISS: u16 = 1 << 9;
 }
 
-/// Maintenance command "clear runtime diagnostics", the only one that may be executed.
-const COMMAND_CLEAR_DIAGNOSTICS: u32 = 1 << 5;
+/// Bits of the maintenance command.
+pub(super) mod command {
+    pub(in crate::gateway) const SAVE: u32 = 1 << 0;
+    pub(in crate::gateway) const LOAD: u32 = 1 << 1;
+    pub(in crate::gateway) const FACTORY: u32 = 1 << 2;
+    pub(in crate::gateway) const VALIDATE: u32 = 1 << 3;
+    pub(in crate::gateway) const ACTIVATE: u32 = 1 << 4;
+    pub(in crate::gateway) const CLEAR_DIAGNOSTICS: u32 = 1 << 5;
+    pub(in crate::gateway) const REBUILD_EEPROM: u32 = 1 << 6;
+}
 
-const STATUS_OK: u8 = 0;
-const STATUS_DENIED: u8 = 2;
+/// Maintenance status, 0xB000:5.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(super) enum Status {
+    #[default]
+    Ok = 0,
+    Busy = 1,
+    Denied = 2,
+    CrcError = 3,
+    ImageInvalid = 4,
+    FlashError = 5,
+}
 
-/// Run mode, from which and to which engineering and factory mode are entered and left.
-const MODE_RUN: u8 = 0;
+/// Access mode, 0xB000:1 and :2.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
+enum Mode {
+    #[default]
+    Run = 0,
+    Engineering = 1,
+    Factory = 2,
+}
+
+/// What is left to do of a command.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Order {
+    /// None, or a denied command.
+    Nothing,
+    ClearDiagnostics,
+    /// These bits are allowed and take their time.
+    Execute(u32),
+}
 
 /// State behind 0xB000.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Maintenance {
-    mode: u8,
+    mode: Mode,
     mode_ends: Option<u64>,
-    status: u8,
+    status: Status,
     sequence: u32,
     pub(super) flags: u16,
 }
@@ -35,8 +74,12 @@ pub(super) struct Maintenance {
 impl Maintenance {
     /// An access mode request: granted at once, for `timeout_s` seconds or, at 0, without end.
     pub(super) fn request_mode(&mut self, now: u64, mode: u8, timeout_s: u16) {
-        self.mode = mode;
-        self.mode_ends = (mode != MODE_RUN && timeout_s != 0)
+        self.mode = match mode {
+            0 => Mode::Run,
+            1 => Mode::Engineering,
+            _ => Mode::Factory,
+        };
+        self.mode_ends = (self.mode != Mode::Run && timeout_s != 0)
             .then(|| now.saturating_add(u64::from(timeout_s) * 1_000_000_000));
     }
 
@@ -48,36 +91,62 @@ impl Maintenance {
     /// Lets the access mode fall back to run when its time is over.
     pub(super) fn expire(&mut self, now: u64) {
         if self.mode_ends.is_some_and(|ends| ends <= now) {
-            self.mode = MODE_RUN;
+            self.mode = Mode::Run;
             self.mode_ends = None;
         }
     }
 
     /// Engineering or factory mode.
     pub(super) fn is_engineering(&self) -> bool {
-        self.mode != MODE_RUN
+        self.mode >= Mode::Engineering
     }
 
-    /// A maintenance command; returns whether diagnostics are to be cleared. No bit at all
-    /// is no command.
-    pub(super) fn command(&mut self, bits: u32) -> bool {
+    /// A maintenance command. No bit at all is no command.
+    pub(super) fn command(&mut self, bits: u32, in_op: bool, is_receiving: bool) -> Order {
         if bits == 0 {
-            return false;
+            return Order::Nothing;
         }
-        self.sequence = self.sequence.wrapping_add(1);
-        let clear = bits == COMMAND_CLEAR_DIAGNOSTICS;
-        if clear {
+        if bits == command::CLEAR_DIAGNOSTICS {
             self.flags = 0;
+            self.finish(Status::Ok);
+            return Order::ClearDiagnostics;
         }
-        self.status = if clear { STATUS_OK } else { STATUS_DENIED };
-        clear
+        if self.allows(bits, in_op, is_receiving) {
+            return Order::Execute(bits);
+        }
+        self.finish(Status::Denied);
+        Order::Nothing
+    }
+
+    fn allows(&self, bits: u32, in_op: bool, is_receiving: bool) -> bool {
+        use command::{ACTIVATE, CLEAR_DIAGNOSTICS, FACTORY, REBUILD_EEPROM, VALIDATE};
+        let stands_alone = bits & (CLEAR_DIAGNOSTICS | REBUILD_EEPROM) != 0;
+        let needed = match bits & (FACTORY | REBUILD_EEPROM) {
+            0 => Mode::Engineering,
+            _ => Mode::Factory,
+        };
+        (!stands_alone || bits.is_power_of_two())
+            && self.mode >= needed
+            && (!in_op || bits == VALIDATE)
+            && !(is_receiving && bits & (VALIDATE | ACTIVATE | REBUILD_EEPROM) != 0)
+    }
+
+    /// A command that takes its time is under way.
+    pub(super) fn begin(&mut self) {
+        self.status = Status::Busy;
+    }
+
+    /// A command is over.
+    pub(super) fn finish(&mut self, status: Status) {
+        self.status = status;
+        self.sequence = self.sequence.wrapping_add(1);
     }
 
     /// What a subindex of 0xB000 shows; `None` for the others.
     pub(super) fn readback(&self, subindex: u8) -> Option<u32> {
         Some(match subindex {
-            2 => u32::from(self.mode),
-            5 => u32::from(self.status),
+            2 => self.mode as u32,
+            5 => self.status as u32,
             6 => u32::from(self.flags),
             12 => self.sequence,
             _ => return None,

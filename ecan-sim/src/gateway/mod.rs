@@ -16,13 +16,20 @@ mod al_state;
 mod can_side;
 mod channel;
 mod channel_control;
+mod configuration_image;
 mod controller;
 mod controller_side;
+mod crc32;
 mod cycle_performance;
 mod dc_clock;
 mod dictionary_values;
+mod eeprom;
 mod emergency;
 mod filter;
+mod firmware_package;
+mod firmware_update;
+mod flash;
+mod flash_commands;
 mod maintenance;
 mod object_server;
 mod profile_control;
@@ -52,7 +59,11 @@ use channel_control::FilterLists;
 use cycle_performance::CyclePerformance;
 use dc_clock::DcClock;
 use dictionary_values::DictionaryValues;
+use eeprom::Eeprom;
 use emergency::EmergencyQueue;
+use firmware_update::FirmwareUpdate;
+use flash::Flash;
+use flash_commands::FlashJob;
 use maintenance::Maintenance;
 use profile_control::ProfileControl;
 use rx_pdo::RxPdoParser;
@@ -62,6 +73,9 @@ use transmit_path::ResultQueue;
 use tx_pdo::TxPdoBuilder;
 
 pub(crate) use emergency::Emergency;
+pub use firmware_package::{FirmwarePackage, FirmwarePackageError};
+pub use firmware_update::{FirmwareProgress, FirmwareUpdateError};
+pub(crate) use settings::MAILBOXES;
 pub use settings::{GatewayFault, GatewaySettings, SmSettings, Sync0};
 pub use truth::{ReceiveLosses, TransmitLosses, Truth};
 
@@ -85,6 +99,16 @@ struct PendingFaults {
     crc_errors: u32,
     mailbox_silent_until: u64,
     stalled_until: u64,
+    flash_failures: u32,
+}
+
+impl PendingFaults {
+    /// Whether the flash fails this time.
+    fn take_flash_failure(&mut self) -> bool {
+        let fails = self.flash_failures > 0;
+        self.flash_failures = self.flash_failures.saturating_sub(1);
+        fails
+    }
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -103,7 +127,6 @@ pub struct Gateway {
     now: u64,
     power: Power,
     boots: u32,
-    eeprom: Vec<u16>,
     // EtherCAT state machine and process data
     state: AlState,
     error: bool,
@@ -134,6 +157,7 @@ pub struct Gateway {
     /// Rotations so far, for the station generations.
     rotations: u32,
     maintenance: Maintenance,
+    flash_job: Option<FlashJob>,
     performance: CyclePerformance,
     channels: [Channel; CHANNELS],
     parser: RxPdoParser,
@@ -141,6 +165,10 @@ pub struct Gateway {
     results: ResultQueue,
     schedule: ScheduleQueue,
     emergencies: EmergencyQueue,
+    // what survives power loss
+    flash: Flash,
+    eeprom: Eeprom,
+    firmware: FirmwareUpdate,
     // beside the firmware
     acts: u64,
     faults: PendingFaults,
@@ -152,7 +180,7 @@ impl Gateway {
     /// ([`GatewaySettings::service_jitter_ns`]).
     #[must_use]
     pub fn new(settings: GatewaySettings, seed: u64) -> Self {
-        let GatewaySettings { tx_pressure_percent, release_jitter_ns, .. } = settings;
+        let GatewaySettings { tx_pressure_percent, release_jitter_ns, firmware, .. } = settings;
         let clock = DcClock::new(settings.clock_drift_ppb);
         let mut gateway = Self {
             settings,
@@ -160,7 +188,6 @@ impl Gateway {
             now: 0,
             power: Power::Off,
             boots: 0,
-            eeprom: Vec::new(),
             state: AlState::Init,
             error: false,
             status_code: AlStatusCode::OK,
@@ -186,6 +213,7 @@ impl Gateway {
             pin_rotation: 0,
             rotations: 0,
             maintenance: Maintenance::default(),
+            flash_job: None,
             performance: CyclePerformance::default(),
             channels: std::array::from_fn(|_| Channel::new(tx_pressure_percent)),
             parser: RxPdoParser::new(),
@@ -193,6 +221,9 @@ impl Gateway {
             results: ResultQueue::new(),
             schedule: ScheduleQueue::new(release_jitter_ns, seed),
             emergencies: EmergencyQueue::new(),
+            flash: Flash::default(),
+            eeprom: Eeprom::default(),
+            firmware: FirmwareUpdate::new(firmware),
             acts: 0,
             faults: PendingFaults::default(),
             truth: Truth::default(),
@@ -228,12 +259,6 @@ impl Gateway {
         self.is_responding() && self.state.has_mailbox() && now >= self.faults.mailbox_silent_until
     }
 
-    /// Until when a fault keeps a mailbox silent that would answer otherwise.
-    pub(crate) fn mailbox_silent_until(&self, now: u64) -> Option<u64> {
-        let until = self.faults.mailbox_silent_until;
-        (self.is_responding() && self.state.has_mailbox() && now < until).then_some(until)
-    }
-
     /// The settings that the gateway was made with.
     #[must_use]
     pub fn settings(&self) -> &GatewaySettings {
@@ -264,6 +289,9 @@ impl Gateway {
             GatewayFault::ClockJump { ns } => self.change_clock(|clock| clock.jump(ns, now)),
             GatewayFault::MailboxSilent { ms } => self.faults.mailbox_silent_until = until(ms),
             GatewayFault::ServiceStall { ms } => self.faults.stalled_until = until(ms),
+            GatewayFault::FlashFailure { times } => {
+                self.faults.flash_failures = self.faults.flash_failures.saturating_add(times);
+            }
         }
     }
 
@@ -283,6 +311,8 @@ impl Gateway {
                 self.awaited_sync(),
                 self.release_time(),
                 self.maintenance.mode_ends(),
+                self.flash_job.as_ref().map(FlashJob::done_at),
+                self.firmware.reset_time(),
             ]),
         }
     }
@@ -308,7 +338,7 @@ impl Gateway {
         let due = |time: Option<u64>| time.is_some_and(|time| time <= now);
         if let Power::Booting { until } = self.power {
             if until <= now {
-                self.power = Power::On;
+                self.start_firmware();
             }
         } else if due(self.release_time()) {
             self.release_scheduled();
@@ -325,6 +355,10 @@ impl Gateway {
             self.fall_back(AlStatusCode::SM_WATCHDOG);
         } else if due(self.missed_sync_expiry()) {
             self.fall_back(AlStatusCode::FATAL_SYNC);
+        } else if due(self.flash_job.as_ref().map(FlashJob::done_at)) {
+            self.finish_flash_job();
+        } else if due(self.firmware.reset_time()) {
+            self.boot();
         } else {
             self.maintenance.expire(now);
         }
@@ -335,6 +369,14 @@ impl Gateway {
         self.boots = self.boots.wrapping_add(1);
         self.power =
             Power::Booting { until: self.now + u64::from(self.settings.boot_ms) * NS_PER_MS };
+    }
+
+    /// The boot is over: the marked application runs, with what was saved.
+    fn start_firmware(&mut self) {
+        self.power = Power::On;
+        self.firmware.start();
+        self.eeprom.start();
+        self.load_at_start();
     }
 
     /// Loses all volatile state, as without supply.
@@ -377,6 +419,8 @@ impl Gateway {
         self.pin_rotation = 0;
         self.rotations = self.rotations.wrapping_add(1);
         self.maintenance = Maintenance::default();
+        self.flash_job = None;
+        self.firmware.stop();
         self.performance = CyclePerformance::default();
         self.parser.reset_session();
         self.parser.configure(None, true);

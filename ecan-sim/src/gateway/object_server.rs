@@ -132,7 +132,7 @@ impl Gateway {
 
     /// The text of a string object.
     pub(crate) fn text(&self, index: u16) -> String {
-        let (major, minor) = self.settings.firmware;
+        let (major, minor) = self.firmware.version();
         match index {
             0x1008 => DEVICE_NAME.to_owned(),
             0x1009 => self.settings.hardware_revision.to_string(),

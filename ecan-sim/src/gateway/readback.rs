@@ -17,7 +17,7 @@ impl Gateway {
             0x9000..=0x9003 => self.channel_information(usize::from(index - 0x9000), subindex),
             0x9011 => self.performance.readback(subindex, self.now, self.pulses),
             0x9020..=0x9023 => self.data_path_diagnostics(usize::from(index - 0x9020), subindex),
-            0xB000 => self.maintenance.readback(subindex),
+            0xB000 => self.maintenance_value(subindex),
             0xF000 => self.device_identity(subindex),
             _ => None,
         };
@@ -35,8 +35,9 @@ impl Gateway {
     }
 
     fn device_identity(&self, subindex: u8) -> Option<u32> {
-        let (major, minor) = self.settings.firmware;
+        let (major, minor) = self.firmware.version();
         Some(match subindex {
+            1 => u32::from(self.firmware.device_type()),
             4 => self.settings.hardware_revision,
             5 => u32::from(major),
             6 => u32::from(minor),
@@ -44,6 +45,15 @@ impl Gateway {
             8 => (self.settings.serial >> 32) as u32,
             _ => return None,
         })
+    }
+
+    fn maintenance_value(&self, subindex: u8) -> Option<u32> {
+        match subindex {
+            7 => Some(self.configuration().crc()),
+            8 => Some(self.flash.stored_crc()),
+            9..=11 => self.firmware.readback(subindex),
+            _ => self.maintenance.readback(subindex),
+        }
     }
 
     fn active_word(&self, index: u16) -> Option<u32> {

@@ -61,6 +61,23 @@ impl ReceiveFifo {
         Some(taken)
     }
 
+    /// The reader acknowledges the element at `index` and all before it, unread ones too; says
+    /// how many that were. Nothing happens for an index without a frame.
+    pub(super) fn acknowledge(&mut self, index: u32, size: u8) -> usize {
+        let size = u32::from(size);
+        if index >= size {
+            return 0;
+        }
+        let count = (index + size).saturating_sub(self.get_index) % size + 1;
+        if count as usize > self.elements.len() {
+            return 0;
+        }
+        self.elements.drain(..count as usize);
+        self.get_index = (self.get_index + count) % size;
+        self.lost = false;
+        count as usize
+    }
+
     pub(super) fn len(&self) -> usize {
         self.elements.len()
     }

@@ -1,14 +1,14 @@
 //! 0xA000..0xA003: reading and, in engineering mode, writing MCAN registers (manual 13.6).
 //!
-//! Offsets are those of the Bosch M_CAN core. Registers that the model does not have read as
-//! 0. Writable are the ones whose write means something here, IR and TXBCR; the bit timing and
-//! control registers are protected while the controller runs, as on the chip, so a write to
-//! them answers "access denied".
+//! Offsets and bits are those of the Bosch M_CAN core. A register that the model does not have
+//! reads as 0. All of the whitelist can be written in engineering and factory mode; what a write
+//! does, and that protected registers keep their value while CCCR.INIT and CCE are not set, is the
+//! controller's affair. "Access denied" means that the mode is missing. The service is never busy.
 
 use ecan_protocol::{CHANNELS, WRITABLE_REGISTERS};
 
 use super::Gateway;
-use super::controller::Controller;
+use super::controller::FramesDropped;
 
 /// Subindices of the service.
 const OFFSET: u8 = 1;
@@ -19,6 +19,10 @@ const READ_VALUE: u8 = 5;
 const TIMESTAMP_LOW: u8 = 6;
 const TIMESTAMP_HIGH: u8 = 7;
 
+/// 0x8000:6, source clock of MCAN0; the others follow.
+const SYSTEM: u16 = 0x8000;
+const FIRST_CLOCK: u8 = 6;
+
 const COMMAND_READ: u8 = 1;
 const COMMAND_WRITE: u8 = 2;
 
@@ -26,26 +30,6 @@ const OK: u32 = 0;
 const OFFSET_INVALID: u32 = 1;
 const WRITE_DENIED: u32 = 2;
 const ACCESS_DENIED: u32 = 4;
-
-/// Register offsets.
-mod offset {
-    pub(super) const ENDIAN: u16 = 0x004;
-    pub(super) const DBTP: u16 = 0x00C;
-    pub(super) const CCCR: u16 = 0x018;
-    pub(super) const NBTP: u16 = 0x01C;
-    pub(super) const ECR: u16 = 0x040;
-    pub(super) const PSR: u16 = 0x044;
-    pub(super) const TDCR: u16 = 0x048;
-    pub(super) const IR: u16 = 0x050;
-    pub(super) const GFC: u16 = 0x080;
-    pub(super) const XIDAM: u16 = 0x090;
-    pub(super) const HPMS: u16 = 0x094;
-    pub(super) const RXF0S: u16 = 0x0A4;
-    pub(super) const RXF1S: u16 = 0x0B4;
-    pub(super) const TXFQS: u16 = 0x0C4;
-    pub(super) const TXBCR: u16 = 0x0D4;
-    pub(super) const TXEFS: u16 = 0x0F4;
-}
 
 impl Gateway {
     /// The command at subindex 2 was written.
@@ -72,53 +56,27 @@ impl Gateway {
         else {
             return OFFSET_INVALID;
         };
-        let Some(channel) = self.channels.get_mut(number) else {
+        let clock_hz = self.values.get(SYSTEM, FIRST_CLOCK + number as u8);
+        let Self { channels, values, truth, maintenance, .. } = self;
+        let Some(channel) = channels.get_mut(number) else {
             return ACCESS_DENIED;
         };
         if command == COMMAND_READ {
-            let value = read(&channel.controller, offset);
-            self.values.set(index, READ_VALUE, value);
+            values.set(index, READ_VALUE, channel.controller.read_register(offset));
             return OK;
         }
         if !WRITABLE_REGISTERS.iter().any(|&(known, _)| known == offset) {
             return WRITE_DENIED;
         }
-        if !self.maintenance.is_engineering() {
+        if !maintenance.is_engineering() {
             return ACCESS_DENIED;
         }
-        let value = self.values.get(index, WRITE_VALUE);
-        match offset {
-            offset::IR => channel.controller.clear_interrupts(value),
-            // one bit per element; the model cancels all of them or none
-            offset::TXBCR if value != 0 => {
-                let dropped = channel.controller.flush_transmit();
-                channel.transmit.note_stale(dropped);
-                self.truth.transmit_losses.stale += dropped as u64;
-            }
-            offset::TXBCR => {}
-            _ => return ACCESS_DENIED,
-        }
+        let value = values.get(index, WRITE_VALUE);
+        let FramesDropped { transmit, receive } =
+            channel.controller.write_register(offset, value, clock_hz);
+        channel.transmit.note_stale(transmit);
+        truth.transmit_losses.stale += transmit as u64;
+        truth.receive_losses.flushed += receive as u64;
         OK
-    }
-}
-
-fn read(controller: &Controller, offset: u16) -> u32 {
-    match offset {
-        offset::ENDIAN => 0x8765_4321,
-        offset::DBTP => controller.data_timing_register(),
-        offset::CCCR => controller.control_register(),
-        offset::NBTP => controller.nominal_timing_register(),
-        offset::ECR => controller.error_counter_register(),
-        offset::PSR => controller.protocol_status_register(),
-        offset::TDCR => controller.delay_compensation_register(),
-        offset::IR => controller.interrupt_register(),
-        offset::GFC => controller.filter_register(),
-        offset::XIDAM => controller.extended_mask_register(),
-        offset::HPMS => controller.high_priority_register(),
-        offset::RXF0S => controller.fifo0_register(),
-        offset::RXF1S => controller.fifo1_register(),
-        offset::TXFQS => controller.transmit_register(),
-        offset::TXEFS => controller.event_register(),
-        _ => 0,
     }
 }

@@ -313,7 +313,7 @@ impl Gateway {
         let Some(due) = self.schedule.pop_due(self.now) else {
             return;
         };
-        self.performance.scheduled_released();
+        self.performance.scheduled_released(self.now);
         if self.bypasses_rx(RxBypass::MCAN_WRITE) {
             self.truth.transmit_losses.bypassed += 1;
             return;
@@ -399,6 +399,14 @@ impl Gateway {
     pub(super) fn clear_diagnostics(&mut self) {
         for channel in &mut self.channels {
             channel.clear_diagnostics();
+        }
+        self.clear_performance();
+    }
+
+    /// The clear command of 0x9011, which also concerns the channels' service times.
+    pub(super) fn clear_performance(&mut self) {
+        for channel in &mut self.channels {
+            channel.clear_service_times();
         }
         self.performance.clear(self.now, self.pulses);
     }

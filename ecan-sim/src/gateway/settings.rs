@@ -10,7 +10,7 @@ pub struct GatewaySettings {
     pub serial: u64,
     /// Hardware revision, 0xF000:4.
     pub hardware_revision: u32,
-    /// Firmware version, 0xF000:5 and :6.
+    /// Firmware version at manufacture, 0xF000:5 and :6; a firmware update brings another.
     pub firmware: (u16, u16),
     /// Vendor id of the SII and of 0x1018:1.
     pub vendor_id: u32,
@@ -84,6 +84,12 @@ pub struct SmSettings {
     pub control: u8,
 }
 
+/// The mailboxes, SM0 and SM1: what is left below the process data (manual 5.3).
+pub(crate) const MAILBOXES: [SmSettings; 2] = [
+    SmSettings { start: 0x1000, length: 0x80, control: 0x26 },
+    SmSettings { start: 0x1080, length: 0x80, control: 0x22 },
+];
+
 /// Distributed clock pulses as the master has set them up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sync0 {
@@ -142,5 +148,10 @@ pub enum GatewayFault {
     ServiceStall {
         /// Duration in milliseconds from now.
         ms: u32,
+    },
+    /// The next erasures or writes of the flash fail: of the saved configuration, or of firmware.
+    FlashFailure {
+        /// Number of operations concerned.
+        times: u32,
     },
 }

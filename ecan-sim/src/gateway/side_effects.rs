@@ -7,6 +7,7 @@ use ecan_protocol::{
 
 use super::Gateway;
 use super::channel_control::{self, FIRST_CHANNEL_OBJECT};
+use super::maintenance::Order;
 use super::profile_control::{self, COMMAND_CLEAR_ERRORS, COMMAND_RESET_SESSION};
 
 const SYSTEM: u16 = 0x8000;
@@ -37,6 +38,10 @@ impl Gateway {
         subindex: u8,
         value: u32,
     ) -> Result<(), AbortCode> {
+        // one command at a time; losing one in silence would leave the master waiting
+        if (index, subindex) == (MAINTENANCE, 4) && self.flash_job.is_some() {
+            return Err(AbortCode::DEVICE_STATE);
+        }
         if index != DIAGNOSTIC_TEST {
             return Ok(());
         }
@@ -96,7 +101,7 @@ impl Gateway {
             CYCLE_PERFORMANCE => {
                 self.values.set(index, subindex, 0);
                 if value == 1 {
-                    self.performance.clear(self.now, self.pulses);
+                    self.clear_performance();
                 }
             }
             0xA000..=0xA003 if subindex == 2 => {
@@ -115,6 +120,12 @@ impl Gateway {
             12 => self.rotate_pins(value),
             _ => {}
         }
+    }
+
+    /// The stored rotation is put in force.
+    pub(super) fn apply_stored_rotation(&mut self) {
+        const REQUESTED: u8 = 12;
+        self.rotate_pins(self.values.get(SYSTEM, REQUESTED));
     }
 
     /// Rotation is taken over at once, but not in OP (apply status 1 then); it restarts all
@@ -149,10 +160,7 @@ impl Gateway {
                 let status = self.apply_channel(number);
                 self.finish_channel_command(index, si::APPLY_STATUS, status);
             }
-            // nothing to keep a configuration in
-            si::FLASH if value != 0 => {
-                self.finish_channel_command(index, si::FLASH_STATUS, ApplyStatus::Fail);
-            }
+            si::FLASH if value != 0 => self.channel_flash_command(number, value),
             si::STANDARD_COMMAND | si::EXTENDED_COMMAND => {
                 if let Some(lists) = self.filters.get_mut(number) {
                     let extended = subindex == si::EXTENDED_COMMAND;
@@ -163,7 +171,12 @@ impl Gateway {
         }
     }
 
-    fn finish_channel_command(&mut self, index: u16, status_subindex: u8, status: ApplyStatus) {
+    pub(super) fn finish_channel_command(
+        &mut self,
+        index: u16,
+        status_subindex: u8,
+        status: ApplyStatus,
+    ) {
         use channel_control::subindex::COMMAND_SEQUENCE;
         let sequence = self.values.get(index, COMMAND_SEQUENCE).wrapping_add(1);
         self.values.set(index, COMMAND_SEQUENCE, sequence);
@@ -172,7 +185,7 @@ impl Gateway {
 
     /// Restarts the controller with the configuration in the dictionary; a configuration that
     /// does not work leaves it running as it was.
-    fn apply_channel(&mut self, number: usize) -> ApplyStatus {
+    pub(super) fn apply_channel(&mut self, number: usize) -> ApplyStatus {
         let Some(filters) = self.filters.get(number) else {
             return ApplyStatus::Fail;
         };
@@ -249,7 +262,7 @@ impl Gateway {
 
     // 0x8020, 0x8021..0x8024
 
-    fn apply_global_data_path(&mut self) {
+    pub(super) fn apply_global_data_path(&mut self) {
         let requested = DataPathGlobal {
             compat_mode: self.values.get_u16(GLOBAL_DATA_PATH, 4),
             runtime_options: self.values.get(GLOBAL_DATA_PATH, 5),
@@ -264,7 +277,7 @@ impl Gateway {
         self.set_data_path_status(GLOBAL_DATA_PATH, faulty);
     }
 
-    fn apply_data_path(&mut self, number: usize, index: u16) {
+    pub(super) fn apply_data_path(&mut self, number: usize, index: u16) {
         let requested = DataPathConfig::from_values(|subindex| self.values.get(index, subindex));
         let mut faulty = requested.is_none();
         if let Some(requested) = requested {
@@ -292,7 +305,15 @@ impl Gateway {
                 let mode = value.to_le_bytes()[0];
                 self.maintenance.request_mode(self.now, mode, timeout);
             }
-            4 if self.maintenance.command(value) => self.clear_diagnostics(),
+            4 => {
+                let in_op = self.state == AlState::Op;
+                let is_receiving = self.firmware.is_receiving();
+                match self.maintenance.command(value, in_op, is_receiving) {
+                    Order::Nothing => {}
+                    Order::ClearDiagnostics => self.clear_diagnostics(),
+                    Order::Execute(bits) => self.begin_maintenance(bits),
+                }
+            }
             _ => {}
         }
     }

@@ -9,6 +9,8 @@ pub(super) mod protocol {
     pub(in crate::mailbox) const ERROR: u8 = 0;
     /// CAN application protocol over EtherCAT.
     pub(in crate::mailbox) const COE: u8 = 3;
+    /// File access over EtherCAT.
+    pub(in crate::mailbox) const FOE: u8 = 4;
     /// The numbers that stand for no protocol.
     pub(in crate::mailbox) const RESERVED: std::ops::RangeInclusive<u8> = 6..=14;
 }

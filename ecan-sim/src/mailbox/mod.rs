@@ -7,40 +7,28 @@
 
 mod coe;
 mod errors;
+mod foe;
 mod header;
 mod outbox;
 #[cfg(test)]
 mod tests;
 
-use std::collections::VecDeque;
-
 use coe::CoeServer;
 use errors::MailboxError;
+use foe::FoeServer;
 use header::{HEADER_BYTES, Header, protocol};
 use outbox::{Envelope, Outbox};
 
 use crate::gateway::Gateway;
 
-/// Requests that a silent firmware keeps until it speaks again.
-const DEFERRED: usize = 4;
-
-/// A request that waits for the firmware.
-#[derive(Debug)]
-struct Deferred {
-    request: Vec<u8>,
-    reply_bytes: usize,
-}
-
 /// Mailbox services of one gateway's firmware.
 #[derive(Debug)]
 pub(crate) struct MailboxServer {
     coe: CoeServer,
+    foe: FoeServer,
     outbox: Outbox,
     /// Counter of the last request, 0 for none.
     last_counter: u8,
-    deferred: VecDeque<Deferred>,
-    /// Until when a fault keeps the firmware silent, as far as that was seen.
-    silent_until: u64,
 }
 
 impl MailboxServer {
@@ -48,10 +36,9 @@ impl MailboxServer {
     pub(crate) fn new() -> Self {
         Self {
             coe: CoeServer::new(),
+            foe: FoeServer::new(),
             outbox: Outbox::default(),
             last_counter: 0,
-            deferred: VecDeque::new(),
-            silent_until: 0,
         }
     }
 
@@ -60,11 +47,9 @@ impl MailboxServer {
         *self = Self::new();
     }
 
-    /// The master has filled the write mailbox (SM0): `request` is the whole buffer, as long as
-    /// the sync manager. `reply_bytes` is the length of the read mailbox (SM1).
-    ///
-    /// While a fault silences the mailbox the request waits for its end; a gateway without a
-    /// mailbox at all loses it.
+    /// The firmware takes what the master wrote to the write mailbox (SM0): `request` is the whole
+    /// buffer, as long as the sync manager. `reply_bytes` is the length of the read mailbox (SM1).
+    /// Nothing happens while the mailbox does not answer.
     pub(crate) fn receive(
         &mut self,
         now: u64,
@@ -74,30 +59,15 @@ impl MailboxServer {
     ) {
         gateway.advance(now);
         if gateway.mailbox_answers(now) {
-            self.serve_deferred(now, gateway);
             self.serve(now, request, reply_bytes, gateway);
-        } else if let Some(until) = gateway.mailbox_silent_until(now) {
-            self.silent_until = until;
-            if self.deferred.len() < DEFERRED {
-                self.deferred.push_back(Deferred { request: request.to_vec(), reply_bytes });
-            }
         }
     }
 
-    /// When the next message becomes ready for the read mailbox, simulated ns; `None` if there is
-    /// none. Emergencies come without notice and are the gateway's, so they are not in here: see
-    /// [`is_due`](Self::is_due).
-    pub(crate) fn next_event(&self) -> Option<u64> {
-        let deferred = (!self.deferred.is_empty()).then_some(self.silent_until);
-        let ready = self.outbox.next_ready().map(|ready| ready.max(self.silent_until));
-        crate::earliest::earliest([deferred, ready])
-    }
-
-    /// Whether [`send`](Self::send) has something to do by `now`, emergencies included. Cheap: to
-    /// be asked whenever the read mailbox is empty and the slave controller is looked at.
+    /// Whether [`send`](Self::send) has something to do. Cheap: to be asked whenever the read
+    /// mailbox is empty and the slave controller is looked at.
     pub(crate) fn is_due(&self, now: u64, gateway: &Gateway) -> bool {
-        let has_emergency = gateway.has_emergency() && gateway.mailbox_answers(now);
-        has_emergency || self.next_event().is_some_and(|time| time <= now)
+        let is_ready = self.outbox.next_ready().is_some_and(|time| time <= now);
+        gateway.mailbox_answers(now) && (is_ready || gateway.has_emergency())
     }
 
     /// The read mailbox is empty: puts the next message that is ready by `now` into `out` (the
@@ -105,14 +75,8 @@ impl MailboxServer {
     pub(crate) fn send(&mut self, now: u64, out: &mut [u8], gateway: &mut Gateway) -> bool {
         gateway.advance(now);
         if !gateway.mailbox_answers(now) {
-            match gateway.mailbox_silent_until(now) {
-                Some(until) => self.silent_until = until,
-                // no mailbox, no messages
-                None => self.reset(),
-            }
             return false;
         }
-        self.serve_deferred(now, gateway);
         while let Some(emergency) = gateway.take_emergency() {
             let envelope = Envelope { address: 0, protocol: protocol::COE };
             if self.outbox.write(envelope, &coe::emergency_message(emergency), out) {
@@ -127,10 +91,10 @@ impl MailboxServer {
         self.outbox.repeat(out)
     }
 
-    fn serve_deferred(&mut self, now: u64, gateway: &mut Gateway) {
-        while let Some(Deferred { request, reply_bytes }) = self.deferred.pop_front() {
-            self.serve(now, &request, reply_bytes, gateway);
-        }
+    /// When the next answer becomes ready.
+    #[cfg(test)]
+    fn next_ready(&self) -> Option<u64> {
+        self.outbox.next_ready()
     }
 
     fn serve(&mut self, now: u64, request: &[u8], reply_bytes: usize, gateway: &mut Gateway) {
@@ -181,6 +145,11 @@ impl MailboxServer {
         let room = reply_bytes.saturating_sub(HEADER_BYTES);
         match header.protocol {
             protocol::COE => self.coe.request(now, body, room, gateway),
+            protocol::FOE => {
+                let mut answer = Vec::new();
+                self.foe.request(now, body, room, &mut answer, gateway);
+                Ok(if answer.is_empty() { Vec::new() } else { vec![answer] })
+            }
             reserved if protocol::RESERVED.contains(&reserved) => Err(MailboxError::Syntax),
             _ => Err(MailboxError::UnsupportedProtocol),
         }

@@ -247,8 +247,8 @@ impl Scenario {
     /// ```
     ///
     /// Further kinds of faults: `working_counter_offset` (`offset`, `cycles`), `mailbox_timeout`
-    /// and `service_stall` (`gateway`, `for_ms`), `clock_jump` (`gateway`, `ns`), `torn_image` and `crc_error` (`gateway`,
-    /// `times`), `al_error` (`gateway`, `code`), `bus_off` (`gateway`, `channel`), `error_frames`
+    /// and `service_stall` (`gateway`, `for_ms`), `clock_jump` (`gateway`, `ns`), `torn_image`,
+    /// `crc_error` and `flash_failure` (`gateway`, `times`), `al_error` (`gateway`, `code`), `bus_off` (`gateway`, `channel`), `error_frames`
     /// (`gateway`, `channel`, `times`), `node_silent` (`node`, `for_ms`), and of drives
     /// `drive_emcy` (`node`, `code`, `register`), `drive_power_cycle` (`node`, `off_ms`) and
     /// `drive_blocked` (`node`, `for_ms`).

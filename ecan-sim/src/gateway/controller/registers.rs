@@ -5,7 +5,8 @@ use ecan_protocol::{BitTiming, Phase};
 
 use crate::bus::{ErrorState, StationMode};
 
-use super::Controller;
+use super::register_writes::{TEST_LOOPBACK, cccr};
+use super::{Controller, offset};
 
 impl Controller {
     /// ECR: transmit errors, receive errors, receive error passive.
@@ -32,10 +33,6 @@ impl Controller {
 
     pub(in crate::gateway) fn interrupt_register(&self) -> u32 {
         self.interrupts
-    }
-
-    pub(in crate::gateway) fn clear_interrupts(&mut self, bits: u32) {
-        self.interrupts &= !bits;
     }
 
     pub(in crate::gateway) fn fifo0_register(&self) -> u32 {
@@ -65,29 +62,80 @@ impl Controller {
         self.high_priority
     }
 
-    /// CCCR: initialisation while stopped, monitoring or loopback, FD and bit rate switch.
+    /// CCCR: initialisation while stopped or bus-off, configuration change, modes.
     pub(in crate::gateway) fn control_register(&self) -> u32 {
-        let Some(station) = self.station() else {
-            return 1;
+        let init = u32::from(self.is_stopped() || self.is_bus_off());
+        let change = if self.written.may_change { cccr::CCE } else { 0 };
+        init | change | self.written.control.unwrap_or_else(|| self.configured_modes())
+    }
+
+    fn configured_modes(&self) -> u32 {
+        let Some(station) = self.config().map(|config| config.station) else {
+            return 0;
         };
         let monitoring = station.mode == StationMode::Listen;
         let loopback =
             matches!(station.mode, StationMode::InternalLoopback | StationMode::ExternalLoopback);
-        u32::from(self.is_bus_off())
-            | u32::from(monitoring) << 5
-            | u32::from(!station.auto_retransmit) << 6
-            | u32::from(loopback) << 7
-            | u32::from(station.fd) << 8
-            | u32::from(station.fd) << 9
+        let bit = |on: bool, mask: u32| if on { mask } else { 0 };
+        bit(monitoring, cccr::MON)
+            | bit(!station.auto_retransmit, cccr::DAR)
+            | bit(loopback, cccr::TEST)
+            | bit(station.fd, cccr::FDOE | cccr::BRSE)
+    }
+
+    /// TEST: loopback, and the level of the receive pin, recessive.
+    pub(in crate::gateway) fn test_register(&self) -> u32 {
+        const RECEIVE_PIN: u32 = 1 << 7;
+        let loopback = self.config().is_some_and(|config| {
+            let mode = config.station.mode;
+            matches!(mode, StationMode::InternalLoopback | StationMode::ExternalLoopback)
+        });
+        RECEIVE_PIN | self.written.test.unwrap_or(if loopback { TEST_LOOPBACK } else { 0 })
+    }
+
+    /// What a register reads as; 0 for one that the model does not have.
+    pub(in crate::gateway) fn read_register(&self, offset: u16) -> u32 {
+        match offset {
+            offset::ENDIAN => 0x8765_4321,
+            offset::DBTP => self.data_timing_register(),
+            offset::TEST => self.test_register(),
+            offset::RWD => self.written.ram_watchdog,
+            offset::CCCR => self.control_register(),
+            offset::NBTP => self.nominal_timing_register(),
+            offset::ECR => self.error_counter_register(),
+            offset::PSR => self.protocol_status_register(),
+            offset::TDCR => self.delay_compensation_register(),
+            offset::IR => self.interrupt_register(),
+            offset::IE => self.written.interrupt_enable,
+            offset::ILS => self.written.line_select,
+            offset::ILE => self.written.line_enable,
+            offset::GFC => self.filter_register(),
+            offset::XIDAM => self.extended_mask_register(),
+            offset::HPMS => self.high_priority_register(),
+            offset::RXF0S => self.fifo0_register(),
+            offset::RXF0A => self.written.fifo0_acknowledge,
+            offset::RXF1S => self.fifo1_register(),
+            offset::RXF1A => self.written.fifo1_acknowledge,
+            offset::TXFQS => self.transmit_register(),
+            offset::TXEFS => self.event_register(),
+            offset::TXEFA => self.written.event_acknowledge,
+            _ => 0,
+        }
     }
 
     /// NBTP.
     pub(in crate::gateway) fn nominal_timing_register(&self) -> u32 {
+        if let Some(written) = self.written.nominal_timing {
+            return written;
+        }
         self.config().map_or(0x0600_0A03, |config| timing_register(Phase::Nominal, config.timing.0))
     }
 
     /// DBTP with the delay compensation's enable bit.
     pub(in crate::gateway) fn data_timing_register(&self) -> u32 {
+        if let Some(written) = self.written.data_timing {
+            return written;
+        }
         let Some(config) = self.config() else {
             return 0x0000_0A33;
         };
@@ -98,6 +146,9 @@ impl Controller {
 
     /// TDCR: filter window and offset, the automatic ones resolved.
     pub(in crate::gateway) fn delay_compensation_register(&self) -> u32 {
+        if let Some(written) = self.written.delay_compensation {
+            return written;
+        }
         let Some(config) = self.config() else {
             return 0;
         };
@@ -113,6 +164,9 @@ impl Controller {
 
     /// GFC: remote rules and non-match rules.
     pub(in crate::gateway) fn filter_register(&self) -> u32 {
+        if let Some(written) = self.written.filter {
+            return written;
+        }
         self.config().map_or(0, |config| {
             let filters = &config.filters;
             u32::from(filters.reject_remote_extended)
@@ -124,7 +178,8 @@ impl Controller {
 
     /// XIDAM.
     pub(in crate::gateway) fn extended_mask_register(&self) -> u32 {
-        self.config().map_or(0x1FFF_FFFF, |config| config.filters.extended_mask)
+        let configured = self.config().map_or(0x1FFF_FFFF, |config| config.filters.extended_mask);
+        self.written.extended_mask.unwrap_or(configured)
     }
 }
 

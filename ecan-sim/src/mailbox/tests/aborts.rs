@@ -95,7 +95,7 @@ fn the_client_aborts_in_the_middle() {
     let mut bench = Bench::preop();
     bench.coe(&BEGIN_DOWNLOAD);
     bench.write(&coe(&[0x00, 0x20, 0x80, 0x00, 0x70, 0x01, 0, 0, 0, 8]));
-    assert_eq!(bench.server.next_event(), None, "an abort has no answer");
+    assert_eq!(bench.server.next_ready(), None, "an abort has no answer");
     let segment = [0x00, 0x20, 0x01, 1, 2, 3, 4, 5, 6, 7];
     assert_eq!(bench.abort_of(&segment), AbortCode::COMMAND);
     assert_eq!(bench.value(0x7000, 1), [0; 16]);

@@ -27,6 +27,7 @@ impl Bench {
         let now = 1_000 * MS;
         gateway.power(0, true);
         gateway.advance(now);
+        gateway.set_up_mailboxes();
         gateway.request_al_state(now, AlState::PreOp);
         assert_eq!(gateway.al_state(), AlState::PreOp);
         Self { gateway, server: MailboxServer::new(), now, mailbox }
@@ -42,7 +43,7 @@ impl Bench {
     /// Reads the mailbox as soon as there is something in it: the message without what follows,
     /// which is zero.
     pub(super) fn read(&mut self) -> Option<Vec<u8>> {
-        self.now = self.now.max(self.server.next_event()?);
+        self.now = self.now.max(self.server.next_ready()?);
         self.read_now()
     }
 

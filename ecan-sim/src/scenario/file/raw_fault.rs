@@ -51,6 +51,7 @@ enum RawFaultKind {
     CrcError,
     AlError,
     ServiceStall,
+    FlashFailure,
     ClockJump,
     BusOff,
     ErrorFrames,
@@ -164,6 +165,10 @@ impl RawFault {
             }
             RawFaultKind::ServiceStall => {
                 let fault = GatewayFault::ServiceStall { ms: need("for_ms", self.for_ms.take())? };
+                Fault::Gateway { gateway: self.gateway(scenario)?, fault }
+            }
+            RawFaultKind::FlashFailure => {
+                let fault = GatewayFault::FlashFailure { times: self.times.take().unwrap_or(1) };
                 Fault::Gateway { gateway: self.gateway(scenario)?, fault }
             }
             RawFaultKind::BusOff => {

@@ -1,0 +1,196 @@
+//! The configuration as it is saved: values of 0x8000..0x8024 with the filter lists, not the
+//! commands, the editing windows, the test policies of 0x8030 nor anything of the run (manual
+//! 13.3, 13.4, 13.7).
+//!
+//! The manual gives no format, only a CRC32 over the image. This one is: the letters `ECFG`, a
+//! format number, the common objects, the four channels, the CRC32 of all that, everything little
+//! endian. A channel is saved with the fact whether its controller runs, so that one that was in
+//! use comes back into use.
+
+use ecan_protocol::{Access, CHANNELS, Entry, object};
+
+use super::channel_control::{FIRST_CHANNEL_OBJECT, FilterLists};
+use super::crc32::crc32;
+use super::dictionary_values::DictionaryValues;
+use super::filter::FilterElement;
+
+const MAGIC: [u8; 4] = *b"ECFG";
+const FORMAT: u32 = 1;
+const PREFIX_BYTES: usize = 8;
+const FILTER_BYTES: usize = 11;
+
+/// What belongs to no single channel of 0x8001..0x8004.
+const COMMON_OBJECTS: [u16; 8] = [0x8000, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022, 0x8023, 0x8024];
+
+/// Stored bytes whose check fails.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct CrcError;
+
+/// One saved configuration, in the parts that are saved and loaded alone.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct ConfigurationImage {
+    common: Vec<u8>,
+    channels: [Vec<u8>; CHANNELS],
+}
+
+/// The entries of an object that are saved.
+fn saved_entries(index: u16) -> impl Iterator<Item = &'static Entry> {
+    let entries = object(index).map_or(&[][..], |object| object.entries);
+    entries.iter().filter(move |entry| {
+        let is_saved = match index {
+            // commands and editing windows of the filters
+            0x8001..=0x8004 => !matches!(entry.subindex, 1..=6 | 43..=48 | 50..=54 | 56..=60),
+            0x8010 | 0x8011 => (3..=7).contains(&entry.subindex),
+            0x8020..=0x8024 => entry.subindex != 2,
+            _ => true,
+        };
+        is_saved && entry.access == Access::Rw && entry.ty.is_integer()
+    })
+}
+
+fn save_object(index: u16, values: &DictionaryValues, out: &mut Vec<u8>) {
+    for entry in saved_entries(index) {
+        let bytes = values.get(index, entry.subindex).to_le_bytes();
+        let size = entry.ty.size_bytes().unwrap_or(bytes.len());
+        out.extend(bytes.iter().take(size));
+    }
+}
+
+/// Takes the object's values off the front of `bytes`.
+fn restore_object(index: u16, values: &mut DictionaryValues, bytes: &mut &[u8]) {
+    for entry in saved_entries(index) {
+        let size = entry.ty.size_bytes().unwrap_or(4);
+        let Some((field, rest)) = bytes.split_at_checked(size) else {
+            return;
+        };
+        *bytes = rest;
+        let mut raw = [0; 4];
+        for (to, from) in raw.iter_mut().zip(field) {
+            *to = *from;
+        }
+        values.set(index, entry.subindex, u32::from_le_bytes(raw));
+    }
+}
+
+fn save_filter(element: &FilterElement, out: &mut Vec<u8>) {
+    out.extend([element.kind, element.action, element.sync]);
+    out.extend(element.id1.to_le_bytes());
+    out.extend(element.id2.to_le_bytes());
+}
+
+fn restore_filter(bytes: &[u8; FILTER_BYTES]) -> FilterElement {
+    let &[kind, action, sync, a, b, c, d, e, f, g, h] = bytes;
+    FilterElement {
+        kind,
+        action,
+        sync,
+        id1: u32::from_le_bytes([a, b, c, d]),
+        id2: u32::from_le_bytes([e, f, g, h]),
+    }
+}
+
+impl ConfigurationImage {
+    /// The present configuration; `runs` says of each channel whether its controller runs.
+    pub(super) fn collect(
+        values: &DictionaryValues,
+        filters: &[FilterLists; CHANNELS],
+        runs: [bool; CHANNELS],
+    ) -> Self {
+        let mut common = Vec::new();
+        for index in COMMON_OBJECTS {
+            save_object(index, values, &mut common);
+        }
+        let mut channels = [const { Vec::new() }; CHANNELS];
+        let indices = FIRST_CHANNEL_OBJECT..;
+        for (((out, lists), runs), index) in channels.iter_mut().zip(filters).zip(runs).zip(indices)
+        {
+            out.push(u8::from(runs));
+            save_object(index, values, out);
+            for element in lists.elements() {
+                save_filter(element, out);
+            }
+        }
+        Self { common, channels }
+    }
+
+    /// What a gateway has that never saved anything.
+    pub(super) fn factory() -> Self {
+        let filters = std::array::from_fn(|_| FilterLists::new());
+        Self::collect(&DictionaryValues::new(), &filters, [false; CHANNELS])
+    }
+
+    /// Takes one channel over from another image.
+    pub(super) fn replace_channel(&mut self, number: usize, from: &Self) {
+        if let (Some(to), Some(from)) = (self.channels.get_mut(number), from.channels.get(number)) {
+            to.clone_from(from);
+        }
+    }
+
+    /// Puts back what belongs to no single channel.
+    pub(super) fn restore_common(&self, values: &mut DictionaryValues) {
+        let mut bytes = self.common.as_slice();
+        for index in COMMON_OBJECTS {
+            restore_object(index, values, &mut bytes);
+        }
+    }
+
+    /// Puts one channel back; tells whether it ran when it was saved.
+    pub(super) fn restore_channel(
+        &self,
+        number: usize,
+        values: &mut DictionaryValues,
+        lists: &mut FilterLists,
+    ) -> bool {
+        let Some((&runs, mut bytes)) =
+            self.channels.get(number).and_then(|channel| channel.split_first())
+        else {
+            return false;
+        };
+        restore_object(FIRST_CHANNEL_OBJECT + number as u16, values, &mut bytes);
+        let (stored, _) = bytes.as_chunks::<FILTER_BYTES>();
+        for (element, stored) in lists.elements_mut().zip(stored) {
+            *element = restore_filter(stored);
+        }
+        runs != 0
+    }
+
+    /// The bytes that go into the flash, the CRC32 at their end.
+    pub(super) fn to_bytes(&self) -> Vec<u8> {
+        let mut bytes = self.checked_bytes();
+        let check = crc32(&bytes);
+        bytes.extend(check.to_le_bytes());
+        bytes
+    }
+
+    /// The CRC32 of the image.
+    pub(super) fn crc(&self) -> u32 {
+        crc32(&self.checked_bytes())
+    }
+
+    fn checked_bytes(&self) -> Vec<u8> {
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend(FORMAT.to_le_bytes());
+        bytes.extend(&self.common);
+        for channel in &self.channels {
+            bytes.extend(channel);
+        }
+        bytes
+    }
+
+    /// Reads what [`to_bytes`](Self::to_bytes) wrote.
+    pub(super) fn parse(bytes: &[u8]) -> Result<Self, CrcError> {
+        let (checked, check) = bytes.split_last_chunk::<4>().ok_or(CrcError)?;
+        if crc32(checked) != u32::from_le_bytes(*check) {
+            return Err(CrcError);
+        }
+        // sound, so of the one format that there is: every part has the factory's length
+        let mut rest = checked.get(PREFIX_BYTES..).ok_or(CrcError)?;
+        let mut image = Self::factory();
+        for part in std::iter::once(&mut image.common).chain(&mut image.channels) {
+            let (stored, behind) = rest.split_at_checked(part.len()).ok_or(CrcError)?;
+            part.copy_from_slice(stored);
+            rest = behind;
+        }
+        Ok(image)
+    }
+}
