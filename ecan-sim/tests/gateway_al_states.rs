@@ -268,6 +268,9 @@ fn reboot_command_loses_all_volatile_configuration() {
     let mut bench = Bench::op(chunks(8), chunks(8));
     let generation = bench.gateway.station_generation(0);
     bench.write_u8(0x8000, 1, 1);
+    bench.pass(5 * MS);
+    assert!(bench.gateway.is_responding(), "its answer is fetched first");
+    bench.pass(10 * MS);
     assert!(!bench.gateway.is_responding());
     bench.pass(1_000 * MS);
     assert_eq!(bench.state(), (Init, 0));

@@ -127,6 +127,8 @@ pub struct Gateway {
     now: u64,
     power: Power,
     boots: u32,
+    /// When a reboot that was asked for happens.
+    reboot_at: Option<u64>,
     // EtherCAT state machine and process data
     state: AlState,
     error: bool,
@@ -188,6 +190,7 @@ impl Gateway {
             now: 0,
             power: Power::Off,
             boots: 0,
+            reboot_at: None,
             state: AlState::Init,
             error: false,
             status_code: AlStatusCode::OK,
@@ -313,6 +316,7 @@ impl Gateway {
                 self.maintenance.mode_ends(),
                 self.flash_job.as_ref().map(FlashJob::done_at),
                 self.firmware.reset_time(),
+                self.reboot_at,
             ]),
         }
     }
@@ -357,7 +361,7 @@ impl Gateway {
             self.fall_back(AlStatusCode::FATAL_SYNC);
         } else if due(self.flash_job.as_ref().map(FlashJob::done_at)) {
             self.finish_flash_job();
-        } else if due(self.firmware.reset_time()) {
+        } else if due(self.reboot_at) || due(self.firmware.reset_time()) {
             self.boot();
         } else {
             self.maintenance.expire(now);
@@ -403,6 +407,7 @@ impl Gateway {
         self.state = AlState::Init;
         self.error = false;
         self.status_code = AlStatusCode::OK;
+        self.reboot_at = None;
         self.awaiting_sync_since = None;
         self.mailboxes = [None; 2];
         self.outputs.clear();

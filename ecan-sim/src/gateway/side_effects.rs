@@ -18,6 +18,9 @@ const CYCLE_PERFORMANCE: u16 = 0x9011;
 const FIRST_REGISTER_SERVICE: u16 = 0xA000;
 const MAINTENANCE: u16 = 0xB000;
 
+/// From the command to reboot to the reboot: the master fetches the answer.
+const REBOOT_NS: u64 = 10_000_000;
+
 /// Subindices of 0x8030.
 mod test {
     pub(super) const KEY: u8 = 1;
@@ -116,7 +119,7 @@ impl Gateway {
 
     fn after_system_write(&mut self, subindex: u8, value: u32) {
         match subindex {
-            1 if value == 1 => self.boot(),
+            1 if value == 1 => self.reboot_at = Some(self.now + REBOOT_NS),
             12 => self.rotate_pins(value),
             _ => {}
         }

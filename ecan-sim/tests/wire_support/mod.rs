@@ -183,13 +183,14 @@ impl Line {
 
 // Mailbox and process data, as a master does them
 
+const COE: u8 = 3;
+
 impl Line {
-    /// A message through the mailboxes: CoE service and data. Gives the answer without its mailbox
-    /// header.
-    pub fn coe(&mut self, station: u16, counter: u8, message: &[u8]) -> Vec<u8> {
+    /// A message through the mailboxes; gives the answer without its mailbox header.
+    pub fn mailbox(&mut self, station: u16, protocol: u8, counter: u8, message: &[u8]) -> Vec<u8> {
         let mut mailbox = vec![0; 128];
         mailbox[..2].copy_from_slice(&(message.len() as u16).to_le_bytes());
-        mailbox[5] = 3 | counter << 4;
+        mailbox[5] = protocol | counter << 4;
         mailbox[6..6 + message.len()].copy_from_slice(message);
         assert_eq!(self.write(FPWR, station, 0x1000, &mailbox), 1);
         for _ in 0..1_000 {
@@ -210,7 +211,7 @@ impl Line {
         let [low, high] = object.0.to_le_bytes();
         let mut message = vec![0x00, 0x20, command, low, high, object.1, 0, 0, 0, 0];
         message[6..6 + data.len()].copy_from_slice(data);
-        let answer = self.coe(station, 0, &message);
+        let answer = self.mailbox(station, COE, 0, &message);
         match answer[2] {
             0x60 => Ok(()),
             0x80 => Err(u32::from_le_bytes(answer[6..10].try_into().unwrap())),
@@ -222,7 +223,7 @@ impl Line {
     pub fn upload(&mut self, station: u16, object: (u16, u8)) -> u32 {
         let [low, high] = object.0.to_le_bytes();
         let message = [0x00, 0x20, 0x40, low, high, object.1, 0, 0, 0, 0];
-        let answer = self.coe(station, 0, &message);
+        let answer = self.mailbox(station, COE, 0, &message);
         assert_eq!(answer[2] & 0xF2, 0x42, "expedited");
         let unused = usize::from(answer[2] >> 2 & 3);
         let mut value = [0; 4];
