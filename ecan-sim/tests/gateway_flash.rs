@@ -146,6 +146,7 @@ fn a_saved_configuration_survives_power_loss_and_reboot() {
             power_cycle(&mut bench);
         } else {
             bench.write_u8(0x8000, 1, 1);
+            bench.pass(20 * MS);
             boot(&mut bench);
         }
         assert_configured(&mut bench);
