@@ -1,0 +1,8 @@
+//! What the tests of the program share.
+#![allow(dead_code, missing_docs)]
+
+pub mod bring_up;
+pub mod image;
+pub mod network;
+pub mod program;
+pub mod raw_master;
