@@ -159,7 +159,7 @@ impl RawMaster {
 pub fn frame(command: u8, index: u8, slave: u16, offset: u16, data: &[u8]) -> Vec<u8> {
     let mut frame = vec![0xFF; 6];
     frame.extend([0x10, 0x10, 0x10, 0x10, 0x10, 0x10, 0x88, 0xA4]);
-    frame.extend((12 + data.len() as u16 | 1 << 12).to_le_bytes());
+    frame.extend(((12 + data.len() as u16) | 1 << 12).to_le_bytes());
     frame.extend([command, index]);
     for word in [slave, offset, data.len() as u16, 0] {
         frame.extend(word.to_le_bytes());
