@@ -14,7 +14,8 @@ fn wrong_options_are_named() {
     let empty = directory.path().join("empty.toml");
     std::fs::write(&empty, "").unwrap();
     let wire = ["wire", "--interface", "none"];
-    let cases: [(&[&str], &str); 15] = [
+    let cases: [(&[&str], &str); 16] = [
+        (&[&wire[..], &["--spin", "--rt-priority", "5"]].concat(), "cannot be used with"),
         (&[], "Usage"),
         (&["wires"], "unrecognized subcommand 'wires'"),
         (&["wire"], "--interface"),

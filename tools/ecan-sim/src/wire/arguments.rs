@@ -45,8 +45,9 @@ pub struct WireArguments {
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Real time")]
 pub struct ThreadArguments {
-    /// Look for frames all the time instead of sleeping until one comes: takes a whole CPU.
-    #[arg(long)]
+    /// Look for frames all the time instead of sleeping until one comes: takes a whole CPU. Not
+    /// with a real-time priority, as Linux stops such a thread for 50 ms in every second.
+    #[arg(long, conflicts_with = "rt_priority")]
     pub spin: bool,
     /// Run on this CPU only; several with commas between.
     #[arg(long, value_name = "CPU", value_delimiter = ',')]

@@ -62,7 +62,7 @@ impl Interface {
             if !entry.flags.contains(InterfaceFlags::IFF_UP) {
                 return Err(InterfaceError::Down { name });
             }
-            let has_link = entry.flags.contains(InterfaceFlags::IFF_RUNNING);
+            let has_link = entry.flags.contains(InterfaceFlags::IFF_LOWER_UP);
             return Ok(Self { name, address, has_link });
         }
         known.sort();
