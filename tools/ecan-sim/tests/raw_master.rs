@@ -62,6 +62,7 @@ fn faults_of_the_scenario_are_told_and_felt() {
     let directory = tempfile::tempdir().unwrap();
     let scenario = directory.path().join("cell.toml");
     let toml = "[[gateway]]\n[[gateway]]\n[[gateway]]\n\
+                [[node]]\nkind = \"bridge\"\nbus = \"1.2\"\nprotocol = \"slcan\"\n\
                 [[fault]]\nkind = \"power_off\"\ngateway = 2\nat_ms = 1500\n";
     std::fs::write(&scenario, toml).unwrap();
     let file = scenario.to_str().unwrap();
@@ -71,7 +72,9 @@ fn faults_of_the_scenario_are_told_and_felt() {
     master.read_until((BRD, 0, 0x0000, 1), |_, counter| counter == 2);
     let printed = program.end(Signal::SIGTERM);
     assert!(printed.contains("--gateways 2 does not count"), "{printed}");
-    assert!(printed.contains("3 gateways, 0 nodes, on interface veth1, seed 9"), "{printed}");
+    assert!(printed.contains("3 gateways, 1 node, on interface veth1, seed 9"), "{printed}");
+    assert!(printed.contains(", slcan bridge at 127.0.0.1:"), "{printed}");
+    assert!(printed.contains(" on bus 1.2\n"), "{printed}");
 }
 
 #[test]

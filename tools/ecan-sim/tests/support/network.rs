@@ -10,7 +10,7 @@ pub const MASTER: &str = "veth0";
 pub const GATEWAYS: &str = "veth1";
 
 /// Takes the calling thread, and all threads and programs that it starts from now on, into a new
-/// network with nothing but a veth pair, both ends up. False where that is not possible here; the
+/// network with nothing but a veth pair and the loopback interface, all up. False where that is not possible here; the
 /// reason is printed.
 pub fn enter() -> bool {
     if let Err(errno) = unshare(CloneFlags::CLONE_NEWNET) {
@@ -23,6 +23,8 @@ pub fn enter() -> bool {
         &["link", "add", MASTER, "type", "veth", "peer", "name", GATEWAYS][..],
         &["link", "set", MASTER, "up"],
         &["link", "set", GATEWAYS, "up"],
+        // Bridges listen there.
+        &["link", "set", "lo", "up"],
     ];
     for arguments in commands {
         match Command::new("ip").args(arguments).output() {
