@@ -30,6 +30,22 @@ pub enum ScenarioChoice {
     Given(Box<Scenario>),
 }
 
+impl ScenarioChoice {
+    /// Reads the name of a built-in scenario, or of a file that ends in `.toml`.
+    ///
+    /// # Errors
+    /// [`BackendError::UnknownScenario`].
+    pub fn parse(name: &str) -> Result<Self, BackendError> {
+        if Path::new(name).extension().is_some_and(|extension| extension == "toml") {
+            return Ok(Self::File(PathBuf::from(name)));
+        }
+        if BUILTIN_SCENARIOS.contains(&name) {
+            return Ok(Self::Named(name.to_owned()));
+        }
+        Err(BackendError::UnknownScenario { name: name.to_owned() })
+    }
+}
+
 /// The `ecrt` setting: which libethercat to use.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum EcrtSetting {
@@ -52,16 +68,10 @@ impl EcrtSetting {
         if text == "sim" {
             return Ok(Self::Sim(ScenarioChoice::Suggested));
         }
-        let Some(name) = text.strip_prefix("sim:") else {
-            return Ok(Self::Library(Some(PathBuf::from(text))));
-        };
-        if Path::new(name).extension().is_some_and(|extension| extension == "toml") {
-            return Ok(Self::Sim(ScenarioChoice::File(PathBuf::from(name))));
+        match text.strip_prefix("sim:") {
+            Some(name) => ScenarioChoice::parse(name).map(Self::Sim),
+            None => Ok(Self::Library(Some(PathBuf::from(text)))),
         }
-        if BUILTIN_SCENARIOS.contains(&name) {
-            return Ok(Self::Sim(ScenarioChoice::Named(name.to_owned())));
-        }
-        Err(BackendError::UnknownScenario { name: name.to_owned() })
     }
 
     /// The setting of the environment variable `ECAN_ECRT`; `None` when it is not set, or when the
@@ -208,6 +218,20 @@ pub fn open(setting: &EcrtSetting, options: &SimOptions) -> Result<Backend, Back
 /// # Errors
 /// What is wrong with the scenario.
 pub fn simulate(choice: &ScenarioChoice, options: &SimOptions) -> Result<Simulation, BackendError> {
+    let scenario = load_scenario(choice, options)?;
+    let clock = scenario.clock.or(options.clock).unwrap_or(ClockKind::Real);
+    Simulation::new(&scenario, clock)
+}
+
+/// The scenario of a choice, with what the options put in place of its own words; reads the file if
+/// it is one. Their clock is left to whoever runs it.
+///
+/// # Errors
+/// There is no such scenario, or its file cannot be read or is wrong.
+pub fn load_scenario(
+    choice: &ScenarioChoice,
+    options: &SimOptions,
+) -> Result<Scenario, BackendError> {
     let mut scenario = choose(choice, options)?;
     if let Some(seed) = options.seed {
         scenario.seed = seed;
@@ -215,8 +239,7 @@ pub fn simulate(choice: &ScenarioChoice, options: &SimOptions) -> Result<Simulat
     if let Some(carries) = options.carries_large_pdos {
         scenario.carries_large_pdos = carries;
     }
-    let clock = scenario.clock.or(options.clock).unwrap_or(ClockKind::Real);
-    Simulation::new(&scenario, clock)
+    Ok(scenario)
 }
 
 /// Opens a simulated library for a scenario made in memory.

@@ -73,8 +73,8 @@ pub mod libethercat {
 }
 
 pub use backend::{
-    Backend, BackendError, ECRT_VARIABLE, EcrtSetting, ScenarioChoice, SimOptions, open,
-    open_scenario, simulate,
+    Backend, BackendError, ECRT_VARIABLE, EcrtSetting, ScenarioChoice, SimOptions, load_scenario,
+    open, open_scenario, simulate,
 };
 pub use clock::SimClock;
 pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};

@@ -11,7 +11,7 @@ mod recording;
 
 use ecan_protocol::CHANNELS;
 
-use crate::bus::{BusEvent, BusStatistics, CanBus, StationId};
+use crate::bus::{BusEvent, BusStatistics, CanBus, StationId, StationStatistics};
 use crate::fault::{Fault, FaultScript, LibraryCall, LostWay, ScriptedFault};
 use crate::gateway::{Gateway, Truth};
 use crate::scenario::{Scenario, Topology};
@@ -194,6 +194,12 @@ impl World {
     /// Counters of the bus that a gateway's channel is on.
     pub fn bus_statistics(&self, gateway: usize, channel: usize) -> Option<BusStatistics> {
         self.bus_of(gateway, channel).map(CanBus::statistics)
+    }
+
+    /// Counters of a gateway's channel as a station on its bus.
+    pub fn channel_statistics(&self, gateway: usize, channel: usize) -> Option<StationStatistics> {
+        let link = self.slots.get(gateway)?.links.get(channel)?;
+        self.buses.get(link.bus).map(|slot| slot.bus.station_statistics(link.station))
     }
 
     /// Adds a fault to the script.

@@ -7,9 +7,11 @@ use std::time::Duration;
 
 use ethercrab::DcSync;
 use ethercrab::subdevice_group::DcConfiguration;
-use ethercrab_support::{
-    Bench, MAX_GATEWAYS, MAX_PDI, MS, Plan, configure, into_op, on_a_deep_stack,
-};
+use ethercrab_support::bring_up::configure;
+use ethercrab_support::{Bench, MAX_GATEWAYS, MAX_PDI, MS, into_op, on_a_deep_stack};
+
+/// N of the example image.
+const CHUNKS: u8 = 8;
 
 /// The first example image of manual 5.4.4.1 (N = 8, all channels), up to the end of its frame.
 const EXAMPLE: [u8; 36] = [
@@ -22,8 +24,7 @@ fn the_example_image_of_the_manual_goes_out_and_its_echo_comes_back() {
     on_a_deep_stack(|| {
         for gateways in [1, 3] {
             let mut bench = Bench::new(&ecan_sim::echo(gateways));
-            let plan = Plan { chunks: 8, channel_mask: 0x0F };
-            let group = bench.run(async |master| into_op(master, gateways, plan).await);
+            let group = bench.run(async |master| into_op(master, gateways, CHUNKS).await);
             let mut echoes = vec![0; gateways];
             let mut counter = None;
             for cycle in 0..20 {
@@ -68,8 +69,7 @@ fn every_size_of_process_data_reaches_op() {
     on_a_deep_stack(|| {
         for (gateways, chunks) in [(1, 1), (3, 3), (1, 8), (1, 24), (3, 24)] {
             let mut bench = Bench::new(&ecan_sim::echo(gateways));
-            let plan = Plan { chunks, channel_mask: 0x0F };
-            let group = bench.run(async |master| into_op(master, gateways, plan).await);
+            let group = bench.run(async |master| into_op(master, gateways, chunks).await);
             let before = bench.wire.world().truth(0).unwrap();
             for _ in 0..20 {
                 bench.pass(MS);
@@ -110,7 +110,7 @@ fn objects_are_read_and_written_whatever_their_size() {
             assert_eq!(unit.len(), 16);
             let counts = gateway.sdo_info_object_quantities().await?.unwrap();
             assert!(counts.all > 400, "{counts:?}");
-            configure(&gateway, Plan { chunks: 3, channel_mask: 1 }).await
+            configure(&gateway, 3).await
         });
     });
 }
@@ -124,14 +124,13 @@ fn distributed_clocks_reach_op_with_sync0_in_phase() {
             gateway.settings.clock_drift_ppb = drift;
         }
         let mut bench = Bench::new(&scenario);
-        let plan = Plan { chunks: 3, channel_mask: 0x0F };
         let group = bench.run(async |master| {
             let mut group = master.init_single_group::<MAX_GATEWAYS, MAX_PDI>(|| 0).await?;
             for mut gateway in group.iter_mut(master) {
                 gateway.set_dc_sync(DcSync::Sync0);
             }
             for gateway in group.iter(master) {
-                configure(&gateway, plan).await?;
+                configure(&gateway, 3).await?;
             }
             let delays: Vec<_> = group.iter(master).map(|it| it.propagation_delay()).collect();
             assert_eq!(delays, [0, 600, 1200], "a hop on the wire takes 600 ns");

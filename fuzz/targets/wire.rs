@@ -11,7 +11,7 @@ const MS: u64 = 1_000_000;
 fn frame(command: u8, slave: u16, offset: u16, data: &[u8]) -> Vec<u8> {
     let mut frame = vec![0x10; 12];
     frame.extend([0x88, 0xA4]);
-    frame.extend((12 + data.len() as u16 | 1 << 12).to_le_bytes());
+    frame.extend((0x1000 | (12 + data.len() as u16)).to_le_bytes());
     frame.extend([command, 0]);
     for word in [slave, offset, data.len() as u16, 0] {
         frame.extend(word.to_le_bytes());

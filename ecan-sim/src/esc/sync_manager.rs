@@ -84,13 +84,15 @@ impl SyncManager {
     /// The master writes so many bytes from an offset on. `is_full` tells of the buffer, which may
     /// belong to the firmware.
     pub(super) fn write(&mut self, offset: usize, bytes: usize, is_full: bool) -> Progress {
-        let may = self.is_written_by_master() && !(self.is_single() && is_full);
+        let is_free = !self.is_single() || !is_full;
+        let may = self.is_written_by_master() && is_free;
         self.access(may, offset, bytes)
     }
 
     /// The master reads, as [`write`](Self::write).
     pub(super) fn read(&mut self, offset: usize, bytes: usize, is_full: bool) -> Progress {
-        let may = !self.is_written_by_master() && !(self.is_single() && !is_full);
+        let has_data = !self.is_single() || is_full;
+        let may = !self.is_written_by_master() && has_data;
         self.access(may, offset, bytes)
     }
 

@@ -53,7 +53,7 @@ impl World {
     }
 
     /// The bridges, each with the name of its bus.
-    pub(crate) fn bridges(&self) -> impl Iterator<Item = (&str, &BridgeInfo)> {
+    pub fn bridges(&self) -> impl Iterator<Item = (&str, &BridgeInfo)> {
         self.nodes.iter().filter_map(|slot| {
             let bus = self.buses.get(slot.bus)?;
             Some((bus.bus.name(), slot.bridge.as_ref()?))

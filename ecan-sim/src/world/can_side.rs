@@ -242,7 +242,8 @@ impl World {
     fn deliver(&mut self, bus: usize, event: &BusEvent) {
         let now = self.now;
         if let Some(recording) = &mut self.recording {
-            recording.note(bus, event);
+            let owners = self.buses.get(bus).map_or(&[][..], |slot| &slot.owners);
+            recording.note(bus, owners, event);
         }
         let station = match event {
             BusEvent::Transmitted { station, .. }

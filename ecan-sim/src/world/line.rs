@@ -116,8 +116,9 @@ impl World {
         }
     }
 
-    /// Whether a frame of the master reaches this gateway and comes back.
-    pub(crate) fn is_reachable(&self, index: usize) -> bool {
+    /// Whether a frame of the master reaches this gateway and comes back: it has booted, its cable
+    /// is plugged in, and so it is with those before it in a line.
+    pub fn is_reachable(&self, index: usize) -> bool {
         let answers =
             |slot: &LineSlot| slot.cable_open_until <= self.now && slot.gateway.is_responding();
         match self.topology {

@@ -1,0 +1,23 @@
+//! Ctrl-C, SIGTERM and SIGHUP as a flag that the loop looks at.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+
+/// Set once the user asked the program to stop.
+#[derive(Debug, Clone, Default)]
+pub struct Interrupt(Arc<AtomicBool>);
+
+impl Interrupt {
+    /// Catches the signals from now on.
+    pub fn install() -> Result<Self, ctrlc::Error> {
+        let interrupt = Self::default();
+        let flag = interrupt.0.clone();
+        ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))?;
+        Ok(interrupt)
+    }
+
+    /// Whether to stop.
+    pub fn is_set(&self) -> bool {
+        self.0.load(Ordering::Relaxed)
+    }
+}

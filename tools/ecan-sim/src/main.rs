@@ -1,0 +1,41 @@
+//! The program `ecan-sim`: simulated ECAN-Lite gateways for any EtherCAT master.
+//!
+//! ```text
+//! ecan-sim wire --interface veth1 --gateways 2 --dump can.log
+//! ```
+#![forbid(unsafe_code)]
+
+mod interrupt;
+mod screen;
+mod wire;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Simulated ECAN-Lite gateways, for any EtherCAT master.
+#[derive(Debug, Parser)]
+#[command(name = "ecan-sim", version)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Put simulated gateways on a network interface, where any EtherCAT master finds them.
+    Wire(wire::WireArguments),
+}
+
+fn main() -> ExitCode {
+    let outcome = match &Arguments::parse().command {
+        Command::Wire(arguments) => wire::run(arguments),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            screen::Screen::error(&error);
+            ExitCode::FAILURE
+        }
+    }
+}

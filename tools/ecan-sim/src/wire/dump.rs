@@ -1,0 +1,84 @@
+//! The frames of the CAN buses as a candump log.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use ecan_candump::Record;
+use ecan_sim::World;
+use thiserror::Error;
+
+/// Why the log cannot be written.
+#[derive(Debug, Error)]
+#[error("cannot write {}: {error}", path.display())]
+pub struct DumpError {
+    path: PathBuf,
+    error: std::io::Error,
+}
+
+/// A log under way.
+pub struct Dump {
+    path: PathBuf,
+    output: BufWriter<Box<dyn Write>>,
+    /// What makes simulated time the time of day, in nanoseconds.
+    offset_ns: u64,
+    is_flushed: bool,
+}
+
+impl Dump {
+    /// Creates the file, or empties it; `-` is standard output. `offset_ns` is added to simulated
+    /// time.
+    pub fn create(path: &Path, offset_ns: u64) -> Result<Self, DumpError> {
+        let path = path.to_owned();
+        let output: Box<dyn Write> = if is_standard_output(&path) {
+            Box::new(std::io::stdout())
+        } else {
+            match File::create(&path) {
+                Ok(file) => Box::new(file),
+                Err(error) => return Err(DumpError { path, error }),
+            }
+        };
+        Ok(Self { path, output: BufWriter::new(output), offset_ns, is_flushed: true })
+    }
+
+    /// Writes what was recorded since the last call. Bus names are the interfaces.
+    pub fn write(&mut self, world: &mut World) -> Result<(), DumpError> {
+        let mut outcome = Ok(());
+        world.drain_recorded(|bus, recorded| {
+            let record = Record {
+                time_ns: recorded.end_ns.saturating_add(self.offset_ns),
+                interface: bus,
+                frame: recorded.frame,
+                direction: None,
+            };
+            self.is_flushed = false;
+            if outcome.is_ok() {
+                // Blanks separate the fields of a log.
+                outcome = if bus.contains(char::is_whitespace) {
+                    let interface = bus.replace(char::is_whitespace, "_");
+                    writeln!(self.output, "{}", Record { interface: &interface, ..record })
+                } else {
+                    writeln!(self.output, "{record}")
+                };
+            }
+        });
+        outcome.map_err(|error| self.fault(error))
+    }
+
+    /// Writes everything out, for those who follow the file.
+    pub fn flush(&mut self) -> Result<(), DumpError> {
+        if std::mem::replace(&mut self.is_flushed, true) {
+            return Ok(());
+        }
+        self.output.flush().map_err(|error| self.fault(error))
+    }
+
+    fn fault(&self, error: std::io::Error) -> DumpError {
+        DumpError { path: self.path.clone(), error }
+    }
+}
+
+/// Whether a dump goes to standard output.
+pub fn is_standard_output(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}

@@ -1,0 +1,104 @@
+//! `ecan-sim wire`: simulated gateways on a network interface.
+
+mod arguments;
+mod dump;
+mod interface;
+mod packet_socket;
+mod server;
+mod summary;
+mod turnaround;
+mod watch;
+
+use std::error::Error;
+
+use ecan_host::{Clock, MonotonicClock};
+use ecan_sim::{ClockKind, Scenario, ScenarioChoice, SimOptions, Wire, load_scenario};
+
+use crate::interrupt::Interrupt;
+use crate::screen::Screen;
+use dump::Dump;
+use interface::Interface;
+use packet_socket::PacketSocket;
+use server::Server;
+
+pub use arguments::WireArguments;
+
+/// Runs until the user or `--duration` ends it.
+///
+/// # Errors
+/// Why it cannot begin, or go on, in words.
+pub fn run(arguments: &WireArguments) -> Result<(), Box<dyn Error>> {
+    let screen = match &arguments.dump {
+        Some(path) if dump::is_standard_output(path) => Screen::BesideData,
+        _ => Screen::Output,
+    };
+    let scenario = scenario(arguments, screen)?;
+    let socket = PacketSocket::open(Interface::find(&arguments.interface)?)?;
+    let start_ns = MonotonicClock.now_ns();
+    let offset_ns = turnaround::real_time_ns().saturating_sub(start_ns);
+    let dump = arguments.dump.as_ref().map(|path| Dump::create(path, offset_ns)).transpose()?;
+    let mut wire = Wire::new(&scenario, start_ns)?;
+    if dump.is_some() {
+        wire.world_mut().record_all_buses();
+    }
+    // The threads for signals and bridges shall not inherit what this one is granted.
+    let interrupt = Interrupt::install()?;
+    announce(&scenario, &wire, &socket, screen);
+    let report = arguments.thread.settings().apply()?;
+    for outcome in &report.outcomes {
+        screen.line(outcome);
+    }
+    let mut server = Server::new(wire, socket, dump, arguments, screen, start_ns);
+    let outcome = server.serve(&interrupt);
+    // The counters also where a fault has ended it.
+    let finished = server.finish();
+    outcome?;
+    Ok(finished?)
+}
+
+fn scenario(arguments: &WireArguments, screen: Screen) -> Result<Scenario, Box<dyn Error>> {
+    let options = SimOptions {
+        seed: arguments.seed,
+        slaves: arguments.gateways.map(usize::from),
+        ..SimOptions::default()
+    };
+    let scenario = load_scenario(&arguments.scenario, &options)?;
+    if let ScenarioChoice::File(path) = &arguments.scenario {
+        let file = path.display();
+        let count = scenario.gateways.len();
+        if count == 0 {
+            return Err(format!("{file} has no gateway: nobody would answer").into());
+        }
+        if let Some(asked) = arguments.gateways.filter(|asked| usize::from(*asked) != count) {
+            screen.line(format_args!(
+                "--gateways {asked} does not count: {file} has {}",
+                counted(count, "gateway")
+            ));
+        }
+        if scenario.clock == Some(ClockKind::Stepped) {
+            screen.line(format_args!("the clock of {file} does not count: a wire is in real time"));
+        }
+    }
+    Ok(scenario)
+}
+
+fn announce(scenario: &Scenario, wire: &Wire, socket: &PacketSocket, screen: Screen) {
+    let bridges: String =
+        wire.world().bridges().map(|(bus, bridge)| format!(", {bridge} on bus {bus}")).collect();
+    let interface = socket.interface();
+    screen.line(format_args!(
+        "SIMULATED: no gateway, no CAN bus is real. Scenario {}: {}, {}, on interface {}, seed {}{bridges}",
+        scenario.name,
+        counted(scenario.gateways.len(), "gateway"),
+        counted(scenario.nodes.len(), "node"),
+        interface.name(),
+        scenario.seed,
+    ));
+    if !interface.has_link() {
+        screen.line(format_args!("{} has no link yet: is the other end up?", interface.name()));
+    }
+}
+
+fn counted(count: usize, what: &str) -> String {
+    format!("{count} {what}{}", if count == 1 { "" } else { "s" })
+}

@@ -1,0 +1,184 @@
+//! The loop that answers frames and lets the CAN side live between them.
+
+use std::fmt::Display;
+
+use ecan_host::{Clock, MonotonicClock};
+use ecan_sim::Wire;
+use thiserror::Error;
+
+use super::arguments::WireArguments;
+use super::dump::{Dump, DumpError};
+use super::packet_socket::{PacketSocket, Received, SocketError};
+use super::summary;
+use super::turnaround::{Turnaround, real_time_ns};
+use super::watch::Watch;
+use crate::interrupt::Interrupt;
+use crate::screen::Screen;
+
+/// Longest wait for a frame, in nanoseconds: bridges and signals are looked after that often.
+const LONGEST_WAIT_NS: u64 = 1_000_000;
+/// Whoever follows the dump sees a frame after this time, in nanoseconds.
+const FLUSH_NS: u64 = 100_000_000;
+/// More than any Ethernet frame that carries EtherCAT.
+const FRAME_BYTES: usize = 4096;
+
+/// Why the loop ended by itself.
+#[derive(Debug, Error)]
+pub enum ServeError {
+    /// The network.
+    #[error(transparent)]
+    Socket(#[from] SocketError),
+    /// The dump.
+    #[error(transparent)]
+    Dump(#[from] DumpError),
+}
+
+/// Gateways behind a socket.
+pub struct Server {
+    wire: Wire,
+    socket: PacketSocket,
+    watch: Watch,
+    dump: Option<Dump>,
+    turnaround: Turnaround,
+    screen: Screen,
+    is_quiet: bool,
+    spins: bool,
+    start_ns: u64,
+    end_ns: u64,
+    flushed_ns: u64,
+    is_down: bool,
+    /// Answers that did not go out.
+    unsent: u64,
+    frame: Box<[u8; FRAME_BYTES]>,
+}
+
+impl Server {
+    /// Gateways that were switched on at `start_ns` of the monotonic clock.
+    pub fn new(
+        wire: Wire,
+        socket: PacketSocket,
+        dump: Option<Dump>,
+        arguments: &WireArguments,
+        screen: Screen,
+        start_ns: u64,
+    ) -> Self {
+        let run_ns = arguments.duration.map(|duration| duration.as_nanos());
+        let run_ns = run_ns.map_or(u64::MAX, |ns| u64::try_from(ns).unwrap_or(u64::MAX));
+        Self {
+            watch: Watch::new(wire.world()),
+            wire,
+            socket,
+            dump,
+            turnaround: Turnaround::new(),
+            screen,
+            is_quiet: arguments.quiet,
+            spins: arguments.thread.spin,
+            start_ns,
+            end_ns: start_ns.saturating_add(run_ns),
+            flushed_ns: start_ns,
+            is_down: false,
+            unsent: 0,
+            frame: Box::new([0; FRAME_BYTES]),
+        }
+    }
+
+    /// Answers until the time is over or the user ends it.
+    ///
+    /// # Errors
+    /// The interface is gone or refuses, or the dump cannot be written.
+    pub fn serve(&mut self, interrupt: &Interrupt) -> Result<(), ServeError> {
+        while !interrupt.is_set() {
+            let received = self.socket.receive(&mut self.frame[..])?;
+            let now = MonotonicClock.now_ns();
+            match received {
+                Received::Frame { bytes, arrived_ns } => self.answer(now, bytes, arrived_ns)?,
+                Received::Nothing => self.wire.advance(now),
+                Received::Down => {
+                    self.is_down = true;
+                    let name = self.socket.interface().name();
+                    self.screen.line(format_args!("{name} is down: no frames until it is up"));
+                }
+            }
+            self.look()?;
+            if now >= self.end_ns {
+                break;
+            }
+            if matches!(received, Received::Frame { .. }) {
+                continue;
+            }
+            if now.saturating_sub(self.flushed_ns) >= FLUSH_NS {
+                self.flushed_ns = now;
+                self.dump.as_mut().map_or(Ok(()), Dump::flush)?;
+            }
+            if !self.spins {
+                let next = self.wire.next_event().unwrap_or(u64::MAX).min(self.end_ns);
+                self.socket.wait(next.saturating_sub(now).min(LONGEST_WAIT_NS));
+            }
+        }
+        Ok(())
+    }
+
+    /// One frame, at once.
+    fn answer(
+        &mut self,
+        now: u64,
+        bytes: usize,
+        arrived_ns: Option<u64>,
+    ) -> Result<(), SocketError> {
+        let taken_ns = real_time_ns();
+        let is_first = self.wire.statistics().frames == 0;
+        let Some(frame) = self.frame.get_mut(..bytes) else { return Ok(()) };
+        if self.wire.pass(now, frame) {
+            if self.socket.send(frame)? {
+                self.turnaround.count(arrived_ns, taken_ns, real_time_ns());
+            } else {
+                self.unsent += 1;
+            }
+        }
+        if is_first && self.wire.statistics().frames > 0 {
+            self.tell(now, "first EtherCAT frame");
+        }
+        if std::mem::take(&mut self.is_down) {
+            self.tell(now, format_args!("{} is up again", self.socket.interface().name()));
+        }
+        Ok(())
+    }
+
+    /// Tells and writes what has happened.
+    fn look(&mut self) -> Result<(), DumpError> {
+        let Self { wire, watch, dump, screen, is_quiet, start_ns, .. } = self;
+        if !*is_quiet {
+            let now = wire.world().now_ns();
+            watch.look(wire.world(), |gateway, words| {
+                screen.line(stamped(now, *start_ns, format_args!("gateway {gateway}: {words}")));
+            });
+        }
+        match dump {
+            Some(dump) => dump.write(wire.world_mut()),
+            None => Ok(()),
+        }
+    }
+
+    fn tell(&self, now: u64, what: impl Display) {
+        if !self.is_quiet {
+            self.screen.line(stamped(now, self.start_ns, what));
+        }
+    }
+
+    /// Prints the counters.
+    ///
+    /// # Errors
+    /// The dump cannot be written.
+    pub fn finish(&mut self) -> Result<(), DumpError> {
+        self.screen.line("");
+        let dropped = self.socket.losses();
+        summary::print(&self.wire, dropped, self.unsent, self.screen);
+        self.screen.line(&self.turnaround);
+        self.dump.as_mut().map_or(Ok(()), Dump::flush)
+    }
+}
+
+/// A line with the time since the start.
+fn stamped(now: u64, start_ns: u64, what: impl Display) -> String {
+    format!("{:9.3} s  {what}", now.saturating_sub(start_ns) as f64 / 1e9)
+}

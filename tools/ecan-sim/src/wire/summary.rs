@@ -1,0 +1,44 @@
+//! Counters at the end.
+
+use ecan_protocol::CHANNELS;
+use ecan_sim::Wire;
+
+use crate::screen::Screen;
+
+/// Prints what came by on the wire, and what every gateway and channel has done.
+///
+/// `dropped` frames found no room in the system's queue, `unsent` answers none in the interface's.
+pub fn print(wire: &Wire, dropped: u64, unsent: u64, screen: Screen) {
+    let statistics = wire.statistics();
+    screen.line(format_args!(
+        "frames: {} EtherCAT, {} faulty, {} foreign, {} lost; {dropped} dropped by the system, \
+         {unsent} answers not sent",
+        statistics.frames, statistics.faulty, statistics.foreign, statistics.lost,
+    ));
+    let world = wire.world();
+    for (index, gateway) in (0..).map_while(|index| Some((index, world.gateway(index)?))) {
+        let truth = gateway.truth();
+        screen.line(format_args!(
+            "gateway {index}: {}, {} images taken, {} given, {} frames out, {} in",
+            gateway.al_state(),
+            truth.images_parsed,
+            truth.images_read,
+            truth.frames_on_bus,
+            truth.frames_to_master,
+        ));
+        for channel in 0..CHANNELS {
+            let (Some(bus), Some(station)) =
+                (world.bus_of(index, channel), world.channel_statistics(index, channel))
+            else {
+                continue;
+            };
+            screen.line(format_args!(
+                "  can{channel} on bus {}: {} sent, {} received, {} error frames on the bus",
+                bus.name(),
+                station.transmitted,
+                station.received,
+                bus.statistics().error_frames,
+            ));
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! Wrong use gets one message that helps, and a status other than 0.
+#![allow(missing_docs)]
+
+mod support;
+
+use support::network::{self, GATEWAYS, MASTER};
+use support::program::{command, fails, run, text};
+
+#[test]
+fn wrong_options_are_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let wrong = directory.path().join("wrong.toml");
+    std::fs::write(&wrong, "[[gateway]]\nseriel = 7\n").unwrap();
+    let empty = directory.path().join("empty.toml");
+    std::fs::write(&empty, "").unwrap();
+    let wire = ["wire", "--interface", "none"];
+    let cases: [(&[&str], &str); 16] = [
+        (&[&wire[..], &["--spin", "--rt-priority", "5"]].concat(), "cannot be used with"),
+        (&[], "Usage"),
+        (&["wires"], "unrecognized subcommand 'wires'"),
+        (&["wire"], "--interface"),
+        (&["wire", "--interface"], "--interface"),
+        (&[&wire[..], &["--no-such-flag"]].concat(), "--no-such-flag"),
+        (&[&wire[..], &["--gateways", "0"]].concat(), "1..=64"),
+        (&[&wire[..], &["--gateways", "two"]].concat(), "--gateways"),
+        (&[&wire[..], &["--scenario", "ecco"]].concat(), "there are: echo, drives, jitter"),
+        (&[&wire[..], &["--scenario", "/no/such.toml"]].concat(), "cannot read /no/such.toml"),
+        (&[&wire[..], &["--scenario", wrong.to_str().unwrap()]].concat(), "seriel"),
+        (&[&wire[..], &["--scenario", empty.to_str().unwrap()]].concat(), "has no gateway"),
+        (&[&wire[..], &["--duration=-1"]].concat(), "expected seconds above 0"),
+        (&[&wire[..], &["--duration", "0"]].concat(), "expected seconds above 0"),
+        (&[&wire[..], &["--rt-priority", "100"]].concat(), "1..=99"),
+        (&wire, "there is no network interface \"none\"; there are: "),
+    ];
+    for (arguments, words) in cases {
+        let message = fails(&run(arguments));
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+}
+
+#[test]
+fn an_interface_that_is_no_wire_is_refused_with_the_reason() {
+    if !network::enter() {
+        return;
+    }
+    let refused = |interface: &str| {
+        let message = fails(&run(&["wire", "--interface", interface]));
+        assert_eq!(message.trim().lines().count(), 1, "{message}");
+        message
+    };
+    assert!(refused("veth2").contains("there are: lo, veth0, veth1"));
+    assert!(refused("lo").contains("loopback"));
+    network::ip(&["link", "set", GATEWAYS, "down"]);
+    assert!(refused(GATEWAYS).contains("`ip link set veth1 up`"));
+    let output = run(&["wire", "--interface", MASTER, "--duration", "0.01"]);
+    assert!(output.status.success());
+    assert!(text(&output.stdout).contains("veth0 has no link yet"), "{}", text(&output.stdout));
+    network::ip(&["link", "set", GATEWAYS, "up"]);
+    let dump = ["wire", "--interface", GATEWAYS, "--dump", "/no/such/can.log"];
+    assert!(fails(&run(&dump)).contains("cannot write /no/such/can.log"));
+    let cpu = ["wire", "--interface", GATEWAYS, "--cpu", "4095"];
+    let output = run(&[&cpu[..], &["--duration", "0.01"]].concat());
+    assert!(text(&output.stdout).contains("CPU 4095: not granted"), "{}", text(&output.stdout));
+    let message = fails(&run(&[&cpu[..], &["--rt-required"]].concat()));
+    assert!(message.contains("CPU 4095: not granted"), "{message}");
+}
+
+#[test]
+fn who_may_not_open_raw_sockets_is_told_what_it_takes() {
+    use std::os::unix::process::CommandExt;
+
+    if !network::enter() {
+        return;
+    }
+    // Another user has no capabilities; the program itself must be in its reach.
+    let directory = tempfile::tempdir_in("/tmp").unwrap();
+    let program = directory.path().join("ecan-sim");
+    std::fs::copy(env!("CARGO_BIN_EXE_ecan-sim"), &program).unwrap();
+    let everyone = std::os::unix::fs::PermissionsExt::from_mode(0o755);
+    std::fs::set_permissions(directory.path(), everyone).unwrap();
+    let mut command = std::process::Command::new(&program);
+    command.args(["wire", "--interface", GATEWAYS]).uid(65_534).gid(65_534);
+    match command.output() {
+        Ok(output) => {
+            let message = fails(&output);
+            assert!(message.contains("CAP_NET_RAW"), "{message}");
+            assert!(message.contains("root"), "{message}");
+        }
+        Err(error) => println!("skipped: cannot become another user: {error}"),
+    }
+}
+
+#[test]
+fn help_is_there() {
+    let output = command(&["wire", "--help"]).output().unwrap();
+    assert!(output.status.success());
+    let help = text(&output.stdout);
+    for option in ["--interface", "--gateways", "--scenario", "--dump", "--duration", "--quiet"] {
+        assert!(help.contains(option), "{option}: {help}");
+    }
+}

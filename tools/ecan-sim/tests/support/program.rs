@@ -1,0 +1,130 @@
+//! Running `ecan-sim` as a user does.
+
+use std::io::{BufRead, BufReader, Read};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, channel};
+use std::time::{Duration, Instant};
+
+use nix::sys::signal::{Signal, kill};
+use nix::unistd::Pid;
+
+/// After so long something is broken.
+pub const DEADLINE: Duration = Duration::from_secs(60);
+
+pub fn command(arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan-sim"));
+    command.args(arguments).stdin(Stdio::null());
+    command
+}
+
+pub fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+pub fn run(arguments: &[&str]) -> Output {
+    command(arguments).output().unwrap()
+}
+
+/// Expects failure with a readable message, gives the message.
+pub fn fails(output: &Output) -> String {
+    let message = text(&output.stderr);
+    assert!(!output.status.success(), "it succeeded");
+    assert!(output.status.code().is_some(), "it was killed");
+    assert!(!message.contains("panicked"), "{message}");
+    assert!(!message.trim().is_empty(), "it says nothing");
+    message
+}
+
+/// The program, running.
+pub struct Running {
+    child: Child,
+    lines: Receiver<String>,
+    seen: Vec<String>,
+}
+
+impl Running {
+    /// Starts `ecan-sim wire` on the gateways' end.
+    pub fn start(arguments: &[&str]) -> Self {
+        let base = ["wire", "--interface", super::network::GATEWAYS];
+        let mut child = command(&[&base[..], arguments].concat())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let (sender, lines) = channel();
+        let output = BufReader::new(child.stdout.take().unwrap());
+        std::thread::spawn(move || {
+            for line in output.lines().map_while(Result::ok) {
+                if sender.send(line).is_err() {
+                    break;
+                }
+            }
+        });
+        Self { child, lines, seen: Vec::new() }
+    }
+
+    /// Waits for a line with these words.
+    pub fn wait_for(&mut self, words: &str) {
+        let start = Instant::now();
+        while !self.seen.iter().any(|line| line.contains(words)) {
+            let left = DEADLINE.saturating_sub(start.elapsed());
+            match self.lines.recv_timeout(left) {
+                Ok(line) => self.seen.push(line),
+                Err(RecvTimeoutError::Timeout) => panic!("no \"{words}\": {:#?}", self.seen),
+                Err(RecvTimeoutError::Disconnected) => {
+                    let errors = self.errors();
+                    panic!("ended without \"{words}\": {:#?} {errors}", self.seen);
+                }
+            }
+        }
+    }
+
+    fn errors(&mut self) -> String {
+        let mut errors = String::new();
+        if let Some(mut stream) = self.child.stderr.take() {
+            let _ = stream.read_to_string(&mut errors);
+        }
+        errors
+    }
+
+    /// Ends it with this signal; it must do so with success. Gives all that it has printed.
+    pub fn end(self, signal: Signal) -> String {
+        kill(Pid::from_raw(self.child.id().try_into().unwrap()), signal).unwrap();
+        self.finish()
+    }
+
+    /// Waits for its end, which must be a failure. Gives its message.
+    pub fn fail(mut self) -> String {
+        let start = Instant::now();
+        while self.child.try_wait().unwrap().is_none() {
+            assert!(start.elapsed() < DEADLINE, "it does not end");
+            std::thread::yield_now();
+        }
+        assert!(!self.child.wait().unwrap().success());
+        self.errors()
+    }
+
+    /// Waits for its end; it must be a success. Gives all that it has printed.
+    pub fn finish(mut self) -> String {
+        let start = Instant::now();
+        loop {
+            match self.lines.recv_timeout(DEADLINE.saturating_sub(start.elapsed())) {
+                Ok(line) => self.seen.push(line),
+                Err(RecvTimeoutError::Disconnected) => break,
+                Err(RecvTimeoutError::Timeout) => panic!("it does not end: {:#?}", self.seen),
+            }
+        }
+        let errors = self.errors();
+        assert!(self.child.wait().unwrap().success(), "{errors}");
+        assert_eq!(errors, "");
+        self.seen.join("\n")
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // A test that fails leaves nothing behind.
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
