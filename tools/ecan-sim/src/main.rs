@@ -2,9 +2,11 @@
 //!
 //! ```text
 //! ecan-sim wire --interface veth1 --gateways 2 --dump can.log
+//! ecan-sim firmware --version 2.3.1 --out new.bin
 //! ```
 #![forbid(unsafe_code)]
 
+mod firmware;
 mod interrupt;
 mod screen;
 mod wire;
@@ -25,11 +27,13 @@ struct Arguments {
 enum Command {
     /// Put simulated gateways on a network interface, where any EtherCAT master finds them.
     Wire(wire::WireArguments),
+    Firmware(firmware::FirmwareArguments),
 }
 
 fn main() -> ExitCode {
     let outcome = match &Arguments::parse().command {
-        Command::Wire(arguments) => wire::run(arguments),
+        Command::Wire(arguments) => wire::run(arguments).map_err(|error| error.to_string()),
+        Command::Firmware(arguments) => firmware::run(arguments).map_err(|error| error.to_string()),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

@@ -14,7 +14,8 @@ fn wrong_options_are_named() {
     let empty = directory.path().join("empty.toml");
     std::fs::write(&empty, "").unwrap();
     let wire = ["wire", "--interface", "none"];
-    let cases: [(&[&str], &str); 16] = [
+    let firmware = ["firmware", "--out", "/no/such/new.bin"];
+    let cases: [(&[&str], &str); 20] = [
         (&[&wire[..], &["--spin", "--rt-priority", "5"]].concat(), "cannot be used with"),
         (&[], "Usage"),
         (&["wires"], "unrecognized subcommand 'wires'"),
@@ -30,6 +31,13 @@ fn wrong_options_are_named() {
         (&[&wire[..], &["--duration=-1"]].concat(), "expected seconds above 0"),
         (&[&wire[..], &["--duration", "0"]].concat(), "expected seconds above 0"),
         (&[&wire[..], &["--rt-priority", "100"]].concat(), "1..=99"),
+        (&["firmware"], "--version"),
+        (&[&firmware[..], &["--version", "1.2"]].concat(), "MAJOR.MINOR.BUILD"),
+        (&[&firmware[..], &["--version", "1.2.3"]].concat(), "cannot write /no/such/new.bin"),
+        (
+            &[&firmware[..], &["--version", "1.2.3", "--application", "/no/app"]].concat(),
+            "cannot read /no/app",
+        ),
         (&wire, "there is no network interface \"none\"; there are: "),
     ];
     for (arguments, words) in cases {
@@ -98,4 +106,19 @@ fn help_is_there() {
     for option in ["--interface", "--gateways", "--scenario", "--dump", "--duration", "--quiet"] {
         assert!(help.contains(option), "{option}: {help}");
     }
+}
+
+#[test]
+fn a_package_is_what_the_simulated_gateway_takes() {
+    let directory = tempfile::tempdir().unwrap();
+    let (application, out) = (directory.path().join("app"), directory.path().join("new.bin"));
+    std::fs::write(&application, b"application").unwrap();
+    let arguments = ["firmware", "--version", "2.3.1", "--device-type", "7", "--out"];
+    let files = [out.to_str().unwrap(), "--application", application.to_str().unwrap()];
+    let output = run(&[&arguments[..], &files].concat());
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("version 2.3.1, 43 bytes"), "{}", text(&output.stdout));
+    let package = ecan_sim::FirmwarePackage::parse(&std::fs::read(&out).unwrap()).unwrap();
+    assert_eq!((package.device_type(), package.version()), (7, 0x0203_0001));
+    assert_eq!(package.payload(), b"application");
 }

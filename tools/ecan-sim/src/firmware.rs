@@ -1,0 +1,123 @@
+//! `ecan-sim firmware`: a file that a simulated gateway takes as a firmware update.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use clap::Args;
+use ecan_sim::FirmwarePackage;
+use thiserror::Error;
+
+use crate::screen::Screen;
+
+/// Bytes of the application where no file is given: some packets and flash sectors.
+const APPLICATION_BYTES: usize = 64 << 10;
+
+/// Make a file that a simulated gateway takes as a firmware update.
+///
+/// It goes over FoE, under the name ecan_lite_app. No real gateway takes it: its package format is the
+/// simulator's own.
+#[derive(Debug, Args)]
+#[command(after_help = "Example: ecan-sim firmware --version 2.3.1 --out new.bin")]
+pub struct FirmwareArguments {
+    /// Version that the gateway shows afterwards: MAJOR.MINOR.BUILD, 0xF000:05 and :06
+    #[arg(long)]
+    version: Version,
+    /// Where to write it
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Device type, 0xF000:01; a gateway refuses another than its own
+    #[arg(long, default_value_t = 0, value_name = "N")]
+    device_type: u8,
+    /// The application; a pattern of 64 KiB if left out
+    #[arg(long, value_name = "FILE")]
+    application: Option<PathBuf>,
+}
+
+/// A firmware version in three numbers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Version {
+    major: u8,
+    minor: u8,
+    build: u16,
+}
+
+impl FromStr for Version {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let expected = || "expected MAJOR.MINOR.BUILD, at most 255.255.65535".to_owned();
+        let mut parts = text.split('.');
+        let mut next = || parts.next().ok_or_else(expected);
+        let (major, minor, build) = (next()?, next()?, next()?);
+        let version = Self {
+            major: major.parse().map_err(|_| expected())?,
+            minor: minor.parse().map_err(|_| expected())?,
+            build: build.parse().map_err(|_| expected())?,
+        };
+        if parts.next().is_none() { Ok(version) } else { Err(expected()) }
+    }
+}
+
+impl Version {
+    fn raw(self) -> u32 {
+        u32::from_be_bytes([self.major, self.minor, 0, 0]) | u32::from(self.build)
+    }
+}
+
+/// Why there is no package.
+#[derive(Debug, Error)]
+pub enum FirmwareError {
+    /// The application cannot be read.
+    #[error("cannot read {}: {error}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: std::io::Error,
+    },
+    /// The package cannot be written.
+    #[error("cannot write {}: {error}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: std::io::Error,
+    },
+}
+
+/// Writes the package.
+///
+/// # Errors
+/// A [`FirmwareError`].
+pub fn run(arguments: &FirmwareArguments) -> Result<(), FirmwareError> {
+    let FirmwareArguments { version, out, device_type, application } = arguments;
+    let application = match application {
+        Some(path) => std::fs::read(path)
+            .map_err(|error| FirmwareError::Read { path: path.clone(), error })?,
+        None => (0..APPLICATION_BYTES).map(|at| (at ^ (at >> 8)) as u8).collect(),
+    };
+    let file = FirmwarePackage::new(*device_type, version.raw(), application).to_bytes();
+    std::fs::write(out, &file)
+        .map_err(|error| FirmwareError::Write { path: out.clone(), error })?;
+    let Version { major, minor, build } = version;
+    Screen::Output.line(format_args!(
+        "{}: version {major}.{minor}.{build}, {} bytes, for simulated gateways only",
+        out.display(),
+        file.len()
+    ));
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn versions_are_three_numbers() {
+        let version: Version = "14.4.24079".parse().unwrap();
+        assert_eq!(version.raw(), 0x0E04_5E0F);
+        for wrong in ["", "1", "1.2", "1.2.3.4", "256.0.0", "1.2.65536", "a.b.c", "-1.0.0"] {
+            assert!(wrong.parse::<Version>().is_err(), "{wrong}");
+        }
+    }
+}
