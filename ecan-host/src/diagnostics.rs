@@ -27,6 +27,26 @@ impl Diagnostics {
         Ok(diagnostics)
     }
 
+    /// A handle on every slave of the bus, configured or not: the index of a slave is its position.
+    /// For tools that look at a bus which nobody or somebody else drives.
+    ///
+    /// Blocks while the bus is scanned.
+    ///
+    /// # Errors
+    /// The master cannot be opened or asked.
+    pub fn of_bus(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
+        let mut diagnostics = Self { master: ecrt.open_master(master_index)?, places: Vec::new() };
+        let count = diagnostics.master_state()?.slaves_responding;
+        diagnostics.places =
+            (0..count).filter_map(|at| Some((0, u16::try_from(at).ok()?))).collect();
+        Ok(diagnostics)
+    }
+
+    /// Number of slaves that it knows.
+    pub fn slave_count(&self) -> usize {
+        self.places.len()
+    }
+
     pub(crate) fn set_places(&mut self, config: &AdapterConfig) {
         self.places = config.slaves.iter().map(|s| (s.alias, s.position)).collect();
     }

@@ -62,5 +62,5 @@ pub use startup::{Expectation, StartupStep};
 
 pub use ecrt_sys::{
     Clock, Ecrt, Errno, LinkState, Master, MasterState, MonotonicClock, RequestState,
-    SlaveConfigState, WcState,
+    SlaveConfigState, SlaveInfo, WcState,
 };

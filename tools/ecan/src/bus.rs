@@ -1,0 +1,175 @@
+//! The bus that the commands look at, and which of its slaves is meant.
+
+use std::str::FromStr;
+
+use ecan_host::{Diagnostics, Error, SlaveInfo};
+use ecan_protocol::{AlState, Recognition};
+use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
+
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+use crate::output::Output;
+
+/// The slave that the user names.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SlaveChoice {
+    /// By its place in the ring, from 0.
+    Position(usize),
+    /// By its station alias.
+    Alias(u16),
+    /// By the serial number of 0xF000:07 and :08.
+    Serial(u64),
+}
+
+impl FromStr for SlaveChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let wrong = || "expected a position, alias=NUMBER or serial=NUMBER".to_owned();
+        match text.split_once('=') {
+            None => text.parse().map(Self::Position).map_err(|_| wrong()),
+            Some(("alias", number)) => {
+                let alias = crate::value::parse_unsigned(number).ok_or_else(wrong)?;
+                u16::try_from(alias).map(Self::Alias).map_err(|_| wrong())
+            }
+            Some(("serial", number)) => {
+                crate::value::parse_unsigned(number).map(Self::Serial).ok_or_else(wrong)
+            }
+            Some(_) => Err(wrong()),
+        }
+    }
+}
+
+/// A bus, looked at through a handle that reserves nothing.
+#[derive(Debug)]
+pub struct Bus {
+    diagnostics: Diagnostics,
+    choice: Option<SlaveChoice>,
+}
+
+impl Bus {
+    /// Opens the library and the master; says on standard error when they are simulated.
+    pub fn open(global: &GlobalOptions, output: &Output) -> Result<Self, Failure> {
+        let setting = EcrtSetting::resolve(global.ecrt.as_deref())?;
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open(&setting, &options)?;
+        if let Some(simulation) = &backend.simulation {
+            output.note(simulation.banner());
+        }
+        let master = |error: Error| Failure::Master(error.to_string());
+        let diagnostics = Diagnostics::of_bus(&backend.ecrt, global.master).map_err(master)?;
+        if !diagnostics.master_state().map_err(master)?.link_up {
+            let words = format!(
+                "master {} has no link: is the cable plugged in, is the first slave powered?",
+                global.master
+            );
+            return Err(Failure::Master(words));
+        }
+        Ok(Self { diagnostics, choice: global.slave })
+    }
+
+    pub fn diagnostics(&self) -> &Diagnostics {
+        &self.diagnostics
+    }
+
+    /// What the master knows of each slave.
+    pub fn slaves(&self) -> Result<Vec<SlaveInfo>, Failure> {
+        let infos = (0..self.diagnostics.slave_count()).map(|at| self.diagnostics.slave_info(at));
+        infos.collect::<Result<_, _>>().map_err(Failure::Device)
+    }
+
+    /// Whether a slave is an ECAN-Lite, by 0xF000. A slave that cannot be asked is none.
+    pub fn is_gateway(&self, slave: usize) -> bool {
+        let has_mailbox = self.diagnostics.al_state(slave).is_ok_and(|state| {
+            state.is_some_and(|state| state.has_mailbox() && state != AlState::Boot)
+        });
+        let upload = |subindex| self.diagnostics.sdo_upload_u32(slave, 0xF000, subindex);
+        has_mailbox && Recognition::read(upload).is_ok_and(|it| it.looks_like_ecan_lite())
+    }
+
+    /// The slave that the command is about: the one chosen, or the only gateway.
+    pub fn slave(&self) -> Result<usize, Failure> {
+        let count = self.diagnostics.slave_count();
+        let all = 0..count;
+        match self.choice {
+            None => self.only_gateway(),
+            Some(SlaveChoice::Position(position)) if position < count => Ok(position),
+            Some(SlaveChoice::Position(position)) => {
+                Err(Failure::Slave(format!("there is no slave {position}: {}", counted(count))))
+            }
+            Some(SlaveChoice::Alias(alias)) => {
+                let found = self.slaves()?.iter().position(|slave| slave.alias == alias);
+                found.ok_or_else(|| {
+                    Failure::Slave(format!("no slave has the alias {alias}; see `ecan scan`"))
+                })
+            }
+            Some(SlaveChoice::Serial(serial)) => {
+                let is_it = |slave: &usize| self.serial(*slave).is_ok_and(|own| own == serial);
+                all.into_iter().filter(|slave| self.is_gateway(*slave)).find(is_it).ok_or_else(
+                    || {
+                        let words = "no gateway has the serial number";
+                        Failure::Slave(format!("{words} {serial}; see `ecan scan`"))
+                    },
+                )
+            }
+        }
+    }
+
+    fn only_gateway(&self) -> Result<usize, Failure> {
+        let count = self.diagnostics.slave_count();
+        let gateways: Vec<_> = (0..count).filter(|slave| self.is_gateway(*slave)).collect();
+        match gateways[..] {
+            [only] => Ok(only),
+            [] if count == 0 => Err(Failure::Slave("no slave answers on the bus".to_owned())),
+            [] => Err(Failure::Slave(format!(
+                "none of the {count} slaves shows itself as an ECAN-Lite; choose one with --slave"
+            ))),
+            [..] => {
+                let places: Vec<_> = gateways.iter().map(ToString::to_string).collect();
+                let words = "there are several gateways; choose one with --slave, of";
+                Err(Failure::Slave(format!("{words} {}", places.join(", "))))
+            }
+        }
+    }
+
+    /// Serial number of a gateway.
+    pub fn serial(&self, slave: usize) -> Result<u64, Failure> {
+        let half = |subindex| {
+            let value = self.diagnostics.sdo_upload_u32(slave, 0xF000, subindex);
+            value.map(u64::from).map_err(Failure::Device)
+        };
+        Ok(half(7)? | half(8)? << 32)
+    }
+
+    /// A text object; empty where the slave does not have it.
+    pub fn text(&self, slave: usize, index: u16) -> String {
+        let mut bytes = [0; 64];
+        let length = self.diagnostics.sdo_upload(slave, index, 0, &mut bytes).unwrap_or(0);
+        let text = String::from_utf8_lossy(bytes.get(..length).unwrap_or_default());
+        text.trim_end_matches('\0').to_owned()
+    }
+}
+
+fn counted(slaves: usize) -> String {
+    match slaves {
+        0 => "no slave answers".to_owned(),
+        1 => "there is only slave 0".to_owned(),
+        more => format!("there are slaves 0 to {}", more - 1),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slaves_are_chosen_by_position_alias_or_serial_number() {
+        let parse = |text: &str| text.parse::<SlaveChoice>();
+        assert_eq!(parse("3"), Ok(SlaveChoice::Position(3)));
+        assert_eq!(parse("alias=0x1001"), Ok(SlaveChoice::Alias(0x1001)));
+        assert_eq!(parse("serial=4294967297"), Ok(SlaveChoice::Serial(0x1_0000_0001)));
+        for wrong in ["", "-1", "alias=", "alias=65536", "name=x", "0x"] {
+            assert!(parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

@@ -1,0 +1,35 @@
+//! The commands, a file each.
+
+pub mod caps;
+pub mod info;
+pub mod man;
+pub mod scan;
+pub mod sdo;
+
+use std::path::PathBuf;
+
+use clap::Subcommand;
+use clap_complete::Shell;
+
+/// What to do.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// List the slaves of the bus: state, identity, versions, serial number
+    Scan,
+    /// Tell about one gateway: identity, versions, state, profiles, channels
+    Info,
+    /// Tell in words what a gateway can do (0xF000, manual 13.8)
+    Caps,
+    /// Read, write and list objects, by number or by the manual's names
+    Sdo(sdo::SdoArguments),
+    /// Print a completion script for a shell
+    Completions {
+        /// Which shell
+        shell: Shell,
+    },
+    /// Write the manual pages
+    Man {
+        /// Directory for the pages
+        directory: PathBuf,
+    },
+}

@@ -1,0 +1,84 @@
+//! `ecan scan`: the slaves of the bus.
+
+use std::io::Write;
+
+use ecan_protocol::AlState;
+use serde::Serialize;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+use crate::output::{Output, Tone};
+use crate::table;
+
+/// A slave of the bus.
+#[derive(Debug, Serialize)]
+struct Found {
+    position: u16,
+    alias: u16,
+    state: String,
+    has_error: bool,
+    name: String,
+    vendor_id: u32,
+    product_code: u32,
+    revision: u32,
+    is_gateway: bool,
+    serial: Option<u64>,
+    firmware: Option<String>,
+    hardware: Option<String>,
+}
+
+pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
+    let bus = Bus::open(global, output)?;
+    let mut found = Vec::new();
+    for (slave, info) in bus.slaves()?.into_iter().enumerate() {
+        let is_gateway = bus.is_gateway(slave);
+        let text = |index| is_gateway.then(|| bus.text(slave, index));
+        let state = AlState::from_status(info.al_state.into());
+        found.push(Found {
+            position: info.position,
+            alias: info.alias,
+            state: state.map_or_else(|| format!("{:#04x}", info.al_state), |it| it.to_string()),
+            has_error: info.error_flag,
+            vendor_id: info.vendor_id,
+            product_code: info.product_code,
+            revision: info.revision_number,
+            is_gateway,
+            serial: if is_gateway { Some(bus.serial(slave)?) } else { None },
+            firmware: text(0x100A),
+            hardware: text(0x1009),
+            name: info.name,
+        });
+    }
+    output.data(&found, |out| print(&found, output, out))
+}
+
+fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
+    if found.is_empty() {
+        return writeln!(out, "no slave answers on the bus");
+    }
+    let heads = ["POS", "ALIAS", "STATE", "NAME", "FIRMWARE", "HARDWARE", "SERIAL", "IDENTITY"];
+    let mut rows = vec![heads.map(str::to_owned)];
+    let or_dash = |text: Option<String>| text.unwrap_or_else(|| "-".to_owned());
+    for slave in found {
+        rows.push([
+            slave.position.to_string(),
+            if slave.alias == 0 { "-".to_owned() } else { slave.alias.to_string() },
+            format!("{}{}", slave.state, if slave.has_error { " E" } else { "" }),
+            slave.name.clone(),
+            or_dash(slave.firmware.clone()),
+            or_dash(slave.hardware.clone()),
+            or_dash(slave.serial.map(|serial| serial.to_string())),
+            format!(
+                "0x{:08X} 0x{:08X} 0x{:08X}",
+                slave.vendor_id, slave.product_code, slave.revision
+            ),
+        ]);
+    }
+    table::print(out, &rows)?;
+    if found.iter().any(|slave| slave.has_error) {
+        let words = "E: the master met an error with this slave and holds it in its state";
+        writeln!(out, "{}", output.toned(Tone::Bad, words))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,265 @@
+//! `ecan sdo`: objects, by number or by name.
+
+use std::io::Write;
+
+use clap::{Args, Subcommand, ValueEnum};
+use ecan_protocol::{Access, Entry, Object, ObjectType, describe, object, objects};
+use serde::Serialize;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+use crate::object_path::ObjectPath;
+use crate::output::Output;
+use crate::table;
+use crate::value::{Value, encode};
+
+/// Objects of a slave.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+An object is INDEX:SUBINDEX, or OBJECT:ENTRY by the manual's names, of which a part is enough;
+OBJECT@N is one of a family.
+  ecan sdo read 0x8010:3
+  ecan sdo read 'device objects:serial number low'
+  ecan sdo write 'device maintenance:access mode request' engineering
+  ecan sdo list 'channel config@0'")]
+pub struct SdoArguments {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Read an object
+    Read {
+        /// The object
+        object: ObjectPath,
+    },
+    /// Write an object; words of the table are taken for their numbers
+    Write {
+        /// The object
+        object: ObjectPath,
+        /// The value
+        value: String,
+        /// Its type, for an object that is not in the table
+        #[arg(long = "type", value_enum)]
+        ty: Option<Type>,
+    },
+    /// List objects; with one, its entries with their values
+    List {
+        /// An object, or a part of its name; all if left out
+        object: Option<String>,
+        /// Leave the values out: nothing is read
+        #[arg(long)]
+        names: bool,
+    },
+}
+
+/// Types to write.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Type {
+    U8,
+    U16,
+    U32,
+    I32,
+    String,
+}
+
+impl From<Type> for ObjectType {
+    fn from(ty: Type) -> Self {
+        match ty {
+            Type::U8 => Self::U8,
+            Type::U16 => Self::U16,
+            Type::U32 => Self::U32,
+            Type::I32 => Self::I32,
+            Type::String => Self::VisibleString,
+        }
+    }
+}
+
+/// A value that was read.
+#[derive(Debug, Serialize)]
+struct Read {
+    index: u16,
+    subindex: u8,
+    name: Option<&'static str>,
+    bytes: Vec<u8>,
+    text: String,
+    meaning: Option<String>,
+}
+
+/// An object of the table.
+#[derive(Debug, Serialize)]
+struct Listed {
+    index: u16,
+    count: u16,
+    name: &'static str,
+    chapter: &'static str,
+}
+
+pub fn run(
+    arguments: &SdoArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    match &arguments.action {
+        Action::Read { object } => {
+            let bus = Bus::open(global, output)?;
+            let read = read(&bus, bus.slave()?, *object)?;
+            output.data(&read, |out| print_read(&read, out))
+        }
+        Action::Write { object, value, ty } => write(*object, value, *ty, global, output),
+        Action::List { object: None, .. } => list_objects(objects(), output),
+        Action::List { object: Some(name), names } => list(name, *names, global, output),
+    }
+}
+
+fn entry_of(path: ObjectPath) -> Option<&'static Entry> {
+    object(path.index).and_then(|object| object.entry(path.subindex))
+}
+
+fn read(bus: &Bus, slave: usize, path: ObjectPath) -> Result<Read, Failure> {
+    let ObjectPath { index, subindex } = path;
+    let mut data = [0; 1024];
+    let upload = bus.diagnostics().sdo_upload(slave, index, subindex, &mut data);
+    let length = upload.map_err(Failure::Device)?;
+    let bytes = data.get(..length).unwrap_or_default().to_vec();
+    let entry = entry_of(path);
+    let value = Value::of(&bytes, entry);
+    let (text, meaning) = (value.text(entry), value.meaning(entry));
+    Ok(Read { index, subindex, name: entry.map(|entry| entry.name), bytes, text, meaning })
+}
+
+fn print_read(read: &Read, out: &mut dyn Write) -> std::io::Result<()> {
+    write!(out, "{} = {}", describe(read.index, read.subindex), read.text)?;
+    match &read.meaning {
+        Some(meaning) => writeln!(out, ": {meaning}"),
+        None => writeln!(out),
+    }
+}
+
+fn write(
+    path: ObjectPath,
+    text: &str,
+    ty: Option<Type>,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    let data = encode(text, entry_of(path), ty.map(Into::into)).map_err(Failure::Usage)?;
+    let bus = Bus::open(global, output)?;
+    let slave = bus.slave()?;
+    let ObjectPath { index, subindex } = path;
+    bus.diagnostics().sdo_download(slave, index, subindex, &data).map_err(Failure::Device)
+}
+
+fn list_objects(objects: &[&'static Object], output: &Output) -> Result<(), Failure> {
+    let listed: Vec<_> = objects
+        .iter()
+        .map(|object| Listed {
+            index: object.first,
+            count: object.count,
+            name: object.name,
+            chapter: object.chapter,
+        })
+        .collect();
+    output.data(&listed, |out| {
+        let rows: Vec<_> = listed
+            .iter()
+            .map(|it| {
+                let family =
+                    if it.count > 1 { format!("@0..@{}", it.count - 1) } else { String::new() };
+                [format!("0x{:04X}", it.index), it.name.to_owned(), family, it.chapter.to_owned()]
+            })
+            .collect();
+        table::print(out, &rows)
+    })
+}
+
+/// One object with its entries, or the objects whose names have this part.
+fn list(name: &str, names: bool, global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
+    let path: ObjectPath = match name.parse() {
+        Ok(path) => path,
+        Err(reason) => {
+            let wanted = name.to_lowercase();
+            let is_like = |it: &&&Object| it.name.to_lowercase().contains(&wanted);
+            let found: Vec<_> = objects().iter().filter(is_like).copied().collect();
+            return match found.is_empty() {
+                true => Err(Failure::Usage(reason)),
+                false => list_objects(&found, output),
+            };
+        }
+    };
+    let Some(known) = object(path.index) else {
+        return Err(Failure::Usage(format!("0x{:04X} is not in the table", path.index)));
+    };
+    if names {
+        return list_entries(path.index, known, output);
+    }
+    let bus = Bus::open(global, output)?;
+    let slave = bus.slave()?;
+    let readable = known.entries.iter().filter(|entry| entry.access.can_read());
+    let values: Result<Vec<_>, _> = readable
+        .map(|entry| read(&bus, slave, ObjectPath { index: path.index, subindex: entry.subindex }))
+        .collect();
+    let values = values?;
+    output.data(&values, |out| {
+        writeln!(out, "{}", heading(path.index, known))?;
+        let rows: Vec<_> = values
+            .iter()
+            .map(|it| {
+                let name = it.name.unwrap_or_default().to_owned();
+                let meaning = it.meaning.clone().unwrap_or_default();
+                [format!(":{:02}", it.subindex), name, it.text.clone(), meaning]
+            })
+            .collect();
+        table::print(out, &rows)
+    })
+}
+
+fn heading(index: u16, object: &Object) -> String {
+    format!("0x{index:04X} {} (manual {})", object.name, object.chapter)
+}
+
+/// An entry of the table.
+#[derive(Debug, Serialize)]
+struct ListedEntry {
+    subindex: u8,
+    name: &'static str,
+    ty: String,
+    access: &'static str,
+    unit: Option<&'static str>,
+    values: Vec<(u32, &'static str)>,
+    bits: Vec<(u8, &'static str)>,
+}
+
+fn list_entries(index: u16, object: &Object, output: &Output) -> Result<(), Failure> {
+    let listed = |entry: &Entry| ListedEntry {
+        subindex: entry.subindex,
+        name: entry.name,
+        ty: format!("{:?}", entry.ty),
+        access: match entry.access {
+            Access::Ro => "ro",
+            Access::Rw => "rw",
+            Access::Wo => "wo",
+        },
+        unit: entry.unit,
+        values: entry.values.to_vec(),
+        bits: entry.bits.to_vec(),
+    };
+    let entries: Vec<_> = object.entries.iter().map(listed).collect();
+    output.data(&entries, |out| {
+        writeln!(out, "{}", heading(index, object))?;
+        let rows: Vec<_> = entries
+            .iter()
+            .map(|it| {
+                let values = it.values.iter().map(|(number, word)| format!("{number} {word}"));
+                let bits = it.bits.iter().map(|(bit, word)| format!("bit {bit} {word}"));
+                let unit = it.unit.map(|unit| format!("in {unit}"));
+                let words: Vec<_> = unit.into_iter().chain(values).chain(bits).collect();
+                let (access, subindex) = (it.access.to_owned(), format!(":{:02}", it.subindex));
+                [subindex, it.ty.clone(), access, it.name.to_owned(), words.join(", ")]
+            })
+            .collect();
+        table::print(out, &rows)
+    })
+}

@@ -1,0 +1,69 @@
+//! Why a command failed, and the exit status that says so.
+
+use std::path::PathBuf;
+
+use ecan_sim::BackendError;
+use thiserror::Error;
+
+/// Why a command failed.
+#[derive(Debug, Error)]
+pub enum Failure {
+    /// Something was looked at and is amiss; it was printed already.
+    #[error("something is amiss, see above")]
+    Amiss,
+    /// An argument that only the program can judge.
+    #[error("{0}")]
+    Usage(String),
+    /// There is no library.
+    #[error("{0}")]
+    Library(#[from] BackendError),
+    /// There is no master, or it cannot be asked.
+    #[error("{0}")]
+    Master(String),
+    /// No slave, or none chosen.
+    #[error("{0}")]
+    Slave(String),
+    /// A slave refused, or did not answer.
+    #[error("{0}")]
+    Device(ecan_host::Error),
+    /// A file.
+    #[error("cannot {what} {}: {reason}", path.display())]
+    File {
+        /// What was tried: read, write.
+        what: &'static str,
+        /// Which.
+        path: PathBuf,
+        /// Why it failed.
+        reason: String,
+    },
+    /// Standard output cannot be written.
+    #[error("cannot write the output: {0}")]
+    Output(std::io::Error),
+    /// The reader of standard output went away.
+    #[error("the reader of the output went away")]
+    ReaderGone,
+}
+
+impl Failure {
+    /// The exit status, see [`crate::global::EXIT_STATUS`].
+    pub fn status(&self) -> u8 {
+        match self {
+            Self::ReaderGone => 0,
+            Self::Amiss => 1,
+            Self::Usage(_) => 2,
+            Self::Library(_) | Self::Master(_) => 3,
+            Self::Slave(_) => 4,
+            Self::Device(_) => 5,
+            Self::File { .. } | Self::Output(_) => 6,
+        }
+    }
+}
+
+impl From<std::io::Error> for Failure {
+    fn from(error: std::io::Error) -> Self {
+        match error.kind() {
+            std::io::ErrorKind::BrokenPipe => Self::ReaderGone,
+            _ => Self::Output(error),
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! Options that every command has.
+
+use clap::{Args, ValueEnum};
+
+use crate::bus::SlaveChoice;
+
+/// What the exit status says, for the end of the help.
+pub const EXIT_STATUS: &str = "\
+Exit status:
+  0  done, and nothing amiss
+  1  looked, and something is amiss (a difference, a fault)
+  2  wrong use of the program
+  3  no EtherCAT master: library, module, permission, no link
+  4  no such slave, or several and none chosen
+  5  a slave refused or did not answer
+  6  a file cannot be read, written or understood
+
+Without hardware: ecan --ecrt sim scan";
+
+/// When to use colours.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Color {
+    /// On a terminal, unless NO_COLOR is set
+    #[default]
+    Auto,
+    /// Always
+    Always,
+    /// Never
+    Never,
+}
+
+/// Options of every command.
+#[derive(Debug, Args)]
+pub struct GlobalOptions {
+    /// EtherCAT library: a path, or sim, sim:echo, sim:drives, sim:FILE.toml for a simulated master;
+    /// otherwise ECAN_ECRT, otherwise libethercat.so.1
+    #[arg(long, global = true, value_name = "LIBRARY")]
+    pub ecrt: Option<String>,
+    /// Master of the library
+    #[arg(long, global = true, default_value_t = 0, value_name = "N")]
+    pub master: u32,
+    /// Slave: its position, alias=N or serial=N; needed only where there are several gateways
+    #[arg(long, global = true, value_name = "SLAVE")]
+    pub slave: Option<SlaveChoice>,
+    /// Print JSON
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Colours
+    #[arg(long, global = true, value_enum, default_value_t = Color::Auto, value_name = "WHEN")]
+    pub color: Color,
+}

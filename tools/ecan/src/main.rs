@@ -1,0 +1,61 @@
+//! The program `ecan`: bring-up, diagnosis and maintenance of ECAN-Lite gateways.
+//!
+//! ```text
+//! ecan --ecrt sim scan
+//! ecan --slave 0 sdo read 0x8010:3
+//! ```
+#![forbid(unsafe_code)]
+
+mod bus;
+mod commands;
+mod failure;
+mod global;
+mod object_path;
+mod output;
+mod table;
+mod value;
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser};
+
+use commands::Command;
+use failure::Failure;
+use global::GlobalOptions;
+use output::Output;
+
+/// Bring-up, diagnosis and maintenance of ECAN-Lite gateways.
+#[derive(Debug, Parser)]
+#[command(name = "ecan", version, after_help = global::EXIT_STATUS)]
+struct Arguments {
+    #[command(flatten)]
+    global: GlobalOptions,
+    #[command(subcommand)]
+    command: Command,
+}
+
+fn main() -> ExitCode {
+    let Arguments { global, command } = Arguments::parse();
+    let output = Output::new(global.json, global.color);
+    let outcome = match &command {
+        Command::Scan => commands::scan::run(&global, &output),
+        Command::Info => commands::info::run(&global, &output),
+        Command::Caps => commands::caps::run(&global, &output),
+        Command::Sdo(arguments) => commands::sdo::run(arguments, &global, &output),
+        Command::Completions { shell } => {
+            let mut script = Vec::new();
+            clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);
+            output.bytes(&script)
+        }
+        Command::Man { directory } => commands::man::run(&Arguments::command(), directory, &output),
+    };
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        // Whoever read it has had enough.
+        Err(Failure::ReaderGone) => ExitCode::SUCCESS,
+        Err(failure) => {
+            output.failure(&failure);
+            ExitCode::from(failure.status())
+        }
+    }
+}

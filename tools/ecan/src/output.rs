@@ -1,0 +1,92 @@
+//! What the program prints: text for people, or JSON for programs.
+
+use std::io::{IsTerminal, Write};
+
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::global::Color;
+
+/// Where and how to print.
+#[derive(Clone, Copy, Debug)]
+pub struct Output {
+    json: bool,
+    color: bool,
+}
+
+/// A colour that says something.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tone {
+    /// As it should be.
+    Good,
+    /// To be looked at.
+    Warning,
+    /// Wrong.
+    Bad,
+    /// Beside the point.
+    Faint,
+}
+
+impl Output {
+    pub fn new(json: bool, color: Color) -> Self {
+        let is_wanted = match color {
+            Color::Always => true,
+            Color::Never => false,
+            Color::Auto => {
+                std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none()
+            }
+        };
+        Self { json, color: is_wanted && !json }
+    }
+
+    /// Standard output.
+    pub fn stream(&self) -> impl Write + use<> {
+        std::io::stdout().lock()
+    }
+
+    /// A text in a colour, where there are colours.
+    pub fn toned(&self, tone: Tone, text: impl std::fmt::Display) -> String {
+        let code = match tone {
+            Tone::Good => 32,
+            Tone::Warning => 33,
+            Tone::Bad => 31,
+            Tone::Faint => 2,
+        };
+        if self.color { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_string() }
+    }
+
+    /// Prints data: as JSON where it is wanted, else by `text`.
+    pub fn data<T: Serialize>(
+        &self,
+        data: &T,
+        text: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+    ) -> Result<(), Failure> {
+        let mut stream = self.stream();
+        if self.json {
+            serde_json::to_writer_pretty(&mut stream, data).map_err(std::io::Error::from)?;
+            writeln!(stream)?;
+        } else {
+            text(&mut stream)?;
+        }
+        stream.flush()?;
+        Ok(())
+    }
+
+    /// Prints bytes as they are.
+    pub fn bytes(&self, bytes: &[u8]) -> Result<(), Failure> {
+        let mut stream = self.stream();
+        stream.write_all(bytes)?;
+        stream.flush()?;
+        Ok(())
+    }
+
+    /// A line beside the data, on standard error.
+    pub fn note(&self, text: impl std::fmt::Display) {
+        let _ = writeln!(std::io::stderr(), "{text}");
+    }
+
+    /// Why the program fails, on standard error.
+    pub fn failure(&self, failure: &Failure) {
+        self.note(format_args!("ecan: {failure}"));
+    }
+}

@@ -1,0 +1,158 @@
+//! Values of objects: from text to bytes and back, with units and meanings.
+
+use ecan_protocol::{Entry, ObjectType};
+
+/// A number without sign, in decimal or with 0x in hexadecimal.
+pub fn parse_unsigned(text: &str) -> Option<u64> {
+    match text.strip_prefix("0x").or_else(|| text.strip_prefix("0X")) {
+        Some(digits) => u64::from_str_radix(digits, 16).ok(),
+        None => text.parse().ok(),
+    }
+}
+
+/// A value as the device gave it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Value {
+    Unsigned(u64),
+    Signed(i64),
+    Text(String),
+    Bytes(Vec<u8>),
+}
+
+impl Value {
+    /// Bytes of a known entry, or of one that is not in the table.
+    pub fn of(bytes: &[u8], entry: Option<&Entry>) -> Self {
+        let mut number = [0; 8];
+        let is_number = bytes.len() <= number.len() && !bytes.is_empty();
+        match entry.map(|entry| entry.ty) {
+            Some(ObjectType::VisibleString) => {
+                let text = String::from_utf8_lossy(bytes);
+                Self::Text(text.trim_end_matches('\0').to_owned())
+            }
+            Some(ObjectType::String16) => Self::Bytes(bytes.to_vec()),
+            ty if is_number => {
+                number[..bytes.len()].copy_from_slice(bytes);
+                let value = u64::from_le_bytes(number);
+                match ty {
+                    Some(ObjectType::I32) => Self::Signed((value as u32 as i32).into()),
+                    _ => Self::Unsigned(value),
+                }
+            }
+            _ => Self::Bytes(bytes.to_vec()),
+        }
+    }
+
+    /// The value as text, with its unit.
+    pub fn text(&self, entry: Option<&Entry>) -> String {
+        let unit = entry.and_then(|entry| entry.unit).map_or_else(String::new, |unit| {
+            // A unit such as "128 bytes" is a factor.
+            let factor = if unit.starts_with(|c: char| c.is_ascii_digit()) { "x " } else { "" };
+            format!(" {factor}{unit}")
+        });
+        match self {
+            Self::Unsigned(value) if *value > 9 => format!("{value}{unit} (0x{value:X})"),
+            Self::Unsigned(value) => format!("{value}{unit}"),
+            Self::Signed(value) => format!("{value}{unit}"),
+            Self::Text(text) => format!("\"{text}\""),
+            Self::Bytes(bytes) => {
+                let bytes: Vec<_> = bytes.iter().map(|byte| format!("{byte:02x}")).collect();
+                bytes.join(" ")
+            }
+        }
+    }
+
+    /// What the value means by the table: a word for it, or the bits that are set.
+    pub fn meaning(&self, entry: Option<&Entry>) -> Option<String> {
+        let (Self::Unsigned(value), Some(entry)) = (self, entry) else { return None };
+        let value = u32::try_from(*value).ok()?;
+        if let Some((_, word)) = entry.values.iter().find(|(number, _)| *number == value) {
+            return Some((*word).to_owned());
+        }
+        let bits: Vec<_> = entry
+            .bits
+            .iter()
+            .filter(|(bit, _)| value.checked_shr((*bit).into()).is_some_and(|it| it & 1 == 1))
+            .map(|(_, word)| *word)
+            .collect();
+        (!bits.is_empty()).then(|| bits.join(", "))
+    }
+}
+
+/// The bytes to write for a text.
+pub fn encode(
+    text: &str,
+    entry: Option<&Entry>,
+    ty: Option<ObjectType>,
+) -> Result<Vec<u8>, String> {
+    let Some(ty) = ty.or(entry.map(|entry| entry.ty)) else {
+        return Err("the object is not in the table: say its type with --type".to_owned());
+    };
+    match ty {
+        ObjectType::VisibleString => Ok(text.as_bytes().to_vec()),
+        ObjectType::String16 => {
+            Err("units of the process image are not written by name".to_owned())
+        }
+        ObjectType::I32 => {
+            let value: i32 = text.parse().map_err(|_| format!("\"{text}\" is no whole number"))?;
+            Ok(value.to_le_bytes().to_vec())
+        }
+        ObjectType::U8 | ObjectType::U16 | ObjectType::U32 => {
+            let word = entry.and_then(|entry| {
+                let is_it = |(_, word): &&(u32, &str)| word.eq_ignore_ascii_case(text);
+                entry.values.iter().find(is_it).map(|(number, _)| u64::from(*number))
+            });
+            let value = parse_unsigned(text).or(word).ok_or_else(|| {
+                let words: Vec<_> =
+                    entry.iter().flat_map(|it| it.values).map(|(_, word)| *word).collect();
+                match &words[..] {
+                    [] => format!("\"{text}\" is no number"),
+                    words => format!("\"{text}\" is no number, and none of {}", words.join(", ")),
+                }
+            })?;
+            let bytes = ty.size_bytes().unwrap_or(4);
+            if value > u64::from(ty.max_value()) {
+                return Err(format!("{value} is more than {} bytes hold", bytes));
+            }
+            Ok(value.to_le_bytes().get(..bytes).unwrap_or_default().to_vec())
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn entry(index: u16, subindex: u8) -> &'static Entry {
+        ecan_protocol::object(index).unwrap().entry(subindex).unwrap()
+    }
+
+    #[test]
+    fn values_have_units_and_meanings() {
+        let mode = entry(0xB000, 1);
+        let value = Value::of(&[1], Some(mode));
+        assert_eq!(
+            (value.text(Some(mode)), value.meaning(Some(mode))),
+            ("1".into(), Some("engineering".into()))
+        );
+        let flags = entry(0xB000, 6);
+        let value = Value::of(&[0x50, 0], Some(flags));
+        assert_eq!(value.meaning(Some(flags)).unwrap(), "TX_RING_DROP, SCHED_LATE_DROP");
+        let timeout = entry(0xB000, 3);
+        assert_eq!(Value::of(&[60, 0], Some(timeout)).text(Some(timeout)), "60 s (0x3C)");
+        let phase = entry(0x9011, 4);
+        assert_eq!(Value::of(&[0xFE, 0xFF, 0xFF, 0xFF], Some(phase)), Value::Signed(-2));
+        assert_eq!(Value::of(b"1.2\0", Some(entry(0x100A, 0))).text(None), "\"1.2\"");
+        assert_eq!(Value::of(&[0; 9], None).text(None), "00 00 00 00 00 00 00 00 00");
+    }
+
+    #[test]
+    fn words_and_numbers_are_written() {
+        let mode = Some(entry(0xB000, 1));
+        assert_eq!(encode("factory", mode, None), Ok(vec![2]));
+        assert_eq!(encode("0x2", mode, None), Ok(vec![2]));
+        assert!(encode("off", mode, None).unwrap_err().contains("none of run, engineering"));
+        assert!(encode("256", mode, None).unwrap_err().contains("more than 1 bytes"));
+        assert!(encode("1", None, None).unwrap_err().contains("--type"));
+        assert_eq!(encode("1", None, Some(ObjectType::U16)), Ok(vec![1, 0]));
+    }
+}

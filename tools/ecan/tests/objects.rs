@@ -1,0 +1,96 @@
+//! `scan`, `info`, `caps` and `sdo`, used and misused.
+#![allow(missing_docs)]
+
+mod support;
+
+use support::{fails, good, simulated, two_gateways};
+
+#[test]
+fn slaves_are_listed() {
+    let expected = "\
+POS  ALIAS  STATE  NAME       FIRMWARE  HARDWARE  SERIAL      IDENTITY
+0    -      PREOP  ECAN-Lite  2.2.1     1         4294967297  0x00004543 0x4C495445 0x00020002
+";
+    assert_eq!(simulated(&["scan"]), expected);
+    let json: serde_json::Value = serde_json::from_str(&simulated(&["scan", "--json"])).unwrap();
+    assert_eq!(json[0]["serial"], 4_294_967_297_u64);
+    assert_eq!(json[0]["is_gateway"], true);
+}
+
+#[test]
+fn a_gateway_tells_about_itself() {
+    let info = simulated(&["info"]);
+    assert!(info.starts_with("slave     0, PREOP\nname      ECAN-Lite\n"), "{info}");
+    assert!(info.contains("CAN3      500 / 5000 kbit/s FD  disabled"), "{info}");
+    let capabilities = simulated(&["caps"]);
+    assert!(capabilities.contains(":13  Max PDO bytes                 3072 bytes (0xC00)\n"));
+    assert!(capabilities.contains("FoE firmware update, configuration persistence, access levels"));
+}
+
+#[test]
+fn objects_are_read_by_number_and_by_name() {
+    let expected = "0x8010:03 (TxPDO Profile Control, PDO size multiplier) = 8 x 128 bytes\n";
+    assert_eq!(simulated(&["sdo", "read", "0x8010:3"]), expected);
+    let name = "txpdo profile control:pdo size multiplier";
+    assert_eq!(simulated(&["sdo", "read", name]), expected);
+    assert_eq!(
+        simulated(&["sdo", "read", "0xB000:1"]),
+        "0xB000:01 (Device Maintenance, Access mode request) = 0: run\n"
+    );
+    assert_eq!(simulated(&["sdo", "write", "0xB000:1", "factory"]), "");
+    let listed = simulated(&["sdo", "list", "maintenance"]);
+    assert!(listed.starts_with("0xB000 Device Maintenance (manual 13.7)\n"), "{listed}");
+    assert!(listed.contains(":05  Maintenance status             0                        OK\n"));
+    // No master is needed for names alone.
+    assert!(good(&["sdo", "list"]).contains("0x8001  MCAN Channel Config"));
+    assert!(good(&["sdo", "list", "0xB000", "--names"]).contains("1 engineering, 2 factory"));
+}
+
+#[test]
+fn of_several_gateways_one_is_chosen() {
+    let file = two_gateways();
+    let setting = format!("sim:{}", file.path().display());
+    fn on<'a>(setting: &'a str, choice: &[&'a str]) -> Vec<&'a str> {
+        [&["--ecrt", setting][..], choice].concat()
+    }
+    let message = fails(4, &on(&setting, &["info"]));
+    assert!(message.contains("several gateways; choose one with --slave, of 0, 1"), "{message}");
+    for choice in ["1", "alias=7", "serial=4294967298"] {
+        let info = good(&on(&setting, &["info", "--slave", choice]));
+        assert!(info.starts_with("slave     1, alias 7, PREOP\n"), "{info}");
+    }
+    let message = fails(4, &on(&setting, &["info", "--slave", "2"]));
+    assert!(message.contains("there is no slave 2: there are slaves 0 to 1"), "{message}");
+    assert!(
+        fails(4, &on(&setting, &["info", "--slave", "alias=8"]))
+            .contains("no slave has the alias 8")
+    );
+    assert!(fails(4, &on(&setting, &["info", "--slave", "serial=9"])).contains("serial number 9"));
+}
+
+#[test]
+fn wrong_use_is_named_and_told_by_the_status() {
+    let cases: [(i32, &[&str], &str); 12] = [
+        (2, &[], "Usage"),
+        (2, &["scans"], "unrecognized subcommand"),
+        (2, &["sdo", "read", "nonsense"], "no object is called \"nonsense\""),
+        (2, &["sdo", "read", "0x8010:nonsense"], "has no entry"),
+        (2, &["sdo", "write", "0xB000:1", "off"], "none of run, engineering, factory"),
+        (2, &["sdo", "write", "0x5000:1", "1"], "--type"),
+        (2, &["--slave", "first", "info"], "expected a position"),
+        (2, &["--ecrt", "sim", "sdo", "list", "0x5000"], "not in the table"),
+        (3, &["scan"], "libethercat.so.1"),
+        (3, &["--ecrt", "sim:none", "scan"], "there is no scenario \"none\""),
+        (5, &["--ecrt", "sim", "sdo", "read", "0x5000:1"], "0x06020000 object does not exist"),
+        (5, &["--ecrt", "sim", "sdo", "write", "0xF000:2", "1"], "read-only"),
+    ];
+    for (status, arguments, words) in cases {
+        let message = fails(status, arguments);
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let missing = directory.path().join("none");
+    let message = fails(6, &["man", missing.to_str().unwrap()]);
+    assert!(message.contains("cannot write the manual pages to"), "{message}");
+    assert!(good(&["completions", "bash"]).contains("_ecan()"));
+}
