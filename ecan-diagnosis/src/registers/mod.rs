@@ -1,0 +1,29 @@
+//! The MCAN registers behind 0x9000..0x9003 and 0xA000..0xA003 in words (manual 13.5, 13.6).
+//!
+//! The manual names the registers; their bits are those of the Bosch M_CAN core.
+
+mod catalogue;
+mod error_counters;
+mod fifos;
+mod interrupts;
+mod protocol_status;
+
+pub use catalogue::{REGISTERS, Register, register, register_named};
+pub use error_counters::ErrorCounters;
+pub use fifos::{EventFifoStatus, HighPriorityStatus, ReceiveFifoStatus, TransmitQueueStatus};
+pub use interrupts::{INTERRUPTS, Interrupts};
+pub use protocol_status::{Activity, LastErrorCode, ProtocolStatus};
+
+/// A register's value in words; `None` for one whose bits are not told here.
+pub fn words(offset: u16, value: u32) -> Option<String> {
+    Some(match offset {
+        0x0040 => ErrorCounters::from_raw(value).to_string(),
+        0x0044 => ProtocolStatus::from_raw(value).to_string(),
+        0x0050 => Interrupts(value).to_string(),
+        0x0094 => HighPriorityStatus::from_raw(value).to_string(),
+        0x00A4 | 0x00B4 => ReceiveFifoStatus::from_raw(value).to_string(),
+        0x00C4 => TransmitQueueStatus::from_raw(value).to_string(),
+        0x00F4 => EventFifoStatus::from_raw(value).to_string(),
+        _ => return None,
+    })
+}

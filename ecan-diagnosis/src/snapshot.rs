@@ -1,0 +1,191 @@
+//! Everything that was read of a gateway, as plain data that a file can hold.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::str::FromStr;
+
+use ecan_protocol::{AlState, AlStatusCode, object};
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+/// An entry of the object dictionary; as text `0x8010:02`, the subindex in decimal as in the
+/// manual.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct ObjectKey {
+    /// Index.
+    pub index: u16,
+    /// Subindex.
+    pub subindex: u8,
+}
+
+impl fmt::Display for ObjectKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "0x{:04X}:{:02}", self.index, self.subindex)
+    }
+}
+
+impl FromStr for ObjectKey {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let parts = text.strip_prefix("0x").and_then(|rest| rest.split_once(':'));
+        let key = parts.and_then(|(index, subindex)| {
+            let index = u16::from_str_radix(index, 16).ok()?;
+            Some(Self { index, subindex: subindex.parse().ok()? })
+        });
+        key.ok_or_else(|| format!("\"{text}\" is no object, expected one like 0x8010:02"))
+    }
+}
+
+impl Serialize for ObjectKey {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.collect_str(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for ObjectKey {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        String::deserialize(deserializer)?.parse().map_err(serde::de::Error::custom)
+    }
+}
+
+/// Why an entry could not be read.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum ReadError {
+    /// The gateway refused this entry; others may be read.
+    Refused(String),
+    /// The gateway did not answer; there is no sense in asking on.
+    Silent(String),
+}
+
+/// How much is read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depth {
+    /// What findings are made of, some 300 entries.
+    Findings,
+    /// Besides, the whole configuration of the channels and the capabilities, some 600 entries.
+    Everything,
+}
+
+/// What was read of one gateway.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Snapshot {
+    /// Place in the ring, from 0.
+    pub position: u16,
+    /// AL state as the master last saw it: 1 INIT, 2 PREOP, 3 BOOT, 4 SAFEOP, 8 OP; bit 4 marks an
+    /// error. 0 where it is not known.
+    pub al_state: u8,
+    /// Whether the master met an error with the slave and holds it where it is.
+    pub has_error_flag: bool,
+    /// AL status code, ESC register 0x0134; none where it could not be read.
+    pub al_status_code: Option<u16>,
+    /// Values by object.
+    pub values: BTreeMap<ObjectKey, u32>,
+    /// Entries that the gateway refused, and why.
+    pub refused: BTreeMap<ObjectKey, String>,
+    /// Why reading ended early, if it did.
+    pub silence: Option<String>,
+}
+
+/// Objects that findings are made of.
+const FINDING_OBJECTS: [u16; 22] = [
+    0x1C12, 0x1C13, 0x8000, 0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022,
+    0x8023, 0x8024, 0x8030, 0x9000, 0x9001, 0x9002, 0x9003, 0x9011, 0xB000, 0xF000,
+];
+/// Data path diagnostics.
+const DATA_PATH_OBJECTS: [u16; 4] = [0x9020, 0x9021, 0x9022, 0x9023];
+/// Of the channel configuration, what findings are made of.
+const CHANNEL_ENTRIES: [u8; 18] =
+    [2, 4, 7, 8, 9, 15, 16, 18, 19, 20, 21, 22, 23, 24, 33, 34, 49, 55];
+/// Of the capabilities.
+const CAPABILITY_ENTRIES: [u8; 9] = [1, 3, 4, 5, 6, 7, 8, 11, 29];
+/// The filter editing window shows one filter at a time, and that is not state.
+const FILTER_WINDOW: [u8; 14] = [43, 44, 45, 46, 47, 48, 50, 51, 52, 53, 54, 56, 57, 58];
+
+impl Snapshot {
+    /// Reads the values of a gateway through `read`, which uploads one entry. The states of the
+    /// slave are left to the caller.
+    ///
+    /// Ends early, and says so in [`silence`](Self::silence), when the gateway does not answer.
+    pub fn read(depth: Depth, mut read: impl FnMut(ObjectKey) -> Result<u32, ReadError>) -> Self {
+        let mut snapshot = Self::default();
+        for index in FINDING_OBJECTS.into_iter().chain(DATA_PATH_OBJECTS) {
+            for subindex in subindices(index, depth) {
+                let key = ObjectKey { index, subindex };
+                // Beyond the count of an assignment is nothing.
+                if is_assignment(index)
+                    && snapshot.get(index, 0).is_some_and(|it| it < subindex.into())
+                {
+                    break;
+                }
+                match read(key) {
+                    Ok(value) => {
+                        snapshot.values.insert(key, value);
+                    }
+                    Err(ReadError::Refused(why)) => {
+                        snapshot.refused.insert(key, why);
+                    }
+                    Err(ReadError::Silent(why)) => {
+                        snapshot.silence = Some(why);
+                        return snapshot;
+                    }
+                }
+            }
+        }
+        snapshot
+    }
+
+    /// A value that was read.
+    pub fn get(&self, index: u16, subindex: u8) -> Option<u32> {
+        self.values.get(&ObjectKey { index, subindex }).copied()
+    }
+
+    /// Puts a value in.
+    pub fn set(&mut self, index: u16, subindex: u8, value: u32) {
+        self.values.insert(ObjectKey { index, subindex }, value);
+    }
+
+    /// AL state; `None` for a number that is none.
+    pub fn state(&self) -> Option<AlState> {
+        AlState::from_status(self.al_state.into())
+    }
+
+    /// AL status code, where one was read that is an error.
+    pub fn status_code(&self) -> Option<AlStatusCode> {
+        self.al_status_code.filter(|code| *code != 0).map(AlStatusCode)
+    }
+
+    /// Whether a profile is in force in a direction (0x8010 or 0x8011), so that process data flow.
+    pub(crate) fn active_bytes(&self, index: u16) -> Option<u32> {
+        self.get(index, 9).filter(|bytes| *bytes != 0)
+    }
+
+    /// Channel mask of the active profile of a direction.
+    pub(crate) fn active_mask(&self, index: u16) -> Option<u32> {
+        self.active_bytes(index)?;
+        Some(self.get(index, 12)? >> 5 & 0xFF)
+    }
+}
+
+fn is_assignment(index: u16) -> bool {
+    matches!(index, 0x1C12 | 0x1C13)
+}
+
+/// What is read of an object, in ascending order.
+fn subindices(index: u16, depth: Depth) -> impl Iterator<Item = u8> {
+    let entries = object(index).map_or(&[][..], |object| object.entries);
+    let is_wanted = move |subindex: u8| match (index, depth) {
+        (0x1C12 | 0x1C13, _) => true,
+        (_, _) if subindex == 0 => false,
+        (0x8001..=0x8004, Depth::Findings) => CHANNEL_ENTRIES.contains(&subindex),
+        (0x8001..=0x8004, Depth::Everything) => !FILTER_WINDOW.contains(&subindex),
+        (0xF000, Depth::Findings) => CAPABILITY_ENTRIES.contains(&subindex),
+        _ => true,
+    };
+    entries
+        .iter()
+        .filter(|entry| entry.access.can_read() && entry.ty.is_integer())
+        .filter(|entry| !entry.name.starts_with("Reserved"))
+        .map(|entry| entry.subindex)
+        .filter(move |subindex| is_wanted(*subindex))
+}
