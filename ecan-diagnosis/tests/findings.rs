@@ -1,0 +1,422 @@
+//! Each finding of manual 5.4.6, 13 and 16, fed by the values that a gateway would show.
+#![allow(missing_docs)]
+
+use ecan_diagnosis::{Finding, Place, Severity, Snapshot, findings};
+
+/// A gateway in OP with N = 8 and all channels running well.
+fn healthy() -> Snapshot {
+    let mut snapshot = Snapshot { al_state: 8, al_status_code: Some(0), ..Snapshot::default() };
+    for (profile, assignment) in [(0x8010, 0x1C13), (0x8011, 0x1C12)] {
+        snapshot.set(assignment, 0, 8);
+        snapshot.set(profile, 3, 8);
+        snapshot.set(profile, 4, 0x0F);
+        for (subindex, value) in
+            [(2, 0), (9, 1024), (10, 1000), (12, 0x0000_01E7), (14, 0), (15, 0), (16, 0)]
+        {
+            snapshot.set(profile, subindex, value);
+        }
+    }
+    snapshot.set(0x8000, 4, 400_000_000);
+    for (subindex, value) in [(1, 5000), (2, 5000), (4, 40_000), (5, 48_000)] {
+        snapshot.set(0x9011, subindex, value);
+    }
+    for channel in 0..4 {
+        for (subindex, value) in
+            [(2, 0), (4, 0), (8, 0), (15, 1), (19, 500_000), (20, 2_000_000), (21, 800), (22, 800)]
+        {
+            snapshot.set(0x8001 + channel, subindex, value);
+        }
+        snapshot.set(0x8021 + channel, 1, 1);
+        snapshot.set(0x8021 + channel, 3, 0);
+        snapshot.set(0x8021 + channel, 14, 1);
+        // Idle, no error; run with CAN FD; 32 free transmit elements.
+        for (subindex, value) in [(1, 0), (2, 0x070F), (3, 0x0A01), (6, 32), (9, 0x000A)] {
+            snapshot.set(0x9000 + channel, subindex, value);
+        }
+    }
+    snapshot.set(0xB000, 6, 0);
+    snapshot
+}
+
+/// The only finding behind a change of the healthy gateway.
+fn only(change: impl FnOnce(&mut Snapshot)) -> Finding {
+    let mut snapshot = healthy();
+    change(&mut snapshot);
+    let mut found = findings(&snapshot);
+    assert_eq!(found.len(), 1, "{found:#?}");
+    let found = found.remove(0);
+    assert!(!found.causes.is_empty() && !found.next.is_empty(), "{found:#?}");
+    found
+}
+
+/// As [`only`], with one value changed.
+fn with(index: u16, subindex: u8, value: u32) -> Finding {
+    only(|snapshot| snapshot.set(index, subindex, value))
+}
+
+/// Name and first cause: what an engineer looks at first.
+fn first(finding: &Finding) -> (&'static str, &str) {
+    (finding.id, &finding.causes[0])
+}
+
+#[test]
+fn a_healthy_gateway_has_no_finding() {
+    assert_eq!(findings(&healthy()), []);
+}
+
+#[test]
+fn a_gateway_that_waits_in_preop_has_no_finding() {
+    let mut snapshot = Snapshot { al_state: 2, ..Snapshot::default() };
+    snapshot.set(0x1C12, 0, 24);
+    for profile in [0x8010, 0x8011] {
+        snapshot.set(profile, 3, 8);
+        snapshot.set(profile, 9, 0);
+    }
+    snapshot.set(0x9000, 9, 0);
+    assert_eq!(findings(&snapshot), []);
+    assert_eq!(findings(&Snapshot::default()), []);
+}
+
+// 5.4.6 and 16.1: OP
+
+#[test]
+fn al_status_codes_are_led_back_to_their_causes() {
+    for (code, id, cause) in [
+        (0x001B, "al-watchdog", "the application stopped"),
+        (0x001D, "al-sync-manager", "0x1C12/0x1C13 has another number of chunks"),
+        (0x001E, "al-sync-manager", "0x1C12/0x1C13 has another number of chunks"),
+        (0x002C, "al-sync", "DC shift is too small"),
+        (0x0030, "al-sync", "DC shift is too small"),
+        (0x0016, "al-mailbox", "mailbox sync managers"),
+        (0x0051, "al-eeprom", "another firmware"),
+        (0x0011, "al-error", "does not do"),
+    ] {
+        let found = only(|snapshot| {
+            snapshot.al_state = 0x14;
+            snapshot.al_status_code = Some(code);
+        });
+        assert_eq!((found.id, found.severity), (id, Severity::Fault));
+        assert!(found.causes[0].contains(cause), "{found:#?}");
+        assert!(found.what.contains(&format!("0x{code:04X}")), "{found:#?}");
+        assert!(found.what.contains("SAFEOP"), "{found:#?}");
+    }
+}
+
+#[test]
+fn a_slave_held_without_a_code_is_judged_by_its_state() {
+    let found = only(|snapshot| {
+        snapshot.al_state = 2;
+        snapshot.has_error_flag = true;
+        snapshot.al_status_code = None;
+    });
+    assert_eq!(found.id, "state-error");
+    assert!(found.causes[0].contains("startup SDO was refused"), "{found:#?}");
+    assert!(found.causes[2].contains("0x1100 and 0x1D00"), "{found:#?}");
+    assert!(found.next.contains("ecan_sii_sm_layout.sh check"), "{found:#?}");
+    let found = only(|snapshot| {
+        snapshot.al_state = 4;
+        snapshot.has_error_flag = true;
+    });
+    assert!(found.causes[1].contains("DC shift is too small"), "{found:#?}");
+}
+
+#[test]
+fn init_safeop_boot_and_no_state_are_told() {
+    for (state, id) in
+        [(1, "state-init"), (4, "state-safeop"), (3, "state-boot"), (7, "state-unknown")]
+    {
+        assert_eq!(only(|snapshot| snapshot.al_state = state).id, id);
+    }
+}
+
+#[test]
+fn silence_of_the_mailbox_is_a_finding() {
+    let found = only(|snapshot| snapshot.silence = Some("Connection timed out".into()));
+    assert_eq!(found.id, "mailbox-silent");
+    assert!(found.what.ends_with("Connection timed out"));
+}
+
+#[test]
+fn an_assignment_that_does_not_fit_n_is_told_with_both() {
+    let found = with(0x1C12, 0, 3);
+    assert_eq!((found.id, found.place), ("assignment-differs", Place::RxPdo));
+    assert!(found.what.contains("assigns 3 chunks") && found.what.contains("N = 8"), "{found:#?}");
+    assert_eq!(with(0x1C13, 0, 9).place, Place::TxPdo);
+}
+
+#[test]
+fn large_images_without_op_point_at_the_master() {
+    let found = only(|snapshot| {
+        snapshot.al_state = 2;
+        snapshot.set(0x1C13, 0, 12);
+        snapshot.set(0x8010, 9, 1536);
+        snapshot.set(0x8010, 10, 1512);
+    });
+    assert_eq!(found.id, "images-large");
+    assert!(found.causes[0].contains("at most 11"));
+}
+
+#[test]
+fn outputs_close_behind_sync0_mean_a_small_shift() {
+    // 2000 CPU cycles at 400 MHz are 5 us.
+    let found = with(0x9011, 4, 2000);
+    assert_eq!(found.id, "sync-shift-small");
+    assert!(found.what.contains("from 5.0 to 120.0 us"), "{found:#?}");
+    assert!(found.causes[0].contains("DC shift is too small"));
+}
+
+// 13.2, 16.2: process data
+
+#[test]
+fn each_status_of_the_profile_has_its_cause() {
+    for (status, id, cause) in [
+        (1, "profile-state", "in OP"),
+        (2, "profile-multiplier", "N is 8"),
+        (3, "profile-mask", "0x0F"),
+        (4, "profile-encapsulation", "0, 1, 4 and 5"),
+        (5, "profile-mapping-reload", "another number of chunks than N = 8"),
+        (9, "profile-pending", "apply command"),
+        (10, "profile-option", "0xF000:15"),
+        (77, "profile-unknown", "newer"),
+    ] {
+        let found = with(0x8011, 2, status);
+        assert_eq!((found.id, found.place), (id, Place::RxPdo));
+        assert!(found.causes[0].contains(cause), "{found:#?}");
+    }
+}
+
+#[test]
+fn each_pdo_error_has_its_cause() {
+    for (error, id, cause) in [
+        (2, "pdo-frame-overrun", "longer than the profile"),
+        (3, "pdo-packet-overrun", "more packets"),
+        (4, "pdo-unknown-kind", "wrong byte"),
+        (5, "pdo-invalid-dlc", "DLC above 8"),
+        (6, "pdo-invalid-channel", "mask of 0x8011:04"),
+        (7, "pdo-invalid-timestamp", "timestamp format"),
+        (8, "pdo-truncated", "payload_len"),
+        (9, "pdo-unsupported-profile", "0xF000:12"),
+        (10, "pdo-duplicate", "does no harm"),
+        (11, "pdo-unsupported-option", "0xF000:15"),
+        (12, "pdo-active-area", "mapping of the master differ"),
+        (13, "pdo-reserved-bit", "must be 0"),
+        (14, "pdo-bad-header", "all zero"),
+        (15, "pdo-bad-crc", "[24, 24 + payload_len)"),
+        (16, "pdo-bad-schedule", "Sync0"),
+        (99, "pdo-error-unknown", "newer"),
+    ] {
+        let found = only(|snapshot| {
+            snapshot.set(0x8011, 2, 7);
+            snapshot.set(0x8011, 14, error);
+            snapshot.set(0x8011, 15, 42);
+        });
+        assert_eq!((found.id, found.place), (id, Place::RxPdo));
+        assert!(found.causes[0].contains(cause), "{found:#?}");
+        assert!(found.what.starts_with("42 PDO errors"), "{found:#?}");
+    }
+    let past = with(0x8010, 15, 3);
+    assert_eq!((past.id, past.severity), ("pdo-errors-past", Severity::Warning));
+}
+
+#[test]
+fn overflow_has_other_causes_each_way() {
+    let (tx, rx) = (with(0x8010, 16, 5), with(0x8011, 16, 5));
+    assert_eq!(
+        (tx.id, tx.place, rx.id, rx.place),
+        ("pdo-overflow", Place::TxPdo, "pdo-overflow", Place::RxPdo)
+    );
+    assert!(tx.causes[0].contains("N is too small"));
+    assert!(rx.causes[0].contains("host sends more"));
+}
+
+#[test]
+fn a_frame_area_of_another_size_is_told() {
+    assert_eq!(with(0x8010, 10, 999).id, "frame-area");
+}
+
+#[test]
+fn bypasses_and_tests_are_faults() {
+    let found = with(0x8010, 12, 0x0000_01E7 | 0x08 << 21);
+    assert_eq!((found.id, found.severity), ("app-bypass", Severity::Fault));
+    let found = with(0x8030, 3, 0x20);
+    assert_eq!(found.id, "diagnostic-test");
+    assert!(found.what.contains(":03 = 0x20"));
+}
+
+// 5.4.6, 16.3: CAN
+
+#[test]
+fn bus_off_names_rates_and_how_it_recovers() {
+    let found = only(|snapshot| {
+        snapshot.set(0x9001, 1, 0xF8);
+        snapshot.set(0x9001, 2, 0x07EF);
+        snapshot.set(0x9001, 9, 0x003B);
+        snapshot.set(0x9001, 15, 1);
+    });
+    assert_eq!((found.id, found.place), ("bus-off", Place::Channel(1)));
+    assert!(found.causes[2].contains("500 kbit/s, sample point 80.0 to 80.0 %"), "{found:#?}");
+    assert!(found.next.contains("recovers by itself"), "{found:#?}");
+    let manual = only(|snapshot| {
+        snapshot.set(0x9001, 9, 0x003B);
+        snapshot.set(0x8022, 14, 0);
+    });
+    assert!(manual.next.contains("recovery is manual"), "{manual:#?}");
+}
+
+#[test]
+fn a_node_alone_on_its_bus_is_told_from_a_bad_bus() {
+    let alone = only(|snapshot| {
+        snapshot.set(0x9000, 1, 128);
+        snapshot.set(0x9000, 2, 0x077B);
+        snapshot.set(0x9000, 9, 0x001A);
+    });
+    assert_eq!(alone.id, "no-acknowledge");
+    assert!(alone.causes[0].contains("no other node"));
+    let bad = only(|snapshot| {
+        snapshot.set(0x9000, 1, 0x8000 | 17);
+        snapshot.set(0x9000, 2, 0x0769);
+    });
+    assert_eq!(bad.id, "error-passive");
+    assert!(bad.what.contains("17 transmit errors, 128 or more receive errors"), "{bad:#?}");
+}
+
+#[test]
+fn a_warning_shows_the_counters() {
+    let found = only(|snapshot| {
+        snapshot.set(0x9002, 1, 97 << 8 | 3);
+        snapshot.set(0x9002, 2, 0x074F);
+    });
+    assert_eq!((found.id, found.severity), ("error-warning", Severity::Warning));
+    assert!(found.what.contains("3 transmit errors, 97 receive errors"));
+}
+
+#[test]
+fn the_last_error_code_leads_to_its_causes() {
+    for (code, word, cause) in [
+        (1, "stuff error", "termination"),
+        (2, "form error", "set to classic CAN"),
+        (3, "acknowledge error", "no other node"),
+        (4, "bit 1 error", "same identifier"),
+        (5, "bit 0 error", "same identifier"),
+        (6, "CRC error", "termination"),
+    ] {
+        let found = with(0x9003, 2, 0x0708 | code);
+        assert_eq!(found.id, "bus-error");
+        assert!(found.what.contains(word) && found.causes[0].contains(cause), "{found:#?}");
+    }
+}
+
+#[test]
+fn errors_of_the_data_phase_point_at_sample_point_and_tdc() {
+    let found = with(0x9000, 2, 0x060F);
+    assert_eq!(first(&found), ("data-phase-error", "the sample points of the data phase differ"));
+    assert!(found.causes[1].contains("TDC") && found.causes[2].contains("BRS"), "{found:#?}");
+}
+
+#[test]
+fn bus_off_in_the_past_is_a_warning() {
+    let found = with(0x9000, 15, 2);
+    assert_eq!((found.id, found.severity), ("bus-off-past", Severity::Warning));
+}
+
+#[test]
+fn a_failed_apply_or_flash_command_is_told() {
+    let found = with(0x8001, 2, 3);
+    assert_eq!(found.id, "apply-failed");
+    assert!(found.causes[0].contains("bit timing"), "{found:#?}");
+    assert!(with(0x8001, 2, 4).causes[0].contains("8192 bytes"));
+    assert_eq!(with(0x8004, 4, 1).id, "flash-failed");
+}
+
+#[test]
+fn channel_masks_and_switched_off_channels_explain_missing_frames() {
+    // Without CAN2: mask 0x0B.
+    let without = 0x0000_0007 | 0x0B << 5;
+    let found = with(0x8011, 12, without);
+    assert_eq!((found.id, found.place), ("cannot-send", Place::Channel(2)));
+    assert!(found.causes[0].contains("0x8011:04 does not have bit 2"), "{found:#?}");
+    assert_eq!(with(0x8010, 12, without).id, "cannot-receive");
+    let found = with(0x9003, 9, 0);
+    assert_eq!(found.id, "channel-off");
+    assert!(found.causes[0].contains("not applied"), "{found:#?}");
+}
+
+#[test]
+fn modes_that_are_not_normal_are_told() {
+    for (mode, word) in [(1, "listens only"), (2, "internal loopback"), (3, "external loopback")] {
+        let found = with(0x8001, 8, mode);
+        assert_eq!(found.id, "node-mode");
+        assert!(found.what.contains(word), "{found:#?}");
+    }
+}
+
+#[test]
+fn losses_of_each_place_are_told() {
+    assert_eq!(with(0x9000, 13, 7).id, "receive-loss");
+    let found = with(0x9000, 4, 1 << 25);
+    assert_eq!((found.id, found.what.as_str()), ("receive-loss", "RX FIFO0 lost a frame"));
+    assert_eq!(with(0x9000, 3, 1 << 7).what, "RX FIFO1 lost a frame");
+    assert_eq!(with(0x9000, 14, 9).id, "transmit-pressure");
+    assert_eq!(with(0x9000, 6, 1 << 21).what, "the transmit FIFO is full");
+    assert_eq!(with(0x9000, 7, 1 << 25).id, "event-loss");
+    let found = with(0x9000, 3, 1 << 17);
+    assert_eq!(found.id, "message-ram");
+    assert!(found.what.contains("Message RAM access failure"));
+}
+
+// 13.2.1, 13.2.2, 13.2.5, 13.7
+
+#[test]
+fn the_data_path_is_looked_at() {
+    assert_eq!(with(0x8022, 3, 1).id, "data-path-apply");
+    assert_eq!(with(0x8022, 1, 0).id, "data-path-off");
+    assert_eq!(with(0x8020, 3, 1).id, "data-path-global");
+    assert_eq!(with(0x9021, 15, 4).id, "data-path-degraded");
+    let found = only(|snapshot| {
+        for (subindex, value) in [(2, 16), (5, 30), (6, 28), (7, 2)] {
+            snapshot.set(0x9020, subindex, value);
+        }
+    });
+    assert_eq!(found.id, "rx-cache-drop");
+    assert!(found.what.contains("dropped 30 frames (28 old, 2 new, 0 critical), 16 waited"));
+    let found = with(0x9023, 12, 4);
+    assert_eq!((found.id, found.place), ("tx-fifo-full", Place::Channel(3)));
+}
+
+#[test]
+fn each_diagnostic_flag_is_explained() {
+    for (bit, id, name) in [
+        (0, "flag-tx-pdo", "SHADOW_FALLBACK"),
+        (1, "flag-tx-pdo", "SHADOW_COPY_RETRY"),
+        (2, "flag-tx-pdo", "SHADOW_SIZE_CHANGE"),
+        (3, "flag-rx-pdo", "RXPDO_STAGE_DROP"),
+        (4, "flag-transmit", "TX_RING_DROP"),
+        (5, "flag-transmit", "TX_FIFO_FULL"),
+        (6, "flag-schedule-late", "SCHED_LATE_DROP"),
+        (7, "flag-schedule-full", "SCHED_QUEUE_FULL"),
+        (8, "flag-schedule-full", "SCHED_TX_FAIL"),
+        (9, "flag-schedule-late", "SCHED_TIMER_MISS"),
+        (12, "flag-unknown", "0x1000"),
+    ] {
+        let found = with(0xB000, 6, 1 << bit);
+        assert_eq!(found.id, id);
+        assert!(found.what.contains(name), "{found:#?}");
+    }
+}
+
+#[test]
+fn states_of_the_device_are_told() {
+    assert_eq!(with(0xB000, 5, 2).id, "maintenance-status");
+    assert!(with(0xB000, 2, 2).what.contains("factory mode"));
+    assert_eq!(with(0x8000, 15, 1).id, "pin-rotation");
+    assert_eq!(with(0x8000, 11, 1).id, "system-apply");
+}
+
+#[test]
+fn faults_come_before_warnings() {
+    let mut snapshot = healthy();
+    snapshot.set(0x8010, 16, 1);
+    snapshot.set(0x8004, 2, 1);
+    let ids: Vec<_> = findings(&snapshot).iter().map(|finding| finding.id).collect();
+    assert_eq!(ids, ["apply-failed", "pdo-overflow"]);
+}

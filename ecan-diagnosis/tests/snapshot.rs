@@ -1,0 +1,49 @@
+//! Reading a gateway, and the snapshot in a file.
+#![allow(missing_docs)]
+
+use ecan_diagnosis::{Depth, ObjectKey, ReadError, Snapshot, findings};
+
+#[test]
+fn everything_is_more_than_findings_need_and_ends_at_the_assignment() {
+    let read = |depth| {
+        Snapshot::read(depth, |key| {
+            Ok(if (key.index, key.subindex) == (0x1C12, 0) { 3 } else { 0 })
+        })
+    };
+    let (few, all) = (read(Depth::Findings), read(Depth::Everything));
+    assert!(few.values.keys().all(|key| all.values.contains_key(key)));
+    assert!(all.values.len() > few.values.len() + 150);
+    assert_eq!((all.get(0x1C12, 3), all.get(0x1C12, 4)), (Some(0), None));
+    // Commands have no value, windows and reserved entries no meaning.
+    for (index, subindex) in [(0x8001, 1), (0xB000, 4), (0x8001, 43), (0x9011, 16)] {
+        assert_eq!(all.get(index, subindex), None, "0x{index:04X}:{subindex}");
+    }
+}
+
+#[test]
+fn refusals_are_noted_and_silence_ends_the_reading() {
+    let snapshot = Snapshot::read(Depth::Findings, |key| match (key.index, key.subindex) {
+        (0x8000, 3) => Err(ReadError::Refused("no such entry".into())),
+        (0x8010, 2) => Err(ReadError::Silent("timed out".into())),
+        _ => Ok(0),
+    });
+    let key = ObjectKey { index: 0x8000, subindex: 3 };
+    assert_eq!(snapshot.refused[&key], "no such entry");
+    assert_eq!(snapshot.silence.as_deref(), Some("timed out"));
+    assert!(snapshot.get(0x8004, 2).is_some() && snapshot.get(0x8011, 2).is_none());
+}
+
+#[test]
+fn a_file_says_the_same_as_the_device() {
+    let mut snapshot =
+        Snapshot { al_state: 0x12, al_status_code: Some(0x1D), ..Snapshot::default() };
+    snapshot.set(0x8010, 2, 5);
+    let text = serde_json::to_string(&snapshot).unwrap();
+    assert!(text.contains("\"0x8010:02\":5"), "{text}");
+    let back: Snapshot = serde_json::from_str(&text).unwrap();
+    assert_eq!(back, snapshot);
+    assert_eq!(findings(&back), findings(&snapshot));
+    for wrong in ["8010:02", "0x8010", "0x8010:256", "0x18010:1", "0x:"] {
+        assert!(wrong.parse::<ObjectKey>().is_err(), "{wrong}");
+    }
+}
