@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use ecan_host::{Diagnostics, Error, SlaveInfo};
+use ecan_host::{Diagnostics, Ecrt, Error, SlaveInfo};
 use ecan_protocol::{AlState, Recognition};
 use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 
@@ -43,6 +43,7 @@ impl FromStr for SlaveChoice {
 /// A bus, looked at through a handle that reserves nothing.
 #[derive(Debug)]
 pub struct Bus {
+    ecrt: Ecrt,
     diagnostics: Diagnostics,
     choice: Option<SlaveChoice>,
 }
@@ -65,7 +66,12 @@ impl Bus {
             );
             return Err(Failure::Master(words));
         }
-        Ok(Self { diagnostics, choice: global.slave })
+        Ok(Self { ecrt: backend.ecrt, diagnostics, choice: global.slave })
+    }
+
+    /// The library, with its clock.
+    pub fn ecrt(&self) -> &Ecrt {
+        &self.ecrt
     }
 
     pub fn diagnostics(&self) -> &Diagnostics {
@@ -85,6 +91,11 @@ impl Bus {
         });
         let upload = |subindex| self.diagnostics.sdo_upload_u32(slave, 0xF000, subindex);
         has_mailbox && Recognition::read(upload).is_ok_and(|it| it.looks_like_ecan_lite())
+    }
+
+    /// Whether the user named a slave.
+    pub fn is_chosen(&self) -> bool {
+        self.choice.is_some()
     }
 
     /// The slave that the command is about: the one chosen, or the only gateway.
@@ -139,6 +150,20 @@ impl Bus {
             value.map(u64::from).map_err(Failure::Device)
         };
         Ok(half(7)? | half(8)? << 32)
+    }
+
+    /// Uploads an object of at most 4 bytes.
+    pub fn read(&self, slave: usize, index: u16, subindex: u8) -> Result<u32, Failure> {
+        self.diagnostics.sdo_upload_u32(slave, index, subindex).map_err(Failure::Device)
+    }
+
+    /// Downloads a number, in the size that the table gives the object.
+    pub fn write(&self, slave: usize, index: u16, subindex: u8, value: u32) -> Result<(), Failure> {
+        let entry = ecan_protocol::lookup(index, subindex).map(|(_, entry)| entry);
+        let size = entry.and_then(|entry| entry.ty.size_bytes()).unwrap_or(4);
+        let bytes = value.to_le_bytes();
+        let data = bytes.get(..size).unwrap_or(&bytes);
+        self.diagnostics.sdo_download(slave, index, subindex, data).map_err(Failure::Device)
     }
 
     /// A text object; empty where the slave does not have it.

@@ -7,6 +7,7 @@
 #![forbid(unsafe_code)]
 
 mod bus;
+mod channel;
 mod commands;
 mod failure;
 mod global;
@@ -42,6 +43,13 @@ fn main() -> ExitCode {
         Command::Info => commands::info::run(&global, &output),
         Command::Caps => commands::caps::run(&global, &output),
         Command::Sdo(arguments) => commands::sdo::run(arguments, &global, &output),
+        Command::Diag(arguments) => commands::diag::run(arguments, &global, &output),
+        Command::Doctor(arguments) => commands::doctor::run(arguments, &global, &output),
+        Command::Reg(arguments) => commands::reg::run(arguments, &global, &output),
+        Command::Filter(arguments) => commands::filter::run(arguments, &global, &output),
+        Command::Pins(arguments) => commands::pins::run(arguments, &global, &output),
+        Command::Reboot(arguments) => commands::reboot::run(arguments, &global, &output),
+        Command::Plan(arguments) => commands::plan::run(arguments, &output),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);

@@ -1,8 +1,15 @@
 //! The commands, a file each.
 
 pub mod caps;
+pub mod diag;
+pub mod doctor;
+pub mod filter;
 pub mod info;
 pub mod man;
+pub mod pins;
+pub mod plan;
+pub mod reboot;
+pub mod reg;
 pub mod scan;
 pub mod sdo;
 
@@ -22,6 +29,20 @@ pub enum Command {
     Caps,
     /// Read, write and list objects, by number or by the manual's names
     Sdo(sdo::SdoArguments),
+    /// Look for what is wrong with a gateway: state, process data, CAN, with causes (manual 16)
+    Diag(diag::DiagArguments),
+    /// Look for what is wrong with this host: library, module, interface, real time
+    Doctor(doctor::DoctorArguments),
+    /// Read and write registers of a CAN controller (manual 13.6)
+    Reg(reg::RegArguments),
+    /// List and change the acceptance filters of a channel (manual 13.4)
+    Filter(filter::FilterArguments),
+    /// Show or set which connector each CAN channel is at (manual 13.3)
+    Pins(pins::PinsArguments),
+    /// Restart a gateway (manual 13.3)
+    Reboot(reboot::RebootArguments),
+    /// Tell what a configuration costs, before it touches a bus
+    Plan(plan::PlanArguments),
     /// Print a completion script for a shell
     Completions {
         /// Which shell

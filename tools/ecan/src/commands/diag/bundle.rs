@@ -1,0 +1,117 @@
+//! The file for the support: everything that was read, with versions and the state of the host.
+
+use std::path::Path;
+
+use ecan_diagnosis::Snapshot;
+use serde::{Deserialize, Serialize};
+
+use crate::failure::Failure;
+
+use super::file_failure;
+
+/// What the file says it is.
+const FORMAT: &str = "ecan-diagnosis";
+/// Of the format.
+const VERSION: u32 = 1;
+
+/// Everything that was read.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Bundle {
+    format: String,
+    version: u32,
+    /// The program that wrote it.
+    pub(super) program: String,
+    /// Seconds since 1970, UTC.
+    pub(super) taken_s: u64,
+    pub(super) host: Host,
+    pub(super) master: Master,
+    pub(super) gateway: Gateway,
+    pub(super) snapshot: Snapshot,
+}
+
+/// The machine.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Host {
+    pub(super) kernel: String,
+    pub(super) system: String,
+    pub(super) cpus: usize,
+    pub(super) library: String,
+    pub(super) module: Option<String>,
+    pub(super) is_simulated: bool,
+    /// What `ecan doctor` finds.
+    pub(super) checks: serde_json::Value,
+}
+
+/// The master and what is on its bus.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Master {
+    pub(super) index: u32,
+    pub(super) link_up: bool,
+    pub(super) slaves_responding: u32,
+    pub(super) slaves: Vec<Slave>,
+}
+
+/// A slave as the master knows it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Slave {
+    pub(super) position: u16,
+    pub(super) alias: u16,
+    pub(super) name: String,
+    pub(super) vendor_id: u32,
+    pub(super) product_code: u32,
+    pub(super) revision: u32,
+    pub(super) al_state: u8,
+    pub(super) has_error_flag: bool,
+    pub(super) sync_managers: u8,
+    /// Links of the ports 0 to 3.
+    pub(super) links: [bool; 4],
+}
+
+/// Which gateway it is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub(super) struct Gateway {
+    pub(super) name: String,
+    pub(super) firmware: String,
+    pub(super) hardware: String,
+    pub(super) serial: Option<u64>,
+}
+
+impl Bundle {
+    pub(super) fn new(host: Host, master: Master, gateway: Gateway, snapshot: Snapshot) -> Self {
+        let since_1970 = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+        Self {
+            format: FORMAT.to_owned(),
+            version: VERSION,
+            program: format!("ecan {}", env!("CARGO_PKG_VERSION")),
+            taken_s: since_1970.map_or(0, |time| time.as_secs()),
+            host,
+            master,
+            gateway,
+            snapshot,
+        }
+    }
+
+    pub(super) fn save(&self, path: &Path) -> Result<(), Failure> {
+        let mut text = serde_json::to_string_pretty(self)
+            .map_err(|error| file_failure("write", path, error))?;
+        text.push('\n');
+        std::fs::write(path, text).map_err(|error| file_failure("write", path, error))
+    }
+
+    pub(super) fn load(path: &Path) -> Result<Self, Failure> {
+        let text =
+            std::fs::read_to_string(path).map_err(|error| file_failure("read", path, error))?;
+        let wrong = |reason: String| file_failure("understand", path, reason);
+        // Format and version first: what they are tells more than the first missing field.
+        let value: serde_json::Value =
+            serde_json::from_str(&text).map_err(|error| wrong(format!("no JSON: {error}")))?;
+        if value["format"] != FORMAT {
+            return Err(wrong("it is no bundle of `ecan diag --record`".to_owned()));
+        }
+        if value["version"] != VERSION {
+            let version = &value["version"];
+            return Err(wrong(format!("it has version {version}, this program knows {VERSION}")));
+        }
+        serde_json::from_value(value).map_err(|error| wrong(error.to_string()))
+    }
+}

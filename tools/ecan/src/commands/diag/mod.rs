@@ -1,0 +1,87 @@
+//! `ecan diag`: what is wrong with a gateway, why, and what to do (manual 16).
+
+mod bundle;
+mod clear;
+mod read;
+mod report;
+mod text;
+
+use std::path::{Path, PathBuf};
+
+use clap::Args;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+use crate::output::Output;
+
+use bundle::Bundle;
+use report::Report;
+
+/// How to look.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  ecan diag
+  ecan diag --brief --slave 1
+  ecan diag --record bundle.json     everything in one file, to send to the support
+  ecan diag --from bundle.json       explain such a file; touches no bus
+  ecan diag --clear                  clear counters and flags after they were read
+
+Exit status 1 when there is a finding. A gateway that waits in PREOP for its master is well.")]
+pub struct DiagArguments {
+    /// Write everything that was read, versions and the state of the host to a file
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Explain a file that --record wrote
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "clear", "slave"])]
+    from: Option<PathBuf>,
+    /// Clear PDO errors (0x8010/0x8011:08), cycle statistics (0x9011:14) and diagnostic flags
+    /// (0xB000:04 bit 5) after reading
+    #[arg(long)]
+    clear: bool,
+    /// Print the findings only
+    #[arg(long)]
+    brief: bool,
+    /// The `ethercat` tool of the master, which reads the AL status code; found by PATH if left out
+    #[arg(long, value_name = "PROGRAM")]
+    ethercat: Option<PathBuf>,
+}
+
+pub fn run(
+    arguments: &DiagArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    let bundle = match &arguments.from {
+        Some(path) => Bundle::load(path)?,
+        None => look(arguments, global, output)?,
+    };
+    let report = Report::new(&bundle);
+    output.data(&report, |out| text::print(&report, arguments.brief, output, out))?;
+    if report.findings.is_empty() { Ok(()) } else { Err(Failure::Amiss) }
+}
+
+/// Reads the device; records and clears where it is asked for.
+fn look(
+    arguments: &DiagArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<Bundle, Failure> {
+    let bus = Bus::open(global, output)?;
+    let slave = read::slave(&bus)?;
+    let bundle = read::bundle(&bus, slave, arguments, global)?;
+    if let Some(path) = &arguments.record {
+        bundle.save(path)?;
+        output.note(format_args!("recorded in {}", path.display()));
+    }
+    if arguments.clear {
+        clear::clear(&bus, slave)?;
+        output.note("counters and flags are cleared");
+    }
+    Ok(bundle)
+}
+
+fn file_failure(what: &'static str, path: &Path, reason: impl ToString) -> Failure {
+    Failure::File { what, path: path.to_owned(), reason: reason.to_string() }
+}

@@ -1,0 +1,137 @@
+//! Reading everything of a gateway, of its master and of the host.
+
+use std::path::Path;
+use std::process::Command;
+
+use ecan_diagnosis::{Depth, ReadError, Snapshot};
+use ecan_host::Error;
+
+use crate::bus::Bus;
+use crate::commands::doctor;
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+
+use super::DiagArguments;
+use super::bundle::{Bundle, Gateway, Host, Master, Slave};
+
+/// The slave to look at: as for every command; but the only slave of a bus is looked at even where
+/// it does not show itself as a gateway.
+pub(super) fn slave(bus: &Bus) -> Result<usize, Failure> {
+    match bus.slave() {
+        Err(Failure::Slave(_)) if !bus.is_chosen() && bus.diagnostics().slave_count() == 1 => Ok(0),
+        other => other,
+    }
+}
+
+pub(super) fn bundle(
+    bus: &Bus,
+    slave: usize,
+    arguments: &DiagArguments,
+    global: &GlobalOptions,
+) -> Result<Bundle, Failure> {
+    let info = bus.diagnostics().slave_info(slave).map_err(Failure::Device)?;
+    let depth = match arguments.record {
+        Some(_) => Depth::Everything,
+        None => Depth::Findings,
+    };
+    let has_mailbox = ecan_protocol::AlState::from_status(info.al_state.into())
+        .is_some_and(|state| state.has_mailbox());
+    let mut snapshot = if has_mailbox {
+        Snapshot::read(depth, |key| {
+            bus.diagnostics().sdo_upload_u32(slave, key.index, key.subindex).map_err(read_error)
+        })
+    } else {
+        Snapshot::default()
+    };
+    snapshot.position = info.position;
+    snapshot.al_state = info.al_state;
+    snapshot.has_error_flag = info.error_flag;
+    snapshot.al_status_code = al_status_code(bus, info.position, arguments, global);
+    let gateway = Gateway {
+        name: info.name,
+        firmware: if has_mailbox { bus.text(slave, 0x100A) } else { String::new() },
+        hardware: if has_mailbox { bus.text(slave, 0x1009) } else { String::new() },
+        serial: serial(&snapshot),
+    };
+    Ok(Bundle::new(host(bus, global), master(bus, global)?, gateway, snapshot))
+}
+
+fn serial(snapshot: &Snapshot) -> Option<u64> {
+    let half = |subindex| snapshot.get(0xF000, subindex).map(u64::from);
+    Some(half(7)? | half(8)? << 32)
+}
+
+fn read_error(error: Error) -> ReadError {
+    match error {
+        Error::Sdo { abort_code: Some(code), .. } => ReadError::Refused(code.to_string()),
+        other => ReadError::Silent(other.to_string()),
+    }
+}
+
+/// ESC register 0x0134 by the master's own tool: the library reads registers for the owner of the
+/// master only. A simulated master has no such tool, unless one is named.
+fn al_status_code(
+    bus: &Bus,
+    position: u16,
+    arguments: &DiagArguments,
+    global: &GlobalOptions,
+) -> Option<u16> {
+    let program = match &arguments.ethercat {
+        Some(program) => program.as_path(),
+        None if bus.ecrt().is_simulated() => return None,
+        None => Path::new("ethercat"),
+    };
+    let ran = Command::new(program)
+        .args(["reg_read", "--master", &global.master.to_string()])
+        .args(["--position", &position.to_string(), "--type", "uint16", "0x0134"])
+        .output()
+        .ok()
+        .filter(|ran| ran.status.success())?;
+    let text = String::from_utf8(ran.stdout).ok()?;
+    let value = crate::value::parse_unsigned(text.split_whitespace().next()?)?;
+    u16::try_from(value).ok()
+}
+
+fn host(bus: &Bus, global: &GlobalOptions) -> Host {
+    let root = doctor::Root::default();
+    let checks = doctor::host_checks(&root, global.master);
+    Host {
+        kernel: root.first_line("proc/version").unwrap_or_default(),
+        system: system_name(&root),
+        cpus: std::thread::available_parallelism().map_or(1, usize::from),
+        library: bus.ecrt().origin().to_string(),
+        module: root.first_line("sys/module/ec_master/version"),
+        is_simulated: bus.ecrt().is_simulated(),
+        checks: serde_json::to_value(checks).unwrap_or_default(),
+    }
+}
+
+/// PRETTY_NAME of /etc/os-release.
+fn system_name(root: &doctor::Root) -> String {
+    let text = root.text("etc/os-release").unwrap_or_default();
+    let line = text.lines().find_map(|line| line.strip_prefix("PRETTY_NAME="));
+    line.unwrap_or_default().trim_matches('"').to_owned()
+}
+
+fn master(bus: &Bus, global: &GlobalOptions) -> Result<Master, Failure> {
+    let state =
+        bus.diagnostics().master_state().map_err(|error| Failure::Master(error.to_string()))?;
+    let slaves = bus.slaves()?.into_iter().map(|info| Slave {
+        position: info.position,
+        alias: info.alias,
+        name: info.name,
+        vendor_id: info.vendor_id,
+        product_code: info.product_code,
+        revision: info.revision_number,
+        al_state: info.al_state,
+        has_error_flag: info.error_flag,
+        sync_managers: info.sync_count,
+        links: info.ports.map(|port| port.link_up),
+    });
+    Ok(Master {
+        index: global.master,
+        link_up: state.link_up,
+        slaves_responding: state.slaves_responding,
+        slaves: slaves.collect(),
+    })
+}

@@ -1,0 +1,60 @@
+//! What a check is.
+
+use serde::Serialize;
+
+/// What a check came to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Verdict {
+    /// As it should be.
+    Good,
+    /// The cycle will not be as even as it could be.
+    Warning,
+    /// Nothing works like this.
+    Bad,
+    /// Not looked at.
+    Skipped,
+}
+
+impl Verdict {
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Good => "good",
+            Self::Warning => "warning",
+            Self::Bad => "bad",
+            Self::Skipped => "skipped",
+        }
+    }
+}
+
+/// A check of the host.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Check {
+    pub name: &'static str,
+    pub verdict: Verdict,
+    pub found: String,
+    /// What to do; empty where nothing is amiss.
+    pub remedy: String,
+}
+
+impl Check {
+    pub fn good(name: &'static str, found: impl Into<String>) -> Self {
+        Self { name, verdict: Verdict::Good, found: found.into(), remedy: String::new() }
+    }
+
+    pub fn skipped(name: &'static str, found: impl Into<String>) -> Self {
+        Self { verdict: Verdict::Skipped, ..Self::good(name, found) }
+    }
+
+    pub fn warning(name: &'static str, found: impl Into<String>, remedy: &str) -> Self {
+        Self { verdict: Verdict::Warning, remedy: remedy.to_owned(), ..Self::good(name, found) }
+    }
+
+    pub fn bad(name: &'static str, found: impl Into<String>, remedy: &str) -> Self {
+        Self { verdict: Verdict::Bad, ..Self::warning(name, found, remedy) }
+    }
+
+    pub fn is_amiss(&self) -> bool {
+        matches!(self.verdict, Verdict::Warning | Verdict::Bad)
+    }
+}

@@ -1,0 +1,148 @@
+//! The network interface of the master: link and interrupt coalescing.
+
+use std::process::Command;
+
+use super::{Check, Root, master};
+
+/// Where the master's configuration may be.
+const CONFIGURATIONS: [&str; 5] = [
+    "etc/ethercat.conf",
+    "etc/sysconfig/ethercat",
+    "etc/default/ethercat",
+    "usr/local/etc/ethercat.conf",
+    "opt/etherlab/etc/ethercat.conf",
+];
+/// Where ethtool may be.
+const ETHTOOLS: [&str; 4] =
+    ["usr/sbin/ethtool", "sbin/ethtool", "usr/bin/ethtool", "usr/local/sbin/ethtool"];
+const INTERFACES: &str = "sys/class/net";
+
+/// What is known of the master's interface.
+enum Interface {
+    /// The network stack shows it.
+    Shown(String),
+    /// A native driver took it away from the network stack.
+    Native(String),
+    /// It cannot be told; why, and what to do.
+    Unknown(Check),
+}
+
+/// A value of a shell-like configuration file.
+fn setting(root: &Root, name: &str) -> Option<String> {
+    let text = CONFIGURATIONS.iter().find_map(|path| root.text(path))?;
+    let line =
+        text.lines().rev().find_map(|line| line.trim().strip_prefix(name)?.strip_prefix('='))?;
+    Some(line.trim().trim_matches(['"', '\'']).to_owned()).filter(|value| !value.is_empty())
+}
+
+fn find(name: &'static str, root: &Root, master: u32) -> Interface {
+    let Some(address) = setting(root, &format!("MASTER{master}_DEVICE")) else {
+        return Interface::Unknown(Check::warning(
+            name,
+            format!("no configuration of the master names the interface (MASTER{master}_DEVICE)"),
+            "set it to the address of the interface in /etc/ethercat.conf and restart the master",
+        ));
+    };
+    let is_it = |interface: &String| {
+        interface.eq_ignore_ascii_case(&address)
+            || root
+                .first_line(format!("{INTERFACES}/{interface}/address"))
+                .is_some_and(|own| own.eq_ignore_ascii_case(&address))
+    };
+    match root.names(INTERFACES).into_iter().find(is_it) {
+        Some(interface) => Interface::Shown(interface),
+        None if master::has_native_driver(root) => Interface::Native(address),
+        None => Interface::Unknown(Check::bad(
+            name,
+            format!("no interface has the address {address} of MASTER{master}_DEVICE"),
+            "compare it with `ip link`; a card that was exchanged has another address",
+        )),
+    }
+}
+
+pub(super) fn link(root: &Root, master: u32) -> Check {
+    const NAME: &str = "interface";
+    let interface = match find(NAME, root, master) {
+        Interface::Shown(interface) => interface,
+        Interface::Native(address) => {
+            return Check::good(NAME, format!("{address}, driven by the master alone"));
+        }
+        Interface::Unknown(check) => return check,
+    };
+    let of = |file: &str| root.first_line(format!("{INTERFACES}/{interface}/{file}"));
+    let driver = root.link_name(format!("{INTERFACES}/{interface}/device/driver"));
+    let driver = driver.map_or_else(String::new, |driver| format!(", driver {driver}"));
+    let speed = of("speed").unwrap_or_default();
+    if of("carrier").as_deref() != Some("1") {
+        return Check::bad(
+            NAME,
+            format!("{interface}{driver}: no link"),
+            "ip link set IFACE up; look at the cable and at the supply of the first slave",
+        );
+    }
+    if !matches!(speed.as_str(), "100" | "" | "-1") {
+        return Check::warning(
+            NAME,
+            format!("{interface}{driver}: link at {speed} Mbit/s, EtherCAT has 100"),
+            "connect the first slave directly; no switch belongs between",
+        );
+    }
+    Check::good(NAME, format!("{interface}{driver}, link is up"))
+}
+
+pub(super) fn coalescing(root: &Root, master: u32) -> Check {
+    const NAME: &str = "coalescing";
+    let interface = match find(NAME, root, master) {
+        Interface::Shown(interface) => interface,
+        Interface::Native(_) => return Check::skipped(NAME, "the native driver polls"),
+        Interface::Unknown(_) => return Check::skipped(NAME, "the interface is not known"),
+    };
+    let Some(ethtool) = ETHTOOLS.iter().map(|path| root.path(path)).find(|path| path.exists())
+    else {
+        return Check::skipped(NAME, "ethtool is not installed");
+    };
+    match Command::new(ethtool).args(["-c", &interface]).output() {
+        Ok(ran) if ran.status.success() => {
+            judge_coalescing(NAME, &interface, &String::from_utf8_lossy(&ran.stdout))
+        }
+        _ => Check::skipped(NAME, format!("the driver of {interface} does not tell")),
+    }
+}
+
+/// From what `ethtool -c` prints.
+fn judge_coalescing(name: &'static str, interface: &str, text: &str) -> Check {
+    let value = |key: &str| {
+        let line =
+            text.lines().find_map(|line| line.trim().strip_prefix(key)?.strip_prefix(':'))?;
+        line.trim().parse::<u32>().ok()
+    };
+    let is_adaptive = text
+        .lines()
+        .filter_map(|line| line.trim().strip_prefix("Adaptive RX:"))
+        .any(|line| line.trim_start().starts_with("on"));
+    let (rx, tx) = (value("rx-usecs").unwrap_or(0), value("tx-usecs").unwrap_or(0));
+    let found = format!("{interface}: rx-usecs {rx}, tx-usecs {tx}");
+    if !is_adaptive && rx <= 1 && tx <= 1 {
+        return Check::good(name, found);
+    }
+    let adaptive = if is_adaptive { ", adaptive" } else { "" };
+    let remedy = format!("ethtool -C {interface} adaptive-rx off rx-usecs 0 tx-usecs 0");
+    Check::warning(name, format!("{found}{adaptive}: frames wait for others"), &remedy)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_words_of_ethtool_are_understood() {
+        let judge = |text| judge_coalescing("coalescing", "enp4s0", text);
+        let off = "Coalesce parameters for enp4s0:\nAdaptive RX: off  TX: off\nrx-usecs: 0\n\
+                   rx-frames: n/a\ntx-usecs:\t0\n";
+        assert_eq!(judge(off).found, "enp4s0: rx-usecs 0, tx-usecs 0");
+        assert!(!judge(off).is_amiss());
+        let on = judge("Adaptive RX: on  TX: off\nrx-usecs: 3\n");
+        assert_eq!(on.found, "enp4s0: rx-usecs 3, tx-usecs 0, adaptive: frames wait for others");
+        assert!(on.remedy.contains("-C enp4s0 adaptive-rx off"));
+    }
+}

@@ -1,0 +1,79 @@
+//! The library of the master.
+
+use ecan_host::Ecrt;
+use ecan_sim::{BackendError, ClockKind, EcrtSetting, SimOptions};
+
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+use crate::output::Output;
+
+use super::{Check, Root};
+
+/// Loads the library, or tells why not. A wrong setting is a failure of the program.
+pub(super) fn load(
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<Result<Ecrt, String>, Failure> {
+    let setting = EcrtSetting::resolve(global.ecrt.as_deref())?;
+    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+    match ecan_sim::open(&setting, &options) {
+        Ok(backend) => {
+            if let Some(simulation) = &backend.simulation {
+                output.note(simulation.banner());
+            }
+            Ok(Ok(backend.ecrt))
+        }
+        Err(BackendError::Load(error)) => Ok(Err(error.to_string())),
+        Err(other) => Err(other.into()),
+    }
+}
+
+pub(super) fn check(library: &Result<Ecrt, String>) -> Check {
+    const NAME: &str = "library";
+    match library {
+        Ok(ecrt) => {
+            let (major, minor) = ecrt.version();
+            Check::good(NAME, format!("{}, version {major}.{minor}", ecrt.origin()))
+        }
+        Err(error) => Check::bad(
+            NAME,
+            error,
+            "install the IgH EtherCAT master's library (make install, then ldconfig), or name it \
+             with --ecrt",
+        ),
+    }
+}
+
+/// Library and kernel module refuse each other unless they are of one version.
+pub(super) fn same_version(root: &Root, library: (u8, u8)) -> Check {
+    const NAME: &str = "versions";
+    let (major, minor) = library;
+    let Some(module) = root.first_line("sys/module/ec_master/version") else {
+        return Check::skipped(NAME, "the module does not tell its version");
+    };
+    let found = format!("library {major}.{minor}, module {module}");
+    let mut parts = module.split(['.', ' ', '-']).map(|part| part.parse::<u8>().ok());
+    if [parts.next(), parts.next()] == [Some(Some(major)), Some(Some(minor))] {
+        return Check::good(NAME, found);
+    }
+    Check::bad(NAME, found, "install both from one version, and load the module anew")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn library_and_module_are_compared() {
+        let directory = tempfile::tempdir().unwrap();
+        let root = Root::at(directory.path().to_owned());
+        assert!(!same_version(&root, (1, 6)).is_amiss());
+        let module = directory.path().join("sys/module/ec_master");
+        std::fs::create_dir_all(&module).unwrap();
+        std::fs::write(module.join("version"), "1.6.2 1.6.2-2-gabcdef\n").unwrap();
+        assert!(!same_version(&root, (1, 6)).is_amiss());
+        let other = same_version(&root, (1, 5));
+        assert_eq!(other.found, "library 1.5, module 1.6.2 1.6.2-2-gabcdef");
+        assert!(other.is_amiss() && other.remedy.contains("from one version"));
+    }
+}

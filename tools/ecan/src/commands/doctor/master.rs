@@ -1,0 +1,102 @@
+//! The master's kernel modules and its device node.
+
+use std::fs::OpenOptions;
+use std::io::ErrorKind;
+
+use super::{Check, Root};
+
+/// The module of the master itself.
+const MASTER: &str = "ec_master";
+const GENERIC: &str = "ec_generic";
+
+pub(super) fn kernel_module(root: &Root) -> Check {
+    const NAME: &str = "kernel module";
+    if !root.exists("sys/module/ec_master") {
+        return Check::bad(
+            NAME,
+            "ec_master is not loaded",
+            "systemctl enable --now ethercat (or ethercatctl start); after a kernel update build \
+             the modules anew",
+        );
+    }
+    match root.first_line("sys/module/ec_master/version") {
+        Some(version) => Check::good(NAME, format!("ec_master {version}")),
+        None => Check::good(NAME, "ec_master, of a version that it does not tell"),
+    }
+}
+
+/// Modules that drive network interfaces for the master.
+fn drivers(root: &Root) -> Vec<String> {
+    let modules = root.names("sys/module");
+    modules.into_iter().filter(|name| name.starts_with("ec_") && name != MASTER).collect()
+}
+
+/// Whether the master drives an interface without the network stack.
+pub(super) fn has_native_driver(root: &Root) -> bool {
+    drivers(root).iter().any(|name| name != GENERIC)
+}
+
+pub(super) fn network_driver(root: &Root) -> Check {
+    const NAME: &str = "network driver";
+    let drivers = drivers(root);
+    if drivers.is_empty() {
+        return Check::bad(
+            NAME,
+            "no driver of the master is loaded",
+            "set DEVICE_MODULES in /etc/ethercat.conf, to generic or to the native driver of the \
+             interface, and restart the master",
+        );
+    }
+    let kind = match drivers.iter().any(|name| name != GENERIC) {
+        true => "native",
+        false => "generic: frames go through the network stack; a native driver is more even",
+    };
+    Check::good(NAME, format!("{} ({kind})", drivers.join(", ")))
+}
+
+pub(super) fn device_node(root: &Root, master: u32) -> Check {
+    const NAME: &str = "device node";
+    let node = format!("/dev/EtherCAT{master}");
+    let path = root.path(node.trim_start_matches('/'));
+    match OpenOptions::new().read(true).write(true).open(path) {
+        Ok(_) => Check::good(NAME, format!("{node} can be opened")),
+        Err(error) => judge_opening(NAME, &node, error.kind(), &error.to_string()),
+    }
+}
+
+fn judge_opening(name: &'static str, node: &str, kind: ErrorKind, reason: &str) -> Check {
+    match kind {
+        ErrorKind::NotFound => Check::bad(
+            name,
+            format!("{node} does not exist"),
+            "load the module; choose a master that there is (--master); in a container pass the \
+             device in",
+        ),
+        ErrorKind::PermissionDenied => Check::bad(
+            name,
+            format!("{node} is not permitted to this user"),
+            "a udev rule gives it to a group: KERNEL==\"EtherCAT[0-9]*\", GROUP=\"ethercat\", \
+             MODE=\"0660\"; then join the group and log in again",
+        ),
+        _ => Check::bad(
+            name,
+            format!("{node} cannot be opened: {reason}"),
+            "read the kernel log (dmesg | grep EtherCAT)",
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_forbidden_node_is_told_from_a_missing_one() {
+        let judge = |kind| judge_opening("device node", "/dev/EtherCAT0", kind, "reason");
+        let forbidden = judge(ErrorKind::PermissionDenied);
+        assert_eq!(forbidden.found, "/dev/EtherCAT0 is not permitted to this user");
+        assert!(forbidden.remedy.contains("udev rule"));
+        assert!(judge(ErrorKind::NotFound).remedy.contains("load the module"));
+        assert!(judge(ErrorKind::Other).found.ends_with("reason"));
+    }
+}

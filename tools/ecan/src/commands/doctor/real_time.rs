@@ -1,0 +1,175 @@
+//! What makes a cycle even: kernel, limits, CPUs, clock (manual 13.9, 15.6).
+
+use super::{Check, Root};
+
+/// Priority of a cycle thread that leaves room below the kernel's own.
+const PRIORITY: u64 = 80;
+/// Memory that a program with locked memory may need, in bytes.
+const LOCKED_BYTES: u64 = 256 << 20;
+/// Sleep states that take longer to leave show in the cycle, in microseconds.
+const WAKE_UP_US: u64 = 50;
+/// Capabilities by bit of CapEff.
+const CAP_IPC_LOCK: u32 = 14;
+const CAP_SYS_NICE: u32 = 23;
+
+const CPUS: &str = "sys/devices/system/cpu";
+
+pub(super) fn kernel(root: &Root) -> Check {
+    const NAME: &str = "real-time kernel";
+    let version = root.first_line("proc/version").unwrap_or_default();
+    let release = version.split_whitespace().nth(2).unwrap_or("unknown release").to_owned();
+    let is_real_time = root.first_line("sys/kernel/realtime").as_deref() == Some("1")
+        || version.contains("PREEMPT_RT");
+    if is_real_time {
+        return Check::good(NAME, format!("{release}, PREEMPT_RT"));
+    }
+    Check::warning(
+        NAME,
+        format!("{release} is no PREEMPT_RT kernel: cycles may come late by milliseconds"),
+        "install a kernel with PREEMPT_RT (linux-image-rt-amd64, or Ubuntu's real-time kernel)",
+    )
+}
+
+/// A soft limit of /proc/self/limits: none where it is unlimited.
+fn limit(root: &Root, name: &str) -> Option<Option<u64>> {
+    let text = root.text("proc/self/limits")?;
+    let value = text.lines().find_map(|line| line.strip_prefix(name))?.split_whitespace().next()?;
+    if value == "unlimited" { Some(None) } else { Some(Some(value.parse().ok()?)) }
+}
+
+fn has_capability(root: &Root, bit: u32) -> bool {
+    let status = root.text("proc/self/status").unwrap_or_default();
+    let line = status.lines().find_map(|line| line.strip_prefix("CapEff:"));
+    let mask = line.and_then(|line| u64::from_str_radix(line.trim(), 16).ok());
+    mask.is_some_and(|mask| mask >> bit & 1 == 1)
+}
+
+pub(super) fn priority_limit(root: &Root) -> Check {
+    const NAME: &str = "real-time priority";
+    if has_capability(root, CAP_SYS_NICE) {
+        return Check::good(NAME, "permitted to this user (CAP_SYS_NICE)");
+    }
+    match limit(root, "Max realtime priority") {
+        None => Check::skipped(NAME, "the limits cannot be read"),
+        Some(None) => Check::good(NAME, "RLIMIT_RTPRIO is unlimited"),
+        Some(Some(limit)) if limit >= PRIORITY => {
+            Check::good(NAME, format!("RLIMIT_RTPRIO is {limit}"))
+        }
+        Some(Some(limit)) => Check::warning(
+            NAME,
+            format!("RLIMIT_RTPRIO is {limit}, a cycle thread needs {PRIORITY}"),
+            "@ethercat - rtprio 90 in /etc/security/limits.d/, LimitRTPRIO=90 of a systemd service, \
+             or setcap cap_sys_nice+ep PROGRAM",
+        ),
+    }
+}
+
+pub(super) fn memory_limit(root: &Root) -> Check {
+    const NAME: &str = "locked memory";
+    if has_capability(root, CAP_IPC_LOCK) {
+        return Check::good(NAME, "permitted to this user (CAP_IPC_LOCK)");
+    }
+    match limit(root, "Max locked memory") {
+        None => Check::skipped(NAME, "the limits cannot be read"),
+        Some(None) => Check::good(NAME, "RLIMIT_MEMLOCK is unlimited"),
+        Some(Some(bytes)) if bytes >= LOCKED_BYTES => {
+            Check::good(NAME, format!("RLIMIT_MEMLOCK is {} MiB", bytes >> 20))
+        }
+        Some(Some(bytes)) => Check::warning(
+            NAME,
+            format!("RLIMIT_MEMLOCK is {} KiB: memory may be paged out in a cycle", bytes >> 10),
+            "@ethercat - memlock unlimited in /etc/security/limits.d/, LimitMEMLOCK=infinity of a \
+             systemd service, or setcap cap_ipc_lock+ep PROGRAM",
+        ),
+    }
+}
+
+pub(super) fn isolated_cpus(root: &Root) -> Check {
+    const NAME: &str = "isolated CPUs";
+    let list = |file: &str| {
+        root.first_line(format!("{CPUS}/{file}"))
+            .filter(|list| !list.is_empty() && list != "(null)")
+    };
+    let online = list("online").unwrap_or_else(|| "unknown".to_owned());
+    match list("isolated") {
+        Some(cpus) => {
+            let ticks =
+                list("nohz_full").map_or_else(String::new, |it| format!(", nohz_full {it}"));
+            Check::good(NAME, format!("{cpus} of {online}{ticks}"))
+        }
+        None if online == "0" => Check::skipped(NAME, "there is only one CPU"),
+        None => Check::warning(
+            NAME,
+            format!("none of {online}: other programs share the CPU of the cycle"),
+            "isolcpus=N nohz_full=N rcu_nocbs=N on the kernel's command line, and bind the cycle \
+             thread to N",
+        ),
+    }
+}
+
+pub(super) fn clock_source(root: &Root) -> Check {
+    const NAME: &str = "clock source";
+    let directory = "sys/devices/system/clocksource/clocksource0";
+    let Some(source) = root.first_line(format!("{directory}/current_clocksource")) else {
+        return Check::skipped(NAME, "the kernel does not tell");
+    };
+    if !matches!(source.as_str(), "hpet" | "acpi_pm" | "jiffies" | "refined-jiffies" | "pit") {
+        return Check::good(NAME, source);
+    }
+    let available = root.first_line(format!("{directory}/available_clocksource"));
+    let remedy = match available {
+        Some(list) if list.split_whitespace().any(|it| it == "tsc") => {
+            "clocksource=tsc on the kernel's command line"
+        }
+        _ => "the kernel found the CPU's counter unstable: look at the firmware's power settings",
+    };
+    Check::warning(NAME, format!("{source} is slow to read"), remedy)
+}
+
+pub(super) fn power_governor(root: &Root) -> Check {
+    const NAME: &str = "power governor";
+    let governor = |cpu: &String| {
+        let is_cpu = cpu.strip_prefix("cpu")?.bytes().all(|byte| byte.is_ascii_digit());
+        let governor = root.first_line(format!("{CPUS}/{cpu}/cpufreq/scaling_governor"))?;
+        is_cpu.then(|| (cpu.clone(), governor))
+    };
+    let governors: Vec<_> = root.names(CPUS).iter().filter_map(governor).collect();
+    if governors.is_empty() {
+        return Check::skipped(NAME, "the frequency is not scaled here");
+    }
+    match governors.iter().find(|(_, governor)| governor != "performance") {
+        None => Check::good(NAME, format!("performance on {} CPUs", governors.len())),
+        Some((cpu, governor)) => Check::warning(
+            NAME,
+            format!("{governor} on {cpu}: the CPU changes its frequency in the cycle"),
+            "cpupower frequency-set -g performance",
+        ),
+    }
+}
+
+pub(super) fn sleep_states(root: &Root) -> Check {
+    const NAME: &str = "sleep states";
+    let directory = format!("{CPUS}/cpu0/cpuidle");
+    let number = |state: &str, file: &str| {
+        root.first_line(format!("{directory}/{state}/{file}"))?.parse::<u64>().ok()
+    };
+    let enabled = |state: &String| number(state, "disable").unwrap_or(0) == 0;
+    let longest = root
+        .names(&directory)
+        .iter()
+        .filter(|state| enabled(state))
+        .filter_map(|state| number(state, "latency"))
+        .max();
+    match longest {
+        None => Check::skipped(NAME, "the kernel does not tell"),
+        Some(us) if us <= WAKE_UP_US => Check::good(NAME, format!("left within {us} us")),
+        Some(us) if root.exists("dev/cpu_dma_latency") => {
+            Check::good(NAME, format!("left within {us} us; programs can limit them"))
+        }
+        Some(us) => Check::warning(
+            NAME,
+            format!("left within {us} us, and /dev/cpu_dma_latency is missing"),
+            "intel_idle.max_cstate=1 processor.max_cstate=1 on the kernel's command line",
+        ),
+    }
+}

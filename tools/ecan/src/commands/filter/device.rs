@@ -1,0 +1,199 @@
+//! The filters of a channel as the gateway holds them.
+
+use ecan_protocol::{ApplyStatus, ChannelState, ChannelStatus, FilterCommand};
+use serde::Serialize;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+
+/// Which of the two lists.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Standard,
+    Extended,
+}
+
+impl Kind {
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Standard => "standard",
+            Self::Extended => "extended",
+        }
+    }
+
+    fn window(self) -> Window {
+        match self {
+            Self::Standard => {
+                Window { max: 41, index: 43, command: 45, status: 47, count: 49, first_field: 50 }
+            }
+            Self::Extended => {
+                Window { max: 42, index: 44, command: 46, status: 48, count: 55, first_field: 56 }
+            }
+        }
+    }
+}
+
+/// Subindices of an editing window.
+#[derive(Clone, Copy)]
+struct Window {
+    max: u8,
+    index: u8,
+    command: u8,
+    status: u8,
+    count: u8,
+    /// Type, action, sync, ID1 and ID2 follow each other.
+    first_field: u8,
+}
+
+/// A filter in the numbers of the window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub(super) struct RawFilter {
+    #[serde(rename = "type")]
+    pub(super) matching: u32,
+    pub(super) action: u32,
+    pub(super) sync: u32,
+    pub(super) id1: u32,
+    pub(super) id2: u32,
+}
+
+/// Elements of the Message RAM that filters may name.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ElementCounts {
+    pub(super) fifo0: u8,
+    pub(super) fifo1: u8,
+    pub(super) buffers: u8,
+}
+
+/// The filters of one channel.
+pub(super) struct ChannelFilters<'a> {
+    pub(super) bus: &'a Bus,
+    pub(super) slave: usize,
+    pub(super) channel: u8,
+}
+
+impl ChannelFilters<'_> {
+    fn object(&self) -> u16 {
+        0x8001 + u16::from(self.channel)
+    }
+
+    fn get(&self, subindex: u8) -> Result<u32, Failure> {
+        self.bus.read(self.slave, self.object(), subindex)
+    }
+
+    fn set(&self, subindex: u8, value: u32) -> Result<(), Failure> {
+        self.bus.write(self.slave, self.object(), subindex, value)
+    }
+
+    /// What happens to frames without a filter: standard, extended.
+    pub(super) fn non_match(&self) -> Result<[u32; 2], Failure> {
+        Ok([self.get(36)?, self.get(37)?])
+    }
+
+    pub(super) fn extended_mask(&self) -> Result<u32, Failure> {
+        self.get(40)
+    }
+
+    pub(super) fn element_counts(&self) -> Result<ElementCounts, Failure> {
+        let count = |subindex| self.get(subindex).map(|it| u8::try_from(it).unwrap_or(u8::MAX));
+        Ok(ElementCounts { fifo0: count(62)?, fifo1: count(64)?, buffers: count(67)? })
+    }
+
+    /// Whether the channel takes part in its bus, so that an apply changes nothing but filters.
+    pub(super) fn is_running(&self) -> Result<bool, Failure> {
+        let raw = self.bus.read(self.slave, 0x9000 + u16::from(self.channel), 9)?;
+        Ok(ChannelStatus::from_raw(raw as u16).state() != ChannelState::Disabled)
+    }
+
+    /// Restarts the channel with its configuration.
+    pub(super) fn apply(&self) -> Result<(), Failure> {
+        self.set(1, 1)?;
+        let status = ApplyStatus::from_raw(u8::try_from(self.get(2)?).unwrap_or(u8::MAX));
+        if status == ApplyStatus::Ok {
+            return Ok(());
+        }
+        let words = format!("CAN{} was not applied, status {status}", self.channel);
+        Err(Failure::Refused(format!("{words}; it runs as before")))
+    }
+
+    /// Reads a list, one filter after the other through the window.
+    pub(super) fn read(&self, kind: Kind) -> Result<Vec<RawFilter>, Failure> {
+        let window = kind.window();
+        (0..self.get(window.count)?).map(|number| self.load(kind, number)).collect()
+    }
+
+    fn load(&self, kind: Kind, number: u32) -> Result<RawFilter, Failure> {
+        let window = kind.window();
+        self.command(kind, number, FilterCommand::Load)?;
+        let field = |offset| self.get(window.first_field + offset);
+        Ok(RawFilter {
+            matching: field(0)?,
+            action: field(1)?,
+            sync: field(2)?,
+            id1: field(3)?,
+            id2: field(4)?,
+        })
+    }
+
+    fn save(&self, kind: Kind, number: u32, filter: &RawFilter) -> Result<(), Failure> {
+        let first = kind.window().first_field;
+        let fields = [filter.matching, filter.action, filter.sync, filter.id1, filter.id2];
+        for (subindex, value) in (first..).zip(fields) {
+            self.set(subindex, value)?;
+        }
+        self.command(kind, number, FilterCommand::Save)
+    }
+
+    fn command(&self, kind: Kind, number: u32, command: FilterCommand) -> Result<(), Failure> {
+        let window = kind.window();
+        self.set(window.index, number)?;
+        self.set(window.command, command.raw().into())?;
+        let reason = match self.get(window.status)? {
+            0 => return Ok(()),
+            1 => "the index is invalid".to_owned(),
+            2 => "the command is invalid".to_owned(),
+            other => format!("status {other}, not in the manual"),
+        };
+        let name = kind.name();
+        Err(Failure::Refused(format!("{name} filter {number} of CAN{}: {reason}", self.channel)))
+    }
+
+    /// Adds a filter behind the others.
+    pub(super) fn append(&self, kind: Kind, filter: RawFilter) -> Result<(), Failure> {
+        let window = kind.window();
+        let (count, max) = (self.get(window.count)?, self.get(window.max)?);
+        if count >= max {
+            let name = kind.name();
+            return Err(Failure::Usage(format!("all {max} {name} filters are in use")));
+        }
+        self.save(kind, count, &filter)?;
+        self.set(window.count, count + 1)
+    }
+
+    /// Removes a filter.
+    pub(super) fn remove(&self, kind: Kind, number: u8) -> Result<(), Failure> {
+        let mut filters = self.read(kind)?;
+        if usize::from(number) >= filters.len() {
+            let name = kind.name();
+            let words = match filters.len() {
+                0 => format!("CAN{} has no {name} filter", self.channel),
+                1 => format!("CAN{} has only the {name} filter 0", self.channel),
+                more => format!("CAN{} has the {name} filters 0 to {}", self.channel, more - 1),
+            };
+            return Err(Failure::Usage(words));
+        }
+        filters.remove(number.into());
+        self.replace(kind, &filters)
+    }
+
+    /// Writes a whole list, and puts what was behind it out of use.
+    pub(super) fn replace(&self, kind: Kind, filters: &[RawFilter]) -> Result<(), Failure> {
+        let window = kind.window();
+        let before = self.get(window.count)?;
+        for (number, filter) in (0..).zip(filters) {
+            self.save(kind, number, filter)?;
+        }
+        let count = u32::try_from(filters.len()).unwrap_or(before);
+        self.set(window.count, count)?;
+        (count..before).try_for_each(|number| self.command(kind, number, FilterCommand::Clear))
+    }
+}

@@ -1,0 +1,219 @@
+//! `ecan filter`: acceptance filters of a channel through the editing window (manual 13.4).
+
+mod device;
+mod new_filter;
+mod words;
+
+use std::io::Write;
+
+use clap::{Args, Subcommand};
+use serde::Serialize;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+use crate::output::Output;
+use crate::table;
+
+use device::{ChannelFilters, Kind, RawFilter};
+use new_filter::NewFilter;
+
+/// What to do with filters.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  ecan filter list --channel 0
+  ecan filter add --channel 0 --range 0x180 0x1FF
+  ecan filter add --channel 0 --id 0x80 --to priority-fifo0
+  ecan filter add --channel 0 --extended --mask 0x18FF0000 0x1FFF0000 --to fifo1
+  ecan filter remove 1 --channel 0
+  ecan filter clear --channel 0
+
+Filters take effect when the channel is applied, which restarts it: done at once on a channel that
+runs, unless --no-apply is given. They are lost with the power until the configuration is saved.")]
+pub struct FilterArguments {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// List the filters and what happens to frames that none of them matches
+    List {
+        #[command(flatten)]
+        channel: ChannelArgument,
+    },
+    /// Add a filter behind the others
+    Add {
+        #[command(flatten)]
+        channel: ChannelArgument,
+        #[command(flatten)]
+        filter: NewFilter,
+        #[command(flatten)]
+        apply: ApplyArgument,
+    },
+    /// Remove a filter; those behind it move up
+    Remove {
+        /// Its number in the list
+        number: u8,
+        #[command(flatten)]
+        channel: ChannelArgument,
+        /// Of the list for 29-bit identifiers
+        #[arg(long)]
+        extended: bool,
+        #[command(flatten)]
+        apply: ApplyArgument,
+    },
+    /// Remove all filters, or those of one kind
+    Clear {
+        #[command(flatten)]
+        channel: ChannelArgument,
+        /// Only those for 11-bit identifiers
+        #[arg(long, conflicts_with = "extended")]
+        standard: bool,
+        /// Only those for 29-bit identifiers
+        #[arg(long)]
+        extended: bool,
+        #[command(flatten)]
+        apply: ApplyArgument,
+    },
+}
+
+#[derive(Debug, Args)]
+struct ChannelArgument {
+    /// CAN channel, 0 to 3
+    #[arg(long, value_name = "N", value_parser = crate::channel::parse)]
+    channel: u8,
+}
+
+#[derive(Debug, Args)]
+struct ApplyArgument {
+    /// Leave the channel as it runs; the filters wait for the next apply
+    #[arg(long)]
+    no_apply: bool,
+}
+
+/// The filters of a channel.
+#[derive(Debug, Serialize)]
+struct Listed {
+    channel: u8,
+    non_match_standard: &'static str,
+    non_match_extended: &'static str,
+    extended_mask: u32,
+    standard: Vec<ListedFilter>,
+    extended: Vec<ListedFilter>,
+}
+
+#[derive(Debug, Serialize)]
+struct ListedFilter {
+    number: usize,
+    identifiers: String,
+    action: String,
+    is_sync: bool,
+    raw: RawFilter,
+}
+
+pub fn run(
+    arguments: &FilterArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    let (channel, no_apply) = match &arguments.action {
+        Action::List { channel } => (channel, true),
+        Action::Add { channel, apply, .. }
+        | Action::Remove { channel, apply, .. }
+        | Action::Clear { channel, apply, .. } => (channel, apply.no_apply),
+    };
+    let wanted = match &arguments.action {
+        Action::Add { filter, .. } => Some(filter.build().map_err(Failure::Usage)?),
+        _ => None,
+    };
+    let bus = Bus::open(global, output)?;
+    let filters = ChannelFilters { bus: &bus, slave: bus.slave()?, channel: channel.channel };
+    match &arguments.action {
+        Action::List { .. } => {}
+        Action::Add { .. } => {
+            if let Some(filter) = &wanted {
+                filter.check(filters.element_counts()?).map_err(Failure::Usage)?;
+                filters.append(filter.kind(), filter.raw())?;
+            }
+        }
+        Action::Remove { number, extended, .. } => filters.remove(kind(*extended), *number)?,
+        Action::Clear { standard, extended, .. } => {
+            if !extended {
+                filters.replace(Kind::Standard, &[])?;
+            }
+            if !standard {
+                filters.replace(Kind::Extended, &[])?;
+            }
+        }
+    }
+    if !no_apply {
+        if filters.is_running()? {
+            filters.apply()?;
+        } else {
+            let words = "is off: the filters take effect when it is applied";
+            output.note(format_args!("CAN{} {words}", channel.channel));
+        }
+    }
+    let listed = list(&filters)?;
+    output.data(&listed, |out| print(&listed, out))
+}
+
+fn kind(is_extended: bool) -> Kind {
+    if is_extended { Kind::Extended } else { Kind::Standard }
+}
+
+fn list(filters: &ChannelFilters) -> Result<Listed, Failure> {
+    let of_kind = |kind| {
+        let raw = filters.read(kind)?;
+        let listed = raw.into_iter().enumerate().map(|(number, raw)| ListedFilter {
+            number,
+            identifiers: words::identifiers(kind, &raw),
+            action: words::action(&raw),
+            is_sync: raw.sync != 0,
+            raw,
+        });
+        Ok::<_, Failure>(listed.collect())
+    };
+    let [standard, extended] = filters.non_match()?;
+    Ok(Listed {
+        channel: filters.channel,
+        non_match_standard: words::non_match(standard),
+        non_match_extended: words::non_match(extended),
+        extended_mask: filters.extended_mask()?,
+        standard: of_kind(Kind::Standard)?,
+        extended: of_kind(Kind::Extended)?,
+    })
+}
+
+fn print(listed: &Listed, out: &mut dyn Write) -> std::io::Result<()> {
+    let Listed { channel, non_match_standard, non_match_extended, extended_mask, .. } = listed;
+    let rules = [
+        ("standard", non_match_standard, &listed.standard),
+        ("extended", non_match_extended, &listed.extended),
+    ];
+    for (name, non_match, filters) in rules {
+        let count = match filters.len() {
+            0 => "no filter".to_owned(),
+            1 => "1 filter".to_owned(),
+            more => format!("{more} filters"),
+        };
+        let mask = match name {
+            "extended" if *extended_mask != 0x1FFF_FFFF => {
+                format!("; identifiers are masked with 0x{extended_mask:08X}")
+            }
+            _ => String::new(),
+        };
+        writeln!(out, "CAN{channel} {name}: {count}; frames that match none: {non_match}{mask}")?;
+        let rows: Vec<_> = filters
+            .iter()
+            .map(|it| {
+                let sync = if it.is_sync { "sync message" } else { "" };
+                [format!("  {}", it.number), it.identifiers.clone(), it.action.clone(), sync.into()]
+            })
+            .collect();
+        table::print(out, &rows)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,74 @@
+//! Filters in words.
+
+use ecan_protocol::{ExtendedMatch, FilterAction, NonMatch, StandardMatch};
+
+use super::device::{Kind, RawFilter};
+
+/// Which identifiers a filter matches.
+pub(super) fn identifiers(kind: Kind, filter: &RawFilter) -> String {
+    let RawFilter { id1, id2, .. } = *filter;
+    let digits = if kind == Kind::Standard { 3 } else { 8 };
+    let id = |id| format!("0x{id:0digits$X}");
+    if matches!(decode_action(filter), Some(FilterAction::RxBuffer(_))) {
+        return id(id1);
+    }
+    let raw = u8::try_from(filter.matching).unwrap_or(u8::MAX);
+    let (range, two, masked, unmasked) = match kind {
+        Kind::Standard => {
+            let it = StandardMatch::from_raw(raw);
+            (
+                it == Some(StandardMatch::Range),
+                it == Some(StandardMatch::Two),
+                it == Some(StandardMatch::Masked),
+                false,
+            )
+        }
+        Kind::Extended => {
+            let it = ExtendedMatch::from_raw(raw);
+            (
+                it == Some(ExtendedMatch::Range),
+                it == Some(ExtendedMatch::Two),
+                it == Some(ExtendedMatch::Masked),
+                it == Some(ExtendedMatch::RangeUnmasked),
+            )
+        }
+    };
+    match (range, two, masked, unmasked) {
+        (true, ..) => format!("{} to {}", id(id1), id(id2)),
+        (_, true, ..) if id1 == id2 => id(id1),
+        (_, true, ..) => format!("{} and {}", id(id1), id(id2)),
+        (_, _, true, _) => format!("{} in the bits of {}", id(id1), id(id2)),
+        (.., true) => format!("{} to {}, without the global mask", id(id1), id(id2)),
+        _ if raw == 3 => "none".to_owned(),
+        _ => format!("type {}, not known", filter.matching),
+    }
+}
+
+fn decode_action(filter: &RawFilter) -> Option<FilterAction> {
+    FilterAction::from_raw(u8::try_from(filter.action).ok()?, filter.id2)
+}
+
+/// What happens to its frames.
+pub(super) fn action(filter: &RawFilter) -> String {
+    match decode_action(filter) {
+        Some(FilterAction::Disabled) => "out of use".to_owned(),
+        Some(FilterAction::Fifo0) => "RX FIFO0".to_owned(),
+        Some(FilterAction::Fifo1) => "RX FIFO1".to_owned(),
+        Some(FilterAction::Reject) => "refused".to_owned(),
+        Some(FilterAction::Priority) => "priority mark".to_owned(),
+        Some(FilterAction::PriorityFifo0) => "RX FIFO0, priority mark".to_owned(),
+        Some(FilterAction::PriorityFifo1) => "RX FIFO1, priority mark".to_owned(),
+        Some(FilterAction::RxBuffer(buffer)) => format!("RX buffer {buffer}"),
+        None => format!("action {}, not known", filter.action),
+    }
+}
+
+/// What happens to frames without a filter.
+pub(super) fn non_match(raw: u32) -> &'static str {
+    match u8::try_from(raw).ok().and_then(NonMatch::from_raw) {
+        Some(NonMatch::Fifo0) => "RX FIFO0",
+        Some(NonMatch::Fifo1) => "RX FIFO1",
+        Some(NonMatch::Reject | NonMatch::RejectToo) => "refused",
+        None => "not known",
+    }
+}

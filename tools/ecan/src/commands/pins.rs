@@ -1,0 +1,102 @@
+//! `ecan pins`: which connector each CAN channel is at (manual 13.3).
+
+use std::io::Write;
+
+use clap::Args;
+use ecan_protocol::{AlState, CHANNELS};
+use serde::Serialize;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+use crate::output::Output;
+use crate::table;
+
+const SYSTEM: u16 = 0x8000;
+const REQUESTED: u8 = 12;
+const ACTIVE: u8 = 13;
+const MASK: u8 = 14;
+const STATUS: u8 = 15;
+
+/// What to do with the pins.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  ecan pins                    show the rotation in force
+  ecan pins 1                  rotate by one: CAN0 comes out where CAN1 was
+
+The rotation is taken over at once, but not in OP; it restarts the channels.
+Keep it over a power cycle with the Flash command of the maintenance object.")]
+pub struct PinsArguments {
+    /// Rotation of the channels over the fixed groups of pins, 0 to 3; shown if left out
+    rotation: Option<u8>,
+}
+
+/// The rotation.
+#[derive(Debug, Serialize)]
+struct Pins {
+    requested: u32,
+    active: u32,
+    supported: Vec<u32>,
+    apply_status: u32,
+    /// Pin group of each channel.
+    pin_groups: Vec<usize>,
+}
+
+pub fn run(
+    arguments: &PinsArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    let bus = Bus::open(global, output)?;
+    let slave = bus.slave()?;
+    if let Some(rotation) = arguments.rotation {
+        set(&bus, slave, rotation.into())?;
+    }
+    let pins = read(&bus, slave)?;
+    output.data(&pins, |out| print(&pins, out))
+}
+
+fn read(bus: &Bus, slave: usize) -> Result<Pins, Failure> {
+    let value = |subindex| bus.read(slave, SYSTEM, subindex);
+    let (active, mask) = (value(ACTIVE)?, value(MASK)?);
+    Ok(Pins {
+        requested: value(REQUESTED)?,
+        active,
+        supported: (0..8).filter(|bit| mask >> bit & 1 == 1).collect(),
+        apply_status: value(STATUS)?,
+        pin_groups: (0..CHANNELS).map(|channel| (channel + active as usize) % CHANNELS).collect(),
+    })
+}
+
+fn set(bus: &Bus, slave: usize, rotation: u32) -> Result<(), Failure> {
+    let supported = read(bus, slave)?.supported;
+    if !supported.contains(&rotation) {
+        let known: Vec<_> = supported.iter().map(ToString::to_string).collect();
+        let words = format!("the gateway has the rotations {}, not {rotation}", known.join(", "));
+        return Err(Failure::Usage(words));
+    }
+    bus.write(slave, SYSTEM, REQUESTED, rotation)?;
+    let pins = read(bus, slave)?;
+    if pins.apply_status == 0 && pins.active == rotation {
+        return Ok(());
+    }
+    let is_in_op = bus.diagnostics().al_state(slave).is_ok_and(|it| it == Some(AlState::Op));
+    let hint = if is_in_op { ": it is in OP, stop the application first" } else { "" };
+    Err(Failure::Refused(format!(
+        "the gateway did not take the rotation over, 0x8000:15 is {}, {} is in force{hint}",
+        pins.apply_status, pins.active
+    )))
+}
+
+fn print(pins: &Pins, out: &mut dyn Write) -> std::io::Result<()> {
+    let known: Vec<_> = pins.supported.iter().map(ToString::to_string).collect();
+    let mut rows = vec![
+        ["rotation".to_owned(), format!("{} of {}", pins.active, known.join(", "))],
+        ["requested".to_owned(), format!("{}, apply status {}", pins.requested, pins.apply_status)],
+    ];
+    for (channel, group) in pins.pin_groups.iter().enumerate() {
+        rows.push([format!("CAN{channel}"), format!("pin group {group}")]);
+    }
+    table::print(out, &rows)
+}

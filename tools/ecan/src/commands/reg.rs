@@ -1,0 +1,305 @@
+//! `ecan reg`: registers of the CAN controllers (manual 13.6).
+
+use std::io::Write;
+
+use clap::{Args, Subcommand};
+use ecan_diagnosis::registers::{self, REGISTERS, register, register_named};
+use serde::Serialize;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+use crate::output::{Output, Tone};
+use crate::table;
+use crate::value::parse_unsigned;
+
+/// Range of offsets.
+const OFFSETS: std::ops::RangeInclusive<u64> = 0x0004..=0x0404;
+/// Tries while the service is busy.
+const TRIES: u32 = 20;
+/// Time between two tries, ns.
+const PAUSE_NS: u64 = 5_000_000;
+
+const MAINTENANCE: u16 = 0xB000;
+const MODE_REQUEST: u8 = 1;
+const MODE_STATUS: u8 = 2;
+const ENGINEERING: u32 = 1;
+
+/// What to do with registers.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+Examples:
+  ecan reg list
+  ecan reg read PSR --channel 0
+  ecan reg write IR 0xFFFFFFFF --channel 0       clear the interrupt flags
+
+A write needs engineering mode (0xB000:01): it is asked for and given back. The gateway takes
+writes only to the registers of its whitelist; DBTP, NBTP, TDCR, GFC and XIDAM besides only while
+CCCR has INIT and CCE set, which takes the channel off the bus.")]
+pub struct RegArguments {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Read a register
+    Read {
+        /// Its name, or its offset
+        #[arg(value_parser = parse_offset)]
+        register: u16,
+        /// CAN channel, 0 to 3
+        #[arg(long, value_name = "N", value_parser = crate::channel::parse)]
+        channel: u8,
+    },
+    /// Write a register of the whitelist
+    Write {
+        /// Its name, or its offset
+        #[arg(value_parser = parse_offset)]
+        register: u16,
+        /// The value
+        #[arg(value_parser = parse_value)]
+        value: u32,
+        /// CAN channel, 0 to 3
+        #[arg(long, value_name = "N", value_parser = crate::channel::parse)]
+        channel: u8,
+    },
+    /// List the registers that have a name, and which may be written
+    List,
+}
+
+fn parse_offset(text: &str) -> Result<u16, String> {
+    if let Some(register) = register_named(text) {
+        return Ok(register.offset);
+    }
+    let offset = parse_unsigned(text)
+        .ok_or_else(|| format!("no register is called \"{text}\"; see `ecan reg list`"))?;
+    match u16::try_from(offset) {
+        Ok(it) if OFFSETS.contains(&offset) && it.is_multiple_of(4) => Ok(it),
+        _ => Err("offsets are multiples of 4 from 0x0004 to 0x0404".to_owned()),
+    }
+}
+
+fn parse_value(text: &str) -> Result<u32, String> {
+    let value = parse_unsigned(text).ok_or_else(|| format!("\"{text}\" is no number"))?;
+    u32::try_from(value).map_err(|_| format!("{text} is more than 4 bytes hold"))
+}
+
+/// A register's value.
+#[derive(Debug, Serialize)]
+struct Reading {
+    channel: u8,
+    offset: u16,
+    name: Option<&'static str>,
+    value: u32,
+    words: Option<String>,
+    /// Time of the access on the gateway.
+    timestamp: u64,
+}
+
+/// A register of the list.
+#[derive(Debug, Serialize)]
+struct Listed {
+    offset: u16,
+    name: &'static str,
+    description: &'static str,
+    is_writable: bool,
+}
+
+pub fn run(
+    arguments: &RegArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    match arguments.action {
+        Action::List => list(output),
+        Action::Read { register, channel } => {
+            let bus = Bus::open(global, output)?;
+            let service = Service { bus: &bus, slave: bus.slave()?, channel };
+            let reading = service.read(register)?;
+            output.data(&reading, |out| print(&reading, out))
+        }
+        Action::Write { register, value, channel } => {
+            check_whitelist(register)?;
+            let bus = Bus::open(global, output)?;
+            let service = Service { bus: &bus, slave: bus.slave()?, channel };
+            let reading = service.write(register, value)?;
+            output.data(&reading, |out| print(&reading, out))?;
+            judge_readback(&reading, value, output)
+        }
+    }
+}
+
+fn list(output: &Output) -> Result<(), Failure> {
+    let listed: Vec<_> = REGISTERS
+        .iter()
+        .map(|it| Listed {
+            offset: it.offset,
+            name: it.name,
+            description: it.description,
+            is_writable: it.is_writable(),
+        })
+        .collect();
+    output.data(&listed, |out| {
+        let rows: Vec<_> = listed
+            .iter()
+            .map(|it| {
+                let access = if it.is_writable { "rw" } else { "ro" };
+                let description = it.description.to_owned();
+                [format!("0x{:04X}", it.offset), it.name.to_owned(), access.to_owned(), description]
+            })
+            .collect();
+        table::print(out, &rows)
+    })
+}
+
+/// The gateway would refuse it, too; but then its engineering mode would have been on for nothing.
+fn check_whitelist(offset: u16) -> Result<(), Failure> {
+    let known = register(offset);
+    if known.is_some_and(|it| it.is_writable()) {
+        return Ok(());
+    }
+    let name = known.map_or_else(|| format!("0x{offset:04X}"), |it| it.name.to_owned());
+    let names: Vec<_> = REGISTERS.iter().filter(|it| it.is_writable()).map(|it| it.name).collect();
+    Err(Failure::Usage(format!(
+        "{name} is not in the whitelist of the gateway (manual 13.6); it takes writes to {}",
+        names.join(", ")
+    )))
+}
+
+/// Tells when a plain register does not hold what was written.
+fn judge_readback(reading: &Reading, written: u32, output: &Output) -> Result<(), Failure> {
+    // Commands, flags that clear themselves, and registers with bits of the hardware.
+    const COMMANDS: [&str; 8] = ["IR", "CCCR", "TEST", "RXF0A", "RXF1A", "TXBAR", "TXBCR", "TXEFA"];
+    let name = reading.name.unwrap_or_default();
+    if reading.value == written || COMMANDS.contains(&name) {
+        return Ok(());
+    }
+    let words = format!(
+        "{name} does not hold 0x{written:08X}: a protected register keeps its value unless CCCR has \
+         INIT and CCE set, and bits without a meaning stay 0"
+    );
+    output.note(output.toned(Tone::Warning, words));
+    Err(Failure::Amiss)
+}
+
+fn print(reading: &Reading, out: &mut dyn Write) -> std::io::Result<()> {
+    let name = reading.name.unwrap_or("register");
+    let Reading { channel, offset, value, .. } = reading;
+    write!(out, "CAN{channel} {name} (0x{offset:04X}) = 0x{value:08X}")?;
+    match &reading.words {
+        Some(words) => writeln!(out, ": {words}"),
+        None => writeln!(out),
+    }
+}
+
+/// What a command of the service came to.
+enum Answer {
+    Done,
+    /// The access mode is missing.
+    Denied,
+}
+
+/// The register service of one channel.
+struct Service<'a> {
+    bus: &'a Bus,
+    slave: usize,
+    channel: u8,
+}
+
+impl Service<'_> {
+    fn object(&self) -> u16 {
+        0xA000 + u16::from(self.channel)
+    }
+
+    fn get(&self, subindex: u8) -> Result<u32, Failure> {
+        self.bus.read(self.slave, self.object(), subindex)
+    }
+
+    fn set(&self, subindex: u8, value: u32) -> Result<(), Failure> {
+        self.bus.write(self.slave, self.object(), subindex, value)
+    }
+
+    fn read(&self, offset: u16) -> Result<Reading, Failure> {
+        self.set(1, offset.into())?;
+        match self.command(1)? {
+            Answer::Done => self.reading(offset),
+            Answer::Denied => self.in_engineering_mode(|| {
+                self.permitted(1)?;
+                self.reading(offset)
+            }),
+        }
+    }
+
+    fn write(&self, offset: u16, value: u32) -> Result<Reading, Failure> {
+        self.in_engineering_mode(|| {
+            self.set(1, offset.into())?;
+            self.set(4, value)?;
+            self.permitted(2)?;
+            self.read(offset)
+        })
+    }
+
+    fn reading(&self, offset: u16) -> Result<Reading, Failure> {
+        let value = self.get(5)?;
+        let timestamp = u64::from(self.get(6)?) | u64::from(self.get(7)?) << 32;
+        Ok(Reading {
+            channel: self.channel,
+            offset,
+            name: register(offset).map(|it| it.name),
+            value,
+            words: registers::words(offset, value),
+            timestamp,
+        })
+    }
+
+    /// Gives a command and waits while the service is busy.
+    fn command(&self, command: u32) -> Result<Answer, Failure> {
+        let clock = self.bus.ecrt().clock();
+        for _ in 0..TRIES {
+            self.set(2, command)?;
+            match self.get(3)? {
+                0 => return Ok(Answer::Done),
+                1 => return Err(refused("the offset is not one of the gateway")),
+                2 => return Err(refused("the register is not in the gateway's whitelist")),
+                3 => clock.sleep_until_ns(clock.now_ns().saturating_add(PAUSE_NS)),
+                4 => return Ok(Answer::Denied),
+                other => return Err(refused(&format!("status {other}, not in the manual"))),
+            }
+        }
+        Err(refused("the register service stays busy"))
+    }
+
+    fn permitted(&self, command: u32) -> Result<(), Failure> {
+        match self.command(command)? {
+            Answer::Done => Ok(()),
+            Answer::Denied => {
+                Err(refused("access denied although engineering mode was asked for (0xB000:01)"))
+            }
+        }
+    }
+
+    /// Does something in engineering mode, and gives the mode back whatever comes.
+    fn in_engineering_mode<R>(
+        &self,
+        action: impl FnOnce() -> Result<R, Failure>,
+    ) -> Result<R, Failure> {
+        let before = self.bus.read(self.slave, MAINTENANCE, MODE_STATUS)?;
+        if before != 0 {
+            return action();
+        }
+        self.bus.write(self.slave, MAINTENANCE, MODE_REQUEST, ENGINEERING)?;
+        let outcome = match self.bus.read(self.slave, MAINTENANCE, MODE_STATUS) {
+            Ok(0) => Err(refused("the gateway does not grant engineering mode (0xB000:02 is 0)")),
+            Ok(_) => action(),
+            Err(failure) => Err(failure),
+        };
+        let given_back = self.bus.write(self.slave, MAINTENANCE, MODE_REQUEST, before);
+        let value = outcome?;
+        given_back.map(|()| value)
+    }
+}
+
+fn refused(words: &str) -> Failure {
+    Failure::Refused(format!("register service: {words}"))
+}
