@@ -5,7 +5,7 @@ use ecan_diagnosis::registers::{
     ReceiveFifoStatus, TransmitQueueStatus,
 };
 use ecan_diagnosis::{Finding, Snapshot, findings, flag_words};
-use ecan_protocol::{AlStatusCode, CHANNELS, ChannelStatus, lookup};
+use ecan_protocol::{AlStatusCode, CHANNELS, ChannelState, ChannelStatus, lookup};
 use serde::Serialize;
 
 use super::bundle::Bundle;
@@ -72,6 +72,24 @@ pub(super) struct Measured {
     pub(super) value: i64,
     /// The value in microseconds, for one that counts CPU cycles.
     pub(super) us: Option<f64>,
+}
+
+impl Channel {
+    /// Switched off, and nothing has ever happened on it.
+    pub(super) fn is_quiet(&self) -> bool {
+        let counts = [
+            self.rx_dropped,
+            self.tx_backpressure,
+            self.bus_off_count,
+            self.cache_dropped,
+            self.tx_fifo_full,
+            self.tx_stale,
+            self.degraded,
+            self.last_error,
+        ];
+        let is_off = ChannelStatus::from_raw(self.status).state() == ChannelState::Disabled;
+        is_off && counts == [0; 8] && self.error_counters == ErrorCounters::from_raw(0)
+    }
 }
 
 impl<'a> Report<'a> {

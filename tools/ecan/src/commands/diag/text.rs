@@ -24,6 +24,7 @@ pub(super) fn print(
             print_channel(channel, out)?;
         }
         performance(report, out)?;
+        refused(report, out)?;
         writeln!(out)?;
     }
     if report.findings.is_empty() {
@@ -75,6 +76,9 @@ fn directions(report: &Report, out: &mut dyn Write) -> Written {
 
 fn print_channel(channel: &Channel, out: &mut dyn Write) -> Written {
     writeln!(out, "\nCAN{}  {}", channel.channel, channel.status_words)?;
+    if channel.is_quiet() {
+        return Ok(());
+    }
     let interrupts = match channel.interrupts[..] {
         [] => "none".to_owned(),
         ref words => words.join(", "),
@@ -122,6 +126,16 @@ fn performance(report: &Report, out: &mut dyn Write) -> Written {
         })
         .collect();
     table::print(out, &rows)
+}
+
+/// Entries that this firmware does not have.
+fn refused(report: &Report, out: &mut dyn Write) -> Written {
+    let refused = &report.bundle.snapshot.refused;
+    if refused.is_empty() {
+        return Ok(());
+    }
+    writeln!(out, "\nnot read")?;
+    refused.iter().try_for_each(|(key, why)| writeln!(out, "  {key}  {why}"))
 }
 
 fn print_finding(finding: &Finding, output: &Output, out: &mut dyn Write) -> Written {

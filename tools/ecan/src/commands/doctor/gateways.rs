@@ -19,7 +19,8 @@ pub(super) fn checks(library: Option<Ecrt>, global: &GlobalOptions) -> Vec<Check
     let gateways: Vec<_> =
         (0..diagnostics.slave_count()).filter(|slave| is_gateway(&diagnostics, *slave)).collect();
     let count = diagnostics.slave_count();
-    let found = format!("{count} slaves, {} of them ECAN-Lite", gateways.len());
+    let slaves = if count == 1 { "slave" } else { "slaves" };
+    let found = format!("{count} {slaves}, {} ECAN-Lite", gateways.len());
     if gateways.is_empty() {
         let remedy = "look at cable and supply, then at `ecan scan`";
         return vec![Check::bad(NAME, found, remedy)];

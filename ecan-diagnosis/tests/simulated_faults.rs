@@ -1,0 +1,164 @@
+//! Faults of the simulated gateway in operation, as the findings tell them.
+#![allow(missing_docs)]
+
+use ecan_diagnosis::{Depth, Finding, ReadError, Snapshot, findings};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_protocol::{CanFrame, CanId, Direction, HEADER_BYTES};
+use ecan_sim::{ClockKind, Fault, GatewayFault, Scenario, SimOptions, Simulation};
+
+struct Bench {
+    port: Port,
+    simulation: Simulation,
+}
+
+impl Bench {
+    /// One gateway in service with all channels at 500 kbit/s, N = 3, cycle of 1 ms.
+    fn ready(scenario: Scenario) -> Self {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
+        let gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(500_000));
+        let mut port = Port::open(
+            &backend.ecrt,
+            AdapterConfig::new(1).with_cycle_us(1_000),
+            PortConfig::uniform(1, gateway),
+        )
+        .unwrap();
+        port.wait_ready(20_000).unwrap();
+        Self { port, simulation: backend.simulation.unwrap() }
+    }
+
+    fn cycles(&mut self, count: usize, mut each: impl FnMut(&mut Port)) {
+        for _ in 0..count {
+            self.port.wait_next_cycle();
+            self.port.cycle_begin().unwrap();
+            self.port.receive_each(|_| ());
+            each(&mut self.port);
+            self.port.cycle_end().unwrap();
+        }
+    }
+
+    /// What the gateway shows now.
+    fn snapshot(&self) -> Snapshot {
+        self.simulation.with_world(|world| {
+            let look = |gateway: &mut ecan_sim::Gateway, now| {
+                let mut bytes = Vec::new();
+                let mut snapshot = Snapshot::read(Depth::Findings, |key| {
+                    gateway
+                        .sdo_upload(now, key.index, key.subindex, &mut bytes)
+                        .map_err(|code| ReadError::Refused(code.to_string()))?;
+                    let mut value = [0; 4];
+                    value[..bytes.len()].copy_from_slice(&bytes);
+                    Ok(u32::from_le_bytes(value))
+                });
+                snapshot.al_state = gateway.al_state().raw() | u8::from(gateway.al_error()) << 4;
+                snapshot.al_status_code = Some(gateway.al_status_code());
+                snapshot
+            };
+            world.with_gateway(0, look).unwrap()
+        })
+    }
+
+    fn found(&self) -> Vec<Finding> {
+        findings(&self.snapshot())
+    }
+
+    fn ids(&self) -> Vec<&'static str> {
+        self.found().iter().map(|finding| finding.id).collect()
+    }
+}
+
+fn frame() -> CanFrame {
+    CanFrame::classic(CanId::standard(0x123).unwrap(), &[1, 2, 3]).unwrap()
+}
+
+#[test]
+fn a_gateway_in_operation_has_no_finding() {
+    let mut bench = Bench::ready(ecan_sim::echo(1));
+    bench.cycles(100, |port| {
+        let _ = port.send(0, 1, frame().as_ref());
+    });
+    assert_eq!(bench.found(), []);
+    let snapshot = bench.snapshot();
+    assert_eq!(snapshot.refused.len(), 0, "{:?}", snapshot.refused);
+    assert_eq!((snapshot.get(0x8011, 9), snapshot.get(0x1C12, 0)), (Some(384), Some(3)));
+}
+
+#[test]
+fn bus_off_is_found_while_it_lasts_and_as_a_warning_afterwards() {
+    let mut bench = Bench::ready(ecan_sim::echo(1));
+    bench.simulation.inject(Fault::BusOff { gateway: 0, channel: 2 });
+    assert_eq!(bench.ids()[0], "bus-off");
+    bench.cycles(500, |_| ());
+    assert!(bench.ids().contains(&"bus-off-past"), "{:?}", bench.ids());
+    assert!(!bench.ids().contains(&"bus-off"));
+}
+
+#[test]
+fn a_bus_without_partner_is_found_as_missing_acknowledge() {
+    let mut scenario = ecan_sim::echo(1);
+    scenario.nodes.clear();
+    let mut bench = Bench::ready(scenario);
+    bench.cycles(300, |port| {
+        let _ = port.send(0, 0, frame().as_ref());
+    });
+    let found = bench.found();
+    let first = &found[0];
+    assert_eq!((first.id, first.place.to_string()), ("no-acknowledge", "CAN0".to_owned()));
+}
+
+#[test]
+fn error_frames_raise_the_counters_into_a_finding() {
+    let mut bench = Bench::ready(ecan_sim::echo(1));
+    bench.simulation.inject(Fault::ErrorFrames { gateway: 0, channel: 0, frames: 14 });
+    let is_seen = (0..20).any(|_| {
+        bench.cycles(1, |port| {
+            let _ = port.send(0, 0, frame().as_ref());
+        });
+        // 14 times 8 is 112; each frame that goes well takes one off.
+        bench.ids().contains(&"error-warning")
+    });
+    assert!(is_seen, "{:#?}", bench.snapshot());
+    bench.cycles(100, |port| {
+        let _ = port.send(0, 0, frame().as_ref());
+    });
+    assert_eq!(bench.found(), [], "the counters have fallen again");
+}
+
+#[test]
+fn an_al_error_is_found_with_its_code() {
+    let mut bench = Bench::ready(ecan_sim::echo(1));
+    bench.cycles(5, |_| ());
+    let fault = GatewayFault::AlError { code: 0x2C };
+    bench.simulation.inject(Fault::Gateway { gateway: 0, fault });
+    let found = bench.found();
+    assert_eq!(found[0].id, "al-sync");
+    assert!(found[0].what.contains("SAFEOP with AL status code 0x002C"), "{found:#?}");
+}
+
+#[test]
+fn damaged_images_are_found_with_their_error() {
+    for (byte, id) in [(0, "pdo-bad-header"), (8, "pdo-bad-crc")] {
+        let bench = Bench::ready(ecan_sim::echo(1));
+        // The firmware takes what lies in SM2, before and after.
+        bench.simulation.pass_ns(300_000);
+        let is_taken = bench.simulation.with_world(|world| {
+            world.with_gateway(0, |gateway, now| {
+                // What a master without this SDK might write.
+                let mut image = vec![0; 384];
+                let profile = ecan_protocol::PdoProfile { multiplier: 3, ..Default::default() };
+                let mut writer = ecan_protocol::ImageWriter::new(Direction::RxPdo, profile);
+                let packet = (frame(), ecan_protocol::Timestamp::None);
+                writer.push(&mut image, 0, 0, packet.0.as_ref(), packet.1).unwrap();
+                writer.commit(&mut image, ecan_protocol::CommitFields::default());
+                assert!(image.len() > HEADER_BYTES);
+                image[byte] ^= 0xFF;
+                gateway.write_outputs(now, &image)
+            })
+        });
+        assert_eq!(is_taken, Some(true));
+        bench.simulation.pass_ns(300_000);
+        let found = bench.found();
+        assert!(found.iter().any(|it| it.id == id), "{id}: {found:#?}");
+    }
+}
