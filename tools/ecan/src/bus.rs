@@ -183,6 +183,15 @@ fn counted(slaves: usize) -> String {
     }
 }
 
+/// A bus over a simulation that a test holds in its hands.
+#[cfg(test)]
+impl Bus {
+    pub fn over(ecrt: &Ecrt) -> Self {
+        let diagnostics = Diagnostics::of_bus(ecrt, 0).unwrap();
+        Self { ecrt: ecrt.clone(), diagnostics, choice: None }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

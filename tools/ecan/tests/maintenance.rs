@@ -110,6 +110,31 @@ fn a_configuration_is_planned() {
 }
 
 #[test]
+fn a_recording_is_planned_at_its_mean_rate() {
+    let log = tempfile::NamedTempFile::new().unwrap();
+    let lines: Vec<_> = (0..=1000)
+        .map(|ms| format!("(1700000000.{:06}) can5 123#1122334455667788\n", ms * 999))
+        .collect();
+    std::fs::write(log.path(), lines.concat()).unwrap();
+    let path = log.path().to_str().unwrap();
+    let arguments = ["plan", "--slaves", "2", "--channel", "all", "--cycle-us", "1000", "--json"];
+    let json = good(&[&arguments[..], &["--replay", path]].concat());
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let load = |slave: u64, channel: u64| {
+        let channels = json["channels"].as_array().unwrap();
+        let is_it = |it: &&serde_json::Value| it["slave"] == slave && it["channel"] == channel;
+        channels.iter().find(is_it).unwrap()["least_load"].as_f64().unwrap()
+    };
+    // 1002 frames a second each way, of 111 bits with the space between, at 1 Mbit/s.
+    assert!((load(1, 1) - 2.0 * 1002.0 * 111e-6).abs() < 1e-3, "{json}");
+    assert_eq!(load(0, 0), 0.0);
+    std::fs::write(log.path(), "no log\n").unwrap();
+    assert!(fails(6, &["plan", "--replay", path]).contains("line 1, "));
+    std::fs::write(log.path(), "").unwrap();
+    assert!(fails(6, &["plan", "--replay", path]).contains("holds no frame"));
+}
+
+#[test]
 fn wrong_use_is_named_and_told_by_the_status() {
     let small = scenario(
         "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = 0x8000\n\

@@ -303,3 +303,48 @@ impl Service<'_> {
 fn refused(words: &str) -> Failure {
     Failure::Refused(format!("register service: {words}"))
 }
+
+#[cfg(test)]
+mod tests {
+    use ecan_sim::{ClockKind, SimOptions};
+
+    use super::*;
+
+    fn with_bus(test: impl FnOnce(&Bus)) {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+        test(&Bus::over(&backend.ecrt));
+    }
+
+    fn mode(bus: &Bus) -> u32 {
+        bus.read(0, MAINTENANCE, MODE_STATUS).unwrap()
+    }
+
+    #[test]
+    fn engineering_mode_is_given_back() {
+        with_bus(|bus| {
+            let service = Service { bus, slave: 0, channel: 0 };
+            assert_eq!(service.write(0x54, 5).unwrap().value, 5);
+            assert_eq!(mode(bus), 0, "given back after the write");
+            // A write that the gateway itself refuses gives it back as well.
+            let refused = service.write(0x44, 5).unwrap_err();
+            assert!(refused.to_string().contains("not in the gateway's whitelist"), "{refused}");
+            assert_eq!(refused.status(), 5);
+            assert_eq!(mode(bus), 0);
+            // Somebody else's mode stays as it is.
+            bus.write(0, MAINTENANCE, MODE_REQUEST, 2).unwrap();
+            service.write(0x54, 6).unwrap();
+            assert_eq!(mode(bus), 2);
+        });
+    }
+
+    #[test]
+    fn protected_registers_are_written_behind_init_and_cce() {
+        with_bus(|bus| {
+            let service = Service { bus, slave: 0, channel: 0 };
+            assert_eq!(service.write(0x80, 0x3F).unwrap().value, 0, "kept");
+            service.write(0x18, 0b11).unwrap();
+            assert_eq!(service.write(0x80, 0x3F).unwrap().value, 0x3F);
+        });
+    }
+}

@@ -35,3 +35,41 @@ pub(super) fn clear(bus: &Bus, slave: usize) -> Result<(), Failure> {
     }
     Err(Failure::Refused("the gateway did not end the command to clear its diagnostics".to_owned()))
 }
+
+#[cfg(test)]
+mod tests {
+    use ecan_host::AdapterConfig;
+    use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+    use ecan_sim::{ClockKind, SimOptions};
+
+    use super::*;
+
+    #[test]
+    fn what_an_operation_left_behind_is_cleared() {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+        let simulation = backend.simulation.clone().unwrap();
+        let gateway = GatewayConfig::on_channel(0, ChannelSettings::classic(500_000));
+        let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+        let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway)).unwrap();
+        port.wait_ready(20_000).unwrap();
+        simulation.pass_ns(300_000);
+        let damage = |gateway: &mut ecan_sim::Gateway, now| gateway.write_outputs(now, &[0; 384]);
+        let is_taken = simulation.with_world(|world| world.with_gateway(0, damage));
+        assert_eq!(is_taken, Some(true));
+        simulation.pass_ns(300_000);
+        drop(port);
+        simulation.pass_ns(2_000_000_000);
+
+        let bus = Bus::over(&backend.ecrt);
+        let counts = || {
+            [(0x8011, 14), (0x8011, 15), (0x9011, 1)]
+                .map(|(index, subindex)| bus.read(0, index, subindex).unwrap())
+        };
+        let before = counts();
+        assert_eq!(before[..2], [14, 1], "an image of zeros is a bad header");
+        assert!(before[2] > 0);
+        clear(&bus, 0).unwrap();
+        assert_eq!(counts(), [0, 0, 0]);
+    }
+}

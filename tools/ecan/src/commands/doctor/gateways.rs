@@ -7,6 +7,9 @@ use crate::global::GlobalOptions;
 
 use super::Check;
 
+/// Two for the mailbox, SM2 and SM3 for process data.
+const SYNC_MANAGERS: u8 = 4;
+
 pub(super) fn checks(library: Option<Ecrt>, global: &GlobalOptions) -> Vec<Check> {
     const NAME: &str = "bus";
     let Some(ecrt) = library else {
@@ -27,14 +30,7 @@ pub(super) fn checks(library: Option<Ecrt>, global: &GlobalOptions) -> Vec<Check
     }
     let mut checks = vec![Check::good(NAME, found)];
     checks.extend(gateways.iter().map(|slave| process_data(&diagnostics, *slave)));
-    let places: Vec<_> = gateways.iter().map(|slave| format!("--position {slave}")).collect();
-    checks.push(Check::skipped(
-        "SII layout",
-        format!(
-            "the library does not show SM2 and SM3: scripts/ecan_sii_sm_layout.sh check {}",
-            places.join(", ")
-        ),
-    ));
+    checks.extend(gateways.iter().map(|slave| sii_layout(&diagnostics, *slave)));
     checks
 }
 
@@ -65,6 +61,31 @@ fn process_data(diagnostics: &Diagnostics, slave: usize) -> Check {
     }
 }
 
+/// The library tells how many sync managers the SII has, but not where they lie.
+fn sii_layout(diagnostics: &Diagnostics, slave: usize) -> Check {
+    const NAME: &str = "SII layout";
+    match diagnostics.slave_info(slave) {
+        Ok(info) => judge_sync_managers(NAME, slave, info.sync_count),
+        Err(error) => cannot_look(NAME, &error),
+    }
+}
+
+fn judge_sync_managers(name: &'static str, slave: usize, count: u8) -> Check {
+    let script = format!("scripts/ecan_sii_sm_layout.sh check --position {slave}");
+    if count >= SYNC_MANAGERS {
+        let words = "the library does not show where SM2 and SM3 lie";
+        return Check::skipped(
+            name,
+            format!("slave {slave}: {count} sync managers; {words}: {script}"),
+        );
+    }
+    Check::bad(
+        name,
+        format!("slave {slave}: the SII has {count} sync managers instead of {SYNC_MANAGERS}"),
+        &format!("{script}, then fix; SM2 is 0x1100, SM3 is 0x1D00, 3072 bytes each"),
+    )
+}
+
 fn judge_chunks(name: &'static str, slave: usize, n: u32, is_active: bool) -> Check {
     let word = if is_active { "active" } else { "requested" };
     let max = u32::from(MAX_PLAIN_MULTIPLIER);
@@ -83,6 +104,14 @@ fn judge_chunks(name: &'static str, slave: usize, n: u32, is_active: bool) -> Ch
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn an_sii_without_process_data_is_told() {
+        assert!(!judge_sync_managers("SII layout", 0, 4).is_amiss());
+        let short = judge_sync_managers("SII layout", 1, 2);
+        assert_eq!(short.found, "slave 1: the SII has 2 sync managers instead of 4");
+        assert!(short.remedy.contains("ecan_sii_sm_layout.sh check --position 1"));
+    }
 
     #[test]
     fn n_is_compared_with_what_the_master_carries() {

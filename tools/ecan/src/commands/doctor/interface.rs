@@ -15,6 +15,8 @@ const CONFIGURATIONS: [&str; 5] = [
 /// Where ethtool may be.
 const ETHTOOLS: [&str; 4] =
     ["usr/sbin/ethtool", "sbin/ethtool", "usr/bin/ethtool", "usr/local/sbin/ethtool"];
+/// The address that stands for every interface.
+const ANY: &str = "ff:ff:ff:ff:ff:ff";
 const INTERFACES: &str = "sys/class/net";
 
 /// What is known of the master's interface.
@@ -43,6 +45,12 @@ fn find(name: &'static str, root: &Root, master: u32) -> Interface {
             "set it to the address of the interface in /etc/ethercat.conf and restart the master",
         ));
     };
+    if address.eq_ignore_ascii_case(ANY) {
+        return Interface::Unknown(Check::skipped(
+            name,
+            format!("MASTER{master}_DEVICE takes whichever interface comes first"),
+        ));
+    }
     let is_it = |interface: &String| {
         interface.eq_ignore_ascii_case(&address)
             || root

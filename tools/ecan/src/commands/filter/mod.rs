@@ -2,6 +2,8 @@
 
 mod device;
 mod new_filter;
+#[cfg(test)]
+mod tests;
 mod words;
 
 use std::io::Write;

@@ -1,25 +1,25 @@
 //! `ecan plan`: what a configuration costs, and what speaks against it.
 
+mod traffic;
+
+use std::path::PathBuf;
+
 use clap::Args;
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{
-    ChannelSettings, FrameRate, FrameStream, GatewayConfig, PortConfig, PortPlan,
-};
-use ecan_protocol::{CHANNELS, CanFrame, CanId};
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortPlan};
+use ecan_protocol::CHANNELS;
 use serde::Serialize;
 
 use crate::failure::Failure;
 use crate::output::{Output, Tone};
-
-/// Identifier of the planned frames.
-const FRAME_ID: u16 = 0x123;
 
 /// The configuration and its traffic.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
   ecan plan --slaves 3 --pdo-n 5 --cycle-us 1000 --channel all
-  ecan plan --fd 5000000 --pdo-n 8 --cycle-us 1000 --frames 4 --bytes 64
+  ecan plan --fd 5000000 --pdo-n 8 --cycle-us 1000 --frames 4
+  ecan plan --pdo-n 5 --cycle-us 1000 --channel all --replay drive.log
 
 Exit status 1 when the configuration would not work. Touches no bus.")]
 pub struct PlanArguments {
@@ -49,9 +49,13 @@ pub struct PlanArguments {
     /// Frames that each channel sends per cycle; as many come back
     #[arg(long, value_name = "N", default_value_t = 1)]
     frames: u32,
-    /// Data bytes of each frame
-    #[arg(long, value_name = "N", default_value_t = 8)]
-    bytes: u8,
+    /// Data bytes of each frame [default: 8, and 64 with --fd]
+    #[arg(long, value_name = "N")]
+    bytes: Option<u8>,
+    /// Plan the frames of a candump log in place of these, at their mean rate; with `--channel all`
+    /// a frame goes to the channel that its interface names, counted over all gateways
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["frames", "bytes"])]
+    replay: Option<PathBuf>,
 }
 
 /// One channel or all.
@@ -91,7 +95,7 @@ struct Planned {
 
 pub fn run(arguments: &PlanArguments, output: &Output) -> Result<(), Failure> {
     let (adapter, port) = configuration(arguments);
-    let traffic = traffic(arguments)?;
+    let traffic = traffic::of(arguments)?;
     let plan = PortPlan::of(&adapter, &port, &traffic);
     let faults = plan.faults(&adapter, &port);
     let planned = Planned {
@@ -133,30 +137,4 @@ fn configuration(arguments: &PlanArguments) -> (AdapterConfig, PortConfig) {
         Channels::All => GatewayConfig::on_all_channels(&settings),
     };
     (adapter, PortConfig::uniform(usize::from(arguments.slaves), gateway))
-}
-
-fn traffic(arguments: &PlanArguments) -> Result<Vec<FrameStream>, Failure> {
-    let wrong = |error: &dyn std::fmt::Display| {
-        Failure::Usage(format!("a frame of {} bytes: {error}", arguments.bytes))
-    };
-    let id = CanId::standard(FRAME_ID).map_err(|error| wrong(&error))?;
-    let data = vec![0; usize::from(arguments.bytes)];
-    let frame = match arguments.fd {
-        Some(_) => CanFrame::fd(id, &data, true, false),
-        None => CanFrame::classic(id, &data),
-    };
-    let frame = frame.map_err(|error| wrong(&error))?;
-    let rate = FrameRate::PerCycle(arguments.frames);
-    let channels = match arguments.channel {
-        Channels::One(channel) => channel..=channel,
-        Channels::All => 0..=CHANNELS as u8 - 1,
-    };
-    let mut streams = Vec::new();
-    for slave in 0..usize::from(arguments.slaves) {
-        for channel in channels.clone() {
-            streams.push(FrameStream::to_bus(slave, channel, frame, rate));
-            streams.push(FrameStream::from_bus(slave, channel, frame, rate));
-        }
-    }
-    Ok(streams)
 }
