@@ -209,6 +209,7 @@ fn large_images(snapshot: &Snapshot) -> Option<Finding> {
     let what = format!("N = {chunks}: {} bytes do not fit one EtherCAT datagram", chunks * 128);
     let finding = Finding::warning("images-large", Place::Slave, what).because(&[
         "the installed master does not split process data over datagrams, so that N is at most 11",
+        "an old application maps several gateways into one domain",
     ]);
     Some(finding.so("choose N of 11 or less, or a master that carries large PDOs", "16.1"))
 }

@@ -12,9 +12,6 @@ const CONFIGURATIONS: [&str; 5] = [
     "usr/local/etc/ethercat.conf",
     "opt/etherlab/etc/ethercat.conf",
 ];
-/// Where ethtool may be.
-const ETHTOOLS: [&str; 4] =
-    ["usr/sbin/ethtool", "sbin/ethtool", "usr/bin/ethtool", "usr/local/sbin/ethtool"];
 /// The address that stands for every interface.
 const ANY: &str = "ff:ff:ff:ff:ff:ff";
 const INTERFACES: &str = "sys/class/net";
@@ -105,9 +102,8 @@ pub(super) fn coalescing(root: &Root, master: u32) -> Check {
         Interface::Native(_) => return Check::skipped(NAME, "the native driver polls"),
         Interface::Unknown(_) => return Check::skipped(NAME, "the interface is not known"),
     };
-    let Some(ethtool) = ETHTOOLS.iter().map(|path| root.path(path)).find(|path| path.exists())
-    else {
-        return Check::skipped(NAME, "ethtool is not installed");
+    let Some(ethtool) = root.ethtool() else {
+        return Check::skipped(NAME, "ethtool is not there");
     };
     match Command::new(ethtool).args(["-c", &interface]).output() {
         Ok(ran) if ran.status.success() => {

@@ -29,13 +29,16 @@ pub use root::Root;
 #[command(after_help = "\
 Examples:
   ecan doctor
-  ecan doctor --root /mnt/image      look at another system's files; nothing is opened
+  ecan doctor --root /mnt/image      look at another system's files
 
 Exit status 1 when something is amiss.")]
 pub struct DoctorArguments {
     /// Look at the host's files below this directory; leaves out library and bus
     #[arg(long, value_name = "DIRECTORY")]
     root: Option<PathBuf>,
+    /// The ethtool to ask for the interrupt coalescing; found by itself, but not with --root
+    #[arg(long, value_name = "PROGRAM")]
+    ethtool: Option<PathBuf>,
 }
 
 pub fn run(
@@ -48,8 +51,14 @@ pub fn run(
             let (path, reason) = (path.clone(), "it is no directory".to_owned());
             return Err(Failure::File { what: "look at", path, reason });
         }
-        Some(path) => host_checks(&Root::at(path.clone()), global.master),
-        None => all_checks(global, output)?,
+        Some(path) => {
+            let root = Root::at(path.clone()).with_ethtool(arguments.ethtool.clone());
+            host_checks(&root, global.master)
+        }
+        None => {
+            let root = Root::default().with_ethtool(arguments.ethtool.clone());
+            all_checks(&root, global, output)?
+        }
     };
     output.data(&checks, |out| print(&checks, output, out))?;
     let is_amiss = checks.iter().any(Check::is_amiss);
@@ -84,8 +93,7 @@ fn real_time_checks(root: &Root) -> Vec<Check> {
 }
 
 /// Library and bus besides.
-fn all_checks(global: &GlobalOptions, output: &Output) -> Result<Vec<Check>, Failure> {
-    let root = Root::default();
+fn all_checks(root: &Root, global: &GlobalOptions, output: &Output) -> Result<Vec<Check>, Failure> {
     let library = library::load(global, output)?;
     let mut checks = vec![library::check(&library)];
     match &library {
@@ -96,12 +104,12 @@ fn all_checks(global: &GlobalOptions, output: &Output) -> Result<Vec<Check>, Fai
             checks.extend(names.map(skipped));
         }
         Ok(ecrt) => {
-            checks.push(library::same_version(&root, ecrt.version()));
-            checks.extend(master_checks(&root, global.master));
+            checks.push(library::same_version(root, ecrt.version()));
+            checks.extend(master_checks(root, global.master));
         }
-        Err(_) => checks.extend(master_checks(&root, global.master)),
+        Err(_) => checks.extend(master_checks(root, global.master)),
     }
-    checks.extend(real_time_checks(&root));
+    checks.extend(real_time_checks(root));
     checks.extend(gateways::checks(library.ok(), global));
     Ok(checks)
 }

@@ -2,22 +2,39 @@
 
 use std::path::{Path, PathBuf};
 
+/// Where ethtool may be on this host.
+const ETHTOOLS: [&str; 4] =
+    ["/usr/sbin/ethtool", "/sbin/ethtool", "/usr/bin/ethtool", "/usr/local/sbin/ethtool"];
+
 /// Where the host's /proc, /sys, /dev and /etc are.
 #[derive(Clone, Debug)]
 pub struct Root {
     path: PathBuf,
+    ethtool: Option<PathBuf>,
 }
 
 impl Default for Root {
     /// This host.
     fn default() -> Self {
-        Self::at(PathBuf::from("/"))
+        let ethtool = ETHTOOLS.iter().map(PathBuf::from).find(|path| path.exists());
+        Self { path: PathBuf::from("/"), ethtool }
     }
 }
 
 impl Root {
+    /// Another tree of files. No program of that tree is run.
     pub fn at(path: PathBuf) -> Self {
-        Self { path }
+        Self { path, ethtool: None }
+    }
+
+    /// The same, with this ethtool.
+    pub fn with_ethtool(self, program: Option<PathBuf>) -> Self {
+        Self { ethtool: program.or(self.ethtool), path: self.path }
+    }
+
+    /// The program that tells how an interface coalesces interrupts.
+    pub fn ethtool(&self) -> Option<&Path> {
+        self.ethtool.as_deref()
     }
 
     /// The path of a file that is named without a slash in front.
