@@ -88,6 +88,12 @@ impl Finding {
         self
     }
 
+    /// A cause that may not be there.
+    pub(crate) fn because_of(mut self, cause: Option<String>) -> Self {
+        self.causes.extend(cause);
+        self
+    }
+
     pub(crate) fn so(mut self, next: impl Into<String>, chapter: &'static str) -> Self {
         self.next = next.into();
         self.chapter = chapter;

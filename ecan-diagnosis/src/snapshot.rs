@@ -60,9 +60,9 @@ pub enum ReadError {
 /// How much is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
-    /// What findings are made of, some 300 entries.
+    /// What findings are made of, some 420 entries.
     Findings,
-    /// Besides, the whole configuration of the channels and the capabilities, some 600 entries.
+    /// Besides, the whole configuration of the channels and the capabilities, some 650 entries.
     Everything,
 }
 

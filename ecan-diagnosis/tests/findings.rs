@@ -272,6 +272,13 @@ fn a_node_alone_on_its_bus_is_told_from_a_bad_bus() {
     });
     assert_eq!(alone.id, "no-acknowledge");
     assert!(alone.causes[0].contains("no other node"));
+    let rotated = only(|snapshot| {
+        snapshot.set(0x8000, 13, 3);
+        snapshot.set(0x9002, 1, 128);
+        snapshot.set(0x9002, 2, 0x077B);
+    });
+    assert_eq!(rotated.id, "no-acknowledge");
+    assert_eq!(rotated.causes[1], "the pins are rotated by 3: this channel is at pin group 1");
     let bad = only(|snapshot| {
         snapshot.set(0x9000, 1, 0x8000 | 17);
         snapshot.set(0x9000, 2, 0x0769);
@@ -324,6 +331,14 @@ fn a_failed_apply_or_flash_command_is_told() {
     let found = with(0x8001, 2, 3);
     assert_eq!(found.id, "apply-failed");
     assert!(found.causes[0].contains("bit timing"), "{found:#?}");
+    // 80 MHz and 5 Mbit/s are 16 quanta: 80.0 % is none of their sample points.
+    let found = only(|snapshot| {
+        for (subindex, value) in [(2, 3), (7, 0), (20, 5_000_000), (23, 800), (24, 800)] {
+            snapshot.set(0x8003, subindex, value);
+        }
+    });
+    assert!(found.causes[0].starts_with("data bit timing: "), "{found:#?}");
+    assert!(found.causes[0].contains("81.25 %"), "{found:#?}");
     assert!(with(0x8001, 2, 4).causes[0].contains("8192 bytes"));
     assert_eq!(with(0x8004, 4, 1).id, "flash-failed");
 }

@@ -1,6 +1,9 @@
 //! What is wrong on a CAN bus, or with the channel at it (manual 5.4.6, 13.4, 13.5, 16.3).
 
-use ecan_protocol::{ApplyStatus, ChannelState, ChannelStatus, NodeMode};
+use ecan_protocol::{
+    ApplyStatus, CHANNELS, ChannelState, ChannelStatus, MCAN_CLOCK_HZ, NodeMode, solve_data,
+    solve_nominal,
+};
 
 use crate::finding::{Finding, Place};
 use crate::registers::{
@@ -86,6 +89,33 @@ impl Channel<'_> {
         text
     }
 
+    /// Why no bit timing fits the configuration, with the nearest values that would.
+    fn timing_error(&self) -> Option<String> {
+        let clock_hz = self.snapshot.get(0x8000, 6 + self.number).unwrap_or(MCAN_CLOCK_HZ);
+        let value = |subindex| self.config(subindex);
+        let permille = |subindex| u16::try_from(value(subindex)?).ok();
+        if value(7)? != 0 {
+            return None;
+        }
+        let (min, max) = (permille(21)?, permille(22)?);
+        if let Err(error) = solve_nominal(clock_hz, value(19)?, min, max) {
+            return Some(format!("nominal bit timing: {error}"));
+        }
+        if value(15)? != 1 {
+            return None;
+        }
+        let (min, max) = (permille(23)?, permille(24)?);
+        let error = solve_data(clock_hz, value(20)?, min, max).err()?;
+        Some(format!("data bit timing: {error}"))
+    }
+
+    /// How the pins are rotated, where they are.
+    fn rotation(&self) -> Option<String> {
+        let rotation = self.snapshot.get(0x8000, 13).filter(|rotation| *rotation != 0)?;
+        let group = (u32::from(self.number) + rotation) % CHANNELS as u32;
+        Some(format!("the pins are rotated by {rotation}: this channel is at pin group {group}"))
+    }
+
     fn compare_rates(&self) -> String {
         format!("bit rate or sample point differ from the other nodes; here {}", self.rates())
     }
@@ -148,11 +178,9 @@ impl Channel<'_> {
             return self
                 .fault("no-acknowledge", what)
                 .because(&["no other node is on this bus, switched on and not in listen mode"])
+                .because_of(self.rotation())
                 .or_because(self.compare_rates())
-                .because(&[
-                    "the cable is plugged into another channel, or the pins are rotated",
-                    "the cable is open",
-                ])
+                .because(&["the cable is open, or plugged into another channel"])
                 .so("connect a second node with the same rates; see `ecan pins`", "16.3");
         }
         self.fault("error-passive", format!("error passive: {counters}"))
@@ -234,7 +262,9 @@ impl Channel<'_> {
             (2, _) => &["the controller did not restart"],
             _ => &["nothing is stored, or what is stored is damaged", "the flash is busy"],
         };
-        let finding = self.fault(id, format!("{what}: {status}")).because(causes);
+        let timing = self.timing_error().filter(|_| (subindex, raw) == (2, 3));
+        let finding =
+            self.fault(id, format!("{what}: {status}")).because_of(timing).because(causes);
         let finding = match subindex {
             2 => finding.or_because(format!("here {}", self.rates())),
             _ => finding,

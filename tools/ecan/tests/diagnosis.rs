@@ -118,12 +118,16 @@ fn the_masters_tool_tells_the_al_status_code() {
 
 #[test]
 fn faults_of_the_simulated_gateway_are_found() {
-    let file = scenario(
-        "[[gateway]]\n[[fault]]\nkind = \"mailbox_timeout\"\nat_ms = 10\ngateway = 0\n\
-         for_ms = 60000\n",
-    );
-    let report = ends(1, &["--ecrt", &setting(&file), "diag", "--brief"]);
-    assert!(report.contains("fault [mailbox-silent] EtherCAT: objects cannot be read"), "{report}");
+    // Silent while it is read, and from the start, when it does not even show itself as a gateway.
+    for at_ms in [10, 0] {
+        let file = scenario(&format!(
+            "[[gateway]]\n[[fault]]\nkind = \"mailbox_timeout\"\nat_ms = {at_ms}\ngateway = 0\n\
+             for_ms = 60000\n"
+        ));
+        let report = ends(1, &["--ecrt", &setting(&file), "diag", "--brief"]);
+        let words = "fault [mailbox-silent] EtherCAT: objects cannot be read: SDO upload 0x1C12:";
+        assert!(report.contains(words), "{report}");
+    }
     let file = scenario(
         "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = 0x9011\n\
          subindex = 1\ncode = 0x06010000\n",

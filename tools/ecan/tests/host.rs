@@ -9,7 +9,8 @@ use std::path::Path;
 use support::{ecan, fails, write_program};
 
 /// The files of a host that is well set up.
-const GOOD: [(&str, &str); 19] = [
+const GOOD: [(&str, &str); 20] = [
+    ("sys/module/ec_sys/refcnt", "0\n"),
     ("sys/module/ec_master/version", "1.6.2 1.6.2\n"),
     ("sys/module/ec_generic/refcnt", "0\n"),
     ("dev/EtherCAT0", ""),
