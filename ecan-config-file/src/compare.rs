@@ -39,9 +39,9 @@ pub struct Difference {
     pub expected: Expected,
     /// What the device has.
     pub found: u32,
-    /// Whether the entry survives without power once the configuration is saved. The PDO
-    /// assignment and what is active of a profile do not: the master sets them up at each start.
-    pub is_kept: bool,
+    /// Whether the master sets the entry up at each start: the PDO assignment, and what is active of
+    /// a profile. The Flash does not keep these, so that they differ from power-up until then.
+    pub is_set_at_start: bool,
 }
 
 impl fmt::Display for Difference {
@@ -92,7 +92,7 @@ pub fn differences(
                             filter: None,
                             expected: Expected::Value(write.value),
                             found,
-                            is_kept: !matches!(write.index, 0x1C12 | 0x1C13),
+                            is_set_at_start: matches!(write.index, 0x1C12 | 0x1C13),
                         });
                     }
                 }
@@ -106,7 +106,7 @@ pub fn differences(
                         filter: None,
                         expected: Expected::Readback(expected),
                         found,
-                        is_kept: false,
+                        is_set_at_start: matches!(index, 0x8010 | 0x8011),
                     });
                 }
             }

@@ -82,7 +82,7 @@ impl FilterWindow {
                     filter,
                     expected: Expected::Value(wanted),
                     found,
-                    is_kept: true,
+                    is_set_at_start: false,
                 });
             }
         };

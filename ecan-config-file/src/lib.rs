@@ -1,11 +1,18 @@
 //! One TOML file that describes the gateways of a bus, for applications and tools (manual 5.4.3,
 //! 13.2 to 13.4, 14).
 //!
-//! ```no_run
+//! ```
 //! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let file = ecan_config_file::load("cell.toml")?;
-//! let ecrt = ecan_mcan_port::host::Ecrt::load("libethercat.so.1")?;
+//! # let directory = tempfile::tempdir()?;
+//! # let path = directory.path().join("cell.toml");
+//! # std::fs::write(&path, ecan_config_file::EXAMPLE)?;
+//! # use ecan_sim::{EcrtSetting, SimOptions};
+//! # let setting = EcrtSetting::resolve(Some("sim"))?;
+//! # let ecrt = ecan_sim::open(&setting, &SimOptions::default())?.ecrt;
+//! // `ecrt` is the loaded library, `path` the file.
+//! let file = ecan_config_file::load(path)?;
 //! let port = ecan_mcan_port::Port::open(&ecrt, file.adapter, file.port)?;
+//! assert_eq!(port.slave_count(), 1);
 //! # Ok(()) }
 //! ```
 //!

@@ -21,8 +21,12 @@ fn the_example_is_valid_and_says_what_is_taken_by_default() {
         [[gateway]]
         n = 8
         data_path = { compat_mode = 3 }
-        can0 = { bitrate = 1_000_000, data_bitrate = 5_000_000, sample_point = 87.5, data_sample_point = 87.5 }
         can1 = { bitrate = 500_000 }
+        [gateway.can0]
+        bitrate = 1_000_000
+        data_bitrate = 5_000_000
+        sample_point = 87.5
+        data_sample_point = 87.5
         [[gateway.can0.standard_filter]]
         match = \"range\"
         action = \"fifo0\"
