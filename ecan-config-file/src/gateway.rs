@@ -51,7 +51,8 @@ pub(crate) fn read(
     for direction in Direction::ALL {
         read_direction(document, &mut table, direction, &mut slave, &mut gateway);
     }
-    if !table.has("n") && !(table.has("rx_pdo") && table.has("tx_pdo")) {
+    let has_each = table.has("rx_pdo") && table.has("tx_pdo");
+    if !table.has("n") && !has_each {
         table.fault(document, "n", "`n` is missing: the size of the PDOs in 128 bytes, 1..24");
     }
     let flags = [
