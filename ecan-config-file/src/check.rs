@@ -2,7 +2,10 @@
 
 use ecan_host::{ConfigFault, PlanRefusal};
 use ecan_mcan_port::{PortConfigFault, PortRefusal};
-use ecan_protocol::{ChannelFault, DataPathFault, Direction, FilterFault, Phase, ProfileError};
+use ecan_protocol::{
+    BitTimingError, ChannelFault, DataPathFault, Direction, FilterFault, MCAN_CLOCK_HZ, Phase,
+    ProfileError, solve_data, solve_nominal,
+};
 
 use crate::ConfigFile;
 use crate::channel;
@@ -16,7 +19,26 @@ pub(crate) fn check(document: &mut Document<'_>, file: &ConfigFile) {
     let Err(faults) = file.port.check(&file.adapter) else { return };
     for fault in faults.0 {
         document.semantic_fault(&places(&fault), fault.to_string());
+        if let Some(hidden) = hidden_behind(file, &fault) {
+            document.semantic_fault(&places(&hidden), hidden.to_string());
+        }
     }
+}
+
+/// A bit rate that has no timing either, behind a sample point window that is no window.
+fn hidden_behind(file: &ConfigFile, fault: &PortConfigFault) -> Option<PortConfigFault> {
+    let PortConfigFault::Channel { slave, channel, fault } = *fault else { return None };
+    let ChannelFault::Timing { phase, error: BitTimingError::Window { .. } } = fault else {
+        return None;
+    };
+    let gateway = file.port.gateways.get(slave)?;
+    let can = &gateway.channels.get(usize::from(channel))?.as_ref()?.can;
+    let solved = match phase {
+        Phase::Nominal => solve_nominal(MCAN_CLOCK_HZ, can.nominal_bitrate, 0, 1_000),
+        Phase::Data => solve_data(MCAN_CLOCK_HZ, can.data_bitrate, 0, 1_000),
+    };
+    let fault = ChannelFault::Timing { phase, error: solved.err()? };
+    Some(PortConfigFault::Channel { slave, channel, fault })
 }
 
 fn gateway(slave: usize) -> String {
@@ -124,8 +146,7 @@ fn channel_places(slave: usize, channel: u8, fault: ChannelFault) -> Vec<String>
             in_channel(slave, channel, &[key.as_deref().unwrap_or("bitrate")])
         }
         ChannelFault::Timing { phase, error } => match error {
-            ecan_protocol::BitTimingError::Window { .. }
-            | ecan_protocol::BitTimingError::SamplePoint { .. } => phase_keys(
+            BitTimingError::Window { .. } | BitTimingError::SamplePoint { .. } => phase_keys(
                 phase,
                 [&["sample_point", "bitrate"], &["data_sample_point", "data_bitrate"]],
             ),

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use ecan_host::{Diagnostics, Error, Expectation, StartupStep};
-use ecan_protocol::{SdoWrite, describe, object};
+use ecan_protocol::{CacheDepth, SdoWrite, describe, lookup, object};
 
 use crate::filter_compare::{self, FilterWindow};
 
@@ -50,7 +50,17 @@ impl fmt::Display for Difference {
         if let Some(filter) = self.filter {
             write!(f, " of filter {filter}")?;
         }
-        write!(f, ": the file has {}, the device {}", self.expected, self.found)
+        let entry = lookup(self.index, self.subindex).map(|(_, entry)| entry);
+        let meaning = |value| match entry.and_then(|entry| entry.meaning(value)) {
+            Some(words) => format!(" ({words})"),
+            None => String::new(),
+        };
+        let wanted = match self.expected {
+            Expected::Value(value) => meaning(value),
+            Expected::Readback(_) => String::new(),
+        };
+        let (expected, found) = (self.expected, self.found);
+        write!(f, ": the file has {expected}{wanted}, the device {found}{}", meaning(found))
     }
 }
 
@@ -85,7 +95,7 @@ pub fn differences(
                 let is_last = last.get(&(write.index, write.subindex)) == Some(&at);
                 if is_last && !is_command(&write) {
                     let found = bus.sdo_upload_u32(slave, write.index, write.subindex)?;
-                    if found != write.value {
+                    if !is_same(&write, found) {
                         differences.push(Difference {
                             index: write.index,
                             subindex: write.subindex,
@@ -116,6 +126,14 @@ pub fn differences(
         window.compare(bus, slave, &mut differences)?;
     }
     Ok(differences)
+}
+
+/// Whether a device has what was written. The depth of a cache has two numbers (manual 13.2.2).
+fn is_same(write: &SdoWrite, found: u32) -> bool {
+    let depth = |value| u8::try_from(value).ok().and_then(CacheDepth::from_written);
+    let is_depth = (0x8021..=0x8024).contains(&write.index) && write.subindex == 7;
+    found == write.value
+        || (is_depth && depth(found).is_some() && depth(found) == depth(write.value))
 }
 
 /// Whether a write is a command, which reads back as nothing.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use toml::Spanned;
-use toml::de::{DeTable, DeValue};
+use toml::de::{DeInteger, DeTable, DeValue};
 
 use crate::fault::{FileFault, FileFaults};
 
@@ -199,13 +199,13 @@ impl<'t, 'i> Table<'t, 'i> {
         let value = self.value(document, key)?;
         match value.get_ref() {
             DeValue::Integer(number) => {
-                let digits = number.as_str().replace('_', "");
-                let in_range = i64::from_str_radix(digits.trim_start_matches('+'), number.radix())
-                    .ok()
+                let number = integer(number);
+                let in_range = number
                     .and_then(|number| u32::try_from(number).ok())
                     .filter(|number| (min..=max).contains(number));
                 if in_range.is_none() {
-                    let reason = format!("`{key}` is {}, possible is {min}..{max}", digits);
+                    let found = number.map_or_else(|| "too great".to_owned(), |it| it.to_string());
+                    let reason = format!("`{key}` is {found}, possible is {min}..{max}");
                     self.fault(document, key, reason);
                 }
                 in_range
@@ -226,22 +226,20 @@ impl<'t, 'i> Table<'t, 'i> {
         scale: f64,
         max: f64,
     ) -> Option<u32> {
-        let number: f64 = match value {
-            DeValue::Integer(number) if number.radix() == 10 => {
-                number.as_str().replace('_', "").parse().ok()?
-            }
-            DeValue::Float(number) => number.as_str().replace('_', "").parse().ok()?,
+        let number = match value {
+            DeValue::Integer(number) => integer(number).map(|number| number as f64),
+            DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
             other => {
                 self.wrong(document, key, "a decimal number", other);
                 return None;
             }
         };
-        if !(0.0..=max).contains(&number) {
-            let reason = format!("`{key}` is {number}, possible is 0..{max}");
-            self.fault(document, key, reason);
-            return None;
+        let in_range = number.filter(|number| (0.0..=max).contains(number));
+        if in_range.is_none() {
+            let found = number.map_or_else(|| "too great".to_owned(), |it: f64| it.to_string());
+            self.fault(document, key, format!("`{key}` is {found}, possible is 0..{max}"));
         }
-        Some((number * scale).round() as u32)
+        in_range.map(|number| (number * scale).round() as u32)
     }
 
     /// A time in microseconds, as nanoseconds.
@@ -292,7 +290,7 @@ impl<'t, 'i> Table<'t, 'i> {
         key: &'static str,
         words: &[(&str, T)],
     ) -> Option<T> {
-        let value = self.value(document, key)?.get_ref();
+        let value = self.value(document, key)?;
         self.one_word(document, key, value, words)
     }
 
@@ -300,18 +298,19 @@ impl<'t, 'i> Table<'t, 'i> {
         &self,
         document: &mut Document<'_>,
         key: &'static str,
-        value: &DeValue<'_>,
+        value: &Spanned<DeValue<'_>>,
         words: &[(&str, T)],
     ) -> Option<T> {
-        let found = value.as_str().and_then(|text| words.iter().find(|(word, _)| *word == text));
+        let text = value.get_ref().as_str();
+        let found = text.and_then(|text| words.iter().find(|(word, _)| *word == text));
         if found.is_none() {
             let possible: Vec<_> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
-            let what = match value.as_str() {
+            let what = match text {
                 Some(text) => format!("\"{text}\""),
-                None => kind(value).to_owned(),
+                None => kind(value.get_ref()).to_owned(),
             };
             let reason = format!("`{key}` is {what}, possible is {}", possible.join(", "));
-            self.fault(document, key, reason);
+            document.fault(&self.path(key), value.span().start, reason);
         }
         found.map(|(_, meaning)| *meaning)
     }
@@ -328,7 +327,10 @@ impl<'t, 'i> Table<'t, 'i> {
             self.wrong(document, key, "a list of words", value);
             return None;
         };
-        array.iter().map(|value| self.one_word(document, key, value.get_ref(), words)).collect()
+        // All of them, so that each wrong one is told.
+        let meanings: Vec<_> =
+            array.iter().map(|value| self.one_word(document, key, value, words)).collect();
+        meanings.into_iter().collect()
     }
 
     /// The end of the table: what nobody asked for is not known.
@@ -346,6 +348,12 @@ impl<'t, 'i> Table<'t, 'i> {
             document.fault(&self.path(name), key.span().start, reason);
         }
     }
+}
+
+/// `None` where it does not fit 64 bits.
+fn integer(number: &DeInteger<'_>) -> Option<i64> {
+    let digits = number.as_str().replace('_', "");
+    i64::from_str_radix(digits.trim_start_matches('+'), number.radix()).ok()
 }
 
 fn kind(value: &DeValue<'_>) -> &'static str {

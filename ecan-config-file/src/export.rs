@@ -3,7 +3,7 @@
 //! The checks of the sequence go into the formats that can hold them: CSV and `ethercat` lines. The
 //! startup lists of TwinCAT and CODESYS only write.
 
-use std::fmt::Write;
+use std::fmt::{self, Write};
 
 use ecan_host::{Expectation, StartupStep};
 use ecan_protocol::{ObjectType, SdoWrite, describe, lookup};
@@ -23,13 +23,37 @@ pub enum Format {
     Ethercat,
 }
 
-/// The list in a format. `alias` and `position` are the slave's place, for the `ethercat` lines.
-pub fn export(format: Format, steps: &[StartupStep], alias: u16, position: u16) -> String {
+/// Where a slave is, as the `ethercat` tool is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SlavePlace {
+    /// Index of the master.
+    pub master: u32,
+    /// Alias that the position counts from; 0 is the start of the bus.
+    pub alias: u16,
+    /// Position.
+    pub position: u16,
+}
+
+impl fmt::Display for SlavePlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { master, alias, position } = self;
+        if *master != 0 {
+            write!(f, "-m {master} ")?;
+        }
+        if *alias != 0 {
+            write!(f, "-a {alias} ")?;
+        }
+        write!(f, "-p {position}")
+    }
+}
+
+/// The list in a format; the `ethercat` lines need the slave's place.
+pub fn export(format: Format, steps: &[StartupStep], place: SlavePlace) -> String {
     match format {
         Format::Csv => csv(steps),
         Format::TwinCat => twincat(steps),
         Format::Codesys => codesys(steps),
-        Format::Ethercat => ethercat(steps, alias, position),
+        Format::Ethercat => ethercat(steps, place),
     }
 }
 
@@ -157,11 +181,7 @@ check() {
 }
 "#;
 
-fn ethercat(steps: &[StartupStep], alias: u16, position: u16) -> String {
-    let place = match alias {
-        0 => format!("-p {position}"),
-        alias => format!("-a {alias} -p {position}"),
-    };
+fn ethercat(steps: &[StartupStep], place: SlavePlace) -> String {
     let mut out = String::from(CHECK);
     for step in steps {
         let (index, subindex) = step.object();

@@ -10,6 +10,7 @@ use ecan_config_file::{
 };
 use ecan_host::{Adapter, Error, StartupStep};
 use ecan_mcan_port::Port;
+use ecan_protocol::AlState;
 use ecan_sim::{Fault, GatewayFault};
 
 fn entries(differences: &[Difference]) -> Vec<(u16, u8, Option<u8>)> {
@@ -85,6 +86,8 @@ fn a_difference_is_told_by_entry_also_inside_a_filter() {
     bus.sdo_download(1, 0x8002, 54, &0x310_u32.to_le_bytes()).unwrap();
     bus.sdo_download(1, 0x8002, 45, &[2]).unwrap();
     bus.sdo_download(1, 0x8022, 16, &30_u16.to_le_bytes()).unwrap();
+    // The same depth by its other number.
+    bus.sdo_download(1, 0x8022, 7, &[16]).unwrap();
     let found = differences(bus, 1, &steps).unwrap();
     assert_eq!(entries(&found), [(0x8022, 16, None), (0x8002, 54, Some(1))]);
     assert_eq!((found[1].expected, found[1].found), (Expected::Value(0x301), 0x310));
@@ -145,4 +148,20 @@ fn gateways_are_found_by_alias_and_position() {
     file.adapter.slaves[0].alias = 8;
     let error = find(&bench.bus, &file.adapter.slaves).unwrap_err().to_string();
     assert!(error.contains("no slave has the alias 8"), "{error}");
+}
+
+#[test]
+fn a_gateway_in_op_is_left_alone() {
+    let (bench, file) = (bench(2), two());
+    let mut port = Port::open(&bench.ecrt, file.adapter.clone(), file.port.clone()).unwrap();
+    let adapter = port.adapter_mut();
+    adapter.activate().unwrap();
+    for _ in 0..3_000 {
+        adapter.wait_next_cycle();
+        adapter.receive().unwrap();
+        adapter.send().unwrap();
+    }
+    let error = apply(&bench.bus, 1, &file.startup(1), &mut |_| panic!("a step")).unwrap_err();
+    assert!(matches!(error, PlaceFault::State { slave: 1, state: AlState::Op }), "{error}");
+    assert!(error.to_string().contains("slave 1 is in OP"), "{error}");
 }

@@ -10,7 +10,7 @@ use std::ops::Deref;
 use std::process::{Command, Output};
 
 use common::two;
-use ecan_config_file::export::{Format, export};
+use ecan_config_file::export::{Format, SlavePlace, export};
 use ecan_host::{Expectation, StartupStep};
 use ethercrab::error::Error;
 use ethercrab::subdevice_group::PreOp;
@@ -18,7 +18,7 @@ use ethercrab::{SubDevice, SubDeviceRef};
 use ethercrab_support::{Bench, Group, MAX_GATEWAYS, MAX_PDI, MS, on_a_deep_stack};
 
 fn csv(gateway: usize) -> String {
-    export(Format::Csv, &two().startup(gateway), 0, gateway as u16)
+    export(Format::Csv, &two().startup(gateway), SlavePlace::default())
 }
 
 /// A line of the CSV, as a program that knows nothing else reads it.
@@ -102,6 +102,7 @@ fn the_csv_brings_gateways_to_op_with_a_master_that_no_one_here_wrote() {
 const STAND_IN: &str = r#"#!/bin/sh
 command=$1
 shift
+[ "$1" = -m ] && shift 2
 [ "$1" = -a ] && shift 2
 [ "$1" = -p ] && shift 2
 [ "$1" = --type ] || { echo "no type" >&2; exit 9; }
@@ -148,8 +149,8 @@ fn run_script(script: &str, steps: &[StartupStep], wrong: Option<(u16, u8)>) -> 
 #[test]
 fn the_ethercat_lines_write_and_check() {
     let steps = two().startup(1);
-    let script = export(Format::Ethercat, &steps, 7, 0);
-    assert!(script.contains("ethercat download -a 7 -p 0 --type uint16 0x1c12 1 5632  # "));
+    let script = export(Format::Ethercat, &steps, SlavePlace { master: 1, alias: 7, position: 0 });
+    assert!(script.contains("ethercat download -m 1 -a 7 -p 0 --type uint16 0x1c12 1 5632  # "));
     let (output, downloads) = run_script(&script, &steps, None);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let written: Vec<_> = steps
@@ -176,13 +177,13 @@ fn the_ethercat_lines_write_and_check() {
 fn startup_lists_of_other_tools_have_every_write_in_order() {
     let steps = two().startup(0);
     let downloads = steps.iter().filter(|step| step.is_download()).count();
-    let twincat = export(Format::TwinCat, &steps, 0, 0);
+    let twincat = export(Format::TwinCat, &steps, SlavePlace::default());
     assert_eq!(twincat.matches("<InitCmd>").count(), downloads);
     let bitrate =
         "<Index>32769</Index>\n        <SubIndex>19</SubIndex>\n        <Data>90d00300</Data>";
     assert!(twincat.contains(bitrate), "250000 little-endian");
     assert!(twincat.contains("<![CDATA[MCAN Channel Config, Node mode]]>"));
-    let codesys = export(Format::Codesys, &steps, 0, 0);
+    let codesys = export(Format::Codesys, &steps, SlavePlace::default());
     let lines: Vec<_> = codesys.lines().collect();
     assert_eq!(lines.len(), downloads + 1);
     for line in &lines {

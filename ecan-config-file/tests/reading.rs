@@ -241,3 +241,51 @@ fn files_that_cannot_be_read_or_used_are_named() {
     std::fs::write(&path, EXAMPLE).unwrap();
     assert_eq!(load(&path).unwrap(), read(EXAMPLE).unwrap());
 }
+
+#[test]
+fn wrong_numbers_and_words_are_told_whatever_their_form() {
+    let cases = [
+        ("cycle_us = 99999999999999999999", "`cycle_us` is too great"),
+        ("cycle_us = nan", "`cycle_us` is NaN, possible is 0..4000000"),
+        ("cycle_us = -1", "`cycle_us` is -1, possible"),
+        ("master = 99999999999999999999", "`master` is too great"),
+        ("master = -1", "`master` is -1, possible is 0..65535"),
+        ("master = 1.5", "`master` is a whole number, not a number with a fraction"),
+        ("master = 1979-05-27", "not a date"),
+        ("gateway = 1", "`gateway` is a list of tables, [[gateway]]"),
+        ("dc = [1]", "`dc` is a table, not a list"),
+        ("allow_large_pdos = \"yes\"", "`allow_large_pdos` is true or false, not a text"),
+        ("[[gateway]]\ncan4 = {}", "no key `can4` here; did you mean `can0`?"),
+        ("[[gateway]]\nn = 3\ncan0 = { bitrate = 5_000_000 }", "`bitrate` is 5000000, possible is"),
+    ];
+    for (text, words) in cases {
+        let faults = read(text).unwrap_err().to_string();
+        assert!(faults.contains(words), "{text}: {faults}");
+    }
+    let text = "[[gateway]]\nn = 3\ntx_pdo = { options = [\"fast\", \"align4\", 7] }\n";
+    let faults = read(text).unwrap_err().0;
+    let columns: Vec<_> = faults.iter().filter(|it| it.line == 3).map(|it| it.column).collect();
+    assert_eq!(columns, [23, 41], "{faults:?}");
+    assert_eq!(
+        read("cycle_us = 0x3E8\n[[gateway]]\nn = 3\ncan0 = { bitrate = 500_000 }")
+            .unwrap()
+            .adapter
+            .cycle_ns,
+        1_000_000
+    );
+}
+
+#[test]
+fn a_file_cut_off_anywhere_is_read_or_told_inside_its_lines() {
+    let mut faulty = 0;
+    for end in (0..EXAMPLE.len()).step_by(13).filter(|end| EXAMPLE.is_char_boundary(*end)) {
+        let text = &EXAMPLE[..end];
+        let lines = text.lines().count().max(1) + usize::from(text.ends_with('\n'));
+        let Err(faults) = read(text) else { continue };
+        faulty += 1;
+        for fault in faults.0 {
+            assert!((1..=lines).contains(&fault.line), "{end}: {fault}");
+        }
+    }
+    assert!(faulty > 100, "{faulty}");
+}

@@ -3,7 +3,6 @@
 use std::path::Path;
 
 use ecan_config_file::{Difference, differences};
-use ecan_protocol::lookup;
 use serde::Serialize;
 
 use crate::failure::Failure;
@@ -31,20 +30,11 @@ struct Differing {
 
 impl From<Difference> for Differing {
     fn from(difference: Difference) -> Self {
-        let words = match meaning(&difference) {
-            Some(meaning) => format!("{difference} ({meaning})"),
-            None => difference.to_string(),
-        };
+        let words = difference.to_string();
         let Difference { index, subindex, filter, expected, found, is_set_at_start } = difference;
         let file = expected.to_string();
         Self { index, subindex, filter, file, device: found, is_set_at_start, words }
     }
-}
-
-/// What the device's value means.
-fn meaning(difference: &Difference) -> Option<&'static str> {
-    let (_, entry) = lookup(difference.index, difference.subindex)?;
-    entry.meaning(difference.found)
 }
 
 pub fn run(

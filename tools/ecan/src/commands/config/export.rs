@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use ecan_config_file::export::{Format, export};
+use ecan_config_file::export::{Format, SlavePlace, export};
 use ecan_host::StartupStep;
 use serde::Serialize;
 
@@ -87,8 +87,10 @@ pub fn run(arguments: &ExportArguments, output: &Output) -> Result<(), Failure> 
     };
     let steps = file.startup(gateway);
     let data: Vec<_> = steps.iter().map(Step::from).collect();
+    let (master, alias, position) = (file.adapter.master_index, slave.alias, slave.position);
+    let place = SlavePlace { master, alias, position };
     output.data(&data, |out| {
-        let list = export(arguments.format.into(), &steps, slave.alias, slave.position);
+        let list = export(arguments.format.into(), &steps, place);
         out.write_all(list.as_bytes())
     })
 }
