@@ -229,3 +229,17 @@ fn read_ram(document: &mut Document<'_>, mut table: Table<'_, '_>, can: &mut Mca
     }
     table.finish(document);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_field_of_a_channel_has_a_key() {
+        for write in McanChannelConfig::DEVICE_DEFAULT.writes(0) {
+            // CAN FD is where there is a data bit rate.
+            let has_key = key_of(write.subindex).is_some();
+            assert_eq!(has_key, write.subindex != 15, "{write}");
+        }
+    }
+}

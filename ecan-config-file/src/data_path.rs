@@ -86,3 +86,24 @@ pub(crate) fn read_global(document: &mut Document<'_>, mut table: Table<'_, '_>)
     table.finish(document);
     global
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_field_of_a_policy_has_a_key_and_every_word_a_meaning() {
+        for write in DataPathConfig::default().writes(0) {
+            let has_key = KEYS.iter().any(|(_, subindex, _)| *subindex == write.subindex);
+            let is_reserved = matches!(write.subindex, 10 | 17..=19);
+            assert_eq!(has_key, !is_reserved, "{write}");
+        }
+        for (key, subindex, words) in KEYS {
+            let (_, entry) = ecan_protocol::lookup(0x8021, subindex).unwrap();
+            for (word, value) in words {
+                let meaning = entry.meaning(*value).unwrap().to_lowercase().replace(' ', "_");
+                assert_eq!(meaning, *word, "{key}");
+            }
+        }
+    }
+}

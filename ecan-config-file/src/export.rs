@@ -13,7 +13,8 @@ use ecan_protocol::{ObjectType, SdoWrite, describe, lookup};
 pub enum Format {
     /// A line per step: action, index, subindex, type, value, comment. `write` writes; the `expect`
     /// actions read and must find the value (`expect`), at least or at most it (`expect_at_least`,
-    /// `expect_at_most`), all of its bits (`expect_bits`), or one of them (`expect_any_bit`).
+    /// `expect_at_most`), all of its bits (`expect_bits`), one of its bits (`expect_any_bit`), or one
+    /// of several values with bars between them (`expect_one_of`).
     Csv,
     /// The XML of TwinCAT's startup list, for the transition from PREOP to SAFEOP.
     TwinCat,

@@ -3,12 +3,14 @@
 
 mod common;
 
+use std::sync::atomic::{AtomicU64, Ordering};
+
 use common::{MS, bench, two, with};
 use ecan_config_file::{
     Difference, Expected, FlashCommand, FlashError, FlashStatus, Place, PlaceFault, apply,
     differences, find,
 };
-use ecan_host::{Adapter, Error, StartupStep};
+use ecan_host::{Adapter, Clock, Error, StartupStep};
 use ecan_mcan_port::Port;
 use ecan_protocol::AlState;
 use ecan_sim::{Fault, GatewayFault};
@@ -164,4 +166,41 @@ fn a_gateway_in_op_is_left_alone() {
     let error = apply(&bench.bus, 1, &file.startup(1), &mut |_| panic!("a step")).unwrap_err();
     assert!(matches!(error, PlaceFault::State { slave: 1, state: AlState::Op }), "{error}");
     assert!(error.to_string().contains("slave 1 is in OP"), "{error}");
+}
+
+/// A clock on which ten seconds pass between two looks, while the gateway still writes.
+struct Impatient(AtomicU64);
+
+impl Clock for Impatient {
+    fn now_ns(&self) -> u64 {
+        self.0.fetch_add(10_000 * MS, Ordering::Relaxed)
+    }
+
+    fn sleep_until_ns(&self, _deadline_ns: u64) {}
+}
+
+#[test]
+fn a_command_that_does_not_end_is_given_up_and_the_mode_given_back() {
+    let bench = bench(1);
+    let bus = &bench.bus;
+    let error = FlashCommand::Save.run(bus, 0, &Impatient(AtomicU64::new(0))).unwrap_err();
+    assert!(matches!(error, FlashError::Unended), "{error}");
+    assert_eq!(bus.sdo_upload_u32(0, 0xB000, 2).unwrap(), 0);
+    // A mode that is refused.
+    let fault = GatewayFault::SdoAbort { index: 0xB000, subindex: 1, code: 0x0800_0022, times: 1 };
+    bench.simulation.inject(Fault::Gateway { gateway: 0, fault });
+    let error = FlashCommand::Factory.run(bus, 0, bench.ecrt.clock().as_ref()).unwrap_err();
+    assert!(error.to_string().contains("0xB000:01"), "{error}");
+}
+
+#[test]
+fn engineering_mode_that_somebody_asked_for_stays() {
+    let bench = bench(1);
+    let bus = &bench.bus;
+    let clock = bench.ecrt.clock().as_ref();
+    bus.sdo_download(0, 0xB000, 1, &[1]).unwrap();
+    for command in [FlashCommand::Save, FlashCommand::Load, FlashCommand::Factory] {
+        command.run(bus, 0, clock).unwrap();
+        assert_eq!(bus.sdo_upload_u32(0, 0xB000, 2).unwrap(), 1, "{command:?}");
+    }
 }

@@ -28,7 +28,8 @@ A first configuration, from the file to the gateway's Flash:
   ecan config diff cell.toml && ecan config save
   ecan config export cell.toml --format twincat > startup.xml
 
---slave leaves out the other gateways of the file.")]
+The master is the file's, unless --master names another. --slave leaves out the other gateways of
+the file.")]
 pub struct ConfigArguments {
     #[command(subcommand)]
     action: Action,
@@ -39,6 +40,8 @@ enum Action {
     /// Print a commented file with every key
     Example,
     /// Check a file: all its faults, or what comes out of it; touches no bus
+    ///
+    /// Bit timings are those at the default MCAN clock of 80 MHz.
     Check {
         /// The file
         file: PathBuf,
