@@ -266,3 +266,16 @@ fn misuse_is_named_and_told_by_the_status() {
     let message = fails(5, &["--ecrt", &setting, "config", "apply", path]);
     assert!(message.contains("0x8001:20") && message.contains("0x06090030"), "{message}");
 }
+
+#[test]
+fn what_barely_works_is_a_warning_and_no_fault() {
+    let gateway = "[[gateway]]\nn = 11\ncan0 = { bitrate = 500_000 }\n";
+    let (_directory, path) = file(&format!("cycle_us = 570\n{gateway}{gateway}"));
+    let checked = good(&["config", "check", text(&path)]);
+    assert!(checked.contains("\nwarning: the frames of a cycle take 4"), "{checked}");
+    let (_directory, path) = file(&format!("cycle_us = 400\n{gateway}{gateway}"));
+    let output = ecan(&["config", "check", text(&path)]);
+    assert_eq!(output.status.code(), Some(1));
+    let listed = String::from_utf8(output.stdout).unwrap();
+    assert!(listed.contains("cell.toml:1:12: the frames of a cycle take"), "{listed}");
+}
