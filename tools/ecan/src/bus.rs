@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use ecan_host::{Diagnostics, Error, SlaveInfo};
+use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo};
 use ecan_protocol::{AlState, Recognition};
 use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 
@@ -43,6 +43,7 @@ impl FromStr for SlaveChoice {
 /// A bus, looked at through a handle that reserves nothing.
 #[derive(Debug)]
 pub struct Bus {
+    ecrt: Ecrt,
     diagnostics: Diagnostics,
     choice: Option<SlaveChoice>,
 }
@@ -65,11 +66,16 @@ impl Bus {
             );
             return Err(Failure::Master(words));
         }
-        Ok(Self { diagnostics, choice: global.slave })
+        Ok(Self { ecrt: backend.ecrt, diagnostics, choice: global.slave })
     }
 
     pub fn diagnostics(&self) -> &Diagnostics {
         &self.diagnostics
+    }
+
+    /// The clock that waiting for a slave goes by.
+    pub fn clock(&self) -> &dyn Clock {
+        self.ecrt.clock().as_ref()
     }
 
     /// What the master knows of each slave.

@@ -41,6 +41,7 @@ fn main() -> ExitCode {
         Command::Scan => commands::scan::run(&global, &output),
         Command::Info => commands::info::run(&global, &output),
         Command::Caps => commands::caps::run(&global, &output),
+        Command::Config(arguments) => commands::config::run(arguments, &global, &output),
         Command::Sdo(arguments) => commands::sdo::run(arguments, &global, &output),
         Command::Completions { shell } => {
             let mut script = Vec::new();

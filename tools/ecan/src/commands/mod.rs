@@ -1,6 +1,7 @@
 //! The commands, a file each.
 
 pub mod caps;
+pub mod config;
 pub mod info;
 pub mod man;
 pub mod scan;
@@ -20,6 +21,8 @@ pub enum Command {
     Info,
     /// Tell in words what a gateway can do (0xF000, manual 13.8)
     Caps,
+    /// Check, apply, compare, save and export the configuration of gateways
+    Config(config::ConfigArguments),
     /// Read, write and list objects, by number or by the manual's names
     Sdo(sdo::SdoArguments),
     /// Print a completion script for a shell
