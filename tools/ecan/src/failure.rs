@@ -26,6 +26,9 @@ pub enum Failure {
     /// A slave refused, or did not answer.
     #[error("{0}")]
     Device(ecan_host::Error),
+    /// A slave refused, or did not answer, by other ways than the library.
+    #[error("{0}")]
+    Refused(String),
     /// A file.
     #[error("cannot {what} {}: {reason}", path.display())]
     File {
@@ -53,7 +56,7 @@ impl Failure {
             Self::Usage(_) => 2,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Slave(_) => 4,
-            Self::Device(_) => 5,
+            Self::Device(_) | Self::Refused(_) => 5,
             Self::File { .. } | Self::Output(_) => 6,
         }
     }

@@ -1,6 +1,7 @@
 //! The commands, a file each.
 
 pub mod caps;
+pub mod firmware;
 pub mod info;
 pub mod man;
 pub mod scan;
@@ -22,6 +23,7 @@ pub enum Command {
     Caps,
     /// Read, write and list objects, by number or by the manual's names
     Sdo(sdo::SdoArguments),
+    Firmware(firmware::FirmwareArguments),
     /// Print a completion script for a shell
     Completions {
         /// Which shell
