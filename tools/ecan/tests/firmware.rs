@@ -5,7 +5,9 @@
 mod stand_in;
 mod support;
 
+use std::io::{Read, Write};
 use std::path::Path;
+use std::process::{Command, Stdio};
 
 use ecan_sim::{Fault, FirmwarePackage, GatewayFault};
 use serde_json::Value;
@@ -196,6 +198,71 @@ fn several_gateways_are_updated_in_turn() {
     let (status, out, _) = update(&tool, package.path(), &["--slave", "1"]);
     assert_eq!((status, tool.writes().len()), (0, 4), "{out}");
     assert_eq!(running(&tool, 1), NEW);
+}
+
+#[test]
+fn a_file_that_does_harm_goes_to_one_gateway_only() {
+    let package = package(NEW);
+    let tool = StandIn::new(2, Behaviour::NeverBack);
+    let (status, out, _) = update(&tool, package.path(), &["--all", "--timeout", "1"]);
+    assert_eq!((status, tool.writes().len()), (5, 1), "{out}");
+    assert!(out.contains("1    -       -      nothing was written: slave 0 did not come back\n"));
+    let tool = StandIn::new(2, Behaviour::Good);
+    let more = ["--all", "--expect-version", "3.1.0"];
+    let (status, out, _) = update(&tool, package.path(), &more);
+    assert_eq!((status, tool.writes().len()), (5, 1), "{out}");
+    assert!(out.contains("nothing was written: slave 0 came back with a wrong version"), "{out}");
+    assert_eq!(running(&tool, 1), 0x0202_0001);
+}
+
+#[test]
+fn other_devices_get_no_firmware() {
+    let (tool, package) = (StandIn::new(1, Behaviour::Foreign), package(NEW));
+    let (status, out, _) = update(&tool, package.path(), &["--slave", "0"]);
+    assert_eq!((status, tool.writes().len()), (5, 0), "{out}");
+    assert!(out.contains("it does not show itself as an ECAN-Lite"), "{out}");
+    let (status, _, errors) = update(&tool, package.path(), &[]);
+    assert_eq!((status, tool.writes().len()), (4, 0));
+    assert!(errors.contains("none of the 1 slaves shows itself as an ECAN-Lite"), "{errors}");
+}
+
+/// As [`firmware`], with a terminal for input and messages, at which this is typed.
+fn at_a_terminal(tool: &StandIn, file: &Path, typed: &str) -> (i32, String) {
+    let pty = nix::pty::openpty(None, None).unwrap();
+    let mut screen = std::fs::File::from(pty.master);
+    screen.write_all(typed.as_bytes()).unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+        .args(["firmware", "update"])
+        .arg(file)
+        .arg("--ethercat")
+        .arg(&tool.program)
+        .env_remove("ECAN_ECRT")
+        .env("TERM", "xterm")
+        .stdin(pty.slave.try_clone().unwrap())
+        .stderr(pty.slave)
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let mut shown = Vec::new();
+    // Ends with an error when the last one at the terminal has gone.
+    let _ = screen.read_to_end(&mut shown);
+    let status = child.wait().unwrap().code().unwrap();
+    (status, String::from_utf8_lossy(&shown).into_owned())
+}
+
+#[test]
+fn at_a_terminal_it_asks_first_and_shows_how_far_it_is() {
+    let (tool, package) = (StandIn::new(1, Behaviour::Good), package(NEW));
+    for typed in ["n\n", "\n"] {
+        let (status, shown) = at_a_terminal(&tool, package.path(), typed);
+        assert_eq!((status, tool.writes().len()), (2, 0), "{shown}");
+        assert!(shown.contains(", 20032 bytes, to slave 0 (PREOP)?"), "{shown}");
+        assert!(shown.contains("nothing was written: not confirmed"), "{shown}");
+    }
+    let (status, shown) = at_a_terminal(&tool, package.path(), "y\n");
+    assert_eq!((status, tool.writes().len()), (0, 1), "{shown}");
+    assert!(shown.contains("slave 0: writing 19.56 KiB"), "{shown}");
+    assert!(shown.contains("slave 0: written, waiting for it to come back"), "{shown}");
 }
 
 #[test]

@@ -2,6 +2,7 @@
 //! gateway, whole and broken.
 #![allow(missing_docs)]
 
+use std::io::Write;
 use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
@@ -249,6 +250,27 @@ fn nothing_is_written_unasked_or_to_the_wrong_slave() {
     let names = std::fs::read_dir(bench.0.path()).unwrap().map(|it| it.unwrap().file_name());
     let backups = names.filter(|name| name.to_str().unwrap().starts_with("ecan_sii_0_2"));
     assert_eq!(backups.count(), 1);
+}
+
+#[test]
+fn at_a_terminal_it_asks() {
+    let image = broken(&[(20, 0x64)]);
+    for (typed, status, is_mended) in [("n\n", 2, false), ("y\n", 0, true)] {
+        let bench = Bench::new(&image);
+        let pty = nix::pty::openpty(None, None).unwrap();
+        std::fs::File::from(pty.master.try_clone().unwrap()).write_all(typed.as_bytes()).unwrap();
+        let output = Command::new(SCRIPT)
+            .args(["fix", "--ethercat", bench.path("ethercat").to_str().unwrap()])
+            .current_dir(bench.0.path())
+            .stdin(pty.slave)
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(output.status.code(), Some(status), "{said}");
+        assert!(said.contains("to be changed:\n  SM2 control byte: 0x64 -> 0x66\n"), "{said}");
+        assert_eq!(bench.get("eeprom") == good_image(), is_mended);
+        assert_eq!(bench.has_written(), is_mended);
+    }
 }
 
 #[test]

@@ -57,6 +57,8 @@ pub enum Behaviour {
     },
     /// As above, behind the last packet and for good.
     NeverBack,
+    /// The slaves have an object 0xF000 of another make.
+    Foreign,
     /// It prints something else.
     Babbles,
 }
@@ -218,6 +220,9 @@ impl Master {
         let [.., index, subindex] = arguments else { panic!("{arguments:?}") };
         let index = u16::from_str_radix(index.strip_prefix("0x").unwrap(), 16).unwrap();
         let subindex: u8 = subindex.parse().unwrap();
+        if self.behaviour == Behaviour::Foreign && (index, subindex) == (0xF000, 17) {
+            return Ok(number(8, 4));
+        }
         let [low, high] = index.to_le_bytes();
         let request = [0x00, 0x20, 0x40, low, high, subindex, 0, 0, 0, 0];
         let answer = self.line.mailbox(station, 3, 0, &request);

@@ -110,7 +110,7 @@ fn serial(gateways: &dyn Gateways, slave: usize) -> Result<u64, Failure> {
 }
 
 /// Whether a slave is an ECAN-Lite, by 0xF000. One that cannot be asked is none.
-fn is_gateway(gateways: &dyn Gateways, slave: &Present) -> bool {
+pub fn is_gateway(gateways: &dyn Gateways, slave: &Present) -> bool {
     let read = |subindex| gateways.number(slave.position, Number::U16(subindex));
     slave.state != "INIT" && Recognition::read(read).is_ok_and(|it| it.looks_like_ecan_lite())
 }

@@ -53,6 +53,9 @@ Examples:
   sudo ecan firmware update new.bin --all --yes --expect-version 14.4.94
   ecan --ecrt sim firmware update new.bin --yes     (new.bin from `ecan-sim firmware`)
 
+With --all a gateway that does not come back, or comes back with another version than the expected
+one, ends the work: the others keep what they have.
+
 It succeeds only when the version that was read back is another than before, or the expected one
 after a restart. The exit status is 1 if the version is not the wanted one, 5 if a gateway refused or
 did not come back.")]
@@ -203,25 +206,24 @@ fn confirm(
 fn update_all(update: &Update<'_>, chosen: &[Present], output: &Output) -> Result<(), Failure> {
     let mut reports: Vec<Report> = Vec::new();
     for slave in chosen {
-        let report = update.run(slave, reports.is_empty());
-        let stops = report.is_about_host();
+        let report = match reports.iter().find_map(Report::halts) {
+            Some(reason) => Report::left(slave, reason),
+            None => update.run(slave, reports.is_empty()),
+        };
         reports.push(report);
-        if stops {
-            break;
-        }
     }
     let told: Vec<_> = reports
         .iter()
         .map(|report| Told { report, is_good: report.is_good(), words: report.words() })
         .collect();
-    output.data(&told, |out| print(&reports, chosen.len(), output, out))?;
+    output.data(&told, |out| print(&reports, output, out))?;
     if let Some(Report { outcome: Outcome::Refused { refusal }, .. }) =
         reports.iter().find(|report| report.is_about_host())
     {
         return Err(Failure::Master(refusal.to_string()));
     }
     let good = reports.iter().filter(|report| report.is_good()).count();
-    let all = chosen.len();
+    let all = reports.len();
     let words = match (good, all) {
         (good, all) if good == all => return Ok(()),
         (_, 1) => "the gateway does not run the new firmware, see above".to_owned(),
@@ -234,12 +236,7 @@ fn update_all(update: &Update<'_>, chosen: &[Present], output: &Output) -> Resul
     }
 }
 
-fn print(
-    reports: &[Report],
-    all: usize,
-    output: &Output,
-    out: &mut dyn Write,
-) -> std::io::Result<()> {
+fn print(reports: &[Report], output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
     let or_dash = |running: &Option<Running>| {
         running.as_ref().map_or_else(|| "-".to_owned(), ToString::to_string)
     };
@@ -258,7 +255,8 @@ fn print(
         ]
     }));
     table::print(out, &rows)?;
-    if all > 1 {
+    if reports.len() > 1 {
+        let all = reports.len();
         let good = reports.iter().filter(|report| report.is_good()).count();
         writeln!(out, "{good} of {all} gateways run the new firmware")?;
     }

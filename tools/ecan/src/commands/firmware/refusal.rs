@@ -33,6 +33,8 @@ pub enum Cause {
     State,
     /// The transfer stopped in the middle.
     Interrupted,
+    /// The gateway refused, and the master does not tell why.
+    Unexplained,
     /// Something that the manual does not name.
     Other,
 }
@@ -43,10 +45,11 @@ impl Cause {
     /// numbers: those here are of ETG.1000.6.
     fn of(said: &str) -> Self {
         // Texts first: a device may give them any number.
-        let causes: [(Self, &[&str]); 7] = [
+        let causes: [(Self, &[&str]); 8] = [
             (Self::Password, &["Password invalid"]),
             (Self::Verify, &["OTA verify failed"]),
             (Self::Flash, &["file write fail"]),
+            (Self::Unexplained, &["FOE_ACK_ERROR"]),
             (Self::NoSlave, &["does not exist", "matches 0 slaves"]),
             (
                 Self::Interrupted,
@@ -54,7 +57,6 @@ impl Cause {
                     "FOE_TIMEOUT_ERROR",
                     "FOE_WC_ERROR",
                     "FOE_RECEIVE_ERROR",
-                    "FOE_ACK_ERROR",
                     "FOE_MBOX_FETCH_ERROR",
                     "FOE_PACKETNO_ERROR",
                     "Input/output error",
@@ -110,6 +112,11 @@ impl Cause {
                 "the transfer was interrupted; the version that ran before stays. Check supply and \
                  cable, and try again"
             }
+            Self::Unexplained => {
+                "the gateway answered with an error, and this version of the master does not tell \
+                 which: the file is not in packaging format or does not fit this device, the \
+                 password is not 0, or its flash failed; 0xB000:11 holds the gateway's own code"
+            }
             Self::Other => "the ethercat tool failed; the kernel log (dmesg) may tell more",
         }
     }
@@ -159,6 +166,7 @@ mod tests {
             ("FoE write aborted with error code 0x00008008: Bootstrap only.", Cause::State),
             ("FoE write aborted with error code 0x00001234: Unknown error code", Cause::Other),
             ("Failed to write via FoE: FOE_TIMEOUT_ERROR", Cause::Interrupted),
+            ("Failed to write via FoE: FOE_ACK_ERROR", Cause::Unexplained),
             ("Failed to write via FoE: Input/output error", Cause::Interrupted),
             ("Failed to get slave: Slave 3 does not exist!", Cause::NoSlave),
             ("something new", Cause::Other),

@@ -5,7 +5,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::gateways::{Gateways, LOOK_EVERY, Present, Running};
+use super::gateways::{Gateways, LOOK_EVERY, Present, Running, is_gateway};
 use super::package::FirmwareFile;
 use super::refusal::{Cause, Refusal};
 use crate::failure::Failure;
@@ -42,9 +42,9 @@ pub enum Outcome {
         /// What was said last.
         reason: String,
     },
-    /// It did not answer before: nothing was written.
-    NotAsked {
-        /// What was said.
+    /// Nothing was written.
+    NotTried {
+        /// Why.
         reason: String,
     },
 }
@@ -70,13 +70,32 @@ impl Report {
 
     /// Whether it is the gateway that failed, and not the version that is another.
     pub fn is_refused(&self) -> bool {
-        use Outcome::{NotAsked, NotBack, Refused};
-        matches!(self.outcome, Refused { .. } | NotBack { .. } | NotAsked { .. })
+        use Outcome::{NotBack, NotTried, Refused};
+        matches!(self.outcome, Refused { .. } | NotBack { .. } | NotTried { .. })
     }
 
-    /// Whether the next gateway would fare the same, since the fault is in front of them all.
+    /// Whether the fault is in front of all gateways.
     pub fn is_about_host(&self) -> bool {
         matches!(&self.outcome, Outcome::Refused { refusal } if refusal.cause == Cause::Host)
+    }
+
+    /// Why no further gateway gets this file; `None` where it may.
+    pub fn halts(&self) -> Option<String> {
+        let position = self.position;
+        match self.outcome {
+            Outcome::NotBack { .. } => Some(format!("slave {position} did not come back")),
+            Outcome::WrongVersion { .. } => {
+                Some(format!("slave {position} came back with a wrong version"))
+            }
+            _ if self.is_about_host() => Some("the master cannot be reached".to_owned()),
+            _ => None,
+        }
+    }
+
+    /// One that keeps what it has.
+    pub fn left(slave: &Present, reason: String) -> Self {
+        let outcome = Outcome::NotTried { reason };
+        Self { position: slave.position, before: None, after: None, outcome }
     }
 
     /// The judgement in words.
@@ -100,7 +119,7 @@ impl Report {
             Outcome::NotBack { reason } => format!(
                 "written, but the gateway does not answer since ({reason}); what it runs is unknown"
             ),
-            Outcome::NotAsked { reason } => format!("nothing was written: {reason}"),
+            Outcome::NotTried { reason } => format!("nothing was written: {reason}"),
         }
     }
 }
@@ -129,9 +148,13 @@ impl Update<'_> {
         let before = match self.read_before(position, is_first) {
             Ok(before) => before,
             Err(error) => {
-                return report(None, None, Outcome::NotAsked { reason: error.to_string() });
+                return Report::left(slave, error.to_string());
             }
         };
+        if !is_gateway(self.gateways, slave) {
+            let reason = "it does not show itself as an ECAN-Lite (0xF000)".to_owned();
+            return report(Some(before), None, Outcome::NotTried { reason });
+        }
         let bar = self.progress_bar(position);
         let written = self.gateways.write(position, self.file, &|taken| bar.set_position(taken));
         if let Err(refusal) = written {
