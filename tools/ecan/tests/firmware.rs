@@ -116,6 +116,16 @@ fn wrong_packages_are_refused_by_the_gateway_and_the_old_version_stays() {
 }
 
 #[test]
+fn where_the_master_does_not_tell_why_the_gateway_does() {
+    let (tool, file) = (StandIn::new(1, Behaviour::Of15), file(&[0x55; 5000]));
+    let (status, out, _) = update(&tool, file.path(), &["--json"]);
+    let json: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((status, &json[0]["refusal"]["cause"]), (5, &Value::from("verify")));
+    let words = json[0]["words"].as_str().unwrap();
+    assert!(words.contains("FOE_ACK_ERROR; 0xB000:11 of the gateway is 0x8010"), "{words}");
+}
+
+#[test]
 fn a_flash_that_fails_is_told() {
     let (tool, package) = (StandIn::new(1, Behaviour::Good), package(NEW));
     let fault = GatewayFault::FlashFailure { times: 1 };
@@ -160,12 +170,20 @@ fn a_version_that_has_not_changed_is_no_success() {
     let (status, out, _) = update(&same, package.path(), &["--timeout", "4"]);
     assert_eq!(status, 1);
     assert!(out.contains("2.2.1  the version has not changed: the file holds the same"), "{out}");
-    // It was asked for.
+}
+
+#[test]
+fn the_same_version_again_is_a_success_where_it_is_expected() {
+    let (same, package) = (StandIn::new(1, Behaviour::Good), package(0x0202_0001));
     let more = ["--timeout", "4", "--expect-version", "2.2.1"];
     let (status, out, _) = update(&same, package.path(), &more);
     assert_eq!(status, 0, "{out}");
     assert!(out.contains("installed again"), "{out}");
-    // Whatever the tool says.
+}
+
+#[test]
+fn without_a_restart_there_is_no_success_whatever_the_tool_says() {
+    let package = package(0x0202_0001);
     let liar = StandIn::new(1, Behaviour::Lies);
     for expected in [&[][..], &["--expect-version", "2.2.1"]] {
         let more = [&["--timeout", "1"], expected].concat();

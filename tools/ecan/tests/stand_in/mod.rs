@@ -40,7 +40,7 @@ ethercat foe_write [OPTIONS] <FILENAME>
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Behaviour {
     Good,
-    /// Its `foe_write` takes no password.
+    /// Its `foe_write` takes no password, and its master does not tell FoE errors apart.
     Of15,
     /// Its `-p` is the password.
     TakesPositionForPassword,
@@ -259,7 +259,11 @@ impl Master {
         let [path, password @ ..] = &arguments[7..] else { panic!("{arguments:?}") };
         let password = password.first().map_or(0, |text| text.parse().unwrap());
         let file = std::fs::read(path).unwrap();
+        let is_of_1_5 = self.behaviour == Behaviour::Of15;
         let fault = |answer: &[u8]| {
+            if is_of_1_5 {
+                return Err("Failed to write via FoE: FOE_ACK_ERROR".to_owned());
+            }
             let code = u32::from_le_bytes(answer[2..6].try_into().unwrap());
             Err(format!("FoE write aborted with error code {code:#010x}: {}", words(code)))
         };

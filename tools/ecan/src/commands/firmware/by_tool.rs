@@ -56,6 +56,10 @@ impl Gateways for ByTool {
         self.tool.upload_text(slave, (0x100A, 0)).map_err(failure)
     }
 
+    fn foe_status(&self, slave: usize) -> Result<u32, Failure> {
+        self.tool.upload_number(slave, (0xB000, 11), NumberType::Uint32).map_err(failure)
+    }
+
     fn write(
         &self,
         slave: usize,

@@ -43,6 +43,9 @@ pub trait Gateways {
     /// 0x100A.
     fn software_version(&self, slave: usize) -> Result<String, Failure>;
 
+    /// 0xB000:11, what the gateway itself says of its last firmware transfer.
+    fn foe_status(&self, slave: usize) -> Result<u32, Failure>;
+
     /// Writes the file; `progress` gets the bytes that were taken so far, where that is known.
     fn write(
         &self,

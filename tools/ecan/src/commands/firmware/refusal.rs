@@ -74,8 +74,11 @@ impl Cause {
     fn of_number(said: &str) -> Option<Self> {
         let (_, behind) = said.split_once("error code 0x")?;
         let end = behind.find(|letter: char| !letter.is_ascii_hexdigit()).unwrap_or(behind.len());
-        let number = u32::from_str_radix(behind.get(..end)?, 16).ok()?;
-        Some(match number {
+        Self::of_code(u32::from_str_radix(behind.get(..end)?, 16).ok()?)
+    }
+
+    fn of_code(code: u32) -> Option<Self> {
+        Some(match code {
             0x8001 => Self::Name,
             0x8002 | 0x8004 | 0x8008 | 0x8009 => Self::State,
             0x8003 | 0x8011 => Self::Flash,
@@ -115,7 +118,7 @@ impl Cause {
             Self::Unexplained => {
                 "the gateway answered with an error, and this version of the master does not tell \
                  which: the file is not in packaging format or does not fit this device, the \
-                 password is not 0, or its flash failed; 0xB000:11 holds the gateway's own code"
+                 password is not 0, or its flash failed; the kernel log (dmesg) may tell more"
             }
             Self::Other => "the ethercat tool failed; the kernel log (dmesg) may tell more",
         }
@@ -127,6 +130,18 @@ impl Refusal {
     pub fn new(said: impl Into<String>) -> Self {
         let said = said.into();
         Self { cause: Cause::of(&said), said }
+    }
+
+    /// Adds what the gateway itself says of the transfer in 0xB000:11. The manual gives no numbers
+    /// for it: where it is one of FoE, and nothing else is known, it is the cause.
+    pub fn add_status(&mut self, status: u32) {
+        if status == 0 {
+            return;
+        }
+        if matches!(self.cause, Cause::Unexplained | Cause::Other) {
+            self.cause = Cause::of_code(status).unwrap_or(self.cause);
+        }
+        self.said.push_str(&format!("; 0xB000:11 of the gateway is {status:#06x}"));
     }
 }
 

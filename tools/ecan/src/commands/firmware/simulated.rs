@@ -65,6 +65,10 @@ impl Gateways for Simulated {
         Ok(self.bus.text(slave, 0x100A))
     }
 
+    fn foe_status(&self, slave: usize) -> Result<u32, Failure> {
+        self.bus.diagnostics().sdo_upload_u32(slave, 0xB000, 11).map_err(Failure::Device)
+    }
+
     fn write(
         &self,
         slave: usize,

@@ -157,8 +157,11 @@ impl Update<'_> {
         }
         let bar = self.progress_bar(position);
         let written = self.gateways.write(position, self.file, &|taken| bar.set_position(taken));
-        if let Err(refusal) = written {
+        if let Err(mut refusal) = written {
             bar.finish_and_clear();
+            if let Ok(status) = self.gateways.foe_status(position) {
+                refusal.add_status(status);
+            }
             // It may be away just now; then the report says nothing of what runs.
             let after = Running::read(self.gateways, position).ok();
             return report(Some(before), after, Outcome::Refused { refusal });
