@@ -216,10 +216,13 @@ judge() {
         set_word $((at + 2)) "$pdo_bytes"
         compare "SM$number control byte" "${bytes[at + 4]}" "$control" 0x%02X
         bytes[at + 4]=$control
-        compare "SM$number enabled" "$((bytes[at + 6] & 1))" 1 %d
-        bytes[at + 6]=$((bytes[at + 6] | 1))
-        compare "SM$number type" "${bytes[at + 7]}" "$kind" %d
-        bytes[at + 7]=$kind
+        # Of these the manual says nothing, so they are left alone.
+        if (((bytes[at + 6] & 1) == 0)); then
+            printf 'note   SM%d is not enabled by the SII\n' "$number"
+        fi
+        if ((bytes[at + 7] != kind)); then
+            printf 'note   SM%d is of type %d, %d is usual\n' "$number" "${bytes[at + 7]}" "$kind"
+        fi
     done <<<"2 $((0x1100)) $((0x66)) 3
 3 $((0x1D00)) $((0x22)) 4"
 }

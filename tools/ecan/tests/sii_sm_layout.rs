@@ -142,8 +142,6 @@ fn each_fault_is_named_mended_and_can_be_put_back() {
         (broken(&[(17, 0x12)]), "WRONG  SM2 start             0x1200, must be 0x1100"),
         (broken(&[(18, 0x80), (19, 0)]), "WRONG  SM2 size              128, must be 3072"),
         (broken(&[(20, 0x64)]), "WRONG  SM2 control byte      0x64, must be 0x66"),
-        (broken(&[(22, 0)]), "WRONG  SM2 enabled           0, must be 1"),
-        (broken(&[(23, 4)]), "WRONG  SM2 type              4, must be 3"),
         (broken(&[(25, 0x1C)]), "WRONG  SM3 start             0x1C00, must be 0x1D00"),
         (broken(&[(27, 0x04)]), "WRONG  SM3 size              1024, must be 3072"),
         (broken(&[(28, 0x20)]), "WRONG  SM3 control byte      0x20, must be 0x22"),
@@ -173,6 +171,17 @@ fn each_fault_is_named_mended_and_can_be_put_back() {
             calls.lines().any(|call| call.contains("sii_write") && call.contains("--force"));
         assert_eq!(forced, words.contains("checksum"), "{calls}");
     }
+}
+
+#[test]
+fn what_the_manual_does_not_name_is_noted_and_left_alone() {
+    let image = broken(&[(22, 0), (31, 3), (28, 0x20)]);
+    let bench = Bench::new(&image);
+    let (status, said) = bench.run(&["fix", "--yes"]);
+    assert_eq!(status, 0, "{said}");
+    assert!(said.contains("note   SM2 is not enabled by the SII\n"), "{said}");
+    assert!(said.contains("note   SM3 is of type 3, 4 is usual\n"), "{said}");
+    assert_eq!(bench.get("eeprom"), broken(&[(22, 0), (31, 3)]));
 }
 
 #[test]
