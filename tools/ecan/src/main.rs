@@ -8,6 +8,7 @@
 
 mod bus;
 mod commands;
+mod ethercat_tool;
 mod failure;
 mod global;
 mod object_path;
@@ -43,6 +44,7 @@ fn main() -> ExitCode {
         Command::Caps => commands::caps::run(&global, &output),
         Command::Config(arguments) => commands::config::run(arguments, &global, &output),
         Command::Sdo(arguments) => commands::sdo::run(arguments, &global, &output),
+        Command::Firmware(arguments) => commands::firmware::run(arguments, &global, &output),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);

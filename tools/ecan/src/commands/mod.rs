@@ -2,6 +2,7 @@
 
 pub mod caps;
 pub mod config;
+pub mod firmware;
 pub mod info;
 pub mod man;
 pub mod scan;
@@ -25,6 +26,7 @@ pub enum Command {
     Config(config::ConfigArguments),
     /// Read, write and list objects, by number or by the manual's names
     Sdo(sdo::SdoArguments),
+    Firmware(firmware::FirmwareArguments),
     /// Print a completion script for a shell
     Completions {
         /// Which shell
