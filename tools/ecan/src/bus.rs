@@ -70,7 +70,7 @@ impl Bus {
             );
             return Err(Failure::Master(words));
         }
-        Ok(Self { ecrt: backend.ecrt, diagnostics, choice: global.slave })
+        Ok(Self { ecrt: backend.ecrt.clone(), diagnostics, choice: global.slave })
     }
 
     pub fn diagnostics(&self) -> &Diagnostics {
