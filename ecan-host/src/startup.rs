@@ -96,6 +96,17 @@ impl StartupStep {
     }
 }
 
+impl SlaveSettings {
+    /// The complete startup sequence of this slave, in the order in which the Adapter runs it: the
+    /// checks that come first, the PDO assignment from N, what the layer above needs, what the
+    /// application adds (manual 5.4.3).
+    ///
+    /// Allocates; not for the cycle.
+    pub fn startup_steps(&self) -> Vec<StartupStep> {
+        startup_list(self)
+    }
+}
+
 /// The whole list for a slave: leading checks, RxPDO and TxPDO assignment, the other steps.
 pub(crate) fn startup_list(slave: &SlaveSettings) -> Vec<StartupStep> {
     let base = &slave.base_startup;

@@ -57,6 +57,8 @@ impl AlStatusCode {
     pub const UNKNOWN_STATE: Self = Self(0x0012);
     /// BOOT is not supported.
     pub const NO_BOOTSTRAP: Self = Self(0x0013);
+    /// Mailbox sync managers are wrong for BOOT.
+    pub const BOOT_MAILBOX_CONFIGURATION: Self = Self(0x0015);
     /// Mailbox sync managers are wrong.
     pub const MAILBOX_CONFIGURATION: Self = Self(0x0016);
     /// Outputs did not come in time.

@@ -186,3 +186,67 @@ fn events_of_process_data_are_told() {
     line.pass(MS);
     assert_eq!(events(&mut line) & 0x40, 0x40, "SM2 was read");
 }
+
+/// Images of N = 24 take five frames; the firmware serves while the master still reads.
+#[test]
+fn images_on_several_frames_are_read_in_every_cycle() {
+    for gap_ns in [0, 10_000, 110_000] {
+        let mut line = Line::preop(1);
+        line.configure(0x1001, 24);
+        line.map(0x1001, 24, 0);
+        line.request(0x1001, 4);
+        line.request(0x1001, 8);
+        let cycle = |line: &mut Line| {
+            line.pass(MS - 5 * (10_000 + gap_ns));
+            (0..6144_u32).step_by(1486).fold(0, |sum, at| {
+                line.pass(gap_ns);
+                let bytes = 1486.min(6144 - at as usize);
+                sum + line.logical(LRW, at, &vec![0; bytes]).counter
+            })
+        };
+        cycle(&mut line);
+        for _ in 0..100 {
+            assert_eq!(cycle(&mut line), 9, "frames {gap_ns} ns apart");
+        }
+    }
+}
+
+#[test]
+fn an_access_that_has_begun_ends_with_the_exchange_of_process_data() {
+    let mut line = Line::op();
+    let outputs = image(&mut line, 1);
+    assert_eq!(line.logical(LWR, 0, &outputs[..10]).counter, 1);
+    line.request(0x1001, 2);
+    line.request(0x1001, 4);
+    assert_eq!(line.logical(LWR, 10, &outputs[10..]).counter, 0);
+}
+
+#[test]
+fn the_watchdog_status_stays_until_outputs_come() {
+    let mut line = Line::op();
+    let outputs = image(&mut line, 1);
+    line.pass(500 * MS);
+    assert_eq!(line.read(FPRD, 0x1001, 0x0440, 1).0, [0]);
+    line.request(0x1001, 0x14);
+    assert_eq!(line.state(0x1001), (4, 0));
+    assert_eq!(line.read(FPRD, 0x1001, 0x0440, 1).0, [0], "nothing was written");
+    assert_eq!(line.logical(LWR, 0, &outputs).counter, 1);
+    assert_eq!(line.read(FPRD, 0x1001, 0x0440, 1).0, [1]);
+}
+
+/// A cycle of several frames has one fate.
+#[test]
+fn faults_count_cycles_and_not_frames() {
+    use ecan_sim::LostWay;
+    let mut line = Line::op();
+    let frame = |line: &mut Line, at: u32| {
+        line.exchange(&[Datagram::logical(LRD, at, &[0; 384])]).is_some()
+    };
+    frame(&mut line, 0);
+    frame(&mut line, 384);
+    let before = line.wire.world().cycles();
+    line.wire.world_mut().inject(Fault::LostFrame { way: LostWay::Outward, cycles: 2 });
+    let came = [0, 384, 0, 384, 0, 384].map(|at| frame(&mut line, at));
+    assert_eq!(came, [false, false, false, false, true, true]);
+    assert_eq!(line.wire.world().cycles() - before, 3);
+}

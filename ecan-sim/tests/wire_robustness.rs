@@ -17,15 +17,29 @@ fn offset() -> impl Strategy<Value = u16> {
         0x0600_u16..0x0680,
         0x0800_u16..0x0840,
         0x0900_u16..0x09B0,
+        Just(0x0910),
+        Just(0x0920),
+        Just(0x0980),
+        Just(0x0990),
         0x0FF0_u16..0x1110,
         0x1CF0_u16..0x1D10,
         0x28F0_u16..0x3010,
     ]
 }
 
+/// Data: any bytes, or times at the edges of what a clock can be told.
+fn data() -> impl Strategy<Value = Vec<u8>> {
+    let near = prop_oneof![Just(0), Just(1 << 63), Just(u64::MAX), any::<u64>()];
+    let time = (near, 0..4_000_000_000_u64).prop_map(|(near, ns)| near.wrapping_add(ns));
+    prop_oneof![
+        4 => vec(any::<u8>(), 0..200),
+        1 => time.prop_map(|time| time.to_le_bytes().to_vec()),
+    ]
+}
+
 fn datagram() -> impl Strategy<Value = Datagram> {
     let slave = prop_oneof![Just(0), Just(0x1001), Just(0x1002), any::<u16>()];
-    (0_u8..20, slave, offset(), vec(any::<u8>(), 0..200))
+    (0_u8..20, slave, offset(), data())
         .prop_map(|(command, slave, offset, data)| Datagram::new(command, slave, offset, &data))
 }
 

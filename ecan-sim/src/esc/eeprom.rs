@@ -1,5 +1,8 @@
 //! The SII EEPROM interface: commands, errors, and how long they take (ETG.1000.4).
 
+use super::controller::Controller;
+use super::memory::Context;
+
 /// Bytes of 0x0502 to 0x050F.
 pub(super) const INTERFACE_BYTES: usize = 14;
 
@@ -112,12 +115,46 @@ impl EepromInterface {
     }
 }
 
-/// CRC-8 (polynomial 0x07, from 0xFF) over the first seven words.
+/// The CRC-8 of ETG.2010.
+const CRC: crc::Crc<u8> = crc::Crc::<u8>::new(&crc::Algorithm {
+    width: 8,
+    poly: 0x07,
+    init: 0xFF,
+    refin: false,
+    refout: false,
+    xorout: 0,
+    check: 0xFB,
+    residue: 0,
+});
+
+/// Checksum of the first seven words.
 pub(super) fn checksum(words: &[u16]) -> u8 {
-    let bytes = words.iter().take(CONFIGURATION_WORDS - 1).flat_map(|word| word.to_le_bytes());
-    bytes.fold(0xFF, |crc, byte| {
-        (0..8).fold(crc ^ byte, |crc, _| if crc & 0x80 != 0 { crc << 1 ^ 0x07 } else { crc << 1 })
-    })
+    let mut digest = CRC.digest();
+    for word in words.iter().take(CONFIGURATION_WORDS - 1) {
+        digest.update(&word.to_le_bytes());
+    }
+    digest.finalize()
+}
+
+impl Controller {
+    /// The master has written the EEPROM interface.
+    pub(super) fn command_eeprom(
+        &mut self,
+        interface: &[u8; INTERFACE_BYTES],
+        has_command: bool,
+        context: &mut Context<'_>,
+    ) {
+        let words = context.gateway.eeprom();
+        match self.eeprom.written(context.now, interface, has_command, words) {
+            Effect::Nothing => {}
+            Effect::Write { word, value } => context.gateway.write_eeprom(word, value),
+            // The alias is taken over at power-on alone.
+            Effect::Reload => {
+                let words = context.gateway.eeprom();
+                self.load_interface_configuration(words);
+            }
+        }
+    }
 }
 
 #[cfg(test)]

@@ -14,8 +14,8 @@ pub(super) const MEMORY_BYTES: usize = MEMORY_END - REGISTER_BYTES;
 /// Sync managers by their use.
 pub(super) const WRITE_MAILBOX: usize = 0;
 pub(super) const READ_MAILBOX: usize = 1;
-const OUTPUTS: usize = 2;
-const INPUTS: usize = 3;
+pub(super) const OUTPUTS: usize = 2;
+pub(super) const INPUTS: usize = 3;
 
 /// What an access happens in.
 pub(super) struct Context<'a> {
@@ -186,11 +186,14 @@ impl Controller {
         }
         let from = self.memory_at(at, out.len());
         out[..from.len()].copy_from_slice(from);
+        if progress == Progress::Begun && number == INPUTS {
+            context.gateway.inputs_are_being_read();
+        }
         if progress == Progress::Complete {
             self.sync_managers[number].emptied();
             match number {
                 INPUTS => context.gateway.inputs_were_read(context.now),
-                READ_MAILBOX => self.serve_mailbox(context),
+                READ_MAILBOX => self.read_mailbox_was_read(context),
                 _ => {}
             }
         }

@@ -11,6 +11,8 @@ mod controller;
 mod eeprom;
 mod fmmu;
 mod frame;
+mod logical;
+mod mailbox_buffers;
 mod memory;
 mod registers;
 mod sii;

@@ -8,7 +8,6 @@ use super::eeprom::INTERFACE_BYTES;
 use super::fmmu::{FMMU_BYTES, FMMUS, Fmmu};
 use super::memory::Context;
 use super::sync_manager::{SYNC_MANAGER_BYTES, SYNC_MANAGERS};
-use crate::gateway::SmSettings;
 
 /// Registers end where the memory begins.
 pub(super) const REGISTER_BYTES: usize = 0x1000;
@@ -20,6 +19,7 @@ pub(super) mod address {
     pub(crate) const ALIAS: usize = 0x0012;
     pub(crate) const WRITE_PROTECTION: usize = 0x0020;
     pub(crate) const DL_CONTROL: usize = 0x0100;
+    pub(crate) const PHYSICAL_ACCESS: usize = 0x0108;
     pub(crate) const DL_STATUS: usize = 0x0110;
     pub(crate) const AL_CONTROL: usize = 0x0120;
     pub(crate) const AL_STATUS: usize = 0x0130;
@@ -55,12 +55,12 @@ pub(super) mod address {
 }
 
 /// What the master may write, beside sync managers and EEPROM: address and bytes.
-const WRITABLE: [(usize, usize); 22] = [
+const WRITABLE: [(usize, usize); 23] = [
     (address::STATION, 2),
     (address::WRITE_PROTECTION, 2),
     (address::WRITE_PROTECTION + 0x10, 2),
     (address::DL_CONTROL, 4),
-    (0x0108, 2),
+    (address::PHYSICAL_ACCESS, 2),
     (address::AL_CONTROL, 2),
     (address::EVENT_MASK, 2),
     (address::RECEIVE_ERRORS, 20),
@@ -78,6 +78,7 @@ const WRITABLE: [(usize, usize); 22] = [
     (address::CYCLIC_CONTROL, 2),
     (address::CYCLIC_START, 8),
     (address::SYNC0_CYCLE, 8),
+    (address::USER, 128),
 ];
 
 /// Registers after power-on that do not start at 0. Type, revision, build, FMMUs, sync managers,
@@ -233,7 +234,7 @@ impl Controller {
         context: &mut Context<'_>,
     ) -> bool {
         let mut is_done = false;
-        for (first, length) in WRITABLE.into_iter().chain([(address::USER, 128)]) {
+        for (first, length) in WRITABLE {
             let from = first.max(at);
             let to = (first + length).min(at + data.len());
             if from >= to {
@@ -282,6 +283,12 @@ impl Controller {
                 self.fmmus[number] = Fmmu::from_registers(&registers);
             }
         }
+        // Read, the register shows the next pulse.
+        for (nth, byte) in self.cyclic_start.iter_mut().enumerate() {
+            if touches(address::CYCLIC_START + nth, 1) {
+                *byte = self.registers[address::CYCLIC_START + nth];
+            }
+        }
         if touches(address::SYNC_MANAGER, SYNC_MANAGERS * SYNC_MANAGER_BYTES) {
             self.after_sync_manager_write(context);
         }
@@ -305,33 +312,33 @@ impl Controller {
         }
         if touches(address::CYCLIC_CONTROL, 2) {
             let [activation] = self.stored(address::ACTIVATION);
-            let start = u64::from_le_bytes(self.stored(address::CYCLIC_START));
+            let start = u64::from_le_bytes(self.cyclic_start);
             let cycle = u32::from_le_bytes(self.stored(address::SYNC0_CYCLE));
             clock::switch_sync0(context.gateway, activation, start, cycle);
         }
     }
 
-    /// AL control was written. With a pending error only a request that acknowledges it counts.
+    /// AL control was written. With a pending error only a request that acknowledges it counts; one
+    /// for INIT always does.
     fn request_state(&mut self, context: &mut Context<'_>) {
         let [control] = self.stored(address::AL_CONTROL);
-        if context.gateway.al_error() && control & AL_ACKNOWLEDGE == 0 {
+        let state = AlState::from_raw(control & AL_STATE);
+        let acknowledges = control & AL_ACKNOWLEDGE != 0 || state == Some(AlState::Init);
+        if context.gateway.al_error() && !acknowledges {
             return;
         }
-        match AlState::from_raw(control & AL_STATE) {
+        match state {
             Some(state) => context.gateway.request_al_state(context.now, state),
             None => context.gateway.refuse_unknown_al_state(context.now),
         }
+        self.notice_stops(context);
     }
 
     /// Tells the firmware of the sync managers that are its.
     fn after_sync_manager_write(&mut self, context: &mut Context<'_>) {
         for number in 0..4 {
             let sm = self.sync_managers[number];
-            let settings = sm.is_enabled().then(|| SmSettings {
-                start: sm.start() as u16,
-                length: sm.length() as u16,
-                control: sm.control(),
-            });
+            let settings = sm.is_enabled().then(|| sm.settings());
             context.gateway.configure_sync_manager(number as u8, settings);
         }
         self.repeat_if_asked();
@@ -360,12 +367,17 @@ impl Controller {
         true
     }
 
-    /// After power-on and reload: what the controller takes from its EEPROM.
+    /// After power-on: what the controller takes from its EEPROM.
     pub(super) fn load_configuration(&mut self, words: &[u16]) {
+        self.load_interface_configuration(words);
+        self.store(address::ALIAS, &words.get(4).copied().unwrap_or(0).to_le_bytes());
+    }
+
+    /// What it takes from it after a reload, too.
+    pub(super) fn load_interface_configuration(&mut self, words: &[u16]) {
         let word = |at: usize| words.get(at).copied().unwrap_or(0).to_le_bytes();
         self.store(address::PDI, &word(0));
         self.store(address::PULSE_LENGTH, &word(2));
-        self.store(address::ALIAS, &word(4));
     }
 
     /// A frame that could not be processed to its end.

@@ -3,15 +3,12 @@
 //! A single buffer (mailbox mode) is full or empty. An access begins with its first byte and is
 //! complete with its last one, in one datagram or in several; what begins elsewhere is refused.
 
+use crate::gateway::SmSettings;
+
 /// Bytes of a sync manager's registers.
 pub(super) const SYNC_MANAGER_BYTES: usize = 8;
 /// Sync managers of a controller.
 pub(super) const SYNC_MANAGERS: usize = 8;
-
-const CONTROL_MODE: u8 = 0x03;
-const CONTROL_SINGLE: u8 = 0x02;
-const CONTROL_DIRECTION: u8 = 0x0C;
-const CONTROL_WRITTEN_BY_MASTER: u8 = 0x04;
 
 const STATUS_WRITTEN: u8 = 0x01;
 const STATUS_READ: u8 = 0x02;
@@ -65,20 +62,27 @@ impl SyncManager {
         self.start() + self.length()
     }
 
-    pub(super) fn control(&self) -> u8 {
-        self.control
-    }
-
     pub(super) fn contains(&self, address: usize) -> bool {
         self.is_enabled() && (self.start()..self.end()).contains(&address)
     }
 
+    /// As the firmware is told of it.
+    pub(super) fn settings(&self) -> SmSettings {
+        SmSettings { start: self.start, length: self.length, control: self.control }
+    }
+
     fn is_single(&self) -> bool {
-        self.control & CONTROL_MODE == CONTROL_SINGLE
+        self.settings().is_single()
     }
 
     fn is_written_by_master(&self) -> bool {
-        self.control & CONTROL_DIRECTION == CONTROL_WRITTEN_BY_MASTER
+        self.settings().is_written_by_master()
+    }
+
+    /// What is in the buffer and what was begun is gone.
+    pub(super) fn make_void(&mut self) {
+        (self.is_full, self.is_open) = (false, false);
+        (self.was_written, self.was_read) = (false, false);
     }
 
     /// The master writes so many bytes from an offset on. `is_full` tells of the buffer, which may
@@ -173,8 +177,8 @@ impl SyncManager {
                 self.activate = value & ACTIVATE_WRITABLE;
                 let is_still_on = value & ACTIVATE_ENABLED != 0;
                 if is_on != is_still_on {
-                    (self.is_full, self.is_open) = (false, false);
-                    (self.was_written, self.was_read) = (false, false);
+                    self.make_void();
+                    self.repeat_acknowledged = value & ACTIVATE_REPEAT != 0;
                 }
             }
             _ => return false,

@@ -37,6 +37,9 @@ pub struct Wire {
     controllers: Vec<Controller>,
     /// Gateways that the present frame reaches.
     reached: Vec<usize>,
+    /// Lowest logical address so far, and what the faults make of the present cycle.
+    lowest_logical: u32,
+    fate: CycleFate,
     statistics: WireStatistics,
 }
 
@@ -54,7 +57,14 @@ impl Wire {
         }
         world.begin(&scenario.faults);
         let controllers = (0..world.gateway_count()).map(|_| Controller::new()).collect();
-        Ok(Self { world, controllers, reached: Vec::new(), statistics: WireStatistics::default() })
+        Ok(Self {
+            world,
+            controllers,
+            reached: Vec::new(),
+            lowest_logical: u32::MAX,
+            fate: CycleFate::default(),
+            statistics: WireStatistics::default(),
+        })
     }
 
     /// The world behind.
@@ -86,9 +96,13 @@ impl Wire {
     /// Its bytes are then what the master receives.
     pub fn pass(&mut self, now: u64, frame: &mut [u8]) -> bool {
         self.world.advance(now);
-        let mut carries_process_data = false;
+        let mut first_logical = None;
         let looked = for_each_datagram(frame, |datagram| {
-            carries_process_data |= datagram.is_logical();
+            if datagram.is_logical() {
+                let address = datagram.logical_address();
+                first_logical =
+                    Some(first_logical.map_or(address, |first: u32| first.min(address)));
+            }
         });
         match looked {
             Ok(()) => {}
@@ -100,8 +114,7 @@ impl Wire {
             Err(_) => self.statistics.faulty += 1,
         }
         self.statistics.frames += 1;
-        let fate =
-            if carries_process_data { self.world.begin_cycle() } else { CycleFate::default() };
+        let fate = first_logical.map_or_else(CycleFate::default, |address| self.fate_of(address));
         self.find_reached();
         if fate.lost == Some(LostWay::Outward) || self.reached.is_empty() {
             self.statistics.lost += 1;
@@ -131,6 +144,16 @@ impl Wire {
             return false;
         }
         true
+    }
+
+    /// What the faults make of a frame with process data. A cycle may take several frames: it begins
+    /// with the lowest logical address, and one fate meets all of it.
+    fn fate_of(&mut self, address: u32) -> CycleFate {
+        if address <= self.lowest_logical {
+            self.lowest_logical = address;
+            self.fate = self.world.begin_cycle();
+        }
+        self.fate
     }
 
     fn find_reached(&mut self) {

@@ -6,8 +6,13 @@ use ecan_protocol::{AlState, AlStatusCode, Direction};
 use super::emergency::Emergency;
 use super::schedule::PulseTrain;
 use super::settings::{MAILBOXES, SmSettings, Sync0};
-use super::sync_manager::{is_acceptable, is_single_buffer, overlap};
+use super::sync_manager::{is_acceptable, overlap};
 use super::{Gateway, maintenance};
+
+/// The shortest mailbox that the services work with.
+const SHORTEST_MAILBOX: u16 = 34;
+/// Registers end here.
+const MEMORY_START: u16 = 0x1000;
 
 /// What lies between a request and its state.
 enum Step {
@@ -59,8 +64,12 @@ impl Gateway {
         use AlState::{Boot, Init, Op, PreOp, SafeOp};
         match (self.state, to) {
             (from, to) if from == to => Ok(Step::Done),
-            (Init, PreOp | Boot) => {
-                self.check_mailboxes()?;
+            (Init, PreOp) => {
+                self.check_mailboxes(AlStatusCode::MAILBOX_CONFIGURATION)?;
+                Ok(Step::Done)
+            }
+            (Init, Boot) => {
+                self.check_mailboxes(AlStatusCode::BOOT_MAILBOX_CONFIGURATION)?;
                 Ok(Step::Done)
             }
             (_, Init) | (SafeOp | Op, PreOp) | (Op, SafeOp) => Ok(Step::Done),
@@ -80,17 +89,21 @@ impl Gateway {
         }
     }
 
-    /// Both mailboxes are single buffers, one in each direction.
-    fn check_mailboxes(&self) -> Result<(), AlStatusCode> {
+    /// Both mailboxes are single buffers, one in each direction, long enough for the services, in the
+    /// memory, and apart.
+    fn check_mailboxes(&self, otherwise: AlStatusCode) -> Result<(), AlStatusCode> {
         let is_mailbox = |sm: Option<SmSettings>, written_by_master| {
-            sm.is_some_and(|sm| is_single_buffer(sm, written_by_master))
+            sm.is_some_and(|sm| {
+                sm.is_single_buffer(written_by_master)
+                    && sm.length >= SHORTEST_MAILBOX
+                    && sm.start >= MEMORY_START
+            })
         };
         let [to_device, from_device] = self.mailboxes;
-        if is_mailbox(to_device, true) && is_mailbox(from_device, false) {
-            Ok(())
-        } else {
-            Err(AlStatusCode::MAILBOX_CONFIGURATION)
-        }
+        let are_good = is_mailbox(to_device, true)
+            && is_mailbox(from_device, false)
+            && !overlap(to_device, from_device);
+        if are_good { Ok(()) } else { Err(otherwise) }
     }
 
     /// A direction without an active profile gets the requested one at the way to SAFEOP, as
@@ -127,12 +140,17 @@ impl Gateway {
         if from == AlState::Op && state != AlState::Op {
             self.stop_outputs();
         }
+        if from.has_mailbox() && !state.has_mailbox() {
+            self.mailbox_stops = self.mailbox_stops.wrapping_add(1);
+        }
         let runs = |state| matches!(state, AlState::SafeOp | AlState::Op);
         match (runs(from), runs(state)) {
             (false, true) => self.start_inputs(),
             (true, false) => {
                 self.outputs.empty();
                 self.inputs.empty();
+                (self.are_inputs_being_read, self.is_publish_due) = (false, false);
+                self.process_data_stops = self.process_data_stops.wrapping_add(1);
                 self.service_due = None;
             }
             _ => {}
@@ -267,6 +285,7 @@ impl Gateway {
         }
         self.truth.images_written += 1;
         self.performance.pdi_interrupt(self.now, self.pulses, true);
+        self.is_watchdog_expired = false;
         self.last_outputs = self.now;
         self.outputs_at = self.now;
         let jitter = self.draw(self.settings.service_jitter_ns);
@@ -293,6 +312,10 @@ impl Gateway {
         self.inputs.empty();
         self.truth.images_read += 1;
         self.performance.pdi_interrupt(self.now, self.pulses, false);
+        self.are_inputs_being_read = false;
+        if std::mem::take(&mut self.is_publish_due) {
+            self.publish_inputs();
+        }
     }
 
     pub(crate) fn exchanges_process_data(&self) -> bool {
@@ -325,7 +348,7 @@ impl Gateway {
             self.maintenance.flags |= maintenance::flag::SCHED_TIMER_MISS;
         }
         self.sync0 = sync0;
-        self.pulses = sync0.map(|sync0| PulseTrain::new(sync0, self.clock.line()));
+        self.pulses = sync0.map(|sync0| PulseTrain::new(sync0, self.clock.line(), self.now));
         self.performance.restart_pulses();
         if sync0.is_none() && self.state == AlState::Op {
             self.fall_back(AlStatusCode::FATAL_SYNC);

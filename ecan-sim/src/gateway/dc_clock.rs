@@ -82,7 +82,10 @@ impl DcClock {
     /// The master sends the time that it shall be (0x0910): the clock goes after it.
     pub(super) fn correct(&mut self, system_ns: u64, now: u64) {
         let own = self.line.system(now);
-        let difference = (i128::from(system_ns) - i128::from(own)) as i64;
+        // Beyond what the register can tell it makes no difference.
+        let limit = i128::from(i32::MAX);
+        let apart = i128::from(system_ns) - i128::from(own);
+        let difference = apart.clamp(-limit, limit) as i64;
         self.difference_ns = difference;
         let step = (difference / STEP_SHARE).clamp(-MAX_STEP_NS, MAX_STEP_NS);
         let interval = self.corrected_ns.replace(now).map(|before| now.saturating_sub(before));
@@ -140,24 +143,24 @@ impl Gateway {
 
     /// The master sets the clock's time.
     pub fn write_dc_system_time(&mut self, now: u64, system_ns: u64) {
-        self.change_clock(|clock| clock.write(system_ns, now));
+        self.change_clock(now, |clock| clock.write(system_ns, now));
     }
 
     /// The master sends the time that the clock shall have now; it goes after it.
     pub fn correct_dc_system_time(&mut self, now: u64, system_ns: u64) {
-        self.change_clock(|clock| clock.correct(system_ns, now));
+        self.change_clock(now, |clock| clock.correct(system_ns, now));
     }
 
     /// The master restarts the clock's control loop (0x0930).
     pub(crate) fn restart_dc_control(&mut self, now: u64) {
-        self.change_clock(|clock| clock.restart_control(now));
+        self.change_clock(now, |clock| clock.restart_control(now));
     }
 
-    pub(super) fn change_clock(&mut self, change: impl FnOnce(&mut DcClock)) {
+    pub(super) fn change_clock(&mut self, now: u64, change: impl FnOnce(&mut DcClock)) {
         change(&mut self.clock);
         let line = self.clock.line();
         if let Some(pulses) = &mut self.pulses {
-            pulses.set_line(line);
+            pulses.set_line(line, now);
         }
     }
 }

@@ -127,6 +127,7 @@ pub struct Gateway {
     now: u64,
     power: Power,
     boots: u32,
+    booted_at: u64,
     /// When a reboot that was asked for happens.
     reboot_at: Option<u64>,
     // EtherCAT state machine and process data
@@ -138,8 +139,17 @@ pub struct Gateway {
     mailboxes: [Option<SmSettings>; 2],
     outputs: SingleBuffer,
     inputs: SingleBuffer,
+    /// The master has begun to read SM3, in parts.
+    are_inputs_being_read: bool,
+    /// A service found it so: its image is published when the master has read the one before.
+    is_publish_due: bool,
+    /// How often mailboxes and process data were stopped: what lies in buffers is void then.
+    mailbox_stops: u32,
+    process_data_stops: u32,
     watchdog_ns: u64,
     watchdog_expirations: u32,
+    /// It has run out, and nothing was written since.
+    is_watchdog_expired: bool,
     last_outputs: u64,
     clock: DcClock,
     sync0: Option<Sync0>,
@@ -190,6 +200,7 @@ impl Gateway {
             now: 0,
             power: Power::Off,
             boots: 0,
+            booted_at: 0,
             reboot_at: None,
             state: AlState::Init,
             error: false,
@@ -198,8 +209,13 @@ impl Gateway {
             mailboxes: [None; 2],
             outputs: SingleBuffer::new(),
             inputs: SingleBuffer::new(),
+            are_inputs_being_read: false,
+            is_publish_due: false,
+            mailbox_stops: 0,
+            process_data_stops: 0,
             watchdog_ns: DEFAULT_WATCHDOG_NS,
             watchdog_expirations: 0,
+            is_watchdog_expired: false,
             last_outputs: 0,
             clock,
             sync0: None,
@@ -289,7 +305,7 @@ impl Gateway {
                 self.faults.crc_errors = self.faults.crc_errors.saturating_add(images)
             }
             GatewayFault::AlError { code } => self.fall_back(AlStatusCode(code)),
-            GatewayFault::ClockJump { ns } => self.change_clock(|clock| clock.jump(ns, now)),
+            GatewayFault::ClockJump { ns } => self.change_clock(now, |clock| clock.jump(ns, now)),
             GatewayFault::MailboxSilent { ms } => self.faults.mailbox_silent_until = until(ms),
             GatewayFault::ServiceStall { ms } => self.faults.stalled_until = until(ms),
             GatewayFault::FlashFailure { times } => {
@@ -356,6 +372,7 @@ impl Gateway {
             self.finish_awaiting_sync();
         } else if due(self.watchdog_expiry()) {
             self.watchdog_expirations += 1;
+            self.is_watchdog_expired = true;
             self.fall_back(AlStatusCode::SM_WATCHDOG);
         } else if due(self.missed_sync_expiry()) {
             self.fall_back(AlStatusCode::FATAL_SYNC);
@@ -371,6 +388,7 @@ impl Gateway {
     fn boot(&mut self) {
         self.forget_everything();
         self.boots = self.boots.wrapping_add(1);
+        self.booted_at = self.now;
         self.power =
             Power::Booting { until: self.now + u64::from(self.settings.boot_ms) * NS_PER_MS };
     }
@@ -412,8 +430,10 @@ impl Gateway {
         self.mailboxes = [None; 2];
         self.outputs.clear();
         self.inputs.clear();
+        (self.are_inputs_being_read, self.is_publish_due) = (false, false);
         self.watchdog_ns = DEFAULT_WATCHDOG_NS;
         self.watchdog_expirations = 0;
+        self.is_watchdog_expired = false;
         self.clock = DcClock::new(self.settings.clock_drift_ppb);
         self.sync0 = None;
         self.pulses = None;

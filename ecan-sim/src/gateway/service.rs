@@ -52,6 +52,8 @@ impl Gateway {
         }
         self.performance.served(served as usize);
         self.results.settle(&mut self.truth);
+        // An image that is being read keeps the buffer: the next one follows it.
+        self.is_publish_due = self.are_inputs_being_read;
         if !self.inputs.is_full() {
             self.publish_inputs();
         }

@@ -84,6 +84,31 @@ pub struct SmSettings {
     pub control: u8,
 }
 
+/// Bits of the control byte: buffer mode with the value of a single buffer, direction with the value
+/// of "the master writes".
+const CONTROL_MODE: u8 = 0x03;
+const CONTROL_SINGLE: u8 = 0x02;
+const CONTROL_DIRECTION: u8 = 0x0C;
+const CONTROL_WRITTEN_BY_MASTER: u8 = 0x04;
+
+impl SmSettings {
+    /// The buffer is full or empty, and not three buffers in turn.
+    pub(crate) fn is_single(self) -> bool {
+        self.control & CONTROL_MODE == CONTROL_SINGLE
+    }
+
+    pub(crate) fn is_written_by_master(self) -> bool {
+        self.control & CONTROL_DIRECTION == CONTROL_WRITTEN_BY_MASTER
+    }
+
+    /// Whether it is a single buffer of this direction.
+    pub(crate) fn is_single_buffer(self, written_by_master: bool) -> bool {
+        // There are two more direction values, which mean nothing.
+        let is_read = self.control & CONTROL_DIRECTION == 0;
+        self.is_single() && if written_by_master { self.is_written_by_master() } else { is_read }
+    }
+}
+
 /// The mailboxes, SM0 and SM1: what is left below the process data (manual 5.3).
 pub(crate) const MAILBOXES: [SmSettings; 2] = [
     SmSettings { start: 0x1000, length: 0x80, control: 0x26 },

@@ -12,12 +12,6 @@ use super::settings::SmSettings;
 const PROCESS_DATA_START: u32 = 0x1100;
 /// End of the two 3072 byte areas of manual 5.3.
 const PROCESS_DATA_END: u32 = 0x1100 + 2 * MAX_PDO_BYTES as u32;
-/// Mask and value of the buffer mode bits for a single buffer.
-const MODE_MASK: u8 = 0x03;
-const MODE_SINGLE: u8 = 0x02;
-/// Mask of the direction bits; the value for "the master writes".
-const DIRECTION_MASK: u8 = 0x0C;
-const DIRECTION_WRITE: u8 = 0x04;
 /// A write of this sync manager feeds the process data watchdog.
 const WATCHDOG_TRIGGER: u8 = 0x40;
 
@@ -140,15 +134,9 @@ pub(super) fn is_acceptable(
     let end = start + u32::from(sm.length);
     bytes > 0
         && usize::from(sm.length) == bytes
-        && is_single_buffer(sm, direction == Direction::RxPdo)
+        && sm.is_single_buffer(direction == Direction::RxPdo)
         && start >= PROCESS_DATA_START
         && end <= PROCESS_DATA_END
-}
-
-/// Whether a sync manager is a single buffer of this direction.
-pub(super) fn is_single_buffer(sm: SmSettings, written_by_master: bool) -> bool {
-    let wanted = if written_by_master { DIRECTION_WRITE } else { 0 };
-    sm.control & MODE_MASK == MODE_SINGLE && sm.control & DIRECTION_MASK == wanted
 }
 
 /// Whether two enabled sync managers share memory.

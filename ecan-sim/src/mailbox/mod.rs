@@ -19,6 +19,8 @@ use foe::FoeServer;
 use header::{HEADER_BYTES, Header, protocol};
 use outbox::{Envelope, Outbox};
 
+use ecan_protocol::AlState;
+
 use crate::gateway::Gateway;
 
 /// Mailbox services of one gateway's firmware.
@@ -32,7 +34,7 @@ pub(crate) struct MailboxServer {
 }
 
 impl MailboxServer {
-    /// A firmware that has just started.
+    /// A firmware that has just started, or stopped its mailboxes: nothing is remembered.
     pub(crate) fn new() -> Self {
         Self {
             coe: CoeServer::new(),
@@ -40,11 +42,6 @@ impl MailboxServer {
             outbox: Outbox::default(),
             last_counter: 0,
         }
-    }
-
-    /// Forgets everything: power loss, reboot, INIT.
-    pub(crate) fn reset(&mut self) {
-        *self = Self::new();
     }
 
     /// The firmware takes what the master wrote to the write mailbox (SM0): `request` is the whole
@@ -67,7 +64,8 @@ impl MailboxServer {
     /// mailbox is empty and the slave controller is looked at.
     pub(crate) fn is_due(&self, now: u64, gateway: &Gateway) -> bool {
         let is_ready = self.outbox.next_ready().is_some_and(|time| time <= now);
-        gateway.mailbox_answers(now) && (is_ready || gateway.has_emergency())
+        let has_emergency = gateway.has_emergency() && gateway.al_state() != AlState::Boot;
+        gateway.mailbox_answers(now) && (is_ready || has_emergency)
     }
 
     /// The read mailbox is empty: puts the next message that is ready by `now` into `out` (the
@@ -77,18 +75,14 @@ impl MailboxServer {
         if !gateway.mailbox_answers(now) {
             return false;
         }
-        while let Some(emergency) = gateway.take_emergency() {
+        let speaks_coe = gateway.al_state() != AlState::Boot;
+        while let Some(emergency) = gateway.take_emergency().filter(|_| speaks_coe) {
             let envelope = Envelope { address: 0, protocol: protocol::COE };
             if self.outbox.write(envelope, &coe::emergency_message(emergency), out) {
                 return true;
             }
         }
         self.outbox.send(now, out)
-    }
-
-    /// The master asks for the last message once more (mailbox repeat). `false` if there was none.
-    pub(crate) fn repeat(&self, out: &mut [u8]) -> bool {
-        self.outbox.repeat(out)
     }
 
     /// When the next answer becomes ready.
@@ -144,7 +138,10 @@ impl MailboxServer {
         let body = rest.get(..usize::from(header.length)).ok_or(MailboxError::InvalidSize)?;
         let room = reply_bytes.saturating_sub(HEADER_BYTES);
         match header.protocol {
-            protocol::COE => self.coe.request(now, body, room, gateway),
+            // BOOT is for firmware alone.
+            protocol::COE if gateway.al_state() != AlState::Boot => {
+                self.coe.request(now, body, room, gateway)
+            }
             protocol::FOE => {
                 let mut answer = Vec::new();
                 self.foe.request(now, body, room, &mut answer, gateway);

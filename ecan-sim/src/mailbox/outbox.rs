@@ -31,8 +31,6 @@ pub(super) struct Outbox {
     answers: VecDeque<Answer>,
     /// Counter of the last message.
     counter: u8,
-    /// The last message, with its header.
-    last: Vec<u8>,
 }
 
 impl Outbox {
@@ -85,8 +83,7 @@ impl Outbox {
         false
     }
 
-    /// Puts a message into the read mailbox, and keeps it for a repeat. `false` if it does not
-    /// fit.
+    /// Puts a message into the read mailbox. `false` if it does not fit.
     pub(super) fn write(&mut self, envelope: Envelope, message: &[u8], out: &mut [u8]) -> bool {
         let Ok(length) = u16::try_from(message.len()) else {
             return false;
@@ -97,23 +94,13 @@ impl Outbox {
         self.counter = self.counter % 7 + 1;
         let Envelope { address, protocol } = envelope;
         let header = Header { length, address, channel: 0, protocol, counter: self.counter };
-        self.last.clear();
-        self.last.extend_from_slice(&header.to_bytes());
-        self.last.extend_from_slice(message);
-        self.repeat(out)
-    }
-
-    /// Puts the last message into the read mailbox once more. `false` if there was none, or if it
-    /// does not fit any more.
-    pub(super) fn repeat(&self, out: &mut [u8]) -> bool {
-        let Some((message, rest)) = out.split_at_mut_checked(self.last.len()) else {
+        let Some((head, rest)) = out.split_at_mut_checked(HEADER_BYTES) else {
             return false;
         };
-        if message.is_empty() {
-            return false;
-        }
-        message.copy_from_slice(&self.last);
-        rest.fill(0);
+        head.copy_from_slice(&header.to_bytes());
+        let (body, behind) = rest.split_at_mut(message.len());
+        body.copy_from_slice(message);
+        behind.fill(0);
         true
     }
 }

@@ -2,9 +2,9 @@
 
 use std::str::FromStr;
 
-use ecan_host::{Diagnostics, Ecrt, Error, SlaveInfo};
+use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo};
 use ecan_protocol::{AlState, Recognition};
-use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
+use ecan_sim::{Backend, ClockKind, EcrtSetting, SimOptions};
 
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
@@ -53,7 +53,11 @@ impl Bus {
     pub fn open(global: &GlobalOptions, output: &Output) -> Result<Self, Failure> {
         let setting = EcrtSetting::resolve(global.ecrt.as_deref())?;
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
-        let backend = ecan_sim::open(&setting, &options)?;
+        Self::of(&ecan_sim::open(&setting, &options)?, global, output)
+    }
+
+    /// The bus of a library that is open already.
+    pub fn of(backend: &Backend, global: &GlobalOptions, output: &Output) -> Result<Self, Failure> {
         if let Some(simulation) = &backend.simulation {
             output.note(simulation.banner());
         }
@@ -66,16 +70,21 @@ impl Bus {
             );
             return Err(Failure::Master(words));
         }
-        Ok(Self { ecrt: backend.ecrt, diagnostics, choice: global.slave })
+        Ok(Self { ecrt: backend.ecrt.clone(), diagnostics, choice: global.slave })
     }
 
-    /// The library, with its clock.
+    /// The library.
     pub fn ecrt(&self) -> &Ecrt {
         &self.ecrt
     }
 
     pub fn diagnostics(&self) -> &Diagnostics {
         &self.diagnostics
+    }
+
+    /// The clock that waiting for a slave goes by.
+    pub fn clock(&self) -> &dyn Clock {
+        self.ecrt.clock().as_ref()
     }
 
     /// What the master knows of each slave.

@@ -26,7 +26,7 @@ pub enum Failure {
     /// A slave refused, or did not answer.
     #[error("{0}")]
     Device(ecan_host::Error),
-    /// A slave answered, but its status says that it did not do it.
+    /// A slave refused, did not answer, or is in no state for it, by other words than the library's.
     #[error("{0}")]
     Refused(String),
     /// A file.

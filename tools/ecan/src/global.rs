@@ -30,7 +30,7 @@ pub enum Color {
 }
 
 /// Options of every command.
-#[derive(Debug, Args)]
+#[derive(Clone, Debug, Args)]
 pub struct GlobalOptions {
     /// EtherCAT library: a path, or sim, sim:echo, sim:drives, sim:FILE.toml for a simulated master;
     /// otherwise ECAN_ECRT, otherwise libethercat.so.1

@@ -9,6 +9,7 @@
 mod bus;
 mod channel;
 mod commands;
+mod ethercat_tool;
 mod failure;
 mod global;
 mod object_path;
@@ -42,6 +43,7 @@ fn main() -> ExitCode {
         Command::Scan => commands::scan::run(&global, &output),
         Command::Info => commands::info::run(&global, &output),
         Command::Caps => commands::caps::run(&global, &output),
+        Command::Config(arguments) => commands::config::run(arguments, &global, &output),
         Command::Sdo(arguments) => commands::sdo::run(arguments, &global, &output),
         Command::Diag(arguments) => commands::diag::run(arguments, &global, &output),
         Command::Doctor(arguments) => commands::doctor::run(arguments, &global, &output),
@@ -50,6 +52,7 @@ fn main() -> ExitCode {
         Command::Pins(arguments) => commands::pins::run(arguments, &global, &output),
         Command::Reboot(arguments) => commands::reboot::run(arguments, &global, &output),
         Command::Plan(arguments) => commands::plan::run(arguments, &output),
+        Command::Firmware(arguments) => commands::firmware::run(arguments, &global, &output),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);

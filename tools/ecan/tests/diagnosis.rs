@@ -114,6 +114,13 @@ fn the_masters_tool_tells_the_al_status_code() {
         std::fs::read_to_string(log).unwrap(),
         "reg_read --master 0 --position 0 --type uint16 0x0134\n"
     );
+    // One that fails is told, and the rest is read all the same.
+    write_program(tool.as_ref(), "#!/bin/sh\necho 'Failed to open /dev/EtherCAT0' >&2\nexit 1\n");
+    let output = support::ecan(&["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success());
+    let words = "the AL status code is not known: ethercat reg_read: Failed to open /dev/EtherCAT0";
+    assert!(errors.contains(words), "{errors}");
 }
 
 #[test]

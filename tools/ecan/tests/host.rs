@@ -135,7 +135,7 @@ fn each_thing_amiss_is_told_with_its_remedy() {
             )]),
             "real-time priority",
             "RLIMIT_RTPRIO is 0",
-            "rtprio 90",
+            "scripts/setup_host.sh apply",
         ),
         (
             Put(&[(
@@ -145,7 +145,7 @@ fn each_thing_amiss_is_told_with_its_remedy() {
             )]),
             "locked memory",
             "RLIMIT_MEMLOCK is 8192 KiB",
-            "memlock unlimited",
+            "LimitMEMLOCK=infinity",
         ),
         (
             Put(&[("sys/devices/system/cpu/isolated", "\n")]),

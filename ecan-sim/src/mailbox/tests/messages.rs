@@ -1,5 +1,6 @@
 //! The mailbox itself: errors, counters, pace, silence, the bound of the queue, repeats.
 
+use crate::mailbox::MailboxServer;
 use ecan_protocol::AlState;
 
 use super::bench::{Bench, MAILBOX, MS, coe, message};
@@ -93,7 +94,7 @@ fn a_repeated_write_is_ignored() {
     }
     // INIT forgets the counter
     assert_eq!(bench.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
-    bench.server.reset();
+    bench.server = MailboxServer::new();
     assert_eq!(bench.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
 }
 
@@ -132,7 +133,7 @@ fn a_gateway_in_init_neither_answers_nor_takes_requests() {
     bench.write(&coe(&UPLOAD));
     bench.gateway.request_al_state(bench.now, AlState::Init);
     assert_eq!(bench.read(), None);
-    bench.server.reset();
+    bench.server = MailboxServer::new();
     bench.write(&coe(&UPLOAD));
     assert_eq!(bench.server.next_ready(), None);
 }
@@ -151,22 +152,4 @@ fn a_full_queue_says_so_once() {
     assert!(answers[..8].iter().all(Option::is_none));
     assert_eq!(answers[8], Some(7));
     assert_eq!(bench.exchange(&coe(&UPLOAD))[8], 0x4F);
-}
-
-#[test]
-fn the_last_message_is_repeated_with_its_counter() {
-    let mut bench = Bench::preop();
-    let mut out = [0xAA; MAILBOX];
-    assert!(!bench.server.repeat(&mut out), "there was none");
-    bench.exchange(&coe(&UPLOAD));
-    let last = bench.exchange(&coe(&UPLOAD));
-    for _ in 0..2 {
-        out.fill(0xAA);
-        assert!(bench.server.repeat(&mut out));
-        assert_eq!(super::bench::trimmed(&out), last);
-    }
-    assert!(!bench.server.repeat(&mut [0; 15]), "a mailbox that became too short");
-    assert_eq!(bench.exchange(&coe(&UPLOAD))[5] >> 4, 3);
-    bench.server.reset();
-    assert!(!bench.server.repeat(&mut out));
 }

@@ -1,6 +1,7 @@
 //! Whatever a master writes, the services neither panic nor break the form of a mailbox, and
 //! never keep their front busy without a message.
 
+use crate::mailbox::MailboxServer;
 use ecan_protocol::AlState;
 use proptest::prelude::*;
 
@@ -22,7 +23,6 @@ enum Step {
     /// The client of the bench: something that must succeed whatever came before.
     Upload,
     Read,
-    Repeat,
     Mailbox(usize),
     Wait(u64),
     Silence(u32),
@@ -88,7 +88,6 @@ fn step() -> impl Strategy<Value = Step> {
         }),
         3 => prop::collection::vec(any::<u8>(), 0..150).prop_map(Step::Write),
         10 => Just(Step::Read),
-        1 => Just(Step::Repeat),
         1 => Just(Step::Upload),
         1 => (0..200_usize).prop_map(Step::Mailbox),
         2 => (0..400_000_u64).prop_map(Step::Wait),
@@ -155,7 +154,7 @@ fn run(steps: Vec<Step>) {
                 while bench.read().is_some() {}
                 bench.gateway.advance(bench.now);
                 counter = 0;
-                bench.server.reset();
+                bench.server = MailboxServer::new();
                 if is_served && bench.gateway.mailbox_answers(bench.now) {
                     let upload = coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0, 0, 0, 0]);
                     assert_eq!(bench.exchange(&upload)[8], 0x4F);
@@ -174,12 +173,6 @@ fn run(steps: Vec<Step>) {
                     assert_eq!(out, before, "untouched");
                 }
             }
-            Step::Repeat => {
-                let mut out = vec![0xAA; bench.mailbox];
-                if bench.server.repeat(&mut out) {
-                    assert_eq!(check_form(&out), counter);
-                }
-            }
             Step::Mailbox(bytes) => bench.mailbox = bytes,
             Step::Wait(ns) => bench.now += ns,
             Step::Silence(ms) => {
@@ -189,7 +182,7 @@ fn run(steps: Vec<Step>) {
             Step::State(state) => bench.gateway.request_al_state(bench.now, state),
             Step::Reset => {
                 counter = 0;
-                bench.server.reset();
+                bench.server = MailboxServer::new();
             }
         }
     }

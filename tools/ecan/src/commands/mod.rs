@@ -1,9 +1,11 @@
 //! The commands, a file each.
 
 pub mod caps;
+pub mod config;
 pub mod diag;
 pub mod doctor;
 pub mod filter;
+pub mod firmware;
 pub mod info;
 pub mod man;
 pub mod pins;
@@ -27,6 +29,8 @@ pub enum Command {
     Info,
     /// Tell in words what a gateway can do (0xF000, manual 13.8)
     Caps,
+    /// Check, apply, compare, save and export the configuration of gateways
+    Config(config::ConfigArguments),
     /// Read, write and list objects, by number or by the manual's names
     Sdo(sdo::SdoArguments),
     /// Look for what is wrong with a gateway: state, process data, CAN, with causes (manual 16)
@@ -43,6 +47,7 @@ pub enum Command {
     Reboot(reboot::RebootArguments),
     /// Tell what a configuration costs, before it touches a bus
     Plan(plan::PlanArguments),
+    Firmware(firmware::FirmwareArguments),
     /// Print a completion script for a shell
     Completions {
         /// Which shell

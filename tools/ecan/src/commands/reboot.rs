@@ -65,7 +65,7 @@ pub fn run(
 
 /// Waits until the gateway has gone and come back; tells how long that took, ns.
 fn wait(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64, Failure> {
-    let clock = bus.ecrt().clock();
+    let clock = bus.clock();
     let start = clock.now_ns();
     let elapsed = || clock.now_ns().saturating_sub(start);
     let look_again = || clock.sleep_until_ns(clock.now_ns().saturating_add(LOOK_NS));

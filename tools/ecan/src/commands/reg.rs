@@ -255,7 +255,7 @@ impl Service<'_> {
 
     /// Gives a command and waits while the service is busy.
     fn command(&self, command: u32) -> Result<Answer, Failure> {
-        let clock = self.bus.ecrt().clock();
+        let clock = self.bus.clock();
         for _ in 0..TRIES {
             self.set(2, command)?;
             match self.get(3)? {

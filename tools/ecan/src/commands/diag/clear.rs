@@ -21,7 +21,7 @@ pub(super) fn clear(bus: &Bus, slave: usize) -> Result<(), Failure> {
     bus.write(slave, 0x9011, 14, 1)?;
     let before = bus.read(slave, MAINTENANCE, SEQUENCE)?;
     bus.write(slave, MAINTENANCE, COMMAND, CLEAR_DIAGNOSTICS)?;
-    let clock = bus.ecrt().clock();
+    let clock = bus.clock();
     for _ in 0..LOOKS {
         if bus.read(slave, MAINTENANCE, SEQUENCE)? != before {
             return match bus.read(slave, MAINTENANCE, STATUS)? {

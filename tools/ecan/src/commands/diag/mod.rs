@@ -43,7 +43,8 @@ pub struct DiagArguments {
     /// Print the findings only
     #[arg(long)]
     brief: bool,
-    /// The `ethercat` tool of the master, which reads the AL status code; found by PATH if left out
+    /// IgH's command line tool, which reads the AL status code; otherwise ethercat on the PATH or where
+    /// IgH installs it
     #[arg(long, value_name = "PROGRAM")]
     ethercat: Option<PathBuf>,
 }
@@ -70,7 +71,7 @@ fn look(
 ) -> Result<Bundle, Failure> {
     let bus = Bus::open(global, output)?;
     let slave = read::slave(&bus)?;
-    let bundle = read::bundle(&bus, slave, arguments, global)?;
+    let bundle = read::bundle(&bus, slave, arguments, global, output)?;
     if let Some(path) = &arguments.record {
         bundle.save(path)?;
         output.note(format_args!("recorded in {}", path.display()));

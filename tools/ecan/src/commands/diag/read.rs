@@ -1,15 +1,14 @@
 //! Reading everything of a gateway, of its master and of the host.
 
-use std::path::Path;
-use std::process::Command;
-
 use ecan_diagnosis::{Depth, ReadError, Snapshot};
 use ecan_host::Error;
 
 use crate::bus::Bus;
 use crate::commands::doctor;
+use crate::ethercat_tool::EthercatTool;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
+use crate::output::Output;
 
 use super::DiagArguments;
 use super::bundle::{Bundle, Gateway, Host, Master, Slave};
@@ -28,6 +27,7 @@ pub(super) fn bundle(
     slave: usize,
     arguments: &DiagArguments,
     global: &GlobalOptions,
+    output: &Output,
 ) -> Result<Bundle, Failure> {
     let info = bus.diagnostics().slave_info(slave).map_err(Failure::Device)?;
     let depth = match arguments.record {
@@ -46,7 +46,7 @@ pub(super) fn bundle(
     snapshot.position = info.position;
     snapshot.al_state = info.al_state;
     snapshot.has_error_flag = info.error_flag;
-    snapshot.al_status_code = al_status_code(bus, info.position, arguments, global);
+    snapshot.al_status_code = al_status_code(bus, slave, arguments, global, output);
     let gateway = Gateway {
         name: info.name,
         firmware: if has_mailbox { bus.text(slave, 0x100A) } else { String::new() },
@@ -68,28 +68,31 @@ fn read_error(error: Error) -> ReadError {
     }
 }
 
-/// ESC register 0x0134 by the master's own tool: the library reads registers for the owner of the
-/// master only. A simulated master has no such tool, unless one is named.
+/// Of the slave controller.
+const AL_STATUS_CODE: u16 = 0x0134;
+
+/// The AL status code by the master's own tool: the library reads registers for the owner of the
+/// master only. A simulated master has no such tool, unless one is named; where a named one fails,
+/// that is said.
 fn al_status_code(
     bus: &Bus,
-    position: u16,
+    slave: usize,
     arguments: &DiagArguments,
     global: &GlobalOptions,
+    output: &Output,
 ) -> Option<u16> {
-    let program = match &arguments.ethercat {
-        Some(program) => program.as_path(),
-        None if bus.ecrt().is_simulated() => return None,
-        None => Path::new("ethercat"),
-    };
-    let ran = Command::new(program)
-        .args(["reg_read", "--master", &global.master.to_string()])
-        .args(["--position", &position.to_string(), "--type", "uint16", "0x0134"])
-        .output()
-        .ok()
-        .filter(|ran| ran.status.success())?;
-    let text = String::from_utf8(ran.stdout).ok()?;
-    let value = crate::value::parse_unsigned(text.split_whitespace().next()?)?;
-    u16::try_from(value).ok()
+    let named = arguments.ethercat.as_deref();
+    if named.is_none() && bus.ecrt().is_simulated() {
+        return None;
+    }
+    let tool = EthercatTool::find(named, global.master);
+    match tool.and_then(|tool| tool.register(slave, AL_STATUS_CODE)) {
+        Ok(code) => Some(code),
+        Err(error) => {
+            output.note(format_args!("the AL status code is not known: {error}"));
+            None
+        }
+    }
 }
 
 fn host(bus: &Bus, global: &GlobalOptions) -> Host {

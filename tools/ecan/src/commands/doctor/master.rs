@@ -79,8 +79,8 @@ fn judge_opening(name: &'static str, node: &str, kind: ErrorKind, reason: &str) 
         ErrorKind::PermissionDenied => Check::bad(
             name,
             format!("{node} is not permitted to this user"),
-            "a udev rule gives it to a group: KERNEL==\"EtherCAT[0-9]*\", GROUP=\"ethercat\", \
-             MODE=\"0660\"; then join the group and log in again",
+            "scripts/setup_host.sh apply gives it to a group by a udev rule; then join the group and \
+             log in again",
         ),
         _ => Check::bad(
             name,

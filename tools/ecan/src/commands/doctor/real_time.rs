@@ -58,7 +58,7 @@ pub(super) fn priority_limit(root: &Root) -> Check {
         Some(Some(limit)) => Check::warning(
             NAME,
             format!("RLIMIT_RTPRIO is {limit}, a cycle thread needs {PRIORITY}"),
-            "@ethercat - rtprio 90 in /etc/security/limits.d/, LimitRTPRIO=90 of a systemd service, \
+            "scripts/setup_host.sh apply gives it to a group; or LimitRTPRIO=90 of a systemd service, \
              or setcap cap_sys_nice+ep PROGRAM",
         ),
     }
@@ -78,8 +78,8 @@ pub(super) fn memory_limit(root: &Root) -> Check {
         Some(Some(bytes)) => Check::warning(
             NAME,
             format!("RLIMIT_MEMLOCK is {} KiB: memory may be paged out in a cycle", bytes >> 10),
-            "@ethercat - memlock unlimited in /etc/security/limits.d/, LimitMEMLOCK=infinity of a \
-             systemd service, or setcap cap_ipc_lock+ep PROGRAM",
+            "scripts/setup_host.sh apply gives it to a group; or LimitMEMLOCK=infinity of a systemd \
+             service, or setcap cap_ipc_lock+ep PROGRAM",
         ),
     }
 }

@@ -1,0 +1,62 @@
+//! The whole bus: what a file says outside its gateways.
+
+use ecan_host::{AdapterConfig, ClockSource, DcSync};
+use ecan_mcan_port::PortConfig;
+
+use crate::ConfigFile;
+use crate::document::{Document, Table};
+use crate::gateway;
+
+/// Largest index of a master, slave or the like that makes sense.
+const INDEX_MAX: u32 = 0xFFFF;
+
+pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> ConfigFile {
+    let mut adapter = AdapterConfig::new(0);
+    let mut port = PortConfig::default();
+    if let Some(master) = table.unsigned(document, "master", (0, INDEX_MAX)) {
+        adapter.master_index = master;
+    }
+    if let Some(cycle_ns) = table.microseconds(document, "cycle_us") {
+        adapter.cycle_ns = cycle_ns;
+    }
+    if let Some(allowed) = table.flag(document, "allow_large_pdos") {
+        adapter.allow_large_pdos = allowed;
+    }
+    if let Some(timeout) = table.unsigned(document, "preop_timeout_ms", (1, 3_600_000)) {
+        adapter.preop_timeout_ms = timeout;
+    }
+    if let Some(dc) = table.table(document, "dc") {
+        adapter.dc = Some(read_dc(document, dc, adapter.cycle_ns));
+    }
+    for (at, gateway) in table.tables(document, "gateway").into_iter().enumerate() {
+        let (slave, gateway) = gateway::read(document, gateway, at);
+        adapter.slaves.push(slave);
+        port.gateways.push(gateway);
+    }
+    table.finish(document);
+    ConfigFile { adapter, port }
+}
+
+fn read_dc(document: &mut Document<'_>, mut table: Table<'_, '_>, cycle_ns: u32) -> DcSync {
+    // Both in their own words: a shift that is missing has no sound value.
+    let sync0_ns = table.microseconds(document, "cycle_us").unwrap_or(cycle_ns);
+    let shift_ns = table.microseconds(document, "shift_us");
+    if shift_ns.is_none() && !table.has("shift_us") {
+        table.fault(document, "shift_us", "`shift_us` is missing: Sync0's phase in the cycle");
+    }
+    let mut dc = DcSync::new(sync0_ns, shift_ns.unwrap_or(0));
+    if let Some(word) = table.unsigned(document, "assign_activate", (0, 0xFFFF)) {
+        dc.assign_activate = word as u16;
+    }
+    let sources = [("host", ClockSource::Host), ("reference", ClockSource::Reference)];
+    if let Some(source) = table.word(document, "source", &sources) {
+        dc.source = source;
+    }
+    dc.reference =
+        table.unsigned(document, "reference", (0, INDEX_MAX)).map(|slave| slave as usize);
+    if let Some(every) = table.unsigned(document, "monitor_every", (0, u32::MAX)) {
+        dc.monitor_every = every;
+    }
+    table.finish(document);
+    dc
+}

@@ -1,0 +1,220 @@
+//! The startup sequence of a gateway as lists for other EtherCAT masters (manual 5.4.3, 5.4.5).
+//!
+//! The checks of the sequence go into the formats that can hold them: CSV and `ethercat` lines. The
+//! startup lists of TwinCAT and CODESYS only write.
+
+use std::fmt::{self, Write};
+
+use ecan_host::{Expectation, StartupStep};
+use ecan_protocol::{ObjectType, SdoWrite, describe, lookup};
+
+/// A list's format.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Format {
+    /// A line per step: action, index, subindex, type, value, comment. `write` writes; the `expect`
+    /// actions read and must find the value (`expect`), at least or at most it (`expect_at_least`,
+    /// `expect_at_most`), all of its bits (`expect_bits`), one of its bits (`expect_any_bit`), or one
+    /// of several values with bars between them (`expect_one_of`).
+    Csv,
+    /// The XML of TwinCAT's startup list, for the transition from PREOP to SAFEOP.
+    TwinCat,
+    /// The columns of CODESYS' startup parameters, divided by semicolons.
+    Codesys,
+    /// Calls of IgH's `ethercat` tool.
+    Ethercat,
+}
+
+/// Where a slave is, as the `ethercat` tool is told.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SlavePlace {
+    /// Index of the master.
+    pub master: u32,
+    /// Alias that the position counts from; 0 is the start of the bus.
+    pub alias: u16,
+    /// Position.
+    pub position: u16,
+}
+
+impl fmt::Display for SlavePlace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { master, alias, position } = self;
+        if *master != 0 {
+            write!(f, "-m {master} ")?;
+        }
+        if *alias != 0 {
+            write!(f, "-a {alias} ")?;
+        }
+        write!(f, "-p {position}")
+    }
+}
+
+/// The list in a format; the `ethercat` lines need the slave's place.
+pub fn export(format: Format, steps: &[StartupStep], place: SlavePlace) -> String {
+    match format {
+        Format::Csv => csv(steps),
+        Format::TwinCat => twincat(steps),
+        Format::Codesys => codesys(steps),
+        Format::Ethercat => ethercat(steps, place),
+    }
+}
+
+fn downloads(steps: &[StartupStep]) -> impl Iterator<Item = &SdoWrite> {
+    steps.iter().filter_map(|step| match step {
+        StartupStep::Download(write) => Some(write),
+        StartupStep::Expect { .. } => None,
+    })
+}
+
+/// The entry's name, without its numbers.
+fn name(index: u16, subindex: u8) -> String {
+    match lookup(index, subindex) {
+        Some((object, entry)) => format!("{}, {}", object.name, entry.name),
+        None => describe(index, subindex).to_string(),
+    }
+}
+
+fn type_name(ty: ObjectType) -> &'static str {
+    match ty {
+        ObjectType::U8 => "uint8",
+        ObjectType::U16 => "uint16",
+        ObjectType::I32 => "int32",
+        _ => "uint32",
+    }
+}
+
+fn expected_type(index: u16, subindex: u8) -> &'static str {
+    type_name(lookup(index, subindex).map_or(ObjectType::U32, |(_, entry)| entry.ty))
+}
+
+/// A text inside quotation marks, where it needs them.
+fn quoted(text: &str) -> String {
+    if text.contains([',', ';', '"']) {
+        format!("\"{}\"", text.replace('"', "\"\""))
+    } else {
+        text.to_owned()
+    }
+}
+
+fn csv(steps: &[StartupStep]) -> String {
+    let mut out = String::from("action,index,subindex,type,value,comment\n");
+    for step in steps {
+        let (index, subindex) = step.object();
+        let (action, ty, values) = match step {
+            StartupStep::Download(write) => ("write", type_name(write.ty), vec![write.value]),
+            StartupStep::Expect { expected, .. } => {
+                let (action, values) = match *expected {
+                    Expectation::Equals(value) => ("expect", vec![value]),
+                    Expectation::AtLeast(value) => ("expect_at_least", vec![value]),
+                    Expectation::AtMost(value) => ("expect_at_most", vec![value]),
+                    Expectation::HasBits(value) => ("expect_bits", vec![value]),
+                    Expectation::HasAny(value) => ("expect_any_bit", vec![value]),
+                    Expectation::OneOf(values) => ("expect_one_of", values.to_vec()),
+                };
+                (action, expected_type(index, subindex), values)
+            }
+        };
+        let values: Vec<_> = values.iter().map(ToString::to_string).collect();
+        let comment = quoted(&name(index, subindex));
+        let value = values.join("|");
+        let _ = writeln!(out, "{action},0x{index:04X},{subindex},{ty},{value},{comment}");
+    }
+    out
+}
+
+fn twincat(steps: &[StartupStep]) -> String {
+    let mut out = String::from(
+        "<?xml version=\"1.0\" encoding=\"utf-8\"?>\n<EtherCATMailbox>\n  <CoE>\n    <InitCmds>\n",
+    );
+    for write in downloads(steps) {
+        let (bytes, length) = write.bytes();
+        let data: String = bytes
+            .get(..length)
+            .unwrap_or_default()
+            .iter()
+            .map(|byte| format!("{byte:02x}"))
+            .collect();
+        let comment = name(write.index, write.subindex);
+        let _ = write!(
+            out,
+            "      <InitCmd>\n        <Transition>PS</Transition>\n        \
+             <Comment><![CDATA[{comment}]]></Comment>\n        <Timeout>5000</Timeout>\n        \
+             <Ccs>1</Ccs>\n        <Index>{}</Index>\n        <SubIndex>{}</SubIndex>\n        \
+             <Data>{data}</Data>\n      </InitCmd>\n",
+            write.index, write.subindex
+        );
+    }
+    out.push_str("    </InitCmds>\n  </CoE>\n</EtherCATMailbox>\n");
+    out
+}
+
+fn codesys(steps: &[StartupStep]) -> String {
+    let mut out = String::from(
+        "Line;Index:Subindex;Name;Value;Bit length;Abort on error;Jump to line on error;Next line;\
+         Comment\n",
+    );
+    for (line, write) in downloads(steps).enumerate() {
+        let (index, subindex) = (write.index, write.subindex);
+        let entry = lookup(index, subindex).map_or("", |(_, entry)| entry.name);
+        let object = lookup(index, subindex).map_or("", |(object, _)| object.name);
+        let bits = write.bytes().1 * 8;
+        let (entry, object) = (quoted(entry), quoted(object));
+        let _ = writeln!(
+            out,
+            "{};16#{index:04X}:16#{subindex:02X};{entry};{};{bits};TRUE;FALSE;0;{object}",
+            line + 1,
+            write.value
+        );
+    }
+    out
+}
+
+/// Reads a value and compares it; `upload` prints it in hexadecimal and in decimal.
+const CHECK: &str = r#"#!/bin/sh
+set -e
+check() {
+    value=${1##* }
+    case $2 in
+    bits) [ $((value & $3)) -eq $(($3)) ] ;;
+    any) [ $((value & $3)) -ne 0 ] ;;
+    of) case " $3 " in *" $value "*) ;; *) false ;; esac ;;
+    *) [ "$value" "$2" "$3" ] ;;
+    esac || { echo "$4: reads $value, expected $2 $3" >&2; exit 1; }
+}
+"#;
+
+fn ethercat(steps: &[StartupStep], place: SlavePlace) -> String {
+    let mut out = String::from(CHECK);
+    for step in steps {
+        let (index, subindex) = step.object();
+        let comment = name(index, subindex);
+        let object = format!("0x{index:04x} {subindex}");
+        let _ = match step {
+            StartupStep::Download(write) => writeln!(
+                out,
+                "ethercat download {place} --type {} {object} {}  # {comment}",
+                type_name(write.ty),
+                write.value
+            ),
+            StartupStep::Expect { expected, .. } => {
+                let (comparison, value) = match *expected {
+                    Expectation::Equals(value) => ("-eq", value.to_string()),
+                    Expectation::AtLeast(value) => ("-ge", value.to_string()),
+                    Expectation::AtMost(value) => ("-le", value.to_string()),
+                    Expectation::HasBits(value) => ("bits", value.to_string()),
+                    Expectation::HasAny(value) => ("any", value.to_string()),
+                    Expectation::OneOf(values) => {
+                        let values: Vec<_> = values.iter().map(ToString::to_string).collect();
+                        ("of", values.join(" "))
+                    }
+                };
+                let ty = expected_type(index, subindex);
+                writeln!(
+                    out,
+                    "check \"$(ethercat upload {place} --type {ty} {object})\" {comparison} \
+                     \"{value}\" \"0x{index:04X}:{subindex:02} {comment}\""
+                )
+            }
+        };
+    }
+    out
+}

@@ -1,0 +1,105 @@
+//! The filters of a channel against a file, through the editing windows (manual 13.4).
+
+use ecan_host::{Diagnostics, Error};
+use ecan_protocol::{FilterCommand, SdoWrite};
+
+use crate::compare::{Difference, Expected};
+
+/// Subindices of one kind's editing window.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Window {
+    index: u8,
+    command: u8,
+    count: u8,
+    first_field: u8,
+}
+
+const WINDOWS: [Window; 2] = [
+    Window { index: 43, command: 45, count: 49, first_field: 50 },
+    Window { index: 44, command: 46, count: 55, first_field: 56 },
+];
+const FIELDS: u8 = 5;
+
+/// What a file puts into one of the lists of a channel.
+#[derive(Debug)]
+pub(crate) struct FilterWindow {
+    channel_object: u16,
+    window: Window,
+    count: u32,
+    /// Place in the list, then the fields as they are written.
+    filters: Vec<(u8, Vec<(u8, u32)>)>,
+}
+
+fn window_of(write: &SdoWrite) -> Option<Window> {
+    let is_of = |window: &Window| {
+        let fields = window.first_field..window.first_field + FIELDS;
+        [window.index, window.command, window.count].contains(&write.subindex)
+            || fields.contains(&write.subindex)
+    };
+    let is_channel = (0x8001..=0x8004).contains(&write.index);
+    if is_channel { WINDOWS.into_iter().find(is_of) } else { None }
+}
+
+/// Whether a write goes to an editing window.
+pub(crate) fn is_of_window(write: &SdoWrite) -> bool {
+    window_of(write).is_some()
+}
+
+impl FilterWindow {
+    /// Takes a write to a window.
+    pub(crate) fn collect(windows: &mut Vec<Self>, write: SdoWrite) {
+        let Some(window) = window_of(&write) else { return };
+        let is_it = |it: &Self| it.channel_object == write.index && it.window == window;
+        let at = windows.iter().position(is_it).unwrap_or_else(|| {
+            let channel_object = write.index;
+            windows.push(Self { channel_object, window, count: 0, filters: Vec::new() });
+            windows.len() - 1
+        });
+        let Some(own) = windows.get_mut(at) else { return };
+        if write.subindex == window.count {
+            own.count = write.value;
+        } else if write.subindex == window.index {
+            own.filters.push((write.value as u8, Vec::new()));
+        } else if write.subindex != window.command
+            && let Some((_, fields)) = own.filters.last_mut()
+        {
+            fields.push((write.subindex, write.value));
+        }
+    }
+
+    /// Loads each filter into the window and compares its fields.
+    pub(crate) fn compare(
+        &self,
+        bus: &Diagnostics,
+        slave: usize,
+        differences: &mut Vec<Difference>,
+    ) -> Result<(), Error> {
+        let mut differs = |filter, subindex, wanted, found| {
+            if wanted != found {
+                differences.push(Difference {
+                    index: self.channel_object,
+                    subindex,
+                    filter,
+                    expected: Expected::Value(wanted),
+                    found,
+                    is_set_at_start: false,
+                });
+            }
+        };
+        let read = |subindex| bus.sdo_upload_u32(slave, self.channel_object, subindex);
+        let count = read(self.window.count)?;
+        differs(None, self.window.count, self.count, count);
+        for (at, fields) in &self.filters {
+            if u32::from(*at) >= count {
+                continue;
+            }
+            let load = FilterCommand::Load.raw();
+            bus.sdo_download(slave, self.channel_object, self.window.index, &[*at])?;
+            bus.sdo_download(slave, self.channel_object, self.window.command, &[load])?;
+            for (subindex, wanted) in fields {
+                differs(Some(*at), *subindex, *wanted, read(*subindex)?);
+            }
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,104 @@
+//! One TOML file that describes the gateways of a bus, for applications and tools (manual 5.4.3,
+//! 13.2 to 13.4, 14).
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # let directory = tempfile::tempdir()?;
+//! # let path = directory.path().join("cell.toml");
+//! # std::fs::write(&path, ecan_config_file::EXAMPLE)?;
+//! # use ecan_sim::{EcrtSetting, SimOptions};
+//! # let setting = EcrtSetting::resolve(Some("sim"))?;
+//! # let ecrt = ecan_sim::open(&setting, &SimOptions::default())?.ecrt;
+//! // `ecrt` is the loaded library, `path` the file.
+//! let file = ecan_config_file::load(path)?;
+//! let port = ecan_mcan_port::Port::open(&ecrt, file.adapter, file.port)?;
+//! assert_eq!(port.slave_count(), 1);
+//! # Ok(()) }
+//! ```
+//!
+//! [`EXAMPLE`] is such a file with every key in it. A key that is not known is a fault, and so is a
+//! value that the gateway would refuse; all of them are told at once, with line and column.
+//!
+//! What a file says is plain data ([`ConfigFile`]). [`apply`] writes it to a gateway, [`differences`]
+//! compares, [`FlashCommand::run`] keeps it in the gateway's Flash, and [`export`] makes startup
+//! lists for other masters of it. All of these block and allocate: they are not for the cycle.
+#![deny(missing_docs)]
+#![forbid(unsafe_code)]
+
+mod bus;
+mod channel;
+mod check;
+mod compare;
+mod data_path;
+mod device;
+mod document;
+pub mod export;
+mod fault;
+mod filter;
+mod filter_compare;
+mod flash;
+mod gateway;
+
+use std::path::Path;
+use std::str::FromStr;
+
+use ecan_host::{AdapterConfig, StartupStep};
+use ecan_mcan_port::PortConfig;
+
+pub use compare::{Difference, Expected, differences};
+pub use device::{Place, PlaceFault, apply, find};
+pub use fault::{ConfigFileError, FileFault, FileFaults};
+pub use flash::{FlashCommand, FlashDone, FlashError, FlashStatus};
+
+use document::{Document, Table};
+
+/// A commented file with every key that there is, at the values that are taken where a key is left
+/// out, as far as there are such values.
+pub const EXAMPLE: &str = include_str!("example.toml");
+
+/// What a file says: the configurations of Adapter and Port, checked together.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ConfigFile {
+    /// The EtherCAT side. Policies of 0x8020, where the file has any, are in the slaves'
+    /// [`startup`](ecan_host::SlaveSettings::startup).
+    pub adapter: AdapterConfig,
+    /// The CAN side, one gateway for each slave.
+    pub port: PortConfig,
+}
+
+impl ConfigFile {
+    /// The complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2): checks
+    /// of its abilities, PDO assignment, profiles, channels with their filters and data paths, each
+    /// with its readback. Empty for a gateway that the file does not have.
+    pub fn startup(&self, gateway: usize) -> Vec<StartupStep> {
+        let mut adapter = self.adapter.clone();
+        self.port.apply(&mut adapter);
+        adapter.slaves.get(gateway).map(|slave| slave.startup_steps()).unwrap_or_default()
+    }
+}
+
+impl FromStr for ConfigFile {
+    type Err = FileFaults;
+
+    /// Reads a configuration from the text of a file.
+    fn from_str(text: &str) -> Result<Self, FileFaults> {
+        let (mut document, root) = Document::parse(text);
+        let file = bus::read(&mut document, Table::root(&root));
+        if document.is_sound() {
+            check::check(&mut document, &file);
+        }
+        document.finish()?;
+        Ok(file)
+    }
+}
+
+/// Reads a configuration from a file.
+///
+/// # Errors
+/// The file cannot be read, or everything that is wrong with it, with line and column.
+pub fn load(path: impl AsRef<Path>) -> Result<ConfigFile, ConfigFileError> {
+    let path = path.as_ref();
+    let text = std::fs::read_to_string(path)
+        .map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;
+    text.parse().map_err(|faults| ConfigFileError::Faults { path: path.to_owned(), faults })
+}

@@ -1,0 +1,206 @@
+//! A configuration is written, compared, kept in Flash and lost again, on simulated gateways.
+#![allow(missing_docs)]
+
+mod common;
+
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use common::{MS, bench, two, with};
+use ecan_config_file::{
+    Difference, Expected, FlashCommand, FlashError, FlashStatus, Place, PlaceFault, apply,
+    differences, find,
+};
+use ecan_host::{Adapter, Clock, Error, StartupStep};
+use ecan_mcan_port::Port;
+use ecan_protocol::AlState;
+use ecan_sim::{Fault, GatewayFault};
+
+fn entries(differences: &[Difference]) -> Vec<(u16, u8, Option<u8>)> {
+    differences.iter().map(|it| (it.index, it.subindex, it.filter)).collect()
+}
+
+#[test]
+fn what_is_applied_is_found_again_and_lives_through_a_power_cycle_once_saved() {
+    let (bench, file) = (bench(2), two());
+    let bus = &bench.bus;
+    let clock = bench.ecrt.clock().as_ref();
+    let places = find(bus, &file.adapter.slaves).unwrap();
+    assert_eq!(places, [0, 1].map(|at| Place { gateway: at, slave: at }));
+    for Place { gateway, slave } in places {
+        let steps = file.startup(gateway);
+        assert!(!differences(bus, slave, &steps).unwrap().is_empty());
+        let mut done = 0;
+        apply(bus, slave, &steps, &mut |_| done += 1).unwrap();
+        assert_eq!(done, steps.len());
+        assert_eq!(differences(bus, slave, &steps).unwrap(), []);
+        let saved = FlashCommand::Save.run(bus, slave, clock).unwrap();
+        assert_eq!(saved.active_crc, saved.stored_crc);
+        assert_eq!(bus.sdo_upload_u32(slave, 0xB000, 2).unwrap(), 0, "the mode is given back");
+
+        bench.simulation.inject(Fault::PowerCycle { gateway: slave, off_ms: 300 });
+        bench.simulation.pass_ns(3_000 * MS);
+        let left = differences(bus, slave, &steps).unwrap();
+        assert!(!left.is_empty(), "nobody has set up the assignment yet");
+        let kept: Vec<_> = left.iter().filter(|it| !it.is_set_at_start).collect();
+        assert!(kept.is_empty(), "{kept:?}");
+    }
+    // What the master sets at each start comes with it.
+    let mut port = Port::open(&bench.ecrt, file.adapter.clone(), file.port.clone()).unwrap();
+    let adapter: &mut Adapter = port.adapter_mut();
+    let bus = adapter.diagnostics();
+    for slave in 0..2 {
+        assert_eq!(differences(bus, slave, &file.startup(slave)).unwrap(), []);
+    }
+}
+
+#[test]
+fn without_saving_a_power_cycle_loses_the_configuration_and_load_needs_a_saved_one() {
+    let (bench, file) = (bench(2), two());
+    let (bus, clock) = (&bench.bus, bench.ecrt.clock().as_ref());
+    let steps = file.startup(1);
+    let unsaved = FlashCommand::Load.run(bus, 1, clock).unwrap_err();
+    assert!(matches!(unsaved, FlashError::Status(FlashStatus(4))), "{unsaved}");
+    assert!(unsaved.to_string().contains("there is no saved configuration"), "{unsaved}");
+    apply(bus, 1, &steps, &mut |_| {}).unwrap();
+    FlashCommand::Save.run(bus, 1, clock).unwrap();
+    bus.sdo_download(1, 0x8002, 19, &125_000_u32.to_le_bytes()).unwrap();
+    assert_eq!(entries(&differences(bus, 1, &steps).unwrap()), [(0x8002, 19, None)]);
+    FlashCommand::Load.run(bus, 1, clock).unwrap();
+    assert_eq!(differences(bus, 1, &steps).unwrap(), []);
+    let factory = FlashCommand::Factory.run(bus, 1, clock).unwrap();
+    assert_eq!(factory.stored_crc, 0);
+    let lost = differences(bus, 1, &steps).unwrap();
+    for entry in [(0x8010, 3, None), (0x8020, 7, None), (0x8002, 20, None), (0x8002, 49, None)] {
+        assert!(entries(&lost).contains(&entry), "{entry:?} of {lost:?}");
+    }
+}
+
+#[test]
+fn a_difference_is_told_by_entry_also_inside_a_filter() {
+    let (bench, file) = (bench(2), two());
+    let bus = &bench.bus;
+    let steps = file.startup(1);
+    apply(bus, 1, &steps, &mut |_| {}).unwrap();
+    // The second standard filter ends elsewhere, by the editing window.
+    for (subindex, value) in [(43, 1), (45, 1)] {
+        bus.sdo_download(1, 0x8002, subindex, &[value]).unwrap();
+    }
+    bus.sdo_download(1, 0x8002, 54, &0x310_u32.to_le_bytes()).unwrap();
+    bus.sdo_download(1, 0x8002, 45, &[2]).unwrap();
+    bus.sdo_download(1, 0x8022, 16, &30_u16.to_le_bytes()).unwrap();
+    // The same depth by its other number.
+    bus.sdo_download(1, 0x8022, 7, &[16]).unwrap();
+    let found = differences(bus, 1, &steps).unwrap();
+    assert_eq!(entries(&found), [(0x8022, 16, None), (0x8002, 54, Some(1))]);
+    assert_eq!((found[1].expected, found[1].found), (Expected::Value(0x301), 0x310));
+    let words = found[1].to_string();
+    assert!(words.contains("of filter 1: the file has 769, the device 784"), "{words}");
+}
+
+#[test]
+fn a_step_that_fails_is_named_and_nothing_follows_it() {
+    let (bench, mut file) = (bench(2), two());
+    let bus = &bench.bus;
+    file.adapter.slaves[0].startup.push(StartupStep::expect(0xF000, 2, 5));
+    let steps = file.startup(0);
+    let mut done = 0;
+    let error = apply(bus, 0, &steps, &mut |_| done += 1).unwrap_err();
+    assert_eq!(done, steps.len() - 1);
+    assert!(matches!(error, PlaceFault::Device(Error::Readback { found: 4, .. })), "{error}");
+
+    let abort = Fault::Gateway {
+        gateway: 0,
+        fault: GatewayFault::SdoAbort { index: 0x8001, subindex: 19, code: 0x0609_0030, times: 1 },
+    };
+    bench.simulation.inject(abort);
+    let mut last = None;
+    let error = apply(bus, 0, &steps, &mut |step| last = Some(step.object())).unwrap_err();
+    assert!(error.to_string().contains("0x8001:19"), "{error}");
+    assert_eq!(last, Some((0x8001, 18)));
+}
+
+#[test]
+fn failures_of_the_flash_are_told_in_words() {
+    let bench = bench(1);
+    let (bus, clock) = (&bench.bus, bench.ecrt.clock().as_ref());
+    bench
+        .simulation
+        .inject(Fault::Gateway { gateway: 0, fault: GatewayFault::FlashFailure { times: 1 } });
+    let error = FlashCommand::Save.run(bus, 0, clock).unwrap_err();
+    assert!(error.to_string().contains("5 (Flash error"), "{error}");
+    assert_eq!(bus.sdo_upload_u32(0, 0xB000, 2).unwrap(), 0, "the mode is given back");
+    FlashCommand::Save.run(bus, 0, clock).unwrap();
+}
+
+#[test]
+fn gateways_are_found_by_alias_and_position() {
+    let mut scenario = ecan_sim::echo(3);
+    scenario.gateways[1].alias = 7;
+    let bench = with(scenario);
+    let mut file = two();
+    let [first, second] = &mut file.adapter.slaves[..] else { panic!("two") };
+    (first.alias, first.position) = (7, 1);
+    (second.alias, second.position) = (7, 0);
+    let slaves: Vec<_> =
+        find(&bench.bus, &file.adapter.slaves).unwrap().iter().map(|it| it.slave).collect();
+    assert_eq!(slaves, [2, 1]);
+    file.adapter.slaves[0].position = 2;
+    let error = find(&bench.bus, &file.adapter.slaves).unwrap_err().to_string();
+    assert!(error.contains("no slave 2 places behind alias 7, the bus has 3"), "{error}");
+    file.adapter.slaves[0].alias = 8;
+    let error = find(&bench.bus, &file.adapter.slaves).unwrap_err().to_string();
+    assert!(error.contains("no slave has the alias 8"), "{error}");
+}
+
+#[test]
+fn a_gateway_in_op_is_left_alone() {
+    let (bench, file) = (bench(2), two());
+    let mut port = Port::open(&bench.ecrt, file.adapter.clone(), file.port.clone()).unwrap();
+    let adapter = port.adapter_mut();
+    adapter.activate().unwrap();
+    for _ in 0..3_000 {
+        adapter.wait_next_cycle();
+        adapter.receive().unwrap();
+        adapter.send().unwrap();
+    }
+    let error = apply(&bench.bus, 1, &file.startup(1), &mut |_| panic!("a step")).unwrap_err();
+    assert!(matches!(error, PlaceFault::State { slave: 1, state: AlState::Op }), "{error}");
+    assert!(error.to_string().contains("slave 1 is in OP"), "{error}");
+}
+
+/// A clock on which ten seconds pass between two looks, while the gateway still writes.
+struct Impatient(AtomicU64);
+
+impl Clock for Impatient {
+    fn now_ns(&self) -> u64 {
+        self.0.fetch_add(10_000 * MS, Ordering::Relaxed)
+    }
+
+    fn sleep_until_ns(&self, _deadline_ns: u64) {}
+}
+
+#[test]
+fn a_command_that_does_not_end_is_given_up_and_the_mode_given_back() {
+    let bench = bench(1);
+    let bus = &bench.bus;
+    let error = FlashCommand::Save.run(bus, 0, &Impatient(AtomicU64::new(0))).unwrap_err();
+    assert!(matches!(error, FlashError::Unended), "{error}");
+    assert_eq!(bus.sdo_upload_u32(0, 0xB000, 2).unwrap(), 0);
+    // A mode that is refused.
+    let fault = GatewayFault::SdoAbort { index: 0xB000, subindex: 1, code: 0x0800_0022, times: 1 };
+    bench.simulation.inject(Fault::Gateway { gateway: 0, fault });
+    let error = FlashCommand::Factory.run(bus, 0, bench.ecrt.clock().as_ref()).unwrap_err();
+    assert!(error.to_string().contains("0xB000:01"), "{error}");
+}
+
+#[test]
+fn engineering_mode_that_somebody_asked_for_stays() {
+    let bench = bench(1);
+    let bus = &bench.bus;
+    let clock = bench.ecrt.clock().as_ref();
+    bus.sdo_download(0, 0xB000, 1, &[1]).unwrap();
+    for command in [FlashCommand::Save, FlashCommand::Load, FlashCommand::Factory] {
+        command.run(bus, 0, clock).unwrap();
+        assert_eq!(bus.sdo_upload_u32(0, 0xB000, 2).unwrap(), 1, "{command:?}");
+    }
+}

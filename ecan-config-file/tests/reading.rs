@@ -1,0 +1,291 @@
+//! Files are read, and every fault is told with its place.
+#![allow(missing_docs)]
+
+use ecan_config_file::{ConfigFile, ConfigFileError, EXAMPLE, FileFaults, load};
+use ecan_host::{ClockSource, DcSync};
+use ecan_protocol::{
+    DataPathConfig, EncapsulationProfile, ExtendedMatch, FilterAction, MessageRamLayout, NodeMode,
+    OptionFlags,
+};
+
+fn read(text: &str) -> Result<ConfigFile, FileFaults> {
+    text.parse()
+}
+
+#[test]
+fn the_example_is_valid_and_says_what_is_taken_by_default() {
+    let example = read(EXAMPLE).unwrap();
+    let short = "
+        cycle_us = 1000
+        dc = { shift_us = 500, reference = 0 }
+        [[gateway]]
+        n = 8
+        data_path = { compat_mode = 3 }
+        can1 = { bitrate = 500_000 }
+        [gateway.can0]
+        bitrate = 1_000_000
+        data_bitrate = 5_000_000
+        sample_point = 87.5
+        data_sample_point = 87.5
+        [[gateway.can0.standard_filter]]
+        match = \"range\"
+        action = \"fifo0\"
+        id1 = 0x180
+        id2 = 0x5FF
+        [[gateway.can0.standard_filter]]
+        action = \"rx_buffer\"
+        rx_buffer = 0
+        id1 = 0x80
+        [[gateway.can0.extended_filter]]
+        match = \"masked\"
+        action = \"fifo1\"
+        id1 = 0x18FF_0000
+        id2 = 0x1FFF_0000
+    ";
+    assert_eq!(read(short).unwrap(), example);
+    assert_eq!(
+        example.adapter.dc,
+        Some(DcSync { reference: Some(0), ..DcSync::new(1_000_000, 500_000) })
+    );
+    assert_eq!(example.port.gateways[0].channel_mask(), 0b11);
+}
+
+/// Every key of every table is in the example: a table of unknown keys names those that are known.
+#[test]
+fn the_example_has_every_key() {
+    let tables = [
+        ("", "nonsense = 1"),
+        ("", "[dc]\nnonsense = 1"),
+        ("[[gateway]]\n", "nonsense = 1"),
+        ("[[gateway]]\n", "identity = { nonsense = 1 }"),
+        ("[[gateway]]\n", "tx_pdo = { nonsense = 1 }"),
+        ("[[gateway]]\n", "schedule = { nonsense = 1 }"),
+        ("[[gateway]]\n", "data_path = { nonsense = 1 }"),
+        ("[[gateway]]\n", "can0 = { nonsense = 1 }"),
+        ("[[gateway]]\n", "can0 = { ram = { nonsense = 1 } }"),
+        ("[[gateway]]\n", "can0 = { data_path = { nonsense = 1 } }"),
+        ("[[gateway]]\n", "can0 = { nominal_timing = { nonsense = 1 } }"),
+        ("[[gateway]]\n", "can0 = { traffic = { nonsense = 1 } }"),
+        ("[[gateway]]\n", "can0 = { standard_filter = [{ nonsense = 1 }] }"),
+        (
+            "[[gateway]]\n",
+            "can0 = { extended_filter = [{ action = \"rx_buffer\", nonsense = 1 }] }",
+        ),
+    ];
+    for (head, table) in tables {
+        let faults = read(&format!("{head}{table}")).unwrap_err();
+        let text = faults.to_string();
+        let known = text.split("`nonsense` here; known are ").nth(1).expect(&text);
+        for key in known.lines().next().unwrap().split(", ") {
+            let is_there = EXAMPLE.contains(&format!("{key} = "))
+                || EXAMPLE.contains(&format!("[gateway.{key}]"))
+                || EXAMPLE.contains(&format!("[gateway.can0.{key}]"))
+                || EXAMPLE.contains(&format!("[[gateway.can0.{key}]]"))
+                || ["dc", "gateway", "can2", "can3"].contains(&key);
+            assert!(is_there, "{key} of {table}");
+        }
+    }
+}
+
+#[test]
+fn values_reach_their_fields() {
+    let file = read(
+        r#"
+        master = 1
+        cycle_us = 250.5
+        allow_large_pdos = true
+        preop_timeout_ms = 500
+        [dc]
+        cycle_us = 501
+        shift_us = 100
+        source = "reference"
+        reference = 1
+        monitor_every = 0
+        [[gateway]]
+        alias = 7
+        rx_pdo = { n = 2, profile = 4, budget = "deterministic" }
+        tx_pdo = { n = 3, profile = 5, options = ["tx_result", "align4"] }
+        paced = false
+        hold_limit = 3
+        input_limit = 0
+        schedule = { latest_send_us = 20, margin_check = "refuse" }
+        [gateway.can3]
+        bitrate = 250_000
+        sample_point = [80, 87.5]
+        node_mode = "listen"
+        non_match_extended = "reject"
+        ram = { layout = "fd", rx_fifo0_size = 10, rx_fifo1_data_bytes = 12 }
+        data_path = { rx_drain_max = 5, rx_cache_depth = 24, bus_off_recovery = "manual" }
+        [[gateway.can3.extended_filter]]
+        match = "range_unmasked"
+        action = "priority_fifo1"
+        id1 = 1
+        id2 = 0x1FFF_FFFF
+        sync = true
+        [[gateway]]
+        n = 1
+        identity = { vendor_id = 1, product_code = 2 }
+        can0 = { bitrate = 500_000, bit_timing = "manual", nominal_timing = { brp = 2, tseg1 = 63, tseg2 = 16, sjw = 16 } }
+        "#,
+    )
+    .unwrap();
+    let adapter = &file.adapter;
+    assert_eq!((adapter.master_index, adapter.cycle_ns), (1, 250_500));
+    assert_eq!((adapter.allow_large_pdos, adapter.preop_timeout_ms), (true, 500));
+    let dc = adapter.dc.unwrap();
+    assert_eq!((dc.cycle_ns, dc.shift_ns, dc.source), (501_000, 100_000, ClockSource::Reference));
+    assert_eq!((dc.reference, dc.monitor_every), (Some(1), 0));
+    let [first, second] = &adapter.slaves[..] else { panic!("two") };
+    assert_eq!(
+        (first.alias, first.position, first.rx_multiplier, first.tx_multiplier),
+        (7, 0, 2, 3)
+    );
+    assert_eq!((second.alias, second.position, second.identity.unwrap().product_code), (0, 1, 2));
+    let gateway = &file.port.gateways[0];
+    assert_eq!(gateway.rx_encapsulation, EncapsulationProfile::Window64);
+    assert_eq!(gateway.tx_options, OptionFlags::TX_RESULT.with(OptionFlags::ALIGN4));
+    assert_eq!((gateway.paced, gateway.hold_limit, gateway.input_limit), (false, 3, 0));
+    assert_eq!(gateway.schedule.latest_send_ns, 20_000);
+    let channel = gateway.channels[3].as_ref().unwrap();
+    assert_eq!((channel.can.fd, channel.can.node_mode), (false, NodeMode::Listen));
+    assert_eq!(
+        (channel.can.nominal_sample_point.min, channel.can.nominal_sample_point.max),
+        (800, 875)
+    );
+    assert_eq!(channel.can.ram.rx_fifo0.size, 10);
+    assert_eq!(channel.can.ram.tx_data_size, MessageRamLayout::fd().tx_data_size);
+    assert_eq!(channel.data_path.rx_drain_max, 5);
+    assert_eq!(channel.data_path.tx_budget_max, DataPathConfig::for_traffic(8, 8).tx_budget_max);
+    let filter = channel.extended_filters[0];
+    assert_eq!(
+        (filter.matching, filter.action),
+        (ExtendedMatch::RangeUnmasked, FilterAction::PriorityFifo1)
+    );
+    assert!(filter.sync);
+    assert_eq!(file.port.gateways[1].channels[0].as_ref().unwrap().can.manual_nominal.tseg1, 63);
+}
+
+#[test]
+fn a_file_with_ten_faults_names_all_ten_with_their_lines() {
+    let text = r#"cycle_us = "fast"
+dc = { cycle_us = 10_000, shift_us = 20_000 }
+
+[[gateway]]
+n = 25
+tx_pdo = { profile = 3 }
+rx_pdo = { options = ["tx_result"] }
+[gateway.can0]
+bitrat = 500_000
+sample_point = 101
+[gateway.can1]
+bitrate = 1_000_000
+data_bitrate = 500_000
+node_mode = "quiet"
+[[gateway.can1.standard_filter]]
+match = "range"
+action = "fifo0"
+id1 = 0x300
+id2 = 0x200
+[[gateway]]
+n = 8
+position = 0
+can2 = { bitrate = 500_000, data_bitrate = 2_000_000, ram = { rx_fifo0_size = 64 } }
+"#;
+    let faults = read(text).unwrap_err().0;
+    let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
+    let expected = [
+        (1, 12, "`cycle_us` is a decimal number, not a text"),
+        (2, 38, "Sync0 shift of 20000 us is not below its period of 10000 us"),
+        (5, 5, "`n` is 25, possible is 1..24"),
+        (6, 22, "`profile` is 3, possible are 0, 1, 4 and 5"),
+        (7, 22, "slave 0, RxPDO: option TX_RESULT belongs to TxPDO and means nothing in RxPDO"),
+        (8, 1, "`bitrate` is missing: the nominal bit rate in bit/s"),
+        (9, 1, "there is no key `bitrat` here; did you mean `bitrate`?"),
+        (10, 16, "`sample_point` is 101, possible is 0..100"),
+        (
+            13,
+            16,
+            "slave 0, channel 1: data bit rate 500000 bit/s is below the nominal 1000000 bit/s",
+        ),
+        (
+            14,
+            13,
+            "`node_mode` is \"quiet\", possible is \"normal\", \"listen\", \"internal_loopback\", \"external_loopback\"",
+        ),
+        (19, 7, "slave 0, channel 1: standard filter 0: range 0x300..0x200 is empty"),
+        (22, 12, "slaves 0 and 1 are the same: alias 0, position 0"),
+        (23, 61, "slave 1, channel 2: Message RAM layout needs 9344 bytes, the channel has 8192"),
+    ];
+    assert_eq!(found, expected, "{found:#?}");
+}
+
+#[test]
+fn faults_of_the_syntax_do_not_hide_others() {
+    let faults = read("cycle_us = \nmaster = \"x\"\n[[gateway]\nn = 3\n").unwrap_err().0;
+    let lines: Vec<_> = faults.iter().map(|it| it.line).collect();
+    assert_eq!(lines[..2], [1, 2], "{faults:?}");
+    assert!(lines.contains(&3), "{faults:?}");
+    assert!(read("").unwrap_err().to_string().contains("no slave is configured"));
+}
+
+#[test]
+fn files_that_cannot_be_read_or_used_are_named() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cell.toml");
+    let error = load(&path).unwrap_err();
+    assert!(matches!(error, ConfigFileError::Read { .. }));
+    assert!(error.to_string().contains("cell.toml"), "{error}");
+    std::fs::write(&path, "[[gateway]]\nn = 0\ncan0 = { bitrate = 500_000 }\n").unwrap();
+    let error = load(&path).unwrap_err().to_string();
+    assert!(error.contains("cell.toml: line 2, column 5: `n` is 0"), "{error}");
+    std::fs::write(&path, EXAMPLE).unwrap();
+    assert_eq!(load(&path).unwrap(), read(EXAMPLE).unwrap());
+}
+
+#[test]
+fn wrong_numbers_and_words_are_told_whatever_their_form() {
+    let cases = [
+        ("cycle_us = 99999999999999999999", "`cycle_us` is too great"),
+        ("cycle_us = nan", "`cycle_us` is NaN, possible is 0..4000000"),
+        ("cycle_us = -1", "`cycle_us` is -1, possible"),
+        ("master = 99999999999999999999", "`master` is too great"),
+        ("master = -1", "`master` is -1, possible is 0..65535"),
+        ("master = 1.5", "`master` is a whole number, not a number with a fraction"),
+        ("master = 1979-05-27", "not a date"),
+        ("gateway = 1", "`gateway` is a list of tables, [[gateway]]"),
+        ("dc = [1]", "`dc` is a table, not a list"),
+        ("allow_large_pdos = \"yes\"", "`allow_large_pdos` is true or false, not a text"),
+        ("[[gateway]]\ncan4 = {}", "no key `can4` here; did you mean `can0`?"),
+        ("[[gateway]]\nn = 3\ncan0 = { bitrate = 5_000_000 }", "`bitrate` is 5000000, possible is"),
+    ];
+    for (text, words) in cases {
+        let faults = read(text).unwrap_err().to_string();
+        assert!(faults.contains(words), "{text}: {faults}");
+    }
+    let text = "[[gateway]]\nn = 3\ntx_pdo = { options = [\"fast\", \"align4\", 7] }\n";
+    let faults = read(text).unwrap_err().0;
+    let columns: Vec<_> = faults.iter().filter(|it| it.line == 3).map(|it| it.column).collect();
+    assert_eq!(columns, [23, 41], "{faults:?}");
+    assert_eq!(
+        read("cycle_us = 0x3E8\n[[gateway]]\nn = 3\ncan0 = { bitrate = 500_000 }")
+            .unwrap()
+            .adapter
+            .cycle_ns,
+        1_000_000
+    );
+}
+
+#[test]
+fn a_file_cut_off_anywhere_is_read_or_told_inside_its_lines() {
+    let mut faulty = 0;
+    for end in (0..EXAMPLE.len()).step_by(13).filter(|end| EXAMPLE.is_char_boundary(*end)) {
+        let text = &EXAMPLE[..end];
+        let lines = text.lines().count().max(1) + usize::from(text.ends_with('\n'));
+        let Err(faults) = read(text) else { continue };
+        faulty += 1;
+        for fault in faults.0 {
+            assert!((1..=lines).contains(&fault.line), "{end}: {fault}");
+        }
+    }
+    assert!(faulty > 100, "{faulty}");
+}

@@ -1,0 +1,93 @@
+//! The mailboxes behind SM0 and SM1: between the master's accesses and the firmware's services.
+
+use crate::mailbox::MailboxServer;
+
+use super::controller::Controller;
+use super::memory::{Context, READ_MAILBOX, WRITE_MAILBOX};
+use super::registers::REGISTER_BYTES;
+use super::sync_manager::SyncManager;
+
+/// What the mailboxes hold beside the memory.
+pub(super) struct MailboxBuffers {
+    server: MailboxServer,
+    /// The message that the master read last, for a repeat.
+    last_read: Vec<u8>,
+    /// The message that a repeat has displaced: it follows.
+    displaced: Option<Vec<u8>>,
+}
+
+impl MailboxBuffers {
+    pub(super) fn new() -> Self {
+        Self { server: MailboxServer::new(), last_read: Vec::new(), displaced: None }
+    }
+}
+
+/// A buffer's place in the memory.
+fn place(sm: SyncManager) -> std::ops::Range<usize> {
+    let start = sm.start().saturating_sub(REGISTER_BYTES);
+    start..start + sm.length()
+}
+
+impl Controller {
+    /// Lets the firmware take what lies in the write mailbox, and fill the read mailbox.
+    pub(super) fn serve_mailbox(&mut self, context: &mut Context<'_>) {
+        let now = context.now;
+        if !context.gateway.mailbox_answers(now) {
+            return;
+        }
+        let [to_device, from_device] = [WRITE_MAILBOX, READ_MAILBOX].map(|n| self.sync_managers[n]);
+        if to_device.is_enabled() && to_device.is_full {
+            let request = self.memory.get(place(to_device)).unwrap_or_default();
+            self.mailbox.server.receive(now, request, from_device.length(), context.gateway);
+            self.sync_managers[WRITE_MAILBOX].emptied();
+        }
+        if !from_device.is_enabled() || from_device.is_full {
+            return;
+        }
+        let Self { memory, mailbox, sync_managers, .. } = self;
+        let out = memory.get_mut(place(from_device)).unwrap_or_default();
+        let is_filled = match mailbox.displaced.take() {
+            Some(message) => put(&message, out),
+            None => {
+                mailbox.server.is_due(now, context.gateway)
+                    && mailbox.server.send(now, out, context.gateway)
+            }
+        };
+        if is_filled {
+            sync_managers[READ_MAILBOX].filled();
+        }
+    }
+
+    /// The master has read the read mailbox to its end.
+    pub(super) fn read_mailbox_was_read(&mut self, context: &mut Context<'_>) {
+        let message = self.memory.get(place(self.sync_managers[READ_MAILBOX])).unwrap_or_default();
+        self.mailbox.last_read.clear();
+        self.mailbox.last_read.extend_from_slice(message);
+        self.serve_mailbox(context);
+    }
+
+    /// The master may ask once more for the message that it read last: what it got was lost.
+    pub(super) fn repeat_if_asked(&mut self) {
+        let Self { memory, mailbox, sync_managers, .. } = self;
+        let sm = &mut sync_managers[READ_MAILBOX];
+        if !sm.is_enabled() || !sm.take_repeat_request() || mailbox.last_read.is_empty() {
+            return;
+        }
+        let out = memory.get_mut(place(*sm)).unwrap_or_default();
+        if sm.is_full {
+            mailbox.displaced = Some(out.to_vec());
+        }
+        if put(&mailbox.last_read, out) {
+            sm.filled();
+        }
+    }
+}
+
+/// A whole message into the read mailbox, if it still has its length.
+fn put(message: &[u8], out: &mut [u8]) -> bool {
+    let fits = message.len() == out.len();
+    if fits {
+        out.copy_from_slice(message);
+    }
+    fits
+}

@@ -1,0 +1,352 @@
+#!/usr/bin/env bash
+# Checks and mends the layout of SM2 and SM3 in the SII (EEPROM) of an ECAN-Lite (manual 5.3, 15.7),
+# through IgH's command line tool ethercat.
+set -euo pipefail
+export LC_ALL=C
+
+usage() {
+    cat <<'END'
+Usage: ecan_sii_sm_layout.sh check        [OPTIONS]
+       ecan_sii_sm_layout.sh fix          [OPTIONS] [--backup FILE] [--yes]
+       ecan_sii_sm_layout.sh restore FILE [OPTIONS] [--backup FILE] [--yes]
+
+check    reads the SII and tells whether SM2 and SM3 are as the manual wants them
+fix      mends SM2, SM3 and the checksum: makes a backup, shows the change, asks, writes, reads back
+restore  writes a backup to the SII: makes a backup of what is there, asks, writes, reads back
+
+Options:
+  --ethercat PATH    IgH's tool (default: ethercat on the PATH, else /opt/etherlab/bin/ethercat)
+  --master N         master (default 0)
+  --position N       position of the slave (default 0)
+  --pdo-bytes BYTES  size of SM2 and SM3, a multiple of 128 up to 3072 (default 3072)
+  --backup FILE      where the backup goes (default: ecan_sii_POSITION_DATE.bin)
+  --attempts N       how often to read back, a second apart, while the master scans (default 10)
+  --yes              do not ask
+  --force            also where the slave does not show itself as an ECAN-Lite, or has an SII of
+                     another size than the backup
+
+Exit status: 0 all well; 1 the layout is wrong, or could not be mended; 2 wrong use, or not confirmed;
+3 the ethercat tool failed.
+END
+}
+
+fail() { # STATUS MESSAGE
+    printf 'ecan_sii_sm_layout: %s\n' "$2" >&2
+    exit "$1"
+}
+
+# ---- arguments
+
+number() { # NAME VALUE
+    [[ $2 =~ ^(0|[1-9][0-9]{0,5})$ ]] || fail 2 "$1 takes a number, not \"$2\""
+}
+
+command=${1-}
+case $command in
+check | fix) shift ;;
+restore)
+    shift
+    [[ $# -gt 0 && $1 != --* ]] || fail 2 "restore takes the file to write"
+    source_file=$1
+    shift
+    ;;
+-h | --help)
+    usage
+    exit 0
+    ;;
+'')
+    usage >&2
+    exit 2
+    ;;
+*) fail 2 "unknown command \"$command\"; there are check, fix and restore FILE" ;;
+esac
+
+ethercat='' master=0 position=0 pdo_bytes=3072 backup='' attempts=10 is_confirmed=false is_forced=false
+while [[ $# -gt 0 ]]; do
+    case $1 in
+    --yes) is_confirmed=true ;;
+    --force) is_forced=true ;;
+    --ethercat | --master | --position | --pdo-bytes | --backup | --attempts)
+        [[ $# -gt 1 ]] || fail 2 "$1 takes a value"
+        case $1 in
+        --ethercat) ethercat=$2 ;;
+        --master) number "$1" "$2" && master=$2 ;;
+        --position) number "$1" "$2" && position=$2 ;;
+        --pdo-bytes) number "$1" "$2" && pdo_bytes=$2 ;;
+        --backup) backup=$2 ;;
+        --attempts) number "$1" "$2" && attempts=$2 ;;
+        esac
+        shift
+        ;;
+    -h | --help)
+        usage
+        exit 0
+        ;;
+    *) fail 2 "unknown option \"$1\", see --help" ;;
+    esac
+    shift
+done
+if ((pdo_bytes == 0 || pdo_bytes > 3072 || pdo_bytes % 128 != 0)); then
+    fail 2 "--pdo-bytes takes a multiple of 128 up to 3072, not $pdo_bytes"
+fi
+if [[ -z $ethercat ]]; then
+    ethercat=$(command -v ethercat || echo /opt/etherlab/bin/ethercat)
+fi
+command -v "$ethercat" >/dev/null || fail 3 "there is no tool $ethercat; name it with --ethercat"
+
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+
+# ---- the tool. Only long options: -p has been the position in some versions and not in others.
+
+tool() { # COMMAND [ARGUMENT...]: its output
+    local status=0
+    "$ethercat" "$1" --master "$master" "${@:2}" 2>"$work/errors" || status=$?
+    if ((status != 0)); then
+        local said
+        said=$(grep -m 1 . "$work/errors" || echo "ended with status $status")
+        fail 3 "ethercat $1: $said"
+    fi
+}
+
+read_sii() { # FILE
+    tool sii_read --position "$position" >"$1"
+    [[ -s $1 ]] || fail 3 "ethercat sii_read gave nothing: has the master scanned slave $position?"
+}
+
+# ---- the image
+
+declare -ai bytes=()
+
+load() { # FILE
+    bytes=()
+    local -a read_bytes=()
+    read -r -d '' -a read_bytes < <(od -An -v -tu1 "$1") || true
+    bytes=("${read_bytes[@]}")
+}
+
+store() { # FILE
+    local escapes
+    printf -v escapes '\\x%02x' "${bytes[@]}"
+    printf '%b' "$escapes" >"$1"
+}
+
+word() { # BYTE_OFFSET: in `value`
+    value=$((bytes[$1] | bytes[$1 + 1] << 8))
+}
+
+# CRC-8 with the polynomial 0x07 from 0xFF, over the first seven words; in `value`.
+checksum() {
+    local -i at bit
+    value=255
+    for ((at = 0; at < 14; at++)); do
+        value=$((value ^ bytes[at]))
+        for ((bit = 0; bit < 8; bit++)); do
+            value=$((value & 0x80 ? (value << 1 ^ 0x07) & 0xFF : value << 1))
+        done
+    done
+}
+
+# Byte offset of the sync managers' category in `sync_managers`. Ends with 1 if there is none.
+find_sync_managers() {
+    local remedy="it cannot be mended here; let the gateway rebuild its EEPROM (0xB000:04, bit 6, \
+manual 13.7), or restore a backup"
+    local -i count=${#bytes[@]} at=128 kind words
+    if ((count < 130 || count % 2 != 0)); then
+        fail 1 "the SII has $count bytes, too few for categories or not whole words: $remedy"
+    fi
+    while ((at + 1 < count)); do
+        word $at && kind=$value
+        ((kind == 0xFFFF)) && break
+        if ((at + 3 >= count)); then break; fi
+        word $((at + 2)) && words=$value
+        if ((at + 4 + 2 * words > count)); then
+            fail 1 "category $kind at byte $at runs past the end of the SII: $remedy"
+        fi
+        if ((kind == 41)); then
+            ((words >= 16)) ||
+                fail 1 "the SII describes only $((words / 4)) of 4 sync managers: $remedy"
+            sync_managers=$((at + 4))
+            return
+        fi
+        at=$((at + 4 + 2 * words))
+    done
+    fail 1 "the SII has no category 41 (sync managers): $remedy"
+}
+
+# ---- what is wanted
+
+is_good=true
+changes=()
+
+compare() { # NAME FOUND WANTED FORMAT
+    local found wanted
+    # shellcheck disable=SC2059 # the formats are ours
+    printf -v found "$4" "$2"
+    # shellcheck disable=SC2059
+    printf -v wanted "$4" "$3"
+    if (($2 == $3)); then
+        printf 'ok     %-21s %s\n' "$1" "$found"
+    else
+        printf 'WRONG  %-21s %s, must be %s\n' "$1" "$found" "$wanted"
+        is_good=false
+        changes+=("$1: $found -> $wanted")
+    fi
+}
+
+set_word() { # BYTE_OFFSET VALUE
+    bytes[$1]=$(($2 & 0xFF))
+    bytes[$1 + 1]=$(($2 >> 8))
+}
+
+# Compares with what the manual wants, and makes `bytes` so.
+judge() {
+    local -i number start control kind at
+    checksum
+    compare "checksum of words 0-6" "${bytes[14]}" "$value" 0x%02X
+    bytes[14]=$value
+    find_sync_managers
+    while read -r number start control kind; do
+        at=$((sync_managers + 8 * number))
+        word $at
+        compare "SM$number start" "$value" "$start" 0x%04X
+        set_word $at $start
+        word $((at + 2))
+        compare "SM$number size" "$value" "$pdo_bytes" %d
+        set_word $((at + 2)) "$pdo_bytes"
+        compare "SM$number control byte" "${bytes[at + 4]}" "$control" 0x%02X
+        bytes[at + 4]=$control
+        # Of these the manual says nothing, so they are left alone.
+        if (((bytes[at + 6] & 1) == 0)); then
+            printf 'note   SM%d is not enabled by the SII\n' "$number"
+        fi
+        if ((bytes[at + 7] != kind)); then
+            printf 'note   SM%d is of type %d, %d is usual\n' "$number" "${bytes[at + 7]}" "$kind"
+        fi
+    done <<<"2 $((0x1100)) $((0x66)) 3
+3 $((0x1D00)) $((0x22)) 4"
+}
+
+# ---- writing
+
+# A foreign slave with this layout would be a brick.
+recognize() {
+    $is_forced && return
+    local unit header
+    unit=$(tool upload --position "$position" --type uint16 0xF000 17)
+    header=$(tool upload --position "$position" --type uint16 0xF000 18)
+    if [[ ${unit##* } != 128 || ${header##* } != 24 ]]; then
+        fail 1 "slave $position does not show itself as an ECAN-Lite (0xF000); --force writes anyway"
+    fi
+}
+
+refuse_in_operation() {
+    local state
+    state=$(tool slaves --position "$position")
+    if [[ $state =~ (^|[[:space:]])OP([[:space:]]|$) ]]; then
+        fail 1 "slave $position is in OP: stop the application that drives it, then try again"
+    fi
+}
+
+keep_backup() { # FILE
+    if [[ -z $backup ]]; then
+        backup=ecan_sii_${position}_$(date +%Y%m%d-%H%M%S).bin
+    fi
+    [[ ! -e $backup ]] || fail 2 "the backup $backup is there already; it is not overwritten"
+    { cp -- "$1" "$backup" && cmp -s -- "$1" "$backup"; } 2>/dev/null ||
+        fail 2 "the backup $backup cannot be written"
+    printf 'backup of the SII as it is: %s\n' "$backup"
+}
+
+confirm() { # QUESTION
+    $is_confirmed && return
+    [[ -t 0 ]] || fail 2 "nobody is there to confirm it, nothing was written; --yes does not ask"
+    local answer
+    read -r -p "$1 [y/N] " answer
+    [[ $answer == [yY] || $answer == yes ]] || fail 2 "not confirmed, nothing was written"
+}
+
+# The master keeps the SII that it read when it scanned the bus: without a new scan it would give
+# back the old one.
+write_sii() { # FILE [--force]
+    printf 'writing ...\n'
+    tool sii_write "${@:2}" --position "$position" "$1"
+    tool rescan
+    local -i attempt
+    for ((attempt = 1; attempt <= attempts; attempt++)); do
+        ((attempt == 1)) || sleep 1
+        if "$ethercat" sii_read --master "$master" --position "$position" \
+            >"$work/back" 2>"$work/errors" && cmp -s "$1" "$work/back"; then
+            printf 'read back and compared: as written. Switch the gateway off and on.\n'
+            return
+        fi
+    done
+    fail 1 "what is read back is not what was written: restart the master, then check again; the \
+backup is $backup"
+}
+
+# ---- the commands
+
+do_check() {
+    read_sii "$work/found"
+    load "$work/found"
+    printf 'slave %d, SII of %d bytes\n' "$position" "${#bytes[@]}"
+    judge
+    if ! $is_good; then
+        printf 'the layout is not that of the manual (15.7); mend it with: %s fix\n' "$0"
+        exit 1
+    fi
+    printf 'the layout is that of the manual (15.7)\n'
+}
+
+do_fix() {
+    read_sii "$work/found"
+    load "$work/found"
+    printf 'slave %d, SII of %d bytes\n' "$position" "${#bytes[@]}"
+    judge
+    if $is_good; then
+        printf 'nothing to mend\n'
+        return
+    fi
+    recognize
+    refuse_in_operation
+    store "$work/mended"
+    keep_backup "$work/found"
+    printf 'to be changed:\n'
+    printf '  %s\n' "${changes[@]}"
+    confirm "Write the SII of slave $position?"
+    write_sii "$work/mended"
+}
+
+do_restore() {
+    local -a force=()
+    [[ -r $source_file && -f $source_file ]] || fail 2 "cannot read $source_file"
+    load "$source_file"
+    if ((${#bytes[@]} < 130 || ${#bytes[@]} % 2 != 0)); then
+        fail 2 "$source_file has ${#bytes[@]} bytes: that is no SII"
+    fi
+    read_sii "$work/found"
+    if cmp -s -- "$source_file" "$work/found"; then
+        printf 'the SII of slave %d is that of %s already\n' "$position" "$source_file"
+        return
+    fi
+    local -i found_bytes
+    found_bytes=$(wc -c <"$work/found")
+    if ((found_bytes != ${#bytes[@]})) && ! $is_forced; then
+        fail 1 "$source_file has ${#bytes[@]} bytes, the SII of slave $position $found_bytes: is it \
+of another device? --force writes anyway"
+    fi
+    recognize
+    refuse_in_operation
+    keep_backup "$work/found"
+    checksum
+    if ((value != bytes[14])); then
+        printf 'the checksum in %s is wrong; it is written as it is\n' "$source_file"
+        # The tool refuses such images by itself.
+        force=(--force)
+    fi
+    confirm "Write $source_file to the SII of slave $position?"
+    write_sii "$source_file" "${force[@]}"
+}
+
+"do_$command"

@@ -1,0 +1,267 @@
+//! `ecan config check`: the faults of a file, or what comes out of it.
+
+use std::io::Write;
+use std::path::Path;
+
+use ecan_config_file::{ConfigFile, ConfigFileError, FileFault, load};
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortPlan};
+use ecan_protocol::{
+    BitTiming, CHUNK_BYTES, Direction, MCAN_CLOCK_HZ, MESSAGE_RAM_BYTES, McanChannelConfig,
+    PdoProfile,
+};
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::output::{Output, Tone};
+
+#[derive(Debug, Serialize)]
+struct Faulty {
+    line: usize,
+    column: usize,
+    reason: String,
+}
+
+#[derive(Debug, Default, Serialize)]
+struct Checked {
+    faults: Vec<Faulty>,
+    gateways: Vec<Gateway>,
+    ethercat: Option<EtherCat>,
+    warnings: Vec<String>,
+}
+
+#[derive(Debug, Serialize)]
+struct EtherCat {
+    cycle_ns: u32,
+    sync0_shift_ns: Option<u32>,
+    process_data_bytes: usize,
+    frames: usize,
+    wire_ns: u64,
+}
+
+#[derive(Debug, Serialize)]
+struct Gateway {
+    alias: u16,
+    position: u16,
+    channel_mask: u8,
+    images: Vec<Image>,
+    channels: Vec<Channel>,
+}
+
+#[derive(Debug, Serialize)]
+struct Image {
+    direction: String,
+    multiplier: u8,
+    bytes: usize,
+    frame_area_bytes: usize,
+    profile: u8,
+    options: String,
+    profile_word: u32,
+}
+
+#[derive(Debug, Serialize)]
+struct Channel {
+    channel: u8,
+    is_fd: bool,
+    nominal: Timing,
+    data: Option<Timing>,
+    tdc_runs: bool,
+    message_ram_bytes: u32,
+    message_ram_size: u32,
+    standard_filters: usize,
+    extended_filters: usize,
+}
+
+/// A bit timing at a clock of 80 MHz.
+#[derive(Debug, Serialize)]
+struct Timing {
+    bitrate: u32,
+    reached: u32,
+    error_ppm: i64,
+    sample_point_percent: f64,
+    brp: u16,
+    tseg1: u16,
+    tseg2: u16,
+    sjw: u16,
+}
+
+impl Timing {
+    fn of(bitrate: u32, timing: BitTiming) -> Self {
+        let BitTiming { brp, tseg1, tseg2, sjw } = timing;
+        // From the periods per bit: the bit rate itself is rounded.
+        let reached = f64::from(MCAN_CLOCK_HZ) / f64::from(timing.clocks_per_bit().max(1));
+        let error = (reached / f64::from(bitrate.max(1)) - 1.0) * 1e6;
+        Self {
+            bitrate,
+            reached: timing.bitrate(MCAN_CLOCK_HZ),
+            error_ppm: error.round() as i64,
+            sample_point_percent: f64::from(timing.sample_point().0) / 100.0,
+            brp,
+            tseg1,
+            tseg2,
+            sjw,
+        }
+    }
+}
+
+pub fn run(path: &Path, output: &Output) -> Result<(), Failure> {
+    let file = match load(path) {
+        Ok(file) => file,
+        Err(ConfigFileError::Read { path, reason }) => {
+            return Err(Failure::File { what: "read", path, reason: reason.to_string() });
+        }
+        Err(ConfigFileError::Faults { faults, .. }) => {
+            let faulty = |FileFault { line, column, reason }| Faulty { line, column, reason };
+            let faults = faults.0.into_iter().map(faulty).collect();
+            let checked = Checked { faults, ..Checked::default() };
+            output.data(&checked, |out| {
+                for Faulty { line, column, reason } in &checked.faults {
+                    let place = format!("{}:{line}:{column}:", path.display());
+                    writeln!(out, "{} {reason}", output.toned(Tone::Bad, place))?;
+                }
+                Ok(())
+            })?;
+            return Err(Failure::Amiss);
+        }
+    };
+    let checked = of_file(&file);
+    output.data(&checked, |out| print(&checked, output, out))
+}
+
+fn of_file(file: &ConfigFile) -> Checked {
+    let plan = PortPlan::of(&file.adapter, &file.port, &[]);
+    let gateways = file.adapter.slaves.iter().zip(&file.port.gateways);
+    Checked {
+        faults: Vec::new(),
+        gateways: gateways
+            .map(|(slave, gateway)| Gateway {
+                alias: slave.alias,
+                position: slave.position,
+                channel_mask: gateway.channel_mask(),
+                images: vec![
+                    image(gateway, Direction::RxPdo, slave.rx_multiplier),
+                    image(gateway, Direction::TxPdo, slave.tx_multiplier),
+                ],
+                channels: (0..)
+                    .zip(&gateway.channels)
+                    .filter_map(|(number, settings)| channel(number, settings.as_ref()?))
+                    .collect(),
+            })
+            .collect(),
+        ethercat: Some(EtherCat {
+            cycle_ns: file.adapter.cycle_ns,
+            sync0_shift_ns: file.adapter.dc.map(|dc| dc.shift_ns),
+            process_data_bytes: plan.ethercat.process_data_bytes(),
+            frames: plan.ethercat.frames.len(),
+            wire_ns: plan.ethercat.wire_ns(),
+        }),
+        warnings: plan.warnings.iter().map(ToString::to_string).collect(),
+    }
+}
+
+fn image(gateway: &GatewayConfig, direction: Direction, multiplier: u8) -> Image {
+    let profile: PdoProfile = gateway.profile(direction, multiplier);
+    Image {
+        direction: direction.to_string(),
+        multiplier,
+        bytes: usize::from(multiplier) * CHUNK_BYTES,
+        frame_area_bytes: profile.frame_area_bytes(),
+        profile: profile.profile.raw(),
+        options: profile.options.to_string(),
+        profile_word: profile.word(),
+    }
+}
+
+fn channel(number: u8, settings: &ChannelSettings) -> Option<Channel> {
+    let can: &McanChannelConfig = &settings.can;
+    // A file without faults has timings.
+    let (nominal, data) = can.timings(MCAN_CLOCK_HZ).ok()?;
+    Some(Channel {
+        channel: number,
+        is_fd: can.fd,
+        nominal: Timing::of(can.nominal_bitrate, nominal),
+        data: data.map(|timing| Timing::of(can.data_bitrate, timing)),
+        tdc_runs: can.tdc_runs(),
+        message_ram_bytes: can.message_ram_bytes(),
+        message_ram_size: MESSAGE_RAM_BYTES,
+        standard_filters: settings.standard_filters.len(),
+        extended_filters: settings.extended_filters.len(),
+    })
+}
+
+fn print(checked: &Checked, output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
+    for (number, gateway) in checked.gateways.iter().enumerate() {
+        let alias = match gateway.alias {
+            0 => String::new(),
+            alias => format!(" behind alias {alias}"),
+        };
+        writeln!(out, "gateway {number}: position {}{alias}", gateway.position)?;
+        for image in &gateway.images {
+            writeln!(
+                out,
+                "  {}  N = {}: {} bytes, frame area {} bytes, profile {}, options {}",
+                image.direction,
+                image.multiplier,
+                image.bytes,
+                image.frame_area_bytes,
+                image.profile,
+                image.options
+            )?;
+        }
+        for channel in &gateway.channels {
+            print_channel(channel, out)?;
+        }
+    }
+    if let Some(wire) = &checked.ethercat {
+        let share = wire.wire_ns as f64 / f64::from(wire.cycle_ns.max(1)) * 100.0;
+        let us = |ns: f64| ns / 1e3;
+        writeln!(
+            out,
+            "EtherCAT: {} bytes of process data, {} frame(s), {:.1} us of {} us ({share:.1} %)",
+            wire.process_data_bytes,
+            wire.frames,
+            us(wire.wire_ns as f64),
+            us(f64::from(wire.cycle_ns)),
+        )?;
+        if let Some(shift) = wire.sync0_shift_ns {
+            writeln!(out, "Sync0: {} us behind the start of its period", us(f64::from(shift)))?;
+        }
+    }
+    for warning in &checked.warnings {
+        writeln!(out, "{} {warning}", output.toned(Tone::Warning, "warning:"))?;
+    }
+    Ok(())
+}
+
+fn print_channel(channel: &Channel, out: &mut dyn Write) -> std::io::Result<()> {
+    let kind = if channel.is_fd { "CAN FD" } else { "classic CAN" };
+    let tdc = match (channel.is_fd, channel.tdc_runs) {
+        (false, _) => "",
+        (true, true) => ", delay compensation on",
+        (true, false) => ", delay compensation off",
+    };
+    writeln!(out, "  CAN{}   {kind}{tdc}", channel.channel)?;
+    let timings = [("nominal", Some(&channel.nominal)), ("data", channel.data.as_ref())];
+    for (name, timing) in timings {
+        let Some(timing) = timing else { continue };
+        writeln!(
+            out,
+            "         {name:<8} {} bit/s, error {} ppm, sample point {} % (BRP {} TSEG1 {} TSEG2 {} \
+             SJW {})",
+            timing.reached,
+            timing.error_ppm,
+            timing.sample_point_percent,
+            timing.brp,
+            timing.tseg1,
+            timing.tseg2,
+            timing.sjw
+        )?;
+    }
+    writeln!(
+        out,
+        "         Message RAM {} of {} bytes, filters: {} standard, {} extended",
+        channel.message_ram_bytes,
+        channel.message_ram_size,
+        channel.standard_filters,
+        channel.extended_filters
+    )
+}

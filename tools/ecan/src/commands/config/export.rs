@@ -1,0 +1,96 @@
+//! `ecan config export`: the startup sequence for other masters (manual 5.4.3, 5.4.5).
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+use ecan_config_file::export::{Format, SlavePlace, export};
+use ecan_host::StartupStep;
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::output::Output;
+
+#[derive(Debug, Args)]
+pub struct ExportArguments {
+    /// The file
+    file: PathBuf,
+    /// The list's format
+    #[arg(long, value_enum, default_value_t = ListFormat::Csv)]
+    format: ListFormat,
+    /// Index of the gateway in the file, where it has several
+    #[arg(long, value_name = "INDEX")]
+    gateway: Option<usize>,
+}
+
+/// Formats of startup lists.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ListFormat {
+    /// Every write and every check, a line each
+    Csv,
+    /// XML of a TwinCAT startup list
+    Twincat,
+    /// Columns of CODESYS' startup parameters, divided by semicolons
+    Codesys,
+    /// A shell script of `ethercat download` lines, with checks
+    Ethercat,
+}
+
+impl From<ListFormat> for Format {
+    fn from(format: ListFormat) -> Self {
+        match format {
+            ListFormat::Csv => Self::Csv,
+            ListFormat::Twincat => Self::TwinCat,
+            ListFormat::Codesys => Self::Codesys,
+            ListFormat::Ethercat => Self::Ethercat,
+        }
+    }
+}
+
+/// A step, for programs.
+#[derive(Debug, Serialize)]
+struct Step {
+    index: u16,
+    subindex: u8,
+    is_write: bool,
+    bytes: Vec<u8>,
+    expected: Option<String>,
+}
+
+impl From<&StartupStep> for Step {
+    fn from(step: &StartupStep) -> Self {
+        let (index, subindex) = step.object();
+        let (bytes, expected) = match step {
+            StartupStep::Download(write) => {
+                let (bytes, length) = write.bytes();
+                (bytes.get(..length).unwrap_or_default().to_vec(), None)
+            }
+            StartupStep::Expect { expected, .. } => (Vec::new(), Some(expected.to_string())),
+        };
+        Self { index, subindex, is_write: step.is_download(), bytes, expected }
+    }
+}
+
+pub fn run(arguments: &ExportArguments, output: &Output) -> Result<(), Failure> {
+    let file = super::read(&arguments.file)?;
+    let slaves = &file.adapter.slaves;
+    let gateway = match (arguments.gateway, slaves.len()) {
+        (Some(gateway), _) => gateway,
+        (None, 1) => 0,
+        (None, count) => {
+            let words = format!("the file has {count} gateways; choose one with --gateway");
+            return Err(Failure::Usage(words));
+        }
+    };
+    let Some(slave) = slaves.get(gateway) else {
+        let words = format!("the file has no gateway {gateway}: it has {}", slaves.len());
+        return Err(Failure::Usage(words));
+    };
+    let steps = file.startup(gateway);
+    let data: Vec<_> = steps.iter().map(Step::from).collect();
+    let (master, alias, position) = (file.adapter.master_index, slave.alias, slave.position);
+    let place = SlavePlace { master, alias, position };
+    output.data(&data, |out| {
+        let list = export(arguments.format.into(), &steps, place);
+        out.write_all(list.as_bytes())
+    })
+}

@@ -1,0 +1,134 @@
+//! `ecan config`: one file describes the gateways.
+
+mod apply;
+mod check;
+mod diff;
+mod export;
+mod flash;
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, Subcommand};
+use ecan_config_file::{
+    ConfigFile, ConfigFileError, EXAMPLE, FlashCommand, Place, PlaceFault, find, load,
+};
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+use crate::output::Output;
+
+/// The configuration of gateways.
+#[derive(Debug, Args)]
+#[command(after_help = "\
+A first configuration, from the file to the gateway's Flash:
+  ecan config example > cell.toml      # every key, with comments
+  ecan config check cell.toml          # all faults; bit timing, Message RAM, sizes
+  ecan config apply cell.toml          # in PREOP, with each readback checked
+  ecan config diff cell.toml && ecan config save
+  ecan config export cell.toml --format twincat > startup.xml
+
+The master is the file's, unless --master names another. --slave leaves out the other gateways of
+the file.")]
+pub struct ConfigArguments {
+    #[command(subcommand)]
+    action: Action,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Print a commented file with every key
+    Example,
+    /// Check a file: all its faults, or what comes out of it; touches no bus
+    ///
+    /// Bit timings are those at the default MCAN clock of 80 MHz.
+    Check {
+        /// The file
+        file: PathBuf,
+    },
+    /// Write a file to the gateways in PREOP, in the manual's order (5.4.3)
+    Apply {
+        /// The file
+        file: PathBuf,
+        /// Print every step
+        #[arg(long)]
+        steps: bool,
+    },
+    /// Compare the gateways with a file, entry by entry; exit status 1 where they differ
+    Diff {
+        /// The file
+        file: PathBuf,
+        /// Count also what the master sets up at each start: the PDO assignment, and what is active
+        /// of the profiles
+        #[arg(long)]
+        active: bool,
+    },
+    /// Save the gateway's configuration to its Flash (13.7)
+    Save,
+    /// Load the saved configuration
+    Load,
+    /// Restore the factory's configuration and forget the saved one
+    Factory,
+    /// Print the startup sequence for another EtherCAT master (5.4.3, 5.4.5)
+    Export(export::ExportArguments),
+}
+
+pub fn run(
+    arguments: &ConfigArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    match &arguments.action {
+        Action::Example => output.bytes(EXAMPLE.as_bytes()),
+        Action::Check { file } => check::run(file, output),
+        Action::Apply { file, steps } => apply::run(file, *steps, global, output),
+        Action::Diff { file, active } => diff::run(file, *active, global, output),
+        Action::Save => flash::run(FlashCommand::Save, global, output),
+        Action::Load => flash::run(FlashCommand::Load, global, output),
+        Action::Factory => flash::run(FlashCommand::Factory, global, output),
+        Action::Export(arguments) => export::run(arguments, output),
+    }
+}
+
+/// Reads a file that must be sound.
+fn read(path: &Path) -> Result<ConfigFile, Failure> {
+    load(path).map_err(|error| match error {
+        ConfigFileError::Read { path, reason } => {
+            Failure::File { what: "read", path, reason: reason.to_string() }
+        }
+        ConfigFileError::Faults { path, faults } => {
+            Failure::File { what: "use", path, reason: faults.to_string() }
+        }
+    })
+}
+
+/// The bus that a file is about, with the places of its gateways: all, or the one chosen. The
+/// master is the file's, unless another one is named.
+fn places(
+    file: &ConfigFile,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(Bus, Vec<Place>), Failure> {
+    let master = if global.master == 0 { file.adapter.master_index } else { global.master };
+    let bus = Bus::open(&GlobalOptions { master, ..global.clone() }, output)?;
+    let mut places = find(bus.diagnostics(), &file.adapter.slaves).map_err(of_place)?;
+    if global.slave.is_some() {
+        let chosen = bus.slave()?;
+        places.retain(|place| place.slave == chosen);
+        if places.is_empty() {
+            let words = format!("slave {chosen} is no gateway of the file");
+            return Err(Failure::Slave(words));
+        }
+    }
+    Ok((bus, places))
+}
+
+fn of_place(fault: PlaceFault) -> Failure {
+    match fault {
+        PlaceFault::Device(error) => Failure::Device(error),
+        PlaceFault::State { .. } => Failure::Refused(fault.to_string()),
+        PlaceFault::NoAlias { .. } | PlaceFault::NoSlave { .. } => {
+            Failure::Slave(fault.to_string())
+        }
+    }
+}

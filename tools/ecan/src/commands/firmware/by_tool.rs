@@ -1,0 +1,75 @@
+//! Gateways behind IgH's `ethercat` tool.
+
+use std::path::Path;
+
+use super::gateways::{Gateways, LOOK_EVERY, Number, Present};
+use super::package::FirmwareFile;
+use super::refusal::Refusal;
+use crate::ethercat_tool::{EthercatTool, NumberType, ToolError};
+use crate::failure::Failure;
+
+/// Name of the firmware file on a gateway (manual 15.3.1).
+const FILE_NAME: &str = "ecan_lite_app";
+
+/// All that is asked of the bus goes through the tool, so that it is the tool's master that is
+/// looked at before and after.
+#[derive(Debug)]
+pub struct ByTool {
+    tool: EthercatTool,
+}
+
+impl ByTool {
+    /// With the tool that is named, or the one that is found.
+    pub fn open(named: Option<&Path>, master: u32) -> Result<Self, Failure> {
+        Ok(Self { tool: EthercatTool::find(named, master).map_err(failure)? })
+    }
+}
+
+fn failure(error: ToolError) -> Failure {
+    let words = match error.remedy() {
+        "" => error.to_string(),
+        remedy => format!("{error}; {remedy}"),
+    };
+    if error.is_about_host() { Failure::Master(words) } else { Failure::Refused(words) }
+}
+
+impl Gateways for ByTool {
+    fn present(&self) -> Result<Vec<Present>, Failure> {
+        let listed = self.tool.slaves().map_err(failure)?;
+        let present = listed.into_iter().map(|slave| Present {
+            position: slave.position,
+            alias: slave.alias,
+            state: slave.state,
+        });
+        Ok(present.collect())
+    }
+
+    fn number(&self, slave: usize, which: Number) -> Result<u32, Failure> {
+        let (subindex, kind) = match which {
+            Number::U16(subindex) => (subindex, NumberType::Uint16),
+            Number::U32(subindex) => (subindex, NumberType::Uint32),
+        };
+        self.tool.upload_number(slave, (0xF000, subindex), kind).map_err(failure)
+    }
+
+    fn software_version(&self, slave: usize) -> Result<String, Failure> {
+        self.tool.upload_text(slave, (0x100A, 0)).map_err(failure)
+    }
+
+    fn foe_status(&self, slave: usize) -> Result<u32, Failure> {
+        self.tool.upload_number(slave, (0xB000, 11), NumberType::Uint32).map_err(failure)
+    }
+
+    fn write(
+        &self,
+        slave: usize,
+        file: &FirmwareFile,
+        _progress: &dyn Fn(u64),
+    ) -> Result<(), Refusal> {
+        Ok(self.tool.foe_write(slave, FILE_NAME, &file.path)?)
+    }
+
+    fn pause(&self) {
+        std::thread::sleep(LOOK_EVERY);
+    }
+}

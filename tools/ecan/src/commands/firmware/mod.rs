@@ -1,0 +1,264 @@
+//! `ecan firmware`: which firmware runs, and another one (manual 15.3.1).
+
+mod by_tool;
+mod gateways;
+mod package;
+mod refusal;
+mod simulated;
+mod update;
+
+use std::io::{BufRead, IsTerminal, Write};
+use std::path::PathBuf;
+use std::time::Duration;
+
+use clap::{Args, Subcommand};
+use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
+use serde::Serialize;
+
+use self::by_tool::ByTool;
+use self::gateways::{Gateways, Present, Running};
+use self::package::FirmwareFile;
+use self::simulated::Simulated;
+use self::update::{Outcome, Report, Update};
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::global::GlobalOptions;
+use crate::output::{Output, Tone};
+use crate::table;
+
+/// Which firmware runs, and another one, over FoE (manual 15.3.1).
+///
+/// The bus is reached through IgH's command line tool ethercat, since FoE is not among the functions
+/// of its library. With --ecrt sim the gateways are simulated in this process.
+#[derive(Debug, Args)]
+pub struct FirmwareArguments {
+    #[command(subcommand)]
+    action: Action,
+    /// IgH's command line tool; otherwise ethercat on the PATH or where IgH installs it
+    #[arg(long, global = true, value_name = "PATH")]
+    ethercat: Option<PathBuf>,
+    /// All gateways of the bus, one after the other
+    #[arg(long, global = true)]
+    all: bool,
+}
+
+#[derive(Debug, Subcommand)]
+enum Action {
+    /// Tell which firmware runs (0x100A, 0xF000:05 and :06)
+    Version,
+    /// Write a packaged firmware file, wait for the restart, and read the version back
+    #[command(after_help = "\
+Examples:
+  sudo ecan firmware update /tmp/ecan_lite_v140494.bin
+  sudo ecan firmware update new.bin --all --yes --expect-version 14.4.94
+  ecan --ecrt sim firmware update new.bin --yes     (new.bin from `ecan-sim firmware`)
+
+With --all a gateway that does not come back, or comes back with another version than the expected
+one, ends the work: the others keep what they have.
+
+It succeeds only when the version that was read back is another than before, or the expected one
+after a restart. The exit status is 1 if the version is not the wanted one, 5 if a gateway refused or
+did not come back.")]
+    Update(UpdateArguments),
+}
+
+#[derive(Debug, Args)]
+struct UpdateArguments {
+    /// The packaged firmware, ecan_lite_v*.bin
+    file: PathBuf,
+    /// Do not ask
+    #[arg(long)]
+    yes: bool,
+    /// The version that has to run afterwards: as 0x100A shows it, or MAJOR.MINOR.BUILD
+    #[arg(long, value_name = "VERSION")]
+    expect_version: Option<String>,
+    /// Seconds that a gateway may take to come back
+    #[arg(long, value_name = "SECONDS", default_value_t = 60)]
+    timeout: u32,
+}
+
+/// What `version` tells of a gateway.
+#[derive(Debug, Serialize)]
+struct Version {
+    position: usize,
+    state: String,
+    #[serde(flatten)]
+    running: Running,
+}
+
+/// What `update` tells of a gateway.
+#[derive(Debug, Serialize)]
+struct Told<'a> {
+    #[serde(flatten)]
+    report: &'a Report,
+    is_good: bool,
+    words: String,
+}
+
+pub fn run(
+    arguments: &FirmwareArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    if arguments.all && global.slave.is_some() {
+        return Err(Failure::Usage("--slave chooses one gateway, --all all: take one".to_owned()));
+    }
+    match &arguments.action {
+        Action::Version => {
+            let (gateways, _) = open(arguments, global, output)?;
+            let chosen = gateways::chosen(&*gateways, global.slave, arguments.all)?;
+            version(&*gateways, chosen, output)
+        }
+        Action::Update(wanted) => {
+            // The file first: there is no need of a bus to find it wrong.
+            let file = FirmwareFile::read(&wanted.file)?;
+            let (gateways, is_simulated) = open(arguments, global, output)?;
+            let chosen = gateways::chosen(&*gateways, global.slave, arguments.all)?;
+            if let Some(doubts) = file.doubts(is_simulated) {
+                let words = format!("{}: {doubts}", file.path.display());
+                output.note(format_args!("ecan: warning: {words}"));
+            }
+            confirm(wanted, &file, &chosen)?;
+            let update = Update {
+                gateways: &*gateways,
+                file: &file,
+                expected: wanted.expect_version.as_deref(),
+                patience: Duration::from_secs(wanted.timeout.into()),
+            };
+            update_all(&update, &chosen, output)
+        }
+    }
+}
+
+/// The way to the gateways, and whether they are simulated.
+fn open(
+    arguments: &FirmwareArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(Box<dyn Gateways>, bool), Failure> {
+    match (EcrtSetting::resolve(global.ecrt.as_deref())?, &arguments.ethercat) {
+        (EcrtSetting::Library(_), named) => {
+            Ok((Box::new(ByTool::open(named.as_deref(), global.master)?), false))
+        }
+        (EcrtSetting::Sim(_), Some(_)) => {
+            let words =
+                "--ethercat names the tool of a real master, and the chosen one is simulated";
+            Err(Failure::Usage(words.to_owned()))
+        }
+        (setting @ EcrtSetting::Sim(_), None) => {
+            let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+            let backend = ecan_sim::open(&setting, &options)?;
+            let Some(simulation) = backend.simulation.clone() else {
+                return Err(Failure::Master("the simulation gives no access to it".to_owned()));
+            };
+            let bus = Bus::of(&backend, global, output)?;
+            Ok((Box::new(Simulated { bus, simulation }), true))
+        }
+    }
+}
+
+fn version(gateways: &dyn Gateways, chosen: Vec<Present>, output: &Output) -> Result<(), Failure> {
+    let mut versions = Vec::new();
+    for Present { position, state, .. } in chosen {
+        let running = Running::read(gateways, position)?;
+        versions.push(Version { position, state, running });
+    }
+    output.data(&versions, |out| {
+        let mut rows = vec![["POS", "STATE", "FIRMWARE", "SERIAL"].map(str::to_owned)];
+        rows.extend(versions.iter().map(|Version { position, state, running }| {
+            [position.to_string(), state.clone(), running.to_string(), running.serial.to_string()]
+        }));
+        table::print(out, &rows)
+    })
+}
+
+fn confirm(
+    wanted: &UpdateArguments,
+    file: &FirmwareFile,
+    chosen: &[Present],
+) -> Result<(), Failure> {
+    if wanted.yes {
+        return Ok(());
+    }
+    let stdin = std::io::stdin();
+    if !stdin.is_terminal() {
+        let words = "nobody is there to confirm the update; say --yes to do it without asking";
+        return Err(Failure::Usage(words.to_owned()));
+    }
+    let slaves: Vec<_> =
+        chosen.iter().map(|slave| format!("{} ({})", slave.position, slave.state)).collect();
+    let mut stderr = std::io::stderr();
+    let question = format!(
+        "Write {}, {} bytes, to slave {}? It stops its CAN traffic and restarts. [y/N] ",
+        file.path.display(),
+        file.bytes.len(),
+        slaves.join(", ")
+    );
+    write!(stderr, "{question}").and_then(|()| stderr.flush())?;
+    let mut answer = String::new();
+    stdin.lock().read_line(&mut answer)?;
+    match answer.trim() {
+        "y" | "Y" | "yes" => Ok(()),
+        _ => Err(Failure::Usage("nothing was written: not confirmed".to_owned())),
+    }
+}
+
+fn update_all(update: &Update<'_>, chosen: &[Present], output: &Output) -> Result<(), Failure> {
+    let mut reports: Vec<Report> = Vec::new();
+    for slave in chosen {
+        let report = match reports.iter().find_map(Report::halts) {
+            Some(reason) => Report::left(slave, reason),
+            None => update.run(slave, reports.is_empty()),
+        };
+        reports.push(report);
+    }
+    let told: Vec<_> = reports
+        .iter()
+        .map(|report| Told { report, is_good: report.is_good(), words: report.words() })
+        .collect();
+    output.data(&told, |out| print(&reports, output, out))?;
+    if let Some(Report { outcome: Outcome::Refused { refusal }, .. }) =
+        reports.iter().find(|report| report.is_about_host())
+    {
+        return Err(Failure::Master(refusal.to_string()));
+    }
+    let good = reports.iter().filter(|report| report.is_good()).count();
+    let all = reports.len();
+    let words = match (good, all) {
+        (good, all) if good == all => return Ok(()),
+        (_, 1) => "the gateway does not run the new firmware, see above".to_owned(),
+        _ => format!("{} of {all} gateways do not run the new firmware, see above", all - good),
+    };
+    if reports.iter().any(Report::is_refused) {
+        Err(Failure::Refused(words))
+    } else {
+        Err(Failure::Amiss)
+    }
+}
+
+fn print(reports: &[Report], output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
+    let or_dash = |running: &Option<Running>| {
+        running.as_ref().map_or_else(|| "-".to_owned(), ToString::to_string)
+    };
+    let mut rows = vec![["POS", "BEFORE", "AFTER", "RESULT"].map(str::to_owned)];
+    rows.extend(reports.iter().map(|report| {
+        let tone = match report.outcome {
+            _ if report.is_good() => Tone::Good,
+            Outcome::Unchanged { .. } => Tone::Warning,
+            _ => Tone::Bad,
+        };
+        [
+            report.position.to_string(),
+            or_dash(&report.before),
+            or_dash(&report.after),
+            output.toned(tone, report.words()),
+        ]
+    }));
+    table::print(out, &rows)?;
+    if reports.len() > 1 {
+        let all = reports.len();
+        let good = reports.iter().filter(|report| report.is_good()).count();
+        writeln!(out, "{good} of {all} gateways run the new firmware")?;
+    }
+    Ok(())
+}

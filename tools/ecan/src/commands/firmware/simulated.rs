@@ -1,0 +1,93 @@
+//! Gateways of the simulator in this process, which forgets them when the program ends.
+
+use ecan_sim::{FirmwareProgress, FirmwareUpdateError, Gateway, Simulation};
+
+use super::gateways::{Gateways, LOOK_EVERY, Number, Present};
+use super::package::FirmwareFile;
+use super::refusal::Refusal;
+use crate::bus::Bus;
+use crate::failure::Failure;
+
+/// Bytes that are written at once.
+const PIECE: usize = 1024;
+/// After a piece that has to come again.
+const BUSY_NS: u64 = 10_000_000;
+
+/// The simulated bus and the hand that reaches behind it: FoE is not among the functions of
+/// libethercat.
+#[derive(Debug)]
+pub struct Simulated {
+    pub bus: Bus,
+    pub simulation: Simulation,
+}
+
+impl Simulated {
+    /// Does something to a gateway until it is no longer busy.
+    fn until_done(
+        &self,
+        slave: usize,
+        action: impl Fn(&mut Gateway, u64) -> Result<FirmwareProgress, FirmwareUpdateError>,
+    ) -> Result<(), Refusal> {
+        loop {
+            let done = self.simulation.with_world(|world| world.with_gateway(slave, &action));
+            match done {
+                None => return Err(Refusal::new(format!("slave {slave} does not exist"))),
+                Some(Ok(FirmwareProgress::Done)) => return Ok(()),
+                Some(Ok(FirmwareProgress::Busy { .. })) => self.simulation.pass_ns(BUSY_NS),
+                Some(Err(error)) => {
+                    return Err(Refusal::new(format!("{}: {error}", error.foe_text())));
+                }
+            }
+        }
+    }
+}
+
+impl Gateways for Simulated {
+    fn present(&self) -> Result<Vec<Present>, Failure> {
+        let mut present = Vec::new();
+        for (slave, info) in self.bus.slaves()?.into_iter().enumerate() {
+            let state = self.bus.diagnostics().al_state(slave).map_err(Failure::Device)?;
+            present.push(Present {
+                position: info.position.into(),
+                alias: (info.alias != 0).then_some(info.alias),
+                state: state.map_or_else(|| info.al_state.to_string(), |it| it.to_string()),
+            });
+        }
+        Ok(present)
+    }
+
+    fn number(&self, slave: usize, which: Number) -> Result<u32, Failure> {
+        let (Number::U16(subindex) | Number::U32(subindex)) = which;
+        self.bus.diagnostics().sdo_upload_u32(slave, 0xF000, subindex).map_err(Failure::Device)
+    }
+
+    fn software_version(&self, slave: usize) -> Result<String, Failure> {
+        Ok(self.bus.text(slave, 0x100A))
+    }
+
+    fn foe_status(&self, slave: usize) -> Result<u32, Failure> {
+        self.bus.diagnostics().sdo_upload_u32(slave, 0xB000, 11).map_err(Failure::Device)
+    }
+
+    fn write(
+        &self,
+        slave: usize,
+        file: &FirmwareFile,
+        progress: &dyn Fn(u64),
+    ) -> Result<(), Refusal> {
+        self.until_done(slave, |gateway, now| {
+            gateway.begin_firmware_update(now).map(|()| FirmwareProgress::Done)
+        })?;
+        let mut taken = 0;
+        for piece in file.bytes.chunks(PIECE) {
+            self.until_done(slave, |gateway, now| gateway.write_firmware(now, piece))?;
+            taken += piece.len() as u64;
+            progress(taken);
+        }
+        self.until_done(slave, Gateway::finish_firmware_update)
+    }
+
+    fn pause(&self) {
+        self.simulation.pass_ns(LOOK_EVERY.as_nanos() as u64);
+    }
+}

@@ -1,0 +1,341 @@
+//! IgH's command line tool `ethercat`: started, and what it says made into types.
+//!
+//! Its words are those of 1.5 and 1.6. Only long options are used: `-p` is the position of a slave
+//! in IgH's tool, while manual 15.3.1 takes it for the password.
+
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use thiserror::Error;
+
+/// Where IgH's own installation puts the tool, for those whose PATH does not lead there.
+const USUAL_PLACES: [&str; 4] = [
+    "/opt/etherlab/bin/ethercat",
+    "/usr/local/etherlab/bin/ethercat",
+    "/usr/local/bin/ethercat",
+    "/usr/bin/ethercat",
+];
+
+/// Why the tool did not do what it was asked for.
+#[derive(Clone, Debug, Error, PartialEq, Eq)]
+pub enum ToolError {
+    /// There is none.
+    #[error(
+        "IgH's tool ethercat was not found on the PATH, nor as {}; name it with --ethercat",
+        USUAL_PLACES.join(", ")
+    )]
+    NotFound,
+    /// It cannot be started.
+    #[error("cannot start {}: {reason}", program.display())]
+    NotStarted {
+        /// The program.
+        program: PathBuf,
+        /// Why.
+        reason: String,
+    },
+    /// It ended with a status that is not 0.
+    #[error("ethercat {command}: {message}")]
+    Failed {
+        /// Its command.
+        command: &'static str,
+        /// The first line of what it said.
+        message: String,
+    },
+    /// A signal ended it.
+    #[error("ethercat {command} was ended by a signal before it was done")]
+    Killed {
+        /// Its command.
+        command: &'static str,
+    },
+    /// It said something else than a tool of IgH's would.
+    #[error("ethercat {command} printed \"{text}\", which is no answer of IgH's tool")]
+    Unreadable {
+        /// Its command.
+        command: &'static str,
+        /// The first line of what it printed.
+        text: String,
+    },
+    /// Its `foe_write` does not know how to choose a slave.
+    #[error(
+        "foe_write of this ethercat tool has no option --position: it is none of IgH's, see its \
+         foe_write --help"
+    )]
+    NoPosition,
+}
+
+impl ToolError {
+    /// Whether no other call can do better: there is no tool, or no master for it.
+    pub fn is_about_host(&self) -> bool {
+        match self {
+            Self::NotFound | Self::NotStarted { .. } | Self::NoPosition => true,
+            Self::Failed { message, .. } => {
+                ["master device", "version magic", "module information", "master information"]
+                    .iter()
+                    .any(|words| message.contains(words))
+            }
+            Self::Killed { .. } | Self::Unreadable { .. } => false,
+        }
+    }
+
+    /// What to do about it; empty where the message says all.
+    pub fn remedy(&self) -> &'static str {
+        let Self::Failed { message, .. } = self else {
+            return "";
+        };
+        let remedies = [
+            ("Permission denied", "run it with sudo, or give yourself the right to /dev/EtherCAT*"),
+            (
+                "No such file or directory",
+                "is the master's module loaded? systemctl start ethercat",
+            ),
+            (
+                "version magic",
+                "tool and kernel module are of different versions: use the tool that \
+                               was installed with the module",
+            ),
+        ];
+        let fits = |words: &&(&str, &str)| self.is_about_host() && message.contains(words.0);
+        remedies.iter().find(fits).map_or("", |(_, remedy)| remedy)
+    }
+}
+
+/// A slave as `ethercat slaves` lists it.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ListedSlave {
+    /// Place in the ring.
+    pub position: usize,
+    /// Its alias, where it is the slave that has it and not one behind.
+    pub alias: Option<u16>,
+    /// AL state in words.
+    pub state: String,
+}
+
+/// Type of a number, as `--type` names it; the tool refuses data of another length.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NumberType {
+    /// 16 bits.
+    Uint16,
+    /// 32 bits.
+    Uint32,
+}
+
+impl NumberType {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Uint16 => "uint16",
+            Self::Uint32 => "uint32",
+        }
+    }
+}
+
+/// What `foe_write --help` tells of its arguments.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct FoeArguments {
+    has_password_argument: bool,
+    has_password_option: bool,
+}
+
+impl FoeArguments {
+    fn read(help: &str) -> Result<Self, ToolError> {
+        if !help.contains("--position") {
+            return Err(ToolError::NoPosition);
+        }
+        Ok(Self {
+            has_password_argument: help.contains("[<PASSWORD>]"),
+            has_password_option: help.contains("--password"),
+        })
+    }
+}
+
+/// The tool, and the master that it is to talk to.
+#[derive(Clone, Debug)]
+pub struct EthercatTool {
+    program: PathBuf,
+    master: u32,
+}
+
+impl EthercatTool {
+    /// The tool that is named, else the first on the PATH, else in one of the usual places.
+    ///
+    /// # Errors
+    /// [`ToolError::NotFound`].
+    pub fn find(named: Option<&Path>, master: u32) -> Result<Self, ToolError> {
+        let program = match named {
+            Some(path) => path.to_owned(),
+            None => {
+                let path = std::env::var_os("PATH").unwrap_or_default();
+                let on_path = std::env::split_paths(&path).map(|place| place.join("ethercat"));
+                let mut places = on_path.chain(USUAL_PLACES.map(PathBuf::from));
+                places.find(|place| place.is_file()).ok_or(ToolError::NotFound)?
+            }
+        };
+        Ok(Self { program, master })
+    }
+
+    /// Standard output of a command that ends well.
+    fn run<S: AsRef<OsStr>>(
+        &self,
+        command: &'static str,
+        arguments: impl IntoIterator<Item = S>,
+    ) -> Result<String, ToolError> {
+        let output = Command::new(&self.program)
+            .arg(command)
+            .arg("--master")
+            .arg(self.master.to_string())
+            .args(arguments)
+            .env("LC_ALL", "C")
+            .stdin(std::process::Stdio::null())
+            .output()
+            .map_err(|error| ToolError::NotStarted {
+                program: self.program.clone(),
+                reason: error.to_string(),
+            })?;
+        if output.status.success() {
+            return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
+        }
+        let Some(status) = output.status.code() else {
+            return Err(ToolError::Killed { command });
+        };
+        let errors = String::from_utf8_lossy(&output.stderr);
+        let said = errors.lines().map(str::trim).find(|line| !line.is_empty());
+        let message = said.map_or_else(|| format!("ended with status {status}"), str::to_owned);
+        Err(ToolError::Failed { command, message })
+    }
+
+    /// The slaves of the bus.
+    ///
+    /// # Errors
+    /// Any [`ToolError`] but [`ToolError::NoPosition`].
+    pub fn slaves(&self) -> Result<Vec<ListedSlave>, ToolError> {
+        let listed = self.run("slaves", [""; 0])?;
+        listed.lines().filter(|line| !line.trim().is_empty()).map(read_slave).collect()
+    }
+
+    fn upload(
+        &self,
+        slave: usize,
+        (index, subindex): (u16, u8),
+        kind: &str,
+    ) -> Result<String, ToolError> {
+        let (slave, index) = (slave.to_string(), format!("{index:#06x}"));
+        let subindex = subindex.to_string();
+        let arguments = ["--position", &slave, "--type", kind, &index, &subindex];
+        self.run("upload", arguments)
+    }
+
+    /// A number of the object dictionary.
+    ///
+    /// # Errors
+    /// Any [`ToolError`] but [`ToolError::NoPosition`].
+    pub fn upload_number(
+        &self,
+        slave: usize,
+        object: (u16, u8),
+        kind: NumberType,
+    ) -> Result<u32, ToolError> {
+        read_number("upload", &self.upload(slave, object, kind.name())?)
+    }
+
+    /// A register of the slave controller, of 16 bits.
+    ///
+    /// # Errors
+    /// Any [`ToolError`] but [`ToolError::NoPosition`].
+    pub fn register(&self, slave: usize, address: u16) -> Result<u16, ToolError> {
+        const COMMAND: &str = "reg_read";
+        let (slave, address) = (slave.to_string(), format!("{address:#06x}"));
+        let kind = NumberType::Uint16.name();
+        let printed = self.run(COMMAND, ["--position", &slave, "--type", kind, &address])?;
+        u16::try_from(read_number(COMMAND, &printed)?).map_err(|_| unreadable(COMMAND, &printed))
+    }
+
+    /// A text of the object dictionary.
+    ///
+    /// # Errors
+    /// Any [`ToolError`] but [`ToolError::NoPosition`].
+    pub fn upload_text(&self, slave: usize, object: (u16, u8)) -> Result<String, ToolError> {
+        let printed = self.upload(slave, object, "string")?;
+        Ok(printed.trim_end_matches(['\n', '\0']).to_owned())
+    }
+
+    /// Writes a file to a slave, with the password 0. Returns when the slave has taken or refused
+    /// all of it.
+    ///
+    /// # Errors
+    /// Any [`ToolError`].
+    pub fn foe_write(&self, slave: usize, name: &str, file: &Path) -> Result<(), ToolError> {
+        let known = FoeArguments::read(&self.run("foe_write", ["--help"])?)?;
+        let slave = slave.to_string();
+        let mut arguments = ["--position", &slave, "--output-file", name].map(OsStr::new).to_vec();
+        if known.has_password_option {
+            arguments.extend(["--password", "0"].map(OsStr::new));
+        }
+        arguments.push(file.as_os_str());
+        if known.has_password_argument {
+            arguments.push(OsStr::new("0"));
+        }
+        self.run("foe_write", arguments).map(|_| ())
+    }
+}
+
+/// A number such as `0x0202 514`.
+fn read_number(command: &'static str, printed: &str) -> Result<u32, ToolError> {
+    let number = printed.split_whitespace().next().and_then(crate::value::parse_unsigned);
+    let number = number.and_then(|number| u32::try_from(number).ok());
+    number.ok_or_else(|| unreadable(command, printed))
+}
+
+fn unreadable(command: &'static str, printed: &str) -> ToolError {
+    let text = printed.lines().next().unwrap_or_default().to_owned();
+    ToolError::Unreadable { command, text }
+}
+
+/// A line such as `1  5:0  PREOP  +  ECAN-Lite`.
+fn read_slave(line: &str) -> Result<ListedSlave, ToolError> {
+    let mut cells = line.split_whitespace();
+    let mut read = || {
+        let position = cells.next()?.parse().ok()?;
+        let (alias, behind) = cells.next()?.split_once(':')?;
+        let (alias, behind): (u16, u16) = (alias.parse().ok()?, behind.parse().ok()?);
+        let alias = (alias != 0 && behind == 0).then_some(alias);
+        Some(ListedSlave { position, alias, state: cells.next()?.to_owned() })
+    };
+    read().ok_or_else(|| ToolError::Unreadable { command: "slaves", text: line.to_owned() })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slaves_are_read_with_their_aliases() {
+        let read = |line: &str| read_slave(line).map(|it| (it.position, it.alias, it.state));
+        assert_eq!(read("0     0:0  PREOP  +  ECAN-Lite"), Ok((0, None, "PREOP".to_owned())));
+        assert_eq!(read("11  5:0   OP      +  a name"), Ok((11, Some(5), "OP".to_owned())));
+        assert_eq!(read("12  5:1   SAFEOP  E  a name"), Ok((12, None, "SAFEOP".to_owned())));
+        assert!(matches!(read("Usage: ethercat"), Err(ToolError::Unreadable { .. })));
+    }
+
+    #[test]
+    fn a_position_is_never_given_to_a_tool_that_may_take_it_for_a_password() {
+        let of_1_6 = "foe_write [OPTIONS] <FILENAME> [<PASSWORD>]\n  --position    -p <pos>";
+        let of_1_5 = "foe_write [OPTIONS] <FILENAME>\n  --position    -p <pos>";
+        let read = |help| FoeArguments::read(help).map(|it| it.has_password_argument);
+        assert_eq!((read(of_1_6), read(of_1_5)), (Ok(true), Ok(false)));
+        assert_eq!(read("foe_write FILE\n  -p <password>"), Err(ToolError::NoPosition));
+    }
+
+    #[test]
+    fn faults_of_the_host_are_told_from_those_of_a_slave() {
+        let failed =
+            |message: &str| ToolError::Failed { command: "slaves", message: message.to_owned() };
+        let host = failed("Failed to open master device /dev/EtherCAT0: Permission denied");
+        assert!(host.is_about_host());
+        assert!(host.remedy().contains("sudo"));
+        let module = failed("ioctl() version magic is differing: /dev/EtherCAT0: 31, tool: 33");
+        assert!(module.remedy().contains("different versions"));
+        let slave = failed("Failed to open '/tmp/x.bin'! Permission denied");
+        assert!(!slave.is_about_host());
+        assert_eq!(slave.remedy(), "");
+    }
+}

@@ -1,0 +1,281 @@
+//! `config`, used and misused.
+#![allow(missing_docs)]
+
+mod support;
+
+use std::path::{Path, PathBuf};
+
+use support::{ecan, fails, good, simulated, two_gateways};
+use tempfile::TempDir;
+
+/// A directory with a file of this content.
+fn file(content: &str) -> (TempDir, PathBuf) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cell.toml");
+    std::fs::write(&path, content).unwrap();
+    (directory, path)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+const SMALL: &str = "\
+cycle_us = 1000
+[[gateway]]
+n = 8
+[gateway.can0]
+bitrate = 500_000
+data_bitrate = 5_000_000
+sample_point = 80
+[gateway.can2]
+bitrate = 125_000
+";
+
+const TEN_FAULTS: &str = "\
+cycle_us = 50
+allow_large_pdos = 1
+[dc]
+shift_us = 2000
+sourc = 'host'
+[[gateway]]
+n = 0
+[gateway.tx_pdo]
+budget = 'fair'
+[gateway.can0]
+bitrate = 333
+sample_point = [90, 80]
+[gateway.can1]
+bitrate = 500_000
+node_mode = 'loud'
+ram = { tx_fifo_size = 32, tx_dedicated_count = 1 }
+[[gateway.can1.standard_filter]]
+match = 'range'
+action = 'fifo0'
+id1 = 0x800
+id2 = 0x7FF
+";
+
+#[test]
+fn the_example_passes_its_own_check_and_tells_what_comes_out() {
+    let (_directory, path) = file(&good(&["config", "example"]));
+    let expected = "\
+gateway 0: position 0
+  RxPDO  N = 8: 1024 bytes, frame area 1000 bytes, profile 0, options none
+  TxPDO  N = 8: 1024 bytes, frame area 1000 bytes, profile 0, options none
+  CAN0   CAN FD, delay compensation on
+         nominal  1000000 bit/s, error 0 ppm, sample point 87.5 % (BRP 1 TSEG1 69 TSEG2 10 SJW 10)
+         data     5000000 bit/s, error 0 ppm, sample point 87.5 % (BRP 1 TSEG1 13 TSEG2 2 SJW 2)
+         Message RAM 8192 of 8192 bytes, filters: 2 standard, 1 extended
+  CAN1   classic CAN
+         nominal  500000 bit/s, error 0 ppm, sample point 81.25 % (BRP 1 TSEG1 129 TSEG2 30 SJW 30)
+         Message RAM 3456 of 8192 bytes, filters: 0 standard, 0 extended
+EtherCAT: 2048 bytes of process data, 2 frame(s), 176.0 us of 1000 us (17.6 %)
+Sync0: 500 us behind the start of its period
+";
+    assert_eq!(good(&["config", "check", text(&path)]), expected);
+    let json = good(&["config", "check", text(&path), "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["gateways"][0]["channels"][0]["data"]["sample_point_percent"], 87.5);
+    assert_eq!(json["gateways"][0]["channels"][0]["message_ram_bytes"], 8192);
+    assert_eq!(json["gateways"][0]["images"][1]["profile_word"], 7 | 3 << 5);
+    assert_eq!(json["faults"], serde_json::json!([]));
+}
+
+#[test]
+fn every_fault_of_a_file_is_told_with_its_place() {
+    let (_directory, path) = file(TEN_FAULTS);
+    let output = ecan(&["config", "check", text(&path)]);
+    assert_eq!(output.status.code(), Some(1));
+    let listed = String::from_utf8(output.stdout).unwrap();
+    let head = format!("{}:", path.display());
+    let places: Vec<_> = listed.lines().map(|line| line.strip_prefix(&head).expect(line)).collect();
+    let expected = [
+        "1:12: cycle of 50 us is outside",
+        "2:20: `allow_large_pdos` is true or false, not a whole number",
+        "5:1: there is no key `sourc` here; did you mean `source`?",
+        "7:5: `n` is 0, possible is 1..24",
+        "9:10: `budget` is \"fair\", possible is \"balanced\"",
+        "11:11: slave 0, channel 0: nominal bit timing: 333 bit/s cannot be divided from a clock",
+        "12:16: slave 0, channel 0: nominal bit timing: sample point window 90 %..80 %",
+        "15:13: `node_mode` is \"loud\"",
+        "16:49: slave 0, channel 1: 32 FIFO and 1 dedicated transmit elements",
+        "20:7: `id1` is 2048, possible is 0..2047",
+    ];
+    assert_eq!(places.len(), expected.len(), "{listed}");
+    for (place, expected) in places.iter().zip(expected) {
+        assert!(place.starts_with(expected), "{place}\n{expected}");
+    }
+    let output = ecan(&["config", "check", text(&path), "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["faults"][9]["line"], 20);
+    // Other commands do not use such a file.
+    let message = fails(6, &["--ecrt", "sim", "config", "apply", text(&path)]);
+    assert!(message.starts_with("ecan: cannot use "), "{message}");
+    assert_eq!(message.matches("line ").count(), 10, "{message}");
+}
+
+#[test]
+fn a_file_is_applied_part_by_part() {
+    let (_directory, path) = file(SMALL);
+    let expected = format!(
+        "slave 0 has gateway 0 of {}
+  abilities              0 written,  8 read back
+  no diagnostic test     0 written,  5 read back
+  PDO assignment        20 written,  0 read back
+  PDO profiles          12 written,  8 read back
+  CAN0                  43 written,  1 read back
+  filters of CAN0        2 written,  0 read back
+  data path of CAN0     18 written,  1 read back
+  CAN2                  37 written,  1 read back
+  filters of CAN2        2 written,  0 read back
+  data path of CAN2     18 written,  1 read back
+",
+        path.display()
+    );
+    assert_eq!(simulated(&["config", "apply", text(&path)]), expected);
+    let steps = simulated(&["config", "apply", text(&path), "--steps"]);
+    assert!(
+        steps.contains("    0x8003:19 MCAN Channel Config 2 / Nominal bitrate = 125000\n"),
+        "{steps}"
+    );
+    assert!(
+        steps.contains("    0x8010:12 (TxPDO Profile Control, Active profile word) reads 167\n")
+    );
+}
+
+#[test]
+fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
+    let (_directory, path) = file(SMALL);
+    let output = ecan(&["--ecrt", "sim", "config", "diff", text(&path)]);
+    assert_eq!(output.status.code(), Some(1));
+    let listed = String::from_utf8(output.stdout).unwrap();
+    let first = "slave 0: 0x8010:04 (TxPDO Profile Control, Channel mask): the file has 5, the \
+                 device 15\n";
+    assert!(listed.starts_with(first), "{listed}");
+    assert!(
+        listed.contains("RX cache depth): the file has 0 (32 frames), the device 2 (16 frames)")
+    );
+    assert!(!listed.contains("0x1C12"), "{listed}");
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.contains("that the master sets up at each start differ too (--active"));
+    let output = ecan(&["--ecrt", "sim", "config", "diff", "--active", text(&path)]);
+    let listed = String::from_utf8(output.stdout).unwrap();
+    assert!(listed.contains("Active profile word"), "{listed}");
+    // A file that says what a new device has anyway differs in nothing.
+    let device = "[[gateway]]\nn = 8\n[gateway.can0]\nbitrate = 500_000\ndata_bitrate = 5_000_000\n\
+                  data_path = { rx_drain_max = 2, tx_budget_max = 4, rx_cache_depth = 16 }\n";
+    let channels = ["can1", "can2", "can3"];
+    let rest = device.split_once("[gateway.can0]").unwrap().1;
+    let all = channels.iter().map(|channel| format!("[gateway.{channel}]{rest}"));
+    let (_directory, path) = file(&(device.to_owned() + &all.collect::<String>()));
+    assert_eq!(simulated(&["config", "diff", text(&path)]), "");
+}
+
+#[test]
+fn the_flash_is_saved_loaded_and_restored() {
+    let saved = simulated(&["config", "save"]);
+    assert!(saved.starts_with("slave 0: its configuration is saved in the Flash (CRC32 active 0x"));
+    let factory = simulated(&["config", "factory"]);
+    assert!(factory.ends_with(", stored 0x00000000)\n"), "{factory}");
+    let message = fails(5, &["--ecrt", "sim", "config", "load"]);
+    assert!(message.contains("status 4 (image invalid: there is no saved"), "{message}");
+    let json: serde_json::Value =
+        serde_json::from_str(&simulated(&["config", "save", "--json"])).unwrap();
+    assert_eq!(json["active_crc"], json["stored_crc"]);
+    // A Flash that fails.
+    let (_directory, path) =
+        file("[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"flash_failure\"\ngateway = 0\n");
+    let setting = format!("sim:{}", path.display());
+    let message = fails(5, &["--ecrt", &setting, "config", "save"]);
+    assert!(message.contains("status 5 (Flash error"), "{message}");
+}
+
+#[test]
+fn lists_for_other_masters_need_no_bus() {
+    let (_directory, path) = file(SMALL);
+    let csv = good(&["config", "export", text(&path)]);
+    assert!(csv.starts_with("action,index,subindex,type,value,comment\n"), "{csv}");
+    assert!(
+        csv.contains("\nwrite,0x8003,19,uint32,125000,\"MCAN Channel Config, Nominal bitrate\"\n")
+    );
+    let list = |format| good(&["config", "export", text(&path), "--format", format]);
+    assert!(list("twincat").contains("<Index>32771</Index>"));
+    assert!(list("codesys").contains(";16#8003:16#13;Nominal bitrate;125000;32;TRUE;FALSE;0;"));
+    assert!(
+        list("ethercat").contains("\nethercat download -p 0 --type uint32 0x8003 19 125000  #")
+    );
+    let json: serde_json::Value =
+        serde_json::from_str(&good(&["config", "export", text(&path), "--json"])).unwrap();
+    assert_eq!(json[13]["index"], 0x1C12);
+    assert_eq!(json[13]["bytes"], serde_json::json!([0]));
+}
+
+#[test]
+fn of_several_gateways_one_is_chosen() {
+    let two = "[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\nalias = 7\nn = 2\n\
+               can1 = { bitrate = 125_000 }\n";
+    let (_directory, path) = file(two);
+    let scenario = two_gateways();
+    let setting = format!("sim:{}", scenario.path().display());
+    let applied = good(&["--ecrt", &setting, "config", "apply", text(&path)]);
+    assert!(applied.contains("slave 0 has gateway 0") && applied.contains("slave 1 has gateway 1"));
+    let applied = good(&["--ecrt", &setting, "--slave", "alias=7", "config", "apply", text(&path)]);
+    assert!(applied.starts_with("slave 1 has gateway 1"), "{applied}");
+    let message = fails(4, &["--ecrt", &setting, "config", "save"]);
+    assert!(message.contains("several gateways; choose one with --slave"), "{message}");
+    good(&["--ecrt", &setting, "--slave", "1", "config", "save"]);
+    let message = fails(4, &["--ecrt", "sim", "config", "apply", text(&path)]);
+    assert!(message.contains("gateway 1 of the file: no slave has the alias 7"), "{message}");
+    let message = fails(2, &["config", "export", text(&path)]);
+    assert!(message.contains("2 gateways; choose one with --gateway"), "{message}");
+    let list = good(&["config", "export", "--gateway", "1", "--format", "ethercat", text(&path)]);
+    assert!(list.contains("download -a 7 -p 0 --type uint8 0x1c12 0 2  #"), "{list}");
+    let (_directory, one) = file(SMALL);
+    let message = fails(4, &["--ecrt", &setting, "--slave", "1", "config", "diff", text(&one)]);
+    assert!(message.contains("slave 1 is no gateway of the file"), "{message}");
+}
+
+#[test]
+fn misuse_is_named_and_told_by_the_status() {
+    let (directory, path) = file(SMALL);
+    let missing = directory.path().join("none.toml");
+    let (missing, path) = (text(&missing), text(&path));
+    let cases: [(i32, &[&str], &str); 10] = [
+        (2, &["config"], "Usage"),
+        (2, &["config", "check"], "<FILE>"),
+        (2, &["config", "export", path, "--format", "eni"], "possible values: csv, twincat"),
+        (2, &["config", "export", path, "--gateway", "1"], "no gateway 1: it has 1"),
+        (6, &["config", "check", missing], "cannot read "),
+        (6, &["config", "export", missing], "cannot read "),
+        (6, &["--ecrt", "sim", "config", "diff", missing], "none.toml"),
+        (3, &["config", "apply", path], "libethercat.so.1"),
+        (4, &["--ecrt", "sim", "--slave", "5", "config", "apply", path], "there is no slave 5"),
+        (6, &["config", "check", text(directory.path())], "cannot read "),
+    ];
+    for (status, arguments, words) in cases {
+        let message = fails(status, arguments);
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+    // The device refuses a write in the middle.
+    let (_directory, scenario) = file(
+        "[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8001\n\
+         subindex = 20\ncode = 0x06090030\n",
+    );
+    let setting = format!("sim:{}", scenario.display());
+    let message = fails(5, &["--ecrt", &setting, "config", "apply", path]);
+    assert!(message.contains("0x8001:20") && message.contains("0x06090030"), "{message}");
+}
+
+#[test]
+fn what_barely_works_is_a_warning_and_no_fault() {
+    let gateway = "[[gateway]]\nn = 11\ncan0 = { bitrate = 500_000 }\n";
+    let (_directory, path) = file(&format!("cycle_us = 570\n{gateway}{gateway}"));
+    let checked = good(&["config", "check", text(&path)]);
+    assert!(checked.contains("\nwarning: the frames of a cycle take 4"), "{checked}");
+    let (_directory, path) = file(&format!("cycle_us = 400\n{gateway}{gateway}"));
+    let output = ecan(&["config", "check", text(&path)]);
+    assert_eq!(output.status.code(), Some(1));
+    let listed = String::from_utf8(output.stdout).unwrap();
+    assert!(listed.contains("cell.toml:1:12: the frames of a cycle take"), "{listed}");
+}
