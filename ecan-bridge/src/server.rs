@@ -10,11 +10,12 @@ use std::time::Duration;
 
 use ecan_protocol::CanFrame;
 
-use super::hub::{ClientId, Hub, Outgoing};
-use super::session::{Session, Uplink};
-use super::settings::{BridgeProtocol, BridgeSettings};
-use super::statistics::count;
-use crate::bus::StationConfig;
+use crate::hub::{ClientId, Hub, Outgoing};
+use crate::info::BridgeInfo;
+use crate::rates::BusRates;
+use crate::session::{Session, Uplink};
+use crate::settings::{BridgeProtocol, BridgeSettings};
+use crate::statistics::count;
 
 /// Between two looks for a new client. Stopping does not wait for it.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);
@@ -44,15 +45,20 @@ pub enum ServerError {
 
 /// A listening bridge. Dropping it closes every connection and waits for its threads.
 #[derive(Debug)]
-pub(super) struct Server {
-    address: SocketAddr,
+pub struct BridgeServer {
+    info: BridgeInfo,
     hub: Arc<Hub>,
     stop: Arc<AtomicBool>,
     acceptor: Option<JoinHandle<()>>,
 }
 
-impl Server {
-    pub(super) fn start(settings: &BridgeSettings, hub: Arc<Hub>) -> Result<Self, ServerError> {
+impl BridgeServer {
+    /// Starts to listen; clients may connect at once.
+    ///
+    /// # Errors
+    /// The address cannot be had, or no thread.
+    pub fn listen(settings: &BridgeSettings) -> Result<Self, ServerError> {
+        let hub = Arc::new(Hub::new(settings.queue, settings.max_clients));
         let address = settings.address;
         let listen = || {
             let listener = TcpListener::bind(address)?;
@@ -72,15 +78,43 @@ impl Server {
             .name(format!("bridge {}", bound.port()))
             .spawn(move || acceptor.run())
             .map_err(|error| ServerError::Thread { address: bound, error })?;
-        Ok(Self { address: bound, hub, stop, acceptor: Some(acceptor) })
+        let info = BridgeInfo::new(settings.protocol, bound, hub.clone());
+        Ok(Self { info, hub, stop, acceptor: Some(acceptor) })
     }
 
-    pub(super) fn address(&self) -> SocketAddr {
-        self.address
+    /// Where it listens and what it has done; stays valid after the server has gone.
+    pub fn info(&self) -> &BridgeInfo {
+        &self.info
+    }
+
+    /// Tells the clients the bit rates of the bus.
+    pub fn set_bus(&self, rates: BusRates) {
+        self.hub.set_bus(rates);
+    }
+
+    /// Whether anyone is connected.
+    pub fn has_clients(&self) -> bool {
+        self.hub.has_clients()
+    }
+
+    /// The next frame that a client wants on the bus, with the client.
+    pub fn next_for_bus(&self) -> Option<(ClientId, CanFrame)> {
+        self.hub.next_for_bus()
+    }
+
+    /// A client's frame went over the bus.
+    pub fn count_sent(&self) {
+        count(&self.hub.counters.sent);
+    }
+
+    /// Hands a frame of the bus to every client but its sender, with the time at which it was
+    /// complete in nanoseconds of the bus's clock.
+    pub fn deliver(&self, frame: &CanFrame, time_ns: u64, sender: Option<ClientId>) {
+        self.hub.deliver(frame, time_ns, sender);
     }
 }
 
-impl Drop for Server {
+impl Drop for BridgeServer {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
         self.hub.close();
@@ -171,7 +205,7 @@ struct ClientUplink<'a> {
 }
 
 impl Uplink for ClientUplink<'_> {
-    fn bus(&self) -> Option<StationConfig> {
+    fn bus(&self) -> Option<BusRates> {
         self.hub.bus()
     }
 
