@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use ecan_host::{Diagnostics, Error, SlaveInfo};
+use ecan_host::{Diagnostics, Ecrt, Error, SlaveInfo};
 use ecan_protocol::{AlState, Recognition};
 use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 
@@ -43,6 +43,7 @@ impl FromStr for SlaveChoice {
 /// A bus, looked at through a handle that reserves nothing.
 #[derive(Debug)]
 pub struct Bus {
+    ecrt: Ecrt,
     diagnostics: Diagnostics,
     choice: Option<SlaveChoice>,
 }
@@ -50,8 +51,17 @@ pub struct Bus {
 impl Bus {
     /// Opens the library and the master; says on standard error when they are simulated.
     pub fn open(global: &GlobalOptions, output: &Output) -> Result<Self, Failure> {
+        Self::open_with_clock(global, output, ClockKind::Stepped)
+    }
+
+    /// As [`open`](Self::open), with the clock of a simulation that names none.
+    pub fn open_with_clock(
+        global: &GlobalOptions,
+        output: &Output,
+        clock: ClockKind,
+    ) -> Result<Self, Failure> {
         let setting = EcrtSetting::resolve(global.ecrt.as_deref())?;
-        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let options = SimOptions { clock: Some(clock), ..SimOptions::default() };
         let backend = ecan_sim::open(&setting, &options)?;
         if let Some(simulation) = &backend.simulation {
             output.note(simulation.banner());
@@ -65,7 +75,12 @@ impl Bus {
             );
             return Err(Failure::Master(words));
         }
-        Ok(Self { diagnostics, choice: global.slave })
+        Ok(Self { ecrt: backend.ecrt, diagnostics, choice: global.slave })
+    }
+
+    /// The library.
+    pub fn ecrt(&self) -> &Ecrt {
+        &self.ecrt
     }
 
     pub fn diagnostics(&self) -> &Diagnostics {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use ecan_command_line::log_file::LogFileError;
 use ecan_sim::BackendError;
 use thiserror::Error;
 
@@ -26,6 +27,23 @@ pub enum Failure {
     /// A slave refused, or did not answer.
     #[error("{0}")]
     Device(ecan_host::Error),
+    /// A gateway is not in service.
+    #[error("the gateway at position {position}: {reason}")]
+    OutOfService {
+        /// Its place in the ring.
+        position: usize,
+        /// Why.
+        reason: String,
+    },
+    /// Frames are not known to have left.
+    #[error("{0}")]
+    NotSent(String),
+    /// A CAN log.
+    #[error("{0}")]
+    Log(#[from] LogFileError),
+    /// An address or a terminal for other programs cannot be had.
+    #[error("{0}")]
+    Bridge(String),
     /// A file.
     #[error("cannot {what} {}: {reason}", path.display())]
     File {
@@ -49,12 +67,12 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::ReaderGone => 0,
-            Self::Amiss => 1,
+            Self::Amiss | Self::NotSent(_) => 1,
             Self::Usage(_) => 2,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Slave(_) => 4,
-            Self::Device(_) => 5,
-            Self::File { .. } | Self::Output(_) => 6,
+            Self::Device(_) | Self::OutOfService { .. } => 5,
+            Self::File { .. } | Self::Output(_) | Self::Log(_) | Self::Bridge(_) => 6,
         }
     }
 }

@@ -9,6 +9,7 @@
 mod bus;
 mod commands;
 mod failure;
+mod frames;
 mod global;
 mod object_path;
 mod output;
@@ -42,6 +43,7 @@ fn main() -> ExitCode {
         Command::Info => commands::info::run(&global, &output),
         Command::Caps => commands::caps::run(&global, &output),
         Command::Sdo(arguments) => commands::sdo::run(arguments, &global, &output),
+        Command::Dump(arguments) => commands::dump::run(arguments, &global, &output),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);

@@ -1,6 +1,7 @@
 //! The commands, a file each.
 
 pub mod caps;
+pub mod dump;
 pub mod info;
 pub mod man;
 pub mod scan;
@@ -22,6 +23,9 @@ pub enum Command {
     Caps,
     /// Read, write and list objects, by number or by the manual's names
     Sdo(sdo::SdoArguments),
+    /// Show or log the frames of CAN channels, as candump does
+    #[command(after_help = dump::EXAMPLES)]
+    Dump(dump::DumpArguments),
     /// Print a completion script for a shell
     Completions {
         /// Which shell
