@@ -35,9 +35,9 @@ pub enum Failure {
         /// Why.
         reason: String,
     },
-    /// Frames are not known to have left.
+    /// Fewer frames than were asked for came, or are known to have left.
     #[error("{0}")]
-    NotSent(String),
+    TooFew(String),
     /// A CAN log.
     #[error("{0}")]
     Log(#[from] LogFileError),
@@ -67,7 +67,7 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::ReaderGone => 0,
-            Self::Amiss | Self::NotSent(_) => 1,
+            Self::Amiss | Self::TooFew(_) => 1,
             Self::Usage(_) => 2,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Slave(_) => 4,

@@ -44,6 +44,7 @@ fn main() -> ExitCode {
         Command::Caps => commands::caps::run(&global, &output),
         Command::Sdo(arguments) => commands::sdo::run(arguments, &global, &output),
         Command::Dump(arguments) => commands::dump::run(arguments, &global, &output),
+        Command::Send(arguments) => commands::send::run(arguments, &global, &output),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);

@@ -6,6 +6,7 @@ pub mod info;
 pub mod man;
 pub mod scan;
 pub mod sdo;
+pub mod send;
 
 use std::path::PathBuf;
 
@@ -26,6 +27,9 @@ pub enum Command {
     /// Show or log the frames of CAN channels, as candump does
     #[command(after_help = dump::EXAMPLES)]
     Dump(dump::DumpArguments),
+    /// Send frames, as cansend does, and wait until they have left
+    #[command(after_help = send::EXAMPLES)]
+    Send(send::SendArguments),
     /// Print a completion script for a shell
     Completions {
         /// Which shell

@@ -44,6 +44,12 @@ impl FromStr for Channels {
     }
 }
 
+/// A channel number, 0 to 3.
+pub fn parse_channel(text: &str) -> Result<u8, String> {
+    let channel = text.parse().ok().filter(|channel| usize::from(*channel) < CHANNELS);
+    channel.ok_or_else(|| "expected a channel, 0 to 3".to_owned())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -1,6 +1,8 @@
 //! A gateway in service for the commands that carry CAN frames.
 
 pub mod channels;
+pub mod departures;
 pub mod options;
 pub mod service;
 pub mod status_watch;
+pub mod summary;

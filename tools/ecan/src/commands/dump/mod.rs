@@ -152,10 +152,14 @@ pub fn run(
     if dropped > 0 {
         output.note(format_args!("# {dropped} frames were not written: the output is too slow"));
     }
-    let wanted = arguments.count.unwrap_or(1);
+    let (heard, wanted) = (heard?, arguments.count.unwrap_or(1));
     // Who has had enough need not hear that there was too little.
-    if arguments.timeout.is_some() && heard? < wanted && !interrupt.is_set() {
-        return Err(Failure::Amiss);
+    if arguments.timeout.is_some() && heard < wanted && !interrupt.is_set() {
+        let words = match heard {
+            0 => "no frame came".to_owned(),
+            heard => format!("{heard} of {wanted} frames came"),
+        };
+        return Err(Failure::TooFew(words));
     }
     Ok(())
 }
