@@ -45,6 +45,9 @@ fn main() -> ExitCode {
         Command::Sdo(arguments) => commands::sdo::run(arguments, &global, &output),
         Command::Dump(arguments) => commands::dump::run(arguments, &global, &output),
         Command::Send(arguments) => commands::send::run(arguments, &global, &output),
+        Command::Gen(arguments) => commands::generate::run(arguments, &global, &output),
+        Command::Replay(arguments) => commands::replay::run(arguments, &global, &output),
+        Command::Bridge(arguments) => commands::bridge::run(arguments, &global, &output),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);

@@ -1,9 +1,12 @@
 //! The commands, a file each.
 
+pub mod bridge;
 pub mod caps;
 pub mod dump;
+pub mod generate;
 pub mod info;
 pub mod man;
+pub mod replay;
 pub mod scan;
 pub mod sdo;
 pub mod send;
@@ -30,6 +33,15 @@ pub enum Command {
     /// Send frames, as cansend does, and wait until they have left
     #[command(after_help = send::EXAMPLES)]
     Send(send::SendArguments),
+    /// Send frames made up, as cangen does
+    #[command(name = "gen", after_help = generate::EXAMPLES)]
+    Gen(generate::GenArguments),
+    /// Send the frames of a candump log at their times
+    #[command(after_help = replay::EXAMPLES)]
+    Replay(replay::ReplayArguments),
+    /// Give a channel to other programs: slcan and socketcand over TCP
+    #[command(after_help = bridge::EXAMPLES)]
+    Bridge(bridge::BridgeArguments),
     /// Print a completion script for a shell
     Completions {
         /// Which shell

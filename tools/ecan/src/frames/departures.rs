@@ -12,6 +12,8 @@ use crate::frames::service::{Cycle, Service};
 
 /// Cycles behind the last result after which a channel's status has seen all frames.
 const STATUS_CYCLES: u32 = 3;
+/// Where the pending count of the status word ends.
+const SATURATED: u32 = 7;
 
 /// The way of frames out of the gateway.
 #[derive(Debug)]
@@ -24,6 +26,8 @@ pub struct Departures {
     failed: u64,
     first_failure: Option<(u64, ResultCode)>,
     quiet_cycles: u32,
+    /// Frames that waited in the channels when the wait ended.
+    waiting: u64,
     last_progress_ns: u64,
 }
 
@@ -37,6 +41,7 @@ impl Departures {
             failed: 0,
             first_failure: None,
             quiet_cycles: 0,
+            waiting: 0,
             last_progress_ns: now_ns,
         }
     }
@@ -113,6 +118,7 @@ impl Departures {
                 break;
             }
         }
+        self.waiting = self.count_waiting(service);
         Ok(())
     }
 
@@ -121,9 +127,27 @@ impl Departures {
         self.channels.iter().map(|it| u32::from(port.channel_status(0, it).tx_pending())).sum()
     }
 
-    /// What became of the frames. Frames that still wait in a channel have not left.
+    /// Frames that wait in the channels, also where the status counts no further (0x9000:11).
+    fn count_waiting(&self, service: &mut Service) -> u64 {
+        let status_count = self.pending(service.port());
+        if status_count < SATURATED {
+            return status_count.into();
+        }
+        let channels: Vec<_> = self.channels.iter().map(u16::from).collect();
+        let counted = service.port_mut().diagnose(|diagnostics| {
+            let count = |channel| diagnostics.sdo_upload_u32(0, 0x9000 + channel, 11);
+            channels.into_iter().map(count).sum::<Result<u32, _>>()
+        });
+        match counted {
+            Ok(Ok(count)) => count.into(),
+            // Without an answer the gateway may hold them all.
+            Ok(Err(_)) | Err(_) => self.handed_over,
+        }
+    }
+
+    /// What became of the frames, after [`wait`](Self::wait). Frames that still wait in a channel have not left.
     pub fn outcome(&self, port: &Port) -> Outcome {
-        let waiting = u64::from(self.pending(port)).min(self.handed_over);
+        let waiting = self.waiting.min(self.handed_over);
         let stuck = self.channels.iter().find_map(|channel| {
             let status = port.channel_status(0, channel);
             (status.bus_off() || status.tx_pending() > 0).then_some((channel, status))
