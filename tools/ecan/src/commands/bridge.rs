@@ -1,7 +1,6 @@
 //! `ecan bridge`: a channel for other programs.
 
 use std::collections::HashMap;
-use std::io::Write;
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::str::FromStr;
 

@@ -1,7 +1,5 @@
 //! `ecan send`: cansend through a gateway.
 
-use std::io::Write;
-
 use clap::Args;
 use ecan_candump::{FrameText, parse_frame};
 use ecan_command_line::interrupt::Interrupt;

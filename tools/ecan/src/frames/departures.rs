@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{Port, Received, SendTicket};
-use ecan_protocol::{CHANNELS, ChannelStatus, ResultCode};
+use ecan_protocol::{ChannelStatus, ResultCode};
 
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
@@ -152,16 +152,11 @@ impl Departures {
             let status = port.channel_status(0, channel);
             (status.bus_off() || status.tx_pending() > 0).then_some((channel, status))
         });
-        let discarded: u64 = (0..CHANNELS)
-            .filter_map(|channel| port.statistics(0).channels.get(channel).copied())
-            .map(|channel| channel.frames_discarded)
-            .sum();
         Outcome {
             sent: self.handed_over - waiting,
             refused: self.failed,
             waiting,
             unknown: self.open.len() as u64,
-            discarded,
             stuck,
         }
     }
@@ -178,8 +173,6 @@ pub struct Outcome {
     pub waiting: u64,
     /// Without a word from the gateway.
     pub unknown: u64,
-    /// Of those, given up by the host.
-    pub discarded: u64,
     /// A channel that does not send.
     stuck: Option<(u8, ChannelStatus)>,
 }

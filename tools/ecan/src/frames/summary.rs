@@ -1,7 +1,5 @@
 //! What is said at the end of sending many frames.
 
-use std::io::Write;
-
 use ecan_mcan_port::Port;
 use serde::Serialize;
 
