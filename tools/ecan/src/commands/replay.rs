@@ -167,7 +167,7 @@ pub fn run(
     let mut is_stuck = false;
     while !is_stuck && !interrupt.is_set() && recording.next().is_some() {
         let cycle = service.begin();
-        departures.look(&cycle);
+        departures.look(&cycle, service.port());
         record(log.as_mut(), &service, &cycle)?;
         let mut has_room = true;
         while let Some((due_ns, channel, logged)) = recording.next()

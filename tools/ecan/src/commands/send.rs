@@ -73,7 +73,7 @@ pub fn run(
     let mut waiting = frames.iter().peekable();
     while waiting.peek().is_some() && !interrupt.is_set() {
         let cycle = service.begin();
-        departures.look(&cycle);
+        departures.look(&cycle, service.port());
         while let Some(frame) = waiting.peek()
             && let Some(ticket) = service.send(*channel, frame)?
         {
@@ -110,15 +110,16 @@ fn judge(
         let words = format!("channel {channel} of the gateway refused {text}: {code}");
         return Err(Failure::TooFew(words));
     }
-    if outcome.sent >= count {
+    if outcome.sent >= count && outcome.bus_off.is_none() {
         return Ok(());
     }
     let cause = outcome.cause(options.bitrate).unwrap_or_else(|| match outcome.unknown {
         0 => "stopped, or the gateway took none in time".to_owned(),
         _ => "the gateway has not said what became of them".to_owned(),
     });
-    Err(Failure::TooFew(format!(
-        "{} of {count} frames have not left within {timeout} ms: {cause}",
-        count - outcome.sent
-    )))
+    let behind = count.saturating_sub(outcome.sent);
+    Err(Failure::TooFew(match behind {
+        0 => format!("whether the frames have left is not known: {cause}"),
+        behind => format!("{behind} of {count} frames have not left within {timeout} ms: {cause}"),
+    }))
 }

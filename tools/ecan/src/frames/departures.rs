@@ -28,6 +28,8 @@ pub struct Departures {
     quiet_cycles: u32,
     /// Frames that waited in the channels when the wait ended.
     waiting: u64,
+    /// A channel that was off the bus meanwhile; it may be back.
+    bus_off: Option<u8>,
     last_progress_ns: u64,
 }
 
@@ -42,6 +44,7 @@ impl Departures {
             first_failure: None,
             quiet_cycles: 0,
             waiting: 0,
+            bus_off: None,
             last_progress_ns: now_ns,
         }
     }
@@ -54,7 +57,9 @@ impl Departures {
     }
 
     /// Looks at what a cycle brought.
-    pub fn look(&mut self, cycle: &Cycle) {
+    pub fn look(&mut self, cycle: &Cycle, port: &Port) {
+        let is_off = |channel: &u8| port.channel_status(0, *channel).bus_off();
+        self.bus_off = self.bus_off.or_else(|| self.channels.iter().find(is_off));
         self.quiet_cycles = self.quiet_cycles.saturating_add(1);
         for arrival in &cycle.arrivals {
             let Received::TransmitReport(report) = &arrival.received else { continue };
@@ -105,7 +110,7 @@ impl Departures {
         let mut pending = u32::MAX;
         while !self.are_settled(service.port()) && !interrupt.is_set() {
             let cycle = service.begin();
-            self.look(&cycle);
+            self.look(&cycle, service.port());
             let now_pending = self.pending(service.port());
             if now_pending < pending {
                 self.last_progress_ns = cycle.now_ns;
@@ -150,7 +155,7 @@ impl Departures {
         let waiting = self.waiting.min(self.handed_over);
         let stuck = self.channels.iter().find_map(|channel| {
             let status = port.channel_status(0, channel);
-            (status.bus_off() || status.tx_pending() > 0).then_some((channel, status))
+            (status.tx_pending() > 0).then_some((channel, status))
         });
         Outcome {
             sent: self.handed_over - waiting,
@@ -158,6 +163,7 @@ impl Departures {
             waiting,
             unknown: self.open.len() as u64,
             stuck,
+            bus_off: self.bus_off,
         }
     }
 }
@@ -175,6 +181,8 @@ pub struct Outcome {
     pub unknown: u64,
     /// A channel that does not send.
     stuck: Option<(u8, ChannelStatus)>,
+    /// A channel that was off the bus: what it held may be lost.
+    pub bus_off: Option<u8>,
 }
 
 impl Outcome {
@@ -185,10 +193,14 @@ impl Outcome {
 
     /// Why frames do not leave, as far as the channels tell.
     pub fn cause(&self, bitrate: u32) -> Option<String> {
+        if let Some(channel) = self.bus_off {
+            return Some(format!(
+                "channel {channel} went bus-off: do the others on the bus have {bitrate} bit/s, is \
+                 the wiring right?"
+            ));
+        }
         let (channel, status) = self.stuck?;
-        Some(if status.bus_off() {
-            format!("channel {channel} is bus-off: do bit rate and wiring fit the bus?")
-        } else if status.warn() {
+        Some(if status.warn() {
             format!(
                 "channel {channel} gets no acknowledgement: is there another node at {bitrate} \
                  bit/s, are wiring and termination right?"

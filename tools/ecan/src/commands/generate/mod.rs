@@ -126,7 +126,7 @@ pub fn run(
     let mut is_stuck = false;
     while !is_stuck && !interrupt.is_set() && arguments.count != Some(departures.count()) {
         let cycle = service.begin();
-        departures.look(&cycle);
+        departures.look(&cycle, service.port());
         let mut has_room = true;
         while has_room
             && arguments.count != Some(departures.count())
