@@ -1,12 +1,12 @@
 //! Where the bus and the threads of its clients meet.
 
 use std::collections::VecDeque;
-use std::net::{Shutdown, TcpStream};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::CanFrame;
 
+use crate::connection::Connection;
 use crate::rates::BusRates;
 use crate::statistics::{BridgeStatistics, Counters, count};
 
@@ -28,7 +28,7 @@ pub(crate) enum Outgoing {
 struct Client {
     id: ClientId,
     outbox: SyncSender<Outgoing>,
-    stream: TcpStream,
+    connection: Connection,
 }
 
 #[derive(Debug, Default)]
@@ -72,8 +72,12 @@ impl Hub {
 
     // Clients
 
-    /// Admits a client; `stream` is closed with it.
-    pub(crate) fn join(&self, stream: TcpStream, outbox: SyncSender<Outgoing>) -> Option<ClientId> {
+    /// Admits a client; `connection` is closed with it.
+    pub(crate) fn join(
+        &self,
+        connection: Connection,
+        outbox: SyncSender<Outgoing>,
+    ) -> Option<ClientId> {
         let mut state = self.lock();
         if state.closed || state.clients.len() >= self.max_clients {
             count(&self.counters.turned_away);
@@ -81,7 +85,7 @@ impl Hub {
         }
         let id = state.next_client;
         state.next_client += 1;
-        state.clients.push(Client { id, outbox, stream });
+        state.clients.push(Client { id, outbox, connection });
         count(&self.counters.connections);
         Some(id)
     }
@@ -90,7 +94,7 @@ impl Hub {
     pub(crate) fn leave(&self, id: ClientId) {
         let mut state = self.lock();
         if let Some(at) = state.clients.iter().position(|client| client.id == id) {
-            close(&state.clients.swap_remove(at).stream);
+            state.clients.swap_remove(at).connection.close();
         }
     }
 
@@ -99,7 +103,7 @@ impl Hub {
         let mut state = self.lock();
         state.closed = true;
         for client in state.clients.drain(..) {
-            close(&client.stream);
+            client.connection.close();
         }
     }
 
@@ -145,9 +149,4 @@ impl Hub {
             }
         }
     }
-}
-
-/// Ends a connection; both of its threads notice. One that is gone already is no error.
-fn close(stream: &TcpStream) {
-    let _ = stream.shutdown(Shutdown::Both);
 }

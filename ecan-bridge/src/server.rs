@@ -1,6 +1,6 @@
 //! The TCP server: one thread that accepts, two per client.
 
-use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -10,6 +10,8 @@ use std::time::Duration;
 
 use ecan_protocol::CanFrame;
 
+use crate::clients::Clients;
+use crate::connection::Connection;
 use crate::hub::{ClientId, Hub, Outgoing};
 use crate::info::BridgeInfo;
 use crate::rates::BusRates;
@@ -47,7 +49,7 @@ pub enum ServerError {
 #[derive(Debug)]
 pub struct BridgeServer {
     info: BridgeInfo,
-    hub: Arc<Hub>,
+    clients: Clients,
     stop: Arc<AtomicBool>,
     acceptor: Option<JoinHandle<()>>,
 }
@@ -79,7 +81,7 @@ impl BridgeServer {
             .spawn(move || acceptor.run())
             .map_err(|error| ServerError::Thread { address: bound, error })?;
         let info = BridgeInfo::new(settings.protocol, bound, hub.clone());
-        Ok(Self { info, hub, stop, acceptor: Some(acceptor) })
+        Ok(Self { info, clients: Clients(hub), stop, acceptor: Some(acceptor) })
     }
 
     /// Where it listens and what it has done; stays valid after the server has gone.
@@ -87,37 +89,16 @@ impl BridgeServer {
         &self.info
     }
 
-    /// Tells the clients the bit rates of the bus.
-    pub fn set_bus(&self, rates: BusRates) {
-        self.hub.set_bus(rates);
-    }
-
-    /// Whether anyone is connected.
-    pub fn has_clients(&self) -> bool {
-        self.hub.has_clients()
-    }
-
-    /// The next frame that a client wants on the bus, with the client.
-    pub fn next_for_bus(&self) -> Option<(ClientId, CanFrame)> {
-        self.hub.next_for_bus()
-    }
-
-    /// A client's frame went over the bus.
-    pub fn count_sent(&self) {
-        count(&self.hub.counters.sent);
-    }
-
-    /// Hands a frame of the bus to every client but its sender, with the time at which it was
-    /// complete in nanoseconds of the bus's clock.
-    pub fn deliver(&self, frame: &CanFrame, time_ns: u64, sender: Option<ClientId>) {
-        self.hub.deliver(frame, time_ns, sender);
+    /// Its clients.
+    pub fn clients(&self) -> &Clients {
+        &self.clients
     }
 }
 
 impl Drop for BridgeServer {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
-        self.hub.close();
+        self.clients.0.close();
         if let Some(acceptor) = self.acceptor.take() {
             acceptor.thread().unpark();
             // A panic in it has been reported on stderr already.
@@ -153,16 +134,17 @@ impl Acceptor {
     /// connection closed.
     fn admit(&self, stream: TcpStream) -> Option<JoinHandle<()>> {
         let (outbox, queue) = sync_channel(self.hub.queue());
-        let admit = || -> io::Result<Option<(TcpStream, ClientId)>> {
+        let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
-            let id = self.hub.join(stream.try_clone()?, outbox.clone());
-            Ok(id.map(|id| (stream, id)))
+            let connection = Connection::Tcp(stream);
+            let id = self.hub.join(connection.try_clone()?, outbox.clone());
+            Ok(id.map(|id| (connection, id)))
         };
-        let (stream, id) = admit().ok()??;
+        let (connection, id) = admit().ok()??;
         let hub = self.hub.clone();
         let session = Session::new(self.protocol);
-        let serve = move || serve(&hub, id, &stream, session, outbox, queue);
+        let serve = move || serve(&hub, id, &connection, session, outbox, queue);
         let started = thread::Builder::new().name(format!("bridge client {id}")).spawn(serve);
         if started.is_err() {
             self.hub.leave(id);
@@ -172,10 +154,10 @@ impl Acceptor {
 }
 
 /// The life of a client.
-fn serve(
+pub(crate) fn serve(
     hub: &Hub,
     id: ClientId,
-    stream: &TcpStream,
+    stream: &Connection,
     session: Session,
     outbox: SyncSender<Outgoing>,
     queue: Receiver<Outgoing>,
@@ -225,7 +207,7 @@ impl Uplink for ClientUplink<'_> {
 fn read_all(
     hub: &Hub,
     id: ClientId,
-    mut stream: &TcpStream,
+    stream: &Connection,
     session: &Mutex<Session>,
     outbox: &SyncSender<Outgoing>,
 ) {
@@ -254,7 +236,7 @@ fn read_all(
 
 fn write_all(
     hub: &Hub,
-    mut stream: &TcpStream,
+    stream: &Connection,
     session: &Mutex<Session>,
     queue: &Receiver<Outgoing>,
     greeting: Vec<u8>,

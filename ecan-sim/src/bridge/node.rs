@@ -44,7 +44,7 @@ impl BridgeNode {
 
     fn fill(&mut self, out: &mut NodeOutput) {
         while out.len() < AHEAD
-            && let Some((sender, frame)) = self.server.next_for_bus()
+            && let Some((sender, frame)) = self.server.clients().next_for_bus()
         {
             out.send(frame);
             // A frame that the bus lost (the controller was configured anew, the node muted) is
@@ -73,7 +73,7 @@ fn is_same(given: &CanFrame, sent: &CanFrame) -> bool {
 
 impl Node for BridgeNode {
     fn configured(&mut self, _now: u64, config: &StationConfig) {
-        self.server.set_bus(BusRates {
+        self.server.clients().set_bus(BusRates {
             nominal_bitrate: config.nominal_bitrate,
             data_bitrate: config.data_bitrate,
             fd: config.fd,
@@ -85,14 +85,14 @@ impl Node for BridgeNode {
     }
 
     fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
-        self.server.deliver(frame, now, None);
+        self.server.clients().deliver(frame, now, None);
         self.fill(out);
     }
 
     fn transmitted(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
         let sender = self.sender_of(frame);
-        self.server.count_sent();
-        self.server.deliver(frame, now, sender);
+        self.server.clients().count_sent();
+        self.server.clients().deliver(frame, now, sender);
         self.fill(out);
     }
 
@@ -102,7 +102,7 @@ impl Node for BridgeNode {
 
     fn advance(&mut self, now: u64, out: &mut NodeOutput) {
         self.fill(out);
-        let pause = if self.server.has_clients() { POLL_NS } else { IDLE_POLL_NS };
+        let pause = if self.server.clients().are_there() { POLL_NS } else { IDLE_POLL_NS };
         self.due = Some(now.saturating_add(pause));
     }
 }

@@ -106,13 +106,36 @@ fn can_fd_goes_over_slcan_and_bit_rates_are_those_of_the_channel() {
 }
 
 #[test]
+fn a_terminal_is_a_serial_adapter() {
+    let directory = tempfile::tempdir().unwrap();
+    let link = directory.path().join("can0");
+    let path = link.display().to_string();
+    let mut bridge = Running::start(&["--ecrt", "sim", "bridge", "--pty", &path]);
+    assert_eq!(bridge.line(), format!("slcan bridge at {path} on can0"));
+    // One program after the other, each finding the terminal as a serial port.
+    for id in ["123", "124"] {
+        let open = || std::fs::File::options().read(true).write(true).open(&link).unwrap();
+        let mut port = open();
+        port.write_all(format!("C\rS6\rO\rt{id}2AABB\r").as_bytes()).unwrap();
+        let mut answer = vec![0; "\r\r\rz\rt1232AABB\r".len()];
+        port.read_exact(&mut answer).unwrap();
+        let expected = format!("\r\r\rz\rt{id}2AABB\r");
+        assert_eq!(String::from_utf8_lossy(&answer), expected);
+    }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+    assert!(std::fs::symlink_metadata(&link).is_err(), "the link goes with the bridge");
+}
+
+#[test]
 fn misuse_is_named_and_told_by_the_status() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let cases: [(i32, &[&str], &str); 4] = [
+    let cases: [(i32, &[&str], &str); 5] = [
         (2, &["bridge", "--slcan", "localhost"], "expected a port, an IP address"),
         (2, &["bridge", "--channel", "all"], "expected a channel, 0 to 3"),
         (2, &["bridge", "--max-clients", "0"], "0 is not in 1..=1000"),
+        (6, &["--ecrt", "sim", "bridge", "--pty", "/dev/null"], "cannot make the link /dev/null"),
         (6, &["--ecrt", "sim", "bridge", "--slcan", &port], "cannot listen on 127.0.0.1:"),
     ];
     for (status, arguments, words) in cases {

@@ -39,7 +39,7 @@ pub enum Command {
     /// Send the frames of a candump log at their times
     #[command(after_help = replay::EXAMPLES)]
     Replay(replay::ReplayArguments),
-    /// Give a channel to other programs: slcan and socketcand over TCP
+    /// Give a channel to other programs: slcan over TCP and on a terminal, socketcand over TCP
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),
     /// Print a completion script for a shell

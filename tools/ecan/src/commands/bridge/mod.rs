@@ -1,16 +1,17 @@
 //! `ecan bridge`: a channel for other programs.
 
+mod front;
+
 use std::collections::HashMap;
-use std::net::{IpAddr, Ipv4Addr, SocketAddr};
-use std::str::FromStr;
+use std::path::PathBuf;
 
 use clap::Args;
-use ecan_bridge::{BridgeProtocol, BridgeServer, BridgeSettings, BusRates, ClientId};
+use ecan_bridge::{BridgeProtocol, BusRates, ClientId};
 use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{Received, SendTicket, Session};
 use ecan_protocol::CanFrame;
-use serde::Serialize;
 
+use crate::commands::bridge::front::{Front, Listening, Place};
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::options::GatewayOptions;
@@ -23,6 +24,7 @@ pub const EXAMPLES: &str = "\
 Examples:
   ecan bridge --bitrate 1000000                slcan on a free port, which is printed
   ecan bridge --channel 2 --slcan 3333 --socketcand 29536
+  ecan bridge --pty /tmp/can0                  slcan on a terminal, for slcand and the like
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
 
@@ -36,12 +38,15 @@ pub struct BridgeArguments {
     #[arg(long, value_name = "N", default_value = "0", value_parser = parse_channel)]
     channel: u8,
     /// Speak slcan over TCP: a port, an address or both; 127.0.0.1 and a free port otherwise.
-    /// The default without --socketcand
+    /// The default without --socketcand and --pty
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     slcan: Option<Listening>,
     /// Speak socketcand over TCP: classic CAN data frames
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     socketcand: Option<Listening>,
+    /// Speak slcan on a pseudo-terminal, as a serial adapter does; LINK becomes a link to it
+    #[arg(long, value_name = "LINK", num_args = 0..=1, default_missing_value = "")]
+    pty: Option<PathBuf>,
     /// Clients at a time, of each protocol
     #[arg(long, value_name = "COUNT", default_value_t = 8,
           value_parser = clap::value_parser!(u16).range(1..=1000))]
@@ -53,35 +58,10 @@ pub struct BridgeArguments {
     options: GatewayOptions,
 }
 
-/// Where to listen.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Listening(SocketAddr);
-
-impl FromStr for Listening {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let local = |port| SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), port);
-        let port = text.parse().map(local).ok();
-        let whole = || text.parse::<SocketAddr>().ok();
-        let address = || text.parse().ok().map(|ip| SocketAddr::new(ip, 0));
-        let found = port.or_else(whole).or_else(address);
-        found.map(Self).ok_or_else(|| "expected a port, an IP address, or ADDRESS:PORT".to_owned())
-    }
-}
-
-/// Where other programs connect.
-#[derive(Debug, Serialize)]
-struct Place {
-    protocol: &'static str,
-    address: String,
-    channel: u8,
-}
-
 /// A frame of a client.
 #[derive(Clone, Copy, Debug)]
 struct Held {
-    server: usize,
+    front: usize,
     client: ClientId,
     frame: CanFrame,
 }
@@ -93,7 +73,7 @@ pub fn run(
 ) -> Result<(), Failure> {
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     // Before the gateway: the servers' threads keep out of what the cycle's thread asks for.
-    let servers = listen(arguments)?;
+    let fronts = listen(arguments)?;
     let wishes = Wishes {
         is_listening: arguments.listen_only,
         has_results: true,
@@ -102,11 +82,11 @@ pub fn run(
     };
     let opened = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
     let Some(service) = opened else { return Ok(()) };
-    announce(arguments.channel, &servers, output)?;
+    announce(arguments.channel, &fronts, output)?;
     let mut bridge = Traffic {
         channel: arguments.channel,
         service,
-        servers,
+        fronts,
         under_way: HashMap::new(),
         waiting: None,
     };
@@ -117,52 +97,45 @@ pub fn run(
 }
 
 /// Starts the servers.
-fn listen(arguments: &BridgeArguments) -> Result<Vec<BridgeServer>, Failure> {
+fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
     let GatewayOptions { bitrate, data_bitrate, .. } = arguments.options;
     let rates = match data_bitrate {
         Some(data_bitrate) => BusRates::fd(bitrate, data_bitrate),
         None => BusRates::classic(bitrate),
     };
-    let default = Listening::from_str("0").map_err(Failure::Usage)?;
-    let slcan = match (arguments.slcan, arguments.socketcand) {
-        (None, None) => Some(default),
-        (slcan, _) => slcan,
+    let slcan = match (arguments.slcan, arguments.socketcand, &arguments.pty) {
+        (None, None, None) => Some(Listening::ANY),
+        (slcan, _, _) => slcan,
     };
+    let mut fronts = Vec::new();
     let wanted =
         [(BridgeProtocol::Slcan, slcan), (BridgeProtocol::Socketcand, arguments.socketcand)];
-    let wanted = wanted.into_iter().filter_map(|(protocol, at)| Some((protocol, at?)));
-    wanted
-        .map(|(protocol, Listening(address))| {
-            let max_clients = arguments.max_clients.into();
-            let settings =
-                BridgeSettings { address, max_clients, ..BridgeSettings::speaking(protocol) };
-            let server = BridgeServer::listen(&settings);
-            let server = server.map_err(|error| Failure::Bridge(error.to_string()))?;
-            server.set_bus(rates);
-            Ok(server)
-        })
-        .collect()
+    for (protocol, at) in wanted {
+        if let Some(at) = at {
+            fronts.push(Front::listen(protocol, at, arguments.max_clients)?);
+        }
+    }
+    if let Some(link) = &arguments.pty {
+        fronts.push(Front::terminal(link)?);
+    }
+    for front in &fronts {
+        front.clients().set_bus(rates);
+    }
+    Ok(fronts)
 }
 
 /// Tells where the servers are.
-fn announce(channel: u8, servers: &[BridgeServer], output: &Output) -> Result<(), Failure> {
-    for server in servers.iter().filter(|server| !server.info().address().ip().is_loopback()) {
-        let address = server.info().address();
-        output.note(format_args!("whoever reaches {address} can send on the bus"));
+fn announce(channel: u8, fronts: &[Front], output: &Output) -> Result<(), Failure> {
+    let places: Vec<_> = fronts.iter().map(|front| front.place(channel)).collect();
+    for (front, place) in fronts.iter().zip(&places) {
+        if front.is_open_to_others() {
+            output.note(format_args!("whoever reaches {} can send on the bus", place.address));
+        }
     }
-    let places: Vec<_> = servers
-        .iter()
-        .map(|server| Place {
-            protocol: match server.info().protocol() {
-                BridgeProtocol::Slcan => "slcan",
-                BridgeProtocol::Socketcand => "socketcand",
-            },
-            address: server.info().address().to_string(),
-            channel,
-        })
-        .collect();
     output.data(&places, |out| {
-        servers.iter().try_for_each(|server| writeln!(out, "{} on can{channel}", server.info()))
+        places.iter().try_for_each(|Place { protocol, address, channel }| {
+            writeln!(out, "{protocol} bridge at {address} on can{channel}")
+        })
     })
 }
 
@@ -171,7 +144,7 @@ fn announce(channel: u8, servers: &[BridgeServer], output: &Output) -> Result<()
 struct Traffic {
     channel: u8,
     service: Service,
-    servers: Vec<BridgeServer>,
+    fronts: Vec<Front>,
     /// Frames of clients that the gateway has.
     under_way: HashMap<SendTicket, Held>,
     /// A frame for which there was no room.
@@ -220,36 +193,19 @@ impl Traffic {
     }
 
     fn next_of_clients(&self) -> Option<Held> {
-        self.servers.iter().enumerate().find_map(|(server, it)| {
-            it.next_for_bus().map(|(client, frame)| Held { server, client, frame })
+        self.fronts.iter().enumerate().find_map(|(front, it)| {
+            it.clients().next_for_bus().map(|(client, frame)| Held { front, client, frame })
         })
     }
 
     /// Hands a frame of the bus to all clients but the one that sent it.
     fn deliver(&self, frame: &CanFrame, time_ns: u64, sent: Option<Held>) {
-        for (number, server) in self.servers.iter().enumerate() {
-            let sender = sent.filter(|held| held.server == number);
+        for (number, front) in self.fronts.iter().enumerate() {
+            let sender = sent.filter(|held| held.front == number);
             if sender.is_some() {
-                server.count_sent();
+                front.clients().count_sent();
             }
-            server.deliver(frame, time_ns, sender.map(|held| held.client));
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::Listening;
-
-    #[test]
-    fn addresses_may_be_short() {
-        let parse = |text: &str| text.parse::<Listening>().map(|it| it.0.to_string());
-        assert_eq!(parse("0"), Ok("127.0.0.1:0".to_owned()));
-        assert_eq!(parse("29536"), Ok("127.0.0.1:29536".to_owned()));
-        assert_eq!(parse("0.0.0.0:1"), Ok("0.0.0.0:1".to_owned()));
-        assert_eq!(parse("::1"), Ok("[::1]:0".to_owned()));
-        for wrong in ["", "65536", "localhost", "1.2.3", "1.2.3.4:"] {
-            assert!(parse(wrong).is_err(), "{wrong}");
+            front.clients().deliver(frame, time_ns, sender.map(|held| held.client));
         }
     }
 }
