@@ -5,14 +5,16 @@ use std::str::FromStr;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
-use ecan_command_line::log_file::{self, LoggedFrame, Writer};
+use ecan_command_line::log_file::{self, LoggedFrame};
 use ecan_mcan_port::Received;
 use ecan_protocol::CHANNELS;
 
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
 use crate::frames::departures::Departures;
+use crate::frames::format::{Heard, Screen};
 use crate::frames::options::GatewayOptions;
+use crate::frames::printer::Printer;
 use crate::frames::service::{Cycle, Service, Wishes};
 use crate::frames::summary::Summary;
 use crate::global::GlobalOptions;
@@ -155,20 +157,20 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     let mut recording = Recording::read(arguments)?;
-    let mut log = arguments.log.as_deref().map(Writer::create).transpose()?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let mut printer = Printer::start(Screen::default(), false, arguments.log.as_deref())?;
     let has_end = recording.total().is_some();
     let wishes = Wishes { has_results: true, has_end, ..Wishes::on(arguments.channel) };
     let opened = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
-    let Some(mut service) = opened else { return Ok(()) };
+    let Some(mut service) = opened else { return printer.finish(output) };
     let start_ns = service.now_ns();
     let mut departures = Departures::new(arguments.channel, start_ns);
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
     let mut is_stuck = false;
-    while !is_stuck && !interrupt.is_set() && recording.next().is_some() {
+    while !is_stuck && !interrupt.is_set() && !printer.is_over() && recording.next().is_some() {
         let cycle = service.begin();
         departures.look(&cycle, service.port());
-        record(log.as_mut(), &service, &cycle)?;
+        record(&mut printer, &service, &cycle);
         let mut has_room = true;
         while let Some((due_ns, channel, logged)) = recording.next()
             && has_room
@@ -188,11 +190,9 @@ pub fn run(
     }
     let elapsed_ns = service.now_ns() - start_ns;
     departures.wait(&mut service, timeout_ns, &interrupt, |service, cycle| {
-        record(log.as_mut(), service, cycle)
+        record(&mut printer, service, cycle);
     })?;
-    if let Some(log) = log {
-        log.finish()?;
-    }
+    printer.finish(output)?;
     let wanted = recording.total().filter(|_| !interrupt.is_set()).unwrap_or(departures.count());
     let summary = Summary::of(&departures, service.port(), wanted, elapsed_ns);
     summary.print(output)?;
@@ -200,13 +200,11 @@ pub fn run(
 }
 
 /// Logs what a cycle brought.
-fn record(log: Option<&mut Writer>, service: &Service, cycle: &Cycle) -> Result<(), Failure> {
-    let Some(log) = log else { return Ok(()) };
+fn record(printer: &mut Printer, service: &Service, cycle: &Cycle) {
     for arrival in &cycle.arrivals {
-        if let Received::Frame(received) = &arrival.received {
+        if let Received::Frame(received) = arrival.received {
             let time_ns = service.absolute_ns(arrival.time_ns);
-            log.write(time_ns / 1000 * 1000, received.channel.into(), received.frame)?;
+            printer.put(Heard { time_ns, received }, service.is_real_time());
         }
     }
-    Ok(())
 }

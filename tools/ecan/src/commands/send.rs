@@ -86,7 +86,7 @@ pub fn run(
             break;
         }
     }
-    departures.wait(&mut service, timeout_ns, &interrupt, |_, _| Ok(()))?;
+    departures.wait(&mut service, timeout_ns, &interrupt, |_, _| {})?;
     judge(arguments, &departures, &service)?;
     let texts: Vec<_> = frames.iter().map(|frame| FrameText(frame).to_string()).collect();
     let sent = Sent { channel: *channel, frames: texts };

@@ -2,7 +2,10 @@
 
 pub mod channels;
 pub mod departures;
+pub mod format;
 pub mod options;
+pub mod printer;
 pub mod service;
 pub mod status_watch;
 pub mod summary;
+pub mod timestamp;

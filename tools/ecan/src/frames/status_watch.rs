@@ -19,6 +19,11 @@ impl Condition {
         Self { state, has_warning, is_bus_off: status.bus_off() }
     }
 
+    fn is_good(self) -> bool {
+        let takes_part = matches!(self.state, ChannelState::Run | ChannelState::Listen);
+        takes_part && !self.has_warning && !self.is_bus_off
+    }
+
     fn words(self) -> String {
         match self {
             Self { is_bus_off: true, .. } => "bus-off".to_owned(),
@@ -57,16 +62,14 @@ impl StatusWatch {
         for channel in self.channels.iter() {
             let now = Condition::of(port.channel_status(0, channel));
             let Some(seen) = self.seen.get_mut(usize::from(channel)) else { continue };
-            let is_good = matches!(now.state, ChannelState::Run | ChannelState::Listen)
-                && !now.has_warning
-                && !now.is_bus_off;
+            let before = *seen;
             // Before the first image there is no status to speak of.
-            let is_unknown = seen.is_none() && (is_good || now.state == ChannelState::Disabled);
-            if *seen == Some(now) || is_unknown && now.state == ChannelState::Disabled {
+            let is_unknown = before.is_none() && now.state == ChannelState::Disabled;
+            if before == Some(now) || is_unknown {
                 continue;
             }
             *seen = Some(now);
-            if !is_unknown {
+            if before.is_some() || !now.is_good() {
                 say(format!("can{channel} {}", now.words()));
             }
         }

@@ -87,7 +87,7 @@ pub fn run(
         channel: arguments.channel,
         service,
         fronts,
-        under_way: HashMap::new(),
+        under_way: HashMap::with_capacity(4096),
         waiting: None,
     };
     while !interrupt.is_set() {

@@ -2,17 +2,17 @@
 
 mod generator;
 
-use std::io::Write;
-
 use clap::Args;
-use ecan_candump::ScreenFrame;
 use ecan_command_line::interrupt::Interrupt;
-use ecan_protocol::CanFrame;
+use ecan_mcan_port::{ReceiveSource, ReceivedFrame};
+use ecan_protocol::{CanFrame, Timestamp};
 
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::departures::Departures;
+use crate::frames::format::{Heard, Screen};
 use crate::frames::options::GatewayOptions;
+use crate::frames::printer::Printer;
 use crate::frames::service::{Service, Wishes};
 use crate::frames::summary::Summary;
 use crate::global::GlobalOptions;
@@ -114,17 +114,23 @@ pub fn run(
 ) -> Result<(), Failure> {
     let mut generator = arguments.generator()?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let is_shown = arguments.verbose && !global.json;
+    let mut printer = Printer::start(Screen::default(), is_shown, None)?;
     let channels = Channels::only(arguments.channel);
     let has_end = arguments.count.is_some();
     let wishes = Wishes { has_results: true, has_end, ..Wishes::on(channels) };
     let opened = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
-    let Some(mut service) = opened else { return Ok(()) };
+    let Some(mut service) = opened else { return printer.finish(output) };
     let start_ns = service.now_ns();
     let mut departures = Departures::new(channels, start_ns);
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
     let mut next = None;
     let mut is_stuck = false;
-    while !is_stuck && !interrupt.is_set() && arguments.count != Some(departures.count()) {
+    while !is_stuck
+        && !interrupt.is_set()
+        && !printer.is_over()
+        && arguments.count != Some(departures.count())
+    {
         let cycle = service.begin();
         departures.look(&cycle, service.port());
         let mut has_room = true;
@@ -139,9 +145,7 @@ pub fn run(
             match service.send(arguments.channel, &frame)? {
                 Some(ticket) => {
                     departures.taken(ticket, cycle.now_ns);
-                    if arguments.verbose && !global.json {
-                        print(arguments.channel, &frame, output)?;
-                    }
+                    printer.put(shown(arguments.channel, frame), service.is_real_time());
                 }
                 None => (next, has_room) = (Some(frame), false),
             }
@@ -150,7 +154,8 @@ pub fn run(
         is_stuck = !has_room && departures.standstill_ns(cycle.now_ns) >= timeout_ns;
         service.end(cycle)?;
     }
-    departures.wait(&mut service, timeout_ns, &interrupt, |_, _| Ok(()))?;
+    departures.wait(&mut service, timeout_ns, &interrupt, |_, _| {})?;
+    printer.finish(output)?;
     let wanted = arguments.count.filter(|_| !interrupt.is_set()).unwrap_or(departures.count());
     let elapsed_ns = service.now_ns() - start_ns;
     let summary = Summary::of(&departures, service.port(), wanted, elapsed_ns);
@@ -163,7 +168,8 @@ fn due_ns(arguments: &GenArguments, start_ns: u64, number: u64) -> u64 {
     start_ns.saturating_add(arguments.gap.saturating_mul(number))
 }
 
-fn print(channel: u8, frame: &CanFrame, output: &Output) -> Result<(), Failure> {
-    writeln!(output.stream(), "  can{channel}  {}", ScreenFrame::new(frame))?;
-    Ok(())
+/// A frame for the screen, which shows no times.
+fn shown(channel: u8, frame: CanFrame) -> Heard {
+    let (timestamp, source) = (Timestamp::None, ReceiveSource::default());
+    Heard { time_ns: 0, received: ReceivedFrame { slave: 0, channel, frame, timestamp, source } }
 }

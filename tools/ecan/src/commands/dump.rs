@@ -1,9 +1,5 @@
 //! `ecan dump`: candump through a gateway.
 
-mod format;
-mod printer;
-mod timestamp;
-
 use std::path::PathBuf;
 
 use clap::Args;
@@ -13,13 +9,13 @@ use ecan_mcan_port::Received;
 
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
+use crate::frames::format::{Heard, Screen};
 use crate::frames::options::GatewayOptions;
+use crate::frames::printer::Printer;
 use crate::frames::service::{Service, Wishes};
+use crate::frames::timestamp::Style;
 use crate::global::GlobalOptions;
 use crate::output::Output;
-use format::{Heard, Screen};
-use printer::Printer;
-use timestamp::Style;
 
 /// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
@@ -145,13 +141,9 @@ pub fn run(
     let service = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
     let heard = match service {
         Some(service) => listen(arguments, service, &interrupt, &mut printer),
-        None => return printer.finish(),
+        None => return printer.finish(output),
     };
-    let dropped = printer.dropped();
-    printer.finish()?;
-    if dropped > 0 {
-        output.note(format_args!("# {dropped} frames were not written: the output is too slow"));
-    }
+    printer.finish(output)?;
     let (heard, wanted) = (heard?, arguments.count.unwrap_or(1));
     // Who has had enough need not hear that there was too little.
     if arguments.timeout.is_some() && heard < wanted && !interrupt.is_set() {

@@ -7,7 +7,7 @@ use ecan_mcan_port::ReceivedFrame;
 use ecan_protocol::{CanFrame, FrameKind, Timestamp};
 use serde::Serialize;
 
-use crate::commands::dump::timestamp::{Style, Timestamps};
+use crate::frames::timestamp::{Style, Timestamps};
 
 /// A frame with its time.
 #[derive(Clone, Copy, Debug)]
@@ -17,8 +17,8 @@ pub struct Heard {
     pub received: ReceivedFrame,
 }
 
-/// What is shown.
-#[derive(Clone, Copy, Debug)]
+/// What is shown; the least by default.
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Screen {
     pub style: Option<Style>,
     pub has_nanoseconds: bool,

@@ -8,8 +8,9 @@ use std::thread::JoinHandle;
 
 use ecan_command_line::log_file::LogFileError;
 
-use crate::commands::dump::format::{Heard, LogLines, Screen, ScreenLines};
 use crate::failure::Failure;
+use crate::frames::format::{Heard, LogLines, Screen, ScreenLines};
+use crate::output::Output;
 
 /// Frames that may wait to be written: some seconds of four full channels.
 const QUEUE: usize = 1 << 17;
@@ -46,23 +47,23 @@ impl Printer {
         }
     }
 
-    /// Frames that were dropped.
-    pub fn dropped(&self) -> u64 {
-        self.dropped
-    }
-
     /// Whether it can write no more.
     pub fn is_over(&self) -> bool {
         self.thread.is_finished()
     }
 
-    /// Waits until everything is written.
-    pub fn finish(mut self) -> Result<(), Failure> {
+    /// Waits until everything is written; says what was dropped.
+    pub fn finish(mut self, output: &Output) -> Result<(), Failure> {
         self.queue = None;
         match self.thread.join() {
-            Ok(outcome) => outcome,
+            Ok(outcome) => outcome?,
             Err(panic) => std::panic::resume_unwind(panic),
         }
+        if self.dropped > 0 {
+            let words = "frames were not written: the output is too slow";
+            output.note(format_args!("# {} {words}", self.dropped));
+        }
+        Ok(())
     }
 }
 
