@@ -1,4 +1,5 @@
-//! The text grammar of candump logs (`candump -L`, `candump -l`), one line at a time.
+//! The text grammar of candump logs (`candump -L`, `candump -l`), one line at a time; with frames as
+//! `cansend` has them, candump's columns on the screen and its filters.
 //!
 //! `no_std` and free of allocation: a [`Record`] borrows the interface name from its line.
 //!
@@ -37,9 +38,15 @@
 
 mod cursor;
 mod error;
+mod filter;
+mod frame_text;
 mod parse;
 mod record;
+mod screen;
 
 pub use error::{ParseError, ParseErrorKind};
+pub use filter::{Filter, FilterError};
+pub use frame_text::{FrameText, parse_frame};
 pub use parse::parse_line;
 pub use record::{DirectionMark, Record};
+pub use screen::ScreenFrame;

@@ -78,7 +78,7 @@ fn time(cursor: &mut Cursor<'_>) -> Result<u64, ParseError> {
     seconds.checked_mul(1_000_000_000).and_then(|v| v.checked_add(nanoseconds)).ok_or_else(too_late)
 }
 
-fn frame(cursor: &mut Cursor<'_>) -> Result<CanFrame, ParseError> {
+pub(crate) fn frame(cursor: &mut Cursor<'_>) -> Result<CanFrame, ParseError> {
     let id = identifier(cursor)?;
     if cursor.take(b'#') {
         return fd_frame(cursor, id);

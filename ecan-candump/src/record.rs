@@ -2,7 +2,9 @@
 
 use core::fmt;
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::CanFrame;
+
+use crate::frame_text::FrameText;
 
 /// Which way a frame went, as `candump -x` marks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -39,29 +41,7 @@ impl fmt::Display for Record<'_> {
         } else {
             write!(f, "({seconds:010}.{fraction:09})")?;
         }
-        write!(f, " {} ", self.interface)?;
-        let id = self.frame.id();
-        if id.is_extended() {
-            write!(f, "{:08X}#", id.raw())?;
-        } else {
-            write!(f, "{:03X}#", id.raw())?;
-        }
-        match self.frame.kind() {
-            FrameKind::Data => {}
-            FrameKind::Remote => {
-                f.write_str("R")?;
-                let dlc = self.frame.dlc().value();
-                if dlc > 0 {
-                    write!(f, "{dlc}")?;
-                }
-            }
-            FrameKind::Fd { brs, esi } => {
-                write!(f, "#{}", u8::from(brs) | u8::from(esi) << 1)?;
-            }
-        }
-        for byte in self.frame.data() {
-            write!(f, "{byte:02X}")?;
-        }
+        write!(f, " {} {}", self.interface, FrameText(&self.frame))?;
         match self.direction {
             None => Ok(()),
             Some(DirectionMark::Received) => f.write_str(" R"),

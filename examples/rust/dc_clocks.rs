@@ -106,7 +106,7 @@ fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port
         large_pdos: false,
     };
     let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
-    arguments.thread.apply()?;
+    arguments.thread.apply(|line| println!("{line}"))?;
     open(&backend.ecrt, adapter, config, Configure::Write, interrupt)
 }
 

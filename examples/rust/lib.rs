@@ -12,8 +12,6 @@ pub mod clock_plot;
 pub mod exit;
 pub mod gateway_arguments;
 pub mod histogram;
-pub mod interrupt;
-pub mod log_file;
 pub mod motion;
 mod motion_table;
 pub mod object_value;
@@ -23,12 +21,13 @@ pub mod plan;
 pub mod plot;
 pub mod probe_report;
 pub mod progress;
-pub mod real_time;
 pub mod source;
 pub mod summary;
 pub mod svg;
 pub mod tx_probe;
 pub mod watch;
+
+pub use ecan_command_line::{interrupt, log_file, real_time};
 
 /// The programs in the README compile.
 #[cfg(doctest)]

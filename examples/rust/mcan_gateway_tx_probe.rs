@@ -184,7 +184,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     if arguments.bus_dump.is_some() && backend.simulation.is_none() {
         return Err("--bus-dump needs a simulated bus".into());
     }
-    arguments.thread.apply()?;
+    arguments.thread.apply(|line| println!("{line}"))?;
     let Some(mut port) = open(&backend.ecrt, adapter, config, Configure::Write, &interrupt)? else {
         println!("stopped by the user");
         return Ok(true);

@@ -155,7 +155,7 @@ fn open_port(
         },
     )?;
     let configure = if arguments.skip_sdo_config { Configure::Keep } else { Configure::Write };
-    arguments.thread.apply()?;
+    arguments.thread.apply(|line| println!("{line}"))?;
     open(&backend.ecrt, adapter, config, configure, interrupt)
 }
 

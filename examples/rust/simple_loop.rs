@@ -118,7 +118,7 @@ fn source(arguments: &Arguments) -> Result<Source, Box<dyn Error>> {
 fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port>, Box<dyn Error>> {
     let (adapter, config) = configuration(arguments);
     let backend = arguments.gateways.open_backend("echo")?;
-    arguments.thread.apply()?;
+    arguments.thread.apply(|line| println!("{line}"))?;
     open(&backend.ecrt, adapter, config, Configure::Write, interrupt)
 }
 
@@ -154,7 +154,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         port.adapter_mut().measure_cycles();
     }
     arguments.thread.set_timing(port.adapter_mut());
-    let mut end = Ok(());
+    let mut end: Result<(), Box<dyn Error>> = Ok(());
     loop {
         port.wait_next_cycle();
         let begun = port.cycle_begin();
@@ -188,7 +188,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         if failed_cycles > MAX_FAILED_CYCLES {
             end = cycle.map_err(Box::from);
         } else if let Err(error) = written {
-            end = Err(error);
+            end = Err(error.into());
         } else if let Err(error) = sent {
             end = Err(error.into());
         }

@@ -2,9 +2,8 @@
 
 use std::net::SocketAddr;
 
-use super::info::BridgeInfo;
-use super::server::ServerError;
-use super::statistics::BridgeStatistics;
+use ecan_bridge::{BridgeInfo, BridgeStatistics, ServerError};
+
 use crate::simulation::Simulation;
 
 /// Why a bridge cannot be attached.

@@ -1,15 +1,10 @@
 //! The bridge on its bus.
 
 use std::collections::VecDeque;
-use std::sync::Arc;
 
+use ecan_bridge::{BridgeInfo, BridgeServer, BridgeSettings, BusRates, ClientId, ServerError};
 use ecan_protocol::CanFrame;
 
-use super::hub::{ClientId, Hub};
-use super::info::BridgeInfo;
-use super::server::{Server, ServerError};
-use super::settings::BridgeSettings;
-use super::statistics::count;
 use crate::bus::StationConfig;
 use crate::node::{Node, NodeOutput};
 
@@ -26,13 +21,10 @@ const AHEAD: usize = 2;
 /// The node stops listening and ends its threads when it is dropped.
 #[derive(Debug)]
 pub struct BridgeNode {
-    hub: Arc<Hub>,
-    info: BridgeInfo,
+    server: BridgeServer,
     due: Option<u64>,
     /// Frames given to the controller, with their senders.
     under_way: VecDeque<(ClientId, CanFrame)>,
-    /// Last of the fields to go: ends the threads.
-    _server: Server,
 }
 
 impl BridgeNode {
@@ -41,21 +33,18 @@ impl BridgeNode {
     /// # Errors
     /// The address cannot be had, or no thread.
     pub fn listen(settings: &BridgeSettings) -> Result<Self, ServerError> {
-        let hub = Arc::new(Hub::new(settings.queue, settings.max_clients));
-        let server = Server::start(settings, hub.clone())?;
-        let info = BridgeInfo::new(settings.protocol, server.address(), hub.clone());
-        let under_way = VecDeque::with_capacity(AHEAD);
-        Ok(Self { hub, info, due: None, under_way, _server: server })
+        let server = BridgeServer::listen(settings)?;
+        Ok(Self { server, due: None, under_way: VecDeque::with_capacity(AHEAD) })
     }
 
     /// Where it listens and what it has done; stays valid after the node has gone.
     pub fn info(&self) -> &BridgeInfo {
-        &self.info
+        self.server.info()
     }
 
     fn fill(&mut self, out: &mut NodeOutput) {
         while out.len() < AHEAD
-            && let Some((sender, frame)) = self.hub.next_for_bus()
+            && let Some((sender, frame)) = self.server.clients().next_for_bus()
         {
             out.send(frame);
             // A frame that the bus lost (the controller was configured anew, the node muted) is
@@ -84,7 +73,11 @@ fn is_same(given: &CanFrame, sent: &CanFrame) -> bool {
 
 impl Node for BridgeNode {
     fn configured(&mut self, _now: u64, config: &StationConfig) {
-        self.hub.set_bus(*config);
+        self.server.clients().set_bus(BusRates {
+            nominal_bitrate: config.nominal_bitrate,
+            data_bitrate: config.data_bitrate,
+            fd: config.fd,
+        });
     }
 
     fn started(&mut self, now: u64, _out: &mut NodeOutput) {
@@ -92,14 +85,14 @@ impl Node for BridgeNode {
     }
 
     fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
-        self.hub.deliver(frame, now, None);
+        self.server.clients().deliver(frame, now, None);
         self.fill(out);
     }
 
     fn transmitted(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
         let sender = self.sender_of(frame);
-        count(&self.hub.counters.sent);
-        self.hub.deliver(frame, now, sender);
+        self.server.clients().count_sent();
+        self.server.clients().deliver(frame, now, sender);
         self.fill(out);
     }
 
@@ -109,7 +102,7 @@ impl Node for BridgeNode {
 
     fn advance(&mut self, now: u64, out: &mut NodeOutput) {
         self.fill(out);
-        let pause = if self.hub.has_clients() { POLL_NS } else { IDLE_POLL_NS };
+        let pause = if self.server.clients().are_there() { POLL_NS } else { IDLE_POLL_NS };
         self.due = Some(now.saturating_add(pause));
     }
 }

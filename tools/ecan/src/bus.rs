@@ -51,8 +51,17 @@ pub struct Bus {
 impl Bus {
     /// Opens the library and the master; says on standard error when they are simulated.
     pub fn open(global: &GlobalOptions, output: &Output) -> Result<Self, Failure> {
+        Self::open_with_clock(global, output, ClockKind::Stepped)
+    }
+
+    /// As [`open`](Self::open), with the clock of a simulation that names none.
+    pub fn open_with_clock(
+        global: &GlobalOptions,
+        output: &Output,
+        clock: ClockKind,
+    ) -> Result<Self, Failure> {
         let setting = EcrtSetting::resolve(global.ecrt.as_deref())?;
-        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let options = SimOptions { clock: Some(clock), ..SimOptions::default() };
         Self::of(&ecan_sim::open(&setting, &options)?, global, output)
     }
 

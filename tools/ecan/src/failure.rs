@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use ecan_command_line::log_file::LogFileError;
 use ecan_sim::BackendError;
 use thiserror::Error;
 
@@ -29,6 +30,23 @@ pub enum Failure {
     /// A slave refused, did not answer, or is in no state for it, by other words than the library's.
     #[error("{0}")]
     Refused(String),
+    /// A gateway is not in service.
+    #[error("the gateway at position {position}: {reason}")]
+    OutOfService {
+        /// Its place in the ring.
+        position: usize,
+        /// Why.
+        reason: String,
+    },
+    /// Fewer frames than were asked for came, or are known to have left.
+    #[error("{0}")]
+    TooFew(String),
+    /// A CAN log.
+    #[error("{0}")]
+    Log(#[from] LogFileError),
+    /// An address or a terminal for other programs cannot be had.
+    #[error("{0}")]
+    Bridge(String),
     /// A file.
     #[error("cannot {what} {}: {reason}", path.display())]
     File {
@@ -52,12 +70,12 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::ReaderGone => 0,
-            Self::Amiss => 1,
+            Self::Amiss | Self::TooFew(_) => 1,
             Self::Usage(_) => 2,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Slave(_) => 4,
-            Self::Device(_) | Self::Refused(_) => 5,
-            Self::File { .. } | Self::Output(_) => 6,
+            Self::Device(_) | Self::Refused(_) | Self::OutOfService { .. } => 5,
+            Self::File { .. } | Self::Output(_) | Self::Log(_) | Self::Bridge(_) => 6,
         }
     }
 }

@@ -11,6 +11,7 @@ mod channel;
 mod commands;
 mod ethercat_tool;
 mod failure;
+mod frames;
 mod global;
 mod object_path;
 mod output;
@@ -53,6 +54,11 @@ fn main() -> ExitCode {
         Command::Reboot(arguments) => commands::reboot::run(arguments, &global, &output),
         Command::Plan(arguments) => commands::plan::run(arguments, &output),
         Command::Firmware(arguments) => commands::firmware::run(arguments, &global, &output),
+        Command::Dump(arguments) => commands::dump::run(arguments, &global, &output),
+        Command::Send(arguments) => commands::send::run(arguments, &global, &output),
+        Command::Gen(arguments) => commands::generate::run(arguments, &global, &output),
+        Command::Replay(arguments) => commands::replay::run(arguments, &global, &output),
+        Command::Bridge(arguments) => commands::bridge::run(arguments, &global, &output),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);

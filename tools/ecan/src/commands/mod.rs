@@ -1,19 +1,24 @@
 //! The commands, a file each.
 
+pub mod bridge;
 pub mod caps;
 pub mod config;
 pub mod diag;
 pub mod doctor;
+pub mod dump;
 pub mod filter;
 pub mod firmware;
+pub mod generate;
 pub mod info;
 pub mod man;
 pub mod pins;
 pub mod plan;
 pub mod reboot;
 pub mod reg;
+pub mod replay;
 pub mod scan;
 pub mod sdo;
+pub mod send;
 
 use std::path::PathBuf;
 
@@ -48,6 +53,21 @@ pub enum Command {
     /// Tell what a configuration costs, before it touches a bus
     Plan(plan::PlanArguments),
     Firmware(firmware::FirmwareArguments),
+    /// Show or log the frames of CAN channels, as candump does
+    #[command(after_help = dump::EXAMPLES)]
+    Dump(dump::DumpArguments),
+    /// Send frames, as cansend does, and wait until they have left
+    #[command(after_help = send::EXAMPLES)]
+    Send(send::SendArguments),
+    /// Send frames made up, as cangen does
+    #[command(name = "gen", after_help = generate::EXAMPLES)]
+    Gen(generate::GenArguments),
+    /// Send the frames of a candump log at their times
+    #[command(after_help = replay::EXAMPLES)]
+    Replay(replay::ReplayArguments),
+    /// Give a channel to other programs: slcan over TCP and on a terminal, socketcand over TCP
+    #[command(after_help = bridge::EXAMPLES)]
+    Bridge(bridge::BridgeArguments),
     /// Print a completion script for a shell
     Completions {
         /// Which shell

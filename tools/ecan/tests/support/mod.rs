@@ -74,3 +74,121 @@ pub fn write_program(path: &std::path::Path, text: &str) {
         .unwrap();
     assert!(status.success());
 }
+
+/// A directory with a scenario, a gateway with these tables behind it, and files beside it.
+pub struct Scenario {
+    directory: tempfile::TempDir,
+}
+
+impl Scenario {
+    pub fn new(tables: &str) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        std::fs::write(directory.path().join("bus.toml"), format!("[[gateway]]\n{tables}"))
+            .unwrap();
+        Self { directory }
+    }
+
+    /// A replay node on channel 0, which sends a frame of no interest and, once the gateway is in
+    /// service, these: milliseconds and frame.
+    pub fn replaying(frames: &[(u64, &str)], tables: &str) -> Self {
+        let node = "[[node]]\nkind = \"replay\"\nbus = \"0.0\"\nfile = \"bus.log\"\n";
+        // Without another node nobody would acknowledge while the gateway is not in service.
+        let silent = "[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n";
+        let scenario = Self::new(&format!("{node}{silent}{tables}"));
+        let mut log = "(0.000000) can0 000#\n".to_owned();
+        for (ms, frame) in frames {
+            let ms = 8_000 + ms;
+            log.push_str(&format!("({}.{:03}000) can0 {frame}\n", ms / 1000, ms % 1000));
+        }
+        std::fs::write(scenario.directory.path().join("bus.log"), log).unwrap();
+        scenario
+    }
+
+    /// The value of `--ecrt`.
+    pub fn setting(&self) -> String {
+        format!("sim:{}", self.path("bus.toml"))
+    }
+
+    /// Path of a file in the directory.
+    pub fn path(&self, name: &str) -> String {
+        self.directory.path().join(name).display().to_string()
+    }
+
+    pub fn write(&self, name: &str, text: &str) -> String {
+        let path = self.path(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    pub fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path(name)).unwrap()
+    }
+
+    /// Runs the program on it.
+    pub fn run(&self, arguments: &[&str]) -> Output {
+        ecan(&[&["--ecrt", &self.setting()][..], arguments].concat())
+    }
+
+    /// Standard output of a run that ends well.
+    pub fn good(&self, arguments: &[&str]) -> String {
+        good(&[&["--ecrt", &self.setting()][..], arguments].concat())
+    }
+
+    /// The message of a run that ends with this status.
+    pub fn fails(&self, status: i32, arguments: &[&str]) -> String {
+        fails(status, &[&["--ecrt", &self.setting()][..], arguments].concat())
+    }
+}
+
+/// The program while it runs; ended with SIGTERM, or killed when the test is over.
+pub struct Running {
+    child: std::process::Child,
+    stdout: Option<std::io::BufReader<std::process::ChildStdout>>,
+}
+
+impl Running {
+    pub fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+            .args(arguments)
+            .env_remove("ECAN_ECRT")
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        let stdout = child.stdout.take().map(std::io::BufReader::new);
+        Self { child, stdout }
+    }
+
+    /// The next line of standard output, without its end.
+    pub fn line(&mut self) -> String {
+        use std::io::BufRead as _;
+        let mut line = String::new();
+        self.stdout.as_mut().unwrap().read_line(&mut line).unwrap();
+        line.trim_end_matches('\n').to_owned()
+    }
+
+    /// Closes standard output, as a reader does who has had enough.
+    pub fn close_stdout(&mut self) {
+        self.stdout = None;
+    }
+
+    pub fn terminate(&mut self) {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+    }
+
+    /// Waits for the end: the exit status, and standard error.
+    pub fn wait(&mut self) -> (Option<i32>, String) {
+        use std::io::Read as _;
+        let mut errors = String::new();
+        self.child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
+        (self.child.wait().unwrap().code(), errors)
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

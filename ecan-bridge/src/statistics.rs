@@ -28,24 +28,24 @@ pub struct BridgeStatistics {
 
 /// The same, counted by several threads.
 #[derive(Debug, Default)]
-pub(super) struct Counters {
-    pub(super) connections: AtomicU64,
-    pub(super) turned_away: AtomicU64,
-    pub(super) sent: AtomicU64,
-    pub(super) dropped_to_bus: AtomicU64,
-    pub(super) delivered: AtomicU64,
-    pub(super) dropped_to_clients: AtomicU64,
-    pub(super) refused: AtomicU64,
-    pub(super) mismatched: AtomicU64,
+pub(crate) struct Counters {
+    pub(crate) connections: AtomicU64,
+    pub(crate) turned_away: AtomicU64,
+    pub(crate) sent: AtomicU64,
+    pub(crate) dropped_to_bus: AtomicU64,
+    pub(crate) delivered: AtomicU64,
+    pub(crate) dropped_to_clients: AtomicU64,
+    pub(crate) refused: AtomicU64,
+    pub(crate) mismatched: AtomicU64,
 }
 
 /// Counts one more. Nothing else hangs on the order.
-pub(super) fn count(counter: &AtomicU64) {
+pub(crate) fn count(counter: &AtomicU64) {
     counter.fetch_add(1, Ordering::Relaxed);
 }
 
 impl Counters {
-    pub(super) fn read(&self, clients: usize) -> BridgeStatistics {
+    pub(crate) fn read(&self, clients: usize) -> BridgeStatistics {
         let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
         BridgeStatistics {
             clients,

@@ -5,8 +5,8 @@ use ecan_protocol::{CanFrame, FrameKind};
 use super::command::{MAX_LINE, NotUnderstood, SlcanCommand, parse};
 use super::encode::{encode, hex};
 use super::{BELL, OK};
-use crate::bridge::session::Uplink;
-use crate::bus::StationConfig;
+use crate::rates::BusRates;
+use crate::session::Uplink;
 
 /// Hardware and software version, two digits each.
 const VERSION: &[u8] = b"V1010";
@@ -28,7 +28,7 @@ enum Mode {
 /// another than that of the bus hears nothing and cannot send, as on a real bus, where it would
 /// disturb the others besides.
 #[derive(Debug)]
-pub(in crate::bridge) struct SlcanSession {
+pub(crate) struct SlcanSession {
     line: Vec<u8>,
     /// The line is too long; the rest of it is not looked at.
     overlong: bool,
@@ -41,7 +41,7 @@ pub(in crate::bridge) struct SlcanSession {
 }
 
 impl SlcanSession {
-    pub(in crate::bridge) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self {
             line: Vec::with_capacity(MAX_LINE),
             overlong: false,
@@ -54,12 +54,7 @@ impl SlcanSession {
     }
 
     /// Takes in what the client wrote. Line feeds between lines do not matter.
-    pub(in crate::bridge) fn feed(
-        &mut self,
-        bytes: &[u8],
-        bus: &mut impl Uplink,
-        answer: &mut Vec<u8>,
-    ) {
+    pub(crate) fn feed(&mut self, bytes: &[u8], bus: &mut impl Uplink, answer: &mut Vec<u8>) {
         for &byte in bytes {
             match byte {
                 b'\r' => self.line_ends(bus, answer),
@@ -127,7 +122,7 @@ impl SlcanSession {
     }
 
     /// Whether a frame can go between this client and a bus.
-    fn fits(&self, frame: &CanFrame, bus: &StationConfig) -> bool {
+    fn fits(&self, frame: &CanFrame, bus: &BusRates) -> bool {
         let shares = |named: Option<u32>, real| named.is_none_or(|named| named == real);
         let is_fast = matches!(frame.kind(), FrameKind::Fd { brs: true, .. });
         shares(self.bitrate, bus.nominal_bitrate)
@@ -136,11 +131,11 @@ impl SlcanSession {
     }
 
     /// Appends a frame of the bus, if the channel is open and the bit rates are right.
-    pub(in crate::bridge) fn encode(
+    pub(crate) fn encode(
         &self,
         frame: &CanFrame,
         time_ns: u64,
-        bus: Option<StationConfig>,
+        bus: Option<BusRates>,
         text: &mut Vec<u8>,
     ) {
         let hears = bus.is_none_or(|config| self.fits(frame, &config));

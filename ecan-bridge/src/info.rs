@@ -4,9 +4,9 @@ use std::fmt;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
-use super::hub::Hub;
-use super::settings::BridgeProtocol;
-use super::statistics::BridgeStatistics;
+use crate::hub::Hub;
+use crate::settings::BridgeProtocol;
+use crate::statistics::BridgeStatistics;
 
 /// Where a bridge listens and what it has done. Does not keep it alive.
 #[derive(Clone, Debug)]
@@ -17,7 +17,7 @@ pub struct BridgeInfo {
 }
 
 impl BridgeInfo {
-    pub(super) fn new(protocol: BridgeProtocol, address: SocketAddr, hub: Arc<Hub>) -> Self {
+    pub(crate) fn new(protocol: BridgeProtocol, address: SocketAddr, hub: Arc<Hub>) -> Self {
         Self { protocol, address, hub }
     }
 

@@ -1,6 +1,6 @@
 //! The TCP server: one thread that accepts, two per client.
 
-use std::io::{self, ErrorKind, Read as _, Write as _};
+use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
@@ -10,11 +10,14 @@ use std::time::Duration;
 
 use ecan_protocol::CanFrame;
 
-use super::hub::{ClientId, Hub, Outgoing};
-use super::session::{Session, Uplink};
-use super::settings::{BridgeProtocol, BridgeSettings};
-use super::statistics::count;
-use crate::bus::StationConfig;
+use crate::clients::Clients;
+use crate::connection::Connection;
+use crate::hub::{ClientId, Hub, Outgoing};
+use crate::info::BridgeInfo;
+use crate::rates::BusRates;
+use crate::session::{Session, Uplink};
+use crate::settings::{BridgeProtocol, BridgeSettings};
+use crate::statistics::count;
 
 /// Between two looks for a new client. Stopping does not wait for it.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);
@@ -44,15 +47,20 @@ pub enum ServerError {
 
 /// A listening bridge. Dropping it closes every connection and waits for its threads.
 #[derive(Debug)]
-pub(super) struct Server {
-    address: SocketAddr,
-    hub: Arc<Hub>,
+pub struct BridgeServer {
+    info: BridgeInfo,
+    clients: Clients,
     stop: Arc<AtomicBool>,
     acceptor: Option<JoinHandle<()>>,
 }
 
-impl Server {
-    pub(super) fn start(settings: &BridgeSettings, hub: Arc<Hub>) -> Result<Self, ServerError> {
+impl BridgeServer {
+    /// Starts to listen; clients may connect at once.
+    ///
+    /// # Errors
+    /// The address cannot be had, or no thread.
+    pub fn listen(settings: &BridgeSettings) -> Result<Self, ServerError> {
+        let hub = Arc::new(Hub::new(settings.queue, settings.max_clients));
         let address = settings.address;
         let listen = || {
             let listener = TcpListener::bind(address)?;
@@ -72,18 +80,25 @@ impl Server {
             .name(format!("bridge {}", bound.port()))
             .spawn(move || acceptor.run())
             .map_err(|error| ServerError::Thread { address: bound, error })?;
-        Ok(Self { address: bound, hub, stop, acceptor: Some(acceptor) })
+        let info = BridgeInfo::new(settings.protocol, bound, hub.clone());
+        Ok(Self { info, clients: Clients(hub), stop, acceptor: Some(acceptor) })
     }
 
-    pub(super) fn address(&self) -> SocketAddr {
-        self.address
+    /// Where it listens and what it has done; stays valid after the server has gone.
+    pub fn info(&self) -> &BridgeInfo {
+        &self.info
+    }
+
+    /// Its clients.
+    pub fn clients(&self) -> &Clients {
+        &self.clients
     }
 }
 
-impl Drop for Server {
+impl Drop for BridgeServer {
     fn drop(&mut self) {
         self.stop.store(true, Ordering::Release);
-        self.hub.close();
+        self.clients.0.close();
         if let Some(acceptor) = self.acceptor.take() {
             acceptor.thread().unpark();
             // A panic in it has been reported on stderr already.
@@ -119,16 +134,17 @@ impl Acceptor {
     /// connection closed.
     fn admit(&self, stream: TcpStream) -> Option<JoinHandle<()>> {
         let (outbox, queue) = sync_channel(self.hub.queue());
-        let admit = || -> io::Result<Option<(TcpStream, ClientId)>> {
+        let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
-            let id = self.hub.join(stream.try_clone()?, outbox.clone());
-            Ok(id.map(|id| (stream, id)))
+            let connection = Connection::Tcp(stream);
+            let id = self.hub.join(connection.try_clone()?, outbox.clone());
+            Ok(id.map(|id| (connection, id)))
         };
-        let (stream, id) = admit().ok()??;
+        let (connection, id) = admit().ok()??;
         let hub = self.hub.clone();
         let session = Session::new(self.protocol);
-        let serve = move || serve(&hub, id, &stream, session, outbox, queue);
+        let serve = move || serve(&hub, id, &connection, session, outbox, queue);
         let started = thread::Builder::new().name(format!("bridge client {id}")).spawn(serve);
         if started.is_err() {
             self.hub.leave(id);
@@ -138,10 +154,10 @@ impl Acceptor {
 }
 
 /// The life of a client.
-fn serve(
+pub(crate) fn serve(
     hub: &Hub,
     id: ClientId,
-    stream: &TcpStream,
+    stream: &Connection,
     session: Session,
     outbox: SyncSender<Outgoing>,
     queue: Receiver<Outgoing>,
@@ -171,7 +187,7 @@ struct ClientUplink<'a> {
 }
 
 impl Uplink for ClientUplink<'_> {
-    fn bus(&self) -> Option<StationConfig> {
+    fn bus(&self) -> Option<BusRates> {
         self.hub.bus()
     }
 
@@ -191,7 +207,7 @@ impl Uplink for ClientUplink<'_> {
 fn read_all(
     hub: &Hub,
     id: ClientId,
-    mut stream: &TcpStream,
+    stream: &Connection,
     session: &Mutex<Session>,
     outbox: &SyncSender<Outgoing>,
 ) {
@@ -220,7 +236,7 @@ fn read_all(
 
 fn write_all(
     hub: &Hub,
-    mut stream: &TcpStream,
+    stream: &Connection,
     session: &Mutex<Session>,
     queue: &Receiver<Outgoing>,
     greeting: Vec<u8>,

@@ -1,4 +1,4 @@
-//! The options that make a program's thread keep its cycle (manual 13.9), and what it prints then.
+//! The options that make a program's thread keep its cycle (manual 13.9), and what is said about it.
 
 use clap::Args;
 use ecan_host::{
@@ -55,19 +55,19 @@ impl RealTimeArguments {
         }
     }
 
-    /// Applies them to this thread and prints what was granted.
+    /// Applies them to this thread and says, a line each, what was granted.
     ///
     /// To be called when the threads that shall not inherit them run, and before the cycle does.
     ///
     /// # Errors
     /// What `--rt-required` asks for was not granted.
-    pub fn apply(&self) -> Result<(), RealTimeError> {
+    pub fn apply(&self, mut say: impl FnMut(&str)) -> Result<(), RealTimeError> {
         let report = self.settings().apply()?;
         for outcome in &report.outcomes {
-            println!("{outcome}");
+            say(&outcome.to_string());
         }
         if !report.is_complete() {
-            println!("going on without it");
+            say("going on without it");
         }
         Ok(())
     }

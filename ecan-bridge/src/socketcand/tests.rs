@@ -4,8 +4,8 @@ use ecan_protocol::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
 use super::SocketcandSession;
-use crate::bridge::session::Uplink;
-use crate::bus::StationConfig;
+use crate::rates::BusRates;
+use crate::session::Uplink;
 
 #[derive(Default)]
 struct Bus {
@@ -14,7 +14,7 @@ struct Bus {
 }
 
 impl Uplink for Bus {
-    fn bus(&self) -> Option<StationConfig> {
+    fn bus(&self) -> Option<BusRates> {
         None
     }
 

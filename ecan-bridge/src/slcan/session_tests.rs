@@ -5,13 +5,13 @@ use proptest::prelude::*;
 
 use super::SlcanSession;
 use super::command_tests::any_frame;
-use crate::bridge::session::Uplink;
-use crate::bus::StationConfig;
+use crate::rates::BusRates;
+use crate::session::Uplink;
 
 /// A bus that writes down what it is given.
 #[derive(Default)]
 struct Bus {
-    config: Option<StationConfig>,
+    config: Option<BusRates>,
     sent: Vec<CanFrame>,
     room: usize,
     refused: usize,
@@ -19,13 +19,13 @@ struct Bus {
 }
 
 impl Bus {
-    fn new(config: Option<StationConfig>) -> Self {
+    fn new(config: Option<BusRates>) -> Self {
         Self { config, room: usize::MAX, ..Self::default() }
     }
 }
 
 impl Uplink for Bus {
-    fn bus(&self) -> Option<StationConfig> {
+    fn bus(&self) -> Option<BusRates> {
         self.config
     }
 
@@ -65,7 +65,7 @@ fn frame(data: &[u8]) -> CanFrame {
 #[test]
 fn a_session_as_python_can_begins_it() {
     let mut session = SlcanSession::new();
-    let mut bus = Bus::new(Some(StationConfig::classic(500_000)));
+    let mut bus = Bus::new(Some(BusRates::classic(500_000)));
     // Closing a closed channel does no harm; the second O finds it open.
     assert_eq!(say(&mut session, &mut bus, "C\rS6\r\rO\rO\r"), "\r\r\r\r\x07");
     assert_eq!(say(&mut session, &mut bus, "t1232AABB\r"), "z\r");
@@ -109,11 +109,11 @@ fn a_full_queue_refuses_and_shows_in_the_flags() {
 #[test]
 fn another_bit_rate_than_the_buses_hears_and_sends_nothing() {
     let mut session = SlcanSession::new();
-    let mut bus = Bus::new(Some(StationConfig::classic(500_000)));
+    let mut bus = Bus::new(Some(BusRates::classic(500_000)));
     assert_eq!(say(&mut session, &mut bus, "S8\rO\rt1230\r"), "\r\r\x07");
     assert_eq!(heard(&session, &bus, &frame(&[])), "");
     assert_eq!((bus.sent.len(), bus.mismatched), (0, 1));
-    bus.config = Some(StationConfig::classic(1_000_000));
+    bus.config = Some(BusRates::classic(1_000_000));
     assert_eq!(say(&mut session, &mut bus, "t1230\r"), "z\r");
     assert_eq!(heard(&session, &bus, &frame(&[])), "t1230\r");
 }
@@ -121,11 +121,11 @@ fn another_bit_rate_than_the_buses_hears_and_sends_nothing() {
 #[test]
 fn fd_frames_need_an_fd_bus_and_fast_ones_its_data_bit_rate() {
     let mut session = SlcanSession::new();
-    let mut bus = Bus::new(Some(StationConfig::classic(500_000)));
+    let mut bus = Bus::new(Some(BusRates::classic(500_000)));
     assert_eq!(say(&mut session, &mut bus, "S6\rY5\rO\rd1230\rb1230\r"), "\r\r\r\x07\x07");
-    bus.config = Some(StationConfig::fd(500_000, 2_000_000));
+    bus.config = Some(BusRates::fd(500_000, 2_000_000));
     assert_eq!(say(&mut session, &mut bus, "d1230\rb1230\r"), "z\r\x07");
-    bus.config = Some(StationConfig::fd(500_000, 5_000_000));
+    bus.config = Some(BusRates::fd(500_000, 5_000_000));
     assert_eq!(say(&mut session, &mut bus, "b1230\rB000001230\r"), "z\rZ\r");
     assert_eq!((bus.sent.len(), bus.mismatched), (3, 3));
 }

@@ -6,7 +6,7 @@ use super::bit_rate;
 
 /// What a client asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::bridge) enum SlcanCommand {
+pub(crate) enum SlcanCommand {
     /// An empty line, as clients send it to get rid of half a command.
     Nothing,
     /// `Sn`, `sxxyy`: the bit rate of the arbitration phase is to be this, bit/s.
@@ -37,7 +37,7 @@ pub(in crate::bridge) enum SlcanCommand {
 
 /// The line is no command that is served here.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::bridge) struct NotUnderstood;
+pub(crate) struct NotUnderstood;
 
 /// The longest command: an extended CAN FD frame of 64 bytes.
 pub(super) const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64;

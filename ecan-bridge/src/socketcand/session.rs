@@ -6,7 +6,7 @@ use ecan_protocol::CanFrame;
 
 use super::command::{Refusal, SocketcandCommand, parse};
 use super::encode::encode;
-use crate::bridge::session::Uplink;
+use crate::session::Uplink;
 
 /// More between `<` and `>` is no command.
 const MAX_COMMAND: usize = 200;
@@ -20,28 +20,23 @@ enum Mode {
 
 /// The daemon that one client sees. Whatever bus it opens is the bridge's.
 #[derive(Debug)]
-pub(in crate::bridge) struct SocketcandSession {
+pub(crate) struct SocketcandSession {
     /// What has come since the last `<`; none outside of a command.
     command: Option<Vec<u8>>,
     mode: Mode,
 }
 
 impl SocketcandSession {
-    pub(in crate::bridge) fn new() -> Self {
+    pub(crate) fn new() -> Self {
         Self { command: None, mode: Mode::NoBus }
     }
 
-    pub(in crate::bridge) fn greet(&self, answer: &mut Vec<u8>) {
+    pub(crate) fn greet(&self, answer: &mut Vec<u8>) {
         answer.extend(b"< hi >");
     }
 
     /// Takes in what the client wrote. What stands outside of `<` and `>` does not matter.
-    pub(in crate::bridge) fn feed(
-        &mut self,
-        bytes: &[u8],
-        bus: &mut impl Uplink,
-        answer: &mut Vec<u8>,
-    ) {
+    pub(crate) fn feed(&mut self, bytes: &[u8], bus: &mut impl Uplink, answer: &mut Vec<u8>) {
         for &byte in bytes {
             match (byte, &mut self.command) {
                 (b'<', command) => *command = Some(Vec::new()),
@@ -91,7 +86,7 @@ impl SocketcandSession {
     }
 
     /// Appends a frame of the bus, in raw mode.
-    pub(in crate::bridge) fn encode(&self, frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
+    pub(crate) fn encode(&self, frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
         if self.mode == Mode::Raw {
             encode(frame, time_ns, text);
         }

@@ -20,7 +20,7 @@ pub struct BridgeSettings {
     /// What it speaks.
     pub protocol: BridgeProtocol,
     /// Where it listens. Port 0 takes any free one. Whoever reaches this address can send on the
-    /// simulated bus.
+    /// bus.
     pub address: SocketAddr,
     /// Clients at a time; more are turned away.
     pub max_clients: usize,

@@ -4,7 +4,7 @@ use ecan_protocol::{CanFrame, CanId};
 
 /// What a client asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(in crate::bridge) enum SocketcandCommand {
+pub(crate) enum SocketcandCommand {
     /// `open NAME`.
     Open,
     /// `rawmode`.
@@ -17,7 +17,7 @@ pub(in crate::bridge) enum SocketcandCommand {
 
 /// Why a command is refused, in the protocol's words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub(in crate::bridge) enum Refusal {
+pub(crate) enum Refusal {
     #[error("unknown command")]
     Unknown,
     #[error("syntax error")]

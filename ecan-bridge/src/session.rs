@@ -2,15 +2,15 @@
 
 use ecan_protocol::CanFrame;
 
-use super::settings::BridgeProtocol;
-use super::slcan::SlcanSession;
-use super::socketcand::SocketcandSession;
-use crate::bus::StationConfig;
+use crate::rates::BusRates;
+use crate::settings::BridgeProtocol;
+use crate::slcan::SlcanSession;
+use crate::socketcand::SocketcandSession;
 
 /// The bus, as a session uses it.
-pub(super) trait Uplink {
-    /// Its bit rates; `None` before anyone has configured it.
-    fn bus(&self) -> Option<StationConfig>;
+pub(crate) trait Uplink {
+    /// Its bit rates; `None` before they are known.
+    fn bus(&self) -> Option<BusRates>;
 
     /// Hands a frame over; false when there is no room.
     fn send(&mut self, frame: CanFrame) -> bool;
@@ -24,13 +24,13 @@ pub(super) trait Uplink {
 
 /// The state of one client.
 #[derive(Debug)]
-pub(super) enum Session {
+pub(crate) enum Session {
     Slcan(SlcanSession),
     Socketcand(SocketcandSession),
 }
 
 impl Session {
-    pub(super) fn new(protocol: BridgeProtocol) -> Self {
+    pub(crate) fn new(protocol: BridgeProtocol) -> Self {
         match protocol {
             BridgeProtocol::Slcan => Self::Slcan(SlcanSession::new()),
             BridgeProtocol::Socketcand => Self::Socketcand(SocketcandSession::new()),
@@ -38,7 +38,7 @@ impl Session {
     }
 
     /// What the server says first.
-    pub(super) fn greet(&self, answer: &mut Vec<u8>) {
+    pub(crate) fn greet(&self, answer: &mut Vec<u8>) {
         match self {
             Self::Slcan(_) => {}
             Self::Socketcand(session) => session.greet(answer),
@@ -46,7 +46,7 @@ impl Session {
     }
 
     /// Takes in what the client wrote, in pieces of any size, and appends the answers.
-    pub(super) fn feed(&mut self, bytes: &[u8], bus: &mut impl Uplink, answer: &mut Vec<u8>) {
+    pub(crate) fn feed(&mut self, bytes: &[u8], bus: &mut impl Uplink, answer: &mut Vec<u8>) {
         match self {
             Self::Slcan(session) => session.feed(bytes, bus, answer),
             Self::Socketcand(session) => session.feed(bytes, bus, answer),
@@ -54,11 +54,11 @@ impl Session {
     }
 
     /// Appends a frame of the bus, if the client wants to hear it.
-    pub(super) fn encode(
+    pub(crate) fn encode(
         &self,
         frame: &CanFrame,
         time_ns: u64,
-        bus: Option<StationConfig>,
+        bus: Option<BusRates>,
         text: &mut Vec<u8>,
     ) {
         match self {

@@ -1,33 +1,34 @@
-//! Where the node on the bus and the threads of its clients meet.
+//! Where the bus and the threads of its clients meet.
 
 use std::collections::VecDeque;
-use std::net::{Shutdown, TcpStream};
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::CanFrame;
 
-use super::statistics::{BridgeStatistics, Counters, count};
-use crate::bus::StationConfig;
+use crate::connection::Connection;
+use crate::rates::BusRates;
+use crate::statistics::{BridgeStatistics, Counters, count};
 
 /// Names a client of one bridge.
-pub(super) type ClientId = u64;
+pub type ClientId = u64;
 
 /// Something for a client.
 #[derive(Debug)]
-pub(super) enum Outgoing {
-    /// A frame of the bus and when it was complete, in simulated nanoseconds.
+pub(crate) enum Outgoing {
+    /// A frame of the bus and when it was complete, in nanoseconds of the bus's
+    /// clock.
     Frame(CanFrame, u64),
     /// Bytes of the protocol.
     Answer(Vec<u8>),
 }
 
-/// A client as the node sees it.
+/// A client as the bus sees it.
 #[derive(Debug)]
 struct Client {
     id: ClientId,
     outbox: SyncSender<Outgoing>,
-    stream: TcpStream,
+    connection: Connection,
 }
 
 #[derive(Debug, Default)]
@@ -37,21 +38,21 @@ struct State {
     closed: bool,
     /// Frames for the bus, with their senders.
     inbox: VecDeque<(ClientId, CanFrame)>,
-    /// The bus as the node's controller knows it.
-    bus: Option<StationConfig>,
+    /// The bit rates of the bus, once they are known.
+    bus: Option<BusRates>,
 }
 
-/// Bounded queues between the simulation and the clients. Nobody blocks in here.
+/// Bounded queues between the bus and the clients. Nobody blocks in here.
 #[derive(Debug)]
-pub(super) struct Hub {
+pub(crate) struct Hub {
     state: Mutex<State>,
     queue: usize,
     max_clients: usize,
-    pub(super) counters: Counters,
+    pub(crate) counters: Counters,
 }
 
 impl Hub {
-    pub(super) fn new(queue: usize, max_clients: usize) -> Self {
+    pub(crate) fn new(queue: usize, max_clients: usize) -> Self {
         let counters = Counters::default();
         Self { state: Mutex::default(), queue: queue.max(1), max_clients, counters }
     }
@@ -61,18 +62,22 @@ impl Hub {
     }
 
     /// Places in a client's queue.
-    pub(super) fn queue(&self) -> usize {
+    pub(crate) fn queue(&self) -> usize {
         self.queue
     }
 
-    pub(super) fn statistics(&self) -> BridgeStatistics {
+    pub(crate) fn statistics(&self) -> BridgeStatistics {
         self.counters.read(self.lock().clients.len())
     }
 
     // Clients
 
-    /// Admits a client; `stream` is closed with it.
-    pub(super) fn join(&self, stream: TcpStream, outbox: SyncSender<Outgoing>) -> Option<ClientId> {
+    /// Admits a client; `connection` is closed with it.
+    pub(crate) fn join(
+        &self,
+        connection: Connection,
+        outbox: SyncSender<Outgoing>,
+    ) -> Option<ClientId> {
         let mut state = self.lock();
         if state.closed || state.clients.len() >= self.max_clients {
             count(&self.counters.turned_away);
@@ -80,35 +85,35 @@ impl Hub {
         }
         let id = state.next_client;
         state.next_client += 1;
-        state.clients.push(Client { id, outbox, stream });
+        state.clients.push(Client { id, outbox, connection });
         count(&self.counters.connections);
         Some(id)
     }
 
     /// Forgets a client and closes its connection. Its frames that wait for the bus stay.
-    pub(super) fn leave(&self, id: ClientId) {
+    pub(crate) fn leave(&self, id: ClientId) {
         let mut state = self.lock();
         if let Some(at) = state.clients.iter().position(|client| client.id == id) {
-            close(&state.clients.swap_remove(at).stream);
+            state.clients.swap_remove(at).connection.close();
         }
     }
 
     /// Closes every connection and admits no further client.
-    pub(super) fn close(&self) {
+    pub(crate) fn close(&self) {
         let mut state = self.lock();
         state.closed = true;
         for client in state.clients.drain(..) {
-            close(&client.stream);
+            client.connection.close();
         }
     }
 
-    /// The bus as the node's controller knows it; `None` before it was configured.
-    pub(super) fn bus(&self) -> Option<StationConfig> {
+    /// The bit rates of the bus; `None` before they are known.
+    pub(crate) fn bus(&self) -> Option<BusRates> {
         self.lock().bus
     }
 
     /// A client's frame for the bus; false when too many wait already.
-    pub(super) fn submit(&self, id: ClientId, frame: CanFrame) -> bool {
+    pub(crate) fn submit(&self, id: ClientId, frame: CanFrame) -> bool {
         let mut state = self.lock();
         let has_room = state.inbox.len() < self.queue;
         if has_room {
@@ -119,23 +124,23 @@ impl Hub {
         has_room
     }
 
-    // Node
+    // Bus
 
-    pub(super) fn set_bus(&self, config: StationConfig) {
-        self.lock().bus = Some(config);
+    pub(crate) fn set_bus(&self, rates: BusRates) {
+        self.lock().bus = Some(rates);
     }
 
-    pub(super) fn has_clients(&self) -> bool {
+    pub(crate) fn has_clients(&self) -> bool {
         !self.lock().clients.is_empty()
     }
 
     /// The next frame for the bus.
-    pub(super) fn next_for_bus(&self) -> Option<(ClientId, CanFrame)> {
+    pub(crate) fn next_for_bus(&self) -> Option<(ClientId, CanFrame)> {
         self.lock().inbox.pop_front()
     }
 
     /// Hands a frame to every client but its sender.
-    pub(super) fn deliver(&self, frame: &CanFrame, now: u64, sender: Option<ClientId>) {
+    pub(crate) fn deliver(&self, frame: &CanFrame, now: u64, sender: Option<ClientId>) {
         for client in self.lock().clients.iter().filter(|client| Some(client.id) != sender) {
             match client.outbox.try_send(Outgoing::Frame(*frame, now)) {
                 Ok(()) => count(&self.counters.delivered),
@@ -144,9 +149,4 @@ impl Hub {
             }
         }
     }
-}
-
-/// Ends a connection; both of its threads notice. One that is gone already is no error.
-fn close(stream: &TcpStream) {
-    let _ = stream.shutdown(Shutdown::Both);
 }

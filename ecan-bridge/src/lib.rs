@@ -1,0 +1,31 @@
+//! A CAN bus for other programs: servers that speak slcan or socketcand over TCP, and slcan
+//! on a pseudo-terminal.
+//!
+//! Whoever has a bus, simulated or real, puts a [`BridgeServer`] or a [`SerialBridge`]
+//! beside it, takes the frames of its clients with [`next_for_bus`](Clients::next_for_bus) and hands
+//! over what is on the bus with [`deliver`](Clients::deliver). Neither blocks: the clients have threads of their own, and
+//! what is too much for a bounded queue is dropped and counted.
+#![forbid(unsafe_code)]
+
+mod clients;
+mod connection;
+mod hub;
+mod info;
+mod rates;
+mod serial;
+mod server;
+mod session;
+mod settings;
+mod slcan;
+mod socketcand;
+mod statistics;
+mod terminal;
+
+pub use clients::Clients;
+pub use hub::ClientId;
+pub use info::BridgeInfo;
+pub use rates::BusRates;
+pub use serial::SerialBridge;
+pub use server::{BridgeServer, ServerError};
+pub use settings::{BridgeProtocol, BridgeSettings};
+pub use statistics::BridgeStatistics;

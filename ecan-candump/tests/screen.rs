@@ -1,0 +1,96 @@
+//! The screen and the filters of candump, against what candump prints and passes.
+#![allow(missing_docs)]
+
+use ecan_candump::{Filter, FilterError, FrameText, ScreenFrame, parse_frame};
+
+fn shown(text: &str) -> String {
+    ScreenFrame::new(&parse_frame(text).unwrap()).to_string()
+}
+
+#[test]
+fn columns_are_candumps() {
+    // Left a frame as given to cansend, right what candump shows of it.
+    let table = [
+        ("123#", "123   [0] "),
+        ("123#DEADBEEF", "123   [4]  DE AD BE EF"),
+        ("7FF#1122334455667788", "7FF   [8]  11 22 33 44 55 66 77 88"),
+        ("12345678#AA", "12345678   [1]  AA"),
+        ("123#R", "123   [0]  remote request"),
+        ("12345678#R5", "12345678   [5]  remote request"),
+        ("123##1AABB", "123  [02]  AA BB"),
+        ("123##0112233445566778899AABBCC", "123  [12]  11 22 33 44 55 66 77 88 99 AA BB CC"),
+    ];
+    for (given, expected) in table {
+        assert_eq!(shown(given), expected, "{given}");
+    }
+}
+
+#[test]
+fn standard_identifiers_line_up_with_extended_ones_and_characters_follow() {
+    let frame = parse_frame("123#414243007F7E").unwrap();
+    let indented = ScreenFrame { is_indented: true, ..ScreenFrame::new(&frame) };
+    assert_eq!(indented.to_string(), "     123   [6]  41 42 43 00 7F 7E");
+    let ascii = ScreenFrame { has_ascii: true, ..ScreenFrame::new(&frame) };
+    assert_eq!(ascii.to_string(), "123   [6]  41 42 43 00 7F 7E         'ABC..~'");
+    let full = parse_frame("123#4142434445464748").unwrap();
+    let ascii = ScreenFrame { has_ascii: true, ..ScreenFrame::new(&full) };
+    assert_eq!(ascii.to_string(), "123   [8]  41 42 43 44 45 46 47 48   'ABCDEFGH'");
+    // Beyond 8 bytes there is no room for them.
+    let long = parse_frame("123##04142434445464748494A4B4C").unwrap();
+    let ascii = ScreenFrame { has_ascii: true, ..ScreenFrame::new(&long) };
+    assert_eq!(ascii.to_string(), "123  [12]  41 42 43 44 45 46 47 48 49 4A 4B 4C");
+}
+
+#[test]
+fn frames_alone_are_read_and_written() {
+    for text in ["123#", "1FFFFFFF#0011", "7FF#R8", "000##3AABB", "123##0"] {
+        assert_eq!(FrameText(&parse_frame(text).unwrap()).to_string(), text);
+    }
+    let table = [
+        ("12#", "column 3"),
+        ("800#", "column 1"),
+        ("123#1", "column 6"),
+        ("123#112233445566778899", "column 21"),
+        ("123#R9", "column 6"),
+        ("123# ", "column 5"),
+        ("123##0112233445566778899", "column 7"),
+        ("", "column 1"),
+    ];
+    for (text, words) in table {
+        let message = parse_frame(text).unwrap_err().to_string();
+        assert!(message.starts_with(words), "{text}: {message}");
+    }
+}
+
+#[test]
+fn filters_pass_what_candumps_pass() {
+    // Filter, frame, whether it passes.
+    let table = [
+        ("123:7FF", "123#", true),
+        ("123:7FF", "124#", false),
+        ("123:7FF", "123#R", true),
+        ("123:7FF", "00000123#", true),
+        ("123:7FF", "10000123#", true),
+        ("123:C00007FF", "123#11", true),
+        ("123:C00007FF", "123#R", false),
+        ("123:C00007FF", "00000123#", false),
+        ("400:700", "4FF#", true),
+        ("400:700", "500#", false),
+        ("400~7F0", "40F#", false),
+        ("400~7F0", "410#", true),
+        ("12345678:DFFFFFFF", "12345678#AA", true),
+        ("12345678:DFFFFFFF", "12345679#AA", false),
+        ("12345678:DFFFFFFF", "678#", false),
+        ("00000123:DFFFFFFF", "123#", false),
+        ("0:0", "7FF#", true),
+        ("0~0", "7FF#", false),
+        ("123:7ff", "123##1AA", true),
+    ];
+    for (filter, frame, passes) in table {
+        let filter_read: Filter = filter.parse().unwrap();
+        assert_eq!(filter_read.passes(&parse_frame(frame).unwrap()), passes, "{filter} {frame}");
+    }
+    for wrong in ["", "123", "123:", ":7FF", "12G:7FF", "123:7FF:1", "123456789:0", "+1:7FF"] {
+        assert_eq!(wrong.parse::<Filter>(), Err(FilterError), "{wrong}");
+    }
+}

@@ -1,0 +1,171 @@
+//! candump log files: reading a recording, writing what came back.
+
+use std::fs::File;
+use std::io::{BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use ecan_candump::{ParseError, Record};
+use ecan_protocol::CanFrame;
+use thiserror::Error;
+
+/// A log that cannot be read or written.
+#[derive(Debug, Error)]
+pub enum LogFileError {
+    /// The file cannot be read.
+    #[error("cannot read {}: {error}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: std::io::Error,
+    },
+    /// A line that the grammar does not allow.
+    #[error("{}, line {line}, {cause}", path.display())]
+    Line {
+        /// The file.
+        path: PathBuf,
+        /// The line, from 1.
+        line: usize,
+        /// Column and reason.
+        cause: ParseError,
+    },
+    /// There is no frame in it.
+    #[error("{} holds no frame", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The file cannot be written.
+    #[error("cannot write {}: {error}", path.display())]
+    Write {
+        /// The file.
+        path: PathBuf,
+        /// Why.
+        error: std::io::Error,
+    },
+}
+
+/// One frame of a recording.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LoggedFrame {
+    /// Line in the file, from 1.
+    pub line: usize,
+    /// Time stamp in nanoseconds.
+    pub time_ns: u64,
+    /// Interface of the recording.
+    pub interface: String,
+    /// The frame.
+    pub frame: CanFrame,
+}
+
+/// Reads a whole log.
+///
+/// # Errors
+/// The file and why it cannot be read, or the line and column where it is no candump log, or that
+/// it holds no frame.
+pub fn read(path: &Path) -> Result<Vec<LoggedFrame>, LogFileError> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| LogFileError::Read { path: path.to_owned(), error })?;
+    let mut frames = Vec::new();
+    for (nth, line) in text.lines().enumerate() {
+        let record = ecan_candump::parse_line(line).map_err(|cause| LogFileError::Line {
+            path: path.to_owned(),
+            line: nth + 1,
+            cause,
+        })?;
+        if let Some(record) = record {
+            frames.push(LoggedFrame {
+                line: nth + 1,
+                time_ns: record.time_ns,
+                interface: record.interface.to_owned(),
+                frame: record.frame,
+            });
+        }
+    }
+    if frames.is_empty() {
+        return Err(LogFileError::Empty { path: path.to_owned() });
+    }
+    Ok(frames)
+}
+
+/// Writes frames as a candump log.
+#[derive(Debug)]
+pub struct Writer {
+    file: BufWriter<File>,
+    path: PathBuf,
+}
+
+impl Writer {
+    /// Creates the file, or empties it.
+    ///
+    /// # Errors
+    /// The file and why it cannot be written.
+    pub fn create(path: &Path) -> Result<Self, LogFileError> {
+        match File::create(path) {
+            Ok(file) => Ok(Self { file: BufWriter::new(file), path: path.to_owned() }),
+            Err(error) => Err(LogFileError::Write { path: path.to_owned(), error }),
+        }
+    }
+
+    /// Appends a frame; `port` counts the channels of all gateways, `can0` being the first.
+    ///
+    /// # Errors
+    /// The file and why it cannot be written.
+    pub fn write(
+        &mut self,
+        time_ns: u64,
+        port: usize,
+        frame: CanFrame,
+    ) -> Result<(), LogFileError> {
+        let interface = format!("can{port}");
+        let record = Record { time_ns, interface: &interface, frame, direction: None };
+        writeln!(self.file, "{record}").map_err(|error| self.fault(error))
+    }
+
+    /// Writes out what has been appended so far.
+    ///
+    /// # Errors
+    /// The file and why it cannot be written.
+    pub fn flush(&mut self) -> Result<(), LogFileError> {
+        self.file.flush().map_err(|error| self.fault(error))
+    }
+
+    /// Writes everything out.
+    ///
+    /// # Errors
+    /// The file and why it cannot be written.
+    pub fn finish(mut self) -> Result<(), LogFileError> {
+        self.flush()
+    }
+
+    fn fault(&self, error: std::io::Error) -> LogFileError {
+        LogFileError::Write { path: self.path.clone(), error }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_written_is_read_and_faults_name_their_line() {
+        let directory = tempfile::tempdir().unwrap();
+        let path = directory.path().join("a.log");
+        let frame =
+            CanFrame::classic(ecan_protocol::CanId::standard(0x123).unwrap(), &[1]).unwrap();
+        let mut writer = Writer::create(&path).unwrap();
+        writer.write(1_500_000_000, 2, frame).unwrap();
+        writer.finish().unwrap();
+        let logged =
+            LoggedFrame { line: 1, time_ns: 1_500_000_000, interface: "can2".to_owned(), frame };
+        assert_eq!(read(&path).unwrap(), [logged]);
+
+        std::fs::write(&path, "(1.000000) can0 123#\n(2.000000) can0 12#\n").unwrap();
+        let message = read(&path).unwrap_err().to_string();
+        assert!(message.contains("a.log, line 2, column"), "{message}");
+        std::fs::write(&path, "# nothing\n").unwrap();
+        assert!(read(&path).unwrap_err().to_string().contains("holds no frame"));
+        let missing = read(&directory.path().join("none")).unwrap_err().to_string();
+        assert!(missing.starts_with("cannot read "), "{missing}");
+    }
+}

@@ -1,0 +1,139 @@
+//! Where other programs come in.
+
+use std::net::{IpAddr, Ipv4Addr, SocketAddr};
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use ecan_bridge::{BridgeProtocol, BridgeServer, BridgeSettings, Clients, SerialBridge};
+use serde::Serialize;
+
+use crate::failure::Failure;
+
+/// Where to listen.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Listening(pub SocketAddr);
+
+impl Listening {
+    /// A free port of the loopback interface.
+    pub const ANY: Self = Self(SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), 0));
+}
+
+impl FromStr for Listening {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let local = |port| SocketAddr::new(IpAddr::V4(Ipv4Addr::LOCALHOST), port);
+        let port = text.parse().map(local).ok();
+        let whole = || text.parse::<SocketAddr>().ok();
+        let address = || text.parse().ok().map(|ip| SocketAddr::new(ip, 0));
+        let found = port.or_else(whole).or_else(address);
+        found.map(Self).ok_or_else(|| "expected a port, an IP address, or ADDRESS:PORT".to_owned())
+    }
+}
+
+/// Where other programs come in, in words.
+#[derive(Clone, Debug, Serialize)]
+pub struct Place {
+    pub protocol: &'static str,
+    pub address: String,
+    pub channel: u8,
+}
+
+/// A server; it ends when this is dropped.
+#[derive(Debug)]
+pub enum Front {
+    Server(BridgeServer),
+    Terminal { bridge: SerialBridge, link: Option<Link> },
+}
+
+/// A name for a terminal, taken away in the end.
+#[derive(Debug)]
+pub struct Link(PathBuf);
+
+impl Drop for Link {
+    fn drop(&mut self) {
+        // One that is gone already is no error.
+        let _ = std::fs::remove_file(&self.0);
+    }
+}
+
+impl Front {
+    /// Listens.
+    pub fn listen(
+        protocol: BridgeProtocol,
+        Listening(address): Listening,
+        max_clients: u16,
+    ) -> Result<Self, Failure> {
+        let max_clients = max_clients.into();
+        let settings =
+            BridgeSettings { address, max_clients, ..BridgeSettings::speaking(protocol) };
+        let server = BridgeServer::listen(&settings);
+        server.map(Self::Server).map_err(|error| Failure::Bridge(error.to_string()))
+    }
+
+    /// Makes a terminal, with a link to it where a path is given.
+    pub fn terminal(link: &Path) -> Result<Self, Failure> {
+        let no_terminal = |error| Failure::Bridge(format!("cannot make a terminal: {error}"));
+        let queue = BridgeSettings::default().queue;
+        let bridge = SerialBridge::open(queue).map_err(no_terminal)?;
+        if link.as_os_str().is_empty() {
+            return Ok(Self::Terminal { bridge, link: None });
+        }
+        let linked = std::os::unix::fs::symlink(bridge.path(), link);
+        linked.map_err(|error| Failure::File {
+            what: "make the link",
+            path: link.to_owned(),
+            reason: error.to_string(),
+        })?;
+        Ok(Self::Terminal { bridge, link: Some(Link(link.to_owned())) })
+    }
+
+    pub fn clients(&self) -> &Clients {
+        match self {
+            Self::Server(server) => server.clients(),
+            Self::Terminal { bridge, .. } => bridge.clients(),
+        }
+    }
+
+    pub fn place(&self, channel: u8) -> Place {
+        let (protocol, address) = match self {
+            Self::Server(server) => {
+                let protocol = match server.info().protocol() {
+                    BridgeProtocol::Slcan => "slcan",
+                    BridgeProtocol::Socketcand => "socketcand",
+                };
+                (protocol, server.info().address().to_string())
+            }
+            Self::Terminal { bridge, link } => {
+                let path = link.as_ref().map_or(bridge.path(), |link| &link.0);
+                ("slcan", path.display().to_string())
+            }
+        };
+        Place { protocol, address, channel }
+    }
+
+    /// Whether other machines reach it.
+    pub fn is_open_to_others(&self) -> bool {
+        match self {
+            Self::Server(server) => !server.info().address().ip().is_loopback(),
+            Self::Terminal { .. } => false,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Listening;
+
+    #[test]
+    fn addresses_may_be_short() {
+        let parse = |text: &str| text.parse::<Listening>().map(|it| it.0.to_string());
+        assert_eq!(parse("0"), Ok("127.0.0.1:0".to_owned()));
+        assert_eq!(parse("29536"), Ok("127.0.0.1:29536".to_owned()));
+        assert_eq!(parse("0.0.0.0:1"), Ok("0.0.0.0:1".to_owned()));
+        assert_eq!(parse("::1"), Ok("[::1]:0".to_owned()));
+        for wrong in ["", "65536", "localhost", "1.2.3", "1.2.3.4:"] {
+            assert!(parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

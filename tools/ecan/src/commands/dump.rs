@@ -1,0 +1,188 @@
+//! `ecan dump`: candump through a gateway.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use ecan_candump::Filter;
+use ecan_command_line::interrupt::Interrupt;
+use ecan_mcan_port::Received;
+
+use crate::failure::Failure;
+use crate::frames::channels::Channels;
+use crate::frames::format::{Heard, Screen};
+use crate::frames::options::GatewayOptions;
+use crate::frames::printer::Printer;
+use crate::frames::service::{Service, Wishes};
+use crate::frames::timestamp::Style;
+use crate::global::GlobalOptions;
+use crate::output::Output;
+
+/// Examples for the end of the help.
+pub const EXAMPLES: &str = "\
+Examples:
+  ecan dump --bitrate 1000000                  everything on all channels
+  ecan dump --channel 0 -t a 123:7FF           identifier 123 on channel 0, with times
+  ecan dump --listen-only -l drive.log         record without taking part in the bus
+  ecan dump -n 1 -T 500 701:7FF || echo quiet  wait half a second for a heartbeat
+
+Filters are hexadecimal. ID:MASK passes frames that agree with ID in the bits of MASK, ID~MASK the
+others; a frame is shown that one of them passes, or with j all of them. An ID of 8 digits means an
+extended one.
+
+With -T the exit status is 1 where fewer frames came than -n asks for, or none without -n.";
+
+/// Arguments of `dump`.
+#[derive(Debug, Args)]
+pub struct DumpArguments {
+    /// Filters, ID:MASK or ID~MASK in hexadecimal, and j for frames that all of them pass
+    #[arg(value_name = "FILTER", value_delimiter = ',', value_parser = parse_rule)]
+    rules: Vec<Rule>,
+    /// Channels, 0 to 3 with commas between, or all
+    #[arg(long, value_name = "CHANNELS", default_value = "all")]
+    channel: Channels,
+    /// Listen without acknowledging: another node on the bus has to
+    #[arg(long)]
+    listen_only: bool,
+    /// End after so many frames
+    #[arg(short = 'n', long, value_name = "COUNT", value_parser = clap::value_parser!(u64).range(1..))]
+    count: Option<u64>,
+    /// End when no frame has come for so many milliseconds
+    #[arg(short = 'T', long, value_name = "MS")]
+    timeout: Option<u64>,
+    /// Times on the screen: a absolute, d difference, z since the first frame, A with the date
+    #[arg(short = 't', long, value_enum, value_name = "STYLE", ignore_case = false)]
+    time: Option<Style>,
+    /// Times in nanoseconds instead of microseconds
+    #[arg(short = 'N', long)]
+    nanoseconds: bool,
+    /// Show the gateway's own time stamp too, as it gives it: 16 bits, of differences within an image
+    #[arg(short = 'H', long)]
+    device_time: bool,
+    /// Show the characters of the data
+    #[arg(short = 'a', long)]
+    ascii: bool,
+    /// Mark direction, bit rate switch and error state indicator
+    #[arg(short = 'x', long)]
+    extra: bool,
+    /// Write a candump log; nothing is shown then, but with --screen
+    #[arg(short = 'l', long, value_name = "FILE")]
+    log: Option<PathBuf>,
+    /// Print in the form of the log
+    #[arg(short = 'L', long, conflicts_with_all = ["ascii", "device_time"])]
+    log_format: bool,
+    /// Show the frames although they are logged
+    #[arg(long, requires = "log")]
+    screen: bool,
+    #[command(flatten)]
+    options: GatewayOptions,
+}
+
+/// A word of the filter.
+#[derive(Clone, Copy, Debug)]
+enum Rule {
+    Filter(Filter),
+    Join,
+}
+
+fn parse_rule(text: &str) -> Result<Rule, String> {
+    match text {
+        "j" | "J" => Ok(Rule::Join),
+        text => text.parse().map(Rule::Filter).map_err(|error| format!("{error}")),
+    }
+}
+
+/// Which frames are wanted.
+#[derive(Debug)]
+struct Selection {
+    filters: Vec<Filter>,
+    needs_all: bool,
+}
+
+impl Selection {
+    fn new(rules: &[Rule]) -> Self {
+        let filters = rules.iter().filter_map(|rule| match rule {
+            Rule::Filter(filter) => Some(*filter),
+            Rule::Join => None,
+        });
+        let needs_all = rules.iter().any(|rule| matches!(rule, Rule::Join));
+        Self { filters: filters.collect(), needs_all }
+    }
+
+    fn passes(&self, frame: &ecan_protocol::CanFrame) -> bool {
+        let mut filters = self.filters.iter().map(|filter| filter.passes(frame));
+        self.filters.is_empty()
+            || if self.needs_all { filters.all(|it| it) } else { filters.any(|it| it) }
+    }
+}
+
+pub fn run(
+    arguments: &DumpArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let screen = Screen {
+        style: arguments.time,
+        has_nanoseconds: arguments.nanoseconds,
+        has_ascii: arguments.ascii,
+        has_extra: arguments.extra,
+        is_log: arguments.log_format,
+        is_json: global.json,
+    };
+    let is_shown = arguments.log.is_none() || arguments.screen;
+    // Before the gateway: the printer's thread keeps out of what the cycle's thread asks for.
+    let mut printer = Printer::start(screen, is_shown, arguments.log.as_deref())?;
+    let wishes = Wishes {
+        is_listening: arguments.listen_only,
+        has_device_time: arguments.device_time,
+        has_end: arguments.count.is_some() || arguments.timeout.is_some(),
+        ..Wishes::on(arguments.channel)
+    };
+    let service = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
+    let heard = match service {
+        Some(service) => listen(arguments, service, &interrupt, &mut printer),
+        None => return printer.finish(output),
+    };
+    printer.finish(output)?;
+    let (heard, wanted) = (heard?, arguments.count.unwrap_or(1));
+    // Who has had enough need not hear that there was too little.
+    if arguments.timeout.is_some() && heard < wanted && !interrupt.is_set() {
+        let words = match heard {
+            0 => "no frame came".to_owned(),
+            heard => format!("{heard} of {wanted} frames came"),
+        };
+        return Err(Failure::TooFew(words));
+    }
+    Ok(())
+}
+
+/// Runs the cycle; the number of frames.
+fn listen(
+    arguments: &DumpArguments,
+    mut service: Service,
+    interrupt: &Interrupt,
+    printer: &mut Printer,
+) -> Result<u64, Failure> {
+    let selection = Selection::new(&arguments.rules);
+    let timeout_ns = arguments.timeout.map(|ms| ms.saturating_mul(1_000_000));
+    let (mut heard, mut last_ns) = (0, service.now_ns());
+    loop {
+        let cycle = service.begin();
+        for arrival in &cycle.arrivals {
+            let Received::Frame(received) = arrival.received else { continue };
+            if !selection.passes(&received.frame) || Some(heard) == arguments.count {
+                continue;
+            }
+            heard += 1;
+            last_ns = arrival.time_ns;
+            let frame = Heard { time_ns: service.absolute_ns(arrival.time_ns), received };
+            printer.put(frame, service.is_real_time());
+        }
+        let is_quiet = timeout_ns.is_some_and(|limit| cycle.now_ns - last_ns >= limit);
+        service.end(cycle)?;
+        let is_complete = Some(heard) == arguments.count;
+        if is_complete || is_quiet || interrupt.is_set() || printer.is_over() {
+            return Ok(heard);
+        }
+    }
+}

@@ -1,0 +1,278 @@
+//! The frames of cangen: identifiers, lengths and data that are random, counted or fixed.
+
+use std::str::FromStr;
+
+use ecan_protocol::{CanFrame, CanId, Dlc, FrameError};
+use fastrand::Rng;
+
+/// Data bytes that an increment counts in.
+const COUNTER_BYTES: usize = 8;
+/// Letter of a random digit in fixed data.
+const RANDOM_DIGIT: char = 'x';
+
+/// How identifiers are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum IdMode {
+    Random,
+    Even,
+    Odd,
+    Increment,
+    Fixed(u32),
+}
+
+impl FromStr for IdMode {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text {
+            "r" => Self::Random,
+            "e" => Self::Even,
+            "o" => Self::Odd,
+            "i" => Self::Increment,
+            digits => Self::Fixed(
+                u32::from_str_radix(digits, 16)
+                    .ok()
+                    .filter(|_| digits.bytes().all(|digit| digit.is_ascii_hexdigit()))
+                    .ok_or("expected r, e, o, i or a hexadecimal identifier")?,
+            ),
+        })
+    }
+}
+
+/// How lengths are made.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum LengthMode {
+    Random,
+    Increment,
+    Fixed(usize),
+}
+
+impl FromStr for LengthMode {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text {
+            "r" => Self::Random,
+            "i" => Self::Increment,
+            digits => Self::Fixed(
+                digits
+                    .parse()
+                    .ok()
+                    .filter(|length| Dlc::from_fd_len(*length).is_some())
+                    .ok_or("expected r, i or a length: 0 to 8, of CAN FD up to 64")?,
+            ),
+        })
+    }
+}
+
+/// How data are made.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum DataMode {
+    Random,
+    Increment,
+    /// Digits from the first byte on; none for a random one.
+    Fixed(Vec<Option<u8>>),
+}
+
+impl FromStr for DataMode {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        let wrong = || "expected r, i or bytes in hexadecimal, x for a random digit".to_owned();
+        let digit = |letter: char| match letter {
+            RANDOM_DIGIT => Ok(None),
+            letter => letter.to_digit(16).map(|digit| Some(digit as u8)).ok_or_else(wrong),
+        };
+        match text {
+            "r" => Ok(Self::Random),
+            "i" => Ok(Self::Increment),
+            text => {
+                let digits: Vec<_> = text.chars().map(digit).collect::<Result<_, _>>()?;
+                let is_whole = digits.len().is_multiple_of(2) && !digits.is_empty();
+                if is_whole && digits.len() <= 128 { Ok(Self::Fixed(digits)) } else { Err(wrong()) }
+            }
+        }
+    }
+}
+
+/// What is made.
+#[derive(Clone, Debug)]
+pub struct Pattern {
+    pub id: IdMode,
+    pub length: LengthMode,
+    pub data: DataMode,
+    pub is_extended: bool,
+    pub is_remote: bool,
+    pub is_fd: bool,
+    pub has_bit_rate_switch: bool,
+    /// Formats in turn at random, CAN FD among them where `is_fd`.
+    pub is_mixed: bool,
+}
+
+/// Makes frames, one after the other.
+#[derive(Debug)]
+pub struct Generator {
+    pattern: Pattern,
+    random: Rng,
+    made: u64,
+}
+
+impl Generator {
+    /// # Errors
+    /// A fixed identifier or length that such frames cannot have.
+    pub fn new(pattern: Pattern, seed: u64) -> Result<Self, FrameError> {
+        if let IdMode::Fixed(id) = pattern.id {
+            CanId::new(id, pattern.is_extended)?;
+        }
+        if let LengthMode::Fixed(length) = pattern.length {
+            let is_classic = !pattern.is_fd || pattern.is_mixed;
+            if is_classic && Dlc::from_classic_len(length).is_none() {
+                return Err(FrameError::Length { length, fd: false });
+            }
+        }
+        Ok(Self { pattern, random: Rng::with_seed(seed), made: 0 })
+    }
+
+    /// The next frame.
+    ///
+    /// # Errors
+    /// None that [`new`](Self::new) lets pass.
+    pub fn next_frame(&mut self) -> Result<CanFrame, FrameError> {
+        let Pattern { is_mixed, is_fd, has_bit_rate_switch, is_remote, .. } = self.pattern;
+        let is_fd = is_fd && (!is_mixed || self.random.bool());
+        let has_bit_rate_switch = has_bit_rate_switch && (!is_mixed || self.random.bool());
+        let is_remote = !is_fd && (is_remote || is_mixed && self.random.u8(..8) == 0);
+        let id = self.id()?;
+        let length = self.length(is_fd);
+        let mut data = [0; 64];
+        self.fill(&mut data);
+        self.made += 1;
+        let bytes = data.get(..length).unwrap_or_default();
+        if is_fd {
+            CanFrame::fd(id, bytes, has_bit_rate_switch, false)
+        } else if is_remote {
+            let dlc = Dlc::from_classic_len(length);
+            CanFrame::remote(id, dlc.ok_or(FrameError::Length { length, fd: false })?)
+        } else {
+            CanFrame::classic(id, bytes)
+        }
+    }
+
+    fn id(&mut self) -> Result<CanId, FrameError> {
+        let is_extended =
+            if self.pattern.is_mixed { self.random.bool() } else { self.pattern.is_extended };
+        let highest = if is_extended { CanId::MAX_EXTENDED } else { CanId::MAX_STANDARD };
+        let raw = match self.pattern.id {
+            IdMode::Random => self.random.u32(..),
+            IdMode::Even => self.random.u32(..) & !1,
+            IdMode::Odd => self.random.u32(..) | 1,
+            IdMode::Increment => self.made as u32,
+            IdMode::Fixed(id) => id,
+        };
+        CanId::new(raw & highest, is_extended)
+    }
+
+    fn length(&mut self, is_fd: bool) -> usize {
+        let codes: u8 = if is_fd { 16 } else { 9 };
+        let code = match self.pattern.length {
+            LengthMode::Fixed(length) => return length,
+            LengthMode::Random => self.random.u8(..codes),
+            LengthMode::Increment => (self.made % u64::from(codes)) as u8,
+        };
+        let length = Dlc::new(code).map_or(0, Dlc::fd_len);
+        // A counter needs a byte to be seen in.
+        length.max(usize::from(self.pattern.data == DataMode::Increment))
+    }
+
+    fn fill(&mut self, data: &mut [u8; 64]) {
+        match &self.pattern.data {
+            DataMode::Random => self.random.fill(data),
+            DataMode::Increment => {
+                let (counter, _) = data.split_at_mut(COUNTER_BYTES);
+                counter.copy_from_slice(&self.made.to_le_bytes());
+            }
+            DataMode::Fixed(digits) => {
+                let random = &mut self.random;
+                let mut value = |digit: Option<u8>| digit.unwrap_or_else(|| random.u8(..16));
+                for (byte, pair) in data.iter_mut().zip(digits.chunks_exact(2)) {
+                    if let [high, low] = pair {
+                        *byte = value(*high) << 4 | value(*low);
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use ecan_candump::FrameText;
+
+    use super::*;
+
+    fn pattern(id: &str, length: &str, data: &str) -> Pattern {
+        Pattern {
+            id: id.parse().unwrap(),
+            length: length.parse().unwrap(),
+            data: data.parse().unwrap(),
+            is_extended: false,
+            is_remote: false,
+            is_fd: false,
+            has_bit_rate_switch: false,
+            is_mixed: false,
+        }
+    }
+
+    fn made(pattern: Pattern, count: usize) -> Vec<String> {
+        let mut generator = Generator::new(pattern, 1).unwrap();
+        (0..count).map(|_| FrameText(&generator.next_frame().unwrap()).to_string()).collect()
+    }
+
+    #[test]
+    fn fixed_and_counted_frames_are_cangens() {
+        assert_eq!(made(pattern("42A", "1", "i"), 3), ["42A#00", "42A#01", "42A#02"]);
+        assert_eq!(
+            made(pattern("i", "i", "11223344"), 4),
+            ["000#", "001#11", "002#1122", "003#112233"]
+        );
+        assert_eq!(made(pattern("1", "i", "i"), 2), ["001#00", "001#01"]);
+        let extended =
+            Pattern { is_extended: true, ..pattern("12345678", "8", "1122334455667788") };
+        assert_eq!(made(extended, 1), ["12345678#1122334455667788"]);
+        let remote = Pattern { is_remote: true, ..pattern("1", "2", "r") };
+        assert_eq!(made(remote, 1), ["001#R2"]);
+        let fd = Pattern { is_fd: true, has_bit_rate_switch: true, ..pattern("1", "12", "AA") };
+        assert_eq!(made(fd, 1), ["001##1AA0000000000000000000000"]);
+    }
+
+    #[test]
+    fn random_frames_differ_keep_to_their_bounds_and_come_again_with_the_seed() {
+        let frames = made(pattern("o", "r", "r"), 200);
+        assert_eq!(frames, made(pattern("o", "r", "r"), 200));
+        let read = |text: &String| ecan_candump::parse_frame(text).unwrap();
+        assert!(frames.iter().all(|text| read(text).id().raw() % 2 == 1));
+        let lengths: std::collections::BTreeSet<_> =
+            frames.iter().map(|text| read(text).data().len()).collect();
+        assert_eq!(lengths.into_iter().collect::<Vec<_>>(), [0, 1, 2, 3, 4, 5, 6, 7, 8]);
+        for text in made(pattern("1", "2", "1xx2"), 50) {
+            let data = read(&text).data().to_vec();
+            assert_eq!((data[0] >> 4, data[1] & 15), (1, 2), "{text}");
+        }
+        let mixed = Pattern { is_mixed: true, is_fd: true, ..pattern("r", "r", "r") };
+        let frames: Vec<_> = made(mixed, 200).iter().map(read).collect();
+        assert!(frames.iter().any(|frame| frame.as_ref().is_fd()));
+        assert!(frames.iter().any(|frame| frame.kind() == ecan_protocol::FrameKind::Remote));
+        assert!(frames.iter().any(|frame| frame.id().is_extended()));
+        assert!(frames.iter().any(|frame| !frame.id().is_extended()));
+    }
+
+    #[test]
+    fn impossible_frames_are_refused() {
+        assert!(Generator::new(pattern("800", "1", "r"), 1).is_err());
+        assert!(Generator::new(pattern("1", "12", "r"), 1).is_err());
+        assert!("9".parse::<LengthMode>().is_err());
+        assert!("xyz".parse::<DataMode>().is_err());
+        assert!("123".parse::<DataMode>().is_err());
+        assert!("g".parse::<IdMode>().is_err());
+    }
+}

@@ -1,0 +1,125 @@
+//! `ecan send`: cansend through a gateway.
+
+use clap::Args;
+use ecan_candump::{FrameText, parse_frame};
+use ecan_command_line::interrupt::Interrupt;
+use ecan_protocol::CanFrame;
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::frames::channels::{Channels, parse_channel};
+use crate::frames::departures::Departures;
+use crate::frames::options::GatewayOptions;
+use crate::frames::service::{Service, Wishes};
+use crate::global::GlobalOptions;
+use crate::output::Output;
+
+/// Examples for the end of the help.
+pub const EXAMPLES: &str = "\
+Examples:
+  ecan send 123#DEADBEEF                       an 8 digit identifier is an extended one
+  ecan send --channel 1 000#0101 123#R4        several frames; R is a remote frame
+  ecan send --data-bitrate 2000000 123##1AABB  CAN FD; 1 is the bit rate switch, 2 ESI
+
+The command ends when the frames have left the gateway, which means that another node has
+acknowledged them.";
+
+/// Arguments of `send`.
+#[derive(Debug, Args)]
+pub struct SendArguments {
+    /// Frames as cansend has them: ID#DATA, ID#R[LENGTH], ID##FLAGS[DATA]
+    #[arg(value_name = "FRAME", required = true, value_parser = parse)]
+    frames: Vec<CanFrame>,
+    /// Channel, 0 to 3
+    #[arg(long, value_name = "N", default_value = "0", value_parser = parse_channel)]
+    channel: u8,
+    /// Wait so many milliseconds for a frame to leave
+    #[arg(long, value_name = "MS", default_value_t = 1000)]
+    timeout: u64,
+    #[command(flatten)]
+    options: GatewayOptions,
+}
+
+/// A frame; cansend allows dots between bytes.
+fn parse(text: &str) -> Result<CanFrame, String> {
+    parse_frame(&text.replace('.', "")).map_err(|error| error.to_string())
+}
+
+/// What is printed.
+#[derive(Debug, Serialize)]
+struct Sent {
+    channel: u8,
+    frames: Vec<String>,
+}
+
+pub fn run(
+    arguments: &SendArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    let SendArguments { frames, channel, options, .. } = arguments;
+    if options.data_bitrate.is_none() && frames.iter().any(|frame| frame.as_ref().is_fd()) {
+        let words = "a CAN FD frame needs the data bit rate: give --data-bitrate";
+        return Err(Failure::Usage(words.to_owned()));
+    }
+    let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let channels = Channels::only(*channel);
+    let wishes = Wishes { has_results: true, ..Wishes::on(channels) };
+    let Some(mut service) = Service::open(options, wishes, &interrupt, global, output)? else {
+        return Err(Failure::TooFew("stopped before a frame was sent".to_owned()));
+    };
+    let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
+    let mut departures = Departures::new(channels, service.now_ns());
+    let mut waiting = frames.iter().peekable();
+    while waiting.peek().is_some() && !interrupt.is_set() {
+        let cycle = service.begin();
+        departures.look(&cycle, service.port());
+        while let Some(frame) = waiting.peek()
+            && let Some(ticket) = service.send(*channel, frame)?
+        {
+            departures.taken(ticket, cycle.now_ns);
+            waiting.next();
+        }
+        let is_over = departures.standstill_ns(cycle.now_ns) >= timeout_ns;
+        service.end(cycle)?;
+        if is_over {
+            break;
+        }
+    }
+    departures.wait(&mut service, timeout_ns, &interrupt, |_, _| {})?;
+    judge(arguments, &departures, &service)?;
+    let texts: Vec<_> = frames.iter().map(|frame| FrameText(frame).to_string()).collect();
+    let sent = Sent { channel: *channel, frames: texts };
+    output.data(&sent, |out| {
+        sent.frames.iter().try_for_each(|frame| writeln!(out, "can{channel} {frame} sent"))
+    })
+}
+
+/// Whether all have left, and if not, why.
+fn judge(
+    arguments: &SendArguments,
+    departures: &Departures,
+    service: &Service,
+) -> Result<(), Failure> {
+    let SendArguments { frames, channel, timeout, options } = arguments;
+    let outcome = departures.outcome(service.port());
+    let count = frames.len() as u64;
+    if let Some((number, code)) = departures.first_failure() {
+        let frame = usize::try_from(number).ok().and_then(|number| frames.get(number));
+        let text = frame.map_or_else(String::new, |frame| FrameText(frame).to_string());
+        let words = format!("channel {channel} of the gateway refused {text}: {code}");
+        return Err(Failure::TooFew(words));
+    }
+    if outcome.sent >= count && outcome.bus_off.is_none() {
+        return Ok(());
+    }
+    let cause = outcome.cause(options.bitrate).unwrap_or_else(|| match outcome.unknown {
+        0 => "stopped, or the gateway took none in time".to_owned(),
+        _ => "the gateway has not said what became of them".to_owned(),
+    });
+    let behind = count.saturating_sub(outcome.sent);
+    Err(Failure::TooFew(match behind {
+        0 => format!("whether the frames have left is not known: {cause}"),
+        behind => format!("{behind} of {count} frames have not left within {timeout} ms: {cause}"),
+    }))
+}

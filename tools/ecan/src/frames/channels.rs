@@ -1,0 +1,67 @@
+//! The channels that a command is about.
+
+use std::str::FromStr;
+
+use ecan_protocol::CHANNELS;
+
+/// One or several channels of a gateway, as in `0`, `0,2` or `all`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Channels(u8);
+
+impl Channels {
+    /// All four.
+    pub const ALL: Self = Self((1 << CHANNELS) - 1);
+
+    /// One channel, 0 to 3.
+    pub fn only(channel: u8) -> Self {
+        Self(1 << channel)
+    }
+
+    /// Their numbers, in order.
+    pub fn iter(self) -> impl Iterator<Item = u8> {
+        (0..CHANNELS as u8).filter(move |channel| self.contains(*channel))
+    }
+
+    /// Whether a channel is among them.
+    pub fn contains(self, channel: u8) -> bool {
+        self.0.checked_shr(channel.into()).is_some_and(|mask| mask & 1 == 1)
+    }
+}
+
+impl FromStr for Channels {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        if text == "all" {
+            return Ok(Self::ALL);
+        }
+        let wrong = || "expected channels 0 to 3 with commas between, or all".to_owned();
+        text.split(',').try_fold(Self(0), |channels, number| {
+            let channel: u8 = number.parse().map_err(|_| wrong())?;
+            let exists = usize::from(channel) < CHANNELS;
+            exists.then_some(Self(channels.0 | 1 << channel)).ok_or_else(wrong)
+        })
+    }
+}
+
+/// A channel number, 0 to 3.
+pub fn parse_channel(text: &str) -> Result<u8, String> {
+    let channel = text.parse().ok().filter(|channel| usize::from(*channel) < CHANNELS);
+    channel.ok_or_else(|| "expected a channel, 0 to 3".to_owned())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn channels_are_read_by_number_or_all() {
+        let parse = |text: &str| text.parse::<Channels>().map(|it| it.iter().collect::<Vec<_>>());
+        assert_eq!(parse("2"), Ok(vec![2]));
+        assert_eq!(parse("3,0"), Ok(vec![0, 3]));
+        assert_eq!(parse("all"), Ok(vec![0, 1, 2, 3]));
+        for wrong in ["", "4", "0,", "-1", "0-3", "every"] {
+            assert!(parse(wrong).is_err(), "{wrong}");
+        }
+    }
+}

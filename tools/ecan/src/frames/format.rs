@@ -1,0 +1,161 @@
+//! A line for a frame: candump's screen, candump's log, or JSON.
+
+use std::fmt::Write;
+
+use ecan_candump::{FrameText, ScreenFrame};
+use ecan_mcan_port::ReceivedFrame;
+use ecan_protocol::{CanFrame, FrameKind, Timestamp};
+use serde::Serialize;
+
+use crate::frames::timestamp::{Style, Timestamps};
+
+/// A frame with its time.
+#[derive(Clone, Copy, Debug)]
+pub struct Heard {
+    /// Since 1970, or since the start of a simulation.
+    pub time_ns: u64,
+    pub received: ReceivedFrame,
+}
+
+/// What is shown; the least by default.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Screen {
+    pub style: Option<Style>,
+    pub has_nanoseconds: bool,
+    pub has_ascii: bool,
+    pub has_extra: bool,
+    pub is_log: bool,
+    pub is_json: bool,
+}
+
+/// A frame for other programs, one object on a line.
+#[derive(Debug, Serialize)]
+struct Line {
+    time_ns: u64,
+    channel: u8,
+    id: u32,
+    is_extended: bool,
+    kind: &'static str,
+    has_bit_rate_switch: bool,
+    has_error_state: bool,
+    length: usize,
+    data: String,
+    device_time: Option<u64>,
+}
+
+/// Makes the lines of the screen, one after the other.
+#[derive(Debug)]
+pub struct ScreenLines {
+    screen: Screen,
+    timestamps: Option<Timestamps>,
+    log: LogLines,
+    /// An extended identifier was seen.
+    is_indented: bool,
+}
+
+impl ScreenLines {
+    pub fn new(screen: Screen) -> Self {
+        let Screen { style, has_nanoseconds, .. } = screen;
+        Self {
+            screen,
+            timestamps: style.map(|style| Timestamps::new(style, has_nanoseconds)),
+            log: LogLines::new(screen),
+            is_indented: false,
+        }
+    }
+
+    /// The line of the next frame, without its end.
+    pub fn line(&mut self, heard: &Heard) -> String {
+        if self.screen.is_json {
+            return json(heard);
+        }
+        if self.screen.is_log {
+            return self.log.line(heard);
+        }
+        let ReceivedFrame { frame, channel, timestamp, .. } = &heard.received;
+        self.is_indented |= frame.id().is_extended();
+        let mut line = String::from(" ");
+        // Writing to a String cannot fail.
+        if let Some(timestamps) = &mut self.timestamps {
+            let _ = write!(line, "{} ", timestamps.text(heard.time_ns));
+        }
+        let _ = write!(line, " can{channel}");
+        if self.screen.has_extra {
+            let (brs, esi) = fd_flags(frame);
+            let mark = |is_set, letter| if is_set { letter } else { '-' };
+            let _ = write!(line, "  RX {} {}", mark(brs, 'B'), mark(esi, 'E'));
+        }
+        let Self { is_indented, screen: Screen { has_ascii, .. }, .. } = *self;
+        let _ = write!(line, "  {}", ScreenFrame { frame, is_indented, has_ascii });
+        if let Some(time) = device_time(*timestamp) {
+            let _ = write!(line, "  +{time}");
+        }
+        line
+    }
+}
+
+/// Makes the lines of a log.
+#[derive(Debug)]
+pub struct LogLines {
+    timestamps: Timestamps,
+    has_extra: bool,
+}
+
+impl LogLines {
+    pub fn new(screen: Screen) -> Self {
+        let timestamps = Timestamps::new(Style::Absolute, screen.has_nanoseconds);
+        Self { timestamps, has_extra: screen.has_extra }
+    }
+
+    /// The line of the next frame, without its end.
+    pub fn line(&mut self, heard: &Heard) -> String {
+        let ReceivedFrame { frame, channel, .. } = &heard.received;
+        let time = self.timestamps.text(heard.time_ns);
+        let mark = if self.has_extra { " R" } else { "" };
+        format!("{time} can{channel} {}{mark}", FrameText(frame))
+    }
+}
+
+fn fd_flags(frame: &CanFrame) -> (bool, bool) {
+    match frame.kind() {
+        FrameKind::Fd { brs, esi } => (brs, esi),
+        FrameKind::Data | FrameKind::Remote => (false, false),
+    }
+}
+
+fn device_time(timestamp: Timestamp) -> Option<u64> {
+    match timestamp {
+        Timestamp::None => None,
+        Timestamp::Delta16(time) => Some(time.into()),
+        Timestamp::Delta32(time) => Some(time.into()),
+        Timestamp::Full64(time) => Some(time),
+    }
+}
+
+fn json(heard: &Heard) -> String {
+    let ReceivedFrame { frame, channel, timestamp, .. } = &heard.received;
+    let (has_bit_rate_switch, has_error_state) = fd_flags(frame);
+    let line = Line {
+        time_ns: heard.time_ns,
+        channel: *channel,
+        id: frame.id().raw(),
+        is_extended: frame.id().is_extended(),
+        kind: match frame.kind() {
+            FrameKind::Data => "data",
+            FrameKind::Remote => "remote",
+            FrameKind::Fd { .. } => "fd",
+        },
+        has_bit_rate_switch,
+        has_error_state,
+        length: match frame.kind() {
+            FrameKind::Remote => frame.dlc().value().into(),
+            _ => frame.data().len(),
+        },
+        data: frame.data().iter().fold(String::new(), |mut text, byte| {
+            let _ = write!(text, "{byte:02X}");
+            text
+        }),
+        device_time: device_time(*timestamp),
+    };
+    serde_json::to_string(&line).unwrap_or_default()
+}

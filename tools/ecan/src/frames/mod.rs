@@ -1,0 +1,11 @@
+//! A gateway in service for the commands that carry CAN frames.
+
+pub mod channels;
+pub mod departures;
+pub mod format;
+pub mod options;
+pub mod printer;
+pub mod service;
+pub mod status_watch;
+pub mod summary;
+pub mod timestamp;

@@ -1,0 +1,82 @@
+//! What the commands that carry frames are told about the gateway and its channels.
+
+use clap::Args;
+use ecan_command_line::real_time::RealTimeArguments;
+use ecan_mcan_port::ChannelSettings;
+use ecan_protocol::{NodeMode, SamplePointWindow};
+
+/// Options of these commands.
+#[derive(Debug, Args)]
+pub struct GatewayOptions {
+    /// Nominal bit rate in bit/s
+    #[arg(long, value_name = "BITRATE", default_value_t = 500_000)]
+    pub bitrate: u32,
+    /// Use CAN FD, with this data bit rate in bit/s
+    #[arg(long, value_name = "BITRATE")]
+    pub data_bitrate: Option<u32>,
+    /// Sample point in percent [default: 75 to 87.5, as the gateway finds it]
+    #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]
+    sample_point: Option<u16>,
+    /// Sample point of the data phase in percent [default: 75 to 87.5, as the gateway finds it]
+    #[arg(long, value_name = "PERCENT", value_parser = parse_percent, requires = "data_bitrate")]
+    data_sample_point: Option<u16>,
+    /// PDO size per direction, in chunks of 128 bytes
+    #[arg(long, value_name = "N", default_value_t = 5)]
+    pub pdo_n: u8,
+    /// The installed master carries more than 1486 bytes of process data per sync manager
+    #[arg(long)]
+    pub large_pdos: bool,
+    /// EtherCAT cycle in microseconds
+    #[arg(long, value_name = "US", default_value_t = 1000,
+          value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub cycle_us: u32,
+    #[command(flatten)]
+    pub real_time: RealTimeArguments,
+}
+
+impl GatewayOptions {
+    /// One CAN channel.
+    pub fn channel(&self, is_listening: bool) -> ChannelSettings {
+        let mut settings = match self.data_bitrate {
+            Some(data_bitrate) => ChannelSettings::fd(self.bitrate, data_bitrate),
+            None => ChannelSettings::classic(self.bitrate),
+        };
+        if let Some(permille) = self.sample_point {
+            settings.can.nominal_sample_point = SamplePointWindow::exactly(permille);
+        }
+        if let Some(permille) = self.data_sample_point {
+            settings.can.data_sample_point = SamplePointWindow::exactly(permille);
+        }
+        if is_listening {
+            settings.can.node_mode = NodeMode::Listen;
+        }
+        settings
+    }
+}
+
+/// Percent with at most one decimal, as thousandths.
+fn parse_percent(text: &str) -> Result<u16, String> {
+    let wrong = || "expected percent with at most one decimal, as in 87.5".to_owned();
+    let (whole, tenths) = text.split_once('.').unwrap_or((text, "0"));
+    let is_number = |digits: &str| digits.bytes().all(|digit| digit.is_ascii_digit());
+    if tenths.len() != 1 || !is_number(tenths) || !is_number(whole) {
+        return Err(wrong());
+    }
+    let percent: u16 = whole.parse().map_err(|_| wrong())?;
+    let tenths: u16 = tenths.parse().map_err(|_| wrong())?;
+    if percent < 100 { Ok(percent * 10 + tenths) } else { Err(wrong()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::parse_percent;
+
+    #[test]
+    fn sample_points_are_percent() {
+        assert_eq!(parse_percent("80"), Ok(800));
+        assert_eq!(parse_percent("87.5"), Ok(875));
+        for wrong in ["", "100", "0.875x", "87.55", "-1", "+5", "87.", "70000"] {
+            assert!(parse_percent(wrong).is_err(), "{wrong}");
+        }
+    }
+}

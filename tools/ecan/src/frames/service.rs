@@ -1,0 +1,252 @@
+//! From the options to a gateway in service, and the cycle that keeps it there.
+
+use std::time::SystemTime;
+
+use ecan_command_line::interrupt::Interrupt;
+use ecan_host::{AdapterConfig, Clock, CycleError};
+use ecan_mcan_port::{GatewayConfig, Port, PortConfig, PortError, Received, SendError, SendTicket};
+use ecan_protocol::{CanFrame, EncapsulationProfile, OptionFlags};
+use ecan_sim::ClockKind;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::frames::channels::Channels;
+use crate::frames::options::GatewayOptions;
+use crate::frames::status_watch::StatusWatch;
+use crate::global::GlobalOptions;
+use crate::output::Output;
+
+/// Cycles in a row that may fail.
+const MAX_FAILED_CYCLES: u32 = 100;
+/// Things that come back in a cycle, at first.
+const ARRIVALS: usize = 512;
+
+/// What a command wants of the gateway.
+#[derive(Clone, Copy, Debug)]
+pub struct Wishes {
+    /// The channels that it uses.
+    pub channels: Channels,
+    /// Listen without sending or acknowledging.
+    pub is_listening: bool,
+    /// Received frames carry the gateway's time.
+    pub has_device_time: bool,
+    /// The gateway tells what became of each frame.
+    pub has_results: bool,
+    /// The command ends by itself, so a simulation need not take the time it simulates.
+    pub has_end: bool,
+}
+
+impl Wishes {
+    /// To use these channels.
+    pub fn on(channels: Channels) -> Self {
+        Self {
+            channels,
+            is_listening: false,
+            has_device_time: false,
+            has_results: false,
+            has_end: true,
+        }
+    }
+}
+
+/// One thing that came back, and when.
+#[derive(Clone, Copy, Debug)]
+pub struct Arrival {
+    /// Time of the clock in nanoseconds.
+    pub time_ns: u64,
+    /// What came back.
+    pub received: Received,
+}
+
+/// A cycle between its beginning and its end.
+#[derive(Debug)]
+pub struct Cycle {
+    /// When it began, on the clock, in nanoseconds.
+    pub now_ns: u64,
+    /// What came back.
+    pub arrivals: Vec<Arrival>,
+    begun: Result<(), CycleError>,
+}
+
+/// A gateway in service.
+#[derive(Debug)]
+pub struct Service {
+    port: Port,
+    /// What came back on the way into service, until the first cycle; then an empty store.
+    store: Vec<Arrival>,
+    watch: StatusWatch,
+    failed_cycles: u32,
+    /// From the clock to the time since 1970; none for simulated time that does not run by itself.
+    since_1970_ns: u64,
+    output: Output,
+}
+
+impl Service {
+    /// Brings the gateway that the user chose into service; `None` when the user gave up.
+    pub fn open(
+        options: &GatewayOptions,
+        wishes: Wishes,
+        interrupt: &Interrupt,
+        global: &GlobalOptions,
+        output: &Output,
+    ) -> Result<Option<Self>, Failure> {
+        let kind = if wishes.has_end { ClockKind::Stepped } else { ClockKind::Real };
+        let bus = Bus::open_with_clock(global, output, kind)?;
+        let position = bus.slave()?;
+        let (adapter, config) = configuration(options, wishes, global.master, position)?;
+        let failed = |error| failure(position, error);
+        config.check(&adapter).map_err(|faults| failed(faults.into()))?;
+        let granted = options.real_time.apply(|line| output.note(line));
+        granted.map_err(|error| Failure::Master(error.to_string()))?;
+        let ecrt = bus.ecrt().clone();
+        let mut port = Port::open(&ecrt, adapter, config).map_err(failed)?;
+        let clock = port.adapter().ecrt().clock().clone();
+        let mut store = Vec::with_capacity(ARRIVALS);
+        let ready = port.wait_ready_with(port.startup_timeout_ms(), |port| {
+            // Single cycles may fail; the timeout ends it all.
+            let begun = port.cycle_begin();
+            let time_ns = clock.now_ns();
+            port.receive_each(|received| store.push(Arrival { time_ns, received }));
+            let _ = port.cycle_end().and(begun);
+            if interrupt.is_set() { Err(Stop::Interrupted) } else { Ok(()) }
+        });
+        match ready {
+            Ok(()) => {}
+            Err(Stop::Interrupted) => return Ok(None),
+            Err(Stop::Failed(error)) => return Err(failed(error)),
+        }
+        options.real_time.set_timing(port.adapter_mut());
+        let watch = StatusWatch::new(wishes.channels);
+        let since_1970_ns = since_1970_ns(port.adapter().clock());
+        Ok(Some(Self { port, store, watch, failed_cycles: 0, since_1970_ns, output: *output }))
+    }
+
+    /// Waits for the next cycle and begins it.
+    pub fn begin(&mut self) -> Cycle {
+        self.port.wait_next_cycle();
+        let begun = self.port.cycle_begin();
+        let now_ns = self.now_ns();
+        let mut arrivals = std::mem::take(&mut self.store);
+        self.port.receive_each(|received| arrivals.push(Arrival { time_ns: now_ns, received }));
+        Cycle { now_ns, arrivals, begun }
+    }
+
+    /// Hands a frame over; `None` where there is no room in this cycle.
+    pub fn send(&mut self, channel: u8, frame: &CanFrame) -> Result<Option<SendTicket>, Failure> {
+        match self.port.send(0, channel, frame.as_ref()) {
+            Ok(ticket) => Ok(Some(ticket)),
+            Err(SendError::NoRoom { .. } | SendError::NotReady { .. }) => Ok(None),
+            Err(SendError::NotFd { .. }) => Err(Failure::Usage(
+                "a CAN FD frame needs the data bit rate: give --data-bitrate".to_owned(),
+            )),
+            Err(error) => Err(Failure::Usage(error.to_string())),
+        }
+    }
+
+    /// Ends a cycle. Says on standard error what has changed on the bus.
+    pub fn end(&mut self, cycle: Cycle) -> Result<(), Failure> {
+        let ended = self.port.cycle_end().and(cycle.begun);
+        self.store = cycle.arrivals;
+        self.store.clear();
+        self.failed_cycles = if ended.is_err() { self.failed_cycles + 1 } else { 0 };
+        let output = self.output;
+        let (seconds, micros) = parts(self.absolute_ns(cycle.now_ns));
+        self.watch.look(&self.port, |line| {
+            output.note(format_args!("# ({seconds:010}.{micros:06}) {line}"));
+        });
+        match ended {
+            Err(error) if self.failed_cycles > MAX_FAILED_CYCLES => {
+                Err(Failure::Master(error.to_string()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    pub fn port(&self) -> &Port {
+        &self.port
+    }
+
+    pub fn port_mut(&mut self) -> &mut Port {
+        &mut self.port
+    }
+
+    /// The clock of the cycle in nanoseconds.
+    pub fn now_ns(&self) -> u64 {
+        self.port.adapter().clock().now_ns()
+    }
+
+    /// A time of the clock as time since 1970, or as time of a stepped simulation.
+    pub fn absolute_ns(&self, time_ns: u64) -> u64 {
+        time_ns.wrapping_add(self.since_1970_ns)
+    }
+
+    /// Whether time goes on while nobody waits.
+    pub fn is_real_time(&self) -> bool {
+        self.port.adapter().clock().runs_by_itself()
+    }
+}
+
+/// Seconds and microseconds.
+fn parts(time_ns: u64) -> (u64, u64) {
+    (time_ns / 1_000_000_000, time_ns / 1000 % 1_000_000)
+}
+
+fn since_1970_ns(clock: &dyn Clock) -> u64 {
+    if !clock.runs_by_itself() {
+        return 0;
+    }
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
+    u64::try_from(since.as_nanos()).unwrap_or(0).wrapping_sub(clock.now_ns())
+}
+
+fn configuration(
+    options: &GatewayOptions,
+    wishes: Wishes,
+    master: u32,
+    position: usize,
+) -> Result<(AdapterConfig, PortConfig), Failure> {
+    let mut adapter =
+        AdapterConfig::new(1).with_multiplier(options.pdo_n).with_cycle_us(options.cycle_us);
+    adapter.master_index = master;
+    adapter.allow_large_pdos = options.large_pdos;
+    for slave in &mut adapter.slaves {
+        slave.position = u16::try_from(position)
+            .map_err(|_| Failure::Slave(format!("there is no slave {position}")))?;
+    }
+    let mut gateway = GatewayConfig::default();
+    for (channel, place) in gateway.channels.iter_mut().enumerate() {
+        if wishes.channels.contains(channel as u8) {
+            *place = Some(options.channel(wishes.is_listening));
+        }
+    }
+    if wishes.has_results {
+        gateway.tx_options = OptionFlags::TX_RESULT;
+    }
+    if wishes.has_device_time {
+        gateway.tx_encapsulation = EncapsulationProfile::CompactTimestamped;
+    }
+    Ok((adapter, PortConfig::uniform(1, gateway)))
+}
+
+/// The error of a gateway that is the only one of its Port.
+fn failure(position: usize, error: PortError) -> Failure {
+    match error {
+        PortError::Config(faults) => Failure::Usage(faults.to_string()),
+        PortError::Adapter(ecan_host::Error::Config(faults)) => Failure::Usage(faults.to_string()),
+        PortError::Adapter(ecan_host::Error::Open(error)) => Failure::Master(error.to_string()),
+        PortError::Cycle(error) => Failure::Master(error.to_string()),
+        error => Failure::OutOfService { position, reason: error.to_string() },
+    }
+}
+
+/// Why the way into service ended.
+enum Stop {
+    Interrupted,
+    Failed(PortError),
+}
+
+impl From<PortError> for Stop {
+    fn from(error: PortError) -> Self {
+        Self::Failed(error)
+    }
+}

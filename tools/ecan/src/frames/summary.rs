@@ -1,0 +1,63 @@
+//! What is said at the end of sending many frames.
+
+use ecan_mcan_port::Port;
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::frames::departures::Departures;
+use crate::output::Output;
+
+/// The figures.
+#[derive(Debug, Serialize)]
+pub struct Summary {
+    /// Frames given to the gateway.
+    frames: u64,
+    /// Those that have left.
+    sent: u64,
+    /// Those that are not known to have left.
+    lost: u64,
+    /// Frames of the command that were not given to the gateway.
+    not_tried: u64,
+    /// Frames that came from the bus meanwhile.
+    received: u64,
+    seconds: f64,
+    frames_per_second: f64,
+}
+
+impl Summary {
+    /// The figures of a run of so many nanoseconds, of which `wanted` frames were to be sent.
+    pub fn of(departures: &Departures, port: &Port, wanted: u64, elapsed_ns: u64) -> Self {
+        let outcome = departures.outcome(port);
+        let received = port.statistics(0).channels.iter().map(|it| it.frames_received).sum();
+        let seconds = elapsed_ns as f64 / 1e9;
+        Self {
+            frames: departures.count(),
+            sent: outcome.sent,
+            lost: outcome.lost(),
+            not_tried: wanted.saturating_sub(departures.count()),
+            received,
+            seconds,
+            frames_per_second: if seconds > 0.0 { outcome.sent as f64 / seconds } else { 0.0 },
+        }
+    }
+
+    /// Prints them.
+    pub fn print(&self, output: &Output) -> Result<(), Failure> {
+        output.data(self, |out| {
+            let Self { sent, lost, received, seconds, frames_per_second, .. } = self;
+            write!(out, "{sent} frames sent, {lost} lost, {received} received")?;
+            writeln!(out, " in {seconds:.3} s: {frames_per_second:.1} frames/s")
+        })
+    }
+
+    /// The failure of a run in which frames stayed behind.
+    pub fn judge(&self, cause: Option<String>) -> Result<(), Failure> {
+        let behind = self.lost + self.not_tried;
+        if behind == 0 {
+            return Ok(());
+        }
+        let cause = cause.map_or_else(String::new, |cause| format!(": {cause}"));
+        let all = self.frames + self.not_tried;
+        Err(Failure::TooFew(format!("{behind} of {all} frames are not known to have left{cause}")))
+    }
+}

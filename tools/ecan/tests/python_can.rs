@@ -1,0 +1,52 @@
+//! python-can on `ecan bridge`: a peer that nobody wrote for it.
+#![allow(missing_docs)]
+
+mod support;
+
+use std::io::Write as _;
+use std::path::Path;
+use std::process::Command;
+
+use support::Running;
+
+/// Names the interpreter, usually that of a virtual environment.
+const PYTHON_VARIABLE: &str = "ECAN_PYTHON";
+
+/// An interpreter with python-can; says why where there is none. One that was named has to be right.
+fn python() -> Option<String> {
+    let named = std::env::var(PYTHON_VARIABLE).ok().filter(|value| !value.is_empty());
+    let interpreter = named.clone().unwrap_or_else(|| "python3".to_owned());
+    let imported = Command::new(&interpreter).args(["-c", "import can, serial"]).output();
+    let is_there = imported.is_ok_and(|output| output.status.success());
+    assert!(is_there || named.is_none(), "{PYTHON_VARIABLE}={interpreter} has no python-can");
+    if !is_there {
+        // Past the harness, which would keep it to itself.
+        let _ = writeln!(
+            std::io::stderr(),
+            "skipped: {interpreter} has no python-can and pyserial; {PYTHON_VARIABLE} may name \
+             another"
+        );
+    }
+    is_there.then_some(interpreter)
+}
+
+#[test]
+fn python_can_sends_and_receives_over_tcp_and_on_a_terminal() {
+    let Some(python) = python() else { return };
+    let directory = tempfile::tempdir().unwrap();
+    let link = directory.path().join("can0").display().to_string();
+    let fronts = ["--slcan", "--socketcand", "--pty", &link];
+    let options = ["--ecrt", "sim", "bridge", "--data-bitrate", "2000000"];
+    let mut bridge = Running::start(&[&options[..], &fronts[..]].concat());
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python/echo.py");
+    for (kind, frames) in [("slcan", "6\n"), ("socketcand", "3\n"), ("terminal", "4\n")] {
+        let line = bridge.line();
+        let place = line.split(' ').nth(3).unwrap();
+        let output =
+            Command::new(&python).arg("-B").arg(&script).args([kind, place]).output().unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(String::from_utf8_lossy(&output.stdout), frames, "{kind}: {errors}");
+    }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
