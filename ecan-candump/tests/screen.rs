@@ -2,6 +2,7 @@
 #![allow(missing_docs)]
 
 use ecan_candump::{Filter, FilterError, FrameText, ScreenFrame, parse_frame};
+use proptest::prelude::*;
 
 fn shown(text: &str) -> String {
     ScreenFrame::new(&parse_frame(text).unwrap()).to_string()
@@ -92,5 +93,25 @@ fn filters_pass_what_candumps_pass() {
     }
     for wrong in ["", "123", "123:", ":7FF", "12G:7FF", "123:7FF:1", "123456789:0", "+1:7FF"] {
         assert_eq!(wrong.parse::<Filter>(), Err(FilterError), "{wrong}");
+    }
+}
+
+proptest! {
+    /// Whatever is given as a frame or a filter is read or refused, and what is read as a frame is
+    /// written back so that it reads the same.
+    #[test]
+    fn any_text_is_read_or_refused(text in "[0-9A-Fa-f#R:~x é]{0,24}|\\PC{0,24}") {
+        let _ = text.parse::<Filter>();
+        if let Ok(frame) = parse_frame(&text) {
+            prop_assert_eq!(parse_frame(&FrameText(&frame).to_string()), Ok(frame));
+        }
+    }
+
+    /// A filter passes exactly the frames that its inverse does not.
+    #[test]
+    fn an_inverted_filter_passes_the_others(id: u32, mask: u32, frame in 0..0x800_u32, remote: bool) {
+        let frame = parse_frame(&format!("{frame:03X}#{}", if remote { "R" } else { "" })).unwrap();
+        let passes = |mark| format!("{id:X}{mark}{mask:X}").parse::<Filter>().unwrap().passes(&frame);
+        prop_assert_ne!(passes(':'), passes('~'));
     }
 }

@@ -143,6 +143,22 @@ fn changes_on_the_bus_are_comments_on_standard_error() {
 }
 
 #[test]
+fn a_gateway_that_is_lost_comes_back() {
+    let fault = "[[fault]]\nat_ms = 10000\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 300\n";
+    let bus = Scenario::replaying(&[(0, "123#01"), (11_000, "123#02")], fault);
+    let output = bus.run(&["dump", "--channel", "0", "-n", "2", "-T", "19000", "-L"]);
+    assert_eq!(output.status.code(), Some(0));
+    let shown = String::from_utf8(output.stdout).unwrap();
+    let frames: Vec<_> = shown.lines().filter_map(|line| line.split(' ').nth(2)).collect();
+    assert_eq!(frames, ["123#01", "123#02"]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    let comments: Vec<_> = errors.lines().filter_map(|line| line.split_once(") ")).collect();
+    let words: Vec<_> = comments.into_iter().map(|(_, words)| words).collect();
+    let course = ["waiting for OP", "being verified", "in service"];
+    assert_eq!(words, course.map(|words| format!("the gateway is {words}")));
+}
+
+#[test]
 fn it_ends_cleanly_when_stopped_or_when_nobody_reads() {
     let frames: Vec<(u64, &str)> = (0..1500).map(|at| (at * 20, "123#11")).collect();
     let bus = Scenario::replaying(&frames, "");

@@ -22,6 +22,17 @@ fn frames_are_sent_and_known_to_have_left() {
 }
 
 #[test]
+fn of_several_gateways_the_chosen_one_sends() {
+    let second = "[[gateway]]\nalias = 7\n[[node]]\nkind = \"echo\"\nbus = \"1.0\"\n";
+    let bus = Scenario::new(second);
+    let message = bus.fails(4, &["send", "123#"]);
+    assert!(message.contains("several gateways; choose one with --slave, of 0, 1"), "{message}");
+    assert_eq!(bus.good(&["send", "123#", "--slave", "alias=7"]), "can0 123# sent\n");
+    // The first has nobody on its bus.
+    bus.fails(1, &["send", "123#", "--slave", "0", "--timeout", "100"]);
+}
+
+#[test]
 fn a_frame_that_nobody_acknowledges_has_not_left() {
     let alone = Scenario::new("");
     let message = alone.fails(1, &["send", "123#11", "124#22", "--timeout", "300"]);
