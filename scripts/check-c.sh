@@ -46,7 +46,7 @@ ASAN_OPTIONS=detect_leaks=1 "$build/every_function_sanitized"
 
 say "every function and the manual's fragments, under valgrind"
 checked=(valgrind --quiet --error-exitcode=1 --leak-check=full
-    --show-leak-kinds=definite,indirect --errors-for-leak-kinds=definite,indirect)
+    "--show-leak-kinds=definite,indirect" "--errors-for-leak-kinds=definite,indirect")
 "${checked[@]}" "$build/capi/tests/every_function"
 ECAN_ECRT=$stepped "${checked[@]}" "$build/capi/tests/manual_fragments"
 
