@@ -426,7 +426,7 @@ function ecan.dissector(tvb, pinfo, root)
     if header.is_valid and #texts ~= header.count then
         header.count_item:add_proto_expert_info(experts["count"])
     end
-    pinfo.cols.info = string.format("%s %d, sequence %d%s  %s", is_rx and "RxPDO" or "TxPDO",
+    pinfo.cols.info = string.format("%s slave %d, sequence %d%s  %s", is_rx and "RxPDO" or "TxPDO",
         tvb(8, 2):le_uint(), header.sequence, header.is_valid and "" or ", not valid",
         table.concat(texts, "  "))
     return tvb:len()

@@ -35,8 +35,8 @@ pub struct Recording {
 /// A [`Capture`] with a thread that writes it.
 ///
 /// To hand something over takes neither memory nor a system call, but for waking the thread that
-/// writes. Where there is no room it is dropped and counted, or waited for if the recorder is a
-/// [`patient`](Self::patient) one.
+/// writes. Where there is no room it is dropped and counted, or waited for if the recorder
+/// is [patient](Self::set_patient).
 #[derive(Debug)]
 pub struct Recorder {
     queue: Option<SyncSender<(u64, Packet)>>,
@@ -72,11 +72,9 @@ impl Recorder {
         Ok(Self { queue: Some(queue), free, spare: None, thread, is_patient: false, dropped: 0 })
     }
 
-    /// Waits for room instead of dropping: for simulated time, never in a cycle of real time.
-    #[must_use]
-    pub fn patient(mut self, is_patient: bool) -> Self {
+    /// Waits for room instead of dropping, or not: for simulated time, never in a cycle of real time.
+    pub fn set_patient(&mut self, is_patient: bool) {
         self.is_patient = is_patient;
-        self
     }
 
     /// A CAN frame, see [`Capture::frame`]. Real-time safe unless patient.
