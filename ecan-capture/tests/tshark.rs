@@ -44,7 +44,10 @@ fn fields(names: &[&str], fill: impl FnOnce(&mut Capture<Vec<u8>>)) -> Option<Ve
     };
     let errors = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && !errors.contains("Lua"), "{errors}");
-    Some(String::from_utf8(output.stdout).unwrap().lines().map(str::to_owned).collect())
+    // From 4.2 on tshark has words for flags.
+    let text = String::from_utf8(output.stdout).unwrap();
+    let text = text.replace("True", "1").replace("False", "0");
+    Some(text.lines().map(str::to_owned).collect())
 }
 
 fn image_fields(
