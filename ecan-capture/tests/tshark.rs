@@ -6,8 +6,8 @@ use std::process::Command;
 use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Traffic};
 use ecan_protocol::{
     CanFrame, CanId, ChannelState, ChannelStatus, CommitFields, Direction, Dlc,
-    EncapsulationProfile, FrameRef, ImageWriter, OptionFlags, PdoProfile, ResultCode, Timestamp,
-    TxResult,
+    EncapsulationProfile, FrameRef, ImageWriter, OptionFlags, PdoProfile, ResultCode, Schedule,
+    Timestamp, TxResult,
 };
 
 const DISSECTOR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../wireshark/ecan_pdo.lua");
@@ -175,6 +175,28 @@ fn all_forms_of_packets_are_read() {
         "The channel is bus-off,The gateway has not taken the frame",
     ];
     assert_eq!(columns, expected);
+}
+
+#[test]
+fn scheduled_frames_have_their_phase() {
+    let profile = PdoProfile::default();
+    let mut image = vec![0; profile.pdo_bytes()];
+    let mut writer = ImageWriter::new(Direction::RxPdo, profile);
+    let frame = FrameRef::classic(standard(0x321), &[1, 2]).unwrap();
+    let schedule = Schedule { tag: 77, offset_ns: 250_000 };
+    writer.push_scheduled(&mut image, 1, 1, frame, schedule).unwrap();
+    writer.commit(&mut image, CommitFields::default());
+    let names = [
+        "ecan_pdo.schedule.format",
+        "ecan_pdo.schedule.tag",
+        "ecan_pdo.schedule.offset_ns",
+        "ecan_pdo.id",
+        "ecan_pdo.id_aux_tx",
+        "ecan_pdo.data",
+        "_ws.expert",
+    ];
+    let Some(line) = image_fields(&names, Direction::RxPdo, profile, &image) else { return };
+    assert_eq!(line, "1|77|250000|0x00000321|1|0102|");
 }
 
 #[test]

@@ -138,6 +138,8 @@ fn misuse_is_told() {
     assert!(message.contains("--capture <FILE>"), "{message}");
     let message = fails(2, &["--ecrt", "sim", "dump", "--screen"]);
     assert!(message.contains("--log <FILE>") && message.contains("--capture <FILE>"), "{message}");
+    let message = fails(2, &["--ecrt", "sim", "dump", "--log", "x", "--capture", "x"]);
+    assert_eq!(message, "ecan: --log and --capture name the same file");
     let bus = bus();
     let path = bus.path("none/out.pcapng");
     let message = bus.fails(6, &["dump", "-n", "1", "--capture", &path]);

@@ -126,6 +126,9 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
+    if arguments.log.is_some() && arguments.log.as_deref() == arguments.capture.path() {
+        return Err(Failure::Usage("--log and --capture name the same file".to_owned()));
+    }
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     let screen = Screen {
         style: arguments.time,
@@ -135,7 +138,7 @@ pub fn run(
         is_log: arguments.log_format,
         is_json: global.json,
     };
-    let is_filed = arguments.log.is_some() || arguments.capture.is_wanted();
+    let is_filed = arguments.log.is_some() || arguments.capture.path().is_some();
     let is_shown = !is_filed || arguments.screen;
     // Before the gateway: the printer's thread keeps out of what the cycle's thread asks for.
     let mut printer = Printer::start(screen, is_shown, arguments.log.as_deref())?;

@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::io::BufWriter;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Traffic};
@@ -26,9 +26,9 @@ pub struct CaptureOptions {
 }
 
 impl CaptureOptions {
-    /// Whether there is to be a capture.
-    pub fn is_wanted(&self) -> bool {
-        self.capture.is_some()
+    /// The file, where there is to be a capture.
+    pub fn path(&self) -> Option<&Path> {
+        self.capture.as_deref()
     }
 }
 
