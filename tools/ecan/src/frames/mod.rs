@@ -1,5 +1,6 @@
 //! A gateway in service for the commands that carry CAN frames.
 
+pub mod capture;
 pub mod channels;
 pub mod departures;
 pub mod format;

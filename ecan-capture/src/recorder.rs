@@ -1,0 +1,167 @@
+//! Writing beside the cycle: a file that is slow does not hold it up.
+
+use std::io::{self, Write};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::thread::JoinHandle;
+
+use ecan_protocol::{CanFrame, MAX_PDO_BYTES};
+
+use crate::capture::{Capture, Traffic};
+use crate::error_frame::ErrorFrame;
+use crate::image::ImageOrigin;
+
+/// Packets that may wait to be written.
+const QUEUE: usize = 1 << 15;
+/// Images that may wait: a second of both directions at a cycle of 1 ms.
+const IMAGES: usize = 2048;
+
+/// What waits to be written.
+#[derive(Debug)]
+enum Packet {
+    Frame { port: usize, traffic: Traffic, frame: CanFrame },
+    Error { port: usize, error: ErrorFrame },
+    Image { origin: ImageOrigin, image: Vec<u8> },
+}
+
+/// What became of a recording.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Recording {
+    /// Packets in the file.
+    pub written: u64,
+    /// Packets for which there was no room, because the file is too slow.
+    pub dropped: u64,
+}
+
+/// A [`Capture`] with a thread that writes it.
+///
+/// To hand something over takes neither memory nor a system call, but for waking the thread that
+/// writes. Where there is no room it is dropped and counted, or waited for if the recorder
+/// is [patient](Self::set_patient).
+#[derive(Debug)]
+pub struct Recorder {
+    queue: Option<SyncSender<(u64, Packet)>>,
+    /// Buffers for images, back from the thread.
+    free: Receiver<Vec<u8>>,
+    /// A buffer whose image had no room in the queue.
+    spare: Option<Vec<u8>>,
+    thread: JoinHandle<io::Result<u64>>,
+    is_patient: bool,
+    dropped: u64,
+}
+
+impl Recorder {
+    /// Starts the thread on a capture; the images are of up to `image_bytes` (128 * N, or 0 where
+    /// none will come). Takes all the memory that it needs.
+    ///
+    /// # Errors
+    /// There is no thread to be had.
+    pub fn start<W: Write + Send + 'static>(
+        capture: Capture<W>,
+        image_bytes: usize,
+    ) -> io::Result<Self> {
+        let (queue, packets) = sync_channel(QUEUE);
+        let (give_back, free) = sync_channel(IMAGES);
+        if image_bytes > 0 {
+            for _ in 0..IMAGES {
+                let _ = give_back.try_send(Vec::with_capacity(image_bytes.min(MAX_PDO_BYTES)));
+            }
+        }
+        let thread = std::thread::Builder::new()
+            .name("capture".to_owned())
+            .spawn(move || write_all(capture, &packets, &give_back))?;
+        Ok(Self { queue: Some(queue), free, spare: None, thread, is_patient: false, dropped: 0 })
+    }
+
+    /// Waits for room instead of dropping, or not: for simulated time, never in a cycle of real time.
+    pub fn set_patient(&mut self, is_patient: bool) {
+        self.is_patient = is_patient;
+    }
+
+    /// A CAN frame, see [`Capture::frame`]. Real-time safe unless patient.
+    pub fn frame(&mut self, time_ns: u64, port: usize, traffic: Traffic, frame: &CanFrame) {
+        self.put(time_ns, Packet::Frame { port, traffic, frame: *frame });
+    }
+
+    /// An error frame, see [`Capture::error`]. Real-time safe unless patient.
+    pub fn error(&mut self, time_ns: u64, port: usize, error: ErrorFrame) {
+        self.put(time_ns, Packet::Error { port, error });
+    }
+
+    /// A process image, see [`Capture::image`]. Real-time safe unless patient. An image longer than
+    /// was said at the start is dropped.
+    pub fn image(&mut self, time_ns: u64, origin: ImageOrigin, image: &[u8]) {
+        let buffer = match self.spare.take() {
+            None if self.is_patient => self.free.recv().ok(),
+            None => self.free.try_recv().ok(),
+            spare => spare,
+        };
+        match buffer {
+            Some(mut buffer) if buffer.capacity() >= image.len() => {
+                buffer.clear();
+                buffer.extend_from_slice(image);
+                self.put(time_ns, Packet::Image { origin, image: buffer });
+            }
+            unused => {
+                self.spare = unused;
+                self.dropped += 1;
+            }
+        }
+    }
+
+    /// Whether it can write no more; [`finish`](Self::finish) tells why.
+    pub fn is_over(&self) -> bool {
+        self.thread.is_finished()
+    }
+
+    /// Waits until everything is written.
+    ///
+    /// # Errors
+    /// Why it could not be.
+    pub fn finish(mut self) -> io::Result<Recording> {
+        self.queue = None;
+        match self.thread.join() {
+            Ok(written) => Ok(Recording { written: written?, dropped: self.dropped }),
+            Err(panic) => std::panic::resume_unwind(panic),
+        }
+    }
+
+    fn put(&mut self, time_ns: u64, packet: Packet) {
+        let Some(queue) = &self.queue else { return };
+        if self.is_patient {
+            // Nobody there: the thread's error tells.
+            let _ = queue.send((time_ns, packet));
+        } else if let Err(TrySendError::Full((_, packet))) = queue.try_send((time_ns, packet)) {
+            self.dropped += 1;
+            if let Packet::Image { image, .. } = packet {
+                self.spare = Some(image);
+            }
+        }
+    }
+}
+
+/// Writes what comes, and writes it out whenever nothing more waits.
+fn write_all<W: Write>(
+    mut capture: Capture<W>,
+    packets: &Receiver<(u64, Packet)>,
+    give_back: &SyncSender<Vec<u8>>,
+) -> io::Result<u64> {
+    let mut written = 0;
+    while let Ok(first) = packets.recv() {
+        for (time_ns, packet) in std::iter::once(first).chain(packets.try_iter()) {
+            match packet {
+                Packet::Frame { port, traffic, frame } => {
+                    capture.frame(time_ns, port, traffic, &frame)?;
+                }
+                Packet::Error { port, error } => capture.error(time_ns, port, &error)?,
+                Packet::Image { origin, image } => {
+                    capture.image(time_ns, &origin, &image)?;
+                    let _ = give_back.try_send(image);
+                }
+            }
+            written += 1;
+        }
+        capture.flush()?;
+    }
+    capture.finish()?;
+    Ok(written)
+}

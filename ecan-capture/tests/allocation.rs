@@ -1,0 +1,49 @@
+//! Nothing is allocated for a packet: not where it is handed over, not where it is written.
+#![allow(missing_docs)]
+
+#[path = "../../ecan-sim/tests/counting/mod.rs"]
+mod counting;
+
+use counting::allocations;
+use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Traffic};
+use ecan_protocol::{CanFrame, CanId, Direction, PdoProfile};
+
+fn parts() -> (CanFrame, ErrorFrame, ImageOrigin, [u8; 1024]) {
+    let frame = CanFrame::fd(CanId::standard(0x123).unwrap(), &[1; 64], true, false).unwrap();
+    let profile = PdoProfile::default();
+    let origin = ImageOrigin { slave: 0, direction: Direction::TxPdo, profile };
+    (frame, ErrorFrame::new(0x40, [0; 8]), origin, [0; 1024])
+}
+
+#[test]
+fn handing_over_allocates_nothing_from_the_first_packet_on() {
+    let (frame, error, origin, image) = parts();
+    let capture = Capture::new(std::io::sink(), "test").unwrap();
+    let mut recorder = Recorder::start(capture, image.len()).unwrap();
+    let before = allocations();
+    // More than there is room for: dropping does not allocate either.
+    for time_ns in 0..50_000 {
+        recorder.frame(time_ns, 0, Traffic::Received, &frame);
+        recorder.error(time_ns, 0, error);
+        recorder.image(time_ns, origin, &image);
+    }
+    assert_eq!(allocations(), before);
+    recorder.finish().unwrap();
+}
+
+#[test]
+fn writing_allocates_for_a_new_interface_alone() {
+    let (frame, error, origin, image) = parts();
+    let mut capture = Capture::new(std::io::sink(), "test").unwrap();
+    let mut round = |time_ns| {
+        capture.frame(time_ns, 0, Traffic::Received, &frame).unwrap();
+        capture.error(time_ns, 0, &error).unwrap();
+        capture.image(time_ns, &origin, &image).unwrap();
+    };
+    let before = allocations();
+    round(0);
+    let after_first = allocations();
+    assert!(after_first > before);
+    (1..1000).for_each(round);
+    assert_eq!(allocations(), after_first);
+}

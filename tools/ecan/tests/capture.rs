@@ -1,0 +1,152 @@
+//! `ecan dump --capture`: what other programs read in the file.
+#![allow(missing_docs)]
+
+mod support;
+
+use std::process::Command;
+
+use support::{Scenario, fails};
+
+const DISSECTOR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../wireshark/ecan_pdo.lua");
+
+/// Milliseconds, frame.
+const FRAMES: [(u64, &str); 4] = [
+    (0, "123#DEADBEEF"),
+    (500, "12345678#R4"),
+    (600, "7FF#1122334455667788"),
+    (700, "111##1AABBCCDDEEFF001122334455"),
+];
+
+fn bus() -> Scenario {
+    Scenario::replaying(&FRAMES, "")
+}
+
+/// The blocks of a capture: type, and what is between the two lengths.
+fn blocks(mut file: &[u8]) -> Vec<(u32, Vec<u8>)> {
+    let number = |bytes: &[u8]| u32::from_le_bytes(bytes[..4].try_into().unwrap());
+    let mut blocks = Vec::new();
+    while !file.is_empty() {
+        let length = number(&file[4..]) as usize;
+        assert_eq!(number(&file[length - 4..]) as usize, length);
+        blocks.push((number(file), file[8..length - 4].to_vec()));
+        file = &file[length..];
+    }
+    blocks
+}
+
+/// Fields of the packets that a display filter passes; `None` without tshark.
+fn tshark(bus: &Scenario, filter: &str, names: &[&str]) -> Option<Vec<String>> {
+    let mut command = Command::new("tshark");
+    command.args(["-X", &format!("lua_script:{DISSECTOR}"), "-r", &bus.path("out.pcapng")]);
+    command.args(["-Y", filter, "-T", "fields", "-E", "separator=|"]);
+    command.args(names.iter().flat_map(|name| ["-e", name]));
+    command.env("HOME", bus.path("")).env("XDG_CONFIG_HOME", bus.path(""));
+    let output = match command.output() {
+        Ok(output) => output,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+            eprintln!("skipped: there is no tshark");
+            return None;
+        }
+        Err(error) => panic!("tshark: {error}"),
+    };
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && !errors.contains("Lua"), "{errors}");
+    Some(String::from_utf8(output.stdout).unwrap().lines().map(str::to_owned).collect())
+}
+
+#[test]
+fn frames_go_into_the_file_as_they_came() {
+    let bus = bus();
+    let path = bus.path("out.pcapng");
+    let fd = ["--data-bitrate", "2000000"];
+    let shown = bus.good(&[&["dump", "-n", "4", "--capture", &path][..], &fd].concat());
+    assert_eq!(shown, "");
+    let blocks = blocks(&std::fs::read(&path).unwrap());
+    let types: Vec<_> = blocks.iter().map(|(block_type, _)| *block_type).collect();
+    assert_eq!(types, [0x0A0D_0D0A, 1, 6, 6, 6, 6]);
+    // Interface, time, both lengths, then the frame.
+    let frame: &[u8] = &[0, 0, 1, 0x23, 4, 0, 0, 0, 0xDE, 0xAD, 0xBE, 0xEF];
+    assert_eq!(&blocks[2].1[20..32], frame);
+    assert_eq!(&blocks[3].1[20..28], [0xD2, 0x34, 0x56, 0x78, 4, 0, 0, 0]);
+
+    let names = ["frame.interface_name", "frame.time_relative", "can.id", "data.data"];
+    let Some(lines) = tshark(&bus, "can || canfd", &names) else { return };
+    let expected = [
+        "can0|0.000000000|291|deadbeef",
+        "can0|0.500000000|305419896|",
+        "can0|0.600000000|2047|1122334455667788",
+        "can0|0.700000000|273|aabbccddeeff001122334455",
+    ];
+    assert_eq!(lines, expected);
+}
+
+#[test]
+fn filters_and_the_screen_are_those_of_dump() {
+    let bus = bus();
+    let path = bus.path("out.pcapng");
+    let log = bus.path("out.log");
+    let shown =
+        bus.good(&["dump", "-n", "1", "--capture", &path, "-l", &log, "--screen", "7FF:7FF"]);
+    assert_eq!(shown, "  can0  7FF   [8]  11 22 33 44 55 66 77 88\n");
+    assert!(bus.read("out.log").ends_with("can0 7FF#1122334455667788\n"));
+    assert_eq!(blocks(&std::fs::read(&path).unwrap()).len(), 3);
+}
+
+#[test]
+fn images_of_both_directions_can_be_had() {
+    let bus = bus();
+    let path = bus.path("out.pcapng");
+    bus.good(&["dump", "-n", "1", "--pdo-n", "2", "--capture", &path, "--images"]);
+    // Each image is there once: 16 bytes of the capture, 256 of the gateway, which begin so.
+    let file = std::fs::read(&path).unwrap();
+    let images: Vec<_> = blocks(&file)
+        .into_iter()
+        .filter(|(block_type, block)| *block_type == 6 && block[12..16] == 272_u32.to_le_bytes())
+        .map(|(_, block)| block[20..][..272].to_vec())
+        .collect();
+    for direction in [0, 1] {
+        let headers: Vec<_> =
+            images.iter().filter(|it| it[6] == direction).map(|it| it[16..40].to_vec()).collect();
+        assert!(headers.len() > 1000, "{}", headers.len());
+        assert!(headers.windows(2).all(|pair| pair[0] != pair[1]));
+        assert!(headers.iter().all(|header| header[0] == 0x16));
+    }
+
+    let names = ["ecan_pdo.direction", "ecan_pdo.profile.n", "ecan_pdo.id", "ecan_pdo.data"];
+    let Some(lines) = tshark(&bus, "ecan_pdo.frame_count > 0", &names) else { return };
+    assert_eq!(lines, ["1|1|0x00000123|deadbeef"]);
+    // Header, CRC and layout of every image are right.
+    let wrong = tshark(&bus, "ecan_pdo && _ws.expert", &["_ws.expert.message"]).unwrap();
+    assert_eq!(wrong, Vec::<String>::new());
+}
+
+#[test]
+fn a_channel_that_goes_off_the_bus_leaves_an_error_frame() {
+    let fault = "[[fault]]\nat_ms = 7000\nkind = \"bus_off\"\ngateway = 0\nchannel = 0\n";
+    let bus = Scenario::replaying(&FRAMES, fault);
+    let path = bus.path("out.pcapng");
+    let output = bus.run(&["dump", "--channel", "0", "-T", "9000", "--capture", &path]);
+    assert!(String::from_utf8(output.stderr).unwrap().contains(") can0 bus-off"));
+    let is_bus_off = |block: &[u8]| block[20..28] == [0x20, 0, 0, 0x40, 8, 0, 0, 0];
+    let blocks = blocks(&std::fs::read(&path).unwrap());
+    assert!(blocks.iter().any(|(block_type, block)| *block_type == 6 && is_bus_off(block)));
+}
+
+#[test]
+fn misuse_is_told() {
+    let message = fails(2, &["--ecrt", "sim", "dump", "--images"]);
+    assert!(message.contains("--capture <FILE>"), "{message}");
+    let message = fails(2, &["--ecrt", "sim", "dump", "--screen"]);
+    assert!(message.contains("--log <FILE>") && message.contains("--capture <FILE>"), "{message}");
+    let message = fails(2, &["--ecrt", "sim", "dump", "--log", "x", "--capture", "x"]);
+    assert_eq!(message, "ecan: --log and --capture name the same file");
+    let bus = bus();
+    let path = bus.path("none/out.pcapng");
+    let message = bus.fails(6, &["dump", "-n", "1", "--capture", &path]);
+    assert_eq!(
+        message,
+        format!("ecan: cannot write {path}: No such file or directory (os error 2)")
+    );
+    let message = bus.fails(6, &["dump", "-T", "9000", "--capture", "/dev/full", "--images"]);
+    assert_eq!(message, "ecan: cannot write /dev/full: No space left on device (os error 28)");
+}
