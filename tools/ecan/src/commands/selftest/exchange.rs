@@ -1,7 +1,7 @@
 //! Sending the frames of a test through a gateway in service, and comparing what comes back.
 
 use ecan_command_line::interrupt::Interrupt;
-use ecan_diagnosis::registers::{ErrorCounters, ProtocolStatus};
+use ecan_diagnosis::registers::{ErrorCounters, LastErrorCode, ProtocolStatus};
 use ecan_mcan_port::Received;
 use ecan_protocol::{CHANNELS, CanFrame};
 use serde::Serialize;
@@ -65,6 +65,13 @@ impl ChannelState {
             dropped: get(13)?,
             bus_off_count: get(15)?,
         })
+    }
+
+    /// Whether its frames get no acknowledgement. A channel alone on its bus counts up to 128, where
+    /// it is error passive, and no further.
+    pub(super) fn is_unheard(&self) -> bool {
+        let is_alone = self.counters.transmit == 128 && !self.status.is_bus_off;
+        is_alone || self.status.last_error == LastErrorCode::Acknowledge
     }
 
     /// What its counters tell of errors since `before`.

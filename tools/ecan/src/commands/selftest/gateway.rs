@@ -1,7 +1,6 @@
 //! The test of one gateway, from its identity to its wires.
 
 use ecan_command_line::interrupt::Interrupt;
-use ecan_diagnosis::registers::LastErrorCode;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::NodeMode;
@@ -96,7 +95,7 @@ impl Test<'_> {
             }
         };
         let tested = self.run_all(bus, slave, runs, interrupt, report);
-        // Another program has the master: nothing was changed.
+        // No master, so nothing was changed.
         if let Err(failure @ Failure::Master(_)) = tested {
             return Err(failure);
         }
@@ -121,6 +120,7 @@ impl Test<'_> {
         interrupt: &Interrupt,
         report: &mut Report,
     ) -> Result<bool, Failure> {
+        let mut is_first = true;
         for run in runs {
             let name = match run.way {
                 Way::Loopback => format!("loopback, {}", run.rate.name()),
@@ -129,13 +129,15 @@ impl Test<'_> {
             match self.run_one(bus, slave, run, interrupt, report) {
                 Ok(true) => {}
                 Ok(false) => return Ok(false),
-                Err(failure @ Failure::Master(_)) => return Err(failure),
+                // Another program has the master, or there is none.
+                Err(failure @ Failure::Master(_)) if is_first => return Err(failure),
                 Err(failure) => {
                     // A gateway that does not come into service would not at the next rate either.
                     report.add(name, Err(failure.to_string()));
                     return Ok(true);
                 }
             }
+            is_first = false;
         }
         Ok(true)
     }
@@ -148,23 +150,35 @@ impl Test<'_> {
         interrupt: &Interrupt,
         report: &mut Report,
     ) -> Result<bool, Failure> {
-        let Run { way, rate, routes, adapter, config } = run;
-        let count = self.arguments.frames;
+        let Run { adapter, config, .. } = &run;
+        let (adapter, config) = (adapter.clone(), config.clone());
         let place = Place { position: slave, adapter, config, channels: Channels::NONE };
         let real_time = &self.arguments.real_time;
         let started = Service::start(bus.ecrt(), place, real_time, interrupt, self.output)?;
-        let Some(mut service) = started else { return Ok(false) };
+        let Some(service) = started else { return Ok(false) };
+        // From here on a failure is one of the gateway or of its link.
+        self.exchange(service, run, interrupt, report)
+            .map_err(|failure| Failure::Refused(failure.to_string()))
+    }
+
+    fn exchange(
+        &self,
+        mut service: Service,
+        run: Run<'_>,
+        interrupt: &Interrupt,
+        report: &mut Report,
+    ) -> Result<bool, Failure> {
+        let Run { way, rate, routes, .. } = run;
+        let count = self.arguments.frames;
         let channels: Vec<_> = routes.iter().map(|route| route.from).collect();
         let before = states(&mut service, &channels)?;
         let exchanged = exchange(&mut service, &routes, count, rate.is_fd(), interrupt)?;
         let Some(counts) = exchanged else { return Ok(false) };
         let after = states(&mut service, &channels)?;
         for (route, counts) in routes.into_iter().zip(counts) {
-            let concerned: Vec<_> = before
-                .iter()
-                .zip(&after)
-                .filter(|(_, it)| it.channel == route.from || it.channel == route.to)
-                .collect();
+            let is_concerned = |channel| channel == route.from || channel == route.to;
+            let concerned: Vec<_> =
+                before.iter().zip(&after).filter(|(_, it)| is_concerned(it.channel)).collect();
             let found = judge(way, route, &counts, count, &concerned);
             let is_good = found.is_ok();
             let (Ok(words) | Err(words)) = found;
@@ -245,8 +259,9 @@ fn judge(
         faults.push(format!("{} frames came again", counts.repeated));
     }
     if counts.strange > 0 {
-        let words = "came that were not sent to it";
-        faults.push(format!("on channel {} {} frames {words}", route.to, counts.strange));
+        let (to, strange) = (route.to, counts.strange);
+        let words = "that the test did not send to it: is another node on its bus?";
+        faults.push(format!("channel {to} received {strange} frames {words}"));
     }
     faults.extend(states.iter().flat_map(|(before, after)| after.faults(before)));
     match faults.is_empty() {
@@ -262,8 +277,58 @@ fn missing(
     states: &[(&ChannelState, &ChannelState)],
 ) -> Option<String> {
     let (_, sender) = states.iter().find(|(_, state)| state.channel == from)?;
-    let is_unheard = way == Way::Wire && sender.status.last_error == LastErrorCode::Acknowledge;
-    is_unheard.then(|| {
+    (way == Way::Wire && sender.is_unheard()).then(|| {
         format!("nobody acknowledges: is channel {from} wired to channel {to}, and terminated?")
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use ecan_sim::{ClockKind, SimOptions};
+
+    use super::*;
+    use crate::global::Color;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: SelftestArguments,
+    }
+
+    #[test]
+    fn a_gateway_has_its_own_configuration_again() {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+        let bus = Bus::over(&backend.ecrt);
+        // A channel of its own bit rate and filters, another data path.
+        let own = [(0x8002, 19, 800_000), (0x8002, 49, 3), (0x8003, 36, 2), (0x8023, 4, 1)];
+        for (index, subindex, value) in own {
+            bus.write(0, index, subindex, value).unwrap();
+        }
+        let everything = || -> Vec<_> {
+            let objects = [0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8021, 0x8022, 0x8023];
+            let entries = objects.into_iter().flat_map(|index| {
+                let object = ecan_protocol::object(index).unwrap();
+                object.entries.iter().map(move |entry| (index, entry))
+            });
+            entries
+                .filter(|(_, entry)| entry.access.can_read() && entry.access.can_write())
+                .map(|(index, entry)| (index, entry.subindex, bus.read(0, index, entry.subindex)))
+                .map(|(index, subindex, value)| (index, subindex, value.unwrap()))
+                .collect()
+        };
+        let before = everything();
+        let Line { arguments } = Line::parse_from(["selftest", "--wired", "0-1", "--frames", "2"]);
+        let rates = Rate::usual();
+        let output = Output::new(false, Color::Never);
+        let test = Test { arguments: &arguments, rates: &rates, master: 0, output: &output };
+        let interrupt = Interrupt::install().unwrap();
+        let report = test.run(&bus, 0, &interrupt).unwrap();
+        // Echo nodes on the buses: the loopbacks are good, the wires are not.
+        let good: Vec<_> = report.checks.iter().filter(|it| it.name.starts_with("loop")).collect();
+        assert!(good.len() == 24 && good.iter().all(|it| it.is_good), "{good:?}");
+        assert!(!report.is_good);
+        assert_eq!(everything(), before);
+    }
 }

@@ -59,7 +59,7 @@ pub struct SelftestArguments {
     #[arg(long, value_name = "VERSION")]
     expect_version: Option<String>,
     /// There must be so many gateways on the bus
-    #[arg(long, value_name = "COUNT", conflicts_with = "slave")]
+    #[arg(long, value_name = "COUNT")]
     gateways: Option<usize>,
     /// Frames in each direction at each bit rate; 96 have every length
     #[arg(long, value_name = "COUNT", default_value_t = 96,
@@ -138,6 +138,10 @@ fn slaves(
     output: &Output,
 ) -> Result<Vec<usize>, Failure> {
     if bus.is_chosen() {
+        if arguments.gateways.is_some() {
+            let words = "--gateways counts those of the whole bus, --slave names one: give either";
+            return Err(Failure::Usage(words.to_owned()));
+        }
         return Ok(vec![bus.slave()?]);
     }
     let all = 0..bus.diagnostics().slave_count();
