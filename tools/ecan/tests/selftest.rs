@@ -147,6 +147,19 @@ fn a_gateway_that_refuses_its_configuration_fails_and_the_next_is_tested() {
 }
 
 #[test]
+fn a_gateway_that_goes_away_fails_and_the_others_keep_their_reports() {
+    // While the first one is tested.
+    let fault = "[[fault]]\nkind = \"power_off\"\ngateway = 1\nat_ms = 5000\n";
+    let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{fault}"));
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest"]);
+    assert!(printed.starts_with("gateway 4294967297 at position 0: "), "{printed}");
+    assert_eq!(lines(&printed, "slave at position 1: FAILED").len(), 1, "{printed}");
+    let failed = lines(&printed, "FAILED  recognition");
+    assert_eq!(failed.len(), 1, "{printed}");
+    assert!(failed.iter().all(|line| line.contains("not on the bus")), "{printed}");
+}
+
+#[test]
 fn several_gateways_are_tested_in_turn_and_each_has_its_report() {
     let gateways = "firmware = [514, 1]\n[[gateway]]\nalias = 7\nfirmware = [514, 3]\n";
     let bus = Scenario::new(gateways);

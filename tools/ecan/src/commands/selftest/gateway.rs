@@ -14,7 +14,7 @@ use crate::output::Output;
 use super::exchange::{ChannelState, Counts, Route, exchange, states};
 use super::rates::Rate;
 use super::report::{Check, Figures, Report};
-use super::saved::Saved;
+use super::saved::{Saved, wait_present};
 use super::{SelftestArguments, identity};
 
 /// What is tested, and how.
@@ -70,7 +70,7 @@ impl Test<'_> {
         let time = jiff::Timestamp::now().to_string();
         let mut report = Report { position: slave, time, ..Report::default() };
         let expected = self.arguments.expect_version.as_deref();
-        if identity::check(bus, slave, expected, &mut report)? {
+        if identity::check(bus, slave, expected, &mut report) {
             self.run_channels(bus, slave, interrupt, &mut report)?;
         }
         report.is_good = report.is_good_so_far();
@@ -153,6 +153,7 @@ impl Test<'_> {
         let Run { adapter, config, .. } = &run;
         let (adapter, config) = (adapter.clone(), config.clone());
         let place = Place { position: slave, adapter, config, channels: Channels::NONE };
+        wait_present(bus, slave).map_err(Failure::Refused)?;
         let real_time = &self.arguments.real_time;
         let started = Service::start(bus.ecrt(), place, real_time, interrupt, self.output)?;
         let Some(service) = started else { return Ok(false) };

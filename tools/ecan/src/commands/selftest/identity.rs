@@ -3,9 +3,9 @@
 use ecan_protocol::Recognition;
 
 use crate::bus::Bus;
-use crate::failure::Failure;
 
 use super::report::Report;
+use super::saved::wait_present;
 
 /// Looks at a slave; whether it is a gateway that further tests make sense with.
 pub(super) fn check(
@@ -13,15 +13,24 @@ pub(super) fn check(
     slave: usize,
     expected_version: Option<&str>,
     report: &mut Report,
-) -> Result<bool, Failure> {
-    let info = bus.diagnostics().slave_info(slave).map_err(Failure::Device)?;
+) -> bool {
+    let present = wait_present(bus, slave);
+    let info = present
+        .and_then(|()| bus.diagnostics().slave_info(slave).map_err(|error| error.to_string()));
+    let info = match info {
+        Ok(info) => info,
+        Err(words) => {
+            report.add("recognition", Err(words));
+            return false;
+        }
+    };
     (report.vendor_id, report.product_code) = (info.vendor_id, info.product_code);
     report.revision = info.revision_number;
     let recognised = recognise(bus, slave);
     let is_gateway = recognised.is_ok();
     report.add("recognition", recognised);
     if !is_gateway {
-        return Ok(false);
+        return false;
     }
     let of_sii = [info.vendor_id, info.product_code, info.revision_number];
     report.add("identity", identity(bus, slave, of_sii));
@@ -39,7 +48,7 @@ pub(super) fn check(
             Err(error) => Err(error.to_string()),
         },
     );
-    Ok(true)
+    true
 }
 
 fn recognise(bus: &Bus, slave: usize) -> Result<String, String> {

@@ -109,9 +109,16 @@ pub fn run(
     }
     let granted = arguments.real_time.apply(|line| output.note(line));
     granted.map_err(|error| Failure::Master(error.to_string()))?;
-    let (mut reports, mut serials) = (Vec::new(), BTreeSet::new());
+    let (mut reports, mut serials, mut stopped) = (Vec::new(), BTreeSet::new(), None);
     for slave in slaves {
-        let mut report = test.run(&bus, slave, &interrupt)?;
+        let mut report = match test.run(&bus, slave, &interrupt) {
+            Ok(report) => report,
+            // What is known of the gateways before is told all the same.
+            Err(failure) => {
+                stopped = Some(failure);
+                break;
+            }
+        };
         if let Some(serial) = report.serial
             && !serials.insert(serial)
         {
@@ -123,12 +130,22 @@ pub fn run(
         }
         reports.push(report);
     }
+    if let Some(failure) = stopped {
+        if !reports.is_empty() {
+            print(false, reports, output)?;
+        }
+        return Err(failure);
+    }
     let is_good = reports.iter().all(|report| report.is_good);
-    let selftest = Selftest { is_good, gateways: reports };
+    print(is_good, reports, output)?;
+    if is_good { Ok(()) } else { Err(Failure::Amiss) }
+}
+
+fn print(is_good: bool, gateways: Vec<Report>, output: &Output) -> Result<(), Failure> {
+    let selftest = Selftest { is_good, gateways };
     output.data(&selftest, |out| {
         selftest.gateways.iter().try_for_each(|report| report.print(output, out))
-    })?;
-    if is_good { Ok(()) } else { Err(Failure::Amiss) }
+    })
 }
 
 /// The slaves to test: the one chosen, or every gateway.

@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use ecan_config_file::{ConfigFile, ConfigFileError, load};
+use ecan_config_file::ConfigFile;
 use ecan_mcan_port::ChannelSettings;
 use ecan_protocol::{McanChannelConfig, NodeMode};
 
+use crate::commands::config;
 use crate::failure::Failure;
 
 /// What of a channel's configuration makes its bit rates: timing, sample points, CAN FD (13.4).
@@ -97,14 +98,7 @@ fn plain(nominal: u32, data: Option<u32>) -> ChannelSettings {
 
 /// Reads a file that must be sound and have a channel.
 pub(super) fn read(path: &Path) -> Result<ConfigFile, Failure> {
-    let file = load(path).map_err(|error| match error {
-        ConfigFileError::Read { path, reason } => {
-            Failure::File { what: "read", path, reason: reason.to_string() }
-        }
-        ConfigFileError::Faults { path, faults } => {
-            Failure::File { what: "use", path, reason: faults.to_string() }
-        }
-    })?;
+    let file = config::read(path)?;
     if Rate::of_file(&file).is_empty() {
         let reason = "it has no channel, so there is no bit rate to test".to_owned();
         return Err(Failure::File { what: "use", path: path.to_owned(), reason });

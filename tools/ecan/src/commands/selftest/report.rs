@@ -85,6 +85,8 @@ impl Report {
                 true => output.toned(Tone::Good, "good  "),
                 false => output.toned(Tone::Bad, "FAILED"),
             };
+            // What belongs to a check stands behind it, also on further lines.
+            let words = words.replace('\n', "\n          ");
             writeln!(out, "  {mark}  {name:<width$}  {words}")?;
         }
         Ok(())

@@ -12,8 +12,8 @@ use crate::failure::Failure;
 
 /// How often the state of a slave is looked at, in nanoseconds.
 const LOOK_EVERY_NS: u64 = 50_000_000;
-/// How long a slave may take to be in PREOP again, in nanoseconds.
-const PREOP_NS: u64 = 10_000_000_000;
+/// How long a slave may take to be there, or in PREOP again, in nanoseconds.
+const STATE_NS: u64 = 10_000_000_000;
 /// Commands, and the editing window of the filters, which hold no configuration.
 const CHANNEL_COMMANDS: [u8; 2] = [1, 3];
 const FILTER_WINDOW: [u8; 14] = [43, 44, 45, 46, 47, 48, 50, 51, 52, 53, 54, 56, 57, 58];
@@ -68,7 +68,7 @@ impl Saved {
     /// Waits until the master has let go of the gateway, writes the values and puts them into
     /// force. Says what could not be put back.
     pub(super) fn restore(&self, bus: &Bus) -> Result<(), String> {
-        self.wait_preop(bus)?;
+        wait(bus, self.slave, |state| state == Some(AlState::PreOp))?;
         let mut steps: Vec<_> = self.values.values().copied().map(StartupStep::Download).collect();
         for (index, command) in &self.commands {
             steps.push(StartupStep::Download(*command));
@@ -85,21 +85,29 @@ impl Saved {
         }
         Ok(())
     }
+}
 
-    fn wait_preop(&self, bus: &Bus) -> Result<(), String> {
-        let deadline = bus.clock().now_ns() + PREOP_NS;
-        loop {
-            let state = bus.diagnostics().al_state(self.slave).map_err(|it| it.to_string())?;
-            match state {
-                Some(AlState::PreOp) => return Ok(()),
-                other if bus.clock().now_ns() >= deadline => {
-                    let state =
-                        other.map_or_else(|| "no known state".to_owned(), |it| it.to_string());
-                    return Err(format!("it is in {state}, not in PREOP, behind the test"));
-                }
-                _ => bus.clock().sleep_until_ns(bus.clock().now_ns() + LOOK_EVERY_NS),
-            }
+/// Waits until the master knows a slave. While it looks at the bus again, since some slave came or
+/// went, it knows none.
+pub(super) fn wait_present(bus: &Bus, slave: usize) -> Result<(), String> {
+    wait(bus, slave, |_| true)
+}
+
+fn wait(bus: &Bus, slave: usize, is_fit: fn(Option<AlState>) -> bool) -> Result<(), String> {
+    let deadline = bus.clock().now_ns() + STATE_NS;
+    loop {
+        let state = bus.diagnostics().al_state(slave);
+        if matches!(state, Ok(state) if is_fit(state)) {
+            return Ok(());
         }
+        if bus.clock().now_ns() >= deadline {
+            return Err(match state {
+                Err(error) => error.to_string(),
+                Ok(Some(state)) => format!("it stays in {state}"),
+                Ok(None) => "it stays in no known state".to_owned(),
+            });
+        }
+        bus.clock().sleep_until_ns(bus.clock().now_ns() + LOOK_EVERY_NS);
     }
 }
 
