@@ -228,6 +228,9 @@ fn wrong_use_is_told() {
     let report = format!("{}/reports", path(&empty));
     let message = simulated(6, &["--report", &report]);
     assert!(message.starts_with("ecan: cannot write "), "{message}");
+    let reserved = scenario("reserved = true\n[[gateway]]\n");
+    let message = fails(3, &["--ecrt", &setting(&reserved), "selftest"]);
+    assert!(message.contains("another application has reserved it"), "{message}");
     let message = fails(4, &["--ecrt", "sim", "--slave", "3", "selftest"]);
     assert_eq!(message, "ecan: there is no slave 3: there is only slave 0");
 }

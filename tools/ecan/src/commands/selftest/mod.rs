@@ -10,6 +10,7 @@ mod saved;
 mod wiring;
 
 use std::collections::BTreeSet;
+use std::io::IsTerminal;
 use std::path::PathBuf;
 
 use clap::Args;
@@ -110,7 +111,11 @@ pub fn run(
     let granted = arguments.real_time.apply(|line| output.note(line));
     granted.map_err(|error| Failure::Master(error.to_string()))?;
     let (mut reports, mut serials, mut stopped) = (Vec::new(), BTreeSet::new(), None);
+    let is_watched = std::io::stderr().is_terminal();
     for slave in slaves {
+        if is_watched {
+            output.note(format_args!("testing the gateway at position {slave} ..."));
+        }
         let mut report = match test.run(&bus, slave, &interrupt) {
             Ok(report) => report,
             // What is known of the gateways before is told all the same.
