@@ -59,6 +59,7 @@ fn main() -> ExitCode {
         Command::Gen(arguments) => commands::generate::run(arguments, &global, &output),
         Command::Replay(arguments) => commands::replay::run(arguments, &global, &output),
         Command::Bridge(arguments) => commands::bridge::run(arguments, &global, &output),
+        Command::Selftest(arguments) => commands::selftest::run(arguments, &global, &output),
         Command::Completions { shell } => {
             let mut script = Vec::new();
             clap_complete::generate(*shell, &mut Arguments::command(), "ecan", &mut script);

@@ -18,6 +18,7 @@ pub mod reg;
 pub mod replay;
 pub mod scan;
 pub mod sdo;
+pub mod selftest;
 pub mod send;
 
 use std::path::PathBuf;
@@ -68,6 +69,9 @@ pub enum Command {
     /// Give a channel to other programs: slcan over TCP and on a terminal, socketcand over TCP
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),
+    /// Test gateways on the production line: identity, every channel by loopback and by wire
+    #[command(after_help = selftest::EXAMPLES)]
+    Selftest(selftest::SelftestArguments),
     /// Print a completion script for a shell
     Completions {
         /// Which shell

@@ -12,6 +12,9 @@ impl Channels {
     /// All four.
     pub const ALL: Self = Self((1 << CHANNELS) - 1);
 
+    /// None of them.
+    pub const NONE: Self = Self(0);
+
     /// One channel, 0 to 3.
     pub fn only(channel: u8) -> Self {
         Self(1 << channel)

@@ -3,7 +3,8 @@
 use std::time::SystemTime;
 
 use ecan_command_line::interrupt::Interrupt;
-use ecan_host::{AdapterConfig, Clock, CycleError};
+use ecan_command_line::real_time::RealTimeArguments;
+use ecan_host::{AdapterConfig, Clock, CycleError, Ecrt};
 use ecan_mcan_port::{GatewayConfig, Port, PortConfig, PortError, Received, SendError, SendTicket};
 use ecan_protocol::{CanFrame, EncapsulationProfile, OptionFlags};
 use ecan_sim::ClockKind;
@@ -47,6 +48,19 @@ impl Wishes {
             has_end: true,
         }
     }
+}
+
+/// One gateway, and its configuration as the only one of a Port.
+#[derive(Debug)]
+pub struct Place {
+    /// Its place in the ring.
+    pub position: usize,
+    /// The EtherCAT side.
+    pub adapter: AdapterConfig,
+    /// The CAN side.
+    pub config: PortConfig,
+    /// The channels of which changes are told.
+    pub channels: Channels,
 }
 
 /// One thing that came back, and when.
@@ -94,12 +108,24 @@ impl Service {
         let bus = Bus::open_with_clock(global, output, kind)?;
         let position = bus.slave()?;
         let (adapter, config) = configuration(options, wishes, global.master, position)?;
-        let failed = |error| failure(position, error);
-        config.check(&adapter).map_err(|faults| failed(faults.into()))?;
+        config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
         let granted = options.real_time.apply(|line| output.note(line));
         granted.map_err(|error| Failure::Master(error.to_string()))?;
-        let ecrt = bus.ecrt().clone();
-        let mut port = Port::open(&ecrt, adapter, config).map_err(failed)?;
+        let place = Place { position, adapter, config, channels: wishes.channels };
+        Self::start(bus.ecrt(), place, &options.real_time, interrupt, output)
+    }
+
+    /// Brings a gateway into service on a bus that is open; `None` when the user gave up.
+    pub fn start(
+        ecrt: &Ecrt,
+        place: Place,
+        real_time: &RealTimeArguments,
+        interrupt: &Interrupt,
+        output: &Output,
+    ) -> Result<Option<Self>, Failure> {
+        let Place { position, adapter, config, channels } = place;
+        let failed = |error| failure(position, error);
+        let mut port = Port::open(ecrt, adapter, config).map_err(failed)?;
         let clock = port.adapter().ecrt().clock().clone();
         let mut store = Vec::with_capacity(ARRIVALS);
         let ready = port.wait_ready_with(port.startup_timeout_ms(), |port| {
@@ -115,8 +141,8 @@ impl Service {
             Err(Stop::Interrupted) => return Ok(None),
             Err(Stop::Failed(error)) => return Err(failed(error)),
         }
-        options.real_time.set_timing(port.adapter_mut());
-        let watch = StatusWatch::new(wishes.channels);
+        real_time.set_timing(port.adapter_mut());
+        let watch = StatusWatch::new(channels);
         let since_1970_ns = since_1970_ns(port.adapter().clock());
         Ok(Some(Self { port, store, watch, failed_cycles: 0, since_1970_ns, output: *output }))
     }

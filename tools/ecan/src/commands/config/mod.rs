@@ -91,7 +91,7 @@ pub fn run(
 }
 
 /// Reads a file that must be sound.
-fn read(path: &Path) -> Result<ConfigFile, Failure> {
+pub fn read(path: &Path) -> Result<ConfigFile, Failure> {
     load(path).map_err(|error| match error {
         ConfigFileError::Read { path, reason } => {
             Failure::File { what: "read", path, reason: reason.to_string() }

@@ -1,0 +1,335 @@
+//! The test of one gateway, from its identity to its wires.
+
+use ecan_command_line::interrupt::Interrupt;
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{GatewayConfig, PortConfig};
+use ecan_protocol::NodeMode;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::frames::channels::Channels;
+use crate::frames::service::{Place, Service};
+use crate::output::Output;
+
+use super::exchange::{ChannelState, Counts, Route, exchange, states};
+use super::rates::Rate;
+use super::report::{Check, Figures, Report};
+use super::saved::{Saved, wait_present};
+use super::{SelftestArguments, identity};
+
+/// What is tested, and how.
+pub(super) struct Test<'a> {
+    pub(super) arguments: &'a SelftestArguments,
+    pub(super) rates: &'a [Rate],
+    pub(super) master: u32,
+    pub(super) output: &'a Output,
+}
+
+/// How frames go.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Way {
+    Loopback,
+    Wire,
+}
+
+impl Way {
+    fn name(self, Route { from, to }: Route, rate: &Rate) -> String {
+        match self {
+            Self::Loopback => format!("loopback of channel {from}, {}", rate.name()),
+            Self::Wire => format!("wire from channel {from} to {to}, {}", rate.name()),
+        }
+    }
+}
+
+/// A run of frames over several channels at once.
+struct Run<'a> {
+    way: Way,
+    rate: &'a Rate,
+    routes: Vec<Route>,
+    adapter: AdapterConfig,
+    config: PortConfig,
+}
+
+impl Test<'_> {
+    /// Whether the options fit together, before anything is touched.
+    pub(super) fn check(&self) -> Result<(), Failure> {
+        for run in self.runs(0)? {
+            let checked = run.config.check(&run.adapter);
+            checked.map_err(|faults| Failure::Usage(faults.to_string()))?;
+        }
+        Ok(())
+    }
+
+    /// Tests a slave.
+    pub(super) fn run(
+        &self,
+        bus: &Bus,
+        slave: usize,
+        interrupt: &Interrupt,
+    ) -> Result<Report, Failure> {
+        let time = jiff::Timestamp::now().to_string();
+        let mut report = Report { position: slave, time, ..Report::default() };
+        let expected = self.arguments.expect_version.as_deref();
+        if identity::check(bus, slave, expected, &mut report) {
+            self.run_channels(bus, slave, interrupt, &mut report)?;
+        }
+        report.is_good = report.is_good_so_far();
+        Ok(report)
+    }
+
+    fn run_channels(
+        &self,
+        bus: &Bus,
+        slave: usize,
+        interrupt: &Interrupt,
+        report: &mut Report,
+    ) -> Result<(), Failure> {
+        let runs = self.runs(slave)?;
+        let configurations: Vec<_> =
+            runs.iter().map(|run| (run.adapter.clone(), run.config.clone())).collect();
+        let saved = match Saved::read(bus, slave, &configurations) {
+            Ok(saved) => saved,
+            Err(error) => {
+                report.add("configuration", Err(format!("cannot be read: {error}")));
+                return Ok(());
+            }
+        };
+        let tested = self.run_all(bus, slave, runs, interrupt, report);
+        // No master, so nothing was changed.
+        if let Err(failure @ Failure::Master(_)) = tested {
+            return Err(failure);
+        }
+        let restored = saved.restore(bus);
+        let words = |()| "as before the test".to_owned();
+        report.add(
+            "configuration",
+            restored.map(words).map_err(|why| format!("is not as before the test: {why}")),
+        );
+        match tested? {
+            true => Ok(()),
+            false => Err(Failure::TooFew("stopped before the test was over".to_owned())),
+        }
+    }
+
+    /// Whether it came to the end, and the user did not give up.
+    fn run_all(
+        &self,
+        bus: &Bus,
+        slave: usize,
+        runs: Vec<Run<'_>>,
+        interrupt: &Interrupt,
+        report: &mut Report,
+    ) -> Result<bool, Failure> {
+        let mut is_first = true;
+        for run in runs {
+            let name = match run.way {
+                Way::Loopback => format!("loopback, {}", run.rate.name()),
+                Way::Wire => format!("wires, {}", run.rate.name()),
+            };
+            match self.run_one(bus, slave, run, interrupt, report) {
+                Ok(true) => {}
+                Ok(false) => return Ok(false),
+                // Another program has the master, or there is none.
+                Err(failure @ Failure::Master(_)) if is_first => return Err(failure),
+                Err(failure) => {
+                    // A gateway that does not come into service would not at the next rate either.
+                    report.add(name, Err(failure.to_string()));
+                    return Ok(true);
+                }
+            }
+            is_first = false;
+        }
+        Ok(true)
+    }
+
+    fn run_one(
+        &self,
+        bus: &Bus,
+        slave: usize,
+        run: Run<'_>,
+        interrupt: &Interrupt,
+        report: &mut Report,
+    ) -> Result<bool, Failure> {
+        let Run { adapter, config, .. } = &run;
+        let (adapter, config) = (adapter.clone(), config.clone());
+        let place = Place { position: slave, adapter, config, channels: Channels::NONE };
+        wait_present(bus, slave).map_err(Failure::Refused)?;
+        let real_time = &self.arguments.real_time;
+        let started = Service::start(bus.ecrt(), place, real_time, interrupt, self.output)?;
+        let Some(service) = started else { return Ok(false) };
+        // From here on a failure is one of the gateway or of its link.
+        self.exchange(service, run, interrupt, report)
+            .map_err(|failure| Failure::Refused(failure.to_string()))
+    }
+
+    fn exchange(
+        &self,
+        mut service: Service,
+        run: Run<'_>,
+        interrupt: &Interrupt,
+        report: &mut Report,
+    ) -> Result<bool, Failure> {
+        let Run { way, rate, routes, .. } = run;
+        let count = self.arguments.frames;
+        let channels: Vec<_> = routes.iter().map(|route| route.from).collect();
+        let before = states(&mut service, &channels)?;
+        let exchanged = exchange(&mut service, &routes, count, rate.is_fd(), interrupt)?;
+        let Some(counts) = exchanged else { return Ok(false) };
+        let after = states(&mut service, &channels)?;
+        for (route, counts) in routes.into_iter().zip(counts) {
+            let is_concerned = |channel| channel == route.from || channel == route.to;
+            let concerned: Vec<_> =
+                before.iter().zip(&after).filter(|(_, it)| is_concerned(it.channel)).collect();
+            let found = judge(way, route, &counts, count, &concerned);
+            let is_good = found.is_ok();
+            let (Ok(words) | Err(words)) = found;
+            let (bitrate, data_bitrate) = rate.bit_rates();
+            let channels = concerned.into_iter().map(|(_, after)| *after).collect();
+            let Route { from, to } = route;
+            let frames = Figures { from, to, bitrate, data_bitrate, counts, channels };
+            let name = way.name(route, rate);
+            report.checks.push(Check { name, is_good, words, frames: Some(frames) });
+        }
+        Ok(true)
+    }
+
+    /// Everything that is run with a gateway: at each bit rate the loopbacks, then the wires.
+    fn runs(&self, slave: usize) -> Result<Vec<Run<'_>>, Failure> {
+        let loops: Vec<_> =
+            self.arguments.channels.iter().map(|it| Route { from: it, to: it }).collect();
+        let pairs = self.arguments.wired.iter().flat_map(|wiring| wiring.pairs());
+        let wires: Vec<_> = pairs
+            .flat_map(|&(one, other)| {
+                [Route { from: one, to: other }, Route { from: other, to: one }]
+            })
+            .collect();
+        let position = u16::try_from(slave)
+            .map_err(|_| Failure::Slave(format!("there is no slave {slave}")))?;
+        let mut runs = Vec::new();
+        for rate in self.rates {
+            let ways = [
+                (Way::Loopback, NodeMode::InternalLoopback, &loops),
+                (Way::Wire, NodeMode::Normal, &wires),
+            ];
+            for (way, mode, routes) in ways.into_iter().filter(|(_, _, routes)| !routes.is_empty())
+            {
+                let mut gateway = GatewayConfig::default();
+                for route in routes {
+                    if let Some(place) = gateway.channels.get_mut(usize::from(route.from)) {
+                        *place = Some(rate.channel(mode));
+                    }
+                }
+                let adapter = self.adapter(position);
+                let config = PortConfig::uniform(1, gateway);
+                runs.push(Run { way, rate, routes: routes.clone(), adapter, config });
+            }
+        }
+        Ok(runs)
+    }
+
+    fn adapter(&self, position: u16) -> AdapterConfig {
+        let SelftestArguments { pdo_n, cycle_us, large_pdos, .. } = *self.arguments;
+        let mut adapter = AdapterConfig::new(1).with_multiplier(pdo_n).with_cycle_us(cycle_us);
+        adapter.master_index = self.master;
+        adapter.allow_large_pdos = large_pdos;
+        for slave in &mut adapter.slaves {
+            slave.position = position;
+        }
+        adapter
+    }
+}
+
+/// What a route has shown; `states` are those of its channels before and after.
+fn judge(
+    way: Way,
+    route: Route,
+    counts: &Counts,
+    wanted: u16,
+    states: &[(&ChannelState, &ChannelState)],
+) -> Result<String, String> {
+    let mut faults = Vec::new();
+    let came = counts.received + counts.wrong;
+    if came < u32::from(wanted) {
+        let why = missing(way, route, states).map_or_else(String::new, |why| format!(" ({why})"));
+        faults.push(format!("{came} of {wanted} frames came{why}"));
+    }
+    if let Some(first) = &counts.first_wrong {
+        faults.push(format!("{} frames came falsified, in the first {first}", counts.wrong));
+    }
+    if counts.repeated > 0 {
+        faults.push(format!("{} frames came again", counts.repeated));
+    }
+    if counts.strange > 0 {
+        let (to, strange) = (route.to, counts.strange);
+        let words = "that the test did not send to it: is another node on its bus?";
+        faults.push(format!("channel {to} received {strange} frames {words}"));
+    }
+    faults.extend(states.iter().flat_map(|(before, after)| after.faults(before)));
+    match faults.is_empty() {
+        true => Ok(format!("{came} frames, no errors")),
+        false => Err(faults.join("; ")),
+    }
+}
+
+/// Why frames are missing, as far as the sender tells.
+fn missing(
+    way: Way,
+    Route { from, to }: Route,
+    states: &[(&ChannelState, &ChannelState)],
+) -> Option<String> {
+    let (_, sender) = states.iter().find(|(_, state)| state.channel == from)?;
+    (way == Way::Wire && sender.is_unheard()).then(|| {
+        format!("nobody acknowledges: is channel {from} wired to channel {to}, and terminated?")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use clap::Parser;
+    use ecan_sim::{ClockKind, SimOptions};
+
+    use super::*;
+    use crate::global::Color;
+
+    #[derive(Parser)]
+    struct Line {
+        #[command(flatten)]
+        arguments: SelftestArguments,
+    }
+
+    #[test]
+    fn a_gateway_has_its_own_configuration_again() {
+        let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+        let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
+        let bus = Bus::over(&backend.ecrt);
+        // A channel of its own bit rate and filters, another data path.
+        let own = [(0x8002, 19, 800_000), (0x8002, 49, 3), (0x8003, 36, 2), (0x8023, 4, 1)];
+        for (index, subindex, value) in own {
+            bus.write(0, index, subindex, value).unwrap();
+        }
+        let everything = || -> Vec<_> {
+            let objects = [0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8021, 0x8022, 0x8023];
+            let entries = objects.into_iter().flat_map(|index| {
+                let object = ecan_protocol::object(index).unwrap();
+                object.entries.iter().map(move |entry| (index, entry))
+            });
+            entries
+                .filter(|(_, entry)| entry.access.can_read() && entry.access.can_write())
+                .map(|(index, entry)| (index, entry.subindex, bus.read(0, index, entry.subindex)))
+                .map(|(index, subindex, value)| (index, subindex, value.unwrap()))
+                .collect()
+        };
+        let before = everything();
+        let Line { arguments } = Line::parse_from(["selftest", "--wired", "0-1", "--frames", "2"]);
+        let rates = Rate::usual();
+        let output = Output::new(false, Color::Never);
+        let test = Test { arguments: &arguments, rates: &rates, master: 0, output: &output };
+        let interrupt = Interrupt::install().unwrap();
+        let report = test.run(&bus, 0, &interrupt).unwrap();
+        // Echo nodes on the buses: the loopbacks are good, the wires are not.
+        let good: Vec<_> = report.checks.iter().filter(|it| it.name.starts_with("loop")).collect();
+        assert!(good.len() == 24 && good.iter().all(|it| it.is_good), "{good:?}");
+        assert!(!report.is_good);
+        assert_eq!(everything(), before);
+    }
+}

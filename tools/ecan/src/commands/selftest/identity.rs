@@ -1,0 +1,88 @@
+//! Who a gateway is: recognition, identity, versions, serial number.
+
+use ecan_protocol::Recognition;
+
+use crate::bus::Bus;
+
+use super::report::Report;
+use super::saved::wait_present;
+
+/// Looks at a slave; whether it is a gateway that further tests make sense with.
+pub(super) fn check(
+    bus: &Bus,
+    slave: usize,
+    expected_version: Option<&str>,
+    report: &mut Report,
+) -> bool {
+    let present = wait_present(bus, slave);
+    let info = present
+        .and_then(|()| bus.diagnostics().slave_info(slave).map_err(|error| error.to_string()));
+    let info = match info {
+        Ok(info) => info,
+        Err(words) => {
+            report.add("recognition", Err(words));
+            return false;
+        }
+    };
+    (report.vendor_id, report.product_code) = (info.vendor_id, info.product_code);
+    report.revision = info.revision_number;
+    let recognised = recognise(bus, slave);
+    let is_gateway = recognised.is_ok();
+    report.add("recognition", recognised);
+    if !is_gateway {
+        return false;
+    }
+    let of_sii = [info.vendor_id, info.product_code, info.revision_number];
+    report.add("identity", identity(bus, slave, of_sii));
+    let firmware = bus.text(slave, 0x100A);
+    report.add("firmware", version(bus, slave, &firmware, expected_version));
+    report.firmware = Some(firmware);
+    report.hardware = Some(bus.text(slave, 0x1009));
+    let serial = bus.serial(slave);
+    report.serial = serial.as_ref().ok().copied();
+    report.add(
+        "serial number",
+        match serial {
+            Ok(0 | u64::MAX) => Err("none is programmed".to_owned()),
+            Ok(serial) => Ok(serial.to_string()),
+            Err(error) => Err(error.to_string()),
+        },
+    );
+    true
+}
+
+fn recognise(bus: &Bus, slave: usize) -> Result<String, String> {
+    let upload = |subindex| bus.diagnostics().sdo_upload_u32(slave, 0xF000, subindex);
+    let it = Recognition::read(upload).map_err(|error| error.to_string())?;
+    match it.looks_like_ecan_lite() {
+        true => Ok("an ECAN-Lite, by 0xF000".to_owned()),
+        false => Err("no ECAN-Lite: 0xF000 tells of another device".to_owned()),
+    }
+}
+
+/// The identity of the SII, which the master goes by, must be that of the firmware.
+fn identity(bus: &Bus, slave: usize, of_sii: [u32; 3]) -> Result<String, String> {
+    let names = ["vendor", "product", "revision"];
+    for ((subindex, name), sii) in (1..).zip(names).zip(of_sii) {
+        let own = bus.read(slave, 0x1018, subindex).map_err(|error| error.to_string())?;
+        if own != sii {
+            return Err(format!("{name} is 0x{sii:08X} in the SII and 0x{own:08X} in 0x1018"));
+        }
+    }
+    let [vendor, product, revision] = of_sii;
+    Ok(format!("vendor 0x{vendor:08X}, product 0x{product:08X}, revision 0x{revision:08X}"))
+}
+
+/// The version by 0x100A, or in the numbers of 0xF000:05 and :06.
+fn version(bus: &Bus, slave: usize, text: &str, expected: Option<&str>) -> Result<String, String> {
+    let number = |subindex| bus.read(slave, 0xF000, subindex).map_err(|error| error.to_string());
+    let (version, build) = (number(5)?, number(6)?);
+    let numbers = format!("{}.{}.{build}", version >> 8 & 0xFF, version & 0xFF);
+    let found = if text == numbers { numbers.clone() } else { format!("{text} ({numbers})") };
+    match expected {
+        Some(expected) if expected != text && expected != numbers => {
+            Err(format!("{found}, not {expected}"))
+        }
+        _ => Ok(found),
+    }
+}

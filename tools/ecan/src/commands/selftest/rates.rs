@@ -1,0 +1,107 @@
+//! The bit rates that channels are tested at.
+
+use std::path::Path;
+
+use ecan_config_file::ConfigFile;
+use ecan_mcan_port::ChannelSettings;
+use ecan_protocol::{McanChannelConfig, NodeMode};
+
+use crate::commands::config;
+use crate::failure::Failure;
+
+/// What of a channel's configuration makes its bit rates: timing, sample points, CAN FD (13.4).
+const TIMING: [u8; 19] = [7, 9, 16, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32, 33, 34];
+
+/// The list without a file: nominal and data bit rate in bit/s.
+const USUAL: [(u32, Option<u32>); 6] = [
+    (125_000, None),
+    (250_000, None),
+    (500_000, None),
+    (1_000_000, None),
+    (500_000, Some(2_000_000)),
+    (1_000_000, Some(5_000_000)),
+];
+
+/// One way to set a channel's bit rates.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Rate {
+    can: McanChannelConfig,
+}
+
+impl Rate {
+    /// The list without a file.
+    pub(super) fn usual() -> Vec<Self> {
+        let settings = USUAL.map(|(nominal, data)| plain(nominal, data));
+        settings.into_iter().map(|it| Self { can: it.can }).collect()
+    }
+
+    /// Every one of a file, each once, in the file's order.
+    pub(super) fn of_file(file: &ConfigFile) -> Vec<Self> {
+        let mut rates = Vec::new();
+        for channel in file.port.gateways.iter().flat_map(|it| it.channels.iter().flatten()) {
+            let data = channel.can.fd.then_some(channel.can.data_bitrate);
+            let mut can = plain(channel.can.nominal_bitrate, data).can;
+            let values = TIMING.into_iter();
+            for (subindex, value) in values.filter_map(|it| Some((it, channel.can.value(it)?))) {
+                // In classic CAN nothing of the data phase has an effect.
+                let is_of_data = matches!(subindex, 16 | 20 | 23 | 24 | 29..=34);
+                if can.fd || !is_of_data {
+                    // The value comes from a field of the same kind.
+                    let _ = can.set_value(subindex, value);
+                }
+            }
+            let rate = Self { can };
+            if !rates.contains(&rate) {
+                rates.push(rate);
+            }
+        }
+        rates
+    }
+
+    /// A channel with these bit rates.
+    pub(super) fn channel(&self, mode: NodeMode) -> ChannelSettings {
+        let data = self.is_fd().then_some(self.can.data_bitrate);
+        let mut settings = plain(self.can.nominal_bitrate, data);
+        settings.can = McanChannelConfig { node_mode: mode, ..self.can };
+        settings
+    }
+
+    pub(super) fn is_fd(&self) -> bool {
+        self.can.fd
+    }
+
+    /// As in `500 kbit/s` or `500/2000 kbit/s FD`.
+    pub(super) fn name(&self) -> String {
+        let kilo = |rate: u32| match rate % 1000 {
+            0 => (rate / 1000).to_string(),
+            _ => format!("{}", f64::from(rate) / 1000.0),
+        };
+        let nominal = kilo(self.can.nominal_bitrate);
+        match self.can.fd {
+            true => format!("{nominal}/{} kbit/s FD", kilo(self.can.data_bitrate)),
+            false => format!("{nominal} kbit/s"),
+        }
+    }
+
+    /// In bit/s: nominal, and data with CAN FD.
+    pub(super) fn bit_rates(&self) -> (u32, Option<u32>) {
+        (self.can.nominal_bitrate, self.can.fd.then_some(self.can.data_bitrate))
+    }
+}
+
+fn plain(nominal: u32, data: Option<u32>) -> ChannelSettings {
+    match data {
+        Some(data) => ChannelSettings::fd(nominal, data),
+        None => ChannelSettings::classic(nominal),
+    }
+}
+
+/// Reads a file that must be sound and have a channel.
+pub(super) fn read(path: &Path) -> Result<ConfigFile, Failure> {
+    let file = config::read(path)?;
+    if Rate::of_file(&file).is_empty() {
+        let reason = "it has no channel, so there is no bit rate to test".to_owned();
+        return Err(Failure::File { what: "use", path: path.to_owned(), reason });
+    }
+    Ok(file)
+}

@@ -1,0 +1,114 @@
+//! The report of a gateway.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::failure::Failure;
+use crate::output::{Output, Tone};
+
+use super::exchange::{ChannelState, Counts};
+
+/// One thing that was looked at.
+#[derive(Debug, Serialize)]
+pub(super) struct Check {
+    /// What was looked at.
+    pub(super) name: String,
+    pub(super) is_good: bool,
+    /// What was found.
+    pub(super) words: String,
+    /// Figures, where frames were sent.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) frames: Option<Figures>,
+}
+
+/// What the frames of a test have shown.
+#[derive(Debug, Serialize)]
+pub(super) struct Figures {
+    pub(super) from: u8,
+    pub(super) to: u8,
+    pub(super) bitrate: u32,
+    pub(super) data_bitrate: Option<u32>,
+    #[serde(flatten)]
+    pub(super) counts: Counts,
+    /// The channels after the test: the one that sends, and the one that receives if it is another.
+    pub(super) channels: Vec<ChannelState>,
+}
+
+/// Everything about a gateway.
+#[derive(Debug, Default, Serialize)]
+pub(super) struct Report {
+    pub(super) is_good: bool,
+    /// When the test began, by this computer's clock.
+    pub(super) time: String,
+    pub(super) position: usize,
+    pub(super) serial: Option<u64>,
+    pub(super) firmware: Option<String>,
+    pub(super) hardware: Option<String>,
+    pub(super) vendor_id: u32,
+    pub(super) product_code: u32,
+    pub(super) revision: u32,
+    pub(super) checks: Vec<Check>,
+}
+
+impl Report {
+    /// Adds what was found, good or not.
+    pub(super) fn add(&mut self, name: impl Into<String>, found: Result<String, String>) {
+        let is_good = found.is_ok();
+        let (Ok(words) | Err(words)) = found;
+        self.checks.push(Check { name: name.into(), is_good, words, frames: None });
+    }
+
+    /// Whether everything so far is good.
+    pub(super) fn is_good_so_far(&self) -> bool {
+        self.checks.iter().all(|check| check.is_good)
+    }
+
+    /// As a person calls the gateway.
+    pub(super) fn title(&self) -> String {
+        match self.serial {
+            Some(serial) => format!("gateway {serial} at position {}", self.position),
+            None => format!("slave at position {}", self.position),
+        }
+    }
+
+    pub(super) fn print(&self, output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
+        let verdict = match self.is_good {
+            true => output.toned(Tone::Good, "passed"),
+            false => output.toned(Tone::Bad, "FAILED"),
+        };
+        writeln!(out, "{}: {verdict}", self.title())?;
+        let width = self.checks.iter().map(|check| check.name.len()).max().unwrap_or(0);
+        for Check { name, is_good, words, .. } in &self.checks {
+            let mark = match is_good {
+                true => output.toned(Tone::Good, "good  "),
+                false => output.toned(Tone::Bad, "FAILED"),
+            };
+            // What belongs to a check stands behind it, also on further lines.
+            let words = words.replace('\n', "\n          ");
+            writeln!(out, "  {mark}  {name:<width$}  {words}")?;
+        }
+        Ok(())
+    }
+
+    /// Writes it into a directory, in a file of its serial number's name, in place of an older one.
+    pub(super) fn write(&self, directory: &Path) -> Result<(), Failure> {
+        let name = match self.serial {
+            Some(serial) => format!("{serial}.json"),
+            None => format!("position-{}.json", self.position),
+        };
+        let path = directory.join(name);
+        let text = serde_json::to_string_pretty(self).map_err(std::io::Error::from);
+        text.and_then(|text| std::fs::write(&path, text + "\n")).map_err(|it| failed(&path, &it))
+    }
+}
+
+/// Makes sure that there is a directory for the reports, before the tests begin.
+pub(super) fn prepare(directory: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))
+}
+
+fn failed(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::File { what: "write", path: PathBuf::from(path), reason: error.to_string() }
+}
