@@ -10,14 +10,16 @@ use ecan_protocol::CHANNELS;
 
 use super::keys::Choice;
 use super::snapshot::{CLASS_NAMES, CLASSES, ChannelView, GatewayView, Snapshot, Standing};
-use super::text::{CHANNEL_TITLES, channel_cells, cycle_lines, gateway_cells};
+use super::text::{CHANNEL_TITLES, channel_cells, cycle_counts, cycle_times, gateway_cells};
 
 /// Below this there is room for the worst news only.
-const LEAST_WIDTH: u16 = 44;
-const LEAST_HEIGHT: u16 = 12;
+const LEAST_WIDTH: u16 = 54;
+const LEAST_HEIGHT: u16 = 14;
+/// Frame, titles and one gateway.
+const LEAST_GATEWAYS: u16 = 4;
 /// Frame and titles around the channels; the line of the one chosen.
 const CHANNELS_HEIGHT: u16 = CHANNELS as u16 + 4;
-const CYCLE_HEIGHT: u16 = 5;
+const CYCLE_HEIGHT: u16 = 6;
 const HISTOGRAM_HEIGHT: u16 = CLASSES as u16 + 2;
 const HELP: &str = "\
 q, Esc, Ctrl-C  end
@@ -87,32 +89,31 @@ fn draw_tiny(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice,
         lines.push(Line::raw("PAUSED"));
     }
     lines.extend(gateways.into_iter().map(|gateway| {
-        let mut words = format!("{} {}", gateway.position, gateway.standing.words());
-        for (at, channel) in gateway.channels.iter().enumerate() {
-            if channel.is_bus_off {
-                words.push_str(&format!(" can{at}:off"));
-            }
-        }
+        let off = (0..CHANNELS).zip(&gateway.channels).filter(|(_, channel)| channel.is_bus_off);
+        let off: String = off.map(|(at, _)| format!(" can{at}")).collect();
+        let words = match off.as_str() {
+            "" => format!("{} {}", gateway.position, gateway.standing.words()),
+            off => format!("{} bus-off{off}", gateway.position),
+        };
         Line::styled(words, tint.gateway(gateway))
     }));
     frame.render_widget(Paragraph::new(lines), area);
 }
 
 fn draw_whole(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
-    // Title and keys; what is left goes to the gateways first, then to the cycle, then to events.
+    // Without title and keys. One gateway and its channels always have their place.
     let room = area.height - 2;
     let wanted = u16::try_from(snapshot.gateways.len()).unwrap_or(u16::MAX).saturating_add(3);
-    let gateways =
-        wanted.min((room - CHANNELS_HEIGHT.min(room)).max(4)).min(wanted.min(room / 2).max(4));
+    let others = CHANNELS_HEIGHT + CYCLE_HEIGHT;
+    let gateways = wanted.min(room.saturating_sub(others).max(LEAST_GATEWAYS));
     let mut left = room.saturating_sub(gateways);
     let mut take = |height: u16| {
-        let is_there = left >= height;
-        left -= if is_there { height } else { 0 };
-        if is_there { height } else { 0 }
+        let taken = if left >= height { height } else { 0 };
+        left -= taken;
+        taken
     };
-    let channels = take(CHANNELS_HEIGHT).max(0);
-    let cycle = take(CYCLE_HEIGHT);
-    let histogram = take(HISTOGRAM_HEIGHT);
+    let (channels, cycle, histogram) =
+        (take(CHANNELS_HEIGHT), take(CYCLE_HEIGHT), take(HISTOGRAM_HEIGHT));
     let [title_area, gateway_area, channel_area, cycle_area, histogram_area, event_area, key_area] =
         Layout::vertical([
             Constraint::Length(1),
@@ -163,10 +164,13 @@ fn columns<const N: usize>(widths: [u16; N], room: u16) -> Vec<Constraint> {
     widths.into_iter().take_while(fits).map(Constraint::Length).collect()
 }
 
+/// What the reason has at least.
+const REASON_WIDTH: u16 = 15;
+
 fn draw_gateways(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
     const TITLES: [&str; 8] =
         ["#", "state", "WC", "incompl.", "lost img.", "faulty", "lost", "reason"];
-    let mut widths = columns([3, 10, 5, 8, 9, 6, 4], area.width.saturating_sub(2));
+    let mut widths = columns([3, 10, 5, 8, 9, 6, 4], area.width.saturating_sub(2 + REASON_WIDTH));
     let shown = widths.len();
     widths.push(Constraint::Min(0));
     let rows = snapshot.gateways.iter().map(|gateway| {
@@ -226,8 +230,10 @@ fn in_words(channel: &ChannelView) -> String {
 }
 
 fn draw_cycle(frame: &mut Frame, area: Rect, snapshot: &Snapshot) {
-    let lines: Vec<_> = cycle_lines(&snapshot.cycle).into_iter().map(Line::raw).collect();
-    frame.render_widget(Paragraph::new(lines).block(Block::bordered().title("Cycle")), area);
+    let cycle = &snapshot.cycle;
+    let lines = [cycle_counts(cycle)].into_iter().chain(cycle_times(cycle)).map(Line::raw);
+    let block = Block::bordered().title(format!("Cycle {} us", cycle.cycle_us));
+    frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()).block(block), area);
 }
 
 fn draw_histogram(frame: &mut Frame, area: Rect, snapshot: &Snapshot) {

@@ -21,8 +21,9 @@ pub fn print(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Result<()> {
         table::print(out, &rows)?;
     }
     writeln!(out)?;
-    for line in cycle_lines(&snapshot.cycle) {
-        writeln!(out, "{line}")?;
+    writeln!(out, "cycle {} us: {}", snapshot.cycle.cycle_us, cycle_counts(&snapshot.cycle))?;
+    for line in cycle_times(&snapshot.cycle) {
+        writeln!(out, "  {line}")?;
     }
     for (name, count) in CLASS_NAMES.iter().zip(snapshot.cycle.histogram) {
         if count > 0 {
@@ -98,26 +99,32 @@ fn waiting(frames: u8) -> String {
     if frames >= 7 { "7+".to_owned() } else { frames.to_string() }
 }
 
-/// How the cycle is kept, without the histogram.
-pub fn cycle_lines(cycle: &CycleView) -> [String; 3] {
+/// How many cycles, and which were not kept.
+pub fn cycle_counts(cycle: &CycleView) -> String {
     let unmeasured = match cycle.unmeasured {
         0 => String::new(),
         more => format!(", {more} not measured"),
     };
+    let CycleView { cycles, overruns, skipped, .. } = cycle;
+    format!("{cycles} cycles, {overruns} overruns, {skipped} skipped{unmeasured}")
+}
+
+/// A table of the times of the cycle, in microseconds.
+pub fn cycle_times(cycle: &CycleView) -> [String; 3] {
+    let row = |name: &str, cells: [String; 6]| {
+        let cells = cells.map(|cell| format!("{cell:>7}"));
+        format!("{name:<8}{}", cells.concat())
+    };
+    let titles = ["min", "p50", "p95", "p99", "p99.9", "max"].map(str::to_owned);
     [
-        format!(
-            "cycle {} us: {} cycles, {} overruns, {} skipped{unmeasured}",
-            cycle.cycle_us, cycle.cycles, cycle.overruns, cycle.skipped
-        ),
-        format!("  period us    {}", times(&cycle.period)),
-        format!("  run time us  {}", times(&cycle.run_time)),
+        row("us", titles),
+        row("period", times(&cycle.period)),
+        row("run time", times(&cycle.run_time)),
     ]
 }
 
-fn times(times: &Times) -> String {
-    let Times { min_us, p50_us, p95_us, p99_us, p99_9_us, max_us } = times;
-    format!(
-        "min {min_us:.1}  p50 {p50_us:.1}  p95 {p95_us:.1}  p99 {p99_us:.1}  \
-         p99.9 {p99_9_us:.1}  max {max_us:.1}"
-    )
+fn times(times: &Times) -> [String; 6] {
+    let Times { min_us, p50_us, p95_us, p99_us, p99_9_us, max_us } = *times;
+    let short = |us: f64| if us < 10_000.0 { format!("{us:.1}") } else { format!("{us:.0}") };
+    [min_us, p50_us, p95_us, p99_us, p99_9_us, max_us].map(short)
 }
