@@ -58,6 +58,7 @@ fn main() -> ExitCode {
         Command::Send(arguments) => commands::send::run(arguments, &global, &output),
         Command::Gen(arguments) => commands::generate::run(arguments, &global, &output),
         Command::Replay(arguments) => commands::replay::run(arguments, &global, &output),
+        Command::Monitor(arguments) => commands::monitor::run(arguments, &global, &output),
         Command::Bridge(arguments) => commands::bridge::run(arguments, &global, &output),
         Command::Selftest(arguments) => commands::selftest::run(arguments, &global, &output),
         Command::Completions { shell } => {

@@ -39,6 +39,11 @@ impl Output {
         Self { json, color: is_wanted && !json }
     }
 
+    /// Whether colours are wanted.
+    pub fn has_color(&self) -> bool {
+        self.color
+    }
+
     /// Standard output.
     pub fn stream(&self) -> impl Write + use<> {
         std::io::stdout().lock()

@@ -11,6 +11,7 @@ pub mod firmware;
 pub mod generate;
 pub mod info;
 pub mod man;
+pub mod monitor;
 pub mod pins;
 pub mod plan;
 pub mod reboot;
@@ -66,6 +67,9 @@ pub enum Command {
     /// Send the frames of a candump log at their times
     #[command(after_help = replay::EXAMPLES)]
     Replay(replay::ReplayArguments),
+    /// Watch gateways, channels and the cycle on the whole terminal
+    #[command(after_help = monitor::EXAMPLES)]
+    Monitor(monitor::MonitorArguments),
     /// Give a channel to other programs: slcan over TCP and on a terminal, socketcand over TCP
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),

@@ -18,7 +18,7 @@ use crate::global::GlobalOptions;
 use crate::output::Output;
 
 /// Cycles in a row that may fail.
-const MAX_FAILED_CYCLES: u32 = 100;
+pub const MAX_FAILED_CYCLES: u32 = 100;
 /// Things that come back in a cycle, at first.
 const ARRIVALS: usize = 512;
 
@@ -107,7 +107,7 @@ impl Service {
         let kind = if wishes.has_end { ClockKind::Stepped } else { ClockKind::Real };
         let bus = Bus::open_with_clock(global, output, kind)?;
         let position = bus.slave()?;
-        let (adapter, config) = configuration(options, wishes, global.master, position)?;
+        let (adapter, config) = configuration(options, wishes, global.master, &[position])?;
         config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
         let granted = options.real_time.apply(|line| output.note(line));
         granted.map_err(|error| Failure::Master(error.to_string()))?;
@@ -225,18 +225,21 @@ fn since_1970_ns(clock: &dyn Clock) -> u64 {
     u64::try_from(since.as_nanos()).unwrap_or(0).wrapping_sub(clock.now_ns())
 }
 
-fn configuration(
+/// The same configuration for the gateways at these positions.
+pub fn configuration(
     options: &GatewayOptions,
     wishes: Wishes,
     master: u32,
-    position: usize,
+    positions: &[usize],
 ) -> Result<(AdapterConfig, PortConfig), Failure> {
+    let count = u16::try_from(positions.len())
+        .map_err(|_| Failure::Slave(format!("{} gateways are too many", positions.len())))?;
     let mut adapter =
-        AdapterConfig::new(1).with_multiplier(options.pdo_n).with_cycle_us(options.cycle_us);
+        AdapterConfig::new(count).with_multiplier(options.pdo_n).with_cycle_us(options.cycle_us);
     adapter.master_index = master;
     adapter.allow_large_pdos = options.large_pdos;
-    for slave in &mut adapter.slaves {
-        slave.position = u16::try_from(position)
+    for (slave, position) in adapter.slaves.iter_mut().zip(positions) {
+        slave.position = u16::try_from(*position)
             .map_err(|_| Failure::Slave(format!("there is no slave {position}")))?;
     }
     let mut gateway = GatewayConfig::default();
@@ -251,11 +254,11 @@ fn configuration(
     if wishes.has_device_time {
         gateway.tx_encapsulation = EncapsulationProfile::CompactTimestamped;
     }
-    Ok((adapter, PortConfig::uniform(1, gateway)))
+    Ok((adapter, PortConfig::uniform(positions.len(), gateway)))
 }
 
 /// The error of a gateway that is the only one of its Port.
-fn failure(position: usize, error: PortError) -> Failure {
+pub fn failure(position: usize, error: PortError) -> Failure {
     match error {
         PortError::Config(faults) => Failure::Usage(faults.to_string()),
         PortError::Adapter(ecan_host::Error::Config(faults)) => Failure::Usage(faults.to_string()),

@@ -1,0 +1,225 @@
+//! The whole terminal: the cycle on the main thread, drawing and mailbox on threads of their own.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use ecan_command_line::interrupt::Interrupt;
+use ecan_host::Diagnostics;
+use ratatui::crossterm::event::{self, Event};
+
+use crate::failure::Failure;
+use crate::output::Output;
+
+use super::collector::{Collector, GatewayErrors};
+use super::keys::{Action, Choice};
+use super::observation::Observation;
+use super::screen;
+use super::watcher::{Watcher, read_errors};
+use super::{LOOK_NS, MonitorArguments};
+
+/// Observations that go back and forth between the cycle and the drawing.
+const OBSERVATIONS: usize = 3;
+/// Over which rates are taken, in nanoseconds.
+const WINDOW_NS: u64 = 1_000_000_000;
+/// Longest wait for a key before the next drawing.
+const FRAME: Duration = Duration::from_millis(100);
+/// Between two readings of the error counters.
+const ERRORS_PAUSE: Duration = Duration::from_millis(1000);
+
+/// Watches until the user has had enough.
+pub fn run(
+    mut watcher: Watcher,
+    arguments: &MonitorArguments,
+    interrupt: &Interrupt,
+    output: &Output,
+) -> Result<(), Failure> {
+    let gateways = watcher.positions().len();
+    let (full, seen) = sync_channel(OBSERVATIONS);
+    let (spent, empty) = sync_channel(OBSERVATIONS);
+    for _ in 1..OBSERVATIONS {
+        // There is room for all of them.
+        let _ = spent.try_send(Observation::new(gateways));
+    }
+    let (errors_out, errors_in) = channel();
+    // Before the thread of the cycle asks for more than they are to have.
+    let _mailbox = Mailbox::start(watcher.open_diagnostics()?, gateways, errors_out)?;
+    let (cycle_ns, is_simulated) = (watcher.cycle_ns(), watcher.is_simulated());
+    let drawing = Drawing {
+        collector: Collector::new(watcher.positions(), cycle_ns, WINDOW_NS, is_simulated),
+        seen,
+        spent,
+        errors: errors_in,
+        is_over: Arc::new(AtomicBool::new(false)),
+        has_color: output.has_color(),
+        gateways,
+    };
+    let is_over = drawing.is_over.clone();
+    let thread = std::thread::Builder::new().name("drawing".to_owned());
+    let guard = Joined { full: Some(full), thread: Some(thread.spawn(move || drawing.run())?) };
+    let granted = arguments.options.real_time.apply(|line| output.note(line));
+    granted.map_err(|error| Failure::Master(error.to_string()))?;
+    watcher.activate(&arguments.options)?;
+    let mut observation = Observation::new(gateways);
+    let mut look_ns = 0;
+    let mut outcome = Ok(());
+    while outcome.is_ok() && !interrupt.is_set() && !is_over.load(Ordering::Relaxed) {
+        outcome = watcher.cycle(&mut observation);
+        let now_ns = watcher.now_ns();
+        if now_ns < look_ns {
+            continue;
+        }
+        // While the drawing is late the cycle goes on with what it has.
+        if let Ok(next) = empty.try_recv() {
+            look_ns = now_ns.saturating_add(LOOK_NS);
+            watcher.look(&mut observation);
+            guard.hand_over(std::mem::replace(&mut observation, next));
+        }
+    }
+    // The terminal is as it was before anything else is said.
+    guard.finish().and(outcome)
+}
+
+/// The drawing's thread, ended on every way out of the cycle.
+struct Joined {
+    full: Option<SyncSender<Observation>>,
+    thread: Option<JoinHandle<Result<(), Failure>>>,
+}
+
+impl Joined {
+    fn hand_over(&self, observation: Observation) {
+        if let Some(full) = &self.full {
+            // There is room for all observations; without a reader the loop ends.
+            let _ = full.try_send(observation);
+        }
+    }
+
+    fn finish(mut self) -> Result<(), Failure> {
+        self.end()
+    }
+
+    fn end(&mut self) -> Result<(), Failure> {
+        self.full = None;
+        match self.thread.take().map(JoinHandle::join) {
+            None => Ok(()),
+            Some(Ok(outcome)) => outcome,
+            Some(Err(panic)) if !std::thread::panicking() => std::panic::resume_unwind(panic),
+            Some(Err(_)) => Ok(()),
+        }
+    }
+}
+
+impl Drop for Joined {
+    fn drop(&mut self) {
+        let _ = self.end();
+    }
+}
+
+/// What the drawing's thread has.
+struct Drawing {
+    collector: Collector,
+    seen: Receiver<Observation>,
+    spent: SyncSender<Observation>,
+    errors: Receiver<(usize, GatewayErrors)>,
+    is_over: Arc<AtomicBool>,
+    has_color: bool,
+    gateways: usize,
+}
+
+/// Tells the cycle that the drawing has ended, however it did.
+struct Over(Arc<AtomicBool>);
+
+impl Drop for Over {
+    fn drop(&mut self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+}
+
+/// Restores the terminal when it goes; a panic restores it before its message too.
+struct Restored;
+
+impl Drop for Restored {
+    fn drop(&mut self) {
+        ratatui::restore();
+    }
+}
+
+impl Drawing {
+    fn run(mut self) -> Result<(), Failure> {
+        let _over = Over(self.is_over.clone());
+        // Until the bus runs, what is said is said on the terminal as it is.
+        let Ok(first) = self.seen.recv() else { return Ok(()) };
+        self.take(first);
+        let restored = Restored;
+        let mut terminal = ratatui::try_init()?;
+        let outcome = self.draw_all(&mut terminal);
+        drop(restored);
+        outcome
+    }
+
+    fn take(&mut self, mut observation: Observation) {
+        self.collector.take(&observation);
+        observation.clear();
+        let _ = self.spent.try_send(observation);
+    }
+
+    fn draw_all(&mut self, terminal: &mut ratatui::DefaultTerminal) -> Result<(), Failure> {
+        let mut choice = Choice::default();
+        let mut shown = self.collector.snapshot();
+        loop {
+            loop {
+                match self.seen.try_recv() {
+                    Ok(observation) => self.take(observation),
+                    Err(std::sync::mpsc::TryRecvError::Empty) => break,
+                    Err(std::sync::mpsc::TryRecvError::Disconnected) => return Ok(()),
+                }
+            }
+            while let Ok((at, errors)) = self.errors.try_recv() {
+                self.collector.take_errors(at, errors);
+            }
+            if !choice.is_paused {
+                shown = self.collector.snapshot();
+            }
+            terminal.draw(|frame| screen::draw(frame, &shown, choice, self.has_color))?;
+            let mut is_waiting = event::poll(FRAME)?;
+            while is_waiting {
+                if let Event::Key(key) = event::read()? {
+                    match choice.press(key, self.gateways) {
+                        Action::Quit => return Ok(()),
+                        Action::Clear => self.collector.clear(),
+                        Action::None => {}
+                    }
+                }
+                is_waiting = event::poll(Duration::ZERO)?;
+            }
+        }
+    }
+}
+
+/// Reads error counters now and then. Not waited for at the end: a slave that is lost may keep the
+/// master waiting.
+struct Mailbox {
+    _stop: Sender<()>,
+}
+
+impl Mailbox {
+    fn start(
+        diagnostics: Diagnostics,
+        gateways: usize,
+        errors: Sender<(usize, GatewayErrors)>,
+    ) -> Result<Self, Failure> {
+        let (stop, stopped) = channel::<()>();
+        std::thread::Builder::new().name("mailbox".to_owned()).spawn(move || {
+            while stopped.recv_timeout(ERRORS_PAUSE) == Err(RecvTimeoutError::Timeout) {
+                for at in 0..gateways {
+                    if errors.send((at, read_errors(&diagnostics, at))).is_err() {
+                        return;
+                    }
+                }
+            }
+        })?;
+        Ok(Self { _stop: stop })
+    }
+}

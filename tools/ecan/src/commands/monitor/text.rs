@@ -1,0 +1,130 @@
+//! A snapshot as lines of text.
+
+use std::io::Write;
+
+use crate::table;
+
+use super::snapshot::{CLASS_NAMES, ChannelView, CycleView, GatewayView, Snapshot, Times};
+
+/// Prints everything.
+pub fn print(out: &mut dyn Write, snapshot: &Snapshot) -> std::io::Result<()> {
+    let mut rows = vec![
+        ["gateway", "state", "WC", "incomplete", "lost images", "faulty images", "lost", "reason"]
+            .map(str::to_owned),
+    ];
+    rows.extend(snapshot.gateways.iter().map(gateway_cells));
+    table::print(out, &rows)?;
+    for gateway in &snapshot.gateways {
+        writeln!(out, "\ngateway {}", gateway.position)?;
+        let mut rows = vec![CHANNEL_TITLES.map(str::to_owned)];
+        rows.extend((0..).zip(&gateway.channels).map(|(at, it)| channel_cells(at, it)));
+        table::print(out, &rows)?;
+    }
+    writeln!(out)?;
+    writeln!(out, "cycle {} us: {}", snapshot.cycle.cycle_us, cycle_counts(&snapshot.cycle))?;
+    for line in cycle_times(&snapshot.cycle) {
+        writeln!(out, "  {line}")?;
+    }
+    for (name, count) in CLASS_NAMES.iter().zip(snapshot.cycle.histogram) {
+        if count > 0 {
+            writeln!(out, "  {name:>10} us  {count}")?;
+        }
+    }
+    if !snapshot.events.is_empty() {
+        writeln!(out)?;
+    }
+    for event in &snapshot.events {
+        writeln!(out, "{:8.1} s  {}", event.seconds, event.words)?;
+    }
+    Ok(())
+}
+
+/// What a gateway's row says.
+pub fn gateway_cells(gateway: &GatewayView) -> [String; 8] {
+    let GatewayView { working_counter, expected_working_counter, .. } = gateway;
+    [
+        gateway.position.to_string(),
+        gateway.standing.words().to_owned(),
+        format!("{working_counter}/{expected_working_counter}"),
+        gateway.incomplete_cycles.to_string(),
+        gateway.lost_images.to_string(),
+        gateway.faulty_images.to_string(),
+        gateway.times_lost.to_string(),
+        gateway.reason.clone(),
+    ]
+}
+
+/// Over the cells of a channel.
+pub const CHANNEL_TITLES: [&str; 10] = [
+    "channel",
+    "state",
+    "load",
+    "frames/s",
+    "TEC",
+    "REC",
+    "rx/tx wait",
+    "dropped",
+    "bus-offs",
+    "received",
+];
+
+/// What a channel's row says.
+pub fn channel_cells(at: usize, channel: &ChannelView) -> [String; 10] {
+    let count = |value: Option<u64>| value.map_or_else(|| "-".to_owned(), |it| it.to_string());
+    let errors = channel.errors;
+    let is_known = channel.state.is_some();
+    let known = |text: String| if is_known { text } else { "-".to_owned() };
+    [
+        format!("can{at}"),
+        state(channel),
+        known(format!("{:.1} %", channel.load * 100.0)),
+        known(format!("{:.1}", channel.rx_per_second)),
+        count(errors.map(|it| it.transmit.into())),
+        count(errors.map(|it| it.receive.into())),
+        known(format!("{}/{}", waiting(channel.rx_pending), waiting(channel.tx_pending))),
+        count(errors.map(|it| it.dropped)),
+        count(errors.map(|it| it.bus_offs)),
+        channel.received.to_string(),
+    ]
+}
+
+/// State, with a mark where the channel warns.
+fn state(channel: &ChannelView) -> String {
+    let state = channel.state.clone().unwrap_or_else(|| "-".to_owned());
+    if channel.has_warning && !channel.is_bus_off { format!("{state}, warning") } else { state }
+}
+
+/// The status counts no further than 7.
+fn waiting(frames: u8) -> String {
+    if frames >= 7 { "7+".to_owned() } else { frames.to_string() }
+}
+
+/// How many cycles, and which were not kept.
+pub fn cycle_counts(cycle: &CycleView) -> String {
+    let unmeasured = match cycle.unmeasured {
+        0 => String::new(),
+        more => format!(", {more} not measured"),
+    };
+    let CycleView { cycles, overruns, skipped, .. } = cycle;
+    format!("{cycles} cycles, {overruns} overruns, {skipped} skipped{unmeasured}")
+}
+
+/// A table of the times of the cycle, in microseconds.
+pub fn cycle_times(cycle: &CycleView) -> [String; 3] {
+    let row = |name: &str, cells: [String; 6]| {
+        let cells = cells.map(|cell| format!("{cell:>7}"));
+        format!("{name:<8}{}", cells.concat())
+    };
+    let titles = ["min", "p50", "p95", "p99", "p99.9", "max"].map(str::to_owned);
+    [
+        row("us", titles),
+        row("period", times(&cycle.period)),
+        row("run time", times(&cycle.run_time)),
+    ]
+}
+
+fn times(times: &Times) -> [String; 6] {
+    let Times { min_us, p50_us, p95_us, p99_us, p99_9_us, max_us } = *times;
+    let short = |us: f64| if us < 10_000.0 { format!("{us:.1}") } else { format!("{us:.0}") };
+    [min_us, p50_us, p95_us, p99_us, p99_9_us, max_us].map(short)
+}

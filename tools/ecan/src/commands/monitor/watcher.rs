@@ -1,0 +1,173 @@
+//! The cycle: keeps the gateways in service and notes what it sees.
+
+use ecan_command_line::interrupt::Interrupt;
+use ecan_host::Diagnostics;
+use ecan_mcan_port::Port;
+use ecan_protocol::CHANNELS;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::frames::service::{MAX_FAILED_CYCLES, Wishes, configuration, failure};
+use crate::global::GlobalOptions;
+
+use super::MonitorArguments;
+use super::collector::GatewayErrors;
+use super::observation::{BusTime, Mark, Observation};
+use super::snapshot::Errors;
+
+/// Gateways under watch.
+#[derive(Debug)]
+pub struct Watcher {
+    port: Port,
+    positions: Vec<usize>,
+    busy: BusTime,
+    failed_cycles: u32,
+}
+
+impl Watcher {
+    /// Configures the gateway chosen, or all of them. No cycle runs yet.
+    pub fn open(
+        bus: &Bus,
+        arguments: &MonitorArguments,
+        global: &GlobalOptions,
+    ) -> Result<Self, Failure> {
+        let positions = positions(bus)?;
+        let wishes =
+            Wishes { is_listening: arguments.listen_only, ..Wishes::on(arguments.channel) };
+        let options = &arguments.options;
+        let (adapter, config) = configuration(options, wishes, global.master, &positions)?;
+        let first = positions.first().copied().unwrap_or_default();
+        let failed = |error| match failure(first, error) {
+            Failure::OutOfService { reason, .. } if positions.len() > 1 => Failure::Refused(reason),
+            other => other,
+        };
+        config.check(&adapter).map_err(|faults| failed(faults.into()))?;
+        let port = Port::open(bus.ecrt(), adapter, config).map_err(failed)?;
+        let busy = BusTime::new(positions.len(), options.bitrate, options.data_bitrate);
+        Ok(Self { port, positions, busy, failed_cycles: 0 })
+    }
+
+    /// Activates the master: from now on [`cycle`](Self::cycle) has to run. The waiting goes by
+    /// what the Port says.
+    pub fn activate(
+        &mut self,
+        options: &crate::frames::options::GatewayOptions,
+    ) -> Result<(), Failure> {
+        options.real_time.set_timing(self.port.adapter_mut());
+        let timeout_ms = self.port.startup_timeout_ms();
+        let begun = self.port.adapter_mut().begin_op_wait(timeout_ms);
+        begun.map(|_| ()).map_err(|error| Failure::Master(error.to_string()))
+    }
+
+    /// Waits for a cycle and runs it. Allocates nothing while all goes well.
+    pub fn cycle(&mut self, observation: &mut Observation) -> Result<(), Failure> {
+        self.port.wait_next_cycle();
+        let begun = self.port.cycle_begin();
+        let busy = &mut self.busy;
+        self.port.receive_each(|received| busy.count(&received));
+        let ended = self.port.cycle_end().and(begun);
+        observation.look_for_bus_off(&self.port);
+        let adapter = self.port.adapter();
+        observation.mark(Mark { start: adapter.cycle_start(), end_ns: adapter.clock().now_ns() });
+        self.failed_cycles = if ended.is_err() { self.failed_cycles + 1 } else { 0 };
+        match ended {
+            Err(error) if self.failed_cycles > MAX_FAILED_CYCLES => {
+                Err(Failure::Master(error.to_string()))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// Notes how everything stands.
+    pub fn look(&self, observation: &mut Observation) {
+        observation.look(&self.port, &self.busy, self.now_ns());
+    }
+
+    /// Positions of the gateways, in the order of all observations.
+    pub fn positions(&self) -> &[usize] {
+        &self.positions
+    }
+
+    pub fn now_ns(&self) -> u64 {
+        self.port.adapter().clock().now_ns()
+    }
+
+    pub fn cycle_ns(&self) -> u32 {
+        self.port.adapter().config().cycle_ns
+    }
+
+    pub fn is_ready(&self) -> bool {
+        self.port.is_ready()
+    }
+
+    pub fn startup_timeout_ns(&self) -> u64 {
+        u64::from(self.port.startup_timeout_ms()) * 1_000_000
+    }
+
+    pub fn is_simulated(&self) -> bool {
+        self.port.adapter().is_simulated()
+    }
+
+    /// A handle for the mailbox, for another thread.
+    pub fn open_diagnostics(&self) -> Result<Diagnostics, Failure> {
+        let opened = self.port.adapter().open_diagnostics();
+        opened.map_err(|error| Failure::Master(error.to_string()))
+    }
+
+    /// Reads the error counters of all gateways while the cycle goes on.
+    pub fn read_errors(&mut self) -> Vec<GatewayErrors> {
+        let count = self.positions.len();
+        let read = self
+            .port
+            .diagnose(|diagnostics| (0..count).map(|at| read_errors(diagnostics, at)).collect());
+        read.unwrap_or_default()
+    }
+
+    /// Runs the cycle until all gateways are in service, or the time for that is over.
+    pub fn wait_ready(
+        &mut self,
+        interrupt: &Interrupt,
+        mut take: impl FnMut(&Self, &mut Observation),
+        observation: &mut Observation,
+    ) -> Result<(), Failure> {
+        let deadline_ns = self.now_ns().saturating_add(self.startup_timeout_ns());
+        while !self.is_ready() && self.now_ns() < deadline_ns && !interrupt.is_set() {
+            self.cycle(observation)?;
+            take(self, observation);
+        }
+        Ok(())
+    }
+}
+
+/// The gateway chosen, or all of them.
+fn positions(bus: &Bus) -> Result<Vec<usize>, Failure> {
+    if bus.is_chosen() {
+        return Ok(vec![bus.slave()?]);
+    }
+    let count = bus.diagnostics().slave_count();
+    let gateways: Vec<_> = (0..count).filter(|slave| bus.is_gateway(*slave)).collect();
+    // Without any it tells why.
+    if gateways.is_empty() { Ok(vec![bus.slave()?]) } else { Ok(gateways) }
+}
+
+/// Objects of a channel (manual 13.5).
+const INFORMATION: u16 = 0x9000;
+const ERROR_COUNTERS: u8 = 1;
+const DROPPED: u8 = 13;
+const BUS_OFFS: u8 = 15;
+
+/// Reads the error counters of a gateway's channels; none where it does not answer. Blocks.
+pub fn read_errors(diagnostics: &Diagnostics, at: usize) -> GatewayErrors {
+    let mut errors = [Errors::default(); CHANNELS];
+    for (place, index) in errors.iter_mut().zip(INFORMATION..) {
+        let read = |subindex| diagnostics.sdo_upload_u32(at, index, subindex).ok();
+        let counters = ecan_diagnosis::registers::ErrorCounters::from_raw(read(ERROR_COUNTERS)?);
+        *place = Errors {
+            transmit: counters.transmit,
+            receive: if counters.is_receive_passive { 128 } else { counters.receive },
+            dropped: read(DROPPED)?.into(),
+            bus_offs: read(BUS_OFFS)?.into(),
+        };
+    }
+    Some(errors)
+}
