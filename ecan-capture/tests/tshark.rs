@@ -1,7 +1,7 @@
 //! What tshark reads in a capture. Without tshark the tests say so and pass.
 #![allow(missing_docs)]
 
-use std::process::Command;
+mod tshark_support;
 
 use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Traffic};
 use ecan_protocol::{
@@ -9,6 +9,7 @@ use ecan_protocol::{
     EncapsulationProfile, FrameRef, ImageWriter, OptionFlags, PdoProfile, ResultCode, Schedule,
     Timestamp, TxResult,
 };
+use tshark_support::fields_of;
 
 const DISSECTOR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../wireshark/ecan_pdo.lua");
 const TIME_NS: u64 = 1_700_000_000_123_456_789;
@@ -28,26 +29,7 @@ fn fields(names: &[&str], fill: impl FnOnce(&mut Capture<Vec<u8>>)) -> Option<Ve
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("capture.pcapng");
     std::fs::write(&path, capture.finish().unwrap()).unwrap();
-    let mut command = Command::new("tshark");
-    command.args(["-X", &format!("lua_script:{DISSECTOR}"), "-r"]).arg(&path);
-    command.args(["-T", "fields", "-E", "separator=|"]);
-    command.args(names.iter().flat_map(|name| ["-e", name]));
-    // No preferences or plug-ins of whoever runs the test.
-    command.env("HOME", directory.path()).env("XDG_CONFIG_HOME", directory.path());
-    let output = match command.output() {
-        Ok(output) => output,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            eprintln!("skipped: there is no tshark");
-            return None;
-        }
-        Err(error) => panic!("tshark: {error}"),
-    };
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && !errors.contains("Lua"), "{errors}");
-    // From 4.2 on tshark has words for flags.
-    let text = String::from_utf8(output.stdout).unwrap();
-    let text = text.replace("True", "1").replace("False", "0");
-    Some(text.lines().map(str::to_owned).collect())
+    fields_of(&path, DISSECTOR, "frame", names)
 }
 
 fn image_fields(

@@ -7,7 +7,6 @@
 #![forbid(unsafe_code)]
 
 mod firmware;
-mod interrupt;
 mod screen;
 mod wire;
 

@@ -2,10 +2,13 @@
 #![allow(missing_docs)]
 
 mod support;
+#[path = "../../../ecan-capture/tests/tshark_support/mod.rs"]
+mod tshark_support;
 
-use std::process::Command;
+use std::path::Path;
 
 use support::{Scenario, fails};
+use tshark_support::fields_of;
 
 const DISSECTOR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../wireshark/ecan_pdo.lua");
 
@@ -36,22 +39,7 @@ fn blocks(mut file: &[u8]) -> Vec<(u32, Vec<u8>)> {
 
 /// Fields of the packets that a display filter passes; `None` without tshark.
 fn tshark(bus: &Scenario, filter: &str, names: &[&str]) -> Option<Vec<String>> {
-    let mut command = Command::new("tshark");
-    command.args(["-X", &format!("lua_script:{DISSECTOR}"), "-r", &bus.path("out.pcapng")]);
-    command.args(["-Y", filter, "-T", "fields", "-E", "separator=|"]);
-    command.args(names.iter().flat_map(|name| ["-e", name]));
-    command.env("HOME", bus.path("")).env("XDG_CONFIG_HOME", bus.path(""));
-    let output = match command.output() {
-        Ok(output) => output,
-        Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
-            eprintln!("skipped: there is no tshark");
-            return None;
-        }
-        Err(error) => panic!("tshark: {error}"),
-    };
-    let errors = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success() && !errors.contains("Lua"), "{errors}");
-    Some(String::from_utf8(output.stdout).unwrap().lines().map(str::to_owned).collect())
+    fields_of(Path::new(&bus.path("out.pcapng")), DISSECTOR, filter, names)
 }
 
 #[test]

@@ -14,9 +14,9 @@ use std::error::Error;
 use ecan_host::{Clock, MonotonicClock};
 use ecan_sim::{ClockKind, Scenario, ScenarioChoice, SimOptions, Wire, load_scenario};
 
-use crate::interrupt::Interrupt;
 use crate::screen::Screen;
 use dump::Dump;
+use ecan_command_line::interrupt::Interrupt;
 use interface::Interface;
 use packet_socket::PacketSocket;
 use server::Server;

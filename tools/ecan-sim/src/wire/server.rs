@@ -12,8 +12,8 @@ use super::packet_socket::{PacketSocket, Received, SocketError};
 use super::summary;
 use super::turnaround::{Turnaround, real_time_ns};
 use super::watch::Watch;
-use crate::interrupt::Interrupt;
 use crate::screen::Screen;
+use ecan_command_line::interrupt::Interrupt;
 
 /// Longest wait for a frame, in nanoseconds: bridges and signals are looked after that often.
 const LONGEST_WAIT_NS: u64 = 1_000_000;

@@ -1,0 +1,273 @@
+//! Scheduled frames that would miss their Sync0 pulse: refused, taken back, given up, never told as
+//! sent (manual 8.4, 13.8).
+#![allow(missing_docs)]
+
+mod common;
+mod schedule_support;
+
+use common::{id, with_sync0};
+use ecan_mcan_port::{GatewayConfig, MarginCheck, NoRoom, NotSchedulable, Received, SendError};
+use ecan_protocol::Schedule;
+use ecan_sim::{Fault, LostWay, echo};
+use schedule_support::{
+    OFFSET_NS, SHIFT_NS, account, check, results, schedule, sluggish, truth, with_long_sync0,
+};
+
+#[test]
+fn a_cycle_that_begins_behind_the_pulse_is_refused_and_never_sent_late() {
+    let mut bench = with_sync0(sluggish(), 300_000, results);
+    bench.simulation.with_world(|world| world.record_bus_of(0, 0));
+    let mut sent = 0;
+    for _ in 0..2_000 {
+        bench.cycle(|port| {
+            let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
+            match port.schedule_can(0, 0, id(1), &[], at) {
+                Ok(_) => sent += 1,
+                Err(SendError::NoRoom { what: NoRoom::Phase, .. }) => {}
+                Err(error) => panic!("{error}"),
+            }
+        });
+    }
+    let (told, truth) = check(&mut bench);
+    assert!(told.refused_late > 10, "{told:?}");
+    assert_eq!((told.scheduled, told.refused_late), (sent, 2_000 - sent));
+    assert_eq!((truth.frames_released, told.sent), (sent, sent), "{truth:?}");
+    let frames = bench.simulation.with_world(|world| world.take_recorded());
+    let sent: Vec<_> = frames.iter().filter(|f| f.is_from_channel).collect();
+    for pair in sent.windows(2) {
+        let period = pair[1].start_ns - pair[0].start_ns;
+        let nearest = (period + 500_000) / 1_000_000;
+        assert!(nearest >= 1 && period.abs_diff(nearest * 1_000_000) <= 13_000, "{period}");
+    }
+}
+
+#[test]
+fn an_application_that_takes_too_long_withdraws_what_would_be_late() {
+    let mut bench = with_sync0(echo(1), 300_000, results);
+    let clock = bench.port.adapter().ecrt().clock().clone();
+    for nth in 0..50 {
+        bench.cycle(|port| {
+            let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
+            port.schedule_can(0, 0, id(1), &[], at).unwrap();
+            if nth % 10 == 0 {
+                clock.sleep_until_ns(clock.now_ns() + 400_000);
+            }
+        });
+    }
+    let (told, truth) = check(&mut bench);
+    assert_eq!((told.withdrawn, told.sent, truth.frames_released), (5, 45, 45));
+}
+
+#[test]
+fn the_margin_is_told_counted_or_demanded() {
+    let mut bench = with_sync0(echo(1), 120_000, results);
+    let margin = bench.port.schedule_margin(0, OFFSET_NS).unwrap();
+    assert!(!margin.is_sufficient(), "{margin}");
+    assert!(margin.to_string().starts_with("margin -"), "{margin}");
+    schedule(&mut bench, 1, OFFSET_NS);
+    assert_eq!(check(&mut bench).0.without_margin, 1);
+    let mut bench = with_sync0(echo(1), 120_000, |gateway| {
+        gateway.schedule.margin_check = MarginCheck::Refuse;
+    });
+    bench.cycle(|port| {
+        let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
+        let refused = port.schedule_can(0, 0, id(1), &[], at).unwrap_err();
+        let SendError::NotSchedulable { reason: NotSchedulable::NoMargin { lacking_ns }, .. } =
+            refused
+        else {
+            panic!("{refused}");
+        };
+        assert_eq!(i64::try_from(lacking_ns).unwrap(), -margin.least_ns());
+        assert!(refused.to_string().contains("move the Sync0 shift"), "{refused}");
+    });
+    let bench = with_sync0(echo(1), SHIFT_NS, |_| ());
+    assert!(bench.port.schedule_margin(0, OFFSET_NS).unwrap().is_sufficient());
+    let beyond = bench.port.schedule_margin(0, 1_000_000);
+    assert_eq!(beyond, Err(NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 }));
+}
+
+/// A pulse within the time that an image needs through the host and on the wire: without a margin,
+/// but frames are taken and sent, as is promised where margins are only counted.
+#[test]
+fn a_pulse_within_the_way_of_the_images_refuses_no_frame() {
+    for shift_ns in [31_000, 50_000, 95_000] {
+        let mut bench = with_sync0(echo(1), shift_ns, results);
+        assert!(bench.port.schedule_margin(0, OFFSET_NS).unwrap().after_pulse_ns < 0);
+        for _ in 0..100 {
+            assert_eq!(schedule(&mut bench, 1, OFFSET_NS), 1, "shift {shift_ns}");
+        }
+        let (told, _) = check(&mut bench);
+        assert_eq!((told.without_margin, told.sent, told.refused_late), (100, 100, 0));
+    }
+}
+
+#[test]
+fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
+    let mut bench = with_sync0(echo(1), SHIFT_NS, results);
+    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 2 });
+    bench.cycle(|port| {
+        port.send_can(0, 0, id(1), &[]).unwrap();
+        let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
+        port.schedule_can(0, 0, id(2), &[], at).unwrap();
+    });
+    let mut refused = 0;
+    while refused < 2 {
+        bench.cycle(|port| {
+            assert!(port.cycle_report(0).is_holding);
+            let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
+            let error = port.schedule_can(0, 0, id(3), &[], at).unwrap_err();
+            assert!(matches!(error, SendError::NoRoom { what: NoRoom::Phase, .. }), "{error}");
+        });
+        refused += 1;
+    }
+    assert_eq!(schedule(&mut bench, 1, OFFSET_NS), 1, "it arrived");
+    bench.idle(500);
+    let (told, truth) = (account(&bench), truth(&bench));
+    // The first one left two periods late.
+    assert_eq!((told.refused_late, told.scheduled), (2, 2));
+    assert_eq!((told.sent, told.unknown), (1, 1));
+    assert_eq!(
+        (truth.frames_released, truth.frames_on_bus),
+        (2, 3),
+        "no frame to be sent at once was lost"
+    );
+}
+
+/// Images with frames of both kinds that are published again: what left may have left late.
+#[test]
+fn a_repeated_image_is_never_told_as_sent() {
+    for way in [LostWay::Outward, LostWay::Return] {
+        for change in [results as fn(&mut GatewayConfig), |_| ()] {
+            let mut bench = with_sync0(echo(1), SHIFT_NS, change);
+            bench.simulation.inject(Fault::LostFrame { way, cycles: 3 });
+            bench.cycle(|port| {
+                let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
+                port.schedule_can(0, 0, id(2), &[], at).unwrap();
+                port.send_can(0, 0, id(1), &[]).unwrap();
+            });
+            bench.idle(500);
+            let (told, truth) = (account(&bench), truth(&bench));
+            assert_eq!((told.sent, told.unknown, told.open), (0, 1, 0), "{way:?}");
+            assert_eq!((truth.frames_released, truth.frames_on_bus), (1, 2));
+        }
+    }
+}
+
+/// Frames to be sent at once leave in a late cycle, too, with their own results; scheduled ones
+/// beside them do not.
+#[test]
+fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
+    for has_results in [true, false] {
+        let change = if has_results { results } else { |_: &mut GatewayConfig| () };
+        let mut bench = with_sync0(echo(1), 300_000, change);
+        let clock = bench.port.adapter().ecrt().clock().clone();
+        let mut tickets = Vec::new();
+        let mut items = Vec::new();
+        for nth in 0..20_u8 {
+            items.extend(bench.cycle(|port| {
+                let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
+                port.schedule_can(0, 0, id(1), &[], at).unwrap();
+                tickets.push(port.send_can(0, 0, id(2), &[nth; 8]).unwrap());
+                port.schedule_can(0, 0, id(3), &[9], at).unwrap();
+                let long = ecan_protocol::CanId::extended(0x1234).unwrap();
+                tickets.push(port.send_can(0, 0, long, &[nth; 3]).unwrap());
+                if nth % 2 == 0 {
+                    clock.sleep_until_ns(clock.now_ns() + 400_000);
+                }
+            }));
+        }
+        items.extend(bench.idle(500));
+        let (told, truth) = (account(&bench), truth(&bench));
+        assert_eq!((told.scheduled, told.withdrawn, told.sent), (40, 20, 20));
+        assert_eq!((truth.frames_released, truth.frames_on_bus), (20, 60));
+        let mut sent_at_once = Vec::new();
+        let mut ended = Vec::new();
+        for item in &items {
+            match item {
+                Received::Frame(frame) if frame.frame.data().len() >= 3 => {
+                    sent_at_once.push((frame.frame.data().len(), frame.frame.data()[0]));
+                }
+                Received::TransmitReport(report) if report.schedule_tag.is_none() => {
+                    ended.push(report.ticket.unwrap());
+                }
+                _ => {}
+            }
+        }
+        let expected: Vec<_> = (0..20).flat_map(|nth| [(8, nth), (3, nth)]).collect();
+        assert_eq!(sent_at_once, expected);
+        tickets.retain(|_| has_results);
+        assert_eq!(ended, tickets);
+        let statistics = bench.port.statistics(0);
+        assert_eq!(statistics.channels[0].frames_discarded, 20);
+        assert_eq!(statistics.channels[0].frames_delivered, 60);
+    }
+}
+
+/// A cycle that ends behind the time at which a pulse stands misses one only where there is one.
+#[test]
+fn only_the_cycle_with_the_pulse_can_miss_it() {
+    let mut bench = with_long_sync0(300_000, results);
+    bench.simulation.with_world(|world| world.record_bus_of(0, 0));
+    let clock = bench.port.adapter().ecrt().clock().clone();
+    for _ in 0..400 {
+        bench.cycle(|port| {
+            let point_ns = port.adapter().cycle_time_ns();
+            let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
+            port.schedule_can(0, 0, id(1), &point_ns.to_le_bytes(), at).unwrap();
+            clock.sleep_until_ns(clock.now_ns() + 250_000);
+        });
+    }
+    bench.idle(500);
+    let (told, truth) = (account(&bench), truth(&bench));
+    assert_eq!((told.scheduled, told.withdrawn, told.sent), (400, 100, 300));
+    assert_eq!(truth.frames_released, 300);
+    let frames = bench.simulation.with_world(|world| world.take_recorded());
+    for frame in frames.iter().filter(|it| it.is_from_channel) {
+        let point_ns = u64::from_le_bytes(*frame.frame.data().first_chunk().unwrap());
+        let waited_ns = frame.start_ns - point_ns;
+        // Three share a pulse, and the bus with their echoes.
+        assert!((1_400_000..4_400_000).contains(&waited_ns), "{waited_ns} ns");
+    }
+}
+
+/// A lost image that goes out again before its pulse is as good as new.
+#[test]
+fn a_repeat_that_meets_the_same_pulse_loses_nothing() {
+    for change in [results as fn(&mut GatewayConfig), |_| ()] {
+        let mut bench = with_long_sync0(SHIFT_NS, change);
+        let mut outcomes = Vec::new();
+        for _ in 0..4 {
+            let (before, released) = (account(&bench), truth(&bench).frames_released);
+            for nth in 0..40 {
+                if nth % 4 == 0 {
+                    let way = LostWay::Outward;
+                    bench.simulation.inject(Fault::LostFrame { way, cycles: 1 });
+                }
+                schedule(&mut bench, u16::from(nth % 4 == 0), OFFSET_NS);
+            }
+            bench.idle(501);
+            let (told, released) = (account(&bench), truth(&bench).frames_released - released);
+            outcomes.push((told.sent - before.sent, told.unknown - before.unknown, released));
+        }
+        outcomes.sort_unstable();
+        // In the cycle of the pulse it comes too late.
+        assert_eq!(outcomes, [(0, 10, 0), (10, 0, 10), (10, 0, 10), (10, 0, 10)]);
+    }
+}
+
+/// An image that stays lost until its pulse has passed is given up then.
+#[test]
+fn a_repeat_is_given_up_when_the_pulse_has_passed() {
+    for change in [results as fn(&mut GatewayConfig), |_| ()] {
+        let mut bench = with_long_sync0(SHIFT_NS, change);
+        for _ in 0..20 {
+            let way = LostWay::Outward;
+            bench.simulation.inject(Fault::LostFrame { way, cycles: 5 });
+            schedule(&mut bench, 1, OFFSET_NS);
+            bench.idle(12);
+        }
+        bench.idle(500);
+        let (told, truth) = (account(&bench), truth(&bench));
+        assert_eq!((told.sent, told.unknown, truth.frames_released), (0, 20, 0));
+    }
+}

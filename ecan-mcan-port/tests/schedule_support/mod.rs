@@ -1,0 +1,83 @@
+//! What tests of scheduled transmission share: frames at a phase, and the account against the truth.
+#![allow(dead_code, missing_docs)]
+
+use ecan_mcan_port::{GatewayConfig, ScheduleAccount};
+use ecan_protocol::{OptionFlags, Schedule};
+use ecan_sim::{Scenario, Truth, echo};
+
+use super::common::{self, Bench, id, with_sync0};
+
+/// Phases at which frames leave, 500 us behind the start of the cycle: the images come long before.
+pub const SHIFT_NS: u32 = 500_000;
+pub const OFFSET_NS: u32 = 100_000;
+
+pub fn results(gateway: &mut GatewayConfig) {
+    gateway.tx_options = OptionFlags::TX_RESULT;
+}
+
+pub fn truth(bench: &Bench) -> Truth {
+    bench.simulation.with_world(|world| world.truth(0).unwrap())
+}
+
+pub fn account(bench: &Bench) -> ScheduleAccount {
+    bench.port.schedule_account(0, 0)
+}
+
+/// One cycle that schedules so many frames; gives how many were taken.
+pub fn schedule(bench: &mut Bench, frames: u16, offset_ns: u32) -> u16 {
+    let mut taken = 0;
+    bench.cycle(|port| {
+        for tag in 0..frames {
+            let at = Schedule { tag, offset_ns };
+            taken += u16::from(port.schedule_can(0, 0, id(0x100 + tag), &[], at).is_ok());
+        }
+    });
+    taken
+}
+
+/// Compares the account with the truth once nothing is open any more: each kind of outcome may
+/// hide among the unknown ones, none may be claimed that did not happen.
+pub fn check(bench: &mut Bench) -> (ScheduleAccount, Truth) {
+    bench.idle(500);
+    let (told, truth) = (account(bench), truth(bench));
+    assert_eq!(told.accounted(), told.scheduled, "{told:?}");
+    assert_eq!(told.open, 0, "{told:?}");
+    let losses = truth.transmit_losses;
+    let refused = losses.bus_off + losses.invalid_channel;
+    for (told_of, happened) in [
+        (told.sent, truth.frames_released),
+        (told.late_dropped, losses.late),
+        (told.queue_full, losses.schedule_full),
+        (told.not_sent, refused),
+    ] {
+        assert!(told_of <= happened, "{told:?} {truth:?}");
+        assert!(happened <= told_of + told.unknown, "{told:?} {truth:?}");
+    }
+    // Stale are frames that still waited, and those that the controller had got already.
+    let ended = truth.frames_released + losses.late + losses.schedule_full + refused;
+    let ended = ended + losses.schedule_failed;
+    assert!(ended <= truth.frames_parsed, "{truth:?}");
+    assert!(truth.frames_parsed <= ended + losses.stale, "every frame ended somehow: {truth:?}");
+    assert!(told.scheduled - told.withdrawn >= truth.frames_parsed, "{told:?} {truth:?}");
+    (told, truth)
+}
+
+/// A machine that now and then wakes up behind the pulse.
+pub fn sluggish() -> Scenario {
+    let mut scenario = ecan_sim::jitter(1);
+    let wake_up =
+        ecan_sim::WakeUpDelay { typical_ns: 20_000, p99_ns: 400_000, longest_ns: 900_000 };
+    scenario.wake_up = Some(wake_up);
+    scenario
+}
+
+/// Sync0 of 4 ms with cycles of 1 ms: one cycle in four has a pulse.
+pub fn with_long_sync0(shift_ns: u32, change: fn(&mut GatewayConfig)) -> Bench {
+    let mut bench = with_sync0(echo(1), SHIFT_NS, change);
+    let mut adapter = bench.port.adapter().config().clone();
+    adapter.dc = Some(ecan_host::DcSync::new(4_000_000, shift_ns));
+    let config = bench.port.config().clone();
+    bench.port.reconfigure(adapter, config).unwrap();
+    bench.port.wait_ready(common::READY_MS).unwrap();
+    bench
+}
