@@ -111,7 +111,7 @@ pub fn encode(
             })?;
             let bytes = ty.size_bytes().unwrap_or(4);
             if value > u64::from(ty.max_value()) {
-                return Err(format!("{value} is more than {} bytes hold", bytes));
+                return Err(format!("{value} does not fit, possible is 0..{}", ty.max_value()));
             }
             Ok(value.to_le_bytes().get(..bytes).unwrap_or_default().to_vec())
         }
