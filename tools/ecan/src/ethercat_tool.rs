@@ -7,6 +7,8 @@ use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
+use ecan_host::denies_object;
+use ecan_protocol::{AbortCode, AlState};
 use thiserror::Error;
 
 /// Where IgH's own installation puts the tool, for those whose PATH does not lead there.
@@ -111,9 +113,21 @@ pub struct ListedSlave {
     pub state: String,
 }
 
+impl ListedSlave {
+    /// Its AL state; `None` for words that are none, as while it is scanned. The tool appends
+    /// `+ERROR` where the state's error flag is set.
+    pub fn al_state(&self) -> Option<AlState> {
+        let word = self.state.split('+').next().unwrap_or_default();
+        use AlState::{Boot, Init, Op, PreOp, SafeOp};
+        [Init, PreOp, Boot, SafeOp, Op].into_iter().find(|state| state.to_string() == word)
+    }
+}
+
 /// Type of a number, as `--type` names it; the tool refuses data of another length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NumberType {
+    /// 8 bits.
+    Uint8,
     /// 16 bits.
     Uint16,
     /// 32 bits.
@@ -123,6 +137,7 @@ pub enum NumberType {
 impl NumberType {
     fn name(self) -> &'static str {
         match self {
+            Self::Uint8 => "uint8",
             Self::Uint16 => "uint16",
             Self::Uint32 => "uint32",
         }
@@ -221,6 +236,20 @@ impl EthercatTool {
         listed.lines().filter(|line| !line.trim().is_empty()).map(read_slave).collect()
     }
 
+    /// Vendor id and product code of a slave, by its SII.
+    ///
+    /// # Errors
+    /// Any [`ToolError`] but [`ToolError::NoPosition`].
+    pub fn identity(&self, slave: usize) -> Result<(u32, u32), ToolError> {
+        const COMMAND: &str = "slaves";
+        let printed = self.run(COMMAND, ["--position", &slave.to_string(), "--verbose"])?;
+        let number = |name: &str| {
+            let found = printed.lines().find_map(|line| line.trim().strip_prefix(name));
+            read_number(COMMAND, found.ok_or_else(|| unreadable(COMMAND, &printed))?)
+        };
+        Ok((number("Vendor Id:")?, number("Product code:")?))
+    }
+
     fn upload(
         &self,
         slave: usize,
@@ -295,6 +324,16 @@ impl EthercatTool {
     }
 }
 
+/// Whether what the tool said is a slave's answer that it does not have an object in the form that
+/// was asked for: an abort code, data of another size, or no CoE in its SII.
+pub fn is_denial(said: &str) -> bool {
+    let code = said.split_once("aborted with code 0x").and_then(|(_, behind)| behind.get(..8));
+    let code = code.and_then(|digits| u32::from_str_radix(digits, 16).ok());
+    code.is_some_and(|code| denies_object(AbortCode(code)))
+        || said.contains("Data type mismatch")
+        || said.contains("Protocol not supported")
+}
+
 /// A number such as `0x0202 514`.
 fn read_number(command: &'static str, printed: &str) -> Result<u32, ToolError> {
     let number = printed.split_whitespace().next().and_then(crate::value::parse_unsigned);
@@ -331,6 +370,34 @@ mod tests {
         assert_eq!(read("11  5:0   OP      +  a name"), Ok((11, Some(5), "OP".to_owned())));
         assert_eq!(read("12  5:1   SAFEOP  E  a name"), Ok((12, None, "SAFEOP".to_owned())));
         assert!(matches!(read("Usage: ethercat"), Err(ToolError::Unreadable { .. })));
+    }
+
+    #[test]
+    fn states_with_an_error_are_states() {
+        let of = |state: &str| {
+            ListedSlave { position: 0, alias: None, state: state.to_owned() }.al_state()
+        };
+        assert_eq!((of("INIT"), of("PREOP")), (Some(AlState::Init), Some(AlState::PreOp)));
+        assert_eq!((of("SAFEOP+ERROR"), of("???")), (Some(AlState::SafeOp), None));
+    }
+
+    #[test]
+    fn a_slave_without_the_object_is_told_from_a_silent_one() {
+        for said in [
+            "SDO transfer aborted with code 0x06020000: This object does not exist",
+            "SDO transfer aborted with code 0x06090011",
+            "Data type mismatch. Expected uint16 with 2 bytes, but got 4 byte.",
+            "Failed to upload SDO: Protocol not supported",
+        ] {
+            assert!(is_denial(said), "{said}");
+        }
+        for said in [
+            "SDO transfer aborted with code 0x08000022: cannot be transferred",
+            "Failed to upload SDO: Input/output error",
+            "Failed to upload SDO: Connection timed out",
+        ] {
+            assert!(!is_denial(said), "{said}");
+        }
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use crate::bus::SlaveChoice;
+use crate::slave_choice::SlaveChoice;
 
 /// What the exit status says, for the end of the help.
 pub const EXIT_STATUS: &str = "\

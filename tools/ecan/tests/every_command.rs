@@ -5,7 +5,7 @@ mod support;
 
 use std::process::Command;
 
-use support::{Scenario, fails, setting, two_gateways};
+use support::{Scenario, fails, first_silent, setting, two_gateways};
 
 /// Commands that are about one gateway.
 fn commands_of_one(files: &Scenario) -> Vec<Vec<String>> {
@@ -97,6 +97,20 @@ fn of_several_gateways_one_has_to_be_chosen() {
         let expected = "there are several gateways; choose one with --slave, of 0, 1";
         assert!(message.contains(expected), "{command:?}: {message}");
     }
+}
+
+#[test]
+fn a_gateway_that_cannot_be_asked_leaves_a_choice() {
+    let bus = first_silent();
+    let files = Scenario::new("");
+    for command in commands_of_one(&files) {
+        let message = fails(4, &with(&command, &["--ecrt", &setting(&bus)]));
+        let expected = "slave 0 cannot be asked whether it is an ECAN-Lite: SDO upload 0xF000:09";
+        assert!(message.contains(expected), "{command:?}: {message}");
+        assert!(message.ends_with("; choose one with --slave, of 0, 1"), "{message}");
+    }
+    let message = fails(4, &["--ecrt", &setting(&bus), "info", "--slave", "serial=4294967297"]);
+    assert!(message.contains("; but slave 0 cannot be asked"), "{message}");
 }
 
 #[test]

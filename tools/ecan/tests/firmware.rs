@@ -244,6 +244,34 @@ fn other_devices_get_no_firmware() {
     assert!(errors.contains("none of the 1 slaves shows itself as an ECAN-Lite"), "{errors}");
 }
 
+#[test]
+fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
+    let (package, product_code) = (package(NEW), stand_in::PRODUCT_CODE);
+    let tool = StandIn::new(2, Behaviour::Silent { position: 0, product_code });
+    let (status, out, errors) = update(&tool, package.path(), &[]);
+    assert_eq!((status, tool.writes().len()), (4, 0), "{out}");
+    let words = "slave 0 cannot be asked whether it is an ECAN-Lite: ethercat upload: Failed to";
+    assert!(errors.contains(words), "{errors}");
+    assert!(errors.contains("choose one with --slave, of 0, 1, or take --all"), "{errors}");
+    let (status, out, errors) = update(&tool, package.path(), &["--all"]);
+    assert_eq!((status, tool.writes().len()), (1, 1), "{out}{errors}");
+    let line = "\n0    -       -      nothing was written: it cannot be asked whether it is an";
+    assert!(out.contains(line), "{out}");
+    assert!(out.contains("\n1    2.2.1   3.0.7  updated\n1 of 2 gateways run the new"), "{out}");
+    // The identity in the SII tells that it is another device.
+    let tool = StandIn::new(2, Behaviour::Silent { position: 0, product_code: 5 });
+    let (status, out, _) = update(&tool, package.path(), &[]);
+    assert_eq!((status, tool.writes().len()), (0, 1), "{out}");
+    assert_eq!(running(&tool, 1), NEW);
+    // And on the simulator.
+    let bus = support::first_silent();
+    let path = package.path().to_str().unwrap();
+    let simulated = ["--ecrt", &support::setting(&bus), "firmware", "update", path, "--yes"];
+    assert!(fails(4, &simulated).contains("slave 0 cannot be asked"));
+    let out = support::ends(1, &[&simulated[..], &["--all"]].concat());
+    assert!(out.contains("\n1    2.2.1   3.0.7  updated\n"), "{out}");
+}
+
 /// As [`firmware`], with a terminal for input and messages, at which this is typed.
 fn at_a_terminal(tool: &StandIn, file: &Path, typed: &str) -> (i32, String) {
     let pty = nix::pty::openpty(None, None).unwrap();

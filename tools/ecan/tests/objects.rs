@@ -3,7 +3,7 @@
 
 mod support;
 
-use support::{fails, good, simulated, two_gateways};
+use support::{fails, first_silent, good, scenario, setting, simulated, two_gateways};
 
 #[test]
 fn slaves_are_listed() {
@@ -15,6 +15,24 @@ POS  ALIAS  STATE  NAME       FIRMWARE  HARDWARE  SERIAL      IDENTITY
     let json: serde_json::Value = serde_json::from_str(&simulated(&["scan", "--json"])).unwrap();
     assert_eq!(json[0]["serial"], 4_294_967_297_u64);
     assert_eq!(json[0]["is_gateway"], true);
+}
+
+#[test]
+fn a_slave_that_cannot_be_asked_is_listed_with_the_reason() {
+    let bus = first_silent();
+    let listed = good(&["--ecrt", &setting(&bus), "scan"]);
+    let line = "\nslave 0 cannot be asked whether it is an ECAN-Lite: SDO upload 0xF000:09";
+    assert!(listed.contains(line), "{listed}");
+    let json = good(&["--ecrt", &setting(&bus), "scan", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json[0]["is_gateway"], &json[1]["is_gateway"]), (&().into(), &true.into()));
+    assert!(json[0]["unknown"].as_str().unwrap().contains("0xF000:09"), "{json}");
+    // One that answers that it has no such object is another device.
+    let other = scenario(
+        "[[gateway]]\n[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
+         index = 0xF000\nsubindex = 9\ncode = 0x06020000\ntimes = 9\n",
+    );
+    assert!(good(&["--ecrt", &setting(&other), "info"]).starts_with("slave     1, "));
 }
 
 #[test]

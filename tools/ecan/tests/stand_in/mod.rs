@@ -22,6 +22,9 @@ const CALL_NS: u64 = 300 * MS;
 /// Data of a full FoE packet: the mailbox without its header and that of FoE.
 const PACKET: usize = 128 - 6 - 6;
 
+/// Of the gateways.
+pub const PRODUCT_CODE: u32 = 0x4C49_5445;
+
 const HELP: &str = "\
 ethercat foe_write [OPTIONS] <FILENAME> [<PASSWORD>]
   --output-file -o <file>   name on the slave
@@ -56,6 +59,11 @@ pub enum Behaviour {
     },
     /// As above, behind the last packet and for good.
     NeverBack,
+    /// The mailbox of the slave at this position does not answer, and its SII tells this product.
+    Silent {
+        position: u16,
+        product_code: u32,
+    },
     /// The slaves have an object 0xF000 of another make.
     Foreign,
     /// It prints something else.
@@ -157,6 +165,9 @@ impl Master {
         }
         self.scan();
         match arguments.first().map(String::as_str) {
+            Some("slaves") if option(arguments, "--position").is_some() => {
+                self.station(arguments).map(|station| self.identity(station - 0x1001))
+            }
             Some("slaves") => Ok(self.slaves()),
             Some("upload") => self.upload(arguments),
             Some("foe_write") if arguments.iter().any(|it| it == "--help") => {
@@ -205,6 +216,21 @@ impl Master {
         there.iter().map(|it| format!("{it}  0:{it}  PREOP  +  ECAN-Lite\n")).collect()
     }
 
+    /// As with --verbose.
+    fn identity(&self, position: u16) -> String {
+        let product = match self.behaviour {
+            Behaviour::Silent { position: silent, product_code } if silent == position => {
+                product_code
+            }
+            _ => PRODUCT_CODE,
+        };
+        format!(
+            "=== Master 0, Slave {position} ===\nState: PREOP\nFlag: +\nIdentity:\n  \
+             Vendor Id:       0x00004543\n  Product code:    0x{product:08x}\n  \
+             Revision number: 0x00020002\n"
+        )
+    }
+
     fn station(&mut self, arguments: &[String]) -> Result<u16, String> {
         let position: u16 = option(arguments, "--position").unwrap().parse().unwrap();
         if position >= self.gateways || !self.is_there(position) {
@@ -218,6 +244,10 @@ impl Master {
         let [.., index, subindex] = arguments else { panic!("{arguments:?}") };
         let index = u16::from_str_radix(index.strip_prefix("0x").unwrap(), 16).unwrap();
         let subindex: u8 = subindex.parse().unwrap();
+        if matches!(self.behaviour, Behaviour::Silent { position, .. } if position == station - 0x1001)
+        {
+            return Err("Failed to upload SDO: Input/output error".to_owned());
+        }
         if self.behaviour == Behaviour::Foreign && (index, subindex) == (0xF000, 17) {
             return Ok(number(8, 4));
         }

@@ -16,7 +16,7 @@ use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 use serde::Serialize;
 
 use self::by_tool::ByTool;
-use self::gateways::{Gateways, Present, Running};
+use self::gateways::{Chosen, Gateways, Present, Running};
 use self::package::FirmwareFile;
 use self::simulated::Simulated;
 use self::update::{Outcome, Report, Update};
@@ -157,9 +157,9 @@ fn open(
     }
 }
 
-fn version(gateways: &dyn Gateways, chosen: Vec<Present>, output: &Output) -> Result<(), Failure> {
+fn version(gateways: &dyn Gateways, chosen: Chosen, output: &Output) -> Result<(), Failure> {
     let mut versions = Vec::new();
-    for Present { position, state, .. } in chosen {
+    for Present { position, state, .. } in chosen.gateways {
         let running = Running::read(gateways, position)?;
         versions.push(Version { position, state, running });
     }
@@ -172,12 +172,8 @@ fn version(gateways: &dyn Gateways, chosen: Vec<Present>, output: &Output) -> Re
     })
 }
 
-fn confirm(
-    wanted: &UpdateArguments,
-    file: &FirmwareFile,
-    chosen: &[Present],
-) -> Result<(), Failure> {
-    if wanted.yes {
+fn confirm(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Chosen) -> Result<(), Failure> {
+    if wanted.yes || chosen.gateways.is_empty() {
         return Ok(());
     }
     let stdin = std::io::stdin();
@@ -185,8 +181,8 @@ fn confirm(
         let words = "nobody is there to confirm the update; say --yes to do it without asking";
         return Err(Failure::Usage(words.to_owned()));
     }
-    let slaves: Vec<_> =
-        chosen.iter().map(|slave| format!("{} ({})", slave.position, slave.state)).collect();
+    let words = |slave: &Present| format!("{} ({})", slave.position, slave.state);
+    let slaves: Vec<_> = chosen.gateways.iter().map(words).collect();
     let mut stderr = std::io::stderr();
     let question = format!(
         "Write {}, {} bytes, to slave {}? It stops its CAN traffic and restarts. [y/N] ",
@@ -203,15 +199,17 @@ fn confirm(
     }
 }
 
-fn update_all(update: &Update<'_>, chosen: &[Present], output: &Output) -> Result<(), Failure> {
+fn update_all(update: &Update<'_>, chosen: &Chosen, output: &Output) -> Result<(), Failure> {
     let mut reports: Vec<Report> = Vec::new();
-    for slave in chosen {
+    for slave in &chosen.gateways {
         let report = match reports.iter().find_map(Report::halts) {
-            Some(reason) => Report::left(slave, reason),
+            Some(reason) => Report::left(slave.position, reason),
             None => update.run(slave, reports.is_empty()),
         };
         reports.push(report);
     }
+    reports.extend(chosen.unknown.iter().map(Report::unknown));
+    reports.sort_by_key(|report| report.position);
     let told: Vec<_> = reports
         .iter()
         .map(|report| Told { report, is_good: report.is_good(), words: report.words() })

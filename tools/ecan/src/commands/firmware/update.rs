@@ -5,10 +5,11 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::gateways::{Gateways, LOOK_EVERY, Present, Running, is_gateway};
+use super::gateways::{Gateways, LOOK_EVERY, Present, Running, reason_against};
 use super::package::FirmwareFile;
 use super::refusal::{Cause, Refusal};
 use crate::failure::Failure;
+use crate::slave_choice::Unknown;
 
 /// How often a gateway that is back with the same version is looked at before that counts: it may
 /// have missed an answer only, and restart yet.
@@ -46,6 +47,9 @@ pub enum Outcome {
     NotTried {
         /// Why.
         reason: String,
+        /// Whether it is for what a gateway did: this one, or the one before.
+        #[serde(skip)]
+        is_refusal: bool,
     },
 }
 
@@ -71,7 +75,7 @@ impl Report {
     /// Whether it is the gateway that failed, and not the version that is another.
     pub fn is_refused(&self) -> bool {
         use Outcome::{NotBack, NotTried, Refused};
-        matches!(self.outcome, Refused { .. } | NotBack { .. } | NotTried { .. })
+        matches!(self.outcome, Refused { .. } | NotBack { .. } | NotTried { is_refusal: true, .. })
     }
 
     /// Whether the fault is in front of all gateways.
@@ -92,9 +96,16 @@ impl Report {
         }
     }
 
-    /// One that keeps what it has.
-    pub fn left(slave: &Present, reason: String) -> Self {
-        let outcome = Outcome::NotTried { reason };
+    /// One that keeps what it has, for what it or the one before it did.
+    pub fn left(position: usize, reason: String) -> Self {
+        let outcome = Outcome::NotTried { reason, is_refusal: true };
+        Self { position, before: None, after: None, outcome }
+    }
+
+    /// One that cannot be asked whether it is a gateway.
+    pub fn unknown(slave: &Unknown) -> Self {
+        let reason = format!("it cannot be asked whether it is an ECAN-Lite: {}", slave.reason);
+        let outcome = Outcome::NotTried { reason, is_refusal: false };
         Self { position: slave.position, before: None, after: None, outcome }
     }
 
@@ -119,7 +130,7 @@ impl Report {
             Outcome::NotBack { reason } => format!(
                 "written, but the gateway does not answer since ({reason}); what it runs is unknown"
             ),
-            Outcome::NotTried { reason } => format!("nothing was written: {reason}"),
+            Outcome::NotTried { reason, .. } => format!("nothing was written: {reason}"),
         }
     }
 }
@@ -148,12 +159,11 @@ impl Update<'_> {
         let before = match self.read_before(position, is_first) {
             Ok(before) => before,
             Err(error) => {
-                return Report::left(slave, error.to_string());
+                return Report::left(position, error.to_string());
             }
         };
-        if !is_gateway(self.gateways, slave) {
-            let reason = "it does not show itself as an ECAN-Lite (0xF000)".to_owned();
-            return report(Some(before), None, Outcome::NotTried { reason });
+        if let Some(reason) = reason_against(self.gateways, slave) {
+            return report(Some(before), None, Outcome::NotTried { reason, is_refusal: true });
         }
         let bar = self.progress_bar(position);
         let written = self.gateways.write(position, self.file, &|taken| bar.set_position(taken));

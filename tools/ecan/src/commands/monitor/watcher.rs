@@ -9,6 +9,7 @@ use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::frames::service::{MAX_FAILED_CYCLES, Wishes, configuration, failure};
 use crate::global::GlobalOptions;
+use crate::slave_choice::Candidates as _;
 
 use super::MonitorArguments;
 use super::collector::GatewayErrors;
@@ -144,8 +145,7 @@ fn positions(bus: &Bus) -> Result<Vec<usize>, Failure> {
     if bus.is_chosen() {
         return Ok(vec![bus.slave()?]);
     }
-    let count = bus.diagnostics().slave_count();
-    let gateways: Vec<_> = (0..count).filter(|slave| bus.is_gateway(*slave)).collect();
+    let gateways = bus.recognised()?.gateways;
     // Without any it tells why.
     if gateways.is_empty() { Ok(vec![bus.slave()?]) } else { Ok(gateways) }
 }
