@@ -24,13 +24,22 @@ impl FromStr for SlaveChoice {
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
         let wrong = || "expected a position, alias=NUMBER or serial=NUMBER".to_owned();
+        let unset = |why: &str| Err(format!("{why}; choose the slave by its position"));
         match text.split_once('=') {
             None => text.parse().map(Self::Position).map_err(|_| wrong()),
             Some(("alias", number)) => {
                 let alias = parse_unsigned(number).ok_or_else(wrong)?;
-                u16::try_from(alias).map(Self::Alias).map_err(|_| wrong())
+                match u16::try_from(alias).map_err(|_| wrong())? {
+                    0 => unset("alias 0 means that none is set"),
+                    alias => Ok(Self::Alias(alias)),
+                }
             }
-            Some(("serial", number)) => parse_unsigned(number).map(Self::Serial).ok_or_else(wrong),
+            Some(("serial", number)) => match parse_unsigned(number).ok_or_else(wrong)? {
+                0 | u64::MAX => {
+                    unset(&format!("serial number {number} means that none is programmed"))
+                }
+                serial => Ok(Self::Serial(serial)),
+            },
             Some(_) => Err(wrong()),
         }
     }
@@ -97,16 +106,38 @@ pub trait Candidates {
 /// [`Failure::Slave`] where it is not there, or where a choice is left.
 pub fn choose(candidates: &impl Candidates, choice: Option<SlaveChoice>) -> Result<usize, Failure> {
     let places = candidates.places()?;
-    let of_place = |is_it: &dyn Fn(&(usize, u16)) -> bool| {
-        places.iter().find(|place| is_it(place)).map(|(position, _)| *position)
+    let count = places.len();
+    let positions = |is_it: &dyn Fn(&(usize, u16)) -> bool| -> Vec<_> {
+        places.iter().filter(|place| is_it(place)).map(|(position, _)| *position).collect()
     };
-    let found = match choice {
-        None => return only_gateway(&candidates.recognised()?, places.len()),
-        Some(SlaveChoice::Position(wanted)) => of_place(&|(position, _)| *position == wanted),
-        Some(SlaveChoice::Alias(wanted)) => of_place(&|(_, alias)| *alias == wanted),
-        Some(SlaveChoice::Serial(wanted)) => return of_serial(candidates, wanted, places.len()),
-    };
-    found.ok_or_else(|| none_found(choice, places.len()))
+    match choice {
+        None => only_gateway(&candidates.recognised()?, count),
+        Some(SlaveChoice::Position(wanted)) => {
+            one_of(&positions(&|(position, _)| *position == wanted), choice, count)
+        }
+        Some(SlaveChoice::Alias(wanted)) => {
+            one_of(&positions(&|(_, alias)| *alias == wanted), choice, count)
+        }
+        Some(SlaveChoice::Serial(wanted)) => of_serial(candidates, wanted, count),
+    }
+}
+
+fn one_of(found: &[usize], choice: Option<SlaveChoice>, slaves: usize) -> Result<usize, Failure> {
+    match found {
+        [only] => Ok(*only),
+        [] => Err(none_found(choice, slaves)),
+        several => {
+            let what = match choice {
+                Some(SlaveChoice::Serial(serial)) => format!("serial number {serial}"),
+                Some(SlaveChoice::Alias(alias)) => format!("alias {alias}"),
+                Some(SlaveChoice::Position(_)) | None => "place".to_owned(),
+            };
+            let several = list(several);
+            let words =
+                format!("slaves {several} have the same {what}; choose one by its position");
+            Err(Failure::Slave(words))
+        }
+    }
 }
 
 /// The only slave that is a gateway, where no other may be one.
@@ -134,18 +165,20 @@ pub fn only_gateway(recognised: &Recognised, slaves: usize) -> Result<usize, Fai
 fn of_serial(candidates: &impl Candidates, wanted: u64, slaves: usize) -> Result<usize, Failure> {
     let recognised = candidates.recognised()?;
     let mut unread = recognised.unknown.first().map(ToString::to_string);
+    let mut found = Vec::new();
     for slave in recognised.gateways {
         match candidates.serial(slave) {
-            Ok(serial) if serial == wanted => return Ok(slave),
+            Ok(serial) if serial == wanted => found.push(slave),
             Ok(_) => {}
             Err(error) => unread = unread.or(Some(error.to_string())),
         }
     }
-    let none = none_found(Some(SlaveChoice::Serial(wanted)), slaves);
-    Err(match unread {
-        Some(reason) => Failure::Slave(format!("{none}; but {reason}")),
-        None => none,
-    })
+    match (one_of(&found, Some(SlaveChoice::Serial(wanted)), slaves), unread) {
+        (Err(Failure::Slave(words)), Some(reason)) if found.is_empty() => {
+            Err(Failure::Slave(format!("{words}; but {reason}")))
+        }
+        (found, _) => found,
+    }
 }
 
 /// Why none of so many slaves is the one that is meant.
@@ -193,5 +226,7 @@ mod tests {
         for wrong in ["", "-1", "alias=", "alias=65536", "name=x", "0x"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
+        assert!(parse("alias=0").unwrap_err().contains("none is set"));
+        assert!(parse("serial=0x0").unwrap_err().contains("none is programmed"));
     }
 }

@@ -87,6 +87,22 @@ fn of_several_gateways_one_is_chosen() {
 }
 
 #[test]
+fn an_alias_or_a_serial_number_that_several_have_is_no_choice() {
+    let bus = scenario(
+        "[[gateway]]\nalias = 5\nserial = 9\n[[gateway]]\nserial = 9\n[[gateway]]\nalias = 5\n",
+    );
+    let setting = setting(&bus);
+    let on = |choice| fails(4, &["--ecrt", &setting, "info", "--slave", choice]);
+    let expected = "ecan: slaves 0, 2 have the same alias 5; choose one by its position";
+    assert_eq!(on("alias=5"), expected);
+    let expected = "ecan: slaves 0, 1 have the same serial number 9; choose one by its position";
+    assert_eq!(on("serial=9"), expected);
+    let wrong = |choice| fails(2, &["--ecrt", &setting, "info", "--slave", choice]);
+    assert!(wrong("alias=0").contains("alias 0 means that none is set"));
+    assert!(wrong("serial=0").contains("serial number 0 means that none is programmed"));
+}
+
+#[test]
 fn wrong_use_is_named_and_told_by_the_status() {
     let cases: [(i32, &[&str], &str); 12] = [
         (2, &[], "Usage"),
