@@ -108,12 +108,12 @@ impl Bus {
         self.diagnostics.sdo_download(slave, index, subindex, data).map_err(Failure::Device)
     }
 
-    /// A text object; empty where the slave does not have it.
-    pub fn text(&self, slave: usize, index: u16) -> String {
+    /// A text object.
+    pub fn text(&self, slave: usize, index: u16) -> Result<String, Failure> {
         let mut bytes = [0; 64];
-        let length = self.diagnostics.sdo_upload(slave, index, 0, &mut bytes).unwrap_or(0);
-        let text = String::from_utf8_lossy(bytes.get(..length).unwrap_or_default());
-        text.trim_end_matches('\0').to_owned()
+        let length = self.diagnostics.sdo_upload(slave, index, 0, &mut bytes);
+        let read = bytes.get(..length.map_err(Failure::Device)?).unwrap_or_default();
+        Ok(String::from_utf8_lossy(read).trim_end_matches('\0').to_owned())
     }
 }
 

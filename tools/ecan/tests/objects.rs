@@ -46,6 +46,29 @@ fn a_gateway_tells_about_itself() {
 }
 
 #[test]
+fn a_version_that_is_not_there_is_not_an_empty_one() {
+    let bus = scenario(
+        "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
+         index = 0x100A\nsubindex = 0\ncode = 0x06020000\ntimes = 9\n",
+    );
+    let setting = setting(&bus);
+    let run = |command: &[&str]| good(&[&["--ecrt", &setting][..], command].concat());
+    let json = |command: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&run(&[command, &["--json"]].concat())).unwrap()
+    };
+    assert!(json(&["scan"])[0]["firmware"].is_null());
+    assert!(json(&["info"])["firmware"].is_null());
+    assert!(json(&["reboot", "--wait"])["firmware"].is_null());
+    let words = " ms; 0x100A, its version, is not read\n";
+    assert!(run(&["reboot", "--wait"]).ends_with(words));
+    assert!(run(&["firmware", "version"]).contains("\n0    PREOP  2.2.1     4294967297\n"));
+    let tested = run(&["selftest", "--frames", "1", "--channels", "0"]);
+    let line = tested.lines().find(|line| line.contains("good    firmware")).unwrap();
+    assert!(line.ends_with(" 2.2.1"), "{line}");
+    assert!(!line.contains('('), "{line}");
+}
+
+#[test]
 fn objects_are_read_by_number_and_by_name() {
     let expected = "0x8010:03 (TxPDO Profile Control, PDO size multiplier) = 8 x 128 bytes\n";
     assert_eq!(simulated(&["sdo", "read", "0x8010:3"]), expected);

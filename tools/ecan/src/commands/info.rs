@@ -38,8 +38,8 @@ struct Info {
     alias: u16,
     state: String,
     name: String,
-    firmware: String,
-    hardware: String,
+    firmware: Option<String>,
+    hardware: Option<String>,
     serial: u64,
     vendor_id: u32,
     product_code: u32,
@@ -91,8 +91,8 @@ fn read(bus: &Bus, slave: usize) -> Result<Info, Failure> {
         alias: known.alias,
         state: state.map_or_else(|| format!("{:#04x}", known.al_state), |it| it.to_string()),
         name: known.name,
-        firmware: bus.text(slave, 0x100A),
-        hardware: bus.text(slave, 0x1009),
+        firmware: bus.text(slave, 0x100A).ok(),
+        hardware: bus.text(slave, 0x1009).ok(),
         serial: bus.serial(slave)?,
         vendor_id: known.vendor_id,
         product_code: known.product_code,
@@ -113,12 +113,13 @@ fn print(info: &Info, output: &Output, out: &mut dyn Write) -> std::io::Result<(
             ),
         }
     };
+    let or_not_read = |text: &Option<String>| text.clone().unwrap_or_else(|| "not read".to_owned());
     let alias = if info.alias == 0 { String::new() } else { format!(", alias {}", info.alias) };
     let mut rows = vec![
         ["slave".to_owned(), format!("{}{alias}, {}", info.position, info.state)],
         ["name".to_owned(), info.name.clone()],
-        ["firmware".to_owned(), info.firmware.clone()],
-        ["hardware".to_owned(), info.hardware.clone()],
+        ["firmware".to_owned(), or_not_read(&info.firmware)],
+        ["hardware".to_owned(), or_not_read(&info.hardware)],
         ["serial".to_owned(), info.serial.to_string()],
         [
             "identity".to_owned(),

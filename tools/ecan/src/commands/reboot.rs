@@ -53,13 +53,16 @@ pub fn run(
         let took_ns = wait(&bus, slave, u64::from(arguments.timeout) * 1_000_000_000)?;
         restarted.is_back = true;
         restarted.after_ms = Some(took_ns / 1_000_000);
-        restarted.firmware = Some(bus.text(slave, 0x100A));
+        restarted.firmware = bus.text(slave, 0x100A).ok();
     }
     output.data(&restarted, |out| match (&restarted.firmware, restarted.after_ms) {
         (Some(firmware), Some(ms)) => {
             writeln!(out, "slave {slave} is back after {ms} ms with firmware {firmware}")
         }
-        _ => writeln!(out, "slave {slave} restarts"),
+        (None, Some(ms)) => {
+            writeln!(out, "slave {slave} is back after {ms} ms; 0x100A, its version, is not read")
+        }
+        (_, None) => writeln!(out, "slave {slave} restarts"),
     })
 }
 

@@ -47,7 +47,7 @@ pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
             SlaveKind::Unknown(why) => Some(why.to_string()),
             SlaveKind::Gateway | SlaveKind::Other => None,
         };
-        let text = |index| is_gateway.then(|| bus.text(slave, index));
+        let text = |index| if is_gateway { bus.text(slave, index).ok() } else { None };
         let state = AlState::from_status(info.al_state.into());
         found.push(Found {
             position: info.position,

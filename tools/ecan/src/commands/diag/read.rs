@@ -49,8 +49,16 @@ pub(super) fn bundle(
     snapshot.al_status_code = al_status_code(bus, slave, arguments, global, output);
     let gateway = Gateway {
         name: info.name,
-        firmware: if has_mailbox { bus.text(slave, 0x100A) } else { String::new() },
-        hardware: if has_mailbox { bus.text(slave, 0x1009) } else { String::new() },
+        firmware: if has_mailbox {
+            bus.text(slave, 0x100A).unwrap_or_default()
+        } else {
+            String::new()
+        },
+        hardware: if has_mailbox {
+            bus.text(slave, 0x1009).unwrap_or_default()
+        } else {
+            String::new()
+        },
         serial: serial(&snapshot),
     };
     Ok(Bundle::new(host(bus, global), master(bus, global)?, gateway, snapshot))

@@ -61,8 +61,8 @@ pub trait Gateways {
 /// Which firmware a gateway runs.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Running {
-    /// 0x100A.
-    pub software_version: String,
+    /// 0x100A, where the gateway has it.
+    pub software_version: Option<String>,
     /// 0xF000:05, the high byte is major and the low byte is minor.
     pub version: u16,
     /// 0xF000:06.
@@ -79,7 +79,10 @@ impl Running {
             version: word(5)?,
             build: word(6)?,
             serial: serial(gateways, slave)?,
-            software_version: gateways.software_version(slave)?,
+            software_version: match gateways.software_version(slave) {
+                Err(failure) if gateways.is_denial(&failure) => None,
+                read => Some(read?),
+            },
         })
     }
 
@@ -91,17 +94,16 @@ impl Running {
 
     /// Whether it is the version that the user names: by 0x100A, or in numbers.
     pub fn is_version(&self, named: &str) -> bool {
-        named == self.software_version || named == self.numbers()
+        Some(named) == self.software_version.as_deref() || named == self.numbers()
     }
 }
 
 impl std::fmt::Display for Running {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (text, numbers) = (&self.software_version, self.numbers());
-        if *text == numbers || text.is_empty() {
-            formatter.write_str(&numbers)
-        } else {
-            write!(formatter, "{text} ({numbers})")
+        let numbers = self.numbers();
+        match &self.software_version {
+            Some(text) if *text != numbers => write!(formatter, "{text} ({numbers})"),
+            _ => formatter.write_str(&numbers),
         }
     }
 }

@@ -72,7 +72,7 @@ impl Gateways for Simulated {
     }
 
     fn software_version(&self, slave: usize) -> Result<String, Failure> {
-        Ok(self.bus.text(slave, 0x100A))
+        self.bus.text(slave, 0x100A)
     }
 
     fn foe_status(&self, slave: usize) -> Result<u32, Failure> {
