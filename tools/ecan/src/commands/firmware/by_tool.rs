@@ -1,6 +1,7 @@
 //! Gateways behind IgH's `ethercat` tool.
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use ecan_host::Identity;
 use ecan_protocol::{Capabilities, ObjectType, lookup};
@@ -19,12 +20,14 @@ const FILE_NAME: &str = "ecan_lite_app";
 #[derive(Debug)]
 pub struct ByTool {
     tool: EthercatTool,
+    opened: Instant,
 }
 
 impl ByTool {
     /// With the tool that is named, or the one that is found.
     pub fn open(named: Option<&Path>, master: u32) -> Result<Self, Failure> {
-        Ok(Self { tool: EthercatTool::find(named, master).map_err(failure)? })
+        let tool = EthercatTool::find(named, master).map_err(failure)?;
+        Ok(Self { tool, opened: Instant::now() })
     }
 }
 
@@ -86,5 +89,9 @@ impl Gateways for ByTool {
 
     fn pause(&self) {
         std::thread::sleep(LOOK_EVERY);
+    }
+
+    fn now(&self) -> Duration {
+        self.opened.elapsed()
     }
 }

@@ -56,6 +56,9 @@ pub trait Gateways {
 
     /// Lets [`LOOK_EVERY`] pass.
     fn pause(&self);
+
+    /// Time of the clock that waiting goes by, since any moment.
+    fn now(&self) -> Duration;
 }
 
 /// Which firmware a gateway runs.

@@ -6,6 +6,8 @@ mod package;
 mod refusal;
 mod simulated;
 mod update;
+#[cfg(test)]
+mod update_tests;
 
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::PathBuf;

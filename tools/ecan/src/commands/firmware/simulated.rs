@@ -1,5 +1,7 @@
 //! Gateways of the simulator in this process, which forgets them when the program ends.
 
+use std::time::Duration;
+
 use ecan_host::{Identity, SlaveInquiry};
 use ecan_protocol::Capabilities;
 use ecan_sim::{FirmwareProgress, FirmwareUpdateError, Gateway, Simulation};
@@ -99,5 +101,9 @@ impl Gateways for Simulated {
 
     fn pause(&self) {
         self.simulation.pass_ns(LOOK_EVERY.as_nanos() as u64);
+    }
+
+    fn now(&self) -> Duration {
+        Duration::from_nanos(self.bus.clock().now_ns())
     }
 }

@@ -5,15 +5,15 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::gateways::{Gateways, LOOK_EVERY, Present, Running, reason_against};
+use super::gateways::{Gateways, Present, Running, reason_against};
 use super::package::FirmwareFile;
 use super::refusal::{Cause, Refusal};
 use crate::failure::Failure;
 use crate::slave_choice::Unknown;
 
-/// How often a gateway that is back with the same version is looked at before that counts: it may
+/// How long a gateway that is back with the same version is looked at before that counts: it may
 /// have missed an answer only, and restart yet.
-const SETTLING_LOOKS: u128 = 10;
+const SETTLING: Duration = Duration::from_secs(5);
 
 /// What became of an update.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -202,29 +202,26 @@ impl Update<'_> {
         }
     }
 
-    fn looks(&self) -> u128 {
-        self.patience.as_millis().div_ceil(LOOK_EVERY.as_millis()).max(1)
-    }
-
     /// The slaves behind one that restarts are away with it for a while.
     fn read_before(&self, position: usize, is_first: bool) -> Result<Running, Failure> {
-        let mut read = Running::read(self.gateways, position);
-        for _ in 1..if is_first { 1 } else { self.looks() } {
-            if read.is_ok() {
-                break;
+        let deadline = self.gateways.now() + self.patience;
+        loop {
+            let read = Running::read(self.gateways, position);
+            if read.is_ok() || is_first || self.gateways.now() >= deadline {
+                return read;
             }
             self.gateways.pause();
-            read = Running::read(self.gateways, position);
         }
-        read
     }
 
     /// What runs afterwards, and whether the gateway was away meanwhile. Another gateway in its
     /// place counts as away.
     fn wait(&self, position: usize, before: &Running) -> Result<(Running, bool), Failure> {
-        let mut last = Running::read(self.gateways, position);
-        let (mut was_away, mut looks_since_back) = (false, 0);
-        for _ in 0..self.looks() {
+        let deadline = self.gateways.now() + self.patience;
+        let (mut was_away, mut back_since) = (false, None);
+        let last = loop {
+            let last = Running::read(self.gateways, position);
+            let now = self.gateways.now();
             match &last {
                 Ok(running) if running.serial != before.serial => was_away = true,
                 // Read twice, so that no half of it is of the time before.
@@ -234,16 +231,15 @@ impl Update<'_> {
                         return again.map(|running| (running, true));
                     }
                 }
-                Ok(_) if was_away => looks_since_back += 1,
+                Ok(_) if was_away => back_since = back_since.or(Some(now)),
                 Ok(_) => {}
-                Err(_) => (was_away, looks_since_back) = (true, 0),
+                Err(_) => (was_away, back_since) = (true, None),
             }
-            if looks_since_back > SETTLING_LOOKS {
-                break;
+            if now >= deadline || back_since.is_some_and(|since| now >= since + SETTLING) {
+                break last;
             }
             self.gateways.pause();
-            last = Running::read(self.gateways, position);
-        }
+        };
         let running = last?;
         if running.serial == before.serial {
             return Ok((running, was_away));
