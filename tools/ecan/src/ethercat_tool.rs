@@ -6,10 +6,13 @@
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
 
 use ecan_host::denies_object;
 use ecan_protocol::{AbortCode, AlState};
 use thiserror::Error;
+
+use crate::program::{self, RunError};
 
 /// Where IgH's own installation puts the tool, for those whose PATH does not lead there.
 const USUAL_PLACES: [&str; 4] = [
@@ -18,6 +21,11 @@ const USUAL_PLACES: [&str; 4] = [
     "/usr/local/bin/ethercat",
     "/usr/bin/ethercat",
 ];
+
+/// How long it may take; the master itself waits some seconds for a mailbox.
+pub const LIMIT: Duration = Duration::from_secs(5);
+/// How long it may take to write a file.
+pub const WRITE_LIMIT: Duration = Duration::from_secs(600);
 
 /// Why the tool did not do what it was asked for.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -43,6 +51,14 @@ pub enum ToolError {
         command: &'static str,
         /// The first line of what it said.
         message: String,
+    },
+    /// It did not end.
+    #[error("ethercat {command} did not end within {} s, and was ended", limit.as_secs())]
+    TimedOut {
+        /// Its command.
+        command: &'static str,
+        /// How long it was waited for.
+        limit: Duration,
     },
     /// A signal ended it.
     #[error("ethercat {command} was ended by a signal before it was done")]
@@ -76,7 +92,7 @@ impl ToolError {
                     .iter()
                     .any(|words| message.contains(words))
             }
-            Self::Killed { .. } | Self::Unreadable { .. } => false,
+            Self::TimedOut { .. } | Self::Killed { .. } | Self::Unreadable { .. } => false,
         }
     }
 
@@ -194,7 +210,7 @@ impl EthercatTool {
         command: &'static str,
         arguments: impl IntoIterator<Item = S>,
     ) -> Result<String, ToolError> {
-        let printed = self.run_for_bytes(command, arguments)?;
+        let printed = self.run_for_bytes(command, arguments, LIMIT)?;
         Ok(String::from_utf8_lossy(&printed).into_owned())
     }
 
@@ -202,19 +218,17 @@ impl EthercatTool {
         &self,
         command: &'static str,
         arguments: impl IntoIterator<Item = S>,
+        limit: Duration,
     ) -> Result<Vec<u8>, ToolError> {
-        let output = Command::new(&self.program)
-            .arg(command)
-            .arg("--master")
-            .arg(self.master.to_string())
-            .args(arguments)
-            .env("LC_ALL", "C")
-            .stdin(std::process::Stdio::null())
-            .output()
-            .map_err(|error| ToolError::NotStarted {
-                program: self.program.clone(),
-                reason: error.to_string(),
-            })?;
+        let mut tool = Command::new(&self.program);
+        tool.arg(command).arg("--master").arg(self.master.to_string()).args(arguments);
+        tool.env("LC_ALL", "C");
+        let output = program::run(&mut tool, limit).map_err(|error| match error {
+            RunError::TimedOut(limit) => ToolError::TimedOut { command, limit },
+            RunError::System(error) => {
+                ToolError::NotStarted { program: self.program.clone(), reason: error.to_string() }
+            }
+        })?;
         if output.status.success() {
             return Ok(output.stdout);
         }
@@ -301,7 +315,7 @@ impl EthercatTool {
     /// # Errors
     /// Any [`ToolError`] but [`ToolError::NoPosition`].
     pub fn sii(&self, slave: usize) -> Result<Vec<u8>, ToolError> {
-        self.run_for_bytes("sii_read", ["--position", &slave.to_string()])
+        self.run_for_bytes("sii_read", ["--position", &slave.to_string()], LIMIT)
     }
 
     /// Writes a file to a slave, with the password 0. Returns when the slave has taken or refused
@@ -320,7 +334,7 @@ impl EthercatTool {
         if known.has_password_argument {
             arguments.push(OsStr::new("0"));
         }
-        self.run("foe_write", arguments).map(|_| ())
+        self.run_for_bytes("foe_write", arguments, WRITE_LIMIT).map(|_| ())
     }
 }
 

@@ -15,6 +15,7 @@ mod frames;
 mod global;
 mod object_path;
 mod output;
+mod program;
 mod slave_choice;
 mod table;
 mod value;

@@ -60,7 +60,10 @@ one, ends the work: the others keep what they have.
 
 It succeeds only when the version that was read back is another than before, or the expected one
 after a restart. The exit status is 1 if the version is not the wanted one, 5 if a gateway refused or
-did not come back.")]
+did not come back.
+
+The ethercat tool is given 10 minutes for the transfer and 5 seconds for anything else; then it is
+ended, and that is told.")]
     Update(UpdateArguments),
 }
 
