@@ -4,6 +4,7 @@
 //! in IgH's tool, while manual 15.3.1 takes it for the password.
 
 use std::ffi::OsStr;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::Duration;
@@ -184,6 +185,7 @@ impl FoeArguments {
 pub struct EthercatTool {
     program: PathBuf,
     master: u32,
+    is_shielded: bool,
 }
 
 impl EthercatTool {
@@ -201,7 +203,12 @@ impl EthercatTool {
                 places.find(|place| place.is_file()).ok_or(ToolError::NotFound)?
             }
         };
-        Ok(Self { program, master })
+        Ok(Self { program, master, is_shielded: false })
+    }
+
+    /// The same, out of reach of the terminal's Ctrl-C: for work that is to be brought to its end.
+    pub fn shielded(self) -> Self {
+        Self { is_shielded: true, ..self }
     }
 
     /// Standard output, as text, of a command that ends well.
@@ -223,6 +230,10 @@ impl EthercatTool {
         let mut tool = Command::new(&self.program);
         tool.arg(command).arg("--master").arg(self.master.to_string()).args(arguments);
         tool.env("LC_ALL", "C");
+        if self.is_shielded {
+            // A process group of its own.
+            tool.process_group(0);
+        }
         let output = program::run(&mut tool, limit).map_err(|error| match error {
             RunError::TimedOut(limit) => ToolError::TimedOut { command, limit },
             RunError::System(error) => {

@@ -41,6 +41,9 @@ pub enum Failure {
     /// Fewer frames than were asked for came, or are known to have left.
     #[error("{0}")]
     TooFew(String),
+    /// The user gave up before all was done.
+    #[error("{0}")]
+    Interrupted(String),
     /// A CAN log.
     #[error("{0}")]
     Log(#[from] LogFileError),
@@ -70,7 +73,7 @@ impl Failure {
     pub fn status(&self) -> u8 {
         match self {
             Self::ReaderGone => 0,
-            Self::Amiss | Self::TooFew(_) => 1,
+            Self::Amiss | Self::TooFew(_) | Self::Interrupted(_) => 1,
             Self::Usage(_) => 2,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Slave(_) => 4,

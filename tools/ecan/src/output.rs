@@ -90,6 +90,13 @@ impl Output {
         let _ = writeln!(std::io::stderr(), "{text}");
     }
 
+    /// How far a long work is, on standard error; not where a program reads what is printed.
+    pub fn progress(&self, text: impl std::fmt::Display) {
+        if !self.json {
+            self.note(text);
+        }
+    }
+
     /// Why the program fails, on standard error.
     pub fn failure(&self, failure: &Failure) {
         self.note(format_args!("ecan: {failure}"));

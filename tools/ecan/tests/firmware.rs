@@ -6,6 +6,7 @@ mod stand_in;
 mod support;
 
 use std::io::{Read, Write};
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -212,6 +213,10 @@ fn several_gateways_are_updated_in_turn() {
     assert!(out.contains("0    2.2.1   3.0.7  updated\n1    2.2.1   2.2.1  the gateway's flash"));
     assert!(out.contains("\n2    2.2.1   3.0.7  updated\n2 of 3 gateways run the new firmware\n"));
     assert!(errors.contains("1 of 3 gateways do not run the new firmware"), "{errors}");
+    assert!(
+        errors.contains("slave 0: 2.2.1 -> 3.0.7, updated\nslave 1: 2.2.1, the gateway's"),
+        "{errors}"
+    );
     assert_eq!([0, 1, 2].map(|it| running(&tool, it)), [NEW, 0x0202_0001, NEW]);
     let (status, out, _) = update(&tool, package.path(), &["--slave", "1"]);
     assert_eq!((status, tool.writes().len()), (0, 4), "{out}");
@@ -270,6 +275,45 @@ fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
     assert!(fails(4, &simulated).contains("slave 0 cannot be asked"));
     let out = support::ends(1, &[&simulated[..], &["--all"]].concat());
     assert!(out.contains("\n1    2.2.1   3.0.7  updated\n"), "{out}");
+}
+
+#[test]
+fn an_interrupt_lets_the_gateway_have_its_firmware_and_ends_the_work() {
+    let (tool, package) = (StandIn::new(3, Behaviour::Good), package(NEW));
+    // Held, so that the program does not begin before the tool knows it.
+    let mut master = tool.master();
+    let child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+        .args(["firmware", "update", "--all", "--yes"])
+        .arg(package.path())
+        .arg("--ethercat")
+        .arg(&tool.program)
+        .env_remove("ECAN_ECRT")
+        .process_group(0)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    master.interrupts = Some(child.id());
+    drop(master);
+    let ended = child.wait_with_output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    let (out, errors) = (text(ended.stdout), text(ended.stderr));
+    assert_eq!(ended.status.code(), Some(1), "{out}{errors}");
+    let expected = "\
+POS  BEFORE  AFTER  RESULT
+0    2.2.1   3.0.7  updated
+1    -       -      nothing was written: interrupted before its turn
+2    -       -      nothing was written: interrupted before its turn
+1 of 3 gateways run the new firmware
+";
+    assert_eq!(out, expected, "{errors}");
+    assert_eq!(tool.writes().len(), 1);
+    assert_eq!([0, 1, 2].map(|it| running(&tool, it)), [NEW, 0x0202_0001, 0x0202_0001]);
+    let said = "interrupted: the gateway whose turn it is gets its firmware, no other\n\
+                slave 0: 2.2.1 -> 3.0.7, updated\n\
+                slave 1: nothing was written: interrupted before its turn\n";
+    assert!(errors.contains(said), "{errors}");
 }
 
 /// As [`firmware`], with a terminal for input and messages, at which this is typed.

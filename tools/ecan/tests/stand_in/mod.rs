@@ -8,6 +8,7 @@
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
+use std::process::Command;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use ecan_sim::Fault;
@@ -75,6 +76,8 @@ pub struct Master {
     pub line: Line,
     pub behaviour: Behaviour,
     gateways: u16,
+    /// Process group that gets Ctrl-C in the middle of the next file.
+    pub interrupts: Option<u32>,
     /// Calls, as they were given.
     pub calls: Vec<Vec<String>>,
 }
@@ -89,7 +92,7 @@ pub struct StandIn {
 impl StandIn {
     pub fn new(gateways: u16, behaviour: Behaviour) -> Self {
         let line = Line::preop(gateways.into());
-        let master = Master { line, behaviour, gateways, calls: Vec::new() };
+        let master = Master { line, behaviour, gateways, interrupts: None, calls: Vec::new() };
         let master = Arc::new(Mutex::new(master));
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -281,6 +284,11 @@ impl Master {
             _ => {}
         }
         let station = self.station(arguments)?;
+        if let Some(group) = self.interrupts.take() {
+            let group = format!("-{group}");
+            let sent = Command::new("kill").args(["-INT", "--", &group]).status().unwrap();
+            assert!(sent.success());
+        }
         let gateway = usize::from(station - 0x1001);
         let name = option(arguments, "--output-file").unwrap();
         // "foe_write --master M --position P --output-file NAME FILE [PASSWORD]"

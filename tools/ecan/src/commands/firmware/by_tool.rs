@@ -29,6 +29,11 @@ impl ByTool {
         let tool = EthercatTool::find(named, master).map_err(failure)?;
         Ok(Self { tool, opened: Instant::now() })
     }
+
+    /// The same for writing: a Ctrl-C does not end the tool in the middle of a transfer.
+    pub fn shielded(self) -> Self {
+        Self { tool: self.tool.shielded(), ..self }
+    }
 }
 
 fn failure(error: ToolError) -> Failure {

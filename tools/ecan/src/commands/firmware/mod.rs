@@ -14,6 +14,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
+use ecan_command_line::interrupt::Interrupt;
 use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 use serde::Serialize;
 
@@ -58,9 +59,11 @@ Examples:
 With --all a gateway that does not come back, or comes back with another version than the expected
 one, ends the work: the others keep what they have.
 
+An interrupt (Ctrl-C) lets the gateway whose turn it is get its firmware, and ends the work.
+
 It succeeds only when the version that was read back is another than before, or the expected one
-after a restart. The exit status is 1 if the version is not the wanted one, 5 if a gateway refused or
-did not come back.
+after a restart. The exit status is 1 if the version is not the wanted one, or a gateway was left out
+because it cannot be asked or by an interrupt, 5 if a gateway refused or did not come back.
 
 The ethercat tool is given 10 minutes for the transfer and 5 seconds for anything else; then it is
 ended, and that is told.")]
@@ -124,13 +127,16 @@ pub fn run(
                 output.note(format_args!("ecan: warning: {words}"));
             }
             confirm(wanted, &file, &chosen)?;
+            let said = "interrupted: the gateway whose turn it is gets its firmware, no other";
+            let interrupt = Interrupt::install_saying(said)
+                .map_err(|error| Failure::Master(error.to_string()))?;
             let update = Update {
                 gateways: &*gateways,
                 file: &file,
                 expected: wanted.expect_version.as_deref(),
                 patience: Duration::from_secs(wanted.timeout.into()),
             };
-            update_all(&update, &chosen, output)
+            update_all(&update, &chosen, &interrupt, output)
         }
     }
 }
@@ -143,7 +149,12 @@ fn open(
 ) -> Result<(Box<dyn Gateways>, bool), Failure> {
     match (EcrtSetting::resolve(global.ecrt.as_deref())?, &arguments.ethercat) {
         (EcrtSetting::Library(_), named) => {
-            Ok((Box::new(ByTool::open(named.as_deref(), global.master)?), false))
+            let tool = ByTool::open(named.as_deref(), global.master)?;
+            let tool = match arguments.action {
+                Action::Version => tool,
+                Action::Update(_) => tool.shielded(),
+            };
+            Ok((Box::new(tool), false))
         }
         (EcrtSetting::Sim(_), Some(_)) => {
             let words =
@@ -204,13 +215,26 @@ fn confirm(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Chosen) -> Re
     }
 }
 
-fn update_all(update: &Update<'_>, chosen: &Chosen, output: &Output) -> Result<(), Failure> {
+fn update_all(
+    update: &Update<'_>,
+    chosen: &Chosen,
+    interrupt: &Interrupt,
+    output: &Output,
+) -> Result<(), Failure> {
     let mut reports: Vec<Report> = Vec::new();
+    let mut is_interrupted = false;
     for slave in &chosen.gateways {
         let report = match reports.iter().find_map(Report::halts) {
             Some(reason) => Report::left(slave.position, reason),
+            None if interrupt.is_set() => {
+                is_interrupted = true;
+                Report::left_out(slave.position, "interrupted before its turn".to_owned())
+            }
             None => update.run(slave, reports.is_empty()),
         };
+        if chosen.gateways.len() > 1 {
+            output.progress(report.line());
+        }
         reports.push(report);
     }
     reports.extend(chosen.unknown.iter().map(Report::unknown));
@@ -234,6 +258,8 @@ fn update_all(update: &Update<'_>, chosen: &Chosen, output: &Output) -> Result<(
     };
     if reports.iter().any(Report::is_refused) {
         Err(Failure::Refused(words))
+    } else if is_interrupted {
+        Err(Failure::Interrupted(format!("interrupted: {words}")))
     } else {
         Err(Failure::Amiss)
     }

@@ -102,11 +102,26 @@ impl Report {
         Self { position, before: None, after: None, outcome }
     }
 
+    /// One that is left out for a reason that is no gateway's fault.
+    pub fn left_out(position: usize, reason: String) -> Self {
+        let outcome = Outcome::NotTried { reason, is_refusal: false };
+        Self { position, before: None, after: None, outcome }
+    }
+
     /// One that cannot be asked whether it is a gateway.
     pub fn unknown(slave: &Unknown) -> Self {
         let reason = format!("it cannot be asked whether it is an ECAN-Lite: {}", slave.reason);
-        let outcome = Outcome::NotTried { reason, is_refusal: false };
-        Self { position: slave.position, before: None, after: None, outcome }
+        Self::left_out(slave.position, reason)
+    }
+
+    /// The gateway, its versions and the judgement.
+    pub fn line(&self) -> String {
+        let versions = match (&self.before, &self.after) {
+            (Some(before), Some(after)) if before != after => format!("{before} -> {after}, "),
+            (Some(before), _) => format!("{before}, "),
+            (None, _) => String::new(),
+        };
+        format!("slave {}: {versions}{}", self.position, self.words())
     }
 
     /// The judgement in words.
