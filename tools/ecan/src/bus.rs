@@ -1,9 +1,11 @@
 //! The bus that the commands look at, and which of its slaves is meant.
 
-use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo, SlaveKind};
+use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo, SlaveInquiry as _, SlaveKind};
+use ecan_protocol::Capabilities;
 use ecan_sim::{Backend, ClockKind, EcrtSetting, SimOptions};
 
 use crate::failure::Failure;
+use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose};
@@ -87,11 +89,16 @@ impl Bus {
 
     /// Serial number of a gateway.
     pub fn serial(&self, slave: usize) -> Result<u64, Failure> {
-        let half = |subindex| {
-            let value = self.diagnostics.sdo_upload_u32(slave, 0xF000, subindex);
-            value.map(u64::from).map_err(Failure::Device)
+        serial_number(|subindex| self.read(slave, Capabilities::INDEX, subindex))
+    }
+
+    /// Which firmware a gateway runs.
+    pub fn firmware_version(&self, slave: usize) -> Result<FirmwareVersion, Failure> {
+        let text = match self.text(slave, 0x100A) {
+            Err(Failure::Device(error)) if self.diagnostics.is_denial(&error) => None,
+            read => Some(read?),
         };
-        Ok(half(7)? | half(8)? << 32)
+        FirmwareVersion::read(text, |subindex| self.read(slave, Capabilities::INDEX, subindex))
     }
 
     /// Uploads an object of at most 4 bytes.

@@ -11,6 +11,7 @@ mod channel;
 mod commands;
 mod ethercat_tool;
 mod failure;
+mod firmware_version;
 mod frames;
 mod global;
 mod object_path;

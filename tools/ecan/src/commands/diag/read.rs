@@ -7,6 +7,7 @@ use crate::bus::Bus;
 use crate::commands::doctor;
 use crate::ethercat_tool::EthercatTool;
 use crate::failure::Failure;
+use crate::firmware_version::serial_number;
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -59,14 +60,9 @@ pub(super) fn bundle(
         } else {
             String::new()
         },
-        serial: serial(&snapshot),
+        serial: serial_number(|subindex| snapshot.get(0xF000, subindex).ok_or(())).ok(),
     };
     Ok(Bundle::new(host(bus, global), master(bus, global)?, gateway, snapshot))
-}
-
-fn serial(snapshot: &Snapshot) -> Option<u64> {
-    let half = |subindex| snapshot.get(0xF000, subindex).map(u64::from);
-    Some(half(7)? | half(8)? << 32)
 }
 
 fn read_error(error: Error) -> ReadError {

@@ -8,6 +8,7 @@ use serde::Serialize;
 
 use super::refusal::Refusal;
 use crate::failure::Failure;
+use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, Unknown, choose, only_gateway};
 
 /// A slave that is there.
@@ -61,15 +62,12 @@ pub trait Gateways {
     fn now(&self) -> Duration;
 }
 
-/// Which firmware a gateway runs.
+/// Which firmware a gateway runs, and which gateway it is.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Running {
-    /// 0x100A, where the gateway has it.
-    pub software_version: Option<String>,
-    /// 0xF000:05, the high byte is major and the low byte is minor.
-    pub version: u16,
-    /// 0xF000:06.
-    pub build: u16,
+    /// Its firmware.
+    #[serde(flatten)]
+    pub version: FirmwareVersion,
     /// 0xF000:07 and :08.
     pub serial: u64,
 }
@@ -77,43 +75,21 @@ pub struct Running {
 impl Running {
     /// Reads all of it.
     pub fn read(gateways: &dyn Gateways, slave: usize) -> Result<Self, Failure> {
-        let word = |subindex| gateways.number(slave, subindex).map(|value| value as u16);
-        Ok(Self {
-            version: word(5)?,
-            build: word(6)?,
-            serial: serial(gateways, slave)?,
-            software_version: match gateways.software_version(slave) {
-                Err(failure) if gateways.is_denial(&failure) => None,
-                read => Some(read?),
-            },
-        })
-    }
-
-    /// As MAJOR.MINOR.BUILD.
-    pub fn numbers(&self) -> String {
-        let [major, minor] = self.version.to_be_bytes();
-        format!("{major}.{minor}.{}", self.build)
-    }
-
-    /// Whether it is the version that the user names: by 0x100A, or in numbers.
-    pub fn is_version(&self, named: &str) -> bool {
-        Some(named) == self.software_version.as_deref() || named == self.numbers()
+        let number = |subindex| gateways.number(slave, subindex);
+        // The numbers first: they tell whether it answers at all.
+        let (mut version, serial) = (FirmwareVersion::read(None, number)?, serial_number(number)?);
+        version.firmware = match gateways.software_version(slave) {
+            Err(failure) if gateways.is_denial(&failure) => None,
+            read => Some(read?),
+        };
+        Ok(Self { version, serial })
     }
 }
 
 impl std::fmt::Display for Running {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let numbers = self.numbers();
-        match &self.software_version {
-            Some(text) if *text != numbers => write!(formatter, "{text} ({numbers})"),
-            _ => formatter.write_str(&numbers),
-        }
+        self.version.fmt(formatter)
     }
-}
-
-fn serial(gateways: &dyn Gateways, slave: usize) -> Result<u64, Failure> {
-    let half = |subindex| gateways.number(slave, subindex).map(u64::from);
-    Ok(half(7)? | half(8)? << 32)
 }
 
 /// The slaves that are there, to be asked.
@@ -156,7 +132,7 @@ impl Candidates for Asked<'_> {
     }
 
     fn serial(&self, slave: usize) -> Result<u64, Failure> {
-        serial(self.gateways, slave)
+        serial_number(|subindex| self.gateways.number(slave, subindex))
     }
 }
 

@@ -206,7 +206,7 @@ impl Update<'_> {
     }
 
     fn judge(&self, before: &Running, after: &Running, has_restarted: bool) -> Outcome {
-        let is_expected = self.expected.is_none_or(|expected| after.is_version(expected));
+        let is_expected = self.expected.is_none_or(|expected| after.version.is_version(expected));
         match (after != before, is_expected) {
             (true, true) => Outcome::Updated,
             (true, false) => {
