@@ -65,10 +65,39 @@ POS  STATE  FIRMWARE  SERIAL
         firmware(&tool.program, &["version", "--slave", "serial=4294967298", "--json"]);
     let json: Value = serde_json::from_str(&out).unwrap();
     assert_eq!((status, &json[0]["position"]), (0, &Value::from(1)));
-    assert_eq!(json[0]["version"], 0x0202);
+    assert_eq!((&json[0]["version"], &json[0]["build"]), (&0x0202.into(), &1.into()));
+    assert_eq!((&json[0]["firmware"], &json[0]["numbers"]), (&"2.2.1".into(), &"2.2.1".into()));
     let (status, _, errors) = firmware(&tool.program, &["version"]);
     assert_eq!(status, 4);
     assert!(errors.contains("several gateways; choose one with --slave, of 0, 1, or take --all"));
+}
+
+#[test]
+fn a_version_that_cannot_be_read_has_its_reason_in_its_row() {
+    let product_code = stand_in::PRODUCT_CODE;
+    let silent = StandIn::new(3, Behaviour::Silent { position: 1, product_code });
+    let (status, out, errors) = firmware(&silent.program, &["version", "--all"]);
+    assert_eq!(status, 5, "{errors}");
+    let expected = "\
+POS  STATE  FIRMWARE  SERIAL
+0    PREOP  2.2.1     4294967297
+1    PREOP  -         not read: slave 1 cannot be asked whether it is an ECAN-Lite: ethercat \
+upload: Failed to upload SDO: Input/output error
+2    PREOP  2.2.1     4294967299
+";
+    assert_eq!(out, expected);
+    assert!(errors.contains("1 of 3 gateways were not read, see above"), "{errors}");
+    // One that refuses an object.
+    let bus = support::scenario(
+        "[[gateway]]\n[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
+         index = 0xF000\nsubindex = 7\ncode = 0x08000022\ntimes = 9\n",
+    );
+    let setting = support::setting(&bus);
+    let command = ["--ecrt", &setting, "firmware", "version", "--all", "--json"];
+    let json: Value = serde_json::from_str(&support::ends(5, &command)).unwrap();
+    assert!(json[0]["error"].as_str().unwrap().contains("0x08000022"), "{json}");
+    assert_eq!((&json[0]["firmware"], &json[1]["firmware"]), (&Value::Null, &"2.2.1".into()));
+    assert!(json[1]["error"].is_null(), "{json}");
 }
 
 #[test]

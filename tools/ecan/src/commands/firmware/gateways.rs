@@ -153,7 +153,7 @@ pub struct Chosen {
     /// The gateways: one, or all.
     pub gateways: Vec<Present>,
     /// Of all, those that cannot be asked.
-    pub unknown: Vec<Unknown>,
+    pub unknown: Vec<(Present, Unknown)>,
 }
 
 /// The gateways that the user means: one, or all.
@@ -177,8 +177,11 @@ pub fn chosen(
             }
         }
     };
-    let is_meant = |slave: &Present| meant.contains(&slave.position);
-    Ok(Chosen { gateways: present.iter().filter(|it| is_meant(it)).cloned().collect(), unknown })
+    let at = |position| present.iter().find(|slave| slave.position == position).cloned();
+    Ok(Chosen {
+        gateways: meant.into_iter().filter_map(at).collect(),
+        unknown: unknown.into_iter().filter_map(|it| Some((at(it.position)?, it))).collect(),
+    })
 }
 
 /// Names the other way out, where several are in question.

@@ -91,7 +91,9 @@ struct Version {
     position: usize,
     state: String,
     #[serde(flatten)]
-    running: Running,
+    running: Option<Running>,
+    /// Why it was not read.
+    error: Option<String>,
 }
 
 /// What `update` tells of a gateway.
@@ -174,18 +176,44 @@ fn open(
 }
 
 fn version(gateways: &dyn Gateways, chosen: Chosen, output: &Output) -> Result<(), Failure> {
+    let is_only = chosen.gateways.len() + chosen.unknown.len() == 1;
     let mut versions = Vec::new();
     for Present { position, state, .. } in chosen.gateways {
-        let running = Running::read(gateways, position)?;
-        versions.push(Version { position, state, running });
+        let (running, error) = match Running::read(gateways, position) {
+            Ok(running) => (Some(running), None),
+            // No other one can be read either, or there is none.
+            Err(failure @ Failure::Master(_)) => return Err(failure),
+            Err(failure) if is_only => return Err(failure),
+            Err(failure) => (None, Some(failure.to_string())),
+        };
+        versions.push(Version { position, state, running, error });
     }
+    for (Present { position, state, .. }, unknown) in chosen.unknown {
+        versions.push(Version { position, state, running: None, error: Some(unknown.to_string()) });
+    }
+    versions.sort_by_key(|version| version.position);
     output.data(&versions, |out| {
         let mut rows = vec![["POS", "STATE", "FIRMWARE", "SERIAL"].map(str::to_owned)];
-        rows.extend(versions.iter().map(|Version { position, state, running }| {
-            [position.to_string(), state.clone(), running.to_string(), running.serial.to_string()]
+        rows.extend(versions.iter().map(|it| {
+            let [firmware, serial] = match (&it.running, &it.error) {
+                (Some(running), _) => [running.to_string(), running.serial.to_string()],
+                (None, error) => {
+                    let reason = error.as_deref().unwrap_or_default();
+                    ["-".to_owned(), format!("not read: {reason}")]
+                }
+            };
+            [it.position.to_string(), it.state.clone(), firmware, serial]
         }));
         table::print(out, &rows)
-    })
+    })?;
+    let unread = versions.iter().filter(|version| version.running.is_none()).count();
+    match unread {
+        0 => Ok(()),
+        unread => {
+            let words = format!("{unread} of {} gateways were not read, see above", versions.len());
+            Err(Failure::Refused(words))
+        }
+    }
 }
 
 fn confirm(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Chosen) -> Result<(), Failure> {
@@ -237,7 +265,7 @@ fn update_all(
         }
         reports.push(report);
     }
-    reports.extend(chosen.unknown.iter().map(Report::unknown));
+    reports.extend(chosen.unknown.iter().map(|(_, unknown)| Report::unknown(unknown)));
     reports.sort_by_key(|report| report.position);
     let told: Vec<_> = reports
         .iter()
