@@ -21,6 +21,9 @@ pub enum Failure {
     /// There is no master, or it cannot be asked.
     #[error("{0}")]
     Master(String),
+    /// This host does not give what the program asks it for: real time, a thread, its signals.
+    #[error("{0}")]
+    Host(String),
     /// No slave, or none chosen.
     #[error("{0}")]
     Slave(String),
@@ -60,6 +63,9 @@ pub enum Failure {
         /// Why it failed.
         reason: String,
     },
+    /// Standard input cannot be read.
+    #[error("cannot read the answer from standard input: {0}")]
+    Input(std::io::Error),
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(std::io::Error),
@@ -78,11 +84,17 @@ impl Failure {
             Self::Library(_) | Self::Master(_) => 3,
             Self::Slave(_) => 4,
             Self::Device(_) | Self::Refused(_) | Self::OutOfService { .. } => 5,
-            Self::File { .. } | Self::Output(_) | Self::Log(_) | Self::Bridge(_) => 6,
+            Self::File { .. }
+            | Self::Input(_)
+            | Self::Output(_)
+            | Self::Log(_)
+            | Self::Bridge(_) => 6,
+            Self::Host(_) => 7,
         }
     }
 }
 
+/// Of standard output alone: what else can go wrong with the system is told by its own words.
 impl From<std::io::Error> for Failure {
     fn from(error: std::io::Error) -> Self {
         match error.kind() {

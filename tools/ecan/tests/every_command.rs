@@ -130,6 +130,28 @@ fn a_slave_that_is_not_there_is_told() {
 }
 
 #[test]
+fn a_reader_that_has_gone_does_not_hide_what_was_found() {
+    let bus = first_silent();
+    let silent = setting(&bus);
+    let cases: [(i32, &[&str]); 5] = [
+        (1, &["plan", "--pdo-n", "12"]),
+        (1, &["--ecrt", &silent, "doctor"]),
+        (1, &["--ecrt", &silent, "diag", "--slave", "0"]),
+        (0, &["--ecrt", "sim", "scan"]),
+        (0, &["--ecrt", "sim", "info", "--json"]),
+    ];
+    for (status, arguments) in cases {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+        let ended = command.args(arguments).env_remove("ECAN_ECRT").stdout(writer).output();
+        let ended = ended.unwrap();
+        let errors = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(status), "{arguments:?}: {errors}");
+    }
+}
+
+#[test]
 fn an_empty_bus_is_told() {
     let empty = support::scenario("");
     let files = Scenario::new("");

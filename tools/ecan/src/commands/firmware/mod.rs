@@ -131,7 +131,7 @@ pub fn run(
             confirm(wanted, &file, &chosen)?;
             let said = "interrupted: the gateway whose turn it is gets its firmware, no other";
             let interrupt = Interrupt::install_saying(said)
-                .map_err(|error| Failure::Master(error.to_string()))?;
+                .map_err(|error| Failure::Host(error.to_string()))?;
             let update = Update {
                 gateways: &*gateways,
                 file: &file,
@@ -234,9 +234,10 @@ fn confirm(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Chosen) -> Re
         file.bytes.len(),
         slaves.join(", ")
     );
-    write!(stderr, "{question}").and_then(|()| stderr.flush())?;
+    // Where nobody can read the question nobody confirms it.
+    let _ = write!(stderr, "{question}").and_then(|()| stderr.flush());
     let mut answer = String::new();
-    stdin.lock().read_line(&mut answer)?;
+    stdin.lock().read_line(&mut answer).map_err(Failure::Input)?;
     match answer.trim() {
         "y" | "Y" | "yes" => Ok(()),
         _ => Err(Failure::Usage("nothing was written: not confirmed".to_owned())),
