@@ -75,6 +75,11 @@ pub enum Failure {
 }
 
 impl Failure {
+    /// That a thread cannot be started.
+    pub fn of_thread(error: std::io::Error) -> Self {
+        Self::Host(format!("cannot start a thread: {error}"))
+    }
+
     /// The exit status, see [`crate::global::EXIT_STATUS`].
     pub fn status(&self) -> u8 {
         match self {

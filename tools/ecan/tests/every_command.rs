@@ -130,6 +130,15 @@ fn a_slave_that_is_not_there_is_told() {
 }
 
 #[test]
+fn real_time_that_is_not_granted_is_no_missing_master() {
+    for command in ["dump -n 1", "send 123#00", "selftest", "monitor --once"] {
+        let options = ["--ecrt", "sim", "--cpu", "1023", "--rt-required"];
+        let message = fails(7, &with(&words(command), &options));
+        assert!(message.contains("CPU 1023: not granted"), "{command}: {message}");
+    }
+}
+
+#[test]
 fn a_reader_that_has_gone_does_not_hide_what_was_found() {
     let bus = first_silent();
     let silent = setting(&bus);

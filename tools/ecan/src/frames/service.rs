@@ -110,7 +110,7 @@ impl Service {
         let (adapter, config) = configuration(options, wishes, global.master, &[position])?;
         config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
         let granted = options.real_time.apply(|line| output.note(line));
-        granted.map_err(|error| Failure::Master(error.to_string()))?;
+        granted.map_err(|error| Failure::Host(error.to_string()))?;
         let place = Place { position, adapter, config, channels: wishes.channels };
         Self::start(bus.ecrt(), place, &options.real_time, interrupt, output)
     }

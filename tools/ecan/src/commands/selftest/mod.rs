@@ -109,7 +109,7 @@ pub fn run(
         report::prepare(directory)?;
     }
     let granted = arguments.real_time.apply(|line| output.note(line));
-    granted.map_err(|error| Failure::Master(error.to_string()))?;
+    granted.map_err(|error| Failure::Host(error.to_string()))?;
     let (mut reports, mut serials, mut stopped) = (Vec::new(), BTreeSet::new(), None);
     let is_watched = std::io::stderr().is_terminal();
     for slave in slaves {
