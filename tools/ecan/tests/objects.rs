@@ -88,6 +88,39 @@ fn objects_are_read_by_number_and_by_name() {
 }
 
 #[test]
+fn programs_get_numbers_meanings_and_the_position() {
+    let json = |command: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&simulated(&[command, &["--json"]].concat())).unwrap()
+    };
+    let size = json(&["sdo", "read", "0x8010:9"]);
+    assert_eq!((&size["value"], &size["position"]), (&0.into(), &0.into()));
+    let mode = json(&["sdo", "read", "0xB000:1"]);
+    assert_eq!((&mode["value"], &mode["meaning"]), (&0.into(), &"run".into()));
+    assert_eq!(json(&["sdo", "read", "0x100A"])["value"], "2.2.1");
+    let chunk = json(&["sdo", "read", "0x7000:1"]);
+    assert_eq!(chunk["bytes"].as_array().unwrap().len(), 16, "{chunk}");
+    assert!(chunk["value"].is_null(), "{chunk}");
+    let listed = json(&["sdo", "list", "0x8010:3"]);
+    assert_eq!(listed.as_array().unwrap().len(), 1, "{listed}");
+    assert_eq!((&listed[0]["subindex"], &listed[0]["value"]), (&3.into(), &8.into()));
+    let names = json(&["sdo", "list", "0x8010:3", "--names"]);
+    assert_eq!((names.as_array().unwrap().len(), &names[0]["type"]), (1, &"U8".into()));
+    assert_eq!(json(&["sdo", "list", "0x1008", "--names"])[0]["type"], "STRING");
+    assert_eq!(json(&["scan"])[0]["has_error_flag"], false);
+    let at = |value: &serde_json::Value| value["position"].as_u64();
+    for command in ["pins", "reg read ECR --channel 0", "filter list --channel 0", "info"] {
+        let words: Vec<_> = command.split(' ').collect();
+        assert_eq!(at(&json(&words)), Some(0), "{command}");
+    }
+    for command in ["scan", "caps", "firmware version"] {
+        let words: Vec<_> = command.split(' ').collect();
+        assert_eq!(at(&json(&words)[0]), Some(0), "{command}");
+    }
+    let message = fails(2, &["--ecrt", "sim", "sdo", "list", "0x8010:99"]);
+    assert!(message.contains("has no entry :99 in the table"), "{message}");
+}
+
+#[test]
 fn of_several_gateways_one_is_chosen() {
     let file = two_gateways();
     let setting = format!("sim:{}", file.path().display());

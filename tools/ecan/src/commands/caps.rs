@@ -15,6 +15,7 @@ use crate::value::Value;
 /// An entry of the capability object.
 #[derive(Debug, Serialize)]
 struct Capability {
+    position: usize,
     subindex: u8,
     name: &'static str,
     value: u32,
@@ -31,6 +32,7 @@ pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
         let value = upload.map_err(Failure::Device)?;
         let entry = entries.iter().find(|entry| entry.subindex == *subindex);
         capabilities.push(Capability {
+            position: slave,
             subindex: *subindex,
             name: entry.map_or("", |entry| entry.name),
             value,

@@ -19,7 +19,7 @@ struct Found {
     position: u16,
     alias: u16,
     state: String,
-    has_error: bool,
+    has_error_flag: bool,
     name: String,
     vendor_id: u32,
     product_code: u32,
@@ -53,7 +53,7 @@ pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
             position: info.position,
             alias: info.alias,
             state: state.map_or_else(|| format!("{:#04x}", info.al_state), |it| it.to_string()),
-            has_error: info.error_flag,
+            has_error_flag: info.error_flag,
             vendor_id: info.vendor_id,
             product_code: info.product_code,
             revision: info.revision_number,
@@ -79,7 +79,7 @@ fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Resu
         rows.push([
             slave.position.to_string(),
             if slave.alias == 0 { "-".to_owned() } else { slave.alias.to_string() },
-            format!("{}{}", slave.state, if slave.has_error { " E" } else { "" }),
+            format!("{}{}", slave.state, if slave.has_error_flag { " E" } else { "" }),
             slave.name.clone(),
             or_dash(slave.firmware.clone()),
             or_dash(slave.hardware.clone()),
@@ -97,7 +97,7 @@ fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Resu
             writeln!(out, "{}", output.toned(Tone::Warning, words))?;
         }
     }
-    if found.iter().any(|slave| slave.has_error) {
+    if found.iter().any(|slave| slave.has_error_flag) {
         let words = "E: the master met an error with this slave and holds it in its state";
         writeln!(out, "{}", output.toned(Tone::Bad, words))?;
     }
