@@ -17,6 +17,7 @@ mod global;
 mod object_path;
 mod output;
 mod program;
+mod readings;
 mod slave_choice;
 mod table;
 mod value;

@@ -88,6 +88,50 @@ fn objects_are_read_by_number_and_by_name() {
 }
 
 #[test]
+fn what_a_gateway_refuses_does_not_hide_the_rest() {
+    let fault = |(index, subindex): (u16, u8)| {
+        format!(
+            "[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = {index}\n\
+             subindex = {subindex}\ncode = 0x06090011\ntimes = 9\n"
+        )
+    };
+    let refused = [(0x8010, 15), (0x9002, 9), (0xB000, 5), (0xF000, 30), (0x100A, 0)];
+    let bus = scenario(&format!("[[gateway]]\n{}", refused.map(fault).concat()));
+    let setting = setting(&bus);
+    let run = |command: &[&str]| good(&[&["--ecrt", &setting][..], command].concat());
+    let reason = "not read: 0x06090011 subindex does not exist";
+    let info = run(&["info"]);
+    for name in ["TxPDO     ", "CAN2      ", "firmware  "] {
+        assert!(info.contains(&format!("\n{name}{reason}\n")), "{info}");
+    }
+    assert!(info.contains("\nRxPDO     no profile applied\n"), "{info}");
+    assert!(info.contains("\nCAN3      500 / 5000 kbit/s FD  disabled"), "{info}");
+    let info: serde_json::Value = serde_json::from_str(&run(&["info", "--json"])).unwrap();
+    assert!(info["tx_pdo"].is_null() && info["rx_pdo"].is_object(), "{info}");
+    assert!(info["errors"]["tx_pdo"].as_str().unwrap().starts_with("0x06090011"), "{info}");
+    assert!(info["channels"][2]["error"].is_string() && info["channels"][3]["error"].is_null());
+    assert_eq!(info["channels"][3]["nominal_bitrate"], 500_000);
+    let listed = run(&["sdo", "list", "0xB000"]);
+    assert!(
+        listed.contains(&format!(":05  Maintenance status             {reason}\n")),
+        "{listed}"
+    );
+    assert!(listed.contains(":01  Access mode request            0"), "{listed}");
+    let caps = run(&["caps"]);
+    assert!(caps.contains(&format!("  {reason}\n")), "{caps}");
+    assert!(caps.contains(":13  Max PDO bytes"), "{caps}");
+    // Where nothing can be read there is nothing to show.
+    let message = fails(5, &["--ecrt", &setting, "sdo", "list", "0xB000:5"]);
+    assert!(message.contains("0x06090011 subindex does not exist"), "{message}");
+    let bus = first_silent();
+    let silent = support::setting(&bus);
+    for command in [&["info"][..], &["caps"], &["sdo", "list", "0xB000"]] {
+        let message = fails(5, &[&["--ecrt", &silent, "--slave", "0"], command].concat());
+        assert!(message.contains("Input/output error"), "{message}");
+    }
+}
+
+#[test]
 fn programs_get_numbers_meanings_and_the_position() {
     let json = |command: &[&str]| -> serde_json::Value {
         serde_json::from_str(&simulated(&[command, &["--json"]].concat())).unwrap()

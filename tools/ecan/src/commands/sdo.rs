@@ -11,6 +11,7 @@ use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::object_path::ObjectPath;
 use crate::output::Output;
+use crate::readings::{Readings, not_read};
 use crate::table;
 use crate::value::{Value, encode};
 
@@ -85,11 +86,22 @@ struct Read {
     index: u16,
     subindex: u8,
     name: Option<&'static str>,
-    bytes: Vec<u8>,
-    value: Value,
+    bytes: Option<Vec<u8>>,
+    value: Option<Value>,
     /// The value as it is shown.
-    text: String,
+    text: Option<String>,
     meaning: Option<String>,
+    /// Why it was not read.
+    error: Option<String>,
+}
+
+impl Read {
+    fn missing(position: usize, path: ObjectPath, reason: String) -> Self {
+        let ObjectPath { index, subindex } = path;
+        let name = entry_of(path).map(|entry| entry.name);
+        let (bytes, value, text, meaning, error) = (None, None, None, None, Some(reason));
+        Self { position, index, subindex, name, bytes, value, text, meaning, error }
+    }
 }
 
 /// An object of the table.
@@ -130,13 +142,22 @@ fn read(bus: &Bus, slave: usize, path: ObjectPath) -> Result<Read, Failure> {
     let bytes = data.get(..length).unwrap_or_default().to_vec();
     let entry = entry_of(path);
     let value = Value::of(&bytes, entry);
-    let (text, meaning) = (value.text(entry), value.meaning(entry));
-    let name = entry.map(|entry| entry.name);
-    Ok(Read { position: slave, index, subindex, name, bytes, value, text, meaning })
+    Ok(Read {
+        position: slave,
+        index,
+        subindex,
+        name: entry.map(|entry| entry.name),
+        text: Some(value.text(entry)),
+        meaning: value.meaning(entry),
+        value: Some(value),
+        bytes: Some(bytes),
+        error: None,
+    })
 }
 
 fn print_read(read: &Read, out: &mut dyn Write) -> std::io::Result<()> {
-    write!(out, "{} = {}", describe(read.index, read.subindex), read.text)?;
+    let value = read.text.as_deref().unwrap_or_default();
+    write!(out, "{} = {value}", describe(read.index, read.subindex))?;
     match &read.meaning {
         Some(meaning) => writeln!(out, ": {meaning}"),
         None => writeln!(out),
@@ -207,25 +228,38 @@ fn list(name: &str, names: bool, global: &GlobalOptions, output: &Output) -> Res
     if names {
         return list_entries(path.index, known, &entries, output);
     }
+    let readable: Vec<_> = entries.iter().filter(|entry| entry.access.can_read()).collect();
+    if readable.is_empty() {
+        return Err(Failure::Usage(format!("{name} can only be written")));
+    }
     let bus = Bus::open(global, output)?;
     let slave = bus.slave()?;
-    let readable = entries.iter().filter(|entry| entry.access.can_read());
-    let values: Result<Vec<_>, _> = readable
-        .map(|entry| read(&bus, slave, ObjectPath { index: path.index, subindex: entry.subindex }))
-        .collect();
-    let values = values?;
+    let mut readings = Readings::default();
+    let mut values = Vec::new();
+    for entry in readable {
+        let path = ObjectPath { index: path.index, subindex: entry.subindex };
+        let read = readings.note(read(&bus, slave, path));
+        readings.answers()?;
+        values.push(read.unwrap_or_else(|reason| Read::missing(slave, path, reason)));
+    }
+    readings.any()?;
     output.data(&values, |out| {
         writeln!(out, "{}", heading(path.index, known))?;
         let rows: Vec<_> = values
             .iter()
             .map(|it| {
                 let name = it.name.unwrap_or_default().to_owned();
+                let value = match &it.error {
+                    Some(reason) => not_read(reason),
+                    None => it.text.clone().unwrap_or_default(),
+                };
                 let meaning = it.meaning.clone().unwrap_or_default();
-                [format!(":{:02}", it.subindex), name, it.text.clone(), meaning]
+                [format!(":{:02}", it.subindex), name, value, meaning]
             })
             .collect();
         table::print(out, &rows)
-    })
+    })?;
+    readings.end()
 }
 
 fn is_wanted(entry: &Entry, wanted: Option<u8>) -> bool {
