@@ -8,7 +8,7 @@ use crate::failure::Failure;
 use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::global::GlobalOptions;
 use crate::output::Output;
-use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose};
+use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose, every_gateway};
 
 /// A bus, looked at through a handle that reserves nothing.
 #[derive(Debug)]
@@ -85,6 +85,14 @@ impl Bus {
     /// The slave that the command is about: the one chosen, or the only gateway.
     pub fn slave(&self) -> Result<usize, Failure> {
         choose(self, self.choice)
+    }
+
+    /// The gateways that a command is about which takes all of them: the one chosen, or every one.
+    pub fn chosen_or_every_gateway(&self) -> Result<Vec<usize>, Failure> {
+        match self.choice {
+            Some(_) => Ok(vec![self.slave()?]),
+            None => every_gateway(self),
+        }
     }
 
     /// Serial number of a gateway.

@@ -65,8 +65,14 @@ pub struct Unknown {
 
 impl Display for Unknown {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { position, reason } = self;
-        write!(formatter, "slave {position} cannot be asked whether it is an ECAN-Lite: {reason}")
+        write!(formatter, "slave {} {}", self.position, self.words())
+    }
+}
+
+impl Unknown {
+    /// That it cannot be asked, and why.
+    pub fn words(&self) -> String {
+        format!("cannot be asked whether it is an ECAN-Lite: {}", self.reason)
     }
 }
 
@@ -160,6 +166,19 @@ pub fn only_gateway(recognised: &Recognised, slaves: usize) -> Result<usize, Fai
             Err(Failure::Slave(words))
         }
     }
+}
+
+/// Every gateway, where no other slave may be one.
+///
+/// # Errors
+/// [`Failure::Slave`] where there is none, or a slave cannot be asked.
+pub fn every_gateway(candidates: &impl Candidates) -> Result<Vec<usize>, Failure> {
+    let recognised = candidates.recognised()?;
+    if recognised.gateways.is_empty() || !recognised.unknown.is_empty() {
+        // Tells why.
+        only_gateway(&recognised, candidates.places()?.len())?;
+    }
+    Ok(recognised.gateways)
 }
 
 fn of_serial(candidates: &impl Candidates, wanted: u64, slaves: usize) -> Result<usize, Failure> {

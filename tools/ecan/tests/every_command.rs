@@ -103,7 +103,7 @@ fn of_several_gateways_one_has_to_be_chosen() {
 fn a_gateway_that_cannot_be_asked_leaves_a_choice() {
     let bus = first_silent();
     let files = Scenario::new("");
-    for command in commands_of_one(&files) {
+    for command in commands_of_one(&files).into_iter().chain([words("monitor --once")]) {
         let message = fails(4, &with(&command, &["--ecrt", &setting(&bus)]));
         let expected = "slave 0 cannot be asked whether it is an ECAN-Lite: SDO upload 0xF000:09";
         assert!(message.contains(expected), "{command:?}: {message}");

@@ -81,7 +81,7 @@ fn a_version_that_cannot_be_read_has_its_reason_in_its_row() {
     let expected = "\
 POS  STATE  FIRMWARE  SERIAL
 0    PREOP  2.2.1     4294967297
-1    PREOP  -         not read: slave 1 cannot be asked whether it is an ECAN-Lite: ethercat \
+1    PREOP  -         not read: it cannot be asked whether it is an ECAN-Lite: ethercat \
 upload: Failed to upload SDO: Input/output error
 2    PREOP  2.2.1     4294967299
 ";

@@ -189,7 +189,12 @@ fn version(gateways: &dyn Gateways, chosen: Chosen, output: &Output) -> Result<(
         versions.push(Version { position, state, running, error });
     }
     for (Present { position, state, .. }, unknown) in chosen.unknown {
-        versions.push(Version { position, state, running: None, error: Some(unknown.to_string()) });
+        versions.push(Version {
+            position,
+            state,
+            running: None,
+            error: Some(format!("it {}", unknown.words())),
+        });
     }
     versions.sort_by_key(|version| version.position);
     output.data(&versions, |out| {

@@ -110,8 +110,7 @@ impl Report {
 
     /// One that cannot be asked whether it is a gateway.
     pub fn unknown(slave: &Unknown) -> Self {
-        let reason = format!("it cannot be asked whether it is an ECAN-Lite: {}", slave.reason);
-        Self::left_out(slave.position, reason)
+        Self::left_out(slave.position, format!("it {}", slave.words()))
     }
 
     /// The gateway, its versions and the judgement.

@@ -9,7 +9,6 @@ use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::frames::service::{MAX_FAILED_CYCLES, Wishes, configuration, failure};
 use crate::global::GlobalOptions;
-use crate::slave_choice::Candidates as _;
 
 use super::MonitorArguments;
 use super::collector::GatewayErrors;
@@ -32,7 +31,7 @@ impl Watcher {
         arguments: &MonitorArguments,
         global: &GlobalOptions,
     ) -> Result<Self, Failure> {
-        let positions = positions(bus)?;
+        let positions = bus.chosen_or_every_gateway()?;
         let wishes =
             Wishes { is_listening: arguments.listen_only, ..Wishes::on(arguments.channel) };
         let options = &arguments.options;
@@ -138,16 +137,6 @@ impl Watcher {
         }
         Ok(())
     }
-}
-
-/// The gateway chosen, or all of them.
-fn positions(bus: &Bus) -> Result<Vec<usize>, Failure> {
-    if bus.is_chosen() {
-        return Ok(vec![bus.slave()?]);
-    }
-    let gateways = bus.recognised()?.gateways;
-    // Without any it tells why.
-    if gateways.is_empty() { Ok(vec![bus.slave()?]) } else { Ok(gateways) }
 }
 
 /// Objects of a channel (manual 13.5).
