@@ -354,9 +354,11 @@ impl EthercatTool {
 pub fn is_denial(said: &str) -> bool {
     let code = said.split_once("aborted with code 0x").and_then(|(_, behind)| behind.get(..8));
     let code = code.and_then(|digits| u32::from_str_radix(digits, 16).ok());
+    // Data of another size, shorter and longer; and no CoE.
+    let others =
+        ["Data type mismatch", "Value too large for defined data type", "Protocol not supported"];
     code.is_some_and(|code| denies_object(AbortCode(code)))
-        || said.contains("Data type mismatch")
-        || said.contains("Protocol not supported")
+        || others.iter().any(|words| said.contains(words))
 }
 
 /// A number such as `0x0202 514`.
@@ -412,6 +414,7 @@ mod tests {
             "SDO transfer aborted with code 0x06020000: This object does not exist",
             "SDO transfer aborted with code 0x06090011",
             "Data type mismatch. Expected uint16 with 2 bytes, but got 4 byte.",
+            "Failed to upload SDO: Value too large for defined data type",
             "Failed to upload SDO: Protocol not supported",
         ] {
             assert!(is_denial(said), "{said}");
