@@ -59,6 +59,11 @@ impl<'i> Document<'i> {
         }
     }
 
+    /// A fault of a byte that is no part of a text.
+    pub(crate) fn foreign_byte(&mut self, at: usize, byte: u8) {
+        self.faults.push((at, format!("byte 0x{byte:02X} is not UTF-8")));
+    }
+
     /// A fault of what was read, put to the first of these paths that the file has, or what it
     /// stands in. Nothing where a path has a fault already: this one would follow from it.
     pub(crate) fn semantic_fault(&mut self, paths: &[String], reason: String) {

@@ -82,14 +82,40 @@ impl FromStr for ConfigFile {
 
     /// Reads a configuration from the text of a file.
     fn from_str(text: &str) -> Result<Self, FileFaults> {
-        let (mut document, root) = Document::parse(text);
-        let file = bus::read(&mut document, Table::root(&root));
-        if document.is_sound() {
-            check::check(&mut document, &file);
-        }
-        document.finish()?;
-        Ok(file)
+        read(text, &[])
     }
+}
+
+/// Reads the text; `foreign` are the places in it of what was no text.
+fn read(text: &str, foreign: &[(usize, u8)]) -> Result<ConfigFile, FileFaults> {
+    let (mut document, root) = Document::parse(text);
+    for (at, byte) in foreign {
+        document.foreign_byte(*at, *byte);
+    }
+    let file = bus::read(&mut document, Table::root(&root));
+    if document.is_sound() {
+        check::check(&mut document, &file);
+    }
+    document.finish()?;
+    Ok(file)
+}
+
+/// Reads a configuration from the bytes of a file, which are UTF-8.
+///
+/// # Errors
+/// Everything that is wrong with it, with line and column; bytes that are not UTF-8 hide nothing
+/// else.
+pub fn parse(bytes: &[u8]) -> Result<ConfigFile, FileFaults> {
+    let mut text = String::with_capacity(bytes.len());
+    let mut foreign = Vec::new();
+    for chunk in bytes.utf8_chunks() {
+        text.push_str(chunk.valid());
+        if let Some(byte) = chunk.invalid().first() {
+            foreign.push((text.len(), *byte));
+            text.push(char::REPLACEMENT_CHARACTER);
+        }
+    }
+    read(&text, &foreign)
 }
 
 /// Reads a configuration from a file.
@@ -98,7 +124,7 @@ impl FromStr for ConfigFile {
 /// The file cannot be read, or everything that is wrong with it, with line and column.
 pub fn load(path: impl AsRef<Path>) -> Result<ConfigFile, ConfigFileError> {
     let path = path.as_ref();
-    let text = std::fs::read_to_string(path)
+    let bytes = std::fs::read(path)
         .map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;
-    text.parse().map_err(|faults| ConfigFileError::Faults { path: path.to_owned(), faults })
+    parse(&bytes).map_err(|faults| ConfigFileError::Faults { path: path.to_owned(), faults })
 }

@@ -1,7 +1,7 @@
 //! Files are read, and every fault is told with its place.
 #![allow(missing_docs)]
 
-use ecan_config_file::{ConfigFile, ConfigFileError, EXAMPLE, FileFaults, load};
+use ecan_config_file::{ConfigFile, ConfigFileError, EXAMPLE, FileFaults, load, parse};
 use ecan_host::{ClockSource, DcSync};
 use ecan_protocol::{
     DataPathConfig, EncapsulationProfile, ExtendedMatch, FilterAction, MessageRamLayout, NodeMode,
@@ -226,6 +226,21 @@ fn faults_of_the_syntax_do_not_hide_others() {
     assert_eq!(lines[..2], [1, 2], "{faults:?}");
     assert!(lines.contains(&3), "{faults:?}");
     assert!(read("").unwrap_err().to_string().contains("no slave is configured"));
+}
+
+#[test]
+fn bytes_that_are_no_text_have_a_place_and_hide_nothing() {
+    // A comment in Latin-1, and a fault behind it.
+    let text = b"cycle_us = 1000 # \xB5s\n[[gateway]]\nn = 25\ncan0 = { bitrate = 500_000 }\n";
+    let faults = parse(text).unwrap_err().0;
+    let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
+    assert_eq!(
+        found,
+        [(1, 19, "byte 0xB5 is not UTF-8"), (3, 5, "`n` is 25, possible is 1..24")],
+        "{found:?}"
+    );
+    assert!(parse(b"\xFF\xFE").is_err());
+    assert_eq!(parse(EXAMPLE.as_bytes()).unwrap(), read(EXAMPLE).unwrap());
 }
 
 #[test]
