@@ -445,7 +445,7 @@ int igh_mcan_port_load_config(ecan_igh_config_t *igh_config,
  * @param faults    Gets as many of the file's faults as there is room for, in the order of its
  *                  lines; may be NULL where capacity is 0.
  * @param capacity  Room of `faults`.
- * @param count     Gets the number of all faults; 0 where the file is good or cannot be read.
+ * @param count     Gets the number of all faults; 0 for every other error.
  *
  * @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
  * @return  As igh_mcan_port_load_config().
