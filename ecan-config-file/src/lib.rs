@@ -39,6 +39,8 @@ mod filter_compare;
 mod flash;
 mod gateway;
 
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -118,13 +120,26 @@ pub fn parse(bytes: &[u8]) -> Result<ConfigFile, FileFaults> {
     read(&text, &foreign)
 }
 
-/// Reads a configuration from a file.
+/// No configuration has so many bytes: what is read instead is a device, or a log by mistake.
+const MAX_BYTES: u64 = 16 << 20;
+
+fn bytes(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        let reason = "more than 16 MiB is no configuration";
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, reason));
+    }
+    Ok(bytes)
+}
+
+/// Reads a configuration from a file of at most 16 MiB.
 ///
 /// # Errors
 /// The file cannot be read, or everything that is wrong with it, with line and column.
 pub fn load(path: impl AsRef<Path>) -> Result<ConfigFile, ConfigFileError> {
     let path = path.as_ref();
-    let bytes = std::fs::read(path)
-        .map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;
+    let bytes =
+        bytes(path).map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;
     parse(&bytes).map_err(|faults| ConfigFileError::Faults { path: path.to_owned(), faults })
 }

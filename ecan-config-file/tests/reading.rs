@@ -255,6 +255,8 @@ fn files_that_cannot_be_read_or_used_are_named() {
     assert!(error.contains("cell.toml: line 2, column 5: `n` is 0"), "{error}");
     std::fs::write(&path, EXAMPLE).unwrap();
     assert_eq!(load(&path).unwrap(), read(EXAMPLE).unwrap());
+    let endless = load("/dev/zero").unwrap_err().to_string();
+    assert_eq!(endless, "cannot read /dev/zero: more than 16 MiB is no configuration");
 }
 
 #[test]
