@@ -1,6 +1,6 @@
 //! `ecan replay`: a recording, sent again at its times.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
@@ -13,7 +13,7 @@ use crate::failure::Failure;
 use crate::frames::channels::Channels;
 use crate::frames::departures::Departures;
 use crate::frames::format::{Heard, Screen};
-use crate::frames::options::GatewayOptions;
+use crate::frames::options::FrameOptions;
 use crate::frames::printer::Printer;
 use crate::frames::service::{Cycle, Service, Wishes};
 use crate::frames::summary::Summary;
@@ -26,7 +26,8 @@ Examples:
   ecan replay drive.log                        on channel 0, at the times of the log
   ecan replay drive.log --channel all          frames of can2 on channel 2, and so on
   ecan replay drive.log --speed 10 --loop 5    ten times as fast, five times
-  ecan replay drive.log --log back.log         and log what comes back";
+  ecan replay drive.log --log back.log         and log what comes back
+  ecan replay drive.log --capture both.pcapng  both ways, for Wireshark";
 
 /// How often the recording is sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,7 +70,7 @@ pub struct ReplayArguments {
     #[arg(long, value_name = "MS", default_value_t = 2000)]
     timeout: u64,
     #[command(flatten)]
-    options: GatewayOptions,
+    options: FrameOptions,
 }
 
 fn parse_speed(text: &str) -> Result<f64, String> {
@@ -98,19 +99,24 @@ impl Recording {
             return Err(Failure::Usage(words));
         }
         let fd = frames.iter().find(|(_, it)| it.frame.as_ref().is_fd());
-        if let (Some((_, fd)), None) = (fd, arguments.options.data_bitrate) {
+        if let (Some((_, fd)), None) = (fd, arguments.options.gateway.data_bitrate) {
             return Err(Failure::Usage(format!(
                 "{name}, line {} is a CAN FD frame: give --data-bitrate",
                 fd.line
             )));
         }
-        let same = |log: &PathBuf| {
+        let same = |out: &Path| {
             let file = arguments.file.canonicalize().ok();
-            file.is_some() && file == log.canonicalize().ok()
+            file.is_some() && file == out.canonicalize().ok()
         };
-        if arguments.log.as_ref().is_some_and(same) {
-            return Err(Failure::Usage(format!("--log would overwrite the recording {name}")));
+        let (log, capture) = (arguments.log.as_deref(), arguments.options.capture.path());
+        for (option, out) in [("--log", log), ("--capture", capture)] {
+            if out.is_some_and(same) {
+                let words = format!("{option} would overwrite the recording {name}");
+                return Err(Failure::Usage(words));
+            }
         }
+        arguments.options.capture.check_apart_from(log)?;
         Ok(Self { frames, loops: arguments.loops, speed: arguments.speed, sent: 0 })
     }
 
@@ -193,10 +199,11 @@ pub fn run(
         record(&mut printer, service, cycle);
     })?;
     printer.finish(output)?;
+    service.finish_capture()?;
     let wanted = recording.total().filter(|_| !interrupt.is_set()).unwrap_or(departures.count());
     let summary = Summary::of(&departures, service.port(), wanted, elapsed_ns);
     summary.print(output)?;
-    summary.judge(departures.outcome(service.port()).cause(arguments.options.bitrate))
+    summary.judge(departures.outcome(service.port()).cause(arguments.options.gateway.bitrate))
 }
 
 /// Logs what a cycle brought.

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::departures::Departures;
-use crate::frames::options::GatewayOptions;
+use crate::frames::options::FrameOptions;
 use crate::frames::service::{Service, Wishes};
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -37,7 +37,7 @@ pub struct SendArguments {
     #[arg(long, value_name = "MS", default_value_t = 1000)]
     timeout: u64,
     #[command(flatten)]
-    options: GatewayOptions,
+    options: FrameOptions,
 }
 
 /// A frame; cansend allows dots between bytes.
@@ -58,7 +58,7 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     let SendArguments { frames, channel, options, .. } = arguments;
-    if options.data_bitrate.is_none() && frames.iter().any(|frame| frame.as_ref().is_fd()) {
+    if options.gateway.data_bitrate.is_none() && frames.iter().any(|frame| frame.as_ref().is_fd()) {
         let words = "a CAN FD frame needs the data bit rate: give --data-bitrate";
         return Err(Failure::Usage(words.to_owned()));
     }
@@ -87,6 +87,7 @@ pub fn run(
         }
     }
     departures.wait(&mut service, timeout_ns, &interrupt, |_, _| {})?;
+    service.finish_capture()?;
     judge(arguments, &departures, &service)?;
     let texts: Vec<_> = frames.iter().map(|frame| FrameText(frame).to_string()).collect();
     let sent = Sent { channel: *channel, frames: texts };
@@ -113,7 +114,7 @@ fn judge(
     if outcome.sent >= count && outcome.bus_off.is_none() {
         return Ok(());
     }
-    let cause = outcome.cause(options.bitrate).unwrap_or_else(|| match outcome.unknown {
+    let cause = outcome.cause(options.gateway.bitrate).unwrap_or_else(|| match outcome.unknown {
         0 => "stopped, or the gateway took none in time".to_owned(),
         _ => "the gateway has not said what became of them".to_owned(),
     });

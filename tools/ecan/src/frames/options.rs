@@ -5,7 +5,18 @@ use ecan_command_line::real_time::RealTimeArguments;
 use ecan_mcan_port::ChannelSettings;
 use ecan_protocol::{NodeMode, SamplePointWindow};
 
-/// Options of these commands.
+use crate::frames::capture::CaptureOptions;
+
+/// Options of the commands that carry frames.
+#[derive(Debug, Args)]
+pub struct FrameOptions {
+    #[command(flatten)]
+    pub capture: CaptureOptions,
+    #[command(flatten)]
+    pub gateway: GatewayOptions,
+}
+
+/// What a command is told about the gateway and its channels.
 #[derive(Debug, Args)]
 pub struct GatewayOptions {
     /// Nominal bit rate in bit/s

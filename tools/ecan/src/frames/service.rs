@@ -5,14 +5,17 @@ use std::time::SystemTime;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::real_time::RealTimeArguments;
 use ecan_host::{AdapterConfig, Clock, CycleError, Ecrt};
-use ecan_mcan_port::{GatewayConfig, Port, PortConfig, PortError, Received, SendError, SendTicket};
+use ecan_mcan_port::{
+    GatewayConfig, Port, PortConfig, PortError, Received, ReceivedFrame, SendError, SendTicket,
+};
 use ecan_protocol::{CanFrame, EncapsulationProfile, OptionFlags};
 use ecan_sim::ClockKind;
 
 use crate::bus::Bus;
 use crate::failure::Failure;
+use crate::frames::capture::FrameCapture;
 use crate::frames::channels::Channels;
-use crate::frames::options::GatewayOptions;
+use crate::frames::options::{FrameOptions, GatewayOptions};
 use crate::frames::status_watch::StatusWatch;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -92,13 +95,15 @@ pub struct Service {
     failed_cycles: u32,
     /// From the clock to the time since 1970; none for simulated time that does not run by itself.
     since_1970_ns: u64,
+    capture: Option<FrameCapture>,
     output: Output,
 }
 
 impl Service {
-    /// Brings the gateway that the user chose into service; `None` when the user gave up.
+    /// Brings the gateway that the user chose into service, with a capture where one is wanted;
+    /// `None` when the user gave up.
     pub fn open(
-        options: &GatewayOptions,
+        options: &FrameOptions,
         wishes: Wishes,
         interrupt: &Interrupt,
         global: &GlobalOptions,
@@ -107,12 +112,20 @@ impl Service {
         let kind = if wishes.has_end { ClockKind::Stepped } else { ClockKind::Real };
         let bus = Bus::open_with_clock(global, output, kind)?;
         let position = bus.slave()?;
+        let FrameOptions { gateway: options, capture } = options;
         let (adapter, config) = configuration(options, wishes, global.master, &[position])?;
         config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
+        // Before the real-time options: the thread that writes keeps out of what they ask for.
+        let capture = FrameCapture::start(capture, &adapter, wishes.channels)?;
         let granted = options.real_time.apply(|line| output.note(line));
         granted.map_err(|error| Failure::Master(error.to_string()))?;
         let place = Place { position, adapter, config, channels: wishes.channels };
-        Self::start(bus.ecrt(), place, &options.real_time, interrupt, output)
+        let mut service = Self::start(bus.ecrt(), place, &options.real_time, interrupt, output)?;
+        if let Some(service) = &mut service {
+            let (is_real_time, since_1970_ns) = (service.is_real_time(), service.since_1970_ns);
+            service.capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
+        }
+        Ok(service)
     }
 
     /// Brings a gateway into service on a bus that is open; `None` when the user gave up.
@@ -144,23 +157,43 @@ impl Service {
         real_time.set_timing(port.adapter_mut());
         let watch = StatusWatch::new(channels);
         let since_1970_ns = since_1970_ns(port.adapter().clock());
-        Ok(Some(Self { port, store, watch, failed_cycles: 0, since_1970_ns, output: *output }))
+        let output = *output;
+        let capture = None;
+        Ok(Some(Self { port, store, watch, failed_cycles: 0, since_1970_ns, capture, output }))
     }
 
     /// Waits for the next cycle and begins it.
     pub fn begin(&mut self) -> Cycle {
+        self.begin_with(|_| true)
+    }
+
+    /// As [`begin`](Self::begin), without the frames that `wants` refuses: they go into no capture
+    /// either.
+    pub fn begin_with(&mut self, mut wants: impl FnMut(&ReceivedFrame) -> bool) -> Cycle {
         self.port.wait_next_cycle();
         let begun = self.port.cycle_begin();
         let now_ns = self.now_ns();
         let mut arrivals = std::mem::take(&mut self.store);
         self.port.receive_each(|received| arrivals.push(Arrival { time_ns: now_ns, received }));
+        arrivals.retain(|arrival| match &arrival.received {
+            Received::Frame(frame) => wants(frame),
+            Received::TransmitReport(_) => true,
+        });
+        if let Some(capture) = &mut self.capture {
+            capture.after_begin(&self.port, now_ns, &arrivals);
+        }
         Cycle { now_ns, arrivals, begun }
     }
 
     /// Hands a frame over; `None` where there is no room in this cycle.
     pub fn send(&mut self, channel: u8, frame: &CanFrame) -> Result<Option<SendTicket>, Failure> {
         match self.port.send(0, channel, frame.as_ref()) {
-            Ok(ticket) => Ok(Some(ticket)),
+            Ok(ticket) => {
+                if let Some(capture) = &mut self.capture {
+                    capture.under_way(ticket, channel, frame);
+                }
+                Ok(Some(ticket))
+            }
             Err(SendError::NoRoom { .. } | SendError::NotReady { .. }) => Ok(None),
             Err(SendError::NotFd { .. }) => Err(Failure::Usage(
                 "a CAN FD frame needs the data bit rate: give --data-bitrate".to_owned(),
@@ -169,12 +202,20 @@ impl Service {
         }
     }
 
-    /// Ends a cycle. Says on standard error what has changed on the bus.
+    /// Ends a cycle. Says on standard error what has changed on the bus. A capture that cannot be
+    /// written any more is a failure.
     pub fn end(&mut self, cycle: Cycle) -> Result<(), Failure> {
         let ended = self.port.cycle_end().and(cycle.begun);
         self.store = cycle.arrivals;
         self.store.clear();
         self.failed_cycles = if ended.is_err() { self.failed_cycles + 1 } else { 0 };
+        let now_ns = self.now_ns();
+        if let Some(capture) = &mut self.capture {
+            capture.after_end(&self.port, now_ns);
+            if capture.is_over() {
+                self.finish_capture()?;
+            }
+        }
         let output = self.output;
         let (seconds, micros) = parts(self.absolute_ns(cycle.now_ns));
         self.watch.look(&self.port, |line| {
@@ -186,6 +227,11 @@ impl Service {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Waits until the capture, if there is one, is written; says what was dropped.
+    pub fn finish_capture(&mut self) -> Result<(), Failure> {
+        self.capture.take().map_or(Ok(()), |capture| capture.finish(&self.output))
     }
 
     pub fn port(&self) -> &Port {

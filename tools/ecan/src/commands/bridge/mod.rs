@@ -14,7 +14,7 @@ use ecan_protocol::CanFrame;
 use crate::commands::bridge::front::{Front, Listening, Place};
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
-use crate::frames::options::GatewayOptions;
+use crate::frames::options::{FrameOptions, GatewayOptions};
 use crate::frames::service::{Service, Wishes};
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -55,7 +55,7 @@ pub struct BridgeArguments {
     #[arg(long)]
     listen_only: bool,
     #[command(flatten)]
-    options: GatewayOptions,
+    options: FrameOptions,
 }
 
 /// A frame of a client.
@@ -93,12 +93,12 @@ pub fn run(
     while !interrupt.is_set() {
         bridge.cycle(arguments.listen_only, output)?;
     }
-    Ok(())
+    bridge.service.finish_capture()
 }
 
 /// Starts the servers.
 fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
-    let GatewayOptions { bitrate, data_bitrate, .. } = arguments.options;
+    let GatewayOptions { bitrate, data_bitrate, .. } = arguments.options.gateway;
     let rates = match data_bitrate {
         Some(data_bitrate) => BusRates::fd(bitrate, data_bitrate),
         None => BusRates::classic(bitrate),

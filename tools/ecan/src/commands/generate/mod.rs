@@ -11,7 +11,7 @@ use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::departures::Departures;
 use crate::frames::format::{Heard, Screen};
-use crate::frames::options::GatewayOptions;
+use crate::frames::options::FrameOptions;
 use crate::frames::printer::Printer;
 use crate::frames::service::{Service, Wishes};
 use crate::frames::summary::Summary;
@@ -76,7 +76,7 @@ pub struct GenArguments {
     #[arg(long, value_name = "MS", default_value_t = 2000)]
     timeout: u64,
     #[command(flatten)]
-    options: GatewayOptions,
+    options: FrameOptions,
 }
 
 /// Milliseconds with decimals, as nanoseconds.
@@ -91,7 +91,7 @@ fn parse_gap(text: &str) -> Result<u64, String> {
 
 impl GenArguments {
     fn generator(&self) -> Result<Generator, Failure> {
-        let has_fd = self.options.data_bitrate.is_some();
+        let has_fd = self.options.gateway.data_bitrate.is_some();
         let pattern = Pattern {
             id: self.id,
             length: self.length,
@@ -156,11 +156,12 @@ pub fn run(
     }
     departures.wait(&mut service, timeout_ns, &interrupt, |_, _| {})?;
     printer.finish(output)?;
+    service.finish_capture()?;
     let wanted = arguments.count.filter(|_| !interrupt.is_set()).unwrap_or(departures.count());
     let elapsed_ns = service.now_ns() - start_ns;
     let summary = Summary::of(&departures, service.port(), wanted, elapsed_ns);
     summary.print(output)?;
-    summary.judge(departures.outcome(service.port()).cause(arguments.options.bitrate))
+    summary.judge(departures.outcome(service.port()).cause(arguments.options.gateway.bitrate))
 }
 
 /// When the frame of a number is due.
