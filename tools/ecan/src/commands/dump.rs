@@ -12,7 +12,8 @@ use crate::frames::channels::Channels;
 use crate::frames::format::{Heard, Screen};
 use crate::frames::options::FrameOptions;
 use crate::frames::printer::Printer;
-use crate::frames::service::{Service, Wishes};
+use crate::frames::service::Service;
+use crate::frames::settings::{Settings, Wishes};
 use crate::frames::timestamp::Style;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -23,6 +24,7 @@ Examples:
   ecan dump --bitrate 1000000                  everything on all channels
   ecan dump --channel 0 -t a 123:7FF           identifier 123 on channel 0, with times
   ecan dump --listen-only -l drive.log         record without taking part in the bus
+  ecan dump --config cell.toml --channel 1     with bit rates, filters and all else of a file
   ecan dump --capture bus.pcapng               a file for Wireshark
   ecan dump -n 1 -T 500 701:7FF || echo quiet  wait half a second for a heartbeat
 
@@ -123,6 +125,7 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     arguments.options.capture.check_apart_from(arguments.log.as_deref())?;
+    let settings = Settings::of(&arguments.options.gateway)?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     let screen = Screen {
         style: arguments.time,
@@ -142,7 +145,8 @@ pub fn run(
         has_end: arguments.count.is_some() || arguments.timeout.is_some(),
         ..Wishes::on(arguments.channel)
     };
-    let service = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
+    let capture = &arguments.options.capture;
+    let service = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
     let heard = match service {
         Some(service) => listen(arguments, service, &interrupt, &mut printer),
         None => Ok(0),

@@ -15,7 +15,8 @@ use crate::frames::departures::Departures;
 use crate::frames::format::{Heard, Screen};
 use crate::frames::options::FrameOptions;
 use crate::frames::printer::Printer;
-use crate::frames::service::{Cycle, Service, Wishes};
+use crate::frames::service::{Cycle, Service};
+use crate::frames::settings::{Settings, Wishes};
 use crate::frames::summary::Summary;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -88,7 +89,7 @@ struct Recording {
 }
 
 impl Recording {
-    fn read(arguments: &ReplayArguments) -> Result<Self, Failure> {
+    fn read(arguments: &ReplayArguments, settings: &Settings<'_>) -> Result<Self, Failure> {
         let frames: Vec<_> = log_file::read(&arguments.file)?
             .into_iter()
             .filter_map(|it| Some((channel_of(&it, arguments.channel)?, it)))
@@ -98,12 +99,12 @@ impl Recording {
             let words = format!("{name} holds no frame of a chosen channel");
             return Err(Failure::Usage(words));
         }
-        let fd = frames.iter().find(|(_, it)| it.frame.as_ref().is_fd());
-        if let (Some((_, fd)), None) = (fd, arguments.options.gateway.data_bitrate) {
-            return Err(Failure::Usage(format!(
-                "{name}, line {} is a CAN FD frame: give --data-bitrate",
-                fd.line
-            )));
+        let is_impossible = |(channel, it): &&(u8, LoggedFrame)| {
+            it.frame.as_ref().is_fd() && !settings.has_fd(*channel)
+        };
+        if let Some((channel, fd)) = frames.iter().find(is_impossible) {
+            let what = format!("{name}, line {} is a CAN FD frame", fd.line);
+            return Err(settings.without_fd(what, *channel));
         }
         let same = |out: &Path| {
             let file = arguments.file.canonicalize().ok();
@@ -118,6 +119,12 @@ impl Recording {
         }
         arguments.options.capture.check_apart_from(log)?;
         Ok(Self { frames, loops: arguments.loops, speed: arguments.speed, sent: 0 })
+    }
+
+    /// The channels that it goes to.
+    fn channels(&self) -> Channels {
+        let mask = self.frames.iter().fold(0, |mask, (channel, _)| mask | 1 << channel);
+        Channels::of_mask(mask)
     }
 
     /// Frames in all, if there is an end.
@@ -162,12 +169,19 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    let mut recording = Recording::read(arguments)?;
+    let settings = Settings::of(&arguments.options.gateway)?;
+    let mut recording = Recording::read(arguments, &settings)?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     let mut printer = Printer::start(Screen::default(), false, arguments.log.as_deref())?;
     let has_end = recording.total().is_some();
-    let wishes = Wishes { has_results: true, has_end, ..Wishes::on(arguments.channel) };
-    let opened = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
+    let wishes = Wishes {
+        required: recording.channels(),
+        has_results: true,
+        has_end,
+        ..Wishes::on(arguments.channel)
+    };
+    let capture = &arguments.options.capture;
+    let opened = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
     let Some(mut service) = opened else { return printer.finish(output) };
     let start_ns = service.now_ns();
     let mut departures = Departures::new(arguments.channel, start_ns);
@@ -203,7 +217,7 @@ pub fn run(
     let wanted = recording.total().filter(|_| !interrupt.is_set()).unwrap_or(departures.count());
     let summary = Summary::of(&departures, service.port(), wanted, elapsed_ns);
     summary.print(output)?;
-    summary.judge(departures.outcome(service.port()).cause(arguments.options.gateway.bitrate))
+    summary.judge(departures.outcome(service.port()).cause(service.port()))
 }
 
 /// Logs what a cycle brought.

@@ -14,8 +14,9 @@ use ecan_protocol::CanFrame;
 use crate::commands::bridge::front::{Front, Listening, Place};
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
-use crate::frames::options::{FrameOptions, GatewayOptions};
-use crate::frames::service::{Service, Wishes};
+use crate::frames::options::FrameOptions;
+use crate::frames::service::Service;
+use crate::frames::settings::{Settings, Wishes};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -28,7 +29,7 @@ Examples:
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
 
-The bit rates of the channel are those of the options: a client that names others hears nothing and
+The bit rates of the channel are those of the options or of the file: a client that names others hears nothing and
 cannot send. Frames go through once per EtherCAT cycle.";
 
 /// Arguments of `bridge`.
@@ -71,6 +72,7 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
+    let settings = Settings::of(&arguments.options.gateway)?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     // Before the gateway: the servers' threads keep out of what the cycle's thread asks for.
     let fronts = listen(arguments)?;
@@ -80,8 +82,16 @@ pub fn run(
         has_end: false,
         ..Wishes::on(Channels::only(arguments.channel))
     };
-    let opened = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
+    let capture = &arguments.options.capture;
+    let opened = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
     let Some(service) = opened else { return Ok(()) };
+    if let Some(can) = service.can(arguments.channel) {
+        let rates = match can.fd {
+            true => BusRates::fd(can.nominal_bitrate, can.data_bitrate),
+            false => BusRates::classic(can.nominal_bitrate),
+        };
+        fronts.iter().for_each(|front| front.clients().set_bus(rates));
+    }
     announce(arguments.channel, &fronts, output)?;
     let mut bridge = Traffic {
         channel: arguments.channel,
@@ -98,11 +108,6 @@ pub fn run(
 
 /// Starts the servers.
 fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
-    let GatewayOptions { bitrate, data_bitrate, .. } = arguments.options.gateway;
-    let rates = match data_bitrate {
-        Some(data_bitrate) => BusRates::fd(bitrate, data_bitrate),
-        None => BusRates::classic(bitrate),
-    };
     let slcan = match (arguments.slcan, arguments.socketcand, &arguments.pty) {
         (None, None, None) => Some(Listening::ANY),
         (slcan, _, _) => slcan,
@@ -117,9 +122,6 @@ fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
     }
     if let Some(link) = &arguments.pty {
         fronts.push(Front::terminal(link)?);
-    }
-    for front in &fronts {
-        front.clients().set_bus(rates);
     }
     Ok(fronts)
 }
