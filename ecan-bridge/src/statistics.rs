@@ -24,6 +24,16 @@ pub struct BridgeStatistics {
     /// Frames of clients that were refused because of the bit rate that the client named, or
     /// because a CAN FD frame was meant for a classic bus.
     pub mismatched: u64,
+    /// Frames of the bus that the other side cannot carry: CAN FD on a classic CAN interface.
+    pub unfit: u64,
+}
+
+impl BridgeStatistics {
+    /// Whether any frame did not go through, either way.
+    pub fn has_losses(&self) -> bool {
+        let Self { dropped_to_bus, dropped_to_clients, refused, mismatched, unfit, .. } = *self;
+        [dropped_to_bus, dropped_to_clients, refused, mismatched, unfit] != [0; 5]
+    }
 }
 
 /// The same, counted by several threads.
@@ -37,6 +47,7 @@ pub(crate) struct Counters {
     pub(crate) dropped_to_clients: AtomicU64,
     pub(crate) refused: AtomicU64,
     pub(crate) mismatched: AtomicU64,
+    pub(crate) unfit: AtomicU64,
 }
 
 /// Counts one more. Nothing else hangs on the order.
@@ -57,6 +68,7 @@ impl Counters {
             dropped_to_clients: read(&self.dropped_to_clients),
             refused: read(&self.refused),
             mismatched: read(&self.mismatched),
+            unfit: read(&self.unfit),
         }
     }
 }

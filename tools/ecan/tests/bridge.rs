@@ -103,6 +103,14 @@ fn can_fd_goes_over_slcan_and_bit_rates_are_those_of_the_channel() {
     let mut other = Client::connect(address);
     other.say("S8\rO\rt1230\r");
     other.expect("\r\r\x07");
+    // What did not go through is told at the end.
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    let told =
+        format!("# slcan bridge at {address}: 1 frames for the bus were refused: the channel");
+    assert_eq!(errors.matches(&told).count(), 1, "{errors}");
+    assert_eq!(errors.matches('#').count(), 1, "{errors}");
 }
 
 #[test]

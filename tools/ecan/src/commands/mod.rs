@@ -70,7 +70,7 @@ pub enum Command {
     /// Watch gateways, channels and the cycle on the whole terminal
     #[command(after_help = monitor::EXAMPLES)]
     Monitor(monitor::MonitorArguments),
-    /// Give a channel to other programs: slcan over TCP and on a terminal, socketcand over TCP
+    /// Give a channel to other programs: slcan, socketcand, a CAN interface of Linux
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),
     /// Test gateways on the production line: identity, every channel by loopback and by wire

@@ -26,11 +26,14 @@ Examples:
   ecan bridge --bitrate 1000000                slcan on a free port, which is printed
   ecan bridge --channel 2 --slcan 3333 --socketcand 29536
   ecan bridge --pty /tmp/can0                  slcan on a terminal, for slcand and the like
+  ecan bridge --channel 1 --socketcan vcan0    a CAN interface: candump vcan0, cansend vcan0 123#01
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
 
 The bit rates of the channel are those of the options or of the file: a client that names others hears nothing and
-cannot send. Frames go through once per EtherCAT cycle.";
+cannot send. Frames go through once per EtherCAT cycle.
+
+A virtual CAN interface: modprobe vcan; ip link add dev vcan0 type vcan; ip link set vcan0 up";
 
 /// Arguments of `bridge`.
 #[derive(Debug, Args)]
@@ -39,7 +42,7 @@ pub struct BridgeArguments {
     #[arg(long, value_name = "N", default_value = "0", value_parser = parse_channel)]
     channel: u8,
     /// Speak slcan over TCP: a port, an address or both; 127.0.0.1 and a free port otherwise.
-    /// The default without --socketcand and --pty
+    /// The default where no other way in is chosen
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     slcan: Option<Listening>,
     /// Speak socketcand over TCP: classic CAN data frames
@@ -48,7 +51,10 @@ pub struct BridgeArguments {
     /// Speak slcan on a pseudo-terminal, as a serial adapter does; LINK becomes a link to it
     #[arg(long, value_name = "LINK", num_args = 0..=1, default_missing_value = "")]
     pty: Option<PathBuf>,
-    /// Clients at a time, of each protocol
+    /// Couple a CAN interface of this host, virtual or real, as vcan0; CAN FD where its MTU is 72
+    #[arg(long, value_name = "INTERFACE", value_parser = parse_interface)]
+    socketcan: Option<String>,
+    /// Clients at a time, of slcan and socketcand over TCP
     #[arg(long, value_name = "COUNT", default_value_t = 8,
           value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_clients: u16,
@@ -57,6 +63,16 @@ pub struct BridgeArguments {
     listen_only: bool,
     #[command(flatten)]
     options: FrameOptions,
+}
+
+/// A name that an interface can have.
+fn parse_interface(text: &str) -> Result<String, String> {
+    let is_possible = (1..=15).contains(&text.len())
+        && text.bytes().all(|byte| byte.is_ascii_graphic() && !matches!(byte, b'/' | b':'));
+    match is_possible {
+        true => Ok(text.to_owned()),
+        false => Err("expected the name of a network interface, as vcan0".to_owned()),
+    }
 }
 
 /// A frame of a client.
@@ -100,18 +116,19 @@ pub fn run(
         under_way: HashMap::with_capacity(4096),
         waiting: None,
     };
-    while !interrupt.is_set() {
-        bridge.cycle(arguments.listen_only, output)?;
+    let mut outcome = Ok(());
+    while outcome.is_ok() && !interrupt.is_set() {
+        outcome = bridge.cycle(arguments.listen_only, output);
     }
-    bridge.service.finish_capture()
+    bridge.tell_losses(output);
+    outcome.and(bridge.service.finish_capture())
 }
 
 /// Starts the servers.
 fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
-    let slcan = match (arguments.slcan, arguments.socketcand, &arguments.pty) {
-        (None, None, None) => Some(Listening::ANY),
-        (slcan, _, _) => slcan,
-    };
+    let has_another =
+        arguments.socketcand.is_some() || arguments.pty.is_some() || arguments.socketcan.is_some();
+    let slcan = arguments.slcan.or((!has_another).then_some(Listening::ANY));
     let mut fronts = Vec::new();
     let wanted =
         [(BridgeProtocol::Slcan, slcan), (BridgeProtocol::Socketcand, arguments.socketcand)];
@@ -122,6 +139,9 @@ fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
     }
     if let Some(link) = &arguments.pty {
         fronts.push(Front::terminal(link)?);
+    }
+    if let Some(interface) = &arguments.socketcan {
+        fronts.push(Front::interface(interface)?);
     }
     Ok(fronts)
 }
@@ -191,7 +211,18 @@ impl Traffic {
                 Err(error) => output.note(format_args!("# a client's frame was refused: {error}")),
             }
         }
-        self.service.end(cycle)
+        self.service.end(cycle)?;
+        self.fronts.iter().try_for_each(Front::check)
+    }
+
+    /// Says what did not go through, where there is anything.
+    fn tell_losses(&self, output: &Output) {
+        for front in &self.fronts {
+            let Place { protocol, address, .. } = front.place(self.channel);
+            for loss in front.losses() {
+                output.note(format_args!("# {protocol} bridge at {address}: {loss}"));
+            }
+        }
     }
 
     fn next_of_clients(&self) -> Option<Held> {
