@@ -19,21 +19,14 @@ pub struct BridgeStatistics {
     pub delivered: u64,
     /// Frames that did not fit into a client's queue.
     pub dropped_to_clients: u64,
-    /// Commands of clients that were refused: malformed, unknown, or at the wrong time.
+    /// Commands and frames of clients that were refused: malformed, unknown, at the wrong time, or
+    /// for one of the reasons that are counted by themselves.
     pub refused: u64,
     /// Frames of clients that were refused because of the bit rate that the client named, or
     /// because a CAN FD frame was meant for a classic bus.
     pub mismatched: u64,
     /// Frames of the bus that the other side cannot carry: CAN FD on a classic CAN interface.
     pub unfit: u64,
-}
-
-impl BridgeStatistics {
-    /// Whether any frame did not go through, either way.
-    pub fn has_losses(&self) -> bool {
-        let Self { dropped_to_bus, dropped_to_clients, refused, mismatched, unfit, .. } = *self;
-        [dropped_to_bus, dropped_to_clients, refused, mismatched, unfit] != [0; 5]
-    }
 }
 
 /// The same, counted by several threads.

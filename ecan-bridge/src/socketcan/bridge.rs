@@ -163,10 +163,11 @@ impl Reader {
     fn submit(&self, frame: CanFrame) {
         // Before the bus is known nothing can be sent on it.
         let can_carry = self.hub.bus().is_some_and(|bus| bus.fd || !frame.is_fd());
-        if can_carry {
-            self.hub.submit(self.id, frame);
-        } else {
+        if !can_carry {
             count(&self.hub.counters.mismatched);
+        }
+        if !can_carry || !self.hub.submit(self.id, frame) {
+            count(&self.hub.counters.refused);
         }
     }
 }

@@ -143,13 +143,17 @@ impl Front {
     /// What did not go through, in words; nothing where all did.
     pub fn losses(&self) -> Vec<String> {
         let counted = self.clients().statistics();
+        let has_own_words = counted.dropped_to_bus + counted.mismatched;
         let words = [
             (counted.dropped_to_bus, "frames for the bus were dropped: too many waited"),
             (
                 counted.dropped_to_clients,
                 "frames of the bus were dropped: nobody took them in time",
             ),
-            (counted.refused, "commands or frames were refused: not understood"),
+            (
+                counted.refused.saturating_sub(has_own_words),
+                "commands or frames were refused: malformed, unknown, or at the wrong time",
+            ),
             (
                 counted.mismatched,
                 "frames for the bus were refused: the channel has another bit rate, or no CAN FD",
