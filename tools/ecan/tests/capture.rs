@@ -7,6 +7,7 @@ mod tshark_support;
 
 use std::path::Path;
 
+use support::client::Client;
 use support::{Running, Scenario, fails};
 use tshark_support::fields_of;
 
@@ -205,17 +206,14 @@ fn a_frame_that_the_gateway_did_not_take_is_not_in_the_file() {
 
 #[test]
 fn a_bridge_records_what_goes_both_ways() {
-    use std::io::{Read as _, Write as _};
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("out.pcapng").display().to_string();
     let mut bridge = Running::start(&["--ecrt", "sim", "bridge", "--capture", &path]);
     let line = bridge.line();
-    let mut client = std::net::TcpStream::connect(line.split(' ').nth(3).unwrap()).unwrap();
-    client.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
-    client.write_all(b"S6\rO\rt1232AABB\r").unwrap();
+    let mut client = Client::connect(line.split(' ').nth(3).unwrap());
+    client.say("S6\rO\rt1232AABB\r");
     // Its own frame is echoed by the node.
-    let mut answer = [0; b"\r\rz\rt1232AABB\r".len()];
-    client.read_exact(&mut answer).unwrap();
+    client.expect("\r\rz\rt1232AABB\r");
     bridge.terminate();
     assert_eq!(bridge.wait().0, Some(0));
     let expected = [true, false].map(|is_sent| (is_sent, 0x123, vec![0xAA, 0xBB]));

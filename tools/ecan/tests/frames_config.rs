@@ -3,6 +3,7 @@
 
 mod support;
 
+use support::client::Client;
 use support::{Running, Scenario, fails};
 
 /// Channels 0 and 2; standard frames other than 100 to 1FF stay out, extended ones all.
@@ -90,7 +91,6 @@ fn can_fd_goes_where_the_file_has_a_data_bit_rate() {
 
 #[test]
 fn a_bridge_has_the_bit_rates_of_the_file() {
-    use std::io::{Read as _, Write as _};
     let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.2\"\n");
     let path = bus.write("cell.toml", CELL);
     let setting = bus.setting();
@@ -98,12 +98,9 @@ fn a_bridge_has_the_bit_rates_of_the_file() {
     let mut bridge = Running::start(&[&["--ecrt", &setting][..], &options].concat());
     let line = bridge.line();
     let talk = |say: &str, expected: &str| {
-        let mut client = std::net::TcpStream::connect(line.split(' ').nth(3).unwrap()).unwrap();
-        client.set_read_timeout(Some(std::time::Duration::from_secs(60))).unwrap();
-        client.write_all(say.as_bytes()).unwrap();
-        let mut answer = vec![0; expected.len()];
-        client.read_exact(&mut answer).unwrap();
-        assert_eq!(String::from_utf8_lossy(&answer), expected);
+        let mut client = Client::connect(line.split(' ').nth(3).unwrap());
+        client.say(say);
+        client.expect(expected);
     };
     // S4 is 125 kbit/s, S6 500; Y1 1 Mbit/s of data.
     talk("S4\rY1\rO\rb12308AA\r", "\r\r\r");
