@@ -7,7 +7,8 @@ use ecan_protocol::CHANNELS;
 
 use crate::bus::Bus;
 use crate::failure::Failure;
-use crate::frames::service::{MAX_FAILED_CYCLES, Wishes, configuration, failure};
+use crate::frames::service::{MAX_FAILED_CYCLES, failure};
+use crate::frames::settings::{Planned, Settings, Wishes};
 use crate::global::GlobalOptions;
 
 use super::MonitorArguments;
@@ -28,22 +29,21 @@ impl Watcher {
     /// Configures the gateway chosen, or all of them. No cycle runs yet.
     pub fn open(
         bus: &Bus,
+        settings: &Settings<'_>,
         arguments: &MonitorArguments,
         global: &GlobalOptions,
     ) -> Result<Self, Failure> {
-        let positions = bus.chosen_or_every_gateway()?;
         let wishes =
             Wishes { is_listening: arguments.listen_only, ..Wishes::on(arguments.channel) };
-        let options = &arguments.options;
-        let (adapter, config) = configuration(options, wishes, global.master, &positions)?;
+        let Planned { positions, adapter, config, .. } = settings.for_all(bus, wishes, global)?;
         let first = positions.first().copied().unwrap_or_default();
         let failed = |error| match failure(first, error) {
             Failure::OutOfService { reason, .. } if positions.len() > 1 => Failure::Refused(reason),
             other => other,
         };
         config.check(&adapter).map_err(|faults| failed(faults.into()))?;
+        let busy = BusTime::new(&config);
         let port = Port::open(bus.ecrt(), adapter, config).map_err(failed)?;
-        let busy = BusTime::new(positions.len(), options.bitrate, options.data_bitrate);
         Ok(Self { port, positions, busy, failed_cycles: 0 })
     }
 
