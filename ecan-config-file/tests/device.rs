@@ -153,6 +153,22 @@ fn gateways_are_found_by_alias_and_position() {
 }
 
 #[test]
+fn two_gateways_of_a_file_are_never_one_slave() {
+    let mut scenario = ecan_sim::echo(2);
+    scenario.gateways[1].alias = 7;
+    let bench = with(scenario);
+    let mut file = two();
+    let [first, second] = &mut file.adapter.slaves[..] else { panic!("two") };
+    (first.alias, first.position) = (0, 1);
+    (second.alias, second.position) = (7, 0);
+    let error = find(&bench.bus, &file.adapter.slaves).unwrap_err();
+    assert!(matches!(error, PlaceFault::Same { first: 0, second: 1, slave: 1 }), "{error}");
+    assert!(error.to_string().contains("gateways 0 and 1 of the file are the same slave 1"));
+    file.adapter.slaves[0].position = 0;
+    assert!(find(&bench.bus, &file.adapter.slaves).is_ok());
+}
+
+#[test]
 fn a_gateway_in_op_is_left_alone() {
     let (bench, file) = (bench(2), two());
     let mut port = Port::open(&bench.ecrt, file.adapter.clone(), file.port.clone()).unwrap();

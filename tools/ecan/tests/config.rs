@@ -227,6 +227,11 @@ fn of_several_gateways_one_is_chosen() {
     good(&["--ecrt", &setting, "--slave", "1", "config", "save"]);
     let message = fails(4, &["--ecrt", "sim", "config", "apply", text(&path)]);
     assert!(message.contains("gateway 1 of the file: no slave has the alias 7"), "{message}");
+    // The slave at position 1 is the one with the alias 7.
+    let both = two.replace("n = 3", "n = 3\nposition = 1");
+    let (_directory, both) = file(&both);
+    let message = fails(4, &["--ecrt", &setting, "config", "apply", text(&both)]);
+    assert!(message.contains("gateways 0 and 1 of the file are the same slave 1"), "{message}");
     let message = fails(2, &["config", "export", text(&path)]);
     assert!(message.contains("2 gateways; choose one with --gateway"), "{message}");
     let list = good(&["config", "export", "--gateway", "1", "--format", "ethercat", text(&path)]);
