@@ -112,7 +112,8 @@ impl Channel<'_> {
     /// How the pins are rotated, where they are.
     fn rotation(&self) -> Option<String> {
         let rotation = self.snapshot.get(0x8000, 13).filter(|rotation| *rotation != 0)?;
-        let group = (u32::from(self.number) + rotation) % CHANNELS as u32;
+        let channels = CHANNELS as u32;
+        let group = (u32::from(self.number) + rotation % channels) % channels;
         Some(format!("the pins are rotated by {rotation}: this channel is at pin group {group}"))
     }
 
