@@ -21,6 +21,22 @@ fn everything_is_more_than_findings_need_and_ends_at_the_assignment() {
 }
 
 #[test]
+fn of_a_channel_that_was_not_applied_more_is_read() {
+    let read = |status| {
+        Snapshot::read(Depth::Findings, |key| {
+            Ok(if (key.index, key.subindex) == (0x8002, 2) { status } else { 0 })
+        })
+    };
+    let (well, failed) = (read(0), read(3));
+    assert_eq!(failed.values.len(), well.values.len() + 23);
+    for subindex in [25, 36, 62, 73] {
+        assert_eq!(well.get(0x8002, subindex), None, "{subindex}");
+        assert_eq!(failed.get(0x8002, subindex), Some(0), "{subindex}");
+        assert_eq!(failed.get(0x8001, subindex), None, "{subindex}");
+    }
+}
+
+#[test]
 fn refusals_are_noted_and_silence_ends_the_reading() {
     let snapshot = Snapshot::read(Depth::Findings, |key| match (key.index, key.subindex) {
         (0x8000, 3) => Err(ReadError::Refused("no such entry".into())),

@@ -243,7 +243,8 @@ fn overflow(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
             .because(&[
                 "the host sends more than the buses carry",
                 "nobody acknowledges on a bus, so that its queue stays full",
-                "the transmit budget 0x8021:12 is smaller than the frames of a cycle",
+                "a channel's transmit budget (0x8021:12 to 0x8024:12) is smaller than the frames of a \
+                 cycle",
             ])
             .so("compare the frames sent with the bit rate, then look at the channels", "12")
     })
