@@ -38,6 +38,7 @@ mod filter;
 mod filter_compare;
 mod flash;
 mod gateway;
+mod idle_keys;
 
 use std::path::Path;
 use std::str::FromStr;

@@ -220,6 +220,68 @@ can2 = { bitrate = 500_000, data_bitrate = 2_000_000, ram = { rx_fifo0_size = 64
 }
 
 #[test]
+fn keys_that_would_do_nothing_are_faults() {
+    // What the channel has, the key, and why it does nothing; nothing where it is in its place.
+    let manual =
+        "bit_timing = \"manual\", nominal_timing = { brp = 2, tseg1 = 63, tseg2 = 16, sjw = 16 }";
+    let (classic, fd) = ("", "data_bitrate = 2_000_000");
+    let timing = "{ brp = 9, tseg1 = 1, tseg2 = 1, sjw = 1 }";
+    let is_classic = Some("without `data_bitrate` the channel is classic CAN");
+    let is_automatic = Some("it needs `bit_timing = \"manual\"`");
+    let cases = [
+        (classic, "nominal_timing", timing, is_automatic),
+        (fd, "data_timing", timing, is_automatic),
+        (classic, "data_timing", timing, is_classic),
+        (manual, "sample_point", "80", Some("`bit_timing` is manual")),
+        (classic, "data_sample_point", "80", is_classic),
+        (classic, "tdc_offset", "5", is_classic),
+        (classic, "tdc", "true", is_classic),
+        (classic, "non_iso", "true", is_classic),
+        ("data_bitrate = 2_000_000, tdc = false", "tdc_filter", "5", Some("`tdc` is off at this")),
+        ("data_bitrate = 5_000_000", "tdc", "false", Some("from 5 Mbit/s on delay compensation")),
+        (classic, "tsu_prescaler", "2", Some("`tsu` is off")),
+        (classic, "timeout_period", "9", Some("`timeout` is off")),
+        (fd, "data_sample_point", "80", None),
+        (fd, "tdc", "false", None),
+        (fd, "tdc_offset", "5", None),
+        (classic, "tdc", "false", None),
+        (classic, "sample_point", "80", None),
+        ("tsu = true", "tsu_prescaler", "2", None),
+        ("timeout = true", "timeout_period", "9", None),
+        // Where the key that decides is wrong, its fault is the only one.
+        (
+            "bit_timing = \"hand\"",
+            "nominal_timing",
+            "{ brp = 2, tseg1 = 3, tseg2 = 4, sjw = 4 }",
+            None,
+        ),
+    ];
+    for (others, key, value, why) in cases {
+        let comma = if others.is_empty() { "" } else { ", " };
+        let head =
+            format!("[[gateway]]\nn = 3\ncan0 = {{ bitrate = 500_000{comma}{others}, {key} = ");
+        let faults = match read(&format!("{head}{value} }}\n")) {
+            Ok(_) => Vec::new(),
+            Err(faults) => faults.0,
+        };
+        let told: Vec<_> = faults
+            .iter()
+            .filter(|fault| fault.reason.starts_with(&format!("`{key}` has no effect: ")))
+            .collect();
+        match why {
+            None => assert!(told.is_empty(), "{others} {key}: {faults:?}"),
+            Some(why) => {
+                let [fault] = told[..] else { panic!("{others} {key}: {faults:?}") };
+                assert!(fault.reason.contains(why), "{fault}");
+                let column = head.lines().last().unwrap().chars().count() + 1;
+                assert_eq!((fault.line, fault.column), (3, column), "{fault}");
+                assert_eq!(faults.len(), 1, "{faults:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn faults_of_the_syntax_do_not_hide_others() {
     let faults = read("cycle_us = \nmaster = \"x\"\n[[gateway]\nn = 3\n").unwrap_err().0;
     let lines: Vec<_> = faults.iter().map(|it| it.line).collect();
