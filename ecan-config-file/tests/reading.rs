@@ -2,7 +2,7 @@
 #![allow(missing_docs)]
 
 use ecan_config_file::{ConfigFile, ConfigFileError, EXAMPLE, FileFaults, load};
-use ecan_host::{ClockSource, DcSync};
+use ecan_host::{ClockSource, DcSync, Expectation, StartupStep};
 use ecan_protocol::{
     DataPathConfig, EncapsulationProfile, ExtendedMatch, FilterAction, MessageRamLayout, NodeMode,
     OptionFlags,
@@ -279,6 +279,54 @@ fn keys_that_would_do_nothing_are_faults() {
             }
         }
     }
+}
+
+#[test]
+fn a_filter_into_a_receive_buffer_means_one_identifier() {
+    let head = "[[gateway]]\nn = 3\n[gateway.can0]\nbitrate = 500_000\n";
+    for (table, matching) in [("standard_filter", "range"), ("extended_filter", "range_unmasked")] {
+        let filter = format!(
+            "{head}[[gateway.can0.{table}]]\naction = \"rx_buffer\"\nrx_buffer = 3\nid1 = 0x80\n"
+        );
+        let both = format!("{filter}match = \"{matching}\"\nid2 = 0x90\n");
+        let faults = read(&both).unwrap_err().0;
+        let found: Vec<_> = faults.iter().map(|it| (it.line, it.reason.as_str())).collect();
+        let why = "has no effect: a filter into a receive buffer means the one identifier `id1`";
+        assert_eq!(found, [(9, &*format!("`match` {why}")), (10, &*format!("`id2` {why}"))]);
+
+        let file = read(&filter).unwrap();
+        let steps = file.startup(0);
+        let values = |subindex| {
+            let written = steps.iter().filter_map(|step| match step {
+                StartupStep::Download(it) if (it.index, it.subindex) == (0x8001, subindex) => {
+                    Some(it.value)
+                }
+                _ => None,
+            });
+            written.collect::<Vec<_>>()
+        };
+        // Type, action, sync, both identifiers: "two", and not "disabled" or a range.
+        let first = if table == "standard_filter" { 50 } else { 56 };
+        let fields: Vec<_> = (first..first + 5).map(values).collect();
+        assert_eq!(fields, [[1], [7], [0], [0x80], [3]]);
+    }
+}
+
+#[test]
+fn checks_that_any_value_meets_are_left_out() {
+    let options = |options: &str| {
+        let text = format!(
+            "[[gateway]]\nn = 3\ncan0 = {{ bitrate = 500_000 }}\ntx_pdo = {{ options = [{options}] }}\n"
+        );
+        let steps = read(&text).unwrap().startup(0);
+        let of_options = steps.iter().filter_map(|step| match *step {
+            StartupStep::Expect { index: 0xF000, subindex: 15, expected } => Some(expected),
+            _ => None,
+        });
+        of_options.collect::<Vec<_>>()
+    };
+    assert_eq!(options(""), []);
+    assert_eq!(options("\"tx_result\""), [Expectation::HasBits(1)]);
 }
 
 #[test]
