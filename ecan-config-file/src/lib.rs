@@ -39,6 +39,7 @@ mod filter_compare;
 mod flash;
 mod gateway;
 mod idle_keys;
+mod warning;
 
 use std::path::Path;
 use std::str::FromStr;
@@ -50,6 +51,7 @@ pub use compare::{Difference, Expected, differences};
 pub use device::{Place, PlaceFault, apply, find};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use flash::{FlashCommand, FlashDone, FlashError, FlashStatus};
+pub use warning::{Elements, FileWarning};
 
 use document::{Document, Table};
 

@@ -278,6 +278,13 @@ fn what_barely_works_is_a_warning_and_no_fault() {
     let (_directory, path) = file(&format!("cycle_us = 570\n{gateway}{gateway}"));
     let checked = good(&["config", "check", text(&path)]);
     assert!(checked.contains("\nwarning: the frames of a cycle take 4"), "{checked}");
+    // CAN FD in the layout of classic CAN.
+    let fd = "cycle_us = 1000\n[[gateway]]\nn = 8\n[gateway.can0]\nbitrate = 500_000\n\
+              data_bitrate = 2_000_000\nram = { layout = \"classic\" }\n";
+    let (_directory, path_of_fd) = file(fd);
+    let checked = good(&["config", "check", text(&path_of_fd)]);
+    let warning = "\nwarning: slave 0, channel 0: the transmit elements hold 8 bytes of a frame";
+    assert!(checked.contains(warning), "{checked}");
     let (_directory, path) = file(&format!("cycle_us = 400\n{gateway}{gateway}"));
     let output = ecan(&["config", "check", text(&path)]);
     assert_eq!(output.status.code(), Some(1));
