@@ -50,7 +50,7 @@ use ecan_mcan_port::PortConfig;
 pub use compare::{Difference, Expected, differences};
 pub use device::{Place, PlaceFault, apply, find};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
-pub use flash::{FlashCommand, FlashDone, FlashError, FlashStatus};
+pub use flash::{FlashCommand, FlashDone};
 pub use warning::{Elements, FileWarning};
 
 use document::{Document, Table};

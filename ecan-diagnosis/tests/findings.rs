@@ -463,7 +463,19 @@ fn each_diagnostic_flag_is_explained() {
 
 #[test]
 fn states_of_the_device_are_told() {
-    assert_eq!(with(0xB000, 5, 2).id, "maintenance-status");
+    for (status, words, cause) in [
+        (1, "busy", "two programs"),
+        (2, "denied", "needs engineering or factory mode"),
+        (3, "CRC error", "nothing was saved"),
+        (4, "image invalid", "nothing was saved"),
+        (5, "Flash error", "worn out"),
+        (9, "not in the manual", "worn out"),
+    ] {
+        let found = with(0xB000, 5, status);
+        assert_eq!(found.id, "maintenance-status");
+        let words = format!("ended with status {status} ({words}");
+        assert!(found.what.contains(&words) && found.causes[0].contains(cause), "{found:#?}");
+    }
     assert!(with(0xB000, 2, 2).what.contains("factory mode"));
     assert_eq!(with(0x8000, 15, 1).id, "pin-rotation");
     assert_eq!(with(0x8000, 11, 1).id, "system-apply");

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use ecan_command_line::log_file::LogFileError;
+use ecan_host::MaintenanceError;
 use ecan_sim::BackendError;
 use thiserror::Error;
 
@@ -76,6 +77,15 @@ impl Failure {
             Self::Slave(_) => 4,
             Self::Device(_) | Self::Refused(_) | Self::OutOfService { .. } => 5,
             Self::File { .. } | Self::Output(_) | Self::Log(_) | Self::Bridge(_) => 6,
+        }
+    }
+}
+
+impl From<MaintenanceError> for Failure {
+    fn from(error: MaintenanceError) -> Self {
+        match error {
+            MaintenanceError::Device(error) => Self::Device(error),
+            other => Self::Refused(other.to_string()),
         }
     }
 }

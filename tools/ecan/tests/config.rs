@@ -179,7 +179,7 @@ fn the_flash_is_saved_loaded_and_restored() {
     let factory = simulated(&["config", "factory"]);
     assert!(factory.ends_with(", stored 0x00000000)\n"), "{factory}");
     let message = fails(5, &["--ecrt", "sim", "config", "load"]);
-    assert!(message.contains("status 4 (image invalid: there is no saved"), "{message}");
+    assert!(message.contains("status 4 (image invalid: nothing is stored"), "{message}");
     let json: serde_json::Value =
         serde_json::from_str(&simulated(&["config", "save", "--json"])).unwrap();
     assert_eq!(json["active_crc"], json["stored_crc"]);
