@@ -373,6 +373,17 @@ fn what_is_wrong_with_the_values_is_the_first_cause_of_a_failed_apply() {
         snapshot.set(0x8004, 65, 9);
     });
     assert_eq!(found.causes[0], "0x8004:65 is 9, which means nothing");
+    // Manual bit timing, read and not read.
+    let manual = |timing: &[(u8, u32)]| {
+        only(|snapshot| {
+            for (subindex, value) in [(2, 3), (7, 1)].iter().chain(timing) {
+                snapshot.set(0x8001, *subindex, *value);
+            }
+        })
+    };
+    let found = manual(&[(15, 0), (25, 2), (26, 63), (27, 16), (28, 20)]);
+    assert!(found.causes[0].starts_with("manual nominal bit timing BRP 2 TSEG1 63"), "{found:#?}");
+    assert!(manual(&[]).causes[0].starts_with("no bit timing fits"));
 }
 
 #[test]

@@ -1,7 +1,9 @@
 //! Commands about a channel's configuration that failed (manual 13.4, "Channel commands and
 //! status").
 
-use ecan_protocol::{ApplyStatus, MCAN_CLOCK_HZ, MESSAGE_RAM_BYTES, McanChannelConfig};
+use ecan_protocol::{
+    ApplyStatus, BitTimingMode, MCAN_CLOCK_HZ, MESSAGE_RAM_BYTES, McanChannelConfig,
+};
 
 use super::channel::Channel;
 use crate::finding::Finding;
@@ -90,6 +92,10 @@ impl Channel<'_> {
                     self.config_entry(subindex)
                 ));
             }
+        }
+        // A manual timing that was not read cannot be judged.
+        if config.bit_timing_mode == BitTimingMode::Manual && self.config(25).is_none() {
+            return faults;
         }
         let clock_hz = self.snapshot.get(0x8000, 6 + self.number).unwrap_or(MCAN_CLOCK_HZ);
         config.check_at(clock_hz, &mut |fault| faults.push(fault.to_string()));
