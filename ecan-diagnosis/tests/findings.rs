@@ -1,58 +1,10 @@
 //! Each finding of manual 5.4.6, 13 and 16, fed by the values that a gateway would show.
 #![allow(missing_docs)]
 
+mod common;
+
+use common::{healthy, only, with};
 use ecan_diagnosis::{Finding, Place, Severity, Snapshot, findings};
-
-/// A gateway in OP with N = 8 and all channels running well.
-fn healthy() -> Snapshot {
-    let mut snapshot = Snapshot { al_state: 8, al_status_code: Some(0), ..Snapshot::default() };
-    for (profile, assignment) in [(0x8010, 0x1C13), (0x8011, 0x1C12)] {
-        snapshot.set(assignment, 0, 8);
-        snapshot.set(profile, 3, 8);
-        snapshot.set(profile, 4, 0x0F);
-        for (subindex, value) in
-            [(2, 0), (9, 1024), (10, 1000), (12, 0x0000_01E7), (14, 0), (15, 0), (16, 0)]
-        {
-            snapshot.set(profile, subindex, value);
-        }
-    }
-    snapshot.set(0x8000, 4, 400_000_000);
-    for (subindex, value) in [(1, 5000), (2, 5000), (4, 40_000), (5, 48_000)] {
-        snapshot.set(0x9011, subindex, value);
-    }
-    for channel in 0..4 {
-        for (subindex, value) in
-            [(2, 0), (4, 0), (8, 0), (15, 1), (19, 500_000), (20, 2_000_000), (21, 800), (22, 800)]
-        {
-            snapshot.set(0x8001 + channel, subindex, value);
-        }
-        snapshot.set(0x8021 + channel, 1, 1);
-        snapshot.set(0x8021 + channel, 3, 0);
-        snapshot.set(0x8021 + channel, 14, 1);
-        // Idle, no error; run with CAN FD; 32 free transmit elements.
-        for (subindex, value) in [(1, 0), (2, 0x070F), (3, 0x0A01), (6, 32), (9, 0x000A)] {
-            snapshot.set(0x9000 + channel, subindex, value);
-        }
-    }
-    snapshot.set(0xB000, 6, 0);
-    snapshot
-}
-
-/// The only finding behind a change of the healthy gateway.
-fn only(change: impl FnOnce(&mut Snapshot)) -> Finding {
-    let mut snapshot = healthy();
-    change(&mut snapshot);
-    let mut found = findings(&snapshot);
-    assert_eq!(found.len(), 1, "{found:#?}");
-    let found = found.remove(0);
-    assert!(!found.causes.is_empty() && !found.next.is_empty(), "{found:#?}");
-    found
-}
-
-/// As [`only`], with one value changed.
-fn with(index: u16, subindex: u8, value: u32) -> Finding {
-    only(|snapshot| snapshot.set(index, subindex, value))
-}
 
 /// Name and first cause: what an engineer looks at first.
 fn first(finding: &Finding) -> (&'static str, &str) {
@@ -325,75 +277,6 @@ fn errors_of_the_data_phase_point_at_sample_point_and_tdc() {
 fn bus_off_in_the_past_is_a_warning() {
     let found = with(0x9000, 15, 2);
     assert_eq!((found.id, found.severity), ("bus-off-past", Severity::Warning));
-}
-
-#[test]
-fn each_status_of_an_apply_command_has_its_causes() {
-    let causes = |status| with(0x8001, 2, status).causes;
-    assert_eq!(with(0x8001, 2, 3).id, "apply-failed");
-    // The manual says no more than "fail".
-    assert!(causes(1)[0].contains("gives no reason"), "{:#?}", causes(1));
-    // The configuration could not be converted.
-    assert!(causes(3)[0].contains("no bit timing fits"), "{:#?}", causes(3));
-    assert!(causes(3)[1].contains("0x8001 is out of its range"), "{:#?}", causes(3));
-    // The controller was not restarted, or its driver failed.
-    assert!(causes(4)[0].contains("did not restart"), "{:#?}", causes(4));
-    assert!(causes(77)[0].contains("gives no reason"), "{:#?}", causes(77));
-    // An exceeded Message RAM may be any of them.
-    for status in [1, 3, 4] {
-        let causes = causes(status);
-        assert!(causes.iter().any(|it| it.contains("Message RAM")), "{causes:#?}");
-        assert_eq!(causes.iter().any(|it| it.contains("did not restart")), status == 4);
-    }
-    assert!(with(0x8001, 2, 3).next.contains("read 0x8001:02 again"));
-}
-
-#[test]
-fn what_is_wrong_with_the_values_is_the_first_cause_of_a_failed_apply() {
-    // 80 MHz and 5 Mbit/s are 16 quanta: 80.0 % is none of their sample points.
-    let found = only(|snapshot| {
-        for (subindex, value) in [(2, 3), (7, 0), (20, 5_000_000), (23, 800), (24, 800)] {
-            snapshot.set(0x8003, subindex, value);
-        }
-    });
-    assert!(found.causes[0].starts_with("data bit timing: "), "{found:#?}");
-    assert!(found.causes[0].contains("81.25 %"), "{found:#?}");
-    assert!(!found.causes.iter().any(|it| it.contains("Message RAM")), "{found:#?}");
-    // 64 elements of 72 bytes in RX FIFO0, by either status.
-    for status in [3, 4] {
-        let found = only(|snapshot| {
-            snapshot.set(0x8002, 2, status);
-            snapshot.set(0x8002, 62, 64);
-        });
-        let first = "Message RAM layout needs 9344 bytes, the channel has 8192";
-        assert_eq!(found.causes[0], first, "{found:#?}");
-    }
-    let found = only(|snapshot| {
-        snapshot.set(0x8004, 2, 3);
-        snapshot.set(0x8004, 65, 9);
-    });
-    assert_eq!(found.causes[0], "0x8004:65 is 9, which means nothing");
-    // Manual bit timing, read and not read.
-    let manual = |timing: &[(u8, u32)]| {
-        only(|snapshot| {
-            for (subindex, value) in [(2, 3), (7, 1)].iter().chain(timing) {
-                snapshot.set(0x8001, *subindex, *value);
-            }
-        })
-    };
-    let found = manual(&[(15, 0), (25, 2), (26, 63), (27, 16), (28, 20)]);
-    assert!(found.causes[0].starts_with("manual nominal bit timing BRP 2 TSEG1 63"), "{found:#?}");
-    assert!(manual(&[]).causes[0].starts_with("no bit timing fits"));
-}
-
-#[test]
-fn a_failed_flash_command_is_told_by_its_status() {
-    let found = with(0x8004, 4, 1);
-    assert_eq!(found.id, "flash-failed");
-    assert!(found.causes[0].contains("nothing is stored"), "{found:#?}");
-    assert!(found.next.contains("0x8004:03 = 1"), "{found:#?}");
-    assert!(with(0x8004, 4, 3).causes[0].contains("another firmware"));
-    assert!(with(0x8004, 4, 4).causes[0].contains("did not restart"));
 }
 
 #[test]
