@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
-use ecan_protocol::{AlState, AlStatusCode, object};
+use ecan_protocol::{AlState, AlStatusCode, FilterWindow, object};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// An entry of the object dictionary; as text `0x8010:02`, the subindex in decimal as in the
@@ -104,8 +104,6 @@ const APPLY_ENTRIES: [u8; 23] =
     [25, 26, 27, 28, 29, 30, 31, 32, 36, 37, 61, 62, 63, 64, 65, 66, 67, 68, 69, 70, 71, 72, 73];
 /// Of the capabilities.
 const CAPABILITY_ENTRIES: [u8; 9] = [1, 3, 4, 5, 6, 7, 8, 11, 29];
-/// The filter editing window shows one filter at a time, and that is not state.
-const FILTER_WINDOW: [u8; 14] = [43, 44, 45, 46, 47, 48, 50, 51, 52, 53, 54, 56, 57, 58];
 
 impl Snapshot {
     /// Reads the values of a gateway through `read`, which uploads one entry. The states of the
@@ -186,6 +184,14 @@ fn is_assignment(index: u16) -> bool {
     matches!(index, 0x1C12 | 0x1C13)
 }
 
+/// The editing windows show one filter at a time, and that is not state.
+fn is_filter_in_window(subindex: u8) -> bool {
+    FilterWindow::BOTH.iter().any(|window| {
+        [window.index, window.command, window.status].contains(&subindex)
+            || window.fields().contains(&subindex)
+    })
+}
+
 /// What is read of an object, in ascending order.
 fn subindices(index: u16, depth: Depth) -> impl Iterator<Item = u8> {
     let entries = object(index).map_or(&[][..], |object| object.entries);
@@ -195,7 +201,7 @@ fn subindices(index: u16, depth: Depth) -> impl Iterator<Item = u8> {
         (0x8001..=0x8004, Depth::Findings) => {
             CHANNEL_ENTRIES.contains(&subindex) || APPLY_ENTRIES.contains(&subindex)
         }
-        (0x8001..=0x8004, Depth::Everything) => !FILTER_WINDOW.contains(&subindex),
+        (0x8001..=0x8004, Depth::Everything) => !is_filter_in_window(subindex),
         (0xF000, Depth::Findings) => CAPABILITY_ENTRIES.contains(&subindex),
         _ => true,
     };
