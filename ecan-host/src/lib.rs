@@ -26,6 +26,7 @@ mod domain_layout;
 mod error;
 mod faults;
 mod identification;
+mod maintenance;
 mod mapping;
 mod operation;
 mod operation_report;
@@ -47,6 +48,7 @@ pub use diagnostics::Diagnostics;
 pub use domain_layout::{DomainLayout, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 pub use error::{Error, SdoDirection, value_words};
 pub use faults::Faults;
+pub use maintenance::{Maintenance, MaintenanceError};
 pub use operation::{OpProgress, OpWait};
 pub use operation_report::{NotOperational, SlaveReport};
 pub use plan::{

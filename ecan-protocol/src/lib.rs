@@ -89,6 +89,7 @@ mod al_status;
 mod bit_timing;
 mod capabilities;
 mod config;
+mod maintenance;
 mod message_ram;
 mod object;
 mod raw_enum;
@@ -112,6 +113,7 @@ pub use config::{
     RxBypass, RxOverflow, SamplePointWindow, SessionCommand, Sides, StandardFilter, StandardMatch,
     TxBypass, TxOverflow, assignment_writes, check_filters, filter_writes, session_command_write,
 };
+pub use maintenance::{AccessMode, MaintenanceCommand, MaintenanceStatus};
 pub use message_ram::{
     DataSize, EXTENDED_FILTERS_MAX, FifoMode, MESSAGE_RAM_BYTES, MessageRamLayout, RxFifo,
     STANDARD_FILTERS_MAX, TxMode,

@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use ecan_command_line::log_file::LogFileError;
+use ecan_host::MaintenanceError;
 use ecan_sim::BackendError;
 use thiserror::Error;
 
@@ -95,6 +96,15 @@ impl Failure {
             | Self::Log(_)
             | Self::Bridge(_) => 6,
             Self::Host(_) => 7,
+        }
+    }
+}
+
+impl From<MaintenanceError> for Failure {
+    fn from(error: MaintenanceError) -> Self {
+        match error {
+            MaintenanceError::Device(error) => Self::Device(error),
+            other => Self::Refused(other.to_string()),
         }
     }
 }

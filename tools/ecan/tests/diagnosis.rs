@@ -77,6 +77,33 @@ fault [bus-off] CAN1: the channel is bus-off: it neither sends nor receives
 }
 
 #[test]
+fn numbers_of_a_file_that_no_gateway_shows_are_explained_too() {
+    let directory = tempfile::tempdir().unwrap();
+    let changes = [
+        ("0x8010:09", 23),
+        ("0x8010:10", u32::MAX),
+        ("0x1C13:00", u32::MAX),
+        ("0x8000:13", u32::MAX),
+        ("0x9000:01", 128),
+        ("0x9000:02", 0x077B),
+        ("0x9000:09", 0x001A),
+        ("0x8002:02", 4),
+        ("0x8002:62", 200),
+    ];
+    let path = bundle(directory.path(), &changes);
+    let report = ends(1, &["diag", "--brief", "--from", &path]);
+    for words in [
+        "[frame-area] TxPDO: 23 active bytes do not hold the header of 24\n",
+        "[assignment-differs] TxPDO: 0x1C13 assigns 4294967295 chunks",
+        "the pins are rotated by 4294967295: this channel is at pin group 3\n",
+        "may be 1. RX FIFO0 size (subindex 62) is 200, possible is 0..64\n",
+        "apply it (0x8002:01 = 1) and read 0x8002:02 again\n",
+    ] {
+        assert!(report.contains(words), "{words}: {report}");
+    }
+}
+
+#[test]
 fn programs_get_registers_findings_and_the_bundle() {
     let directory = tempfile::tempdir().unwrap();
     let path = bundle(directory.path(), &[("0x9000:01", 0x0000_2005), ("0x8011:16", 3)]);
