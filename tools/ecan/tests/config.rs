@@ -5,7 +5,7 @@ mod support;
 
 use std::path::{Path, PathBuf};
 
-use support::{ecan, fails, good, simulated, two_gateways};
+use support::{ecan, ends, fails, good, scenario, setting, simulated, two_gateways};
 use tempfile::TempDir;
 
 /// A directory with a file of this content.
@@ -142,6 +142,41 @@ fn a_file_is_applied_part_by_part() {
     assert!(
         steps.contains("    0x8010:12 (TxPDO Profile Control, Active profile word) reads 167\n")
     );
+}
+
+#[test]
+fn what_was_written_is_told_where_the_next_gateway_fails() {
+    let (_directory, path) = file(
+        "[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\nposition = 1\nn = 2\n\
+         can1 = { bitrate = 125_000 }\n[[gateway]]\nposition = 2\nn = 2\n\
+         can1 = { bitrate = 125_000 }\n",
+    );
+    let path = text(&path);
+    let bus = scenario(
+        "[[gateway]]\n[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\n\
+         gateway = 1\nindex = 0x8002\nsubindex = 19\ncode = 0x06090030\ntimes = 9\n",
+    );
+    let bus = setting(&bus);
+    let told = ends(5, &["--ecrt", &bus, "config", "apply", path, "--steps"]);
+    let places: Vec<_> = told.lines().filter(|line| line.starts_with("slave ")).collect();
+    let expected = [
+        format!("slave 0 has gateway 0 of {path}"),
+        format!("slave 1 has only a part of gateway 1 of {path}"),
+        format!("slave 2 was not reached, it has nothing of gateway 2 of {path}"),
+    ];
+    assert_eq!(places, expected, "{told}");
+    let (first, rest) = told.split_once("slave 1 ").unwrap();
+    assert!(first.contains("    0x8001:19 MCAN Channel Config 0 / Nominal bitrate = 250000\n"));
+    assert!(rest.contains("  PDO profiles "), "{rest}");
+    let reason = rest.lines().find(|line| line.starts_with("  SDO download 0x8002:19")).unwrap();
+    assert!(reason.contains("0x06090030"), "{reason}");
+    let json = ends(5, &["--ecrt", &bus, "config", "apply", path, "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let complete = [0, 1, 2].map(|at| json[at]["is_complete"].as_bool().unwrap());
+    assert_eq!(complete, [true, false, false]);
+    assert!(json[1]["error"].as_str().unwrap().contains("0x06090030"), "{json}");
+    assert!(json[1]["steps"].as_array().unwrap().len() > 20);
+    assert_eq!(json[2]["steps"], serde_json::json!([]));
 }
 
 #[test]
