@@ -41,11 +41,11 @@ impl Bus {
             output.note(simulation.banner());
         }
         let master = |error: Error| Failure::Master(error.to_string());
-        let diagnostics = Diagnostics::of_bus(&backend.ecrt, global.master).map_err(master)?;
+        let diagnostics = Diagnostics::of_bus(&backend.ecrt, global.master()).map_err(master)?;
         if !diagnostics.master_state().map_err(master)?.link_up {
             let words = format!(
                 "master {} has no link: is the cable plugged in, is the first slave powered?",
-                global.master
+                global.master()
             );
             return Err(Failure::Master(words));
         }

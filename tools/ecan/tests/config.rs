@@ -277,6 +277,31 @@ fn of_several_gateways_one_is_chosen() {
 }
 
 #[test]
+fn the_users_master_comes_before_the_files() {
+    let text_of_file = "master = 3\ncycle_us = 1000\n[[gateway]]\nn = 3\n\
+                        can0 = { bitrate = 250_000 }\n";
+    let (_directory, path) = file(text_of_file);
+    let path = text(&path);
+    let commands = [
+        &["config", "apply", path][..],
+        &["send", "123#00", "--channel", "0", "--config", path],
+        &["monitor", "--once", "--config", path],
+        &["selftest", "--frames", "1", "--channels", "0", "--config", path],
+    ];
+    for command in commands {
+        let message = fails(3, &[&["--ecrt", "sim"][..], command].concat());
+        assert!(message.contains("the simulation has no master 3"), "{command:?}: {message}");
+        good(&[&["--ecrt", "sim", "--master", "0"][..], command].concat());
+    }
+    let list = |master: &[&str]| {
+        good(&[master, &["config", "export", "--format", "ethercat", path]].concat())
+    };
+    assert!(list(&[]).contains("ethercat download -m 3 -p 0 "));
+    assert!(list(&["--master", "0"]).contains("ethercat download -p 0 "));
+    assert!(list(&["--master", "12"]).contains("ethercat download -m 12 -p 0 "));
+}
+
+#[test]
 fn misuse_is_named_and_told_by_the_status() {
     let (directory, path) = file(SMALL);
     let missing = directory.path().join("none.toml");

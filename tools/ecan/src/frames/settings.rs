@@ -142,7 +142,7 @@ impl<'a> Settings<'a> {
         global: &GlobalOptions,
     ) -> Result<Planned, Failure> {
         let Some((path, file)) = &self.file else {
-            return self.of_options(vec![bus.slave()?], wishes, global.master);
+            return self.of_options(vec![bus.slave()?], wishes, global.master());
         };
         let places = config_file::places(file, bus)?;
         match places[..] {
@@ -171,7 +171,7 @@ impl<'a> Settings<'a> {
             return of_file(path, file, &places, wishes, global);
         }
         let positions = bus.chosen_or_every_gateway()?;
-        self.of_options(positions, wishes, global.master)
+        self.of_options(positions, wishes, global.master())
     }
 
     /// The same configuration for all of them.

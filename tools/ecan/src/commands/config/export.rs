@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use crate::config_file;
 use crate::failure::Failure;
+use crate::global::GlobalOptions;
 use crate::output::Output;
 
 #[derive(Debug, Args)]
@@ -71,7 +72,11 @@ impl From<&StartupStep> for Step {
     }
 }
 
-pub fn run(arguments: &ExportArguments, output: &Output) -> Result<(), Failure> {
+pub fn run(
+    arguments: &ExportArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
     let file = config_file::read(&arguments.file)?;
     let slaves = &file.adapter.slaves;
     let gateway = match (arguments.gateway, slaves.len()) {
@@ -88,8 +93,8 @@ pub fn run(arguments: &ExportArguments, output: &Output) -> Result<(), Failure> 
     };
     let steps = file.startup(gateway);
     let data: Vec<_> = steps.iter().map(Step::from).collect();
-    let (master, alias, position) = (file.adapter.master_index, slave.alias, slave.position);
-    let place = SlavePlace { master, alias, position };
+    let (alias, position) = (slave.alias, slave.position);
+    let place = SlavePlace { master: config_file::master(&file, global), alias, position };
     output.data(&data, |out| {
         let list = export(arguments.format.into(), &steps, place);
         out.write_all(list.as_bytes())

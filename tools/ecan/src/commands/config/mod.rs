@@ -86,7 +86,7 @@ pub fn run(
         Action::Save => flash::run(FlashCommand::Save, global, output),
         Action::Load => flash::run(FlashCommand::Load, global, output),
         Action::Factory => flash::run(FlashCommand::Factory, global, output),
-        Action::Export(arguments) => export::run(arguments, output),
+        Action::Export(arguments) => export::run(arguments, global, output),
     }
 }
 

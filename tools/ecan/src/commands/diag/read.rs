@@ -89,7 +89,7 @@ fn al_status_code(
     if named.is_none() && bus.ecrt().is_simulated() {
         return None;
     }
-    let tool = EthercatTool::find(named, global.master);
+    let tool = EthercatTool::find(named, global.master());
     match tool.and_then(|tool| tool.register(slave, AL_STATUS_CODE)) {
         Ok(code) => Some(code),
         Err(error) => {
@@ -101,7 +101,7 @@ fn al_status_code(
 
 fn host(bus: &Bus, global: &GlobalOptions) -> Host {
     let root = doctor::Root::default();
-    let checks = doctor::host_checks(&root, global.master);
+    let checks = doctor::host_checks(&root, global.master());
     Host {
         kernel: root.first_line("proc/version").unwrap_or_default(),
         system: system_name(&root),
@@ -136,7 +136,7 @@ fn master(bus: &Bus, global: &GlobalOptions) -> Result<Master, Failure> {
         links: info.ports.map(|port| port.link_up),
     });
     Ok(Master {
-        index: global.master,
+        index: global.master(),
         link_up: state.link_up,
         slaves_responding: state.slaves_responding,
         slaves: slaves.collect(),

@@ -58,7 +58,7 @@ pub fn run(
         }
         Some(path) => {
             let root = Root::at(path.clone()).with_ethtool(arguments.ethtool.clone());
-            host_checks(&root, global.master)
+            host_checks(&root, global.master())
         }
         None => {
             let root = Root::default().with_ethtool(arguments.ethtool.clone());
@@ -115,9 +115,9 @@ fn all_checks(
         }
         Ok(ecrt) => {
             checks.push(library::same_version(root, ecrt.version()));
-            checks.extend(master_checks(root, global.master));
+            checks.extend(master_checks(root, global.master()));
         }
-        Err(_) => checks.extend(master_checks(root, global.master)),
+        Err(_) => checks.extend(master_checks(root, global.master())),
     }
     checks.extend(real_time_checks(root));
     checks.extend(gateways::checks(library.ok(), tool, global));

@@ -151,7 +151,7 @@ fn open(
 ) -> Result<(Box<dyn Gateways>, bool), Failure> {
     match (EcrtSetting::resolve(global.ecrt.as_deref())?, &arguments.ethercat) {
         (EcrtSetting::Library(_), named) => {
-            let tool = ByTool::open(named.as_deref(), global.master)?;
+            let tool = ByTool::open(named.as_deref(), global.master())?;
             let tool = match arguments.action {
                 Action::Version => tool,
                 Action::Update(_) => tool.shielded(),

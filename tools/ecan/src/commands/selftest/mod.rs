@@ -19,6 +19,7 @@ use ecan_command_line::real_time::RealTimeArguments;
 use serde::Serialize;
 
 use crate::bus::Bus;
+use crate::config_file;
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
 use crate::global::GlobalOptions;
@@ -97,9 +98,8 @@ pub fn run(
 ) -> Result<(), Failure> {
     let file = arguments.config.as_deref().map(rates::read).transpose()?;
     let rates = file.as_ref().map_or_else(Rate::usual, Rate::of_file);
-    let file_master = file.as_ref().map_or(0, |file| file.adapter.master_index);
-    let master = if global.master == 0 { file_master } else { global.master };
-    let global = GlobalOptions { master, ..global.clone() };
+    let master = file.as_ref().map_or(global.master(), |file| config_file::master(file, global));
+    let global = GlobalOptions { master: Some(master), ..global.clone() };
     let test = gateway::Test { arguments, rates: &rates, master, output };
     test.check()?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
