@@ -29,6 +29,24 @@ fn a_gateway_that_waits_in_preop_has_no_finding() {
     assert_eq!(findings(&Snapshot::default()), []);
 }
 
+#[test]
+fn what_was_not_read_is_no_zero_in_a_finding() {
+    let mut snapshot = Snapshot { al_state: 2, ..Snapshot::default() };
+    snapshot.set(0x8010, 2, 5);
+    snapshot.set(0x8011, 2, 3);
+    snapshot.set(0x8011, 14, 2);
+    snapshot.set(0x9000, 9, 0x3B);
+    let found = findings(&snapshot);
+    let has = |words: &str| {
+        let mut told = found.iter().flat_map(|it| it.causes.iter().chain([&it.what]));
+        assert!(told.any(|text| text.contains(words)), "{words}: {found:#?}");
+    };
+    has("than N = unknown");
+    has("the mask is unknown; ");
+    has("an unknown number of PDO errors, ");
+    has("here unknown, sample point unknown");
+}
+
 // 5.4.6 and 16.1: OP
 
 #[test]

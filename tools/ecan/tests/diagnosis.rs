@@ -157,6 +157,59 @@ fn the_masters_tool_tells_the_al_status_code() {
 }
 
 #[test]
+fn what_was_not_read_is_not_told_as_good() {
+    let silent = scenario(
+        "[[gateway]]\n[[fault]]\nkind = \"mailbox_timeout\"\nat_ms = 0\ngateway = 0\n\
+         for_ms = 60000\n",
+    );
+    let silent = setting(&silent);
+    let report = ends(1, &["--ecrt", &silent, "diag"]);
+    let expected = "\
+slave 0, PREOP, ECAN-Lite, firmware not read, serial not read
+AL status code: not read
+diagnostic flags: not read
+
+process data: not read
+
+channels: not read
+
+cycle performance (0x9011): not read
+
+fault [mailbox-silent]";
+    assert!(report.starts_with(expected), "{report}");
+    let json = ends(1, &["--ecrt", &silent, "diag", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(json["flags"].is_null() && json["bundle"]["gateway"]["firmware"].is_null(), "{json}");
+
+    let refused = [(0x100A, 0), (0x8011, 2), (0x8011, 15), (0x9000, 1), (0x9000, 13), (0x9022, 12)]
+        .map(|(index, subindex)| {
+            format!(
+                "[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = {index}\n\
+                 subindex = {subindex}\ncode = 0x06090011\ntimes = 9\n"
+            )
+        });
+    let refused = scenario(&format!("[[gateway]]\n{}", refused.concat()));
+    let refused = setting(&refused);
+    let report = good(&["--ecrt", &refused, "diag"]);
+    for words in [
+        "slave 0, PREOP, ECAN-Lite, firmware not read, serial 4294967297\n",
+        "RxPDO  not active  24 chunks  not read  0 OK        not read  0\n",
+        "\n  ECR        not read\n",
+        "\n  counters   received dropped not read, 0 times no room to send, 0 times bus-off\n",
+        "; TX FIFO full 0 times, stale not read; ",
+        "\nno finding; 5 entries were not read\n",
+    ] {
+        assert!(report.contains(words), "{words}: {report}");
+    }
+    let json = good(&["--ecrt", &refused, "diag", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let channel = &json["channels"][0];
+    assert!(channel["rx_dropped"].is_null() && channel["error_counters"].is_null(), "{channel}");
+    assert_eq!(channel["tx_backpressure"], 0);
+    assert!(json["directions"][1]["status_words"].is_null());
+}
+
+#[test]
 fn faults_of_the_simulated_gateway_are_found() {
     // Silent while it is read, and from the start, when it does not even show itself as a gateway.
     for at_ms in [10, 0] {

@@ -48,18 +48,13 @@ pub(super) fn bundle(
     snapshot.al_state = info.al_state;
     snapshot.has_error_flag = info.error_flag;
     snapshot.al_status_code = al_status_code(bus, slave, arguments, global, output);
+    // Each further question to one that is silent takes as long as the master waits for a mailbox.
+    let answers = has_mailbox && snapshot.silence.is_none();
+    let text = |index| if answers { bus.text(slave, index).ok() } else { None };
     let gateway = Gateway {
         name: info.name,
-        firmware: if has_mailbox {
-            bus.text(slave, 0x100A).unwrap_or_default()
-        } else {
-            String::new()
-        },
-        hardware: if has_mailbox {
-            bus.text(slave, 0x1009).unwrap_or_default()
-        } else {
-            String::new()
-        },
+        firmware: text(0x100A),
+        hardware: text(0x1009),
         serial: serial_number(|subindex| snapshot.get(0xF000, subindex).ok_or(())).ok(),
     };
     Ok(Bundle::new(host(bus, global), master(bus, global)?, gateway, snapshot))
