@@ -248,6 +248,23 @@ fn clearing_is_said_and_done_after_reading() {
 }
 
 #[test]
+fn what_was_read_is_told_where_recording_or_clearing_fails() {
+    let nowhere = tempfile::tempdir().unwrap();
+    let nowhere = nowhere.path().join("none/bundle.json").display().to_string();
+    let refusing = scenario(
+        "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = 0x8010\n\
+         subindex = 8\ncode = 0x08000022\ntimes = 9\n",
+    );
+    let refusing = setting(&refusing);
+    let report = ends(5, &["--ecrt", &refusing, "diag", "--clear", "--brief"]);
+    assert!(report.starts_with("slave 0, PREOP,"), "{report}");
+    // What is not kept is not cleared either: this gateway would refuse that by status 5.
+    let report = ends(6, &["--ecrt", &refusing, "diag", "--clear", "--record", &nowhere, "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["position"], 0);
+}
+
+#[test]
 fn wrong_use_is_named_and_told_by_the_status() {
     let directory = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {

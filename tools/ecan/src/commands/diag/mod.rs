@@ -54,24 +54,15 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    let bundle = match &arguments.from {
-        Some(path) => Bundle::load(path)?,
-        None => look(arguments, global, output)?,
-    };
-    let report = Report::new(&bundle);
-    output.data(&report, |out| text::print(&report, arguments.brief, output, out))?;
-    if report.findings.is_empty() { Ok(()) } else { Err(Failure::Amiss) }
-}
-
-/// Reads the device; records and clears where it is asked for.
-fn look(
-    arguments: &DiagArguments,
-    global: &GlobalOptions,
-    output: &Output,
-) -> Result<Bundle, Failure> {
+    if let Some(path) = &arguments.from {
+        let bundle = Bundle::load(path)?;
+        return explain(&bundle, arguments.brief, output);
+    }
     let bus = Bus::open(global, output)?;
     let slave = read::slave(&bus)?;
     let bundle = read::bundle(&bus, slave, arguments, global, output)?;
+    // What was read is told whatever becomes of the rest; and what was not recorded is not cleared.
+    let explained = explain(&bundle, arguments.brief, output);
     if let Some(path) = &arguments.record {
         bundle.save(path)?;
         output.note(format_args!("recorded in {}", path.display()));
@@ -80,7 +71,14 @@ fn look(
         clear::clear(&bus, slave)?;
         output.note("counters and flags are cleared");
     }
-    Ok(bundle)
+    explained
+}
+
+/// Prints what was read; [`Failure::Amiss`] where there is a finding.
+fn explain(bundle: &Bundle, is_brief: bool, output: &Output) -> Result<(), Failure> {
+    let report = Report::new(bundle);
+    output.data(&report, |out| text::print(&report, is_brief, output, out))?;
+    if report.findings.is_empty() { Ok(()) } else { Err(Failure::Amiss) }
 }
 
 fn file_failure(what: &'static str, path: &Path, reason: impl ToString) -> Failure {
