@@ -10,6 +10,7 @@ mod bus;
 mod channel;
 mod commands;
 mod config_file;
+mod confirmation;
 mod ethercat_tool;
 mod failure;
 mod firmware_version;

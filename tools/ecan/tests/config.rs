@@ -4,7 +4,9 @@
 mod support;
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
+use support::terminal::with_answer;
 use support::{ecan, ends, fails, good, scenario, setting, simulated, two_gateways};
 use tempfile::TempDir;
 
@@ -211,7 +213,7 @@ fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
 fn the_flash_is_saved_loaded_and_restored() {
     let saved = simulated(&["config", "save"]);
     assert!(saved.starts_with("slave 0: its configuration is saved in the Flash (CRC32 active 0x"));
-    let factory = simulated(&["config", "factory"]);
+    let factory = simulated(&["config", "factory", "--yes"]);
     assert!(factory.ends_with(", stored 0x00000000)\n"), "{factory}");
     let message = fails(5, &["--ecrt", "sim", "config", "load"]);
     assert!(message.contains("status 4 (image invalid: nothing is stored"), "{message}");
@@ -224,6 +226,28 @@ fn the_flash_is_saved_loaded_and_restored() {
     let setting = format!("sim:{}", path.display());
     let message = fails(5, &["--ecrt", &setting, "config", "save"]);
     assert!(message.contains("status 5 (Flash error"), "{message}");
+}
+
+#[test]
+fn the_factorys_configuration_comes_back_only_when_it_is_confirmed() {
+    let message = fails(2, &["--ecrt", "sim", "config", "factory"]);
+    let expected = "ecan: nobody is there to confirm the loss of the configuration; say --yes to do \
+                    it without asking";
+    assert_eq!(message, expected);
+    let asked = |typed| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+        command.args(["--ecrt", "sim", "config", "factory"]).env_remove("ECAN_ECRT");
+        with_answer(&mut command, typed)
+    };
+    let question =
+        "Restore the factory's configuration of slave 0, and forget the saved one? [y/N]";
+    for typed in ["n\n", "\n"] {
+        let (status, shown) = asked(typed);
+        assert!(shown.contains(question), "{shown}");
+        assert!(shown.contains("nothing was restored: not confirmed"), "{shown}");
+        assert_eq!(status, 2);
+    }
+    assert_eq!(asked("y\n").0, 0);
 }
 
 #[test]

@@ -5,6 +5,7 @@ use ecan_host::MaintenanceError;
 use serde::Serialize;
 
 use crate::bus::Bus;
+use crate::confirmation::confirm;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -16,9 +17,20 @@ struct Done {
     stored_crc: u32,
 }
 
-pub fn run(command: FlashCommand, global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
+pub fn run(
+    command: FlashCommand,
+    is_confirmed: bool,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
     let bus = Bus::open(global, output)?;
     let slave = bus.slave()?;
+    if command == FlashCommand::Factory {
+        let question = format_args!(
+            "Restore the factory's configuration of slave {slave}, and forget the saved one?"
+        );
+        confirm(is_confirmed, "the loss of the configuration", question, "nothing was restored")?;
+    }
     let FlashDone { active_crc, stored_crc } =
         command.run(bus.diagnostics(), slave, bus.clock()).map_err(|error| match error {
             MaintenanceError::Device(error) => Failure::Device(error),

@@ -67,8 +67,12 @@ enum Action {
     Save,
     /// Load the saved configuration
     Load,
-    /// Restore the factory's configuration and forget the saved one
-    Factory,
+    /// Restore the factory's configuration and forget the saved one; asks first
+    Factory {
+        /// Do not ask
+        #[arg(long)]
+        yes: bool,
+    },
     /// Print the startup sequence for another EtherCAT master (5.4.3, 5.4.5)
     Export(export::ExportArguments),
 }
@@ -83,9 +87,9 @@ pub fn run(
         Action::Check { file } => check::run(file, output),
         Action::Apply { file, steps } => apply::run(file, *steps, global, output),
         Action::Diff { file, active } => diff::run(file, *active, global, output),
-        Action::Save => flash::run(FlashCommand::Save, global, output),
-        Action::Load => flash::run(FlashCommand::Load, global, output),
-        Action::Factory => flash::run(FlashCommand::Factory, global, output),
+        Action::Save => flash::run(FlashCommand::Save, true, global, output),
+        Action::Load => flash::run(FlashCommand::Load, true, global, output),
+        Action::Factory { yes } => flash::run(FlashCommand::Factory, *yes, global, output),
         Action::Export(arguments) => export::run(arguments, global, output),
     }
 }
