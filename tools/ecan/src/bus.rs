@@ -8,7 +8,7 @@ use crate::failure::Failure;
 use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::global::GlobalOptions;
 use crate::output::Output;
-use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose, every_gateway};
+use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose, every_gateway, one_or_all};
 
 /// A bus, looked at through a handle that reserves nothing.
 #[derive(Debug)]
@@ -93,6 +93,11 @@ impl Bus {
             Some(_) => Ok(vec![self.slave()?]),
             None => every_gateway(self),
         }
+    }
+
+    /// The slaves of a command that takes one gateway, or all where the user says so.
+    pub fn one_or_all(&self, all: bool) -> Result<Recognised, Failure> {
+        one_or_all(self, self.choice, all)
     }
 
     /// Serial number of a gateway.

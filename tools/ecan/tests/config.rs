@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use support::terminal::with_answer;
-use support::{ecan, ends, fails, good, scenario, setting, simulated, two_gateways};
+use support::{ecan, ends, fails, first_silent, good, scenario, setting, simulated, two_gateways};
 use tempfile::TempDir;
 
 /// A directory with a file of this content.
@@ -323,6 +323,53 @@ fn the_users_master_comes_before_the_files() {
     assert!(list(&[]).contains("ethercat download -m 3 -p 0 "));
     assert!(list(&["--master", "0"]).contains("ethercat download -p 0 "));
     assert!(list(&["--master", "12"]).contains("ethercat download -m 12 -p 0 "));
+}
+
+#[test]
+fn the_flash_of_several_gateways_is_that_of_a_file_or_of_all() {
+    let three = "[[gateway]]\n[[gateway]]\nalias = 7\n[[gateway]]\n";
+    let bus = scenario(three);
+    let bus = setting(&bus);
+    let (_directory, path) = file(
+        "cycle_us = 1000\n[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\n\
+         alias = 7\nn = 2\ncan1 = { bitrate = 125_000 }\n",
+    );
+    let path = text(&path);
+    let places = |told: &str| -> Vec<_> {
+        told.lines().filter_map(|line| line.split_once(':')).map(|it| it.0.to_owned()).collect()
+    };
+    let run = |arguments: &[&str]| good(&[&["--ecrt", &bus, "config"][..], arguments].concat());
+    assert_eq!(places(&run(&["save", path])), ["slave 0", "slave 1"]);
+    assert_eq!(places(&run(&["save", path, "--slave", "alias=7"])), ["slave 1"]);
+    assert_eq!(places(&run(&["save", "--all"])), ["slave 0", "slave 1", "slave 2"]);
+    assert_eq!(places(&run(&["factory", "--yes", path])), ["slave 0", "slave 1"]);
+    let message = fails(2, &["--ecrt", &bus, "config", "factory", "--all"]);
+    assert!(message.contains("nobody is there to confirm"), "{message}");
+    let list: serde_json::Value = serde_json::from_str(&run(&["save", "--all", "--json"])).unwrap();
+    assert_eq!(list[2]["position"], 2);
+    assert_eq!(list[2]["active_crc"], list[2]["stored_crc"]);
+    let message = fails(4, &["--ecrt", &bus, "config", "save"]);
+    assert!(message.ends_with("choose one with --slave, of 0, 1, 2, or take --all"), "{message}");
+    for (wrong, words) in [
+        (&["save", "--all", path][..], "cannot be used with"),
+        (&["load", "--all", "--slave", "1"], "cannot be used with"),
+    ] {
+        let message = fails(2, &[&["--ecrt", &bus, "config"][..], wrong].concat());
+        assert!(message.contains(words), "{wrong:?}: {message}");
+    }
+
+    // The second one fails.
+    let failing =
+        scenario(&format!("{three}[[fault]]\nat_ms = 0\nkind = \"flash_failure\"\ngateway = 1\n"));
+    let failing = setting(&failing);
+    let told = ends(5, &["--ecrt", &failing, "config", "save", "--all"]);
+    let lines: Vec<_> = told.lines().collect();
+    assert!(lines[0].starts_with("slave 0: its configuration is saved"), "{told}");
+    assert!(lines[1].starts_with("slave 1: ") && lines[1].contains("status 5 (Flash error"));
+    assert_eq!(lines[2], "slave 2: not reached, nothing was done");
+    let silent = first_silent();
+    let message = fails(4, &["--ecrt", &setting(&silent), "config", "save", "--all"]);
+    assert!(message.contains("slave 0 cannot be asked") && message.ends_with("; nothing was done"));
 }
 
 #[test]

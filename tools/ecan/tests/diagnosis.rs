@@ -265,6 +265,31 @@ fn what_was_read_is_told_where_recording_or_clearing_fails() {
 }
 
 #[test]
+fn all_gateways_are_looked_at_one_after_the_other() {
+    let two = support::two_gateways();
+    let report = good(&["--ecrt", &setting(&two), "diag", "--all", "--brief"]);
+    let heads: Vec<_> = report.split("\n\n").map(|it| it.split_once(',').unwrap().0).collect();
+    assert_eq!(heads, ["slave 0", "slave 1"]);
+    let json = good(&["--ecrt", &setting(&two), "diag", "--all", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((json[1]["position"].as_u64(), json[2].is_null()), (Some(1), true));
+    // One that cannot be asked has its finding, and is not cleared.
+    let silent = support::first_silent();
+    let silent = setting(&silent);
+    let report = ends(1, &["--ecrt", &silent, "diag", "--all", "--brief"]);
+    assert!(report.contains("fault [mailbox-silent]") && report.ends_with("\nno finding\n"));
+    let output =
+        support::ecan(&["--ecrt", &silent, "diag", "--all", "--brief", "--clear", "--slave", "1"]);
+    assert_eq!(output.status.code(), Some(2));
+    let output = support::ecan(&["--ecrt", &silent, "diag", "--all", "--brief", "--clear"]);
+    assert_eq!(output.status.code(), Some(5));
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.contains("\nslave 1: counters and flags are cleared\n"), "{errors}");
+    let message = fails(2, &["--ecrt", &silent, "diag", "--all", "--record", "bundle.json"]);
+    assert!(message.contains("cannot be used with"), "{message}");
+}
+
+#[test]
 fn wrong_use_is_named_and_told_by_the_status() {
     let directory = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {

@@ -25,7 +25,7 @@ A first configuration, from the file to the gateway's Flash:
   ecan config example > cell.toml      # every key, with comments
   ecan config check cell.toml          # all faults; bit timing, Message RAM, sizes
   ecan config apply cell.toml          # in PREOP, with each readback checked
-  ecan config diff cell.toml && ecan config save
+  ecan config diff cell.toml && ecan config save cell.toml
   ecan config export cell.toml --format twincat > startup.xml
 
 The master is the file's, unless --master names another. --slave leaves out the other gateways of
@@ -63,12 +63,14 @@ enum Action {
         #[arg(long)]
         active: bool,
     },
-    /// Save the gateway's configuration to its Flash (13.7)
-    Save,
+    /// Save the configuration of a gateway to its Flash (13.7)
+    Save(flash::FlashArguments),
     /// Load the saved configuration
-    Load,
+    Load(flash::FlashArguments),
     /// Restore the factory's configuration and forget the saved one; asks first
     Factory {
+        #[command(flatten)]
+        whose: flash::FlashArguments,
         /// Do not ask
         #[arg(long)]
         yes: bool,
@@ -87,9 +89,11 @@ pub fn run(
         Action::Check { file } => check::run(file, output),
         Action::Apply { file, steps } => apply::run(file, *steps, global, output),
         Action::Diff { file, active } => diff::run(file, *active, global, output),
-        Action::Save => flash::run(FlashCommand::Save, true, global, output),
-        Action::Load => flash::run(FlashCommand::Load, true, global, output),
-        Action::Factory { yes } => flash::run(FlashCommand::Factory, *yes, global, output),
+        Action::Save(whose) => flash::run(FlashCommand::Save, whose, true, global, output),
+        Action::Load(whose) => flash::run(FlashCommand::Load, whose, true, global, output),
+        Action::Factory { whose, yes } => {
+            flash::run(FlashCommand::Factory, whose, *yes, global, output)
+        }
         Action::Export(arguments) => export::run(arguments, global, output),
     }
 }

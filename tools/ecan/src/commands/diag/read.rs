@@ -10,16 +10,24 @@ use crate::failure::Failure;
 use crate::firmware_version::serial_number;
 use crate::global::GlobalOptions;
 use crate::output::Output;
+use crate::slave_choice::Recognised;
 
 use super::DiagArguments;
 use super::bundle::{Bundle, Gateway, Host, Master, Slave};
 
-/// The slave to look at: as for every command; but the only slave of a bus is looked at even where
-/// it does not show itself as a gateway.
-pub(super) fn slave(bus: &Bus) -> Result<usize, Failure> {
-    match bus.slave() {
-        Err(Failure::Slave(_)) if !bus.is_chosen() && bus.diagnostics().slave_count() == 1 => Ok(0),
-        other => other,
+/// The slaves to look at: as for every command; but the only slave of a bus is looked at even where
+/// it does not show itself as a gateway, and of all, those that cannot be asked are looked at too.
+pub(super) fn slaves(bus: &Bus, all: bool) -> Result<Vec<usize>, Failure> {
+    match bus.one_or_all(all) {
+        Err(Failure::Slave(_)) if !bus.is_chosen() && bus.diagnostics().slave_count() == 1 => {
+            Ok(vec![0])
+        }
+        Err(failure) => Err(failure),
+        Ok(Recognised { mut gateways, unknown }) => {
+            gateways.extend(unknown.iter().map(|slave| slave.position));
+            gateways.sort_unstable();
+            Ok(gateways)
+        }
     }
 }
 
