@@ -2,6 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
+use crate::failure::Failure;
 use crate::slave_choice::SlaveChoice;
 
 /// What the exit status says, for the end of the help.
@@ -52,6 +53,18 @@ pub struct GlobalOptions {
 }
 
 impl GlobalOptions {
+    /// Refuses `--slave`, which the command would not obey. (clap does not hold an option in front
+    /// of a command against those behind it.)
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] with what the command is about instead.
+    pub fn without_slave(&self, instead: &str) -> Result<(), Failure> {
+        match self.slave {
+            None => Ok(()),
+            Some(_) => Err(Failure::Usage(format!("--slave means nothing here: {instead}"))),
+        }
+    }
+
     /// The master of a command without a configuration file.
     pub fn master(&self) -> u32 {
         self.master.unwrap_or(0)

@@ -24,7 +24,7 @@ pub enum SlaveChoice {
 #[derive(Clone, Copy, Debug, Args)]
 pub struct AllArgument {
     /// All gateways of the bus, one after the other; with --json a list
-    #[arg(long, conflicts_with = "slave")]
+    #[arg(long)]
     pub all: bool,
 }
 
@@ -180,6 +180,7 @@ pub fn only_gateway(recognised: &Recognised, slaves: usize) -> Result<usize, Fai
 /// The gateways of a command that takes one, or all where the user says so (`--all`).
 ///
 /// # Errors
+/// [`Failure::Usage`] where the user says both.
 /// [`Failure::Slave`] where one is meant and is not there, or a choice is left; where all are meant
 /// and none is there. Of all, those that cannot be asked are left to the caller.
 pub fn one_or_all(
@@ -188,6 +189,9 @@ pub fn one_or_all(
     all: bool,
 ) -> Result<Recognised, Failure> {
     let only = |gateway| Recognised { gateways: vec![gateway], unknown: Vec::new() };
+    if choice.is_some() && all {
+        return Err(Failure::Usage("--slave chooses one gateway, --all all: take one".to_owned()));
+    }
     if choice.is_some() {
         return choose(candidates, choice).map(only);
     }

@@ -352,7 +352,7 @@ fn the_flash_of_several_gateways_is_that_of_a_file_or_of_all() {
     assert!(message.ends_with("choose one with --slave, of 0, 1, 2, or take --all"), "{message}");
     for (wrong, words) in [
         (&["save", "--all", path][..], "cannot be used with"),
-        (&["load", "--all", "--slave", "1"], "cannot be used with"),
+        (&["load", "--all", "--slave", "1"], "--all all: take one"),
     ] {
         let message = fails(2, &[&["--ecrt", &bus, "config"][..], wrong].concat());
         assert!(message.contains(words), "{wrong:?}: {message}");

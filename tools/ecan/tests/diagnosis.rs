@@ -305,7 +305,7 @@ fn wrong_use_is_named_and_told_by_the_status() {
     let partial = file("partial.json", "{\"format\": \"ecan-diagnosis\", \"version\": 1}");
     let two = support::two_gateways();
     let two = setting(&two);
-    let cases: [(i32, &[&str], &str); 11] = [
+    let cases: [(i32, &[&str], &str); 12] = [
         (6, &["diag", "--from", &missing], "cannot read"),
         (6, &["diag", "--from", &damaged], "no JSON"),
         (6, &["diag", "--from", &foreign], "no bundle of `ecan diag --record`"),
@@ -313,7 +313,8 @@ fn wrong_use_is_named_and_told_by_the_status() {
         (6, &["diag", "--from", &partial], "missing field"),
         (6, &["--ecrt", "sim", "diag", "--record", &nowhere], "cannot write"),
         (2, &["diag", "--from", &missing, "--clear"], "cannot be used with"),
-        (2, &["diag", "--from", &missing, "--slave", "1"], "cannot be used with"),
+        (2, &["diag", "--from", &missing, "--slave", "1"], "--slave means nothing here"),
+        (2, &["--slave", "1", "diag", "--from", &missing], "--slave means nothing here"),
         (3, &["diag"], "libethercat.so.1"),
         (4, &["--ecrt", &two, "diag"], "choose one with --slave"),
         (4, &["--ecrt", "sim", "diag", "--slave", "7"], "there is no slave 7"),

@@ -59,8 +59,10 @@ fn all_gateways_tell_about_themselves() {
     let silent = first_silent();
     let told = ends(4, &["--ecrt", &setting(&silent), "info", "--all"]);
     assert!(told.starts_with("slave     1, alias 7"), "{told}");
-    let message = fails(2, &["--ecrt", &setting(&two), "info", "--all", "--slave", "1"]);
-    assert!(message.contains("cannot be used with"), "{message}");
+    for both in [&["info", "--all", "--slave", "1"][..], &["--slave", "1", "info", "--all"]] {
+        let message = fails(2, &[&["--ecrt", &setting(&two)][..], both].concat());
+        assert!(message.ends_with("--all all: take one"), "{message}");
+    }
 }
 
 #[test]

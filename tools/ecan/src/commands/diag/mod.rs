@@ -36,7 +36,7 @@ pub struct DiagArguments {
     #[arg(long, value_name = "FILE", conflicts_with = "all")]
     record: Option<PathBuf>,
     /// Explain a file that --record wrote
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "clear", "slave", "all"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["record", "clear", "all"])]
     from: Option<PathBuf>,
     /// Clear PDO errors (0x8010/0x8011:08), cycle statistics (0x9011:14) and diagnostic flags
     /// (0xB000:04 bit 5) after reading
@@ -59,6 +59,7 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     if let Some(path) = &arguments.from {
+        global.without_slave("--from explains a file, which is of one gateway")?;
         return explain(&[Bundle::load(path)?], arguments, output);
     }
     let bus = Bus::open(global, output)?;

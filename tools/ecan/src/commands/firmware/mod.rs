@@ -111,9 +111,6 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    if arguments.all && global.slave.is_some() {
-        return Err(Failure::Usage("--slave chooses one gateway, --all all: take one".to_owned()));
-    }
     match &arguments.action {
         Action::Version => {
             let (gateways, _) = open(arguments, global, output)?;
