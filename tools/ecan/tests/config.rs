@@ -176,6 +176,7 @@ fn what_was_written_is_told_where_the_next_gateway_fails() {
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     let complete = [0, 1, 2].map(|at| json[at]["is_complete"].as_bool().unwrap());
     assert_eq!(complete, [true, false, false]);
+    assert_eq!([0, 1, 2].map(|at| json[at]["position"].as_u64().unwrap()), [0, 1, 2]);
     assert!(json[1]["error"].as_str().unwrap().contains("0x06090030"), "{json}");
     assert!(json[1]["steps"].as_array().unwrap().len() > 20);
     assert_eq!(json[2]["steps"], serde_json::json!([]));
@@ -196,6 +197,9 @@ fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
     assert!(!listed.contains("0x1C12"), "{listed}");
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(errors.contains("that the master sets up at each start differ too (--active"));
+    let json = ends(1, &["--ecrt", "sim", "config", "diff", text(&path), "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json[0]["position"], &json[0]["gateway"]), (&0.into(), &0.into()));
     let output = ecan(&["--ecrt", "sim", "config", "diff", "--active", text(&path)]);
     let listed = String::from_utf8(output.stdout).unwrap();
     assert!(listed.contains("Active profile word"), "{listed}");
@@ -377,11 +381,18 @@ fn misuse_is_named_and_told_by_the_status() {
     let (directory, path) = file(SMALL);
     let missing = directory.path().join("none.toml");
     let (missing, path) = (text(&missing), text(&path));
-    let cases: [(i32, &[&str], &str); 10] = [
+    let cases: [(i32, &[&str], &str); 13] = [
         (2, &["config"], "Usage"),
         (2, &["config", "check"], "<FILE>"),
         (2, &["config", "export", path, "--format", "eni"], "possible values: csv, twincat"),
         (2, &["config", "export", path, "--gateway", "1"], "no gateway 1: it has 1"),
+        (2, &["config", "export", path, "--slave", "0"], "choose it with --gateway"),
+        (2, &["config", "export", path, "--format", "csv", "--json"], "take one"),
+        (
+            2,
+            &["config", "check", path, "--slave", "0"],
+            "--slave means nothing here: the whole file",
+        ),
         (6, &["config", "check", missing], "cannot read "),
         (6, &["config", "export", missing], "cannot read "),
         (6, &["--ecrt", "sim", "config", "diff", missing], "none.toml"),

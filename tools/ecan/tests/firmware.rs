@@ -230,6 +230,10 @@ fn a_gateway_that_does_not_come_back_is_told() {
     assert_eq!(status, 5);
     assert!(out.contains("written, but the gateway does not answer since"), "{out}");
     assert!(out.contains("Slave 0 does not exist"), "{out}");
+    let tool = StandIn::new(1, Behaviour::NeverBack);
+    let (_, out, _) = update(&tool, package.path(), &["--timeout", "1", "--json"]);
+    let json: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(json[0]["result"], "not_back");
 }
 
 #[test]

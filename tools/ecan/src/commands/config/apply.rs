@@ -16,7 +16,7 @@ use crate::output::{Output, Tone};
 /// What was done to a slave.
 #[derive(Debug, Serialize)]
 struct Applied {
-    slave: usize,
+    position: usize,
     gateway: usize,
     /// Whether it has all of its gateway.
     is_complete: bool,
@@ -65,7 +65,7 @@ pub fn run(
 impl Applied {
     fn nothing(Place { gateway, slave }: Place) -> Self {
         let (parts, steps) = (Vec::new(), Vec::new());
-        Self { slave, gateway, is_complete: false, error: None, parts, steps }
+        Self { position: slave, gateway, is_complete: false, error: None, parts, steps }
     }
 
     fn print(
@@ -75,7 +75,7 @@ impl Applied {
         output: &Output,
         out: &mut dyn Write,
     ) -> std::io::Result<()> {
-        let Self { slave, gateway, steps, .. } = self;
+        let Self { position: slave, gateway, steps, .. } = self;
         let path = path.display();
         let (tone, has) = match (self.is_complete, &self.error) {
             (true, _) => (Tone::Good, "has"),

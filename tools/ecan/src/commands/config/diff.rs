@@ -12,7 +12,7 @@ use crate::output::{Output, Tone};
 
 #[derive(Debug, Serialize)]
 struct Compared {
-    slave: usize,
+    position: usize,
     gateway: usize,
     differences: Vec<Differing>,
 }
@@ -51,13 +51,13 @@ pub fn run(
         let steps = file.startup(place.gateway);
         let found = differences(bus.diagnostics(), place.slave, &steps).map_err(Failure::Device)?;
         let differences = found.into_iter().map(Differing::from).collect();
-        compared.push(Compared { slave: place.slave, gateway: place.gateway, differences });
+        compared.push(Compared { position: place.slave, gateway: place.gateway, differences });
     }
     let counts = |it: &&Differing| counts_active || !it.is_set_at_start;
     output.data(&compared, |out| {
-        for Compared { slave, differences, .. } in &compared {
+        for Compared { position, differences, .. } in &compared {
             for Differing { words, .. } in differences.iter().filter(counts) {
-                writeln!(out, "slave {slave}: {}", output.toned(Tone::Bad, words))?;
+                writeln!(out, "slave {position}: {}", output.toned(Tone::Bad, words))?;
             }
         }
         Ok(())

@@ -16,9 +16,9 @@ use crate::output::Output;
 pub struct ExportArguments {
     /// The file
     file: PathBuf,
-    /// The list's format
-    #[arg(long, value_enum, default_value_t = ListFormat::Csv)]
-    format: ListFormat,
+    /// The list's format; csv where none is given, but not with --json, which is one of its own
+    #[arg(long, value_enum)]
+    format: Option<ListFormat>,
     /// Index of the gateway in the file, where it has several
     #[arg(long, value_name = "INDEX")]
     gateway: Option<usize>,
@@ -77,6 +77,11 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
+    global.without_slave("the list is of a gateway of the file; choose it with --gateway")?;
+    if global.json && arguments.format.is_some() {
+        let words = "--json prints the steps for programs, --format a list: take one";
+        return Err(Failure::Usage(words.to_owned()));
+    }
     let file = config_file::read(&arguments.file)?;
     let slaves = &file.adapter.slaves;
     let gateway = match (arguments.gateway, slaves.len()) {
@@ -96,7 +101,7 @@ pub fn run(
     let (alias, position) = (slave.alias, slave.position);
     let place = SlavePlace { master: config_file::master(&file, global), alias, position };
     output.data(&data, |out| {
-        let list = export(arguments.format.into(), &steps, place);
+        let list = export(arguments.format.unwrap_or(ListFormat::Csv).into(), &steps, place);
         out.write_all(list.as_bytes())
     })
 }

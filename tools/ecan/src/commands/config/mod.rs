@@ -86,7 +86,10 @@ pub fn run(
 ) -> Result<(), Failure> {
     match &arguments.action {
         Action::Example => output.bytes(EXAMPLE.as_bytes()),
-        Action::Check { file } => check::run(file, output),
+        Action::Check { file } => {
+            global.without_slave("the whole file is checked, without a bus")?;
+            check::run(file, output)
+        }
         Action::Apply { file, steps } => apply::run(file, *steps, global, output),
         Action::Diff { file, active } => diff::run(file, *active, global, output),
         Action::Save(whose) => flash::run(FlashCommand::Save, whose, true, global, output),

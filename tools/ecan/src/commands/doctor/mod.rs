@@ -51,6 +51,7 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
+    global.without_slave("it looks at the host; one gateway is looked at by `ecan diag`")?;
     let checks = match &arguments.root {
         Some(path) if !path.is_dir() => {
             let (path, reason) = (path.clone(), "it is no directory".to_owned());
