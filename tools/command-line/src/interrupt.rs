@@ -4,6 +4,24 @@ use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 
+/// The system does not let signals be caught.
+#[derive(Debug, thiserror::Error)]
+#[error("Ctrl-C and SIGTERM cannot be caught: {reason}")]
+pub struct InterruptError {
+    reason: String,
+}
+
+impl From<ctrlc::Error> for InterruptError {
+    fn from(error: ctrlc::Error) -> Self {
+        let reason = match error {
+            // What `ctrlc` says of it leaves out the reason.
+            ctrlc::Error::System(error) => error.to_string(),
+            other => other.to_string(),
+        };
+        Self { reason }
+    }
+}
+
 /// Set once the user asked the program to stop.
 #[derive(Debug, Clone, Default)]
 pub struct Interrupt(Arc<AtomicBool>);
@@ -13,7 +31,7 @@ impl Interrupt {
     ///
     /// # Errors
     /// The system's, when no handler can be set.
-    pub fn install() -> Result<Self, ctrlc::Error> {
+    pub fn install() -> Result<Self, InterruptError> {
         let interrupt = Self::default();
         let flag = interrupt.0.clone();
         ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))?;
@@ -25,7 +43,7 @@ impl Interrupt {
     ///
     /// # Errors
     /// As [`install`](Self::install).
-    pub fn install_saying(words: &'static str) -> Result<Self, ctrlc::Error> {
+    pub fn install_saying(words: &'static str) -> Result<Self, InterruptError> {
         let interrupt = Self::default();
         let flag = interrupt.0.clone();
         ctrlc::set_handler(move || {

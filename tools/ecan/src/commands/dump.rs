@@ -126,7 +126,7 @@ pub fn run(
 ) -> Result<(), Failure> {
     arguments.options.capture.check_apart_from(arguments.log.as_deref())?;
     let settings = Settings::of(&arguments.options.gateway)?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     let screen = Screen {
         style: arguments.time,
         has_nanoseconds: arguments.nanoseconds,

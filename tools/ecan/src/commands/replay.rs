@@ -171,7 +171,7 @@ pub fn run(
 ) -> Result<(), Failure> {
     let settings = Settings::of(&arguments.options.gateway)?;
     let mut recording = Recording::read(arguments, &settings)?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     let mut printer = Printer::start(Screen::default(), false, arguments.log.as_deref())?;
     let has_end = recording.total().is_some();
     let wishes = Wishes {

@@ -64,7 +64,7 @@ pub fn run(
     if !settings.has_fd(*channel) && frames.iter().any(|frame| frame.as_ref().is_fd()) {
         return Err(settings.without_fd("a CAN FD frame needs the data bit rate", *channel));
     }
-    let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     let channels = Channels::only(*channel);
     let wishes = Wishes { has_results: true, ..Wishes::on(channels) };
     let capture = &options.capture;

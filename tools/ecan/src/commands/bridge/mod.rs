@@ -89,7 +89,7 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     let settings = Settings::of(&arguments.options.gateway)?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     // Before the gateway: the servers' threads keep out of what the cycle's thread asks for.
     let fronts = listen(arguments)?;
     let wishes = Wishes {

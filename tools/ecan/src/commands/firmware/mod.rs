@@ -128,8 +128,7 @@ pub fn run(
             }
             ask(wanted, &file, &chosen)?;
             let said = "interrupted: the gateway whose turn it is gets its firmware, no other";
-            let interrupt = Interrupt::install_saying(said)
-                .map_err(|error| Failure::Host(error.to_string()))?;
+            let interrupt = Interrupt::install_saying(said)?;
             let update = Update {
                 gateways: &*gateways,
                 file: &file,

@@ -118,7 +118,7 @@ pub fn run(
 ) -> Result<(), Failure> {
     let settings = Settings::of(&arguments.options.gateway)?;
     let mut generator = arguments.generator(&settings)?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     let is_shown = arguments.verbose && !global.json;
     let mut printer = Printer::start(Screen::default(), is_shown, None)?;
     let channels = Channels::only(arguments.channel);

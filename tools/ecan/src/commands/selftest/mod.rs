@@ -102,7 +102,7 @@ pub fn run(
     let global = GlobalOptions { master: Some(master), ..global.clone() };
     let test = gateway::Test { arguments, rates: &rates, master, output };
     test.check()?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     let bus = Bus::open(&global, output)?;
     let slaves = slaves(&bus, arguments, output)?;
     if let Some(directory) = &arguments.report {
