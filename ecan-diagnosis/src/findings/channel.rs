@@ -86,18 +86,19 @@ impl Channel<'_> {
 
     /// "500 kbit/s, sample point 75.0 to 87.5 %"
     pub(super) fn rates(&self) -> String {
-        let or_unknown = |text: Option<String>| text.unwrap_or_else(|| "unknown".to_owned());
-        let rate = |subindex| {
-            or_unknown(self.config(subindex).map(|rate| format!("{} kbit/s", rate / 1000)))
+        let told = |subindex, words: fn(u32) -> String| {
+            self.snapshot.told(self.config_object(), subindex, words)
         };
-        let window = |from, to| {
-            let percent = |subindex| Some(f64::from(self.config(subindex)?) / 10.0);
-            let ends = percent(from).zip(percent(to));
-            or_unknown(ends.map(|(from, to)| format!("{from:.1} to {to:.1} %")))
-        };
-        let mut text = format!("{}, sample point {}", rate(19), window(21, 22));
+        let rate = |subindex| told(subindex, |rate| format!("{} kbit/s", rate / 1000));
+        let percent = |subindex| told(subindex, |raw| format!("{:.1}", f64::from(raw) / 10.0));
+        let mut text = format!("{}, sample point {} to {} %", rate(19), percent(21), percent(22));
         if self.config(15) == Some(1) {
-            text.push_str(&format!(", data phase {}, {}", rate(20), window(23, 24)));
+            text.push_str(&format!(
+                ", data phase {}, {} to {} %",
+                rate(20),
+                percent(23),
+                percent(24)
+            ));
         }
         text
     }

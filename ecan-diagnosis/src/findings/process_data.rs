@@ -24,9 +24,8 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
 fn status(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
     let raw = snapshot.get(index, 2)?;
     let status = ProfileStatus::from_raw(u8::try_from(raw).unwrap_or(u8::MAX));
-    let or_unknown = |text: Option<String>| text.unwrap_or_else(|| "unknown".to_owned());
-    let n = or_unknown(snapshot.get(index, 3).map(|n| n.to_string()));
-    let mask = or_unknown(snapshot.get(index, 4).map(|mask| format!("0x{mask:02X}")));
+    let n = snapshot.number(index, 3);
+    let mask = snapshot.told(index, 4, |mask| format!("0x{mask:02X}"));
     let what = format!("the profile was not applied: 0x{index:04X}:02 is {status}");
     let fault = |id| Finding::fault(id, place, what.clone());
     let apply_again = format!("write 0x{index:04X}:01 = 1 in PREOP, then read :02 again");
@@ -99,8 +98,10 @@ fn last_error(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> 
         Some(error) => format!("the last error was {raw} ({error})"),
         None => format!("the last error was {raw}, which the manual does not list"),
     };
-    let count = count.map_or_else(|| "an unknown number of".to_owned(), |count| count.to_string());
-    let what = format!("{count} PDO errors, {last}");
+    let what = match count {
+        Some(count) => format!("{count} PDO errors, {last}"),
+        None => format!("PDO errors, their number is unknown, {last}"),
+    };
     let finding = match error {
         Some(PdoError::Ok | PdoError::DuplicateSequence) => Finding::warning(id, place, what),
         _ => Finding::fault(id, place, what),

@@ -183,6 +183,30 @@ fn what_was_written_is_told_where_the_next_gateway_fails() {
 }
 
 #[test]
+fn what_was_compared_is_told_where_the_next_gateway_fails() {
+    let (_directory, path) = file(
+        "[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\nposition = 1\nn = 2\n\
+         can1 = { bitrate = 125_000 }\n[[gateway]]\nposition = 2\nn = 2\n\
+         can1 = { bitrate = 125_000 }\n",
+    );
+    let path = text(&path);
+    let bus = scenario(
+        "[[gateway]]\n[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\n\
+         gateway = 1\nindex = 0x8002\nsubindex = 19\ncode = 0x06090011\ntimes = 9\n",
+    );
+    let bus = setting(&bus);
+    let told = ends(5, &["--ecrt", &bus, "config", "diff", path]);
+    assert!(told.contains("Nominal bitrate): the file has 250000, the device 500000\n"), "{told}");
+    let not: Vec<_> = told.lines().filter(|line| line.contains(": not compared: ")).collect();
+    assert!(not[0].starts_with("slave 1: not compared: SDO upload 0x8002:19"), "{told}");
+    assert_eq!(not[1..], ["slave 2: not compared: not reached"]);
+    let json = ends(5, &["--ecrt", &bus, "config", "diff", path, "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(json[0]["differences"].is_array() && json[1]["differences"].is_null());
+    assert!(json[1]["error"].is_string() && json[2]["error"].is_null());
+}
+
+#[test]
 fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
     let (_directory, path) = file(SMALL);
     let output = ecan(&["--ecrt", "sim", "config", "diff", text(&path)]);
