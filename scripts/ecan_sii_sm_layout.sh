@@ -22,8 +22,8 @@ Options:
   --backup FILE      where the backup goes (default: ecan_sii_POSITION_DATE.bin)
   --attempts N       how often to read back, a second apart, while the master scans (default 10)
   --yes              do not ask
-  --force            also where the slave does not show itself as an ECAN-Lite, or has an SII of
-                     another size than the backup
+  --force            also where the slave does not show itself as an ECAN-Lite, where the checksum is
+                     wrong, or where the backup is of another device or no sound SII
 
 Exit status: 0 all well; 1 the layout is wrong, or could not be mended; 2 wrong use, or not confirmed;
 3 the ethercat tool failed.
@@ -147,10 +147,11 @@ checksum() {
     done
 }
 
+readonly REBUILD='let the gateway rebuild its EEPROM (0xB000:04, bit 6, manual 13.7)'
+
 # Byte offset of the sync managers' category in `sync_managers`. Ends with 1 if there is none.
 find_sync_managers() {
-    local remedy="it cannot be mended here; let the gateway rebuild its EEPROM (0xB000:04, bit 6, \
-manual 13.7), or restore a backup"
+    local remedy="it cannot be mended here; $REBUILD, or restore a backup"
     local -i count=${#bytes[@]} at=128 kind words
     if ((count < 130 || count % 2 != 0)); then
         fail 1 "the SII has $count bytes, too few for categories or not whole words: $remedy"
@@ -177,6 +178,7 @@ manual 13.7), or restore a backup"
 # ---- what is wanted
 
 is_good=true
+is_checksum_good=true
 changes=()
 
 compare() { # NAME FOUND WANTED FORMAT
@@ -204,6 +206,7 @@ judge() {
     local -i number start control kind at
     checksum
     compare "checksum of words 0-6" "${bytes[14]}" "$value" 0x%02X
+    if ! $is_good; then is_checksum_good=false; fi
     bytes[14]=$value
     find_sync_managers
     while read -r number start control kind; do
@@ -237,6 +240,23 @@ recognize() {
     header=$(tool upload --position "$position" --type uint16 0xF000 18)
     if [[ ${unit##* } != 128 || ${header##* } != 24 ]]; then
         fail 1 "slave $position does not show itself as an ECAN-Lite (0xF000); --force writes anyway"
+    fi
+}
+
+# The words behind the checksum decide how the controller starts. Where the two do not fit, nobody
+# but the user can tell which of them is damaged.
+warn_of_checksum() {
+    $is_checksum_good && return
+    printf 'words 0-6:'
+    local -i at
+    for ((at = 0; at < 14; at += 2)); do
+        word $at
+        printf ' 0x%04X' "$value"
+    done
+    printf '\nIf these words are damaged, and not the checksum, a new checksum makes the damage valid,\n'
+    printf 'and the controller may not start any more: restore a backup then, or %s.\n' "$REBUILD"
+    if $is_confirmed && ! $is_forced; then
+        fail 1 "the checksum is wrong: --yes does not answer for that, --force does"
     fi
 }
 
@@ -310,12 +330,37 @@ do_fix() {
     fi
     recognize
     refuse_in_operation
+    warn_of_checksum
     store "$work/mended"
     keep_backup "$work/found"
     printf 'to be changed:\n'
     printf '  %s\n' "${changes[@]}"
     confirm "Write the SII of slave $position?"
     write_sii "$work/mended"
+}
+
+# Vendor, product and serial number; not the revision, which may come with the firmware.
+identity() { # FILE
+    od -An -v -tx1 -j 16 -N 8 "$1" && od -An -v -tx1 -j 28 -N 4 "$1"
+} 2>/dev/null
+
+# Whether the loaded image is a sound one of the slave whose SII is in `found`.
+judge_backup() {
+    local -a doubts=()
+    local said found_bytes
+    found_bytes=$(wc -c <"$work/found")
+    checksum
+    ((value == bytes[14])) || doubts+=("its checksum is wrong")
+    said=$(find_sync_managers 2>&1) || doubts+=("${said#*: }")
+    ((${#bytes[@]} == found_bytes)) ||
+        doubts+=("it has ${#bytes[@]} bytes, the SII of the slave $found_bytes")
+    [[ $(identity "$source_file") == "$(identity "$work/found")" ]] ||
+        doubts+=("its vendor, product or serial number is not the slave's")
+    ((${#doubts[@]})) || return 0
+    printf '%s: %s\n' "$source_file" "${doubts[0]}"
+    if ((${#doubts[@]} > 1)); then printf '  and %s\n' "${doubts[@]:1}"; fi
+    $is_forced ||
+        fail 1 "$source_file may not be of slave $position, or be damaged; --force writes anyway"
 }
 
 do_restore() {
@@ -330,21 +375,13 @@ do_restore() {
         printf 'the SII of slave %d is that of %s already\n' "$position" "$source_file"
         return
     fi
-    local -i found_bytes
-    found_bytes=$(wc -c <"$work/found")
-    if ((found_bytes != ${#bytes[@]})) && ! $is_forced; then
-        fail 1 "$source_file has ${#bytes[@]} bytes, the SII of slave $position $found_bytes: is it \
-of another device? --force writes anyway"
-    fi
+    judge_backup
     recognize
     refuse_in_operation
     keep_backup "$work/found"
     checksum
-    if ((value != bytes[14])); then
-        printf 'the checksum in %s is wrong; it is written as it is\n' "$source_file"
-        # The tool refuses such images by itself.
-        force=(--force)
-    fi
+    # The tool refuses images with a wrong checksum by itself.
+    if ((value != bytes[14])); then force=(--force); fi
     confirm "Write $source_file to the SII of slave $position?"
     write_sii "$source_file" "${force[@]}"
 }

@@ -119,29 +119,20 @@ impl Bus {
     /// The slave that the command is about: the one chosen, or the only gateway.
     pub fn slave(&self) -> Result<usize, Failure> {
         let count = self.diagnostics.slave_count();
-        let all = 0..count;
-        match self.choice {
-            None => self.only_gateway(),
-            Some(SlaveChoice::Position(position)) if position < count => Ok(position),
-            Some(SlaveChoice::Position(position)) => {
-                Err(Failure::Slave(format!("there is no slave {position}: {}", counted(count))))
-            }
+        let has_serial = |slave: usize, serial| {
+            self.is_gateway(slave) && self.serial(slave).is_ok_and(|own| own == serial)
+        };
+        let found = match self.choice {
+            None => return self.only_gateway(),
+            Some(SlaveChoice::Position(position)) => (position < count).then_some(position),
             Some(SlaveChoice::Alias(alias)) => {
-                let found = self.slaves()?.iter().position(|slave| slave.alias == alias);
-                found.ok_or_else(|| {
-                    Failure::Slave(format!("no slave has the alias {alias}; see `ecan scan`"))
-                })
+                self.slaves()?.iter().position(|slave| slave.alias == alias)
             }
             Some(SlaveChoice::Serial(serial)) => {
-                let is_it = |slave: &usize| self.serial(*slave).is_ok_and(|own| own == serial);
-                all.into_iter().filter(|slave| self.is_gateway(*slave)).find(is_it).ok_or_else(
-                    || {
-                        let words = "no gateway has the serial number";
-                        Failure::Slave(format!("{words} {serial}; see `ecan scan`"))
-                    },
-                )
+                (0..count).find(|slave| has_serial(*slave, serial))
             }
-        }
+        };
+        found.ok_or_else(|| none_found(self.choice, count))
     }
 
     fn only_gateway(&self) -> Result<usize, Failure> {
@@ -149,15 +140,8 @@ impl Bus {
         let gateways: Vec<_> = (0..count).filter(|slave| self.is_gateway(*slave)).collect();
         match gateways[..] {
             [only] => Ok(only),
-            [] if count == 0 => Err(Failure::Slave("no slave answers on the bus".to_owned())),
-            [] => Err(Failure::Slave(format!(
-                "none of the {count} slaves shows itself as an ECAN-Lite; choose one with --slave"
-            ))),
-            [..] => {
-                let places: Vec<_> = gateways.iter().map(ToString::to_string).collect();
-                let words = "there are several gateways; choose one with --slave, of";
-                Err(Failure::Slave(format!("{words} {}", places.join(", "))))
-            }
+            [] => Err(none_found(None, count)),
+            [..] => Err(Failure::Slave(several_found(gateways))),
         }
     }
 
@@ -193,12 +177,33 @@ impl Bus {
     }
 }
 
-fn counted(slaves: usize) -> String {
-    match slaves {
-        0 => "no slave answers".to_owned(),
-        1 => "there is only slave 0".to_owned(),
-        more => format!("there are slaves 0 to {}", more - 1),
-    }
+/// Why none of so many slaves is the one that is meant.
+pub fn none_found(choice: Option<SlaveChoice>, slaves: usize) -> Failure {
+    let words = match (choice, slaves) {
+        (_, 0) => "no slave answers on the bus".to_owned(),
+        (None, _) => format!(
+            "none of the {slaves} slaves shows itself as an ECAN-Lite; choose one with --slave"
+        ),
+        (Some(SlaveChoice::Position(position)), 1) => {
+            format!("there is no slave {position}: there is only slave 0")
+        }
+        (Some(SlaveChoice::Position(position)), _) => {
+            format!("there is no slave {position}: there are slaves 0 to {}", slaves - 1)
+        }
+        (Some(SlaveChoice::Alias(alias)), _) => {
+            format!("no slave has the alias {alias}; see `ecan scan`")
+        }
+        (Some(SlaveChoice::Serial(serial)), _) => {
+            format!("no gateway has the serial number {serial}; see `ecan scan`")
+        }
+    };
+    Failure::Slave(words)
+}
+
+/// That the gateways at these positions leave a choice.
+pub fn several_found(positions: impl IntoIterator<Item = usize>) -> String {
+    let places: Vec<_> = positions.into_iter().map(|it| it.to_string()).collect();
+    format!("there are several gateways; choose one with --slave, of {}", places.join(", "))
 }
 
 /// A bus over a simulation that a test holds in its hands.

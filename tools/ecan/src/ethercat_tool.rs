@@ -173,12 +173,21 @@ impl EthercatTool {
         Ok(Self { program, master })
     }
 
-    /// Standard output of a command that ends well.
+    /// Standard output, as text, of a command that ends well.
     fn run<S: AsRef<OsStr>>(
         &self,
         command: &'static str,
         arguments: impl IntoIterator<Item = S>,
     ) -> Result<String, ToolError> {
+        let printed = self.run_for_bytes(command, arguments)?;
+        Ok(String::from_utf8_lossy(&printed).into_owned())
+    }
+
+    fn run_for_bytes<S: AsRef<OsStr>>(
+        &self,
+        command: &'static str,
+        arguments: impl IntoIterator<Item = S>,
+    ) -> Result<Vec<u8>, ToolError> {
         let output = Command::new(&self.program)
             .arg(command)
             .arg("--master")
@@ -192,7 +201,7 @@ impl EthercatTool {
                 reason: error.to_string(),
             })?;
         if output.status.success() {
-            return Ok(String::from_utf8_lossy(&output.stdout).into_owned());
+            return Ok(output.stdout);
         }
         let Some(status) = output.status.code() else {
             return Err(ToolError::Killed { command });
@@ -256,6 +265,14 @@ impl EthercatTool {
     pub fn upload_text(&self, slave: usize, object: (u16, u8)) -> Result<String, ToolError> {
         let printed = self.upload(slave, object, "string")?;
         Ok(printed.trim_end_matches(['\n', '\0']).to_owned())
+    }
+
+    /// The SII, up to the end of its categories.
+    ///
+    /// # Errors
+    /// Any [`ToolError`] but [`ToolError::NoPosition`].
+    pub fn sii(&self, slave: usize) -> Result<Vec<u8>, ToolError> {
+        self.run_for_bytes("sii_read", ["--position", &slave.to_string()])
     }
 
     /// Writes a file to a slave, with the password 0. Returns when the slave has taken or refused

@@ -18,19 +18,19 @@ Exit status:
 Without hardware: ecan --ecrt sim scan";
 
 /// When to use colours.
+// Plain comments: a doc comment on a value would spread every help over twice the lines.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Color {
-    /// On a terminal, unless NO_COLOR is set
+    // On a terminal, unless NO_COLOR is set.
     #[default]
     Auto,
-    /// Always
     Always,
-    /// Never
     Never,
 }
 
 /// Options of every command.
 #[derive(Clone, Debug, Args)]
+#[command(next_help_heading = "Bus and output")]
 pub struct GlobalOptions {
     /// EtherCAT library: a path, or sim, sim:echo, sim:drives, sim:FILE.toml for a simulated master;
     /// otherwise ECAN_ECRT, otherwise libethercat.so.1
@@ -45,7 +45,7 @@ pub struct GlobalOptions {
     /// Print JSON
     #[arg(long, global = true)]
     pub json: bool,
-    /// Colours
+    /// Colours; auto: on a terminal, unless NO_COLOR is set
     #[arg(long, global = true, value_enum, default_value_t = Color::Auto, value_name = "WHEN")]
     pub color: Color,
 }

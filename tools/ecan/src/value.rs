@@ -111,7 +111,7 @@ pub fn encode(
             })?;
             let bytes = ty.size_bytes().unwrap_or(4);
             if value > u64::from(ty.max_value()) {
-                return Err(format!("{value} is more than {} bytes hold", bytes));
+                return Err(format!("{value} does not fit, possible is 0..{}", ty.max_value()));
             }
             Ok(value.to_le_bytes().get(..bytes).unwrap_or_default().to_vec())
         }
@@ -151,7 +151,7 @@ mod tests {
         assert_eq!(encode("factory", mode, None), Ok(vec![2]));
         assert_eq!(encode("0x2", mode, None), Ok(vec![2]));
         assert!(encode("off", mode, None).unwrap_err().contains("none of run, engineering"));
-        assert!(encode("256", mode, None).unwrap_err().contains("more than 1 bytes"));
+        assert!(encode("256", mode, None).unwrap_err().contains("possible is 0..255"));
         assert!(encode("1", None, None).unwrap_err().contains("--type"));
         assert_eq!(encode("1", None, Some(ObjectType::U16)), Ok(vec![1, 0]));
     }

@@ -34,7 +34,6 @@ TxPDO  not active  24 chunks  0 OK    0 OK        0       0
 RxPDO  not active  24 chunks  0 OK    0 OK        0       0
 
 CAN0  disabled, 0 received and 0 to send pending
-
 CAN1  disabled";
     assert!(report.starts_with(expected), "{report}");
     assert!(report.ends_with("\nno finding\n"), "{report}");

@@ -337,8 +337,12 @@ fn misuse_is_named_before_anything_is_written() {
     let cases: [(i32, &[&str], &str); 9] = [
         (2, &["update", path], "say --yes"),
         (2, &["update", path, "--yes", "--all", "--slave", "0"], "take one"),
-        (4, &["update", path, "--yes", "--slave", "7"], "no slave of the bus is the one"),
-        (4, &["update", path, "--yes", "--slave", "alias=9"], "no slave of the bus"),
+        (
+            4,
+            &["update", path, "--yes", "--slave", "7"],
+            "there is no slave 7: there is only slave 0",
+        ),
+        (4, &["update", path, "--yes", "--slave", "alias=9"], "no slave has the alias 9"),
         (6, &["update", "/nonexistent.bin", "--yes"], "cannot read /nonexistent.bin: No such file"),
         (6, &["update", &of(&empty), "--yes"], "it is empty"),
         (6, &["update", &of(&short), "--yes"], "3 bytes are too few"),

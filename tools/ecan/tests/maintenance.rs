@@ -151,7 +151,7 @@ fn wrong_use_is_named_and_told_by_the_status() {
         (2, vec!["reg", "read", "0x45", "--channel", "0"], "multiples of 4"),
         (2, vec!["reg", "read", "0x408", "--channel", "0"], "from 0x0004 to 0x0404"),
         (2, vec!["reg", "write", "PSR", "1", "--channel", "0"], "PSR is not in the whitelist"),
-        (2, vec!["reg", "write", "IR", "0x100000000", "--channel", "0"], "more than 4 bytes"),
+        (2, vec!["reg", "write", "IR", "0x100000000", "--channel", "0"], "does not fit"),
         (3, vec!["reg", "read", "PSR", "--channel", "0"], "libethercat.so.1"),
         (2, add(&[]), "required"),
         (2, add(&["--id", "0x800"]), "29-bit identifiers need --extended"),

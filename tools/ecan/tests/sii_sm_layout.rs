@@ -2,8 +2,9 @@
 //! gateway, whole and broken.
 #![allow(missing_docs)]
 
+mod support;
+
 use std::io::Write;
-use std::os::unix::fs::PermissionsExt;
 use std::path::PathBuf;
 use std::process::{Command, Stdio};
 
@@ -51,7 +52,6 @@ impl Bench {
     fn new(image: &[u8]) -> Self {
         let bench = Self(tempfile::tempdir().unwrap());
         for (name, bytes) in [
-            ("ethercat", TOOL.as_bytes()),
             ("eeprom", image),
             ("scanned", image),
             ("state", b"PREOP"),
@@ -60,8 +60,7 @@ impl Bench {
         ] {
             bench.put(name, bytes);
         }
-        let executable = std::fs::Permissions::from_mode(0o755);
-        std::fs::set_permissions(bench.path("ethercat"), executable).unwrap();
+        support::write_program(&bench.path("ethercat"), TOOL);
         bench
     }
 
@@ -154,23 +153,89 @@ fn each_fault_is_named_mended_and_can_be_put_back() {
         assert_eq!(status, 1, "{said}");
         assert!(said.contains(words), "{words}: {said}");
         assert!(!bench.has_written());
-        let (status, said) = bench.run(&["fix", "--yes", "--backup", "before.bin"]);
+        let is_checksum = words.contains("checksum");
+        let mut fix = vec!["fix", "--yes", "--backup", "before.bin"];
+        if is_checksum {
+            let (status, said) = bench.run(&fix);
+            assert_eq!(status, 1, "{said}");
+            assert!(said.contains("--yes does not answer for that, --force does"), "{said}");
+            assert!(!bench.has_written());
+            fix.push("--force");
+        }
+        let (status, said) = bench.run(&fix);
         assert_eq!(status, 0, "{said}");
         assert!(said.contains("read back and compared"), "{said}");
         assert_eq!(bench.get("eeprom"), good, "{words}");
         assert_eq!(bench.get("before.bin"), image);
         assert_eq!(bench.run(&["check"]).0, 0);
         let backup = bench.path("before.bin");
-        let arguments = ["restore", backup.to_str().unwrap(), "--yes", "--backup", "mended.bin"];
-        let (status, said) = bench.run(&arguments);
+        let mut restore =
+            vec!["restore", backup.to_str().unwrap(), "--yes", "--backup", "mended.bin"];
+        if is_checksum {
+            let (status, said) = bench.run(&restore);
+            assert_eq!(status, 1, "{said}");
+            assert!(said.contains("before.bin: its checksum is wrong\n"), "{said}");
+            restore.push("--force");
+        }
+        let (status, said) = bench.run(&restore);
         assert_eq!(status, 0, "{said}");
         assert_eq!((bench.get("eeprom"), bench.get("mended.bin")), (image, good.clone()));
         // The tool writes a wrong checksum only when it is forced to.
         let calls = String::from_utf8(bench.get("calls")).unwrap();
         let forced =
             calls.lines().any(|call| call.contains("sii_write") && call.contains("--force"));
-        assert_eq!(forced, words.contains("checksum"), "{calls}");
+        assert_eq!(forced, is_checksum, "{calls}");
     }
+}
+
+#[test]
+fn a_new_checksum_is_not_put_over_damaged_words_unasked() {
+    let mut image = good_image();
+    (image[0], image[8]) = (image[0] ^ 0xFF, 0x34);
+    let bench = Bench::new(&image);
+    let (status, said) = bench.run(&["fix", "--yes"]);
+    assert_eq!(status, 1, "{said}");
+    let words: Vec<_> =
+        image[..14].chunks(2).map(|it| format!(" 0x{:02X}{:02X}", it[1], it[0])).collect();
+    assert!(said.contains(&format!("words 0-6:{}\n", words.concat())), "{said}");
+    assert!(said.contains("restore a backup"), "{said}");
+    assert!(!bench.has_written());
+}
+
+#[test]
+fn a_backup_of_another_device_or_a_damaged_one_is_not_restored_unasked() {
+    let good = good_image();
+    let changed = |at: usize| {
+        let mut image = good.clone();
+        image[at] ^= 0x55;
+        image
+    };
+    let other = "its vendor, product or serial number is not the slave's";
+    let cases = [
+        (changed(16), other),
+        (changed(20), other),
+        (changed(28), other),
+        (changed(14), "its checksum is wrong"),
+        (changed(0), "its checksum is wrong"),
+        (changed(sync_managers(&good) - 4), "the SII has no category 41"),
+        ((0..good.len()).map(|at| (at * 37) as u8).collect(), "its checksum is wrong"),
+        (good[..good.len() - 2].to_vec(), "bytes, the SII of the slave"),
+    ];
+    for (image, words) in cases {
+        let bench = Bench::new(&broken(&[(20, 0x64)]));
+        bench.put("backup.bin", &image);
+        let (status, said) = bench.run(&["restore", "backup.bin", "--yes"]);
+        assert_eq!(status, 1, "{said}");
+        assert!(said.contains(words), "{words}: {said}");
+        assert!(said.contains("--force writes anyway"), "{said}");
+        assert!(!bench.has_written());
+        let (status, said) = bench.run(&["restore", "backup.bin", "--yes", "--force"]);
+        assert_eq!((status, bench.get("eeprom")), (0, image), "{said}");
+    }
+    // The revision may be another one: it changes with the firmware.
+    let bench = Bench::new(&good);
+    bench.put("backup.bin", &changed(24));
+    assert_eq!(bench.run(&["restore", "backup.bin", "--yes"]).0, 0);
 }
 
 #[test]
@@ -249,7 +314,7 @@ fn nothing_is_written_unasked_or_to_the_wrong_slave() {
     refused(|_| (), &["restore", "state", "--yes"], 2, "state has 5 bytes: that is no SII");
     refused(|_| (), &["restore", "none.bin", "--yes"], 2, "cannot read none.bin");
     let other_size = |bench: &Bench| bench.put("other.bin", &[0; 500]);
-    refused(other_size, &["restore", "other.bin", "--yes"], 1, "is it of another device?");
+    refused(other_size, &["restore", "other.bin", "--yes"], 1, "may not be of slave 0");
     // Chosen by hand, the slave need not show itself.
     let bench = Bench::new(&image);
     bench.put("unit", b"0x0001 1");

@@ -40,7 +40,7 @@ pub enum Command {
     Config(config::ConfigArguments),
     /// Read, write and list objects, by number or by the manual's names
     Sdo(sdo::SdoArguments),
-    /// Look for what is wrong with a gateway: state, process data, CAN, with causes (manual 16)
+    /// Look for what is wrong with a gateway, with causes and remedies (manual 16)
     Diag(diag::DiagArguments),
     /// Look for what is wrong with this host: library, module, interface, real time
     Doctor(doctor::DoctorArguments),
@@ -70,7 +70,7 @@ pub enum Command {
     /// Watch gateways, channels and the cycle on the whole terminal
     #[command(after_help = monitor::EXAMPLES)]
     Monitor(monitor::MonitorArguments),
-    /// Give a channel to other programs: slcan, socketcand, a CAN interface of Linux
+    /// Give a channel to other programs, by slcan, socketcand or SocketCAN
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),
     /// Test gateways on the production line: identity, every channel by loopback and by wire

@@ -82,7 +82,7 @@ fn parse_offset(text: &str) -> Result<u16, String> {
 
 fn parse_value(text: &str) -> Result<u32, String> {
     let value = parse_unsigned(text).ok_or_else(|| format!("\"{text}\" is no number"))?;
-    u32::try_from(value).map_err(|_| format!("{text} is more than 4 bytes hold"))
+    u32::try_from(value).map_err(|_| format!("{text} does not fit, possible is 0..0xFFFFFFFF"))
 }
 
 /// A register's value.

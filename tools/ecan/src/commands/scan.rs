@@ -30,8 +30,12 @@ struct Found {
 
 pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
     let bus = Bus::open(global, output)?;
+    let chosen = if bus.is_chosen() { Some(bus.slave()?) } else { None };
     let mut found = Vec::new();
     for (slave, info) in bus.slaves()?.into_iter().enumerate() {
+        if chosen.is_some_and(|chosen| chosen != slave) {
+            continue;
+        }
         let is_gateway = bus.is_gateway(slave);
         let text = |index| is_gateway.then(|| bus.text(slave, index));
         let state = AlState::from_status(info.al_state.into());
@@ -44,7 +48,7 @@ pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
             product_code: info.product_code,
             revision: info.revision_number,
             is_gateway,
-            serial: if is_gateway { Some(bus.serial(slave)?) } else { None },
+            serial: if is_gateway { bus.serial(slave).ok() } else { None },
             firmware: text(0x100A),
             hardware: text(0x1009),
             name: info.name,

@@ -20,7 +20,13 @@ pub(super) fn print(
     heading(report, out)?;
     if !is_brief {
         directions(report, out)?;
+        // Quiet channels are a line each, without gaps.
+        let mut follows_quiet = false;
         for channel in &report.channels {
+            if !(follows_quiet && channel.is_quiet()) {
+                writeln!(out)?;
+            }
+            follows_quiet = channel.is_quiet();
             print_channel(channel, out)?;
         }
         performance(report, out)?;
@@ -75,7 +81,7 @@ fn directions(report: &Report, out: &mut dyn Write) -> Written {
 }
 
 fn print_channel(channel: &Channel, out: &mut dyn Write) -> Written {
-    writeln!(out, "\nCAN{}  {}", channel.channel, channel.status_words)?;
+    writeln!(out, "CAN{}  {}", channel.channel, channel.status_words)?;
     if channel.is_quiet() {
         return Ok(());
     }

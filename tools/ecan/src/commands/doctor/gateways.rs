@@ -1,16 +1,23 @@
 //! The gateways on the bus: N against what the master carries, and what only the SII tells.
 
+use std::path::Path;
+
 use ecan_host::{Diagnostics, Ecrt, Error, MAX_PLAIN_MULTIPLIER};
 use ecan_protocol::Recognition;
 
+use crate::ethercat_tool::{EthercatTool, ToolError};
 use crate::global::GlobalOptions;
 
-use super::Check;
+use super::{Check, sii};
 
-/// Two for the mailbox, SM2 and SM3 for process data.
-const SYNC_MANAGERS: u8 = 4;
+const SII: &str = "SII layout";
 
-pub(super) fn checks(library: Option<Ecrt>, global: &GlobalOptions) -> Vec<Check> {
+/// What stands behind the checks of the library; `tool` is IgH's, where it is not found by itself.
+pub(super) fn checks(
+    library: Option<Ecrt>,
+    tool: Option<&Path>,
+    global: &GlobalOptions,
+) -> Vec<Check> {
     const NAME: &str = "bus";
     let Some(ecrt) = library else {
         return vec![Check::skipped(NAME, "there is no library to look with")];
@@ -30,7 +37,13 @@ pub(super) fn checks(library: Option<Ecrt>, global: &GlobalOptions) -> Vec<Check
     }
     let mut checks = vec![Check::good(NAME, found)];
     checks.extend(gateways.iter().map(|slave| process_data(&diagnostics, *slave)));
-    checks.extend(gateways.iter().map(|slave| sii_layout(&diagnostics, *slave)));
+    checks.extend(gateways.iter().map(|slave| {
+        if ecrt.is_simulated() {
+            return Check::skipped(SII, "the master is simulated, and has no SII");
+        }
+        let tool = EthercatTool::find(tool, global.master);
+        judge_layout(*slave, tool.and_then(|tool| tool.sii(*slave)))
+    }));
     checks
 }
 
@@ -61,28 +74,24 @@ fn process_data(diagnostics: &Diagnostics, slave: usize) -> Check {
     }
 }
 
-/// The library tells how many sync managers the SII has, but not where they lie.
-fn sii_layout(diagnostics: &Diagnostics, slave: usize) -> Check {
-    const NAME: &str = "SII layout";
-    match diagnostics.slave_info(slave) {
-        Ok(info) => judge_sync_managers(NAME, slave, info.sync_count),
-        Err(error) => cannot_look(NAME, &error),
-    }
-}
-
-fn judge_sync_managers(name: &'static str, slave: usize, count: u8) -> Check {
+/// By the SII, which the library does not show: it takes IgH's tool.
+fn judge_layout(slave: usize, sii: Result<Vec<u8>, ToolError>) -> Check {
     let script = format!("scripts/ecan_sii_sm_layout.sh check --position {slave}");
-    if count >= SYNC_MANAGERS {
-        let words = "the library does not show where SM2 and SM3 lie";
-        return Check::skipped(
-            name,
-            format!("slave {slave}: {count} sync managers; {words}: {script}"),
-        );
+    let sii = match sii {
+        Ok(sii) => sii,
+        Err(error) => return Check::skipped(SII, format!("slave {slave}: {error}; see {script}")),
+    };
+    let faults = sii::faults(&sii);
+    if faults.is_empty() {
+        return Check::good(SII, format!("slave {slave}: SM2 and SM3 as in manual 15.7"));
     }
     Check::bad(
-        name,
-        format!("slave {slave}: the SII has {count} sync managers instead of {SYNC_MANAGERS}"),
-        &format!("{script}, then fix; SM2 is 0x1100, SM3 is 0x1D00, 3072 bytes each"),
+        SII,
+        format!("slave {slave}: {}", faults.join(", ")),
+        &format!(
+            "{script}, then fix; SM2 is 0x1100 with control byte 0x66, SM3 0x1D00 with 0x22, 3072 \
+             bytes each"
+        ),
     )
 }
 
@@ -106,11 +115,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_sii_without_process_data_is_told() {
-        assert!(!judge_sync_managers("SII layout", 0, 4).is_amiss());
-        let short = judge_sync_managers("SII layout", 1, 2);
-        assert_eq!(short.found, "slave 1: the SII has 2 sync managers instead of 4");
-        assert!(short.remedy.contains("ecan_sii_sm_layout.sh check --position 1"));
+    fn an_sii_that_cannot_be_read_is_left_to_the_script() {
+        let check = judge_layout(3, Err(ToolError::NotFound));
+        assert!(!check.is_amiss());
+        assert!(check.found.ends_with("see scripts/ecan_sii_sm_layout.sh check --position 3"));
+        let check = judge_layout(1, Ok(Vec::new()));
+        assert_eq!(check.found, "slave 1: the SII has no category 41 (sync managers)");
+        assert!(check.is_amiss());
     }
 
     #[test]

@@ -9,9 +9,10 @@ mod library;
 mod master;
 mod real_time;
 mod root;
+mod sii;
 
 use std::io::Write;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::Args;
 
@@ -39,6 +40,10 @@ pub struct DoctorArguments {
     /// The ethtool to ask for the interrupt coalescing; found by itself, but not with --root
     #[arg(long, value_name = "PROGRAM")]
     ethtool: Option<PathBuf>,
+    /// IgH's command line tool, which reads the SII; otherwise ethercat on the PATH or where IgH
+    /// installs it
+    #[arg(long, value_name = "PROGRAM")]
+    ethercat: Option<PathBuf>,
 }
 
 pub fn run(
@@ -57,7 +62,7 @@ pub fn run(
         }
         None => {
             let root = Root::default().with_ethtool(arguments.ethtool.clone());
-            all_checks(&root, global, output)?
+            all_checks(&root, arguments.ethercat.as_deref(), global, output)?
         }
     };
     output.data(&checks, |out| print(&checks, output, out))?;
@@ -93,7 +98,12 @@ fn real_time_checks(root: &Root) -> Vec<Check> {
 }
 
 /// Library and bus besides.
-fn all_checks(root: &Root, global: &GlobalOptions, output: &Output) -> Result<Vec<Check>, Failure> {
+fn all_checks(
+    root: &Root,
+    tool: Option<&Path>,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<Vec<Check>, Failure> {
     let library = library::load(global, output)?;
     let mut checks = vec![library::check(&library)];
     match &library {
@@ -110,7 +120,7 @@ fn all_checks(root: &Root, global: &GlobalOptions, output: &Output) -> Result<Ve
         Err(_) => checks.extend(master_checks(root, global.master)),
     }
     checks.extend(real_time_checks(root));
-    checks.extend(gateways::checks(library.ok(), global));
+    checks.extend(gateways::checks(library.ok(), tool, global));
     Ok(checks)
 }
 

@@ -6,7 +6,7 @@ use ecan_protocol::Recognition;
 use serde::Serialize;
 
 use super::refusal::Refusal;
-use crate::bus::SlaveChoice;
+use crate::bus::{SlaveChoice, none_found, several_found};
 use crate::failure::Failure;
 
 /// A slave that is there.
@@ -143,22 +143,13 @@ pub fn chosen(
         }
     };
     match (&found[..], choice) {
-        ([], None) if count == 0 => Err(Failure::Slave("no slave answers on the bus".to_owned())),
-        ([], None) => Err(Failure::Slave(format!(
-            "none of the {count} slaves shows itself as an ECAN-Lite; choose one with --slave"
-        ))),
-        ([], Some(_)) => {
-            Err(Failure::Slave("no slave of the bus is the one of --slave; see `ecan scan`".into()))
-        }
+        ([], _) => Err(none_found(choice, count)),
         ([_], _) => Ok(found),
         ([_, ..], None) if all => Ok(found),
         ([first, ..], Some(_)) => Ok(vec![first.clone()]),
         ([_, ..], None) => {
-            let places: Vec<_> = found.iter().map(|it| it.position.to_string()).collect();
-            Err(Failure::Slave(format!(
-                "there are several gateways; choose one with --slave, of {}, or take --all",
-                places.join(", ")
-            )))
+            let words = several_found(found.iter().map(|it| it.position));
+            Err(Failure::Slave(format!("{words}, or take --all")))
         }
     }
 }
