@@ -57,7 +57,7 @@ fn the_log_is_candumps_on_the_screen_and_in_a_file() {
         assert_eq!(ecan_candump::FrameText(&record.frame).to_string(), *frame);
         assert_eq!(record.time_ns - first, ms * 1_000_000);
     }
-    let screen = bus.good(&["dump", "-n", "1", "-l", &bus.path("out.log"), "--screen"]);
+    let screen = bus.good(&["dump", "-n", "1", "-l", &bus.path("out.log"), "--screen", "--force"]);
     assert_eq!(screen, "  can0  123   [4]  DE AD BE EF\n");
 }
 
@@ -82,7 +82,8 @@ fn filters_choose_frames() {
 fn it_ends_after_a_count_or_a_silence_and_tells_by_the_status() {
     assert_eq!(bus().good(&["dump", "-n", "1"]).lines().count(), 1);
     let message = bus().fails(1, &["dump", "-T", "100"]);
-    assert_eq!(message, "ecan: no frame came");
+    let words = "ecan: no frame came: do the others on the bus have 500000/5000000 bit/s?";
+    assert_eq!(message, words);
     let message = bus().fails(1, &["dump", "-T", "9000", "-n", "9"]);
     assert_eq!(message, "ecan: 5 of 9 frames came");
     assert_eq!(bus().good(&["dump", "-T", "9000", "-n", "5"]).lines().count(), 5);
@@ -138,7 +139,7 @@ fn changes_on_the_bus_are_comments_on_standard_error() {
     let output = bus.run(&["dump", "--channel", "0", "-T", "9000"]);
     let errors = String::from_utf8(output.stderr).unwrap();
     let comments: Vec<_> = errors.lines().filter(|line| line.starts_with("# (")).collect();
-    assert!(comments[0].ends_with(") can0 bus-off"), "{errors}");
+    assert!(comments[0].ends_with(") can0 bus-off, at 500000/5000000 bit/s"), "{errors}");
     assert!(!String::from_utf8(output.stdout).unwrap().contains('#'));
 }
 

@@ -38,7 +38,7 @@ fn a_frame_that_nobody_acknowledges_has_not_left() {
     let message = alone.fails(1, &["send", "123#11", "124#22", "--timeout", "300"]);
     assert!(message.contains("can0 run, warning: error passive"), "{message}");
     assert!(message.contains("2 of 2 frames have not left within 300 ms"), "{message}");
-    assert!(message.contains("is there another node at 500000 bit/s"), "{message}");
+    assert!(message.contains("is there another node at 500000/5000000 bit/s"), "{message}");
 }
 
 #[test]
@@ -49,6 +49,17 @@ fn a_channel_off_the_bus_is_named() {
     assert!(message.contains("can0 bus-off"), "{message}");
     let words = "1 of 1 frames have not left within 1000 ms: channel 0 went bus-off";
     assert!(message.contains(words), "{message}");
+}
+
+#[test]
+fn a_channel_that_comes_and_goes_does_not_fill_the_screen() {
+    // The others have another bit rate: warnings and bus-off alternate.
+    let others = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nbitrate = 250000\n";
+    let bus = Scenario::new(others);
+    let message = bus.fails(1, &["send", "123#11", "--timeout", "3000"]);
+    let lines = message.lines().filter(|line| line.starts_with("# (")).count();
+    assert!((1..=6).contains(&lines), "{message}");
+    assert!(message.contains("at 500000/5000000 bit/s"), "{message}");
 }
 
 #[test]
@@ -86,6 +97,9 @@ fn generated_frames_that_stay_behind_are_lost() {
         assert!(errors.contains(&words), "{errors}");
     }
 }
+
+const SIM: &str = "--ecrt=sim";
+const CLASSIC: &str = "--bitrate=500000";
 
 const LOG: &str = "\
 (1000.000000) can0 100#00
@@ -151,14 +165,18 @@ fn misuse_is_named_and_told_by_the_status() {
         (2, &["send", "123"], "column 4"),
         (2, &["send", "123#1"], "two hex digits"),
         (2, &["send", "800#"], "identifier"),
-        (2, &["send", "123##1AA"], "give --data-bitrate"),
+        (
+            2,
+            &[SIM, "send", CLASSIC, "123##1AA"],
+            "123##1AA is a CAN FD frame: channel 0 has no data",
+        ),
         (2, &["send", "123#", "--channel", "4"], "expected a channel, 0 to 3"),
         (2, &["gen", "-I", "800", "-n", "1"], "identifier 0x800 exceeds 11 bits"),
         (2, &["gen", "-L", "9"], "expected r, i or a length"),
         (2, &["gen", "-L", "12"], "12 data bytes do not fit"),
         (2, &["gen", "-D", "1"], "x for a random digit"),
-        (2, &["gen", "-f"], "--data-bitrate"),
-        (2, &["replay", &fd], "fd.log, line 1 is a CAN FD frame: give --data-bitrate"),
+        (2, &[SIM, "gen", CLASSIC, "-f"], "channel 0 has no data bit rate, give --data-bitrate"),
+        (2, &[SIM, "replay", CLASSIC, &fd], "fd.log, line 1 is a CAN FD frame: channel 0 has no"),
         (2, &["replay", &good, "--log", &good], "would overwrite the recording"),
         (2, &["replay", &good, "--speed", "0"], "expected a factor"),
         (2, &["replay", &good, "--channel", "2,3"], "no frame of a chosen channel"),
