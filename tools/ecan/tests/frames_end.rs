@@ -17,6 +17,17 @@ fn summary(bus: &Scenario, status: i32, arguments: &[&str]) -> (serde_json::Valu
     (serde_json::from_slice(&output.stdout).unwrap(), errors)
 }
 
+/// What a run of `gen -v` says last when it is told to stop.
+fn summary_line(running: &mut Running) -> String {
+    running.terminate();
+    loop {
+        let line = running.line();
+        if !line.starts_with("  can0 ") {
+            return line;
+        }
+    }
+}
+
 #[test]
 fn an_output_that_nobody_reads_does_not_hold_who_was_told_to_stop() {
     let frames: Vec<(u64, &str)> = (0..6000).map(|at| (at, "123#11")).collect();
@@ -63,11 +74,7 @@ fn who_stops_gen_hears_of_no_losses() {
     for _ in 0..20 {
         assert!(running.line().starts_with("  can0 "));
     }
-    running.terminate();
-    let mut line = running.line();
-    while line.starts_with("  can0 ") {
-        line = running.line();
-    }
+    let line = summary_line(&mut running);
     assert!(line.contains(" frames sent, 0 lost, ") && !line.contains("under way"), "{line}");
     let (status, errors) = running.wait();
     assert_eq!(status, Some(0), "{errors}");
@@ -81,11 +88,7 @@ fn frames_that_nobody_takes_are_under_way_when_stopped() {
     for _ in 0..5 {
         assert!(running.line().starts_with("  can0 "));
     }
-    running.terminate();
-    let mut line = running.line();
-    while line.starts_with("  can0 ") {
-        line = running.line();
-    }
+    let line = summary_line(&mut running);
     assert!(line.starts_with("0 frames sent, 0 lost, ") && line.contains(" under way, "), "{line}");
     assert_eq!(running.wait().0, Some(0));
 }

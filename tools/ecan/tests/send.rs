@@ -160,7 +160,8 @@ fn misuse_is_named_and_told_by_the_status() {
     };
     let (good, fd) = (write("good.log", LOG), write("fd.log", "(1.000000) can0 1FF##1AA\n"));
     let (broken, empty) = (write("b.log", "(1.000000) can0 1#\n"), write("e.log", "\n"));
-    let cases: [(i32, &[&str], &str); 17] = [
+    let cases: [(i32, &[&str], &str); 18] = [
+        (2, &["send", "can1", "123#"], "a channel is chosen with --channel can1"),
         (2, &["send"], "<FRAME>"),
         (2, &["send", "123"], "column 4"),
         (2, &["send", "123#1"], "two hex digits"),

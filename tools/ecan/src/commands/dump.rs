@@ -9,7 +9,7 @@ use ecan_command_line::new_file::is_standard_stream;
 use ecan_mcan_port::{Received, Session};
 
 use crate::failure::Failure;
-use crate::frames::channels::Channels;
+use crate::frames::channels::{Channels, names_channel};
 use crate::frames::format::{Heard, Screen};
 use crate::frames::options::FrameOptions;
 use crate::frames::printer::{Destination, Printer};
@@ -93,6 +93,7 @@ enum Rule {
 fn parse_rule(text: &str) -> Result<Rule, String> {
     match text {
         "j" | "J" => Ok(Rule::Join),
+        name if names_channel(name) => Err(format!("a channel is chosen with --channel {name}")),
         text => text.parse().map(Rule::Filter).map_err(|error| format!("{error}")),
     }
 }

@@ -7,7 +7,7 @@ use ecan_protocol::CanFrame;
 use serde::Serialize;
 
 use crate::failure::Failure;
-use crate::frames::channels::{Channels, parse_channel};
+use crate::frames::channels::{Channels, names_channel, parse_channel};
 use crate::frames::departures::Departures;
 use crate::frames::options::FrameOptions;
 use crate::frames::sender::{Due, Record, Sender};
@@ -45,6 +45,9 @@ pub struct SendArguments {
 
 /// A frame; cansend allows dots between bytes.
 fn parse(text: &str) -> Result<CanFrame, String> {
+    if names_channel(text) {
+        return Err(format!("a channel is chosen with --channel {text}"));
+    }
     parse_frame(&text.replace('.', "")).map_err(|error| error.to_string())
 }
 

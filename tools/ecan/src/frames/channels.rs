@@ -92,6 +92,11 @@ pub fn parse_channel(text: &str) -> Result<u8, String> {
     channel.ok_or_else(|| "expected a channel, 0 to 3".to_owned())
 }
 
+/// Whether a word is the name of a channel, where can-utils have one and this program does not.
+pub fn names_channel(text: &str) -> bool {
+    text.starts_with("can") && parse_channel(text).is_ok()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

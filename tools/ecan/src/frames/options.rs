@@ -33,7 +33,11 @@ const OF_THE_FILE: [&str; 7] = [
 /// What a command is told about the gateway, its channels and its own thread.
 #[derive(Debug, Args)]
 pub struct GatewayOptions {
-    #[command(flatten)]
+    #[command(
+        flatten,
+        next_help_heading = "Gateway: so it stays until its power is cycled, and `config save` would \
+                             store it"
+    )]
     pub setup: SetupOptions,
     #[command(flatten)]
     pub real_time: RealTimeArguments,

@@ -304,8 +304,16 @@ impl Service {
         Failure::OutOfService { position: self.position, reason }
     }
 
-    /// That no frame came, and what the bit rates have to do with it.
+    /// That no frame came, or none that is wanted, and what the bit rates have to do with it.
     pub fn silence(&self) -> String {
+        let counts = self.port.statistics(0).channels;
+        if self
+            .heard
+            .iter()
+            .any(|at| counts.get(usize::from(at)).is_some_and(|it| it.frames_received > 0))
+        {
+            return "no frame came that passes the filters".to_owned();
+        }
         let channels = self.heard.iter();
         let mut rates: Vec<_> = channels
             .filter_map(|channel| Some((channel, BitRates::of(self.can(channel)?))))
