@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Traffic};
+use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::new_file::{Existing, create, is_standard_stream};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{Port, Received, SendTicket, Session};
@@ -85,6 +86,7 @@ impl FrameCapture {
         options: &CaptureOptions,
         adapter: &AdapterConfig,
         channels: Channels,
+        interrupt: &Interrupt,
     ) -> Result<Option<Self>, Failure> {
         let Some(path) = options.capture.clone() else { return Ok(None) };
         let chunks = adapter.slaves.iter().map(|it| it.rx_multiplier.max(it.tx_multiplier)).max();
@@ -97,16 +99,19 @@ impl FrameCapture {
             .and_then(|file| Capture::new(BufWriter::new(file), application))
             .and_then(|capture| Recorder::start(capture, image_bytes));
         match recorder {
-            Ok(recorder) => Ok(Some(Self {
-                recorder,
-                path,
-                has_images: options.images,
-                channels,
-                since_1970_ns: 0,
-                status: [None; CHANNELS],
-                headers: Default::default(),
-                under_way: HashMap::with_capacity(UNDER_WAY),
-            })),
+            Ok(mut recorder) => {
+                recorder.set_hurry(interrupt.flag());
+                Ok(Some(Self {
+                    recorder,
+                    path,
+                    has_images: options.images,
+                    channels,
+                    since_1970_ns: 0,
+                    status: [None; CHANNELS],
+                    headers: Default::default(),
+                    under_way: HashMap::with_capacity(UNDER_WAY),
+                }))
+            }
             Err(error) => Err(write_failure(path, error)),
         }
     }

@@ -12,7 +12,7 @@ use crate::frames::channels::Channels;
 use crate::frames::service::{Cycle, Service, can};
 
 /// Cycles behind the last result after which a channel's status has seen all frames.
-const STATUS_CYCLES: u32 = 3;
+const STATUS_CYCLES: usize = 3;
 /// Frames that wait for their results, at first.
 const UNDER_WAY: usize = 4096;
 /// Where the pending count of the status word ends.
@@ -28,7 +28,9 @@ pub struct Departures {
     handed_over: u64,
     failed: u64,
     first_failure: Option<(u64, ResultCode)>,
-    quiet_cycles: u32,
+    quiet_cycles: usize,
+    /// Frames handed over, as of the last cycles, the oldest first.
+    recently_handed_over: [u64; STATUS_CYCLES],
     /// Of those handed over, the frames that have left for sure.
     departed: u64,
     /// Frames that the channels hold at the most.
@@ -61,6 +63,7 @@ impl Departures {
             failed: 0,
             first_failure: None,
             quiet_cycles: 0,
+            recently_handed_over: [0; STATUS_CYCLES],
             departed: 0,
             capacity: channels.iter().map(|channel| service.capacity(channel)).sum(),
             waiting: 0,
@@ -111,9 +114,14 @@ impl Departures {
             (self.last_progress_ns, self.last_departure_ns) = (cycle.now_ns, cycle.now_ns);
         }
         self.pending = pending;
-        if self.are_settled(port) {
-            self.departed = self.handed_over;
+        if pending < SATURATED {
+            // What was handed over so long ago and does not wait has left.
+            let [oldest, ..] = self.recently_handed_over;
+            self.departed = self.departed.max(oldest.saturating_sub(pending.into()));
         }
+        self.recently_handed_over.rotate_left(1);
+        let [.., newest] = &mut self.recently_handed_over;
+        *newest = self.handed_over;
     }
 
     /// A gateway that is lost forgets what it holds.

@@ -51,7 +51,7 @@ pub struct SetupOptions {
     #[arg(long, value_name = "FILE", conflicts_with_all = OF_THE_FILE)]
     pub config: Option<PathBuf>,
     /// Nominal bit rate in bit/s; classic CAN, unless there is a data bit rate too
-    /// [default: the bit rates that the gateway is set to]
+    /// [default: the bit rates that the gateway is set to, of a plan 500000]
     #[arg(long, value_name = "BITRATE")]
     pub bitrate: Option<u32>,
     /// Use CAN FD, with this data bit rate in bit/s

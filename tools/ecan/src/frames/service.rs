@@ -120,7 +120,7 @@ impl<'a> Prepared<'a> {
     ) -> Result<Option<Service>, Failure> {
         let Self { bus, place, cache_depth, real_time, .. } = self;
         let channels = place.channels;
-        let capture = FrameCapture::start(capture, &place.adapter, channels)?;
+        let capture = FrameCapture::start(capture, &place.adapter, channels, interrupt)?;
         let started = real_time
             .apply(|line| output.note(line))
             .map_err(|error| Failure::Master(error.to_string()))
