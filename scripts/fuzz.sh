@@ -24,5 +24,8 @@ host=$(rustc -vV | sed -n 's/^host: //p')
 RUSTFLAGS=$coverage CARGO_TARGET_DIR=target/fuzz \
     cargo build --quiet --release --locked --manifest-path fuzz/Cargo.toml --target "$host" --bin "$target"
 mkdir -p "target/fuzz/corpus/$target" "target/fuzz/findings"
+# What a target begins with, where it would not find the grammar by itself.
+seeds=()
+if [[ -d fuzz/seeds/$target ]]; then seeds=("fuzz/seeds/$target"); fi
 exec "target/fuzz/$host/release/$target" "-max_total_time=$seconds" -max_len=8192 \
-    -artifact_prefix=target/fuzz/findings/ "$@" "target/fuzz/corpus/$target"
+    -artifact_prefix=target/fuzz/findings/ "$@" "target/fuzz/corpus/$target" "${seeds[@]}"

@@ -6,6 +6,7 @@ use ecan_protocol::{McanChannelConfig, MessageRamLayout, lookup};
 use crate::data_path;
 use crate::document::{Document, Table};
 use crate::filter;
+use crate::idle_keys;
 
 /// How the value of a key is written.
 #[derive(Clone, Copy)]
@@ -135,6 +136,7 @@ pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Cha
     }
     settings.standard_filters = filter::read_standard(document, &mut table);
     settings.extended_filters = filter::read_extended(document, &mut table);
+    idle_keys::check(document, &table, &settings.can);
     table.finish(document);
     settings
 }

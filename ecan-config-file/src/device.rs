@@ -39,6 +39,19 @@ pub enum PlaceFault {
         /// Slaves on the bus.
         count: usize,
     },
+    /// Two gateways of the file are one slave, one by its alias and the other by its position.
+    #[error(
+        "gateways {first} and {second} of the file are the same slave {slave}: each needs a slave \
+         of its own, by alias or by position"
+    )]
+    Same {
+        /// Index in the file of the one that stands before.
+        first: usize,
+        /// Of the other.
+        second: usize,
+        /// Index of the slave that both mean.
+        slave: usize,
+    },
     /// Its state does not let the configuration be changed.
     #[error(
         "slave {slave} is in {state}: the layout of its process data is changed in PREOP; stop the \
@@ -59,7 +72,7 @@ pub enum PlaceFault {
 /// ([`Diagnostics::of_bus`]).
 ///
 /// # Errors
-/// The first gateway that is not there.
+/// The first gateway that is not there, or that is the slave of another.
 pub fn find(bus: &Diagnostics, slaves: &[SlaveSettings]) -> Result<Vec<Place>, PlaceFault> {
     let count = bus.slave_count();
     let place = |(gateway, settings): (usize, &SlaveSettings)| {
@@ -76,7 +89,16 @@ pub fn find(bus: &Diagnostics, slaves: &[SlaveSettings]) -> Result<Vec<Place>, P
             false => Err(PlaceFault::NoSlave { gateway, alias, position, count }),
         }
     };
-    slaves.iter().enumerate().map(place).collect()
+    let mut places: Vec<Place> = Vec::with_capacity(slaves.len());
+    for gateway in slaves.iter().enumerate() {
+        let found = place(gateway)?;
+        if let Some(other) = places.iter().find(|other| other.slave == found.slave) {
+            let (first, second) = (other.gateway, found.gateway);
+            return Err(PlaceFault::Same { first, second, slave: found.slave });
+        }
+        places.push(found);
+    }
+    Ok(places)
 }
 
 /// Runs a startup sequence on a slave: downloads, and readbacks that must read what is expected.

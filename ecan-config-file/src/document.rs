@@ -69,10 +69,15 @@ impl<'i> Document<'i> {
         self.faults.push((at, format!("byte 0x{byte:02X} is not UTF-8")));
     }
 
+    /// Whether a fault of this path is known.
+    pub(crate) fn is_faulty(&self, path: &str) -> bool {
+        self.faulty.iter().any(|faulty| faulty == path)
+    }
+
     /// A fault of what was read, put to the first of these paths that the file has, or what it
     /// stands in. Nothing where a path has a fault already: this one would follow from it.
     pub(crate) fn semantic_fault(&mut self, paths: &[String], reason: String) {
-        if paths.iter().any(|path| self.faulty.contains(path)) {
+        if paths.iter().any(|path| self.is_faulty(path)) {
             return;
         }
         let found = paths.iter().find_map(|path| self.places.get(path).copied());

@@ -38,7 +38,7 @@ pub(crate) fn read_standard(
     let read = |table| {
         let fields = Fields::read(document, table, &STANDARD_MATCHES, 0x7FF);
         StandardFilter {
-            matching: fields.matching.unwrap_or(StandardMatch::Disabled),
+            matching: fields.matching.unwrap_or(StandardMatch::Two),
             action: fields.action,
             sync: fields.sync,
             id1: fields.id1 as u16,
@@ -67,6 +67,8 @@ pub(crate) fn read_extended(
 }
 
 struct Fields<M> {
+    /// None of a filter into a receive buffer: the core ignores it then. It is written as `two`, which
+    /// no firmware can take for a filter that is out of use.
     matching: Option<M>,
     action: FilterAction,
     sync: bool,
@@ -98,6 +100,10 @@ impl<M: Copy> Fields<M> {
         }
         let mut action = action.unwrap_or(FilterAction::Disabled);
         if is_buffer {
+            for key in ["match", "id2"].into_iter().filter(|key| table.has(key)) {
+                let why = "a filter into a receive buffer means the one identifier `id1`";
+                table.fault(document, key, format!("`{key}` has no effect: {why}"));
+            }
             let buffer = table.unsigned(document, "rx_buffer", (0, 63));
             if !table.has("rx_buffer") {
                 table.fault(document, "rx_buffer", "`rx_buffer` is missing: the buffer's number");

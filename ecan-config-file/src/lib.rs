@@ -38,19 +38,22 @@ mod filter;
 mod filter_compare;
 mod flash;
 mod gateway;
+mod idle_keys;
+mod warning;
 
 use std::fs::File;
 use std::io::{self, Read};
 use std::path::Path;
 use std::str::FromStr;
 
-use ecan_host::{AdapterConfig, StartupStep};
+use ecan_host::{AdapterConfig, Expectation, StartupStep};
 use ecan_mcan_port::PortConfig;
 
 pub use compare::{Difference, Expected, differences};
 pub use device::{Place, PlaceFault, apply, find};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
-pub use flash::{FlashCommand, FlashDone, FlashError, FlashStatus};
+pub use flash::{FlashCommand, FlashDone};
+pub use warning::{Elements, FileWarning};
 
 use document::{Document, Table};
 
@@ -71,11 +74,18 @@ pub struct ConfigFile {
 impl ConfigFile {
     /// The complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2): checks
     /// of its abilities, PDO assignment, profiles, channels with their filters and data paths, each
-    /// with its readback. Empty for a gateway that the file does not have.
+    /// with its readback. Checks that any value meets, as of the bits of no option, are left out.
+    /// Empty for a gateway that the file does not have.
     pub fn startup(&self, gateway: usize) -> Vec<StartupStep> {
         let mut adapter = self.adapter.clone();
         self.port.apply(&mut adapter);
-        adapter.slaves.get(gateway).map(|slave| slave.startup_steps()).unwrap_or_default()
+        let slave = adapter.slaves.get(gateway);
+        let mut steps = slave.map(|slave| slave.startup_steps()).unwrap_or_default();
+        steps.retain(|step| {
+            let StartupStep::Expect { expected, .. } = step else { return true };
+            !matches!(expected, Expectation::HasBits(0) | Expectation::AtLeast(0))
+        });
+        steps
     }
 }
 

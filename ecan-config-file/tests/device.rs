@@ -7,12 +7,11 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use common::{MS, bench, two, with};
 use ecan_config_file::{
-    Difference, Expected, FlashCommand, FlashError, FlashStatus, Place, PlaceFault, apply,
-    differences, find,
+    Difference, Expected, FlashCommand, Place, PlaceFault, apply, differences, find,
 };
-use ecan_host::{Adapter, Clock, Error, StartupStep};
+use ecan_host::{Adapter, Clock, Error, MaintenanceError, StartupStep};
 use ecan_mcan_port::Port;
-use ecan_protocol::AlState;
+use ecan_protocol::{AlState, MaintenanceStatus};
 use ecan_sim::{Fault, GatewayFault};
 
 fn entries(differences: &[Difference]) -> Vec<(u16, u8, Option<u8>)> {
@@ -59,8 +58,11 @@ fn without_saving_a_power_cycle_loses_the_configuration_and_load_needs_a_saved_o
     let (bus, clock) = (&bench.bus, bench.ecrt.clock().as_ref());
     let steps = file.startup(1);
     let unsaved = FlashCommand::Load.run(bus, 1, clock).unwrap_err();
-    assert!(matches!(unsaved, FlashError::Status(FlashStatus(4))), "{unsaved}");
-    assert!(unsaved.to_string().contains("there is no saved configuration"), "{unsaved}");
+    assert!(
+        matches!(unsaved, MaintenanceError::Status(MaintenanceStatus::ImageInvalid)),
+        "{unsaved}"
+    );
+    assert!(unsaved.to_string().contains("image invalid: nothing is stored"), "{unsaved}");
     apply(bus, 1, &steps, &mut |_| {}).unwrap();
     FlashCommand::Save.run(bus, 1, clock).unwrap();
     bus.sdo_download(1, 0x8002, 19, &125_000_u32.to_le_bytes()).unwrap();
@@ -153,6 +155,22 @@ fn gateways_are_found_by_alias_and_position() {
 }
 
 #[test]
+fn two_gateways_of_a_file_are_never_one_slave() {
+    let mut scenario = ecan_sim::echo(2);
+    scenario.gateways[1].alias = 7;
+    let bench = with(scenario);
+    let mut file = two();
+    let [first, second] = &mut file.adapter.slaves[..] else { panic!("two") };
+    (first.alias, first.position) = (0, 1);
+    (second.alias, second.position) = (7, 0);
+    let error = find(&bench.bus, &file.adapter.slaves).unwrap_err();
+    assert!(matches!(error, PlaceFault::Same { first: 0, second: 1, slave: 1 }), "{error}");
+    assert!(error.to_string().contains("gateways 0 and 1 of the file are the same slave 1"));
+    file.adapter.slaves[0].position = 0;
+    assert!(find(&bench.bus, &file.adapter.slaves).is_ok());
+}
+
+#[test]
 fn a_gateway_in_op_is_left_alone() {
     let (bench, file) = (bench(2), two());
     let mut port = Port::open(&bench.ecrt, file.adapter.clone(), file.port.clone()).unwrap();
@@ -184,7 +202,7 @@ fn a_command_that_does_not_end_is_given_up_and_the_mode_given_back() {
     let bench = bench(1);
     let bus = &bench.bus;
     let error = FlashCommand::Save.run(bus, 0, &Impatient(AtomicU64::new(0))).unwrap_err();
-    assert!(matches!(error, FlashError::Unended), "{error}");
+    assert!(matches!(error, MaintenanceError::Unended), "{error}");
     assert_eq!(bus.sdo_upload_u32(0, 0xB000, 2).unwrap(), 0);
     // A mode that is refused.
     let fault = GatewayFault::SdoAbort { index: 0xB000, subindex: 1, code: 0x0800_0022, times: 1 };

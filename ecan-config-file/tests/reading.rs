@@ -2,7 +2,7 @@
 #![allow(missing_docs)]
 
 use ecan_config_file::{ConfigFile, ConfigFileError, EXAMPLE, FileFaults, load, parse};
-use ecan_host::{ClockSource, DcSync};
+use ecan_host::{ClockSource, DcSync, Expectation, StartupStep};
 use ecan_protocol::{
     DataPathConfig, EncapsulationProfile, ExtendedMatch, FilterAction, MessageRamLayout, NodeMode,
     OptionFlags,
@@ -217,6 +217,116 @@ can2 = { bitrate = 500_000, data_bitrate = 2_000_000, ram = { rx_fifo0_size = 64
         (23, 61, "slave 1, channel 2: Message RAM layout needs 9344 bytes, the channel has 8192"),
     ];
     assert_eq!(found, expected, "{found:#?}");
+}
+
+#[test]
+fn keys_that_would_do_nothing_are_faults() {
+    // What the channel has, the key, and why it does nothing; nothing where it is in its place.
+    let manual =
+        "bit_timing = \"manual\", nominal_timing = { brp = 2, tseg1 = 63, tseg2 = 16, sjw = 16 }";
+    let (classic, fd) = ("", "data_bitrate = 2_000_000");
+    let timing = "{ brp = 9, tseg1 = 1, tseg2 = 1, sjw = 1 }";
+    let is_classic = Some("without `data_bitrate` the channel is classic CAN");
+    let is_automatic = Some("it needs `bit_timing = \"manual\"`");
+    let cases = [
+        (classic, "nominal_timing", timing, is_automatic),
+        (fd, "data_timing", timing, is_automatic),
+        (classic, "data_timing", timing, is_classic),
+        (manual, "sample_point", "80", Some("`bit_timing` is manual")),
+        (classic, "data_sample_point", "80", is_classic),
+        (classic, "tdc_offset", "5", is_classic),
+        (classic, "tdc", "true", is_classic),
+        (classic, "non_iso", "true", is_classic),
+        ("data_bitrate = 2_000_000, tdc = false", "tdc_filter", "5", Some("`tdc` is off at this")),
+        ("data_bitrate = 5_000_000", "tdc", "false", Some("from 5 Mbit/s on delay compensation")),
+        (classic, "tsu_prescaler", "2", Some("`tsu` is off")),
+        (classic, "timeout_period", "9", Some("`timeout` is off")),
+        (fd, "data_sample_point", "80", None),
+        (fd, "tdc", "false", None),
+        (fd, "tdc_offset", "5", None),
+        (classic, "tdc", "false", None),
+        (classic, "sample_point", "80", None),
+        ("tsu = true", "tsu_prescaler", "2", None),
+        ("timeout = true", "timeout_period", "9", None),
+        // Where the key that decides is wrong, its fault is the only one.
+        (
+            "bit_timing = \"hand\"",
+            "nominal_timing",
+            "{ brp = 2, tseg1 = 3, tseg2 = 4, sjw = 4 }",
+            None,
+        ),
+    ];
+    for (others, key, value, why) in cases {
+        let comma = if others.is_empty() { "" } else { ", " };
+        let head =
+            format!("[[gateway]]\nn = 3\ncan0 = {{ bitrate = 500_000{comma}{others}, {key} = ");
+        let faults = match read(&format!("{head}{value} }}\n")) {
+            Ok(_) => Vec::new(),
+            Err(faults) => faults.0,
+        };
+        let told: Vec<_> = faults
+            .iter()
+            .filter(|fault| fault.reason.starts_with(&format!("`{key}` has no effect: ")))
+            .collect();
+        match why {
+            None => assert!(told.is_empty(), "{others} {key}: {faults:?}"),
+            Some(why) => {
+                let [fault] = told[..] else { panic!("{others} {key}: {faults:?}") };
+                assert!(fault.reason.contains(why), "{fault}");
+                let column = head.lines().last().unwrap().chars().count() + 1;
+                assert_eq!((fault.line, fault.column), (3, column), "{fault}");
+                assert_eq!(faults.len(), 1, "{faults:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_filter_into_a_receive_buffer_means_one_identifier() {
+    let head = "[[gateway]]\nn = 3\n[gateway.can0]\nbitrate = 500_000\n";
+    for (table, matching) in [("standard_filter", "range"), ("extended_filter", "range_unmasked")] {
+        let filter = format!(
+            "{head}[[gateway.can0.{table}]]\naction = \"rx_buffer\"\nrx_buffer = 3\nid1 = 0x80\n"
+        );
+        let both = format!("{filter}match = \"{matching}\"\nid2 = 0x90\n");
+        let faults = read(&both).unwrap_err().0;
+        let found: Vec<_> = faults.iter().map(|it| (it.line, it.reason.as_str())).collect();
+        let why = "has no effect: a filter into a receive buffer means the one identifier `id1`";
+        assert_eq!(found, [(9, &*format!("`match` {why}")), (10, &*format!("`id2` {why}"))]);
+
+        let file = read(&filter).unwrap();
+        let steps = file.startup(0);
+        let values = |subindex| {
+            let written = steps.iter().filter_map(|step| match step {
+                StartupStep::Download(it) if (it.index, it.subindex) == (0x8001, subindex) => {
+                    Some(it.value)
+                }
+                _ => None,
+            });
+            written.collect::<Vec<_>>()
+        };
+        // Type, action, sync, both identifiers: "two", and not "disabled" or a range.
+        let first = if table == "standard_filter" { 50 } else { 56 };
+        let fields: Vec<_> = (first..first + 5).map(values).collect();
+        assert_eq!(fields, [[1], [7], [0], [0x80], [3]]);
+    }
+}
+
+#[test]
+fn checks_that_any_value_meets_are_left_out() {
+    let options = |options: &str| {
+        let text = format!(
+            "[[gateway]]\nn = 3\ncan0 = {{ bitrate = 500_000 }}\ntx_pdo = {{ options = [{options}] }}\n"
+        );
+        let steps = read(&text).unwrap().startup(0);
+        let of_options = steps.iter().filter_map(|step| match *step {
+            StartupStep::Expect { index: 0xF000, subindex: 15, expected } => Some(expected),
+            _ => None,
+        });
+        of_options.collect::<Vec<_>>()
+    };
+    assert_eq!(options(""), []);
+    assert_eq!(options("\"tx_result\""), [Expectation::HasBits(1)]);
 }
 
 #[test]

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
-use ecan_protocol::{AlState, AlStatusCode, object};
+use ecan_protocol::{AlState, AlStatusCode, FilterWindow, object};
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// An entry of the object dictionary; as text `0x8010:02`, the subindex in decimal as in the
@@ -60,7 +60,8 @@ pub enum ReadError {
 /// How much is read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depth {
-    /// What findings are made of, some 420 entries.
+    /// What findings are made of, some 420 entries, and 23 more of a channel whose configuration was
+    /// not applied.
     Findings,
     /// Besides, the whole configuration of the channels and the capabilities, some 650 entries.
     Everything,
@@ -97,10 +98,12 @@ const DATA_PATH_OBJECTS: [u16; 4] = [0x9020, 0x9021, 0x9022, 0x9023];
 /// Of the channel configuration, what findings are made of.
 const CHANNEL_ENTRIES: [u8; 18] =
     [2, 4, 7, 8, 9, 15, 16, 18, 19, 20, 21, 22, 23, 24, 33, 34, 49, 55];
+/// What tells besides why the configuration of a channel was not applied: manual bit timing, frames
+/// that no filter matches, and the Message RAM.
+const APPLY_ENTRIES: [u8; 23] =
+    [25, 26, 27, 28, 29, 30, 31, 32, 36, 37, 61, 62, 63, 64, 65, 66, 67, 68, 69, 70, 71, 72, 73];
 /// Of the capabilities.
 const CAPABILITY_ENTRIES: [u8; 9] = [1, 3, 4, 5, 6, 7, 8, 11, 29];
-/// The filter editing window shows one filter at a time, and that is not state.
-const FILTER_WINDOW: [u8; 14] = [43, 44, 45, 46, 47, 48, 50, 51, 52, 53, 54, 56, 57, 58];
 
 impl Snapshot {
     /// Reads the values of a gateway through `read`, which uploads one entry. The states of the
@@ -118,6 +121,9 @@ impl Snapshot {
                 {
                     break;
                 }
+                if depth == Depth::Findings && !snapshot.explains_a_finding(key) {
+                    continue;
+                }
                 match read(key) {
                     Ok(value) => {
                         snapshot.values.insert(key, value);
@@ -133,6 +139,13 @@ impl Snapshot {
             }
         }
         snapshot
+    }
+
+    /// Whether an entry is worth reading for findings, after what was read before it.
+    fn explains_a_finding(&self, key: ObjectKey) -> bool {
+        let is_channel = (0x8001..=0x8004).contains(&key.index);
+        let tells_of_apply = is_channel && APPLY_ENTRIES.contains(&key.subindex);
+        !tells_of_apply || self.get(key.index, 2).is_some_and(|status| status != 0)
     }
 
     /// A value that was read.
@@ -171,14 +184,24 @@ fn is_assignment(index: u16) -> bool {
     matches!(index, 0x1C12 | 0x1C13)
 }
 
+/// The editing windows show one filter at a time, and that is not state.
+fn is_filter_in_window(subindex: u8) -> bool {
+    FilterWindow::BOTH.iter().any(|window| {
+        [window.index, window.command, window.status].contains(&subindex)
+            || window.fields().contains(&subindex)
+    })
+}
+
 /// What is read of an object, in ascending order.
 fn subindices(index: u16, depth: Depth) -> impl Iterator<Item = u8> {
     let entries = object(index).map_or(&[][..], |object| object.entries);
     let is_wanted = move |subindex: u8| match (index, depth) {
         (0x1C12 | 0x1C13, _) => true,
         (_, _) if subindex == 0 => false,
-        (0x8001..=0x8004, Depth::Findings) => CHANNEL_ENTRIES.contains(&subindex),
-        (0x8001..=0x8004, Depth::Everything) => !FILTER_WINDOW.contains(&subindex),
+        (0x8001..=0x8004, Depth::Findings) => {
+            CHANNEL_ENTRIES.contains(&subindex) || APPLY_ENTRIES.contains(&subindex)
+        }
+        (0x8001..=0x8004, Depth::Everything) => !is_filter_in_window(subindex),
         (0xF000, Depth::Findings) => CAPABILITY_ENTRIES.contains(&subindex),
         _ => true,
     };

@@ -1,58 +1,10 @@
 //! Each finding of manual 5.4.6, 13 and 16, fed by the values that a gateway would show.
 #![allow(missing_docs)]
 
+mod common;
+
+use common::{healthy, only, with};
 use ecan_diagnosis::{Finding, Place, Severity, Snapshot, findings};
-
-/// A gateway in OP with N = 8 and all channels running well.
-fn healthy() -> Snapshot {
-    let mut snapshot = Snapshot { al_state: 8, al_status_code: Some(0), ..Snapshot::default() };
-    for (profile, assignment) in [(0x8010, 0x1C13), (0x8011, 0x1C12)] {
-        snapshot.set(assignment, 0, 8);
-        snapshot.set(profile, 3, 8);
-        snapshot.set(profile, 4, 0x0F);
-        for (subindex, value) in
-            [(2, 0), (9, 1024), (10, 1000), (12, 0x0000_01E7), (14, 0), (15, 0), (16, 0)]
-        {
-            snapshot.set(profile, subindex, value);
-        }
-    }
-    snapshot.set(0x8000, 4, 400_000_000);
-    for (subindex, value) in [(1, 5000), (2, 5000), (4, 40_000), (5, 48_000)] {
-        snapshot.set(0x9011, subindex, value);
-    }
-    for channel in 0..4 {
-        for (subindex, value) in
-            [(2, 0), (4, 0), (8, 0), (15, 1), (19, 500_000), (20, 2_000_000), (21, 800), (22, 800)]
-        {
-            snapshot.set(0x8001 + channel, subindex, value);
-        }
-        snapshot.set(0x8021 + channel, 1, 1);
-        snapshot.set(0x8021 + channel, 3, 0);
-        snapshot.set(0x8021 + channel, 14, 1);
-        // Idle, no error; run with CAN FD; 32 free transmit elements.
-        for (subindex, value) in [(1, 0), (2, 0x070F), (3, 0x0A01), (6, 32), (9, 0x000A)] {
-            snapshot.set(0x9000 + channel, subindex, value);
-        }
-    }
-    snapshot.set(0xB000, 6, 0);
-    snapshot
-}
-
-/// The only finding behind a change of the healthy gateway.
-fn only(change: impl FnOnce(&mut Snapshot)) -> Finding {
-    let mut snapshot = healthy();
-    change(&mut snapshot);
-    let mut found = findings(&snapshot);
-    assert_eq!(found.len(), 1, "{found:#?}");
-    let found = found.remove(0);
-    assert!(!found.causes.is_empty() && !found.next.is_empty(), "{found:#?}");
-    found
-}
-
-/// As [`only`], with one value changed.
-fn with(index: u16, subindex: u8, value: u32) -> Finding {
-    only(|snapshot| snapshot.set(index, subindex, value))
-}
 
 /// Name and first cause: what an engineer looks at first.
 fn first(finding: &Finding) -> (&'static str, &str) {
@@ -260,7 +212,8 @@ fn bus_off_names_rates_and_how_it_recovers() {
         snapshot.set(0x9001, 9, 0x003B);
         snapshot.set(0x8022, 14, 0);
     });
-    assert!(manual.next.contains("recovery is manual"), "{manual:#?}");
+    let recovery = "recovery is manual (0x8022:14 = 0): apply the channel again (0x8002:01 = 1)";
+    assert!(manual.next.ends_with(recovery), "{manual:#?}");
 }
 
 #[test]
@@ -324,23 +277,6 @@ fn errors_of_the_data_phase_point_at_sample_point_and_tdc() {
 fn bus_off_in_the_past_is_a_warning() {
     let found = with(0x9000, 15, 2);
     assert_eq!((found.id, found.severity), ("bus-off-past", Severity::Warning));
-}
-
-#[test]
-fn a_failed_apply_or_flash_command_is_told() {
-    let found = with(0x8001, 2, 3);
-    assert_eq!(found.id, "apply-failed");
-    assert!(found.causes[0].contains("bit timing"), "{found:#?}");
-    // 80 MHz and 5 Mbit/s are 16 quanta: 80.0 % is none of their sample points.
-    let found = only(|snapshot| {
-        for (subindex, value) in [(2, 3), (7, 0), (20, 5_000_000), (23, 800), (24, 800)] {
-            snapshot.set(0x8003, subindex, value);
-        }
-    });
-    assert!(found.causes[0].starts_with("data bit timing: "), "{found:#?}");
-    assert!(found.causes[0].contains("81.25 %"), "{found:#?}");
-    assert!(with(0x8001, 2, 4).causes[0].contains("8192 bytes"));
-    assert_eq!(with(0x8004, 4, 1).id, "flash-failed");
 }
 
 #[test]
@@ -421,7 +357,19 @@ fn each_diagnostic_flag_is_explained() {
 
 #[test]
 fn states_of_the_device_are_told() {
-    assert_eq!(with(0xB000, 5, 2).id, "maintenance-status");
+    for (status, words, cause) in [
+        (1, "busy", "two programs"),
+        (2, "denied", "needs engineering or factory mode"),
+        (3, "CRC error", "nothing was saved"),
+        (4, "image invalid", "nothing was saved"),
+        (5, "Flash error", "worn out"),
+        (9, "not in the manual", "worn out"),
+    ] {
+        let found = with(0xB000, 5, status);
+        assert_eq!(found.id, "maintenance-status");
+        let words = format!("ended with status {status} ({words}");
+        assert!(found.what.contains(&words) && found.causes[0].contains(cause), "{found:#?}");
+    }
     assert!(with(0xB000, 2, 2).what.contains("factory mode"));
     assert_eq!(with(0x8000, 15, 1).id, "pin-rotation");
     assert_eq!(with(0x8000, 11, 1).id, "system-apply");

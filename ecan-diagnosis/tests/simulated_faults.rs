@@ -126,6 +126,24 @@ fn error_frames_raise_the_counters_into_a_finding() {
 }
 
 #[test]
+fn a_layout_that_exceeds_the_message_ram_is_found_with_its_bytes() {
+    let bench = Bench::ready(ecan_sim::echo(1));
+    bench.simulation.with_world(|world| {
+        world.with_gateway(0, |gateway, now| {
+            // The classic layout has FIFOs of 64 elements; not of 64 bytes each.
+            for (subindex, value) in [(65, 7), (66, 7), (1, 1)] {
+                gateway.sdo_download(now, 0x8003, subindex, &[value]).unwrap();
+            }
+        })
+    });
+    bench.simulation.pass_ns(100_000_000);
+    let found = bench.found();
+    let finding = found.iter().find(|it| it.id == "apply-failed").unwrap();
+    assert!(finding.what.contains("the CAN controller could not be restarted with it"));
+    assert!(finding.causes[0].starts_with("Message RAM layout needs "), "{finding:#?}");
+}
+
+#[test]
 fn an_al_error_is_found_with_its_code() {
     let mut bench = Bench::ready(ecan_sim::echo(1));
     bench.cycles(5, |_| ());

@@ -15,8 +15,27 @@ fn everything_is_more_than_findings_need_and_ends_at_the_assignment() {
     assert!(all.values.len() > few.values.len() + 150);
     assert_eq!((all.get(0x1C12, 3), all.get(0x1C12, 4)), (Some(0), None));
     // Commands have no value, windows and reserved entries no meaning.
-    for (index, subindex) in [(0x8001, 1), (0xB000, 4), (0x8001, 43), (0x9011, 16)] {
+    for (index, subindex) in [(0x8001, 1), (0xB000, 4), (0x8001, 43), (0x8004, 60), (0x9011, 16)] {
         assert_eq!(all.get(index, subindex), None, "0x{index:04X}:{subindex}");
+    }
+    for subindex in [41, 49, 55] {
+        assert_eq!(all.get(0x8001, subindex), Some(0), "the lengths of the lists: {subindex}");
+    }
+}
+
+#[test]
+fn of_a_channel_that_was_not_applied_more_is_read() {
+    let read = |status| {
+        Snapshot::read(Depth::Findings, |key| {
+            Ok(if (key.index, key.subindex) == (0x8002, 2) { status } else { 0 })
+        })
+    };
+    let (well, failed) = (read(0), read(3));
+    assert_eq!(failed.values.len(), well.values.len() + 23);
+    for subindex in [25, 36, 62, 73] {
+        assert_eq!(well.get(0x8002, subindex), None, "{subindex}");
+        assert_eq!(failed.get(0x8002, subindex), Some(0), "{subindex}");
+        assert_eq!(failed.get(0x8001, subindex), None, "{subindex}");
     }
 }
 

@@ -26,12 +26,14 @@ mod domain_layout;
 mod error;
 mod faults;
 mod identification;
+mod maintenance;
 mod mapping;
 mod operation;
 mod operation_report;
 mod plan;
 mod process_image;
 mod real_time;
+mod recognition;
 mod requests;
 mod startup;
 mod stop;
@@ -46,6 +48,7 @@ pub use diagnostics::Diagnostics;
 pub use domain_layout::{DomainLayout, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 pub use error::{Error, SdoDirection, value_words};
 pub use faults::Faults;
+pub use maintenance::{Maintenance, MaintenanceError};
 pub use operation::{OpProgress, OpWait};
 pub use operation_report::{NotOperational, SlaveReport};
 pub use plan::{
@@ -57,6 +60,7 @@ pub use real_time::{
     MAX_STACK_PREFAULT_BYTES, Need, OverrunPolicy, Privilege, PrivilegeOutcome, RealTimeError,
     RealTimeFault, RealTimeReport, RealTimeSettings, Refusal,
 };
+pub use recognition::{NoAnswer, SlaveInquiry, SlaveKind, denies_object, slave_kinds};
 pub use requests::RequestId;
 pub use startup::{Expectation, StartupStep};
 

@@ -63,3 +63,15 @@ pub fn with(scenario: Scenario) -> Bench {
     let bus = Diagnostics::of_bus(&backend.ecrt, 0).unwrap();
     Bench { ecrt: backend.ecrt, simulation: backend.simulation.unwrap(), bus }
 }
+
+/// Writes a program that another program is to run. Another process writes it: a descriptor of our
+/// own could be inherited by a child of another test just then, and the file would be busy.
+pub fn write_program(path: &std::path::Path, text: &str) {
+    let status = std::process::Command::new("sh")
+        .args(["-c", "printf '%s' \"$2\" > \"$1\" && chmod 755 \"$1\"", "sh"])
+        .arg(path)
+        .arg(text)
+        .status()
+        .unwrap();
+    assert!(status.success());
+}

@@ -1,21 +1,18 @@
 //! What is wrong on a CAN bus, or with the channel at it (manual 5.4.6, 13.4, 13.5, 16.3).
 
-use ecan_protocol::{
-    ApplyStatus, CHANNELS, ChannelState, ChannelStatus, MCAN_CLOCK_HZ, NodeMode, solve_data,
-    solve_nominal,
-};
+use ecan_protocol::{CHANNELS, ChannelState, ChannelStatus, NodeMode};
 
 use crate::finding::{Finding, Place};
 use crate::registers::{
     ErrorCounters, EventFifoStatus, Interrupts, LastErrorCode, ProtocolStatus, ReceiveFifoStatus,
     TransmitQueueStatus,
 };
-use crate::snapshot::Snapshot;
+use crate::snapshot::{ObjectKey, Snapshot};
 
 /// What was read of one channel.
-struct Channel<'a> {
-    snapshot: &'a Snapshot,
-    number: u8,
+pub(super) struct Channel<'a> {
+    pub(super) snapshot: &'a Snapshot,
+    pub(super) number: u8,
     place: Place,
 }
 
@@ -25,8 +22,8 @@ pub(super) fn findings(snapshot: &Snapshot, number: u8) -> Vec<Finding> {
     found.extend(channel.error_state());
     found.extend(channel.bus_error());
     found.extend(channel.bus_off_history());
-    found.extend(channel.command("apply-failed", 2));
-    found.extend(channel.command("flash-failed", 4));
+    found.extend(channel.apply_command());
+    found.extend(channel.flash_command());
     found.extend(channel.masks());
     found.extend(channel.node_mode());
     found.extend(channel.receive_losses());
@@ -41,11 +38,26 @@ impl Channel<'_> {
         self.snapshot.get(0x9000 + u16::from(self.number), subindex)
     }
 
-    fn config(&self, subindex: u8) -> Option<u32> {
-        self.snapshot.get(0x8001 + u16::from(self.number), subindex)
+    /// The channel's 0x8001 to 0x8004.
+    pub(super) fn config_object(&self) -> u16 {
+        0x8001 + u16::from(self.number)
     }
 
-    fn fault(&self, id: &'static str, what: impl Into<String>) -> Finding {
+    pub(super) fn config(&self, subindex: u8) -> Option<u32> {
+        self.snapshot.get(self.config_object(), subindex)
+    }
+
+    /// An entry of the configuration, for what is to be done.
+    pub(super) fn config_entry(&self, subindex: u8) -> ObjectKey {
+        ObjectKey { index: self.config_object(), subindex }
+    }
+
+    /// An entry of the data path control.
+    fn data_path_entry(&self, subindex: u8) -> ObjectKey {
+        ObjectKey { index: 0x8021 + u16::from(self.number), subindex }
+    }
+
+    pub(super) fn fault(&self, id: &'static str, what: impl Into<String>) -> Finding {
         Finding::fault(id, self.place, what)
     }
 
@@ -73,7 +85,7 @@ impl Channel<'_> {
     }
 
     /// "500 kbit/s, sample point 75.0 to 87.5 %"
-    fn rates(&self) -> String {
+    pub(super) fn rates(&self) -> String {
         let rate = |subindex| self.config(subindex).map_or(0, |rate| rate / 1000);
         let percent = |subindex| f64::from(self.config(subindex).unwrap_or(0)) / 10.0;
         let mut text =
@@ -89,30 +101,11 @@ impl Channel<'_> {
         text
     }
 
-    /// Why no bit timing fits the configuration, with the nearest values that would.
-    fn timing_error(&self) -> Option<String> {
-        let clock_hz = self.snapshot.get(0x8000, 6 + self.number).unwrap_or(MCAN_CLOCK_HZ);
-        let value = |subindex| self.config(subindex);
-        let permille = |subindex| u16::try_from(value(subindex)?).ok();
-        if value(7)? != 0 {
-            return None;
-        }
-        let (min, max) = (permille(21)?, permille(22)?);
-        if let Err(error) = solve_nominal(clock_hz, value(19)?, min, max) {
-            return Some(format!("nominal bit timing: {error}"));
-        }
-        if value(15)? != 1 {
-            return None;
-        }
-        let (min, max) = (permille(23)?, permille(24)?);
-        let error = solve_data(clock_hz, value(20)?, min, max).err()?;
-        Some(format!("data bit timing: {error}"))
-    }
-
     /// How the pins are rotated, where they are.
     fn rotation(&self) -> Option<String> {
         let rotation = self.snapshot.get(0x8000, 13).filter(|rotation| *rotation != 0)?;
-        let group = (u32::from(self.number) + rotation) % CHANNELS as u32;
+        let channels = CHANNELS as u32;
+        let group = (u32::from(self.number) + rotation % channels) % channels;
         Some(format!("the pins are rotated by {rotation}: this channel is at pin group {group}"))
     }
 
@@ -138,7 +131,9 @@ impl Channel<'_> {
                     "the last configuration was not applied",
                     "the controller did not start",
                 ]);
-            return Some(finding.so("look at its apply status and apply it again", "16.3"));
+            let (apply, status) = (self.config_entry(1), self.config_entry(2));
+            let next = format!("look at its apply status ({status}), apply it again ({apply} = 1)");
+            return Some(finding.so(next, "16.3"));
         }
         if protocol.is_warning || counters.transmit >= 96 || counters.receive >= 96 {
             let what = format!("error warning: {counters}");
@@ -154,13 +149,16 @@ impl Channel<'_> {
     }
 
     fn bus_off(&self) -> Finding {
-        let policy = self.snapshot.get(0x8021 + u16::from(self.number), 14);
-        let recovery = match policy {
+        let (policy, apply) = (self.data_path_entry(14), self.config_entry(1));
+        let recovery = match self.snapshot.get(policy.index, policy.subindex) {
             Some(0) => {
-                "recovery is manual (0x8021:14 = 0): apply the channel again (0x8001:01 = 1)"
+                format!("recovery is manual ({policy} = 0): apply the channel again ({apply} = 1)")
             }
-            Some(3) => "the policy keeps it off the bus (0x8021:14 = 3): apply the channel again",
-            _ => "it recovers by itself once 128 times 11 recessive bits were seen",
+            Some(3) => format!(
+                "the policy keeps it off the bus ({policy} = 3): apply the channel again \
+                 ({apply} = 1)"
+            ),
+            _ => "it recovers by itself once 128 times 11 recessive bits were seen".to_owned(),
         };
         self.fault("bus-off", "the channel is bus-off: it neither sends nor receives")
             .because(&["CAN_H and CAN_L are short-circuited or swapped", "termination is missing"])
@@ -246,32 +244,6 @@ impl Channel<'_> {
         Some(finding.so("clear with `ecan diag --clear` and look whether it comes again", "16.3"))
     }
 
-    fn command(&self, id: &'static str, subindex: u8) -> Option<Finding> {
-        let raw = self.config(subindex).filter(|raw| *raw != 0)?;
-        let status = ApplyStatus::from_raw(u8::try_from(raw).unwrap_or(u8::MAX));
-        let what = match subindex {
-            2 => "the configuration was not applied, the channel runs as before",
-            _ => "the last flash command failed",
-        };
-        let causes: &[&str] = match (subindex, raw) {
-            (2, 3) => &[
-                "no bit timing fits bit rate and sample point window at the clock of the channel",
-                "a value of 0x8001 is out of its range",
-            ],
-            (2, 4) => &["the elements exceed the Message RAM of the channel (8192 bytes)"],
-            (2, _) => &["the controller did not restart"],
-            _ => &["nothing is stored, or what is stored is damaged", "the flash is busy"],
-        };
-        let timing = self.timing_error().filter(|_| (subindex, raw) == (2, 3));
-        let finding =
-            self.fault(id, format!("{what}: {status}")).because_of(timing).because(causes);
-        let finding = match subindex {
-            2 => finding.or_because(format!("here {}", self.rates())),
-            _ => finding,
-        };
-        Some(finding.so("correct the configuration, apply it and read the status again", "13.4"))
-    }
-
     /// "CAN is not sent" and "CAN cannot be received" of 5.4.6.
     fn masks(&self) -> Option<Finding> {
         let bit = |mask: u32| mask >> self.number & 1 == 1;
@@ -292,10 +264,11 @@ impl Channel<'_> {
 
     fn not_applied(&self) -> Finding {
         self.fault("channel-off", "the channel is in the channel masks but switched off")
-            .because(&[
-                "its parameters were not applied (0x8001:01 = 1) after the start of the gateway",
-                "its last apply failed",
-            ])
+            .or_because(format!(
+                "its parameters were not applied ({} = 1) after the start of the gateway",
+                self.config_entry(1)
+            ))
+            .because(&["its last apply failed"])
             .so("write its parameters and apply them, in the startup list of the master", "5.4.6")
     }
 
@@ -320,7 +293,8 @@ impl Channel<'_> {
         };
         let finding =
             self.warning("node-mode", what).because(&["it was set for a test and left so"]);
-        Some(finding.so("write node mode 0 (0x8001:08) and apply", "13.4"))
+        let (mode, apply) = (self.config_entry(8), self.config_entry(1));
+        Some(finding.so(format!("write node mode 0 ({mode}) and apply ({apply} = 1)"), "13.4"))
     }
 
     fn receive_losses(&self) -> Option<Finding> {
@@ -339,18 +313,20 @@ impl Channel<'_> {
         for (number, _) in fifos.iter().enumerate().filter(|(_, has_lost)| **has_lost) {
             what.push(format!("RX FIFO{number} lost a frame"));
         }
-        let finding = self.warning("receive-loss", what.join(", ")).because(&[
-            "the bus brings more frames per cycle than the drain budget takes (0x8021:05)",
-            "the TxPDO is too small for them (0x8010:16)",
-            "nobody reads the process data: the gateway is not in OP",
-            "frames that nobody needs pass the filters",
-        ]);
-        Some(
-            finding.so(
-                "plan the traffic with `ecan plan`; raise 0x8021:05 and N, or set filters",
-                "16.3",
-            ),
-        )
+        let budget = self.data_path_entry(5);
+        let finding = self
+            .warning("receive-loss", what.join(", "))
+            .or_because(format!(
+                "the bus brings more frames per cycle than the drain budget takes ({budget})"
+            ))
+            .because(&[
+                "the TxPDO is too small for them (0x8010:16)",
+                "nobody reads the process data: the gateway is not in OP",
+                "frames that nobody needs pass the filters",
+            ]);
+        let next =
+            format!("plan the traffic with `ecan plan`; raise {budget} and N, or set filters");
+        Some(finding.so(next, "16.3"))
     }
 
     fn transmit_pressure(&self) -> Option<Finding> {
@@ -377,7 +353,15 @@ impl Channel<'_> {
         (events.has_lost || flags >> 15 & 1 == 1).then(|| {
             self.warning("event-loss", "transmit events were lost: results of frames are missing")
                 .because(&["the transmit event FIFO has fewer elements than the transmit FIFO"])
-                .so("set 0x8001:73 to 0x8001:70 at least and apply", "13.4")
+                .so(
+                    format!(
+                        "set {} to {} at least and apply ({} = 1)",
+                        self.config_entry(73),
+                        self.config_entry(70),
+                        self.config_entry(1)
+                    ),
+                    "13.4",
+                )
         })
     }
 

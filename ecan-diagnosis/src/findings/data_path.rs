@@ -3,12 +3,14 @@
 use ecan_protocol::ApplyStatus;
 
 use crate::finding::{Finding, Place};
-use crate::snapshot::Snapshot;
+use crate::snapshot::{ObjectKey, Snapshot};
 
 pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
     let number = u16::from(channel);
     let place = Place::Channel(channel);
-    let control = |subindex| snapshot.get(0x8021 + number, subindex);
+    let object = 0x8021 + number;
+    let control = |subindex| snapshot.get(object, subindex);
+    let entry = |subindex| ObjectKey { index: object, subindex };
     let diagnosis = |subindex| snapshot.get(0x9020 + number, subindex).unwrap_or(0);
     let mut found = Vec::new();
 
@@ -17,15 +19,23 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
         let what = format!("the data path policy was not applied: {status}");
         found.push(
             Finding::fault("data-path-apply", place, what)
-                .because(&["a value of 0x8021 to 0x8024 is out of its range, or min is above max"])
-                .so("correct it, write :02 = 1 and read :03 again", "13.2.2"),
+                .or_because(format!(
+                    "a value of 0x{object:04X} is out of its range, or min is above max"
+                ))
+                .so(
+                    format!("correct it, write {} = 1 and read {} again", entry(2), entry(3)),
+                    "13.2.2",
+                ),
         );
     }
     if control(1) == Some(0) {
         found.push(
             Finding::warning("data-path-off", place, "the data path policy is disabled")
-                .because(&["0x8021:01 is 0, so that budgets and policies are the firmware's own"])
-                .so("write :01 = 1 and apply", "13.2.2"),
+                .or_because(format!(
+                    "{} is 0, so that budgets and policies are the firmware's own",
+                    entry(1)
+                ))
+                .so(format!("write {} = 1 and apply ({} = 1)", entry(1), entry(2)), "13.2.2"),
         );
     }
     let (dropped, critical) = (diagnosis(5), diagnosis(8));
@@ -40,10 +50,13 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
             Finding::warning("rx-cache-drop", place, what)
                 .because(&[
                     "the TxPDO takes fewer frames per cycle than the bus brings: N or cycle",
-                    "the drain budget 0x8021:05 is too small",
-                    "the RX cache 0x8021:07 is too shallow for bursts",
                 ])
-                .so("plan the traffic with `ecan plan`; raise 0x8021:05, :07 and N", "13.2.5"),
+                .or_because(format!("the drain budget {} is too small", entry(5)))
+                .or_because(format!("the RX cache {} is too shallow for bursts", entry(7)))
+                .so(
+                    format!("plan the traffic with `ecan plan`; raise {}, :07 and N", entry(5)),
+                    "13.2.5",
+                ),
         );
     }
     let (full, stale) = (diagnosis(11), diagnosis(12));
@@ -55,8 +68,11 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
                 .because(&[
                     "the host sends more frames than the bus carries",
                     "the channel was bus-off or nobody acknowledged",
-                    "the transmit FIFO is small (0x8001:70)",
                 ])
+                .or_because(format!(
+                    "the transmit FIFO is small ({})",
+                    ObjectKey { index: 0x8001 + number, subindex: 70 }
+                ))
                 .so("look for bus errors first, then plan the load with `ecan plan`", "13.2.5"),
         );
     }
@@ -65,12 +81,19 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
         let what = format!("the data path is degraded or protected (0x{degraded:X})");
         found.push(
             Finding::fault("data-path-degraded", place, what)
-                .because(&[
-                    "the receive path overflowed for long (0x8021:16)",
-                    "the transmit path was congested for long",
-                    "the channel was bus-off and its policy keeps it so (0x8021:14)",
-                ])
-                .so("mend the cause, then apply the channel again", "13.2.5"),
+                .or_because(format!("the receive path overflowed for long ({})", entry(16)))
+                .because(&["the transmit path was congested for long"])
+                .or_because(format!(
+                    "the channel was bus-off and its policy keeps it so ({})",
+                    entry(14)
+                ))
+                .so(
+                    format!(
+                        "mend the cause, then apply the channel again (0x{:04X}:01 = 1)",
+                        0x8001 + number
+                    ),
+                    "13.2.5",
+                ),
         );
     }
     found

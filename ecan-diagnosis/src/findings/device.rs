@@ -1,5 +1,7 @@
 //! Flags and states of the gateway as a whole (manual 13.2.1, 13.3, 13.7).
 
+use ecan_protocol::{AccessMode, MaintenanceStatus};
+
 use crate::diagnostic_flags::DIAGNOSTIC_FLAGS;
 use crate::finding::{Finding, Place};
 use crate::snapshot::Snapshot;
@@ -106,29 +108,47 @@ fn flags(snapshot: &Snapshot) -> Vec<Finding> {
 
 fn maintenance(snapshot: &Snapshot) -> Vec<Finding> {
     let mut found = Vec::new();
-    if let Some(status) = snapshot.get(0xB000, 5).filter(|status| *status != 0) {
-        let word = match status {
-            1 => "busy",
-            2 => "denied",
-            3 => "CRC error",
-            4 => "image invalid",
-            5 => "flash error",
-            _ => "not in the manual",
+    if let Some(raw) = snapshot.get(0xB000, 5).filter(|raw| *raw != 0) {
+        let status = MaintenanceStatus::from_raw(u8::try_from(raw).unwrap_or(u8::MAX));
+        let what = format!("the last maintenance command ended with status {status}");
+        let (causes, next): (&[&str], _) = match status {
+            MaintenanceStatus::Denied => (
+                &[
+                    "the command needs engineering or factory mode (0xB000:01)",
+                    "the gateway was in OP",
+                ],
+                "ask for the access mode in PREOP and give the command again",
+            ),
+            MaintenanceStatus::CrcError | MaintenanceStatus::ImageInvalid => (
+                &[
+                    "nothing was saved since the factory's configuration was restored",
+                    "power failed while the gateway saved, or another firmware did",
+                ],
+                "save the configuration anew with `ecan config save`, or restore the factory's",
+            ),
+            MaintenanceStatus::Busy => (
+                &["two programs maintain the gateway at once"],
+                "wait until 0xB000:12 counts, then give the command again",
+            ),
+            _ => (
+                &["the Flash is worn out or damaged"],
+                "give the command again; if it fails, send a bundle to the support",
+            ),
         };
-        let what = format!("the last maintenance command ended with status {status} ({word})");
         found.push(
             Finding::warning("maintenance-status", Place::Device, what)
-                .because(&[
-                    "the command needs engineering or factory mode (0xB000:01), or not OP",
-                    "what is stored is damaged, or nothing is stored",
-                ])
-                .so("ask for the access mode in PREOP and give the command again", "13.7"),
+                .because(causes)
+                .so(next, "13.7"),
         );
     }
     if let Some(mode) = snapshot.get(0xB000, 2).filter(|mode| *mode != 0) {
-        let word = if mode == 1 { "engineering" } else { "factory" };
+        let known = u8::try_from(mode).ok().and_then(AccessMode::from_raw);
+        let what = match known {
+            Some(mode) => format!("{mode} mode is active"),
+            None => format!("access mode {mode} is active, which the manual does not name"),
+        };
         found.push(
-            Finding::warning("access-mode", Place::Device, format!("{word} mode is active"))
+            Finding::warning("access-mode", Place::Device, what)
                 .because(&["somebody is at work on the gateway, or did not give the mode back"])
                 .so("write 0xB000:01 = 0 when nobody is", "13.7"),
         );

@@ -1,6 +1,7 @@
 //! What is amiss, chapter by chapter.
 
 mod channel;
+mod channel_command;
 mod data_path;
 mod device;
 mod operation;

@@ -1,6 +1,6 @@
 //! OP cannot be reached or was left (manual 5.4.6, 16.1).
 
-use ecan_protocol::{AlState, AlStatusCode};
+use ecan_protocol::{AlState, AlStatusCode, CHUNK_BYTES};
 
 use crate::finding::{Finding, Place};
 use crate::snapshot::Snapshot;
@@ -180,13 +180,13 @@ fn silence(snapshot: &Snapshot) -> Option<Finding> {
 fn assignment(snapshot: &Snapshot, profile: u16, assignment: u16, place: Place) -> Option<Finding> {
     let bytes = snapshot.active_bytes(profile)?;
     let chunks = snapshot.get(assignment, 0)?;
-    if chunks * 128 == bytes {
+    if u64::from(chunks) * CHUNK_BYTES as u64 == u64::from(bytes) {
         return None;
     }
     let what = format!(
         "0x{assignment:04X} assigns {chunks} chunks, the profile in force (0x{profile:04X}) has \
          {bytes} bytes, N = {}",
-        bytes / 128
+        bytes / CHUNK_BYTES as u32
     );
     let finding = Finding::fault("assignment-differs", place, what).because(&[
         "the master project selects another number of chunks than it writes as PDO size \
@@ -201,12 +201,12 @@ fn assignment(snapshot: &Snapshot, profile: u16, assignment: u16, place: Place) 
 }
 
 fn large_images(snapshot: &Snapshot) -> Option<Finding> {
-    let chunks =
-        [0x8010, 0x8011].into_iter().filter_map(|it| snapshot.active_bytes(it)).max()? / 128;
+    let bytes = [0x8010, 0x8011].into_iter().filter_map(|it| snapshot.active_bytes(it)).max()?;
+    let chunks = bytes / CHUNK_BYTES as u32;
     if chunks < LARGE_CHUNKS || snapshot.state() == Some(AlState::Op) {
         return None;
     }
-    let what = format!("N = {chunks}: {} bytes do not fit one EtherCAT datagram", chunks * 128);
+    let what = format!("N = {chunks}: {bytes} bytes do not fit one EtherCAT datagram");
     let finding = Finding::warning("images-large", Place::Slave, what).because(&[
         "the installed master does not split process data over datagrams, so that N is at most 11",
         "an old application maps several gateways into one domain",

@@ -71,11 +71,16 @@ fn status(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
 fn frame_area(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
     let bytes = snapshot.active_bytes(index)?;
     let area = snapshot.get(index, 10)?;
-    if area + HEADER_BYTES == bytes {
+    let expected = bytes.checked_sub(HEADER_BYTES);
+    if expected == Some(area) {
         return None;
     }
-    let what =
-        format!("{bytes} active bytes leave {area} for frames instead of {}", bytes - HEADER_BYTES);
+    let what = match expected {
+        Some(expected) => {
+            format!("{bytes} active bytes leave {area} for frames instead of {expected}")
+        }
+        None => format!("{bytes} active bytes do not hold the header of {HEADER_BYTES}"),
+    };
     let finding = Finding::fault("frame-area", place, what)
         .because(&["the profile changed while it was read", "a firmware with another header"]);
     Some(finding.so("read 0xF000:18 and the profile again", "5.4.2"))
@@ -238,7 +243,8 @@ fn overflow(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
             .because(&[
                 "the host sends more than the buses carry",
                 "nobody acknowledges on a bus, so that its queue stays full",
-                "the transmit budget 0x8021:12 is smaller than the frames of a cycle",
+                "a channel's transmit budget (0x8021:12 to 0x8024:12) is smaller than the frames of a \
+                 cycle",
             ])
             .so("compare the frames sent with the bit rate, then look at the channels", "12")
     })

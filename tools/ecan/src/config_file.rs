@@ -57,7 +57,7 @@ pub fn of_place(fault: PlaceFault) -> Failure {
     match fault {
         PlaceFault::Device(error) => Failure::Device(error),
         PlaceFault::State { .. } => Failure::Refused(fault.to_string()),
-        PlaceFault::NoAlias { .. } | PlaceFault::NoSlave { .. } => {
+        PlaceFault::NoAlias { .. } | PlaceFault::NoSlave { .. } | PlaceFault::Same { .. } => {
             Failure::Slave(fault.to_string())
         }
     }

@@ -120,7 +120,7 @@ fn a_file_is_applied_part_by_part() {
     let (_directory, path) = file(SMALL);
     let expected = format!(
         "slave 0 has gateway 0 of {}
-  abilities              0 written,  8 read back
+  abilities              0 written,  7 read back
   no diagnostic test     0 written,  5 read back
   PDO assignment        20 written,  0 read back
   PDO profiles          12 written,  8 read back
@@ -179,7 +179,7 @@ fn the_flash_is_saved_loaded_and_restored() {
     let factory = simulated(&["config", "factory"]);
     assert!(factory.ends_with(", stored 0x00000000)\n"), "{factory}");
     let message = fails(5, &["--ecrt", "sim", "config", "load"]);
-    assert!(message.contains("status 4 (image invalid: there is no saved"), "{message}");
+    assert!(message.contains("status 4 (image invalid: nothing is stored"), "{message}");
     let json: serde_json::Value =
         serde_json::from_str(&simulated(&["config", "save", "--json"])).unwrap();
     assert_eq!(json["active_crc"], json["stored_crc"]);
@@ -207,8 +207,8 @@ fn lists_for_other_masters_need_no_bus() {
     );
     let json: serde_json::Value =
         serde_json::from_str(&good(&["config", "export", text(&path), "--json"])).unwrap();
-    assert_eq!(json[13]["index"], 0x1C12);
-    assert_eq!(json[13]["bytes"], serde_json::json!([0]));
+    assert_eq!(json[12]["index"], 0x1C12);
+    assert_eq!(json[12]["bytes"], serde_json::json!([0]));
 }
 
 #[test]
@@ -227,6 +227,11 @@ fn of_several_gateways_one_is_chosen() {
     good(&["--ecrt", &setting, "--slave", "1", "config", "save"]);
     let message = fails(4, &["--ecrt", "sim", "config", "apply", text(&path)]);
     assert!(message.contains("gateway 1 of the file: no slave has the alias 7"), "{message}");
+    // The slave at position 1 is the one with the alias 7.
+    let both = two.replace("n = 3", "n = 3\nposition = 1");
+    let (_directory, both) = file(&both);
+    let message = fails(4, &["--ecrt", &setting, "config", "apply", text(&both)]);
+    assert!(message.contains("gateways 0 and 1 of the file are the same slave 1"), "{message}");
     let message = fails(2, &["config", "export", text(&path)]);
     assert!(message.contains("2 gateways; choose one with --gateway"), "{message}");
     let list = good(&["config", "export", "--gateway", "1", "--format", "ethercat", text(&path)]);
@@ -273,6 +278,13 @@ fn what_barely_works_is_a_warning_and_no_fault() {
     let (_directory, path) = file(&format!("cycle_us = 570\n{gateway}{gateway}"));
     let checked = good(&["config", "check", text(&path)]);
     assert!(checked.contains("\nwarning: the frames of a cycle take 4"), "{checked}");
+    // CAN FD in the layout of classic CAN.
+    let fd = "cycle_us = 1000\n[[gateway]]\nn = 8\n[gateway.can0]\nbitrate = 500_000\n\
+              data_bitrate = 2_000_000\nram = { layout = \"classic\" }\n";
+    let (_directory, path_of_fd) = file(fd);
+    let checked = good(&["config", "check", text(&path_of_fd)]);
+    let warning = "\nwarning: slave 0, channel 0: the transmit elements hold 8 bytes of a frame";
+    assert!(checked.contains(warning), "{checked}");
     let (_directory, path) = file(&format!("cycle_us = 400\n{gateway}{gateway}"));
     let output = ecan(&["config", "check", text(&path)]);
     assert_eq!(output.status.code(), Some(1));

@@ -77,6 +77,33 @@ fault [bus-off] CAN1: the channel is bus-off: it neither sends nor receives
 }
 
 #[test]
+fn numbers_of_a_file_that_no_gateway_shows_are_explained_too() {
+    let directory = tempfile::tempdir().unwrap();
+    let changes = [
+        ("0x8010:09", 23),
+        ("0x8010:10", u32::MAX),
+        ("0x1C13:00", u32::MAX),
+        ("0x8000:13", u32::MAX),
+        ("0x9000:01", 128),
+        ("0x9000:02", 0x077B),
+        ("0x9000:09", 0x001A),
+        ("0x8002:02", 4),
+        ("0x8002:62", 200),
+    ];
+    let path = bundle(directory.path(), &changes);
+    let report = ends(1, &["diag", "--brief", "--from", &path]);
+    for words in [
+        "[frame-area] TxPDO: 23 active bytes do not hold the header of 24\n",
+        "[assignment-differs] TxPDO: 0x1C13 assigns 4294967295 chunks",
+        "the pins are rotated by 4294967295: this channel is at pin group 3\n",
+        "may be 1. RX FIFO0 size (subindex 62) is 200, possible is 0..64\n",
+        "apply it (0x8002:01 = 1) and read 0x8002:02 again\n",
+    ] {
+        assert!(report.contains(words), "{words}: {report}");
+    }
+}
+
+#[test]
 fn programs_get_registers_findings_and_the_bundle() {
     let directory = tempfile::tempdir().unwrap();
     let path = bundle(directory.path(), &[("0x9000:01", 0x0000_2005), ("0x8011:16", 3)]);
@@ -113,7 +140,14 @@ fn the_masters_tool_tells_the_al_status_code() {
         std::fs::read_to_string(log).unwrap(),
         "reg_read --master 0 --position 0 --type uint16 0x0134\n"
     );
-    // One that fails is told, and the rest is read all the same.
+    // One that does not end is ended and told, and the rest is read all the same.
+    write_program(tool.as_ref(), "#!/bin/sh\nexec sleep 1000\n");
+    let output = support::ecan(&["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success());
+    let words = "is not known: ethercat reg_read did not end within 5 s, and was ended";
+    assert!(errors.contains(words), "{errors}");
+    // One that fails likewise.
     write_program(tool.as_ref(), "#!/bin/sh\necho 'Failed to open /dev/EtherCAT0' >&2\nexit 1\n");
     let output = support::ecan(&["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
     let errors = String::from_utf8(output.stderr).unwrap();

@@ -249,6 +249,14 @@ fn flags_that_the_file_answers_are_refused() {
 }
 
 #[test]
+fn the_example_with_its_distributed_clocks_can_be_used_as_it_is() {
+    let bus = Scenario::new("[[node]]\nkind = \"echo\"\nbus = \"0.1\"\n");
+    let path = bus.write("example.toml", &support::good(&["config", "example"]));
+    let send = ["send", "--config", &path, "--channel", "1", "123#01"];
+    assert_eq!(bus.good(&send), "can1 123#01 sent\n");
+}
+
+#[test]
 fn listening_and_device_times_go_with_a_file() {
     let bus = bus(250, &FRAMES);
     let path = bus.path("cell.toml");

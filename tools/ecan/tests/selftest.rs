@@ -147,6 +147,15 @@ fn a_gateway_that_refuses_its_configuration_fails_and_the_next_is_tested() {
 }
 
 #[test]
+fn a_gateway_that_cannot_be_asked_fails() {
+    let bus = support::first_silent();
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest", "--frames", "1"]);
+    assert!(printed.starts_with("slave at position 0: FAILED\n"), "{printed}");
+    assert_eq!(lines(&printed, "FAILED  recognition").len(), 1, "{printed}");
+    assert_eq!(lines(&printed, "gateway 4294967298 at position 1: passed").len(), 1, "{printed}");
+}
+
+#[test]
 fn a_gateway_that_goes_away_fails_and_the_others_keep_their_reports() {
     // While the first one is tested.
     let fault = "[[fault]]\nkind = \"power_off\"\ngateway = 1\nat_ms = 5000\n";

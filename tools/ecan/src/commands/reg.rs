@@ -4,6 +4,8 @@ use std::io::Write;
 
 use clap::{Args, Subcommand};
 use ecan_diagnosis::registers::{self, REGISTERS, register, register_named};
+use ecan_host::Maintenance;
+use ecan_protocol::AccessMode;
 use serde::Serialize;
 
 use crate::bus::Bus;
@@ -19,11 +21,6 @@ const OFFSETS: std::ops::RangeInclusive<u64> = 0x0004..=0x0404;
 const TRIES: u32 = 20;
 /// Time between two tries, ns.
 const PAUSE_NS: u64 = 5_000_000;
-
-const MAINTENANCE: u16 = 0xB000;
-const MODE_REQUEST: u8 = 1;
-const MODE_STATUS: u8 = 2;
-const ENGINEERING: u32 = 1;
 
 /// What to do with registers.
 #[derive(Debug, Args)]
@@ -88,6 +85,7 @@ fn parse_value(text: &str) -> Result<u32, String> {
 /// A register's value.
 #[derive(Debug, Serialize)]
 struct Reading {
+    position: usize,
     channel: u8,
     offset: u16,
     name: Option<&'static str>,
@@ -244,6 +242,7 @@ impl Service<'_> {
         let value = self.get(5)?;
         let timestamp = u64::from(self.get(6)?) | u64::from(self.get(7)?) << 32;
         Ok(Reading {
+            position: self.slave,
             channel: self.channel,
             offset,
             name: register(offset).map(|it| it.name),
@@ -284,19 +283,8 @@ impl Service<'_> {
         &self,
         action: impl FnOnce() -> Result<R, Failure>,
     ) -> Result<R, Failure> {
-        let before = self.bus.read(self.slave, MAINTENANCE, MODE_STATUS)?;
-        if before != 0 {
-            return action();
-        }
-        self.bus.write(self.slave, MAINTENANCE, MODE_REQUEST, ENGINEERING)?;
-        let outcome = match self.bus.read(self.slave, MAINTENANCE, MODE_STATUS) {
-            Ok(0) => Err(refused("the gateway does not grant engineering mode (0xB000:02 is 0)")),
-            Ok(_) => action(),
-            Err(failure) => Err(failure),
-        };
-        let given_back = self.bus.write(self.slave, MAINTENANCE, MODE_REQUEST, before);
-        let value = outcome?;
-        given_back.map(|()| value)
+        Maintenance::new(self.bus.diagnostics(), self.slave)
+            .in_mode(AccessMode::Engineering, action)
     }
 }
 
@@ -317,7 +305,7 @@ mod tests {
     }
 
     fn mode(bus: &Bus) -> u32 {
-        bus.read(0, MAINTENANCE, MODE_STATUS).unwrap()
+        bus.read(0, 0xB000, 2).unwrap()
     }
 
     #[test]
@@ -332,7 +320,7 @@ mod tests {
             assert_eq!(refused.status(), 5);
             assert_eq!(mode(bus), 0);
             // Somebody else's mode stays as it is.
-            bus.write(0, MAINTENANCE, MODE_REQUEST, 2).unwrap();
+            bus.write(0, 0xB000, 1, 2).unwrap();
             service.write(0x54, 6).unwrap();
             assert_eq!(mode(bus), 2);
         });

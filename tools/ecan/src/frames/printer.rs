@@ -67,10 +67,11 @@ impl Printer {
     ) -> Result<Self, Failure> {
         let (queue, heard) = sync_channel(capacity);
         let (until_end, end) = sync_channel::<()>(0);
-        let thread = std::thread::Builder::new().name("printer".to_owned()).spawn(move || {
+        let spawned = std::thread::Builder::new().name("printer".to_owned()).spawn(move || {
             let _until_end = until_end;
             write(&heard)
-        })?;
+        });
+        let thread = spawned.map_err(Failure::of_thread)?;
         let interrupt = interrupt.clone();
         Ok(Self { queue: Some(queue), thread, end, interrupt, log: None, dropped: 0 })
     }

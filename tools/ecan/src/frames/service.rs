@@ -123,7 +123,7 @@ impl<'a> Prepared<'a> {
         let capture = FrameCapture::start(capture, &place.adapter, channels, interrupt)?;
         let started = real_time
             .apply(|line| output.note(line))
-            .map_err(|error| Failure::Master(error.to_string()))
+            .map_err(|error| Failure::Host(error.to_string()))
             .and_then(|()| Service::start(bus.ecrt(), place, real_time, interrupt, output));
         let Ok(Some(mut service)) = started else {
             capture.into_iter().for_each(FrameCapture::discard);

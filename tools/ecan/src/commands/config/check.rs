@@ -154,7 +154,10 @@ fn of_file(file: &ConfigFile) -> Checked {
             frames: plan.ethercat.frames.len(),
             wire_ns: plan.ethercat.wire_ns(),
         }),
-        warnings: plan.warnings.iter().map(ToString::to_string).collect(),
+        warnings: {
+            let of_plan = plan.warnings.iter().map(ToString::to_string);
+            of_plan.chain(file.warnings().iter().map(ToString::to_string)).collect()
+        },
     }
 }
 

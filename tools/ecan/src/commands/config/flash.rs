@@ -1,6 +1,7 @@
 //! `ecan config save`, `load` and `factory`: the Flash of a gateway (manual 13.7).
 
-use ecan_config_file::{FlashCommand, FlashDone, FlashError};
+use ecan_config_file::{FlashCommand, FlashDone};
+use ecan_host::MaintenanceError;
 use serde::Serialize;
 
 use crate::bus::Bus;
@@ -20,7 +21,7 @@ pub fn run(command: FlashCommand, global: &GlobalOptions, output: &Output) -> Re
     let slave = bus.slave()?;
     let FlashDone { active_crc, stored_crc } =
         command.run(bus.diagnostics(), slave, bus.clock()).map_err(|error| match error {
-            FlashError::Device(error) => Failure::Device(error),
+            MaintenanceError::Device(error) => Failure::Device(error),
             other => Failure::Refused(format!("slave {slave}: {other}")),
         })?;
     let done = Done { slave, active_crc, stored_crc };

@@ -1,0 +1,175 @@
+//! What a file says that works, but not for every frame.
+
+use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortPlan};
+use ecan_protocol::{
+    BudgetPolicy, CanFrame, CanId, DataSize, Direction, FilterAction, NodeMode, NonMatch,
+    PdoProfile,
+};
+use thiserror::Error;
+
+use crate::ConfigFile;
+
+/// Something in a file that is no fault, since its frames may be short ones.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum FileWarning {
+    /// Elements of the Message RAM that cut CAN FD frames (manual 13.4).
+    #[error(
+        "slave {slave}, channel {channel}: {elements} hold {bytes} bytes of a frame, and longer CAN \
+         FD frames are cut: raise `{}` in its table `ram`, or take the layout \"fd\"",
+        .elements.key()
+    )]
+    ShortElements {
+        /// Index of the gateway in the file.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// Which elements.
+        elements: Elements,
+        /// Data bytes that they hold.
+        bytes: u8,
+    },
+    /// The largest frame of a channel does not fit what it has of an image (manual 12).
+    #[error(
+        "slave {slave}, channel {channel}: its largest frame takes {frame_bytes} bytes of the \
+         {direction}, it has {share_bytes}: such frames never pass. Use a larger `n` or another \
+         `budget` than deterministic"
+    )]
+    ShareBelowFrame {
+        /// Index of the gateway in the file.
+        slave: usize,
+        /// The channel.
+        channel: u8,
+        /// Of which image.
+        direction: Direction,
+        /// What the frame takes of the frame area.
+        frame_bytes: usize,
+        /// What the channel has of it at most.
+        share_bytes: usize,
+    },
+}
+
+/// Elements of the Message RAM that hold frames.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Elements {
+    /// RX FIFO0.
+    RxFifo0,
+    /// RX FIFO1.
+    RxFifo1,
+    /// Receive buffers.
+    RxBuffers,
+    /// Transmit FIFO, queue and buffers.
+    Transmit,
+}
+
+impl Elements {
+    /// The key of a file with their size.
+    fn key(self) -> &'static str {
+        match self {
+            Self::RxFifo0 => "rx_fifo0_data_bytes",
+            Self::RxFifo1 => "rx_fifo1_data_bytes",
+            Self::RxBuffers => "rx_buffer_data_bytes",
+            Self::Transmit => "tx_data_bytes",
+        }
+    }
+}
+
+impl std::fmt::Display for Elements {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::RxFifo0 => "the elements of RX FIFO0",
+            Self::RxFifo1 => "the elements of RX FIFO1",
+            Self::RxBuffers => "the receive buffers",
+            Self::Transmit => "the transmit elements",
+        })
+    }
+}
+
+impl ConfigFile {
+    /// What may lose frames although nothing of it is wrong: elements that are too short for CAN FD,
+    /// shares of an image that are too small for a frame. What traffic does to the images is told by
+    /// [`PortPlan`]. Allocates; not for the cycle.
+    pub fn warnings(&self) -> Vec<FileWarning> {
+        let mut warnings = Vec::new();
+        let plan = PortPlan::of(&self.adapter, &self.port, &[]);
+        for (slave, (gateway, images)) in self.port.gateways.iter().zip(&plan.gateways).enumerate()
+        {
+            for (channel, settings) in channels(gateway) {
+                warnings.extend(short_elements(slave, channel, settings));
+                let Some(frame) = largest_frame(settings.can.fd) else { continue };
+                for image in [&images.rx, &images.tx] {
+                    let direction = image.direction;
+                    let frame_bytes = image.packet_bytes(frame.as_ref(), false);
+                    let share_bytes = share(direction, &image.profile);
+                    if frame_bytes > share_bytes {
+                        warnings.push(FileWarning::ShareBelowFrame {
+                            slave,
+                            channel,
+                            direction,
+                            frame_bytes,
+                            share_bytes,
+                        });
+                    }
+                }
+            }
+        }
+        warnings
+    }
+}
+
+fn channels(gateway: &GatewayConfig) -> impl Iterator<Item = (u8, &ChannelSettings)> {
+    (0..).zip(&gateway.channels).filter_map(|(channel, it)| Some((channel, it.as_ref()?)))
+}
+
+/// Data of the greatest length behind an identifier of 29 bits.
+fn largest_frame(is_fd: bool) -> Option<CanFrame> {
+    let id = CanId::extended(0).ok()?;
+    match is_fd {
+        true => CanFrame::fd(id, &[0; 64], true, false).ok(),
+        false => CanFrame::classic(id, &[0; 8]).ok(),
+    }
+}
+
+/// What a single channel has of an image at most. The Port lets any channel fill an RxPDO.
+fn share(direction: Direction, profile: &PdoProfile) -> usize {
+    let area = profile.frame_area_bytes();
+    match (direction, profile.budget) {
+        (Direction::TxPdo, BudgetPolicy::Deterministic) => {
+            area / profile.channel_mask.count_ones().max(1) as usize
+        }
+        _ => area,
+    }
+}
+
+/// Elements that a CAN FD channel uses and that do not hold 64 bytes.
+fn short_elements(
+    slave: usize,
+    channel: u8,
+    settings: &ChannelSettings,
+) -> impl Iterator<Item = FileWarning> {
+    let (can, ram) = (&settings.can, &settings.can.ram);
+    let standard = settings.standard_filters.iter().map(|filter| filter.action);
+    let extended = settings.extended_filters.iter().map(|filter| filter.action);
+    let actions: Vec<FilterAction> = standard.chain(extended).collect();
+    let takes = |non_match, wanted: fn(FilterAction) -> bool| {
+        [can.non_match_standard, can.non_match_extended].map(Some).contains(&non_match)
+            || actions.iter().any(|action| wanted(*action))
+    };
+    let fifo0 = |action| matches!(action, FilterAction::Fifo0 | FilterAction::PriorityFifo0);
+    let fifo1 = |action| matches!(action, FilterAction::Fifo1 | FilterAction::PriorityFifo1);
+    let buffer = |action| matches!(action, FilterAction::RxBuffer(_));
+    let used = [
+        (Elements::RxFifo0, ram.rx_fifo0.data_size, takes(Some(NonMatch::Fifo0), fifo0)),
+        (Elements::RxFifo1, ram.rx_fifo1.data_size, takes(Some(NonMatch::Fifo1), fifo1)),
+        (Elements::RxBuffers, ram.rx_buffer_data_size, takes(None, buffer)),
+        (Elements::Transmit, ram.tx_data_size, can.node_mode != NodeMode::Listen),
+    ];
+    let is_fd = can.fd;
+    let is_short =
+        move |(elements, size, is_used): (Elements, DataSize, bool)| {
+            let bytes = size.bytes();
+            (is_fd && is_used && bytes < DataSize::B64.bytes())
+                .then_some(FileWarning::ShortElements { slave, channel, elements, bytes })
+        };
+    used.into_iter().filter_map(is_short)
+}

@@ -1,0 +1,81 @@
+//! What works, but not for every frame.
+#![allow(missing_docs)]
+
+use ecan_config_file::{ConfigFile, Elements, FileWarning};
+use ecan_protocol::Direction;
+
+fn warnings(text: &str) -> Vec<FileWarning> {
+    text.parse::<ConfigFile>().unwrap_or_else(|faults| panic!("{text}: {faults}")).warnings()
+}
+
+/// Elements that are too short, and their bytes.
+fn short(channel: &str) -> Vec<(Elements, u8)> {
+    let all =
+        warnings(&format!("[[gateway]]\nn = 8\n[gateway.can2]\nbitrate = 500_000\n{channel}"));
+    let short = all.into_iter().map(|warning| match warning {
+        FileWarning::ShortElements { slave: 0, channel: 2, elements, bytes } => (elements, bytes),
+        other => panic!("{other}"),
+    });
+    short.collect()
+}
+
+#[test]
+fn elements_that_cut_can_fd_frames_are_told_where_they_are_used() {
+    let fd = "data_bitrate = 2_000_000\n";
+    let classic = format!("{fd}ram = {{ layout = \"classic\" }}\n");
+    assert_eq!(short(&classic), [(Elements::RxFifo0, 8), (Elements::Transmit, 8)]);
+    let filters = format!(
+        "{classic}[[gateway.can2.standard_filter]]\naction = \"rx_buffer\"\nrx_buffer = 0\nid1 = 1\n\
+         [[gateway.can2.extended_filter]]\naction = \"priority_fifo1\"\nmatch = \"two\"\nid1 = 1\n\
+         id2 = 2\n"
+    );
+    let all = [Elements::RxFifo0, Elements::RxFifo1, Elements::RxBuffers, Elements::Transmit];
+    assert_eq!(short(&filters), all.map(|elements| (elements, 8)));
+    let fifo1 = "non_match_standard = \"fifo1\"\nnon_match_extended = \"reject\"\n\
+                 ram = { rx_fifo0_data_bytes = 8, rx_fifo1_data_bytes = 48 }\n";
+    assert_eq!(short(&format!("{fd}{fifo1}")), [(Elements::RxFifo1, 48)]);
+    let listening = format!("{classic}node_mode = \"listen\"\n");
+    assert_eq!(short(&listening), [(Elements::RxFifo0, 8)]);
+    assert_eq!(short(fd), []);
+    assert_eq!(short("ram = { layout = \"classic\" }\n"), [], "classic CAN needs no more");
+    let text =
+        warnings(&format!("[[gateway]]\nn = 8\n[gateway.can0]\nbitrate = 500_000\n{classic}"));
+    assert!(text[1].to_string().contains("raise `tx_data_bytes` in its table `ram`"), "{text:?}");
+}
+
+/// A gateway with CAN FD on all channels, and this of the PDO to the host.
+fn four(n: u8, tx_pdo: &str) -> String {
+    let channels = (0..4).map(|channel| {
+        format!("can{channel} = {{ bitrate = 500_000, data_bitrate = 2_000_000 }}\n")
+    });
+    format!("[[gateway]]\nn = {n}\ntx_pdo = {{ {tx_pdo} }}\n{}", channels.collect::<String>())
+}
+
+#[test]
+fn a_share_that_no_frame_fits_is_told() {
+    // A quarter of 104 bytes; the packet is control word, identifier of 4 bytes and 64 of data.
+    let found = warnings(&four(1, "budget = \"deterministic\""));
+    let expected = |channel| FileWarning::ShareBelowFrame {
+        slave: 0,
+        channel,
+        direction: Direction::TxPdo,
+        frame_bytes: 70,
+        share_bytes: 26,
+    };
+    assert_eq!(found, [0, 1, 2, 3].map(expected));
+    assert!(
+        found[3].to_string().contains("its largest frame takes 70 bytes of the TxPDO, it has 26")
+    );
+    // With timestamp and padding it takes 72, and (3 * 128 - 24) / 4 are 90.
+    let padded = "budget = \"deterministic\", profile = 1, options = [\"align4\"]";
+    let bytes = warnings(&four(2, padded)).into_iter().map(|warning| match warning {
+        FileWarning::ShareBelowFrame { frame_bytes, share_bytes, .. } => (frame_bytes, share_bytes),
+        other => panic!("{other}"),
+    });
+    assert_eq!(bytes.collect::<Vec<_>>(), [(72, 58); 4]);
+    assert_eq!(warnings(&four(3, padded)), []);
+    // Other policies let a channel have the whole area; a classic frame fits 26 bytes.
+    assert_eq!(warnings(&four(1, "budget = \"balanced\"")), []);
+    let classic = four(1, "budget = \"deterministic\"").replace(", data_bitrate = 2_000_000", "");
+    assert_eq!(warnings(&classic), []);
+}

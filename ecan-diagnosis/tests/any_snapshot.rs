@@ -1,0 +1,78 @@
+//! Whatever a gateway shows or a file says, findings come of it.
+#![allow(missing_docs)]
+
+use ecan_diagnosis::{Depth, Place, ReadError, Snapshot, findings};
+use proptest::prelude::*;
+
+/// Values that a gateway would show, and those at the ends of what fits an entry.
+fn value() -> impl Strategy<Value = Option<u32>> {
+    prop_oneof![
+        4 => (0_u32..=4).prop_map(Some),
+        2 => (0_u32..=30).prop_map(Some),
+        2 => Just(Some(u32::MAX)),
+        2 => (0_u32..32).prop_map(|bit| Some(1 << bit)),
+        2 => any::<u16>().prop_map(|value| Some(value.into())),
+        2 => any::<u32>().prop_map(Some),
+        1 => Just(None),
+    ]
+}
+
+prop_compose! {
+    fn snapshot()(
+        values in prop::collection::vec(value(), 800),
+        depth in prop_oneof![Just(Depth::Findings), Just(Depth::Everything)],
+        al_state in any::<u8>(),
+        has_error_flag in any::<bool>(),
+        al_status_code in any::<Option<u16>>(),
+        silence in any::<Option<String>>(),
+    ) -> Snapshot {
+        let mut values = values.into_iter().cycle();
+        let read = Snapshot::read(depth, |_| {
+            values.next().flatten().ok_or_else(|| ReadError::Refused("no such entry".to_owned()))
+        });
+        Snapshot { al_state, has_error_flag, al_status_code, silence, ..read }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(96))]
+
+    #[test]
+    fn findings_are_made_of_any_snapshot(snapshot in snapshot()) {
+        for finding in findings(&snapshot) {
+            prop_assert!(!finding.what.is_empty(), "{finding:#?}");
+            prop_assert!(!finding.causes.is_empty() && !finding.next.is_empty(), "{finding:#?}");
+            prop_assert!(!matches!(finding.place, Place::Channel(4..)), "{finding:#?}");
+        }
+    }
+}
+
+/// Numbers that no arithmetic may stumble over.
+#[test]
+fn numbers_out_of_all_bounds_are_told_and_do_not_stop_the_program() {
+    let mut snapshot = Snapshot { al_state: 8, ..Snapshot::default() };
+    snapshot.set(0x8010, 9, 23);
+    snapshot.set(0x8010, 10, 0);
+    snapshot.set(0x8011, 9, 1024);
+    snapshot.set(0x8011, 10, u32::MAX);
+    snapshot.set(0x1C12, 0, u32::MAX);
+    snapshot.set(0x8000, 13, u32::MAX);
+    // CAN1 is alone on its bus: the rotation is told.
+    snapshot.set(0x9001, 1, 128);
+    snapshot.set(0x9001, 2, 0x077B);
+    snapshot.set(0x9001, 9, 0x001A);
+    let found = findings(&snapshot);
+    let what = |id| -> Vec<_> {
+        found.iter().filter(|it| it.id == id).map(|it| it.what.as_str()).collect()
+    };
+    assert_eq!(
+        what("frame-area"),
+        [
+            "23 active bytes do not hold the header of 24",
+            "1024 active bytes leave 4294967295 for frames instead of 1000"
+        ]
+    );
+    assert!(what("assignment-differs")[0].contains("assigns 4294967295 chunks"), "{found:#?}");
+    let alone = found.iter().find(|it| it.id == "no-acknowledge").unwrap();
+    assert!(alone.causes[1].ends_with("this channel is at pin group 0"), "{alone:#?}");
+}

@@ -1,0 +1,26 @@
+//! Configuration files: read, checked, and what is sound of them as startup lists.
+#![no_main]
+
+use ecan_config_file::ConfigFile;
+use ecan_config_file::export::{Format, SlavePlace, export};
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|text: &str| {
+    match text.parse::<ConfigFile>() {
+        Ok(file) => {
+            for gateway in 0..file.port.gateways.len() {
+                let steps = file.startup(gateway);
+                for format in [Format::Csv, Format::TwinCat, Format::Codesys, Format::Ethercat] {
+                    assert!(!export(format, &steps, SlavePlace::default()).is_empty());
+                }
+            }
+            assert!(file.warnings().iter().all(|warning| !warning.to_string().is_empty()));
+        }
+        Err(faults) => {
+            // Each fault in a line of the text.
+            let lines = text.matches('\n').count() + 1;
+            assert!(!faults.0.is_empty());
+            assert!(faults.0.iter().all(|it| (1..=lines).contains(&it.line) && it.column > 0));
+        }
+    }
+});
