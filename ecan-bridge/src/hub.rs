@@ -1,6 +1,7 @@
 //! Where the bus and the threads of its clients meet.
 
 use std::collections::VecDeque;
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{SyncSender, TrySendError};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
@@ -33,6 +34,8 @@ struct Client {
 
 #[derive(Debug, Default)]
 struct State {
+    /// The bus takes no frames of clients.
+    is_barred: bool,
     clients: Vec<Client>,
     next_client: ClientId,
     closed: bool,
@@ -112,9 +115,13 @@ impl Hub {
         self.lock().bus
     }
 
-    /// A client's frame for the bus; false when too many wait already.
+    /// A client's frame for the bus; false when too many wait already, or the bus takes none.
     pub(crate) fn submit(&self, id: ClientId, frame: CanFrame) -> bool {
         let mut state = self.lock();
+        if state.is_barred {
+            count(&self.counters.not_taken);
+            return false;
+        }
         let has_room = state.inbox.len() < self.queue;
         if has_room {
             state.inbox.push_back((id, frame));
@@ -132,6 +139,19 @@ impl Hub {
 
     pub(crate) fn has_clients(&self) -> bool {
         !self.lock().clients.is_empty()
+    }
+
+    /// Whether the bus takes frames. Drops those that wait when it does not; how many that were.
+    pub(crate) fn set_taking(&self, is_taking: bool) -> usize {
+        let mut state = self.lock();
+        state.is_barred = !is_taking;
+        if is_taking {
+            return 0;
+        }
+        let dropped = state.inbox.len();
+        state.inbox.clear();
+        self.counters.not_taken.fetch_add(dropped as u64, Ordering::Relaxed);
+        dropped
     }
 
     /// The next frame for the bus.

@@ -7,7 +7,7 @@ use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::time::Duration;
 
-use support::{Running, fails};
+use support::{Running, Scenario, fails};
 
 /// Nothing here takes anywhere near as long, unless it fails.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -31,16 +31,39 @@ impl Client {
         assert_eq!(String::from_utf8_lossy(&bytes), text);
     }
 
-    /// A frame as socketcand writes it, without its time.
-    fn expect_frame(&mut self, id: &str, data: &str) {
-        let mut text = String::new();
-        while !text.ends_with('>') {
+    /// Up to the first of these bytes, which is part of it.
+    fn read_until(&mut self, ends: &[u8]) -> String {
+        let mut text = Vec::new();
+        while !text.last().is_some_and(|byte| ends.contains(byte)) {
             let mut byte = [0];
             self.0.read_exact(&mut byte).unwrap();
-            text.push(byte[0].into());
+            text.push(byte[0]);
         }
+        String::from_utf8(text).unwrap()
+    }
+
+    /// A frame as socketcand writes it: identifier, time and data.
+    fn frame(&mut self) -> [String; 3] {
+        let text = self.read_until(b">");
         let words: Vec<_> = text.split(' ').collect();
-        assert_eq!((words[1], words[2], words[4]), ("frame", id, data), "{text}");
+        assert_eq!(words[1], "frame", "{text}");
+        [words[2], words[3], words[4]].map(str::to_owned)
+    }
+
+    fn expect_frame(&mut self, id: &str, data: &str) {
+        let [found_id, _, found_data] = self.frame();
+        assert_eq!((found_id.as_str(), found_data.as_str()), (id, data));
+    }
+
+    /// A socketcand client that hears.
+    fn socketcand(address: &str) -> Self {
+        let mut client = Self::connect(address);
+        client.expect("< hi >");
+        client.say("< open can0 >");
+        client.expect("< ok >");
+        client.say("< rawmode >");
+        client.expect("< ok >");
+        client
     }
 }
 
@@ -61,12 +84,7 @@ fn clients_of_both_protocols_meet_on_the_channel() {
     let mut slcan = Client::connect(&slcan);
     slcan.say("S6\rO\r");
     slcan.expect("\r\r");
-    let mut socketcand = Client::connect(&socketcand);
-    socketcand.expect("< hi >");
-    socketcand.say("< open can1 >");
-    socketcand.expect("< ok >");
-    socketcand.say("< rawmode >");
-    socketcand.expect("< ok >");
+    let mut socketcand = Client::socketcand(&socketcand);
 
     // The sender hears the node's echo, the others its frame too.
     slcan.say("t1232AABB\r");
@@ -125,6 +143,52 @@ fn a_terminal_is_a_serial_adapter() {
     bridge.terminate();
     assert_eq!(bridge.wait().0, Some(0));
     assert!(std::fs::symlink_metadata(&link).is_err(), "the link goes with the bridge");
+}
+
+/// A motor must not make up for an outage.
+#[test]
+fn frames_of_an_outage_are_refused_and_never_sent() {
+    let bus = Scenario::new(
+        "[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n\
+         [[fault]]\nat_ms = 6000\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 500\n",
+    );
+    let setting = bus.setting();
+    let mut bridge = Running::start(&["--ecrt", &setting, "bridge", "--slcan", "--socketcand"]);
+    let mut sender = Client::connect(&address(&bridge.line(), "slcan", "can0"));
+    let mut listener = Client::socketcand(&address(&bridge.line(), "socketcand", "can0"));
+    sender.say("O\r");
+    sender.expect("\r");
+    // Each frame waits for the answer to the one before it, so that the queue never fills.
+    let mut answers = Vec::new();
+    let mut is_back = false;
+    let begun = std::time::Instant::now();
+    while !is_back {
+        assert!(begun.elapsed() < PATIENCE, "the gateway does not come back");
+        sender.say(&format!("t1232{:04X}\r", answers.len()));
+        let is_taken = sender.read_until(b"\r\x07") == "z\r";
+        is_back = is_taken && answers.last() == Some(&false);
+        answers.push(is_taken);
+        // No more than a client in a cycle of its own sends.
+        std::thread::sleep(Duration::from_millis(2));
+    }
+    let first_after = answers.len() - 1;
+    let mut heard = Vec::new();
+    while heard.last().is_none_or(|(_, number)| *number != first_after) {
+        let [_, time, data] = listener.frame();
+        heard.push((time.parse::<f64>().unwrap(), usize::from_str_radix(&data, 16).unwrap()));
+    }
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    let refused = answers.iter().filter(|is_taken| !**is_taken).count();
+    let note = format!("# {refused} frames of clients refused while out of service");
+    assert!(errors.contains(&note), "{errors}");
+    let back = errors.lines().rfind(|line| line.ends_with("the gateway is in service")).unwrap();
+    let back: f64 = back["# (".len()..].split(')').next().unwrap().parse().unwrap();
+    for (time, number) in heard {
+        assert!(answers[number], "{number} was refused");
+        assert!(time < back || number >= first_after, "{number} came late");
+    }
 }
 
 #[test]

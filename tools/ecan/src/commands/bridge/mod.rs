@@ -1,6 +1,7 @@
 //! `ecan bridge`: a channel for other programs.
 
 mod front;
+mod gate;
 
 use std::collections::HashMap;
 use std::path::PathBuf;
@@ -12,6 +13,7 @@ use ecan_mcan_port::{Received, SendTicket, Session};
 use ecan_protocol::CanFrame;
 
 use crate::commands::bridge::front::{Front, Listening, Place};
+use crate::commands::bridge::gate::Gate;
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::options::GatewayOptions;
@@ -74,6 +76,7 @@ pub fn run(
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     // Before the gateway: the servers' threads keep out of what the cycle's thread asks for.
     let fronts = listen(arguments)?;
+    let gate = Gate::shut(&fronts);
     let wishes = Wishes {
         is_listening: arguments.listen_only,
         has_results: true,
@@ -89,6 +92,7 @@ pub fn run(
         fronts,
         under_way: HashMap::with_capacity(4096),
         waiting: None,
+        gate,
     };
     while !interrupt.is_set() {
         bridge.cycle(arguments.listen_only, output)?;
@@ -149,6 +153,7 @@ struct Traffic {
     under_way: HashMap<SendTicket, Held>,
     /// A frame for which there was no room.
     waiting: Option<Held>,
+    gate: Gate,
 }
 
 impl Traffic {
@@ -169,10 +174,13 @@ impl Traffic {
                 }
             }
         }
-        if self.service.port().session(0) != Session::Ready {
+        let is_in_service = self.service.port().session(0) == Session::Ready;
+        if !is_in_service {
             // Nothing is told any more of frames before the loss.
             self.under_way.clear();
         }
+        let held = self.waiting.take_if(|_| !is_in_service);
+        self.gate.set_open(is_in_service, held.iter().count(), &self.fronts, output);
         while let Some(held) = self.waiting.take().or_else(|| self.next_of_clients()) {
             if is_listening {
                 continue;
