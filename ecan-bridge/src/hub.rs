@@ -2,34 +2,31 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::Ordering;
-use std::sync::mpsc::{SyncSender, TrySendError};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::CanFrame;
 
 use crate::connection::Connection;
+use crate::outbox::Outbox;
 use crate::rates::BusRates;
 use crate::statistics::{BridgeStatistics, Counters, count};
 
 /// Names a client of one bridge.
 pub type ClientId = u64;
 
-/// Something for a client.
-#[derive(Debug)]
-pub(crate) enum Outgoing {
-    /// A frame of the bus and when it was complete, in nanoseconds of the bus's
-    /// clock.
-    Frame(CanFrame, u64),
-    /// Bytes of the protocol.
-    Answer(Vec<u8>),
-}
-
 /// A client as the bus sees it.
 #[derive(Debug)]
 struct Client {
     id: ClientId,
-    outbox: SyncSender<Outgoing>,
+    outbox: Arc<Outbox>,
     connection: Connection,
+}
+
+impl Client {
+    fn close(&self) {
+        self.outbox.close();
+        self.connection.close();
+    }
 }
 
 #[derive(Debug, Default)]
@@ -76,11 +73,7 @@ impl Hub {
     // Clients
 
     /// Admits a client; `connection` is closed with it.
-    pub(crate) fn join(
-        &self,
-        connection: Connection,
-        outbox: SyncSender<Outgoing>,
-    ) -> Option<ClientId> {
+    pub(crate) fn join(&self, connection: Connection, outbox: Arc<Outbox>) -> Option<ClientId> {
         let mut state = self.lock();
         if state.closed || state.clients.len() >= self.max_clients {
             count(&self.counters.turned_away);
@@ -97,7 +90,7 @@ impl Hub {
     pub(crate) fn leave(&self, id: ClientId) {
         let mut state = self.lock();
         if let Some(at) = state.clients.iter().position(|client| client.id == id) {
-            state.clients.swap_remove(at).connection.close();
+            state.clients.swap_remove(at).close();
         }
     }
 
@@ -106,7 +99,7 @@ impl Hub {
         let mut state = self.lock();
         state.closed = true;
         for client in state.clients.drain(..) {
-            client.connection.close();
+            client.close();
         }
     }
 
@@ -162,11 +155,9 @@ impl Hub {
     /// Hands a frame to every client but its sender.
     pub(crate) fn deliver(&self, frame: &CanFrame, now: u64, sender: Option<ClientId>) {
         for client in self.lock().clients.iter().filter(|client| Some(client.id) != sender) {
-            match client.outbox.try_send(Outgoing::Frame(*frame, now)) {
-                Ok(()) => count(&self.counters.delivered),
-                Err(TrySendError::Full(_)) => count(&self.counters.dropped_to_clients),
-                Err(TrySendError::Disconnected(_)) => {}
-            }
+            let counters = &self.counters;
+            let is_taken = client.outbox.offer(frame, now);
+            count(if is_taken { &counters.delivered } else { &counters.dropped_to_clients });
         }
     }
 }

@@ -11,6 +11,7 @@ mod clients;
 mod connection;
 mod hub;
 mod info;
+mod outbox;
 mod rates;
 mod serial;
 mod server;
@@ -20,6 +21,7 @@ mod slcan;
 mod socketcand;
 mod statistics;
 mod terminal;
+mod writer;
 
 pub use clients::Clients;
 pub use hub::ClientId;

@@ -3,12 +3,12 @@
 use std::io;
 use std::path::Path;
 use std::sync::Arc;
-use std::sync::mpsc::sync_channel;
 use std::thread::{self, JoinHandle};
 
 use crate::clients::Clients;
 use crate::connection::Connection;
 use crate::hub::Hub;
+use crate::outbox::Outbox;
 use crate::server::serve;
 use crate::session::Session;
 use crate::settings::BridgeProtocol;
@@ -32,7 +32,7 @@ impl SerialBridge {
         let terminal = Arc::new(Terminal::open()?);
         let hub = Arc::new(Hub::new(queue, 1));
         let connection = Connection::Terminal(terminal.clone());
-        let (outbox, waiting) = sync_channel(hub.queue());
+        let outbox = Arc::new(Outbox::new(hub.queue()));
         let id = hub.join(connection.try_clone()?, outbox.clone());
         let clients = Clients(hub.clone());
         // A new hub has room for one.
@@ -40,7 +40,7 @@ impl SerialBridge {
         let session = Session::new(BridgeProtocol::Slcan);
         let thread = thread::Builder::new()
             .name("bridge terminal".to_owned())
-            .spawn(move || serve(&hub, id, &connection, session, outbox, waiting))?;
+            .spawn(move || serve(&hub, id, &connection, session, &outbox))?;
         Ok(Self { terminal, clients, thread: Some(thread) })
     }
 

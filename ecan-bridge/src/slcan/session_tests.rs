@@ -54,7 +54,7 @@ fn say(session: &mut SlcanSession, bus: &mut Bus, text: &str) -> String {
 
 fn heard(session: &SlcanSession, bus: &Bus, frame: &CanFrame) -> String {
     let mut text = Vec::new();
-    session.encode(frame, 1_234_000_000, bus.config, &mut text);
+    session.hearing().encode(frame, 1_234_000_000, bus.config, &mut text);
     String::from_utf8(text).unwrap()
 }
 
@@ -152,7 +152,7 @@ proptest! {
         let mut nowhere = Bus::new(None);
         writer.feed(b"O\r", &mut nowhere, &mut Vec::new());
         for frame in &frames {
-            writer.encode(frame, 0, None, &mut text);
+            writer.hearing().encode(frame, 0, None, &mut text);
         }
         let mut session = SlcanSession::new();
         let mut bus = Bus::new(None);

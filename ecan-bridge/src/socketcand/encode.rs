@@ -5,7 +5,7 @@ use std::io::Write as _;
 use ecan_protocol::{CanFrame, FrameKind};
 
 /// Appends a received classic data frame with its time in seconds. Raw mode has no form for others.
-pub(super) fn encode(frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
+pub(crate) fn encode(frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
     if frame.kind() != FrameKind::Data {
         return;
     }

@@ -2,10 +2,7 @@
 
 use std::io::Write as _;
 
-use ecan_protocol::CanFrame;
-
 use super::command::{Refusal, SocketcandCommand, parse};
-use super::encode::encode;
 use crate::session::Uplink;
 
 /// More between `<` and `>` is no command.
@@ -85,10 +82,8 @@ impl SocketcandSession {
         Ok(())
     }
 
-    /// Appends a frame of the bus, in raw mode.
-    pub(crate) fn encode(&self, frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
-        if self.mode == Mode::Raw {
-            encode(frame, time_ns, text);
-        }
+    /// Whether frames of the bus go to the client.
+    pub(crate) fn is_raw(&self) -> bool {
+        self.mode == Mode::Raw
     }
 }

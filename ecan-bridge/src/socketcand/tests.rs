@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use super::SocketcandSession;
 use crate::rates::BusRates;
-use crate::session::Uplink;
+use crate::session::{Hearing, Uplink};
 
 #[derive(Default)]
 struct Bus {
@@ -36,7 +36,8 @@ fn say(session: &mut SocketcandSession, bus: &mut Bus, text: &str) -> String {
 
 fn heard(session: &SocketcandSession, frame: &CanFrame) -> String {
     let mut text = Vec::new();
-    session.encode(frame, 23_424_242_999, &mut text);
+    let hearing = Hearing::Socketcand { is_raw: session.is_raw() };
+    hearing.encode(frame, 23_424_242_999, None, &mut text);
     String::from_utf8(text).unwrap()
 }
 
