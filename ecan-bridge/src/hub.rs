@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 use std::sync::atomic::Ordering;
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::CanFrame;
 
@@ -33,6 +33,8 @@ impl Client {
 struct State {
     /// The bus takes no frames of clients.
     is_barred: bool,
+    /// Clients that wait for room.
+    held_back: usize,
     clients: Vec<Client>,
     next_client: ClientId,
     closed: bool,
@@ -42,19 +44,21 @@ struct State {
     bus: Option<BusRates>,
 }
 
-/// Bounded queues between the bus and the clients. Nobody blocks in here.
+/// Bounded queues between the bus and the clients. Nothing that the bus does blocks.
 #[derive(Debug)]
 pub(crate) struct Hub {
     state: Mutex<State>,
     queue: usize,
     max_clients: usize,
+    /// There is room again, or no use in waiting for it.
+    changed: Condvar,
     pub(crate) counters: Counters,
 }
 
 impl Hub {
     pub(crate) fn new(queue: usize, max_clients: usize) -> Self {
-        let counters = Counters::default();
-        Self { state: Mutex::default(), queue: queue.max(1), max_clients, counters }
+        let (changed, counters) = (Condvar::new(), Counters::default());
+        Self { state: Mutex::default(), queue: queue.max(1), max_clients, changed, counters }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -91,6 +95,7 @@ impl Hub {
         let mut state = self.lock();
         if let Some(at) = state.clients.iter().position(|client| client.id == id) {
             state.clients.swap_remove(at).close();
+            self.wake(&state);
         }
     }
 
@@ -101,6 +106,7 @@ impl Hub {
         for client in state.clients.drain(..) {
             client.close();
         }
+        self.wake(&state);
     }
 
     /// The bit rates of the bus; `None` before they are known.
@@ -111,17 +117,39 @@ impl Hub {
     /// A client's frame for the bus; false when too many wait already, or the bus takes none.
     pub(crate) fn submit(&self, id: ClientId, frame: CanFrame) -> bool {
         let mut state = self.lock();
+        let has_room = state.inbox.len() < self.queue;
         if state.is_barred {
             count(&self.counters.not_taken);
-            return false;
-        }
-        let has_room = state.inbox.len() < self.queue;
-        if has_room {
+        } else if has_room {
             state.inbox.push_back((id, frame));
         } else {
             count(&self.counters.dropped_to_bus);
         }
-        has_room
+        has_room && !state.is_barred
+    }
+
+    /// As [`submit`](Self::submit), but waits while too many wait already and the client is there.
+    pub(crate) fn submit_when_possible(&self, id: ClientId, frame: CanFrame) {
+        let mut state = self.lock();
+        loop {
+            let is_there = state.clients.iter().any(|client| client.id == id);
+            if state.is_barred || !is_there {
+                return count(&self.counters.not_taken);
+            }
+            if state.inbox.len() < self.queue {
+                return state.inbox.push_back((id, frame));
+            }
+            state.held_back += 1;
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            state.held_back -= 1;
+        }
+    }
+
+    /// Lets those who wait for room look again.
+    fn wake(&self, state: &State) {
+        if state.held_back > 0 {
+            self.changed.notify_all();
+        }
     }
 
     // Bus
@@ -143,13 +171,17 @@ impl Hub {
         }
         let dropped = state.inbox.len();
         state.inbox.clear();
+        self.wake(&state);
         self.counters.not_taken.fetch_add(dropped as u64, Ordering::Relaxed);
         dropped
     }
 
     /// The next frame for the bus.
     pub(crate) fn next_for_bus(&self) -> Option<(ClientId, CanFrame)> {
-        self.lock().inbox.pop_front()
+        let mut state = self.lock();
+        let next = state.inbox.pop_front();
+        self.wake(&state);
+        next
     }
 
     /// Hands a frame to every client but its sender.

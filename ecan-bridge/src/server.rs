@@ -191,6 +191,10 @@ impl Uplink for ClientUplink<'_> {
         self.hub.submit(self.id, frame)
     }
 
+    fn send_when_possible(&mut self, frame: CanFrame) {
+        self.hub.submit_when_possible(self.id, frame);
+    }
+
     fn count_refused(&mut self) {
         count(&self.hub.counters.refused);
     }

@@ -21,6 +21,9 @@ pub(crate) trait Uplink {
     /// Hands a frame over; false when there is no room.
     fn send(&mut self, frame: CanFrame) -> bool;
 
+    /// Hands a frame over and waits until there is room; without effect where the bus takes none.
+    fn send_when_possible(&mut self, frame: CanFrame);
+
     /// A command was refused.
     fn count_refused(&mut self);
 

@@ -37,6 +37,10 @@ impl Uplink for Bus {
         has_room
     }
 
+    fn send_when_possible(&mut self, _frame: CanFrame) {
+        unreachable!("a client of slcan is answered")
+    }
+
     fn count_refused(&mut self) {
         self.refused += 1;
     }

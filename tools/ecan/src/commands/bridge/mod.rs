@@ -43,7 +43,7 @@ pub struct BridgeArguments {
     /// The default without --socketcand and --pty
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     slcan: Option<Listening>,
-    /// Speak socketcand over TCP: classic CAN data frames
+    /// Speak socketcand over TCP: classic CAN frames
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     socketcand: Option<Listening>,
     /// Speak slcan on a pseudo-terminal, as a serial adapter does; LINK becomes a link to it
