@@ -2,6 +2,7 @@
 
 use ecan_protocol::{CanFrame, FrameKind};
 
+use super::bit_rate::NamedRate;
 use super::command::{MAX_LINE, NotUnderstood, SlcanCommand, parse};
 use super::encode::{encode, hex};
 use super::{BELL, OK};
@@ -126,15 +127,15 @@ impl SlcanSession {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct SlcanHearing {
     mode: Mode,
-    bitrate: Option<u32>,
-    data_bitrate: Option<u32>,
+    bitrate: Option<NamedRate>,
+    data_bitrate: Option<NamedRate>,
     timestamps: bool,
 }
 
 impl SlcanHearing {
     /// Whether a frame can go between this client and a bus.
     fn fits(&self, frame: &CanFrame, bus: &BusRates) -> bool {
-        let shares = |named: Option<u32>, real| named.is_none_or(|named| named == real);
+        let shares = |named: Option<NamedRate>, real| named.is_none_or(|named| named.fits(real));
         let is_fast = matches!(frame.kind(), FrameKind::Fd { brs: true, .. });
         shares(self.bitrate, bus.nominal_bitrate)
             && (bus.fd || !frame.is_fd())

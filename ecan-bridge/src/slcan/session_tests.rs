@@ -123,6 +123,16 @@ fn another_bit_rate_than_the_buses_hears_and_sends_nothing() {
 }
 
 #[test]
+fn a_bit_rate_of_two_meanings_or_rounded_fits() {
+    for (name, rate) in [("S7", 800_000), ("S7", 750_000), ("S9", 83_333), ("s0016", 800_000)] {
+        let mut session = SlcanSession::new();
+        let mut bus = Bus::new(Some(BusRates::classic(rate)));
+        assert_eq!(say(&mut session, &mut bus, &format!("{name}\rO\rt1230\r")), "\r\rz\r");
+        assert_eq!(heard(&session, &bus, &frame(&[])), "t1230\r");
+    }
+}
+
+#[test]
 fn fd_frames_need_an_fd_bus_and_fast_ones_its_data_bit_rate() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(Some(BusRates::classic(500_000)));
