@@ -192,6 +192,30 @@ fn frames_of_an_outage_are_refused_and_never_sent() {
 }
 
 #[test]
+fn who_only_listens_refuses_to_send() {
+    let bus = Scenario::new(
+        "[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\nbabble_us = 50000\n\
+         [[node]]\nkind = \"silent\"\nbus = \"0.0\"\n",
+    );
+    let setting = bus.setting();
+    let options = ["--ecrt", &setting, "bridge", "--listen-only", "--slcan", "--socketcand"];
+    let mut bridge = Running::start(&options);
+    let mut slcan = Client::connect(&address(&bridge.line(), "slcan", "can0"));
+    let mut socketcand = Client::socketcand(&address(&bridge.line(), "socketcand", "can0"));
+    slcan.say("O\rt7FF0\r");
+    slcan.expect("\r");
+    // Frames of the bus may stand before the answer.
+    while slcan.read_until(b"\r\x07") != "\x07" {}
+    socketcand.say("< send 7FE 0 >");
+    for _ in 0..10 {
+        let [id, ..] = socketcand.frame();
+        assert!(id != "7FF" && id != "7FE", "{id} was sent");
+    }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
+#[test]
 fn misuse_is_named_and_told_by_the_status() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();

@@ -53,7 +53,7 @@ pub struct BridgeArguments {
     #[arg(long, value_name = "COUNT", default_value_t = 8,
           value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_clients: u16,
-    /// Listen without acknowledging; what clients send is not sent
+    /// Listen without acknowledging; what clients send is refused
     #[arg(long)]
     listen_only: bool,
     #[command(flatten)]
@@ -88,6 +88,7 @@ pub fn run(
     announce(arguments.channel, &fronts, output)?;
     let mut bridge = Traffic {
         channel: arguments.channel,
+        is_listening: arguments.listen_only,
         service,
         fronts,
         under_way: HashMap::with_capacity(4096),
@@ -95,7 +96,7 @@ pub fn run(
         gate,
     };
     while !interrupt.is_set() {
-        bridge.cycle(arguments.listen_only, output)?;
+        bridge.cycle(output)?;
     }
     Ok(())
 }
@@ -147,6 +148,7 @@ fn announce(channel: u8, fronts: &[Front], output: &Output) -> Result<(), Failur
 #[derive(Debug)]
 struct Traffic {
     channel: u8,
+    is_listening: bool,
     service: Service,
     fronts: Vec<Front>,
     /// Frames of clients that the gateway has.
@@ -157,7 +159,7 @@ struct Traffic {
 }
 
 impl Traffic {
-    fn cycle(&mut self, is_listening: bool, output: &Output) -> Result<(), Failure> {
+    fn cycle(&mut self, output: &Output) -> Result<(), Failure> {
         let cycle = self.service.begin();
         for arrival in &cycle.arrivals {
             let time_ns = self.service.absolute_ns(arrival.time_ns);
@@ -180,11 +182,9 @@ impl Traffic {
             self.under_way.clear();
         }
         let held = self.waiting.take_if(|_| !is_in_service);
-        self.gate.set_open(is_in_service, held.iter().count(), &self.fronts, output);
+        let can_send = is_in_service && !self.is_listening;
+        self.gate.set_open(can_send, held.iter().count(), &self.fronts, output);
         while let Some(held) = self.waiting.take().or_else(|| self.next_of_clients()) {
-            if is_listening {
-                continue;
-            }
             match self.service.send(self.channel, &held.frame) {
                 Ok(Some(ticket)) => {
                     self.under_way.insert(ticket, held);
