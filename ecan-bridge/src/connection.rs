@@ -4,20 +4,20 @@ use std::io::{self, Read as _, Write as _};
 use std::net::{Shutdown, TcpStream};
 use std::sync::Arc;
 
-use crate::terminal::Terminal;
+use crate::terminal::TerminalLine;
 
 /// A connection; clones are the same one.
 #[derive(Debug)]
 pub(crate) enum Connection {
     Tcp(TcpStream),
-    Terminal(Arc<Terminal>),
+    Terminal(Arc<TerminalLine>),
 }
 
 impl Connection {
     pub(crate) fn try_clone(&self) -> io::Result<Self> {
         Ok(match self {
             Self::Tcp(stream) => Self::Tcp(stream.try_clone()?),
-            Self::Terminal(terminal) => Self::Terminal(terminal.clone()),
+            Self::Terminal(line) => Self::Terminal(line.clone()),
         })
     }
 
@@ -27,7 +27,7 @@ impl Connection {
             Self::Tcp(stream) => {
                 let _ = stream.shutdown(Shutdown::Both);
             }
-            Self::Terminal(terminal) => terminal.close(),
+            Self::Terminal(line) => line.close(),
         }
     }
 
@@ -38,7 +38,7 @@ impl Connection {
                 let mut stream = stream;
                 stream.read(bytes)
             }
-            Self::Terminal(terminal) => terminal.read(bytes),
+            Self::Terminal(line) => line.read(bytes),
         }
     }
 
@@ -49,7 +49,7 @@ impl Connection {
                 let mut stream = stream;
                 stream.write_all(bytes)
             }
-            Self::Terminal(terminal) => terminal.write_all(bytes),
+            Self::Terminal(line) => line.write_all(bytes),
         }
     }
 }

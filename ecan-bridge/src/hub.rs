@@ -109,6 +109,10 @@ impl Hub {
         self.wake(&state);
     }
 
+    pub(crate) fn is_closed(&self) -> bool {
+        self.lock().closed
+    }
+
     /// The bit rates of the bus; `None` before they are known.
     pub(crate) fn bus(&self) -> Option<BusRates> {
         self.lock().bus
