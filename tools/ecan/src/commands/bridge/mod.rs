@@ -2,18 +2,21 @@
 
 mod front;
 mod gate;
+mod turns;
+mod under_way;
 
-use std::collections::HashMap;
 use std::path::PathBuf;
 
 use clap::Args;
 use ecan_bridge::{BridgeProtocol, BusRates, ClientId};
 use ecan_command_line::interrupt::Interrupt;
-use ecan_mcan_port::{Received, SendTicket, Session};
+use ecan_mcan_port::{Received, Session};
 use ecan_protocol::CanFrame;
 
 use crate::commands::bridge::front::{Front, Listening, Place};
 use crate::commands::bridge::gate::Gate;
+use crate::commands::bridge::turns::Turns;
+use crate::commands::bridge::under_way::UnderWay;
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::options::GatewayOptions;
@@ -91,8 +94,9 @@ pub fn run(
         is_listening: arguments.listen_only,
         service,
         fronts,
-        under_way: HashMap::with_capacity(4096),
+        under_way: UnderWay::default(),
         waiting: None,
+        turns: Turns::default(),
         gate,
     };
     while !interrupt.is_set() {
@@ -152,9 +156,10 @@ struct Traffic {
     service: Service,
     fronts: Vec<Front>,
     /// Frames of clients that the gateway has.
-    under_way: HashMap<SendTicket, Held>,
+    under_way: UnderWay<Held>,
     /// A frame for which there was no room.
     waiting: Option<Held>,
+    turns: Turns,
     gate: Gate,
 }
 
@@ -166,7 +171,7 @@ impl Traffic {
             match &arrival.received {
                 Received::Frame(received) => self.deliver(&received.frame, time_ns, None),
                 Received::TransmitReport(report) => {
-                    let held = report.ticket.and_then(|ticket| self.under_way.remove(&ticket));
+                    let held = report.ticket.and_then(|ticket| self.under_way.remove(ticket));
                     let Some(held) = held else { continue };
                     if report.code.is_success() {
                         self.deliver(&held.frame, time_ns, Some(held));
@@ -181,13 +186,17 @@ impl Traffic {
             // Nothing is told any more of frames before the loss.
             self.under_way.clear();
         }
+        let forgotten = self.under_way.forget_old(cycle.now_ns);
+        if forgotten > 0 {
+            output.note(format_args!("# what became of {forgotten} frames of clients is not told"));
+        }
         let held = self.waiting.take_if(|_| !is_in_service);
         let can_send = is_in_service && !self.is_listening;
         self.gate.set_open(can_send, held.iter().count(), &self.fronts, output);
         while let Some(held) = self.waiting.take().or_else(|| self.next_of_clients()) {
             match self.service.send(self.channel, &held.frame) {
                 Ok(Some(ticket)) => {
-                    self.under_way.insert(ticket, held);
+                    self.under_way.insert(ticket, held, cycle.now_ns);
                 }
                 Ok(None) => {
                     self.waiting = Some(held);
@@ -200,9 +209,10 @@ impl Traffic {
         self.service.end(cycle)
     }
 
-    fn next_of_clients(&self) -> Option<Held> {
-        self.fronts.iter().enumerate().find_map(|(front, it)| {
-            it.clients().next_for_bus().map(|(client, frame)| Held { front, client, frame })
+    fn next_of_clients(&mut self) -> Option<Held> {
+        self.turns.next(self.fronts.len(), |front| {
+            let (client, frame) = self.fronts.get(front)?.clients().next_for_bus()?;
+            Some(Held { front, client, frame })
         })
     }
 
