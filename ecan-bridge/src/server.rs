@@ -10,7 +10,7 @@ use std::time::Duration;
 use ecan_protocol::CanFrame;
 
 use crate::clients::Clients;
-use crate::connection::Connection;
+use crate::connection::{self, Connection};
 use crate::hub::{ClientId, Hub};
 use crate::info::BridgeInfo;
 use crate::outbox::Outbox;
@@ -136,6 +136,7 @@ impl Acceptor {
         let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
+            connection::watch(&stream)?;
             let connection = Connection::Tcp(stream);
             let id = self.hub.join(connection.try_clone()?, outbox.clone());
             Ok(id.map(|id| (connection, id)))
