@@ -215,11 +215,39 @@ fn who_only_listens_refuses_to_send() {
     assert_eq!(bridge.wait().0, Some(0));
 }
 
+/// The port is one for the whole machine: to an address of its own, so that tests do not meet.
+#[test]
+fn the_beacon_tells_where_socketcand_is() {
+    let listener = match std::net::UdpSocket::bind("127.42.0.1:42000") {
+        Ok(listener) => listener,
+        Err(error) => {
+            println!("skipped: UDP port 42000: {error}");
+            return;
+        }
+    };
+    listener.set_read_timeout(Some(PATIENCE)).unwrap();
+    let options = ["--ecrt", "sim", "bridge", "--channel", "2", "--socketcand", "--beacon"];
+    let mut bridge = Running::start(&[&options[..], &["127.42.0.1"]].concat());
+    let address = address(&bridge.line(), "socketcand", "can2");
+    let expected = format!(
+        "<CANBeacon name=\"ecan\" type=\"adapter\" description=\"ECAN-Lite\">\n\
+         <URL>can://{address}</URL><Bus name=\"can2\"/></CANBeacon>"
+    );
+    for _ in 0..2 {
+        let mut bytes = [0; 1024];
+        let length = listener.recv(&mut bytes).unwrap();
+        assert_eq!(String::from_utf8_lossy(&bytes[..length]), expected);
+    }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
 #[test]
 fn misuse_is_named_and_told_by_the_status() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let cases: [(i32, &[&str], &str); 5] = [
+    let cases: [(i32, &[&str], &str); 6] = [
+        (2, &["bridge", "--beacon"], "--socketcand"),
         (2, &["bridge", "--slcan", "localhost"], "expected a port, an IP address"),
         (2, &["bridge", "--channel", "all"], "expected a channel, 0 to 3"),
         (2, &["bridge", "--max-clients", "0"], "0 is not in 1..=1000"),

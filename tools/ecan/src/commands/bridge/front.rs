@@ -112,6 +112,13 @@ impl Front {
         Place { protocol, address, channel }
     }
 
+    /// Where it speaks socketcand, if it does.
+    pub fn socketcand_address(&self) -> Option<SocketAddr> {
+        let Self::Server(server) = self else { return None };
+        let info = server.info();
+        (info.protocol() == BridgeProtocol::Socketcand).then(|| info.address())
+    }
+
     /// Whether other machines reach it.
     pub fn is_open_to_others(&self) -> bool {
         match self {

@@ -1,10 +1,12 @@
 //! `ecan bridge`: a channel for other programs.
 
+mod beacon;
 mod front;
 mod gate;
 mod turns;
 mod under_way;
 
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
 use clap::Args;
@@ -13,6 +15,7 @@ use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{Received, Session};
 use ecan_protocol::CanFrame;
 
+use crate::commands::bridge::beacon::Beacon;
 use crate::commands::bridge::front::{Front, Listening, Place};
 use crate::commands::bridge::gate::Gate;
 use crate::commands::bridge::turns::Turns;
@@ -30,6 +33,7 @@ Examples:
   ecan bridge --bitrate 1000000                slcan on a free port, which is printed
   ecan bridge --channel 2 --slcan 3333 --socketcand 29536
   ecan bridge --pty /tmp/can0                  slcan on a terminal, for slcand and the like
+  ecan bridge --socketcand --beacon            which SavvyCAN and python-can find
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
 
@@ -49,6 +53,11 @@ pub struct BridgeArguments {
     /// Speak socketcand over TCP: classic CAN frames
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     socketcand: Option<Listening>,
+    /// Announce socketcand by its beacon (UDP port 42000), as SavvyCAN and python-can look for it: to
+    /// this address, for instance a network's broadcast address; 127.0.0.1 otherwise
+    #[arg(long, value_name = "IP", num_args = 0..=1, default_missing_value = "127.0.0.1",
+          requires = "socketcand")]
+    beacon: Option<IpAddr>,
     /// Speak slcan on a pseudo-terminal, as a serial adapter does; LINK becomes a link to it
     #[arg(long, value_name = "LINK", num_args = 0..=1, default_missing_value = "")]
     pty: Option<PathBuf>,
@@ -89,6 +98,7 @@ pub fn run(
     let opened = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
     let Some(service) = opened else { return Ok(()) };
     announce(arguments.channel, &fronts, output)?;
+    let _beacon = start_beacon(arguments, &fronts)?;
     let mut bridge = Traffic {
         channel: arguments.channel,
         is_listening: arguments.listen_only,
@@ -131,6 +141,16 @@ fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
         front.clients().set_bus(rates);
     }
     Ok(fronts)
+}
+
+/// Tells the network where socketcand is, if that is wanted.
+fn start_beacon(arguments: &BridgeArguments, fronts: &[Front]) -> Result<Option<Beacon>, Failure> {
+    let server = fronts.iter().find_map(Front::socketcand_address);
+    let Some((ip, server)) = arguments.beacon.zip(server) else { return Ok(None) };
+    let to = SocketAddr::new(ip, beacon::PORT);
+    let started = Beacon::start(to, server, arguments.channel);
+    let failed = |error| Failure::Bridge(format!("cannot send a beacon to {to}: {error}"));
+    started.map(Some).map_err(failed)
 }
 
 /// Tells where the servers are.
