@@ -9,6 +9,7 @@
 
 mod clients;
 mod connection;
+mod conversation;
 mod hub;
 mod info;
 mod outbox;
@@ -24,6 +25,8 @@ mod terminal;
 mod writer;
 
 pub use clients::Clients;
+#[doc(hidden)]
+pub use conversation::Conversation;
 pub use hub::ClientId;
 pub use info::BridgeInfo;
 pub use rates::BusRates;
