@@ -83,6 +83,8 @@ fn parse_speed(text: &str) -> Result<f64, String> {
 #[derive(Debug)]
 struct Recording {
     frames: Vec<(u8, LoggedFrame)>,
+    /// Lines of the log that are none.
+    error_messages: usize,
     loops: Loops,
     speed: f64,
     sent: u64,
@@ -90,7 +92,10 @@ struct Recording {
 
 impl Recording {
     fn read(arguments: &ReplayArguments, settings: &Settings<'_>) -> Result<Self, Failure> {
-        let frames: Vec<_> = log_file::read(&arguments.file)?
+        let log = log_file::read_log(&arguments.file)?;
+        let error_messages = log.error_messages;
+        let frames: Vec<_> = log
+            .frames
             .into_iter()
             .filter_map(|it| Some((channel_of(&it, arguments.channel)?, it)))
             .collect();
@@ -118,7 +123,8 @@ impl Recording {
             }
         }
         arguments.options.capture.check_apart_from(log)?;
-        Ok(Self { frames, loops: arguments.loops, speed: arguments.speed, sent: 0 })
+        let (loops, speed) = (arguments.loops, arguments.speed);
+        Ok(Self { frames, error_messages, loops, speed, sent: 0 })
     }
 
     /// The channels that it goes to.
@@ -217,6 +223,10 @@ pub fn run(
     let wanted = recording.total().filter(|_| !interrupt.is_set()).unwrap_or(departures.count());
     let summary = Summary::of(&departures, service.port(), wanted, elapsed_ns);
     summary.print(output)?;
+    if recording.error_messages > 0 {
+        let count = recording.error_messages;
+        output.note(format_args!("# error messages in the log, which are no frames: {count}"));
+    }
     summary.judge(departures.outcome(service.port()).cause(service.port()))
 }
 

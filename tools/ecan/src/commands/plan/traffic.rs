@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use ecan_candump::ParseErrorKind;
 use ecan_mcan_port::{FrameRate, FrameStream};
 use ecan_protocol::{CHANNELS, CanFrame, CanId};
 
@@ -62,9 +63,13 @@ fn recorded(path: &Path, channels: Channels, slaves: usize) -> Result<Vec<FrameS
     let mut groups: Vec<Alike> = Vec::new();
     let mut times = Vec::new();
     for (number, line) in (1..).zip(text.lines()) {
-        let record = ecan_candump::parse_line(line)
-            .map_err(|error| failure("understand", format!("line {number}, {error}")))?;
-        let Some(record) = record else { continue };
+        let record = match ecan_candump::parse_line(line) {
+            Ok(Some(record)) => record,
+            Ok(None) => continue,
+            // Of the interface, not of the bus.
+            Err(error) if error.kind == ParseErrorKind::ErrorMessage => continue,
+            Err(error) => return Err(failure("understand", format!("line {number}, {error}"))),
+        };
         times.push(record.time_ns);
         let place = place(channels, slaves, record.interface);
         let form = |frame: &CanFrame| (frame.kind(), frame.len(), frame.id().is_extended());
