@@ -14,6 +14,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 
 use super::collector::{Collector, GatewayErrors};
+use super::hang_up::HangUp;
 use super::keys::{Action, Choice};
 use super::observation::Observation;
 use super::screen;
@@ -26,6 +27,8 @@ const OBSERVATIONS: usize = 3;
 const WINDOW_NS: u64 = 1_000_000_000;
 /// Longest wait for a key before the next drawing.
 const FRAME: Duration = Duration::from_millis(100);
+/// How long the drawing may take to end. It never does while its terminal takes or gives nothing.
+const END: Duration = Duration::from_secs(1);
 /// Between two readings of the error counters.
 const ERRORS_PAUSE: Duration = Duration::from_millis(1000);
 
@@ -47,25 +50,29 @@ pub fn run(
     // Before the thread of the cycle asks for more than they are to have.
     let _mailbox = Mailbox::start(watcher.open_diagnostics()?, gateways, errors_out)?;
     let (cycle_ns, is_simulated) = (watcher.cycle_ns(), watcher.is_simulated());
+    let hang_up = HangUp::watch()?;
+    let (ending, ended) = channel();
     let drawing = Drawing {
         collector: Collector::new(watcher.positions(), cycle_ns, WINDOW_NS, is_simulated),
         seen,
         spent,
         errors: errors_in,
-        is_over: Arc::new(AtomicBool::new(false)),
+        over: Over { is_over: Arc::new(AtomicBool::new(false)), _ending: ending },
         has_color: output.has_color(),
         gateways,
     };
-    let is_over = drawing.is_over.clone();
+    let is_over = drawing.over.is_over.clone();
     let thread = std::thread::Builder::new().name("drawing".to_owned());
-    let guard = Joined { full: Some(full), thread: Some(thread.spawn(move || drawing.run())?) };
+    let thread = Some(thread.spawn(move || drawing.run())?);
+    let guard = Joined { full: Some(full), ended, thread };
     let granted = arguments.options.real_time.apply(|line| output.note(line));
     granted.map_err(|error| Failure::Master(error.to_string()))?;
     watcher.activate(&arguments.options)?;
     let mut observation = Observation::new(gateways);
     let mut look_ns = 0;
     let mut outcome = Ok(());
-    while outcome.is_ok() && !interrupt.is_set() && !is_over.load(Ordering::Relaxed) {
+    let is_wanted = || !interrupt.is_set() && !hang_up.is_set() && !is_over.load(Ordering::Relaxed);
+    while outcome.is_ok() && is_wanted() {
         outcome = watcher.cycle(&mut observation);
         let now_ns = watcher.now_ns();
         if now_ns < look_ns {
@@ -79,12 +86,16 @@ pub fn run(
         }
     }
     // The terminal is as it was before anything else is said.
-    guard.finish().and(outcome)
+    let drawn = guard.finish();
+    // There is none any more: of course it could not be drawn on.
+    if hang_up.is_set() { outcome } else { drawn.and(outcome) }
 }
 
 /// The drawing's thread, ended on every way out of the cycle.
 struct Joined {
     full: Option<SyncSender<Observation>>,
+    /// Broken off when the thread has ended.
+    ended: Receiver<()>,
     thread: Option<JoinHandle<Result<(), Failure>>>,
 }
 
@@ -102,11 +113,16 @@ impl Joined {
 
     fn end(&mut self) -> Result<(), Failure> {
         self.full = None;
-        match self.thread.take().map(JoinHandle::join) {
-            None => Ok(()),
-            Some(Ok(outcome)) => outcome,
-            Some(Err(panic)) if !std::thread::panicking() => std::panic::resume_unwind(panic),
-            Some(Err(_)) => Ok(()),
+        let Some(thread) = self.thread.take() else { return Ok(()) };
+        if self.ended.recv_timeout(END) == Err(RecvTimeoutError::Timeout) {
+            // It hangs in its terminal: what can be done is done from here, the program goes.
+            restore_in_time();
+            return Ok(());
+        }
+        match thread.join() {
+            Ok(outcome) => outcome,
+            Err(panic) if !std::thread::panicking() => std::panic::resume_unwind(panic),
+            Err(_) => Ok(()),
         }
     }
 }
@@ -123,17 +139,20 @@ struct Drawing {
     seen: Receiver<Observation>,
     spent: SyncSender<Observation>,
     errors: Receiver<(usize, GatewayErrors)>,
-    is_over: Arc<AtomicBool>,
+    over: Over,
     has_color: bool,
     gateways: usize,
 }
 
 /// Tells the cycle that the drawing has ended, however it did.
-struct Over(Arc<AtomicBool>);
+struct Over {
+    is_over: Arc<AtomicBool>,
+    _ending: Sender<()>,
+}
 
 impl Drop for Over {
     fn drop(&mut self) {
-        self.0.store(true, Ordering::Relaxed);
+        self.is_over.store(true, Ordering::Relaxed);
     }
 }
 
@@ -142,13 +161,25 @@ struct Restored;
 
 impl Drop for Restored {
     fn drop(&mut self) {
-        ratatui::restore();
+        // Where the terminal is gone there is nothing to restore, and nowhere to say so.
+        let _ = ratatui::try_restore();
+    }
+}
+
+/// Restores the terminal as far as it takes that.
+fn restore_in_time() {
+    let (ending, ended) = channel::<()>();
+    let restore = move || {
+        drop(Restored);
+        drop(ending);
+    };
+    if std::thread::Builder::new().name("restore".to_owned()).spawn(restore).is_ok() {
+        let _ = ended.recv_timeout(END);
     }
 }
 
 impl Drawing {
     fn run(mut self) -> Result<(), Failure> {
-        let _over = Over(self.is_over.clone());
         // Until the bus runs, what is said is said on the terminal as it is.
         let Ok(first) = self.seen.recv() else { return Ok(()) };
         self.take(first);
