@@ -42,7 +42,7 @@ gateway 4294967297 at position 0: passed
   good    loopback of channel 1, 250 kbit/s          96 frames, no errors
   good    loopback of channel 2, 250 kbit/s          96 frames, no errors
   good    loopback of channel 3, 250 kbit/s          96 frames, no errors
-  good    configuration                              as before the test
+  good    configuration                              as before the test, by a restart
 ";
     assert_eq!(printed, expected);
 }

@@ -4,6 +4,7 @@ mod exchange;
 mod frames;
 mod gateway;
 mod identity;
+mod in_force;
 mod rates;
 mod report;
 mod saved;
@@ -39,7 +40,8 @@ Examples:
 Without --config the bit rates are 125, 250, 500 and 1000 kbit/s, and 500/2000 and 1000/5000 kbit/s
 with CAN FD. Every gateway that shows itself as an ECAN-Lite is tested, one after the other, unless
 --slave names one. The loopback stays inside the CAN controller; wired channels must be alone on
-their bus. What the test changes of a gateway's configuration is put back at the end; its Flash is
+their bus. What the test changes of a gateway's configuration is put back at the end, by a restart of
+the gateway where its channels were off: no command takes them off their buses again. Its Flash is
 not written. A report of the same serial number that is there already is replaced.
 
 The exit status is 0 when all is good and 1 when something failed.";
