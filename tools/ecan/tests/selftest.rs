@@ -3,6 +3,10 @@
 
 mod support;
 
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::process::{Command, Stdio};
+
+use rustix::process::{Pid, Signal, kill_process};
 use support::{Scenario, ends, fails, good, scenario, setting, simulated};
 
 /// A gateway whose channels 0 and 1, and 2 and 3 are wired together.
@@ -157,6 +161,45 @@ fn a_gateway_that_goes_away_fails_and_the_others_keep_their_reports() {
     let failed = lines(&printed, "FAILED  recognition");
     assert_eq!(failed.len(), 1, "{printed}");
     assert!(failed.iter().all(|line| line.contains("not on the bus")), "{printed}");
+}
+
+#[test]
+fn a_test_that_is_stopped_has_its_report_and_puts_the_configuration_back() {
+    let bus = Scenario::new("");
+    bus.write("bus.toml", "clock = \"real\"\n[[gateway]]\n[[gateway]]\n");
+    let arguments = ["--ecrt", &bus.setting(), "selftest", "--report", &bus.path("reports")];
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+        .args(arguments)
+        .env_remove("ECAN_ECRT")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // In real time a gateway takes seconds to come into service.
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    let mut banner = String::new();
+    errors.read_line(&mut banner).unwrap();
+    assert!(banner.starts_with("SIMULATED"), "{banner}");
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+    let mut message = String::new();
+    errors.read_to_string(&mut message).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let printed = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert_eq!(message, "ecan: stopped before the test was over\n");
+    let expected = "\
+gateway 4294967297 at position 0: FAILED
+  good    recognition    an ECAN-Lite, by 0xF000
+  good    identity       vendor 0x00004543, product 0x4C495445, revision 0x00020002
+  good    firmware       2.2.1
+  good    serial number  4294967297
+  good    configuration  as before the test, by a restart
+  FAILED  test           stopped before it was over
+";
+    assert_eq!(printed, expected);
+    let report: serde_json::Value =
+        serde_json::from_str(&bus.read("reports/4294967297.json")).unwrap();
+    assert_eq!((&report["is_good"], &report["was_stopped"]), (&false.into(), &true.into()));
 }
 
 #[test]

@@ -135,7 +135,12 @@ pub fn run(
         if let Some(directory) = &arguments.report {
             report.write(directory)?;
         }
+        let was_stopped = report.was_stopped;
         reports.push(report);
+        if was_stopped {
+            stopped = Some(Failure::TooFew("stopped before the test was over".to_owned()));
+            break;
+        }
     }
     if let Some(failure) = stopped {
         if !reports.is_empty() {

@@ -40,6 +40,8 @@ pub(super) struct Figures {
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Report {
     pub(super) is_good: bool,
+    /// The user stopped the test before it was over.
+    pub(super) was_stopped: bool,
     /// When the test began, by this computer's clock.
     pub(super) time: String,
     pub(super) position: usize,
@@ -58,6 +60,12 @@ impl Report {
         let is_good = found.is_ok();
         let (Ok(words) | Err(words)) = found;
         self.checks.push(Check { name: name.into(), is_good, words, frames: None });
+    }
+
+    /// Notes that the test came to no end.
+    pub(super) fn stop(&mut self) {
+        self.was_stopped = true;
+        self.add("test", Err("stopped before it was over".to_owned()));
     }
 
     /// Whether everything so far is good.
