@@ -42,7 +42,7 @@ with CAN FD. Every gateway that shows itself as an ECAN-Lite is tested, one afte
 --slave names one. The loopback stays inside the CAN controller; wired channels must be alone on
 their bus. What the test changes of a gateway's configuration is put back at the end, by a restart of
 the gateway where its channels were off: no command takes them off their buses again. Its Flash is
-not written. A report of the same serial number that is there already is replaced.
+not written. A gateway without a serial number of its own has its report under its position.
 
 The exit status is 0 when all is good and 1 when something failed.";
 
@@ -68,7 +68,8 @@ pub struct SelftestArguments {
     #[arg(long, value_name = "COUNT", default_value_t = 96,
           value_parser = clap::value_parser!(u16).range(1..=i64::from(frames::MOST)))]
     frames: u16,
-    /// Write a report for each gateway into this directory, as SERIAL.json
+    /// Write a report for each gateway into this directory: SERIAL.json, or SERIAL-2.json and so on
+    /// where there are earlier ones
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     /// PDO size per direction, in chunks of 128 bytes
@@ -112,7 +113,8 @@ pub fn run(
     }
     let granted = arguments.real_time.apply(|line| output.note(line));
     granted.map_err(|error| Failure::Master(error.to_string()))?;
-    let (mut reports, mut serials, mut stopped) = (Vec::new(), BTreeSet::new(), None);
+    let (mut reports, mut serials) = (Vec::new(), BTreeSet::new());
+    let (mut stopped, mut unwritten) = (None, None);
     let is_watched = std::io::stderr().is_terminal();
     for slave in slaves {
         if is_watched {
@@ -126,14 +128,17 @@ pub fn run(
                 break;
             }
         };
-        if let Some(serial) = report.serial
-            && !serials.insert(serial)
-        {
+        let serial = report.own_serial();
+        let is_duplicate = serial.is_some_and(|serial| !serials.insert(serial));
+        if let Some(serial) = serial.filter(|_| is_duplicate) {
             report.add("serial number", Err(format!("{serial} is that of another gateway too")));
             report.is_good = false;
         }
-        if let Some(directory) = &arguments.report {
-            report.write(directory)?;
+        if let Some(directory) = &arguments.report
+            && let Err(failure) = report.write(directory, is_duplicate)
+        {
+            // The test goes on, and is printed.
+            unwritten.get_or_insert(failure);
         }
         let was_stopped = report.was_stopped;
         reports.push(report);
@@ -150,7 +155,11 @@ pub fn run(
     }
     let is_good = reports.iter().all(|report| report.is_good);
     print(is_good, reports, output)?;
-    if is_good { Ok(()) } else { Err(Failure::Amiss) }
+    match unwritten {
+        Some(failure) => Err(failure),
+        None if is_good => Ok(()),
+        None => Err(Failure::Amiss),
+    }
 }
 
 fn print(is_good: bool, gateways: Vec<Report>, output: &Output) -> Result<(), Failure> {

@@ -1,6 +1,7 @@
 //! The report of a gateway.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -52,6 +53,9 @@ pub(super) struct Report {
     pub(super) product_code: u32,
     pub(super) revision: u32,
     pub(super) checks: Vec<Check>,
+    /// Where it was written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) file: Option<PathBuf>,
 }
 
 impl Report {
@@ -75,7 +79,7 @@ impl Report {
 
     /// As a person calls the gateway.
     pub(super) fn title(&self) -> String {
-        match self.serial {
+        match self.own_serial() {
             Some(serial) => format!("gateway {serial} at position {}", self.position),
             None => format!("slave at position {}", self.position),
         }
@@ -97,18 +101,50 @@ impl Report {
             let words = words.replace('\n', "\n          ");
             writeln!(out, "  {mark}  {name:<width$}  {words}")?;
         }
-        Ok(())
+        match &self.file {
+            Some(file) => writeln!(out, "  report: {}", file.display()),
+            None => Ok(()),
+        }
     }
 
-    /// Writes it into a directory, in a file of its serial number's name, in place of an older one.
-    pub(super) fn write(&self, directory: &Path) -> Result<(), Failure> {
-        let name = match self.serial {
-            Some(serial) => format!("{serial}.json"),
-            None => format!("position-{}.json", self.position),
+    /// The serial number, where one is programmed.
+    pub(super) fn own_serial(&self) -> Option<u64> {
+        self.serial.filter(|serial| !matches!(*serial, 0 | u64::MAX))
+    }
+
+    /// Writes it into a directory, in a new file of its serial number's name, and of its position's
+    /// where that does not tell it from another gateway.
+    pub(super) fn write(&mut self, directory: &Path, is_duplicate: bool) -> Result<(), Failure> {
+        let position = self.position;
+        let name = match self.own_serial() {
+            Some(serial) if is_duplicate => format!("{serial}-position-{position}"),
+            Some(serial) => serial.to_string(),
+            None => format!("position-{position}"),
         };
-        let path = directory.join(name);
+        let (path, mut file) = create(directory, &name)?;
         let text = serde_json::to_string_pretty(self).map_err(std::io::Error::from);
-        text.and_then(|text| std::fs::write(&path, text + "\n")).map_err(|it| failed(&path, &it))
+        let written = text.and_then(|text| writeln!(file, "{text}"));
+        written.map_err(|error| failed(&path, &error))?;
+        self.file = Some(path);
+        Ok(())
+    }
+}
+
+/// A file that was not there: those of earlier tests stay.
+fn create(directory: &Path, name: &str) -> Result<(PathBuf, File), Failure> {
+    let mut number = 1_u32;
+    loop {
+        let path = directory.join(match number {
+            1 => format!("{name}.json"),
+            more => format!("{name}-{more}.json"),
+        });
+        match File::create_new(&path) {
+            Ok(file) => return Ok((path, file)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists && number < u32::MAX => {
+                number += 1;
+            }
+            Err(error) => return Err(failed(&path, &error)),
+        }
     }
 }
 
