@@ -9,6 +9,8 @@ use std::process::{Child, Command, ExitStatus, Stdio};
 use std::time::{Duration, Instant};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
 use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
 use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
 use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
@@ -23,6 +25,7 @@ pub struct OnTerminal {
     master: Option<File>,
     /// Keeps the terminal after the program.
     terminal: OwnedFd,
+    name: String,
     screen: vt100::Parser,
 }
 
@@ -45,7 +48,7 @@ impl OnTerminal {
         let master = openpt(flags).unwrap();
         unlockpt(&master).unwrap();
         let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
-        let terminal = File::options().read(true).write(true).open(name).unwrap();
+        let terminal = File::options().read(true).write(true).open(&name).unwrap();
         let end = || Stdio::from(terminal.try_clone().unwrap());
         tcsetwinsize(&master, winsize(size)).unwrap();
         let child = Command::new(line[0])
@@ -60,7 +63,7 @@ impl OnTerminal {
             .unwrap();
         let (rows, columns) = cells(size);
         let screen = vt100::Parser::new(rows, columns, 0);
-        Self { child, master: Some(master.into()), terminal: terminal.into(), screen }
+        Self { child, master: Some(master.into()), terminal: terminal.into(), name, screen }
     }
 
     /// What stands on the screen, without blanks at the ends of lines.
@@ -103,9 +106,27 @@ impl OnTerminal {
     /// Makes the terminal another size.
     pub fn resize(&mut self, size: (u16, u16)) {
         tcsetwinsize(self.master.as_ref().unwrap(), winsize(size)).unwrap();
+        // What terminals make of what stood there differs: this one forgets it.
         let (rows, columns) = cells(size);
-        self.screen.screen_mut().set_size(rows, columns);
+        let has_own_screen = self.has_own_screen();
+        self.screen = vt100::Parser::new(rows, columns, 0);
+        if has_own_screen {
+            self.screen.process(b"\x1b[?1049h");
+        }
         self.signal(Signal::WINCH);
+    }
+
+    /// Puts as much onto the terminal as it takes while nobody reads.
+    pub fn fill(&self) {
+        let flags = OFlags::WRONLY | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let terminal = rustix::fs::open(&self.name, flags, Mode::empty()).unwrap();
+        loop {
+            match rustix::io::write(&terminal, &[b' '; 256]) {
+                Ok(_) => {}
+                Err(Errno::AGAIN) => break,
+                Err(error) => panic!("{error}"),
+            }
+        }
     }
 
     /// Closes the terminal, as one who closes its window.
