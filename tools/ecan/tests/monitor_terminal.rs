@@ -1,13 +1,13 @@
 //! `ecan monitor` on a terminal that does what terminals do.
 #![allow(missing_docs)]
 
+#[path = "support/screen.rs"]
+mod screen;
 mod support;
-#[path = "support/terminal.rs"]
-mod terminal;
 
 use rustix::process::Signal;
+use screen::OnScreen;
 use support::{scenario, setting};
-use terminal::OnTerminal;
 
 const MONITOR: [&str; 3] = ["--ecrt", "sim", "monitor"];
 /// What stands below everything.
@@ -16,7 +16,7 @@ const KEYS: &str = "q end  p pause  c clear  arrows choose  ? help";
 #[test]
 fn it_ends_with_its_terminal() {
     // Whether the signal comes depends on how it was started.
-    for start in [OnTerminal::start, OnTerminal::start_leader] {
+    for start in [OnScreen::start, OnScreen::start_leader] {
         let mut monitor = start((100, 40), &MONITOR);
         monitor.wait_for("in service 3/3");
         monitor.close();
@@ -28,7 +28,7 @@ fn it_ends_with_its_terminal() {
 
 #[test]
 fn it_ends_by_a_signal_though_nobody_reads_its_terminal() {
-    let mut monitor = OnTerminal::start((100, 40), &MONITOR);
+    let mut monitor = OnScreen::start((100, 40), &MONITOR);
     monitor.wait_for("in service 3/3");
     monitor.fill();
     monitor.signal(Signal::TERM);
@@ -40,7 +40,7 @@ fn it_ends_by_a_signal_though_nobody_reads_its_terminal() {
 #[test]
 fn every_size_shows_what_it_has_room_for_also_while_it_changes() {
     let bus = scenario("[[gateway]]\n[[gateway]]\n");
-    let mut monitor = OnTerminal::start((20, 5), &["--ecrt", &setting(&bus), "monitor"]);
+    let mut monitor = OnScreen::start((20, 5), &["--ecrt", &setting(&bus), "monitor"]);
     let tiny = "0 in service\n1 in service";
     monitor.wait_for(tiny);
     assert_eq!(monitor.screen(), tiny);
@@ -65,7 +65,7 @@ fn every_size_shows_what_it_has_room_for_also_while_it_changes() {
 
 #[test]
 fn the_help_of_keys_comes_and_goes() {
-    let mut monitor = OnTerminal::start((80, 24), &MONITOR);
+    let mut monitor = OnScreen::start((80, 24), &MONITOR);
     monitor.wait_for(KEYS);
     assert!(monitor.has_own_screen() && monitor.is_raw());
     for close in [b"?", b"\x1b"] {
@@ -85,7 +85,7 @@ fn the_help_of_keys_comes_and_goes() {
 #[test]
 fn no_key_is_lost_however_fast_they_come() {
     let bus = scenario("[[gateway]]\n[[gateway]]\n");
-    let mut monitor = OnTerminal::start((80, 24), &["--ecrt", &setting(&bus), "monitor"]);
+    let mut monitor = OnScreen::start((80, 24), &["--ecrt", &setting(&bus), "monitor"]);
     monitor.wait_for("can0: ");
     // No part of a key is taken for Esc, which would end it.
     monitor.press(&[&b"\x1b[C".repeat(300)[..], b"\x1b[B", b"p"].concat());

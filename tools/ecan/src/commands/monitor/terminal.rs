@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_host::Diagnostics;
@@ -29,6 +29,8 @@ const WINDOW_NS: u64 = 1_000_000_000;
 const FRAME: Duration = Duration::from_millis(100);
 /// How long the drawing may take to end. It never does while its terminal takes or gives nothing.
 const END: Duration = Duration::from_secs(1);
+/// Between two looks whether it has ended.
+const LOOK: Duration = Duration::from_millis(5);
 /// Between two readings of the error counters.
 const ERRORS_PAUSE: Duration = Duration::from_millis(1000);
 
@@ -51,20 +53,18 @@ pub fn run(
     let _mailbox = Mailbox::start(watcher.open_diagnostics()?, gateways, errors_out)?;
     let (cycle_ns, is_simulated) = (watcher.cycle_ns(), watcher.is_simulated());
     let hang_up = HangUp::watch()?;
-    let (ending, ended) = channel();
     let drawing = Drawing {
         collector: Collector::new(watcher.positions(), cycle_ns, WINDOW_NS, is_simulated),
         seen,
         spent,
         errors: errors_in,
-        over: Over { is_over: Arc::new(AtomicBool::new(false)), _ending: ending },
+        is_over: Arc::new(AtomicBool::new(false)),
         has_color: output.has_color(),
         gateways,
     };
-    let is_over = drawing.over.is_over.clone();
+    let is_over = drawing.is_over.clone();
     let thread = std::thread::Builder::new().name("drawing".to_owned());
-    let thread = Some(thread.spawn(move || drawing.run())?);
-    let guard = Joined { full: Some(full), ended, thread };
+    let guard = Joined { full: Some(full), thread: Some(thread.spawn(move || drawing.run())?) };
     let granted = arguments.options.real_time.apply(|line| output.note(line));
     granted.map_err(|error| Failure::Master(error.to_string()))?;
     watcher.activate(&arguments.options)?;
@@ -94,8 +94,6 @@ pub fn run(
 /// The drawing's thread, ended on every way out of the cycle.
 struct Joined {
     full: Option<SyncSender<Observation>>,
-    /// Broken off when the thread has ended.
-    ended: Receiver<()>,
     thread: Option<JoinHandle<Result<(), Failure>>>,
 }
 
@@ -114,10 +112,14 @@ impl Joined {
     fn end(&mut self) -> Result<(), Failure> {
         self.full = None;
         let Some(thread) = self.thread.take() else { return Ok(()) };
-        if self.ended.recv_timeout(END) == Err(RecvTimeoutError::Timeout) {
-            // It hangs in its terminal: what can be done is done from here, the program goes.
-            restore_in_time();
-            return Ok(());
+        let deadline = Instant::now() + END;
+        while !thread.is_finished() {
+            if Instant::now() >= deadline {
+                // It hangs in its terminal: what can be done is done from here, the program goes.
+                restore_in_time();
+                return Ok(());
+            }
+            std::thread::sleep(LOOK);
         }
         match thread.join() {
             Ok(outcome) => outcome,
@@ -139,20 +141,17 @@ struct Drawing {
     seen: Receiver<Observation>,
     spent: SyncSender<Observation>,
     errors: Receiver<(usize, GatewayErrors)>,
-    over: Over,
+    is_over: Arc<AtomicBool>,
     has_color: bool,
     gateways: usize,
 }
 
 /// Tells the cycle that the drawing has ended, however it did.
-struct Over {
-    is_over: Arc<AtomicBool>,
-    _ending: Sender<()>,
-}
+struct Over(Arc<AtomicBool>);
 
 impl Drop for Over {
     fn drop(&mut self) {
-        self.is_over.store(true, Ordering::Relaxed);
+        self.0.store(true, Ordering::Relaxed);
     }
 }
 
@@ -180,6 +179,7 @@ fn restore_in_time() {
 
 impl Drawing {
     fn run(mut self) -> Result<(), Failure> {
+        let _over = Over(self.is_over.clone());
         // Until the bus runs, what is said is said on the terminal as it is.
         let Ok(first) = self.seen.recv() else { return Ok(()) };
         self.take(first);

@@ -19,7 +19,7 @@ use rustix::termios::{LocalModes, Winsize, tcgetattr, tcsetwinsize};
 const DEADLINE: Duration = Duration::from_secs(60);
 
 /// The program on a terminal.
-pub struct OnTerminal {
+pub struct OnScreen {
     child: Child,
     /// The side of the one who looks; none once it is closed.
     master: Option<File>,
@@ -29,7 +29,7 @@ pub struct OnTerminal {
     screen: vt100::Parser,
 }
 
-impl OnTerminal {
+impl OnScreen {
     /// Starts the program on a terminal of so many columns and rows.
     pub fn start(size: (u16, u16), arguments: &[&str]) -> Self {
         Self::spawn(size, &[&[env!("CARGO_BIN_EXE_ecan")][..], arguments].concat())
@@ -150,7 +150,7 @@ impl OnTerminal {
     }
 }
 
-impl Drop for OnTerminal {
+impl Drop for OnScreen {
     fn drop(&mut self) {
         let _ = self.child.kill();
         let _ = self.child.wait();
