@@ -151,6 +151,32 @@ fn a_gateway_that_refuses_its_configuration_fails_and_the_next_is_tested() {
 }
 
 #[test]
+fn a_gateway_that_leaves_service_fails_though_it_comes_back() {
+    let faults: String = (0..40)
+        .map(|at| {
+            let at_ms = 3000 + at * 250;
+            format!("[[fault]]\nkind = \"al_error\"\ngateway = 0\ncode = 26\nat_ms = {at_ms}\n")
+        })
+        .collect();
+    let bus = scenario(&format!("[[gateway]]\n{faults}"));
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest"]);
+    let failed = lines(&printed, "FAILED  service, ");
+    assert!(!failed.is_empty(), "{printed}");
+    assert!(failed.iter().all(|line| line.contains("the gateway went out of service ")));
+    assert_eq!(lines(&printed, "good    configuration").len(), 1, "{printed}");
+}
+
+#[test]
+fn a_gateway_that_was_lost_for_a_while_has_its_configuration_again() {
+    let fault = "[[fault]]\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 3000\nat_ms = 5000\n";
+    let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{fault}"));
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest"]);
+    assert!(printed.starts_with("gateway 4294967297 at position 0: FAILED\n"), "{printed}");
+    assert_eq!(lines(&printed, "gateway 4294967298 at position 1: passed").len(), 1, "{printed}");
+    assert_eq!(lines(&printed, "good    configuration").len(), 2, "{printed}");
+}
+
+#[test]
 fn a_gateway_that_goes_away_fails_and_the_others_keep_their_reports() {
     // While the first one is tested.
     let fault = "[[fault]]\nkind = \"power_off\"\ngateway = 1\nat_ms = 5000\n";
@@ -307,6 +333,8 @@ fn wrong_use_is_told() {
     let report = format!("{}/reports", path(&empty));
     let message = simulated(6, &["--report", &report]);
     assert!(message.starts_with("ecan: cannot write "), "{message}");
+    let message = simulated(6, &["--report", &path(&empty)]);
+    assert!(message.ends_with(": it is no directory"), "{message}");
     let reserved = scenario("reserved = true\n[[gateway]]\n");
     let message = fails(3, &["--ecrt", &setting(&reserved), "selftest"]);
     assert!(message.contains("another application has reserved it"), "{message}");

@@ -22,6 +22,8 @@ pub(super) struct Test<'a> {
     pub(super) arguments: &'a SelftestArguments,
     pub(super) rates: &'a [Rate],
     pub(super) master: u32,
+    /// Tell what is tested just now.
+    pub(super) is_watched: bool,
     pub(super) output: &'a Output,
 }
 
@@ -133,6 +135,9 @@ impl Test<'_> {
                 Way::Loopback => format!("loopback, {}", run.rate.name()),
                 Way::Wire => format!("wires, {}", run.rate.name()),
             };
+            if self.is_watched {
+                self.output.note(format_args!("testing the gateway at position {slave}: {name}"));
+            }
             match self.run_one(bus, slave, run, interrupt, report) {
                 Ok(true) => {}
                 Ok(false) => return Ok(false),
@@ -183,6 +188,14 @@ impl Test<'_> {
         let exchanged = exchange(&mut service, &routes, count, rate.is_fd(), interrupt)?;
         let Some(counts) = exchanged else { return Ok(false) };
         let after = states(&mut service, &channels)?;
+        let losses = service.port().statistics(0).sessions_lost;
+        if losses > 0 {
+            let words = match losses {
+                1 => "the gateway went out of service once".to_owned(),
+                more => format!("the gateway went out of service {more} times"),
+            };
+            report.add(format!("service, {}", rate.name()), Err(words));
+        }
         for (route, counts) in routes.into_iter().zip(counts) {
             let is_concerned = |channel| channel == route.from || channel == route.to;
             let concerned: Vec<_> =
@@ -273,6 +286,7 @@ fn judge(
     }
     faults.extend(states.iter().flat_map(|(before, after)| after.faults(before)));
     match faults.is_empty() {
+        true if came == 1 => Ok("1 frame, no errors".to_owned()),
         true => Ok(format!("{came} frames, no errors")),
         false => Err(faults.join("; ")),
     }
@@ -315,7 +329,13 @@ mod tests {
         let Line { arguments } = Line::parse_from(["selftest", "--wired", "0-1", "--frames", "2"]);
         let rates = Rate::usual();
         let output = Output::new(false, Color::Never);
-        let test = Test { arguments: &arguments, rates: &rates, master: 0, output: &output };
+        let test = Test {
+            arguments: &arguments,
+            rates: &rates,
+            master: 0,
+            is_watched: false,
+            output: &output,
+        };
         test.run(bus, 0, &Interrupt::default()).unwrap()
     }
 
@@ -407,7 +427,13 @@ mod tests {
         let Line { arguments } = Line::parse_from(["selftest"]);
         let rates = Rate::usual();
         let output = Output::new(false, Color::Never);
-        let test = Test { arguments: &arguments, rates: &rates, master: 0, output: &output };
+        let test = Test {
+            arguments: &arguments,
+            rates: &rates,
+            master: 0,
+            is_watched: false,
+            output: &output,
+        };
         for run in test.runs(0).unwrap().into_iter().take(1) {
             let interrupt = Interrupt::default();
             test.run_one(&bus, 0, run, &interrupt, &mut Report::default()).unwrap();

@@ -81,6 +81,9 @@ impl Report {
     pub(super) fn title(&self) -> String {
         match self.own_serial() {
             Some(serial) => format!("gateway {serial} at position {}", self.position),
+            None if self.serial.is_some() => {
+                format!("gateway without a serial number at position {}", self.position)
+            }
             None => format!("slave at position {}", self.position),
         }
     }
@@ -150,6 +153,10 @@ fn create(directory: &Path, name: &str) -> Result<(PathBuf, File), Failure> {
 
 /// Makes sure that there is a directory for the reports, before the tests begin.
 pub(super) fn prepare(directory: &Path) -> Result<(), Failure> {
+    if directory.exists() && !directory.is_dir() {
+        let reason = "it is no directory".to_owned();
+        return Err(Failure::File { what: "write to", path: PathBuf::from(directory), reason });
+    }
     std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))
 }
 

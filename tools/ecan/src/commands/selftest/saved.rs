@@ -29,7 +29,7 @@ type Filters = [Vec<RawFilter>; 2];
 #[derive(Debug)]
 pub(super) struct Saved {
     slave: usize,
-    serial: Option<u64>,
+    serial: u64,
     /// Every value that can be written and is no command.
     values: BTreeMap<(u16, u8), u32>,
     filters: [Filters; CHANNELS],
@@ -49,7 +49,7 @@ pub(super) enum Restored {
 
 impl Saved {
     pub(super) fn read(bus: &Bus, slave: usize) -> Result<Self, Failure> {
-        let serial = bus.serial(slave).ok();
+        let serial = bus.serial(slave)?;
         let mut values = BTreeMap::new();
         for (index, subindex) in entries() {
             values.insert((index, subindex), bus.read(slave, index, subindex)?);
@@ -67,41 +67,50 @@ impl Saved {
     }
 
     /// Waits until the master has let go of the gateway, and puts everything back that the test has
-    /// changed on the channels `tested`. Says what could not be put back.
+    /// changed on the channels `tested`. Says what could not be put back. A gateway that was lost
+    /// has some time to come back.
     ///
     /// No command takes a profile out of force again, nor a channel off its bus (manual 13.2, 13.4):
     /// where that is needed the gateway restarts.
     pub(super) fn restore(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result<Restored, String> {
-        wait(bus, self.slave, |state| state == Some(AlState::PreOp))?;
-        let words = |failure: Failure| failure.to_string();
-        let now = InForce::read(bus, self.slave).map_err(words)?;
-        let has_more = now.has_more_than(&self.in_force);
-        if has_more {
-            self.restart(bus)?;
-        }
-        self.write(bus, tested, has_more).map_err(words)?;
-        self.compare(bus)?;
-        Ok(if has_more { Restored::Restarted } else { Restored::Written })
-    }
-
-    fn restart(&self, bus: &Bus) -> Result<(), String> {
-        let restarted = reboot::restart(bus, self.slave, RESTART_NS);
-        restarted.map_err(|failure| format!("it was to restart, but {failure}"))?;
-        wait(bus, self.slave, |state| state == Some(AlState::PreOp))?;
-        // In a ring others may stand in its place meanwhile.
-        match bus.serial(self.slave).ok() == self.serial {
-            true => Ok(()),
-            false => Err("another gateway stands in its place after its restart".to_owned()),
+        let deadline = bus.clock().now_ns() + STATE_NS;
+        let mut is_restarted = false;
+        loop {
+            match self.try_restore(bus, tested, &mut is_restarted) {
+                Ok(()) if is_restarted => return Ok(Restored::Restarted),
+                Ok(()) => return Ok(Restored::Written),
+                Err(why) if bus.clock().now_ns() >= deadline => return Err(why),
+                Err(_) => bus.clock().sleep_until_ns(bus.clock().now_ns() + LOOK_EVERY_NS),
+            }
         }
     }
 
-    fn write(
+    fn try_restore(
         &self,
         bus: &Bus,
         tested: [bool; CHANNELS],
-        is_restarted: bool,
-    ) -> Result<(), Failure> {
+        is_restarted: &mut bool,
+    ) -> Result<(), String> {
+        wait(bus, self.slave, |state| state == Some(AlState::PreOp))?;
+        let words = |failure: Failure| failure.to_string();
+        // Another one may stand in its place after a loss.
+        if bus.serial(self.slave).map_err(words)? != self.serial {
+            return Err("another gateway stands in its place".to_owned());
+        }
+        let now = InForce::read(bus, self.slave).map_err(words)?;
+        if now.has_more_than(&self.in_force) {
+            let restarted = reboot::restart(bus, self.slave, RESTART_NS);
+            restarted.map_err(|failure| format!("it was to restart, but {failure}"))?;
+            *is_restarted = true;
+            wait(bus, self.slave, |state| state == Some(AlState::PreOp))?;
+        }
+        self.write(bus, tested).map_err(words)?;
+        self.compare(bus)
+    }
+
+    fn write(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result<(), Failure> {
         let slave = self.slave;
+        let now = InForce::read(bus, slave)?;
         for (direction, entries) in Direction::ALL.into_iter().zip(&self.assignments) {
             if read_assignment(bus, slave, direction)? != *entries {
                 write_assignment(bus, slave, direction, entries)?;
@@ -115,14 +124,14 @@ impl Saved {
             }
         }
         for (channel, (filters, is_tested)) in (0..).zip(self.filters.iter().zip(tested)) {
-            // The test leaves the filters alone.
-            if is_restarted && read_filters(bus, slave, channel)? != *filters {
+            if read_filters(bus, slave, channel)? != *filters {
                 let of_channel = ChannelFilters { bus, slave, channel };
                 for (kind, filters) in FilterKind::ALL.into_iter().zip(filters) {
                     of_channel.replace(kind, filters)?;
                 }
             }
-            if self.in_force.is_on_bus(channel) && (is_tested || is_restarted) {
+            let has_left = !now.is_on_bus(channel);
+            if self.in_force.is_on_bus(channel) && (is_tested || has_left) {
                 let command = ecan_protocol::McanChannelConfig::apply_write(channel);
                 apply(bus, slave, command, 2)?;
             }
