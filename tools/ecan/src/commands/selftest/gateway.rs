@@ -17,6 +17,9 @@ use super::report::{Check, Figures, Report};
 use super::saved::{Restored, Saved, wait_present};
 use super::{SelftestArguments, identity};
 
+/// Cycles of so many nanoseconds may let the watchdog of a gateway run out.
+const PAUSE_NS: u64 = 50_000_000;
+
 /// What is tested, and how.
 pub(super) struct Test<'a> {
     pub(super) arguments: &'a SelftestArguments,
@@ -184,16 +187,12 @@ impl Test<'_> {
         let Run { way, rate, routes, .. } = run;
         let count = self.arguments.frames;
         let channels: Vec<_> = routes.iter().map(|route| route.from).collect();
+        service.port_mut().adapter_mut().measure_cycles();
         let before = states(&mut service, &channels)?;
         let exchanged = exchange(&mut service, &routes, count, rate.is_fd(), interrupt)?;
         let Some(counts) = exchanged else { return Ok(false) };
         let after = states(&mut service, &channels)?;
-        let losses = service.port().statistics(0).sessions_lost;
-        if losses > 0 {
-            let words = match losses {
-                1 => "the gateway went out of service once".to_owned(),
-                more => format!("the gateway went out of service {more} times"),
-            };
+        if let Some(words) = losses(&service) {
             report.add(format!("service, {}", rate.name()), Err(words));
         }
         for (route, counts) in routes.into_iter().zip(counts) {
@@ -257,6 +256,24 @@ impl Test<'_> {
         }
         adapter
     }
+}
+
+/// Whether the gateway went out of service, and whether that may be due to this computer.
+fn losses(service: &Service) -> Option<String> {
+    let port = service.port();
+    let mut words = match port.statistics(0).sessions_lost {
+        0 => return None,
+        1 => "the gateway went out of service".to_owned(),
+        more => format!("the gateway went out of service {more} times"),
+    };
+    let longest_ns = port.adapter().cycle_statistics().map_or(0, |it| it.period().max_ns);
+    if longest_ns >= PAUSE_NS {
+        let ms = longest_ns / 1_000_000;
+        words.push_str(&format!(
+            "; a cycle of this computer took {ms} ms, see the real-time options"
+        ));
+    }
+    Some(words)
 }
 
 /// What a route has shown; `states` are those of its channels before and after.
