@@ -192,14 +192,16 @@ impl Test<'_> {
         let exchanged = exchange(&mut service, &routes, count, rate.is_fd(), interrupt)?;
         let Some(counts) = exchanged else { return Ok(false) };
         let after = states(&mut service, &channels)?;
+        let pause = pause(&service);
         if let Some(words) = losses(&service) {
-            report.add(format!("service, {}", rate.name()), Err(words));
+            report.add(format!("service, {}", rate.name()), Err(words + &pause));
         }
         for (route, counts) in routes.into_iter().zip(counts) {
             let is_concerned = |channel| channel == route.from || channel == route.to;
             let concerned: Vec<_> =
                 before.iter().zip(&after).filter(|(_, it)| is_concerned(it.channel)).collect();
             let found = judge(way, route, &counts, count, &concerned);
+            let found = found.map_err(|words| words + &pause);
             let is_good = found.is_ok();
             let (Ok(words) | Err(words)) = found;
             let (bitrate, data_bitrate) = rate.bit_rates();
@@ -258,22 +260,25 @@ impl Test<'_> {
     }
 }
 
-/// Whether the gateway went out of service, and whether that may be due to this computer.
+/// Whether the gateway went out of service.
 fn losses(service: &Service) -> Option<String> {
-    let port = service.port();
-    let mut words = match port.statistics(0).sessions_lost {
-        0 => return None,
-        1 => "the gateway went out of service".to_owned(),
-        more => format!("the gateway went out of service {more} times"),
-    };
-    let longest_ns = port.adapter().cycle_statistics().map_or(0, |it| it.period().max_ns);
-    if longest_ns >= PAUSE_NS {
-        let ms = longest_ns / 1_000_000;
-        words.push_str(&format!(
-            "; a cycle of this computer took {ms} ms, see the real-time options"
-        ));
+    match service.port().statistics(0).sessions_lost {
+        0 => None,
+        1 => Some("the gateway went out of service".to_owned()),
+        more => Some(format!("the gateway went out of service {more} times")),
     }
-    Some(words)
+}
+
+/// What is to be said behind a fault that may be due to this computer.
+fn pause(service: &Service) -> String {
+    let measured = service.port().adapter().cycle_statistics();
+    match measured.map_or(0, |it| it.period().max_ns) {
+        ..PAUSE_NS => String::new(),
+        longest_ns => {
+            let ms = longest_ns / 1_000_000;
+            format!("; a cycle of this computer took {ms} ms, see the real-time options")
+        }
+    }
 }
 
 /// What a route has shown; `states` are those of its channels before and after.
