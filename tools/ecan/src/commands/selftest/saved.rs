@@ -73,10 +73,15 @@ impl Saved {
     /// No command takes a profile out of force again, nor a channel off its bus (manual 13.2, 13.4):
     /// where that is needed the gateway restarts.
     pub(super) fn restore(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result<Restored, String> {
-        let deadline = bus.clock().now_ns() + STATE_NS;
+        let mut deadline = bus.clock().now_ns() + STATE_NS;
         let mut is_restarted = false;
         loop {
-            match self.try_restore(bus, tested, &mut is_restarted) {
+            let was_restarted = is_restarted;
+            let outcome = self.try_restore(bus, tested, &mut is_restarted);
+            if is_restarted && !was_restarted {
+                deadline = bus.clock().now_ns() + STATE_NS;
+            }
+            match outcome {
                 Ok(()) if is_restarted => return Ok(Restored::Restarted),
                 Ok(()) => return Ok(Restored::Written),
                 Err(why) if bus.clock().now_ns() >= deadline => return Err(why),
@@ -91,21 +96,27 @@ impl Saved {
         tested: [bool; CHANNELS],
         is_restarted: &mut bool,
     ) -> Result<(), String> {
-        wait(bus, self.slave, |state| state == Some(AlState::PreOp))?;
         let words = |failure: Failure| failure.to_string();
-        // Another one may stand in its place after a loss.
-        if bus.serial(self.slave).map_err(words)? != self.serial {
-            return Err("another gateway stands in its place".to_owned());
-        }
+        self.wait_own_place(bus)?;
         let now = InForce::read(bus, self.slave).map_err(words)?;
         if now.has_more_than(&self.in_force) {
             let restarted = reboot::restart(bus, self.slave, RESTART_NS);
             restarted.map_err(|failure| format!("it was to restart, but {failure}"))?;
             *is_restarted = true;
-            wait(bus, self.slave, |state| state == Some(AlState::PreOp))?;
+            self.wait_own_place(bus)?;
         }
         self.write(bus, tested).map_err(words)?;
         self.compare(bus)
+    }
+
+    /// Waits for PREOP. In a ring another gateway may stand in the place of one that is away.
+    fn wait_own_place(&self, bus: &Bus) -> Result<(), String> {
+        wait(bus, self.slave, |state| state == Some(AlState::PreOp))?;
+        match bus.serial(self.slave) {
+            Ok(serial) if serial == self.serial => Ok(()),
+            Ok(serial) => Err(format!("gateway {serial} stands in its place")),
+            Err(failure) => Err(failure.to_string()),
+        }
     }
 
     fn write(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result<(), Failure> {
