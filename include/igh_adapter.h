@@ -137,6 +137,14 @@ int ecan_igh_config_set_master_index(ecan_igh_config_t *config, uint32_t index);
 int ecan_igh_config_set_slave_count(ecan_igh_config_t *config, size_t count);
 
 /**
+ * Gets the number of slaves, as igh_mcan_port_load_config() found it in a file for example.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ */
+int ecan_igh_config_get_slave_count(const ecan_igh_config_t *config, size_t *count);
+
+/**
  * Sets the period of the application's cycle.
  *
  * @param cycle_us  Microseconds, 1 to 4294967.
@@ -145,6 +153,16 @@ int ecan_igh_config_set_slave_count(ecan_igh_config_t *config, size_t count);
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
  */
 int ecan_igh_config_set_cycle_us(ecan_igh_config_t *config, uint32_t cycle_us);
+
+/**
+ * Gets the period of the application's cycle.
+ *
+ * @param cycle_ns  Nanoseconds: a file may have fractions of a microsecond.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+ */
+int ecan_igh_config_get_cycle_ns(const ecan_igh_config_t *config, uint32_t *cycle_ns);
 
 /**
  * States that the installed master carries more than 1486 bytes of process data per sync manager.
@@ -269,6 +287,20 @@ int ecan_igh_config_set_slave_pdo_multipliers(ecan_igh_config_t *config,
                                               uint32_t tx_n);
 
 /**
+ * Gets N of each direction of one slave.
+ *
+ * @param rx_n  Of the RxPDO, master to slave.
+ * @param tx_n  Of the TxPDO, slave to master.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+ */
+int ecan_igh_config_get_slave_pdo_multipliers(const ecan_igh_config_t *config,
+                                              size_t slave,
+                                              uint32_t *rx_n,
+                                              uint32_t *tx_n);
+
+/**
  * Says where a slave is.
  *
  * @param alias     Station alias that the position counts from; 0 counts from the start of the bus.
@@ -281,6 +313,17 @@ int ecan_igh_config_set_slave_position(ecan_igh_config_t *config,
                                        size_t slave,
                                        uint16_t alias,
                                        uint16_t position);
+
+/**
+ * Gets where a slave is, as ecan_igh_config_set_slave_position() says it.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+ */
+int ecan_igh_config_get_slave_position(const ecan_igh_config_t *config,
+                                       size_t slave,
+                                       uint16_t *alias,
+                                       uint16_t *position);
 
 /**
  * Demands a vendor id and a product code (object 0x1018). Without it the identity of the slave

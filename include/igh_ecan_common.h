@@ -47,6 +47,7 @@
 #define ECAN_HAVE_SDO_REQUESTS 1    /* ecan_igh_create_sdo_request() */
 #define ECAN_HAVE_SCHEDULED_TX 1    /* igh_mcan_port_schedule_can() */
 #define ECAN_HAVE_TX_RESULT 1       /* igh_mcan_port_get_last_ticket() */
+#define ECAN_HAVE_CONFIG_FILE 1     /* igh_mcan_port_load_config() */
 #define ECAN_HAVE_SIMULATOR 1       /* the setting "sim" of ecan_igh_config_set_ecrt() */
 
 #ifdef __cplusplus
@@ -138,6 +139,8 @@ typedef enum {
      * to do.
      */
     ECAN_ERR_PRIVILEGE = -35,
+    /** A file cannot be read; ecan_last_error() says which and why. */
+    ECAN_ERR_FILE = -36,
     /** A fault of the library itself. Please report it with the text of ecan_last_error(). */
     ECAN_ERR_INTERNAL = -99,
 } ecan_result_t;

@@ -90,6 +90,21 @@ int igh_mcan_port_set_channel_mask(igh_mcan_port_config_t *config,
                                    uint8_t canfd_mask);
 
 /**
+ * Gets which channels of a gateway are enabled, and which of them for CAN FD. Their bit rates are
+ * objects 19 and 20 (igh_mcan_port_get_channel_object()).
+ *
+ * @param channel_mask  Gets the channels, bit 0 for channel 0.
+ * @param canfd_mask    Gets those of them for CAN FD.
+ *
+ * @usage   not rt, any thread, any time
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+ */
+int igh_mcan_port_get_channel_mask(const igh_mcan_port_config_t *config,
+                                   size_t slave,
+                                   uint8_t *channel_mask,
+                                   uint8_t *canfd_mask);
+
+/**
  * Enables a channel for classic CAN, with everything else at its default.
  *
  * @param bitrate  Bit/s.
@@ -368,6 +383,94 @@ int igh_mcan_port_set_limits(igh_mcan_port_config_t *config,
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_allow_diagnostic_tests(igh_mcan_port_config_t *config, size_t slave, int allow);
+
+/* ---------------------------------------------------------------------------
+ * Configuration from a file
+ *
+ * One TOML file describes the gateways of a bus: their places, PDO sizes, distributed clocks,
+ * channels with bit rates, filters and policies. `ecan config example` prints one with every key;
+ * `ecan config` also checks, compares and exports the file that an application loads.
+ *
+ * ecan_igh_default_config(&igh_config);
+ * if (igh_mcan_port_load_config(&igh_config, &mcan_config, "cell.toml") != ECAN_OK) {
+ *     fprintf(stderr, "%s\n", ecan_last_error());    every fault, with line and column
+ * }
+ * ecan_igh_init(&igh, &igh_config);
+ * igh_mcan_port_init(&mcan, &igh, &mcan_config);
+ * --------------------------------------------------------------------------- */
+
+/** Bytes of the words of a fault, NUL included. */
+#define IGH_MCAN_FILE_FAULT_BYTES 248
+
+/** One thing that is wrong with a configuration file. */
+typedef struct {
+    /** Line, from 1. */
+    uint32_t line;
+    /** Column in characters, from 1. */
+    uint32_t column;
+    /** What is wrong, in UTF-8; cut where it does not fit. */
+    char reason[IGH_MCAN_FILE_FAULT_BYTES];
+} igh_mcan_file_fault_t;
+
+/**
+ * Loads the configurations of the Adapter and of the Port from a file. They are applied, as by
+ * igh_mcan_port_apply_config(): ecan_igh_init() and igh_mcan_port_init() are all that is left.
+ *
+ * Everything that the file says reaches the gateways, and what it leaves out has the file's
+ * defaults, whatever stood in the configurations. Other functions may change both afterwards;
+ * changes of `config` have to be applied again.
+ *
+ * @param igh_config  Initialised. What a file has no word for stays: the library (setting `ecrt`),
+ *                    scenario, clock and seed of a simulation. Everything else is replaced, startup
+ *                    SDOs included. Policies of 0x8020 become startup SDOs, 6 for each gateway that
+ *                    has any, and count for ECAN_IGH_MAX_STARTUP_SDOS.
+ * @param config      Is overwritten, whatever it holds.
+ * @param path        The file, as the system names it; a relative one counts from the working
+ *                    directory.
+ *
+ * @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
+ * @return  ECAN_OK; ECAN_ERR_FILE where it cannot be read; ECAN_ERR_CONFIG with every fault in
+ *          ecan_last_error(), by line and column; ECAN_ERR_FULL for more than ECAN_IGH_MAX_SLAVES
+ *          gateways or IGH_MCAN_MAX_FILTERS filters; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. Both
+ *          configurations stay as they were after an error.
+ */
+int igh_mcan_port_load_config(ecan_igh_config_t *igh_config,
+                              igh_mcan_port_config_t *config,
+                              const char *path);
+
+/**
+ * As igh_mcan_port_load_config(), with the faults as data, for an editor for example.
+ * ecan_last_error() holds some eighty of them.
+ *
+ * @param faults    Gets as many of the file's faults as there is room for, in the order of its
+ *                  lines; may be NULL where capacity is 0.
+ * @param capacity  Room of `faults`.
+ * @param count     Gets the number of all faults; 0 for every other error.
+ *
+ * @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
+ * @return  As igh_mcan_port_load_config().
+ */
+int igh_mcan_port_load_config_ex(ecan_igh_config_t *igh_config,
+                                 igh_mcan_port_config_t *config,
+                                 const char *path,
+                                 igh_mcan_file_fault_t *faults,
+                                 size_t capacity,
+                                 size_t *count);
+
+/**
+ * As igh_mcan_port_load_config_ex(), from a text that the application has in memory.
+ *
+ * @param text  What would stand in the file, up to a NUL.
+ *
+ * @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
+ * @return  As igh_mcan_port_load_config(), but for ECAN_ERR_FILE.
+ */
+int igh_mcan_port_parse_config(ecan_igh_config_t *igh_config,
+                               igh_mcan_port_config_t *config,
+                               const char *text,
+                               igh_mcan_file_fault_t *faults,
+                               size_t capacity,
+                               size_t *count);
 
 /* ---------------------------------------------------------------------------
  * Preflight plan

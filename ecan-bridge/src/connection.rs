@@ -6,6 +6,12 @@ use std::sync::Arc;
 
 use crate::terminal::Terminal;
 
+/// What ends a client.
+pub(crate) trait Close: std::fmt::Debug + Send {
+    /// Ends it; all of its threads notice. One that is gone already is no error.
+    fn close(&self);
+}
+
 /// A connection; clones are the same one.
 #[derive(Debug)]
 pub(crate) enum Connection {
@@ -19,16 +25,6 @@ impl Connection {
             Self::Tcp(stream) => Self::Tcp(stream.try_clone()?),
             Self::Terminal(terminal) => Self::Terminal(terminal.clone()),
         })
-    }
-
-    /// Ends it; both of its threads notice. One that is gone already is no error.
-    pub(crate) fn close(&self) {
-        match self {
-            Self::Tcp(stream) => {
-                let _ = stream.shutdown(Shutdown::Both);
-            }
-            Self::Terminal(terminal) => terminal.close(),
-        }
     }
 
     /// Waits for bytes; none at the end.
@@ -50,6 +46,17 @@ impl Connection {
                 stream.write_all(bytes)
             }
             Self::Terminal(terminal) => terminal.write_all(bytes),
+        }
+    }
+}
+
+impl Close for Connection {
+    fn close(&self) {
+        match self {
+            Self::Tcp(stream) => {
+                let _ = stream.shutdown(Shutdown::Both);
+            }
+            Self::Terminal(terminal) => terminal.close(),
         }
     }
 }

@@ -6,7 +6,7 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::CanFrame;
 
-use crate::connection::Connection;
+use crate::connection::Close;
 use crate::rates::BusRates;
 use crate::statistics::{BridgeStatistics, Counters, count};
 
@@ -28,7 +28,7 @@ pub(crate) enum Outgoing {
 struct Client {
     id: ClientId,
     outbox: SyncSender<Outgoing>,
-    connection: Connection,
+    connection: Box<dyn Close>,
 }
 
 #[derive(Debug, Default)]
@@ -75,7 +75,7 @@ impl Hub {
     /// Admits a client; `connection` is closed with it.
     pub(crate) fn join(
         &self,
-        connection: Connection,
+        connection: impl Close + 'static,
         outbox: SyncSender<Outgoing>,
     ) -> Option<ClientId> {
         let mut state = self.lock();
@@ -85,7 +85,7 @@ impl Hub {
         }
         let id = state.next_client;
         state.next_client += 1;
-        state.clients.push(Client { id, outbox, connection });
+        state.clients.push(Client { id, outbox, connection: Box::new(connection) });
         count(&self.counters.connections);
         Some(id)
     }

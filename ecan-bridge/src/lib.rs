@@ -1,14 +1,16 @@
-//! A CAN bus for other programs: servers that speak slcan or socketcand over TCP, and slcan
-//! on a pseudo-terminal.
+//! A CAN bus for other programs: servers that speak slcan or socketcand over TCP, slcan on a
+//! pseudo-terminal, and the CAN interfaces of Linux.
 //!
-//! Whoever has a bus, simulated or real, puts a [`BridgeServer`] or a [`SerialBridge`]
-//! beside it, takes the frames of its clients with [`next_for_bus`](Clients::next_for_bus) and hands
+//! Whoever has a bus, simulated or real, puts a [`BridgeServer`], a [`SerialBridge`] or a
+//! [`SocketCanBridge`] beside it, takes the frames of its clients with [`next_for_bus`](Clients::next_for_bus) and hands
 //! over what is on the bus with [`deliver`](Clients::deliver). Neither blocks: the clients have threads of their own, and
 //! what is too much for a bounded queue is dropped and counted.
 #![forbid(unsafe_code)]
 
 mod clients;
 mod connection;
+#[cfg(test)]
+mod frame_strategies;
 mod hub;
 mod info;
 mod rates;
@@ -17,10 +19,12 @@ mod server;
 mod session;
 mod settings;
 mod slcan;
+mod socketcan;
 mod socketcand;
 mod statistics;
 mod terminal;
 
+pub use self::socketcan::{SocketCanBridge, SocketCanError};
 pub use clients::Clients;
 pub use hub::ClientId;
 pub use info::BridgeInfo;

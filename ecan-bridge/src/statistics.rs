@@ -19,11 +19,14 @@ pub struct BridgeStatistics {
     pub delivered: u64,
     /// Frames that did not fit into a client's queue.
     pub dropped_to_clients: u64,
-    /// Commands of clients that were refused: malformed, unknown, or at the wrong time.
+    /// Commands and frames of clients that were refused: malformed, unknown, at the wrong time, or
+    /// for one of the reasons that are counted by themselves.
     pub refused: u64,
     /// Frames of clients that were refused because of the bit rate that the client named, or
     /// because a CAN FD frame was meant for a classic bus.
     pub mismatched: u64,
+    /// Frames of the bus that the other side cannot carry: CAN FD on a classic CAN interface.
+    pub unfit: u64,
 }
 
 /// The same, counted by several threads.
@@ -37,6 +40,7 @@ pub(crate) struct Counters {
     pub(crate) dropped_to_clients: AtomicU64,
     pub(crate) refused: AtomicU64,
     pub(crate) mismatched: AtomicU64,
+    pub(crate) unfit: AtomicU64,
 }
 
 /// Counts one more. Nothing else hangs on the order.
@@ -57,6 +61,7 @@ impl Counters {
             dropped_to_clients: read(&self.dropped_to_clients),
             refused: read(&self.refused),
             mismatched: read(&self.mismatched),
+            unfit: read(&self.unfit),
         }
     }
 }

@@ -7,6 +7,83 @@
 //!
 //! [`Capture`] writes where it is called. [`Recorder`] has a thread that writes, for applications
 //! that must not wait.
+//!
+//! # From an application
+//!
+//! The recorder stands beside the cycle: received frames go in behind `cycle_begin`, images as they
+//! are behind `cycle_begin` (TxPDO) and `cycle_end` (RxPDO). A frame that the application sends may
+//! be recorded when it is handed over, as here, or when the gateway's transmit result (manual 10)
+//! says that it was taken. Start the recorder before the real-time settings of the cycle's thread
+//! are applied, so that its own thread does not inherit them.
+//!
+//! ```
+//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
+//! # use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
+//! # let setting = EcrtSetting::resolve(Some("sim"))?;
+//! # let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+//! # let ecrt = ecan_sim::open(&setting, &options)?.ecrt;
+//! # let directory = tempfile::tempdir()?;
+//! # let path = directory.path().join("drive.pcapng");
+//! use ecan_capture::{Capture, ImageOrigin, Recorder, Traffic};
+//! use ecan_mcan_port::host::AdapterConfig;
+//! use ecan_mcan_port::protocol::{CHUNK_BYTES, CanFrame, CanId, Direction};
+//! use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received};
+//!
+//! // `ecrt` is the loaded library, `path` the file.
+//! let n = 2;
+//! let mut gateway = GatewayConfig::default();
+//! gateway.channels[0] = Some(ChannelSettings::classic(500_000));
+//! let adapter = AdapterConfig::new(1).with_multiplier(n).with_cycle_us(1000);
+//! let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(1, gateway))?;
+//!
+//! let file = std::io::BufWriter::new(std::fs::File::create(&path)?);
+//! let image_bytes = usize::from(n) * CHUNK_BYTES;
+//! let mut recorder = Recorder::start(Capture::new(file, "my machine 1.0")?, image_bytes)?;
+//! let origin = |port: &Port, direction| ImageOrigin {
+//!     slave: 0,
+//!     direction,
+//!     profile: port.config().gateways[0].profile(direction, n),
+//! };
+//!
+//! port.wait_ready(port.startup_timeout_ms())?;
+//! # recorder.set_patient(true); // simulated time waits for the file
+//! let frame = CanFrame::classic(CanId::standard(0x123)?, &[1, 2, 3])?;
+//! let mut has_come_back = false;
+//! for cycle in 0..100 {
+//!     port.wait_next_cycle();
+//!     port.cycle_begin()?;
+//!     // Time stamps are nanoseconds since 1970, whatever the clock of the cycle counts.
+//!     let now_ns = since_1970_ns();
+//!     recorder.image(now_ns, origin(&port, Direction::TxPdo), port.adapter().tx_pdo(0));
+//!     port.receive_each(|received| {
+//!         if let Received::Frame(it) = received {
+//!             recorder.frame(now_ns, it.channel.into(), Traffic::Received, &it.frame);
+//!             has_come_back |= it.frame == frame;
+//!         }
+//!     });
+//!     if cycle == 0 {
+//!         port.send(0, 0, frame.as_ref())?;
+//!         recorder.frame(now_ns, 0, Traffic::Sent, &frame);
+//!     }
+//!     port.cycle_end()?;
+//!     recorder.image(now_ns, origin(&port, Direction::RxPdo), port.adapter().rx_pdo(0));
+//! }
+//! let recording = recorder.finish()?;
+//! assert_eq!(recording.dropped, 0);
+//! # assert!(has_come_back, "the simulated node echoes");
+//! # assert_eq!(recording.written, 202);
+//! # assert!(std::fs::metadata(&path)?.len() > 200 * 256);
+//!
+//! /// Real-time safe: the clock is read without a system call.
+//! fn since_1970_ns() -> u64 {
+//!     let now = std::time::SystemTime::now().duration_since(std::time::UNIX_EPOCH);
+//!     now.map_or(0, |since| since.as_nanos() as u64)
+//! }
+//! # Ok(()) }
+//! ```
+//!
+//! A recorder drops and counts what the file is too slow for, see [`Recording`]. The program `ecan`
+//! records in the same way: `ecan dump`, `send`, `gen`, `replay` and `bridge` with `--capture FILE`.
 
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]

@@ -37,6 +37,9 @@ pub struct Recording {
 /// To hand something over takes neither memory nor a system call, but for waking the thread that
 /// writes. Where there is no room it is dropped and counted, or waited for if the recorder
 /// is [patient](Self::set_patient).
+///
+/// A recorder that goes out of scope waits until everything is written, as
+/// [`finish`](Self::finish) does, but cannot tell what became of it.
 #[derive(Debug)]
 pub struct Recorder {
     queue: Option<SyncSender<(u64, Packet)>>,
@@ -44,7 +47,8 @@ pub struct Recorder {
     free: Receiver<Vec<u8>>,
     /// A buffer whose image had no room in the queue.
     spare: Option<Vec<u8>>,
-    thread: JoinHandle<io::Result<u64>>,
+    /// None when it has been waited for.
+    thread: Option<JoinHandle<io::Result<u64>>>,
     is_patient: bool,
     dropped: u64,
 }
@@ -69,7 +73,8 @@ impl Recorder {
         let thread = std::thread::Builder::new()
             .name("capture".to_owned())
             .spawn(move || write_all(capture, &packets, &give_back))?;
-        Ok(Self { queue: Some(queue), free, spare: None, thread, is_patient: false, dropped: 0 })
+        let (queue, thread) = (Some(queue), Some(thread));
+        Ok(Self { queue, free, spare: None, thread, is_patient: false, dropped: 0 })
     }
 
     /// Waits for room instead of dropping, or not: for simulated time, never in a cycle of real time.
@@ -110,7 +115,7 @@ impl Recorder {
 
     /// Whether it can write no more; [`finish`](Self::finish) tells why.
     pub fn is_over(&self) -> bool {
-        self.thread.is_finished()
+        self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
     /// Waits until everything is written.
@@ -118,11 +123,17 @@ impl Recorder {
     /// # Errors
     /// Why it could not be.
     pub fn finish(mut self) -> io::Result<Recording> {
-        self.queue = None;
-        match self.thread.join() {
-            Ok(written) => Ok(Recording { written: written?, dropped: self.dropped }),
-            Err(panic) => std::panic::resume_unwind(panic),
+        match self.join() {
+            None => Ok(Recording { written: 0, dropped: self.dropped }),
+            Some(Ok(written)) => Ok(Recording { written: written?, dropped: self.dropped }),
+            Some(Err(panic)) => std::panic::resume_unwind(panic),
         }
+    }
+
+    /// Lets the thread come to its end, and waits for it; none where it was waited for already.
+    fn join(&mut self) -> Option<std::thread::Result<io::Result<u64>>> {
+        self.queue = None;
+        self.thread.take().map(JoinHandle::join)
     }
 
     fn put(&mut self, time_ns: u64, packet: Packet) {
@@ -136,6 +147,13 @@ impl Recorder {
                 self.spare = Some(image);
             }
         }
+    }
+}
+
+impl Drop for Recorder {
+    fn drop(&mut self) {
+        // Nobody is left to be told.
+        let _ = self.join();
     }
 }
 

@@ -94,6 +94,19 @@ fn it_writes_what_a_capture_writes_more_images_than_it_has_buffers() {
 }
 
 #[test]
+fn a_recorder_that_goes_out_of_scope_has_written_everything() {
+    let mut capture = Capture::new(Vec::new(), "test").unwrap();
+    let file = Shared::default();
+    let mut recorder = Recorder::start(Capture::new(file.clone(), "test").unwrap(), 0).unwrap();
+    for time_ns in 0..1000 {
+        capture.frame(time_ns, 0, Traffic::Received, &frame()).unwrap();
+        recorder.frame(time_ns, 0, Traffic::Received, &frame());
+    }
+    drop(recorder);
+    assert!(*file.0.lock().unwrap() == capture.finish().unwrap());
+}
+
+#[test]
 fn where_the_file_stands_still_it_drops_and_counts() {
     let (is_stuck, stuck) = channel();
     let (let_go, go) = channel();

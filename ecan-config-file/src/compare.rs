@@ -6,7 +6,7 @@ use std::fmt;
 use ecan_host::{Diagnostics, Error, Expectation, StartupStep};
 use ecan_protocol::{CacheDepth, SdoWrite, describe, lookup, object};
 
-use crate::filter_compare::{self, FilterWindow};
+use crate::filter_compare::{self, FilterList};
 
 /// What an entry should be.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,12 +84,12 @@ pub fn differences(
             last.insert((write.index, write.subindex), at);
         }
     }
-    let mut windows: Vec<FilterWindow> = Vec::new();
+    let mut lists: Vec<FilterList> = Vec::new();
     let mut differences = Vec::new();
     for (at, step) in steps.iter().enumerate() {
         match *step {
             StartupStep::Download(write) if filter_compare::is_of_window(&write) => {
-                FilterWindow::collect(&mut windows, write);
+                FilterList::collect(&mut lists, write);
             }
             StartupStep::Download(write) => {
                 let is_last = last.get(&(write.index, write.subindex)) == Some(&at);
@@ -122,8 +122,8 @@ pub fn differences(
             }
         }
     }
-    for window in windows {
-        window.compare(bus, slave, &mut differences)?;
+    for list in lists {
+        list.compare(bus, slave, &mut differences)?;
     }
     Ok(differences)
 }

@@ -1,7 +1,7 @@
 //! A TOML document that is read key by key: every fault is kept with its place, and every key that
 //! nobody asked for is one.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
 use toml::Spanned;
@@ -12,12 +12,14 @@ use crate::fault::{FileFault, FileFaults};
 /// The faults and places of a text that is being read.
 pub(crate) struct Document<'i> {
     text: &'i str,
+    /// Where each line starts.
+    lines: Vec<usize>,
     faults: Vec<(usize, String)>,
     /// Where the value of a key starts, by its full path.
     places: BTreeMap<String, usize>,
     /// The paths at which a fault is known.
     faulty: Vec<String>,
-    syntax_lines: Vec<usize>,
+    syntax_lines: BTreeSet<usize>,
 }
 
 impl<'i> Document<'i> {
@@ -26,15 +28,18 @@ impl<'i> Document<'i> {
         let (root, errors) = DeTable::parse_recoverable(text);
         let mut document = Self {
             text,
+            lines: std::iter::once(0)
+                .chain(text.match_indices('\n').map(|(at, _)| at + 1))
+                .collect(),
             faults: Vec::new(),
             places: BTreeMap::new(),
             faulty: Vec::new(),
-            syntax_lines: Vec::new(),
+            syntax_lines: BTreeSet::new(),
         };
         for error in errors {
             let at = error.span().map_or(0, |span| span.start);
             let (line, _) = document.line_and_column(at);
-            document.syntax_lines.push(line);
+            document.syntax_lines.insert(line);
             document.faults.push((at, error.message().trim().to_owned()));
         }
         (document, root)
@@ -59,6 +64,11 @@ impl<'i> Document<'i> {
         }
     }
 
+    /// A fault of a byte that is no part of a text.
+    pub(crate) fn foreign_byte(&mut self, at: usize, byte: u8) {
+        self.faults.push((at, format!("byte 0x{byte:02X} is not UTF-8")));
+    }
+
     /// A fault of what was read, put to the first of these paths that the file has, or what it
     /// stands in. Nothing where a path has a fault already: this one would follow from it.
     pub(crate) fn semantic_fault(&mut self, paths: &[String], reason: String) {
@@ -78,10 +88,11 @@ impl<'i> Document<'i> {
     }
 
     fn line_and_column(&self, at: usize) -> (usize, usize) {
-        let before = self.text.get(..at).unwrap_or(self.text);
-        let line = before.matches('\n').count() + 1;
-        let column = before.rsplit('\n').next().unwrap_or(before).chars().count() + 1;
-        (line, column)
+        let at = at.min(self.text.len());
+        let line = self.lines.partition_point(|start| *start <= at);
+        let start = line.checked_sub(1).and_then(|line| self.lines.get(line)).copied();
+        let before = self.text.get(start.unwrap_or(0)..at).unwrap_or_default();
+        (line, before.chars().count() + 1)
     }
 
     /// All faults, in the order of the lines.

@@ -1,43 +1,27 @@
 //! The filters of a channel against a file, through the editing windows (manual 13.4).
 
 use ecan_host::{Diagnostics, Error};
-use ecan_protocol::{FilterCommand, SdoWrite};
+use ecan_protocol::{FilterCommand, FilterWindow, SdoWrite};
 
 use crate::compare::{Difference, Expected};
 
-/// Subindices of one kind's editing window.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Window {
-    index: u8,
-    command: u8,
-    count: u8,
-    first_field: u8,
-}
-
-const WINDOWS: [Window; 2] = [
-    Window { index: 43, command: 45, count: 49, first_field: 50 },
-    Window { index: 44, command: 46, count: 55, first_field: 56 },
-];
-const FIELDS: u8 = 5;
-
 /// What a file puts into one of the lists of a channel.
 #[derive(Debug)]
-pub(crate) struct FilterWindow {
+pub(crate) struct FilterList {
     channel_object: u16,
-    window: Window,
+    window: FilterWindow,
     count: u32,
     /// Place in the list, then the fields as they are written.
     filters: Vec<(u8, Vec<(u8, u32)>)>,
 }
 
-fn window_of(write: &SdoWrite) -> Option<Window> {
-    let is_of = |window: &Window| {
-        let fields = window.first_field..window.first_field + FIELDS;
+fn window_of(write: &SdoWrite) -> Option<FilterWindow> {
+    let is_of = |window: &FilterWindow| {
         [window.index, window.command, window.count].contains(&write.subindex)
-            || fields.contains(&write.subindex)
+            || window.fields().contains(&write.subindex)
     };
     let is_channel = (0x8001..=0x8004).contains(&write.index);
-    if is_channel { WINDOWS.into_iter().find(is_of) } else { None }
+    if is_channel { FilterWindow::BOTH.into_iter().find(is_of) } else { None }
 }
 
 /// Whether a write goes to an editing window.
@@ -45,17 +29,17 @@ pub(crate) fn is_of_window(write: &SdoWrite) -> bool {
     window_of(write).is_some()
 }
 
-impl FilterWindow {
+impl FilterList {
     /// Takes a write to a window.
-    pub(crate) fn collect(windows: &mut Vec<Self>, write: SdoWrite) {
+    pub(crate) fn collect(lists: &mut Vec<Self>, write: SdoWrite) {
         let Some(window) = window_of(&write) else { return };
         let is_it = |it: &Self| it.channel_object == write.index && it.window == window;
-        let at = windows.iter().position(is_it).unwrap_or_else(|| {
+        let at = lists.iter().position(is_it).unwrap_or_else(|| {
             let channel_object = write.index;
-            windows.push(Self { channel_object, window, count: 0, filters: Vec::new() });
-            windows.len() - 1
+            lists.push(Self { channel_object, window, count: 0, filters: Vec::new() });
+            lists.len() - 1
         });
-        let Some(own) = windows.get_mut(at) else { return };
+        let Some(own) = lists.get_mut(at) else { return };
         if write.subindex == window.count {
             own.count = write.value;
         } else if write.subindex == window.index {

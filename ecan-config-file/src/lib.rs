@@ -39,6 +39,8 @@ mod filter_compare;
 mod flash;
 mod gateway;
 
+use std::fs::File;
+use std::io::{self, Read};
 use std::path::Path;
 use std::str::FromStr;
 
@@ -82,23 +84,62 @@ impl FromStr for ConfigFile {
 
     /// Reads a configuration from the text of a file.
     fn from_str(text: &str) -> Result<Self, FileFaults> {
-        let (mut document, root) = Document::parse(text);
-        let file = bus::read(&mut document, Table::root(&root));
-        if document.is_sound() {
-            check::check(&mut document, &file);
-        }
-        document.finish()?;
-        Ok(file)
+        read(text, &[])
     }
 }
 
-/// Reads a configuration from a file.
+/// Reads the text; `foreign` are the places in it of what was no text.
+fn read(text: &str, foreign: &[(usize, u8)]) -> Result<ConfigFile, FileFaults> {
+    let (mut document, root) = Document::parse(text);
+    for (at, byte) in foreign {
+        document.foreign_byte(*at, *byte);
+    }
+    let file = bus::read(&mut document, Table::root(&root));
+    if document.is_sound() {
+        check::check(&mut document, &file);
+    }
+    document.finish()?;
+    Ok(file)
+}
+
+/// Reads a configuration from the bytes of a file, which are UTF-8.
+///
+/// # Errors
+/// Everything that is wrong with it, with line and column; bytes that are not UTF-8 hide nothing
+/// else.
+pub fn parse(bytes: &[u8]) -> Result<ConfigFile, FileFaults> {
+    let mut text = String::with_capacity(bytes.len());
+    let mut foreign = Vec::new();
+    for chunk in bytes.utf8_chunks() {
+        text.push_str(chunk.valid());
+        if let Some(byte) = chunk.invalid().first() {
+            foreign.push((text.len(), *byte));
+            text.push(char::REPLACEMENT_CHARACTER);
+        }
+    }
+    read(&text, &foreign)
+}
+
+/// No configuration has so many bytes: what is read instead is a device, or a log by mistake.
+const MAX_BYTES: u64 = 16 << 20;
+
+fn bytes(path: &Path) -> io::Result<Vec<u8>> {
+    let mut bytes = Vec::new();
+    File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
+    if bytes.len() as u64 > MAX_BYTES {
+        let reason = "more than 16 MiB is no configuration";
+        return Err(io::Error::new(io::ErrorKind::FileTooLarge, reason));
+    }
+    Ok(bytes)
+}
+
+/// Reads a configuration from a file of at most 16 MiB.
 ///
 /// # Errors
 /// The file cannot be read, or everything that is wrong with it, with line and column.
 pub fn load(path: impl AsRef<Path>) -> Result<ConfigFile, ConfigFileError> {
     let path = path.as_ref();
-    let text = std::fs::read_to_string(path)
-        .map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;
-    text.parse().map_err(|faults| ConfigFileError::Faults { path: path.to_owned(), faults })
+    let bytes =
+        bytes(path).map_err(|reason| ConfigFileError::Read { path: path.to_owned(), reason })?;
+    parse(&bytes).map_err(|faults| ConfigFileError::Faults { path: path.to_owned(), faults })
 }

@@ -1,7 +1,7 @@
 //! Files are read, and every fault is told with its place.
 #![allow(missing_docs)]
 
-use ecan_config_file::{ConfigFile, ConfigFileError, EXAMPLE, FileFaults, load};
+use ecan_config_file::{ConfigFile, ConfigFileError, EXAMPLE, FileFaults, load, parse};
 use ecan_host::{ClockSource, DcSync};
 use ecan_protocol::{
     DataPathConfig, EncapsulationProfile, ExtendedMatch, FilterAction, MessageRamLayout, NodeMode,
@@ -229,6 +229,21 @@ fn faults_of_the_syntax_do_not_hide_others() {
 }
 
 #[test]
+fn bytes_that_are_no_text_have_a_place_and_hide_nothing() {
+    // A comment in Latin-1, and a fault behind it.
+    let text = b"cycle_us = 1000 # \xB5s\n[[gateway]]\nn = 25\ncan0 = { bitrate = 500_000 }\n";
+    let faults = parse(text).unwrap_err().0;
+    let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
+    assert_eq!(
+        found,
+        [(1, 19, "byte 0xB5 is not UTF-8"), (3, 5, "`n` is 25, possible is 1..24")],
+        "{found:?}"
+    );
+    assert!(parse(b"\xFF\xFE").is_err());
+    assert_eq!(parse(EXAMPLE.as_bytes()).unwrap(), read(EXAMPLE).unwrap());
+}
+
+#[test]
 fn files_that_cannot_be_read_or_used_are_named() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("cell.toml");
@@ -240,6 +255,8 @@ fn files_that_cannot_be_read_or_used_are_named() {
     assert!(error.contains("cell.toml: line 2, column 5: `n` is 0"), "{error}");
     std::fs::write(&path, EXAMPLE).unwrap();
     assert_eq!(load(&path).unwrap(), read(EXAMPLE).unwrap());
+    let endless = load("/dev/zero").unwrap_err().to_string();
+    assert_eq!(endless, "cannot read /dev/zero: more than 16 MiB is no configuration");
 }
 
 #[test]

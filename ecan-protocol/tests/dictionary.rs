@@ -2,9 +2,9 @@
 
 use ecan_protocol::{
     Access, BusOffRecovery, CacheDepth, CrcTest, CriticalFrames, DataSize, EncapsulationProfile,
-    Entry, ExtendedMatch, FifoMode, FilterAction, FilterCommand, NodeMode, NonMatch, ObjectType,
-    RxBudget, RxOverflow, Sides, StandardMatch, TxMode, TxOverflow, describe, lookup, object,
-    objects, pdo_mapping_entry,
+    Entry, ExtendedMatch, FifoMode, FilterAction, FilterCommand, FilterWindow, NodeMode, NonMatch,
+    ObjectType, RxBudget, RxOverflow, Sides, StandardMatch, TxMode, TxOverflow, describe, lookup,
+    object, objects, pdo_mapping_entry,
 };
 
 fn entry(index: u16, subindex: u8) -> &'static Entry {
@@ -217,4 +217,23 @@ fn entries_are_described_in_words() {
     assert_eq!(text(0x8003, 15), "0x8003:15 (MCAN Channel Config 2, FD enable)");
     assert_eq!(text(0x8010, 99), "0x8010:99 (TxPDO Profile Control)");
     assert_eq!(text(0x2000, 1), "0x2000:01");
+}
+
+#[test]
+fn the_filter_windows_and_the_table_agree() {
+    for (prefix, window) in ["Std", "Ext"].into_iter().zip(FilterWindow::BOTH) {
+        let head = [
+            (window.max, "list max"),
+            (window.index, "current index"),
+            (window.command, "entry cmd"),
+            (window.status, "entry status"),
+            (window.count, "filter count"),
+        ];
+        let fields = ["filter type", "filter action", "filter sync", "ID1", "ID2"];
+        let all = head.into_iter().chain(window.fields().zip(fields));
+        for (subindex, name) in all {
+            assert_eq!(entry(0x8001, subindex).name, format!("{prefix} {name}"));
+        }
+        assert_eq!(window.fields().len(), fields.len());
+    }
 }

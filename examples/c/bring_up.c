@@ -25,18 +25,22 @@ void bus_settings_add_options(bus_settings_t *settings, option_list_t *list)
                 "then the installed libethercat"});
     options_add(list, (option_t){
         .name = "master", .value_name = "N", .number = &settings->master, .maximum = UINT32_MAX,
+        .excluded_by = "config",
         .help = "Index of the EtherCAT master"});
     options_add(list, (option_t){
         .name = "pdo-n", .value_name = "N", .number = &settings->pdo_n,
         .minimum = 1, .maximum = ECAN_PDO_MAX_MULTIPLIER,
+        .excluded_by = "config",
         .help = "PDO size per direction, in chunks of 128 bytes"});
     options_add(list, (option_t){
         .name = "cycle-us", .value_name = "US", .number = &settings->cycle_us,
         .minimum = 1, .maximum = 4294967,
+        .excluded_by = "config",
         .help = "EtherCAT cycle in microseconds"});
     options_add(list, (option_t){
         .name = "bitrate", .value_name = "BITRATE", .number = &settings->bitrate,
         .minimum = 1, .maximum = UINT32_MAX,
+        .excluded_by = "config",
         .help = "CAN bit rate in bit/s; of CAN FD the nominal one"});
     options_add(list, (option_t){
         .name = "seed", .value_name = "SEED", .number = &settings->seed, .maximum = UINT64_MAX,
@@ -52,6 +56,7 @@ void bus_settings_add_fd_option(bus_settings_t *settings, option_list_t *list)
     options_add(list, (option_t){
         .name = "fd", .value_name = "DATA_BITRATE", .number = &settings->fd_bitrate,
         .minimum = 1, .maximum = UINT32_MAX,
+        .excluded_by = "config",
         .help = "Use CAN FD with this data bit rate in bit/s"});
 }
 
@@ -70,31 +75,46 @@ void bus_settings_add_dc_options(bus_settings_t *settings, option_list_t *list)
         .help = "Shift of Sync0 in microseconds"});
 }
 
+void bus_settings_add_config_option(bus_settings_t *settings, option_list_t *list)
+{
+    options_add(list, (option_t){
+        .name = "config", .value_name = "FILE", .text = &settings->config,
+        .help = "Take gateways, channels, bit rates, filters, cycle and clocks from this "
+                "configuration file (`ecan config example` prints one)"});
+}
+
 void bus_settings_add_plan_option(bus_settings_t *settings, option_list_t *list)
 {
     options_add(list, (option_t){
         .name = "plan", .flag = &settings->plan,
+        .excluded_by = "config",
         .help = "Tell what this costs on wire, buses and mailboxes, and what speaks against it, "
                 "without touching a bus"});
 }
 
-static bool configure_master(ecan_igh_config_t *config, const bus_settings_t *settings)
+/* The library, and the simulation should it be one: no affair of a configuration file. */
+static bool configure_library(ecan_igh_config_t *config, const bus_settings_t *settings)
 {
-    uint64_t dc_cycle_us = settings->dc_cycle_us != 0 ? settings->dc_cycle_us : settings->cycle_us;
     if (ecan_igh_default_config(config) != ECAN_OK ||
         ecan_igh_config_suggest_scenario(config, settings->scenario) != ECAN_OK ||
-        ecan_igh_config_set_stepped_clock(config, !settings->real_time) != ECAN_OK ||
-        ecan_igh_config_set_master_index(config, (uint32_t)settings->master) != ECAN_OK ||
-        ecan_igh_config_set_slave_count(config, (size_t)settings->slaves) != ECAN_OK ||
-        ecan_igh_config_allow_large_pdos(config, settings->large_pdos) != ECAN_OK ||
-        ecan_igh_config_set_pdo_multiplier(config, (uint32_t)settings->pdo_n) != ECAN_OK ||
-        ecan_igh_config_set_cycle_us(config, (uint32_t)settings->cycle_us) != ECAN_OK) {
+        ecan_igh_config_set_stepped_clock(config, !settings->real_time) != ECAN_OK) {
         return false;
     }
     if (settings->ecrt != NULL && ecan_igh_config_set_ecrt(config, settings->ecrt) != ECAN_OK) {
         return false;
     }
-    if (settings->is_seed_given && ecan_igh_config_set_seed(config, settings->seed) != ECAN_OK) {
+    return !settings->is_seed_given ||
+           ecan_igh_config_set_seed(config, settings->seed) == ECAN_OK;
+}
+
+static bool configure_master(ecan_igh_config_t *config, const bus_settings_t *settings)
+{
+    uint64_t dc_cycle_us = settings->dc_cycle_us != 0 ? settings->dc_cycle_us : settings->cycle_us;
+    if (ecan_igh_config_set_master_index(config, (uint32_t)settings->master) != ECAN_OK ||
+        ecan_igh_config_set_slave_count(config, (size_t)settings->slaves) != ECAN_OK ||
+        ecan_igh_config_allow_large_pdos(config, settings->large_pdos) != ECAN_OK ||
+        ecan_igh_config_set_pdo_multiplier(config, (uint32_t)settings->pdo_n) != ECAN_OK ||
+        ecan_igh_config_set_cycle_us(config, (uint32_t)settings->cycle_us) != ECAN_OK) {
         return false;
     }
     if (settings->dc_sync0 &&
@@ -147,11 +167,41 @@ static bool configure_gateways(igh_mcan_port_config_t *config, const bus_setting
 bool bus_settings_configure(const bus_settings_t *settings, ecan_igh_config_t *igh_config,
                             igh_mcan_port_config_t *mcan_config)
 {
-    if (!configure_master(igh_config, settings) || !configure_gateways(mcan_config, settings)) {
+    bool is_good = configure_library(igh_config, settings);
+    if (is_good && settings->config != NULL) {
+        is_good = igh_mcan_port_load_config(igh_config, mcan_config, settings->config) == ECAN_OK;
+    } else if (is_good) {
+        is_good = configure_master(igh_config, settings) &&
+                  configure_gateways(mcan_config, settings);
+    }
+    if (!is_good) {
         report_sdk_error();
+    }
+    return is_good;
+}
+
+bool bus_settings_read_config(bus_settings_t *settings)
+{
+    ecan_igh_config_t igh_config;
+    igh_mcan_port_config_t mcan_config;
+    size_t slaves = 0;
+    uint32_t cycle_ns = 0;
+    if (!bus_settings_configure(settings, &igh_config, &mcan_config)) {
         return false;
     }
-    return true;
+    bool is_good = ecan_igh_config_get_slave_count(&igh_config, &slaves) == ECAN_OK &&
+                   ecan_igh_config_get_cycle_ns(&igh_config, &cycle_ns) == ECAN_OK;
+    for (size_t slave = 0; is_good && slave < slaves; slave++) {
+        is_good = igh_mcan_port_get_channel_mask(&mcan_config, slave,
+                                                 &settings->channel_masks[slave],
+                                                 &settings->fd_masks[slave]) == ECAN_OK;
+    }
+    if (!is_good) {
+        report_sdk_error();
+    }
+    settings->slaves = slaves;
+    settings->cycle_us = cycle_ns / 1000;
+    return is_good;
 }
 
 static int user_gave_up(void *user)

@@ -27,6 +27,8 @@ typedef struct {
     bool dc_sync0;
     uint64_t dc_cycle_us; /* 0: the cycle */
     uint64_t dc_shift_us;
+    uint8_t fd_masks[ECAN_IGH_MAX_SLAVES]; /* those of them with CAN FD */
+    const char *config; /* a file that says all of it but the library; NULL: the options do */
     uint64_t seed;
     bool is_seed_given;
     bool real_time;
@@ -50,6 +52,13 @@ void bus_settings_add_fd_option(bus_settings_t *settings, option_list_t *list);
 
 /* --dc-sync0, --dc-cycle-us, --dc-shift-us */
 void bus_settings_add_dc_options(bus_settings_t *settings, option_list_t *list);
+
+/* --config, which excludes the options about the bus */
+void bus_settings_add_config_option(bus_settings_t *settings, option_list_t *list);
+
+/* Takes from the configuration file what the program itself has to know of it: gateways, channels
+ * and cycle. False, with every fault of the file on standard error. */
+bool bus_settings_read_config(bus_settings_t *settings);
 
 /* --plan */
 void bus_settings_add_plan_option(bus_settings_t *settings, option_list_t *list);

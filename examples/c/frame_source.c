@@ -46,11 +46,11 @@ static bool send_counter(frame_source_t *source, igh_mcan_port_t *mcan, echo_che
     for (size_t slave = 0; slave < source->slaves; slave++) {
         for (uint8_t channel = 0; channel < ECAN_MCAN_CHANNELS; channel++) {
             igh_mcan_tx_frame_t frame;
-            if ((source->channel_mask >> channel & 1) == 0) {
+            if ((source->channel_masks[slave] >> channel & 1) == 0) {
                 continue;
             }
-            int result =
-                frame_source_counter(&frame, slave, channel, source->is_fd, source->done);
+            bool is_fd = (source->fd_masks[slave] >> channel & 1) != 0;
+            int result = frame_source_counter(&frame, slave, channel, is_fd, source->done);
             if (result == ECAN_OK) {
                 result = igh_mcan_port_send(mcan, &frame);
             }
@@ -66,18 +66,22 @@ static bool send_counter(frame_source_t *source, igh_mcan_port_t *mcan, echo_che
     return true;
 }
 
-/* Where a recorded frame goes: to its interface, counted over all gateways, when all channels are
- * used, and to the one channel otherwise. */
+/* Where a recorded frame goes: to its interface, counted over all gateways, or to the first channel
+ * that is used. */
 static void set_place(const frame_source_t *source, unsigned interface, igh_mcan_tx_frame_t *frame)
 {
-    if (source->channel_mask == 0x0F) {
+    if (source->is_by_interface) {
         size_t place = interface % (source->slaves * ECAN_MCAN_CHANNELS);
         frame->slave = (uint16_t)(place / ECAN_MCAN_CHANNELS);
         frame->channel = (uint8_t)(place % ECAN_MCAN_CHANNELS);
     } else {
-        while ((source->channel_mask >> frame->channel & 1) == 0) {
-            frame->channel++;
+        size_t place = 0;
+        while ((source->channel_masks[place / ECAN_MCAN_CHANNELS] >> place % ECAN_MCAN_CHANNELS &
+                1) == 0) {
+            place++;
         }
+        frame->slave = (uint16_t)(place / ECAN_MCAN_CHANNELS);
+        frame->channel = (uint8_t)(place % ECAN_MCAN_CHANNELS);
     }
 }
 

@@ -12,8 +12,9 @@
 typedef struct {
     const candump_log_t *recording; /* NULL: a counter */
     size_t slaves;
-    uint8_t channel_mask; /* channels in use, the same of every gateway */
-    bool is_fd;           /* the counter is sent in CAN FD frames */
+    const uint8_t *channel_masks; /* channels in use of each gateway, one at least */
+    const uint8_t *fd_masks;      /* those of them where the counter is sent in CAN FD frames */
+    bool is_by_interface;         /* a recorded frame goes where its interface says */
     uint64_t total;       /* cycles of the counter, or frames of the recording */
     uint64_t done;
 } frame_source_t;

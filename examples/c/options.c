@@ -139,6 +139,17 @@ static void print_help(const option_list_t *list, const char *program)
     print_option(&(option_t){.name = "version", .help = "Print the version"});
 }
 
+/* Whether the value of an option was found on the command line. */
+static bool has_value(const option_list_t *list, const char *const *values, const char *name)
+{
+    for (size_t i = 0; i < list->count; i++) {
+        if (strcmp(list->options[i].name, name) == 0) {
+            return values[i] != NULL;
+        }
+    }
+    return false;
+}
+
 void options_parse(const option_list_t *list, int argc, char **argv)
 {
     enum { HELP = 1, VERSION = 2 };
@@ -177,6 +188,10 @@ void options_parse(const option_list_t *list, int argc, char **argv)
         options_wrong_use("%s is no option", argv[optind]);
     }
     for (size_t i = 0; i < list->count; i++) {
+        const char *other = list->options[i].excluded_by;
+        if (values[i] != NULL && other != NULL && has_value(list, values, other)) {
+            options_wrong_use("--%s and --%s exclude each other", list->options[i].name, other);
+        }
         if (values[i] != NULL) {
             store(&list->options[i], values[i]);
         } else if (list->options[i].is_required) {

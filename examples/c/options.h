@@ -21,6 +21,7 @@ typedef struct {
     const char **text;
     bool *is_given;         /* may be NULL; gets true where the option was given */
     bool is_required;
+    const char *excluded_by; /* the option that this one cannot be given with; may be NULL */
 } option_t;
 
 typedef struct {

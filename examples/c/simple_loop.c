@@ -3,6 +3,7 @@
  *
  *     igh_simple_loop --ecrt sim
  *     igh_simple_loop --ecrt sim --replay drive.log --dump back.log
+ *     igh_simple_loop --ecrt sim --config cell.toml
  */
 #include <inttypes.h>
 #include <stdio.h>
@@ -32,9 +33,9 @@ enum { RX_CAPACITY = 32 };
 typedef struct {
     bus_settings_t bus;
     const char *channel;
+    bool is_channel_given;
     uint8_t channel_mask;
     uint64_t cycles;
-    bool is_cycles_given;
     const char *replay;
     const char *dump;
 } arguments_t;
@@ -48,23 +49,26 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     bus_settings_default(&arguments->bus, "echo");
     bus_settings_add_options(&arguments->bus, &list);
     bus_settings_add_fd_option(&arguments->bus, &list);
+    bus_settings_add_config_option(&arguments->bus, &list);
     bus_settings_add_plan_option(&arguments->bus, &list);
     options_add(&list, (option_t){
         .name = "slaves", .value_name = "N", .number = &arguments->bus.slaves,
-        .minimum = 1, .maximum = ECAN_IGH_MAX_SLAVES,
+        .minimum = 1, .maximum = ECAN_IGH_MAX_SLAVES, .excluded_by = "config",
         .help = "Number of gateways, from position 0 on"});
     options_add(&list, (option_t){
-        .name = "large-pdos", .flag = &arguments->bus.large_pdos,
+        .name = "large-pdos", .flag = &arguments->bus.large_pdos, .excluded_by = "config",
         .help = "The installed master carries more than 1486 bytes of process data per sync "
                 "manager"});
     options_add(&list, (option_t){
         .name = "cycles", .value_name = "N", .number = &arguments->cycles, .maximum = UINT64_MAX,
-        .is_given = &arguments->is_cycles_given,
-        .help = "Number of cycles to send in [default: 1000]; a recording is sent to its end"});
+        .excluded_by = "replay",
+        .help = "Number of cycles to send in; a recording is sent to its end"});
     options_add(&list, (option_t){
         .name = "channel", .value_name = "CHANNEL", .text = &arguments->channel,
-        .help = "CAN channel of every gateway, 0 to 3, or `all`. With `all` a recorded frame goes "
-                "to the channel that its interface names, counted over all gateways"});
+        .is_given = &arguments->is_channel_given,
+        .help = "CAN channel of every gateway, 0 to 3, or `all`; with --config those that the file "
+                "has, all unless one is given. With `all` a recorded frame goes to the channel "
+                "that its interface names, counted over all gateways"});
     options_add(&list, (option_t){
         .name = "replay", .value_name = "FILE", .text = &arguments->replay,
         .help = "Send the frames of a candump log and check that each comes back"});
@@ -74,22 +78,41 @@ static void parse_arguments(arguments_t *arguments, int argc, char **argv)
     options_parse(&list, argc, argv);
 
     uint64_t channel = 0;
-    if (strcmp(arguments->channel, "all") == 0) {
+    bool is_file_alone = arguments->bus.config != NULL && !arguments->is_channel_given;
+    if (strcmp(arguments->channel, "all") == 0 || is_file_alone) {
         arguments->channel_mask = 0x0F;
     } else if (parse_number(arguments->channel, &channel) && channel < ECAN_MCAN_CHANNELS) {
         arguments->channel_mask = (uint8_t)(1u << channel);
     } else {
         options_wrong_use("--channel %s: expected 0 to 3 or `all`", arguments->channel);
     }
-    if (arguments->is_cycles_given && arguments->replay != NULL) {
-        options_wrong_use("--cycles and --replay exclude each other");
-    }
     if (arguments->bus.plan && arguments->replay != NULL) {
         options_wrong_use("--plan and --replay exclude each other");
     }
-    for (size_t slave = 0; slave < arguments->bus.slaves; slave++) {
-        arguments->bus.channel_masks[slave] = arguments->channel_mask;
+}
+
+/* Which channels are used, by the options and the configuration file. */
+static bool choose_channels(arguments_t *arguments)
+{
+    bus_settings_t *bus = &arguments->bus;
+    uint8_t used = 0;
+    if (bus->config == NULL) {
+        memset(bus->channel_masks, arguments->channel_mask, (size_t)bus->slaves);
+        memset(bus->fd_masks, bus->fd_bitrate != 0 ? arguments->channel_mask : 0,
+               (size_t)bus->slaves);
+        return true;
     }
+    if (!bus_settings_read_config(bus)) {
+        return false;
+    }
+    for (size_t slave = 0; slave < bus->slaves; slave++) {
+        bus->channel_masks[slave] &= arguments->channel_mask;
+        used |= bus->channel_masks[slave];
+    }
+    if (used == 0) {
+        report("%s has no channel %s", bus->config, arguments->channel);
+    }
+    return used != 0;
 }
 
 static bool is_same_file(const char *one, const char *other)
@@ -104,7 +127,8 @@ static bool read_recording(const arguments_t *arguments, candump_log_t *recordin
     if (!candump_log_read(recording, arguments->replay)) {
         return false;
     }
-    for (size_t i = 0; i < recording->count && arguments->bus.fd_bitrate == 0; i++) {
+    bool is_classic = arguments->bus.fd_bitrate == 0 && arguments->bus.config == NULL;
+    for (size_t i = 0; i < recording->count && is_classic; i++) {
         if ((recording->frames[i].record.frame.flags & IGH_MCAN_FLAG_FD) != 0) {
             report("%s, line %zu is a CAN FD frame: give --fd DATA_BITRATE", arguments->replay,
                    recording->frames[i].line);
@@ -229,8 +253,9 @@ static bool work(bus_t *bus, const arguments_t *arguments, const candump_log_t *
     frame_source_t source = {
         .recording = is_replay ? recording : NULL,
         .slaves = (size_t)arguments->bus.slaves,
-        .channel_mask = arguments->channel_mask,
-        .is_fd = arguments->bus.fd_bitrate != 0,
+        .channel_masks = arguments->bus.channel_masks,
+        .fd_masks = arguments->bus.fd_masks,
+        .is_by_interface = arguments->channel_mask == 0x0F,
         .total = is_replay ? recording->count : arguments->cycles};
     echo_check_t check;
     FILE *dump = NULL;
@@ -271,6 +296,9 @@ int main(int argc, char **argv)
     candump_log_t recording = {0};
     bus_t bus = {0};
     parse_arguments(&arguments, argc, argv);
+    if (!choose_channels(&arguments)) {
+        return EXIT_FAILURE;
+    }
     if (arguments.bus.plan) {
         return print_plan(&arguments) ? EXIT_SUCCESS : EXIT_FAILURE;
     }

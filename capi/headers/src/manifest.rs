@@ -96,6 +96,7 @@ pub const HEADERS: &[Header] = &[
             "igh-host/src/mcan_port/config_channel.rs",
             "igh-host/src/mcan_port/config_filter.rs",
             "igh-host/src/mcan_port/config_gateway.rs",
+            "igh-host/src/mcan_port/config_file.rs",
             "igh-host/src/mcan_port/plan.rs",
             "igh-host/src/mcan_port/context.rs",
             "igh-host/src/mcan_port/cycle.rs",

@@ -47,6 +47,7 @@
 #define ECAN_HAVE_SDO_REQUESTS 1    /* ecan_igh_create_sdo_request() */
 #define ECAN_HAVE_SCHEDULED_TX 1    /* igh_mcan_port_schedule_can() */
 #define ECAN_HAVE_TX_RESULT 1       /* igh_mcan_port_get_last_ticket() */
+#define ECAN_HAVE_CONFIG_FILE 1     /* igh_mcan_port_load_config() */
 #define ECAN_HAVE_SIMULATOR 1       /* the setting "sim" of ecan_igh_config_set_ecrt() */
 
 #ifdef __cplusplus

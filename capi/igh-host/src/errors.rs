@@ -5,6 +5,7 @@ use std::fmt::Display;
 use ecan_cia402::{
     Cia402Error, CommandError, NmtError, ScheduleError, SdoFailure, SdoFault, WaitError,
 };
+use ecan_config_file::ConfigFileError;
 use ecan_host::{CycleError, Errno, Error};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::last_error;
@@ -22,6 +23,15 @@ fn note(call: Call, code: ecan_result_t, error: &dyn Display, abort_code: u32) -
 #[cold]
 pub(crate) fn backend(call: Call, error: &BackendError) -> ecan_result_t {
     note(call, ECAN_ERR_ECRT, error, 0)
+}
+
+#[cold]
+pub(crate) fn config_file(call: Call, error: &ConfigFileError) -> ecan_result_t {
+    let code = match error {
+        ConfigFileError::Read { .. } => ECAN_ERR_FILE,
+        ConfigFileError::Faults { .. } => ECAN_ERR_CONFIG,
+    };
+    note(call, code, error, 0)
 }
 
 #[cold]

@@ -7,7 +7,14 @@ static const uint8_t VALUE[8] = {1};
 static void no_config(int code, ecan_igh_config_t *config)
 {
     char text[ECAN_IGH_MAX_SETTING];
+    uint16_t place;
+    uint32_t number;
+    size_t count;
     BAD(code, ecan_igh_check_config(config));
+    BAD(code, ecan_igh_config_get_slave_count(config, &count));
+    BAD(code, ecan_igh_config_get_cycle_ns(config, &number));
+    BAD(code, ecan_igh_config_get_slave_position(config, 0, &place, &place));
+    BAD(code, ecan_igh_config_get_slave_pdo_multipliers(config, 0, &number, &number));
     BAD(code, ecan_igh_config_get_ecrt(config, text, sizeof(text)));
     BAD(code, ecan_igh_config_set_ecrt(config, "sim"));
     BAD(code, ecan_igh_config_suggest_scenario(config, "echo"));
@@ -173,6 +180,37 @@ static void slaves(ecan_igh_config_t *config)
     BAD(ECAN_ERR_SLAVE, ecan_igh_config_set_slave_identity(config, 2, 0, 0));
 }
 
+static void getters(ecan_igh_config_t *config)
+{
+    uint16_t alias, position;
+    uint32_t rx_n, tx_n, cycle_ns;
+    size_t count;
+    GOOD(ecan_igh_config_set_slave_count(config, 2));
+    GOOD(ecan_igh_config_get_slave_count(config, &count));
+    SAME(2, count);
+    BAD(ECAN_ERR_NULL, ecan_igh_config_get_slave_count(config, NULL));
+    GOOD(ecan_igh_config_set_cycle_us(config, 4000));
+    GOOD(ecan_igh_config_get_cycle_ns(config, &cycle_ns));
+    SAME(4000000, cycle_ns);
+    BAD(ECAN_ERR_NULL, ecan_igh_config_get_cycle_ns(config, NULL));
+    GOOD(ecan_igh_config_set_slave_pdo_multipliers(config, 1, 2, 4));
+    GOOD(ecan_igh_config_get_slave_pdo_multipliers(config, 1, &rx_n, &tx_n));
+    SAME(2, rx_n);
+    SAME(4, tx_n);
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_get_slave_pdo_multipliers(config, 2, &rx_n, &tx_n));
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_get_slave_pdo_multipliers(config, SIZE_MAX, &rx_n, &tx_n));
+    BAD(ECAN_ERR_NULL, ecan_igh_config_get_slave_pdo_multipliers(config, 1, NULL, &tx_n));
+    BAD(ECAN_ERR_NULL, ecan_igh_config_get_slave_pdo_multipliers(config, 1, &rx_n, NULL));
+    GOOD(ecan_igh_config_set_slave_position(config, 1, 0xFFFF, 0xFFFE));
+    GOOD(ecan_igh_config_get_slave_position(config, 1, &alias, &position));
+    SAME(0xFFFF, alias);
+    SAME(0xFFFE, position);
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_get_slave_position(config, 2, &alias, &position));
+    BAD(ECAN_ERR_SLAVE, ecan_igh_config_get_slave_position(config, SIZE_MAX, &alias, &position));
+    BAD(ECAN_ERR_NULL, ecan_igh_config_get_slave_position(config, 1, NULL, &position));
+    BAD(ECAN_ERR_NULL, ecan_igh_config_get_slave_position(config, 1, &alias, NULL));
+}
+
 static void startup_sdos(ecan_igh_config_t *config)
 {
     GOOD(ecan_igh_default_config(config));
@@ -217,5 +255,6 @@ void test_adapter_config(void)
     slaves(&config);
     copy = config;
     GOOD(ecan_igh_check_config(&copy));
+    getters(&config);
     startup_sdos(&config);
 }

@@ -137,7 +137,7 @@ const char *fill_garbage(int kind, void *memory, size_t size)
 }
 
 /* In a directory of its own, which ends with it. */
-int write_scenario(const char *toml, char *setting, size_t size)
+int write_file(const char *text, char *path, size_t size)
 {
     const char *place = getenv("TMPDIR");
     char directory[256];
@@ -145,24 +145,39 @@ int write_scenario(const char *toml, char *setting, size_t size)
     int length = snprintf(directory, sizeof(directory), "%s/every_function_XXXXXX",
                           place == NULL ? "/tmp" : place);
     if (length >= (int)sizeof(directory) || mkdtemp(directory) == NULL ||
-        snprintf(setting, size, "sim:%s/scenario.toml", directory) >= (int)size) {
+        snprintf(path, size, "%s/file.toml", directory) >= (int)size) {
         return -1;
     }
-    file = fopen(setting + strlen("sim:"), "w");
+    file = fopen(path, "w");
     if (file == NULL) {
         return -1;
     }
-    length = fputs(toml, file);
+    length = fputs(text, file);
     return fclose(file) == 0 && length >= 0 ? 0 : -1;
+}
+
+void remove_file(const char *path)
+{
+    char directory[512];
+    snprintf(directory, sizeof(directory), "%s", path);
+    unlink(directory);
+    *strrchr(directory, '/') = '\0';
+    rmdir(directory);
+}
+
+int write_scenario(const char *toml, char *setting, size_t size)
+{
+    const size_t prefix = strlen("sim:");
+    if (size <= prefix) {
+        return -1;
+    }
+    memcpy(setting, "sim:", prefix);
+    return write_file(toml, setting + prefix, size - prefix);
 }
 
 void remove_scenario(const char *setting)
 {
-    char path[512];
-    snprintf(path, sizeof(path), "%s", setting + strlen("sim:"));
-    unlink(path);
-    *strrchr(path, '/') = '\0';
-    rmdir(path);
+    remove_file(setting + strlen("sim:"));
 }
 
 void simulate(ecan_igh_config_t *config, const char *setting)

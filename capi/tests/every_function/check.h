@@ -63,6 +63,10 @@ unsigned long check_failures(void);
 #define GARBAGE_KINDS 4
 const char *fill_garbage(int kind, void *memory, size_t size);
 
+/* A file in a directory of its own; `path` gets where. 0 for success. */
+int write_file(const char *text, char *path, size_t size);
+void remove_file(const char *path);
+
 /* A file with a scenario for the simulator; `setting` gets "sim:" and its path. 0 for success. */
 int write_scenario(const char *toml, char *setting, size_t size);
 void remove_scenario(const char *setting);
@@ -83,6 +87,8 @@ void test_adapter_cycle(void);
 void test_adapter_real_time(void);
 void test_adapter_sdo(void);
 void test_port_config(void);
+void test_config_file(void);
+void test_config_file_in_service(void);
 void test_port_life(void);
 void test_port_cycle(void);
 void test_port_schedule(void);

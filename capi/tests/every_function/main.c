@@ -11,6 +11,8 @@ int main(void)
     test_adapter_cycle();
     test_adapter_sdo();
     test_port_config();
+    test_config_file();
+    test_config_file_in_service();
     test_port_life();
     test_port_cycle();
     test_port_schedule();

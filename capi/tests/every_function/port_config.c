@@ -8,6 +8,8 @@ static void no_config(int code, igh_mcan_port_config_t *config)
 {
     igh_mcan_schedule_settings_t schedule = {0};
     uint32_t value;
+    uint8_t mask;
+    BAD(code, igh_mcan_port_get_channel_mask(config, 0, &mask, &mask));
     BAD(code, igh_mcan_port_apply_config(&igh_config, config));
     BAD(code, igh_mcan_port_check_config(&igh_config, config));
     BAD(code, igh_mcan_port_set_channel_mask(config, 0, 1, 0));
@@ -35,7 +37,9 @@ static void wrong_slave(igh_mcan_port_config_t *config, size_t slave)
 {
     igh_mcan_schedule_settings_t schedule = {0};
     uint32_t value;
+    uint8_t mask;
     const int code = ECAN_ERR_SLAVE;
+    BAD(code, igh_mcan_port_get_channel_mask(config, slave, &mask, &mask));
     BAD(code, igh_mcan_port_set_channel_mask(config, slave, 1, 0));
     BAD(code, igh_mcan_port_set_classic_channel(config, slave, 0, 500000));
     BAD(code, igh_mcan_port_set_canfd_channel(config, slave, 0, 500000, 5000000));
@@ -210,6 +214,7 @@ void test_port_config(void)
     static igh_mcan_port_config_t copy;
     static ecan_igh_config_t no_igh;
     uint32_t value;
+    uint8_t enabled, fd;
 
     simulate(&igh_config, "sim:echo");
     check_about("NULL");
@@ -244,6 +249,11 @@ void test_port_config(void)
     BAD(ECAN_ERR_CHANNEL, igh_mcan_port_set_channel_mask(&config, 0, 0x00, 0x01));
     GOOD(igh_mcan_port_set_channel_mask(&config, 0, 0x0F, 0x0A));
     GOOD(igh_mcan_port_check_config(&igh_config, &config));
+    GOOD(igh_mcan_port_get_channel_mask(&config, 0, &enabled, &fd));
+    SAME(0x0F, enabled);
+    SAME(0x0A, fd);
+    BAD(ECAN_ERR_NULL, igh_mcan_port_get_channel_mask(&config, 0, NULL, &fd));
+    BAD(ECAN_ERR_NULL, igh_mcan_port_get_channel_mask(&config, 0, &enabled, NULL));
     GOOD(igh_mcan_port_set_channel_mask(&config, 0, 0x01, 0x00));
     GOOD(igh_mcan_port_set_classic_channel(&config, 0, 0, 250000));
     GOOD(igh_mcan_port_set_channel_mask(&config, 0, 0x0D, 0x08));

@@ -5,6 +5,7 @@ use proptest::prelude::*;
 
 use super::command::{MAX_LINE, NotUnderstood, SlcanCommand, parse};
 use super::encode::encode;
+use crate::frame_strategies::any_frame;
 
 fn standard(id: u16) -> CanId {
     CanId::standard(id).unwrap()
@@ -155,28 +156,9 @@ fn what_is_wrong_is_refused() {
     }
 }
 
-fn any_id() -> impl Strategy<Value = CanId> {
-    prop_oneof![(0..=0x7FFu16).prop_map(standard), (0..=0x1FFF_FFFFu32).prop_map(extended),]
-}
-
-/// Every frame that slcan can express: all but those with the error state indicator.
-pub(super) fn any_frame() -> impl Strategy<Value = CanFrame> {
-    let classic = (any_id(), prop::collection::vec(any::<u8>(), 0..=8))
-        .prop_map(|(id, data)| CanFrame::classic(id, &data).unwrap());
-    let remote = (any_id(), 0..=8u8)
-        .prop_map(|(id, dlc)| CanFrame::remote(id, Dlc::new(dlc).unwrap()).unwrap());
-    let fd =
-        (any_id(), 0..16u8, any::<[u8; 32]>(), any::<bool>()).prop_map(|(id, dlc, half, brs)| {
-            let data = [half, half].concat();
-            let length = Dlc::new(dlc).unwrap().fd_len();
-            CanFrame::fd(id, &data[..length], brs, false).unwrap()
-        });
-    prop_oneof![classic, remote, fd]
-}
-
 proptest! {
     #[test]
-    fn what_is_written_can_be_read(frame in any_frame()) {
+    fn what_is_written_can_be_read(frame in any_frame(false)) {
         let line = text(&frame, None);
         let line = line.strip_suffix('\r').unwrap();
         prop_assert_eq!(parse(line.as_bytes()), Ok(SlcanCommand::Transmit(frame)));

@@ -203,17 +203,52 @@ impl From<&ExtendedFilter> for RawFilter {
     }
 }
 
-/// Subindices of one of the two editing windows.
-struct Window {
-    index: u8,
-    command: u8,
-    count: u8,
-    /// Type, action, sync, ID1 and ID2 follow each other.
-    first_field: u8,
+/// Subindices of one of the two filter editing windows of 0x8001..0x8004 (manual 13.4).
+///
+/// A filter is edited in five steps: its place into [`index`](Self::index), [`FilterCommand::Load`]
+/// into [`command`](Self::command), the [`fields`](Self::fields) read or written,
+/// [`FilterCommand::Save`] into `command`, and [`status`](Self::status) read. The list is as long as
+/// [`count`](Self::count) says; the channel takes it over with its apply command.
+///
+/// ```
+/// use ecan_protocol::{FilterWindow, lookup};
+///
+/// let window = FilterWindow::STANDARD;
+/// let (_, entry) = lookup(0x8001, window.count).unwrap();
+/// assert_eq!(entry.name, "Std filter count");
+/// assert_eq!(window.fields(), 50..55);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct FilterWindow {
+    /// How many filters the device has; read only.
+    pub max: u8,
+    /// Place in the list, from 0, that a command is about.
+    pub index: u8,
+    /// A [`FilterCommand`].
+    pub command: u8,
+    /// What became of it: a [`FilterCommandStatus`]; read only.
+    pub status: u8,
+    /// How many filters of the list are in use, from the first on.
+    pub count: u8,
+    /// The first of the five fields of the filter: type, action, sync, ID1 and ID2 follow each other.
+    pub first_field: u8,
 }
 
-const STANDARD: Window = Window { index: 43, command: 45, count: 49, first_field: 50 };
-const EXTENDED: Window = Window { index: 44, command: 46, count: 55, first_field: 56 };
+impl FilterWindow {
+    /// The window of the filters for 11-bit identifiers.
+    pub const STANDARD: Self =
+        Self { max: 41, index: 43, command: 45, status: 47, count: 49, first_field: 50 };
+    /// The window of the filters for 29-bit identifiers.
+    pub const EXTENDED: Self =
+        Self { max: 42, index: 44, command: 46, status: 48, count: 55, first_field: 56 };
+    /// Both, that of the standard filters first.
+    pub const BOTH: [Self; 2] = [Self::STANDARD, Self::EXTENDED];
+
+    /// The subindices of type, action, sync, ID1 and ID2, in this order.
+    pub const fn fields(&self) -> core::ops::Range<u8> {
+        self.first_field..self.first_field + 5
+    }
+}
 
 /// The downloads that give a channel (0..3) these filters, in the order of the manual: for each
 /// kind the count, then per filter the index, its five fields and the save command. The channel
@@ -227,14 +262,23 @@ pub fn filter_writes<'a>(
 ) -> impl Iterator<Item = SdoWrite> + 'a {
     let standard = standard.get(..usize::from(STANDARD_FILTERS_MAX)).unwrap_or(standard);
     let extended = extended.get(..usize::from(EXTENDED_FILTERS_MAX)).unwrap_or(extended);
-    window_writes(channel, &STANDARD, standard.iter().map(RawFilter::from), standard.len()).chain(
-        window_writes(channel, &EXTENDED, extended.iter().map(RawFilter::from), extended.len()),
+    window_writes(
+        channel,
+        FilterWindow::STANDARD,
+        standard.iter().map(RawFilter::from),
+        standard.len(),
     )
+    .chain(window_writes(
+        channel,
+        FilterWindow::EXTENDED,
+        extended.iter().map(RawFilter::from),
+        extended.len(),
+    ))
 }
 
 fn window_writes<'a>(
     channel: u8,
-    window: &'static Window,
+    window: FilterWindow,
     filters: impl Iterator<Item = RawFilter> + 'a,
     count: usize,
 ) -> impl Iterator<Item = SdoWrite> + 'a {

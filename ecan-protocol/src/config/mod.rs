@@ -22,7 +22,7 @@ pub use diagnostic_test::{
 };
 pub use filters::{
     ExtendedFilter, ExtendedMatch, FilterAction, FilterCommand, FilterCommandStatus, FilterFault,
-    StandardFilter, StandardMatch, check_filters, filter_writes,
+    FilterWindow, StandardFilter, StandardMatch, check_filters, filter_writes,
 };
 pub use mcan_channel::{
     ApplyStatus, BitTimingMode, McanChannelConfig, NodeMode, NonMatch, SamplePointWindow,

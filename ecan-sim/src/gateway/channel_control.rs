@@ -2,7 +2,7 @@
 //! editing window (manual 13.4).
 
 use ecan_protocol::{
-    ApplyStatus, BitTimingMode, ChannelFault, FilterCommand, FilterCommandStatus,
+    ApplyStatus, BitTimingMode, ChannelFault, FilterCommand, FilterCommandStatus, FilterWindow,
     McanChannelConfig, NodeMode, object,
 };
 
@@ -20,30 +20,16 @@ const FIRST_CLOCK: u8 = 6;
 
 /// Subindices of 0x8001..0x8004 that do something when written, or that the firmware writes.
 pub(super) mod subindex {
+    use ecan_protocol::FilterWindow;
+
     pub(in crate::gateway) const APPLY: u8 = 1;
     pub(in crate::gateway) const APPLY_STATUS: u8 = 2;
     pub(in crate::gateway) const FLASH: u8 = 3;
     pub(in crate::gateway) const FLASH_STATUS: u8 = 4;
     pub(in crate::gateway) const COMMAND_SEQUENCE: u8 = 5;
-    pub(in crate::gateway) const STANDARD_COMMAND: u8 = 45;
-    pub(in crate::gateway) const EXTENDED_COMMAND: u8 = 46;
+    pub(in crate::gateway) const STANDARD_COMMAND: u8 = FilterWindow::STANDARD.command;
+    pub(in crate::gateway) const EXTENDED_COMMAND: u8 = FilterWindow::EXTENDED.command;
 }
-
-/// One of the two filter editing windows.
-#[derive(Clone, Copy, Debug)]
-struct Window {
-    list_max: u8,
-    current: u8,
-    status: u8,
-    count: u8,
-    /// Type, action, sync, ID1 and ID2 follow each other.
-    first_field: u8,
-}
-
-const STANDARD: Window =
-    Window { list_max: 41, current: 43, status: 47, count: 49, first_field: 50 };
-const EXTENDED: Window =
-    Window { list_max: 42, current: 44, status: 48, count: 55, first_field: 56 };
 
 /// Filter lists of one channel as edited, applied or not.
 #[derive(Debug)]
@@ -89,8 +75,11 @@ impl FilterLists {
         extended: bool,
         command: u8,
     ) {
-        let (list, window) =
-            if extended { (&mut self.extended, EXTENDED) } else { (&mut self.standard, STANDARD) };
+        let (list, window) = if extended {
+            (&mut self.extended, FilterWindow::EXTENDED)
+        } else {
+            (&mut self.standard, FilterWindow::STANDARD)
+        };
         let status = edit(list, values, index, window, command);
         values.set(index, window.status, u32::from(status.raw()));
     }
@@ -100,7 +89,7 @@ fn edit(
     list: &mut [FilterElement],
     values: &mut DictionaryValues,
     index: u16,
-    window: Window,
+    window: FilterWindow,
     command: u8,
 ) -> FilterCommandStatus {
     let command = match FilterCommand::from_raw(command) {
@@ -109,8 +98,8 @@ fn edit(
         None | Some(FilterCommand::Flash) => return FilterCommandStatus::InvalidCommand,
         Some(command) => command,
     };
-    let current = values.get_u8(index, window.current);
-    let known = current < values.get_u8(index, window.list_max);
+    let current = values.get_u8(index, window.index);
+    let known = current < values.get_u8(index, window.max);
     let Some(element) = list.get_mut(usize::from(current)).filter(|_| known) else {
         return FilterCommandStatus::InvalidIndex;
     };
@@ -216,13 +205,13 @@ fn filter_table(
     config: &McanChannelConfig,
     lists: &FilterLists,
 ) -> Result<FilterTable, ApplyStatus> {
-    let used = |list: &[FilterElement], window: Window| {
+    let used = |list: &[FilterElement], window: FilterWindow| {
         let count = usize::from(values.get_u8(index, window.count));
         list.get(..count).map(<[FilterElement]>::to_vec).ok_or(ApplyStatus::BuildFail)
     };
     Ok(FilterTable {
-        standard: used(&lists.standard, STANDARD)?,
-        extended: used(&lists.extended, EXTENDED)?,
+        standard: used(&lists.standard, FilterWindow::STANDARD)?,
+        extended: used(&lists.extended, FilterWindow::EXTENDED)?,
         non_match_standard: config.non_match_standard,
         non_match_extended: config.non_match_extended,
         reject_remote_standard: config.reject_remote_standard,

@@ -9,6 +9,7 @@
 mod bus;
 mod channel;
 mod commands;
+mod config_file;
 mod ethercat_tool;
 mod failure;
 mod frames;

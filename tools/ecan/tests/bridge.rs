@@ -3,45 +3,17 @@
 
 mod support;
 
-use std::io::{Read as _, Write as _};
-use std::net::TcpStream;
-use std::time::Duration;
+use std::io::Write as _;
 
+use support::client::Client;
+use support::deadline::Deadlined;
 use support::{Running, fails};
 
-/// Nothing here takes anywhere near as long, unless it fails.
-const PATIENCE: Duration = Duration::from_secs(60);
-
-struct Client(TcpStream);
-
-impl Client {
-    fn connect(address: &str) -> Self {
-        let stream = TcpStream::connect(address).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        Self(stream)
-    }
-
-    fn say(&mut self, text: &str) {
-        self.0.write_all(text.as_bytes()).unwrap();
-    }
-
-    fn expect(&mut self, text: &str) {
-        let mut bytes = vec![0; text.len()];
-        self.0.read_exact(&mut bytes).unwrap();
-        assert_eq!(String::from_utf8_lossy(&bytes), text);
-    }
-
-    /// A frame as socketcand writes it, without its time.
-    fn expect_frame(&mut self, id: &str, data: &str) {
-        let mut text = String::new();
-        while !text.ends_with('>') {
-            let mut byte = [0];
-            self.0.read_exact(&mut byte).unwrap();
-            text.push(byte[0].into());
-        }
-        let words: Vec<_> = text.split(' ').collect();
-        assert_eq!((words[1], words[2], words[4]), ("frame", id, data), "{text}");
-    }
+/// Waits for a frame as socketcand writes it, without its time.
+fn expect_frame(client: &mut Client, id: &str, data: &str) {
+    let text = client.hear_through('>');
+    let words: Vec<_> = text.split(' ').collect();
+    assert_eq!((words[1], words[2], words[4]), ("frame", id, data), "{text}");
 }
 
 /// The address in a line as "slcan bridge at 127.0.0.1:1234 on can1".
@@ -71,10 +43,10 @@ fn clients_of_both_protocols_meet_on_the_channel() {
     // The sender hears the node's echo, the others its frame too.
     slcan.say("t1232AABB\r");
     slcan.expect("z\rt1232AABB\r");
-    socketcand.expect_frame("123", "AABB");
-    socketcand.expect_frame("123", "AABB");
+    expect_frame(&mut socketcand, "123", "AABB");
+    expect_frame(&mut socketcand, "123", "AABB");
     socketcand.say("< send 00000045 1 7F >");
-    socketcand.expect_frame("00000045", "7F");
+    expect_frame(&mut socketcand, "00000045", "7F");
     slcan.expect("T0000004517F\rT0000004517F\r");
 
     bridge.terminate();
@@ -89,7 +61,9 @@ fn can_fd_goes_over_slcan_and_bit_rates_are_those_of_the_channel() {
         Running::start(&["--ecrt", "sim", "bridge", "--data-bitrate", "2000000", "--json"]);
     let mut text = String::new();
     while !text.ends_with(']') {
-        text.push_str(&bridge.line());
+        let line = bridge.line();
+        assert_ne!(line, "", "{text}");
+        text.push_str(&line);
     }
     let places: serde_json::Value = serde_json::from_str(&text).unwrap();
     assert_eq!((&places[0]["protocol"], &places[0]["channel"]), (&"slcan".into(), &0.into()));
@@ -103,6 +77,14 @@ fn can_fd_goes_over_slcan_and_bit_rates_are_those_of_the_channel() {
     let mut other = Client::connect(address);
     other.say("S8\rO\rt1230\r");
     other.expect("\r\r\x07");
+    // What did not go through is told at the end.
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    let told =
+        format!("# slcan bridge at {address}: 1 frames for the bus were refused: the channel");
+    assert_eq!(errors.matches(&told).count(), 1, "{errors}");
+    assert_eq!(errors.matches('#').count(), 1, "{errors}");
 }
 
 #[test]
@@ -114,12 +96,10 @@ fn a_terminal_is_a_serial_adapter() {
     assert_eq!(bridge.line(), format!("slcan bridge at {path} on can0"));
     // One program after the other, each finding the terminal as a serial port.
     for id in ["123", "124"] {
-        let open = || std::fs::File::options().read(true).write(true).open(&link).unwrap();
-        let mut port = open();
+        let mut port = std::fs::File::options().read(true).write(true).open(&link).unwrap();
         port.write_all(format!("C\rS6\rO\rt{id}2AABB\r").as_bytes()).unwrap();
-        let mut answer = vec![0; "\r\r\rz\rt1232AABB\r".len()];
-        port.read_exact(&mut answer).unwrap();
         let expected = format!("\r\r\rz\rt{id}2AABB\r");
+        let answer = Deadlined::new(port.try_clone().unwrap()).bytes(expected.len());
         assert_eq!(String::from_utf8_lossy(&answer), expected);
     }
     bridge.terminate();

@@ -3,11 +3,9 @@
 
 mod support;
 
-use std::io::{Read as _, Write as _};
-use std::process::{Child, Command};
+use std::process::Command;
 
-use nix::pty::{Winsize, openpty};
-use nix::sys::termios::{LocalFlags, tcgetattr};
+use support::terminal::{ENTER, LEAVE, OnTerminal};
 use support::{Scenario, ecan, ends, fails, good, scenario, setting, simulated};
 
 #[test]
@@ -145,74 +143,16 @@ fn misuse_is_named_and_told_by_the_status() {
     }
 }
 
-/// The program on a terminal.
-struct OnTerminal {
-    child: Child,
-    master: std::fs::File,
-    /// Keeps the terminal after the program.
-    terminal: std::os::fd::OwnedFd,
-    shown: Vec<u8>,
+/// The monitor on a terminal.
+fn on_terminal(library: &str) -> OnTerminal {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    OnTerminal::start(command.args(["--ecrt", library, "monitor"]).env_remove("ECAN_ECRT"))
 }
-
-impl OnTerminal {
-    fn start(library: &str) -> Self {
-        let size = Winsize { ws_row: 40, ws_col: 100, ws_xpixel: 0, ws_ypixel: 0 };
-        let pty = openpty(Some(&size), None).unwrap();
-        let end = || std::process::Stdio::from(pty.slave.try_clone().unwrap());
-        let child = Command::new(env!("CARGO_BIN_EXE_ecan"))
-            .args(["--ecrt", library, "monitor"])
-            .env_remove("ECAN_ECRT")
-            .env("TERM", "xterm")
-            .stdin(end())
-            .stdout(end())
-            .stderr(end())
-            .spawn()
-            .unwrap();
-        Self { child, master: pty.master.into(), terminal: pty.slave, shown: Vec::new() }
-    }
-
-    /// Reads until the screen has had this word; blanks are not written where nothing was.
-    fn wait_for(&mut self, words: &str) {
-        let has = |shown: &[u8]| shown.windows(words.len()).any(|it| it == words.as_bytes());
-        let mut buffer = [0; 4096];
-        while !has(&self.shown) {
-            let length = self.master.read(&mut buffer).unwrap();
-            assert!(length > 0);
-            self.shown.extend_from_slice(&buffer[..length]);
-        }
-    }
-
-    fn is_raw(&self) -> bool {
-        !tcgetattr(&self.terminal).unwrap().local_flags.contains(LocalFlags::ICANON)
-    }
-
-    fn press(&mut self, keys: &[u8]) {
-        self.master.write_all(keys).unwrap();
-    }
-
-    /// Waits for the end; the terminal has to be as it was.
-    fn end(mut self) -> Option<i32> {
-        self.wait_for(LEAVE);
-        let status = self.child.wait().unwrap();
-        assert!(!self.is_raw());
-        status.code()
-    }
-}
-
-impl Drop for OnTerminal {
-    fn drop(&mut self) {
-        let _ = self.child.kill();
-        let _ = self.child.wait();
-    }
-}
-
-const ENTER: &str = "\x1b[?1049h";
-const LEAVE: &str = "\x1b[?1049l";
 
 #[test]
 fn on_a_terminal_it_draws_until_a_key_ends_it() {
     for key in [&b"q"[..], b"\x1b", b"\x03"] {
-        let mut monitor = OnTerminal::start("sim");
+        let mut monitor = on_terminal("sim");
         monitor.wait_for(ENTER);
         monitor.wait_for("Channels");
         monitor.wait_for("Cycle");
@@ -222,17 +162,17 @@ fn on_a_terminal_it_draws_until_a_key_ends_it() {
         monitor.wait_for("Keys");
         monitor.press(b"?p");
         monitor.press(key);
-        assert_eq!(monitor.end(), Some(0), "{key:?}");
+        assert_eq!(monitor.end().0, Some(0), "{key:?}");
     }
 }
 
 #[test]
 fn a_signal_ends_it_with_the_terminal_as_it_was() {
-    let mut monitor = OnTerminal::start("sim");
+    let mut monitor = on_terminal("sim");
     monitor.wait_for("Channels");
-    let id = monitor.child.id().to_string();
-    assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
-    assert_eq!(monitor.end(), Some(0));
+    assert!(monitor.is_raw());
+    monitor.terminate();
+    assert_eq!(monitor.end().0, Some(0));
 }
 
 #[test]
@@ -240,10 +180,11 @@ fn a_bus_that_fails_ends_it_with_the_terminal_as_it_was_and_a_message() {
     let fault = "[[fault]]\nat_ms = 3000\nkind = \"library_error\"\ncall = \"send\"\n\
                  errno = \"EIO\"\ntimes = 1000000\n";
     let file = scenario(&format!("[[gateway]]\n{fault}"));
-    let mut monitor = OnTerminal::start(&setting(&file));
+    let mut monitor = on_terminal(&setting(&file));
     monitor.wait_for("Channels");
     monitor.wait_for(LEAVE);
+    let (status, said) = monitor.end();
+    assert_eq!(status, Some(3));
     // The message comes behind the screen, not on it.
-    monitor.wait_for("ecan: ");
-    assert_eq!(monitor.end(), Some(3));
+    assert!(said.contains("ecan: "), "{said}");
 }

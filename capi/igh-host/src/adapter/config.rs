@@ -9,7 +9,6 @@ use ecan_mcan_host::boundary::{Call, Plain, Room, Sealed, call, put_text};
 use ecan_mcan_host::common::constants::{ECAN_DEFAULT_CYCLE_US, ECAN_DEFAULT_PDO_MULTIPLIER};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::PortConfig;
-use ecan_protocol::{ObjectType, SdoWrite};
 
 use crate::errors;
 use crate::mcan_port::config::PortPlain;
@@ -39,14 +38,11 @@ pub(crate) struct SlavePlain {
     pub(crate) identity: Option<Identity>,
 }
 
-/// A startup SDO of the application.
+/// A startup step of the application or of a configuration file.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct StartupPlain {
     pub(crate) slave: u16,
-    pub(crate) index: u16,
-    pub(crate) subindex: u8,
-    pub(crate) size: u8,
-    pub(crate) value: u32,
+    pub(crate) step: StartupStep,
 }
 
 /// A short text in place.
@@ -86,8 +82,8 @@ pub(crate) struct AdapterPlain {
     pub(crate) dc: Option<DcSync>,
     pub(crate) allow_large_pdos: bool,
     pub(crate) preop_timeout_ms: u32,
-    pub(crate) startup: [StartupPlain; ECAN_IGH_MAX_STARTUP_SDOS],
-    pub(crate) startup_count: usize,
+    /// In order.
+    pub(crate) startup: [Option<StartupPlain>; ECAN_IGH_MAX_STARTUP_SDOS],
     /// Whether the setting was set, empty included.
     pub(crate) is_ecrt_set: bool,
     pub(crate) ecrt: Text<ECAN_IGH_MAX_SETTING>,
@@ -122,9 +118,7 @@ impl AdapterPlain {
             dc: None,
             allow_large_pdos: false,
             preop_timeout_ms: defaults.preop_timeout_ms,
-            startup: [StartupPlain { slave: 0, index: 0, subindex: 0, size: 0, value: 0 };
-                ECAN_IGH_MAX_STARTUP_SDOS],
-            startup_count: 0,
+            startup: [None; ECAN_IGH_MAX_STARTUP_SDOS],
             is_ecrt_set: false,
             ecrt: Text::EMPTY,
             scenario: Text::EMPTY,
@@ -168,6 +162,81 @@ impl AdapterPlain {
         self.slaves[..count].get_mut(slave).ok_or_else(|| no_slave(call, slave, count))
     }
 
+    /// A slave that is configured, to be looked at.
+    pub(crate) fn slave_of(&self, call: Call, slave: usize) -> Result<&SlavePlain, ecan_result_t> {
+        let count = self.slave_count;
+        self.slaves[..count].get(slave).ok_or_else(|| no_slave(call, slave, count))
+    }
+
+    /// Another startup step of a slave that is configured.
+    pub(crate) fn add_startup(
+        &mut self,
+        call: Call,
+        slave: usize,
+        step: StartupStep,
+    ) -> Result<(), ecan_result_t> {
+        let Some(place) = self.startup.iter_mut().find(|place| place.is_none()) else {
+            let words = format_args!("{ECAN_IGH_MAX_STARTUP_SDOS} startup SDOs are the most");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, words));
+        };
+        *place = Some(StartupPlain { slave: slave as u16, step });
+        Ok(())
+    }
+
+    /// As an Adapter's configuration says; what it has no word for stays: the library and the
+    /// simulation.
+    ///
+    /// # Errors
+    /// More slaves or startup steps than there is room for.
+    pub(crate) fn with(&self, call: Call, config: &AdapterConfig) -> Result<Self, ecan_result_t> {
+        let AdapterConfig {
+            master_index,
+            ref slaves,
+            cycle_ns,
+            dc,
+            allow_large_pdos,
+            preop_timeout_ms,
+        } = *config;
+        let mut plain = Self {
+            master_index,
+            slave_count: slaves.len(),
+            cycle_ns,
+            dc,
+            allow_large_pdos,
+            preop_timeout_ms,
+            is_ecrt_set: self.is_ecrt_set,
+            ecrt: self.ecrt,
+            scenario: self.scenario,
+            is_stepped: self.is_stepped,
+            seed: self.seed,
+            ..Self::new()
+        };
+        if slaves.len() > ECAN_IGH_MAX_SLAVES {
+            let words =
+                format_args!("{} gateways, {ECAN_IGH_MAX_SLAVES} are the most", slaves.len());
+            return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, words));
+        }
+        for (place, settings) in plain.slaves.iter_mut().zip(slaves) {
+            // Startup steps follow; their base is made of the Port's configuration.
+            let SlaveSettings {
+                alias,
+                position,
+                rx_multiplier,
+                tx_multiplier,
+                identity,
+                base_startup: _,
+                startup: _,
+            } = *settings;
+            *place = SlavePlain { alias, position, rx_multiplier, tx_multiplier, identity };
+        }
+        for (slave, settings) in slaves.iter().enumerate() {
+            for step in &settings.startup {
+                plain.add_startup(call, slave, *step)?;
+            }
+        }
+        Ok(plain)
+    }
+
     /// The gateways' configuration that igh_mcan_port_apply_config() gave.
     pub(crate) fn applied(&self) -> Option<PortConfig> {
         self.port.as_ref().map(|port| port.settings(self.slave_count))
@@ -187,15 +256,9 @@ impl AdapterPlain {
                 startup: Vec::new(),
             })
             .collect();
-        for sdo in &self.startup[..self.startup_count] {
-            let ty = match sdo.size {
-                1 => ObjectType::U8,
-                2 => ObjectType::U16,
-                _ => ObjectType::U32,
-            };
-            let write = SdoWrite::new(sdo.index, sdo.subindex, ty, sdo.value);
-            if let Some(slave) = slaves.get_mut(usize::from(sdo.slave)) {
-                slave.startup.push(StartupStep::Download(write));
+        for StartupPlain { slave, step } in self.startup.iter().flatten() {
+            if let Some(slave) = slaves.get_mut(usize::from(*slave)) {
+                slave.startup.push(*step);
             }
         }
         let mut config = AdapterConfig {

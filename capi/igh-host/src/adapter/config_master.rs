@@ -133,6 +133,24 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_count(
     })
 }
 
+/// Gets the number of slaves, as igh_mcan_port_load_config() found it in a file for example.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_get_slave_count(
+    config: *const ecan_igh_config_t,
+    count: *mut usize,
+) -> c_int {
+    call("ecan_igh_config_get_slave_count", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (config, out) =
+            unsafe { (AdapterPlain::read(call, config)?, call.out("count", count)?) };
+        out.set(config.slave_count);
+        Ok(())
+    })
+}
+
 /// Sets the period of the application's cycle.
 ///
 /// @param cycle_us  Microseconds, 1 to 4294967.
@@ -151,6 +169,26 @@ pub unsafe extern "C" fn ecan_igh_config_set_cycle_us(
             let most = u32::MAX / 1000;
             call.argument("cycle_us", format_args!("{cycle_us} is not 1 to {most}"))
         })?;
+        Ok(())
+    })
+}
+
+/// Gets the period of the application's cycle.
+///
+/// @param cycle_ns  Nanoseconds: a file may have fractions of a microsecond.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_get_cycle_ns(
+    config: *const ecan_igh_config_t,
+    cycle_ns: *mut u32,
+) -> c_int {
+    call("ecan_igh_config_get_cycle_ns", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (config, out) =
+            unsafe { (AdapterPlain::read(call, config)?, call.out("cycle_ns", cycle_ns)?) };
+        out.set(config.cycle_ns);
         Ok(())
     })
 }

@@ -2,12 +2,13 @@
 
 use std::ffi::{c_int, c_void};
 
-use ecan_host::Identity;
+use ecan_host::{Identity, StartupStep};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::constants::ECAN_PDO_MAX_MULTIPLIER;
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_protocol::{ObjectType, SdoWrite};
 
-use super::config::{AdapterPlain, ECAN_IGH_MAX_STARTUP_SDOS, StartupPlain, ecan_igh_config_t};
+use super::config::{AdapterPlain, ecan_igh_config_t};
 
 fn multiplier(call: Call, name: &str, multiplier: u32) -> Result<u8, ecan_result_t> {
     if !(1..=ECAN_PDO_MAX_MULTIPLIER).contains(&multiplier) {
@@ -81,6 +82,32 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_pdo_multipliers(
     })
 }
 
+/// Gets N of each direction of one slave.
+///
+/// @param rx_n  Of the RxPDO, master to slave.
+/// @param tx_n  Of the TxPDO, slave to master.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_get_slave_pdo_multipliers(
+    config: *const ecan_igh_config_t,
+    slave: usize,
+    rx_n: *mut u32,
+    tx_n: *mut u32,
+) -> c_int {
+    call("ecan_igh_config_get_slave_pdo_multipliers", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (config, rx, tx) = unsafe {
+            (AdapterPlain::read(call, config)?, call.out("rx_n", rx_n)?, call.out("tx_n", tx_n)?)
+        };
+        let slave = config.slave_of(call, slave)?;
+        rx.set(slave.rx_multiplier.into());
+        tx.set(slave.tx_multiplier.into());
+        Ok(())
+    })
+}
+
 /// Says where a slave is.
 ///
 /// @param alias     Station alias that the position counts from; 0 counts from the start of the bus.
@@ -99,6 +126,33 @@ pub unsafe extern "C" fn ecan_igh_config_set_slave_position(
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let slave = unsafe { AdapterPlain::open(call, config)? }.slave(call, slave)?;
         (slave.alias, slave.position) = (alias, position);
+        Ok(())
+    })
+}
+
+/// Gets where a slave is, as ecan_igh_config_set_slave_position() says it.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_get_slave_position(
+    config: *const ecan_igh_config_t,
+    slave: usize,
+    alias: *mut u16,
+    position: *mut u16,
+) -> c_int {
+    call("ecan_igh_config_get_slave_position", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (config, alias, position) = unsafe {
+            (
+                AdapterPlain::read(call, config)?,
+                call.out("alias", alias)?,
+                call.out("position", position)?,
+            )
+        };
+        let slave = config.slave_of(call, slave)?;
+        alias.set(slave.alias);
+        position.set(slave.position);
         Ok(())
     })
 }
@@ -149,18 +203,15 @@ pub unsafe extern "C" fn ecan_igh_config_add_startup_sdo(
             (AdapterPlain::open(call, config)?, call.items("data", data.cast::<u8>(), size)?)
         };
         config.slave(call, slave)?;
-        if !matches!(size, 1 | 2 | 4) {
-            return Err(call.argument("size", format_args!("{size} is not 1, 2 or 4")));
-        }
+        let ty = match size {
+            1 => ObjectType::U8,
+            2 => ObjectType::U16,
+            4 => ObjectType::U32,
+            _ => return Err(call.argument("size", format_args!("{size} is not 1, 2 or 4"))),
+        };
         let mut bytes = [0; 4];
         bytes[..size].copy_from_slice(data);
-        let Some(place) = config.startup.get_mut(config.startup_count) else {
-            let words = format_args!("{ECAN_IGH_MAX_STARTUP_SDOS} startup SDOs are the most");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_FULL, words));
-        };
-        let (slave, size) = (slave as u16, size as u8);
-        *place = StartupPlain { slave, index, subindex, size, value: u32::from_le_bytes(bytes) };
-        config.startup_count += 1;
-        Ok(())
+        let write = SdoWrite::new(index, subindex, ty, u32::from_le_bytes(bytes));
+        config.add_startup(call, slave, StartupStep::Download(write))
     })
 }

@@ -35,9 +35,11 @@ pub(crate) struct ChannelPlain {
     pub(crate) traffic: Traffic,
 }
 
-impl From<ChannelSettings> for ChannelPlain {
-    fn from(settings: ChannelSettings) -> Self {
-        let ChannelSettings { can, data_path, traffic, .. } = settings;
+impl From<&ChannelSettings> for ChannelPlain {
+    fn from(settings: &ChannelSettings) -> Self {
+        // Filters have a table of their own.
+        let ChannelSettings { can, data_path, traffic, standard_filters: _, extended_filters: _ } =
+            *settings;
         Self { can, data_path, traffic }
     }
 }
@@ -80,35 +82,42 @@ impl Plain for PortPlain {
 
 impl PortPlain {
     fn new() -> Self {
-        let GatewayConfig {
-            channels: _,
-            tx_encapsulation,
-            rx_encapsulation,
-            tx_budget,
-            rx_budget,
-            tx_options,
-            rx_options,
-            paced,
-            hold_limit,
-            input_limit,
-            schedule,
-            allow_diagnostic_tests,
-        } = GatewayConfig::default();
-        let gateway = GatewayPlain {
-            channels: [None; ECAN_MCAN_CHANNELS],
-            tx_encapsulation,
-            rx_encapsulation,
-            tx_budget,
-            rx_budget,
-            tx_options,
-            rx_options,
-            paced,
-            hold_limit,
-            input_limit,
-            schedule,
-            allow_diagnostic_tests,
-        };
+        let gateway = GatewayPlain::of(&GatewayConfig::default());
         Self { gateways: [gateway; ECAN_IGH_MAX_SLAVES], filters: [None; IGH_MCAN_MAX_FILTERS] }
+    }
+
+    /// What a Port's configuration says.
+    ///
+    /// # Errors
+    /// More gateways or filters than there is room for.
+    pub(crate) fn of(call: Call, config: &PortConfig) -> Result<Self, ecan_result_t> {
+        let PortConfig { gateways } = config;
+        let mut plain = Self::new();
+        let full = |what, count, most| {
+            let words = format_args!("{count} {what}, {most} are the most");
+            Err(call.fail(ecan_result_t::ECAN_ERR_FULL, words))
+        };
+        if gateways.len() > ECAN_IGH_MAX_SLAVES {
+            return full("gateways", gateways.len(), ECAN_IGH_MAX_SLAVES);
+        }
+        let mut filters = Vec::new();
+        for (slave, (place, gateway)) in plain.gateways.iter_mut().zip(gateways).enumerate() {
+            *place = GatewayPlain::of(gateway);
+            for (channel, settings) in gateway.channels.iter().enumerate() {
+                let Some(settings) = settings else { continue };
+                let standard = settings.standard_filters.iter().copied().map(FilterPlain::Standard);
+                let extended = settings.extended_filters.iter().copied().map(FilterPlain::Extended);
+                let both = standard.chain(extended);
+                filters.extend(both.map(|filter| (slave as u16, channel as u8, filter)));
+            }
+        }
+        if filters.len() > IGH_MCAN_MAX_FILTERS {
+            return full("filters", filters.len(), IGH_MCAN_MAX_FILTERS);
+        }
+        for (place, filter) in plain.filters.iter_mut().zip(filters) {
+            *place = Some(filter);
+        }
+        Ok(plain)
     }
 
     /// The configuration of C, to be changed.
@@ -145,6 +154,16 @@ impl PortPlain {
         gateway.ok_or_else(|| no_slave(call, slave, ECAN_IGH_MAX_SLAVES))
     }
 
+    /// A gateway that a configuration may have, to be looked at.
+    pub(crate) fn gateway_of(
+        &self,
+        call: Call,
+        slave: usize,
+    ) -> Result<&GatewayPlain, ecan_result_t> {
+        let gateway = self.gateways.get(slave);
+        gateway.ok_or_else(|| no_slave(call, slave, ECAN_IGH_MAX_SLAVES))
+    }
+
     /// A channel that is enabled, to be looked at.
     pub(crate) fn channel_of(
         &self,
@@ -152,8 +171,7 @@ impl PortPlain {
         slave: usize,
         channel: u8,
     ) -> Result<&ChannelPlain, ecan_result_t> {
-        let gateway = self.gateways.get(slave);
-        let gateway = gateway.ok_or_else(|| no_slave(call, slave, ECAN_IGH_MAX_SLAVES))?;
+        let gateway = self.gateway_of(call, slave)?;
         let place = gateway.channels.get(usize::from(channel)).and_then(Option::as_ref);
         place.ok_or_else(|| not_enabled(call, slave, channel))
     }
@@ -194,6 +212,38 @@ fn not_enabled(call: Call, slave: usize, channel: u8) -> ecan_result_t {
 }
 
 impl GatewayPlain {
+    /// Without the filters.
+    fn of(config: &GatewayConfig) -> Self {
+        let GatewayConfig {
+            ref channels,
+            tx_encapsulation,
+            rx_encapsulation,
+            tx_budget,
+            rx_budget,
+            tx_options,
+            rx_options,
+            paced,
+            hold_limit,
+            input_limit,
+            schedule,
+            allow_diagnostic_tests,
+        } = *config;
+        Self {
+            channels: channels.each_ref().map(|channel| channel.as_ref().map(ChannelPlain::from)),
+            tx_encapsulation,
+            rx_encapsulation,
+            tx_budget,
+            rx_budget,
+            tx_options,
+            rx_options,
+            paced,
+            hold_limit,
+            input_limit,
+            schedule,
+            allow_diagnostic_tests,
+        }
+    }
+
     /// The place of a channel.
     pub(crate) fn place(
         &mut self,

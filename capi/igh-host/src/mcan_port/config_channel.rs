@@ -48,10 +48,45 @@ pub unsafe extern "C" fn igh_mcan_port_set_channel_mask(
             *place = match *place {
                 _ if !is_enabled => None,
                 Some(kept) if kept.can.fd == is_fd => Some(kept),
-                _ if is_fd => Some(ChannelSettings::fd(NOMINAL, DATA).into()),
-                _ => Some(ChannelSettings::classic(NOMINAL).into()),
+                _ if is_fd => Some((&ChannelSettings::fd(NOMINAL, DATA)).into()),
+                _ => Some((&ChannelSettings::classic(NOMINAL)).into()),
             };
         }
+        Ok(())
+    })
+}
+
+/// Gets which channels of a gateway are enabled, and which of them for CAN FD. Their bit rates are
+/// objects 19 and 20 (igh_mcan_port_get_channel_object()).
+///
+/// @param channel_mask  Gets the channels, bit 0 for channel 0.
+/// @param canfd_mask    Gets those of them for CAN FD.
+///
+/// @usage   not rt, any thread, any time
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_SLAVE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_get_channel_mask(
+    config: *const igh_mcan_port_config_t,
+    slave: usize,
+    channel_mask: *mut u8,
+    canfd_mask: *mut u8,
+) -> c_int {
+    call("igh_mcan_port_get_channel_mask", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        let (config, enabled_out, fd_out) = unsafe {
+            (
+                PortPlain::read(call, config)?,
+                call.out("channel_mask", channel_mask)?,
+                call.out("canfd_mask", canfd_mask)?,
+            )
+        };
+        let (mut enabled, mut fd) = (0, 0);
+        for (bit, channel) in config.gateway_of(call, slave)?.channels.iter().enumerate() {
+            enabled |= u8::from(channel.is_some()) << bit;
+            fd |= u8::from(channel.is_some_and(|channel| channel.can.fd)) << bit;
+        }
+        enabled_out.set(enabled);
+        fd_out.set(fd);
         Ok(())
     })
 }
@@ -73,7 +108,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_classic_channel(
     call("igh_mcan_port_set_classic_channel", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
-        *gateway.place(call, channel)? = Some(ChannelSettings::classic(bitrate).into());
+        *gateway.place(call, channel)? = Some((&ChannelSettings::classic(bitrate)).into());
         Ok(())
     })
 }
@@ -97,7 +132,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_canfd_channel(
     call("igh_mcan_port_set_canfd_channel", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
-        *gateway.place(call, channel)? = Some(ChannelSettings::fd(nominal, data).into());
+        *gateway.place(call, channel)? = Some((&ChannelSettings::fd(nominal, data)).into());
         Ok(())
     })
 }
@@ -149,7 +184,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_traffic(
         let channel = unsafe { PortPlain::open(call, config)? }.channel(call, slave, channel)?;
         let ChannelPlain { can, data_path, .. } = *channel;
         let settings = ChannelSettings { can, data_path, ..ChannelSettings::classic(NOMINAL) };
-        *channel = settings.with_traffic(Traffic { received, sent }).into();
+        *channel = (&settings.with_traffic(Traffic { received, sent })).into();
         Ok(())
     })
 }

@@ -2,6 +2,7 @@
 
 pub mod config;
 pub mod config_channel;
+pub mod config_file;
 pub mod config_filter;
 pub mod config_gateway;
 pub mod context;

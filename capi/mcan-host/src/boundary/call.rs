@@ -197,6 +197,25 @@ impl Call {
         Ok(())
     }
 
+    /// Bytes of C that end with NUL: a text of any encoding, or a path.
+    ///
+    /// # Errors
+    /// NULL.
+    ///
+    /// # Safety
+    /// `bytes` is NULL or ends with NUL, and is not written to meanwhile.
+    pub unsafe fn c_str<'a>(
+        self,
+        name: &str,
+        bytes: *const c_char,
+    ) -> Result<&'a CStr, ecan_result_t> {
+        if bytes.is_null() {
+            return Err(self.null(name));
+        }
+        // SAFETY: not NULL, so it ends with NUL by the caller's promise.
+        Ok(unsafe { CStr::from_ptr(bytes) })
+    }
+
     /// A text of C.
     ///
     /// # Errors
@@ -209,11 +228,8 @@ impl Call {
         name: &str,
         text: *const c_char,
     ) -> Result<&'a str, ecan_result_t> {
-        if text.is_null() {
-            return Err(self.null(name));
-        }
-        // SAFETY: not NULL, so it ends with NUL by the caller's promise.
-        let text = unsafe { CStr::from_ptr(text) };
+        // SAFETY: the caller's promise.
+        let text = unsafe { self.c_str(name, text)? };
         text.to_str().map_err(|_| self.argument(name, format_args!("is not UTF-8")))
     }
 }

@@ -81,6 +81,8 @@ pub enum ecan_result_t {
     /// The system does not grant what a real-time thread needs; ecan_last_error() says why and what
     /// to do.
     ECAN_ERR_PRIVILEGE = -35,
+    /// A file cannot be read; ecan_last_error() says which and why.
+    ECAN_ERR_FILE = -36,
     /// A fault of the library itself. Please report it with the text of ecan_last_error().
     ECAN_ERR_INTERNAL = -99,
 }
@@ -147,6 +149,7 @@ results! {
     ECAN_ERR_CANOPEN: "a CANopen service failed",
     ECAN_ERR_STOPPED: "the application gave up waiting",
     ECAN_ERR_PRIVILEGE: "the system does not grant a privilege",
+    ECAN_ERR_FILE: "a file cannot be read",
     ECAN_ERR_INTERNAL: "internal fault of the library",
 }
 

@@ -6,15 +6,14 @@ use clap::{ArgGroup, Args};
 use ecan_candump::Filter;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::Received;
-use ecan_protocol::CHUNK_BYTES;
 
 use crate::failure::Failure;
-use crate::frames::capture::{CaptureOptions, FrameCapture};
 use crate::frames::channels::Channels;
 use crate::frames::format::{Heard, Screen};
-use crate::frames::options::GatewayOptions;
+use crate::frames::options::FrameOptions;
 use crate::frames::printer::Printer;
-use crate::frames::service::{Service, Wishes};
+use crate::frames::service::Service;
+use crate::frames::settings::{Settings, Wishes};
 use crate::frames::timestamp::Style;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -25,6 +24,7 @@ Examples:
   ecan dump --bitrate 1000000                  everything on all channels
   ecan dump --channel 0 -t a 123:7FF           identifier 123 on channel 0, with times
   ecan dump --listen-only -l drive.log         record without taking part in the bus
+  ecan dump --config cell.toml --channel 1     with bit rates, filters and all else of a file
   ecan dump --capture bus.pcapng               a file for Wireshark
   ecan dump -n 1 -T 500 701:7FF || echo quiet  wait half a second for a heartbeat
 
@@ -74,13 +74,11 @@ pub struct DumpArguments {
     /// Print in the form of the log
     #[arg(short = 'L', long, conflicts_with_all = ["ascii", "device_time"])]
     log_format: bool,
-    #[command(flatten)]
-    capture: CaptureOptions,
-    /// Show the frames although they go into a file
+    /// Show the frames although they go into a file, with --log or --capture
     #[arg(long, requires = "file")]
     screen: bool,
     #[command(flatten)]
-    options: GatewayOptions,
+    options: FrameOptions,
 }
 
 /// A word of the filter.
@@ -126,9 +124,8 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    if arguments.log.is_some() && arguments.log.as_deref() == arguments.capture.path() {
-        return Err(Failure::Usage("--log and --capture name the same file".to_owned()));
-    }
+    arguments.options.capture.check_apart_from(arguments.log.as_deref())?;
+    let settings = Settings::of(&arguments.options.gateway)?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     let screen = Screen {
         style: arguments.time,
@@ -138,25 +135,23 @@ pub fn run(
         is_log: arguments.log_format,
         is_json: global.json,
     };
-    let is_filed = arguments.log.is_some() || arguments.capture.path().is_some();
+    let is_filed = arguments.log.is_some() || arguments.options.capture.path().is_some();
     let is_shown = !is_filed || arguments.screen;
     // Before the gateway: the printer's thread keeps out of what the cycle's thread asks for.
     let mut printer = Printer::start(screen, is_shown, arguments.log.as_deref())?;
-    let pdo_bytes = usize::from(arguments.options.pdo_n) * CHUNK_BYTES;
-    let mut capture = FrameCapture::start(&arguments.capture, pdo_bytes)?;
     let wishes = Wishes {
         is_listening: arguments.listen_only,
         has_device_time: arguments.device_time,
         has_end: arguments.count.is_some() || arguments.timeout.is_some(),
         ..Wishes::on(arguments.channel)
     };
-    let service = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
+    let capture = &arguments.options.capture;
+    let service = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
     let heard = match service {
-        Some(service) => listen(arguments, service, &interrupt, &mut printer, &mut capture),
+        Some(service) => listen(arguments, service, &interrupt, &mut printer),
         None => Ok(0),
     };
     printer.finish(output)?;
-    capture.map_or(Ok(()), |capture| capture.finish(output))?;
     let (heard, wanted) = (heard?, arguments.count.unwrap_or(1));
     // Who has had enough need not hear that there was too little.
     if arguments.timeout.is_some() && heard < wanted && !interrupt.is_set() {
@@ -175,38 +170,27 @@ fn listen(
     mut service: Service,
     interrupt: &Interrupt,
     printer: &mut Printer,
-    capture: &mut Option<FrameCapture>,
 ) -> Result<u64, Failure> {
     let selection = Selection::new(&arguments.rules);
     let timeout_ns = arguments.timeout.map(|ms| ms.saturating_mul(1_000_000));
     let (mut heard, mut last_ns) = (0, service.now_ns());
     loop {
-        let cycle = service.begin();
-        if let Some(capture) = capture {
-            capture.after_begin(&service, arguments.channel);
-        }
+        let cycle = service.begin_with(|received| {
+            let is_wanted = selection.passes(&received.frame) && Some(heard) != arguments.count;
+            heard += u64::from(is_wanted);
+            is_wanted
+        });
         for arrival in &cycle.arrivals {
             let Received::Frame(received) = arrival.received else { continue };
-            if !selection.passes(&received.frame) || Some(heard) == arguments.count {
-                continue;
-            }
-            heard += 1;
             last_ns = arrival.time_ns;
-            let frame = Heard { time_ns: service.absolute_ns(arrival.time_ns), received };
-            printer.put(frame, service.is_real_time());
-            if let Some(capture) = capture {
-                capture.received(&frame);
-            }
+            let time_ns = service.absolute_ns(arrival.time_ns);
+            printer.put(Heard { time_ns, received }, service.is_real_time());
         }
         let is_quiet = timeout_ns.is_some_and(|limit| cycle.now_ns - last_ns >= limit);
         service.end(cycle)?;
-        if let Some(capture) = capture {
-            capture.after_end(&service);
-        }
-        let is_over = printer.is_over() || capture.as_ref().is_some_and(FrameCapture::is_over);
         let is_complete = Some(heard) == arguments.count;
-        if is_complete || is_quiet || interrupt.is_set() || is_over {
-            return Ok(heard);
+        if is_complete || is_quiet || interrupt.is_set() || printer.is_over() {
+            return service.finish_capture().map(|()| heard);
         }
     }
 }

@@ -70,7 +70,7 @@ pub enum Command {
     /// Watch gateways, channels and the cycle on the whole terminal
     #[command(after_help = monitor::EXAMPLES)]
     Monitor(monitor::MonitorArguments),
-    /// Give a channel to other programs, by slcan or socketcand
+    /// Give a channel to other programs, by slcan, socketcand or SocketCAN
     #[command(after_help = bridge::EXAMPLES)]
     Bridge(bridge::BridgeArguments),
     /// Test gateways on the production line: identity, every channel by loopback and by wire

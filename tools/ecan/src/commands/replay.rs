@@ -1,6 +1,6 @@
 //! `ecan replay`: a recording, sent again at its times.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use clap::Args;
@@ -13,9 +13,10 @@ use crate::failure::Failure;
 use crate::frames::channels::Channels;
 use crate::frames::departures::Departures;
 use crate::frames::format::{Heard, Screen};
-use crate::frames::options::GatewayOptions;
+use crate::frames::options::FrameOptions;
 use crate::frames::printer::Printer;
-use crate::frames::service::{Cycle, Service, Wishes};
+use crate::frames::service::{Cycle, Service};
+use crate::frames::settings::{Settings, Wishes};
 use crate::frames::summary::Summary;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -26,7 +27,8 @@ Examples:
   ecan replay drive.log                        on channel 0, at the times of the log
   ecan replay drive.log --channel all          frames of can2 on channel 2, and so on
   ecan replay drive.log --speed 10 --loop 5    ten times as fast, five times
-  ecan replay drive.log --log back.log         and log what comes back";
+  ecan replay drive.log --log back.log         and log what comes back
+  ecan replay drive.log --capture both.pcapng  both ways, for Wireshark";
 
 /// How often the recording is sent.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -69,7 +71,7 @@ pub struct ReplayArguments {
     #[arg(long, value_name = "MS", default_value_t = 2000)]
     timeout: u64,
     #[command(flatten)]
-    options: GatewayOptions,
+    options: FrameOptions,
 }
 
 fn parse_speed(text: &str) -> Result<f64, String> {
@@ -87,7 +89,7 @@ struct Recording {
 }
 
 impl Recording {
-    fn read(arguments: &ReplayArguments) -> Result<Self, Failure> {
+    fn read(arguments: &ReplayArguments, settings: &Settings<'_>) -> Result<Self, Failure> {
         let frames: Vec<_> = log_file::read(&arguments.file)?
             .into_iter()
             .filter_map(|it| Some((channel_of(&it, arguments.channel)?, it)))
@@ -97,21 +99,32 @@ impl Recording {
             let words = format!("{name} holds no frame of a chosen channel");
             return Err(Failure::Usage(words));
         }
-        let fd = frames.iter().find(|(_, it)| it.frame.as_ref().is_fd());
-        if let (Some((_, fd)), None) = (fd, arguments.options.data_bitrate) {
-            return Err(Failure::Usage(format!(
-                "{name}, line {} is a CAN FD frame: give --data-bitrate",
-                fd.line
-            )));
-        }
-        let same = |log: &PathBuf| {
-            let file = arguments.file.canonicalize().ok();
-            file.is_some() && file == log.canonicalize().ok()
+        let is_impossible = |(channel, it): &&(u8, LoggedFrame)| {
+            it.frame.as_ref().is_fd() && !settings.has_fd(*channel)
         };
-        if arguments.log.as_ref().is_some_and(same) {
-            return Err(Failure::Usage(format!("--log would overwrite the recording {name}")));
+        if let Some((channel, fd)) = frames.iter().find(is_impossible) {
+            let what = format!("{name}, line {} is a CAN FD frame", fd.line);
+            return Err(settings.without_fd(what, *channel));
         }
+        let same = |out: &Path| {
+            let file = arguments.file.canonicalize().ok();
+            file.is_some() && file == out.canonicalize().ok()
+        };
+        let (log, capture) = (arguments.log.as_deref(), arguments.options.capture.path());
+        for (option, out) in [("--log", log), ("--capture", capture)] {
+            if out.is_some_and(same) {
+                let words = format!("{option} would overwrite the recording {name}");
+                return Err(Failure::Usage(words));
+            }
+        }
+        arguments.options.capture.check_apart_from(log)?;
         Ok(Self { frames, loops: arguments.loops, speed: arguments.speed, sent: 0 })
+    }
+
+    /// The channels that it goes to.
+    fn channels(&self) -> Channels {
+        let mask = self.frames.iter().fold(0, |mask, (channel, _)| mask | 1 << channel);
+        Channels::of_mask(mask)
     }
 
     /// Frames in all, if there is an end.
@@ -156,12 +169,19 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    let mut recording = Recording::read(arguments)?;
+    let settings = Settings::of(&arguments.options.gateway)?;
+    let mut recording = Recording::read(arguments, &settings)?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     let mut printer = Printer::start(Screen::default(), false, arguments.log.as_deref())?;
     let has_end = recording.total().is_some();
-    let wishes = Wishes { has_results: true, has_end, ..Wishes::on(arguments.channel) };
-    let opened = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
+    let wishes = Wishes {
+        required: recording.channels(),
+        has_results: true,
+        has_end,
+        ..Wishes::on(arguments.channel)
+    };
+    let capture = &arguments.options.capture;
+    let opened = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
     let Some(mut service) = opened else { return printer.finish(output) };
     let start_ns = service.now_ns();
     let mut departures = Departures::new(arguments.channel, start_ns);
@@ -193,10 +213,11 @@ pub fn run(
         record(&mut printer, service, cycle);
     })?;
     printer.finish(output)?;
+    service.finish_capture()?;
     let wanted = recording.total().filter(|_| !interrupt.is_set()).unwrap_or(departures.count());
     let summary = Summary::of(&departures, service.port(), wanted, elapsed_ns);
     summary.print(output)?;
-    summary.judge(departures.outcome(service.port()).cause(arguments.options.bitrate))
+    summary.judge(departures.outcome(service.port()).cause(service.port()))
 }
 
 /// Logs what a cycle brought.

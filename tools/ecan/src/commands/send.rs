@@ -9,8 +9,9 @@ use serde::Serialize;
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::departures::Departures;
-use crate::frames::options::GatewayOptions;
-use crate::frames::service::{Service, Wishes};
+use crate::frames::options::FrameOptions;
+use crate::frames::service::Service;
+use crate::frames::settings::{Settings, Wishes};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -20,6 +21,7 @@ Examples:
   ecan send 123#DEADBEEF                       an 8 digit identifier is an extended one
   ecan send --channel 1 000#0101 123#R4        several frames; R is a remote frame
   ecan send --data-bitrate 2000000 123##1AABB  CAN FD; 1 is the bit rate switch, 2 ESI
+  ecan send --config cell.toml 123#01          with the bit rates of a configuration file
 
 The command ends when the frames have left the gateway, which means that another node has
 acknowledged them.";
@@ -37,7 +39,7 @@ pub struct SendArguments {
     #[arg(long, value_name = "MS", default_value_t = 1000)]
     timeout: u64,
     #[command(flatten)]
-    options: GatewayOptions,
+    options: FrameOptions,
 }
 
 /// A frame; cansend allows dots between bytes.
@@ -58,14 +60,16 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     let SendArguments { frames, channel, options, .. } = arguments;
-    if options.data_bitrate.is_none() && frames.iter().any(|frame| frame.as_ref().is_fd()) {
-        let words = "a CAN FD frame needs the data bit rate: give --data-bitrate";
-        return Err(Failure::Usage(words.to_owned()));
+    let settings = Settings::of(&options.gateway)?;
+    if !settings.has_fd(*channel) && frames.iter().any(|frame| frame.as_ref().is_fd()) {
+        return Err(settings.without_fd("a CAN FD frame needs the data bit rate", *channel));
     }
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     let channels = Channels::only(*channel);
     let wishes = Wishes { has_results: true, ..Wishes::on(channels) };
-    let Some(mut service) = Service::open(options, wishes, &interrupt, global, output)? else {
+    let capture = &options.capture;
+    let opened = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
+    let Some(mut service) = opened else {
         return Err(Failure::TooFew("stopped before a frame was sent".to_owned()));
     };
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
@@ -87,6 +91,7 @@ pub fn run(
         }
     }
     departures.wait(&mut service, timeout_ns, &interrupt, |_, _| {})?;
+    service.finish_capture()?;
     judge(arguments, &departures, &service)?;
     let texts: Vec<_> = frames.iter().map(|frame| FrameText(frame).to_string()).collect();
     let sent = Sent { channel: *channel, frames: texts };
@@ -101,7 +106,7 @@ fn judge(
     departures: &Departures,
     service: &Service,
 ) -> Result<(), Failure> {
-    let SendArguments { frames, channel, timeout, options } = arguments;
+    let SendArguments { frames, channel, timeout, .. } = arguments;
     let outcome = departures.outcome(service.port());
     let count = frames.len() as u64;
     if let Some((number, code)) = departures.first_failure() {
@@ -113,7 +118,7 @@ fn judge(
     if outcome.sent >= count && outcome.bus_off.is_none() {
         return Ok(());
     }
-    let cause = outcome.cause(options.bitrate).unwrap_or_else(|| match outcome.unknown {
+    let cause = outcome.cause(service.port()).unwrap_or_else(|| match outcome.unknown {
         0 => "stopped, or the gateway took none in time".to_owned(),
         _ => "the gateway has not said what became of them".to_owned(),
     });

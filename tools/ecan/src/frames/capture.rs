@@ -1,23 +1,28 @@
 //! A capture for Wireshark, written beside the cycle.
 
+use std::collections::HashMap;
 use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Traffic};
-use ecan_protocol::{CHANNELS, ChannelStatus, Direction, HEADER_BYTES};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{Port, Received, SendTicket, Session};
+use ecan_protocol::{CHANNELS, CHUNK_BYTES, CanFrame, ChannelStatus, Direction, HEADER_BYTES};
 
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
-use crate::frames::format::Heard;
-use crate::frames::service::Service;
+use crate::frames::service::Arrival;
 use crate::output::Output;
+
+/// Frames that wait for their results, at first.
+const UNDER_WAY: usize = 4096;
 
 /// Where to and what.
 #[derive(Debug, Args)]
 pub struct CaptureOptions {
-    /// Write a capture for Wireshark (pcapng); nothing is shown then, but with --screen
+    /// Write a capture for Wireshark (pcapng): frames that came, and frames that the gateway took
     #[arg(long, value_name = "FILE")]
     capture: Option<PathBuf>,
     /// Write the process images too, those that differ from the one before in their header
@@ -30,6 +35,14 @@ impl CaptureOptions {
     pub fn path(&self) -> Option<&Path> {
         self.capture.as_deref()
     }
+
+    /// Refuses to write a log and the capture into the same file.
+    pub fn check_apart_from(&self, log: Option<&Path>) -> Result<(), Failure> {
+        match log.is_some() && log == self.path() {
+            true => Err(Failure::Usage("--log and --capture name the same file".to_owned())),
+            false => Ok(()),
+        }
+    }
 }
 
 /// The fixed header of an image.
@@ -41,16 +54,30 @@ pub struct FrameCapture {
     recorder: Recorder,
     path: PathBuf,
     has_images: bool,
+    /// The channels whose state is recorded.
+    channels: Channels,
+    /// From the clock to the times of the file.
+    since_1970_ns: u64,
     status: [Option<ChannelStatus>; CHANNELS],
     /// Of the last images, RxPDO and TxPDO.
     headers: (ImageHeader, ImageHeader),
+    /// Frames whose result is to come, with their channels.
+    under_way: HashMap<SendTicket, (u8, CanFrame)>,
 }
 
 impl FrameCapture {
     /// Creates the file, if it is wanted, and starts the thread that writes it.
-    pub fn start(options: &CaptureOptions, pdo_bytes: usize) -> Result<Option<Self>, Failure> {
+    pub fn start(
+        options: &CaptureOptions,
+        adapter: &AdapterConfig,
+        channels: Channels,
+    ) -> Result<Option<Self>, Failure> {
         let Some(path) = options.capture.clone() else { return Ok(None) };
-        let image_bytes = if options.images { pdo_bytes } else { 0 };
+        let chunks = adapter.slaves.iter().map(|it| it.rx_multiplier.max(it.tx_multiplier)).max();
+        let image_bytes = match options.images {
+            true => usize::from(chunks.unwrap_or(0)) * CHUNK_BYTES,
+            false => 0,
+        };
         let application = concat!("ecan ", env!("CARGO_PKG_VERSION"));
         let recorder = File::create(&path)
             .and_then(|file| Capture::new(BufWriter::new(file), application))
@@ -60,43 +87,72 @@ impl FrameCapture {
                 recorder,
                 path,
                 has_images: options.images,
+                channels,
+                since_1970_ns: 0,
                 status: [None; CHANNELS],
                 headers: Default::default(),
+                under_way: HashMap::with_capacity(UNDER_WAY),
             })),
             Err(error) => Err(write_failure(path, &error)),
         }
     }
 
-    /// What the beginning of a cycle has brought, but for the frames: the image of the gateway, and
-    /// the changes of the channels' status as error frames.
-    pub fn after_begin(&mut self, service: &Service, channels: Channels) {
-        self.recorder.set_patient(!service.is_real_time());
-        let time_ns = service.absolute_ns(service.now_ns());
-        for channel in channels.iter() {
-            let now = service.port().channel_status(0, channel);
+    /// Says what the clock's time is, and whether it goes on while the file is waited for.
+    pub fn with_time(mut self, is_real_time: bool, since_1970_ns: u64) -> Self {
+        self.recorder.set_patient(!is_real_time);
+        Self { since_1970_ns, ..self }
+    }
+
+    /// What the beginning of a cycle has brought: the image of the gateway, changes of the channels'
+    /// status as error frames, frames that came, and frames that are known to be in the gateway.
+    pub fn after_begin(&mut self, port: &Port, now_ns: u64, arrivals: &[Arrival]) {
+        for channel in self.channels.iter() {
+            let now = port.channel_status(0, channel);
             let Some(last) = self.status.get_mut(usize::from(channel)) else { continue };
             let error = last.and_then(|before| ErrorFrame::of_change(before, now));
             *last = Some(now);
             if let Some(error) = error {
-                self.recorder.error(time_ns, channel.into(), error);
+                self.recorder.error(self.absolute_ns(now_ns), channel.into(), error);
             }
         }
-        self.image(service, Direction::TxPdo);
+        self.image(port, now_ns, Direction::TxPdo);
+        if port.session(0) != Session::Ready {
+            // Nothing is told any more of frames before the loss.
+            self.under_way.clear();
+        }
+        for arrival in arrivals {
+            let time_ns = self.absolute_ns(arrival.time_ns);
+            match &arrival.received {
+                Received::Frame(received) => {
+                    let (place, frame) = (received.channel.into(), &received.frame);
+                    self.recorder.frame(time_ns, place, Traffic::Received, frame);
+                }
+                Received::TransmitReport(report) => {
+                    let sent = report.ticket.and_then(|ticket| self.under_way.remove(&ticket));
+                    if let Some((channel, frame)) = sent.filter(|_| report.code.is_success()) {
+                        self.recorder.frame(time_ns, channel.into(), Traffic::Sent, &frame);
+                    }
+                }
+            }
+        }
     }
 
-    /// A frame that came.
-    pub fn received(&mut self, heard: &Heard) {
-        let (port, frame) = (heard.received.channel.into(), &heard.received.frame);
-        self.recorder.frame(heard.time_ns, port, Traffic::Received, frame);
+    /// A frame was put into an image.
+    pub fn under_way(&mut self, ticket: SendTicket, channel: u8, frame: &CanFrame) {
+        self.under_way.insert(ticket, (channel, *frame));
     }
 
     /// What the end of a cycle has sent: the image for the gateway.
-    pub fn after_end(&mut self, service: &Service) {
-        self.image(service, Direction::RxPdo);
+    pub fn after_end(&mut self, port: &Port, now_ns: u64) {
+        self.image(port, now_ns, Direction::RxPdo);
     }
 
-    fn image(&mut self, service: &Service, direction: Direction) {
-        let adapter = service.port().adapter();
+    fn absolute_ns(&self, time_ns: u64) -> u64 {
+        time_ns.wrapping_add(self.since_1970_ns)
+    }
+
+    fn image(&mut self, port: &Port, now_ns: u64, direction: Direction) {
+        let adapter = port.adapter();
         let (image, last) = match direction {
             Direction::RxPdo => (adapter.rx_pdo(0), &mut self.headers.0),
             Direction::TxPdo => (adapter.tx_pdo(0), &mut self.headers.1),
@@ -107,7 +163,7 @@ impl FrameCapture {
         }
         *last = *header;
         let (Some(slave), Some(gateway)) =
-            (adapter.config().slaves.first(), service.port().config().gateways.first())
+            (adapter.config().slaves.first(), port.config().gateways.first())
         else {
             return;
         };
@@ -117,7 +173,7 @@ impl FrameCapture {
         };
         let profile = gateway.profile(direction, multiplier);
         let origin = ImageOrigin { slave: slave.position, direction, profile };
-        self.recorder.image(service.absolute_ns(service.now_ns()), origin, image);
+        self.recorder.image(self.absolute_ns(now_ns), origin, image);
     }
 
     /// Whether it can write no more.

@@ -1,23 +1,38 @@
 //! The channels that a command is about.
 
+use std::fmt;
 use std::str::FromStr;
 
 use ecan_protocol::CHANNELS;
 
 /// One or several channels of a gateway, as in `0`, `0,2` or `all`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Channels(u8);
+pub struct Channels {
+    mask: u8,
+    /// All of them, however many that are.
+    is_all: bool,
+}
 
 impl Channels {
-    /// All four.
-    pub const ALL: Self = Self((1 << CHANNELS) - 1);
+    /// All that there are.
+    pub const ALL: Self = Self { mask: (1 << CHANNELS) - 1, is_all: true };
 
     /// None of them.
-    pub const NONE: Self = Self(0);
+    pub const NONE: Self = Self::of_mask(0);
 
     /// One channel, 0 to 3.
     pub fn only(channel: u8) -> Self {
-        Self(1 << channel)
+        Self::of_mask(1 << channel)
+    }
+
+    /// Those whose bits are set.
+    pub const fn of_mask(mask: u8) -> Self {
+        Self { mask, is_all: false }
+    }
+
+    /// Whether no channel is named, but all that there are.
+    pub fn is_whatever_there_is(self) -> bool {
+        self.is_all
     }
 
     /// Their numbers, in order.
@@ -27,7 +42,7 @@ impl Channels {
 
     /// Whether a channel is among them.
     pub fn contains(self, channel: u8) -> bool {
-        self.0.checked_shr(channel.into()).is_some_and(|mask| mask & 1 == 1)
+        self.mask.checked_shr(channel.into()).is_some_and(|mask| mask & 1 == 1)
     }
 }
 
@@ -39,11 +54,22 @@ impl FromStr for Channels {
             return Ok(Self::ALL);
         }
         let wrong = || "expected channels 0 to 3 with commas between, or all".to_owned();
-        text.split(',').try_fold(Self(0), |channels, number| {
+        text.split(',').try_fold(Self::NONE, |channels, number| {
             let channel: u8 = number.parse().map_err(|_| wrong())?;
             let exists = usize::from(channel) < CHANNELS;
-            exists.then_some(Self(channels.0 | 1 << channel)).ok_or_else(wrong)
+            exists.then_some(Self::of_mask(channels.mask | 1 << channel)).ok_or_else(wrong)
         })
+    }
+}
+
+impl fmt::Display for Channels {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let numbers: Vec<_> = self.iter().map(|channel| channel.to_string()).collect();
+        match numbers.as_slice() {
+            [] => write!(f, "no channel"),
+            [only] => write!(f, "channel {only}"),
+            several => write!(f, "channels {}", several.join(", ")),
+        }
     }
 }
 
@@ -63,6 +89,9 @@ mod tests {
         assert_eq!(parse("2"), Ok(vec![2]));
         assert_eq!(parse("3,0"), Ok(vec![0, 3]));
         assert_eq!(parse("all"), Ok(vec![0, 1, 2, 3]));
+        assert_eq!("2,1".parse::<Channels>().unwrap().to_string(), "channels 1, 2");
+        assert_eq!(Channels::only(3).to_string(), "channel 3");
+        assert_eq!(Channels::NONE.to_string(), "no channel");
         for wrong in ["", "4", "0,", "-1", "0-3", "every"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }

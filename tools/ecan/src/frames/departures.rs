@@ -8,7 +8,7 @@ use ecan_protocol::{ChannelStatus, ResultCode};
 
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
-use crate::frames::service::{Cycle, Service};
+use crate::frames::service::{Cycle, Service, can};
 
 /// Cycles behind the last result after which a channel's status has seen all frames.
 const STATUS_CYCLES: u32 = 3;
@@ -76,6 +76,11 @@ impl Departures {
                 self.first_failure.get_or_insert((number, report.code));
             }
         }
+    }
+
+    /// The channels that are watched.
+    pub fn channels(&self) -> Channels {
+        self.channels
     }
 
     /// Frames put into images.
@@ -194,14 +199,17 @@ impl Outcome {
     }
 
     /// Why frames do not leave, as far as the channels tell.
-    pub fn cause(&self, bitrate: u32) -> Option<String> {
+    pub fn cause(&self, port: &Port) -> Option<String> {
+        let bitrate = |channel| can(port, channel).map_or(0, |can| can.nominal_bitrate);
         if let Some(channel) = self.bus_off {
+            let bitrate = bitrate(channel);
             return Some(format!(
                 "channel {channel} went bus-off: do the others on the bus have {bitrate} bit/s, is \
                  the wiring right?"
             ));
         }
         let (channel, status) = self.stuck?;
+        let bitrate = bitrate(channel);
         Some(if status.warn() {
             format!(
                 "channel {channel} gets no acknowledgement: is there another node at {bitrate} \

@@ -7,6 +7,7 @@ pub mod format;
 pub mod options;
 pub mod printer;
 pub mod service;
+pub mod settings;
 pub mod status_watch;
 pub mod summary;
 pub mod timestamp;

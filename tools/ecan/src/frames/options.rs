@@ -1,13 +1,41 @@
 //! What the commands that carry frames are told about the gateway and its channels.
 
+use std::path::PathBuf;
+
 use clap::Args;
 use ecan_command_line::real_time::RealTimeArguments;
 use ecan_mcan_port::ChannelSettings;
-use ecan_protocol::{NodeMode, SamplePointWindow};
+use ecan_protocol::SamplePointWindow;
 
-/// Options of these commands.
+use crate::frames::capture::CaptureOptions;
+
+/// Options of the commands that carry frames.
+#[derive(Debug, Args)]
+pub struct FrameOptions {
+    #[command(flatten)]
+    pub capture: CaptureOptions,
+    #[command(flatten)]
+    pub gateway: GatewayOptions,
+}
+
+/// Options whose values a configuration file has.
+const OF_THE_FILE: [&str; 7] = [
+    "bitrate",
+    "data_bitrate",
+    "sample_point",
+    "data_sample_point",
+    "pdo_n",
+    "large_pdos",
+    "cycle_us",
+];
+
+/// What a command is told about the gateway and its channels.
 #[derive(Debug, Args)]
 pub struct GatewayOptions {
+    /// Take everything about the gateway from this configuration file, see `ecan config`: its place,
+    /// PDO size, profiles, channels with bit rates and filters, data path, cycle, clocks
+    #[arg(long, value_name = "FILE", conflicts_with_all = OF_THE_FILE)]
+    pub config: Option<PathBuf>,
     /// Nominal bit rate in bit/s
     #[arg(long, value_name = "BITRATE", default_value_t = 500_000)]
     pub bitrate: u32,
@@ -36,7 +64,7 @@ pub struct GatewayOptions {
 
 impl GatewayOptions {
     /// One CAN channel.
-    pub fn channel(&self, is_listening: bool) -> ChannelSettings {
+    pub fn channel(&self) -> ChannelSettings {
         let mut settings = match self.data_bitrate {
             Some(data_bitrate) => ChannelSettings::fd(self.bitrate, data_bitrate),
             None => ChannelSettings::classic(self.bitrate),
@@ -46,9 +74,6 @@ impl GatewayOptions {
         }
         if let Some(permille) = self.data_sample_point {
             settings.can.data_sample_point = SamplePointWindow::exactly(permille);
-        }
-        if is_listening {
-            settings.can.node_mode = NodeMode::Listen;
         }
         settings
     }

@@ -5,14 +5,14 @@ use std::time::SystemTime;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::real_time::RealTimeArguments;
 use ecan_host::{AdapterConfig, Clock, CycleError, Ecrt};
-use ecan_mcan_port::{GatewayConfig, Port, PortConfig, PortError, Received, SendError, SendTicket};
-use ecan_protocol::{CanFrame, EncapsulationProfile, OptionFlags};
+use ecan_mcan_port::{Port, PortConfig, PortError, Received, ReceivedFrame, SendError, SendTicket};
+use ecan_protocol::{CanFrame, McanChannelConfig};
 use ecan_sim::ClockKind;
 
-use crate::bus::Bus;
 use crate::failure::Failure;
+use crate::frames::capture::{CaptureOptions, FrameCapture};
 use crate::frames::channels::Channels;
-use crate::frames::options::GatewayOptions;
+use crate::frames::settings::{Planned, Settings, Wishes};
 use crate::frames::status_watch::StatusWatch;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -21,34 +21,6 @@ use crate::output::Output;
 pub const MAX_FAILED_CYCLES: u32 = 100;
 /// Things that come back in a cycle, at first.
 const ARRIVALS: usize = 512;
-
-/// What a command wants of the gateway.
-#[derive(Clone, Copy, Debug)]
-pub struct Wishes {
-    /// The channels that it uses.
-    pub channels: Channels,
-    /// Listen without sending or acknowledging.
-    pub is_listening: bool,
-    /// Received frames carry the gateway's time.
-    pub has_device_time: bool,
-    /// The gateway tells what became of each frame.
-    pub has_results: bool,
-    /// The command ends by itself, so a simulation need not take the time it simulates.
-    pub has_end: bool,
-}
-
-impl Wishes {
-    /// To use these channels.
-    pub fn on(channels: Channels) -> Self {
-        Self {
-            channels,
-            is_listening: false,
-            has_device_time: false,
-            has_results: false,
-            has_end: true,
-        }
-    }
-}
 
 /// One gateway, and its configuration as the only one of a Port.
 #[derive(Debug)]
@@ -89,30 +61,45 @@ pub struct Service {
     /// What came back on the way into service, until the first cycle; then an empty store.
     store: Vec<Arrival>,
     watch: StatusWatch,
+    /// The channels whose frames arrive.
+    heard: Channels,
     failed_cycles: u32,
     /// From the clock to the time since 1970; none for simulated time that does not run by itself.
     since_1970_ns: u64,
+    capture: Option<FrameCapture>,
     output: Output,
 }
 
 impl Service {
-    /// Brings the gateway that the user chose into service; `None` when the user gave up.
+    /// Brings the gateway that the user chose into service, with a capture where one is wanted;
+    /// `None` when the user gave up.
     pub fn open(
-        options: &GatewayOptions,
+        settings: &Settings<'_>,
+        capture: &CaptureOptions,
         wishes: Wishes,
         interrupt: &Interrupt,
         global: &GlobalOptions,
         output: &Output,
     ) -> Result<Option<Self>, Failure> {
         let kind = if wishes.has_end { ClockKind::Stepped } else { ClockKind::Real };
-        let bus = Bus::open_with_clock(global, output, kind)?;
-        let position = bus.slave()?;
-        let (adapter, config) = configuration(options, wishes, global.master, &[position])?;
+        let bus = settings.open_bus(global, output, kind)?;
+        let Planned { positions, adapter, config, channels } =
+            settings.for_one(&bus, wishes, global)?;
+        let position = positions.first().copied().unwrap_or_default();
         config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
-        let granted = options.real_time.apply(|line| output.note(line));
+        // Before the real-time options: the thread that writes keeps out of what they ask for.
+        let capture = FrameCapture::start(capture, &adapter, channels)?;
+        let real_time = &settings.options().real_time;
+        let granted = real_time.apply(|line| output.note(line));
         granted.map_err(|error| Failure::Master(error.to_string()))?;
-        let place = Place { position, adapter, config, channels: wishes.channels };
-        Self::start(bus.ecrt(), place, &options.real_time, interrupt, output)
+        let place = Place { position, adapter, config, channels };
+        let mut service = Self::start(bus.ecrt(), place, real_time, interrupt, output)?;
+        if let Some(service) = &mut service {
+            service.heard = channels;
+            let (is_real_time, since_1970_ns) = (service.is_real_time(), service.since_1970_ns);
+            service.capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
+        }
+        Ok(service)
     }
 
     /// Brings a gateway into service on a bus that is open; `None` when the user gave up.
@@ -144,37 +131,73 @@ impl Service {
         real_time.set_timing(port.adapter_mut());
         let watch = StatusWatch::new(channels);
         let since_1970_ns = since_1970_ns(port.adapter().clock());
-        Ok(Some(Self { port, store, watch, failed_cycles: 0, since_1970_ns, output: *output }))
+        let output = *output;
+        Ok(Some(Self {
+            port,
+            store,
+            watch,
+            heard: Channels::ALL,
+            failed_cycles: 0,
+            since_1970_ns,
+            capture: None,
+            output,
+        }))
     }
 
     /// Waits for the next cycle and begins it.
     pub fn begin(&mut self) -> Cycle {
+        self.begin_with(|_| true)
+    }
+
+    /// As [`begin`](Self::begin), without the frames that `wants` refuses: they go into no capture
+    /// either.
+    pub fn begin_with(&mut self, mut wants: impl FnMut(&ReceivedFrame) -> bool) -> Cycle {
         self.port.wait_next_cycle();
         let begun = self.port.cycle_begin();
         let now_ns = self.now_ns();
         let mut arrivals = std::mem::take(&mut self.store);
         self.port.receive_each(|received| arrivals.push(Arrival { time_ns: now_ns, received }));
+        arrivals.retain(|arrival| match &arrival.received {
+            Received::Frame(frame) => self.heard.contains(frame.channel) && wants(frame),
+            Received::TransmitReport(_) => true,
+        });
+        if let Some(capture) = &mut self.capture {
+            capture.after_begin(&self.port, now_ns, &arrivals);
+        }
         Cycle { now_ns, arrivals, begun }
     }
 
     /// Hands a frame over; `None` where there is no room in this cycle.
     pub fn send(&mut self, channel: u8, frame: &CanFrame) -> Result<Option<SendTicket>, Failure> {
         match self.port.send(0, channel, frame.as_ref()) {
-            Ok(ticket) => Ok(Some(ticket)),
+            Ok(ticket) => {
+                if let Some(capture) = &mut self.capture {
+                    capture.under_way(ticket, channel, frame);
+                }
+                Ok(Some(ticket))
+            }
             Err(SendError::NoRoom { .. } | SendError::NotReady { .. }) => Ok(None),
-            Err(SendError::NotFd { .. }) => Err(Failure::Usage(
-                "a CAN FD frame needs the data bit rate: give --data-bitrate".to_owned(),
-            )),
+            Err(SendError::NotFd { .. }) => Err(Failure::Usage(format!(
+                "channel {channel} carries no CAN FD frame: it has no data bit rate"
+            ))),
             Err(error) => Err(Failure::Usage(error.to_string())),
         }
     }
 
-    /// Ends a cycle. Says on standard error what has changed on the bus.
+    /// Ends a cycle. Says on standard error what has changed on the bus. A capture that cannot be
+    /// written any more is a failure.
     pub fn end(&mut self, cycle: Cycle) -> Result<(), Failure> {
         let ended = self.port.cycle_end().and(cycle.begun);
         self.store = cycle.arrivals;
         self.store.clear();
         self.failed_cycles = if ended.is_err() { self.failed_cycles + 1 } else { 0 };
+        let now_ns = self.now_ns();
+        if let Some(capture) = &mut self.capture {
+            capture.after_end(&self.port, now_ns);
+            if capture.is_over() {
+                self.finish_capture()?;
+            }
+        }
         let output = self.output;
         let (seconds, micros) = parts(self.absolute_ns(cycle.now_ns));
         self.watch.look(&self.port, |line| {
@@ -186,6 +209,16 @@ impl Service {
             }
             _ => Ok(()),
         }
+    }
+
+    /// Waits until the capture, if there is one, is written; says what was dropped.
+    pub fn finish_capture(&mut self) -> Result<(), Failure> {
+        self.capture.take().map_or(Ok(()), |capture| capture.finish(&self.output))
+    }
+
+    /// The configuration of a channel; none where it is not in service.
+    pub fn can(&self, channel: u8) -> Option<&McanChannelConfig> {
+        can(&self.port, channel)
     }
 
     pub fn port(&self) -> &Port {
@@ -212,6 +245,12 @@ impl Service {
     }
 }
 
+/// The configuration of a channel of the only gateway.
+pub fn can(port: &Port, channel: u8) -> Option<&McanChannelConfig> {
+    let gateway = port.config().gateways.first()?;
+    gateway.channels.get(usize::from(channel))?.as_ref().map(|channel| &channel.can)
+}
+
 /// Seconds and microseconds.
 fn parts(time_ns: u64) -> (u64, u64) {
     (time_ns / 1_000_000_000, time_ns / 1000 % 1_000_000)
@@ -223,38 +262,6 @@ fn since_1970_ns(clock: &dyn Clock) -> u64 {
     }
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     u64::try_from(since.as_nanos()).unwrap_or(0).wrapping_sub(clock.now_ns())
-}
-
-/// The same configuration for the gateways at these positions.
-pub fn configuration(
-    options: &GatewayOptions,
-    wishes: Wishes,
-    master: u32,
-    positions: &[usize],
-) -> Result<(AdapterConfig, PortConfig), Failure> {
-    let count = u16::try_from(positions.len())
-        .map_err(|_| Failure::Slave(format!("{} gateways are too many", positions.len())))?;
-    let mut adapter =
-        AdapterConfig::new(count).with_multiplier(options.pdo_n).with_cycle_us(options.cycle_us);
-    adapter.master_index = master;
-    adapter.allow_large_pdos = options.large_pdos;
-    for (slave, position) in adapter.slaves.iter_mut().zip(positions) {
-        slave.position = u16::try_from(*position)
-            .map_err(|_| Failure::Slave(format!("there is no slave {position}")))?;
-    }
-    let mut gateway = GatewayConfig::default();
-    for (channel, place) in gateway.channels.iter_mut().enumerate() {
-        if wishes.channels.contains(channel as u8) {
-            *place = Some(options.channel(wishes.is_listening));
-        }
-    }
-    if wishes.has_results {
-        gateway.tx_options = OptionFlags::TX_RESULT;
-    }
-    if wishes.has_device_time {
-        gateway.tx_encapsulation = EncapsulationProfile::CompactTimestamped;
-    }
-    Ok((adapter, PortConfig::uniform(positions.len(), gateway)))
 }
 
 /// The error of a gateway that is the only one of its Port.

@@ -28,7 +28,10 @@ impl Summary {
     /// The figures of a run of so many nanoseconds, of which `wanted` frames were to be sent.
     pub fn of(departures: &Departures, port: &Port, wanted: u64, elapsed_ns: u64) -> Self {
         let outcome = departures.outcome(port);
-        let received = port.statistics(0).channels.iter().map(|it| it.frames_received).sum();
+        let statistics = port.statistics(0);
+        let of = |channel: u8| statistics.channels.get(usize::from(channel));
+        let channels = departures.channels().iter().filter_map(of);
+        let received = channels.map(|it| it.frames_received).sum();
         let seconds = elapsed_ns as f64 / 1e9;
         Self {
             frames: departures.count(),

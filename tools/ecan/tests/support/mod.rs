@@ -1,7 +1,13 @@
 //! The program as a user runs it.
 #![allow(dead_code, missing_docs)]
 
+pub mod client;
+pub mod deadline;
+pub mod terminal;
+
 use std::process::{Command, Output};
+
+use deadline::Deadlined;
 
 /// A simulated master, one gateway with echo nodes.
 pub const SIM: &str = "sim";
@@ -143,7 +149,7 @@ impl Scenario {
 /// The program while it runs; ended with SIGTERM, or killed when the test is over.
 pub struct Running {
     child: std::process::Child,
-    stdout: Option<std::io::BufReader<std::process::ChildStdout>>,
+    stdout: Option<Deadlined>,
 }
 
 impl Running {
@@ -155,16 +161,14 @@ impl Running {
             .stderr(std::process::Stdio::piped())
             .spawn()
             .unwrap();
-        let stdout = child.stdout.take().map(std::io::BufReader::new);
+        let stdout = child.stdout.take().map(Deadlined::new);
         Self { child, stdout }
     }
 
     /// The next line of standard output, without its end.
     pub fn line(&mut self) -> String {
-        use std::io::BufRead as _;
-        let mut line = String::new();
-        self.stdout.as_mut().unwrap().read_line(&mut line).unwrap();
-        line.trim_end_matches('\n').to_owned()
+        let line = self.stdout.as_mut().unwrap().through(b'\n');
+        String::from_utf8(line).unwrap().trim_end_matches('\n').to_owned()
     }
 
     /// Closes standard output, as a reader does who has had enough.
@@ -179,10 +183,9 @@ impl Running {
 
     /// Waits for the end: the exit status, and standard error.
     pub fn wait(&mut self) -> (Option<i32>, String) {
-        use std::io::Read as _;
-        let mut errors = String::new();
-        self.child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
-        (self.child.wait().unwrap().code(), errors)
+        let mut errors = Deadlined::new(self.child.stderr.take().unwrap());
+        let status = errors.end_of(&mut self.child);
+        (status.code(), errors.rest())
     }
 }
 

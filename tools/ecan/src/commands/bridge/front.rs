@@ -4,7 +4,9 @@ use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use ecan_bridge::{BridgeProtocol, BridgeServer, BridgeSettings, Clients, SerialBridge};
+use ecan_bridge::{
+    BridgeProtocol, BridgeServer, BridgeSettings, Clients, SerialBridge, SocketCanBridge,
+};
 use serde::Serialize;
 
 use crate::failure::Failure;
@@ -44,6 +46,7 @@ pub struct Place {
 pub enum Front {
     Server(BridgeServer),
     Terminal { bridge: SerialBridge, link: Option<Link> },
+    Interface(SocketCanBridge),
 }
 
 /// A name for a terminal, taken away in the end.
@@ -88,8 +91,15 @@ impl Front {
         Ok(Self::Terminal { bridge, link: Some(Link(link.to_owned())) })
     }
 
+    /// Couples a CAN interface of this host.
+    pub fn interface(name: &str) -> Result<Self, Failure> {
+        let bridge = SocketCanBridge::open(name, BridgeSettings::default().queue);
+        bridge.map(Self::Interface).map_err(|error| Failure::Bridge(error.to_string()))
+    }
+
     pub fn clients(&self) -> &Clients {
         match self {
+            Self::Interface(bridge) => bridge.clients(),
             Self::Server(server) => server.clients(),
             Self::Terminal { bridge, .. } => bridge.clients(),
         }
@@ -108,6 +118,7 @@ impl Front {
                 let path = link.as_ref().map_or(bridge.path(), |link| &link.0);
                 ("slcan", path.display().to_string())
             }
+            Self::Interface(bridge) => ("socketcan", bridge.interface().to_owned()),
         };
         Place { protocol, address, channel }
     }
@@ -116,8 +127,45 @@ impl Front {
     pub fn is_open_to_others(&self) -> bool {
         match self {
             Self::Server(server) => !server.info().address().ip().is_loopback(),
-            Self::Terminal { .. } => false,
+            Self::Terminal { .. } | Self::Interface(_) => false,
         }
+    }
+
+    /// Fails where it cannot go on.
+    pub fn check(&self) -> Result<(), Failure> {
+        let Self::Interface(bridge) = self else { return Ok(()) };
+        bridge.end().map_or(Ok(()), |error| {
+            let name = bridge.interface();
+            Err(Failure::Bridge(format!("the CAN interface {name} is gone: {error}")))
+        })
+    }
+
+    /// What did not go through, in words; nothing where all did.
+    pub fn losses(&self) -> Vec<String> {
+        let counted = self.clients().statistics();
+        let has_own_words = counted.dropped_to_bus + counted.mismatched;
+        let words = [
+            (counted.dropped_to_bus, "frames for the bus were dropped: too many waited"),
+            (
+                counted.dropped_to_clients,
+                "frames of the bus were dropped: nobody took them in time",
+            ),
+            (
+                counted.refused.saturating_sub(has_own_words),
+                "commands or frames were refused: malformed, unknown, or at the wrong time",
+            ),
+            (
+                counted.mismatched,
+                "frames for the bus were refused: the channel has another bit rate, or no CAN FD",
+            ),
+            (
+                counted.unfit,
+                "CAN FD frames were not passed on: the interface is one of classic CAN (with \
+                 ip link set INTERFACE mtu 72 a virtual one carries them)",
+            ),
+        ];
+        let lost = words.into_iter().filter(|(count, _)| *count > 0);
+        lost.map(|(count, words)| format!("{count} {words}")).collect()
     }
 }
 

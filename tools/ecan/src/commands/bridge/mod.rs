@@ -14,8 +14,9 @@ use ecan_protocol::CanFrame;
 use crate::commands::bridge::front::{Front, Listening, Place};
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
-use crate::frames::options::GatewayOptions;
-use crate::frames::service::{Service, Wishes};
+use crate::frames::options::FrameOptions;
+use crate::frames::service::Service;
+use crate::frames::settings::{Settings, Wishes};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -25,11 +26,14 @@ Examples:
   ecan bridge --bitrate 1000000                slcan on a free port, which is printed
   ecan bridge --channel 2 --slcan 3333 --socketcand 29536
   ecan bridge --pty /tmp/can0                  slcan on a terminal, for slcand and the like
+  ecan bridge --channel 1 --socketcan vcan0    a CAN interface: candump vcan0, cansend vcan0 123#01
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
 
-The bit rates of the channel are those of the options: a client that names others hears nothing and
-cannot send. Frames go through once per EtherCAT cycle.";
+The bit rates of the channel are those of the options or of the file: a client that names others hears nothing and
+cannot send. Frames go through once per EtherCAT cycle.
+
+A virtual CAN interface: modprobe vcan; ip link add dev vcan0 type vcan; ip link set vcan0 up";
 
 /// Arguments of `bridge`.
 #[derive(Debug, Args)]
@@ -38,7 +42,7 @@ pub struct BridgeArguments {
     #[arg(long, value_name = "N", default_value = "0", value_parser = parse_channel)]
     channel: u8,
     /// Speak slcan over TCP: a port, an address or both; 127.0.0.1 and a free port otherwise.
-    /// The default without --socketcand and --pty
+    /// The default where no other way in is chosen
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     slcan: Option<Listening>,
     /// Speak socketcand over TCP: classic CAN data frames
@@ -47,7 +51,10 @@ pub struct BridgeArguments {
     /// Speak slcan on a pseudo-terminal, as a serial adapter does; LINK becomes a link to it
     #[arg(long, value_name = "LINK", num_args = 0..=1, default_missing_value = "")]
     pty: Option<PathBuf>,
-    /// Clients at a time, of each protocol
+    /// Couple a CAN interface of this host, virtual or real, as vcan0; CAN FD where its MTU is 72
+    #[arg(long, value_name = "INTERFACE", value_parser = parse_interface)]
+    socketcan: Option<String>,
+    /// Clients at a time, of slcan and socketcand over TCP
     #[arg(long, value_name = "COUNT", default_value_t = 8,
           value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_clients: u16,
@@ -55,7 +62,17 @@ pub struct BridgeArguments {
     #[arg(long)]
     listen_only: bool,
     #[command(flatten)]
-    options: GatewayOptions,
+    options: FrameOptions,
+}
+
+/// A name that an interface can have.
+fn parse_interface(text: &str) -> Result<String, String> {
+    let is_possible = (1..=15).contains(&text.len())
+        && text.bytes().all(|byte| byte.is_ascii_graphic() && !matches!(byte, b'/' | b':'));
+    match is_possible {
+        true => Ok(text.to_owned()),
+        false => Err("expected the name of a network interface, as vcan0".to_owned()),
+    }
 }
 
 /// A frame of a client.
@@ -71,6 +88,7 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
+    let settings = Settings::of(&arguments.options.gateway)?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     // Before the gateway: the servers' threads keep out of what the cycle's thread asks for.
     let fronts = listen(arguments)?;
@@ -80,8 +98,16 @@ pub fn run(
         has_end: false,
         ..Wishes::on(Channels::only(arguments.channel))
     };
-    let opened = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
+    let capture = &arguments.options.capture;
+    let opened = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
     let Some(service) = opened else { return Ok(()) };
+    if let Some(can) = service.can(arguments.channel) {
+        let rates = match can.fd {
+            true => BusRates::fd(can.nominal_bitrate, can.data_bitrate),
+            false => BusRates::classic(can.nominal_bitrate),
+        };
+        fronts.iter().for_each(|front| front.clients().set_bus(rates));
+    }
     announce(arguments.channel, &fronts, output)?;
     let mut bridge = Traffic {
         channel: arguments.channel,
@@ -90,23 +116,19 @@ pub fn run(
         under_way: HashMap::with_capacity(4096),
         waiting: None,
     };
-    while !interrupt.is_set() {
-        bridge.cycle(arguments.listen_only, output)?;
+    let mut outcome = Ok(());
+    while outcome.is_ok() && !interrupt.is_set() {
+        outcome = bridge.cycle(arguments.listen_only, output);
     }
-    Ok(())
+    bridge.tell_losses(output);
+    outcome.and(bridge.service.finish_capture())
 }
 
 /// Starts the servers.
 fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
-    let GatewayOptions { bitrate, data_bitrate, .. } = arguments.options;
-    let rates = match data_bitrate {
-        Some(data_bitrate) => BusRates::fd(bitrate, data_bitrate),
-        None => BusRates::classic(bitrate),
-    };
-    let slcan = match (arguments.slcan, arguments.socketcand, &arguments.pty) {
-        (None, None, None) => Some(Listening::ANY),
-        (slcan, _, _) => slcan,
-    };
+    let has_another =
+        arguments.socketcand.is_some() || arguments.pty.is_some() || arguments.socketcan.is_some();
+    let slcan = arguments.slcan.or((!has_another).then_some(Listening::ANY));
     let mut fronts = Vec::new();
     let wanted =
         [(BridgeProtocol::Slcan, slcan), (BridgeProtocol::Socketcand, arguments.socketcand)];
@@ -118,8 +140,8 @@ fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
     if let Some(link) = &arguments.pty {
         fronts.push(Front::terminal(link)?);
     }
-    for front in &fronts {
-        front.clients().set_bus(rates);
+    if let Some(interface) = &arguments.socketcan {
+        fronts.push(Front::interface(interface)?);
     }
     Ok(fronts)
 }
@@ -189,7 +211,18 @@ impl Traffic {
                 Err(error) => output.note(format_args!("# a client's frame was refused: {error}")),
             }
         }
-        self.service.end(cycle)
+        self.service.end(cycle)?;
+        self.fronts.iter().try_for_each(Front::check)
+    }
+
+    /// Says what did not go through, where there is anything.
+    fn tell_losses(&self, output: &Output) {
+        for front in &self.fronts {
+            let Place { protocol, address, .. } = front.place(self.channel);
+            for loss in front.losses() {
+                output.note(format_args!("# {protocol} bridge at {address}: {loss}"));
+            }
+        }
     }
 
     fn next_of_clients(&self) -> Option<Held> {

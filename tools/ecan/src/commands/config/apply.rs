@@ -7,6 +7,7 @@ use ecan_host::StartupStep;
 use ecan_protocol::describe;
 use serde::Serialize;
 
+use crate::config_file;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::{Output, Tone};
@@ -34,7 +35,7 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    let file = super::read(path)?;
+    let file = config_file::read(path)?;
     let (bus, places) = super::places(&file, global, output)?;
     let mut applied = Vec::new();
     for place in places {
@@ -46,7 +47,7 @@ pub fn run(
         };
         let steps = file.startup(place.gateway);
         apply(bus.diagnostics(), place.slave, &steps, &mut |step| done.note(step))
-            .map_err(super::of_place)?;
+            .map_err(config_file::of_place)?;
         applied.push(done);
     }
     output.data(&applied, |out| {

@@ -5,6 +5,7 @@ use std::path::Path;
 use ecan_config_file::{Difference, differences};
 use serde::Serialize;
 
+use crate::config_file;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::{Output, Tone};
@@ -43,7 +44,7 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    let file = super::read(path)?;
+    let file = config_file::read(path)?;
     let (bus, places) = super::places(&file, global, output)?;
     let mut compared = Vec::new();
     for place in places {

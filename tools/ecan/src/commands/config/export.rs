@@ -7,6 +7,7 @@ use ecan_config_file::export::{Format, SlavePlace, export};
 use ecan_host::StartupStep;
 use serde::Serialize;
 
+use crate::config_file;
 use crate::failure::Failure;
 use crate::output::Output;
 
@@ -71,7 +72,7 @@ impl From<&StartupStep> for Step {
 }
 
 pub fn run(arguments: &ExportArguments, output: &Output) -> Result<(), Failure> {
-    let file = super::read(&arguments.file)?;
+    let file = config_file::read(&arguments.file)?;
     let slaves = &file.adapter.slaves;
     let gateway = match (arguments.gateway, slaves.len()) {
         (Some(gateway), _) => gateway,

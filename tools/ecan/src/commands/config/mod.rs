@@ -6,14 +6,14 @@ mod diff;
 mod export;
 mod flash;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use ecan_config_file::{
-    ConfigFile, ConfigFileError, EXAMPLE, FlashCommand, Place, PlaceFault, find, load,
-};
+use ecan_config_file::{ConfigFile, EXAMPLE, FlashCommand, Place};
+use ecan_sim::ClockKind;
 
 use crate::bus::Bus;
+use crate::config_file;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -90,45 +90,13 @@ pub fn run(
     }
 }
 
-/// Reads a file that must be sound.
-pub fn read(path: &Path) -> Result<ConfigFile, Failure> {
-    load(path).map_err(|error| match error {
-        ConfigFileError::Read { path, reason } => {
-            Failure::File { what: "read", path, reason: reason.to_string() }
-        }
-        ConfigFileError::Faults { path, faults } => {
-            Failure::File { what: "use", path, reason: faults.to_string() }
-        }
-    })
-}
-
-/// The bus that a file is about, with the places of its gateways: all, or the one chosen. The
-/// master is the file's, unless another one is named.
+/// The bus that a file is about, with the places of its gateways: all, or the one chosen.
 fn places(
     file: &ConfigFile,
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(Bus, Vec<Place>), Failure> {
-    let master = if global.master == 0 { file.adapter.master_index } else { global.master };
-    let bus = Bus::open(&GlobalOptions { master, ..global.clone() }, output)?;
-    let mut places = find(bus.diagnostics(), &file.adapter.slaves).map_err(of_place)?;
-    if global.slave.is_some() {
-        let chosen = bus.slave()?;
-        places.retain(|place| place.slave == chosen);
-        if places.is_empty() {
-            let words = format!("slave {chosen} is no gateway of the file");
-            return Err(Failure::Slave(words));
-        }
-    }
+    let bus = config_file::open_bus(file, global, output, ClockKind::Stepped)?;
+    let places = config_file::places(file, &bus)?;
     Ok((bus, places))
-}
-
-fn of_place(fault: PlaceFault) -> Failure {
-    match fault {
-        PlaceFault::Device(error) => Failure::Device(error),
-        PlaceFault::State { .. } => Failure::Refused(fault.to_string()),
-        PlaceFault::NoAlias { .. } | PlaceFault::NoSlave { .. } => {
-            Failure::Slave(fault.to_string())
-        }
-    }
 }

@@ -1,6 +1,8 @@
 //! The filters of a channel as the gateway holds them.
 
-use ecan_protocol::{ApplyStatus, ChannelState, ChannelStatus, FilterCommand};
+use ecan_protocol::{
+    ApplyStatus, ChannelState, ChannelStatus, FilterCommand, FilterCommandStatus, FilterWindow,
+};
 use serde::Serialize;
 
 use crate::bus::Bus;
@@ -23,28 +25,12 @@ impl Kind {
         }
     }
 
-    fn window(self) -> Window {
+    fn window(self) -> FilterWindow {
         match self {
-            Self::Standard => {
-                Window { max: 41, index: 43, command: 45, status: 47, count: 49, first_field: 50 }
-            }
-            Self::Extended => {
-                Window { max: 42, index: 44, command: 46, status: 48, count: 55, first_field: 56 }
-            }
+            Self::Standard => FilterWindow::STANDARD,
+            Self::Extended => FilterWindow::EXTENDED,
         }
     }
-}
-
-/// Subindices of an editing window.
-#[derive(Clone, Copy)]
-struct Window {
-    max: u8,
-    index: u8,
-    command: u8,
-    status: u8,
-    count: u8,
-    /// Type, action, sync, ID1 and ID2 follow each other.
-    first_field: u8,
 }
 
 /// A filter in the numbers of the window.
@@ -124,9 +110,9 @@ impl ChannelFilters<'_> {
     }
 
     fn load(&self, kind: Kind, number: u32) -> Result<RawFilter, Failure> {
-        let window = kind.window();
         self.command(kind, number, FilterCommand::Load)?;
-        let field = |offset| self.get(window.first_field + offset);
+        let first = kind.window().first_field;
+        let field = |offset| self.get(first + offset);
         Ok(RawFilter {
             matching: field(0)?,
             action: field(1)?,
@@ -137,9 +123,8 @@ impl ChannelFilters<'_> {
     }
 
     fn save(&self, kind: Kind, number: u32, filter: &RawFilter) -> Result<(), Failure> {
-        let first = kind.window().first_field;
-        let fields = [filter.matching, filter.action, filter.sync, filter.id1, filter.id2];
-        for (subindex, value) in (first..).zip(fields) {
+        let values = [filter.matching, filter.action, filter.sync, filter.id1, filter.id2];
+        for (subindex, value) in kind.window().fields().zip(values) {
             self.set(subindex, value)?;
         }
         self.command(kind, number, FilterCommand::Save)
@@ -149,11 +134,12 @@ impl ChannelFilters<'_> {
         let window = kind.window();
         self.set(window.index, number)?;
         self.set(window.command, command.raw().into())?;
-        let reason = match self.get(window.status)? {
-            0 => return Ok(()),
-            1 => "the index is invalid".to_owned(),
-            2 => "the command is invalid".to_owned(),
-            other => format!("status {other}, not in the manual"),
+        let status = self.get(window.status)?;
+        let reason = match u8::try_from(status).ok().and_then(FilterCommandStatus::from_raw) {
+            Some(FilterCommandStatus::Ok) => return Ok(()),
+            Some(FilterCommandStatus::InvalidIndex) => "the index is invalid".to_owned(),
+            Some(FilterCommandStatus::InvalidCommand) => "the command is invalid".to_owned(),
+            None => format!("status {status}, not in the manual"),
         };
         let name = kind.name();
         Err(Failure::Refused(format!("{name} filter {number} of CAN{}: {reason}", self.channel)))

@@ -11,9 +11,10 @@ use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::departures::Departures;
 use crate::frames::format::{Heard, Screen};
-use crate::frames::options::GatewayOptions;
+use crate::frames::options::FrameOptions;
 use crate::frames::printer::Printer;
-use crate::frames::service::{Service, Wishes};
+use crate::frames::service::Service;
+use crate::frames::settings::{Settings, Wishes};
 use crate::frames::summary::Summary;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -54,16 +55,16 @@ pub struct GenArguments {
     /// Extended identifiers
     #[arg(short = 'e', long)]
     extended: bool,
-    /// CAN FD frames; needs --data-bitrate
-    #[arg(short = 'f', long, requires = "data_bitrate")]
+    /// CAN FD frames; needs --data-bitrate, or a data bit rate in the file of --config
+    #[arg(short = 'f', long)]
     fd: bool,
-    /// CAN FD frames with bit rate switch; needs --data-bitrate
-    #[arg(short = 'b', long, requires = "data_bitrate")]
+    /// CAN FD frames with bit rate switch; as with --fd
+    #[arg(short = 'b', long)]
     brs: bool,
     /// Remote frames
     #[arg(short = 'R', long, conflicts_with_all = ["fd", "brs"])]
     remote: bool,
-    /// Mix formats: standard and extended, remote, and with --data-bitrate CAN FD
+    /// Mix formats: standard and extended, remote, and CAN FD where there is a data bit rate
     #[arg(short = 'm', long, conflicts_with_all = ["extended", "fd", "brs", "remote"])]
     mix: bool,
     /// Print the frames
@@ -76,7 +77,7 @@ pub struct GenArguments {
     #[arg(long, value_name = "MS", default_value_t = 2000)]
     timeout: u64,
     #[command(flatten)]
-    options: GatewayOptions,
+    options: FrameOptions,
 }
 
 /// Milliseconds with decimals, as nanoseconds.
@@ -90,8 +91,11 @@ fn parse_gap(text: &str) -> Result<u64, String> {
 }
 
 impl GenArguments {
-    fn generator(&self) -> Result<Generator, Failure> {
-        let has_fd = self.options.data_bitrate.is_some();
+    fn generator(&self, settings: &Settings<'_>) -> Result<Generator, Failure> {
+        let has_fd = settings.has_fd(self.channel);
+        if (self.fd || self.brs) && !has_fd {
+            return Err(settings.without_fd("CAN FD needs the data bit rate", self.channel));
+        }
         let pattern = Pattern {
             id: self.id,
             length: self.length,
@@ -112,14 +116,16 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    let mut generator = arguments.generator()?;
+    let settings = Settings::of(&arguments.options.gateway)?;
+    let mut generator = arguments.generator(&settings)?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     let is_shown = arguments.verbose && !global.json;
     let mut printer = Printer::start(Screen::default(), is_shown, None)?;
     let channels = Channels::only(arguments.channel);
     let has_end = arguments.count.is_some();
     let wishes = Wishes { has_results: true, has_end, ..Wishes::on(channels) };
-    let opened = Service::open(&arguments.options, wishes, &interrupt, global, output)?;
+    let capture = &arguments.options.capture;
+    let opened = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
     let Some(mut service) = opened else { return printer.finish(output) };
     let start_ns = service.now_ns();
     let mut departures = Departures::new(channels, start_ns);
@@ -156,11 +162,12 @@ pub fn run(
     }
     departures.wait(&mut service, timeout_ns, &interrupt, |_, _| {})?;
     printer.finish(output)?;
+    service.finish_capture()?;
     let wanted = arguments.count.filter(|_| !interrupt.is_set()).unwrap_or(departures.count());
     let elapsed_ns = service.now_ns() - start_ns;
     let summary = Summary::of(&departures, service.port(), wanted, elapsed_ns);
     summary.print(output)?;
-    summary.judge(departures.outcome(service.port()).cause(arguments.options.bitrate))
+    summary.judge(departures.outcome(service.port()).cause(service.port()))
 }
 
 /// When the frame of a number is due.

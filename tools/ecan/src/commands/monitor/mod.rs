@@ -16,10 +16,10 @@ use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
 use ecan_sim::ClockKind;
 
-use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
 use crate::frames::options::GatewayOptions;
+use crate::frames::settings::Settings;
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -35,6 +35,7 @@ pub const EXAMPLES: &str = "\
 Examples:
   ecan monitor --bitrate 1000000               all gateways of the bus, on the whole terminal
   ecan --slave 1 monitor --listen-only         one gateway, without taking part in its CAN buses
+  ecan monitor --config cell.toml              the gateways of a file, set as it says
   ecan monitor --once --for 10                 print how things stand after 10 seconds
   ecan monitor --for 60 --json > minute.json   for other programs
 
@@ -58,8 +59,8 @@ pub struct MonitorArguments {
     /// Watch for so many seconds, then print; as --once
     #[arg(long = "for", value_name = "SECONDS", value_parser = parse_seconds)]
     seconds: Option<f64>,
-    /// Channels to enable, 0 to 3 with commas between, or all
-    #[arg(long, value_name = "CHANNELS", default_value = "all")]
+    /// Channels to enable, 0 to 3 with commas between, or all; with --config those of the file
+    #[arg(long, value_name = "CHANNELS", default_value = "all", conflicts_with = "config")]
     channel: Channels,
     /// Listen without acknowledging: another node on the bus has to
     #[arg(long)]
@@ -83,8 +84,9 @@ pub fn run(
     if is_asked_once || !std::io::stdout().is_terminal() {
         return print_once(arguments, &interrupt, is_asked_once, global, output);
     }
-    let bus = Bus::open_with_clock(global, output, ClockKind::Real)?;
-    let watcher = Watcher::open(&bus, arguments, global)?;
+    let settings = Settings::of(&arguments.options)?;
+    let bus = settings.open_bus(global, output, ClockKind::Real)?;
+    let watcher = Watcher::open(&bus, &settings, arguments, global)?;
     terminal::run(watcher, arguments, &interrupt, output)
 }
 
@@ -97,13 +99,14 @@ fn print_once(
     output: &Output,
 ) -> Result<(), Failure> {
     let seconds = arguments.seconds.unwrap_or(1.0);
-    let bus = Bus::open_with_clock(global, output, ClockKind::Stepped)?;
+    let settings = Settings::of(&arguments.options)?;
+    let bus = settings.open_bus(global, output, ClockKind::Stepped)?;
     if !is_asked {
         output.note(format_args!(
             "standard output is no terminal: printing once, after {seconds} s, as with --once"
         ));
     }
-    let mut watcher = Watcher::open(&bus, arguments, global)?;
+    let mut watcher = Watcher::open(&bus, &settings, arguments, global)?;
     let granted = arguments.options.real_time.apply(|line| output.note(line));
     granted.map_err(|error| Failure::Master(error.to_string()))?;
     let length_ns = (seconds * 1e9) as u64;

@@ -1,7 +1,9 @@
 //! What the cycle hands over: raw numbers, in memory that goes back and forth.
 
 use ecan_host::{CycleStart, DomainReport};
-use ecan_mcan_port::{Awaited, Port, Received, Session, SlaveStatistics};
+use ecan_mcan_port::{
+    Awaited, ChannelSettings, Port, PortConfig, Received, Session, SlaveStatistics,
+};
 use ecan_protocol::{CHANNELS, ChannelStatus, FrameBits};
 
 /// Cycles that an observation has room for.
@@ -103,29 +105,43 @@ impl Observation {
 /// Adds up how long the frames that arrive were on their bus, without stuff bits.
 #[derive(Debug)]
 pub struct BusTime {
+    gateways: Vec<[ChannelTime; CHANNELS]>,
+}
+
+/// Bit rates of a channel in bit/s, and the time its frames took.
+#[derive(Clone, Copy, Debug, Default)]
+struct ChannelTime {
     nominal_bitrate: u32,
     data_bitrate: u32,
-    seconds: Vec<[f64; CHANNELS]>,
+    seconds: f64,
 }
 
 impl BusTime {
-    pub fn new(gateways: usize, nominal_bitrate: u32, data_bitrate: Option<u32>) -> Self {
-        let data_bitrate = data_bitrate.unwrap_or(nominal_bitrate);
-        Self { nominal_bitrate, data_bitrate, seconds: vec![[0.0; CHANNELS]; gateways] }
+    /// For gateways of this configuration.
+    pub fn new(config: &PortConfig) -> Self {
+        let channel = |channel: &Option<ChannelSettings>| {
+            let Some(ChannelSettings { can, .. }) = channel else { return ChannelTime::default() };
+            let nominal_bitrate = can.nominal_bitrate;
+            let data_bitrate = if can.fd { can.data_bitrate } else { nominal_bitrate };
+            ChannelTime { nominal_bitrate, data_bitrate, seconds: 0.0 }
+        };
+        let gateways = config.gateways.iter().map(|it| it.channels.each_ref().map(channel));
+        Self { gateways: gateways.collect() }
     }
 
     /// Counts what came back, where it is a frame. Allocates nothing.
     pub fn count(&mut self, received: &Received) {
         let Received::Frame(received) = received else { return };
-        let gateway = self.seconds.get_mut(received.slave);
+        let gateway = self.gateways.get_mut(received.slave);
         let channel = gateway.and_then(|it| it.get_mut(usize::from(received.channel)));
-        if let Some(seconds) = channel {
+        if let Some(channel) = channel {
             let bits = FrameBits::least(received.frame.as_ref());
-            *seconds += bits.seconds(self.nominal_bitrate, self.data_bitrate);
+            channel.seconds += bits.seconds(channel.nominal_bitrate, channel.data_bitrate);
         }
     }
 
     fn of(&self, slave: usize) -> [f64; CHANNELS] {
-        self.seconds.get(slave).copied().unwrap_or_default()
+        let gateway = self.gateways.get(slave).copied().unwrap_or_default();
+        gateway.map(|channel| channel.seconds)
     }
 }

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_host::Diagnostics;
+use ratatui::Frame;
 use ratatui::crossterm::event::{self, Event};
 
 use crate::failure::Failure;
@@ -18,6 +19,7 @@ use super::hang_up::HangUp;
 use super::keys::{Action, Choice};
 use super::observation::Observation;
 use super::screen;
+use super::snapshot::Snapshot;
 use super::watcher::{Watcher, read_errors};
 use super::{LOOK_NS, MonitorArguments};
 
@@ -61,6 +63,7 @@ pub fn run(
         is_over: Arc::new(AtomicBool::new(false)),
         has_color: output.has_color(),
         gateways,
+        draw: screen::draw,
     };
     let is_over = drawing.is_over.clone();
     let thread = std::thread::Builder::new().name("drawing".to_owned());
@@ -135,6 +138,9 @@ impl Drop for Joined {
     }
 }
 
+/// Puts a snapshot on the screen.
+type Draw = fn(&mut Frame<'_>, &Snapshot, Choice, bool);
+
 /// What the drawing's thread has.
 struct Drawing {
     collector: Collector,
@@ -144,6 +150,7 @@ struct Drawing {
     is_over: Arc<AtomicBool>,
     has_color: bool,
     gateways: usize,
+    draw: Draw,
 }
 
 /// Tells the cycle that the drawing has ended, however it did.
@@ -213,7 +220,7 @@ impl Drawing {
             if !choice.is_paused {
                 shown = self.collector.snapshot();
             }
-            terminal.draw(|frame| screen::draw(frame, &shown, choice, self.has_color))?;
+            terminal.draw(|frame| (self.draw)(frame, &shown, choice, self.has_color))?;
             let mut is_waiting = event::poll(FRAME)?;
             while is_waiting {
                 if let Event::Key(key) = event::read()? {
@@ -254,3 +261,7 @@ impl Mailbox {
         Ok(Self { _stop: stop })
     }
 }
+
+#[cfg(test)]
+#[path = "terminal_tests.rs"]
+mod tests;

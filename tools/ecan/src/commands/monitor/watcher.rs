@@ -7,7 +7,8 @@ use ecan_protocol::CHANNELS;
 
 use crate::bus::Bus;
 use crate::failure::Failure;
-use crate::frames::service::{MAX_FAILED_CYCLES, Wishes, configuration, failure};
+use crate::frames::service::{MAX_FAILED_CYCLES, failure};
+use crate::frames::settings::{Planned, Settings, Wishes};
 use crate::global::GlobalOptions;
 
 use super::MonitorArguments;
@@ -28,22 +29,21 @@ impl Watcher {
     /// Configures the gateway chosen, or all of them. No cycle runs yet.
     pub fn open(
         bus: &Bus,
+        settings: &Settings<'_>,
         arguments: &MonitorArguments,
         global: &GlobalOptions,
     ) -> Result<Self, Failure> {
-        let positions = positions(bus)?;
         let wishes =
             Wishes { is_listening: arguments.listen_only, ..Wishes::on(arguments.channel) };
-        let options = &arguments.options;
-        let (adapter, config) = configuration(options, wishes, global.master, &positions)?;
+        let Planned { positions, adapter, config, .. } = settings.for_all(bus, wishes, global)?;
         let first = positions.first().copied().unwrap_or_default();
         let failed = |error| match failure(first, error) {
             Failure::OutOfService { reason, .. } if positions.len() > 1 => Failure::Refused(reason),
             other => other,
         };
         config.check(&adapter).map_err(|faults| failed(faults.into()))?;
+        let busy = BusTime::new(&config);
         let port = Port::open(bus.ecrt(), adapter, config).map_err(failed)?;
-        let busy = BusTime::new(positions.len(), options.bitrate, options.data_bitrate);
         Ok(Self { port, positions, busy, failed_cycles: 0 })
     }
 
@@ -137,17 +137,6 @@ impl Watcher {
         }
         Ok(())
     }
-}
-
-/// The gateway chosen, or all of them.
-fn positions(bus: &Bus) -> Result<Vec<usize>, Failure> {
-    if bus.is_chosen() {
-        return Ok(vec![bus.slave()?]);
-    }
-    let count = bus.diagnostics().slave_count();
-    let gateways: Vec<_> = (0..count).filter(|slave| bus.is_gateway(*slave)).collect();
-    // Without any it tells why.
-    if gateways.is_empty() { Ok(vec![bus.slave()?]) } else { Ok(gateways) }
 }
 
 /// Objects of a channel (manual 13.5).

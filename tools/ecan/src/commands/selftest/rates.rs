@@ -6,7 +6,7 @@ use ecan_config_file::ConfigFile;
 use ecan_mcan_port::ChannelSettings;
 use ecan_protocol::{McanChannelConfig, NodeMode};
 
-use crate::commands::config;
+use crate::config_file;
 use crate::failure::Failure;
 
 /// The list without a file: nominal and data bit rate in bit/s.
@@ -97,7 +97,7 @@ fn plain(nominal: u32, data: Option<u32>) -> ChannelSettings {
 
 /// Reads a file that must be sound and have a channel.
 pub(super) fn read(path: &Path) -> Result<ConfigFile, Failure> {
-    let file = config::read(path)?;
+    let file = config_file::read(path)?;
     if Rate::of_file(&file).is_empty() {
         let reason = "it has no channel, so there is no bit rate to test".to_owned();
         return Err(Failure::File { what: "use", path: path.to_owned(), reason });

@@ -1,0 +1,407 @@
+//! Configuration from a file
+//!
+//! One TOML file describes the gateways of a bus: their places, PDO sizes, distributed clocks,
+//! channels with bit rates, filters and policies. `ecan config example` prints one with every key;
+//! `ecan config` also checks, compares and exports the file that an application loads.
+//!
+//! ```c
+//! ecan_igh_default_config(&igh_config);
+//! if (igh_mcan_port_load_config(&igh_config, &mcan_config, "cell.toml") != ECAN_OK) {
+//!     fprintf(stderr, "%s\n", ecan_last_error());    every fault, with line and column
+//! }
+//! ecan_igh_init(&igh, &igh_config);
+//! igh_mcan_port_init(&mcan, &igh, &mcan_config);
+//! ```
+
+use std::ffi::{OsStr, c_char, c_int};
+use std::os::unix::ffi::OsStrExt;
+
+use ecan_config_file::{ConfigFile, ConfigFileError, FileFault, FileFaults};
+use ecan_mcan_host::boundary::{Call, Out, Room, Sealed, call};
+use ecan_mcan_host::common::result::ecan_result_t;
+
+use super::config::{PortPlain, igh_mcan_port_config_t};
+use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
+use crate::errors;
+
+/// Bytes of the words of a fault, NUL included.
+pub const IGH_MCAN_FILE_FAULT_BYTES: usize = 248;
+
+/// One thing that is wrong with a configuration file.
+#[repr(C)]
+#[derive(Clone, Copy, Debug)]
+pub struct igh_mcan_file_fault_t {
+    /// Line, from 1.
+    pub line: u32,
+    /// Column in characters, from 1.
+    pub column: u32,
+    /// What is wrong, in UTF-8; cut where it does not fit.
+    pub reason: [c_char; IGH_MCAN_FILE_FAULT_BYTES],
+}
+
+impl From<&FileFault> for igh_mcan_file_fault_t {
+    fn from(fault: &FileFault) -> Self {
+        let mut reason = [0; IGH_MCAN_FILE_FAULT_BYTES];
+        let mut length = fault.reason.len().min(reason.len() - 1);
+        while !fault.reason.is_char_boundary(length) {
+            length -= 1;
+        }
+        for (place, byte) in reason.iter_mut().zip(&fault.reason.as_bytes()[..length]) {
+            *place = *byte as c_char;
+        }
+        let number = |number| u32::try_from(number).unwrap_or(u32::MAX);
+        Self { line: number(fault.line), column: number(fault.column), reason }
+    }
+}
+
+/// Where C wants to have the faults.
+struct Wanted {
+    faults: Room<igh_mcan_file_fault_t>,
+    count: Out<usize>,
+}
+
+impl Wanted {
+    fn tell(&mut self, FileFaults(faults): &FileFaults) {
+        self.count.set(faults.len());
+        for fault in faults {
+            if !self.faults.push(fault.into()) {
+                break;
+            }
+        }
+    }
+}
+
+/// Puts what a file says into both configurations, or leaves both as they are.
+///
+/// # Safety
+/// As for [`Sealed::change`] and [`Sealed::init`].
+unsafe fn take(
+    call: Call,
+    igh_config: *mut ecan_igh_config_t,
+    config: *mut igh_mcan_port_config_t,
+    file: &ConfigFile,
+) -> Result<(), ecan_result_t> {
+    let port = PortPlain::of(call, &file.port)?;
+    // SAFETY: the caller's promise.
+    let adapter = unsafe { AdapterPlain::open(call, igh_config)? };
+    // Applied, so that nothing of the file is left out where an application forgets to.
+    let with = AdapterPlain { port: Some(port), ..adapter.with(call, &file.adapter)? };
+    // SAFETY: the caller's promise.
+    unsafe { Sealed::init(call, "config", config, port)? };
+    *adapter = with;
+    Ok(())
+}
+
+/// Refuses configurations that could not take what a file says, before it is read.
+///
+/// # Safety
+/// As for [`take`].
+unsafe fn need_places(
+    call: Call,
+    igh_config: *mut ecan_igh_config_t,
+    config: *mut igh_mcan_port_config_t,
+) -> Result<(), ecan_result_t> {
+    // SAFETY: the caller's promise.
+    unsafe {
+        AdapterPlain::read(call, igh_config)?;
+        call.out("config", config)?;
+    }
+    Ok(())
+}
+
+/// # Safety
+/// `path` is NULL or ends with NUL; the configurations as for [`take`].
+unsafe fn load(
+    call: Call,
+    igh_config: *mut ecan_igh_config_t,
+    config: *mut igh_mcan_port_config_t,
+    path: *const c_char,
+    mut wanted: Option<Wanted>,
+) -> Result<(), ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let path = unsafe {
+        need_places(call, igh_config, config)?;
+        OsStr::from_bytes(call.c_str("path", path)?.to_bytes())
+    };
+    let file = ecan_config_file::load(path).map_err(|error| {
+        if let (ConfigFileError::Faults { faults, .. }, Some(wanted)) = (&error, &mut wanted) {
+            wanted.tell(faults);
+        }
+        errors::config_file(call, &error)
+    })?;
+    // SAFETY: the caller's promise.
+    unsafe { take(call, igh_config, config, &file) }
+}
+
+/// Loads the configurations of the Adapter and of the Port from a file. They are applied, as by
+/// igh_mcan_port_apply_config(): ecan_igh_init() and igh_mcan_port_init() are all that is left.
+///
+/// Everything that the file says reaches the gateways, and what it leaves out has the file's
+/// defaults, whatever stood in the configurations. Other functions may change both afterwards;
+/// changes of `config` have to be applied again.
+///
+/// @param igh_config  Initialised. What a file has no word for stays: the library (setting `ecrt`),
+///                    scenario, clock and seed of a simulation. Everything else is replaced, startup
+///                    SDOs included. Policies of 0x8020 become startup SDOs, 6 for each gateway that
+///                    has any, and count for ECAN_IGH_MAX_STARTUP_SDOS.
+/// @param config      Is overwritten, whatever it holds.
+/// @param path        The file, as the system names it; a relative one counts from the working
+///                    directory.
+///
+/// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
+/// @return  ECAN_OK; ECAN_ERR_FILE where it cannot be read; ECAN_ERR_CONFIG with every fault in
+///          ecan_last_error(), by line and column; ECAN_ERR_FULL for more than ECAN_IGH_MAX_SLAVES
+///          gateways or IGH_MCAN_MAX_FILTERS filters; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. Both
+///          configurations stay as they were after an error.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_load_config(
+    igh_config: *mut ecan_igh_config_t,
+    config: *mut igh_mcan_port_config_t,
+    path: *const c_char,
+) -> c_int {
+    call("igh_mcan_port_load_config", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        unsafe { load(call, igh_config, config, path, None) }
+    })
+}
+
+/// As igh_mcan_port_load_config(), with the faults as data, for an editor for example.
+/// ecan_last_error() holds some eighty of them.
+///
+/// @param faults    Gets as many of the file's faults as there is room for, in the order of its
+///                  lines; may be NULL where capacity is 0.
+/// @param capacity  Room of `faults`.
+/// @param count     Gets the number of all faults; 0 for every other error.
+///
+/// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
+/// @return  As igh_mcan_port_load_config().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_load_config_ex(
+    igh_config: *mut ecan_igh_config_t,
+    config: *mut igh_mcan_port_config_t,
+    path: *const c_char,
+    faults: *mut igh_mcan_file_fault_t,
+    capacity: usize,
+    count: *mut usize,
+) -> c_int {
+    call("igh_mcan_port_load_config_ex", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        unsafe {
+            let wanted = wanted(call, faults, capacity, count)?;
+            load(call, igh_config, config, path, Some(wanted))
+        }
+    })
+}
+
+/// As igh_mcan_port_load_config_ex(), from a text that the application has in memory.
+///
+/// @param text  What would stand in the file, up to a NUL.
+///
+/// @usage   not rt, any thread, before ecan_igh_init or igh_mcan_port_reconfigure
+/// @return  As igh_mcan_port_load_config(), but for ECAN_ERR_FILE.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn igh_mcan_port_parse_config(
+    igh_config: *mut ecan_igh_config_t,
+    config: *mut igh_mcan_port_config_t,
+    text: *const c_char,
+    faults: *mut igh_mcan_file_fault_t,
+    capacity: usize,
+    count: *mut usize,
+) -> c_int {
+    call("igh_mcan_port_parse_config", |call| {
+        // SAFETY: the pointers are C's, valid or NULL as the header demands.
+        unsafe {
+            let mut wanted = wanted(call, faults, capacity, count)?;
+            need_places(call, igh_config, config)?;
+            let text = call.c_str("text", text)?.to_bytes();
+            let file = ecan_config_file::parse(text).map_err(|faults| {
+                wanted.tell(&faults);
+                call.fail(ecan_result_t::ECAN_ERR_CONFIG, format_args!("{faults}"))
+            })?;
+            take(call, igh_config, config, &file)
+        }
+    })
+}
+
+/// # Safety
+/// `faults` is NULL or valid for writing `capacity` items, `count` NULL or valid for writing.
+unsafe fn wanted(
+    call: Call,
+    faults: *mut igh_mcan_file_fault_t,
+    capacity: usize,
+    count: *mut usize,
+) -> Result<Wanted, ecan_result_t> {
+    // SAFETY: the caller's promise.
+    let wanted = unsafe {
+        Wanted { count: call.out("count", count)?, faults: call.room("faults", faults, capacity)? }
+    };
+    wanted.count.set(0);
+    Ok(wanted)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::mem::MaybeUninit;
+    use std::ptr::null_mut;
+
+    use ecan_config_file::EXAMPLE;
+    use ecan_host::AdapterConfig;
+    use ecan_mcan_port::PortConfig;
+
+    use super::*;
+    use crate::adapter::config::ecan_igh_default_config;
+    use crate::adapter::config_master::{ecan_igh_config_set_ecrt, ecan_igh_config_set_seed};
+
+    /// What the example leaves at a default.
+    const OTHER_VALUES: &str = r#"
+        master = 1
+        cycle_us = 250.5
+        allow_large_pdos = true
+        preop_timeout_ms = 500
+        [dc]
+        cycle_us = 501
+        shift_us = 100
+        assign_activate = 0x0700
+        source = "reference"
+        reference = 1
+        monitor_every = 0
+        [[gateway]]
+        alias = 7
+        rx_pdo = { n = 2, profile = 4, budget = "deterministic", options = ["align4"] }
+        tx_pdo = { n = 13, profile = 5, budget = "shared_only", options = ["tx_result"] }
+        paced = false
+        hold_limit = 3
+        input_limit = 0
+        allow_diagnostic_tests = true
+        schedule = { latest_send_us = 20, margin_check = "refuse", give_up_missed = false }
+        data_path = { max_service_budget_us = 700 }
+        [gateway.can3]
+        bitrate = 250_000
+        sample_point = [80, 87.5]
+        node_mode = "listen"
+        non_match_extended = "reject"
+        ram = { layout = "fd", rx_fifo0_size = 10, rx_fifo1_data_bytes = 12 }
+        data_path = { rx_drain_max = 5, rx_cache_depth = 24, bus_off_recovery = "manual" }
+        traffic = { received = 3, sent = 2 }
+        standard_filter = [
+            { match = "two", action = "reject", id1 = 3, id2 = 4, sync = true },
+            { action = "rx_buffer", rx_buffer = 2, id1 = 5 },
+        ]
+        extended_filter = [
+            { match = "range_unmasked", action = "priority_fifo1", id1 = 1, id2 = 2, sync = true },
+        ]
+        [[gateway]]
+        n = 1
+        identity = { vendor_id = 1, product_code = 2 }
+        data_path = { compat_mode = 3 }
+        [gateway.can0]
+        bitrate = 500_000
+        bit_timing = "manual"
+        nominal_timing = { brp = 2, tseg1 = 63, tseg2 = 16, sjw = 16 }
+        [[gateway.can0.standard_filter]]
+        match = "masked"
+        action = "fifo1"
+        id1 = 0x100
+        id2 = 0x700
+    "#;
+
+    /// The configurations as C holds them.
+    struct Configurations {
+        adapter: Box<MaybeUninit<ecan_igh_config_t>>,
+        port: Box<MaybeUninit<igh_mcan_port_config_t>>,
+    }
+
+    impl Configurations {
+        fn new() -> Self {
+            let mut this = Self { adapter: Box::new_uninit(), port: Box::new_uninit() };
+            // SAFETY: the pointer is valid.
+            assert_eq!(unsafe { ecan_igh_default_config(this.adapter.as_mut_ptr()) }, 0);
+            this
+        }
+
+        fn parse(&mut self, text: &str) -> c_int {
+            let text = std::ffi::CString::new(text).unwrap();
+            let (adapter, port) = (self.adapter.as_mut_ptr(), self.port.as_mut_ptr());
+            let mut count = 0;
+            // SAFETY: every pointer is valid; there is no room for faults.
+            unsafe {
+                igh_mcan_port_parse_config(
+                    adapter,
+                    port,
+                    text.as_ptr(),
+                    null_mut(),
+                    0,
+                    &raw mut count,
+                )
+            }
+        }
+
+        /// As the Adapter and the Port take them.
+        fn to_rust(&self) -> (AdapterConfig, PortConfig) {
+            let mut found = None;
+            let code = call("to_rust", |call| {
+                // SAFETY: both are initialised.
+                let (adapter, port) = unsafe {
+                    (
+                        AdapterPlain::read(call, self.adapter.as_ptr())?,
+                        PortPlain::read(call, self.port.as_ptr())?,
+                    )
+                };
+                found = Some((adapter.to_rust(), port.settings(adapter.slave_count)));
+                Ok(())
+            });
+            assert_eq!(code, 0);
+            found.unwrap()
+        }
+    }
+
+    /// What a Rust application hands to the Adapter and the Port.
+    fn in_rust(text: &str) -> (AdapterConfig, PortConfig) {
+        let file: ConfigFile = text.parse().unwrap_or_else(|faults| panic!("{faults}"));
+        let mut adapter = file.adapter;
+        file.port.apply(&mut adapter);
+        (adapter, file.port)
+    }
+
+    #[test]
+    fn a_file_means_in_c_what_it_means_in_rust() {
+        let mut c = Configurations::new();
+        // One after the other into the same configurations: nothing of the one before is left.
+        for text in [OTHER_VALUES, EXAMPLE, OTHER_VALUES] {
+            assert_eq!(c.parse(text), 0);
+            assert_eq!(c.to_rust(), in_rust(text));
+        }
+        // The values tell something.
+        let (adapter, port) = c.to_rust();
+        assert!(adapter.slaves.iter().all(|slave| slave.startup.len() == 6));
+        assert!(port.gateways[0].channels[3].as_ref().unwrap().extended_filters[0].sync);
+    }
+
+    #[test]
+    fn library_and_simulation_stay_as_they_were_chosen() {
+        let mut c = Configurations::new();
+        let adapter = c.adapter.as_mut_ptr();
+        // SAFETY: the configuration is initialised, the text ends with NUL.
+        unsafe {
+            assert_eq!(ecan_igh_config_set_ecrt(adapter, c"sim:echo".as_ptr()), 0);
+            assert_eq!(ecan_igh_config_set_seed(adapter, 7), 0);
+        }
+        assert_eq!(c.parse(EXAMPLE), 0);
+        let code = call("look", |call| {
+            // SAFETY: as above.
+            let plain = unsafe { AdapterPlain::read(call, c.adapter.as_ptr())? };
+            assert_eq!((plain.ecrt.get(), plain.seed), (Some("sim:echo"), Some(7)));
+            Ok(())
+        });
+        assert_eq!(code, 0);
+    }
+
+    #[test]
+    fn words_that_are_too_long_are_cut_between_characters() {
+        let reason = "ä".repeat(IGH_MCAN_FILE_FAULT_BYTES);
+        let fault = igh_mcan_file_fault_t::from(&FileFault { line: 1, column: 2, reason });
+        let bytes: Vec<u8> = fault.reason.iter().map(|byte| *byte as u8).collect();
+        let text = std::ffi::CStr::from_bytes_until_nul(&bytes).unwrap().to_str().unwrap();
+        assert_eq!(text, "ä".repeat((IGH_MCAN_FILE_FAULT_BYTES - 1) / 2));
+    }
+}

@@ -1,0 +1,139 @@
+//! The bridge over a pair of datagram sockets: the other end is the kernel's place.
+
+use std::os::fd::OwnedFd;
+use std::os::unix::net::UnixDatagram;
+use std::time::{Duration, Instant};
+
+use ecan_protocol::{CanFrame, CanId};
+use socketcan::CanFdSocket;
+
+use crate::rates::BusRates;
+use crate::socketcan::SocketCanBridge;
+use crate::statistics::BridgeStatistics;
+
+/// Nothing here takes anywhere near as long, unless it fails.
+const LIMIT: Duration = Duration::from_secs(60);
+
+/// A bridge, and the kernel's end of its socket.
+fn bridge(queue: usize) -> (SocketCanBridge, UnixDatagram) {
+    let (ours, kernel) = UnixDatagram::pair().unwrap();
+    kernel.set_read_timeout(Some(LIMIT)).unwrap();
+    let socket = CanFdSocket::from(OwnedFd::from(ours));
+    (SocketCanBridge::over(socket, "vcan0", queue).unwrap(), kernel)
+}
+
+/// Waits until the bridge's threads have come so far.
+fn wait_until<T>(bridge: &SocketCanBridge, look: impl Fn() -> Option<T>) -> T {
+    let start = Instant::now();
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(start.elapsed() < LIMIT, "{:?}", bridge.clients().statistics());
+        std::thread::yield_now();
+    }
+}
+
+fn frame(id: u16, data: &[u8]) -> CanFrame {
+    CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
+}
+
+/// A frame as the kernel has it.
+fn bytes(id: u32, length: u8, flags: u8, data: &[u8], size: usize) -> Vec<u8> {
+    let mut bytes = [&id.to_ne_bytes()[..], &[length, flags, 0, 0], data].concat();
+    bytes.resize(size, 0);
+    bytes
+}
+
+fn received(kernel: &UnixDatagram) -> Vec<u8> {
+    let mut bytes = [0; 256];
+    let length = kernel.recv(&mut bytes).unwrap();
+    bytes[..length].to_vec()
+}
+
+#[test]
+fn frames_go_both_ways_in_their_order() {
+    let (bridge, kernel) = bridge(64);
+    let clients = bridge.clients();
+    clients.set_bus(BusRates::fd(500_000, 2_000_000));
+    assert!(clients.are_there());
+    kernel.send(&bytes(0x123, 2, 0, &[1, 2], 16)).unwrap();
+    kernel.send(&bytes(0x8000_0124, 16, 5, &[3; 16], 72)).unwrap();
+    let (client, first) = wait_until(&bridge, || clients.next_for_bus());
+    let (_, second) = wait_until(&bridge, || clients.next_for_bus());
+    assert_eq!(first, frame(0x123, &[1, 2]));
+    let id = CanId::extended(0x124).unwrap();
+    assert_eq!(second, CanFrame::fd(id, &[3; 16], true, false).unwrap());
+
+    // What came from the interface does not go back there, what others sent does.
+    clients.deliver(&first, 1, Some(client));
+    clients.deliver(&frame(0x7FF, &[9]), 2, None);
+    clients.deliver(&second, 3, None);
+    assert_eq!(received(&kernel), bytes(0x7FF, 1, 0, &[9], 16));
+    assert_eq!(received(&kernel), bytes(0x8000_0124, 16, 5, &[3; 16], 72));
+    let expected =
+        BridgeStatistics { clients: 1, connections: 1, delivered: 2, ..Default::default() };
+    assert_eq!(clients.statistics(), expected);
+    assert!(bridge.end().is_none());
+}
+
+#[test]
+fn what_the_bus_cannot_carry_is_counted() {
+    let (bridge, kernel) = bridge(2);
+    let clients = bridge.clients();
+    let count = |look: fn(&BridgeStatistics) -> u64, wanted: u64| {
+        wait_until(&bridge, || (look(&clients.statistics()) == wanted).then_some(()));
+    };
+    // Before there is a bus, then CAN FD on a classic one.
+    kernel.send(&bytes(0x123, 0, 0, &[], 16)).unwrap();
+    count(|it| it.mismatched, 1);
+    clients.set_bus(BusRates::classic(500_000));
+    kernel.send(&bytes(0x123, 0, 4, &[], 72)).unwrap();
+    count(|it| it.mismatched, 2);
+    // An error frame, and what is no frame at all.
+    kernel.send(&bytes(0x2000_0040, 8, 0, &[], 16)).unwrap();
+    kernel.send(&[1, 2, 3]).unwrap();
+    count(|it| it.refused, 4);
+    // More than may wait for the bus.
+    for _ in 0..5 {
+        kernel.send(&bytes(0x124, 0, 0, &[], 16)).unwrap();
+    }
+    count(|it| it.dropped_to_bus, 3);
+    count(|it| it.refused, 7);
+    let waiting: Vec<_> = std::iter::from_fn(|| clients.next_for_bus()).collect();
+    assert_eq!(waiting.len(), 2);
+}
+
+#[test]
+fn an_interface_that_takes_nothing_loses_frames_and_goes_on_later() {
+    let (bridge, kernel) = bridge(4096);
+    let clients = bridge.clients();
+    // More than the socket holds.
+    for number in 0..2000 {
+        clients.deliver(&frame(number, &[]), 0, None);
+    }
+    let dropped = || clients.statistics().dropped_to_clients;
+    wait_until(&bridge, || (dropped() > 0).then_some(()));
+    // From now on somebody reads: everything that was not dropped comes, in order.
+    let mut last = 0;
+    clients.deliver(&frame(0x7FF, &[]), 0, None);
+    loop {
+        let id = u32::from_ne_bytes(received(&kernel)[..4].try_into().unwrap());
+        if id == 0x7FF {
+            break;
+        }
+        assert!(last == 0 || id > last, "{id} behind {last}");
+        last = id;
+    }
+}
+
+#[test]
+fn it_ends_while_nothing_goes_on() {
+    let (bridge, _kernel) = bridge(8);
+    let clients = bridge.clients().clone();
+    drop(bridge);
+    assert!(!clients.are_there());
+    // Nobody is there any more, nothing is counted as delivered.
+    clients.deliver(&frame(1, &[]), 0, None);
+    assert_eq!(clients.statistics().delivered, 0);
+}

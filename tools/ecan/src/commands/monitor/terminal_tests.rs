@@ -1,0 +1,114 @@
+//! The terminal after a panic. Each program that panics is this test program itself, on a
+//! pseudo-terminal: the panic is real, and so is what puts the terminal right.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use super::*;
+
+#[path = "../../../tests/support/deadline.rs"]
+mod deadline;
+#[path = "../../../tests/support/terminal.rs"]
+mod terminal;
+
+use terminal::{ENTER, OnTerminal};
+
+/// Names the file that, once it is there, is the sign for the panic.
+const SIGN: &str = "ECAN_TEST_PANIC_SIGN";
+/// What the program says that panics.
+const WORDS: &str = "a panic for the test";
+/// What a failed test program returns.
+const FAILED: i32 = 101;
+
+/// Whether this is a program that was started on a terminal of its own.
+fn is_on_its_terminal() -> bool {
+    std::env::var_os(SIGN).is_some()
+}
+
+/// Whether it is time.
+fn is_time() -> bool {
+    std::env::var_os(SIGN).is_some_and(|path| Path::new(&path).exists())
+}
+
+/// Draws as the monitor does, until it is time to panic.
+fn draw(frame: &mut Frame<'_>, snapshot: &Snapshot, choice: Choice, has_color: bool) {
+    assert!(!is_time(), "{WORDS}");
+    screen::draw(frame, snapshot, choice, has_color);
+}
+
+/// A drawing on its thread as the monitor has it, and the way to hand it observations.
+fn start(draw: Draw) -> (Joined, Arc<AtomicBool>) {
+    let (full, seen) = sync_channel(OBSERVATIONS);
+    let (spent, _) = sync_channel(OBSERVATIONS);
+    let (_, errors) = channel();
+    let is_over = Arc::new(AtomicBool::new(false));
+    let drawing = Drawing {
+        collector: Collector::new(&[0], 1_000_000, WINDOW_NS, true),
+        seen,
+        spent,
+        errors,
+        is_over: is_over.clone(),
+        has_color: false,
+        gateways: 1,
+        draw,
+    };
+    let thread = std::thread::spawn(move || drawing.run());
+    let joined = Joined { full: Some(full), thread: Some(thread) };
+    joined.hand_over(Observation::new(1));
+    (joined, is_over)
+}
+
+#[test]
+#[ignore = "started by the tests below on a terminal of its own"]
+fn program_whose_drawing_panics() {
+    if !is_on_its_terminal() {
+        return;
+    }
+    let (joined, is_over) = start(draw);
+    while !is_over.load(Ordering::Relaxed) {
+        std::thread::yield_now();
+    }
+    // The panic goes on here.
+    let _ = joined.finish();
+}
+
+#[test]
+#[ignore = "started by the tests below on a terminal of its own"]
+fn program_whose_cycle_panics() {
+    if !is_on_its_terminal() {
+        return;
+    }
+    let (_joined, is_over) = start(screen::draw);
+    while !is_over.load(Ordering::Relaxed) {
+        assert!(!is_time(), "{WORDS}");
+        std::thread::yield_now();
+    }
+}
+
+/// Runs one of the programs until its screen is there, lets it panic, and waits for its end.
+fn panics(program: &str) {
+    let directory = tempfile::tempdir().unwrap();
+    let sign: PathBuf = directory.path().join("sign");
+    let name = format!("commands::monitor::terminal::tests::{program}");
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command.args(["--exact", &name, "--ignored", "--nocapture"]).env(SIGN, &sign);
+    let mut monitor = OnTerminal::start(&mut command);
+    monitor.wait_for(ENTER);
+    monitor.wait_for("Channels");
+    assert!(monitor.is_raw());
+    std::fs::write(&sign, "").unwrap();
+    let (status, said) = monitor.end();
+    assert_eq!(status, Some(FAILED), "{said}");
+    // Behind the screen, where it can be read.
+    assert!(said.contains(WORDS), "{said}");
+}
+
+#[test]
+fn a_panic_while_drawing_leaves_the_terminal_as_it_was() {
+    panics("program_whose_drawing_panics");
+}
+
+#[test]
+fn a_panic_in_the_cycle_leaves_the_terminal_as_it_was() {
+    panics("program_whose_cycle_panics");
+}

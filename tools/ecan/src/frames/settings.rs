@@ -1,0 +1,259 @@
+//! What gateways are set to: by the options of the command, or by a configuration file.
+
+use std::path::{Path, PathBuf};
+
+use ecan_config_file::{ConfigFile, Place};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{GatewayConfig, PortConfig};
+use ecan_protocol::{EncapsulationProfile, NodeMode, OptionFlags};
+use ecan_sim::ClockKind;
+
+use crate::bus::Bus;
+use crate::config_file;
+use crate::failure::Failure;
+use crate::frames::channels::Channels;
+use crate::frames::options::GatewayOptions;
+use crate::global::GlobalOptions;
+use crate::output::Output;
+
+/// What a command wants of the gateway.
+#[derive(Clone, Copy, Debug)]
+pub struct Wishes {
+    /// The channels that it uses.
+    pub channels: Channels,
+    /// The channels that there must be.
+    pub required: Channels,
+    /// Listen without sending or acknowledging.
+    pub is_listening: bool,
+    /// Received frames carry the gateway's time.
+    pub has_device_time: bool,
+    /// The gateway tells what became of each frame.
+    pub has_results: bool,
+    /// The command ends by itself, so a simulation need not take the time it simulates.
+    pub has_end: bool,
+}
+
+impl Wishes {
+    /// To use these channels; each that is named must be there.
+    pub fn on(channels: Channels) -> Self {
+        Self {
+            channels,
+            required: if channels.is_whatever_there_is() { Channels::NONE } else { channels },
+            is_listening: false,
+            has_device_time: false,
+            has_results: false,
+            has_end: true,
+        }
+    }
+
+    fn apply(self, gateway: &mut GatewayConfig) {
+        if self.has_results {
+            gateway.tx_options = gateway.tx_options.with(OptionFlags::TX_RESULT);
+        }
+        if self.has_device_time {
+            use EncapsulationProfile::{
+                Compact, CompactTimestamped, Window64, Window64Timestamped,
+            };
+            gateway.tx_encapsulation = match gateway.tx_encapsulation {
+                Compact | CompactTimestamped => CompactTimestamped,
+                Window64 | Window64Timestamped => Window64Timestamped,
+            };
+        }
+        if self.is_listening {
+            for channel in gateway.channels.iter_mut().flatten() {
+                channel.can.node_mode = NodeMode::Listen;
+            }
+        }
+    }
+}
+
+/// Gateways of a bus and their configuration.
+#[derive(Debug)]
+pub struct Planned {
+    /// Their places in the ring.
+    pub positions: Vec<usize>,
+    /// The EtherCAT side.
+    pub adapter: AdapterConfig,
+    /// The CAN side.
+    pub config: PortConfig,
+    /// The channels that the command uses.
+    pub channels: Channels,
+}
+
+/// Where the settings come from.
+#[derive(Debug)]
+pub struct Settings<'a> {
+    options: &'a GatewayOptions,
+    file: Option<(PathBuf, ConfigFile)>,
+}
+
+impl<'a> Settings<'a> {
+    /// Reads the file, where the options name one.
+    pub fn of(options: &'a GatewayOptions) -> Result<Self, Failure> {
+        let file = match &options.config {
+            Some(path) => Some((path.clone(), config_file::read(path)?)),
+            None => None,
+        };
+        Ok(Self { options, file })
+    }
+
+    /// The options.
+    pub fn options(&self) -> &'a GatewayOptions {
+        self.options
+    }
+
+    /// Whether a channel can carry CAN FD frames.
+    pub fn has_fd(&self, channel: u8) -> bool {
+        let Some((_, file)) = &self.file else { return self.options.data_bitrate.is_some() };
+        let gateways = file.port.gateways.iter();
+        let mut settings =
+            gateways.filter_map(|it| it.channels.get(usize::from(channel))?.as_ref());
+        settings.any(|channel| channel.can.fd)
+    }
+
+    /// That something needs CAN FD, on a channel that has none.
+    pub fn without_fd(&self, what: impl std::fmt::Display, channel: u8) -> Failure {
+        Failure::Usage(match &self.file {
+            None => format!("{what}: give --data-bitrate"),
+            Some((path, _)) => {
+                format!("{what}: channel {channel} has no data_bitrate in {}", path.display())
+            }
+        })
+    }
+
+    /// Opens the bus.
+    pub fn open_bus(
+        &self,
+        global: &GlobalOptions,
+        output: &Output,
+        clock: ClockKind,
+    ) -> Result<Bus, Failure> {
+        match &self.file {
+            None => Bus::open_with_clock(global, output, clock),
+            Some((_, file)) => config_file::open_bus(file, global, output, clock),
+        }
+    }
+
+    /// The gateway that the user chose, or the only one there is.
+    pub fn for_one(
+        &self,
+        bus: &Bus,
+        wishes: Wishes,
+        global: &GlobalOptions,
+    ) -> Result<Planned, Failure> {
+        let Some((path, file)) = &self.file else {
+            return self.of_options(vec![bus.slave()?], wishes, global.master);
+        };
+        let places = config_file::places(file, bus)?;
+        match places[..] {
+            [place] => of_file(path, file, &[place], wishes, global),
+            [] => Err(no_gateway(path)),
+            [..] => {
+                let slaves: Vec<_> = places.iter().map(|place| place.slave.to_string()).collect();
+                Err(Failure::Slave(format!(
+                    "{} describes several gateways; choose one with --slave, of {}",
+                    path.display(),
+                    slaves.join(", ")
+                )))
+            }
+        }
+    }
+
+    /// The gateway that the user chose, or all: of the file, or of the bus.
+    pub fn for_all(
+        &self,
+        bus: &Bus,
+        wishes: Wishes,
+        global: &GlobalOptions,
+    ) -> Result<Planned, Failure> {
+        if let Some((path, file)) = &self.file {
+            let places = config_file::places(file, bus)?;
+            return of_file(path, file, &places, wishes, global);
+        }
+        let count = bus.diagnostics().slave_count();
+        let mut positions: Vec<_> = (0..count).filter(|slave| bus.is_gateway(*slave)).collect();
+        if bus.is_chosen() || positions.is_empty() {
+            // Without any it tells why.
+            positions = vec![bus.slave()?];
+        }
+        self.of_options(positions, wishes, global.master)
+    }
+
+    /// The same configuration for all of them.
+    fn of_options(
+        &self,
+        positions: Vec<usize>,
+        wishes: Wishes,
+        master: u32,
+    ) -> Result<Planned, Failure> {
+        let GatewayOptions { pdo_n, cycle_us, large_pdos, .. } = *self.options;
+        let count = u16::try_from(positions.len())
+            .map_err(|_| Failure::Slave(format!("{} gateways are too many", positions.len())))?;
+        let mut adapter = AdapterConfig::new(count).with_multiplier(pdo_n).with_cycle_us(cycle_us);
+        adapter.master_index = master;
+        adapter.allow_large_pdos = large_pdos;
+        for (slave, position) in adapter.slaves.iter_mut().zip(&positions) {
+            slave.position = u16::try_from(*position)
+                .map_err(|_| Failure::Slave(format!("there is no slave {position}")))?;
+        }
+        let mut gateway = GatewayConfig::default();
+        for (channel, place) in (0..).zip(&mut gateway.channels) {
+            if wishes.channels.contains(channel) {
+                *place = Some(self.options.channel());
+            }
+        }
+        wishes.apply(&mut gateway);
+        let config = PortConfig::uniform(positions.len(), gateway);
+        Ok(Planned { positions, adapter, config, channels: wishes.channels })
+    }
+}
+
+/// Gateways of a file, as it describes them. All of their channels are in service; the command uses
+/// those that it wishes for.
+fn of_file(
+    path: &Path,
+    file: &ConfigFile,
+    places: &[Place],
+    wishes: Wishes,
+    global: &GlobalOptions,
+) -> Result<Planned, Failure> {
+    let mut adapter = AdapterConfig { slaves: Vec::new(), ..file.adapter.clone() };
+    adapter.master_index = config_file::master(file, global);
+    if let Some(dc) = &mut adapter.dc {
+        // Where the reference clock is not among these gateways, the master looks for one.
+        let place = |gateway| places.iter().position(|place| place.gateway == gateway);
+        dc.reference = dc.reference.and_then(place);
+    }
+    let mut config = PortConfig::default();
+    let mut channels = wishes.channels;
+    for place in places {
+        let slave = file.adapter.slaves.get(place.gateway);
+        let gateway = file.port.gateways.get(place.gateway);
+        let (Some(slave), Some(gateway)) = (slave, gateway) else { return Err(no_gateway(path)) };
+        let enabled = Channels::of_mask(gateway.channel_mask());
+        if let Some(missing) = wishes.required.iter().find(|it| !enabled.contains(*it)) {
+            return Err(Failure::Usage(format!(
+                "channel {missing} is not in {}: gateway {} there has {enabled}",
+                path.display(),
+                place.gateway
+            )));
+        }
+        if wishes.channels.is_whatever_there_is() && places.len() == 1 {
+            channels = enabled;
+        }
+        let mut gateway = gateway.clone();
+        wishes.apply(&mut gateway);
+        adapter.slaves.push(slave.clone());
+        config.gateways.push(gateway);
+    }
+    if places.is_empty() {
+        return Err(no_gateway(path));
+    }
+    let positions = places.iter().map(|place| place.slave).collect();
+    Ok(Planned { positions, adapter, config, channels })
+}
+
+fn no_gateway(path: &Path) -> Failure {
+    let reason = "it describes no gateway".to_owned();
+    Failure::File { what: "use", path: path.to_owned(), reason }
+}
