@@ -55,7 +55,7 @@ pub(super) struct Report {
     pub(super) checks: Vec<Check>,
     /// Where it was written.
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(super) file: Option<PathBuf>,
+    pub(super) file: Option<String>,
 }
 
 impl Report {
@@ -105,7 +105,7 @@ impl Report {
             writeln!(out, "  {mark}  {name:<width$}  {words}")?;
         }
         match &self.file {
-            Some(file) => writeln!(out, "  report: {}", file.display()),
+            Some(file) => writeln!(out, "  report: {file}"),
             None => Ok(()),
         }
     }
@@ -128,7 +128,7 @@ impl Report {
         let text = serde_json::to_string_pretty(self).map_err(std::io::Error::from);
         let written = text.and_then(|text| writeln!(file, "{text}"));
         written.map_err(|error| failed(&path, &error))?;
-        self.file = Some(path);
+        self.file = Some(path.display().to_string());
         Ok(())
     }
 }

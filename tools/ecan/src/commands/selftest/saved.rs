@@ -2,7 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use ecan_protocol::{Access, AlState, CHANNELS, Direction, SdoWrite, assignment_index};
+use ecan_protocol::{
+    Access, AlState, CHANNELS, DataPathConfig, Direction, FilterWindow, McanChannelConfig,
+    PdoProfile, SdoWrite, assignment_index,
+};
 
 use crate::bus::Bus;
 use crate::commands::filter::{ChannelFilters, FilterKind, RawFilter};
@@ -143,7 +146,7 @@ impl Saved {
             }
             let has_left = !now.is_on_bus(channel);
             if self.in_force.is_on_bus(channel) && (is_tested || has_left) {
-                let command = ecan_protocol::McanChannelConfig::apply_write(channel);
+                let command = McanChannelConfig::apply_write(channel);
                 apply(bus, slave, command, 2)?;
             }
         }
@@ -153,13 +156,13 @@ impl Saved {
         let now = InForce::read(bus, slave)?;
         for channel in (0..).take(CHANNELS) {
             if !now.has_data_path_of(&self.in_force, channel) {
-                let command = ecan_protocol::DataPathConfig::apply_write(channel);
+                let command = DataPathConfig::apply_write(channel);
                 apply(bus, slave, command, 3)?;
             }
         }
         for direction in Direction::ALL {
             if !now.has_profile_of(&self.in_force, direction) {
-                apply(bus, slave, ecan_protocol::PdoProfile::apply_write(direction), 2)?;
+                apply(bus, slave, PdoProfile::apply_write(direction), 2)?;
             }
         }
         Ok(())
@@ -193,7 +196,10 @@ impl Saved {
 /// Configuration: what can be written, but no commands and no editing windows.
 fn entries() -> impl Iterator<Item = (u16, u8)> {
     let is_value = |index: u16, subindex: u8| match index {
-        0x8001..=0x8004 => !matches!(subindex, 43..=48 | 50..=54 | 56..=60),
+        0x8001..=0x8004 => !FilterWindow::BOTH.iter().any(|window| {
+            [window.index, window.command].contains(&subindex)
+                || window.fields().contains(&subindex)
+        }),
         0x8010 | 0x8011 => !matches!(subindex, 1 | 8),
         0x8020..=0x8024 => subindex != 2,
         _ => true,
