@@ -32,6 +32,7 @@ mod operation_report;
 mod plan;
 mod process_image;
 mod real_time;
+mod recognition;
 mod requests;
 mod startup;
 mod stop;
@@ -57,6 +58,7 @@ pub use real_time::{
     MAX_STACK_PREFAULT_BYTES, Need, OverrunPolicy, Privilege, PrivilegeOutcome, RealTimeError,
     RealTimeFault, RealTimeReport, RealTimeSettings, Refusal,
 };
+pub use recognition::{NoAnswer, SlaveInquiry, SlaveKind, denies_object, slave_kinds};
 pub use requests::RequestId;
 pub use startup::{Expectation, StartupStep};
 

@@ -45,6 +45,8 @@ impl Errno {
     pub const ERANGE: Self = Self(libc::ERANGE);
     /// Larger than the place for it.
     pub const EOVERFLOW: Self = Self(libc::EOVERFLOW);
+    /// The slave does not have the mailbox protocol.
+    pub const EPROTONOSUPPORT: Self = Self(libc::EPROTONOSUPPORT);
     /// Timed out.
     pub const ETIMEDOUT: Self = Self(libc::ETIMEDOUT);
 

@@ -52,6 +52,18 @@ impl ObjectType {
         }
     }
 
+    /// The name that the manual's tables have for it (manual 13).
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::U8 => "U8",
+            Self::U16 => "U16",
+            Self::U32 => "U32",
+            Self::I32 => "I32",
+            Self::VisibleString => "STRING",
+            Self::String16 => "STRING(16)",
+        }
+    }
+
     /// True for the types whose values fit a `u32`.
     pub const fn is_integer(self) -> bool {
         !matches!(self, Self::VisibleString | Self::String16)

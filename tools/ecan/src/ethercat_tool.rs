@@ -4,10 +4,16 @@
 //! in IgH's tool, while manual 15.3.1 takes it for the password.
 
 use std::ffi::OsStr;
+use std::os::unix::process::CommandExt;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::time::Duration;
 
+use ecan_host::denies_object;
+use ecan_protocol::{AbortCode, AlState};
 use thiserror::Error;
+
+use crate::program::{self, RunError};
 
 /// Where IgH's own installation puts the tool, for those whose PATH does not lead there.
 const USUAL_PLACES: [&str; 4] = [
@@ -16,6 +22,11 @@ const USUAL_PLACES: [&str; 4] = [
     "/usr/local/bin/ethercat",
     "/usr/bin/ethercat",
 ];
+
+/// How long it may take; the master itself waits some seconds for a mailbox.
+pub const LIMIT: Duration = Duration::from_secs(5);
+/// How long it may take to write a file.
+pub const WRITE_LIMIT: Duration = Duration::from_secs(600);
 
 /// Why the tool did not do what it was asked for.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
@@ -41,6 +52,14 @@ pub enum ToolError {
         command: &'static str,
         /// The first line of what it said.
         message: String,
+    },
+    /// It did not end.
+    #[error("ethercat {command} did not end within {} s, and was ended", limit.as_secs())]
+    TimedOut {
+        /// Its command.
+        command: &'static str,
+        /// How long it was waited for.
+        limit: Duration,
     },
     /// A signal ended it.
     #[error("ethercat {command} was ended by a signal before it was done")]
@@ -74,7 +93,7 @@ impl ToolError {
                     .iter()
                     .any(|words| message.contains(words))
             }
-            Self::Killed { .. } | Self::Unreadable { .. } => false,
+            Self::TimedOut { .. } | Self::Killed { .. } | Self::Unreadable { .. } => false,
         }
     }
 
@@ -111,9 +130,21 @@ pub struct ListedSlave {
     pub state: String,
 }
 
+impl ListedSlave {
+    /// Its AL state; `None` for words that are none, as while it is scanned. The tool appends
+    /// `+ERROR` where the state's error flag is set.
+    pub fn al_state(&self) -> Option<AlState> {
+        let word = self.state.split('+').next().unwrap_or_default();
+        use AlState::{Boot, Init, Op, PreOp, SafeOp};
+        [Init, PreOp, Boot, SafeOp, Op].into_iter().find(|state| state.to_string() == word)
+    }
+}
+
 /// Type of a number, as `--type` names it; the tool refuses data of another length.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NumberType {
+    /// 8 bits.
+    Uint8,
     /// 16 bits.
     Uint16,
     /// 32 bits.
@@ -123,6 +154,7 @@ pub enum NumberType {
 impl NumberType {
     fn name(self) -> &'static str {
         match self {
+            Self::Uint8 => "uint8",
             Self::Uint16 => "uint16",
             Self::Uint32 => "uint32",
         }
@@ -153,6 +185,7 @@ impl FoeArguments {
 pub struct EthercatTool {
     program: PathBuf,
     master: u32,
+    is_shielded: bool,
 }
 
 impl EthercatTool {
@@ -170,7 +203,12 @@ impl EthercatTool {
                 places.find(|place| place.is_file()).ok_or(ToolError::NotFound)?
             }
         };
-        Ok(Self { program, master })
+        Ok(Self { program, master, is_shielded: false })
+    }
+
+    /// The same, out of reach of the terminal's Ctrl-C: for work that is to be brought to its end.
+    pub fn shielded(self) -> Self {
+        Self { is_shielded: true, ..self }
     }
 
     /// Standard output, as text, of a command that ends well.
@@ -179,7 +217,7 @@ impl EthercatTool {
         command: &'static str,
         arguments: impl IntoIterator<Item = S>,
     ) -> Result<String, ToolError> {
-        let printed = self.run_for_bytes(command, arguments)?;
+        let printed = self.run_for_bytes(command, arguments, LIMIT)?;
         Ok(String::from_utf8_lossy(&printed).into_owned())
     }
 
@@ -187,19 +225,21 @@ impl EthercatTool {
         &self,
         command: &'static str,
         arguments: impl IntoIterator<Item = S>,
+        limit: Duration,
     ) -> Result<Vec<u8>, ToolError> {
-        let output = Command::new(&self.program)
-            .arg(command)
-            .arg("--master")
-            .arg(self.master.to_string())
-            .args(arguments)
-            .env("LC_ALL", "C")
-            .stdin(std::process::Stdio::null())
-            .output()
-            .map_err(|error| ToolError::NotStarted {
-                program: self.program.clone(),
-                reason: error.to_string(),
-            })?;
+        let mut tool = Command::new(&self.program);
+        tool.arg(command).arg("--master").arg(self.master.to_string()).args(arguments);
+        tool.env("LC_ALL", "C");
+        if self.is_shielded {
+            // A process group of its own.
+            tool.process_group(0);
+        }
+        let output = program::run(&mut tool, limit).map_err(|error| match error {
+            RunError::TimedOut(limit) => ToolError::TimedOut { command, limit },
+            RunError::System(error) => {
+                ToolError::NotStarted { program: self.program.clone(), reason: error.to_string() }
+            }
+        })?;
         if output.status.success() {
             return Ok(output.stdout);
         }
@@ -219,6 +259,20 @@ impl EthercatTool {
     pub fn slaves(&self) -> Result<Vec<ListedSlave>, ToolError> {
         let listed = self.run("slaves", [""; 0])?;
         listed.lines().filter(|line| !line.trim().is_empty()).map(read_slave).collect()
+    }
+
+    /// Vendor id and product code of a slave, by its SII.
+    ///
+    /// # Errors
+    /// Any [`ToolError`] but [`ToolError::NoPosition`].
+    pub fn identity(&self, slave: usize) -> Result<(u32, u32), ToolError> {
+        const COMMAND: &str = "slaves";
+        let printed = self.run(COMMAND, ["--position", &slave.to_string(), "--verbose"])?;
+        let number = |name: &str| {
+            let found = printed.lines().find_map(|line| line.trim().strip_prefix(name));
+            read_number(COMMAND, found.ok_or_else(|| unreadable(COMMAND, &printed))?)
+        };
+        Ok((number("Vendor Id:")?, number("Product code:")?))
     }
 
     fn upload(
@@ -272,7 +326,7 @@ impl EthercatTool {
     /// # Errors
     /// Any [`ToolError`] but [`ToolError::NoPosition`].
     pub fn sii(&self, slave: usize) -> Result<Vec<u8>, ToolError> {
-        self.run_for_bytes("sii_read", ["--position", &slave.to_string()])
+        self.run_for_bytes("sii_read", ["--position", &slave.to_string()], LIMIT)
     }
 
     /// Writes a file to a slave, with the password 0. Returns when the slave has taken or refused
@@ -291,8 +345,20 @@ impl EthercatTool {
         if known.has_password_argument {
             arguments.push(OsStr::new("0"));
         }
-        self.run("foe_write", arguments).map(|_| ())
+        self.run_for_bytes("foe_write", arguments, WRITE_LIMIT).map(|_| ())
     }
+}
+
+/// Whether what the tool said is a slave's answer that it does not have an object in the form that
+/// was asked for: an abort code, data of another size, or no CoE in its SII.
+pub fn is_denial(said: &str) -> bool {
+    let code = said.split_once("aborted with code 0x").and_then(|(_, behind)| behind.get(..8));
+    let code = code.and_then(|digits| u32::from_str_radix(digits, 16).ok());
+    // Data of another size, shorter and longer; and no CoE.
+    let others =
+        ["Data type mismatch", "Value too large for defined data type", "Protocol not supported"];
+    code.is_some_and(|code| denies_object(AbortCode(code)))
+        || others.iter().any(|words| said.contains(words))
 }
 
 /// A number such as `0x0202 514`.
@@ -331,6 +397,35 @@ mod tests {
         assert_eq!(read("11  5:0   OP      +  a name"), Ok((11, Some(5), "OP".to_owned())));
         assert_eq!(read("12  5:1   SAFEOP  E  a name"), Ok((12, None, "SAFEOP".to_owned())));
         assert!(matches!(read("Usage: ethercat"), Err(ToolError::Unreadable { .. })));
+    }
+
+    #[test]
+    fn states_with_an_error_are_states() {
+        let of = |state: &str| {
+            ListedSlave { position: 0, alias: None, state: state.to_owned() }.al_state()
+        };
+        assert_eq!((of("INIT"), of("PREOP")), (Some(AlState::Init), Some(AlState::PreOp)));
+        assert_eq!((of("SAFEOP+ERROR"), of("???")), (Some(AlState::SafeOp), None));
+    }
+
+    #[test]
+    fn a_slave_without_the_object_is_told_from_a_silent_one() {
+        for said in [
+            "SDO transfer aborted with code 0x06020000: This object does not exist",
+            "SDO transfer aborted with code 0x06090011",
+            "Data type mismatch. Expected uint16 with 2 bytes, but got 4 byte.",
+            "Failed to upload SDO: Value too large for defined data type",
+            "Failed to upload SDO: Protocol not supported",
+        ] {
+            assert!(is_denial(said), "{said}");
+        }
+        for said in [
+            "SDO transfer aborted with code 0x08000022: cannot be transferred",
+            "Failed to upload SDO: Input/output error",
+            "Failed to upload SDO: Connection timed out",
+        ] {
+            assert!(!is_denial(said), "{said}");
+        }
     }
 
     #[test]

@@ -21,6 +21,9 @@ pub enum Failure {
     /// There is no master, or it cannot be asked.
     #[error("{0}")]
     Master(String),
+    /// This host does not give what the program asks it for: real time, a thread, its signals.
+    #[error("{0}")]
+    Host(String),
     /// No slave, or none chosen.
     #[error("{0}")]
     Slave(String),
@@ -41,6 +44,9 @@ pub enum Failure {
     /// Fewer frames than were asked for came, or are known to have left.
     #[error("{0}")]
     TooFew(String),
+    /// The user gave up before all was done.
+    #[error("{0}")]
+    Interrupted(String),
     /// A CAN log.
     #[error("{0}")]
     Log(#[from] LogFileError),
@@ -57,6 +63,9 @@ pub enum Failure {
         /// Why it failed.
         reason: String,
     },
+    /// Standard input cannot be read.
+    #[error("cannot read the answer from standard input: {0}")]
+    Input(std::io::Error),
     /// Standard output cannot be written.
     #[error("cannot write the output: {0}")]
     Output(std::io::Error),
@@ -66,20 +75,31 @@ pub enum Failure {
 }
 
 impl Failure {
+    /// That a thread cannot be started.
+    pub fn of_thread(error: std::io::Error) -> Self {
+        Self::Host(format!("cannot start a thread: {error}"))
+    }
+
     /// The exit status, see [`crate::global::EXIT_STATUS`].
     pub fn status(&self) -> u8 {
         match self {
             Self::ReaderGone => 0,
-            Self::Amiss | Self::TooFew(_) => 1,
+            Self::Amiss | Self::TooFew(_) | Self::Interrupted(_) => 1,
             Self::Usage(_) => 2,
             Self::Library(_) | Self::Master(_) => 3,
             Self::Slave(_) => 4,
             Self::Device(_) | Self::Refused(_) | Self::OutOfService { .. } => 5,
-            Self::File { .. } | Self::Output(_) | Self::Log(_) | Self::Bridge(_) => 6,
+            Self::File { .. }
+            | Self::Input(_)
+            | Self::Output(_)
+            | Self::Log(_)
+            | Self::Bridge(_) => 6,
+            Self::Host(_) => 7,
         }
     }
 }
 
+/// Of standard output alone: what else can go wrong with the system is told by its own words.
 impl From<std::io::Error> for Failure {
     fn from(error: std::io::Error) -> Self {
         match error.kind() {

@@ -2,7 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
-use crate::bus::SlaveChoice;
+use crate::slave_choice::SlaveChoice;
 
 /// What the exit status says, for the end of the help.
 pub const EXIT_STATUS: &str = "\
@@ -14,6 +14,7 @@ Exit status:
   4  no such slave, or several and none chosen
   5  a slave refused or did not answer
   6  a file cannot be read, written or understood
+  7  this host does not give what was asked for: real time (--rt-required), a thread
 
 Without hardware: ecan --ecrt sim scan";
 

@@ -12,10 +12,14 @@ mod commands;
 mod config_file;
 mod ethercat_tool;
 mod failure;
+mod firmware_version;
 mod frames;
 mod global;
 mod object_path;
 mod output;
+mod program;
+mod readings;
+mod slave_choice;
 mod table;
 mod value;
 

@@ -60,29 +60,27 @@ impl Output {
         if self.color { format!("\x1b[{code}m{text}\x1b[0m") } else { text.to_string() }
     }
 
-    /// Prints data: as JSON where it is wanted, else by `text`.
+    /// Prints data: as JSON where it is wanted, else by `text`. That the reader has gone is no
+    /// failure: the exit status still tells what was found.
     pub fn data<T: Serialize>(
         &self,
         data: &T,
         text: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
     ) -> Result<(), Failure> {
         let mut stream = self.stream();
-        if self.json {
-            serde_json::to_writer_pretty(&mut stream, data).map_err(std::io::Error::from)?;
-            writeln!(stream)?;
+        let printed = if self.json {
+            let printed = serde_json::to_writer_pretty(&mut stream, data);
+            printed.map_err(std::io::Error::from).and_then(|()| writeln!(stream))
         } else {
-            text(&mut stream)?;
-        }
-        stream.flush()?;
-        Ok(())
+            text(&mut stream)
+        };
+        unless_reader_gone(printed.and_then(|()| stream.flush()))
     }
 
     /// Prints bytes as they are.
     pub fn bytes(&self, bytes: &[u8]) -> Result<(), Failure> {
         let mut stream = self.stream();
-        stream.write_all(bytes)?;
-        stream.flush()?;
-        Ok(())
+        unless_reader_gone(stream.write_all(bytes).and_then(|()| stream.flush()))
     }
 
     /// A line beside the data, on standard error.
@@ -90,8 +88,22 @@ impl Output {
         let _ = writeln!(std::io::stderr(), "{text}");
     }
 
+    /// How far a long work is, on standard error; not where a program reads what is printed.
+    pub fn progress(&self, text: impl std::fmt::Display) {
+        if !self.json {
+            self.note(text);
+        }
+    }
+
     /// Why the program fails, on standard error.
     pub fn failure(&self, failure: &Failure) {
         self.note(format_args!("ecan: {failure}"));
+    }
+}
+
+fn unless_reader_gone(printed: std::io::Result<()>) -> Result<(), Failure> {
+    match printed.map_err(Failure::from) {
+        Err(Failure::ReaderGone) => Ok(()),
+        other => other,
     }
 }

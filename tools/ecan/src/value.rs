@@ -1,6 +1,7 @@
 //! Values of objects: from text to bytes and back, with units and meanings.
 
 use ecan_protocol::{Entry, ObjectType};
+use serde::{Serialize, Serializer};
 
 /// A number without sign, in decimal or with 0x in hexadecimal.
 pub fn parse_unsigned(text: &str) -> Option<u64> {
@@ -10,13 +11,19 @@ pub fn parse_unsigned(text: &str) -> Option<u64> {
     }
 }
 
-/// A value as the device gave it.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// A value as the device gave it. In JSON a number, a text, or nothing for bytes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(untagged)]
 pub enum Value {
     Unsigned(u64),
     Signed(i64),
     Text(String),
+    #[serde(serialize_with = "nothing")]
     Bytes(Vec<u8>),
+}
+
+fn nothing<S: Serializer>(_: &[u8], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.serialize_none()
 }
 
 impl Value {

@@ -113,7 +113,14 @@ fn the_masters_tool_tells_the_al_status_code() {
         std::fs::read_to_string(log).unwrap(),
         "reg_read --master 0 --position 0 --type uint16 0x0134\n"
     );
-    // One that fails is told, and the rest is read all the same.
+    // One that does not end is ended and told, and the rest is read all the same.
+    write_program(tool.as_ref(), "#!/bin/sh\nexec sleep 1000\n");
+    let output = support::ecan(&["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success());
+    let words = "is not known: ethercat reg_read did not end within 5 s, and was ended";
+    assert!(errors.contains(words), "{errors}");
+    // One that fails likewise.
     write_program(tool.as_ref(), "#!/bin/sh\necho 'Failed to open /dev/EtherCAT0' >&2\nexit 1\n");
     let output = support::ecan(&["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
     let errors = String::from_utf8(output.stderr).unwrap();

@@ -5,7 +5,7 @@ mod support;
 
 use std::process::Command;
 
-use support::{Scenario, fails, setting, two_gateways};
+use support::{Scenario, fails, first_silent, setting, two_gateways};
 
 /// Commands that are about one gateway.
 fn commands_of_one(files: &Scenario) -> Vec<Vec<String>> {
@@ -100,6 +100,20 @@ fn of_several_gateways_one_has_to_be_chosen() {
 }
 
 #[test]
+fn a_gateway_that_cannot_be_asked_leaves_a_choice() {
+    let bus = first_silent();
+    let files = Scenario::new("");
+    for command in commands_of_one(&files).into_iter().chain([words("monitor --once")]) {
+        let message = fails(4, &with(&command, &["--ecrt", &setting(&bus)]));
+        let expected = "slave 0 cannot be asked whether it is an ECAN-Lite: SDO upload 0xF000:09";
+        assert!(message.contains(expected), "{command:?}: {message}");
+        assert!(message.ends_with("; choose one with --slave, of 0, 1"), "{message}");
+    }
+    let message = fails(4, &["--ecrt", &setting(&bus), "info", "--slave", "serial=4294967297"]);
+    assert!(message.contains("; but slave 0 cannot be asked"), "{message}");
+}
+
+#[test]
 fn a_slave_that_is_not_there_is_told() {
     let files = Scenario::new("");
     for command in commands_of_one(&files).into_iter().chain(commands_of_all(&files)) {
@@ -112,6 +126,37 @@ fn a_slave_that_is_not_there_is_told() {
             let message = fails(4, &with(&command, &["--ecrt", "sim", "--slave", slave]));
             assert!(message.contains(expected), "{command:?} --slave {slave}: {message}");
         }
+    }
+}
+
+#[test]
+fn real_time_that_is_not_granted_is_no_missing_master() {
+    for command in ["dump -n 1", "send 123#00", "selftest", "monitor --once"] {
+        let options = ["--ecrt", "sim", "--cpu", "1023", "--rt-required"];
+        let message = fails(7, &with(&words(command), &options));
+        assert!(message.contains("CPU 1023: not granted"), "{command}: {message}");
+    }
+}
+
+#[test]
+fn a_reader_that_has_gone_does_not_hide_what_was_found() {
+    let bus = first_silent();
+    let silent = setting(&bus);
+    let cases: [(i32, &[&str]); 5] = [
+        (1, &["plan", "--pdo-n", "12"]),
+        (1, &["--ecrt", &silent, "doctor"]),
+        (1, &["--ecrt", &silent, "diag", "--slave", "0"]),
+        (0, &["--ecrt", "sim", "scan"]),
+        (0, &["--ecrt", "sim", "info", "--json"]),
+    ];
+    for (status, arguments) in cases {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+        let ended = command.args(arguments).env_remove("ECAN_ECRT").stdout(writer).output();
+        let ended = ended.unwrap();
+        let errors = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(status), "{arguments:?}: {errors}");
     }
 }
 

@@ -6,6 +6,7 @@ mod stand_in;
 mod support;
 
 use std::io::{Read, Write};
+use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
 
@@ -64,10 +65,39 @@ POS  STATE  FIRMWARE  SERIAL
         firmware(&tool.program, &["version", "--slave", "serial=4294967298", "--json"]);
     let json: Value = serde_json::from_str(&out).unwrap();
     assert_eq!((status, &json[0]["position"]), (0, &Value::from(1)));
-    assert_eq!(json[0]["version"], 0x0202);
+    assert_eq!((&json[0]["version"], &json[0]["build"]), (&0x0202.into(), &1.into()));
+    assert_eq!((&json[0]["firmware"], &json[0]["numbers"]), (&"2.2.1".into(), &"2.2.1".into()));
     let (status, _, errors) = firmware(&tool.program, &["version"]);
     assert_eq!(status, 4);
     assert!(errors.contains("several gateways; choose one with --slave, of 0, 1, or take --all"));
+}
+
+#[test]
+fn a_version_that_cannot_be_read_has_its_reason_in_its_row() {
+    let product_code = stand_in::PRODUCT_CODE;
+    let silent = StandIn::new(3, Behaviour::Silent { position: 1, product_code });
+    let (status, out, errors) = firmware(&silent.program, &["version", "--all"]);
+    assert_eq!(status, 5, "{errors}");
+    let expected = "\
+POS  STATE  FIRMWARE  SERIAL
+0    PREOP  2.2.1     4294967297
+1    PREOP  -         not read: it cannot be asked whether it is an ECAN-Lite: ethercat \
+upload: Failed to upload SDO: Input/output error
+2    PREOP  2.2.1     4294967299
+";
+    assert_eq!(out, expected);
+    assert!(errors.contains("1 of 3 gateways were not read, see above"), "{errors}");
+    // One that refuses an object.
+    let bus = support::scenario(
+        "[[gateway]]\n[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
+         index = 0xF000\nsubindex = 7\ncode = 0x08000022\ntimes = 9\n",
+    );
+    let setting = support::setting(&bus);
+    let command = ["--ecrt", &setting, "firmware", "version", "--all", "--json"];
+    let json: Value = serde_json::from_str(&support::ends(5, &command)).unwrap();
+    assert!(json[0]["error"].as_str().unwrap().contains("0x08000022"), "{json}");
+    assert_eq!((&json[0]["firmware"], &json[1]["firmware"]), (&Value::Null, &"2.2.1".into()));
+    assert!(json[1]["error"].is_null(), "{json}");
 }
 
 #[test]
@@ -212,6 +242,10 @@ fn several_gateways_are_updated_in_turn() {
     assert!(out.contains("0    2.2.1   3.0.7  updated\n1    2.2.1   2.2.1  the gateway's flash"));
     assert!(out.contains("\n2    2.2.1   3.0.7  updated\n2 of 3 gateways run the new firmware\n"));
     assert!(errors.contains("1 of 3 gateways do not run the new firmware"), "{errors}");
+    assert!(
+        errors.contains("slave 0: 2.2.1 -> 3.0.7, updated\nslave 1: 2.2.1, the gateway's"),
+        "{errors}"
+    );
     assert_eq!([0, 1, 2].map(|it| running(&tool, it)), [NEW, 0x0202_0001, NEW]);
     let (status, out, _) = update(&tool, package.path(), &["--slave", "1"]);
     assert_eq!((status, tool.writes().len()), (0, 4), "{out}");
@@ -242,6 +276,73 @@ fn other_devices_get_no_firmware() {
     let (status, _, errors) = update(&tool, package.path(), &[]);
     assert_eq!((status, tool.writes().len()), (4, 0));
     assert!(errors.contains("none of the 1 slaves shows itself as an ECAN-Lite"), "{errors}");
+}
+
+#[test]
+fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
+    let (package, product_code) = (package(NEW), stand_in::PRODUCT_CODE);
+    let tool = StandIn::new(2, Behaviour::Silent { position: 0, product_code });
+    let (status, out, errors) = update(&tool, package.path(), &[]);
+    assert_eq!((status, tool.writes().len()), (4, 0), "{out}");
+    let words = "slave 0 cannot be asked whether it is an ECAN-Lite: ethercat upload: Failed to";
+    assert!(errors.contains(words), "{errors}");
+    assert!(errors.contains("choose one with --slave, of 0, 1, or take --all"), "{errors}");
+    let (status, out, errors) = update(&tool, package.path(), &["--all"]);
+    assert_eq!((status, tool.writes().len()), (1, 1), "{out}{errors}");
+    let line = "\n0    -       -      nothing was written: it cannot be asked whether it is an";
+    assert!(out.contains(line), "{out}");
+    assert!(out.contains("\n1    2.2.1   3.0.7  updated\n1 of 2 gateways run the new"), "{out}");
+    // The identity in the SII tells that it is another device.
+    let tool = StandIn::new(2, Behaviour::Silent { position: 0, product_code: 5 });
+    let (status, out, _) = update(&tool, package.path(), &[]);
+    assert_eq!((status, tool.writes().len()), (0, 1), "{out}");
+    assert_eq!(running(&tool, 1), NEW);
+    // And on the simulator.
+    let bus = support::first_silent();
+    let path = package.path().to_str().unwrap();
+    let simulated = ["--ecrt", &support::setting(&bus), "firmware", "update", path, "--yes"];
+    assert!(fails(4, &simulated).contains("slave 0 cannot be asked"));
+    let out = support::ends(1, &[&simulated[..], &["--all"]].concat());
+    assert!(out.contains("\n1    2.2.1   3.0.7  updated\n"), "{out}");
+}
+
+#[test]
+fn an_interrupt_lets_the_gateway_have_its_firmware_and_ends_the_work() {
+    let (tool, package) = (StandIn::new(3, Behaviour::Good), package(NEW));
+    // Held, so that the program does not begin before the tool knows it.
+    let mut master = tool.master();
+    let child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+        .args(["firmware", "update", "--all", "--yes"])
+        .arg(package.path())
+        .arg("--ethercat")
+        .arg(&tool.program)
+        .env_remove("ECAN_ECRT")
+        .process_group(0)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    master.interrupts = Some(child.id());
+    drop(master);
+    let ended = child.wait_with_output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    let (out, errors) = (text(ended.stdout), text(ended.stderr));
+    assert_eq!(ended.status.code(), Some(1), "{out}{errors}");
+    let expected = "\
+POS  BEFORE  AFTER  RESULT
+0    2.2.1   3.0.7  updated
+1    -       -      nothing was written: interrupted before its turn
+2    -       -      nothing was written: interrupted before its turn
+1 of 3 gateways run the new firmware
+";
+    assert_eq!(out, expected, "{errors}");
+    assert_eq!(tool.writes().len(), 1);
+    assert_eq!([0, 1, 2].map(|it| running(&tool, it)), [NEW, 0x0202_0001, 0x0202_0001]);
+    let said = "interrupted: the gateway whose turn it is gets its firmware, no other\n\
+                slave 0: 2.2.1 -> 3.0.7, updated\n\
+                slave 1: nothing was written: interrupted before its turn\n";
+    assert!(errors.contains(said), "{errors}");
 }
 
 /// As [`firmware`], with a terminal for input and messages, at which this is typed.

@@ -274,6 +274,11 @@ fn library_and_bus_are_looked_at_on_this_host() {
     ] {
         assert!(report.contains(line), "{report}");
     }
+    let bus = support::first_silent();
+    let report = support::ends(1, &["--ecrt", &support::setting(&bus), "doctor"]);
+    let line =
+        "bad      bus                 2 slaves, 1 ECAN-Lite; slave 0 cannot be asked whether";
+    assert!(report.contains(line), "{report}");
     let output = ecan(&["--ecrt", "/none/libethercat.so.1", "doctor"]);
     assert_eq!(output.status.code(), Some(1));
     let report = String::from_utf8(output.stdout).unwrap();

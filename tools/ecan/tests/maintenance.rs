@@ -84,6 +84,11 @@ fn a_gateway_restarts_and_comes_back() {
     let arguments = ["--ecrt", &setting(&file), "reboot", "--wait", "--timeout", "2"];
     let message = fails(4, &arguments);
     assert!(message.contains("slave 0 is not back after 2 s"), "{message}");
+    // Without any patience nothing is known of it.
+    let message = fails(4, &["--ecrt", "sim", "reboot", "--wait", "--timeout", "0"]);
+    let expected =
+        "slave 0 is still on the bus after 0 s; it took the command, and may restart yet";
+    assert!(message.contains(expected), "{message}");
 }
 
 #[test]

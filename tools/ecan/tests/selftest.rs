@@ -169,12 +169,27 @@ fn a_gateway_that_leaves_service_fails_though_it_comes_back() {
 
 #[test]
 fn a_gateway_that_was_lost_for_a_while_has_its_configuration_again() {
-    let fault = "[[fault]]\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 3000\nat_ms = 5000\n";
-    let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{fault}"));
+    let faults: String = (0..5)
+        .map(|at| {
+            let at_ms = 3000 + at * 700;
+            let kind = "kind = \"power_cycle\"\ngateway = 0\noff_ms = 200";
+            format!("[[fault]]\n{kind}\nat_ms = {at_ms}\n")
+        })
+        .collect();
+    let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{faults}"));
     let printed = ends(1, &["--ecrt", &setting(&bus), "selftest"]);
     assert!(printed.starts_with("gateway 4294967297 at position 0: FAILED\n"), "{printed}");
     assert_eq!(lines(&printed, "gateway 4294967298 at position 1: passed").len(), 1, "{printed}");
     assert_eq!(lines(&printed, "good    configuration").len(), 2, "{printed}");
+}
+
+#[test]
+fn a_gateway_that_cannot_be_asked_fails() {
+    let bus = support::first_silent();
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest", "--frames", "1"]);
+    assert!(printed.starts_with("slave at position 0: FAILED\n"), "{printed}");
+    assert_eq!(lines(&printed, "FAILED  recognition").len(), 1, "{printed}");
+    assert_eq!(lines(&printed, "gateway 4294967298 at position 1: passed").len(), 1, "{printed}");
 }
 
 #[test]

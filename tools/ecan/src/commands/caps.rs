@@ -9,35 +9,46 @@ use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::Output;
+use crate::readings::{Readings, not_read};
 use crate::table;
 use crate::value::Value;
 
 /// An entry of the capability object.
 #[derive(Debug, Serialize)]
 struct Capability {
+    position: usize,
     subindex: u8,
     name: &'static str,
-    value: u32,
+    value: Option<u32>,
     meaning: Option<String>,
+    /// Why it was not read.
+    error: Option<String>,
 }
 
 pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
     let bus = Bus::open(global, output)?;
     let slave = bus.slave()?;
     let entries = object(Capabilities::INDEX).map_or(&[][..], |object| object.entries);
-    let mut capabilities = Vec::new();
+    let (mut capabilities, mut readings) = (Vec::new(), Readings::default());
     for subindex in Capabilities::fields() {
-        let upload = bus.diagnostics().sdo_upload_u32(slave, Capabilities::INDEX, *subindex);
-        let value = upload.map_err(Failure::Device)?;
+        let value = readings.note(bus.read(slave, Capabilities::INDEX, *subindex));
+        readings.answers()?;
         let entry = entries.iter().find(|entry| entry.subindex == *subindex);
         capabilities.push(Capability {
+            position: slave,
             subindex: *subindex,
             name: entry.map_or("", |entry| entry.name),
-            value,
-            meaning: Value::Unsigned(value.into()).meaning(entry),
+            meaning: value
+                .as_ref()
+                .ok()
+                .and_then(|it| Value::Unsigned((*it).into()).meaning(entry)),
+            error: value.as_ref().err().cloned(),
+            value: value.ok(),
         });
     }
-    output.data(&capabilities, |out| print(&capabilities, out))
+    readings.any()?;
+    output.data(&capabilities, |out| print(&capabilities, out))?;
+    readings.end()
 }
 
 fn print(capabilities: &[Capability], out: &mut dyn Write) -> std::io::Result<()> {
@@ -45,7 +56,10 @@ fn print(capabilities: &[Capability], out: &mut dyn Write) -> std::io::Result<()
         .iter()
         .map(|it| {
             let entry = object(Capabilities::INDEX).and_then(|object| object.entry(it.subindex));
-            let value = Value::Unsigned(it.value.into()).text(entry);
+            let value = match it.value {
+                Some(value) => Value::Unsigned(value.into()).text(entry),
+                None => not_read(it.error.as_deref().unwrap_or_default()),
+            };
             [format!(":{:02}", it.subindex), it.name.to_owned(), value, words(&it.meaning)]
         })
         .collect();

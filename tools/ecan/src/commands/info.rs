@@ -1,5 +1,6 @@
 //! `ecan info`: one gateway.
 
+use std::collections::BTreeMap;
 use std::io::Write;
 
 use ecan_protocol::{AlState, CHANNELS, ChannelStatus};
@@ -9,6 +10,7 @@ use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::{Output, Tone};
+use crate::readings::{Readings, not_read};
 use crate::table;
 
 /// A direction of process data.
@@ -25,6 +27,15 @@ struct Profile {
 #[derive(Debug, Serialize)]
 struct Channel {
     channel: usize,
+    #[serde(flatten)]
+    state: Option<ChannelState>,
+    /// Why it was not read.
+    error: Option<String>,
+}
+
+/// What a channel tells.
+#[derive(Debug, Serialize)]
+struct ChannelState {
     status: u16,
     words: String,
     nominal_bitrate: u32,
@@ -38,73 +49,100 @@ struct Info {
     alias: u16,
     state: String,
     name: String,
-    firmware: String,
-    hardware: String,
-    serial: u64,
+    firmware: Option<String>,
+    hardware: Option<String>,
+    serial: Option<u64>,
     vendor_id: u32,
     product_code: u32,
     revision: u32,
-    tx_pdo: Profile,
-    rx_pdo: Profile,
+    tx_pdo: Option<Profile>,
+    rx_pdo: Option<Profile>,
     channels: Vec<Channel>,
+    /// Why a value above is missing, by its name.
+    errors: BTreeMap<&'static str, String>,
 }
 
 pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
     let bus = Bus::open(global, output)?;
     let slave = bus.slave()?;
-    let info = read(&bus, slave)?;
-    output.data(&info, |out| print(&info, output, out))
+    let mut readings = Readings::default();
+    let info = read(&bus, slave, &mut readings)?;
+    readings.any()?;
+    output.data(&info, |out| print(&info, output, out))?;
+    readings.end()
 }
 
-fn read(bus: &Bus, slave: usize) -> Result<Info, Failure> {
+fn read(bus: &Bus, slave: usize, readings: &mut Readings) -> Result<Info, Failure> {
     let known = bus.diagnostics().slave_info(slave).map_err(Failure::Device)?;
-    let upload = |index, subindex| {
-        bus.diagnostics().sdo_upload_u32(slave, index, subindex).map_err(Failure::Device)
-    };
-    let profile = |index| {
-        let word = upload(index, 12)?;
-        let bytes = upload(index, 9)?;
-        Ok::<_, Failure>(Profile {
-            bytes,
-            chunks: bytes / 128,
-            channel_mask: if bytes == 0 { 0 } else { word >> 5 & 0xFF },
-            apply_status: upload(index, 2)?,
-            pdo_errors: upload(index, 15)?,
-        })
-    };
     let mut channels = Vec::new();
     for channel in 0..CHANNELS {
-        let (config, information) = (0x8001 + channel as u16, 0x9000 + channel as u16);
-        let status = ChannelStatus::from_raw(upload(information, 9)? as u16);
-        let is_fd = upload(config, 15)? == 1;
-        channels.push(Channel {
-            channel,
-            status: status.raw(),
-            words: status.to_string(),
-            nominal_bitrate: upload(config, 19)?,
-            data_bitrate: if is_fd { Some(upload(config, 20)?) } else { None },
-        });
+        let state = readings.note(read_channel(bus, slave, channel as u16));
+        readings.answers()?;
+        let error = state.as_ref().err().cloned();
+        channels.push(Channel { channel, state: state.ok(), error });
     }
+    let mut errors = BTreeMap::new();
+    let mut missing = |name, reason| errors.insert(name, reason);
     let state = AlState::from_status(known.al_state.into());
+    let mut text = |name, index| {
+        let text = readings.note(bus.text(slave, index));
+        text.map_err(|reason| missing(name, reason)).ok()
+    };
+    let (firmware, hardware) = (text("firmware", 0x100A), text("hardware", 0x1009));
+    let serial = readings.note(bus.serial(slave));
+    let serial = serial.map_err(|reason| missing("serial", reason)).ok();
+    let mut profile = |name, index| {
+        let profile = readings.note(read_profile(bus, slave, index));
+        profile.map_err(|reason| missing(name, reason)).ok()
+    };
+    let (tx_pdo, rx_pdo) = (profile("tx_pdo", 0x8010), profile("rx_pdo", 0x8011));
     Ok(Info {
         position: known.position,
         alias: known.alias,
         state: state.map_or_else(|| format!("{:#04x}", known.al_state), |it| it.to_string()),
         name: known.name,
-        firmware: bus.text(slave, 0x100A),
-        hardware: bus.text(slave, 0x1009),
-        serial: bus.serial(slave)?,
+        firmware,
+        hardware,
+        serial,
         vendor_id: known.vendor_id,
         product_code: known.product_code,
         revision: known.revision_number,
-        tx_pdo: profile(0x8010)?,
-        rx_pdo: profile(0x8011)?,
+        tx_pdo,
+        rx_pdo,
         channels,
+        errors,
+    })
+}
+
+fn read_profile(bus: &Bus, slave: usize, index: u16) -> Result<Profile, Failure> {
+    let upload = |subindex| bus.read(slave, index, subindex);
+    let (word, bytes) = (upload(12)?, upload(9)?);
+    Ok(Profile {
+        bytes,
+        chunks: bytes / 128,
+        channel_mask: if bytes == 0 { 0 } else { word >> 5 & 0xFF },
+        apply_status: upload(2)?,
+        pdo_errors: upload(15)?,
+    })
+}
+
+fn read_channel(bus: &Bus, slave: usize, channel: u16) -> Result<ChannelState, Failure> {
+    let (config, information) = (0x8001 + channel, 0x9000 + channel);
+    let status = ChannelStatus::from_raw(bus.read(slave, information, 9)? as u16);
+    let is_fd = bus.read(slave, config, 15)? == 1;
+    Ok(ChannelState {
+        status: status.raw(),
+        words: status.to_string(),
+        nominal_bitrate: bus.read(slave, config, 19)?,
+        data_bitrate: if is_fd { Some(bus.read(slave, config, 20)?) } else { None },
     })
 }
 
 fn print(info: &Info, output: &Output, out: &mut dyn Write) -> std::io::Result<()> {
-    let images = |profile: &Profile| {
+    let missing =
+        |name| not_read(info.errors.get(name).map_or("", |reason: &String| reason.as_str()));
+    let images = |name, profile: &Option<Profile>| {
+        let Some(profile) = profile else { return missing(name) };
         let Profile { bytes, chunks, channel_mask, pdo_errors, .. } = profile;
         match bytes {
             0 => "no profile applied".to_owned(),
@@ -113,13 +151,15 @@ fn print(info: &Info, output: &Output, out: &mut dyn Write) -> std::io::Result<(
             ),
         }
     };
+    let text = |name, text: &Option<String>| text.clone().unwrap_or_else(|| missing(name));
+    let serial = info.serial.map(|serial| serial.to_string());
     let alias = if info.alias == 0 { String::new() } else { format!(", alias {}", info.alias) };
     let mut rows = vec![
         ["slave".to_owned(), format!("{}{alias}, {}", info.position, info.state)],
         ["name".to_owned(), info.name.clone()],
-        ["firmware".to_owned(), info.firmware.clone()],
-        ["hardware".to_owned(), info.hardware.clone()],
-        ["serial".to_owned(), info.serial.to_string()],
+        ["firmware".to_owned(), text("firmware", &info.firmware)],
+        ["hardware".to_owned(), text("hardware", &info.hardware)],
+        ["serial".to_owned(), text("serial", &serial)],
         [
             "identity".to_owned(),
             format!(
@@ -127,17 +167,22 @@ fn print(info: &Info, output: &Output, out: &mut dyn Write) -> std::io::Result<(
                 info.vendor_id, info.product_code, info.revision
             ),
         ],
-        ["TxPDO".to_owned(), images(&info.tx_pdo)],
-        ["RxPDO".to_owned(), images(&info.rx_pdo)],
+        ["TxPDO".to_owned(), images("tx_pdo", &info.tx_pdo)],
+        ["RxPDO".to_owned(), images("rx_pdo", &info.rx_pdo)],
     ];
-    for it in &info.channels {
+    for channel in &info.channels {
+        let name = format!("CAN{}", channel.channel);
+        let Some(it) = &channel.state else {
+            rows.push([name, not_read(channel.error.as_deref().unwrap_or_default())]);
+            continue;
+        };
         let rates = match it.data_bitrate {
             None => format!("{} kbit/s", it.nominal_bitrate / 1000),
             Some(data) => format!("{} / {} kbit/s FD", it.nominal_bitrate / 1000, data / 1000),
         };
         let tone = if it.words.contains("bus-off") { Tone::Bad } else { Tone::Faint };
         let status = output.toned(tone, &it.words);
-        rows.push([format!("CAN{}", it.channel), format!("{rates}  {status}")]);
+        rows.push([name, format!("{rates}  {status}")]);
     }
     table::print(out, &rows)
 }

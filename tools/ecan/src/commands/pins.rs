@@ -35,6 +35,7 @@ pub struct PinsArguments {
 /// The rotation.
 #[derive(Debug, Serialize)]
 struct Pins {
+    position: usize,
     requested: u32,
     active: u32,
     supported: Vec<u32>,
@@ -61,6 +62,7 @@ fn read(bus: &Bus, slave: usize) -> Result<Pins, Failure> {
     let value = |subindex| bus.read(slave, SYSTEM, subindex);
     let (active, mask) = (value(ACTIVE)?, value(MASK)?);
     Ok(Pins {
+        position: slave,
         requested: value(REQUESTED)?,
         active,
         supported: (0..8).filter(|bit| mask >> bit & 1 == 1).collect(),

@@ -52,7 +52,7 @@ pub fn run(
         let took_ns = restart(&bus, slave, u64::from(arguments.timeout) * 1_000_000_000)?;
         restarted.is_back = true;
         restarted.after_ms = Some(took_ns / 1_000_000);
-        restarted.firmware = Some(bus.text(slave, 0x100A));
+        restarted.firmware = bus.text(slave, 0x100A).ok();
     } else {
         command(&bus, slave)?;
     }
@@ -60,7 +60,10 @@ pub fn run(
         (Some(firmware), Some(ms)) => {
             writeln!(out, "slave {slave} is back after {ms} ms with firmware {firmware}")
         }
-        _ => writeln!(out, "slave {slave} restarts"),
+        (None, Some(ms)) => {
+            writeln!(out, "slave {slave} is back after {ms} ms; 0x100A, its version, is not read")
+        }
+        (_, None) => writeln!(out, "slave {slave} restarts"),
     })
 }
 
@@ -80,16 +83,22 @@ fn wait(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64, Failure> {
     let start = clock.now_ns();
     let elapsed = || clock.now_ns().saturating_sub(start);
     let look_again = || clock.sleep_until_ns(clock.now_ns().saturating_add(LOOK_NS));
+    let seconds = timeout_ns / 1_000_000_000;
     while is_there(bus, slave) {
-        if elapsed() > VANISH_NS.min(timeout_ns) {
+        if elapsed() >= VANISH_NS {
             let words = "took the command but did not restart; it is still on the bus";
             return Err(Failure::Refused(format!("slave {slave} {words}")));
+        }
+        if elapsed() >= timeout_ns {
+            let words = format!("slave {slave} is still on the bus after {seconds} s");
+            return Err(Failure::Slave(format!(
+                "{words}; it took the command, and may restart yet"
+            )));
         }
         look_again();
     }
     while !is_there(bus, slave) || bus.read(slave, 0xF000, 5).is_err() {
-        if elapsed() > timeout_ns {
-            let seconds = timeout_ns / 1_000_000_000;
+        if elapsed() >= timeout_ns {
             let words = format!("slave {slave} is not back after {seconds} s");
             return Err(Failure::Slave(format!("{words}; look at its lamps and its supply")));
         }

@@ -88,6 +88,7 @@ fn parse_value(text: &str) -> Result<u32, String> {
 /// A register's value.
 #[derive(Debug, Serialize)]
 struct Reading {
+    position: usize,
     channel: u8,
     offset: u16,
     name: Option<&'static str>,
@@ -244,6 +245,7 @@ impl Service<'_> {
         let value = self.get(5)?;
         let timestamp = u64::from(self.get(6)?) | u64::from(self.get(7)?) << 32;
         Ok(Reading {
+            position: self.slave,
             channel: self.channel,
             offset,
             name: register(offset).map(|it| it.name),

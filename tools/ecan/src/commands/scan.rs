@@ -2,6 +2,7 @@
 
 use std::io::Write;
 
+use ecan_host::SlaveKind;
 use ecan_protocol::AlState;
 use serde::Serialize;
 
@@ -9,6 +10,7 @@ use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::{Output, Tone};
+use crate::slave_choice::Unknown;
 use crate::table;
 
 /// A slave of the bus.
@@ -17,12 +19,15 @@ struct Found {
     position: u16,
     alias: u16,
     state: String,
-    has_error: bool,
+    has_error_flag: bool,
     name: String,
     vendor_id: u32,
     product_code: u32,
     revision: u32,
-    is_gateway: bool,
+    /// Not known where it cannot be asked.
+    is_gateway: Option<bool>,
+    /// Why it cannot be asked.
+    unknown: Option<String>,
     serial: Option<u64>,
     firmware: Option<String>,
     hardware: Option<String>,
@@ -32,22 +37,28 @@ pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
     let bus = Bus::open(global, output)?;
     let chosen = if bus.is_chosen() { Some(bus.slave()?) } else { None };
     let mut found = Vec::new();
-    for (slave, info) in bus.slaves()?.into_iter().enumerate() {
+    let kinds = bus.kinds().into_iter();
+    for (slave, (info, kind)) in bus.slaves()?.into_iter().zip(kinds).enumerate() {
         if chosen.is_some_and(|chosen| chosen != slave) {
             continue;
         }
-        let is_gateway = bus.is_gateway(slave);
-        let text = |index| is_gateway.then(|| bus.text(slave, index));
+        let is_gateway = kind.is_gateway();
+        let unknown = match kind {
+            SlaveKind::Unknown(why) => Some(why.to_string()),
+            SlaveKind::Gateway | SlaveKind::Other => None,
+        };
+        let text = |index| if is_gateway { bus.text(slave, index).ok() } else { None };
         let state = AlState::from_status(info.al_state.into());
         found.push(Found {
             position: info.position,
             alias: info.alias,
             state: state.map_or_else(|| format!("{:#04x}", info.al_state), |it| it.to_string()),
-            has_error: info.error_flag,
+            has_error_flag: info.error_flag,
             vendor_id: info.vendor_id,
             product_code: info.product_code,
             revision: info.revision_number,
-            is_gateway,
+            is_gateway: unknown.is_none().then_some(is_gateway),
+            unknown,
             serial: if is_gateway { bus.serial(slave).ok() } else { None },
             firmware: text(0x100A),
             hardware: text(0x1009),
@@ -68,7 +79,7 @@ fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Resu
         rows.push([
             slave.position.to_string(),
             if slave.alias == 0 { "-".to_owned() } else { slave.alias.to_string() },
-            format!("{}{}", slave.state, if slave.has_error { " E" } else { "" }),
+            format!("{}{}", slave.state, if slave.has_error_flag { " E" } else { "" }),
             slave.name.clone(),
             or_dash(slave.firmware.clone()),
             or_dash(slave.hardware.clone()),
@@ -80,7 +91,13 @@ fn print(found: &[Found], output: &Output, out: &mut dyn Write) -> std::io::Resu
         ]);
     }
     table::print(out, &rows)?;
-    if found.iter().any(|slave| slave.has_error) {
+    for slave in found {
+        if let Some(reason) = slave.unknown.clone() {
+            let words = Unknown { position: slave.position.into(), reason };
+            writeln!(out, "{}", output.toned(Tone::Warning, words))?;
+        }
+    }
+    if found.iter().any(|slave| slave.has_error_flag) {
         let words = "E: the master met an error with this slave and holds it in its state";
         writeln!(out, "{}", output.toned(Tone::Bad, words))?;
     }

@@ -11,6 +11,7 @@ use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::object_path::ObjectPath;
 use crate::output::Output;
+use crate::readings::{Readings, not_read};
 use crate::table;
 use crate::value::{Value, encode};
 
@@ -22,7 +23,8 @@ OBJECT@N is one of a family.
   ecan sdo read 0x8010:3
   ecan sdo read 'device objects:serial number low'
   ecan sdo write 'device maintenance:access mode request' engineering
-  ecan sdo list 'channel config@0'")]
+  ecan sdo list 'channel config@0'
+  ecan sdo list 0x8010:3 --names")]
 pub struct SdoArguments {
     #[command(subcommand)]
     action: Action,
@@ -45,7 +47,7 @@ enum Action {
         #[arg(long = "type", value_enum)]
         ty: Option<Type>,
     },
-    /// List objects; with one, its entries with their values
+    /// List objects; with one, its entries, or the one that is named, with their values
     List {
         /// An object, or a part of its name; all if left out
         object: Option<String>,
@@ -80,12 +82,26 @@ impl From<Type> for ObjectType {
 /// A value that was read.
 #[derive(Debug, Serialize)]
 struct Read {
+    position: usize,
     index: u16,
     subindex: u8,
     name: Option<&'static str>,
-    bytes: Vec<u8>,
-    text: String,
+    bytes: Option<Vec<u8>>,
+    value: Option<Value>,
+    /// The value as it is shown.
+    text: Option<String>,
     meaning: Option<String>,
+    /// Why it was not read.
+    error: Option<String>,
+}
+
+impl Read {
+    fn missing(position: usize, path: ObjectPath, reason: String) -> Self {
+        let ObjectPath { index, subindex } = path;
+        let name = entry_of(path).map(|entry| entry.name);
+        let (bytes, value, text, meaning, error) = (None, None, None, None, Some(reason));
+        Self { position, index, subindex, name, bytes, value, text, meaning, error }
+    }
 }
 
 /// An object of the table.
@@ -126,12 +142,22 @@ fn read(bus: &Bus, slave: usize, path: ObjectPath) -> Result<Read, Failure> {
     let bytes = data.get(..length).unwrap_or_default().to_vec();
     let entry = entry_of(path);
     let value = Value::of(&bytes, entry);
-    let (text, meaning) = (value.text(entry), value.meaning(entry));
-    Ok(Read { index, subindex, name: entry.map(|entry| entry.name), bytes, text, meaning })
+    Ok(Read {
+        position: slave,
+        index,
+        subindex,
+        name: entry.map(|entry| entry.name),
+        text: Some(value.text(entry)),
+        meaning: value.meaning(entry),
+        value: Some(value),
+        bytes: Some(bytes),
+        error: None,
+    })
 }
 
 fn print_read(read: &Read, out: &mut dyn Write) -> std::io::Result<()> {
-    write!(out, "{} = {}", describe(read.index, read.subindex), read.text)?;
+    let value = read.text.as_deref().unwrap_or_default();
+    write!(out, "{} = {value}", describe(read.index, read.subindex))?;
     match &read.meaning {
         Some(meaning) => writeln!(out, ": {meaning}"),
         None => writeln!(out),
@@ -192,28 +218,52 @@ fn list(name: &str, names: bool, global: &GlobalOptions, output: &Output) -> Res
     let Some(known) = object(path.index) else {
         return Err(Failure::Usage(format!("0x{:04X} is not in the table", path.index)));
     };
+    // An entry is named behind a colon; without one it is the whole object.
+    let wanted = name.contains(':').then_some(path.subindex);
+    let entries: Vec<_> = known.entries.iter().filter(|it| is_wanted(it, wanted)).collect();
+    if let (Some(subindex), []) = (wanted, &entries[..]) {
+        let words = format!("{} has no entry :{subindex:02} in the table", known.name);
+        return Err(Failure::Usage(words));
+    }
     if names {
-        return list_entries(path.index, known, output);
+        return list_entries(path.index, known, &entries, output);
+    }
+    let readable: Vec<_> = entries.iter().filter(|entry| entry.access.can_read()).collect();
+    if readable.is_empty() {
+        return Err(Failure::Usage(format!("{name} can only be written")));
     }
     let bus = Bus::open(global, output)?;
     let slave = bus.slave()?;
-    let readable = known.entries.iter().filter(|entry| entry.access.can_read());
-    let values: Result<Vec<_>, _> = readable
-        .map(|entry| read(&bus, slave, ObjectPath { index: path.index, subindex: entry.subindex }))
-        .collect();
-    let values = values?;
+    let mut readings = Readings::default();
+    let mut values = Vec::new();
+    for entry in readable {
+        let path = ObjectPath { index: path.index, subindex: entry.subindex };
+        let read = readings.note(read(&bus, slave, path));
+        readings.answers()?;
+        values.push(read.unwrap_or_else(|reason| Read::missing(slave, path, reason)));
+    }
+    readings.any()?;
     output.data(&values, |out| {
         writeln!(out, "{}", heading(path.index, known))?;
         let rows: Vec<_> = values
             .iter()
             .map(|it| {
                 let name = it.name.unwrap_or_default().to_owned();
+                let value = match &it.error {
+                    Some(reason) => not_read(reason),
+                    None => it.text.clone().unwrap_or_default(),
+                };
                 let meaning = it.meaning.clone().unwrap_or_default();
-                [format!(":{:02}", it.subindex), name, it.text.clone(), meaning]
+                [format!(":{:02}", it.subindex), name, value, meaning]
             })
             .collect();
         table::print(out, &rows)
-    })
+    })?;
+    readings.end()
+}
+
+fn is_wanted(entry: &Entry, wanted: Option<u8>) -> bool {
+    wanted.is_none_or(|subindex| subindex == entry.subindex)
 }
 
 fn heading(index: u16, object: &Object) -> String {
@@ -225,18 +275,24 @@ fn heading(index: u16, object: &Object) -> String {
 struct ListedEntry {
     subindex: u8,
     name: &'static str,
-    ty: String,
+    #[serde(rename = "type")]
+    ty: &'static str,
     access: &'static str,
     unit: Option<&'static str>,
     values: Vec<(u32, &'static str)>,
     bits: Vec<(u8, &'static str)>,
 }
 
-fn list_entries(index: u16, object: &Object, output: &Output) -> Result<(), Failure> {
-    let listed = |entry: &Entry| ListedEntry {
+fn list_entries(
+    index: u16,
+    object: &Object,
+    entries: &[&Entry],
+    output: &Output,
+) -> Result<(), Failure> {
+    let listed = |entry: &&Entry| ListedEntry {
         subindex: entry.subindex,
         name: entry.name,
-        ty: format!("{:?}", entry.ty),
+        ty: entry.ty.name(),
         access: match entry.access {
             Access::Ro => "ro",
             Access::Rw => "rw",
@@ -246,7 +302,7 @@ fn list_entries(index: u16, object: &Object, output: &Output) -> Result<(), Fail
         values: entry.values.to_vec(),
         bits: entry.bits.to_vec(),
     };
-    let entries: Vec<_> = object.entries.iter().map(listed).collect();
+    let entries: Vec<_> = entries.iter().map(listed).collect();
     output.data(&entries, |out| {
         writeln!(out, "{}", heading(index, object))?;
         let rows: Vec<_> = entries
@@ -257,7 +313,7 @@ fn list_entries(index: u16, object: &Object, output: &Output) -> Result<(), Fail
                 let unit = it.unit.map(|unit| format!("in {unit}"));
                 let words: Vec<_> = unit.into_iter().chain(values).chain(bits).collect();
                 let (access, subindex) = (it.access.to_owned(), format!(":{:02}", it.subindex));
-                [subindex, it.ty.clone(), access, it.name.to_owned(), words.join(", ")]
+                [subindex, it.ty.to_owned(), access, it.name.to_owned(), words.join(", ")]
             })
             .collect();
         table::print(out, &rows)

@@ -31,7 +31,8 @@ impl Printer {
         let (queue, heard) = sync_channel(QUEUE);
         let thread = std::thread::Builder::new()
             .name("printer".to_owned())
-            .spawn(move || print_all(&heard, lines, log))?;
+            .spawn(move || print_all(&heard, lines, log))
+            .map_err(Failure::of_thread)?;
         Ok(Self { queue: Some(queue), thread, dropped: 0 })
     }
 

@@ -91,7 +91,7 @@ impl Service {
         let capture = FrameCapture::start(capture, &adapter, channels)?;
         let real_time = &settings.options().real_time;
         let granted = real_time.apply(|line| output.note(line));
-        granted.map_err(|error| Failure::Master(error.to_string()))?;
+        granted.map_err(|error| Failure::Host(error.to_string()))?;
         let place = Place { position, adapter, config, channels };
         let mut service = Self::start(bus.ecrt(), place, real_time, interrupt, output)?;
         if let Some(service) = &mut service {

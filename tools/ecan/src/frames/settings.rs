@@ -170,12 +170,7 @@ impl<'a> Settings<'a> {
             let places = config_file::places(file, bus)?;
             return of_file(path, file, &places, wishes, global);
         }
-        let count = bus.diagnostics().slave_count();
-        let mut positions: Vec<_> = (0..count).filter(|slave| bus.is_gateway(*slave)).collect();
-        if bus.is_chosen() || positions.is_empty() {
-            // Without any it tells why.
-            positions = vec![bus.slave()?];
-        }
+        let positions = bus.chosen_or_every_gateway()?;
         self.of_options(positions, wishes, global.master)
     }
 

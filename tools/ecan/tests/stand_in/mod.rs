@@ -8,6 +8,7 @@
 use std::io::{BufRead, BufReader, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
+use std::process::Command;
 use std::sync::{Arc, Mutex, MutexGuard};
 
 use ecan_sim::Fault;
@@ -21,6 +22,9 @@ use wire_support::{Datagram, Line, MS};
 const CALL_NS: u64 = 300 * MS;
 /// Data of a full FoE packet: the mailbox without its header and that of FoE.
 const PACKET: usize = 128 - 6 - 6;
+
+/// Of the gateways.
+pub const PRODUCT_CODE: u32 = 0x4C49_5445;
 
 const HELP: &str = "\
 ethercat foe_write [OPTIONS] <FILENAME> [<PASSWORD>]
@@ -56,6 +60,11 @@ pub enum Behaviour {
     },
     /// As above, behind the last packet and for good.
     NeverBack,
+    /// The mailbox of the slave at this position does not answer, and its SII tells this product.
+    Silent {
+        position: u16,
+        product_code: u32,
+    },
     /// The slaves have an object 0xF000 of another make.
     Foreign,
     /// It prints something else.
@@ -67,6 +76,8 @@ pub struct Master {
     pub line: Line,
     pub behaviour: Behaviour,
     gateways: u16,
+    /// Process group that gets Ctrl-C in the middle of the next file.
+    pub interrupts: Option<u32>,
     /// Calls, as they were given.
     pub calls: Vec<Vec<String>>,
 }
@@ -81,7 +92,7 @@ pub struct StandIn {
 impl StandIn {
     pub fn new(gateways: u16, behaviour: Behaviour) -> Self {
         let line = Line::preop(gateways.into());
-        let master = Master { line, behaviour, gateways, calls: Vec::new() };
+        let master = Master { line, behaviour, gateways, interrupts: None, calls: Vec::new() };
         let master = Arc::new(Mutex::new(master));
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let port = listener.local_addr().unwrap().port();
@@ -157,6 +168,9 @@ impl Master {
         }
         self.scan();
         match arguments.first().map(String::as_str) {
+            Some("slaves") if option(arguments, "--position").is_some() => {
+                self.station(arguments).map(|station| self.identity(station - 0x1001))
+            }
             Some("slaves") => Ok(self.slaves()),
             Some("upload") => self.upload(arguments),
             Some("foe_write") if arguments.iter().any(|it| it == "--help") => {
@@ -205,6 +219,21 @@ impl Master {
         there.iter().map(|it| format!("{it}  0:{it}  PREOP  +  ECAN-Lite\n")).collect()
     }
 
+    /// As with --verbose.
+    fn identity(&self, position: u16) -> String {
+        let product = match self.behaviour {
+            Behaviour::Silent { position: silent, product_code } if silent == position => {
+                product_code
+            }
+            _ => PRODUCT_CODE,
+        };
+        format!(
+            "=== Master 0, Slave {position} ===\nState: PREOP\nFlag: +\nIdentity:\n  \
+             Vendor Id:       0x00004543\n  Product code:    0x{product:08x}\n  \
+             Revision number: 0x00020002\n"
+        )
+    }
+
     fn station(&mut self, arguments: &[String]) -> Result<u16, String> {
         let position: u16 = option(arguments, "--position").unwrap().parse().unwrap();
         if position >= self.gateways || !self.is_there(position) {
@@ -218,6 +247,10 @@ impl Master {
         let [.., index, subindex] = arguments else { panic!("{arguments:?}") };
         let index = u16::from_str_radix(index.strip_prefix("0x").unwrap(), 16).unwrap();
         let subindex: u8 = subindex.parse().unwrap();
+        if matches!(self.behaviour, Behaviour::Silent { position, .. } if position == station - 0x1001)
+        {
+            return Err("Failed to upload SDO: Input/output error".to_owned());
+        }
         if self.behaviour == Behaviour::Foreign && (index, subindex) == (0xF000, 17) {
             return Ok(number(8, 4));
         }
@@ -251,6 +284,11 @@ impl Master {
             _ => {}
         }
         let station = self.station(arguments)?;
+        if let Some(group) = self.interrupts.take() {
+            let group = format!("-{group}");
+            let sent = Command::new("kill").args(["-INT", "--", &group]).status().unwrap();
+            assert!(sent.success());
+        }
         let gateway = usize::from(station - 0x1001);
         let name = option(arguments, "--output-file").unwrap();
         // "foe_write --master M --position P --output-file NAME FILE [PASSWORD]"

@@ -49,6 +49,14 @@ pub fn two_gateways() -> tempfile::NamedTempFile {
     file
 }
 
+/// A scenario file with two gateways, the first of which does not answer its mailbox.
+pub fn first_silent() -> tempfile::NamedTempFile {
+    scenario(
+        "[[gateway]]\n[[gateway]]\nalias = 7\n[[fault]]\nkind = \"mailbox_timeout\"\n\
+         gateway = 0\nat_ms = 0\nfor_ms = 4000000000\n",
+    )
+}
+
 /// A scenario file with this text.
 pub fn scenario(text: &str) -> tempfile::NamedTempFile {
     let file = tempfile::Builder::new().suffix(".toml").tempfile().unwrap();

@@ -7,6 +7,7 @@ use crate::bus::Bus;
 use crate::commands::doctor;
 use crate::ethercat_tool::EthercatTool;
 use crate::failure::Failure;
+use crate::firmware_version::serial_number;
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -49,16 +50,19 @@ pub(super) fn bundle(
     snapshot.al_status_code = al_status_code(bus, slave, arguments, global, output);
     let gateway = Gateway {
         name: info.name,
-        firmware: if has_mailbox { bus.text(slave, 0x100A) } else { String::new() },
-        hardware: if has_mailbox { bus.text(slave, 0x1009) } else { String::new() },
-        serial: serial(&snapshot),
+        firmware: if has_mailbox {
+            bus.text(slave, 0x100A).unwrap_or_default()
+        } else {
+            String::new()
+        },
+        hardware: if has_mailbox {
+            bus.text(slave, 0x1009).unwrap_or_default()
+        } else {
+            String::new()
+        },
+        serial: serial_number(|subindex| snapshot.get(0xF000, subindex).ok_or(())).ok(),
     };
     Ok(Bundle::new(host(bus, global), master(bus, global)?, gateway, snapshot))
-}
-
-fn serial(snapshot: &Snapshot) -> Option<u64> {
-    let half = |subindex| snapshot.get(0xF000, subindex).map(u64::from);
-    Some(half(7)? | half(8)? << 32)
 }
 
 fn read_error(error: Error) -> ReadError {

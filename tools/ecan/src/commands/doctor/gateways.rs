@@ -3,10 +3,10 @@
 use std::path::Path;
 
 use ecan_host::{Diagnostics, Ecrt, Error, MAX_PLAIN_MULTIPLIER};
-use ecan_protocol::Recognition;
 
 use crate::ethercat_tool::{EthercatTool, ToolError};
 use crate::global::GlobalOptions;
+use crate::slave_choice::{Recognised, Unknown};
 
 use super::{Check, sii};
 
@@ -26,16 +26,9 @@ pub(super) fn checks(
         Ok(diagnostics) => diagnostics,
         Err(error) => return vec![cannot_look(NAME, &error)],
     };
-    let gateways: Vec<_> =
-        (0..diagnostics.slave_count()).filter(|slave| is_gateway(&diagnostics, *slave)).collect();
-    let count = diagnostics.slave_count();
-    let slaves = if count == 1 { "slave" } else { "slaves" };
-    let found = format!("{count} {slaves}, {} ECAN-Lite", gateways.len());
-    if gateways.is_empty() {
-        let remedy = "look at cable and supply, then at `ecan scan`";
-        return vec![Check::bad(NAME, found, remedy)];
-    }
-    let mut checks = vec![Check::good(NAME, found)];
+    let Recognised { gateways, unknown } =
+        Recognised::new(diagnostics.slave_kinds().into_iter().enumerate());
+    let mut checks = vec![judge_slaves(NAME, diagnostics.slave_count(), gateways.len(), &unknown)];
     checks.extend(gateways.iter().map(|slave| process_data(&diagnostics, *slave)));
     checks.extend(gateways.iter().map(|slave| {
         if ecrt.is_simulated() {
@@ -51,9 +44,22 @@ fn cannot_look(name: &'static str, error: &Error) -> Check {
     Check::bad(name, error.to_string(), "mend what is said above, then look at `ecan scan`")
 }
 
-fn is_gateway(diagnostics: &Diagnostics, slave: usize) -> bool {
-    let upload = |subindex| diagnostics.sdo_upload_u32(slave, 0xF000, subindex);
-    Recognition::read(upload).is_ok_and(|it| it.looks_like_ecan_lite())
+fn judge_slaves(name: &'static str, count: usize, gateways: usize, unknown: &[Unknown]) -> Check {
+    let slaves = if count == 1 { "slave" } else { "slaves" };
+    let found = format!("{count} {slaves}, {gateways} ECAN-Lite");
+    if !unknown.is_empty() {
+        let words: Vec<_> = unknown.iter().map(ToString::to_string).collect();
+        return Check::bad(
+            name,
+            format!("{found}; {}", words.join("; ")),
+            "bring it to PREOP, look at its supply and cable, then at `ecan diag --slave POSITION`; \
+             a gateway without a mailbox takes no configuration",
+        );
+    }
+    if gateways == 0 {
+        return Check::bad(name, found, "look at cable and supply, then at `ecan scan`");
+    }
+    Check::good(name, found)
 }
 
 /// The larger N of both directions, of the active profile or else of the requested one.

@@ -1,8 +1,14 @@
 //! The network interface of the master: link and interrupt coalescing.
 
 use std::process::Command;
+use std::time::Duration;
+
+use crate::program::{self, RunError};
 
 use super::{Check, Root, master};
+
+/// How long ethtool may take.
+const LIMIT: Duration = Duration::from_secs(5);
 
 /// Where the master's configuration may be.
 const CONFIGURATIONS: [&str; 5] = [
@@ -105,10 +111,11 @@ pub(super) fn coalescing(root: &Root, master: u32) -> Check {
     let Some(ethtool) = root.ethtool() else {
         return Check::skipped(NAME, "ethtool is not there");
     };
-    match Command::new(ethtool).args(["-c", &interface]).output() {
+    match program::run(Command::new(ethtool).args(["-c", &interface]), LIMIT) {
         Ok(ran) if ran.status.success() => {
             judge_coalescing(NAME, &interface, &String::from_utf8_lossy(&ran.stdout))
         }
+        Err(error @ RunError::TimedOut(_)) => Check::skipped(NAME, format!("ethtool: {error}")),
         _ => Check::skipped(NAME, format!("the driver of {interface} does not tell")),
     }
 }

@@ -100,6 +100,7 @@ struct ApplyArgument {
 /// The filters of a channel.
 #[derive(Debug, Serialize)]
 struct Listed {
+    position: usize,
     channel: u8,
     non_match_standard: &'static str,
     non_match_extended: &'static str,
@@ -182,6 +183,7 @@ fn list(filters: &ChannelFilters) -> Result<Listed, Failure> {
     };
     let [standard, extended] = filters.non_match()?;
     Ok(Listed {
+        position: filters.slave,
         channel: filters.channel,
         non_match_standard: words::non_match(standard),
         non_match_extended: words::non_match(extended),

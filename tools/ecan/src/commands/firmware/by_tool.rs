@@ -1,11 +1,15 @@
 //! Gateways behind IgH's `ethercat` tool.
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
-use super::gateways::{Gateways, LOOK_EVERY, Number, Present};
+use ecan_host::Identity;
+use ecan_protocol::{Capabilities, ObjectType, lookup};
+
+use super::gateways::{Gateways, LOOK_EVERY, Present};
 use super::package::FirmwareFile;
 use super::refusal::Refusal;
-use crate::ethercat_tool::{EthercatTool, NumberType, ToolError};
+use crate::ethercat_tool::{EthercatTool, NumberType, ToolError, is_denial};
 use crate::failure::Failure;
 
 /// Name of the firmware file on a gateway (manual 15.3.1).
@@ -16,12 +20,19 @@ const FILE_NAME: &str = "ecan_lite_app";
 #[derive(Debug)]
 pub struct ByTool {
     tool: EthercatTool,
+    opened: Instant,
 }
 
 impl ByTool {
     /// With the tool that is named, or the one that is found.
     pub fn open(named: Option<&Path>, master: u32) -> Result<Self, Failure> {
-        Ok(Self { tool: EthercatTool::find(named, master).map_err(failure)? })
+        let tool = EthercatTool::find(named, master).map_err(failure)?;
+        Ok(Self { tool, opened: Instant::now() })
+    }
+
+    /// The same for writing: a Ctrl-C does not end the tool in the middle of a transfer.
+    pub fn shielded(self) -> Self {
+        Self { tool: self.tool.shielded(), ..self }
     }
 }
 
@@ -39,17 +50,29 @@ impl Gateways for ByTool {
         let present = listed.into_iter().map(|slave| Present {
             position: slave.position,
             alias: slave.alias,
+            al_state: slave.al_state(),
             state: slave.state,
         });
         Ok(present.collect())
     }
 
-    fn number(&self, slave: usize, which: Number) -> Result<u32, Failure> {
-        let (subindex, kind) = match which {
-            Number::U16(subindex) => (subindex, NumberType::Uint16),
-            Number::U32(subindex) => (subindex, NumberType::Uint32),
+    fn identity(&self, slave: usize) -> Result<Identity, Failure> {
+        let (vendor_id, product_code) = self.tool.identity(slave).map_err(failure)?;
+        Ok(Identity { vendor_id, product_code })
+    }
+
+    fn number(&self, slave: usize, subindex: u8) -> Result<u32, Failure> {
+        let object = (Capabilities::INDEX, subindex);
+        let kind = match lookup(object.0, subindex).map(|(_, entry)| entry.ty) {
+            Some(ObjectType::U8) => NumberType::Uint8,
+            Some(ObjectType::U16) => NumberType::Uint16,
+            _ => NumberType::Uint32,
         };
-        self.tool.upload_number(slave, (0xF000, subindex), kind).map_err(failure)
+        self.tool.upload_number(slave, object, kind).map_err(failure)
+    }
+
+    fn is_denial(&self, failure: &Failure) -> bool {
+        matches!(failure, Failure::Refused(words) if is_denial(words))
     }
 
     fn software_version(&self, slave: usize) -> Result<String, Failure> {
@@ -71,5 +94,9 @@ impl Gateways for ByTool {
 
     fn pause(&self) {
         std::thread::sleep(LOOK_EVERY);
+    }
+
+    fn now(&self) -> Duration {
+        self.opened.elapsed()
     }
 }

@@ -2,12 +2,14 @@
 
 use std::time::Duration;
 
-use ecan_protocol::Recognition;
+use ecan_host::{Identity, SlaveInquiry, SlaveKind, slave_kinds};
+use ecan_protocol::AlState;
 use serde::Serialize;
 
 use super::refusal::Refusal;
-use crate::bus::{SlaveChoice, none_found, several_found};
 use crate::failure::Failure;
+use crate::firmware_version::{FirmwareVersion, serial_number};
+use crate::slave_choice::{Candidates, Recognised, SlaveChoice, Unknown, choose, only_gateway};
 
 /// A slave that is there.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -18,15 +20,8 @@ pub struct Present {
     pub alias: Option<u16>,
     /// AL state in words.
     pub state: String,
-}
-
-/// An object of a gateway that is read here.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Number {
-    /// 16 bits of 0xF000.
-    U16(u8),
-    /// 32 bits of 0xF000.
-    U32(u8),
+    /// AL state; `None` for words that are none.
+    pub al_state: Option<AlState>,
 }
 
 /// How often a gateway is looked for while it restarts.
@@ -37,8 +32,14 @@ pub trait Gateways {
     /// Who is there.
     fn present(&self) -> Result<Vec<Present>, Failure>;
 
+    /// What the master read in the slave's SII.
+    fn identity(&self, slave: usize) -> Result<Identity, Failure>;
+
     /// A number of 0xF000.
-    fn number(&self, slave: usize, which: Number) -> Result<u32, Failure>;
+    fn number(&self, slave: usize, subindex: u8) -> Result<u32, Failure>;
+
+    /// Whether this is the slave's answer that it has no such number.
+    fn is_denial(&self, failure: &Failure) -> bool;
 
     /// 0x100A.
     fn software_version(&self, slave: usize) -> Result<String, Failure>;
@@ -56,17 +57,17 @@ pub trait Gateways {
 
     /// Lets [`LOOK_EVERY`] pass.
     fn pause(&self);
+
+    /// Time of the clock that waiting goes by, since any moment.
+    fn now(&self) -> Duration;
 }
 
-/// Which firmware a gateway runs.
+/// Which firmware a gateway runs, and which gateway it is.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Running {
-    /// 0x100A.
-    pub software_version: String,
-    /// 0xF000:05, the high byte is major and the low byte is minor.
-    pub version: u16,
-    /// 0xF000:06.
-    pub build: u16,
+    /// Its firmware.
+    #[serde(flatten)]
+    pub version: FirmwareVersion,
     /// 0xF000:07 and :08.
     pub serial: u64,
 }
@@ -74,48 +75,85 @@ pub struct Running {
 impl Running {
     /// Reads all of it.
     pub fn read(gateways: &dyn Gateways, slave: usize) -> Result<Self, Failure> {
-        let number = |which| gateways.number(slave, which);
-        let word = |which| number(which).map(|value| value as u16);
-        Ok(Self {
-            version: word(Number::U16(5))?,
-            build: word(Number::U16(6))?,
-            serial: serial(gateways, slave)?,
-            software_version: gateways.software_version(slave)?,
-        })
-    }
-
-    /// As MAJOR.MINOR.BUILD.
-    pub fn numbers(&self) -> String {
-        let [major, minor] = self.version.to_be_bytes();
-        format!("{major}.{minor}.{}", self.build)
-    }
-
-    /// Whether it is the version that the user names: by 0x100A, or in numbers.
-    pub fn is_version(&self, named: &str) -> bool {
-        named == self.software_version || named == self.numbers()
+        let number = |subindex| gateways.number(slave, subindex);
+        // The numbers first: they tell whether it answers at all.
+        let (mut version, serial) = (FirmwareVersion::read(None, number)?, serial_number(number)?);
+        version.firmware = match gateways.software_version(slave) {
+            Err(failure) if gateways.is_denial(&failure) => None,
+            read => Some(read?),
+        };
+        Ok(Self { version, serial })
     }
 }
 
 impl std::fmt::Display for Running {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let (text, numbers) = (&self.software_version, self.numbers());
-        if *text == numbers || text.is_empty() {
-            formatter.write_str(&numbers)
-        } else {
-            write!(formatter, "{text} ({numbers})")
+        self.version.fmt(formatter)
+    }
+}
+
+/// The slaves that are there, to be asked.
+struct Asked<'a> {
+    gateways: &'a dyn Gateways,
+    present: &'a [Present],
+}
+
+impl SlaveInquiry for Asked<'_> {
+    type Error = Failure;
+
+    fn al_state(&self, slave: usize) -> Result<Option<AlState>, Failure> {
+        let found = self.present.iter().find(|present| present.position == slave);
+        Ok(found.and_then(|present| present.al_state))
+    }
+
+    fn identity(&self, slave: usize) -> Result<Identity, Failure> {
+        self.gateways.identity(slave)
+    }
+
+    fn upload(&self, slave: usize, subindex: u8) -> Result<u32, Failure> {
+        self.gateways.number(slave, subindex)
+    }
+
+    fn is_denial(&self, error: &Failure) -> bool {
+        self.gateways.is_denial(error)
+    }
+}
+
+impl Candidates for Asked<'_> {
+    fn places(&self) -> Result<Vec<(usize, u16)>, Failure> {
+        let place = |slave: &Present| (slave.position, slave.alias.unwrap_or(0));
+        Ok(self.present.iter().map(place).collect())
+    }
+
+    fn recognised(&self) -> Result<Recognised, Failure> {
+        let positions: Vec<_> = self.present.iter().map(|slave| slave.position).collect();
+        let kinds = slave_kinds(self, &positions);
+        Ok(Recognised::new(positions.into_iter().zip(kinds)))
+    }
+
+    fn serial(&self, slave: usize) -> Result<u64, Failure> {
+        serial_number(|subindex| self.gateways.number(slave, subindex))
+    }
+}
+
+/// Why a slave gets no firmware for an ECAN-Lite; `None` where it is one.
+pub fn reason_against(gateways: &dyn Gateways, slave: &Present) -> Option<String> {
+    let asked = Asked { gateways, present: std::slice::from_ref(slave) };
+    match slave_kinds(&asked, &[slave.position]).into_iter().next() {
+        Some(SlaveKind::Gateway) => None,
+        Some(SlaveKind::Unknown(why)) => Some(why.to_string()),
+        Some(SlaveKind::Other) | None => {
+            Some("it does not show itself as an ECAN-Lite (0xF000)".to_owned())
         }
     }
 }
 
-fn serial(gateways: &dyn Gateways, slave: usize) -> Result<u64, Failure> {
-    let half = |subindex| gateways.number(slave, Number::U32(subindex)).map(u64::from);
-    Ok(half(7)? | half(8)? << 32)
-}
-
-/// Whether a slave is an ECAN-Lite, by 0xF000. One that cannot be asked is none.
-pub fn is_gateway(gateways: &dyn Gateways, slave: &Present) -> bool {
-    let read = |subindex| gateways.number(slave.position, Number::U16(subindex));
-    slave.state != "INIT" && Recognition::read(read).is_ok_and(|it| it.looks_like_ecan_lite())
+/// What the user means.
+pub struct Chosen {
+    /// The gateways: one, or all.
+    pub gateways: Vec<Present>,
+    /// Of all, those that cannot be asked.
+    pub unknown: Vec<(Present, Unknown)>,
 }
 
 /// The gateways that the user means: one, or all.
@@ -123,33 +161,33 @@ pub fn chosen(
     gateways: &dyn Gateways,
     choice: Option<SlaveChoice>,
     all: bool,
-) -> Result<Vec<Present>, Failure> {
+) -> Result<Chosen, Failure> {
     let present = gateways.present()?;
-    let count = present.len();
-    let of_serial = |slave: &Present, wanted| {
-        is_gateway(gateways, slave)
-            && serial(gateways, slave.position).is_ok_and(|own| own == wanted)
-    };
-    let found: Vec<_> = match choice {
-        None => present.into_iter().filter(|slave| is_gateway(gateways, slave)).collect(),
-        Some(SlaveChoice::Position(position)) => {
-            present.into_iter().filter(|slave| slave.position == position).collect()
-        }
-        Some(SlaveChoice::Alias(alias)) => {
-            present.into_iter().filter(|slave| slave.alias == Some(alias)).collect()
-        }
-        Some(SlaveChoice::Serial(serial)) => {
-            present.into_iter().filter(|slave| of_serial(slave, serial)).collect()
+    let asked = Asked { gateways, present: &present };
+    let (meant, unknown) = match choice {
+        Some(_) => (vec![choose(&asked, choice)?], Vec::new()),
+        None => {
+            let recognised = asked.recognised()?;
+            match recognised.gateways.len() + recognised.unknown.len() {
+                1.. if all => (recognised.gateways, recognised.unknown),
+                count => {
+                    let only = only_gateway(&recognised, present.len());
+                    (vec![only.map_err(|failure| or_all(failure, count))?], Vec::new())
+                }
+            }
         }
     };
-    match (&found[..], choice) {
-        ([], _) => Err(none_found(choice, count)),
-        ([_], _) => Ok(found),
-        ([_, ..], None) if all => Ok(found),
-        ([first, ..], Some(_)) => Ok(vec![first.clone()]),
-        ([_, ..], None) => {
-            let words = several_found(found.iter().map(|it| it.position));
-            Err(Failure::Slave(format!("{words}, or take --all")))
-        }
+    let at = |position| present.iter().find(|slave| slave.position == position).cloned();
+    Ok(Chosen {
+        gateways: meant.into_iter().filter_map(at).collect(),
+        unknown: unknown.into_iter().filter_map(|it| Some((at(it.position)?, it))).collect(),
+    })
+}
+
+/// Names the other way out, where several are in question.
+fn or_all(failure: Failure, count: usize) -> Failure {
+    match failure {
+        Failure::Slave(words) if count > 1 => Failure::Slave(format!("{words}, or take --all")),
+        other => other,
     }
 }

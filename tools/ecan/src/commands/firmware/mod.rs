@@ -6,17 +6,20 @@ mod package;
 mod refusal;
 mod simulated;
 mod update;
+#[cfg(test)]
+mod update_tests;
 
 use std::io::{BufRead, IsTerminal, Write};
 use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::{Args, Subcommand};
+use ecan_command_line::interrupt::Interrupt;
 use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 use serde::Serialize;
 
 use self::by_tool::ByTool;
-use self::gateways::{Gateways, Present, Running};
+use self::gateways::{Chosen, Gateways, Present, Running};
 use self::package::FirmwareFile;
 use self::simulated::Simulated;
 use self::update::{Outcome, Report, Update};
@@ -56,9 +59,14 @@ Examples:
 With --all a gateway that does not come back, or comes back with another version than the expected
 one, ends the work: the others keep what they have.
 
+An interrupt (Ctrl-C) lets the gateway whose turn it is get its firmware, and ends the work.
+
 It succeeds only when the version that was read back is another than before, or the expected one
-after a restart. The exit status is 1 if the version is not the wanted one, 5 if a gateway refused or
-did not come back.")]
+after a restart. The exit status is 1 if the version is not the wanted one, or a gateway was left out
+because it cannot be asked or by an interrupt, 5 if a gateway refused or did not come back.
+
+The ethercat tool is given 10 minutes for the transfer and 5 seconds for anything else; then it is
+ended, and that is told.")]
     Update(UpdateArguments),
 }
 
@@ -83,7 +91,9 @@ struct Version {
     position: usize,
     state: String,
     #[serde(flatten)]
-    running: Running,
+    running: Option<Running>,
+    /// Why it was not read.
+    error: Option<String>,
 }
 
 /// What `update` tells of a gateway.
@@ -119,13 +129,16 @@ pub fn run(
                 output.note(format_args!("ecan: warning: {words}"));
             }
             confirm(wanted, &file, &chosen)?;
+            let said = "interrupted: the gateway whose turn it is gets its firmware, no other";
+            let interrupt = Interrupt::install_saying(said)
+                .map_err(|error| Failure::Host(error.to_string()))?;
             let update = Update {
                 gateways: &*gateways,
                 file: &file,
                 expected: wanted.expect_version.as_deref(),
                 patience: Duration::from_secs(wanted.timeout.into()),
             };
-            update_all(&update, &chosen, output)
+            update_all(&update, &chosen, &interrupt, output)
         }
     }
 }
@@ -138,7 +151,12 @@ fn open(
 ) -> Result<(Box<dyn Gateways>, bool), Failure> {
     match (EcrtSetting::resolve(global.ecrt.as_deref())?, &arguments.ethercat) {
         (EcrtSetting::Library(_), named) => {
-            Ok((Box::new(ByTool::open(named.as_deref(), global.master)?), false))
+            let tool = ByTool::open(named.as_deref(), global.master)?;
+            let tool = match arguments.action {
+                Action::Version => tool,
+                Action::Update(_) => tool.shielded(),
+            };
+            Ok((Box::new(tool), false))
         }
         (EcrtSetting::Sim(_), Some(_)) => {
             let words =
@@ -157,27 +175,54 @@ fn open(
     }
 }
 
-fn version(gateways: &dyn Gateways, chosen: Vec<Present>, output: &Output) -> Result<(), Failure> {
+fn version(gateways: &dyn Gateways, chosen: Chosen, output: &Output) -> Result<(), Failure> {
+    let is_only = chosen.gateways.len() + chosen.unknown.len() == 1;
     let mut versions = Vec::new();
-    for Present { position, state, .. } in chosen {
-        let running = Running::read(gateways, position)?;
-        versions.push(Version { position, state, running });
+    for Present { position, state, .. } in chosen.gateways {
+        let (running, error) = match Running::read(gateways, position) {
+            Ok(running) => (Some(running), None),
+            // No other one can be read either, or there is none.
+            Err(failure @ Failure::Master(_)) => return Err(failure),
+            Err(failure) if is_only => return Err(failure),
+            Err(failure) => (None, Some(failure.to_string())),
+        };
+        versions.push(Version { position, state, running, error });
     }
+    for (Present { position, state, .. }, unknown) in chosen.unknown {
+        versions.push(Version {
+            position,
+            state,
+            running: None,
+            error: Some(format!("it {}", unknown.words())),
+        });
+    }
+    versions.sort_by_key(|version| version.position);
     output.data(&versions, |out| {
         let mut rows = vec![["POS", "STATE", "FIRMWARE", "SERIAL"].map(str::to_owned)];
-        rows.extend(versions.iter().map(|Version { position, state, running }| {
-            [position.to_string(), state.clone(), running.to_string(), running.serial.to_string()]
+        rows.extend(versions.iter().map(|it| {
+            let [firmware, serial] = match (&it.running, &it.error) {
+                (Some(running), _) => [running.to_string(), running.serial.to_string()],
+                (None, error) => {
+                    let reason = error.as_deref().unwrap_or_default();
+                    ["-".to_owned(), format!("not read: {reason}")]
+                }
+            };
+            [it.position.to_string(), it.state.clone(), firmware, serial]
         }));
         table::print(out, &rows)
-    })
+    })?;
+    let unread = versions.iter().filter(|version| version.running.is_none()).count();
+    match unread {
+        0 => Ok(()),
+        unread => {
+            let words = format!("{unread} of {} gateways were not read, see above", versions.len());
+            Err(Failure::Refused(words))
+        }
+    }
 }
 
-fn confirm(
-    wanted: &UpdateArguments,
-    file: &FirmwareFile,
-    chosen: &[Present],
-) -> Result<(), Failure> {
-    if wanted.yes {
+fn confirm(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Chosen) -> Result<(), Failure> {
+    if wanted.yes || chosen.gateways.is_empty() {
         return Ok(());
     }
     let stdin = std::io::stdin();
@@ -185,8 +230,8 @@ fn confirm(
         let words = "nobody is there to confirm the update; say --yes to do it without asking";
         return Err(Failure::Usage(words.to_owned()));
     }
-    let slaves: Vec<_> =
-        chosen.iter().map(|slave| format!("{} ({})", slave.position, slave.state)).collect();
+    let words = |slave: &Present| format!("{} ({})", slave.position, slave.state);
+    let slaves: Vec<_> = chosen.gateways.iter().map(words).collect();
     let mut stderr = std::io::stderr();
     let question = format!(
         "Write {}, {} bytes, to slave {}? It stops its CAN traffic and restarts. [y/N] ",
@@ -194,24 +239,40 @@ fn confirm(
         file.bytes.len(),
         slaves.join(", ")
     );
-    write!(stderr, "{question}").and_then(|()| stderr.flush())?;
+    // Where nobody can read the question nobody confirms it.
+    let _ = write!(stderr, "{question}").and_then(|()| stderr.flush());
     let mut answer = String::new();
-    stdin.lock().read_line(&mut answer)?;
+    stdin.lock().read_line(&mut answer).map_err(Failure::Input)?;
     match answer.trim() {
         "y" | "Y" | "yes" => Ok(()),
         _ => Err(Failure::Usage("nothing was written: not confirmed".to_owned())),
     }
 }
 
-fn update_all(update: &Update<'_>, chosen: &[Present], output: &Output) -> Result<(), Failure> {
+fn update_all(
+    update: &Update<'_>,
+    chosen: &Chosen,
+    interrupt: &Interrupt,
+    output: &Output,
+) -> Result<(), Failure> {
     let mut reports: Vec<Report> = Vec::new();
-    for slave in chosen {
+    let mut is_interrupted = false;
+    for slave in &chosen.gateways {
         let report = match reports.iter().find_map(Report::halts) {
-            Some(reason) => Report::left(slave, reason),
+            Some(reason) => Report::left(slave.position, reason),
+            None if interrupt.is_set() => {
+                is_interrupted = true;
+                Report::left_out(slave.position, "interrupted before its turn".to_owned())
+            }
             None => update.run(slave, reports.is_empty()),
         };
+        if chosen.gateways.len() > 1 {
+            output.progress(report.line());
+        }
         reports.push(report);
     }
+    reports.extend(chosen.unknown.iter().map(|(_, unknown)| Report::unknown(unknown)));
+    reports.sort_by_key(|report| report.position);
     let told: Vec<_> = reports
         .iter()
         .map(|report| Told { report, is_good: report.is_good(), words: report.words() })
@@ -231,6 +292,8 @@ fn update_all(update: &Update<'_>, chosen: &[Present], output: &Output) -> Resul
     };
     if reports.iter().any(Report::is_refused) {
         Err(Failure::Refused(words))
+    } else if is_interrupted {
+        Err(Failure::Interrupted(format!("interrupted: {words}")))
     } else {
         Err(Failure::Amiss)
     }

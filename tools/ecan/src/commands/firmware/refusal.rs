@@ -149,7 +149,7 @@ impl From<ToolError> for Refusal {
     fn from(error: ToolError) -> Self {
         let cause = match &error {
             _ if error.is_about_host() => Cause::Host,
-            ToolError::Killed { .. } => Cause::Interrupted,
+            ToolError::Killed { .. } | ToolError::TimedOut { .. } => Cause::Interrupted,
             ToolError::Failed { message, .. } => Cause::of(message),
             _ => Cause::Other,
         };

@@ -1,8 +1,12 @@
 //! Gateways of the simulator in this process, which forgets them when the program ends.
 
+use std::time::Duration;
+
+use ecan_host::{Identity, SlaveInquiry};
+use ecan_protocol::Capabilities;
 use ecan_sim::{FirmwareProgress, FirmwareUpdateError, Gateway, Simulation};
 
-use super::gateways::{Gateways, LOOK_EVERY, Number, Present};
+use super::gateways::{Gateways, LOOK_EVERY, Present};
 use super::package::FirmwareFile;
 use super::refusal::Refusal;
 use crate::bus::Bus;
@@ -51,18 +55,26 @@ impl Gateways for Simulated {
                 position: info.position.into(),
                 alias: (info.alias != 0).then_some(info.alias),
                 state: state.map_or_else(|| info.al_state.to_string(), |it| it.to_string()),
+                al_state: state,
             });
         }
         Ok(present)
     }
 
-    fn number(&self, slave: usize, which: Number) -> Result<u32, Failure> {
-        let (Number::U16(subindex) | Number::U32(subindex)) = which;
-        self.bus.diagnostics().sdo_upload_u32(slave, 0xF000, subindex).map_err(Failure::Device)
+    fn identity(&self, slave: usize) -> Result<Identity, Failure> {
+        SlaveInquiry::identity(self.bus.diagnostics(), slave).map_err(Failure::Device)
+    }
+
+    fn number(&self, slave: usize, subindex: u8) -> Result<u32, Failure> {
+        self.bus.read(slave, Capabilities::INDEX, subindex)
+    }
+
+    fn is_denial(&self, failure: &Failure) -> bool {
+        matches!(failure, Failure::Device(error) if self.bus.diagnostics().is_denial(error))
     }
 
     fn software_version(&self, slave: usize) -> Result<String, Failure> {
-        Ok(self.bus.text(slave, 0x100A))
+        self.bus.text(slave, 0x100A)
     }
 
     fn foe_status(&self, slave: usize) -> Result<u32, Failure> {
@@ -89,5 +101,9 @@ impl Gateways for Simulated {
 
     fn pause(&self) {
         self.simulation.pass_ns(LOOK_EVERY.as_nanos() as u64);
+    }
+
+    fn now(&self) -> Duration {
+        Duration::from_nanos(self.bus.clock().now_ns())
     }
 }

@@ -5,14 +5,15 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::gateways::{Gateways, LOOK_EVERY, Present, Running, is_gateway};
+use super::gateways::{Gateways, Present, Running, reason_against};
 use super::package::FirmwareFile;
 use super::refusal::{Cause, Refusal};
 use crate::failure::Failure;
+use crate::slave_choice::Unknown;
 
-/// How often a gateway that is back with the same version is looked at before that counts: it may
+/// How long a gateway that is back with the same version is looked at before that counts: it may
 /// have missed an answer only, and restart yet.
-const SETTLING_LOOKS: u128 = 10;
+const SETTLING: Duration = Duration::from_secs(5);
 
 /// What became of an update.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
@@ -46,6 +47,9 @@ pub enum Outcome {
     NotTried {
         /// Why.
         reason: String,
+        /// Whether it is for what a gateway did: this one, or the one before.
+        #[serde(skip)]
+        is_refusal: bool,
     },
 }
 
@@ -71,7 +75,7 @@ impl Report {
     /// Whether it is the gateway that failed, and not the version that is another.
     pub fn is_refused(&self) -> bool {
         use Outcome::{NotBack, NotTried, Refused};
-        matches!(self.outcome, Refused { .. } | NotBack { .. } | NotTried { .. })
+        matches!(self.outcome, Refused { .. } | NotBack { .. } | NotTried { is_refusal: true, .. })
     }
 
     /// Whether the fault is in front of all gateways.
@@ -92,10 +96,31 @@ impl Report {
         }
     }
 
-    /// One that keeps what it has.
-    pub fn left(slave: &Present, reason: String) -> Self {
-        let outcome = Outcome::NotTried { reason };
-        Self { position: slave.position, before: None, after: None, outcome }
+    /// One that keeps what it has, for what it or the one before it did.
+    pub fn left(position: usize, reason: String) -> Self {
+        let outcome = Outcome::NotTried { reason, is_refusal: true };
+        Self { position, before: None, after: None, outcome }
+    }
+
+    /// One that is left out for a reason that is no gateway's fault.
+    pub fn left_out(position: usize, reason: String) -> Self {
+        let outcome = Outcome::NotTried { reason, is_refusal: false };
+        Self { position, before: None, after: None, outcome }
+    }
+
+    /// One that cannot be asked whether it is a gateway.
+    pub fn unknown(slave: &Unknown) -> Self {
+        Self::left_out(slave.position, format!("it {}", slave.words()))
+    }
+
+    /// The gateway, its versions and the judgement.
+    pub fn line(&self) -> String {
+        let versions = match (&self.before, &self.after) {
+            (Some(before), Some(after)) if before != after => format!("{before} -> {after}, "),
+            (Some(before), _) => format!("{before}, "),
+            (None, _) => String::new(),
+        };
+        format!("slave {}: {versions}{}", self.position, self.words())
     }
 
     /// The judgement in words.
@@ -119,7 +144,7 @@ impl Report {
             Outcome::NotBack { reason } => format!(
                 "written, but the gateway does not answer since ({reason}); what it runs is unknown"
             ),
-            Outcome::NotTried { reason } => format!("nothing was written: {reason}"),
+            Outcome::NotTried { reason, .. } => format!("nothing was written: {reason}"),
         }
     }
 }
@@ -148,12 +173,11 @@ impl Update<'_> {
         let before = match self.read_before(position, is_first) {
             Ok(before) => before,
             Err(error) => {
-                return Report::left(slave, error.to_string());
+                return Report::left(position, error.to_string());
             }
         };
-        if !is_gateway(self.gateways, slave) {
-            let reason = "it does not show itself as an ECAN-Lite (0xF000)".to_owned();
-            return report(Some(before), None, Outcome::NotTried { reason });
+        if let Some(reason) = reason_against(self.gateways, slave) {
+            return report(Some(before), None, Outcome::NotTried { reason, is_refusal: true });
         }
         let bar = self.progress_bar(position);
         let written = self.gateways.write(position, self.file, &|taken| bar.set_position(taken));
@@ -181,7 +205,7 @@ impl Update<'_> {
     }
 
     fn judge(&self, before: &Running, after: &Running, has_restarted: bool) -> Outcome {
-        let is_expected = self.expected.is_none_or(|expected| after.is_version(expected));
+        let is_expected = self.expected.is_none_or(|expected| after.version.is_version(expected));
         match (after != before, is_expected) {
             (true, true) => Outcome::Updated,
             (true, false) => {
@@ -192,29 +216,26 @@ impl Update<'_> {
         }
     }
 
-    fn looks(&self) -> u128 {
-        self.patience.as_millis().div_ceil(LOOK_EVERY.as_millis()).max(1)
-    }
-
     /// The slaves behind one that restarts are away with it for a while.
     fn read_before(&self, position: usize, is_first: bool) -> Result<Running, Failure> {
-        let mut read = Running::read(self.gateways, position);
-        for _ in 1..if is_first { 1 } else { self.looks() } {
-            if read.is_ok() {
-                break;
+        let deadline = self.gateways.now() + self.patience;
+        loop {
+            let read = Running::read(self.gateways, position);
+            if read.is_ok() || is_first || self.gateways.now() >= deadline {
+                return read;
             }
             self.gateways.pause();
-            read = Running::read(self.gateways, position);
         }
-        read
     }
 
     /// What runs afterwards, and whether the gateway was away meanwhile. Another gateway in its
     /// place counts as away.
     fn wait(&self, position: usize, before: &Running) -> Result<(Running, bool), Failure> {
-        let mut last = Running::read(self.gateways, position);
-        let (mut was_away, mut looks_since_back) = (false, 0);
-        for _ in 0..self.looks() {
+        let deadline = self.gateways.now() + self.patience;
+        let (mut was_away, mut back_since) = (false, None);
+        let last = loop {
+            let last = Running::read(self.gateways, position);
+            let now = self.gateways.now();
             match &last {
                 Ok(running) if running.serial != before.serial => was_away = true,
                 // Read twice, so that no half of it is of the time before.
@@ -224,16 +245,15 @@ impl Update<'_> {
                         return again.map(|running| (running, true));
                     }
                 }
-                Ok(_) if was_away => looks_since_back += 1,
+                Ok(_) if was_away => back_since = back_since.or(Some(now)),
                 Ok(_) => {}
-                Err(_) => (was_away, looks_since_back) = (true, 0),
+                Err(_) => (was_away, back_since) = (true, None),
             }
-            if looks_since_back > SETTLING_LOOKS {
-                break;
+            if now >= deadline || back_since.is_some_and(|since| now >= since + SETTLING) {
+                break last;
             }
             self.gateways.pause();
-            last = Running::read(self.gateways, position);
-        }
+        };
         let running = last?;
         if running.serial == before.serial {
             return Ok((running, was_away));

@@ -108,7 +108,7 @@ fn print_once(
     }
     let mut watcher = Watcher::open(&bus, &settings, arguments, global)?;
     let granted = arguments.options.real_time.apply(|line| output.note(line));
-    granted.map_err(|error| Failure::Master(error.to_string()))?;
+    granted.map_err(|error| Failure::Host(error.to_string()))?;
     let length_ns = (seconds * 1e9) as u64;
     let (cycle_ns, is_simulated) = (watcher.cycle_ns(), watcher.is_simulated());
     let mut collector = Collector::new(watcher.positions(), cycle_ns, length_ns, is_simulated);

@@ -54,7 +54,7 @@ pub fn run(
     // Before the thread of the cycle asks for more than they are to have.
     let _mailbox = Mailbox::start(watcher.open_diagnostics()?, gateways, errors_out)?;
     let (cycle_ns, is_simulated) = (watcher.cycle_ns(), watcher.is_simulated());
-    let hang_up = HangUp::watch()?;
+    let hang_up = HangUp::watch().map_err(Failure::of_thread)?;
     let drawing = Drawing {
         collector: Collector::new(watcher.positions(), cycle_ns, WINDOW_NS, is_simulated),
         seen,
@@ -67,9 +67,10 @@ pub fn run(
     };
     let is_over = drawing.is_over.clone();
     let thread = std::thread::Builder::new().name("drawing".to_owned());
-    let guard = Joined { full: Some(full), thread: Some(thread.spawn(move || drawing.run())?) };
+    let thread = thread.spawn(move || drawing.run()).map_err(Failure::of_thread)?;
+    let guard = Joined { full: Some(full), thread: Some(thread) };
     let granted = arguments.options.real_time.apply(|line| output.note(line));
-    granted.map_err(|error| Failure::Master(error.to_string()))?;
+    granted.map_err(|error| Failure::Host(error.to_string()))?;
     watcher.activate(&arguments.options)?;
     let mut observation = Observation::new(gateways);
     let mut look_ns = 0;
@@ -249,15 +250,18 @@ impl Mailbox {
         errors: Sender<(usize, GatewayErrors)>,
     ) -> Result<Self, Failure> {
         let (stop, stopped) = channel::<()>();
-        std::thread::Builder::new().name("mailbox".to_owned()).spawn(move || {
-            while stopped.recv_timeout(ERRORS_PAUSE) == Err(RecvTimeoutError::Timeout) {
-                for at in 0..gateways {
-                    if errors.send((at, read_errors(&diagnostics, at))).is_err() {
-                        return;
+        std::thread::Builder::new()
+            .name("mailbox".to_owned())
+            .spawn(move || {
+                while stopped.recv_timeout(ERRORS_PAUSE) == Err(RecvTimeoutError::Timeout) {
+                    for at in 0..gateways {
+                        if errors.send((at, read_errors(&diagnostics, at))).is_err() {
+                            return;
+                        }
                     }
                 }
-            }
-        })?;
+            })
+            .map_err(Failure::of_thread)?;
         Ok(Self { _stop: stop })
     }
 }

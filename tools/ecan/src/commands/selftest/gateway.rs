@@ -14,7 +14,7 @@ use crate::output::Output;
 use super::exchange::{ChannelState, Counts, Route, exchange, states};
 use super::rates::Rate;
 use super::report::{Check, Figures, Report};
-use super::saved::{Restored, Saved, wait_present};
+use super::saved::{Restored, Saved, read_patiently, wait_present};
 use super::{SelftestArguments, identity};
 
 /// Cycles of so many nanoseconds may let the watchdog of a gateway run out.
@@ -141,6 +141,10 @@ impl Test<'_> {
             if self.is_watched {
                 self.output.note(format_args!("testing the gateway at position {slave}: {name}"));
             }
+            if !is_first && has_restarted(bus, slave) {
+                let words = "the gateway restarted since the test before";
+                report.add(format!("service, {}", run.rate.name()), Err(words.to_owned()));
+            }
             match self.run_one(bus, slave, run, interrupt, report) {
                 Ok(true) => {}
                 Ok(false) => return Ok(false),
@@ -258,6 +262,12 @@ impl Test<'_> {
         }
         adapter
     }
+}
+
+/// Whether a gateway has lost the profile of the test before. One that cannot be asked shows itself
+/// in the next test.
+fn has_restarted(bus: &Bus, slave: usize) -> bool {
+    read_patiently(bus, slave, 0x8010, 9).is_ok_and(|bytes| bytes == 0)
 }
 
 /// Whether the gateway went out of service.

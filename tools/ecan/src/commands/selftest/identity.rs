@@ -3,6 +3,8 @@
 use ecan_protocol::Recognition;
 
 use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::firmware_version::FirmwareVersion;
 
 use super::report::Report;
 use super::saved::wait_present;
@@ -34,10 +36,10 @@ pub(super) fn check(
     }
     let of_sii = [info.vendor_id, info.product_code, info.revision_number];
     report.add("identity", identity(bus, slave, of_sii));
-    let firmware = bus.text(slave, 0x100A);
-    report.add("firmware", version(bus, slave, &firmware, expected_version));
-    report.firmware = Some(firmware);
-    report.hardware = Some(bus.text(slave, 0x1009));
+    let running = bus.firmware_version(slave);
+    report.firmware = running.as_ref().ok().and_then(|running| running.firmware.clone());
+    report.add("firmware", version(running, expected_version));
+    report.hardware = bus.text(slave, 0x1009).ok();
     let serial = bus.serial(slave);
     report.serial = serial.as_ref().ok().copied();
     report.add(
@@ -73,16 +75,16 @@ fn identity(bus: &Bus, slave: usize, of_sii: [u32; 3]) -> Result<String, String>
     Ok(format!("vendor 0x{vendor:08X}, product 0x{product:08X}, revision 0x{revision:08X}"))
 }
 
-/// The version by 0x100A, or in the numbers of 0xF000:05 and :06.
-fn version(bus: &Bus, slave: usize, text: &str, expected: Option<&str>) -> Result<String, String> {
-    let number = |subindex| bus.read(slave, 0xF000, subindex).map_err(|error| error.to_string());
-    let (version, build) = (number(5)?, number(6)?);
-    let numbers = format!("{}.{}.{build}", version >> 8 & 0xFF, version & 0xFF);
-    let found = if text == numbers { numbers.clone() } else { format!("{text} ({numbers})") };
+/// The version, where it is the expected one.
+fn version(
+    running: Result<FirmwareVersion, Failure>,
+    expected: Option<&str>,
+) -> Result<String, String> {
+    let running = running.map_err(|error| error.to_string())?;
     match expected {
-        Some(expected) if expected != text && expected != numbers => {
-            Err(format!("{found}, not {expected}"))
+        Some(expected) if !running.is_version(expected) => {
+            Err(format!("{running}, not {expected}"))
         }
-        _ => Ok(found),
+        _ => Ok(running.to_string()),
     }
 }

@@ -116,7 +116,7 @@ pub fn run(
         report::prepare(directory)?;
     }
     let granted = arguments.real_time.apply(|line| output.note(line));
-    granted.map_err(|error| Failure::Master(error.to_string()))?;
+    granted.map_err(|error| Failure::Host(error.to_string()))?;
     let (mut reports, mut serials) = (Vec::new(), BTreeSet::new());
     let (mut stopped, mut unwritten) = (None, None);
     for slave in slaves {
@@ -182,8 +182,9 @@ fn slaves(
         }
         return Ok(vec![bus.slave()?]);
     }
-    let all = 0..bus.diagnostics().slave_count();
-    let (gateways, others): (Vec<_>, Vec<_>) = all.partition(|slave| bus.is_gateway(*slave));
+    // One that cannot be asked is tested, and fails by that.
+    let (all, kinds) = (0..bus.diagnostics().slave_count(), bus.kinds());
+    let (gateways, others): (Vec<_>, Vec<_>) = all.partition(|at| kinds[*at].may_be_gateway());
     if let Some(expected) = arguments.gateways.filter(|expected| *expected != gateways.len()) {
         let words = format!("{expected} gateways must be there, but {}", gateways.len());
         return Err(Failure::Slave(format!("{words} show themselves; see `ecan scan`")));

@@ -254,6 +254,24 @@ fn apply(bus: &Bus, slave: usize, command: SdoWrite, status: u8) -> Result<(), F
     }
 }
 
+/// Reads from a slave that may be away for some time.
+pub(super) fn read_patiently(
+    bus: &Bus,
+    slave: usize,
+    index: u16,
+    subindex: u8,
+) -> Result<u32, Failure> {
+    let deadline = bus.clock().now_ns() + STATE_NS;
+    loop {
+        match bus.read(slave, index, subindex) {
+            Err(_) if bus.clock().now_ns() < deadline => {
+                bus.clock().sleep_until_ns(bus.clock().now_ns() + LOOK_EVERY_NS);
+            }
+            read => return read,
+        }
+    }
+}
+
 /// Waits until the master knows a slave. While it looks at the bus again, since some slave came or
 /// went, it knows none.
 pub(super) fn wait_present(bus: &Bus, slave: usize) -> Result<(), String> {

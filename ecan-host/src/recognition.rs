@@ -1,0 +1,253 @@
+//! Which slaves of a bus are ECAN-Lite gateways, and of which that cannot be told.
+
+use ecan_protocol::{AbortCode, AlState, Capabilities, Recognition};
+use ecrt_sys::Errno;
+use thiserror::Error;
+
+use crate::config::Identity;
+use crate::diagnostics::Diagnostics;
+use crate::error::Error;
+
+/// What a slave is, by its own answers. The manual gives no vendor id and no product code, so that
+/// a gateway is recognised by 0xF000 (manual 13.8).
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum SlaveKind<E> {
+    /// An ECAN-Lite.
+    Gateway,
+    /// Another device.
+    Other,
+    /// It cannot be asked, and its identity does not speak against an ECAN-Lite.
+    Unknown(NoAnswer<E>),
+}
+
+/// Why a slave does not tell what it is.
+#[derive(Debug, Clone, PartialEq, Eq, Error)]
+pub enum NoAnswer<E> {
+    /// In this state a slave answers no SDO.
+    #[error("it is in {0}, where a slave answers no SDO")]
+    State(AlState),
+    /// What the master tells of its state is none.
+    #[error("its AL state is not known")]
+    NoState,
+    /// The transfer failed.
+    #[error("{0}")]
+    Silent(E),
+}
+
+impl<E> SlaveKind<E> {
+    /// Whether it is an ECAN-Lite for certain.
+    pub fn is_gateway(&self) -> bool {
+        matches!(self, Self::Gateway)
+    }
+
+    /// Whether it is an ECAN-Lite, or cannot be asked.
+    pub fn may_be_gateway(&self) -> bool {
+        !matches!(self, Self::Other)
+    }
+}
+
+/// A way to ask the slaves of a bus, which are named by their positions.
+pub trait SlaveInquiry {
+    /// Why an answer is missing.
+    type Error;
+
+    /// AL state of a slave; `None` for a value that is no state.
+    ///
+    /// # Errors
+    /// The slave or the master cannot be asked.
+    fn al_state(&self, slave: usize) -> Result<Option<AlState>, Self::Error>;
+
+    /// What the master read in the slave's SII.
+    ///
+    /// # Errors
+    /// The slave or the master cannot be asked.
+    fn identity(&self, slave: usize) -> Result<Identity, Self::Error>;
+
+    /// A number of 0xF000.
+    ///
+    /// # Errors
+    /// The slave refuses, or does not answer.
+    fn upload(&self, slave: usize, subindex: u8) -> Result<u32, Self::Error>;
+
+    /// Whether the error is the slave's answer that it has no such number in 0xF000.
+    fn is_denial(&self, error: &Self::Error) -> bool;
+}
+
+/// Asks these slaves what they are, in their order. A slave that cannot be asked counts as another
+/// device only where some of the others are gateways, and it has none of their identities.
+pub fn slave_kinds<I: SlaveInquiry>(inquiry: &I, slaves: &[usize]) -> Vec<SlaveKind<I::Error>> {
+    let mut kinds: Vec<_> = slaves.iter().map(|slave| ask(inquiry, *slave)).collect();
+    let is_unknown = |kind: &SlaveKind<_>| matches!(kind, SlaveKind::Unknown(_));
+    if !kinds.iter().any(is_unknown) {
+        return kinds;
+    }
+    let of_gateways: Vec<_> = slaves
+        .iter()
+        .zip(&kinds)
+        .filter(|(_, kind)| kind.is_gateway())
+        .filter_map(|(slave, _)| inquiry.identity(*slave).ok())
+        .collect();
+    // Of a slave whose SII could not be read the master has zeros.
+    let is_known = |it: &Identity| (it.vendor_id, it.product_code) != (0, 0);
+    for (slave, kind) in slaves.iter().zip(&mut kinds).filter(|(_, kind)| is_unknown(kind)) {
+        let own = inquiry.identity(*slave).ok().filter(is_known);
+        if own.is_some_and(|own| !of_gateways.is_empty() && !of_gateways.contains(&own)) {
+            *kind = SlaveKind::Other;
+        }
+    }
+    kinds
+}
+
+fn ask<I: SlaveInquiry>(inquiry: &I, slave: usize) -> SlaveKind<I::Error> {
+    match inquiry.al_state(slave) {
+        Err(error) => return SlaveKind::Unknown(NoAnswer::Silent(error)),
+        Ok(None) => return SlaveKind::Unknown(NoAnswer::NoState),
+        Ok(Some(state)) if !state.has_mailbox() || state == AlState::Boot => {
+            return SlaveKind::Unknown(NoAnswer::State(state));
+        }
+        Ok(Some(_)) => {}
+    }
+    match Recognition::read(|subindex| inquiry.upload(slave, subindex)) {
+        Ok(told) if told.looks_like_ecan_lite() => SlaveKind::Gateway,
+        Ok(_) => SlaveKind::Other,
+        Err(error) if inquiry.is_denial(&error) => SlaveKind::Other,
+        Err(error) => SlaveKind::Unknown(NoAnswer::Silent(error)),
+    }
+}
+
+/// Whether a device that refuses an upload with this code does not have the object in the form that
+/// was asked for; other codes tell of its state, or of a fault.
+pub const fn denies_object(code: AbortCode) -> bool {
+    matches!(
+        code,
+        AbortCode::UNSUPPORTED_ACCESS
+            | AbortCode::WRITE_ONLY
+            | AbortCode::NO_OBJECT
+            | AbortCode::NO_SUBINDEX
+    )
+}
+
+impl SlaveInquiry for Diagnostics {
+    type Error = Error;
+
+    fn al_state(&self, slave: usize) -> Result<Option<AlState>, Error> {
+        Diagnostics::al_state(self, slave)
+    }
+
+    fn identity(&self, slave: usize) -> Result<Identity, Error> {
+        let info = self.slave_info(slave)?;
+        Ok(Identity { vendor_id: info.vendor_id, product_code: info.product_code })
+    }
+
+    fn upload(&self, slave: usize, subindex: u8) -> Result<u32, Error> {
+        self.sdo_upload_u32(slave, Capabilities::INDEX, subindex)
+    }
+
+    fn is_denial(&self, error: &Error) -> bool {
+        match error {
+            Error::Sdo { abort_code: Some(code), .. } => denies_object(*code),
+            // By its SII it has no CoE; or it has a longer object there.
+            Error::Sdo { errno, .. } => {
+                matches!(*errno, Errno::EPROTONOSUPPORT | Errno::EOVERFLOW)
+            }
+            _ => false,
+        }
+    }
+}
+
+impl Diagnostics {
+    /// What each slave that this handle knows is. Asks all of them: a slave that does not answer
+    /// takes as long as the master waits for a mailbox.
+    pub fn slave_kinds(&self) -> Vec<SlaveKind<Error>> {
+        slave_kinds(self, &(0..self.slave_count()).collect::<Vec<_>>())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+    enum Refusal {
+        NoObject,
+        Silence,
+    }
+
+    #[derive(Clone, Copy)]
+    struct Slave {
+        state: Option<AlState>,
+        product_code: u32,
+        answer: Result<[u32; 3], Refusal>,
+    }
+
+    struct Bus(Vec<Slave>);
+
+    impl SlaveInquiry for Bus {
+        type Error = Refusal;
+
+        fn al_state(&self, slave: usize) -> Result<Option<AlState>, Refusal> {
+            Ok(self.0[slave].state)
+        }
+
+        fn identity(&self, slave: usize) -> Result<Identity, Refusal> {
+            match self.0[slave].product_code {
+                0 => Ok(Identity { vendor_id: 0, product_code: 0 }),
+                product_code => Ok(Identity { vendor_id: 1, product_code }),
+            }
+        }
+
+        fn upload(&self, slave: usize, subindex: u8) -> Result<u32, Refusal> {
+            let at = Recognition::SUBINDICES.iter().position(|it| *it == subindex).unwrap();
+            self.0[slave].answer.map(|values| values[at])
+        }
+
+        fn is_denial(&self, error: &Refusal) -> bool {
+            *error == Refusal::NoObject
+        }
+    }
+
+    const OURS: Slave =
+        Slave { state: Some(AlState::PreOp), product_code: 7, answer: Ok([2, 128, 24]) };
+
+    fn kinds(slaves: &[Slave]) -> Vec<SlaveKind<Refusal>> {
+        slave_kinds(&Bus(slaves.to_vec()), &(0..slaves.len()).collect::<Vec<_>>())
+    }
+
+    const SILENT: SlaveKind<Refusal> = SlaveKind::Unknown(NoAnswer::Silent(Refusal::Silence));
+
+    #[test]
+    fn a_slave_is_recognised_by_its_answers() {
+        let other = Slave { answer: Ok([2, 8, 24]), ..OURS };
+        let without = Slave { answer: Err(Refusal::NoObject), ..OURS };
+        assert_eq!(
+            kinds(&[OURS, other, without]),
+            [SlaveKind::Gateway, SlaveKind::Other, SlaveKind::Other]
+        );
+    }
+
+    #[test]
+    fn a_slave_that_cannot_be_asked_is_unknown() {
+        let silent = Slave { answer: Err(Refusal::Silence), ..OURS };
+        let of = |state| Slave { state, ..OURS };
+        let found = kinds(&[silent, of(Some(AlState::Init)), of(Some(AlState::Boot)), of(None)]);
+        let state = |state| SlaveKind::Unknown(NoAnswer::State(state));
+        let expected = [
+            SILENT,
+            state(AlState::Init),
+            state(AlState::Boot),
+            SlaveKind::Unknown(NoAnswer::NoState),
+        ];
+        assert_eq!(found, expected);
+        assert!(found.iter().all(|kind| kind.may_be_gateway() && !kind.is_gateway()));
+    }
+
+    #[test]
+    fn the_identity_speaks_against_a_silent_slave_only_where_gateways_are_known() {
+        let silent = |product_code| Slave { answer: Err(Refusal::Silence), product_code, ..OURS };
+        assert_eq!(kinds(&[silent(8), OURS]), [SlaveKind::Other, SlaveKind::Gateway]);
+        assert_eq!(kinds(&[silent(7), OURS]), [SILENT, SlaveKind::Gateway]);
+        // The master could not read its SII.
+        assert_eq!(kinds(&[silent(0), OURS]), [SILENT, SlaveKind::Gateway]);
+        assert_eq!(kinds(&[silent(8)]), [SILENT]);
+    }
+}

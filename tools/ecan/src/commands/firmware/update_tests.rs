@@ -1,0 +1,122 @@
+//! Waiting for a gateway, by a clock that only the gateway's answers move.
+
+use std::cell::Cell;
+use std::path::PathBuf;
+use std::time::Duration;
+
+use ecan_host::Identity;
+use ecan_protocol::AlState;
+
+use super::gateways::{Gateways, LOOK_EVERY, Present};
+use super::package::FirmwareFile;
+use super::refusal::Refusal;
+use super::update::{Outcome, Update};
+use crate::failure::Failure;
+
+/// A gateway that is away for a while after it was written.
+struct Slow {
+    now: Cell<Duration>,
+    /// That every answer takes.
+    answer: Duration,
+    boot: Duration,
+    written: Cell<Option<Duration>>,
+}
+
+impl Slow {
+    fn new(answer: Duration, boot: Duration) -> Self {
+        Self { now: Cell::default(), answer, boot, written: Cell::default() }
+    }
+
+    fn pass(&self, time: Duration) {
+        self.now.set(self.now.get() + time);
+    }
+
+    /// Whether it has the new firmware.
+    fn is_new(&self) -> Result<bool, Failure> {
+        self.pass(self.answer);
+        match self.written.get() {
+            None => Ok(false),
+            Some(at) if self.now.get() < at + self.boot => {
+                Err(Failure::Refused("no answer".to_owned()))
+            }
+            Some(_) => Ok(true),
+        }
+    }
+}
+
+impl Gateways for Slow {
+    fn present(&self) -> Result<Vec<Present>, Failure> {
+        Ok(vec![slave()])
+    }
+
+    fn identity(&self, _: usize) -> Result<Identity, Failure> {
+        Ok(Identity { vendor_id: 1, product_code: 1 })
+    }
+
+    fn number(&self, _: usize, subindex: u8) -> Result<u32, Failure> {
+        let is_new = self.is_new()?;
+        Ok(match subindex {
+            5 => 0x0202 + u32::from(is_new),
+            9 => 2,
+            17 => 128,
+            18 => 24,
+            _ => 1,
+        })
+    }
+
+    fn is_denial(&self, _: &Failure) -> bool {
+        false
+    }
+
+    fn software_version(&self, _: usize) -> Result<String, Failure> {
+        self.is_new().map(|is_new| if is_new { "2.3.1" } else { "2.2.1" }.to_owned())
+    }
+
+    fn foe_status(&self, _: usize) -> Result<u32, Failure> {
+        Ok(0)
+    }
+
+    fn write(&self, _: usize, _: &FirmwareFile, _: &dyn Fn(u64)) -> Result<(), Refusal> {
+        self.written.set(Some(self.now.get()));
+        Ok(())
+    }
+
+    fn pause(&self) {
+        self.pass(LOOK_EVERY);
+    }
+
+    fn now(&self) -> Duration {
+        self.now.get()
+    }
+}
+
+fn slave() -> Present {
+    let (state, al_state) = ("PREOP".to_owned(), Some(AlState::PreOp));
+    Present { position: 0, alias: None, state, al_state }
+}
+
+/// What became of it, and how long it was waited for.
+fn update(gateway: &Slow, patience: Duration) -> (Outcome, Duration) {
+    let file = FirmwareFile { path: PathBuf::new(), bytes: vec![0; 256] };
+    let update = Update { gateways: gateway, file: &file, expected: None, patience };
+    let outcome = update.run(&slave(), true).outcome;
+    (outcome, gateway.now.get() - gateway.written.get().unwrap())
+}
+
+const SECOND: Duration = Duration::from_secs(1);
+
+#[test]
+fn patience_ends_by_the_clock_and_not_by_the_number_of_looks() {
+    let (outcome, waited) = update(&Slow::new(3 * SECOND, 1000 * SECOND), 3 * SECOND);
+    assert!(matches!(outcome, Outcome::NotBack { .. }), "{outcome:?}");
+    assert_eq!(waited, 3 * SECOND);
+    let (outcome, waited) = update(&Slow::new(SECOND / 100, 1000 * SECOND), 60 * SECOND);
+    assert!(matches!(outcome, Outcome::NotBack { .. }), "{outcome:?}");
+    assert!((60 * SECOND..61 * SECOND).contains(&waited), "{waited:?}");
+}
+
+#[test]
+fn a_gateway_that_is_back_in_time_is_updated() {
+    let (outcome, _) = update(&Slow::new(SECOND, 20 * SECOND), 30 * SECOND);
+    assert_eq!(outcome, Outcome::Updated);
+}
