@@ -9,10 +9,12 @@
 
 mod clients;
 mod connection;
+mod conversation;
 #[cfg(test)]
 mod frame_strategies;
 mod hub;
 mod info;
+mod outbox;
 mod rates;
 mod serial;
 mod server;
@@ -23,9 +25,12 @@ mod socketcan;
 mod socketcand;
 mod statistics;
 mod terminal;
+mod writer;
 
 pub use self::socketcan::{SocketCanBridge, SocketCanError};
 pub use clients::Clients;
+#[doc(hidden)]
+pub use conversation::Conversation;
 pub use hub::ClientId;
 pub use info::BridgeInfo;
 pub use rates::BusRates;

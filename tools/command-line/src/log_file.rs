@@ -4,7 +4,7 @@ use std::fmt::Display;
 use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
-use ecan_candump::{ParseError, Record};
+use ecan_candump::{ParseError, ParseErrorKind, Record};
 use ecan_protocol::CanFrame;
 use thiserror::Error;
 
@@ -60,38 +60,53 @@ pub struct LoggedFrame {
     pub frame: CanFrame,
 }
 
+/// A whole log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Log {
+    /// Its frames, in its order.
+    pub frames: Vec<LoggedFrame>,
+    /// Lines with error messages of a CAN interface (`candump -e`), which are no frames of the bus.
+    pub error_messages: usize,
+}
+
+/// Reads the frames of a whole log, without the error messages in it.
+///
+/// # Errors
+/// As [`read_log`].
+pub fn read(path: &Path) -> Result<Vec<LoggedFrame>, LogFileError> {
+    read_log(path).map(|log| log.frames)
+}
+
 /// Reads a whole log, or standard input where the path is `-`.
 ///
 /// # Errors
 /// The file and why it cannot be read, or the line and column where it is no candump log, or that
 /// it holds no frame.
-pub fn read(path: &Path) -> Result<Vec<LoggedFrame>, LogFileError> {
+pub fn read_log(path: &Path) -> Result<Log, LogFileError> {
     let mut text = String::new();
     let read = match is_standard_stream(path) {
         true => std::io::stdin().read_to_string(&mut text),
         false => std::fs::File::open(path).and_then(|mut file| file.read_to_string(&mut text)),
     };
     read.map_err(|error| LogFileError::Read { path: path.to_owned(), error })?;
-    let mut frames = Vec::new();
-    for (nth, line) in text.lines().enumerate() {
-        let record = ecan_candump::parse_line(line).map_err(|cause| LogFileError::Line {
-            path: path.to_owned(),
-            line: nth + 1,
-            cause,
-        })?;
-        if let Some(record) = record {
-            frames.push(LoggedFrame {
-                line: nth + 1,
+    let mut log = Log { frames: Vec::new(), error_messages: 0 };
+    for (line, text) in (1..).zip(text.lines()) {
+        match ecan_candump::parse_line(text) {
+            Ok(Some(record)) => log.frames.push(LoggedFrame {
+                line,
                 time_ns: record.time_ns,
                 interface: record.interface.to_owned(),
                 frame: record.frame,
-            });
+            }),
+            Ok(None) => {}
+            Err(error) if error.kind == ParseErrorKind::ErrorMessage => log.error_messages += 1,
+            Err(cause) => return Err(LogFileError::Line { path: path.to_owned(), line, cause }),
         }
     }
-    if frames.is_empty() {
+    if log.frames.is_empty() {
         return Err(LogFileError::Empty { path: path.to_owned() });
     }
-    Ok(frames)
+    Ok(log)
 }
 
 /// Writes frames as a candump log.
@@ -190,6 +205,10 @@ mod tests {
         std::fs::write(&path, "(1.000000) can0 123#\n(2.000000) can0 12#\n").unwrap();
         let message = read(&path).unwrap_err().to_string();
         assert!(message.contains("a.log, line 2, column"), "{message}");
+        let with_errors = "(1.000000) can0 20000080#0000000000000000\n(2.000000) can0 123#\n";
+        std::fs::write(&path, with_errors).unwrap();
+        let log = read_log(&path).unwrap();
+        assert_eq!((log.frames.len(), log.frames[0].line, log.error_messages), (1, 2, 1));
         std::fs::write(&path, "# nothing\n").unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("holds no frame"));
         let missing = read(&directory.path().join("none")).unwrap_err().to_string();

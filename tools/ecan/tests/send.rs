@@ -58,7 +58,7 @@ fn a_channel_that_comes_and_goes_does_not_fill_the_screen() {
     let bus = Scenario::new(others);
     let message = bus.fails(1, &["send", "123#11", "--timeout", "3000"]);
     let lines = message.lines().filter(|line| line.starts_with("# (")).count();
-    assert!((1..=6).contains(&lines), "{message}");
+    assert!((1..=8).contains(&lines), "{message}");
     assert!(message.contains("at 500000/5000000 bit/s"), "{message}");
 }
 
@@ -189,4 +189,21 @@ fn misuse_is_named_and_told_by_the_status() {
         assert!(message.contains(words), "{arguments:?}: {message}");
     }
     assert!(fails(6, &["replay", "/nonexistent.log"]).contains("cannot read /nonexistent.log"));
+}
+
+#[test]
+fn a_log_with_error_messages_and_raw_lengths_is_replayed() {
+    let bus = Scenario::new("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n");
+    let log = bus.write(
+        "errors.log",
+        "(1.000000) can0 123#1122334455667788_B\n(1.500000) can0 20000080#0000000000000000\n\
+         (2.000000) can0 123#R8_F\n(2.500000) can0 20000004#0000000000000000\n",
+    );
+    let output = bus.run(&["replay", &log]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{errors}");
+    let note = "# error messages in the log, which are no frames: 2\n";
+    assert!(errors.ends_with(note), "{errors}");
+    assert!(String::from_utf8(output.stdout).unwrap().starts_with("2 frames sent, 0 lost"));
+    assert!(bus.good(&["plan", "--replay", &log]).contains("frames"));
 }

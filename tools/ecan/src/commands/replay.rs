@@ -12,7 +12,7 @@ use crate::frames::channels::Channels;
 use crate::frames::format::Screen;
 use crate::frames::options::FrameOptions;
 use crate::frames::printer::{Destination, Printer};
-use crate::frames::recording::{self, Recorded};
+use crate::frames::recording::{self, Recorded, RecordedLog};
 use crate::frames::sender::{Due, Record, Sender};
 use crate::frames::service::Prepared;
 use crate::frames::settings::{Settings, Wishes};
@@ -81,6 +81,8 @@ fn parse_speed(text: &str) -> Result<f64, String> {
 #[derive(Debug)]
 struct Recording {
     frames: Vec<Recorded>,
+    /// Lines of the log that are none.
+    error_messages: usize,
     loops: Loops,
     speed: f64,
     /// Frames given so far.
@@ -89,7 +91,8 @@ struct Recording {
 
 impl Recording {
     fn read(arguments: &ReplayArguments) -> Result<Self, Failure> {
-        let frames = recording::read(&arguments.file, arguments.channel, 1)?;
+        let RecordedLog { frames, error_messages } =
+            recording::read(&arguments.file, arguments.channel, 1)?;
         let name = arguments.file.display();
         let same = |out: &Path| {
             let file = arguments.file.canonicalize().ok();
@@ -103,7 +106,8 @@ impl Recording {
             }
         }
         arguments.options.capture.check_apart_from(log)?;
-        Ok(Self { frames, loops: arguments.loops, speed: arguments.speed, given: 0 })
+        let (loops, speed) = (arguments.loops, arguments.speed);
+        Ok(Self { frames, error_messages, loops, speed, given: 0 })
     }
 
     /// The channels that it goes to.
@@ -179,6 +183,10 @@ pub fn run(
     let Some(service) = prepared.enter(&options.capture, &interrupt, output)? else {
         return printer.finish(output);
     };
+    if recording.error_messages > 0 {
+        let count = recording.error_messages;
+        output.note(format_args!("# error messages in the log, which are no frames: {count}"));
+    }
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
     let record = Record::Received(printer);
     let sender = Sender { channels: *channel, timeout_ns, interrupt: &interrupt, record };

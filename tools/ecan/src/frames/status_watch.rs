@@ -7,8 +7,11 @@ use crate::frames::bit_rates::BitRates;
 use crate::frames::channels::Channels;
 use crate::frames::service::can;
 
-/// Between two lines about a channel, in nanoseconds: one that comes and goes would fill the screen.
+/// A channel that comes and goes would fill the screen: in the long run it gets a line in so many
+/// nanoseconds.
 const PAUSE_NS: u64 = 1_000_000_000;
+/// Lines that it may have one after the other.
+const AT_ONCE: u64 = 3;
 
 /// What of a channel's status is worth a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -44,12 +47,10 @@ impl Condition {
 #[derive(Clone, Copy, Debug, Default)]
 struct Told {
     seen: Option<Condition>,
-    /// When the last line was said.
-    at_ns: Option<u64>,
-    /// Changes since then.
+    /// Until then its lines have been used up, a pause each.
+    paid_until_ns: u64,
+    /// Changes since the last line.
     changes: u32,
-    /// The first time is worth a line at any time.
-    has_told_bus_off: bool,
 }
 
 impl Told {
@@ -63,13 +64,11 @@ impl Told {
         let before = self.seen.replace(now);
         let is_change = before.map_or(!now.is_good(), |before| before != now);
         self.changes += u32::from(is_change);
-        let has_paused = self.at_ns.is_none_or(|at_ns| now_ns.saturating_sub(at_ns) >= PAUSE_NS);
-        let is_news = now.is_bus_off && !self.has_told_bus_off;
-        if self.changes == 0 || !(has_paused || is_news) {
+        let paid_until_ns = self.paid_until_ns.max(now_ns) + PAUSE_NS;
+        if self.changes == 0 || paid_until_ns - now_ns > AT_ONCE * PAUSE_NS {
             return None;
         }
-        self.has_told_bus_off |= now.is_bus_off;
-        self.at_ns = Some(now_ns);
+        self.paid_until_ns = paid_until_ns;
         match std::mem::take(&mut self.changes) {
             1 => Some(now.words()),
             several => Some(format!("{} ({several} changes)", now.words())),
@@ -91,7 +90,7 @@ impl StatusWatch {
         Self { channels, told: Default::default(), session: Session::Ready }
     }
 
-    /// Hands a line for what has changed to `say`, of each channel at most one a second.
+    /// Hands a line for what has changed to `say`, of each channel in the long run one a second.
     pub fn look(&mut self, port: &Port, now_ns: u64, mut say: impl FnMut(String)) {
         let session = port.session(0);
         if session != self.session {
@@ -117,7 +116,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_channel_that_comes_and_goes_is_told_once_a_second() {
+    fn a_channel_that_comes_and_goes_is_told_at_once_and_then_once_a_second() {
         let condition =
             |is_bus_off| Condition { state: ChannelState::Run, has_warning: false, is_bus_off };
         let mut told = Told::default();
@@ -125,7 +124,8 @@ mod tests {
         let lines: Vec<_> = (1..=3000_u64)
             .filter_map(|ms| told.next(condition(ms % 2 == 1), ms * 1_000_000))
             .collect();
-        assert_eq!(lines, ["bus-off", "bus-off (1000 changes)", "bus-off (1000 changes)"]);
+        let later = ["bus-off (998 changes)", "bus-off (1000 changes)"];
+        assert_eq!(lines, [&["bus-off", "run", "bus-off"][..], &later].concat());
         // What was held back comes when the time is over, also when nothing happens any more.
         let last = told.next(condition(false), 3_500_000_000);
         assert_eq!(last.as_deref(), Some("run (999 changes)"));

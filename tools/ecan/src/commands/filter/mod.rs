@@ -17,7 +17,9 @@ use crate::global::GlobalOptions;
 use crate::output::Output;
 use crate::table;
 
-use device::{ChannelFilters, Kind, RawFilter};
+pub use device::{ChannelFilters, Kind as FilterKind, RawFilter};
+
+use device::Kind;
 use new_filter::NewFilter;
 
 /// What to do with filters.

@@ -1,6 +1,7 @@
 //! `ecan monitor`: gateways, channels and the cycle at a glance.
 
 mod collector;
+mod hang_up;
 mod keys;
 mod observation;
 mod screen;

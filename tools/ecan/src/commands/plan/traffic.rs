@@ -67,7 +67,8 @@ struct Alike {
 }
 
 fn recorded(path: &Path, planned: &Planned) -> Result<Vec<FrameStream>, Failure> {
-    let frames = recording::read(path, planned.channels, planned.port.gateways.len())?;
+    let gateways = planned.port.gateways.len();
+    let frames = recording::read(path, planned.channels, gateways)?.frames;
     let times = || frames.iter().map(|it| it.logged.time_ns);
     let (first_ns, last_ns) = (times().min().unwrap_or(0), times().max().unwrap_or(0));
     let form = |it: &Recorded| {
