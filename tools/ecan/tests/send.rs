@@ -8,6 +8,8 @@ use support::{Scenario, fails, simulated};
 #[test]
 fn frames_are_sent_and_known_to_have_left() {
     assert_eq!(simulated(&["send", "123#DEADBEEF"]), "can0 123#DEADBEEF sent\n");
+    // The gateway is set to CAN FD, so it goes without a bit rate.
+    assert_eq!(simulated(&["send", "--channel", "can1", "123##1AABB"]), "can1 123##1AABB sent\n");
     let several = ["send", "--channel", "2", "1FFFFFFF#", "7FF#R3", "000#01.02.03"];
     let expected = "can2 1FFFFFFF# sent\ncan2 7FF#R3 sent\ncan2 000#010203 sent\n";
     assert_eq!(simulated(&several), expected);
