@@ -3,25 +3,41 @@
 use std::io::Write;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::{Duration, Instant};
+
+/// Signals that come sooner after the first belong to it: `timeout` and shells send one to a process
+/// and, once more, to its group.
+const ONE_REQUEST: Duration = Duration::from_millis(200);
+/// Exit status of a program that was ended by its second signal, as shells tell Ctrl-C.
+const ENDED_BY_SIGNAL: i32 = 130;
 
 /// Set once the user asked the program to stop.
 #[derive(Debug, Clone, Default)]
 pub struct Interrupt(Arc<AtomicBool>);
 
 impl Interrupt {
-    /// Catches Ctrl-C, SIGTERM and SIGHUP from now on.
+    /// Catches Ctrl-C, SIGTERM and SIGHUP from now on. Whoever sends another one does not want to
+    /// wait: it ends the process at once, with exit status 130.
     ///
     /// # Errors
     /// The system's, when no handler can be set.
     pub fn install() -> Result<Self, ctrlc::Error> {
         let interrupt = Self::default();
-        let flag = interrupt.0.clone();
-        ctrlc::set_handler(move || flag.store(true, Ordering::Relaxed))?;
+        let flag = interrupt.clone();
+        let mut first: Option<Instant> = None;
+        ctrlc::set_handler(move || {
+            let since = first.get_or_insert_with(Instant::now).elapsed();
+            if flag.is_set() && since >= ONE_REQUEST {
+                std::process::exit(ENDED_BY_SIGNAL);
+            }
+            flag.request();
+        })?;
         Ok(interrupt)
     }
 
-    /// As [`install`](Self::install), for work that is not stopped at once: the first time these
-    /// words go to standard error, so that the user knows that he was heard.
+    /// As [`install`](Self::install), for work that is not stopped at once, and that nothing ends in
+    /// its middle: the first time these words go to standard error, so that the user knows that he
+    /// was heard.
     ///
     /// # Errors
     /// As [`install`](Self::install).
@@ -35,6 +51,16 @@ impl Interrupt {
             }
         })?;
         Ok(interrupt)
+    }
+
+    /// Asks the program to stop, as a signal does.
+    pub fn request(&self) {
+        self.0.store(true, Ordering::Relaxed);
+    }
+
+    /// The flag itself, for those who wait.
+    pub fn flag(&self) -> Arc<AtomicBool> {
+        self.0.clone()
     }
 
     /// Whether to stop.

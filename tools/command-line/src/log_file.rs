@@ -1,12 +1,14 @@
 //! candump log files: reading a recording, writing what came back.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::fmt::Display;
+use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use ecan_candump::{ParseError, ParseErrorKind, Record};
 use ecan_protocol::CanFrame;
 use thiserror::Error;
+
+use crate::new_file::{Existing, create, is_standard_stream};
 
 /// A log that cannot be read or written.
 #[derive(Debug, Error)]
@@ -75,14 +77,18 @@ pub fn read(path: &Path) -> Result<Vec<LoggedFrame>, LogFileError> {
     read_log(path).map(|log| log.frames)
 }
 
-/// Reads a whole log.
+/// Reads a whole log, or standard input where the path is `-`.
 ///
 /// # Errors
 /// The file and why it cannot be read, or the line and column where it is no candump log, or that
 /// it holds no frame.
 pub fn read_log(path: &Path) -> Result<Log, LogFileError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| LogFileError::Read { path: path.to_owned(), error })?;
+    let mut text = String::new();
+    let read = match is_standard_stream(path) {
+        true => std::io::stdin().read_to_string(&mut text),
+        false => std::fs::File::open(path).and_then(|mut file| file.read_to_string(&mut text)),
+    };
+    read.map_err(|error| LogFileError::Read { path: path.to_owned(), error })?;
     let mut log = Log { frames: Vec::new(), error_messages: 0 };
     for (line, text) in (1..).zip(text.lines()) {
         match ecan_candump::parse_line(text) {
@@ -104,21 +110,29 @@ pub fn read_log(path: &Path) -> Result<Log, LogFileError> {
 }
 
 /// Writes frames as a candump log.
-#[derive(Debug)]
 pub struct Writer {
-    file: BufWriter<File>,
+    file: BufWriter<Box<dyn Write + Send>>,
     path: PathBuf,
 }
 
 impl Writer {
-    /// Creates the file, or empties it.
+    /// Creates the file, or empties it; `-` is standard output.
     ///
     /// # Errors
     /// The file and why it cannot be written.
     pub fn create(path: &Path) -> Result<Self, LogFileError> {
-        match File::create(path) {
-            Ok(file) => Ok(Self { file: BufWriter::new(file), path: path.to_owned() }),
-            Err(error) => Err(LogFileError::Write { path: path.to_owned(), error }),
+        Self::create_with(path, Existing::Replace)
+    }
+
+    /// As [`create`](Self::create), with a choice of what becomes of a file that is there.
+    ///
+    /// # Errors
+    /// The file and why it cannot be written.
+    pub fn create_with(path: &Path, existing: Existing) -> Result<Self, LogFileError> {
+        let path = path.to_owned();
+        match create(&path, existing) {
+            Ok(file) => Ok(Self { file: BufWriter::new(file), path }),
+            Err(error) => Err(LogFileError::Write { path, error }),
         }
     }
 
@@ -133,8 +147,15 @@ impl Writer {
         frame: CanFrame,
     ) -> Result<(), LogFileError> {
         let interface = format!("can{port}");
-        let record = Record { time_ns, interface: &interface, frame, direction: None };
-        writeln!(self.file, "{record}").map_err(|error| self.fault(error))
+        self.write_line(Record { time_ns, interface: &interface, frame, direction: None })
+    }
+
+    /// Appends a line of the log's grammar, given without its end.
+    ///
+    /// # Errors
+    /// The file and why it cannot be written.
+    pub fn write_line(&mut self, line: impl Display) -> Result<(), LogFileError> {
+        writeln!(self.file, "{line}").map_err(|error| self.fault(error))
     }
 
     /// Writes out what has been appended so far.
@@ -155,6 +176,12 @@ impl Writer {
 
     fn fault(&self, error: std::io::Error) -> LogFileError {
         LogFileError::Write { path: self.path.clone(), error }
+    }
+}
+
+impl std::fmt::Debug for Writer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Writer").field("path", &self.path).finish_non_exhaustive()
     }
 }
 

@@ -39,8 +39,8 @@ Examples:
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
 
-The bit rates of the channel are those of the options or of the file: a client that names others hears nothing and
-cannot send. Frames go through once per EtherCAT cycle.
+The bit rates of the channel are those of the options, of the file, or else those that the gateway
+is set to: a client that names others hears nothing and cannot send. Frames go through once per EtherCAT cycle.
 
 A virtual CAN interface: modprobe vcan; ip link add dev vcan0 type vcan; ip link set vcan0 up";
 
@@ -102,6 +102,7 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
+    let output = &output.beside(arguments.options.capture.is_on_output());
     let settings = Settings::of(&arguments.options.gateway)?;
     let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
     // Before the gateway: the servers' threads keep out of what the cycle's thread asks for.

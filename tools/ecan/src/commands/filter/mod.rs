@@ -86,7 +86,7 @@ enum Action {
 #[derive(Debug, Args)]
 struct ChannelArgument {
     /// CAN channel, 0 to 3
-    #[arg(long, value_name = "N", value_parser = crate::channel::parse)]
+    #[arg(long, value_name = "N", value_parser = crate::frames::channels::parse_channel)]
     channel: u8,
 }
 
