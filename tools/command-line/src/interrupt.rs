@@ -35,19 +35,31 @@ impl Interrupt {
         Ok(interrupt)
     }
 
-    /// As [`install`](Self::install), for work that is not stopped at once, and that nothing ends in
-    /// its middle: the first time these words go to standard error, so that the user knows that he
-    /// was heard.
+    /// As [`install`](Self::install), for work that nothing ends in its middle: later signals change
+    /// nothing.
+    ///
+    /// # Errors
+    /// As [`install`](Self::install).
+    pub fn install_patient() -> Result<Self, ctrlc::Error> {
+        Self::install_patient_with(|| ())
+    }
+
+    /// As [`install_patient`](Self::install_patient), for work that takes its time: the first signal
+    /// writes these words to standard error, so that the user knows that he was heard.
     ///
     /// # Errors
     /// As [`install`](Self::install).
     pub fn install_saying(words: &'static str) -> Result<Self, ctrlc::Error> {
+        // Nobody may be there to read it.
+        Self::install_patient_with(move || drop(writeln!(std::io::stderr(), "{words}")))
+    }
+
+    fn install_patient_with(say: impl Fn() + Send + 'static) -> Result<Self, ctrlc::Error> {
         let interrupt = Self::default();
         let flag = interrupt.0.clone();
         ctrlc::set_handler(move || {
             if !flag.swap(true, Ordering::Relaxed) {
-                // Nobody may be there to read it.
-                let _ = writeln!(std::io::stderr(), "{words}");
+                say();
             }
         })?;
         Ok(interrupt)

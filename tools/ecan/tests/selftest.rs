@@ -228,7 +228,8 @@ fn a_test_that_is_stopped_has_its_report_and_puts_the_configuration_back() {
     let output = child.wait_with_output().unwrap();
     let printed = String::from_utf8(output.stdout).unwrap();
     assert_eq!(output.status.code(), Some(1), "{message}");
-    assert_eq!(message, "ecan: stopped before the test was over\n");
+    let words = "stopping: the configuration is put back first\n";
+    assert_eq!(message, format!("{words}ecan: stopped before the test was over\n"));
     let expected = "\
 gateway 4294967297 at position 0: FAILED
   good    recognition    an ECAN-Lite, by 0xF000

@@ -109,7 +109,8 @@ pub fn run(
     let is_watched = std::io::stderr().is_terminal();
     let test = gateway::Test { arguments, rates: &rates, master, is_watched, output };
     test.check()?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Master(error.to_string()))?;
+    let interrupt = Interrupt::install_saying("stopping: the configuration is put back first")
+        .map_err(|error| Failure::Host(error.to_string()))?;
     let bus = Bus::open(&global, output)?;
     let slaves = slaves(&bus, arguments, output)?;
     if let Some(directory) = &arguments.report {
