@@ -18,6 +18,13 @@ impl Clients {
         self.0.set_bus(rates);
     }
 
+    /// Whether the bus takes frames of clients, which at first it does. While it does not, new frames
+    /// are refused, and those that wait are dropped: later they would be old. Gives the number of
+    /// frames that were dropped now.
+    pub fn set_taking(&self, is_taking: bool) -> usize {
+        self.0.set_taking(is_taking)
+    }
+
     /// Whether there is any.
     pub fn are_there(&self) -> bool {
         self.0.has_clients()

@@ -1,38 +1,40 @@
 //! Where the bus and the threads of its clients meet.
 
 use std::collections::VecDeque;
-use std::sync::mpsc::{SyncSender, TrySendError};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::CanFrame;
 
 use crate::connection::Close;
+use crate::outbox::Outbox;
 use crate::rates::BusRates;
 use crate::statistics::{BridgeStatistics, Counters, count};
 
 /// Names a client of one bridge.
 pub type ClientId = u64;
 
-/// Something for a client.
-#[derive(Debug)]
-pub(crate) enum Outgoing {
-    /// A frame of the bus and when it was complete, in nanoseconds of the bus's
-    /// clock.
-    Frame(CanFrame, u64),
-    /// Bytes of the protocol.
-    Answer(Vec<u8>),
-}
-
 /// A client as the bus sees it.
 #[derive(Debug)]
 struct Client {
     id: ClientId,
-    outbox: SyncSender<Outgoing>,
+    outbox: Arc<Outbox>,
     connection: Box<dyn Close>,
+}
+
+impl Client {
+    fn close(&self) {
+        self.outbox.close();
+        self.connection.close();
+    }
 }
 
 #[derive(Debug, Default)]
 struct State {
+    /// The bus takes no frames of clients.
+    is_barred: bool,
+    /// Clients that wait for room.
+    held_back: usize,
     clients: Vec<Client>,
     next_client: ClientId,
     closed: bool,
@@ -42,19 +44,21 @@ struct State {
     bus: Option<BusRates>,
 }
 
-/// Bounded queues between the bus and the clients. Nobody blocks in here.
+/// Bounded queues between the bus and the clients. Nothing that the bus does blocks.
 #[derive(Debug)]
 pub(crate) struct Hub {
     state: Mutex<State>,
     queue: usize,
     max_clients: usize,
+    /// There is room again, or no use in waiting for it.
+    changed: Condvar,
     pub(crate) counters: Counters,
 }
 
 impl Hub {
     pub(crate) fn new(queue: usize, max_clients: usize) -> Self {
-        let counters = Counters::default();
-        Self { state: Mutex::default(), queue: queue.max(1), max_clients, counters }
+        let (changed, counters) = (Condvar::new(), Counters::default());
+        Self { state: Mutex::default(), queue: queue.max(1), max_clients, changed, counters }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -76,7 +80,7 @@ impl Hub {
     pub(crate) fn join(
         &self,
         connection: impl Close + 'static,
-        outbox: SyncSender<Outgoing>,
+        outbox: Arc<Outbox>,
     ) -> Option<ClientId> {
         let mut state = self.lock();
         if state.closed || state.clients.len() >= self.max_clients {
@@ -94,7 +98,8 @@ impl Hub {
     pub(crate) fn leave(&self, id: ClientId) {
         let mut state = self.lock();
         if let Some(at) = state.clients.iter().position(|client| client.id == id) {
-            state.clients.swap_remove(at).connection.close();
+            state.clients.swap_remove(at).close();
+            self.wake(&state);
         }
     }
 
@@ -103,8 +108,13 @@ impl Hub {
         let mut state = self.lock();
         state.closed = true;
         for client in state.clients.drain(..) {
-            client.connection.close();
+            client.close();
         }
+        self.wake(&state);
+    }
+
+    pub(crate) fn is_closed(&self) -> bool {
+        self.lock().closed
     }
 
     /// The bit rates of the bus; `None` before they are known.
@@ -112,16 +122,42 @@ impl Hub {
         self.lock().bus
     }
 
-    /// A client's frame for the bus; false when too many wait already.
+    /// A client's frame for the bus; false when too many wait already, or the bus takes none.
     pub(crate) fn submit(&self, id: ClientId, frame: CanFrame) -> bool {
         let mut state = self.lock();
         let has_room = state.inbox.len() < self.queue;
-        if has_room {
+        if state.is_barred {
+            count(&self.counters.not_taken);
+        } else if has_room {
             state.inbox.push_back((id, frame));
         } else {
             count(&self.counters.dropped_to_bus);
         }
-        has_room
+        has_room && !state.is_barred
+    }
+
+    /// As [`submit`](Self::submit), but waits while too many wait already and the client is there.
+    pub(crate) fn submit_when_possible(&self, id: ClientId, frame: CanFrame) {
+        let mut state = self.lock();
+        loop {
+            let is_there = state.clients.iter().any(|client| client.id == id);
+            if state.is_barred || !is_there {
+                return count(&self.counters.not_taken);
+            }
+            if state.inbox.len() < self.queue {
+                return state.inbox.push_back((id, frame));
+            }
+            state.held_back += 1;
+            state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
+            state.held_back -= 1;
+        }
+    }
+
+    /// Lets those who wait for room look again.
+    fn wake(&self, state: &State) {
+        if state.held_back > 0 {
+            self.changed.notify_all();
+        }
     }
 
     // Bus
@@ -134,19 +170,34 @@ impl Hub {
         !self.lock().clients.is_empty()
     }
 
+    /// Whether the bus takes frames. Drops those that wait when it does not; how many that were.
+    pub(crate) fn set_taking(&self, is_taking: bool) -> usize {
+        let mut state = self.lock();
+        state.is_barred = !is_taking;
+        if is_taking {
+            return 0;
+        }
+        let dropped = state.inbox.len();
+        state.inbox.clear();
+        self.wake(&state);
+        self.counters.not_taken.fetch_add(dropped as u64, Ordering::Relaxed);
+        dropped
+    }
+
     /// The next frame for the bus.
     pub(crate) fn next_for_bus(&self) -> Option<(ClientId, CanFrame)> {
-        self.lock().inbox.pop_front()
+        let mut state = self.lock();
+        let next = state.inbox.pop_front();
+        self.wake(&state);
+        next
     }
 
     /// Hands a frame to every client but its sender.
     pub(crate) fn deliver(&self, frame: &CanFrame, now: u64, sender: Option<ClientId>) {
         for client in self.lock().clients.iter().filter(|client| Some(client.id) != sender) {
-            match client.outbox.try_send(Outgoing::Frame(*frame, now)) {
-                Ok(()) => count(&self.counters.delivered),
-                Err(TrySendError::Full(_)) => count(&self.counters.dropped_to_clients),
-                Err(TrySendError::Disconnected(_)) => {}
-            }
+            let counters = &self.counters;
+            let is_taken = client.outbox.offer(frame, now);
+            count(if is_taken { &counters.delivered } else { &counters.dropped_to_clients });
         }
     }
 }

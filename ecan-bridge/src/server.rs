@@ -2,27 +2,26 @@
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
 use ecan_protocol::CanFrame;
 
 use crate::clients::Clients;
-use crate::connection::Connection;
-use crate::hub::{ClientId, Hub, Outgoing};
+use crate::connection::{self, Connection};
+use crate::hub::{ClientId, Hub};
 use crate::info::BridgeInfo;
+use crate::outbox::Outbox;
 use crate::rates::BusRates;
 use crate::session::{Session, Uplink};
 use crate::settings::{BridgeProtocol, BridgeSettings};
 use crate::statistics::count;
+use crate::writer::Writer;
 
 /// Between two looks for a new client. Stopping does not wait for it.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);
-/// Bytes written at a time, about.
-const WRITE_BYTES: usize = 16 * 1024;
 
 /// Why a bridge cannot be had.
 #[derive(Debug, thiserror::Error)]
@@ -133,10 +132,11 @@ impl Acceptor {
     /// Starts the threads of a client. One for whom there is no room, or no thread, finds its
     /// connection closed.
     fn admit(&self, stream: TcpStream) -> Option<JoinHandle<()>> {
-        let (outbox, queue) = sync_channel(self.hub.queue());
+        let outbox = Arc::new(Outbox::new(self.hub.queue()));
         let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
+            connection::watch(&stream)?;
             let connection = Connection::Tcp(stream);
             let id = self.hub.join(connection.try_clone()?, outbox.clone());
             Ok(id.map(|id| (connection, id)))
@@ -144,7 +144,7 @@ impl Acceptor {
         let (connection, id) = admit().ok()??;
         let hub = self.hub.clone();
         let session = Session::new(self.protocol);
-        let serve = move || serve(&hub, id, &connection, session, outbox, queue);
+        let serve = move || serve(&hub, id, &connection, session, &outbox);
         let started = thread::Builder::new().name(format!("bridge client {id}")).spawn(serve);
         if started.is_err() {
             self.hub.leave(id);
@@ -158,24 +158,21 @@ pub(crate) fn serve(
     hub: &Hub,
     id: ClientId,
     stream: &Connection,
-    session: Session,
-    outbox: SyncSender<Outgoing>,
-    queue: Receiver<Outgoing>,
+    mut session: Session,
+    outbox: &Outbox,
 ) {
     let mut greeting = Vec::new();
     session.greet(&mut greeting);
-    let session = &Mutex::new(session);
+    let writer = Writer::new(session.hearing());
     thread::scope(|scope| {
-        // The writer ends when nobody can queue anything any more. The queue goes with it, so that
-        // the reader does not wait for room in it.
         let writer = thread::Builder::new().spawn_scoped(scope, move || {
-            write_all(hub, stream, session, &queue, greeting);
+            write_all(hub, stream, writer, outbox, &greeting);
+            // Closes the outbox, so that the reader does not wait for room in it.
             hub.leave(id);
         });
         if writer.is_ok() {
-            read_all(hub, id, stream, session, &outbox);
+            read_all(hub, id, stream, &mut session, outbox);
         }
-        drop(outbox);
         hub.leave(id);
     });
 }
@@ -195,6 +192,10 @@ impl Uplink for ClientUplink<'_> {
         self.hub.submit(self.id, frame)
     }
 
+    fn send_when_possible(&mut self, frame: CanFrame) {
+        self.hub.submit_when_possible(self.id, frame);
+    }
+
     fn count_refused(&mut self) {
         count(&self.hub.counters.refused);
     }
@@ -204,13 +205,7 @@ impl Uplink for ClientUplink<'_> {
     }
 }
 
-fn read_all(
-    hub: &Hub,
-    id: ClientId,
-    stream: &Connection,
-    session: &Mutex<Session>,
-    outbox: &SyncSender<Outgoing>,
-) {
+fn read_all(hub: &Hub, id: ClientId, stream: &Connection, session: &mut Session, outbox: &Outbox) {
     let mut uplink = ClientUplink { hub, id };
     let mut bytes = [0; 2048];
     loop {
@@ -221,42 +216,21 @@ fn read_all(
             Err(_) => return,
         };
         let mut answer = Vec::new();
-        let written = bytes.get(..read).unwrap_or_default();
-        session.lock().unwrap_or_else(PoisonError::into_inner).feed(
-            written,
-            &mut uplink,
-            &mut answer,
-        );
-        // A client that does not read its answers is not read from either.
-        if !answer.is_empty() && outbox.send(Outgoing::Answer(answer)).is_err() {
+        session.feed(bytes.get(..read).unwrap_or_default(), &mut uplink, &mut answer);
+        // A client that does not read its answers is not read from either. What it hears changes
+        // with an answer only.
+        if !answer.is_empty() && !outbox.answer(answer, session.hearing()) {
             return;
         }
     }
 }
 
-fn write_all(
-    hub: &Hub,
-    stream: &Connection,
-    session: &Mutex<Session>,
-    queue: &Receiver<Outgoing>,
-    greeting: Vec<u8>,
-) {
-    let mut text = greeting;
-    loop {
-        if !text.is_empty() && stream.write_all(&text).is_err() {
-            return;
-        }
-        text.clear();
-        let Ok(first) = queue.recv() else { return };
-        let bus = hub.bus();
-        let session = session.lock().unwrap_or_else(PoisonError::into_inner);
-        let mut next = Some(first);
-        while let Some(item) = next {
-            match item {
-                Outgoing::Frame(frame, time_ns) => session.encode(&frame, time_ns, bus, &mut text),
-                Outgoing::Answer(answer) => text.extend(answer),
-            }
-            next = if text.len() < WRITE_BYTES { queue.try_recv().ok() } else { None };
+fn write_all(hub: &Hub, stream: &Connection, mut writer: Writer, outbox: &Outbox, greeting: &[u8]) {
+    let mut is_written = stream.write_all(greeting).is_ok();
+    while is_written && let Some(piece) = writer.next_piece(outbox, || hub.bus()) {
+        is_written = stream.write_all(&piece.text).is_ok();
+        if !piece.pause.is_zero() {
+            thread::sleep(piece.pause);
         }
     }
 }

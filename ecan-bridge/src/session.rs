@@ -1,11 +1,17 @@
 //! What a protocol does for one client, without threads and sockets.
 
+use std::time::Duration;
+
 use ecan_protocol::CanFrame;
 
 use crate::rates::BusRates;
 use crate::settings::BridgeProtocol;
-use crate::slcan::SlcanSession;
-use crate::socketcand::SocketcandSession;
+use crate::slcan::{SlcanHearing, SlcanSession};
+use crate::socketcand::{self, SocketcandSession};
+
+/// Between the answer behind which frames come and the first of them. A client of socketcand reads
+/// the answer with whatever has come by then, and takes it for another one.
+const SETTLING: Duration = Duration::from_millis(30);
 
 /// The bus, as a session uses it.
 pub(crate) trait Uplink {
@@ -14,6 +20,9 @@ pub(crate) trait Uplink {
 
     /// Hands a frame over; false when there is no room.
     fn send(&mut self, frame: CanFrame) -> bool;
+
+    /// Hands a frame over and waits until there is room; without effect where the bus takes none.
+    fn send_when_possible(&mut self, frame: CanFrame);
 
     /// A command was refused.
     fn count_refused(&mut self);
@@ -53,6 +62,29 @@ impl Session {
         }
     }
 
+    /// What the client wants to hear by now.
+    pub(crate) fn hearing(&self) -> Hearing {
+        match self {
+            Self::Slcan(session) => Hearing::Slcan(session.hearing()),
+            Self::Socketcand(session) => Hearing::Socketcand { is_raw: session.is_raw() },
+        }
+    }
+}
+
+/// What a client wants to hear of the bus, and how.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Hearing {
+    Slcan(SlcanHearing),
+    Socketcand { is_raw: bool },
+}
+
+impl Hearing {
+    /// That of a new client.
+    #[cfg(test)]
+    pub(crate) fn nothing(protocol: BridgeProtocol) -> Self {
+        Session::new(protocol).hearing()
+    }
+
     /// Appends a frame of the bus, if the client wants to hear it.
     pub(crate) fn encode(
         &self,
@@ -62,8 +94,17 @@ impl Session {
         text: &mut Vec<u8>,
     ) {
         match self {
-            Self::Slcan(session) => session.encode(frame, time_ns, bus, text),
-            Self::Socketcand(session) => session.encode(frame, time_ns, text),
+            Self::Slcan(hearing) => hearing.encode(frame, time_ns, bus, text),
+            Self::Socketcand { is_raw: true } => socketcand::encode(frame, time_ns, text),
+            Self::Socketcand { is_raw: false } => {}
+        }
+    }
+
+    /// How long frames wait behind the answer that changes the hearing from `before`.
+    pub(crate) fn pause_behind(&self, before: &Self) -> Duration {
+        match (before, self) {
+            (Self::Socketcand { is_raw: false }, Self::Socketcand { is_raw: true }) => SETTLING,
+            _ => Duration::ZERO,
         }
     }
 }

@@ -9,8 +9,7 @@ pub enum BridgeProtocol {
     /// python-can's interface `slcan` on the channel `socket://127.0.0.1:PORT`.
     #[default]
     Slcan,
-    /// The raw mode of socketcand: python-can's interface `socketcand`. Classic CAN data frames
-    /// only.
+    /// The raw mode of socketcand: python-can's interface `socketcand`. Classic CAN only.
     Socketcand,
 }
 

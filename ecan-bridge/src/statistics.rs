@@ -15,6 +15,9 @@ pub struct BridgeStatistics {
     pub sent: u64,
     /// Frames of clients that were refused because too many waited for the bus.
     pub dropped_to_bus: u64,
+    /// Frames of clients that were refused or dropped because the bus took none, for instance while
+    /// it was out of service.
+    pub not_taken: u64,
     /// Frames put into a client's queue, those that it did not want to hear included.
     pub delivered: u64,
     /// Frames that did not fit into a client's queue.
@@ -36,6 +39,7 @@ pub(crate) struct Counters {
     pub(crate) turned_away: AtomicU64,
     pub(crate) sent: AtomicU64,
     pub(crate) dropped_to_bus: AtomicU64,
+    pub(crate) not_taken: AtomicU64,
     pub(crate) delivered: AtomicU64,
     pub(crate) dropped_to_clients: AtomicU64,
     pub(crate) refused: AtomicU64,
@@ -57,6 +61,7 @@ impl Counters {
             turned_away: read(&self.turned_away),
             sent: read(&self.sent),
             dropped_to_bus: read(&self.dropped_to_bus),
+            not_taken: read(&self.not_taken),
             delivered: read(&self.delivered),
             dropped_to_clients: read(&self.dropped_to_clients),
             refused: read(&self.refused),

@@ -6,40 +6,37 @@ use std::os::fd::OwnedFd;
 use std::os::unix::ffi::OsStringExt as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::fs::{OFlags, fcntl_setfl};
 use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, ioctl_tiocgptpeer, openpt, ptsname, unlockpt};
-use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 
 /// Between two looks whether to end.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
+const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
 
-/// Our side of a pseudo-terminal.
+/// Our side of a pseudo-terminal. The other one is open as long as a program has it, so that its end
+/// is seen.
 #[derive(Debug)]
 pub(crate) struct Terminal {
     ours: OwnedFd,
-    /// Held open, so that the line is not hung up between two programs that use it.
-    _theirs: OwnedFd,
     path: PathBuf,
-    is_closed: AtomicBool,
 }
 
 impl Terminal {
     /// Opens one in raw mode: bytes pass as they are.
     pub(crate) fn open() -> io::Result<Self> {
-        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
-        let ours = openpt(flags)?;
+        let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
         grantpt(&ours)?;
         unlockpt(&ours)?;
         let path = PathBuf::from(OsString::from_vec(ptsname(&ours, Vec::new())?.into_bytes()));
-        let theirs = ioctl_tiocgptpeer(&ours, flags)?;
-        let mut modes = tcgetattr(&theirs)?;
-        modes.make_raw();
-        tcsetattr(&theirs, OptionalActions::Now, &modes)?;
         fcntl_setfl(&ours, OFlags::RDWR | OFlags::NONBLOCK)?;
-        Ok(Self { ours, _theirs: theirs, path, is_closed: AtomicBool::new(false) })
+        let terminal = Self { ours, path };
+        set_raw(&terminal.theirs()?)?;
+        Ok(terminal)
     }
 
     /// What other programs open.
@@ -47,14 +44,74 @@ impl Terminal {
         &self.path
     }
 
+    /// Opens the side of the programs.
+    fn theirs(&self) -> io::Result<OwnedFd> {
+        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+        Ok(ioctl_tiocgptpeer(&self.ours, flags)?)
+    }
+
+    /// Whether a program has it open.
+    fn is_open(&self) -> io::Result<bool> {
+        self.poll_at_once().map(|found| !found.contains(PollFlags::HUP))
+    }
+
+    /// Whether a program has it open, or had it and has left words that are not read yet.
+    pub(crate) fn is_in_use(&self) -> io::Result<bool> {
+        let found = self.poll_at_once()?;
+        Ok(!found.contains(PollFlags::HUP) || found.contains(PollFlags::IN))
+    }
+
+    fn poll_at_once(&self) -> io::Result<PollFlags> {
+        let mut polled = [PollFd::new(&self.ours, PollFlags::IN)];
+        rustix::io::retry_on_intr(|| poll(&mut polled, Some(&AT_ONCE)))?;
+        let [polled] = polled;
+        Ok(polled.revents())
+    }
+
+    /// Makes it as new for the next program: in raw mode, whatever the last one set, and without what
+    /// the last one left unread.
+    fn renew(&self) -> io::Result<()> {
+        let is_open = self.is_open()?;
+        let theirs = self.theirs()?;
+        // What is on its way to them, then what has arrived.
+        tcflush(&self.ours, QueueSelector::OFlush)?;
+        tcflush(&theirs, QueueSelector::IFlush)?;
+        // The next program may be there already, with settings of its own.
+        if is_open { Ok(()) } else { set_raw(&theirs) }
+    }
+}
+
+fn set_raw(theirs: &OwnedFd) -> io::Result<()> {
+    let mut modes = tcgetattr(theirs)?;
+    modes.make_raw();
+    Ok(tcsetattr(theirs, OptionalActions::Now, &modes)?)
+}
+
+/// A terminal from when a program opens it to when none has it any more.
+#[derive(Debug)]
+pub(crate) struct TerminalLine {
+    terminal: Arc<Terminal>,
+    is_closed: AtomicBool,
+    /// Held to write, and to renew the terminal: no old text comes behind that.
+    writing: Mutex<()>,
+}
+
+impl TerminalLine {
+    pub(crate) fn new(terminal: Arc<Terminal>) -> Self {
+        Self { terminal, is_closed: AtomicBool::new(false), writing: Mutex::default() }
+    }
+
+    /// Ends it on our side.
     pub(crate) fn close(&self) {
         self.is_closed.store(true, Ordering::Release);
     }
 
     pub(crate) fn read(&self, bytes: &mut [u8]) -> io::Result<usize> {
         loop {
-            match rustix::io::read(&self.ours, &mut *bytes) {
+            match rustix::io::read(&self.terminal.ours, &mut *bytes) {
                 Ok(count) => return Ok(count),
+                // No program has it any more, and all that the last one wrote is read.
+                Err(Errno::IO) => return self.end(),
                 Err(Errno::AGAIN) if !self.wait_for(PollFlags::IN)? => return Ok(0),
                 Err(Errno::AGAIN | Errno::INTR) => {}
                 Err(error) => return Err(error.into()),
@@ -62,9 +119,23 @@ impl Terminal {
         }
     }
 
+    /// The program has gone: makes the terminal as new before anybody is told.
+    fn end(&self) -> io::Result<usize> {
+        let _turn = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        self.close();
+        self.terminal.renew()?;
+        Ok(0)
+    }
+
+    fn write(&self, bytes: &[u8]) -> Result<usize, Errno> {
+        let _turn = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_closed = self.is_closed.load(Ordering::Acquire);
+        if is_closed { Err(Errno::IO) } else { rustix::io::write(&self.terminal.ours, bytes) }
+    }
+
     pub(crate) fn write_all(&self, mut bytes: &[u8]) -> io::Result<()> {
         while !bytes.is_empty() {
-            match rustix::io::write(&self.ours, bytes) {
+            match self.write(bytes) {
                 Ok(count) => bytes = bytes.get(count..).unwrap_or_default(),
                 Err(Errno::AGAIN) if !self.wait_for(PollFlags::OUT)? => {
                     return Err(io::ErrorKind::ConnectionAborted.into());
@@ -78,7 +149,7 @@ impl Terminal {
 
     /// Waits for a moment, at most until something can be done; false once it is closed.
     fn wait_for(&self, flags: PollFlags) -> io::Result<bool> {
-        match poll(&mut [PollFd::new(&self.ours, flags)], Some(&LOOK)) {
+        match poll(&mut [PollFd::new(&self.terminal.ours, flags)], Some(&LOOK)) {
             Ok(_) | Err(Errno::INTR) => Ok(!self.is_closed.load(Ordering::Acquire)),
             Err(error) => Err(error.into()),
         }

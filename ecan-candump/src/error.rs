@@ -71,6 +71,9 @@ pub enum ParseErrorKind {
     /// The DLC of a remote frame is no digit from 0 to 8.
     #[error("expected the DLC of a remote frame, 0 to 8")]
     RemoteDlc,
+    /// The raw DLC of a classic frame is no digit from 9 to F.
+    #[error("expected the raw DLC of a frame of 8 bytes, 9 to F")]
+    RawDlc,
     /// Something other than a direction mark behind the frame.
     #[error("expected the end of the line, or a direction mark R or T")]
     Trailing,

@@ -10,12 +10,13 @@
 //! seconds   = digit, any number of them
 //! fraction  = 6 digits (microseconds) or 9 digits (nanoseconds)
 //! interface = characters that are no blanks
-//! frame     = id "#" data                 classic data frame, 0 to 8 bytes
-//!           | id "#R" [dlc]               remote frame, dlc 0 to 8
+//! frame     = id "#" data [raw]           classic data frame, 0 to 8 bytes
+//!           | id "#R" [dlc] [raw]         remote frame, dlc 0 to 8
 //!           | id "##" flags data          CAN FD frame, a length that a DLC can express
 //! id        = 3 hex digits (standard) | 8 hex digits (extended)
 //! flags     = hex digit: bit 0 BRS, bit 1 ESI, bit 2 FDF (says nothing new)
 //! data      = pairs of hex digits
+//! raw       = "_" hex digit 9 to F        behind 8 bytes, or dlc 8: the DLC on the bus; not kept
 //! direction = "R" | "T"                   received or sent
 //! ```
 //!

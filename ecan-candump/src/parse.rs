@@ -89,6 +89,9 @@ pub(crate) fn frame(cursor: &mut Cursor<'_>) -> Result<CanFrame, ParseError> {
     let start = *cursor;
     let mut buffer = [0; 8];
     let data = data(cursor, &mut buffer)?;
+    if data.len() == 8 {
+        raw_dlc(cursor)?;
+    }
     CanFrame::classic(id, data).map_err(|error| length_error(&start, error))
 }
 
@@ -124,7 +127,21 @@ fn remote_frame(cursor: &mut Cursor<'_>, id: CanId) -> Result<CanFrame, ParseErr
         Some(_) => cursor.take_decimal().ok_or_else(refused)?,
     };
     let dlc = Dlc::new(value).ok_or_else(refused)?;
-    CanFrame::remote(id, dlc).map_err(|_| refused())
+    let frame = CanFrame::remote(id, dlc).map_err(|_| refused())?;
+    if value == 8 {
+        raw_dlc(cursor)?;
+    }
+    Ok(frame)
+}
+
+/// Takes the DLC of a classic frame where the bus had one above 8, which means 8 bytes.
+fn raw_dlc(cursor: &mut Cursor<'_>) -> Result<(), ParseError> {
+    if !cursor.take(b'_') {
+        return Ok(());
+    }
+    let start = *cursor;
+    let is_raw = cursor.take_hex().is_some_and(|dlc| dlc > 8);
+    if is_raw { Ok(()) } else { Err(start.error(ParseErrorKind::RawDlc)) }
 }
 
 fn fd_frame(cursor: &mut Cursor<'_>, id: CanId) -> Result<CanFrame, ParseError> {
@@ -149,11 +166,14 @@ fn length_error(start: &Cursor<'_>, error: FrameError) -> ParseError {
     })
 }
 
-/// Data bytes up to the end of the word.
+/// Data bytes up to the end of the word, or to the DLC of a full classic frame.
 fn data<'b>(cursor: &mut Cursor<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], ParseError> {
     let limit = buffer.len() as u8;
     let mut length = 0;
     while !matches!(cursor.peek(), Some(b' ' | b'\t' | b'\r' | b'\n') | None) {
+        if length == 8 && limit == 8 && cursor.peek() == Some(b'_') {
+            break;
+        }
         let start = *cursor;
         let (Some(high), Some(low)) = (cursor.take_hex(), cursor.take_hex()) else {
             return Err(cursor.error(ParseErrorKind::Data));

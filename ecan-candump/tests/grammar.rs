@@ -82,6 +82,13 @@ fn interfaces_and_directions() {
 }
 
 #[test]
+fn a_raw_dlc_is_read_and_not_kept() {
+    assert_eq!(read("(1.000000) can0 123#1122334455667788_B").frame, frame("123#1122334455667788"));
+    assert_eq!(read("(1.000000) can0 123#1122334455667788_f T").frame.data().len(), 8);
+    assert_eq!(read("(1.000000) can0 123#R8_9").frame, frame("123#R8"));
+}
+
+#[test]
 fn lines_without_a_record() {
     for line in ["", "  \t", "\r\n", "# 123#00", "   #"] {
         assert_eq!(parse_line(line), Ok(None), "{line:?}");
@@ -124,7 +131,14 @@ fn faults_are_named_with_their_column() {
         ("(1.000000) can0 123#11x2", Kind::Data, 23),
         ("(1.000000) can0 123#1ä", Kind::Data, 22),
         ("(1.000000) can0 123#112233445566778899", Kind::DataTooLong { limit: 8 }, 37),
-        ("(1.000000) can0 123#1122334455667788_9", Kind::Data, 37),
+        ("(1.000000) can0 123#1122334455667788_8", Kind::RawDlc, 38),
+        ("(1.000000) can0 123#1122334455667788_", Kind::RawDlc, 38),
+        ("(1.000000) can0 123#1122334455667788_G", Kind::RawDlc, 38),
+        ("(1.000000) can0 123#1122334455667788_99", Kind::Trailing, 39),
+        ("(1.000000) can0 123#11_9", Kind::Data, 23),
+        ("(1.000000) can0 123#R8_8", Kind::RawDlc, 24),
+        ("(1.000000) can0 123#R7_9", Kind::Trailing, 23),
+        ("(1.000000) can0 123##11122334455667788_9", Kind::Data, 39),
         ("(1.000000) can0 123#R9", Kind::RemoteDlc, 22),
         ("(1.000000) can0 123#Rx", Kind::RemoteDlc, 22),
         ("(1.000000) can0 123#R44", Kind::Trailing, 23),

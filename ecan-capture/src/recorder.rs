@@ -1,8 +1,11 @@
 //! Writing beside the cycle: a file that is slow does not hold it up.
 
 use std::io::{self, Write};
-use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_channel};
 use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
 
 use ecan_protocol::{CanFrame, MAX_PDO_BYTES};
 
@@ -14,6 +17,11 @@ use crate::image::ImageOrigin;
 const QUEUE: usize = 1 << 15;
 /// Images that may wait: a second of both directions at a cycle of 1 ms.
 const IMAGES: usize = 2048;
+
+/// For so long a file may stand still when there is a hurry.
+const PATIENCE: Duration = Duration::from_secs(1);
+/// Between two looks at what is waited for.
+const LOOK: Duration = Duration::from_millis(1);
 
 /// What waits to be written.
 #[derive(Debug)]
@@ -50,6 +58,8 @@ pub struct Recorder {
     /// None when it has been waited for.
     thread: Option<JoinHandle<io::Result<u64>>>,
     is_patient: bool,
+    /// Set when nothing shall be waited for any longer.
+    hurry: Arc<AtomicBool>,
     dropped: u64,
 }
 
@@ -74,7 +84,15 @@ impl Recorder {
             .name("capture".to_owned())
             .spawn(move || write_all(capture, &packets, &give_back))?;
         let (queue, thread) = (Some(queue), Some(thread));
-        Ok(Self { queue, free, spare: None, thread, is_patient: false, dropped: 0 })
+        let hurry = Arc::default();
+        Ok(Self { queue, free, spare: None, thread, is_patient: false, hurry, dropped: 0 })
+    }
+
+    /// A flag that ends the waiting, of a patient recorder for room and of
+    /// [`finish`](Self::finish) for the file: whoever sets it when the user wants to stop is not
+    /// held up by a file that stands still.
+    pub fn set_hurry(&mut self, hurry: Arc<AtomicBool>) {
+        self.hurry = hurry;
     }
 
     /// Waits for room instead of dropping, or not: for simulated time, never in a cycle of real time.
@@ -96,8 +114,7 @@ impl Recorder {
     /// was said at the start is dropped.
     pub fn image(&mut self, time_ns: u64, origin: ImageOrigin, image: &[u8]) {
         let buffer = match self.spare.take() {
-            None if self.is_patient => self.free.recv().ok(),
-            None => self.free.try_recv().ok(),
+            None => self.free_buffer(),
             spare => spare,
         };
         match buffer {
@@ -118,11 +135,16 @@ impl Recorder {
         self.thread.as_ref().is_none_or(JoinHandle::is_finished)
     }
 
-    /// Waits until everything is written.
+    /// Waits until everything is written, no longer than a second once it is in a
+    /// [hurry](Self::set_hurry).
     ///
     /// # Errors
-    /// Why it could not be.
+    /// Why it could not be; [`io::ErrorKind::TimedOut`] where the file stands still.
     pub fn finish(mut self) -> io::Result<Recording> {
+        if !self.has_ended() {
+            let words = "it stands still, packets are missing";
+            return Err(io::Error::new(io::ErrorKind::TimedOut, words));
+        }
         match self.join() {
             None => Ok(Recording { written: 0, dropped: self.dropped }),
             Some(Ok(written)) => Ok(Recording { written: written?, dropped: self.dropped }),
@@ -130,22 +152,68 @@ impl Recorder {
         }
     }
 
-    /// Lets the thread come to its end, and waits for it; none where it was waited for already.
-    fn join(&mut self) -> Option<std::thread::Result<io::Result<u64>>> {
+    /// Lets the thread come to its end, and waits for that; leaves it to itself where it takes too long
+    /// for a hurry.
+    fn has_ended(&mut self) -> bool {
         self.queue = None;
+        let mut deadline = None;
+        while !self.is_over() {
+            if self.is_in_hurry() {
+                let deadline = *deadline.get_or_insert_with(|| Instant::now() + PATIENCE);
+                if Instant::now() >= deadline {
+                    self.thread = None;
+                    return false;
+                }
+            }
+            std::thread::sleep(LOOK);
+        }
+        true
+    }
+
+    /// What the thread has come to; none where that was taken already.
+    fn join(&mut self) -> Option<std::thread::Result<io::Result<u64>>> {
         self.thread.take().map(JoinHandle::join)
+    }
+
+    fn is_in_hurry(&self) -> bool {
+        self.hurry.load(Ordering::Relaxed)
+    }
+
+    /// Waits a little, if it is worth it.
+    fn has_waited(&self) -> bool {
+        let waits = self.is_patient && !self.is_in_hurry();
+        if waits {
+            std::thread::sleep(LOOK);
+        }
+        waits
+    }
+
+    fn free_buffer(&self) -> Option<Vec<u8>> {
+        loop {
+            match self.free.try_recv() {
+                Err(TryRecvError::Empty) if self.has_waited() => {}
+                buffer => return buffer.ok(),
+            }
+        }
     }
 
     fn put(&mut self, time_ns: u64, packet: Packet) {
         let Some(queue) = &self.queue else { return };
-        if self.is_patient {
-            // Nobody there: the thread's error tells.
-            let _ = queue.send((time_ns, packet));
-        } else if let Err(TrySendError::Full((_, packet))) = queue.try_send((time_ns, packet)) {
-            self.dropped += 1;
-            if let Packet::Image { image, .. } = packet {
-                self.spare = Some(image);
+        let mut waiting = (time_ns, packet);
+        loop {
+            match queue.try_send(waiting) {
+                Ok(()) => return,
+                // Nobody there: the thread's error tells.
+                Err(TrySendError::Disconnected(_)) => return,
+                Err(TrySendError::Full(back)) => waiting = back,
             }
+            if !self.has_waited() {
+                break;
+            }
+        }
+        self.dropped += 1;
+        if let (_, Packet::Image { image, .. }) = waiting {
+            self.spare = Some(image);
         }
     }
 }
@@ -153,7 +221,9 @@ impl Recorder {
 impl Drop for Recorder {
     fn drop(&mut self) {
         // Nobody is left to be told.
-        let _ = self.join();
+        if self.has_ended() {
+            let _ = self.join();
+        }
     }
 }
 

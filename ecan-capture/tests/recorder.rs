@@ -2,6 +2,7 @@
 #![allow(missing_docs)]
 
 use std::io::{self, Write};
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 
@@ -126,6 +127,30 @@ fn where_the_file_stands_still_it_drops_and_counts() {
     let Recording { written, dropped } = recorder.finish().unwrap();
     assert_eq!(written + dropped, offered);
     assert!(dropped > 0 && written > 2048, "{written} {dropped}");
+}
+
+#[test]
+fn a_file_that_stands_still_holds_nobody_in_a_hurry() {
+    let (is_stuck, stuck) = channel();
+    let (let_go, go) = channel::<()>();
+    let mut probe = Shared::default();
+    Capture::new(&mut probe, "test").unwrap();
+    let free_bytes = probe.0.lock().unwrap().len();
+    let file = Gated { free_bytes, is_stuck, go };
+    let mut recorder = Recorder::start(Capture::new(file, "test").unwrap(), 128).unwrap();
+    let hurry = Arc::new(AtomicBool::new(false));
+    recorder.set_hurry(hurry.clone());
+    recorder.set_patient(true);
+    recorder.frame(0, 0, Traffic::Received, &frame());
+    stuck.recv().unwrap();
+    hurry.store(true, Ordering::Relaxed);
+    // More than there is room for.
+    for time_ns in 0..100_000 {
+        recorder.frame(time_ns, 0, Traffic::Received, &frame());
+        recorder.image(time_ns, ORIGIN, &[0; 128]);
+    }
+    assert_eq!(recorder.finish().unwrap_err().kind(), io::ErrorKind::TimedOut);
+    drop(let_go);
 }
 
 #[test]

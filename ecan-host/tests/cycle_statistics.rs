@@ -67,6 +67,18 @@ fn overruns_and_skipped_points_are_summed_up() {
 }
 
 #[test]
+fn what_a_pause_leaves_out_is_no_period_and_not_missed() {
+    let mut statistics = CycleStatistics::new(CYCLE_NS as u32);
+    record(&mut statistics, 0, 0, 1_000);
+    statistics.pause();
+    let start = CycleStart { deadline_ns: 9 * CYCLE_NS, skipped: 5, has_overrun: true, late_ns: 0 };
+    statistics.begin(&start);
+    record(&mut statistics, 10, 0, 1_000);
+    assert_eq!((statistics.cycles(), statistics.overruns(), statistics.skipped()), (3, 0, 0));
+    assert_eq!((statistics.period().count, statistics.period().max_ns), (1, CYCLE_NS));
+}
+
+#[test]
 fn times_out_of_range_are_recorded_at_its_end() {
     let mut statistics = CycleStatistics::new(CYCLE_NS as u32);
     statistics.end(7);

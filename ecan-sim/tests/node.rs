@@ -91,6 +91,14 @@ fn a_replay_of_all_interfaces_takes_every_record() {
 }
 
 #[test]
+fn a_replay_leaves_out_what_is_no_frame() {
+    let log = "(1.000000) can0 20000080#0000000000000000\n(2.000000) can0 123#1122334455667788_B\n";
+    let node = ReplayNode::from_log(log, None).unwrap();
+    let records: Vec<_> = node.records().iter().map(|it| it.frame.data().len()).collect();
+    assert_eq!(records, [8]);
+}
+
+#[test]
 fn a_replay_can_start_over() {
     let records = vec![
         ReplayRecord { time_ns: 50, frame: frame(1, &[]) },

@@ -3,11 +3,40 @@
 /// Clock of the SJA1000's time quanta in Lawicel's adapters, Hz: 16 MHz through two.
 const QUANTA_CLOCK: u32 = 8_000_000;
 
-/// `Sn`: bit/s of the arbitration phase. 9 is python-can's, as some adapters have it.
-pub(super) fn standard(code: u8) -> Option<u32> {
+/// Thousandths by which a rate may differ from the named one: names are rounded.
+const TOLERANCE_PERMILLE: u32 = 5;
+
+/// What a client calls its bit rate.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct NamedRate {
+    rate: u32,
+    /// The same name means this to other clients.
+    or: Option<u32>,
+}
+
+impl NamedRate {
+    /// A rate in bit/s.
+    pub(super) const fn exactly(rate: u32) -> Self {
+        Self { rate, or: None }
+    }
+
+    /// Whether a bus of this bit rate may be meant.
+    pub(super) fn fits(self, real: u32) -> bool {
+        let is_near = |named: u32| {
+            u64::from(named.abs_diff(real)) * 1000
+                <= u64::from(named) * u64::from(TOLERANCE_PERMILLE)
+        };
+        is_near(self.rate) || self.or.is_some_and(is_near)
+    }
+}
+
+/// `Sn`: the arbitration phase. 7 is 800 kbit/s to Lawicel and most clients and 750 kbit/s to
+/// python-can; 9 is python-can's, as some adapters have it.
+pub(super) fn standard(code: u8) -> Option<NamedRate> {
     let rates =
-        [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 750_000, 1_000_000, 83_300];
-    rates.get(usize::from(code)).copied()
+        [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000, 83_300];
+    let rate = rates.get(usize::from(code)).copied()?;
+    Some(NamedRate { rate, or: (code == 7).then_some(750_000) })
 }
 
 /// `Yn`: bit/s of the data phase, of CANable 2 and its successors.
@@ -47,11 +76,18 @@ mod tests {
     }
 
     #[test]
+    fn names_fit_what_clients_mean_by_them() {
+        let fits = |code, rate| standard(code).unwrap().fits(rate);
+        assert!(fits(7, 800_000) && fits(7, 750_000) && !fits(7, 775_000));
+        assert!(fits(9, 83_333) && fits(9, 83_300) && !fits(9, 100_000));
+        assert!(fits(6, 497_500) && !fits(6, 497_499) && !fits(6, 250_000));
+        assert!(!fits(6, 0) && !fits(8, u32::MAX));
+    }
+
+    #[test]
     fn codes_without_a_rate_are_none() {
-        assert_eq!(
-            (standard(6), standard(8), standard(10)),
-            (Some(500_000), Some(1_000_000), None)
-        );
+        let rate = |code| standard(code).map(|it| it.rate);
+        assert_eq!((rate(6), rate(8), rate(10)), (Some(500_000), Some(1_000_000), None));
         assert_eq!(
             (data(2), data(5), data(0), data(3)),
             (Some(2_000_000), Some(5_000_000), None, None)

@@ -2,17 +2,17 @@
 
 use ecan_protocol::{CanFrame, CanId, Dlc};
 
-use super::bit_rate;
+use super::bit_rate::{self, NamedRate};
 
 /// What a client asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SlcanCommand {
     /// An empty line, as clients send it to get rid of half a command.
     Nothing,
-    /// `Sn`, `sxxyy`: the bit rate of the arbitration phase is to be this, bit/s.
-    Bitrate(u32),
+    /// `Sn`, `sxxyy`: the bit rate of the arbitration phase is to be this.
+    Bitrate(NamedRate),
     /// `Yn`: that of the data phase.
-    DataBitrate(u32),
+    DataBitrate(NamedRate),
     /// `O`.
     Open,
     /// `L`.
@@ -42,6 +42,9 @@ pub(crate) struct NotUnderstood;
 /// The longest command: an extended CAN FD frame of 64 bytes.
 pub(super) const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64;
 
+/// The bits of an extended identifier.
+const EXTENDED_BITS: u32 = 0x1FFF_FFFF;
+
 /// Reads a line without its end.
 pub(super) fn parse(line: &[u8]) -> Result<SlcanCommand, NotUnderstood> {
     use SlcanCommand as Command;
@@ -59,9 +62,12 @@ pub(super) fn parse(line: &[u8]) -> Result<SlcanCommand, NotUnderstood> {
         b'S' => digit(arguments).and_then(bit_rate::standard).map(Command::Bitrate),
         b's' => number(arguments, 4).map(|registers| {
             let [_, _, btr0, btr1] = registers.to_be_bytes();
-            Command::Bitrate(bit_rate::of_registers(btr0, btr1))
+            Command::Bitrate(NamedRate::exactly(bit_rate::of_registers(btr0, btr1)))
         }),
-        b'Y' => digit(arguments).and_then(bit_rate::data).map(Command::DataBitrate),
+        b'Y' => digit(arguments)
+            .and_then(bit_rate::data)
+            .map(NamedRate::exactly)
+            .map(Command::DataBitrate),
         b'Z' => match arguments {
             b"0" => Some(Command::Timestamps(false)),
             b"1" => Some(Command::Timestamps(true)),
@@ -93,7 +99,10 @@ enum Format {
 fn transmit(arguments: &[u8], extended: bool, format: Format) -> Option<SlcanCommand> {
     let digits = if extended { 8 } else { 3 };
     let (id, rest) = arguments.split_at_checked(digits)?;
-    let id = CanId::new(number(id, digits)?, extended).ok()?;
+    let id = number(id, digits)?;
+    // Some clients leave SocketCAN's flags in extended identifiers.
+    let id = if extended { id & EXTENDED_BITS } else { id };
+    let id = CanId::new(id, extended).ok()?;
     let (&code, hex) = rest.split_first()?;
     let dlc = Dlc::new(hex_digit(code)?)?;
     if !matches!(format, Format::Fd { .. }) && dlc.value() > 8 {

@@ -2,6 +2,7 @@
 
 use ecan_protocol::{CanFrame, FrameKind};
 
+use super::bit_rate::NamedRate;
 use super::command::{MAX_LINE, NotUnderstood, SlcanCommand, parse};
 use super::encode::{encode, hex};
 use super::{BELL, OK};
@@ -15,8 +16,9 @@ const SERIAL_NUMBER: &[u8] = b"NECAN";
 /// Status flag "transmit queue full".
 const FLAG_TRANSMIT_FULL: u32 = 1 << 1;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Mode {
+    #[default]
     Closed,
     Listening,
     Open,
@@ -32,10 +34,7 @@ pub(crate) struct SlcanSession {
     line: Vec<u8>,
     /// The line is too long; the rest of it is not looked at.
     overlong: bool,
-    mode: Mode,
-    bitrate: Option<u32>,
-    data_bitrate: Option<u32>,
-    timestamps: bool,
+    hearing: SlcanHearing,
     /// Since the flags were read last.
     flags: u32,
 }
@@ -45,10 +44,7 @@ impl SlcanSession {
         Self {
             line: Vec::with_capacity(MAX_LINE),
             overlong: false,
-            mode: Mode::Closed,
-            bitrate: None,
-            data_bitrate: None,
-            timestamps: false,
+            hearing: SlcanHearing::default(),
             flags: 0,
         }
     }
@@ -82,26 +78,26 @@ impl SlcanSession {
     /// appended.
     fn run(&mut self, command: SlcanCommand, bus: &mut impl Uplink, answer: &mut Vec<u8>) -> bool {
         use SlcanCommand as Command;
-        let is_closed = self.mode == Mode::Closed;
+        let is_closed = self.hearing.mode == Mode::Closed;
         match command {
             Command::Nothing | Command::AutoPoll => return true,
-            Command::Close => self.mode = Mode::Closed,
+            Command::Close => self.hearing.mode = Mode::Closed,
             Command::Version => answer.extend(VERSION),
             Command::SerialNumber => answer.extend(SERIAL_NUMBER),
             Command::Flags if !is_closed => {
                 answer.push(b'F');
                 hex(std::mem::take(&mut self.flags), 2, answer);
             }
-            Command::Transmit(frame) if self.mode == Mode::Open => {
+            Command::Transmit(frame) if self.hearing.mode == Mode::Open => {
                 return self.transmit(frame, bus, answer);
             }
             // The rest is set up while the channel is closed.
             _ if !is_closed => return false,
-            Command::Open => self.mode = Mode::Open,
-            Command::OpenListening => self.mode = Mode::Listening,
-            Command::Bitrate(bitrate) => self.bitrate = Some(bitrate),
-            Command::DataBitrate(bitrate) => self.data_bitrate = Some(bitrate),
-            Command::Timestamps(wanted) => self.timestamps = wanted,
+            Command::Open => self.hearing.mode = Mode::Open,
+            Command::OpenListening => self.hearing.mode = Mode::Listening,
+            Command::Bitrate(bitrate) => self.hearing.bitrate = Some(bitrate),
+            Command::DataBitrate(bitrate) => self.hearing.data_bitrate = Some(bitrate),
+            Command::Timestamps(wanted) => self.hearing.timestamps = wanted,
             Command::AcceptAll => {}
             Command::Flags | Command::Transmit(_) => return false,
         }
@@ -109,7 +105,7 @@ impl SlcanSession {
     }
 
     fn transmit(&mut self, frame: CanFrame, bus: &mut impl Uplink, answer: &mut Vec<u8>) -> bool {
-        if bus.bus().is_some_and(|config| !self.fits(&frame, &config)) {
+        if bus.bus().is_some_and(|config| !self.hearing.fits(&frame, &config)) {
             bus.count_mismatched();
             return false;
         }
@@ -121,9 +117,25 @@ impl SlcanSession {
         true
     }
 
+    /// What the client wants to hear by now.
+    pub(crate) fn hearing(&self) -> SlcanHearing {
+        self.hearing
+    }
+}
+
+/// How the channel is set up: what passes between the client and the bus.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct SlcanHearing {
+    mode: Mode,
+    bitrate: Option<NamedRate>,
+    data_bitrate: Option<NamedRate>,
+    timestamps: bool,
+}
+
+impl SlcanHearing {
     /// Whether a frame can go between this client and a bus.
     fn fits(&self, frame: &CanFrame, bus: &BusRates) -> bool {
-        let shares = |named: Option<u32>, real| named.is_none_or(|named| named == real);
+        let shares = |named: Option<NamedRate>, real| named.is_none_or(|named| named.fits(real));
         let is_fast = matches!(frame.kind(), FrameKind::Fd { brs: true, .. });
         shares(self.bitrate, bus.nominal_bitrate)
             && (bus.fd || !frame.is_fd())

@@ -37,6 +37,10 @@ impl Uplink for Bus {
         has_room
     }
 
+    fn send_when_possible(&mut self, _frame: CanFrame) {
+        unreachable!("a client of slcan is answered")
+    }
+
     fn count_refused(&mut self) {
         self.refused += 1;
     }
@@ -54,7 +58,7 @@ fn say(session: &mut SlcanSession, bus: &mut Bus, text: &str) -> String {
 
 fn heard(session: &SlcanSession, bus: &Bus, frame: &CanFrame) -> String {
     let mut text = Vec::new();
-    session.encode(frame, 1_234_000_000, bus.config, &mut text);
+    session.hearing().encode(frame, 1_234_000_000, bus.config, &mut text);
     String::from_utf8(text).unwrap()
 }
 
@@ -119,6 +123,16 @@ fn another_bit_rate_than_the_buses_hears_and_sends_nothing() {
 }
 
 #[test]
+fn a_bit_rate_of_two_meanings_or_rounded_fits() {
+    for (name, rate) in [("S7", 800_000), ("S7", 750_000), ("S9", 83_333), ("s0016", 800_000)] {
+        let mut session = SlcanSession::new();
+        let mut bus = Bus::new(Some(BusRates::classic(rate)));
+        assert_eq!(say(&mut session, &mut bus, &format!("{name}\rO\rt1230\r")), "\r\rz\r");
+        assert_eq!(heard(&session, &bus, &frame(&[])), "t1230\r");
+    }
+}
+
+#[test]
 fn fd_frames_need_an_fd_bus_and_fast_ones_its_data_bit_rate() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(Some(BusRates::classic(500_000)));
@@ -152,7 +166,7 @@ proptest! {
         let mut nowhere = Bus::new(None);
         writer.feed(b"O\r", &mut nowhere, &mut Vec::new());
         for frame in &frames {
-            writer.encode(frame, 0, None, &mut text);
+            writer.hearing().encode(frame, 0, None, &mut text);
         }
         let mut session = SlcanSession::new();
         let mut bus = Bus::new(None);

@@ -2,7 +2,6 @@
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, sync_channel};
 use std::sync::{Arc, OnceLock};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
@@ -13,7 +12,8 @@ use socketcan::{CanFdSocket, Socket as _};
 
 use crate::clients::Clients;
 use crate::connection::Close;
-use crate::hub::{ClientId, Hub, Outgoing};
+use crate::hub::{ClientId, Hub};
+use crate::outbox::{Outbox, Outgoing};
 use crate::socketcan::frame::{from_kernel, to_kernel};
 use crate::socketcan::interface::{self, SocketCanError};
 use crate::statistics::count;
@@ -78,9 +78,9 @@ impl SocketCanBridge {
         // Where the queue of the socket is full a write waits no longer than that.
         socket.set_write_timeout(LOOK)?;
         let (hub, state) = (Arc::new(Hub::new(queue, 1)), Arc::new(State::default()));
-        let (outbox, waiting) = sync_channel(hub.queue());
+        let outbox = Arc::new(Outbox::new(hub.queue()));
         // A new hub has room for one.
-        let id = hub.join(Closing(state.clone()), outbox);
+        let id = hub.join(Closing(state.clone()), outbox.clone());
         let id = id.ok_or(io::ErrorKind::ConnectionRefused)?;
         let clients = Clients(hub.clone());
         let threads = Vec::with_capacity(2);
@@ -91,7 +91,7 @@ impl SocketCanBridge {
         let writer = Writer { socket, hub, state: bridge.state.clone(), is_stuck: false };
         let thread = |way: &str| thread::Builder::new().name(format!("{interface} {way}"));
         bridge.threads.push(thread("reader").spawn(move || reader.run())?);
-        bridge.threads.push(thread("writer").spawn(move || writer.run(&waiting))?);
+        bridge.threads.push(thread("writer").spawn(move || writer.run(&outbox))?);
         Ok(bridge)
     }
 
@@ -183,8 +183,8 @@ struct Writer {
 
 impl Writer {
     /// Until the hub has forgotten the client.
-    fn run(mut self, waiting: &Receiver<Outgoing>) {
-        while let Ok(outgoing) = waiting.recv() {
+    fn run(mut self, outbox: &Outbox) {
+        while let Some(outgoing) = outbox.take() {
             // There is nothing to answer to an interface.
             let Outgoing::Frame(frame, _) = outgoing else { continue };
             self.write(&frame);

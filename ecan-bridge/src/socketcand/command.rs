@@ -1,6 +1,6 @@
 //! One command of socketcand, read.
 
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::{CanFrame, CanId, Dlc};
 
 /// What a client asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -11,7 +11,7 @@ pub(crate) enum SocketcandCommand {
     RawMode,
     /// `echo`.
     Echo,
-    /// `send ID LENGTH BYTES`.
+    /// `send ID LENGTH BYTES`, `sendrtr ID DLC`.
     Send(CanFrame),
 }
 
@@ -26,8 +26,9 @@ pub(crate) enum Refusal {
     NoBus,
     #[error("not possible in this mode")]
     Mode,
-    #[error("transmit queue is full")]
-    Full,
+    /// Of a frame to send: these are not answered.
+    #[error("the frame is not sent")]
+    Frame,
 }
 
 /// Reads what stands between `<` and `>`.
@@ -37,30 +38,55 @@ pub(super) fn parse(text: &str) -> Result<SocketcandCommand, Refusal> {
         "open" => words.next().map(|_| SocketcandCommand::Open).ok_or(Refusal::NoBus)?,
         "rawmode" => SocketcandCommand::RawMode,
         "echo" => SocketcandCommand::Echo,
-        "send" => send(&mut words).ok_or(Refusal::Syntax)?,
+        "send" => return frame(words, data_frame),
+        "sendrtr" => return frame(words, remote_frame),
         _ => return Err(Refusal::Unknown),
     };
     if words.next().is_some() { Err(Refusal::Syntax) } else { Ok(command) }
 }
 
-/// An identifier of three digits is a standard one, of eight an extended one.
-fn send<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<SocketcandCommand> {
-    let id = words.next()?;
-    let is_extended = match id.len() {
-        3 => false,
-        8 => true,
-        _ => return None,
-    };
-    let id = CanId::new(hex(id)?, is_extended).ok()?;
-    let length = usize::try_from(hex(words.next()?)?).ok()?;
-    let mut data = [0; 8];
-    for byte in data.get_mut(..length)? {
-        *byte = u8::try_from(hex(words.next()?)?).ok()?;
-    }
-    CanFrame::classic(id, data.get(..length)?).ok().map(SocketcandCommand::Send)
+/// Whether a command, or the beginning of one, is to send a frame.
+pub(super) fn is_send(text: &[u8]) -> bool {
+    let text = text.trim_ascii_start();
+    text.starts_with(b"send ") || text.starts_with(b"sendrtr ")
 }
 
-fn hex(word: &str) -> Option<u32> {
+/// A frame to send and nothing behind it.
+fn frame<W: Iterator>(
+    mut words: W,
+    read: impl FnOnce(&mut W) -> Option<CanFrame>,
+) -> Result<SocketcandCommand, Refusal> {
+    let frame = read(&mut words).filter(|_| words.next().is_none());
+    frame.map(SocketcandCommand::Send).ok_or(Refusal::Frame)
+}
+
+fn data_frame<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<CanFrame> {
+    let id = identifier(words.next()?)?;
+    let length: usize = words.next()?.parse().ok()?;
+    let mut data = [0; 8];
+    for byte in data.get_mut(..length)? {
+        // Where bytes are signed, one from 80 on is written with the sign before it.
+        *byte = lowest_digits(words.next()?)? as u8;
+    }
+    CanFrame::classic(id, data.get(..length)?).ok()
+}
+
+fn remote_frame<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<CanFrame> {
+    let id = identifier(words.next()?)?;
+    CanFrame::remote(id, Dlc::new(words.next()?.parse().ok()?)?).ok()
+}
+
+/// From eight digits up an identifier is an extended one. Bit 31 says the same in SocketCAN's
+/// identifiers, and where they are signed further digits stand before it.
+fn identifier(word: &str) -> Option<CanId> {
+    const EXTENDED_FLAG: u32 = 1 << 31;
+    let is_extended = word.len() >= 8;
+    CanId::new(lowest_digits(word)? & !EXTENDED_FLAG, is_extended).ok()
+}
+
+/// The lowest eight digits of a hexadecimal number of any length.
+fn lowest_digits(word: &str) -> Option<u32> {
     let is_number = word.bytes().all(|byte| byte.is_ascii_hexdigit());
-    is_number.then(|| u32::from_str_radix(word, 16).ok())?
+    let lowest = word.get(word.len().saturating_sub(8)..)?;
+    is_number.then(|| u32::from_str_radix(lowest, 16).ok())?
 }

@@ -4,16 +4,21 @@ use std::io::Write as _;
 
 use ecan_protocol::{CanFrame, FrameKind};
 
-/// Appends a received classic data frame with its time in seconds. Raw mode has no form for others.
-pub(super) fn encode(frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
-    if frame.kind() != FrameKind::Data {
-        return;
-    }
+/// Appends a received classic frame with its time in seconds. Raw mode has no form for CAN FD.
+pub(crate) fn encode(frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
+    let word = match frame.kind() {
+        FrameKind::Data => "frame",
+        FrameKind::Remote => "rtr",
+        FrameKind::Fd { .. } => return,
+    };
     let digits = if frame.id().is_extended() { 8 } else { 3 };
     let (seconds, micros) = (time_ns / 1_000_000_000, time_ns / 1_000 % 1_000_000);
     let id = frame.id().raw();
     // infallible: writing to a vector
-    let _ = write!(text, "< frame {id:0digits$X} {seconds}.{micros:06} ");
+    let _ = write!(text, "< {word} {id:0digits$X} {seconds}.{micros:06} ");
+    if frame.is_remote() {
+        let _ = write!(text, "{}", frame.dlc().value());
+    }
     for byte in frame.data() {
         let _ = write!(text, "{byte:02X}");
     }

@@ -7,4 +7,5 @@ mod session;
 #[cfg(test)]
 mod tests;
 
+pub(super) use encode::encode;
 pub(super) use session::SocketcandSession;

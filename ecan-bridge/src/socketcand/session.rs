@@ -2,14 +2,11 @@
 
 use std::io::Write as _;
 
-use ecan_protocol::CanFrame;
-
-use super::command::{Refusal, SocketcandCommand, parse};
-use super::encode::encode;
+use super::command::{Refusal, SocketcandCommand, is_send, parse};
 use crate::session::Uplink;
 
 /// More between `<` and `>` is no command.
-const MAX_COMMAND: usize = 200;
+const MAX_COMMAND: usize = 256;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 enum Mode {
@@ -53,10 +50,15 @@ impl SocketcandSession {
     }
 
     fn command_ends(&mut self, text: &[u8], bus: &mut impl Uplink, answer: &mut Vec<u8>) {
+        let wrong = if is_send(text) { Refusal::Frame } else { Refusal::Syntax };
         let text = if text.len() > MAX_COMMAND { None } else { str::from_utf8(text).ok() };
-        let command = text.ok_or(Refusal::Syntax).and_then(parse);
-        if let Err(refusal) = command.and_then(|command| self.run(command, bus, answer)) {
-            bus.count_refused();
+        let command = text.ok_or(wrong).and_then(parse);
+        let Err(refusal) = command.and_then(|command| self.run(command, bus, answer)) else {
+            return;
+        };
+        bus.count_refused();
+        // Clients take an error for one of the bus, with a class and a time.
+        if refusal != Refusal::Frame {
             // infallible: writing to a vector
             let _ = write!(answer, "< error {refusal} >");
         }
@@ -75,9 +77,11 @@ impl SocketcandSession {
                 answer.extend(b"< echo >");
                 return Ok(());
             }
-            // Sending is not answered where it succeeds.
+            // Sending is not answered. A full queue holds the client back; one that takes nothing
+            // counts that itself.
             SocketcandCommand::Send(frame) if self.mode != Mode::NoBus => {
-                return if bus.send(frame) { Ok(()) } else { Err(Refusal::Full) };
+                bus.send_when_possible(frame);
+                return Ok(());
             }
             _ => return Err(Refusal::Mode),
         }
@@ -85,10 +89,8 @@ impl SocketcandSession {
         Ok(())
     }
 
-    /// Appends a frame of the bus, in raw mode.
-    pub(crate) fn encode(&self, frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
-        if self.mode == Mode::Raw {
-            encode(frame, time_ns, text);
-        }
+    /// Whether frames of the bus go to the client.
+    pub(crate) fn is_raw(&self) -> bool {
+        self.mode == Mode::Raw
     }
 }

@@ -5,12 +5,12 @@ use proptest::prelude::*;
 
 use super::SocketcandSession;
 use crate::rates::BusRates;
-use crate::session::Uplink;
+use crate::session::{Hearing, Uplink};
 
 #[derive(Default)]
 struct Bus {
     sent: Vec<CanFrame>,
-    is_full: bool,
+    refused: usize,
 }
 
 impl Uplink for Bus {
@@ -18,12 +18,17 @@ impl Uplink for Bus {
         None
     }
 
-    fn send(&mut self, frame: CanFrame) -> bool {
-        self.sent.push(frame);
-        !self.is_full
+    fn send(&mut self, _frame: CanFrame) -> bool {
+        unreachable!("a client of socketcand is held back instead")
     }
 
-    fn count_refused(&mut self) {}
+    fn send_when_possible(&mut self, frame: CanFrame) {
+        self.sent.push(frame);
+    }
+
+    fn count_refused(&mut self) {
+        self.refused += 1;
+    }
 
     fn count_mismatched(&mut self) {}
 }
@@ -36,7 +41,8 @@ fn say(session: &mut SocketcandSession, bus: &mut Bus, text: &str) -> String {
 
 fn heard(session: &SocketcandSession, frame: &CanFrame) -> String {
     let mut text = Vec::new();
-    session.encode(frame, 23_424_242_999, &mut text);
+    let hearing = Hearing::Socketcand { is_raw: session.is_raw() };
+    hearing.encode(frame, 23_424_242_999, None, &mut text);
     String::from_utf8(text).unwrap()
 }
 
@@ -79,7 +85,37 @@ fn frames_without_a_form_in_raw_mode_are_left_out() {
     let session = raw(&mut bus);
     let id = CanId::standard(1).unwrap();
     assert_eq!(heard(&session, &CanFrame::fd(id, &[1], false, false).unwrap()), "");
-    assert_eq!(heard(&session, &CanFrame::remote(id, Dlc::new(1).unwrap()).unwrap()), "");
+}
+
+#[test]
+fn remote_frames_have_words_of_their_own() {
+    let mut bus = Bus::default();
+    let mut session = raw(&mut bus);
+    let remote = |id, dlc| CanFrame::remote(id, Dlc::new(dlc).unwrap()).unwrap();
+    let (standard, extended) = (CanId::standard(0x123).unwrap(), CanId::extended(0x123).unwrap());
+    assert_eq!(heard(&session, &remote(standard, 4)), "< rtr 123 23.424242 4 >");
+    assert_eq!(heard(&session, &remote(extended, 0)), "< rtr 00000123 23.424242 0 >");
+    assert_eq!(say(&mut session, &mut bus, "< sendrtr 123 4 >< sendrtr 00000123 0 >"), "");
+    assert_eq!(bus.sent, [remote(standard, 4), remote(extended, 0)]);
+}
+
+/// Identifiers without leading zeros, and signed numbers with all their digits.
+#[test]
+fn frames_as_savvycan_writes_them() {
+    let mut bus = Bus::default();
+    let mut session = raw(&mut bus);
+    let text = "< send 12 2 7f ffffffffffffffab >< send 7ff 0 >< send ffffffff80000123 1 1 >\
+                < send 9fffffff 0 >";
+    assert_eq!(say(&mut session, &mut bus, text), "");
+    let (low, high) = (CanId::standard(0x12).unwrap(), CanId::standard(0x7FF).unwrap());
+    let highest = CanId::extended(0x1FFF_FFFF).unwrap();
+    let expected = [
+        CanFrame::classic(low, &[0x7F, 0xAB]).unwrap(),
+        CanFrame::classic(high, &[]).unwrap(),
+        extended(&[1]),
+        CanFrame::classic(highest, &[]).unwrap(),
+    ];
+    assert_eq!((bus.sent.as_slice(), bus.refused), (expected.as_slice(), 0));
 }
 
 #[test]
@@ -92,13 +128,37 @@ fn what_is_wrong_is_refused_with_a_reason() {
     assert_eq!(refused("< open >"), "< error bus name is missing >");
     assert_eq!(refused("< isotpmode >"), "< error unknown command >");
     assert_eq!(refused("<>"), "< error syntax error >");
-    for wrong in ["800 0", "12 0", "123 9 1 2 3 4 5 6 7 8 9", "123 2 1", "123 1 1 2", "123 1 100"] {
-        assert_eq!(refused(&format!("< send {wrong} >")), "< error syntax error >", "{wrong}");
-    }
     assert_eq!(refused(&format!("< {} >", "x".repeat(100_000))), "< error syntax error >");
-    bus.is_full = true;
+    assert_eq!(bus.refused, 6);
+}
+
+/// An error in raw mode is one of the bus: python-can gives up where it finds no class in it.
+#[test]
+fn a_frame_that_is_wrong_is_counted_and_not_answered() {
+    let mut bus = Bus::default();
     let mut session = raw(&mut bus);
-    assert_eq!(say(&mut session, &mut bus, "<send 123 0>"), "< error transmit queue is full >");
+    let long = format!("123 1 {}", "0".repeat(100_000));
+    let wrong = [
+        "",
+        "800 0",
+        "1234567 0",
+        "20000000 0",
+        "123",
+        "123 9 1 2 3 4 5 6 7 8 9",
+        "123 2 1",
+        "123 1 1 2",
+        "123 1 1g",
+        "123 -1",
+        "123 + 0",
+        &long,
+    ];
+    for frame in wrong {
+        assert_eq!(say(&mut session, &mut bus, &format!("< send {frame} >")), "", "{frame}");
+    }
+    for frame in ["123 9", "123", "123 1 1"] {
+        assert_eq!(say(&mut session, &mut bus, &format!("< sendrtr {frame} >")), "", "{frame}");
+    }
+    assert_eq!((bus.sent.len(), bus.refused), (0, wrong.len() + 3));
 }
 
 proptest! {
@@ -114,11 +174,19 @@ proptest! {
     }
 
     #[test]
-    fn any_text_is_answered(text in "[<> a-z0-9]{0,400}") {
+    fn every_command_but_a_frame_has_one_answer(
+        commands in prop::collection::vec("(send |sendrtr |echo|open |rawmode)?[a-z0-9 ]{0,20}", 0..30),
+    ) {
         let mut bus = Bus::default();
         let mut session = raw(&mut bus);
-        let answer = say(&mut session, &mut bus, &text);
-        prop_assert_eq!(answer.matches('<').count(), answer.matches('>').count());
+        for command in commands {
+            let answer = say(&mut session, &mut bus, &format!("x < {command} >> y"));
+            let is_frame = command.trim_start().starts_with("send ")
+                || command.trim_start().starts_with("sendrtr ");
+            let answers = usize::from(!is_frame);
+            prop_assert_eq!(answer.matches("< ").count(), answers, "{}: {}", command, answer);
+            prop_assert_eq!(answer.matches(" >").count(), answers);
+        }
     }
 
     #[test]

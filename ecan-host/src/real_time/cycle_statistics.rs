@@ -197,6 +197,12 @@ impl CycleStatistics {
         }
     }
 
+    /// Leaves out the cycles from here to the next [`begin`](Self::begin), whatever they were: the
+    /// time between is no period, and what was missed in it is not counted. Real-time safe.
+    pub fn pause(&mut self) {
+        self.begun_ns = None;
+    }
+
     /// Starts anew, as after a phase of settling. The first period is counted from the next
     /// start on. Writes all histograms, so not for the cycle; allocates nothing.
     pub fn clear(&mut self) {

@@ -1,6 +1,6 @@
 //! A node that plays a recorded bus back.
 
-use ecan_candump::{ParseError, parse_line};
+use ecan_candump::{ParseError, ParseErrorKind, parse_line};
 use ecan_protocol::CanFrame;
 
 use super::{Node, NodeOutput};
@@ -48,12 +48,15 @@ impl ReplayNode {
     /// Plays a candump log; of one interface only, if one is named.
     ///
     /// # Errors
-    /// The first line that is not a record, a comment or blank.
+    /// The first line that is not a record, a comment or blank; error messages are left out.
     pub fn from_log(log: &str, interface: Option<&str>) -> Result<Self, ReplayError> {
         let mut records = Vec::new();
         for (number, line) in log.lines().enumerate() {
-            let parsed =
-                parse_line(line).map_err(|cause| ReplayError { line: number + 1, cause })?;
+            let parsed = match parse_line(line) {
+                // Of the interface that recorded it, not of the bus.
+                Err(error) if error.kind == ParseErrorKind::ErrorMessage => None,
+                parsed => parsed.map_err(|cause| ReplayError { line: number + 1, cause })?,
+            };
             if let Some(record) = parsed
                 && interface.is_none_or(|wanted| wanted == record.interface)
             {

@@ -4,4 +4,5 @@
 
 pub mod interrupt;
 pub mod log_file;
+pub mod new_file;
 pub mod real_time;

@@ -1,12 +1,14 @@
 //! candump log files: reading a recording, writing what came back.
 
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::fmt::Display;
+use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
-use ecan_candump::{ParseError, Record};
+use ecan_candump::{ParseError, ParseErrorKind, Record};
 use ecan_protocol::CanFrame;
 use thiserror::Error;
+
+use crate::new_file::{Existing, create, is_standard_stream};
 
 /// A log that cannot be read or written.
 #[derive(Debug, Error)]
@@ -58,52 +60,79 @@ pub struct LoggedFrame {
     pub frame: CanFrame,
 }
 
-/// Reads a whole log.
+/// A whole log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Log {
+    /// Its frames, in its order.
+    pub frames: Vec<LoggedFrame>,
+    /// Lines with error messages of a CAN interface (`candump -e`), which are no frames of the bus.
+    pub error_messages: usize,
+}
+
+/// Reads the frames of a whole log, without the error messages in it.
+///
+/// # Errors
+/// As [`read_log`].
+pub fn read(path: &Path) -> Result<Vec<LoggedFrame>, LogFileError> {
+    read_log(path).map(|log| log.frames)
+}
+
+/// Reads a whole log, or standard input where the path is `-`.
 ///
 /// # Errors
 /// The file and why it cannot be read, or the line and column where it is no candump log, or that
 /// it holds no frame.
-pub fn read(path: &Path) -> Result<Vec<LoggedFrame>, LogFileError> {
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| LogFileError::Read { path: path.to_owned(), error })?;
-    let mut frames = Vec::new();
-    for (nth, line) in text.lines().enumerate() {
-        let record = ecan_candump::parse_line(line).map_err(|cause| LogFileError::Line {
-            path: path.to_owned(),
-            line: nth + 1,
-            cause,
-        })?;
-        if let Some(record) = record {
-            frames.push(LoggedFrame {
-                line: nth + 1,
+pub fn read_log(path: &Path) -> Result<Log, LogFileError> {
+    let mut text = String::new();
+    let read = match is_standard_stream(path) {
+        true => std::io::stdin().read_to_string(&mut text),
+        false => std::fs::File::open(path).and_then(|mut file| file.read_to_string(&mut text)),
+    };
+    read.map_err(|error| LogFileError::Read { path: path.to_owned(), error })?;
+    let mut log = Log { frames: Vec::new(), error_messages: 0 };
+    for (line, text) in (1..).zip(text.lines()) {
+        match ecan_candump::parse_line(text) {
+            Ok(Some(record)) => log.frames.push(LoggedFrame {
+                line,
                 time_ns: record.time_ns,
                 interface: record.interface.to_owned(),
                 frame: record.frame,
-            });
+            }),
+            Ok(None) => {}
+            Err(error) if error.kind == ParseErrorKind::ErrorMessage => log.error_messages += 1,
+            Err(cause) => return Err(LogFileError::Line { path: path.to_owned(), line, cause }),
         }
     }
-    if frames.is_empty() {
+    if log.frames.is_empty() {
         return Err(LogFileError::Empty { path: path.to_owned() });
     }
-    Ok(frames)
+    Ok(log)
 }
 
 /// Writes frames as a candump log.
-#[derive(Debug)]
 pub struct Writer {
-    file: BufWriter<File>,
+    file: BufWriter<Box<dyn Write + Send>>,
     path: PathBuf,
 }
 
 impl Writer {
-    /// Creates the file, or empties it.
+    /// Creates the file, or empties it; `-` is standard output.
     ///
     /// # Errors
     /// The file and why it cannot be written.
     pub fn create(path: &Path) -> Result<Self, LogFileError> {
-        match File::create(path) {
-            Ok(file) => Ok(Self { file: BufWriter::new(file), path: path.to_owned() }),
-            Err(error) => Err(LogFileError::Write { path: path.to_owned(), error }),
+        Self::create_with(path, Existing::Replace)
+    }
+
+    /// As [`create`](Self::create), with a choice of what becomes of a file that is there.
+    ///
+    /// # Errors
+    /// The file and why it cannot be written.
+    pub fn create_with(path: &Path, existing: Existing) -> Result<Self, LogFileError> {
+        let path = path.to_owned();
+        match create(&path, existing) {
+            Ok(file) => Ok(Self { file: BufWriter::new(file), path }),
+            Err(error) => Err(LogFileError::Write { path, error }),
         }
     }
 
@@ -118,8 +147,15 @@ impl Writer {
         frame: CanFrame,
     ) -> Result<(), LogFileError> {
         let interface = format!("can{port}");
-        let record = Record { time_ns, interface: &interface, frame, direction: None };
-        writeln!(self.file, "{record}").map_err(|error| self.fault(error))
+        self.write_line(Record { time_ns, interface: &interface, frame, direction: None })
+    }
+
+    /// Appends a line of the log's grammar, given without its end.
+    ///
+    /// # Errors
+    /// The file and why it cannot be written.
+    pub fn write_line(&mut self, line: impl Display) -> Result<(), LogFileError> {
+        writeln!(self.file, "{line}").map_err(|error| self.fault(error))
     }
 
     /// Writes out what has been appended so far.
@@ -143,6 +179,12 @@ impl Writer {
     }
 }
 
+impl std::fmt::Debug for Writer {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Writer").field("path", &self.path).finish_non_exhaustive()
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -163,6 +205,10 @@ mod tests {
         std::fs::write(&path, "(1.000000) can0 123#\n(2.000000) can0 12#\n").unwrap();
         let message = read(&path).unwrap_err().to_string();
         assert!(message.contains("a.log, line 2, column"), "{message}");
+        let with_errors = "(1.000000) can0 20000080#0000000000000000\n(2.000000) can0 123#\n";
+        std::fs::write(&path, with_errors).unwrap();
+        let log = read_log(&path).unwrap();
+        assert_eq!((log.frames.len(), log.frames[0].line, log.error_messages), (1, 2, 1));
         std::fs::write(&path, "# nothing\n").unwrap();
         assert!(read(&path).unwrap_err().to_string().contains("holds no frame"));
         let missing = read(&directory.path().join("none")).unwrap_err().to_string();

@@ -7,7 +7,6 @@
 #![forbid(unsafe_code)]
 
 mod bus;
-mod channel;
 mod commands;
 mod config_file;
 mod confirmation;

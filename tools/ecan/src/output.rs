@@ -12,6 +12,7 @@ use crate::global::Color;
 pub struct Output {
     json: bool,
     color: bool,
+    is_beside: bool,
 }
 
 /// A colour that says something.
@@ -36,7 +37,12 @@ impl Output {
                 std::io::stdout().is_terminal() && std::env::var_os("NO_COLOR").is_none()
             }
         };
-        Self { json, color: is_wanted && !json }
+        Self { json, color: is_wanted && !json, is_beside: false }
+    }
+
+    /// The same on standard error, where standard output is taken.
+    pub fn beside(self, is_taken: bool) -> Self {
+        Self { is_beside: is_taken, color: self.color && !is_taken, ..self }
     }
 
     /// Whether colours are wanted.
@@ -44,9 +50,12 @@ impl Output {
         self.color
     }
 
-    /// Standard output.
-    pub fn stream(&self) -> impl Write + use<> {
-        std::io::stdout().lock()
+    /// Where data go.
+    pub fn stream(&self) -> Box<dyn Write> {
+        match self.is_beside {
+            false => Box::new(std::io::stdout().lock()),
+            true => Box::new(std::io::stderr().lock()),
+        }
     }
 
     /// A text in a colour, where there are colours.

@@ -6,14 +6,31 @@ mod support;
 use std::io::Write as _;
 
 use support::client::Client;
-use support::deadline::Deadlined;
-use support::{Running, fails};
+use support::deadline::{Deadlined, LIMIT};
+use support::{Running, Scenario, fails};
 
-/// Waits for a frame as socketcand writes it, without its time.
-fn expect_frame(client: &mut Client, id: &str, data: &str) {
-    let text = client.hear_through('>');
+/// A frame as socketcand writes it: identifier, time and data.
+fn next_frame(client: &mut Client) -> [String; 3] {
+    let text = client.hear_through(b">");
     let words: Vec<_> = text.split(' ').collect();
-    assert_eq!((words[1], words[2], words[4]), ("frame", id, data), "{text}");
+    assert_eq!(words[1], "frame", "{text}");
+    [words[2], words[3], words[4]].map(str::to_owned)
+}
+
+fn expect_frame(client: &mut Client, id: &str, data: &str) {
+    let [found_id, _, found_data] = next_frame(client);
+    assert_eq!((found_id.as_str(), found_data.as_str()), (id, data));
+}
+
+/// A socketcand client that hears.
+fn socketcand_client(address: &str) -> Client {
+    let mut client = Client::connect(address);
+    client.expect("< hi >");
+    client.say("< open can0 >");
+    client.expect("< ok >");
+    client.say("< rawmode >");
+    client.expect("< ok >");
+    client
 }
 
 /// The address in a line as "slcan bridge at 127.0.0.1:1234 on can1".
@@ -33,12 +50,7 @@ fn clients_of_both_protocols_meet_on_the_channel() {
     let mut slcan = Client::connect(&slcan);
     slcan.say("S6\rO\r");
     slcan.expect("\r\r");
-    let mut socketcand = Client::connect(&socketcand);
-    socketcand.expect("< hi >");
-    socketcand.say("< open can1 >");
-    socketcand.expect("< ok >");
-    socketcand.say("< rawmode >");
-    socketcand.expect("< ok >");
+    let mut socketcand = socketcand_client(&socketcand);
 
     // The sender hears the node's echo, the others its frame too.
     slcan.say("t1232AABB\r");
@@ -107,11 +119,121 @@ fn a_terminal_is_a_serial_adapter() {
     assert!(std::fs::symlink_metadata(&link).is_err(), "the link goes with the bridge");
 }
 
+/// A motor must not make up for an outage.
+#[test]
+fn frames_of_an_outage_are_refused_and_never_sent() {
+    refuses_during(
+        "kind = \"power_cycle\"\ngateway = 0\noff_ms = 500",
+        "the gateway is in service",
+    );
+}
+
+#[test]
+fn frames_are_refused_while_the_channel_is_bus_off() {
+    refuses_during("kind = \"bus_off\"\ngateway = 0\nchannel = 0", "can0 run");
+}
+
+/// A client sends through this fault, which ends with this line.
+fn refuses_during(fault: &str, end: &str) {
+    let bus = Scenario::new(&format!(
+        "[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n[[fault]]\nat_ms = 6000\n{fault}\n"
+    ));
+    let setting = bus.setting();
+    let mut bridge = Running::start(&["--ecrt", &setting, "bridge", "--slcan", "--socketcand"]);
+    let mut sender = Client::connect(&address(&bridge.line(), "slcan", "can0"));
+    let mut listener = socketcand_client(&address(&bridge.line(), "socketcand", "can0"));
+    sender.say("O\r");
+    sender.expect("\r");
+    // Each frame waits for the answer to the one before it, so that the queue never fills.
+    let mut answers = Vec::new();
+    let mut is_back = false;
+    let begun = std::time::Instant::now();
+    while !is_back {
+        assert!(begun.elapsed() < LIMIT, "the gateway does not come back");
+        sender.say(&format!("t1232{:04X}\r", answers.len()));
+        let is_taken = sender.hear_through(b"\r\x07") == "z\r";
+        is_back = is_taken && answers.last() == Some(&false);
+        answers.push(is_taken);
+        // No more than a client in a cycle of its own sends.
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    let first_after = answers.len() - 1;
+    let mut heard = Vec::new();
+    while heard.last().is_none_or(|(_, number)| *number != first_after) {
+        let [_, time, data] = next_frame(&mut listener);
+        heard.push((time.parse::<f64>().unwrap(), usize::from_str_radix(&data, 16).unwrap()));
+    }
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    let refused = answers.iter().filter(|is_taken| !**is_taken).count();
+    let note = format!("# {refused} frames of clients refused while out of service or bus-off");
+    assert!(errors.contains(&note), "{errors}");
+    let back = errors.lines().rfind(|line| line.ends_with(end)).unwrap();
+    let back: f64 = back["# (".len()..].split(')').next().unwrap().parse().unwrap();
+    for (time, number) in heard {
+        assert!(answers[number], "{number} was refused");
+        assert!(time < back || number >= first_after, "{number} came late");
+    }
+}
+
+#[test]
+fn who_only_listens_refuses_to_send() {
+    let bus = Scenario::new(
+        "[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\nbabble_us = 50000\n\
+         [[node]]\nkind = \"silent\"\nbus = \"0.0\"\n",
+    );
+    let setting = bus.setting();
+    let options = ["--ecrt", &setting, "bridge", "--listen-only", "--slcan", "--socketcand"];
+    let mut bridge = Running::start(&options);
+    let mut slcan = Client::connect(&address(&bridge.line(), "slcan", "can0"));
+    let mut socketcand = socketcand_client(&address(&bridge.line(), "socketcand", "can0"));
+    slcan.say("O\rt7FF0\r");
+    slcan.expect("\r");
+    // Frames of the bus may stand before the answer.
+    while slcan.hear_through(b"\r\x07") != "\x07" {}
+    socketcand.say("< send 7FE 0 >");
+    for _ in 0..10 {
+        let [id, ..] = next_frame(&mut socketcand);
+        assert!(id != "7FF" && id != "7FE", "{id} was sent");
+    }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
+/// The port is one for the whole machine: to an address of its own, so that tests do not meet.
+#[test]
+fn the_beacon_tells_where_socketcand_is() {
+    let listener = match std::net::UdpSocket::bind("127.42.0.1:42000") {
+        Ok(listener) => listener,
+        Err(error) => {
+            println!("skipped: UDP port 42000: {error}");
+            return;
+        }
+    };
+    listener.set_read_timeout(Some(LIMIT)).unwrap();
+    let options = ["--ecrt", "sim", "bridge", "--channel", "2", "--socketcand", "--beacon"];
+    let mut bridge = Running::start(&[&options[..], &["127.42.0.1"]].concat());
+    let address = address(&bridge.line(), "socketcand", "can2");
+    let expected = format!(
+        "<CANBeacon name=\"ecan\" type=\"adapter\" description=\"ECAN-Lite\">\n\
+         <URL>can://{address}</URL><Bus name=\"can2\"/></CANBeacon>"
+    );
+    for _ in 0..2 {
+        let mut bytes = [0; 1024];
+        let length = listener.recv(&mut bytes).unwrap();
+        assert_eq!(String::from_utf8_lossy(&bytes[..length]), expected);
+    }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
 #[test]
 fn misuse_is_named_and_told_by_the_status() {
     let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
     let port = taken.local_addr().unwrap().port().to_string();
-    let cases: [(i32, &[&str], &str); 5] = [
+    let cases: [(i32, &[&str], &str); 6] = [
+        (2, &["bridge", "--beacon"], "--socketcand"),
         (2, &["bridge", "--slcan", "localhost"], "expected a port, an IP address"),
         (2, &["bridge", "--channel", "all"], "expected a channel, 0 to 3"),
         (2, &["bridge", "--max-clients", "0"], "0 is not in 1..=1000"),

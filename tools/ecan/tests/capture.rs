@@ -160,7 +160,22 @@ fn frames_sent_are_in_the_file_with_those_that_came() {
         assert_eq!(images, ["0|0x00000123,0x12345678"]);
     }
 
-    bus.good(&["gen", "-n", "50", "-g", "1", "-I", "i", "-L", "8", "-D", "i", "--capture", &path]);
+    bus.good(&[
+        "gen",
+        "-n",
+        "50",
+        "-g",
+        "1",
+        "-I",
+        "i",
+        "-L",
+        "8",
+        "-D",
+        "i",
+        "--capture",
+        &path,
+        "--force",
+    ]);
     let (sent, came): (Vec<_>, Vec<_>) = frames(&path).into_iter().partition(|(it, ..)| *it);
     let expected: Vec<_> =
         (0..50_u64).map(|number| (true, number as u32, number.to_le_bytes().to_vec())).collect();

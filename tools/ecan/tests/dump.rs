@@ -57,7 +57,7 @@ fn the_log_is_candumps_on_the_screen_and_in_a_file() {
         assert_eq!(ecan_candump::FrameText(&record.frame).to_string(), *frame);
         assert_eq!(record.time_ns - first, ms * 1_000_000);
     }
-    let screen = bus.good(&["dump", "-n", "1", "-l", &bus.path("out.log"), "--screen"]);
+    let screen = bus.good(&["dump", "-n", "1", "-l", &bus.path("out.log"), "--screen", "--force"]);
     assert_eq!(screen, "  can0  123   [4]  DE AD BE EF\n");
 }
 
@@ -82,10 +82,13 @@ fn filters_choose_frames() {
 fn it_ends_after_a_count_or_a_silence_and_tells_by_the_status() {
     assert_eq!(bus().good(&["dump", "-n", "1"]).lines().count(), 1);
     let message = bus().fails(1, &["dump", "-T", "100"]);
-    assert_eq!(message, "ecan: no frame came");
+    let words = "ecan: no frame came: do the others on the bus have 500000/5000000 bit/s?";
+    assert_eq!(message, words);
     let message = bus().fails(1, &["dump", "-T", "9000", "-n", "9"]);
     assert_eq!(message, "ecan: 5 of 9 frames came");
     assert_eq!(bus().good(&["dump", "-T", "9000", "-n", "5"]).lines().count(), 5);
+    let message = bus().fails(1, &["dump", "-T", "9000", "700:7FF"]);
+    assert_eq!(message, "ecan: no frame came that passes the filters");
     // Nothing is on the other channels.
     bus().fails(1, &["dump", "-T", "9000", "--channel", "1,2,3"]);
 }
@@ -138,7 +141,7 @@ fn changes_on_the_bus_are_comments_on_standard_error() {
     let output = bus.run(&["dump", "--channel", "0", "-T", "9000"]);
     let errors = String::from_utf8(output.stderr).unwrap();
     let comments: Vec<_> = errors.lines().filter(|line| line.starts_with("# (")).collect();
-    assert!(comments[0].ends_with(") can0 bus-off"), "{errors}");
+    assert!(comments[0].ends_with(") can0 bus-off, at 500000/5000000 bit/s"), "{errors}");
     assert!(!String::from_utf8(output.stdout).unwrap().contains('#'));
 }
 
@@ -181,7 +184,9 @@ fn it_ends_cleanly_when_stopped_or_when_nobody_reads() {
 
 #[test]
 fn misuse_is_named_and_told_by_the_status() {
-    let cases: [(i32, &[&str], &str); 12] = [
+    let cases: [(i32, &[&str], &str); 14] = [
+        (2, &["dump", "can0"], "a channel is chosen with --channel can0"),
+        (2, &["dump", "can2,123:7FF"], "a channel is chosen with --channel can2"),
         (2, &["dump", "123"], "expected ID:MASK or ID~MASK"),
         (2, &["dump", "12G:7FF"], "expected ID:MASK or ID~MASK"),
         (2, &["dump", "--channel", "4"], "expected channels 0 to 3"),

@@ -81,9 +81,9 @@ fn can_fd_goes_where_the_file_has_a_data_bit_rate() {
 
     let none = format!("channel 0 has no data_bitrate in {path}");
     let message = bus.fails(2, &[&["send"][..], &fd].concat());
-    assert_eq!(message, format!("ecan: a CAN FD frame needs the data bit rate: {none}"));
+    assert_eq!(message, format!("ecan: 123##1AA is a CAN FD frame: {none}"));
     let message = bus.fails(2, &[&gen_fd[..], &["0"]].concat());
-    assert_eq!(message, format!("ecan: CAN FD needs the data bit rate: {none}"));
+    assert_eq!(message, format!("ecan: CAN FD frames are asked for: {none}"));
     let log = bus.write("fd.log", "(1.000000) can0 1FF##1AA\n");
     let message = bus.fails(2, &["replay", &log, "--config", &path]);
     assert_eq!(message, format!("ecan: {log}, line 1 is a CAN FD frame: {none}"));
@@ -201,7 +201,8 @@ fn channels_that_the_file_does_not_have_are_refused_by_name() {
     // All means all that there are; a channel that is not named stays out of sight.
     assert!(bus.good(&["dump", "-n", "1", "--config", &path]).starts_with("  can0  123 "));
     let arguments = ["dump", "--channel", "2", "-T", "9000", "--config", &path];
-    assert_eq!(bus.fails(1, &arguments), "ecan: no frame came");
+    let words = "ecan: no frame came: do the others on the bus have 125000/1000000 bit/s?";
+    assert_eq!(bus.fails(1, &arguments), words);
 }
 
 #[test]

@@ -115,6 +115,59 @@ fn a_configuration_is_planned() {
 }
 
 #[test]
+fn a_plan_has_the_options_and_defaults_of_the_commands_that_carry_frames() {
+    let plan = |arguments: &[&str]| {
+        let json = good(&[&["plan", "--json"], arguments].concat());
+        serde_json::from_str::<serde_json::Value>(&json).unwrap()
+    };
+    let plain = plan(&[]);
+    assert_eq!(plain["cycle_ns"], 1_000_000);
+    assert_eq!(plain["images"][0]["area_bytes"], 5 * 128 - 24);
+    assert_eq!(plain["working_counter"], serde_json::json!({ "igh_1_6": 3, "igh_1_5": 3 }));
+    assert!(plain["mailbox"]["headroom_bytes"].as_u64().unwrap() > 1000);
+    assert_eq!(plain["channels"][0]["tx_budget"], 8);
+    let named = ["--bitrate", "500000", "--pdo-n", "5", "--cycle-us", "1000", "--channel", "can0"];
+    assert_eq!(plan(&named), plain);
+    let fd = ["--bitrate", "1000000", "--pdo-n", "8"];
+    let by_one_name = plan(&[&fd[..], &["--data-bitrate", "5000000"]].concat());
+    assert_eq!(plan(&[&fd[..], &["--fd", "5000000"]].concat()), by_one_name);
+    let channels = plan(&["--channel", "0,can2"])["channels"].clone();
+    let channels: Vec<_> =
+        channels.as_array().unwrap().iter().map(|it| &it["channel"]).cloned().collect();
+    assert_eq!(channels, [0, 2]);
+
+    let file = scenario(
+        "cycle_us = 2000\n[[gateway]]\nn = 2\n[gateway.can1]\nbitrate = 250_000\n\
+         [[gateway]]\nn = 3\n[gateway.can0]\nbitrate = 125_000\n[gateway.can3]\n\
+         bitrate = 500_000\ndata_bitrate = 2_000_000\n",
+    );
+    let path = file.path().to_str().unwrap();
+    let cell = plan(&["--config", path, "--bytes", "1"]);
+    assert_eq!(cell["cycle_ns"], 2_000_000);
+    let places = cell["channels"].as_array().unwrap().iter();
+    let places: Vec<_> = places.map(|it| (it["slave"].clone(), it["channel"].clone())).collect();
+    assert_eq!(places, [(0, 1), (1, 0), (1, 3)].map(|(s, c)| (s.into(), c.into())));
+    assert!(fails(2, &["plan", "--config", path, "--channel", "2"]).contains("none of the chosen"));
+    assert!(fails(2, &["plan", "--config", path, "--bitrate", "500000"]).contains("--config"));
+    for wrong in ["99", "100001"] {
+        assert!(fails(2, &["plan", "--cycle-us", wrong]).contains("not in 100..=100000"));
+    }
+}
+
+#[test]
+fn a_plan_of_a_recording_is_about_the_channels_that_replay_sends_to() {
+    let log = tempfile::NamedTempFile::new().unwrap();
+    let path = log.path().to_str().unwrap();
+    std::fs::write(log.path(), "(1.000000) vcan7 123#01\n(1.100000) vcan7 123#01\n").unwrap();
+    for command in [&["plan", "--replay", path][..], &["--ecrt", "sim", "replay", path]] {
+        let message = fails(2, &[command, &["--channel", "all"]].concat());
+        assert_eq!(message, format!("ecan: {path} holds no frame of a chosen channel"));
+        good(&[command, &["--channel", "3"]].concat());
+    }
+    good(&["plan", "--replay", path, "--channel", "all", "--slaves", "2"]);
+}
+
+#[test]
 fn a_recording_is_planned_at_its_mean_rate() {
     let log = tempfile::NamedTempFile::new().unwrap();
     let lines: Vec<_> = (0..=1000)
@@ -122,7 +175,7 @@ fn a_recording_is_planned_at_its_mean_rate() {
         .collect();
     std::fs::write(log.path(), lines.concat()).unwrap();
     let path = log.path().to_str().unwrap();
-    let arguments = ["plan", "--slaves", "2", "--channel", "all", "--cycle-us", "1000", "--json"];
+    let arguments = ["plan", "--slaves", "2", "--channel", "all", "--bitrate", "1000000", "--json"];
     let json = good(&[&arguments[..], &["--replay", path]].concat());
     let json: serde_json::Value = serde_json::from_str(&json).unwrap();
     let load = |slave: u64, channel: u64| {
@@ -151,7 +204,7 @@ fn wrong_use_is_named_and_told_by_the_status() {
         |rest: &[&'static str]| [&[sim, "sim", "filter", "add", "--channel", "0"], rest].concat();
     let cases: [(i32, Vec<&str>, &str); 22] = [
         (2, vec!["reg", "read", "PSR"], "--channel"),
-        (2, vec!["reg", "read", "PSR", "--channel", "4"], "expected 0 to 3"),
+        (2, vec!["reg", "read", "PSR", "--channel", "4"], "expected a channel, 0 to 3"),
         (2, vec!["reg", "read", "PSX", "--channel", "0"], "no register is called \"PSX\""),
         (2, vec!["reg", "read", "0x45", "--channel", "0"], "multiples of 4"),
         (2, vec!["reg", "read", "0x408", "--channel", "0"], "from 0x0004 to 0x0404"),
@@ -170,7 +223,7 @@ fn wrong_use_is_named_and_told_by_the_status() {
         (2, vec!["reboot", "--timeout", "3"], "--wait"),
         (5, vec![sim, &small, "reboot"], "0x08000022"),
         (2, vec!["plan", "--slaves", "0"], "invalid value"),
-        (2, vec!["plan", "--channel", "4"], "expected 0 to 3 or `all`"),
+        (2, vec!["plan", "--channel", "4"], "expected channels 0 to 3"),
         (2, vec!["plan", "--bytes", "9"], "a frame of 9 bytes"),
     ];
     for (status, arguments, words) in cases {

@@ -7,7 +7,7 @@ use std::io::Write as _;
 use std::path::Path;
 use std::process::Command;
 
-use support::Running;
+use support::{Running, Scenario};
 
 /// Names the interpreter, usually that of a virtual environment.
 const PYTHON_VARIABLE: &str = "ECAN_PYTHON";
@@ -47,6 +47,48 @@ fn python_can_sends_and_receives_over_tcp_and_on_a_terminal() {
         let errors = String::from_utf8_lossy(&output.stderr);
         assert_eq!(String::from_utf8_lossy(&output.stdout), frames, "{kind}: {errors}");
     }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
+/// What a script of this name prints; `program` is the interpreter.
+fn run(program: &str, script: &str, arguments: &[&str]) -> String {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python").join(script);
+    let output = Command::new(program).arg("-B").arg(&script).args(arguments).output().unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn python_can_connects_to_a_busy_bus() {
+    let Some(python) = python() else { return };
+    let babbler = "[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\nbabble_us = 300\n";
+    let bus = Scenario::new(babbler);
+    let mut bridge = Running::start(&[
+        "--ecrt",
+        &bus.setting(),
+        "bridge",
+        "--bitrate",
+        "1000000",
+        "--socketcand",
+    ]);
+    let line = bridge.line();
+    let place = line.split(' ').nth(3).unwrap();
+    assert_eq!(run(&python, "connect.py", &[place, "30"]), "30\n");
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
+/// More than fits into every queue on the way: the connection holds the client back.
+#[test]
+fn python_can_fills_the_queue_and_goes_on() {
+    let Some(python) = python() else { return };
+    let mut bridge =
+        Running::start(&["--ecrt", "sim", "bridge", "--bitrate", "1000000", "--socketcand"]);
+    let line = bridge.line();
+    let place = line.split(' ').nth(3).unwrap();
+    assert_eq!(run(&python, "flood.py", &[place, "12000"]), "12000\n");
     bridge.terminate();
     assert_eq!(bridge.wait().0, Some(0));
 }

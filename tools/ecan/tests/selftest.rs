@@ -3,7 +3,11 @@
 
 mod support;
 
-use support::{Scenario, ends, fails, good, scenario, setting, simulated};
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::process::{Command, Stdio};
+
+use rustix::process::{Pid, Signal, kill_process};
+use support::{Scenario, ecan, ends, fails, good, scenario, setting, simulated};
 
 /// A gateway whose channels 0 and 1, and 2 and 3 are wired together.
 const WIRED: &str = "[[gateway]]\nbuses = [\"a\", \"a\", \"b\", \"b\"]\n";
@@ -42,7 +46,7 @@ gateway 4294967297 at position 0: passed
   good    loopback of channel 1, 250 kbit/s          96 frames, no errors
   good    loopback of channel 2, 250 kbit/s          96 frames, no errors
   good    loopback of channel 3, 250 kbit/s          96 frames, no errors
-  good    configuration                              as before the test
+  good    configuration                              as before the test, by a restart
 ";
     assert_eq!(printed, expected);
 }
@@ -147,6 +151,39 @@ fn a_gateway_that_refuses_its_configuration_fails_and_the_next_is_tested() {
 }
 
 #[test]
+fn a_gateway_that_leaves_service_fails_though_it_comes_back() {
+    let faults: String = (0..40)
+        .map(|at| {
+            let at_ms = 3000 + at * 250;
+            format!("[[fault]]\nkind = \"al_error\"\ngateway = 0\ncode = 26\nat_ms = {at_ms}\n")
+        })
+        .collect();
+    let bus = scenario(&format!("[[gateway]]\n{faults}"));
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest"]);
+    let failed = lines(&printed, "FAILED  service, ");
+    assert!(!failed.is_empty(), "{printed}");
+    assert!(failed.iter().all(|line| line.contains("the gateway went out of service")));
+    assert!(!printed.contains("this computer"), "{printed}");
+    assert_eq!(lines(&printed, "good    configuration").len(), 1, "{printed}");
+}
+
+#[test]
+fn a_gateway_that_was_lost_for_a_while_has_its_configuration_again() {
+    let faults: String = (0..5)
+        .map(|at| {
+            let at_ms = 3000 + at * 700;
+            let kind = "kind = \"power_cycle\"\ngateway = 0\noff_ms = 200";
+            format!("[[fault]]\n{kind}\nat_ms = {at_ms}\n")
+        })
+        .collect();
+    let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{faults}"));
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest"]);
+    assert!(printed.starts_with("gateway 4294967297 at position 0: FAILED\n"), "{printed}");
+    assert_eq!(lines(&printed, "gateway 4294967298 at position 1: passed").len(), 1, "{printed}");
+    assert_eq!(lines(&printed, "good    configuration").len(), 2, "{printed}");
+}
+
+#[test]
 fn a_gateway_that_cannot_be_asked_fails() {
     let bus = support::first_silent();
     let printed = ends(1, &["--ecrt", &setting(&bus), "selftest", "--frames", "1"]);
@@ -166,6 +203,46 @@ fn a_gateway_that_goes_away_fails_and_the_others_keep_their_reports() {
     let failed = lines(&printed, "FAILED  recognition");
     assert_eq!(failed.len(), 1, "{printed}");
     assert!(failed.iter().all(|line| line.contains("not on the bus")), "{printed}");
+}
+
+#[test]
+fn a_test_that_is_stopped_has_its_report_and_puts_the_configuration_back() {
+    let bus = Scenario::new("");
+    bus.write("bus.toml", "clock = \"real\"\n[[gateway]]\n[[gateway]]\n");
+    let arguments = ["--ecrt", &bus.setting(), "selftest", "--report", &bus.path("reports")];
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+        .args(arguments)
+        .env_remove("ECAN_ECRT")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // In real time a gateway takes seconds to come into service.
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    let mut banner = String::new();
+    errors.read_line(&mut banner).unwrap();
+    assert!(banner.starts_with("SIMULATED"), "{banner}");
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+    let mut message = String::new();
+    errors.read_to_string(&mut message).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let printed = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    let words = "stopping: the configuration is put back first\n";
+    assert_eq!(message, format!("{words}ecan: stopped before the test was over\n"));
+    let expected = "\
+gateway 4294967297 at position 0: FAILED
+  good    recognition    an ECAN-Lite, by 0xF000
+  good    identity       vendor 0x00004543, product 0x4C495445, revision 0x00020002
+  good    firmware       2.2.1
+  good    serial number  4294967297
+  good    configuration  as before the test, by a restart
+  FAILED  test           stopped before it was over
+";
+    assert!(printed.starts_with(expected), "{printed}");
+    let report: serde_json::Value =
+        serde_json::from_str(&bus.read("reports/4294967297.json")).unwrap();
+    assert_eq!((&report["is_good"], &report["was_stopped"]), (&false.into(), &true.into()));
 }
 
 #[test]
@@ -213,6 +290,42 @@ fn a_serial_number_is_there_once() {
 }
 
 #[test]
+fn every_report_has_a_file_of_its_own() {
+    let serials = [5, 5, 0, 0, u64::MAX].map(|it| format!("[[gateway]]\nserial = {it}\n"));
+    let bus = Scenario::new("");
+    bus.write("bus.toml", &serials.concat());
+    let setting = bus.setting();
+    let reports = bus.path("reports");
+    let options = ["--frames", "1", "--channels", "0", "--report", &reports];
+    let arguments = [&["--ecrt", &setting, "selftest"][..], &options].concat();
+    let names = ["5", "5-position-1", "position-2", "position-3", "position-4"];
+    for suffix in ["", "-2", "-3"] {
+        let printed = ends(1, &arguments);
+        let told = names.map(|name| format!("report: {reports}/{name}{suffix}.json"));
+        assert_eq!(lines(&printed, "report: "), told);
+        for (position, name) in names.iter().enumerate() {
+            let text = bus.read(&format!("reports/{name}{suffix}.json"));
+            let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+            assert_eq!(report["position"], position);
+        }
+    }
+    let count = std::fs::read_dir(&reports).unwrap().count();
+    assert_eq!(count, 15);
+    let json = ends(1, &[&["--json"], &arguments[..]].concat());
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["gateways"][1]["file"], bus.path("reports/5-position-1-4.json"));
+}
+
+#[test]
+fn a_report_that_cannot_be_written_leaves_the_printed_one() {
+    let output = ecan(&["--ecrt", "sim", "selftest", "--frames", "1", "--report", "/proc"]);
+    let (printed, errors) = (String::from_utf8(output.stdout), String::from_utf8(output.stderr));
+    assert_eq!(output.status.code(), Some(6));
+    assert!(printed.unwrap().starts_with("gateway 4294967297 at position 0: passed\n"));
+    assert!(errors.unwrap().contains("\necan: cannot write /proc/4294967297.json: "));
+}
+
+#[test]
 fn wrong_use_is_told() {
     let simulated = |status, arguments: &[&str]| {
         fails(status, &[&["--ecrt", "sim", "selftest"][..], arguments].concat())
@@ -237,6 +350,8 @@ fn wrong_use_is_told() {
     let report = format!("{}/reports", path(&empty));
     let message = simulated(6, &["--report", &report]);
     assert!(message.starts_with("ecan: cannot write "), "{message}");
+    let message = simulated(6, &["--report", &path(&empty)]);
+    assert!(message.ends_with(": it is no directory"), "{message}");
     let reserved = scenario("reserved = true\n[[gateway]]\n");
     let message = fails(3, &["--ecrt", &setting(&reserved), "selftest"]);
     assert!(message.contains("another application has reserved it"), "{message}");

@@ -8,6 +8,8 @@ use support::{Scenario, fails, simulated};
 #[test]
 fn frames_are_sent_and_known_to_have_left() {
     assert_eq!(simulated(&["send", "123#DEADBEEF"]), "can0 123#DEADBEEF sent\n");
+    // The gateway is set to CAN FD, so it goes without a bit rate.
+    assert_eq!(simulated(&["send", "--channel", "can1", "123##1AABB"]), "can1 123##1AABB sent\n");
     let several = ["send", "--channel", "2", "1FFFFFFF#", "7FF#R3", "000#01.02.03"];
     let expected = "can2 1FFFFFFF# sent\ncan2 7FF#R3 sent\ncan2 000#010203 sent\n";
     assert_eq!(simulated(&several), expected);
@@ -38,7 +40,7 @@ fn a_frame_that_nobody_acknowledges_has_not_left() {
     let message = alone.fails(1, &["send", "123#11", "124#22", "--timeout", "300"]);
     assert!(message.contains("can0 run, warning: error passive"), "{message}");
     assert!(message.contains("2 of 2 frames have not left within 300 ms"), "{message}");
-    assert!(message.contains("is there another node at 500000 bit/s"), "{message}");
+    assert!(message.contains("is there another node at 500000/5000000 bit/s"), "{message}");
 }
 
 #[test]
@@ -49,6 +51,17 @@ fn a_channel_off_the_bus_is_named() {
     assert!(message.contains("can0 bus-off"), "{message}");
     let words = "1 of 1 frames have not left within 1000 ms: channel 0 went bus-off";
     assert!(message.contains(words), "{message}");
+}
+
+#[test]
+fn a_channel_that_comes_and_goes_does_not_fill_the_screen() {
+    // The others have another bit rate: warnings and bus-off alternate.
+    let others = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\nbitrate = 250000\n";
+    let bus = Scenario::new(others);
+    let message = bus.fails(1, &["send", "123#11", "--timeout", "3000"]);
+    let lines = message.lines().filter(|line| line.starts_with("# (")).count();
+    assert!((1..=8).contains(&lines), "{message}");
+    assert!(message.contains("at 500000/5000000 bit/s"), "{message}");
 }
 
 #[test]
@@ -86,6 +99,9 @@ fn generated_frames_that_stay_behind_are_lost() {
         assert!(errors.contains(&words), "{errors}");
     }
 }
+
+const SIM: &str = "--ecrt=sim";
+const CLASSIC: &str = "--bitrate=500000";
 
 const LOG: &str = "\
 (1000.000000) can0 100#00
@@ -146,19 +162,24 @@ fn misuse_is_named_and_told_by_the_status() {
     };
     let (good, fd) = (write("good.log", LOG), write("fd.log", "(1.000000) can0 1FF##1AA\n"));
     let (broken, empty) = (write("b.log", "(1.000000) can0 1#\n"), write("e.log", "\n"));
-    let cases: [(i32, &[&str], &str); 17] = [
+    let cases: [(i32, &[&str], &str); 18] = [
+        (2, &["send", "can1", "123#"], "a channel is chosen with --channel can1"),
         (2, &["send"], "<FRAME>"),
         (2, &["send", "123"], "column 4"),
         (2, &["send", "123#1"], "two hex digits"),
         (2, &["send", "800#"], "identifier"),
-        (2, &["send", "123##1AA"], "give --data-bitrate"),
+        (
+            2,
+            &[SIM, "send", CLASSIC, "123##1AA"],
+            "123##1AA is a CAN FD frame: channel 0 has no data",
+        ),
         (2, &["send", "123#", "--channel", "4"], "expected a channel, 0 to 3"),
         (2, &["gen", "-I", "800", "-n", "1"], "identifier 0x800 exceeds 11 bits"),
         (2, &["gen", "-L", "9"], "expected r, i or a length"),
         (2, &["gen", "-L", "12"], "12 data bytes do not fit"),
         (2, &["gen", "-D", "1"], "x for a random digit"),
-        (2, &["gen", "-f"], "--data-bitrate"),
-        (2, &["replay", &fd], "fd.log, line 1 is a CAN FD frame: give --data-bitrate"),
+        (2, &[SIM, "gen", CLASSIC, "-f"], "channel 0 has no data bit rate, give --data-bitrate"),
+        (2, &[SIM, "replay", CLASSIC, &fd], "fd.log, line 1 is a CAN FD frame: channel 0 has no"),
         (2, &["replay", &good, "--log", &good], "would overwrite the recording"),
         (2, &["replay", &good, "--speed", "0"], "expected a factor"),
         (2, &["replay", &good, "--channel", "2,3"], "no frame of a chosen channel"),
@@ -170,4 +191,21 @@ fn misuse_is_named_and_told_by_the_status() {
         assert!(message.contains(words), "{arguments:?}: {message}");
     }
     assert!(fails(6, &["replay", "/nonexistent.log"]).contains("cannot read /nonexistent.log"));
+}
+
+#[test]
+fn a_log_with_error_messages_and_raw_lengths_is_replayed() {
+    let bus = Scenario::new("[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n");
+    let log = bus.write(
+        "errors.log",
+        "(1.000000) can0 123#1122334455667788_B\n(1.500000) can0 20000080#0000000000000000\n\
+         (2.000000) can0 123#R8_F\n(2.500000) can0 20000004#0000000000000000\n",
+    );
+    let output = bus.run(&["replay", &log]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(0), "{errors}");
+    let note = "# error messages in the log, which are no frames: 2\n";
+    assert!(errors.ends_with(note), "{errors}");
+    assert!(String::from_utf8(output.stdout).unwrap().starts_with("2 frames sent, 0 lost"));
+    assert!(bus.good(&["plan", "--replay", &log]).contains("frames"));
 }

@@ -5,14 +5,15 @@ use std::path::PathBuf;
 use clap::{ArgGroup, Args};
 use ecan_candump::Filter;
 use ecan_command_line::interrupt::Interrupt;
-use ecan_mcan_port::Received;
+use ecan_command_line::new_file::is_standard_stream;
+use ecan_mcan_port::{Received, Session};
 
 use crate::failure::Failure;
-use crate::frames::channels::Channels;
+use crate::frames::channels::{Channels, names_channel};
 use crate::frames::format::{Heard, Screen};
 use crate::frames::options::FrameOptions;
-use crate::frames::printer::Printer;
-use crate::frames::service::Service;
+use crate::frames::printer::{Destination, Printer};
+use crate::frames::service::{Prepared, Service};
 use crate::frames::settings::{Settings, Wishes};
 use crate::frames::timestamp::Style;
 use crate::global::GlobalOptions;
@@ -26,6 +27,7 @@ Examples:
   ecan dump --listen-only -l drive.log         record without taking part in the bus
   ecan dump --config cell.toml --channel 1     with bit rates, filters and all else of a file
   ecan dump --capture bus.pcapng               a file for Wireshark
+  ecan dump --capture - | wireshark -k -i -    or live
   ecan dump -n 1 -T 500 701:7FF || echo quiet  wait half a second for a heartbeat
 
 Filters are hexadecimal. ID:MASK passes frames that agree with ID in the bits of MASK, ID~MASK the
@@ -68,7 +70,7 @@ pub struct DumpArguments {
     /// Mark direction, bit rate switch and error state indicator
     #[arg(short = 'x', long)]
     extra: bool,
-    /// Write a candump log; nothing is shown then, but with --screen
+    /// Write a candump log; nothing is shown then, but with --screen; - is standard output
     #[arg(short = 'l', long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// Print in the form of the log
@@ -91,6 +93,7 @@ enum Rule {
 fn parse_rule(text: &str) -> Result<Rule, String> {
     match text {
         "j" | "J" => Ok(Rule::Join),
+        name if names_channel(name) => Err(format!("a channel is chosen with --channel {name}")),
         text => text.parse().map(Rule::Filter).map_err(|error| format!("{error}")),
     }
 }
@@ -124,8 +127,16 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    arguments.options.capture.check_apart_from(arguments.log.as_deref())?;
-    let settings = Settings::of(&arguments.options.gateway)?;
+    let FrameOptions { capture, gateway } = &arguments.options;
+    let log = arguments.log.as_deref();
+    capture.check_apart_from(log)?;
+    let is_filed = log.is_some() || capture.path().is_some();
+    let is_on_output = capture.is_on_output() || log.is_some_and(is_standard_stream);
+    if arguments.screen && is_on_output {
+        let words = "--screen and a file that is standard output exclude each other";
+        return Err(Failure::Usage(words.to_owned()));
+    }
+    let settings = Settings::of(gateway)?;
     let interrupt = Interrupt::install()?;
     let screen = Screen {
         style: arguments.time,
@@ -135,42 +146,32 @@ pub fn run(
         is_log: arguments.log_format,
         is_json: global.json,
     };
-    let is_filed = arguments.log.is_some() || arguments.options.capture.path().is_some();
-    let is_shown = !is_filed || arguments.screen;
-    // Before the gateway: the printer's thread keeps out of what the cycle's thread asks for.
-    let mut printer = Printer::start(screen, is_shown, arguments.log.as_deref())?;
     let wishes = Wishes {
         is_listening: arguments.listen_only,
         has_device_time: arguments.device_time,
         has_end: arguments.count.is_some() || arguments.timeout.is_some(),
         ..Wishes::on(arguments.channel)
     };
-    let capture = &arguments.options.capture;
-    let service = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
+    let prepared = Prepared::new(&settings, wishes, global, output)?;
+    let is_shown = !is_filed || arguments.screen;
+    let destination = Destination { is_shown, log, existing: capture.existing() };
+    let mut printer = Printer::start(screen, destination, &interrupt)?;
+    let service = prepared.enter(capture, &interrupt, output)?;
     let heard = match service {
         Some(service) => listen(arguments, service, &interrupt, &mut printer),
-        None => Ok(0),
+        None => Ok(()),
     };
-    printer.finish(output)?;
-    let (heard, wanted) = (heard?, arguments.count.unwrap_or(1));
-    // Who has had enough need not hear that there was too little.
-    if arguments.timeout.is_some() && heard < wanted && !interrupt.is_set() {
-        let words = match heard {
-            0 => "no frame came".to_owned(),
-            heard => format!("{heard} of {wanted} frames came"),
-        };
-        return Err(Failure::TooFew(words));
-    }
-    Ok(())
+    let printed = printer.finish(output);
+    heard.and(printed)
 }
 
-/// Runs the cycle; the number of frames.
+/// Runs the cycle until enough has come.
 fn listen(
     arguments: &DumpArguments,
     mut service: Service,
     interrupt: &Interrupt,
     printer: &mut Printer,
-) -> Result<u64, Failure> {
+) -> Result<(), Failure> {
     let selection = Selection::new(&arguments.rules);
     let timeout_ns = arguments.timeout.map(|ms| ms.saturating_mul(1_000_000));
     let (mut heard, mut last_ns) = (0, service.now_ns());
@@ -189,8 +190,29 @@ fn listen(
         let is_quiet = timeout_ns.is_some_and(|limit| cycle.now_ns - last_ns >= limit);
         service.end(cycle)?;
         let is_complete = Some(heard) == arguments.count;
-        if is_complete || is_quiet || interrupt.is_set() || printer.is_over() {
-            return service.finish_capture().map(|()| heard);
+        if interrupt.is_set() && heard == 0 {
+            service.output().note(format_args!("# {}", service.silence()));
         }
+        // Who has had enough need not hear that there was too little.
+        if is_complete || interrupt.is_set() || printer.is_over() {
+            return service.finish_capture();
+        }
+        if is_quiet {
+            service.finish_capture()?;
+            return judge(heard, arguments.count.unwrap_or(1), &service);
+        }
+    }
+}
+
+/// Whether enough frames came before the silence, and if not, why.
+fn judge(heard: u64, wanted: u64, service: &Service) -> Result<(), Failure> {
+    let words = match heard {
+        enough if enough >= wanted => return Ok(()),
+        0 => service.silence(),
+        few => format!("{few} of {wanted} frames came"),
+    };
+    match service.port().session(0) {
+        Session::Ready => Err(Failure::TooFew(words)),
+        _ => Err(service.out_of_service(&words)),
     }
 }

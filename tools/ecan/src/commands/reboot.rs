@@ -46,14 +46,15 @@ pub fn run(
 ) -> Result<(), Failure> {
     let bus = Bus::open(global, output)?;
     let slave = bus.slave()?;
-    bus.write(slave, 0x8000, 1, 1)?;
     let mut restarted =
         Restarted { position: slave, is_back: false, firmware: None, after_ms: None };
     if arguments.wait {
-        let took_ns = wait(&bus, slave, u64::from(arguments.timeout) * 1_000_000_000)?;
+        let took_ns = restart(&bus, slave, u64::from(arguments.timeout) * 1_000_000_000)?;
         restarted.is_back = true;
         restarted.after_ms = Some(took_ns / 1_000_000);
         restarted.firmware = bus.text(slave, 0x100A).ok();
+    } else {
+        command(&bus, slave)?;
     }
     output.data(&restarted, |out| match (&restarted.firmware, restarted.after_ms) {
         (Some(firmware), Some(ms)) => {
@@ -64,6 +65,16 @@ pub fn run(
         }
         (_, None) => writeln!(out, "slave {slave} restarts"),
     })
+}
+
+fn command(bus: &Bus, slave: usize) -> Result<(), Failure> {
+    bus.write(slave, 0x8000, 1, 1)
+}
+
+/// Restarts a gateway and waits until it is back and answers; tells how long that took, ns.
+pub fn restart(bus: &Bus, slave: usize, timeout_ns: u64) -> Result<u64, Failure> {
+    command(bus, slave)?;
+    wait(bus, slave, timeout_ns)
 }
 
 /// Waits until the gateway has gone and come back; tells how long that took, ns.

@@ -46,7 +46,7 @@ enum Action {
         #[arg(value_parser = parse_offset)]
         register: u16,
         /// CAN channel, 0 to 3
-        #[arg(long, value_name = "N", value_parser = crate::channel::parse)]
+        #[arg(long, value_name = "N", value_parser = crate::frames::channels::parse_channel)]
         channel: u8,
     },
     /// Write a register of the whitelist
@@ -58,7 +58,7 @@ enum Action {
         #[arg(value_parser = parse_value)]
         value: u32,
         /// CAN channel, 0 to 3
-        #[arg(long, value_name = "N", value_parser = crate::channel::parse)]
+        #[arg(long, value_name = "N", value_parser = crate::frames::channels::parse_channel)]
         channel: u8,
     },
     /// List the registers that have a name, and which may be written

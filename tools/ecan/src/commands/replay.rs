@@ -5,19 +5,17 @@ use std::str::FromStr;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
-use ecan_command_line::log_file::{self, LoggedFrame};
-use ecan_mcan_port::Received;
-use ecan_protocol::CHANNELS;
+use ecan_command_line::new_file::is_standard_stream;
 
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
-use crate::frames::departures::Departures;
-use crate::frames::format::{Heard, Screen};
+use crate::frames::format::Screen;
 use crate::frames::options::FrameOptions;
-use crate::frames::printer::Printer;
-use crate::frames::service::{Cycle, Service};
+use crate::frames::printer::{Destination, Printer};
+use crate::frames::recording::{self, Recorded, RecordedLog};
+use crate::frames::sender::{Due, Record, Sender};
+use crate::frames::service::Prepared;
 use crate::frames::settings::{Settings, Wishes};
-use crate::frames::summary::Summary;
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -52,7 +50,7 @@ impl FromStr for Loops {
 /// Arguments of `replay`.
 #[derive(Debug, Args)]
 pub struct ReplayArguments {
-    /// A candump log
+    /// A candump log; - is standard input
     file: PathBuf,
     /// Channel for all frames, or several with commas between, or all: then canN of the log goes to
     /// channel N, and frames of other interfaces stay out
@@ -64,7 +62,7 @@ pub struct ReplayArguments {
     /// So many times over, or i for ever
     #[arg(short = 'l', long = "loop", value_name = "TIMES", default_value = "1")]
     loops: Loops,
-    /// Log what comes from the bus meanwhile
+    /// Log what comes from the bus meanwhile; - is standard output
     #[arg(long, value_name = "FILE")]
     log: Option<PathBuf>,
     /// End where no frame leaves for so many milliseconds
@@ -82,30 +80,20 @@ fn parse_speed(text: &str) -> Result<f64, String> {
 /// The recording, round after round.
 #[derive(Debug)]
 struct Recording {
-    frames: Vec<(u8, LoggedFrame)>,
+    frames: Vec<Recorded>,
+    /// Lines of the log that are none.
+    error_messages: usize,
     loops: Loops,
     speed: f64,
-    sent: u64,
+    /// Frames given so far.
+    given: u64,
 }
 
 impl Recording {
-    fn read(arguments: &ReplayArguments, settings: &Settings<'_>) -> Result<Self, Failure> {
-        let frames: Vec<_> = log_file::read(&arguments.file)?
-            .into_iter()
-            .filter_map(|it| Some((channel_of(&it, arguments.channel)?, it)))
-            .collect();
+    fn read(arguments: &ReplayArguments) -> Result<Self, Failure> {
+        let RecordedLog { frames, error_messages } =
+            recording::read(&arguments.file, arguments.channel, 1)?;
         let name = arguments.file.display();
-        if frames.is_empty() {
-            let words = format!("{name} holds no frame of a chosen channel");
-            return Err(Failure::Usage(words));
-        }
-        let is_impossible = |(channel, it): &&(u8, LoggedFrame)| {
-            it.frame.as_ref().is_fd() && !settings.has_fd(*channel)
-        };
-        if let Some((channel, fd)) = frames.iter().find(is_impossible) {
-            let what = format!("{name}, line {} is a CAN FD frame", fd.line);
-            return Err(settings.without_fd(what, *channel));
-        }
         let same = |out: &Path| {
             let file = arguments.file.canonicalize().ok();
             file.is_some() && file == out.canonicalize().ok()
@@ -118,12 +106,13 @@ impl Recording {
             }
         }
         arguments.options.capture.check_apart_from(log)?;
-        Ok(Self { frames, loops: arguments.loops, speed: arguments.speed, sent: 0 })
+        let (loops, speed) = (arguments.loops, arguments.speed);
+        Ok(Self { frames, error_messages, loops, speed, given: 0 })
     }
 
     /// The channels that it goes to.
     fn channels(&self) -> Channels {
-        let mask = self.frames.iter().fold(0, |mask, (channel, _)| mask | 1 << channel);
+        let mask = self.frames.iter().fold(0, |mask, it| mask | 1 << it.channel);
         Channels::of_mask(mask)
     }
 
@@ -135,33 +124,37 @@ impl Recording {
         }
     }
 
-    /// The next frame, when it is due in nanoseconds after the start, and its channel.
-    fn next(&self) -> Option<(u64, u8, &LoggedFrame)> {
-        if self.total().is_some_and(|total| self.sent >= total) {
+    /// Refuses a channel without CAN FD for frames that need it.
+    fn check_fd(&self, file: &Path, prepared: &Prepared<'_>) -> Result<(), Failure> {
+        let is_fd = |it: &&Recorded| it.logged.frame.as_ref().is_fd();
+        self.frames.iter().filter(is_fd).try_for_each(|it| {
+            let (name, line) = (file.display(), it.logged.line);
+            prepared.needs_fd(format_args!("{name}, line {line} is a CAN FD frame"), it.channel)
+        })
+    }
+}
+
+/// The frames, each with when it is due.
+impl Iterator for Recording {
+    type Item = Result<Due, Failure>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        if self.total().is_some_and(|total| self.given >= total) {
             return None;
         }
         let length = self.frames.len() as u64;
-        let (round, place) = (self.sent / length, self.sent % length);
-        let (channel, frame) = self.frames.get(usize::try_from(place).ok()?)?;
-        let time_ns = |frame: Option<&(u8, LoggedFrame)>| frame.map_or(0, |(_, it)| it.time_ns);
+        let (round, place) = (self.given / length, self.given % length);
+        let Recorded { channel, logged, .. } = self.frames.get(usize::try_from(place).ok()?)?;
+        self.given += 1;
+        let time_ns = |it: Option<&Recorded>| it.map_or(0, |it| it.logged.time_ns);
         let (first_ns, last_ns) = (time_ns(self.frames.first()), time_ns(self.frames.last()));
         // A round follows the one before as its last frame followed the first, and none may stand
         // before it.
         let round_ns = last_ns.saturating_sub(first_ns).saturating_mul(round);
-        let recorded_ns = frame.time_ns.saturating_sub(first_ns).saturating_add(round_ns);
-        Some(((recorded_ns as f64 / self.speed) as u64, *channel, frame))
+        let recorded_ns = logged.time_ns.saturating_sub(first_ns).saturating_add(round_ns);
+        let after_ns = (recorded_ns as f64 / self.speed) as u64;
+        Some(Ok(Due { after_ns, channel: *channel, frame: logged.frame }))
     }
-}
-
-/// The channel of a recorded frame.
-fn channel_of(logged: &LoggedFrame, channels: Channels) -> Option<u8> {
-    let mut chosen = channels.iter();
-    if let (Some(only), None) = (chosen.next(), chosen.next()) {
-        return Some(only);
-    }
-    let digits = logged.interface.trim_start_matches(|c: char| !c.is_ascii_digit());
-    let channel = digits.parse().ok().filter(|channel| usize::from(*channel) < CHANNELS)?;
-    channels.contains(channel).then_some(channel)
 }
 
 pub fn run(
@@ -169,63 +162,33 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    let settings = Settings::of(&arguments.options.gateway)?;
-    let mut recording = Recording::read(arguments, &settings)?;
+    let ReplayArguments { channel, options, .. } = arguments;
+    let log = arguments.log.as_deref();
+    let is_output_taken = options.capture.is_on_output() || log.is_some_and(is_standard_stream);
+    let output = &output.beside(is_output_taken);
+    let recording = Recording::read(arguments)?;
+    let settings = Settings::of(&options.gateway)?;
     let interrupt = Interrupt::install()?;
-    let mut printer = Printer::start(Screen::default(), false, arguments.log.as_deref())?;
-    let has_end = recording.total().is_some();
+    let total = recording.total();
     let wishes = Wishes {
         required: recording.channels(),
         has_results: true,
-        has_end,
-        ..Wishes::on(arguments.channel)
+        has_end: total.is_some(),
+        ..Wishes::on(*channel)
     };
-    let capture = &arguments.options.capture;
-    let opened = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
-    let Some(mut service) = opened else { return printer.finish(output) };
-    let start_ns = service.now_ns();
-    let mut departures = Departures::new(arguments.channel, start_ns);
+    let prepared = Prepared::new(&settings, wishes, global, output)?;
+    recording.check_fd(&arguments.file, &prepared)?;
+    let destination = Destination { is_shown: false, log, existing: options.capture.existing() };
+    let printer = Printer::start(Screen::default(), destination, &interrupt)?;
+    let Some(service) = prepared.enter(&options.capture, &interrupt, output)? else {
+        return printer.finish(output);
+    };
+    if recording.error_messages > 0 {
+        let count = recording.error_messages;
+        output.note(format_args!("# error messages in the log, which are no frames: {count}"));
+    }
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
-    let mut is_stuck = false;
-    while !is_stuck && !interrupt.is_set() && !printer.is_over() && recording.next().is_some() {
-        let cycle = service.begin();
-        departures.look(&cycle, service.port());
-        record(&mut printer, &service, &cycle);
-        let mut has_room = true;
-        while let Some((due_ns, channel, logged)) = recording.next()
-            && has_room
-            && due_ns <= cycle.now_ns - start_ns
-        {
-            match service.send(channel, &logged.frame)? {
-                Some(ticket) => {
-                    departures.taken(ticket, cycle.now_ns);
-                    recording.sent += 1;
-                }
-                // It waits for the next cycle, and with it all behind it: their order holds.
-                None => has_room = false,
-            }
-        }
-        is_stuck = !has_room && departures.standstill_ns(cycle.now_ns) >= timeout_ns;
-        service.end(cycle)?;
-    }
-    let elapsed_ns = service.now_ns() - start_ns;
-    departures.wait(&mut service, timeout_ns, &interrupt, |service, cycle| {
-        record(&mut printer, service, cycle);
-    })?;
-    printer.finish(output)?;
-    service.finish_capture()?;
-    let wanted = recording.total().filter(|_| !interrupt.is_set()).unwrap_or(departures.count());
-    let summary = Summary::of(&departures, service.port(), wanted, elapsed_ns);
-    summary.print(output)?;
-    summary.judge(departures.outcome(service.port()).cause(service.port()))
-}
-
-/// Logs what a cycle brought.
-fn record(printer: &mut Printer, service: &Service, cycle: &Cycle) {
-    for arrival in &cycle.arrivals {
-        if let Received::Frame(received) = arrival.received {
-            let time_ns = service.absolute_ns(arrival.time_ns);
-            printer.put(Heard { time_ns, received }, service.is_real_time());
-        }
-    }
+    let record = Record::Received(printer);
+    let sender = Sender { channels: *channel, timeout_ns, interrupt: &interrupt, record };
+    sender.run(service, recording, total, output)
 }

@@ -7,10 +7,11 @@ use ecan_protocol::CanFrame;
 use serde::Serialize;
 
 use crate::failure::Failure;
-use crate::frames::channels::{Channels, parse_channel};
+use crate::frames::channels::{Channels, names_channel, parse_channel};
 use crate::frames::departures::Departures;
 use crate::frames::options::FrameOptions;
-use crate::frames::service::Service;
+use crate::frames::sender::{Due, Record, Sender};
+use crate::frames::service::{Prepared, Service};
 use crate::frames::settings::{Settings, Wishes};
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -44,6 +45,9 @@ pub struct SendArguments {
 
 /// A frame; cansend allows dots between bytes.
 fn parse(text: &str) -> Result<CanFrame, String> {
+    if names_channel(text) {
+        return Err(format!("a channel is chosen with --channel {text}"));
+    }
     parse_frame(&text.replace('.', "")).map_err(|error| error.to_string())
 }
 
@@ -60,38 +64,24 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     let SendArguments { frames, channel, options, .. } = arguments;
+    let output = &output.beside(options.capture.is_on_output());
     let settings = Settings::of(&options.gateway)?;
-    if !settings.has_fd(*channel) && frames.iter().any(|frame| frame.as_ref().is_fd()) {
-        return Err(settings.without_fd("a CAN FD frame needs the data bit rate", *channel));
-    }
     let interrupt = Interrupt::install()?;
     let channels = Channels::only(*channel);
     let wishes = Wishes { has_results: true, ..Wishes::on(channels) };
-    let capture = &options.capture;
-    let opened = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
-    let Some(mut service) = opened else {
+    let prepared = Prepared::new(&settings, wishes, global, output)?;
+    if let Some(fd) = frames.iter().find(|frame| frame.as_ref().is_fd()) {
+        prepared.needs_fd(format_args!("{} is a CAN FD frame", FrameText(fd)), *channel)?;
+    }
+    let Some(mut service) = prepared.enter(&options.capture, &interrupt, output)? else {
         return Err(Failure::TooFew("stopped before a frame was sent".to_owned()));
     };
     let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
-    let mut departures = Departures::new(channels, service.now_ns());
-    let mut waiting = frames.iter().peekable();
-    while waiting.peek().is_some() && !interrupt.is_set() {
-        let cycle = service.begin();
-        departures.look(&cycle, service.port());
-        while let Some(frame) = waiting.peek()
-            && let Some(ticket) = service.send(*channel, frame)?
-        {
-            departures.taken(ticket, cycle.now_ns);
-            waiting.next();
-        }
-        let is_over = departures.standstill_ns(cycle.now_ns) >= timeout_ns;
-        service.end(cycle)?;
-        if is_over {
-            break;
-        }
-    }
-    departures.wait(&mut service, timeout_ns, &interrupt, |_, _| {})?;
-    service.finish_capture()?;
+    let mut sender =
+        Sender { channels, timeout_ns, interrupt: &interrupt, record: Record::Nothing };
+    let due = |frame: &CanFrame| Ok(Due { after_ns: 0, channel: *channel, frame: *frame });
+    let (departures, outcome) = sender.send(&mut service, frames.iter().map(due));
+    outcome.and(service.finish_capture())?;
     judge(arguments, &departures, &service)?;
     let texts: Vec<_> = frames.iter().map(|frame| FrameText(frame).to_string()).collect();
     let sent = Sent { channel: *channel, frames: texts };
@@ -107,7 +97,7 @@ fn judge(
     service: &Service,
 ) -> Result<(), Failure> {
     let SendArguments { frames, channel, timeout, .. } = arguments;
-    let outcome = departures.outcome(service.port());
+    let outcome = departures.outcome();
     let count = frames.len() as u64;
     if let Some((number, code)) = departures.first_failure() {
         let frame = usize::try_from(number).ok().and_then(|number| frames.get(number));
@@ -118,13 +108,13 @@ fn judge(
     if outcome.sent >= count && outcome.bus_off.is_none() {
         return Ok(());
     }
-    let cause = outcome.cause(service.port()).unwrap_or_else(|| match outcome.unknown {
-        0 => "stopped, or the gateway took none in time".to_owned(),
-        _ => "the gateway has not said what became of them".to_owned(),
-    });
-    let behind = count.saturating_sub(outcome.sent);
-    Err(Failure::TooFew(match behind {
-        0 => format!("whether the frames have left is not known: {cause}"),
-        behind => format!("{behind} of {count} frames have not left within {timeout} ms: {cause}"),
-    }))
+    let otherwise = match outcome.unknown {
+        0 => "stopped, or the gateway took none in time",
+        _ => "the gateway has not said what became of them",
+    };
+    let words = match count.saturating_sub(outcome.sent) {
+        0 => "whether the frames have left is not known".to_owned(),
+        behind => format!("{behind} of {count} frames have not left within {timeout} ms"),
+    };
+    Err(departures.failure(service, words, Some(otherwise)))
 }

@@ -1,12 +1,13 @@
 //! A capture for Wireshark, written beside the cycle.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Traffic};
+use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::new_file::{Existing, create, is_standard_stream};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{Port, Received, SendTicket, Session};
 use ecan_protocol::{CHANNELS, CHUNK_BYTES, CanFrame, ChannelStatus, Direction, HEADER_BYTES};
@@ -22,15 +23,29 @@ const UNDER_WAY: usize = 4096;
 /// Where to and what.
 #[derive(Debug, Args)]
 pub struct CaptureOptions {
-    /// Write a capture for Wireshark (pcapng): frames that came, and frames that the gateway took
+    /// Write a capture for Wireshark (pcapng): frames that came, and frames that the gateway took;
+    /// - is standard output, and what else is printed goes to standard error
     #[arg(long, value_name = "FILE")]
     capture: Option<PathBuf>,
     /// Write the process images too, those that differ from the one before in their header
     #[arg(long, requires = "capture")]
     images: bool,
+    /// Overwrite files that exist
+    #[arg(long)]
+    force: bool,
 }
 
 impl CaptureOptions {
+    /// What becomes of files that are there.
+    pub fn existing(&self) -> Existing {
+        Existing::forced(self.force)
+    }
+
+    /// Whether the capture goes to standard output.
+    pub fn is_on_output(&self) -> bool {
+        self.path().is_some_and(is_standard_stream)
+    }
+
     /// The file, where there is to be a capture.
     pub fn path(&self) -> Option<&Path> {
         self.capture.as_deref()
@@ -71,6 +86,7 @@ impl FrameCapture {
         options: &CaptureOptions,
         adapter: &AdapterConfig,
         channels: Channels,
+        interrupt: &Interrupt,
     ) -> Result<Option<Self>, Failure> {
         let Some(path) = options.capture.clone() else { return Ok(None) };
         let chunks = adapter.slaves.iter().map(|it| it.rx_multiplier.max(it.tx_multiplier)).max();
@@ -79,21 +95,24 @@ impl FrameCapture {
             false => 0,
         };
         let application = concat!("ecan ", env!("CARGO_PKG_VERSION"));
-        let recorder = File::create(&path)
+        let recorder = create(&path, options.existing())
             .and_then(|file| Capture::new(BufWriter::new(file), application))
             .and_then(|capture| Recorder::start(capture, image_bytes));
         match recorder {
-            Ok(recorder) => Ok(Some(Self {
-                recorder,
-                path,
-                has_images: options.images,
-                channels,
-                since_1970_ns: 0,
-                status: [None; CHANNELS],
-                headers: Default::default(),
-                under_way: HashMap::with_capacity(UNDER_WAY),
-            })),
-            Err(error) => Err(write_failure(path, &error)),
+            Ok(mut recorder) => {
+                recorder.set_hurry(interrupt.flag());
+                Ok(Some(Self {
+                    recorder,
+                    path,
+                    has_images: options.images,
+                    channels,
+                    since_1970_ns: 0,
+                    status: [None; CHANNELS],
+                    headers: Default::default(),
+                    under_way: HashMap::with_capacity(UNDER_WAY),
+                }))
+            }
+            Err(error) => Err(write_failure(path, error)),
         }
     }
 
@@ -181,9 +200,17 @@ impl FrameCapture {
         self.recorder.is_over()
     }
 
+    /// Removes the file of a run that has not begun: there is nothing in it.
+    pub fn discard(self) {
+        let _ = self.recorder.finish();
+        if self.path.metadata().is_ok_and(|found| found.is_file()) {
+            let _ = std::fs::remove_file(self.path);
+        }
+    }
+
     /// Waits until everything is written; says what was dropped.
     pub fn finish(self, output: &Output) -> Result<(), Failure> {
-        let recording = self.recorder.finish().map_err(|error| write_failure(self.path, &error))?;
+        let recording = self.recorder.finish().map_err(|error| write_failure(self.path, error))?;
         if recording.dropped > 0 {
             let words = "packets are not in the capture: the file is too slow";
             output.note(format_args!("# {} {words}", recording.dropped));
@@ -192,6 +219,9 @@ impl FrameCapture {
     }
 }
 
-fn write_failure(path: PathBuf, error: &std::io::Error) -> Failure {
+fn write_failure(path: PathBuf, error: std::io::Error) -> Failure {
+    if is_standard_stream(&path) {
+        return error.into();
+    }
     Failure::File { what: "write", path, reason: error.to_string() }
 }

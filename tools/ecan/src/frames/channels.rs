@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use ecan_protocol::CHANNELS;
 
-/// One or several channels of a gateway, as in `0`, `0,2` or `all`.
+/// One or several channels of a gateway, as in `0`, `can0`, `0,2` or `all`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Channels {
     mask: u8,
@@ -40,6 +40,20 @@ impl Channels {
         (0..CHANNELS as u8).filter(move |channel| self.contains(*channel))
     }
 
+    /// Gateway and channel for the frames of a recorded interface: the one channel there is, of the
+    /// first gateway; of several `canN` is channel N, counted over all gateways. None for what has
+    /// no place here.
+    pub fn place_of(self, interface: &str, gateways: usize) -> Option<(usize, u8)> {
+        let mut chosen = self.iter();
+        if let (Some(only), None) = (chosen.next(), chosen.next()) {
+            return Some((0, only));
+        }
+        let digits = interface.trim_start_matches(|c: char| !c.is_ascii_digit());
+        let number: usize = digits.parse().ok()?;
+        let (gateway, channel) = (number / CHANNELS, (number % CHANNELS) as u8);
+        (gateway < gateways && self.contains(channel)).then_some((gateway, channel))
+    }
+
     /// Whether a channel is among them.
     pub fn contains(self, channel: u8) -> bool {
         self.mask.checked_shr(channel.into()).is_some_and(|mask| mask & 1 == 1)
@@ -53,11 +67,9 @@ impl FromStr for Channels {
         if text == "all" {
             return Ok(Self::ALL);
         }
-        let wrong = || "expected channels 0 to 3 with commas between, or all".to_owned();
-        text.split(',').try_fold(Self::NONE, |channels, number| {
-            let channel: u8 = number.parse().map_err(|_| wrong())?;
-            let exists = usize::from(channel) < CHANNELS;
-            exists.then_some(Self::of_mask(channels.mask | 1 << channel)).ok_or_else(wrong)
+        text.split(',').try_fold(Self::NONE, |channels, name| match parse_channel(name) {
+            Ok(channel) => Ok(Self::of_mask(channels.mask | 1 << channel)),
+            Err(_) => Err("expected channels 0 to 3 with commas between, or all".to_owned()),
         })
     }
 }
@@ -73,10 +85,16 @@ impl fmt::Display for Channels {
     }
 }
 
-/// A channel number, 0 to 3.
+/// A channel, 0 to 3, also written as `can0`.
 pub fn parse_channel(text: &str) -> Result<u8, String> {
-    let channel = text.parse().ok().filter(|channel| usize::from(*channel) < CHANNELS);
+    let number = text.strip_prefix("can").or_else(|| text.strip_prefix("CAN")).unwrap_or(text);
+    let channel = number.parse().ok().filter(|channel| usize::from(*channel) < CHANNELS);
     channel.ok_or_else(|| "expected a channel, 0 to 3".to_owned())
+}
+
+/// Whether a word is the name of a channel, where can-utils have one and this program does not.
+pub fn names_channel(text: &str) -> bool {
+    text.starts_with("can") && parse_channel(text).is_ok()
 }
 
 #[cfg(test)]
@@ -88,12 +106,27 @@ mod tests {
         let parse = |text: &str| text.parse::<Channels>().map(|it| it.iter().collect::<Vec<_>>());
         assert_eq!(parse("2"), Ok(vec![2]));
         assert_eq!(parse("3,0"), Ok(vec![0, 3]));
+        assert_eq!(parse("can1"), Ok(vec![1]));
+        assert_eq!(parse("can3,0"), Ok(vec![0, 3]));
         assert_eq!(parse("all"), Ok(vec![0, 1, 2, 3]));
         assert_eq!("2,1".parse::<Channels>().unwrap().to_string(), "channels 1, 2");
         assert_eq!(Channels::only(3).to_string(), "channel 3");
         assert_eq!(Channels::NONE.to_string(), "no channel");
-        for wrong in ["", "4", "0,", "-1", "0-3", "every"] {
+        for wrong in ["", "4", "0,", "-1", "0-3", "every", "can", "can4", "canal"] {
             assert!(parse(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn recorded_interfaces_have_their_places() {
+        let two: Channels = "0,2".parse().unwrap();
+        let one = Channels::only(3);
+        assert_eq!(one.place_of("vcan7", 1), Some((0, 3)));
+        assert_eq!(two.place_of("can2", 1), Some((0, 2)));
+        assert_eq!(two.place_of("can1", 1), None);
+        assert_eq!(Channels::ALL.place_of("vcan7", 1), None);
+        assert_eq!(Channels::ALL.place_of("vcan7", 2), Some((1, 3)));
+        assert_eq!(two.place_of("can6", 2), Some((1, 2)));
+        assert_eq!(Channels::ALL.place_of("eth", 1), None);
     }
 }

@@ -3,15 +3,16 @@
 use std::collections::HashMap;
 
 use ecan_command_line::interrupt::Interrupt;
-use ecan_mcan_port::{Port, Received, SendTicket};
+use ecan_mcan_port::{Port, Received, SendTicket, Session};
 use ecan_protocol::{ChannelStatus, ResultCode};
 
 use crate::failure::Failure;
+use crate::frames::bit_rates::BitRates;
 use crate::frames::channels::Channels;
 use crate::frames::service::{Cycle, Service, can};
 
 /// Cycles behind the last result after which a channel's status has seen all frames.
-const STATUS_CYCLES: u32 = 3;
+const STATUS_CYCLES: usize = 3;
 /// Frames that wait for their results, at first.
 const UNDER_WAY: usize = 4096;
 /// Where the pending count of the status word ends.
@@ -27,16 +28,33 @@ pub struct Departures {
     handed_over: u64,
     failed: u64,
     first_failure: Option<(u64, ResultCode)>,
-    quiet_cycles: u32,
-    /// Frames that waited in the channels when the wait ended.
+    quiet_cycles: usize,
+    /// Frames handed over, as of the last cycles, the oldest first.
+    recently_handed_over: [u64; STATUS_CYCLES],
+    /// Of those handed over, the frames that have left for sure.
+    departed: u64,
+    /// Frames that the channels hold at the most.
+    capacity: u64,
+    /// Frames that waited in the channels at the end.
     waiting: u64,
+    /// Frames that a lost gateway may have held.
+    doubtful: u64,
+    pending: u32,
+    session: Session,
+    was_lost: bool,
+    /// The user did not wait for the end.
+    is_stopped: bool,
     /// A channel that was off the bus meanwhile; it may be back.
     bus_off: Option<u8>,
     last_progress_ns: u64,
+    start_ns: u64,
+    last_departure_ns: u64,
 }
 
 impl Departures {
-    pub fn new(channels: Channels, now_ns: u64) -> Self {
+    /// Of a gateway in service, from now on.
+    pub fn new(channels: Channels, service: &Service) -> Self {
+        let now_ns = service.now_ns();
         Self {
             channels,
             open: HashMap::with_capacity(UNDER_WAY),
@@ -45,9 +63,19 @@ impl Departures {
             failed: 0,
             first_failure: None,
             quiet_cycles: 0,
+            recently_handed_over: [0; STATUS_CYCLES],
+            departed: 0,
+            capacity: channels.iter().map(|channel| service.capacity(channel)).sum(),
             waiting: 0,
+            doubtful: 0,
+            pending: 0,
+            session: service.port().session(0),
+            was_lost: false,
+            is_stopped: false,
             bus_off: None,
             last_progress_ns: now_ns,
+            start_ns: now_ns,
+            last_departure_ns: now_ns,
         }
     }
 
@@ -60,6 +88,7 @@ impl Departures {
 
     /// Looks at what a cycle brought.
     pub fn look(&mut self, cycle: &Cycle, port: &Port) {
+        self.watch_session(port.session(0));
         let is_off = |channel: &u8| port.channel_status(0, *channel).bus_off();
         self.bus_off = self.bus_off.or_else(|| self.channels.iter().find(is_off));
         self.quiet_cycles = self.quiet_cycles.saturating_add(1);
@@ -71,11 +100,43 @@ impl Departures {
             (self.quiet_cycles, self.last_progress_ns) = (0, cycle.now_ns);
             if report.code.is_success() {
                 self.handed_over += 1;
+                self.last_departure_ns = cycle.now_ns;
             } else {
                 self.failed += 1;
                 self.first_failure.get_or_insert((number, report.code));
             }
         }
+        if self.session != Session::Ready {
+            return;
+        }
+        let pending = pending(self.channels, port);
+        if pending < self.pending {
+            (self.last_progress_ns, self.last_departure_ns) = (cycle.now_ns, cycle.now_ns);
+        }
+        self.pending = pending;
+        if pending < SATURATED {
+            // What was handed over so long ago and does not wait has left.
+            let [oldest, ..] = self.recently_handed_over;
+            self.departed = self.departed.max(oldest.saturating_sub(pending.into()));
+        }
+        self.recently_handed_over.rotate_left(1);
+        let [.., newest] = &mut self.recently_handed_over;
+        *newest = self.handed_over;
+    }
+
+    /// A gateway that is lost forgets what it holds.
+    fn watch_session(&mut self, session: Session) {
+        if self.session == Session::Ready && session != Session::Ready {
+            self.was_lost = true;
+            self.doubtful += self.possibly_held();
+            self.departed = self.handed_over;
+        }
+        self.session = session;
+    }
+
+    /// Frames that the channels may hold.
+    fn possibly_held(&self) -> u64 {
+        (self.handed_over - self.departed).min(self.capacity)
     }
 
     /// The channels that are watched.
@@ -86,6 +147,11 @@ impl Departures {
     /// Frames put into images.
     pub fn count(&self) -> u64 {
         self.taken
+    }
+
+    /// From the start to the last frame that is known to have left, in nanoseconds.
+    pub fn elapsed_ns(&self) -> u64 {
+        self.last_departure_ns.saturating_sub(self.start_ns)
     }
 
     /// The number of the first frame that the gateway did not take, and what it says.
@@ -100,79 +166,92 @@ impl Departures {
 
     /// Whether nothing more is to come: every frame has its result, and no channel holds any.
     pub fn are_settled(&self, port: &Port) -> bool {
-        let is_empty = |channel| port.channel_status(0, channel).tx_pending() == 0;
         self.open.is_empty()
             && self.quiet_cycles >= STATUS_CYCLES
-            && self.channels.iter().all(is_empty)
+            && self.channels.iter().all(|it| port.channel_status(0, it).tx_pending() == 0)
     }
 
-    /// Runs the cycle until everything is settled, or for so long since the last progress.
-    pub fn wait(
-        &mut self,
-        service: &mut Service,
-        timeout_ns: u64,
-        interrupt: &Interrupt,
-        mut take: impl FnMut(&Service, &Cycle),
-    ) -> Result<(), Failure> {
-        let mut pending = u32::MAX;
-        while !self.are_settled(service.port()) && !interrupt.is_set() {
-            let cycle = service.begin();
-            self.look(&cycle, service.port());
-            let now_pending = self.pending(service.port());
-            if now_pending < pending {
-                self.last_progress_ns = cycle.now_ns;
-            }
-            pending = now_pending;
-            let is_over = self.standstill_ns(cycle.now_ns) >= timeout_ns;
-            take(service, &cycle);
-            service.end(cycle)?;
-            if is_over {
-                break;
-            }
+    /// No more cycles follow: counts what waits in the channels. A gateway that answers is asked.
+    pub fn close(&mut self, service: &mut Service, interrupt: &Interrupt, has_answers: bool) {
+        self.is_stopped = interrupt.is_set();
+        if !has_answers || self.session != Session::Ready {
+            self.doubtful += self.possibly_held();
+            return;
         }
-        self.waiting = self.count_waiting(service);
-        Ok(())
-    }
-
-    /// Frames that wait in the channels, as far as their status tells: it counts to 7.
-    fn pending(&self, port: &Port) -> u32 {
-        self.channels.iter().map(|it| u32::from(port.channel_status(0, it).tx_pending())).sum()
-    }
-
-    /// Frames that wait in the channels, also where the status counts no further (0x9000:11).
-    fn count_waiting(&self, service: &mut Service) -> u64 {
-        let status_count = self.pending(service.port());
-        if status_count < SATURATED {
-            return status_count.into();
+        if self.pending < SATURATED {
+            self.waiting = self.pending.into();
+            return;
         }
+        // The status counts no further (0x9000:11).
         let channels: Vec<_> = self.channels.iter().map(u16::from).collect();
         let counted = service.port_mut().diagnose(|diagnostics| {
             let count = |channel| diagnostics.sdo_upload_u32(0, 0x9000 + channel, 11);
             channels.into_iter().map(count).sum::<Result<u32, _>>()
         });
         match counted {
-            Ok(Ok(count)) => count.into(),
-            // Without an answer the gateway may hold them all.
-            Ok(Err(_)) | Err(_) => self.handed_over,
+            Ok(Ok(count)) => self.waiting = count.into(),
+            Ok(Err(_)) | Err(_) => self.doubtful += self.possibly_held(),
         }
     }
 
-    /// What became of the frames, after [`wait`](Self::wait). Frames that still wait in a channel have not left.
-    pub fn outcome(&self, port: &Port) -> Outcome {
-        let waiting = self.waiting.min(self.handed_over);
-        let stuck = self.channels.iter().find_map(|channel| {
-            let status = port.channel_status(0, channel);
-            (status.tx_pending() > 0).then_some((channel, status))
-        });
+    /// What became of the frames, once [closed](Self::close). Frames that still wait in a channel
+    /// have not left.
+    pub fn outcome(&self) -> Outcome {
+        let doubtful = self.doubtful.min(self.handed_over);
+        let waiting = self.waiting.min(self.handed_over - doubtful);
+        let (held, open) = (waiting, self.open.len() as u64);
+        let is_under_way = self.is_stopped && !self.was_lost;
         Outcome {
-            sent: self.handed_over - waiting,
+            sent: self.handed_over - waiting - doubtful,
             refused: self.failed,
-            waiting,
-            unknown: self.open.len() as u64,
-            stuck,
+            waiting: if is_under_way { 0 } else { held },
+            unknown: doubtful + if is_under_way { 0 } else { open },
+            under_way: if is_under_way { held + open } else { 0 },
             bus_off: self.bus_off,
         }
     }
+
+    /// That frames stayed behind, in these words, and why, as far as gateway and channels tell.
+    pub fn failure(&self, service: &Service, words: String, otherwise: Option<&str>) -> Failure {
+        if self.was_lost {
+            return service.out_of_service(&words);
+        }
+        match self.cause(service.port()).or(otherwise.map(str::to_owned)) {
+            Some(cause) => Failure::TooFew(format!("{words}: {cause}")),
+            None => Failure::TooFew(words),
+        }
+    }
+
+    /// Why frames do not leave, as far as the channels tell.
+    fn cause(&self, port: &Port) -> Option<String> {
+        let rates = |channel| {
+            can(port, channel).map_or_else(String::new, |can| BitRates::of(can).to_string())
+        };
+        if let Some(channel) = self.bus_off {
+            let rates = rates(channel);
+            return Some(format!(
+                "channel {channel} went bus-off: do the others on the bus have {rates}, is the wiring \
+                 right?"
+            ));
+        }
+        let holds_frames = |channel: &u8| port.channel_status(0, *channel).tx_pending() > 0;
+        let channel = self.channels.iter().find(holds_frames)?;
+        let status: ChannelStatus = port.channel_status(0, channel);
+        let rates = rates(channel);
+        Some(if status.warn() {
+            format!(
+                "channel {channel} gets no acknowledgement: is there another node at {rates}, \
+                 are wiring and termination right?"
+            )
+        } else {
+            format!("channel {channel} has not sent what it holds: is the bus full?")
+        })
+    }
+}
+
+/// Frames that wait in the channels, as far as their status tells: it counts to 7.
+fn pending(channels: Channels, port: &Port) -> u32 {
+    channels.iter().map(|it| u32::from(port.channel_status(0, it).tx_pending())).sum()
 }
 
 /// What became of frames.
@@ -184,10 +263,10 @@ pub struct Outcome {
     pub refused: u64,
     /// Still in a channel.
     pub waiting: u64,
-    /// Without a word from the gateway.
+    /// Without a word from the gateway, or in one that was lost.
     pub unknown: u64,
-    /// A channel that does not send.
-    stuck: Option<(u8, ChannelStatus)>,
+    /// On their way when the user stopped.
+    pub under_way: u64,
     /// A channel that was off the bus: what it held may be lost.
     pub bus_off: Option<u8>,
 }
@@ -196,27 +275,5 @@ impl Outcome {
     /// Not known to have left.
     pub fn lost(&self) -> u64 {
         self.refused + self.waiting + self.unknown
-    }
-
-    /// Why frames do not leave, as far as the channels tell.
-    pub fn cause(&self, port: &Port) -> Option<String> {
-        let bitrate = |channel| can(port, channel).map_or(0, |can| can.nominal_bitrate);
-        if let Some(channel) = self.bus_off {
-            let bitrate = bitrate(channel);
-            return Some(format!(
-                "channel {channel} went bus-off: do the others on the bus have {bitrate} bit/s, is \
-                 the wiring right?"
-            ));
-        }
-        let (channel, status) = self.stuck?;
-        let bitrate = bitrate(channel);
-        Some(if status.warn() {
-            format!(
-                "channel {channel} gets no acknowledgement: is there another node at {bitrate} \
-                 bit/s, are wiring and termination right?"
-            )
-        } else {
-            format!("channel {channel} has not sent what it holds: is the bus full?")
-        })
     }
 }

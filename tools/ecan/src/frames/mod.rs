@@ -1,11 +1,14 @@
 //! A gateway in service for the commands that carry CAN frames.
 
+pub mod bit_rates;
 pub mod capture;
 pub mod channels;
 pub mod departures;
 pub mod format;
 pub mod options;
 pub mod printer;
+pub mod recording;
+pub mod sender;
 pub mod service;
 pub mod settings;
 pub mod status_watch;

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ecan_command_line::real_time::RealTimeArguments;
+use ecan_host::AdapterConfig;
 use ecan_mcan_port::ChannelSettings;
 use ecan_protocol::SamplePointWindow;
 
@@ -29,20 +30,34 @@ const OF_THE_FILE: [&str; 7] = [
     "cycle_us",
 ];
 
-/// What a command is told about the gateway and its channels.
+/// What a command is told about the gateway, its channels and its own thread.
 #[derive(Debug, Args)]
 pub struct GatewayOptions {
+    #[command(
+        flatten,
+        next_help_heading = "Gateway: so it stays until its power is cycled, and `config save` would \
+                             store it"
+    )]
+    pub setup: SetupOptions,
+    #[command(flatten)]
+    pub real_time: RealTimeArguments,
+}
+
+/// What a gateway and its channels are to be set to.
+#[derive(Clone, Debug, Args)]
+pub struct SetupOptions {
     /// Take everything about the gateway from this configuration file, see `ecan config`: its place,
     /// PDO size, profiles, channels with bit rates and filters, data path, cycle, clocks
     #[arg(long, value_name = "FILE", conflicts_with_all = OF_THE_FILE)]
     pub config: Option<PathBuf>,
-    /// Nominal bit rate in bit/s
-    #[arg(long, value_name = "BITRATE", default_value_t = 500_000)]
-    pub bitrate: u32,
+    /// Nominal bit rate in bit/s; classic CAN, unless there is a data bit rate too
+    /// [default: the bit rates that the gateway is set to, of a plan 500000]
+    #[arg(long, value_name = "BITRATE")]
+    pub bitrate: Option<u32>,
     /// Use CAN FD, with this data bit rate in bit/s
     #[arg(long, value_name = "BITRATE")]
     pub data_bitrate: Option<u32>,
-    /// Sample point in percent [default: 75 to 87.5, as the gateway finds it]
+    /// Sample point in percent [default: as the gateway is set, or 75 to 87.5 with --bitrate]
     #[arg(long, value_name = "PERCENT", value_parser = parse_percent)]
     sample_point: Option<u16>,
     /// Sample point of the data phase in percent [default: 75 to 87.5, as the gateway finds it]
@@ -56,18 +71,34 @@ pub struct GatewayOptions {
     pub large_pdos: bool,
     /// EtherCAT cycle in microseconds
     #[arg(long, value_name = "US", default_value_t = 1000,
-          value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+          value_parser = clap::value_parser!(u32).range(100..=100_000))]
     pub cycle_us: u32,
-    #[command(flatten)]
-    pub real_time: RealTimeArguments,
 }
 
-impl GatewayOptions {
-    /// One CAN channel.
-    pub fn channel(&self) -> ChannelSettings {
-        let mut settings = match self.data_bitrate {
-            Some(data_bitrate) => ChannelSettings::fd(self.bitrate, data_bitrate),
-            None => ChannelSettings::classic(self.bitrate),
+impl SetupOptions {
+    /// So many gateways on the EtherCAT line.
+    pub fn adapter(&self, count: u16) -> AdapterConfig {
+        let mut adapter =
+            AdapterConfig::new(count).with_multiplier(self.pdo_n).with_cycle_us(self.cycle_us);
+        adapter.allow_large_pdos = self.large_pdos;
+        adapter
+    }
+
+    /// One CAN channel; `otherwise` is asked for the bit rates that no option names.
+    pub fn channel<E>(
+        &self,
+        otherwise: impl FnOnce() -> Result<ChannelSettings, E>,
+    ) -> Result<ChannelSettings, E> {
+        let mut settings = match (self.bitrate, self.data_bitrate) {
+            (Some(bitrate), None) => ChannelSettings::classic(bitrate),
+            (Some(bitrate), Some(data_bitrate)) => ChannelSettings::fd(bitrate, data_bitrate),
+            (None, None) => otherwise()?,
+            (None, Some(data_bitrate)) => {
+                let nominal = otherwise()?.can;
+                let mut settings = ChannelSettings::fd(nominal.nominal_bitrate, data_bitrate);
+                settings.can.nominal_sample_point = nominal.nominal_sample_point;
+                settings
+            }
         };
         if let Some(permille) = self.sample_point {
             settings.can.nominal_sample_point = SamplePointWindow::exactly(permille);
@@ -75,7 +106,7 @@ impl GatewayOptions {
         if let Some(permille) = self.data_sample_point {
             settings.can.data_sample_point = SamplePointWindow::exactly(permille);
         }
-        settings
+        Ok(settings)
     }
 }
 

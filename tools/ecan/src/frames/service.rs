@@ -1,15 +1,21 @@
 //! From the options to a gateway in service, and the cycle that keeps it there.
 
+use std::fmt::Display;
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::real_time::RealTimeArguments;
 use ecan_host::{AdapterConfig, Clock, CycleError, Ecrt};
-use ecan_mcan_port::{Port, PortConfig, PortError, Received, ReceivedFrame, SendError, SendTicket};
-use ecan_protocol::{CanFrame, McanChannelConfig};
+use ecan_mcan_port::{
+    Port, PortConfig, PortError, Received, ReceivedFrame, SendError, SendTicket, Session,
+};
+use ecan_protocol::{CHANNELS, CanFrame, McanChannelConfig};
 use ecan_sim::ClockKind;
 
+use crate::bus::Bus;
 use crate::failure::Failure;
+use crate::frames::bit_rates::BitRates;
 use crate::frames::capture::{CaptureOptions, FrameCapture};
 use crate::frames::channels::Channels;
 use crate::frames::settings::{Planned, Settings, Wishes};
@@ -21,6 +27,9 @@ use crate::output::Output;
 pub const MAX_FAILED_CYCLES: u32 = 100;
 /// Things that come back in a cycle, at first.
 const ARRIVALS: usize = 512;
+
+/// Depth of a channel's transmit cache where the gateway does not tell (manual 13.8).
+const CACHE_DEPTH: u32 = 64;
 
 /// One gateway, and its configuration as the only one of a Port.
 #[derive(Debug)]
@@ -54,6 +63,79 @@ pub struct Cycle {
     begun: Result<(), CycleError>,
 }
 
+/// A gateway that is there and can be what is wanted of it, on a bus that nothing was written to.
+/// Now is the time to create files, and threads that keep out of what the cycle's thread asks for.
+#[derive(Debug)]
+pub struct Prepared<'a> {
+    bus: Bus,
+    place: Place,
+    cache_depth: u32,
+    /// The configuration file.
+    config_path: Option<PathBuf>,
+    real_time: &'a RealTimeArguments,
+}
+
+impl<'a> Prepared<'a> {
+    /// Looks for the library, the master and the gateway that the user chose, and checks what it is
+    /// to be set to.
+    pub fn new(
+        settings: &Settings<'a>,
+        wishes: Wishes,
+        global: &GlobalOptions,
+        output: &Output,
+    ) -> Result<Self, Failure> {
+        let kind = if wishes.has_end { ClockKind::Stepped } else { ClockKind::Real };
+        let bus = settings.open_bus(global, output, kind)?;
+        let Planned { positions, adapter, config, channels } =
+            settings.for_one(&bus, wishes, global)?;
+        let position = positions.first().copied().unwrap_or_default();
+        config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
+        let place = Place { position, adapter, config, channels };
+        let cache_depth = bus.read(position, 0xF000, 29).unwrap_or(CACHE_DEPTH);
+        let (config_path, real_time) = (settings.config_path(), settings.real_time());
+        Ok(Self { bus, place, cache_depth, config_path, real_time })
+    }
+
+    /// Refuses what needs CAN FD on a channel that has none.
+    pub fn needs_fd(&self, what: impl Display, channel: u8) -> Result<(), Failure> {
+        match self.has_fd(channel) {
+            true => Ok(()),
+            false => Err(without_fd(what, channel, self.config_path.as_deref())),
+        }
+    }
+
+    /// Whether a channel carries CAN FD.
+    pub fn has_fd(&self, channel: u8) -> bool {
+        let gateway = self.place.config.gateways.first();
+        let channel = gateway.and_then(|it| it.channels.get(usize::from(channel)));
+        channel.is_some_and(|it| it.as_ref().is_some_and(|it| it.can.fd))
+    }
+
+    /// Brings it into service, with a capture where one is wanted; `None` when the user gave up.
+    pub fn enter(
+        self,
+        capture: &CaptureOptions,
+        interrupt: &Interrupt,
+        output: &Output,
+    ) -> Result<Option<Service>, Failure> {
+        let Self { bus, place, cache_depth, real_time, .. } = self;
+        let channels = place.channels;
+        let capture = FrameCapture::start(capture, &place.adapter, channels, interrupt)?;
+        let started = real_time
+            .apply(|line| output.note(line))
+            .map_err(|error| Failure::Host(error.to_string()))
+            .and_then(|()| Service::start(bus.ecrt(), place, real_time, interrupt, output));
+        let Ok(Some(mut service)) = started else {
+            capture.into_iter().for_each(FrameCapture::discard);
+            return started;
+        };
+        (service.heard, service.cache_depth) = (channels, cache_depth);
+        let (is_real_time, since_1970_ns) = (service.is_real_time(), service.since_1970_ns);
+        service.capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
+        Ok(Some(service))
+    }
+}
+
 /// A gateway in service.
 #[derive(Debug)]
 pub struct Service {
@@ -67,6 +149,10 @@ pub struct Service {
     /// From the clock to the time since 1970; none for simulated time that does not run by itself.
     since_1970_ns: u64,
     capture: Option<FrameCapture>,
+    /// Its place in the ring.
+    position: usize,
+    /// Depth of the firmware's transmit cache of each channel (0xF000:29).
+    cache_depth: u32,
     output: Output,
 }
 
@@ -81,25 +167,7 @@ impl Service {
         global: &GlobalOptions,
         output: &Output,
     ) -> Result<Option<Self>, Failure> {
-        let kind = if wishes.has_end { ClockKind::Stepped } else { ClockKind::Real };
-        let bus = settings.open_bus(global, output, kind)?;
-        let Planned { positions, adapter, config, channels } =
-            settings.for_one(&bus, wishes, global)?;
-        let position = positions.first().copied().unwrap_or_default();
-        config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
-        // Before the real-time options: the thread that writes keeps out of what they ask for.
-        let capture = FrameCapture::start(capture, &adapter, channels)?;
-        let real_time = &settings.options().real_time;
-        let granted = real_time.apply(|line| output.note(line));
-        granted.map_err(|error| Failure::Host(error.to_string()))?;
-        let place = Place { position, adapter, config, channels };
-        let mut service = Self::start(bus.ecrt(), place, real_time, interrupt, output)?;
-        if let Some(service) = &mut service {
-            service.heard = channels;
-            let (is_real_time, since_1970_ns) = (service.is_real_time(), service.since_1970_ns);
-            service.capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
-        }
-        Ok(service)
+        Prepared::new(settings, wishes, global, output)?.enter(capture, interrupt, output)
     }
 
     /// Brings a gateway into service on a bus that is open; `None` when the user gave up.
@@ -140,6 +208,8 @@ impl Service {
             failed_cycles: 0,
             since_1970_ns,
             capture: None,
+            position,
+            cache_depth: CACHE_DEPTH,
             output,
         }))
     }
@@ -177,9 +247,7 @@ impl Service {
                 Ok(Some(ticket))
             }
             Err(SendError::NoRoom { .. } | SendError::NotReady { .. }) => Ok(None),
-            Err(SendError::NotFd { .. }) => Err(Failure::Usage(format!(
-                "channel {channel} carries no CAN FD frame: it has no data bit rate"
-            ))),
+            Err(SendError::NotFd { .. }) => Err(without_fd("a CAN FD frame", channel, None)),
             Err(error) => Err(Failure::Usage(error.to_string())),
         }
     }
@@ -200,7 +268,7 @@ impl Service {
         }
         let output = self.output;
         let (seconds, micros) = parts(self.absolute_ns(cycle.now_ns));
-        self.watch.look(&self.port, |line| {
+        self.watch.look(&self.port, cycle.now_ns, |line| {
             output.note(format_args!("# ({seconds:010}.{micros:06}) {line}"));
         });
         match ended {
@@ -221,8 +289,51 @@ impl Service {
         can(&self.port, channel)
     }
 
+    /// Frames that a channel holds at the most: in the firmware's cache, and in the CAN controller.
+    pub fn capacity(&self, channel: u8) -> u64 {
+        let controller = self.can(channel).map_or(0, |can| can.ram.tx_fifo_size);
+        u64::from(self.cache_depth) + u64::from(controller)
+    }
+
+    /// That the gateway was lost, and what came of it.
+    pub fn out_of_service(&self, what: &str) -> Failure {
+        let reason = match self.port.session(0) {
+            Session::Ready => format!("it was lost for a while: {what}"),
+            session => format!("it was lost and is {session}: {what}"),
+        };
+        Failure::OutOfService { position: self.position, reason }
+    }
+
+    /// That no frame came, or none that is wanted, and what the bit rates have to do with it.
+    pub fn silence(&self) -> String {
+        let counts = self.port.statistics(0).channels;
+        if self
+            .heard
+            .iter()
+            .any(|at| counts.get(usize::from(at)).is_some_and(|it| it.frames_received > 0))
+        {
+            return "no frame came that passes the filters".to_owned();
+        }
+        let channels = self.heard.iter();
+        let mut rates: Vec<_> = channels
+            .filter_map(|channel| Some((channel, BitRates::of(self.can(channel)?))))
+            .collect();
+        let is_alike = rates.windows(2).all(|pair| matches!(pair, [a, b] if a.1 == b.1));
+        rates.truncate(if is_alike { 1 } else { CHANNELS });
+        let words: Vec<_> = match is_alike {
+            true => rates.iter().map(|(_, rates)| rates.to_string()).collect(),
+            false => rates.iter().map(|(at, rates)| format!("{rates} on can{at}")).collect(),
+        };
+        format!("no frame came: do the others on the bus have {}?", words.join(", "))
+    }
+
     pub fn port(&self) -> &Port {
         &self.port
+    }
+
+    /// Where lines beside the data go.
+    pub fn output(&self) -> &Output {
+        &self.output
     }
 
     pub fn port_mut(&mut self) -> &mut Port {
@@ -262,6 +373,16 @@ fn since_1970_ns(clock: &dyn Clock) -> u64 {
     }
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     u64::try_from(since.as_nanos()).unwrap_or(0).wrapping_sub(clock.now_ns())
+}
+
+/// That something needs CAN FD, on a channel that has none by the options or the file.
+fn without_fd(what: impl Display, channel: u8, file: Option<&Path>) -> Failure {
+    Failure::Usage(match file {
+        None => format!("{what}: channel {channel} has no data bit rate, give --data-bitrate"),
+        Some(path) => {
+            format!("{what}: channel {channel} has no data_bitrate in {}", path.display())
+        }
+    })
 }
 
 /// The error of a gateway that is the only one of its Port.

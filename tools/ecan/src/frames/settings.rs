@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use ecan_command_line::real_time::RealTimeArguments;
 use ecan_config_file::{ConfigFile, Place};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
@@ -11,6 +12,7 @@ use ecan_sim::ClockKind;
 use crate::bus::Bus;
 use crate::config_file;
 use crate::failure::Failure;
+use crate::frames::bit_rates;
 use crate::frames::channels::Channels;
 use crate::frames::options::GatewayOptions;
 use crate::global::GlobalOptions;
@@ -90,35 +92,21 @@ pub struct Settings<'a> {
 impl<'a> Settings<'a> {
     /// Reads the file, where the options name one.
     pub fn of(options: &'a GatewayOptions) -> Result<Self, Failure> {
-        let file = match &options.config {
+        let file = match &options.setup.config {
             Some(path) => Some((path.clone(), config_file::read(path)?)),
             None => None,
         };
         Ok(Self { options, file })
     }
 
-    /// The options.
-    pub fn options(&self) -> &'a GatewayOptions {
-        self.options
+    /// What the cycle's thread is to be.
+    pub fn real_time(&self) -> &'a RealTimeArguments {
+        &self.options.real_time
     }
 
-    /// Whether a channel can carry CAN FD frames.
-    pub fn has_fd(&self, channel: u8) -> bool {
-        let Some((_, file)) = &self.file else { return self.options.data_bitrate.is_some() };
-        let gateways = file.port.gateways.iter();
-        let mut settings =
-            gateways.filter_map(|it| it.channels.get(usize::from(channel))?.as_ref());
-        settings.any(|channel| channel.can.fd)
-    }
-
-    /// That something needs CAN FD, on a channel that has none.
-    pub fn without_fd(&self, what: impl std::fmt::Display, channel: u8) -> Failure {
-        Failure::Usage(match &self.file {
-            None => format!("{what}: give --data-bitrate"),
-            Some((path, _)) => {
-                format!("{what}: channel {channel} has no data_bitrate in {}", path.display())
-            }
-        })
+    /// The configuration file, where there is one.
+    pub fn config_path(&self) -> Option<PathBuf> {
+        self.file.as_ref().map(|(path, _)| path.clone())
     }
 
     /// Opens the bus.
@@ -142,7 +130,7 @@ impl<'a> Settings<'a> {
         global: &GlobalOptions,
     ) -> Result<Planned, Failure> {
         let Some((path, file)) = &self.file else {
-            return self.of_options(vec![bus.slave()?], wishes, global.master());
+            return self.of_options(bus, vec![bus.slave()?], wishes, global.master());
         };
         let places = config_file::places(file, bus)?;
         match places[..] {
@@ -171,34 +159,36 @@ impl<'a> Settings<'a> {
             return of_file(path, file, &places, wishes, global);
         }
         let positions = bus.chosen_or_every_gateway()?;
-        self.of_options(positions, wishes, global.master())
+        self.of_options(bus, positions, wishes, global.master())
     }
 
-    /// The same configuration for all of them.
+    /// By the options; where they name no bit rates, those that each gateway is set to.
     fn of_options(
         &self,
+        bus: &Bus,
         positions: Vec<usize>,
         wishes: Wishes,
         master: u32,
     ) -> Result<Planned, Failure> {
-        let GatewayOptions { pdo_n, cycle_us, large_pdos, .. } = *self.options;
+        let setup = &self.options.setup;
         let count = u16::try_from(positions.len())
             .map_err(|_| Failure::Slave(format!("{} gateways are too many", positions.len())))?;
-        let mut adapter = AdapterConfig::new(count).with_multiplier(pdo_n).with_cycle_us(cycle_us);
+        let mut adapter = setup.adapter(count);
         adapter.master_index = master;
-        adapter.allow_large_pdos = large_pdos;
+        let mut config = PortConfig::default();
         for (slave, position) in adapter.slaves.iter_mut().zip(&positions) {
             slave.position = u16::try_from(*position)
                 .map_err(|_| Failure::Slave(format!("there is no slave {position}")))?;
-        }
-        let mut gateway = GatewayConfig::default();
-        for (channel, place) in (0..).zip(&mut gateway.channels) {
-            if wishes.channels.contains(channel) {
-                *place = Some(self.options.channel());
+            let mut gateway = GatewayConfig::default();
+            for (channel, place) in (0..).zip(&mut gateway.channels) {
+                if wishes.channels.contains(channel) {
+                    let own = || bit_rates::of_gateway(bus, *position, channel);
+                    *place = Some(setup.channel(own)?);
+                }
             }
+            wishes.apply(&mut gateway);
+            config.gateways.push(gateway);
         }
-        wishes.apply(&mut gateway);
-        let config = PortConfig::uniform(positions.len(), gateway);
         Ok(Planned { positions, adapter, config, channels: wishes.channels })
     }
 }

@@ -3,7 +3,15 @@
 use ecan_mcan_port::{Port, Session};
 use ecan_protocol::{CHANNELS, ChannelState, ChannelStatus};
 
+use crate::frames::bit_rates::BitRates;
 use crate::frames::channels::Channels;
+use crate::frames::service::can;
+
+/// A channel that comes and goes would fill the screen: in the long run it gets a line in so many
+/// nanoseconds.
+const PAUSE_NS: u64 = 1_000_000_000;
+/// Lines that it may have one after the other.
+const AT_ONCE: u64 = 3;
 
 /// What of a channel's status is worth a line.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -35,22 +43,55 @@ impl Condition {
     }
 }
 
+/// What is known of a channel, and what was said of it.
+#[derive(Clone, Copy, Debug, Default)]
+struct Told {
+    seen: Option<Condition>,
+    /// Until then its lines have been used up, a pause each.
+    paid_until_ns: u64,
+    /// Changes since the last line.
+    changes: u32,
+}
+
+impl Told {
+    /// Takes what it is now; the words for it, where they are due.
+    fn next(&mut self, now: Condition, now_ns: u64) -> Option<String> {
+        // Before the first image there is no status to speak of.
+        let is_unknown = self.seen.is_none() && now.state == ChannelState::Disabled;
+        if is_unknown {
+            return None;
+        }
+        let before = self.seen.replace(now);
+        let is_change = before.map_or(!now.is_good(), |before| before != now);
+        self.changes += u32::from(is_change);
+        let paid_until_ns = self.paid_until_ns.max(now_ns) + PAUSE_NS;
+        if self.changes == 0 || paid_until_ns - now_ns > AT_ONCE * PAUSE_NS {
+            return None;
+        }
+        self.paid_until_ns = paid_until_ns;
+        match std::mem::take(&mut self.changes) {
+            1 => Some(now.words()),
+            several => Some(format!("{} ({several} changes)", now.words())),
+        }
+    }
+}
+
 /// Remembers what was seen last.
 #[derive(Debug)]
 pub struct StatusWatch {
     channels: Channels,
-    seen: [Option<Condition>; CHANNELS],
+    told: [Told; CHANNELS],
     session: Session,
 }
 
 impl StatusWatch {
     /// Starts with a gateway in service and channels that run as they should.
     pub fn new(channels: Channels) -> Self {
-        Self { channels, seen: [None; CHANNELS], session: Session::Ready }
+        Self { channels, told: Default::default(), session: Session::Ready }
     }
 
-    /// Hands a line for everything that has changed to `say`.
-    pub fn look(&mut self, port: &Port, mut say: impl FnMut(String)) {
+    /// Hands a line for what has changed to `say`, of each channel in the long run one a second.
+    pub fn look(&mut self, port: &Port, now_ns: u64, mut say: impl FnMut(String)) {
         let session = port.session(0);
         if session != self.session {
             self.session = session;
@@ -61,17 +102,33 @@ impl StatusWatch {
         }
         for channel in self.channels.iter() {
             let now = Condition::of(port.channel_status(0, channel));
-            let Some(seen) = self.seen.get_mut(usize::from(channel)) else { continue };
-            let before = *seen;
-            // Before the first image there is no status to speak of.
-            let is_unknown = before.is_none() && now.state == ChannelState::Disabled;
-            if before == Some(now) || is_unknown {
-                continue;
-            }
-            *seen = Some(now);
-            if before.is_some() || !now.is_good() {
-                say(format!("can{channel} {}", now.words()));
-            }
+            let told = self.told.get_mut(usize::from(channel));
+            let Some(words) = told.and_then(|told| told.next(now, now_ns)) else { continue };
+            let rates = can(port, channel).filter(|_| now.has_warning || now.is_bus_off);
+            let rates = rates.map_or_else(String::new, |can| format!(", at {}", BitRates::of(can)));
+            say(format!("can{channel} {words}{rates}"));
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_channel_that_comes_and_goes_is_told_at_once_and_then_once_a_second() {
+        let condition =
+            |is_bus_off| Condition { state: ChannelState::Run, has_warning: false, is_bus_off };
+        let mut told = Told::default();
+        assert_eq!(told.next(condition(false), 0), None);
+        let lines: Vec<_> = (1..=3000_u64)
+            .filter_map(|ms| told.next(condition(ms % 2 == 1), ms * 1_000_000))
+            .collect();
+        let later = ["bus-off (998 changes)", "bus-off (1000 changes)"];
+        assert_eq!(lines, [&["bus-off", "run", "bus-off"][..], &later].concat());
+        // What was held back comes when the time is over, also when nothing happens any more.
+        let last = told.next(condition(false), 3_500_000_000);
+        assert_eq!(last.as_deref(), Some("run (999 changes)"));
+        assert_eq!(told.next(condition(false), 9_000_000_000), None);
     }
 }

@@ -27,9 +27,8 @@ impl Client {
         assert_eq!(String::from_utf8_lossy(&bytes), text);
     }
 
-    /// What comes up to this character, and with it.
-    pub fn hear_through(&mut self, last: char) -> String {
-        let bytes = self.heard.through(u8::try_from(last).unwrap());
-        String::from_utf8(bytes).unwrap()
+    /// What comes up to the first of these bytes, and with it.
+    pub fn hear_through(&mut self, last: &[u8]) -> String {
+        String::from_utf8(self.heard.through_one_of(last)).unwrap()
     }
 }

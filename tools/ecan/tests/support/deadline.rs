@@ -69,10 +69,16 @@ impl Deadlined {
 
     /// The next bytes up to this one, and with it; to the end where it does not come.
     pub fn through(&mut self, last: u8) -> Vec<u8> {
-        let found = self.look(&format!("{:?}", char::from(last)), |text, taken| {
-            let place = text[taken..].iter().position(|byte| *byte == last);
-            place.map(|place| taken + place + 1)
-        });
+        self.through_one_of(&[last])
+    }
+
+    /// The next bytes up to the first of these, and with it; to the end where none comes.
+    pub fn through_one_of(&mut self, last: &[u8]) -> Vec<u8> {
+        let found =
+            self.look(&String::from_utf8_lossy(last).escape_debug().to_string(), |text, taken| {
+                let place = text[taken..].iter().position(|byte| last.contains(byte));
+                place.map(|place| taken + place + 1)
+            });
         self.take_to(found.unwrap_or(self.text.len()))
     }
 

@@ -158,6 +158,7 @@ impl Scenario {
 pub struct Running {
     child: std::process::Child,
     stdout: Option<Deadlined>,
+    stderr: Deadlined,
 }
 
 impl Running {
@@ -170,13 +171,19 @@ impl Running {
             .spawn()
             .unwrap();
         let stdout = child.stdout.take().map(Deadlined::new);
-        Self { child, stdout }
+        let stderr = Deadlined::new(child.stderr.take().unwrap());
+        Self { child, stdout, stderr }
     }
 
     /// The next line of standard output, without its end.
     pub fn line(&mut self) -> String {
         let line = self.stdout.as_mut().unwrap().through(b'\n');
         String::from_utf8(line).unwrap().trim_end_matches('\n').to_owned()
+    }
+
+    /// Waits for words on standard error.
+    pub fn wait_for_error(&mut self, words: &str) {
+        self.stderr.wait_for(words);
     }
 
     /// Closes standard output, as a reader does who has had enough.
@@ -189,11 +196,22 @@ impl Running {
         assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
     }
 
+    /// Ends it as an impatient user does.
+    pub fn terminate_until_ended(&mut self) {
+        for _ in 0..200 {
+            if self.child.try_wait().unwrap().is_some() {
+                return;
+            }
+            self.terminate();
+            std::thread::sleep(std::time::Duration::from_millis(50));
+        }
+        panic!("no signal ended it");
+    }
+
     /// Waits for the end: the exit status, and standard error.
     pub fn wait(&mut self) -> (Option<i32>, String) {
-        let mut errors = Deadlined::new(self.child.stderr.take().unwrap());
-        let status = errors.end_of(&mut self.child);
-        (status.code(), errors.rest())
+        let status = self.stderr.end_of(&mut self.child);
+        (status.code(), self.stderr.rest())
     }
 }
 

@@ -123,6 +123,13 @@ impl Front {
         Place { protocol, address, channel }
     }
 
+    /// Where it speaks socketcand, if it does.
+    pub fn socketcand_address(&self) -> Option<SocketAddr> {
+        let Self::Server(server) = self else { return None };
+        let info = server.info();
+        (info.protocol() == BridgeProtocol::Socketcand).then(|| info.address())
+    }
+
     /// Whether other machines reach it.
     pub fn is_open_to_others(&self) -> bool {
         match self {
@@ -143,7 +150,7 @@ impl Front {
     /// What did not go through, in words; nothing where all did.
     pub fn losses(&self) -> Vec<String> {
         let counted = self.clients().statistics();
-        let has_own_words = counted.dropped_to_bus + counted.mismatched;
+        let has_own_words = counted.dropped_to_bus + counted.mismatched + counted.not_taken;
         let words = [
             (counted.dropped_to_bus, "frames for the bus were dropped: too many waited"),
             (
@@ -157,6 +164,10 @@ impl Front {
             (
                 counted.mismatched,
                 "frames for the bus were refused: the channel has another bit rate, or no CAN FD",
+            ),
+            (
+                counted.not_taken,
+                "frames for the bus were refused: the channel was out of service, or only listens",
             ),
             (
                 counted.unfit,

@@ -1,17 +1,25 @@
 //! `ecan bridge`: a channel for other programs.
 
+mod beacon;
 mod front;
+mod gate;
+mod turns;
+mod under_way;
 
-use std::collections::HashMap;
+use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
 use clap::Args;
 use ecan_bridge::{BridgeProtocol, BusRates, ClientId};
 use ecan_command_line::interrupt::Interrupt;
-use ecan_mcan_port::{Received, SendTicket, Session};
+use ecan_mcan_port::{Received, Session};
 use ecan_protocol::CanFrame;
 
+use crate::commands::bridge::beacon::Beacon;
 use crate::commands::bridge::front::{Front, Listening, Place};
+use crate::commands::bridge::gate::Gate;
+use crate::commands::bridge::turns::Turns;
+use crate::commands::bridge::under_way::UnderWay;
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::options::FrameOptions;
@@ -27,11 +35,12 @@ Examples:
   ecan bridge --channel 2 --slcan 3333 --socketcand 29536
   ecan bridge --pty /tmp/can0                  slcan on a terminal, for slcand and the like
   ecan bridge --channel 1 --socketcan vcan0    a CAN interface: candump vcan0, cansend vcan0 123#01
+  ecan bridge --socketcand --beacon            which SavvyCAN and python-can find
   python-can: can.Bus(interface=\"slcan\", channel=\"socket://127.0.0.1:3333\")
   python-can: can.Bus(interface=\"socketcand\", host=\"127.0.0.1\", port=29536, channel=\"can2\")
 
-The bit rates of the channel are those of the options or of the file: a client that names others hears nothing and
-cannot send. Frames go through once per EtherCAT cycle.
+The bit rates of the channel are those of the options, of the file, or else those that the gateway
+is set to: a client that names others hears nothing and cannot send. Frames go through once per EtherCAT cycle.
 
 A virtual CAN interface: modprobe vcan; ip link add dev vcan0 type vcan; ip link set vcan0 up";
 
@@ -45,9 +54,14 @@ pub struct BridgeArguments {
     /// The default where no other way in is chosen
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     slcan: Option<Listening>,
-    /// Speak socketcand over TCP: classic CAN data frames
+    /// Speak socketcand over TCP: classic CAN frames
     #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = "0")]
     socketcand: Option<Listening>,
+    /// Announce socketcand by its beacon (UDP port 42000), as SavvyCAN and python-can look for it: to
+    /// this address, for instance a network's broadcast address; 127.0.0.1 otherwise
+    #[arg(long, value_name = "IP", num_args = 0..=1, default_missing_value = "127.0.0.1",
+          requires = "socketcand")]
+    beacon: Option<IpAddr>,
     /// Speak slcan on a pseudo-terminal, as a serial adapter does; LINK becomes a link to it
     #[arg(long, value_name = "LINK", num_args = 0..=1, default_missing_value = "")]
     pty: Option<PathBuf>,
@@ -58,7 +72,7 @@ pub struct BridgeArguments {
     #[arg(long, value_name = "COUNT", default_value_t = 8,
           value_parser = clap::value_parser!(u16).range(1..=1000))]
     max_clients: u16,
-    /// Listen without acknowledging; what clients send is not sent
+    /// Listen without acknowledging; what clients send is refused
     #[arg(long)]
     listen_only: bool,
     #[command(flatten)]
@@ -88,10 +102,12 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
+    let output = &output.beside(arguments.options.capture.is_on_output());
     let settings = Settings::of(&arguments.options.gateway)?;
     let interrupt = Interrupt::install()?;
     // Before the gateway: the servers' threads keep out of what the cycle's thread asks for.
     let fronts = listen(arguments)?;
+    let mut gate = Gate::shut(&fronts);
     let wishes = Wishes {
         is_listening: arguments.listen_only,
         has_results: true,
@@ -108,17 +124,23 @@ pub fn run(
         };
         fronts.iter().for_each(|front| front.clients().set_bus(rates));
     }
+    // Open before anyone knows where to come in: who comes at once is not refused.
+    gate.set_open(!arguments.listen_only, 0, &fronts, output);
     announce(arguments.channel, &fronts, output)?;
+    let _beacon = start_beacon(arguments, &fronts)?;
     let mut bridge = Traffic {
         channel: arguments.channel,
+        is_listening: arguments.listen_only,
         service,
         fronts,
-        under_way: HashMap::with_capacity(4096),
+        under_way: UnderWay::default(),
         waiting: None,
+        turns: Turns::default(),
+        gate,
     };
     let mut outcome = Ok(());
     while outcome.is_ok() && !interrupt.is_set() {
-        outcome = bridge.cycle(arguments.listen_only, output);
+        outcome = bridge.cycle(output);
     }
     bridge.tell_losses(output);
     outcome.and(bridge.service.finish_capture())
@@ -146,6 +168,16 @@ fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
     Ok(fronts)
 }
 
+/// Tells the network where socketcand is, if that is wanted.
+fn start_beacon(arguments: &BridgeArguments, fronts: &[Front]) -> Result<Option<Beacon>, Failure> {
+    let server = fronts.iter().find_map(Front::socketcand_address);
+    let Some((ip, server)) = arguments.beacon.zip(server) else { return Ok(None) };
+    let to = SocketAddr::new(ip, beacon::PORT);
+    let started = Beacon::start(to, server, arguments.channel);
+    let failed = |error| Failure::Bridge(format!("cannot send a beacon to {to}: {error}"));
+    started.map(Some).map_err(failed)
+}
+
 /// Tells where the servers are.
 fn announce(channel: u8, fronts: &[Front], output: &Output) -> Result<(), Failure> {
     let places: Vec<_> = fronts.iter().map(|front| front.place(channel)).collect();
@@ -165,23 +197,26 @@ fn announce(channel: u8, fronts: &[Front], output: &Output) -> Result<(), Failur
 #[derive(Debug)]
 struct Traffic {
     channel: u8,
+    is_listening: bool,
     service: Service,
     fronts: Vec<Front>,
     /// Frames of clients that the gateway has.
-    under_way: HashMap<SendTicket, Held>,
+    under_way: UnderWay<Held>,
     /// A frame for which there was no room.
     waiting: Option<Held>,
+    turns: Turns,
+    gate: Gate,
 }
 
 impl Traffic {
-    fn cycle(&mut self, is_listening: bool, output: &Output) -> Result<(), Failure> {
+    fn cycle(&mut self, output: &Output) -> Result<(), Failure> {
         let cycle = self.service.begin();
         for arrival in &cycle.arrivals {
             let time_ns = self.service.absolute_ns(arrival.time_ns);
             match &arrival.received {
                 Received::Frame(received) => self.deliver(&received.frame, time_ns, None),
                 Received::TransmitReport(report) => {
-                    let held = report.ticket.and_then(|ticket| self.under_way.remove(&ticket));
+                    let held = report.ticket.and_then(|ticket| self.under_way.remove(ticket));
                     let Some(held) = held else { continue };
                     if report.code.is_success() {
                         self.deliver(&held.frame, time_ns, Some(held));
@@ -191,17 +226,23 @@ impl Traffic {
                 }
             }
         }
-        if self.service.port().session(0) != Session::Ready {
+        let is_in_service = self.service.port().session(0) == Session::Ready;
+        if !is_in_service {
             // Nothing is told any more of frames before the loss.
             self.under_way.clear();
         }
+        let forgotten = self.under_way.forget_old(cycle.now_ns);
+        if forgotten > 0 {
+            output.note(format_args!("# what became of {forgotten} frames of clients is not told"));
+        }
+        let is_off_bus = self.service.port().channel_status(0, self.channel).bus_off();
+        let can_send = is_in_service && !is_off_bus && !self.is_listening;
+        let held = self.waiting.take_if(|_| !can_send);
+        self.gate.set_open(can_send, held.iter().count(), &self.fronts, output);
         while let Some(held) = self.waiting.take().or_else(|| self.next_of_clients()) {
-            if is_listening {
-                continue;
-            }
             match self.service.send(self.channel, &held.frame) {
                 Ok(Some(ticket)) => {
-                    self.under_way.insert(ticket, held);
+                    self.under_way.insert(ticket, held, cycle.now_ns);
                 }
                 Ok(None) => {
                     self.waiting = Some(held);
@@ -225,9 +266,10 @@ impl Traffic {
         }
     }
 
-    fn next_of_clients(&self) -> Option<Held> {
-        self.fronts.iter().enumerate().find_map(|(front, it)| {
-            it.clients().next_for_bus().map(|(client, frame)| Held { front, client, frame })
+    fn next_of_clients(&mut self) -> Option<Held> {
+        self.turns.next(self.fronts.len(), |front| {
+            let (client, frame) = self.fronts.get(front)?.clients().next_for_bus()?;
+            Some(Held { front, client, frame })
         })
     }
 

@@ -107,8 +107,10 @@ fn directions(report: &Report, out: &mut dyn Write) -> Written {
     table::print(out, &rows)
 }
 
-/// Counts, each with the words for it and its name where it was not read.
-fn counts<const N: usize>(counts: [(Option<u32>, &dyn Fn(u32) -> String, &str); N]) -> String {
+/// A count, the words for it, and its name for when it was not read.
+type Count<'a> = (Option<u32>, &'a dyn Fn(u32) -> String, &'a str);
+
+fn counts<const N: usize>(counts: [Count<'_>; N]) -> String {
     let told = counts
         .map(|(count, words, name)| count.map_or_else(|| format!("{name} {NOT_READ}"), words));
     told.join(", ")

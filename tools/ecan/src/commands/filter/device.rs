@@ -10,12 +10,14 @@ use crate::failure::Failure;
 
 /// Which of the two lists.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Kind {
+pub enum Kind {
     Standard,
     Extended,
 }
 
 impl Kind {
+    pub const ALL: [Self; 2] = [Self::Standard, Self::Extended];
+
     pub(super) fn name(self) -> &'static str {
         match self {
             Self::Standard => "standard",
@@ -33,13 +35,13 @@ impl Kind {
 
 /// A filter in the numbers of the window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-pub(super) struct RawFilter {
+pub struct RawFilter {
     #[serde(rename = "type")]
-    pub(super) matching: u32,
-    pub(super) action: u32,
-    pub(super) sync: u32,
-    pub(super) id1: u32,
-    pub(super) id2: u32,
+    pub matching: u32,
+    pub action: u32,
+    pub sync: u32,
+    pub id1: u32,
+    pub id2: u32,
 }
 
 /// Elements of the Message RAM that filters may name.
@@ -51,10 +53,10 @@ pub(super) struct ElementCounts {
 }
 
 /// The filters of one channel.
-pub(super) struct ChannelFilters<'a> {
-    pub(super) bus: &'a Bus,
-    pub(super) slave: usize,
-    pub(super) channel: u8,
+pub struct ChannelFilters<'a> {
+    pub bus: &'a Bus,
+    pub slave: usize,
+    pub channel: u8,
 }
 
 impl ChannelFilters<'_> {
@@ -102,7 +104,7 @@ impl ChannelFilters<'_> {
     }
 
     /// Reads a list, one filter after the other through the window.
-    pub(super) fn read(&self, kind: Kind) -> Result<Vec<RawFilter>, Failure> {
+    pub fn read(&self, kind: Kind) -> Result<Vec<RawFilter>, Failure> {
         let window = kind.window();
         (0..self.get(window.count)?).map(|number| self.load(kind, number)).collect()
     }
@@ -172,7 +174,7 @@ impl ChannelFilters<'_> {
     }
 
     /// Writes a whole list, and puts what was behind it out of use.
-    pub(super) fn replace(&self, kind: Kind, filters: &[RawFilter]) -> Result<(), Failure> {
+    pub fn replace(&self, kind: Kind, filters: &[RawFilter]) -> Result<(), Failure> {
         let window = kind.window();
         let before = self.get(window.count)?;
         for (number, filter) in (0..).zip(filters) {

@@ -17,7 +17,9 @@ use crate::global::GlobalOptions;
 use crate::output::Output;
 use crate::table;
 
-use device::{ChannelFilters, Kind, RawFilter};
+pub use device::{ChannelFilters, Kind as FilterKind, RawFilter};
+
+use device::Kind;
 use new_filter::NewFilter;
 
 /// What to do with filters.
@@ -84,7 +86,7 @@ enum Action {
 #[derive(Debug, Args)]
 struct ChannelArgument {
     /// CAN channel, 0 to 3
-    #[arg(long, value_name = "N", value_parser = crate::channel::parse)]
+    #[arg(long, value_name = "N", value_parser = crate::frames::channels::parse_channel)]
     channel: u8,
 }
 

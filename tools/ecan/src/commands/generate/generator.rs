@@ -133,6 +133,12 @@ impl Generator {
         Ok(Self { pattern, random: Rng::with_seed(seed), made: 0 })
     }
 
+    /// Leaves CAN FD out of a mixture.
+    pub fn without_fd(mut self) -> Self {
+        self.pattern.is_fd = false;
+        self
+    }
+
     /// The next frame.
     ///
     /// # Errors

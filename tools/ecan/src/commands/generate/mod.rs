@@ -4,18 +4,15 @@ mod generator;
 
 use clap::Args;
 use ecan_command_line::interrupt::Interrupt;
-use ecan_mcan_port::{ReceiveSource, ReceivedFrame};
-use ecan_protocol::{CanFrame, Timestamp};
 
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
-use crate::frames::departures::Departures;
-use crate::frames::format::{Heard, Screen};
+use crate::frames::format::Screen;
 use crate::frames::options::FrameOptions;
-use crate::frames::printer::Printer;
-use crate::frames::service::Service;
+use crate::frames::printer::{Destination, Printer};
+use crate::frames::sender::{Due, Record, Sender};
+use crate::frames::service::Prepared;
 use crate::frames::settings::{Settings, Wishes};
-use crate::frames::summary::Summary;
 use crate::global::GlobalOptions;
 use crate::output::Output;
 use generator::{DataMode, Generator, IdMode, LengthMode, Pattern};
@@ -91,19 +88,16 @@ fn parse_gap(text: &str) -> Result<u64, String> {
 }
 
 impl GenArguments {
-    fn generator(&self, settings: &Settings<'_>) -> Result<Generator, Failure> {
-        let has_fd = settings.has_fd(self.channel);
-        if (self.fd || self.brs) && !has_fd {
-            return Err(settings.without_fd("CAN FD needs the data bit rate", self.channel));
-        }
+    /// Frames of CAN FD among them, if such are asked for or mixed in.
+    fn generator(&self) -> Result<Generator, Failure> {
         let pattern = Pattern {
             id: self.id,
             length: self.length,
             data: self.data.clone(),
             is_extended: self.extended,
             is_remote: self.remote,
-            is_fd: self.fd || self.brs || self.mix && has_fd,
-            has_bit_rate_switch: self.brs || self.mix && has_fd,
+            is_fd: self.fd || self.brs || self.mix,
+            has_bit_rate_switch: self.brs || self.mix,
             is_mixed: self.mix,
         };
         let seed = self.seed.unwrap_or_else(|| fastrand::u64(..));
@@ -116,67 +110,37 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    let settings = Settings::of(&arguments.options.gateway)?;
-    let mut generator = arguments.generator(&settings)?;
-    let interrupt = Interrupt::install()?;
-    let is_shown = arguments.verbose && !global.json;
-    let mut printer = Printer::start(Screen::default(), is_shown, None)?;
-    let channels = Channels::only(arguments.channel);
-    let has_end = arguments.count.is_some();
-    let wishes = Wishes { has_results: true, has_end, ..Wishes::on(channels) };
-    let capture = &arguments.options.capture;
-    let opened = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
-    let Some(mut service) = opened else { return printer.finish(output) };
-    let start_ns = service.now_ns();
-    let mut departures = Departures::new(channels, start_ns);
-    let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
-    let mut next = None;
-    let mut is_stuck = false;
-    while !is_stuck
-        && !interrupt.is_set()
-        && !printer.is_over()
-        && arguments.count != Some(departures.count())
-    {
-        let cycle = service.begin();
-        departures.look(&cycle, service.port());
-        let mut has_room = true;
-        while has_room
-            && arguments.count != Some(departures.count())
-            && due_ns(arguments, start_ns, departures.count()) <= cycle.now_ns
-        {
-            let frame = match next.take() {
-                Some(frame) => frame,
-                None => generator.next_frame().map_err(|it| Failure::Usage(it.to_string()))?,
-            };
-            match service.send(arguments.channel, &frame)? {
-                Some(ticket) => {
-                    departures.taken(ticket, cycle.now_ns);
-                    printer.put(shown(arguments.channel, frame), service.is_real_time());
-                }
-                None => (next, has_room) = (Some(frame), false),
-            }
-        }
-        // A long gap is no standstill.
-        is_stuck = !has_room && departures.standstill_ns(cycle.now_ns) >= timeout_ns;
-        service.end(cycle)?;
+    let GenArguments { channel, count, gap, options, .. } = arguments;
+    let is_output_taken = options.capture.is_on_output();
+    if arguments.verbose && is_output_taken {
+        let words = "--verbose and a capture on standard output exclude each other";
+        return Err(Failure::Usage(words.to_owned()));
     }
-    departures.wait(&mut service, timeout_ns, &interrupt, |_, _| {})?;
-    printer.finish(output)?;
-    service.finish_capture()?;
-    let wanted = arguments.count.filter(|_| !interrupt.is_set()).unwrap_or(departures.count());
-    let elapsed_ns = service.now_ns() - start_ns;
-    let summary = Summary::of(&departures, service.port(), wanted, elapsed_ns);
-    summary.print(output)?;
-    summary.judge(departures.outcome(service.port()).cause(service.port()))
-}
-
-/// When the frame of a number is due.
-fn due_ns(arguments: &GenArguments, start_ns: u64, number: u64) -> u64 {
-    start_ns.saturating_add(arguments.gap.saturating_mul(number))
-}
-
-/// A frame for the screen, which shows no times.
-fn shown(channel: u8, frame: CanFrame) -> Heard {
-    let (timestamp, source) = (Timestamp::None, ReceiveSource::default());
-    Heard { time_ns: 0, received: ReceivedFrame { slave: 0, channel, frame, timestamp, source } }
+    let output = &output.beside(is_output_taken);
+    let mut generator = arguments.generator()?;
+    let settings = Settings::of(&options.gateway)?;
+    let interrupt = Interrupt::install()?;
+    let channels = Channels::only(*channel);
+    let wishes = Wishes { has_results: true, has_end: count.is_some(), ..Wishes::on(channels) };
+    let prepared = Prepared::new(&settings, wishes, global, output)?;
+    if arguments.fd || arguments.brs {
+        prepared.needs_fd("CAN FD frames are asked for", *channel)?;
+    }
+    if !prepared.has_fd(*channel) {
+        generator = generator.without_fd();
+    }
+    let is_shown = arguments.verbose && !global.json;
+    let destination = Destination { is_shown, log: None, existing: options.capture.existing() };
+    let printer = Printer::start(Screen::default(), destination, &interrupt)?;
+    let Some(service) = prepared.enter(&options.capture, &interrupt, output)? else {
+        return printer.finish(output);
+    };
+    let frames = (0..count.unwrap_or(u64::MAX)).map(|number| {
+        let frame = generator.next_frame().map_err(|it| Failure::Usage(it.to_string()))?;
+        Ok(Due { after_ns: gap.saturating_mul(number), channel: *channel, frame })
+    });
+    let timeout_ns = arguments.timeout.saturating_mul(1_000_000);
+    let record = Record::Sent(printer);
+    let sender = Sender { channels, timeout_ns, interrupt: &interrupt, record };
+    sender.run(service, frames, *count, output)
 }

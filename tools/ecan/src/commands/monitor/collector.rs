@@ -137,6 +137,11 @@ impl Collector {
             }
         }
         self.unmeasured += observation.unmeasured;
+        if observation.unmeasured > 0 {
+            // They came behind the marks: what begins next is no period after the last one.
+            self.cycles.pause();
+            self.last_begin_ns = None;
+        }
     }
 
     fn say(&mut self, now_ns: u64, words: String) {
@@ -333,6 +338,9 @@ fn times(of: &Distribution) -> Times {
 
 #[cfg(test)]
 mod tests {
+    use ecan_host::CycleStart;
+
+    use super::super::observation::Mark;
     use super::*;
 
     #[test]
@@ -360,6 +368,31 @@ mod tests {
         observation.now_ns = now_ns;
         change(&mut observation.gateways[0]);
         collector.take(&observation);
+    }
+
+    #[test]
+    fn a_gap_of_unmeasured_cycles_is_no_period() {
+        let mut collector = Collector::new(&[0], 1_000_000, u64::MAX, true);
+        let mut observe = |starts_ns: [u64; 2], unmeasured| {
+            let mut observation = Observation::new(1);
+            for start_ns in starts_ns {
+                let start =
+                    CycleStart { deadline_ns: start_ns, late_ns: 0, skipped: 1, has_overrun: true };
+                observation.mark(Mark { start, end_ns: start_ns + 200_000 });
+            }
+            observation.unmeasured = unmeasured;
+            collector.take(&observation);
+            collector.snapshot().cycle
+        };
+        observe([1_000_000, 2_000_000], 3);
+        // Five milliseconds behind the last one that was measured.
+        let cycle = observe([7_000_000, 8_000_000], 0);
+        assert_eq!((cycle.cycles, cycle.unmeasured), (4, 3));
+        assert_eq!(cycle.histogram, [0, 0, 0, 2, 0, 0, 0]);
+        assert_eq!((cycle.period.min_us, cycle.period.max_us), (1000.0, 1000.0));
+        assert_eq!((cycle.overruns, cycle.skipped), (2, 2));
+        let cycle = observe([9_000_000, 10_000_000], 0);
+        assert_eq!(cycle.histogram, [0, 0, 0, 4, 0, 0, 0]);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! `ecan monitor`: gateways, channels and the cycle at a glance.
 
 mod collector;
+mod hang_up;
 mod keys;
 mod observation;
 mod screen;
@@ -78,7 +79,8 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    let interrupt = Interrupt::install()?;
+    // The terminal has to be put back, which takes a second at most.
+    let interrupt = Interrupt::install_patient()?;
     let is_asked_once = arguments.once || arguments.seconds.is_some() || global.json;
     if is_asked_once || !std::io::stdout().is_terminal() {
         return print_once(arguments, &interrupt, is_asked_once, global, output);

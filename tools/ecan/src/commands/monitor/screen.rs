@@ -15,6 +15,8 @@ use super::text::{CHANNEL_TITLES, channel_cells, cycle_counts, cycle_times, gate
 /// Below this there is room for the worst news only.
 const LEAST_WIDTH: u16 = 54;
 const LEAST_HEIGHT: u16 = 14;
+/// Lines that are to be left there before events have some of them.
+const LEAST_EVENTS: usize = 4;
 /// Frame, titles and one gateway.
 const LEAST_GATEWAYS: u16 = 4;
 /// Frame and titles around the channels; the line of the one chosen.
@@ -79,7 +81,8 @@ fn has_trouble(gateway: &GatewayView) -> bool {
     gateway.channels.iter().any(|channel| channel.is_bus_off || channel.has_warning)
 }
 
-/// A line for each gateway, those with trouble first.
+/// A line for each gateway, those with trouble first. What room is left has the keys and the latest
+/// events.
 fn draw_tiny(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
     let mut gateways: Vec<_> = snapshot.gateways.iter().collect();
     gateways
@@ -97,6 +100,19 @@ fn draw_tiny(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice,
         };
         Line::styled(words, tint.gateway(gateway))
     }));
+    let mut left = usize::from(area.height).saturating_sub(lines.len());
+    if left >= LEAST_EVENTS {
+        // Between a blank line and the keys.
+        let events = latest_events(snapshot, left - 2);
+        left -= 1 + events.len();
+        lines.push(Line::default());
+        lines.extend(events);
+    }
+    if left > 0 {
+        lines.extend(std::iter::repeat_n(Line::default(), left - 1));
+        let mark = if snapshot.is_simulated { "SIMULATED  " } else { "" };
+        lines.push(Line::raw(format!("{mark}q end  ? help")));
+    }
     frame.render_widget(Paragraph::new(lines), area);
 }
 
@@ -256,11 +272,15 @@ fn draw_events(frame: &mut Frame, area: Rect, snapshot: &Snapshot) {
     if room == 0 {
         return;
     }
-    let skipped = snapshot.events.len().saturating_sub(room);
-    let lines = snapshot.events.iter().skip(skipped);
-    let lines = lines.map(|it| Line::raw(format!("{:8.1} s  {}", it.seconds, it.words)));
     let block = Block::bordered().title("Events");
-    frame.render_widget(Paragraph::new(lines.collect::<Vec<_>>()).block(block), area);
+    frame.render_widget(Paragraph::new(latest_events(snapshot, room)).block(block), area);
+}
+
+/// The last events, so many at most.
+fn latest_events(snapshot: &Snapshot, room: usize) -> Vec<Line<'_>> {
+    let skipped = snapshot.events.len().saturating_sub(room);
+    let events = snapshot.events.iter().skip(skipped);
+    events.map(|it| Line::raw(format!("{:8.1} s  {}", it.seconds, it.words))).collect()
 }
 
 #[cfg(test)]

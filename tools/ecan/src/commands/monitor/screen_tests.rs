@@ -151,8 +151,20 @@ fn a_narrow_terminal_leaves_out_columns_at_the_right() {
 
 #[test]
 fn a_tiny_terminal_has_the_worst_first() {
-    assert_eq!(screen(20, 3, &lost(), FIRST), "1 LOST\n0 in service\n\n");
-    assert_eq!(screen(20, 2, &bus_off(), FIRST), "0 bus-off can1\n\n");
+    assert_eq!(screen(20, 2, &lost(), FIRST), "1 LOST\n0 in service\n");
+    assert_eq!(screen(26, 2, &bus_off(), FIRST), "0 bus-off can1\nSIMULATED  q end  ? help\n");
+    let real = Snapshot { is_simulated: false, ..bus_off() };
+    assert_eq!(screen(26, 3, &real, FIRST), "0 bus-off can1\n\nq end  ? help\n");
+    let expected = "\
+1 LOST
+0 in service
+
+     0.9 s  gateway 0 is in service
+    60.9 s  gateway 1 is lost
+
+SIMULATED  q end  ? help
+";
+    assert_eq!(screen(40, 7, &lost(), FIRST), expected);
     let paused = Choice { is_paused: true, ..FIRST };
     assert_eq!(screen(20, 2, &lost(), paused), "PAUSED\n1 LOST\n");
 }

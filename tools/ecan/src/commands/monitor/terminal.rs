@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, channel, sync_channel};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_host::Diagnostics;
@@ -15,6 +15,7 @@ use crate::failure::Failure;
 use crate::output::Output;
 
 use super::collector::{Collector, GatewayErrors};
+use super::hang_up::HangUp;
 use super::keys::{Action, Choice};
 use super::observation::Observation;
 use super::screen;
@@ -28,6 +29,10 @@ const OBSERVATIONS: usize = 3;
 const WINDOW_NS: u64 = 1_000_000_000;
 /// Longest wait for a key before the next drawing.
 const FRAME: Duration = Duration::from_millis(100);
+/// How long the drawing may take to end. It never does while its terminal takes or gives nothing.
+const END: Duration = Duration::from_secs(1);
+/// Between two looks whether it has ended.
+const LOOK: Duration = Duration::from_millis(5);
 /// Between two readings of the error counters.
 const ERRORS_PAUSE: Duration = Duration::from_millis(1000);
 
@@ -49,6 +54,7 @@ pub fn run(
     // Before the thread of the cycle asks for more than they are to have.
     let _mailbox = Mailbox::start(watcher.open_diagnostics()?, gateways, errors_out)?;
     let (cycle_ns, is_simulated) = (watcher.cycle_ns(), watcher.is_simulated());
+    let hang_up = HangUp::watch().map_err(Failure::of_thread)?;
     let drawing = Drawing {
         collector: Collector::new(watcher.positions(), cycle_ns, WINDOW_NS, is_simulated),
         seen,
@@ -69,7 +75,8 @@ pub fn run(
     let mut observation = Observation::new(gateways);
     let mut look_ns = 0;
     let mut outcome = Ok(());
-    while outcome.is_ok() && !interrupt.is_set() && !is_over.load(Ordering::Relaxed) {
+    let is_wanted = || !interrupt.is_set() && !hang_up.is_set() && !is_over.load(Ordering::Relaxed);
+    while outcome.is_ok() && is_wanted() {
         outcome = watcher.cycle(&mut observation);
         let now_ns = watcher.now_ns();
         if now_ns < look_ns {
@@ -83,7 +90,9 @@ pub fn run(
         }
     }
     // The terminal is as it was before anything else is said.
-    guard.finish().and(outcome)
+    let drawn = guard.finish();
+    // There is none any more: of course it could not be drawn on.
+    if hang_up.is_set() { outcome } else { drawn.and(outcome) }
 }
 
 /// The drawing's thread, ended on every way out of the cycle.
@@ -106,11 +115,20 @@ impl Joined {
 
     fn end(&mut self) -> Result<(), Failure> {
         self.full = None;
-        match self.thread.take().map(JoinHandle::join) {
-            None => Ok(()),
-            Some(Ok(outcome)) => outcome,
-            Some(Err(panic)) if !std::thread::panicking() => std::panic::resume_unwind(panic),
-            Some(Err(_)) => Ok(()),
+        let Some(thread) = self.thread.take() else { return Ok(()) };
+        let deadline = Instant::now() + END;
+        while !thread.is_finished() {
+            if Instant::now() >= deadline {
+                // It hangs in its terminal: what can be done is done from here, the program goes.
+                restore_in_time();
+                return Ok(());
+            }
+            std::thread::sleep(LOOK);
+        }
+        match thread.join() {
+            Ok(outcome) => outcome,
+            Err(panic) if !std::thread::panicking() => std::panic::resume_unwind(panic),
+            Err(_) => Ok(()),
         }
     }
 }
@@ -150,7 +168,20 @@ struct Restored;
 
 impl Drop for Restored {
     fn drop(&mut self) {
-        ratatui::restore();
+        // Where the terminal is gone there is nothing to restore, and nowhere to say so.
+        let _ = ratatui::try_restore();
+    }
+}
+
+/// Restores the terminal as far as it takes that.
+fn restore_in_time() {
+    let (ending, ended) = channel::<()>();
+    let restore = move || {
+        drop(Restored);
+        drop(ending);
+    };
+    if std::thread::Builder::new().name("restore".to_owned()).spawn(restore).is_ok() {
+        let _ = ended.recv_timeout(END);
     }
 }
 

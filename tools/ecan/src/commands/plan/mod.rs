@@ -1,120 +1,83 @@
 //! `ecan plan`: what a configuration costs, and what speaks against it.
 
+mod report;
 mod traffic;
 
+use std::convert::Infallible;
 use std::path::PathBuf;
 
 use clap::Args;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortPlan};
-use ecan_protocol::CHANNELS;
-use serde::Serialize;
 
+use crate::config_file;
 use crate::failure::Failure;
+use crate::frames::channels::Channels;
+use crate::frames::options::SetupOptions;
 use crate::output::{Output, Tone};
+
+use report::Report;
+
+/// Bit rate of a plan that names none, in bit/s: what a gateway has from the factory.
+const BITRATE: u32 = 500_000;
 
 /// The configuration and its traffic.
 #[derive(Debug, Args)]
 #[command(after_help = "\
 Examples:
-  ecan plan --slaves 3 --pdo-n 5 --cycle-us 1000 --channel all
-  ecan plan --fd 5000000 --pdo-n 8 --cycle-us 1000 --frames 4
-  ecan plan --pdo-n 5 --cycle-us 1000 --channel all --replay drive.log
+  ecan plan --slaves 3 --channel all
+  ecan plan --config cell.toml --frames 4
+  ecan plan --bitrate 1000000 --data-bitrate 5000000 --pdo-n 8 --channel 0,2
+  ecan plan --channel all --replay drive.log
 
-Exit status 1 when the configuration would not work. Touches no bus.")]
+Without --bitrate it is 500000. Exit status 1 when the configuration would not work. Touches no bus.")]
 pub struct PlanArguments {
     /// Number of gateways
-    #[arg(long, value_name = "N", default_value_t = 1,
+    #[arg(long, value_name = "N", default_value_t = 1, conflicts_with = "config",
           value_parser = clap::value_parser!(u16).range(1..=64))]
     slaves: u16,
-    /// PDO size per direction, in chunks of 128 bytes
-    #[arg(long, value_name = "N", default_value_t = 3)]
-    pdo_n: u8,
-    /// The installed master carries more than 1486 bytes of process data per sync manager
-    #[arg(long)]
-    large_pdos: bool,
-    /// Nominal bit rate in bit/s
-    #[arg(long, value_name = "BITRATE", default_value_t = 1_000_000)]
-    bitrate: u32,
-    /// Use CAN FD with this data bit rate in bit/s
-    #[arg(long, value_name = "DATA_BITRATE")]
-    fd: Option<u32>,
-    /// EtherCAT cycle in microseconds
-    #[arg(long, value_name = "US", default_value_t = 10_000,
-          value_parser = clap::value_parser!(u32).range(1..=4_000_000))]
-    cycle_us: u32,
-    /// CAN channel of every gateway, 0 to 3, or `all`
-    #[arg(long, value_name = "CHANNEL", default_value = "0", value_parser = parse_channels)]
-    channel: Channels,
+    /// CAN channels of every gateway, 0 to 3 with commas between, or all [default: 0, or all of the
+    /// file]
+    #[arg(long, value_name = "CHANNELS")]
+    channel: Option<Channels>,
     /// Frames that each channel sends per cycle; as many come back
     #[arg(long, value_name = "N", default_value_t = 1)]
     frames: u32,
-    /// Data bytes of each frame [default: 8, and 64 with --fd]
+    /// Data bytes of each frame [default: 8, and 64 on a channel with CAN FD]
     #[arg(long, value_name = "N")]
     bytes: Option<u8>,
-    /// Plan the frames of a candump log in place of these, at their mean rate; with `--channel all`
-    /// a frame goes to the channel that its interface names, counted over all gateways
+    /// Plan the frames of a candump log in place of these, at their mean rate; they go to one channel,
+    /// or of several to the one that their interface names, counted over all gateways
     #[arg(long, value_name = "FILE", conflicts_with_all = ["frames", "bytes"])]
     replay: Option<PathBuf>,
+    /// Another name of --data-bitrate
+    #[arg(long, value_name = "BITRATE", hide = true, conflicts_with_all = ["data_bitrate", "config"])]
+    fd: Option<u32>,
+    #[command(flatten)]
+    setup: SetupOptions,
 }
 
-/// One channel or all.
-#[derive(Clone, Copy, Debug)]
-enum Channels {
-    One(u8),
-    All,
-}
-
-fn parse_channels(text: &str) -> Result<Channels, String> {
-    match text {
-        "all" => Ok(Channels::All),
-        _ => crate::channel::parse(text)
-            .map(Channels::One)
-            .map_err(|_| format!("expected 0 to {} or `all`", CHANNELS - 1)),
-    }
-}
-
-/// The load of a channel.
-#[derive(Debug, Serialize)]
-struct ChannelLoad {
-    slave: usize,
-    channel: u8,
-    least_load: f64,
-    most_load: f64,
-}
-
-/// The plan for programs.
-#[derive(Debug, Serialize)]
+/// The gateways and the channels that carry the traffic.
 struct Planned {
-    cycle_ns: u32,
-    wire_ns: u64,
-    channels: Vec<ChannelLoad>,
-    warnings: Vec<String>,
-    faults: Vec<String>,
+    adapter: AdapterConfig,
+    port: PortConfig,
+    channels: Channels,
 }
 
 pub fn run(arguments: &PlanArguments, output: &Output) -> Result<(), Failure> {
-    let (adapter, port) = configuration(arguments);
-    let traffic = traffic::of(arguments)?;
+    let planned = match &arguments.setup.config {
+        Some(path) => {
+            let file = config_file::read(path)?;
+            let channels = arguments.channel.unwrap_or(Channels::ALL);
+            Planned { adapter: file.adapter, port: file.port, channels }
+        }
+        None => of_options(arguments),
+    };
+    let traffic = traffic::of(arguments, &planned)?;
+    let Planned { adapter, port, .. } = planned;
     let plan = PortPlan::of(&adapter, &port, &traffic);
     let faults = plan.faults(&adapter, &port);
-    let planned = Planned {
-        cycle_ns: plan.ethercat.cycle_ns,
-        wire_ns: plan.ethercat.frames.iter().map(|frame| frame.wire_ns()).sum(),
-        channels: plan
-            .channels
-            .iter()
-            .map(|it| ChannelLoad {
-                slave: it.slave,
-                channel: it.channel,
-                least_load: it.load.least,
-                most_load: it.load.most,
-            })
-            .collect(),
-        warnings: plan.warnings.iter().map(ToString::to_string).collect(),
-        faults: faults.clone(),
-    };
-    output.data(&planned, |out| {
+    output.data(&Report::new(&plan, &faults), |out| {
         write!(out, "{}", plan.table(&adapter, &traffic))?;
         faults
             .iter()
@@ -123,18 +86,17 @@ pub fn run(arguments: &PlanArguments, output: &Output) -> Result<(), Failure> {
     if faults.is_empty() { Ok(()) } else { Err(Failure::Amiss) }
 }
 
-fn configuration(arguments: &PlanArguments) -> (AdapterConfig, PortConfig) {
-    let mut adapter = AdapterConfig::new(arguments.slaves)
-        .with_multiplier(arguments.pdo_n)
-        .with_cycle_us(arguments.cycle_us);
-    adapter.allow_large_pdos = arguments.large_pdos;
-    let settings = match arguments.fd {
-        Some(data_bitrate) => ChannelSettings::fd(arguments.bitrate, data_bitrate),
-        None => ChannelSettings::classic(arguments.bitrate),
-    };
-    let gateway = match arguments.channel {
-        Channels::One(channel) => GatewayConfig::on_channel(channel, settings),
-        Channels::All => GatewayConfig::on_all_channels(&settings),
-    };
-    (adapter, PortConfig::uniform(usize::from(arguments.slaves), gateway))
+fn of_options(arguments: &PlanArguments) -> Planned {
+    let PlanArguments { slaves, fd, .. } = *arguments;
+    let mut setup = arguments.setup.clone();
+    setup.data_bitrate = setup.data_bitrate.or(fd);
+    let otherwise = || Ok::<_, Infallible>(ChannelSettings::classic(BITRATE));
+    let Ok(settings) = setup.channel(otherwise);
+    let channels = arguments.channel.unwrap_or(Channels::only(0));
+    let mut gateway = GatewayConfig::default();
+    for (channel, place) in (0..).zip(&mut gateway.channels) {
+        *place = channels.contains(channel).then(|| settings.clone());
+    }
+    let port = PortConfig::uniform(slaves.into(), gateway);
+    Planned { adapter: setup.adapter(slaves), port, channels }
 }

@@ -3,29 +3,51 @@
 use std::path::Path;
 
 use ecan_mcan_port::{FrameRate, FrameStream};
-use ecan_protocol::{CHANNELS, CanFrame, CanId};
+use ecan_protocol::{CanFrame, CanId};
 
 use crate::failure::Failure;
+use crate::frames::recording::{self, Recorded};
 
-use super::{Channels, PlanArguments};
+use super::{PlanArguments, Planned};
 
 /// Identifier of frames that are no recorded ones.
 const FRAME_ID: u16 = 0x123;
 
 /// What is sent, and the same coming back.
-pub(super) fn of(arguments: &PlanArguments) -> Result<Vec<FrameStream>, Failure> {
+pub(super) fn of(
+    arguments: &PlanArguments,
+    planned: &Planned,
+) -> Result<Vec<FrameStream>, Failure> {
     let sent = match &arguments.replay {
-        Some(path) => recorded(path, arguments.channel, arguments.slaves.into())?,
-        None => even(arguments)?,
+        Some(path) => recorded(path, planned)?,
+        None => even(arguments, planned)?,
     };
     let back = sent.iter().map(|it| FrameStream::from_bus(it.slave, it.channel, it.frame, it.rate));
     let back: Vec<_> = back.collect();
     Ok([sent, back].concat())
 }
 
-fn even(arguments: &PlanArguments) -> Result<Vec<FrameStream>, Failure> {
-    let is_fd = arguments.fd.is_some();
-    let bytes = arguments.bytes.unwrap_or(if is_fd { 64 } else { 8 });
+/// As many frames on each channel.
+fn even(arguments: &PlanArguments, planned: &Planned) -> Result<Vec<FrameStream>, Failure> {
+    let rate = FrameRate::PerCycle(arguments.frames);
+    let mut streams = Vec::new();
+    for (slave, gateway) in planned.port.gateways.iter().enumerate() {
+        for (channel, settings) in (0..).zip(&gateway.channels) {
+            let Some(settings) = settings else { continue };
+            if planned.channels.contains(channel) {
+                let frame = frame(settings.can.fd, arguments.bytes)?;
+                streams.push(FrameStream::to_bus(slave, channel, frame, rate));
+            }
+        }
+    }
+    match streams.is_empty() {
+        false => Ok(streams),
+        true => Err(Failure::Usage("the gateways have none of the chosen channels".to_owned())),
+    }
+}
+
+fn frame(is_fd: bool, bytes: Option<u8>) -> Result<CanFrame, Failure> {
+    let bytes = bytes.unwrap_or(if is_fd { 64 } else { 8 });
     let wrong = |error: &dyn std::fmt::Display| {
         Failure::Usage(format!("a frame of {bytes} bytes: {error}"))
     };
@@ -35,68 +57,39 @@ fn even(arguments: &PlanArguments) -> Result<Vec<FrameStream>, Failure> {
         true => CanFrame::fd(id, &data, true, false),
         false => CanFrame::classic(id, &data),
     };
-    let frame = frame.map_err(|error| wrong(&error))?;
-    let rate = FrameRate::PerCycle(arguments.frames);
-    let channels = match arguments.channel {
-        Channels::One(channel) => channel..=channel,
-        Channels::All => 0..=CHANNELS as u8 - 1,
-    };
-    let slaves = 0..usize::from(arguments.slaves);
-    Ok(slaves
-        .flat_map(|slave| channels.clone().map(move |channel| (slave, channel)))
-        .map(|(slave, channel)| FrameStream::to_bus(slave, channel, frame, rate))
-        .collect())
+    frame.map_err(|error| wrong(&error))
 }
 
 /// Frames of one length and format on a channel.
 struct Alike {
-    /// Channel, counted over all gateways.
-    place: usize,
-    first: CanFrame,
+    first: Recorded,
     count: u32,
 }
 
-fn recorded(path: &Path, channels: Channels, slaves: usize) -> Result<Vec<FrameStream>, Failure> {
-    let failure = |what, reason| Failure::File { what, path: path.to_owned(), reason };
-    let text = std::fs::read_to_string(path).map_err(|error| failure("read", error.to_string()))?;
+fn recorded(path: &Path, planned: &Planned) -> Result<Vec<FrameStream>, Failure> {
+    let gateways = planned.port.gateways.len();
+    let frames = recording::read(path, planned.channels, gateways)?.frames;
+    let times = || frames.iter().map(|it| it.logged.time_ns);
+    let (first_ns, last_ns) = (times().min().unwrap_or(0), times().max().unwrap_or(0));
+    let form = |it: &Recorded| {
+        let frame = &it.logged.frame;
+        (it.gateway, it.channel, frame.kind(), frame.len(), frame.id().is_extended())
+    };
     let mut groups: Vec<Alike> = Vec::new();
-    let mut times = Vec::new();
-    for (number, line) in (1..).zip(text.lines()) {
-        let record = ecan_candump::parse_line(line)
-            .map_err(|error| failure("understand", format!("line {number}, {error}")))?;
-        let Some(record) = record else { continue };
-        times.push(record.time_ns);
-        let place = place(channels, slaves, record.interface);
-        let form = |frame: &CanFrame| (frame.kind(), frame.len(), frame.id().is_extended());
-        let is_like = |it: &&mut Alike| it.place == place && form(&it.first) == form(&record.frame);
-        match groups.iter_mut().find(is_like) {
+    for frame in frames {
+        match groups.iter_mut().find(|it| form(&it.first) == form(&frame)) {
             Some(group) => group.count += 1,
-            None => groups.push(Alike { place, first: record.frame, count: 1 }),
+            None => groups.push(Alike { first: frame, count: 1 }),
         }
     }
-    let (Some(first), Some(last)) = (times.first(), times.last()) else {
-        return Err(failure("understand", "it holds no frame".to_owned()));
-    };
-    let seconds = last.saturating_sub(*first) as f64 / 1e9;
-    let stream = |group: &Alike| {
+    let seconds = last_ns.saturating_sub(first_ns) as f64 / 1e9;
+    let stream = |Alike { first, count }: Alike| {
         let rate = if seconds > 0.0 {
-            FrameRate::PerSecond(f64::from(group.count) / seconds)
+            FrameRate::PerSecond(f64::from(count) / seconds)
         } else {
-            FrameRate::PerCycle(group.count)
+            FrameRate::PerCycle(count)
         };
-        let (slave, channel) = (group.place / CHANNELS, (group.place % CHANNELS) as u8);
-        FrameStream::to_bus(slave, channel, group.first, rate)
+        FrameStream::to_bus(first.gateway, first.channel, first.logged.frame, rate)
     };
-    Ok(groups.iter().map(stream).collect())
-}
-
-/// Where a recorded frame goes: `canN` to channel N over all gateways when all are used.
-fn place(channels: Channels, slaves: usize, interface: &str) -> usize {
-    match channels {
-        Channels::One(channel) => channel.into(),
-        Channels::All => {
-            let digits = interface.trim_start_matches(|c: char| !c.is_ascii_digit());
-            digits.parse::<usize>().unwrap_or(0) % (slaves * CHANNELS).max(1)
-        }
-    }
+    Ok(groups.into_iter().map(stream).collect())
 }

@@ -3,7 +3,7 @@
 use ecan_command_line::interrupt::Interrupt;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
-use ecan_protocol::NodeMode;
+use ecan_protocol::{CHANNELS, NodeMode};
 
 use crate::bus::Bus;
 use crate::failure::Failure;
@@ -14,14 +14,19 @@ use crate::output::Output;
 use super::exchange::{ChannelState, Counts, Route, exchange, states};
 use super::rates::Rate;
 use super::report::{Check, Figures, Report};
-use super::saved::{Saved, wait_present};
+use super::saved::{Restored, Saved, read_patiently, wait_present};
 use super::{SelftestArguments, identity};
+
+/// Cycles of so many nanoseconds may let the watchdog of a gateway run out.
+const PAUSE_NS: u64 = 50_000_000;
 
 /// What is tested, and how.
 pub(super) struct Test<'a> {
     pub(super) arguments: &'a SelftestArguments,
     pub(super) rates: &'a [Rate],
     pub(super) master: u32,
+    /// Tell what is tested just now.
+    pub(super) is_watched: bool,
     pub(super) output: &'a Output,
 }
 
@@ -60,7 +65,7 @@ impl Test<'_> {
         Ok(())
     }
 
-    /// Tests a slave.
+    /// Tests a slave. The report of a test that the user stopped says so.
     pub(super) fn run(
         &self,
         bus: &Bus,
@@ -85,9 +90,13 @@ impl Test<'_> {
         report: &mut Report,
     ) -> Result<(), Failure> {
         let runs = self.runs(slave)?;
-        let configurations: Vec<_> =
-            runs.iter().map(|run| (run.adapter.clone(), run.config.clone())).collect();
-        let saved = match Saved::read(bus, slave, &configurations) {
+        let mut is_tested = [false; CHANNELS];
+        for route in runs.iter().flat_map(|run| &run.routes) {
+            if let Some(is_tested) = is_tested.get_mut(usize::from(route.from)) {
+                *is_tested = true;
+            }
+        }
+        let saved = match Saved::read(bus, slave) {
             Ok(saved) => saved,
             Err(error) => {
                 report.add("configuration", Err(format!("cannot be read: {error}")));
@@ -99,16 +108,19 @@ impl Test<'_> {
         if let Err(failure @ Failure::Master(_)) = tested {
             return Err(failure);
         }
-        let restored = saved.restore(bus);
-        let words = |()| "as before the test".to_owned();
+        let restored = saved.restore(bus, is_tested);
+        let words = |restored| match restored {
+            Restored::Written => "as before the test".to_owned(),
+            Restored::Restarted => "as before the test, by a restart".to_owned(),
+        };
         report.add(
             "configuration",
             restored.map(words).map_err(|why| format!("is not as before the test: {why}")),
         );
-        match tested? {
-            true => Ok(()),
-            false => Err(Failure::TooFew("stopped before the test was over".to_owned())),
+        if !tested? {
+            report.stop();
         }
+        Ok(())
     }
 
     /// Whether it came to the end, and the user did not give up.
@@ -126,6 +138,13 @@ impl Test<'_> {
                 Way::Loopback => format!("loopback, {}", run.rate.name()),
                 Way::Wire => format!("wires, {}", run.rate.name()),
             };
+            if self.is_watched {
+                self.output.note(format_args!("testing the gateway at position {slave}: {name}"));
+            }
+            if !is_first && has_restarted(bus, slave) {
+                let words = "the gateway restarted since the test before";
+                report.add(format!("service, {}", run.rate.name()), Err(words.to_owned()));
+            }
             match self.run_one(bus, slave, run, interrupt, report) {
                 Ok(true) => {}
                 Ok(false) => return Ok(false),
@@ -172,15 +191,21 @@ impl Test<'_> {
         let Run { way, rate, routes, .. } = run;
         let count = self.arguments.frames;
         let channels: Vec<_> = routes.iter().map(|route| route.from).collect();
+        service.port_mut().adapter_mut().measure_cycles();
         let before = states(&mut service, &channels)?;
         let exchanged = exchange(&mut service, &routes, count, rate.is_fd(), interrupt)?;
         let Some(counts) = exchanged else { return Ok(false) };
         let after = states(&mut service, &channels)?;
+        let pause = pause(&service);
+        if let Some(words) = losses(&service) {
+            report.add(format!("service, {}", rate.name()), Err(words + &pause));
+        }
         for (route, counts) in routes.into_iter().zip(counts) {
             let is_concerned = |channel| channel == route.from || channel == route.to;
             let concerned: Vec<_> =
                 before.iter().zip(&after).filter(|(_, it)| is_concerned(it.channel)).collect();
             let found = judge(way, route, &counts, count, &concerned);
+            let found = found.map_err(|words| words + &pause);
             let is_good = found.is_ok();
             let (Ok(words) | Err(words)) = found;
             let (bitrate, data_bitrate) = rate.bit_rates();
@@ -239,6 +264,33 @@ impl Test<'_> {
     }
 }
 
+/// Whether a gateway has lost the profile of the test before. One that cannot be asked shows itself
+/// in the next test.
+fn has_restarted(bus: &Bus, slave: usize) -> bool {
+    read_patiently(bus, slave, 0x8010, 9).is_ok_and(|bytes| bytes == 0)
+}
+
+/// Whether the gateway went out of service.
+fn losses(service: &Service) -> Option<String> {
+    match service.port().statistics(0).sessions_lost {
+        0 => None,
+        1 => Some("the gateway went out of service".to_owned()),
+        more => Some(format!("the gateway went out of service {more} times")),
+    }
+}
+
+/// What is to be said behind a fault that may be due to this computer.
+fn pause(service: &Service) -> String {
+    let measured = service.port().adapter().cycle_statistics();
+    match measured.map_or(0, |it| it.period().max_ns) {
+        ..PAUSE_NS => String::new(),
+        longest_ns => {
+            let ms = longest_ns / 1_000_000;
+            format!("; a cycle of this computer took {ms} ms, see the real-time options")
+        }
+    }
+}
+
 /// What a route has shown; `states` are those of its channels before and after.
 fn judge(
     way: Way,
@@ -266,6 +318,7 @@ fn judge(
     }
     faults.extend(states.iter().flat_map(|(before, after)| after.faults(before)));
     match faults.is_empty() {
+        true if came == 1 => Ok("1 frame, no errors".to_owned()),
         true => Ok(format!("{came} frames, no errors")),
         false => Err(faults.join("; ")),
     }
@@ -289,6 +342,7 @@ mod tests {
     use ecan_sim::{ClockKind, SimOptions};
 
     use super::*;
+    use crate::commands::filter::{ChannelFilters, FilterKind};
     use crate::global::Color;
 
     #[derive(Parser)]
@@ -297,39 +351,129 @@ mod tests {
         arguments: SelftestArguments,
     }
 
-    #[test]
-    fn a_gateway_has_its_own_configuration_again() {
+    fn bus() -> Bus {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
-        let bus = Bus::over(&backend.ecrt);
-        // A channel of its own bit rate and filters, another data path.
-        let own = [(0x8002, 19, 800_000), (0x8002, 49, 3), (0x8003, 36, 2), (0x8023, 4, 1)];
-        for (index, subindex, value) in own {
-            bus.write(0, index, subindex, value).unwrap();
-        }
-        let everything = || -> Vec<_> {
-            let objects = [0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8021, 0x8022, 0x8023];
-            let entries = objects.into_iter().flat_map(|index| {
-                let object = ecan_protocol::object(index).unwrap();
-                object.entries.iter().map(move |entry| (index, entry))
-            });
-            entries
-                .filter(|(_, entry)| entry.access.can_read() && entry.access.can_write())
-                .map(|(index, entry)| (index, entry.subindex, bus.read(0, index, entry.subindex)))
-                .map(|(index, subindex, value)| (index, subindex, value.unwrap()))
-                .collect()
-        };
-        let before = everything();
+        Bus::over(&backend.ecrt)
+    }
+
+    fn tested(bus: &Bus) -> Report {
         let Line { arguments } = Line::parse_from(["selftest", "--wired", "0-1", "--frames", "2"]);
         let rates = Rate::usual();
         let output = Output::new(false, Color::Never);
-        let test = Test { arguments: &arguments, rates: &rates, master: 0, output: &output };
-        let interrupt = Interrupt::install().unwrap();
-        let report = test.run(&bus, 0, &interrupt).unwrap();
+        let test = Test {
+            arguments: &arguments,
+            rates: &rates,
+            master: 0,
+            is_watched: false,
+            output: &output,
+        };
+        test.run(bus, 0, &Interrupt::default()).unwrap()
+    }
+
+    fn said_of_configuration(report: &Report) -> &Check {
+        report.checks.iter().find(|it| it.name == "configuration").unwrap()
+    }
+
+    /// All that can be written, and what is in force: profiles, data paths, states of channels.
+    fn everything(bus: &Bus) -> Vec<(u16, u8, u32)> {
+        let objects = [
+            0x1C12, 0x1C13, 0x8000, 0x8001, 0x8002, 0x8003, 0x8004, 0x8010, 0x8011, 0x8020, 0x8021,
+            0x8022, 0x8023, 0x8024,
+        ];
+        let is_window = |index: u16, subindex: u8| {
+            (0x8001..=0x8004).contains(&index) && (43..=60).contains(&subindex)
+        };
+        let entries = objects.into_iter().flat_map(|index| {
+            let object = ecan_protocol::object(index).unwrap();
+            object.entries.iter().map(move |entry| (index, entry))
+        });
+        let written = entries
+            .filter(|(_, entry)| entry.access.can_read() && entry.access.can_write())
+            .map(|(index, entry)| (index, entry.subindex))
+            .filter(|(index, subindex)| !is_window(*index, *subindex));
+        let in_force = [(0x8010, 9), (0x8010, 12), (0x8011, 9), (0x8011, 12), (0x8021, 20)];
+        let channels = (0x9000..=0x9003).map(|index| (index, 9));
+        let counts = (0x8001..=0x8004).flat_map(|index| [(index, 49), (index, 55)]);
+        let read = |(index, subindex)| (index, subindex, bus.read(0, index, subindex).unwrap());
+        written.chain(in_force).chain(channels).chain(counts).map(read).collect()
+    }
+
+    #[test]
+    fn a_fresh_gateway_is_as_fresh_again() {
+        let bus = bus();
+        // Values that nobody has put into force.
+        for (index, subindex, value) in [(0x8002, 19, 800_000), (0x8003, 36, 2), (0x8023, 4, 1)] {
+            bus.write(0, index, subindex, value).unwrap();
+        }
+        let before = everything(&bus);
+        assert!(before.contains(&(0x8010, 9, 0)) && before.contains(&(0x9000, 9, 0)));
+        let report = tested(&bus);
         // Echo nodes on the buses: the loopbacks are good, the wires are not.
         let good: Vec<_> = report.checks.iter().filter(|it| it.name.starts_with("loop")).collect();
         assert!(good.len() == 24 && good.iter().all(|it| it.is_good), "{good:?}");
         assert!(!report.is_good);
-        assert_eq!(everything(), before);
+        assert_eq!(said_of_configuration(&report).words, "as before the test, by a restart");
+        assert_eq!(everything(&bus), before);
+    }
+
+    #[test]
+    fn a_gateway_in_use_has_its_profiles_channels_and_filters_again() {
+        let bus = bus();
+        let write = |index, subindex, value| bus.write(0, index, subindex, value).unwrap();
+        for direction in ecan_protocol::Direction::ALL {
+            for write in ecan_protocol::assignment_writes(direction, 3) {
+                bus.write(0, write.index, write.subindex, write.value).unwrap();
+            }
+            write(direction.profile_object(), 3, 3);
+            write(direction.profile_object(), 1, 1);
+        }
+        // Channel 1 is on its bus, with a filter; the others are not.
+        for (subindex, value) in [(19, 800_000), (43, 0), (50, 1), (51, 1), (53, 5), (54, 6)] {
+            write(0x8002, subindex, value);
+        }
+        let save = ecan_protocol::FilterCommand::Save.raw().into();
+        for (subindex, value) in [(45, save), (49, 1), (1, 1)] {
+            write(0x8002, subindex, value);
+        }
+        write(0x8020, 7, 500);
+        write(0x8020, 2, 1);
+        let filter = || {
+            let filters = ChannelFilters { bus: &bus, slave: 0, channel: 1 };
+            filters.read(FilterKind::Standard).unwrap()
+        };
+        let before = (everything(&bus), filter());
+        assert!(before.0.contains(&(0x8010, 9, 3 * 128)));
+        assert_eq!(bus.read(0, 0x9001, 9).unwrap() & 7, 2, "on the bus");
+        assert_eq!((before.1[0].id1, before.1[0].id2), (5, 6));
+        let report = tested(&bus);
+        let said = said_of_configuration(&report);
+        assert!(said.is_good, "{said:?}");
+        assert_eq!((everything(&bus), filter()), before);
+    }
+
+    #[test]
+    fn a_gateway_that_needs_no_restart_gets_none() {
+        let bus = bus();
+        // By an earlier test, say.
+        let Line { arguments } = Line::parse_from(["selftest"]);
+        let rates = Rate::usual();
+        let output = Output::new(false, Color::Never);
+        let test = Test {
+            arguments: &arguments,
+            rates: &rates,
+            master: 0,
+            is_watched: false,
+            output: &output,
+        };
+        for run in test.runs(0).unwrap().into_iter().take(1) {
+            let interrupt = Interrupt::default();
+            test.run_one(&bus, 0, run, &interrupt, &mut Report::default()).unwrap();
+        }
+        wait_present(&bus, 0).unwrap();
+        let before = everything(&bus);
+        let report = tested(&bus);
+        assert_eq!(said_of_configuration(&report).words, "as before the test");
+        assert_eq!(everything(&bus), before);
     }
 }

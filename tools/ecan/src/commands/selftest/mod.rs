@@ -4,6 +4,7 @@ mod exchange;
 mod frames;
 mod gateway;
 mod identity;
+mod in_force;
 mod rates;
 mod report;
 mod saved;
@@ -32,16 +33,21 @@ use wiring::Wiring;
 /// Examples for the end of the help.
 pub const EXAMPLES: &str = "\
 Examples:
-  ecan selftest                                    every gateway of the bus, each channel by loopback
-  ecan selftest --wired 0-1,2-3                    and by real frames where channels are wired
+  ecan selftest                         every gateway of the bus, each channel by loopback
+  ecan selftest --wired 0-1,2-3         and by real frames where channels are wired
   ecan selftest --expect-version 2.2.1 --gateways 4 --report /var/lib/line
   ecan --slave serial=4294967297 selftest --config cell.toml
 
 Without --config the bit rates are 125, 250, 500 and 1000 kbit/s, and 500/2000 and 1000/5000 kbit/s
 with CAN FD. Every gateway that shows itself as an ECAN-Lite is tested, one after the other, unless
 --slave names one. The loopback stays inside the CAN controller; wired channels must be alone on
-their bus. What the test changes of a gateway's configuration is put back at the end; its Flash is
-not written. A report of the same serial number that is there already is replaced.
+their bus.
+
+What the test changes of a gateway's configuration is put back at the end. Where its channels were
+off, it restarts for that: no command takes a channel off its bus again. Its Flash is not written.
+
+Reports are SERIAL.json, or position-POSITION.json without a serial number. None replaces an earlier
+one: the next is SERIAL-2.json.
 
 The exit status is 0 when all is good and 1 when something failed.";
 
@@ -67,7 +73,7 @@ pub struct SelftestArguments {
     #[arg(long, value_name = "COUNT", default_value_t = 96,
           value_parser = clap::value_parser!(u16).range(1..=i64::from(frames::MOST)))]
     frames: u16,
-    /// Write a report for each gateway into this directory, as SERIAL.json
+    /// Write a report for each gateway into this directory
     #[arg(long, value_name = "DIR")]
     report: Option<PathBuf>,
     /// PDO size per direction, in chunks of 128 bytes
@@ -100,9 +106,10 @@ pub fn run(
     let rates = file.as_ref().map_or_else(Rate::usual, Rate::of_file);
     let master = file.as_ref().map_or(global.master(), |file| config_file::master(file, global));
     let global = GlobalOptions { master: Some(master), ..global.clone() };
-    let test = gateway::Test { arguments, rates: &rates, master, output };
+    let is_watched = std::io::stderr().is_terminal();
+    let test = gateway::Test { arguments, rates: &rates, master, is_watched, output };
     test.check()?;
-    let interrupt = Interrupt::install()?;
+    let interrupt = Interrupt::install_saying("stopping: the configuration is put back first")?;
     let bus = Bus::open(&global, output)?;
     let slaves = slaves(&bus, arguments, output)?;
     if let Some(directory) = &arguments.report {
@@ -110,12 +117,9 @@ pub fn run(
     }
     let granted = arguments.real_time.apply(|line| output.note(line));
     granted.map_err(|error| Failure::Host(error.to_string()))?;
-    let (mut reports, mut serials, mut stopped) = (Vec::new(), BTreeSet::new(), None);
-    let is_watched = std::io::stderr().is_terminal();
+    let (mut reports, mut serials) = (Vec::new(), BTreeSet::new());
+    let (mut stopped, mut unwritten) = (None, None);
     for slave in slaves {
-        if is_watched {
-            output.note(format_args!("testing the gateway at position {slave} ..."));
-        }
         let mut report = match test.run(&bus, slave, &interrupt) {
             Ok(report) => report,
             // What is known of the gateways before is told all the same.
@@ -124,16 +128,24 @@ pub fn run(
                 break;
             }
         };
-        if let Some(serial) = report.serial
-            && !serials.insert(serial)
-        {
+        let serial = report.own_serial();
+        let is_duplicate = serial.is_some_and(|serial| !serials.insert(serial));
+        if let Some(serial) = serial.filter(|_| is_duplicate) {
             report.add("serial number", Err(format!("{serial} is that of another gateway too")));
             report.is_good = false;
         }
-        if let Some(directory) = &arguments.report {
-            report.write(directory)?;
+        if let Some(directory) = &arguments.report
+            && let Err(failure) = report.write(directory, is_duplicate)
+        {
+            // The test goes on, and is printed.
+            unwritten.get_or_insert(failure);
         }
+        let was_stopped = report.was_stopped;
         reports.push(report);
+        if was_stopped {
+            stopped = Some(Failure::TooFew("stopped before the test was over".to_owned()));
+            break;
+        }
     }
     if let Some(failure) = stopped {
         if !reports.is_empty() {
@@ -143,7 +155,11 @@ pub fn run(
     }
     let is_good = reports.iter().all(|report| report.is_good);
     print(is_good, reports, output)?;
-    if is_good { Ok(()) } else { Err(Failure::Amiss) }
+    match unwritten {
+        Some(failure) => Err(failure),
+        None if is_good => Ok(()),
+        None => Err(Failure::Amiss),
+    }
 }
 
 fn print(is_good: bool, gateways: Vec<Report>, output: &Output) -> Result<(), Failure> {

@@ -9,9 +9,6 @@ use ecan_protocol::{McanChannelConfig, NodeMode};
 use crate::config_file;
 use crate::failure::Failure;
 
-/// What of a channel's configuration makes its bit rates: timing, sample points, CAN FD (13.4).
-const TIMING: [u8; 19] = [7, 9, 16, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28, 29, 30, 31, 32, 33, 34];
-
 /// The list without a file: nominal and data bit rate in bit/s.
 const USUAL: [(u32, Option<u32>); 6] = [
     (125_000, None),
@@ -39,16 +36,18 @@ impl Rate {
     pub(super) fn of_file(file: &ConfigFile) -> Vec<Self> {
         let mut rates = Vec::new();
         for channel in file.port.gateways.iter().flat_map(|it| it.channels.iter().flatten()) {
-            let data = channel.can.fd.then_some(channel.can.data_bitrate);
-            let mut can = plain(channel.can.nominal_bitrate, data).can;
-            let values = TIMING.into_iter();
-            for (subindex, value) in values.filter_map(|it| Some((it, channel.can.value(it)?))) {
-                // In classic CAN nothing of the data phase has an effect.
-                let is_of_data = matches!(subindex, 16 | 20 | 23 | 24 | 29..=34);
-                if can.fd || !is_of_data {
-                    // The value comes from a field of the same kind.
-                    let _ = can.set_value(subindex, value);
-                }
+            let own = channel.can;
+            let mut can = plain(own.nominal_bitrate, own.fd.then_some(own.data_bitrate)).can;
+            can.bit_timing_mode = own.bit_timing_mode;
+            can.nominal_sample_point = own.nominal_sample_point;
+            can.manual_nominal = own.manual_nominal;
+            can.non_iso = own.non_iso;
+            // In classic CAN nothing of the data phase has an effect.
+            if own.fd {
+                can.data_sample_point = own.data_sample_point;
+                can.manual_data = own.manual_data;
+                (can.tdc, can.tdc_offset, can.tdc_filter) =
+                    (own.tdc, own.tdc_offset, own.tdc_filter);
             }
             let rate = Self { can };
             if !rates.contains(&rate) {

@@ -1,6 +1,7 @@
 //! The report of a gateway.
 
-use std::io::Write;
+use std::fs::File;
+use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use serde::Serialize;
@@ -40,6 +41,8 @@ pub(super) struct Figures {
 #[derive(Debug, Default, Serialize)]
 pub(super) struct Report {
     pub(super) is_good: bool,
+    /// The user stopped the test before it was over.
+    pub(super) was_stopped: bool,
     /// When the test began, by this computer's clock.
     pub(super) time: String,
     pub(super) position: usize,
@@ -50,6 +53,9 @@ pub(super) struct Report {
     pub(super) product_code: u32,
     pub(super) revision: u32,
     pub(super) checks: Vec<Check>,
+    /// Where it was written.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(super) file: Option<String>,
 }
 
 impl Report {
@@ -60,6 +66,12 @@ impl Report {
         self.checks.push(Check { name: name.into(), is_good, words, frames: None });
     }
 
+    /// Notes that the test came to no end.
+    pub(super) fn stop(&mut self) {
+        self.was_stopped = true;
+        self.add("test", Err("stopped before it was over".to_owned()));
+    }
+
     /// Whether everything so far is good.
     pub(super) fn is_good_so_far(&self) -> bool {
         self.checks.iter().all(|check| check.is_good)
@@ -67,8 +79,11 @@ impl Report {
 
     /// As a person calls the gateway.
     pub(super) fn title(&self) -> String {
-        match self.serial {
+        match self.own_serial() {
             Some(serial) => format!("gateway {serial} at position {}", self.position),
+            None if self.serial.is_some() => {
+                format!("gateway without a serial number at position {}", self.position)
+            }
             None => format!("slave at position {}", self.position),
         }
     }
@@ -89,23 +104,59 @@ impl Report {
             let words = words.replace('\n', "\n          ");
             writeln!(out, "  {mark}  {name:<width$}  {words}")?;
         }
-        Ok(())
+        match &self.file {
+            Some(file) => writeln!(out, "  report: {file}"),
+            None => Ok(()),
+        }
     }
 
-    /// Writes it into a directory, in a file of its serial number's name, in place of an older one.
-    pub(super) fn write(&self, directory: &Path) -> Result<(), Failure> {
-        let name = match self.serial {
-            Some(serial) => format!("{serial}.json"),
-            None => format!("position-{}.json", self.position),
+    /// The serial number, where one is programmed.
+    pub(super) fn own_serial(&self) -> Option<u64> {
+        self.serial.filter(|serial| !matches!(*serial, 0 | u64::MAX))
+    }
+
+    /// Writes it into a directory, in a new file of its serial number's name, and of its position's
+    /// where that does not tell it from another gateway.
+    pub(super) fn write(&mut self, directory: &Path, is_duplicate: bool) -> Result<(), Failure> {
+        let position = self.position;
+        let name = match self.own_serial() {
+            Some(serial) if is_duplicate => format!("{serial}-position-{position}"),
+            Some(serial) => serial.to_string(),
+            None => format!("position-{position}"),
         };
-        let path = directory.join(name);
+        let (path, mut file) = create(directory, &name)?;
         let text = serde_json::to_string_pretty(self).map_err(std::io::Error::from);
-        text.and_then(|text| std::fs::write(&path, text + "\n")).map_err(|it| failed(&path, &it))
+        let written = text.and_then(|text| writeln!(file, "{text}"));
+        written.map_err(|error| failed(&path, &error))?;
+        self.file = Some(path.display().to_string());
+        Ok(())
+    }
+}
+
+/// A file that was not there: those of earlier tests stay.
+fn create(directory: &Path, name: &str) -> Result<(PathBuf, File), Failure> {
+    let mut number = 1_u32;
+    loop {
+        let path = directory.join(match number {
+            1 => format!("{name}.json"),
+            more => format!("{name}-{more}.json"),
+        });
+        match File::create_new(&path) {
+            Ok(file) => return Ok((path, file)),
+            Err(error) if error.kind() == ErrorKind::AlreadyExists && number < u32::MAX => {
+                number += 1;
+            }
+            Err(error) => return Err(failed(&path, &error)),
+        }
     }
 }
 
 /// Makes sure that there is a directory for the reports, before the tests begin.
 pub(super) fn prepare(directory: &Path) -> Result<(), Failure> {
+    if directory.exists() && !directory.is_dir() {
+        let reason = "it is no directory".to_owned();
+        return Err(Failure::File { what: "write to", path: PathBuf::from(directory), reason });
+    }
     std::fs::create_dir_all(directory).map_err(|error| failed(directory, &error))
 }
 

@@ -1,0 +1,183 @@
+//! What waits for a client: frames of the bus and answers, in their order.
+
+use std::collections::VecDeque;
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+use ecan_protocol::CanFrame;
+
+use crate::session::Hearing;
+
+/// Bytes of answers that may wait; then the client is not read from.
+const MAX_ANSWER_BYTES: usize = 64 * 1024;
+
+/// Something for a client.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Outgoing {
+    /// A frame of the bus and when it was complete, in nanoseconds of the bus's clock.
+    Frame(CanFrame, u64),
+    /// Bytes of the protocol, and what the client wants to hear behind them.
+    Answer(Vec<u8>, Hearing),
+}
+
+#[derive(Debug, Default)]
+struct State {
+    items: VecDeque<Outgoing>,
+    frames: usize,
+    answer_bytes: usize,
+    is_closed: bool,
+    /// The writer sleeps; nobody else needs to be woken by a frame.
+    is_awaited: bool,
+}
+
+/// A queue with room for so many frames, and for some bytes of answers besides.
+#[derive(Debug)]
+pub(crate) struct Outbox {
+    state: Mutex<State>,
+    max_frames: usize,
+    has_items: Condvar,
+    has_room: Condvar,
+}
+
+impl Outbox {
+    pub(crate) fn new(max_frames: usize) -> Self {
+        let (has_items, has_room) = (Condvar::new(), Condvar::new());
+        Self { state: Mutex::default(), max_frames, has_items, has_room }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Queues a frame; false when there is no room. Does not block.
+    pub(crate) fn offer(&self, frame: &CanFrame, time_ns: u64) -> bool {
+        let mut state = self.lock();
+        let has_room = state.frames < self.max_frames;
+        if has_room {
+            state.frames += 1;
+            self.push(state, Outgoing::Frame(*frame, time_ns));
+        }
+        has_room
+    }
+
+    /// Queues an answer. Waits while too many bytes of answers wait already; false once it is
+    /// closed.
+    pub(crate) fn answer(&self, text: Vec<u8>, hearing: Hearing) -> bool {
+        let state = self.lock();
+        let is_full = |state: &mut State| !state.is_closed && state.answer_bytes > MAX_ANSWER_BYTES;
+        let waited = self.has_room.wait_while(state, is_full);
+        let mut state = waited.unwrap_or_else(PoisonError::into_inner);
+        if state.is_closed {
+            return false;
+        }
+        state.answer_bytes += text.len();
+        self.push(state, Outgoing::Answer(text, hearing));
+        true
+    }
+
+    fn push(&self, mut state: MutexGuard<'_, State>, item: Outgoing) {
+        state.items.push_back(item);
+        let is_awaited = state.is_awaited;
+        drop(state);
+        if is_awaited {
+            self.has_items.notify_one();
+        }
+    }
+
+    /// Waits for the next; none once it is closed.
+    pub(crate) fn take(&self) -> Option<Outgoing> {
+        let mut state = self.lock();
+        state.is_awaited = true;
+        let is_idle = |state: &mut State| !state.is_closed && state.items.is_empty();
+        let waited = self.has_items.wait_while(state, is_idle);
+        let mut state = waited.unwrap_or_else(PoisonError::into_inner);
+        state.is_awaited = false;
+        if state.is_closed { None } else { self.pop(state) }
+    }
+
+    /// The next, if there is one already.
+    pub(crate) fn try_take(&self) -> Option<Outgoing> {
+        self.pop(self.lock())
+    }
+
+    fn pop(&self, mut state: MutexGuard<'_, State>) -> Option<Outgoing> {
+        let item = state.items.pop_front()?;
+        match &item {
+            Outgoing::Frame(..) => state.frames -= 1,
+            Outgoing::Answer(text, _) => {
+                state.answer_bytes -= text.len();
+                drop(state);
+                self.has_room.notify_one();
+            }
+        }
+        Some(item)
+    }
+
+    /// Nobody waits any more, and nothing more is taken out.
+    pub(crate) fn close(&self) {
+        self.lock().is_closed = true;
+        self.has_items.notify_all();
+        self.has_room.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
+    use ecan_protocol::CanId;
+
+    use super::*;
+    use crate::settings::BridgeProtocol;
+
+    fn frame() -> CanFrame {
+        CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap()
+    }
+
+    fn nothing() -> Hearing {
+        Hearing::nothing(BridgeProtocol::Socketcand)
+    }
+
+    #[test]
+    fn frames_and_answers_keep_their_order_and_frames_their_bound() {
+        let outbox = Outbox::new(2);
+        assert!(outbox.offer(&frame(), 1));
+        assert!(outbox.answer(vec![b'a'], nothing()));
+        assert!(outbox.offer(&frame(), 2));
+        assert!(!outbox.offer(&frame(), 3));
+        assert_eq!(outbox.take(), Some(Outgoing::Frame(frame(), 1)));
+        assert_eq!(outbox.take(), Some(Outgoing::Answer(vec![b'a'], nothing())));
+        assert!(outbox.offer(&frame(), 4));
+        assert_eq!(outbox.try_take(), Some(Outgoing::Frame(frame(), 2)));
+        assert_eq!(outbox.try_take(), Some(Outgoing::Frame(frame(), 4)));
+        assert_eq!(outbox.try_take(), None);
+    }
+
+    #[test]
+    fn whoever_floods_it_with_answers_waits_until_they_are_taken_or_it_is_closed() {
+        let outbox = &Outbox::new(2);
+        let (taken, gone) = channel();
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                let answer = || outbox.answer(vec![0; 1024], nothing());
+                while answer() {
+                    taken.send(()).unwrap();
+                }
+            });
+            let patience = Duration::from_secs(60);
+            let fill = MAX_ANSWER_BYTES / 1024 + 1;
+            for _ in 0..fill {
+                gone.recv_timeout(patience).unwrap();
+            }
+            assert!(gone.try_recv().is_err());
+            for _ in 0..100 {
+                outbox.take().unwrap();
+                gone.recv_timeout(patience).unwrap();
+            }
+            assert!(outbox.lock().answer_bytes <= fill * 1024);
+            outbox.close();
+            assert!(gone.recv_timeout(patience).is_err());
+        });
+        assert_eq!(outbox.take(), None);
+    }
+}

@@ -1,0 +1,104 @@
+//! Frames of clients on their way to the bus.
+
+use std::io::{Read as _, Write as _};
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use ecan_bridge::{BridgeProtocol, BridgeServer, BridgeSettings};
+use ecan_protocol::CanFrame;
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+fn server(protocol: BridgeProtocol) -> BridgeServer {
+    let settings = BridgeSettings { queue: 2, ..BridgeSettings::speaking(protocol) };
+    BridgeServer::listen(&settings).unwrap()
+}
+
+fn connect(server: &BridgeServer) -> TcpStream {
+    let stream = TcpStream::connect(server.info().address()).unwrap();
+    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream
+}
+
+fn exchange(stream: &mut TcpStream, text: &str, answer: &str) {
+    stream.write_all(text.as_bytes()).unwrap();
+    let mut bytes = vec![0; answer.len()];
+    stream.read_exact(&mut bytes).unwrap();
+    assert_eq!(String::from_utf8_lossy(&bytes), answer);
+}
+
+fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
+    let begun = Instant::now();
+    loop {
+        if let Some(found) = look() {
+            return found;
+        }
+        assert!(begun.elapsed() < PATIENCE, "{what}");
+        std::thread::yield_now();
+    }
+}
+
+/// What a client of socketcand sends does not depend on how fast the bus is.
+#[test]
+fn a_full_queue_holds_a_client_of_socketcand_back() {
+    let server = server(BridgeProtocol::Socketcand);
+    let mut client = connect(&server);
+    exchange(&mut client, "", "< hi >");
+    exchange(&mut client, "< open can0 >", "< ok >");
+    let text: String = (0..100).map(|number| format!("< send 123 1 {number:x} >")).collect();
+    client.write_all(text.as_bytes()).unwrap();
+    for number in 0..100 {
+        let next = || server.clients().next_for_bus();
+        let (_, frame): (_, CanFrame) = wait_for("a frame for the bus", next);
+        assert_eq!(frame.data(), [number]);
+    }
+    let statistics = server.info().statistics();
+    assert_eq!((statistics.dropped_to_bus, statistics.refused), (0, 0));
+}
+
+#[test]
+fn a_client_that_is_held_back_may_go_and_so_may_the_server() {
+    for has_end in [false, true] {
+        let server = server(BridgeProtocol::Socketcand);
+        let mut client = connect(&server);
+        exchange(&mut client, "< open can0 >", "< hi >");
+        client.write_all("< send 123 0 >".repeat(100).as_bytes()).unwrap();
+        let frame = wait_for("a frame for the bus", || server.clients().next_for_bus());
+        assert!(frame.1.data().is_empty());
+        if has_end {
+            drop(client);
+            wait_for("the client is gone", || {
+                server.clients().next_for_bus();
+                (server.info().statistics().clients == 0).then_some(())
+            });
+        }
+    }
+}
+
+#[test]
+fn a_bus_that_takes_nothing_drops_what_waits_and_refuses_what_comes() {
+    let server = server(BridgeProtocol::Slcan);
+    let mut client = connect(&server);
+    exchange(&mut client, "O\rt1230\r", "\rz\r");
+    assert_eq!(server.clients().set_taking(false), 1);
+    exchange(&mut client, "t1240\r", "\x07");
+    assert_eq!(server.clients().next_for_bus(), None);
+    assert_eq!(server.clients().set_taking(true), 0);
+    exchange(&mut client, "t1250\r", "z\r");
+    let (_, frame) = server.clients().next_for_bus().unwrap();
+    assert_eq!(frame.id().raw(), 0x125);
+    let statistics = server.info().statistics();
+    assert_eq!((statistics.not_taken, statistics.dropped_to_bus), (2, 0));
+}
+
+#[test]
+fn a_client_that_is_held_back_goes_on_when_the_bus_takes_nothing() {
+    let server = server(BridgeProtocol::Socketcand);
+    let mut client = connect(&server);
+    exchange(&mut client, "", "< hi >");
+    exchange(&mut client, "< open can0 >", "< ok >");
+    client.write_all(("< send 123 0 >".repeat(100) + "< echo >").as_bytes()).unwrap();
+    server.clients().set_taking(false);
+    exchange(&mut client, "", "< echo >");
+    assert_eq!(server.info().statistics().not_taken, 100);
+}

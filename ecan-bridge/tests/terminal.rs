@@ -1,0 +1,109 @@
+//! Programs on the pseudo-terminal, one after the other.
+
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write as _};
+use std::os::unix::fs::OpenOptionsExt as _;
+use std::time::{Duration, Instant};
+
+use ecan_bridge::SerialBridge;
+use ecan_protocol::{CanFrame, CanId};
+use rustix::fs::OFlags;
+
+const PATIENCE: Duration = Duration::from_secs(60);
+
+struct Port(File);
+
+impl Port {
+    fn open(bridge: &SerialBridge) -> Self {
+        // A port that never answers must not hang the test.
+        let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();
+        let mut options = File::options();
+        Self(options.read(true).write(true).custom_flags(flags).open(bridge.path()).unwrap())
+    }
+
+    fn say(&mut self, text: &str) {
+        self.0.write_all(text.as_bytes()).unwrap();
+    }
+
+    fn expect(&mut self, text: &str) {
+        let mut heard = Vec::new();
+        let begun = Instant::now();
+        while heard.len() < text.len() {
+            let mut byte = [0];
+            match self.0.read(&mut byte) {
+                Ok(count) => heard.extend(&byte[..count]),
+                Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::yield_now(),
+                Err(error) => panic!("{error}"),
+            }
+            assert!(begun.elapsed() < PATIENCE, "only {:?}", String::from_utf8_lossy(&heard));
+        }
+        assert_eq!(String::from_utf8_lossy(&heard), text);
+    }
+}
+
+fn wait_for(what: &str, done: impl Fn() -> bool) {
+    let begun = Instant::now();
+    while !done() {
+        assert!(begun.elapsed() < PATIENCE, "{what}");
+        std::thread::yield_now();
+    }
+}
+
+#[test]
+fn the_next_program_finds_neither_old_text_nor_the_old_session() {
+    let bridge = SerialBridge::open(4096).unwrap();
+    let clients = bridge.clients();
+    assert!(!clients.are_there());
+    let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[0; 8]).unwrap();
+    for round in 1..=3 {
+        let mut port = Port::open(&bridge);
+        port.say("V\rO\r");
+        port.expect("V1010\r\r");
+        // It does not read: the terminal fills, then the queue.
+        let dropped = || clients.statistics().dropped_to_clients;
+        let before = dropped();
+        wait_for("the queue is full", || {
+            clients.deliver(&frame, 0, None);
+            dropped() > before
+        });
+        // As a program that dies.
+        drop(port);
+        wait_for("its end is seen", || !clients.are_there());
+        assert_eq!(clients.statistics().connections, round);
+    }
+    // Closed as a new adapter, and what it is told works.
+    let mut port = Port::open(&bridge);
+    port.say("t1230\rV\r");
+    port.expect("\x07V1010\r");
+    port.say("O\r");
+    port.expect("\r");
+    clients.deliver(&frame, 0, None);
+    port.expect("t12380000000000000000\r");
+}
+
+/// What a program writes and then goes is done all the same.
+#[test]
+fn the_last_words_of_a_program_are_heard() {
+    let bridge = SerialBridge::open(16).unwrap();
+    let mut port = Port::open(&bridge);
+    port.say("O\rt1230\rt1240\r");
+    drop(port);
+    let mut frames = Vec::new();
+    let begun = Instant::now();
+    while frames.len() < 2 {
+        frames.extend(bridge.clients().next_for_bus().map(|(_, frame)| frame.id().raw()));
+        assert!(begun.elapsed() < PATIENCE, "{frames:X?}");
+    }
+    assert_eq!(frames, [0x123, 0x124]);
+}
+
+#[test]
+fn dropping_it_does_not_wait_for_a_program() {
+    let bridge = SerialBridge::open(16).unwrap();
+    let mut port = Port::open(&bridge);
+    port.say("V\r");
+    port.expect("V1010\r");
+    drop(bridge);
+    // A hangup, as of an adapter that is pulled.
+    assert!(port.0.write_all(b"V\r").is_err());
+}

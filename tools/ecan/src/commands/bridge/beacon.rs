@@ -1,0 +1,65 @@
+//! socketcand's beacon: tells programs on the network where a bridge is.
+
+use std::io;
+use std::net::{IpAddr, Ipv4Addr, SocketAddr, UdpSocket};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::thread::{self, JoinHandle};
+use std::time::Duration;
+
+/// Where programs listen for it, by its protocol.
+pub const PORT: u16 = 42_000;
+/// The protocol allows three seconds; python-can listens for little more.
+const INTERVAL: Duration = Duration::from_secs(1);
+
+/// Sends the beacon again and again until it is dropped.
+#[derive(Debug)]
+pub struct Beacon {
+    is_over: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Beacon {
+    /// Announces the bridge at `server` to this address, which may be that of all machines of a
+    /// network.
+    pub fn start(to: SocketAddr, server: SocketAddr, channel: u8) -> io::Result<Self> {
+        let any: IpAddr = match to {
+            SocketAddr::V4(_) => Ipv4Addr::UNSPECIFIED.into(),
+            SocketAddr::V6(_) => std::net::Ipv6Addr::UNSPECIFIED.into(),
+        };
+        let socket = UdpSocket::bind((any, 0))?;
+        socket.set_broadcast(true)?;
+        socket.connect(to)?;
+        // A server on all addresses is reached at the one from which the beacon comes.
+        let ip = if server.ip().is_unspecified() { socket.local_addr()?.ip() } else { server.ip() };
+        let text = text(SocketAddr::new(ip, server.port()), channel);
+        let is_over = Arc::new(AtomicBool::new(false));
+        let over = is_over.clone();
+        let thread = thread::Builder::new().name("bridge beacon".to_owned()).spawn(move || {
+            while !over.load(Ordering::Acquire) {
+                // Nobody there, or no network for the moment.
+                let _ = socket.send(text.as_bytes());
+                thread::park_timeout(INTERVAL);
+            }
+        })?;
+        Ok(Self { is_over, thread: Some(thread) })
+    }
+}
+
+impl Drop for Beacon {
+    fn drop(&mut self) {
+        self.is_over.store(true, Ordering::Release);
+        if let Some(thread) = self.thread.take() {
+            thread.thread().unpark();
+            // A panic in it has been reported on stderr already.
+            let _ = thread.join();
+        }
+    }
+}
+
+fn text(server: SocketAddr, channel: u8) -> String {
+    format!(
+        "<CANBeacon name=\"ecan\" type=\"adapter\" description=\"ECAN-Lite\">\n\
+         <URL>can://{server}</URL><Bus name=\"can{channel}\"/></CANBeacon>"
+    )
+}

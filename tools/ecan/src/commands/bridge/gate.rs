@@ -1,0 +1,53 @@
+//! Whether clients may send.
+
+use crate::commands::bridge::front::Front;
+use crate::output::Output;
+
+/// Keeps frames of clients away from a gateway that is out of service and from a channel that is
+/// bus-off: sent afterwards, all at once, they would be old, and move what has long been meant to stand still.
+#[derive(Debug)]
+pub struct Gate {
+    is_open: bool,
+    /// Frames of clients that had been kept away when it was shut.
+    kept_before: u64,
+}
+
+impl Gate {
+    /// Shut.
+    pub fn shut(fronts: &[Front]) -> Self {
+        for front in fronts {
+            front.clients().set_taking(false);
+        }
+        Self { is_open: false, kept_before: kept(fronts) }
+    }
+
+    /// Opens or shuts it, and tells what was lost. `held` frames were taken and are dropped with those
+    /// that wait.
+    pub fn set_open(&mut self, is_open: bool, held: usize, fronts: &[Front], output: &Output) {
+        if is_open == self.is_open {
+            return;
+        }
+        self.is_open = is_open;
+        let dropped: usize =
+            held + fronts.iter().map(|it| it.clients().set_taking(is_open)).sum::<usize>();
+        if !is_open {
+            self.kept_before = kept(fronts);
+            if dropped > 0 {
+                output.note(format_args!(
+                    "# {dropped} frames of clients dropped: out of service or bus-off"
+                ));
+            }
+            return;
+        }
+        let refused = kept(fronts) - self.kept_before;
+        if refused > 0 {
+            output.note(format_args!(
+                "# {refused} frames of clients refused while out of service or bus-off"
+            ));
+        }
+    }
+}
+
+fn kept(fronts: &[Front]) -> u64 {
+    fronts.iter().map(|front| front.clients().statistics().not_taken).sum()
+}

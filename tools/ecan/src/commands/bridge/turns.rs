@@ -1,0 +1,41 @@
+//! Who is next.
+
+/// Takes from several sources in turn: one that never ends keeps none of the others waiting.
+#[derive(Debug, Default)]
+pub struct Turns {
+    next: usize,
+}
+
+impl Turns {
+    /// The next thing of the first of `count` sources that has one, beginning behind the source of the
+    /// last one.
+    pub fn next<T>(&mut self, count: usize, mut take: impl FnMut(usize) -> Option<T>) -> Option<T> {
+        let (from, until) = (self.next.min(count), count);
+        (from..until).chain(0..from).find_map(|source| {
+            let taken = take(source)?;
+            self.next = source + 1;
+            Some(taken)
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::Turns;
+
+    #[test]
+    fn a_source_without_end_starves_nobody() {
+        let mut turns = Turns::default();
+        let mut rest = [usize::MAX, 2, 0, 3];
+        let mut order = Vec::new();
+        for _ in 0..9 {
+            order.extend(turns.next(4, |source| {
+                rest[source] = rest[source].checked_sub(1)?;
+                Some(source)
+            }));
+        }
+        assert_eq!(order, [0, 1, 3, 0, 1, 3, 0, 3, 0]);
+        assert_eq!(turns.next(4, |_| None::<()>), None);
+        assert_eq!(turns.next(0, Some), None);
+    }
+}

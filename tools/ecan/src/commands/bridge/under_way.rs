@@ -1,0 +1,70 @@
+//! Frames of clients that the gateway has.
+
+use std::collections::HashMap;
+
+use ecan_mcan_port::SendTicket;
+
+/// The gateway has told by then what became of a frame, or it never will: the image that told it was
+/// lost. Tickets come again after 65536 images, 65 s of the usual cycle.
+const LIMIT_NS: u64 = 10_000_000_000;
+/// Between two looks for old ones.
+const LOOK_NS: u64 = 1_000_000_000;
+
+/// What has been handed over and waits for its transmit result.
+#[derive(Debug)]
+pub struct UnderWay<T> {
+    frames: HashMap<SendTicket, (u64, T)>,
+    next_look_ns: u64,
+}
+
+impl<T> Default for UnderWay<T> {
+    fn default() -> Self {
+        Self { frames: HashMap::with_capacity(4096), next_look_ns: 0 }
+    }
+}
+
+impl<T> UnderWay<T> {
+    pub fn insert(&mut self, ticket: SendTicket, frame: T, now_ns: u64) {
+        self.frames.insert(ticket, (now_ns, frame));
+    }
+
+    pub fn remove(&mut self, ticket: SendTicket) -> Option<T> {
+        self.frames.remove(&ticket).map(|(_, frame)| frame)
+    }
+
+    pub fn clear(&mut self) {
+        self.frames.clear();
+    }
+
+    /// Forgets what is too old; how many that were.
+    pub fn forget_old(&mut self, now_ns: u64) -> usize {
+        if now_ns < self.next_look_ns {
+            return 0;
+        }
+        self.next_look_ns = now_ns + LOOK_NS;
+        let before = self.frames.len();
+        self.frames.retain(|_, (taken_ns, _)| now_ns.saturating_sub(*taken_ns) < LIMIT_NS);
+        before - self.frames.len()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_never_told_is_forgotten() {
+        let ticket = |sequence| SendTicket { slave: 0, sequence, index: 0 };
+        let mut under_way = UnderWay::default();
+        let start = 5 * LIMIT_NS;
+        under_way.insert(ticket(1), "lost", start);
+        under_way.insert(ticket(2), "told", start);
+        under_way.insert(ticket(3), "late", start + LOOK_NS);
+        assert_eq!(under_way.remove(ticket(2)), Some("told"));
+        assert_eq!(under_way.forget_old(start + LIMIT_NS - 1), 0);
+        assert_eq!(under_way.forget_old(start + LIMIT_NS - 1 + LOOK_NS), 1);
+        assert_eq!(under_way.remove(ticket(1)), None);
+        assert_eq!(under_way.remove(ticket(3)), Some("late"));
+        assert_eq!(under_way.forget_old(u64::MAX - LOOK_NS), 0);
+    }
+}
