@@ -19,7 +19,7 @@ use crate::slave_choice::{AllArgument, Recognised};
 /// Whose Flash.
 #[derive(Debug, Args)]
 pub struct FlashArguments {
-    /// The gateways of this configuration file; otherwise the one of the bus
+    /// A configuration file, read only for which gateways are meant; otherwise the one of the bus
     #[arg(conflicts_with = "all")]
     file: Option<PathBuf>,
     #[command(flatten)]
