@@ -3,8 +3,8 @@
 use ecan_host::{ConfigFault, PlanRefusal};
 use ecan_mcan_port::{PortConfigFault, PortRefusal};
 use ecan_protocol::{
-    BitTimingError, ChannelFault, DataPathFault, Direction, FilterFault, MCAN_CLOCK_HZ, Phase,
-    ProfileError, solve_data, solve_nominal,
+    BitTimingError, ChannelFault, DataPathFault, Direction, FilterElementFault, FilterFault,
+    MCAN_CLOCK_HZ, Phase, ProfileError, solve_data, solve_nominal,
 };
 
 use crate::ConfigFile;
@@ -172,10 +172,15 @@ fn channel_places(slave: usize, channel: u8, fault: ChannelFault) -> Vec<String>
 fn filter_places(slave: usize, channel: u8, fault: &FilterFault) -> Vec<String> {
     let (extended, at, key) = match *fault {
         FilterFault::TooMany { extended, max, .. } => (extended, usize::from(max), ""),
-        FilterFault::Identifier { extended, at, .. } => (extended, at, "id1"),
-        FilterFault::EmptyRange { extended, at, .. } => (extended, at, "id2"),
-        FilterFault::NoBuffer { extended, at, .. } => (extended, at, "rx_buffer"),
-        FilterFault::NoFifo { extended, at, .. } => (extended, at, "action"),
+        FilterFault::Element { extended, at, fault } => {
+            let key = match fault {
+                FilterElementFault::Identifier { .. } => "id1",
+                FilterElementFault::EmptyRange { .. } => "id2",
+                FilterElementFault::NoBuffer { .. } => "rx_buffer",
+                FilterElementFault::NoFifo { .. } => "action",
+            };
+            (extended, at, key)
+        }
     };
     let table = if extended { EXTENDED_TABLE } else { STANDARD_TABLE };
     let table = format!("{table}[{at}]");

@@ -153,6 +153,16 @@ impl Snapshot {
         self.values.get(&ObjectKey { index, subindex }).copied()
     }
 
+    /// A value for a text: in the words of `told`, or "unknown" where it was not read.
+    pub(crate) fn told(&self, index: u16, subindex: u8, told: impl Fn(u32) -> String) -> String {
+        self.get(index, subindex).map_or_else(|| "unknown".to_owned(), told)
+    }
+
+    /// A number for a text, or "unknown".
+    pub(crate) fn number(&self, index: u16, subindex: u8) -> String {
+        self.told(index, subindex, |value| value.to_string())
+    }
+
     /// Puts a value in.
     pub fn set(&mut self, index: u16, subindex: u8, value: u32) {
         self.values.insert(ObjectKey { index, subindex }, value);

@@ -29,6 +29,26 @@ fn a_gateway_that_waits_in_preop_has_no_finding() {
     assert_eq!(findings(&Snapshot::default()), []);
 }
 
+#[test]
+fn what_was_not_read_is_no_zero_in_a_finding() {
+    let mut snapshot = Snapshot { al_state: 2, ..Snapshot::default() };
+    snapshot.set(0x8010, 2, 5);
+    snapshot.set(0x8011, 2, 3);
+    snapshot.set(0x8011, 14, 2);
+    snapshot.set(0x9000, 9, 0x3B);
+    snapshot.set(0x9020, 5, 7);
+    let found = findings(&snapshot);
+    let has = |words: &str| {
+        let mut told = found.iter().flat_map(|it| it.causes.iter().chain([&it.what]));
+        assert!(told.any(|text| text.contains(words)), "{words}: {found:#?}");
+    };
+    has("than N = unknown");
+    has("dropped 7 frames (unknown old, unknown new, unknown critical), unknown waited at most");
+    has("the mask is unknown; ");
+    has("PDO errors, their number is unknown, ");
+    has("here unknown, sample point unknown to unknown %");
+}
+
 // 5.4.6 and 16.1: OP
 
 #[test]
@@ -324,7 +344,7 @@ fn the_data_path_is_looked_at() {
     assert_eq!(with(0x8020, 3, 1).id, "data-path-global");
     assert_eq!(with(0x9021, 15, 4).id, "data-path-degraded");
     let found = only(|snapshot| {
-        for (subindex, value) in [(2, 16), (5, 30), (6, 28), (7, 2)] {
+        for (subindex, value) in [(2, 16), (5, 30), (6, 28), (7, 2), (8, 0)] {
             snapshot.set(0x9020, subindex, value);
         }
     });

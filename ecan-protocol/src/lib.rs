@@ -107,11 +107,12 @@ pub use config::{
     CrcTest, CriticalFrames, DATA_PATH_BUDGET_MAX, DATA_PATH_CONFIG_WRITES,
     DATA_PATH_GLOBAL_WRITES, DIAGNOSTIC_TEST_KEY, DIAGNOSTIC_TEST_WRITES, DataPathConfig,
     DataPathFault, DataPathGlobal, DiagnosticFault, DiagnosticTest, ExtendedFilter, ExtendedMatch,
-    FilterAction, FilterCommand, FilterCommandStatus, FilterFault, FilterWindow, InvalidValue,
-    MCAN_CHANNEL_BRING_UP_WRITES, MCAN_CHANNEL_CONFIG_WRITES, McanChannelConfig, NodeMode,
-    NonMatch, PDO_PROFILE_WRITES, ProfileMismatch, ProfileReadback, ProfileStatus, RxBudget,
-    RxBypass, RxOverflow, SamplePointWindow, SessionCommand, Sides, StandardFilter, StandardMatch,
-    TxBypass, TxOverflow, assignment_writes, check_filters, filter_writes, session_command_write,
+    FilterAction, FilterCommand, FilterCommandStatus, FilterElementFault, FilterFault,
+    FilterWindow, InvalidValue, MCAN_CHANNEL_BRING_UP_WRITES, MCAN_CHANNEL_CONFIG_WRITES,
+    McanChannelConfig, NodeMode, NonMatch, PDO_PROFILE_WRITES, ProfileMismatch, ProfileReadback,
+    ProfileStatus, RxBudget, RxBypass, RxOverflow, SamplePointWindow, SessionCommand, Sides,
+    StandardFilter, StandardMatch, TxBypass, TxOverflow, assignment_writes, check_filters,
+    filter_writes, session_command_write,
 };
 pub use maintenance::{AccessMode, MaintenanceCommand, MaintenanceStatus};
 pub use message_ram::{

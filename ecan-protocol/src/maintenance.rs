@@ -6,9 +6,10 @@ use crate::raw_enum::raw_enum;
 
 raw_enum! {
     /// Access mode of a gateway (0xB000:01, :02).
-    #[derive(PartialOrd, Ord)]
+    #[derive(Default, PartialOrd, Ord)]
     pub enum AccessMode: u8 {
         /// Normal operation.
+        #[default]
         Run = 0,
         /// Opens some functions of maintenance.
         Engineering = 1,
@@ -50,9 +51,10 @@ raw_enum! {
 /// How a maintenance command ended (0xB000:05).
 ///
 /// The manual gives numbers to 0 and 2 alone; the others follow the order in which it names them.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum MaintenanceStatus {
     /// Done.
+    #[default]
     Ok,
     /// Another command is under way.
     Busy,

@@ -86,13 +86,15 @@ impl Channel<'_> {
 
     /// "500 kbit/s, sample point 75.0 to 87.5 %"
     pub(super) fn rates(&self) -> String {
-        let rate = |subindex| self.config(subindex).map_or(0, |rate| rate / 1000);
-        let percent = |subindex| f64::from(self.config(subindex).unwrap_or(0)) / 10.0;
-        let mut text =
-            format!("{} kbit/s, sample point {:.1} to {:.1} %", rate(19), percent(21), percent(22));
+        let told = |subindex, words: fn(u32) -> String| {
+            self.snapshot.told(self.config_object(), subindex, words)
+        };
+        let rate = |subindex| told(subindex, |rate| format!("{} kbit/s", rate / 1000));
+        let percent = |subindex| told(subindex, |raw| format!("{:.1}", f64::from(raw) / 10.0));
+        let mut text = format!("{}, sample point {} to {} %", rate(19), percent(21), percent(22));
         if self.config(15) == Some(1) {
             text.push_str(&format!(
-                ", data phase {} kbit/s, {:.1} to {:.1} %",
+                ", data phase {}, {} to {} %",
                 rate(20),
                 percent(23),
                 percent(24)

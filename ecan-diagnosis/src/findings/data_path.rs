@@ -38,10 +38,10 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
                 .so(format!("write {} = 1 and apply ({} = 1)", entry(1), entry(2)), "13.2.2"),
         );
     }
-    let (dropped, critical) = (diagnosis(5), diagnosis(8));
+    let told = |subindex| snapshot.number(0x9020 + number, subindex);
+    let dropped = diagnosis(5);
     if dropped != 0 {
-        let (old, new) = (diagnosis(6), diagnosis(7));
-        let depth = diagnosis(2);
+        let (old, new, critical, depth) = (told(6), told(7), told(8), told(2));
         let what = format!(
             "the RX cache dropped {dropped} frames ({old} old, {new} new, {critical} critical), \
              {depth} waited at most"
@@ -61,6 +61,7 @@ pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
     }
     let (full, stale) = (diagnosis(11), diagnosis(12));
     if full != 0 || stale != 0 {
+        let (full, stale) = (told(11), told(12));
         let what =
             format!("the transmit FIFO was full {full} times, {stale} stale frames were dropped");
         found.push(

@@ -24,8 +24,8 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
 fn status(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
     let raw = snapshot.get(index, 2)?;
     let status = ProfileStatus::from_raw(u8::try_from(raw).unwrap_or(u8::MAX));
-    let n = snapshot.get(index, 3).unwrap_or(0);
-    let mask = snapshot.get(index, 4).unwrap_or(0);
+    let n = snapshot.number(index, 3);
+    let mask = snapshot.told(index, 4, |mask| format!("0x{mask:02X}"));
     let what = format!("the profile was not applied: 0x{index:04X}:02 is {status}");
     let fault = |id| Finding::fault(id, place, what.clone());
     let apply_again = format!("write 0x{index:04X}:01 = 1 in PREOP, then read :02 again");
@@ -41,7 +41,7 @@ fn status(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
             .or_because(format!("N is {n}; the gateway takes 1 to 24"))
             .so("write an N of 1 to 24, then apply", "5.2"),
         ProfileStatus::InvalidChannelMask => fault("profile-mask")
-            .or_because(format!("the mask is 0x{mask:02X}; bits 0 to 3 are channels, one at least"))
+            .or_because(format!("the mask is {mask}; bits 0 to 3 are channels, one at least"))
             .so("write a mask of 0x01 to 0x0F, then apply", "13.2"),
         ProfileStatus::InvalidProfile => fault("profile-encapsulation")
             .because(&["the encapsulation profile is none of 0, 1, 4 and 5 (0xF000:12)"])
@@ -87,9 +87,9 @@ fn frame_area(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> 
 }
 
 fn last_error(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
-    let (raw, count) = (snapshot.get(index, 14)?, snapshot.get(index, 15).unwrap_or(0));
+    let (raw, count) = (snapshot.get(index, 14)?, snapshot.get(index, 15));
     let error = u16::try_from(raw).ok().and_then(PdoError::from_raw);
-    if raw == 0 && count == 0 {
+    if raw == 0 && count.unwrap_or(0) == 0 {
         return None;
     }
     let (id, causes, next): (_, &[&str], _) = explain(error);
@@ -98,7 +98,10 @@ fn last_error(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> 
         Some(error) => format!("the last error was {raw} ({error})"),
         None => format!("the last error was {raw}, which the manual does not list"),
     };
-    let what = format!("{count} PDO errors, {last}");
+    let what = match count {
+        Some(count) => format!("{count} PDO errors, {last}"),
+        None => format!("PDO errors, their number is unknown, {last}"),
+    };
     let finding = match error {
         Some(PdoError::Ok | PdoError::DuplicateSequence) => Finding::warning(id, place, what),
         _ => Finding::fault(id, place, what),

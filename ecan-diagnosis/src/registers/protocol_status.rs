@@ -6,7 +6,7 @@ use serde::Serialize;
 
 /// What the controller is doing on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "lowercase")]
+#[serde(rename_all = "snake_case")]
 pub enum Activity {
     /// Not in step with the bus yet.
     Synchronising,

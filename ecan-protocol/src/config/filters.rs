@@ -316,49 +316,48 @@ pub enum FilterFault {
         /// What the device has.
         max: u8,
     },
-    /// An identifier or mask that is too wide.
-    #[error("{} filter {at}: identifier 0x{id:X} is above 0x{max:X}", kind(*.extended))]
-    Identifier {
+    /// One of the filters is wrong.
+    #[error("{} filter {at}: {fault}", kind(*.extended))]
+    Element {
         /// True for extended identifiers.
         extended: bool,
         /// Position in the list.
         at: usize,
+        /// What is wrong with it.
+        fault: FilterElementFault,
+    },
+}
+
+/// A fault of one filter, whatever its place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum FilterElementFault {
+    /// An identifier or mask that is too wide.
+    #[error("identifier 0x{id:X} is above 0x{max:X}")]
+    Identifier {
         /// The identifier.
         id: u32,
         /// The greatest possible.
         max: u32,
     },
     /// A range that ends before it starts.
-    #[error("{} filter {at}: range 0x{id1:X}..0x{id2:X} is empty", kind(*.extended))]
+    #[error("range 0x{id1:X}..0x{id2:X} is empty")]
     EmptyRange {
-        /// True for extended identifiers.
-        extended: bool,
-        /// Position in the list.
-        at: usize,
         /// First identifier.
         id1: u32,
         /// Last identifier.
         id2: u32,
     },
     /// A receive buffer that the RAM layout does not have.
-    #[error("{} filter {at}: RX buffer {buffer} of {count}", kind(*.extended))]
+    #[error("RX buffer {buffer} of {count}")]
     NoBuffer {
-        /// True for extended identifiers.
-        extended: bool,
-        /// Position in the list.
-        at: usize,
         /// The buffer, counted from 0.
         buffer: u8,
         /// How many the layout has.
         count: u8,
     },
     /// A FIFO that the RAM layout gives no elements.
-    #[error("{} filter {at}: RX FIFO{fifo} has no elements", kind(*.extended))]
+    #[error("RX FIFO{fifo} has no elements")]
     NoFifo {
-        /// True for extended identifiers.
-        extended: bool,
-        /// Position in the list.
-        at: usize,
         /// The FIFO.
         fifo: u8,
     },
@@ -377,11 +376,13 @@ pub fn check_filters(
 ) {
     check_count(false, standard.len(), STANDARD_FILTERS_MAX, report);
     for (at, filter) in standard.iter().enumerate() {
-        check_filter(config, false, at, &filter.into(), report);
+        let extended = false;
+        filter.check(config, &mut |fault| report(FilterFault::Element { extended, at, fault }));
     }
     check_count(true, extended.len(), EXTENDED_FILTERS_MAX, report);
     for (at, filter) in extended.iter().enumerate() {
-        check_filter(config, true, at, &filter.into(), report);
+        let extended = true;
+        filter.check(config, &mut |fault| report(FilterFault::Element { extended, at, fault }));
     }
 }
 
@@ -391,37 +392,51 @@ fn check_count(extended: bool, count: usize, max: u8, report: &mut dyn FnMut(Fil
     }
 }
 
-fn check_filter(
-    config: &McanChannelConfig,
-    extended: bool,
-    at: usize,
-    filter: &RawFilter,
-    report: &mut dyn FnMut(FilterFault),
-) {
-    let max = if extended { EXTENDED_ID_MAX } else { STANDARD_ID_MAX };
-    let (id1, id2) = (filter.id1, filter.id2);
-    for id in [id1, id2] {
-        if id > max {
-            report(FilterFault::Identifier { extended, at, id, max });
-        }
+impl StandardFilter {
+    /// Reports every fault of the filter, given its channel's configuration.
+    pub fn check(&self, config: &McanChannelConfig, report: &mut dyn FnMut(FilterElementFault)) {
+        RawFilter::from(self).check(config, STANDARD_ID_MAX, report);
     }
-    let ram = &config.ram;
-    let no_fifo =
-        |fifo: u8, size: u8| (size == 0).then_some(FilterFault::NoFifo { extended, at, fifo });
-    let fault = match filter.action {
-        FilterAction::RxBuffer(buffer) => {
-            let count = ram.rx_buffer_count;
-            (buffer >= count).then_some(FilterFault::NoBuffer { extended, at, buffer, count })
-        }
-        FilterAction::Fifo0 | FilterAction::PriorityFifo0 => no_fifo(0, ram.rx_fifo0.size),
-        FilterAction::Fifo1 | FilterAction::PriorityFifo1 => no_fifo(1, ram.rx_fifo1.size),
-        FilterAction::Disabled | FilterAction::Reject | FilterAction::Priority => None,
-    };
-    if let Some(fault) = fault {
-        report(fault);
+}
+
+impl ExtendedFilter {
+    /// Reports every fault of the filter, given its channel's configuration.
+    pub fn check(&self, config: &McanChannelConfig, report: &mut dyn FnMut(FilterElementFault)) {
+        RawFilter::from(self).check(config, EXTENDED_ID_MAX, report);
     }
-    let to_buffer = matches!(filter.action, FilterAction::RxBuffer(_));
-    if filter.is_range && !to_buffer && id1 > id2 {
-        report(FilterFault::EmptyRange { extended, at, id1, id2 });
+}
+
+impl RawFilter {
+    fn check(
+        &self,
+        config: &McanChannelConfig,
+        max: u32,
+        report: &mut dyn FnMut(FilterElementFault),
+    ) {
+        let Self { id1, id2, action, .. } = *self;
+        // One identifier alone stands in both places.
+        for id in [Some(id1), Some(id2).filter(|id2| *id2 != id1)].into_iter().flatten() {
+            if id > max {
+                report(FilterElementFault::Identifier { id, max });
+            }
+        }
+        let ram = &config.ram;
+        let no_fifo = |fifo, size: u8| (size == 0).then_some(FilterElementFault::NoFifo { fifo });
+        let fault = match action {
+            FilterAction::RxBuffer(buffer) => {
+                let count = ram.rx_buffer_count;
+                (buffer >= count).then_some(FilterElementFault::NoBuffer { buffer, count })
+            }
+            FilterAction::Fifo0 | FilterAction::PriorityFifo0 => no_fifo(0, ram.rx_fifo0.size),
+            FilterAction::Fifo1 | FilterAction::PriorityFifo1 => no_fifo(1, ram.rx_fifo1.size),
+            FilterAction::Disabled | FilterAction::Reject | FilterAction::Priority => None,
+        };
+        if let Some(fault) = fault {
+            report(fault);
+        }
+        let to_buffer = matches!(action, FilterAction::RxBuffer(_));
+        if self.is_range && !to_buffer && id1 > id2 {
+            report(FilterElementFault::EmptyRange { id1, id2 });
+        }
     }
 }

@@ -21,8 +21,9 @@ pub use diagnostic_test::{
     RxBypass, Sides, TxBypass,
 };
 pub use filters::{
-    ExtendedFilter, ExtendedMatch, FilterAction, FilterCommand, FilterCommandStatus, FilterFault,
-    FilterWindow, StandardFilter, StandardMatch, check_filters, filter_writes,
+    ExtendedFilter, ExtendedMatch, FilterAction, FilterCommand, FilterCommandStatus,
+    FilterElementFault, FilterFault, FilterWindow, StandardFilter, StandardMatch, check_filters,
+    filter_writes,
 };
 pub use mcan_channel::{
     ApplyStatus, BitTimingMode, McanChannelConfig, NodeMode, NonMatch, SamplePointWindow,

@@ -8,13 +8,13 @@
 //! saved, applies them; the same happens with the saved configuration when the gateway starts.
 //! A factory reset also erases what was saved.
 
-use ecan_protocol::{AlState, ApplyStatus, CHANNELS, DataPathGlobal};
+use ecan_protocol::{AlState, ApplyStatus, CHANNELS, DataPathGlobal, MaintenanceStatus};
 
 use super::channel_control::{self, FIRST_CHANNEL_OBJECT};
 use super::configuration_image::{ConfigurationImage, CrcError};
 use super::firmware_package::FirmwarePackageError;
 use super::firmware_update::FirmwareUpdateError;
-use super::maintenance::{Status, command};
+use super::maintenance::command;
 use super::{Gateway, NS_PER_MS};
 
 /// Erasing and writing the configuration's sector.
@@ -131,7 +131,7 @@ impl Gateway {
         };
         match job.scope {
             Scope::Device => {
-                let status = self.execute(&job).err().unwrap_or(Status::Ok);
+                let status = self.execute(&job).err().unwrap_or(MaintenanceStatus::Ok);
                 self.maintenance.finish(status);
                 if job.bits & command::REBUILD_EEPROM != 0 {
                     self.eeprom.erase();
@@ -146,25 +146,25 @@ impl Gateway {
     }
 
     /// Bits 0 to 4 in ascending order, up to the first that fails.
-    fn execute(&mut self, job: &FlashJob) -> Result<(), Status> {
+    fn execute(&mut self, job: &FlashJob) -> Result<(), MaintenanceStatus> {
         let has = |bit| job.bits & bit != 0;
         if has(command::SAVE) {
             self.store(&job.image)?;
         }
         let changes = has(command::LOAD) || has(command::FACTORY) || has(command::ACTIVATE);
         if changes && self.state == AlState::Op {
-            return Err(Status::Denied);
+            return Err(MaintenanceStatus::Denied);
         }
         if has(command::LOAD) {
             match self.flash.read() {
                 Ok(Some(image)) => self.restore(&image)?,
-                Ok(None) => return Err(Status::ImageInvalid),
-                Err(CrcError) => return Err(Status::CrcError),
+                Ok(None) => return Err(MaintenanceStatus::ImageInvalid),
+                Err(CrcError) => return Err(MaintenanceStatus::CrcError),
             }
         }
         if has(command::FACTORY) {
             if self.faults.take_flash_failure() {
-                return Err(Status::FlashError);
+                return Err(MaintenanceStatus::FlashError);
             }
             self.flash.erase();
             self.restore(&ConfigurationImage::factory())?;
@@ -178,9 +178,9 @@ impl Gateway {
         Ok(())
     }
 
-    fn store(&mut self, image: &ConfigurationImage) -> Result<(), Status> {
+    fn store(&mut self, image: &ConfigurationImage) -> Result<(), MaintenanceStatus> {
         if self.faults.take_flash_failure() {
-            return Err(Status::FlashError);
+            return Err(MaintenanceStatus::FlashError);
         }
         self.flash.store(image);
         Ok(())
@@ -221,7 +221,7 @@ impl Gateway {
     }
 
     /// Puts a configuration back and in force, as far as it goes without the master.
-    fn restore(&mut self, image: &ConfigurationImage) -> Result<(), Status> {
+    fn restore(&mut self, image: &ConfigurationImage) -> Result<(), MaintenanceStatus> {
         self.restore_common(image);
         let Self { profiles, values, .. } = self;
         for profile in profiles {
@@ -230,7 +230,7 @@ impl Gateway {
         let mut verdict = Ok(());
         for number in 0..CHANNELS {
             if self.restore_channel(number, image) != ApplyStatus::Ok {
-                verdict = Err(Status::ImageInvalid);
+                verdict = Err(MaintenanceStatus::ImageInvalid);
             }
         }
         verdict
@@ -273,9 +273,11 @@ impl Gateway {
     }
 }
 
-fn image_status(error: FirmwareUpdateError) -> Status {
+fn image_status(error: FirmwareUpdateError) -> MaintenanceStatus {
     match error {
-        FirmwareUpdateError::Package(FirmwarePackageError::PayloadCheck { .. }) => Status::CrcError,
-        _ => Status::ImageInvalid,
+        FirmwareUpdateError::Package(FirmwarePackageError::PayloadCheck { .. }) => {
+            MaintenanceStatus::CrcError
+        }
+        _ => MaintenanceStatus::ImageInvalid,
     }
 }

@@ -9,6 +9,8 @@
 //! names them. Of the diagnostic flags, 0 to 3 never show: this gateway publishes images whole
 //! and has no stage in front of the parser.
 
+use ecan_protocol::{AccessMode, MaintenanceStatus};
+
 /// Legacy maintenance diag flags, 0xB000:6.
 pub(super) mod flag {
     pub(in crate::gateway) const TX_RING_DROP: u16 = 1 << 4;
@@ -19,36 +21,18 @@ pub(super) mod flag {
     pub(in crate::gateway) const SCHED_TIMER_MISS: u16 = 1 << 9;
 }
 
-/// Bits of the maintenance command.
+/// Bits of the maintenance command, of which the gateway takes several at once.
 pub(super) mod command {
-    pub(in crate::gateway) const SAVE: u32 = 1 << 0;
-    pub(in crate::gateway) const LOAD: u32 = 1 << 1;
-    pub(in crate::gateway) const FACTORY: u32 = 1 << 2;
-    pub(in crate::gateway) const VALIDATE: u32 = 1 << 3;
-    pub(in crate::gateway) const ACTIVATE: u32 = 1 << 4;
-    pub(in crate::gateway) const CLEAR_DIAGNOSTICS: u32 = 1 << 5;
-    pub(in crate::gateway) const REBUILD_EEPROM: u32 = 1 << 6;
-}
+    use ecan_protocol::MaintenanceCommand;
 
-/// Maintenance status, 0xB000:5.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) enum Status {
-    #[default]
-    Ok = 0,
-    Busy = 1,
-    Denied = 2,
-    CrcError = 3,
-    ImageInvalid = 4,
-    FlashError = 5,
-}
-
-/// Access mode, 0xB000:1 and :2.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd)]
-enum Mode {
-    #[default]
-    Run = 0,
-    Engineering = 1,
-    Factory = 2,
+    pub(in crate::gateway) const SAVE: u32 = MaintenanceCommand::Save as u32;
+    pub(in crate::gateway) const LOAD: u32 = MaintenanceCommand::Load as u32;
+    pub(in crate::gateway) const FACTORY: u32 = MaintenanceCommand::Factory as u32;
+    pub(in crate::gateway) const VALIDATE: u32 = MaintenanceCommand::Validate as u32;
+    pub(in crate::gateway) const ACTIVATE: u32 = MaintenanceCommand::Activate as u32;
+    pub(in crate::gateway) const CLEAR_DIAGNOSTICS: u32 =
+        MaintenanceCommand::ClearDiagnostics as u32;
+    pub(in crate::gateway) const REBUILD_EEPROM: u32 = MaintenanceCommand::RebuildEeprom as u32;
 }
 
 /// What is left to do of a command.
@@ -64,9 +48,9 @@ pub(super) enum Order {
 /// State behind 0xB000.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Maintenance {
-    mode: Mode,
+    mode: AccessMode,
     mode_ends: Option<u64>,
-    status: Status,
+    status: MaintenanceStatus,
     sequence: u32,
     pub(super) flags: u16,
 }
@@ -74,12 +58,8 @@ pub(super) struct Maintenance {
 impl Maintenance {
     /// An access mode request: granted at once, for `timeout_s` seconds or, at 0, without end.
     pub(super) fn request_mode(&mut self, now: u64, mode: u8, timeout_s: u16) {
-        self.mode = match mode {
-            0 => Mode::Run,
-            1 => Mode::Engineering,
-            _ => Mode::Factory,
-        };
-        self.mode_ends = (self.mode != Mode::Run && timeout_s != 0)
+        self.mode = AccessMode::from_raw(mode).unwrap_or(AccessMode::Factory);
+        self.mode_ends = (self.mode != AccessMode::Run && timeout_s != 0)
             .then(|| now.saturating_add(u64::from(timeout_s) * 1_000_000_000));
     }
 
@@ -91,14 +71,14 @@ impl Maintenance {
     /// Lets the access mode fall back to run when its time is over.
     pub(super) fn expire(&mut self, now: u64) {
         if self.mode_ends.is_some_and(|ends| ends <= now) {
-            self.mode = Mode::Run;
+            self.mode = AccessMode::Run;
             self.mode_ends = None;
         }
     }
 
     /// Engineering or factory mode.
     pub(super) fn is_engineering(&self) -> bool {
-        self.mode >= Mode::Engineering
+        self.mode >= AccessMode::Engineering
     }
 
     /// A maintenance command. No bit at all is no command.
@@ -108,13 +88,13 @@ impl Maintenance {
         }
         if bits == command::CLEAR_DIAGNOSTICS {
             self.flags = 0;
-            self.finish(Status::Ok);
+            self.finish(MaintenanceStatus::Ok);
             return Order::ClearDiagnostics;
         }
         if self.allows(bits, in_op, is_receiving) {
             return Order::Execute(bits);
         }
-        self.finish(Status::Denied);
+        self.finish(MaintenanceStatus::Denied);
         Order::Nothing
     }
 
@@ -122,8 +102,8 @@ impl Maintenance {
         use command::{ACTIVATE, CLEAR_DIAGNOSTICS, FACTORY, REBUILD_EEPROM, VALIDATE};
         let stands_alone = bits & (CLEAR_DIAGNOSTICS | REBUILD_EEPROM) != 0;
         let needed = match bits & (FACTORY | REBUILD_EEPROM) {
-            0 => Mode::Engineering,
-            _ => Mode::Factory,
+            0 => AccessMode::Engineering,
+            _ => AccessMode::Factory,
         };
         (!stands_alone || bits.is_power_of_two())
             && self.mode >= needed
@@ -133,11 +113,11 @@ impl Maintenance {
 
     /// A command that takes its time is under way.
     pub(super) fn begin(&mut self) {
-        self.status = Status::Busy;
+        self.status = MaintenanceStatus::Busy;
     }
 
     /// A command is over.
-    pub(super) fn finish(&mut self, status: Status) {
+    pub(super) fn finish(&mut self, status: MaintenanceStatus) {
         self.status = status;
         self.sequence = self.sequence.wrapping_add(1);
     }
@@ -145,8 +125,8 @@ impl Maintenance {
     /// What a subindex of 0xB000 shows; `None` for the others.
     pub(super) fn readback(&self, subindex: u8) -> Option<u32> {
         Some(match subindex {
-            2 => self.mode as u32,
-            5 => self.status as u32,
+            2 => self.mode.raw().into(),
+            5 => self.status.raw().into(),
             6 => u32::from(self.flags),
             12 => self.sequence,
             _ => return None,

@@ -11,6 +11,24 @@ const ONE_REQUEST: Duration = Duration::from_millis(200);
 /// Exit status of a program that was ended by its second signal, as shells tell Ctrl-C.
 const ENDED_BY_SIGNAL: i32 = 130;
 
+/// The system does not let signals be caught.
+#[derive(Debug, thiserror::Error)]
+#[error("Ctrl-C and SIGTERM cannot be caught: {reason}")]
+pub struct InterruptError {
+    reason: String,
+}
+
+impl From<ctrlc::Error> for InterruptError {
+    fn from(error: ctrlc::Error) -> Self {
+        let reason = match error {
+            // What `ctrlc` says of it leaves out the reason.
+            ctrlc::Error::System(error) => error.to_string(),
+            other => other.to_string(),
+        };
+        Self { reason }
+    }
+}
+
 /// Set once the user asked the program to stop.
 #[derive(Debug, Clone, Default)]
 pub struct Interrupt(Arc<AtomicBool>);
@@ -21,7 +39,7 @@ impl Interrupt {
     ///
     /// # Errors
     /// The system's, when no handler can be set.
-    pub fn install() -> Result<Self, ctrlc::Error> {
+    pub fn install() -> Result<Self, InterruptError> {
         let interrupt = Self::default();
         let flag = interrupt.clone();
         let mut first: Option<Instant> = None;
@@ -40,7 +58,7 @@ impl Interrupt {
     ///
     /// # Errors
     /// As [`install`](Self::install).
-    pub fn install_patient() -> Result<Self, ctrlc::Error> {
+    pub fn install_patient() -> Result<Self, InterruptError> {
         Self::install_patient_with(|| ())
     }
 
@@ -49,12 +67,12 @@ impl Interrupt {
     ///
     /// # Errors
     /// As [`install`](Self::install).
-    pub fn install_saying(words: &'static str) -> Result<Self, ctrlc::Error> {
+    pub fn install_saying(words: &'static str) -> Result<Self, InterruptError> {
         // Nobody may be there to read it.
         Self::install_patient_with(move || drop(writeln!(std::io::stderr(), "{words}")))
     }
 
-    fn install_patient_with(say: impl Fn() + Send + 'static) -> Result<Self, ctrlc::Error> {
+    fn install_patient_with(say: impl Fn() + Send + 'static) -> Result<Self, InterruptError> {
         let interrupt = Self::default();
         let flag = interrupt.0.clone();
         ctrlc::set_handler(move || {

@@ -8,7 +8,7 @@ use crate::failure::Failure;
 use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::global::GlobalOptions;
 use crate::output::Output;
-use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose, every_gateway};
+use crate::slave_choice::{Candidates, Recognised, SlaveChoice, choose, every_gateway, one_or_all};
 
 /// A bus, looked at through a handle that reserves nothing.
 #[derive(Debug)]
@@ -41,11 +41,11 @@ impl Bus {
             output.note(simulation.banner());
         }
         let master = |error: Error| Failure::Master(error.to_string());
-        let diagnostics = Diagnostics::of_bus(&backend.ecrt, global.master).map_err(master)?;
+        let diagnostics = Diagnostics::of_bus(&backend.ecrt, global.master()).map_err(master)?;
         if !diagnostics.master_state().map_err(master)?.link_up {
             let words = format!(
                 "master {} has no link: is the cable plugged in, is the first slave powered?",
-                global.master
+                global.master()
             );
             return Err(Failure::Master(words));
         }
@@ -93,6 +93,11 @@ impl Bus {
             Some(_) => Ok(vec![self.slave()?]),
             None => every_gateway(self),
         }
+    }
+
+    /// The slaves of a command that takes one gateway, or all where the user says so.
+    pub fn one_or_all(&self, all: bool) -> Result<Recognised, Failure> {
+        one_or_all(self, self.choice, all)
     }
 
     /// Serial number of a gateway.

@@ -24,7 +24,7 @@ pub fn read(path: &Path) -> Result<ConfigFile, Failure> {
 
 /// The master of a file, unless the user names another.
 pub fn master(file: &ConfigFile, global: &GlobalOptions) -> u32 {
-    if global.master == 0 { file.adapter.master_index } else { global.master }
+    global.master.unwrap_or(file.adapter.master_index)
 }
 
 /// Opens the bus that a file is about.
@@ -34,7 +34,7 @@ pub fn open_bus(
     output: &Output,
     clock: ClockKind,
 ) -> Result<Bus, Failure> {
-    let master = master(file, global);
+    let master = Some(master(file, global));
     Bus::open_with_clock(&GlobalOptions { master, ..global.clone() }, output, clock)
 }
 

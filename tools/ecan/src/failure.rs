@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use ecan_command_line::interrupt::InterruptError;
 use ecan_command_line::log_file::LogFileError;
 use ecan_host::MaintenanceError;
 use ecan_sim::BackendError;
@@ -97,6 +98,12 @@ impl Failure {
             | Self::Bridge(_) => 6,
             Self::Host(_) => 7,
         }
+    }
+}
+
+impl From<InterruptError> for Failure {
+    fn from(error: InterruptError) -> Self {
+        Self::Host(error.to_string())
     }
 }
 

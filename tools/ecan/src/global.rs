@@ -2,6 +2,7 @@
 
 use clap::{Args, ValueEnum};
 
+use crate::failure::Failure;
 use crate::slave_choice::SlaveChoice;
 
 /// What the exit status says, for the end of the help.
@@ -37,9 +38,9 @@ pub struct GlobalOptions {
     /// otherwise ECAN_ECRT, otherwise libethercat.so.1
     #[arg(long, global = true, value_name = "LIBRARY")]
     pub ecrt: Option<String>,
-    /// Master of the library
-    #[arg(long, global = true, default_value_t = 0, value_name = "N")]
-    pub master: u32,
+    /// Master of the library; otherwise that of the configuration file, otherwise 0
+    #[arg(long, global = true, value_name = "N")]
+    pub master: Option<u32>,
     /// Slave: its position, alias=N or serial=N; needed only where there are several gateways
     #[arg(long, global = true, value_name = "SLAVE")]
     pub slave: Option<SlaveChoice>,
@@ -49,4 +50,23 @@ pub struct GlobalOptions {
     /// Colours; auto: on a terminal, unless NO_COLOR is set
     #[arg(long, global = true, value_enum, default_value_t = Color::Auto, value_name = "WHEN")]
     pub color: Color,
+}
+
+impl GlobalOptions {
+    /// Refuses `--slave`, which the command would not obey. (clap does not hold an option in front
+    /// of a command against those behind it.)
+    ///
+    /// # Errors
+    /// [`Failure::Usage`] with what the command is about instead.
+    pub fn without_slave(&self, instead: &str) -> Result<(), Failure> {
+        match self.slave {
+            None => Ok(()),
+            Some(_) => Err(Failure::Usage(format!("--slave means nothing here: {instead}"))),
+        }
+    }
+
+    /// The master of a command without a configuration file.
+    pub fn master(&self) -> u32 {
+        self.master.unwrap_or(0)
+    }
 }

@@ -9,6 +9,7 @@
 mod bus;
 mod commands;
 mod config_file;
+mod confirmation;
 mod ethercat_tool;
 mod failure;
 mod firmware_version;
@@ -46,7 +47,7 @@ fn main() -> ExitCode {
     let output = Output::new(global.json, global.color);
     let outcome = match &command {
         Command::Scan => commands::scan::run(&global, &output),
-        Command::Info => commands::info::run(&global, &output),
+        Command::Info(arguments) => commands::info::run(arguments, &global, &output),
         Command::Caps => commands::caps::run(&global, &output),
         Command::Config(arguments) => commands::config::run(arguments, &global, &output),
         Command::Sdo(arguments) => commands::sdo::run(arguments, &global, &output),

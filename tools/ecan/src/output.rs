@@ -86,6 +86,19 @@ impl Output {
         unless_reader_gone(printed.and_then(|()| stream.flush()))
     }
 
+    /// As [`data`](Self::data), of one or of several: JSON is a list only where that was asked for.
+    pub fn one_or_list<T: Serialize>(
+        &self,
+        is_list: bool,
+        data: &[T],
+        text: impl FnOnce(&mut dyn Write) -> std::io::Result<()>,
+    ) -> Result<(), Failure> {
+        match data {
+            [only] if !is_list => self.data(only, text),
+            list => self.data(&list, text),
+        }
+    }
+
     /// Prints bytes as they are.
     pub fn bytes(&self, bytes: &[u8]) -> Result<(), Failure> {
         let mut stream = self.stream();

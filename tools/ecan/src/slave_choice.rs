@@ -3,6 +3,7 @@
 use std::fmt::{self, Display};
 use std::str::FromStr;
 
+use clap::Args;
 use ecan_host::SlaveKind;
 
 use crate::failure::Failure;
@@ -17,6 +18,14 @@ pub enum SlaveChoice {
     Alias(u16),
     /// By the serial number of 0xF000:07 and :08.
     Serial(u64),
+}
+
+/// `--all` of a command that takes one gateway otherwise.
+#[derive(Clone, Copy, Debug, Args)]
+pub struct AllArgument {
+    /// All gateways of the bus, one after the other; with --json a list
+    #[arg(long)]
+    pub all: bool,
 }
 
 impl FromStr for SlaveChoice {
@@ -165,6 +174,37 @@ pub fn only_gateway(recognised: &Recognised, slaves: usize) -> Result<usize, Fai
             };
             Err(Failure::Slave(words))
         }
+    }
+}
+
+/// The gateways of a command that takes one, or all where the user says so (`--all`).
+///
+/// # Errors
+/// [`Failure::Usage`] where the user says both.
+/// [`Failure::Slave`] where one is meant and is not there, or a choice is left; where all are meant
+/// and none is there. Of all, those that cannot be asked are left to the caller.
+pub fn one_or_all(
+    candidates: &impl Candidates,
+    choice: Option<SlaveChoice>,
+    all: bool,
+) -> Result<Recognised, Failure> {
+    let only = |gateway| Recognised { gateways: vec![gateway], unknown: Vec::new() };
+    if choice.is_some() && all {
+        return Err(Failure::Usage("--slave chooses one gateway, --all all: take one".to_owned()));
+    }
+    if choice.is_some() {
+        return choose(candidates, choice).map(only);
+    }
+    let recognised = candidates.recognised()?;
+    match recognised.gateways.len() + recognised.unknown.len() {
+        1.. if all => Ok(recognised),
+        count => match only_gateway(&recognised, candidates.places()?.len()) {
+            // Names the other way out, where several are in question.
+            Err(Failure::Slave(words)) if count > 1 => {
+                Err(Failure::Slave(format!("{words}, or take --all")))
+            }
+            other => other.map(only),
+        },
     }
 }
 

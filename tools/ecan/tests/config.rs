@@ -4,8 +4,10 @@
 mod support;
 
 use std::path::{Path, PathBuf};
+use std::process::Command;
 
-use support::{ecan, fails, good, simulated, two_gateways};
+use support::terminal::with_answer;
+use support::{ecan, ends, fails, first_silent, good, scenario, setting, simulated, two_gateways};
 use tempfile::TempDir;
 
 /// A directory with a file of this content.
@@ -145,6 +147,66 @@ fn a_file_is_applied_part_by_part() {
 }
 
 #[test]
+fn what_was_written_is_told_where_the_next_gateway_fails() {
+    let (_directory, path) = file(
+        "[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\nposition = 1\nn = 2\n\
+         can1 = { bitrate = 125_000 }\n[[gateway]]\nposition = 2\nn = 2\n\
+         can1 = { bitrate = 125_000 }\n",
+    );
+    let path = text(&path);
+    let bus = scenario(
+        "[[gateway]]\n[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\n\
+         gateway = 1\nindex = 0x8002\nsubindex = 19\ncode = 0x06090030\ntimes = 9\n",
+    );
+    let bus = setting(&bus);
+    let told = ends(5, &["--ecrt", &bus, "config", "apply", path, "--steps"]);
+    let places: Vec<_> = told.lines().filter(|line| line.starts_with("slave ")).collect();
+    let expected = [
+        format!("slave 0 has gateway 0 of {path}"),
+        format!("slave 1 has only a part of gateway 1 of {path}"),
+        format!("slave 2 was not reached, it has nothing of gateway 2 of {path}"),
+    ];
+    assert_eq!(places, expected, "{told}");
+    let (first, rest) = told.split_once("slave 1 ").unwrap();
+    assert!(first.contains("    0x8001:19 MCAN Channel Config 0 / Nominal bitrate = 250000\n"));
+    assert!(rest.contains("  PDO profiles "), "{rest}");
+    let reason = rest.lines().find(|line| line.starts_with("  SDO download 0x8002:19")).unwrap();
+    assert!(reason.contains("0x06090030"), "{reason}");
+    let json = ends(5, &["--ecrt", &bus, "config", "apply", path, "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let complete = [0, 1, 2].map(|at| json[at]["is_complete"].as_bool().unwrap());
+    assert_eq!(complete, [true, false, false]);
+    assert_eq!([0, 1, 2].map(|at| json[at]["position"].as_u64().unwrap()), [0, 1, 2]);
+    assert!(json[1]["error"].as_str().unwrap().contains("0x06090030"), "{json}");
+    assert!(json[1]["steps"].as_array().unwrap().len() > 20);
+    assert_eq!(json[2]["steps"], serde_json::json!([]));
+}
+
+#[test]
+fn what_was_compared_is_told_where_the_next_gateway_fails() {
+    let (_directory, path) = file(
+        "[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\nposition = 1\nn = 2\n\
+         can1 = { bitrate = 125_000 }\n[[gateway]]\nposition = 2\nn = 2\n\
+         can1 = { bitrate = 125_000 }\n",
+    );
+    let path = text(&path);
+    let bus = scenario(
+        "[[gateway]]\n[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\n\
+         gateway = 1\nindex = 0x8002\nsubindex = 19\ncode = 0x06090011\ntimes = 9\n",
+    );
+    let bus = setting(&bus);
+    let told = ends(5, &["--ecrt", &bus, "config", "diff", path]);
+    assert!(told.contains("Nominal bitrate): the file has 250000, the device 500000\n"), "{told}");
+    let not: Vec<_> = told.lines().filter(|line| line.contains(": not compared: ")).collect();
+    assert!(not[0].starts_with("slave 1: not compared: SDO upload 0x8002:19"), "{told}");
+    assert_eq!(not[1..], ["slave 2: not compared: not reached"]);
+    let json = ends(5, &["--ecrt", &bus, "config", "diff", path, "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(json[0]["differences"].is_array() && json[1]["differences"].is_null());
+    assert!(json[1]["error"].is_string() && json[2]["error"].is_null());
+}
+
+#[test]
 fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
     let (_directory, path) = file(SMALL);
     let output = ecan(&["--ecrt", "sim", "config", "diff", text(&path)]);
@@ -159,6 +221,9 @@ fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
     assert!(!listed.contains("0x1C12"), "{listed}");
     let errors = String::from_utf8(output.stderr).unwrap();
     assert!(errors.contains("that the master sets up at each start differ too (--active"));
+    let json = ends(1, &["--ecrt", "sim", "config", "diff", text(&path), "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json[0]["position"], &json[0]["gateway"]), (&0.into(), &0.into()));
     let output = ecan(&["--ecrt", "sim", "config", "diff", "--active", text(&path)]);
     let listed = String::from_utf8(output.stdout).unwrap();
     assert!(listed.contains("Active profile word"), "{listed}");
@@ -176,7 +241,7 @@ fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
 fn the_flash_is_saved_loaded_and_restored() {
     let saved = simulated(&["config", "save"]);
     assert!(saved.starts_with("slave 0: its configuration is saved in the Flash (CRC32 active 0x"));
-    let factory = simulated(&["config", "factory"]);
+    let factory = simulated(&["config", "factory", "--yes"]);
     assert!(factory.ends_with(", stored 0x00000000)\n"), "{factory}");
     let message = fails(5, &["--ecrt", "sim", "config", "load"]);
     assert!(message.contains("status 4 (image invalid: nothing is stored"), "{message}");
@@ -189,6 +254,28 @@ fn the_flash_is_saved_loaded_and_restored() {
     let setting = format!("sim:{}", path.display());
     let message = fails(5, &["--ecrt", &setting, "config", "save"]);
     assert!(message.contains("status 5 (Flash error"), "{message}");
+}
+
+#[test]
+fn the_factorys_configuration_comes_back_only_when_it_is_confirmed() {
+    let message = fails(2, &["--ecrt", "sim", "config", "factory"]);
+    let expected = "ecan: nobody is there to confirm the loss of the configuration; say --yes to do \
+                    it without asking";
+    assert_eq!(message, expected);
+    let asked = |typed| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+        command.args(["--ecrt", "sim", "config", "factory"]).env_remove("ECAN_ECRT");
+        with_answer(&mut command, typed)
+    };
+    let question =
+        "Restore the factory's configuration of slave 0, and forget the saved one? [y/N]";
+    for typed in ["n\n", "\n"] {
+        let (status, shown) = asked(typed);
+        assert!(shown.contains(question), "{shown}");
+        assert!(shown.contains("nothing was restored: not confirmed"), "{shown}");
+        assert_eq!(status, 2);
+    }
+    assert_eq!(asked("y\n").0, 0);
 }
 
 #[test]
@@ -242,15 +329,94 @@ fn of_several_gateways_one_is_chosen() {
 }
 
 #[test]
+fn the_users_master_comes_before_the_files() {
+    let text_of_file = "master = 3\ncycle_us = 1000\n[[gateway]]\nn = 3\n\
+                        can0 = { bitrate = 250_000 }\n";
+    let (_directory, path) = file(text_of_file);
+    let path = text(&path);
+    let commands = [
+        &["config", "apply", path][..],
+        &["send", "123#00", "--channel", "0", "--config", path],
+        &["monitor", "--once", "--config", path],
+        &["selftest", "--frames", "1", "--channels", "0", "--config", path],
+    ];
+    for command in commands {
+        let message = fails(3, &[&["--ecrt", "sim"][..], command].concat());
+        assert!(message.contains("the simulation has no master 3"), "{command:?}: {message}");
+        good(&[&["--ecrt", "sim", "--master", "0"][..], command].concat());
+    }
+    let list = |master: &[&str]| {
+        good(&[master, &["config", "export", "--format", "ethercat", path]].concat())
+    };
+    assert!(list(&[]).contains("ethercat download -m 3 -p 0 "));
+    assert!(list(&["--master", "0"]).contains("ethercat download -p 0 "));
+    assert!(list(&["--master", "12"]).contains("ethercat download -m 12 -p 0 "));
+}
+
+#[test]
+fn the_flash_of_several_gateways_is_that_of_a_file_or_of_all() {
+    let three = "[[gateway]]\n[[gateway]]\nalias = 7\n[[gateway]]\n";
+    let bus = scenario(three);
+    let bus = setting(&bus);
+    let (_directory, path) = file(
+        "cycle_us = 1000\n[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\n\
+         alias = 7\nn = 2\ncan1 = { bitrate = 125_000 }\n",
+    );
+    let path = text(&path);
+    let places = |told: &str| -> Vec<_> {
+        told.lines().filter_map(|line| line.split_once(':')).map(|it| it.0.to_owned()).collect()
+    };
+    let run = |arguments: &[&str]| good(&[&["--ecrt", &bus, "config"][..], arguments].concat());
+    assert_eq!(places(&run(&["save", path])), ["slave 0", "slave 1"]);
+    assert_eq!(places(&run(&["save", path, "--slave", "alias=7"])), ["slave 1"]);
+    assert_eq!(places(&run(&["save", "--all"])), ["slave 0", "slave 1", "slave 2"]);
+    assert_eq!(places(&run(&["factory", "--yes", path])), ["slave 0", "slave 1"]);
+    let message = fails(2, &["--ecrt", &bus, "config", "factory", "--all"]);
+    assert!(message.contains("nobody is there to confirm"), "{message}");
+    let list: serde_json::Value = serde_json::from_str(&run(&["save", "--all", "--json"])).unwrap();
+    assert_eq!(list[2]["position"], 2);
+    assert_eq!(list[2]["active_crc"], list[2]["stored_crc"]);
+    let message = fails(4, &["--ecrt", &bus, "config", "save"]);
+    assert!(message.ends_with("choose one with --slave, of 0, 1, 2, or take --all"), "{message}");
+    for (wrong, words) in [
+        (&["save", "--all", path][..], "cannot be used with"),
+        (&["load", "--all", "--slave", "1"], "--all all: take one"),
+    ] {
+        let message = fails(2, &[&["--ecrt", &bus, "config"][..], wrong].concat());
+        assert!(message.contains(words), "{wrong:?}: {message}");
+    }
+
+    // The second one fails.
+    let failing =
+        scenario(&format!("{three}[[fault]]\nat_ms = 0\nkind = \"flash_failure\"\ngateway = 1\n"));
+    let failing = setting(&failing);
+    let told = ends(5, &["--ecrt", &failing, "config", "save", "--all"]);
+    let lines: Vec<_> = told.lines().collect();
+    assert!(lines[0].starts_with("slave 0: its configuration is saved"), "{told}");
+    assert!(lines[1].starts_with("slave 1: ") && lines[1].contains("status 5 (Flash error"));
+    assert_eq!(lines[2], "slave 2: not reached, nothing was done");
+    let silent = first_silent();
+    let message = fails(4, &["--ecrt", &setting(&silent), "config", "save", "--all"]);
+    assert!(message.contains("slave 0 cannot be asked") && message.ends_with("; nothing was done"));
+}
+
+#[test]
 fn misuse_is_named_and_told_by_the_status() {
     let (directory, path) = file(SMALL);
     let missing = directory.path().join("none.toml");
     let (missing, path) = (text(&missing), text(&path));
-    let cases: [(i32, &[&str], &str); 10] = [
+    let cases: [(i32, &[&str], &str); 13] = [
         (2, &["config"], "Usage"),
         (2, &["config", "check"], "<FILE>"),
         (2, &["config", "export", path, "--format", "eni"], "possible values: csv, twincat"),
         (2, &["config", "export", path, "--gateway", "1"], "no gateway 1: it has 1"),
+        (2, &["config", "export", path, "--slave", "0"], "choose it with --gateway"),
+        (2, &["config", "export", path, "--format", "csv", "--json"], "take one"),
+        (
+            2,
+            &["config", "check", path, "--slave", "0"],
+            "--slave means nothing here: the whole file",
+        ),
         (6, &["config", "check", missing], "cannot read "),
         (6, &["config", "export", missing], "cannot read "),
         (6, &["--ecrt", "sim", "config", "diff", missing], "none.toml"),

@@ -157,6 +157,59 @@ fn the_masters_tool_tells_the_al_status_code() {
 }
 
 #[test]
+fn what_was_not_read_is_not_told_as_good() {
+    let silent = scenario(
+        "[[gateway]]\n[[fault]]\nkind = \"mailbox_timeout\"\nat_ms = 0\ngateway = 0\n\
+         for_ms = 60000\n",
+    );
+    let silent = setting(&silent);
+    let report = ends(1, &["--ecrt", &silent, "diag"]);
+    let expected = "\
+slave 0, PREOP, ECAN-Lite, firmware not read, serial not read
+AL status code: not read
+diagnostic flags: not read
+
+process data: not read
+
+channels: not read
+
+cycle performance (0x9011): not read
+
+fault [mailbox-silent]";
+    assert!(report.starts_with(expected), "{report}");
+    let json = ends(1, &["--ecrt", &silent, "diag", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(json["flags"].is_null() && json["bundle"]["gateway"]["firmware"].is_null(), "{json}");
+
+    let refused = [(0x100A, 0), (0x8011, 2), (0x8011, 15), (0x9000, 1), (0x9000, 13), (0x9022, 12)]
+        .map(|(index, subindex)| {
+            format!(
+                "[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = {index}\n\
+                 subindex = {subindex}\ncode = 0x06090011\ntimes = 9\n"
+            )
+        });
+    let refused = scenario(&format!("[[gateway]]\n{}", refused.concat()));
+    let refused = setting(&refused);
+    let report = good(&["--ecrt", &refused, "diag"]);
+    for words in [
+        "slave 0, PREOP, ECAN-Lite, firmware not read, serial 4294967297\n",
+        "RxPDO  not active  24 chunks  not read  0 OK        not read  0\n",
+        "\n  ECR        not read\n",
+        "\n  counters   received dropped not read, 0 times no room to send, 0 times bus-off\n",
+        "; TX FIFO full 0 times, stale not read; ",
+        "\nno finding; 5 entries were not read\n",
+    ] {
+        assert!(report.contains(words), "{words}: {report}");
+    }
+    let json = good(&["--ecrt", &refused, "diag", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let channel = &json["channels"][0];
+    assert!(channel["rx_dropped"].is_null() && channel["error_counters"].is_null(), "{channel}");
+    assert_eq!(channel["tx_backpressure"], 0);
+    assert!(json["directions"][1]["status_words"].is_null());
+}
+
+#[test]
 fn faults_of_the_simulated_gateway_are_found() {
     // Silent while it is read, and from the start, when it does not even show itself as a gateway.
     for at_ms in [10, 0] {
@@ -195,6 +248,48 @@ fn clearing_is_said_and_done_after_reading() {
 }
 
 #[test]
+fn what_was_read_is_told_where_recording_or_clearing_fails() {
+    let nowhere = tempfile::tempdir().unwrap();
+    let nowhere = nowhere.path().join("none/bundle.json").display().to_string();
+    let refusing = scenario(
+        "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = 0x8010\n\
+         subindex = 8\ncode = 0x08000022\ntimes = 9\n",
+    );
+    let refusing = setting(&refusing);
+    let report = ends(5, &["--ecrt", &refusing, "diag", "--clear", "--brief"]);
+    assert!(report.starts_with("slave 0, PREOP,"), "{report}");
+    // What is not kept is not cleared either: this gateway would refuse that by status 5.
+    let report = ends(6, &["--ecrt", &refusing, "diag", "--clear", "--record", &nowhere, "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["position"], 0);
+}
+
+#[test]
+fn all_gateways_are_looked_at_one_after_the_other() {
+    let two = support::two_gateways();
+    let report = good(&["--ecrt", &setting(&two), "diag", "--all", "--brief"]);
+    let heads: Vec<_> = report.split("\n\n").map(|it| it.split_once(',').unwrap().0).collect();
+    assert_eq!(heads, ["slave 0", "slave 1"]);
+    let json = good(&["--ecrt", &setting(&two), "diag", "--all", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((json[1]["position"].as_u64(), json[2].is_null()), (Some(1), true));
+    // One that cannot be asked has its finding, and is not cleared.
+    let silent = support::first_silent();
+    let silent = setting(&silent);
+    let report = ends(1, &["--ecrt", &silent, "diag", "--all", "--brief"]);
+    assert!(report.contains("fault [mailbox-silent]") && report.ends_with("\nno finding\n"));
+    let output =
+        support::ecan(&["--ecrt", &silent, "diag", "--all", "--brief", "--clear", "--slave", "1"]);
+    assert_eq!(output.status.code(), Some(2));
+    let output = support::ecan(&["--ecrt", &silent, "diag", "--all", "--brief", "--clear"]);
+    assert_eq!(output.status.code(), Some(5));
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.contains("\nslave 1: counters and flags are cleared\n"), "{errors}");
+    let message = fails(2, &["--ecrt", &silent, "diag", "--all", "--record", "bundle.json"]);
+    assert!(message.contains("cannot be used with"), "{message}");
+}
+
+#[test]
 fn wrong_use_is_named_and_told_by_the_status() {
     let directory = tempfile::tempdir().unwrap();
     let file = |name: &str, text: &str| {
@@ -210,7 +305,7 @@ fn wrong_use_is_named_and_told_by_the_status() {
     let partial = file("partial.json", "{\"format\": \"ecan-diagnosis\", \"version\": 1}");
     let two = support::two_gateways();
     let two = setting(&two);
-    let cases: [(i32, &[&str], &str); 11] = [
+    let cases: [(i32, &[&str], &str); 12] = [
         (6, &["diag", "--from", &missing], "cannot read"),
         (6, &["diag", "--from", &damaged], "no JSON"),
         (6, &["diag", "--from", &foreign], "no bundle of `ecan diag --record`"),
@@ -218,7 +313,8 @@ fn wrong_use_is_named_and_told_by_the_status() {
         (6, &["diag", "--from", &partial], "missing field"),
         (6, &["--ecrt", "sim", "diag", "--record", &nowhere], "cannot write"),
         (2, &["diag", "--from", &missing, "--clear"], "cannot be used with"),
-        (2, &["diag", "--from", &missing, "--slave", "1"], "cannot be used with"),
+        (2, &["diag", "--from", &missing, "--slave", "1"], "--slave means nothing here"),
+        (2, &["--slave", "1", "diag", "--from", &missing], "--slave means nothing here"),
         (3, &["diag"], "libethercat.so.1"),
         (4, &["--ecrt", &two, "diag"], "choose one with --slave"),
         (4, &["--ecrt", "sim", "diag", "--slave", "7"], "there is no slave 7"),

@@ -107,7 +107,8 @@ fn a_gateway_that_cannot_be_asked_leaves_a_choice() {
         let message = fails(4, &with(&command, &["--ecrt", &setting(&bus)]));
         let expected = "slave 0 cannot be asked whether it is an ECAN-Lite: SDO upload 0xF000:09";
         assert!(message.contains(expected), "{command:?}: {message}");
-        assert!(message.ends_with("; choose one with --slave, of 0, 1"), "{message}");
+        let ways = message.trim_end_matches(", or take --all");
+        assert!(ways.ends_with("; choose one with --slave, of 0, 1"), "{message}");
     }
     let message = fails(4, &["--ecrt", &setting(&bus), "info", "--slave", "serial=4294967297"]);
     assert!(message.contains("; but slave 0 cannot be asked"), "{message}");
@@ -135,6 +136,41 @@ fn real_time_that_is_not_granted_is_no_missing_master() {
         let options = ["--ecrt", "sim", "--cpu", "1023", "--rt-required"];
         let message = fails(7, &with(&words(command), &options));
         assert!(message.contains("CPU 1023: not granted"), "{command}: {message}");
+    }
+}
+
+#[test]
+fn signals_that_cannot_be_caught_are_no_missing_master() {
+    // The system refuses the thread that waits for them.
+    let traced = |command: &[&str]| {
+        Command::new("strace")
+            .args(["-o", "/dev/null", "-e", "trace=clone,clone3"])
+            .args(["-e", "inject=clone,clone3:error=EAGAIN"])
+            .args(command)
+            .env_remove("ECAN_ECRT")
+            .output()
+    };
+    if !traced(&["true"]).is_ok_and(|it| it.status.success()) {
+        return println!("skipped: there is no strace that may trace");
+    }
+    let files = Scenario::new("");
+    let log = files.write("a.log", "(0.000000) can0 123#00\n");
+    let replay = format!("replay {log}");
+    for command in [
+        "dump",
+        "send 123#00",
+        "gen",
+        &replay,
+        "monitor --once",
+        "selftest",
+        "bridge --slcan [::1]:0",
+    ] {
+        let command = words(command);
+        let program = [env!("CARGO_BIN_EXE_ecan"), "--ecrt", "sim"];
+        let ended = traced(&[&program[..], &with(&command, &[])].concat()).unwrap();
+        let errors = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(7), "{command:?}: {errors}");
+        assert!(errors.contains("ecan: Ctrl-C and SIGTERM cannot be caught: "), "{errors}");
     }
 }
 

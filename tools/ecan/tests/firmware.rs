@@ -5,7 +5,6 @@
 mod stand_in;
 mod support;
 
-use std::io::{Read, Write};
 use std::os::unix::process::CommandExt;
 use std::path::Path;
 use std::process::{Command, Stdio};
@@ -13,6 +12,7 @@ use std::process::{Command, Stdio};
 use ecan_sim::{Fault, FirmwarePackage, GatewayFault};
 use serde_json::Value;
 use stand_in::{Behaviour, StandIn};
+use support::terminal::with_answer;
 use support::{ecan, fails, good};
 use tempfile::{NamedTempFile, TempDir};
 
@@ -230,6 +230,10 @@ fn a_gateway_that_does_not_come_back_is_told() {
     assert_eq!(status, 5);
     assert!(out.contains("written, but the gateway does not answer since"), "{out}");
     assert!(out.contains("Slave 0 does not exist"), "{out}");
+    let tool = StandIn::new(1, Behaviour::NeverBack);
+    let (_, out, _) = update(&tool, package.path(), &["--timeout", "1", "--json"]);
+    let json: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(json[0]["result"], "not_back");
 }
 
 #[test]
@@ -347,26 +351,9 @@ POS  BEFORE  AFTER  RESULT
 
 /// As [`firmware`], with a terminal for input and messages, at which this is typed.
 fn at_a_terminal(tool: &StandIn, file: &Path, typed: &str) -> (i32, String) {
-    let pty = nix::pty::openpty(None, None).unwrap();
-    let mut screen = std::fs::File::from(pty.master);
-    screen.write_all(typed.as_bytes()).unwrap();
-    let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
-        .args(["firmware", "update"])
-        .arg(file)
-        .arg("--ethercat")
-        .arg(&tool.program)
-        .env_remove("ECAN_ECRT")
-        .env("TERM", "xterm")
-        .stdin(pty.slave.try_clone().unwrap())
-        .stderr(pty.slave)
-        .stdout(Stdio::null())
-        .spawn()
-        .unwrap();
-    let mut shown = Vec::new();
-    // Ends with an error when the last one at the terminal has gone.
-    let _ = screen.read_to_end(&mut shown);
-    let status = child.wait().unwrap().code().unwrap();
-    (status, String::from_utf8_lossy(&shown).into_owned())
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    command.args(["firmware", "update"]).arg(file).arg("--ethercat").arg(&tool.program);
+    with_answer(command.env_remove("ECAN_ECRT"), typed)
 }
 
 #[test]

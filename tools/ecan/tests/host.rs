@@ -289,10 +289,15 @@ fn library_and_bus_are_looked_at_on_this_host() {
 
 #[test]
 fn wrong_use_is_named_and_told_by_the_status() {
-    let cases: [(i32, &[&str], &str); 3] = [
+    let cases: [(i32, &[&str], &str); 4] = [
         (6, &["doctor", "--root", "/none"], "cannot look at /none: it is no directory"),
         (3, &["--ecrt", "sim:none", "doctor"], "there is no scenario \"none\""),
         (2, &["doctor", "now"], "unexpected argument"),
+        (
+            2,
+            &["--ecrt", "sim", "--slave", "0", "doctor"],
+            "one gateway is looked at by `ecan diag`",
+        ),
     ];
     for (status, arguments, words) in cases {
         let message = fails(status, arguments);

@@ -230,4 +230,7 @@ fn wrong_use_is_named_and_told_by_the_status() {
         let message = fails(status, &arguments);
         assert!(message.contains(words), "{arguments:?}: {message}");
     }
+    // Each fault once, although one identifier stands in both places.
+    let message = fails(2, &add(&["--extended", "--id", "0x20000000"]));
+    assert_eq!(message, "ecan: extended filter: identifier 0x20000000 is above 0x1FFFFFFF");
 }

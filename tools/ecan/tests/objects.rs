@@ -3,7 +3,7 @@
 
 mod support;
 
-use support::{fails, first_silent, good, scenario, setting, simulated, two_gateways};
+use support::{ends, fails, first_silent, good, scenario, setting, simulated, two_gateways};
 
 #[test]
 fn slaves_are_listed() {
@@ -43,6 +43,26 @@ fn a_gateway_tells_about_itself() {
     let capabilities = simulated(&["caps"]);
     assert!(capabilities.contains(":13  Max PDO bytes                 3072 bytes (0xC00)\n"));
     assert!(capabilities.contains("FoE firmware update, configuration persistence, access levels"));
+}
+
+#[test]
+fn all_gateways_tell_about_themselves() {
+    let two = two_gateways();
+    let run = |more: &[&str]| good(&[&["--ecrt", &setting(&two), "info", "--all"], more].concat());
+    let told = run(&[]);
+    let (first, second) = told.split_once("\n\n").unwrap();
+    assert!(first.starts_with("slave     0, PREOP\n"), "{told}");
+    assert!(second.starts_with("slave     1, alias 7, PREOP\n"), "{told}");
+    let json: serde_json::Value = serde_json::from_str(&run(&["--json"])).unwrap();
+    assert_eq!((&json[0]["position"], &json[1]["alias"]), (&0.into(), &7.into()));
+    // One that cannot be asked does not hide the other.
+    let silent = first_silent();
+    let told = ends(4, &["--ecrt", &setting(&silent), "info", "--all"]);
+    assert!(told.starts_with("slave     1, alias 7"), "{told}");
+    for both in [&["info", "--all", "--slave", "1"][..], &["--slave", "1", "info", "--all"]] {
+        let message = fails(2, &[&["--ecrt", &setting(&two)][..], both].concat());
+        assert!(message.ends_with("--all all: take one"), "{message}");
+    }
 }
 
 #[test]

@@ -137,7 +137,7 @@ pub fn run(
         return Err(Failure::Usage(words.to_owned()));
     }
     let settings = Settings::of(gateway)?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Host(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     let screen = Screen {
         style: arguments.time,
         has_nanoseconds: arguments.nanoseconds,

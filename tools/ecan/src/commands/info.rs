@@ -3,6 +3,7 @@
 use std::collections::BTreeMap;
 use std::io::Write;
 
+use clap::Args;
 use ecan_protocol::{AlState, CHANNELS, ChannelStatus};
 use serde::Serialize;
 
@@ -11,6 +12,7 @@ use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::{Output, Tone};
 use crate::readings::{Readings, not_read};
+use crate::slave_choice::{AllArgument, Recognised};
 use crate::table;
 
 /// A direction of process data.
@@ -62,14 +64,45 @@ struct Info {
     errors: BTreeMap<&'static str, String>,
 }
 
-pub fn run(global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
+/// Which gateways.
+#[derive(Debug, Args)]
+pub struct InfoArguments {
+    #[command(flatten)]
+    all: AllArgument,
+}
+
+pub fn run(
+    arguments: &InfoArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
     let bus = Bus::open(global, output)?;
-    let slave = bus.slave()?;
-    let mut readings = Readings::default();
-    let info = read(&bus, slave, &mut readings)?;
-    readings.any()?;
-    output.data(&info, |out| print(&info, output, out))?;
-    readings.end()
+    let Recognised { gateways, unknown } = bus.one_or_all(arguments.all.all)?;
+    let mut infos = Vec::new();
+    let mut failed = unknown.first().map(|first| Failure::Slave(first.to_string()));
+    for slave in gateways {
+        let mut readings = Readings::default();
+        let read = read(&bus, slave, &mut readings);
+        match read.and_then(|info| readings.any().map(|()| info)) {
+            Ok(info) => {
+                infos.push(info);
+                failed = failed.or(readings.end().err());
+            }
+            Err(failure) => failed = failed.or(Some(failure)),
+        }
+    }
+    if !infos.is_empty() {
+        output.one_or_list(arguments.all.all, &infos, |out| {
+            for (number, info) in infos.iter().enumerate() {
+                if number != 0 {
+                    writeln!(out)?;
+                }
+                print(info, output, out)?;
+            }
+            Ok(())
+        })?;
+    }
+    failed.map_or(Ok(()), Err)
 }
 
 fn read(bus: &Bus, slave: usize, readings: &mut Readings) -> Result<Info, Failure> {

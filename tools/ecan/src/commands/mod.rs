@@ -32,8 +32,8 @@ use clap_complete::Shell;
 pub enum Command {
     /// List the slaves of the bus: state, identity, versions, serial number
     Scan,
-    /// Tell about one gateway: identity, versions, state, profiles, channels
-    Info,
+    /// Tell about a gateway: identity, versions, state, profiles, channels
+    Info(info::InfoArguments),
     /// Tell in words what a gateway can do (0xF000, manual 13.8)
     Caps,
     /// Check, apply, compare, save and export the configuration of gateways

@@ -168,7 +168,7 @@ pub fn run(
     let output = &output.beside(is_output_taken);
     let recording = Recording::read(arguments)?;
     let settings = Settings::of(&options.gateway)?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Host(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     let total = recording.total();
     let wishes = Wishes {
         required: recording.channels(),

@@ -66,7 +66,7 @@ pub fn run(
     let SendArguments { frames, channel, options, .. } = arguments;
     let output = &output.beside(options.capture.is_on_output());
     let settings = Settings::of(&options.gateway)?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Host(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     let channels = Channels::only(*channel);
     let wishes = Wishes { has_results: true, ..Wishes::on(channels) };
     let prepared = Prepared::new(&settings, wishes, global, output)?;

@@ -130,7 +130,7 @@ impl<'a> Settings<'a> {
         global: &GlobalOptions,
     ) -> Result<Planned, Failure> {
         let Some((path, file)) = &self.file else {
-            return self.of_options(bus, vec![bus.slave()?], wishes, global.master);
+            return self.of_options(bus, vec![bus.slave()?], wishes, global.master());
         };
         let places = config_file::places(file, bus)?;
         match places[..] {
@@ -159,7 +159,7 @@ impl<'a> Settings<'a> {
             return of_file(path, file, &places, wishes, global);
         }
         let positions = bus.chosen_or_every_gateway()?;
-        self.of_options(bus, positions, wishes, global.master)
+        self.of_options(bus, positions, wishes, global.master())
     }
 
     /// By the options; where they name no bit rates, those that each gateway is set to.

@@ -82,3 +82,25 @@ impl Drop for OnTerminal {
         let _ = self.child.wait();
     }
 }
+
+/// Runs a program with a terminal for input and messages, at which this is typed: its exit status,
+/// and what the terminal shows.
+pub fn with_answer(command: &mut Command, typed: &str) -> (i32, String) {
+    let pty = openpty(None, None).unwrap();
+    let mut screen = File::from(pty.master);
+    screen.write_all(typed.as_bytes()).unwrap();
+    let end = || Stdio::from(pty.slave.try_clone().unwrap());
+    let mut child = command
+        .env("TERM", "xterm")
+        .stdin(end())
+        .stderr(end())
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    // The command keeps its own ends of the terminal until then.
+    command.stdin(Stdio::null()).stderr(Stdio::null());
+    drop(pty.slave);
+    let mut shown = Deadlined::new(screen);
+    let status = shown.end_of(&mut child).code().unwrap();
+    (status, shown.rest())
+}

@@ -104,7 +104,7 @@ pub fn run(
 ) -> Result<(), Failure> {
     let output = &output.beside(arguments.options.capture.is_on_output());
     let settings = Settings::of(&arguments.options.gateway)?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Host(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     // Before the gateway: the servers' threads keep out of what the cycle's thread asks for.
     let fronts = listen(arguments)?;
     let mut gate = Gate::shut(&fronts);

@@ -1,8 +1,9 @@
 //! `ecan config apply`: a file, written to the gateways.
 
+use std::io::Write;
 use std::path::Path;
 
-use ecan_config_file::apply;
+use ecan_config_file::{Place, apply};
 use ecan_host::StartupStep;
 use ecan_protocol::describe;
 use serde::Serialize;
@@ -15,8 +16,12 @@ use crate::output::{Output, Tone};
 /// What was done to a slave.
 #[derive(Debug, Serialize)]
 struct Applied {
-    slave: usize,
+    position: usize,
     gateway: usize,
+    /// Whether it has all of its gateway.
+    is_complete: bool,
+    /// Why it has not; none where another one failed before its turn.
+    error: Option<String>,
     parts: Vec<Part>,
     steps: Vec<String>,
 }
@@ -38,34 +43,58 @@ pub fn run(
     let file = config_file::read(path)?;
     let (bus, places) = super::places(&file, global, output)?;
     let mut applied = Vec::new();
+    let mut failed = None;
     for place in places {
-        let mut done = Applied {
-            slave: place.slave,
-            gateway: place.gateway,
-            parts: Vec::new(),
-            steps: Vec::new(),
-        };
-        let steps = file.startup(place.gateway);
-        apply(bus.diagnostics(), place.slave, &steps, &mut |step| done.note(step))
-            .map_err(config_file::of_place)?;
+        let mut done = Applied::nothing(place);
+        if failed.is_none() {
+            let steps = file.startup(place.gateway);
+            let written =
+                apply(bus.diagnostics(), place.slave, &steps, &mut |step| done.note(step));
+            failed = written.map_err(config_file::of_place).err();
+            done.is_complete = failed.is_none();
+            done.error = failed.as_ref().map(ToString::to_string);
+        }
         applied.push(done);
     }
     output.data(&applied, |out| {
-        for Applied { slave, gateway, parts, steps } in &applied {
-            let heading = format!("slave {slave} has gateway {gateway} of {}", path.display());
-            writeln!(out, "{}", output.toned(Tone::Good, heading))?;
-            for Part { name, writes, readbacks } in parts {
-                writeln!(out, "  {name:<20} {writes:>3} written, {readbacks:>2} read back")?;
-            }
-            for step in steps.iter().filter(|_| with_steps) {
-                writeln!(out, "    {step}")?;
-            }
-        }
-        Ok(())
-    })
+        applied.iter().try_for_each(|it| it.print(path, with_steps, output, out))
+    })?;
+    failed.map_or(Ok(()), Err)
 }
 
 impl Applied {
+    fn nothing(Place { gateway, slave }: Place) -> Self {
+        let (parts, steps) = (Vec::new(), Vec::new());
+        Self { position: slave, gateway, is_complete: false, error: None, parts, steps }
+    }
+
+    fn print(
+        &self,
+        path: &Path,
+        with_steps: bool,
+        output: &Output,
+        out: &mut dyn Write,
+    ) -> std::io::Result<()> {
+        let Self { position: slave, gateway, steps, .. } = self;
+        let path = path.display();
+        let (tone, has) = match (self.is_complete, &self.error) {
+            (true, _) => (Tone::Good, "has"),
+            (false, Some(_)) if !steps.is_empty() => (Tone::Bad, "has only a part of"),
+            (false, Some(_)) => (Tone::Bad, "has nothing of"),
+            (false, None) => (Tone::Warning, "was not reached, it has nothing of"),
+        };
+        let heading = format!("slave {slave} {has} gateway {gateway} of {path}");
+        writeln!(out, "{}", output.toned(tone, heading))?;
+        for Part { name, writes, readbacks } in &self.parts {
+            writeln!(out, "  {name:<20} {writes:>3} written, {readbacks:>2} read back")?;
+        }
+        steps.iter().filter(|_| with_steps).try_for_each(|step| writeln!(out, "    {step}"))?;
+        match &self.error {
+            Some(error) => writeln!(out, "  {error}"),
+            None => Ok(()),
+        }
+    }
+
     fn note(&mut self, step: &StartupStep) {
         let name = part_of(step);
         let at = self.parts.iter().position(|part| part.name == name).unwrap_or_else(|| {

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use ecan_config_file::{Difference, differences};
+use ecan_config_file::{Difference, Place, differences};
 use serde::Serialize;
 
 use crate::config_file;
@@ -12,9 +12,12 @@ use crate::output::{Output, Tone};
 
 #[derive(Debug, Serialize)]
 struct Compared {
-    slave: usize,
+    position: usize,
     gateway: usize,
-    differences: Vec<Differing>,
+    /// None where they were not read, since this or another gateway failed.
+    differences: Option<Vec<Differing>>,
+    /// Why they were not read.
+    error: Option<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -47,22 +50,38 @@ pub fn run(
     let file = config_file::read(path)?;
     let (bus, places) = super::places(&file, global, output)?;
     let mut compared = Vec::new();
-    for place in places {
-        let steps = file.startup(place.gateway);
-        let found = differences(bus.diagnostics(), place.slave, &steps).map_err(Failure::Device)?;
-        let differences = found.into_iter().map(Differing::from).collect();
-        compared.push(Compared { slave: place.slave, gateway: place.gateway, differences });
+    let mut failed = None;
+    for Place { gateway, slave: position } in places {
+        let mut it = Compared { position, gateway, differences: None, error: None };
+        if failed.is_none() {
+            match differences(bus.diagnostics(), position, &file.startup(gateway)) {
+                Ok(found) => {
+                    it.differences = Some(found.into_iter().map(Differing::from).collect());
+                }
+                Err(error) => {
+                    it.error = Some(error.to_string());
+                    failed = Some(Failure::Device(error));
+                }
+            }
+        }
+        compared.push(it);
     }
     let counts = |it: &&Differing| counts_active || !it.is_set_at_start;
     output.data(&compared, |out| {
-        for Compared { slave, differences, .. } in &compared {
+        for Compared { position, differences, error, .. } in &compared {
+            let Some(differences) = differences else {
+                let why = error.as_deref().unwrap_or("not reached");
+                let words = output.toned(Tone::Bad, format_args!("not compared: {why}"));
+                writeln!(out, "slave {position}: {words}")?;
+                continue;
+            };
             for Differing { words, .. } in differences.iter().filter(counts) {
-                writeln!(out, "slave {slave}: {}", output.toned(Tone::Bad, words))?;
+                writeln!(out, "slave {position}: {}", output.toned(Tone::Bad, words))?;
             }
         }
         Ok(())
     })?;
-    let all = || compared.iter().flat_map(|it| &it.differences);
+    let all = || compared.iter().filter_map(|it| it.differences.as_ref()).flatten();
     let (counted, total) = (all().filter(counts).count(), all().count());
     if total > counted {
         output.note(format_args!(
@@ -70,5 +89,9 @@ pub fn run(
             total - counted
         ));
     }
-    if counted == 0 { Ok(()) } else { Err(Failure::Amiss) }
+    match failed {
+        Some(failure) => Err(failure),
+        None if counted == 0 => Ok(()),
+        None => Err(Failure::Amiss),
+    }
 }

@@ -9,15 +9,16 @@ use serde::Serialize;
 
 use crate::config_file;
 use crate::failure::Failure;
+use crate::global::GlobalOptions;
 use crate::output::Output;
 
 #[derive(Debug, Args)]
 pub struct ExportArguments {
     /// The file
     file: PathBuf,
-    /// The list's format
-    #[arg(long, value_enum, default_value_t = ListFormat::Csv)]
-    format: ListFormat,
+    /// The list's format; csv where none is given, but not with --json, which is one of its own
+    #[arg(long, value_enum)]
+    format: Option<ListFormat>,
     /// Index of the gateway in the file, where it has several
     #[arg(long, value_name = "INDEX")]
     gateway: Option<usize>,
@@ -71,7 +72,16 @@ impl From<&StartupStep> for Step {
     }
 }
 
-pub fn run(arguments: &ExportArguments, output: &Output) -> Result<(), Failure> {
+pub fn run(
+    arguments: &ExportArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    global.without_slave("the list is of a gateway of the file; choose it with --gateway")?;
+    if global.json && arguments.format.is_some() {
+        let words = "--json prints the steps for programs, --format a list: take one";
+        return Err(Failure::Usage(words.to_owned()));
+    }
     let file = config_file::read(&arguments.file)?;
     let slaves = &file.adapter.slaves;
     let gateway = match (arguments.gateway, slaves.len()) {
@@ -88,10 +98,10 @@ pub fn run(arguments: &ExportArguments, output: &Output) -> Result<(), Failure> 
     };
     let steps = file.startup(gateway);
     let data: Vec<_> = steps.iter().map(Step::from).collect();
-    let (master, alias, position) = (file.adapter.master_index, slave.alias, slave.position);
-    let place = SlavePlace { master, alias, position };
+    let (alias, position) = (slave.alias, slave.position);
+    let place = SlavePlace { master: config_file::master(&file, global), alias, position };
     output.data(&data, |out| {
-        let list = export(arguments.format.into(), &steps, place);
+        let list = export(arguments.format.unwrap_or(ListFormat::Csv).into(), &steps, place);
         out.write_all(list.as_bytes())
     })
 }

@@ -1,31 +1,124 @@
-//! `ecan config save`, `load` and `factory`: the Flash of a gateway (manual 13.7).
+//! `ecan config save`, `load` and `factory`: the Flash of gateways (manual 13.7).
 
+use std::io::Write;
+use std::path::PathBuf;
+
+use clap::Args;
 use ecan_config_file::{FlashCommand, FlashDone};
 use ecan_host::MaintenanceError;
 use serde::Serialize;
 
 use crate::bus::Bus;
+use crate::config_file;
+use crate::confirmation::confirm;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
-use crate::output::Output;
+use crate::output::{Output, Tone};
+use crate::slave_choice::{AllArgument, Recognised};
 
-#[derive(Debug, Serialize)]
-struct Done {
-    slave: usize,
-    active_crc: u32,
-    stored_crc: u32,
+/// Whose Flash.
+#[derive(Debug, Args)]
+pub struct FlashArguments {
+    /// A configuration file, read only for which gateways are meant; otherwise the one of the bus
+    #[arg(conflicts_with = "all")]
+    file: Option<PathBuf>,
+    #[command(flatten)]
+    all: AllArgument,
 }
 
-pub fn run(command: FlashCommand, global: &GlobalOptions, output: &Output) -> Result<(), Failure> {
-    let bus = Bus::open(global, output)?;
-    let slave = bus.slave()?;
-    let FlashDone { active_crc, stored_crc } =
-        command.run(bus.diagnostics(), slave, bus.clock()).map_err(|error| match error {
-            MaintenanceError::Device(error) => Failure::Device(error),
-            other => Failure::Refused(format!("slave {slave}: {other}")),
+/// What was done to a gateway.
+#[derive(Debug, Serialize)]
+struct Done {
+    position: usize,
+    /// The checksums afterwards; none where nothing was done.
+    active_crc: Option<u32>,
+    stored_crc: Option<u32>,
+    /// Why nothing was done; none where another one failed before its turn.
+    error: Option<String>,
+}
+
+pub fn run(
+    command: FlashCommand,
+    arguments: &FlashArguments,
+    is_confirmed: bool,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(), Failure> {
+    let (bus, positions) = gateways(arguments, global, output)?;
+    if command == FlashCommand::Factory {
+        let list: Vec<_> = positions.iter().map(ToString::to_string).collect();
+        let question = format_args!(
+            "Restore the factory's configuration of slave {}, and forget the saved one?",
+            list.join(", ")
+        );
+        confirm(is_confirmed, "the loss of the configuration", question, "nothing was restored")?;
+    }
+    let is_list = arguments.all.all || arguments.file.is_some();
+    let mut all = Vec::new();
+    let mut failed = None;
+    for position in positions {
+        let mut done = Done { position, active_crc: None, stored_crc: None, error: None };
+        if failed.is_none() {
+            match command.run(bus.diagnostics(), position, bus.clock()) {
+                Ok(FlashDone { active_crc, stored_crc }) => {
+                    (done.active_crc, done.stored_crc) = (Some(active_crc), Some(stored_crc));
+                }
+                Err(error) => {
+                    done.error = Some(error.to_string());
+                    failed = Some(failure(error, position));
+                }
+            }
+        }
+        all.push(done);
+    }
+    if is_list || failed.is_none() {
+        output.one_or_list(is_list, &all, |out| {
+            all.iter().try_for_each(|done| done.print(command, output, out))
         })?;
-    let done = Done { slave, active_crc, stored_crc };
-    output.data(&done, |out| {
+    }
+    failed.map_or(Ok(()), Err)
+}
+
+/// The bus, and the gateways that the command is about.
+fn gateways(
+    arguments: &FlashArguments,
+    global: &GlobalOptions,
+    output: &Output,
+) -> Result<(Bus, Vec<usize>), Failure> {
+    if let Some(path) = &arguments.file {
+        let (bus, places) = super::places(&config_file::read(path)?, global, output)?;
+        return Ok((bus, places.into_iter().map(|place| place.slave).collect()));
+    }
+    let bus = Bus::open(global, output)?;
+    let Recognised { gateways, unknown } = bus.one_or_all(arguments.all.all)?;
+    match unknown.first() {
+        None => Ok((bus, gateways)),
+        Some(first) => Err(Failure::Slave(format!("{first}; nothing was done"))),
+    }
+}
+
+fn failure(error: MaintenanceError, position: usize) -> Failure {
+    match error {
+        MaintenanceError::Device(error) => Failure::Device(error),
+        other => Failure::Refused(format!("slave {position}: {other}")),
+    }
+}
+
+impl Done {
+    fn print(
+        &self,
+        command: FlashCommand,
+        output: &Output,
+        out: &mut dyn Write,
+    ) -> std::io::Result<()> {
+        let position = self.position;
+        let Some((active, stored)) = self.active_crc.zip(self.stored_crc) else {
+            let (tone, words) = match &self.error {
+                Some(error) => (Tone::Bad, error.as_str()),
+                None => (Tone::Warning, "not reached, nothing was done"),
+            };
+            return writeln!(out, "slave {position}: {}", output.toned(tone, words));
+        };
         let what = match command {
             FlashCommand::Save => "its configuration is saved in the Flash",
             FlashCommand::Load => "the saved configuration is loaded",
@@ -33,7 +126,7 @@ pub fn run(command: FlashCommand, global: &GlobalOptions, output: &Output) -> Re
         };
         writeln!(
             out,
-            "slave {slave}: {what} (CRC32 active 0x{active_crc:08X}, stored 0x{stored_crc:08X})"
+            "slave {position}: {what} (CRC32 active 0x{active:08X}, stored 0x{stored:08X})"
         )
-    })
+    }
 }

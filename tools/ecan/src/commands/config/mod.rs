@@ -25,7 +25,7 @@ A first configuration, from the file to the gateway's Flash:
   ecan config example > cell.toml      # every key, with comments
   ecan config check cell.toml          # all faults; bit timing, Message RAM, sizes
   ecan config apply cell.toml          # in PREOP, with each readback checked
-  ecan config diff cell.toml && ecan config save
+  ecan config diff cell.toml && ecan config save cell.toml
   ecan config export cell.toml --format twincat > startup.xml
 
 The master is the file's, unless --master names another. --slave leaves out the other gateways of
@@ -63,12 +63,18 @@ enum Action {
         #[arg(long)]
         active: bool,
     },
-    /// Save the gateway's configuration to its Flash (13.7)
-    Save,
+    /// Save the configuration of a gateway to its Flash (13.7)
+    Save(flash::FlashArguments),
     /// Load the saved configuration
-    Load,
-    /// Restore the factory's configuration and forget the saved one
-    Factory,
+    Load(flash::FlashArguments),
+    /// Restore the factory's configuration and forget the saved one; asks first
+    Factory {
+        #[command(flatten)]
+        whose: flash::FlashArguments,
+        /// Do not ask
+        #[arg(long)]
+        yes: bool,
+    },
     /// Print the startup sequence for another EtherCAT master (5.4.3, 5.4.5)
     Export(export::ExportArguments),
 }
@@ -80,13 +86,18 @@ pub fn run(
 ) -> Result<(), Failure> {
     match &arguments.action {
         Action::Example => output.bytes(EXAMPLE.as_bytes()),
-        Action::Check { file } => check::run(file, output),
+        Action::Check { file } => {
+            global.without_slave("the whole file is checked, without a bus")?;
+            check::run(file, output)
+        }
         Action::Apply { file, steps } => apply::run(file, *steps, global, output),
         Action::Diff { file, active } => diff::run(file, *active, global, output),
-        Action::Save => flash::run(FlashCommand::Save, global, output),
-        Action::Load => flash::run(FlashCommand::Load, global, output),
-        Action::Factory => flash::run(FlashCommand::Factory, global, output),
-        Action::Export(arguments) => export::run(arguments, output),
+        Action::Save(whose) => flash::run(FlashCommand::Save, whose, true, global, output),
+        Action::Load(whose) => flash::run(FlashCommand::Load, whose, true, global, output),
+        Action::Factory { whose, yes } => {
+            flash::run(FlashCommand::Factory, whose, *yes, global, output)
+        }
+        Action::Export(arguments) => export::run(arguments, global, output),
     }
 }
 

@@ -71,8 +71,9 @@ pub(super) struct Slave {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub(super) struct Gateway {
     pub(super) name: String,
-    pub(super) firmware: String,
-    pub(super) hardware: String,
+    /// 0x100A and 0x1009; none where they were not read.
+    pub(super) firmware: Option<String>,
+    pub(super) hardware: Option<String>,
     pub(super) serial: Option<u64>,
 }
 

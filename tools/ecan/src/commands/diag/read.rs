@@ -10,16 +10,24 @@ use crate::failure::Failure;
 use crate::firmware_version::serial_number;
 use crate::global::GlobalOptions;
 use crate::output::Output;
+use crate::slave_choice::Recognised;
 
 use super::DiagArguments;
 use super::bundle::{Bundle, Gateway, Host, Master, Slave};
 
-/// The slave to look at: as for every command; but the only slave of a bus is looked at even where
-/// it does not show itself as a gateway.
-pub(super) fn slave(bus: &Bus) -> Result<usize, Failure> {
-    match bus.slave() {
-        Err(Failure::Slave(_)) if !bus.is_chosen() && bus.diagnostics().slave_count() == 1 => Ok(0),
-        other => other,
+/// The slaves to look at: as for every command; but the only slave of a bus is looked at even where
+/// it does not show itself as a gateway, and of all, those that cannot be asked are looked at too.
+pub(super) fn slaves(bus: &Bus, all: bool) -> Result<Vec<usize>, Failure> {
+    match bus.one_or_all(all) {
+        Err(Failure::Slave(_)) if !bus.is_chosen() && bus.diagnostics().slave_count() == 1 => {
+            Ok(vec![0])
+        }
+        Err(failure) => Err(failure),
+        Ok(Recognised { mut gateways, unknown }) => {
+            gateways.extend(unknown.iter().map(|slave| slave.position));
+            gateways.sort_unstable();
+            Ok(gateways)
+        }
     }
 }
 
@@ -48,18 +56,13 @@ pub(super) fn bundle(
     snapshot.al_state = info.al_state;
     snapshot.has_error_flag = info.error_flag;
     snapshot.al_status_code = al_status_code(bus, slave, arguments, global, output);
+    // Each further question to one that is silent takes as long as the master waits for a mailbox.
+    let answers = has_mailbox && snapshot.silence.is_none();
+    let text = |index| if answers { bus.text(slave, index).ok() } else { None };
     let gateway = Gateway {
         name: info.name,
-        firmware: if has_mailbox {
-            bus.text(slave, 0x100A).unwrap_or_default()
-        } else {
-            String::new()
-        },
-        hardware: if has_mailbox {
-            bus.text(slave, 0x1009).unwrap_or_default()
-        } else {
-            String::new()
-        },
+        firmware: text(0x100A),
+        hardware: text(0x1009),
         serial: serial_number(|subindex| snapshot.get(0xF000, subindex).ok_or(())).ok(),
     };
     Ok(Bundle::new(host(bus, global), master(bus, global)?, gateway, snapshot))
@@ -89,7 +92,7 @@ fn al_status_code(
     if named.is_none() && bus.ecrt().is_simulated() {
         return None;
     }
-    let tool = EthercatTool::find(named, global.master);
+    let tool = EthercatTool::find(named, global.master());
     match tool.and_then(|tool| tool.register(slave, AL_STATUS_CODE)) {
         Ok(code) => Some(code),
         Err(error) => {
@@ -101,7 +104,7 @@ fn al_status_code(
 
 fn host(bus: &Bus, global: &GlobalOptions) -> Host {
     let root = doctor::Root::default();
-    let checks = doctor::host_checks(&root, global.master);
+    let checks = doctor::host_checks(&root, global.master());
     Host {
         kernel: root.first_line("proc/version").unwrap_or_default(),
         system: system_name(&root),
@@ -136,7 +139,7 @@ fn master(bus: &Bus, global: &GlobalOptions) -> Result<Master, Failure> {
         links: info.ports.map(|port| port.link_up),
     });
     Ok(Master {
-        index: global.master,
+        index: global.master(),
         link_up: state.link_up,
         slaves_responding: state.slaves_responding,
         slaves: slaves.collect(),

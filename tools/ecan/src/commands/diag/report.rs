@@ -10,7 +10,7 @@ use serde::Serialize;
 
 use super::bundle::Bundle;
 
-/// The report on one gateway.
+/// The report on one gateway. What was not read is none, not zero.
 #[derive(Debug, Serialize)]
 pub(super) struct Report<'a> {
     pub(super) position: u16,
@@ -20,7 +20,7 @@ pub(super) struct Report<'a> {
     pub(super) directions: Vec<Direction>,
     pub(super) channels: Vec<Channel>,
     pub(super) performance: Vec<Measured>,
-    pub(super) flags: Vec<&'static str>,
+    pub(super) flags: Option<Vec<&'static str>>,
     pub(super) findings: Vec<Finding>,
     pub(super) bundle: &'a Bundle,
 }
@@ -29,39 +29,39 @@ pub(super) struct Report<'a> {
 #[derive(Debug, Serialize)]
 pub(super) struct Direction {
     pub(super) name: &'static str,
-    pub(super) active_bytes: u32,
+    pub(super) active_bytes: Option<u32>,
     pub(super) assigned_chunks: Option<u32>,
-    pub(super) status: u32,
-    pub(super) status_words: &'static str,
-    pub(super) last_error: u32,
-    pub(super) last_error_words: &'static str,
-    pub(super) errors: u32,
-    pub(super) overflows: u32,
+    pub(super) status: Option<u32>,
+    pub(super) status_words: Option<&'static str>,
+    pub(super) last_error: Option<u32>,
+    pub(super) last_error_words: Option<&'static str>,
+    pub(super) errors: Option<u32>,
+    pub(super) overflows: Option<u32>,
 }
 
 /// A CAN channel.
 #[derive(Debug, Serialize)]
 pub(super) struct Channel {
     pub(super) channel: u8,
-    pub(super) status: u16,
-    pub(super) status_words: String,
-    pub(super) error_counters: ErrorCounters,
-    pub(super) protocol: ProtocolStatus,
-    pub(super) interrupts: Vec<&'static str>,
-    pub(super) fifo0: ReceiveFifoStatus,
-    pub(super) fifo1: ReceiveFifoStatus,
-    pub(super) transmit: TransmitQueueStatus,
-    pub(super) events: EventFifoStatus,
-    pub(super) high_priority: HighPriorityStatus,
-    pub(super) rx_dropped: u32,
-    pub(super) tx_backpressure: u32,
-    pub(super) bus_off_count: u32,
-    pub(super) cache_dropped: u32,
-    pub(super) cache_watermark: u32,
-    pub(super) tx_fifo_full: u32,
-    pub(super) tx_stale: u32,
-    pub(super) degraded: u32,
-    pub(super) last_error: u32,
+    pub(super) status: Option<u16>,
+    pub(super) status_words: Option<String>,
+    pub(super) error_counters: Option<ErrorCounters>,
+    pub(super) protocol: Option<ProtocolStatus>,
+    pub(super) interrupts: Option<Vec<&'static str>>,
+    pub(super) fifo0: Option<ReceiveFifoStatus>,
+    pub(super) fifo1: Option<ReceiveFifoStatus>,
+    pub(super) transmit: Option<TransmitQueueStatus>,
+    pub(super) events: Option<EventFifoStatus>,
+    pub(super) high_priority: Option<HighPriorityStatus>,
+    pub(super) rx_dropped: Option<u32>,
+    pub(super) tx_backpressure: Option<u32>,
+    pub(super) bus_off_count: Option<u32>,
+    pub(super) cache_dropped: Option<u32>,
+    pub(super) cache_watermark: Option<u32>,
+    pub(super) tx_fifo_full: Option<u32>,
+    pub(super) tx_stale: Option<u32>,
+    pub(super) degraded: Option<u32>,
+    pub(super) last_error: Option<u32>,
 }
 
 /// An entry of 0x9011.
@@ -87,15 +87,16 @@ impl Channel {
             self.degraded,
             self.last_error,
         ];
-        let is_off = ChannelStatus::from_raw(self.status).state() == ChannelState::Disabled;
-        is_off && counts == [0; 8] && self.error_counters == ErrorCounters::from_raw(0)
+        let state = self.status.map(|status| ChannelStatus::from_raw(status).state());
+        state == Some(ChannelState::Disabled)
+            && counts == [Some(0); 8]
+            && self.error_counters == Some(ErrorCounters::from_raw(0))
     }
 }
 
 impl<'a> Report<'a> {
     pub(super) fn new(bundle: &'a Bundle) -> Self {
         let snapshot = &bundle.snapshot;
-        let has_channels = snapshot.get(0x9000, 9).is_some();
         Self {
             position: snapshot.position,
             state: snapshot
@@ -105,18 +106,24 @@ impl<'a> Report<'a> {
             al_status: snapshot.al_status_code.map(|code| AlStatusCode(code).to_string()),
             directions: [("TxPDO", 0x8010, 0x1C13), ("RxPDO", 0x8011, 0x1C12)]
                 .into_iter()
-                .filter_map(|(name, object, assigned)| direction(snapshot, name, object, assigned))
+                .filter(|(_, object, _)| is_read(snapshot, *object))
+                .map(|(name, object, assigned)| direction(snapshot, name, object, assigned))
                 .collect(),
             channels: (0..CHANNELS as u8)
-                .filter(|_| has_channels)
+                .filter(|number| is_read(snapshot, 0x9000 + u16::from(*number)))
                 .map(|number| channel(snapshot, number))
                 .collect(),
             performance: performance(snapshot),
-            flags: flag_words(snapshot.get(0xB000, 6).unwrap_or(0)),
+            flags: snapshot.get(0xB000, 6).map(flag_words),
             findings: findings(snapshot),
             bundle,
         }
     }
+}
+
+/// Whether anything of an object was read.
+fn is_read(snapshot: &Snapshot, index: u16) -> bool {
+    snapshot.values.keys().any(|key| key.index == index)
 }
 
 fn meaning(index: u16, subindex: u8, value: u32) -> &'static str {
@@ -124,46 +131,39 @@ fn meaning(index: u16, subindex: u8, value: u32) -> &'static str {
     entry.and_then(|entry| entry.meaning(value)).unwrap_or("not in the manual")
 }
 
-fn direction(
-    snapshot: &Snapshot,
-    name: &'static str,
-    object: u16,
-    assignment: u16,
-) -> Option<Direction> {
+fn direction(snapshot: &Snapshot, name: &'static str, object: u16, assignment: u16) -> Direction {
     let value = |subindex| snapshot.get(object, subindex);
-    let (status, last_error) = (value(2)?, value(14)?);
-    Some(Direction {
+    let words = |subindex| value(subindex).map(|raw| meaning(object, subindex, raw));
+    Direction {
         name,
-        active_bytes: value(9)?,
+        active_bytes: value(9),
         assigned_chunks: snapshot.get(assignment, 0),
-        status,
-        status_words: meaning(object, 2, status),
-        last_error,
-        last_error_words: meaning(object, 14, last_error),
-        errors: value(15)?,
-        overflows: value(16)?,
-    })
+        status: value(2),
+        status_words: words(2),
+        last_error: value(14),
+        last_error_words: words(14),
+        errors: value(15),
+        overflows: value(16),
+    }
 }
 
 fn channel(snapshot: &Snapshot, number: u8) -> Channel {
-    let value = |object: u16, subindex| {
-        snapshot.get(object + u16::from(number), subindex).unwrap_or_default()
-    };
+    let value = |object: u16, subindex| snapshot.get(object + u16::from(number), subindex);
     let information = |subindex| value(0x9000, subindex);
     let path = |subindex| value(0x9020, subindex);
-    let status = ChannelStatus::from_raw(information(9) as u16);
+    let status = information(9).map(|raw| ChannelStatus::from_raw(raw as u16));
     Channel {
         channel: number,
-        status: status.raw(),
-        status_words: status.to_string(),
-        error_counters: ErrorCounters::from_raw(information(1)),
-        protocol: ProtocolStatus::from_raw(information(2)),
-        interrupts: Interrupts(information(3)).words(),
-        fifo0: ReceiveFifoStatus::from_raw(information(4)),
-        fifo1: ReceiveFifoStatus::from_raw(information(5)),
-        transmit: TransmitQueueStatus::from_raw(information(6)),
-        events: EventFifoStatus::from_raw(information(7)),
-        high_priority: HighPriorityStatus::from_raw(information(8)),
+        status: status.map(ChannelStatus::raw),
+        status_words: status.map(|status| status.to_string()),
+        error_counters: information(1).map(ErrorCounters::from_raw),
+        protocol: information(2).map(ProtocolStatus::from_raw),
+        interrupts: information(3).map(|raw| Interrupts(raw).words()),
+        fifo0: information(4).map(ReceiveFifoStatus::from_raw),
+        fifo1: information(5).map(ReceiveFifoStatus::from_raw),
+        transmit: information(6).map(TransmitQueueStatus::from_raw),
+        events: information(7).map(EventFifoStatus::from_raw),
+        high_priority: information(8).map(HighPriorityStatus::from_raw),
         rx_dropped: information(13),
         tx_backpressure: information(14),
         bus_off_count: information(15),

@@ -1,8 +1,10 @@
 //! The report for people.
 
+use std::collections::BTreeMap;
+use std::fmt::Display;
 use std::io::Write;
 
-use ecan_diagnosis::{Finding, Severity};
+use ecan_diagnosis::{Finding, ObjectKey, Severity};
 
 use crate::output::{Output, Tone};
 use crate::table;
@@ -18,8 +20,12 @@ pub(super) fn print(
     out: &mut dyn Write,
 ) -> Written {
     heading(report, out)?;
+    let refused = &report.bundle.snapshot.refused;
     if !is_brief {
         directions(report, out)?;
+        if report.channels.is_empty() {
+            writeln!(out, "\nchannels: {NOT_READ}")?;
+        }
         // Quiet channels are a line each, without gaps.
         let mut follows_quiet = false;
         for channel in &report.channels {
@@ -30,11 +36,16 @@ pub(super) fn print(
             print_channel(channel, out)?;
         }
         performance(report, out)?;
-        refused(report, out)?;
+        print_refused(refused, out)?;
         writeln!(out)?;
     }
     if report.findings.is_empty() {
-        return writeln!(out, "{}", output.toned(Tone::Good, "no finding"));
+        write!(out, "{}", output.toned(Tone::Good, "no finding"))?;
+        return match refused.len() {
+            0 => writeln!(out),
+            1 => writeln!(out, "; 1 entry was not read"),
+            more => writeln!(out, "; {more} entries were not read"),
+        };
     }
     report.findings.iter().try_for_each(|finding| print_finding(finding, output, out))
 }
@@ -45,82 +56,113 @@ fn heading(report: &Report, out: &mut dyn Write) -> Written {
     if report.has_error_flag {
         write!(out, " with error flag")?;
     }
-    write!(out, ", {}", gateway.name)?;
-    if !gateway.firmware.is_empty() {
-        write!(out, ", firmware {}", gateway.firmware)?;
+    let firmware = gateway.firmware.as_deref().filter(|text| !text.is_empty());
+    let (firmware, serial) = (or_not_read(firmware), or_not_read(gateway.serial));
+    writeln!(out, ", {}, firmware {firmware}, serial {serial}", gateway.name)?;
+    writeln!(out, "AL status code: {}", or_not_read(report.al_status.as_deref()))?;
+    writeln!(out, "diagnostic flags: {}", listed(report.flags.as_deref()))
+}
+
+/// In the place of a value.
+const NOT_READ: &str = "not read";
+
+fn or_not_read(value: Option<impl Display>) -> String {
+    value.map_or_else(|| NOT_READ.to_owned(), |value| value.to_string())
+}
+
+/// Names of bits.
+fn listed(words: Option<&[&str]>) -> String {
+    match words {
+        None => NOT_READ.to_owned(),
+        Some([]) => "none".to_owned(),
+        Some(words) => words.join(", "),
     }
-    if let Some(serial) = gateway.serial {
-        write!(out, ", serial {serial}")?;
-    }
-    writeln!(out)?;
-    let status = report.al_status.as_deref().unwrap_or("not read");
-    writeln!(out, "AL status code: {status}")?;
-    let flags = match report.flags[..] {
-        [] => "none".to_owned(),
-        ref flags => flags.join(", "),
-    };
-    writeln!(out, "diagnostic flags: {flags}")
 }
 
 fn directions(report: &Report, out: &mut dyn Write) -> Written {
+    if report.directions.is_empty() {
+        return writeln!(out, "\nprocess data: {NOT_READ}");
+    }
     let heads = ["", "BYTES", "ASSIGNED", "STATUS", "LAST ERROR", "ERRORS", "OVERFLOWS"];
     let mut rows = vec![heads.map(str::to_owned)];
+    let status = |raw: Option<u32>, words: Option<&str>| {
+        or_not_read(raw.zip(words).map(|(raw, words)| format!("{raw} {words}")))
+    };
     for it in &report.directions {
         rows.push([
             it.name.to_owned(),
-            if it.active_bytes == 0 { "not active".into() } else { it.active_bytes.to_string() },
-            it.assigned_chunks.map_or_else(|| "-".into(), |chunks| format!("{chunks} chunks")),
-            format!("{} {}", it.status, it.status_words),
-            format!("{} {}", it.last_error, it.last_error_words),
-            it.errors.to_string(),
-            it.overflows.to_string(),
+            if it.active_bytes == Some(0) {
+                "not active".to_owned()
+            } else {
+                or_not_read(it.active_bytes)
+            },
+            or_not_read(it.assigned_chunks.map(|chunks| format!("{chunks} chunks"))),
+            status(it.status, it.status_words),
+            status(it.last_error, it.last_error_words),
+            or_not_read(it.errors),
+            or_not_read(it.overflows),
         ]);
     }
     writeln!(out)?;
     table::print(out, &rows)
 }
 
+/// A count, the words for it, and its name for when it was not read.
+type Count<'a> = (Option<u32>, &'a dyn Fn(u32) -> String, &'a str);
+
+fn counts<const N: usize>(counts: [Count<'_>; N]) -> String {
+    let told = counts
+        .map(|(count, words, name)| count.map_or_else(|| format!("{name} {NOT_READ}"), words));
+    told.join(", ")
+}
+
 fn print_channel(channel: &Channel, out: &mut dyn Write) -> Written {
-    writeln!(out, "CAN{}  {}", channel.channel, channel.status_words)?;
+    let status = match &channel.status_words {
+        Some(words) => words.clone(),
+        None => format!("status {NOT_READ}"),
+    };
+    writeln!(out, "CAN{}  {status}", channel.channel)?;
     if channel.is_quiet() {
         return Ok(());
     }
-    let interrupts = match channel.interrupts[..] {
-        [] => "none".to_owned(),
-        ref words => words.join(", "),
-    };
-    let counters = format!(
-        "{} received dropped, {} times no room to send, {} times bus-off",
-        channel.rx_dropped, channel.tx_backpressure, channel.bus_off_count
-    );
-    let path = format!(
-        "RX cache dropped {}, held {} at most; TX FIFO full {} times, {} stale; degraded 0x{:X}, \
-         last error {}",
-        channel.cache_dropped,
-        channel.cache_watermark,
-        channel.tx_fifo_full,
-        channel.tx_stale,
-        channel.degraded,
-        channel.last_error
-    );
+    let interrupts = listed(channel.interrupts.as_deref());
+    let counters = counts([
+        (channel.rx_dropped, &|n| format!("{n} received dropped"), "received dropped"),
+        (channel.tx_backpressure, &|n| format!("{n} times no room to send"), "no room to send"),
+        (channel.bus_off_count, &|n| format!("{n} times bus-off"), "bus-off"),
+    ]);
+    let path = [
+        counts([
+            (channel.cache_dropped, &|n| format!("RX cache dropped {n}"), "RX cache dropped"),
+            (channel.cache_watermark, &|n| format!("held {n} at most"), "held at most"),
+        ]),
+        counts([
+            (channel.tx_fifo_full, &|n| format!("TX FIFO full {n} times"), "TX FIFO full"),
+            (channel.tx_stale, &|n| format!("{n} stale"), "stale"),
+        ]),
+        counts([
+            (channel.degraded, &|n| format!("degraded 0x{n:X}"), "degraded"),
+            (channel.last_error, &|n| format!("last error {n}"), "last error"),
+        ]),
+    ];
     let rows = [
-        ["  ECR", &channel.error_counters.to_string()],
-        ["  PSR", &channel.protocol.to_string()],
+        ["  ECR", &or_not_read(channel.error_counters)],
+        ["  PSR", &or_not_read(channel.protocol)],
         ["  IR", &interrupts],
-        ["  RXF0S", &channel.fifo0.to_string()],
-        ["  RXF1S", &channel.fifo1.to_string()],
-        ["  TXFQS", &channel.transmit.to_string()],
-        ["  TXEFS", &channel.events.to_string()],
-        ["  HPMS", &channel.high_priority.to_string()],
+        ["  RXF0S", &or_not_read(channel.fifo0)],
+        ["  RXF1S", &or_not_read(channel.fifo1)],
+        ["  TXFQS", &or_not_read(channel.transmit)],
+        ["  TXEFS", &or_not_read(channel.events)],
+        ["  HPMS", &or_not_read(channel.high_priority)],
         ["  counters", &counters],
-        ["  data path", &path],
+        ["  data path", &path.join("; ")],
     ];
     table::print(out, &rows.map(|row| row.map(str::to_owned)))
 }
 
 fn performance(report: &Report, out: &mut dyn Write) -> Written {
     if report.performance.is_empty() {
-        return Ok(());
+        return writeln!(out, "\ncycle performance (0x9011): {NOT_READ}");
     }
     writeln!(out, "\ncycle performance (0x9011)")?;
     let rows: Vec<_> = report
@@ -135,12 +177,11 @@ fn performance(report: &Report, out: &mut dyn Write) -> Written {
 }
 
 /// Entries that this firmware does not have.
-fn refused(report: &Report, out: &mut dyn Write) -> Written {
-    let refused = &report.bundle.snapshot.refused;
+fn print_refused(refused: &BTreeMap<ObjectKey, String>, out: &mut dyn Write) -> Written {
     if refused.is_empty() {
         return Ok(());
     }
-    writeln!(out, "\nnot read")?;
+    writeln!(out, "\n{NOT_READ}")?;
     refused.iter().try_for_each(|(key, why)| writeln!(out, "  {key}  {why}"))
 }
 

@@ -22,7 +22,7 @@ pub(super) fn checks(
     let Some(ecrt) = library else {
         return vec![Check::skipped(NAME, "there is no library to look with")];
     };
-    let diagnostics = match Diagnostics::of_bus(&ecrt, global.master) {
+    let diagnostics = match Diagnostics::of_bus(&ecrt, global.master()) {
         Ok(diagnostics) => diagnostics,
         Err(error) => return vec![cannot_look(NAME, &error)],
     };
@@ -34,7 +34,7 @@ pub(super) fn checks(
         if ecrt.is_simulated() {
             return Check::skipped(SII, "the master is simulated, and has no SII");
         }
-        let tool = EthercatTool::find(tool, global.master);
+        let tool = EthercatTool::find(tool, global.master());
         judge_layout(*slave, tool.and_then(|tool| tool.sii(*slave)))
     }));
     checks

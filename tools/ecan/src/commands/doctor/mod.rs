@@ -51,6 +51,7 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
+    global.without_slave("it looks at the host; one gateway is looked at by `ecan diag`")?;
     let checks = match &arguments.root {
         Some(path) if !path.is_dir() => {
             let (path, reason) = (path.clone(), "it is no directory".to_owned());
@@ -58,7 +59,7 @@ pub fn run(
         }
         Some(path) => {
             let root = Root::at(path.clone()).with_ethtool(arguments.ethtool.clone());
-            host_checks(&root, global.master)
+            host_checks(&root, global.master())
         }
         None => {
             let root = Root::default().with_ethtool(arguments.ethtool.clone());
@@ -115,9 +116,9 @@ fn all_checks(
         }
         Ok(ecrt) => {
             checks.push(library::same_version(root, ecrt.version()));
-            checks.extend(master_checks(root, global.master));
+            checks.extend(master_checks(root, global.master()));
         }
-        Err(_) => checks.extend(master_checks(root, global.master)),
+        Err(_) => checks.extend(master_checks(root, global.master())),
     }
     checks.extend(real_time_checks(root));
     checks.extend(gateways::checks(library.ok(), tool, global));

@@ -2,8 +2,8 @@
 
 use clap::{ArgGroup, Args, ValueEnum};
 use ecan_protocol::{
-    ExtendedFilter, ExtendedMatch, FilterAction, McanChannelConfig, StandardFilter, StandardMatch,
-    check_filters,
+    ExtendedFilter, ExtendedMatch, FilterAction, FilterElementFault, McanChannelConfig,
+    StandardFilter, StandardMatch,
 };
 
 use crate::value::parse_unsigned;
@@ -127,13 +127,11 @@ impl Filter {
         config.ram.rx_fifo1.size = counts.fifo1;
         config.ram.rx_buffer_count = counts.buffers;
         let mut faults = Vec::new();
-        let mut report = |fault: ecan_protocol::FilterFault| {
-            // The place in a list of one would mislead.
-            faults.push(fault.to_string().replace(" filter 0:", " filter:"));
-        };
+        let kind = self.kind().name();
+        let mut report = |fault: FilterElementFault| faults.push(format!("{kind} filter: {fault}"));
         match self {
-            Self::Standard(filter) => check_filters(&config, &[*filter], &[], &mut report),
-            Self::Extended(filter) => check_filters(&config, &[], &[*filter], &mut report),
+            Self::Standard(filter) => filter.check(&config, &mut report),
+            Self::Extended(filter) => filter.check(&config, &mut report),
         }
         if faults.is_empty() { Ok(()) } else { Err(faults.join("; ")) }
     }

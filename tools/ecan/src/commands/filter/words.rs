@@ -13,34 +13,28 @@ pub(super) fn identifiers(kind: Kind, filter: &RawFilter) -> String {
         return id(id1);
     }
     let raw = u8::try_from(filter.matching).unwrap_or(u8::MAX);
-    let (range, two, masked, unmasked) = match kind {
-        Kind::Standard => {
-            let it = StandardMatch::from_raw(raw);
-            (
-                it == Some(StandardMatch::Range),
-                it == Some(StandardMatch::Two),
-                it == Some(StandardMatch::Masked),
-                false,
-            )
-        }
-        Kind::Extended => {
-            let it = ExtendedMatch::from_raw(raw);
-            (
-                it == Some(ExtendedMatch::Range),
-                it == Some(ExtendedMatch::Two),
-                it == Some(ExtendedMatch::Masked),
-                it == Some(ExtendedMatch::RangeUnmasked),
-            )
-        }
+    let range = || format!("{} to {}", id(id1), id(id2));
+    let two = || match id1 == id2 {
+        true => id(id1),
+        false => format!("{} and {}", id(id1), id(id2)),
     };
-    match (range, two, masked, unmasked) {
-        (true, ..) => format!("{} to {}", id(id1), id(id2)),
-        (_, true, ..) if id1 == id2 => id(id1),
-        (_, true, ..) => format!("{} and {}", id(id1), id(id2)),
-        (_, _, true, _) => format!("{} in the bits of {}", id(id1), id(id2)),
-        (.., true) => format!("{} to {}, without the global mask", id(id1), id(id2)),
-        _ if raw == 3 => "none".to_owned(),
-        _ => format!("type {}, not known", filter.matching),
+    let masked = || format!("{} in the bits of {}", id(id1), id(id2));
+    let unknown = || format!("type {}, not known", filter.matching);
+    match kind {
+        Kind::Standard => match StandardMatch::from_raw(raw) {
+            Some(StandardMatch::Range) => range(),
+            Some(StandardMatch::Two) => two(),
+            Some(StandardMatch::Masked) => masked(),
+            Some(StandardMatch::Disabled) => "none".to_owned(),
+            None => unknown(),
+        },
+        Kind::Extended => match ExtendedMatch::from_raw(raw) {
+            Some(ExtendedMatch::Range) => range(),
+            Some(ExtendedMatch::Two) => two(),
+            Some(ExtendedMatch::Masked) => masked(),
+            Some(ExtendedMatch::RangeUnmasked) => format!("{}, without the global mask", range()),
+            None => unknown(),
+        },
     }
 }
 

@@ -9,7 +9,7 @@ use serde::Serialize;
 use super::refusal::Refusal;
 use crate::failure::Failure;
 use crate::firmware_version::{FirmwareVersion, serial_number};
-use crate::slave_choice::{Candidates, Recognised, SlaveChoice, Unknown, choose, only_gateway};
+use crate::slave_choice::{Candidates, Recognised, SlaveChoice, Unknown, one_or_all};
 
 /// A slave that is there.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -164,30 +164,10 @@ pub fn chosen(
 ) -> Result<Chosen, Failure> {
     let present = gateways.present()?;
     let asked = Asked { gateways, present: &present };
-    let (meant, unknown) = match choice {
-        Some(_) => (vec![choose(&asked, choice)?], Vec::new()),
-        None => {
-            let recognised = asked.recognised()?;
-            match recognised.gateways.len() + recognised.unknown.len() {
-                1.. if all => (recognised.gateways, recognised.unknown),
-                count => {
-                    let only = only_gateway(&recognised, present.len());
-                    (vec![only.map_err(|failure| or_all(failure, count))?], Vec::new())
-                }
-            }
-        }
-    };
+    let Recognised { gateways: meant, unknown } = one_or_all(&asked, choice, all)?;
     let at = |position| present.iter().find(|slave| slave.position == position).cloned();
     Ok(Chosen {
         gateways: meant.into_iter().filter_map(at).collect(),
         unknown: unknown.into_iter().filter_map(|it| Some((at(it.position)?, it))).collect(),
     })
-}
-
-/// Names the other way out, where several are in question.
-fn or_all(failure: Failure, count: usize) -> Failure {
-    match failure {
-        Failure::Slave(words) if count > 1 => Failure::Slave(format!("{words}, or take --all")),
-        other => other,
-    }
 }

@@ -9,7 +9,7 @@ mod update;
 #[cfg(test)]
 mod update_tests;
 
-use std::io::{BufRead, IsTerminal, Write};
+use std::io::Write;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -24,6 +24,7 @@ use self::package::FirmwareFile;
 use self::simulated::Simulated;
 use self::update::{Outcome, Report, Update};
 use crate::bus::Bus;
+use crate::confirmation::confirm;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::{Output, Tone};
@@ -110,9 +111,6 @@ pub fn run(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(), Failure> {
-    if arguments.all && global.slave.is_some() {
-        return Err(Failure::Usage("--slave chooses one gateway, --all all: take one".to_owned()));
-    }
     match &arguments.action {
         Action::Version => {
             let (gateways, _) = open(arguments, global, output)?;
@@ -128,10 +126,9 @@ pub fn run(
                 let words = format!("{}: {doubts}", file.path.display());
                 output.note(format_args!("ecan: warning: {words}"));
             }
-            confirm(wanted, &file, &chosen)?;
+            ask(wanted, &file, &chosen)?;
             let said = "interrupted: the gateway whose turn it is gets its firmware, no other";
-            let interrupt = Interrupt::install_saying(said)
-                .map_err(|error| Failure::Host(error.to_string()))?;
+            let interrupt = Interrupt::install_saying(said)?;
             let update = Update {
                 gateways: &*gateways,
                 file: &file,
@@ -151,7 +148,7 @@ fn open(
 ) -> Result<(Box<dyn Gateways>, bool), Failure> {
     match (EcrtSetting::resolve(global.ecrt.as_deref())?, &arguments.ethercat) {
         (EcrtSetting::Library(_), named) => {
-            let tool = ByTool::open(named.as_deref(), global.master)?;
+            let tool = ByTool::open(named.as_deref(), global.master())?;
             let tool = match arguments.action {
                 Action::Version => tool,
                 Action::Update(_) => tool.shielded(),
@@ -221,32 +218,17 @@ fn version(gateways: &dyn Gateways, chosen: Chosen, output: &Output) -> Result<(
     }
 }
 
-fn confirm(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Chosen) -> Result<(), Failure> {
-    if wanted.yes || chosen.gateways.is_empty() {
-        return Ok(());
-    }
-    let stdin = std::io::stdin();
-    if !stdin.is_terminal() {
-        let words = "nobody is there to confirm the update; say --yes to do it without asking";
-        return Err(Failure::Usage(words.to_owned()));
-    }
+fn ask(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Chosen) -> Result<(), Failure> {
     let words = |slave: &Present| format!("{} ({})", slave.position, slave.state);
     let slaves: Vec<_> = chosen.gateways.iter().map(words).collect();
-    let mut stderr = std::io::stderr();
-    let question = format!(
-        "Write {}, {} bytes, to slave {}? It stops its CAN traffic and restarts. [y/N] ",
+    let question = format_args!(
+        "Write {}, {} bytes, to slave {}? It stops its CAN traffic and restarts.",
         file.path.display(),
         file.bytes.len(),
         slaves.join(", ")
     );
-    // Where nobody can read the question nobody confirms it.
-    let _ = write!(stderr, "{question}").and_then(|()| stderr.flush());
-    let mut answer = String::new();
-    stdin.lock().read_line(&mut answer).map_err(Failure::Input)?;
-    match answer.trim() {
-        "y" | "Y" | "yes" => Ok(()),
-        _ => Err(Failure::Usage("nothing was written: not confirmed".to_owned())),
-    }
+    let is_granted = wanted.yes || chosen.gateways.is_empty();
+    confirm(is_granted, "the update", question, "nothing was written")
 }
 
 fn update_all(

@@ -15,7 +15,7 @@ pub struct Refusal {
 
 /// Kinds of refusals.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case")]
+#[serde(rename_all = "snake_case")]
 pub enum Cause {
     /// No tool, no master, no permission.
     Host,

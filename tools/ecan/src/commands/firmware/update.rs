@@ -17,7 +17,7 @@ const SETTLING: Duration = Duration::from_secs(5);
 
 /// What became of an update.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-#[serde(rename_all = "kebab-case", tag = "result")]
+#[serde(rename_all = "snake_case", tag = "result")]
 pub enum Outcome {
     /// Another version runs, and it is the expected one if one was named.
     Updated,

@@ -119,7 +119,7 @@ pub fn run(
     let output = &output.beside(is_output_taken);
     let mut generator = arguments.generator()?;
     let settings = Settings::of(&options.gateway)?;
-    let interrupt = Interrupt::install().map_err(|error| Failure::Host(error.to_string()))?;
+    let interrupt = Interrupt::install()?;
     let channels = Channels::only(*channel);
     let wishes = Wishes { has_results: true, has_end: count.is_some(), ..Wishes::on(channels) };
     let prepared = Prepared::new(&settings, wishes, global, output)?;

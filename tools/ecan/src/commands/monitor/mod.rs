@@ -80,8 +80,7 @@ pub fn run(
     output: &Output,
 ) -> Result<(), Failure> {
     // The terminal has to be put back, which takes a second at most.
-    let interrupt =
-        Interrupt::install_patient().map_err(|error| Failure::Host(error.to_string()))?;
+    let interrupt = Interrupt::install_patient()?;
     let is_asked_once = arguments.once || arguments.seconds.is_some() || global.json;
     if is_asked_once || !std::io::stdout().is_terminal() {
         return print_once(arguments, &interrupt, is_asked_once, global, output);

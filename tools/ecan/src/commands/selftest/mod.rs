@@ -20,6 +20,7 @@ use ecan_command_line::real_time::RealTimeArguments;
 use serde::Serialize;
 
 use crate::bus::Bus;
+use crate::config_file;
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
 use crate::global::GlobalOptions;
@@ -103,14 +104,12 @@ pub fn run(
 ) -> Result<(), Failure> {
     let file = arguments.config.as_deref().map(rates::read).transpose()?;
     let rates = file.as_ref().map_or_else(Rate::usual, Rate::of_file);
-    let file_master = file.as_ref().map_or(0, |file| file.adapter.master_index);
-    let master = if global.master == 0 { file_master } else { global.master };
-    let global = GlobalOptions { master, ..global.clone() };
+    let master = file.as_ref().map_or(global.master(), |file| config_file::master(file, global));
+    let global = GlobalOptions { master: Some(master), ..global.clone() };
     let is_watched = std::io::stderr().is_terminal();
     let test = gateway::Test { arguments, rates: &rates, master, is_watched, output };
     test.check()?;
-    let interrupt = Interrupt::install_saying("stopping: the configuration is put back first")
-        .map_err(|error| Failure::Host(error.to_string()))?;
+    let interrupt = Interrupt::install_saying("stopping: the configuration is put back first")?;
     let bus = Bus::open(&global, output)?;
     let slaves = slaves(&bus, arguments, output)?;
     if let Some(directory) = &arguments.report {
