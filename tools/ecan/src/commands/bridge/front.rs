@@ -167,7 +167,7 @@ impl Front {
             ),
             (
                 counted.not_taken,
-                "frames for the bus were refused: the channel was out of service, or only listens",
+                "frames for the bus were refused: nothing could be sent, or the channel only listens",
             ),
             (
                 counted.unfit,

@@ -4,7 +4,7 @@ use crate::commands::bridge::front::Front;
 use crate::output::Output;
 
 /// Keeps frames of clients away from a gateway that is out of service and from a channel that is
-/// bus-off: sent afterwards, all at once, they would be old, and move what has long been meant to stand still.
+/// bus-off or stands still: sent afterwards, all at once, they would be old, and move what has long been meant to stand still.
 #[derive(Debug)]
 pub struct Gate {
     is_open: bool,
@@ -34,7 +34,7 @@ impl Gate {
             self.kept_before = kept(fronts);
             if dropped > 0 {
                 output.note(format_args!(
-                    "# {dropped} frames of clients dropped: out of service or bus-off"
+                    "# {dropped} frames of clients dropped: nothing can be sent"
                 ));
             }
             return;
@@ -42,7 +42,7 @@ impl Gate {
         let refused = kept(fronts) - self.kept_before;
         if refused > 0 {
             output.note(format_args!(
-                "# {refused} frames of clients refused while out of service or bus-off"
+                "# {refused} frames of clients refused while nothing could be sent"
             ));
         }
     }

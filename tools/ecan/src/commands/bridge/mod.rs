@@ -128,6 +128,7 @@ pub fn run(
     gate.set_open(!arguments.listen_only, 0, &fronts, output);
     announce(arguments.channel, &fronts, output)?;
     let _beacon = start_beacon(arguments, &fronts)?;
+    let moved_ns = service.now_ns();
     let mut bridge = Traffic {
         channel: arguments.channel,
         is_listening: arguments.listen_only,
@@ -137,6 +138,7 @@ pub fn run(
         waiting: None,
         turns: Turns::default(),
         gate,
+        moved_ns,
     };
     let mut outcome = Ok(());
     while outcome.is_ok() && !interrupt.is_set() {
@@ -193,6 +195,9 @@ fn announce(channel: u8, fronts: &[Front], output: &Output) -> Result<(), Failur
     })
 }
 
+/// A bus that takes nothing for so long, although there is something, has nobody who acknowledges.
+const STANDSTILL_NS: u64 = 1_000_000_000;
+
 /// Frames between the bus and the clients.
 #[derive(Debug)]
 struct Traffic {
@@ -206,6 +211,8 @@ struct Traffic {
     waiting: Option<Held>,
     turns: Turns,
     gate: Gate,
+    /// When the gateway took a frame last, or had none to send.
+    moved_ns: u64,
 }
 
 impl Traffic {
@@ -216,6 +223,7 @@ impl Traffic {
             match &arrival.received {
                 Received::Frame(received) => self.deliver(&received.frame, time_ns, None),
                 Received::TransmitReport(report) => {
+                    self.moved_ns = cycle.now_ns;
                     let held = report.ticket.and_then(|ticket| self.under_way.remove(ticket));
                     let Some(held) = held else { continue };
                     if report.code.is_success() {
@@ -235,8 +243,13 @@ impl Traffic {
         if forgotten > 0 {
             output.note(format_args!("# what became of {forgotten} frames of clients is not told"));
         }
-        let is_off_bus = self.service.port().channel_status(0, self.channel).bus_off();
-        let can_send = is_in_service && !is_off_bus && !self.is_listening;
+        let status = self.service.port().channel_status(0, self.channel);
+        if self.waiting.is_none() && status.tx_pending() == 0 {
+            self.moved_ns = cycle.now_ns;
+        }
+        let is_standing_still = cycle.now_ns - self.moved_ns >= STANDSTILL_NS;
+        let can_send =
+            is_in_service && !status.bus_off() && !is_standing_still && !self.is_listening;
         let held = self.waiting.take_if(|_| !can_send);
         self.gate.set_open(can_send, held.iter().count(), &self.fronts, output);
         while let Some(held) = self.waiting.take().or_else(|| self.next_of_clients()) {
