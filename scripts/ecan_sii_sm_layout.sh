@@ -351,7 +351,11 @@ judge_backup() {
     found_bytes=$(wc -c <"$work/found")
     checksum
     ((value == bytes[14])) || doubts+=("its checksum is wrong")
-    said=$(find_sync_managers 2>&1) || doubts+=("${said#*: }")
+    if ! said=$(find_sync_managers 2>&1); then
+        said=${said#*: }
+        # What helps a slave with such an SII is no remedy for a file.
+        doubts+=("${said%: it cannot be mended here*}")
+    fi
     ((${#bytes[@]} == found_bytes)) ||
         doubts+=("it has ${#bytes[@]} bytes, the SII of the slave $found_bytes")
     [[ $(identity "$source_file") == "$(identity "$work/found")" ]] ||

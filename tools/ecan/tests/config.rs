@@ -146,18 +146,33 @@ fn a_file_is_applied_part_by_part() {
     );
 }
 
+const THREE: &str = "\
+[[gateway]]
+n = 3
+can0 = { bitrate = 250_000 }
+[[gateway]]
+position = 1
+n = 2
+can1 = { bitrate = 125_000 }
+[[gateway]]
+position = 2
+n = 2
+can1 = { bitrate = 125_000 }
+";
+
+/// Three gateways, of which the second refuses the nominal bit rate of channel 1 with this code.
+fn second_of_three_refuses(code: u32) -> tempfile::NamedTempFile {
+    scenario(&format!(
+        "[[gateway]]\n[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\n\
+         gateway = 1\nindex = 0x8002\nsubindex = 19\ncode = {code}\ntimes = 9\n"
+    ))
+}
+
 #[test]
 fn what_was_written_is_told_where_the_next_gateway_fails() {
-    let (_directory, path) = file(
-        "[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\nposition = 1\nn = 2\n\
-         can1 = { bitrate = 125_000 }\n[[gateway]]\nposition = 2\nn = 2\n\
-         can1 = { bitrate = 125_000 }\n",
-    );
+    let (_directory, path) = file(THREE);
     let path = text(&path);
-    let bus = scenario(
-        "[[gateway]]\n[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\n\
-         gateway = 1\nindex = 0x8002\nsubindex = 19\ncode = 0x06090030\ntimes = 9\n",
-    );
+    let bus = second_of_three_refuses(0x06090030);
     let bus = setting(&bus);
     let told = ends(5, &["--ecrt", &bus, "config", "apply", path, "--steps"]);
     let places: Vec<_> = told.lines().filter(|line| line.starts_with("slave ")).collect();
@@ -184,16 +199,9 @@ fn what_was_written_is_told_where_the_next_gateway_fails() {
 
 #[test]
 fn what_was_compared_is_told_where_the_next_gateway_fails() {
-    let (_directory, path) = file(
-        "[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\nposition = 1\nn = 2\n\
-         can1 = { bitrate = 125_000 }\n[[gateway]]\nposition = 2\nn = 2\n\
-         can1 = { bitrate = 125_000 }\n",
-    );
+    let (_directory, path) = file(THREE);
     let path = text(&path);
-    let bus = scenario(
-        "[[gateway]]\n[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\n\
-         gateway = 1\nindex = 0x8002\nsubindex = 19\ncode = 0x06090011\ntimes = 9\n",
-    );
+    let bus = second_of_three_refuses(0x06090011);
     let bus = setting(&bus);
     let told = ends(5, &["--ecrt", &bus, "config", "diff", path]);
     assert!(told.contains("Nominal bitrate): the file has 250000, the device 500000\n"), "{told}");

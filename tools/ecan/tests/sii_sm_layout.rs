@@ -228,6 +228,7 @@ fn a_backup_of_another_device_or_a_damaged_one_is_not_restored_unasked() {
         assert_eq!(status, 1, "{said}");
         assert!(said.contains(words), "{words}: {said}");
         assert!(said.contains("--force writes anyway"), "{said}");
+        assert!(!said.contains("or restore a backup"), "{said}");
         assert!(!bench.has_written());
         let (status, said) = bench.run(&["restore", "backup.bin", "--yes", "--force"]);
         assert_eq!((status, bench.get("eeprom")), (0, image), "{said}");

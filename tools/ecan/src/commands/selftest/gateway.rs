@@ -357,18 +357,24 @@ mod tests {
         Bus::over(&backend.ecrt)
     }
 
-    fn tested(bus: &Bus) -> Report {
-        let Line { arguments } = Line::parse_from(["selftest", "--wired", "0-1", "--frames", "2"]);
+    /// Runs something of the test that this command line means.
+    fn with_test<T>(line: &[&str], run: impl FnOnce(&Test<'_>) -> T) -> T {
+        let Line { arguments } = Line::parse_from(line);
         let rates = Rate::usual();
         let output = Output::new(false, Color::Never);
-        let test = Test {
+        run(&Test {
             arguments: &arguments,
             rates: &rates,
             master: 0,
             is_watched: false,
             output: &output,
-        };
-        test.run(bus, 0, &Interrupt::default()).unwrap()
+        })
+    }
+
+    fn tested(bus: &Bus) -> Report {
+        with_test(&["selftest", "--wired", "0-1", "--frames", "2"], |test| {
+            test.run(bus, 0, &Interrupt::default()).unwrap()
+        })
     }
 
     fn said_of_configuration(report: &Report) -> &Check {
@@ -456,20 +462,10 @@ mod tests {
     fn a_gateway_that_needs_no_restart_gets_none() {
         let bus = bus();
         // By an earlier test, say.
-        let Line { arguments } = Line::parse_from(["selftest"]);
-        let rates = Rate::usual();
-        let output = Output::new(false, Color::Never);
-        let test = Test {
-            arguments: &arguments,
-            rates: &rates,
-            master: 0,
-            is_watched: false,
-            output: &output,
-        };
-        for run in test.runs(0).unwrap().into_iter().take(1) {
-            let interrupt = Interrupt::default();
-            test.run_one(&bus, 0, run, &interrupt, &mut Report::default()).unwrap();
-        }
+        with_test(&["selftest"], |test| {
+            let run = test.runs(0).unwrap().into_iter().next().unwrap();
+            test.run_one(&bus, 0, run, &Interrupt::default(), &mut Report::default()).unwrap();
+        });
         wait_present(&bus, 0).unwrap();
         let before = everything(&bus);
         let report = tested(&bus);
