@@ -119,8 +119,9 @@ fn frames_that_a_gateway_may_have_held_when_it_was_lost_are_not_called_sent() {
     assert_eq!(of("sent") + of("lost"), 50_000);
     // Its cache holds 64 frames, the controller 32, and images were under way.
     assert!((20..500).contains(&of("lost")), "{summary}");
-    // What came back had left.
-    assert!(of("sent") >= of("received"), "{summary}");
+    // What came back had left. The status counts to 7 only, so that frames of the last moment may be
+    // in doubt although they did: never more than the channel holds.
+    assert!(of("sent") + 64 + 32 >= of("received"), "{summary}");
 }
 
 #[test]
