@@ -17,6 +17,7 @@ use support::bring_up;
 use support::image::{self, Frame};
 use support::network::{self, MASTER};
 use support::program::{DEADLINE, Running};
+use support::raw_master::RawMaster;
 
 const CHUNKS: u8 = 3;
 const BYTES: usize = 128 * CHUNKS as usize;
@@ -132,6 +133,7 @@ fn run(gateways: usize) {
     let count = gateways.to_string();
     let mut program = Running::start(&["--gateways", &count, "--dump", dump.to_str().unwrap()]);
     program.wait_for(&format!("gateway {}: booted, INIT", gateways - 1));
+    RawMaster::open(MASTER).wait_for_link();
     let master = main_device();
     let cycles = futures_lite::future::block_on(async {
         let group = bring_to_op(&master, gateways).await?;

@@ -15,7 +15,9 @@ fn begin(arguments: &[&str], gateways: u16) -> Option<(Running, RawMaster)> {
     }
     let mut program = Running::start(arguments);
     program.wait_for(&format!("gateway {}: booted, INIT", gateways - 1));
-    Some((program, RawMaster::open(MASTER)))
+    let master = RawMaster::open(MASTER);
+    master.wait_for_link();
+    Some((program, master))
 }
 
 #[test]
@@ -103,9 +105,20 @@ fn an_interface_may_go_down_and_come_back_but_not_go_away() {
     network::ip(&["link", "set", GATEWAYS, "down"]);
     program.wait_for("veth1 is down: no frames until it is up");
     network::ip(&["link", "set", GATEWAYS, "up"]);
+    master.wait_for_link();
     let (_, counter) = master.read(BRD, 0, 0x0000, 1);
     assert_eq!(counter, 1);
     program.wait_for("veth1 is up again");
+    network::ip(&["link", "del", GATEWAYS]);
+    let message = program.fail();
+    assert!(message.contains("the network interface veth1 is gone"), "{message}");
+}
+
+#[test]
+fn an_interface_that_is_down_and_goes_away_is_told() {
+    let Some((mut program, _master)) = begin(&[], 1) else { return };
+    network::ip(&["link", "set", GATEWAYS, "down"]);
+    program.wait_for("veth1 is down: no frames until it is up");
     network::ip(&["link", "del", GATEWAYS]);
     let message = program.fail();
     assert!(message.contains("the network interface veth1 is gone"), "{message}");

@@ -154,7 +154,10 @@ impl PacketSocket {
                 Ok(message) => message,
                 Err(Errno::EAGAIN) => return Ok(Received::Nothing),
                 Err(Errno::EINTR) => continue,
-                Err(Errno::ENETDOWN) => return self.down(),
+                Err(Errno::ENETDOWN) => {
+                    self.check_interface()?;
+                    return Ok(Received::Down);
+                }
                 Err(errno) => {
                     let interface = self.interface.name().to_owned();
                     return Err(SocketError::Receive { interface, errno });
@@ -179,11 +182,13 @@ impl PacketSocket {
         }
     }
 
-    fn down(&self) -> Result<Received, SocketError> {
+    /// Fails where the interface was removed. An interface that is down goes without another word
+    /// from the system, and one that is removed goes down first: ask again while it is down.
+    pub fn check_interface(&self) -> Result<(), SocketError> {
         let is_there = nix::net::if_::if_nametoindex(self.interface.name())
             .is_ok_and(|index| index as usize == self.interface.address().ifindex());
         if is_there {
-            Ok(Received::Down)
+            Ok(())
         } else {
             Err(SocketError::Gone { interface: self.interface.name().to_owned() })
         }

@@ -17,8 +17,9 @@ use ecan_command_line::interrupt::Interrupt;
 
 /// Longest wait for a frame, in nanoseconds: bridges and signals are looked after that often.
 const LONGEST_WAIT_NS: u64 = 1_000_000;
-/// Whoever follows the dump sees a frame after this time, in nanoseconds.
-const FLUSH_NS: u64 = 100_000_000;
+/// Whoever follows the dump sees a frame after this time, and an interface that is down is looked
+/// for that often, in nanoseconds.
+const TIDY_NS: u64 = 100_000_000;
 /// More than any Ethernet frame that carries EtherCAT.
 const FRAME_BYTES: usize = 4096;
 
@@ -45,7 +46,7 @@ pub struct Server {
     spins: bool,
     start_ns: u64,
     end_ns: u64,
-    flushed_ns: u64,
+    tidied_ns: u64,
     is_down: bool,
     /// Answers that did not go out.
     unsent: u64,
@@ -75,7 +76,7 @@ impl Server {
             spins: arguments.thread.spin,
             start_ns,
             end_ns: start_ns.saturating_add(run_ns),
-            flushed_ns: start_ns,
+            tidied_ns: start_ns,
             is_down: false,
             unsent: 0,
             frame: Box::new([0; FRAME_BYTES]),
@@ -106,9 +107,12 @@ impl Server {
             if matches!(received, Received::Frame { .. }) {
                 continue;
             }
-            if now.saturating_sub(self.flushed_ns) >= FLUSH_NS {
-                self.flushed_ns = now;
+            if now.saturating_sub(self.tidied_ns) >= TIDY_NS {
+                self.tidied_ns = now;
                 self.dump.as_mut().map_or(Ok(()), Dump::flush)?;
+                if self.is_down {
+                    self.socket.check_interface()?;
+                }
             }
             if !self.spins {
                 let next = self.wire.next_event().unwrap_or(u64::MAX).min(self.end_ns);

@@ -2,7 +2,7 @@
 
 use std::num::NonZeroU32;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use nix::errno::Errno;
 use nix::ifaddrs::getifaddrs;
@@ -50,21 +50,40 @@ impl RawMaster {
 
     /// The next frame that comes back before the deadline.
     pub fn receive(&self) -> Vec<u8> {
+        self.receive_within(DEADLINE).expect("no frame comes back")
+    }
+
+    fn receive_within(&self, time: Duration) -> Option<Vec<u8>> {
         let mut frame = vec![0; 2048];
         let start = Instant::now();
         loop {
             match recv(self.socket.as_raw_fd(), &mut frame, MsgFlags::empty()) {
                 Ok(bytes) => {
                     frame.truncate(bytes);
-                    return frame;
+                    return Some(frame);
                 }
                 Err(Errno::EAGAIN | Errno::EINTR) => {}
                 Err(errno) => panic!("cannot receive: {errno}"),
             }
-            let left = DEADLINE.saturating_sub(start.elapsed());
-            assert!(!left.is_zero(), "no frame comes back");
+            let left = time.saturating_sub(start.elapsed());
+            if left.is_zero() {
+                return None;
+            }
             let mut descriptors = [PollFd::new(self.socket.as_fd(), PollFlags::POLLIN)];
             let _ = poll(&mut descriptors, PollTimeout::try_from(left).unwrap());
+        }
+    }
+
+    /// Sends frames until one comes back: an interface that is switched on drops them until the
+    /// system has noticed its link.
+    pub fn wait_for_link(&self) {
+        let start = Instant::now();
+        loop {
+            self.send(&frame(BRD, 0, 0, 0, &[0]));
+            if self.receive_within(Duration::from_millis(20)).is_some() {
+                return;
+            }
+            assert!(start.elapsed() < DEADLINE, "no frame comes back");
         }
     }
 
