@@ -15,6 +15,7 @@ use crate::domain_layout::DomainLayout;
 use crate::error::Error;
 use crate::identification::{self, Identified};
 use crate::mapping;
+use crate::plan::Plan;
 use crate::real_time::{CycleStart, CycleStatistics, CycleTimer, CycleTiming};
 use crate::startup::{StartupStep, run_steps, startup_list};
 use crate::stop::StopCheck;
@@ -78,6 +79,9 @@ pub struct Adapter {
     pub(crate) cycle_statistics: Option<CycleStatistics>,
     pub(crate) cycle_due_ns: Option<u64>,
     pub(crate) cycle_time_ns: u64,
+    /// When was sent last, and how long the answer may take.
+    pub(crate) sent_ns: u64,
+    pub(crate) answer_ns: u64,
     /// Distributed clocks, while the bus is active and theirs are the Adapter's.
     pub(crate) clocks: Option<DistributedClocks>,
     pub(crate) clock_correction_ns: i64,
@@ -140,6 +144,8 @@ impl Adapter {
             cycle_statistics: None,
             cycle_due_ns: None,
             cycle_time_ns: 0,
+            sent_ns: 0,
+            answer_ns: 0,
             clocks: None,
             clock_correction_ns: 0,
         };
@@ -150,6 +156,7 @@ impl Adapter {
     /// From PREOP slaves to a configured master.
     fn configure(&mut self) -> Result<(), Error> {
         self.diagnostics.set_places(&self.config);
+        self.answer_ns = Plan::of(&self.config).answer_ns();
         let clock = self.ecrt.clock().as_ref();
         identification::wait_for_slaves(&self.diagnostics, clock, &self.config)?;
         // All are known for what they are before the first is written to.

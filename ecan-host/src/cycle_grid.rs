@@ -13,10 +13,16 @@ impl Adapter {
     /// application with a cycle timer of its own need not call it; then the time of each
     /// [`receive`](Self::receive) is the time of its cycle.
     ///
+    /// After a cycle that came late the next one begins no sooner than
+    /// [`Plan::answer_ns`](crate::Plan::answer_ns) behind the last [`send`](Self::send). A master
+    /// that is asked for the answer before it is back gives it up, and with it the TxPDO image that
+    /// it carries.
+    ///
     /// [`set_cycle_timing`](Self::set_cycle_timing) makes it spin before the point, or make up for
     /// cycles instead of skipping them. Real-time safe: it allocates nothing.
     pub fn wait_next_cycle(&mut self) -> u64 {
-        let start = self.cycle_timer.wait(self.ecrt.clock().as_ref());
+        let answered_ns = self.sent_ns.saturating_add(self.answer_ns);
+        let start = self.cycle_timer.wait_from(self.ecrt.clock().as_ref(), answered_ns);
         self.cycle_start = start;
         self.cycle_due_ns = Some(start.deadline_ns);
         if let Some(statistics) = &mut self.cycle_statistics {
@@ -74,8 +80,9 @@ impl Adapter {
 
     /// The work of the cycle is done.
     pub(crate) fn end_cycle(&mut self) {
+        self.sent_ns = self.ecrt.clock().now_ns();
         if let Some(statistics) = &mut self.cycle_statistics {
-            statistics.end(self.ecrt.clock().now_ns());
+            statistics.end(self.sent_ns);
         }
     }
 

@@ -11,6 +11,7 @@ use ecan_host::{
     Adapter, AdapterConfig, Clock, CycleStart, CycleTimer, CycleTiming, Ecrt, MAX_SPIN_NS,
     OverrunPolicy,
 };
+use ecan_sim::{Scenario, WakeUpDelay};
 use proptest::prelude::*;
 
 const CYCLE_NS: u64 = 1_000_000;
@@ -182,6 +183,29 @@ fn the_adapter_waits_by_it() {
         points.push(((start.deadline_ns - before) / CYCLE_NS, skipped));
     }
     assert_eq!(points, [(4, 3), (5, 0), (6, 0)]);
+}
+
+/// A busy machine wakes up shortly before the next point, or behind several.
+#[test]
+fn the_cycle_behind_a_late_one_waits_for_the_answer() {
+    const BUSY: WakeUpDelay =
+        WakeUpDelay { typical_ns: 1_000, p99_ns: 990_000, longest_ns: 5_000_000 };
+    for timing in [CycleTiming::default(), catch_up(10)] {
+        let scenario = Scenario { wake_up: Some(BUSY), ..ecan_sim::echo(1) };
+        let mut adapter = open(scenario, raw_config().0).unwrap();
+        adapter.set_cycle_timing(timing);
+        adapter.wait_op(10_000).unwrap();
+        let mut overruns = 0;
+        for cycle in 0..10_000 {
+            adapter.wait_next_cycle();
+            let start = adapter.cycle_start();
+            overruns += usize::from(start.has_overrun);
+            adapter.receive().unwrap();
+            assert!(adapter.domain_is_complete(), "{timing:?} {cycle}: {start:?}");
+            adapter.send().unwrap();
+        }
+        assert!(overruns > 20, "{overruns}");
+    }
 }
 
 #[test]

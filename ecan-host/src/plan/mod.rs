@@ -16,6 +16,8 @@ const CLOCK_BYTES: usize = 4;
 /// Room that a mailbox transfer needs in a cycle: all the room that a gateway has for mailboxes
 /// (manual 5.3: 0x1000 to 0x10FF), in a frame of its own.
 const MAILBOX_BYTES: usize = 256 + DATAGRAM_OVERHEAD_BYTES + FRAME_OVERHEAD_BYTES;
+/// Time that a frame may take through the host's driver and queues, both ways together.
+const HOST_NS: u64 = 60_000;
 /// Share of the cycle on the wire from which a plan warns, in percent.
 const WIRE_WARNING_PERCENT: u64 = 80;
 
@@ -179,6 +181,14 @@ impl Plan {
     /// comes on top of it until a frame is back.
     pub fn wire_ns(&self) -> u64 {
         self.wire_bytes() as u64 * BYTE_NS
+    }
+
+    /// How long after a [`send`](crate::Adapter::send) its frames are taken to be back, in
+    /// nanoseconds: their time on the wire and 60 us through the host, at most a quarter of the
+    /// cycle (H33 of docs/ASSUMPTIONS.md). An application with a cycle timer of its own does not
+    /// call [`receive`](crate::Adapter::receive) before.
+    pub fn answer_ns(&self) -> u64 {
+        self.wire_ns() + HOST_NS.min(u64::from(self.cycle_ns) / 4)
     }
 
     /// Share of the cycle that goes to the wire; 1 is all of it.

@@ -11,10 +11,9 @@ pub enum OverrunPolicy {
     /// They are left out; the next cycle starts on the next point still to come.
     #[default]
     Skip,
-    /// Their cycles are made up for at once, back to back, each with the time of its own point.
-    ///
-    /// For applications that count cycles. Nothing leaves time for the answers of the bus between
-    /// two such cycles, so that working counters may be missed in them.
+    /// Their cycles are made up for, one behind the other, each with the time of its own point: for
+    /// applications that count cycles. An [`Adapter`](crate::Adapter) gives the bus time to answer
+    /// between two of them; a timer by itself does not.
     CatchUp {
         /// Most points that are made up for, the oldest being left out. 0 is as `Skip`.
         max_cycles: u32,
@@ -131,6 +130,11 @@ impl CycleTimer {
     /// Sleeps, and spins before the end where that is set. Real-time safe: no allocation, no lock,
     /// no system call but the clock's own sleep. `clock` is the same in every call.
     pub fn wait(&mut self, clock: &dyn Clock) -> CycleStart {
+        self.wait_from(clock, 0)
+    }
+
+    /// As [`wait`](Self::wait), but not back before `earliest_ns`: then the cycle begins late.
+    pub(crate) fn wait_from(&mut self, clock: &dyn Clock, earliest_ns: u64) -> CycleStart {
         let now = clock.now_ns();
         let Some(last) = self.last_ns else {
             self.last_ns = Some(now);
@@ -146,7 +150,7 @@ impl CycleTimer {
         let deadline_ns = last + (skipped + 1) * self.cycle_ns;
         self.last_ns = Some(deadline_ns);
         self.behind = made_up_for.saturating_sub(1);
-        clock.sleep_and_spin_until_ns(deadline_ns, self.timing.spin_ns);
+        clock.sleep_and_spin_until_ns(deadline_ns.max(earliest_ns), self.timing.spin_ns);
         let late_ns = clock.now_ns().saturating_sub(deadline_ns);
         CycleStart { deadline_ns, late_ns, skipped, has_overrun }
     }

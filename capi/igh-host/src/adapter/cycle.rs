@@ -117,6 +117,11 @@ pub unsafe extern "C" fn ecan_igh_send(context: *mut ecan_igh_context_t) -> c_in
 /// Sleeps until the next cycle is due, on a grid of the configured period that never drifts. On a
 /// stepped simulation this is where time passes.
 ///
+/// Behind a cycle that came late it leaves the bus time to answer: that of the frames on the wire
+/// and 60 us, or a quarter of a short cycle. A master that is asked for the answer before it is back
+/// gives it up, and with it the received frames that it carries. An application with a timer of its
+/// own has to leave that time, too.
+///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
