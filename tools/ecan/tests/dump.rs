@@ -146,6 +146,25 @@ fn changes_on_the_bus_are_comments_on_standard_error() {
 }
 
 #[test]
+fn lost_images_are_comments_on_standard_error() {
+    let fault = |at_ms, cycles| {
+        let kind = "kind = \"lost_frame\"\nway = \"return\"";
+        format!("[[fault]]\n{kind}\nat_ms = {at_ms}\ncycles = {cycles}\n")
+    };
+    let frames: Vec<(u64, &str)> = (0..4000).map(|at| (at, "123#11")).collect();
+    let bus =
+        Scenario::replaying(&frames, &[fault(9000, 3), fault(9500, 1), fault(11_000, 2)].concat());
+    let output = bus.run(&["dump", "-T", "9000"]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    let told: Vec<_> = errors.lines().filter_map(|line| line.split(") ").nth(1)).collect();
+    // The second waits until a second after the first has gone by.
+    let expected = [3, 1, 2]
+        .map(|n| format!("lost images of the gateway: {n}; frames of the bus may be missing"));
+    assert_eq!(told, expected, "{errors}");
+    assert_eq!(String::from_utf8(output.stdout).unwrap().lines().count(), 4000 - 6);
+}
+
+#[test]
 fn a_gateway_that_is_lost_comes_back() {
     let fault = "[[fault]]\nat_ms = 10000\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 300\n";
     let bus = Scenario::replaying(&[(0, "123#01"), (11_000, "123#02")], fault);

@@ -45,7 +45,10 @@ fn python_can_sends_and_receives_over_tcp_and_on_a_terminal() {
         let output =
             Command::new(&python).arg("-B").arg(&script).args([kind, place]).output().unwrap();
         let errors = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(String::from_utf8_lossy(&output.stdout), frames, "{kind}: {errors}");
+        if output.stdout != frames.as_bytes() {
+            bridge.terminate();
+            panic!("{kind}: {errors}; the bridge: {:?}", bridge.wait());
+        }
     }
     bridge.terminate();
     assert_eq!(bridge.wait().0, Some(0));

@@ -197,7 +197,7 @@ impl Service {
             Err(Stop::Failed(error)) => return Err(failed(error)),
         }
         real_time.set_timing(port.adapter_mut());
-        let watch = StatusWatch::new(channels);
+        let watch = StatusWatch::new(channels, &port);
         let since_1970_ns = since_1970_ns(port.adapter().clock());
         let output = *output;
         Ok(Some(Self {

@@ -1,6 +1,6 @@
 //! Telling what changes on channels and in the gateway's session.
 
-use ecan_mcan_port::{Port, Session};
+use ecan_mcan_port::{Port, Session, SlaveStatistics};
 use ecan_protocol::{CHANNELS, ChannelState, ChannelStatus};
 
 use crate::frames::bit_rates::BitRates;
@@ -76,18 +76,39 @@ impl Told {
     }
 }
 
+/// Images of the gateway that did not come whole, and how many of them were told.
+#[derive(Debug, Default)]
+struct Losses {
+    told: u64,
+    next_ns: u64,
+}
+
+impl Losses {
+    /// Takes their number; how many there are to tell, at most once in a pause.
+    fn next(&mut self, lost: u64, now_ns: u64) -> Option<u64> {
+        let new = lost.saturating_sub(self.told);
+        if new == 0 || now_ns < self.next_ns {
+            return None;
+        }
+        *self = Self { told: lost, next_ns: now_ns + PAUSE_NS };
+        Some(new)
+    }
+}
+
 /// Remembers what was seen last.
 #[derive(Debug)]
 pub struct StatusWatch {
     channels: Channels,
     told: [Told; CHANNELS],
     session: Session,
+    losses: Losses,
 }
 
 impl StatusWatch {
     /// Starts with a gateway in service and channels that run as they should.
-    pub fn new(channels: Channels) -> Self {
-        Self { channels, told: Default::default(), session: Session::Ready }
+    pub fn new(channels: Channels, port: &Port) -> Self {
+        let losses = Losses { told: lost_images(port), ..Losses::default() };
+        Self { channels, told: Default::default(), session: Session::Ready, losses }
     }
 
     /// Hands a line for what has changed to `say`, of each channel in the long run one a second.
@@ -96,6 +117,9 @@ impl StatusWatch {
         if session != self.session {
             self.session = session;
             say(format!("the gateway is {session}"));
+        }
+        if let Some(lost) = self.losses.next(lost_images(port), now_ns) {
+            say(format!("lost images of the gateway: {lost}; frames of the bus may be missing"));
         }
         if session != Session::Ready {
             return;
@@ -109,6 +133,12 @@ impl StatusWatch {
             say(format!("can{channel} {words}{rates}"));
         }
     }
+}
+
+/// Images that never arrived, were torn or damaged.
+fn lost_images(port: &Port) -> u64 {
+    let SlaveStatistics { txpdo_lost, txpdo_torn, parse_errors, .. } = port.statistics(0);
+    txpdo_lost + txpdo_torn + parse_errors
 }
 
 #[cfg(test)]
