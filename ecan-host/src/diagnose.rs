@@ -1,24 +1,53 @@
 //! Blocking work beside a running cycle.
 
 use std::panic::resume_unwind;
+use std::sync::Barrier;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
+
+use ecrt_sys::Clock;
 
 use crate::adapter::{Adapter, Phase};
 use crate::cycle::CycleError;
 use crate::diagnostics::Diagnostics;
 use crate::error::Error;
 
+/// A thread beside the cycle, from its first to its last step, also where it panics.
+struct Beside<'a> {
+    clock: &'a dyn Clock,
+    is_done: &'a AtomicBool,
+}
+
+impl Drop for Beside<'_> {
+    fn drop(&mut self) {
+        // In this order: whoever sees the clock go on sees also that the work is done.
+        self.is_done.store(true, Ordering::Release);
+        self.clock.leave_beside();
+    }
+}
+
 /// Runs `work` with a diagnostics handle on another thread, and `cycle` on this one until `work`
-/// is done. `cycle` is one whole cycle with its waiting.
+/// is done. `cycle` is one whole cycle with its waiting; at least one is run.
 pub fn run_beside<R: Send>(
     diagnostics: Diagnostics,
     work: impl FnOnce(&Diagnostics) -> R + Send,
     mut cycle: impl FnMut(),
 ) -> R {
+    let clock = diagnostics.ecrt.clock().clone();
+    let (clock, is_done, begun) = (clock.as_ref(), &AtomicBool::new(false), &Barrier::new(2));
     thread::scope(|scope| {
-        let worker = scope.spawn(move || work(&diagnostics));
-        while !worker.is_finished() {
+        let worker = scope.spawn(move || {
+            clock.enter_beside();
+            let _beside = Beside { clock, is_done };
+            begun.wait();
+            work(&diagnostics)
+        });
+        begun.wait();
+        loop {
             cycle();
+            if is_done.load(Ordering::Acquire) {
+                break;
+            }
         }
         worker.join().unwrap_or_else(|panic| resume_unwind(panic))
     })

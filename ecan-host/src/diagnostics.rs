@@ -14,6 +14,7 @@ use crate::error::{Error, SdoDirection};
 /// through [`Adapter::diagnose`](crate::Adapter::diagnose).
 #[derive(Debug)]
 pub struct Diagnostics {
+    pub(crate) ecrt: Ecrt,
     master: Master,
     /// Alias and position of each configured slave.
     places: Vec<(u16, u16)>,
@@ -21,10 +22,14 @@ pub struct Diagnostics {
 
 impl Diagnostics {
     pub(crate) fn open(ecrt: &Ecrt, config: &AdapterConfig) -> Result<Self, Error> {
-        let mut diagnostics =
-            Self { master: ecrt.open_master(config.master_index)?, places: Vec::new() };
+        let mut diagnostics = Self::without_places(ecrt, config.master_index)?;
         diagnostics.set_places(config);
         Ok(diagnostics)
+    }
+
+    fn without_places(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
+        let master = ecrt.open_master(master_index)?;
+        Ok(Self { ecrt: ecrt.clone(), master, places: Vec::new() })
     }
 
     /// A handle on every slave of the bus, configured or not: the index of a slave is its position.
@@ -35,7 +40,7 @@ impl Diagnostics {
     /// # Errors
     /// The master cannot be opened or asked.
     pub fn of_bus(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
-        let mut diagnostics = Self { master: ecrt.open_master(master_index)?, places: Vec::new() };
+        let mut diagnostics = Self::without_places(ecrt, master_index)?;
         let count = diagnostics.master_state()?.slaves_responding;
         diagnostics.places =
             (0..count).filter_map(|at| Some((0, u16::try_from(at).ok()?))).collect();

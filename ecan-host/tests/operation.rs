@@ -237,3 +237,37 @@ fn the_startup_list_is_sent_again_after_a_power_cycle() {
     let complaints = simulation.kernel_log();
     assert!(!complaints.iter().any(|line| line.starts_with("simulator:")), "{complaints:?}");
 }
+
+/// Whatever the system's scheduler does with the thread beside the cycle.
+#[test]
+fn work_beside_the_cycle_takes_the_same_cycles_in_every_run() {
+    let run = || {
+        let (config, _) = raw_config();
+        let mut adapter = open(ecan_sim::echo(1), config).unwrap();
+        adapter.wait_op(10_000).unwrap();
+        let mut cycles = Vec::new();
+        for transfers in [0, 1, 20] {
+            let mut count = 0;
+            let cycle = |adapter: &mut Adapter| {
+                count += 1;
+                let received = adapter.receive();
+                adapter.send().and(received)
+            };
+            let work = |diagnostics: &Diagnostics| {
+                for _ in 0..transfers {
+                    // As long as a thread may compute, or wait for its turn.
+                    std::thread::yield_now();
+                    diagnostics.sdo_upload_u32(0, 0x1018, 1).unwrap();
+                }
+            };
+            adapter.diagnose(cycle, work).unwrap();
+            cycles.push(count);
+        }
+        cycles
+    };
+    let first = run();
+    assert!(first[0] == 1 && first[1] > 1 && first[2] > 10 * first[1], "{first:?}");
+    for _ in 0..20 {
+        assert_eq!(run(), first);
+    }
+}

@@ -122,15 +122,17 @@ impl PhaseTable {
     }
 
     /// The point to run with: the smallest offset at which frames keep the offset margin, or else
-    /// the largest margin, and there the shift that is farthest from every bad one. None where no
-    /// point is good.
+    /// the largest margin, and there the shift that is farthest from every bad one. Of two that are
+    /// equally far the one with more room below: cycles come late, not early, and some later than
+    /// any that was measured. None where no point is good.
     pub fn recommended(&self) -> Option<&PhasePoint> {
         let rank = |point: &&PhasePoint| {
             let margins = self.margins(point).unwrap_or_default();
             let wanted = margins.offset_below_ns.min(self.offset_margin_ns);
             let shift = margins.shift_below_ns.min(margins.shift_above_ns);
             use std::cmp::Reverse;
-            (wanted, Reverse(point.offset_ns), shift, Reverse(point.shift_ns))
+            let below = margins.shift_below_ns;
+            (wanted, Reverse(point.offset_ns), shift, below, Reverse(point.shift_ns))
         };
         self.points.iter().filter(|point| self.is_good(point)).max_by_key(rank)
     }
@@ -245,17 +247,17 @@ mod tests {
         // Bad are 800, 900, 0 and 100 us, and an offset of 0.
         let table = table(|shift, offset| (200..800).contains(&shift) && offset > 0);
         let best = table.recommended().unwrap();
-        assert_eq!((best.shift_ns, best.offset_ns), (400_000, 50_000));
+        assert_eq!((best.shift_ns, best.offset_ns), (500_000, 50_000));
         let margins = table.margins(best).unwrap();
         let expected = PhaseMargins {
-            shift_below_ns: 300_000,
-            shift_above_ns: 400_000,
+            shift_below_ns: 400_000,
+            shift_above_ns: 300_000,
             offset_below_ns: 50_000,
             offset_above_ns: 50_000,
         };
         assert_eq!(margins, expected);
         let text = table.to_string();
-        assert!(text.contains("recommended: shift 400.0 us, offset 50.0 us"), "{text}");
+        assert!(text.contains("recommended: shift 500.0 us, offset 50.0 us"), "{text}");
         assert_eq!(text.matches("<- recommended").count(), 1);
     }
 

@@ -38,4 +38,12 @@ impl Clock for SimClock {
     fn runs_by_itself(&self) -> bool {
         self.shared.clock_kind() == ClockKind::Real
     }
+
+    fn enter_beside(&self) {
+        self.shared.enter_beside();
+    }
+
+    fn leave_beside(&self) {
+        self.shared.leave_beside();
+    }
 }

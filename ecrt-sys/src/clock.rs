@@ -33,6 +33,17 @@ pub trait Clock: Send + Sync {
     fn runs_by_itself(&self) -> bool {
         false
     }
+
+    /// The calling thread works beside the one that runs the cycle, until
+    /// [`leave_beside`](Self::leave_beside).
+    ///
+    /// A clock that is moved by sleeping stands still while such a thread computes, and goes on while
+    /// it waits in the library: what the thread does then takes the same time in every run. Others
+    /// need not know.
+    fn enter_beside(&self) {}
+
+    /// The calling thread ends its work beside the cycle.
+    fn leave_beside(&self) {}
 }
 
 /// The system's `CLOCK_MONOTONIC`.

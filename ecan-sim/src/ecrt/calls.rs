@@ -125,7 +125,7 @@ impl MasterCall {
     }
 
     pub(super) fn send(&self) -> Answer {
-        self.driving(|State { world, master }| {
+        self.driving(|State { world, master, .. }| {
             world.library_call(LibraryCall::Send)?;
             master.send(world);
             if master.phase == Phase::Active && !master.blocked {

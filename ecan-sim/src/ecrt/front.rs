@@ -9,6 +9,7 @@ use ecrt_sys::{Clock as _, MonotonicClock};
 use crate::backend::BackendError;
 use crate::ecrt::master::{MasterModel, Phase};
 use crate::ecrt::sdo::{SdoFailure, SdoObject};
+use crate::ecrt::threads::{self, Threads, Waiter};
 use crate::ecrt::timing::{BLOCKED_GIVE_UP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
 use crate::wake_up::WakeUps;
@@ -22,6 +23,8 @@ const ACTIVE_WAIT_STEP_NS: u64 = 1_000_000;
 const PATIENCE: Duration = Duration::from_secs(3);
 /// The same behind a blocked send queue.
 const BLOCKED_PATIENCE: Duration = Duration::from_millis(500);
+/// How long the stepped clock stands still for a thread that computes, in wall-clock time.
+const SETTLE_PATIENCE: Duration = Duration::from_millis(200);
 /// Time after power-on and scan in which the slaves reach PREOP.
 const SETTLE_NS: u64 = 1_000_000_000;
 
@@ -29,6 +32,7 @@ const SETTLE_NS: u64 = 1_000_000_000;
 pub(crate) struct State {
     pub(crate) world: World,
     pub(crate) master: MasterModel,
+    threads: Threads,
 }
 
 impl State {
@@ -65,6 +69,8 @@ pub(crate) struct Shared {
     wake_ups: Mutex<Option<WakeUps>>,
     /// Told whenever the stepped clock was moved.
     moved: Condvar,
+    /// Told when a thread that the stepped clock waits for computes no longer.
+    settled: Condvar,
 }
 
 impl Shared {
@@ -78,8 +84,11 @@ impl Shared {
             ClockKind::Stepped => EPOCH_NS,
             ClockKind::Real => MonotonicClock.now_ns().saturating_sub(life),
         };
-        let mut state =
-            State { world: World::new(scenario, birth)?, master: MasterModel::new(scenario) };
+        let mut state = State {
+            world: World::new(scenario, birth)?,
+            master: MasterModel::new(scenario),
+            threads: Threads::default(),
+        };
         state.run_until(birth + life);
         state.world.begin(&scenario.faults);
         Ok(Self {
@@ -89,6 +98,7 @@ impl Shared {
             state: Mutex::new(state),
             wake_ups: Mutex::new(scenario.wake_up.map(|d| WakeUps::new(d, scenario.seed))),
             moved: Condvar::new(),
+            settled: Condvar::new(),
         })
     }
 
@@ -127,10 +137,41 @@ impl Shared {
         match self.kind {
             ClockKind::Real => MonotonicClock.sleep_until_ns(deadline),
             ClockKind::Stepped => {
-                self.step_to(&mut self.lock(), deadline);
+                let is_beside = threads::is_beside(self.id());
+                let mut state = self.lock();
+                state.threads.computing -= usize::from(is_beside);
+                let mut state = self.settle(state);
+                self.step_to(&mut state, deadline);
+                state.threads.tell_moved();
                 self.moved.notify_all();
+                let mut state = self.settle(state);
+                state.threads.computing += usize::from(is_beside);
             }
         }
+    }
+
+    /// Waits until no thread computes that stepped time stands still for, but not for one that does
+    /// not get on.
+    fn settle<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
+        let computes = |state: &mut State| state.threads.computing > 0;
+        let settled = self.settled.wait_timeout_while(state, SETTLE_PATIENCE, computes);
+        settled.unwrap_or_else(PoisonError::into_inner).0
+    }
+
+    /// Identifies this world among those that a thread may work beside.
+    fn id(&self) -> usize {
+        std::ptr::from_ref(self).addr()
+    }
+
+    pub(crate) fn enter_beside(&self) {
+        threads::set_beside(Some(self.id()));
+        self.lock().threads.computing += 1;
+    }
+
+    pub(crate) fn leave_beside(&self) {
+        threads::set_beside(None);
+        self.lock().threads.computing -= 1;
+        self.settled.notify_all();
     }
 
     /// Sleeps for the application: it wakes up late, as the scenario says, but for what a spin of
@@ -158,24 +199,28 @@ impl Shared {
     /// time. `poll` is told when no thread does so.
     pub(crate) fn wait<R>(&self, mut poll: impl FnMut(&mut State, bool) -> Option<R>) -> R {
         let mut is_alone = false;
+        let mut waiter = Waiter::new(threads::is_beside(self.id()));
         loop {
             let mut state = self.lock();
             if self.kind == ClockKind::Real {
                 state.run_until(MonotonicClock.now_ns());
             }
             if let Some(result) = poll(&mut state, is_alone) {
+                waiter.leave(&mut state.threads);
+                self.settled.notify_all();
                 return result;
             }
             let active = state.master.phase == Phase::Active;
             if self.kind == ClockKind::Stepped && active {
-                let sends = state.master.sends;
-                let idle = |state: &mut State| {
-                    state.master.sends == sends && state.master.phase == Phase::Active
-                };
+                waiter.begin(&mut state.threads);
+                self.settled.notify_all();
                 // Where no send can help there is nothing to be patient for.
                 let patience = if state.master.blocked { BLOCKED_PATIENCE } else { PATIENCE };
+                let idle = |state: &mut State| !waiter.is_over(&state.threads);
                 let waited = self.moved.wait_timeout_while(state, patience, idle);
-                is_alone = waited.unwrap_or_else(PoisonError::into_inner).1.timed_out();
+                let (mut state, timeout) = waited.unwrap_or_else(PoisonError::into_inner);
+                waiter.end(&mut state.threads);
+                is_alone = timeout.timed_out();
                 continue;
             }
             is_alone = false;

@@ -23,6 +23,7 @@ mod sdo;
 mod slave_config;
 mod slave_view;
 mod startup;
+mod threads;
 mod timing;
 mod transport;
 

@@ -210,7 +210,8 @@ fn a_frame_that_the_gateway_did_not_take_is_not_in_the_file() {
     // Nobody acknowledges: the gateway takes what its channel holds, and no more.
     let alone = Scenario::new("");
     let path = alone.path("out.pcapng");
-    let arguments = ["gen", "-n", "1000", "-g", "0", "--timeout", "300", "--capture", &path];
+    let arguments =
+        ["gen", "--seed", "1", "-n", "1000", "-g", "0", "--timeout", "300", "--capture", &path];
     let output = alone.run(&[&arguments[..], &["--json"]].concat());
     assert_eq!(output.status.code(), Some(1));
     let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();

@@ -97,7 +97,7 @@ fn frames_that_nobody_takes_are_under_way_when_stopped() {
 fn a_lost_gateway_is_named_and_is_no_full_bus() {
     let fault = "[[fault]]\nat_ms = 9000\nkind = \"power_off\"\ngateway = 0\n";
     let bus = Scenario::new(&format!("{ECHO}{fault}"));
-    let (summary, errors) = summary(&bus, 5, &["gen", "-n", "20000", "-g", "1"]);
+    let (summary, errors) = summary(&bus, 5, &["gen", "--seed", "1", "-n", "20000", "-g", "1"]);
     assert!(errors.contains("the gateway at position 0: it was lost and is waiting"), "{errors}");
     assert!(!errors.contains("bus full"), "{errors}");
     let of = |name: &str| summary[name].as_u64().unwrap();
@@ -113,7 +113,8 @@ fn a_lost_gateway_is_named_and_is_no_full_bus() {
 fn frames_that_a_gateway_may_have_held_when_it_was_lost_are_not_called_sent() {
     let fault = "[[fault]]\nat_ms = 9000\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 300\n";
     let bus = Scenario::new(&format!("{ECHO}{fault}"));
-    let (summary, errors) = summary(&bus, 5, &["gen", "-n", "50000", "-g", "0", "-L", "8"]);
+    let (summary, errors) =
+        summary(&bus, 5, &["gen", "--seed", "1", "-n", "50000", "-g", "0", "-L", "8"]);
     assert!(errors.contains("at position 0: it was lost for a while: "), "{errors}");
     let of = |name: &str| summary[name].as_u64().unwrap();
     assert_eq!(of("sent") + of("lost"), 50_000);
@@ -133,7 +134,7 @@ fn a_bus_that_fails_in_the_middle_leaves_a_summary() {
         .map(|at| format!("({}.{:03}000) can0 123#01\n", at / 1000, at % 1000))
         .collect();
     let drive = bus.write("drive.log", &log);
-    for command in [&["gen", "-n", "20000", "-g", "1"][..], &["replay", &drive]] {
+    for command in [&["gen", "--seed", "1", "-n", "20000", "-g", "1"][..], &["replay", &drive]] {
         let (summary, errors) = summary(&bus, 3, command);
         assert!(summary["sent"].as_u64().unwrap() > 1000, "{summary}");
         assert!(errors.contains("receive"), "{errors}");

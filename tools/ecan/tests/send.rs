@@ -88,7 +88,18 @@ fn generated_frames_are_counted() {
 fn generated_frames_that_stay_behind_are_lost() {
     let alone = Scenario::new("");
     for count in ["3", "1000"] {
-        let output = alone.run(&["gen", "-n", count, "-g", "0", "--timeout", "300", "--json"]);
+        let output = alone.run(&[
+            "gen",
+            "--seed",
+            "1",
+            "-n",
+            count,
+            "-g",
+            "0",
+            "--timeout",
+            "300",
+            "--json",
+        ]);
         assert_eq!(output.status.code(), Some(1));
         let summary: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
         assert_eq!(summary["sent"], 0);

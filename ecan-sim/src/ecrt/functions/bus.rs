@@ -19,7 +19,7 @@ pub unsafe extern "C" fn master_info(
 ) -> c_int {
     status(|| {
         let call = on_master(master)?;
-        let value = call.with(|State { world, master }| {
+        let value = call.with(|State { world, master, .. }| {
             let mut value = ec_master_info_t {
                 slave_count: master.slaves.len() as c_uint,
                 scan_busy: u8::from(master.scan.is_some()),
@@ -177,7 +177,7 @@ two_forms!(
     /// `ecrt_master_state`: what all links see.
     master_state / master_state_silent(
     master: *const ec_master_t, state: *mut ec_master_state_t) {
-    let value = on_master(master)?.with(|State { world, master }| {
+    let value = on_master(master)?.with(|State { world, master, .. }| {
         let mut value = ec_master_state_t {
             slaves_responding: master.responding,
             ..Default::default()
@@ -201,7 +201,7 @@ pub unsafe extern "C" fn master_link_state(
         if device != 0 {
             return Err(libc::EINVAL);
         }
-        let value = call.with(|State { world, master }| {
+        let value = call.with(|State { world, master, .. }| {
             let mut value = ec_master_link_state_t {
                 slaves_responding: master.responding,
                 ..Default::default()
