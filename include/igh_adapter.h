@@ -181,6 +181,20 @@ int ecan_igh_config_allow_large_pdos(ecan_igh_config_t *config, int allow);
  */
 int ecan_igh_config_set_preop_timeout_ms(ecan_igh_config_t *config, uint32_t timeout_ms);
 
+/**
+ * Sets the process data watchdog of the gateways: one that gets no outputs for so long leaves OP
+ * for SAFEOP (AL status code 0x001B) and sends no frames of the application any more.
+ *
+ * @param watchdog_us  A multiple of 100 from 100 to 6553500, longer than two cycles, or a single
+ *                     lost frame ends operation; 0 leaves the slaves their own, of 100 ms.
+ *
+ * @usage   not rt, any thread, before init
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others by
+ *          ecan_igh_check_config() and ecan_igh_init().
+ */
+int ecan_igh_config_set_watchdog_us(ecan_igh_config_t *config,
+                                    uint32_t watchdog_us);
+
 /* ---------------------------------------------------------------------------
  * Configuration of the distributed clocks
  * --------------------------------------------------------------------------- */

@@ -119,6 +119,7 @@ fn adapter_places(fault: &ConfigFault) -> Vec<String> {
         }
         ConfigFault::Multiplier { slave, pdo, .. } => in_direction(slave, pdo, "n"),
         ConfigFault::Cycle { .. } => one("cycle_us"),
+        ConfigFault::WatchdogTime { .. } => one("watchdog_us"),
         ConfigFault::Plan(refusal) => refusal_places(&refusal),
         ConfigFault::Sync0Cycle { .. } => one("dc.cycle_us"),
         ConfigFault::Sync0Shift { .. } => one("dc.shift_us"),
@@ -131,6 +132,7 @@ fn adapter_places(fault: &ConfigFault) -> Vec<String> {
 fn refusal_places(refusal: &PlanRefusal) -> Vec<String> {
     match *refusal {
         PlanRefusal::LargePdo { slave, pdo, .. } => in_direction(slave, pdo, "n"),
+        PlanRefusal::Watchdog { .. } => vec!["watchdog_us".to_owned(), "cycle_us".to_owned()],
         _ => vec!["cycle_us".to_owned()],
     }
 }

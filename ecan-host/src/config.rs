@@ -130,7 +130,23 @@ pub struct AdapterConfig {
     /// How long the slaves may take to answer in PREOP, in milliseconds, before `open` and
     /// `reconfigure` give up.
     pub preop_timeout_ms: u32,
+    /// Process data watchdog of every gateway in microseconds, a multiple of 100 from 100 to
+    /// 6 553 500: when no outputs have come for so long a gateway leaves OP for SAFEOP (AL status
+    /// code 0x001B), and sends no frame of the application any more. `None` leaves its own, of
+    /// 100 ms ([`DEFAULT_WATCHDOG_US`]). Longer than two cycles, or a single lost frame ends
+    /// operation.
+    pub watchdog_us: Option<u32>,
 }
+
+/// Process data watchdog of a slave that is told no other, in microseconds (H34 of
+/// docs/ASSUMPTIONS.md).
+pub const DEFAULT_WATCHDOG_US: u32 = 100_000;
+/// Unit of the watchdog in microseconds.
+pub(crate) const WATCHDOG_UNIT_US: u32 = 100;
+/// Longest watchdog in microseconds: the register has 16 bits.
+pub(crate) const MAX_WATCHDOG_US: u32 = 0xFFFF * WATCHDOG_UNIT_US;
+/// Divider of a slave's clock of 25 MHz that makes the unit, in the terms of register 0x0400.
+pub(crate) const WATCHDOG_DIVIDER: u16 = 2_498;
 
 impl AdapterConfig {
     /// `count` slaves from position 0 on, N = 3 (384 bytes, classic CAN, manual 5.2) and the
@@ -143,6 +159,7 @@ impl AdapterConfig {
             dc: None,
             allow_large_pdos: false,
             preop_timeout_ms: 10_000,
+            watchdog_us: None,
         }
     }
 
@@ -159,5 +176,16 @@ impl AdapterConfig {
     pub fn with_cycle_us(mut self, cycle_us: u32) -> Self {
         self.cycle_ns = cycle_us.saturating_mul(1_000);
         self
+    }
+
+    /// Sets the process data watchdog in microseconds.
+    pub fn with_watchdog_us(mut self, watchdog_us: u32) -> Self {
+        self.watchdog_us = Some(watchdog_us);
+        self
+    }
+
+    /// The process data watchdog in force, in microseconds.
+    pub(crate) fn watchdog_us(&self) -> u32 {
+        self.watchdog_us.unwrap_or(DEFAULT_WATCHDOG_US)
     }
 }

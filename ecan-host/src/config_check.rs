@@ -3,13 +3,13 @@
 use ecan_protocol::MAX_MULTIPLIER;
 use thiserror::Error;
 
-use crate::config::{AdapterConfig, SlaveSettings};
+use crate::config::{AdapterConfig, MAX_WATCHDOG_US, SlaveSettings, WATCHDOG_UNIT_US};
 use crate::faults::Faults;
 use crate::plan::{Plan, PlanRefusal};
 
 /// Shortest cycle that is accepted, in nanoseconds.
 const MIN_CYCLE_NS: u32 = 100_000;
-/// Longest cycle that is accepted, in nanoseconds: the default watchdog of a slave is 100 ms.
+/// Longest cycle that is accepted, in nanoseconds.
 const MAX_CYCLE_NS: u32 = 100_000_000;
 
 /// One thing that is wrong with an [`AdapterConfig`].
@@ -49,6 +49,15 @@ pub enum ConfigFault {
     Cycle {
         /// The cycle asked for, in nanoseconds.
         cycle_ns: u32,
+    },
+    /// A watchdog that the register cannot hold.
+    #[error(
+        "watchdog of {watchdog_us} us is no multiple of {WATCHDOG_UNIT_US} us up to \
+         {MAX_WATCHDOG_US} us"
+    )]
+    WatchdogTime {
+        /// The watchdog asked for, in microseconds.
+        watchdog_us: u32,
     },
     /// The [`Plan`] finds that it would not work on the wire.
     #[error(transparent)]
@@ -154,6 +163,12 @@ impl AdapterConfig {
             faults.push(ConfigFault::Cycle { cycle_ns: self.cycle_ns });
             return;
         }
+        if let Some(watchdog_us) = self.watchdog_us
+            && (watchdog_us % WATCHDOG_UNIT_US != 0
+                || !(WATCHDOG_UNIT_US..=MAX_WATCHDOG_US).contains(&watchdog_us))
+        {
+            faults.push(ConfigFault::WatchdogTime { watchdog_us });
+        }
         if let Some(dc) = self.dc {
             if dc.cycle_ns == 0 || dc.cycle_ns % self.cycle_ns != 0 {
                 faults.push(ConfigFault::Sync0Cycle {
@@ -176,8 +191,11 @@ impl AdapterConfig {
     fn check_plan(&self, faults: &mut Vec<ConfigFault>) {
         let is_real_size = |multiplier| (1..=MAX_MULTIPLIER).contains(&multiplier);
         let has_cycle = (MIN_CYCLE_NS..=MAX_CYCLE_NS).contains(&self.cycle_ns);
+        let is_watchdog = |fault: &ConfigFault| matches!(fault, ConfigFault::WatchdogTime { .. });
+        let has_watchdog = !faults.iter().any(is_watchdog);
         let counts = |refusal: &PlanRefusal| match refusal {
             PlanRefusal::LargePdo { multiplier, .. } => is_real_size(*multiplier),
+            PlanRefusal::Watchdog { .. } => has_cycle && has_watchdog,
             _ => has_cycle,
         };
         faults.extend(Plan::of(self).refusals.into_iter().filter(counts).map(ConfigFault::Plan));
@@ -234,6 +252,26 @@ mod tests {
                 ..
             })]
         ));
+    }
+
+    #[test]
+    fn a_watchdog_is_told_in_its_unit_and_outlasts_the_cycle() {
+        let faults = |cycle_us, watchdog_us| {
+            let config = AdapterConfig::new(1).with_cycle_us(cycle_us);
+            AdapterConfig { watchdog_us, ..config }.check().err().map_or(Vec::new(), |it| it.0)
+        };
+        assert_eq!(faults(1_000, Some(2_000)), []);
+        assert_eq!(faults(1_000, Some(6_553_500)), []);
+        for watchdog_us in [0, 2_050, 6_553_600] {
+            let expected = [ConfigFault::WatchdogTime { watchdog_us }];
+            assert_eq!(faults(1_000, Some(watchdog_us)), expected);
+        }
+        let refused = |watchdog_us, cycle_ns| {
+            vec![ConfigFault::Plan(PlanRefusal::Watchdog { watchdog_us, cycle_ns })]
+        };
+        assert_eq!(faults(1_000, Some(1_000)), refused(1_000, 1_000_000));
+        assert_eq!(faults(100_000, None), refused(100_000, 100_000_000));
+        assert_eq!(faults(100_000, Some(200_000)), []);
     }
 
     #[test]

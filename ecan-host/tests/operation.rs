@@ -9,8 +9,8 @@ use ecan_host::{
     StartupStep, WcState,
 };
 use ecan_protocol::{
-    CanFrame, CanId, CommitFields, Direction, ImageWriter, McanChannelConfig, ObjectType, SdoWrite,
-    Timestamp,
+    AlState, CanFrame, CanId, CommitFields, Direction, ImageWriter, McanChannelConfig, ObjectType,
+    SdoWrite, Timestamp,
 };
 use ecan_sim::{Fault, GatewayFault};
 
@@ -108,6 +108,34 @@ fn the_al_status_code_is_caught_before_the_master_acknowledges_it() {
     run(&mut adapter, 2);
     let error = adapter.wait_op(100).unwrap_err();
     assert!(error.to_string().contains("AL status code 0x001B"), "{error}");
+}
+
+#[test]
+fn the_watchdog_ends_operation_after_its_time() {
+    for (watchdog_us, pause_us, holds) in [
+        (None, 97_000, true),
+        (None, 101_000, false),
+        (Some(5_000), 4_500, true),
+        (Some(5_000), 5_500, false),
+        (Some(6_553_500), 6_500_000, true),
+    ] {
+        let config = AdapterConfig { watchdog_us, ..raw_config().0 };
+        let (ecrt, simulation) = simulated(ecan_sim::echo(1));
+        let mut adapter = Adapter::open(&ecrt, config).unwrap();
+        let is_in_op =
+            || simulation.with_world(|world| world.gateway(0).unwrap().al_state()) == AlState::Op;
+        adapter.wait_op(20_000).unwrap();
+        // Also after the slave was configured anew, without the application.
+        for _ in 0..2 {
+            run(&mut adapter, 10);
+            assert!(is_in_op());
+            simulation.pass_ns(pause_us * 1_000);
+            assert_eq!(is_in_op(), holds, "{watchdog_us:?} {pause_us}");
+            simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 300 });
+            run(&mut adapter, 200);
+            adapter.wait_op(30_000).unwrap();
+        }
+    }
 }
 
 #[test]

@@ -30,6 +30,7 @@ static void no_config(int code, ecan_igh_config_t *config)
     BAD(code, ecan_igh_config_set_dc_monitor(config, 100));
     BAD(code, ecan_igh_config_allow_large_pdos(config, 1));
     BAD(code, ecan_igh_config_set_preop_timeout_ms(config, 1000));
+    BAD(code, ecan_igh_config_set_watchdog_us(config, 1000));
     BAD(code, ecan_igh_config_set_pdo_multiplier(config, 3));
     BAD(code, ecan_igh_config_set_slave_pdo_multiplier(config, 0, 3));
     BAD(code, ecan_igh_config_set_slave_pdo_multipliers(config, 0, 3, 3));
@@ -88,6 +89,11 @@ static void numbers(ecan_igh_config_t *config)
     GOOD(ecan_igh_config_set_preop_timeout_ms(config, 0));
     GOOD(ecan_igh_config_set_preop_timeout_ms(config, UINT32_MAX));
     GOOD(ecan_igh_config_set_preop_timeout_ms(config, 10000));
+    GOOD(ecan_igh_config_set_watchdog_us(config, 150));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_watchdog_us(config, 50000));
+    GOOD(ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_watchdog_us(config, 0));
 
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_cycle_us(config, 0));
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_cycle_us(config, 4294968));

@@ -44,6 +44,17 @@ pub enum PlanRefusal {
         /// The cycle in nanoseconds.
         cycle_ns: u32,
     },
+    /// The watchdog of the slaves runs out between two cycles.
+    #[error(
+        "the process data watchdog of {} us runs out within the cycle of {} us: no slave would stay \
+         in OP. Use a longer watchdog or a shorter cycle", watchdog_us, us((*cycle_ns).into())
+    )]
+    Watchdog {
+        /// The watchdog in microseconds.
+        watchdog_us: u32,
+        /// The cycle in nanoseconds.
+        cycle_ns: u32,
+    },
     /// The process data leave no room for mailbox traffic, so that no slave would ever reach OP.
     #[error(
         "process data of {needed} bytes per cycle with mailbox do not fit a cycle of {} us, of \
@@ -73,6 +84,18 @@ pub enum PlanWarning {
     WireTime {
         /// Time on the wire in nanoseconds.
         wire_ns: u64,
+        /// The cycle in nanoseconds.
+        cycle_ns: u32,
+    },
+    /// The watchdog outlasts no lost frame.
+    #[error(
+        "the process data watchdog of {} us is no longer than two cycles of {} us: a single lost \
+         frame takes the slaves out of OP. Use a longer watchdog or a shorter cycle",
+        watchdog_us, us((*cycle_ns).into())
+    )]
+    WatchdogTight {
+        /// The watchdog in microseconds.
+        watchdog_us: u32,
         /// The cycle in nanoseconds.
         cycle_ns: u32,
     },

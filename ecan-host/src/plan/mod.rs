@@ -122,6 +122,7 @@ impl Plan {
         };
         plan.judge_sizes(config);
         plan.judge_time();
+        plan.judge_watchdog(config);
         plan
     }
 
@@ -159,6 +160,16 @@ impl Plan {
         }
         if wire_ns * 100 > cycle * WIRE_WARNING_PERCENT {
             self.warnings.push(PlanWarning::WireTime { wire_ns, cycle_ns });
+        }
+    }
+
+    fn judge_watchdog(&mut self, config: &AdapterConfig) {
+        let (watchdog_us, cycle_ns) = (config.watchdog_us(), self.cycle_ns);
+        let (watchdog_ns, cycle) = (u64::from(watchdog_us) * 1_000, u64::from(cycle_ns));
+        if watchdog_ns <= cycle {
+            self.refusals.push(PlanRefusal::Watchdog { watchdog_us, cycle_ns });
+        } else if watchdog_ns <= 2 * cycle {
+            self.warnings.push(PlanWarning::WatchdogTight { watchdog_us, cycle_ns });
         }
     }
 

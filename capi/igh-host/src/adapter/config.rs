@@ -82,6 +82,7 @@ pub(crate) struct AdapterPlain {
     pub(crate) dc: Option<DcSync>,
     pub(crate) allow_large_pdos: bool,
     pub(crate) preop_timeout_ms: u32,
+    pub(crate) watchdog_us: Option<u32>,
     /// In order.
     pub(crate) startup: [Option<StartupPlain>; ECAN_IGH_MAX_STARTUP_SDOS],
     /// Whether the setting was set, empty included.
@@ -118,6 +119,7 @@ impl AdapterPlain {
             dc: None,
             allow_large_pdos: false,
             preop_timeout_ms: defaults.preop_timeout_ms,
+            watchdog_us: defaults.watchdog_us,
             startup: [None; ECAN_IGH_MAX_STARTUP_SDOS],
             is_ecrt_set: false,
             ecrt: Text::EMPTY,
@@ -196,6 +198,7 @@ impl AdapterPlain {
             dc,
             allow_large_pdos,
             preop_timeout_ms,
+            watchdog_us,
         } = *config;
         let mut plain = Self {
             master_index,
@@ -204,6 +207,7 @@ impl AdapterPlain {
             dc,
             allow_large_pdos,
             preop_timeout_ms,
+            watchdog_us,
             is_ecrt_set: self.is_ecrt_set,
             ecrt: self.ecrt,
             scenario: self.scenario,
@@ -268,6 +272,7 @@ impl AdapterPlain {
             dc: self.dc,
             allow_large_pdos: self.allow_large_pdos,
             preop_timeout_ms: self.preop_timeout_ms,
+            watchdog_us: self.watchdog_us,
         };
         if let Some(port) = self.applied() {
             port.apply(&mut config);

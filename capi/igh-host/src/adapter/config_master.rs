@@ -225,3 +225,25 @@ pub unsafe extern "C" fn ecan_igh_config_set_preop_timeout_ms(
         Ok(())
     })
 }
+
+/// Sets the process data watchdog of the gateways: one that gets no outputs for so long leaves OP
+/// for SAFEOP (AL status code 0x001B) and sends no frames of the application any more.
+///
+/// @param watchdog_us  A multiple of 100 from 100 to 6553500, longer than two cycles, or a single
+///                     lost frame ends operation; 0 leaves the slaves their own, of 100 ms.
+///
+/// @usage   not rt, any thread, before init
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others by
+///          ecan_igh_check_config() and ecan_igh_init().
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_config_set_watchdog_us(
+    config: *mut ecan_igh_config_t,
+    watchdog_us: u32,
+) -> c_int {
+    call("ecan_igh_config_set_watchdog_us", |call| {
+        let watchdog_us = (watchdog_us > 0).then_some(watchdog_us);
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        unsafe { AdapterPlain::open(call, config)? }.watchdog_us = watchdog_us;
+        Ok(())
+    })
+}

@@ -258,6 +258,7 @@ mod tests {
         cycle_us = 250.5
         allow_large_pdos = true
         preop_timeout_ms = 500
+        watchdog_us = 20_000
         [dc]
         cycle_us = 501
         shift_us = 100
