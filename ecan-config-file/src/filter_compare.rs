@@ -80,6 +80,12 @@ impl FilterList {
             let load = FilterCommand::Load.raw();
             bus.sdo_download(slave, self.channel_object, self.window.index, &[*at])?;
             bus.sdo_download(slave, self.channel_object, self.window.command, &[load])?;
+            let status = read(self.window.status)?;
+            differs(Some(*at), self.window.status, 0, status);
+            if status != 0 {
+                // What the window shows is another filter.
+                continue;
+            }
             for (subindex, wanted) in fields {
                 differs(Some(*at), *subindex, *wanted, read(*subindex)?);
             }
