@@ -91,6 +91,8 @@ impl SlcanSession {
             Command::Transmit(frame) if self.hearing.mode == Mode::Open => {
                 return self.transmit(frame, bus, answer);
             }
+            // As harmless as closing a closed channel: python-can does both.
+            Command::Open if self.hearing.mode == Mode::Open => {}
             // The rest is set up while the channel is closed.
             _ if !is_closed => return false,
             Command::Open => self.hearing.mode = Mode::Open,

@@ -51,7 +51,9 @@ fn python_can_sends_and_receives_over_tcp_and_on_a_terminal() {
         }
     }
     bridge.terminate();
-    assert_eq!(bridge.wait().0, Some(0));
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0));
+    assert_eq!(errors.lines().count(), 1, "nothing but that it is simulated: {errors}");
 }
 
 /// What a script of this name prints; `program` is the interpreter.
