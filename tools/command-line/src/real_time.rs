@@ -9,29 +9,54 @@ use ecan_host::{
 /// Stack that is touched in advance with `--lock-memory`, in bytes.
 const STACK_BYTES: usize = 256 * 1024;
 
+/// Options for a thread that is to be in time.
+#[derive(Debug, Clone, Args)]
+#[command(next_help_heading = "Real time")]
+pub struct ThreadArguments {
+    /// Run under SCHED_FIFO with this priority, 1 to 99.
+    #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(u8).range(1..=99))]
+    rt_priority: Option<u8>,
+    /// Run on this CPU only; several with commas between.
+    #[arg(long, value_name = "CPU", value_delimiter = ',')]
+    cpu: Option<Vec<usize>>,
+    /// Keep all memory in RAM.
+    #[arg(long)]
+    lock_memory: bool,
+    /// Give up where the system does not grant what these options ask for.
+    #[arg(long)]
+    rt_required: bool,
+}
+
+impl ThreadArguments {
+    /// What is asked of the system.
+    pub fn settings(&self) -> RealTimeSettings {
+        let need = if self.rt_required { Need::Required } else { Need::Optional };
+        RealTimeSettings {
+            priority: self.rt_priority,
+            priority_need: need,
+            cpus: self.cpu.clone(),
+            cpus_need: need,
+            lock_memory: self.lock_memory.then_some(STACK_BYTES),
+            lock_memory_need: need,
+            wake_up_latency_need: need,
+            ..RealTimeSettings::default()
+        }
+    }
+}
+
 /// Options for the thread of the cycle.
 #[derive(Debug, Clone, Args)]
 #[command(next_help_heading = "Real time")]
 pub struct RealTimeArguments {
-    /// Run the cycle under SCHED_FIFO with this priority, 1 to 99.
-    #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(u8).range(1..=99))]
-    rt_priority: Option<u8>,
-    /// Run the cycle on this CPU only; several with commas between.
-    #[arg(long, value_name = "CPU", value_delimiter = ',')]
-    cpu: Option<Vec<usize>>,
+    #[command(flatten)]
+    thread: ThreadArguments,
     /// Keep the processors out of sleep states that take longer than so many microseconds to leave.
     #[arg(long, value_name = "US")]
     cpu_latency_us: Option<u32>,
-    /// Keep all memory in RAM.
-    #[arg(long)]
-    lock_memory: bool,
     /// Look at the clock for the last so many microseconds before each cycle instead of sleeping.
     #[arg(long, value_name = "US", default_value_t = 0, hide_default_value = true,
           value_parser = clap::value_parser!(u64).range(..=MAX_SPIN_NS / 1000))]
     spin_us: u64,
-    /// Give up where the system does not grant what these options ask for.
-    #[arg(long)]
-    rt_required: bool,
 }
 
 impl RealTimeArguments {
@@ -41,17 +66,10 @@ impl RealTimeArguments {
     }
 
     fn settings(&self) -> RealTimeSettings {
-        let need = if self.rt_required { Need::Required } else { Need::Optional };
         RealTimeSettings {
-            priority: self.rt_priority,
-            priority_need: need,
-            cpus: self.cpu.clone(),
-            cpus_need: need,
-            lock_memory: self.lock_memory.then_some(STACK_BYTES),
-            lock_memory_need: need,
             wake_up_latency_us: self.cpu_latency_us,
-            wake_up_latency_need: need,
             timing: CycleTiming { spin_ns: self.spin_us * 1000, overrun: OverrunPolicy::Skip },
+            ..self.thread.settings()
         }
     }
 

@@ -4,11 +4,9 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use clap::Args;
-use ecan_host::{Need, RealTimeSettings};
+use ecan_command_line::real_time::ThreadArguments;
 use ecan_sim::ScenarioChoice;
 
-/// Stack that is touched in advance with `--lock-memory`, in bytes.
-const STACK_BYTES: usize = 256 * 1024;
 /// Longest run, in seconds: a century.
 const LONGEST_RUN_S: f64 = 3.2e9;
 
@@ -37,46 +35,12 @@ pub struct WireArguments {
     /// Do not tell what the gateways do.
     #[arg(long, short)]
     pub quiet: bool,
-    #[command(flatten)]
-    pub thread: ThreadArguments,
-}
-
-/// What makes answers come early.
-#[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Real time")]
-pub struct ThreadArguments {
     /// Look for frames all the time instead of sleeping until one comes: takes a whole CPU. Not
     /// with a real-time priority, as Linux stops such a thread for 50 ms in every second.
-    #[arg(long, conflicts_with = "rt_priority")]
+    #[arg(long, conflicts_with = "rt_priority", help_heading = "Real time")]
     pub spin: bool,
-    /// Run on this CPU only; several with commas between.
-    #[arg(long, value_name = "CPU", value_delimiter = ',')]
-    cpu: Option<Vec<usize>>,
-    /// Run under SCHED_FIFO with this priority, 1 to 99.
-    #[arg(long, value_name = "PRIORITY", value_parser = clap::value_parser!(u8).range(1..=99))]
-    rt_priority: Option<u8>,
-    /// Keep all memory in RAM.
-    #[arg(long)]
-    lock_memory: bool,
-    /// Give up where the system does not grant what these options ask for.
-    #[arg(long)]
-    rt_required: bool,
-}
-
-impl ThreadArguments {
-    /// What is asked of the system.
-    pub fn settings(&self) -> RealTimeSettings {
-        let need = if self.rt_required { Need::Required } else { Need::Optional };
-        RealTimeSettings {
-            priority: self.rt_priority,
-            priority_need: need,
-            cpus: self.cpu.clone(),
-            cpus_need: need,
-            lock_memory: self.lock_memory.then_some(STACK_BYTES),
-            lock_memory_need: need,
-            ..RealTimeSettings::default()
-        }
-    }
+    #[command(flatten)]
+    pub thread: ThreadArguments,
 }
 
 fn parse_scenario(text: &str) -> Result<ScenarioChoice, String> {

@@ -73,7 +73,7 @@ impl Server {
             turnaround: Turnaround::new(),
             screen,
             is_quiet: arguments.quiet,
-            spins: arguments.thread.spin,
+            spins: arguments.spin,
             start_ns,
             end_ns: start_ns.saturating_add(run_ns),
             tidied_ns: start_ns,

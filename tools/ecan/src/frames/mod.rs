@@ -6,6 +6,7 @@ pub mod channels;
 pub mod departures;
 pub mod format;
 pub mod options;
+pub mod prepared;
 pub mod printer;
 pub mod recording;
 pub mod sender;

@@ -1,7 +1,7 @@
-//! From the options to a gateway in service, and the cycle that keeps it there.
+//! A gateway in service, and the cycle that keeps it there.
 
 use std::fmt::Display;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::SystemTime;
 
 use ecan_command_line::interrupt::Interrupt;
@@ -11,16 +11,12 @@ use ecan_mcan_port::{
     Port, PortConfig, PortError, Received, ReceivedFrame, SendError, SendTicket, Session,
 };
 use ecan_protocol::{CHANNELS, CanFrame, McanChannelConfig};
-use ecan_sim::ClockKind;
 
-use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::frames::bit_rates::BitRates;
-use crate::frames::capture::{CaptureOptions, FrameCapture};
+use crate::frames::capture::FrameCapture;
 use crate::frames::channels::Channels;
-use crate::frames::settings::{Planned, Settings, Wishes};
 use crate::frames::status_watch::StatusWatch;
-use crate::global::GlobalOptions;
 use crate::output::Output;
 
 /// Cycles in a row that may fail.
@@ -29,7 +25,7 @@ pub const MAX_FAILED_CYCLES: u32 = 100;
 const ARRIVALS: usize = 512;
 
 /// Depth of a channel's transmit cache where the gateway does not tell (manual 13.8).
-const CACHE_DEPTH: u32 = 64;
+pub const CACHE_DEPTH: u32 = 64;
 
 /// One gateway, and its configuration as the only one of a Port.
 #[derive(Debug)]
@@ -63,79 +59,6 @@ pub struct Cycle {
     begun: Result<(), CycleError>,
 }
 
-/// A gateway that is there and can be what is wanted of it, on a bus that nothing was written to.
-/// Now is the time to create files, and threads that keep out of what the cycle's thread asks for.
-#[derive(Debug)]
-pub struct Prepared<'a> {
-    bus: Bus,
-    place: Place,
-    cache_depth: u32,
-    /// The configuration file.
-    config_path: Option<PathBuf>,
-    real_time: &'a RealTimeArguments,
-}
-
-impl<'a> Prepared<'a> {
-    /// Looks for the library, the master and the gateway that the user chose, and checks what it is
-    /// to be set to.
-    pub fn new(
-        settings: &Settings<'a>,
-        wishes: Wishes,
-        global: &GlobalOptions,
-        output: &Output,
-    ) -> Result<Self, Failure> {
-        let kind = if wishes.has_end { ClockKind::Stepped } else { ClockKind::Real };
-        let bus = settings.open_bus(global, output, kind)?;
-        let Planned { positions, adapter, config, channels } =
-            settings.for_one(&bus, wishes, global)?;
-        let position = positions.first().copied().unwrap_or_default();
-        config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
-        let place = Place { position, adapter, config, channels };
-        let cache_depth = bus.read(position, 0xF000, 29).unwrap_or(CACHE_DEPTH);
-        let (config_path, real_time) = (settings.config_path(), settings.real_time());
-        Ok(Self { bus, place, cache_depth, config_path, real_time })
-    }
-
-    /// Refuses what needs CAN FD on a channel that has none.
-    pub fn needs_fd(&self, what: impl Display, channel: u8) -> Result<(), Failure> {
-        match self.has_fd(channel) {
-            true => Ok(()),
-            false => Err(without_fd(what, channel, self.config_path.as_deref())),
-        }
-    }
-
-    /// Whether a channel carries CAN FD.
-    pub fn has_fd(&self, channel: u8) -> bool {
-        let gateway = self.place.config.gateways.first();
-        let channel = gateway.and_then(|it| it.channels.get(usize::from(channel)));
-        channel.is_some_and(|it| it.as_ref().is_some_and(|it| it.can.fd))
-    }
-
-    /// Brings it into service, with a capture where one is wanted; `None` when the user gave up.
-    pub fn enter(
-        self,
-        capture: &CaptureOptions,
-        interrupt: &Interrupt,
-        output: &Output,
-    ) -> Result<Option<Service>, Failure> {
-        let Self { bus, place, cache_depth, real_time, .. } = self;
-        let channels = place.channels;
-        let capture = FrameCapture::start(capture, &place.adapter, channels, interrupt)?;
-        let started = real_time
-            .apply(|line| output.note(line))
-            .map_err(|error| Failure::Host(error.to_string()))
-            .and_then(|()| Service::start(bus.ecrt(), place, real_time, interrupt, output));
-        let Ok(Some(mut service)) = started else {
-            capture.into_iter().for_each(FrameCapture::discard);
-            return started;
-        };
-        (service.heard, service.cache_depth) = (channels, cache_depth);
-        let (is_real_time, since_1970_ns) = (service.is_real_time(), service.since_1970_ns);
-        service.capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
-        Ok(Some(service))
-    }
-}
-
 /// A gateway in service.
 #[derive(Debug)]
 pub struct Service {
@@ -157,19 +80,6 @@ pub struct Service {
 }
 
 impl Service {
-    /// Brings the gateway that the user chose into service, with a capture where one is wanted;
-    /// `None` when the user gave up.
-    pub fn open(
-        settings: &Settings<'_>,
-        capture: &CaptureOptions,
-        wishes: Wishes,
-        interrupt: &Interrupt,
-        global: &GlobalOptions,
-        output: &Output,
-    ) -> Result<Option<Self>, Failure> {
-        Prepared::new(settings, wishes, global, output)?.enter(capture, interrupt, output)
-    }
-
     /// Brings a gateway into service on a bus that is open; `None` when the user gave up.
     pub fn start(
         ecrt: &Ecrt,
@@ -212,6 +122,14 @@ impl Service {
             cache_depth: CACHE_DEPTH,
             output,
         }))
+    }
+
+    /// What the commands need that carry frames of their own: the channels whose frames arrive, how
+    /// deep the gateway's transmit caches are, and a capture.
+    pub fn equip(&mut self, heard: Channels, cache_depth: u32, capture: Option<FrameCapture>) {
+        let (is_real_time, since_1970_ns) = (self.is_real_time(), self.since_1970_ns);
+        (self.heard, self.cache_depth) = (heard, cache_depth);
+        self.capture = capture.map(|it| it.with_time(is_real_time, since_1970_ns));
     }
 
     /// Waits for the next cycle and begins it.
@@ -376,7 +294,7 @@ fn since_1970_ns(clock: &dyn Clock) -> u64 {
 }
 
 /// That something needs CAN FD, on a channel that has none by the options or the file.
-fn without_fd(what: impl Display, channel: u8, file: Option<&Path>) -> Failure {
+pub fn without_fd(what: impl Display, channel: u8, file: Option<&Path>) -> Failure {
     Failure::Usage(match file {
         None => format!("{what}: channel {channel} has no data bit rate, give --data-bitrate"),
         Some(path) => {

@@ -23,6 +23,7 @@ use crate::commands::bridge::under_way::UnderWay;
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::options::FrameOptions;
+use crate::frames::prepared::Prepared;
 use crate::frames::service::Service;
 use crate::frames::settings::{Settings, Wishes};
 use crate::global::GlobalOptions;
@@ -115,7 +116,8 @@ pub fn run(
         ..Wishes::on(Channels::only(arguments.channel))
     };
     let capture = &arguments.options.capture;
-    let opened = Service::open(&settings, capture, wishes, &interrupt, global, output)?;
+    let prepared = Prepared::new(&settings, wishes, global, output)?;
+    let opened = prepared.enter(capture, &interrupt, output)?;
     let Some(service) = opened else { return Ok(()) };
     if let Some(can) = service.can(arguments.channel) {
         let rates = match can.fd {

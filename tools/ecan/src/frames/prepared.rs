@@ -1,0 +1,87 @@
+//! From the options to a gateway that may go into service.
+
+use std::fmt::Display;
+use std::path::PathBuf;
+
+use ecan_command_line::interrupt::Interrupt;
+use ecan_command_line::real_time::RealTimeArguments;
+use ecan_sim::ClockKind;
+
+use crate::bus::Bus;
+use crate::failure::Failure;
+use crate::frames::capture::{CaptureOptions, FrameCapture};
+use crate::frames::service::{CACHE_DEPTH, Place, Service, failure, without_fd};
+use crate::frames::settings::{Planned, Settings, Wishes};
+use crate::global::GlobalOptions;
+use crate::output::Output;
+
+/// A gateway that is there and can be what is wanted of it, on a bus that nothing was written to.
+/// Now is the time to create files, and threads that keep out of what the cycle's thread asks for.
+#[derive(Debug)]
+pub struct Prepared<'a> {
+    bus: Bus,
+    place: Place,
+    cache_depth: u32,
+    /// The configuration file.
+    config_path: Option<PathBuf>,
+    real_time: &'a RealTimeArguments,
+}
+
+impl<'a> Prepared<'a> {
+    /// Looks for the library, the master and the gateway that the user chose, and checks what it is
+    /// to be set to.
+    pub fn new(
+        settings: &Settings<'a>,
+        wishes: Wishes,
+        global: &GlobalOptions,
+        output: &Output,
+    ) -> Result<Self, Failure> {
+        let kind = if wishes.has_end { ClockKind::Stepped } else { ClockKind::Real };
+        let bus = settings.open_bus(global, output, kind)?;
+        let Planned { positions, adapter, config, channels } =
+            settings.for_one(&bus, wishes, global)?;
+        let position = positions.first().copied().unwrap_or_default();
+        config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
+        let place = Place { position, adapter, config, channels };
+        let cache_depth = bus.read(position, 0xF000, 29).unwrap_or(CACHE_DEPTH);
+        let (config_path, real_time) = (settings.config_path(), settings.real_time());
+        Ok(Self { bus, place, cache_depth, config_path, real_time })
+    }
+
+    /// Refuses what needs CAN FD on a channel that has none.
+    pub fn needs_fd(&self, what: impl Display, channel: u8) -> Result<(), Failure> {
+        match self.has_fd(channel) {
+            true => Ok(()),
+            false => Err(without_fd(what, channel, self.config_path.as_deref())),
+        }
+    }
+
+    /// Whether a channel carries CAN FD.
+    pub fn has_fd(&self, channel: u8) -> bool {
+        let gateway = self.place.config.gateways.first();
+        let channel = gateway.and_then(|it| it.channels.get(usize::from(channel)));
+        channel.is_some_and(|it| it.as_ref().is_some_and(|it| it.can.fd))
+    }
+
+    /// Brings it into service, with a capture where one is wanted; `None` when the user gave up.
+    pub fn enter(
+        self,
+        capture: &CaptureOptions,
+        interrupt: &Interrupt,
+        output: &Output,
+    ) -> Result<Option<Service>, Failure> {
+        let Self { bus, place, cache_depth, real_time, .. } = self;
+        let channels = place.channels;
+        let capture = FrameCapture::start(capture, &place.adapter, channels, interrupt)?;
+        let started = real_time
+            .apply(|line| output.note(line))
+            .map_err(|error| Failure::Host(error.to_string()))
+            .and_then(|()| Service::start(bus.ecrt(), place, real_time, interrupt, output));
+        let Ok(Some(mut service)) = started else {
+            capture.into_iter().for_each(FrameCapture::discard);
+            return started;
+        };
+        service.equip(channels, cache_depth, capture);
+        Ok(Some(service))
+    }
+}
