@@ -63,17 +63,22 @@ impl GatewayArguments {
         }
     }
 
-    /// Opens the library; a plain `sim` means this scenario.
+    /// Opens the library; a plain `sim` means this scenario, with the gateways of the Adapter.
     ///
     /// # Errors
     /// Why there is no library, in words.
-    pub fn open_backend(&self, scenario: &'static str) -> Result<Backend, BackendError> {
+    pub fn open_backend(
+        &self,
+        scenario: &'static str,
+        adapter: &AdapterConfig,
+    ) -> Result<Backend, BackendError> {
+        let last_position = adapter.slaves.iter().map(|slave| slave.position).max();
         let wishes = Wishes {
             scenario,
-            slaves: usize::from(self.slaves),
+            slaves: last_position.map_or(1, |position| usize::from(position) + 1),
             seed: self.seed,
             real_time: self.real_time,
-            large_pdos: self.large_pdos,
+            large_pdos: adapter.allow_large_pdos,
         };
         backend::open(self.ecrt.as_deref(), wishes)
     }

@@ -180,7 +180,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         check_writable(path)?;
     }
     let interrupt = Interrupt::install()?;
-    let backend = arguments.gateways.open_backend("jitter")?;
+    let backend = arguments.gateways.open_backend("jitter", &adapter)?;
     if arguments.bus_dump.is_some() && backend.simulation.is_none() {
         return Err("--bus-dump needs a simulated bus".into());
     }

@@ -5,6 +5,7 @@
 //! simple_loop --ecrt sim
 //! simple_loop --ecrt sim --replay drive.log --dump back.log
 //! simple_loop --plan --slaves 3 --pdo-n 5 --cycle-us 1000 --channel all
+//! simple_loop --ecrt sim --config cell.toml
 //! ```
 
 use std::error::Error;
@@ -12,6 +13,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::Parser;
+use ecan_config_file::ConfigFile;
 use ecan_examples::bus_load::BusLoad;
 use ecan_examples::check::Check;
 use ecan_examples::gateway_arguments::GatewayArguments;
@@ -22,7 +24,7 @@ use ecan_examples::patience::{MAX_FAILED_CYCLES, QUIET_NS, STUCK_NS};
 use ecan_examples::plan;
 use ecan_examples::progress;
 use ecan_examples::real_time::{self, RealTimeArguments};
-use ecan_examples::source::{Channels, Source};
+use ecan_examples::source::{Channels, PlacedFrame, Source};
 use ecan_examples::summary::{self, Run};
 use ecan_examples::watch::SessionWatch;
 use ecan_host::AdapterConfig;
@@ -35,6 +37,9 @@ const LOOP_ID: u16 = 0x123;
 const DEFAULT_CYCLES: u64 = 1000;
 /// The end waits for frames under way for so many cycles at least.
 const QUIET_CYCLES: u64 = 20;
+/// Options whose values a configuration file has.
+const OF_THE_FILE: [&str; 7] =
+    ["slaves", "pdo_n", "large_pdos", "bitrate", "fd", "cycle_us", "master"];
 /// Gaps of a recording from which the user is told, in nanoseconds.
 const LONG_GAP_NS: u64 = 60_000_000_000;
 
@@ -44,16 +49,22 @@ const LONG_GAP_NS: u64 = 60_000_000_000;
 struct Arguments {
     #[command(flatten)]
     gateways: GatewayArguments,
+    /// Take gateways, channels, bit rates, filters, cycle and clocks from this configuration file,
+    /// and not from --slaves, --pdo-n, --large-pdos, --bitrate, --fd, --cycle-us and --master
+    /// (`ecan config example` prints such a file).
+    #[arg(long, value_name = "FILE", conflicts_with_all = OF_THE_FILE)]
+    config: Option<PathBuf>,
     /// EtherCAT cycle in microseconds.
     #[arg(long, value_name = "US", default_value_t = 10_000)]
     cycle_us: u32,
     /// Number of cycles to send in [default: 1000]; a recording is sent to its end.
     #[arg(long, value_name = "N", conflicts_with = "replay")]
     cycles: Option<u64>,
-    /// CAN channel of every gateway, 0 to 3, or `all`. With `all` a recorded frame goes to the
-    /// channel that its interface names, counted over all gateways.
-    #[arg(long, value_name = "CHANNEL", default_value = "0", value_parser = parse_channels)]
-    channel: Channels,
+    /// CAN channel of every gateway, 0 to 3, or `all`; with --config of those that the file has
+    /// [default: 0, with --config all]. With `all` a recorded frame goes to the channel that its
+    /// interface names, counted over all gateways.
+    #[arg(long, value_name = "CHANNEL", value_parser = parse_channels)]
+    channel: Option<Channels>,
     /// Send the frames of a candump log, none before its time, and check that each comes back.
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
@@ -76,63 +87,120 @@ fn main() -> ExitCode {
     ecan_examples::exit::report("simple_loop", run(&Arguments::parse()))
 }
 
-/// The gateways: N, cycle and channels.
-fn configuration(arguments: &Arguments) -> (AdapterConfig, PortConfig) {
-    let adapter = arguments.gateways.adapter(arguments.cycle_us);
-    let settings = arguments.gateways.channel();
-    let gateway = match arguments.channel {
-        Channels::One(channel) => GatewayConfig::on_channel(channel, settings),
-        Channels::All => GatewayConfig::on_all_channels(&settings),
-    };
-    (adapter, PortConfig::uniform(usize::from(arguments.gateways.slaves), gateway))
+/// The gateways, and which of their channels carry frames.
+struct Setup {
+    adapter: AdapterConfig,
+    port: PortConfig,
+    channels: Channels,
+}
+
+impl Setup {
+    fn of(arguments: &Arguments) -> Result<Self, Box<dyn Error>> {
+        let Some(path) = &arguments.config else { return Ok(Self::of_options(arguments)) };
+        let ConfigFile { adapter, port } = ecan_config_file::load(path)?;
+        let channels = arguments.channel.unwrap_or(Channels::All);
+        match channels {
+            Channels::One(channel) if channels.places(&port).is_empty() => {
+                Err(format!("{} has no channel {channel}", path.display()).into())
+            }
+            _ => Ok(Self { adapter, port, channels }),
+        }
+    }
+
+    fn of_options(arguments: &Arguments) -> Self {
+        let adapter = arguments.gateways.adapter(arguments.cycle_us);
+        let settings = arguments.gateways.channel();
+        let channels = arguments.channel.unwrap_or(Channels::One(0));
+        let gateway = match channels {
+            Channels::One(channel) => GatewayConfig::on_channel(channel, settings),
+            Channels::All => GatewayConfig::on_all_channels(&settings),
+        };
+        let port = PortConfig::uniform(adapter.slaves.len(), gateway);
+        Self { adapter, port, channels }
+    }
 }
 
 /// What is sent: the recording, or a counter.
-fn source(arguments: &Arguments) -> Result<Source, Box<dyn Error>> {
-    let is_fd = arguments.gateways.fd.is_some();
+fn source(arguments: &Arguments, setup: &Setup) -> Result<Source, Box<dyn Error>> {
     let Some(path) = &arguments.replay else {
         let cycles = arguments.cycles.unwrap_or(DEFAULT_CYCLES);
-        return Ok(Source::Counter { id: CanId::standard(LOOP_ID)?, is_fd, cycles, done: 0 });
+        let places = setup.channels.places(&setup.port);
+        return Ok(Source::Counter { id: CanId::standard(LOOP_ID)?, places, cycles, done: 0 });
     };
     let name = path.display();
-    let frames: Vec<LoggedFrame> = log_file::read(path)?;
-    if let Some(fd) = frames.iter().find(|f| f.frame.as_ref().is_fd() && !is_fd) {
-        return Err(
-            format!("{name}, line {} is a CAN FD frame: give --fd DATA_BITRATE", fd.line).into()
-        );
-    }
+    let frames = placed(log_file::read(path)?, arguments, setup)
+        .map_err(|reason| format!("{name}, {reason}"))?;
     let same = |dump: &PathBuf| path.canonicalize().ok() == dump.canonicalize().ok();
     if arguments.dump.as_ref().is_some_and(same) {
         return Err(format!("--dump would overwrite the recording {name}").into());
     }
     for pair in frames.windows(2) {
-        let gap = pair[1].time_ns.saturating_sub(pair[0].time_ns);
+        let (one, next) = (&pair[0].logged, &pair[1].logged);
+        let gap = next.time_ns.saturating_sub(one.time_ns);
         if gap > LONG_GAP_NS {
-            println!("{name}, line {}: {} s without a frame", pair[1].line, gap / 1_000_000_000);
+            println!("{name}, line {}: {} s without a frame", next.line, gap / 1_000_000_000);
         }
     }
     Ok(Source::Recording { frames, done: 0 })
 }
 
+/// Where each frame of a recording goes to; or the line of one that cannot go there, and why.
+fn placed(
+    frames: Vec<LoggedFrame>,
+    arguments: &Arguments,
+    setup: &Setup,
+) -> Result<Vec<PlacedFrame>, String> {
+    let places = setup.channels.places(&setup.port);
+    let gateways = setup.port.gateways.len();
+    let place = |logged: LoggedFrame| {
+        let (line, interface) = (logged.line, &logged.interface);
+        let (slave, channel) = setup.channels.place_of(interface, &places, gateways);
+        match places.iter().find(|it| (it.slave, it.channel) == (slave, channel)) {
+            Some(place) if place.is_fd || !logged.frame.as_ref().is_fd() => {
+                Ok(PlacedFrame { place: *place, logged })
+            }
+            Some(_) => Err(format!(
+                "line {line} is a CAN FD frame: {}",
+                match &arguments.config {
+                    Some(file) => {
+                        let file = file.display();
+                        format!("slave {slave} channel {channel} has no data_bitrate in {file}")
+                    }
+                    None => "give --fd DATA_BITRATE".to_owned(),
+                }
+            )),
+            None => Err(format!(
+                "line {line}: {interface} means slave {slave} channel {channel}, which is not \
+                 configured"
+            )),
+        }
+    };
+    frames.into_iter().map(place).collect()
+}
+
 /// Opens the gateways and waits until they are in service; `None` when the user gave up.
-fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port>, Box<dyn Error>> {
-    let (adapter, config) = configuration(arguments);
-    let backend = arguments.gateways.open_backend("echo")?;
+fn open_port(
+    arguments: &Arguments,
+    setup: Setup,
+    interrupt: &Interrupt,
+) -> Result<Option<Port>, Box<dyn Error>> {
+    let Setup { adapter, port, .. } = setup;
+    let backend = arguments.gateways.open_backend("echo", &adapter)?;
     arguments.thread.apply(|line| println!("{line}"))?;
-    open(&backend.ecrt, adapter, config, Configure::Write, interrupt)
+    open(&backend.ecrt, adapter, port, Configure::Write, interrupt)
 }
 
 /// Runs the loop; false when a recording did not come back as it was sent.
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
-    let mut source = source(arguments)?;
+    let setup = Setup::of(arguments)?;
+    let mut source = source(arguments, &setup)?;
     if arguments.gateways.plan {
-        let (adapter, config) = configuration(arguments);
-        let traffic = source.traffic(adapter.slaves.len(), arguments.channel)?;
-        plan::print(&adapter, &config, &traffic)?;
+        plan::print(&setup.adapter, &setup.port, &source.traffic()?)?;
         return Ok(true);
     }
     let interrupt = Interrupt::install()?;
-    let Some(mut port) = open_port(arguments, &interrupt)? else {
+    let cycle_ns = setup.adapter.cycle_ns;
+    let Some(mut port) = open_port(arguments, setup, &interrupt)? else {
         println!("stopped by the user");
         return Ok(true);
     };
@@ -145,8 +213,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let mut watch = SessionWatch::new(&port);
     let progress = progress::bar(source.total());
     let clock = port.adapter().ecrt().clock().clone();
-    let cycle_ns = u64::from(arguments.cycle_us) * 1000;
-    let quiet_ns = QUIET_NS.max(QUIET_CYCLES * cycle_ns);
+    let quiet_ns = QUIET_NS.max(QUIET_CYCLES * u64::from(cycle_ns));
     let start = clock.now_ns();
     let (mut last_activity, mut failed_cycles) = (start, 0);
     let is_measured = arguments.gateways.real_time || arguments.thread.is_given();
@@ -173,7 +240,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         let is_sending = !interrupt.is_set() && !source.is_done();
         let mut sent = Ok(());
         if is_sending {
-            sent = source.send(&mut port, arguments.channel, now - start, |channel, frame| {
+            sent = source.send(&mut port, now - start, |channel, frame| {
                 check.sent(channel, frame);
                 loads[channel].add(&frame);
                 last_activity = now;
@@ -208,12 +275,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     if interrupt.is_set() {
         println!("stopped by the user");
     }
-    let run = Run {
-        nominal_bitrate: arguments.gateways.bitrate,
-        data_bitrate: arguments.gateways.fd.unwrap_or(arguments.gateways.bitrate),
-        elapsed_ns: clock.now_ns() - start,
-        cycle_ns: arguments.cycle_us * 1000,
-    };
+    let run = Run { elapsed_ns: clock.now_ns() - start, cycle_ns };
     print!("{}", summary::table(&port, run, &loads));
     if let Some(statistics) = port.adapter().cycle_statistics() {
         real_time::print_statistics(port.adapter(), statistics);

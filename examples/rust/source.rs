@@ -1,16 +1,16 @@
 //! The frames that a loop sends: a counter, or a recording.
 
-use ecan_mcan_port::{FrameRate, FrameStream, Port, SendError};
+use ecan_mcan_port::{FrameRate, FrameStream, Port, PortConfig, SendError};
 use ecan_protocol::{CHANNELS, CanFrame, CanId};
 
 use crate::log_file::LoggedFrame;
 
-/// Channels that a program uses, on every gateway.
+/// Channels that a program uses, of those that each gateway has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Channels {
     /// One channel.
     One(u8),
-    /// All four.
+    /// All of them.
     All,
 }
 
@@ -22,6 +22,59 @@ impl Channels {
             Self::All => true,
         }
     }
+
+    /// Where frames go to, in the order of the gateways and their channels.
+    pub fn places(self, config: &PortConfig) -> Vec<Place> {
+        let mut places = Vec::new();
+        for (slave, gateway) in config.gateways.iter().enumerate() {
+            for (channel, settings) in (0..).zip(&gateway.channels) {
+                if let Some(settings) = settings.as_ref().filter(|_| self.contains(channel)) {
+                    places.push(Place { slave, channel, is_fd: settings.can.fd });
+                }
+            }
+        }
+        places
+    }
+
+    /// The gateway and the channel that a recorded frame goes to: `canN` to channel N over all
+    /// gateways where all channels are used, otherwise each frame to the first of the places.
+    pub fn place_of(self, interface: &str, places: &[Place], gateways: usize) -> (usize, u8) {
+        let index = match self {
+            Self::One(_) => places.first().map_or(0, |first| first.index()),
+            Self::All => {
+                let digits = interface.trim_start_matches(|c: char| !c.is_ascii_digit());
+                digits.parse::<usize>().unwrap_or(0) % (gateways * CHANNELS).max(1)
+            }
+        };
+        (index / CHANNELS, (index % CHANNELS) as u8)
+    }
+}
+
+/// A channel of a gateway that frames go to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Place {
+    /// The gateway, from 0.
+    pub slave: usize,
+    /// Its channel.
+    pub channel: u8,
+    /// Whether the channel carries CAN FD.
+    pub is_fd: bool,
+}
+
+impl Place {
+    /// The channel, counted over all gateways.
+    pub fn index(self) -> usize {
+        self.slave * CHANNELS + usize::from(self.channel)
+    }
+}
+
+/// A recorded frame and where it goes to.
+#[derive(Debug, Clone)]
+pub struct PlacedFrame {
+    /// Where it goes to.
+    pub place: Place,
+    /// The frame.
+    pub logged: LoggedFrame,
 }
 
 /// Sends what is due in a cycle.
@@ -31,8 +84,8 @@ pub enum Source {
     Counter {
         /// Identifier of the frames.
         id: CanId,
-        /// Whether they are CAN FD frames of 64 bytes instead of classic ones of 8.
-        is_fd: bool,
+        /// Where they go to: as CAN FD frames of 64 bytes, or as classic ones of 8.
+        places: Vec<Place>,
         /// Cycles to send in.
         cycles: u64,
         /// Cycles sent in so far.
@@ -41,7 +94,7 @@ pub enum Source {
     /// The frames of a recording, none before its time, all that the gateway takes.
     Recording {
         /// The recording.
-        frames: Vec<LoggedFrame>,
+        frames: Vec<PlacedFrame>,
         /// Frames sent so far.
         done: usize,
     },
@@ -73,15 +126,15 @@ impl Source {
     pub fn log_time(&self, elapsed_ns: u64) -> u64 {
         match self {
             Self::Counter { .. } => elapsed_ns,
-            Self::Recording { frames, .. } => frames.first().map_or(0, |f| f.time_ns) + elapsed_ns,
+            Self::Recording { frames, .. } => start_ns(frames) + elapsed_ns,
         }
     }
 
     /// When the next frame of a recording is due, in nanoseconds after the start.
     pub fn next_due_ns(&self) -> Option<u64> {
         let Self::Recording { frames, done } = self else { return None };
-        let (first, next) = (frames.first()?, frames.get(*done)?);
-        Some(next.time_ns.saturating_sub(first.time_ns))
+        let next = frames.get(*done)?;
+        Some(next.logged.time_ns.saturating_sub(start_ns(frames)))
     }
 
     /// The frames for a plan: each goes out and comes back. Those of a recording are spread over
@@ -89,35 +142,26 @@ impl Source {
     ///
     /// # Errors
     /// A counter frame that is none.
-    pub fn traffic(
-        &self,
-        slaves: usize,
-        channels: Channels,
-    ) -> Result<Vec<FrameStream>, SendError> {
+    pub fn traffic(&self) -> Result<Vec<FrameStream>, SendError> {
         let mut sent = Vec::new();
         match self {
-            Self::Counter { id, is_fd, .. } => {
-                let frame = counter_frame(*id, *is_fd, 0)?;
-                for slave in 0..slaves {
-                    let used = (0..CHANNELS as u8).filter(|c| channels.contains(*c));
-                    sent.extend(used.map(|channel| {
-                        FrameStream::to_bus(slave, channel, frame, FrameRate::PerCycle(1))
-                    }));
+            Self::Counter { id, places, .. } => {
+                for Place { slave, channel, is_fd } in places {
+                    let frame = counter_frame(*id, *is_fd, 0)?;
+                    let rate = FrameRate::PerCycle(1);
+                    sent.push(FrameStream::to_bus(*slave, *channel, frame, rate));
                 }
             }
             Self::Recording { frames, .. } => {
-                let ends = frames.first().zip(frames.last());
-                let seconds = ends.map_or(0.0, |(first, last)| {
-                    last.time_ns.saturating_sub(first.time_ns) as f64 / 1e9
-                });
-                for (place, frame, count) in kinds(frames, channels, slaves) {
-                    let (slave, channel) = (place / CHANNELS, (place % CHANNELS) as u8);
+                let last_ns = frames.last().map_or(0, |last| last.logged.time_ns);
+                let seconds = last_ns.saturating_sub(start_ns(frames)) as f64 / 1e9;
+                for (place, frame, count) in kinds(frames) {
                     let rate = if seconds > 0.0 {
                         FrameRate::PerSecond(f64::from(count) / seconds)
                     } else {
                         FrameRate::PerCycle(count)
                     };
-                    sent.push(FrameStream::to_bus(slave, channel, frame, rate));
+                    sent.push(FrameStream::to_bus(place.slave, place.channel, frame, rate));
                 }
             }
         }
@@ -137,41 +181,41 @@ impl Source {
     pub fn send(
         &mut self,
         port: &mut Port,
-        channels: Channels,
         elapsed_ns: u64,
         mut sent: impl FnMut(usize, CanFrame),
     ) -> Result<(), SendError> {
         match self {
-            Self::Counter { id, is_fd, done, .. } => {
-                let frame = counter_frame(*id, *is_fd, *done)?;
-                *done += 1;
-                for slave in 0..port.slave_count() {
-                    for channel in (0..CHANNELS as u8).filter(|c| channels.contains(*c)) {
-                        if taken(port.send(slave, channel, frame.as_ref()))? {
-                            sent(slave * CHANNELS + usize::from(channel), frame);
-                        }
+            Self::Counter { id, places, done, .. } => {
+                for place in places {
+                    let frame = counter_frame(*id, place.is_fd, *done)?;
+                    if taken(port.send(place.slave, place.channel, frame.as_ref()))? {
+                        sent(place.index(), frame);
                     }
                 }
+                *done += 1;
                 Ok(())
             }
             Self::Recording { frames, done } => {
-                let start = frames.first().map_or(0, |f| f.time_ns);
-                while let Some(next) = frames.get(*done) {
-                    if next.time_ns.saturating_sub(start) > elapsed_ns {
+                let start = start_ns(frames);
+                while let Some(PlacedFrame { place, logged }) = frames.get(*done) {
+                    if logged.time_ns.saturating_sub(start) > elapsed_ns {
                         break;
                     }
-                    let place = place(channels, port.slave_count(), &next.interface);
-                    let (slave, channel) = (place / CHANNELS, (place % CHANNELS) as u8);
-                    if !taken(port.send(slave, channel, next.frame.as_ref()))? {
+                    if !taken(port.send(place.slave, place.channel, logged.frame.as_ref()))? {
                         break;
                     }
-                    sent(place, next.frame);
+                    sent(place.index(), logged.frame);
                     *done += 1;
                 }
                 Ok(())
             }
         }
     }
+}
+
+/// When a recording begins.
+fn start_ns(frames: &[PlacedFrame]) -> u64 {
+    frames.first().map_or(0, |first| first.logged.time_ns)
 }
 
 fn counter_frame(id: CanId, is_fd: bool, count: u64) -> Result<CanFrame, SendError> {
@@ -185,32 +229,20 @@ fn counter_frame(id: CanId, is_fd: bool, count: u64) -> Result<CanFrame, SendErr
     frame.map_err(SendError::from)
 }
 
-/// Frames of one length and format on a channel, counted over all gateways: the first of them, and
-/// how many there are.
-fn kinds(frames: &[LoggedFrame], channels: Channels, slaves: usize) -> Vec<(usize, CanFrame, u32)> {
+/// Frames of one length and format on a channel: the first of them, and how many there are.
+fn kinds(frames: &[PlacedFrame]) -> Vec<(Place, CanFrame, u32)> {
     let alike = |a: &CanFrame, b: &CanFrame| {
         (a.kind(), a.len(), a.id().is_extended()) == (b.kind(), b.len(), b.id().is_extended())
     };
-    let mut kinds: Vec<(usize, CanFrame, u32)> = Vec::new();
-    for LoggedFrame { frame, interface, .. } in frames {
-        let to = place(channels, slaves, interface);
-        match kinds.iter_mut().find(|(place, first, _)| *place == to && alike(first, frame)) {
+    let mut kinds: Vec<(Place, CanFrame, u32)> = Vec::new();
+    for PlacedFrame { place, logged } in frames {
+        let frame = &logged.frame;
+        match kinds.iter_mut().find(|(to, first, _)| to == place && alike(first, frame)) {
             Some((_, _, count)) => *count += 1,
-            None => kinds.push((to, *frame, 1)),
+            None => kinds.push((*place, *frame, 1)),
         }
     }
     kinds
-}
-
-/// `canN` of a recording goes to channel N over all gateways when all are used.
-fn place(channels: Channels, slaves: usize, interface: &str) -> usize {
-    match channels {
-        Channels::One(channel) => usize::from(channel),
-        Channels::All => {
-            let digits = interface.trim_start_matches(|c: char| !c.is_ascii_digit());
-            digits.parse::<usize>().unwrap_or(0) % (slaves * CHANNELS).max(1)
-        }
-    }
 }
 
 fn taken<T>(result: Result<T, SendError>) -> Result<bool, SendError> {

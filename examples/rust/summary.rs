@@ -6,13 +6,9 @@ use ecan_mcan_port::Port;
 
 use crate::bus_load::BusLoad;
 
-/// Bit rates and time of the run, for the bus load.
+/// Time of the run.
 #[derive(Debug, Clone, Copy)]
 pub struct Run {
-    /// Nominal bit rate in bit/s.
-    pub nominal_bitrate: u32,
-    /// Data bit rate in bit/s; the nominal one without bit rate switch.
-    pub data_bitrate: u32,
     /// Length of the run in nanoseconds.
     pub elapsed_ns: u64,
     /// Length of a cycle in nanoseconds.
@@ -24,7 +20,8 @@ pub fn table(port: &Port, run: Run, loads: &[BusLoad]) -> String {
     let mut text = String::new();
     let seconds = run.elapsed_ns as f64 / 1e9;
     // Writing to a String cannot fail.
-    let _ = writeln!(text, "\nran {seconds:.3} s, cycle {} us", run.cycle_ns / 1000);
+    let cycle_us = f64::from(run.cycle_ns) / 1e3;
+    let _ = writeln!(text, "\nran {seconds:.3} s, cycle {cycle_us} us");
     let _ = writeln!(
         text,
         "\n{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>10}",
@@ -32,15 +29,13 @@ pub fn table(port: &Port, run: Run, loads: &[BusLoad]) -> String {
     );
     for slave in 0..port.slave_count() {
         let statistics = port.statistics(slave);
-        let mask = port.config().gateways[slave].channel_mask();
-        for (channel, count) in statistics.channels.iter().enumerate() {
-            if mask >> channel & 1 == 0 {
-                continue;
-            }
-            let load = loads.get(slave * statistics.channels.len() + channel);
+        let channels = &port.config().gateways[slave].channels;
+        for (channel, (count, settings)) in statistics.channels.iter().zip(channels).enumerate() {
+            let Some(settings) = settings else { continue };
+            let load = loads.get(slave * channels.len() + channel);
             let percent = load.copied().unwrap_or_default().percent(
-                run.nominal_bitrate,
-                run.data_bitrate,
+                settings.can.nominal_bitrate,
+                settings.can.data_bitrate,
                 run.elapsed_ns,
             );
             let refused =

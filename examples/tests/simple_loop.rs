@@ -5,9 +5,10 @@ mod program;
 
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::{Command, Output, Stdio};
 
 use ecan_candump::Record;
+use ecan_examples::bus_load::BusLoad;
 use ecan_protocol::{CanFrame, CanId, Dlc};
 use program::text;
 
@@ -214,6 +215,182 @@ fn wrong_use_gets_a_message_that_helps() {
         let sim: &[&str] = if arguments[0] == "--ecrt" { &[] } else { &["--ecrt", "sim"] };
         let message = fails(&[sim, arguments].concat());
         assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+}
+
+/// Two gateways with a place between them: CAN FD and classic CAN on the first, classic CAN on the
+/// second.
+const CELL: &str = "\
+cycle_us = 2000
+[dc]
+shift_us = 500
+[[gateway]]
+n = 5
+can0 = { bitrate = 500_000, data_bitrate = 2_000_000 }
+can2 = { bitrate = 250_000 }
+[[gateway]]
+position = 2
+n = 3
+can1 = { bitrate = 1_000_000 }
+";
+
+/// The channels of the summary: name, frames sent and delivered, bus load.
+fn channels(printed: &str) -> Vec<(String, u64, u64, f64)> {
+    let lines = printed.lines().filter(|line| line.starts_with("slave ") && line.contains(" can"));
+    let row = |line: &str| {
+        let words: Vec<_> = line.split_whitespace().collect();
+        let number = |at: usize| words[at].parse::<u64>().unwrap();
+        (words[1..3].join(" "), number(3), number(4), words[8].parse().unwrap())
+    };
+    lines.map(row).collect()
+}
+
+/// Interface and frame of every line.
+fn lines_of_log(path: &Path) -> Vec<(String, CanFrame)> {
+    let log = std::fs::read_to_string(path).unwrap();
+    let line = |line| {
+        let Record { interface, frame, .. } = ecan_candump::parse_line(line).unwrap().unwrap();
+        (interface.to_owned(), frame)
+    };
+    log.lines().map(line).collect()
+}
+
+#[test]
+fn a_configuration_file_says_which_channels_carry_what() {
+    let directory = tempfile::tempdir().unwrap();
+    let (cell, back) = (directory.path().join("cell.toml"), directory.path().join("back.log"));
+    std::fs::write(&cell, CELL).unwrap();
+    let (config, dump) = (cell.to_str().unwrap(), back.to_str().unwrap());
+    let base = ["--ecrt", "sim", "--cycles", "200", "--config", config, "--dump", dump];
+
+    let printed = succeeds(&base);
+    assert!(printed.contains("2 gateway(s) in service"), "{printed}");
+    assert!(printed.contains(" s, cycle 2000 us\n"), "{printed}");
+    let rows = channels(&printed);
+    let names: Vec<_> = rows.iter().map(|row| row.0.as_str()).collect();
+    assert_eq!(names, ["0 can0", "0 can2", "1 can1"], "{printed}");
+    assert!(rows.iter().all(|row| (row.1, row.2) == (200, 200)), "{printed}");
+    let returned = lines_of_log(&back);
+    for (interface, is_fd, length) in [("can0", true, 64), ("can2", false, 8), ("can5", false, 8)] {
+        let of_interface = || returned.iter().filter(|it| it.0 == interface);
+        let is_right = |frame: &CanFrame| frame.as_ref().is_fd() == is_fd && frame.len() == length;
+        assert!(of_interface().all(|it| is_right(&it.1)), "{interface}");
+        assert_eq!(of_interface().count(), 200, "{interface}");
+    }
+    assert_eq!(returned.len(), 600);
+    // Each bus at its own rates: the load of one tells those of the others.
+    let percent = |interface: &str, nominal, data| {
+        let mut load = BusLoad::default();
+        load.add(&returned.iter().find(|it| it.0 == interface).unwrap().1);
+        load.percent(nominal, data, 1_000_000)
+    };
+    let reference = rows[2].3 / percent("can5", 1_000_000, 1);
+    let others = [percent("can0", 500_000, 2_000_000), percent("can2", 250_000, 1)];
+    for (row, percent) in rows.iter().zip(others) {
+        let expected = percent * reference;
+        assert!((row.3 / expected - 1.0).abs() < 0.01, "{expected}: {printed}");
+    }
+
+    // Of one channel the frames, and the others stay in service.
+    let printed = succeeds(&[&base[..], &["--channel", "1"]].concat());
+    let sent: Vec<_> = channels(&printed).iter().map(|row| row.1).collect();
+    assert_eq!(sent, [0, 0, 200], "{printed}");
+    let all = succeeds(&[&base[..], &["--channel", "all"]].concat());
+    assert_eq!(channels(&all), rows);
+    let message = fails(&[&base[..], &["--channel", "3"]].concat());
+    assert_eq!(message, format!("simple_loop: {config} has no channel 3\n"));
+}
+
+#[test]
+fn a_recording_goes_to_the_channels_of_a_configuration_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = |name: &str| directory.path().join(name);
+    let (cell, log, back) = (path("cell.toml"), path("drive.log"), path("back.log"));
+    std::fs::write(&cell, CELL).unwrap();
+    let [config, replay, dump] = [&cell, &log, &back].map(|path| path.to_str().unwrap());
+    let base = ["--ecrt", "sim", "--config", config, "--replay", replay, "--dump", dump];
+    let write = |lines: &[&str]| {
+        let line = |(nth, frame): (usize, &&str)| format!("({nth}.000000) {frame}\n");
+        std::fs::write(&log, lines.iter().enumerate().map(line).collect::<String>()).unwrap();
+    };
+
+    write(&["can0 123##1112233", "can2 124#11", "can5 125#22", "can0 126#33"]);
+    let printed = succeeds(&base);
+    assert!(printed.contains("4 frames sent, 4 came back"), "{printed}");
+    assert_eq!(lines_of_log(&back), lines_of_log(&log));
+    let printed = succeeds(&[&base[..], &["--plan"]].concat());
+    assert!(printed.contains("plan for 2 gateway(s), cycle 2000.0 us"), "{printed}");
+    // With --channel all frames go to the first gateway that has it, whatever their interface.
+    write(&["can0 124#11", "can7 125#22"]);
+    succeeds(&[&base[..], &["--channel", "1"]].concat());
+    let returned = lines_of_log(&back);
+    assert_eq!(returned.len(), 2);
+    assert!(returned.iter().all(|it| it.0 == "can5"), "{returned:?}");
+
+    let elsewhere = "line 2: can6 means slave 1 channel 2, which is not configured";
+    let classic = "line 2 is a CAN FD frame: slave 0 channel 2 has no data_bitrate in";
+    for (line, words) in [("can6 001#", elsewhere), ("can2 001##100", classic)] {
+        write(&["can0 123##1112233", line]);
+        for plan in [&[][..], &["--plan"][..]] {
+            let message = fails(&[&base[..], plan].concat());
+            assert!(message.contains(replay) && message.contains(words), "{message}");
+        }
+    }
+}
+
+#[test]
+fn a_configuration_file_is_planned() {
+    let directory = tempfile::tempdir().unwrap();
+    let cell = directory.path().join("cell.toml");
+    std::fs::write(&cell, CELL).unwrap();
+    let plan = ["--plan", "--config", cell.to_str().unwrap()];
+    let printed = succeeds(&plan);
+    assert!(printed.contains("plan for 2 gateway(s), cycle 2000.0 us"), "{printed}");
+    for channel in ["slave 0 can0", "slave 0 can2", "slave 1 can1"] {
+        assert!(printed.contains(channel), "{channel}: {printed}");
+    }
+}
+
+#[test]
+fn a_configuration_file_that_cannot_be_used_is_told_with_every_fault() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = directory.path().join("faulty.toml");
+    let toml = "cycle_us = 2000\nspeed = 3\n[[gateway]]\nn = 25\ncan0 = { bitrate = 500_000 }\n";
+    std::fs::write(&file, toml).unwrap();
+    let config = file.to_str().unwrap();
+    let output = program::run("simple_loop", &["--ecrt", "sim", "--config", config]);
+    let message = text_of_failure(&output);
+    assert!(message.starts_with(&format!("simple_loop: {config}: 2 faults\n")), "{message}");
+    for fault in ["\n  - line 2, column 1: ", "\n  - line 4, column 5: "] {
+        assert!(message.contains(fault), "{message}");
+    }
+    assert_eq!(text(&output.stdout), "", "no bus is touched");
+
+    let output = program::run("simple_loop", &["--ecrt", "sim", "--config", "/no/such.toml"]);
+    let message = text_of_failure(&output);
+    assert!(message.starts_with("simple_loop: cannot read /no/such.toml: "), "{message}");
+}
+
+fn text_of_failure(output: &Output) -> String {
+    assert_eq!(output.status.code(), Some(1));
+    text(&output.stderr)
+}
+
+#[test]
+fn a_configuration_file_takes_the_place_of_options() {
+    let options: [&[&str]; 7] = [
+        &["--slaves", "1"],
+        &["--pdo-n", "3"],
+        &["--large-pdos"],
+        &["--bitrate", "1000000"],
+        &["--fd", "2000000"],
+        &["--cycle-us", "10000"],
+        &["--master", "0"],
+    ];
+    for option in options {
+        let message = fails(&[&["--ecrt", "sim", "--config", "cell.toml"], option].concat());
+        assert!(message.contains("cannot be used with"), "{message}");
+        assert!(message.contains("--config") && message.contains(option[0]), "{message}");
     }
 }
 
