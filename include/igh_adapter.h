@@ -147,7 +147,8 @@ int ecan_igh_config_get_slave_count(const ecan_igh_config_t *config, size_t *cou
 /**
  * Sets the period of the application's cycle.
  *
- * @param cycle_us  Microseconds, 1 to 4294967.
+ * @param cycle_us  Microseconds, 1 to 4294967. A sound one is 100 to 100000, and shorter than the
+ *                  watchdog: ecan_igh_config_set_watchdog_us().
  *
  * @usage   not rt, any thread, before init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
@@ -185,8 +186,8 @@ int ecan_igh_config_set_preop_timeout_ms(ecan_igh_config_t *config, uint32_t tim
  * Sets the process data watchdog of the gateways: one that gets no outputs for so long leaves OP
  * for SAFEOP (AL status code 0x001B) and sends no frames of the application any more.
  *
- * @param watchdog_us  A multiple of 100 from 100 to 6553500, longer than two cycles, or a single
- *                     lost frame ends operation; 0 leaves the slaves their own, of 100 ms.
+ * @param watchdog_us  A multiple of 100 from 100 to 6553500, 100000 by default. Longer than two
+ *                     cycles, or a single lost frame ends operation.
  *
  * @usage   not rt, any thread, before init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others by
@@ -581,10 +582,10 @@ int ecan_igh_send(ecan_igh_context_t *context);
  * Sleeps until the next cycle is due, on a grid of the configured period that never drifts. On a
  * stepped simulation this is where time passes.
  *
- * Behind a cycle that came late it leaves the bus time to answer: that of the frames on the wire
- * and 60 us, or a quarter of a short cycle. A master that is asked for the answer before it is back
- * gives it up, and with it the received frames that it carries. An application with a timer of its
- * own has to leave that time, too.
+ * A cycle lasts until the answer of the bus is back, ecan_igh_answer_ns() behind the last send; one
+ * that came late may miss the next point by that. A datagram that is sent again before it is back
+ * loses its answer, and with it the received frames in it. An application with a timer of its own
+ * has to leave that time, too.
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -607,6 +608,15 @@ uint64_t ecan_igh_now_ns(ecan_igh_context_t *context);
  * @return  Nanoseconds; 0 before the first cycle and where there is no context.
  */
 uint64_t ecan_igh_cycle_time_ns(ecan_igh_context_t *context);
+
+/**
+ * How long the answer of the bus to what was sent is waited for: its time on the wire, through the
+ * slaves and through the host.
+ *
+ * @usage   rt, the cycle's thread, after init
+ * @return  Nanoseconds; 0 where there is no context.
+ */
+uint64_t ecan_igh_answer_ns(ecan_igh_context_t *context);
 
 /**
  * Whether every slave exchanged both directions in the last cycle. Do not advance motion where

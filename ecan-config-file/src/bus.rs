@@ -25,7 +25,9 @@ pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Con
     if let Some(timeout) = table.unsigned(document, "preop_timeout_ms", (1, 3_600_000)) {
         adapter.preop_timeout_ms = timeout;
     }
-    adapter.watchdog_us = table.unsigned(document, "watchdog_us", (100, 6_553_500));
+    if let Some(watchdog) = table.unsigned(document, "watchdog_us", (100, 6_553_500)) {
+        adapter.watchdog_us = watchdog;
+    }
     if let Some(dc) = table.table(document, "dc") {
         adapter.dc = Some(read_dc(document, dc, adapter.cycle_ns));
     }

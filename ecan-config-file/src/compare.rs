@@ -15,6 +15,8 @@ pub enum Expected {
     Value(u32),
     /// What a readback must meet.
     Readback(Expectation),
+    /// That the device puts the filter into the editing window.
+    Loaded,
 }
 
 impl fmt::Display for Expected {
@@ -22,6 +24,7 @@ impl fmt::Display for Expected {
         match self {
             Self::Value(value) => write!(f, "{value}"),
             Self::Readback(expected) => write!(f, "{expected}"),
+            Self::Loaded => f.write_str("loaded"),
         }
     }
 }
@@ -58,6 +61,10 @@ impl fmt::Display for Difference {
         let wanted = match self.expected {
             Expected::Value(value) => meaning(value),
             Expected::Readback(_) => String::new(),
+            Expected::Loaded => {
+                let found = self.found;
+                return write!(f, ": the device does not load it, {found}{}", meaning(found));
+            }
         };
         let (expected, found) = (self.expected, self.found);
         write!(f, ": the file has {expected}{wanted}, the device {found}{}", meaning(found))
@@ -142,4 +149,25 @@ fn is_command(write: &SdoWrite) -> bool {
     let entry = object(write.index).and_then(|object| object.entry(write.subindex));
     apply.is_some_and(|apply| apply.command == write.subindex)
         || entry.is_some_and(|entry| !entry.access.can_read())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_filter_that_is_not_loaded_is_told_as_such() {
+        let subindex = ecan_protocol::FilterWindow::STANDARD.status;
+        let difference = Difference {
+            index: 0x8001,
+            subindex,
+            filter: Some(3),
+            expected: Expected::Loaded,
+            found: 1,
+            is_set_at_start: false,
+        };
+        let words = difference.to_string();
+        assert!(words.contains(" of filter 3: the device does not load it, 1"), "{words}");
+        assert!(words.starts_with("0x8001:"), "{words}");
+    }
 }

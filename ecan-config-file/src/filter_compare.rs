@@ -58,21 +58,22 @@ impl FilterList {
         slave: usize,
         differences: &mut Vec<Difference>,
     ) -> Result<(), Error> {
-        let mut differs = |filter, subindex, wanted, found| {
-            if wanted != found {
-                differences.push(Difference {
-                    index: self.channel_object,
-                    subindex,
-                    filter,
-                    expected: Expected::Value(wanted),
-                    found,
-                    is_set_at_start: false,
-                });
-            }
+        let mut push = |filter, subindex, expected, found| {
+            let (index, is_set_at_start) = (self.channel_object, false);
+            differences.push(Difference {
+                index,
+                subindex,
+                filter,
+                expected,
+                found,
+                is_set_at_start,
+            });
         };
         let read = |subindex| bus.sdo_upload_u32(slave, self.channel_object, subindex);
         let count = read(self.window.count)?;
-        differs(None, self.window.count, self.count, count);
+        if count != self.count {
+            push(None, self.window.count, Expected::Value(self.count), count);
+        }
         for (at, fields) in &self.filters {
             if u32::from(*at) >= count {
                 continue;
@@ -81,13 +82,16 @@ impl FilterList {
             bus.sdo_download(slave, self.channel_object, self.window.index, &[*at])?;
             bus.sdo_download(slave, self.channel_object, self.window.command, &[load])?;
             let status = read(self.window.status)?;
-            differs(Some(*at), self.window.status, 0, status);
             if status != 0 {
                 // What the window shows is another filter.
+                push(Some(*at), self.window.status, Expected::Loaded, status);
                 continue;
             }
             for (subindex, wanted) in fields {
-                differs(Some(*at), *subindex, *wanted, read(*subindex)?);
+                let found = read(*subindex)?;
+                if found != *wanted {
+                    push(Some(*at), *subindex, Expected::Value(*wanted), found);
+                }
             }
         }
         Ok(())

@@ -133,7 +133,7 @@ fn values_reach_their_fields() {
     let adapter = &file.adapter;
     assert_eq!((adapter.master_index, adapter.cycle_ns), (1, 250_500));
     assert_eq!((adapter.allow_large_pdos, adapter.preop_timeout_ms), (true, 500));
-    assert_eq!(adapter.watchdog_us, Some(20_000));
+    assert_eq!(adapter.watchdog_us, 20_000);
     let dc = adapter.dc.unwrap();
     assert_eq!((dc.cycle_ns, dc.shift_ns, dc.source), (501_000, 100_000, ClockSource::Reference));
     assert_eq!((dc.reference, dc.monitor_every), (Some(1), 0));

@@ -226,12 +226,10 @@ impl Adapter {
                     .map_err(fail("ecrt_slave_config_sdo"))?;
             }
         }
-        if let Some(watchdog_us) = self.config.watchdog_us {
-            let intervals = u16::try_from(watchdog_us / WATCHDOG_UNIT_US).unwrap_or(u16::MAX);
-            master
-                .config_watchdog(config, WATCHDOG_DIVIDER, intervals)
-                .map_err(fail("ecrt_slave_config_watchdog"))?;
-        }
+        let intervals = u16::try_from(self.config.watchdog_us / WATCHDOG_UNIT_US);
+        master
+            .config_watchdog(config, WATCHDOG_DIVIDER, intervals.unwrap_or(u16::MAX))
+            .map_err(fail("ecrt_slave_config_watchdog"))?;
         if let Some(dc) = self.config.dc {
             let shift = i32::try_from(dc.shift_ns).unwrap_or(i32::MAX);
             master

@@ -120,7 +120,7 @@ pub struct AdapterConfig {
     pub master_index: u32,
     /// The gateways; their index here is the slave index in every call.
     pub slaves: Vec<SlaveSettings>,
-    /// Period of the application's cycle in nanoseconds.
+    /// Period of the application's cycle in nanoseconds, shorter than the watchdog.
     pub cycle_ns: u32,
     /// Distributed clocks with Sync0; `None` runs synchronous to process data ("SM/free").
     pub dc: Option<DcSync>,
@@ -132,15 +132,12 @@ pub struct AdapterConfig {
     pub preop_timeout_ms: u32,
     /// Process data watchdog of every gateway in microseconds, a multiple of 100 from 100 to
     /// 6 553 500: when no outputs have come for so long a gateway leaves OP for SAFEOP (AL status
-    /// code 0x001B), and sends no frame of the application any more. `None` leaves its own, of
-    /// 100 ms ([`DEFAULT_WATCHDOG_US`]). Longer than two cycles, or a single lost frame ends
-    /// operation.
-    pub watchdog_us: Option<u32>,
+    /// code 0x001B), and sends no frame of the application any more. Longer than two cycles, or a
+    /// single lost frame ends operation. It is always written, as a gateway keeps what the last
+    /// application told it until its power goes.
+    pub watchdog_us: u32,
 }
 
-/// Process data watchdog of a slave that is told no other, in microseconds (H34 of
-/// docs/ASSUMPTIONS.md).
-pub const DEFAULT_WATCHDOG_US: u32 = 100_000;
 /// Unit of the watchdog in microseconds.
 pub(crate) const WATCHDOG_UNIT_US: u32 = 100;
 /// Longest watchdog in microseconds: the register has 16 bits.
@@ -150,7 +147,8 @@ pub(crate) const WATCHDOG_DIVIDER: u16 = 2_498;
 
 impl AdapterConfig {
     /// `count` slaves from position 0 on, N = 3 (384 bytes, classic CAN, manual 5.2) and the
-    /// manual's first cycle of 10 ms (15.5.2).
+    /// manual's first cycle of 10 ms (15.5.2); the watchdog is the 100 ms that slaves have by
+    /// default (H34 of docs/ASSUMPTIONS.md).
     pub fn new(count: u16) -> Self {
         Self {
             master_index: 0,
@@ -159,7 +157,7 @@ impl AdapterConfig {
             dc: None,
             allow_large_pdos: false,
             preop_timeout_ms: 10_000,
-            watchdog_us: None,
+            watchdog_us: 100_000,
         }
     }
 
@@ -180,12 +178,7 @@ impl AdapterConfig {
 
     /// Sets the process data watchdog in microseconds.
     pub fn with_watchdog_us(mut self, watchdog_us: u32) -> Self {
-        self.watchdog_us = Some(watchdog_us);
+        self.watchdog_us = watchdog_us;
         self
-    }
-
-    /// The process data watchdog in force, in microseconds.
-    pub(crate) fn watchdog_us(&self) -> u32 {
-        self.watchdog_us.unwrap_or(DEFAULT_WATCHDOG_US)
     }
 }

@@ -159,15 +159,15 @@ impl AdapterConfig {
     }
 
     fn check_cycle(&self, faults: &mut Vec<ConfigFault>) {
+        let watchdog_us = self.watchdog_us;
+        if !watchdog_us.is_multiple_of(WATCHDOG_UNIT_US)
+            || !(WATCHDOG_UNIT_US..=MAX_WATCHDOG_US).contains(&watchdog_us)
+        {
+            faults.push(ConfigFault::WatchdogTime { watchdog_us });
+        }
         if !(MIN_CYCLE_NS..=MAX_CYCLE_NS).contains(&self.cycle_ns) {
             faults.push(ConfigFault::Cycle { cycle_ns: self.cycle_ns });
             return;
-        }
-        if let Some(watchdog_us) = self.watchdog_us
-            && (watchdog_us % WATCHDOG_UNIT_US != 0
-                || !(WATCHDOG_UNIT_US..=MAX_WATCHDOG_US).contains(&watchdog_us))
-        {
-            faults.push(ConfigFault::WatchdogTime { watchdog_us });
         }
         if let Some(dc) = self.dc {
             if dc.cycle_ns == 0 || dc.cycle_ns % self.cycle_ns != 0 {
@@ -260,18 +260,19 @@ mod tests {
             let config = AdapterConfig::new(1).with_cycle_us(cycle_us);
             AdapterConfig { watchdog_us, ..config }.check().err().map_or(Vec::new(), |it| it.0)
         };
-        assert_eq!(faults(1_000, Some(2_000)), []);
-        assert_eq!(faults(1_000, Some(6_553_500)), []);
+        assert_eq!(faults(1_000, 2_000), []);
+        assert_eq!(faults(1_000, 6_553_500), []);
         for watchdog_us in [0, 2_050, 6_553_600] {
             let expected = [ConfigFault::WatchdogTime { watchdog_us }];
-            assert_eq!(faults(1_000, Some(watchdog_us)), expected);
+            assert_eq!(faults(1_000, watchdog_us), expected);
+            assert_eq!(faults(0, watchdog_us).len(), 2);
         }
         let refused = |watchdog_us, cycle_ns| {
             vec![ConfigFault::Plan(PlanRefusal::Watchdog { watchdog_us, cycle_ns })]
         };
-        assert_eq!(faults(1_000, Some(1_000)), refused(1_000, 1_000_000));
-        assert_eq!(faults(100_000, None), refused(100_000, 100_000_000));
-        assert_eq!(faults(100_000, Some(200_000)), []);
+        assert_eq!(faults(1_000, 1_000), refused(1_000, 1_000_000));
+        assert_eq!(faults(100_000, 100_000), refused(100_000, 100_000_000));
+        assert_eq!(faults(100_000, 200_000), []);
     }
 
     #[test]

@@ -13,10 +13,10 @@ impl Adapter {
     /// application with a cycle timer of its own need not call it; then the time of each
     /// [`receive`](Self::receive) is the time of its cycle.
     ///
-    /// After a cycle that came late the next one begins no sooner than
-    /// [`Plan::answer_ns`](crate::Plan::answer_ns) behind the last [`send`](Self::send). A master
-    /// that is asked for the answer before it is back gives it up, and with it the TxPDO image that
-    /// it carries.
+    /// A cycle lasts until the answer of the bus is back, [`answer_ns`](Self::answer_ns) behind the
+    /// last [`send`](Self::send); one that came late may miss the next point by that. A datagram
+    /// that is sent again before it is back loses its answer, and with it the TxPDO image in it. On
+    /// an attached Adapter the owner sends later, and more: what that takes is the owner's to leave.
     ///
     /// [`set_cycle_timing`](Self::set_cycle_timing) makes it spin before the point, or make up for
     /// cycles instead of skipping them. Real-time safe: it allocates nothing.
@@ -62,6 +62,12 @@ impl Adapter {
     /// The time that the running cycle has on the grid, in nanoseconds of the library's clock.
     pub fn cycle_time_ns(&self) -> u64 {
         self.cycle_time_ns
+    }
+
+    /// How long the answer of the bus is waited for, in nanoseconds
+    /// ([`Plan::answer_ns`](crate::Plan::answer_ns)). Real-time safe.
+    pub fn answer_ns(&self) -> u64 {
+        self.answer_ns
     }
 
     /// How far the distributed clocks are apart; none without them, before activation, and on an

@@ -34,15 +34,17 @@ pub fn run_beside<R: Send>(
     mut cycle: impl FnMut(),
 ) -> R {
     let clock = diagnostics.ecrt.clock().clone();
-    let (clock, is_done, begun) = (clock.as_ref(), &AtomicBool::new(false), &Barrier::new(2));
+    let (clock, is_done) = (clock.as_ref(), &AtomicBool::new(false));
+    // Only a clock that is stepped waits for the thread, and then from its very start.
+    let begun = &(!clock.runs_by_itself()).then(|| Barrier::new(2));
     thread::scope(|scope| {
         let worker = scope.spawn(move || {
             clock.enter_beside();
             let _beside = Beside { clock, is_done };
-            begun.wait();
+            begun.as_ref().map(Barrier::wait);
             work(&diagnostics)
         });
-        begun.wait();
+        begun.as_ref().map(Barrier::wait);
         loop {
             cycle();
             if is_done.load(Ordering::Acquire) {

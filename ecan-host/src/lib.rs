@@ -40,9 +40,7 @@ mod stop;
 
 pub use adapter::{Adapter, Phase};
 pub use clocks::ClockStatus;
-pub use config::{
-    AdapterConfig, ClockSource, DEFAULT_WATCHDOG_US, DcSync, Identity, SlaveSettings,
-};
+pub use config::{AdapterConfig, ClockSource, DcSync, Identity, SlaveSettings};
 pub use config_check::ConfigFault;
 pub use cycle::{CycleError, Delivery, DomainReport};
 pub use diagnose::run_beside;

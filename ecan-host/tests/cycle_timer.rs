@@ -6,7 +6,7 @@ mod common;
 use std::cell::Cell;
 use std::sync::Mutex;
 
-use common::{open, raw_config, run, simulated};
+use common::{open, raw_config, raw_config_of, run, simulated};
 use ecan_host::{
     Adapter, AdapterConfig, Clock, CycleStart, CycleTimer, CycleTiming, Ecrt, MAX_SPIN_NS,
     OverrunPolicy,
@@ -206,6 +206,51 @@ fn the_cycle_behind_a_late_one_waits_for_the_answer() {
         }
         assert!(overruns > 20, "{overruns}");
     }
+}
+
+/// Whatever share of the cycle the wire takes: a host in time keeps the grid, one that was late
+/// comes back to it.
+#[test]
+fn who_sends_early_is_never_held_back() {
+    for (gateways, multiplier, cycle_us) in [(1, 8, 250), (1, 2, 100), (3, 11, 1_000), (1, 3, 200)]
+    {
+        let config = raw_config_of(gateways, multiplier).with_cycle_us(cycle_us);
+        let (ecrt, simulation) = simulated(ecan_sim::echo(gateways.into()));
+        let mut adapter = Adapter::open(&ecrt, config).unwrap();
+        adapter.wait_op(60_000).unwrap();
+        let cycle_ns = u64::from(cycle_us) * 1_000;
+        let mut cycle = |work_ns| {
+            let skipped = adapter.wait_next_cycle();
+            adapter.receive().unwrap();
+            simulation.pass_ns(work_ns);
+            adapter.send().unwrap();
+            (adapter.cycle_start(), skipped)
+        };
+        let in_time = |(start, skipped): (CycleStart, u64)| {
+            (start.late_ns, start.has_overrun, skipped) == (0, false, 0)
+        };
+        let case = format!("{gateways} {multiplier} {cycle_us}");
+        for _ in 0..2_000 {
+            assert!(in_time(cycle(cycle_ns * 6 / 10)), "{case}");
+        }
+        cycle(cycle_ns * 9 / 10);
+        let (start, skipped) = cycle(0);
+        assert_eq!((start.late_ns, start.has_overrun, skipped), (0, true, 1), "{case}");
+        assert!((0..100).all(|_| in_time(cycle(0))), "{case}");
+    }
+}
+
+#[test]
+fn the_first_cycle_waits_for_the_answer_too() {
+    let mut adapter = open(ecan_sim::echo(1), raw_config().0).unwrap();
+    adapter.activate().unwrap();
+    let clock = adapter.ecrt().clock().clone();
+    adapter.receive().unwrap();
+    adapter.send().unwrap();
+    let sent_ns = clock.now_ns();
+    adapter.wait_next_cycle();
+    assert!(adapter.answer_ns() > 60_000);
+    assert_eq!(clock.now_ns() - sent_ns, adapter.answer_ns());
 }
 
 #[test]

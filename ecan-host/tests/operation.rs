@@ -113,11 +113,11 @@ fn the_al_status_code_is_caught_before_the_master_acknowledges_it() {
 #[test]
 fn the_watchdog_ends_operation_after_its_time() {
     for (watchdog_us, pause_us, holds) in [
-        (None, 97_000, true),
-        (None, 101_000, false),
-        (Some(5_000), 4_500, true),
-        (Some(5_000), 5_500, false),
-        (Some(6_553_500), 6_500_000, true),
+        (100_000, 97_000, true),
+        (100_000, 101_000, false),
+        (5_000, 4_500, true),
+        (5_000, 5_500, false),
+        (6_553_500, 6_500_000, true),
     ] {
         let config = AdapterConfig { watchdog_us, ..raw_config().0 };
         let (ecrt, simulation) = simulated(ecan_sim::echo(1));
@@ -130,12 +130,25 @@ fn the_watchdog_ends_operation_after_its_time() {
             run(&mut adapter, 10);
             assert!(is_in_op());
             simulation.pass_ns(pause_us * 1_000);
-            assert_eq!(is_in_op(), holds, "{watchdog_us:?} {pause_us}");
+            assert_eq!(is_in_op(), holds, "{watchdog_us} {pause_us}");
             simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 300 });
             run(&mut adapter, 200);
             adapter.wait_op(30_000).unwrap();
         }
     }
+}
+
+#[test]
+fn a_watchdog_does_not_outlive_the_configuration_that_set_it() {
+    let (config, _) = raw_config();
+    let (ecrt, simulation) = simulated(ecan_sim::echo(1));
+    let mut adapter = Adapter::open(&ecrt, config.clone().with_watchdog_us(5_000)).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    adapter.reconfigure(config).unwrap();
+    adapter.wait_op(20_000).unwrap();
+    simulation.pass_ns(50_000_000);
+    run(&mut adapter, 2);
+    assert!(adapter.domain_is_complete());
 }
 
 #[test]
@@ -273,9 +286,10 @@ fn work_beside_the_cycle_takes_the_same_cycles_in_every_run() {
         let (config, _) = raw_config();
         let mut adapter = open(ecan_sim::echo(1), config).unwrap();
         adapter.wait_op(10_000).unwrap();
+        let clock = adapter.ecrt().clock().clone();
         let mut cycles = Vec::new();
         for transfers in [0, 1, 20] {
-            let mut count = 0;
+            let mut count = 0_u64;
             let cycle = |adapter: &mut Adapter| {
                 count += 1;
                 let received = adapter.receive();
@@ -286,10 +300,13 @@ fn work_beside_the_cycle_takes_the_same_cycles_in_every_run() {
                     // As long as a thread may compute, or wait for its turn.
                     std::thread::yield_now();
                     diagnostics.sdo_upload_u32(0, 0x1018, 1).unwrap();
+                    clock.sleep_until_ns(clock.now_ns() + 10_000_000);
                 }
             };
+            let start_ns = clock.now_ns();
             adapter.diagnose(cycle, work).unwrap();
             cycles.push(count);
+            assert_eq!(clock.now_ns() - start_ns, count * 1_000_000, "none was skipped");
         }
         cycles
     };

@@ -6,7 +6,7 @@ mod common;
 use common::{run, simulated};
 use ecan_host::{
     Adapter, AdapterConfig, BYTE_NS, ClockSource, DatagramUse, DcSync, FRAME_OVERHEAD_BYTES,
-    LogicalCommand, Plan, PlanWarning,
+    LogicalCommand, Plan, PlanRefusal, PlanWarning,
 };
 use ecan_sim::EcrtVersion;
 use proptest::prelude::*;
@@ -168,6 +168,16 @@ fn what_barely_works_is_warned_of() {
     );
     assert!(of(850)[1].to_string().contains("82 % of the cycle"), "{}", of(850)[1]);
     assert_eq!(of(877), []);
+}
+
+#[test]
+fn a_watchdog_that_outlasts_no_lost_frame_is_warned_of() {
+    let of = |watchdog_us| Plan::of(&config(1, 3, 1_000).with_watchdog_us(watchdog_us));
+    let tight = PlanWarning::WatchdogTight { watchdog_us: 2_000, cycle_ns: 1_000_000 };
+    assert_eq!((of(2_000).warnings, of(2_000).refusals), (vec![tight], vec![]));
+    assert_eq!(of(2_100).warnings, []);
+    let refused = PlanRefusal::Watchdog { watchdog_us: 1_000, cycle_ns: 1_000_000 };
+    assert_eq!((of(1_000).warnings, of(1_000).refusals), (vec![], vec![refused]));
 }
 
 /// The image of one slave of N = 3 is there 64.64 us after the send. Two clock datagrams make the

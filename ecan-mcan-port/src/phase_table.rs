@@ -123,7 +123,7 @@ impl PhaseTable {
 
     /// The point to run with: the smallest offset at which frames keep the offset margin, or else
     /// the largest margin, and there the shift that is farthest from every bad one. Of two that are
-    /// equally far the one with more room below: cycles come late, not early, and some later than
+    /// exactly as far the one with more room below: cycles come late, not early, and some later than
     /// any that was measured. None where no point is good.
     pub fn recommended(&self) -> Option<&PhasePoint> {
         let rank = |point: &&PhasePoint| {

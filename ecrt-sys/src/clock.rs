@@ -39,7 +39,7 @@ pub trait Clock: Send + Sync {
     ///
     /// A clock that is moved by sleeping stands still while such a thread computes, and goes on while
     /// it waits in the library: what the thread does then takes the same time in every run. Others
-    /// need not know.
+    /// need not know. A clock around another one passes this on, and the end.
     fn enter_beside(&self) {}
 
     /// The calling thread ends its work beside the cycle.

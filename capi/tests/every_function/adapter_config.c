@@ -91,9 +91,10 @@ static void numbers(ecan_igh_config_t *config)
     GOOD(ecan_igh_config_set_preop_timeout_ms(config, 10000));
     GOOD(ecan_igh_config_set_watchdog_us(config, 150));
     BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
+    GOOD(ecan_igh_config_set_watchdog_us(config, 0));
+    BAD(ECAN_ERR_CONFIG, ecan_igh_check_config(config));
     GOOD(ecan_igh_config_set_watchdog_us(config, 50000));
     GOOD(ecan_igh_check_config(config));
-    GOOD(ecan_igh_config_set_watchdog_us(config, 0));
 
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_cycle_us(config, 0));
     BAD(ECAN_ERR_ARGUMENT, ecan_igh_config_set_cycle_us(config, 4294968));

@@ -182,14 +182,14 @@ static void too_much(void)
     enum { FILTERS = 64, GATEWAYS = 9 };
     size_t count = 0;
     char *text = malloc(GATEWAYS * FILTERS * 80 + 4096);
-    char *end = text + sprintf(text, "cycle_us = 100_000\n");
+    char *end = text + sprintf(text, "cycle_us = 100_000\nwatchdog_us = 1_000_000\n");
     for (int i = 0; i < ECAN_IGH_MAX_SLAVES + 1; i++) {
         end += sprintf(end, "[[gateway]]\nn = 1\ncan0 = { bitrate = 500_000 }\n");
     }
     BAD(ECAN_ERR_FULL, igh_mcan_port_parse_config(&igh_config, &config, text, faults, 32, &count));
     WORDS("33 gateways, 32 are the most");
     SAME(0, count);
-    end = text + sprintf(text, "cycle_us = 100_000\n");
+    end = text + sprintf(text, "cycle_us = 100_000\nwatchdog_us = 1_000_000\n");
     for (int i = 0; i < GATEWAYS; i++) {
         end += sprintf(end, "[[gateway]]\nn = 1\n[gateway.can0]\nbitrate = 500_000\n"
                             "standard_filter = [");

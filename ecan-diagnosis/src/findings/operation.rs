@@ -113,6 +113,7 @@ fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Finding {
                 "the application stopped, or its cycle came late by more than the watchdog time",
                 "EtherCAT frames are lost: cable, connector, network interface",
                 "the host pauses: no real-time priority, power saving, interrupt coalescing",
+                "the watchdog that the application sets is too short for its cycle",
             ],
             "look at the cycle statistics of the application, then run `ecan doctor`",
         ),

@@ -42,8 +42,8 @@ pub struct CycleStart {
     pub late_ns: u64,
     /// Points of the grid that were left out before this one.
     pub skipped: u64,
-    /// The cycle before took past a point of the grid. Cycles that are made up for do not count
-    /// again.
+    /// The cycle before, with the answer of the bus, took past a point of the grid. Cycles that are
+    /// made up for do not count again.
     pub has_overrun: bool,
 }
 
@@ -133,12 +133,15 @@ impl CycleTimer {
         self.wait_from(clock, 0)
     }
 
-    /// As [`wait`](Self::wait), but not back before `earliest_ns`: then the cycle begins late.
+    /// As [`wait`](Self::wait), but not back before `earliest_ns`: a cycle lasts until its answer is
+    /// back, and with that it may take past a point.
     pub(crate) fn wait_from(&mut self, clock: &dyn Clock, earliest_ns: u64) -> CycleStart {
-        let now = clock.now_ns();
+        let now = clock.now_ns().max(earliest_ns);
         let Some(last) = self.last_ns else {
-            self.last_ns = Some(now);
-            return CycleStart { deadline_ns: now, ..CycleStart::default() };
+            clock.sleep_until_ns(now);
+            let start = clock.now_ns();
+            self.last_ns = Some(start);
+            return CycleStart { deadline_ns: start, ..CycleStart::default() };
         };
         let missed = now.saturating_sub(last) / self.cycle_ns;
         let made_up_for = match self.timing.overrun {

@@ -27,13 +27,19 @@ pub fn run(adapter: &mut Adapter, cycles: usize) {
 /// The steps that give the gateway a profile for N = 3, as an application without the Port does
 /// (manual 15.5.3).
 pub fn raw_config() -> (AdapterConfig, PdoProfile) {
-    let mut config = AdapterConfig::new(1).with_cycle_us(1_000);
-    let profile = PdoProfile { multiplier: 3, ..PdoProfile::default() };
-    for direction in [Direction::TxPdo, Direction::RxPdo] {
-        let startup = &mut config.slaves[0].startup;
-        startup.extend(profile.writes(direction).map(StartupStep::Download));
-        startup.push(StartupStep::Download(PdoProfile::apply_write(direction)));
-        startup.push(StartupStep::expect(direction.profile_object(), 2, 0));
+    (raw_config_of(1, 3), PdoProfile { multiplier: 3, ..PdoProfile::default() })
+}
+
+/// The same for so many gateways with this N.
+pub fn raw_config_of(gateways: u16, multiplier: u8) -> AdapterConfig {
+    let mut config = AdapterConfig::new(gateways).with_multiplier(multiplier).with_cycle_us(1_000);
+    let profile = PdoProfile { multiplier, ..PdoProfile::default() };
+    for slave in &mut config.slaves {
+        for direction in [Direction::TxPdo, Direction::RxPdo] {
+            slave.startup.extend(profile.writes(direction).map(StartupStep::Download));
+            slave.startup.push(StartupStep::Download(PdoProfile::apply_write(direction)));
+            slave.startup.push(StartupStep::expect(direction.profile_object(), 2, 0));
+        }
     }
-    (config, profile)
+    config
 }

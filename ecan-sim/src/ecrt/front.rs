@@ -9,7 +9,7 @@ use ecrt_sys::{Clock as _, MonotonicClock};
 use crate::backend::BackendError;
 use crate::ecrt::master::{MasterModel, Phase};
 use crate::ecrt::sdo::{SdoFailure, SdoObject};
-use crate::ecrt::threads::{self, Threads, Waiter};
+use crate::ecrt::threads::{Threads, Waiter};
 use crate::ecrt::timing::{BLOCKED_GIVE_UP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
 use crate::wake_up::WakeUps;
@@ -19,12 +19,11 @@ use crate::world::{EPOCH_NS, World};
 const WAIT_STEP_NS: u64 = 10_000_000;
 /// The same on an active bus, where only another thread gets on with what it waits for.
 const ACTIVE_WAIT_STEP_NS: u64 = 1_000_000;
-/// How long a blocking call waits in wall-clock time for another thread to run the cycle.
+/// How long a blocking call waits in wall-clock time for another thread to run the cycle, and the
+/// stepped clock for a thread beside it that computes.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// The same behind a blocked send queue.
 const BLOCKED_PATIENCE: Duration = Duration::from_millis(500);
-/// How long the stepped clock stands still for a thread that computes, in wall-clock time.
-const SETTLE_PATIENCE: Duration = Duration::from_millis(200);
 /// Time after power-on and scan in which the slaves reach PREOP.
 const SETTLE_NS: u64 = 1_000_000_000;
 
@@ -87,7 +86,7 @@ impl Shared {
         let mut state = State {
             world: World::new(scenario, birth)?,
             master: MasterModel::new(scenario),
-            threads: Threads::default(),
+            threads: Threads::new(),
         };
         state.run_until(birth + life);
         state.world.begin(&scenario.faults);
@@ -137,40 +136,43 @@ impl Shared {
         match self.kind {
             ClockKind::Real => MonotonicClock.sleep_until_ns(deadline),
             ClockKind::Stepped => {
-                let is_beside = threads::is_beside(self.id());
-                let mut state = self.lock();
-                state.threads.computing -= usize::from(is_beside);
-                let mut state = self.settle(state);
+                if self.lock().threads.has_caller() && self.sleep_beside(deadline) {
+                    return;
+                }
+                let mut state = self.settle(self.lock());
                 self.step_to(&mut state, deadline);
-                state.threads.tell_moved();
-                self.moved.notify_all();
-                let mut state = self.settle(state);
-                state.threads.computing += usize::from(is_beside);
+                drop(self.settle(state));
             }
         }
+    }
+
+    /// A thread beside the cycle leaves it to the cycle to move the clock; false where there is none.
+    fn sleep_beside(&self, deadline: u64) -> bool {
+        self.wait(|state, is_alone| {
+            let is_over = state.world.now_ns() >= deadline;
+            let has_cycle = !is_alone && state.master.phase == Phase::Active;
+            (is_over || !has_cycle).then_some(is_over)
+        })
     }
 
     /// Waits until no thread computes that stepped time stands still for, but not for one that does
     /// not get on.
     fn settle<'a>(&self, state: MutexGuard<'a, State>) -> MutexGuard<'a, State> {
-        let computes = |state: &mut State| state.threads.computing > 0;
-        let settled = self.settled.wait_timeout_while(state, SETTLE_PATIENCE, computes);
-        settled.unwrap_or_else(PoisonError::into_inner).0
-    }
-
-    /// Identifies this world among those that a thread may work beside.
-    fn id(&self) -> usize {
-        std::ptr::from_ref(self).addr()
+        let computes = |state: &mut State| !state.threads.is_settled();
+        let settled = self.settled.wait_timeout_while(state, PATIENCE, computes);
+        let (mut state, timeout) = settled.unwrap_or_else(PoisonError::into_inner);
+        if timeout.timed_out() {
+            state.threads.give_up();
+        }
+        state
     }
 
     pub(crate) fn enter_beside(&self) {
-        threads::set_beside(Some(self.id()));
-        self.lock().threads.computing += 1;
+        self.lock().threads.enter();
     }
 
     pub(crate) fn leave_beside(&self) {
-        threads::set_beside(None);
-        self.lock().threads.computing -= 1;
+        self.lock().threads.leave();
         self.settled.notify_all();
     }
 
@@ -191,6 +193,8 @@ impl Shared {
     fn step_to(&self, state: &mut State, to: u64) {
         state.run_until(to);
         self.now.store(state.world.now_ns(), Ordering::Release);
+        state.threads.tell_moved();
+        self.moved.notify_all();
     }
 
     /// Blocks until `poll` gives something, while simulated time passes and the master works.
@@ -199,7 +203,7 @@ impl Shared {
     /// time. `poll` is told when no thread does so.
     pub(crate) fn wait<R>(&self, mut poll: impl FnMut(&mut State, bool) -> Option<R>) -> R {
         let mut is_alone = false;
-        let mut waiter = Waiter::new(threads::is_beside(self.id()));
+        let mut waiter = Waiter::new(&self.lock().threads);
         loop {
             let mut state = self.lock();
             if self.kind == ClockKind::Real {
@@ -228,7 +232,10 @@ impl Shared {
             let longest = if active { ACTIVE_WAIT_STEP_NS } else { WAIT_STEP_NS };
             let until = state.machines_due().clamp(now + 1, now + longest);
             match self.kind {
-                ClockKind::Stepped => self.step_to(&mut state, until),
+                ClockKind::Stepped => {
+                    waiter.stand_aside(&mut state.threads);
+                    self.step_to(&mut state, until);
+                }
                 ClockKind::Real => {
                     drop(state);
                     MonotonicClock.sleep_until_ns(until);

@@ -120,11 +120,14 @@ impl MasterModel {
                 self.assignment_step(index, world, list, at, journey)
             }
             Startup::Watchdog => {
+                // A slave that is told nothing keeps what it has.
                 let (divider, intervals) = self.attached(index).map_or((0, 0), |c| c.watchdog);
-                let divider = if divider == 0 { WATCHDOG_DIVIDER } else { divider };
-                let intervals = if intervals == 0 { WATCHDOG_INTERVALS } else { intervals };
-                let ns = (u64::from(divider) + 2) * WATCHDOG_STEP_NS * u64::from(intervals);
-                world.with_gateway(slot, |gateway, _| gateway.set_watchdog_ns(ns));
+                if (divider, intervals) != (0, 0) {
+                    let divider = if divider == 0 { WATCHDOG_DIVIDER } else { divider };
+                    let intervals = if intervals == 0 { WATCHDOG_INTERVALS } else { intervals };
+                    let ns = (u64::from(divider) + 2) * WATCHDOG_STEP_NS * u64::from(intervals);
+                    world.with_gateway(slot, |gateway, _| gateway.set_watchdog_ns(ns));
+                }
                 Next::Step(Startup::SyncManagers, 2 * REGISTER_NS)
             }
             Startup::SyncManagers => {

@@ -162,6 +162,22 @@ fn lost_images_are_comments_on_standard_error() {
         .map(|n| format!("lost images of the gateway: {n}; frames of the bus may be missing"));
     assert_eq!(told, expected, "{errors}");
     assert_eq!(String::from_utf8(output.stdout).unwrap().lines().count(), 4000 - 6);
+
+    // What waits for its second when the end comes, and damaged images, which count once.
+    let damaged = |kind: &str, at_ms| {
+        format!("[[fault]]\nkind = \"{kind}\"\ngateway = 0\nat_ms = {at_ms}\ntimes = 1\n")
+    };
+    let damages = [damaged("crc_error", 9600), damaged("torn_image", 9700)].concat();
+    let faults = format!("{}{damages}", fault(9500, 1));
+    let bus = Scenario::replaying(&frames, &faults);
+    let output = bus.run(&["dump", "-n", "1700"]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    let told: Vec<_> = errors.lines().filter_map(|line| line.split("gateway: ").nth(1)).collect();
+    assert_eq!(
+        told,
+        ["1; frames of the bus may be missing", "2; frames of the bus may be missing"],
+        "{errors}"
+    );
 }
 
 #[test]

@@ -82,7 +82,7 @@ pub(crate) struct AdapterPlain {
     pub(crate) dc: Option<DcSync>,
     pub(crate) allow_large_pdos: bool,
     pub(crate) preop_timeout_ms: u32,
-    pub(crate) watchdog_us: Option<u32>,
+    pub(crate) watchdog_us: u32,
     /// In order.
     pub(crate) startup: [Option<StartupPlain>; ECAN_IGH_MAX_STARTUP_SDOS],
     /// Whether the setting was set, empty included.

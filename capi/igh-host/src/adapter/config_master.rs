@@ -153,7 +153,8 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_count(
 
 /// Sets the period of the application's cycle.
 ///
-/// @param cycle_us  Microseconds, 1 to 4294967.
+/// @param cycle_us  Microseconds, 1 to 4294967. A sound one is 100 to 100000, and shorter than the
+///                  watchdog: ecan_igh_config_set_watchdog_us().
 ///
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT.
@@ -229,8 +230,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_preop_timeout_ms(
 /// Sets the process data watchdog of the gateways: one that gets no outputs for so long leaves OP
 /// for SAFEOP (AL status code 0x001B) and sends no frames of the application any more.
 ///
-/// @param watchdog_us  A multiple of 100 from 100 to 6553500, longer than two cycles, or a single
-///                     lost frame ends operation; 0 leaves the slaves their own, of 100 ms.
+/// @param watchdog_us  A multiple of 100 from 100 to 6553500, 100000 by default. Longer than two
+///                     cycles, or a single lost frame ends operation.
 ///
 /// @usage   not rt, any thread, before init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others by
@@ -241,7 +242,6 @@ pub unsafe extern "C" fn ecan_igh_config_set_watchdog_us(
     watchdog_us: u32,
 ) -> c_int {
     call("ecan_igh_config_set_watchdog_us", |call| {
-        let watchdog_us = (watchdog_us > 0).then_some(watchdog_us);
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         unsafe { AdapterPlain::open(call, config)? }.watchdog_us = watchdog_us;
         Ok(())

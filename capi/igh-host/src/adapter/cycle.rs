@@ -117,10 +117,10 @@ pub unsafe extern "C" fn ecan_igh_send(context: *mut ecan_igh_context_t) -> c_in
 /// Sleeps until the next cycle is due, on a grid of the configured period that never drifts. On a
 /// stepped simulation this is where time passes.
 ///
-/// Behind a cycle that came late it leaves the bus time to answer: that of the frames on the wire
-/// and 60 us, or a quarter of a short cycle. A master that is asked for the answer before it is back
-/// gives it up, and with it the received frames that it carries. An application with a timer of its
-/// own has to leave that time, too.
+/// A cycle lasts until the answer of the bus is back, ecan_igh_answer_ns() behind the last send; one
+/// that came late may miss the next point by that. A datagram that is sent again before it is back
+/// loses its answer, and with it the received frames in it. An application with a timer of its own
+/// has to leave that time, too.
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -165,6 +165,24 @@ pub unsafe extern "C" fn ecan_igh_cycle_time_ns(context: *mut ecan_igh_context_t
             // SAFETY: the pointer is C's, valid or NULL as the header demands.
             let mut bus = unsafe { bus::enter(call, context.cast())? };
             Ok(bus.need_adapter(call)?.cycle_time_ns())
+        },
+    )
+}
+
+/// How long the answer of the bus to what was sent is waited for: its time on the wire, through the
+/// slaves and through the host.
+///
+/// @usage   rt, the cycle's thread, after init
+/// @return  Nanoseconds; 0 where there is no context.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn ecan_igh_answer_ns(context: *mut ecan_igh_context_t) -> u64 {
+    getter(
+        "ecan_igh_answer_ns",
+        |_| 0,
+        |call| {
+            // SAFETY: the pointer is C's, valid or NULL as the header demands.
+            let mut bus = unsafe { bus::enter(call, context.cast())? };
+            Ok(bus.need_adapter(call)?.answer_ns())
         },
     )
 }

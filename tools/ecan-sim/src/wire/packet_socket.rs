@@ -182,8 +182,8 @@ impl PacketSocket {
         }
     }
 
-    /// Fails where the interface was removed. An interface that is down goes without another word
-    /// from the system, and one that is removed goes down first: ask again while it is down.
+    /// Fails where the interface was removed. The system tells only of one that goes down, as an
+    /// interface that is removed does first: ask again and again.
     pub fn check_interface(&self) -> Result<(), SocketError> {
         let is_there = nix::net::if_::if_nametoindex(self.interface.name())
             .is_ok_and(|index| index as usize == self.interface.address().ifindex());

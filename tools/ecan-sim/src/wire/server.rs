@@ -17,9 +17,9 @@ use ecan_command_line::interrupt::Interrupt;
 
 /// Longest wait for a frame, in nanoseconds: bridges and signals are looked after that often.
 const LONGEST_WAIT_NS: u64 = 1_000_000;
-/// Whoever follows the dump sees a frame after this time, and an interface that is down is looked
-/// for that often, in nanoseconds.
-const TIDY_NS: u64 = 100_000_000;
+/// Whoever follows the dump sees a frame after this time, and the interface is looked for that
+/// often, in nanoseconds.
+const LOOK_NS: u64 = 100_000_000;
 /// More than any Ethernet frame that carries EtherCAT.
 const FRAME_BYTES: usize = 4096;
 
@@ -46,7 +46,7 @@ pub struct Server {
     spins: bool,
     start_ns: u64,
     end_ns: u64,
-    tidied_ns: u64,
+    looked_ns: u64,
     is_down: bool,
     /// Answers that did not go out.
     unsent: u64,
@@ -76,7 +76,7 @@ impl Server {
             spins: arguments.spin,
             start_ns,
             end_ns: start_ns.saturating_add(run_ns),
-            tidied_ns: start_ns,
+            looked_ns: start_ns,
             is_down: false,
             unsent: 0,
             frame: Box::new([0; FRAME_BYTES]),
@@ -107,12 +107,10 @@ impl Server {
             if matches!(received, Received::Frame { .. }) {
                 continue;
             }
-            if now.saturating_sub(self.tidied_ns) >= TIDY_NS {
-                self.tidied_ns = now;
+            if now.saturating_sub(self.looked_ns) >= LOOK_NS {
+                self.looked_ns = now;
                 self.dump.as_mut().map_or(Ok(()), Dump::flush)?;
-                if self.is_down {
-                    self.socket.check_interface()?;
-                }
+                self.socket.check_interface()?;
             }
             if !self.spins {
                 let next = self.wire.next_event().unwrap_or(u64::MAX).min(self.end_ns);
@@ -132,8 +130,10 @@ impl Server {
         let taken_ns = real_time_ns();
         let is_first = self.wire.statistics().frames == 0;
         let Some(frame) = self.frame.get_mut(..bytes) else { return Ok(()) };
+        let mut is_sent = false;
         if self.wire.pass(now, frame) {
-            if self.socket.send(frame)? {
+            is_sent = self.socket.send(frame)?;
+            if is_sent {
                 self.turnaround.count(arrived_ns, taken_ns, real_time_ns());
             } else {
                 self.unsent += 1;
@@ -142,7 +142,7 @@ impl Server {
         if is_first && self.wire.statistics().frames > 0 {
             self.tell(now, "first EtherCAT frame");
         }
-        if std::mem::take(&mut self.is_down) {
+        if is_sent && std::mem::take(&mut self.is_down) {
             self.tell(now, format_args!("{} is up again", self.socket.interface().name()));
         }
         Ok(())

@@ -196,10 +196,10 @@ fn listen(
         }
         // Who has had enough need not hear that there was too little.
         if is_complete || interrupt.is_set() || printer.is_over() {
-            return service.finish_capture();
+            return service.finish();
         }
         if is_quiet {
-            service.finish_capture()?;
+            service.finish()?;
             return judge(heard, arguments.count.unwrap_or(1), &service);
         }
     }

@@ -82,7 +82,7 @@ pub fn run(
         Sender { channels, timeout_ns, interrupt: &interrupt, record: Record::Nothing };
     let due = |frame: &CanFrame| Ok(Due { after_ns: 0, channel: *channel, frame: *frame });
     let (departures, outcome) = sender.send(&mut service, frames.iter().map(due));
-    outcome.and(service.finish_capture())?;
+    outcome.and(service.finish())?;
     judge(arguments, &departures, &service)?;
     let texts: Vec<_> = frames.iter().map(|frame| FrameText(frame).to_string()).collect();
     let sent = Sent { channel: *channel, frames: texts };

@@ -98,7 +98,7 @@ impl Sender<'_> {
     ) -> Result<(), Failure> {
         let (departures, outcome) = self.send(&mut service, frames);
         let recorded = self.record.finish(output);
-        let captured = service.finish_capture();
+        let captured = service.finish();
         let wanted = total.filter(|_| !self.interrupt.is_set()).unwrap_or(departures.count());
         let summary = Summary::of(&departures, service.port(), wanted);
         let told = match recorded {

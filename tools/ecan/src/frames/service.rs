@@ -184,11 +184,8 @@ impl Service {
                 self.finish_capture()?;
             }
         }
-        let output = self.output;
-        let (seconds, micros) = parts(self.absolute_ns(cycle.now_ns));
-        self.watch.look(&self.port, cycle.now_ns, |line| {
-            output.note(format_args!("# ({seconds:010}.{micros:06}) {line}"));
-        });
+        let say = comments(self.output, self.absolute_ns(cycle.now_ns));
+        self.watch.look(&self.port, cycle.now_ns, say);
         match ended {
             Err(error) if self.failed_cycles > MAX_FAILED_CYCLES => {
                 Err(Failure::Master(error.to_string()))
@@ -197,8 +194,15 @@ impl Service {
         }
     }
 
+    /// No more cycles follow: says what was not said yet, and waits until the capture, if there is
+    /// one, is written.
+    pub fn finish(&mut self) -> Result<(), Failure> {
+        self.watch.finish(&self.port, comments(self.output, self.absolute_ns(self.now_ns())));
+        self.finish_capture()
+    }
+
     /// Waits until the capture, if there is one, is written; says what was dropped.
-    pub fn finish_capture(&mut self) -> Result<(), Failure> {
+    fn finish_capture(&mut self) -> Result<(), Failure> {
         self.capture.take().map_or(Ok(()), |capture| capture.finish(&self.output))
     }
 
@@ -278,6 +282,12 @@ impl Service {
 pub fn can(port: &Port, channel: u8) -> Option<&McanChannelConfig> {
     let gateway = port.config().gateways.first()?;
     gateway.channels.get(usize::from(channel))?.as_ref().map(|channel| &channel.can)
+}
+
+/// Lines on standard error, with a time.
+fn comments(output: Output, time_ns: u64) -> impl FnMut(String) {
+    let (seconds, micros) = parts(time_ns);
+    move |line| output.note(format_args!("# ({seconds:010}.{micros:06}) {line}"))
 }
 
 /// Seconds and microseconds.

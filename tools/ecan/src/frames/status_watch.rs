@@ -1,6 +1,6 @@
 //! Telling what changes on channels and in the gateway's session.
 
-use ecan_mcan_port::{Port, Session, SlaveStatistics};
+use ecan_mcan_port::{Port, Session};
 use ecan_protocol::{CHANNELS, ChannelState, ChannelStatus};
 
 use crate::frames::bit_rates::BitRates;
@@ -76,7 +76,7 @@ impl Told {
     }
 }
 
-/// Images of the gateway that did not come whole, and how many of them were told.
+/// How many lost images of the gateway were told.
 #[derive(Debug, Default)]
 struct Losses {
     told: u64,
@@ -90,7 +90,7 @@ impl Losses {
         if new == 0 || now_ns < self.next_ns {
             return None;
         }
-        *self = Self { told: lost, next_ns: now_ns + PAUSE_NS };
+        *self = Self { told: lost, next_ns: now_ns.saturating_add(PAUSE_NS) };
         Some(new)
     }
 }
@@ -111,16 +111,15 @@ impl StatusWatch {
         Self { channels, told: Default::default(), session: Session::Ready, losses }
     }
 
-    /// Hands a line for what has changed to `say`, of each channel in the long run one a second.
+    /// Hands a line for what has changed to `say`, of each channel in the long run one a second, and
+    /// of lost images.
     pub fn look(&mut self, port: &Port, now_ns: u64, mut say: impl FnMut(String)) {
         let session = port.session(0);
         if session != self.session {
             self.session = session;
             say(format!("the gateway is {session}"));
         }
-        if let Some(lost) = self.losses.next(lost_images(port), now_ns) {
-            say(format!("lost images of the gateway: {lost}; frames of the bus may be missing"));
-        }
+        self.tell_losses(port, now_ns, &mut say);
         if session != Session::Ready {
             return;
         }
@@ -133,12 +132,22 @@ impl StatusWatch {
             say(format!("can{channel} {words}{rates}"));
         }
     }
+
+    /// What a last look has to say.
+    pub fn finish(&mut self, port: &Port, say: impl FnMut(String)) {
+        self.tell_losses(port, u64::MAX, say);
+    }
+
+    fn tell_losses(&mut self, port: &Port, now_ns: u64, mut say: impl FnMut(String)) {
+        if let Some(lost) = self.losses.next(lost_images(port), now_ns) {
+            say(format!("lost images of the gateway: {lost}; frames of the bus may be missing"));
+        }
+    }
 }
 
-/// Images that never arrived, were torn or damaged.
+/// Images that never came, or damaged: those leave the same gap.
 fn lost_images(port: &Port) -> u64 {
-    let SlaveStatistics { txpdo_lost, txpdo_torn, parse_errors, .. } = port.statistics(0);
-    txpdo_lost + txpdo_torn + parse_errors
+    port.statistics(0).txpdo_lost
 }
 
 #[cfg(test)]

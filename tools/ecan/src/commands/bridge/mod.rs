@@ -147,7 +147,7 @@ pub fn run(
         outcome = bridge.cycle(output);
     }
     bridge.tell_losses(output);
-    outcome.and(bridge.service.finish_capture())
+    outcome.and(bridge.service.finish())
 }
 
 /// Starts the servers.
