@@ -728,7 +728,7 @@ typedef struct {
     uint64_t late_ns;
     /** Points of the grid that were left out before this one. */
     uint64_t skipped;
-    /** 1 where the cycle before took past a point of the grid. */
+    /** 1 where the cycle before, with the answer of the bus, took past a point of the grid. */
     uint8_t has_overrun;
     /** Not used. */
     uint8_t reserved[7];
@@ -766,7 +766,7 @@ typedef struct {
     uint64_t max_period_error_ns;
     /** Cycles started. */
     uint64_t cycles;
-    /** Cycles that took past a point of the grid. */
+    /** Cycles that took past a point of the grid, with the answer of the bus. */
     uint64_t overruns;
     /** Points of the grid that were left out. */
     uint64_t skipped;

@@ -8,7 +8,7 @@ use ecrt_sys::{Clock, DomainId, Ecrt, Master, SlaveConfigId};
 
 use crate::al_status::AlStatusWatch;
 use crate::clocks::DistributedClocks;
-use crate::config::{AdapterConfig, Identity, SlaveSettings, WATCHDOG_DIVIDER, WATCHDOG_UNIT_US};
+use crate::config::{AdapterConfig, Identity, SlaveSettings, WATCHDOG_UNIT_US};
 use crate::cycle::DomainReport;
 use crate::diagnostics::Diagnostics;
 use crate::domain_layout::DomainLayout;
@@ -228,7 +228,7 @@ impl Adapter {
         }
         let intervals = u16::try_from(self.config.watchdog_us / WATCHDOG_UNIT_US);
         master
-            .config_watchdog(config, WATCHDOG_DIVIDER, intervals.unwrap_or(u16::MAX))
+            .config_watchdog(config, 0, intervals.unwrap_or(u16::MAX))
             .map_err(fail("ecrt_slave_config_watchdog"))?;
         if let Some(dc) = self.config.dc {
             let shift = i32::try_from(dc.shift_ns).unwrap_or(i32::MAX);

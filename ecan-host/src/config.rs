@@ -138,12 +138,11 @@ pub struct AdapterConfig {
     pub watchdog_us: u32,
 }
 
-/// Unit of the watchdog in microseconds.
+/// Unit of the watchdog in microseconds: what the divider in 0x0400 makes of a slave's clock at
+/// power-up. It is left alone, as not every slave controller takes another.
 pub(crate) const WATCHDOG_UNIT_US: u32 = 100;
 /// Longest watchdog in microseconds: the register has 16 bits.
 pub(crate) const MAX_WATCHDOG_US: u32 = 0xFFFF * WATCHDOG_UNIT_US;
-/// Divider of a slave's clock of 25 MHz that makes the unit, in the terms of register 0x0400.
-pub(crate) const WATCHDOG_DIVIDER: u16 = 2_498;
 
 impl AdapterConfig {
     /// `count` slaves from position 0 on, N = 3 (384 bytes, classic CAN, manual 5.2) and the

@@ -93,6 +93,7 @@ impl SlcanSession {
             }
             // As harmless as closing a closed channel: python-can does both.
             Command::Open if self.hearing.mode == Mode::Open => {}
+            Command::OpenListening if self.hearing.mode == Mode::Listening => {}
             // The rest is set up while the channel is closed.
             _ if !is_closed => return false,
             Command::Open => self.hearing.mode = Mode::Open,

@@ -87,7 +87,7 @@ fn a_session_as_python_can_begins_it() {
 fn a_listening_channel_hears_and_does_not_send() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(None);
-    assert_eq!(say(&mut session, &mut bus, "Z1\rL\rt1230\r"), "\r\r\x07");
+    assert_eq!(say(&mut session, &mut bus, "Z1\rL\rL\rO\rt1230\r"), "\r\r\r\x07\x07");
     assert_eq!(heard(&session, &bus, &frame(&[])), "t123004D2\r");
     assert!(bus.sent.is_empty());
 }

@@ -198,15 +198,15 @@ impl Plan {
 
     /// How long after a [`send`](crate::Adapter::send) its frames are taken to be back, in
     /// nanoseconds (H33 of docs/ASSUMPTIONS.md): their time on the wire, 1 us in each slave, and in
-    /// the host 60 us or an eighth of the cycle. No more than three eighths of the cycle in all: a
-    /// host that sends in the first five is never held back, whatever the estimate is worth.
+    /// the host 60 us, but no more than an eighth of the cycle and a quarter of what wire and slaves
+    /// leave of it.
     ///
     /// An application with a cycle timer of its own does not call
     /// [`receive`](crate::Adapter::receive) before.
     pub fn answer_ns(&self) -> u64 {
-        let eighth = u64::from(self.cycle_ns) / 8;
-        let way = self.wire_ns() + self.slaves.len() as u64 * SLAVE_NS + HOST_NS.min(eighth);
-        way.min(3 * eighth)
+        let cycle = u64::from(self.cycle_ns);
+        let way = self.wire_ns() + self.slaves.len() as u64 * SLAVE_NS;
+        way + HOST_NS.min(cycle / 8).min(cycle.saturating_sub(way) / 4)
     }
 
     /// Share of the cycle that goes to the wire; 1 is all of it.

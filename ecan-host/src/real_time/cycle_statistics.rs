@@ -241,7 +241,7 @@ impl CycleStatistics {
         self.cycles
     }
 
-    /// Cycles that took past a point of the grid. Real-time safe.
+    /// Cycles that took past a point of the grid, with the answer of the bus. Real-time safe.
     pub fn overruns(&self) -> u64 {
         self.overruns
     }

@@ -13,7 +13,8 @@ pub enum OverrunPolicy {
     Skip,
     /// Their cycles are made up for, one behind the other, each with the time of its own point: for
     /// applications that count cycles. An [`Adapter`](crate::Adapter) gives the bus time to answer
-    /// between two of them; a timer by itself does not.
+    /// between two of them, so that they are made up for only where work and answer together take
+    /// less than a cycle; a timer by itself does not.
     CatchUp {
         /// Most points that are made up for, the oldest being left out. 0 is as `Skip`.
         max_cycles: u32,

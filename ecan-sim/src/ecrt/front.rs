@@ -136,12 +136,18 @@ impl Shared {
         match self.kind {
             ClockKind::Real => MonotonicClock.sleep_until_ns(deadline),
             ClockKind::Stepped => {
-                if self.lock().threads.has_caller() && self.sleep_beside(deadline) {
+                let is_beside = self.lock().threads.has_caller();
+                if is_beside && self.sleep_beside(deadline) {
                     return;
                 }
-                let mut state = self.settle(self.lock());
+                let mut state = self.lock();
+                state.threads.has_cycle |= !is_beside;
+                let mut waiter = Waiter::new(&state.threads);
+                self.stand_aside(&mut waiter, &mut state);
+                let mut state = self.settle(state);
                 self.step_to(&mut state, deadline);
-                drop(self.settle(state));
+                let mut state = self.settle(state);
+                waiter.leave(&mut state.threads);
             }
         }
     }
@@ -150,9 +156,16 @@ impl Shared {
     fn sleep_beside(&self, deadline: u64) -> bool {
         self.wait(|state, is_alone| {
             let is_over = state.world.now_ns() >= deadline;
-            let has_cycle = !is_alone && state.master.phase == Phase::Active;
+            state.threads.has_cycle &= !is_alone;
+            let has_cycle = state.threads.has_cycle && state.master.phase == Phase::Active;
             (is_over || !has_cycle).then_some(is_over)
         })
+    }
+
+    /// This thread moves the clock itself: nobody is to wait for it.
+    fn stand_aside(&self, waiter: &mut Waiter, state: &mut State) {
+        waiter.stand_aside(&mut state.threads);
+        self.settled.notify_all();
     }
 
     /// Waits until no thread computes that stepped time stands still for, but not for one that does
@@ -233,7 +246,7 @@ impl Shared {
             let until = state.machines_due().clamp(now + 1, now + longest);
             match self.kind {
                 ClockKind::Stepped => {
-                    waiter.stand_aside(&mut state.threads);
+                    self.stand_aside(&mut waiter, &mut state);
                     self.step_to(&mut state, until);
                 }
                 ClockKind::Real => {

@@ -120,7 +120,7 @@ impl MasterModel {
                 self.assignment_step(index, world, list, at, journey)
             }
             Startup::Watchdog => {
-                // A slave that is told nothing keeps what it has.
+                // A slave that is told nothing keeps what it has; one of both makes the other default.
                 let (divider, intervals) = self.attached(index).map_or((0, 0), |c| c.watchdog);
                 if (divider, intervals) != (0, 0) {
                     let divider = if divider == 0 { WATCHDOG_DIVIDER } else { divider };

@@ -25,18 +25,20 @@ pub(super) struct Threads {
     /// Those that wait for the clock to move.
     waiting: usize,
     moves: u64,
+    /// A thread that is not beside moves the clock.
+    pub(super) has_cycle: bool,
 }
 
 impl Threads {
     pub(super) fn new() -> Self {
         static WORLDS: AtomicU64 = AtomicU64::new(0);
         let world = WORLDS.fetch_add(1, Ordering::Relaxed);
-        Self { world, computing: 0, given_up: 0, waiting: 0, moves: 0 }
+        Self { world, computing: 0, given_up: 0, waiting: 0, moves: 0, has_cycle: false }
     }
 
-    /// The calling thread works beside the cycle from now on; not beside that of another world.
+    /// The calling thread works beside the cycle from now on, and beside no other.
     pub(super) fn enter(&mut self) {
-        if BESIDE.get().is_none() {
+        if !self.has_caller() {
             BESIDE.set(Some(self.world));
             self.computing += 1;
         }
@@ -55,9 +57,9 @@ impl Threads {
         BESIDE.get() == Some(self.world)
     }
 
-    /// Whether the clock may move, by the calling thread.
+    /// Whether the clock may move.
     pub(super) fn is_settled(&self) -> bool {
-        self.computing <= self.given_up + usize::from(self.has_caller())
+        self.computing <= self.given_up
     }
 
     /// Those that compute were waited for long enough.
@@ -116,7 +118,7 @@ impl Waiter {
         }
     }
 
-    /// The thread moves the clock itself.
+    /// Nobody is to wait for the thread.
     pub(super) fn stand_aside(&mut self, threads: &mut Threads) {
         if std::mem::take(&mut self.is_computing) {
             threads.rest();
@@ -145,7 +147,6 @@ mod tests {
             let beside = scope.spawn(|| {
                 threads.enter();
                 threads.enter();
-                assert!(threads.is_settled(), "nobody waits for himself");
                 let mut waiter = Waiter::new(&threads);
                 waiter.begin(&mut threads);
                 assert_eq!((threads.computing, threads.waiting), (0, 1));

@@ -46,7 +46,7 @@ pub struct ecan_igh_cycle_start_t {
     pub late_ns: u64,
     /// Points of the grid that were left out before this one.
     pub skipped: u64,
-    /// 1 where the cycle before took past a point of the grid.
+    /// 1 where the cycle before, with the answer of the bus, took past a point of the grid.
     pub has_overrun: u8,
     /// Not used.
     pub reserved: [u8; 7],
@@ -88,7 +88,7 @@ pub struct ecan_igh_cycle_statistics_t {
     pub max_period_error_ns: u64,
     /// Cycles started.
     pub cycles: u64,
-    /// Cycles that took past a point of the grid.
+    /// Cycles that took past a point of the grid, with the answer of the bus.
     pub overruns: u64,
     /// Points of the grid that were left out.
     pub skipped: u64,

@@ -182,8 +182,8 @@ impl PacketSocket {
         }
     }
 
-    /// Fails where the interface was removed. The system tells only of one that goes down, as an
-    /// interface that is removed does first: ask again and again.
+    /// Fails where the interface was removed. The system tells only that it goes down, which it does
+    /// before it is removed, too: ask again while it is down.
     pub fn check_interface(&self) -> Result<(), SocketError> {
         let is_there = nix::net::if_::if_nametoindex(self.interface.name())
             .is_ok_and(|index| index as usize == self.interface.address().ifindex());

@@ -17,8 +17,8 @@ use ecan_command_line::interrupt::Interrupt;
 
 /// Longest wait for a frame, in nanoseconds: bridges and signals are looked after that often.
 const LONGEST_WAIT_NS: u64 = 1_000_000;
-/// Whoever follows the dump sees a frame after this time, and the interface is looked for that
-/// often, in nanoseconds.
+/// Whoever follows the dump sees a frame after this time, and an interface that is down is looked
+/// for that often, in nanoseconds.
 const LOOK_NS: u64 = 100_000_000;
 /// More than any Ethernet frame that carries EtherCAT.
 const FRAME_BYTES: usize = 4096;
@@ -110,7 +110,9 @@ impl Server {
             if now.saturating_sub(self.looked_ns) >= LOOK_NS {
                 self.looked_ns = now;
                 self.dump.as_mut().map_or(Ok(()), Dump::flush)?;
-                self.socket.check_interface()?;
+                if self.is_down {
+                    self.socket.check_interface()?;
+                }
             }
             if !self.spins {
                 let next = self.wire.next_event().unwrap_or(u64::MAX).min(self.end_ns);

@@ -189,14 +189,14 @@ fn listen(
             printer.put(Heard { time_ns, received }, service.is_real_time());
         }
         let is_quiet = timeout_ns.is_some_and(|limit| cycle.now_ns - last_ns >= limit);
-        service.end(cycle)?;
+        let ended = service.end(cycle);
         let is_complete = Some(heard) == arguments.count;
         if interrupt.is_set() && heard == 0 {
             service.output().note(format_args!("# {}", service.silence()));
         }
         // Who has had enough need not hear that there was too little.
-        if is_complete || interrupt.is_set() || printer.is_over() {
-            return service.finish();
+        if ended.is_err() || is_complete || interrupt.is_set() || printer.is_over() {
+            return ended.and(service.finish());
         }
         if is_quiet {
             service.finish()?;

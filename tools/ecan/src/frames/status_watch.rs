@@ -69,9 +69,16 @@ impl Told {
             return None;
         }
         self.paid_until_ns = paid_until_ns;
+        self.rest()
+    }
+
+    /// The words for changes that were not told.
+    fn rest(&mut self) -> Option<String> {
+        let words = self.seen?.words();
         match std::mem::take(&mut self.changes) {
-            1 => Some(now.words()),
-            several => Some(format!("{} ({several} changes)", now.words())),
+            0 => None,
+            1 => Some(words),
+            several => Some(format!("{words} ({several} changes)")),
         }
     }
 }
@@ -133,9 +140,14 @@ impl StatusWatch {
         }
     }
 
-    /// What a last look has to say.
-    pub fn finish(&mut self, port: &Port, say: impl FnMut(String)) {
-        self.tell_losses(port, u64::MAX, say);
+    /// What is left to say when no more looks follow.
+    pub fn finish(&mut self, port: &Port, mut say: impl FnMut(String)) {
+        self.tell_losses(port, u64::MAX, &mut say);
+        for (channel, told) in self.told.iter_mut().enumerate() {
+            if let Some(words) = told.rest() {
+                say(format!("can{channel} {words}"));
+            }
+        }
     }
 
     fn tell_losses(&mut self, port: &Port, now_ns: u64, mut say: impl FnMut(String)) {
@@ -169,5 +181,10 @@ mod tests {
         let last = told.next(condition(false), 3_500_000_000);
         assert_eq!(last.as_deref(), Some("run (999 changes)"));
         assert_eq!(told.next(condition(false), 9_000_000_000), None);
+        assert_eq!(told.rest(), None);
+        let at_once =
+            [true, false, true, false].map(|is_off| told.next(condition(is_off), 9_000_000_000));
+        assert_eq!(at_once.iter().flatten().count(), 3);
+        assert_eq!(told.rest().as_deref(), Some("run"));
     }
 }
