@@ -209,7 +209,7 @@ fn a_client_that_does_not_read_holds_nobody_up() {
         after.delivered == before.delivered && after.dropped_to_clients > before.dropped_to_clients
     });
     drop(simulation);
-    assert_eq!(bridge_threads(info.address().port()), 0);
+    wait_for("its threads end", || bridge_threads(info.address().port()) == 0);
     drop(lazy);
 }
 
@@ -256,7 +256,7 @@ fn an_attached_bridge_goes_with_its_handle_and_takes_its_threads_along() {
     let info = handle.info().clone();
     drop(handle);
     assert_eq!((simulation.bridges().len(), info.statistics().clients), (0, 0));
-    assert_eq!(bridge_threads(address.port()), 0);
+    wait_for("its threads end", || bridge_threads(address.port()) == 0);
     for mut client in clients {
         assert!(client.is_over());
     }
@@ -298,7 +298,7 @@ fn dropping_the_simulation_ends_its_bridges() {
     let mut client = Client::slcan(address);
     drop(simulation);
     assert!(client.is_over());
-    assert_eq!(bridge_threads(address.port()), 0);
+    wait_for("its threads end", || bridge_threads(address.port()) == 0);
 }
 
 #[test]

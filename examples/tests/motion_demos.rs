@@ -99,7 +99,7 @@ fn wrong_use_of_the_demos_gets_a_message_that_helps() {
 
 #[test]
 fn ctrl_c_brings_the_axes_to_rest() {
-    let arguments = ["--ecrt", "sim", "--real-time", "--cycles", "1000000", "--cycle-us", "2000"];
+    let arguments = ["--ecrt", "sim", "--cycles", "1000000", "--cycle-us", "2000"];
     let mut child = command(SINGLE, &[&arguments[..], &["--step", "100"]].concat())
         .stdout(Stdio::piped())
         .spawn()

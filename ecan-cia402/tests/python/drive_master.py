@@ -75,7 +75,8 @@ def boot(node):
     node.nmt.send_command(0x81)
     if not booted.wait(DEADLINE):
         raise SystemExit("the drive does not boot")
-    peer.expect("state after boot-up", node.nmt.state, "PRE-OPERATIONAL")
+    # canopen tells of the boot-up before it keeps the state.
+    until("pre-operational", lambda: node.nmt.state == "PRE-OPERATIONAL")
 
 
 def transfers(node):

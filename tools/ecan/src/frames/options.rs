@@ -75,11 +75,17 @@ pub struct SetupOptions {
     pub cycle_us: u32,
 }
 
+/// Process data watchdog of a gateway that no file configures, in microseconds: a tool on a computer
+/// without real time may pause for longer than the 100 ms of a machine's application.
+pub const WATCHDOG_US: u32 = 1_000_000;
+
 impl SetupOptions {
     /// So many gateways on the EtherCAT line.
     pub fn adapter(&self, count: u16) -> AdapterConfig {
-        let mut adapter =
-            AdapterConfig::new(count).with_multiplier(self.pdo_n).with_cycle_us(self.cycle_us);
+        let mut adapter = AdapterConfig::new(count)
+            .with_multiplier(self.pdo_n)
+            .with_cycle_us(self.cycle_us)
+            .with_watchdog_us(WATCHDOG_US);
         adapter.allow_large_pdos = self.large_pdos;
         adapter
     }

@@ -13,7 +13,8 @@ use crate::frames::service::{Cycle, Service};
 use crate::frames::summary::Summary;
 use crate::output::Output;
 
-/// How long frames may take to leave once the user wants to stop.
+/// How long frames may take to leave once the user wants to stop, in cycles' time: a computer that
+/// pauses takes nothing away from them.
 const FAREWELL_NS: u64 = 100_000_000;
 
 /// A frame, and when it is due.
@@ -167,7 +168,8 @@ impl Sender<'_> {
         service: &mut Service,
         departures: &mut Departures,
     ) -> Result<(), Failure> {
-        let mut stopped_ns = None;
+        let cycle_ns = u64::from(service.port().adapter().config().cycle_ns);
+        let mut farewell_ns = 0;
         while !departures.are_settled(service.port()) {
             let cycle = service.begin();
             departures.look(&cycle, service.port());
@@ -175,8 +177,8 @@ impl Sender<'_> {
             let now_ns = cycle.now_ns;
             service.end(cycle)?;
             if self.interrupt.is_set() {
-                let since_ns = *stopped_ns.get_or_insert(now_ns);
-                if now_ns - since_ns >= FAREWELL_NS {
+                farewell_ns += cycle_ns;
+                if farewell_ns > FAREWELL_NS {
                     break;
                 }
             }

@@ -28,10 +28,12 @@ impl Gate {
             return;
         }
         self.is_open = is_open;
-        let dropped: usize =
-            held + fronts.iter().map(|it| it.clients().set_taking(is_open)).sum::<usize>();
+        // Before the first front is shut: from then on clients are refused.
+        let kept_before = kept(fronts);
+        let waiting: usize = fronts.iter().map(|it| it.clients().set_taking(is_open)).sum();
+        let dropped = held + waiting;
         if !is_open {
-            self.kept_before = kept(fronts);
+            self.kept_before = kept_before + waiting as u64;
             if dropped > 0 {
                 output.note(format_args!(
                     "# {dropped} frames of clients dropped: nothing can be sent"

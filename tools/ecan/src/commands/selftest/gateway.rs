@@ -8,6 +8,7 @@ use ecan_protocol::{CHANNELS, NodeMode};
 use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
+use crate::frames::options::WATCHDOG_US;
 use crate::frames::service::{Place, Service};
 use crate::output::Output;
 
@@ -18,7 +19,7 @@ use super::saved::{Restored, Saved, read_patiently, wait_present};
 use super::{SelftestArguments, identity};
 
 /// Cycles of so many nanoseconds may let the watchdog of a gateway run out.
-const PAUSE_NS: u64 = 50_000_000;
+const PAUSE_NS: u64 = WATCHDOG_US as u64 * 1_000 / 2;
 
 /// What is tested, and how.
 pub(super) struct Test<'a> {
@@ -254,7 +255,10 @@ impl Test<'_> {
 
     fn adapter(&self, position: u16) -> AdapterConfig {
         let SelftestArguments { pdo_n, cycle_us, large_pdos, .. } = *self.arguments;
-        let mut adapter = AdapterConfig::new(1).with_multiplier(pdo_n).with_cycle_us(cycle_us);
+        let mut adapter = AdapterConfig::new(1)
+            .with_multiplier(pdo_n)
+            .with_cycle_us(cycle_us)
+            .with_watchdog_us(WATCHDOG_US);
         adapter.master_index = self.master;
         adapter.allow_large_pdos = large_pdos;
         for slave in &mut adapter.slaves {
