@@ -43,8 +43,8 @@ pub struct CycleStart {
     pub late_ns: u64,
     /// Points of the grid that were left out before this one.
     pub skipped: u64,
-    /// The cycle before, with the answer of the bus, took past a point of the grid. Cycles that are
-    /// made up for do not count again.
+    /// The cycle before, with the answer of the bus, took past a point of the grid. Points that are
+    /// made up for do not count again; one that passes while the answer is waited for does.
     pub has_overrun: bool,
 }
 

@@ -208,7 +208,8 @@ pub unsafe extern "C" fn ecan_igh_apply_real_time(
 ///
 /// @param spin_us   Microseconds before each point in which the clock is looked at instead of slept
 ///                  on, 0 to 1000 (manual 13.9: 100). A stepped simulation plays it.
-/// @param catch_up  Most missed cycles that are made up for at once; 0 leaves missed points out.
+/// @param catch_up  Most missed cycles that are made up for, one behind the other with the bus'
+///                  time to answer between; 0 leaves missed points out.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT.
