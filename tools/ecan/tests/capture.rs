@@ -2,7 +2,7 @@
 #![allow(missing_docs)]
 
 mod support;
-#[path = "../../../ecan-capture/tests/tshark_support/mod.rs"]
+#[path = "../../capture/tests/tshark_support/mod.rs"]
 mod tshark_support;
 
 use std::path::Path;

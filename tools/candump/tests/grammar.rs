@@ -253,7 +253,7 @@ proptest! {
 
 #[test]
 fn a_recording_of_a_vehicle_is_read_and_written_back() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/vehicle-can.log");
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/vehicle-can.log");
     let Ok(log) = std::fs::read_to_string(&path) else {
         println!("skipped: no recording at ../shared/data/vehicle-can.log");
         return;

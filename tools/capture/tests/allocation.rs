@@ -1,7 +1,7 @@
 //! Nothing is allocated for a packet: not where it is handed over, not where it is written.
 #![allow(missing_docs)]
 
-#[path = "../../ecan-sim/tests/counting/mod.rs"]
+#[path = "../../../ecan-sim/tests/counting/mod.rs"]
 mod counting;
 
 use counting::allocations;
