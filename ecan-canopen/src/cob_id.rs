@@ -1,6 +1,6 @@
 //! The predefined connection set (CiA 301, 7.3.3): which identifier carries what.
 
-use ecan_protocol::CanId;
+use ecan_protocol::can::CanId;
 
 use crate::node_id::NodeId;
 

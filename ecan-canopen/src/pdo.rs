@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use ecan_protocol::CanId;
+use ecan_protocol::can::CanId;
 
 /// An entry of a PDO mapping object, 0x1600.. or 0x1A00...
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -1,6 +1,6 @@
 //! Frames of the SDO server, from the node (CiA 301, 7.2.4.3).
 
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use crate::sdo::{ABORT, Initiate, SdoDecodeError, Segment, object_frame, object_parts, whole};
 

@@ -2,7 +2,7 @@
 #![allow(missing_docs)]
 
 use ecan_canopen::{ClientFrame, Initiate, SdoDecodeError, Segment, ServerFrame};
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 use proptest::prelude::*;
 
 fn client(frame: ClientFrame, bytes: [u8; 8]) {

@@ -13,11 +13,11 @@
 use std::time::Instant;
 
 use ecan_bench::{Outcome, Row, interleaved, print_rows, rounds};
-use ecan_cia402::wire::NodeId;
+use ecan_canopen::NodeId;
 use ecan_cia402::{AxisSettings, Cia402, Cia402Settings, NodeAddress};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
-use ecan_protocol::Header;
+use ecan_protocol::image::Header;
 
 const READY_MS: u32 = 20_000;
 /// Axes of a channel and of a gateway.

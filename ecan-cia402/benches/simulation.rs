@@ -17,13 +17,13 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use ecan_cia402::wire::{CobId, MappingEntry, NodeId, TransmissionType, object};
+use ecan_canopen::{CobId, MappingEntry, NodeId, TransmissionType, object};
 use ecan_cia402::{
     AxisSettings, Cia402, Cia402Settings, NodeAddress, PdoDirection, PdoMapping, PdoMappingError,
 };
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 use ecan_sim::{ClockKind, SimOptions, Simulation};
 
 type Fallible<T> = Result<T, Box<dyn std::error::Error>>;

@@ -9,7 +9,7 @@
 //! calls that end in `_blocking` run the cycle themselves.
 //!
 //! ```no_run
-//! use ecan_cia402::wire::NodeId;
+//! use ecan_canopen::NodeId;
 //! use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeSettings};
 //!
 //! fn device_type(port: &mut ecan_mcan_port::Port) -> Result<Vec<u8>, Box<dyn std::error::Error>> {
@@ -36,5 +36,3 @@ pub use canopen::*;
 mod axis;
 
 pub use axis::*;
-
-pub use ecan_canopen as wire;

@@ -5,7 +5,7 @@
 mod counting;
 
 use counting::allocations;
-use ecan_cia402::wire::{NmtCommand, NodeId};
+use ecan_canopen::{NmtCommand, NodeId};
 use ecan_cia402::{
     Configurator, HostHeartbeat, Network, NetworkConfig, NodeAddress, NodeSettings, SdoSettings,
     Step, SyncSettings,

@@ -5,13 +5,13 @@
 mod axes;
 
 use axes::{Bench, START_MS, axes, axis, with_quirk};
-use ecan_cia402::wire::{DriveState, NmtState};
+use ecan_canopen::{DriveState, NmtState};
 use ecan_cia402::{
     AxisPhase, AxisSettings, AxisTrouble, Cia402, Cia402Error, Decision, HoldReason, NotReached,
     SetupFault,
 };
 use ecan_mcan_port::Session;
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 use ecan_sim::{DriveFault, Fault, LostWay, SdoDirection, SdoEffect, SdoRule};
 
 fn moving(count: usize) -> Vec<AxisSettings> {

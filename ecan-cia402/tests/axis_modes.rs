@@ -4,7 +4,7 @@
 mod axes;
 
 use axes::{Bench, axes, axis, with_quirk};
-use ecan_cia402::wire::{DriveState, OperatingMode};
+use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
     AxisPhase, AxisSettings, AxisTrouble, Cia402, Cia402Settings, CommandError, Decision,
     HomingSettings, HomingState, LoadWarning, ScheduleError, SyncSettings,

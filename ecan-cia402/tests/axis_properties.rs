@@ -5,8 +5,8 @@
 mod axes;
 
 use axes::{Bench, axes};
+use ecan_canopen::DriveState;
 use ecan_cia402::AxisPhase;
-use ecan_cia402::wire::DriveState;
 use ecan_sim::{DriveFault, Fault, GatewayFault, LostWay};
 use proptest::prelude::*;
 

@@ -4,11 +4,11 @@
 mod axes;
 
 use axes::{Bench, axes, axis, with_quirk};
-use ecan_cia402::wire::DriveState;
+use ecan_canopen::DriveState;
 use ecan_cia402::{AxisPhase, AxisSettings, Cia402, Cia402Error, Cia402Settings, Shutdown};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
-use ecan_protocol::TxMode;
+use ecan_protocol::config::TxMode;
 use ecan_sim::{ClockKind, SimOptions};
 
 #[test]

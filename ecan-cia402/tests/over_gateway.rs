@@ -4,14 +4,15 @@
 
 use std::path::PathBuf;
 
-use ecan_cia402::wire::{NmtCommand, NmtState, NodeId};
+use ecan_canopen::{NmtCommand, NmtState, NodeId};
 use ecan_cia402::{
     Configurator, Heartbeat, HostHeartbeat, Network, NetworkConfig, NodeAddress, NodeHandle,
     NodeSettings, Sdo, SdoFault, SdoSettings, Step, SyncSettings, WaitError, run_cycle_until,
 };
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, ReceivedFrame, SendError};
-use ecan_protocol::{CanId, Schedule};
+use ecan_protocol::can::CanId;
+use ecan_protocol::image::Schedule;
 use ecan_sim::{ClockKind, Fault, LostWay, NodeKind, Scenario, SimOptions, Simulation};
 
 const READY_MS: u32 = 20_000;

@@ -8,14 +8,14 @@ mod python_peer;
 
 use std::time::Duration;
 
-use ecan_cia402::wire::{NmtCommand, NmtState, NodeId};
+use ecan_canopen::{NmtCommand, NmtState, NodeId};
 use ecan_cia402::{
     Heartbeat, Network, NetworkConfig, NodeAddress, NodeHandle, NodeSettings, Sdo, SdoFault,
     SdoSettings, run_cycle_until,
 };
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 use ecan_sim::{
     Backend, BridgeProtocol, BridgeSettings, ClockKind, DriveFault, DriveSettings, DriveSpec,
     Fault, GatewaySpec, NodeKind, NodeSpec, Scenario, SimOptions, Simulation,

@@ -5,7 +5,7 @@ mod link;
 mod reference;
 
 use ecan_cia402::{Sdo, SdoFault, SdoSettings};
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 use link::{Link, MS, TIMEOUT_MS, block_settings, settings, value};
 use proptest::prelude::*;
 use reference::{Block, Server, abort};

@@ -9,12 +9,12 @@ mod axes;
 use std::path::Path;
 
 use axes::{Bench, axis, node};
-use ecan_cia402::wire::{
+use ecan_canopen::{
     ClientFrame, CobId, Controlword, Initiate, NmtRequest, NodeId, ServerFrame, Service,
     Statusword, parse_heartbeat,
 };
 use ecan_mcan_port::Received;
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 use ecan_sim::Scenario;
 
 /// Drive 1 alone on a bus with channels 0 and 1 of the gateway.

@@ -1,7 +1,8 @@
 //! One channel of a file: bit rates, mode, Message RAM, filters and data path.
 
 use ecan_mcan_port::{ChannelSettings, Traffic};
-use ecan_protocol::{McanChannelConfig, MessageRamLayout, lookup};
+use ecan_protocol::config::{McanChannelConfig, MessageRamLayout};
+use ecan_protocol::object::lookup;
 
 use crate::data_path;
 use crate::document::{Document, Table};

@@ -2,10 +2,10 @@
 
 use ecan_host::{ConfigFault, PlanRefusal};
 use ecan_mcan_port::{PortConfigFault, PortRefusal};
-use ecan_protocol::{
-    BitTimingError, ChannelFault, DataPathFault, Direction, FilterElementFault, FilterFault,
-    MCAN_CLOCK_HZ, Phase, ProfileError, solve_data, solve_nominal,
-};
+use ecan_protocol::can::{BitTimingError, MCAN_CLOCK_HZ, Phase, solve_data, solve_nominal};
+use ecan_protocol::config::{ChannelFault, DataPathFault, FilterElementFault, FilterFault};
+use ecan_protocol::image::ProfileError;
+use ecan_protocol::mapping::Direction;
 
 use crate::ConfigFile;
 use crate::channel;

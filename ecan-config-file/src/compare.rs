@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use ecan_host::{Diagnostics, Error, Expectation, StartupStep};
-use ecan_protocol::{CacheDepth, SdoWrite, describe, lookup, object};
+use ecan_protocol::config::CacheDepth;
+use ecan_protocol::object::{SdoWrite, describe, lookup, object};
 
 use crate::filter_compare::{self, FilterList};
 
@@ -157,7 +158,7 @@ mod tests {
 
     #[test]
     fn a_filter_that_is_not_loaded_is_told_as_such() {
-        let subindex = ecan_protocol::FilterWindow::STANDARD.status;
+        let subindex = ecan_protocol::config::FilterWindow::STANDARD.status;
         let difference = Difference {
             index: 0x8001,
             subindex,

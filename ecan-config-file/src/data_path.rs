@@ -1,6 +1,6 @@
 //! Data path policies of a file: 0x8020 of the gateway, 0x8021..0x8024 of its channels.
 
-use ecan_protocol::{DataPathConfig, DataPathGlobal};
+use ecan_protocol::config::{DataPathConfig, DataPathGlobal};
 
 use crate::document::{Document, Table};
 
@@ -99,7 +99,7 @@ mod tests {
             assert_eq!(has_key, !is_reserved, "{write}");
         }
         for (key, subindex, words) in KEYS {
-            let (_, entry) = ecan_protocol::lookup(0x8021, subindex).unwrap();
+            let (_, entry) = ecan_protocol::object::lookup(0x8021, subindex).unwrap();
             for (word, value) in words {
                 let meaning = entry.meaning(*value).unwrap().to_lowercase().replace(' ', "_");
                 assert_eq!(meaning, *word, "{key}");

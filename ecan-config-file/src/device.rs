@@ -1,7 +1,7 @@
 //! Gateways of a file on a bus: which slave is meant, and writing the configuration to it.
 
 use ecan_host::{Diagnostics, Error, SlaveSettings, StartupStep};
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use thiserror::Error;
 
 /// Where a gateway of a file is on a bus.

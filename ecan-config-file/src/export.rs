@@ -6,7 +6,7 @@
 use std::fmt::{self, Write};
 
 use ecan_host::{Expectation, StartupStep};
-use ecan_protocol::{ObjectType, SdoWrite, describe, lookup};
+use ecan_protocol::object::{ObjectType, SdoWrite, describe, lookup};
 
 /// A list's format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,6 +1,8 @@
 //! Acceptance filters of a file (manual 13.4).
 
-use ecan_protocol::{ExtendedFilter, ExtendedMatch, FilterAction, StandardFilter, StandardMatch};
+use ecan_protocol::config::{
+    ExtendedFilter, ExtendedMatch, FilterAction, StandardFilter, StandardMatch,
+};
 
 use crate::document::{Document, Table};
 

@@ -1,7 +1,8 @@
 //! The filters of a channel against a file, through the editing windows (manual 13.4).
 
 use ecan_host::{Diagnostics, Error};
-use ecan_protocol::{FilterCommand, FilterWindow, SdoWrite};
+use ecan_protocol::config::{FilterCommand, FilterWindow};
+use ecan_protocol::object::SdoWrite;
 
 use crate::compare::{Difference, Expected};
 

@@ -1,7 +1,7 @@
 //! The Flash of a gateway: saving, loading and restoring its configuration (manual 13.7).
 
 use ecan_host::{Clock, Diagnostics, Maintenance, MaintenanceError};
-use ecan_protocol::{AccessMode, MaintenanceCommand};
+use ecan_protocol::device::{AccessMode, MaintenanceCommand};
 
 const MAINTENANCE: u16 = 0xB000;
 const ACTIVE_CRC: u8 = 7;

@@ -2,14 +2,16 @@
 
 use ecan_host::{Identity, SlaveSettings, StartupStep};
 use ecan_mcan_port::{GatewayConfig, MarginCheck, ScheduleSettings};
-use ecan_protocol::{BudgetPolicy, Direction, EncapsulationProfile, MAX_MULTIPLIER, OptionFlags};
+use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
+use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
 use crate::channel;
 use crate::data_path;
 use crate::document::{Document, Table};
 
 /// Tables of the channels.
-pub(crate) const CHANNEL_TABLES: [&str; ecan_protocol::CHANNELS] = ["can0", "can1", "can2", "can3"];
+pub(crate) const CHANNEL_TABLES: [&str; ecan_protocol::mapping::CHANNELS] =
+    ["can0", "can1", "can2", "can3"];
 
 const N: (u32, u32) = (1, MAX_MULTIPLIER as u32);
 const BUDGETS: [(&str, BudgetPolicy); 3] = [
@@ -176,7 +178,7 @@ fn read_schedule(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Sched
 /// 0x8020, applied and read back.
 fn global_steps(document: &mut Document<'_>, table: Table<'_, '_>) -> Vec<StartupStep> {
     let global = data_path::read_global(document, table);
-    let apply = ecan_protocol::DataPathGlobal::apply_write();
+    let apply = ecan_protocol::config::DataPathGlobal::apply_write();
     let writes = global.writes().into_iter().chain([apply]).map(StartupStep::Download);
     writes.chain([StartupStep::expect(apply.index, 3, 0)]).collect()
 }

@@ -1,6 +1,7 @@
 //! Keys of a channel that would be read and then do nothing beside its other keys.
 
-use ecan_protocol::{BitTimingMode, McanChannelConfig, TDC_FORCED_FROM};
+use ecan_protocol::can::TDC_FORCED_FROM;
+use ecan_protocol::config::{BitTimingMode, McanChannelConfig};
 
 use crate::document::{Document, Table};
 

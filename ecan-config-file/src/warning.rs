@@ -1,10 +1,10 @@
 //! What a file says that works, but not for every frame.
 
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortPlan};
-use ecan_protocol::{
-    BudgetPolicy, CanFrame, CanId, DataSize, Direction, FilterAction, NodeMode, NonMatch,
-    PdoProfile,
-};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::config::{DataSize, FilterAction, NodeMode, NonMatch};
+use ecan_protocol::image::{BudgetPolicy, PdoProfile};
+use ecan_protocol::mapping::Direction;
 use thiserror::Error;
 
 use crate::ConfigFile;

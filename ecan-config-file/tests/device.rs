@@ -11,7 +11,7 @@ use ecan_config_file::{
 };
 use ecan_host::{Adapter, Clock, Error, MaintenanceError, StartupStep};
 use ecan_mcan_port::Port;
-use ecan_protocol::{AlState, MaintenanceStatus};
+use ecan_protocol::device::{AlState, MaintenanceStatus};
 use ecan_sim::{Fault, GatewayFault};
 
 fn entries(differences: &[Difference]) -> Vec<(u16, u8, Option<u8>)> {

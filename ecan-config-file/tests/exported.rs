@@ -11,9 +11,9 @@ use common::two;
 use ecan_config_file::ConfigFile;
 use ecan_config_file::export::{Format, SlavePlace, export};
 use ecan_host::StartupStep;
-use ecan_protocol::{
-    CanFrame, CanId, CommitFields, Direction, ImageReader, ImageWriter, Packet, Timestamp,
-};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::image::{CommitFields, ImageReader, ImageWriter, Packet, Timestamp};
+use ecan_protocol::mapping::Direction;
 use ethercrab::subdevice_group::PreOp;
 use ethercrab_support::{Bench, Group, MAX_GATEWAYS, MAX_PDI, MS, on_a_deep_stack};
 use startup_lists::{Line, codesys, csv, run_script, twincat};

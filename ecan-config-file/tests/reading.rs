@@ -3,10 +3,10 @@
 
 use ecan_config_file::{ConfigFile, ConfigFileError, EXAMPLE, FileFaults, load, parse};
 use ecan_host::{ClockSource, DcSync, Expectation, StartupStep};
-use ecan_protocol::{
-    DataPathConfig, EncapsulationProfile, ExtendedMatch, FilterAction, MessageRamLayout, NodeMode,
-    OptionFlags,
+use ecan_protocol::config::{
+    DataPathConfig, ExtendedMatch, FilterAction, MessageRamLayout, NodeMode,
 };
+use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 
 fn read(text: &str) -> Result<ConfigFile, FileFaults> {
     text.parse()

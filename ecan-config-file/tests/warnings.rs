@@ -2,7 +2,7 @@
 #![allow(missing_docs)]
 
 use ecan_config_file::{ConfigFile, Elements, FileWarning};
-use ecan_protocol::Direction;
+use ecan_protocol::mapping::Direction;
 
 fn warnings(text: &str) -> Vec<FileWarning> {
     text.parse::<ConfigFile>().unwrap_or_else(|faults| panic!("{text}: {faults}")).warnings()

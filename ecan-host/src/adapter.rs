@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::Range;
 
-use ecan_protocol::Direction;
+use ecan_protocol::mapping::Direction;
 use ecrt_sys::{Clock, DomainId, Ecrt, Master, SlaveConfigId};
 
 use crate::al_status::AlStatusWatch;

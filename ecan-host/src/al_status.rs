@@ -1,6 +1,6 @@
 //! Watching the AL status codes of slaves on their way to OP.
 
-use ecan_protocol::AlStatusCode;
+use ecan_protocol::device::AlStatusCode;
 use ecrt_sys::{Master, RegRequestId, RequestState};
 
 /// ESC register of the AL status code.

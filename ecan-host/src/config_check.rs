@@ -1,6 +1,6 @@
 //! The check of a configuration before anything touches the bus: every fault, not the first.
 
-use ecan_protocol::MAX_MULTIPLIER;
+use ecan_protocol::mapping::MAX_MULTIPLIER;
 use thiserror::Error;
 
 use crate::config::{AdapterConfig, MAX_WATCHDOG_US, SlaveSettings, WATCHDOG_UNIT_US};

@@ -1,6 +1,6 @@
 //! A second, unreserved handle for state and SDO transfers beside the cycle.
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use ecrt_sys::{Ecrt, LinkState, Master, MasterState, SlaveInfo};
 
 use crate::config::AdapterConfig;

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use ecan_protocol::CHUNK_BYTES;
+use ecan_protocol::mapping::CHUNK_BYTES;
 
 /// Largest process data of one EtherCAT datagram, in bytes.
 pub const MAX_DATAGRAM_BYTES: usize = 1486;

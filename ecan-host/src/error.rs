@@ -1,6 +1,7 @@
 //! What can go wrong outside the cycle, with the fields that locate it.
 
-use ecan_protocol::{AbortCode, AlState, Recognition, describe};
+use ecan_protocol::device::{AlState, Recognition};
+use ecan_protocol::object::{AbortCode, describe};
 use ecrt_sys::{Errno, OpenError, SdoError};
 use thiserror::Error;
 
@@ -311,7 +312,7 @@ fn expected_words(index: u16, subindex: u8, expected: Expectation) -> String {
 /// A value with its meaning from the object dictionary, where it has one.
 pub fn value_words(index: u16, subindex: u8, value: u32) -> String {
     let meaning =
-        ecan_protocol::lookup(index, subindex).and_then(|(_, entry)| entry.meaning(value));
+        ecan_protocol::object::lookup(index, subindex).and_then(|(_, entry)| entry.meaning(value));
     match meaning {
         Some(words) => format!("{value} ({words})"),
         None if value > 9 => format!("{value} (0x{value:X})"),

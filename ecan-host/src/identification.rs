@@ -1,6 +1,6 @@
 //! Finding the configured slaves on the bus and making sure that they are ECAN-Lite gateways.
 
-use ecan_protocol::{AlState, Capabilities, Recognition};
+use ecan_protocol::device::{AlState, Capabilities, Recognition};
 
 use crate::config::{AdapterConfig, Identity, SlaveSettings};
 use crate::diagnostics::Diagnostics;

@@ -1,7 +1,7 @@
 //! Maintenance of a gateway by 0xB000: access modes that are given back, commands that are waited for
 //! (manual 13.7).
 
-use ecan_protocol::{AccessMode, MaintenanceCommand, MaintenanceStatus};
+use ecan_protocol::device::{AccessMode, MaintenanceCommand, MaintenanceStatus};
 use ecrt_sys::Clock;
 use thiserror::Error;
 

@@ -1,6 +1,6 @@
 //! PDO chunks of a slave: reading what it really maps, and registering it with the master.
 
-use ecan_protocol::{
+use ecan_protocol::mapping::{
     Direction, UNIT_BYTES, UNITS_PER_CHUNK, data_object_index, map_subindex, pdo_map_index,
     sync_manager,
 };

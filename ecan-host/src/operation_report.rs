@@ -2,7 +2,8 @@
 
 use std::fmt;
 
-use ecan_protocol::{AlState, AlStatusCode, Capabilities, Direction};
+use ecan_protocol::device::{AlState, AlStatusCode, Capabilities};
+use ecan_protocol::mapping::Direction;
 
 use crate::adapter::Adapter;
 use crate::config::SlaveSettings;

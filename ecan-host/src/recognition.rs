@@ -1,6 +1,7 @@
 //! Which slaves of a bus are ECAN-Lite gateways, and of which that cannot be told.
 
-use ecan_protocol::{AbortCode, AlState, Capabilities, Recognition};
+use ecan_protocol::device::{AlState, Capabilities, Recognition};
+use ecan_protocol::object::AbortCode;
 use ecrt_sys::Errno;
 use thiserror::Error;
 

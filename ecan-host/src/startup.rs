@@ -7,7 +7,9 @@
 
 use std::fmt;
 
-use ecan_protocol::{Direction, SdoWrite, assignment_writes};
+use ecan_protocol::config::assignment_writes;
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::SdoWrite;
 
 use crate::config::SlaveSettings;
 use crate::diagnostics::Diagnostics;
@@ -154,7 +156,7 @@ pub(crate) fn run_steps(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ecan_protocol::ObjectType;
+    use ecan_protocol::object::ObjectType;
 
     #[test]
     fn leading_checks_then_the_assignment_of_the_manual_then_the_rest() {

@@ -5,7 +5,7 @@ mod common;
 
 use common::{open, raw_config, simulated};
 use ecan_host::{Adapter, AdapterConfig, Error, Identity, Phase, StartupStep};
-use ecan_protocol::{ObjectType, SdoWrite};
+use ecan_protocol::object::{ObjectType, SdoWrite};
 
 #[test]
 fn the_identity_is_taken_from_the_bus() {

@@ -8,10 +8,12 @@ use ecan_host::{
     Adapter, AdapterConfig, DcSync, Delivery, Diagnostics, Error, Master, Phase, RequestState,
     StartupStep, WcState,
 };
-use ecan_protocol::{
-    AlState, CanFrame, CanId, CommitFields, Direction, ImageWriter, McanChannelConfig, ObjectType,
-    SdoWrite, Timestamp,
-};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::config::McanChannelConfig;
+use ecan_protocol::device::AlState;
+use ecan_protocol::image::{CommitFields, ImageWriter, Timestamp};
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::{ObjectType, SdoWrite};
 use ecan_sim::{Fault, GatewayFault};
 
 #[test]

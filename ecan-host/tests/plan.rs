@@ -246,7 +246,8 @@ fn running(config: AdapterConfig, version: EcrtVersion) -> (Adapter, ecan_sim::S
 /// The gateways take images of the configured sizes.
 fn with_profiles(mut config: AdapterConfig) -> AdapterConfig {
     use ecan_host::StartupStep;
-    use ecan_protocol::{Direction, PdoProfile};
+    use ecan_protocol::image::PdoProfile;
+    use ecan_protocol::mapping::Direction;
     for slave in &mut config.slaves {
         let sizes =
             [(Direction::TxPdo, slave.tx_multiplier), (Direction::RxPdo, slave.rx_multiplier)];

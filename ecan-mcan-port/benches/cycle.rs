@@ -14,10 +14,12 @@ use std::hint::black_box;
 use ecan_bench::{Row, print_rows, warm, wire_ns};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, ReceivedView};
-use ecan_protocol::{
-    CHANNELS, CanId, CommitFields, Direction, FrameRef, ImageReader, ImageWriter, Packet,
-    PdoProfile, Timestamp, crc16_is_accelerated, crc16_use_portable,
+use ecan_protocol::can::{CanId, FrameRef};
+use ecan_protocol::image::{
+    CommitFields, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp, crc16_is_accelerated,
+    crc16_use_portable,
 };
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
 const READY_MS: u32 = 120_000;
 /// Cycles in a round.

@@ -1,9 +1,8 @@
 //! What the Port is told about each gateway: plain data.
 
-use ecan_protocol::{
-    BudgetPolicy, CHANNELS, DataPathConfig, Direction, EncapsulationProfile, ExtendedFilter,
-    McanChannelConfig, OptionFlags, PdoProfile, StandardFilter,
-};
+use ecan_protocol::config::{DataPathConfig, ExtendedFilter, McanChannelConfig, StandardFilter};
+use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile};
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::schedule_settings::ScheduleSettings;
 

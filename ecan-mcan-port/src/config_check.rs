@@ -1,10 +1,9 @@
 //! The check of a Port's configuration before anything touches the bus: every fault.
 
 use ecan_host::{AdapterConfig, ConfigFault, Faults};
-use ecan_protocol::{
-    CHANNELS, ChannelFault, DataPathFault, Direction, FilterFault, OptionFlags, ProfileError,
-    check_filters,
-};
+use ecan_protocol::config::{ChannelFault, DataPathFault, FilterFault, check_filters};
+use ecan_protocol::image::{OptionFlags, ProfileError};
+use ecan_protocol::mapping::{CHANNELS, Direction};
 use thiserror::Error;
 
 use crate::config::{GatewayConfig, PortConfig, Traffic};
@@ -130,8 +129,8 @@ fn check_profile(
 ) {
     let profile = gateway.profile(direction, multiplier);
     // A wrong N and an empty mask are reported once, where they belong.
-    let known =
-        (1..=ecan_protocol::MAX_MULTIPLIER).contains(&multiplier) && profile.channel_mask != 0;
+    let known = (1..=ecan_protocol::mapping::MAX_MULTIPLIER).contains(&multiplier)
+        && profile.channel_mask != 0;
     if known && let Err(fault) = profile.check(direction) {
         faults.push(PortConfigFault::Profile { slave, direction, fault });
     }

@@ -1,7 +1,7 @@
 //! The cycle of the Port: begin, receive, end.
 
 use ecan_host::{Adapter, CycleError, DomainReport, Phase};
-use ecan_protocol::ParseDiagnosis;
+use ecan_protocol::image::ParseDiagnosis;
 
 use crate::port::{Gateway, Port};
 use crate::received::{Received, ReceivedView};

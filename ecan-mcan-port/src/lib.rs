@@ -65,6 +65,3 @@ pub use send::{
 pub use session::{Awaited, Session};
 pub use statistics::{ChannelStatistics, SlaveStatistics};
 pub use verification::{SdoTransfer, VerificationFault};
-
-pub use ecan_host as host;
-pub use ecan_protocol as protocol;

@@ -1,7 +1,7 @@
 //! Finding a Sync0 shift and an offset by trying them (manual 15.6.1, 16.1).
 
 use ecan_host::{Diagnostics, Error};
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
 
 use crate::error::PortError;
@@ -129,7 +129,7 @@ impl Port {
     /// scheduled at the offset that it gets, at least one for each gateway and Sync0 period: a point
     /// is good only if they were all taken. Errors that it returns end the sweep. For each
     /// candidate the gateways' runtime diagnostics are cleared (0xB000:04 and 0x9011:14) and read
-    /// afterwards. With [`OptionFlags::TX_RESULT`](ecan_protocol::OptionFlags::TX_RESULT) late
+    /// afterwards. With [`OptionFlags::TX_RESULT`](ecan_protocol::image::OptionFlags::TX_RESULT) late
     /// frames are counted, otherwise only a flag tells of them. `progress` gets each point when it
     /// is done.
     ///

@@ -1,10 +1,9 @@
 //! The Port's life, and what it knows of each gateway.
 
 use ecan_host::{Adapter, AdapterConfig, Ecrt, Phase, Plan};
-use ecan_protocol::{
-    CHANNELS, Capabilities, ChannelStatus, Direction, ImageReader, ImageWriter, OptionFlags,
-    ParseDiagnosis,
-};
+use ecan_protocol::device::Capabilities;
+use ecan_protocol::image::{ChannelStatus, ImageReader, ImageWriter, OptionFlags, ParseDiagnosis};
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::config::{GatewayConfig, PortConfig};
 use crate::cycle::CycleReport;

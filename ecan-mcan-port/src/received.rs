@@ -1,6 +1,7 @@
 //! What comes back from a gateway.
 
-use ecan_protocol::{CanFrame, FramePacket, ResultCode, Timestamp, TxResult};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::image::{FramePacket, ResultCode, Timestamp, TxResult};
 
 use crate::send::SendTicket;
 use crate::transmit_history::OpenFrame;

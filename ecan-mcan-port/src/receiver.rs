@@ -2,10 +2,11 @@
 //! for.
 
 use ecan_host::Delivery;
-use ecan_protocol::{
-    Arrival, CHANNELS, ChannelStatus, Header, ImageFault, ImageReader, Packet, PacketCursor,
-    ParseDiagnosis, SequenceTracker,
+use ecan_protocol::image::{
+    Arrival, ChannelStatus, Header, ImageFault, ImageReader, Packet, PacketCursor, ParseDiagnosis,
+    SequenceTracker,
 };
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::cycle::ImageReport;
 use crate::received::ReceivedView;

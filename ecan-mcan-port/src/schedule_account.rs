@@ -5,7 +5,8 @@
 //! 0xB000:06 speaks of trouble, and the flags name neither frame nor channel. So frames that were
 //! taken wait for two looks at the flags, and where these show trouble they count as unknown.
 
-use ecan_protocol::{CHANNELS, ResultCode};
+use ecan_protocol::image::ResultCode;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::schedule_watch::ScheduleDiagnostics;
 

@@ -2,7 +2,7 @@
 //! 13.2.5, 13.7).
 
 use ecan_host::{Adapter, DcSync, Error, RequestId, RequestState};
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::port::{Gateway, Port};
 use crate::schedule_settings::ScheduleSettings;
@@ -300,7 +300,7 @@ impl Port {
     /// What a channel's scheduled frames came to, as far as the gateway tells; real-time safe. All
     /// zero for an index out of range.
     ///
-    /// Without [`OptionFlags::TX_RESULT`](ecan_protocol::OptionFlags::TX_RESULT) only the flags of
+    /// Without [`OptionFlags::TX_RESULT`](ecan_protocol::image::OptionFlags::TX_RESULT) only the flags of
     /// 0xB000:06 tell: then frames are sent as long as no flag shows, and unknown afterwards.
     pub fn schedule_account(&self, slave: usize, channel: u8) -> crate::ScheduleAccount {
         self.gateways

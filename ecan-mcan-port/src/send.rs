@@ -1,6 +1,8 @@
 //! Sending CAN frames: immediately or at a phase of the next Sync0 period.
 
-use ecan_protocol::{CHANNELS, CanFrame, CanId, FrameError, FrameRef, PushError, Schedule};
+use ecan_protocol::can::{CanFrame, CanId, FrameError, FrameRef};
+use ecan_protocol::image::{PushError, Schedule};
+use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
 
 use crate::port::{Gateway, Port};

@@ -7,7 +7,7 @@
 use std::fmt;
 
 use ecan_host::{Adapter, Delivery, Error, RequestId, RequestState};
-use ecan_protocol::Direction;
+use ecan_protocol::mapping::Direction;
 
 use crate::config::GatewayConfig;
 use crate::verification::{Check, SdoTransfer, VerificationFault, checks};

@@ -1,10 +1,11 @@
 //! The startup steps that a gateway needs, in the manual's order (5.4.3, 14).
 
 use ecan_host::{AdapterConfig, Expectation, StartupStep};
-use ecan_protocol::{
-    CHANNELS, CHUNK_BYTES, Capabilities, DataPathConfig, Direction, HEADER_BYTES,
-    McanChannelConfig, PdoProfile, SdoWrite, filter_writes,
-};
+use ecan_protocol::config::{DataPathConfig, McanChannelConfig, filter_writes};
+use ecan_protocol::device::Capabilities;
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
+use ecan_protocol::object::SdoWrite;
 
 use crate::config::{ChannelSettings, GatewayConfig, PortConfig};
 use crate::verification::profile_readback;

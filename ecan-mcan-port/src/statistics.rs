@@ -1,6 +1,6 @@
 //! Counters of a Port, per slave and channel. They only grow, and wrap at 2^64.
 
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 /// Counters of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -1,6 +1,7 @@
 //! Which sends the last images carried, to match transmit results with them (manual 10).
 
-use ecan_protocol::{MAX_PACKETS, TxResult};
+use ecan_protocol::image::TxResult;
+use ecan_protocol::mapping::MAX_PACKETS;
 
 /// Images remembered. Results come one or two images later; a channel under back pressure may
 /// take longer.
@@ -143,7 +144,7 @@ impl SentImage {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ecan_protocol::ResultCode;
+    use ecan_protocol::image::ResultCode;
 
     fn result(sequence: u16, frame_index: u8, channel: u8) -> TxResult {
         TxResult { channel, sequence, frame_index, code: ResultCode::Ok }

@@ -5,7 +5,7 @@
 //! this host are in the queue. So all frames sent since the last exact count are added to that
 //! count, and the sum stays below the queue's depth: no threshold is assumed.
 
-use ecan_protocol::ChannelStatus;
+use ecan_protocol::image::ChannelStatus;
 
 /// Depth of the gateway's transmit queue where the device does not tell (manual 13.8, SI 29).
 pub(crate) const DEFAULT_DEPTH: u16 = 64;

@@ -5,10 +5,12 @@
 //! into the process image once the held one has arrived.
 
 use ecan_host::Delivery;
-use ecan_protocol::{
-    CHANNELS, CommitFields, Direction, FrameRef, HEADER_BYTES, ImageReader, ImageWriter, Packet,
-    PdoProfile, PushError, ResultCode, Schedule, Timestamp, TxResult,
+use ecan_protocol::can::FrameRef;
+use ecan_protocol::image::{
+    CommitFields, ImageReader, ImageWriter, Packet, PdoProfile, PushError, ResultCode, Schedule,
+    Timestamp, TxResult,
 };
+use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 
 use crate::schedule_account::{Fate, ScheduleAccounts};
 use crate::statistics::SlaveStatistics;

@@ -3,9 +3,11 @@
 use std::fmt;
 
 use ecan_host::{CycleError, Expectation};
-use ecan_protocol::{
-    Capabilities, Direction, PdoProfile, SdoWrite, SessionCommand, describe, session_command_write,
-};
+use ecan_protocol::config::{SessionCommand, session_command_write};
+use ecan_protocol::device::Capabilities;
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::{SdoWrite, describe};
 use thiserror::Error;
 
 use crate::config::GatewayConfig;

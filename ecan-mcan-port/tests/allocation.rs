@@ -10,7 +10,8 @@ use common::Bench;
 use counting::allocations;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, Received};
-use ecan_protocol::{CanFrame, CanId, OptionFlags, Schedule};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::image::{OptionFlags, Schedule};
 
 /// Runs `cycles` of sending until the image is full and receiving everything; gives the
 /// allocations inside the cycles and the frames that came back.

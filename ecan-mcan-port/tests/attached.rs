@@ -6,7 +6,7 @@ mod common;
 use common::{READY_MS, classic, id};
 use ecan_host::{Adapter, AdapterConfig, DcSync, Master};
 use ecan_mcan_port::{GatewayConfig, Port, PortConfig};
-use ecan_protocol::Schedule;
+use ecan_protocol::image::Schedule;
 use ecan_sim::{ClockKind, SimOptions};
 
 /// Sync0 is in phase with the application time of the owner, here half a period behind the grid of

@@ -11,7 +11,7 @@ use std::path::Path;
 use common::{Bench, classic, id};
 use ecan_host::{AdapterConfig, StartupStep};
 use ecan_mcan_port::{GatewayConfig, PortConfig};
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 use ecan_sim::{BusFrame, Scenario};
 use wire_support::{Line, MS, command::LRW};
 

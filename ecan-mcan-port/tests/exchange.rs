@@ -9,10 +9,10 @@ use ecan_mcan_port::{
     ChannelSettings, GatewayConfig, NoRoom, PortConfig, PortConfigFault, PortError, ReceiveSource,
     SendError, SendOptions, TransmitFrame, TransmitHint,
 };
-use ecan_protocol::{
-    CHANNELS, CanFrame, CanId, Dlc, EncapsulationProfile, FilterAction, OptionFlags,
-    StandardFilter, StandardMatch, Timestamp,
-};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
+use ecan_protocol::config::{FilterAction, StandardFilter, StandardMatch};
+use ecan_protocol::image::{EncapsulationProfile, OptionFlags, Timestamp};
+use ecan_protocol::mapping::CHANNELS;
 
 #[test]
 fn the_example_of_the_manual_lies_in_the_process_image() {
@@ -290,7 +290,7 @@ fn what_does_not_fit_the_buffer_stays_for_the_next_call() {
             ticket: None,
             slave: 9,
             channel: 0,
-            code: ecan_protocol::ResultCode::Ok,
+            code: ecan_protocol::image::ResultCode::Ok,
             schedule_tag: None,
         });
         let mut two = [blank; 2];

@@ -9,7 +9,8 @@ use ecan_mcan_port::{
     GatewayConfig, ImageReport, NoRoom, Port, PortConfig, PortError, SendError, Session,
     VerificationFault,
 };
-use ecan_protocol::{CanFrame, ImageFault, PdoError};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::image::{ImageFault, PdoError};
 use ecan_sim::{Fault, GatewayFault, LibraryCall, LostWay, Topology};
 
 fn on_channel_0() -> GatewayConfig {

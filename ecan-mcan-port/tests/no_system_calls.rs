@@ -11,7 +11,8 @@ use std::process::{Command, ExitStatus};
 
 use ecan_host::{AdapterConfig, ClockSource, DcSync};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received};
-use ecan_protocol::{CanId, OptionFlags, Schedule};
+use ecan_protocol::can::CanId;
+use ecan_protocol::image::{OptionFlags, Schedule};
 use seccompiler::{BpfProgram, SeccompAction, SeccompFilter};
 
 /// Tells the child what to do; without it the child's part is skipped.

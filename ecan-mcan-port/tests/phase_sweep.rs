@@ -7,7 +7,7 @@ mod common;
 use common::{Bench, classic, id, with_sync0};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PhaseSweep, PhaseSweepFault, Port, PortConfig, PortError};
-use ecan_protocol::{OptionFlags, Schedule};
+use ecan_protocol::image::{OptionFlags, Schedule};
 
 /// One cycle with one scheduled frame.
 fn cycle(port: &mut Port, offset_ns: u32) -> Result<(), PortError> {

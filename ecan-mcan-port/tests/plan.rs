@@ -10,9 +10,9 @@ use ecan_mcan_port::{
     MarginCheck, NotSchedulable, PortConfig, PortConfigFault, PortPlan, PortRefusal, PortWarning,
     SendError, Traffic,
 };
-use ecan_protocol::{
-    BudgetPolicy, CanFrame, CanId, Direction, EncapsulationProfile, OptionFlags, Schedule,
-};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, Schedule};
+use ecan_protocol::mapping::Direction;
 
 const EVERY_CYCLE: FrameRate = FrameRate::PerCycle(1);
 

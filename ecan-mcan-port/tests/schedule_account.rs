@@ -7,7 +7,7 @@ mod schedule_support;
 
 use common::{Bench, id, with_sync0};
 use ecan_mcan_port::{GatewayConfig, Received};
-use ecan_protocol::Schedule;
+use ecan_protocol::image::Schedule;
 use ecan_sim::{Fault, GatewayFault, LostWay, echo};
 use schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule, sluggish};
 

@@ -7,7 +7,7 @@ mod schedule_support;
 
 use common::{id, with_sync0};
 use ecan_mcan_port::{GatewayConfig, MarginCheck, NoRoom, NotSchedulable, Received, SendError};
-use ecan_protocol::Schedule;
+use ecan_protocol::image::Schedule;
 use ecan_sim::{Fault, LostWay, echo};
 use schedule_support::{
     OFFSET_NS, SHIFT_NS, account, check, results, schedule, sluggish, truth, with_long_sync0,
@@ -169,7 +169,7 @@ fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
                 port.schedule_can(0, 0, id(1), &[], at).unwrap();
                 tickets.push(port.send_can(0, 0, id(2), &[nth; 8]).unwrap());
                 port.schedule_can(0, 0, id(3), &[9], at).unwrap();
-                let long = ecan_protocol::CanId::extended(0x1234).unwrap();
+                let long = ecan_protocol::can::CanId::extended(0x1234).unwrap();
                 tickets.push(port.send_can(0, 0, long, &[nth; 3]).unwrap());
                 if nth % 2 == 0 {
                     clock.sleep_until_ns(clock.now_ns() + 400_000);

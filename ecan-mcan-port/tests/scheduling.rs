@@ -6,7 +6,7 @@ mod common;
 use common::{Bench, classic, frames_of, id};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{GatewayConfig, NotSchedulable, PortConfig, SendError};
-use ecan_protocol::Schedule;
+use ecan_protocol::image::Schedule;
 
 fn with_sync0() -> Bench {
     let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);

@@ -7,7 +7,8 @@ mod common;
 use common::{Bench, id, with_sync0};
 use ecan_host::{CycleTiming, Distribution, OverrunPolicy};
 use ecan_mcan_port::GatewayConfig;
-use ecan_protocol::{CanId, OptionFlags, Schedule};
+use ecan_protocol::can::CanId;
+use ecan_protocol::image::{OptionFlags, Schedule};
 
 const FRAMES: u64 = 2_000;
 const OFFSET_NS: u32 = 100_000;

@@ -6,7 +6,8 @@ mod common;
 use common::{Bench, classic};
 use ecan_host::{AdapterConfig, Diagnostics, Error, Expectation, StartupStep};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortConfigFault, PortError};
-use ecan_protocol::{FilterAction, OptionFlags, StandardFilter, StandardMatch};
+use ecan_protocol::config::{FilterAction, StandardFilter, StandardMatch};
+use ecan_protocol::image::OptionFlags;
 
 /// (index, subindex, value) of the downloads; checks in between are left out.
 fn downloads(steps: &[StartupStep]) -> Vec<(u16, u8, u32)> {

@@ -7,7 +7,7 @@ use std::collections::HashSet;
 
 use common::{Bench, classic, id};
 use ecan_mcan_port::{GatewayConfig, Received, TransmitReport};
-use ecan_protocol::{OptionFlags, ResultCode};
+use ecan_protocol::image::{OptionFlags, ResultCode};
 
 fn with_results() -> GatewayConfig {
     let mut gateway = GatewayConfig::on_all_channels(&classic());
@@ -56,7 +56,7 @@ fn a_bus_off_channel_answers_with_the_reason() {
     // Frames go out all the same, and manual recovery keeps the channel off.
     gateway.paced = false;
     for settings in gateway.channels.iter_mut().flatten() {
-        settings.data_path.bus_off_recovery = ecan_protocol::BusOffRecovery::Manual;
+        settings.data_path.bus_off_recovery = ecan_protocol::config::BusOffRecovery::Manual;
     }
     let mut bench = Bench::single(gateway);
     bench.simulation.inject(ecan_sim::Fault::BusOff { gateway: 0, channel: 1 });

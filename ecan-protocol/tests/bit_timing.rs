@@ -1,6 +1,6 @@
 //! Bit timing of the MCAN at 80 MHz (manual 13.4, DESIGN "at 80 MHz and 5 Mbit/s").
 
-use ecan_protocol::{
+use ecan_protocol::can::{
     BITRATE_TOLERANCE_PPM, BitTiming, BitTimingError, MCAN_CLOCK_HZ, Phase, SamplePoint,
     solve_data, solve_nominal, tdc_active,
 };

@@ -5,7 +5,8 @@
 mod pair;
 
 use ecan_codec_baseline as baseline;
-use ecan_protocol::*;
+use ecan_protocol::image::*;
+use ecan_protocol::mapping::*;
 use pair::Random;
 
 const STREAMS: u64 = 1500;

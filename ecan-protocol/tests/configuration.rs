@@ -3,12 +3,14 @@
 mod common;
 
 use common::{all_sent, in_table, sent};
-use ecan_protocol::{
+use ecan_protocol::config::{
     BusOffRecovery, CacheDepth, CrcTest, CriticalFrames, DIAGNOSTIC_TEST_KEY, DataPathConfig,
-    DataPathFault, DataPathGlobal, DiagnosticFault, DiagnosticTest, Direction, PdoProfile,
-    RxBudget, RxBypass, RxOverflow, SessionCommand, Sides, TxOverflow, assignment_writes, lookup,
-    session_command_write,
+    DataPathFault, DataPathGlobal, DiagnosticFault, DiagnosticTest, RxBudget, RxBypass, RxOverflow,
+    SessionCommand, Sides, TxOverflow, assignment_writes, session_command_write,
 };
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::lookup;
 
 #[test]
 fn phase_b_assigns_the_first_chunks() {

@@ -1,7 +1,7 @@
 //! Both CRC kernels against the `crc` crate.
 
 use crc::{CRC_16_IBM_3740, Crc};
-use ecan_protocol::{crc16, crc16_is_accelerated, crc16_portable};
+use ecan_protocol::image::{crc16, crc16_is_accelerated, crc16_portable};
 
 /// CRC-16/CCITT-FALSE under the name of the catalogue.
 const ORACLE: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_3740);

@@ -1,9 +1,9 @@
 //! What a gateway answers: readback, status, capabilities, codes (manual 5.4.3 D, 13.2, 13.8).
 
-use ecan_protocol::{
-    AbortCode, AlState, AlStatusCode, ApplyStatus, Capabilities, EncapsulationProfile,
-    FeatureFlags, OptionFlags, PdoProfile, ProfileMismatch, ProfileReadback, ProfileStatus, lookup,
-};
+use ecan_protocol::config::{ApplyStatus, ProfileMismatch, ProfileReadback, ProfileStatus};
+use ecan_protocol::device::{AlState, AlStatusCode, Capabilities, FeatureFlags};
+use ecan_protocol::image::{EncapsulationProfile, OptionFlags, PdoProfile};
+use ecan_protocol::object::{AbortCode, lookup};
 
 #[test]
 fn statuses_keep_their_numbers() {

@@ -1,10 +1,13 @@
 //! The object dictionary table against numbers taken from the manual by hand (chapter 13).
 
-use ecan_protocol::{
-    Access, BusOffRecovery, CacheDepth, CrcTest, CriticalFrames, DataSize, EncapsulationProfile,
-    Entry, ExtendedMatch, FifoMode, FilterAction, FilterCommand, FilterWindow, NodeMode, NonMatch,
-    ObjectType, RxBudget, RxOverflow, Sides, StandardMatch, TxMode, TxOverflow, describe, lookup,
-    object, objects, pdo_mapping_entry,
+use ecan_protocol::config::{
+    BusOffRecovery, CacheDepth, CrcTest, CriticalFrames, DataSize, ExtendedMatch, FifoMode,
+    FilterAction, FilterCommand, FilterWindow, NodeMode, NonMatch, RxBudget, RxOverflow, Sides,
+    StandardMatch, TxMode, TxOverflow,
+};
+use ecan_protocol::image::EncapsulationProfile;
+use ecan_protocol::object::{
+    Access, Entry, ObjectType, describe, lookup, object, objects, pdo_mapping_entry,
 };
 
 fn entry(index: u16, subindex: u8) -> &'static Entry {

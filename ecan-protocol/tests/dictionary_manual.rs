@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use ecan_protocol::{Access, ObjectType, objects};
+use ecan_protocol::object::{Access, ObjectType, objects};
 
 /// One row of a "SI Name Type Access [Default] Description" table.
 struct Row {

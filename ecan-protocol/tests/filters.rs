@@ -3,7 +3,7 @@
 mod common;
 
 use common::{all_sent, in_table};
-use ecan_protocol::{
+use ecan_protocol::config::{
     ExtendedFilter, ExtendedMatch, FilterAction, FilterFault, McanChannelConfig, StandardFilter,
     StandardMatch, check_filters, filter_writes,
 };

@@ -1,6 +1,8 @@
 //! Bytes that the manual gives, or that follow from its tables by hand.
 
-use ecan_protocol::*;
+use ecan_protocol::can::*;
+use ecan_protocol::image::*;
+use ecan_protocol::mapping::*;
 
 fn standard(id: u16) -> CanId {
     CanId::standard(id).unwrap()

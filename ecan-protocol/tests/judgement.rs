@@ -1,6 +1,7 @@
 //! What the reader refuses, and what it reports about it (manual 6.1, 13.2, 16.2).
 
-use ecan_protocol::*;
+use ecan_protocol::image::*;
+use ecan_protocol::mapping::*;
 
 const BYTES: usize = 256;
 

@@ -1,7 +1,8 @@
 //! Access modes, commands and statuses of 0xB000 against the object dictionary.
 #![allow(missing_docs)]
 
-use ecan_protocol::{AccessMode, MaintenanceCommand, MaintenanceStatus, lookup};
+use ecan_protocol::device::{AccessMode, MaintenanceCommand, MaintenanceStatus};
+use ecan_protocol::object::lookup;
 
 #[test]
 fn modes_and_commands_are_those_of_the_dictionary() {

@@ -3,10 +3,12 @@
 mod common;
 
 use common::{Sent, all_sent, in_table};
-use ecan_protocol::{
-    BitTiming, BitTimingMode, ChannelFault, DataSize, FifoMode, McanChannelConfig,
-    MessageRamLayout, NodeMode, NonMatch, Phase, RxFifo, TxMode, lookup,
+use ecan_protocol::can::{BitTiming, Phase};
+use ecan_protocol::config::{
+    BitTimingMode, ChannelFault, DataSize, FifoMode, McanChannelConfig, MessageRamLayout, NodeMode,
+    NonMatch, RxFifo, TxMode,
 };
+use ecan_protocol::object::lookup;
 
 /// E1..E30 of 5.4.3 and the apply command.
 const PHASE_E: [Sent; 31] = [

@@ -1,6 +1,8 @@
 //! What the writer writes the reader reads, and no bytes make the reader misbehave.
 
-use ecan_protocol::*;
+use ecan_protocol::can::*;
+use ecan_protocol::image::*;
+use ecan_protocol::mapping::*;
 use proptest::prelude::*;
 
 fn can_id() -> impl Strategy<Value = CanId> {

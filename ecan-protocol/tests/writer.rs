@@ -1,6 +1,8 @@
 //! What the writer refuses, clears and counts (manual 5.4.4.1, 6.1, 9.1).
 
-use ecan_protocol::*;
+use ecan_protocol::can::*;
+use ecan_protocol::image::*;
+use ecan_protocol::mapping::*;
 
 fn frame(data: &[u8]) -> FrameRef<'_> {
     FrameRef::classic(CanId::standard(0x100).unwrap(), data).unwrap()

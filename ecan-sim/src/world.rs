@@ -9,7 +9,7 @@ mod line;
 mod node_slot;
 mod recording;
 
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::{BusEvent, BusStatistics, CanBus, StationId, StationStatistics};
 use crate::fault::{Fault, FaultScript, LibraryCall, LostWay, ScriptedFault};

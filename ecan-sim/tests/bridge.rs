@@ -6,7 +6,7 @@ use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{
     BridgeError, BridgeInfo, BridgeProtocol, BridgeServerError, BridgeSettings, ClockKind, Fault,
     FaultyBehaviour, GatewaySpec, NodeKind, NodeSpec, RunnerError, Scenario, SimOptions,

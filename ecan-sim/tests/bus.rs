@@ -4,7 +4,7 @@ mod bench;
 mod naive;
 
 use bench::{BIT, CLASSIC, FD, START, bits, bus_of, classic, error_frames, received, run, sent};
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{BusEvent, CanBus, ErrorState, StationConfig, StationMode};
 use proptest::prelude::*;
 
@@ -75,7 +75,7 @@ fn a_data_frame_beats_its_remote_frame_and_standard_beats_extended() {
     let (mut bus, s) = bus_of(&[CLASSIC; 4]);
     let standard = CanId::standard(0x123).unwrap();
     let extended = CanId::extended(0x123 << 18).unwrap();
-    let dlc = ecan_protocol::Dlc::new(0).unwrap();
+    let dlc = ecan_protocol::can::Dlc::new(0).unwrap();
     let frames = [
         CanFrame::remote(extended, dlc).unwrap(),
         CanFrame::classic(extended, &[]).unwrap(),
@@ -112,7 +112,7 @@ fn any_classic() -> impl Strategy<Value = CanFrame> {
     ];
     (id, prop::collection::vec(any::<u8>(), 0..=8), any::<bool>()).prop_map(|(id, data, remote)| {
         if remote {
-            let dlc = ecan_protocol::Dlc::new(data.len() as u8).unwrap();
+            let dlc = ecan_protocol::can::Dlc::new(data.len() as u8).unwrap();
             CanFrame::remote(id, dlc).unwrap()
         } else {
             CanFrame::classic(id, &data).unwrap()

@@ -3,7 +3,7 @@
 mod counting;
 
 use counting::allocations;
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{BusEvent, BusFault, CanBus, StationConfig};
 
 /// Traffic with errors, a bus-off and its recovery.

@@ -5,7 +5,7 @@ mod bench;
 use bench::{
     BIT, CLASSIC, FD, START, bits, bus_of, classic, error_frames, received, run, sent, states,
 };
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{BusError, BusEvent, BusFault, ErrorState, StationConfig};
 
 /// Up to the ACK slot the frame is whole; from the ACK delimiter on stand 6 bits of error flag

@@ -7,7 +7,7 @@ mod ecrt_support;
 use counting::allocations;
 use drive_support::settings;
 use ecan_canopen::DriveState;
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{Drive, Node, NodeOutput, drives};
 use ecrt_support::{Program, stepped};
 

@@ -5,7 +5,8 @@ mod ecrt_support;
 use std::path::Path;
 
 use ecan_canopen::{DriveState, NmtState, NodeId};
-use ecan_protocol::{AbortCode, CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::object::AbortCode;
 use ecan_sim::{
     BackendError, ClockKind, DriveFault, DriveQuirks, DriveSettings, DriveSpec, EcrtSetting, Fault,
     MotorSettings, NodeKind, Scenario, ScriptedFault, SdoDirection, SdoEffect, SdoRule, SimOptions,

@@ -301,7 +301,7 @@ fn objects_that_are_made_to_fail() {
         effect,
         times,
     };
-    let abort = SdoEffect::Abort(ecan_protocol::AbortCode(0x0601_0000));
+    let abort = SdoEffect::Abort(ecan_protocol::object::AbortCode(0x0601_0000));
     let mut bench = with_quirks(DriveQuirks {
         sdo_rules: vec![
             rule(0x60C2, SdoDirection::Write, abort, Some(2)),

@@ -2,7 +2,8 @@
 
 mod ecrt_support;
 
-use ecan_protocol::{CanFrame, CanId, ObjectType, SdoWrite};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::object::{ObjectType, SdoWrite};
 use ecan_sim::{Fault, GatewayFault, GatewaySpec, LostWay, Scenario, When, echo};
 use ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
 use ecrt_sys::{RequestState, WcState};

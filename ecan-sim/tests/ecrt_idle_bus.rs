@@ -2,7 +2,8 @@
 
 mod ecrt_support;
 
-use ecan_protocol::{Direction, MAPPED_SUBINDEX, data_object_index, pdo_map_index};
+use ecan_protocol::mapping::{Direction, data_object_index, pdo_map_index};
+use ecan_protocol::object::MAPPED_SUBINDEX;
 use ecan_sim::{Fault, GatewayFault, GatewaySpec, Scenario, Topology, echo};
 use ecrt_support::{Program, stepped, stepped_echo};
 use ecrt_sys::{Errno, OpenFailure, RequestState, SyncDirection, WatchdogMode};

@@ -2,7 +2,7 @@
 
 mod ecrt_support;
 
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{EcrtVersion, Fault, LibraryCall, Scenario, echo};
 use ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
 use ecrt_sys::{Errno, WcState};

@@ -5,7 +5,7 @@ mod ecrt_support;
 
 use std::path::Path;
 
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 
 use ecan_sim::{
     Backend, Fault, FirmwarePackage, FirmwareProgress, FirmwareUpdateError, Gateway, Scenario,

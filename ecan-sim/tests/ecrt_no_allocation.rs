@@ -6,7 +6,7 @@ mod counting;
 mod ecrt_support;
 
 use counting::allocations;
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecrt_support::{Program, stepped_echo};
 
 #[test]

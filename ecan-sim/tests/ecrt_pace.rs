@@ -5,7 +5,7 @@ mod ecrt_support;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use ecan_protocol::{ObjectType, SdoWrite};
+use ecan_protocol::object::{ObjectType, SdoWrite};
 use ecan_sim::{Fault, GatewayFault};
 use ecrt_support::{CYCLE_NS, Program, stepped_echo};
 use ecrt_sys::{Errno, RequestState, SdoRequestId};

@@ -2,7 +2,8 @@
 
 mod ecrt_support;
 
-use ecan_protocol::{AlState, CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::device::AlState;
 use ecan_sim::{Fault, GatewayFault, LostWay};
 use ecrt_support::{Program, stepped_echo};
 use proptest::prelude::*;

@@ -6,7 +6,7 @@ mod naive;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use ecan_protocol::{CanFrame, CanId, Dlc, FrameBits, FrameKind};
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameBits, FrameKind};
 use ecan_sim::{FrameTiming, INTERMISSION_BITS, WireFrame};
 use proptest::prelude::*;
 

@@ -3,7 +3,8 @@
 
 mod gateway_support;
 
-use ecan_protocol::{AbortCode, Access, AlState, Entry, Object, ObjectType, describe, objects};
+use ecan_protocol::device::AlState;
+use ecan_protocol::object::{AbortCode, Access, Entry, Object, ObjectType, describe, objects};
 use ecan_sim::GatewayFault;
 use gateway_support::{Bench, MS, chunks};
 

@@ -3,7 +3,9 @@
 mod gateway_support;
 
 use AlState::{Boot, Init, Op, PreOp, SafeOp};
-use ecan_protocol::{AlState, Direction, assignment_writes};
+use ecan_protocol::config::assignment_writes;
+use ecan_protocol::device::AlState;
+use ecan_protocol::mapping::Direction;
 use ecan_sim::{Gateway, GatewayFault, GatewaySettings, SmSettings, Sync0};
 use gateway_support::{Bench, MS, chunks, standard};
 

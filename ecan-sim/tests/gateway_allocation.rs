@@ -5,7 +5,8 @@ mod counting;
 mod gateway_support;
 
 use counting::allocations;
-use ecan_protocol::{DataPathConfig, OptionFlags, PdoProfile, Schedule};
+use ecan_protocol::config::DataPathConfig;
+use ecan_protocol::image::{OptionFlags, PdoProfile, Schedule};
 use gateway_support::{Bench, MS, chunks, fd, standard};
 
 /// Traffic in both directions with results, schedules, overflows and a faulty image.

@@ -3,7 +3,8 @@
 
 mod gateway_support;
 
-use ecan_protocol::{BusOffRecovery, DataPathConfig, HeaderFlags, McanChannelConfig};
+use ecan_protocol::config::{BusOffRecovery, DataPathConfig, McanChannelConfig};
+use ecan_protocol::image::HeaderFlags;
 use ecan_sim::ErrorState;
 use gateway_support::{Bench, chunks, standard};
 

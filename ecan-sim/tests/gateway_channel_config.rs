@@ -3,11 +3,13 @@
 
 mod gateway_support;
 
-use ecan_protocol::{
-    BitTiming, BitTimingMode, CanFrame, CanId, DataPathConfig, DataSize, Dlc, ExtendedFilter,
-    ExtendedMatch, FifoMode, FilterAction, McanChannelConfig, MessageRamLayout, NodeMode, NonMatch,
-    Packet, SamplePointWindow, StandardFilter, StandardMatch, filter_writes,
+use ecan_protocol::can::{BitTiming, CanFrame, CanId, Dlc};
+use ecan_protocol::config::{
+    BitTimingMode, DataPathConfig, DataSize, ExtendedFilter, ExtendedMatch, FifoMode, FilterAction,
+    McanChannelConfig, MessageRamLayout, NodeMode, NonMatch, SamplePointWindow, StandardFilter,
+    StandardMatch, filter_writes,
 };
+use ecan_protocol::image::Packet;
 use ecan_sim::{StationConfig, StationMode};
 use gateway_support::{Bench, chunks, fd, standard};
 
@@ -382,8 +384,8 @@ fn pin_rotation_moves_channels_to_other_connectors() {
 fn start_of_frame_is_captured_where_the_tsu_says_so() {
     let config = McanChannelConfig { tsu: true, tsu_capture_sof: true, ..Default::default() };
     for (config, expected) in [(config, 100), (McanChannelConfig::default(), 400)] {
-        let tx = ecan_protocol::PdoProfile {
-            profile: ecan_protocol::EncapsulationProfile::CompactTimestamped,
+        let tx = ecan_protocol::image::PdoProfile {
+            profile: ecan_protocol::image::EncapsulationProfile::CompactTimestamped,
             ..chunks(3)
         };
         let mut bench = Bench::preop();
@@ -399,6 +401,6 @@ fn start_of_frame_is_captured_where_the_tsu_says_so() {
             Packet::Frame(frame) => Some(frame.timestamp),
             Packet::TxResult(_) => None,
         });
-        assert_eq!(times, [ecan_protocol::Timestamp::Delta16(expected)]);
+        assert_eq!(times, [ecan_protocol::image::Timestamp::Delta16(expected)]);
     }
 }

@@ -2,7 +2,7 @@
 
 mod gateway_support;
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use gateway_support::{Bench, MS, chunks};
 
 const REBUILD: u8 = 1 << 6;

@@ -3,7 +3,7 @@
 
 mod gateway_support;
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use ecan_sim::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,
     GatewaySettings,

@@ -3,10 +3,10 @@
 
 mod gateway_support;
 
-use ecan_protocol::{
-    AbortCode, Access, DataPathConfig, FilterAction, McanChannelConfig, StandardFilter,
-    StandardMatch, filter_writes, objects,
+use ecan_protocol::config::{
+    DataPathConfig, FilterAction, McanChannelConfig, StandardFilter, StandardMatch, filter_writes,
 };
+use ecan_protocol::object::{AbortCode, Access, objects};
 use ecan_sim::{GatewayFault, StationConfig};
 use gateway_support::{Bench, MS, chunks, standard};
 
@@ -61,7 +61,7 @@ fn boot(bench: &mut Bench) {
     assert!(!bench.gateway.is_responding());
     bench.pass(1_000 * MS);
     bench.set_up_mailboxes();
-    bench.gateway.request_al_state(bench.now, ecan_protocol::AlState::PreOp);
+    bench.gateway.request_al_state(bench.now, ecan_protocol::device::AlState::PreOp);
 }
 
 /// Channel 1 runs with a filter, and something of every other object is set.

@@ -3,9 +3,10 @@
 
 mod gateway_support;
 
-use ecan_protocol::{
-    BudgetPolicy, CanFrame, CanId, DataPathConfig, EncapsulationProfile, HeaderFlags, OptionFlags,
-    Packet, PdoProfile, Timestamp,
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::config::DataPathConfig;
+use ecan_protocol::image::{
+    BudgetPolicy, EncapsulationProfile, HeaderFlags, OptionFlags, Packet, PdoProfile, Timestamp,
 };
 use gateway_support::{Bench, MS, SERVICE, chunks, fd, standard};
 

@@ -2,7 +2,7 @@
 
 mod gateway_support;
 
-use ecan_protocol::Schedule;
+use ecan_protocol::image::Schedule;
 use gateway_support::{Bench, MS, chunks, standard};
 
 #[test]

@@ -3,9 +3,10 @@
 
 mod gateway_support;
 
-use ecan_protocol::{
-    EncapsulationProfile, HEADER_BYTES, Header, HeaderFlags, OptionFlags, PdoProfile, crc16,
+use ecan_protocol::image::{
+    EncapsulationProfile, Header, HeaderFlags, OptionFlags, PdoProfile, crc16,
 };
+use ecan_protocol::mapping::HEADER_BYTES;
 use gateway_support::{Bench, chunks, standard};
 
 /// One good packet: channel 0, identifier 0x123, no data.

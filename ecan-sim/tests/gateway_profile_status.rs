@@ -2,7 +2,10 @@
 
 mod gateway_support;
 
-use ecan_protocol::{AlState, Direction, PdoProfile, assignment_writes};
+use ecan_protocol::config::assignment_writes;
+use ecan_protocol::device::AlState;
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::Direction;
 use gateway_support::{Bench, chunks};
 
 const MULTIPLIER: u8 = 3;

@@ -3,9 +3,9 @@
 
 mod gateway_support;
 
-use ecan_protocol::{
-    CacheDepth, CanId, CriticalFrames, DataPathConfig, PdoProfile, RxBudget, RxOverflow,
-};
+use ecan_protocol::can::CanId;
+use ecan_protocol::config::{CacheDepth, CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
+use ecan_protocol::image::PdoProfile;
 use gateway_support::{Bench, MS, chunks, standard};
 
 const TOTAL: u8 = 5;
@@ -160,8 +160,8 @@ fn extended_frames_are_never_critical() {
     let mut bench = with(DataPathConfig { rx_overflow, ..policy() });
     assert!(bench.write());
     for id in 0..9 {
-        let frame =
-            ecan_protocol::CanFrame::classic(CanId::extended(0x85 + id).unwrap(), &[]).unwrap();
+        let frame = ecan_protocol::can::CanFrame::classic(CanId::extended(0x85 + id).unwrap(), &[])
+            .unwrap();
         bench.deliver(0, frame);
         assert!(bench.write());
     }

@@ -2,7 +2,8 @@
 
 mod gateway_support;
 
-use ecan_protocol::{CanFrame, CanId, WRITABLE_REGISTERS};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::object::WRITABLE_REGISTERS;
 use ecan_sim::{StationConfig, StationMode};
 use gateway_support::{Bench, MS, chunks, standard};
 use proptest::prelude::*;
@@ -138,7 +139,7 @@ fn written_registers_are_read_back() {
         assert_eq!(read(&mut bench, offset), left, "{offset:#x}");
     }
     // an apply starts the controller anew
-    bench.apply_channel(0, ecan_protocol::McanChannelConfig::classic(500_000));
+    bench.apply_channel(0, ecan_protocol::config::McanChannelConfig::classic(500_000));
     assert_eq!(read(&mut bench, CCCR), 0);
     assert_ne!(read(&mut bench, NBTP), 0);
 }
@@ -268,8 +269,8 @@ fn cancelled_frames_are_gone() {
 #[test]
 fn leaving_init_asks_for_the_way_out_of_bus_off() {
     let mut bench = engineering();
-    let policy = ecan_protocol::DataPathConfig {
-        bus_off_recovery: ecan_protocol::BusOffRecovery::Manual,
+    let policy = ecan_protocol::config::DataPathConfig {
+        bus_off_recovery: ecan_protocol::config::BusOffRecovery::Manual,
         ..Default::default()
     };
     bench.apply_data_path(0, policy);

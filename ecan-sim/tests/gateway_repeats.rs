@@ -2,7 +2,7 @@
 
 mod gateway_support;
 
-use ecan_protocol::{OptionFlags, PdoProfile};
+use ecan_protocol::image::{OptionFlags, PdoProfile};
 use gateway_support::{Bench, chunks, standard};
 
 fn with_results() -> PdoProfile {
@@ -71,9 +71,9 @@ fn power_cycle_makes_the_old_image_new_again() {
     bench.gateway.power(bench.now, true);
     bench.pass(1_000 * gateway_support::MS);
     bench.set_up_mailboxes();
-    bench.gateway.request_al_state(bench.now, ecan_protocol::AlState::PreOp);
+    bench.gateway.request_al_state(bench.now, ecan_protocol::device::AlState::PreOp);
     bench.apply_profiles(chunks(8), chunks(8));
-    bench.apply_channel(0, ecan_protocol::McanChannelConfig::default());
+    bench.apply_channel(0, ecan_protocol::config::McanChannelConfig::default());
     bench.start();
     bench.image = old;
     assert!(bench.write_again());
@@ -88,7 +88,7 @@ fn image_with_a_bad_packet_behind_good_ones_is_executed_once() {
     bench.writer.commit(&mut bench.image, Default::default());
     // the second packet's kind becomes 3
     bench.image[29] |= 0x60;
-    let crc = ecan_protocol::crc16(&bench.image[24..32]);
+    let crc = ecan_protocol::image::crc16(&bench.image[24..32]);
     bench.image[8..10].copy_from_slice(&crc.to_le_bytes());
     for _ in 0..3 {
         bench.write_again();

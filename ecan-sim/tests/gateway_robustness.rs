@@ -3,7 +3,9 @@
 
 mod gateway_support;
 
-use ecan_protocol::{AlState, CommitFields, Packet, PdoProfile, objects};
+use ecan_protocol::device::AlState;
+use ecan_protocol::image::{CommitFields, Packet, PdoProfile};
+use ecan_protocol::object::objects;
 use ecan_sim::{ErrorState, GatewaySettings, ReceiveLosses, Truth};
 use gateway_support::{Bench, MS, chunks, fd, standard};
 use proptest::prelude::*;
@@ -164,7 +166,7 @@ proptest! {
 
     #[test]
     fn every_image_published_is_one_that_the_reader_accepts(
-        profile in prop::sample::select(&ecan_protocol::EncapsulationProfile::ALL[..]),
+        profile in prop::sample::select(&ecan_protocol::image::EncapsulationProfile::ALL[..]),
         budget in 0u8..3,
         multiplier in 1u8..25,
         options in 0u8..0x08,
@@ -173,14 +175,14 @@ proptest! {
         let tx = PdoProfile {
             multiplier,
             profile,
-            budget: ecan_protocol::BudgetPolicy::from_raw(budget).unwrap(),
-            options: ecan_protocol::OptionFlags::from_bits(options).unwrap(),
+            budget: ecan_protocol::image::BudgetPolicy::from_raw(budget).unwrap(),
+            options: ecan_protocol::image::OptionFlags::from_bits(options).unwrap(),
             ..PdoProfile::default()
         };
         let mut bench = Bench::op(tx, chunks(8));
         let mut cycles = 0;
         for (count, (channel, size, is_fd)) in frames.iter().enumerate() {
-            let length = ecan_protocol::Dlc::new(*size as u8).unwrap().fd_len();
+            let length = ecan_protocol::can::Dlc::new(*size as u8).unwrap().fd_len();
             let frame = if *is_fd {
                 fd(count as u16, &vec![count as u8; length])
             } else {

@@ -3,7 +3,8 @@
 
 mod gateway_support;
 
-use ecan_protocol::{McanChannelConfig, MessageRamLayout, Schedule};
+use ecan_protocol::config::{McanChannelConfig, MessageRamLayout};
+use ecan_protocol::image::Schedule;
 use gateway_support::{Bench, MS, chunks, standard};
 
 const LATE_DROP: u32 = 1 << 6;
@@ -151,7 +152,7 @@ fn frames_whose_sync0_goes_away_are_dropped() {
     bench.pass(3 * MS);
     assert_eq!(bench.sent(0), []);
     assert_eq!(diag_flags(&mut bench), TIMER_MISS);
-    assert_eq!(bench.state(), (ecan_protocol::AlState::SafeOp, 0x2C));
+    assert_eq!(bench.state(), (ecan_protocol::device::AlState::SafeOp, 0x2C));
 }
 
 #[test]

@@ -3,7 +3,7 @@
 
 mod gateway_support;
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use gateway_support::{Bench, MS, SERVICE, chunks, standard};
 
 #[test]
@@ -98,7 +98,7 @@ fn sequence_runs_without_gaps_over_the_wrap() {
     for _ in 0..0x1_0003 {
         bench.cycle();
         let image = bench.input();
-        let wrapped = image.header().flags.contains(ecan_protocol::HeaderFlags::SEQ_WRAP);
+        let wrapped = image.header().flags.contains(ecan_protocol::image::HeaderFlags::SEQ_WRAP);
         assert_eq!(image.sequence(), last.wrapping_add(1));
         assert_eq!(wrapped, image.sequence() == 0);
         last = image.sequence();
@@ -121,11 +121,11 @@ fn torn_and_corrupted_images_are_what_a_reader_refuses() {
     bench.gateway.inject(bench.now, ecan_sim::GatewayFault::TornTxPdo { images: 1 });
     assert!(bench.write() && bench.read());
     let torn = bench.reader.read(&bench.input).unwrap_err();
-    assert_eq!(torn.fault, ecan_protocol::ImageFault::Updating);
+    assert_eq!(torn.fault, ecan_protocol::image::ImageFault::Updating);
     bench.gateway.inject(bench.now, ecan_sim::GatewayFault::CrcErrorTxPdo { images: 1 });
     assert!(bench.write() && bench.read());
     let corrupted = bench.reader.read(&bench.input).unwrap_err();
-    assert_eq!(corrupted.pdo_error(), Some(ecan_protocol::PdoError::BadCrc));
+    assert_eq!(corrupted.pdo_error(), Some(ecan_protocol::image::PdoError::BadCrc));
     bench.cycle();
     assert_eq!(bench.received(), []);
 }

@@ -3,10 +3,12 @@
 
 mod gateway_support;
 
-use ecan_protocol::{
-    AbortCode, CrcTest, DIAGNOSTIC_TEST_KEY, DiagnosticTest, Direction, ImageReader, ImageWriter,
-    OptionFlags, PdoProfile, RxBypass, Sides, TxBypass,
+use ecan_protocol::config::{
+    CrcTest, DIAGNOSTIC_TEST_KEY, DiagnosticTest, RxBypass, Sides, TxBypass,
 };
+use ecan_protocol::image::{ImageReader, ImageWriter, OptionFlags, PdoProfile};
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::AbortCode;
 use gateway_support::{Bench, MS, chunks, standard};
 
 const KEYED: DiagnosticTest = DiagnosticTest { key: DIAGNOSTIC_TEST_KEY, ..DiagnosticTest::OFF };

@@ -3,8 +3,9 @@
 
 mod gateway_support;
 
-use ecan_protocol::{
-    CanFrame, CanId, DataPathConfig, Dlc, McanChannelConfig, MessageRamLayout, TxMode, TxOverflow,
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
+use ecan_protocol::config::{
+    DataPathConfig, McanChannelConfig, MessageRamLayout, TxMode, TxOverflow,
 };
 use ecan_sim::GatewaySettings;
 use gateway_support::{Bench, chunks, fd, standard};
@@ -211,8 +212,10 @@ fn one_frame_is_in_arbitration_at_a_time() {
 #[test]
 fn element_too_small_for_the_data_sends_filler() {
     let mut bench = Bench::configured(chunks(3), chunks(3));
-    let ram =
-        MessageRamLayout { tx_data_size: ecan_protocol::DataSize::B16, ..MessageRamLayout::fd() };
+    let ram = MessageRamLayout {
+        tx_data_size: ecan_protocol::config::DataSize::B16,
+        ..MessageRamLayout::fd()
+    };
     bench.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });
     bench.start();
     bench.push(0, fd(1, &[0x11; 24]));

@@ -3,10 +3,8 @@
 
 mod gateway_support;
 
-use ecan_protocol::{
-    DataPathConfig, McanChannelConfig, NodeMode, OptionFlags, PdoProfile, ResultCode, Schedule,
-    TxOverflow,
-};
+use ecan_protocol::config::{DataPathConfig, McanChannelConfig, NodeMode, TxOverflow};
+use ecan_protocol::image::{OptionFlags, PdoProfile, ResultCode, Schedule};
 use ecan_sim::ErrorState;
 use gateway_support::{Bench, MS, chunks, fd, standard};
 
@@ -34,7 +32,9 @@ fn ok_for_what_reached_the_controller_and_queued_for_what_waits_in_the_ring() {
         assert_eq!(result.sequence, 1);
         assert_eq!(result.channel, u8::from(index == 6));
     }
-    assert!(bench.input().header().flags.contains(ecan_protocol::HeaderFlags::TX_RESULT_PRESENT));
+    assert!(
+        bench.input().header().flags.contains(ecan_protocol::image::HeaderFlags::TX_RESULT_PRESENT)
+    );
     bench.cycle();
     assert_eq!(codes(&bench), [], "a frame gets one result");
     assert_eq!(bench.sent(0).len(), 6);

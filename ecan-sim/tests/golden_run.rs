@@ -5,7 +5,8 @@
 mod ecrt_support;
 
 use ecan_canopen::NodeId;
-use ecan_protocol::{CanFrame, CanId, DataPathConfig, FrameKind};
+use ecan_protocol::can::{CanFrame, CanId, FrameKind};
+use ecan_protocol::config::DataPathConfig;
 use ecan_sim::{
     BusEvent, BusFault, BusFrame, CanBus, DriveFault, Fault, FaultyBehaviour, GatewayFault,
     LostWay, NodeKind, NodeSpec, Scenario, ScriptedFault, StationConfig, StationMode, When, drives,

@@ -1,6 +1,6 @@
 //! Behaviour of the nodes.
 
-use ecan_protocol::{CanFrame, CanId, Dlc};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_sim::{
     EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayError, ReplayNode, ReplayRecord,
     SilentNode,

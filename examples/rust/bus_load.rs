@@ -1,6 +1,6 @@
 //! Bus load as the host can tell it: from the frames that it sent and received.
 
-use ecan_protocol::{CanFrame, FrameBits};
+use ecan_protocol::can::{CanFrame, FrameBits};
 
 /// Adds up the time that frames take on one bus.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
@@ -32,7 +32,7 @@ impl BusLoad {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use ecan_protocol::CanId;
+    use ecan_protocol::can::CanId;
 
     #[test]
     fn a_full_bus_is_at_100_percent() {

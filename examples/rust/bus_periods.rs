@@ -3,7 +3,7 @@
 use std::error::Error;
 use std::path::Path;
 
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::BusFrame;
 
 use crate::log_file;

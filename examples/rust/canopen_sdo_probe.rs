@@ -9,7 +9,7 @@ use std::error::Error;
 use std::process::ExitCode;
 
 use clap::Parser;
-use ecan_cia402::wire::NodeId;
+use ecan_canopen::NodeId;
 use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeSettings};
 use ecan_examples::backend::{self, Wishes};
 use ecan_examples::object_value::ValueType;

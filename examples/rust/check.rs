@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 /// Expects every frame back on its channel, unchanged and in order.
 ///

@@ -8,10 +8,10 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use ecan_cia402::wire::NodeId;
+use ecan_canopen::NodeId;
 use ecan_cia402::{AxisSettings, NodeAddress};
 use ecan_examples::motion::{self, Extent, MotionArguments};
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 /// Number of axes.
 const AXES: usize = 10;

@@ -9,7 +9,7 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use ecan_cia402::wire::NodeId;
+use ecan_canopen::NodeId;
 use ecan_cia402::{AxisSettings, NodeAddress};
 use ecan_examples::motion::{self, Extent, MotionArguments};
 

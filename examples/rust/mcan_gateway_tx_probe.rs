@@ -27,7 +27,9 @@ use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{
     FrameStream, GatewayConfig, PhaseSweep, Port, PortConfig, RECOMMENDED_OFFSET_NS,
 };
-use ecan_protocol::{CHANNELS, FrameError, OptionFlags};
+use ecan_protocol::can::FrameError;
+use ecan_protocol::image::OptionFlags;
+use ecan_protocol::mapping::CHANNELS;
 use ecan_sim::{BusFrame, Simulation};
 
 /// Sync0 shift unless told otherwise, in percent of the cycle: behind the arrival of the images.

@@ -9,7 +9,8 @@ use clap::Args;
 use ecan_cia402::{AxisProgress, AxisSettings, Cia402, Cia402Settings, LoadWarning, axis_traffic};
 use ecan_host::{AdapterConfig, ClockSource, DcSync};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Traffic};
-use ecan_protocol::{CHANNELS, EncapsulationProfile, OptionFlags};
+use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::backend::{self, Wishes};
 use crate::interrupt::Interrupt;

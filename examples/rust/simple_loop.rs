@@ -29,7 +29,8 @@ use ecan_examples::summary::{self, Run};
 use ecan_examples::watch::SessionWatch;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, Port, PortConfig, Received, Session};
-use ecan_protocol::{CHANNELS, CanId};
+use ecan_protocol::can::CanId;
+use ecan_protocol::mapping::CHANNELS;
 
 /// Identifier of the frames that the plain loop sends.
 const LOOP_ID: u16 = 0x123;

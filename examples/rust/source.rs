@@ -1,7 +1,8 @@
 //! The frames that a loop sends: a counter, or a recording.
 
 use ecan_mcan_port::{FrameRate, FrameStream, Port, PortConfig, SendError};
-use ecan_protocol::{CHANNELS, CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::log_file::LoggedFrame;
 

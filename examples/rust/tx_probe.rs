@@ -8,7 +8,8 @@ use ecan_host::CycleStatistics;
 use ecan_mcan_port::{
     FrameRate, FrameStream, Port, PortError, ScheduleAccount, SendError, SendOptions, SendTicket,
 };
-use ecan_protocol::{CanFrame, CanId, FrameError, Schedule};
+use ecan_protocol::can::{CanFrame, CanId, FrameError};
+use ecan_protocol::image::Schedule;
 
 use crate::interrupt::Interrupt;
 use crate::patience::{MAX_FAILED_CYCLES, QUIET_NS, STUCK_NS};

@@ -9,7 +9,7 @@ use std::process::{Command, Output, Stdio};
 
 use ecan_candump::Record;
 use ecan_examples::bus_load::BusLoad;
-use ecan_protocol::{CanFrame, CanId, Dlc};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use program::text;
 
 fn command(arguments: &[&str]) -> Command {

@@ -1,7 +1,8 @@
 //! Process images in both directions: the first byte chooses the profile, the rest is the image.
 #![no_main]
 
-use ecan_protocol::{Direction, ImageReader, PdoProfile};
+use ecan_protocol::image::{ImageReader, PdoProfile};
+use ecan_protocol::mapping::Direction;
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|data: &[u8]| {

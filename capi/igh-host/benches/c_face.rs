@@ -21,7 +21,8 @@ use ecan_igh_host::mcan_port::cycle::{
 use ecan_igh_host::mcan_port::send::igh_mcan_port_send_can;
 use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received, TransmitReport};
-use ecan_protocol::{CanId, ResultCode};
+use ecan_protocol::can::CanId;
+use ecan_protocol::image::ResultCode;
 use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 
 /// Frames sent in a cycle: what an image of N = 8 holds comfortably. The gateway sends some of them

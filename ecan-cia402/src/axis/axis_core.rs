@@ -2,7 +2,7 @@
 
 use ecan_canopen::{CobId, DriveState, OperatingMode, Statusword};
 use ecan_mcan_port::SendTicket;
-use ecan_protocol::CanId;
+use ecan_protocol::can::CanId;
 
 use crate::canopen::{Configurator, Network, NodeHandle};
 

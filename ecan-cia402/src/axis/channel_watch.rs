@@ -6,7 +6,8 @@
 //! images long before an axis is taken up. Until then it is taken to include them.
 
 use ecan_mcan_port::{ImageReport, Port, Session};
-use ecan_protocol::{CHANNELS, ChannelState, ChannelStatus, ImageFault};
+use ecan_protocol::image::{ChannelState, ChannelStatus, ImageFault};
+use ecan_protocol::mapping::CHANNELS;
 
 use super::guard_input::{Actual, ChannelView, NoActual, WayView};
 

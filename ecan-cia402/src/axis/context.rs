@@ -2,7 +2,8 @@
 
 use ecan_canopen::NmtCommand;
 use ecan_mcan_port::{Port, SendOptions};
-use ecan_protocol::{Schedule, TxMode};
+use ecan_protocol::config::TxMode;
+use ecan_protocol::image::Schedule;
 
 use crate::canopen::{HostHeartbeat, Network, NetworkConfig, NmtError, NodeSettings, SyncSettings};
 

@@ -1,7 +1,8 @@
 //! The axes in the cycle: everything in, then everything out.
 
 use ecan_mcan_port::{Port, Received, ReceivedFrame};
-use ecan_protocol::{CHANNELS, FrameKind, FrameRef};
+use ecan_protocol::can::{FrameKind, FrameRef};
+use ecan_protocol::mapping::CHANNELS;
 
 use super::axis_core::Axis;
 use super::context::Cia402;

@@ -1,7 +1,8 @@
 //! The process data of the axes as CAN frames, and how much of a bus they take.
 
 use ecan_mcan_port::{ChannelLoad, FrameRate, FrameStream, FrameWay};
-use ecan_protocol::{CanFrame, CanId, DATA_PATH_BUDGET_MAX, McanChannelConfig};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::config::{DATA_PATH_BUDGET_MAX, McanChannelConfig};
 
 use crate::canopen::{NodeAddress, SyncSettings};
 use ecan_canopen::{CobId, MappingEntry, SYNC_COB_ID};

@@ -1,7 +1,8 @@
 //! Which axis a TPDO belongs to.
 
 use ecan_canopen::{CobId, NodeId, Service};
-use ecan_protocol::{CHANNELS, CanId};
+use ecan_protocol::can::CanId;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::canopen::NodeAddress;
 

@@ -2,7 +2,7 @@
 
 use ecan_canopen::OperatingMode;
 use ecan_canopen::object;
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 use thiserror::Error;
 
 use crate::canopen::{Network, NodeHandle, Sdo, SdoFailure, SdoFault, SdoStartError, SdoValue};

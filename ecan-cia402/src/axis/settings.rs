@@ -1,7 +1,7 @@
 //! What an axis is told: plain data.
 
 use ecan_canopen::{NodeLossReaction, OperatingMode, QuickStopOption};
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
 
 use crate::canopen::{NodeAddress, Step};

@@ -3,7 +3,8 @@
 use std::collections::BTreeMap;
 
 use ecan_canopen::{MappingEntry, NmtCommand, NmtState, TransmissionType};
-use ecan_protocol::{AbortCode, CanId};
+use ecan_protocol::can::CanId;
+use ecan_protocol::object::AbortCode;
 use proptest::prelude::*;
 
 use super::network_tests::{MS, Paper, address, cycle, received};

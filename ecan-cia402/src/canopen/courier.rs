@@ -2,7 +2,7 @@
 
 use ecan_canopen::{CobId, NmtState, heartbeat_data};
 use ecan_mcan_port::{SendError, SendOptions};
-use ecan_protocol::FrameRef;
+use ecan_protocol::can::FrameRef;
 
 use super::channel::Channel;
 use super::error::SdoFault;

@@ -2,7 +2,7 @@
 
 use ecan_host::{CycleError, SdoDirection};
 use ecan_mcan_port::SendError;
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 use thiserror::Error;
 
 use super::address::NodeAddress;

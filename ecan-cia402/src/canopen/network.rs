@@ -1,7 +1,7 @@
 //! The CANopen nodes behind the gateways of a Port.
 
 use ecan_canopen::{NmtCommand, NmtRequest, NmtState, NodeId};
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 use super::address::{NodeAddress, NodeHandle};
 use super::channel::Channel;

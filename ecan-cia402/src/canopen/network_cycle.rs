@@ -2,7 +2,7 @@
 
 use ecan_canopen::{CobId, Emcy, NmtState, Service, parse_heartbeat};
 use ecan_mcan_port::{Port, Received, ReceivedFrame};
-use ecan_protocol::FrameKind;
+use ecan_protocol::can::FrameKind;
 
 use super::courier::Courier;
 use super::error::SdoFault;

@@ -2,7 +2,8 @@
 
 use ecan_canopen::{NmtCommand, NmtState, NodeId};
 use ecan_mcan_port::{NoRoom, ReceiveSource, ReceivedFrame, SendError, SendOptions, SendTicket};
-use ecan_protocol::{CanFrame, CanId, Dlc, FrameRef, Schedule, Timestamp};
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameRef};
+use ecan_protocol::image::{Schedule, Timestamp};
 
 use super::outlet::Outlet;
 use super::{

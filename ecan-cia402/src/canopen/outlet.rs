@@ -1,7 +1,7 @@
 //! Where service frames go: the Port, behind the little that sending needs of it.
 
 use ecan_mcan_port::{Port, SendError, SendOptions, SendTicket, Session};
-use ecan_protocol::FrameRef;
+use ecan_protocol::can::FrameRef;
 
 pub(super) trait Outlet {
     fn send(

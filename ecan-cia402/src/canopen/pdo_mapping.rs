@@ -1,7 +1,7 @@
 //! Mapping a PDO in the order that drives accept (CiA 301, 7.5.2.35 to 7.5.2.38).
 
 use ecan_canopen::{MappingEntry, PdoCobId, TransmissionType};
-use ecan_protocol::CanId;
+use ecan_protocol::can::CanId;
 use thiserror::Error;
 
 use super::step::Step;

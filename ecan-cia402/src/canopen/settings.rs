@@ -1,7 +1,7 @@
 //! What the network and its nodes are told: plain data.
 
 use ecan_canopen::NodeId;
-use ecan_protocol::Schedule;
+use ecan_protocol::image::Schedule;
 
 /// How SDO block transfer is used with a node (CiA 301, 7.2.4.2.9 to 7.2.4.2.16).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use ecan_canopen::{NmtCommand, NmtState};
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 /// A value of up to eight bytes as SDO carries it, little-endian. Made from the integer type that
 /// the object has: `Step::write(0x6060, 0, 8i8)`.

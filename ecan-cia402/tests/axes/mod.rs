@@ -1,7 +1,7 @@
 //! Axes behind simulated gateways, in stepped time, and the drives' own testimony about them.
 #![allow(dead_code)]
 
-use ecan_cia402::wire::NodeId;
+use ecan_canopen::NodeId;
 use ecan_cia402::{AxisSettings, Cia402, Cia402Settings, NodeAddress};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};

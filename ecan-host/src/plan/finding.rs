@@ -1,6 +1,6 @@
 //! What a plan finds: what would not work, and what barely would.
 
-use ecan_protocol::CHUNK_BYTES;
+use ecan_protocol::mapping::CHUNK_BYTES;
 use thiserror::Error;
 
 use crate::domain_layout::{MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};

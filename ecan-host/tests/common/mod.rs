@@ -2,7 +2,8 @@
 #![allow(dead_code, missing_docs)]
 
 use ecan_host::{Adapter, AdapterConfig, Ecrt, Error, StartupStep};
-use ecan_protocol::{Direction, PdoProfile};
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::Direction;
 use ecan_sim::{ClockKind, Scenario, SimOptions, Simulation};
 
 pub fn simulated(scenario: Scenario) -> (Ecrt, Simulation) {

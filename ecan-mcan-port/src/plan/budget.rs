@@ -1,6 +1,6 @@
 //! The frames per service of 0x8021..0x8024 against the traffic of a channel (manual 13.2.2).
 
-use ecan_protocol::{DATA_PATH_BUDGET_MAX, DataPathConfig};
+use ecan_protocol::config::{DATA_PATH_BUDGET_MAX, DataPathConfig};
 
 use super::finding::{PortRefusal, PortWarning};
 

@@ -1,6 +1,7 @@
 //! How much of a CAN bus frames take.
 
-use ecan_protocol::{FrameBits, McanChannelConfig};
+use ecan_protocol::can::FrameBits;
+use ecan_protocol::config::McanChannelConfig;
 
 use super::frame_stream::{FrameStream, FrameWay};
 
@@ -56,7 +57,7 @@ impl ChannelLoad {
 mod tests {
     use super::*;
     use crate::FrameRate;
-    use ecan_protocol::{CanFrame, CanId};
+    use ecan_protocol::can::{CanFrame, CanId};
 
     fn id() -> CanId {
         CanId::standard(0x123).unwrap()

@@ -1,7 +1,8 @@
 //! What the plan of a Port finds: what would not work, and what barely would.
 
 use ecan_host::{PlanRefusal, PlanWarning};
-use ecan_protocol::{DATA_PATH_BUDGET_MAX, Direction, MAX_PACKETS};
+use ecan_protocol::config::DATA_PATH_BUDGET_MAX;
+use ecan_protocol::mapping::{Direction, MAX_PACKETS};
 use thiserror::Error;
 
 use crate::schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};

@@ -1,6 +1,6 @@
 //! The CAN frames that a plan is made for.
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 /// Where frames go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]

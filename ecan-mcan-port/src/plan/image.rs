@@ -1,9 +1,10 @@
 //! How the frames of a cycle fit the process images (manual 5.2, 8, 10, 12).
 
-use ecan_protocol::{
-    BudgetPolicy, CHANNELS, Direction, FrameRef, ImageWriter, MAX_PACKETS, OptionFlags, PdoProfile,
-    ResultCode, Timestamp, TxResult,
+use ecan_protocol::can::FrameRef;
+use ecan_protocol::image::{
+    BudgetPolicy, ImageWriter, OptionFlags, PdoProfile, ResultCode, Timestamp, TxResult,
 };
+use ecan_protocol::mapping::{CHANNELS, Direction, MAX_PACKETS};
 
 use super::finding::{PortRefusal, PortWarning};
 use super::frame_stream::{FrameStream, FrameWay};
@@ -110,7 +111,7 @@ impl ImagePlan {
         let mut writer = ImageWriter::new(Direction::TxPdo, profile);
         let result = TxResult { channel: 0, sequence: 0, frame_index: 0, code: ResultCode::Ok };
         // infallible: an empty image has room for one
-        let _ = writer.push_tx_result(&mut [0; ecan_protocol::CHUNK_BYTES], &result);
+        let _ = writer.push_tx_result(&mut [0; ecan_protocol::mapping::CHUNK_BYTES], &result);
         writer.used()
     }
 

@@ -17,7 +17,7 @@ pub use frame_stream::{FrameRate, FrameStream, FrameWay};
 pub use image::{ImageFill, ImagePlan};
 
 use ecan_host::{AdapterConfig, Plan};
-use ecan_protocol::Direction;
+use ecan_protocol::mapping::Direction;
 
 use crate::config::{ChannelSettings, PortConfig};
 use crate::schedule_margin::ScheduleTimes;
@@ -56,9 +56,9 @@ pub struct GatewayPlan {
 /// Only arithmetic, as [`Plan`]: any configuration has a plan, sound or not.
 ///
 /// ```
-/// use ecan_mcan_port::protocol::{CanFrame, CanId};
+/// use ecan_protocol::can::{CanFrame, CanId};
 /// use ecan_mcan_port::{ChannelSettings, FrameRate, FrameStream, GatewayConfig, PortConfig, PortPlan};
-/// use ecan_mcan_port::host::AdapterConfig;
+/// use ecan_host::AdapterConfig;
 ///
 /// let gateway = GatewayConfig::on_channel(0, ChannelSettings::classic(1_000_000));
 /// let frame = CanFrame::classic(CanId::standard(0x123)?, &[0; 8])?;

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use ecan_host::AdapterConfig;
-use ecan_protocol::FrameBits;
+use ecan_protocol::can::FrameBits;
 
 use super::finding::{PortRefusal, PortWarning};
 use super::frame_stream::{FrameRate, FrameStream};

@@ -3,7 +3,8 @@
 use std::fmt::Write;
 
 use ecan_host::{AdapterConfig, SlavePlan};
-use ecan_protocol::{CanFrame, FrameKind, MAX_PACKETS};
+use ecan_protocol::can::{CanFrame, FrameKind};
+use ecan_protocol::mapping::MAX_PACKETS;
 
 use super::{CpuCost, FrameStream, FrameWay, ImageFill, ImagePlan, PortPlan};
 use crate::schedule_margin::RECOMMENDED_OFFSET_NS;

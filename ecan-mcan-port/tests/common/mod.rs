@@ -5,7 +5,7 @@ use ecan_host::{AdapterConfig, CycleError};
 use ecan_mcan_port::{
     ChannelSettings, GatewayConfig, Port, PortConfig, PortError, Received, ReceivedFrame,
 };
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{ClockKind, Scenario, SimOptions, Simulation};
 
 pub const READY_MS: u32 = 20_000;

@@ -2,7 +2,7 @@
 #![allow(dead_code, missing_docs)]
 
 use ecan_mcan_port::{GatewayConfig, ScheduleAccount};
-use ecan_protocol::{OptionFlags, Schedule};
+use ecan_protocol::image::{OptionFlags, Schedule};
 use ecan_sim::{Scenario, Truth, echo};
 
 use super::common::{self, Bench, id, with_sync0};

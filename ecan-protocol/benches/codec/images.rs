@@ -4,9 +4,9 @@ use std::hint::black_box;
 
 use ecan_bench::{Evictor, Outcome};
 use ecan_codec_baseline as baseline;
-use ecan_protocol::{
-    CommitFields, Direction, FrameRef, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp,
-};
+use ecan_protocol::can::FrameRef;
+use ecan_protocol::image::{CommitFields, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp};
+use ecan_protocol::mapping::Direction;
 
 use crate::pair::{self, Random};
 

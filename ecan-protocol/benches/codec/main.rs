@@ -13,7 +13,8 @@ use std::hint::black_box;
 
 use ecan_bench::{Evictor, Outcome, Row, print_rows, warm, wire_ns};
 use ecan_codec_baseline as baseline;
-use ecan_protocol::{MAX_MULTIPLIER, crc16, crc16_is_accelerated, crc16_use_portable};
+use ecan_protocol::image::{crc16, crc16_is_accelerated, crc16_use_portable};
+use ecan_protocol::mapping::MAX_MULTIPLIER;
 
 use images::Images;
 use pair::Random;

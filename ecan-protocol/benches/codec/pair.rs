@@ -1,7 +1,9 @@
 //! The same things for both codecs, and seeded random frames.
 
 use ecan_codec_baseline as baseline;
-use ecan_protocol::{CanId, Direction, Dlc, FrameRef, OptionFlags, PdoProfile};
+use ecan_protocol::can::{CanId, Dlc, FrameRef};
+use ecan_protocol::image::{OptionFlags, PdoProfile};
+use ecan_protocol::mapping::Direction;
 
 /// The profile as the baseline takes it.
 pub fn profile(direction: Direction, profile: &PdoProfile) -> baseline::Profile {

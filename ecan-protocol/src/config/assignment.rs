@@ -2,7 +2,7 @@
 
 use crate::mapping::{Direction, MAX_MULTIPLIER, assignment_index, pdo_map_index};
 use crate::object::ObjectType;
-use crate::sdo_write::SdoWrite;
+use crate::object::SdoWrite;
 
 /// The downloads that assign the first `multiplier` chunks of a direction: count 0, the chunks,
 /// the count. A multiplier above 24 counts as 24.

@@ -1,10 +1,10 @@
 //! The data path of the firmware: 0x8020 and 0x8021..0x8024 (manual 13.2.1, 13.2.2).
 
+use crate::object::SdoWrite;
 use crate::object::{
     CHANNEL_DATA_PATH, GLOBAL_DATA_PATH, ObjectType, describe_field, writable_fields,
 };
 use crate::raw_enum::raw_enum;
-use crate::sdo_write::SdoWrite;
 
 /// Most frames per service that a budget can name.
 pub const DATA_PATH_BUDGET_MAX: u8 = 8;

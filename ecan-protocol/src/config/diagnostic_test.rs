@@ -1,9 +1,9 @@
 //! PDO diagnostic tests, 0x8030 (manual 13.2.3): parts of the data path cut off to measure the
 //! rest. Not for production.
 
+use crate::object::SdoWrite;
 use crate::object::{DIAGNOSTIC_TEST, ObjectType};
 use crate::raw_enum::raw_enum;
-use crate::sdo_write::SdoWrite;
 
 /// The key that unlocks the tests: "ECAN".
 pub const DIAGNOSTIC_TEST_KEY: u32 = 0x4543_414E;

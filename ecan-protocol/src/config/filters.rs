@@ -7,10 +7,10 @@
 use core::iter;
 
 use super::mcan_channel::{McanChannelConfig, channel_index};
-use crate::message_ram::{EXTENDED_FILTERS_MAX, STANDARD_FILTERS_MAX};
+use super::message_ram::{EXTENDED_FILTERS_MAX, STANDARD_FILTERS_MAX};
 use crate::object::ObjectType;
+use crate::object::SdoWrite;
 use crate::raw_enum::raw_enum;
-use crate::sdo_write::SdoWrite;
 
 const STANDARD_ID_MAX: u32 = 0x7FF;
 const EXTENDED_ID_MAX: u32 = 0x1FFF_FFFF;
@@ -211,7 +211,8 @@ impl From<&ExtendedFilter> for RawFilter {
 /// [`count`](Self::count) says; the channel takes it over with its apply command.
 ///
 /// ```
-/// use ecan_protocol::{FilterWindow, lookup};
+/// use ecan_protocol::config::FilterWindow;
+/// use ecan_protocol::object::lookup;
 ///
 /// let window = FilterWindow::STANDARD;
 /// let (_, entry) = lookup(0x8001, window.count).unwrap();

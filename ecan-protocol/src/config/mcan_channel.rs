@@ -2,11 +2,11 @@
 
 use core::fmt;
 
-use crate::bit_timing::{BitTiming, MCAN_CLOCK_HZ, TDC_MAX_PRESCALER, solve_data, tdc_active};
-use crate::message_ram::MessageRamLayout;
+use super::message_ram::MessageRamLayout;
+use crate::can::{BitTiming, MCAN_CLOCK_HZ, TDC_MAX_PRESCALER, solve_data, tdc_active};
 use crate::object::ObjectType;
+use crate::object::SdoWrite;
 use crate::raw_enum::raw_enum;
-use crate::sdo_write::SdoWrite;
 
 pub(super) const FIRST_INDEX: u16 = 0x8001;
 

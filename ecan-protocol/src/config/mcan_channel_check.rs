@@ -1,9 +1,9 @@
 //! What can be wrong with a [`McanChannelConfig`] (manual 13.4).
 
-use crate::bit_timing::{
+use super::message_ram::MESSAGE_RAM_BYTES;
+use crate::can::{
     BitTiming, BitTimingError, MCAN_CLOCK_HZ, Phase, TDC_MAX_PRESCALER, solve_data, solve_nominal,
 };
-use crate::message_ram::MESSAGE_RAM_BYTES;
 use crate::object::{MCAN_CHANNEL, describe_field};
 
 use super::mcan_channel::{BitTimingMode, McanChannelConfig, NodeMode, NonMatch};

@@ -1,9 +1,9 @@
 //! The fields of [`McanChannelConfig`] by subindex: what is written, and what raw values mean.
 
 use super::mcan_channel::{BitTimingMode, McanChannelConfig, NodeMode, NonMatch, channel_index};
-use crate::message_ram::{DataSize, FifoMode, TxMode};
+use super::message_ram::{DataSize, FifoMode, TxMode};
+use crate::object::SdoWrite;
 use crate::object::{MCAN_CHANNEL, ObjectType, describe_field, writable_fields};
-use crate::sdo_write::SdoWrite;
 
 /// Number of downloads of [`McanChannelConfig::writes`].
 pub const MCAN_CHANNEL_CONFIG_WRITES: usize = 58;

@@ -8,6 +8,7 @@ mod filters;
 mod mcan_channel;
 mod mcan_channel_check;
 mod mcan_channel_fields;
+mod message_ram;
 mod pdo_profile;
 
 pub use assignment::{AssignmentWrites, assignment_writes};
@@ -31,6 +32,10 @@ pub use mcan_channel::{
 pub use mcan_channel_check::ChannelFault;
 pub use mcan_channel_fields::{
     InvalidValue, MCAN_CHANNEL_BRING_UP_WRITES, MCAN_CHANNEL_CONFIG_WRITES,
+};
+pub use message_ram::{
+    DataSize, EXTENDED_FILTERS_MAX, FifoMode, MESSAGE_RAM_BYTES, MessageRamLayout, RxFifo,
+    STANDARD_FILTERS_MAX, TxMode,
 };
 pub use pdo_profile::{
     PDO_PROFILE_WRITES, ProfileMismatch, ProfileReadback, ProfileStatus, SessionCommand,

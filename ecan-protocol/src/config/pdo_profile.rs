@@ -2,10 +2,10 @@
 
 use core::fmt;
 
+use crate::image::PdoProfile;
 use crate::mapping::Direction;
 use crate::object::ObjectType;
-use crate::profile::PdoProfile;
-use crate::sdo_write::SdoWrite;
+use crate::object::SdoWrite;
 
 /// Number of downloads of [`PdoProfile::writes`].
 pub const PDO_PROFILE_WRITES: usize = 5;

@@ -3,6 +3,7 @@
 //! Subindices are decimal, as in the manual's tables. Object families (one object per channel
 //! or chunk) are one [`Object`] with a count and a stride.
 
+mod abort_code;
 mod channel_information;
 mod communication;
 mod data_path;
@@ -13,8 +14,10 @@ mod maintenance;
 mod mcan_channel;
 mod pdo_profile;
 mod register_service;
+mod sdo_write;
 mod system;
 
+pub use abort_code::AbortCode;
 pub use communication::{MAPPED_SUBINDEX, pdo_mapping_entry};
 pub(crate) use data_path::{CHANNEL_DATA_PATH, GLOBAL_DATA_PATH};
 pub use describe::describe;
@@ -22,6 +25,7 @@ pub(crate) use describe::{describe_field, write_object_name};
 pub(crate) use diagnostics::DIAGNOSTIC_TEST;
 pub(crate) use mcan_channel::MCAN_CHANNEL;
 pub use register_service::WRITABLE_REGISTERS;
+pub use sdo_write::SdoWrite;
 
 /// CoE data type of an object dictionary entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -32,7 +36,7 @@ pub enum ObjectType {
     U16,
     /// Unsigned, 32 bit.
     U32,
-    /// Signed, 32 bit. Values in the table and in [`SdoWrite`](crate::SdoWrite) are its two's complement.
+    /// Signed, 32 bit. Values in the table and in [`SdoWrite`](crate::object::SdoWrite) are its two's complement.
     I32,
     /// Text whose length the device decides.
     VisibleString,

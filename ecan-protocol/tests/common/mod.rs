@@ -2,7 +2,7 @@
 // Each test file uses only a part.
 #![allow(dead_code)]
 
-use ecan_protocol::{SdoWrite, lookup};
+use ecan_protocol::object::{SdoWrite, lookup};
 
 /// A download as a master sends it: index, subindex, bytes, value.
 pub type Sent = (u16, u8, usize, u32);

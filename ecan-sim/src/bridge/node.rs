@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 
 use ecan_bridge::{BridgeInfo, BridgeServer, BridgeSettings, BusRates, ClientId, ServerError};
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use crate::bus::StationConfig;
 use crate::node::{Node, NodeOutput};

@@ -1,6 +1,6 @@
 //! Who wins when several stations start at once.
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 /// The arbitration field as 32 bits in the order they go over the wire; the lower value wins.
 ///

@@ -1,6 +1,6 @@
 //! The bus as its stations' owner drives it.
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use super::arbitration::arbitration_key;
 use super::error_confinement::{BusError, ErrorCounters, ErrorState};

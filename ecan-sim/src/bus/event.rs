@@ -1,6 +1,6 @@
 //! What the bus reports, and what a test can do to it.
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use super::error_confinement::ErrorState;
 use super::station::StationId;

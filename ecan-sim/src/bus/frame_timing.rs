@@ -1,6 +1,6 @@
 //! How many bits a frame has on the wire, and so how long it takes.
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::crc::CRC15;
 use super::header_bits::HeaderBits;

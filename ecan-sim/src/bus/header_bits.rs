@@ -1,6 +1,6 @@
 //! The unstuffed bits in front of the data field.
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 /// SOF, arbitration and control field of a frame, unstuffed, the first bit on the wire being
 /// the most significant of `length` bits.

@@ -1,6 +1,6 @@
 //! Which frame comes next and how its transmission will end.
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use crate::earliest::earliest;
 

@@ -1,6 +1,6 @@
 //! One controller on the bus.
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::error_confinement::{BusError, ErrorCounters, ErrorState};
 use super::frame_timing::{FrameTiming, bits_ns};

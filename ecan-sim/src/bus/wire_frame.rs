@@ -2,7 +2,7 @@
 
 use core::ops::Range;
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::crc::{BitCrc, CRC15, CRC17, CRC21};
 use super::header_bits::HeaderBits;

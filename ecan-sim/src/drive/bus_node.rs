@@ -4,7 +4,7 @@ use ecan_canopen::{
     CobId, DriveState, Emcy, ErrorRegister, NmtRequest, NmtState, NodeId, OperatingMode, Service,
     Statusword,
 };
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::device::Device;
 use super::eds::{self, EdsError};

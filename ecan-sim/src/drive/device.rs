@@ -6,7 +6,7 @@ use ecan_canopen::{
     CobId, DriveState, ErrorRegister, NmtCommand, NmtState, NodeLossReaction, Statusword,
     heartbeat_data, object,
 };
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 
 use super::axis::{Axis, Report};
 use super::default_objects::{default_objects, fill_in};

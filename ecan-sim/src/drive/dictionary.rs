@@ -1,6 +1,6 @@
 //! The object dictionary: what there is, who may touch it, and its values.
 
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use super::data_type::DataType;
 

@@ -1,7 +1,7 @@
 //! Which identifiers a drive listens to.
 
 use ecan_canopen::{CobId, NodeId};
-use ecan_protocol::CanId;
+use ecan_protocol::can::CanId;
 
 const WORD_BITS: usize = 64;
 const STANDARD_IDS: usize = 1 << 11;

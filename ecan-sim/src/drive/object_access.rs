@@ -1,7 +1,7 @@
 //! The dictionary as SDO clients see it: rules, and what a write leads to.
 
 use ecan_canopen::{HeartbeatConsumer, OperatingMode, SupportedModes, object};
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use super::axis_commands::Brought;
 use super::device::Device;

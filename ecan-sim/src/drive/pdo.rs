@@ -1,7 +1,7 @@
 //! Process data as the drive sends and receives it.
 
 use ecan_canopen::{MappingEntry, PdoCobId, TransmissionType, object};
-use ecan_protocol::CanId;
+use ecan_protocol::can::CanId;
 
 use super::data_type::DataType;
 use super::default_objects::PDO_ENTRIES;

@@ -1,7 +1,8 @@
 //! What a drive allows to be done to its PDO parameters (CiA 301, 7.5.2.35 to 7.5.2.38).
 
 use ecan_canopen::{MappingEntry, NmtState, PdoCobId, TransmissionType, object};
-use ecan_protocol::{AbortCode, CanId};
+use ecan_protocol::can::CanId;
+use ecan_protocol::object::AbortCode;
 
 use super::default_objects::PDO_ENTRIES;
 use super::dictionary::Dictionary;

@@ -1,7 +1,7 @@
 //! PDOs and SYNC at work.
 
 use ecan_canopen::{NmtState, object, parse_sync};
-use ecan_protocol::CanId;
+use ecan_protocol::can::CanId;
 
 use super::axis_commands::Brought;
 use super::device::{Device, PDO_TOO_LONG, PDO_TOO_SHORT};

@@ -1,7 +1,7 @@
 //! Block transfers of the SDO server (CiA 301, 7.2.4.3.9 to 7.2.4.3.17).
 
 use ecan_canopen::{BlockSegment, ClientFrame, MAX_BLOCK_SIZE, ServerFrame, block_crc};
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use super::dictionary::LONGEST;
 use super::sdo_server::{Bytes, Objects, Phase, Refusal, SdoServer};

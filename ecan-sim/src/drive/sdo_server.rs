@@ -2,7 +2,7 @@
 //! own file.
 
 use ecan_canopen::{BlockSegment, ClientFrame, Initiate, Segment, ServerFrame};
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use super::dictionary::LONGEST;
 

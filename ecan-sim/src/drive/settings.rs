@@ -1,7 +1,7 @@
 //! What a simulated drive is like.
 
 use ecan_canopen::NodeId;
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 /// A simulated drive. Plain data; the default of everything but the node id is a well-behaved servo
 /// drive.

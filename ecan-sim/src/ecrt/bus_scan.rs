@@ -1,6 +1,6 @@
 //! The master's look at the whole bus: who answers, in which state, and the scan when that changed.
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 
 use crate::ecrt::master::{MasterModel, Phase};
 use crate::ecrt::slave_view::{SlaveView, al_status};

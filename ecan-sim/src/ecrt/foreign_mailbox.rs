@@ -4,7 +4,7 @@
 //! turns to the slave: requests and handlers end in an error, an IDN keeps the slave from its next
 //! state, IP parameters only leave a line in the kernel log.
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 
 use crate::ecrt::calls::{Answer, ConfigCall};
 use crate::ecrt::master::MasterModel;

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 
 use crate::ecrt::bus_scan::Scan;
 use crate::ecrt::dc::Clocks;

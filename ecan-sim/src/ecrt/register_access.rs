@@ -1,6 +1,6 @@
 //! Requests that read or write registers of a slave's controller beside the cycle.
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use libc::c_int;
 
 use crate::ecrt::master::MasterModel;

@@ -1,7 +1,7 @@
 //! SDO transfers: blocking ones, requests beside the cycle, and the attempt that both share with
 //! the startup SDOs.
 
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use crate::ecrt::mailbox::Journey;
 use crate::ecrt::master::MasterModel;

@@ -4,7 +4,8 @@ use crate::ecrt::sdo::Transfer;
 use crate::ecrt::startup::Startup;
 use crate::scenario::GatewaySpec;
 use crate::world::{ProcessDirection, World};
-use ecan_protocol::{AlState, Direction, UNITS_PER_CHUNK, assignment_index, sync_manager};
+use ecan_protocol::device::AlState;
+use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK, assignment_index, sync_manager};
 
 /// Sync managers of the gateway: two mailboxes, outputs, inputs.
 pub(super) const SYNC_MANAGERS: u8 = 4;

@@ -3,10 +3,9 @@
 //! The order is IgH's: INIT, registers cleared, mailboxes, PREOP, startup SDOs, PDO assignment and
 //! mapping, watchdog, sync managers, FMMUs, distributed clocks, SAFEOP, OP.
 
-use ecan_protocol::{
-    AlState, AlStatusCode, Direction, describe, sync_manager, sync_manager_address,
-    sync_manager_control,
-};
+use ecan_protocol::device::{AlState, AlStatusCode};
+use ecan_protocol::mapping::{Direction, sync_manager, sync_manager_address, sync_manager_control};
+use ecan_protocol::object::describe;
 
 use crate::ecrt::mailbox::Journey;
 use crate::ecrt::master::MasterModel;
@@ -335,7 +334,10 @@ impl MasterModel {
         let text = if failure.abort_code == 0 {
             format!("{what} {object} was not answered")
         } else {
-            format!("{what} {object} aborted: {}", ecan_protocol::AbortCode(failure.abort_code))
+            format!(
+                "{what} {object} aborted: {}",
+                ecan_protocol::object::AbortCode(failure.abort_code)
+            )
         };
         self.log(index, &text);
     }

@@ -1,6 +1,6 @@
 //! One slave controller: which datagrams concern it, and what they count.
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 
 use super::clock::ClockRegisters;
 use super::command::{Access, Command};

@@ -1,6 +1,6 @@
 //! The registers of a slave controller (ETG.1000.4): addresses, what may be written, how they read.
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 
 use super::clock::{self, ClockRegisters};
 use super::controller::Controller;

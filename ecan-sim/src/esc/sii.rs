@@ -1,6 +1,6 @@
 //! What stands in the SII EEPROM of a gateway as it leaves the factory (ETG.2010; manual 5.3, 15.7).
 
-use ecan_protocol::MAX_PDO_BYTES;
+use ecan_protocol::mapping::MAX_PDO_BYTES;
 
 use crate::gateway::{MAILBOXES, SmSettings};
 use crate::scenario::GatewaySpec;

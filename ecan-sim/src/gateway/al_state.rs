@@ -1,7 +1,8 @@
 //! The EtherCAT state machine: what each transition needs, and what throws the slave back
 //! (manual 5.4.6, 14; AL status codes of ETG.1000.6).
 
-use ecan_protocol::{AlState, AlStatusCode, Direction};
+use ecan_protocol::device::{AlState, AlStatusCode};
+use ecan_protocol::mapping::Direction;
 
 use super::emergency::Emergency;
 use super::schedule::PulseTrain;
@@ -122,7 +123,7 @@ impl Gateway {
             let bytes = self.profile(direction).active_bytes();
             let assigned = self
                 .assigned_chunks(direction)
-                .map_or(0, |chunks| usize::from(chunks) * ecan_protocol::CHUNK_BYTES);
+                .map_or(0, |chunks| usize::from(chunks) * ecan_protocol::mapping::CHUNK_BYTES);
             assigned == bytes && is_acceptable(settings, direction, bytes)
         };
         let (outputs, inputs) = (self.outputs.settings(), self.inputs.settings());

@@ -1,6 +1,7 @@
 //! The four CAN connectors, as the world sees them.
 
-use ecan_protocol::{CHANNELS, CanFrame};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::{ErrorState, StationConfig};
 

@@ -1,7 +1,8 @@
 //! One CAN channel of the gateway: controller, data path in both directions, bus-off
 //! handling, and its status for the PDO header and the diagnostics objects.
 
-use ecan_protocol::{BusOffRecovery, ChannelState, ChannelStatus, DataPathConfig};
+use ecan_protocol::config::{BusOffRecovery, DataPathConfig};
+use ecan_protocol::image::{ChannelState, ChannelStatus};
 
 use crate::bus::ErrorState;
 

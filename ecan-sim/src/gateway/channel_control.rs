@@ -1,10 +1,11 @@
 //! 0x8001..0x8004: from the values in the dictionary to a running controller, and the filter
 //! editing window (manual 13.4).
 
-use ecan_protocol::{
+use ecan_protocol::config::{
     ApplyStatus, BitTimingMode, ChannelFault, FilterCommand, FilterCommandStatus, FilterWindow,
-    McanChannelConfig, NodeMode, object,
+    McanChannelConfig, NodeMode,
 };
+use ecan_protocol::object::object;
 
 use crate::bus::{StationConfig, StationMode};
 
@@ -20,7 +21,7 @@ const FIRST_CLOCK: u8 = 6;
 
 /// Subindices of 0x8001..0x8004 that do something when written, or that the firmware writes.
 pub(super) mod subindex {
-    use ecan_protocol::FilterWindow;
+    use ecan_protocol::config::FilterWindow;
 
     pub(in crate::gateway) const APPLY: u8 = 1;
     pub(in crate::gateway) const APPLY_STATUS: u8 = 2;
@@ -43,11 +44,11 @@ impl FilterLists {
         Self {
             standard: vec![
                 FilterElement::default();
-                usize::from(ecan_protocol::STANDARD_FILTERS_MAX)
+                usize::from(ecan_protocol::config::STANDARD_FILTERS_MAX)
             ],
             extended: vec![
                 FilterElement::default();
-                usize::from(ecan_protocol::EXTENDED_FILTERS_MAX)
+                usize::from(ecan_protocol::config::EXTENDED_FILTERS_MAX)
             ],
         }
     }
@@ -160,7 +161,7 @@ pub(super) fn build(
     let (nominal, data) = config.timings(clock).map_err(|_| ApplyStatus::BuildFail)?;
     let table = filter_table(values, index, &config, filters)?;
     let manual = config.bit_timing_mode == BitTimingMode::Manual;
-    let rate = |configured, timing: ecan_protocol::BitTiming| {
+    let rate = |configured, timing: ecan_protocol::can::BitTiming| {
         if manual { timing.bitrate(clock) } else { configured }
     };
     let nominal_bitrate = rate(config.nominal_bitrate, nominal);

@@ -7,7 +7,8 @@
 //! endian. A channel is saved with the fact whether its controller runs, so that one that was in
 //! use comes back into use.
 
-use ecan_protocol::{Access, CHANNELS, Entry, object};
+use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::object::{Access, Entry, object};
 
 use super::channel_control::{FIRST_CHANNEL_OBJECT, FilterLists};
 use super::crc32::crc32;

@@ -10,7 +10,8 @@ mod registers;
 
 use std::collections::VecDeque;
 
-use ecan_protocol::{BitTiming, CanFrame, FrameKind, MessageRamLayout, TxMode};
+use ecan_protocol::can::{BitTiming, CanFrame, FrameKind};
+use ecan_protocol::config::{MessageRamLayout, TxMode};
 
 use crate::bus::{ErrorState, StationConfig, StationMode, arbitration_key};
 

@@ -1,6 +1,6 @@
 //! What a slave controller on the wire asks of its gateway, beside what every front does.
 
-use ecan_protocol::AlStatusCode;
+use ecan_protocol::device::AlStatusCode;
 
 use super::Gateway;
 

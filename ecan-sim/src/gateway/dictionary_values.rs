@@ -4,7 +4,7 @@
 //! Configuration values live here and nowhere else; the firmware decodes them when a
 //! command applies them. What changes by itself (counters, states) is computed on upload.
 
-use ecan_protocol::{Object, objects};
+use ecan_protocol::object::{Object, objects};
 
 /// Values of one object, in the order of its entries.
 #[derive(Debug)]

@@ -6,7 +6,7 @@
 
 use std::collections::VecDeque;
 
-use ecan_protocol::AlStatusCode;
+use ecan_protocol::device::AlStatusCode;
 
 use super::Gateway;
 

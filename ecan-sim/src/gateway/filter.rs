@@ -1,7 +1,8 @@
 //! Acceptance filters of an MCAN controller, as the editing window of 0x8001..0x8004 fills
 //! them (manual 13.4).
 
-use ecan_protocol::{CanFrame, ExtendedMatch, FilterAction, NonMatch, StandardMatch};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::config::{ExtendedMatch, FilterAction, NonMatch, StandardMatch};
 
 /// Where a received frame goes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

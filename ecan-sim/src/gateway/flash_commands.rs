@@ -8,7 +8,9 @@
 //! saved, applies them; the same happens with the saved configuration when the gateway starts.
 //! A factory reset also erases what was saved.
 
-use ecan_protocol::{AlState, ApplyStatus, CHANNELS, DataPathGlobal, MaintenanceStatus};
+use ecan_protocol::config::{ApplyStatus, DataPathGlobal};
+use ecan_protocol::device::{AlState, MaintenanceStatus};
+use ecan_protocol::mapping::CHANNELS;
 
 use super::channel_control::{self, FIRST_CHANNEL_OBJECT};
 use super::configuration_image::{ConfigurationImage, CrcError};

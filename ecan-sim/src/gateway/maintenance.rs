@@ -9,7 +9,7 @@
 //! names them. Of the diagnostic flags, 0 to 3 never show: this gateway publishes images whole
 //! and has no stage in front of the parser.
 
-use ecan_protocol::{AccessMode, MaintenanceStatus};
+use ecan_protocol::device::{AccessMode, MaintenanceStatus};
 
 /// Legacy maintenance diag flags, 0xB000:6.
 pub(super) mod flag {
@@ -23,7 +23,7 @@ pub(super) mod flag {
 
 /// Bits of the maintenance command, of which the gateway takes several at once.
 pub(super) mod command {
-    use ecan_protocol::MaintenanceCommand;
+    use ecan_protocol::device::MaintenanceCommand;
 
     pub(in crate::gateway) const SAVE: u32 = MaintenanceCommand::Save as u32;
     pub(in crate::gateway) const LOAD: u32 = MaintenanceCommand::Load as u32;

@@ -47,10 +47,10 @@ mod transmit_path;
 mod truth;
 mod tx_pdo;
 
-use ecan_protocol::{
-    AlState, AlStatusCode, CHANNELS, CrcTest, DataPathGlobal, DiagnosticTest, Direction,
-    OptionFlags, Sides,
-};
+use ecan_protocol::config::{CrcTest, DataPathGlobal, DiagnosticTest, Sides};
+use ecan_protocol::device::{AlState, AlStatusCode};
+use ecan_protocol::image::OptionFlags;
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::earliest::earliest;
 
@@ -406,14 +406,14 @@ impl Gateway {
         let Self { values, filters, channels, truth, .. } = self;
         values.reset();
         values.set(
-            ecan_protocol::assignment_index(Direction::RxPdo),
+            ecan_protocol::mapping::assignment_index(Direction::RxPdo),
             0,
-            u32::from(ecan_protocol::MAX_MULTIPLIER),
+            u32::from(ecan_protocol::mapping::MAX_MULTIPLIER),
         );
         values.set(
-            ecan_protocol::assignment_index(Direction::TxPdo),
+            ecan_protocol::mapping::assignment_index(Direction::TxPdo),
             0,
-            u32::from(ecan_protocol::MAX_MULTIPLIER),
+            u32::from(ecan_protocol::mapping::MAX_MULTIPLIER),
         );
         for lists in filters.iter_mut() {
             lists.clear();

@@ -2,14 +2,15 @@
 //! the rules of state and combination that the manual adds (manual 3.1, 5.4, 13).
 //!
 //! The mapping objects 0x1600.. and 0x1A00.. are read-only, as in an SII that fixes them. Their
-//! entries map subindex 1 of the 16-byte data objects ([`ecan_protocol::MAPPED_SUBINDEX`]); the
+//! entries map subindex 1 of the 16-byte data objects ([`ecan_protocol::object::MAPPED_SUBINDEX`]); the
 //! manual names no subindex. After power-on all 24 chunks are assigned, as many as the SII's
 //! default sync manager size of 3072 bytes holds (manual 5.3).
 
-use ecan_protocol::{
-    AbortCode, AlState, Direction, Entry, MAX_MULTIPLIER, Object, ObjectType, assignment_index,
-    buffer_offset, locate_data_object, object, pdo_map_index,
+use ecan_protocol::device::AlState;
+use ecan_protocol::mapping::{
+    Direction, MAX_MULTIPLIER, assignment_index, buffer_offset, locate_data_object, pdo_map_index,
 };
+use ecan_protocol::object::{AbortCode, Entry, Object, ObjectType, object};
 
 use super::Gateway;
 
@@ -148,9 +149,9 @@ impl Gateway {
                 Direction::RxPdo => self.outputs.memory(),
             };
             let offset = buffer_offset(chunk, unit);
-            memory.get(offset..offset + ecan_protocol::UNIT_BYTES)
+            memory.get(offset..offset + ecan_protocol::mapping::UNIT_BYTES)
         });
-        out.extend_from_slice(unit.unwrap_or(&[0; ecan_protocol::UNIT_BYTES]));
+        out.extend_from_slice(unit.unwrap_or(&[0; ecan_protocol::mapping::UNIT_BYTES]));
     }
 
     /// Writing an output unit by SDO changes the memory and, without a complete SM2 write,

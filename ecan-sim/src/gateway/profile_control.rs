@@ -1,10 +1,10 @@
 //! 0x8010 and 0x8011: requested and active PDO profile of one direction, its status and its
 //! error counters (manual 13.2).
 
-use ecan_protocol::{
-    AlState, BudgetPolicy, Direction, EncapsulationProfile, MAX_MULTIPLIER, OptionFlags, PdoError,
-    PdoProfile, ProfileStatus,
-};
+use ecan_protocol::config::ProfileStatus;
+use ecan_protocol::device::AlState;
+use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoError, PdoProfile};
+use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
 use super::dictionary_values::DictionaryValues;
 

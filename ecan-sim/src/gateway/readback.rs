@@ -1,7 +1,8 @@
 //! What uploads show of the running firmware: states, counters and register snapshots
 //! (manual 13.2 to 13.8).
 
-use ecan_protocol::{Direction, pdo_mapping_entry};
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::pdo_mapping_entry;
 
 use super::Gateway;
 

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use ecan_protocol::FifoMode;
+use ecan_protocol::config::FifoMode;
 
 use super::receive_path::Received;
 

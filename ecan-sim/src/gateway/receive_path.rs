@@ -3,7 +3,8 @@
 
 use std::collections::VecDeque;
 
-use ecan_protocol::{CanFrame, CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::config::{CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
 
 use super::controller::Controller;
 use super::truth::ReceiveLosses;

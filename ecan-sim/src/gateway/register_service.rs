@@ -5,7 +5,8 @@
 //! does, and that protected registers keep their value while CCCR.INIT and CCE are not set, is the
 //! controller's affair. "Access denied" means that the mode is missing. The service is never busy.
 
-use ecan_protocol::{CHANNELS, WRITABLE_REGISTERS};
+use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::object::WRITABLE_REGISTERS;
 
 use super::Gateway;
 use super::controller::FramesDropped;

@@ -1,8 +1,7 @@
 //! From SM2 to frames: the RxPDO parser with its memory of the last image (manual 6, 8, 13.2).
 
-use ecan_protocol::{
-    Direction, Image, ImageFault, ImageReader, MAX_PDO_BYTES, ParseDiagnosis, PdoError, PdoProfile,
-};
+use ecan_protocol::image::{Image, ImageFault, ImageReader, ParseDiagnosis, PdoError, PdoProfile};
+use ecan_protocol::mapping::{Direction, MAX_PDO_BYTES};
 
 /// What the parser says about a written image as a whole.
 #[derive(Debug)]
@@ -64,7 +63,7 @@ impl RxPdoParser {
             // made for another size, mask, profile or option than those in force
             return Verdict::Faulty(PdoError::ActiveArea);
         }
-        let end = ecan_protocol::HEADER_BYTES + read.payload().len();
+        let end = ecan_protocol::mapping::HEADER_BYTES + read.payload().len();
         let content = image.get(..end).unwrap_or_default();
         if self.last_sequence == Some(read.sequence()) {
             return if self.last_image.get(..self.last_length) == Some(content) {

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use super::dc_clock::TimeLine;
 use super::settings::Sync0;

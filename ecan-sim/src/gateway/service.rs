@@ -1,9 +1,10 @@
 //! The data-path service: from SM2 through the controllers to SM3, once a cycle.
 
-use ecan_protocol::{
-    AlState, CHANNELS, CanFrame, Direction, FramePacket, OptionFlags, Packet, PdoError, ResultCode,
-    RxBypass, Schedule, TxBypass,
-};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::config::{RxBypass, TxBypass};
+use ecan_protocol::device::AlState;
+use ecan_protocol::image::{FramePacket, OptionFlags, Packet, PdoError, ResultCode, Schedule};
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use super::Gateway;
 use super::channel::path_error;
@@ -389,8 +390,8 @@ impl Gateway {
     }
 
     /// Status words of all channels.
-    pub(super) fn channel_status(&self) -> [ecan_protocol::ChannelStatus; CHANNELS] {
-        let mut status = [ecan_protocol::ChannelStatus::default(); CHANNELS];
+    pub(super) fn channel_status(&self) -> [ecan_protocol::image::ChannelStatus; CHANNELS] {
+        let mut status = [ecan_protocol::image::ChannelStatus::default(); CHANNELS];
         for (number, (word, channel)) in status.iter_mut().zip(&self.channels).enumerate() {
             *word = channel.status(self.schedule.waiting(number));
         }

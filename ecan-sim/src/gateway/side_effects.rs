@@ -1,9 +1,11 @@
 //! What a download sets off beside changing a value: apply commands, resets, test policies.
 
-use ecan_protocol::{
-    AbortCode, AlState, ApplyStatus, DataPathConfig, DataPathGlobal, DiagnosticFault,
-    DiagnosticTest, Direction,
+use ecan_protocol::config::{
+    ApplyStatus, DataPathConfig, DataPathGlobal, DiagnosticFault, DiagnosticTest,
 };
+use ecan_protocol::device::AlState;
+use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::AbortCode;
 
 use super::Gateway;
 use super::channel_control::{self, FIRST_CHANNEL_OBJECT};

@@ -4,7 +4,7 @@
 //! read it, further writes are refused. A read succeeds only while the buffer is full and
 //! empties it.
 
-use ecan_protocol::{Direction, MAX_PDO_BYTES};
+use ecan_protocol::mapping::{Direction, MAX_PDO_BYTES};
 
 use super::settings::SmSettings;
 

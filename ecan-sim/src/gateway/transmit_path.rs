@@ -3,7 +3,9 @@
 
 use std::collections::VecDeque;
 
-use ecan_protocol::{CanFrame, DataPathConfig, ResultCode, TxOverflow, TxResult};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::config::{DataPathConfig, TxOverflow};
+use ecan_protocol::image::{ResultCode, TxResult};
 
 use super::controller::{Controller, Refusal};
 use super::truth::{TransmitLosses, Truth};

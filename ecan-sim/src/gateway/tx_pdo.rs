@@ -1,9 +1,9 @@
 //! From the RX caches to SM3: the TxPDO builder with its budget policies (manual 12).
 
-use ecan_protocol::{
-    BudgetPolicy, CHANNELS, ChannelStatus, CommitFields, Direction, HEADER_BYTES, HeaderFlags,
-    ImageWriter, MAX_PACKETS, MAX_PDO_BYTES, PdoProfile, Timestamp,
+use ecan_protocol::image::{
+    BudgetPolicy, ChannelStatus, CommitFields, HeaderFlags, ImageWriter, PdoProfile, Timestamp,
 };
+use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS, MAX_PDO_BYTES};
 
 use super::channel::Channel;
 use super::transmit_path::ResultQueue;

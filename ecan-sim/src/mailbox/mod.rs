@@ -19,7 +19,7 @@ use foe::FoeServer;
 use header::{HEADER_BYTES, Header, protocol};
 use outbox::{Envelope, Outbox};
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 
 use crate::gateway::Gateway;
 

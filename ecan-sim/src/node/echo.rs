@@ -1,6 +1,6 @@
 //! A node that sends back what it receives.
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use super::{Node, NodeOutput};
 

@@ -1,6 +1,6 @@
 //! A node that cannot be relied on.
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::{Node, NodeOutput};
 use crate::random::Random;

@@ -10,7 +10,7 @@ mod output;
 mod replay;
 mod silent;
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use crate::bus::StationConfig;
 

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 /// Frames that a node wants to send, first in, first out.
 ///

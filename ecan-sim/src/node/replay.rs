@@ -1,7 +1,7 @@
 //! A node that plays a recorded bus back.
 
 use ecan_candump::{ParseError, ParseErrorKind, parse_line};
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use super::{Node, NodeOutput};
 

@@ -348,7 +348,7 @@ impl RawGateway {
                 format!(
                     "gateway {position} names {} buses: it has {} channels",
                     buses.len(),
-                    ecan_protocol::CHANNELS
+                    ecan_protocol::mapping::CHANNELS
                 )
             })?;
             if spec.buses.iter().any(|bus| bus.trim().is_empty()) {

@@ -58,7 +58,7 @@ pub struct GatewaySpec {
     /// Whether the SII lets the master write the mapping objects.
     pub pdo_configuration: bool,
     /// Names of the buses of the four channels.
-    pub buses: [String; ecan_protocol::CHANNELS],
+    pub buses: [String; ecan_protocol::mapping::CHANNELS],
 }
 
 impl GatewaySpec {

@@ -1,6 +1,6 @@
 //! The CAN side: moves frames between gateways, nodes and buses.
 
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::{BusEvent, BusFault, CanBus, StationConfig, StationId, StationMode};
 use crate::world::line::LineSlot;

@@ -1,6 +1,6 @@
 //! The EtherCAT side: who answers, and what a logical datagram does on its way.
 
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::{ErrorState, StationId};
 use crate::fault::{LibraryCall, LostWay};

@@ -1,6 +1,6 @@
 //! A node in the world: what it is, its controller, its queue.
 
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 
 use crate::backend::BackendError;
 use crate::bridge::{BridgeInfo, BridgeNode};

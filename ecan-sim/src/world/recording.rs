@@ -1,6 +1,6 @@
 //! What an analyser on a bus would have recorded.
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use crate::bus::{BusEvent, StationId};
 use crate::world::World;

@@ -2,7 +2,7 @@
 
 #![allow(dead_code)]
 
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{BusEvent, CanBus, ErrorState, FrameTiming, StationConfig, StationId};
 
 /// One bit at 500 kbit/s.

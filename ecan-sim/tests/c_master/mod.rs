@@ -2,10 +2,10 @@
 
 use std::ptr::null_mut;
 
-use ecan_protocol::{
-    Direction, MAPPED_SUBINDEX, PdoProfile, SdoWrite, assignment_writes, data_object_index,
-    pdo_map_index, sync_manager,
-};
+use ecan_protocol::config::assignment_writes;
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::{Direction, data_object_index, pdo_map_index, sync_manager};
+use ecan_protocol::object::{MAPPED_SUBINDEX, SdoWrite};
 use ecan_sim::{ClockKind, ScenarioChoice, SimOptions, Simulation, libethercat as c, simulate};
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, ec_domain_t, ec_master_t, ec_pdo_entry_info_t,

@@ -4,7 +4,7 @@
 use ecan_canopen::{
     Command, Controlword, DriveState, NmtCommand, NmtRequest, NodeId, OperatingMode,
 };
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{Drive, DriveSettings, MotorSettings, Node, NodeOutput};
 
 /// Node id of the drive.

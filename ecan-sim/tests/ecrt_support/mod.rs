@@ -1,11 +1,13 @@
 //! A program on the simulated library: configures slaves as the manual says, and runs cycles.
 #![allow(dead_code)]
 
-use ecan_protocol::{
-    CanFrame, CommitFields, Direction, HeaderFlags, ImageReader, ImageWriter, MAPPED_SUBINDEX,
-    McanChannelConfig, Packet, PdoProfile, SdoWrite, Timestamp, assignment_writes,
-    data_object_index, pdo_map_index, sync_manager,
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::config::{McanChannelConfig, assignment_writes};
+use ecan_protocol::image::{
+    CommitFields, HeaderFlags, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp,
 };
+use ecan_protocol::mapping::{Direction, data_object_index, pdo_map_index, sync_manager};
+use ecan_protocol::object::{MAPPED_SUBINDEX, SdoWrite};
 use ecan_sim::{Backend, ClockKind, Scenario, SimOptions, Simulation, echo, open_scenario};
 use ecrt_sys::{
     DomainId, DomainState, Master, SlaveConfigId, SlaveConfigState, SyncDirection, WatchdogMode,

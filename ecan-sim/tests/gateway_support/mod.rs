@@ -2,11 +2,16 @@
 //! EtherCAT frames or CAN bus around it.
 #![allow(dead_code)]
 
-use ecan_protocol::{
-    AbortCode, AlState, CHANNELS, CanFrame, CanId, CommitFields, DataPathConfig, Direction, Image,
-    ImageReader, ImageWriter, McanChannelConfig, Packet, PdoProfile, SdoWrite, Timestamp, TxResult,
-    assignment_writes, sync_manager, sync_manager_address, sync_manager_control,
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::config::{DataPathConfig, McanChannelConfig, assignment_writes};
+use ecan_protocol::device::AlState;
+use ecan_protocol::image::{
+    CommitFields, Image, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp, TxResult,
 };
+use ecan_protocol::mapping::{
+    CHANNELS, Direction, sync_manager, sync_manager_address, sync_manager_control,
+};
+use ecan_protocol::object::{AbortCode, SdoWrite};
 use ecan_sim::{Gateway, GatewaySettings, SmSettings, Sync0};
 
 pub const MS: u64 = 1_000_000;

@@ -2,7 +2,7 @@
 
 #![allow(dead_code)]
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 /// A frame on the wire: every bit from SOF to the end of EOF, `true` recessive.
 pub struct Wire {

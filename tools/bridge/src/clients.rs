@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use crate::hub::{ClientId, Hub};
 use crate::rates::BusRates;

@@ -1,6 +1,6 @@
 //! A client's whole conversation without a connection, for fuzzing.
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use crate::rates::BusRates;
 use crate::session::{Session, Uplink};

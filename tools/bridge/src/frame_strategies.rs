@@ -1,6 +1,6 @@
 //! Frames for property tests.
 
-use ecan_protocol::{CanFrame, CanId, Dlc};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
 fn any_id() -> impl Strategy<Value = CanId> {

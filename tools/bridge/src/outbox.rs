@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use crate::session::Hearing;
 
@@ -125,7 +125,7 @@ mod tests {
     use std::sync::mpsc::channel;
     use std::time::Duration;
 
-    use ecan_protocol::CanId;
+    use ecan_protocol::can::CanId;
 
     use super::*;
     use crate::settings::BridgeProtocol;

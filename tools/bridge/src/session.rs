@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use crate::rates::BusRates;
 use crate::settings::BridgeProtocol;

@@ -71,7 +71,7 @@ impl Writer {
 
 #[cfg(test)]
 mod tests {
-    use ecan_protocol::{CanFrame, CanId};
+    use ecan_protocol::can::{CanFrame, CanId};
 
     use super::*;
     use crate::settings::BridgeProtocol;

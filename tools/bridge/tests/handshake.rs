@@ -6,7 +6,7 @@ use std::thread;
 use std::time::Duration;
 
 use ecan_bridge::{BridgeProtocol, BridgeServer, BridgeSettings};
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 
 const PATIENCE: Duration = Duration::from_secs(60);
 const ROUNDS: usize = 50;

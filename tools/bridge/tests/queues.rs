@@ -5,7 +5,7 @@ use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
 use ecan_bridge::{BridgeProtocol, BridgeServer, BridgeSettings};
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 const PATIENCE: Duration = Duration::from_secs(60);
 

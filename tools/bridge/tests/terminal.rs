@@ -6,7 +6,7 @@ use std::os::unix::fs::OpenOptionsExt as _;
 use std::time::{Duration, Instant};
 
 use ecan_bridge::SerialBridge;
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use rustix::fs::OFlags;
 
 const PATIENCE: Duration = Duration::from_secs(60);

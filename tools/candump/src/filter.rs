@@ -2,7 +2,7 @@
 
 use core::str::FromStr;
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 use thiserror::Error;
 
 /// Flags beside the identifier: extended format, remote frame, error message.

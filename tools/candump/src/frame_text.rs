@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 use crate::cursor::Cursor;
 use crate::error::{ParseError, ParseErrorKind};

@@ -1,6 +1,6 @@
 //! From a line to a record.
 
-use ecan_protocol::{CanFrame, CanId, Dlc, FrameError};
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameError};
 
 use crate::cursor::Cursor;
 use crate::error::{ParseError, ParseErrorKind};

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use crate::frame_text::FrameText;
 

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 /// Bytes whose characters are shown.
 const ASCII_BYTES: usize = 8;

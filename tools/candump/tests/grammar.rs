@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use ecan_candump::{DirectionMark, ParseErrorKind, Record, parse_line};
-use ecan_protocol::{CanFrame, CanId, Dlc, FrameKind};
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 use proptest::prelude::*;
 
 fn std_id(id: u16) -> CanId {

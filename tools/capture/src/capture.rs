@@ -2,7 +2,8 @@
 
 use std::io::{self, Write};
 
-use ecan_protocol::{CanFrame, Direction};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::mapping::Direction;
 
 use crate::error_frame::ErrorFrame;
 use crate::image::{self, ImageOrigin};

@@ -1,6 +1,6 @@
 //! Error frames: how a host tells that something is wrong with a channel.
 
-use ecan_protocol::ChannelStatus;
+use ecan_protocol::image::ChannelStatus;
 
 const CONTROLLER: u32 = 1 << 2;
 const BUS_OFF: u32 = 1 << 6;

@@ -1,6 +1,7 @@
 //! Process images and what stands in front of them.
 
-use ecan_protocol::{Direction, PdoProfile};
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::Direction;
 
 /// The link type.
 pub const LINK_TYPE: u16 = 147;

@@ -25,8 +25,9 @@
 //! # let directory = tempfile::tempdir()?;
 //! # let path = directory.path().join("drive.pcapng");
 //! use ecan_capture::{Capture, ImageOrigin, Recorder, Traffic};
-//! use ecan_mcan_port::host::AdapterConfig;
-//! use ecan_mcan_port::protocol::{CHUNK_BYTES, CanFrame, CanId, Direction};
+//! use ecan_host::AdapterConfig;
+//! use ecan_protocol::can::{CanFrame, CanId};
+//! use ecan_protocol::mapping::{CHUNK_BYTES, Direction};
 //! use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received};
 //!
 //! // `ecrt` is the loaded library, `path` the file.

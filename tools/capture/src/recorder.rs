@@ -7,7 +7,8 @@ use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, TrySendError, sync_cha
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use ecan_protocol::{CanFrame, MAX_PDO_BYTES};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::mapping::MAX_PDO_BYTES;
 
 use crate::capture::{Capture, Traffic};
 use crate::error_frame::ErrorFrame;

@@ -1,6 +1,6 @@
 //! CAN frames as `LINKTYPE_CAN_SOCKETCAN` has them.
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 use crate::error_frame::ErrorFrame;
 

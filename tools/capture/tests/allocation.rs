@@ -6,7 +6,9 @@ mod counting;
 
 use counting::allocations;
 use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Traffic};
-use ecan_protocol::{CanFrame, CanId, Direction, PdoProfile};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::Direction;
 
 fn parts() -> (CanFrame, ErrorFrame, ImageOrigin, [u8; 1024]) {
     let frame = CanFrame::fd(CanId::standard(0x123).unwrap(), &[1; 64], true, false).unwrap();

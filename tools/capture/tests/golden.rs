@@ -2,7 +2,9 @@
 #![allow(missing_docs)]
 
 use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Traffic};
-use ecan_protocol::{CanFrame, CanId, Direction, Dlc, OptionFlags, PdoProfile};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
+use ecan_protocol::image::{OptionFlags, PdoProfile};
+use ecan_protocol::mapping::Direction;
 
 const TIME_NS: u64 = 0x0123_4567_89AB_CDEF;
 

@@ -7,15 +7,17 @@ use std::sync::mpsc::{Receiver, Sender, channel};
 use std::sync::{Arc, Mutex};
 
 use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Recorder, Recording, Traffic};
-use ecan_protocol::{CanFrame, CanId, Direction, PdoProfile};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::Direction;
 
 const ORIGIN: ImageOrigin = ImageOrigin { slave: 0, direction: Direction::TxPdo, profile: PROFILE };
 const PROFILE: PdoProfile = PdoProfile {
     multiplier: 1,
     channel_mask: 0x0F,
-    profile: ecan_protocol::EncapsulationProfile::Compact,
-    budget: ecan_protocol::BudgetPolicy::Balanced,
-    options: ecan_protocol::OptionFlags::NONE,
+    profile: ecan_protocol::image::EncapsulationProfile::Compact,
+    budget: ecan_protocol::image::BudgetPolicy::Balanced,
+    options: ecan_protocol::image::OptionFlags::NONE,
 };
 
 /// A file that can be looked at when its writer is gone.

@@ -4,11 +4,12 @@
 mod tshark_support;
 
 use ecan_capture::{Capture, ErrorFrame, ImageOrigin, Traffic};
-use ecan_protocol::{
-    CanFrame, CanId, ChannelState, ChannelStatus, CommitFields, Direction, Dlc,
-    EncapsulationProfile, FrameRef, ImageWriter, OptionFlags, PdoProfile, ResultCode, Schedule,
-    Timestamp, TxResult,
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameRef};
+use ecan_protocol::image::{
+    ChannelState, ChannelStatus, CommitFields, EncapsulationProfile, ImageWriter, OptionFlags,
+    PdoProfile, ResultCode, Schedule, Timestamp, TxResult,
 };
+use ecan_protocol::mapping::Direction;
 use tshark_support::fields_of;
 
 const DISSECTOR: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../wireshark/ecan_pdo.lua");

@@ -5,7 +5,7 @@ use std::io::{BufWriter, Read, Write};
 use std::path::{Path, PathBuf};
 
 use ecan_candump::{ParseError, ParseErrorKind, Record};
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 use thiserror::Error;
 
 use crate::new_file::{Existing, create, is_standard_stream};
@@ -194,7 +194,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.log");
         let frame =
-            CanFrame::classic(ecan_protocol::CanId::standard(0x123).unwrap(), &[1]).unwrap();
+            CanFrame::classic(ecan_protocol::can::CanId::standard(0x123).unwrap(), &[1]).unwrap();
         let mut writer = Writer::create(&path).unwrap();
         writer.write(1_500_000_000, 2, frame).unwrap();
         writer.finish().unwrap();

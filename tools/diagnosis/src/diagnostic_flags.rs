@@ -1,6 +1,6 @@
 //! The legacy maintenance diag flags of 0xB000:06 (manual 13.7).
 
-use ecan_protocol::lookup;
+use ecan_protocol::object::lookup;
 
 use crate::bit_words::set_words;
 

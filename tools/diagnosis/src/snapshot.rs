@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::str::FromStr;
 
-use ecan_protocol::{AlState, AlStatusCode, FilterWindow, object};
+use ecan_protocol::config::FilterWindow;
+use ecan_protocol::device::{AlState, AlStatusCode};
+use ecan_protocol::object::object;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 /// An entry of the object dictionary; as text `0x8010:02`, the subindex in decimal as in the

@@ -2,7 +2,7 @@
 #![allow(missing_docs)]
 
 use ecan_diagnosis::registers::{REGISTERS, register, register_named, words};
-use ecan_protocol::WRITABLE_REGISTERS;
+use ecan_protocol::object::WRITABLE_REGISTERS;
 
 #[test]
 fn values_are_told_in_words() {

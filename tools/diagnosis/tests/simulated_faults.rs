@@ -4,7 +4,8 @@
 use ecan_diagnosis::{Depth, Finding, ReadError, Snapshot, findings};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
-use ecan_protocol::{CanFrame, CanId, Direction, HEADER_BYTES};
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::mapping::{Direction, HEADER_BYTES};
 use ecan_sim::{ClockKind, Fault, GatewayFault, Scenario, SimOptions, Simulation};
 
 struct Bench {
@@ -164,11 +165,12 @@ fn damaged_images_are_found_with_their_error() {
             world.with_gateway(0, |gateway, now| {
                 // What a master without this SDK might write.
                 let mut image = vec![0; 384];
-                let profile = ecan_protocol::PdoProfile { multiplier: 3, ..Default::default() };
-                let mut writer = ecan_protocol::ImageWriter::new(Direction::RxPdo, profile);
-                let packet = (frame(), ecan_protocol::Timestamp::None);
+                let profile =
+                    ecan_protocol::image::PdoProfile { multiplier: 3, ..Default::default() };
+                let mut writer = ecan_protocol::image::ImageWriter::new(Direction::RxPdo, profile);
+                let packet = (frame(), ecan_protocol::image::Timestamp::None);
                 writer.push(&mut image, 0, 0, packet.0.as_ref(), packet.1).unwrap();
-                writer.commit(&mut image, ecan_protocol::CommitFields::default());
+                writer.commit(&mut image, ecan_protocol::image::CommitFields::default());
                 assert!(image.len() > HEADER_BYTES);
                 image[byte] ^= 0xFF;
                 gateway.write_outputs(now, &image)

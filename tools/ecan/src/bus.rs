@@ -1,7 +1,7 @@
 //! The bus that the commands look at, and which of its slaves is meant.
 
 use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo, SlaveInquiry as _, SlaveKind};
-use ecan_protocol::Capabilities;
+use ecan_protocol::device::Capabilities;
 use ecan_sim::{Backend, ClockKind, EcrtSetting, SimOptions};
 
 use crate::failure::Failure;
@@ -121,7 +121,7 @@ impl Bus {
 
     /// Downloads a number, in the size that the table gives the object.
     pub fn write(&self, slave: usize, index: u16, subindex: u8, value: u32) -> Result<(), Failure> {
-        let entry = ecan_protocol::lookup(index, subindex).map(|(_, entry)| entry);
+        let entry = ecan_protocol::object::lookup(index, subindex).map(|(_, entry)| entry);
         let size = entry.and_then(|entry| entry.ty.size_bytes()).unwrap_or(4);
         let bytes = value.to_le_bytes();
         let data = bytes.get(..size).unwrap_or(&bytes);

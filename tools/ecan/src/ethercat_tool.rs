@@ -10,7 +10,8 @@ use std::process::Command;
 use std::time::Duration;
 
 use ecan_host::denies_object;
-use ecan_protocol::{AbortCode, AlState};
+use ecan_protocol::device::AlState;
+use ecan_protocol::object::AbortCode;
 use thiserror::Error;
 
 use crate::program::{self, RunError};

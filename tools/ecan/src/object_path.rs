@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use ecan_protocol::{Object, objects};
+use ecan_protocol::object::{Object, objects};
 
 use crate::value::parse_unsigned;
 
@@ -57,7 +57,7 @@ fn find_subindex(index: u16, text: &str) -> Result<u8, String> {
     if let Some(number) = parse_unsigned(text) {
         return u8::try_from(number).map_err(|_| format!("{text} is no subindex"));
     }
-    let object = ecan_protocol::object(index)
+    let object = ecan_protocol::object::object(index)
         .ok_or_else(|| format!("0x{index:04X} has no names; write the subindex as a number"))?;
     let wanted = plain(text);
     let entries = object.entries.iter().filter(|entry| plain(entry.name).contains(&wanted));

@@ -1,6 +1,6 @@
 //! Values of objects: from text to bytes and back, with units and meanings.
 
-use ecan_protocol::{Entry, ObjectType};
+use ecan_protocol::object::{Entry, ObjectType};
 use serde::{Serialize, Serializer};
 
 /// A number without sign, in decimal or with 0x in hexadecimal.
@@ -130,7 +130,7 @@ mod tests {
     use super::*;
 
     fn entry(index: u16, subindex: u8) -> &'static Entry {
-        ecan_protocol::object(index).unwrap().entry(subindex).unwrap()
+        ecan_protocol::object::object(index).unwrap().entry(subindex).unwrap()
     }
 
     #[test]

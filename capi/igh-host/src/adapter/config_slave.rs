@@ -6,7 +6,7 @@ use ecan_host::{Identity, StartupStep};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::constants::ECAN_PDO_MAX_MULTIPLIER;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_protocol::{ObjectType, SdoWrite};
+use ecan_protocol::object::{ObjectType, SdoWrite};
 
 use super::config::{AdapterPlain, ecan_igh_config_t};
 

@@ -13,7 +13,7 @@
 
 use std::ffi::c_int;
 
-use ecan_cia402::wire::{NodeId, NodeLossReaction, OperatingMode, QuickStopOption};
+use ecan_canopen::{NodeId, NodeLossReaction, OperatingMode, QuickStopOption};
 use ecan_cia402::{AxisSettings, DriveSettings, NodeAddress, PositionRange, Scale, SdoValue, Step};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;

@@ -5,7 +5,7 @@
 
 use std::ffi::{c_int, c_void};
 
-use ecan_cia402::wire::NodeId;
+use ecan_canopen::NodeId;
 use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeHandle, NodeSettings, SdoSettings};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;

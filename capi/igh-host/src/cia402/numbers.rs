@@ -2,8 +2,8 @@
 
 use std::ffi::c_int;
 
+use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
 use ecan_cia402::NodeReset;
-use ecan_cia402::wire::{DriveState, NmtCommand, OperatingMode};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 
@@ -192,7 +192,7 @@ pub(crate) fn drive_state(state: Option<DriveState>) -> u8 {
 
 #[cfg(test)]
 mod tests {
-    use ecan_cia402::wire::{NmtState, NodeLossReaction, QuickStopOption};
+    use ecan_canopen::{NmtState, NodeLossReaction, QuickStopOption};
 
     use super::*;
 

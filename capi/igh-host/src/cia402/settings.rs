@@ -2,7 +2,7 @@
 
 use std::ffi::c_int;
 
-use ecan_cia402::wire::NodeId;
+use ecan_canopen::NodeId;
 use ecan_cia402::{
     BlockSettings, Cia402Settings, HostHeartbeat, NetworkConfig, NodeSettings, SdoSettings,
     SyncSettings,

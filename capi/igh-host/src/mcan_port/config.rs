@@ -9,10 +9,8 @@ use ecan_mcan_host::boundary::{Call, Plain, Sealed, call};
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, ScheduleSettings, Traffic};
-use ecan_protocol::{
-    BudgetPolicy, DataPathConfig, EncapsulationProfile, ExtendedFilter, McanChannelConfig,
-    OptionFlags, StandardFilter,
-};
+use ecan_protocol::config::{DataPathConfig, ExtendedFilter, McanChannelConfig, StandardFilter};
+use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
 
 use crate::adapter::config::{AdapterPlain, ECAN_IGH_MAX_SLAVES, ecan_igh_config_t, no_slave};
 use crate::errors;

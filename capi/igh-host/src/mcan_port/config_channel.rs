@@ -6,7 +6,8 @@ use ecan_mcan_host::boundary::call;
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::{ChannelSettings, Traffic};
-use ecan_protocol::{DataPathConfig, SamplePointWindow, describe};
+use ecan_protocol::config::{DataPathConfig, SamplePointWindow};
+use ecan_protocol::object::describe;
 
 use super::config::{ChannelPlain, PortPlain, igh_mcan_port_config_t};
 

@@ -4,7 +4,9 @@ use std::ffi::c_int;
 
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_protocol::{ExtendedFilter, ExtendedMatch, FilterAction, StandardFilter, StandardMatch};
+use ecan_protocol::config::{
+    ExtendedFilter, ExtendedMatch, FilterAction, StandardFilter, StandardMatch,
+};
 
 use super::config::{FilterPlain, IGH_MCAN_MAX_FILTERS, PortPlain, igh_mcan_port_config_t};
 

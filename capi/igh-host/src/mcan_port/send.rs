@@ -11,7 +11,8 @@ use ecan_mcan_host::pdo::frames::{
     IGH_MCAN_FLAG_EXT, classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_tx_frame_t,
 };
 use ecan_mcan_port::{SendOptions, TransmitHint};
-use ecan_protocol::{CanId, FrameRef, Schedule};
+use ecan_protocol::can::{CanId, FrameRef};
+use ecan_protocol::image::Schedule;
 
 use super::context::igh_mcan_port_t;
 use super::cycle::receive;

@@ -7,7 +7,7 @@ use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::channel_status::igh_mcan_channel_status_t;
 use ecan_mcan_host::pdo::diagnosis::igh_mcan_pdo_parse_diag_t;
 use ecan_mcan_port::{ImageReport, Port, Session};
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 use super::context::igh_mcan_port_t;
 use crate::adapter::config::no_slave;

@@ -6,7 +6,7 @@ use std::ffi::c_int;
 
 use ecan_mcan_host::boundary::call;
 use ecan_mcan_port::{ChannelStatistics, SlaveStatistics};
-use ecan_protocol::Capabilities;
+use ecan_protocol::device::Capabilities;
 
 use super::context::igh_mcan_port_t;
 use super::state::{need_channel, need_slave};

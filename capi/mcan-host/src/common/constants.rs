@@ -35,9 +35,9 @@ pub enum ecan_mcan_channel_t {
 }
 
 const _: () = {
-    assert!(ECAN_PDO_CHUNK_BYTES == ecan_protocol::CHUNK_BYTES);
-    assert!(ECAN_PDO_HEADER_BYTES == ecan_protocol::HEADER_BYTES);
-    assert!(ECAN_PDO_MAX_MULTIPLIER == ecan_protocol::MAX_MULTIPLIER as u32);
-    assert!(ECAN_PDO_MAX_PACKETS == ecan_protocol::MAX_PACKETS);
-    assert!(ECAN_MCAN_CHANNELS == ecan_protocol::CHANNELS);
+    assert!(ECAN_PDO_CHUNK_BYTES == ecan_protocol::mapping::CHUNK_BYTES);
+    assert!(ECAN_PDO_HEADER_BYTES == ecan_protocol::mapping::HEADER_BYTES);
+    assert!(ECAN_PDO_MAX_MULTIPLIER == ecan_protocol::mapping::MAX_MULTIPLIER as u32);
+    assert!(ECAN_PDO_MAX_PACKETS == ecan_protocol::mapping::MAX_PACKETS);
+    assert!(ECAN_MCAN_CHANNELS == ecan_protocol::mapping::CHANNELS);
 };

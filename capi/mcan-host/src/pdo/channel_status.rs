@@ -2,7 +2,7 @@
 
 use std::ffi::c_int;
 
-use ecan_protocol::ChannelStatus;
+use ecan_protocol::image::ChannelStatus;
 
 use crate::boundary::call;
 

@@ -2,7 +2,7 @@
 
 use std::ffi::{c_char, c_int};
 
-use ecan_protocol::{ImageFault, ParseDiagnosis, PdoError};
+use ecan_protocol::image::{ImageFault, ParseDiagnosis, PdoError};
 
 use crate::boundary::{ToResult, call, put_text};
 use crate::common::result::ecan_result_t;

@@ -2,10 +2,8 @@
 
 use std::ffi::c_int;
 
-use ecan_protocol::{
-    CanId, Dlc, FrameError, FrameKind, FramePacket, FrameRef, PushError, Schedule, Timestamp,
-    TxResult,
-};
+use ecan_protocol::can::{CanId, Dlc, FrameError, FrameKind, FrameRef};
+use ecan_protocol::image::{FramePacket, PushError, Schedule, Timestamp, TxResult};
 
 use crate::boundary::{Call, ToResult};
 use crate::common::result::ecan_result_t;

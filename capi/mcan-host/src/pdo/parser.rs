@@ -2,9 +2,10 @@
 
 use std::ffi::c_int;
 
-use ecan_protocol::{
-    Arrival, HEADER_BYTES, Header, ImageReader, Packet, ParseDiagnosis, PdoError, SequenceTracker,
+use ecan_protocol::image::{
+    Arrival, Header, ImageReader, Packet, ParseDiagnosis, PdoError, SequenceTracker,
 };
+use ecan_protocol::mapping::HEADER_BYTES;
 
 use super::diagnosis::igh_mcan_pdo_parse_diag_t;
 use super::frames::igh_mcan_rx_frame_t;

@@ -2,9 +2,10 @@
 
 use std::ffi::c_int;
 
-use ecan_protocol::{
-    BudgetPolicy, Direction, EncapsulationProfile, OptionFlags, PdoProfile, ProfileError,
+use ecan_protocol::image::{
+    BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile, ProfileError,
 };
+use ecan_protocol::mapping::Direction;
 
 use crate::boundary::{Call, ToResult, call, getter};
 use crate::common::result::ecan_result_t;

@@ -2,7 +2,8 @@
 
 use std::ffi::c_int;
 
-use ecan_protocol::{Dlc, crc16};
+use ecan_protocol::can::Dlc;
+use ecan_protocol::image::crc16;
 
 use crate::boundary::getter;
 
@@ -36,7 +37,7 @@ pub extern "C" fn igh_mcan_dlc_from_len(len: usize, is_fd: c_int) -> c_int {
         |call| {
             let fd = is_fd != 0;
             let dlc = if fd { Dlc::from_fd_len(len) } else { Dlc::from_classic_len(len) };
-            let fault = ecan_protocol::FrameError::Length { length: len, fd };
+            let fault = ecan_protocol::can::FrameError::Length { length: len, fd };
             dlc.map(|dlc| dlc.value().into()).ok_or_else(|| call.error(&fault))
         },
     )

@@ -2,7 +2,7 @@
 
 use std::ffi::c_int;
 
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 use super::frames::{
     check_hint, classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_rx_kind_t,

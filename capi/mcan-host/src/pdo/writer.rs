@@ -10,7 +10,8 @@
 
 use std::ffi::c_int;
 
-use ecan_protocol::{CommitFields, FrameRef, ImageWriter, Schedule};
+use ecan_protocol::can::FrameRef;
+use ecan_protocol::image::{CommitFields, ImageWriter, Schedule};
 
 use super::frames::{classic_frame_at, fd_frame, igh_mcan_tx_frame_t};
 use super::profile::igh_mcan_pdo_profile_t;

@@ -4,7 +4,7 @@ use std::fmt;
 
 use ecan_canopen::MAX_BLOCK_SIZE;
 use ecan_host::SdoDirection;
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use super::transfer::{Phase, Transfer, Trouble};
 use crate::canopen::error::{SdoFault, SdoStartError};

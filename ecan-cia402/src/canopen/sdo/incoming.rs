@@ -1,7 +1,7 @@
 //! What the SDO client makes of the server's frames.
 
 use ecan_canopen::{BlockSegment, Initiate, MAX_BLOCK_SIZE, Segment, ServerFrame, block_crc};
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use super::client::SdoClient;
 use super::transfer::{Phase, SEGMENT, Trouble};

@@ -1,7 +1,7 @@
 //! What the SDO client sends: the next frame, and what follows from having sent it.
 
 use ecan_canopen::{BlockSegment, ClientFrame, Initiate, Segment, block_crc};
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use super::client::SdoClient;
 use super::transfer::{Phase, SEGMENT, Transfer};

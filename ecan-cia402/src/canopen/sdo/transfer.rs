@@ -1,7 +1,7 @@
 //! The transfer under way: what it is about and how far it is.
 
 use ecan_host::SdoDirection;
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 /// Bytes of a segment.
 pub(super) const SEGMENT: usize = 7;

@@ -72,7 +72,7 @@ pub unsafe extern "C" fn master_get_slave(
                 al_state: slave.current,
                 error_flag: u8::from(slave.error_flag),
                 sync_count: SYNC_MANAGERS,
-                sdo_count: ecan_protocol::objects().len() as u16,
+                sdo_count: ecan_protocol::object::objects().len() as u16,
                 ..Default::default()
             };
             for (to, from) in value.name.iter_mut().zip(b"ECAN-Lite\0") {

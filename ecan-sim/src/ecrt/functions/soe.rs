@@ -3,7 +3,7 @@
 use super::{
     bytes, data_or_null, guarded, handle_or_null, on_config, on_master, on_soe_request, status,
 };
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use ecrt_sys::{
     EC_REQUEST_ERROR, EC_REQUEST_UNUSED, ec_al_state_t, ec_master_t, ec_request_state_t,
     ec_slave_config_t,

@@ -10,7 +10,8 @@
 //! the other bits of CCCR, and the acknowledge of transmit events, which the firmware takes at
 //! once. An add request finds nothing to add, since the firmware requests each frame itself.
 
-use ecan_protocol::{BitTiming, NonMatch, Phase};
+use ecan_protocol::can::{BitTiming, Phase};
+use ecan_protocol::config::NonMatch;
 
 use crate::bus::StationMode;
 

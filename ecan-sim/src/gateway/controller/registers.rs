@@ -1,7 +1,7 @@
 //! Status and configuration registers of an MCAN controller, laid out as in the Bosch M_CAN
 //! core; the manual names them but not their bits (manual 13.5, 13.6).
 
-use ecan_protocol::{BitTiming, Phase};
+use ecan_protocol::can::{BitTiming, Phase};
 
 use crate::bus::{ErrorState, StationMode};
 

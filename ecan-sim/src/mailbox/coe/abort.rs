@@ -1,6 +1,6 @@
 //! Aborted transfers.
 
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use super::{coe_header, service};
 

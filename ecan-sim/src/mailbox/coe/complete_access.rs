@@ -5,7 +5,7 @@
 //! nothing. An object of a single value is that value. Where subindex 0 can be written it counts
 //! the entries in use, and an upload ends with them.
 
-use ecan_protocol::{AbortCode, Entry, Object, object};
+use ecan_protocol::object::{AbortCode, Entry, Object, object};
 
 use crate::gateway::Gateway;
 

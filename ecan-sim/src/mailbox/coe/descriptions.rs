@@ -1,6 +1,6 @@
 //! Objects and entries as SDO information describes them (ETG.1000.6).
 
-use ecan_protocol::{AbortCode, Entry, Object, ObjectType, object};
+use ecan_protocol::object::{AbortCode, Entry, Object, ObjectType, object};
 
 use crate::gateway::Gateway;
 

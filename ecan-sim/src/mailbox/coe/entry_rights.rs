@@ -1,7 +1,7 @@
 //! What SDO information says of an entry's access: who may do what in which state, whether PDOs
 //! map it, and whether it belongs to the settings of the device (ETG.1000.6).
 
-use ecan_protocol::{Access, Entry, Object};
+use ecan_protocol::object::{Access, Entry, Object};
 
 /// Bits of the access field.
 pub(super) mod rights {
@@ -38,7 +38,7 @@ pub(super) fn entry_rights(index: u16, entry: &Entry) -> u16 {
             _ => rights::WRITE,
         };
     }
-    if entry.subindex == ecan_protocol::MAPPED_SUBINDEX {
+    if entry.subindex == ecan_protocol::object::MAPPED_SUBINDEX {
         field |= match index {
             0x6000..=0x6FFF => rights::TX_MAPPABLE,
             0x7000..=0x7FFF => rights::RX_MAPPABLE,

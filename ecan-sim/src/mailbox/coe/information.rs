@@ -1,6 +1,6 @@
 //! SDO information: the object dictionary as the device tells it (ETG.1000.6).
 
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use crate::gateway::Gateway;
 

@@ -1,6 +1,6 @@
 //! The lists of objects that SDO information knows (ETG.1000.6).
 
-use ecan_protocol::{AbortCode, Object, objects};
+use ecan_protocol::object::{AbortCode, Object, objects};
 
 use super::entry_rights::{object_rights, rights};
 

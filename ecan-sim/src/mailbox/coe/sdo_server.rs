@@ -1,7 +1,7 @@
 //! The SDO server: expedited, normal and segmented transfers, of one entry or of a whole object.
 //! What an access may do is judged by the gateway.
 
-use ecan_protocol::{AbortCode, object};
+use ecan_protocol::object::{AbortCode, object};
 
 use crate::gateway::Gateway;
 

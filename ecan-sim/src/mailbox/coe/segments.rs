@@ -1,6 +1,6 @@
 //! Transfers of more than one message: what is left of an upload, what has come of a download.
 
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use super::sdo_server::Target;
 

@@ -1,6 +1,6 @@
 //! FoE by its bytes, as a master sends and sees them.
 
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use proptest::prelude::*;
 
 use super::FoeServer;

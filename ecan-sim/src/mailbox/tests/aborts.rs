@@ -1,6 +1,6 @@
 //! What each wrong SDO request is aborted with.
 
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 
 use super::bench::{Bench, abort_in, coe, info};
 use crate::gateway::GatewayFault;

@@ -1,6 +1,7 @@
 //! A gateway with its mailbox services, and a client that speaks to them in bytes.
 
-use ecan_protocol::{AbortCode, AlState};
+use ecan_protocol::device::AlState;
+use ecan_protocol::object::AbortCode;
 
 use crate::gateway::{Gateway, GatewaySettings};
 use crate::mailbox::MailboxServer;

@@ -1,12 +1,12 @@
 //! Complete access against single accesses, and as masters use it.
 
-use ecan_protocol::{AbortCode, objects};
+use ecan_protocol::object::{AbortCode, objects};
 
 use super::bench::Bench;
 
 /// The block of an object, from single uploads.
 fn block_of_singles(bench: &mut Bench, index: u16, first: u8) -> Vec<u8> {
-    let object = ecan_protocol::object(index).unwrap();
+    let object = ecan_protocol::object::object(index).unwrap();
     if object.entries.len() == 1 {
         return bench.value(index, 0);
     }

@@ -1,6 +1,7 @@
 //! Emergencies on their way to the master.
 
-use ecan_protocol::{AlState, Direction, sync_manager, sync_manager_address, sync_manager_control};
+use ecan_protocol::device::AlState;
+use ecan_protocol::mapping::{Direction, sync_manager, sync_manager_address, sync_manager_control};
 
 use super::bench::{Bench, MS, coe};
 use crate::bus::ErrorState;

@@ -1,6 +1,6 @@
 //! SDO information over the whole dictionary, as a master reads it.
 
-use ecan_protocol::{Access, Entry, ObjectType, object, objects};
+use ecan_protocol::object::{Access, Entry, ObjectType, object, objects};
 
 use super::bench::{Bench, coe, info};
 

@@ -1,7 +1,7 @@
 //! The mailbox itself: errors, counters, pace, silence, the bound of the queue, repeats.
 
 use crate::mailbox::MailboxServer;
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 
 use super::bench::{Bench, MAILBOX, MS, coe, message};
 use crate::gateway::{GatewayFault, GatewaySettings};

@@ -2,7 +2,7 @@
 //! never keep their front busy without a message.
 
 use crate::mailbox::MailboxServer;
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use proptest::prelude::*;
 
 use super::bench::{Bench, coe, message};

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use ecan_canopen::NodeId;
-use ecan_protocol::AbortCode;
+use ecan_protocol::object::AbortCode;
 use serde::Deserialize;
 
 use crate::drive::{DriveQuirks, DriveSettings, MotorSettings, SdoDirection, SdoEffect, SdoRule};

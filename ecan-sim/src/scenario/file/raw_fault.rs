@@ -245,10 +245,13 @@ impl RawFault {
 
     fn channel(&mut self) -> Result<usize, String> {
         let channel = need("channel", self.channel.take())?;
-        if channel < ecan_protocol::CHANNELS {
+        if channel < ecan_protocol::mapping::CHANNELS {
             Ok(channel)
         } else {
-            Err(format!("channel {channel} does not exist: there are {}", ecan_protocol::CHANNELS))
+            Err(format!(
+                "channel {channel} does not exist: there are {}",
+                ecan_protocol::mapping::CHANNELS
+            ))
         }
     }
 

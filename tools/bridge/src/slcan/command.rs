@@ -1,6 +1,6 @@
 //! One line of slcan, read.
 
-use ecan_protocol::{CanFrame, CanId, Dlc};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
 use super::bit_rate::{self, NamedRate};
 

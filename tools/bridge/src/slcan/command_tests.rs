@@ -1,6 +1,6 @@
 //! Golden lines, and what every line has in common.
 
-use ecan_protocol::{CanFrame, CanId, Dlc};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
 use super::bit_rate::NamedRate;

@@ -1,6 +1,6 @@
 //! Frames as slcan writes them.
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::OK;
 

@@ -1,6 +1,6 @@
 //! What an slcan adapter remembers, and how it answers.
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::bit_rate::NamedRate;
 use super::command::{MAX_LINE, NotUnderstood, SlcanCommand, parse};

@@ -1,6 +1,6 @@
 //! Conversations with the adapter.
 
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 use proptest::prelude::*;
 
 use super::SlcanSession;

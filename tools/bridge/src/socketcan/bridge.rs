@@ -6,7 +6,7 @@ use std::sync::{Arc, OnceLock};
 use std::thread::{self, JoinHandle};
 use std::time::{Duration, Instant};
 
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 use rustix::io::Errno;
 use socketcan::{CanFdSocket, Socket as _};
 

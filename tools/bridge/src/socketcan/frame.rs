@@ -1,6 +1,6 @@
 //! Frames as the kernel has them (`linux/can.h`) and as the bus has them.
 
-use ecan_protocol::{CanFrame, CanId, Dlc, FrameKind};
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 use socketcan::id::FdFlags;
 use socketcan::{
     CanAnyFrame, CanDataFrame, CanFdFrame, CanRemoteFrame, EmbeddedFrame as _, ExtendedId, Id,

@@ -3,7 +3,7 @@
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixDatagram;
 
-use ecan_protocol::{CanFrame, CanId, Dlc};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 use socketcan::{CanAnyFrame, CanErrorFrame, CanFdSocket, Socket as _};
 

@@ -1,6 +1,6 @@
 //! One command of socketcand, read.
 
-use ecan_protocol::{CanFrame, CanId, Dlc};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
 /// What a client asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -2,7 +2,7 @@
 
 use std::io::Write as _;
 
-use ecan_protocol::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, FrameKind};
 
 /// Appends a received classic frame with its time in seconds. Raw mode has no form for CAN FD.
 pub(crate) fn encode(frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {

@@ -1,6 +1,6 @@
 //! Conversations with the daemon.
 
-use ecan_protocol::{CanFrame, CanId, Dlc};
+use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
 use super::SocketcandSession;

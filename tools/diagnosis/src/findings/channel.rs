@@ -1,6 +1,8 @@
 //! What is wrong on a CAN bus, or with the channel at it (manual 5.4.6, 13.4, 13.5, 16.3).
 
-use ecan_protocol::{CHANNELS, ChannelState, ChannelStatus, NodeMode};
+use ecan_protocol::config::NodeMode;
+use ecan_protocol::image::{ChannelState, ChannelStatus};
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::finding::{Finding, Place};
 use crate::registers::{

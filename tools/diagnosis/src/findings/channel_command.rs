@@ -1,9 +1,8 @@
 //! Commands about a channel's configuration that failed (manual 13.4, "Channel commands and
 //! status").
 
-use ecan_protocol::{
-    ApplyStatus, BitTimingMode, MCAN_CLOCK_HZ, MESSAGE_RAM_BYTES, McanChannelConfig,
-};
+use ecan_protocol::can::MCAN_CLOCK_HZ;
+use ecan_protocol::config::{ApplyStatus, BitTimingMode, MESSAGE_RAM_BYTES, McanChannelConfig};
 
 use super::channel::Channel;
 use crate::finding::Finding;

@@ -1,6 +1,6 @@
 //! Losses between the CAN controllers and the process data (manual 13.2.1, 13.2.2, 13.2.5).
 
-use ecan_protocol::ApplyStatus;
+use ecan_protocol::config::ApplyStatus;
 
 use crate::finding::{Finding, Place};
 use crate::snapshot::{ObjectKey, Snapshot};

@@ -1,6 +1,6 @@
 //! Flags and states of the gateway as a whole (manual 13.2.1, 13.3, 13.7).
 
-use ecan_protocol::{AccessMode, MaintenanceStatus};
+use ecan_protocol::device::{AccessMode, MaintenanceStatus};
 
 use crate::diagnostic_flags::DIAGNOSTIC_FLAGS;
 use crate::finding::{Finding, Place};

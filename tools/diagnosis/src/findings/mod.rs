@@ -7,7 +7,7 @@ mod device;
 mod operation;
 mod process_data;
 
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::finding::Finding;
 use crate::snapshot::Snapshot;

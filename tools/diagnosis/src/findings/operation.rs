@@ -1,6 +1,7 @@
 //! OP cannot be reached or was left (manual 5.4.6, 16.1).
 
-use ecan_protocol::{AlState, AlStatusCode, CHUNK_BYTES};
+use ecan_protocol::device::{AlState, AlStatusCode};
+use ecan_protocol::mapping::CHUNK_BYTES;
 
 use crate::finding::{Finding, Place};
 use crate::snapshot::Snapshot;

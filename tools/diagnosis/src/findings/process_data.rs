@@ -1,6 +1,7 @@
 //! Profiles that are not in force, images that cannot be parsed (manual 5.4.6, 13.2, 16.2).
 
-use ecan_protocol::{OptionFlags, PdoError, ProfileStatus};
+use ecan_protocol::config::ProfileStatus;
+use ecan_protocol::image::{OptionFlags, PdoError};
 
 use crate::finding::{Finding, Place};
 use crate::snapshot::Snapshot;

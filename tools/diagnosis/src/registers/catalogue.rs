@@ -1,6 +1,6 @@
 //! Names of the registers.
 
-use ecan_protocol::WRITABLE_REGISTERS;
+use ecan_protocol::object::WRITABLE_REGISTERS;
 
 /// A register of the MCAN core.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

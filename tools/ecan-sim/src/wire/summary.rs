@@ -1,6 +1,6 @@
 //! Counters at the end.
 
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 use ecan_sim::Wire;
 
 use crate::screen::Screen;

@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use ecan_protocol::{AlState, AlStatusCode};
+use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_sim::World;
 
 /// What is seen of a gateway from outside.

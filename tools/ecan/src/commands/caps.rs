@@ -2,7 +2,8 @@
 
 use std::io::Write;
 
-use ecan_protocol::{Capabilities, object};
+use ecan_protocol::device::Capabilities;
+use ecan_protocol::object::object;
 use serde::Serialize;
 
 use crate::bus::Bus;

@@ -116,7 +116,7 @@ impl Selection {
         Self { filters: filters.collect(), needs_all }
     }
 
-    fn passes(&self, frame: &ecan_protocol::CanFrame) -> bool {
+    fn passes(&self, frame: &ecan_protocol::can::CanFrame) -> bool {
         let mut filters = self.filters.iter().map(|filter| filter.passes(frame));
         self.filters.is_empty()
             || if self.needs_all { filters.all(|it| it) } else { filters.any(|it| it) }

@@ -4,7 +4,9 @@ use std::collections::BTreeMap;
 use std::io::Write;
 
 use clap::Args;
-use ecan_protocol::{AlState, CHANNELS, ChannelStatus};
+use ecan_protocol::device::AlState;
+use ecan_protocol::image::ChannelStatus;
+use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
 use crate::bus::Bus;

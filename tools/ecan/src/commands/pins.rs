@@ -3,7 +3,8 @@
 use std::io::Write;
 
 use clap::Args;
-use ecan_protocol::{AlState, CHANNELS};
+use ecan_protocol::device::AlState;
+use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
 use crate::bus::Bus;

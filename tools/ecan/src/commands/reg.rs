@@ -5,7 +5,7 @@ use std::io::Write;
 use clap::{Args, Subcommand};
 use ecan_diagnosis::registers::{self, REGISTERS, register, register_named};
 use ecan_host::Maintenance;
-use ecan_protocol::AccessMode;
+use ecan_protocol::device::AccessMode;
 use serde::Serialize;
 
 use crate::bus::Bus;

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use ecan_host::SlaveKind;
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use serde::Serialize;
 
 use crate::bus::Bus;

@@ -3,7 +3,7 @@
 use std::io::Write;
 
 use clap::{Args, Subcommand, ValueEnum};
-use ecan_protocol::{Access, Entry, Object, ObjectType, describe, object, objects};
+use ecan_protocol::object::{Access, Entry, Object, ObjectType, describe, object, objects};
 use serde::Serialize;
 
 use crate::bus::Bus;

@@ -3,7 +3,7 @@
 use clap::Args;
 use ecan_candump::{FrameText, parse_frame};
 use ecan_command_line::interrupt::Interrupt;
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 use serde::Serialize;
 
 use crate::failure::Failure;

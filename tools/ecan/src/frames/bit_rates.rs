@@ -3,7 +3,7 @@
 use std::fmt;
 
 use ecan_mcan_port::ChannelSettings;
-use ecan_protocol::{BitTimingMode, McanChannelConfig};
+use ecan_protocol::config::{BitTimingMode, McanChannelConfig};
 
 use crate::bus::Bus;
 use crate::failure::Failure;

@@ -10,7 +10,9 @@ use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::new_file::{Existing, create, is_standard_stream};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{Port, Received, SendTicket, Session};
-use ecan_protocol::{CHANNELS, CHUNK_BYTES, CanFrame, ChannelStatus, Direction, HEADER_BYTES};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::image::ChannelStatus;
+use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
 
 use crate::failure::Failure;
 use crate::frames::channels::Channels;

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::str::FromStr;
 
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 /// One or several channels of a gateway, as in `0`, `can0`, `0,2` or `all`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{Port, Received, SendTicket, Session};
-use ecan_protocol::{ChannelStatus, ResultCode};
+use ecan_protocol::image::{ChannelStatus, ResultCode};
 
 use crate::failure::Failure;
 use crate::frames::bit_rates::BitRates;

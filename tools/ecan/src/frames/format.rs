@@ -4,7 +4,8 @@ use std::fmt::Write;
 
 use ecan_candump::{FrameText, ScreenFrame};
 use ecan_mcan_port::ReceivedFrame;
-use ecan_protocol::{CanFrame, FrameKind, Timestamp};
+use ecan_protocol::can::{CanFrame, FrameKind};
+use ecan_protocol::image::Timestamp;
 use serde::Serialize;
 
 use crate::frames::timestamp::{Style, Timestamps};

@@ -6,7 +6,7 @@ use clap::Args;
 use ecan_command_line::real_time::RealTimeArguments;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::ChannelSettings;
-use ecan_protocol::SamplePointWindow;
+use ecan_protocol::config::SamplePointWindow;
 
 use crate::frames::capture::CaptureOptions;
 

@@ -168,7 +168,8 @@ fn of_log(error: LogFileError) -> Failure {
 #[cfg(test)]
 mod tests {
     use ecan_mcan_port::{ReceiveSource, ReceivedFrame};
-    use ecan_protocol::{CanFrame, CanId, Timestamp};
+    use ecan_protocol::can::{CanFrame, CanId};
+    use ecan_protocol::image::Timestamp;
 
     use super::*;
     use crate::global::Color;

@@ -2,7 +2,8 @@
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{ReceiveSource, Received, ReceivedFrame};
-use ecan_protocol::{CanFrame, Timestamp};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::image::Timestamp;
 
 use crate::failure::Failure;
 use crate::frames::channels::Channels;

@@ -10,7 +10,9 @@ use ecan_host::{AdapterConfig, Clock, CycleError, Ecrt};
 use ecan_mcan_port::{
     Port, PortConfig, PortError, Received, ReceivedFrame, SendError, SendTicket, Session,
 };
-use ecan_protocol::{CHANNELS, CanFrame, McanChannelConfig};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::config::McanChannelConfig;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::failure::Failure;
 use crate::frames::bit_rates::BitRates;

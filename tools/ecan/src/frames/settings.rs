@@ -6,7 +6,8 @@ use ecan_command_line::real_time::RealTimeArguments;
 use ecan_config_file::{ConfigFile, Place};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
-use ecan_protocol::{EncapsulationProfile, NodeMode, OptionFlags};
+use ecan_protocol::config::NodeMode;
+use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_sim::ClockKind;
 
 use crate::bus::Bus;

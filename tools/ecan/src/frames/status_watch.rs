@@ -1,7 +1,8 @@
 //! Telling what changes on channels and in the gateway's session.
 
 use ecan_mcan_port::{Port, Session};
-use ecan_protocol::{CHANNELS, ChannelState, ChannelStatus};
+use ecan_protocol::image::{ChannelState, ChannelStatus};
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::frames::bit_rates::BitRates;
 use crate::frames::channels::Channels;

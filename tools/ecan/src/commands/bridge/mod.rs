@@ -13,7 +13,7 @@ use clap::Args;
 use ecan_bridge::{BridgeProtocol, BusRates, ClientId};
 use ecan_command_line::interrupt::Interrupt;
 use ecan_mcan_port::{Received, Session};
-use ecan_protocol::CanFrame;
+use ecan_protocol::can::CanFrame;
 
 use crate::commands::bridge::beacon::Beacon;
 use crate::commands::bridge::front::{Front, Listening, Place};

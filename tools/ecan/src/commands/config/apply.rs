@@ -5,7 +5,7 @@ use std::path::Path;
 
 use ecan_config_file::{Place, apply};
 use ecan_host::StartupStep;
-use ecan_protocol::describe;
+use ecan_protocol::object::describe;
 use serde::Serialize;
 
 use crate::config_file;

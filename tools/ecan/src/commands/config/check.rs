@@ -5,10 +5,10 @@ use std::path::Path;
 
 use ecan_config_file::{ConfigFile, ConfigFileError, FileFault, load};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortPlan};
-use ecan_protocol::{
-    BitTiming, CHUNK_BYTES, Direction, MCAN_CLOCK_HZ, MESSAGE_RAM_BYTES, McanChannelConfig,
-    PdoProfile,
-};
+use ecan_protocol::can::{BitTiming, MCAN_CLOCK_HZ};
+use ecan_protocol::config::{MESSAGE_RAM_BYTES, McanChannelConfig};
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::{CHUNK_BYTES, Direction};
 use serde::Serialize;
 
 use crate::failure::Failure;

@@ -1,7 +1,7 @@
 //! Clearing of counters and flags after they were read.
 
 use ecan_host::{Maintenance, MaintenanceError};
-use ecan_protocol::MaintenanceCommand;
+use ecan_protocol::device::MaintenanceCommand;
 
 use crate::bus::Bus;
 use crate::failure::Failure;

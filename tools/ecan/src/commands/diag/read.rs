@@ -43,7 +43,7 @@ pub(super) fn bundle(
         Some(_) => Depth::Everything,
         None => Depth::Findings,
     };
-    let has_mailbox = ecan_protocol::AlState::from_status(info.al_state.into())
+    let has_mailbox = ecan_protocol::device::AlState::from_status(info.al_state.into())
         .is_some_and(|state| state.has_mailbox());
     let mut snapshot = if has_mailbox {
         Snapshot::read(depth, |key| {

@@ -5,7 +5,10 @@ use ecan_diagnosis::registers::{
     ReceiveFifoStatus, TransmitQueueStatus,
 };
 use ecan_diagnosis::{Finding, Snapshot, findings, flag_words};
-use ecan_protocol::{AlStatusCode, CHANNELS, ChannelState, ChannelStatus, lookup};
+use ecan_protocol::device::AlStatusCode;
+use ecan_protocol::image::{ChannelState, ChannelStatus};
+use ecan_protocol::mapping::CHANNELS;
+use ecan_protocol::object::lookup;
 use serde::Serialize;
 
 use super::bundle::Bundle;
@@ -182,7 +185,7 @@ fn performance(snapshot: &Snapshot) -> Vec<Measured> {
         let raw = snapshot.get(0x9011, subindex)?;
         let (_, entry) = lookup(0x9011, subindex)?;
         let value = match entry.ty {
-            ecan_protocol::ObjectType::I32 => i64::from(raw as i32),
+            ecan_protocol::object::ObjectType::I32 => i64::from(raw as i32),
             _ => i64::from(raw),
         };
         let is_cycles = entry.unit == Some("CPU cycles");

@@ -1,6 +1,8 @@
 //! Whether the SII of a gateway describes SM2 and SM3 as manual 15.7 wants them.
 
-use ecan_protocol::{Direction, MAX_PDO_BYTES, sync_manager_address, sync_manager_control};
+use ecan_protocol::mapping::{
+    Direction, MAX_PDO_BYTES, sync_manager_address, sync_manager_control,
+};
 
 /// SM2 and SM3.
 const WANTED: [(&str, Direction); 2] = [("SM2", Direction::RxPdo), ("SM3", Direction::TxPdo)];

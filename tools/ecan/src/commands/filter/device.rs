@@ -1,8 +1,7 @@
 //! The filters of a channel as the gateway holds them.
 
-use ecan_protocol::{
-    ApplyStatus, ChannelState, ChannelStatus, FilterCommand, FilterCommandStatus, FilterWindow,
-};
+use ecan_protocol::config::{ApplyStatus, FilterCommand, FilterCommandStatus, FilterWindow};
+use ecan_protocol::image::{ChannelState, ChannelStatus};
 use serde::Serialize;
 
 use crate::bus::Bus;

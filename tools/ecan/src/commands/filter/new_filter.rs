@@ -1,7 +1,7 @@
 //! A filter as the user describes it.
 
 use clap::{ArgGroup, Args, ValueEnum};
-use ecan_protocol::{
+use ecan_protocol::config::{
     ExtendedFilter, ExtendedMatch, FilterAction, FilterElementFault, McanChannelConfig,
     StandardFilter, StandardMatch,
 };

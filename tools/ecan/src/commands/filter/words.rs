@@ -1,6 +1,6 @@
 //! Filters in words.
 
-use ecan_protocol::{ExtendedMatch, FilterAction, NonMatch, StandardMatch};
+use ecan_protocol::config::{ExtendedMatch, FilterAction, NonMatch, StandardMatch};
 
 use super::device::{Kind, RawFilter};
 

@@ -4,7 +4,8 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use ecan_host::Identity;
-use ecan_protocol::{Capabilities, ObjectType, lookup};
+use ecan_protocol::device::Capabilities;
+use ecan_protocol::object::{ObjectType, lookup};
 
 use super::gateways::{Gateways, LOOK_EVERY, Present};
 use super::package::FirmwareFile;

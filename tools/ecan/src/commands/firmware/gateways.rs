@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use ecan_host::{Identity, SlaveInquiry, SlaveKind, slave_kinds};
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 use serde::Serialize;
 
 use super::refusal::Refusal;

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use ecan_host::{Identity, SlaveInquiry};
-use ecan_protocol::Capabilities;
+use ecan_protocol::device::Capabilities;
 use ecan_sim::{FirmwareProgress, FirmwareUpdateError, Gateway, Simulation};
 
 use super::gateways::{Gateways, LOOK_EVERY, Present};

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use std::time::Duration;
 
 use ecan_host::Identity;
-use ecan_protocol::AlState;
+use ecan_protocol::device::AlState;
 
 use super::gateways::{Gateways, LOOK_EVERY, Present};
 use super::package::FirmwareFile;

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use ecan_protocol::{CanFrame, CanId, Dlc, FrameError};
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameError};
 use fastrand::Rng;
 
 /// Data bytes that an increment counts in.
@@ -267,7 +267,7 @@ mod tests {
         let mixed = Pattern { is_mixed: true, is_fd: true, ..pattern("r", "r", "r") };
         let frames: Vec<_> = made(mixed, 200).iter().map(read).collect();
         assert!(frames.iter().any(|frame| frame.as_ref().is_fd()));
-        assert!(frames.iter().any(|frame| frame.kind() == ecan_protocol::FrameKind::Remote));
+        assert!(frames.iter().any(|frame| frame.kind() == ecan_protocol::can::FrameKind::Remote));
         assert!(frames.iter().any(|frame| frame.id().is_extended()));
         assert!(frames.iter().any(|frame| !frame.id().is_extended()));
     }

@@ -6,7 +6,8 @@ use std::collections::VecDeque;
 
 use ecan_host::{CycleStatistics, Distribution};
 use ecan_mcan_port::{Session, SlaveStatistics};
-use ecan_protocol::{CHANNELS, ChannelState};
+use ecan_protocol::image::ChannelState;
+use ecan_protocol::mapping::CHANNELS;
 
 use super::observation::{GatewayObservation, Observation};
 use super::snapshot::{

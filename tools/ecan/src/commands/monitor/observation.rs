@@ -4,7 +4,9 @@ use ecan_host::{CycleStart, DomainReport};
 use ecan_mcan_port::{
     Awaited, ChannelSettings, Port, PortConfig, Received, Session, SlaveStatistics,
 };
-use ecan_protocol::{CHANNELS, ChannelStatus, FrameBits};
+use ecan_protocol::can::FrameBits;
+use ecan_protocol::image::ChannelStatus;
+use ecan_protocol::mapping::CHANNELS;
 
 /// Cycles that an observation has room for.
 const MARKS: usize = 4096;

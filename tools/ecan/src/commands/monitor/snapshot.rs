@@ -1,6 +1,6 @@
 //! What is shown: everything at one moment, as plain values.
 
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
 /// Number of classes of the histogram.

@@ -3,7 +3,7 @@
 use ecan_command_line::interrupt::Interrupt;
 use ecan_host::Diagnostics;
 use ecan_mcan_port::Port;
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::Bus;
 use crate::failure::Failure;

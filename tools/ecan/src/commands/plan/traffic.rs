@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use ecan_mcan_port::{FrameRate, FrameStream};
-use ecan_protocol::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId};
 
 use crate::failure::Failure;
 use crate::frames::recording::{self, Recorded};

@@ -3,7 +3,8 @@
 use ecan_command_line::interrupt::Interrupt;
 use ecan_diagnosis::registers::{ErrorCounters, LastErrorCode, ProtocolStatus};
 use ecan_mcan_port::Received;
-use ecan_protocol::{CHANNELS, CanFrame};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::mapping::CHANNELS;
 use serde::Serialize;
 
 use crate::failure::Failure;

@@ -1,6 +1,6 @@
 //! The frames of a test: each tells by its identifier who sent it and which one it is.
 
-use ecan_protocol::{CanFrame, CanId, FrameError, FrameKind};
+use ecan_protocol::can::{CanFrame, CanId, FrameError, FrameKind};
 
 /// Most frames of one sender.
 pub(super) const MOST: u16 = 256;
@@ -50,8 +50,9 @@ fn pattern(channel: u8, number: u16, at: usize) -> u8 {
 pub(super) fn origin(frame: &CanFrame) -> Option<(u8, u16)> {
     let (id, is_extended) = (frame.id().raw(), frame.id().is_extended());
     let raw = if is_extended { id.checked_sub(EXTENDED)? } else { id };
-    let channel =
-        u8::try_from(raw >> 8).ok().filter(|it| usize::from(*it) < ecan_protocol::CHANNELS);
+    let channel = u8::try_from(raw >> 8)
+        .ok()
+        .filter(|it| usize::from(*it) < ecan_protocol::mapping::CHANNELS);
     let number = (raw & 0xFF) as u16;
     let is_kind = is_extended == (number % 2 == 1);
     channel.filter(|_| is_kind).map(|channel| (channel, number))

@@ -3,7 +3,8 @@
 use ecan_command_line::interrupt::Interrupt;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
-use ecan_protocol::{CHANNELS, NodeMode};
+use ecan_protocol::config::NodeMode;
+use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::Bus;
 use crate::failure::Failure;
@@ -395,7 +396,7 @@ mod tests {
             (0x8001..=0x8004).contains(&index) && (43..=60).contains(&subindex)
         };
         let entries = objects.into_iter().flat_map(|index| {
-            let object = ecan_protocol::object(index).unwrap();
+            let object = ecan_protocol::object::object(index).unwrap();
             object.entries.iter().map(move |entry| (index, entry))
         });
         let written = entries
@@ -431,8 +432,8 @@ mod tests {
     fn a_gateway_in_use_has_its_profiles_channels_and_filters_again() {
         let bus = bus();
         let write = |index, subindex, value| bus.write(0, index, subindex, value).unwrap();
-        for direction in ecan_protocol::Direction::ALL {
-            for write in ecan_protocol::assignment_writes(direction, 3) {
+        for direction in ecan_protocol::mapping::Direction::ALL {
+            for write in ecan_protocol::config::assignment_writes(direction, 3) {
                 bus.write(0, write.index, write.subindex, write.value).unwrap();
             }
             write(direction.profile_object(), 3, 3);
@@ -442,7 +443,7 @@ mod tests {
         for (subindex, value) in [(19, 800_000), (43, 0), (50, 1), (51, 1), (53, 5), (54, 6)] {
             write(0x8002, subindex, value);
         }
-        let save = ecan_protocol::FilterCommand::Save.raw().into();
+        let save = ecan_protocol::config::FilterCommand::Save.raw().into();
         for (subindex, value) in [(45, save), (49, 1), (1, 1)] {
             write(0x8002, subindex, value);
         }

@@ -1,6 +1,6 @@
 //! Who a gateway is: recognition, identity, versions, serial number.
 
-use ecan_protocol::Recognition;
+use ecan_protocol::device::Recognition;
 
 use crate::bus::Bus;
 use crate::failure::Failure;

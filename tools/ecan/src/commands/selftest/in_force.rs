@@ -1,6 +1,7 @@
 //! What a gateway does by its configuration, and not only holds.
 
-use ecan_protocol::{CHANNELS, ChannelState, ChannelStatus, Direction};
+use ecan_protocol::image::{ChannelState, ChannelStatus};
+use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::bus::Bus;
 use crate::failure::Failure;

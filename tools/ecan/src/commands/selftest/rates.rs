@@ -4,7 +4,7 @@ use std::path::Path;
 
 use ecan_config_file::ConfigFile;
 use ecan_mcan_port::ChannelSettings;
-use ecan_protocol::{McanChannelConfig, NodeMode};
+use ecan_protocol::config::{McanChannelConfig, NodeMode};
 
 use crate::config_file;
 use crate::failure::Failure;

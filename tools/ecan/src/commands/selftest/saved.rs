@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use ecan_protocol::{
-    Access, AlState, CHANNELS, DataPathConfig, Direction, FilterWindow, McanChannelConfig,
-    PdoProfile, SdoWrite, assignment_index,
-};
+use ecan_protocol::config::{DataPathConfig, FilterWindow, McanChannelConfig};
+use ecan_protocol::device::AlState;
+use ecan_protocol::image::PdoProfile;
+use ecan_protocol::mapping::{CHANNELS, Direction, assignment_index};
+use ecan_protocol::object::{Access, SdoWrite};
 
 use crate::bus::Bus;
 use crate::commands::filter::{ChannelFilters, FilterKind, RawFilter};
@@ -174,7 +175,7 @@ impl Saved {
         for ((index, subindex), value) in &self.values {
             let found = now.values.get(&(*index, *subindex));
             if let Some(found) = found.filter(|found| *found != value) {
-                let object = ecan_protocol::describe(*index, *subindex);
+                let object = ecan_protocol::object::describe(*index, *subindex);
                 return Err(format!("{object} was {value} and now is {found}"));
             }
         }
@@ -205,7 +206,7 @@ fn entries() -> impl Iterator<Item = (u16, u8)> {
         _ => true,
     };
     OBJECTS.into_iter().flat_map(move |index| {
-        let entries = ecan_protocol::object(index).map_or(&[][..], |object| object.entries);
+        let entries = ecan_protocol::object::object(index).map_or(&[][..], |object| object.entries);
         entries
             .iter()
             .filter(|entry| entry.access == Access::Rw && entry.ty.is_integer())
@@ -248,7 +249,7 @@ fn apply(bus: &Bus, slave: usize, command: SdoWrite, status: u8) -> Result<(), F
     match bus.read(slave, index, status)? {
         0 => Ok(()),
         found => {
-            let object = ecan_protocol::describe(index, subindex);
+            let object = ecan_protocol::object::describe(index, subindex);
             Err(Failure::Refused(format!("{object} ends with status {found}")))
         }
     }

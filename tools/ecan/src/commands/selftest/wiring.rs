@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use ecan_protocol::CHANNELS;
+use ecan_protocol::mapping::CHANNELS;
 
 /// Pairs of channels, as in `0-1,2-3`; each channel at most once.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]

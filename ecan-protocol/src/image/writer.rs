@@ -1,17 +1,17 @@
 //! Writing process data images (manual 5.4.4.1, 8).
 
-use crate::control::ControlWord;
+use super::crc::crc16;
+use super::header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, HeaderFlags, VER_IHL};
+use super::packet::{EXTENDED_AUX_SHIFT, STANDARD_AUX_SHIFT, TX_RESULT_BYTES, WINDOW_BYTES};
+use super::profile::{OptionFlags, PdoProfile};
+use super::schedule::Schedule;
+use super::status::ChannelStatus;
+use super::timestamp::{Timestamp, allowed_formats};
+use super::tx_result::TxResult;
+use crate::can::FrameRef;
+use crate::can::control::ControlWord;
 use crate::copy::copy_data;
-use crate::crc::crc16;
-use crate::frame::FrameRef;
-use crate::header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, HeaderFlags, VER_IHL};
 use crate::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS};
-use crate::packet::{EXTENDED_AUX_SHIFT, STANDARD_AUX_SHIFT, TX_RESULT_BYTES, WINDOW_BYTES};
-use crate::profile::{OptionFlags, PdoProfile};
-use crate::schedule::Schedule;
-use crate::status::ChannelStatus;
-use crate::timestamp::{Timestamp, allowed_formats};
-use crate::tx_result::TxResult;
 
 /// Why a packet was not put into the image. The image is unchanged then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

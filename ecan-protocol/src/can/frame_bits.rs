@@ -1,7 +1,7 @@
 //! How long a frame is on the bus, as far as its format tells: without a stuff bit, and with as
 //! many as the data can force (ISO 11898-1).
 
-use crate::frame::{FrameKind, FrameRef};
+use super::frame::{FrameKind, FrameRef};
 
 /// CRC sequence of a classic frame.
 const CRC15_BITS: u32 = 15;
@@ -107,7 +107,7 @@ fn crc_field(frame: FrameRef<'_>) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{CanFrame, CanId, Dlc};
+    use crate::can::{CanFrame, CanId, Dlc};
 
     fn standard() -> CanId {
         CanId::standard(0).unwrap()

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::header::Header;
+use super::header::Header;
 
 /// Errors of the encapsulation layer, with the values of 0x8010:14 and 0x8011:14 (manual 13.2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

@@ -1,13 +1,13 @@
 //! Timestamp field of a frame packet (manual 8.4).
 
+use super::profile::EncapsulationProfile;
 use crate::mapping::Direction;
-use crate::profile::EncapsulationProfile;
 
 /// The timestamp field of a CAN_FRAME packet (manual 8.4).
 ///
 /// In TxPDO it tells when the gateway received the frame; the manual gives no unit, and
 /// differences count from the first time base of the same image, unsigned with wrap. In RxPDO
-/// only `None` (send at once) and `Full64` holding a [`Schedule`](crate::Schedule) exist.
+/// only `None` (send at once) and `Full64` holding a [`Schedule`](crate::image::Schedule) exist.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum Timestamp {
     /// No timestamp.

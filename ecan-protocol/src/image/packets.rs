@@ -2,18 +2,18 @@
 
 use core::iter::FusedIterator;
 
-use crate::can_id::CanId;
-use crate::control::{ControlWord, KIND_CAN_FRAME, KIND_TX_RESULT};
-use crate::diagnosis::{HeaderExcerpt, ImageFault, ParseDiagnosis, PdoError};
-use crate::frame::FrameRef;
-use crate::header::Header;
-use crate::mapping::{Direction, HEADER_BYTES};
-use crate::packet::{
+use super::diagnosis::{HeaderExcerpt, ImageFault, ParseDiagnosis, PdoError};
+use super::header::Header;
+use super::packet::{
     CONTROL_BYTES, EXTENDED_AUX_SHIFT, FramePacket, Packet, STANDARD_AUX_SHIFT,
     STANDARD_FIELD_BITS, TX_RESULT_BYTES, WINDOW_BYTES,
 };
-use crate::timestamp::{Timestamp, format_size};
-use crate::tx_result::{ResultCode, TxResult};
+use super::timestamp::{Timestamp, format_size};
+use super::tx_result::{ResultCode, TxResult};
+use crate::can::CanId;
+use crate::can::FrameRef;
+use crate::can::control::{ControlWord, KIND_CAN_FRAME, KIND_TX_RESULT};
+use crate::mapping::{Direction, HEADER_BYTES};
 
 /// What packets may look like under a profile and direction.
 #[derive(Clone, Copy, Debug)]
@@ -84,7 +84,7 @@ impl<'a> Packets<'a> {
         Self { header: HeaderExcerpt::of(header), frame_count: header.frame_count, rules, place }
     }
 
-    /// The place of the next packet, for [`ImageReader::resume`](crate::ImageReader::resume).
+    /// The place of the next packet, for [`ImageReader::resume`](crate::image::ImageReader::resume).
     #[inline]
     #[must_use]
     pub const fn cursor(&self) -> PacketCursor {

@@ -2,10 +2,10 @@
 
 use core::fmt;
 
-use crate::can_id::CanId;
-use crate::control::ControlWord;
+use super::can_id::CanId;
+use super::control::ControlWord;
+use super::dlc::Dlc;
 use crate::copy::copy_data;
-use crate::dlc::Dlc;
 
 /// Why bytes are no CAN frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -342,7 +342,7 @@ impl fmt::Debug for CanFrame {
 #[cfg(test)]
 mod tests {
     use super::{CanFrame, FrameError, FrameKind, FrameRef};
-    use crate::{CanId, Dlc};
+    use crate::can::{CanId, Dlc};
 
     fn id() -> CanId {
         CanId::standard(0x123).unwrap()

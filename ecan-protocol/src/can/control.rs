@@ -1,6 +1,6 @@
 //! Control word of a frame packet (manual 8).
 
-use crate::dlc::Dlc;
+use crate::can::Dlc;
 
 /// What a packet is, bits 13 and 14 of the control word.
 pub(crate) const KIND_CAN_FRAME: u8 = 0;

@@ -1,7 +1,7 @@
 //! What a gateway says about itself in 0xF000 (manual 13.8).
 
+use crate::image::{EncapsulationProfile, OptionFlags};
 use crate::mapping::{CHUNK_BYTES, HEADER_BYTES};
-use crate::profile::{EncapsulationProfile, OptionFlags};
 
 const INDEX: u16 = 0xF000;
 

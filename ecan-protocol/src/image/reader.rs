@@ -3,17 +3,17 @@
 use core::hint::black_box;
 use core::sync::atomic::{Ordering, fence};
 
-use crate::crc::crc16;
-use crate::diagnosis::{ImageFault, ParseDiagnosis, PdoError};
-use crate::header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, VER_IHL, words_of};
+use super::crc::crc16;
+use super::diagnosis::{ImageFault, ParseDiagnosis, PdoError};
+use super::header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, VER_IHL, words_of};
+use super::packets::{PacketCursor, Packets, Rules};
+use super::profile::{OptionFlags, PdoProfile};
+use super::timestamp::allowed_formats;
 use crate::mapping::{Direction, HEADER_BYTES};
-use crate::packets::{PacketCursor, Packets, Rules};
-use crate::profile::{OptionFlags, PdoProfile};
-use crate::timestamp::allowed_formats;
 
 /// Reads images of one direction.
 ///
-/// It holds no state of the stream; [`SequenceTracker`](crate::SequenceTracker) tells repeated
+/// It holds no state of the stream; [`SequenceTracker`](crate::image::SequenceTracker) tells repeated
 /// and lost images apart. Nothing here allocates, blocks or panics; all of it is real-time safe.
 #[derive(Clone, Debug)]
 pub struct ImageReader {
@@ -220,7 +220,8 @@ impl<'a> Image<'a> {
 #[cfg(test)]
 mod tests {
     use super::{Header, ImageReader, unchanged};
-    use crate::*;
+    use crate::image::*;
+    use crate::mapping::*;
 
     #[test]
     fn a_header_that_changes_meanwhile_is_torn() {

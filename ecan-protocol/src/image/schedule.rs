@@ -1,7 +1,7 @@
 //! Schedule record of an RxPDO frame (manual 8.4, 13.8).
 
-use crate::diagnosis::PdoError;
-use crate::timestamp::Timestamp;
+use super::diagnosis::PdoError;
+use super::timestamp::Timestamp;
 
 const FORMAT: u8 = 1;
 
@@ -50,7 +50,7 @@ impl Schedule {
 #[cfg(test)]
 mod tests {
     use super::Schedule;
-    use crate::PdoError;
+    use crate::image::PdoError;
 
     #[test]
     fn bytes_are_the_manuals() {

@@ -3,8 +3,8 @@
 use core::fmt;
 use core::sync::atomic::{Ordering, fence};
 
+use super::status::ChannelStatus;
 use crate::mapping::{CHANNELS, HEADER_BYTES};
-use crate::status::ChannelStatus;
 
 /// Version 1 and a header length of six words.
 pub const VER_IHL: u8 = 0x16;

@@ -1,11 +1,11 @@
 //! Packets of the frame area (manual 8, 10).
 
-use crate::diagnosis::PdoError;
-use crate::frame::FrameRef;
+use super::diagnosis::PdoError;
+use super::schedule::Schedule;
+use super::timestamp::Timestamp;
+use super::tx_result::TxResult;
+use crate::can::FrameRef;
 use crate::mapping::Direction;
-use crate::schedule::Schedule;
-use crate::timestamp::Timestamp;
-use crate::tx_result::TxResult;
 
 /// Bytes of the control word.
 pub(crate) const CONTROL_BYTES: usize = 2;

@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::frame::FrameError;
+use super::frame::FrameError;
 
 const EXTENDED: u32 = 1 << 31;
 
@@ -95,8 +95,8 @@ impl fmt::Debug for CanId {
 #[cfg(test)]
 mod tests {
     extern crate std;
+    use super::super::frame::FrameError;
     use super::CanId;
-    use crate::frame::FrameError;
     use std::string::ToString;
 
     #[test]

@@ -1,0 +1,17 @@
+//! CAN and CAN FD frames: identifiers, lengths, bits on the wire, bit timing.
+
+mod bit_timing;
+mod can_id;
+pub(crate) mod control;
+mod dlc;
+mod frame;
+mod frame_bits;
+
+pub use bit_timing::{
+    BITRATE_TOLERANCE_PPM, BitTiming, BitTimingError, MCAN_CLOCK_HZ, Phase, SamplePoint,
+    TDC_FORCED_FROM, TDC_MAX_PRESCALER, TimingLimits, solve_data, solve_nominal, tdc_active,
+};
+pub use can_id::CanId;
+pub use dlc::Dlc;
+pub use frame::{CanFrame, FrameError, FrameKind, FrameRef};
+pub use frame_bits::FrameBits;

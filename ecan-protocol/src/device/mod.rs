@@ -1,0 +1,9 @@
+//! Identification, AL states, capabilities and maintenance of a gateway (manual 13.8, 13.9).
+
+mod al_status;
+mod capabilities;
+mod maintenance;
+
+pub use al_status::{AlState, AlStatusCode};
+pub use capabilities::{Capabilities, FeatureFlags, Recognition};
+pub use maintenance::{AccessMode, MaintenanceCommand, MaintenanceStatus};
