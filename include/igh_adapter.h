@@ -582,7 +582,7 @@ int ecan_igh_send(ecan_igh_context_t *context);
  * Sleeps until the next cycle is due, on a grid of the configured period that never drifts. On a
  * stepped simulation this is where time passes.
  *
- * A cycle lasts until the answer of the bus is back, ecan_igh_answer_ns() behind the last send; one
+ * A cycle lasts until the answer of the bus is back, ecan_igh_response_ns() behind the last send; one
  * that came late may miss the next point by that. A datagram that is sent again before it is back
  * loses its answer, and with it the received frames in it. An application with a timer of its own
  * has to leave that time, too.
@@ -616,7 +616,7 @@ uint64_t ecan_igh_cycle_time_ns(ecan_igh_context_t *context);
  * @usage   rt, the cycle's thread, after init
  * @return  Nanoseconds; 0 where there is no context.
  */
-uint64_t ecan_igh_answer_ns(ecan_igh_context_t *context);
+uint64_t ecan_igh_response_ns(ecan_igh_context_t *context);
 
 /**
  * Whether every slave exchanged both directions in the last cycle. Do not advance motion where

@@ -1140,30 +1140,30 @@ typedef enum {
 /** What went wrong with the last command to an axis; igh_cia402_get_axis_text() tells more. */
 typedef enum {
     /** Nothing. */
-    IGH_CIA402_TROUBLE_NONE = 0,
+    IGH_CIA402_AXIS_ERROR_NONE = 0,
     /** The configuration failed. */
-    IGH_CIA402_TROUBLE_SETUP = 1,
+    IGH_CIA402_AXIS_ERROR_SETUP = 1,
     /** The drive restarted and has forgotten its configuration. */
-    IGH_CIA402_TROUBLE_RESTARTED = 2,
+    IGH_CIA402_AXIS_ERROR_RESTARTED = 2,
     /** The drive did not reach Operation Enabled in time. */
-    IGH_CIA402_TROUBLE_ENABLE_TIMED_OUT = 3,
+    IGH_CIA402_AXIS_ERROR_ENABLE_TIMED_OUT = 3,
     /** The drive has a fault; error_code. */
-    IGH_CIA402_TROUBLE_FAULT = 4,
+    IGH_CIA402_AXIS_ERROR_FAULT = 4,
     /** The drive stays in fault after a reset; error_code. */
-    IGH_CIA402_TROUBLE_RESET_REFUSED = 5,
+    IGH_CIA402_AXIS_ERROR_RESET_REFUSED = 5,
     /** The axis held; hold_reason. */
-    IGH_CIA402_TROUBLE_HELD = 6,
+    IGH_CIA402_AXIS_ERROR_HELD = 6,
     /** Homing ended without a home position. */
-    IGH_CIA402_TROUBLE_HOMING = 7,
+    IGH_CIA402_AXIS_ERROR_HOMING = 7,
     /** Homing took too long. */
-    IGH_CIA402_TROUBLE_HOMING_TIMED_OUT = 8,
+    IGH_CIA402_AXIS_ERROR_HOMING_TIMED_OUT = 8,
     /** A mode was not taken. */
-    IGH_CIA402_TROUBLE_MODE = 9,
+    IGH_CIA402_AXIS_ERROR_MODE = 9,
     /** The drive did not switch its power off in time. */
-    IGH_CIA402_TROUBLE_NOT_DISABLED = 10,
+    IGH_CIA402_AXIS_ERROR_NOT_DISABLED = 10,
     /** Another one. */
-    IGH_CIA402_TROUBLE_OTHER = 255,
-} igh_cia402_trouble_t;
+    IGH_CIA402_AXIS_ERROR_OTHER = 255,
+} igh_cia402_axis_error_t;
 
 /** How a node's heartbeat stands. */
 typedef enum {
@@ -1229,7 +1229,7 @@ typedef struct {
     uint8_t decision_reason;
     /** An igh_cia402_hold_t: why the axis holds. */
     uint8_t hold_reason;
-    /** An igh_cia402_trouble_t: what went wrong with the last command. */
+    /** An igh_cia402_axis_error_t: what went wrong with the last command. */
     uint8_t trouble;
     /** 1 where the drive is configured. */
     uint8_t is_configured;

@@ -159,7 +159,7 @@ const char *ecan_result_name(int code);
  * @usage   rt, any thread, any time
  * @return  "the EtherCAT master refused" for example. Static.
  */
-const char *ecan_result_words(int code);
+const char *ecan_result_text(int code);
 
 /**
  * Whether a frame that was refused with a code may be sent again in a later cycle: no room, the

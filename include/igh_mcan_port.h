@@ -482,12 +482,12 @@ int igh_mcan_port_parse_config(ecan_igh_config_t *igh_config,
 /** Where frames of a plan go. */
 typedef enum {
     /** From the host through the gateway to the bus. */
-    IGH_MCAN_WAY_TO_BUS = 0,
+    IGH_MCAN_ROUTE_TO_BUS = 0,
     /** From the bus through the gateway to the host. */
-    IGH_MCAN_WAY_FROM_BUS = 1,
+    IGH_MCAN_ROUTE_FROM_BUS = 1,
     /** Between other nodes: it only takes bus time. */
-    IGH_MCAN_WAY_ON_BUS_ONLY = 2,
-} igh_mcan_frame_way_t;
+    IGH_MCAN_ROUTE_ON_BUS_ONLY = 2,
+} igh_mcan_frame_route_t;
 
 /** Frames of one kind on one channel, for a plan. */
 typedef struct {
@@ -500,7 +500,7 @@ typedef struct {
     uint32_t frames;
     /** ... in so many cycles; 0 counts as 1. More than one frame needs 1. */
     uint32_t cycles;
-    /** An igh_mcan_frame_way_t. */
+    /** An igh_mcan_frame_route_t. */
     uint8_t way;
     /** Not used. */
     uint8_t reserved[3];

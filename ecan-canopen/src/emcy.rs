@@ -132,7 +132,7 @@ impl fmt::Display for EmcyClass {
 
 /// The meaning of an error code that CiA 301 or CiA 402 names.
 #[must_use]
-pub const fn error_code_words(code: u16) -> Option<&'static str> {
+pub const fn error_code_text(code: u16) -> Option<&'static str> {
     Some(match code {
         0x0000 => "no error",
         0x1000 => "generic error",
@@ -237,7 +237,7 @@ impl fmt::Display for Emcy {
     /// `0x8611 following error (monitoring), error register: generic, device profile`
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "0x{:04X} ", self.code)?;
-        match error_code_words(self.code) {
+        match error_code_text(self.code) {
             Some(words) => write!(f, "{words} ({})", self.class())?,
             None => write!(f, "{}", self.class())?,
         }

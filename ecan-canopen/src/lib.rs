@@ -20,7 +20,7 @@ mod sdo_server_frame;
 mod sync;
 
 pub use cob_id::{CobId, Service};
-pub use emcy::{Emcy, EmcyClass, ErrorRegister, error_code_words};
+pub use emcy::{Emcy, EmcyClass, ErrorRegister, error_code_text};
 pub use heartbeat::{HeartbeatConsumer, heartbeat_data, parse_heartbeat};
 pub use nmt::{NmtCommand, NmtRequest, NmtState};
 pub use node_id::NodeId;

@@ -7,14 +7,14 @@ mod counting;
 
 mod axes;
 
-use axes::{Bench, axes};
+use axes::{Fixture, axes};
 use counting::allocations;
 use ecan_cia402::HomingSettings;
 use ecan_host::AdapterConfig;
-use ecan_sim::{Fault, LostWay};
+use ecan_sim::{Fault, LossDirection};
 
 /// Cycles of the axes, with what is allocated between begin and end.
-fn cycles(bench: &mut Bench, count: usize) -> u64 {
+fn cycles(bench: &mut Fixture, count: usize) -> u64 {
     (0..count)
         .map(|_| {
             bench.port.wait_next_cycle();
@@ -32,11 +32,11 @@ fn cycles(bench: &mut Bench, count: usize) -> u64 {
 fn forty_axes_allocate_nothing() {
     let table = axes(40).into_iter().map(|axis| axis.with_target_step(50)).collect();
     let adapter = AdapterConfig::new(3).with_multiplier(6).with_cycle_us(2_000);
-    let mut bench = Bench::open(ecan_sim::drives(3, 4), adapter, table).started();
+    let mut bench = Fixture::open(ecan_sim::drives(3, 4), adapter, table).started();
     // The simulated world grows its queues to their working size first.
     cycles(&mut bench, 500);
     assert_eq!(cycles(&mut bench, 500), 0, "in motion");
-    bench.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 6 });
+    bench.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 6 });
     bench.inject(Fault::NodeSilent { node: "drive 1.2/3".to_owned(), for_ms: 500 });
     assert_eq!(cycles(&mut bench, 500), 0, "in trouble");
     assert!(!bench.cia402.is_running(0));

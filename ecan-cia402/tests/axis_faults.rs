@@ -4,23 +4,23 @@
 
 mod axes;
 
-use axes::{Bench, START_MS, axes, axis, with_quirk};
+use axes::{Fixture, START_MS, axes, axis, with_quirk};
 use ecan_canopen::{DriveState, NmtState};
 use ecan_cia402::{
-    AxisPhase, AxisSettings, AxisTrouble, Cia402, Cia402Error, Decision, HoldReason, NotReached,
+    AxisError, AxisPhase, AxisSettings, AxisTimeout, Cia402, Cia402Error, Decision, HoldReason,
     SetupFault,
 };
 use ecan_mcan_port::Session;
 use ecan_protocol::object::AbortCode;
-use ecan_sim::{DriveFault, Fault, LostWay, SdoDirection, SdoEffect, SdoRule};
+use ecan_sim::{DriveFault, Fault, LossDirection, SdoDirection, SdoEffect, SdoRule};
 
 fn moving(count: usize) -> Vec<AxisSettings> {
     axes(count).into_iter().map(|axis| axis.with_target_step(100)).collect()
 }
 
 /// Axes in motion.
-fn in_motion(count: usize) -> Bench {
-    let mut bench = Bench::single(moving(count)).started();
+fn in_motion(count: usize) -> Fixture {
+    let mut bench = Fixture::single(moving(count)).started();
     bench.steps(100);
     assert!(bench.cia402.all_running());
     bench
@@ -31,7 +31,7 @@ fn held_for(cia402: &Cia402, axis: usize) -> Option<HoldReason> {
 }
 
 /// Takes every axis up again and moves on.
-fn recover(bench: &mut Bench) {
+fn recover(bench: &mut Fixture) {
     bench.cia402.enable_all().unwrap();
     bench.until(5_000, Cia402::all_running);
     let before: Vec<_> = (0..bench.cia402.axis_count()).map(|n| bench.cia402.target(n)).collect();
@@ -42,9 +42,9 @@ fn recover(bench: &mut Bench) {
     bench.judge();
 }
 
-fn start_fails(bench: &mut Bench) -> NotReached {
+fn start_fails(bench: &mut Fixture) -> AxisTimeout {
     match bench.cia402.start_up_timeout(&mut bench.port, START_MS, |_| {}) {
-        Err(Cia402Error::NotReached(axes)) => axes,
+        Err(Cia402Error::AxisTimeout(axes)) => axes,
         other => panic!("{other:?}"),
     }
 }
@@ -57,7 +57,7 @@ fn a_fault_holds_its_axis_and_a_reset_with_a_real_edge_ends_it() {
     assert!(matches!(held_for(&bench.cia402, 0), Some(HoldReason::LeftOperationEnabled(_))));
     bench.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::Fault));
     let trouble = bench.cia402.trouble(0);
-    assert_eq!(trouble, Some(AxisTrouble::Fault { error_code: 0x2310 }));
+    assert_eq!(trouble, Some(AxisError::Fault { error_code: 0x2310 }));
     assert!(bench.cia402.is_running(1), "the other axis goes on");
     // Enabling does not reset.
     bench.cia402.enable(0).unwrap();
@@ -74,12 +74,12 @@ fn a_fault_holds_its_axis_and_a_reset_with_a_real_edge_ends_it() {
 #[test]
 fn a_drive_stuck_in_fault_is_named_after_a_reset() {
     let scenario = with_quirk(1, 1, |quirks| quirks.stuck_in_fault = true);
-    let mut bench = Bench::with(scenario, moving(1)).started();
+    let mut bench = Fixture::with(scenario, moving(1)).started();
     bench.strike(0, DriveFault::Error { code: 0x7305 });
     bench.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::Fault));
     bench.cia402.reset_fault(0).unwrap();
     bench.until(2_000, |cia402| {
-        cia402.trouble(0) == Some(AxisTrouble::ResetRefused { error_code: 0x7305 })
+        cia402.trouble(0) == Some(AxisError::ResetRefused { error_code: 0x7305 })
     });
     bench.judge();
 }
@@ -130,7 +130,7 @@ fn a_drive_that_loses_power_in_motion_is_configured_anew() {
     bench.strike(0, DriveFault::PowerCycle { off_ms: 300 });
     bench.until(50, |cia402| !cia402.is_running(0));
     bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
-    assert_eq!(bench.cia402.trouble(0), Some(AxisTrouble::Restarted));
+    assert_eq!(bench.cia402.trouble(0), Some(AxisError::Restarted));
     assert!(bench.cia402.enable(0).is_err(), "not configured");
     assert!(bench.cia402.is_running(1));
     bench.cia402.configure_all().unwrap();
@@ -152,7 +152,7 @@ fn a_refused_object_is_named_with_its_abort_code() {
     for axis in &mut table {
         axis.drive.following_error = Some((10_000, 10));
     }
-    let mut bench = Bench::with(scenario, table);
+    let mut bench = Fixture::with(scenario, table);
     let text = start_fails(&mut bench).to_string();
     for part in ["1 axis not configured", "axis 1", "node 2", "0x6065", "0x06090030"] {
         assert!(text.contains(part), "{text}");
@@ -170,10 +170,10 @@ fn an_object_that_is_not_answered_is_tried_again_and_then_named() {
         times,
     };
     let scenario = with_quirk(1, 1, |quirks| quirks.sdo_rules.push(rule(Some(1))));
-    let mut bench = Bench::with(scenario, moving(1)).started();
+    let mut bench = Fixture::with(scenario, moving(1)).started();
     bench.judge();
     let scenario = with_quirk(1, 1, |quirks| quirks.sdo_rules.push(rule(None)));
-    bench = Bench::with(scenario, moving(1));
+    bench = Fixture::with(scenario, moving(1));
     let text = start_fails(&mut bench).to_string();
     assert!(text.contains("0x1A00:01") && text.contains("no answer"), "{text}");
 }
@@ -181,7 +181,7 @@ fn an_object_that_is_not_answered_is_tried_again_and_then_named() {
 #[test]
 fn a_fixed_mapping_is_named() {
     let scenario = with_quirk(1, 1, |quirks| quirks.fixed_mapping = true);
-    let mut bench = Bench::with(scenario, moving(1));
+    let mut bench = Fixture::with(scenario, moving(1));
     let text = start_fails(&mut bench).to_string();
     assert!(text.contains("mapping") && text.contains("0x1600"), "{text}");
 }
@@ -189,9 +189,9 @@ fn a_fixed_mapping_is_named() {
 #[test]
 fn a_mode_that_is_not_taken_is_named() {
     let scenario = with_quirk(1, 1, |quirks| quirks.ignored_modes = vec![8]);
-    let mut bench = Bench::with(scenario, moving(1));
+    let mut bench = Fixture::with(scenario, moving(1));
     let axes = start_fails(&mut bench);
-    assert!(matches!(axes.axes[0].trouble, Some(AxisTrouble::Setup(SetupFault::Mode(_)))));
+    assert!(matches!(axes.axes[0].trouble, Some(AxisError::Setup(SetupFault::Mode(_)))));
     let text = axes.to_string();
     assert!(text.contains("mode CSP") && text.contains("0x6061"), "{text}");
 }
@@ -199,13 +199,13 @@ fn a_mode_that_is_not_taken_is_named() {
 #[test]
 fn a_mode_that_takes_its_time_is_waited_for() {
     let scenario = with_quirk(1, 1, |quirks| quirks.mode_delay_ms = 300);
-    Bench::with(scenario, moving(1)).started().judge();
+    Fixture::with(scenario, moving(1)).started().judge();
 }
 
 #[test]
 fn a_drive_that_never_boots_is_named() {
     let scenario = with_quirk(1, 1, |quirks| quirks.never_boots = true);
-    let mut bench = Bench::with(scenario, moving(2));
+    let mut bench = Fixture::with(scenario, moving(2));
     let text = start_fails(&mut bench).to_string();
     assert!(text.contains("axis 0") && !text.contains("axis 1"), "{text}");
 }
@@ -214,18 +214,18 @@ fn a_drive_that_never_boots_is_named() {
 fn a_brake_that_takes_longer_than_allowed_is_named() {
     let scenario = axes::scenario(1, |settings| settings.enable_ms = 400);
     let mut table = moving(1);
-    let mut bench = Bench::with(scenario.clone(), table.clone()).started();
+    let mut bench = Fixture::with(scenario.clone(), table.clone()).started();
     bench.steps(50);
     bench.judge();
     table[0].enable_timeout_ms = 200;
-    bench = Bench::with(scenario, table);
+    bench = Fixture::with(scenario, table);
     let text = start_fails(&mut bench).to_string();
     assert!(text.contains("not enabled after") && text.contains("switched on"), "{text}");
 }
 
 #[test]
 fn a_lost_frame_repeats_the_last_image_and_nothing_else() {
-    for way in [LostWay::Outward, LostWay::Return] {
+    for way in [LossDirection::Outward, LossDirection::Return] {
         let mut bench = in_motion(4);
         bench.inject(Fault::LostFrame { way, cycles: 1 });
         bench.steps(50);
@@ -240,7 +240,7 @@ fn a_lost_frame_repeats_the_last_image_and_nothing_else() {
 #[test]
 fn a_lost_working_counter_holds_until_taken_up() {
     let mut bench = in_motion(4);
-    bench.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 6 });
+    bench.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 6 });
     bench.until(20, |cia402| !cia402.is_running(0));
     bench.steps(50);
     for n in 0..4 {
@@ -257,9 +257,9 @@ fn a_lost_working_counter_holds_until_taken_up() {
 fn an_axis_may_take_itself_up_after_trouble_on_the_way() {
     let mut table = moving(2);
     table[0].auto_take_up = true;
-    let mut bench = Bench::single(table).started();
+    let mut bench = Fixture::single(table).started();
     bench.steps(100);
-    bench.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 6 });
+    bench.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 6 });
     bench.steps(100);
     assert!(bench.cia402.is_running(0) && !bench.cia402.is_running(1));
     assert_eq!(bench.cia402.statistics(0).take_ups, 2);
@@ -318,7 +318,7 @@ fn a_drive_that_restarted_unseen_is_not_trusted() {
     }
     // Its boot-up message came while nobody listened: only its mapping tells.
     bench.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
-    assert_eq!(bench.cia402.trouble(0), Some(AxisTrouble::Restarted));
+    assert_eq!(bench.cia402.trouble(0), Some(AxisError::Restarted));
     assert_ne!(bench.cia402.phase(1), Some(AxisPhase::NotConfigured), "the other kept it");
     bench.cia402.configure_all().unwrap();
     bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));
@@ -328,7 +328,7 @@ fn a_drive_that_restarted_unseen_is_not_trusted() {
 #[test]
 fn a_drive_that_restarts_unseen_in_its_configuration_is_not_trusted() {
     for steps in [8, 15, 20, 30, 38] {
-        let mut bench = Bench::single(moving(1));
+        let mut bench = Fixture::single(moving(1));
         bench.cia402.configure_all().unwrap();
         bench.until(500, |cia402| {
             let setup = cia402.progress(0).and_then(|progress| progress.setup);
@@ -357,7 +357,7 @@ fn a_blocked_motor_stops_the_targets_at_the_window() {
 
 #[test]
 fn a_target_beyond_the_limits_is_refused_by_name() {
-    let mut bench = Bench::single(vec![axis(0, 0, 1)]).started();
+    let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
     let at = bench.cia402.target(0).unwrap();
     bench.cia402.set_target(0, at + 1_001).unwrap();
     bench.idle(5);

@@ -3,21 +3,21 @@
 
 mod axes;
 
-use axes::{Bench, axes, axis, with_quirk};
+use axes::{Fixture, axes, axis, with_quirk};
 use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
-    AxisPhase, AxisSettings, AxisTrouble, Cia402, Cia402Settings, CommandError, Decision,
+    AxisError, AxisPhase, AxisSettings, Cia402, Cia402Settings, CommandError, Decision,
     HomingSettings, HomingState, LoadWarning, ScheduleError, SyncSettings,
 };
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::NotSchedulable;
 use ecan_sim::{DriveFault, Fault};
 
-fn in_mode(mode: OperatingMode) -> Bench {
-    Bench::single(vec![axis(0, 0, 1).with_mode(mode)]).started()
+fn in_mode(mode: OperatingMode) -> Fixture {
+    Fixture::single(vec![axis(0, 0, 1).with_mode(mode)]).started()
 }
 
-fn finish(bench: &mut Bench) -> Result<(), ecan_cia402::Cia402Error> {
+fn finish(bench: &mut Fixture) -> Result<(), ecan_cia402::Cia402Error> {
     bench.cia402.finish_all_timeout(&mut bench.port, 60_000, |_| {})
 }
 
@@ -53,7 +53,7 @@ fn a_velocity_axis_that_holds_is_stopped() {
         bench.idle(1);
     }
     bench.idle(100);
-    bench.inject(Fault::LostFrame { way: ecan_sim::LostWay::Outward, cycles: 6 });
+    bench.inject(Fault::LostFrame { way: ecan_sim::LossDirection::Outward, cycles: 6 });
     bench.idle(300);
     assert!(!bench.cia402.is_running(0));
     let (state, velocity) = bench.drive(0, |drive| (drive.state(), drive.velocity()));
@@ -111,7 +111,7 @@ fn a_profile_velocity_turns_and_halts() {
 #[test]
 fn halt_comes_to_rest_by_the_ramp_and_resume_goes_on() {
     let table = vec![axis(0, 0, 1).with_target_step(400)];
-    let mut bench = Bench::single(table).started();
+    let mut bench = Fixture::single(table).started();
     bench.steps(100);
     bench.cia402.halt(0).unwrap();
     let mut last = bench.cia402.target(0).unwrap();
@@ -134,7 +134,7 @@ fn halt_comes_to_rest_by_the_ramp_and_resume_goes_on() {
 #[test]
 fn a_mode_is_changed_at_rest_and_the_axis_goes_on_in_it() {
     let table = vec![axis(0, 0, 1).with_target_step(200)];
-    let mut bench = Bench::single(table).started();
+    let mut bench = Fixture::single(table).started();
     bench.steps(100);
     bench.cia402.change_mode(0, OperatingMode::ProfilePosition).unwrap();
     assert_eq!(bench.cia402.enable(0), Err(CommandError::Busy { axis: 0 }));
@@ -160,7 +160,7 @@ fn a_mode_is_changed_at_rest_and_the_axis_goes_on_in_it() {
 #[test]
 fn a_refused_mode_leaves_the_old_one_and_the_drive_disabled() {
     let scenario = with_quirk(1, 1, |quirks| quirks.ignored_modes = vec![1]);
-    let mut bench = Bench::with(scenario, vec![axis(0, 0, 1)]).started();
+    let mut bench = Fixture::with(scenario, vec![axis(0, 0, 1)]).started();
     bench.cia402.change_mode(0, OperatingMode::ProfilePosition).unwrap();
     let text = finish(&mut bench).unwrap_err().to_string();
     assert!(text.contains("mode PP"), "{text}");
@@ -174,7 +174,7 @@ fn a_refused_mode_leaves_the_old_one_and_the_drive_disabled() {
 #[test]
 fn homing_finds_its_place_and_the_axis_is_taken_up_there() {
     for method in [35, 37, 19, 33] {
-        let mut bench = Bench::single(vec![axis(0, 0, 1)]).started();
+        let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
         bench.cia402.home(0, HomingSettings::new(method)).unwrap();
         finish(&mut bench).unwrap_or_else(|error| panic!("method {method}: {error}"));
         assert!(bench.cia402.is_running(0), "as before");
@@ -191,7 +191,7 @@ fn homing_finds_its_place_and_the_axis_is_taken_up_there() {
 
 #[test]
 fn homing_that_takes_too_long_ends_with_the_drive_disabled() {
-    let mut bench = Bench::single(vec![axis(0, 0, 1)]).started();
+    let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
     let switch_speed = Some(100);
     let settings = HomingSettings { timeout_ms: 300, switch_speed, ..HomingSettings::new(19) };
     bench.cia402.home(0, settings).unwrap();
@@ -200,7 +200,7 @@ fn homing_that_takes_too_long_ends_with_the_drive_disabled() {
     assert!(
         matches!(
             trouble,
-            Some(AxisTrouble::HomingTimedOut { state: HomingState::Running, waited_ms: 300..400 })
+            Some(AxisError::HomingTimedOut { state: HomingState::Running, waited_ms: 300..400 })
         ),
         "{trouble:?}"
     );
@@ -211,12 +211,12 @@ fn homing_that_takes_too_long_ends_with_the_drive_disabled() {
 
 #[test]
 fn a_fault_while_homing_is_told() {
-    let mut bench = Bench::single(vec![axis(0, 0, 1)]).started();
+    let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
     bench.cia402.home(0, HomingSettings::new(19)).unwrap();
     bench.until(2_000, |cia402| matches!(cia402.phase(0), Some(AxisPhase::Homing(_))));
     bench.strike(0, DriveFault::Error { code: 0x7320 });
     assert!(finish(&mut bench).is_err());
-    assert_eq!(bench.cia402.trouble(0), Some(AxisTrouble::Fault { error_code: 0x7320 }));
+    assert_eq!(bench.cia402.trouble(0), Some(AxisError::Fault { error_code: 0x7320 }));
     assert_eq!(bench.cia402.mode(0), Some(OperatingMode::CyclicPosition));
     bench.judge();
 }
@@ -224,14 +224,14 @@ fn a_fault_while_homing_is_told() {
 #[test]
 fn a_drive_that_needs_a_mode_gets_it_before_it_is_enabled() {
     let scenario = with_quirk(1, 1, |quirks| quirks.needs_mode = true);
-    Bench::with(scenario, vec![axis(0, 0, 1)]).started().judge();
+    Fixture::with(scenario, vec![axis(0, 0, 1)]).started().judge();
 }
 
 #[test]
 fn a_drive_that_follows_an_old_target_does_not_jump() {
     let scenario = with_quirk(1, 1, |quirks| quirks.follows_old_target = true);
     let table = vec![axis(0, 0, 1).with_target_step(100)];
-    let mut bench = Bench::with(scenario, table).started();
+    let mut bench = Fixture::with(scenario, table).started();
     bench.steps(200);
     for _ in 0..3 {
         bench.cia402.halt(0).unwrap();
@@ -266,7 +266,7 @@ fn targets_and_sync_go_out_at_their_phases() {
     for (target, sync) in
         [(Some(100_000), Some(100_000)), (Some(100_000), None), (None, Some(300_000))]
     {
-        let mut bench = Bench::open(ecan_sim::drives(1, 4), with_dc(2_000), moving(2));
+        let mut bench = Fixture::open(ecan_sim::drives(1, 4), with_dc(2_000), moving(2));
         bench.cia402.set_scheduled_tx(&bench.port, target, sync).unwrap();
         bench.start();
         bench.steps(500);
@@ -281,11 +281,11 @@ fn targets_and_sync_go_out_at_their_phases() {
 
 #[test]
 fn a_schedule_that_cannot_be_kept_is_refused() {
-    let mut bench = Bench::single(moving(1));
+    let mut bench = Fixture::single(moving(1));
     let refused = bench.cia402.set_scheduled_tx(&bench.port, Some(1), None);
     let reason = NotSchedulable::NoSync0;
     assert_eq!(refused, Err(ScheduleError::NotSchedulable { slave: 0, offset_ns: 1, reason }));
-    let mut bench = Bench::open(ecan_sim::drives(1, 4), with_dc(2_000), moving(1));
+    let mut bench = Fixture::open(ecan_sim::drives(1, 4), with_dc(2_000), moving(1));
     let late = bench.cia402.set_scheduled_tx(&bench.port, Some(2_000_000), None);
     assert!(matches!(late, Err(ScheduleError::NotSchedulable { .. })), "{late:?}");
     let early = bench.cia402.set_scheduled_tx(&bench.port, Some(200_000), Some(100_000));
@@ -296,7 +296,7 @@ fn a_schedule_that_cannot_be_kept_is_refused() {
 fn fewer_targets_than_cycles_are_a_matter_of_division() {
     let settings = Cia402Settings { motion_div: 4, ..Cia402Settings::default() };
     let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
-    let mut bench = Bench::open_with(ecan_sim::drives(1, 4), adapter, moving(2), settings);
+    let mut bench = Fixture::open_with(ecan_sim::drives(1, 4), adapter, moving(2), settings);
     bench.start();
     let before = bench.cia402.statistics(0).targets_sent;
     bench.steps(400);
@@ -310,7 +310,7 @@ fn sync_may_come_in_every_other_cycle() {
     let sync = SyncSettings { every_cycles: 2, ..SyncSettings::default() };
     let settings = Cia402Settings { sync, motion_div: 2, ..Cia402Settings::default() };
     let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
-    let mut bench = Bench::open_with(ecan_sim::drives(1, 4), adapter, moving(4), settings);
+    let mut bench = Fixture::open_with(ecan_sim::drives(1, 4), adapter, moving(4), settings);
     bench.start();
     bench.steps(1_000);
     assert!(bench.cia402.all_running());
@@ -324,7 +324,7 @@ fn sync_may_come_in_every_other_cycle() {
 fn four_axes_run_at_half_a_kilohertz_with_room_and_at_one_without() {
     for (cycle_us, warning) in [(2_000, None), (1_000, Some(LoadWarning::NoReserve))] {
         let adapter = AdapterConfig::new(1).with_cycle_us(cycle_us);
-        let mut bench = Bench::open(ecan_sim::drives(1, 4), adapter, moving(4));
+        let mut bench = Fixture::open(ecan_sim::drives(1, 4), adapter, moving(4));
         let load = bench.cia402.bus_load(&bench.port);
         assert_eq!(load.len(), 1);
         assert_eq!(load[0].warning(), warning, "{}", load[0]);
@@ -341,7 +341,7 @@ fn four_axes_run_at_half_a_kilohertz_with_room_and_at_one_without() {
 #[test]
 fn sixteen_axes_on_four_channels_run_at_one_kilohertz() {
     let adapter = with_dc(1_000).with_multiplier(6);
-    let mut bench = Bench::open(ecan_sim::drives(1, 4), adapter, moving(16)).started();
+    let mut bench = Fixture::open(ecan_sim::drives(1, 4), adapter, moving(16)).started();
     bench.steps(1_000);
     assert!(bench.cia402.all_running());
     for n in 0..16 {

@@ -4,10 +4,10 @@
 
 mod axes;
 
-use axes::{Bench, axes};
+use axes::{Fixture, axes};
 use ecan_canopen::DriveState;
 use ecan_cia402::AxisPhase;
-use ecan_sim::{DriveFault, Fault, GatewayFault, LostWay};
+use ecan_sim::{DriveFault, Fault, GatewayFault, LossDirection};
 use proptest::prelude::*;
 
 const AXES: usize = 3;
@@ -15,7 +15,7 @@ const STEP: i32 = 150;
 
 #[derive(Debug, Clone)]
 enum Event {
-    LostFrames(LostWay, u32),
+    LostFrames(LossDirection, u32),
     BusOff,
     ErrorFrames(u32),
     Silent(usize, u32),
@@ -41,7 +41,7 @@ fn event() -> impl Strategy<Value = Event> {
     let n = 0..AXES;
     prop_oneof![
         3 => (any::<bool>(), 1..8_u32).prop_map(|(out, cycles)| {
-            Event::LostFrames(if out { LostWay::Outward } else { LostWay::Return }, cycles)
+            Event::LostFrames(if out { LossDirection::Outward } else { LossDirection::Return }, cycles)
         }),
         2 => Just(Event::BusOff),
         1 => (1..20_u32).prop_map(Event::ErrorFrames),
@@ -65,7 +65,7 @@ fn event() -> impl Strategy<Value = Event> {
     ]
 }
 
-fn strike(bench: &mut Bench, event: &Event) {
+fn strike(bench: &mut Fixture, event: &Event) {
     let gateway = |fault| Fault::Gateway { gateway: 0, fault };
     match *event {
         Event::LostFrames(way, cycles) => bench.inject(Fault::LostFrame { way, cycles }),
@@ -103,7 +103,7 @@ fn strike(bench: &mut Bench, event: &Event) {
 
 /// What a patient operator does: whatever is not well is taken up again. A command that is refused
 /// is given again later.
-fn operate(bench: &mut Bench) {
+fn operate(bench: &mut Fixture) {
     for n in 0..AXES {
         let _ = match bench.cia402.phase(n) {
             Some(AxisPhase::NotConfigured | AxisPhase::SetupFailed) => bench.cia402.configure(n),
@@ -117,7 +117,7 @@ fn operate(bench: &mut Bench) {
 }
 
 /// Targets at the limit: a step is the limit.
-fn bench() -> Bench {
+fn bench() -> Fixture {
     let table = axes(AXES)
         .into_iter()
         .map(|mut axis| {
@@ -129,7 +129,7 @@ fn bench() -> Bench {
             axis
         })
         .collect();
-    Bench::single(table).started()
+    Fixture::single(table).started()
 }
 
 /// Few, unless the environment asks for many: proptest heeds it only where no number is given.

@@ -3,7 +3,7 @@
 
 mod axes;
 
-use axes::{Bench, axes, axis, with_quirk};
+use axes::{Fixture, axes, axis, with_quirk};
 use ecan_canopen::DriveState;
 use ecan_cia402::{AxisPhase, AxisSettings, Cia402, Cia402Error, Cia402Settings, Shutdown};
 use ecan_host::AdapterConfig;
@@ -13,7 +13,7 @@ use ecan_sim::{ClockKind, SimOptions};
 
 #[test]
 fn an_axis_is_enabled_without_moving() {
-    let mut bench = Bench::single(vec![axis(0, 0, 1)]).started();
+    let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
     let before = bench.drive(0, |drive| drive.mechanical_position());
     bench.idle(500);
     assert_eq!(bench.cia402.drive_state(0), Some(DriveState::OperationEnabled));
@@ -28,7 +28,7 @@ fn an_axis_is_enabled_without_moving() {
 #[test]
 fn four_axes_follow_their_steps() {
     let table = axes(4).into_iter().map(|axis| axis.with_target_step(100)).collect();
-    let mut bench = Bench::single(table).started();
+    let mut bench = Fixture::single(table).started();
     let before: Vec<_> = (0..4).map(|n| bench.cia402.actual(n).unwrap()).collect();
     bench.steps(500);
     for (n, before) in before.into_iter().enumerate() {
@@ -44,7 +44,7 @@ fn four_axes_follow_their_steps() {
 #[test]
 fn an_orderly_end_leaves_drives_at_rest_without_a_fault() {
     let table = axes(4).into_iter().map(|axis| axis.with_target_step(200)).collect();
-    let mut bench = Bench::single(table).started();
+    let mut bench = Fixture::single(table).started();
     bench.steps(200);
     let ended = bench.cia402.shutdown_timeout(&mut bench.port, 10_000, |_| {});
     ended.unwrap_or_else(|error| panic!("{error}"));
@@ -62,7 +62,7 @@ fn an_orderly_end_leaves_drives_at_rest_without_a_fault() {
 #[test]
 fn a_host_that_dies_is_noticed_by_its_drives() {
     let table = axes(2).into_iter().map(|axis| axis.with_target_step(200)).collect();
-    let mut bench = Bench::single(table).started();
+    let mut bench = Fixture::single(table).started();
     bench.steps(200);
     bench.simulation.pass_ns(1_000_000_000);
     for n in 0..2 {
@@ -76,7 +76,7 @@ fn drives_that_lack_what_they_need_not_have_are_started_all_the_same() {
     let scenario = with_quirk(1, 1, |quirks| {
         quirks.missing = vec![0x1006, 0x1016, 0x1017, 0x6007, 0x60C2];
     });
-    let mut bench = Bench::with(scenario, axes(2)).started();
+    let mut bench = Fixture::with(scenario, axes(2)).started();
     bench.idle(100);
     assert!(bench.cia402.all_running());
     bench.judge();
@@ -84,7 +84,7 @@ fn drives_that_lack_what_they_need_not_have_are_started_all_the_same() {
 
 #[test]
 fn a_table_that_does_not_fit_is_refused_with_every_fault() {
-    let port = Bench::single(axes(1)).port;
+    let port = Fixture::single(axes(1)).port;
     let refused = |table: Vec<AxisSettings>| {
         Cia402::new(&port, table, Cia402Settings::default()).unwrap_err().to_string()
     };

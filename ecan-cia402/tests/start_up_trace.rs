@@ -8,7 +8,7 @@ mod axes;
 
 use std::path::Path;
 
-use axes::{Bench, axis, node};
+use axes::{Fixture, axis, node};
 use ecan_canopen::{
     ClientFrame, CobId, Controlword, Initiate, NmtRequest, NodeId, ServerFrame, Service,
     Statusword, parse_heartbeat,
@@ -111,9 +111,9 @@ impl Trace {
 
 #[test]
 fn one_axis_starts_up_in_the_order_that_drives_accept() {
-    let mut bench = Bench::with(scenario(), vec![axis(0, 0, 1)]);
+    let mut bench = Fixture::with(scenario(), vec![axis(0, 0, 1)]);
     let mut trace = Trace::default();
-    let mut run = |bench: &mut Bench, what: &str, done: &dyn Fn(&Bench) -> bool| {
+    let mut run = |bench: &mut Fixture, what: &str, done: &dyn Fn(&Fixture) -> bool| {
         trace.lines.push(format!("-- {what}"));
         for _ in 0..3_000 {
             if done(bench) {
@@ -134,7 +134,7 @@ fn one_axis_starts_up_in_the_order_that_drives_accept() {
         panic!("{what}: {}", bench.cia402.progress(0).unwrap());
     };
     let phase = |words: &'static str| {
-        move |bench: &Bench| bench.cia402.phase(0).unwrap().to_string() == words
+        move |bench: &Fixture| bench.cia402.phase(0).unwrap().to_string() == words
     };
     bench.cia402.configure_all().unwrap();
     run(&mut bench, "configure", &phase("configured"));

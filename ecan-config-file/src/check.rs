@@ -1,7 +1,7 @@
 //! What is wrong with the whole of a configuration, put to the keys that it comes from.
 
-use ecan_host::{ConfigFault, PlanRefusal};
-use ecan_mcan_port::{PortConfigFault, PortRefusal};
+use ecan_host::{ConfigFault, PlanError};
+use ecan_mcan_port::{PortConfigFault, PortPlanError};
 use ecan_protocol::can::{BitTimingError, MCAN_CLOCK_HZ, Phase, solve_data, solve_nominal};
 use ecan_protocol::config::{ChannelFault, DataPathFault, FilterElementFault, FilterFault};
 use ecan_protocol::image::ProfileError;
@@ -93,8 +93,10 @@ fn places(fault: &PortConfigFault) -> Vec<String> {
             in_channel(slave, channel, &keys.iter().map(String::as_str).collect::<Vec<_>>())
         }
         PortConfigFault::Plan(refusal) => match refusal {
-            PortRefusal::EtherCat(refusal) => refusal_places(&refusal),
-            PortRefusal::Budget { slave, channel, .. } => in_channel(slave, channel, &["traffic"]),
+            PortPlanError::EtherCat(refusal) => refusal_places(&refusal),
+            PortPlanError::Budget { slave, channel, .. } => {
+                in_channel(slave, channel, &["traffic"])
+            }
             _ => Vec::new(),
         },
         PortConfigFault::Filter { slave, channel, fault } => filter_places(slave, channel, &fault),
@@ -129,10 +131,10 @@ fn adapter_places(fault: &ConfigFault) -> Vec<String> {
     }
 }
 
-fn refusal_places(refusal: &PlanRefusal) -> Vec<String> {
+fn refusal_places(refusal: &PlanError) -> Vec<String> {
     match *refusal {
-        PlanRefusal::LargePdo { slave, pdo, .. } => in_direction(slave, pdo, "n"),
-        PlanRefusal::Watchdog { .. } => vec!["watchdog_us".to_owned(), "cycle_us".to_owned()],
+        PlanError::LargePdo { slave, pdo, .. } => in_direction(slave, pdo, "n"),
+        PlanError::Watchdog { .. } => vec!["watchdog_us".to_owned(), "cycle_us".to_owned()],
         _ => vec!["cycle_us".to_owned()],
     }
 }

@@ -6,7 +6,7 @@ use thiserror::Error;
 
 /// Where a gateway of a file is on a bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Place {
+pub struct ResolvedGateway {
     /// Its index in the file.
     pub gateway: usize,
     /// Its index in the [`Diagnostics`] of the bus.
@@ -15,7 +15,7 @@ pub struct Place {
 
 /// Why a gateway of a file cannot be addressed.
 #[derive(Debug, Error)]
-pub enum PlaceFault {
+pub enum ResolveError {
     /// No slave has the alias.
     #[error("gateway {gateway} of the file: no slave has the alias {alias}")]
     NoAlias {
@@ -73,7 +73,10 @@ pub enum PlaceFault {
 ///
 /// # Errors
 /// The first gateway that is not there, or that is the slave of another.
-pub fn find(bus: &Diagnostics, slaves: &[SlaveSettings]) -> Result<Vec<Place>, PlaceFault> {
+pub fn find(
+    bus: &Diagnostics,
+    slaves: &[SlaveSettings],
+) -> Result<Vec<ResolvedGateway>, ResolveError> {
     let count = bus.slave_count();
     let place = |(gateway, settings): (usize, &SlaveSettings)| {
         let SlaveSettings { alias, position, .. } = *settings;
@@ -81,20 +84,20 @@ pub fn find(bus: &Diagnostics, slaves: &[SlaveSettings]) -> Result<Vec<Place>, P
         if alias != 0 {
             let has_alias =
                 |slave: &usize| bus.slave_info(*slave).is_ok_and(|it| it.alias == alias);
-            start = (0..count).find(has_alias).ok_or(PlaceFault::NoAlias { gateway, alias })?;
+            start = (0..count).find(has_alias).ok_or(ResolveError::NoAlias { gateway, alias })?;
         }
         let slave = start + usize::from(position);
         match slave < count {
-            true => Ok(Place { gateway, slave }),
-            false => Err(PlaceFault::NoSlave { gateway, alias, position, count }),
+            true => Ok(ResolvedGateway { gateway, slave }),
+            false => Err(ResolveError::NoSlave { gateway, alias, position, count }),
         }
     };
-    let mut places: Vec<Place> = Vec::with_capacity(slaves.len());
+    let mut places: Vec<ResolvedGateway> = Vec::with_capacity(slaves.len());
     for gateway in slaves.iter().enumerate() {
         let found = place(gateway)?;
         if let Some(other) = places.iter().find(|other| other.slave == found.slave) {
             let (first, second) = (other.gateway, found.gateway);
-            return Err(PlaceFault::Same { first, second, slave: found.slave });
+            return Err(ResolveError::Same { first, second, slave: found.slave });
         }
         places.push(found);
     }
@@ -114,11 +117,11 @@ pub fn apply(
     slave: usize,
     steps: &[StartupStep],
     report: &mut dyn FnMut(&StartupStep),
-) -> Result<(), PlaceFault> {
+) -> Result<(), ResolveError> {
     if let Some(state) = bus.al_state(slave)?
         && state != AlState::PreOp
     {
-        return Err(PlaceFault::State { slave, state });
+        return Err(ResolveError::State { slave, state });
     }
     for step in steps {
         match *step {

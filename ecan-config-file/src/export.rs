@@ -26,7 +26,7 @@ pub enum Format {
 
 /// Where a slave is, as the `ethercat` tool is told.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct SlavePlace {
+pub struct SlaveAddress {
     /// Index of the master.
     pub master: u32,
     /// Alias that the position counts from; 0 is the start of the bus.
@@ -35,7 +35,7 @@ pub struct SlavePlace {
     pub position: u16,
 }
 
-impl fmt::Display for SlavePlace {
+impl fmt::Display for SlaveAddress {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { master, alias, position } = self;
         if *master != 0 {
@@ -49,7 +49,7 @@ impl fmt::Display for SlavePlace {
 }
 
 /// The list in a format; the `ethercat` lines need the slave's place.
-pub fn export(format: Format, steps: &[StartupStep], place: SlavePlace) -> String {
+pub fn export(format: Format, steps: &[StartupStep], place: SlaveAddress) -> String {
     match format {
         Format::Csv => csv(steps),
         Format::TwinCat => twincat(steps),
@@ -182,7 +182,7 @@ check() {
 }
 "#;
 
-fn ethercat(steps: &[StartupStep], place: SlavePlace) -> String {
+fn ethercat(steps: &[StartupStep], place: SlaveAddress) -> String {
     let mut out = String::from(CHECK);
     for step in steps {
         let (index, subindex) = step.object();

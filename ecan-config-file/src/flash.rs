@@ -20,7 +20,7 @@ pub enum FlashCommand {
 
 /// What is in a gateway after a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct FlashDone {
+pub struct ConfigChecksums {
     /// CRC32 of the configuration in force, 0xB000:07.
     pub active_crc: u32,
     /// CRC32 of the saved configuration, 0xB000:08.
@@ -57,12 +57,12 @@ impl FlashCommand {
         bus: &Diagnostics,
         slave: usize,
         clock: &dyn Clock,
-    ) -> Result<FlashDone, MaintenanceError> {
+    ) -> Result<ConfigChecksums, MaintenanceError> {
         let maintenance = Maintenance::new(bus, slave);
         maintenance.in_mode(self.mode(), || {
             maintenance.command(self.command(), clock)?;
             let crc = |subindex| bus.sdo_upload_u32(slave, MAINTENANCE, subindex);
-            Ok(FlashDone { active_crc: crc(ACTIVE_CRC)?, stored_crc: crc(STORED_CRC)? })
+            Ok(ConfigChecksums { active_crc: crc(ACTIVE_CRC)?, stored_crc: crc(STORED_CRC)? })
         })
     }
 }

@@ -50,9 +50,9 @@ use ecan_host::{AdapterConfig, Expectation, StartupStep};
 use ecan_mcan_port::PortConfig;
 
 pub use compare::{Difference, Expected, differences};
-pub use device::{Place, PlaceFault, apply, find};
+pub use device::{ResolveError, ResolvedGateway, apply, find};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
-pub use flash::{FlashCommand, FlashDone};
+pub use flash::{ConfigChecksums, FlashCommand};
 pub use warning::{Elements, FileWarning};
 
 use document::{Document, Table};

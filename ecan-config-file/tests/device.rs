@@ -7,7 +7,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use common::{MS, bench, two, with};
 use ecan_config_file::{
-    Difference, Expected, FlashCommand, Place, PlaceFault, apply, differences, find,
+    Difference, Expected, FlashCommand, ResolveError, ResolvedGateway, apply, differences, find,
 };
 use ecan_host::{Adapter, Clock, Error, MaintenanceError, StartupStep};
 use ecan_mcan_port::Port;
@@ -24,8 +24,8 @@ fn what_is_applied_is_found_again_and_lives_through_a_power_cycle_once_saved() {
     let bus = &bench.bus;
     let clock = bench.ecrt.clock().as_ref();
     let places = find(bus, &file.adapter.slaves).unwrap();
-    assert_eq!(places, [0, 1].map(|at| Place { gateway: at, slave: at }));
-    for Place { gateway, slave } in places {
+    assert_eq!(places, [0, 1].map(|at| ResolvedGateway { gateway: at, slave: at }));
+    for ResolvedGateway { gateway, slave } in places {
         let steps = file.startup(gateway);
         assert!(!differences(bus, slave, &steps).unwrap().is_empty());
         let mut done = 0;
@@ -108,7 +108,7 @@ fn a_step_that_fails_is_named_and_nothing_follows_it() {
     let mut done = 0;
     let error = apply(bus, 0, &steps, &mut |_| done += 1).unwrap_err();
     assert_eq!(done, steps.len() - 1);
-    assert!(matches!(error, PlaceFault::Device(Error::Readback { found: 4, .. })), "{error}");
+    assert!(matches!(error, ResolveError::Device(Error::Readback { found: 4, .. })), "{error}");
 
     let abort = Fault::Gateway {
         gateway: 0,
@@ -164,7 +164,7 @@ fn two_gateways_of_a_file_are_never_one_slave() {
     (first.alias, first.position) = (0, 1);
     (second.alias, second.position) = (7, 0);
     let error = find(&bench.bus, &file.adapter.slaves).unwrap_err();
-    assert!(matches!(error, PlaceFault::Same { first: 0, second: 1, slave: 1 }), "{error}");
+    assert!(matches!(error, ResolveError::Same { first: 0, second: 1, slave: 1 }), "{error}");
     assert!(error.to_string().contains("gateways 0 and 1 of the file are the same slave 1"));
     file.adapter.slaves[0].position = 0;
     assert!(find(&bench.bus, &file.adapter.slaves).is_ok());
@@ -182,7 +182,7 @@ fn a_gateway_in_op_is_left_alone() {
         adapter.send().unwrap();
     }
     let error = apply(&bench.bus, 1, &file.startup(1), &mut |_| panic!("a step")).unwrap_err();
-    assert!(matches!(error, PlaceFault::State { slave: 1, state: AlState::Op }), "{error}");
+    assert!(matches!(error, ResolveError::State { slave: 1, state: AlState::Op }), "{error}");
     assert!(error.to_string().contains("slave 1 is in OP"), "{error}");
 }
 

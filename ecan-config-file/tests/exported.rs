@@ -9,13 +9,13 @@ mod startup_lists;
 
 use common::two;
 use ecan_config_file::ConfigFile;
-use ecan_config_file::export::{Format, SlavePlace, export};
+use ecan_config_file::export::{Format, SlaveAddress, export};
 use ecan_host::StartupStep;
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::{CommitFields, ImageReader, ImageWriter, Packet, Timestamp};
 use ecan_protocol::mapping::Direction;
 use ethercrab::subdevice_group::PreOp;
-use ethercrab_support::{Bench, Group, MAX_GATEWAYS, MAX_PDI, MS, on_a_deep_stack};
+use ethercrab_support::{Fixture, Group, MAX_GATEWAYS, MAX_PDI, MS, on_a_deep_stack};
 use startup_lists::{Line, codesys, csv, run_script, twincat};
 
 /// A frame for the first gateway's only channel, and one through the second one's filters.
@@ -53,7 +53,7 @@ fn received(file: &ConfigFile, gateway: usize, image: &[u8]) -> u32 {
 /// Runs a list on each of two gateways in PREOP, brings them to OP and sends a frame through each.
 fn brings_gateways_to_op(lists: [Vec<Line>; 2]) {
     on_a_deep_stack(|| {
-        let mut bench = Bench::new(&ecan_sim::echo(2));
+        let mut bench = Fixture::new(&ecan_sim::echo(2));
         let group = bench.run(async |master| {
             let group: Group<PreOp> =
                 master.init_single_group::<MAX_GATEWAYS, MAX_PDI>(|| 0).await?;
@@ -102,7 +102,7 @@ fn brings_gateways_to_op(lists: [Vec<Line>; 2]) {
 
 fn steps_and_list(gateway: usize, format: Format) -> (Vec<StartupStep>, String) {
     let steps = two().startup(gateway);
-    let list = export(format, &steps, SlavePlace::default());
+    let list = export(format, &steps, SlaveAddress::default());
     (steps, list)
 }
 
@@ -167,7 +167,8 @@ fn the_ethercat_lines_bring_gateways_to_op() {
 #[test]
 fn a_check_of_the_ethercat_lines_that_fails_stops_them() {
     let steps = two().startup(1);
-    let script = export(Format::Ethercat, &steps, SlavePlace { master: 1, alias: 7, position: 0 });
+    let script =
+        export(Format::Ethercat, &steps, SlaveAddress { master: 1, alias: 7, position: 0 });
     assert!(script.contains("ethercat download -m 1 -a 7 -p 0 --type uint16 0x1c12 1 5632  # "));
     let (output, lines) = run_script(&script, &steps, None);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

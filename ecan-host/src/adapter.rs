@@ -81,7 +81,7 @@ pub struct Adapter {
     pub(crate) cycle_time_ns: u64,
     /// When was sent last, and how long the answer may take.
     pub(crate) sent_ns: u64,
-    pub(crate) answer_ns: u64,
+    pub(crate) response_ns: u64,
     /// Distributed clocks, while the bus is active and theirs are the Adapter's.
     pub(crate) clocks: Option<DistributedClocks>,
     pub(crate) clock_correction_ns: i64,
@@ -145,7 +145,7 @@ impl Adapter {
             cycle_due_ns: None,
             cycle_time_ns: 0,
             sent_ns: 0,
-            answer_ns: 0,
+            response_ns: 0,
             clocks: None,
             clock_correction_ns: 0,
         };
@@ -156,7 +156,7 @@ impl Adapter {
     /// From PREOP slaves to a configured master.
     fn configure(&mut self) -> Result<(), Error> {
         self.diagnostics.set_places(&self.config);
-        self.answer_ns = Plan::of(&self.config).answer_ns();
+        self.response_ns = Plan::of(&self.config).response_ns();
         let clock = self.ecrt.clock().as_ref();
         identification::wait_for_slaves(&self.diagnostics, clock, &self.config)?;
         // All are known for what they are before the first is written to.

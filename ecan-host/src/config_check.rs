@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use crate::config::{AdapterConfig, MAX_WATCHDOG_US, SlaveSettings, WATCHDOG_UNIT_US};
 use crate::faults::Faults;
-use crate::plan::{Plan, PlanRefusal};
+use crate::plan::{Plan, PlanError};
 
 /// Shortest cycle that is accepted, in nanoseconds.
 const MIN_CYCLE_NS: u32 = 100_000;
@@ -61,7 +61,7 @@ pub enum ConfigFault {
     },
     /// The [`Plan`] finds that it would not work on the wire.
     #[error(transparent)]
-    Plan(PlanRefusal),
+    Plan(PlanError),
     /// Sync0 period that is no multiple of the cycle.
     #[error(
         "Sync0 period of {} us is not a whole multiple of the cycle of {} us",
@@ -193,9 +193,9 @@ impl AdapterConfig {
         let has_cycle = (MIN_CYCLE_NS..=MAX_CYCLE_NS).contains(&self.cycle_ns);
         let is_watchdog = |fault: &ConfigFault| matches!(fault, ConfigFault::WatchdogTime { .. });
         let has_watchdog = !faults.iter().any(is_watchdog);
-        let counts = |refusal: &PlanRefusal| match refusal {
-            PlanRefusal::LargePdo { multiplier, .. } => is_real_size(*multiplier),
-            PlanRefusal::Watchdog { .. } => has_cycle && has_watchdog,
+        let counts = |refusal: &PlanError| match refusal {
+            PlanError::LargePdo { multiplier, .. } => is_real_size(*multiplier),
+            PlanError::Watchdog { .. } => has_cycle && has_watchdog,
             _ => has_cycle,
         };
         faults.extend(Plan::of(self).refusals.into_iter().filter(counts).map(ConfigFault::Plan));
@@ -242,15 +242,11 @@ mod tests {
         };
         assert!(matches!(
             refused(3, 11, 500).as_slice(),
-            [ConfigFault::Plan(PlanRefusal::WireTime { wire_ns: 700_800, cycle_ns: 500_000 })]
+            [ConfigFault::Plan(PlanError::WireTime { wire_ns: 700_800, cycle_ns: 500_000 })]
         ));
         assert!(matches!(
             refused(3, 11, 800).as_slice(),
-            [ConfigFault::Plan(PlanRefusal::MailboxStarved {
-                needed: 9_068,
-                available: 9_000,
-                ..
-            })]
+            [ConfigFault::Plan(PlanError::MailboxStarved { needed: 9_068, available: 9_000, .. })]
         ));
     }
 
@@ -268,7 +264,7 @@ mod tests {
             assert_eq!(faults(0, watchdog_us).len(), 2);
         }
         let refused = |watchdog_us, cycle_ns| {
-            vec![ConfigFault::Plan(PlanRefusal::Watchdog { watchdog_us, cycle_ns })]
+            vec![ConfigFault::Plan(PlanError::Watchdog { watchdog_us, cycle_ns })]
         };
         assert_eq!(faults(1_000, 1_000), refused(1_000, 1_000_000));
         assert_eq!(faults(100_000, 100_000), refused(100_000, 100_000_000));

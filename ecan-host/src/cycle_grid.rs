@@ -13,7 +13,7 @@ impl Adapter {
     /// application with a cycle timer of its own need not call it; then the time of each
     /// [`receive`](Self::receive) is the time of its cycle.
     ///
-    /// A cycle lasts until the answer of the bus is back, [`answer_ns`](Self::answer_ns) behind the
+    /// A cycle lasts until the answer of the bus is back, [`response_ns`](Self::response_ns) behind the
     /// last [`send`](Self::send); one that came late may miss the next point by that. A datagram
     /// that is sent again before it is back loses its answer, and with it the TxPDO image in it. On
     /// an attached Adapter the owner sends later, and more: what that takes is the owner's to leave.
@@ -21,7 +21,7 @@ impl Adapter {
     /// [`set_cycle_timing`](Self::set_cycle_timing) makes it spin before the point, or make up for
     /// cycles instead of skipping them. Real-time safe: it allocates nothing.
     pub fn wait_next_cycle(&mut self) -> u64 {
-        let answered_ns = self.sent_ns.saturating_add(self.answer_ns);
+        let answered_ns = self.sent_ns.saturating_add(self.response_ns);
         let start = self.cycle_timer.wait_from(self.ecrt.clock().as_ref(), answered_ns);
         self.cycle_start = start;
         self.cycle_due_ns = Some(start.deadline_ns);
@@ -65,9 +65,9 @@ impl Adapter {
     }
 
     /// How long the answer of the bus is waited for, in nanoseconds
-    /// ([`Plan::answer_ns`](crate::Plan::answer_ns)). Real-time safe.
-    pub fn answer_ns(&self) -> u64 {
-        self.answer_ns
+    /// ([`Plan::response_ns`](crate::Plan::response_ns)). Real-time safe.
+    pub fn response_ns(&self) -> u64 {
+        self.response_ns
     }
 
     /// How far the distributed clocks are apart; none without them, before activation, and on an

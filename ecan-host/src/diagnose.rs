@@ -13,12 +13,12 @@ use crate::diagnostics::Diagnostics;
 use crate::error::Error;
 
 /// A thread beside the cycle, from its first to its last step, also where it panics.
-struct Beside<'a> {
+struct WorkerGuard<'a> {
     clock: &'a dyn Clock,
     is_done: &'a AtomicBool,
 }
 
-impl Drop for Beside<'_> {
+impl Drop for WorkerGuard<'_> {
     fn drop(&mut self) {
         // In this order: whoever sees the clock go on sees also that the work is done.
         self.is_done.store(true, Ordering::Release);
@@ -40,7 +40,7 @@ pub fn run_beside<R: Send>(
     thread::scope(|scope| {
         let worker = scope.spawn(move || {
             clock.enter_beside();
-            let _beside = Beside { clock, is_done };
+            let _beside = WorkerGuard { clock, is_done };
             begun.as_ref().map(Barrier::wait);
             work(&diagnostics)
         });

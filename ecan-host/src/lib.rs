@@ -53,14 +53,14 @@ pub use operation::{OpProgress, OpWait};
 pub use operation_report::{NotOperational, SlaveReport};
 pub use plan::{
     BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, EthernetFrame, FRAME_OVERHEAD_BYTES,
-    MailboxRoom, Plan, PlanRefusal, PlanWarning, SlavePlan,
+    MailboxBandwidth, Plan, PlanError, PlanWarning, SlavePlan,
 };
 pub use real_time::{
     CycleStart, CycleStatistics, CycleTimer, CycleTiming, Distribution, MAX_SPIN_NS,
-    MAX_STACK_PREFAULT_BYTES, Need, OverrunPolicy, Privilege, PrivilegeOutcome, RealTimeError,
-    RealTimeFault, RealTimeReport, RealTimeSettings, Refusal,
+    MAX_STACK_PREFAULT_BYTES, Need, OverrunPolicy, Privilege, PrivilegeError, PrivilegeOutcome,
+    RealTimeError, RealTimeFault, RealTimeReport, RealTimeSettings,
 };
-pub use recognition::{NoAnswer, SlaveInquiry, SlaveKind, denies_object, slave_kinds};
+pub use recognition::{IdentificationError, SlaveKind, SlaveQuery, denies_object, slave_kinds};
 pub use requests::RequestId;
 pub use startup::{Expectation, StartupStep};
 

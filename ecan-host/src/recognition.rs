@@ -18,12 +18,12 @@ pub enum SlaveKind<E> {
     /// Another device.
     Other,
     /// It cannot be asked, and its identity does not speak against an ECAN-Lite.
-    Unknown(NoAnswer<E>),
+    Unknown(IdentificationError<E>),
 }
 
 /// Why a slave does not tell what it is.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
-pub enum NoAnswer<E> {
+pub enum IdentificationError<E> {
     /// In this state a slave answers no SDO.
     #[error("it is in {0}, where a slave answers no SDO")]
     State(AlState),
@@ -48,7 +48,7 @@ impl<E> SlaveKind<E> {
 }
 
 /// A way to ask the slaves of a bus, which are named by their positions.
-pub trait SlaveInquiry {
+pub trait SlaveQuery {
     /// Why an answer is missing.
     type Error;
 
@@ -76,7 +76,7 @@ pub trait SlaveInquiry {
 
 /// Asks these slaves what they are, in their order. A slave that cannot be asked counts as another
 /// device only where some of the others are gateways, and it has none of their identities.
-pub fn slave_kinds<I: SlaveInquiry>(inquiry: &I, slaves: &[usize]) -> Vec<SlaveKind<I::Error>> {
+pub fn slave_kinds<I: SlaveQuery>(inquiry: &I, slaves: &[usize]) -> Vec<SlaveKind<I::Error>> {
     let mut kinds: Vec<_> = slaves.iter().map(|slave| ask(inquiry, *slave)).collect();
     let is_unknown = |kind: &SlaveKind<_>| matches!(kind, SlaveKind::Unknown(_));
     if !kinds.iter().any(is_unknown) {
@@ -99,12 +99,12 @@ pub fn slave_kinds<I: SlaveInquiry>(inquiry: &I, slaves: &[usize]) -> Vec<SlaveK
     kinds
 }
 
-fn ask<I: SlaveInquiry>(inquiry: &I, slave: usize) -> SlaveKind<I::Error> {
+fn ask<I: SlaveQuery>(inquiry: &I, slave: usize) -> SlaveKind<I::Error> {
     match inquiry.al_state(slave) {
-        Err(error) => return SlaveKind::Unknown(NoAnswer::Silent(error)),
-        Ok(None) => return SlaveKind::Unknown(NoAnswer::NoState),
+        Err(error) => return SlaveKind::Unknown(IdentificationError::Silent(error)),
+        Ok(None) => return SlaveKind::Unknown(IdentificationError::NoState),
         Ok(Some(state)) if !state.has_mailbox() || state == AlState::Boot => {
-            return SlaveKind::Unknown(NoAnswer::State(state));
+            return SlaveKind::Unknown(IdentificationError::State(state));
         }
         Ok(Some(_)) => {}
     }
@@ -112,7 +112,7 @@ fn ask<I: SlaveInquiry>(inquiry: &I, slave: usize) -> SlaveKind<I::Error> {
         Ok(told) if told.looks_like_ecan_lite() => SlaveKind::Gateway,
         Ok(_) => SlaveKind::Other,
         Err(error) if inquiry.is_denial(&error) => SlaveKind::Other,
-        Err(error) => SlaveKind::Unknown(NoAnswer::Silent(error)),
+        Err(error) => SlaveKind::Unknown(IdentificationError::Silent(error)),
     }
 }
 
@@ -128,7 +128,7 @@ pub const fn denies_object(code: AbortCode) -> bool {
     )
 }
 
-impl SlaveInquiry for Diagnostics {
+impl SlaveQuery for Diagnostics {
     type Error = Error;
 
     fn al_state(&self, slave: usize) -> Result<Option<AlState>, Error> {
@@ -169,7 +169,7 @@ mod tests {
     use super::*;
 
     #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-    enum Refusal {
+    enum PrivilegeError {
         NoObject,
         Silence,
     }
@@ -178,48 +178,49 @@ mod tests {
     struct Slave {
         state: Option<AlState>,
         product_code: u32,
-        answer: Result<[u32; 3], Refusal>,
+        answer: Result<[u32; 3], PrivilegeError>,
     }
 
     struct Bus(Vec<Slave>);
 
-    impl SlaveInquiry for Bus {
-        type Error = Refusal;
+    impl SlaveQuery for Bus {
+        type Error = PrivilegeError;
 
-        fn al_state(&self, slave: usize) -> Result<Option<AlState>, Refusal> {
+        fn al_state(&self, slave: usize) -> Result<Option<AlState>, PrivilegeError> {
             Ok(self.0[slave].state)
         }
 
-        fn identity(&self, slave: usize) -> Result<Identity, Refusal> {
+        fn identity(&self, slave: usize) -> Result<Identity, PrivilegeError> {
             match self.0[slave].product_code {
                 0 => Ok(Identity { vendor_id: 0, product_code: 0 }),
                 product_code => Ok(Identity { vendor_id: 1, product_code }),
             }
         }
 
-        fn upload(&self, slave: usize, subindex: u8) -> Result<u32, Refusal> {
+        fn upload(&self, slave: usize, subindex: u8) -> Result<u32, PrivilegeError> {
             let at = Recognition::SUBINDICES.iter().position(|it| *it == subindex).unwrap();
             self.0[slave].answer.map(|values| values[at])
         }
 
-        fn is_denial(&self, error: &Refusal) -> bool {
-            *error == Refusal::NoObject
+        fn is_denial(&self, error: &PrivilegeError) -> bool {
+            *error == PrivilegeError::NoObject
         }
     }
 
     const OURS: Slave =
         Slave { state: Some(AlState::PreOp), product_code: 7, answer: Ok([2, 128, 24]) };
 
-    fn kinds(slaves: &[Slave]) -> Vec<SlaveKind<Refusal>> {
+    fn kinds(slaves: &[Slave]) -> Vec<SlaveKind<PrivilegeError>> {
         slave_kinds(&Bus(slaves.to_vec()), &(0..slaves.len()).collect::<Vec<_>>())
     }
 
-    const SILENT: SlaveKind<Refusal> = SlaveKind::Unknown(NoAnswer::Silent(Refusal::Silence));
+    const SILENT: SlaveKind<PrivilegeError> =
+        SlaveKind::Unknown(IdentificationError::Silent(PrivilegeError::Silence));
 
     #[test]
     fn a_slave_is_recognised_by_its_answers() {
         let other = Slave { answer: Ok([2, 8, 24]), ..OURS };
-        let without = Slave { answer: Err(Refusal::NoObject), ..OURS };
+        let without = Slave { answer: Err(PrivilegeError::NoObject), ..OURS };
         assert_eq!(
             kinds(&[OURS, other, without]),
             [SlaveKind::Gateway, SlaveKind::Other, SlaveKind::Other]
@@ -228,15 +229,15 @@ mod tests {
 
     #[test]
     fn a_slave_that_cannot_be_asked_is_unknown() {
-        let silent = Slave { answer: Err(Refusal::Silence), ..OURS };
+        let silent = Slave { answer: Err(PrivilegeError::Silence), ..OURS };
         let of = |state| Slave { state, ..OURS };
         let found = kinds(&[silent, of(Some(AlState::Init)), of(Some(AlState::Boot)), of(None)]);
-        let state = |state| SlaveKind::Unknown(NoAnswer::State(state));
+        let state = |state| SlaveKind::Unknown(IdentificationError::State(state));
         let expected = [
             SILENT,
             state(AlState::Init),
             state(AlState::Boot),
-            SlaveKind::Unknown(NoAnswer::NoState),
+            SlaveKind::Unknown(IdentificationError::NoState),
         ];
         assert_eq!(found, expected);
         assert!(found.iter().all(|kind| kind.may_be_gateway() && !kind.is_gateway()));
@@ -244,7 +245,8 @@ mod tests {
 
     #[test]
     fn the_identity_speaks_against_a_silent_slave_only_where_gateways_are_known() {
-        let silent = |product_code| Slave { answer: Err(Refusal::Silence), product_code, ..OURS };
+        let silent =
+            |product_code| Slave { answer: Err(PrivilegeError::Silence), product_code, ..OURS };
         assert_eq!(kinds(&[silent(8), OURS]), [SlaveKind::Other, SlaveKind::Gateway]);
         assert_eq!(kinds(&[silent(7), OURS]), [SILENT, SlaveKind::Gateway]);
         // The master could not read its SII.

@@ -251,8 +251,8 @@ fn the_first_cycle_waits_for_the_answer_too() {
     adapter.send().unwrap();
     let sent_ns = clock.now_ns();
     adapter.wait_next_cycle();
-    assert!(adapter.answer_ns() > 60_000);
-    assert_eq!(clock.now_ns() - sent_ns, adapter.answer_ns());
+    assert!(adapter.response_ns() > 60_000);
+    assert_eq!(clock.now_ns() - sent_ns, adapter.response_ns());
 }
 
 #[test]

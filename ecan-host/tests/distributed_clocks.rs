@@ -5,7 +5,9 @@ mod common;
 
 use common::{raw_config, simulated};
 use ecan_host::{Adapter, ClockSource, ClockStatus, DcSync, SlaveSettings};
-use ecan_sim::{EcrtVersion, Fault, GatewayFault, LostWay, Scenario, Simulation, WakeUpDelay};
+use ecan_sim::{
+    EcrtVersion, Fault, GatewayFault, LossDirection, Scenario, Simulation, WakeUpDelay,
+};
 
 const CYCLE_NS: u32 = 1_000_000;
 
@@ -109,7 +111,7 @@ fn the_cycle_is_in_phase_with_sync0() {
 fn lost_frames_are_counted_and_do_not_shift_the_phase() {
     let (mut adapter, simulation) = in_op(&[50, -30], Scenario::default(), following());
     phase_errors(&mut adapter, 1_000);
-    for way in [LostWay::Outward, LostWay::Return] {
+    for way in [LossDirection::Outward, LossDirection::Return] {
         let before = status(&adapter).missed_readings;
         simulation.inject(Fault::LostFrame { way, cycles: 1 });
         let errors = phase_errors(&mut adapter, 200);

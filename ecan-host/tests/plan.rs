@@ -6,7 +6,7 @@ mod common;
 use common::{run, simulated};
 use ecan_host::{
     Adapter, AdapterConfig, BYTE_NS, ClockSource, DatagramUse, DcSync, FRAME_OVERHEAD_BYTES,
-    LogicalCommand, Plan, PlanRefusal, PlanWarning,
+    LogicalCommand, Plan, PlanError, PlanWarning,
 };
 use ecan_sim::EcrtVersion;
 use proptest::prelude::*;
@@ -176,7 +176,7 @@ fn a_watchdog_that_outlasts_no_lost_frame_is_warned_of() {
     let tight = PlanWarning::WatchdogTight { watchdog_us: 2_000, cycle_ns: 1_000_000 };
     assert_eq!((of(2_000).warnings, of(2_000).refusals), (vec![tight], vec![]));
     assert_eq!(of(2_100).warnings, []);
-    let refused = PlanRefusal::Watchdog { watchdog_us: 1_000, cycle_ns: 1_000_000 };
+    let refused = PlanError::Watchdog { watchdog_us: 1_000, cycle_ns: 1_000_000 };
     assert_eq!((of(1_000).warnings, of(1_000).refusals), (vec![], vec![refused]));
 }
 
@@ -261,7 +261,7 @@ fn with_profiles(mut config: AdapterConfig) -> AdapterConfig {
 }
 
 /// Nanoseconds from the send to the last slave's answer, counted in bytes on the line.
-fn answer_ns(config: AdapterConfig) -> u64 {
+fn response_ns(config: AdapterConfig) -> u64 {
     let (mut adapter, simulation) = running(config, EcrtVersion::V1_6);
     adapter.wait_next_cycle();
     adapter.receive().unwrap();
@@ -285,10 +285,10 @@ fn the_simulated_wire_takes_the_time_of_the_plan() {
         plan.wire_ns() - (plan.frames.len() * FRAME_OVERHEAD_BYTES) as u64 * BYTE_NS
     };
     let smallest = config(1, 1, 1_000);
-    let (base, base_plan) = (answer_ns(smallest.clone()), datagrams_ns(&smallest));
+    let (base, base_plan) = (response_ns(smallest.clone()), datagrams_ns(&smallest));
     for (slaves, multiplier) in [(1, 3), (1, 5), (1, 6), (1, 11), (3, 3), (3, 5)] {
         let config = config(slaves, multiplier, 1_000);
-        let measured = answer_ns(config.clone()) - base;
+        let measured = response_ns(config.clone()) - base;
         let planned = datagrams_ns(&config) - base_plan;
         // Every slave more delays the frame by 1 us there.
         let on_the_way = u64::from(slaves - 1) * 1_000;

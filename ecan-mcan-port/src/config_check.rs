@@ -7,7 +7,7 @@ use ecan_protocol::mapping::{CHANNELS, Direction};
 use thiserror::Error;
 
 use crate::config::{GatewayConfig, PortConfig, Traffic};
-use crate::plan::{PortRefusal, budget};
+use crate::plan::{PortPlanError, budget};
 
 /// One thing that is wrong with the configuration of a Port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -73,7 +73,7 @@ pub enum PortConfigFault {
     },
     /// The [`PortPlan`](crate::PortPlan) finds that it would not work.
     #[error(transparent)]
-    Plan(PortRefusal),
+    Plan(PortPlanError),
     /// A filter that the channel cannot have.
     #[error("slave {slave}, channel {channel}: {fault}")]
     Filter {

@@ -5,7 +5,7 @@ use thiserror::Error;
 
 use crate::config_check::PortConfigFault;
 use crate::phase_sweep::PhaseSweepFault;
-use crate::session::{Awaited, Session};
+use crate::session::{PendingStep, Session};
 use crate::verification::VerificationFault;
 
 /// Errors of the Port outside the cycle.
@@ -38,7 +38,7 @@ pub enum PortError {
         /// How its session stands.
         session: Session,
         /// What it waits for.
-        waiting_for: Option<Awaited>,
+        waiting_for: Option<PendingStep>,
         /// Why its last attempt failed, if one did.
         last_fault: Option<VerificationFault>,
         /// How long was waited, in milliseconds.
@@ -49,7 +49,7 @@ pub enum PortError {
 /// What a gateway waits for and what went wrong before, as far as the session does not say it.
 fn details(
     session: Session,
-    waiting_for: Option<Awaited>,
+    waiting_for: Option<PendingStep>,
     last_fault: Option<VerificationFault>,
 ) -> String {
     let mut text = waiting_for.map_or_else(String::new, |it| format!("; it waits for {it}"));

@@ -20,7 +20,6 @@ mod batch;
 mod config;
 mod config_check;
 mod cycle;
-mod cycle_place;
 mod error;
 mod phase_sweep;
 mod phase_table;
@@ -36,6 +35,7 @@ mod send;
 mod session;
 mod startup;
 mod statistics;
+mod sync0_phase;
 mod transmit_history;
 mod transmit_window;
 mod transmitter;
@@ -50,8 +50,8 @@ pub use error::PortError;
 pub use phase_sweep::{PhaseSweep, PhaseSweepFault};
 pub use phase_table::{PhaseMargins, PhasePoint, PhaseTable};
 pub use plan::{
-    ChannelLoad, ChannelPlan, CpuCost, FrameRate, FrameStream, FrameWay, GatewayPlan, ImageFill,
-    ImagePlan, PortPlan, PortRefusal, PortWarning,
+    ChannelLoad, ChannelPlan, CpuCost, FrameRate, FrameRoute, FrameStream, GatewayPlan, ImageFill,
+    ImagePlan, PortPlan, PortPlanError, PortWarning,
 };
 pub use port::Port;
 pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
@@ -60,8 +60,8 @@ pub use schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
 pub use schedule_settings::{MarginCheck, ScheduleSettings};
 pub use schedule_watch::{ChannelDrops, ScheduleDiagnostics};
 pub use send::{
-    NoRoom, NotSchedulable, SendError, SendOptions, SendTicket, TransmitFrame, TransmitHint,
+    Backpressure, NotSchedulable, SendError, SendOptions, SendTicket, TransmitFrame, TransmitHint,
 };
-pub use session::{Awaited, Session};
+pub use session::{PendingStep, Session};
 pub use statistics::{ChannelStatistics, SlaveStatistics};
 pub use verification::{SdoTransfer, VerificationFault};

@@ -249,7 +249,7 @@ impl Port {
 
 /// What the gateways told after a candidate.
 #[derive(Debug, Clone, Copy, Default)]
-struct Told {
+struct CandidateCounts {
     flags: u16,
     /// Shortest distances of arrivals from the pulse before and to the pulse behind.
     arrival_ns: Option<(u32, u32)>,
@@ -263,8 +263,12 @@ fn clear(diagnostics: &Diagnostics, slaves: usize) -> Result<(), Error> {
     Ok(())
 }
 
-fn read(diagnostics: &Diagnostics, slaves: usize, period_ns: u32) -> Result<Told, Error> {
-    let mut told = Told::default();
+fn read(
+    diagnostics: &Diagnostics,
+    slaves: usize,
+    period_ns: u32,
+) -> Result<CandidateCounts, Error> {
+    let mut told = CandidateCounts::default();
     for slave in 0..slaves {
         let upload = |index, subindex| diagnostics.sdo_upload_u32(slave, index, subindex);
         told.flags |= upload(0xB000, 6)? as u16 & SCHEDULE_FLAGS;

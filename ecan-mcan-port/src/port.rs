@@ -7,14 +7,14 @@ use ecan_protocol::mapping::{CHANNELS, Direction};
 
 use crate::config::{GatewayConfig, PortConfig};
 use crate::cycle::CycleReport;
-use crate::cycle_place::CyclePlace;
 use crate::error::PortError;
 use crate::receiver::Receiver;
 use crate::schedule_margin::ScheduleTimes;
 use crate::schedule_settings::ScheduleSettings;
 use crate::schedule_watch::ScheduleWatch;
-use crate::session::{Awaited, Session, SessionMachine};
+use crate::session::{PendingStep, Session, SessionMachine};
 use crate::statistics::SlaveStatistics;
+use crate::sync0_phase::Sync0Phase;
 use crate::transmit_window::DEFAULT_DEPTH;
 use crate::transmitter::Transmitter;
 use crate::verification::VerificationFault;
@@ -53,7 +53,7 @@ pub struct Port {
     pub(crate) cycle_open: bool,
     /// Point of the running cycle on the grid, where the cycle was waited for.
     pub(crate) cycle_point_ns: Option<u64>,
-    pub(crate) cycle_place: CyclePlace,
+    pub(crate) cycle_place: Sync0Phase,
     /// Application time of the running cycle since the first one.
     pub(crate) since_first_ns: u64,
     config: PortConfig,
@@ -101,7 +101,7 @@ impl Port {
                 gateways,
                 cycle_open: false,
                 cycle_point_ns: None,
-                cycle_place: CyclePlace::default(),
+                cycle_place: Sync0Phase::default(),
                 since_first_ns: 0,
                 config,
             }),
@@ -131,7 +131,7 @@ impl Port {
         self.gateways.clear();
         self.cycle_open = false;
         self.cycle_point_ns = None;
-        self.cycle_place = CyclePlace::default();
+        self.cycle_place = Sync0Phase::default();
         result?;
         self.gateways = build_gateways(&mut self.adapter, &config)?;
         self.config = config;
@@ -171,7 +171,7 @@ impl Port {
 
     /// What a gateway that is not in service waits for; real-time safe. None for one in service and
     /// for an index out of range.
-    pub fn waiting_for(&self, slave: usize) -> Option<Awaited> {
+    pub fn waiting_for(&self, slave: usize) -> Option<PendingStep> {
         self.gateways.get(slave)?.session.awaited(&self.adapter)
     }
 

@@ -56,7 +56,7 @@ impl ScheduleAccount {
 
 /// How a frame's story goes on or ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Fate {
+pub(crate) enum ScheduledFrameState {
     /// The gateway has it; the flags have the last word.
     Taken,
     Result(ResultCode),
@@ -134,23 +134,30 @@ impl ScheduleAccounts {
         self.channel(channel).account.refused_late += 1;
     }
 
-    pub(crate) fn ended(&mut self, channel: u8, fate: Fate) {
+    pub(crate) fn ended(&mut self, channel: u8, fate: ScheduledFrameState) {
         let channel = self.channel(channel);
-        let is_taken =
-            matches!(fate, Fate::Taken | Fate::Result(ResultCode::Ok | ResultCode::Queued));
+        let is_taken = matches!(
+            fate,
+            ScheduledFrameState::Taken
+                | ScheduledFrameState::Result(ResultCode::Ok | ResultCode::Queued)
+        );
         channel.taken += u64::from(is_taken);
         match fate {
-            Fate::Taken | Fate::Result(ResultCode::Queued) => channel.young += 1,
-            Fate::Result(ResultCode::Ok) => channel.close(1, |account| &mut account.sent),
-            Fate::Result(ResultCode::BusBusy) => {
+            ScheduledFrameState::Taken | ScheduledFrameState::Result(ResultCode::Queued) => {
+                channel.young += 1
+            }
+            ScheduledFrameState::Result(ResultCode::Ok) => {
+                channel.close(1, |account| &mut account.sent)
+            }
+            ScheduledFrameState::Result(ResultCode::BusBusy) => {
                 channel.close(1, |account| &mut account.late_dropped);
             }
-            Fate::Result(ResultCode::TxFifoFull) => {
+            ScheduledFrameState::Result(ResultCode::TxFifoFull) => {
                 channel.close(1, |account| &mut account.queue_full);
             }
-            Fate::Result(_) => channel.close(1, |account| &mut account.not_sent),
-            Fate::Withdrawn => channel.close(1, |account| &mut account.withdrawn),
-            Fate::Unknown => channel.close(1, |account| &mut account.unknown),
+            ScheduledFrameState::Result(_) => channel.close(1, |account| &mut account.not_sent),
+            ScheduledFrameState::Withdrawn => channel.close(1, |account| &mut account.withdrawn),
+            ScheduledFrameState::Unknown => channel.close(1, |account| &mut account.unknown),
         }
     }
 
@@ -201,7 +208,7 @@ mod tests {
         let mut accounts = ScheduleAccounts::default();
         for _ in 0..frames {
             accounts.scheduled(1, true);
-            accounts.ended(1, Fate::Result(ResultCode::Queued));
+            accounts.ended(1, ScheduledFrameState::Result(ResultCode::Queued));
         }
         accounts
     }
@@ -241,7 +248,7 @@ mod tests {
         let mut accounts = taken(2);
         accounts.looked(&ScheduleDiagnostics::default(), None, 0);
         accounts.scheduled(1, false);
-        accounts.ended(1, Fate::Taken);
+        accounts.ended(1, ScheduledFrameState::Taken);
         accounts.reset();
         let account = accounts.account(1);
         assert_eq!((account.unknown, account.open, account.without_margin), (3, 0, 1));

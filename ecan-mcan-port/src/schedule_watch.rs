@@ -113,7 +113,7 @@ fn store(diagnostics: &mut ScheduleDiagnostics, step: usize, value: u32) {
 
 /// What a step of the watch brought.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Seen {
+pub(crate) enum WatchResult {
     Nothing,
     /// A whole look.
     Looked(ScheduleDiagnostics),
@@ -199,7 +199,7 @@ impl ScheduleWatch {
 
     /// One step, once a cycle while the gateway is in service. `is_used` tells that there are
     /// scheduled frames to look for.
-    pub(crate) fn step(&mut self, adapter: &mut Adapter, is_used: bool) -> Seen {
+    pub(crate) fn step(&mut self, adapter: &mut Adapter, is_used: bool) -> WatchResult {
         match self.activity {
             Activity::Idle => {
                 if self.is_clear_wanted {
@@ -212,20 +212,20 @@ impl ScheduleWatch {
                         self.begin_read(adapter, 0);
                     }
                 }
-                Seen::Nothing
+                WatchResult::Nothing
             }
             Activity::Clearing => match adapter.sdo_request_state(self.command) {
-                Ok(RequestState::Busy) => Seen::Nothing,
+                Ok(RequestState::Busy) => WatchResult::Nothing,
                 // Whether it was done or not, nothing can be said about the flags before it.
                 _ => {
                     self.activity = Activity::Idle;
                     self.last = None;
                     self.next_at_ns = 0;
-                    Seen::Cleared
+                    WatchResult::Cleared
                 }
             },
             Activity::Reading { step } => match adapter.sdo_request_state(self.read) {
-                Ok(RequestState::Busy) => Seen::Nothing,
+                Ok(RequestState::Busy) => WatchResult::Nothing,
                 Ok(RequestState::Success) => {
                     let mut value = [0; 4];
                     for (to, from) in value.iter_mut().zip(adapter.sdo_request_data(self.read)) {
@@ -235,21 +235,21 @@ impl ScheduleWatch {
                     match (step + 1..STEPS).find(|next| self.is_read(*next)) {
                         Some(next) => {
                             self.begin_read(adapter, next);
-                            Seen::Nothing
+                            WatchResult::Nothing
                         }
                         None => {
                             self.activity = Activity::Idle;
                             let now = adapter.clock().now_ns();
                             self.seen.read_at_ns = now;
                             self.next_at_ns = self.next_at_ns.max(now + self.settling_ns);
-                            Seen::Looked(self.seen)
+                            WatchResult::Looked(self.seen)
                         }
                     }
                 }
                 _ => {
                     // The next look starts over.
                     self.activity = Activity::Idle;
-                    Seen::Nothing
+                    WatchResult::Nothing
                 }
             },
         }
@@ -284,9 +284,9 @@ impl ScheduleWatch {
 pub(crate) fn step(adapter: &mut Adapter, gateway: &mut Gateway) {
     let Gateway { watch, transmitter, .. } = gateway;
     match watch.step(adapter, transmitter.accounts().is_used()) {
-        Seen::Nothing => {}
-        Seen::Cleared => transmitter.accounts_mut().flags_lost(),
-        Seen::Looked(seen) => {
+        WatchResult::Nothing => {}
+        WatchResult::Cleared => transmitter.accounts_mut().flags_lost(),
+        WatchResult::Looked(seen) => {
             // Of the others, results tell frame by frame.
             let told = if transmitter.has_results() { 0 } else { LATE_DROP | QUEUE_FULL };
             let troubling = TX_FAIL | TIMER_MISS | told;

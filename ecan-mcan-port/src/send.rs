@@ -78,7 +78,7 @@ impl TransmitFrame {
 
 /// What is full.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoRoom {
+pub enum Backpressure {
     /// The RxPDO image of this cycle: bytes or the 255 packets of an image.
     Image,
     /// The channel's transmit queue in the gateway, as far as its status tells.
@@ -98,19 +98,19 @@ pub enum SendError {
     #[error(
         "no room for a frame to slave {slave} channel {channel}: {}",
         match what {
-            NoRoom::Image => "the image of this cycle is full",
-            NoRoom::Queue => "the gateway's transmit queue is full",
-            NoRoom::BusOff => "the channel is bus-off",
-            NoRoom::Phase => "this cycle is too late for its Sync0 phase",
+            Backpressure::Image => "the image of this cycle is full",
+            Backpressure::Queue => "the gateway's transmit queue is full",
+            Backpressure::BusOff => "the channel is bus-off",
+            Backpressure::Phase => "this cycle is too late for its Sync0 phase",
         }
     )]
-    NoRoom {
+    Backpressure {
         /// Slave index.
         slave: usize,
         /// Channel.
         channel: u8,
         /// What is full.
-        what: NoRoom,
+        what: Backpressure,
     },
     /// The gateway is not in service: not in OP, or not verified yet.
     #[error("slave {slave} is not in service")]
@@ -226,7 +226,7 @@ impl Port {
 
     /// Sends a classic frame at a phase of the next Sync0 period (manual 8.4, 13.8).
     ///
-    /// A frame whose phase cannot be reached any more is not taken ([`NoRoom::Phase`]), as far as
+    /// A frame whose phase cannot be reached any more is not taken ([`Backpressure::Phase`]), as far as
     /// the cycle is waited for with [`wait_next_cycle`](Self::wait_next_cycle), and one that is taken
     /// is taken back where [`cycle_end`](Self::cycle_end) comes too late. On an attached Adapter
     /// neither happens: Sync0 follows the owner's grid. A period late leaves otherwise only a frame
@@ -388,7 +388,7 @@ impl Port {
             begun_ns.is_some_and(|ns| gateway.schedule_times.misses_pulse(self.since_first_ns, ns));
         if is_late || gateway.transmitter.is_holding() {
             gateway.transmitter.accounts_mut().refused_late(channel);
-            return Err(SendError::NoRoom { slave, channel, what: NoRoom::Phase });
+            return Err(SendError::Backpressure { slave, channel, what: Backpressure::Phase });
         }
         Ok(has_margin)
     }
@@ -423,12 +423,12 @@ impl Gateway {
         let statistics = self.statistics.channel(channel);
         let what = if self.transmitter.window(channel).is_bus_off() {
             statistics.refused_bus_off += 1;
-            NoRoom::BusOff
+            Backpressure::BusOff
         } else {
             statistics.refused_queue_full += 1;
-            NoRoom::Queue
+            Backpressure::Queue
         };
-        SendError::NoRoom { slave, channel, what }
+        SendError::Backpressure { slave, channel, what }
     }
 
     /// Why the image takes no frame, counted.
@@ -438,7 +438,7 @@ impl Gateway {
         match error {
             PushError::NoRoom { .. } | PushError::TooManyPackets | PushError::Buffer { .. } => {
                 self.statistics.channel(channel).refused_image_full += 1;
-                SendError::NoRoom { slave, channel, what: NoRoom::Image }
+                SendError::Backpressure { slave, channel, what: Backpressure::Image }
             }
             _ => SendError::Channel { slave, channel },
         }

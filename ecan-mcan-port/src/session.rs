@@ -52,7 +52,7 @@ impl fmt::Display for Session {
 /// What a gateway that is not in service waits for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 #[non_exhaustive]
-pub enum Awaited {
+pub enum PendingStep {
     /// The master does not see the slave in OP.
     Operational,
     /// The slave is in OP, but its outputs are not known to arrive.
@@ -65,7 +65,7 @@ pub enum Awaited {
     NextAttempt,
 }
 
-impl fmt::Display for Awaited {
+impl fmt::Display for PendingStep {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Operational => f.write_str("OP"),
@@ -164,20 +164,22 @@ impl SessionMachine {
     }
 
     /// What it waits for, unless it is in service.
-    pub(crate) fn awaited(&self, adapter: &Adapter) -> Option<Awaited> {
+    pub(crate) fn awaited(&self, adapter: &Adapter) -> Option<PendingStep> {
         match self.state {
             Session::Ready => None,
             Session::Verifying => self.checks.get(self.next).map(|check| {
                 let request = if check.transfer().is_download { self.command } else { self.read };
                 match request.begun {
-                    Some((transfer, _)) if !self.is_running => Awaited::EarlierTransfer(transfer),
-                    _ => Awaited::Transfer(check.transfer()),
+                    Some((transfer, _)) if !self.is_running => {
+                        PendingStep::EarlierTransfer(transfer)
+                    }
+                    _ => PendingStep::Transfer(check.transfer()),
                 }
             }),
             Session::Waiting | Session::Failed(_) => Some(match () {
-                () if !self.is_operational(adapter) => Awaited::Operational,
-                () if !self.outputs_arrive(adapter) => Awaited::ProcessData,
-                () => Awaited::NextAttempt,
+                () if !self.is_operational(adapter) => PendingStep::Operational,
+                () if !self.outputs_arrive(adapter) => PendingStep::ProcessData,
+                () => PendingStep::NextAttempt,
             }),
         }
     }

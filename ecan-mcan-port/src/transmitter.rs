@@ -12,7 +12,7 @@ use ecan_protocol::image::{
 };
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES};
 
-use crate::schedule_account::{Fate, ScheduleAccounts};
+use crate::schedule_account::{ScheduleAccounts, ScheduledFrameState};
 use crate::statistics::SlaveStatistics;
 use crate::transmit_history::{OpenFrame, TransmitHistory};
 use crate::transmit_window::TransmitWindow;
@@ -103,9 +103,9 @@ impl Transmitter {
                 ResultCode::Ok | ResultCode::Queued
                     if self.history.is_repeated(result.sequence) =>
                 {
-                    Fate::Unknown
+                    ScheduledFrameState::Unknown
                 }
-                code => Fate::Result(code),
+                code => ScheduledFrameState::Result(code),
             };
             self.accounts.ended(frame.channel, fate);
         }
@@ -196,12 +196,12 @@ impl Transmitter {
         let frames = count_discarded(&counts, statistics);
         // Results may still come of an image that did arrive.
         if !self.has_results {
-            self.close_published(Fate::Unknown);
+            self.close_published(ScheduledFrameState::Unknown);
         }
         frames
     }
 
-    fn close_published(&mut self, fate: Fate) {
+    fn close_published(&mut self, fate: ScheduledFrameState) {
         let Self { history, accounts, published_sequence, .. } = self;
         history.close_scheduled(*published_sequence, |channel| accounts.ended(channel, fate));
     }
@@ -210,7 +210,11 @@ impl Transmitter {
     fn release(&mut self, image: &mut [u8], statistics: &mut SlaveStatistics) {
         if !self.has_results && self.published_scheduled > 0 {
             let is_repeated = self.history.is_repeated(self.published_sequence);
-            self.close_published(if is_repeated { Fate::Unknown } else { Fate::Taken });
+            self.close_published(if is_repeated {
+                ScheduledFrameState::Unknown
+            } else {
+                ScheduledFrameState::Taken
+            });
         }
         for (channel, count) in self.published.take().iter().flatten().enumerate() {
             statistics.channels[channel].frames_delivered += u64::from(*count);
@@ -226,7 +230,9 @@ impl Transmitter {
         self.writer.begin();
         self.filling_scheduled = 0;
         let Self { history, accounts, writer, .. } = self;
-        history.make_room(writer.next_sequence(), |channel| accounts.ended(channel, Fate::Unknown));
+        history.make_room(writer.next_sequence(), |channel| {
+            accounts.ended(channel, ScheduledFrameState::Unknown)
+        });
         for window in &mut self.windows {
             window.abandoned();
         }
@@ -295,7 +301,9 @@ impl Transmitter {
     fn withdraw(&mut self, statistics: &mut SlaveStatistics) -> usize {
         let sequence = self.writer.next_sequence();
         let Self { history, accounts, .. } = self;
-        history.close_scheduled(sequence, |channel| accounts.ended(channel, Fate::Withdrawn));
+        history.close_scheduled(sequence, |channel| {
+            accounts.ended(channel, ScheduledFrameState::Withdrawn)
+        });
         let filling = self.filling();
         for window in &mut self.windows {
             window.abandoned();
@@ -329,7 +337,9 @@ impl Transmitter {
         let reader = ImageReader::new(Direction::RxPdo, *self.writer.profile()).with_crc(false);
         let sequence = self.writer.next_sequence();
         let Self { history, accounts, writer, spare, .. } = self;
-        history.close_scheduled(sequence, |channel| accounts.ended(channel, Fate::Withdrawn));
+        history.close_scheduled(sequence, |channel| {
+            accounts.ended(channel, ScheduledFrameState::Withdrawn)
+        });
         history.move_up(sequence);
         writer.begin();
         for window in &mut self.windows {
@@ -357,7 +367,7 @@ impl Transmitter {
         self.discard(statistics);
         self.misses = 0;
         let Self { history, accounts, .. } = self;
-        history.reset(|channel| accounts.ended(channel, Fate::Unknown));
+        history.reset(|channel| accounts.ended(channel, ScheduledFrameState::Unknown));
         accounts.reset();
         for window in &mut self.windows {
             window.reset();

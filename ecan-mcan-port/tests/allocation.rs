@@ -6,7 +6,7 @@ mod counting;
 
 mod common;
 
-use common::Bench;
+use common::Fixture;
 use counting::allocations;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, Received};
@@ -15,7 +15,7 @@ use ecan_protocol::image::{OptionFlags, Schedule};
 
 /// Runs `cycles` of sending until the image is full and receiving everything; gives the
 /// allocations inside the cycles and the frames that came back.
-fn full_images(bench: &mut Bench, frames: &[CanFrame; 4], cycles: u32) -> (u64, u64) {
+fn full_images(bench: &mut Fixture, frames: &[CanFrame; 4], cycles: u32) -> (u64, u64) {
     let (mut inside, mut back) = (0, 0);
     for _ in 0..cycles {
         bench.port.wait_next_cycle();
@@ -52,7 +52,7 @@ fn full_images_allocate_nothing() {
         gateway.paced = paced;
         let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
         let config = PortConfig::uniform(1, gateway);
-        let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+        let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
         let id = CanId::standard(0x100).unwrap();
         let frames = [0, 1, 2, 3].map(|n| CanFrame::fd(id, &[n; 64], true, false).unwrap());
         // The simulated world grows its queues to their working size first.
@@ -69,7 +69,7 @@ fn scheduled_frames_and_the_look_at_their_flags_allocate_nothing() {
         gateway.tx_options = OptionFlags::TX_RESULT;
         gateway.schedule.watch_ms = 10;
     });
-    let run = |bench: &mut Bench, cycles: u16| {
+    let run = |bench: &mut Fixture, cycles: u16| {
         let mut inside = 0;
         for tag in 0..cycles {
             bench.port.wait_next_cycle();

@@ -58,6 +58,6 @@ fn lateness_is_not_judged_by_a_grid_that_sync0_does_not_follow() {
     }
     let account = port.schedule_account(0, 0);
     assert_eq!((account.scheduled, account.withdrawn, account.refused_late), (50, 0, 0));
-    let truth = simulation.with_world(|world| world.truth(0).unwrap());
-    assert_eq!(truth.frames_released, 50);
+    let counters = simulation.with_world(|world| world.counters(0).unwrap());
+    assert_eq!(counters.frames_released, 50);
 }

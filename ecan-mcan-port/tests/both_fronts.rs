@@ -8,7 +8,7 @@ mod wire_support;
 
 use std::path::Path;
 
-use common::{Bench, classic, id};
+use common::{Fixture, classic, id};
 use ecan_host::{AdapterConfig, StartupStep};
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::can::CanFrame;
@@ -47,7 +47,7 @@ fn traffic(recorded: Vec<BusFrame>) -> Traffic {
 /// Sends up to six frames in a cycle through the Port; gives the images and the traffic.
 fn over_libethercat(scenario: Scenario, config: &PortConfig) -> (Vec<Vec<u8>>, Traffic, u64) {
     let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
-    let mut bench = Bench::ready(scenario, adapter, config.clone());
+    let mut bench = Fixture::ready(scenario, adapter, config.clone());
     bench.idle(20);
     bench.simulation.with_world(|world| assert!(world.record_bus_of(0, 0)));
     let mut images = Vec::new();
@@ -62,9 +62,9 @@ fn over_libethercat(scenario: Scenario, config: &PortConfig) -> (Vec<Vec<u8>>, T
         images.push(bench.port.adapter().rx_pdo(0)[..BYTES].to_vec());
     }
     bench.idle(10);
-    let truth = bench.simulation.with_world(|world| world.truth(0).unwrap());
+    let counters = bench.simulation.with_world(|world| world.counters(0).unwrap());
     let recorded = bench.simulation.with_world(|world| world.take_recorded());
-    (images, traffic(recorded), truth.frames_on_bus)
+    (images, traffic(recorded), counters.frames_on_bus)
 }
 
 /// Brings the same gateway into OP by hand, and sends these images.
@@ -99,8 +99,8 @@ fn over_the_wire(scenario: &Scenario, config: &PortConfig, images: &[Vec<u8>]) -
     for _ in 0..10 {
         assert_eq!(cycle(images.last().unwrap()).counter, 3);
     }
-    let truth = line.wire.world().truth(0).unwrap();
-    (traffic(line.wire.world_mut().take_recorded()), truth.frames_on_bus)
+    let counters = line.wire.world().counters(0).unwrap();
+    (traffic(line.wire.world_mut().take_recorded()), counters.frames_on_bus)
 }
 
 #[test]

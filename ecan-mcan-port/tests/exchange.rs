@@ -3,11 +3,11 @@
 
 mod common;
 
-use common::{Bench, classic, frame, frames_of, id};
-use ecan_host::{AdapterConfig, ConfigFault, PlanRefusal};
+use common::{Fixture, classic, frame, frames_of, id};
+use ecan_host::{AdapterConfig, ConfigFault, PlanError};
 use ecan_mcan_port::{
-    ChannelSettings, GatewayConfig, NoRoom, PortConfig, PortConfigFault, PortError, ReceiveSource,
-    SendError, SendOptions, TransmitFrame, TransmitHint,
+    Backpressure, ChannelSettings, GatewayConfig, PortConfig, PortConfigFault, PortError,
+    ReceiveSource, SendError, SendOptions, TransmitFrame, TransmitHint,
 };
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_protocol::config::{FilterAction, StandardFilter, StandardMatch};
@@ -18,7 +18,7 @@ use ecan_protocol::mapping::CHANNELS;
 fn the_example_of_the_manual_lies_in_the_process_image() {
     let gateway = GatewayConfig::on_all_channels(&classic());
     let adapter = AdapterConfig::new(1).with_multiplier(8).with_cycle_us(1_000);
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
     let data = [0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
     let mut sequence = 0;
     bench.cycle(|port| {
@@ -53,7 +53,7 @@ fn every_size_works_in_either_direction() {
             adapter.slaves[0].tx_multiplier = tx;
             let gateway = GatewayConfig::on_channel(2, classic());
             let config = PortConfig::uniform(1, gateway);
-            let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+            let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
             assert_eq!(bench.port.adapter().rx_pdo(0).len(), usize::from(rx) * 128);
             assert_eq!(bench.port.adapter().tx_pdo(0).len(), usize::from(tx) * 128);
             let frames: Vec<_> = (0..40).map(|n| frame(0x100 + n, &n.to_le_bytes())).collect();
@@ -69,12 +69,12 @@ fn twelve_chunks_and_more_need_a_master_that_carries_them() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     for n in [12, 16, 24] {
         let mut adapter = AdapterConfig::new(1).with_multiplier(n);
-        let refused = Bench::open(ecan_sim::echo(1), adapter.clone(), config.clone());
+        let refused = Fixture::open(ecan_sim::echo(1), adapter.clone(), config.clone());
         let Err(PortError::Config(faults)) = refused.map(|_| ()) else { panic!("N = {n} taken") };
         assert!(
             matches!(
                 faults.0[0],
-                PortConfigFault::Adapter(ConfigFault::Plan(PlanRefusal::LargePdo { multiplier, .. }))
+                PortConfigFault::Adapter(ConfigFault::Plan(PlanError::LargePdo { multiplier, .. }))
                     if multiplier == n
             ),
             "{faults}"
@@ -82,7 +82,7 @@ fn twelve_chunks_and_more_need_a_master_that_carries_them() {
         adapter.allow_large_pdos = true;
         let mut scenario = ecan_sim::echo(1);
         scenario.carries_large_pdos = true;
-        let mut bench = Bench::ready(scenario, adapter, config.clone());
+        let mut bench = Fixture::ready(scenario, adapter, config.clone());
         let frames: Vec<_> = (0..100).map(|n| frame(0x200 + n, &[7; 8])).collect();
         assert_eq!(bench.carry(0, &frames, 200).len(), 100);
     }
@@ -99,7 +99,7 @@ fn two_gateways_with_different_sizes_do_not_mix() {
             GatewayConfig::on_channel(3, ChannelSettings::fd(500_000, 2_000_000)),
         ],
     };
-    let mut bench = Bench::ready(ecan_sim::echo(2), adapter, config);
+    let mut bench = Fixture::ready(ecan_sim::echo(2), adapter, config);
     let long = [0xA5; 48];
     bench.cycle(|port| {
         port.send_can(0, 1, id(0x11), &[1]).unwrap();
@@ -124,7 +124,7 @@ fn two_gateways_with_different_sizes_do_not_mix() {
 fn three_gateways_carry_traffic_on_all_twelve_channels() {
     let adapter = AdapterConfig::new(3).with_cycle_us(2_000);
     let gateway = GatewayConfig::on_all_channels(&classic());
-    let mut bench = Bench::ready(ecan_sim::echo(3), adapter, PortConfig::uniform(3, gateway));
+    let mut bench = Fixture::ready(ecan_sim::echo(3), adapter, PortConfig::uniform(3, gateway));
     let mut back = vec![Vec::new(); 12];
     for round in 0..50u8 {
         let items = bench.cycle(|port| {
@@ -156,7 +156,7 @@ fn collect(items: &[ecan_mcan_port::Received], back: &mut [Vec<CanFrame>]) {
 #[test]
 fn every_kind_of_frame_comes_back_as_it_went() {
     let fd = ChannelSettings::fd(1_000_000, 5_000_000);
-    let mut bench = Bench::single(GatewayConfig::on_channel(0, fd));
+    let mut bench = Fixture::single(GatewayConfig::on_channel(0, fd));
     let mut frames = Vec::new();
     let ids =
         [id(0), id(0x7FF), CanId::extended(0).unwrap(), CanId::extended(0x1FFF_FFFF).unwrap()];
@@ -192,7 +192,7 @@ fn options_and_profiles_keep_frames_whole() {
             gateway.rx_options = option;
             gateway.tx_encapsulation = EncapsulationProfile::from_raw(raw).unwrap();
             gateway.rx_encapsulation = gateway.tx_encapsulation;
-            let mut bench = Bench::single(gateway);
+            let mut bench = Fixture::single(gateway);
             let frames: Vec<_> = (0..60)
                 .map(|n: u8| match n % 3 {
                     0 => CanFrame::fd(id(n.into()), &[n; 12], true, false).unwrap(),
@@ -213,7 +213,7 @@ fn options_and_profiles_keep_frames_whole() {
 fn a_full_image_refuses_the_frame_and_counts_it() {
     let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle_us(1_000);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
     // 104 bytes of frame area hold 8 packets of 12 bytes (manual 5.2, 8.3).
     let mut refused = None;
     bench.cycle(|port| {
@@ -224,8 +224,8 @@ fn a_full_image_refuses_the_frame_and_counts_it() {
         refused = port.send_can(0, 0, id(8), &[0; 8]).err();
         port.send_can(0, 0, id(9), &[0; 4]).unwrap();
     });
-    let what = NoRoom::Image;
-    assert_eq!(refused, Some(SendError::NoRoom { slave: 0, channel: 0, what }));
+    let what = Backpressure::Image;
+    assert_eq!(refused, Some(SendError::Backpressure { slave: 0, channel: 0, what }));
     assert_eq!(bench.port.statistics(0).channels[0].refused_image_full, 1);
     let back = frames_of(&bench.idle(10));
     assert_eq!(back.len(), 9);
@@ -237,7 +237,7 @@ fn a_burst_is_paced_by_the_gateways_queue_and_nothing_is_dropped() {
     let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
     let config =
         PortConfig::uniform(1, GatewayConfig::on_channel(0, ChannelSettings::classic(125_000)));
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
     let frames: Vec<_> = (0..1000u16).map(|n| frame(n % 0x700, &n.to_le_bytes())).collect();
     let back: Vec<_> = bench.carry(0, &frames, 5000).iter().map(|f| f.frame).collect();
     assert_eq!(back, frames);
@@ -256,7 +256,7 @@ fn the_receive_source_and_the_transmit_hint_travel_along() {
         id1: 0x200,
         id2: 0x2FF,
     });
-    let mut bench = Bench::single(GatewayConfig::on_channel(0, settings));
+    let mut bench = Fixture::single(GatewayConfig::on_channel(0, settings));
     let hint = TransmitHint::HighPriority;
     bench.cycle(|port| {
         let options = SendOptions { hint, schedule: None };
@@ -276,7 +276,7 @@ fn the_receive_source_and_the_transmit_hint_travel_along() {
 
 #[test]
 fn what_does_not_fit_the_buffer_stays_for_the_next_call() {
-    let mut bench = Bench::single(GatewayConfig::on_channel(0, classic()));
+    let mut bench = Fixture::single(GatewayConfig::on_channel(0, classic()));
     bench.cycle(|port| {
         for n in 0..6 {
             port.send_can(0, 0, id(n), &[]).unwrap();
@@ -308,7 +308,7 @@ fn what_does_not_fit_the_buffer_stays_for_the_next_call() {
 
 #[test]
 fn outside_a_cycle_nothing_is_sent() {
-    let mut bench = Bench::single(GatewayConfig::on_channel(0, classic()));
+    let mut bench = Fixture::single(GatewayConfig::on_channel(0, classic()));
     assert_eq!(bench.port.send_can(0, 0, id(1), &[]), Err(SendError::NoCycle));
     bench.cycle(|port| {
         assert_eq!(port.send_can(4, 0, id(1), &[]), Err(SendError::SlaveIndex { slave: 4 }));

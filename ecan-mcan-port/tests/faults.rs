@@ -3,28 +3,28 @@
 
 mod common;
 
-use common::{Bench, READY_MS, classic, frame, frames_of, id};
+use common::{Fixture, READY_MS, classic, frame, frames_of, id};
 use ecan_host::{AdapterConfig, DcSync, Diagnostics, Error};
 use ecan_mcan_port::{
-    GatewayConfig, ImageReport, NoRoom, Port, PortConfig, PortError, SendError, Session,
+    Backpressure, GatewayConfig, ImageReport, Port, PortConfig, PortError, SendError, Session,
     VerificationFault,
 };
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::image::{ImageFault, PdoError};
-use ecan_sim::{Fault, GatewayFault, LibraryCall, LostWay, Topology};
+use ecan_sim::{Fault, GatewayFault, LibraryCall, LossDirection, Topology};
 
 fn on_channel_0() -> GatewayConfig {
     GatewayConfig::on_channel(0, classic())
 }
 
-fn bench_with(multiplier: u8, gateway: GatewayConfig) -> Bench {
+fn bench_with(multiplier: u8, gateway: GatewayConfig) -> Fixture {
     let adapter = AdapterConfig::new(1).with_multiplier(multiplier).with_cycle_us(1_000);
-    Bench::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway))
+    Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway))
 }
 
 /// Sends one numbered frame per cycle for 60 cycles and strikes after 10; gives the numbers that
 /// came back, in order.
-fn numbers_around(bench: &mut Bench, fault: Fault) -> Vec<u8> {
+fn numbers_around(bench: &mut Fixture, fault: Fault) -> Vec<u8> {
     let mut next = 0;
     let mut back = Vec::new();
     for cycle in 0..80 {
@@ -42,8 +42,8 @@ fn numbers_around(bench: &mut Bench, fault: Fault) -> Vec<u8> {
     back
 }
 
-fn frames_on_bus(bench: &Bench) -> u64 {
-    bench.simulation.with_world(|world| world.truth(0).unwrap().frames_on_bus)
+fn frames_on_bus(bench: &Fixture) -> u64 {
+    bench.simulation.with_world(|world| world.counters(0).unwrap().frames_on_bus)
 }
 
 fn all_numbers() -> Vec<u8> {
@@ -54,7 +54,7 @@ fn all_numbers() -> Vec<u8> {
 fn f01_a_frame_lost_on_its_way_out_is_published_again() {
     for multiplier in [3, 8] {
         let mut bench = bench_with(multiplier, on_channel_0());
-        let fault = Fault::LostFrame { way: LostWay::Outward, cycles: 1 };
+        let fault = Fault::LostFrame { way: LossDirection::Outward, cycles: 1 };
         assert_eq!(numbers_around(&mut bench, fault), all_numbers(), "N = {multiplier}");
         let statistics = bench.port.statistics(0);
         assert_eq!(statistics.rxpdo_repeated, 1);
@@ -68,7 +68,7 @@ fn f01_a_frame_lost_on_its_way_out_is_published_again() {
 fn f02_a_lost_reply_loses_its_txpdo_and_sends_nothing_twice() {
     for multiplier in [3, 8] {
         let mut bench = bench_with(multiplier, on_channel_0());
-        let fault = Fault::LostFrame { way: LostWay::Return, cycles: 1 };
+        let fault = Fault::LostFrame { way: LossDirection::Return, cycles: 1 };
         let back = numbers_around(&mut bench, fault);
         assert_eq!(back.len(), 59, "the frame in the lost image is gone: {back:?}");
         assert!(back.is_sorted_by(|a, b| a < b), "order holds: {back:?}");
@@ -106,7 +106,7 @@ fn f04_a_working_counter_that_shows_only_the_read_repeats_the_image() {
 #[test]
 fn f05_a_short_outage_is_held_and_nothing_is_lost() {
     let mut bench = bench_with(3, on_channel_0());
-    let fault = Fault::LostFrame { way: LostWay::Outward, cycles: 8 };
+    let fault = Fault::LostFrame { way: LossDirection::Outward, cycles: 8 };
     assert_eq!(numbers_around(&mut bench, fault), all_numbers());
     let statistics = bench.port.statistics(0);
     assert_eq!((statistics.rxpdo_repeated, statistics.sessions_lost), (8, 0));
@@ -115,7 +115,7 @@ fn f05_a_short_outage_is_held_and_nothing_is_lost() {
 #[test]
 fn f06_frames_sent_while_an_image_is_held_can_be_discarded() {
     let mut bench = bench_with(3, on_channel_0());
-    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 5 });
+    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 5 });
     bench.cycle(|port| {
         port.send_can(0, 0, id(1), &[]).unwrap();
     });
@@ -134,7 +134,7 @@ fn f06_frames_sent_while_an_image_is_held_can_be_discarded() {
 #[test]
 fn f07_a_long_outage_ends_the_session_and_the_gateway_is_verified_anew() {
     let mut bench = bench_with(3, on_channel_0());
-    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 40 });
+    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 40 });
     bench.cycle(|port| {
         port.send_can(0, 0, id(1), &[]).unwrap();
     });
@@ -186,7 +186,7 @@ fn f09_one_gateway_of_two_fails_and_the_other_goes_on() {
         adapter.slaves[slave].alias = alias;
         adapter.slaves[slave].position = 0;
     }
-    let mut bench = Bench::ready(scenario, adapter, PortConfig::uniform(2, on_channel_0()));
+    let mut bench = Fixture::ready(scenario, adapter, PortConfig::uniform(2, on_channel_0()));
     bench.simulation.inject(Fault::PowerOff { gateway: 0 });
     assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
     let mut back = 0;
@@ -219,7 +219,7 @@ fn f11_a_refused_startup_sdo_is_named_with_its_abort_code() {
         fault: Fault::Gateway { gateway: 0, fault: abort },
     });
     let config = PortConfig::uniform(1, on_channel_0());
-    let error = Bench::open(scenario, AdapterConfig::new(1), config).err().expect("refused");
+    let error = Fixture::open(scenario, AdapterConfig::new(1), config).err().expect("refused");
     let text = error.to_string();
     for part in ["SDO download", "0x8001:19", "slave 0", "0x06090030"] {
         assert!(text.contains(part), "{text}");
@@ -274,11 +274,11 @@ fn f15_bus_off_shows_in_the_status_and_recovers_by_itself() {
     let seen = bench.until(10, |port| port.channel_status(0, 0).bus_off());
     assert!(seen.is_some(), "bus-off is reported");
     bench.cycle(|port| {
-        let what = NoRoom::BusOff;
+        let what = Backpressure::BusOff;
         let refused = port.send_can(0, 0, id(7), &[]);
-        assert_eq!(refused, Err(SendError::NoRoom { slave: 0, channel: 0, what }));
+        assert_eq!(refused, Err(SendError::Backpressure { slave: 0, channel: 0, what }));
     });
-    let losses = bench.simulation.with_world(|world| world.truth(0).unwrap().transmit_losses);
+    let losses = bench.simulation.with_world(|world| world.counters(0).unwrap().transmit_losses);
     assert_eq!(losses.bus_off, 0, "nothing was thrown away");
     let recovered = bench.until(500, |port| !port.channel_status(0, 0).bus_off());
     assert!(recovered.is_some(), "automatic recovery is the default (manual 13.2.2)");
@@ -290,7 +290,7 @@ fn f16_without_a_partner_on_the_bus_the_queue_fills_and_the_host_is_held_back() 
     let mut scenario = ecan_sim::echo(1);
     scenario.nodes.clear();
     let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
-    let mut bench = Bench::ready(scenario, adapter, PortConfig::uniform(1, on_channel_0()));
+    let mut bench = Fixture::ready(scenario, adapter, PortConfig::uniform(1, on_channel_0()));
     let (mut taken, mut refused) = (0, None);
     for _ in 0..300 {
         bench.cycle(|port| match port.send_can(0, 0, id(1), &[]) {
@@ -298,11 +298,11 @@ fn f16_without_a_partner_on_the_bus_the_queue_fills_and_the_host_is_held_back() 
             Err(error) => refused = Some(error),
         });
     }
-    let what = NoRoom::Queue;
-    assert_eq!(refused, Some(SendError::NoRoom { slave: 0, channel: 0, what }));
+    let what = Backpressure::Queue;
+    assert_eq!(refused, Some(SendError::Backpressure { slave: 0, channel: 0, what }));
     let status = bench.port.channel_status(0, 0);
     assert!(status.warn() && status.tx_pressure(), "{status:?}");
-    let losses = bench.simulation.with_world(|world| world.truth(0).unwrap().transmit_losses);
+    let losses = bench.simulation.with_world(|world| world.counters(0).unwrap().transmit_losses);
     assert_eq!((losses.ring_full, losses.stale), (0, 0), "{taken} taken, none dropped");
 }
 
@@ -314,7 +314,7 @@ fn f16_pacing_holds_whatever_threshold_the_gateway_has() {
         let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
         let slow = ecan_mcan_port::ChannelSettings::classic(125_000);
         let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, slow));
-        let mut bench = Bench::ready(scenario, adapter, config);
+        let mut bench = Fixture::ready(scenario, adapter, config);
         let frames: Vec<_> = (0..500u16).map(|n| frame(n, &n.to_le_bytes())).collect();
         let back: Vec<_> = bench.carry(0, &frames, 5_000).iter().map(|f| f.frame).collect();
         assert_eq!(back, frames, "{tx_pressure_percent} %");
@@ -342,7 +342,7 @@ fn f18_an_al_error_in_op_is_recovered_by_the_master_and_verified() {
 #[test]
 fn f19_a_silent_mailbox_delays_verification_and_is_named() {
     let mut bench = bench_with(3, on_channel_0());
-    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 15 });
+    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
     bench.cycle(|port| {
         port.send_can(0, 0, id(1), &[]).unwrap();
     });
@@ -381,7 +381,7 @@ fn f22_a_master_held_by_another_program_is_said_to_be() {
     let mut scenario = ecan_sim::echo(1);
     scenario.reserved = true;
     let config = PortConfig::uniform(1, on_channel_0());
-    let error = Bench::open(scenario, AdapterConfig::new(1), config).err().expect("refused");
+    let error = Fixture::open(scenario, AdapterConfig::new(1), config).err().expect("refused");
     assert!(error.to_string().contains("another"), "{error}");
 }
 
@@ -390,7 +390,7 @@ fn f23_a_missing_gateway_is_named_with_its_place() {
     let mut adapter = AdapterConfig::new(2);
     adapter.preop_timeout_ms = 500;
     let config = PortConfig::uniform(2, on_channel_0());
-    let error = Bench::open(ecan_sim::echo(1), adapter, config).err().expect("refused");
+    let error = Fixture::open(ecan_sim::echo(1), adapter, config).err().expect("refused");
     let text = error.to_string();
     assert!(text.contains("position 1") && text.contains("1 slave(s) found"), "{text}");
 }
@@ -431,7 +431,7 @@ fn f25_another_gateway_in_the_place_of_a_lost_one_is_not_taken_for_it() {
     let mut scenario = ecan_sim::echo(2);
     scenario.topology = Topology::Star;
     let adapter = AdapterConfig::new(2).with_cycle_us(1_000);
-    let mut bench = Bench::ready(scenario, adapter, PortConfig::uniform(2, on_channel_0()));
+    let mut bench = Fixture::ready(scenario, adapter, PortConfig::uniform(2, on_channel_0()));
     bench.simulation.inject(Fault::PowerOff { gateway: 0 });
     bench.idle(6_000);
     // The positions have moved up: the master gives the first configuration to the second gateway,
@@ -454,7 +454,7 @@ fn f26_a_busy_bus_does_not_keep_a_gateway_out_of_service() {
     let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
     (adapter.slaves[0].rx_multiplier, adapter.slaves[0].tx_multiplier) = (8, 1);
     let gateway = GatewayConfig::on_all_channels(&classic());
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
     // More comes back than images of 104 bytes carry: 0x8010:02 then shows 8 (manual 13.2).
     for _ in 0..20 {
         bench.cycle(|port| {
@@ -468,7 +468,7 @@ fn f26_a_busy_bus_does_not_keep_a_gateway_out_of_service() {
     assert!(bench.port.statistics(0).txpdo_incomplete > 0);
     let status = |diagnostics: &Diagnostics| diagnostics.sdo_upload_u32(0, 0x8010, 2).unwrap();
     assert_eq!(bench.port.diagnose(status).unwrap(), 8);
-    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 30 });
+    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 30 });
     bench.cycle(|port| {
         let _ = port.send_can(0, 0, id(1), &[]);
     });
@@ -480,14 +480,14 @@ fn f26_a_busy_bus_does_not_keep_a_gateway_out_of_service() {
 fn f27_a_loss_in_the_middle_of_a_verification_starts_it_from_the_beginning() {
     for cycles in 1..45 {
         let mut bench = bench_with(3, on_channel_0());
-        bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 15 });
+        bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
         bench.cycle(|port| {
             port.send_can(0, 0, id(1), &[]).unwrap();
         });
         let verifying = |port: &Port| port.session(0) == Session::Verifying;
         assert!(bench.until(100, verifying).is_some());
         bench.idle(cycles);
-        bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 15 });
+        bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
         assert!(bench.until(2_000, |port| port.statistics(0).sessions == 2).is_some());
         assert_eq!(bench.carry(0, &[frame(3, &[])], 20).len(), 1, "lost after {cycles}");
         assert_eq!(bench.port.statistics(0).verification_failures, 0);
@@ -505,7 +505,7 @@ fn f28_a_gateway_that_sends_no_images_is_not_left_in_service() {
 #[test]
 fn calls_out_of_order_lose_nothing() {
     let mut bench = bench_with(3, on_channel_0());
-    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 1 });
+    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 1 });
     bench.port.wait_next_cycle();
     bench.port.cycle_begin().unwrap();
     bench.port.send_can(0, 0, id(1), &[]).unwrap();
@@ -546,7 +546,7 @@ fn f30_with_distributed_clocks_a_power_cycle_is_survived_too() {
     let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
     adapter.dc = Some(DcSync::new(1_000_000, 300_000));
     let config = PortConfig::uniform(1, on_channel_0());
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
     bench.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
     assert!(bench.until(200, |port| port.session(0) == Session::Waiting).is_some());
     assert!(bench.until(60_000, Port::is_ready).is_some(), "{}", bench.port.session(0));

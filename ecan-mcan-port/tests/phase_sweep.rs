@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Bench, classic, id, with_sync0};
+use common::{Fixture, classic, id, with_sync0};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PhaseSweep, PhaseSweepFault, Port, PortConfig, PortError};
 use ecan_protocol::image::{OptionFlags, Schedule};
@@ -54,16 +54,16 @@ fn the_recommended_point_holds_in_a_longer_run_and_the_bad_ones_are_bad() {
     let config = bench.port.config().clone();
     bench.port.reconfigure(adapter, config).unwrap();
     bench.port.wait_ready(common::READY_MS).unwrap();
-    let before = bench.simulation.with_world(|world| world.truth(0).unwrap());
+    let before = bench.simulation.with_world(|world| world.counters(0).unwrap());
     for _ in 0..5_000 {
         bench.port.wait_next_cycle();
         cycle(&mut bench.port, best.offset_ns).unwrap();
     }
     bench.idle(500);
-    let truth = bench.simulation.with_world(|world| world.truth(0).unwrap());
+    let counters = bench.simulation.with_world(|world| world.counters(0).unwrap());
     let account = bench.port.schedule_account(0, 0);
     assert_eq!((account.scheduled, account.refused_late), (5_000, 0), "{table}");
-    assert_eq!((account.sent, truth.frames_released - before.frames_released), (5_000, 5_000));
+    assert_eq!((account.sent, counters.frames_released - before.frames_released), (5_000, 5_000));
 }
 
 #[test]
@@ -90,7 +90,7 @@ fn a_slow_firmware_needs_an_offset() {
 fn without_sync0_there_is_nothing_to_sweep() {
     let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
     let refused = bench.port.sweep_phase(&PhaseSweep::over(1_000_000), cycle, |_| ());
     assert!(matches!(refused, Err(PortError::NoSync0)));
     assert!(bench.port.is_ready(), "nothing was touched");

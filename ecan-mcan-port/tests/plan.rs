@@ -3,11 +3,11 @@
 
 mod common;
 
-use common::{Bench, classic, frame};
-use ecan_host::{AdapterConfig, DcSync, PlanRefusal};
+use common::{Fixture, classic, frame};
+use ecan_host::{AdapterConfig, DcSync, PlanError};
 use ecan_mcan_port::{
-    ChannelSettings, CpuCost, FrameRate, FrameStream, FrameWay, GatewayConfig, ImageFill,
-    MarginCheck, NotSchedulable, PortConfig, PortConfigFault, PortPlan, PortRefusal, PortWarning,
+    ChannelSettings, CpuCost, FrameRate, FrameRoute, FrameStream, GatewayConfig, ImageFill,
+    MarginCheck, NotSchedulable, PortConfig, PortConfigFault, PortPlan, PortPlanError, PortWarning,
     SendError, Traffic,
 };
 use ecan_protocol::can::{CanFrame, CanId};
@@ -96,7 +96,8 @@ fn an_image_holds_255_packets_at_most() {
     let traffic = |frames| [FrameStream::to_bus(0, 0, empty, FrameRate::PerCycle(frames))];
     let plan = PortPlan::of(&adapter, &config, &traffic(255));
     assert_eq!(plan.gateways[0].rx.frames_per_image(empty.as_ref(), false), 255);
-    let is_image = |refusal: &&PortRefusal| matches!(refusal, PortRefusal::ImageTooSmall { .. });
+    let is_image =
+        |refusal: &&PortPlanError| matches!(refusal, PortPlanError::ImageTooSmall { .. });
     assert_eq!(plan.refusals.iter().find(is_image), None);
     let plan = PortPlan::of(&adapter, &config, &traffic(256));
     let text = plan.refusals.iter().find(is_image).unwrap().to_string();
@@ -109,7 +110,7 @@ fn frames_that_do_not_fit_an_image_are_refused_or_wait() {
     // Eight frames of 12 bytes on each channel are 384 bytes, and 360 fit.
     let all = |rate| [0u8, 1, 2, 3].map(|channel| FrameStream::to_bus(0, channel, eight(), rate));
     let plan = PortPlan::of(&adapter(3), &config, &all(FrameRate::PerCycle(8)));
-    let expected = PortRefusal::ImageTooSmall {
+    let expected = PortPlanError::ImageTooSmall {
         slave: 0,
         direction: Direction::RxPdo,
         packets: 32,
@@ -141,7 +142,7 @@ fn fixed_shares_are_judged_by_themselves() {
         PortPlan::of(&adapter(3), &config, &traffic).refusals
     };
     assert_eq!(refusals(7), []);
-    let expected = PortRefusal::ShareTooSmall { slave: 0, channel: 2, bytes: 96, share: 90 };
+    let expected = PortPlanError::ShareTooSmall { slave: 0, channel: 2, bytes: 96, share: 90 };
     assert!(refusals(8).contains(&expected), "{:?}", refusals(8));
 }
 
@@ -150,14 +151,14 @@ fn fixed_shares_are_judged_by_themselves() {
 fn a_bus_that_stuff_bits_can_fill_is_refused() {
     let traffic = [FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(8))];
     let plan = PortPlan::of(&adapter(3), &one_channel(classic()), &traffic);
-    let [PortRefusal::BusLoad { least_percent: 89, most_percent: 108, .. }] = plan.refusals[..]
+    let [PortPlanError::BusLoad { least_percent: 89, most_percent: 108, .. }] = plan.refusals[..]
     else {
         panic!("{:?}", plan.refusals)
     };
     let text = plan.refusals[0].to_string();
     assert!(text.contains("89 to 108 % of the bus") && text.contains("bit rate"), "{text}");
     // What other nodes tell each other counts, too, and only there.
-    let way = FrameWay::OnBusOnly;
+    let way = FrameRoute::OnBusOnly;
     let plan =
         PortPlan::of(&adapter(3), &one_channel(classic()), &[FrameStream { way, ..traffic[0] }]);
     assert_eq!(plan.refusals.len(), 1);
@@ -172,7 +173,7 @@ fn budgets_of_the_service_are_compared_with_the_traffic() {
     let plan = PortPlan::of(&adapter, &one_channel(classic()), &sent(10));
     assert_eq!(
         plan.refusals,
-        [PortRefusal::Budget { slave: 0, channel: 0, received: 0, sent: 10 }]
+        [PortPlanError::Budget { slave: 0, channel: 0, received: 0, sent: 10 }]
     );
     // The device's own budgets hand four on.
     let mut settings = classic();
@@ -193,7 +194,7 @@ fn budgets_of_the_service_are_compared_with_the_traffic() {
 fn the_check_refuses_a_budget_in_the_words_of_the_plan() {
     let settings = classic().with_traffic(Traffic { received: 9, sent: 1 });
     let faults = one_channel(settings).check(&adapter(3)).unwrap_err().0;
-    let refusal = PortRefusal::Budget { slave: 0, channel: 0, received: 9, sent: 1 };
+    let refusal = PortPlanError::Budget { slave: 0, channel: 0, received: 9, sent: 1 };
     assert_eq!(faults, [PortConfigFault::Plan(refusal)]);
     let plan = PortPlan::of(
         &adapter(3),
@@ -219,10 +220,10 @@ fn frames_without_a_place_are_refused_once() {
     assert_eq!(
         plan.refusals,
         [
-            PortRefusal::NoChannel { slave: 0, channel: 3 },
-            PortRefusal::NoChannel { slave: 2, channel: 0 },
-            PortRefusal::NoChannel { slave: 0, channel: 9 },
-            PortRefusal::NotFd { slave: 0, channel: 0 },
+            PortPlanError::NoChannel { slave: 0, channel: 3 },
+            PortPlanError::NoChannel { slave: 2, channel: 0 },
+            PortPlanError::NoChannel { slave: 0, channel: 9 },
+            PortPlanError::NotFd { slave: 0, channel: 0 },
         ]
     );
 }
@@ -233,8 +234,8 @@ fn findings_of_the_ethercat_side_are_among_those_of_the_whole() {
     assert!(matches!(
         plan.refusals[..],
         [
-            PortRefusal::EtherCat(PlanRefusal::LargePdo { pdo: "RxPDO", .. }),
-            PortRefusal::EtherCat(PlanRefusal::LargePdo { pdo: "TxPDO", .. })
+            PortPlanError::EtherCat(PlanError::LargePdo { pdo: "RxPDO", .. }),
+            PortPlanError::EtherCat(PlanError::LargePdo { pdo: "TxPDO", .. })
         ]
     ));
 }
@@ -282,7 +283,7 @@ fn schedules_are_judged() {
     let config = one_channel(classic());
     let refused = |adapter: &AdapterConfig, offset_ns| {
         let refusals = scheduled(adapter, &config, offset_ns).refusals;
-        let [PortRefusal::NotSchedulable { slave: 0, offset_ns: told, reason }] = refusals[..]
+        let [PortPlanError::NotSchedulable { slave: 0, offset_ns: told, reason }] = refusals[..]
         else {
             panic!("{refusals:?}")
         };
@@ -357,7 +358,7 @@ fn a_short_margin_is_warned_of_or_refused_as_the_port_does() {
     config.gateways[0].schedule.margin_check = MarginCheck::Refuse;
     let refused = scheduled(&adapter, &config, offset_ns);
     let reason = NotSchedulable::NoMargin { lacking_ns };
-    let expected = PortRefusal::NotSchedulable { slave: 0, offset_ns, reason };
+    let expected = PortPlanError::NotSchedulable { slave: 0, offset_ns, reason };
     assert!(expected.to_string().contains("short by 97.2 us: move the Sync0 shift"), "{expected}");
     assert_eq!((refused.refusals, refused.warnings), (vec![expected], vec![]));
 }
@@ -391,14 +392,14 @@ fn an_image_takes_the_frames_of_the_plan() {
             let planned = PortPlan::of(&adapter(multiplier), &config, &[]).gateways[0]
                 .rx
                 .frames_per_image(frame.as_ref(), false);
-            let mut bench = Bench::ready(ecan_sim::echo(1), adapter(multiplier), config);
+            let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(multiplier), config);
             let mut taken = 0;
             bench.cycle(|port| {
                 while port.send(0, 0, frame.as_ref()).is_ok() {
                     taken += 1;
                 }
                 let full = port.send(0, 0, frame.as_ref());
-                assert!(matches!(full, Err(SendError::NoRoom { .. })), "{full:?}");
+                assert!(matches!(full, Err(SendError::Backpressure { .. })), "{full:?}");
             });
             assert_eq!(taken, planned, "N = {multiplier}, {frame:?}, {options}");
         }
@@ -418,11 +419,11 @@ fn the_measured_load_lies_within_the_planned_one() {
         ];
         let config = one_channel(settings.clone());
         let load = PortPlan::of(&adapter(3), &config, &traffic).channels[0].load;
-        let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config);
-        let busy = |bench: &Bench| {
+        let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
+        let busy = |bench: &Fixture| {
             bench.simulation.with_world(|world| world.bus("0.0").unwrap().statistics())
         };
-        let send = |bench: &mut Bench| {
+        let send = |bench: &mut Fixture| {
             bench.cycle(|port| {
                 port.send(0, 0, sample.as_ref()).unwrap();
             });
@@ -450,7 +451,7 @@ fn the_port_has_the_margins_of_the_plan() {
         let mut gateway = GatewayConfig::on_channel(0, classic());
         gateway.schedule.margin_check = MarginCheck::Refuse;
         let config = PortConfig::uniform(2, gateway);
-        let mut bench = Bench::ready(ecan_sim::echo(2), adapter.clone(), config.clone());
+        let mut bench = Fixture::ready(ecan_sim::echo(2), adapter.clone(), config.clone());
         for (slave, offset_ns) in [0, 1]
             .into_iter()
             .flat_map(|slave| [0, 20_000, 60_000, 999_999, 1_000_000].map(|ns| (slave, ns)))
@@ -466,7 +467,7 @@ fn the_port_has_the_margins_of_the_plan() {
             });
             let expected = match plan.refusals[..] {
                 [] => Ok(()),
-                [PortRefusal::NotSchedulable { slave, offset_ns, reason }] => {
+                [PortPlanError::NotSchedulable { slave, offset_ns, reason }] => {
                     Err(SendError::NotSchedulable { slave, offset_ns, reason })
                 }
                 _ => panic!("{:?}", plan.refusals),
@@ -487,13 +488,13 @@ fn scheduled_frames_leave_when_the_plan_says() {
         let offset_ns = offset_us * 1_000;
         let plan = PortPlan::of(&adapter, &config, &[]);
         let planned = plan.schedule_margin(0, offset_ns).unwrap().release_ns;
-        let mut bench = Bench::ready(ecan_sim::echo(1), adapter, config);
+        let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
         bench.cycle(|port| {
             let schedule = Schedule { tag: 1, offset_ns };
             port.schedule_can(0, 0, CanId::standard(1).unwrap(), &[1], schedule).unwrap();
         });
-        let released = |bench: &Bench| {
-            bench.simulation.with_world(|world| world.truth(0).unwrap().frames_released)
+        let released = |bench: &Fixture| {
+            bench.simulation.with_world(|world| world.counters(0).unwrap().frames_released)
         };
         let mut passed_us = 0;
         while released(&bench) == 0 {

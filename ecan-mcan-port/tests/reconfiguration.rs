@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Bench, READY_MS, classic, frame};
+use common::{Fixture, READY_MS, classic, frame};
 use ecan_host::{AdapterConfig, Diagnostics, Phase};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortError};
 
@@ -14,7 +14,7 @@ fn adapter(multiplier: u8) -> AdapterConfig {
 #[test]
 fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
     for multiplier in [8, 1, 11, 3] {
         bench.port.reconfigure(adapter(multiplier), config.clone()).unwrap();
         assert_eq!(bench.port.adapter().phase(), Phase::Configured);
@@ -33,7 +33,7 @@ fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
 #[test]
 fn other_channels_and_bit_rates_can_be_chosen() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config);
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     let fd = ChannelSettings::fd(500_000, 4_000_000);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(3, fd));
     bench.port.reconfigure(adapter(8), config).unwrap();
@@ -46,7 +46,7 @@ fn other_channels_and_bit_rates_can_be_chosen() {
 #[test]
 fn a_faulty_configuration_leaves_everything_running() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
     let refused = bench.port.reconfigure(adapter(12), config);
     assert!(matches!(refused, Err(PortError::Config(_))), "{refused:?}");
     let frames = [frame(1, &[])];
@@ -56,7 +56,7 @@ fn a_faulty_configuration_leaves_everything_running() {
 #[test]
 fn after_a_failed_switch_the_old_configuration_can_be_taken_up_again() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
     let mut elsewhere = adapter(3);
     elsewhere.slaves[0].position = 5;
     elsewhere.preop_timeout_ms = 200;
@@ -71,7 +71,7 @@ fn after_a_failed_switch_the_old_configuration_can_be_taken_up_again() {
 #[test]
 fn the_configuration_in_force_can_be_changed_and_given_back() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
     let larger = bench.port.adapter().config().clone().with_multiplier(8);
     bench.port.reconfigure(larger, config).unwrap();
     bench.port.wait_ready(READY_MS).unwrap();
@@ -81,7 +81,7 @@ fn the_configuration_in_force_can_be_changed_and_given_back() {
 #[test]
 fn another_master_is_refused_and_nothing_changes() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    let mut bench = Bench::ready(ecan_sim::echo(1), adapter(3), config.clone());
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
     let mut elsewhere = adapter(3);
     elsewhere.master_index = 3;
     let refused = bench.port.reconfigure(elsewhere, config).unwrap_err();

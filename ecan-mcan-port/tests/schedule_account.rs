@@ -5,10 +5,10 @@
 mod common;
 mod schedule_support;
 
-use common::{Bench, id, with_sync0};
+use common::{Fixture, id, with_sync0};
 use ecan_mcan_port::{GatewayConfig, Received};
 use ecan_protocol::image::Schedule;
-use ecan_sim::{Fault, GatewayFault, LostWay, echo};
+use ecan_sim::{Fault, GatewayFault, LossDirection, echo};
 use schedule_support::{OFFSET_NS, SHIFT_NS, check, results, schedule, sluggish};
 
 #[test]
@@ -18,8 +18,8 @@ fn every_frame_is_sent_with_and_without_results() {
         for _ in 0..300 {
             assert_eq!(schedule(&mut bench, 2, OFFSET_NS), 2);
         }
-        let (told, truth) = check(&mut bench);
-        assert_eq!((told.scheduled, told.sent, truth.frames_released), (600, 600, 600));
+        let (told, counters) = check(&mut bench);
+        assert_eq!((told.scheduled, told.sent, counters.frames_released), (600, 600, 600));
         let diagnostics = bench.port.schedule_diagnostics(0).unwrap();
         assert_eq!(diagnostics.flags, 0);
         assert!(diagnostics.sync0_count > 300 && diagnostics.service_max_cycles > 0);
@@ -54,7 +54,7 @@ fn results_bring_the_tag_of_their_frame() {
 }
 
 /// A service that comes so late that phases have passed: results name each frame.
-fn stalled(change: fn(&mut GatewayConfig)) -> Bench {
+fn stalled(change: fn(&mut GatewayConfig)) -> Fixture {
     let mut bench = with_sync0(echo(1), SHIFT_NS, change);
     for nth in 0..200 {
         if nth == 100 {
@@ -69,18 +69,18 @@ fn stalled(change: fn(&mut GatewayConfig)) -> Bench {
 #[test]
 fn late_frames_are_dropped_and_told_by_results() {
     let mut bench = stalled(results);
-    let (told, truth) = check(&mut bench);
-    assert!(truth.transmit_losses.late > 0, "{truth:?}");
-    assert_eq!(told.late_dropped, truth.transmit_losses.late);
-    assert_eq!(told.sent, truth.frames_released);
+    let (told, counters) = check(&mut bench);
+    assert!(counters.transmit_losses.late > 0, "{counters:?}");
+    assert_eq!(told.late_dropped, counters.transmit_losses.late);
+    assert_eq!(told.sent, counters.frames_released);
     assert!(bench.port.schedule_diagnostics(0).unwrap().has_late_drop());
 }
 
 #[test]
 fn without_results_a_flag_makes_frames_unknown_until_it_is_cleared() {
     let mut bench = stalled(|_| ());
-    let (told, truth) = check(&mut bench);
-    assert!(truth.transmit_losses.late > 0 && told.unknown > 0 && told.sent < 600, "{told:?}");
+    let (told, counters) = check(&mut bench);
+    assert!(counters.transmit_losses.late > 0 && told.unknown > 0 && told.sent < 600, "{told:?}");
     schedule(&mut bench, 1, OFFSET_NS);
     assert_eq!(check(&mut bench).0.unknown, told.unknown + 1, "the flag stays");
     bench.port.clear_schedule_flags(0);
@@ -108,18 +108,18 @@ fn a_full_schedule_is_told() {
     bench.port.wait_ready(common::READY_MS).unwrap();
     let taken = schedule(&mut bench, 100, OFFSET_NS);
     assert!(taken > 64);
-    let (told, truth) = check(&mut bench);
-    assert!(bits(truth.transmit_losses.schedule_full), "{truth:?}");
-    assert_eq!(told.queue_full, truth.transmit_losses.schedule_full);
+    let (told, counters) = check(&mut bench);
+    assert!(bits(counters.transmit_losses.schedule_full), "{counters:?}");
+    assert_eq!(told.queue_full, counters.transmit_losses.schedule_full);
     let diagnostics = bench.port.schedule_diagnostics(0).unwrap();
     assert!(diagnostics.has_queue_full(), "{diagnostics:?}");
     // More at a phase than the controller holds: the flags do not name the frames.
-    assert!(!bits(truth.transmit_losses.schedule_failed) || told.unknown > 0, "{told:?}");
+    assert!(!bits(counters.transmit_losses.schedule_failed) || told.unknown > 0, "{told:?}");
 }
 
 #[test]
 fn lost_images_leave_unknown_frames_and_none_is_sent_late() {
-    for way in [LostWay::Outward, LostWay::Return] {
+    for way in [LossDirection::Outward, LossDirection::Return] {
         for change in [results as fn(&mut GatewayConfig), |_| ()] {
             let mut bench = with_sync0(echo(1), SHIFT_NS, change);
             bench.simulation.with_world(|world| world.record_bus_of(0, 0));
@@ -129,13 +129,13 @@ fn lost_images_leave_unknown_frames_and_none_is_sent_late() {
                 }
                 schedule(&mut bench, 1, OFFSET_NS);
             }
-            let (told, truth) = check(&mut bench);
+            let (told, counters) = check(&mut bench);
             assert!(told.unknown > 0, "{way:?} {told:?}");
-            assert!(told.sent + told.unknown == 200, "{told:?} {truth:?}");
+            assert!(told.sent + told.unknown == 200, "{told:?} {counters:?}");
             // One frame a cycle, so two in one would be one that was sent late.
             let frames = bench.simulation.with_world(|world| world.take_recorded());
             let sent: Vec<_> = frames.iter().filter(|f| f.is_from_channel).collect();
-            assert_eq!(sent.len() as u64, truth.frames_released);
+            assert_eq!(sent.len() as u64, counters.frames_released);
             for pair in sent.windows(2) {
                 let period = pair[1].start_ns - pair[0].start_ns;
                 assert!(period > 900_000, "{way:?}: {period}");
@@ -156,9 +156,9 @@ fn a_channel_that_goes_off_the_bus_is_told() {
         }
         schedule(&mut bench, 2, OFFSET_NS);
     }
-    let (told, truth) = check(&mut bench);
-    assert!(truth.transmit_losses.bus_off > 0, "{truth:?}");
-    assert_eq!(told.not_sent, truth.transmit_losses.bus_off);
+    let (told, counters) = check(&mut bench);
+    assert!(counters.transmit_losses.bus_off > 0, "{counters:?}");
+    assert_eq!(told.not_sent, counters.transmit_losses.bus_off);
     assert!(bench.port.schedule_diagnostics(0).unwrap().channels[0].bus_offs > 0);
 }
 
@@ -192,14 +192,14 @@ fn a_look_before_the_phase_tells_nothing() {
         results(&mut gateway);
         gateway.paced = false;
         let config = ecan_mcan_port::PortConfig::uniform(1, gateway);
-        let mut bench = Bench::ready(echo(1), adapter, config);
+        let mut bench = Fixture::ready(echo(1), adapter, config);
         // The looks begin with the first frame.
         assert_eq!(schedule(&mut bench, 1, OFFSET_NS), 1);
         bench.idle(nth);
         let taken = schedule(&mut bench, 60, 90_000_000);
         assert!(taken > 40);
-        let (told, truth) = check(&mut bench);
-        let happened = truth.transmit_losses.schedule_failed;
+        let (told, counters) = check(&mut bench);
+        let happened = counters.transmit_losses.schedule_failed;
         assert!(told.unknown >= u64::from(taken), "{nth} {told:?}");
         failed += happened;
     }
@@ -224,7 +224,8 @@ fn the_account_never_claims_what_did_not_happen_whatever_strikes() {
         for _ in 0..400 {
             let fault = match draw(&mut state, 200) {
                 0..4 => Some(Fault::LostFrame {
-                    way: [LostWay::Outward, LostWay::Return][draw(&mut state, 2) as usize],
+                    way: [LossDirection::Outward, LossDirection::Return]
+                        [draw(&mut state, 2) as usize],
                     cycles: 1 + draw(&mut state, 5) as u32,
                 }),
                 4..6 => Some(Fault::Gateway {
@@ -263,7 +264,8 @@ fn no_frame_leaves_before_its_phase_or_a_period_behind_it() {
         for _ in 0..400 {
             let fault = match draw(&mut state, 100) {
                 0..6 => Some(Fault::LostFrame {
-                    way: [LostWay::Outward, LostWay::Return][draw(&mut state, 2) as usize],
+                    way: [LossDirection::Outward, LossDirection::Return]
+                        [draw(&mut state, 2) as usize],
                     cycles: 1 + draw(&mut state, 5) as u32,
                 }),
                 6..9 => Some(Fault::Gateway {
@@ -285,8 +287,8 @@ fn no_frame_leaves_before_its_phase_or_a_period_behind_it() {
                 let _ = port.schedule_can(0, 0, id(1), &due_ns.to_le_bytes(), at);
             });
         }
-        let (told, truth) = check(&mut bench);
-        lost += told.scheduled - truth.frames_released;
+        let (told, counters) = check(&mut bench);
+        lost += told.scheduled - counters.frames_released;
         let frames = bench.simulation.with_world(|world| world.take_recorded());
         for frame in frames.iter().filter(|it| it.is_from_channel) {
             let due_ns = u64::from_le_bytes(*frame.frame.data().first_chunk().unwrap());

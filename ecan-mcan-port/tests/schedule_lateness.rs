@@ -6,11 +6,13 @@ mod common;
 mod schedule_support;
 
 use common::{id, with_sync0};
-use ecan_mcan_port::{GatewayConfig, MarginCheck, NoRoom, NotSchedulable, Received, SendError};
+use ecan_mcan_port::{
+    Backpressure, GatewayConfig, MarginCheck, NotSchedulable, Received, SendError,
+};
 use ecan_protocol::image::Schedule;
-use ecan_sim::{Fault, LostWay, echo};
+use ecan_sim::{Fault, LossDirection, echo};
 use schedule_support::{
-    OFFSET_NS, SHIFT_NS, account, check, results, schedule, sluggish, truth, with_long_sync0,
+    OFFSET_NS, SHIFT_NS, account, check, counters, results, schedule, sluggish, with_long_sync0,
 };
 
 #[test]
@@ -23,15 +25,15 @@ fn a_cycle_that_begins_behind_the_pulse_is_refused_and_never_sent_late() {
             let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
             match port.schedule_can(0, 0, id(1), &[], at) {
                 Ok(_) => sent += 1,
-                Err(SendError::NoRoom { what: NoRoom::Phase, .. }) => {}
+                Err(SendError::Backpressure { what: Backpressure::Phase, .. }) => {}
                 Err(error) => panic!("{error}"),
             }
         });
     }
-    let (told, truth) = check(&mut bench);
+    let (told, counters) = check(&mut bench);
     assert!(told.refused_late > 10, "{told:?}");
     assert_eq!((told.scheduled, told.refused_late), (sent, 2_000 - sent));
-    assert_eq!((truth.frames_released, told.sent), (sent, sent), "{truth:?}");
+    assert_eq!((counters.frames_released, told.sent), (sent, sent), "{counters:?}");
     let frames = bench.simulation.with_world(|world| world.take_recorded());
     let sent: Vec<_> = frames.iter().filter(|f| f.is_from_channel).collect();
     for pair in sent.windows(2) {
@@ -54,8 +56,8 @@ fn an_application_that_takes_too_long_withdraws_what_would_be_late() {
             }
         });
     }
-    let (told, truth) = check(&mut bench);
-    assert_eq!((told.withdrawn, told.sent, truth.frames_released), (5, 45, 45));
+    let (told, counters) = check(&mut bench);
+    assert_eq!((told.withdrawn, told.sent, counters.frames_released), (5, 45, 45));
 }
 
 #[test]
@@ -104,7 +106,7 @@ fn a_pulse_within_the_way_of_the_images_refuses_no_frame() {
 #[test]
 fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
     let mut bench = with_sync0(echo(1), SHIFT_NS, results);
-    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 2 });
+    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 2 });
     bench.cycle(|port| {
         port.send_can(0, 0, id(1), &[]).unwrap();
         let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
@@ -116,18 +118,21 @@ fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
             assert!(port.cycle_report(0).is_holding);
             let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
             let error = port.schedule_can(0, 0, id(3), &[], at).unwrap_err();
-            assert!(matches!(error, SendError::NoRoom { what: NoRoom::Phase, .. }), "{error}");
+            assert!(
+                matches!(error, SendError::Backpressure { what: Backpressure::Phase, .. }),
+                "{error}"
+            );
         });
         refused += 1;
     }
     assert_eq!(schedule(&mut bench, 1, OFFSET_NS), 1, "it arrived");
     bench.idle(500);
-    let (told, truth) = (account(&bench), truth(&bench));
+    let (told, counters) = (account(&bench), counters(&bench));
     // The first one left two periods late.
     assert_eq!((told.refused_late, told.scheduled), (2, 2));
     assert_eq!((told.sent, told.unknown), (1, 1));
     assert_eq!(
-        (truth.frames_released, truth.frames_on_bus),
+        (counters.frames_released, counters.frames_on_bus),
         (2, 3),
         "no frame to be sent at once was lost"
     );
@@ -136,7 +141,7 @@ fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
 /// Images with frames of both kinds that are published again: what left may have left late.
 #[test]
 fn a_repeated_image_is_never_told_as_sent() {
-    for way in [LostWay::Outward, LostWay::Return] {
+    for way in [LossDirection::Outward, LossDirection::Return] {
         for change in [results as fn(&mut GatewayConfig), |_| ()] {
             let mut bench = with_sync0(echo(1), SHIFT_NS, change);
             bench.simulation.inject(Fault::LostFrame { way, cycles: 3 });
@@ -146,9 +151,9 @@ fn a_repeated_image_is_never_told_as_sent() {
                 port.send_can(0, 0, id(1), &[]).unwrap();
             });
             bench.idle(500);
-            let (told, truth) = (account(&bench), truth(&bench));
+            let (told, counters) = (account(&bench), counters(&bench));
             assert_eq!((told.sent, told.unknown, told.open), (0, 1, 0), "{way:?}");
-            assert_eq!((truth.frames_released, truth.frames_on_bus), (1, 2));
+            assert_eq!((counters.frames_released, counters.frames_on_bus), (1, 2));
         }
     }
 }
@@ -177,9 +182,9 @@ fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
             }));
         }
         items.extend(bench.idle(500));
-        let (told, truth) = (account(&bench), truth(&bench));
+        let (told, counters) = (account(&bench), counters(&bench));
         assert_eq!((told.scheduled, told.withdrawn, told.sent), (40, 20, 20));
-        assert_eq!((truth.frames_released, truth.frames_on_bus), (20, 60));
+        assert_eq!((counters.frames_released, counters.frames_on_bus), (20, 60));
         let mut sent_at_once = Vec::new();
         let mut ended = Vec::new();
         for item in &items {
@@ -218,9 +223,9 @@ fn only_the_cycle_with_the_pulse_can_miss_it() {
         });
     }
     bench.idle(500);
-    let (told, truth) = (account(&bench), truth(&bench));
+    let (told, counters) = (account(&bench), counters(&bench));
     assert_eq!((told.scheduled, told.withdrawn, told.sent), (400, 100, 300));
-    assert_eq!(truth.frames_released, 300);
+    assert_eq!(counters.frames_released, 300);
     let frames = bench.simulation.with_world(|world| world.take_recorded());
     for frame in frames.iter().filter(|it| it.is_from_channel) {
         let point_ns = u64::from_le_bytes(*frame.frame.data().first_chunk().unwrap());
@@ -237,16 +242,16 @@ fn a_repeat_that_meets_the_same_pulse_loses_nothing() {
         let mut bench = with_long_sync0(SHIFT_NS, change);
         let mut outcomes = Vec::new();
         for _ in 0..4 {
-            let (before, released) = (account(&bench), truth(&bench).frames_released);
+            let (before, released) = (account(&bench), counters(&bench).frames_released);
             for nth in 0..40 {
                 if nth % 4 == 0 {
-                    let way = LostWay::Outward;
+                    let way = LossDirection::Outward;
                     bench.simulation.inject(Fault::LostFrame { way, cycles: 1 });
                 }
                 schedule(&mut bench, u16::from(nth % 4 == 0), OFFSET_NS);
             }
             bench.idle(501);
-            let (told, released) = (account(&bench), truth(&bench).frames_released - released);
+            let (told, released) = (account(&bench), counters(&bench).frames_released - released);
             outcomes.push((told.sent - before.sent, told.unknown - before.unknown, released));
         }
         outcomes.sort_unstable();
@@ -261,13 +266,13 @@ fn a_repeat_is_given_up_when_the_pulse_has_passed() {
     for change in [results as fn(&mut GatewayConfig), |_| ()] {
         let mut bench = with_long_sync0(SHIFT_NS, change);
         for _ in 0..20 {
-            let way = LostWay::Outward;
+            let way = LossDirection::Outward;
             bench.simulation.inject(Fault::LostFrame { way, cycles: 5 });
             schedule(&mut bench, 1, OFFSET_NS);
             bench.idle(12);
         }
         bench.idle(500);
-        let (told, truth) = (account(&bench), truth(&bench));
-        assert_eq!((told.sent, told.unknown, truth.frames_released), (0, 20, 0));
+        let (told, counters) = (account(&bench), counters(&bench));
+        assert_eq!((told.sent, told.unknown, counters.frames_released), (0, 20, 0));
     }
 }

@@ -3,16 +3,16 @@
 
 mod common;
 
-use common::{Bench, classic, frames_of, id};
+use common::{Fixture, classic, frames_of, id};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{GatewayConfig, NotSchedulable, PortConfig, SendError};
 use ecan_protocol::image::Schedule;
 
-fn with_sync0() -> Bench {
+fn with_sync0() -> Fixture {
     let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
     adapter.dc = Some(DcSync::new(1_000_000, 500_000));
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    Bench::ready(ecan_sim::echo(1), adapter, config)
+    Fixture::ready(ecan_sim::echo(1), adapter, config)
 }
 
 #[test]
@@ -26,9 +26,9 @@ fn a_scheduled_frame_leaves_at_its_phase_and_in_pdo_order() {
     });
     let back: Vec<_> = frames_of(&bench.idle(8)).iter().map(|f| f.frame.id().raw()).collect();
     assert_eq!(back, [1, 2, 3], "by phase, then in the order of the image");
-    let truth = bench.simulation.with_world(|world| world.truth(0).unwrap());
-    assert_eq!((truth.frames_scheduled, truth.frames_released), (3, 3));
-    assert_eq!(truth.transmit_losses.late, 0);
+    let counters = bench.simulation.with_world(|world| world.counters(0).unwrap());
+    assert_eq!((counters.frames_scheduled, counters.frames_released), (3, 3));
+    assert_eq!(counters.transmit_losses.late, 0);
 }
 
 #[test]
@@ -40,7 +40,7 @@ fn what_cannot_be_scheduled_is_refused_with_the_reason() {
         let reason = NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 };
         assert_eq!(refused, SendError::NotSchedulable { slave: 0, offset_ns: 1_000_000, reason });
     });
-    let mut bench = Bench::single(GatewayConfig::on_channel(0, classic()));
+    let mut bench = Fixture::single(GatewayConfig::on_channel(0, classic()));
     bench.cycle(|port| {
         let schedule = Schedule { tag: 0, offset_ns: 1 };
         let refused = port.schedule_can(0, 0, id(1), &[], schedule).unwrap_err();

@@ -4,7 +4,7 @@
 
 mod common;
 
-use common::{Bench, id, with_sync0};
+use common::{Fixture, id, with_sync0};
 use ecan_host::{CycleTiming, Distribution, OverrunPolicy};
 use ecan_mcan_port::GatewayConfig;
 use ecan_protocol::can::CanId;
@@ -21,7 +21,7 @@ fn fd(gateway: &mut GatewayConfig) {
 }
 
 /// The manual's frame: CAN FD with bit rate switch, 16 bytes.
-fn send(bench: &mut Bench, id: CanId, offset_ns: Option<u32>) {
+fn send(bench: &mut Fixture, id: CanId, offset_ns: Option<u32>) {
     bench.cycle(|port| {
         match offset_ns {
             None => port.send_canfd(0, 0, id, &[0; 16], true),

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Bench, classic};
+use common::{Fixture, classic};
 use ecan_host::{AdapterConfig, Diagnostics, Error, Expectation, StartupStep};
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortConfigFault, PortError};
 use ecan_protocol::config::{FilterAction, StandardFilter, StandardMatch};
@@ -108,7 +108,7 @@ fn a_gateway_whose_can_side_is_cut_off_by_a_test_is_refused_unless_allowed() {
     };
     let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
     let mut gateway = GatewayConfig::on_channel(0, classic());
-    let mut bench = Bench::single(gateway.clone());
+    let mut bench = Fixture::single(gateway.clone());
     bench.port.diagnose(cut_off).unwrap();
     let config = PortConfig::uniform(1, gateway.clone());
     let refused = bench.port.reconfigure(adapter.clone(), config).unwrap_err();

@@ -5,7 +5,7 @@ mod common;
 
 use std::collections::HashSet;
 
-use common::{Bench, classic, id};
+use common::{Fixture, classic, id};
 use ecan_mcan_port::{GatewayConfig, Received, TransmitReport};
 use ecan_protocol::image::{OptionFlags, ResultCode};
 
@@ -25,7 +25,7 @@ fn reports(items: &[Received]) -> Vec<TransmitReport> {
 
 #[test]
 fn every_send_gets_its_own_result() {
-    let mut bench = Bench::single(with_results());
+    let mut bench = Fixture::single(with_results());
     let mut tickets = HashSet::new();
     let mut answered = Vec::new();
     for round in 0..20 {
@@ -58,7 +58,7 @@ fn a_bus_off_channel_answers_with_the_reason() {
     for settings in gateway.channels.iter_mut().flatten() {
         settings.data_path.bus_off_recovery = ecan_protocol::config::BusOffRecovery::Manual;
     }
-    let mut bench = Bench::single(gateway);
+    let mut bench = Fixture::single(gateway);
     bench.simulation.inject(ecan_sim::Fault::BusOff { gateway: 0, channel: 1 });
     bench.idle(5);
     assert!(bench.port.channel_status(0, 1).bus_off());

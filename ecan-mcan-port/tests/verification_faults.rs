@@ -3,23 +3,23 @@
 
 mod common;
 
-use common::{Bench, classic, frame, id};
+use common::{Fixture, classic, frame, id};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{
-    Awaited, GatewayConfig, Port, PortConfig, PortError, SendError, Session, VerificationFault,
+    GatewayConfig, PendingStep, Port, PortConfig, PortError, SendError, Session, VerificationFault,
 };
-use ecan_sim::{Fault, GatewayFault, LostWay};
+use ecan_sim::{Fault, GatewayFault, LossDirection};
 
-fn bench() -> Bench {
+fn bench() -> Fixture {
     let gateway = GatewayConfig::on_all_channels(&classic());
     let adapter = AdapterConfig::new(1).with_cycle_us(2_000);
-    Bench::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway))
+    Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway))
 }
 
 /// In a verification, at its first objects.
-fn verifying() -> Bench {
+fn verifying() -> Fixture {
     let mut bench = bench();
-    bench.simulation.inject(Fault::LostFrame { way: LostWay::Outward, cycles: 15 });
+    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
     bench.cycle(|port| {
         port.send_can(0, 0, id(1), &[]).unwrap();
     });
@@ -30,7 +30,7 @@ fn verifying() -> Bench {
 }
 
 /// Frames cross again.
-fn works(bench: &mut Bench) {
+fn works(bench: &mut Fixture) {
     assert_eq!(bench.carry(0, &[frame(1, &[7])], 50).len(), 1);
 }
 
@@ -86,7 +86,7 @@ fn what_a_gateway_waits_for_is_told_at_every_step() {
         port.send_can(0, 0, id(1), &[]).unwrap();
     });
     assert!(bench.until(50, |port| port.session(0) == Session::Waiting).is_some());
-    assert_eq!(bench.port.waiting_for(0), Some(Awaited::ProcessData));
+    assert_eq!(bench.port.waiting_for(0), Some(PendingStep::ProcessData));
     assert!(bench.until(200, |port| port.session(0) == Session::Verifying).is_some());
     let mut steps = Vec::new();
     while !bench.port.is_ready() {
@@ -99,10 +99,10 @@ fn what_a_gateway_waits_for_is_told_at_every_step() {
     // A gateway that is off.
     bench.simulation.inject(Fault::PowerOff { gateway: 0 });
     bench.idle(1_000);
-    assert_eq!(bench.port.waiting_for(0), Some(Awaited::Operational));
+    assert_eq!(bench.port.waiting_for(0), Some(PendingStep::Operational));
 }
 
-fn not_in_service(bench: &mut Bench, timeout_ms: u32) -> (PortError, String) {
+fn not_in_service(bench: &mut Fixture, timeout_ms: u32) -> (PortError, String) {
     let error = bench.port.wait_ready(timeout_ms).expect_err("it stays out of service");
     let text = error.to_string();
     assert!(matches!(error, PortError::NotInService { slave: 0, .. }), "{text}");

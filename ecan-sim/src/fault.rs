@@ -6,7 +6,7 @@ use crate::gateway::GatewayFault;
 
 /// Which half of a frame's way loses it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum LostWay {
+pub enum LossDirection {
     /// Before the first slave: no slave sees the frame.
     Outward,
     /// Behind the last slave: every slave has acted on it, the master does not learn so.
@@ -42,7 +42,7 @@ pub enum Fault {
     /// The frames of the next `cycles` sends get lost.
     LostFrame {
         /// Where.
-        way: LostWay,
+        way: LossDirection,
         /// How many sends.
         cycles: u32,
     },

@@ -6,7 +6,8 @@ mod gateway;
 
 pub use gateway::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,
-    GatewayFault, GatewaySettings, ReceiveLosses, SmSettings, Sync0, TransmitLosses, Truth,
+    GatewayCounters, GatewayFault, GatewaySettings, ReceiveLosses, SmSettings, Sync0,
+    TransmitLosses,
 };
 
 mod mailbox;
@@ -78,7 +79,7 @@ pub use backend::{
 };
 pub use clock::SimClock;
 pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
-pub use fault::{DriveFault, Fault, LibraryCall, LostWay, ScriptedFault, When};
+pub use fault::{DriveFault, Fault, LibraryCall, LossDirection, ScriptedFault, When};
 pub use runner::{RealTimeRunner, RunnerError};
 pub use scenario::{
     BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind,

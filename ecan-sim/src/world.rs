@@ -12,18 +12,18 @@ mod recording;
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::{BusEvent, BusStatistics, CanBus, StationId, StationStatistics};
-use crate::fault::{Fault, FaultScript, LibraryCall, LostWay, ScriptedFault};
-use crate::gateway::{Gateway, Truth};
+use crate::fault::{Fault, FaultScript, LibraryCall, LossDirection, ScriptedFault};
+use crate::gateway::{Gateway, GatewayCounters};
 use crate::scenario::{Scenario, Topology};
 use crate::world::can_side::BusSlot;
-use crate::world::due_times::DueTimes;
+use crate::world::due_times::DeadlineSet;
 use crate::world::line::{ChannelLink, LineSlot};
 use crate::world::node_slot::NodeSlot;
 use crate::world::recording::Recording;
 
 pub use recording::BusFrame;
 
-pub(crate) use line::{CycleFate, Fmmu, LogicalCommand, ProcessDirection};
+pub(crate) use line::{CycleFaults, Fmmu, LogicalCommand, ProcessDirection};
 
 /// Simulated time at which every stepped world begins, in nanoseconds. Not 0, which some
 /// interfaces take for "no time given".
@@ -43,11 +43,11 @@ pub struct World {
     buses: Vec<BusSlot>,
     nodes: Vec<NodeSlot>,
     /// When each node wants to act by itself.
-    nodes_due: DueTimes,
+    nodes_due: DeadlineSet,
     /// Whether the nodes that were due at this instant have acted.
     nodes_had_turn: bool,
     script: FaultScript,
-    lost: (Option<LostWay>, u32),
+    lost: (Option<LossDirection>, u32),
     counter_offset: (i32, u32),
     /// Error number and how often, by call of the library.
     library_errors: [(i32, u32); LibraryCall::COUNT],
@@ -71,7 +71,7 @@ impl World {
             slots: Vec::with_capacity(scenario.gateways.len()),
             buses: Vec::new(),
             nodes: Vec::with_capacity(scenario.nodes.len()),
-            nodes_due: DueTimes::default(),
+            nodes_due: DeadlineSet::default(),
             nodes_had_turn: true,
             script: FaultScript::default(),
             lost: (None, 0),
@@ -171,8 +171,8 @@ impl World {
     }
 
     /// What really happened in a gateway.
-    pub fn truth(&self, gateway: usize) -> Option<Truth> {
-        self.slots.get(gateway).map(|slot| *slot.gateway.truth())
+    pub fn counters(&self, gateway: usize) -> Option<GatewayCounters> {
+        self.slots.get(gateway).map(|slot| *slot.gateway.counters())
     }
 
     /// Names of the buses.

@@ -280,7 +280,7 @@ fn an_attached_bridge_takes_part_in_a_bus_that_runs() {
     client.expect("z\r");
     program.receive_frames(1);
     assert_eq!(program.received, [(0, 0, frame(&[2]))]);
-    let on_bus = || simulation.with_world(|world| world.truth(0)).unwrap().frames_on_bus;
+    let on_bus = || simulation.with_world(|world| world.counters(0)).unwrap().frames_on_bus;
     assert_eq!(on_bus(), 1);
     drop(handle);
     program.cycle_with(&[(0, 0, frame(&[3]))]);

@@ -2,7 +2,7 @@
 
 mod drive_support;
 
-use drive_support::{Bench, MS, settings};
+use drive_support::{Fixture, MS, settings};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{Drive, EdsError, EdsProblem};
 use proptest::prelude::*;
@@ -97,7 +97,7 @@ fn values_are_what_they_say() {
     assert_eq!(number(0x2101, 4), None);
     // nothing of the built-in dictionary
     assert_eq!(number(0x6040, 0), None);
-    let mut bench = Bench::cold(drive);
+    let mut bench = Fixture::cold(drive);
     bench.pass_ms(50);
     assert_eq!(bench.sdo([0x40, 0x02, 0x21, 0, 0, 0, 0, 0])[4], 11);
     assert_eq!(bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00hello w");
@@ -251,7 +251,7 @@ fn shared() -> Option<String> {
 #[test]
 fn a_drive_from_a_foreign_eds_moves() {
     let Some(text) = shared() else { return };
-    let mut bench = Bench::cold(read(&text).unwrap());
+    let mut bench = Fixture::cold(read(&text).unwrap());
     bench.pass_ms(50);
     bench.lines();
     assert_eq!(bench.read(0x1000, 0), Ok(0xFFFF_0192));

@@ -2,15 +2,15 @@
 
 mod drive_support;
 
-use drive_support::{Bench, MS, settings};
+use drive_support::{Fixture, MS, settings};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{DriveQuirks, DriveSettings, MotorSettings, NodeOutput, TargetKind};
 
 const ENABLE: u16 = 0x0F;
 
 /// A drive in CSP under 1 ms SYNC, enabled, at 1000.
-fn cyclic() -> Bench {
-    let mut bench = Bench::booted();
+fn cyclic() -> Fixture {
+    let mut bench = Fixture::booted();
     bench.map_csp();
     bench.nmt(NmtCommand::Start);
     for word in [0x06, 0x07, 0x0F] {
@@ -66,14 +66,14 @@ fn the_way_between_targets_is_straight() {
 
 #[test]
 fn enabled_without_a_target_it_stands() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x607A, 0, 50_000, 4).unwrap();
     bench.enable(OperatingMode::CyclicPosition);
     bench.pass_ms(500);
     assert_eq!(bench.drive.position(), 1000);
     // the quirk: it goes for what 0x607A held
     let quirks = DriveQuirks { follows_old_target: true, ..DriveQuirks::default() };
-    let mut bench = Bench::with(&DriveSettings { quirks, ..settings() });
+    let mut bench = Fixture::with(&DriveSettings { quirks, ..settings() });
     bench.write(0x6065, 0, 0xFFFF_FFFF, 4).unwrap();
     bench.write(0x607A, 0, 50_000, 4).unwrap();
     bench.enable(OperatingMode::CyclicPosition);
@@ -83,7 +83,7 @@ fn enabled_without_a_target_it_stands() {
 
 #[test]
 fn the_history_tells_every_target_and_the_first_one() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.map_csp();
     bench.nmt(NmtCommand::Start);
     bench.cycle(0x06, 77);
@@ -124,7 +124,7 @@ fn the_history_tells_every_target_and_the_first_one() {
 
 #[test]
 fn the_history_is_bounded_and_the_sums_are_not() {
-    let mut bench = Bench::with(&DriveSettings { history: 4, ..settings() });
+    let mut bench = Fixture::with(&DriveSettings { history: 4, ..settings() });
     bench.map_csp();
     bench.nmt(NmtCommand::Start);
     for target in 0..10 {
@@ -187,7 +187,7 @@ fn software_limits_hold_targets_back() {
 #[test]
 fn positions_run_over_as_32_bits_do() {
     let motor = MotorSettings { start_position: i32::MAX - 500, ..MotorSettings::default() };
-    let mut bench = Bench::with(&DriveSettings { motor, ..settings() });
+    let mut bench = Fixture::with(&DriveSettings { motor, ..settings() });
     bench.map_csp();
     bench.nmt(NmtCommand::Start);
     let mut target = i32::MAX - 500;
@@ -208,7 +208,7 @@ fn positions_run_over_as_32_bits_do() {
 
 #[test]
 fn cyclic_velocity_and_torque() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x60FF, 0, 500_000, 4).unwrap();
     bench.enable(OperatingMode::CyclicVelocity);
     bench.pass_ms(50);
@@ -221,7 +221,7 @@ fn cyclic_velocity_and_torque() {
     // torque overcomes friction: 5 of 200 million at 3000 thousandths
     assert_eq!(bench.read(0x6077, 0), Ok(75));
 
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.enable(OperatingMode::CyclicTorque);
     bench.write(0x6071, 0, 150, 2).unwrap();
     bench.pass_ms(100);
@@ -234,12 +234,12 @@ fn cyclic_velocity_and_torque() {
 
 #[test]
 fn speed_and_torque_are_limited() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.enable(OperatingMode::CyclicVelocity);
     bench.write(0x60FF, 0, i64::from(i32::MAX), 4).unwrap();
     bench.pass_ms(200);
     assert_eq!(bench.drive.velocity(), 6_553_600.0);
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x6072, 0, 150, 2).unwrap();
     bench.enable(OperatingMode::CyclicTorque);
     bench.write(0x6071, 0, 3000, 2).unwrap();
@@ -250,7 +250,7 @@ fn speed_and_torque_are_limited() {
 
 #[test]
 fn profile_velocity_accelerates_as_told() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x6083, 0, 1_000_000, 4).unwrap();
     bench.write(0x60FF, 0, 200_000, 4).unwrap();
     bench.enable(OperatingMode::ProfileVelocity);
@@ -267,14 +267,14 @@ fn profile_velocity_accelerates_as_told() {
 }
 
 /// Bits of the statusword in profile position: target reached 10, set-point acknowledged 12.
-fn profile_bits(bench: &Bench) -> (bool, bool) {
+fn profile_bits(bench: &Fixture) -> (bool, bool) {
     let word = bench.drive.statusword().0;
     (word & 0x0400 != 0, word & 0x1000 != 0)
 }
 
 #[test]
 fn profile_position_takes_set_points_on_an_edge() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.enable(OperatingMode::ProfilePosition);
     bench.write(0x607A, 0, 31_000, 4).unwrap();
     bench.pass_ms(100);
@@ -295,9 +295,9 @@ fn profile_position_takes_set_points_on_an_edge() {
 
 #[test]
 fn set_points_wait_for_each_other_or_replace_each_other() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.enable(OperatingMode::ProfilePosition);
-    let set_point = |bench: &mut Bench, target: i64, word: u16| {
+    let set_point = |bench: &mut Fixture, target: i64, word: u16| {
         bench.write(0x607A, 0, target, 4).unwrap();
         bench.controlword(word);
         bench.controlword(0x0F);
@@ -329,7 +329,7 @@ fn set_points_wait_for_each_other_or_replace_each_other() {
 
 #[test]
 fn profile_position_keeps_its_bounds() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x6081, 0, 100_000, 4).unwrap();
     bench.write(0x6083, 0, 1_000_000, 4).unwrap();
     bench.write(0x6084, 0, 500_000, 4).unwrap();
@@ -362,13 +362,13 @@ fn profile_position_keeps_its_bounds() {
 }
 
 /// Bits of the statusword in homing: 10 target reached, 12 attained, 13 error.
-fn homing_bits(bench: &Bench) -> (bool, bool, bool) {
+fn homing_bits(bench: &Fixture) -> (bool, bool, bool) {
     let word = bench.drive.statusword().0;
     (word & 0x0400 != 0, word & 0x1000 != 0, word & 0x2000 != 0)
 }
 
-fn home(method: i64, offset: i64, machine: MotorSettings) -> (Bench, u64) {
-    let mut bench = Bench::with(&DriveSettings { motor: machine, ..settings() });
+fn home(method: i64, offset: i64, machine: MotorSettings) -> (Fixture, u64) {
+    let mut bench = Fixture::with(&DriveSettings { motor: machine, ..settings() });
     bench.write(0x6098, 0, method, 1).unwrap();
     bench.write(0x607C, 0, offset, 4).unwrap();
     bench.enable(OperatingMode::Homing);
@@ -433,7 +433,7 @@ fn homing_that_finds_no_switch_fails() {
 #[test]
 fn homing_is_broken_off_by_its_bit_and_by_halt() {
     for word in [0x0F, 0x11F] {
-        let mut bench = Bench::booted();
+        let mut bench = Fixture::booted();
         bench.write(0x6098, 0, 17, 1).unwrap();
         bench.enable(OperatingMode::Homing);
         bench.controlword(0x1F);
@@ -464,7 +464,7 @@ fn the_next_target_after_homing_is_a_first() {
 
 #[test]
 fn a_mode_changed_while_turning_brakes() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.enable(OperatingMode::CyclicVelocity);
     bench.write(0x60FF, 0, 500_000, 4).unwrap();
     bench.pass_ms(50);
@@ -478,7 +478,7 @@ fn a_mode_changed_while_turning_brakes() {
 fn a_loss_of_supply_lets_the_motor_coast() {
     for absolute in [true, false] {
         let motor = MotorSettings { absolute_encoder: absolute, ..settings().motor };
-        let mut bench = Bench::with(&DriveSettings { motor, ..settings() });
+        let mut bench = Fixture::with(&DriveSettings { motor, ..settings() });
         bench.enable(OperatingMode::CyclicVelocity);
         bench.write(0x60FF, 0, 1_000_000, 4).unwrap();
         bench.pass_ms(100);
@@ -506,9 +506,9 @@ fn a_loss_of_supply_lets_the_motor_coast() {
 #[test]
 fn digital_inputs_show_the_switches() {
     let motor = MotorSettings { start_position: 150_000, ..MotorSettings::default() };
-    let mut bench = Bench::with(&DriveSettings { motor, ..settings() });
+    let mut bench = Fixture::with(&DriveSettings { motor, ..settings() });
     assert_eq!(bench.read(0x60FD, 0), Ok(4));
     let motor = MotorSettings { start_position: -500_000, ..MotorSettings::default() };
-    let mut bench = Bench::with(&DriveSettings { motor, ..settings() });
+    let mut bench = Fixture::with(&DriveSettings { motor, ..settings() });
     assert_eq!(bench.read(0x60FD, 0), Ok(1));
 }

@@ -2,7 +2,7 @@
 
 mod drive_support;
 
-use drive_support::{Bench, MS, NODE, settings};
+use drive_support::{Fixture, MS, NODE, settings};
 use ecan_canopen::{DriveState, Emcy, ErrorRegister, NmtCommand, NmtState, OperatingMode};
 use ecan_sim::{Drive, DriveQuirks, DriveSettings, Node, NodeOutput};
 
@@ -11,7 +11,7 @@ const EMCY: u16 = 0x080 + NODE;
 
 #[test]
 fn it_boots_and_says_so() {
-    let mut bench = Bench::cold(Drive::new(&settings()));
+    let mut bench = Fixture::cold(Drive::new(&settings()));
     let start = bench.now;
     assert_eq!(bench.drive.state(), DriveState::NotReadyToSwitchOn);
     assert!(!bench.drive.is_on_bus());
@@ -26,7 +26,7 @@ fn it_boots_and_says_so() {
 
 #[test]
 fn nmt_commands_lead_through_the_states() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     // TPDO 1 carries the statusword on events, so it goes out when OPERATIONAL begins
     assert_eq!(bench.nmt(NmtCommand::Start), [(0x185, vec![0x40, 0x02])]);
     assert_eq!(bench.drive.nmt_state(), NmtState::Operational);
@@ -56,7 +56,7 @@ fn nmt_commands_lead_through_the_states() {
 
 #[test]
 fn heartbeats_come_at_their_period_with_the_state() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x1017, 0, 100, 2).unwrap();
     let start = bench.now;
     bench.pass_ms(250);
@@ -68,8 +68,8 @@ fn heartbeats_come_at_their_period_with_the_state() {
 }
 
 /// 0x1016 watches node 127, as a host; 0x6007 says what happens without it.
-fn watching(reaction: i64) -> Bench {
-    let mut bench = Bench::booted();
+fn watching(reaction: i64) -> Fixture {
+    let mut bench = Fixture::booted();
     bench.write(0x1016, 1, 0x007F_0032, 4).unwrap();
     bench.write(0x6007, 0, reaction, 2).unwrap();
     bench.enable(OperatingMode::CyclicPosition);
@@ -129,7 +129,7 @@ fn a_missing_host_has_the_reaction_that_0x6007_says() {
 
 #[test]
 fn one_node_is_watched_once() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x1016, 1, 0x0001_0064, 4).unwrap();
     assert_eq!(bench.write(0x1016, 2, 0x0001_00C8, 4), Err(0x0604_0043));
     bench.write(0x1016, 1, 0, 4).unwrap();
@@ -141,14 +141,14 @@ fn being_stopped_counts_as_a_lost_host_under_current() {
     let mut bench = watching(3);
     bench.nmt(NmtCommand::Stop);
     assert_eq!(bench.drive.state(), DriveState::QuickStopActive);
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.nmt(NmtCommand::Start);
     bench.nmt(NmtCommand::Stop);
     assert_eq!(bench.drive.state(), DriveState::SwitchOnDisabled);
 }
 
 /// Fails, and collects what the drive sends about it.
-fn fail(bench: &mut Bench, code: u16) -> Vec<Vec<u8>> {
+fn fail(bench: &mut Fixture, code: u16) -> Vec<Vec<u8>> {
     let mut out = NodeOutput::new();
     bench.drive.fail(bench.now, code, &mut out);
     std::iter::from_fn(|| out.pop())
@@ -159,7 +159,7 @@ fn fail(bench: &mut Bench, code: u16) -> Vec<Vec<u8>> {
 
 #[test]
 fn errors_are_told_and_remembered() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     assert_eq!(fail(&mut bench, 0x2310), [[0x10, 0x23, 0x03, 0, 0, 0, 0, 0]]);
     assert_eq!(bench.drive.state(), DriveState::Fault);
     assert_eq!(bench.read(0x1001, 0), Ok(0x03));
@@ -180,7 +180,7 @@ fn errors_are_told_and_remembered() {
 
 #[test]
 fn a_reset_fault_is_told() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     fail(&mut bench, 0x2310);
     bench.pass_ms(1);
     let lines = bench.frame(0x605, &[0x2B, 0x40, 0x60, 0, 0x80, 0, 0, 0]);
@@ -189,7 +189,7 @@ fn a_reset_fault_is_told() {
 
 #[test]
 fn an_error_that_comes_and_goes_changes_no_state() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     let mut out = NodeOutput::new();
     let emcy = Emcy { code: 0x4210, register: ErrorRegister(0x09), manufacturer: [0; 5] };
     bench.drive.warn(bench.now, emcy, &mut out);
@@ -201,7 +201,7 @@ fn an_error_that_comes_and_goes_changes_no_state() {
 
 #[test]
 fn emergencies_keep_their_inhibit_time_and_their_identifier() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x1015, 0, 100, 2).unwrap();
     bench.write(0x1014, 0, 0x0123, 4).unwrap();
     let start = bench.now;
@@ -226,7 +226,7 @@ fn emergencies_keep_their_inhibit_time_and_their_identifier() {
 
 #[test]
 fn what_is_saved_survives_a_reset_and_what_is_not_does_not() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x6083, 0, 1111, 4).unwrap();
     bench.write(0x1010, 1, 0x6576_6173, 4).unwrap();
     bench.write(0x6083, 0, 2222, 4).unwrap();
@@ -250,16 +250,16 @@ fn what_is_saved_survives_a_reset_and_what_is_not_does_not() {
 #[test]
 fn quirks_of_booting_and_silence() {
     let quirks = DriveQuirks { never_boots: true, ..DriveQuirks::default() };
-    let mut bench = Bench::cold(Drive::new(&DriveSettings { quirks, ..settings() }));
+    let mut bench = Fixture::cold(Drive::new(&DriveSettings { quirks, ..settings() }));
     bench.pass_ms(60_000);
     assert!(bench.sent.is_empty() && !bench.drive.is_on_bus());
-    let mut bench = Bench::cold(Drive::new(&DriveSettings { boot_ms: 3_000, ..settings() }));
+    let mut bench = Fixture::cold(Drive::new(&DriveSettings { boot_ms: 3_000, ..settings() }));
     bench.pass_ms(2_999);
     assert!(bench.sent.is_empty());
     bench.pass_ms(1);
     assert_eq!(bench.lines(), [(BOOT_UP, vec![0])]);
     let quirks = DriveQuirks { silent: true, ..DriveQuirks::default() };
-    let mut bench = Bench::cold(Drive::new(&DriveSettings { quirks, ..settings() }));
+    let mut bench = Fixture::cold(Drive::new(&DriveSettings { quirks, ..settings() }));
     bench.pass_ms(100);
     assert_eq!(bench.frame(0x605, &[0x40, 0, 0x10, 0, 0, 0, 0, 0]), []);
     assert!(bench.sent.is_empty() && bench.drive.is_on_bus());

@@ -2,7 +2,7 @@
 
 mod drive_support;
 
-use drive_support::{Bench, MS, NODE, settings};
+use drive_support::{Fixture, MS, NODE, settings};
 use ecan_canopen::{Command, NmtCommand};
 use ecan_sim::{DriveQuirks, DriveSettings};
 
@@ -16,7 +16,7 @@ const STATE: u32 = 0x0800_0022;
 
 #[test]
 fn a_mapping_is_changed_only_while_the_pdo_is_invalid_and_empty() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     // RPDO 1 is valid with one entry
     assert_eq!(bench.write(0x1600, 0, 0, 1), Err(UNSUPPORTED));
     assert_eq!(bench.write(0x1600, 1, 0x607A_0020, 4), Err(UNSUPPORTED));
@@ -31,7 +31,7 @@ fn a_mapping_is_changed_only_while_the_pdo_is_invalid_and_empty() {
 
 #[test]
 fn what_cannot_be_mapped_is_refused() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x1400, 1, 0xC000_0205, 4).unwrap();
     bench.write(0x1800, 1, 0xC000_0185, 4).unwrap();
     bench.write(0x1600, 0, 0, 1).unwrap();
@@ -64,7 +64,7 @@ fn what_cannot_be_mapped_is_refused() {
 
 #[test]
 fn communication_parameters_have_their_rules() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     // another identifier while valid, an identifier of another service, one with too many bits
     assert_eq!(bench.write(0x1800, 1, 0x4000_0186, 4), Err(UNSUPPORTED));
     bench.write(0x1800, 1, 0xC000_0185, 4).unwrap();
@@ -85,17 +85,17 @@ fn communication_parameters_have_their_rules() {
 #[test]
 fn quirks_of_mapping() {
     let quirks = DriveQuirks { fixed_mapping: true, ..DriveQuirks::default() };
-    let mut bench = Bench::with(&DriveSettings { quirks, ..settings() });
+    let mut bench = Fixture::with(&DriveSettings { quirks, ..settings() });
     bench.write(0x1400, 1, 0xC000_0205, 4).unwrap();
     assert_eq!(bench.write(0x1600, 0, 0, 1), Err(0x0601_0002));
     let quirks = DriveQuirks { refuses_mapping_while_valid: false, ..DriveQuirks::default() };
-    let mut bench = Bench::with(&DriveSettings { quirks, ..settings() });
+    let mut bench = Fixture::with(&DriveSettings { quirks, ..settings() });
     bench.write(0x1600, 0, 0, 1).unwrap();
 }
 
 #[test]
 fn synchronous_pdos_sample_and_take_effect_with_sync() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.map_csp();
     bench.nmt(NmtCommand::Start);
     bench.lines();
@@ -112,7 +112,7 @@ fn synchronous_pdos_sample_and_take_effect_with_sync() {
 
 #[test]
 fn every_nth_sync_and_the_start_value_of_its_counter() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.map_csp();
     bench.write(0x1800, 1, 0xC000_0185, 4).unwrap();
     bench.write(0x1800, 2, 3, 1).unwrap();
@@ -126,14 +126,14 @@ fn every_nth_sync_and_the_start_value_of_its_counter() {
 
 #[test]
 fn a_sync_of_the_wrong_length_is_an_error() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     let lines = bench.frame(0x80, &[1, 2]);
     assert_eq!(lines, [(0x085, vec![0x40, 0x82, 0x11, 0, 0, 0, 0, 0])]);
 }
 
 #[test]
 fn event_driven_pdos_go_out_on_changes_no_closer_than_their_inhibit_time() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x1800, 1, 0xC000_0185, 4).unwrap();
     bench.write(0x1800, 3, 50, 2).unwrap();
     bench.write(0x1800, 1, 0x4000_0185, 4).unwrap();
@@ -154,7 +154,7 @@ fn event_driven_pdos_go_out_on_changes_no_closer_than_their_inhibit_time() {
 
 #[test]
 fn the_event_timer_sends_without_an_event() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x1800, 5, 20, 2).unwrap();
     bench.nmt(NmtCommand::Start);
     bench.lines();
@@ -166,7 +166,7 @@ fn the_event_timer_sends_without_an_event() {
 
 #[test]
 fn a_pdo_of_the_wrong_length() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.nmt(NmtCommand::Start);
     bench.lines();
     // one byte is too few for the controlword
@@ -181,7 +181,7 @@ fn a_pdo_of_the_wrong_length() {
 
 #[test]
 fn pdos_are_for_operational_only() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.frame(0x205, &[6, 0]);
     assert_eq!((bench.drive.object(0x6040, 0), bench.drive.received_pdos()), (Some(0), 0));
     // data that wait for SYNC are gone when OPERATIONAL is left
@@ -196,7 +196,7 @@ fn pdos_are_for_operational_only() {
 
 #[test]
 fn gaps_in_a_received_pdo() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x1400, 1, 0xC000_0205, 4).unwrap();
     bench.write(0x1600, 0, 0, 1).unwrap();
     for (sub, entry) in [(1, 0x0005_0008), (2, 0x6040_0010)] {
@@ -211,7 +211,7 @@ fn gaps_in_a_received_pdo() {
 
 #[test]
 fn a_pdo_that_stays_away_is_noticed() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.write(0x1400, 5, 30, 2).unwrap();
     bench.write(0x6007, 0, 0, 2).unwrap();
     bench.nmt(NmtCommand::Start);

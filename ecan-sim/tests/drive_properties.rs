@@ -2,7 +2,7 @@
 
 mod drive_support;
 
-use drive_support::{Bench, settings};
+use drive_support::{Fixture, settings};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{Drive, MotorSettings, NodeOutput};
 use proptest::prelude::*;
@@ -69,7 +69,7 @@ fn event() -> impl Strategy<Value = Event> {
     ]
 }
 
-fn apply(bench: &mut Bench, event: &Event) {
+fn apply(bench: &mut Fixture, event: &Event) {
     let mut out = NodeOutput::new();
     let now = bench.now;
     match event {
@@ -86,7 +86,7 @@ fn apply(bench: &mut Bench, event: &Event) {
 }
 
 /// Everything about a drive that a test can see.
-fn picture(bench: &Bench) -> String {
+fn picture(bench: &Fixture) -> String {
     let drive = &bench.drive;
     format!(
         "{:?} {} {} {:?} {:?}",
@@ -103,7 +103,7 @@ proptest! {
 
     #[test]
     fn anything_may_happen(events in prop::collection::vec(event(), 0..200)) {
-        let mut bench = Bench::booted();
+        let mut bench = Fixture::booted();
         let most = f64::from(MotorSettings::default().max_velocity);
         for event in &events {
             apply(&mut bench, event);
@@ -121,7 +121,7 @@ proptest! {
     #[test]
     fn the_same_story_ends_the_same_way(events in prop::collection::vec(event(), 0..100)) {
         let run = || {
-            let mut bench = Bench::cold(Drive::new(&settings()));
+            let mut bench = Fixture::cold(Drive::new(&settings()));
             events.iter().for_each(|event| apply(&mut bench, event));
             picture(&bench)
         };
@@ -133,7 +133,7 @@ proptest! {
         value in prop::collection::vec(any::<u8>(), 0..600),
         block_size in 1..=127u8,
     ) {
-        let mut bench = Bench::booted();
+        let mut bench = Fixture::booted();
         let [a, b, c, d] = (value.len() as u32).to_le_bytes();
         prop_assert_eq!(bench.sdo([0x21, 0x00, 0x20, 0, a, b, c, d])[0], 0x60);
         let chunks: Vec<_> = if value.is_empty() { vec![&[][..]] } else { value.chunks(7).collect() };
@@ -165,7 +165,7 @@ proptest! {
         targets in prop::collection::vec(prop_oneof![-5_000..5_000i32, any::<i32>()], 1..60),
         jitter in prop::collection::vec(0..900_000u64, 60),
     ) {
-        let mut bench = Bench::booted();
+        let mut bench = Fixture::booted();
         bench.map_csp();
         bench.write(0x6065, 0, 0xFFFF_FFFF, 4).unwrap();
         bench.nmt(NmtCommand::Start);

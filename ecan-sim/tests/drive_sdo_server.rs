@@ -2,7 +2,7 @@
 
 mod drive_support;
 
-use drive_support::{Bench, settings};
+use drive_support::{Fixture, settings};
 use ecan_sim::{DriveQuirks, DriveSettings, SdoDirection, SdoEffect, SdoRule};
 
 fn aborted(answer: [u8; 8], index: u16, sub: u8) -> u32 {
@@ -13,7 +13,7 @@ fn aborted(answer: [u8; 8], index: u16, sub: u8) -> u32 {
 
 #[test]
 fn expedited_uploads() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     // device type, 4 bytes
     assert_eq!(
         bench.sdo([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]),
@@ -32,7 +32,7 @@ fn expedited_uploads() {
 
 #[test]
 fn expedited_downloads() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     // profile velocity 123456, with its size
     assert_eq!(
         bench.sdo([0x23, 0x81, 0x60, 0, 0x40, 0xE2, 0x01, 0x00]),
@@ -49,7 +49,7 @@ fn expedited_downloads() {
 
 #[test]
 fn a_segmented_upload() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     // device name "ECAN simulated servo drive", 26 bytes
     assert_eq!(bench.sdo([0x40, 0x08, 0x10, 0, 0, 0, 0, 0]), [0x41, 0x08, 0x10, 0, 26, 0, 0, 0]);
     assert_eq!(bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00ECAN si");
@@ -61,7 +61,7 @@ fn a_segmented_upload() {
 
 #[test]
 fn a_segmented_download() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     assert_eq!(bench.sdo([0x21, 0x01, 0x20, 0, 10, 0, 0, 0]), [0x60, 0x01, 0x20, 0, 0, 0, 0, 0]);
     assert_eq!(bench.sdo(*b"\x00abcdefg"), [0x20, 0, 0, 0, 0, 0, 0, 0]);
     // 3 bytes, the last: 4 without meaning
@@ -73,7 +73,7 @@ fn a_segmented_download() {
 
 #[test]
 fn a_toggle_bit_that_stands_still_is_refused() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.sdo([0x40, 0x08, 0x10, 0, 0, 0, 0, 0]);
     bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]);
     let answer = bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]);
@@ -89,7 +89,7 @@ fn a_toggle_bit_that_stands_still_is_refused() {
 /// Sizes that do not go with what comes.
 #[test]
 fn sizes_that_lie() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.sdo([0x21, 0x01, 0x20, 0, 3, 0, 0, 0]);
     assert_eq!(aborted(bench.sdo(*b"\x00abcdefg"), 0x2001, 0), 0x0607_0012);
     bench.sdo([0x21, 0x01, 0x20, 0, 9, 0, 0, 0]);
@@ -98,7 +98,7 @@ fn sizes_that_lie() {
 
 #[test]
 fn aborts_name_their_reason() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     let reasons: [([u8; 8], u32); 10] = [
         // unknown object, unknown subindex
         ([0x40, 0x34, 0x12, 0, 0, 0, 0, 0], 0x0602_0000),
@@ -137,7 +137,7 @@ fn crc(data: &[u8]) -> u16 {
     })
 }
 
-fn block_download(bench: &mut Bench, value: &[u8], announce: bool) {
+fn block_download(bench: &mut Fixture, value: &[u8], announce: bool) {
     let size = if announce { value.len() as u32 } else { 0 };
     let [a, b, c, d] = size.to_le_bytes();
     let command = 0xC4 | u8::from(announce) << 1;
@@ -165,7 +165,7 @@ fn block_download(bench: &mut Bench, value: &[u8], announce: bool) {
     assert_eq!(bench.sdo(end), [0xA1, 0, 0, 0, 0, 0, 0, 0]);
 }
 
-fn block_upload(bench: &mut Bench, block_size: u8) -> Vec<u8> {
+fn block_upload(bench: &mut Fixture, block_size: u8) -> Vec<u8> {
     let answer = bench.sdo([0xA4, 0x00, 0x20, 0, block_size, 0, 0, 0]);
     assert_eq!(answer[..4], [0xC6, 0x00, 0x20, 0]);
     let size = u32::from_le_bytes(answer[4..].try_into().unwrap()) as usize;
@@ -195,7 +195,7 @@ fn block_upload(bench: &mut Bench, block_size: u8) -> Vec<u8> {
 
 #[test]
 fn block_transfers_of_every_length() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     for length in [0, 1, 6, 7, 8, 14, 100, 888, 889, 890, 5000] {
         let value: Vec<u8> = (0..length).map(|number: usize| (number * 7 + 3) as u8).collect();
         block_download(&mut bench, &value, length % 2 == 0);
@@ -207,7 +207,7 @@ fn block_transfers_of_every_length() {
 
 #[test]
 fn a_block_that_lost_a_segment_is_repeated_from_there() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.sdo([0xC6, 0x00, 0x20, 0, 14, 0, 0, 0]);
     assert!(bench.sdo_all(*b"\x01abcdefg").is_empty());
     // segment 2 is lost, 3 and last arrives: the server has 1
@@ -222,7 +222,7 @@ fn a_block_that_lost_a_segment_is_repeated_from_there() {
 
 #[test]
 fn an_upload_block_that_lost_a_segment_is_repeated_from_there() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     let value: Vec<u8> = (0..30).collect();
     block_download(&mut bench, &value, true);
     bench.sdo([0xA4, 0x00, 0x20, 0, 4, 0, 0, 0]);
@@ -238,7 +238,7 @@ fn an_upload_block_that_lost_a_segment_is_repeated_from_there() {
 
 #[test]
 fn wrong_block_transfers_are_refused() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     let code = |answer: [u8; 8]| u32::from_le_bytes(answer[4..].try_into().unwrap());
     // block sizes
     assert_eq!(code(bench.sdo([0xA4, 0, 0x20, 0, 0, 0, 0, 0])), 0x0504_0002);
@@ -267,7 +267,7 @@ fn wrong_block_transfers_are_refused() {
 
 #[test]
 fn a_short_block_upload_may_be_answered_at_once() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     // the client allows the change up to 4 bytes
     assert_eq!(
         bench.sdo([0xA4, 0x00, 0x10, 0, 127, 4, 0, 0]),
@@ -275,8 +275,8 @@ fn a_short_block_upload_may_be_answered_at_once() {
     );
 }
 
-fn with_quirks(quirks: DriveQuirks) -> Bench {
-    Bench::with(&DriveSettings { quirks, ..settings() })
+fn with_quirks(quirks: DriveQuirks) -> Fixture {
+    Fixture::with(&DriveSettings { quirks, ..settings() })
 }
 
 #[test]
@@ -321,7 +321,7 @@ fn objects_that_are_made_to_fail() {
 
 #[test]
 fn answers_take_their_time() {
-    let mut bench = Bench::with(&DriveSettings { sdo_delay_us: 500, ..settings() });
+    let mut bench = Fixture::with(&DriveSettings { sdo_delay_us: 500, ..settings() });
     assert!(bench.sdo_all([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]).is_empty());
     let asked = bench.now;
     bench.pass_ms(1);

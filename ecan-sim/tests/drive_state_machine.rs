@@ -2,7 +2,7 @@
 
 mod drive_support;
 
-use drive_support::{Bench, settings};
+use drive_support::{Fixture, settings};
 use ecan_canopen::DriveState::{
     self, Fault, FaultReactionActive, OperationEnabled, QuickStopActive, ReadyToSwitchOn,
     SwitchOnDisabled, SwitchedOn,
@@ -18,8 +18,8 @@ const QUICK_STOP: u16 = 0x02;
 const FAULT_RESET: u16 = 0x80;
 
 /// Controlwords that lead from switch on disabled to a state; the motor stands.
-fn way_to(state: DriveState) -> Bench {
-    let mut bench = Bench::booted();
+fn way_to(state: DriveState) -> Fixture {
+    let mut bench = Fixture::booted();
     bench.mode(OperatingMode::CyclicPosition);
     // stay in quick stop active
     bench.write(0x605A, 0, 6, 2).unwrap();
@@ -142,7 +142,7 @@ fn the_statusword_of_each_state() {
 
 #[test]
 fn only_a_rising_edge_resets_a_fault() {
-    let mut bench = Bench::booted();
+    let mut bench = Fixture::booted();
     bench.controlword(FAULT_RESET);
     bench.drive.fail(bench.now, 0x2310, &mut NodeOutput::new());
     // the bit is still set from before
@@ -157,8 +157,8 @@ fn only_a_rising_edge_resets_a_fault() {
 }
 
 /// An axis that turns at 1 000 000 increments per second in profile velocity.
-fn turning() -> Bench {
-    let mut bench = Bench::booted();
+fn turning() -> Fixture {
+    let mut bench = Fixture::booted();
     bench.write(0x60FF, 0, 1_000_000, 4).unwrap();
     bench.enable(OperatingMode::ProfileVelocity);
     bench.pass_ms(200);
@@ -167,7 +167,7 @@ fn turning() -> Bench {
 }
 
 /// Milliseconds until it stands, and the states meanwhile.
-fn until_standing(bench: &mut Bench) -> (usize, Vec<DriveState>) {
+fn until_standing(bench: &mut Fixture) -> (usize, Vec<DriveState>) {
     let mut states = Vec::new();
     for ms in 0..1000 {
         if states.last() != Some(&bench.drive.state()) {
@@ -276,7 +276,7 @@ fn fault_reaction_option_codes() {
 
 #[test]
 fn enabling_takes_the_time_of_the_brake() {
-    let mut bench = Bench::with(&DriveSettings { enable_ms: 30, ..settings() });
+    let mut bench = Fixture::with(&DriveSettings { enable_ms: 30, ..settings() });
     bench.mode(OperatingMode::CyclicPosition);
     bench.command(Command::Shutdown);
     bench.command(Command::SwitchOn);
@@ -290,7 +290,7 @@ fn enabling_takes_the_time_of_the_brake() {
 
 #[test]
 fn quirks_of_the_state_machine() {
-    let with = |quirks| Bench::with(&DriveSettings { quirks, ..settings() });
+    let with = |quirks| Fixture::with(&DriveSettings { quirks, ..settings() });
     let mut bench = with(DriveQuirks { needs_mode: true, ..DriveQuirks::default() });
     for word in [SHUTDOWN, SWITCH_ON, ENABLE] {
         bench.controlword(word);

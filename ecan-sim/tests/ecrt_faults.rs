@@ -4,7 +4,7 @@ mod ecrt_support;
 
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::object::{ObjectType, SdoWrite};
-use ecan_sim::{Fault, GatewayFault, GatewaySpec, LostWay, Scenario, When, echo};
+use ecan_sim::{Fault, GatewayFault, GatewaySpec, LossDirection, Scenario, When, echo};
 use ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
 use ecrt_sys::{RequestState, WcState};
 
@@ -34,10 +34,10 @@ fn crosses(program: &mut Program, slave: usize, id: u16) {
 fn a_frame_lost_on_its_way_out_reaches_no_slave() {
     let mut program = operational(&[3]);
     let written = |program: &Program| {
-        program.simulation().with_world(|world| world.truth(0)).unwrap().images_written
+        program.simulation().with_world(|world| world.counters(0)).unwrap().images_written
     };
     let before = written(&program);
-    program.simulation().inject(Fault::LostFrame { way: LostWay::Outward, cycles: 1 });
+    program.simulation().inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 1 });
     program.cycle();
     assert_eq!(written(&program), before);
     program.cycle();
@@ -49,7 +49,7 @@ fn a_frame_lost_on_its_way_out_reaches_no_slave() {
 #[test]
 fn a_frame_lost_on_its_way_back_has_been_executed() {
     let mut program = operational(&[3]);
-    program.simulation().inject(Fault::LostFrame { way: LostWay::Return, cycles: 1 });
+    program.simulation().inject(Fault::LostFrame { way: LossDirection::Return, cycles: 1 });
     program.cycle_with(&[(0, 0, frame(0x42))]);
     program.cycle();
     assert_eq!(program.domain(0).wc_state, WcState::Zero);
@@ -275,8 +275,8 @@ fn a_silent_node_answers_nothing_but_acknowledges() {
     program.cycles(60);
     assert_eq!(program.received, []);
     let simulation = program.simulation().clone();
-    let truth = simulation.with_world(|world| world.truth(0)).unwrap();
-    assert_eq!(truth.frames_on_bus, 1);
+    let counters = simulation.with_world(|world| world.counters(0)).unwrap();
+    assert_eq!(counters.frames_on_bus, 1);
     crosses(&mut program, 0, 0x71);
 }
 
@@ -285,7 +285,7 @@ fn faults_strike_in_the_cycle_they_are_scheduled_for() {
     let mut program = operational(&[3]);
     let simulation = program.simulation().clone();
     let now = simulation.with_world(|world| world.cycles());
-    let fault = Fault::LostFrame { way: LostWay::Outward, cycles: 1 };
+    let fault = Fault::LostFrame { way: LossDirection::Outward, cycles: 1 };
     simulation.schedule(When::Cycle(now + 4), fault);
     let zero: Vec<_> = (0..8)
         .map(|_| {

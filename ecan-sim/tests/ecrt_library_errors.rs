@@ -69,7 +69,7 @@ fn what_an_interrupted_send_left_is_sent_by_the_next() {
     let mut program = operational();
     let domain = program.slaves[0].domain;
     let images = |program: &Program| {
-        program.simulation().with_world(|world| world.truth(0)).unwrap().images_written
+        program.simulation().with_world(|world| world.counters(0)).unwrap().images_written
     };
     let before = images(&program);
     program.master.receive().unwrap();

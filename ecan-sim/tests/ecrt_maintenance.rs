@@ -136,13 +136,15 @@ fn frames_of_a_stopped_controller_wait_for_its_return() {
         program.cycle_with(&frames);
         program.simulation().pass_ns(delay_us * 1_000);
         write_register(&program, CCCR, INIT);
-        let before = program.simulation().with_world(|world| world.truth(0)).unwrap().frames_on_bus;
+        let before =
+            program.simulation().with_world(|world| world.counters(0)).unwrap().frames_on_bus;
         program.cycles(5);
-        let after = program.simulation().with_world(|world| world.truth(0)).unwrap().frames_on_bus;
+        let after =
+            program.simulation().with_world(|world| world.counters(0)).unwrap().frames_on_bus;
         assert_eq!(after, before, "off the bus");
         write_register(&program, CCCR, 0);
         program.cycles(20);
-        let sent = program.simulation().with_world(|world| world.truth(0)).unwrap();
+        let sent = program.simulation().with_world(|world| world.counters(0)).unwrap();
         assert_eq!(sent.frames_on_bus, sent.frames_parsed, "delay {delay_us} us");
     }
 }

@@ -21,8 +21,8 @@ fn a_frame_crosses_the_bus_and_comes_back() {
     program.cycle_with(&[(0, 0, frame(0x123, &[1, 2, 3]))]);
     program.receive_frames(1);
     assert_eq!(program.received, [(0, 0, frame(0x123, &[1, 2, 3]))]);
-    let truth = program.simulation().with_world(|world| world.truth(0)).unwrap();
-    assert_eq!((truth.frames_on_bus, truth.frames_from_bus), (1, 1));
+    let counters = program.simulation().with_world(|world| world.counters(0)).unwrap();
+    assert_eq!((counters.frames_on_bus, counters.frames_from_bus), (1, 1));
 }
 
 #[test]
@@ -147,8 +147,8 @@ fn equal_scenarios_give_equal_runs() {
         }
         program.receive_frames(50);
         let simulation = program.simulation().clone();
-        let truth = simulation.with_world(|world| world.truth(0));
-        (program.received, truth, program.backend.ecrt.clock().now_ns())
+        let counters = simulation.with_world(|world| world.counters(0));
+        (program.received, counters, program.backend.ecrt.clock().now_ns())
     };
     let first = run();
     assert_eq!(first.0.len(), 50);

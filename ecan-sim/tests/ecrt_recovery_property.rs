@@ -4,12 +4,12 @@ mod ecrt_support;
 
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::device::AlState;
-use ecan_sim::{Fault, GatewayFault, LostWay};
+use ecan_sim::{Fault, GatewayFault, LossDirection};
 use ecrt_support::{Program, stepped_echo};
 use proptest::prelude::*;
 
 fn faults() -> impl Strategy<Value = Fault> {
-    let way = prop_oneof![Just(LostWay::Outward), Just(LostWay::Return)];
+    let way = prop_oneof![Just(LossDirection::Outward), Just(LossDirection::Return)];
     let gateway = 0..2usize;
     let channel = 0..4usize;
     let inside = prop_oneof![

@@ -4,8 +4,8 @@ use std::path::Path;
 
 use ecan_sim::{
     BackendError, ClockKind, EcrtSetting, EcrtVersion, Fault, FaultyBehaviour, GatewayFault,
-    LibraryCall, LostWay, NodeKind, Scenario, ScenarioChoice, ScriptedFault, SimOptions, Topology,
-    WakeUpDelay, When, open,
+    LibraryCall, LossDirection, NodeKind, Scenario, ScenarioChoice, ScriptedFault, SimOptions,
+    Topology, WakeUpDelay, When, open,
 };
 
 fn read(text: &str) -> Result<Scenario, String> {
@@ -124,7 +124,7 @@ for_ms = 9000
         [
             ScriptedFault {
                 when: When::Cycle(100),
-                fault: Fault::LostFrame { way: LostWay::Return, cycles: 3 },
+                fault: Fault::LostFrame { way: LossDirection::Return, cycles: 3 },
             },
             ScriptedFault {
                 when: When::At(20_000_000),

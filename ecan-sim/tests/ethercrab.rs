@@ -8,7 +8,7 @@ use std::time::Duration;
 use ethercrab::DcSync;
 use ethercrab::subdevice_group::DcConfiguration;
 use ethercrab_support::bring_up::configure;
-use ethercrab_support::{Bench, MAX_GATEWAYS, MAX_PDI, MS, into_op, on_a_deep_stack};
+use ethercrab_support::{Fixture, MAX_GATEWAYS, MAX_PDI, MS, into_op, on_a_deep_stack};
 
 /// N of the example image.
 const CHUNKS: u8 = 8;
@@ -23,7 +23,7 @@ const EXAMPLE: [u8; 36] = [
 fn the_example_image_of_the_manual_goes_out_and_its_echo_comes_back() {
     on_a_deep_stack(|| {
         for gateways in [1, 3] {
-            let mut bench = Bench::new(&ecan_sim::echo(gateways));
+            let mut bench = Fixture::new(&ecan_sim::echo(gateways));
             let group = bench.run(async |master| into_op(master, gateways, CHUNKS).await);
             let mut echoes = vec![0; gateways];
             let mut counter = None;
@@ -57,8 +57,8 @@ fn the_example_image_of_the_manual_goes_out_and_its_echo_comes_back() {
             }
             assert_eq!(echoes, vec![1; gateways]);
             for gateway in 0..gateways {
-                let truth = bench.wire.world().truth(gateway).unwrap();
-                assert_eq!((truth.frames_on_bus, truth.frames_from_bus), (1, 1));
+                let counters = bench.wire.world().counters(gateway).unwrap();
+                assert_eq!((counters.frames_on_bus, counters.frames_from_bus), (1, 1));
             }
         }
     });
@@ -68,9 +68,9 @@ fn the_example_image_of_the_manual_goes_out_and_its_echo_comes_back() {
 fn every_size_of_process_data_reaches_op() {
     on_a_deep_stack(|| {
         for (gateways, chunks) in [(1, 1), (3, 3), (1, 8), (1, 24), (3, 24)] {
-            let mut bench = Bench::new(&ecan_sim::echo(gateways));
+            let mut bench = Fixture::new(&ecan_sim::echo(gateways));
             let group = bench.run(async |master| into_op(master, gateways, chunks).await);
-            let before = bench.wire.world().truth(0).unwrap();
+            let before = bench.wire.world().counters(0).unwrap();
             for _ in 0..20 {
                 bench.pass(MS);
                 bench.run(async |master| {
@@ -83,9 +83,9 @@ fn every_size_of_process_data_reaches_op() {
                     Ok(())
                 });
             }
-            let truth = bench.wire.world().truth(0).unwrap();
-            assert_eq!(truth.images_written - before.images_written, 20, "N = {chunks}");
-            assert_eq!(truth.images_read - before.images_read, 20, "N = {chunks}");
+            let counters = bench.wire.world().counters(0).unwrap();
+            assert_eq!(counters.images_written - before.images_written, 20, "N = {chunks}");
+            assert_eq!(counters.images_read - before.images_read, 20, "N = {chunks}");
         }
     });
 }
@@ -93,7 +93,7 @@ fn every_size_of_process_data_reaches_op() {
 #[test]
 fn objects_are_read_and_written_whatever_their_size() {
     on_a_deep_stack(|| {
-        let mut bench = Bench::new(&ecan_sim::echo(1));
+        let mut bench = Fixture::new(&ecan_sim::echo(1));
         bench.run(async |master| {
             let group = master.init_single_group::<4, 64>(|| 0).await?;
             let gateway = group.subdevice(master, 0)?;
@@ -123,7 +123,7 @@ fn distributed_clocks_reach_op_with_sync0_in_phase() {
         for (gateway, drift) in scenario.gateways.iter_mut().zip([20_000, 50_000, -50_000]) {
             gateway.settings.clock_drift_ppb = drift;
         }
-        let mut bench = Bench::new(&scenario);
+        let mut bench = Fixture::new(&scenario);
         let group = bench.run(async |master| {
             let mut group = master.init_single_group::<MAX_GATEWAYS, MAX_PDI>(|| 0).await?;
             for mut gateway in group.iter_mut(master) {

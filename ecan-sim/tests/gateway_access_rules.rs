@@ -6,7 +6,7 @@ mod gateway_support;
 use ecan_protocol::device::AlState;
 use ecan_protocol::object::{AbortCode, Access, Entry, Object, ObjectType, describe, objects};
 use ecan_sim::GatewayFault;
-use gateway_support::{Bench, MS, chunks};
+use gateway_support::{Fixture, MS, chunks};
 
 /// Every entry of every object, families written out.
 fn entries() -> impl Iterator<Item = (u16, &'static Object, &'static Entry)> {
@@ -28,7 +28,7 @@ fn bytes(entry: &Entry, value: u32) -> Vec<u8> {
 
 #[test]
 fn every_readable_entry_answers_with_its_length() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (index, _, entry) in entries().filter(|(_, _, entry)| entry.access.can_read()) {
         let data = bench.try_upload(index, entry.subindex);
         let data =
@@ -42,7 +42,7 @@ fn every_readable_entry_answers_with_its_length() {
 
 #[test]
 fn every_default_of_the_table_is_what_a_new_device_reports() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (index, _, entry) in entries().filter(|(_, _, entry)| entry.access.can_read()) {
         // the table's default is that of a policy not applied yet
         if entry.ty.is_integer()
@@ -60,7 +60,7 @@ fn every_default_of_the_table_is_what_a_new_device_reports() {
 
 #[test]
 fn every_read_only_entry_refuses_writes() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (index, _, entry) in entries().filter(|(_, _, entry)| entry.access == Access::Ro) {
         let data = bytes(entry, 0);
         let result = bench.download(index, entry.subindex, &data);
@@ -70,7 +70,7 @@ fn every_read_only_entry_refuses_writes() {
 
 #[test]
 fn every_write_only_entry_refuses_reads_and_takes_a_no_op() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (index, _, entry) in entries().filter(|(_, _, entry)| entry.access == Access::Wo) {
         let name = describe(index, entry.subindex).to_string();
         let read = bench.try_upload(index, entry.subindex);
@@ -81,7 +81,7 @@ fn every_write_only_entry_refuses_reads_and_takes_a_no_op() {
 
 #[test]
 fn every_writable_entry_takes_its_own_value_and_keeps_it() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (index, _, entry) in entries().filter(|(_, _, entry)| entry.access == Access::Rw) {
         // chunks can be assigned only while their count is 0
         if matches!(index, 0x1C12 | 0x1C13) && entry.subindex == 1 {
@@ -96,7 +96,7 @@ fn every_writable_entry_takes_its_own_value_and_keeps_it() {
 
 #[test]
 fn every_writable_entry_refuses_a_wrong_length() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (index, _, entry) in entries().filter(|(_, _, entry)| entry.access.can_write()) {
         let name = describe(index, entry.subindex).to_string();
         let mut data = bytes(entry, entry.default.unwrap_or(0));
@@ -114,7 +114,7 @@ fn every_writable_entry_refuses_a_wrong_length() {
 
 #[test]
 fn values_out_of_range_are_refused_unless_an_apply_judges_them() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (index, subindex, data, code) in [
         (0x8000, 12, &[4][..], AbortCode::TOO_GREAT),
         (0x8000, 1, &[2], AbortCode::RANGE),
@@ -145,7 +145,7 @@ fn values_out_of_range_are_refused_unless_an_apply_judges_them() {
 
 #[test]
 fn what_does_not_exist_is_named() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for index in [0x0000, 0x1001, 0x1618, 0x6001, 0x8005, 0x8009, 0x9004, 0xA004, 0xFFFF] {
         assert_eq!(bench.try_upload(index, 0), Err(AbortCode::NO_OBJECT));
         assert_eq!(bench.download(index, 0, &[0]), Err(AbortCode::NO_OBJECT));
@@ -158,7 +158,7 @@ fn what_does_not_exist_is_named() {
 
 #[test]
 fn mapping_is_fixed_and_names_every_unit() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     assert_eq!(bench.upload(0x1600, 0), 8);
     assert_eq!(bench.upload(0x1600, 1), 0x7000_0180);
     assert_eq!(bench.upload(0x1601, 1), 0x7080_0180);
@@ -171,7 +171,7 @@ fn mapping_is_fixed_and_names_every_unit() {
 
 #[test]
 fn assignment_is_written_in_preop_and_safeop_while_its_count_is_0() {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     let map = 0x1600u16.to_le_bytes();
     assert_eq!(bench.download(0x1C12, 1, &map), Err(AbortCode::SUBINDEX_LOCKED));
     bench.write_u8(0x1C12, 0, 0);
@@ -189,7 +189,7 @@ fn assignment_is_written_in_preop_and_safeop_while_its_count_is_0() {
 
 #[test]
 fn data_units_show_the_process_image() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     bench.deliver(0, gateway_support::standard(0x123, &[1, 2, 3]));
     bench.cycle();
     assert_eq!(bench.try_upload(0x6000, 1).unwrap(), bench.input[..16]);
@@ -209,7 +209,7 @@ fn identity_comes_from_the_settings() {
         firmware: (0x0207, 0x2605),
         ..Default::default()
     };
-    let mut bench = Bench::preop_with(settings);
+    let mut bench = Fixture::preop_with(settings);
     assert_eq!(bench.upload(0x1018, 1), 0xABCD);
     assert_eq!(bench.upload(0xF000, 5), 0x0207);
     assert_eq!(bench.upload(0xF000, 6), 0x2605);
@@ -220,7 +220,7 @@ fn identity_comes_from_the_settings() {
 
 #[test]
 fn injected_aborts_strike_so_many_times_and_no_other_entry() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let fault = GatewayFault::SdoAbort { index: 0x8010, subindex: 3, code: 0x0800_0000, times: 2 };
     bench.gateway.inject(bench.now, fault);
     assert_eq!(bench.upload(0x8010, 4), 0x0F);
@@ -231,7 +231,7 @@ fn injected_aborts_strike_so_many_times_and_no_other_entry() {
 
 #[test]
 fn silent_mailbox_times_out_and_comes_back() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.gateway.inject(bench.now, GatewayFault::MailboxSilent { ms: 10 });
     assert!(!bench.gateway.mailbox_answers(bench.now));
     assert_eq!(bench.try_upload(0xF000, 2), Err(AbortCode::TIMEOUT));
@@ -242,7 +242,7 @@ fn silent_mailbox_times_out_and_comes_back() {
 
 #[test]
 fn init_has_no_mailbox() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.gateway.request_al_state(bench.now, AlState::Init);
     assert_eq!(bench.try_upload(0xF000, 2), Err(AbortCode::TIMEOUT));
 }

@@ -7,7 +7,7 @@ use ecan_protocol::config::assignment_writes;
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::Direction;
 use ecan_sim::{Gateway, GatewayFault, GatewaySettings, SmSettings, Sync0};
-use gateway_support::{Bench, MS, chunks, standard};
+use gateway_support::{Fixture, MS, chunks, standard};
 
 #[test]
 fn nothing_answers_before_the_boot_is_over() {
@@ -29,7 +29,7 @@ fn nothing_answers_before_the_boot_is_over() {
 #[test]
 fn only_the_steps_of_the_state_machine_are_valid() {
     for (from, to) in [(Init, SafeOp), (Init, Op), (PreOp, Op), (PreOp, Boot), (SafeOp, Boot)] {
-        let mut bench = Bench::configured(chunks(3), chunks(3));
+        let mut bench = Fixture::configured(chunks(3), chunks(3));
         bench.gateway.request_al_state(bench.now, Init);
         if from != Init {
             bench.gateway.request_al_state(bench.now, PreOp);
@@ -48,7 +48,7 @@ fn only_the_steps_of_the_state_machine_are_valid() {
 
 #[test]
 fn boot_is_reached_from_init_only_and_has_no_coe() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.gateway.request_al_state(bench.now, Init);
     bench.gateway.request_al_state(bench.now, Boot);
     assert_eq!(bench.state(), (Boot, 0));
@@ -61,7 +61,7 @@ fn boot_is_reached_from_init_only_and_has_no_coe() {
 
 #[test]
 fn preop_needs_both_mailboxes() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.gateway.request_al_state(bench.now, Init);
     bench.gateway.configure_sync_manager(1, None);
     bench.gateway.request_al_state(bench.now, PreOp);
@@ -75,7 +75,7 @@ fn preop_needs_both_mailboxes() {
 fn safeop_needs_sync_managers_of_the_active_length() {
     for (direction, code) in [(Direction::RxPdo, 0x1D), (Direction::TxPdo, 0x1E)] {
         for length in [0, 128, 383, 385, 1024] {
-            let mut bench = Bench::configured(chunks(3), chunks(3));
+            let mut bench = Fixture::configured(chunks(3), chunks(3));
             bench.set_up_sync_manager(direction, length);
             bench.gateway.request_al_state(bench.now, SafeOp);
             assert_eq!(bench.state(), (PreOp, code), "{direction} {length}");
@@ -95,12 +95,12 @@ fn sync_managers_must_be_single_buffers_of_the_right_direction_in_place() {
         SmSettings { start: 0x1000, ..good },
         SmSettings { start: 0x2800, ..good },
     ] {
-        let mut bench = Bench::configured(chunks(3), chunks(3));
+        let mut bench = Fixture::configured(chunks(3), chunks(3));
         bench.gateway.configure_sync_manager(2, Some(bad));
         bench.gateway.request_al_state(bench.now, SafeOp);
         assert_eq!(bench.state(), (PreOp, 0x1D), "{bad:?}");
     }
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     let overlapping = SmSettings { start: 0x1200, length: 384, control: 0x22 };
     bench.gateway.configure_sync_manager(3, Some(overlapping));
     bench.gateway.request_al_state(bench.now, SafeOp);
@@ -109,7 +109,7 @@ fn sync_managers_must_be_single_buffers_of_the_right_direction_in_place() {
 
 #[test]
 fn assignment_and_profile_must_agree() {
-    let mut bench = Bench::configured(chunks(8), chunks(8));
+    let mut bench = Fixture::configured(chunks(8), chunks(8));
     for write in assignment_writes(Direction::RxPdo, 3) {
         bench.send(write);
     }
@@ -120,7 +120,7 @@ fn assignment_and_profile_must_agree() {
 
 #[test]
 fn requested_defaults_are_applied_on_the_way_to_safeop() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for direction in Direction::ALL {
         bench.set_up_sync_manager(direction, 1024);
         for write in assignment_writes(direction, 8) {
@@ -135,7 +135,7 @@ fn requested_defaults_are_applied_on_the_way_to_safeop() {
 
 #[test]
 fn defaults_do_not_meet_the_assignment_after_power_on() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for direction in Direction::ALL {
         bench.set_up_sync_manager(direction, 1024);
     }
@@ -146,7 +146,7 @@ fn defaults_do_not_meet_the_assignment_after_power_on() {
 
 #[test]
 fn watchdog_throws_back_to_safeop() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     bench.gateway.set_watchdog_ns(5 * MS);
     for _ in 0..10 {
         bench.cycle();
@@ -163,7 +163,7 @@ fn watchdog_throws_back_to_safeop() {
 
 #[test]
 fn refused_writes_do_not_feed_the_watchdog() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     bench.gateway.set_watchdog_ns(5 * MS);
     for _ in 0..20 {
         bench.gateway.write_outputs(bench.now, &[0; 100]);
@@ -175,7 +175,7 @@ fn refused_writes_do_not_feed_the_watchdog() {
 #[test]
 fn watchdog_sleeps_without_its_control_bit_or_time() {
     for (control, watchdog) in [(0x26, 5 * MS), (0x66, 0)] {
-        let mut bench = Bench::configured(chunks(3), chunks(3));
+        let mut bench = Fixture::configured(chunks(3), chunks(3));
         let settings = SmSettings { start: 0x1100, length: 384, control };
         bench.gateway.configure_sync_manager(2, Some(settings));
         bench.gateway.set_watchdog_ns(watchdog);
@@ -187,7 +187,7 @@ fn watchdog_sleeps_without_its_control_bit_or_time() {
 
 #[test]
 fn op_waits_for_the_first_pulse() {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     let first = bench.now + 100 * MS;
     let sync0 = Sync0 { start_ns: first, cycle_ns: MS as u32, shift_ns: 0 };
     bench.gateway.set_dc_sync0(Some(sync0));
@@ -202,7 +202,7 @@ fn op_waits_for_the_first_pulse() {
 
 #[test]
 fn pulses_that_never_come_are_a_sync_error() {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     let sync0 = Sync0 { start_ns: u64::MAX / 2, cycle_ns: MS as u32, shift_ns: 0 };
     bench.gateway.set_dc_sync0(Some(sync0));
     bench.gateway.request_al_state(bench.now, SafeOp);
@@ -214,7 +214,7 @@ fn pulses_that_never_come_are_a_sync_error() {
 
 #[test]
 fn pulses_that_stop_in_op_are_a_fatal_sync_error() {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     bench.start_sync0();
     bench.pass(MS);
     bench.start();
@@ -225,7 +225,7 @@ fn pulses_that_stop_in_op_are_a_fatal_sync_error() {
 #[test]
 fn missed_outputs_are_a_fatal_sync_error_where_they_are_watched() {
     let settings = GatewaySettings { missed_sync_limit: 4, ..GatewaySettings::default() };
-    let mut bench = Bench::preop_with(settings);
+    let mut bench = Fixture::preop_with(settings);
     bench.apply_profiles(chunks(3), chunks(3));
     bench.start_sync0();
     bench.pass(MS);
@@ -237,14 +237,14 @@ fn missed_outputs_are_a_fatal_sync_error_where_they_are_watched() {
 
 #[test]
 fn sync_manager_taken_away_in_op_throws_back_to_preop() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     bench.gateway.configure_sync_manager(2, None);
     assert_eq!(bench.state(), (PreOp, 0x1D));
 }
 
 #[test]
 fn injected_error_shows_its_code() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     bench.gateway.inject(bench.now, GatewayFault::AlError { code: 0x0020 });
     assert_eq!(bench.state(), (SafeOp, 0x20));
     assert!(bench.gateway.al_error());
@@ -252,7 +252,7 @@ fn injected_error_shows_its_code() {
 
 #[test]
 fn leaving_op_drops_what_waits_to_be_sent() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     for id in 0..10 {
         bench.push(0, standard(id, &[]));
     }
@@ -262,12 +262,12 @@ fn leaving_op_drops_what_waits_to_be_sent() {
     bench.gateway.request_al_state(bench.now, Op);
     bench.cycle();
     assert_eq!(bench.sent(0), []);
-    assert_eq!(bench.gateway.truth().transmit_losses.stale, 6);
+    assert_eq!(bench.gateway.counters().transmit_losses.stale, 6);
 }
 
 #[test]
 fn reboot_command_loses_all_volatile_configuration() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     let generation = bench.gateway.station_generation(0);
     bench.write_u8(0x8000, 1, 1);
     bench.pass(5 * MS);

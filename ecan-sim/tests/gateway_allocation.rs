@@ -7,13 +7,13 @@ mod gateway_support;
 use counting::allocations;
 use ecan_protocol::config::DataPathConfig;
 use ecan_protocol::image::{OptionFlags, PdoProfile, Schedule};
-use gateway_support::{Bench, MS, chunks, fd, standard};
+use gateway_support::{Fixture, MS, chunks, fd, standard};
 
 /// Traffic in both directions with results, schedules, overflows and a faulty image.
 #[test]
 fn cycles_need_no_heap() {
     let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(8) };
-    let mut bench = Bench::configured(tx, chunks(24));
+    let mut bench = Fixture::configured(tx, chunks(24));
     for channel in 0..4 {
         bench.apply_data_path(channel, DataPathConfig::for_traffic(4, 4));
     }
@@ -46,7 +46,11 @@ fn cycles_need_no_heap() {
         bench.pass(MS / 2);
     }
     assert_eq!(allocations() - before, 0);
-    let truth = bench.gateway.truth();
-    assert!(truth.frames_on_bus > 1000 && truth.frames_released > 0 && truth.results_to_master > 0);
-    assert!(truth.frames_to_master > 1000 && truth.receive_losses.cache_full > 0);
+    let counters = bench.gateway.counters();
+    assert!(
+        counters.frames_on_bus > 1000
+            && counters.frames_released > 0
+            && counters.results_to_master > 0
+    );
+    assert!(counters.frames_to_master > 1000 && counters.receive_losses.cache_full > 0);
 }

@@ -6,22 +6,22 @@ mod gateway_support;
 use ecan_protocol::config::{BusOffRecovery, DataPathConfig, McanChannelConfig};
 use ecan_protocol::image::HeaderFlags;
 use ecan_sim::ErrorState;
-use gateway_support::{Bench, chunks, standard};
+use gateway_support::{Fixture, chunks, standard};
 
-fn with(bus_off_recovery: BusOffRecovery) -> Bench {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+fn with(bus_off_recovery: BusOffRecovery) -> Fixture {
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     let policy = DataPathConfig { bus_off_recovery, ..DataPathConfig::default() };
     bench.apply_data_path(0, policy);
     bench.start();
     bench
 }
 
-fn bus_off(bench: &mut Bench) {
+fn bus_off(bench: &mut Fixture) {
     bench.gateway.bus_state(bench.now, 0, ErrorState::BusOff, 256, 0);
 }
 
 /// Services until the controller wants to recover, `None` when it does not within 20.
-fn recovery(bench: &mut Bench) -> Option<u32> {
+fn recovery(bench: &mut Fixture) -> Option<u32> {
     for services in 0..20 {
         if bench.gateway.wants_recovery(0) {
             return Some(services);
@@ -178,7 +178,7 @@ fn full_receive_fifo_and_half_full_ring_are_pressure() {
     }
     bench.cycle();
     assert!(bench.input().header().channel_status[0].rx_pressure());
-    let mut bench = Bench::op(chunks(3), chunks(24));
+    let mut bench = Fixture::op(chunks(3), chunks(24));
     for id in 0..36 {
         bench.push(0, standard(id, &[]));
     }

@@ -11,10 +11,10 @@ use ecan_protocol::config::{
 };
 use ecan_protocol::image::Packet;
 use ecan_sim::{StationConfig, StationMode};
-use gateway_support::{Bench, chunks, fd, standard};
+use gateway_support::{Fixture, chunks, fd, standard};
 
 /// Writes the configuration to channel 0 and returns the apply status.
-fn apply(bench: &mut Bench, config: McanChannelConfig) -> u32 {
+fn apply(bench: &mut Fixture, config: McanChannelConfig) -> u32 {
     for write in config.writes(0) {
         bench.send(write);
     }
@@ -27,8 +27,8 @@ fn with(
     config: McanChannelConfig,
     standard: &[StandardFilter],
     extended: &[ExtendedFilter],
-) -> Bench {
-    let mut bench = Bench::preop();
+) -> Fixture {
+    let mut bench = Fixture::preop();
     bench.apply_profiles(chunks(16), chunks(3));
     for write in filter_writes(0, standard, extended) {
         bench.send(write);
@@ -41,7 +41,7 @@ fn with(
 }
 
 /// Identifier and receive source of the frames that pass.
-fn passing(bench: &mut Bench, frames: &[CanFrame]) -> Vec<(u32, u8)> {
+fn passing(bench: &mut Fixture, frames: &[CanFrame]) -> Vec<(u32, u8)> {
     let mut passed = Vec::new();
     for frame in frames {
         bench.deliver(0, *frame);
@@ -64,7 +64,7 @@ fn filter(matching: StandardMatch, action: FilterAction, id1: u16, id2: u16) -> 
 
 #[test]
 fn channels_are_off_until_applied() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     assert_eq!(bench.gateway.station_config(0), None);
     assert_eq!(bench.upload(0x9000, 9) & 7, 0, "disabled");
     assert_eq!(apply(&mut bench, McanChannelConfig::default()), 0);
@@ -76,7 +76,7 @@ fn channels_are_off_until_applied() {
 
 #[test]
 fn configuration_reaches_the_bus() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let before = bench.gateway.station_generation(0);
     assert_eq!(apply(&mut bench, McanChannelConfig::classic(125_000)), 0);
     assert_eq!(bench.gateway.station_config(0), Some(StationConfig::classic(125_000)));
@@ -112,12 +112,12 @@ fn build_fails_without_a_bit_timing_or_with_a_value_out_of_range() {
         McanChannelConfig { timeout_select: 4, ..default },
         McanChannelConfig { tsu_prescaler: 0, ..default },
     ] {
-        let mut bench = Bench::preop();
+        let mut bench = Fixture::preop();
         assert_eq!(apply(&mut bench, bad), 3, "{bad:?}");
         assert_eq!(bench.gateway.station_config(0), None);
         assert_eq!(bench.upload(0x9000, 9) & 7, 4, "error");
     }
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.write_u8(0x8001, 8, 4);
     bench.write_u8(0x8001, 1, 1);
     assert_eq!(bench.upload(0x8001, 2), 3, "no such node mode");
@@ -125,7 +125,7 @@ fn build_fails_without_a_bit_timing_or_with_a_value_out_of_range() {
 
 #[test]
 fn layout_beyond_the_message_ram_fails_at_run_time_and_leaves_the_old_one() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     assert_eq!(apply(&mut bench, McanChannelConfig::classic(250_000)), 0);
     let before = bench.gateway.station_generation(0);
     let fits = MessageRamLayout::fd();
@@ -149,7 +149,7 @@ fn manual_timing_decides_the_bit_rate() {
         manual_data: BitTiming { brp: 1, tseg1: 30, tseg2: 9, sjw: 9 },
         ..McanChannelConfig::default()
     };
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     assert_eq!(apply(&mut bench, config), 0);
     assert_eq!(bench.gateway.station_config(0), Some(StationConfig::fd(500_000, 2_000_000)));
     let too_wide = BitTiming { brp: 1, tseg1: 30, tseg2: 20, sjw: 9 };
@@ -231,7 +231,7 @@ fn standard_filters_match_and_route() {
         ],
         "the first filter that matches decides"
     );
-    assert_eq!(bench.gateway.truth().receive_losses.filtered, 3);
+    assert_eq!(bench.gateway.counters().receive_losses.filtered, 3);
     assert_eq!(bench.upload(0x9000, 8), 7 << 8, "HPMS: filter 7, not stored");
 }
 
@@ -269,7 +269,7 @@ fn receive_buffer_is_locked_until_it_is_read() {
     bench.deliver(0, standard(0x100, &[2]));
     bench.cycle();
     assert_eq!(bench.received(), [(0, standard(0x100, &[1]))]);
-    assert_eq!(bench.gateway.truth().receive_losses.controller_full, 1);
+    assert_eq!(bench.gateway.counters().receive_losses.controller_full, 1);
     bench.deliver(0, standard(0x100, &[3]));
     bench.cycle();
     assert_eq!(bench.received(), [(0, standard(0x100, &[3]))]);
@@ -291,7 +291,7 @@ fn blocking_fifo_keeps_old_frames_and_overwriting_keeps_new_ones() {
         bench.cycle();
         let ids: Vec<_> = bench.received().iter().map(|(_, frame)| frame.id().raw()).collect();
         assert_eq!(ids, expected, "{mode:?}");
-        assert_eq!(bench.gateway.truth().receive_losses.controller_full, 2);
+        assert_eq!(bench.gateway.counters().receive_losses.controller_full, 2);
     }
 }
 
@@ -309,7 +309,7 @@ fn element_too_small_for_a_received_frame_keeps_what_fits() {
 
 #[test]
 fn editing_window_saves_loads_and_clears() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (subindex, value) in [(43, 7), (50, 2), (51, 1), (52, 1)] {
         bench.write_u8(0x8001, subindex, value);
     }
@@ -331,7 +331,7 @@ fn editing_window_saves_loads_and_clears() {
 
 #[test]
 fn editing_window_statuses() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (index, command, max) in [(43, 45, 64), (44, 46, 24)] {
         let status = command + 2;
         for (at, value, expected) in
@@ -358,7 +358,7 @@ fn filters_take_effect_with_the_apply() {
 
 #[test]
 fn pin_rotation_moves_channels_to_other_connectors() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.apply_profiles(chunks(3), chunks(3));
     bench.apply_channel(0, McanChannelConfig::classic(125_000));
     bench.apply_channel(1, McanChannelConfig::classic(250_000));
@@ -388,7 +388,7 @@ fn start_of_frame_is_captured_where_the_tsu_says_so() {
             profile: ecan_protocol::image::EncapsulationProfile::CompactTimestamped,
             ..chunks(3)
         };
-        let mut bench = Bench::preop();
+        let mut bench = Fixture::preop();
         bench.apply_profiles(tx, chunks(3));
         bench.apply_channel(0, config);
         bench.start();

@@ -3,12 +3,12 @@
 mod gateway_support;
 
 use ecan_protocol::device::AlState;
-use gateway_support::{Bench, MS, chunks};
+use gateway_support::{Fixture, MS, chunks};
 
 const REBUILD: u8 = 1 << 6;
 const DENIED: u32 = 2;
 
-fn with_eeprom(mut bench: Bench) -> Bench {
+fn with_eeprom(mut bench: Fixture) -> Fixture {
     assert!(bench.gateway.eeprom().is_empty());
     bench.gateway.install_eeprom(vec![1, 2, 3]);
     assert_eq!(bench.gateway.eeprom(), [1, 2, 3]);
@@ -20,7 +20,7 @@ fn with_eeprom(mut bench: Bench) -> Bench {
 
 #[test]
 fn words_survive_power_loss_and_reboot() {
-    let mut bench = with_eeprom(Bench::preop());
+    let mut bench = with_eeprom(Fixture::preop());
     bench.gateway.power(bench.now, false);
     assert_eq!(bench.gateway.eeprom(), [1, 0xBEEF, 3]);
     bench.gateway.power(bench.now, true);
@@ -36,7 +36,7 @@ fn words_survive_power_loss_and_reboot() {
 
 #[test]
 fn the_rebuild_command_erases_and_reboots() {
-    let mut bench = with_eeprom(Bench::preop());
+    let mut bench = with_eeprom(Fixture::preop());
     for mode in [0, 1] {
         bench.write_u8(0xB000, 1, mode);
         bench.write_u8(0xB000, 4, REBUILD);
@@ -56,7 +56,7 @@ fn the_rebuild_command_erases_and_reboots() {
 
 #[test]
 fn a_rebuild_that_lost_its_supply_is_made_up_for() {
-    let mut bench = with_eeprom(Bench::preop());
+    let mut bench = with_eeprom(Fixture::preop());
     bench.gateway.rebuild_eeprom(bench.now);
     bench.pass(MS);
     bench.gateway.power(bench.now, false);
@@ -69,7 +69,7 @@ fn a_rebuild_that_lost_its_supply_is_made_up_for() {
 
 #[test]
 fn no_rebuild_in_op() {
-    let mut bench = with_eeprom(Bench::op(chunks(1), chunks(1)));
+    let mut bench = with_eeprom(Fixture::op(chunks(1), chunks(1)));
     bench.write_u8(0xB000, 1, 2);
     bench.write_u8(0xB000, 4, REBUILD);
     assert_eq!(bench.upload(0xB000, 5), DENIED);

@@ -2,7 +2,7 @@
 
 mod gateway_support;
 
-use gateway_support::{Bench, chunks, standard};
+use gateway_support::{Fixture, chunks, standard};
 
 const EXAMPLE: [u8; 36] = [
     0x16, 0x00, 0x01, 0x00, 0x01, 0x00, 0x0C, 0x00, 0xD3, 0x56, 0xE7, 0x01, 0x0F, 0x01, 0x00, 0x01,
@@ -12,7 +12,7 @@ const EXAMPLE: [u8; 36] = [
 
 #[test]
 fn example_image_sends_its_frame_on_channel_0() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     bench.image[..EXAMPLE.len()].copy_from_slice(&EXAMPLE);
     assert!(bench.write_again());
     let frame = standard(0x123, &[0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88]);
@@ -27,7 +27,7 @@ fn example_image_sends_its_frame_on_channel_0() {
 
 #[test]
 fn received_frame_has_the_same_bytes_in_the_input_image() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     bench.deliver(0, standard(0x123, &[0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88]));
     bench.cycle();
     // The image on entering SAFEOP was number 1.
@@ -40,7 +40,7 @@ fn received_frame_has_the_same_bytes_in_the_input_image() {
 
 #[test]
 fn readback_is_that_of_the_manual() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     for object in [0x8010, 0x8011] {
         assert_eq!(bench.upload(object, 2), 0);
         assert_eq!(bench.upload(object, 9), 1024);

@@ -8,7 +8,7 @@ use ecan_sim::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,
     GatewaySettings,
 };
-use gateway_support::{Bench, MS, chunks};
+use gateway_support::{Fixture, MS, chunks};
 use proptest::prelude::*;
 
 const VALIDATE: u8 = 1 << 3;
@@ -19,7 +19,7 @@ const CRC_ERROR: u32 = 3;
 const IMAGE_INVALID: u32 = 4;
 
 /// Sends a whole file, waiting for the flash.
-fn update(bench: &mut Bench, file: &[u8]) -> Result<(), FirmwareUpdateError> {
+fn update(bench: &mut Fixture, file: &[u8]) -> Result<(), FirmwareUpdateError> {
     bench.gateway.begin_firmware_update(bench.now)?;
     for piece in file.chunks(1000) {
         while bench.gateway.write_firmware(bench.now, piece)? != FirmwareProgress::Done {
@@ -32,7 +32,7 @@ fn update(bench: &mut Bench, file: &[u8]) -> Result<(), FirmwareUpdateError> {
     Ok(())
 }
 
-fn restart(bench: &mut Bench) {
+fn restart(bench: &mut Fixture) {
     bench.pass(500 * MS);
     assert!(!bench.gateway.is_responding());
     bench.pass(1_000 * MS);
@@ -40,14 +40,14 @@ fn restart(bench: &mut Bench) {
     bench.gateway.request_al_state(bench.now, AlState::PreOp);
 }
 
-fn maintain(bench: &mut Bench, bits: u8) -> u32 {
+fn maintain(bench: &mut Fixture, bits: u8) -> u32 {
     bench.write_u8(0xB000, 1, 1);
     bench.write_u8(0xB000, 4, bits);
     bench.pass(10 * MS);
     bench.upload(0xB000, 5)
 }
 
-fn version(bench: &mut Bench) -> (u32, u32) {
+fn version(bench: &mut Fixture) -> (u32, u32) {
     (bench.upload(0xF000, 5), bench.upload(0xF000, 6))
 }
 
@@ -57,7 +57,7 @@ fn file(version: u32) -> Vec<u8> {
 
 #[test]
 fn size_crc_and_status_of_the_last_file_are_shown() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for subindex in 9..=11 {
         assert_eq!(bench.upload(0xB000, subindex), 0);
     }
@@ -78,7 +78,7 @@ fn size_crc_and_status_of_the_last_file_are_shown() {
 
 #[test]
 fn an_update_in_op_restarts_the_gateway_out_of_it() {
-    let mut bench = Bench::op(chunks(1), chunks(1));
+    let mut bench = Fixture::op(chunks(1), chunks(1));
     bench.gateway.set_watchdog_ns(0);
     update(&mut bench, &file(0x0303_0003)).unwrap();
     assert_eq!(bench.gateway.al_state(), AlState::Op);
@@ -88,7 +88,7 @@ fn an_update_in_op_restarts_the_gateway_out_of_it() {
 
 #[test]
 fn commands_judge_what_lies_in_the_free_partition() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for bits in [VALIDATE, ACTIVATE, VALIDATE | ACTIVATE] {
         assert_eq!(maintain(&mut bench, bits), IMAGE_INVALID, "empty");
     }
@@ -108,7 +108,7 @@ fn commands_judge_what_lies_in_the_free_partition() {
 
 #[test]
 fn activating_the_old_partition_goes_back() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let factory = version(&mut bench);
     update(&mut bench, &file(0x0303_0003)).unwrap();
     restart(&mut bench);
@@ -138,7 +138,7 @@ fn an_update_needs_a_gateway_that_runs() {
 #[test]
 fn the_serial_number_stays() {
     let settings = GatewaySettings { serial: 0x1122_3344_5566_7788, ..Default::default() };
-    let mut bench = Bench::preop_with(settings);
+    let mut bench = Fixture::preop_with(settings);
     update(&mut bench, &file(0x0909_0009)).unwrap();
     restart(&mut bench);
     assert_eq!((bench.upload(0xF000, 7), bench.upload(0xF000, 8)), (0x5566_7788, 0x1122_3344));

@@ -8,7 +8,7 @@ use ecan_protocol::config::{
 };
 use ecan_protocol::object::{AbortCode, Access, objects};
 use ecan_sim::{GatewayFault, StationConfig};
-use gateway_support::{Bench, MS, chunks, standard};
+use gateway_support::{Fixture, MS, chunks, standard};
 
 const SAVE: u8 = 1 << 0;
 const LOAD: u8 = 1 << 1;
@@ -25,14 +25,14 @@ const CRC_ERROR: u32 = 3;
 const IMAGE_INVALID: u32 = 4;
 const FLASH_ERROR: u32 = 5;
 
-fn in_mode(mode: u8) -> Bench {
-    let mut bench = Bench::preop();
+fn in_mode(mode: u8) -> Fixture {
+    let mut bench = Fixture::preop();
     bench.write_u8(0xB000, 1, mode);
     bench
 }
 
 /// Executes a maintenance command; its status.
-fn maintain(bench: &mut Bench, bits: u8) -> u32 {
+fn maintain(bench: &mut Fixture, bits: u8) -> u32 {
     let sequence = bench.upload(0xB000, 12);
     bench.write_u8(0xB000, 4, bits);
     bench.pass(LONG);
@@ -41,7 +41,7 @@ fn maintain(bench: &mut Bench, bits: u8) -> u32 {
 }
 
 /// Executes a channel's flash command; its status.
-fn flash(bench: &mut Bench, channel: u16, bits: u8) -> u32 {
+fn flash(bench: &mut Fixture, channel: u16, bits: u8) -> u32 {
     let sequence = bench.upload(0x8001 + channel, 5);
     bench.write_u8(0x8001 + channel, 3, bits);
     bench.pass(LONG);
@@ -49,7 +49,7 @@ fn flash(bench: &mut Bench, channel: u16, bits: u8) -> u32 {
     bench.upload(0x8001 + channel, 4)
 }
 
-fn power_cycle(bench: &mut Bench) {
+fn power_cycle(bench: &mut Fixture) {
     bench.gateway.power(bench.now, false);
     bench.pass(MS);
     bench.gateway.power(bench.now, true);
@@ -57,7 +57,7 @@ fn power_cycle(bench: &mut Bench) {
 }
 
 /// Waits for the end of a start and goes to PREOP.
-fn boot(bench: &mut Bench) {
+fn boot(bench: &mut Fixture) {
     assert!(!bench.gateway.is_responding());
     bench.pass(1_000 * MS);
     bench.set_up_mailboxes();
@@ -65,7 +65,7 @@ fn boot(bench: &mut Bench) {
 }
 
 /// Channel 1 runs with a filter, and something of every other object is set.
-fn configure(bench: &mut Bench) {
+fn configure(bench: &mut Fixture) {
     let filter = StandardFilter {
         matching: StandardMatch::Two,
         action: FilterAction::Reject,
@@ -87,7 +87,7 @@ fn configure(bench: &mut Bench) {
     bench.download(0x8020, 7, &500u16.to_le_bytes()).unwrap();
 }
 
-fn assert_configured(bench: &mut Bench) {
+fn assert_configured(bench: &mut Fixture) {
     assert_eq!(bench.gateway.station_config(0), Some(StationConfig::classic(250_000)), "rotated");
     for connector in 1..4 {
         assert_eq!(bench.gateway.station_config(connector), None);
@@ -112,7 +112,7 @@ fn assert_configured(bench: &mut Bench) {
 
 #[test]
 fn a_new_gateway_has_nothing_stored() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     assert_eq!(bench.upload(0xB000, 8), 0);
     assert_ne!(bench.upload(0xB000, 7), 0);
     let before = bench.upload(0xB000, 7);
@@ -215,7 +215,8 @@ fn commands_need_their_mode_and_stay_out_of_op() {
     for mode in 0..=2 {
         for op in [false, true] {
             for (bits, needed, in_op) in commands {
-                let mut bench = if op { Bench::op(chunks(1), chunks(1)) } else { Bench::preop() };
+                let mut bench =
+                    if op { Fixture::op(chunks(1), chunks(1)) } else { Fixture::preop() };
                 bench.gateway.set_watchdog_ns(0);
                 bench.write_u8(0xB000, 1, mode);
                 let allowed = mode >= needed && (!op || in_op);
@@ -231,7 +232,7 @@ fn commands_need_their_mode_and_stay_out_of_op() {
 
 #[test]
 fn a_mode_that_timed_out_denies() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.download(0xB000, 3, &1u16.to_le_bytes()).unwrap();
     bench.write_u8(0xB000, 1, ENGINEERING);
     assert_eq!(maintain(&mut bench, SAVE), OK);
@@ -294,7 +295,7 @@ fn a_failing_flash_is_told() {
 
 #[test]
 fn a_channel_is_saved_loaded_and_restored_alone() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.apply_channel(0, McanChannelConfig::classic(125_000));
     bench.apply_channel(3, McanChannelConfig::classic(250_000));
     bench.write_u8(0x8004, 3, SAVE);
@@ -321,7 +322,7 @@ fn a_channel_is_saved_loaded_and_restored_alone() {
 
 #[test]
 fn a_channel_that_cannot_be_built_is_not_saved() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.download(0x8001, 19, &0u32.to_le_bytes()).unwrap();
     assert_eq!(flash(&mut bench, 0, SAVE), 3);
     bench.download(0x8001, 19, &500_000u32.to_le_bytes()).unwrap();
@@ -334,7 +335,7 @@ fn a_channel_that_cannot_be_built_is_not_saved() {
 
 #[test]
 fn channel_flash_commands_fail_in_op() {
-    let mut bench = Bench::op(chunks(1), chunks(1));
+    let mut bench = Fixture::op(chunks(1), chunks(1));
     bench.gateway.set_watchdog_ns(0);
     for bits in [SAVE, LOAD, FACTORY] {
         assert_eq!(flash(&mut bench, 0, bits), 1);
@@ -358,7 +359,7 @@ fn the_crc_covers_what_is_saved_and_nothing_else() {
                 if entry.access != Access::Rw || !entry.ty.is_integer() || index >= 0x9000 {
                     continue;
                 }
-                let mut bench = Bench::preop();
+                let mut bench = Fixture::preop();
                 let before = bench.upload(0xB000, 7);
                 let candidates = [entry.max, entry.max.saturating_sub(1), entry.min, entry.min + 1];
                 let other = candidates

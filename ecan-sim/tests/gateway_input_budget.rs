@@ -8,11 +8,11 @@ use ecan_protocol::config::DataPathConfig;
 use ecan_protocol::image::{
     BudgetPolicy, EncapsulationProfile, HeaderFlags, OptionFlags, Packet, PdoProfile, Timestamp,
 };
-use gateway_support::{Bench, MS, SERVICE, chunks, fd, standard};
+use gateway_support::{Fixture, MS, SERVICE, chunks, fd, standard};
 
 /// In OP with eager drain budgets, so that only the frame area limits.
-fn with(tx: PdoProfile) -> Bench {
-    let mut bench = Bench::configured(tx, chunks(3));
+fn with(tx: PdoProfile) -> Fixture {
+    let mut bench = Fixture::configured(tx, chunks(3));
     for channel in 0..4 {
         bench.apply_data_path(channel, DataPathConfig::for_traffic(8, 8));
     }
@@ -24,7 +24,7 @@ fn budget(multiplier: u8, budget: BudgetPolicy) -> PdoProfile {
     PdoProfile { budget, ..chunks(multiplier) }
 }
 
-fn per_channel(bench: &Bench) -> [usize; 4] {
+fn per_channel(bench: &Fixture) -> [usize; 4] {
     let mut counts = [0; 4];
     for (channel, _) in bench.received() {
         counts[usize::from(channel)] += 1;
@@ -149,7 +149,7 @@ fn frame_that_fits_no_image_is_an_overrun_and_blocks_nobody() {
     assert_eq!(bench.upload(0x8010, 14), 2);
     assert_eq!(bench.upload(0x8010, 16), 1);
     assert_eq!(bench.input().header().overflow_sat, 1);
-    assert_eq!(bench.gateway.truth().receive_losses.oversized, 1);
+    assert_eq!(bench.gateway.counters().receive_losses.oversized, 1);
 }
 
 #[test]
@@ -168,7 +168,7 @@ fn overflow_count_saturates() {
 #[test]
 fn image_holds_at_most_255_packets() {
     let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(24) };
-    let mut bench = Bench::configured(tx, chunks(24));
+    let mut bench = Fixture::configured(tx, chunks(24));
     bench.apply_data_path(0, DataPathConfig::for_traffic(8, 8));
     bench.start();
     for id in 0..254 {

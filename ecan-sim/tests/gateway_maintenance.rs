@@ -3,11 +3,11 @@
 mod gateway_support;
 
 use ecan_protocol::image::Schedule;
-use gateway_support::{Bench, MS, chunks, standard};
+use gateway_support::{Fixture, MS, chunks, standard};
 
 #[test]
 fn commands_are_denied_in_run_mode() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (count, command) in [(1, 0x01), (2, 0x02), (3, 0x04), (4, 0x08), (5, 0x10), (6, 0x40)] {
         bench.write_u8(0xB000, 4, command);
         assert_eq!((bench.upload(0xB000, 5), bench.upload(0xB000, 12)), (2, count));
@@ -20,7 +20,7 @@ fn commands_are_denied_in_run_mode() {
 
 #[test]
 fn access_mode_is_granted_and_times_out() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.download(0xB000, 3, &2u16.to_le_bytes()).unwrap();
     for mode in [1, 2] {
         bench.write_u8(0xB000, 1, mode);
@@ -40,7 +40,7 @@ fn access_mode_is_granted_and_times_out() {
 
 #[test]
 fn clear_diagnostics_resets_the_channels_counters() {
-    let mut bench = Bench::op(chunks(3), chunks(24));
+    let mut bench = Fixture::op(chunks(3), chunks(24));
     for id in 0..70 {
         bench.push(0, standard(id, &[]));
         bench.deliver(0, standard(id, &[]));
@@ -57,7 +57,7 @@ fn clear_diagnostics_resets_the_channels_counters() {
 
 #[test]
 fn cycle_statistics_count_and_clear() {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     let start = bench.start_sync0();
     bench.pass(MS);
     bench.start();
@@ -86,7 +86,7 @@ fn cycle_statistics_count_and_clear() {
 
 #[test]
 fn clearing_the_cycle_statistics_clears_the_channels_service_times() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     bench.cycle();
     for subindex in [17, 18] {
         assert_ne!(bench.upload(0x9020, subindex), 0, "{subindex}");
@@ -99,14 +99,14 @@ fn clearing_the_cycle_statistics_clears_the_channels_service_times() {
 
 #[test]
 fn data_path_diagnostics_show_what_happens() {
-    let mut bench = Bench::op(chunks(3), chunks(24));
+    let mut bench = Fixture::op(chunks(3), chunks(24));
     for id in 0..3 {
         bench.deliver(0, standard(id, &[]));
         bench.deliver(1, standard(id, &[]));
     }
     bench.push(1, standard(9, &[]));
     bench.cycle();
-    let show = |bench: &mut Bench, index| (1..=18).map(|at| bench.upload(index, at)).collect();
+    let show = |bench: &mut Fixture, index| (1..=18).map(|at| bench.upload(index, at)).collect();
     // two frames a service; one frame costs 260 cycles beside 1500
     let quiet: Vec<u32> = show(&mut bench, 0x9022);
     assert_eq!(quiet, [0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 1_500, 1_500]);
@@ -127,7 +127,7 @@ fn data_path_diagnostics_show_what_happens() {
 
 #[test]
 fn costs_follow_the_work() {
-    let mut bench = Bench::configured(chunks(2), chunks(3));
+    let mut bench = Fixture::configured(chunks(2), chunks(3));
     bench.start_sync0();
     bench.pass(MS);
     bench.start();

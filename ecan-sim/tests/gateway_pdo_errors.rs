@@ -7,7 +7,7 @@ use ecan_protocol::image::{
     EncapsulationProfile, Header, HeaderFlags, OptionFlags, PdoProfile, crc16,
 };
 use ecan_protocol::mapping::HEADER_BYTES;
-use gateway_support::{Bench, chunks, standard};
+use gateway_support::{Fixture, chunks, standard};
 
 /// One good packet: channel 0, identifier 0x123, no data.
 const GOOD: [u8; 4] = [0x00, 0x00, 0x23, 0x01];
@@ -44,7 +44,7 @@ fn image(
 
 /// Writes the image and returns error, error counter and the frames sent on channel 0.
 fn parse(profile: PdoProfile, image: Vec<u8>) -> (u32, u32, usize) {
-    let mut bench = Bench::op(chunks(8), profile);
+    let mut bench = Fixture::op(chunks(8), profile);
     bench.image = image;
     assert!(bench.write_again());
     let sent = bench.sent(0).len();
@@ -128,7 +128,7 @@ fn truncated_8_reaches_beyond_the_payload_only() {
 
 #[test]
 fn duplicate_sequence_10_is_another_image_with_the_same_number() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     bench.image = image(chunks(8), 1, &GOOD, |_| {});
     assert!(bench.write_again());
     let other = [0x00, 0x00, 0x24, 0x01];
@@ -178,7 +178,7 @@ fn bad_schedule_16() {
     let good = schedule([1, 0, 0, 0, 0xA0, 0x86, 0x01, 0]);
     assert_eq!(packets(&[&GOOD, &good]), after_good(16), "no Sync0 to schedule by");
     for record in [[0, 0, 0, 0, 0, 0, 0, 0], [2, 0, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0, 0]] {
-        let mut bench = Bench::configured(chunks(8), chunks(8));
+        let mut bench = Fixture::configured(chunks(8), chunks(8));
         bench.start_sync0();
         bench.pass(gateway_support::MS);
         bench.start();
@@ -193,7 +193,7 @@ fn bad_schedule_16() {
 #[test]
 fn errors_9_and_11_come_from_the_profile_not_from_packets() {
     for (field, value, error) in [(5, 3, 9), (7, 0x40, 11)] {
-        let mut bench = Bench::configured(chunks(8), chunks(8));
+        let mut bench = Fixture::configured(chunks(8), chunks(8));
         bench.write_u8(0x8011, field, value);
         bench.write_u8(0x8011, 1, 1);
         assert_eq!(bench.upload(0x8011, 14), error);
@@ -202,7 +202,7 @@ fn errors_9_and_11_come_from_the_profile_not_from_packets() {
 
 #[test]
 fn good_image_after_a_fault_is_taken() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     bench.image = image(chunks(8), 1, &GOOD, |header| header.payload_crc16 ^= 1);
     assert!(bench.write_again());
     bench.image = image(chunks(8), 1, &GOOD, |_| {});

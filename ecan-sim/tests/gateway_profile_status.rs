@@ -6,7 +6,7 @@ use ecan_protocol::config::assignment_writes;
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
-use gateway_support::{Bench, chunks};
+use gateway_support::{Fixture, chunks};
 
 const MULTIPLIER: u8 = 3;
 const MASK: u8 = 4;
@@ -14,7 +14,7 @@ const PROFILE: u8 = 5;
 const BUDGET: u8 = 6;
 const OPTIONS: u8 = 7;
 
-fn apply(bench: &mut Bench, object: u16, field: u8, value: u8) -> u32 {
+fn apply(bench: &mut Fixture, object: u16, field: u8, value: u8) -> u32 {
     bench.write_u8(object, field, value);
     bench.write_u8(object, 1, 1);
     bench.upload(object, 2)
@@ -22,7 +22,7 @@ fn apply(bench: &mut Bench, object: u16, field: u8, value: u8) -> u32 {
 
 #[test]
 fn nothing_is_active_before_the_first_apply() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for object in [0x8010, 0x8011] {
         for active in [2, 9, 10, 11, 12] {
             assert_eq!(bench.upload(object, active), 0);
@@ -45,7 +45,7 @@ fn every_refused_field_has_its_status_and_leaves_the_old_profile() {
             (OPTIONS, 0x20, 10, 11),
             (OPTIONS, 0x80, 10, 11),
         ] {
-            let mut bench = Bench::configured(chunks(8), chunks(8));
+            let mut bench = Fixture::configured(chunks(8), chunks(8));
             let crc = bench.upload(object, 11);
             assert_eq!(apply(&mut bench, object, field, value), status, "field {field} = {value}");
             assert_eq!(bench.upload(object, 14), last_error);
@@ -59,7 +59,7 @@ fn every_refused_field_has_its_status_and_leaves_the_old_profile() {
 
 #[test]
 fn written_but_not_applied_is_pending() {
-    let mut bench = Bench::configured(chunks(8), chunks(8));
+    let mut bench = Fixture::configured(chunks(8), chunks(8));
     bench.write_u8(0x8010, MASK, 0x01);
     assert_eq!(bench.upload(0x8010, 2), 9);
     bench.write_u8(0x8010, MASK, 0x0F);
@@ -70,7 +70,7 @@ fn written_but_not_applied_is_pending() {
 
 #[test]
 fn layout_cannot_change_in_op() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     for (field, value) in [(MULTIPLIER, 4), (MASK, 1), (PROFILE, 1), (BUDGET, 1), (OPTIONS, 2)] {
         let before = bench.upload(0x8011, field) as u8;
         assert_eq!(apply(&mut bench, 0x8011, field, value), 1);
@@ -86,7 +86,7 @@ fn layout_cannot_change_in_op() {
 
 #[test]
 fn assignment_must_be_the_first_chunks_in_order() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.write_u8(0x1C12, 0, 0);
     for (subindex, map) in [(1u8, 0x1601u16), (2, 0x1600)] {
         bench.download(0x1C12, subindex, &map.to_le_bytes()).unwrap();
@@ -101,7 +101,7 @@ fn assignment_must_be_the_first_chunks_in_order() {
 
 #[test]
 fn assignment_changed_under_an_active_profile_needs_a_reload() {
-    let mut bench = Bench::configured(chunks(8), chunks(8));
+    let mut bench = Fixture::configured(chunks(8), chunks(8));
     for write in assignment_writes(Direction::TxPdo, 3) {
         bench.send(write);
     }
@@ -114,10 +114,10 @@ fn assignment_changed_under_an_active_profile_needs_a_reload() {
 fn layout_crc_tells_layouts_apart_and_repeats() {
     let mut seen = Vec::new();
     for multiplier in [1, 3, 8] {
-        let mut bench = Bench::configured(chunks(multiplier), chunks(multiplier));
+        let mut bench = Fixture::configured(chunks(multiplier), chunks(multiplier));
         seen.push(bench.upload(0x8010, 11));
         seen.push(bench.upload(0x8011, 11));
-        let mut again = Bench::configured(chunks(multiplier), chunks(multiplier));
+        let mut again = Fixture::configured(chunks(multiplier), chunks(multiplier));
         assert_eq!(again.upload(0x8010, 11), seen[seen.len() - 2]);
     }
     let all = seen.len();
@@ -129,7 +129,7 @@ fn layout_crc_tells_layouts_apart_and_repeats() {
 
 #[test]
 fn parser_faults_and_overflow_show_until_cleared() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     assert!(bench.write_again(), "all zero");
     assert_eq!(bench.upload(0x8011, 2), 7);
     assert_eq!(bench.upload(0x8011, 14), 14);
@@ -142,7 +142,7 @@ fn parser_faults_and_overflow_show_until_cleared() {
 
 #[test]
 fn reset_session_forgets_sequence_and_last_error_but_not_the_counters() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     assert!(bench.write_again());
     bench.cycle();
     assert_eq!(bench.upload(0x8011, 13), 1);

@@ -6,7 +6,7 @@ mod gateway_support;
 use ecan_protocol::can::CanId;
 use ecan_protocol::config::{CacheDepth, CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
 use ecan_protocol::image::PdoProfile;
-use gateway_support::{Bench, MS, chunks, standard};
+use gateway_support::{Fixture, MS, chunks, standard};
 
 const TOTAL: u8 = 5;
 const OLD: u8 = 6;
@@ -15,15 +15,15 @@ const CRITICAL: u8 = 8;
 const DEGRADED: u8 = 15;
 
 /// In OP with this policy on channel 0, its TxPDO so big that it takes whatever is cached.
-fn with(policy: DataPathConfig) -> Bench {
-    let mut bench = Bench::configured(chunks(16), chunks(3));
+fn with(policy: DataPathConfig) -> Fixture {
+    let mut bench = Fixture::configured(chunks(16), chunks(3));
     bench.apply_data_path(0, policy);
     bench.start();
     bench
 }
 
 /// Feeds frames while nobody fetches the input image, so that the cache fills up.
-fn overflow(bench: &mut Bench, ids: &[u16]) -> Vec<u32> {
+fn overflow(bench: &mut Fixture, ids: &[u16]) -> Vec<u32> {
     assert!(bench.write(), "fills SM3");
     for &id in ids {
         bench.deliver(0, standard(id, &[]));
@@ -221,13 +221,13 @@ fn refused_policies_leave_the_old_one() {
         (13, 4),
         (14, 4),
     ] {
-        let mut bench = Bench::preop();
+        let mut bench = Fixture::preop();
         bench.write_u8(0x8021, subindex, value);
         bench.write_u8(0x8021, 2, 1);
         assert_eq!(bench.upload(0x8021, 3), 1, "{subindex} = {value}");
         assert_eq!(bench.upload(0x8021, 20), 0x5405_9201);
     }
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.write_u8(0x8021, 4, 3);
     bench.write_u8(0x8021, 2, 1);
     assert_eq!(bench.upload(0x8021, 3), 1, "the minimum is above the maximum");
@@ -235,7 +235,7 @@ fn refused_policies_leave_the_old_one() {
 
 #[test]
 fn applied_policy_is_echoed_packed() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let policy = DataPathConfig::for_traffic(6, 7);
     bench.apply_data_path(2, policy);
     assert_eq!(bench.upload(0x8023, 20), policy.active_word());
@@ -255,7 +255,7 @@ fn disabled_policy_runs_with_the_factory_values() {
 
 #[test]
 fn service_budget_limits_all_channels_together_but_for_their_minimum() {
-    let mut bench = Bench::configured(chunks(16), chunks(3));
+    let mut bench = Fixture::configured(chunks(16), chunks(3));
     for channel in 0..4 {
         bench.apply_data_path(channel, DataPathConfig { rx_drain_min: 1, ..policy() });
     }
@@ -276,7 +276,7 @@ fn service_budget_limits_all_channels_together_but_for_their_minimum() {
 
 #[test]
 fn global_control_refuses_options_that_do_not_exist() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (subindex, data) in [(5, &[1, 0, 0, 0][..]), (6, &[1, 0, 0, 0]), (7, &[0xE9, 0x03])] {
         let before = bench.try_upload(0x8020, subindex).unwrap();
         bench.download(0x8020, subindex, data).unwrap();
@@ -291,13 +291,13 @@ fn global_control_refuses_options_that_do_not_exist() {
 #[test]
 fn channel_outside_the_mask_is_drained_and_dropped() {
     let tx = PdoProfile { channel_mask: 0x01, ..chunks(3) };
-    let mut bench = Bench::op(tx, chunks(3));
+    let mut bench = Fixture::op(tx, chunks(3));
     for _ in 0..100 {
         bench.deliver(1, standard(1, &[]));
         bench.cycle();
         assert_eq!(bench.received(), []);
     }
-    assert_eq!(bench.gateway.truth().receive_losses.masked, 100);
+    assert_eq!(bench.gateway.counters().receive_losses.masked, 100);
     assert_eq!(bench.upload(0x9021, TOTAL), 0, "nothing went wrong");
 }
 
@@ -307,7 +307,7 @@ fn controller_fifo_holds_its_48_frames_and_then_loses_new_ones() {
     for id in 0..50 {
         bench.deliver(0, standard(id, &[]));
     }
-    assert_eq!(bench.gateway.truth().receive_losses.controller_full, 2);
+    assert_eq!(bench.gateway.counters().receive_losses.controller_full, 2);
     bench.cycle();
     assert_eq!(bench.upload(0x9020, NEW), 2);
     assert!(bench.input().header().overflow_sat >= 2);

@@ -5,7 +5,7 @@ mod gateway_support;
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::object::WRITABLE_REGISTERS;
 use ecan_sim::{StationConfig, StationMode};
-use gateway_support::{Bench, MS, chunks, standard};
+use gateway_support::{Fixture, MS, chunks, standard};
 use proptest::prelude::*;
 
 const READ: u8 = 1;
@@ -29,26 +29,26 @@ const CHANGE: u32 = 3;
 /// FD with bit rate switch.
 const FD: u32 = 3 << 8;
 
-fn register(bench: &mut Bench, offset: u32, command: u8) -> (u32, u32) {
+fn register(bench: &mut Fixture, offset: u32, command: u8) -> (u32, u32) {
     bench.download(0xA000, 1, &offset.to_le_bytes()).unwrap();
     bench.write_u8(0xA000, 2, command);
     (bench.upload(0xA000, 3), bench.upload(0xA000, 5))
 }
 
-fn read(bench: &mut Bench, offset: u32) -> u32 {
+fn read(bench: &mut Fixture, offset: u32) -> u32 {
     let (status, value) = register(bench, offset, READ);
     assert_eq!(status, 0);
     value
 }
 
-fn write(bench: &mut Bench, offset: u32, value: u32) {
+fn write(bench: &mut Fixture, offset: u32, value: u32) {
     bench.download(0xA000, 4, &value.to_le_bytes()).unwrap();
     assert_eq!(register(bench, offset, WRITE).0, 0, "{offset:#x}");
 }
 
 /// In OP and engineering mode.
-fn engineering() -> Bench {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+fn engineering() -> Fixture {
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     bench.gateway.set_watchdog_ns(0);
     bench.write_u8(0xB000, 1, 1);
     bench
@@ -56,7 +56,7 @@ fn engineering() -> Bench {
 
 #[test]
 fn registers_are_read_where_they_exist() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     bench.gateway.bus_state(bench.now, 0, ecan_sim::ErrorState::Warning, 100, 3);
     assert_eq!(register(&mut bench, 0x40, 1), (0, 100 | 3 << 8), "ECR");
     // 1 Mbit/s at 80 MHz, one clock a quantum
@@ -78,7 +78,7 @@ fn registers_are_read_where_they_exist() {
 #[test]
 fn the_whitelist_needs_engineering_mode_and_nothing_else_can_be_written() {
     for mode in 0..=2 {
-        let mut bench = Bench::op(chunks(3), chunks(3));
+        let mut bench = Fixture::op(chunks(3), chunks(3));
         bench.write_u8(0xB000, 1, mode);
         for offset in (4..=0x404).step_by(4) {
             let writable = WRITABLE_REGISTERS.iter().any(|&(known, _)| u32::from(known) == offset);
@@ -178,7 +178,7 @@ fn init_takes_the_controller_off_the_bus_and_back() {
     write(&mut bench, CCCR, FD);
     assert_ne!(bench.gateway.station_generation(0), generation);
     assert_eq!(bench.gateway.station_config(0), Some(station));
-    assert_eq!(Bench::identifiers(&bench.sent(0)), [1, 2], "nothing is lost");
+    assert_eq!(Fixture::identifiers(&bench.sent(0)), [1, 2], "nothing is lost");
 }
 
 #[test]
@@ -186,13 +186,13 @@ fn opening_for_changes_empties_the_controller() {
     let mut bench = engineering();
     bench.push(0, standard(1, &[]));
     bench.cycle();
-    let before = *bench.gateway.truth();
+    let before = *bench.gateway.counters();
     write(&mut bench, CCCR, FD | CHANGE);
     assert_eq!(read(&mut bench, CCCR), FD | INIT, "INIT first");
-    assert_eq!(*bench.gateway.truth(), before);
+    assert_eq!(*bench.gateway.counters(), before);
     bench.deliver(0, standard(1, &[]));
     write(&mut bench, CCCR, FD | CHANGE);
-    assert_eq!(bench.gateway.truth().transmit_losses.stale, before.transmit_losses.stale + 1);
+    assert_eq!(bench.gateway.counters().transmit_losses.stale, before.transmit_losses.stale + 1);
     write(&mut bench, CCCR, FD);
     assert_eq!(bench.sent(0), []);
 }
@@ -249,7 +249,7 @@ fn acknowledged_fifo_elements_are_gone() {
     assert_eq!(read(&mut bench, RXF0S), 5 | 5 << 16, "no such element");
     write(&mut bench, RXF0A, 2);
     assert_eq!(read(&mut bench, RXF0S), 2 | 3 << 8 | 5 << 16);
-    assert_eq!(bench.gateway.truth().receive_losses.flushed, 3);
+    assert_eq!(bench.gateway.counters().receive_losses.flushed, 3);
     bench.cycle();
     assert_eq!(bench.received(), [(0, standard(3, &[])), (0, standard(4, &[]))]);
 }
@@ -284,7 +284,7 @@ fn leaving_init_asks_for_the_way_out_of_bus_off() {
 
 #[test]
 fn a_controller_that_was_never_applied_stays_in_init() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.write_u8(0xB000, 1, 1);
     assert_eq!(read(&mut bench, CCCR), INIT);
     write(&mut bench, CCCR, CHANGE);
@@ -321,10 +321,10 @@ proptest! {
                 prop_assert!(station.nominal_bitrate > 0 && station.data_bitrate > 0);
             }
         }
-        let truth = *bench.gateway.truth();
-        let losses = truth.transmit_losses;
+        let counters = *bench.gateway.counters();
+        let losses = counters.transmit_losses;
         let lost = losses.invalid_channel + losses.bus_off + losses.ring_full + losses.stale;
         let waiting = u64::from(bench.upload(0x9000, 11));
-        prop_assert_eq!(truth.frames_parsed, truth.frames_on_bus + lost + waiting);
+        prop_assert_eq!(counters.frames_parsed, counters.frames_on_bus + lost + waiting);
     }
 }

@@ -3,7 +3,7 @@
 mod gateway_support;
 
 use ecan_protocol::image::{OptionFlags, PdoProfile};
-use gateway_support::{Bench, chunks, standard};
+use gateway_support::{Fixture, chunks, standard};
 
 fn with_results() -> PdoProfile {
     PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(8) }
@@ -11,7 +11,7 @@ fn with_results() -> PdoProfile {
 
 #[test]
 fn exact_repeat_sends_nothing_and_reports_nothing() {
-    let mut bench = Bench::op(with_results(), chunks(8));
+    let mut bench = Fixture::op(with_results(), chunks(8));
     bench.push(0, standard(0x10, &[1]));
     bench.cycle();
     assert_eq!(bench.sent(0).len(), 1);
@@ -24,12 +24,12 @@ fn exact_repeat_sends_nothing_and_reports_nothing() {
     }
     assert_eq!(bench.upload(0x8011, 14), 0);
     assert_eq!(bench.upload(0x8011, 15), 0);
-    assert_eq!(bench.gateway.truth().images_repeated, 3);
+    assert_eq!(bench.gateway.counters().images_repeated, 3);
 }
 
 #[test]
 fn next_sequence_executes_the_same_frames_again() {
-    let mut bench = Bench::op(with_results(), chunks(8));
+    let mut bench = Fixture::op(with_results(), chunks(8));
     for sequence in 1..4 {
         bench.push(0, standard(0x10, &[1]));
         bench.cycle();
@@ -40,7 +40,7 @@ fn next_sequence_executes_the_same_frames_again() {
 
 #[test]
 fn sequence_0_is_a_number_like_any_other() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     bench.writer.set_next_sequence(0);
     bench.push(0, standard(0x10, &[]));
     bench.cycle();
@@ -51,7 +51,7 @@ fn sequence_0_is_a_number_like_any_other() {
 
 #[test]
 fn reset_session_makes_the_old_image_new_again() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     bench.push(0, standard(0x10, &[]));
     bench.cycle();
     assert_eq!(bench.sent(0).len(), 1);
@@ -62,7 +62,7 @@ fn reset_session_makes_the_old_image_new_again() {
 
 #[test]
 fn power_cycle_makes_the_old_image_new_again() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     bench.push(0, standard(0x10, &[]));
     bench.cycle();
     assert_eq!(bench.sent(0).len(), 1);
@@ -82,7 +82,7 @@ fn power_cycle_makes_the_old_image_new_again() {
 
 #[test]
 fn image_with_a_bad_packet_behind_good_ones_is_executed_once() {
-    let mut bench = Bench::op(chunks(8), chunks(8));
+    let mut bench = Fixture::op(chunks(8), chunks(8));
     bench.push(0, standard(0x10, &[]));
     bench.push(0, standard(0x11, &[]));
     bench.writer.commit(&mut bench.image, Default::default());
@@ -93,6 +93,6 @@ fn image_with_a_bad_packet_behind_good_ones_is_executed_once() {
     for _ in 0..3 {
         bench.write_again();
     }
-    assert_eq!(Bench::identifiers(&bench.sent(0)), [0x10]);
+    assert_eq!(Fixture::identifiers(&bench.sent(0)), [0x10]);
     assert_eq!(bench.upload(0x8011, 14), 4);
 }

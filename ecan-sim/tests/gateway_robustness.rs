@@ -6,8 +6,8 @@ mod gateway_support;
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::{CommitFields, Packet, PdoProfile};
 use ecan_protocol::object::objects;
-use ecan_sim::{ErrorState, GatewaySettings, ReceiveLosses, Truth};
-use gateway_support::{Bench, MS, chunks, fd, standard};
+use ecan_sim::{ErrorState, GatewayCounters, GatewaySettings, ReceiveLosses};
+use gateway_support::{Fixture, MS, chunks, fd, standard};
 use proptest::prelude::*;
 
 /// Something that may be done to a gateway.
@@ -42,7 +42,7 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-fn run(bench: &mut Bench, step: &Step) {
+fn run(bench: &mut Fixture, step: &Step) {
     match step {
         Step::Download { object, instance, subindex, data } => {
             let object = object.get(objects());
@@ -93,7 +93,7 @@ fn run(bench: &mut Bench, step: &Step) {
 }
 
 /// Brings the mailbox back, which may drop frames that wait.
-fn make_readable(bench: &mut Bench) {
+fn make_readable(bench: &mut Fixture) {
     if !bench.gateway.is_responding() {
         bench.pass(1_000 * MS);
     }
@@ -105,14 +105,14 @@ fn make_readable(bench: &mut Bench) {
 
 /// Frames that went in, on the way out and on the way in, and are neither delivered, nor
 /// lost, nor waiting.
-fn unaccounted(bench: &mut Bench) -> (i64, i64) {
+fn unaccounted(bench: &mut Fixture) -> (i64, i64) {
     let (mut waiting_out, mut waiting_in) = (0, 0);
     for channel in 0..4 {
         waiting_out += i64::from(bench.upload(0x9000 + channel, 11));
         waiting_in += i64::from(bench.upload(0x9000 + channel, 10));
     }
-    let truth = *bench.gateway.truth();
-    let out = truth.transmit_losses;
+    let counters = *bench.gateway.counters();
+    let out = counters.transmit_losses;
     let lost_out = out.invalid_channel
         + out.bus_off
         + out.ring_full
@@ -122,16 +122,16 @@ fn unaccounted(bench: &mut Bench) -> (i64, i64) {
         + out.schedule_failed
         + out.bypassed
         + out.not_retransmitted;
-    let lost_in = lost_in(&truth);
+    let lost_in = lost_in(&counters);
     (
-        truth.frames_parsed as i64 - (truth.frames_on_bus + lost_out) as i64 - waiting_out,
-        truth.frames_from_bus as i64 - (truth.frames_to_master + lost_in) as i64 - waiting_in,
+        counters.frames_parsed as i64 - (counters.frames_on_bus + lost_out) as i64 - waiting_out,
+        counters.frames_from_bus as i64 - (counters.frames_to_master + lost_in) as i64 - waiting_in,
     )
 }
 
-fn lost_in(truth: &Truth) -> u64 {
+fn lost_in(counters: &GatewayCounters) -> u64 {
     let ReceiveLosses { filtered, controller_full, cache_full, oversized, masked, flushed } =
-        truth.receive_losses;
+        counters.receive_losses;
     filtered + controller_full + cache_full + oversized + masked + flushed
 }
 
@@ -140,7 +140,7 @@ proptest! {
 
     #[test]
     fn any_sequence_of_steps_keeps_the_books(steps in prop::collection::vec(step(), 1..80)) {
-        let mut bench = Bench::op(chunks(8), chunks(8));
+        let mut bench = Fixture::op(chunks(8), chunks(8));
         for step in &steps {
             run(&mut bench, step);
         }
@@ -152,14 +152,14 @@ proptest! {
     fn equal_seeds_give_equal_runs(steps in prop::collection::vec(step(), 1..40)) {
         let settings = GatewaySettings { service_jitter_ns: 20_000, ..Default::default() };
         let [first, second] = [(); 2].map(|()| {
-            let mut bench = Bench::preop_with(settings.clone());
+            let mut bench = Fixture::preop_with(settings.clone());
             bench.apply_profiles(chunks(8), chunks(8));
             bench.apply_channel(0, Default::default());
             bench.start();
             for step in &steps {
                 run(&mut bench, step);
             }
-            (*bench.gateway.truth(), bench.input.clone(), bench.gateway.next_event())
+            (*bench.gateway.counters(), bench.input.clone(), bench.gateway.next_event())
         });
         prop_assert_eq!(first, second);
     }
@@ -179,7 +179,7 @@ proptest! {
             options: ecan_protocol::image::OptionFlags::from_bits(options).unwrap(),
             ..PdoProfile::default()
         };
-        let mut bench = Bench::op(tx, chunks(8));
+        let mut bench = Fixture::op(tx, chunks(8));
         let mut cycles = 0;
         for (count, (channel, size, is_fd)) in frames.iter().enumerate() {
             let length = ecan_protocol::can::Dlc::new(*size as u8).unwrap().fd_len();
@@ -201,8 +201,8 @@ proptest! {
             cycles += 1;
             bench.packets(|packet| Some(matches!(packet, Packet::Frame(_))));
         }
-        let truth = *bench.gateway.truth();
-        prop_assert_eq!(truth.images_read, cycles + 1);
-        prop_assert_eq!(truth.frames_to_master + lost_in(&truth), frames.len() as u64);
+        let counters = *bench.gateway.counters();
+        prop_assert_eq!(counters.images_read, cycles + 1);
+        prop_assert_eq!(counters.frames_to_master + lost_in(&counters), frames.len() as u64);
     }
 }

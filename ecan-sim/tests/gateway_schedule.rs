@@ -5,7 +5,7 @@ mod gateway_support;
 
 use ecan_protocol::config::{McanChannelConfig, MessageRamLayout};
 use ecan_protocol::image::Schedule;
-use gateway_support::{Bench, MS, chunks, standard};
+use gateway_support::{Fixture, MS, chunks, standard};
 
 const LATE_DROP: u32 = 1 << 6;
 const QUEUE_FULL: u32 = 1 << 7;
@@ -13,15 +13,15 @@ const TX_FAIL: u32 = 1 << 8;
 const TIMER_MISS: u32 = 1 << 9;
 
 /// In OP with pulses at every whole millisecond; returns the time of the first one.
-fn synchronous() -> (Bench, u64) {
-    let mut bench = Bench::configured(chunks(24), chunks(24));
+fn synchronous() -> (Fixture, u64) {
+    let mut bench = Fixture::configured(chunks(24), chunks(24));
     let start = bench.start_sync0();
     bench.pass(MS);
     bench.start();
     (bench, start)
 }
 
-fn schedule(bench: &mut Bench, channel: u8, id: u16, offset_ns: u32) {
+fn schedule(bench: &mut Fixture, channel: u8, id: u16, offset_ns: u32) {
     let frame = standard(id, &[]);
     bench
         .writer
@@ -35,13 +35,13 @@ fn schedule(bench: &mut Bench, channel: u8, id: u16, offset_ns: u32) {
         .unwrap();
 }
 
-fn diag_flags(bench: &mut Bench) -> u32 {
+fn diag_flags(bench: &mut Fixture) -> u32 {
     bench.upload(0xB000, 6)
 }
 
 #[test]
 fn capability_bit_is_set() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     assert_ne!(bench.upload(0xF000, 16) & 1 << 8, 0);
 }
 
@@ -57,8 +57,8 @@ fn frame_leaves_at_its_phase_of_the_next_cycle() {
     bench.gateway.advance(due - 1);
     assert_eq!(bench.sent(0), []);
     bench.gateway.advance(due);
-    assert_eq!(Bench::identifiers(&bench.sent(0)), [0x10]);
-    assert_eq!(bench.gateway.truth().frames_released, 1);
+    assert_eq!(Fixture::identifiers(&bench.sent(0)), [0x10]);
+    assert_eq!(bench.gateway.counters().frames_released, 1);
     assert_eq!(diag_flags(&mut bench), 0);
 }
 
@@ -72,8 +72,8 @@ fn equal_phases_keep_the_order_of_the_image_and_earlier_ones_go_first() {
     schedule(&mut bench, 1, 0x40, 100_000);
     assert!(bench.write());
     bench.pass(MS);
-    assert_eq!(Bench::identifiers(&bench.sent(0)), [0x20, 0x30, 0x31, 0x10]);
-    assert_eq!(Bench::identifiers(&bench.sent(1)), [0x40]);
+    assert_eq!(Fixture::identifiers(&bench.sent(0)), [0x20, 0x30, 0x31, 0x10]);
+    assert_eq!(Fixture::identifiers(&bench.sent(1)), [0x40]);
 }
 
 #[test]
@@ -83,7 +83,7 @@ fn immediate_frames_do_not_wait() {
     schedule(&mut bench, 0, 0x10, 100_000);
     bench.push(0, standard(0x20, &[]));
     assert!(bench.write());
-    assert_eq!(Bench::identifiers(&bench.sent(0)), [0x20]);
+    assert_eq!(Fixture::identifiers(&bench.sent(0)), [0x20]);
 }
 
 #[test]
@@ -95,8 +95,8 @@ fn missed_phase_is_dropped_not_moved_to_another_cycle() {
     schedule(&mut bench, 0, 0x11, 25_000);
     assert!(bench.write());
     bench.pass(3 * MS);
-    assert_eq!(Bench::identifiers(&bench.sent(0)), [0x11]);
-    assert_eq!(bench.gateway.truth().transmit_losses.late, 1);
+    assert_eq!(Fixture::identifiers(&bench.sent(0)), [0x11]);
+    assert_eq!(bench.gateway.counters().transmit_losses.late, 1);
     assert_eq!(diag_flags(&mut bench), LATE_DROP);
     assert_eq!(bench.upload(0x8011, 16), 1);
     assert_eq!(bench.upload(0x8011, 2), 8);
@@ -120,14 +120,14 @@ fn queue_holds_64_frames() {
         schedule(&mut bench, (id % 4) as u8, id, 500_000);
     }
     assert!(bench.write());
-    assert_eq!(bench.gateway.truth().frames_scheduled, 64);
-    assert_eq!(bench.gateway.truth().transmit_losses.schedule_full, 6);
+    assert_eq!(bench.gateway.counters().frames_scheduled, 64);
+    assert_eq!(bench.gateway.counters().transmit_losses.schedule_full, 6);
     assert_eq!(diag_flags(&mut bench), QUEUE_FULL);
 }
 
 #[test]
 fn full_controller_at_the_phase_loses_the_frame() {
-    let mut bench = Bench::configured(chunks(24), chunks(24));
+    let mut bench = Fixture::configured(chunks(24), chunks(24));
     let ram = MessageRamLayout { tx_fifo_size: 2, ..MessageRamLayout::fd() };
     bench.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });
     bench.start_sync0();
@@ -138,9 +138,9 @@ fn full_controller_at_the_phase_loses_the_frame() {
     }
     assert!(bench.write());
     bench.pass(2 * MS);
-    assert_eq!(Bench::identifiers(&bench.sent(0)), [0, 1]);
+    assert_eq!(Fixture::identifiers(&bench.sent(0)), [0, 1]);
     assert_eq!(diag_flags(&mut bench), TX_FAIL | 1 << 5);
-    assert_eq!(bench.gateway.truth().transmit_losses.schedule_failed, 1);
+    assert_eq!(bench.gateway.counters().transmit_losses.schedule_failed, 1);
 }
 
 #[test]
@@ -169,7 +169,7 @@ fn clear_diagnostics_clears_the_flags() {
 
 #[test]
 fn pulses_follow_start_and_shift() {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     let start_ns = bench.now + MS;
     bench.gateway.set_dc_sync0(Some(ecan_sim::Sync0 {
         start_ns,
@@ -189,7 +189,7 @@ fn the_timer_is_late_by_its_jitter_and_keeps_the_order_of_a_phase() {
         release_jitter_ns: 13_000,
         ..ecan_sim::GatewaySettings::default()
     };
-    let mut bench = Bench::configured_with(settings, chunks(24), chunks(24));
+    let mut bench = Fixture::configured_with(settings, chunks(24), chunks(24));
     let start = bench.start_sync0();
     bench.pass(MS);
     bench.start();
@@ -205,7 +205,7 @@ fn the_timer_is_late_by_its_jitter_and_keeps_the_order_of_a_phase() {
         bench.gateway.advance(released - 1);
         assert_eq!(bench.sent(0), []);
         bench.gateway.advance(released);
-        assert_eq!(Bench::identifiers(&bench.sent(0)), [0x20, 0x10]);
+        assert_eq!(Fixture::identifiers(&bench.sent(0)), [0x20, 0x10]);
     }
     let (least, most) = (delays.iter().min().unwrap(), delays.iter().max().unwrap());
     assert!(*most <= 13_000 && most - least > 6_000, "{delays:?}");

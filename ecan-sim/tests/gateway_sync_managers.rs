@@ -4,22 +4,22 @@
 mod gateway_support;
 
 use ecan_protocol::device::AlState;
-use gateway_support::{Bench, MS, SERVICE, chunks, standard};
+use gateway_support::{Fixture, MS, SERVICE, chunks, standard};
 
 #[test]
 fn write_is_refused_until_the_firmware_has_read() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     let image = vec![0; 384];
     assert!(bench.gateway.write_outputs(bench.now, &image));
     assert!(!bench.gateway.write_outputs(bench.now + SERVICE - 1, &image));
     assert!(bench.gateway.write_outputs(bench.now + SERVICE, &image));
-    assert_eq!(bench.gateway.truth().images_written, 2);
-    assert_eq!(bench.gateway.truth().writes_refused, 1);
+    assert_eq!(bench.gateway.counters().images_written, 2);
+    assert_eq!(bench.gateway.counters().writes_refused, 1);
 }
 
 #[test]
 fn read_succeeds_once_per_image_and_leaves_the_buffer_alone_when_empty() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     assert!(!bench.read(), "the first image was taken on entering OP");
     assert!(bench.write());
     bench.input.fill(0xEE);
@@ -33,7 +33,7 @@ fn read_succeeds_once_per_image_and_leaves_the_buffer_alone_when_empty() {
 
 #[test]
 fn image_that_nobody_fetched_stays_and_nothing_is_lost() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     assert!(bench.write());
     bench.deliver(0, standard(0x10, &[1]));
     assert!(bench.write());
@@ -45,7 +45,7 @@ fn image_that_nobody_fetched_stays_and_nothing_is_lost() {
 
 #[test]
 fn length_must_be_exact() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     for length in [0, 1, 383, 385, 512] {
         assert!(!bench.gateway.write_outputs(bench.now, &vec![0; length]));
         assert!(!bench.gateway.read_inputs(bench.now, &mut vec![0; length]));
@@ -54,7 +54,7 @@ fn length_must_be_exact() {
 
 #[test]
 fn nothing_is_exchanged_below_safeop() {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     assert!(!bench.write());
     assert!(!bench.read());
     bench.gateway.request_al_state(bench.now, AlState::SafeOp);
@@ -66,7 +66,7 @@ fn nothing_is_exchanged_below_safeop() {
 
 #[test]
 fn safeop_frees_sm2_without_reading_it_and_refreshes_sm3() {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     bench.gateway.request_al_state(bench.now, AlState::SafeOp);
     assert!(bench.read());
     bench.push(0, standard(0x10, &[]));
@@ -83,17 +83,17 @@ fn safeop_frees_sm2_without_reading_it_and_refreshes_sm3() {
 
 #[test]
 fn frames_from_before_safeop_are_not_shown() {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     bench.deliver(0, standard(0x10, &[]));
     bench.start();
     bench.cycle();
     assert_eq!(bench.received(), []);
-    assert_eq!(bench.gateway.truth().receive_losses.flushed, 1);
+    assert_eq!(bench.gateway.counters().receive_losses.flushed, 1);
 }
 
 #[test]
 fn sequence_runs_without_gaps_over_the_wrap() {
-    let mut bench = Bench::op(chunks(1), chunks(1));
+    let mut bench = Fixture::op(chunks(1), chunks(1));
     let mut last = bench.input().sequence();
     for _ in 0..0x1_0003 {
         bench.cycle();
@@ -107,7 +107,7 @@ fn sequence_runs_without_gaps_over_the_wrap() {
 
 #[test]
 fn stalled_service_leaves_sm2_full() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     bench.gateway.inject(bench.now, ecan_sim::GatewayFault::ServiceStall { ms: 5 });
     assert!(bench.write());
     assert!(!bench.write_again());
@@ -117,7 +117,7 @@ fn stalled_service_leaves_sm2_full() {
 
 #[test]
 fn torn_and_corrupted_images_are_what_a_reader_refuses() {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     bench.gateway.inject(bench.now, ecan_sim::GatewayFault::TornTxPdo { images: 1 });
     assert!(bench.write() && bench.read());
     let torn = bench.reader.read(&bench.input).unwrap_err();

@@ -9,25 +9,25 @@ use ecan_protocol::config::{
 use ecan_protocol::image::{ImageReader, ImageWriter, OptionFlags, PdoProfile};
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::AbortCode;
-use gateway_support::{Bench, MS, chunks, standard};
+use gateway_support::{Fixture, MS, chunks, standard};
 
 const KEYED: DiagnosticTest = DiagnosticTest { key: DIAGNOSTIC_TEST_KEY, ..DiagnosticTest::OFF };
 
-fn with(test: DiagnosticTest) -> Bench {
-    let mut bench = Bench::op(chunks(3), chunks(3));
+fn with(test: DiagnosticTest) -> Fixture {
+    let mut bench = Fixture::op(chunks(3), chunks(3));
     for write in test.writes() {
         bench.send(write);
     }
     bench
 }
 
-fn send_one(bench: &mut Bench) -> usize {
+fn send_one(bench: &mut Fixture) -> usize {
     bench.push(0, standard(1, &[]));
     bench.write();
     bench.sent(0).len()
 }
 
-fn receive_one(bench: &mut Bench) -> usize {
+fn receive_one(bench: &mut Fixture) -> usize {
     bench.deliver(0, standard(1, &[]));
     bench.write();
     if bench.read() { bench.received().len() } else { 0 }
@@ -35,7 +35,7 @@ fn receive_one(bench: &mut Bench) -> usize {
 
 #[test]
 fn policies_need_the_key() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (subindex, data) in
         [(2, &[4, 0, 0, 0][..]), (3, &[4, 0, 0, 0]), (4, &[1]), (5, &[1]), (6, &[1])]
     {
@@ -75,7 +75,7 @@ fn rx_stages_can_be_skipped() {
     ] {
         let mut bench = with(DiagnosticTest { rx_bypass: bypass, ..KEYED });
         assert_eq!(send_one(&mut bench), 0, "{bypass:?}");
-        assert_eq!(bench.gateway.truth().transmit_losses.bypassed, lost);
+        assert_eq!(bench.gateway.counters().transmit_losses.bypassed, lost);
         bench.read();
         bench.image[0] = 0;
         bench.write_again();
@@ -113,7 +113,7 @@ fn app_link_bypass_and_the_option_cut_off_the_same() {
         (option, chunks(3), Sides::Off, 1, 0),
         (chunks(3), option, Sides::Off, 0, 1),
     ] {
-        let mut bench = Bench::op(tx, rx);
+        let mut bench = Fixture::op(tx, rx);
         for write in (DiagnosticTest { app_link_bypass: sides, ..KEYED }).writes() {
             bench.send(write);
         }
@@ -134,7 +134,7 @@ fn crc_policy_overrides_the_option_both_ways() {
         (without, CrcTest::Follow, false),
         (without, CrcTest::Force, true),
     ] {
-        let mut bench = Bench::op(profile, profile);
+        let mut bench = Fixture::op(profile, profile);
         for write in (DiagnosticTest { crc, ..KEYED }).writes() {
             bench.send(write);
         }
@@ -167,6 +167,6 @@ fn payload_only_policy_leaves_stale_bytes_in_the_input_image() {
 
 #[test]
 fn legal_combinations_are_told() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     assert_eq!(bench.upload(0x8030, 8), 0x1F);
 }

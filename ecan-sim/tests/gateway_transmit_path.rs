@@ -8,15 +8,15 @@ use ecan_protocol::config::{
     DataPathConfig, McanChannelConfig, MessageRamLayout, TxMode, TxOverflow,
 };
 use ecan_sim::GatewaySettings;
-use gateway_support::{Bench, chunks, fd, standard};
+use gateway_support::{Fixture, chunks, fd, standard};
 
 const FIFO_FULL: u8 = 11;
 const STALE: u8 = 12;
 const DEGRADED: u8 = 15;
 
 /// In OP with this policy on channel 0 and a transmit FIFO of so many elements.
-fn with(policy: DataPathConfig, tx_fifo_size: u8) -> Bench {
-    let mut bench = Bench::configured(chunks(3), chunks(24));
+fn with(policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
+    let mut bench = Fixture::configured(chunks(3), chunks(24));
     let ram = MessageRamLayout { tx_fifo_size, ..MessageRamLayout::fd() };
     bench.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });
     bench.apply_data_path(0, policy);
@@ -24,7 +24,7 @@ fn with(policy: DataPathConfig, tx_fifo_size: u8) -> Bench {
     bench
 }
 
-fn push_many(bench: &mut Bench, ids: std::ops::Range<u16>) {
+fn push_many(bench: &mut Fixture, ids: std::ops::Range<u16>) {
     for id in ids {
         bench.push(0, standard(id, &[]));
     }
@@ -66,7 +66,7 @@ fn drop_newest_and_drop_oldest_at_a_full_ring() {
             bench.cycle();
             sent.extend(bench.sent(0));
         }
-        let ids = Bench::identifiers(&sent);
+        let ids = Fixture::identifiers(&sent);
         assert_eq!(ids, (first..=last).collect::<Vec<_>>());
         assert_eq!(bench.upload(0x8011, 16), 6);
         assert_eq!(bench.upload(0x8011, 2), 8);
@@ -85,10 +85,10 @@ fn full_fifo_is_counted_and_the_frames_wait_in_the_ring() {
     assert_eq!(bench.upload(0x9000, 11), 6);
     assert_eq!(bench.upload(0xB000, 6), 1 << 5);
     assert!(bench.upload(0x9000, 9) & 1 << 7 != 0, "tx_pressure");
-    let mut ids = Bench::identifiers(&bench.sent(0));
+    let mut ids = Fixture::identifiers(&bench.sent(0));
     for _ in 0..3 {
         bench.cycle();
-        ids.extend(Bench::identifiers(&bench.sent(0)));
+        ids.extend(Fixture::identifiers(&bench.sent(0)));
     }
     assert_eq!(ids, [0, 1, 2, 3, 4, 5]);
 }
@@ -129,7 +129,7 @@ fn backoff_ends_with_the_first_frame_taken_and_never_touches_the_minimum() {
     let mut ids = Vec::new();
     for _ in 0..5 {
         bench.cycle();
-        ids.extend(Bench::identifiers(&bench.sent(0)));
+        ids.extend(Fixture::identifiers(&bench.sent(0)));
     }
     assert_eq!(ids, [0, 1, 2, 3], "one frame a service in spite of the backoff");
 }
@@ -152,17 +152,17 @@ fn degraded_refuses_frames_until_the_ring_is_empty() {
     assert_ne!(bench.upload(0x9020, DEGRADED), 0);
     bench.push(0, standard(0x100, &[]));
     bench.cycle();
-    assert_eq!(bench.gateway.truth().transmit_losses.ring_full, 1);
+    assert_eq!(bench.gateway.counters().transmit_losses.ring_full, 1);
     let mut ids = Vec::new();
     for _ in 0..4 {
-        ids.extend(Bench::identifiers(&bench.sent(0)));
+        ids.extend(Fixture::identifiers(&bench.sent(0)));
         bench.cycle();
     }
     assert_eq!(ids, [0, 1, 2]);
     assert_eq!(bench.upload(0x9020, DEGRADED), 0);
     bench.push(0, standard(0x101, &[]));
     bench.cycle();
-    assert_eq!(Bench::identifiers(&bench.sent(0)), [0x101]);
+    assert_eq!(Fixture::identifiers(&bench.sent(0)), [0x101]);
 }
 
 #[test]
@@ -180,7 +180,7 @@ fn queue_sends_by_arbitration_priority_and_fifo_as_it_came() {
     for (tx_mode, order) in
         [(TxMode::Fifo, [0, 1, 2, 3, 4, 5]), (TxMode::Queue, [5, 3, 4, 2, 1, 0])]
     {
-        let mut bench = Bench::configured(chunks(3), chunks(3));
+        let mut bench = Fixture::configured(chunks(3), chunks(3));
         let ram = MessageRamLayout { tx_mode, ..MessageRamLayout::fd() };
         bench.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });
         let policy = DataPathConfig { tx_budget_max: 8, ..DataPathConfig::default() };
@@ -205,13 +205,13 @@ fn one_frame_is_in_arbitration_at_a_time() {
     let second = bench.gateway.next_transmit(0).unwrap();
     bench.gateway.abandoned(bench.now, 0, &second);
     assert_eq!(bench.gateway.next_transmit(0).unwrap().id().raw(), 2);
-    assert_eq!(bench.gateway.truth().frames_on_bus, 1);
-    assert_eq!(bench.gateway.truth().transmit_losses.not_retransmitted, 1);
+    assert_eq!(bench.gateway.counters().frames_on_bus, 1);
+    assert_eq!(bench.gateway.counters().transmit_losses.not_retransmitted, 1);
 }
 
 #[test]
 fn element_too_small_for_the_data_sends_filler() {
-    let mut bench = Bench::configured(chunks(3), chunks(3));
+    let mut bench = Fixture::configured(chunks(3), chunks(3));
     let ram = MessageRamLayout {
         tx_data_size: ecan_protocol::config::DataSize::B16,
         ..MessageRamLayout::fd()
@@ -227,19 +227,19 @@ fn element_too_small_for_the_data_sends_filler() {
 
 #[test]
 fn channels_have_rings_of_their_own() {
-    let mut bench = Bench::op(chunks(3), chunks(24));
+    let mut bench = Fixture::op(chunks(3), chunks(24));
     for id in 0..64 {
         bench.push(0, standard(id, &[]));
     }
     bench.push(3, standard(0x300, &[]));
     bench.cycle();
-    assert_eq!(Bench::identifiers(&bench.sent(3)), [0x300]);
+    assert_eq!(Fixture::identifiers(&bench.sent(3)), [0x300]);
 }
 
 /// In OP with this share of the ring for `tx_pressure`, and as [`with`].
-fn with_pressure(tx_pressure_percent: u8, policy: DataPathConfig, tx_fifo_size: u8) -> Bench {
+fn with_pressure(tx_pressure_percent: u8, policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
     let settings = GatewaySettings { tx_pressure_percent, ..GatewaySettings::default() };
-    let mut bench = Bench::preop_with(settings);
+    let mut bench = Fixture::preop_with(settings);
     bench.apply_profiles(chunks(3), chunks(24));
     let ram = MessageRamLayout { tx_fifo_size, ..MessageRamLayout::fd() };
     bench.apply_channel(0, McanChannelConfig { ram, ..McanChannelConfig::default() });

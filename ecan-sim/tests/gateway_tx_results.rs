@@ -6,19 +6,19 @@ mod gateway_support;
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig, NodeMode, TxOverflow};
 use ecan_protocol::image::{OptionFlags, PdoProfile, ResultCode, Schedule};
 use ecan_sim::ErrorState;
-use gateway_support::{Bench, MS, chunks, fd, standard};
+use gateway_support::{Fixture, MS, chunks, fd, standard};
 
 fn with_results() -> PdoProfile {
     PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(16) }
 }
 
-fn codes(bench: &Bench) -> Vec<ResultCode> {
+fn codes(bench: &Fixture) -> Vec<ResultCode> {
     bench.results().iter().map(|result| result.code).collect()
 }
 
 #[test]
 fn ok_for_what_reached_the_controller_and_queued_for_what_waits_in_the_ring() {
-    let mut bench = Bench::op(with_results(), chunks(16));
+    let mut bench = Fixture::op(with_results(), chunks(16));
     for id in 0..6 {
         bench.push(0, standard(id, &[]));
     }
@@ -42,7 +42,7 @@ fn ok_for_what_reached_the_controller_and_queued_for_what_waits_in_the_ring() {
 
 #[test]
 fn without_the_option_there_are_none() {
-    let mut bench = Bench::op(chunks(16), chunks(16));
+    let mut bench = Fixture::op(chunks(16), chunks(16));
     bench.push(0, standard(1, &[]));
     bench.cycle();
     assert_eq!(codes(&bench), []);
@@ -50,7 +50,7 @@ fn without_the_option_there_are_none() {
 
 #[test]
 fn invalid_channel_for_a_channel_that_cannot_send() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.apply_profiles(with_results(), chunks(16));
     bench.apply_channel(0, McanChannelConfig::classic(500_000));
     let listen = McanChannelConfig { node_mode: NodeMode::Listen, ..McanChannelConfig::default() };
@@ -64,12 +64,12 @@ fn invalid_channel_for_a_channel_that_cannot_send() {
     use ResultCode::{InvalidChannel, Ok};
     assert_eq!(codes(&bench), [InvalidChannel, Ok, InvalidChannel, InvalidChannel]);
     assert_eq!(bench.upload(0x8011, 14), 0, "no fault of the image");
-    assert_eq!(bench.gateway.truth().transmit_losses.invalid_channel, 3);
+    assert_eq!(bench.gateway.counters().transmit_losses.invalid_channel, 3);
 }
 
 #[test]
 fn bus_off() {
-    let mut bench = Bench::op(with_results(), chunks(16));
+    let mut bench = Fixture::op(with_results(), chunks(16));
     bench.gateway.bus_state(bench.now, 0, ErrorState::BusOff, 256, 0);
     bench.push(0, standard(1, &[]));
     bench.cycle();
@@ -83,7 +83,7 @@ fn full_ring_by_overflow_policy() {
         (TxOverflow::DropNewest, 70 - 64, ResultCode::TxFifoFull),
         (TxOverflow::DropOldest, 70 - 64, ResultCode::TxFifoFull),
     ] {
-        let mut bench = Bench::configured(with_results(), chunks(16));
+        let mut bench = Fixture::configured(with_results(), chunks(16));
         bench.apply_data_path(0, DataPathConfig { tx_overflow, ..DataPathConfig::default() });
         bench.start();
         for id in 0..70 {
@@ -100,7 +100,7 @@ fn full_ring_by_overflow_policy() {
 
 #[test]
 fn scheduled_frames_are_queued_late_ones_busy() {
-    let mut bench = Bench::configured(with_results(), chunks(16));
+    let mut bench = Fixture::configured(with_results(), chunks(16));
     let start = bench.start_sync0();
     bench.pass(MS);
     bench.start();
@@ -120,7 +120,7 @@ fn scheduled_frames_are_queued_late_ones_busy() {
 #[test]
 fn results_that_do_not_fit_follow_in_the_next_image() {
     let tx = PdoProfile { options: OptionFlags::TX_RESULT, ..chunks(1) };
-    let mut bench = Bench::op(tx, chunks(16));
+    let mut bench = Fixture::op(tx, chunks(16));
     for id in 0..40 {
         bench.push(0, standard(id, &[]));
     }

@@ -9,7 +9,8 @@ use ecan_protocol::can::{CanFrame, CanId, FrameKind};
 use ecan_protocol::config::DataPathConfig;
 use ecan_sim::{
     BusEvent, BusFault, BusFrame, CanBus, DriveFault, Fault, FaultyBehaviour, GatewayFault,
-    LostWay, NodeKind, NodeSpec, Scenario, ScriptedFault, StationConfig, StationMode, When, drives,
+    LossDirection, NodeKind, NodeSpec, Scenario, ScriptedFault, StationConfig, StationMode, When,
+    drives,
 };
 use ecrt_support::{Program, stepped};
 
@@ -218,8 +219,8 @@ fn scenario() -> Scenario {
     scenario.gateways[1].settings.service_jitter_ns = 40_000;
     let drive = |node: &str, fault| Fault::Drive { node: node.to_owned(), fault };
     let faults = [
-        (300, Fault::LostFrame { way: LostWay::Outward, cycles: 2 }),
-        (310, Fault::LostFrame { way: LostWay::Return, cycles: 3 }),
+        (300, Fault::LostFrame { way: LossDirection::Outward, cycles: 2 }),
+        (310, Fault::LostFrame { way: LossDirection::Return, cycles: 3 }),
         (330, Fault::WorkingCounterOffset { offset: -1, cycles: 2 }),
         (350, Fault::ErrorFrames { gateway: 0, channel: 1, frames: 9 }),
         (400, drive("drive 0.0/2", DriveFault::Error { code: 0x2310 })),
@@ -375,10 +376,18 @@ fn state(program: &Program, digest: &mut Digest) {
             digest.number(drive.error_code().into());
         }
         for gateway in 0..2 {
-            let truth = world.truth(gateway).unwrap();
-            digest.numbers(&[truth.images_parsed, truth.images_repeated, truth.images_faulty]);
-            digest.numbers(&[truth.frames_on_bus, truth.frames_from_bus, truth.frames_to_master]);
-            digest.numbers(&[truth.images_published, truth.images_read, truth.services]);
+            let counters = world.counters(gateway).unwrap();
+            digest.numbers(&[
+                counters.images_parsed,
+                counters.images_repeated,
+                counters.images_faulty,
+            ]);
+            digest.numbers(&[
+                counters.frames_on_bus,
+                counters.frames_from_bus,
+                counters.frames_to_master,
+            ]);
+            digest.numbers(&[counters.images_published, counters.images_read, counters.services]);
             for channel in 0..CHANNELS {
                 let bus = world.bus_statistics(gateway, channel).unwrap();
                 digest.numbers(&[bus.frames, bus.error_frames, bus.busy_ns]);

@@ -48,17 +48,17 @@ fn an_image_may_come_in_parts_from_its_first_byte_on() {
     let mut line = Line::op();
     let outputs = image(&mut line, 1);
     line.pass(MS);
-    let before = line.wire.world().truth(0).unwrap();
+    let before = line.wire.world().counters(0).unwrap();
     assert_eq!(line.logical(LWR, 100, &outputs[100..]).counter, 0, "not begun");
     assert_eq!(line.logical(LWR, 0, &outputs[..100]).counter, 1);
     assert_eq!(line.logical(LWR, 100, &outputs[100..200]).counter, 1);
-    let truth = line.wire.world().truth(0).unwrap();
-    assert_eq!(truth.images_written, before.images_written, "not complete");
+    let counters = line.wire.world().counters(0).unwrap();
+    assert_eq!(counters.images_written, before.images_written, "not complete");
     assert_eq!(line.logical(LWR, 200, &outputs[200..]).counter, 1);
     line.pass(MS);
-    let truth = line.wire.world().truth(0).unwrap();
-    assert_eq!(truth.images_written - before.images_written, 1);
-    assert_eq!(truth.images_parsed - before.images_parsed, 1);
+    let counters = line.wire.world().counters(0).unwrap();
+    assert_eq!(counters.images_written - before.images_written, 1);
+    assert_eq!(counters.images_parsed - before.images_parsed, 1);
     let start = BYTES as u32;
     let first = line.logical(LRD, start, &[0; 100]);
     assert_eq!((first.counter, first.data[0]), (1, 0x16));
@@ -237,7 +237,7 @@ fn the_watchdog_status_stays_until_outputs_come() {
 /// A cycle of several frames has one fate.
 #[test]
 fn faults_count_cycles_and_not_frames() {
-    use ecan_sim::LostWay;
+    use ecan_sim::LossDirection;
     let mut line = Line::op();
     let frame = |line: &mut Line, at: u32| {
         line.exchange(&[Datagram::logical(LRD, at, &[0; 384])]).is_some()
@@ -245,7 +245,7 @@ fn faults_count_cycles_and_not_frames() {
     frame(&mut line, 0);
     frame(&mut line, 384);
     let before = line.wire.world().cycles();
-    line.wire.world_mut().inject(Fault::LostFrame { way: LostWay::Outward, cycles: 2 });
+    line.wire.world_mut().inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 2 });
     let came = [0, 384, 0, 384, 0, 384].map(|at| frame(&mut line, at));
     assert_eq!(came, [false, false, false, false, true, true]);
     assert_eq!(line.wire.world().cycles() - before, 3);

@@ -26,9 +26,9 @@ enum {
 };
 
 /* The end waits so long for frames under way. */
-#define QUIET_NS UINT64_C(500000000)
+#define IDLE_TIMEOUT_NS UINT64_C(500000000)
 /* A gateway that takes no frame for so long will not take any more. */
-#define STUCK_NS UINT64_C(10000000000)
+#define STALL_TIMEOUT_NS UINT64_C(10000000000)
 
 typedef struct {
     bus_settings_t bus;
@@ -199,11 +199,11 @@ static bool run_cycles(bus_t *bus, const arguments_t *arguments, result_t *resul
         if (!is_fine || !may_go_on) {
             return false;
         }
-        if (is_sending && now - last_sent > STUCK_NS) {
+        if (is_sending && now - last_sent > STALL_TIMEOUT_NS) {
             report("no frame was taken for 10 s: %s", ecan_last_error());
             return false;
         }
-        if (!is_sending && (result->received >= result->sent || now - last_sent > QUIET_NS)) {
+        if (!is_sending && (result->received >= result->sent || now - last_sent > IDLE_TIMEOUT_NS)) {
             break;
         }
     }

@@ -25,10 +25,10 @@
 enum { RX_CAPACITY = 32 };
 
 /* The end waits for frames under way until none has come for so long: the longer of the two. */
-#define QUIET_NS UINT64_C(200000000)
+#define IDLE_TIMEOUT_NS UINT64_C(200000000)
 #define QUIET_CYCLES 20
 /* A replay is given up when nothing was taken or came back for so long. */
-#define STUCK_NS UINT64_C(10000000000)
+#define STALL_TIMEOUT_NS UINT64_C(10000000000)
 
 typedef struct {
     bus_settings_t bus;
@@ -175,7 +175,7 @@ static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t 
                      echo_check_t *check, FILE *dump)
 {
     uint64_t cycle_ns = settings->cycle_us * 1000;
-    uint64_t quiet_ns = QUIET_CYCLES * cycle_ns > QUIET_NS ? QUIET_CYCLES * cycle_ns : QUIET_NS;
+    uint64_t quiet_ns = QUIET_CYCLES * cycle_ns > IDLE_TIMEOUT_NS ? QUIET_CYCLES * cycle_ns : IDLE_TIMEOUT_NS;
     uint64_t start = ecan_igh_now_ns(&bus->igh), last_activity = 0;
     cycle_health_t health = {0};
     session_watch_t watch;
@@ -208,7 +208,7 @@ static bool run_loop(bus_t *bus, const bus_settings_t *settings, frame_source_t 
         } else if (frame_source_next_due(source, &due)) {
             /* A gap of the recording is no standstill. */
             uint64_t expected = due > last_activity ? due : last_activity;
-            if (elapsed > expected && elapsed - expected > STUCK_NS) {
+            if (elapsed > expected && elapsed - expected > STALL_TIMEOUT_NS) {
                 break;
             }
         }

@@ -4,7 +4,7 @@ use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 
 /// How a program wants its simulation, should one be asked for.
 #[derive(Debug, Clone, Copy)]
-pub struct Wishes {
+pub struct SimulationDefaults {
     /// Built-in scenario for a plain `sim`.
     pub scenario: &'static str,
     /// Number of gateways.
@@ -22,7 +22,7 @@ pub struct Wishes {
 ///
 /// # Errors
 /// Why there is no library, in words.
-pub fn open(setting: Option<&str>, wishes: Wishes) -> Result<Backend, BackendError> {
+pub fn open(setting: Option<&str>, wishes: SimulationDefaults) -> Result<Backend, BackendError> {
     let setting = EcrtSetting::resolve(setting)?;
     let clock = if wishes.real_time { ClockKind::Real } else { ClockKind::Stepped };
     let options = SimOptions {

@@ -11,7 +11,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use ecan_canopen::NodeId;
 use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeSettings};
-use ecan_examples::backend::{self, Wishes};
+use ecan_examples::backend::{self, SimulationDefaults};
 use ecan_examples::object_value::ValueType;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
@@ -84,7 +84,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         (Some(text), Some(kind)) => Some(kind.encode(text)?),
         _ => None,
     };
-    let wishes = Wishes {
+    let wishes = SimulationDefaults {
         scenario: "drives",
         slaves: usize::from(arguments.slave) + 1,
         seed: None,

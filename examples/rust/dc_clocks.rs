@@ -10,7 +10,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
-use ecan_examples::backend::{self, Wishes};
+use ecan_examples::backend::{self, SimulationDefaults};
 use ecan_examples::clock_plot::ClockPlot;
 use ecan_examples::exit::report;
 use ecan_examples::interrupt::Interrupt;
@@ -98,7 +98,7 @@ fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port
     });
     let gateway = GatewayConfig::on_channel(0, ChannelSettings::classic(BITRATE));
     let config = PortConfig::uniform(arguments.slaves.into(), gateway);
-    let wishes = Wishes {
+    let wishes = SimulationDefaults {
         scenario: "echo",
         slaves: arguments.slaves.into(),
         seed: arguments.seed,

@@ -5,7 +5,7 @@ use ecan_host::AdapterConfig;
 use ecan_mcan_port::ChannelSettings;
 use ecan_sim::{Backend, BackendError};
 
-use crate::backend::{self, Wishes};
+use crate::backend::{self, SimulationDefaults};
 
 /// The options that these programs share.
 #[derive(Debug, Args)]
@@ -73,7 +73,7 @@ impl GatewayArguments {
         adapter: &AdapterConfig,
     ) -> Result<Backend, BackendError> {
         let last_position = adapter.slaves.iter().map(|slave| slave.position).max();
-        let wishes = Wishes {
+        let wishes = SimulationDefaults {
             scenario,
             slaves: last_position.map_or(1, |position| usize::from(position) + 1),
             seed: self.seed,

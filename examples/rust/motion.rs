@@ -12,7 +12,7 @@ use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Traffic};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::backend::{self, Wishes};
+use crate::backend::{self, SimulationDefaults};
 use crate::interrupt::Interrupt;
 use crate::motion_table;
 use crate::open::{Configure, open};
@@ -147,7 +147,7 @@ fn open_port(
     let (adapter, config) = configuration(arguments, extent, axes)?;
     let backend = backend::open(
         arguments.ecrt.as_deref(),
-        Wishes {
+        SimulationDefaults {
             scenario: "drives",
             slaves: usize::from(extent.slaves),
             seed: arguments.seed,
@@ -162,11 +162,11 @@ fn open_port(
 
 /// Prints what an axis is doing whenever that changes.
 #[derive(Default)]
-struct Narrator {
+struct ProgressPrinter {
     seen: HashMap<usize, String>,
 }
 
-impl Narrator {
+impl ProgressPrinter {
     fn tell(&mut self, progress: &AxisProgress) {
         let now = progress.phase.to_string();
         let seen = self.seen.entry(progress.axis).or_default();
@@ -232,7 +232,7 @@ pub fn run(
     let mut cia402 = Cia402::new(&port, axes, settings)?;
     print_loads(&cia402, &port);
 
-    let mut narrator = Narrator::default();
+    let mut narrator = ProgressPrinter::default();
     let mut plot = Plot::new(cia402.axis_count(), extent.cycles);
     let outcome =
         start_and_move(extent.cycles, &mut port, &mut cia402, &mut plot, &mut narrator, &interrupt);
@@ -261,7 +261,7 @@ fn start_and_move(
     port: &mut Port,
     cia402: &mut Cia402,
     plot: &mut Plot,
-    narrator: &mut Narrator,
+    narrator: &mut ProgressPrinter,
     interrupt: &Interrupt,
 ) -> Result<(), Box<dyn Error>> {
     let clock = port.adapter().ecrt().clock().clone();

@@ -20,7 +20,7 @@ use ecan_examples::gateway_arguments::GatewayArguments;
 use ecan_examples::interrupt::Interrupt;
 use ecan_examples::log_file::{self, LoggedFrame};
 use ecan_examples::open::{Configure, open};
-use ecan_examples::patience::{MAX_FAILED_CYCLES, QUIET_NS, STUCK_NS};
+use ecan_examples::patience::{IDLE_TIMEOUT_NS, MAX_FAILED_CYCLES, STALL_TIMEOUT_NS};
 use ecan_examples::plan;
 use ecan_examples::progress;
 use ecan_examples::real_time::{self, RealTimeArguments};
@@ -214,7 +214,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let mut watch = SessionWatch::new(&port);
     let progress = progress::bar(source.total());
     let clock = port.adapter().ecrt().clock().clone();
-    let quiet_ns = QUIET_NS.max(QUIET_CYCLES * u64::from(cycle_ns));
+    let quiet_ns = IDLE_TIMEOUT_NS.max(QUIET_CYCLES * u64::from(cycle_ns));
     let start = clock.now_ns();
     let (mut last_activity, mut failed_cycles) = (start, 0);
     let is_measured = arguments.gateways.real_time || arguments.thread.is_given();
@@ -262,7 +262,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         }
         // A gap of the recording is no standstill.
         let due = source.next_due_ns().map_or(last_activity, |due| last_activity.max(start + due));
-        let is_stuck = source.next_due_ns().is_some() && now.saturating_sub(due) > STUCK_NS;
+        let is_stuck = source.next_due_ns().is_some() && now.saturating_sub(due) > STALL_TIMEOUT_NS;
         let is_quiet = now - last_activity > quiet_ns;
         let is_over = !is_sending && (check.under_way() == 0 || is_quiet);
         if end.is_err() || interrupt.is_set() || is_stuck || is_over {

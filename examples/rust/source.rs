@@ -249,7 +249,7 @@ fn kinds(frames: &[PlacedFrame]) -> Vec<(Place, CanFrame, u32)> {
 fn taken<T>(result: Result<T, SendError>) -> Result<bool, SendError> {
     match result {
         Ok(_) => Ok(true),
-        Err(SendError::NoRoom { .. } | SendError::NotReady { .. }) => Ok(false),
+        Err(SendError::Backpressure { .. } | SendError::NotReady { .. }) => Ok(false),
         Err(error) => Err(error),
     }
 }

@@ -12,7 +12,7 @@ use ecan_protocol::can::{CanFrame, CanId, FrameError};
 use ecan_protocol::image::Schedule;
 
 use crate::interrupt::Interrupt;
-use crate::patience::{MAX_FAILED_CYCLES, QUIET_NS, STUCK_NS};
+use crate::patience::{IDLE_TIMEOUT_NS, MAX_FAILED_CYCLES, STALL_TIMEOUT_NS};
 
 /// Identifier of the frames.
 pub const PROBE_ID: u16 = 0x123;
@@ -180,8 +180,8 @@ impl Target {
                     number += 1;
                     last_taken_ns = begun_ns;
                 }
-                Err(SendError::NoRoom { .. } | SendError::NotReady { .. })
-                    if begun_ns.saturating_sub(last_taken_ns) < STUCK_NS =>
+                Err(SendError::Backpressure { .. } | SendError::NotReady { .. })
+                    if begun_ns.saturating_sub(last_taken_ns) < STALL_TIMEOUT_NS =>
                 {
                     result.refused += 1;
                 }
@@ -214,7 +214,7 @@ impl Target {
             let _ = port.cycle_end().and(begun);
             let waited_ns = clock.now_ns().saturating_sub(start);
             let is_open = port.schedule_account(self.slave, self.channel).open > 0;
-            let is_over = waited_ns > QUIET_NS && !is_open || waited_ns > ACCOUNT_NS;
+            let is_over = waited_ns > IDLE_TIMEOUT_NS && !is_open || waited_ns > ACCOUNT_NS;
             if is_over || interrupt.is_set() {
                 return;
             }

@@ -2,7 +2,7 @@
 #![no_main]
 
 use ecan_config_file::ConfigFile;
-use ecan_config_file::export::{Format, SlavePlace, export};
+use ecan_config_file::export::{Format, SlaveAddress, export};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|text: &str| {
@@ -11,7 +11,7 @@ fuzz_target!(|text: &str| {
             for gateway in 0..file.port.gateways.len() {
                 let steps = file.startup(gateway);
                 for format in [Format::Csv, Format::TwinCat, Format::Codesys, Format::Ethercat] {
-                    assert!(!export(format, &steps, SlavePlace::default()).is_empty());
+                    assert!(!export(format, &steps, SlaveAddress::default()).is_empty());
                 }
             }
             assert!(file.warnings().iter().all(|warning| !warning.to_string().is_empty()));

@@ -1,14 +1,14 @@
 //! What a client of socketcand writes in raw mode: the first byte chooses how TCP cuts the rest.
 #![no_main]
 
-use ecan_bridge::{BridgeProtocol, Conversation};
+use ecan_bridge::{BridgeProtocol, OfflineSession};
 use libfuzzer_sys::fuzz_target;
 
 const BEGINNING: &[u8] = b"< open can0 >< rawmode >";
 const GREETING: &[u8] = b"< hi >< ok >< ok >";
 
-fn hold<'a>(pieces: impl Iterator<Item = &'a [u8]>) -> Conversation {
-    Conversation::hold(BridgeProtocol::Socketcand, None, [BEGINNING].into_iter().chain(pieces))
+fn hold<'a>(pieces: impl Iterator<Item = &'a [u8]>) -> OfflineSession {
+    OfflineSession::hold(BridgeProtocol::Socketcand, None, [BEGINNING].into_iter().chain(pieces))
 }
 
 fuzz_target!(|data: &[u8]| {

@@ -10,7 +10,7 @@ use ecan_host::{CycleError, Errno, Error};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::last_error;
 use ecan_mcan_host::common::result::ecan_result_t::{self, *};
-use ecan_mcan_port::{NoRoom, PortError, SendError};
+use ecan_mcan_port::{Backpressure, PortError, SendError};
 use ecan_sim::BackendError;
 
 /// Notes an error in words and gives its code.
@@ -119,10 +119,10 @@ pub(crate) fn send(call: Call, error: &SendError) -> ecan_result_t {
 
 fn send_code(error: &SendError) -> ecan_result_t {
     match error {
-        SendError::NoRoom { what: NoRoom::Image, .. } => ECAN_ERR_NO_ROOM,
-        SendError::NoRoom { what: NoRoom::Queue, .. } => ECAN_ERR_QUEUE_FULL,
-        SendError::NoRoom { what: NoRoom::Phase, .. } => ECAN_ERR_NO_ROOM,
-        SendError::NoRoom { what: NoRoom::BusOff, .. } => ECAN_ERR_BUS_OFF,
+        SendError::Backpressure { what: Backpressure::Image, .. } => ECAN_ERR_NO_ROOM,
+        SendError::Backpressure { what: Backpressure::Queue, .. } => ECAN_ERR_QUEUE_FULL,
+        SendError::Backpressure { what: Backpressure::Phase, .. } => ECAN_ERR_NO_ROOM,
+        SendError::Backpressure { what: Backpressure::BusOff, .. } => ECAN_ERR_BUS_OFF,
         SendError::NotReady { .. } => ECAN_ERR_NOT_READY,
         SendError::SlaveIndex { .. } => ECAN_ERR_SLAVE,
         SendError::Channel { .. } => ECAN_ERR_CHANNEL,
@@ -191,7 +191,7 @@ pub(crate) fn cia402(call: Call, error: &Cia402Error) -> ecan_result_t {
     let (code, abort_code) = match error {
         Cia402Error::Command(error) => (command_code(error), 0),
         Cia402Error::Nmt(_) => (ECAN_ERR_CANOPEN, 0),
-        Cia402Error::NotReached(_) => (ECAN_ERR_AXES, 0),
+        Cia402Error::AxisTimeout(_) => (ECAN_ERR_AXES, 0),
         Cia402Error::Wait(error) => wait_code(error),
         Cia402Error::NoSuchSlave { .. } => (ECAN_ERR_SLAVE, 0),
         Cia402Error::ChannelNotEnabled { .. } => (ECAN_ERR_CHANNEL, 0),

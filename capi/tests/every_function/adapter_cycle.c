@@ -89,7 +89,7 @@ void test_adapter_cycle(void)
     GOOD(ecan_igh_wait_next_cycle(&context));
     TRUE(ecan_igh_now_ns(&context) - before >= 1000000);
     TRUE(ecan_igh_cycle_time_ns(&context) > before);
-    TRUE(ecan_igh_answer_ns(&context) > 60000 && ecan_igh_answer_ns(&context) < 1000000);
+    TRUE(ecan_igh_response_ns(&context) > 60000 && ecan_igh_response_ns(&context) < 1000000);
     TRUE(ecan_igh_cycle_time_ns(&context) <= ecan_igh_now_ns(&context));
     GOOD(ecan_igh_receive(&context));
     GOOD(ecan_igh_get_domain_report(&context, 0, &report));

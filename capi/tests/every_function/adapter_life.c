@@ -35,7 +35,7 @@ static void no_context(int code, ecan_igh_context_t *context)
     BAD(code, ecan_igh_wait_next_cycle(context));
     NONE(code, 0, ecan_igh_now_ns(context));
     NONE(code, 0, ecan_igh_cycle_time_ns(context));
-    NONE(code, 0, ecan_igh_answer_ns(context));
+    NONE(code, 0, ecan_igh_response_ns(context));
     BAD(code, ecan_igh_get_clock_status(context, &clocks));
     NONE(code, 0, ecan_igh_clock_correction_ns(context));
     BAD(code, ecan_igh_set_cycle_timing(context, 100, 0));

@@ -390,7 +390,7 @@ static void faults(void)
     }
     SAME(0, state_of(0).is_running);
     SAME(0x8611, state_of(0).error_code);
-    SAME(IGH_CIA402_TROUBLE_FAULT, state_of(0).trouble);
+    SAME(IGH_CIA402_AXIS_ERROR_FAULT, state_of(0).trouble);
     /* It is not enabled before its fault is reset. */
     igh_cia402_enable(&motors, 0);
     for (int i = 0; i < 300; i++) {

@@ -53,20 +53,20 @@ static void codes(void)
     static const int NO_CODES[] = {1, 100, -37, -98, -100, INT32_MAX, INT32_MIN};
     for (size_t i = 0; i < ITEMS(CODES); i++) {
         TRUE(strcmp(ecan_result_name(CODES[i].code), CODES[i].name) == 0);
-        TRUE(ecan_result_words(CODES[i].code)[0] != '\0');
+        TRUE(ecan_result_text(CODES[i].code)[0] != '\0');
         SAME(CODES[i].code <= ECAN_ERR_NO_ROOM && CODES[i].code >= ECAN_ERR_NOT_READY,
              ecan_result_is_temporary(CODES[i].code));
         for (size_t other = 0; other < i; other++) {
-            TRUE(strcmp(ecan_result_words(CODES[i].code), ecan_result_words(CODES[other].code)) !=
+            TRUE(strcmp(ecan_result_text(CODES[i].code), ecan_result_text(CODES[other].code)) !=
                  0);
         }
     }
     for (size_t i = 0; i < ITEMS(NO_CODES); i++) {
         TRUE(strcmp(ecan_result_name(NO_CODES[i]), "unknown result") == 0);
-        TRUE(ecan_result_words(NO_CODES[i])[0] != '\0');
+        TRUE(ecan_result_text(NO_CODES[i])[0] != '\0');
         SAME(0, ecan_result_is_temporary(NO_CODES[i]));
     }
-    TRUE(strcmp(ecan_result_words(ECAN_ERR_MASTER), "the EtherCAT master refused") == 0);
+    TRUE(strcmp(ecan_result_text(ECAN_ERR_MASTER), "the EtherCAT master refused") == 0);
 }
 
 struct other_thread {

@@ -12,7 +12,7 @@ use super::guard_terms::{Decision, GuardState, TargetKind};
 use super::homing::HomingSettings;
 use super::homing::HomingState;
 use super::pdo_layout::{Feedback, PdoLayout};
-use super::phase::{AxisPhase, AxisProgress, AxisTrouble, SetupFault};
+use super::phase::{AxisError, AxisPhase, AxisProgress, SetupFault};
 use super::power::{PowerControl, PowerGoal, ResetState};
 use super::procedure::{Procedure, Stage};
 use super::ramp::Ramp;
@@ -43,7 +43,7 @@ pub(super) enum Setup {
 /// Whether a drive that was out of sight still has its configuration. It may have restarted where
 /// nobody saw its boot-up message, and then its process data mean something else.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) enum Doubt {
+pub(super) enum Reverification {
     /// It was never out of sight.
     #[default]
     None,
@@ -55,7 +55,7 @@ pub(super) enum Doubt {
 
 /// What of a drive is in sight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Sight {
+pub(super) struct Reachability {
     /// Its gateway is in service.
     pub(super) in_service: bool,
     /// Its heartbeat has not timed out.
@@ -114,9 +114,9 @@ pub(super) struct Axis {
     pub(super) state: Option<DriveState>,
     pub(super) boot_ups: u32,
     /// What of the drive was in sight in the last cycle.
-    pub(super) sight: Sight,
+    pub(super) sight: Reachability,
     /// Whether the drive still has its configuration.
-    pub(super) doubt: Doubt,
+    pub(super) doubt: Reverification,
     /// When the node may be told again to start.
     pub(super) next_start_ns: u64,
     pub(super) target_lost: bool,
@@ -124,7 +124,7 @@ pub(super) struct Axis {
     pub(super) next_ticket: usize,
     pub(super) decision: Decision,
     pub(super) statistics: AxisStatistics,
-    pub(super) trouble: Option<AxisTrouble>,
+    pub(super) trouble: Option<AxisError>,
     pub(super) phase: AxisPhase,
     pub(super) phase_since_ns: u64,
 }
@@ -165,8 +165,8 @@ impl Axis {
             statusword: None,
             state: None,
             boot_ups: 0,
-            sight: Sight::default(),
-            doubt: Doubt::None,
+            sight: Reachability::default(),
+            doubt: Reverification::None,
             next_start_ns: 0,
             target_lost: false,
             tickets: [None; TICKETS],
@@ -232,7 +232,7 @@ impl Axis {
         self.take_mode(self.settings.mode);
         self.setup = Setup::Steps;
         self.silences = network.sdo_silences(self.node);
-        self.doubt = Doubt::None;
+        self.doubt = Reverification::None;
         self.trouble = None;
         // What the drive said until now, it said under another configuration.
         self.statusword = None;

@@ -1,16 +1,16 @@
 //! One axis in the cycle: what came in, what goes out.
 
 use ecan_canopen::{Controlword, DriveState, NmtCommand, NmtState, OperatingMode, Statusword};
-use ecan_mcan_port::{NoRoom, SendError, SendTicket, TransmitReport};
+use ecan_mcan_port::{Backpressure, SendError, SendTicket, TransmitReport};
 
 use crate::canopen::{Heartbeat, Network, NodeStatus};
 
-use super::axis_core::{Axis, Doubt, Motion, Setup, Sight};
+use super::axis_core::{Axis, Motion, Reachability, Reverification, Setup};
 use super::channel_watch::GatewayWatch;
 use super::guard_input::{DriveView, GuardInput, HoldReason};
 use super::guard_terms::{Decision, GuardState, TargetKind, WaitReason};
 use super::pdo_layout::RpdoBytes;
-use super::phase::AxisTrouble;
+use super::phase::AxisError;
 use super::power::{PowerGoal, ResetState};
 use super::procedure::Stage;
 use super::settings::target_kind;
@@ -110,7 +110,7 @@ impl Axis {
             state: self.state,
             heartbeat_lost: status.is_some_and(|s| s.heartbeat == Heartbeat::TimedOut),
             not_operational: status.is_some_and(|s| self.is_not_operational(s)),
-            unverified: self.doubt != Doubt::None,
+            unverified: self.doubt != Reverification::None,
             follows: !cyclic || self.has_status(Statusword::MODE_12),
             following_error: self.mode == OperatingMode::CyclicPosition
                 && self.has_status(Statusword::MODE_13),
@@ -131,7 +131,7 @@ impl Axis {
     /// Doubt begins when the gateway, the heartbeat or the NMT state is lost: not while they stay
     /// lost, so that it can end.
     fn note_sight(&mut self, input: &GuardInput) {
-        let sight = Sight {
+        let sight = Reachability {
             in_service: input.way.in_service,
             heard: !input.drive.heartbeat_lost,
             operational: !input.drive.not_operational,
@@ -146,8 +146,8 @@ impl Axis {
     }
 
     pub(super) fn begin_doubt(&mut self) {
-        if matches!(self.setup, Setup::Done) && matches!(self.doubt, Doubt::None) {
-            self.doubt = Doubt::Open { from_ns: 0 };
+        if matches!(self.setup, Setup::Done) && matches!(self.doubt, Reverification::None) {
+            self.doubt = Reverification::Open { from_ns: 0 };
         }
     }
 
@@ -165,8 +165,8 @@ impl Axis {
     pub(super) fn forget_setup(&mut self) {
         self.rest();
         self.setup = Setup::None;
-        self.doubt = Doubt::None;
-        self.trouble = Some(AxisTrouble::Restarted);
+        self.doubt = Reverification::None;
+        self.trouble = Some(AxisError::Restarted);
         self.power.set_goal(PowerGoal::None);
         self.procedure = None;
         self.state = None;
@@ -176,7 +176,7 @@ impl Axis {
     fn note_fault(&mut self, network: &Network) {
         self.statistics.faults += 1;
         let error_code = self.error_code(network);
-        self.trouble = Some(AxisTrouble::Fault { error_code });
+        self.trouble = Some(AxisError::Fault { error_code });
         if self.power.goal() == PowerGoal::Enabled {
             self.rest_after_hold();
         }
@@ -193,7 +193,7 @@ impl Axis {
         if matches!(reason, HoldReason::TpdoLost(_)) {
             self.begin_doubt();
         }
-        self.trouble = Some(AxisTrouble::Held(reason));
+        self.trouble = Some(AxisError::Held(reason));
         self.rest_after_hold();
         let stands = target_kind(self.mode) == TargetKind::Position;
         if self.settings.auto_take_up && stands && self.is_enabled() && is_of_the_way(reason) {
@@ -228,7 +228,7 @@ impl Axis {
         if self.power.reset_state() == ResetState::Failed {
             let error_code = self.error_code(network);
             self.power.set_goal(PowerGoal::None);
-            self.trouble = Some(AxisTrouble::ResetRefused { error_code });
+            self.trouble = Some(AxisError::ResetRefused { error_code });
         }
         if self.resumes && !self.is_enabled() {
             // It left Operation Enabled meanwhile: enabling is the application's command.
@@ -242,7 +242,7 @@ impl Axis {
         }
         let Some(since) = self.enabling_since_ns else { return };
         if self.state == Some(DriveState::Fault) {
-            self.trouble = Some(AxisTrouble::Fault { error_code: self.error_code(network) });
+            self.trouble = Some(AxisError::Fault { error_code: self.error_code(network) });
             self.rest();
             self.power.set_goal(PowerGoal::None);
             return;
@@ -253,7 +253,7 @@ impl Axis {
         }
         let waited_ms = now_ns.saturating_sub(since) / 1_000_000;
         if waited_ms > u64::from(self.settings.enable_timeout_ms) {
-            self.trouble = Some(AxisTrouble::EnableTimedOut {
+            self.trouble = Some(AxisError::EnableTimedOut {
                 state: self.state,
                 guard: self.guard.state(),
                 waited_ms,
@@ -273,7 +273,7 @@ impl Axis {
         if now_ns.saturating_sub(since) > DISABLE_NS {
             self.disabling_since_ns = None;
             self.power.set_goal(PowerGoal::None);
-            let not_disabled = AxisTrouble::NotDisabled { state: self.state };
+            let not_disabled = AxisError::NotDisabled { state: self.state };
             self.trouble = self.trouble.or(Some(not_disabled));
         }
     }
@@ -284,7 +284,7 @@ impl Axis {
     fn start_node(&mut self, network: &mut Network, now_ns: u64) {
         let is_wanted = self.power.is_commanding()
             || matches!(self.guard.state(), GuardState::Draining | GuardState::Reading);
-        let hinders = is_wanted && !self.sight.operational && self.doubt == Doubt::None;
+        let hinders = is_wanted && !self.sight.operational && self.doubt == Reverification::None;
         if hinders && self.is_configured() && now_ns >= self.next_start_ns {
             self.next_start_ns = now_ns.saturating_add(START_PAUSE_NS);
             // A full queue is tried again after the pause.
@@ -417,7 +417,7 @@ impl Axis {
                 if std::mem::take(&mut self.resumes) {
                     self.power.set_goal(PowerGoal::Enabled);
                 }
-                if matches!(self.trouble, Some(AxisTrouble::Held(_))) {
+                if matches!(self.trouble, Some(AxisError::Held(_))) {
                     self.trouble = None;
                 }
             }
@@ -436,7 +436,7 @@ impl Axis {
         if outgoing.has_target {
             self.skipped();
         }
-        matches!(error, SendError::NoRoom { what: NoRoom::Queue, .. })
+        matches!(error, SendError::Backpressure { what: Backpressure::Queue, .. })
     }
 
     /// Nothing can go out in this cycle: a frame was refused, of this axis or of one before it on

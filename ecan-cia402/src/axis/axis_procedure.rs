@@ -4,10 +4,10 @@ use ecan_canopen::{DriveState, OperatingMode, TransmissionType, object};
 
 use crate::canopen::{Configuring, Network};
 
-use super::axis_core::{Axis, Doubt, Setup};
+use super::axis_core::{Axis, Reverification, Setup};
 use super::guard_terms::GuardState;
 use super::homing::{HomingState, HomingWatch};
-use super::phase::{AxisTrouble, SetupFault};
+use super::phase::{AxisError, SetupFault};
 use super::power::PowerGoal;
 use super::procedure::{Procedure, Stage};
 use super::sdo_script::{ScriptFault, ScriptTurn, SdoScript};
@@ -62,21 +62,21 @@ impl Axis {
             return;
         }
         match &mut self.doubt {
-            Doubt::None => {}
-            Doubt::Open { from_ns } => {
+            Reverification::None => {}
+            Reverification::Open { from_ns } => {
                 if self.sight.in_service && now_ns >= *from_ns {
-                    self.doubt = Doubt::Asking(self.verification());
+                    self.doubt = Reverification::Asking(self.verification());
                 }
             }
-            Doubt::Asking(script) => match script.turn(network, self.node, now_ns) {
+            Reverification::Asking(script) => match script.turn(network, self.node, now_ns) {
                 ScriptTurn::Busy => {}
-                ScriptTurn::Done => self.doubt = Doubt::None,
+                ScriptTurn::Done => self.doubt = Reverification::None,
                 ScriptTurn::Failed(ScriptFault::Changed { .. } | ScriptFault::Mode { .. }) => {
                     self.forget_setup();
                 }
                 ScriptTurn::Failed(_) => {
                     let from_ns = now_ns.saturating_add(RETRY_NS);
-                    self.doubt = Doubt::Open { from_ns };
+                    self.doubt = Reverification::Open { from_ns };
                 }
             },
         }
@@ -129,7 +129,7 @@ impl Axis {
     fn end_procedure(&mut self, procedure: &Procedure, now_ns: u64) {
         if procedure.trouble.is_some() {
             // A fault says more than that the axis held for it.
-            if !matches!(self.trouble, Some(AxisTrouble::Fault { .. })) {
+            if !matches!(self.trouble, Some(AxisError::Fault { .. })) {
                 self.trouble = procedure.trouble;
             }
         } else if procedure.then_enable && self.is_configured() {
@@ -153,11 +153,11 @@ impl Axis {
                 true
             }
             Some(DriveState::Fault) => {
-                procedure.trouble = Some(AxisTrouble::Fault { error_code: 0 });
+                procedure.trouble = Some(AxisError::Fault { error_code: 0 });
                 false
             }
             state if is_late => {
-                procedure.trouble = Some(AxisTrouble::NotDisabled { state });
+                procedure.trouble = Some(AxisError::NotDisabled { state });
                 false
             }
             _ => true,
@@ -209,14 +209,14 @@ impl Axis {
         let outcome = self.arrived.and_then(|feedback| watch.step(feedback.statusword));
         let limit_ms = procedure.homing.map_or(0, |homing| homing.timeout_ms);
         let trouble = if !matches!(self.guard.state(), GuardState::Running { .. }) {
-            self.trouble.or(Some(AxisTrouble::Homing(HomingState::Waiting)))
+            self.trouble.or(Some(AxisError::Homing(HomingState::Waiting)))
         } else {
             match outcome {
                 Some(HomingState::Attained) => None,
-                Some(state) => Some(AxisTrouble::Homing(state)),
+                Some(state) => Some(AxisError::Homing(state)),
                 None if waited_ms > u64::from(limit_ms) => {
                     let state = self.homing_state();
-                    Some(AxisTrouble::HomingTimedOut { state, waited_ms })
+                    Some(AxisError::HomingTimedOut { state, waited_ms })
                 }
                 None => return true,
             }
@@ -235,7 +235,7 @@ impl Axis {
         if is_off || procedure.waited_ms(now_ns) > REST_TIMEOUT_MS {
             if !is_off {
                 procedure.trouble =
-                    procedure.trouble.or(Some(AxisTrouble::NotDisabled { state: self.state }));
+                    procedure.trouble.or(Some(AxisError::NotDisabled { state: self.state }));
             }
             let restore = SdoScript::default().mode(procedure.mode_before);
             procedure.enter(Stage::Restoring(restore), now_ns);

@@ -9,7 +9,7 @@ use ecan_mcan_port::{ImageReport, Port, Session};
 use ecan_protocol::image::{ChannelState, ChannelStatus, ImageFault};
 use ecan_protocol::mapping::CHANNELS;
 
-use super::guard_input::{Actual, ChannelView, NoActual, WayView};
+use super::guard_input::{Actual, ChannelView, PathStatus, PositionUnavailable};
 
 /// Where the count of waiting frames in a channel's status ends (manual 7).
 const SATURATED: u8 = 7;
@@ -121,10 +121,10 @@ impl GatewayWatch {
     }
 
     /// The way to a drive on a channel.
-    pub(super) fn way(&self, channel: u8, target_lost: bool) -> WayView {
+    pub(super) fn way(&self, channel: u8, target_lost: bool) -> PathStatus {
         let watch = self.channel(channel);
         let [delivered, _, covered] = watch.delivered;
-        WayView {
+        PathStatus {
             in_service: self.in_service,
             complete: self.complete,
             holding: self.holding,
@@ -177,15 +177,17 @@ fn judge(
     position: Option<i32>,
 ) -> Actual {
     match image {
-        ImageReport::None | ImageReport::Repeated => Actual::None(NoActual::NoImage),
+        ImageReport::None | ImageReport::Repeated => Actual::None(PositionUnavailable::NoImage),
         ImageReport::Fault(diagnosis) => Actual::None(match diagnosis.fault {
-            ImageFault::Updating | ImageFault::Torn => NoActual::NoImage,
-            ImageFault::Pdo(_) => NoActual::Damaged,
+            ImageFault::Updating | ImageFault::Torn => PositionUnavailable::NoImage,
+            ImageFault::Pdo(_) => PositionUnavailable::Damaged,
         }),
-        ImageReport::New { layout_changed: true, .. } => Actual::None(NoActual::Layout),
-        ImageReport::New { is_incomplete: true, .. } => Actual::None(NoActual::Incomplete),
+        ImageReport::New { layout_changed: true, .. } => Actual::None(PositionUnavailable::Layout),
+        ImageReport::New { is_incomplete: true, .. } => {
+            Actual::None(PositionUnavailable::Incomplete)
+        }
         ImageReport::New { .. } => match position {
-            None => Actual::None(NoActual::NoTpdo),
+            None => Actual::None(PositionUnavailable::NoTpdo),
             Some(position) => judge_age(status, in_image, position),
         },
     }
@@ -195,14 +197,14 @@ fn judge(
 fn judge_age(status: ChannelStatus, in_image: u64, position: i32) -> Actual {
     let counted = status.rx_pending();
     if status.rx_pressure() {
-        Actual::None(NoActual::Backlog)
+        Actual::None(PositionUnavailable::Backlog)
     } else if counted < SATURATED {
         if u64::from(counted) > in_image { Actual::Late(position) } else { Actual::Fresh(position) }
     } else if in_image >= u64::from(SATURATED) {
         // Seven or more, and as many are here: a few at most are left.
         Actual::Late(position)
     } else {
-        Actual::None(NoActual::Backlog)
+        Actual::None(PositionUnavailable::Backlog)
     }
 }
 
@@ -228,13 +230,13 @@ mod tests {
             (lost, running(), Some(5), Actual::Fresh(5)),
             (NEW, running().with_rx_pending(1), Some(5), Actual::Late(5)),
             (NEW, running().with_rx_pending(6), Some(5), Actual::Late(5)),
-            (NEW, running().with_rx_pending(7), Some(5), none(NoActual::Backlog)),
-            (NEW, running().with_rx_pressure(true), Some(5), none(NoActual::Backlog)),
-            (NEW, running(), None, none(NoActual::NoTpdo)),
-            (short, running(), Some(5), none(NoActual::Incomplete)),
-            (other, running(), Some(5), none(NoActual::Layout)),
-            (ImageReport::Repeated, running(), Some(5), none(NoActual::NoImage)),
-            (ImageReport::None, running(), Some(5), none(NoActual::NoImage)),
+            (NEW, running().with_rx_pending(7), Some(5), none(PositionUnavailable::Backlog)),
+            (NEW, running().with_rx_pressure(true), Some(5), none(PositionUnavailable::Backlog)),
+            (NEW, running(), None, none(PositionUnavailable::NoTpdo)),
+            (short, running(), Some(5), none(PositionUnavailable::Incomplete)),
+            (other, running(), Some(5), none(PositionUnavailable::Layout)),
+            (ImageReport::Repeated, running(), Some(5), none(PositionUnavailable::NoImage)),
+            (ImageReport::None, running(), Some(5), none(PositionUnavailable::NoImage)),
         ];
         for (image, status, position, expected) in cases {
             assert_eq!(judge(image, status, 0, position), expected, "{image:?} {status:?}");
@@ -250,7 +252,7 @@ mod tests {
             (6, 6, Actual::Fresh(5)),
             (7, 7, Actual::Late(5)),
             (7, 9, Actual::Late(5)),
-            (7, 6, Actual::None(NoActual::Backlog)),
+            (7, 6, Actual::None(PositionUnavailable::Backlog)),
         ];
         for (counted, in_image, expected) in cases {
             let status = running().with_rx_pending(counted);

@@ -6,14 +6,14 @@ use crate::canopen::{WaitError, run_cycle_to_the_end, run_cycle_until};
 
 use super::axis_core::{Axis, Setup};
 use super::context::Cia402;
-use super::error::{Cia402Error, NotReached};
+use super::error::{AxisTimeout, Cia402Error};
 use super::guard_terms::GuardState;
 use super::phase::AxisProgress;
 use super::shutdown::Shutdown;
 
 /// How an axis stands to what is waited for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Standing {
+enum WaitStatus {
     Waiting,
     Reached,
     /// It will not get there by waiting.
@@ -32,7 +32,7 @@ impl Cia402 {
     /// axis in every cycle. Blocks.
     ///
     /// # Errors
-    /// [`Cia402Error::NotReached`] names the axes that are not configured when all others are, or
+    /// [`Cia402Error::AxisTimeout`] names the axes that are not configured when all others are, or
     /// after `timeout_ms` milliseconds, with the step at which each stands and what it answered.
     pub fn configure_all_timeout(
         &mut self,
@@ -42,16 +42,16 @@ impl Cia402 {
     ) -> Result<(), Cia402Error> {
         self.configure_all()?;
         self.wait(port, timeout_ms, "configured", progress, |axis| match axis.setup {
-            Setup::Done => Standing::Reached,
-            Setup::Failed(_) | Setup::None => Standing::Stuck,
-            Setup::Steps | Setup::Mode(_) => Standing::Waiting,
+            Setup::Done => WaitStatus::Reached,
+            Setup::Failed(_) | Setup::None => WaitStatus::Stuck,
+            Setup::Steps | Setup::Mode(_) => WaitStatus::Waiting,
         })
     }
 
     /// Establishes where all axes are, from fresh TPDOs, and waits. Blocks.
     ///
     /// # Errors
-    /// [`Cia402Error::NotReached`] names the axes whose position is not known, and what hinders it.
+    /// [`Cia402Error::AxisTimeout`] names the axes whose position is not known, and what hinders it.
     pub fn request_actual_position_all_timeout(
         &mut self,
         port: &mut Port,
@@ -61,9 +61,9 @@ impl Cia402 {
         self.read_position_all()?;
         self.wait(port, timeout_ms, "at a known position", progress, |axis| {
             match axis.guard.state() {
-                GuardState::Armed { .. } | GuardState::Running { .. } => Standing::Reached,
-                GuardState::Draining | GuardState::Reading => Standing::Waiting,
-                GuardState::Idle | GuardState::Holding { .. } => Standing::Stuck,
+                GuardState::Armed { .. } | GuardState::Running { .. } => WaitStatus::Reached,
+                GuardState::Draining | GuardState::Reading => WaitStatus::Waiting,
+                GuardState::Idle | GuardState::Holding { .. } => WaitStatus::Stuck,
             }
         })
     }
@@ -71,7 +71,7 @@ impl Cia402 {
     /// Enables all drives and waits until every axis follows targets. Blocks.
     ///
     /// # Errors
-    /// [`Cia402Error::NotReached`] names the axes that are not enabled, with the state of each
+    /// [`Cia402Error::AxisTimeout`] names the axes that are not enabled, with the state of each
     /// drive and what hinders it. Those that are enabled stay so.
     pub fn enable_all_timeout(
         &mut self,
@@ -82,11 +82,11 @@ impl Cia402 {
         self.enable_all()?;
         self.wait(port, timeout_ms, "enabled", progress, |axis| {
             if matches!(axis.guard.state(), GuardState::Running { .. }) {
-                Standing::Reached
+                WaitStatus::Reached
             } else if axis.enabling_since_ns.is_none() && !axis.resumes {
-                Standing::Stuck
+                WaitStatus::Stuck
             } else {
-                Standing::Waiting
+                WaitStatus::Waiting
             }
         })
     }
@@ -110,7 +110,7 @@ impl Cia402 {
     /// Waits until changes of mode and homings of all axes are done. Blocks.
     ///
     /// # Errors
-    /// [`Cia402Error::NotReached`] names the axes whose last command failed, and why.
+    /// [`Cia402Error::AxisTimeout`] names the axes whose last command failed, and why.
     pub fn finish_all_timeout(
         &mut self,
         port: &mut Port,
@@ -119,11 +119,11 @@ impl Cia402 {
     ) -> Result<(), Cia402Error> {
         self.wait(port, timeout_ms, "done", progress, |axis| {
             if axis.procedure.is_some() || axis.enabling_since_ns.is_some() {
-                Standing::Waiting
+                WaitStatus::Waiting
             } else if axis.trouble.is_none() {
-                Standing::Reached
+                WaitStatus::Reached
             } else {
-                Standing::Stuck
+                WaitStatus::Stuck
             }
         })
     }
@@ -131,7 +131,7 @@ impl Cia402 {
     /// Ends in order, see [`begin_shutdown`](Self::begin_shutdown), and waits. Blocks.
     ///
     /// # Errors
-    /// [`Cia402Error::NotReached`] names the axes that could not be switched off; the end is
+    /// [`Cia402Error::AxisTimeout`] names the axes that could not be switched off; the end is
     /// complete all the same, as far as it goes.
     pub fn shutdown_timeout(
         &mut self,
@@ -154,7 +154,7 @@ impl Cia402 {
             Ok(()) if axes.is_empty() => Ok(()),
             Ok(()) | Err(WaitError::TimedOut { .. }) if !axes.is_empty() => {
                 let waited_ms = timeout_ms.into();
-                Err(NotReached { what: "switched off", waited_ms, axes }.into())
+                Err(AxisTimeout { what: "switched off", waited_ms, axes }.into())
             }
             Err(WaitError::TimedOut { .. }) | Ok(()) => Ok(()),
             Err(error) => Err(error.into()),
@@ -168,26 +168,26 @@ impl Cia402 {
         timeout_ms: u32,
         what: &'static str,
         mut progress: impl FnMut(&AxisProgress),
-        standing: impl Fn(&Axis) -> Standing,
+        standing: impl Fn(&Axis) -> WaitStatus,
     ) -> Result<(), Cia402Error> {
         let start_ns = self.now_ns;
         let ended = run_cycle_until(port, timeout_ms, |port, _| {
             self.serve(port);
             self.progress_all().for_each(|axis| progress(&axis));
-            let is_open = |axis: &Axis| standing(axis) == Standing::Waiting;
+            let is_open = |axis: &Axis| standing(axis) == WaitStatus::Waiting;
             (!self.axes.iter().any(is_open)).then_some(())
         });
         match ended {
             Ok(()) | Err(WaitError::TimedOut { .. }) => {}
             Err(error) => return Err(error.into()),
         }
-        let lacks = |axis: &&Axis| standing(axis) != Standing::Reached;
+        let lacks = |axis: &&Axis| standing(axis) != WaitStatus::Reached;
         let axes: Vec<AxisProgress> =
             self.axes.iter().filter(lacks).map(|axis| axis.progress(self.now_ns)).collect();
         if axes.is_empty() {
             return Ok(());
         }
         let waited_ms = self.now_ns.saturating_sub(start_ns) / 1_000_000;
-        Err(NotReached { what, waited_ms, axes }.into())
+        Err(AxisTimeout { what, waited_ms, axes }.into())
     }
 }

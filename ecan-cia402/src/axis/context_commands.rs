@@ -8,7 +8,7 @@ use super::error::CommandError;
 use super::guard::MotionGuard;
 use super::guard_terms::{Decision, GuardState};
 use super::homing::HomingSettings;
-use super::phase::{AxisPhase, AxisProgress, AxisTrouble};
+use super::phase::{AxisError, AxisPhase, AxisProgress};
 use super::settings::AxisSettings;
 use super::statistics::AxisStatistics;
 use super::units::{Scale, UnitError};
@@ -92,7 +92,7 @@ impl Cia402 {
     /// target is the actual position just read. From then on it follows the application's targets.
     ///
     /// A drive in fault is not enabled: [`reset_fault`](Self::reset_fault) comes first. What cannot
-    /// be done within the axis's time ends with [`AxisTrouble::EnableTimedOut`] and the drive
+    /// be done within the axis's time ends with [`AxisError::EnableTimedOut`] and the drive
     /// switched off.
     ///
     /// # Errors
@@ -155,7 +155,7 @@ impl Cia402 {
 
     /// Resets the fault of a drive, with a real edge: the bit goes out low, then high, each in
     /// several frames. The drive is not enabled by it. A drive that stays in fault ends it with
-    /// [`AxisTrouble::ResetRefused`].
+    /// [`AxisError::ResetRefused`].
     ///
     /// # Errors
     /// A [`CommandError`].
@@ -293,7 +293,7 @@ impl Cia402 {
     }
 
     /// What went wrong with the last command to an axis.
-    pub fn trouble(&self, axis: usize) -> Option<AxisTrouble> {
+    pub fn trouble(&self, axis: usize) -> Option<AxisError> {
         self.axis(axis).and_then(|axis| axis.trouble)
     }
 

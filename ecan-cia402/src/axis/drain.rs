@@ -4,7 +4,7 @@
 //! more frames wait than were delivered *behind* the last target, the target is not among them.
 //! That needs no pause of the channel: SYNC, SDO and heartbeats may go on.
 
-use super::guard_input::{ChannelView, WayView};
+use super::guard_input::{ChannelView, PathStatus};
 
 /// Where the gateway's count of waiting frames ends.
 const SATURATED: u8 = 7;
@@ -22,7 +22,7 @@ impl Drain {
     /// One cycle in which no target of the axis was sent before. Gives whether nothing that was
     /// sent before the drain began can reach the drive any more; at least `minimum` new statuses
     /// have been seen then.
-    pub(super) fn step(&mut self, way: &WayView, minimum: u16) -> bool {
+    pub(super) fn step(&mut self, way: &PathStatus, minimum: u16) -> bool {
         if !way.in_service || way.holding || way.discarded {
             *self = Self::default();
             return false;
@@ -49,8 +49,8 @@ impl Drain {
 mod tests {
     use super::*;
 
-    fn way(pending: u8, delivered: u64, covered: u64) -> WayView {
-        WayView {
+    fn way(pending: u8, delivered: u64, covered: u64) -> PathStatus {
+        PathStatus {
             in_service: true,
             complete: true,
             holding: false,
@@ -103,11 +103,11 @@ mod tests {
     #[test]
     fn bus_off_and_pressure_are_waited_out() {
         let mut drain = Drain::default();
-        let off = WayView { channel: ChannelView::BusOff, ..way(0, 10, 10) };
+        let off = PathStatus { channel: ChannelView::BusOff, ..way(0, 10, 10) };
         let pressed = ChannelView::Running { pending: 0, pressure: true };
         for _ in 0..10 {
             assert!(!drain.step(&off, 1));
-            assert!(!drain.step(&WayView { channel: pressed, ..way(0, 10, 10) }, 1));
+            assert!(!drain.step(&PathStatus { channel: pressed, ..way(0, 10, 10) }, 1));
         }
         assert!(drain.step(&way(0, 10, 10), 1));
     }
@@ -116,11 +116,11 @@ mod tests {
     fn a_held_image_and_a_new_session_start_it_over() {
         let mut drain = Drain::default();
         drain.step(&way(0, 10, 10), 1);
-        assert!(!drain.step(&WayView { holding: true, ..way(0, 10, 10) }, 1));
+        assert!(!drain.step(&PathStatus { holding: true, ..way(0, 10, 10) }, 1));
         assert!(!drain.step(&way(0, 11, 10), 1), "delivered only now");
         assert!(!drain.step(&way(0, 11, 10), 1), "not covered");
         assert!(drain.step(&way(0, 11, 11), 1));
-        assert!(!drain.step(&WayView { in_service: false, ..way(0, 11, 11) }, 1));
+        assert!(!drain.step(&PathStatus { in_service: false, ..way(0, 11, 11) }, 1));
         assert!(!drain.step(&way(0, 11, 11), 1));
     }
 }

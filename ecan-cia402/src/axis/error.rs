@@ -110,7 +110,7 @@ impl std::error::Error for AxisFaults {}
 
 /// Axes that did not get where they were to be.
 #[derive(Debug, Clone, PartialEq)]
-pub struct NotReached {
+pub struct AxisTimeout {
     /// What was waited for.
     pub what: &'static str,
     /// How long, in milliseconds.
@@ -119,7 +119,7 @@ pub struct NotReached {
     pub axes: Vec<AxisProgress>,
 }
 
-impl fmt::Display for NotReached {
+impl fmt::Display for AxisTimeout {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let count = self.axes.len();
         let axes = if count == 1 { "axis" } else { "axes" };
@@ -128,7 +128,7 @@ impl fmt::Display for NotReached {
     }
 }
 
-impl std::error::Error for NotReached {}
+impl std::error::Error for AxisTimeout {}
 
 /// Errors of [`Cia402`](super::Cia402) outside the cycle.
 #[derive(Debug, Error)]
@@ -148,7 +148,7 @@ pub enum Cia402Error {
     Nmt(#[from] NmtError),
     /// Axes did not get where they were to be.
     #[error(transparent)]
-    NotReached(#[from] NotReached),
+    AxisTimeout(#[from] AxisTimeout),
     /// The cycle failed while waiting.
     #[error(transparent)]
     Wait(#[from] WaitError),

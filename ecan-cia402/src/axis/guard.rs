@@ -3,8 +3,10 @@
 use ecan_canopen::DriveState;
 
 use super::drain::Drain;
-use super::guard_input::{Actual, ChannelView, GuardInput, HoldReason, NoActual};
-use super::guard_terms::{Decision, GuardLimits, GuardState, Refusal, TargetKind, WaitReason};
+use super::guard_input::{Actual, ChannelView, GuardInput, HoldReason, PositionUnavailable};
+use super::guard_terms::{
+    Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason,
+};
 use super::position_range::PositionRange;
 
 /// Keeps an axis from jumping. A pure state machine: no time, no frames, no memory of the bus; it
@@ -36,9 +38,9 @@ use super::position_range::PositionRange;
 ///    ([`WaitReason::HoldsOldTarget`]).
 ///
 /// **Running**. A target goes out if
-/// - it is at most `step` from the last one sent ([`Refusal::Step`]),
-/// - it is at most `window` from the last known actual position ([`Refusal::Window`]),
-/// - it is inside `bounds`, or nearer to them than the last one ([`Refusal::Bounds`]),
+/// - it is at most `step` from the last one sent ([`TargetRejection::Step`]),
+/// - it is at most `window` from the last known actual position ([`TargetRejection::Window`]),
+/// - it is inside `bounds`, or nearer to them than the last one ([`TargetRejection::Bounds`]),
 /// - the working counter of this cycle is complete, no image is held, the last one had room for
 ///   every frame of the channel, and this cycle has had no target yet ([`Decision::Wait`]).
 ///
@@ -82,7 +84,7 @@ pub struct MotionGuard {
     /// The last usable actual position, and how many cycles ago it came.
     actual: Option<i32>,
     actual_age: u16,
-    no_actual: NoActual,
+    no_actual: PositionUnavailable,
     misses: u16,
     waits: Option<WaitReason>,
     hindrance: Option<HoldReason>,
@@ -105,7 +107,7 @@ impl MotionGuard {
             fresh: None,
             actual: None,
             actual_age: u16::MAX,
-            no_actual: NoActual::NoTpdo,
+            no_actual: PositionUnavailable::NoTpdo,
             misses: 0,
             waits: None,
             hindrance: None,
@@ -427,34 +429,34 @@ impl MotionGuard {
         })
     }
 
-    fn check(&self, last: i32, next: i32) -> Result<(), Refusal> {
+    fn check(&self, last: i32, next: i32) -> Result<(), TargetRejection> {
         let limits = &self.limits;
         if limits.kind == TargetKind::None && next != last {
-            return Err(Refusal::NoTargets);
+            return Err(TargetRejection::NoTargets);
         }
         // A rate has no counter that could wrap.
         let range =
             if limits.kind == TargetKind::Rate { PositionRange::Linear } else { limits.range };
         if !range.contains(next) {
-            return Err(Refusal::Counter { target: next });
+            return Err(TargetRejection::Counter { target: next });
         }
         if let Some((min, max)) = limits.bounds
             && beyond(next, min, max) > 0
             && beyond(next, min, max) >= beyond(last, min, max).max(1)
             && next != last
         {
-            return Err(Refusal::Bounds { target: next, min, max });
+            return Err(TargetRejection::Bounds { target: next, min, max });
         }
         if matches!(limits.kind, TargetKind::Position | TargetKind::Rate) {
             let step = range.distance(last, next);
             if step.unsigned_abs() > u64::from(limits.step) {
-                return Err(Refusal::Step { step, limit: limits.step });
+                return Err(TargetRejection::Step { step, limit: limits.step });
             }
         }
         if limits.kind == TargetKind::Position {
             let distance = self.actual.map_or(i64::MAX, |actual| range.distance(actual, next));
             if distance.unsigned_abs() > u64::from(limits.window) {
-                return Err(Refusal::Window { distance, window: limits.window });
+                return Err(TargetRejection::Window { distance, window: limits.window });
             }
         }
         Ok(())

@@ -17,12 +17,12 @@ pub enum Actual {
     /// that the axis lives and where it roughly is, never good enough to begin at.
     Late(i32),
     /// No usable position in this cycle.
-    None(NoActual),
+    None(PositionUnavailable),
 }
 
 /// Why a cycle brought no usable actual position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum NoActual {
+pub enum PositionUnavailable {
     /// No new image came from the gateway.
     NoImage,
     /// The image is damaged, or was being written while it was read.
@@ -39,7 +39,7 @@ pub enum NoActual {
     NoTpdo,
 }
 
-impl fmt::Display for NoActual {
+impl fmt::Display for PositionUnavailable {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::NoImage => "no new image from the gateway",
@@ -72,7 +72,7 @@ pub enum ChannelView {
 
 /// The way to the drive in one cycle: gateway, image and channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct WayView {
+pub struct PathStatus {
     /// The gateway is in service, and was without a break since the last cycle.
     pub in_service: bool,
     /// The working counter says that both directions were exchanged.
@@ -121,7 +121,7 @@ pub struct DriveView {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct GuardInput {
     /// The way to the drive.
-    pub way: WayView,
+    pub way: PathStatus,
     /// The drive.
     pub drive: DriveView,
     /// Its actual position.
@@ -153,7 +153,7 @@ pub enum HoldReason {
     /// The drive was out of sight, and its configuration is not verified again yet.
     Unverified,
     /// No usable TPDO came for more cycles in a row than the axis allows.
-    TpdoLost(NoActual),
+    TpdoLost(PositionUnavailable),
     /// The drive left Operation Enabled.
     LeftOperationEnabled(DriveState),
     /// The drive stopped following its target while it was enabled.

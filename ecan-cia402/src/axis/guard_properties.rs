@@ -5,13 +5,15 @@ use ecan_canopen::DriveState;
 use proptest::prelude::*;
 
 use super::guard::MotionGuard;
-use super::guard_input::{Actual, ChannelView, DriveView, GuardInput, NoActual, WayView};
+use super::guard_input::{
+    Actual, ChannelView, DriveView, GuardInput, PathStatus, PositionUnavailable,
+};
 use super::guard_terms::{Decision, GuardLimits, GuardState, TargetKind, WaitReason};
 use super::position_range::PositionRange;
 
 /// What happens in one cycle.
 #[derive(Debug, Clone)]
-struct Happening {
+struct CycleEvents {
     input: GuardInput,
     wanted: Option<i32>,
     /// The Port takes the frame.
@@ -22,7 +24,7 @@ struct Happening {
 
 #[derive(Debug, Clone)]
 struct Record {
-    what: Happening,
+    what: CycleEvents,
     decision: Decision,
 }
 
@@ -65,8 +67,8 @@ fn actual() -> impl Strategy<Value = Actual> {
     let position = prop_oneof![8 => -8..8_i32, 1 => -110..110_i32, 1 => any::<i32>()];
     (position, 0..20_u8).prop_map(|(position, how)| match how {
         0 => Actual::Late(position),
-        1 => Actual::None(NoActual::NoTpdo),
-        2 => Actual::None(NoActual::Incomplete),
+        1 => Actual::None(PositionUnavailable::NoTpdo),
+        2 => Actual::None(PositionUnavailable::Incomplete),
         _ => Actual::Fresh(position),
     })
 }
@@ -103,7 +105,7 @@ fn drive() -> impl Strategy<Value = DriveView> {
     )
 }
 
-fn happening() -> impl Strategy<Value = Happening> {
+fn happening() -> impl Strategy<Value = CycleEvents> {
     let way = (
         prop::bool::weighted(0.98),
         prop::bool::weighted(0.93),
@@ -123,7 +125,7 @@ fn happening() -> impl Strategy<Value = Happening> {
         let (in_service, complete, holding, discarded, refused, target_lost, channel) = way;
         let (queue_refused, image_full) = refused;
         let (wanted, taken, take_up, release) = app;
-        let way = WayView {
+        let way = PathStatus {
             in_service,
             complete,
             holding,
@@ -136,11 +138,11 @@ fn happening() -> impl Strategy<Value = Happening> {
             covered: 0,
         };
         let input = GuardInput { way, drive, actual };
-        Happening { input, wanted, taken, take_up, release }
+        CycleEvents { input, wanted, taken, take_up, release }
     })
 }
 
-fn run(limits: GuardLimits, happenings: Vec<Happening>) -> (MotionGuard, Vec<Record>) {
+fn run(limits: GuardLimits, happenings: Vec<CycleEvents>) -> (MotionGuard, Vec<Record>) {
     let mut guard = MotionGuard::new(limits);
     let mut records = Vec::new();
     for (n, mut what) in happenings.into_iter().enumerate() {
@@ -314,10 +316,10 @@ fn judge_running(
 }
 
 /// A cycle in which everything is well.
-fn well(position: i32) -> Happening {
-    Happening {
+fn well(position: i32) -> CycleEvents {
+    CycleEvents {
         input: GuardInput {
-            way: WayView {
+            way: PathStatus {
                 in_service: true,
                 complete: true,
                 holding: false,

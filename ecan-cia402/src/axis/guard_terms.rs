@@ -89,7 +89,7 @@ impl fmt::Display for GuardState {
 /// Why a target was not taken. The target before it stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[non_exhaustive]
-pub enum Refusal {
+pub enum TargetRejection {
     /// Too far from the target before.
     #[error("the step of {step} exceeds the limit of {limit} per cycle")]
     Step {
@@ -179,7 +179,7 @@ pub enum Decision {
     /// Nothing now.
     Wait(WaitReason),
     /// Not this target.
-    Refuse(Refusal),
+    Refuse(TargetRejection),
 }
 
 impl Decision {

@@ -4,9 +4,11 @@ use ecan_canopen::DriveState;
 
 use super::guard::MotionGuard;
 use super::guard_input::{
-    Actual, ChannelView, DriveView, GuardInput, HoldReason, NoActual, WayView,
+    Actual, ChannelView, DriveView, GuardInput, HoldReason, PathStatus, PositionUnavailable,
 };
-use super::guard_terms::{Decision, GuardLimits, GuardState, Refusal, TargetKind, WaitReason};
+use super::guard_terms::{
+    Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason,
+};
 use super::position_range::PositionRange;
 
 const LIMITS: GuardLimits = GuardLimits {
@@ -24,7 +26,7 @@ const LIMITS: GuardLimits = GuardLimits {
 /// A quiet channel, an enabled drive at `position`.
 fn good(position: i32) -> GuardInput {
     GuardInput {
-        way: WayView {
+        way: PathStatus {
             in_service: true,
             complete: true,
             holding: false,
@@ -139,7 +141,7 @@ fn an_axis_that_is_moved_by_hand_is_read_again() {
 
 #[test]
 fn only_a_fresh_position_begins_anything() {
-    for actual in [Actual::Late(5), Actual::None(NoActual::Incomplete)] {
+    for actual in [Actual::Late(5), Actual::None(PositionUnavailable::Incomplete)] {
         let mut guard = MotionGuard::new(LIMITS);
         guard.take_up();
         let input = GuardInput { actual, ..good(5) };
@@ -166,13 +168,13 @@ fn a_first_target_needs_the_position_of_its_own_cycle() {
 fn a_step_beyond_the_limit_is_refused_and_the_one_before_stands() {
     let mut guard = running(0);
     assert_eq!(cycle(&mut guard, &good(0), Some(100)), Decision::Target(100));
-    let refusal = Refusal::Step { step: 101, limit: 100 };
+    let refusal = TargetRejection::Step { step: 101, limit: 100 };
     assert_eq!(cycle(&mut guard, &good(100), Some(201)), Decision::Refuse(refusal));
     assert_eq!(cycle(&mut guard, &good(100), Some(200)), Decision::Target(200));
     assert_eq!(cycle(&mut guard, &good(200), None), Decision::Target(200));
     assert_eq!(
         cycle(&mut guard, &good(200), Some(i32::MIN)),
-        Decision::Refuse(Refusal::Step { step: i64::from(i32::MIN) - 200, limit: 100 })
+        Decision::Refuse(TargetRejection::Step { step: i64::from(i32::MIN) - 200, limit: 100 })
     );
 }
 
@@ -183,7 +185,7 @@ fn a_frame_that_was_not_taken_does_not_count_as_sent() {
     assert_eq!(guard.decide(Some(80)), Decision::Target(80));
     guard.refused();
     assert_eq!(guard.state(), GuardState::Running { target: 0 });
-    let refusal = Refusal::Step { step: 160, limit: 100 };
+    let refusal = TargetRejection::Step { step: 160, limit: 100 };
     assert_eq!(cycle(&mut guard, &good(0), Some(160)), Decision::Refuse(refusal));
 }
 
@@ -194,10 +196,10 @@ fn a_target_outside_the_following_window_is_refused() {
         let target = n * 100;
         assert_eq!(cycle(&mut guard, &good(0), Some(target)), Decision::Target(target));
     }
-    let refusal = Refusal::Window { distance: 1001, window: 1000 };
+    let refusal = TargetRejection::Window { distance: 1001, window: 1000 };
     assert_eq!(cycle(&mut guard, &good(0), Some(1001)), Decision::Refuse(refusal));
     // The axis is pushed away: even the target that stands is outside now.
-    let refusal = Refusal::Window { distance: 1100, window: 1000 };
+    let refusal = TargetRejection::Window { distance: 1100, window: 1000 };
     assert_eq!(cycle(&mut guard, &good(-100), None), Decision::Refuse(refusal));
 }
 
@@ -206,7 +208,7 @@ fn bounds_hold_and_let_back_in() {
     let limits = GuardLimits { bounds: Some((-50, 50)), ..LIMITS };
     let mut guard = running_with(limits, 0);
     assert_eq!(cycle(&mut guard, &good(0), Some(50)), Decision::Target(50));
-    let refusal = Refusal::Bounds { target: 51, min: -50, max: 50 };
+    let refusal = TargetRejection::Bounds { target: 51, min: -50, max: 50 };
     assert_eq!(cycle(&mut guard, &good(0), Some(51)), Decision::Refuse(refusal));
     let mut outside = running_with(limits, 80);
     assert!(matches!(cycle(&mut outside, &good(80), Some(81)), Decision::Refuse(_)));
@@ -224,7 +226,7 @@ fn a_wrapping_counter_may_wrap_and_a_linear_one_not() {
     assert_eq!(cycle(&mut guard, &good(i32::MAX), Some(i32::MIN)), wrapped);
     let mut linear = running(i32::MAX);
     let decision = cycle(&mut linear, &good(i32::MAX), Some(i32::MIN));
-    assert!(matches!(decision, Decision::Refuse(Refusal::Step { .. })));
+    assert!(matches!(decision, Decision::Refuse(TargetRejection::Step { .. })));
 }
 
 #[test]
@@ -233,7 +235,7 @@ fn an_incomplete_cycle_waits_and_too_many_hold() {
     let mut missed = good(0);
     missed.way.complete = false;
     missed.way.holding = true;
-    missed.actual = Actual::None(NoActual::NoImage);
+    missed.actual = Actual::None(PositionUnavailable::NoImage);
     for _ in 0..2 {
         let wait = Decision::Wait(WaitReason::ImageHeld);
         assert_eq!(cycle(&mut guard, &missed, Some(50)), wait);
@@ -274,11 +276,11 @@ fn behind_a_full_image_a_cycle_is_left_out() {
 #[test]
 fn a_missing_tpdo_is_put_up_with_for_so_many_cycles() {
     let mut guard = running(0);
-    let none = GuardInput { actual: Actual::None(NoActual::NoTpdo), ..good(0) };
+    let none = GuardInput { actual: Actual::None(PositionUnavailable::NoTpdo), ..good(0) };
     for n in 1..=3 {
         assert_eq!(cycle(&mut guard, &none, Some(n)), Decision::Target(n));
     }
-    let lost = HoldReason::TpdoLost(NoActual::NoTpdo);
+    let lost = HoldReason::TpdoLost(PositionUnavailable::NoTpdo);
     assert_eq!(guard.observe(&none), Some(lost));
     assert_eq!(guard.decide(Some(4)), Decision::Closed);
 }
@@ -393,7 +395,7 @@ fn a_rate_begins_at_zero_and_wraps_nowhere() {
     assert_eq!(cycle(&mut guard, &good(50_000), Some(200)), Decision::Target(200));
     assert!(matches!(
         cycle(&mut guard, &good(50_000), Some(301)),
-        Decision::Refuse(Refusal::Step { step: 101, .. })
+        Decision::Refuse(TargetRejection::Step { step: 101, .. })
     ));
 }
 
@@ -404,7 +406,7 @@ fn a_profile_target_may_be_far_and_homing_takes_none() {
     assert_eq!(cycle(&mut guard, &good(0), Some(1_000_000)), Decision::Target(1_000_000));
     let limits = GuardLimits { kind: TargetKind::None, ..LIMITS };
     let mut guard = running_with(limits, 0);
-    assert_eq!(cycle(&mut guard, &good(0), Some(1)), Decision::Refuse(Refusal::NoTargets));
+    assert_eq!(cycle(&mut guard, &good(0), Some(1)), Decision::Refuse(TargetRejection::NoTargets));
     assert_eq!(cycle(&mut guard, &good(0), None), Decision::Target(0));
 }
 
@@ -424,11 +426,11 @@ fn a_stop_command_carries_a_target_that_moves_nothing() {
 
 #[test]
 fn words_say_what_is_the_matter() {
-    let reason = HoldReason::TpdoLost(NoActual::Backlog);
+    let reason = HoldReason::TpdoLost(PositionUnavailable::Backlog);
     assert_eq!(
         GuardState::Holding { reason }.to_string(),
         "holding: TPDO missing: received frames pile up in the gateway"
     );
-    let refusal = Refusal::Step { step: -300, limit: 100 };
+    let refusal = TargetRejection::Step { step: -300, limit: 100 };
     assert_eq!(refusal.to_string(), "the step of -300 exceeds the limit of 100 per cycle");
 }

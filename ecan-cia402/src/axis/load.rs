@@ -1,6 +1,6 @@
 //! The process data of the axes as CAN frames, and how much of a bus they take.
 
-use ecan_mcan_port::{ChannelLoad, FrameRate, FrameStream, FrameWay};
+use ecan_mcan_port::{ChannelLoad, FrameRate, FrameRoute, FrameStream};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::{DATA_PATH_BUDGET_MAX, McanChannelConfig};
 
@@ -96,7 +96,7 @@ impl BusLoad {
         Self {
             slave,
             channel,
-            axes: here().filter(|s| s.way == FrameWay::FromBus).count() as u32,
+            axes: here().filter(|s| s.way == FrameRoute::FromBus).count() as u32,
             frames_out: load.peak_sent,
             frames_in: load.peak_received,
             least: load.least,

@@ -10,17 +10,19 @@ mod position_range;
 mod units;
 
 pub use guard::MotionGuard;
-pub use guard_input::{Actual, ChannelView, DriveView, GuardInput, HoldReason, NoActual, WayView};
-pub use guard_terms::{Decision, GuardLimits, GuardState, Refusal, TargetKind, WaitReason};
+pub use guard_input::{
+    Actual, ChannelView, DriveView, GuardInput, HoldReason, PathStatus, PositionUnavailable,
+};
+pub use guard_terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason};
 pub use position_range::PositionRange;
 pub use units::{Scale, UnitError};
 
 #[cfg(test)]
+mod guard_path_model;
+#[cfg(test)]
 mod guard_properties;
 #[cfg(test)]
 mod guard_tests;
-#[cfg(test)]
-mod guard_way_model;
 
 // What a drive is told, step by step
 mod homing;
@@ -45,7 +47,7 @@ mod phase;
 mod settings;
 mod statistics;
 
-pub use phase::{AxisPhase, AxisProgress, AxisTrouble, SetupFault};
+pub use phase::{AxisError, AxisPhase, AxisProgress, SetupFault};
 pub use settings::{AxisFault, AxisSettings, DriveSettings, NodeReset};
 pub use statistics::AxisStatistics;
 
@@ -62,6 +64,6 @@ mod shutdown;
 
 pub use context::{Cia402, Cia402Settings};
 pub use context_cycle::SendSummary;
-pub use error::{AxisFaults, Cia402Error, CommandError, NotReached, ScheduleError};
+pub use error::{AxisFaults, AxisTimeout, Cia402Error, CommandError, ScheduleError};
 pub use load::{BusLoad, LoadWarning, axis_traffic};
 pub use shutdown::Shutdown;

@@ -27,7 +27,7 @@ pub enum SetupFault {
 /// What went wrong with the last command to an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
-pub enum AxisTrouble {
+pub enum AxisError {
     /// The configuration failed.
     #[error("configuration failed: {0}")]
     Setup(#[from] SetupFault),
@@ -100,7 +100,7 @@ impl fmt::Display for CodeWords {
             0 => Ok(()),
             code => {
                 write!(f, ", error code 0x{code:04X}")?;
-                match ecan_canopen::error_code_words(code) {
+                match ecan_canopen::error_code_text(code) {
                     Some(words) => write!(f, " ({words})"),
                     None => Ok(()),
                 }
@@ -191,7 +191,7 @@ pub struct AxisProgress {
     /// While it is being configured: how far.
     pub setup: Option<Progress>,
     /// What went wrong with the last command.
-    pub trouble: Option<AxisTrouble>,
+    pub trouble: Option<AxisError>,
 }
 
 /// `axis 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms`
@@ -203,7 +203,7 @@ impl fmt::Display for AxisProgress {
             _ => write!(f, "{}: {}, for {} ms", self.address, self.phase, self.for_ms)?,
         }
         match &self.trouble {
-            Some(AxisTrouble::Held(_)) | None => Ok(()),
+            Some(AxisError::Held(_)) | None => Ok(()),
             Some(trouble) => write!(f, " ({trouble})"),
         }
     }
@@ -230,7 +230,7 @@ mod tests {
             text,
             "axis 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms"
         );
-        let trouble = AxisTrouble::Fault { error_code: 0x8611 };
+        let trouble = AxisError::Fault { error_code: 0x8611 };
         assert!(trouble.to_string().contains("0x8611"), "{trouble}");
     }
 }

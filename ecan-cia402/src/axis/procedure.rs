@@ -3,7 +3,7 @@
 use ecan_canopen::OperatingMode;
 
 use super::homing::{HomingSettings, HomingWatch};
-use super::phase::AxisTrouble;
+use super::phase::AxisError;
 use super::sdo_script::SdoScript;
 
 /// Stages of a change of mode and of homing, in their order. The mode is only ever changed while
@@ -38,7 +38,7 @@ pub(super) struct Procedure {
     pub(super) then_enable: bool,
     pub(super) stage: Stage,
     /// What went wrong.
-    pub(super) trouble: Option<AxisTrouble>,
+    pub(super) trouble: Option<AxisError>,
     /// When the stage began.
     pub(super) since_ns: u64,
 }

@@ -1,7 +1,7 @@
 //! Counters of an axis. They only grow.
 
 use super::guard_input::{Actual, HoldReason};
-use super::guard_terms::{Decision, Refusal};
+use super::guard_terms::{Decision, TargetRejection};
 
 /// SYNC periods that a TPDO may be under way before it counts as lost: out through the gateway,
 /// over the bus and back, with the reply of one cycle lost.
@@ -82,8 +82,8 @@ impl AxisStatistics {
             Decision::Refuse(refusal) => {
                 self.targets_refused += 1;
                 match refusal {
-                    Refusal::Step { .. } => self.refused_step += 1,
-                    Refusal::Window { .. } => self.refused_window += 1,
+                    TargetRejection::Step { .. } => self.refused_step += 1,
+                    TargetRejection::Window { .. } => self.refused_window += 1,
                     _ => {}
                 }
             }

@@ -7,7 +7,7 @@ use ecan_protocol::can::CanId;
 use ecan_protocol::object::AbortCode;
 use proptest::prelude::*;
 
-use super::network_tests::{MS, Paper, address, cycle, received};
+use super::network_tests::{MS, RecordingSink, address, cycle, received};
 use super::{
     Configurator, Configuring, Network, NetworkConfig, NodeHandle, NodeSettings, PdoDirection,
     PdoMapping, PdoMappingError, SdoFault, SdoSettings, Step, StepFault,
@@ -18,11 +18,11 @@ mod reference;
 use reference::{Block, Server};
 
 /// Nodes behind a network, each a reference server that minds the rules of PDO objects.
-struct Bench {
+struct Fixture {
     network: Network,
     handles: Vec<NodeHandle>,
     servers: Vec<Server>,
-    paper: Paper,
+    paper: RecordingSink,
     now_ns: u64,
     /// Every SDO request, in words.
     trace: Vec<String>,
@@ -33,7 +33,7 @@ struct Bench {
 
 const COUNT: u8 = 4;
 
-impl Bench {
+impl Fixture {
     fn new() -> Self {
         let mut network = Network::new(NetworkConfig::default());
         let sdo = SdoSettings { timeout_ms: 10, ..SdoSettings::default() };
@@ -55,7 +55,7 @@ impl Bench {
             network,
             handles,
             servers: (1..=COUNT).map(server).collect(),
-            paper: Paper::new(),
+            paper: RecordingSink::new(),
             now_ns: 0,
             trace: Vec::new(),
             lost: Vec::new(),
@@ -158,7 +158,7 @@ fn targets(node: u8) -> PdoMapping {
 
 #[test]
 fn a_pdo_is_mapped_in_the_order_that_drives_accept() {
-    let mut bench = Bench::new();
+    let mut bench = Fixture::new();
     let mut configurator = Configurator::new();
     configurator.add(&bench.network, bench.handles[0], targets(1).steps().unwrap());
     assert_eq!(bench.run(&mut configurator), Configuring::Done);
@@ -186,12 +186,12 @@ fn a_pdo_is_mapped_in_the_order_that_drives_accept() {
 
 #[test]
 fn many_nodes_are_configured_in_parallel() {
-    let mut bench = Bench::new();
+    let mut bench = Fixture::new();
     let mut alone = Configurator::new();
     alone.add(&bench.network, bench.handles[0], targets(1).steps().unwrap());
     bench.run(&mut alone);
     let alone_ns = bench.now_ns;
-    let mut bench = Bench::new();
+    let mut bench = Fixture::new();
     let mut all = Configurator::new();
     for (node, handle) in (1..=COUNT).zip(&bench.handles) {
         all.add(&bench.network, *handle, targets(node).steps().unwrap());
@@ -205,7 +205,7 @@ fn many_nodes_are_configured_in_parallel() {
 
 #[test]
 fn a_refused_step_stops_its_node_and_names_everything() {
-    let mut bench = Bench::new();
+    let mut bench = Fixture::new();
     bench.servers[1].refused.insert((0x1600, 2), 0x0604_0041);
     let mut configurator = Configurator::new();
     for (node, handle) in (1..=2).zip(&bench.handles) {
@@ -226,7 +226,7 @@ fn a_refused_step_stops_its_node_and_names_everything() {
 
 #[test]
 fn what_a_node_does_not_have_can_be_forgiven() {
-    let mut bench = Bench::new();
+    let mut bench = Fixture::new();
     bench.servers[0].refused.insert((0x60C2, 1), 0x0601_0002);
     bench.servers[0].refused.insert((0x1016, 1), 0x0602_0000);
     let steps = [
@@ -257,7 +257,7 @@ fn what_a_node_does_not_have_can_be_forgiven() {
 
 #[test]
 fn a_value_that_does_not_read_back_is_found() {
-    let mut bench = Bench::new();
+    let mut bench = Fixture::new();
     let mut configurator = Configurator::new();
     configurator.add(&bench.network, bench.handles[0], [Step::expect(0x1018, 1, 0x1235u32)]);
     let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("not found") };
@@ -273,7 +273,7 @@ fn a_value_that_does_not_read_back_is_found() {
 
 #[test]
 fn boot_up_and_states_are_waited_for() {
-    let mut bench = Bench::new();
+    let mut bench = Fixture::new();
     let (node, other) = (bench.handles[0], bench.handles[1]);
     // A boot-up message from before does not count.
     bench.network.take(&received(0, 1, 0x701, &[0]), 0);
@@ -317,7 +317,7 @@ fn boot_up_and_states_are_waited_for() {
 
 #[test]
 fn a_transfer_of_the_application_in_between_makes_the_step_wait() {
-    let mut bench = Bench::new();
+    let mut bench = Fixture::new();
     let node = bench.handles[0];
     bench.network.start_upload(node, 0x6060, 0).unwrap();
     let mut configurator = Configurator::new();
@@ -335,7 +335,7 @@ fn a_transfer_of_the_application_in_between_makes_the_step_wait() {
 
 #[test]
 fn clearing_gives_up_what_runs() {
-    let mut bench = Bench::new();
+    let mut bench = Fixture::new();
     let node = bench.handles[0];
     let mut configurator = Configurator::new();
     configurator.add(&bench.network, node, [Step::read(0x1018, 1)]);
@@ -364,7 +364,7 @@ fn mappings_that_cannot_be_are_refused() {
 
 #[test]
 fn a_pdo_can_be_switched_off() {
-    let mut bench = Bench::new();
+    let mut bench = Fixture::new();
     let mut configurator = Configurator::new();
     let steps = PdoMapping::disabling_steps(PdoDirection::Receive, 1).unwrap();
     configurator.add(&bench.network, bench.handles[2], steps);
@@ -386,7 +386,7 @@ proptest! {
         lost in proptest::collection::btree_set(0..70usize, 0..=2),
         room in proptest::collection::vec(0..4usize, 20),
     ) {
-        let mut bench = Bench::new();
+        let mut bench = Fixture::new();
         bench.lost = lost.into_iter().collect();
         let mut configurator = Configurator::new();
         for (node, handle) in (1..=COUNT).zip(&bench.handles) {

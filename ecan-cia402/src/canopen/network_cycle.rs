@@ -4,11 +4,11 @@ use ecan_canopen::{CobId, Emcy, NmtState, Service, parse_heartbeat};
 use ecan_mcan_port::{Port, Received, ReceivedFrame};
 use ecan_protocol::can::FrameKind;
 
-use super::courier::Courier;
 use super::error::SdoFault;
+use super::frame_sink::FrameSink;
 use super::network::Network;
 use super::node::Node;
-use super::outlet::Outlet;
+use super::service_sender::ServiceSender;
 
 impl Network {
     /// Takes in what the cycle brought: boot-up messages, heartbeats, emergencies and SDO answers
@@ -39,7 +39,7 @@ impl Network {
 
     /// The channels whose gateway has gone out of service since the last cycle lose what is under
     /// way.
-    pub(super) fn watch_gateways(&mut self, outlet: &impl Outlet) {
+    pub(super) fn watch_gateways(&mut self, outlet: &impl FrameSink) {
         let Self { channels, nodes, .. } = self;
         for channel in channels {
             let in_service = outlet.is_ready(channel.slave);
@@ -97,10 +97,10 @@ impl Network {
         }
     }
 
-    pub(super) fn send_to(&mut self, outlet: &mut impl Outlet, now_ns: u64) {
+    pub(super) fn send_to(&mut self, outlet: &mut impl FrameSink, now_ns: u64) {
         let Self { config, nodes, channels, statistics, .. } = self;
         for channel in channels {
-            Courier { outlet, channel, nodes, config, statistics }.deliver(now_ns);
+            ServiceSender { outlet, channel, nodes, config, statistics }.deliver(now_ns);
         }
     }
 }

@@ -2,10 +2,10 @@
 
 use ecan_mcan_port::Port;
 
-use super::courier::Courier;
 use super::error::NetworkError;
+use super::frame_sink::FrameSink;
 use super::network::Network;
-use super::outlet::Outlet;
+use super::service_sender::ServiceSender;
 use super::settings::SyncSettings;
 
 impl Network {
@@ -65,12 +65,12 @@ impl Network {
         place.and_then(|place| self.channels.get(place)).is_some_and(|c| c.sync.is_sent())
     }
 
-    pub(super) fn send_sync_to(&mut self, outlet: &mut impl Outlet) -> usize {
+    pub(super) fn send_sync_to(&mut self, outlet: &mut impl FrameSink) -> usize {
         let Self { config, nodes, channels, sync, statistics } = self;
         let Some(sync) = sync else { return 0 };
         let before = statistics.syncs_sent;
         for channel in channels {
-            Courier { outlet, channel, nodes, config, statistics }.send_sync(sync);
+            ServiceSender { outlet, channel, nodes, config, statistics }.send_sync(sync);
         }
         usize::try_from(statistics.syncs_sent - before).unwrap_or(usize::MAX)
     }

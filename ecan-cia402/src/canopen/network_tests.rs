@@ -1,11 +1,13 @@
 //! The network on a Port of paper: every frame that it hands over, with refusals at will.
 
 use ecan_canopen::{NmtCommand, NmtState, NodeId};
-use ecan_mcan_port::{NoRoom, ReceiveSource, ReceivedFrame, SendError, SendOptions, SendTicket};
+use ecan_mcan_port::{
+    Backpressure, ReceiveSource, ReceivedFrame, SendError, SendOptions, SendTicket,
+};
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameRef};
 use ecan_protocol::image::{Schedule, Timestamp};
 
-use super::outlet::Outlet;
+use super::frame_sink::FrameSink;
 use super::{
     Heartbeat, HostHeartbeat, Network, NetworkConfig, NetworkError, NmtError, NodeAddress,
     NodeHandle, NodeSettings, Sdo, SdoFault, SdoSettings, SyncSettings,
@@ -16,7 +18,7 @@ pub(super) const MS: u64 = 1_000_000;
 /// What was handed over: slave, channel, identifier, data.
 pub(super) type Sent = (usize, u8, u32, Vec<u8>);
 
-pub(super) struct Paper {
+pub(super) struct RecordingSink {
     pub(super) sent: Vec<Sent>,
     pub(super) schedules: Vec<Option<Schedule>>,
     /// Frames refused before one is taken again.
@@ -32,7 +34,7 @@ pub(super) struct Paper {
     pub(super) error: Option<SendError>,
 }
 
-impl Paper {
+impl RecordingSink {
     pub(super) fn new() -> Self {
         Self {
             sent: Vec::new(),
@@ -52,7 +54,7 @@ impl Paper {
     }
 }
 
-impl Outlet for Paper {
+impl FrameSink for RecordingSink {
     fn send(
         &mut self,
         slave: usize,
@@ -68,10 +70,10 @@ impl Outlet for Paper {
         }
         if self.refusals > 0 {
             self.refusals -= 1;
-            return Err(SendError::NoRoom { slave, channel, what: NoRoom::Queue });
+            return Err(SendError::Backpressure { slave, channel, what: Backpressure::Queue });
         }
         if self.room_frames == 0 {
-            return Err(SendError::NoRoom { slave, channel, what: NoRoom::Image });
+            return Err(SendError::Backpressure { slave, channel, what: Backpressure::Image });
         }
         self.room_frames -= 1;
         self.sent.push((slave, channel, frame.id().raw(), frame.data().to_vec()));
@@ -111,7 +113,7 @@ fn with_frame(slave: usize, channel: u8, frame: CanFrame) -> ReceivedFrame {
 }
 
 /// One cycle at `now_ns`: gateways, time, SYNC, sending.
-pub(super) fn cycle(network: &mut Network, paper: &mut Paper, now_ns: u64) {
+pub(super) fn cycle(network: &mut Network, paper: &mut RecordingSink, now_ns: u64) {
     network.watch_gateways(paper);
     network.tick(now_ns);
     network.send_sync_to(paper);
@@ -148,7 +150,7 @@ fn nmt_then_heartbeat_then_sdo_and_sync_before_all() {
     let host = HostHeartbeat { node: NodeId::new(100).unwrap(), period_ms: 50 };
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let (mut network, nodes) = network(config, &[address(0, 0, 1), address(0, 0, 2)]);
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     network.set_sync(Some(SyncSettings::default())).unwrap();
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.nmt(nodes[1], NmtCommand::EnterPreOperational).unwrap();
@@ -173,7 +175,7 @@ fn nmt_then_heartbeat_then_sdo_and_sync_before_all() {
 fn a_broadcast_goes_once_to_each_channel_that_has_nodes() {
     let nodes = [address(0, 0, 1), address(0, 0, 2), address(0, 3, 1), address(1, 2, 9)];
     let (mut network, handles) = network(NetworkConfig::default(), &nodes);
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     network.nmt_all(NmtCommand::Start).unwrap();
     assert!(network.nmt_is_pending());
     assert_eq!(network.status(handles[0]).unwrap().expected_nmt_state, None, "not sent yet");
@@ -191,7 +193,7 @@ fn a_broadcast_goes_once_to_each_channel_that_has_nodes() {
 #[test]
 fn without_room_everything_waits_in_order_and_goes_once() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     paper.room_frames = 0;
     network.nmt(nodes[0], NmtCommand::ResetNode).unwrap();
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
@@ -219,7 +221,7 @@ fn without_room_everything_waits_in_order_and_goes_once() {
 #[test]
 fn an_sdo_frame_does_not_overtake_an_nmt_command_that_waits() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     for _ in 0..3 {
         network.nmt(nodes[0], NmtCommand::Stop).unwrap();
     }
@@ -248,7 +250,7 @@ fn a_full_nmt_queue_says_so() {
     let full = Err(NmtError::QueueFull { slave: 0, channel: 3 });
     assert_eq!(network.nmt(nodes[0], NmtCommand::Start), full);
     assert_eq!(network.nmt_all(NmtCommand::Start), full);
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     cycle(&mut network, &mut paper, 0);
     assert_eq!(paper.sent.len(), 3, "the refused broadcast went to nobody");
     assert_eq!(network.nmt(NodeHandle(9), NmtCommand::Start), Err(NmtError::UnknownNode));
@@ -262,7 +264,7 @@ fn each_channel_has_its_budget_and_its_nodes_take_turns() {
     for handle in handles.iter().chain([&other]) {
         network.start_upload(*handle, 0x1000, 0).unwrap();
     }
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     cycle(&mut network, &mut paper, 0);
     assert_eq!(paper.ids(), [0x601, 0x602, 0x609]);
     cycle(&mut network, &mut paper, MS);
@@ -278,7 +280,7 @@ fn each_channel_has_its_budget_and_its_nodes_take_turns() {
 fn a_block_download_keeps_to_the_budget() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
     network.start_download(nodes[0], 0x1F50, 1, &[7; 700]).unwrap();
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     cycle(&mut network, &mut paper, 0);
     network.take(&received(0, 0, 0x581, &[0xA4, 0x50, 0x1F, 1, 127, 0, 0, 0]), MS);
     for ms in 1..=50 {
@@ -296,7 +298,7 @@ fn sdo_frames_keep_off_a_channel_that_is_full_and_leave_room_for_targets() {
     let (mut network, nodes) = network(config, &[address(0, 0, 1)]);
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
-    let mut paper = Paper { pending: 7, ..Paper::new() };
+    let mut paper = RecordingSink { pending: 7, ..RecordingSink::new() };
     cycle(&mut network, &mut paper, 0);
     assert_eq!(paper.ids(), [0], "an NMT command goes all the same");
     paper.pending = 6;
@@ -312,7 +314,7 @@ fn sdo_frames_keep_off_a_channel_that_is_full_and_leave_room_for_targets() {
 fn a_refusal_that_waiting_does_not_cure_ends_the_transfer() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 2, 1)]);
     let error = SendError::Channel { slave: 0, channel: 2 };
-    let mut paper = Paper { error: Some(error), ..Paper::new() };
+    let mut paper = RecordingSink { error: Some(error), ..RecordingSink::new() };
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
     cycle(&mut network, &mut paper, 0);
@@ -331,7 +333,7 @@ fn a_refusal_that_waiting_does_not_cure_ends_the_transfer() {
 fn a_lost_gateway_ends_its_own_transfers_and_drops_its_commands() {
     let (mut network, nodes) =
         network(NetworkConfig::default(), &[address(0, 0, 1), address(1, 0, 1)]);
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     for node in &nodes {
         network.start_upload(*node, 0x1000, 0).unwrap();
     }
@@ -400,7 +402,7 @@ fn messages_of_a_node_and_of_strangers() {
 #[test]
 fn a_node_that_restarts_ends_the_transfer() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 0, 1)]);
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.take(&received(0, 0, 0x701, &[0]), 0);
     assert_eq!(network.sdo_state(nodes[0]), Sdo::Busy, "it was not asked before it booted");
@@ -421,7 +423,7 @@ fn sync_follows_its_settings_on_the_channels_that_want_it() {
     assert_eq!(network.set_sync(Some(wrong)), Err(NetworkError::CounterOverflow { value: 1 }));
     network.set_sync(Some(settings)).unwrap();
     network.set_channel_sync(0, 0, false);
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     let mut due = Vec::new();
     for ms in 0..6 {
         network.tick(ms * MS);
@@ -452,7 +454,7 @@ fn a_gateway_whose_image_is_held_gets_no_sync_and_the_others_do() {
     let (mut network, _) = network(NetworkConfig::default(), &nodes);
     let settings = SyncSettings { every_cycles: 2, counter_overflow: Some(9), schedule: None };
     network.set_sync(Some(settings)).unwrap();
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     let mut sent = Vec::new();
     for ms in 0..10 {
         paper.holding[0] = (3..=6).contains(&ms);
@@ -475,7 +477,7 @@ fn settings_reach_the_client() {
     let sdo = SdoSettings { timeout_ms: 5, retries: 0, ..SdoSettings::default() };
     let settings = NodeSettings { sdo, ..NodeSettings::default() };
     let node = network.add_node(address(0, 0, 1), settings).unwrap();
-    let mut paper = Paper::new();
+    let mut paper = RecordingSink::new();
     network.start_upload(node, 0x1000, 0).unwrap();
     cycle(&mut network, &mut paper, 0);
     cycle(&mut network, &mut paper, 5 * MS);

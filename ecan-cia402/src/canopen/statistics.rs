@@ -2,7 +2,7 @@
 
 use ecan_mcan_port::SendError;
 
-use super::outlet::is_passing;
+use super::frame_sink::is_passing;
 
 /// Counters of a network; they only grow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -59,7 +59,7 @@ pub enum Tolerance {
     /// The object or subindex does not exist: for what a node may have or not.
     Missing,
     /// Any abort by the node, or a value other than the expected one.
-    Refusal,
+    TargetRejection,
 }
 
 impl Tolerance {
@@ -67,7 +67,7 @@ impl Tolerance {
         match self {
             Self::None => false,
             Self::Missing => matches!(code, AbortCode::NO_OBJECT | AbortCode::NO_SUBINDEX),
-            Self::Refusal => true,
+            Self::TargetRejection => true,
         }
     }
 }
@@ -235,7 +235,7 @@ impl Step {
     /// Forgives any refusal by the node.
     #[must_use]
     pub fn if_accepted(mut self) -> Self {
-        self.tolerance = Tolerance::Refusal;
+        self.tolerance = Tolerance::TargetRejection;
         self
     }
 }

@@ -74,7 +74,9 @@ impl StepRunner {
             Err(StepFault::Sdo(SdoFault::Aborted(code))) if step.tolerance.covers(code) => {
                 Turn::Done
             }
-            Err(StepFault::Mismatch { .. }) if step.tolerance == super::Tolerance::Refusal => {
+            Err(StepFault::Mismatch { .. })
+                if step.tolerance == super::Tolerance::TargetRejection =>
+            {
                 Turn::Done
             }
             Err(fault) => Turn::Failed(fault),

@@ -30,7 +30,7 @@ pub fn axes(count: usize) -> Vec<AxisSettings> {
     (0..count).map(|n| axis(n / 16, (n / 4 % 4) as u8, (n % 4) as u8 + 1)).collect()
 }
 
-pub struct Bench {
+pub struct Fixture {
     pub port: Port,
     pub cia402: Cia402,
     pub simulation: Simulation,
@@ -55,7 +55,7 @@ pub fn with_quirk(slaves: usize, id: u8, quirk: impl Fn(&mut DriveQuirks)) -> Sc
     })
 }
 
-impl Bench {
+impl Fixture {
     /// One gateway, one channel's drives, 2 ms.
     pub fn single(axes: Vec<AxisSettings>) -> Self {
         Self::with(ecan_sim::drives(1, 4), axes)

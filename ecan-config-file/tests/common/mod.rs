@@ -47,21 +47,21 @@ pub fn two() -> ConfigFile {
     TWO.parse().unwrap()
 }
 
-pub struct Bench {
+pub struct Fixture {
     pub ecrt: Ecrt,
     pub simulation: Simulation,
     pub bus: Diagnostics,
 }
 
-pub fn bench(gateways: usize) -> Bench {
+pub fn bench(gateways: usize) -> Fixture {
     with(echo(gateways))
 }
 
-pub fn with(scenario: Scenario) -> Bench {
+pub fn with(scenario: Scenario) -> Fixture {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = open_scenario(scenario, &options).unwrap();
     let bus = Diagnostics::of_bus(&backend.ecrt, 0).unwrap();
-    Bench { ecrt: backend.ecrt, simulation: backend.simulation.unwrap(), bus }
+    Fixture { ecrt: backend.ecrt, simulation: backend.simulation.unwrap(), bus }
 }
 
 /// Writes a program that another program is to run. Another process writes it: a descriptor of our

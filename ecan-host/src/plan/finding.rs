@@ -16,7 +16,7 @@ fn percent(part: u64, whole: u64) -> f64 {
 /// Something that would not work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
-pub enum PlanRefusal {
+pub enum PlanError {
     /// N that one datagram cannot carry, without the permission for it.
     #[error(
         "slave {slave}: {pdo} size N = {multiplier} needs {} bytes, but the IgH master puts a sync \

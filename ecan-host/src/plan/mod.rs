@@ -6,7 +6,7 @@ mod finding;
 pub use ethernet::{
     BYTE_NS, DATAGRAM_OVERHEAD_BYTES, Datagram, DatagramUse, EthernetFrame, FRAME_OVERHEAD_BYTES,
 };
-pub use finding::{PlanRefusal, PlanWarning};
+pub use finding::{PlanError, PlanWarning};
 
 use crate::config::{AdapterConfig, ClockSource, DcSync};
 use crate::domain_layout::{DomainLayout, MAX_PLAIN_MULTIPLIER};
@@ -34,7 +34,7 @@ pub struct SlavePlan {
 
 /// Room for the master's own mailbox traffic, which it sends beside the process data.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct MailboxRoom {
+pub struct MailboxBandwidth {
     /// Bytes that the master lets through per send interval before it holds mailbox traffic back:
     /// 11.25 a microsecond, 90 % of 100 Mbit/s.
     pub available_bytes: usize,
@@ -42,7 +42,7 @@ pub struct MailboxRoom {
     pub process_bytes: usize,
 }
 
-impl MailboxRoom {
+impl MailboxBandwidth {
     /// Bytes that are left, 0 where there are none.
     pub fn headroom_bytes(&self) -> usize {
         self.available_bytes.saturating_sub(self.process_bytes)
@@ -78,9 +78,9 @@ pub struct Plan {
     /// The Ethernet frames of a cycle, in their order.
     pub frames: Vec<EthernetFrame>,
     /// Room for mailbox traffic.
-    pub mailbox: MailboxRoom,
+    pub mailbox: MailboxBandwidth,
     /// What would not work.
-    pub refusals: Vec<PlanRefusal>,
+    pub refusals: Vec<PlanError>,
     /// What works with little to spare.
     pub warnings: Vec<PlanWarning>,
 }
@@ -110,7 +110,7 @@ impl Plan {
                 outputs_arrive_ns: outputs_arrive_ns(&frames, slave),
             })
             .collect();
-        let mailbox = MailboxRoom {
+        let mailbox = MailboxBandwidth {
             available_bytes: (u64::from(config.cycle_ns) * 1125 / 100_000) as usize,
             process_bytes: frames.iter().map(EthernetFrame::wire_bytes).sum(),
         };
@@ -136,7 +136,7 @@ impl Plan {
             let sizes = [("RxPDO", settings.rx_multiplier), ("TxPDO", settings.tx_multiplier)];
             for (pdo, multiplier) in sizes {
                 if multiplier > MAX_PLAIN_MULTIPLIER {
-                    self.refusals.push(PlanRefusal::LargePdo { slave, pdo, multiplier });
+                    self.refusals.push(PlanError::LargePdo { slave, pdo, multiplier });
                 }
             }
         }
@@ -148,11 +148,11 @@ impl Plan {
         let (transfers, slaves) = (self.mailbox.transfers(), self.slaves.len());
         if wire_ns > cycle {
             // That mailbox traffic starves, too, goes without saying.
-            self.refusals.push(PlanRefusal::WireTime { wire_ns, cycle_ns });
+            self.refusals.push(PlanError::WireTime { wire_ns, cycle_ns });
             return;
         }
         if transfers == 0 {
-            self.refusals.push(PlanRefusal::MailboxStarved {
+            self.refusals.push(PlanError::MailboxStarved {
                 needed: self.mailbox.process_bytes + MAILBOX_BYTES,
                 available: self.mailbox.available_bytes,
                 cycle_ns,
@@ -169,7 +169,7 @@ impl Plan {
         let (watchdog_us, cycle_ns) = (config.watchdog_us, self.cycle_ns);
         let (watchdog_ns, cycle) = (u64::from(watchdog_us) * 1_000, u64::from(cycle_ns));
         if watchdog_ns <= cycle {
-            self.refusals.push(PlanRefusal::Watchdog { watchdog_us, cycle_ns });
+            self.refusals.push(PlanError::Watchdog { watchdog_us, cycle_ns });
         } else if watchdog_ns <= 2 * cycle {
             self.warnings.push(PlanWarning::WatchdogTight { watchdog_us, cycle_ns });
         }
@@ -203,7 +203,7 @@ impl Plan {
     ///
     /// An application with a cycle timer of its own does not call
     /// [`receive`](crate::Adapter::receive) before.
-    pub fn answer_ns(&self) -> u64 {
+    pub fn response_ns(&self) -> u64 {
         let cycle = u64::from(self.cycle_ns);
         let way = self.wire_ns() + self.slaves.len() as u64 * SLAVE_NS;
         way + HOST_NS.min(cycle / 8).min(cycle.saturating_sub(way) / 4)

@@ -11,5 +11,5 @@ mod settings;
 
 pub use cycle_statistics::{CycleStatistics, Distribution};
 pub use cycle_timer::{CycleStart, CycleTimer, CycleTiming, MAX_SPIN_NS, OverrunPolicy};
-pub use report::{Privilege, PrivilegeOutcome, RealTimeError, RealTimeReport, Refusal};
+pub use report::{Privilege, PrivilegeError, PrivilegeOutcome, RealTimeError, RealTimeReport};
 pub use settings::{MAX_STACK_PREFAULT_BYTES, Need, RealTimeFault, RealTimeSettings};

@@ -11,7 +11,7 @@ use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
 use nix::unistd::Pid;
 
-use super::report::{List, Privilege, PrivilegeOutcome, Refusal};
+use super::report::{List, Privilege, PrivilegeError, PrivilegeOutcome};
 use super::settings::Need;
 
 /// The calling thread, in calls that take a thread id.
@@ -29,7 +29,7 @@ pub(super) fn lock_memory(stack_bytes: usize, need: Need) -> PrivilegeOutcome {
     PrivilegeOutcome { privilege: Privilege::LockedMemory { stack_bytes }, need, refusal }
 }
 
-fn memory_refusal(errno: nix::errno::Errno, limit_bytes: Option<u64>) -> Refusal {
+fn memory_refusal(errno: nix::errno::Errno, limit_bytes: Option<u64>) -> PrivilegeError {
     let errno = Errno::new(errno as i32);
     let limit = match limit_bytes {
         Some(bytes) => format!("RLIMIT_MEMLOCK is {} KiB", bytes / 1024),
@@ -38,7 +38,7 @@ fn memory_refusal(errno: nix::errno::Errno, limit_bytes: Option<u64>) -> Refusal
     let remedy = "run as root, give the program CAP_IPC_LOCK (setcap cap_ipc_lock+ep PROGRAM) or \
                   raise RLIMIT_MEMLOCK (memlock in /etc/security/limits.conf, LimitMEMLOCK= of a \
                   systemd service); a container needs it from its host";
-    Refusal { cause: format!("{errno}, {limit}"), remedy: remedy.into() }
+    PrivilegeError { cause: format!("{errno}, {limit}"), remedy: remedy.into() }
 }
 
 /// Writes to so many bytes of the stack below the caller.
@@ -59,7 +59,7 @@ pub(super) fn bind_to_cpus(cpus: &[usize], need: Need) -> PrivilegeOutcome {
     PrivilegeOutcome { privilege, need, refusal: try_bind_to_cpus(cpus).err() }
 }
 
-fn try_bind_to_cpus(cpus: &[usize]) -> Result<(), Refusal> {
+fn try_bind_to_cpus(cpus: &[usize]) -> Result<(), PrivilegeError> {
     let mut wanted = CpuSet::new();
     // The system's set has no place for CPUs above its size.
     let beyond: Vec<usize> = cpus.iter().copied().filter(|cpu| wanted.set(*cpu).is_err()).collect();
@@ -84,11 +84,11 @@ fn try_bind_to_cpus(cpus: &[usize]) -> Result<(), Refusal> {
     Err(absent_cpus(&absent, &before))
 }
 
-fn absent_cpus(cpus: &[usize], usable: &CpuSet) -> Refusal {
+fn absent_cpus(cpus: &[usize], usable: &CpuSet) -> PrivilegeError {
     let there: Vec<usize> =
         (0..CpuSet::count()).filter(|cpu| usable.is_set(*cpu).unwrap_or(false)).collect();
     let (name, are) = if cpus.len() == 1 { ("CPU", "is") } else { ("CPUs", "are") };
-    Refusal {
+    PrivilegeError {
         cause: format!("{name} {} {are} not there, off line or kept from this process", List(cpus)),
         remedy: format!(
             "this thread could use {}; /sys/devices/system/cpu/online lists those of the machine, \
@@ -98,8 +98,8 @@ fn absent_cpus(cpus: &[usize], usable: &CpuSet) -> Refusal {
     }
 }
 
-fn affinity_refusal(errno: nix::errno::Errno, cpus: &[usize]) -> Refusal {
-    Refusal {
+fn affinity_refusal(errno: nix::errno::Errno, cpus: &[usize]) -> PrivilegeError {
+    PrivilegeError {
         cause: format!("{} for CPU {}", Errno::new(errno as i32), List(cpus)),
         remedy: "the sandbox or container that the process runs in must permit \
                  sched_setaffinity"
@@ -119,7 +119,7 @@ pub(super) fn limit_wake_up(latency_us: u32, need: Need) -> PrivilegeOutcome {
         *WAKE_UP_LIMIT.lock().unwrap_or_else(PoisonError::into_inner) = Some(device);
         Ok(())
     });
-    let refusal = taken.err().map(|error| Refusal {
+    let refusal = taken.err().map(|error| PrivilegeError {
         cause: format!("{WAKE_UP_DEVICE}: {error}"),
         remedy: "run as root or let a udev rule give the program's group write access to it; a \
                  container needs it from its host"
@@ -136,7 +136,7 @@ pub(super) fn raise_priority(priority: u8, need: Need) -> PrivilegeOutcome {
     PrivilegeOutcome { privilege: Privilege::Priority { priority }, need, refusal }
 }
 
-fn priority_refusal(errno: Errno, priority: u8, limit: Option<u64>) -> Refusal {
+fn priority_refusal(errno: Errno, priority: u8, limit: Option<u64>) -> PrivilegeError {
     let limit = match limit {
         Some(limit) => format!("RLIMIT_RTPRIO is {limit}"),
         None => "RLIMIT_RTPRIO is not what bounds it".into(),
@@ -147,7 +147,7 @@ fn priority_refusal(errno: Errno, priority: u8, limit: Option<u64>) -> Refusal {
          systemd service); a container needs it from its host, and a control group with \
          real-time scheduling needs cpu.rt_runtime_us"
     );
-    Refusal { cause: format!("{errno}, {limit}"), remedy }
+    PrivilegeError { cause: format!("{errno}, {limit}"), remedy }
 }
 
 /// The limit in force; none where there is none or it cannot be told.

@@ -64,14 +64,14 @@ impl fmt::Display for List<'_> {
 
 /// Why something was not granted.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Refusal {
+pub struct PrivilegeError {
     /// What stands in the way.
     pub cause: String,
     /// What to do about it.
     pub remedy: String,
 }
 
-impl fmt::Display for Refusal {
+impl fmt::Display for PrivilegeError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}; {}", self.cause, self.remedy)
     }
@@ -85,7 +85,7 @@ pub struct PrivilegeOutcome {
     /// Whether it is needed.
     pub need: Need,
     /// Why it was not granted; none where it was.
-    pub refusal: Option<Refusal>,
+    pub refusal: Option<PrivilegeError>,
 }
 
 impl PrivilegeOutcome {

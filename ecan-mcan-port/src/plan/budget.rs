@@ -2,16 +2,16 @@
 
 use ecan_protocol::config::{DATA_PATH_BUDGET_MAX, DataPathConfig};
 
-use super::finding::{PortRefusal, PortWarning};
+use super::finding::{PortPlanError, PortWarning};
 
 /// Refuses what no budget could serve: more frames per cycle in the long run than 8 each way.
 pub(crate) fn refusal(
     (slave, channel): (usize, u8),
     received: u32,
     sent: u32,
-) -> Option<PortRefusal> {
+) -> Option<PortPlanError> {
     let most = u32::from(DATA_PATH_BUDGET_MAX);
-    (received > most || sent > most).then_some(PortRefusal::Budget {
+    (received > most || sent > most).then_some(PortPlanError::Budget {
         slave,
         channel,
         received,

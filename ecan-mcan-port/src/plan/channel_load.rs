@@ -3,7 +3,7 @@
 use ecan_protocol::can::FrameBits;
 use ecan_protocol::config::McanChannelConfig;
 
-use super::frame_stream::{FrameStream, FrameWay};
+use super::frame_stream::{FrameRoute, FrameStream};
 
 /// The load of one channel by a set of frames.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -34,15 +34,15 @@ impl ChannelLoad {
         for stream in streams {
             let (mean, peak) = (stream.rate.mean(cycle_ns), stream.rate.peak(cycle_ns));
             match stream.way {
-                FrameWay::ToBus => {
+                FrameRoute::ToBus => {
                     load.mean_sent += mean;
                     load.peak_sent = load.peak_sent.saturating_add(peak);
                 }
-                FrameWay::FromBus => {
+                FrameRoute::FromBus => {
                     load.mean_received += mean;
                     load.peak_received = load.peak_received.saturating_add(peak);
                 }
-                FrameWay::OnBusOnly => {}
+                FrameRoute::OnBusOnly => {}
             }
             let share =
                 |bits: FrameBits| mean * bits.seconds(can.nominal_bitrate, can.data_bitrate);
@@ -71,7 +71,7 @@ mod tests {
             FrameStream::to_bus(0, 0, frame, FrameRate::PerCycle(2)),
             FrameStream::from_bus(0, 0, frame, FrameRate::EveryCycles(2)),
             FrameStream {
-                way: FrameWay::OnBusOnly,
+                way: FrameRoute::OnBusOnly,
                 ..FrameStream::to_bus(0, 0, frame, FrameRate::PerSecond(2_500.0))
             },
         ];

@@ -1,6 +1,6 @@
 //! What the plan of a Port finds: what would not work, and what barely would.
 
-use ecan_host::{PlanRefusal, PlanWarning};
+use ecan_host::{PlanError, PlanWarning};
 use ecan_protocol::config::DATA_PATH_BUDGET_MAX;
 use ecan_protocol::mapping::{Direction, MAX_PACKETS};
 use thiserror::Error;
@@ -15,10 +15,10 @@ fn us(ns: u64) -> f64 {
 /// Something that would not work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
-pub enum PortRefusal {
+pub enum PortPlanError {
     /// On the EtherCAT side.
     #[error(transparent)]
-    EtherCat(PlanRefusal),
+    EtherCat(PlanError),
     /// Frames for a channel that is not there, or left out.
     #[error(
         "slave {slave} has no channel {channel} in use: enable it, or leave its frames out of the \

@@ -4,7 +4,7 @@ use ecan_protocol::can::CanFrame;
 
 /// Where frames go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum FrameWay {
+pub enum FrameRoute {
     /// From the host through the gateway to the bus.
     ToBus,
     /// From the bus through the gateway to the host.
@@ -56,7 +56,7 @@ pub struct FrameStream {
     /// How often it comes.
     pub rate: FrameRate,
     /// Where it goes.
-    pub way: FrameWay,
+    pub way: FrameRoute,
     /// Sent at a phase behind Sync0, in nanoseconds, instead of at once (manual 8.4). Only for
     /// frames to the bus.
     pub schedule_offset_ns: Option<u32>,
@@ -65,12 +65,12 @@ pub struct FrameStream {
 impl FrameStream {
     /// Frames from the host to the bus, sent at once.
     pub fn to_bus(slave: usize, channel: u8, frame: CanFrame, rate: FrameRate) -> Self {
-        Self { slave, channel, frame, rate, way: FrameWay::ToBus, schedule_offset_ns: None }
+        Self { slave, channel, frame, rate, way: FrameRoute::ToBus, schedule_offset_ns: None }
     }
 
     /// Frames from the bus to the host.
     pub fn from_bus(slave: usize, channel: u8, frame: CanFrame, rate: FrameRate) -> Self {
-        Self { way: FrameWay::FromBus, ..Self::to_bus(slave, channel, frame, rate) }
+        Self { way: FrameRoute::FromBus, ..Self::to_bus(slave, channel, frame, rate) }
     }
 
     /// The same, sent `offset_ns` behind Sync0.
@@ -82,7 +82,7 @@ impl FrameStream {
 
     /// Its offset, where it has one that counts.
     pub(super) fn offset_ns(&self) -> Option<u32> {
-        self.schedule_offset_ns.filter(|_| self.way == FrameWay::ToBus)
+        self.schedule_offset_ns.filter(|_| self.way == FrameRoute::ToBus)
     }
 }
 

@@ -6,8 +6,8 @@ use ecan_protocol::image::{
 };
 use ecan_protocol::mapping::{CHANNELS, Direction, MAX_PACKETS};
 
-use super::finding::{PortRefusal, PortWarning};
-use super::frame_stream::{FrameStream, FrameWay};
+use super::finding::{PortPlanError, PortWarning};
+use super::frame_stream::{FrameRoute, FrameStream};
 
 /// Packets of some frames, and the bytes that they take.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -69,10 +69,10 @@ impl ImagePlan {
         let reports = profile.options.contains(OptionFlags::TX_RESULT);
         for stream in streams {
             let bytes = match (direction, stream.way) {
-                (Direction::RxPdo, FrameWay::ToBus) | (Direction::TxPdo, FrameWay::FromBus) => {
+                (Direction::RxPdo, FrameRoute::ToBus) | (Direction::TxPdo, FrameRoute::FromBus) => {
                     plan.packet_bytes(stream.frame.as_ref(), stream.offset_ns().is_some())
                 }
-                (Direction::TxPdo, FrameWay::ToBus) if reports => plan.result_bytes(),
+                (Direction::TxPdo, FrameRoute::ToBus) if reports => plan.result_bytes(),
                 _ => continue,
             };
             let (mean, peak) = (stream.rate.mean(cycle_ns), stream.rate.peak(cycle_ns).into());
@@ -123,13 +123,13 @@ impl ImagePlan {
     pub(super) fn judge(
         &self,
         slave: usize,
-        refusals: &mut Vec<PortRefusal>,
+        refusals: &mut Vec<PortPlanError>,
         warnings: &mut Vec<PortWarning>,
     ) {
         let (direction, area) = (self.direction, self.area_bytes() as u64);
         if self.mean.exceeds(self.area_bytes()) {
             let (packets, bytes) = (self.mean.packets_up(), self.mean.bytes_up());
-            refusals.push(PortRefusal::ImageTooSmall { slave, direction, packets, bytes, area });
+            refusals.push(PortPlanError::ImageTooSmall { slave, direction, packets, bytes, area });
         } else if self.peak.exceeds(self.area_bytes()) {
             let (packets, bytes) = (self.peak.packets_up(), self.peak.bytes_up());
             warnings.push(PortWarning::ImagePeak { slave, direction, packets, bytes, area });
@@ -144,7 +144,7 @@ impl ImagePlan {
             let share = share as u64;
             if mean.bytes > share as f64 {
                 let bytes = mean.bytes_up();
-                refusals.push(PortRefusal::ShareTooSmall { slave, channel, bytes, share });
+                refusals.push(PortPlanError::ShareTooSmall { slave, channel, bytes, share });
             } else if peak.bytes > share as f64 {
                 let bytes = peak.bytes_up();
                 warnings.push(PortWarning::SharePeak { slave, channel, bytes, share });

@@ -12,8 +12,8 @@ mod table;
 
 pub use channel_load::ChannelLoad;
 pub use cpu_cost::CpuCost;
-pub use finding::{PortRefusal, PortWarning};
-pub use frame_stream::{FrameRate, FrameStream, FrameWay};
+pub use finding::{PortPlanError, PortWarning};
+pub use frame_stream::{FrameRate, FrameRoute, FrameStream};
 pub use image::{ImageFill, ImagePlan};
 
 use ecan_host::{AdapterConfig, Plan};
@@ -80,7 +80,7 @@ pub struct PortPlan {
     /// One entry per gateway.
     pub gateways: Vec<GatewayPlan>,
     /// What would not work.
-    pub refusals: Vec<PortRefusal>,
+    pub refusals: Vec<PortPlanError>,
     /// What works with little to spare.
     pub warnings: Vec<PortWarning>,
 }
@@ -90,7 +90,7 @@ impl PortPlan {
     pub fn of(adapter: &AdapterConfig, port: &PortConfig, traffic: &[FrameStream]) -> Self {
         let ethercat = Plan::of(adapter);
         let mut plan = Self {
-            refusals: ethercat.refusals.iter().copied().map(PortRefusal::EtherCat).collect(),
+            refusals: ethercat.refusals.iter().copied().map(PortPlanError::EtherCat).collect(),
             warnings: ethercat.warnings.iter().copied().map(PortWarning::EtherCat).collect(),
             ethercat,
             channels: Vec::new(),
@@ -121,9 +121,9 @@ impl PortPlan {
         for stream in traffic {
             let FrameStream { slave, channel, .. } = *stream;
             let refusal = match settings(port, slave, channel) {
-                None => PortRefusal::NoChannel { slave, channel },
+                None => PortPlanError::NoChannel { slave, channel },
                 Some(settings) if stream.frame.is_fd() && !settings.can.fd => {
-                    PortRefusal::NotFd { slave, channel }
+                    PortPlanError::NotFd { slave, channel }
                 }
                 Some(_) => continue,
             };
@@ -164,7 +164,7 @@ impl PortPlan {
         // Rounded up to the next where it would read as 100 although it is more.
         let (least_percent, most_percent) = (percent(load.least), up(load.most * 100.0));
         if load.most > 1.0 {
-            self.refusals.push(PortRefusal::BusLoad {
+            self.refusals.push(PortPlanError::BusLoad {
                 slave,
                 channel,
                 least_percent,

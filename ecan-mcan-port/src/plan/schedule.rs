@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use ecan_host::AdapterConfig;
 use ecan_protocol::can::FrameBits;
 
-use super::finding::{PortRefusal, PortWarning};
+use super::finding::{PortPlanError, PortWarning};
 use super::frame_stream::{FrameRate, FrameStream};
 use super::{PortPlan, settings};
 use crate::config::PortConfig;
@@ -62,7 +62,7 @@ impl PortPlan {
         let margin = match judged {
             Ok(margin) => margin,
             Err(reason) => {
-                let refusal = PortRefusal::NotSchedulable { slave, offset_ns, reason };
+                let refusal = PortPlanError::NotSchedulable { slave, offset_ns, reason };
                 if !self.refusals.contains(&refusal) {
                     self.refusals.push(refusal);
                 }

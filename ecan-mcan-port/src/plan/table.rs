@@ -6,7 +6,7 @@ use ecan_host::{AdapterConfig, SlavePlan};
 use ecan_protocol::can::{CanFrame, FrameKind};
 use ecan_protocol::mapping::MAX_PACKETS;
 
-use super::{CpuCost, FrameStream, FrameWay, ImageFill, ImagePlan, PortPlan};
+use super::{CpuCost, FrameRoute, FrameStream, ImageFill, ImagePlan, PortPlan};
 use crate::schedule_margin::RECOMMENDED_OFFSET_NS;
 
 impl PortPlan {
@@ -159,9 +159,9 @@ fn frames(text: &mut String, plan: &PortPlan, traffic: &[FrameStream]) -> std::f
     for stream in traffic {
         let Some(gateway) = plan.gateways.get(stream.slave) else { continue };
         let (image, way) = match stream.way {
-            FrameWay::ToBus => (&gateway.rx, "out"),
-            FrameWay::FromBus => (&gateway.tx, "in"),
-            FrameWay::OnBusOnly => continue,
+            FrameRoute::ToBus => (&gateway.rx, "out"),
+            FrameRoute::FromBus => (&gateway.tx, "in"),
+            FrameRoute::OnBusOnly => continue,
         };
         let is_scheduled = stream.schedule_offset_ns.is_some();
         let frame = stream.frame.as_ref();

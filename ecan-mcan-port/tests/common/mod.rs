@@ -10,14 +10,14 @@ use ecan_sim::{ClockKind, Scenario, SimOptions, Simulation};
 
 pub const READY_MS: u32 = 20_000;
 
-pub struct Bench {
+pub struct Fixture {
     pub port: Port,
     pub simulation: Simulation,
     /// Errors of the library in the cycles so far.
     pub cycle_errors: Vec<CycleError>,
 }
 
-impl Bench {
+impl Fixture {
     pub fn open(
         scenario: Scenario,
         adapter: AdapterConfig,
@@ -93,7 +93,7 @@ impl Bench {
     }
 }
 
-impl Drop for Bench {
+impl Drop for Fixture {
     /// The simulator complains about what a real master would hang on.
     fn drop(&mut self) {
         let log = self.simulation.kernel_log();
@@ -123,10 +123,10 @@ pub fn with_sync0(
     scenario: Scenario,
     shift_ns: u32,
     change: impl FnOnce(&mut GatewayConfig),
-) -> Bench {
+) -> Fixture {
     let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
     adapter.dc = Some(ecan_host::DcSync::new(1_000_000, shift_ns));
     let mut gateway = GatewayConfig::on_channel(0, classic());
     change(&mut gateway);
-    Bench::ready(scenario, adapter, PortConfig::uniform(1, gateway))
+    Fixture::ready(scenario, adapter, PortConfig::uniform(1, gateway))
 }

@@ -3,9 +3,9 @@
 
 use ecan_mcan_port::{GatewayConfig, ScheduleAccount};
 use ecan_protocol::image::{OptionFlags, Schedule};
-use ecan_sim::{Scenario, Truth, echo};
+use ecan_sim::{GatewayCounters, Scenario, echo};
 
-use super::common::{self, Bench, id, with_sync0};
+use super::common::{self, Fixture, id, with_sync0};
 
 /// Phases at which frames leave, 500 us behind the start of the cycle: the images come long before.
 pub const SHIFT_NS: u32 = 500_000;
@@ -15,16 +15,16 @@ pub fn results(gateway: &mut GatewayConfig) {
     gateway.tx_options = OptionFlags::TX_RESULT;
 }
 
-pub fn truth(bench: &Bench) -> Truth {
-    bench.simulation.with_world(|world| world.truth(0).unwrap())
+pub fn counters(bench: &Fixture) -> GatewayCounters {
+    bench.simulation.with_world(|world| world.counters(0).unwrap())
 }
 
-pub fn account(bench: &Bench) -> ScheduleAccount {
+pub fn account(bench: &Fixture) -> ScheduleAccount {
     bench.port.schedule_account(0, 0)
 }
 
 /// One cycle that schedules so many frames; gives how many were taken.
-pub fn schedule(bench: &mut Bench, frames: u16, offset_ns: u32) -> u16 {
+pub fn schedule(bench: &mut Fixture, frames: u16, offset_ns: u32) -> u16 {
     let mut taken = 0;
     bench.cycle(|port| {
         for tag in 0..frames {
@@ -37,29 +37,32 @@ pub fn schedule(bench: &mut Bench, frames: u16, offset_ns: u32) -> u16 {
 
 /// Compares the account with the truth once nothing is open any more: each kind of outcome may
 /// hide among the unknown ones, none may be claimed that did not happen.
-pub fn check(bench: &mut Bench) -> (ScheduleAccount, Truth) {
+pub fn check(bench: &mut Fixture) -> (ScheduleAccount, GatewayCounters) {
     bench.idle(500);
-    let (told, truth) = (account(bench), truth(bench));
+    let (told, counters) = (account(bench), counters(bench));
     assert_eq!(told.accounted(), told.scheduled, "{told:?}");
     assert_eq!(told.open, 0, "{told:?}");
-    let losses = truth.transmit_losses;
+    let losses = counters.transmit_losses;
     let refused = losses.bus_off + losses.invalid_channel;
     for (told_of, happened) in [
-        (told.sent, truth.frames_released),
+        (told.sent, counters.frames_released),
         (told.late_dropped, losses.late),
         (told.queue_full, losses.schedule_full),
         (told.not_sent, refused),
     ] {
-        assert!(told_of <= happened, "{told:?} {truth:?}");
-        assert!(happened <= told_of + told.unknown, "{told:?} {truth:?}");
+        assert!(told_of <= happened, "{told:?} {counters:?}");
+        assert!(happened <= told_of + told.unknown, "{told:?} {counters:?}");
     }
     // Stale are frames that still waited, and those that the controller had got already.
-    let ended = truth.frames_released + losses.late + losses.schedule_full + refused;
+    let ended = counters.frames_released + losses.late + losses.schedule_full + refused;
     let ended = ended + losses.schedule_failed;
-    assert!(ended <= truth.frames_parsed, "{truth:?}");
-    assert!(truth.frames_parsed <= ended + losses.stale, "every frame ended somehow: {truth:?}");
-    assert!(told.scheduled - told.withdrawn >= truth.frames_parsed, "{told:?} {truth:?}");
-    (told, truth)
+    assert!(ended <= counters.frames_parsed, "{counters:?}");
+    assert!(
+        counters.frames_parsed <= ended + losses.stale,
+        "every frame ended somehow: {counters:?}"
+    );
+    assert!(told.scheduled - told.withdrawn >= counters.frames_parsed, "{told:?} {counters:?}");
+    (told, counters)
 }
 
 /// A machine that now and then wakes up behind the pulse.
@@ -72,7 +75,7 @@ pub fn sluggish() -> Scenario {
 }
 
 /// Sync0 of 4 ms with cycles of 1 ms: one cycle in four has a pulse.
-pub fn with_long_sync0(shift_ns: u32, change: fn(&mut GatewayConfig)) -> Bench {
+pub fn with_long_sync0(shift_ns: u32, change: fn(&mut GatewayConfig)) -> Fixture {
     let mut bench = with_sync0(echo(1), SHIFT_NS, change);
     let mut adapter = bench.port.adapter().config().clone();
     adapter.dc = Some(ecan_host::DcSync::new(4_000_000, shift_ns));

@@ -8,7 +8,9 @@ use super::event::{BusEvent, BusFault};
 use super::frame_timing::{FrameTiming, INTERMISSION_BITS};
 use super::planning::Transmission;
 use super::recovery::Recovery;
-use super::station::{LocalTransmission, Offer, Station, StationConfig, StationId, StationMode};
+use super::station::{
+    ArbitrationEntry, LocalTransmission, Station, StationConfig, StationId, StationMode,
+};
 use super::statistics::{BusStatistics, StationStatistics};
 
 /// Recessive bits a station waits for before it takes part.
@@ -141,7 +143,7 @@ impl CanBus {
             self.has_asides = true;
             return true;
         }
-        slot.offer = Some(Offer {
+        slot.offer = Some(ArbitrationEntry {
             frame,
             timing,
             key: arbitration_key(&frame),

@@ -135,7 +135,7 @@ impl Mismatch {
 
 /// The frame a station has in arbitration.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Offer {
+pub(super) struct ArbitrationEntry {
     pub frame: CanFrame,
     pub timing: FrameTiming,
     pub key: u32,
@@ -155,7 +155,7 @@ pub(super) struct LocalTransmission {
 #[derive(Clone, Debug, Default)]
 pub(super) struct Station {
     pub config: Option<StationConfig>,
-    pub offer: Option<Offer>,
+    pub offer: Option<ArbitrationEntry>,
     pub local: Option<LocalTransmission>,
     /// Since when (or from when on) it has seen the eleven recessive bits that let it join.
     pub active_from: u64,
@@ -187,7 +187,7 @@ impl Station {
     }
 
     /// The earliest start of its offer, not counting the state of the bus.
-    pub(super) fn ready_at(&self) -> Option<(u64, &Offer, &StationConfig)> {
+    pub(super) fn ready_at(&self) -> Option<(u64, &ArbitrationEntry, &StationConfig)> {
         let config = self.config.as_ref()?;
         let offer = self.offer.as_ref()?;
         let sends = matches!(config.mode, StationMode::Normal | StationMode::ExternalLoopback)

@@ -7,7 +7,7 @@ use super::homing::Switches;
 use super::motion::Motion;
 use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
-use super::power::{Action, PowerStage, Slowing};
+use super::power::{Action, PowerStage, StopMode};
 use super::settings::DriveSettings;
 use crate::earliest::earliest;
 
@@ -352,11 +352,11 @@ impl Axis {
         }
     }
 
-    pub(super) fn slow(&mut self, slowing: Slowing, parameters: &Parameters) {
+    pub(super) fn slow(&mut self, slowing: StopMode, parameters: &Parameters) {
         let deceleration = match slowing {
-            Slowing::Profile => parameters.profile.deceleration,
-            Slowing::Quick => parameters.quick_deceleration,
-            Slowing::Limit => self.motor.max_acceleration(),
+            StopMode::Profile => parameters.profile.deceleration,
+            StopMode::Quick => parameters.quick_deceleration,
+            StopMode::Limit => self.motor.max_acceleration(),
         };
         self.motion.stop(&self.motor, deceleration);
     }

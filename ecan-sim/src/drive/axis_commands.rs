@@ -10,7 +10,7 @@ use super::power::{Conditions, halt_slowing};
 
 /// What of the commands a frame has brought.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Brought {
+pub(super) struct ReceivedCommands {
     pub(super) controlword: Option<u16>,
     pub(super) mode: Option<i8>,
     pub(super) position: bool,
@@ -20,7 +20,7 @@ pub(super) struct Brought {
 
 impl Axis {
     /// Notes a command that has been written to an object. False for objects that are no commands.
-    pub(super) fn note(&mut self, index: u16, number: i64, brought: &mut Brought) -> bool {
+    pub(super) fn note(&mut self, index: u16, number: i64, brought: &mut ReceivedCommands) -> bool {
         match index {
             object::CONTROLWORD => brought.controlword = Some(number as u16),
             object::MODE_OF_OPERATION => brought.mode = Some(number as i8),
@@ -45,7 +45,7 @@ impl Axis {
     }
 
     /// Takes what a frame has brought: mode, controlword, targets, in this order.
-    pub(super) fn take(&mut self, brought: &Brought, parameters: &Parameters) {
+    pub(super) fn take(&mut self, brought: &ReceivedCommands, parameters: &Parameters) {
         if let Some(raw) = brought.mode {
             self.request_mode(raw, parameters);
         }

@@ -4,7 +4,7 @@ use super::settings::MotorSettings;
 
 /// What ends a leg.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Until {
+enum StopCondition {
     NegativeLimit(bool),
     PositiveLimit(bool),
     HomeSwitch(bool),
@@ -13,10 +13,10 @@ enum Until {
 
 /// Part of a homing run: one direction until something is seen.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-struct Leg {
+struct HomingMove {
     positive: bool,
     fast: bool,
-    until: Until,
+    until: StopCondition,
 }
 
 const MOST_LEGS: usize = 3;
@@ -24,7 +24,7 @@ const MOST_LEGS: usize = 3;
 /// A homing run under way.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Homing {
-    legs: [Option<Leg>; MOST_LEGS],
+    legs: [Option<HomingMove>; MOST_LEGS],
     current: usize,
     /// Where the motor was at the last look.
     last: f64,
@@ -73,34 +73,34 @@ pub(super) const fn is_supported(method: i8) -> bool {
 impl Homing {
     /// Begins a run; `None` for a method that is not known.
     pub(super) fn begin(method: i8, position: f64, settings: &MotorSettings) -> Option<Self> {
-        let leg = |positive, fast, until| Some(Leg { positive, fast, until });
+        let leg = |positive, fast, until| Some(HomingMove { positive, fast, until });
         let switches = Switches::at(position, settings);
         let legs = match method {
             // To a limit switch and off it again, with or without an index pulse behind.
             1 | 17 => [
-                leg(false, true, Until::NegativeLimit(true)),
-                leg(true, false, Until::NegativeLimit(false)),
-                if method == 1 { leg(true, false, Until::IndexPulse) } else { None },
+                leg(false, true, StopCondition::NegativeLimit(true)),
+                leg(true, false, StopCondition::NegativeLimit(false)),
+                if method == 1 { leg(true, false, StopCondition::IndexPulse) } else { None },
             ],
             2 | 18 => [
-                leg(true, true, Until::PositiveLimit(true)),
-                leg(false, false, Until::PositiveLimit(false)),
-                if method == 2 { leg(false, false, Until::IndexPulse) } else { None },
+                leg(true, true, StopCondition::PositiveLimit(true)),
+                leg(false, false, StopCondition::PositiveLimit(false)),
+                if method == 2 { leg(false, false, StopCondition::IndexPulse) } else { None },
             ],
             // To the edge of the home switch, left downwards or entered upwards.
             19 => [
-                leg(true, true, Until::HomeSwitch(true)),
-                leg(false, false, Until::HomeSwitch(false)),
+                leg(true, true, StopCondition::HomeSwitch(true)),
+                leg(false, false, StopCondition::HomeSwitch(false)),
                 None,
             ],
             20 if switches.home => [
-                leg(false, true, Until::HomeSwitch(false)),
-                leg(true, false, Until::HomeSwitch(true)),
+                leg(false, true, StopCondition::HomeSwitch(false)),
+                leg(true, false, StopCondition::HomeSwitch(true)),
                 None,
             ],
-            20 => [leg(true, false, Until::HomeSwitch(true)), None, None],
-            33 => [leg(false, false, Until::IndexPulse), None, None],
-            34 => [leg(true, false, Until::IndexPulse), None, None],
+            20 => [leg(true, false, StopCondition::HomeSwitch(true)), None, None],
+            33 => [leg(false, false, StopCondition::IndexPulse), None, None],
+            34 => [leg(true, false, StopCondition::IndexPulse), None, None],
             35 | 37 => [None; MOST_LEGS],
             _ => return None,
         };
@@ -116,10 +116,14 @@ impl Homing {
                 return Finding::Home(position);
             };
             let pulse = match leg.until {
-                Until::NegativeLimit(active) => (switches.negative == active).then_some(position),
-                Until::PositiveLimit(active) => (switches.positive == active).then_some(position),
-                Until::HomeSwitch(active) => (switches.home == active).then_some(position),
-                Until::IndexPulse => index_between(last, position, settings),
+                StopCondition::NegativeLimit(active) => {
+                    (switches.negative == active).then_some(position)
+                }
+                StopCondition::PositiveLimit(active) => {
+                    (switches.positive == active).then_some(position)
+                }
+                StopCondition::HomeSwitch(active) => (switches.home == active).then_some(position),
+                StopCondition::IndexPulse => index_between(last, position, settings),
             };
             let Some(seen) = pulse else {
                 let end = if leg.positive { switches.positive } else { switches.negative };

@@ -23,7 +23,7 @@ pub(super) const fn is_supported(mode: OperatingMode) -> bool {
 
 /// The demand in a mode.
 #[derive(Clone, Copy, Debug)]
-enum Course {
+enum MotionDemand {
     /// Brake, then stand.
     Hold,
     /// Brake with this deceleration for a stop or halt, then stand.
@@ -65,7 +65,7 @@ enum HomingResult {
 pub(super) struct Motion {
     settings: MotorSettings,
     ramp: Ramp,
-    course: Course,
+    course: MotionDemand,
     set_points: SetPoints,
     homing: HomingResult,
     /// For how long the motor has been at the set-point, nanoseconds.
@@ -77,7 +77,7 @@ impl Motion {
         Self {
             settings,
             ramp: Ramp::at(f64::from(settings.start_position)),
-            course: Course::Hold,
+            course: MotionDemand::Hold,
             set_points: SetPoints::default(),
             homing: HomingResult::None,
             in_window: 0,
@@ -97,7 +97,7 @@ impl Motion {
     /// Takes up the motor where it is: it brakes and stands until a target comes.
     pub(super) fn take_up(&mut self, motor: &Motor) {
         self.ramp = Ramp { position: motor.position(), velocity: motor.velocity() };
-        self.course = Course::Hold;
+        self.course = MotionDemand::Hold;
         self.set_points = SetPoints::default();
         self.in_window = 0;
     }
@@ -110,7 +110,7 @@ impl Motion {
     /// While the power stage is off the demand is where the motor is.
     pub(super) fn shadow(&mut self, motor: &Motor) {
         self.ramp = Ramp::at(motor.position());
-        self.course = Course::Hold;
+        self.course = MotionDemand::Hold;
     }
 
     /// Stops with a deceleration, then stands, whatever the mode.
@@ -118,32 +118,35 @@ impl Motion {
         if !self.is_position_controlled() {
             self.ramp = Ramp { position: motor.position(), velocity: motor.velocity() };
         }
-        self.course = Course::Stop { deceleration };
+        self.course = MotionDemand::Stop { deceleration };
     }
 
     /// Whether a stop has been ordered and the motor stands.
     pub(super) fn has_stopped(&self, motor: &Motor) -> bool {
-        matches!(self.course, Course::Stop { .. })
+        matches!(self.course, MotionDemand::Stop { .. })
             && self.ramp.velocity == 0.0
             && motor.has_settled()
     }
 
     /// Goes on after a halt: profile modes with what they were about, others wait for a target.
     pub(super) fn go_on(&mut self) {
-        if matches!(self.course, Course::Stop { .. }) {
+        if matches!(self.course, MotionDemand::Stop { .. }) {
             self.course = match self.set_points.current {
-                Some(_) => Course::Profile,
-                None => Course::Hold,
+                Some(_) => MotionDemand::Profile,
+                None => MotionDemand::Hold,
             };
         }
     }
 
     const fn is_stopping(&self) -> bool {
-        matches!(self.course, Course::Stop { .. })
+        matches!(self.course, MotionDemand::Stop { .. })
     }
 
     const fn is_position_controlled(&self) -> bool {
-        !matches!(self.course, Course::Velocity(_) | Course::Torque(_) | Course::ProfileVelocity(_))
+        !matches!(
+            self.course,
+            MotionDemand::Velocity(_) | MotionDemand::Torque(_) | MotionDemand::ProfileVelocity(_)
+        )
     }
 
     /// Whether the distance between demand and motor is a following error in this mode.
@@ -164,28 +167,28 @@ impl Motion {
         if !self.is_stopping() {
             let from = self.ramp.position;
             let velocity = (to - from) / duration;
-            self.course = Course::Interpolate { from, to, elapsed: 0.0, duration, velocity };
+            self.course = MotionDemand::Interpolate { from, to, elapsed: 0.0, duration, velocity };
         }
     }
 
     /// A cyclic speed.
     pub(super) fn cyclic_velocity(&mut self, velocity: f64) {
         if !self.is_stopping() {
-            self.course = Course::Velocity(velocity);
+            self.course = MotionDemand::Velocity(velocity);
         }
     }
 
     /// A cyclic torque.
     pub(super) fn cyclic_torque(&mut self, torque: f64) {
         if !self.is_stopping() {
-            self.course = Course::Torque(torque);
+            self.course = MotionDemand::Torque(torque);
         }
     }
 
     /// The speed of profile velocity.
     pub(super) fn profile_velocity(&mut self, velocity: f64) {
         if !self.is_stopping() {
-            self.course = Course::ProfileVelocity(velocity);
+            self.course = MotionDemand::ProfileVelocity(velocity);
         }
     }
 
@@ -201,7 +204,7 @@ impl Motion {
             set_points.goal = Some(position);
             self.in_window = 0;
             if !self.is_stopping() {
-                self.course = Course::Profile;
+                self.course = MotionDemand::Profile;
             }
         } else {
             set_points.next = Some(position);
@@ -226,7 +229,7 @@ impl Motion {
         self.homing = HomingResult::None;
         match Homing::begin(method, motor.position(), &self.settings) {
             Some(homing) => {
-                self.course = Course::Home(homing);
+                self.course = MotionDemand::Home(homing);
                 true
             }
             None => {
@@ -238,8 +241,8 @@ impl Motion {
 
     /// Breaks homing off.
     pub(super) fn leave_home(&mut self) {
-        if matches!(self.course, Course::Home(_)) {
-            self.course = Course::Hold;
+        if matches!(self.course, MotionDemand::Home(_)) {
+            self.course = MotionDemand::Hold;
         }
     }
 
@@ -253,9 +256,9 @@ impl Motion {
     ) -> (Actuation, Option<f64>) {
         let mut found = None;
         match self.course {
-            Course::Hold => self.brake(seconds, parameters.profile.deceleration),
-            Course::Stop { deceleration } => self.brake(seconds, deceleration),
-            Course::Interpolate { from, to, elapsed, duration, velocity } => {
+            MotionDemand::Hold => self.brake(seconds, parameters.profile.deceleration),
+            MotionDemand::Stop { deceleration } => self.brake(seconds, deceleration),
+            MotionDemand::Interpolate { from, to, elapsed, duration, velocity } => {
                 let elapsed = elapsed + seconds;
                 if elapsed >= duration {
                     self.ramp = Ramp::at(to);
@@ -264,25 +267,27 @@ impl Motion {
                 } else {
                     self.ramp = Ramp { position: from + velocity * elapsed, velocity };
                 }
-                self.course = Course::Interpolate { from, to, elapsed, duration, velocity };
+                self.course = MotionDemand::Interpolate { from, to, elapsed, duration, velocity };
             }
-            Course::Velocity(velocity) => {
+            MotionDemand::Velocity(velocity) => {
                 self.ramp = Ramp { position: motor.position(), velocity };
                 return (Actuation::Velocity(velocity), None);
             }
-            Course::Torque(torque) => {
+            MotionDemand::Torque(torque) => {
                 self.ramp = Ramp { position: motor.position(), velocity: motor.velocity() };
                 return (Actuation::Torque(torque), None);
             }
-            Course::ProfileVelocity(velocity) => {
+            MotionDemand::ProfileVelocity(velocity) => {
                 let bounds =
                     Bounds { velocity: parameters.max_profile_velocity, ..parameters.profile };
                 self.ramp.towards_velocity(seconds, velocity, &bounds);
                 self.ramp.position = motor.position();
                 return (Actuation::Velocity(self.ramp.velocity), None);
             }
-            Course::Profile => self.go_to_set_point(seconds, parameters),
-            Course::Home(homing) => found = self.look_for_home(seconds, homing, motor, parameters),
+            MotionDemand::Profile => self.go_to_set_point(seconds, parameters),
+            MotionDemand::Home(homing) => {
+                found = self.look_for_home(seconds, homing, motor, parameters)
+            }
         }
         let Ramp { position, velocity } = self.ramp;
         (Actuation::Position { position, velocity }, found)
@@ -320,18 +325,18 @@ impl Motion {
                 let velocity = if positive { speed } else { -speed };
                 let bounds = Bounds { velocity: speed, acceleration, deceleration: acceleration };
                 self.ramp.towards_velocity(seconds, velocity, &bounds);
-                self.course = Course::Home(homing);
+                self.course = MotionDemand::Home(homing);
                 None
             }
             Finding::Home(position) => {
                 self.homing = HomingResult::Attained;
-                self.course = Course::Hold;
+                self.course = MotionDemand::Hold;
                 self.brake(seconds, acceleration);
                 Some(position)
             }
             Finding::Failed => {
                 self.homing = HomingResult::Failed;
-                self.course = Course::Hold;
+                self.course = MotionDemand::Hold;
                 self.brake(seconds, acceleration);
                 None
             }
@@ -364,7 +369,7 @@ impl Motion {
             }
             Some(OperatingMode::ProfileVelocity) => {
                 let near = match self.course {
-                    Course::ProfileVelocity(target) => {
+                    MotionDemand::ProfileVelocity(target) => {
                         (motor.velocity() - target).abs() <= parameters.velocity_window
                     }
                     _ => true,
@@ -374,7 +379,7 @@ impl Motion {
             }
             Some(OperatingMode::Homing) => {
                 let attained = self.homing == HomingResult::Attained;
-                let running = matches!(self.course, Course::Home(_));
+                let running = matches!(self.course, MotionDemand::Home(_));
                 let failed = self.homing == HomingResult::Failed;
                 (!running && still, attained, failed)
             }

@@ -3,7 +3,7 @@
 use ecan_canopen::{HeartbeatConsumer, OperatingMode, SupportedModes, object};
 use ecan_protocol::object::AbortCode;
 
-use super::axis_commands::Brought;
+use super::axis_commands::ReceivedCommands;
 use super::device::Device;
 use super::dictionary::{Access, Object, Slot, Value};
 use super::emergency::forget;
@@ -139,7 +139,7 @@ impl Device {
             }
             object::SYNC_COB_ID => self.load_sync(),
             _ => {
-                let mut brought = Brought::default();
+                let mut brought = ReceivedCommands::default();
                 if self.axis.note(index, number, &mut brought) {
                     self.axis.take(&brought, &self.parameters);
                 } else if index >= 0x6000 {

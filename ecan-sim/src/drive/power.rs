@@ -8,7 +8,7 @@ use super::parameters::Parameters;
 
 /// How the motor is brought to rest.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Slowing {
+pub(super) enum StopMode {
     /// On the profile deceleration.
     Profile,
     /// On the quick stop deceleration.
@@ -27,7 +27,7 @@ pub(super) enum Action {
     /// No current any more.
     Free,
     /// Bring it to rest; the state machine waits for that.
-    Slow(Slowing),
+    Slow(StopMode),
     /// A fault has been reset.
     Reset,
 }
@@ -229,7 +229,7 @@ impl PowerStage {
             StopOption::SlowDown if self.after == Some(state) => Action::None,
             StopOption::SlowDown => {
                 self.after = Some(state);
-                Action::Slow(Slowing::Profile)
+                Action::Slow(StopMode::Profile)
             }
             StopOption::Disable | StopOption::Other(_) => self.release(state),
         }
@@ -241,15 +241,15 @@ impl PowerStage {
             QuickStopOption::Disable | QuickStopOption::Other(_) => {
                 return self.release(DriveState::SwitchOnDisabled);
             }
-            QuickStopOption::SlowDown => (Slowing::Profile, false),
-            QuickStopOption::QuickStop => (Slowing::Quick, false),
+            QuickStopOption::SlowDown => (StopMode::Profile, false),
+            QuickStopOption::QuickStop => (StopMode::Quick, false),
             QuickStopOption::CurrentLimit | QuickStopOption::VoltageLimit => {
-                (Slowing::Limit, false)
+                (StopMode::Limit, false)
             }
-            QuickStopOption::SlowDownAndStay => (Slowing::Profile, true),
-            QuickStopOption::QuickStopAndStay => (Slowing::Quick, true),
+            QuickStopOption::SlowDownAndStay => (StopMode::Profile, true),
+            QuickStopOption::QuickStopAndStay => (StopMode::Quick, true),
             QuickStopOption::CurrentLimitAndStay | QuickStopOption::VoltageLimitAndStay => {
-                (Slowing::Limit, true)
+                (StopMode::Limit, true)
             }
         };
         self.enter(DriveState::QuickStopActive);
@@ -267,9 +267,9 @@ impl PowerStage {
                     FaultReaction::Disable | FaultReaction::Other(_) => {
                         return self.release(DriveState::Fault);
                     }
-                    FaultReaction::SlowDown => Slowing::Profile,
-                    FaultReaction::QuickStop => Slowing::Quick,
-                    FaultReaction::CurrentLimit | FaultReaction::VoltageLimit => Slowing::Limit,
+                    FaultReaction::SlowDown => StopMode::Profile,
+                    FaultReaction::QuickStop => StopMode::Quick,
+                    FaultReaction::CurrentLimit | FaultReaction::VoltageLimit => StopMode::Limit,
                 };
                 self.enter(DriveState::FaultReactionActive);
                 self.after = Some(DriveState::Fault);
@@ -288,10 +288,10 @@ impl PowerStage {
 }
 
 /// How a halt slows down.
-pub(super) const fn halt_slowing(option: HaltOption) -> Slowing {
+pub(super) const fn halt_slowing(option: HaltOption) -> StopMode {
     match option {
-        HaltOption::SlowDown | HaltOption::Other(_) => Slowing::Profile,
-        HaltOption::QuickStop => Slowing::Quick,
-        HaltOption::CurrentLimit | HaltOption::VoltageLimit => Slowing::Limit,
+        HaltOption::SlowDown | HaltOption::Other(_) => StopMode::Profile,
+        HaltOption::QuickStop => StopMode::Quick,
+        HaltOption::CurrentLimit | HaltOption::VoltageLimit => StopMode::Limit,
     }
 }

@@ -3,7 +3,7 @@
 use ecan_canopen::{NmtState, object, parse_sync};
 use ecan_protocol::can::CanId;
 
-use super::axis_commands::Brought;
+use super::axis_commands::ReceivedCommands;
 use super::device::{Device, PDO_TOO_LONG, PDO_TOO_SHORT};
 use super::dictionary::Slot;
 use super::emergency::register_of;
@@ -92,7 +92,7 @@ impl Device {
 
     /// Puts the data of a PDO into the objects; what they command takes effect together.
     fn unpack(&mut self, mapping: &Mapping, data: &[u8; PDO_BYTES]) {
-        let mut brought = Brought::default();
+        let mut brought = ReceivedCommands::default();
         let mut rest = data.iter().copied();
         let mut parameters_changed = false;
         for mapped in mapping.entries() {

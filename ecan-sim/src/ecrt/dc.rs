@@ -4,7 +4,7 @@ use crate::ecrt::master::MasterModel;
 use crate::ecrt::slave_config::DcConfig;
 use crate::ecrt::timing::SYNC0_AHEAD_NS;
 use crate::ecrt::transport::Queued;
-use crate::fault::LostWay;
+use crate::fault::LossDirection;
 use crate::gateway::Sync0;
 use crate::world::World;
 
@@ -108,10 +108,10 @@ impl MasterModel {
         &mut self,
         item: Queued,
         world: &mut World,
-        lost: Option<LostWay>,
+        lost: Option<LossDirection>,
     ) {
         let now = world.now_ns();
-        if lost == Some(LostWay::Outward) {
+        if lost == Some(LossDirection::Outward) {
             return;
         }
         let reached = self.reference_clock().filter(|slot| world.is_reachable(*slot));

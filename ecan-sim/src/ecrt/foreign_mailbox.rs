@@ -16,7 +16,7 @@ const LAST_DRIVE: u8 = 7;
 
 /// What a configuration holds of these protocols.
 #[derive(Debug, Default)]
-pub(crate) struct ForeignMailbox {
+pub(crate) struct UnsupportedMailbox {
     /// States from which an IDN is to be written (SoE).
     idn_states: Vec<AlState>,
     /// Whether there are IP parameters to be set (EoE).
@@ -105,7 +105,7 @@ pub(super) struct ForeignCall {
     handle: Handle,
     config: usize,
     place: usize,
-    list: fn(&mut ForeignMailbox) -> &mut Vec<ForeignRequest>,
+    list: fn(&mut UnsupportedMailbox) -> &mut Vec<ForeignRequest>,
 }
 
 impl ForeignCall {

@@ -3,7 +3,7 @@
 
 use ecan_protocol::object::AbortCode;
 
-use crate::ecrt::mailbox::Journey;
+use crate::ecrt::mailbox::MailboxTransfer;
 use crate::ecrt::master::MasterModel;
 use crate::ecrt::slave_config::{RequestProgress, SdoRequest};
 use crate::ecrt::timing::{MAILBOX_TIMEOUT_NS, STATE_POLL_NS};
@@ -70,7 +70,7 @@ pub(crate) enum TransferOwner {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Transfer {
     pub(crate) owner: TransferOwner,
-    pub(crate) journey: Journey,
+    pub(crate) journey: MailboxTransfer,
 }
 
 /// A transfer that somebody waits for.

@@ -7,7 +7,7 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, sync_manager, sync_manager_address, sync_manager_control};
 use ecan_protocol::object::describe;
 
-use crate::ecrt::mailbox::Journey;
+use crate::ecrt::mailbox::MailboxTransfer;
 use crate::ecrt::master::MasterModel;
 use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
 use crate::ecrt::sdo::{Attempt, Payload, SdoFailure, SdoObject, attempt};
@@ -35,8 +35,8 @@ pub(crate) enum Startup {
     Wait { to: AlState, from: u8, since: u64 },
     ClearRegisters,
     Mailboxes,
-    Sdo { at: usize, journey: Journey },
-    Assignment { list: Vec<AssignmentWrite>, at: usize, journey: Journey },
+    Sdo { at: usize, journey: MailboxTransfer },
+    Assignment { list: Vec<AssignmentWrite>, at: usize, journey: MailboxTransfer },
     Watchdog,
     SyncManagers,
     Fmmus,
@@ -228,7 +228,7 @@ impl MasterModel {
         index: usize,
         world: &mut World,
         at: usize,
-        mut journey: Journey,
+        mut journey: MailboxTransfer,
     ) -> Next {
         let now = world.now_ns();
         let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else {
@@ -271,7 +271,7 @@ impl MasterModel {
         world: &mut World,
         list: Vec<AssignmentWrite>,
         at: usize,
-        mut journey: Journey,
+        mut journey: MailboxTransfer,
     ) -> Next {
         let now = world.now_ns();
         let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else {

@@ -4,8 +4,8 @@ use crate::ecrt::dc::ClockDatagram;
 use crate::ecrt::domain::DatagramState;
 use crate::ecrt::master::MasterModel;
 use crate::ecrt::timing::{BYTE_NS, DATAGRAM_TIMEOUT_NS, HOST_LATENCY_NS, SLAVE_LATENCY_NS};
-use crate::fault::LostWay;
-use crate::world::{CycleFate, LogicalCommand, World};
+use crate::fault::LossDirection;
+use crate::world::{CycleFaults, LogicalCommand, World};
 
 /// Payload of an Ethernet frame.
 const FRAME_BYTES: usize = 1500;
@@ -80,7 +80,7 @@ impl MasterModel {
         let carries_process_data = self.queue.iter().any(|item| {
             matches!(item, Queued::Domain { .. }) && self.pending_bytes(*item).is_some()
         });
-        let fate = if carries_process_data { world.begin_cycle() } else { CycleFate::default() };
+        let fate = if carries_process_data { world.begin_cycle() } else { CycleFaults::default() };
         let passed = (0..world.gateway_count()).filter(|slot| world.is_reachable(*slot)).count();
         let mut way = HOST_LATENCY_NS + passed as u64 * SLAVE_LATENCY_NS;
         let mut frame = FRAME_HEADER_BYTES;
@@ -102,7 +102,7 @@ impl MasterModel {
         }
     }
 
-    fn transmit(&mut self, item: Queued, world: &mut World, fate: CycleFate, way: u64) {
+    fn transmit(&mut self, item: Queued, world: &mut World, fate: CycleFaults, way: u64) {
         let at_ns = world.now_ns();
         let arrives_ns = fate.lost.is_none().then_some(at_ns + way);
         let Queued::Domain { domain, datagram } = item else {
@@ -119,7 +119,7 @@ impl MasterModel {
             return;
         };
         memory.read(datagram.offset, &mut datagram.wire);
-        let counter = if fate.lost == Some(LostWay::Outward) {
+        let counter = if fate.lost == Some(LossDirection::Outward) {
             0
         } else {
             let logical = base.wrapping_add(datagram.offset as u32);

@@ -1,9 +1,9 @@
 //! The line of slave controllers before the gateways of a world.
 
 use crate::backend::BackendError;
-use crate::fault::LostWay;
+use crate::fault::LossDirection;
 use crate::scenario::{Scenario, Topology};
-use crate::world::{CycleFate, World};
+use crate::world::{CycleFaults, World};
 
 use super::controller::Controller;
 use super::frame::{FrameFault, for_each_datagram, mark_as_processed};
@@ -39,7 +39,7 @@ pub struct Wire {
     reached: Vec<usize>,
     /// Lowest logical address so far, and what the faults make of the present cycle.
     lowest_logical: u32,
-    fate: CycleFate,
+    fate: CycleFaults,
     statistics: WireStatistics,
 }
 
@@ -62,7 +62,7 @@ impl Wire {
             controllers,
             reached: Vec::new(),
             lowest_logical: u32::MAX,
-            fate: CycleFate::default(),
+            fate: CycleFaults::default(),
             statistics: WireStatistics::default(),
         })
     }
@@ -114,9 +114,9 @@ impl Wire {
             Err(_) => self.statistics.faulty += 1,
         }
         self.statistics.frames += 1;
-        let fate = first_logical.map_or_else(CycleFate::default, |address| self.fate_of(address));
+        let fate = first_logical.map_or_else(CycleFaults::default, |address| self.fate_of(address));
         self.find_reached();
-        if fate.lost == Some(LostWay::Outward) || self.reached.is_empty() {
+        if fate.lost == Some(LossDirection::Outward) || self.reached.is_empty() {
             self.statistics.lost += 1;
             return false;
         }
@@ -139,7 +139,7 @@ impl Wire {
             let _ = for_each_datagram(frame, shift);
         }
         mark_as_processed(frame);
-        if fate.lost == Some(LostWay::Return) {
+        if fate.lost == Some(LossDirection::Return) {
             self.statistics.lost += 1;
             return false;
         }
@@ -148,7 +148,7 @@ impl Wire {
 
     /// What the faults make of a frame with process data. A cycle may take several frames: it begins
     /// with the lowest logical address, and one fate meets all of it.
-    fn fate_of(&mut self, address: u32) -> CycleFate {
+    fn fate_of(&mut self, address: u32) -> CycleFaults {
         if address <= self.lowest_logical {
             self.lowest_logical = address;
             self.fate = self.world.begin_cycle();

@@ -173,7 +173,7 @@ impl Gateway {
         self.inputs.empty();
         self.results.clear();
         for channel in &mut self.channels {
-            channel.flush_receive(&mut self.truth);
+            channel.flush_receive(&mut self.counters);
         }
         self.last_service = self.now;
         self.plan_idle_service();
@@ -186,7 +186,7 @@ impl Gateway {
         for channel in &mut self.channels {
             stale += channel.transmit.flush();
         }
-        self.truth.transmit_losses.stale += stale as u64;
+        self.counters.transmit_losses.stale += stale as u64;
         self.plan_idle_service();
     }
 
@@ -201,7 +201,7 @@ impl Gateway {
         }
         self.awaiting_sync_since = None;
         if self.state == AlState::Op {
-            self.truth.al_errors += 1;
+            self.counters.al_errors += 1;
             self.enter(AlState::SafeOp);
         }
         self.error = true;
@@ -236,7 +236,7 @@ impl Gateway {
             && let Err(code) = self.check_process_data()
         {
             if self.state == AlState::Op {
-                self.truth.al_errors += 1;
+                self.counters.al_errors += 1;
             }
             self.enter(AlState::PreOp);
             self.error = true;
@@ -281,10 +281,10 @@ impl Gateway {
     pub fn write_outputs(&mut self, now: u64, data: &[u8]) -> bool {
         self.advance(now);
         if !self.exchanges_process_data() || !self.outputs.write(data) {
-            self.truth.writes_refused += 1;
+            self.counters.writes_refused += 1;
             return false;
         }
-        self.truth.images_written += 1;
+        self.counters.images_written += 1;
         self.performance.pdi_interrupt(self.now, self.pulses, true);
         self.is_watchdog_expired = false;
         self.last_outputs = self.now;
@@ -300,7 +300,7 @@ impl Gateway {
     pub fn read_inputs(&mut self, now: u64, out: &mut [u8]) -> bool {
         self.advance(now);
         if !self.exchanges_process_data() || !self.inputs.read(out) {
-            self.truth.reads_refused += 1;
+            self.counters.reads_refused += 1;
             return false;
         }
         self.inputs_were_read(now);
@@ -311,7 +311,7 @@ impl Gateway {
     pub(crate) fn inputs_were_read(&mut self, now: u64) {
         self.advance(now);
         self.inputs.empty();
-        self.truth.images_read += 1;
+        self.counters.images_read += 1;
         self.performance.pdi_interrupt(self.now, self.pulses, false);
         self.are_inputs_being_read = false;
         if std::mem::take(&mut self.is_publish_due) {
@@ -345,7 +345,7 @@ impl Gateway {
         }
         let dropped = self.schedule.flush();
         if dropped > 0 {
-            self.truth.transmit_losses.schedule_failed += dropped as u64;
+            self.counters.transmit_losses.schedule_failed += dropped as u64;
             self.maintenance.flags |= maintenance::flag::SCHED_TIMER_MISS;
         }
         self.sync0 = sync0;

@@ -53,7 +53,7 @@ impl Gateway {
         self.advance(now);
         let confirmed =
             self.channel_at(channel).is_some_and(|channel| channel.controller.transmitted());
-        self.truth.frames_on_bus += u64::from(confirmed);
+        self.counters.frames_on_bus += u64::from(confirmed);
     }
 
     /// The bus gave the frame up that was taken last (automatic retransmission is off).
@@ -61,7 +61,7 @@ impl Gateway {
         self.advance(now);
         let given_up =
             self.channel_at(channel).is_some_and(|channel| channel.controller.abandoned());
-        self.truth.transmit_losses.not_retransmitted += u64::from(given_up);
+        self.counters.transmit_losses.not_retransmitted += u64::from(given_up);
     }
 
     /// A frame arrives from the bus, complete at `now`.
@@ -71,7 +71,7 @@ impl Gateway {
             return;
         };
         if let Some(channel) = self.channels.get_mut(logical) {
-            channel.controller.receive(frame, start_ns, now, &mut self.truth);
+            channel.controller.receive(frame, start_ns, now, &mut self.counters);
         }
     }
 
@@ -85,7 +85,7 @@ impl Gateway {
             return;
         };
         let was_bus_off = channel.controller.is_bus_off();
-        channel.bus_state(state, tec, rec, &mut self.truth);
+        channel.bus_state(state, tec, rec, &mut self.counters);
         match (was_bus_off, channel.controller.is_bus_off()) {
             (false, true) => self.raise_emergency(Emergency::bus_off(logical)),
             (true, false) => self.raise_emergency(Emergency::bus_off_recovered(logical)),

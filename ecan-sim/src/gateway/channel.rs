@@ -7,9 +7,9 @@ use ecan_protocol::image::{ChannelState, ChannelStatus};
 use crate::bus::ErrorState;
 
 use super::controller::{Controller, ControllerConfig, Refusal};
+use super::gateway_counters::GatewayCounters;
 use super::receive_path::ReceivePath;
 use super::transmit_path::TransmitPath;
-use super::truth::Truth;
 
 /// Latched channel events, 0x9000:12. The manual names them, not their bits.
 pub(super) mod event {
@@ -99,44 +99,44 @@ impl Channel {
     }
 
     /// Loses the supply.
-    pub(super) fn power_off(&mut self, truth: &mut Truth) {
-        self.flush_receive(truth);
-        self.transmit.flush_into(truth);
-        self.controller.restart(None, truth);
+    pub(super) fn power_off(&mut self, counters: &mut GatewayCounters) {
+        self.flush_receive(counters);
+        self.transmit.flush_into(counters);
+        self.controller.restart(None, counters);
         let controller = std::mem::replace(&mut self.controller, Controller::new());
         *self = Self::new(self.tx_pressure_percent);
         self.controller = controller;
     }
 
     /// Restarts the controller with a configuration; what waited for the old one is lost.
-    pub(super) fn apply(&mut self, config: ControllerConfig, truth: &mut Truth) {
-        self.flush_receive(truth);
-        self.transmit.flush_into(truth);
-        self.controller.restart(Some(config), truth);
+    pub(super) fn apply(&mut self, config: ControllerConfig, counters: &mut GatewayCounters) {
+        self.flush_receive(counters);
+        self.transmit.flush_into(counters);
+        self.controller.restart(Some(config), counters);
         self.apply_failed = false;
         self.forget_bus_off();
     }
 
     /// Restarts the controller with the configuration that it has.
-    pub(super) fn restart_in_place(&mut self, truth: &mut Truth) {
+    pub(super) fn restart_in_place(&mut self, counters: &mut GatewayCounters) {
         let config = self.controller.config().cloned();
-        self.flush_receive(truth);
-        self.transmit.flush_into(truth);
-        self.controller.restart(config, truth);
+        self.flush_receive(counters);
+        self.transmit.flush_into(counters);
+        self.controller.restart(config, counters);
         self.forget_bus_off();
     }
 
     /// Drops everything received that is not packed yet.
-    pub(super) fn flush_receive(&mut self, truth: &mut Truth) {
+    pub(super) fn flush_receive(&mut self, counters: &mut GatewayCounters) {
         let flushed = self.receive.flush() + self.controller.flush_received();
-        truth.receive_losses.flushed += flushed as u64;
+        counters.receive_losses.flushed += flushed as u64;
     }
 
     /// Puts a policy in force; a disabled one leaves the factory's in force.
-    pub(super) fn set_policy(&mut self, requested: DataPathConfig, truth: &mut Truth) {
+    pub(super) fn set_policy(&mut self, requested: DataPathConfig, counters: &mut GatewayCounters) {
         self.requested = requested;
         self.policy = if requested.enable { requested } else { DataPathConfig::default() };
-        self.receive.shrink(&self.policy, &mut truth.receive_losses);
+        self.receive.shrink(&self.policy, &mut counters.receive_losses);
         if self.controller.is_bus_off() {
             self.plan_recovery();
         }
@@ -149,11 +149,11 @@ impl Channel {
 
     /// Drops everything that waits to be sent, but for the frame in arbitration, which the
     /// controller does not let go.
-    pub(super) fn flush_transmit(&mut self, truth: &mut Truth) {
+    pub(super) fn flush_transmit(&mut self, counters: &mut GatewayCounters) {
         let in_controller = self.controller.flush_transmit();
         self.transmit.note_stale(in_controller);
         let dropped = self.transmit.flush() + in_controller;
-        truth.transmit_losses.stale += dropped as u64;
+        counters.transmit_losses.stale += dropped as u64;
     }
 
     /// Forgets a bus-off with all that it caused, as a restart of the controller does.
@@ -163,23 +163,29 @@ impl Channel {
     }
 
     /// The bus reports the station's error state.
-    pub(super) fn bus_state(&mut self, state: ErrorState, tec: u16, rec: u16, truth: &mut Truth) {
+    pub(super) fn bus_state(
+        &mut self,
+        state: ErrorState,
+        tec: u16,
+        rec: u16,
+        counters: &mut GatewayCounters,
+    ) {
         if !self.controller.set_bus_state(state, tec, rec) {
             return;
         }
         match state {
-            ErrorState::BusOff => self.enter_bus_off(truth),
+            ErrorState::BusOff => self.enter_bus_off(counters),
             ErrorState::Warning | ErrorState::Passive => self.latch(event::WARNING),
             ErrorState::Active => self.forget_bus_off(),
         }
     }
 
-    fn enter_bus_off(&mut self, truth: &mut Truth) {
+    fn enter_bus_off(&mut self, counters: &mut GatewayCounters) {
         self.bus_off_count = self.bus_off_count.saturating_add(1);
         self.last_error = path_error::BUS_OFF;
         self.latch(event::BUS_OFF);
         if self.policy.bus_off_recovery != BusOffRecovery::Aggressive {
-            self.flush_transmit(truth);
+            self.flush_transmit(counters);
         }
         self.plan_recovery();
     }

@@ -16,9 +16,9 @@ use ecan_protocol::config::{MessageRamLayout, TxMode};
 use crate::bus::{ErrorState, StationConfig, StationMode, arbitration_key};
 
 use super::filter::{Destination, FilterTable};
+use super::gateway_counters::GatewayCounters;
 use super::receive_fifo::{RX_ELEMENTS_MAX, ReceiveFifo, wrap_increment};
 use super::receive_path::Received;
-use super::truth::Truth;
 use register_writes::WrittenRegisters;
 
 pub(super) use register_writes::FramesDropped;
@@ -118,10 +118,14 @@ impl Controller {
 
     /// Restarts the controller with a configuration, or stops it; what it held is lost and
     /// counted, a bus-off ends.
-    pub(super) fn restart(&mut self, config: Option<ControllerConfig>, truth: &mut Truth) {
-        truth.receive_losses.flushed += self.flush_received() as u64;
+    pub(super) fn restart(
+        &mut self,
+        config: Option<ControllerConfig>,
+        counters: &mut GatewayCounters,
+    ) {
+        counters.receive_losses.flushed += self.flush_received() as u64;
         let unsent = self.transmit.len() + usize::from(self.in_flight.is_some());
-        truth.transmit_losses.stale += unsent as u64;
+        counters.transmit_losses.stale += unsent as u64;
         self.transmit.clear();
         self.in_flight = None;
         self.tx_get_index = 0;
@@ -285,13 +289,13 @@ impl Controller {
         frame: &CanFrame,
         start_ns: u64,
         end_ns: u64,
-        truth: &mut Truth,
+        counters: &mut GatewayCounters,
     ) {
         let Some(config) = self.config.as_ref().filter(|_| !self.written.is_stopped) else {
             return;
         };
         let at_ns = if config.captures_start { start_ns } else { end_ns };
-        truth.frames_from_bus += 1;
+        counters.frames_from_bus += 1;
         let verdict = config.filters.judge(frame);
         let source = |normal| if verdict.priority { 3 } else { normal };
         let ram = config.ram;
@@ -346,7 +350,7 @@ impl Controller {
                 }
             }
             Destination::Nowhere => {
-                truth.receive_losses.filtered += 1;
+                counters.receive_losses.filtered += 1;
                 true
             }
         };
@@ -360,7 +364,7 @@ impl Controller {
                 | u32::from(frame.id().is_extended()) << 15;
         }
         if !stored {
-            truth.receive_losses.controller_full += 1;
+            counters.receive_losses.controller_full += 1;
             self.frames_lost = self.frames_lost.saturating_add(1);
         }
     }

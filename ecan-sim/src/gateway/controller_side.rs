@@ -23,8 +23,11 @@ impl Gateway {
 
     /// The controller refused an access to SM2 or SM3.
     pub(crate) fn note_refused(&mut self, is_write: bool) {
-        let refused =
-            if is_write { &mut self.truth.writes_refused } else { &mut self.truth.reads_refused };
+        let refused = if is_write {
+            &mut self.counters.writes_refused
+        } else {
+            &mut self.counters.reads_refused
+        };
         *refused += 1;
     }
 

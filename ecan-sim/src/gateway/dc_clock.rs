@@ -17,14 +17,14 @@ const BILLION: i128 = 1_000_000_000;
 
 /// System time as a straight line over simulated time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct TimeLine {
+pub(super) struct LinearClock {
     simulated_ns: u64,
     system_ns: u64,
     /// Rate of system time above that of simulated time, in parts per billion.
     rate_ppb: i64,
 }
 
-impl TimeLine {
+impl LinearClock {
     /// System time at a simulated time.
     pub(super) fn system(self, now: u64) -> u64 {
         let passed = i128::from(now) - i128::from(self.simulated_ns);
@@ -47,7 +47,7 @@ impl TimeLine {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DcClock {
     drift_ppb: i64,
-    line: TimeLine,
+    line: LinearClock,
     is_written: bool,
     /// The last correction.
     corrected_ns: Option<u64>,
@@ -58,11 +58,11 @@ pub(super) struct DcClock {
 impl DcClock {
     pub(super) fn new(drift_ppb: i32) -> Self {
         let drift_ppb = i64::from(drift_ppb);
-        let line = TimeLine { rate_ppb: drift_ppb, ..TimeLine::default() };
+        let line = LinearClock { rate_ppb: drift_ppb, ..LinearClock::default() };
         Self { drift_ppb, line, is_written: false, corrected_ns: None, difference_ns: 0 }
     }
 
-    pub(super) fn line(&self) -> TimeLine {
+    pub(super) fn line(&self) -> LinearClock {
         self.line
     }
 

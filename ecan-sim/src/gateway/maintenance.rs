@@ -37,7 +37,7 @@ pub(super) mod command {
 
 /// What is left to do of a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Order {
+pub(super) enum PendingCommand {
     /// None, or a denied command.
     Nothing,
     ClearDiagnostics,
@@ -82,20 +82,20 @@ impl Maintenance {
     }
 
     /// A maintenance command. No bit at all is no command.
-    pub(super) fn command(&mut self, bits: u32, in_op: bool, is_receiving: bool) -> Order {
+    pub(super) fn command(&mut self, bits: u32, in_op: bool, is_receiving: bool) -> PendingCommand {
         if bits == 0 {
-            return Order::Nothing;
+            return PendingCommand::Nothing;
         }
         if bits == command::CLEAR_DIAGNOSTICS {
             self.flags = 0;
             self.finish(MaintenanceStatus::Ok);
-            return Order::ClearDiagnostics;
+            return PendingCommand::ClearDiagnostics;
         }
         if self.allows(bits, in_op, is_receiving) {
-            return Order::Execute(bits);
+            return PendingCommand::Execute(bits);
         }
         self.finish(MaintenanceStatus::Denied);
-        Order::Nothing
+        PendingCommand::Nothing
     }
 
     fn allows(&self, bits: u32, in_op: bool, is_receiving: bool) -> bool {

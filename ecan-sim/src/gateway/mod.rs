@@ -30,6 +30,7 @@ mod firmware_package;
 mod firmware_update;
 mod flash;
 mod flash_commands;
+mod gateway_counters;
 mod maintenance;
 mod object_server;
 mod profile_control;
@@ -44,7 +45,6 @@ mod settings;
 mod side_effects;
 mod sync_manager;
 mod transmit_path;
-mod truth;
 mod tx_pdo;
 
 use ecan_protocol::config::{CrcTest, DataPathGlobal, DiagnosticTest, Sides};
@@ -75,9 +75,9 @@ use tx_pdo::TxPdoBuilder;
 pub(crate) use emergency::Emergency;
 pub use firmware_package::{FirmwarePackage, FirmwarePackageError};
 pub use firmware_update::{FirmwareProgress, FirmwareUpdateError};
+pub use gateway_counters::{GatewayCounters, ReceiveLosses, TransmitLosses};
 pub(crate) use settings::MAILBOXES;
 pub use settings::{GatewayFault, GatewaySettings, SmSettings, Sync0};
-pub use truth::{ReceiveLosses, TransmitLosses, Truth};
 
 /// Watchdog time that the slave controller has after power-on, in nanoseconds.
 const DEFAULT_WATCHDOG_NS: u64 = 100_000_000;
@@ -184,7 +184,7 @@ pub struct Gateway {
     // beside the firmware
     acts: u64,
     faults: PendingFaults,
-    truth: Truth,
+    counters: GatewayCounters,
 }
 
 impl Gateway {
@@ -245,7 +245,7 @@ impl Gateway {
             firmware: FirmwareUpdate::new(firmware),
             acts: 0,
             faults: PendingFaults::default(),
-            truth: Truth::default(),
+            counters: GatewayCounters::default(),
         };
         gateway.forget_everything();
         gateway
@@ -286,8 +286,8 @@ impl Gateway {
 
     /// What really happened so far.
     #[must_use]
-    pub fn truth(&self) -> &Truth {
-        &self.truth
+    pub fn counters(&self) -> &GatewayCounters {
+        &self.counters
     }
 
     /// Puts a fault into the gateway.
@@ -403,7 +403,7 @@ impl Gateway {
 
     /// Loses all volatile state, as without supply.
     fn forget_everything(&mut self) {
-        let Self { values, filters, channels, truth, .. } = self;
+        let Self { values, filters, channels, counters, .. } = self;
         values.reset();
         values.set(
             ecan_protocol::mapping::assignment_index(Direction::RxPdo),
@@ -419,9 +419,9 @@ impl Gateway {
             lists.clear();
         }
         for channel in channels.iter_mut() {
-            channel.power_off(truth);
+            channel.power_off(counters);
         }
-        truth.transmit_losses.stale += self.schedule.flush() as u64;
+        counters.transmit_losses.stale += self.schedule.flush() as u64;
         self.state = AlState::Init;
         self.error = false;
         self.status_code = AlStatusCode::OK;

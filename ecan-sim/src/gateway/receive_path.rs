@@ -7,7 +7,7 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
 
 use super::controller::Controller;
-use super::truth::ReceiveLosses;
+use super::gateway_counters::ReceiveLosses;
 
 /// Most frames that an RX cache holds, 0xF000:28.
 pub(super) const RX_CACHE_MAX: usize = 32;

@@ -58,7 +58,7 @@ impl Gateway {
             return OFFSET_INVALID;
         };
         let clock_hz = self.values.get(SYSTEM, FIRST_CLOCK + number as u8);
-        let Self { channels, values, truth, maintenance, .. } = self;
+        let Self { channels, values, counters, maintenance, .. } = self;
         let Some(channel) = channels.get_mut(number) else {
             return ACCESS_DENIED;
         };
@@ -76,8 +76,8 @@ impl Gateway {
         let FramesDropped { transmit, receive } =
             channel.controller.write_register(offset, value, clock_hz);
         channel.transmit.note_stale(transmit);
-        truth.transmit_losses.stale += transmit as u64;
-        truth.receive_losses.flushed += receive as u64;
+        counters.transmit_losses.stale += transmit as u64;
+        counters.receive_losses.flushed += receive as u64;
         OK
     }
 }

@@ -5,7 +5,7 @@ use std::collections::VecDeque;
 
 use ecan_protocol::can::CanFrame;
 
-use super::dc_clock::TimeLine;
+use super::dc_clock::LinearClock;
 use super::settings::Sync0;
 use crate::random::Random;
 
@@ -18,11 +18,11 @@ pub(super) struct PulseTrain {
     /// In system time; none where the start had gone by when the train was armed: it never comes.
     first_system_ns: Option<u64>,
     cycle_ns: u64,
-    line: TimeLine,
+    line: LinearClock,
 }
 
 impl PulseTrain {
-    pub(super) fn new(sync0: Sync0, line: TimeLine, now: u64) -> Self {
+    pub(super) fn new(sync0: Sync0, line: LinearClock, now: u64) -> Self {
         let first = sync0.start_ns.saturating_add_signed(i64::from(sync0.shift_ns));
         Self {
             first_system_ns: (first >= line.system(now)).then_some(first),
@@ -32,7 +32,7 @@ impl PulseTrain {
     }
 
     /// The slave's clock was corrected, or set; what it jumps over before the first pulse never comes.
-    pub(super) fn set_line(&mut self, line: TimeLine, now: u64) {
+    pub(super) fn set_line(&mut self, line: LinearClock, now: u64) {
         let has_begun = self.pulses_until(now) > 0;
         self.line = line;
         let is_jumped_over =

@@ -32,7 +32,7 @@ impl Gateway {
 
     /// One service.
     pub(super) fn serve(&mut self) {
-        self.truth.services += 1;
+        self.counters.services += 1;
         if self.outputs.is_full() {
             self.performance.outputs_read(self.outputs.length().unwrap_or(0));
             if self.state == AlState::Op {
@@ -52,7 +52,7 @@ impl Gateway {
             served += frames;
         }
         self.performance.served(served as usize);
-        self.results.settle(&mut self.truth);
+        self.results.settle(&mut self.counters);
         // An image that is being read keeps the buffer: the next one follows it.
         self.is_publish_due = self.are_inputs_being_read;
         if !self.inputs.is_full() {
@@ -71,14 +71,14 @@ impl Gateway {
             .active()
             .is_some_and(|profile| profile.has_channel(number as u8));
         let op = self.state == AlState::Op;
-        let Self { channels, results, truth, maintenance, performance, .. } = self;
+        let Self { channels, results, counters, maintenance, performance, .. } = self;
         let Some(channel) = channels.get_mut(number) else {
             return 0;
         };
         let policy = channel.policy;
         let mut sent = 0;
         if op && skips_send {
-            truth.transmit_losses.bypassed += channel.transmit.drop_unsent() as u64;
+            counters.transmit_losses.bypassed += channel.transmit.drop_unsent() as u64;
         } else if op {
             let full_before = channel.transmit.fifo_full;
             sent = channel.transmit.serve(
@@ -87,7 +87,7 @@ impl Gateway {
                 &policy,
                 allowance,
                 results,
-                truth,
+                counters,
             );
             if channel.transmit.fifo_full != full_before {
                 maintenance.flags |= flag::TX_FIFO_FULL;
@@ -108,7 +108,7 @@ impl Gateway {
                 &policy,
                 allowance.saturating_sub(sent),
                 carried,
-                &mut truth.receive_losses,
+                &mut counters.receive_losses,
             );
             if channel.receive.dropped_total != dropped_before {
                 channel.last_error = path_error::RX_OVERFLOW;
@@ -144,7 +144,7 @@ impl Gateway {
             let image = outputs.memory().get(..length).unwrap_or_default();
             match parser.judge(image) {
                 Verdict::Repeated => {
-                    self.truth.images_repeated += 1;
+                    self.counters.images_repeated += 1;
                     None
                 }
                 Verdict::Faulty(error) => Some(error),
@@ -167,7 +167,7 @@ impl Gateway {
                     }
                     self.performance.image_parsed(packets);
                     if error.is_none() {
-                        self.truth.images_parsed += 1;
+                        self.counters.images_parsed += 1;
                     }
                     error
                 }
@@ -176,7 +176,7 @@ impl Gateway {
         self.outputs = outputs;
         self.parser = parser;
         if let Some(error) = error {
-            self.truth.images_faulty += 1;
+            self.counters.images_faulty += 1;
             self.profile_mut(Direction::RxPdo).note_error(error);
         }
     }
@@ -188,9 +188,9 @@ impl Gateway {
             None => None,
             Some(schedule) => Some(self.due_time(schedule)?),
         };
-        self.truth.frames_parsed += 1;
+        self.counters.frames_parsed += 1;
         if self.bypasses_rx(RxBypass::TX_RING) {
-            self.truth.transmit_losses.bypassed += 1;
+            self.counters.transmit_losses.bypassed += 1;
             return Ok(());
         }
         let number = usize::from(packet.channel);
@@ -214,7 +214,7 @@ impl Gateway {
 
     /// Whether the channel could send the frame; counts the loss when not.
     fn check_sendable(&mut self, number: usize, frame: &CanFrame) -> Result<(), ResultCode> {
-        let Self { channels, truth, .. } = self;
+        let Self { channels, counters, .. } = self;
         let Some(channel) = channels.get_mut(number) else {
             return Err(ResultCode::InvalidChannel);
         };
@@ -224,11 +224,11 @@ impl Gateway {
         channel.note_refusal(refusal);
         match refusal {
             Refusal::BusOff => {
-                truth.transmit_losses.bus_off += 1;
+                counters.transmit_losses.bus_off += 1;
                 Err(ResultCode::BusOff)
             }
             Refusal::CannotSend | Refusal::Full => {
-                truth.transmit_losses.invalid_channel += 1;
+                counters.transmit_losses.invalid_channel += 1;
                 Err(ResultCode::InvalidChannel)
             }
         }
@@ -241,20 +241,20 @@ impl Gateway {
         reference: Option<Reference>,
     ) -> Result<(), ResultCode> {
         self.check_sendable(number, &frame)?;
-        let Self { channels, results, truth, .. } = self;
+        let Self { channels, results, counters, .. } = self;
         let Some(channel) = channels.get_mut(number) else {
             return Err(ResultCode::InvalidChannel);
         };
         let policy = channel.policy;
-        let before = truth.transmit_losses;
+        let before = counters.transmit_losses;
         let outcome = channel.transmit.enqueue(
             number,
             Pending { frame, reference },
             &policy,
             results,
-            &mut truth.transmit_losses,
+            &mut counters.transmit_losses,
         );
-        if truth.transmit_losses != before {
+        if counters.transmit_losses != before {
             channel.last_error = path_error::RING_FULL;
             self.maintenance.flags |= flag::TX_RING_DROP;
             self.profile_mut(Direction::RxPdo).note_overflow(1, None);
@@ -284,17 +284,17 @@ impl Gateway {
     ) -> Result<(), ResultCode> {
         self.check_sendable(number, &frame)?;
         if due_ns <= self.now {
-            self.truth.transmit_losses.late += 1;
+            self.counters.transmit_losses.late += 1;
             self.note_schedule_trouble(number, flag::SCHED_LATE_DROP);
             return Err(ResultCode::BusBusy);
         }
         let entry = Scheduled { due_ns, channel: number, frame };
         if !self.schedule.insert(entry) {
-            self.truth.transmit_losses.schedule_full += 1;
+            self.counters.transmit_losses.schedule_full += 1;
             self.note_schedule_trouble(number, flag::SCHED_QUEUE_FULL);
             return Err(ResultCode::TxFifoFull);
         }
-        self.truth.frames_scheduled += 1;
+        self.counters.frames_scheduled += 1;
         Ok(())
     }
 
@@ -318,20 +318,20 @@ impl Gateway {
         };
         self.performance.scheduled_released(self.now);
         if self.bypasses_rx(RxBypass::MCAN_WRITE) {
-            self.truth.transmit_losses.bypassed += 1;
+            self.counters.transmit_losses.bypassed += 1;
             return;
         }
-        let Self { channels, truth, .. } = self;
+        let Self { channels, counters, .. } = self;
         let Some(channel) = channels.get_mut(due.channel) else {
             return;
         };
         match channel.controller.submit(due.frame) {
             Ok(()) => {
-                truth.frames_to_controller += 1;
-                truth.frames_released += 1;
+                counters.frames_to_controller += 1;
+                counters.frames_released += 1;
             }
             Err(refusal) => {
-                truth.transmit_losses.schedule_failed += 1;
+                counters.transmit_losses.schedule_failed += 1;
                 if refusal == Refusal::Full {
                     channel.transmit.note_fifo_full();
                     self.maintenance.flags |= flag::TX_FIFO_FULL;
@@ -365,7 +365,7 @@ impl Gateway {
             status,
             self.last_service,
             empty,
-            &mut self.truth,
+            &mut self.counters,
         ) else {
             return;
         };
@@ -386,7 +386,7 @@ impl Gateway {
         self.inputs.store(published);
         self.performance.inputs_published(published.len());
         self.inputs.release();
-        self.truth.images_published += 1;
+        self.counters.images_published += 1;
     }
 
     /// Status words of all channels.

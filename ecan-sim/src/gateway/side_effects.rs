@@ -9,7 +9,7 @@ use ecan_protocol::object::AbortCode;
 
 use super::Gateway;
 use super::channel_control::{self, FIRST_CHANNEL_OBJECT};
-use super::maintenance::Order;
+use super::maintenance::PendingCommand;
 use super::profile_control::{self, COMMAND_CLEAR_ERRORS, COMMAND_RESET_SESSION};
 
 const SYSTEM: u16 = 0x8000;
@@ -151,7 +151,7 @@ impl Gateway {
         self.pin_rotation = rotation;
         self.rotations = self.rotations.wrapping_add(1);
         for channel in &mut self.channels {
-            channel.restart_in_place(&mut self.truth);
+            channel.restart_in_place(&mut self.counters);
         }
     }
 
@@ -200,9 +200,9 @@ impl Gateway {
         };
         match built {
             Ok(config) => {
-                self.truth.transmit_losses.schedule_failed +=
+                self.counters.transmit_losses.schedule_failed +=
                     self.schedule.flush_channel(number) as u64;
-                channel.apply(config, &mut self.truth);
+                channel.apply(config, &mut self.counters);
                 ApplyStatus::Ok
             }
             Err(status) => {
@@ -288,7 +288,7 @@ impl Gateway {
         if let Some(requested) = requested {
             requested.check(&mut |_| faulty = true);
             if !faulty && let Some(channel) = self.channels.get_mut(number) {
-                channel.set_policy(requested, &mut self.truth);
+                channel.set_policy(requested, &mut self.counters);
             }
         }
         self.set_data_path_status(index, faulty);
@@ -314,9 +314,9 @@ impl Gateway {
                 let in_op = self.state == AlState::Op;
                 let is_receiving = self.firmware.is_receiving();
                 match self.maintenance.command(value, in_op, is_receiving) {
-                    Order::Nothing => {}
-                    Order::ClearDiagnostics => self.clear_diagnostics(),
-                    Order::Execute(bits) => self.begin_maintenance(bits),
+                    PendingCommand::Nothing => {}
+                    PendingCommand::ClearDiagnostics => self.clear_diagnostics(),
+                    PendingCommand::Execute(bits) => self.begin_maintenance(bits),
                 }
             }
             _ => {}

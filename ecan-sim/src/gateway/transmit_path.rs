@@ -8,7 +8,7 @@ use ecan_protocol::config::{DataPathConfig, TxOverflow};
 use ecan_protocol::image::{ResultCode, TxResult};
 
 use super::controller::{Controller, Refusal};
-use super::truth::{TransmitLosses, Truth};
+use super::gateway_counters::{GatewayCounters, TransmitLosses};
 
 /// Frames that a TX ring holds, 0xF000:29.
 pub(super) const TX_RING: usize = 64;
@@ -60,12 +60,12 @@ impl ResultQueue {
     }
 
     /// Ends the work on an image: its results follow in the order of its frames.
-    pub(super) fn settle(&mut self, truth: &mut Truth) {
+    pub(super) fn settle(&mut self, counters: &mut GatewayCounters) {
         self.fresh.sort_unstable_by_key(|result| result.frame_index);
         for result in self.fresh.drain(..) {
             if self.results.len() >= RESULTS_MAX {
                 self.results.pop_front();
-                truth.results_lost += 1;
+                counters.results_lost += 1;
             }
             self.results.push_back(result);
         }
@@ -169,7 +169,7 @@ impl TransmitPath {
         policy: &DataPathConfig,
         allowance: u32,
         results: &mut ResultQueue,
-        truth: &mut Truth,
+        counters: &mut GatewayCounters,
     ) -> u32 {
         let minimum = u32::from(policy.tx_budget_min);
         let maximum = u32::from(policy.tx_budget_max).max(minimum);
@@ -186,7 +186,7 @@ impl TransmitPath {
             };
             let code = match controller.submit(pending.frame) {
                 Ok(()) => {
-                    truth.frames_to_controller += 1;
+                    counters.frames_to_controller += 1;
                     ResultCode::Ok
                 }
                 Err(Refusal::Full) => {
@@ -195,7 +195,7 @@ impl TransmitPath {
                 }
                 Err(Refusal::BusOff) => break,
                 Err(Refusal::CannotSend) => {
-                    truth.transmit_losses.invalid_channel += 1;
+                    counters.transmit_losses.invalid_channel += 1;
                     ResultCode::InvalidChannel
                 }
             };
@@ -243,8 +243,8 @@ impl TransmitPath {
     }
 
     /// Drops everything as stale and counts it.
-    pub(super) fn flush_into(&mut self, truth: &mut Truth) {
-        truth.transmit_losses.stale += self.flush() as u64;
+    pub(super) fn flush_into(&mut self, counters: &mut GatewayCounters) {
+        counters.transmit_losses.stale += self.flush() as u64;
     }
 
     /// Drops everything unsent without counting it as stale: a test policy skips sending.

@@ -6,8 +6,8 @@ use ecan_protocol::image::{
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS, MAX_PDO_BYTES};
 
 use super::channel::Channel;
+use super::gateway_counters::GatewayCounters;
 use super::transmit_path::ResultQueue;
-use super::truth::Truth;
 
 /// Bytes that the balanced policy reserves for each enabled channel: the greatest packet of a
 /// classic frame without timestamp, padded. The manual says only "a minimum packet budget".
@@ -84,7 +84,7 @@ impl Budget {
 
 /// What a TxPDO build could not deliver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(super) struct Shortfall {
+pub(super) struct UndeliveredFrames {
     /// Frames that stay in their caches for the next image.
     pub(super) unpacked: u32,
     /// Frames dropped on their way into the caches since the last image.
@@ -148,14 +148,14 @@ impl TxPdoBuilder {
         status: [ChannelStatus; CHANNELS],
         time_base_ns: u64,
         empty: bool,
-        truth: &mut Truth,
-    ) -> Option<(u16, Shortfall)> {
+        counters: &mut GatewayCounters,
+    ) -> Option<(u16, UndeliveredFrames)> {
         let writer = self.writer.as_mut()?;
         let profile = *writer.profile();
-        let mut shortfall = Shortfall::default();
+        let mut shortfall = UndeliveredFrames::default();
         if !empty {
             let mut budget = Budget::new(&profile);
-            pack_results(writer, &mut self.shadow, results, &mut budget, truth);
+            pack_results(writer, &mut self.shadow, results, &mut budget, counters);
             pack_frames(
                 writer,
                 &mut self.shadow,
@@ -163,7 +163,7 @@ impl TxPdoBuilder {
                 &mut budget,
                 time_base_ns,
                 &mut shortfall,
-                truth,
+                counters,
             );
         }
         for channel in channels.iter_mut() {
@@ -218,12 +218,12 @@ fn pack_results(
     shadow: &mut [u8],
     results: &mut ResultQueue,
     budget: &mut Budget,
-    truth: &mut Truth,
+    counters: &mut GatewayCounters,
 ) {
     while let Some(result) = results.front().copied() {
         if !writer.profile().has_channel(result.channel) {
             results.pop();
-            truth.results_lost += 1;
+            counters.results_lost += 1;
             continue;
         }
         let channel = usize::from(result.channel);
@@ -236,7 +236,7 @@ fn pack_results(
         }
         budget.take(channel, writer.used() - before);
         results.pop();
-        truth.results_to_master += 1;
+        counters.results_to_master += 1;
     }
 }
 
@@ -251,8 +251,8 @@ fn pack_frames(
     channels: &mut [Channel; CHANNELS],
     budget: &mut Budget,
     time_base_ns: u64,
-    shortfall: &mut Shortfall,
-    truth: &mut Truth,
+    shortfall: &mut UndeliveredFrames,
+    counters: &mut GatewayCounters,
 ) {
     let with_timestamp = writer.profile().profile.allows_delta16();
     let mut blocked = [false; CHANNELS];
@@ -283,7 +283,7 @@ fn pack_frames(
         if budget.never_fits(bytes) {
             channel.receive.pop();
             shortfall.oversized += 1;
-            truth.receive_losses.oversized += 1;
+            counters.receive_losses.oversized += 1;
             continue;
         }
         let pushed = budget.fits(number, bytes)
@@ -296,7 +296,7 @@ fn pack_frames(
         budget.take(number, bytes);
         channel.receive.pop();
         *consumed += 1;
-        truth.frames_to_master += 1;
+        counters.frames_to_master += 1;
     }
     for (channel, consumed) in channels.iter_mut().zip(consumed) {
         channel.receive.note_consumed(consumed);

@@ -17,7 +17,7 @@ use coe::CoeServer;
 use errors::MailboxError;
 use foe::FoeServer;
 use header::{HEADER_BYTES, Header, protocol};
-use outbox::{Envelope, Outbox};
+use outbox::{MessageAddress, ResponseQueue};
 
 use ecan_protocol::device::AlState;
 
@@ -28,7 +28,7 @@ use crate::gateway::Gateway;
 pub(crate) struct MailboxServer {
     coe: CoeServer,
     foe: FoeServer,
-    outbox: Outbox,
+    outbox: ResponseQueue,
     /// Counter of the last request, 0 for none.
     last_counter: u8,
 }
@@ -39,7 +39,7 @@ impl MailboxServer {
         Self {
             coe: CoeServer::new(),
             foe: FoeServer::new(),
-            outbox: Outbox::default(),
+            outbox: ResponseQueue::default(),
             last_counter: 0,
         }
     }
@@ -77,7 +77,7 @@ impl MailboxServer {
         }
         let speaks_coe = gateway.al_state() != AlState::Boot;
         while let Some(emergency) = gateway.take_emergency().filter(|_| speaks_coe) {
-            let envelope = Envelope { address: 0, protocol: protocol::COE };
+            let envelope = MessageAddress { address: 0, protocol: protocol::COE };
             if self.outbox.write(envelope, &coe::emergency_message(emergency), out) {
                 return true;
             }
@@ -94,7 +94,7 @@ impl MailboxServer {
     fn serve(&mut self, now: u64, request: &[u8], reply_bytes: usize, gateway: &mut Gateway) {
         let ready = now.saturating_add(gateway.settings().mailbox_delay_ns);
         let Some((header, rest)) = Header::parse(request) else {
-            let envelope = Envelope { address: 0, protocol: protocol::ERROR };
+            let envelope = MessageAddress { address: 0, protocol: protocol::ERROR };
             let message = MailboxError::SizeTooShort.message();
             self.outbox.push(ready, envelope, vec![message], reply_bytes);
             return;
@@ -118,7 +118,7 @@ impl MailboxServer {
             Ok(messages) => (header.protocol, messages),
             Err(error) => (protocol::ERROR, vec![error.message()]),
         };
-        let envelope = Envelope { address: header.address, protocol };
+        let envelope = MessageAddress { address: header.address, protocol };
         self.outbox.push(ready, envelope, messages, reply_bytes);
     }
 

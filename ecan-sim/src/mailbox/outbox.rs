@@ -10,7 +10,7 @@ const KEPT: usize = 8;
 
 /// Whom a message goes to, and by which protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Envelope {
+pub(super) struct MessageAddress {
     /// Station address of whoever asked.
     pub(super) address: u16,
     pub(super) protocol: u8,
@@ -20,20 +20,20 @@ pub(super) struct Envelope {
 #[derive(Debug)]
 struct Answer {
     ready: u64,
-    envelope: Envelope,
+    envelope: MessageAddress,
     /// Never empty.
     messages: VecDeque<Vec<u8>>,
 }
 
 /// What waits for the read mailbox.
 #[derive(Debug, Default)]
-pub(super) struct Outbox {
+pub(super) struct ResponseQueue {
     answers: VecDeque<Answer>,
     /// Counter of the last message.
     counter: u8,
 }
 
-impl Outbox {
+impl ResponseQueue {
     /// Whether there is no room for another answer.
     pub(super) fn is_full(&self) -> bool {
         self.answers.len() >= KEPT
@@ -45,7 +45,7 @@ impl Outbox {
     pub(super) fn push(
         &mut self,
         ready: u64,
-        envelope: Envelope,
+        envelope: MessageAddress,
         messages: Vec<Vec<u8>>,
         reply_bytes: usize,
     ) {
@@ -55,7 +55,7 @@ impl Outbox {
         } else {
             Answer {
                 ready,
-                envelope: Envelope { protocol: protocol::ERROR, ..envelope },
+                envelope: MessageAddress { protocol: protocol::ERROR, ..envelope },
                 messages: VecDeque::from([MailboxError::InvalidSize.message()]),
             }
         };
@@ -84,7 +84,12 @@ impl Outbox {
     }
 
     /// Puts a message into the read mailbox. `false` if it does not fit.
-    pub(super) fn write(&mut self, envelope: Envelope, message: &[u8], out: &mut [u8]) -> bool {
+    pub(super) fn write(
+        &mut self,
+        envelope: MessageAddress,
+        message: &[u8],
+        out: &mut [u8],
+    ) -> bool {
         let Ok(length) = u16::try_from(message.len()) else {
             return false;
         };
@@ -92,7 +97,7 @@ impl Outbox {
             return false;
         }
         self.counter = self.counter % 7 + 1;
-        let Envelope { address, protocol } = envelope;
+        let MessageAddress { address, protocol } = envelope;
         let header = Header { length, address, channel: 0, protocol, counter: self.counter };
         let Some((head, rest)) = out.split_at_mut_checked(HEADER_BYTES) else {
             return false;

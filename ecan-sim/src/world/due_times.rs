@@ -4,18 +4,18 @@ use crate::world::NEVER;
 
 /// Times by number, and the earliest of them, which is asked for at every instant.
 #[derive(Debug)]
-pub(super) struct DueTimes {
+pub(super) struct DeadlineSet {
     times: Vec<u64>,
     first: u64,
 }
 
-impl Default for DueTimes {
+impl Default for DeadlineSet {
     fn default() -> Self {
         Self { times: Vec::new(), first: NEVER }
     }
 }
 
-impl DueTimes {
+impl DeadlineSet {
     /// One more, who is never due.
     pub(super) fn add(&mut self) {
         self.times.push(NEVER);
@@ -48,7 +48,7 @@ mod tests {
 
     #[test]
     fn the_first_is_known_whatever_changes() {
-        let mut due = DueTimes::default();
+        let mut due = DeadlineSet::default();
         assert_eq!(due.first(), NEVER);
         (0..3).for_each(|_| due.add());
         let mut set = |number, time| {

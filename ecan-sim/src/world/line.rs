@@ -3,7 +3,7 @@
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::{ErrorState, StationId};
-use crate::fault::{LibraryCall, LostWay};
+use crate::fault::{LibraryCall, LossDirection};
 use crate::gateway::Gateway;
 use crate::scenario::{GatewaySpec, Topology};
 use crate::world::{NEVER, World};
@@ -102,8 +102,8 @@ impl LineSlot {
 
 /// What the faults make of the frames of one send.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct CycleFate {
-    pub(crate) lost: Option<LostWay>,
+pub(crate) struct CycleFaults {
+    pub(crate) lost: Option<LossDirection>,
     pub(crate) counter_offset: i32,
 }
 
@@ -164,12 +164,12 @@ impl World {
     }
 
     /// Begins a send that carries process data: counts it and asks the faults.
-    pub(crate) fn begin_cycle(&mut self) -> CycleFate {
+    pub(crate) fn begin_cycle(&mut self) -> CycleFaults {
         self.cycle += 1;
         while let Some(fault) = self.script.due_cycle(self.cycle) {
             self.inject(fault);
         }
-        let mut fate = CycleFate::default();
+        let mut fate = CycleFaults::default();
         if self.lost.1 > 0 {
             self.lost.1 -= 1;
             fate.lost = self.lost.0;

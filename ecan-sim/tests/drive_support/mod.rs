@@ -16,7 +16,7 @@ pub const MS: u64 = 1_000_000;
 pub type Line = (u16, Vec<u8>);
 
 /// A drive and its surroundings.
-pub struct Bench {
+pub struct Fixture {
     pub drive: Drive,
     pub now: u64,
     out: NodeOutput,
@@ -33,7 +33,7 @@ pub fn settings() -> DriveSettings {
     }
 }
 
-impl Bench {
+impl Fixture {
     /// A drive with the built-in objects that has booted.
     pub fn booted() -> Self {
         Self::with(&settings())

@@ -26,7 +26,7 @@ pub type Group<State> = SubDeviceGroup<MAX_GATEWAYS, MAX_PDI, ethercrab::Default
 
 /// A master and a wire, joined in memory. Simulated time passes with the frames, and as
 /// [`pass`](Self::pass) says.
-pub struct Bench {
+pub struct Fixture {
     pub wire: Wire,
     pub now: u64,
     pub main_device: MainDevice<'static>,
@@ -35,7 +35,7 @@ pub struct Bench {
     frame: Vec<u8>,
 }
 
-impl Bench {
+impl Fixture {
     pub fn new(scenario: &Scenario) -> Self {
         let storage: &'static PduStorage<64, { PduStorage::element_size(1486) }> =
             Box::leak(Box::new(PduStorage::new()));

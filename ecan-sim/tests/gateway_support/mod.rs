@@ -18,7 +18,7 @@ pub const MS: u64 = 1_000_000;
 /// Behind the service that an SM2 write sets off.
 pub const SERVICE: u64 = 30_000;
 
-pub struct Bench {
+pub struct Fixture {
     pub gateway: Gateway,
     pub now: u64,
     pub writer: ImageWriter,
@@ -40,7 +40,7 @@ pub fn fd(id: u16, data: &[u8]) -> CanFrame {
     CanFrame::fd(CanId::standard(id).unwrap(), data, true, false).unwrap()
 }
 
-impl Bench {
+impl Fixture {
     /// Booted, in PREOP, nothing configured.
     pub fn preop() -> Self {
         Self::preop_with(GatewaySettings::default())

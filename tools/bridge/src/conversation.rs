@@ -8,7 +8,7 @@ use crate::settings::BridgeProtocol;
 
 /// What came of a conversation.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Conversation {
+pub struct OfflineSession {
     /// What the client was told, the greeting included.
     pub answers: Vec<u8>,
     /// What it sent.
@@ -17,7 +17,7 @@ pub struct Conversation {
     pub heard: Vec<u8>,
 }
 
-impl Conversation {
+impl OfflineSession {
     /// A client that writes these pieces, on a bus that takes everything.
     pub fn hold<'a>(
         protocol: BridgeProtocol,

@@ -7,7 +7,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use ecan_protocol::can::CanFrame;
 
 use crate::connection::Close;
-use crate::outbox::Outbox;
+use crate::outbox::ClientQueue;
 use crate::rates::BusRates;
 use crate::statistics::{BridgeStatistics, Counters, count};
 
@@ -18,7 +18,7 @@ pub type ClientId = u64;
 #[derive(Debug)]
 struct Client {
     id: ClientId,
-    outbox: Arc<Outbox>,
+    outbox: Arc<ClientQueue>,
     connection: Box<dyn Close>,
 }
 
@@ -80,7 +80,7 @@ impl Hub {
     pub(crate) fn join(
         &self,
         connection: impl Close + 'static,
-        outbox: Arc<Outbox>,
+        outbox: Arc<ClientQueue>,
     ) -> Option<ClientId> {
         let mut state = self.lock();
         if state.closed || state.clients.len() >= self.max_clients {

@@ -33,7 +33,7 @@ mod writer;
 pub use self::socketcan::{SocketCanBridge, SocketCanError};
 pub use clients::Clients;
 #[doc(hidden)]
-pub use conversation::Conversation;
+pub use conversation::OfflineSession;
 pub use hub::ClientId;
 pub use info::BridgeInfo;
 pub use rates::BusRates;

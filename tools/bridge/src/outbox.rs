@@ -5,7 +5,7 @@ use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::can::CanFrame;
 
-use crate::session::Hearing;
+use crate::session::ReceiveSettings;
 
 /// Bytes of answers that may wait; then the client is not read from.
 const MAX_ANSWER_BYTES: usize = 64 * 1024;
@@ -16,7 +16,7 @@ pub(crate) enum Outgoing {
     /// A frame of the bus and when it was complete, in nanoseconds of the bus's clock.
     Frame(CanFrame, u64),
     /// Bytes of the protocol, and what the client wants to hear behind them.
-    Answer(Vec<u8>, Hearing),
+    Answer(Vec<u8>, ReceiveSettings),
 }
 
 #[derive(Debug, Default)]
@@ -31,14 +31,14 @@ struct State {
 
 /// A queue with room for so many frames, and for some bytes of answers besides.
 #[derive(Debug)]
-pub(crate) struct Outbox {
+pub(crate) struct ClientQueue {
     state: Mutex<State>,
     max_frames: usize,
     has_items: Condvar,
     has_room: Condvar,
 }
 
-impl Outbox {
+impl ClientQueue {
     pub(crate) fn new(max_frames: usize) -> Self {
         let (has_items, has_room) = (Condvar::new(), Condvar::new());
         Self { state: Mutex::default(), max_frames, has_items, has_room }
@@ -61,7 +61,7 @@ impl Outbox {
 
     /// Queues an answer. Waits while too many bytes of answers wait already; false once it is
     /// closed.
-    pub(crate) fn answer(&self, text: Vec<u8>, hearing: Hearing) -> bool {
+    pub(crate) fn answer(&self, text: Vec<u8>, hearing: ReceiveSettings) -> bool {
         let state = self.lock();
         let is_full = |state: &mut State| !state.is_closed && state.answer_bytes > MAX_ANSWER_BYTES;
         let waited = self.has_room.wait_while(state, is_full);
@@ -134,13 +134,13 @@ mod tests {
         CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap()
     }
 
-    fn nothing() -> Hearing {
-        Hearing::nothing(BridgeProtocol::Socketcand)
+    fn nothing() -> ReceiveSettings {
+        ReceiveSettings::nothing(BridgeProtocol::Socketcand)
     }
 
     #[test]
     fn frames_and_answers_keep_their_order_and_frames_their_bound() {
-        let outbox = Outbox::new(2);
+        let outbox = ClientQueue::new(2);
         assert!(outbox.offer(&frame(), 1));
         assert!(outbox.answer(vec![b'a'], nothing()));
         assert!(outbox.offer(&frame(), 2));
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn whoever_floods_it_with_answers_waits_until_they_are_taken_or_it_is_closed() {
-        let outbox = &Outbox::new(2);
+        let outbox = &ClientQueue::new(2);
         let (taken, gone) = channel();
         std::thread::scope(|scope| {
             scope.spawn(move || {

@@ -9,7 +9,7 @@ use std::time::Duration;
 use crate::clients::Clients;
 use crate::connection::Connection;
 use crate::hub::Hub;
-use crate::outbox::Outbox;
+use crate::outbox::ClientQueue;
 use crate::server::serve;
 use crate::session::Session;
 use crate::settings::BridgeProtocol;
@@ -74,7 +74,7 @@ fn serve_programs(hub: &Hub, terminal: &Arc<Terminal>) {
             continue;
         }
         let line = Arc::new(TerminalLine::new(terminal.clone()));
-        let outbox = Arc::new(Outbox::new(hub.queue()));
+        let outbox = Arc::new(ClientQueue::new(hub.queue()));
         // It has been closed just now where there is no room.
         let Some(id) = hub.join(Connection::Terminal(line.clone()), outbox.clone()) else { return };
         let session = Session::new(BridgeProtocol::Slcan);

@@ -13,7 +13,7 @@ use crate::clients::Clients;
 use crate::connection::{self, Connection};
 use crate::hub::{ClientId, Hub};
 use crate::info::BridgeInfo;
-use crate::outbox::Outbox;
+use crate::outbox::ClientQueue;
 use crate::rates::BusRates;
 use crate::session::{Session, Uplink};
 use crate::settings::{BridgeProtocol, BridgeSettings};
@@ -132,7 +132,7 @@ impl Acceptor {
     /// Starts the threads of a client. One for whom there is no room, or no thread, finds its
     /// connection closed.
     fn admit(&self, stream: TcpStream) -> Option<JoinHandle<()>> {
-        let outbox = Arc::new(Outbox::new(self.hub.queue()));
+        let outbox = Arc::new(ClientQueue::new(self.hub.queue()));
         let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
@@ -159,7 +159,7 @@ pub(crate) fn serve(
     id: ClientId,
     stream: &Connection,
     mut session: Session,
-    outbox: &Outbox,
+    outbox: &ClientQueue,
 ) {
     let mut greeting = Vec::new();
     session.greet(&mut greeting);
@@ -205,7 +205,13 @@ impl Uplink for ClientUplink<'_> {
     }
 }
 
-fn read_all(hub: &Hub, id: ClientId, stream: &Connection, session: &mut Session, outbox: &Outbox) {
+fn read_all(
+    hub: &Hub,
+    id: ClientId,
+    stream: &Connection,
+    session: &mut Session,
+    outbox: &ClientQueue,
+) {
     let mut uplink = ClientUplink { hub, id };
     let mut bytes = [0; 2048];
     loop {
@@ -225,7 +231,13 @@ fn read_all(hub: &Hub, id: ClientId, stream: &Connection, session: &mut Session,
     }
 }
 
-fn write_all(hub: &Hub, stream: &Connection, mut writer: Writer, outbox: &Outbox, greeting: &[u8]) {
+fn write_all(
+    hub: &Hub,
+    stream: &Connection,
+    mut writer: Writer,
+    outbox: &ClientQueue,
+    greeting: &[u8],
+) {
     let mut is_written = stream.write_all(greeting).is_ok();
     while is_written && let Some(piece) = writer.next_piece(outbox, || hub.bus()) {
         is_written = stream.write_all(&piece.text).is_ok();

@@ -6,7 +6,7 @@ use ecan_protocol::can::CanFrame;
 
 use crate::rates::BusRates;
 use crate::settings::BridgeProtocol;
-use crate::slcan::{SlcanHearing, SlcanSession};
+use crate::slcan::{SlcanReceiveSettings, SlcanSession};
 use crate::socketcand::{self, SocketcandSession};
 
 /// Between the answer behind which frames come and the first of them. A client of socketcand reads
@@ -63,22 +63,22 @@ impl Session {
     }
 
     /// What the client wants to hear by now.
-    pub(crate) fn hearing(&self) -> Hearing {
+    pub(crate) fn hearing(&self) -> ReceiveSettings {
         match self {
-            Self::Slcan(session) => Hearing::Slcan(session.hearing()),
-            Self::Socketcand(session) => Hearing::Socketcand { is_raw: session.is_raw() },
+            Self::Slcan(session) => ReceiveSettings::Slcan(session.hearing()),
+            Self::Socketcand(session) => ReceiveSettings::Socketcand { is_raw: session.is_raw() },
         }
     }
 }
 
 /// What a client wants to hear of the bus, and how.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Hearing {
-    Slcan(SlcanHearing),
+pub(crate) enum ReceiveSettings {
+    Slcan(SlcanReceiveSettings),
     Socketcand { is_raw: bool },
 }
 
-impl Hearing {
+impl ReceiveSettings {
     /// That of a new client.
     #[cfg(test)]
     pub(crate) fn nothing(protocol: BridgeProtocol) -> Self {

@@ -2,16 +2,16 @@
 
 use std::time::Duration;
 
-use crate::outbox::{Outbox, Outgoing};
+use crate::outbox::{ClientQueue, Outgoing};
 use crate::rates::BusRates;
-use crate::session::Hearing;
+use crate::session::ReceiveSettings;
 
 /// Bytes written at a time, about.
 const WRITE_BYTES: usize = 16 * 1024;
 
 /// Bytes to write at once.
 #[derive(Debug, Default, PartialEq, Eq)]
-pub(crate) struct Piece {
+pub(crate) struct OutputChunk {
     pub(crate) text: Vec<u8>,
     /// To wait before the next one.
     pub(crate) pause: Duration,
@@ -24,13 +24,13 @@ pub(crate) struct Piece {
 /// it.
 #[derive(Debug)]
 pub(crate) struct Writer {
-    hearing: Hearing,
+    hearing: ReceiveSettings,
     /// Taken already, but not for the last piece.
     next: Option<Outgoing>,
 }
 
 impl Writer {
-    pub(crate) fn new(hearing: Hearing) -> Self {
+    pub(crate) fn new(hearing: ReceiveSettings) -> Self {
         Self { hearing, next: None }
     }
 
@@ -38,9 +38,9 @@ impl Writer {
     /// bus.
     pub(crate) fn next_piece(
         &mut self,
-        outbox: &Outbox,
+        outbox: &ClientQueue,
         bus: impl FnOnce() -> Option<BusRates>,
-    ) -> Option<Piece> {
+    ) -> Option<OutputChunk> {
         let mut next = Some(match self.next.take() {
             Some(item) => item,
             None => outbox.take()?,
@@ -56,7 +56,7 @@ impl Writer {
                 Outgoing::Answer(answer, hearing) if text.is_empty() => {
                     let pause = hearing.pause_behind(&self.hearing);
                     self.hearing = hearing;
-                    return Some(Piece { text: answer, pause });
+                    return Some(OutputChunk { text: answer, pause });
                 }
                 alone @ Outgoing::Answer(..) => {
                     self.next = Some(alone);
@@ -65,7 +65,7 @@ impl Writer {
             }
             next = if text.len() < WRITE_BYTES { outbox.try_take() } else { None };
         }
-        Some(Piece { text, pause: Duration::ZERO })
+        Some(OutputChunk { text, pause: Duration::ZERO })
     }
 }
 
@@ -76,18 +76,18 @@ mod tests {
     use super::*;
     use crate::settings::BridgeProtocol;
 
-    fn text(writer: &mut Writer, outbox: &Outbox) -> String {
+    fn text(writer: &mut Writer, outbox: &ClientQueue) -> String {
         let piece = writer.next_piece(outbox, || None).unwrap();
         String::from_utf8(piece.text).unwrap()
     }
 
     #[test]
     fn no_frame_overtakes_the_answer_that_begins_them_or_shares_its_piece() {
-        let outbox = Outbox::new(10);
+        let outbox = ClientQueue::new(10);
         let id = CanId::standard(0x123).unwrap();
         let frame = |data| CanFrame::classic(id, &[data]).unwrap();
-        let nothing = Hearing::nothing(BridgeProtocol::Socketcand);
-        let raw = Hearing::Socketcand { is_raw: true };
+        let nothing = ReceiveSettings::nothing(BridgeProtocol::Socketcand);
+        let raw = ReceiveSettings::Socketcand { is_raw: true };
         assert!(outbox.offer(&frame(1), 0));
         assert!(outbox.answer(b"< ok >".to_vec(), nothing));
         assert!(outbox.offer(&frame(2), 0));

@@ -17,7 +17,7 @@ pub enum Severity {
 /// Where a finding is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Place {
+pub enum Location {
     /// The gateway as an EtherCAT slave.
     Slave,
     /// Process data to the host.
@@ -30,7 +30,7 @@ pub enum Place {
     Device,
 }
 
-impl fmt::Display for Place {
+impl fmt::Display for Location {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Slave => f.write_str("EtherCAT"),
@@ -50,7 +50,7 @@ pub struct Finding {
     /// How much it matters.
     pub severity: Severity,
     /// Where.
-    pub place: Place,
+    pub place: Location,
     /// What was found.
     pub what: String,
     /// What may be behind it, the most likely cause first.
@@ -62,7 +62,7 @@ pub struct Finding {
 }
 
 impl Finding {
-    pub(crate) fn fault(id: &'static str, place: Place, what: impl Into<String>) -> Self {
+    pub(crate) fn fault(id: &'static str, place: Location, what: impl Into<String>) -> Self {
         Self {
             id,
             severity: Severity::Fault,
@@ -74,7 +74,7 @@ impl Finding {
         }
     }
 
-    pub(crate) fn warning(id: &'static str, place: Place, what: impl Into<String>) -> Self {
+    pub(crate) fn warning(id: &'static str, place: Location, what: impl Into<String>) -> Self {
         Self { severity: Severity::Warning, ..Self::fault(id, place, what) }
     }
 

@@ -27,6 +27,6 @@ pub mod registers;
 mod snapshot;
 
 pub use diagnostic_flags::{DIAGNOSTIC_FLAGS, flag_words};
-pub use finding::{Finding, Place, Severity};
+pub use finding::{Finding, Location, Severity};
 pub use findings::findings;
 pub use snapshot::{Depth, ObjectKey, ReadError, Snapshot};

@@ -1,7 +1,7 @@
 //! Whatever a gateway shows or a file says, findings come of it.
 #![allow(missing_docs)]
 
-use ecan_diagnosis::{Depth, Place, ReadError, Snapshot, findings};
+use ecan_diagnosis::{Depth, Location, ReadError, Snapshot, findings};
 use proptest::prelude::*;
 
 /// Values that a gateway would show, and those at the ends of what fits an entry.
@@ -42,7 +42,7 @@ proptest! {
         for finding in findings(&snapshot) {
             prop_assert!(!finding.what.is_empty(), "{finding:#?}");
             prop_assert!(!finding.causes.is_empty() && !finding.next.is_empty(), "{finding:#?}");
-            prop_assert!(!matches!(finding.place, Place::Channel(4..)), "{finding:#?}");
+            prop_assert!(!matches!(finding.place, Location::Channel(4..)), "{finding:#?}");
         }
     }
 }

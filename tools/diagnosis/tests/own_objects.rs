@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use ecan_diagnosis::{Finding, Place, Snapshot, findings};
+use ecan_diagnosis::{Finding, Location, Snapshot, findings};
 
 /// The first object of each family that has one object per channel.
 const FAMILIES: [u16; 5] = [0x8001, 0x8021, 0x9000, 0x9020, 0xA000];
@@ -70,7 +70,7 @@ fn of_channel(channel: u8, change: impl FnOnce(&mut Snapshot)) -> Vec<Finding> {
     let mut snapshot = well();
     change(&mut snapshot);
     let mut found = findings(&snapshot);
-    found.retain(|finding| finding.place == Place::Channel(channel));
+    found.retain(|finding| finding.place == Location::Channel(channel));
     found
 }
 

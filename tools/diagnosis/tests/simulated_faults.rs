@@ -8,12 +8,12 @@ use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::{Direction, HEADER_BYTES};
 use ecan_sim::{ClockKind, Fault, GatewayFault, Scenario, SimOptions, Simulation};
 
-struct Bench {
+struct Fixture {
     port: Port,
     simulation: Simulation,
 }
 
-impl Bench {
+impl Fixture {
     /// One gateway in service with all channels at 500 kbit/s, N = 3, cycle of 1 ms.
     fn ready(scenario: Scenario) -> Self {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
@@ -75,7 +75,7 @@ fn frame() -> CanFrame {
 
 #[test]
 fn a_gateway_in_operation_has_no_finding() {
-    let mut bench = Bench::ready(ecan_sim::echo(1));
+    let mut bench = Fixture::ready(ecan_sim::echo(1));
     bench.cycles(100, |port| {
         let _ = port.send(0, 1, frame().as_ref());
     });
@@ -87,7 +87,7 @@ fn a_gateway_in_operation_has_no_finding() {
 
 #[test]
 fn bus_off_is_found_while_it_lasts_and_as_a_warning_afterwards() {
-    let mut bench = Bench::ready(ecan_sim::echo(1));
+    let mut bench = Fixture::ready(ecan_sim::echo(1));
     bench.simulation.inject(Fault::BusOff { gateway: 0, channel: 2 });
     assert_eq!(bench.ids()[0], "bus-off");
     bench.cycles(500, |_| ());
@@ -99,7 +99,7 @@ fn bus_off_is_found_while_it_lasts_and_as_a_warning_afterwards() {
 fn a_bus_without_partner_is_found_as_missing_acknowledge() {
     let mut scenario = ecan_sim::echo(1);
     scenario.nodes.clear();
-    let mut bench = Bench::ready(scenario);
+    let mut bench = Fixture::ready(scenario);
     bench.cycles(300, |port| {
         let _ = port.send(0, 0, frame().as_ref());
     });
@@ -110,7 +110,7 @@ fn a_bus_without_partner_is_found_as_missing_acknowledge() {
 
 #[test]
 fn error_frames_raise_the_counters_into_a_finding() {
-    let mut bench = Bench::ready(ecan_sim::echo(1));
+    let mut bench = Fixture::ready(ecan_sim::echo(1));
     bench.simulation.inject(Fault::ErrorFrames { gateway: 0, channel: 0, frames: 14 });
     let is_seen = (0..20).any(|_| {
         bench.cycles(1, |port| {
@@ -128,7 +128,7 @@ fn error_frames_raise_the_counters_into_a_finding() {
 
 #[test]
 fn a_layout_that_exceeds_the_message_ram_is_found_with_its_bytes() {
-    let bench = Bench::ready(ecan_sim::echo(1));
+    let bench = Fixture::ready(ecan_sim::echo(1));
     bench.simulation.with_world(|world| {
         world.with_gateway(0, |gateway, now| {
             // The classic layout has FIFOs of 64 elements; not of 64 bytes each.
@@ -146,7 +146,7 @@ fn a_layout_that_exceeds_the_message_ram_is_found_with_its_bytes() {
 
 #[test]
 fn an_al_error_is_found_with_its_code() {
-    let mut bench = Bench::ready(ecan_sim::echo(1));
+    let mut bench = Fixture::ready(ecan_sim::echo(1));
     bench.cycles(5, |_| ());
     let fault = GatewayFault::AlError { code: 0x2C };
     bench.simulation.inject(Fault::Gateway { gateway: 0, fault });
@@ -158,7 +158,7 @@ fn an_al_error_is_found_with_its_code() {
 #[test]
 fn damaged_images_are_found_with_their_error() {
     for (byte, id) in [(0, "pdo-bad-header"), (8, "pdo-bad-crc")] {
-        let bench = Bench::ready(ecan_sim::echo(1));
+        let bench = Fixture::ready(ecan_sim::echo(1));
         // The firmware takes what lies in SM2, before and after.
         bench.simulation.pass_ns(300_000);
         let is_taken = bench.simulation.with_world(|world| {

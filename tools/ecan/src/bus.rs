@@ -1,6 +1,6 @@
 //! The bus that the commands look at, and which of its slaves is meant.
 
-use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo, SlaveInquiry as _, SlaveKind};
+use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo, SlaveKind, SlaveQuery as _};
 use ecan_protocol::device::Capabilities;
 use ecan_sim::{Backend, ClockKind, EcrtSetting, SimOptions};
 

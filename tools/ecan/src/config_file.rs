@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use ecan_config_file::{ConfigFile, ConfigFileError, Place, PlaceFault, find, load};
+use ecan_config_file::{ConfigFile, ConfigFileError, ResolveError, ResolvedGateway, find, load};
 use ecan_sim::ClockKind;
 
 use crate::bus::Bus;
@@ -39,7 +39,7 @@ pub fn open_bus(
 }
 
 /// The places of a file's gateways on its bus: all, or the one chosen.
-pub fn places(file: &ConfigFile, bus: &Bus) -> Result<Vec<Place>, Failure> {
+pub fn places(file: &ConfigFile, bus: &Bus) -> Result<Vec<ResolvedGateway>, Failure> {
     let mut places = find(bus.diagnostics(), &file.adapter.slaves).map_err(of_place)?;
     if bus.is_chosen() {
         let chosen = bus.slave()?;
@@ -53,11 +53,11 @@ pub fn places(file: &ConfigFile, bus: &Bus) -> Result<Vec<Place>, Failure> {
 }
 
 /// Why a gateway of a file cannot be addressed.
-pub fn of_place(fault: PlaceFault) -> Failure {
+pub fn of_place(fault: ResolveError) -> Failure {
     match fault {
-        PlaceFault::Device(error) => Failure::Device(error),
-        PlaceFault::State { .. } => Failure::Refused(fault.to_string()),
-        PlaceFault::NoAlias { .. } | PlaceFault::NoSlave { .. } | PlaceFault::Same { .. } => {
+        ResolveError::Device(error) => Failure::Device(error),
+        ResolveError::State { .. } => Failure::Refused(fault.to_string()),
+        ResolveError::NoAlias { .. } | ResolveError::NoSlave { .. } | ResolveError::Same { .. } => {
             Failure::Slave(fault.to_string())
         }
     }

@@ -46,9 +46,9 @@ fn sync_managers(image: &[u8]) -> usize {
     image.windows(5).position(|window| window == first).unwrap()
 }
 
-struct Bench(TempDir);
+struct Fixture(TempDir);
 
-impl Bench {
+impl Fixture {
     fn new(image: &[u8]) -> Self {
         let bench = Self(tempfile::tempdir().unwrap());
         for (name, bytes) in [
@@ -106,7 +106,7 @@ fn broken(changes: &[(usize, u8)]) -> Vec<u8> {
 
 #[test]
 fn the_simulated_gateways_layout_is_good() {
-    let bench = Bench::new(&good_image());
+    let bench = Fixture::new(&good_image());
     let arguments = ["check", "--position", "0", "--pdo-bytes", "3072"];
     let (status, said) = bench.run(&arguments);
     assert_eq!(status, 0, "{said}");
@@ -148,7 +148,7 @@ fn each_fault_is_named_mended_and_can_be_put_back() {
         (bad_checksum, "WRONG  checksum of words 0-6"),
     ];
     for (image, words) in cases {
-        let bench = Bench::new(&image);
+        let bench = Fixture::new(&image);
         let (status, said) = bench.run(&["check"]);
         assert_eq!(status, 1, "{said}");
         assert!(said.contains(words), "{words}: {said}");
@@ -192,7 +192,7 @@ fn each_fault_is_named_mended_and_can_be_put_back() {
 fn a_new_checksum_is_not_put_over_damaged_words_unasked() {
     let mut image = good_image();
     (image[0], image[8]) = (image[0] ^ 0xFF, 0x34);
-    let bench = Bench::new(&image);
+    let bench = Fixture::new(&image);
     let (status, said) = bench.run(&["fix", "--yes"]);
     assert_eq!(status, 1, "{said}");
     let words: Vec<_> =
@@ -222,7 +222,7 @@ fn a_backup_of_another_device_or_a_damaged_one_is_not_restored_unasked() {
         (good[..good.len() - 2].to_vec(), "bytes, the SII of the slave"),
     ];
     for (image, words) in cases {
-        let bench = Bench::new(&broken(&[(20, 0x64)]));
+        let bench = Fixture::new(&broken(&[(20, 0x64)]));
         bench.put("backup.bin", &image);
         let (status, said) = bench.run(&["restore", "backup.bin", "--yes"]);
         assert_eq!(status, 1, "{said}");
@@ -234,7 +234,7 @@ fn a_backup_of_another_device_or_a_damaged_one_is_not_restored_unasked() {
         assert_eq!((status, bench.get("eeprom")), (0, image), "{said}");
     }
     // The revision may be another one: it changes with the firmware.
-    let bench = Bench::new(&good);
+    let bench = Fixture::new(&good);
     bench.put("backup.bin", &changed(24));
     assert_eq!(bench.run(&["restore", "backup.bin", "--yes"]).0, 0);
 }
@@ -242,7 +242,7 @@ fn a_backup_of_another_device_or_a_damaged_one_is_not_restored_unasked() {
 #[test]
 fn what_the_manual_does_not_name_is_noted_and_left_alone() {
     let image = broken(&[(22, 0), (31, 3), (28, 0x20)]);
-    let bench = Bench::new(&image);
+    let bench = Fixture::new(&image);
     let (status, said) = bench.run(&["fix", "--yes"]);
     assert_eq!(status, 0, "{said}");
     assert!(said.contains("note   SM2 is not enabled by the SII\n"), "{said}");
@@ -270,7 +270,7 @@ fn images_that_cannot_be_mended_are_left_alone() {
         (good[..category + 20].to_vec(), "runs past the end"),
     ];
     for (image, words) in cases {
-        let bench = Bench::new(&image);
+        let bench = Fixture::new(&image);
         for command in [&["check"][..], &["fix", "--yes"]] {
             let (status, said) = bench.run(command);
             assert_eq!(status, 1, "{said}");
@@ -279,7 +279,7 @@ fn images_that_cannot_be_mended_are_left_alone() {
         }
         assert!(!bench.has_written());
     }
-    let (status, said) = Bench::new(b"").run(&["check"]);
+    let (status, said) = Fixture::new(b"").run(&["check"]);
     assert_eq!(status, 3);
     assert!(said.contains("gave nothing"), "{said}");
 }
@@ -287,8 +287,8 @@ fn images_that_cannot_be_mended_are_left_alone() {
 #[test]
 fn nothing_is_written_unasked_or_to_the_wrong_slave() {
     let image = broken(&[(20, 0x64)]);
-    let refused = |prepare: fn(&Bench), arguments: &[&str], status: i32, words: &str| {
-        let bench = Bench::new(&image);
+    let refused = |prepare: fn(&Fixture), arguments: &[&str], status: i32, words: &str| {
+        let bench = Fixture::new(&image);
         prepare(&bench);
         let (found, said) = bench.run(arguments);
         assert_eq!(found, status, "{said}");
@@ -303,7 +303,7 @@ fn nothing_is_written_unasked_or_to_the_wrong_slave() {
     refused(|_| (), &taken, 2, "is there already");
     let nowhere = ["fix", "--yes", "--backup", "/nonexistent/backup.bin"];
     refused(|_| (), &nowhere, 2, "cannot be written");
-    let failing = |bench: &Bench| {
+    let failing = |bench: &Fixture| {
         bench.put(
             "sii_read.fails",
             b"Failed to open master device /dev/EtherCAT0: Permission denied",
@@ -314,10 +314,10 @@ fn nothing_is_written_unasked_or_to_the_wrong_slave() {
     refused(failing, &["check"], 3, words);
     refused(|_| (), &["restore", "state", "--yes"], 2, "state has 5 bytes: that is no SII");
     refused(|_| (), &["restore", "none.bin", "--yes"], 2, "cannot read none.bin");
-    let other_size = |bench: &Bench| bench.put("other.bin", &[0; 500]);
+    let other_size = |bench: &Fixture| bench.put("other.bin", &[0; 500]);
     refused(other_size, &["restore", "other.bin", "--yes"], 1, "may not be of slave 0");
     // Chosen by hand, the slave need not show itself.
-    let bench = Bench::new(&image);
+    let bench = Fixture::new(&image);
     bench.put("unit", b"0x0001 1");
     let (status, said) = bench.run(&["fix", "--yes", "--force"]);
     assert_eq!((status, bench.get("eeprom")), (0, good_image()), "{said}");
@@ -331,7 +331,7 @@ fn nothing_is_written_unasked_or_to_the_wrong_slave() {
 fn at_a_terminal_it_asks() {
     let image = broken(&[(20, 0x64)]);
     for (typed, status, is_mended) in [("n\n", 2, false), ("y\n", 0, true)] {
-        let bench = Bench::new(&image);
+        let bench = Fixture::new(&image);
         let pty = nix::pty::openpty(None, None).unwrap();
         std::fs::File::from(pty.master.try_clone().unwrap()).write_all(typed.as_bytes()).unwrap();
         let output = Command::new(SCRIPT)
@@ -350,12 +350,12 @@ fn at_a_terminal_it_asks() {
 
 #[test]
 fn a_write_that_fails_or_gets_lost_is_no_success() {
-    let bench = Bench::new(&broken(&[(20, 0x64)]));
+    let bench = Fixture::new(&broken(&[(20, 0x64)]));
     bench.put("sii_write.fails", b"Failed to write SII: Input/output error\n");
     let (status, said) = bench.run(&["fix", "--yes"]);
     assert_eq!(status, 3);
     assert!(said.contains("ethercat sii_write: Failed to write SII: Input/output error"), "{said}");
-    let bench = Bench::new(&broken(&[(20, 0x64)]));
+    let bench = Fixture::new(&broken(&[(20, 0x64)]));
     bench.put("write_is_lost", b"");
     let (status, said) = bench.run(&["fix", "--yes", "--backup", "b.bin", "--attempts", "1"]);
     assert_eq!(status, 1, "{said}");
@@ -365,7 +365,7 @@ fn a_write_that_fails_or_gets_lost_is_no_success() {
 
 #[test]
 fn wrong_use_is_named() {
-    let bench = Bench::new(&good_image());
+    let bench = Fixture::new(&good_image());
     let cases: [(&[&str], &str); 6] = [
         (&["mend"], "unknown command \"mend\""),
         (&["check", "--positions", "1"], "unknown option \"--positions\""),

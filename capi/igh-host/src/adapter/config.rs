@@ -5,7 +5,7 @@
 use std::ffi::{c_char, c_int};
 
 use ecan_host::{AdapterConfig, DcSync, Identity, SlaveSettings, StartupStep};
-use ecan_mcan_host::boundary::{Call, Plain, Room, Sealed, call, put_text};
+use ecan_mcan_host::boundary::{Call, OutArray, Plain, Sealed, call, put_text};
 use ecan_mcan_host::common::constants::{ECAN_DEFAULT_CYCLE_US, ECAN_DEFAULT_PDO_MULTIPLIER};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::PortConfig;
@@ -333,7 +333,7 @@ pub unsafe extern "C" fn ecan_igh_config_get_ecrt(
 ) -> c_int {
     call("ecan_igh_config_get_ecrt", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (config, mut room): (_, Room<c_char>) =
+        let (config, mut room): (_, OutArray<c_char>) =
             unsafe { (AdapterPlain::read(call, config)?, call.room("setting", setting, size)?) };
         if put_text(&mut room, config.ecrt.get().unwrap_or_default()) {
             return Ok(());

@@ -117,7 +117,7 @@ pub unsafe extern "C" fn ecan_igh_send(context: *mut ecan_igh_context_t) -> c_in
 /// Sleeps until the next cycle is due, on a grid of the configured period that never drifts. On a
 /// stepped simulation this is where time passes.
 ///
-/// A cycle lasts until the answer of the bus is back, ecan_igh_answer_ns() behind the last send; one
+/// A cycle lasts until the answer of the bus is back, ecan_igh_response_ns() behind the last send; one
 /// that came late may miss the next point by that. A datagram that is sent again before it is back
 /// loses its answer, and with it the received frames in it. An application with a timer of its own
 /// has to leave that time, too.
@@ -175,14 +175,14 @@ pub unsafe extern "C" fn ecan_igh_cycle_time_ns(context: *mut ecan_igh_context_t
 /// @usage   rt, the cycle's thread, after init
 /// @return  Nanoseconds; 0 where there is no context.
 #[unsafe(no_mangle)]
-pub unsafe extern "C" fn ecan_igh_answer_ns(context: *mut ecan_igh_context_t) -> u64 {
+pub unsafe extern "C" fn ecan_igh_response_ns(context: *mut ecan_igh_context_t) -> u64 {
     getter(
-        "ecan_igh_answer_ns",
+        "ecan_igh_response_ns",
         |_| 0,
         |call| {
             // SAFETY: the pointer is C's, valid or NULL as the header demands.
             let mut bus = unsafe { bus::enter(call, context.cast())? };
-            Ok(bus.need_adapter(call)?.answer_ns())
+            Ok(bus.need_adapter(call)?.response_ns())
         },
     )
 }

@@ -2,7 +2,7 @@
 
 use std::ffi::{CString, c_char, c_int, c_void};
 
-use ecan_cia402::{AxisPhase, AxisProgress, AxisTrouble};
+use ecan_cia402::{AxisError, AxisPhase, AxisProgress};
 use ecan_mcan_host::boundary::call;
 
 use super::context::igh_cia402_context_t;
@@ -23,15 +23,15 @@ unsafe impl Send for ProgressCallback {}
 pub(crate) struct Reporter {
     callback: Option<ProgressCallback>,
     /// By axis: what was told last.
-    told: Vec<Option<Told>>,
+    told: Vec<Option<ReportedProgress>>,
 }
 
 /// What of an axis' progress is worth telling; the time alone is not, nor the single steps of its
 /// configuration.
 #[derive(Clone, Copy, PartialEq)]
-struct Told {
+struct ReportedProgress {
     phase: AxisPhase,
-    trouble: Option<AxisTrouble>,
+    trouble: Option<AxisError>,
 }
 
 impl Reporter {
@@ -41,7 +41,7 @@ impl Reporter {
 
     pub(crate) fn see(&mut self, progress: &AxisProgress) {
         let Some(callback) = self.callback else { return };
-        let now = Told { phase: progress.phase, trouble: progress.trouble };
+        let now = ReportedProgress { phase: progress.phase, trouble: progress.trouble };
         if self.told.len() <= progress.axis {
             self.told.resize(progress.axis + 1, None);
         }

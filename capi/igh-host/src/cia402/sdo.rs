@@ -6,7 +6,7 @@
 use std::ffi::{c_int, c_void};
 
 use ecan_cia402::{Sdo, SdoStartError, WaitError};
-use ecan_mcan_host::boundary::{Call, Out, Room, call};
+use ecan_mcan_host::boundary::{Call, OutArray, OutPointer, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 
 use super::context::{igh_cia402_context_t, need_axis, on_axes};
@@ -31,8 +31,8 @@ pub enum igh_cia402_sdo_state_t {
 pub(crate) fn put_value(
     call: Call,
     value: &[u8],
-    room: &mut Room<u8>,
-    length: &Out<usize>,
+    room: &mut OutArray<u8>,
+    length: &OutPointer<usize>,
 ) -> Result<(), ecan_result_t> {
     length.set(value.len());
     if room.push_bytes(value) {

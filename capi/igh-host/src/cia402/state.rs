@@ -57,7 +57,7 @@ pub struct igh_cia402_axis_state_t {
     pub decision_reason: u8,
     /// An igh_cia402_hold_t: why the axis holds.
     pub hold_reason: u8,
-    /// An igh_cia402_trouble_t: what went wrong with the last command.
+    /// An igh_cia402_axis_error_t: what went wrong with the last command.
     pub trouble: u8,
     /// 1 where the drive is configured.
     pub is_configured: u8,

@@ -1,6 +1,8 @@
 //! What the state of an axis is made of
 
-use ecan_cia402::{AxisPhase, AxisTrouble, Decision, Heartbeat, HoldReason, Refusal, WaitReason};
+use ecan_cia402::{
+    AxisError, AxisPhase, Decision, Heartbeat, HoldReason, TargetRejection, WaitReason,
+};
 
 /// What an axis is doing.
 #[repr(C)]
@@ -147,31 +149,31 @@ pub enum igh_cia402_hold_t {
 /// What went wrong with the last command to an axis; igh_cia402_get_axis_text() tells more.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum igh_cia402_trouble_t {
+pub enum igh_cia402_axis_error_t {
     /// Nothing.
-    IGH_CIA402_TROUBLE_NONE = 0,
+    IGH_CIA402_AXIS_ERROR_NONE = 0,
     /// The configuration failed.
-    IGH_CIA402_TROUBLE_SETUP = 1,
+    IGH_CIA402_AXIS_ERROR_SETUP = 1,
     /// The drive restarted and has forgotten its configuration.
-    IGH_CIA402_TROUBLE_RESTARTED = 2,
+    IGH_CIA402_AXIS_ERROR_RESTARTED = 2,
     /// The drive did not reach Operation Enabled in time.
-    IGH_CIA402_TROUBLE_ENABLE_TIMED_OUT = 3,
+    IGH_CIA402_AXIS_ERROR_ENABLE_TIMED_OUT = 3,
     /// The drive has a fault; error_code.
-    IGH_CIA402_TROUBLE_FAULT = 4,
+    IGH_CIA402_AXIS_ERROR_FAULT = 4,
     /// The drive stays in fault after a reset; error_code.
-    IGH_CIA402_TROUBLE_RESET_REFUSED = 5,
+    IGH_CIA402_AXIS_ERROR_RESET_REFUSED = 5,
     /// The axis held; hold_reason.
-    IGH_CIA402_TROUBLE_HELD = 6,
+    IGH_CIA402_AXIS_ERROR_HELD = 6,
     /// Homing ended without a home position.
-    IGH_CIA402_TROUBLE_HOMING = 7,
+    IGH_CIA402_AXIS_ERROR_HOMING = 7,
     /// Homing took too long.
-    IGH_CIA402_TROUBLE_HOMING_TIMED_OUT = 8,
+    IGH_CIA402_AXIS_ERROR_HOMING_TIMED_OUT = 8,
     /// A mode was not taken.
-    IGH_CIA402_TROUBLE_MODE = 9,
+    IGH_CIA402_AXIS_ERROR_MODE = 9,
     /// The drive did not switch its power off in time.
-    IGH_CIA402_TROUBLE_NOT_DISABLED = 10,
+    IGH_CIA402_AXIS_ERROR_NOT_DISABLED = 10,
     /// Another one.
-    IGH_CIA402_TROUBLE_OTHER = 255,
+    IGH_CIA402_AXIS_ERROR_OTHER = 255,
 }
 
 /// How a node's heartbeat stands.
@@ -236,21 +238,21 @@ pub(crate) fn hold(reason: HoldReason) -> igh_cia402_hold_t {
     }
 }
 
-pub(crate) fn trouble(trouble: Option<AxisTrouble>) -> igh_cia402_trouble_t {
-    use igh_cia402_trouble_t::*;
+pub(crate) fn trouble(trouble: Option<AxisError>) -> igh_cia402_axis_error_t {
+    use igh_cia402_axis_error_t::*;
     match trouble {
-        None => IGH_CIA402_TROUBLE_NONE,
-        Some(AxisTrouble::Setup(_)) => IGH_CIA402_TROUBLE_SETUP,
-        Some(AxisTrouble::Restarted) => IGH_CIA402_TROUBLE_RESTARTED,
-        Some(AxisTrouble::EnableTimedOut { .. }) => IGH_CIA402_TROUBLE_ENABLE_TIMED_OUT,
-        Some(AxisTrouble::Fault { .. }) => IGH_CIA402_TROUBLE_FAULT,
-        Some(AxisTrouble::ResetRefused { .. }) => IGH_CIA402_TROUBLE_RESET_REFUSED,
-        Some(AxisTrouble::Held(_)) => IGH_CIA402_TROUBLE_HELD,
-        Some(AxisTrouble::Homing(_)) => IGH_CIA402_TROUBLE_HOMING,
-        Some(AxisTrouble::HomingTimedOut { .. }) => IGH_CIA402_TROUBLE_HOMING_TIMED_OUT,
-        Some(AxisTrouble::Script(_)) => IGH_CIA402_TROUBLE_MODE,
-        Some(AxisTrouble::NotDisabled { .. }) => IGH_CIA402_TROUBLE_NOT_DISABLED,
-        Some(_) => IGH_CIA402_TROUBLE_OTHER,
+        None => IGH_CIA402_AXIS_ERROR_NONE,
+        Some(AxisError::Setup(_)) => IGH_CIA402_AXIS_ERROR_SETUP,
+        Some(AxisError::Restarted) => IGH_CIA402_AXIS_ERROR_RESTARTED,
+        Some(AxisError::EnableTimedOut { .. }) => IGH_CIA402_AXIS_ERROR_ENABLE_TIMED_OUT,
+        Some(AxisError::Fault { .. }) => IGH_CIA402_AXIS_ERROR_FAULT,
+        Some(AxisError::ResetRefused { .. }) => IGH_CIA402_AXIS_ERROR_RESET_REFUSED,
+        Some(AxisError::Held(_)) => IGH_CIA402_AXIS_ERROR_HELD,
+        Some(AxisError::Homing(_)) => IGH_CIA402_AXIS_ERROR_HOMING,
+        Some(AxisError::HomingTimedOut { .. }) => IGH_CIA402_AXIS_ERROR_HOMING_TIMED_OUT,
+        Some(AxisError::Script(_)) => IGH_CIA402_AXIS_ERROR_MODE,
+        Some(AxisError::NotDisabled { .. }) => IGH_CIA402_AXIS_ERROR_NOT_DISABLED,
+        Some(_) => IGH_CIA402_AXIS_ERROR_OTHER,
     }
 }
 
@@ -278,11 +280,11 @@ pub(crate) fn decision(decision: Decision) -> (igh_cia402_decision_t, u8) {
         }
         Decision::Refuse(refusal) => {
             let reason = match refusal {
-                Refusal::Step { .. } => IGH_CIA402_REFUSAL_STEP,
-                Refusal::Window { .. } => IGH_CIA402_REFUSAL_WINDOW,
-                Refusal::Bounds { .. } => IGH_CIA402_REFUSAL_BOUNDS,
-                Refusal::Counter { .. } => IGH_CIA402_REFUSAL_COUNTER,
-                Refusal::NoTargets => IGH_CIA402_REFUSAL_NO_TARGETS,
+                TargetRejection::Step { .. } => IGH_CIA402_REFUSAL_STEP,
+                TargetRejection::Window { .. } => IGH_CIA402_REFUSAL_WINDOW,
+                TargetRejection::Bounds { .. } => IGH_CIA402_REFUSAL_BOUNDS,
+                TargetRejection::Counter { .. } => IGH_CIA402_REFUSAL_COUNTER,
+                TargetRejection::NoTargets => IGH_CIA402_REFUSAL_NO_TARGETS,
                 _ => IGH_CIA402_REFUSAL_OTHER,
             };
             (IGH_CIA402_DECISION_REFUSED, reason as u8)

@@ -56,14 +56,14 @@ fn garbage<T>() -> Box<T> {
 }
 
 /// A bus in operation, in places that do not move.
-struct Rig {
+struct Fixture {
     igh: Box<ecan_igh_context_t>,
     port: Box<igh_mcan_port_t>,
     motors: Box<igh_cia402_context_t>,
     axes: [igh_cia402_axis_t; AXES],
 }
 
-impl Rig {
+impl Fixture {
     /// With gateways and drives in operation, without axes on the Port.
     fn new() -> Self {
         let mut config: Box<ecan_igh_config_t> = garbage();
@@ -136,7 +136,7 @@ impl Rig {
     }
 }
 
-impl Drop for Rig {
+impl Drop for Fixture {
     fn drop(&mut self) {
         // SAFETY: the pointer is valid.
         unsafe { ecan_igh_deinit(&mut *self.igh) };
@@ -145,7 +145,7 @@ impl Drop for Rig {
 
 #[test]
 fn the_manuals_way_leads_to_axes_that_move() {
-    let mut rig = Rig::with_axes();
+    let mut rig = Fixture::with_axes();
     rig.start_up();
     let before = rig.state(1);
     assert_eq!((before.is_running, before.is_configured, before.has_actual), (1, 1, 1));
@@ -190,7 +190,7 @@ fn the_manuals_way_leads_to_axes_that_move() {
 
 #[test]
 fn a_target_beyond_the_limit_is_refused_with_its_reason() {
-    let mut rig = Rig::with_axes();
+    let mut rig = Fixture::with_axes();
     rig.start_up();
     let far = rig.state(0).target + 1_001;
     rig.cycle(|motors| {
@@ -234,7 +234,7 @@ unsafe extern "C" fn note(user: *mut c_void, axis: usize, text: *const c_char) {
 
 #[test]
 fn progress_is_told_once_per_change() {
-    let mut rig = Rig::with_axes();
+    let mut rig = Fixture::with_axes();
     let mut seen = Box::new(Seen { motors: rig.motors(), texts: Vec::new(), inner: 0 });
     // SAFETY: the pointers are valid as long as the rig.
     ok(unsafe {
@@ -259,7 +259,7 @@ fn progress_is_told_once_per_change() {
 
 #[test]
 fn objects_are_read_and_written_with_the_axes_at_work() {
-    let mut rig = Rig::with_axes();
+    let mut rig = Fixture::with_axes();
     rig.start_up();
     let motors = rig.motors();
     let mut data = [0_u8; 8];
@@ -301,7 +301,7 @@ fn objects_are_read_and_written_with_the_axes_at_work() {
 
 #[test]
 fn a_node_is_reached_without_axes_only() {
-    let mut rig = Rig::new();
+    let mut rig = Fixture::new();
     let port: *mut igh_mcan_port_t = &mut *rig.port;
     let mut data = [0_u8; 8];
     let (place, mut length) = (data.as_mut_ptr().cast::<c_void>(), 0);
@@ -339,7 +339,7 @@ fn a_node_is_reached_without_axes_only() {
 
 #[test]
 fn frames_of_others_are_handed_out() {
-    let mut rig = Rig::new();
+    let mut rig = Fixture::new();
     let port: *mut igh_mcan_port_t = &mut *rig.port;
     let time = 10_u16.to_le_bytes();
     // SAFETY: the pointers are valid.
@@ -371,7 +371,7 @@ fn frames_of_others_are_handed_out() {
 
 #[test]
 fn a_context_lives_and_ends_as_it_is_told() {
-    let mut rig = Rig::new();
+    let mut rig = Fixture::new();
     let motors = rig.motors();
     // SAFETY: the pointers are valid, or NULL where that is refused.
     unsafe {
@@ -412,7 +412,7 @@ fn a_context_lives_and_ends_as_it_is_told() {
 
 #[test]
 fn commands_check_their_arguments_and_their_time() {
-    let mut rig = Rig::with_axes();
+    let mut rig = Fixture::with_axes();
     let motors = rig.motors();
     let mut homing: Box<igh_cia402_homing_t> = garbage();
     // SAFETY: the pointers are valid, or NULL where that is refused.

@@ -17,7 +17,7 @@ use std::ffi::{OsStr, c_char, c_int};
 use std::os::unix::ffi::OsStrExt;
 
 use ecan_config_file::{ConfigFile, ConfigFileError, FileFault, FileFaults};
-use ecan_mcan_host::boundary::{Call, Out, Room, Sealed, call};
+use ecan_mcan_host::boundary::{Call, OutArray, OutPointer, Sealed, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 
 use super::config::{PortPlain, igh_mcan_port_config_t};
@@ -56,8 +56,8 @@ impl From<&FileFault> for igh_mcan_file_fault_t {
 
 /// Where C wants to have the faults.
 struct Wanted {
-    faults: Room<igh_mcan_file_fault_t>,
-    count: Out<usize>,
+    faults: OutArray<igh_mcan_file_fault_t>,
+    count: OutPointer<usize>,
 }
 
 impl Wanted {

@@ -10,7 +10,7 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::{Room, call};
+use ecan_mcan_host::boundary::{OutArray, call};
 use ecan_mcan_host::pdo::frames::{igh_mcan_rx_frame_t, igh_mcan_rx_kind_t};
 use ecan_mcan_port::{Port, Received, ReceivedView, TransmitReport};
 
@@ -104,7 +104,7 @@ fn tx_result(report: &TransmitReport) -> igh_mcan_rx_frame_t {
 }
 
 /// Hands what came back to C, as much as there is room for.
-pub(crate) fn receive(port: &mut Port, room: &mut Room<igh_mcan_rx_frame_t>) {
+pub(crate) fn receive(port: &mut Port, room: &mut OutArray<igh_mcan_rx_frame_t>) {
     if room.is_full() {
         return;
     }

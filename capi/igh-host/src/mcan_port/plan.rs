@@ -6,10 +6,10 @@
 use std::ffi::{c_char, c_int};
 
 use ecan_host::Faults;
-use ecan_mcan_host::boundary::{Call, Room, call, put_text};
+use ecan_mcan_host::boundary::{Call, OutArray, call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::igh_mcan_tx_frame_t;
-use ecan_mcan_port::{FrameRate, FrameStream, FrameWay, PortPlan};
+use ecan_mcan_port::{FrameRate, FrameRoute, FrameStream, PortPlan};
 
 use super::config::{PortPlain, igh_mcan_port_config_t};
 use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
@@ -17,13 +17,13 @@ use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
 /// Where frames of a plan go.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum igh_mcan_frame_way_t {
+pub enum igh_mcan_frame_route_t {
     /// From the host through the gateway to the bus.
-    IGH_MCAN_WAY_TO_BUS = 0,
+    IGH_MCAN_ROUTE_TO_BUS = 0,
     /// From the bus through the gateway to the host.
-    IGH_MCAN_WAY_FROM_BUS = 1,
+    IGH_MCAN_ROUTE_FROM_BUS = 1,
     /// Between other nodes: it only takes bus time.
-    IGH_MCAN_WAY_ON_BUS_ONLY = 2,
+    IGH_MCAN_ROUTE_ON_BUS_ONLY = 2,
 }
 
 /// Frames of one kind on one channel, for a plan.
@@ -37,7 +37,7 @@ pub struct igh_mcan_frame_stream_t {
     pub frames: u32,
     /// ... in so many cycles; 0 counts as 1. More than one frame needs 1.
     pub cycles: u32,
-    /// An igh_mcan_frame_way_t.
+    /// An igh_mcan_frame_route_t.
     pub way: u8,
     /// Not used.
     pub reserved: [u8; 3],
@@ -46,11 +46,11 @@ pub struct igh_mcan_frame_stream_t {
 impl igh_mcan_frame_stream_t {
     fn to_rust(self, call: Call) -> Result<FrameStream, ecan_result_t> {
         let way = match self.way {
-            0 => FrameWay::ToBus,
-            1 => FrameWay::FromBus,
-            2 => FrameWay::OnBusOnly,
+            0 => FrameRoute::ToBus,
+            1 => FrameRoute::FromBus,
+            2 => FrameRoute::OnBusOnly,
             way => {
-                let words = format_args!("{way} is no igh_mcan_frame_way_t");
+                let words = format_args!("{way} is no igh_mcan_frame_route_t");
                 return Err(call.argument("way", words));
             }
         };
@@ -81,7 +81,7 @@ pub(crate) fn plan(
     adapter: &AdapterPlain,
     port: &PortPlain,
     traffic: &[FrameStream],
-    mut room: Room<c_char>,
+    mut room: OutArray<c_char>,
 ) -> Result<(), ecan_result_t> {
     let config = port.settings(adapter.slave_count);
     let adapter = adapter.to_rust();

@@ -5,7 +5,7 @@ use std::fmt;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::slice;
 
-use super::places::{Out, Room};
+use super::places::{OutArray, OutPointer};
 use crate::common::last_error;
 use crate::common::result::ecan_result_t;
 
@@ -130,16 +130,20 @@ impl Call {
     /// # Safety
     /// `pointer` is NULL or valid for writing as long as the result lives.
     #[inline]
-    pub unsafe fn out<T>(self, name: &str, pointer: *mut T) -> Result<Out<T>, ecan_result_t> {
-        Out::new(pointer).ok_or_else(|| self.null(name))
+    pub unsafe fn out<T>(
+        self,
+        name: &str,
+        pointer: *mut T,
+    ) -> Result<OutPointer<T>, ecan_result_t> {
+        OutPointer::new(pointer).ok_or_else(|| self.null(name))
     }
 
     /// A place for a result that the caller may leave out.
     ///
     /// # Safety
     /// As for [`out`](Self::out).
-    pub unsafe fn optional_out<T>(self, pointer: *mut T) -> Option<Out<T>> {
-        Out::new(pointer)
+    pub unsafe fn optional_out<T>(self, pointer: *mut T) -> Option<OutPointer<T>> {
+        OutPointer::new(pointer)
     }
 
     /// Items that C lends. None may be at NULL.
@@ -180,12 +184,12 @@ impl Call {
         name: &str,
         items: *mut T,
         capacity: usize,
-    ) -> Result<Room<T>, ecan_result_t> {
+    ) -> Result<OutArray<T>, ecan_result_t> {
         if items.is_null() && capacity > 0 {
             return Err(self.null(name));
         }
         self.size::<T>(name, capacity)?;
-        Ok(Room::new(items, capacity))
+        Ok(OutArray::new(items, capacity))
     }
 
     #[inline]

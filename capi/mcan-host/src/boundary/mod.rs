@@ -6,5 +6,5 @@ mod places;
 mod sealed;
 
 pub use call::{Call, ToResult, call, getter};
-pub use places::{Out, Room, put_text};
+pub use places::{OutArray, OutPointer, put_text};
 pub use sealed::{Plain, Sealed};

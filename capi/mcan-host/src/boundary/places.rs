@@ -5,9 +5,9 @@ use std::ptr::NonNull;
 
 /// A place that C gave for a result.
 #[derive(Debug)]
-pub struct Out<T>(NonNull<T>);
+pub struct OutPointer<T>(NonNull<T>);
 
-impl<T> Out<T> {
+impl<T> OutPointer<T> {
     /// `pointer` must be valid for writing as long as this lives, or NULL.
     pub(super) fn new(pointer: *mut T) -> Option<Self> {
         NonNull::new(pointer).map(Self)
@@ -22,13 +22,13 @@ impl<T> Out<T> {
 
 /// Room that C gave for items.
 #[derive(Debug)]
-pub struct Room<T> {
+pub struct OutArray<T> {
     items: *mut T,
     capacity: usize,
     count: usize,
 }
 
-impl<T> Room<T> {
+impl<T> OutArray<T> {
     /// `items` must be valid for writing `capacity` items as long as this lives.
     pub(super) fn new(items: *mut T, capacity: usize) -> Self {
         Self { items, capacity, count: 0 }
@@ -59,7 +59,7 @@ impl<T> Room<T> {
     }
 }
 
-impl Room<u8> {
+impl OutArray<u8> {
     /// Stores as many bytes as fit.
     pub fn push_bytes(&mut self, bytes: &[u8]) -> bool {
         bytes.iter().all(|byte| self.push(*byte))
@@ -67,7 +67,7 @@ impl Room<u8> {
 }
 
 /// Copies a text into a buffer of C, cut where it does not fit, with NUL at its end.
-pub fn put_text(room: &mut Room<c_char>, text: &str) -> bool {
+pub fn put_text(room: &mut OutArray<c_char>, text: &str) -> bool {
     let fits = text.len() < room.capacity;
     let mut length = text.len().min(room.capacity.saturating_sub(1));
     while !text.is_char_boundary(length) {
@@ -86,7 +86,7 @@ mod tests {
     #[test]
     fn text_is_cut_to_the_room() {
         let mut buffer = [1; 4];
-        let mut room = Room::new(buffer.as_mut_ptr(), 4);
+        let mut room = OutArray::new(buffer.as_mut_ptr(), 4);
         assert!(!put_text(&mut room, "aöö"));
         assert_eq!(buffer.map(|c| c as u8), [b'a', 0xC3, 0xB6, 0]);
     }
@@ -94,7 +94,7 @@ mod tests {
     #[test]
     fn nothing_is_stored_beyond_the_capacity() {
         let mut buffer = [0; 3];
-        let mut room = Room::new(buffer.as_mut_ptr(), 2);
+        let mut room = OutArray::new(buffer.as_mut_ptr(), 2);
         assert!(!room.push_bytes(&[1, 2, 3]));
         assert!(room.is_full());
         assert_eq!((room.count(), buffer), (2, [1, 2, 0]));

@@ -178,7 +178,7 @@ pub extern "C" fn ecan_result_name(code: c_int) -> *const c_char {
 /// @usage   rt, any thread, any time
 /// @return  "the EtherCAT master refused" for example. Static.
 #[unsafe(no_mangle)]
-pub extern "C" fn ecan_result_words(code: c_int) -> *const c_char {
+pub extern "C" fn ecan_result_text(code: c_int) -> *const c_char {
     ecan_result_t::of(code).map_or(c"unknown result", |result| result.names().1).as_ptr()
 }
 
@@ -204,7 +204,7 @@ mod tests {
             // SAFETY: both functions return static C strings.
             let name = unsafe { CStr::from_ptr(ecan_result_name(result.code())) };
             // SAFETY: as above.
-            let words = unsafe { CStr::from_ptr(ecan_result_words(result.code())) };
+            let words = unsafe { CStr::from_ptr(ecan_result_text(result.code())) };
             assert_eq!(name.to_str().unwrap(), format!("{result:?}"));
             assert!(!words.is_empty());
             assert!(result.code() <= 0);

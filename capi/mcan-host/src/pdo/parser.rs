@@ -10,7 +10,7 @@ use ecan_protocol::mapping::HEADER_BYTES;
 use super::diagnosis::igh_mcan_pdo_parse_diag_t;
 use super::frames::igh_mcan_rx_frame_t;
 use super::profile::igh_mcan_pdo_profile_t;
-use crate::boundary::{Call, Plain, Room, Sealed, call};
+use crate::boundary::{Call, OutArray, Plain, Sealed, call};
 use crate::common::result::ecan_result_t;
 
 /// The header of an image, as transmitted (manual 6). Nothing in it is judged.
@@ -122,7 +122,7 @@ fn parse(
     call: Call,
     profile: &igh_mcan_pdo_profile_t,
     image: &[u8],
-    frames: &mut Room<igh_mcan_rx_frame_t>,
+    frames: &mut OutArray<igh_mcan_rx_frame_t>,
 ) -> Result<Result<usize, ParseDiagnosis>, ecan_result_t> {
     let (direction, profile) = profile.checked(call)?;
     let reader = ImageReader::new(direction, profile);

@@ -6,7 +6,7 @@ use ecan_canopen::MAX_BLOCK_SIZE;
 use ecan_host::SdoDirection;
 use ecan_protocol::object::AbortCode;
 
-use super::transfer::{Phase, Transfer, Trouble};
+use super::transfer::{Phase, Transfer, TransferFailure};
 use crate::canopen::error::{SdoFault, SdoStartError};
 use crate::canopen::heartbeat::NS_PER_MS;
 use crate::canopen::settings::SdoSettings;
@@ -222,17 +222,17 @@ impl SdoClient {
             transfer.block_arrived(last, false);
             return;
         }
-        self.trouble(Trouble::Silence);
+        self.trouble(TransferFailure::Silence);
     }
 
     /// The transfer cannot go on as it is: starts over or ends.
-    pub(super) fn trouble(&mut self, trouble: Trouble) {
+    pub(super) fn trouble(&mut self, trouble: TransferFailure) {
         let Some(transfer) = &mut self.transfer else { return };
         let opening_block = transfer.is_opening_block();
         let attempts = transfer.attempts;
         let has_attempts = attempts <= self.settings.retries && attempts < u8::MAX;
         let (code, fault, again) = match trouble {
-            Trouble::Abort(code) if opening_block && is_block_refusal(code) => {
+            TransferFailure::Abort(code) if opening_block && is_block_refusal(code) => {
                 let for_good = matches!(code, AbortCode::COMMAND | AbortCode::UNSUPPORTED_ACCESS);
                 match transfer.direction {
                     SdoDirection::Upload => self.refuses_block.0 |= for_good,
@@ -242,14 +242,16 @@ impl SdoClient {
                 transfer.begin();
                 return;
             }
-            Trouble::Abort(code) => {
+            TransferFailure::Abort(code) => {
                 (None, SdoFault::Aborted(code), has_attempts && is_transmission_fault(code))
             }
-            Trouble::Silence => {
+            TransferFailure::Silence => {
                 (Some(AbortCode::TIMEOUT), SdoFault::TimedOut { attempts }, has_attempts)
             }
-            Trouble::Violation(code) => (Some(code), SdoFault::Violated(code), has_attempts),
-            Trouble::TooLong => {
+            TransferFailure::Violation(code) => {
+                (Some(code), SdoFault::Violated(code), has_attempts)
+            }
+            TransferFailure::TooLong => {
                 let capacity = self.buffer.len() - PADDING;
                 (Some(AbortCode::OUT_OF_MEMORY), SdoFault::TooLong { capacity }, false)
             }

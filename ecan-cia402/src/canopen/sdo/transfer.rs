@@ -39,7 +39,7 @@ pub(super) enum Phase {
 
 /// Why a transfer starts over or ends.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Trouble {
+pub(super) enum TransferFailure {
     /// No answer.
     Silence,
     /// An answer that the protocol does not allow here.

@@ -9,7 +9,7 @@ use crate::gateway::{FirmwarePackage, Gateway, GatewayFault, GatewaySettings, Sm
 const MS: u64 = 1_000_000;
 const NAME: &[u8] = b"ecan_lite_app";
 
-struct Bench {
+struct Fixture {
     now: u64,
     room: usize,
     server: FoeServer,
@@ -17,7 +17,7 @@ struct Bench {
     out: Vec<u8>,
 }
 
-impl Bench {
+impl Fixture {
     /// A gateway in PREOP with mailboxes for `room` bytes of FoE.
     fn new(room: usize) -> Self {
         let mut gateway = Gateway::new(GatewaySettings::default(), 1);
@@ -118,7 +118,7 @@ fn package(payload: usize) -> FirmwarePackage {
 
 #[test]
 fn an_update_brings_the_new_version() {
-    let mut bench = Bench::new(122);
+    let mut bench = Fixture::new(122);
     assert_eq!(bench.version(), (vec![0, 0x02, 0x02, 0x01, 0x00], "2.2.1".to_owned()));
     let file = package(20_000).to_bytes();
     assert_eq!(bench.write(&file), message(4, 173, &[]));
@@ -130,7 +130,7 @@ fn an_update_brings_the_new_version() {
 
 #[test]
 fn bytes_of_a_write() {
-    let mut bench = Bench::new(122);
+    let mut bench = Fixture::new(122);
     let request = [
         0x02, 0x00, 0x00, 0x00, 0x00, 0x00, b'e', b'c', b'a', b'n', b'_', b'l', b'i', b't', b'e',
         b'_', b'a', b'p', b'p',
@@ -155,7 +155,7 @@ fn bytes_of_a_write() {
 
 #[test]
 fn a_full_last_packet_is_followed_by_an_empty_one() {
-    let mut bench = Bench::new(70);
+    let mut bench = Fixture::new(70);
     // 32 bytes of header and 96 of payload are two packets of 64
     let file = package(96).to_bytes();
     assert_eq!(bench.write(&file), message(4, 3, &[]));
@@ -184,7 +184,7 @@ fn wrong_packages_are_refused_and_leave_the_version() {
         (changed(400), 0x800C),
         (FirmwarePackage::new(7, 1, vec![1]).to_bytes(), 0x800D),
     ];
-    let mut bench = Bench::new(122);
+    let mut bench = Fixture::new(122);
     for (number, (file, code)) in cases.into_iter().enumerate() {
         assert_eq!(bench.write(&file), error(code, "OTA verify failed"), "{number}");
         let mut out = Vec::new();
@@ -202,7 +202,7 @@ fn wrong_packages_are_refused_and_leave_the_version() {
 
 #[test]
 fn requests_are_refused_by_name_and_password() {
-    let mut bench = Bench::new(122);
+    let mut bench = Fixture::new(122);
     for opcode in [1, 2] {
         for name in [&b"ecan_lite"[..], b"", b"ecan_lite_app2", b"ECAN_LITE_APP"] {
             assert_eq!(bench.open(opcode, 0, name), error(0x8001, "File not found"));
@@ -219,7 +219,7 @@ fn requests_are_refused_by_name_and_password() {
 #[test]
 fn repeated_and_skipped_packets_end_the_transfer() {
     for wrong in [0, 1, 3] {
-        let mut bench = Bench::new(122);
+        let mut bench = Fixture::new(122);
         bench.open(2, 0, NAME);
         assert_eq!(bench.data(1, &[0; 116]).0[0], 4);
         assert_eq!(bench.data(wrong, &[0; 116]).0, error(0x8005, "Packet number wrong"));
@@ -229,12 +229,12 @@ fn repeated_and_skipped_packets_end_the_transfer() {
 
 #[test]
 fn the_flash_makes_the_master_wait_or_fail() {
-    let mut bench = Bench::new(1 << 13);
+    let mut bench = Fixture::new(1 << 13);
     bench.open(2, 0, NAME);
     assert_eq!(bench.data(1, &[0; (1 << 13) - 6]).1, 100, "erasing");
     assert_eq!(bench.data(2, &[0; (1 << 13) - 6]).1, 2, "one sector written, the rest kept");
     for failing in 0..3 {
-        let mut bench = Bench::new(4096);
+        let mut bench = Fixture::new(4096);
         if failing == 0 {
             bench.gateway.inject(bench.now, GatewayFault::FlashFailure { times: 1 });
             assert_eq!(bench.open(2, 0, NAME), error(0x8011, "file write fail"));
@@ -251,7 +251,7 @@ fn the_flash_makes_the_master_wait_or_fail() {
 
 #[test]
 fn bootstrap_takes_firmware_too() {
-    let mut bench = Bench::new(122);
+    let mut bench = Fixture::new(122);
     bench.gateway.request_al_state(bench.now, AlState::Init);
     bench.gateway.request_al_state(bench.now, AlState::Boot);
     assert_eq!(bench.gateway.al_state(), AlState::Boot);
@@ -262,19 +262,19 @@ fn bootstrap_takes_firmware_too() {
 
 #[test]
 fn a_file_too_big_for_the_partition_is_refused() {
-    let mut bench = Bench::new(60_000);
+    let mut bench = Fixture::new(60_000);
     assert_eq!(bench.write(&vec![0; 512 * 1024 + 1]), error(0x8003, "file write fail"));
 }
 
 #[test]
 fn interrupted_updates_leave_the_running_version() {
     let file = package(3_000).to_bytes();
-    let begin = |bench: &mut Bench| {
+    let begin = |bench: &mut Fixture| {
         bench.open(2, 0, NAME);
         assert_eq!(bench.data(1, &file[..116]).0[0], 4);
     };
     // the supply goes
-    let mut bench = Bench::new(122);
+    let mut bench = Fixture::new(122);
     begin(&mut bench);
     bench.gateway.power(bench.now, false);
     bench.server = FoeServer::new();
@@ -311,7 +311,7 @@ fn interrupted_updates_leave_the_running_version() {
 #[test]
 fn the_running_package_is_read_back() {
     for room in [7, 38, 70, 122, 1000] {
-        let mut bench = Bench::new(room);
+        let mut bench = Fixture::new(room);
         let mut file = Vec::new();
         let mut answer = bench.open(1, 0, NAME);
         for number in 1.. {
@@ -329,7 +329,7 @@ fn the_running_package_is_read_back() {
         assert_eq!(file, bench.gateway.running_firmware());
         assert_eq!(FirmwarePackage::parse(&file).unwrap().version(), 0x0202_0001);
     }
-    let mut bench = Bench::new(38);
+    let mut bench = Fixture::new(38);
     bench.open(1, 0, NAME);
     assert_eq!(bench.ask(&message(4, 2, &[])), error(0x8005, "Packet number wrong"));
 }
@@ -337,7 +337,7 @@ fn the_running_package_is_read_back() {
 #[test]
 fn answers_fit_the_mailbox() {
     for room in 0..40 {
-        let mut bench = Bench::new(room);
+        let mut bench = Fixture::new(room);
         assert!(bench.open(1, 1, NAME).len() <= room);
         assert!(bench.open(1, 0, NAME).len() <= room);
     }
@@ -362,7 +362,7 @@ proptest! {
         room in 0usize..200,
         messages in proptest::collection::vec((any_message(), 0u64..200), 0..40),
     ) {
-        let mut bench = Bench::new(room);
+        let mut bench = Fixture::new(room);
         for (message, pause) in messages {
             bench.now += pause * MS;
             let answer = bench.ask(&message);

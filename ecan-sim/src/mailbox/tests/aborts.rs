@@ -2,7 +2,7 @@
 
 use ecan_protocol::object::AbortCode;
 
-use super::bench::{Bench, abort_in, coe, info};
+use super::bench::{Fixture, abort_in, coe, info};
 use crate::gateway::GatewayFault;
 
 #[test]
@@ -32,7 +32,7 @@ fn requests_that_begin_a_transfer() {
         ("segments for no subindex", &[0x21, 0, 0xF0, 33, 9, 0, 0, 0], AbortCode::NO_SUBINDEX),
     ];
     for (what, sdo, code) in cases {
-        let mut bench = Bench::preop();
+        let mut bench = Fixture::preop();
         let mut body = vec![0x00, 0x20];
         body.extend_from_slice(sdo);
         let answer = bench.coe(&body);
@@ -63,7 +63,7 @@ fn segments_of_a_download() {
         ("the other direction", &seven(0x60), AbortCode::COMMAND),
     ];
     for (what, segment, code) in cases {
-        let mut bench = Bench::preop();
+        let mut bench = Fixture::preop();
         assert_eq!(abort_in(&bench.coe(&BEGIN_DOWNLOAD)), None);
         let answer = bench.coe(segment);
         assert_eq!(abort_in(&answer), Some(code), "{what}");
@@ -81,7 +81,7 @@ fn segments_of_a_download() {
 fn segments_of_an_upload() {
     let cases = [("wrong toggle", 0x70, AbortCode::TOGGLE), ("down", 0x00, AbortCode::COMMAND)];
     for (what, command, code) in cases {
-        let mut bench = Bench::with_mailbox(20);
+        let mut bench = Fixture::with_mailbox(20);
         let first = bench.coe(&[0x00, 0x20, 0x40, 0x00, 0x60, 0x01, 0, 0, 0, 0]);
         assert_eq!(first[6..10], [16, 0, 0, 0]);
         assert_eq!(bench.abort_of(&[0x00, 0x20, command, 0, 0, 0, 0, 0, 0, 0]), code, "{what}");
@@ -92,7 +92,7 @@ fn segments_of_an_upload() {
 
 #[test]
 fn the_client_aborts_in_the_middle() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.coe(&BEGIN_DOWNLOAD);
     bench.write(&coe(&[0x00, 0x20, 0x80, 0x00, 0x70, 0x01, 0, 0, 0, 8]));
     assert_eq!(bench.server.next_ready(), None, "an abort has no answer");
@@ -103,7 +103,7 @@ fn the_client_aborts_in_the_middle() {
 
 #[test]
 fn a_new_transfer_ends_the_one_before() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.coe(&BEGIN_DOWNLOAD);
     assert_eq!(bench.upload(0xF000, 2, false), Ok(vec![4]));
     let segment = [0x00, 0x20, 0x00, 1, 2, 3, 4, 5, 6, 7];
@@ -112,7 +112,7 @@ fn a_new_transfer_ends_the_one_before() {
 
 #[test]
 fn an_injected_abort_reaches_the_master() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let fault = GatewayFault::SdoAbort { index: 0xF000, subindex: 2, code: 0x0800_0021, times: 1 };
     bench.gateway.inject(bench.now, fault);
     assert_eq!(bench.upload(0xF000, 2, false), Err(AbortCode::LOCAL_CONTROL));
@@ -132,7 +132,7 @@ fn errors_of_sdo_information() {
         ("a response", info(2, &[1, 0]), AbortCode::COMMAND),
     ];
     for (what, request, code) in cases {
-        let mut bench = Bench::preop();
+        let mut bench = Fixture::preop();
         let mut expected = vec![0x00, 0x80, 7, 0, 0, 0];
         expected.extend_from_slice(&code.0.to_le_bytes());
         assert_eq!(bench.coe(&request), expected, "{what}");

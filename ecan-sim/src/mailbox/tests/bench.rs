@@ -10,14 +10,14 @@ pub(super) const MS: u64 = 1_000_000;
 /// Length of both mailboxes in the manual's memory map.
 pub(super) const MAILBOX: usize = 128;
 
-pub(super) struct Bench {
+pub(super) struct Fixture {
     pub(super) gateway: Gateway,
     pub(super) server: MailboxServer,
     pub(super) now: u64,
     pub(super) mailbox: usize,
 }
 
-impl Bench {
+impl Fixture {
     /// In PREOP, with mailboxes of 128 bytes.
     pub(super) fn preop() -> Self {
         Self::with_mailbox(MAILBOX)

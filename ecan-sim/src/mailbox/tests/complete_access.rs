@@ -2,10 +2,10 @@
 
 use ecan_protocol::object::{AbortCode, objects};
 
-use super::bench::Bench;
+use super::bench::Fixture;
 
 /// The block of an object, from single uploads.
-fn block_of_singles(bench: &mut Bench, index: u16, first: u8) -> Vec<u8> {
+fn block_of_singles(bench: &mut Fixture, index: u16, first: u8) -> Vec<u8> {
     let object = ecan_protocol::object::object(index).unwrap();
     if object.entries.len() == 1 {
         return bench.value(index, 0);
@@ -30,7 +30,7 @@ fn block_of_singles(bench: &mut Bench, index: u16, first: u8) -> Vec<u8> {
 
 #[test]
 fn every_object_is_the_sum_of_its_entries() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let mut compared = 0;
     for object in objects() {
         for instance in 0..object.count {
@@ -57,7 +57,7 @@ fn every_object_is_the_sum_of_its_entries() {
 
 #[test]
 fn a_missing_subindex_takes_no_room_and_a_command_shows_zero() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let block = bench.upload(0x8000, 0, true).unwrap();
     // count; :1 write-only; no :2; :3 = 1275 mV; :4 = 400 MHz
     let [c0, c1, c2, c3] = 400_000_000_u32.to_le_bytes();
@@ -66,7 +66,7 @@ fn a_missing_subindex_takes_no_room_and_a_command_shows_zero() {
 
 #[test]
 fn an_assignment_is_written_whatever_it_was_before() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     assert_eq!(bench.value(0x1C12, 0), [24]);
     for chunks in [3_u16, 1, 8, 24] {
         let mut block = vec![chunks as u8, 0];
@@ -86,7 +86,7 @@ fn an_assignment_is_written_whatever_it_was_before() {
 
 #[test]
 fn a_refused_assignment_leaves_none() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let foreign = bench.download(0x1C12, 0, true, &[2, 0, 0x00, 0x16, 0x00, 0x1A]);
     assert_eq!(foreign, Err(AbortCode::NOT_MAPPABLE));
     assert_eq!(bench.value(0x1C12, 0), [0]);
@@ -97,7 +97,7 @@ fn a_refused_assignment_leaves_none() {
 
 #[test]
 fn entries_of_an_assignment_in_use_are_locked() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let entries = [0x00, 0x16, 0x01, 0x16];
     assert_eq!(bench.download(0x1C12, 1, true, &entries), Err(AbortCode::SUBINDEX_LOCKED));
     bench.download(0x1C12, 0, false, &[0]).unwrap();
@@ -107,7 +107,7 @@ fn entries_of_an_assignment_in_use_are_locked() {
 
 #[test]
 fn read_only_entries_and_lengths() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let unit = |count| {
         let mut block = vec![count, 0];
         block.extend_from_slice(b"0123456789ABCDEF");

@@ -3,7 +3,7 @@
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::{Direction, sync_manager, sync_manager_address, sync_manager_control};
 
-use super::bench::{Bench, MS, coe};
+use super::bench::{Fixture, MS, coe};
 use crate::bus::ErrorState;
 use crate::gateway::{GatewayFault, SmSettings};
 
@@ -17,7 +17,7 @@ fn emergency(message: &[u8]) -> (u16, [u8; 5]) {
 
 #[test]
 fn bus_off_and_its_end() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (state, counter) in [(ErrorState::Passive, 130), (ErrorState::BusOff, 256)] {
         bench.gateway.bus_state(bench.now, 1, state, counter, 0);
         bench.gateway.bus_state(bench.now, 1, state, counter, 0);
@@ -31,7 +31,7 @@ fn bus_off_and_its_end() {
 
 #[test]
 fn a_slave_that_falls_back_says_why() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.gateway.inject(bench.now, GatewayFault::AlError { code: 0x001B });
     bench.gateway.inject(bench.now, GatewayFault::AlError { code: 0x002C });
     assert_eq!(emergency(&bench.read_now().unwrap()), (0x8130, [0x1B, 0, 0, 0, 0]));
@@ -40,7 +40,7 @@ fn a_slave_that_falls_back_says_why() {
 
 #[test]
 fn the_watchdog_after_a_start_as_a_master_does_it() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (direction, object, first_map) in
         [(Direction::RxPdo, 0x1C12, 0x1600_u16), (Direction::TxPdo, 0x1C13, 0x1A00)]
     {
@@ -68,7 +68,7 @@ fn the_watchdog_after_a_start_as_a_master_does_it() {
 
 #[test]
 fn emergencies_overtake_answers() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.write(&coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0, 0, 0, 0]));
     bench.now += MS;
     bench.gateway.bus_state(bench.now, 0, ErrorState::BusOff, 256, 0);
@@ -81,7 +81,7 @@ fn emergencies_overtake_answers() {
 
 #[test]
 fn none_without_a_mailbox() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.gateway.bus_state(bench.now, 0, ErrorState::BusOff, 256, 0);
     bench.gateway.request_al_state(bench.now, AlState::Init);
     assert!(!bench.server.is_due(bench.now, &bench.gateway));
@@ -93,7 +93,7 @@ fn none_without_a_mailbox() {
 
 #[test]
 fn a_silent_mailbox_keeps_them() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.gateway.inject(bench.now, GatewayFault::MailboxSilent { ms: 1 });
     bench.gateway.bus_state(bench.now, 3, ErrorState::BusOff, 256, 0);
     assert!(!bench.server.is_due(bench.now, &bench.gateway));

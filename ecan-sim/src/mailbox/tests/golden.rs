@@ -1,11 +1,11 @@
 //! Every service byte by byte, written by hand from ETG.1000.4 and ETG.1000.6.
 
-use super::bench::{Bench, MS};
+use super::bench::{Fixture, MS};
 use crate::bus::ErrorState;
 
 #[test]
 fn an_expedited_upload_as_igh_sends_it() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     // 10 bytes, to station 0x1001, CoE without counter; SDO request; upload 0xF000:2
     let request = [
         0x0A, 0x00, 0x01, 0x10, 0x00, 0x03, 0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0x00, 0x00, 0x00,
@@ -21,7 +21,7 @@ fn an_expedited_upload_as_igh_sends_it() {
 
 #[test]
 fn expedited_uploads_of_two_and_four_bytes() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let wide = bench.coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x0D, 0, 0, 0, 0]);
     assert_eq!(wide, [0x00, 0x30, 0x4B, 0x00, 0xF0, 0x0D, 0x00, 0x0C, 0x00, 0x00]);
     let long = bench.coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x10, 0, 0, 0, 0]);
@@ -30,7 +30,7 @@ fn expedited_uploads_of_two_and_four_bytes() {
 
 #[test]
 fn a_normal_upload() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let name = bench.coe(&[0x00, 0x20, 0x40, 0x08, 0x10, 0x00, 0, 0, 0, 0]);
     let mut expected = vec![0x00, 0x30, 0x41, 0x08, 0x10, 0x00, 0x09, 0x00, 0x00, 0x00];
     expected.extend_from_slice(b"ECAN-Lite");
@@ -40,7 +40,7 @@ fn a_normal_upload() {
 #[test]
 fn a_segmented_upload() {
     // room for 4 bytes in the first message, for 11 in a segment
-    let mut bench = Bench::with_mailbox(20);
+    let mut bench = Fixture::with_mailbox(20);
     bench.download(0x7000, 1, false, b"0123456789ABCDEF").unwrap();
     let first = bench.coe(&[0x00, 0x20, 0x40, 0x00, 0x70, 0x01, 0, 0, 0, 0]);
     let mut expected = vec![0x00, 0x30, 0x41, 0x00, 0x70, 0x01, 0x10, 0x00, 0x00, 0x00];
@@ -57,7 +57,7 @@ fn a_segmented_upload() {
 
 #[test]
 fn expedited_downloads_with_and_without_size() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     // 0x8000:3 := 1200, two bytes
     let indicated = bench.coe(&[0x00, 0x20, 0x2B, 0x00, 0x80, 0x03, 0xB0, 0x04, 0x00, 0x00]);
     assert_eq!(indicated, [0x00, 0x30, 0x60, 0x00, 0x80, 0x03, 0, 0, 0, 0]);
@@ -70,7 +70,7 @@ fn expedited_downloads_with_and_without_size() {
 
 #[test]
 fn a_normal_download() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let mut body = vec![0x00, 0x20, 0x21, 0x10, 0x70, 0x01, 0x10, 0x00, 0x00, 0x00];
     body.extend_from_slice(b"0123456789ABCDEF");
     assert_eq!(bench.coe(&body), [0x00, 0x30, 0x60, 0x10, 0x70, 0x01, 0, 0, 0, 0]);
@@ -79,7 +79,7 @@ fn a_normal_download() {
 
 #[test]
 fn a_segmented_download() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let mut body = vec![0x00, 0x20, 0x21, 0x10, 0x70, 0x01, 0x10, 0x00, 0x00, 0x00];
     body.extend_from_slice(b"0123");
     assert_eq!(bench.coe(&body), [0x00, 0x30, 0x60, 0x10, 0x70, 0x01, 0, 0, 0, 0]);
@@ -94,14 +94,14 @@ fn a_segmented_download() {
 
 #[test]
 fn an_abort_of_the_server() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let answer = bench.coe(&[0x00, 0x20, 0x40, 0x34, 0x12, 0x05, 0, 0, 0, 0]);
     assert_eq!(answer, [0x00, 0x20, 0x80, 0x34, 0x12, 0x05, 0x00, 0x00, 0x02, 0x06]);
 }
 
 #[test]
 fn a_complete_upload() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let answer = bench.coe(&[0x00, 0x20, 0x50, 0x18, 0x10, 0x00, 0, 0, 0, 0]);
     let expected = [
         0x00, 0x30, 0x51, 0x18, 0x10, 0x00, 0x12, 0x00, 0x00, 0x00, // 18 bytes
@@ -116,7 +116,7 @@ fn a_complete_upload() {
 
 #[test]
 fn a_complete_download_of_an_assignment() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let answer = bench.coe(&[
         0x00, 0x20, 0x31, 0x12, 0x1C, 0x00, 0x06, 0x00, 0x00, 0x00, // 6 bytes
         0x02, 0x00, 0x00, 0x16, 0x01, 0x16,
@@ -128,7 +128,7 @@ fn a_complete_download_of_an_assignment() {
 
 #[test]
 fn lengths_of_the_object_lists() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let answer = bench.coe(&[0x00, 0x80, 0x01, 0x00, 0x00, 0x00, 0x00, 0x00]);
     assert_eq!(answer[..8], [0x00, 0x80, 0x02, 0x00, 0x00, 0x00, 0x00, 0x00]);
     // 192 output units and 192 input units
@@ -139,7 +139,7 @@ fn lengths_of_the_object_lists() {
 #[test]
 fn a_list_in_two_fragments() {
     // 0x8000..0x8004, 0x8010, 0x8011, 0x8020..0x8024 are to be saved: room for nine numbers
-    let mut bench = Bench::with_mailbox(30);
+    let mut bench = Fixture::with_mailbox(30);
     let first = bench.coe(&[0x00, 0x80, 0x01, 0x00, 0x00, 0x00, 0x04, 0x00]);
     let expected = [
         0x00, 0x80, 0x82, 0x00, 0x01, 0x00, 0x04, 0x00, 0x00, 0x80, 0x01, 0x80, 0x02, 0x80, 0x03,
@@ -157,7 +157,7 @@ fn a_list_in_two_fragments() {
 
 #[test]
 fn descriptions_of_an_object_and_of_an_entry() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let object = bench.coe(&[0x00, 0x80, 0x03, 0x00, 0x00, 0x00, 0x18, 0x10]);
     let mut expected = vec![0x00, 0x80, 0x04, 0x00, 0x00, 0x00, 0x18, 0x10, 0x23, 0x00, 4, 9];
     expected.extend_from_slice(b"Identity");
@@ -178,14 +178,14 @@ fn descriptions_of_an_object_and_of_an_entry() {
 
 #[test]
 fn an_error_of_sdo_information() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let answer = bench.coe(&[0x00, 0x80, 0x03, 0x00, 0x00, 0x00, 0x34, 0x12]);
     assert_eq!(answer, [0x00, 0x80, 0x07, 0x00, 0x00, 0x00, 0x00, 0x00, 0x02, 0x06]);
 }
 
 #[test]
 fn an_emergency() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.gateway.bus_state(bench.now, 2, ErrorState::BusOff, 256, 0);
     assert!(bench.server.is_due(bench.now, &bench.gateway));
     let message = bench.read_now().unwrap();
@@ -200,7 +200,7 @@ fn an_emergency() {
 
 #[test]
 fn a_mailbox_error() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     // EoE
     let answer = bench.exchange(&[0x04, 0x00, 0x34, 0x12, 0x00, 0x52, 0, 0, 0, 0]);
     assert_eq!(answer, [0x04, 0x00, 0x34, 0x12, 0x00, 0x10, 0x01, 0x00, 0x02, 0x00]);

@@ -2,10 +2,10 @@
 
 use ecan_protocol::object::{Access, Entry, ObjectType, object, objects};
 
-use super::bench::{Bench, coe, info};
+use super::bench::{Fixture, coe, info};
 
 /// Asks, and puts the fragments together.
-fn ask(bench: &mut Bench, opcode: u8, parameters: &[u8]) -> Vec<u8> {
+fn ask(bench: &mut Fixture, opcode: u8, parameters: &[u8]) -> Vec<u8> {
     bench.write(&coe(&info(opcode, parameters)));
     let mut body = Vec::new();
     let mut expected_left = None;
@@ -24,7 +24,7 @@ fn ask(bench: &mut Bench, opcode: u8, parameters: &[u8]) -> Vec<u8> {
     }
 }
 
-fn list(bench: &mut Bench, list_type: u8) -> Vec<u16> {
+fn list(bench: &mut Fixture, list_type: u8) -> Vec<u16> {
     let body = ask(bench, 1, &[list_type, 0]);
     assert_eq!(body[..2], [list_type, 0]);
     body[2..].chunks(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect()
@@ -39,7 +39,7 @@ fn dictionary() -> Vec<u16> {
 
 #[test]
 fn the_lists_and_their_lengths() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let lengths = list(&mut bench, 0);
     let lists: Vec<Vec<u16>> = (1..=5).map(|list_type| list(&mut bench, list_type)).collect();
     let found: Vec<u16> = lists.iter().map(|list| list.len() as u16).collect();
@@ -60,7 +60,7 @@ fn the_lists_and_their_lengths() {
 #[test]
 fn a_walk_finds_every_object_and_entry() {
     for mailbox in [128, 40] {
-        let mut bench = Bench::with_mailbox(mailbox);
+        let mut bench = Fixture::with_mailbox(mailbox);
         let mut entries_found = 0;
         for index in list(&mut bench, 1) {
             let [i0, i1] = index.to_le_bytes();
@@ -95,7 +95,7 @@ fn a_walk_finds_every_object_and_entry() {
     }
 }
 
-fn check_entry(bench: &mut Bench, index: u16, entry: &Entry, description: &[u8]) {
+fn check_entry(bench: &mut Fixture, index: u16, entry: &Entry, description: &[u8]) {
     let what = format!("0x{index:04X}:{}", entry.subindex);
     let word = |at: usize| u16::from_le_bytes([description[at], description[at + 1]]);
     let data_type = match entry.ty {
@@ -129,7 +129,7 @@ fn check_entry(bench: &mut Bench, index: u16, entry: &Entry, description: &[u8])
 
 #[test]
 fn a_signed_entry_has_signed_limits() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let description = ask(&mut bench, 5, &[0x11, 0x90, 4, 0x60]);
     assert_eq!(description[4..8], [4, 0, 32, 0]);
     assert_eq!(description[10..14], i32::MIN.to_le_bytes());
@@ -150,7 +150,7 @@ fn rights_of_entries() {
         (0x7000, 1, 0x004F, "an RxPDO maps it, and owns it from SAFEOP on"),
         (0x7000, 0, 0x0007, "nothing maps the count"),
     ];
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for (index, subindex, rights, what) in cases {
         let [i0, i1] = u16::to_le_bytes(index);
         let description = ask(&mut bench, 5, &[i0, i1, subindex, 0]);
@@ -163,7 +163,7 @@ fn rights_of_entries() {
 fn no_fragment_ends_within_an_index() {
     let expected = dictionary();
     for mailbox in 16..=64 {
-        let mut bench = Bench::with_mailbox(mailbox);
+        let mut bench = Fixture::with_mailbox(mailbox);
         bench.write(&coe(&info(1, &[1, 0])));
         let mut found = Vec::new();
         let mut first = true;

@@ -3,7 +3,7 @@
 use crate::mailbox::MailboxServer;
 use ecan_protocol::device::AlState;
 
-use super::bench::{Bench, MAILBOX, MS, coe, message};
+use super::bench::{Fixture, MAILBOX, MS, coe, message};
 use crate::gateway::{GatewayFault, GatewaySettings};
 
 /// An upload of 0xF000:2, CoE body.
@@ -39,7 +39,7 @@ fn every_detail_of_a_mailbox_error() {
         ("longer than the mailbox", vec![0xFF, 0xFF, 0, 0, 0, 3], 8),
     ];
     for (what, request, detail) in cases {
-        let mut bench = Bench::preop();
+        let mut bench = Fixture::preop();
         let answer = bench.exchange(&request);
         assert_eq!(error_detail(&answer), Some(detail), "{what}: {answer:02X?}");
         let next = bench.exchange(&coe(&UPLOAD));
@@ -49,14 +49,14 @@ fn every_detail_of_a_mailbox_error() {
 
 #[test]
 fn a_mailbox_shorter_than_a_header() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.server.receive(bench.now, &[1, 2, 3], MAILBOX, &mut bench.gateway);
     assert_eq!(bench.read().as_deref().and_then(error_detail), Some(6));
 }
 
 #[test]
 fn an_answer_that_the_read_mailbox_cannot_hold() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.mailbox = 10;
     bench.server.receive(bench.now, &coe(&UPLOAD), 10, &mut bench.gateway);
     assert_eq!(bench.read().as_deref().and_then(error_detail), Some(8));
@@ -69,21 +69,21 @@ fn an_answer_that_the_read_mailbox_cannot_hold() {
 
 #[test]
 fn an_error_is_not_answered() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.write(&message(0, 0, &[1, 0, 2, 0]));
     assert_eq!(bench.server.next_ready(), None);
 }
 
 #[test]
 fn the_counter_of_answers_goes_from_one_to_seven() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let counters: Vec<u8> = (0..9).map(|_| bench.exchange(&coe(&UPLOAD))[5] >> 4).collect();
     assert_eq!(counters, [1, 2, 3, 4, 5, 6, 7, 1, 2]);
 }
 
 #[test]
 fn a_repeated_write_is_ignored() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     assert_eq!(bench.exchange(&message(3, 4, &UPLOAD))[8], 0x4F);
     bench.write(&message(3, 4, &UPLOAD));
     assert_eq!(bench.server.next_ready(), None);
@@ -100,7 +100,7 @@ fn a_repeated_write_is_ignored() {
 
 #[test]
 fn the_answer_takes_its_time() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     assert_eq!(GatewaySettings::default().mailbox_delay_ns, DELAY);
     let asked = bench.now;
     bench.write(&coe(&UPLOAD));
@@ -116,7 +116,7 @@ fn the_answer_takes_its_time() {
 
 #[test]
 fn a_silent_mailbox_keeps_its_answers() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let asked = bench.now;
     bench.write(&coe(&UPLOAD));
     bench.gateway.inject(asked, GatewayFault::MailboxSilent { ms: 5 });
@@ -129,7 +129,7 @@ fn a_silent_mailbox_keeps_its_answers() {
 
 #[test]
 fn a_gateway_in_init_neither_answers_nor_takes_requests() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     bench.write(&coe(&UPLOAD));
     bench.gateway.request_al_state(bench.now, AlState::Init);
     assert_eq!(bench.read(), None);
@@ -140,7 +140,7 @@ fn a_gateway_in_init_neither_answers_nor_takes_requests() {
 
 #[test]
 fn a_full_queue_says_so_once() {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     for _ in 0..12 {
         bench.write(&coe(&UPLOAD));
     }

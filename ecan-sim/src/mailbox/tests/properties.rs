@@ -5,7 +5,7 @@ use crate::mailbox::MailboxServer;
 use ecan_protocol::device::AlState;
 use proptest::prelude::*;
 
-use super::bench::{Bench, coe, message};
+use super::bench::{Fixture, coe, message};
 use crate::bus::ErrorState;
 use crate::gateway::GatewayFault;
 
@@ -116,7 +116,7 @@ fn check_form(out: &[u8]) -> u8 {
 }
 
 /// Reads all there is; more rounds than there can be messages are an endless loop.
-fn drain(bench: &mut Bench) {
+fn drain(bench: &mut Fixture) {
     for _ in 0..20_000 {
         if !bench.server.is_due(bench.now, &bench.gateway) {
             return;
@@ -130,7 +130,7 @@ fn drain(bench: &mut Bench) {
 }
 
 fn run(steps: Vec<Step>) {
-    let mut bench = Bench::preop();
+    let mut bench = Fixture::preop();
     let mut counter = 0;
     for step in steps {
         match step {
@@ -208,7 +208,7 @@ proptest! {
         mailbox in 16..160_usize,
         unit in 0..192_u16,
     ) {
-        let mut bench = Bench::with_mailbox(mailbox);
+        let mut bench = Fixture::with_mailbox(mailbox);
         let index = 0x7000 + 16 * unit;
         prop_assert_eq!(bench.download(index, 1, false, &data), Ok(()));
         prop_assert_eq!(bench.upload(index, 1, false), Ok(data.to_vec()));

@@ -1,14 +1,14 @@
 //! Transfers in mailboxes of every size give the same data.
 
-use super::bench::Bench;
+use super::bench::Fixture;
 
 #[test]
 fn every_mailbox_size_moves_the_same_data() {
     let data: Vec<u8> = (0..16).map(|byte| byte * 7 + 1).collect();
-    let whole = Bench::preop().upload(0x8001, 0, true).unwrap();
+    let whole = Fixture::preop().upload(0x8001, 0, true).unwrap();
     assert!(whole.len() > 120, "several segments even in a full mailbox");
     for mailbox in 16..=200 {
-        let mut bench = Bench::with_mailbox(mailbox);
+        let mut bench = Fixture::with_mailbox(mailbox);
         bench.download(0x7020, 1, false, &data).unwrap();
         assert_eq!(bench.value(0x7020, 1), data, "down, {mailbox} bytes");
         assert_eq!(bench.upload(0x7020, 1, false).as_deref(), Ok(&data[..]), "up, {mailbox} bytes");
@@ -18,7 +18,7 @@ fn every_mailbox_size_moves_the_same_data() {
 
 #[test]
 fn a_segmented_download_of_a_whole_object() {
-    let mut bench = Bench::with_mailbox(20);
+    let mut bench = Fixture::with_mailbox(20);
     let mut block = vec![24, 0];
     for chunk in 0..24_u16 {
         block.extend_from_slice(&(0x1A00 + chunk).to_le_bytes());

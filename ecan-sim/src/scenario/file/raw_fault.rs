@@ -2,7 +2,7 @@
 
 use serde::Deserialize;
 
-use crate::fault::{DriveFault, Fault, LibraryCall, LostWay, ScriptedFault, When};
+use crate::fault::{DriveFault, Fault, LibraryCall, LossDirection, ScriptedFault, When};
 use crate::gateway::GatewayFault;
 use crate::scenario::{NodeKind, NodeSpec, Scenario};
 
@@ -15,7 +15,7 @@ pub(super) struct RawFault {
     gateway: Option<usize>,
     channel: Option<usize>,
     node: Option<String>,
-    way: Option<RawWay>,
+    way: Option<RawLossDirection>,
     cycles: Option<u32>,
     offset: Option<i32>,
     off_ms: Option<u32>,
@@ -32,7 +32,7 @@ pub(super) struct RawFault {
 
 #[derive(Deserialize, Clone, Copy)]
 #[serde(rename_all = "lowercase")]
-enum RawWay {
+enum RawLossDirection {
     Outward,
     Return,
 }
@@ -114,8 +114,8 @@ impl RawFault {
         let fault = match self.kind {
             RawFaultKind::LostFrame => Fault::LostFrame {
                 way: match self.way.take() {
-                    Some(RawWay::Return) => LostWay::Return,
-                    Some(RawWay::Outward) | None => LostWay::Outward,
+                    Some(RawLossDirection::Return) => LossDirection::Return,
+                    Some(RawLossDirection::Outward) | None => LossDirection::Outward,
                 },
                 cycles: self.cycles.take().unwrap_or(1),
             },

@@ -11,7 +11,7 @@ mod command_tests;
 #[cfg(test)]
 mod session_tests;
 
-pub(super) use session::{SlcanHearing, SlcanSession};
+pub(super) use session::{SlcanReceiveSettings, SlcanSession};
 
 /// Ends a command, and alone is the answer "done".
 const OK: u8 = b'\r';

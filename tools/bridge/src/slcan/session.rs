@@ -34,7 +34,7 @@ pub(crate) struct SlcanSession {
     line: Vec<u8>,
     /// The line is too long; the rest of it is not looked at.
     overlong: bool,
-    hearing: SlcanHearing,
+    hearing: SlcanReceiveSettings,
     /// Since the flags were read last.
     flags: u32,
 }
@@ -44,7 +44,7 @@ impl SlcanSession {
         Self {
             line: Vec::with_capacity(MAX_LINE),
             overlong: false,
-            hearing: SlcanHearing::default(),
+            hearing: SlcanReceiveSettings::default(),
             flags: 0,
         }
     }
@@ -121,21 +121,21 @@ impl SlcanSession {
     }
 
     /// What the client wants to hear by now.
-    pub(crate) fn hearing(&self) -> SlcanHearing {
+    pub(crate) fn hearing(&self) -> SlcanReceiveSettings {
         self.hearing
     }
 }
 
 /// How the channel is set up: what passes between the client and the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct SlcanHearing {
+pub(crate) struct SlcanReceiveSettings {
     mode: Mode,
     bitrate: Option<NamedRate>,
     data_bitrate: Option<NamedRate>,
     timestamps: bool,
 }
 
-impl SlcanHearing {
+impl SlcanReceiveSettings {
     /// Whether a frame can go between this client and a bus.
     fn fits(&self, frame: &CanFrame, bus: &BusRates) -> bool {
         let shares = |named: Option<NamedRate>, real| named.is_none_or(|named| named.fits(real));

@@ -13,7 +13,7 @@ use socketcan::{CanFdSocket, Socket as _};
 use crate::clients::Clients;
 use crate::connection::Close;
 use crate::hub::{ClientId, Hub};
-use crate::outbox::{Outbox, Outgoing};
+use crate::outbox::{ClientQueue, Outgoing};
 use crate::socketcan::frame::{from_kernel, to_kernel};
 use crate::socketcan::interface::{self, SocketCanError};
 use crate::statistics::count;
@@ -78,7 +78,7 @@ impl SocketCanBridge {
         // Where the queue of the socket is full a write waits no longer than that.
         socket.set_write_timeout(LOOK)?;
         let (hub, state) = (Arc::new(Hub::new(queue, 1)), Arc::new(State::default()));
-        let outbox = Arc::new(Outbox::new(hub.queue()));
+        let outbox = Arc::new(ClientQueue::new(hub.queue()));
         // A new hub has room for one.
         let id = hub.join(Closing(state.clone()), outbox.clone());
         let id = id.ok_or(io::ErrorKind::ConnectionRefused)?;
@@ -183,7 +183,7 @@ struct Writer {
 
 impl Writer {
     /// Until the hub has forgotten the client.
-    fn run(mut self, outbox: &Outbox) {
+    fn run(mut self, outbox: &ClientQueue) {
         while let Some(outgoing) = outbox.take() {
             // There is nothing to answer to an interface.
             let Outgoing::Frame(frame, _) = outgoing else { continue };

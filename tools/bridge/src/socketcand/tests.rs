@@ -5,7 +5,7 @@ use proptest::prelude::*;
 
 use super::SocketcandSession;
 use crate::rates::BusRates;
-use crate::session::{Hearing, Uplink};
+use crate::session::{ReceiveSettings, Uplink};
 
 #[derive(Default)]
 struct Bus {
@@ -41,7 +41,7 @@ fn say(session: &mut SocketcandSession, bus: &mut Bus, text: &str) -> String {
 
 fn heard(session: &SocketcandSession, frame: &CanFrame) -> String {
     let mut text = Vec::new();
-    let hearing = Hearing::Socketcand { is_raw: session.is_raw() };
+    let hearing = ReceiveSettings::Socketcand { is_raw: session.is_raw() };
     hearing.encode(frame, 23_424_242_999, None, &mut text);
     String::from_utf8(text).unwrap()
 }

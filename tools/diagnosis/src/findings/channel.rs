@@ -4,7 +4,7 @@ use ecan_protocol::config::NodeMode;
 use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::finding::{Finding, Place};
+use crate::finding::{Finding, Location};
 use crate::registers::{
     ErrorCounters, EventFifoStatus, Interrupts, LastErrorCode, ProtocolStatus, ReceiveFifoStatus,
     TransmitQueueStatus,
@@ -15,11 +15,11 @@ use crate::snapshot::{ObjectKey, Snapshot};
 pub(super) struct Channel<'a> {
     pub(super) snapshot: &'a Snapshot,
     pub(super) number: u8,
-    place: Place,
+    place: Location,
 }
 
 pub(super) fn findings(snapshot: &Snapshot, number: u8) -> Vec<Finding> {
-    let channel = Channel { snapshot, number, place: Place::Channel(number) };
+    let channel = Channel { snapshot, number, place: Location::Channel(number) };
     let mut found = Vec::new();
     found.extend(channel.error_state());
     found.extend(channel.bus_error());

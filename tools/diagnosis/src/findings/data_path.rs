@@ -2,12 +2,12 @@
 
 use ecan_protocol::config::ApplyStatus;
 
-use crate::finding::{Finding, Place};
+use crate::finding::{Finding, Location};
 use crate::snapshot::{ObjectKey, Snapshot};
 
 pub(super) fn findings(snapshot: &Snapshot, channel: u8) -> Vec<Finding> {
     let number = u16::from(channel);
-    let place = Place::Channel(channel);
+    let place = Location::Channel(channel);
     let object = 0x8021 + number;
     let control = |subindex| snapshot.get(object, subindex);
     let entry = |subindex| ObjectKey { index: object, subindex };

@@ -3,7 +3,7 @@
 use ecan_protocol::device::{AccessMode, MaintenanceStatus};
 
 use crate::diagnostic_flags::DIAGNOSTIC_FLAGS;
-use crate::finding::{Finding, Place};
+use crate::finding::{Finding, Location};
 use crate::snapshot::Snapshot;
 
 pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
@@ -13,7 +13,7 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     if let Some(status) = value(0x8020, 3) {
         let what = format!("the global data path control was not applied: status {status}");
         found.push(
-            Finding::fault("data-path-global", Place::Device, what)
+            Finding::fault("data-path-global", Location::Device, what)
                 .because(&["a value of 0x8020 is out of its range"])
                 .so("correct it, write 0x8020:02 = 1 and read :03 again", "13.2.1"),
         );
@@ -21,7 +21,7 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     if let Some(status) = value(0x8000, 15) {
         let what = format!("the rotation of the CAN pins was not applied: status {status}");
         found.push(
-            Finding::fault("pin-rotation", Place::Device, what)
+            Finding::fault("pin-rotation", Location::Device, what)
                 .because(&["it was written in OP", "the rotation is not in 0x8000:14"])
                 .so("stop the application and use `ecan pins ROTATION`", "13.3"),
         );
@@ -29,7 +29,7 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     if let Some(result) = value(0x8000, 11) {
         let what = format!("the system configuration was not applied: result {result}");
         found.push(
-            Finding::fault("system-apply", Place::Device, what)
+            Finding::fault("system-apply", Location::Device, what)
                 .because(&["the firmware refused a value of 0x8000"])
                 .so("read 0x8000 and write it again, or restore the factory's values", "13.3"),
         );
@@ -49,7 +49,7 @@ fn flags(snapshot: &Snapshot) -> Vec<Finding> {
             .map(|(_, name, words)| format!("{words} ({name})"))
             .collect();
         (set != 0).then(|| {
-            Finding::warning(id, Place::Device, told.join(", ")).because(causes).so(next, "13.7")
+            Finding::warning(id, Location::Device, told.join(", ")).because(causes).so(next, "13.7")
         })
     };
     let known = DIAGNOSTIC_FLAGS.iter().fold(0, |mask, (bit, ..)| mask | 1 << bit);
@@ -98,7 +98,7 @@ fn flags(snapshot: &Snapshot) -> Vec<Finding> {
     if flags & !known != 0 {
         let what = format!("0xB000:06 has bits that the manual does not name: 0x{flags:04X}");
         found.push(
-            Finding::warning("flag-unknown", Place::Device, what)
+            Finding::warning("flag-unknown", Location::Device, what)
                 .because(&["a firmware that is newer than this program"])
                 .so("compare with the manual of the firmware", "13.7"),
         );
@@ -136,7 +136,7 @@ fn maintenance(snapshot: &Snapshot) -> Vec<Finding> {
             ),
         };
         found.push(
-            Finding::warning("maintenance-status", Place::Device, what)
+            Finding::warning("maintenance-status", Location::Device, what)
                 .because(causes)
                 .so(next, "13.7"),
         );
@@ -148,7 +148,7 @@ fn maintenance(snapshot: &Snapshot) -> Vec<Finding> {
             None => format!("access mode {mode} is active, which the manual does not name"),
         };
         found.push(
-            Finding::warning("access-mode", Place::Device, what)
+            Finding::warning("access-mode", Location::Device, what)
                 .because(&["somebody is at work on the gateway, or did not give the mode back"])
                 .so("write 0xB000:01 = 0 when nobody is", "13.7"),
         );

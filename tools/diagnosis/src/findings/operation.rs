@@ -3,7 +3,7 @@
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::CHUNK_BYTES;
 
-use crate::finding::{Finding, Place};
+use crate::finding::{Finding, Location};
 use crate::snapshot::Snapshot;
 
 /// Outputs that arrive closer behind a Sync0 pulse than this may have missed it, in microseconds.
@@ -15,8 +15,8 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     let mut found = Vec::new();
     found.extend(state(snapshot));
     found.extend(silence(snapshot));
-    found.extend(assignment(snapshot, 0x8010, 0x1C13, Place::TxPdo));
-    found.extend(assignment(snapshot, 0x8011, 0x1C12, Place::RxPdo));
+    found.extend(assignment(snapshot, 0x8010, 0x1C13, Location::TxPdo));
+    found.extend(assignment(snapshot, 0x8011, 0x1C12, Location::RxPdo));
     found.extend(large_images(snapshot));
     found.extend(sync_phase(snapshot));
     found
@@ -33,7 +33,7 @@ fn state(snapshot: &Snapshot) -> Option<Finding> {
         (None, _) => Some(
             Finding::fault(
                 "state-unknown",
-                Place::Slave,
+                Location::Slave,
                 format!("the AL state reads as 0x{:02X}, which is none", snapshot.al_state),
             )
             .because(&[
@@ -44,14 +44,14 @@ fn state(snapshot: &Snapshot) -> Option<Finding> {
         ),
         (Some(AlState::Op), false) | (Some(AlState::PreOp), false) => None,
         (Some(AlState::Boot), _) => Some(
-            Finding::warning("state-boot", Place::Slave, "the gateway is in BOOT, for firmware")
+            Finding::warning("state-boot", Location::Slave, "the gateway is in BOOT, for firmware")
                 .because(&["a firmware update is under way", "a firmware update was broken off"])
                 .so("let the update end, or do it again; then power-cycle", "15.7"),
         ),
         (Some(AlState::Init), false) => Some(
             Finding::fault(
                 "state-init",
-                Place::Slave,
+                Location::Slave,
                 "the gateway stays in INIT, without mailbox",
             )
             .because(&[
@@ -64,7 +64,7 @@ fn state(snapshot: &Snapshot) -> Option<Finding> {
         (Some(AlState::SafeOp), false) => Some(
             Finding::warning(
                 "state-safeop",
-                Place::Slave,
+                Location::Slave,
                 "the gateway is in SAFEOP: its inputs are alive, what it is sent is thrown away",
             )
             .because(&[
@@ -81,7 +81,7 @@ fn state(snapshot: &Snapshot) -> Option<Finding> {
 /// The master gave up, without a code from the slave.
 fn held(snapshot: &Snapshot, state: AlState) -> Finding {
     let what = format!("the master met an error with the gateway and holds it in {state}");
-    let finding = Finding::fault("state-error", Place::Slave, what);
+    let finding = Finding::fault("state-error", Location::Slave, what);
     let finding = match state {
         AlState::SafeOp | AlState::Op => finding.because(&[
             "process data stop for longer than the watchdog: the application does not keep its \
@@ -163,13 +163,13 @@ fn status_code(snapshot: &Snapshot, code: AlStatusCode) -> Finding {
             "read the kernel log for the step that failed",
         ),
     };
-    Finding::fault(id, Place::Slave, what).because(causes).so(next, "16.1")
+    Finding::fault(id, Location::Slave, what).because(causes).so(next, "16.1")
 }
 
 fn silence(snapshot: &Snapshot) -> Option<Finding> {
     let why = snapshot.silence.as_ref()?;
     let finding =
-        Finding::fault("mailbox-silent", Place::Slave, format!("objects cannot be read: {why}"))
+        Finding::fault("mailbox-silent", Location::Slave, format!("objects cannot be read: {why}"))
             .because(&[
                 "the gateway is not in PREOP or higher, or it is starting",
                 "process data leave mailbox traffic no room in the cycle",
@@ -179,7 +179,12 @@ fn silence(snapshot: &Snapshot) -> Option<Finding> {
 }
 
 /// The master's mapping against the profile in force.
-fn assignment(snapshot: &Snapshot, profile: u16, assignment: u16, place: Place) -> Option<Finding> {
+fn assignment(
+    snapshot: &Snapshot,
+    profile: u16,
+    assignment: u16,
+    place: Location,
+) -> Option<Finding> {
     let bytes = snapshot.active_bytes(profile)?;
     let chunks = snapshot.get(assignment, 0)?;
     if u64::from(chunks) * CHUNK_BYTES as u64 == u64::from(bytes) {
@@ -209,7 +214,7 @@ fn large_images(snapshot: &Snapshot) -> Option<Finding> {
         return None;
     }
     let what = format!("N = {chunks}: {bytes} bytes do not fit one EtherCAT datagram");
-    let finding = Finding::warning("images-large", Place::Slave, what).because(&[
+    let finding = Finding::warning("images-large", Location::Slave, what).because(&[
         "the installed master does not split process data over datagrams, so that N is at most 11",
         "an old application maps several gateways into one domain",
     ]);
@@ -233,7 +238,7 @@ fn sync_phase(snapshot: &Snapshot) -> Option<Finding> {
         us(min),
         us(max)
     );
-    let finding = Finding::warning("sync-shift-small", Place::Slave, what).because(&[
+    let finding = Finding::warning("sync-shift-small", Location::Slave, what).because(&[
         "the DC shift is too small, so that outputs of a late cycle miss their pulse",
         "the host's cycle jitters: no real-time priority, power saving, interrupt coalescing",
     ]);

@@ -3,7 +3,7 @@
 use ecan_protocol::config::ProfileStatus;
 use ecan_protocol::image::{OptionFlags, PdoError};
 
-use crate::finding::{Finding, Place};
+use crate::finding::{Finding, Location};
 use crate::snapshot::Snapshot;
 
 /// Header in front of the frame area, in bytes.
@@ -11,7 +11,7 @@ const HEADER_BYTES: u32 = 24;
 
 pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     let mut found = Vec::new();
-    for (index, place) in [(0x8010, Place::TxPdo), (0x8011, Place::RxPdo)] {
+    for (index, place) in [(0x8010, Location::TxPdo), (0x8011, Location::RxPdo)] {
         found.extend(status(snapshot, index, place));
         found.extend(frame_area(snapshot, index, place));
         found.extend(last_error(snapshot, index, place));
@@ -22,7 +22,7 @@ pub(super) fn findings(snapshot: &Snapshot) -> Vec<Finding> {
     found
 }
 
-fn status(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
+fn status(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
     let raw = snapshot.get(index, 2)?;
     let status = ProfileStatus::from_raw(u8::try_from(raw).unwrap_or(u8::MAX));
     let n = snapshot.number(index, 3);
@@ -69,7 +69,7 @@ fn status(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
     })
 }
 
-fn frame_area(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
+fn frame_area(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
     let bytes = snapshot.active_bytes(index)?;
     let area = snapshot.get(index, 10)?;
     let expected = bytes.checked_sub(HEADER_BYTES);
@@ -87,7 +87,7 @@ fn frame_area(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> 
     Some(finding.so("read 0xF000:18 and the profile again", "5.4.2"))
 }
 
-fn last_error(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
+fn last_error(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
     let (raw, count) = (snapshot.get(index, 14)?, snapshot.get(index, 15));
     let error = u16::try_from(raw).ok().and_then(PdoError::from_raw);
     if raw == 0 && count.unwrap_or(0) == 0 {
@@ -230,7 +230,7 @@ fn explain(error: Option<PdoError>) -> (&'static str, &'static [&'static str], &
     }
 }
 
-fn overflow(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
+fn overflow(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
     let count = snapshot.get(index, 16).filter(|count| *count != 0)?;
     let what = format!("{count} times frames did not fit the process data or were held up");
     let finding = Finding::warning("pdo-overflow", place, what);
@@ -254,7 +254,7 @@ fn overflow(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
     })
 }
 
-fn bypass(snapshot: &Snapshot, index: u16, place: Place) -> Option<Finding> {
+fn bypass(snapshot: &Snapshot, index: u16, place: Location) -> Option<Finding> {
     snapshot.active_bytes(index)?;
     let options = snapshot.get(index, 12)? >> 21 & 0xFF;
     let is_bypassed = options & u32::from(OptionFlags::APP_BYPASS.bits()) != 0;
@@ -281,7 +281,7 @@ fn diagnostic_test(snapshot: &Snapshot) -> Option<Finding> {
         return None;
     }
     let what = format!("diagnostic tests are active: 0x8030 {}", active.join(", "));
-    let finding = Finding::fault("diagnostic-test", Place::Device, what)
+    let finding = Finding::fault("diagnostic-test", Location::Device, what)
         .because(&["they were switched on for a measurement and left so"]);
     Some(finding.so("write 0 to 0x8030:02 to :06, then to the key :01; or `ecan reboot`", "13.2.3"))
 }

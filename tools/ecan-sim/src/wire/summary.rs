@@ -17,14 +17,14 @@ pub fn print(wire: &Wire, dropped: u64, unsent: u64, screen: Screen) {
     ));
     let world = wire.world();
     for (index, gateway) in (0..).map_while(|index| Some((index, world.gateway(index)?))) {
-        let truth = gateway.truth();
+        let counters = gateway.counters();
         screen.line(format_args!(
             "gateway {index}: {}, {} images taken, {} given, {} frames out, {} in",
             gateway.al_state(),
-            truth.images_parsed,
-            truth.images_read,
-            truth.frames_on_bus,
-            truth.frames_to_master,
+            counters.images_parsed,
+            counters.images_read,
+            counters.frames_on_bus,
+            counters.frames_to_master,
         ));
         for channel in 0..CHANNELS {
             let (Some(bus), Some(station)) =

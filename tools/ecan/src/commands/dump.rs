@@ -10,12 +10,12 @@ use ecan_mcan_port::{Received, Session};
 
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, names_channel};
-use crate::frames::format::{Heard, Screen};
+use crate::frames::format::{Screen, TimedFrame};
 use crate::frames::options::FrameOptions;
 use crate::frames::prepared::Prepared;
 use crate::frames::printer::{Destination, Printer};
 use crate::frames::service::Service;
-use crate::frames::settings::{Settings, Wishes};
+use crate::frames::settings::{GatewayRequirements, Settings};
 use crate::frames::timestamp::Style;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -147,11 +147,11 @@ pub fn run(
         is_log: arguments.log_format,
         is_json: global.json,
     };
-    let wishes = Wishes {
+    let wishes = GatewayRequirements {
         is_listening: arguments.listen_only,
         has_device_time: arguments.device_time,
         has_end: arguments.count.is_some() || arguments.timeout.is_some(),
-        ..Wishes::on(arguments.channel)
+        ..GatewayRequirements::on(arguments.channel)
     };
     let prepared = Prepared::new(&settings, wishes, global, output)?;
     let is_shown = !is_filed || arguments.screen;
@@ -186,7 +186,7 @@ fn listen(
             let Received::Frame(received) = arrival.received else { continue };
             last_ns = arrival.time_ns;
             let time_ns = service.absolute_ns(arrival.time_ns);
-            printer.put(Heard { time_ns, received }, service.is_real_time());
+            printer.put(TimedFrame { time_ns, received }, service.is_real_time());
         }
         let is_quiet = timeout_ns.is_some_and(|limit| cycle.now_ns - last_ns >= limit);
         let ended = service.end(cycle);

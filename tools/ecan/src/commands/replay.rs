@@ -15,7 +15,7 @@ use crate::frames::prepared::Prepared;
 use crate::frames::printer::{Destination, Printer};
 use crate::frames::recording::{self, Recorded, RecordedLog};
 use crate::frames::sender::{Due, Record, Sender};
-use crate::frames::settings::{Settings, Wishes};
+use crate::frames::settings::{GatewayRequirements, Settings};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -170,11 +170,11 @@ pub fn run(
     let settings = Settings::of(&options.gateway)?;
     let interrupt = Interrupt::install()?;
     let total = recording.total();
-    let wishes = Wishes {
+    let wishes = GatewayRequirements {
         required: recording.channels(),
         has_results: true,
         has_end: total.is_some(),
-        ..Wishes::on(*channel)
+        ..GatewayRequirements::on(*channel)
     };
     let prepared = Prepared::new(&settings, wishes, global, output)?;
     recording.check_fd(&arguments.file, &prepared)?;

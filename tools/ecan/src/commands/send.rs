@@ -8,12 +8,12 @@ use serde::Serialize;
 
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, names_channel, parse_channel};
-use crate::frames::departures::Departures;
+use crate::frames::departures::TransmitTracker;
 use crate::frames::options::FrameOptions;
 use crate::frames::prepared::Prepared;
 use crate::frames::sender::{Due, Record, Sender};
 use crate::frames::service::Service;
-use crate::frames::settings::{Settings, Wishes};
+use crate::frames::settings::{GatewayRequirements, Settings};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -69,7 +69,7 @@ pub fn run(
     let settings = Settings::of(&options.gateway)?;
     let interrupt = Interrupt::install()?;
     let channels = Channels::only(*channel);
-    let wishes = Wishes { has_results: true, ..Wishes::on(channels) };
+    let wishes = GatewayRequirements { has_results: true, ..GatewayRequirements::on(channels) };
     let prepared = Prepared::new(&settings, wishes, global, output)?;
     if let Some(fd) = frames.iter().find(|frame| frame.as_ref().is_fd()) {
         prepared.needs_fd(format_args!("{} is a CAN FD frame", FrameText(fd)), *channel)?;
@@ -94,7 +94,7 @@ pub fn run(
 /// Whether all have left, and if not, why.
 fn judge(
     arguments: &SendArguments,
-    departures: &Departures,
+    departures: &TransmitTracker,
     service: &Service,
 ) -> Result<(), Failure> {
     let SendArguments { frames, channel, timeout, .. } = arguments;

@@ -20,7 +20,7 @@ const SATURATED: u32 = 7;
 
 /// The way of frames out of the gateway.
 #[derive(Debug)]
-pub struct Departures {
+pub struct TransmitTracker {
     channels: Channels,
     /// Frames without a result, with their numbers.
     open: HashMap<SendTicket, u64>,
@@ -51,7 +51,7 @@ pub struct Departures {
     last_departure_ns: u64,
 }
 
-impl Departures {
+impl TransmitTracker {
     /// Of a gateway in service, from now on.
     pub fn new(channels: Channels, service: &Service) -> Self {
         let now_ns = service.now_ns();

@@ -12,7 +12,7 @@ use crate::frames::timestamp::{Style, Timestamps};
 
 /// A frame with its time.
 #[derive(Clone, Copy, Debug)]
-pub struct Heard {
+pub struct TimedFrame {
     /// Since 1970, or since the start of a simulation.
     pub time_ns: u64,
     pub received: ReceivedFrame,
@@ -66,7 +66,7 @@ impl ScreenLines {
     }
 
     /// The line of the next frame, without its end.
-    pub fn line(&mut self, heard: &Heard) -> String {
+    pub fn line(&mut self, heard: &TimedFrame) -> String {
         if self.screen.is_json {
             return json(heard);
         }
@@ -109,7 +109,7 @@ impl LogLines {
     }
 
     /// The line of the next frame, without its end.
-    pub fn line(&mut self, heard: &Heard) -> String {
+    pub fn line(&mut self, heard: &TimedFrame) -> String {
         let ReceivedFrame { frame, channel, .. } = &heard.received;
         let time = self.timestamps.text(heard.time_ns);
         let mark = if self.has_extra { " R" } else { "" };
@@ -133,7 +133,7 @@ fn device_time(timestamp: Timestamp) -> Option<u64> {
     }
 }
 
-fn json(heard: &Heard) -> String {
+fn json(heard: &TimedFrame) -> String {
     let ReceivedFrame { frame, channel, timestamp, .. } = &heard.received;
     let (has_bit_rate_switch, has_error_state) = fd_flags(frame);
     let line = Line {

@@ -10,8 +10,8 @@ use ecan_sim::ClockKind;
 use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::frames::capture::{CaptureOptions, FrameCapture};
-use crate::frames::service::{CACHE_DEPTH, Place, Service, failure, without_fd};
-use crate::frames::settings::{Planned, Settings, Wishes};
+use crate::frames::service::{CACHE_DEPTH, GatewaySetup, Service, failure, without_fd};
+use crate::frames::settings::{GatewayRequirements, Planned, Settings};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -20,7 +20,7 @@ use crate::output::Output;
 #[derive(Debug)]
 pub struct Prepared<'a> {
     bus: Bus,
-    place: Place,
+    place: GatewaySetup,
     cache_depth: u32,
     /// The configuration file.
     config_path: Option<PathBuf>,
@@ -32,7 +32,7 @@ impl<'a> Prepared<'a> {
     /// to be set to.
     pub fn new(
         settings: &Settings<'a>,
-        wishes: Wishes,
+        wishes: GatewayRequirements,
         global: &GlobalOptions,
         output: &Output,
     ) -> Result<Self, Failure> {
@@ -42,7 +42,7 @@ impl<'a> Prepared<'a> {
             settings.for_one(&bus, wishes, global)?;
         let position = positions.first().copied().unwrap_or_default();
         config.check(&adapter).map_err(|faults| failure(position, faults.into()))?;
-        let place = Place { position, adapter, config, channels };
+        let place = GatewaySetup { position, adapter, config, channels };
         let cache_depth = bus.read(position, 0xF000, 29).unwrap_or(CACHE_DEPTH);
         let (config_path, real_time) = (settings.config_path(), settings.real_time());
         Ok(Self { bus, place, cache_depth, config_path, real_time })

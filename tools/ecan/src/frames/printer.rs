@@ -11,7 +11,7 @@ use ecan_command_line::log_file::{LogFileError, Writer};
 use ecan_command_line::new_file::{Existing, is_standard_stream};
 
 use crate::failure::Failure;
-use crate::frames::format::{Heard, LogLines, Screen, ScreenLines};
+use crate::frames::format::{LogLines, Screen, ScreenLines, TimedFrame};
 use crate::output::Output;
 
 /// Frames that may wait to be written: some seconds of four full channels.
@@ -35,7 +35,7 @@ pub struct Destination<'a> {
 /// The thread that writes.
 #[derive(Debug)]
 pub struct Printer {
-    queue: Option<SyncSender<Heard>>,
+    queue: Option<SyncSender<TimedFrame>>,
     thread: JoinHandle<Result<(), Failure>>,
     /// Nothing comes from it; it is cut when the thread is at its end.
     end: Receiver<()>,
@@ -55,7 +55,7 @@ impl Printer {
         let writer = log.map(|path| Writer::create_with(path, existing)).transpose()?;
         let lines = is_shown.then(|| ScreenLines::new(screen));
         let log_lines = writer.map(|writer| (writer, LogLines::new(screen)));
-        let print = move |heard: &Receiver<Heard>| print_all(heard, lines, log_lines);
+        let print = move |heard: &Receiver<TimedFrame>| print_all(heard, lines, log_lines);
         let printer = Self::start_with(QUEUE, interrupt, print)?;
         Ok(Self { log: log.map(Path::to_owned), ..printer })
     }
@@ -63,7 +63,7 @@ impl Printer {
     fn start_with(
         capacity: usize,
         interrupt: &Interrupt,
-        write: impl FnOnce(&Receiver<Heard>) -> Result<(), Failure> + Send + 'static,
+        write: impl FnOnce(&Receiver<TimedFrame>) -> Result<(), Failure> + Send + 'static,
     ) -> Result<Self, Failure> {
         let (queue, heard) = sync_channel(capacity);
         let (until_end, end) = sync_channel::<()>(0);
@@ -78,7 +78,7 @@ impl Printer {
 
     /// Hands a frame over. In real time one for which there is no room is dropped; simulated time
     /// can wait, until the user wants to stop.
-    pub fn put(&mut self, mut heard: Heard, is_real_time: bool) {
+    pub fn put(&mut self, mut heard: TimedFrame, is_real_time: bool) {
         let Some(queue) = &self.queue else { return };
         while let Err(error) = queue.try_send(heard) {
             match error {
@@ -135,7 +135,7 @@ fn stands_still(log: Option<PathBuf>) -> Failure {
 
 /// Writes what comes, and writes it out whenever nothing more waits.
 fn print_all(
-    heard: &Receiver<Heard>,
+    heard: &Receiver<TimedFrame>,
     mut screen: Option<ScreenLines>,
     mut log: Option<(Writer, LogLines)>,
 ) -> Result<(), Failure> {
@@ -174,11 +174,11 @@ mod tests {
     use super::*;
     use crate::global::Color;
 
-    fn heard() -> Heard {
+    fn heard() -> TimedFrame {
         let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap();
         let (timestamp, source) = (Timestamp::None, ReceiveSource::default());
         let received = ReceivedFrame { slave: 0, channel: 0, frame, timestamp, source };
-        Heard { time_ns: 0, received }
+        TimedFrame { time_ns: 0, received }
     }
 
     #[test]

@@ -7,8 +7,8 @@ use ecan_protocol::image::Timestamp;
 
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
-use crate::frames::departures::Departures;
-use crate::frames::format::Heard;
+use crate::frames::departures::TransmitTracker;
+use crate::frames::format::TimedFrame;
 use crate::frames::printer::Printer;
 use crate::frames::service::{Cycle, Service};
 use crate::frames::summary::Summary;
@@ -55,7 +55,7 @@ impl Record {
             let (timestamp, source) = (Timestamp::None, ReceiveSource::default());
             let received = ReceivedFrame { slave: 0, channel, frame, timestamp, source };
             // The screen of what is sent shows no times.
-            printer.put(Heard { time_ns: 0, received }, service.is_real_time());
+            printer.put(TimedFrame { time_ns: 0, received }, service.is_real_time());
         }
     }
 
@@ -64,7 +64,7 @@ impl Record {
         for arrival in &cycle.arrivals {
             if let Received::Frame(received) = arrival.received {
                 let time_ns = service.absolute_ns(arrival.time_ns);
-                printer.put(Heard { time_ns, received }, service.is_real_time());
+                printer.put(TimedFrame { time_ns, received }, service.is_real_time());
             }
         }
     }
@@ -116,8 +116,8 @@ impl Sender<'_> {
         &mut self,
         service: &mut Service,
         frames: impl Iterator<Item = Result<Due, Failure>>,
-    ) -> (Departures, Result<(), Failure>) {
-        let mut departures = Departures::new(self.channels, service);
+    ) -> (TransmitTracker, Result<(), Failure>) {
+        let mut departures = TransmitTracker::new(self.channels, service);
         let outcome = self
             .hand_over(service, frames, &mut departures)
             .and_then(|()| self.settle(service, &mut departures));
@@ -130,7 +130,7 @@ impl Sender<'_> {
         &mut self,
         service: &mut Service,
         mut frames: impl Iterator<Item = Result<Due, Failure>>,
-        departures: &mut Departures,
+        departures: &mut TransmitTracker,
     ) -> Result<(), Failure> {
         let start_ns = service.now_ns();
         let mut next = frames.next().transpose()?;
@@ -167,7 +167,7 @@ impl Sender<'_> {
     fn settle(
         &mut self,
         service: &mut Service,
-        departures: &mut Departures,
+        departures: &mut TransmitTracker,
     ) -> Result<(), Failure> {
         let cycle_ns = u64::from(service.port().adapter().config().cycle_ns);
         let mut farewell_ns = 0;

@@ -31,7 +31,7 @@ pub const CACHE_DEPTH: u32 = 64;
 
 /// One gateway, and its configuration as the only one of a Port.
 #[derive(Debug)]
-pub struct Place {
+pub struct GatewaySetup {
     /// Its place in the ring.
     pub position: usize,
     /// The EtherCAT side.
@@ -85,12 +85,12 @@ impl Service {
     /// Brings a gateway into service on a bus that is open; `None` when the user gave up.
     pub fn start(
         ecrt: &Ecrt,
-        place: Place,
+        place: GatewaySetup,
         real_time: &RealTimeArguments,
         interrupt: &Interrupt,
         output: &Output,
     ) -> Result<Option<Self>, Failure> {
-        let Place { position, adapter, config, channels } = place;
+        let GatewaySetup { position, adapter, config, channels } = place;
         let failed = |error| failure(position, error);
         let mut port = Port::open(ecrt, adapter, config).map_err(failed)?;
         let clock = port.adapter().ecrt().clock().clone();
@@ -166,7 +166,7 @@ impl Service {
                 }
                 Ok(Some(ticket))
             }
-            Err(SendError::NoRoom { .. } | SendError::NotReady { .. }) => Ok(None),
+            Err(SendError::Backpressure { .. } | SendError::NotReady { .. }) => Ok(None),
             Err(SendError::NotFd { .. }) => Err(without_fd("a CAN FD frame", channel, None)),
             Err(error) => Err(Failure::Usage(error.to_string())),
         }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use ecan_command_line::real_time::RealTimeArguments;
-use ecan_config_file::{ConfigFile, Place};
+use ecan_config_file::{ConfigFile, ResolvedGateway};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::config::NodeMode;
@@ -21,7 +21,7 @@ use crate::output::Output;
 
 /// What a command wants of the gateway.
 #[derive(Clone, Copy, Debug)]
-pub struct Wishes {
+pub struct GatewayRequirements {
     /// The channels that it uses.
     pub channels: Channels,
     /// The channels that there must be.
@@ -36,7 +36,7 @@ pub struct Wishes {
     pub has_end: bool,
 }
 
-impl Wishes {
+impl GatewayRequirements {
     /// To use these channels; each that is named must be there.
     pub fn on(channels: Channels) -> Self {
         Self {
@@ -127,7 +127,7 @@ impl<'a> Settings<'a> {
     pub fn for_one(
         &self,
         bus: &Bus,
-        wishes: Wishes,
+        wishes: GatewayRequirements,
         global: &GlobalOptions,
     ) -> Result<Planned, Failure> {
         let Some((path, file)) = &self.file else {
@@ -152,7 +152,7 @@ impl<'a> Settings<'a> {
     pub fn for_all(
         &self,
         bus: &Bus,
-        wishes: Wishes,
+        wishes: GatewayRequirements,
         global: &GlobalOptions,
     ) -> Result<Planned, Failure> {
         if let Some((path, file)) = &self.file {
@@ -168,7 +168,7 @@ impl<'a> Settings<'a> {
         &self,
         bus: &Bus,
         positions: Vec<usize>,
-        wishes: Wishes,
+        wishes: GatewayRequirements,
         master: u32,
     ) -> Result<Planned, Failure> {
         let setup = &self.options.setup;
@@ -199,8 +199,8 @@ impl<'a> Settings<'a> {
 fn of_file(
     path: &Path,
     file: &ConfigFile,
-    places: &[Place],
-    wishes: Wishes,
+    places: &[ResolvedGateway],
+    wishes: GatewayRequirements,
     global: &GlobalOptions,
 ) -> Result<Planned, Failure> {
     let mut adapter = AdapterConfig { slaves: Vec::new(), ..file.adapter.clone() };

@@ -46,7 +46,7 @@ impl Condition {
 
 /// What is known of a channel, and what was said of it.
 #[derive(Clone, Copy, Debug, Default)]
-struct Told {
+struct LastReported {
     seen: Option<Condition>,
     /// Until then its lines have been used up, a pause each.
     paid_until_ns: u64,
@@ -54,7 +54,7 @@ struct Told {
     changes: u32,
 }
 
-impl Told {
+impl LastReported {
     /// Takes what it is now; the words for it, where they are due.
     fn next(&mut self, now: Condition, now_ns: u64) -> Option<String> {
         // Before the first image there is no status to speak of.
@@ -107,7 +107,7 @@ impl Losses {
 #[derive(Debug)]
 pub struct StatusWatch {
     channels: Channels,
-    told: [Told; CHANNELS],
+    told: [LastReported; CHANNELS],
     session: Session,
     losses: Losses,
 }
@@ -171,7 +171,7 @@ mod tests {
     fn a_channel_that_comes_and_goes_is_told_at_once_and_then_once_a_second() {
         let condition =
             |is_bus_off| Condition { state: ChannelState::Run, has_warning: false, is_bus_off };
-        let mut told = Told::default();
+        let mut told = LastReported::default();
         assert_eq!(told.next(condition(false), 0), None);
         let lines: Vec<_> = (1..=3000_u64)
             .filter_map(|ms| told.next(condition(ms % 2 == 1), ms * 1_000_000))

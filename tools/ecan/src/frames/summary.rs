@@ -4,7 +4,7 @@ use ecan_mcan_port::Port;
 use serde::Serialize;
 
 use crate::failure::Failure;
-use crate::frames::departures::Departures;
+use crate::frames::departures::TransmitTracker;
 use crate::output::Output;
 
 /// The figures.
@@ -29,7 +29,7 @@ pub struct Summary {
 
 impl Summary {
     /// The figures of a run in which `wanted` frames were to be sent.
-    pub fn of(departures: &Departures, port: &Port, wanted: u64) -> Self {
+    pub fn of(departures: &TransmitTracker, port: &Port, wanted: u64) -> Self {
         let outcome = departures.outcome();
         let statistics = port.statistics(0);
         let of = |channel: u8| statistics.channels.get(usize::from(channel));

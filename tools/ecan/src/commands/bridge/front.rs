@@ -43,7 +43,7 @@ pub struct Place {
 
 /// A server; it ends when this is dropped.
 #[derive(Debug)]
-pub enum Front {
+pub enum Endpoint {
     Server(BridgeServer),
     Terminal { bridge: SerialBridge, link: Option<Link> },
     Interface(SocketCanBridge),
@@ -60,7 +60,7 @@ impl Drop for Link {
     }
 }
 
-impl Front {
+impl Endpoint {
     /// Listens.
     pub fn listen(
         protocol: BridgeProtocol,

@@ -1,20 +1,20 @@
 //! Whether clients may send.
 
-use crate::commands::bridge::front::Front;
+use crate::commands::bridge::front::Endpoint;
 use crate::output::Output;
 
 /// Keeps frames of clients away from a gateway that is out of service and from a channel that is
 /// bus-off or stands still: sent afterwards, all at once, they would be old, and move what has long been meant to stand still.
 #[derive(Debug)]
-pub struct Gate {
+pub struct TransmitGate {
     is_open: bool,
     /// Frames of clients that had been kept away when it was shut.
     kept_before: u64,
 }
 
-impl Gate {
+impl TransmitGate {
     /// Shut.
-    pub fn shut(fronts: &[Front]) -> Self {
+    pub fn shut(fronts: &[Endpoint]) -> Self {
         for front in fronts {
             front.clients().set_taking(false);
         }
@@ -23,7 +23,7 @@ impl Gate {
 
     /// Opens or shuts it, and tells what was lost. `held` frames were taken and are dropped with those
     /// that wait.
-    pub fn set_open(&mut self, is_open: bool, held: usize, fronts: &[Front], output: &Output) {
+    pub fn set_open(&mut self, is_open: bool, held: usize, fronts: &[Endpoint], output: &Output) {
         if is_open == self.is_open {
             return;
         }
@@ -50,6 +50,6 @@ impl Gate {
     }
 }
 
-fn kept(fronts: &[Front]) -> u64 {
+fn kept(fronts: &[Endpoint]) -> u64 {
     fronts.iter().map(|front| front.clients().statistics().not_taken).sum()
 }

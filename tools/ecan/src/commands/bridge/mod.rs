@@ -16,16 +16,16 @@ use ecan_mcan_port::{Received, Session};
 use ecan_protocol::can::CanFrame;
 
 use crate::commands::bridge::beacon::Beacon;
-use crate::commands::bridge::front::{Front, Listening, Place};
-use crate::commands::bridge::gate::Gate;
-use crate::commands::bridge::turns::Turns;
-use crate::commands::bridge::under_way::UnderWay;
+use crate::commands::bridge::front::{Endpoint, Listening, Place};
+use crate::commands::bridge::gate::TransmitGate;
+use crate::commands::bridge::turns::RoundRobin;
+use crate::commands::bridge::under_way::InFlight;
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::options::FrameOptions;
 use crate::frames::prepared::Prepared;
 use crate::frames::service::Service;
-use crate::frames::settings::{Settings, Wishes};
+use crate::frames::settings::{GatewayRequirements, Settings};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -92,7 +92,7 @@ fn parse_interface(text: &str) -> Result<String, String> {
 
 /// A frame of a client.
 #[derive(Clone, Copy, Debug)]
-struct Held {
+struct PendingFrame {
     front: usize,
     client: ClientId,
     frame: CanFrame,
@@ -108,12 +108,12 @@ pub fn run(
     let interrupt = Interrupt::install()?;
     // Before the gateway: the servers' threads keep out of what the cycle's thread asks for.
     let fronts = listen(arguments)?;
-    let mut gate = Gate::shut(&fronts);
-    let wishes = Wishes {
+    let mut gate = TransmitGate::shut(&fronts);
+    let wishes = GatewayRequirements {
         is_listening: arguments.listen_only,
         has_results: true,
         has_end: false,
-        ..Wishes::on(Channels::only(arguments.channel))
+        ..GatewayRequirements::on(Channels::only(arguments.channel))
     };
     let capture = &arguments.options.capture;
     let prepared = Prepared::new(&settings, wishes, global, output)?;
@@ -136,9 +136,9 @@ pub fn run(
         is_listening: arguments.listen_only,
         service,
         fronts,
-        under_way: UnderWay::default(),
+        under_way: InFlight::default(),
         waiting: None,
-        turns: Turns::default(),
+        turns: RoundRobin::default(),
         gate,
         moved_ns,
     };
@@ -151,7 +151,7 @@ pub fn run(
 }
 
 /// Starts the servers.
-fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
+fn listen(arguments: &BridgeArguments) -> Result<Vec<Endpoint>, Failure> {
     let has_another =
         arguments.socketcand.is_some() || arguments.pty.is_some() || arguments.socketcan.is_some();
     let slcan = arguments.slcan.or((!has_another).then_some(Listening::ANY));
@@ -160,21 +160,24 @@ fn listen(arguments: &BridgeArguments) -> Result<Vec<Front>, Failure> {
         [(BridgeProtocol::Slcan, slcan), (BridgeProtocol::Socketcand, arguments.socketcand)];
     for (protocol, at) in wanted {
         if let Some(at) = at {
-            fronts.push(Front::listen(protocol, at, arguments.max_clients)?);
+            fronts.push(Endpoint::listen(protocol, at, arguments.max_clients)?);
         }
     }
     if let Some(link) = &arguments.pty {
-        fronts.push(Front::terminal(link)?);
+        fronts.push(Endpoint::terminal(link)?);
     }
     if let Some(interface) = &arguments.socketcan {
-        fronts.push(Front::interface(interface)?);
+        fronts.push(Endpoint::interface(interface)?);
     }
     Ok(fronts)
 }
 
 /// Tells the network where socketcand is, if that is wanted.
-fn start_beacon(arguments: &BridgeArguments, fronts: &[Front]) -> Result<Option<Beacon>, Failure> {
-    let server = fronts.iter().find_map(Front::socketcand_address);
+fn start_beacon(
+    arguments: &BridgeArguments,
+    fronts: &[Endpoint],
+) -> Result<Option<Beacon>, Failure> {
+    let server = fronts.iter().find_map(Endpoint::socketcand_address);
     let Some((ip, server)) = arguments.beacon.zip(server) else { return Ok(None) };
     let to = SocketAddr::new(ip, beacon::PORT);
     let started = Beacon::start(to, server, arguments.channel);
@@ -183,7 +186,7 @@ fn start_beacon(arguments: &BridgeArguments, fronts: &[Front]) -> Result<Option<
 }
 
 /// Tells where the servers are.
-fn announce(channel: u8, fronts: &[Front], output: &Output) -> Result<(), Failure> {
+fn announce(channel: u8, fronts: &[Endpoint], output: &Output) -> Result<(), Failure> {
     let places: Vec<_> = fronts.iter().map(|front| front.place(channel)).collect();
     for (front, place) in fronts.iter().zip(&places) {
         if front.is_open_to_others() {
@@ -206,13 +209,13 @@ struct Traffic {
     channel: u8,
     is_listening: bool,
     service: Service,
-    fronts: Vec<Front>,
+    fronts: Vec<Endpoint>,
     /// Frames of clients that the gateway has.
-    under_way: UnderWay<Held>,
+    under_way: InFlight<PendingFrame>,
     /// A frame for which there was no room.
-    waiting: Option<Held>,
-    turns: Turns,
-    gate: Gate,
+    waiting: Option<PendingFrame>,
+    turns: RoundRobin,
+    gate: TransmitGate,
     /// When the gateway took a frame last, or had none to send.
     moved_ns: u64,
 }
@@ -268,7 +271,7 @@ impl Traffic {
             }
         }
         self.service.end(cycle)?;
-        self.fronts.iter().try_for_each(Front::check)
+        self.fronts.iter().try_for_each(Endpoint::check)
     }
 
     /// Says what did not go through, where there is anything.
@@ -281,15 +284,15 @@ impl Traffic {
         }
     }
 
-    fn next_of_clients(&mut self) -> Option<Held> {
+    fn next_of_clients(&mut self) -> Option<PendingFrame> {
         self.turns.next(self.fronts.len(), |front| {
             let (client, frame) = self.fronts.get(front)?.clients().next_for_bus()?;
-            Some(Held { front, client, frame })
+            Some(PendingFrame { front, client, frame })
         })
     }
 
     /// Hands a frame of the bus to all clients but the one that sent it.
-    fn deliver(&self, frame: &CanFrame, time_ns: u64, sent: Option<Held>) {
+    fn deliver(&self, frame: &CanFrame, time_ns: u64, sent: Option<PendingFrame>) {
         for (number, front) in self.fronts.iter().enumerate() {
             let sender = sent.filter(|held| held.front == number);
             if sender.is_some() {

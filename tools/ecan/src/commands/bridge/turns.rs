@@ -2,11 +2,11 @@
 
 /// Takes from several sources in turn: one that never ends keeps none of the others waiting.
 #[derive(Debug, Default)]
-pub struct Turns {
+pub struct RoundRobin {
     next: usize,
 }
 
-impl Turns {
+impl RoundRobin {
     /// The next thing of the first of `count` sources that has one, beginning behind the source of the
     /// last one.
     pub fn next<T>(&mut self, count: usize, mut take: impl FnMut(usize) -> Option<T>) -> Option<T> {
@@ -21,11 +21,11 @@ impl Turns {
 
 #[cfg(test)]
 mod tests {
-    use super::Turns;
+    use super::RoundRobin;
 
     #[test]
     fn a_source_without_end_starves_nobody() {
-        let mut turns = Turns::default();
+        let mut turns = RoundRobin::default();
         let mut rest = [usize::MAX, 2, 0, 3];
         let mut order = Vec::new();
         for _ in 0..9 {

@@ -12,18 +12,18 @@ const LOOK_NS: u64 = 1_000_000_000;
 
 /// What has been handed over and waits for its transmit result.
 #[derive(Debug)]
-pub struct UnderWay<T> {
+pub struct InFlight<T> {
     frames: HashMap<SendTicket, (u64, T)>,
     next_look_ns: u64,
 }
 
-impl<T> Default for UnderWay<T> {
+impl<T> Default for InFlight<T> {
     fn default() -> Self {
         Self { frames: HashMap::with_capacity(4096), next_look_ns: 0 }
     }
 }
 
-impl<T> UnderWay<T> {
+impl<T> InFlight<T> {
     pub fn insert(&mut self, ticket: SendTicket, frame: T, now_ns: u64) {
         self.frames.insert(ticket, (now_ns, frame));
     }
@@ -55,7 +55,7 @@ mod tests {
     #[test]
     fn what_is_never_told_is_forgotten() {
         let ticket = |sequence| SendTicket { slave: 0, sequence, index: 0 };
-        let mut under_way = UnderWay::default();
+        let mut under_way = InFlight::default();
         let start = 5 * LIMIT_NS;
         under_way.insert(ticket(1), "lost", start);
         under_way.insert(ticket(2), "told", start);

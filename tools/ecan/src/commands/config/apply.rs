@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use ecan_config_file::{Place, apply};
+use ecan_config_file::{ResolvedGateway, apply};
 use ecan_host::StartupStep;
 use ecan_protocol::object::describe;
 use serde::Serialize;
@@ -63,7 +63,7 @@ pub fn run(
 }
 
 impl Applied {
-    fn nothing(Place { gateway, slave }: Place) -> Self {
+    fn nothing(ResolvedGateway { gateway, slave }: ResolvedGateway) -> Self {
         let (parts, steps) = (Vec::new(), Vec::new());
         Self { position: slave, gateway, is_complete: false, error: None, parts, steps }
     }

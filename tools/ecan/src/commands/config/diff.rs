@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use ecan_config_file::{Difference, Place, differences};
+use ecan_config_file::{Difference, ResolvedGateway, differences};
 use serde::Serialize;
 
 use crate::config_file;
@@ -51,7 +51,7 @@ pub fn run(
     let (bus, places) = super::places(&file, global, output)?;
     let mut compared = Vec::new();
     let mut failed = None;
-    for Place { gateway, slave: position } in places {
+    for ResolvedGateway { gateway, slave: position } in places {
         let mut it = Compared { position, gateway, differences: None, error: None };
         if failed.is_none() {
             match differences(bus.diagnostics(), position, &file.startup(gateway)) {

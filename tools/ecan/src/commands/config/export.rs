@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
-use ecan_config_file::export::{Format, SlavePlace, export};
+use ecan_config_file::export::{Format, SlaveAddress, export};
 use ecan_host::StartupStep;
 use serde::Serialize;
 
@@ -99,7 +99,7 @@ pub fn run(
     let steps = file.startup(gateway);
     let data: Vec<_> = steps.iter().map(Step::from).collect();
     let (alias, position) = (slave.alias, slave.position);
-    let place = SlavePlace { master: config_file::master(&file, global), alias, position };
+    let place = SlaveAddress { master: config_file::master(&file, global), alias, position };
     output.data(&data, |out| {
         let list = export(arguments.format.unwrap_or(ListFormat::Csv).into(), &steps, place);
         out.write_all(list.as_bytes())

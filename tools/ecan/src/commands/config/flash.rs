@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use clap::Args;
-use ecan_config_file::{FlashCommand, FlashDone};
+use ecan_config_file::{ConfigChecksums, FlashCommand};
 use ecan_host::MaintenanceError;
 use serde::Serialize;
 
@@ -60,7 +60,7 @@ pub fn run(
         let mut done = Done { position, active_crc: None, stored_crc: None, error: None };
         if failed.is_none() {
             match command.run(bus.diagnostics(), position, bus.clock()) {
-                Ok(FlashDone { active_crc, stored_crc }) => {
+                Ok(ConfigChecksums { active_crc, stored_crc }) => {
                     (done.active_crc, done.stored_crc) = (Some(active_crc), Some(stored_crc));
                 }
                 Err(error) => {

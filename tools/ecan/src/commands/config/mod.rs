@@ -9,7 +9,7 @@ mod flash;
 use std::path::PathBuf;
 
 use clap::{Args, Subcommand};
-use ecan_config_file::{ConfigFile, EXAMPLE, FlashCommand, Place};
+use ecan_config_file::{ConfigFile, EXAMPLE, FlashCommand, ResolvedGateway};
 use ecan_sim::ClockKind;
 
 use crate::bus::Bus;
@@ -106,7 +106,7 @@ fn places(
     file: &ConfigFile,
     global: &GlobalOptions,
     output: &Output,
-) -> Result<(Bus, Vec<Place>), Failure> {
+) -> Result<(Bus, Vec<ResolvedGateway>), Failure> {
     let bus = config_file::open_bus(file, global, output, ClockKind::Stepped)?;
     let places = config_file::places(file, &bus)?;
     Ok((bus, places))

@@ -7,7 +7,7 @@ use ecan_host::Identity;
 use ecan_protocol::device::Capabilities;
 use ecan_protocol::object::{ObjectType, lookup};
 
-use super::gateways::{Gateways, LOOK_EVERY, Present};
+use super::gateways::{Gateways, LOOK_EVERY, SlaveEntry};
 use super::package::FirmwareFile;
 use super::refusal::Refusal;
 use crate::ethercat_tool::{EthercatTool, NumberType, ToolError, is_denial};
@@ -46,9 +46,9 @@ fn failure(error: ToolError) -> Failure {
 }
 
 impl Gateways for ByTool {
-    fn present(&self) -> Result<Vec<Present>, Failure> {
+    fn present(&self) -> Result<Vec<SlaveEntry>, Failure> {
         let listed = self.tool.slaves().map_err(failure)?;
-        let present = listed.into_iter().map(|slave| Present {
+        let present = listed.into_iter().map(|slave| SlaveEntry {
             position: slave.position,
             alias: slave.alias,
             al_state: slave.al_state(),

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use ecan_host::{Identity, SlaveInquiry, SlaveKind, slave_kinds};
+use ecan_host::{Identity, SlaveKind, SlaveQuery, slave_kinds};
 use ecan_protocol::device::AlState;
 use serde::Serialize;
 
@@ -13,7 +13,7 @@ use crate::slave_choice::{Candidates, Recognised, SlaveChoice, Unknown, one_or_a
 
 /// A slave that is there.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Present {
+pub struct SlaveEntry {
     /// Place in the ring.
     pub position: usize,
     /// Its alias, if it has one.
@@ -30,7 +30,7 @@ pub const LOOK_EVERY: Duration = Duration::from_millis(500);
 /// A bus, and how a firmware file gets to a gateway on it.
 pub trait Gateways {
     /// Who is there.
-    fn present(&self) -> Result<Vec<Present>, Failure>;
+    fn present(&self) -> Result<Vec<SlaveEntry>, Failure>;
 
     /// What the master read in the slave's SII.
     fn identity(&self, slave: usize) -> Result<Identity, Failure>;
@@ -93,12 +93,12 @@ impl std::fmt::Display for Running {
 }
 
 /// The slaves that are there, to be asked.
-struct Asked<'a> {
+struct SlaveQueryAdapter<'a> {
     gateways: &'a dyn Gateways,
-    present: &'a [Present],
+    present: &'a [SlaveEntry],
 }
 
-impl SlaveInquiry for Asked<'_> {
+impl SlaveQuery for SlaveQueryAdapter<'_> {
     type Error = Failure;
 
     fn al_state(&self, slave: usize) -> Result<Option<AlState>, Failure> {
@@ -119,9 +119,9 @@ impl SlaveInquiry for Asked<'_> {
     }
 }
 
-impl Candidates for Asked<'_> {
+impl Candidates for SlaveQueryAdapter<'_> {
     fn places(&self) -> Result<Vec<(usize, u16)>, Failure> {
-        let place = |slave: &Present| (slave.position, slave.alias.unwrap_or(0));
+        let place = |slave: &SlaveEntry| (slave.position, slave.alias.unwrap_or(0));
         Ok(self.present.iter().map(place).collect())
     }
 
@@ -137,8 +137,8 @@ impl Candidates for Asked<'_> {
 }
 
 /// Why a slave gets no firmware for an ECAN-Lite; `None` where it is one.
-pub fn reason_against(gateways: &dyn Gateways, slave: &Present) -> Option<String> {
-    let asked = Asked { gateways, present: std::slice::from_ref(slave) };
+pub fn reason_against(gateways: &dyn Gateways, slave: &SlaveEntry) -> Option<String> {
+    let asked = SlaveQueryAdapter { gateways, present: std::slice::from_ref(slave) };
     match slave_kinds(&asked, &[slave.position]).into_iter().next() {
         Some(SlaveKind::Gateway) => None,
         Some(SlaveKind::Unknown(why)) => Some(why.to_string()),
@@ -149,11 +149,11 @@ pub fn reason_against(gateways: &dyn Gateways, slave: &Present) -> Option<String
 }
 
 /// What the user means.
-pub struct Chosen {
+pub struct Selection {
     /// The gateways: one, or all.
-    pub gateways: Vec<Present>,
+    pub gateways: Vec<SlaveEntry>,
     /// Of all, those that cannot be asked.
-    pub unknown: Vec<(Present, Unknown)>,
+    pub unknown: Vec<(SlaveEntry, Unknown)>,
 }
 
 /// The gateways that the user means: one, or all.
@@ -161,12 +161,12 @@ pub fn chosen(
     gateways: &dyn Gateways,
     choice: Option<SlaveChoice>,
     all: bool,
-) -> Result<Chosen, Failure> {
+) -> Result<Selection, Failure> {
     let present = gateways.present()?;
-    let asked = Asked { gateways, present: &present };
+    let asked = SlaveQueryAdapter { gateways, present: &present };
     let Recognised { gateways: meant, unknown } = one_or_all(&asked, choice, all)?;
     let at = |position| present.iter().find(|slave| slave.position == position).cloned();
-    Ok(Chosen {
+    Ok(Selection {
         gateways: meant.into_iter().filter_map(at).collect(),
         unknown: unknown.into_iter().filter_map(|it| Some((at(it.position)?, it))).collect(),
     })

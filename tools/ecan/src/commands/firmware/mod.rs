@@ -19,7 +19,7 @@ use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 use serde::Serialize;
 
 use self::by_tool::ByTool;
-use self::gateways::{Chosen, Gateways, Present, Running};
+use self::gateways::{Gateways, Running, Selection, SlaveEntry};
 use self::package::FirmwareFile;
 use self::simulated::Simulated;
 use self::update::{Outcome, Report, Update};
@@ -99,7 +99,7 @@ struct Version {
 
 /// What `update` tells of a gateway.
 #[derive(Debug, Serialize)]
-struct Told<'a> {
+struct UpdateReport<'a> {
     #[serde(flatten)]
     report: &'a Report,
     is_good: bool,
@@ -172,10 +172,10 @@ fn open(
     }
 }
 
-fn version(gateways: &dyn Gateways, chosen: Chosen, output: &Output) -> Result<(), Failure> {
+fn version(gateways: &dyn Gateways, chosen: Selection, output: &Output) -> Result<(), Failure> {
     let is_only = chosen.gateways.len() + chosen.unknown.len() == 1;
     let mut versions = Vec::new();
-    for Present { position, state, .. } in chosen.gateways {
+    for SlaveEntry { position, state, .. } in chosen.gateways {
         let (running, error) = match Running::read(gateways, position) {
             Ok(running) => (Some(running), None),
             // No other one can be read either, or there is none.
@@ -185,7 +185,7 @@ fn version(gateways: &dyn Gateways, chosen: Chosen, output: &Output) -> Result<(
         };
         versions.push(Version { position, state, running, error });
     }
-    for (Present { position, state, .. }, unknown) in chosen.unknown {
+    for (SlaveEntry { position, state, .. }, unknown) in chosen.unknown {
         versions.push(Version {
             position,
             state,
@@ -218,8 +218,8 @@ fn version(gateways: &dyn Gateways, chosen: Chosen, output: &Output) -> Result<(
     }
 }
 
-fn ask(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Chosen) -> Result<(), Failure> {
-    let words = |slave: &Present| format!("{} ({})", slave.position, slave.state);
+fn ask(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Selection) -> Result<(), Failure> {
+    let words = |slave: &SlaveEntry| format!("{} ({})", slave.position, slave.state);
     let slaves: Vec<_> = chosen.gateways.iter().map(words).collect();
     let question = format_args!(
         "Write {}, {} bytes, to slave {}? It stops its CAN traffic and restarts.",
@@ -233,7 +233,7 @@ fn ask(wanted: &UpdateArguments, file: &FirmwareFile, chosen: &Chosen) -> Result
 
 fn update_all(
     update: &Update<'_>,
-    chosen: &Chosen,
+    chosen: &Selection,
     interrupt: &Interrupt,
     output: &Output,
 ) -> Result<(), Failure> {
@@ -257,7 +257,7 @@ fn update_all(
     reports.sort_by_key(|report| report.position);
     let told: Vec<_> = reports
         .iter()
-        .map(|report| Told { report, is_good: report.is_good(), words: report.words() })
+        .map(|report| UpdateReport { report, is_good: report.is_good(), words: report.words() })
         .collect();
     output.data(&told, |out| print(&reports, output, out))?;
     if let Some(Report { outcome: Outcome::Refused { refusal }, .. }) =

@@ -2,11 +2,11 @@
 
 use std::time::Duration;
 
-use ecan_host::{Identity, SlaveInquiry};
+use ecan_host::{Identity, SlaveQuery};
 use ecan_protocol::device::Capabilities;
 use ecan_sim::{FirmwareProgress, FirmwareUpdateError, Gateway, Simulation};
 
-use super::gateways::{Gateways, LOOK_EVERY, Present};
+use super::gateways::{Gateways, LOOK_EVERY, SlaveEntry};
 use super::package::FirmwareFile;
 use super::refusal::Refusal;
 use crate::bus::Bus;
@@ -47,11 +47,11 @@ impl Simulated {
 }
 
 impl Gateways for Simulated {
-    fn present(&self) -> Result<Vec<Present>, Failure> {
+    fn present(&self) -> Result<Vec<SlaveEntry>, Failure> {
         let mut present = Vec::new();
         for (slave, info) in self.bus.slaves()?.into_iter().enumerate() {
             let state = self.bus.diagnostics().al_state(slave).map_err(Failure::Device)?;
-            present.push(Present {
+            present.push(SlaveEntry {
                 position: info.position.into(),
                 alias: (info.alias != 0).then_some(info.alias),
                 state: state.map_or_else(|| info.al_state.to_string(), |it| it.to_string()),
@@ -62,7 +62,7 @@ impl Gateways for Simulated {
     }
 
     fn identity(&self, slave: usize) -> Result<Identity, Failure> {
-        SlaveInquiry::identity(self.bus.diagnostics(), slave).map_err(Failure::Device)
+        SlaveQuery::identity(self.bus.diagnostics(), slave).map_err(Failure::Device)
     }
 
     fn number(&self, slave: usize, subindex: u8) -> Result<u32, Failure> {

@@ -5,7 +5,7 @@ use std::time::Duration;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde::Serialize;
 
-use super::gateways::{Gateways, Present, Running, reason_against};
+use super::gateways::{Gateways, Running, SlaveEntry, reason_against};
 use super::package::FirmwareFile;
 use super::refusal::{Cause, Refusal};
 use crate::failure::Failure;
@@ -167,7 +167,7 @@ impl std::fmt::Debug for dyn Gateways + '_ {
 
 impl Update<'_> {
     /// Updates one gateway. `is_first`: none restarted before, so that it has to answer at once.
-    pub fn run(&self, slave: &Present, is_first: bool) -> Report {
+    pub fn run(&self, slave: &SlaveEntry, is_first: bool) -> Report {
         let position = slave.position;
         let report = |before, after, outcome| Report { position, before, after, outcome };
         let before = match self.read_before(position, is_first) {

@@ -7,7 +7,7 @@ use std::time::Duration;
 use ecan_host::Identity;
 use ecan_protocol::device::AlState;
 
-use super::gateways::{Gateways, LOOK_EVERY, Present};
+use super::gateways::{Gateways, LOOK_EVERY, SlaveEntry};
 use super::package::FirmwareFile;
 use super::refusal::Refusal;
 use super::update::{Outcome, Update};
@@ -45,7 +45,7 @@ impl Slow {
 }
 
 impl Gateways for Slow {
-    fn present(&self) -> Result<Vec<Present>, Failure> {
+    fn present(&self) -> Result<Vec<SlaveEntry>, Failure> {
         Ok(vec![slave()])
     }
 
@@ -90,9 +90,9 @@ impl Gateways for Slow {
     }
 }
 
-fn slave() -> Present {
+fn slave() -> SlaveEntry {
     let (state, al_state) = ("PREOP".to_owned(), Some(AlState::PreOp));
-    Present { position: 0, alias: None, state, al_state }
+    SlaveEntry { position: 0, alias: None, state, al_state }
 }
 
 /// What became of it, and how long it was waited for.

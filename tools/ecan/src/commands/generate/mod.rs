@@ -12,7 +12,7 @@ use crate::frames::options::FrameOptions;
 use crate::frames::prepared::Prepared;
 use crate::frames::printer::{Destination, Printer};
 use crate::frames::sender::{Due, Record, Sender};
-use crate::frames::settings::{Settings, Wishes};
+use crate::frames::settings::{GatewayRequirements, Settings};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 use generator::{DataMode, Generator, IdMode, LengthMode, Pattern};
@@ -121,7 +121,11 @@ pub fn run(
     let settings = Settings::of(&options.gateway)?;
     let interrupt = Interrupt::install()?;
     let channels = Channels::only(*channel);
-    let wishes = Wishes { has_results: true, has_end: count.is_some(), ..Wishes::on(channels) };
+    let wishes = GatewayRequirements {
+        has_results: true,
+        has_end: count.is_some(),
+        ..GatewayRequirements::on(channels)
+    };
     let prepared = Prepared::new(&settings, wishes, global, output)?;
     if arguments.fd || arguments.brs {
         prepared.needs_fd("CAN FD frames are asked for", *channel)?;

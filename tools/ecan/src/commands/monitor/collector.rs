@@ -11,7 +11,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 use super::observation::{GatewayObservation, Observation};
 use super::snapshot::{
-    CLASSES, ChannelView, CycleView, Errors, Event, GatewayView, Snapshot, Standing, Times,
+    CLASSES, ChannelView, CycleView, Errors, Event, GatewayState, GatewayView, Snapshot, Times,
 };
 
 /// Events that are kept.
@@ -225,9 +225,9 @@ impl Collector {
         let (now, base) = (&memory.now.statistics, &memory.base);
         let since = |count: fn(&SlaveStatistics) -> u64| count(now).saturating_sub(count(base));
         let standing = match memory.now.session {
-            Session::Ready => Standing::InService,
-            _ if now.sessions > 0 => Standing::Lost,
-            _ => Standing::Starting,
+            Session::Ready => GatewayState::InService,
+            _ if now.sessions > 0 => GatewayState::Lost,
+            _ => GatewayState::Starting,
         };
         let reason = match (memory.now.session, memory.now.waiting_for) {
             (Session::Ready, _) => String::new(),
@@ -255,7 +255,7 @@ impl Collector {
         &self,
         at: usize,
         memory: &Memory,
-        standing: Standing,
+        standing: GatewayState,
         channel: usize,
     ) -> ChannelView {
         let received = |statistics: &SlaveStatistics| {
@@ -273,7 +273,7 @@ impl Collector {
             }
         });
         let view = ChannelView { received: total, ..ChannelView::default() };
-        if standing != Standing::InService {
+        if standing != GatewayState::InService {
             return view;
         }
         let status = memory.now.channels.get(channel).copied().unwrap_or_default();

@@ -2,7 +2,7 @@
 
 use ecan_host::{CycleStart, DomainReport};
 use ecan_mcan_port::{
-    Awaited, ChannelSettings, Port, PortConfig, Received, Session, SlaveStatistics,
+    ChannelSettings, PendingStep, Port, PortConfig, Received, Session, SlaveStatistics,
 };
 use ecan_protocol::can::FrameBits;
 use ecan_protocol::image::ChannelStatus;
@@ -22,7 +22,7 @@ pub struct Mark {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct GatewayObservation {
     pub session: Session,
-    pub waiting_for: Option<Awaited>,
+    pub waiting_for: Option<PendingStep>,
     pub domain: DomainReport,
     pub statistics: SlaveStatistics,
     pub channels: [ChannelStatus; CHANNELS],

@@ -9,7 +9,7 @@ use ratatui::widgets::{Block, Cell, Clear, Paragraph, Row, Table, TableState};
 use ecan_protocol::mapping::CHANNELS;
 
 use super::keys::Choice;
-use super::snapshot::{CLASS_NAMES, CLASSES, ChannelView, GatewayView, Snapshot, Standing};
+use super::snapshot::{CLASS_NAMES, CLASSES, ChannelView, GatewayState, GatewayView, Snapshot};
 use super::text::{CHANNEL_TITLES, channel_cells, cycle_counts, cycle_times, gateway_cells};
 
 /// Below this there is room for the worst news only.
@@ -60,9 +60,9 @@ impl Tint {
 
     fn gateway(self, gateway: &GatewayView) -> Style {
         match gateway.standing {
-            Standing::InService if !has_trouble(gateway) => self.of(Color::Green),
-            Standing::InService | Standing::Starting => self.of(Color::Yellow),
-            Standing::Lost => self.of(Color::Red).add_modifier(Modifier::BOLD),
+            GatewayState::InService if !has_trouble(gateway) => self.of(Color::Green),
+            GatewayState::InService | GatewayState::Starting => self.of(Color::Yellow),
+            GatewayState::Lost => self.of(Color::Red).add_modifier(Modifier::BOLD),
         }
     }
 
@@ -85,8 +85,9 @@ fn has_trouble(gateway: &GatewayView) -> bool {
 /// events.
 fn draw_tiny(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice, tint: Tint) {
     let mut gateways: Vec<_> = snapshot.gateways.iter().collect();
-    gateways
-        .sort_by_key(|gateway| (gateway.standing == Standing::InService, !has_trouble(gateway)));
+    gateways.sort_by_key(|gateway| {
+        (gateway.standing == GatewayState::InService, !has_trouble(gateway))
+    });
     let mut lines: Vec<Line> = Vec::new();
     if choice.is_paused {
         lines.push(Line::raw("PAUSED"));
@@ -152,7 +153,7 @@ fn draw_whole(frame: &mut Frame, area: Rect, snapshot: &Snapshot, choice: Choice
 }
 
 fn title(snapshot: &Snapshot, choice: Choice) -> Paragraph<'static> {
-    let in_service = snapshot.gateways.iter().filter(|it| it.standing == Standing::InService);
+    let in_service = snapshot.gateways.iter().filter(|it| it.standing == GatewayState::InService);
     let mut words = format!(
         "ecan monitor  {} of {} in service  {:.0} s",
         in_service.count(),

@@ -45,7 +45,7 @@ fn channel(load: f64) -> ChannelView {
 fn gateway(position: usize) -> GatewayView {
     GatewayView {
         position,
-        standing: Standing::InService,
+        standing: GatewayState::InService,
         working_counter: 3,
         expected_working_counter: 3,
         times_in_service: 1,
@@ -97,7 +97,7 @@ fn lost() -> Snapshot {
     let mut snapshot = healthy(2);
     let channels = std::array::from_fn(|_| ChannelView::default());
     snapshot.gateways[1] = GatewayView {
-        standing: Standing::Lost,
+        standing: GatewayState::Lost,
         reason: "waits for OP".to_owned(),
         working_counter: 0,
         incomplete_cycles: 812,

@@ -56,7 +56,7 @@ pub struct Times {
 /// Where a gateway stands.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-pub enum Standing {
+pub enum GatewayState {
     /// Not yet in service.
     #[default]
     Starting,
@@ -65,7 +65,7 @@ pub enum Standing {
     Lost,
 }
 
-impl Standing {
+impl GatewayState {
     pub fn words(self) -> &'static str {
         match self {
             Self::Starting => "starting",
@@ -80,7 +80,7 @@ impl Standing {
 pub struct GatewayView {
     /// Its place in the ring.
     pub position: usize,
-    pub standing: Standing,
+    pub standing: GatewayState,
     /// What it waits for, or what is wrong; empty in service.
     pub reason: String,
     pub working_counter: u32,
@@ -145,7 +145,7 @@ impl Snapshot {
     /// Whether a gateway is out of service, or a channel off the bus.
     pub fn is_amiss(&self) -> bool {
         self.gateways.iter().any(|gateway| {
-            gateway.standing != Standing::InService
+            gateway.standing != GatewayState::InService
                 || gateway.channels.iter().any(|channel| channel.is_bus_off)
         })
     }

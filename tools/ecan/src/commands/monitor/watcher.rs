@@ -8,7 +8,7 @@ use ecan_protocol::mapping::CHANNELS;
 use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::frames::service::{MAX_FAILED_CYCLES, failure};
-use crate::frames::settings::{Planned, Settings, Wishes};
+use crate::frames::settings::{GatewayRequirements, Planned, Settings};
 use crate::global::GlobalOptions;
 
 use super::MonitorArguments;
@@ -33,8 +33,10 @@ impl Watcher {
         arguments: &MonitorArguments,
         global: &GlobalOptions,
     ) -> Result<Self, Failure> {
-        let wishes =
-            Wishes { is_listening: arguments.listen_only, ..Wishes::on(arguments.channel) };
+        let wishes = GatewayRequirements {
+            is_listening: arguments.listen_only,
+            ..GatewayRequirements::on(arguments.channel)
+        };
         let Planned { positions, adapter, config, .. } = settings.for_all(bus, wishes, global)?;
         let first = positions.first().copied().unwrap_or_default();
         let failed = |error| match failure(first, error) {

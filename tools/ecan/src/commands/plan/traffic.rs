@@ -61,7 +61,7 @@ fn frame(is_fd: bool, bytes: Option<u8>) -> Result<CanFrame, Failure> {
 }
 
 /// Frames of one length and format on a channel.
-struct Alike {
+struct TrafficGroup {
     first: Recorded,
     count: u32,
 }
@@ -75,15 +75,15 @@ fn recorded(path: &Path, planned: &Planned) -> Result<Vec<FrameStream>, Failure>
         let frame = &it.logged.frame;
         (it.gateway, it.channel, frame.kind(), frame.len(), frame.id().is_extended())
     };
-    let mut groups: Vec<Alike> = Vec::new();
+    let mut groups: Vec<TrafficGroup> = Vec::new();
     for frame in frames {
         match groups.iter_mut().find(|it| form(&it.first) == form(&frame)) {
             Some(group) => group.count += 1,
-            None => groups.push(Alike { first: frame, count: 1 }),
+            None => groups.push(TrafficGroup { first: frame, count: 1 }),
         }
     }
     let seconds = last_ns.saturating_sub(first_ns) as f64 / 1e9;
-    let stream = |Alike { first, count }: Alike| {
+    let stream = |TrafficGroup { first, count }: TrafficGroup| {
         let rate = if seconds > 0.0 {
             FrameRate::PerSecond(f64::from(count) / seconds)
         } else {

@@ -10,7 +10,7 @@ use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
 use crate::frames::options::WATCHDOG_US;
-use crate::frames::service::{Place, Service};
+use crate::frames::service::{GatewaySetup, Service};
 use crate::output::Output;
 
 use super::exchange::{ChannelState, Counts, Route, exchange, states};
@@ -34,12 +34,12 @@ pub(super) struct Test<'a> {
 
 /// How frames go.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Way {
+enum TestPath {
     Loopback,
     Wire,
 }
 
-impl Way {
+impl TestPath {
     fn name(self, Route { from, to }: Route, rate: &Rate) -> String {
         match self {
             Self::Loopback => format!("loopback of channel {from}, {}", rate.name()),
@@ -50,7 +50,7 @@ impl Way {
 
 /// A run of frames over several channels at once.
 struct Run<'a> {
-    way: Way,
+    way: TestPath,
     rate: &'a Rate,
     routes: Vec<Route>,
     adapter: AdapterConfig,
@@ -137,8 +137,8 @@ impl Test<'_> {
         let mut is_first = true;
         for run in runs {
             let name = match run.way {
-                Way::Loopback => format!("loopback, {}", run.rate.name()),
-                Way::Wire => format!("wires, {}", run.rate.name()),
+                TestPath::Loopback => format!("loopback, {}", run.rate.name()),
+                TestPath::Wire => format!("wires, {}", run.rate.name()),
             };
             if self.is_watched {
                 self.output.note(format_args!("testing the gateway at position {slave}: {name}"));
@@ -173,7 +173,7 @@ impl Test<'_> {
     ) -> Result<bool, Failure> {
         let Run { adapter, config, .. } = &run;
         let (adapter, config) = (adapter.clone(), config.clone());
-        let place = Place { position: slave, adapter, config, channels: Channels::NONE };
+        let place = GatewaySetup { position: slave, adapter, config, channels: Channels::NONE };
         wait_present(bus, slave).map_err(Failure::Refused)?;
         let real_time = &self.arguments.real_time;
         let started = Service::start(bus.ecrt(), place, real_time, interrupt, self.output)?;
@@ -235,8 +235,8 @@ impl Test<'_> {
         let mut runs = Vec::new();
         for rate in self.rates {
             let ways = [
-                (Way::Loopback, NodeMode::InternalLoopback, &loops),
-                (Way::Wire, NodeMode::Normal, &wires),
+                (TestPath::Loopback, NodeMode::InternalLoopback, &loops),
+                (TestPath::Wire, NodeMode::Normal, &wires),
             ];
             for (way, mode, routes) in ways.into_iter().filter(|(_, _, routes)| !routes.is_empty())
             {
@@ -298,7 +298,7 @@ fn pause(service: &Service) -> String {
 
 /// What a route has shown; `states` are those of its channels before and after.
 fn judge(
-    way: Way,
+    way: TestPath,
     route: Route,
     counts: &Counts,
     wanted: u16,
@@ -331,12 +331,12 @@ fn judge(
 
 /// Why frames are missing, as far as the sender tells.
 fn missing(
-    way: Way,
+    way: TestPath,
     Route { from, to }: Route,
     states: &[(&ChannelState, &ChannelState)],
 ) -> Option<String> {
     let (_, sender) = states.iter().find(|(_, state)| state.channel == from)?;
-    (way == Way::Wire && sender.is_unheard()).then(|| {
+    (way == TestPath::Wire && sender.is_unheard()).then(|| {
         format!("nobody acknowledges: is channel {from} wired to channel {to}, and terminated?")
     })
 }

@@ -8,7 +8,7 @@ use crate::failure::Failure;
 
 /// What is in force.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) struct InForce {
+pub(super) struct ActiveConfig {
     /// Per direction: bytes of an image, 0 without a profile, and the profile word (0x8010,
     /// 0x8011:09, :12).
     profiles: [(u32, u32); 2],
@@ -18,7 +18,7 @@ pub(super) struct InForce {
     data_paths: [u32; CHANNELS],
 }
 
-impl InForce {
+impl ActiveConfig {
     pub(super) fn read(bus: &Bus, slave: usize) -> Result<Self, Failure> {
         let mut profiles = [(0, 0); 2];
         for (direction, profile) in Direction::ALL.into_iter().zip(&mut profiles) {

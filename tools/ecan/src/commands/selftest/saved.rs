@@ -13,7 +13,7 @@ use crate::commands::filter::{ChannelFilters, FilterKind, RawFilter};
 use crate::commands::reboot;
 use crate::failure::Failure;
 
-use super::in_force::InForce;
+use super::in_force::ActiveConfig;
 
 /// How often the state of a slave is looked at, in nanoseconds.
 const LOOK_EVERY_NS: u64 = 50_000_000;
@@ -39,7 +39,7 @@ pub(super) struct Saved {
     filters: [Filters; CHANNELS],
     /// The entries of 0x1C12 and 0x1C13.
     assignments: [Vec<u32>; 2],
-    in_force: InForce,
+    in_force: ActiveConfig,
 }
 
 /// How the configuration was put back.
@@ -66,7 +66,7 @@ impl Saved {
         for (direction, entries) in Direction::ALL.into_iter().zip(&mut assignments) {
             *entries = read_assignment(bus, slave, direction)?;
         }
-        let in_force = InForce::read(bus, slave)?;
+        let in_force = ActiveConfig::read(bus, slave)?;
         Ok(Self { slave, serial, values, filters, assignments, in_force })
     }
 
@@ -102,7 +102,7 @@ impl Saved {
     ) -> Result<(), String> {
         let words = |failure: Failure| failure.to_string();
         self.wait_own_place(bus)?;
-        let now = InForce::read(bus, self.slave).map_err(words)?;
+        let now = ActiveConfig::read(bus, self.slave).map_err(words)?;
         if now.has_more_than(&self.in_force) {
             let restarted = reboot::restart(bus, self.slave, RESTART_NS);
             restarted.map_err(|failure| format!("it was to restart, but {failure}"))?;
@@ -125,7 +125,7 @@ impl Saved {
 
     fn write(&self, bus: &Bus, tested: [bool; CHANNELS]) -> Result<(), Failure> {
         let slave = self.slave;
-        let now = InForce::read(bus, slave)?;
+        let now = ActiveConfig::read(bus, slave)?;
         for (direction, entries) in Direction::ALL.into_iter().zip(&self.assignments) {
             if read_assignment(bus, slave, direction)? != *entries {
                 write_assignment(bus, slave, direction, entries)?;
@@ -154,7 +154,7 @@ impl Saved {
         if is_global_changed {
             bus.write(slave, 0x8020, 2, 1)?;
         }
-        let now = InForce::read(bus, slave)?;
+        let now = ActiveConfig::read(bus, slave)?;
         for channel in (0..).take(CHANNELS) {
             if !now.has_data_path_of(&self.in_force, channel) {
                 let command = DataPathConfig::apply_write(channel);

@@ -5,12 +5,12 @@ use ecan_host::{AdapterConfig, ClockSource};
 /// Tells for each cycle how long the first one is ago in application time: the library keeps Sync0
 /// in phase with the first application time that it is told.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct CyclePlace {
+pub(crate) struct Sync0Phase {
     /// Time of the last cycle on the grid, and how long the first one was ago.
     last: Option<(u64, u64)>,
 }
 
-impl CyclePlace {
+impl Sync0Phase {
     /// A cycle begins at this time of the grid; gives the application time since the first one, in
     /// nanoseconds.
     pub(crate) fn begin(&mut self, time_ns: u64, adapter: &AdapterConfig) -> u64 {
@@ -42,7 +42,7 @@ mod tests {
         adapter.dc = Some(DcSync::new(4_000_000, 0));
         for source in [ClockSource::Host, ClockSource::Reference] {
             adapter.dc = adapter.dc.map(|dc| DcSync { source, ..dc });
-            let mut place = CyclePlace::default();
+            let mut place = Sync0Phase::default();
             let mut begin = |time_ns| place.begin(time_ns, &adapter);
             assert_eq!([700, 1_000_700, 4_000_700].map(&mut begin), [0, 1_000_000, 4_000_000]);
             let shifted = [5_000_500, 6_000_300].map(&mut begin);

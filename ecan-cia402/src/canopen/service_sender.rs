@@ -6,8 +6,8 @@ use ecan_protocol::can::FrameRef;
 
 use super::channel::Channel;
 use super::error::SdoFault;
+use super::frame_sink::{FrameSink, is_passing};
 use super::node::Node;
-use super::outlet::{Outlet, is_passing};
 use super::settings::{NetworkConfig, SyncSettings};
 use super::statistics::ServiceStatistics;
 
@@ -15,7 +15,7 @@ use super::statistics::ServiceStatistics;
 /// bytes of data (manual 8.3).
 const SDO_PACKET_BYTES: usize = 12;
 
-pub(super) struct Courier<'a, O> {
+pub(super) struct ServiceSender<'a, O> {
     pub(super) outlet: &'a mut O,
     pub(super) channel: &'a mut Channel,
     pub(super) nodes: &'a mut [Node],
@@ -23,7 +23,7 @@ pub(super) struct Courier<'a, O> {
     pub(super) statistics: &'a mut ServiceStatistics,
 }
 
-impl<O: Outlet> Courier<'_, O> {
+impl<O: FrameSink> ServiceSender<'_, O> {
     /// Everything that is due in this cycle.
     pub(super) fn deliver(&mut self, now_ns: u64) {
         let budget = self.config.service_frames_per_cycle.max(1);

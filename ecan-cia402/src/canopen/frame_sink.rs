@@ -3,7 +3,7 @@
 use ecan_mcan_port::{Port, SendError, SendOptions, SendTicket, Session};
 use ecan_protocol::can::FrameRef;
 
-pub(super) trait Outlet {
+pub(super) trait FrameSink {
     fn send(
         &mut self,
         slave: usize,
@@ -25,7 +25,7 @@ pub(super) trait Outlet {
     fn is_holding(&self, slave: usize) -> bool;
 }
 
-impl Outlet for Port {
+impl FrameSink for Port {
     fn send(
         &mut self,
         slave: usize,
@@ -55,5 +55,8 @@ impl Outlet for Port {
 
 /// Whether waiting may cure it.
 pub(super) fn is_passing(error: SendError) -> bool {
-    matches!(error, SendError::NoRoom { .. } | SendError::NotReady { .. } | SendError::NoCycle)
+    matches!(
+        error,
+        SendError::Backpressure { .. } | SendError::NotReady { .. } | SendError::NoCycle
+    )
 }

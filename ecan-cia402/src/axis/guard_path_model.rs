@@ -11,7 +11,9 @@ use ecan_canopen::DriveState;
 use proptest::prelude::*;
 
 use super::guard::MotionGuard;
-use super::guard_input::{Actual, ChannelView, DriveView, GuardInput, NoActual, WayView};
+use super::guard_input::{
+    Actual, ChannelView, DriveView, GuardInput, PathStatus, PositionUnavailable,
+};
 use super::guard_terms::{Decision, GuardLimits, GuardState, TargetKind};
 use super::position_range::PositionRange;
 
@@ -45,7 +47,7 @@ enum Frame {
 
 /// What one cycle does to the model.
 #[derive(Debug, Clone, Copy)]
-struct Weather {
+struct CycleConditions {
     /// The image does not reach the gateway.
     lost_out: bool,
     /// The reply does not reach the host.
@@ -64,12 +66,12 @@ struct Weather {
     advance: i32,
 }
 
-fn weather() -> impl Strategy<Value = Weather> {
+fn weather() -> impl Strategy<Value = CycleConditions> {
     let rare = || prop::bool::weighted(0.03);
     let blocked = prop_oneof![40 => Just(0_u8), 1 => 1..12_u8];
     let push = prop_oneof![30 => Just(0), 1 => -3000..3000_i32];
     (rare(), rare(), blocked, any::<bool>(), rare(), push, rare(), -STEP..=STEP).prop_map(
-        |(lost_out, lost_back, blocked, bus_off, fault, push, backlog, advance)| Weather {
+        |(lost_out, lost_back, blocked, bus_off, fault, push, backlog, advance)| CycleConditions {
             lost_out,
             lost_back,
             blocked,
@@ -164,7 +166,7 @@ impl Model {
         held.chain(&self.gateway.arrived).chain(&self.gateway.ring).any(of_old)
     }
 
-    fn cycle(&mut self, n: usize, weather: Weather) -> Result<(), TestCaseError> {
+    fn cycle(&mut self, n: usize, weather: CycleConditions) -> Result<(), TestCaseError> {
         // The exchange that the last cycle started: the host hears of it now.
         let (complete, image) = self.exchange(weather);
         let input = self.input(complete, image);
@@ -208,7 +210,7 @@ impl Model {
     }
 
     /// Whether the working counter was complete, and the image that came.
-    fn exchange(&mut self, weather: Weather) -> (bool, Option<Published>) {
+    fn exchange(&mut self, weather: CycleConditions) -> (bool, Option<Published>) {
         if weather.lost_out {
             return (false, None);
         }
@@ -233,7 +235,7 @@ impl Model {
         let is_clear = flows && image.as_ref().is_some_and(|image| image.waits_to_be_read == 0);
         self.steady = if is_clear { self.steady + 1 } else { 0 };
         let (actual, channel) = match image {
-            None => (Actual::None(NoActual::NoImage), ChannelView::NotSeen),
+            None => (Actual::None(PositionUnavailable::NoImage), ChannelView::NotSeen),
             Some(image) => {
                 self.covered = [self.delivered, self.covered[0], self.covered[1]];
                 let channel = if image.bus_off {
@@ -244,10 +246,10 @@ impl Model {
                 };
                 self.seen = image.tpdos.last().map_or(self.seen, |(power, _)| *power);
                 let actual = match (image.tpdos.last(), image.waits_to_be_read) {
-                    (None, _) => Actual::None(NoActual::NoTpdo),
+                    (None, _) => Actual::None(PositionUnavailable::NoTpdo),
                     (Some((_, position)), 0) if self.steady >= 3 => Actual::Fresh(*position),
                     (Some((_, position)), 0..7) => Actual::Late(*position),
-                    (Some(_), _) => Actual::None(NoActual::Backlog),
+                    (Some(_), _) => Actual::None(PositionUnavailable::Backlog),
                 };
                 (actual, channel)
             }
@@ -258,7 +260,7 @@ impl Model {
             Power::Enabled => DriveState::OperationEnabled,
         };
         GuardInput {
-            way: WayView {
+            way: PathStatus {
                 in_service: true,
                 complete,
                 holding: self.held.is_some(),
@@ -283,7 +285,7 @@ impl Model {
     }
 
     /// Gateway, bus and drive, until the next exchange.
-    fn world(&mut self, n: usize, weather: Weather) -> Result<(), TestCaseError> {
+    fn world(&mut self, n: usize, weather: CycleConditions) -> Result<(), TestCaseError> {
         let gateway = &mut self.gateway;
         gateway.ring.extend(gateway.arrived.drain(..));
         if gateway.blocked > 0 {
@@ -399,7 +401,7 @@ proptest! {
 #[test]
 fn in_fair_weather_the_drive_follows() {
     let mut model = Model::new();
-    let fair = Weather {
+    let fair = CycleConditions {
         lost_out: false,
         lost_back: false,
         blocked: 0,
@@ -415,7 +417,7 @@ fn in_fair_weather_the_drive_follows() {
     assert_eq!(model.firsts, 1);
     assert!(model.targets > 80 && model.drive.position > 800, "{}", model.drive.position);
     // A storm, and back again.
-    model.cycle(100, Weather { blocked: 10, bus_off: true, ..fair }).unwrap();
+    model.cycle(100, CycleConditions { blocked: 10, bus_off: true, ..fair }).unwrap();
     for n in 101..200 {
         model.cycle(n, fair).unwrap();
     }

@@ -43,7 +43,7 @@ pub struct ReceiveLosses {
 /// Counters of what really happened in a gateway since it was made; they survive power
 /// cycles and every clear command.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Truth {
+pub struct GatewayCounters {
     /// Complete SM2 writes accepted from the master.
     pub images_written: u64,
     /// SM2 writes refused because the buffer was still full.
