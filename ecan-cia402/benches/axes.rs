@@ -14,9 +14,9 @@ use std::time::Instant;
 
 use ecan_bench::{Outcome, Row, interleaved, print_rows, rounds};
 use ecan_canopen::NodeId;
-use ecan_cia402::{AxisSettings, Cia402, Cia402Settings, NodeAddress};
+use ecan_cia402::{AxisConfig, Cia402, Cia402Config, NodeAddress};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::image::Header;
 
 const READY_MS: u32 = 20_000;
@@ -30,8 +30,8 @@ const WARM_UP: usize = 100;
 /// Cycles in a round.
 const REPEAT: usize = 8;
 
-fn axis(number: usize) -> AxisSettings {
-    AxisSettings::new(NodeAddress {
+fn axis(number: usize) -> AxisConfig {
+    AxisConfig::new(NodeAddress {
         slave: number / ON_GATEWAY,
         channel: (number % ON_GATEWAY / ON_CHANNEL) as u8,
         node: NodeId::new((number % ON_CHANNEL) as u8 + 1).unwrap(),
@@ -49,11 +49,11 @@ impl Bench {
         let slaves = axes.div_ceil(ON_GATEWAY);
         let ecrt = ecan_null_master::open(ecan_sim::drives(slaves, ON_CHANNEL as u8)).unwrap();
         let adapter = AdapterConfig::new(slaves as u16).with_multiplier(6).with_cycle_us(2_000);
-        let gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(1_000_000));
+        let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
         let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(slaves, gateway)).unwrap();
         port.wait_ready(READY_MS).unwrap();
         let settings = (0..axes).map(axis).collect();
-        let mut cia402 = Cia402::new(&port, settings, Cia402Settings::default()).unwrap();
+        let mut cia402 = Cia402::new(&port, settings, Cia402Config::default()).unwrap();
         cia402.start_up_timeout(&mut port, READY_MS, |_| {}).unwrap();
         let mut bench = Self { axes, port, cia402 };
         bench.find_full_cycle();

@@ -19,10 +19,10 @@ use std::time::{Duration, Instant};
 
 use ecan_canopen::{CobId, MappingEntry, NodeId, TransmissionType, object};
 use ecan_cia402::{
-    AxisSettings, Cia402, Cia402Settings, NodeAddress, PdoDirection, PdoMapping, PdoMappingError,
+    AxisConfig, Cia402, Cia402Config, NodeAddress, PdoDirection, PdoMapping, PdoMappingError,
 };
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::mapping::CHANNELS;
 use ecan_sim::{ClockKind, SimOptions, Simulation};
 
@@ -83,10 +83,10 @@ fn further_tpdo(node: NodeId, number: u8) -> Result<PdoMapping, PdoMappingError>
     })
 }
 
-fn axis(number: usize, tpdos: u8) -> Fallible<AxisSettings> {
+fn axis(number: usize, tpdos: u8) -> Fallible<AxisConfig> {
     let node = NodeId::new((number / CHANNELS) as u8 + 1).ok_or("no such node-ID")?;
     let address = NodeAddress { slave: 0, channel: (number % CHANNELS) as u8, node };
-    let mut settings = AxisSettings::new(address).with_target_step(STEP);
+    let mut settings = AxisConfig::new(address).with_target_step(STEP);
     for further in 2..=tpdos {
         settings.drive.further.extend(further_tpdo(node, further)?.steps()?);
     }
@@ -114,13 +114,13 @@ impl Bench {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(ecan_sim::drives(1, 3), &options)?;
         let simulation = backend.simulation.ok_or("not a simulation")?;
-        let gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(BITRATE));
+        let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(BITRATE));
         let adapter = AdapterConfig::new(1).with_cycle_us(case.cycle_us);
         let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway))?;
         port.wait_ready(START_UP_MS)?;
         let axes = (0..AXES).map(|number| axis(number, (case.tpdos)(number)));
         let axes = axes.collect::<Fallible<Vec<_>>>()?;
-        let mut cia402 = Cia402::new(&port, axes, Cia402Settings::default())?;
+        let mut cia402 = Cia402::new(&port, axes, Cia402Config::default())?;
         cia402.start_up_timeout(&mut port, START_UP_MS, |_| {})?;
         let cycle = Duration::from_micros(case.cycle_us.into());
         let mut bench = Self { port, cia402, simulation, cycle };

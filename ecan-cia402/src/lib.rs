@@ -10,13 +10,13 @@
 //!
 //! ```no_run
 //! use ecan_canopen::NodeId;
-//! use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeSettings};
+//! use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeConfig};
 //!
 //! fn device_type(port: &mut ecan_mcan_port::Port) -> Result<Vec<u8>, Box<dyn std::error::Error>> {
 //!     let node = NodeId::new(1).ok_or("no node-ID")?;
 //!     let mut network = Network::new(NetworkConfig::default());
 //!     let address = NodeAddress { slave: 0, channel: 0, node };
-//!     let drive = network.add_node(address, NodeSettings::default())?;
+//!     let drive = network.add_node(address, NodeConfig::default())?;
 //!     Ok(network.upload_blocking(port, drive, (0x1000, 0), 2_000)?)
 //! }
 //! ```

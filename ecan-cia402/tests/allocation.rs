@@ -7,18 +7,18 @@ mod counting;
 use counting::allocations;
 use ecan_canopen::{NmtCommand, NodeId};
 use ecan_cia402::{
-    Configurator, HostHeartbeat, Network, NetworkConfig, NodeAddress, NodeSettings, SdoSettings,
-    Step, SyncSettings,
+    Configurator, HostHeartbeat, Network, NetworkConfig, NodeAddress, NodeConfig, SdoConfig, Step,
+    SyncConfig,
 };
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_sim::{ClockKind, SimOptions};
 
 #[test]
 fn forty_nodes_in_transfers_allocate_nothing() {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(ecan_sim::echo(3), &options).unwrap();
-    let gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(1_000_000));
+    let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
     let adapter = AdapterConfig::new(3).with_cycle_us(2_000);
     let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(3, gateway)).unwrap();
     port.wait_ready(20_000).unwrap();
@@ -27,8 +27,8 @@ fn forty_nodes_in_transfers_allocate_nothing() {
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let mut network = Network::new(config);
     // Short timeouts, so that failing, aborting and starting over are part of it.
-    let sdo = SdoSettings { timeout_ms: 20, ..SdoSettings::default() };
-    let settings = NodeSettings { heartbeat_timeout_ms: 100, sdo };
+    let sdo = SdoConfig { timeout_ms: 20, ..SdoConfig::default() };
+    let settings = NodeConfig { heartbeat_timeout_ms: 100, sdo };
     let nodes: Vec<_> = (0..40u8)
         .map(|nth| {
             let (slave, channel) = (usize::from(nth % 3), nth / 3 % 4);
@@ -36,7 +36,7 @@ fn forty_nodes_in_transfers_allocate_nothing() {
             network.add_node(NodeAddress { slave, channel, node }, settings).unwrap()
         })
         .collect();
-    network.set_sync(Some(SyncSettings::default())).unwrap();
+    network.set_sync(Some(SyncConfig::default())).unwrap();
     let mut configurator = Configurator::new();
     for node in &nodes {
         let read = Step::read(0x1000, 0).if_accepted();

@@ -9,7 +9,7 @@ mod axes;
 
 use axes::{Fixture, axes};
 use counting::allocations;
-use ecan_cia402::HomingSettings;
+use ecan_cia402::HomingConfig;
 use ecan_host::AdapterConfig;
 use ecan_sim::{Fault, LossDirection};
 
@@ -44,7 +44,7 @@ fn forty_axes_allocate_nothing() {
     assert_eq!(cycles(&mut bench, 500), 0, "while they are taken up");
     assert!(bench.cia402.all_running());
     let before = allocations();
-    bench.cia402.home(7, HomingSettings::new(37)).unwrap();
+    bench.cia402.home(7, HomingConfig::new(37)).unwrap();
     bench.cia402.quick_stop(8).unwrap();
     bench.cia402.halt(9).unwrap();
     assert_eq!(allocations() - before, 0, "commands");

@@ -7,14 +7,14 @@ mod axes;
 use axes::{Fixture, START_MS, axes, axis, with_quirk};
 use ecan_canopen::{DriveState, NmtState};
 use ecan_cia402::{
-    AxisError, AxisPhase, AxisSettings, AxisTimeout, Cia402, Cia402Error, Decision, HoldReason,
+    AxisConfig, AxisError, AxisPhase, AxisTimeout, Cia402, Cia402Error, Decision, HoldReason,
     SetupFault,
 };
 use ecan_mcan_port::Session;
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{DriveFault, Fault, LossDirection, SdoDirection, SdoEffect, SdoRule};
 
-fn moving(count: usize) -> Vec<AxisSettings> {
+fn moving(count: usize) -> Vec<AxisConfig> {
     axes(count).into_iter().map(|axis| axis.with_target_step(100)).collect()
 }
 

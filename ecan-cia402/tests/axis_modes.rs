@@ -6,8 +6,8 @@ mod axes;
 use axes::{Fixture, axes, axis, with_quirk};
 use ecan_canopen::{DriveState, OperatingMode};
 use ecan_cia402::{
-    AxisError, AxisPhase, AxisSettings, Cia402, Cia402Settings, CommandError, Decision,
-    HomingSettings, HomingState, LoadWarning, ScheduleError, SyncSettings,
+    AxisConfig, AxisError, AxisPhase, Cia402, Cia402Config, CommandError, Decision, HomingConfig,
+    HomingState, LoadWarning, ScheduleError, SyncConfig,
 };
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::NotSchedulable;
@@ -175,7 +175,7 @@ fn a_refused_mode_leaves_the_old_one_and_the_drive_disabled() {
 fn homing_finds_its_place_and_the_axis_is_taken_up_there() {
     for method in [35, 37, 19, 33] {
         let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
-        bench.cia402.home(0, HomingSettings::new(method)).unwrap();
+        bench.cia402.home(0, HomingConfig::new(method)).unwrap();
         finish(&mut bench).unwrap_or_else(|error| panic!("method {method}: {error}"));
         assert!(bench.cia402.is_running(0), "as before");
         assert_eq!(bench.cia402.mode(0), Some(OperatingMode::CyclicPosition));
@@ -193,7 +193,7 @@ fn homing_finds_its_place_and_the_axis_is_taken_up_there() {
 fn homing_that_takes_too_long_ends_with_the_drive_disabled() {
     let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
     let switch_speed = Some(100);
-    let settings = HomingSettings { timeout_ms: 300, switch_speed, ..HomingSettings::new(19) };
+    let settings = HomingConfig { timeout_ms: 300, switch_speed, ..HomingConfig::new(19) };
     bench.cia402.home(0, settings).unwrap();
     assert!(finish(&mut bench).is_err());
     let trouble = bench.cia402.trouble(0);
@@ -212,7 +212,7 @@ fn homing_that_takes_too_long_ends_with_the_drive_disabled() {
 #[test]
 fn a_fault_while_homing_is_told() {
     let mut bench = Fixture::single(vec![axis(0, 0, 1)]).started();
-    bench.cia402.home(0, HomingSettings::new(19)).unwrap();
+    bench.cia402.home(0, HomingConfig::new(19)).unwrap();
     bench.until(2_000, |cia402| matches!(cia402.phase(0), Some(AxisPhase::Homing(_))));
     bench.strike(0, DriveFault::Error { code: 0x7320 });
     assert!(finish(&mut bench).is_err());
@@ -257,7 +257,7 @@ fn with_dc(cycle_us: u32) -> AdapterConfig {
     adapter
 }
 
-fn moving(count: usize) -> Vec<AxisSettings> {
+fn moving(count: usize) -> Vec<AxisConfig> {
     axes(count).into_iter().map(|axis| axis.with_target_step(50)).collect()
 }
 
@@ -294,7 +294,7 @@ fn a_schedule_that_cannot_be_kept_is_refused() {
 
 #[test]
 fn fewer_targets_than_cycles_are_a_matter_of_division() {
-    let settings = Cia402Settings { motion_div: 4, ..Cia402Settings::default() };
+    let settings = Cia402Config { motion_div: 4, ..Cia402Config::default() };
     let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
     let mut bench = Fixture::open_with(ecan_sim::drives(1, 4), adapter, moving(2), settings);
     bench.start();
@@ -307,8 +307,8 @@ fn fewer_targets_than_cycles_are_a_matter_of_division() {
 
 #[test]
 fn sync_may_come_in_every_other_cycle() {
-    let sync = SyncSettings { every_cycles: 2, ..SyncSettings::default() };
-    let settings = Cia402Settings { sync, motion_div: 2, ..Cia402Settings::default() };
+    let sync = SyncConfig { every_cycles: 2, ..SyncConfig::default() };
+    let settings = Cia402Config { sync, motion_div: 2, ..Cia402Config::default() };
     let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
     let mut bench = Fixture::open_with(ecan_sim::drives(1, 4), adapter, moving(4), settings);
     bench.start();

@@ -5,9 +5,9 @@ mod axes;
 
 use axes::{Fixture, axes, axis, with_quirk};
 use ecan_canopen::DriveState;
-use ecan_cia402::{AxisPhase, AxisSettings, Cia402, Cia402Error, Cia402Settings, Shutdown};
+use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Cia402Config, Cia402Error, Shutdown};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::config::TxMode;
 use ecan_sim::{ClockKind, SimOptions};
 
@@ -85,8 +85,8 @@ fn drives_that_lack_what_they_need_not_have_are_started_all_the_same() {
 #[test]
 fn a_table_that_does_not_fit_is_refused_with_every_fault() {
     let port = Fixture::single(axes(1)).port;
-    let refused = |table: Vec<AxisSettings>| {
-        Cia402::new(&port, table, Cia402Settings::default()).unwrap_err().to_string()
+    let refused = |table: Vec<AxisConfig>| {
+        Cia402::new(&port, table, Cia402Config::default()).unwrap_err().to_string()
     };
     let mut bad = axes(3);
     bad[0].step_limit = 0;
@@ -96,14 +96,14 @@ fn a_table_that_does_not_fit_is_refused_with_every_fault() {
     assert!(refused(vec![axis(1, 0, 1)]).contains("slave 1"));
     assert!(refused(vec![axis(0, 0, 1), axis(0, 0, 1)]).contains("node 1"));
     assert!(refused(vec![axis(0, 0, 127)]).contains("heartbeat"));
-    let mut queue = ChannelSettings::classic(1_000_000);
+    let mut queue = ChannelConfig::classic(1_000_000);
     queue.can.ram.tx_mode = TxMode::Queue;
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(ecan_sim::drives(1, 4), &options).unwrap();
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, queue));
     let port = Port::open(&backend.ecrt, AdapterConfig::new(1), config).unwrap();
-    let error = Cia402::new(&port, axes(1), Cia402Settings::default()).unwrap_err();
+    let error = Cia402::new(&port, axes(1), Cia402Config::default()).unwrap_err();
     assert!(matches!(error, Cia402Error::TransmitQueue { axis: 0, .. }), "{error}");
-    let error = Cia402::new(&port, vec![axis(0, 1, 1)], Cia402Settings::default()).unwrap_err();
+    let error = Cia402::new(&port, vec![axis(0, 1, 1)], Cia402Config::default()).unwrap_err();
     assert!(matches!(error, Cia402Error::ChannelNotEnabled { channel: 1, .. }), "{error}");
 }

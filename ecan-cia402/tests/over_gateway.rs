@@ -6,11 +6,11 @@ use std::path::PathBuf;
 
 use ecan_canopen::{NmtCommand, NmtState, NodeId};
 use ecan_cia402::{
-    Configurator, Heartbeat, HostHeartbeat, Network, NetworkConfig, NodeAddress, NodeHandle,
-    NodeSettings, Sdo, SdoFault, SdoSettings, Step, SyncSettings, WaitError, run_cycle_until,
+    Configurator, Heartbeat, HostHeartbeat, Network, NetworkConfig, NodeAddress, NodeConfig,
+    NodeHandle, Sdo, SdoConfig, SdoFault, Step, SyncConfig, WaitError, run_cycle_until,
 };
 use ecan_host::{AdapterConfig, DcSync};
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, ReceivedFrame, SendError};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, ReceivedFrame, SendError};
 use ecan_protocol::can::CanId;
 use ecan_protocol::image::Schedule;
 use ecan_sim::{ClockKind, Fault, LossDirection, NodeKind, Scenario, SimOptions, Simulation};
@@ -20,7 +20,7 @@ const READY_MS: u32 = 20_000;
 fn open(scenario: Scenario, adapter: AdapterConfig, slaves: usize) -> (Port, Simulation) {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
-    let gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(1_000_000));
+    let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
     let config = PortConfig::uniform(slaves, gateway);
     let mut port = Port::open(&backend.ecrt, adapter, config).unwrap_or_else(|e| panic!("{e}"));
     port.wait_ready(READY_MS).unwrap_or_else(|e| panic!("{e}"));
@@ -68,11 +68,11 @@ fn targets_then_sync_then_service_frames_reach_the_bus() {
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let mut network = Network::new(config);
     let add = |network: &mut Network, channel, node| {
-        network.add_node(address(0, channel, node), NodeSettings::default()).unwrap()
+        network.add_node(address(0, channel, node), NodeConfig::default()).unwrap()
     };
     let nodes: Vec<NodeHandle> = (1..=3).map(|node| add(&mut network, 0, node)).collect();
     add(&mut network, 2, 9);
-    network.set_sync(Some(SyncSettings { every_cycles: 5, ..SyncSettings::default() })).unwrap();
+    network.set_sync(Some(SyncConfig { every_cycles: 5, ..SyncConfig::default() })).unwrap();
     network.nmt_all(NmtCommand::EnterPreOperational).unwrap();
     for node in nodes {
         network.start_upload(node, 0x1000, 0).unwrap();
@@ -110,10 +110,10 @@ fn targets_then_sync_then_service_frames_reach_the_bus() {
 #[test]
 fn a_scheduled_sync_meets_its_phase_or_is_refused_by_name() {
     let schedule = Some(Schedule { tag: 1, offset_ns: 300_000 });
-    let settings = SyncSettings { schedule, ..SyncSettings::default() };
+    let settings = SyncConfig { schedule, ..SyncConfig::default() };
     let with_sync = |port: &mut Port| {
         let mut network = Network::new(NetworkConfig::default());
-        network.add_node(address(0, 0, 1), NodeSettings::default()).unwrap();
+        network.add_node(address(0, 0, 1), NodeConfig::default()).unwrap();
         network.set_sync(Some(settings)).unwrap();
         let back = cycles(port, &mut network, 20, |_| {});
         (network, back)
@@ -137,8 +137,8 @@ fn while_an_image_is_held_syncs_do_not_pile_up_behind_it() {
     let (mut port, simulation) =
         open(ecan_sim::echo(1), AdapterConfig::new(1).with_cycle_us(2_000), 1);
     let mut network = Network::new(NetworkConfig::default());
-    network.add_node(address(0, 0, 1), NodeSettings::default()).unwrap();
-    let settings = SyncSettings { counter_overflow: Some(240), ..SyncSettings::default() };
+    network.add_node(address(0, 0, 1), NodeConfig::default()).unwrap();
+    let settings = SyncConfig { counter_overflow: Some(240), ..SyncConfig::default() };
     network.set_sync(Some(settings)).unwrap();
     let mut held = 0;
     // A target goes out only when it does so at once, as the axes have it.
@@ -171,7 +171,7 @@ fn frames_that_find_no_room_in_the_image_wait_and_none_is_lost_or_doubled() {
     let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle_us(4_000);
     let (mut port, _) = open(ecan_sim::echo(1), adapter, 1);
     let mut network = Network::new(NetworkConfig::default());
-    let node = network.add_node(address(0, 0, 1), NodeSettings::default()).unwrap();
+    let node = network.add_node(address(0, 0, 1), NodeConfig::default()).unwrap();
     network.start_upload(node, 0x1000, 0).unwrap();
     network.nmt_all(NmtCommand::Start).unwrap();
     let mut taken = Vec::new();
@@ -200,8 +200,8 @@ fn a_gateway_that_loses_power_aborts_transfers_and_comes_back() {
     let (mut port, simulation) =
         open(ecan_sim::echo(2), AdapterConfig::new(2).with_cycle_us(1_000), 2);
     let mut network = Network::new(NetworkConfig::default());
-    let sdo = SdoSettings { timeout_ms: 60_000, ..SdoSettings::default() };
-    let settings = NodeSettings { sdo, ..NodeSettings::default() };
+    let sdo = SdoConfig { timeout_ms: 60_000, ..SdoConfig::default() };
+    let settings = NodeConfig { sdo, ..NodeConfig::default() };
     let nodes = [0, 1].map(|slave| network.add_node(address(slave, 0, 1), settings).unwrap());
     for node in nodes {
         network.start_upload(node, 0x1000, 0).unwrap();
@@ -237,11 +237,11 @@ fn a_gateway_that_loses_power_aborts_transfers_and_comes_back() {
 fn a_bus_that_is_not_active_is_reported_at_once() {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
-    let gateway = GatewayConfig::on_channel(0, ChannelSettings::classic(1_000_000));
+    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
     let config = PortConfig::uniform(1, gateway);
     let mut port = Port::open(&backend.ecrt, AdapterConfig::new(1), config).unwrap();
     let mut network = Network::new(NetworkConfig::default());
-    let node = network.add_node(address(0, 0, 1), NodeSettings::default()).unwrap();
+    let node = network.add_node(address(0, 0, 1), NodeConfig::default()).unwrap();
     let error = network.upload_blocking(&mut port, node, (0x1000, 0), 60_000).unwrap_err();
     assert!(matches!(error, WaitError::Cycle(_)), "{error}");
     assert_eq!(network.sdo_failure(node).unwrap().fault, SdoFault::Cancelled);
@@ -255,7 +255,7 @@ fn lost_ethernet_frames_do_not_end_a_blocking_call() {
         1,
     );
     let mut network = Network::new(NetworkConfig::default());
-    let node = network.add_node(address(0, 0, 5), NodeSettings::default()).unwrap();
+    let node = network.add_node(address(0, 0, 5), NodeConfig::default()).unwrap();
     network.wait_nmt_state_blocking(&mut port, NmtState::PreOperational, 10_000).unwrap();
     simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 5 });
     let value = network.upload_blocking(&mut port, node, (0x1000, 0), 1_000).unwrap();
@@ -312,7 +312,7 @@ fn a_node_is_met_watched_asked_and_missed() {
         1,
     );
     let mut network = Network::new(NetworkConfig::default());
-    let settings = NodeSettings { heartbeat_timeout_ms: 250, ..NodeSettings::default() };
+    let settings = NodeConfig { heartbeat_timeout_ms: 250, ..NodeConfig::default() };
     let node = network.add_node(address(0, 0, 5), settings).unwrap();
     assert_eq!(network.heartbeat(node), Heartbeat::Unknown);
     network
@@ -364,7 +364,7 @@ fn a_configuration_runs_to_its_end_with_words_on_the_way() {
         1,
     );
     let mut network = Network::new(NetworkConfig::default());
-    let node = network.add_node(address(0, 0, 5), NodeSettings::default()).unwrap();
+    let node = network.add_node(address(0, 0, 5), NodeConfig::default()).unwrap();
     let mut configurator = Configurator::new();
     configurator.add(
         &network,

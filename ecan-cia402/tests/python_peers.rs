@@ -10,15 +10,15 @@ use std::time::Duration;
 
 use ecan_canopen::{NmtCommand, NmtState, NodeId};
 use ecan_cia402::{
-    Heartbeat, Network, NetworkConfig, NodeAddress, NodeHandle, NodeSettings, Sdo, SdoFault,
-    SdoSettings, run_cycle_until,
+    Heartbeat, Network, NetworkConfig, NodeAddress, NodeConfig, NodeHandle, Sdo, SdoConfig,
+    SdoFault, run_cycle_until,
 };
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{
-    Backend, BridgeProtocol, BridgeSettings, ClockKind, DriveFault, DriveSettings, DriveSpec,
-    Fault, GatewaySpec, NodeKind, NodeSpec, Scenario, SimOptions, Simulation,
+    Backend, BridgeConfig, BridgeProtocol, ClockKind, DriveConfig, DriveFault, DriveSpec, Fault,
+    GatewaySpec, NodeKind, NodeSpec, Scenario, SimOptions, Simulation,
 };
 
 use python_peer::{PATIENCE, Peer, python};
@@ -47,15 +47,15 @@ struct Client {
 impl Client {
     fn new(scenario: Scenario, node: NodeId) -> Self {
         let backend = open(scenario, ClockKind::Stepped);
-        let gateway = GatewayConfig::on_channel(0, ChannelSettings::classic(500_000));
+        let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
         let adapter = AdapterConfig::new(1).with_cycle_us(CYCLE.as_micros() as u32);
         let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway)).unwrap();
         port.wait_ready(READY_MS).unwrap();
         let mut network = Network::new(NetworkConfig::default());
-        let settings = NodeSettings {
+        let settings = NodeConfig {
             heartbeat_timeout_ms: 2_000,
             // Another program answers, on a machine that may have much to do.
-            sdo: SdoSettings { timeout_ms: 20_000, ..SdoSettings::default() },
+            sdo: SdoConfig { timeout_ms: 20_000, ..SdoConfig::default() },
         };
         let address = NodeAddress { slave: 0, channel: 0, node };
         let node = network.add_node(address, settings).unwrap();
@@ -103,7 +103,7 @@ fn our_client_probes_a_node_of_the_canopen_package() {
     let Some(python) = python() else { return };
     let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
     let mut client = Client::new(scenario, NodeId::new(5).unwrap());
-    let bridge = client.simulation.attach_bridge("0.0", BridgeSettings::default()).unwrap();
+    let bridge = client.simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
     let arguments = [("port", bridge.address().port()), ("node", 5)];
     let mut peer = Peer::start(&python, "local_node.py", &arguments);
 
@@ -179,7 +179,7 @@ fn python_can_exchanges_frames_through_two_protocols() {
     let bridge = |name: &str, protocol| NodeSpec {
         name: name.to_owned(),
         bus: "0.0".to_owned(),
-        kind: NodeKind::Bridge(BridgeSettings::speaking(protocol)),
+        kind: NodeKind::Bridge(BridgeConfig::speaking(protocol)),
         bitrate: Some(500_000),
         data_bitrate: Some(2_000_000),
     };
@@ -216,12 +216,12 @@ fn the_402_master_of_the_canopen_package_drives_our_drive() {
         bitrate: Some(500_000),
         data_bitrate: None,
     };
-    let settings = DriveSpec { settings: DriveSettings::new(drive), eds: None };
+    let settings = DriveSpec { settings: DriveConfig::new(drive), eds: None };
     let scenario = Scenario {
         gateways: vec![GatewaySpec::at(0)],
         nodes: vec![
             node("drive", NodeKind::Drive(Box::new(settings))),
-            node("bridge", NodeKind::Bridge(BridgeSettings::default())),
+            node("bridge", NodeKind::Bridge(BridgeConfig::default())),
         ],
         ..Scenario::default()
     };

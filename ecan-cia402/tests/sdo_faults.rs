@@ -4,7 +4,7 @@
 mod link;
 mod reference;
 
-use ecan_cia402::{Sdo, SdoFault, SdoSettings};
+use ecan_cia402::{Sdo, SdoConfig, SdoFault};
 use ecan_protocol::object::AbortCode;
 use link::{Link, MS, TIMEOUT_MS, block_settings, settings, value};
 use proptest::prelude::*;
@@ -41,7 +41,7 @@ fn silence_is_aborted_and_tried_again_then_reported() {
 
 #[test]
 fn without_retries_one_lost_frame_fails_the_transfer() {
-    let once = SdoSettings { retries: 0, ..settings() };
+    let once = SdoConfig { retries: 0, ..settings() };
     let mut link = Link::new(Server::new(Block::Checked).with(0x1000, 0, &[7]), once);
     link.lost = vec![1];
     let fault = SdoFault::TimedOut { attempts: 1 };
@@ -69,7 +69,7 @@ fn a_wrong_toggle_bit_is_aborted() {
     for (answer, upload) in
         [([0x10, 1, 2, 3, 4, 5, 6, 7], true), ([0x30, 0, 0, 0, 0, 0, 0, 0], false)]
     {
-        let once = SdoSettings { retries: 0, ..settings() };
+        let once = SdoConfig { retries: 0, ..settings() };
         let server = Server::new(Block::Checked).with(0x1008, 0, &value(20));
         let mut link = Link::new(server, once);
         if upload {
@@ -151,7 +151,7 @@ fn the_lost_end_of_a_block_is_asked_for_again() {
 
 #[test]
 fn a_damaged_block_is_refused_by_its_crc() {
-    let once = SdoSettings { retries: 0, ..block_settings() };
+    let once = SdoConfig { retries: 0, ..block_settings() };
     let server = Server::new(Block::Checked).with(0x2000, 0, &value(21));
     let mut link = Link::new(server, once);
     link.client.start_upload(0x2000, 0).unwrap();
@@ -186,8 +186,8 @@ fn what_the_server_finds_damaged_is_sent_again() {
 
 #[test]
 fn a_value_too_long_is_refused_whether_its_size_is_told_or_not() {
-    let small = SdoSettings { buffer_bytes: 50, ..settings() };
-    let small_block = SdoSettings { buffer_bytes: 50, ..block_settings() };
+    let small = SdoConfig { buffer_bytes: 50, ..settings() };
+    let small_block = SdoConfig { buffer_bytes: 50, ..block_settings() };
     for tells_size in [true, false] {
         for settings in [small, small_block] {
             let mut server = Server::new(Block::Checked).with(0x2000, 0, &value(51));
@@ -220,7 +220,7 @@ fn answers_about_other_objects_are_ignored() {
 
 #[test]
 fn the_wrong_service_for_the_right_object_is_a_violation() {
-    let once = SdoSettings { retries: 0, ..settings() };
+    let once = SdoConfig { retries: 0, ..settings() };
     let mut link = Link::new(Server::new(Block::Checked).with(0x1000, 0, &[7]), once);
     link.client.start_upload(0x1000, 0).unwrap();
     link.client.sent(0);
@@ -251,7 +251,7 @@ fn giving_up_tells_a_server_that_knows_and_only_that() {
 
 #[test]
 fn acknowledging_nothing_forever_does_not_keep_the_client_busy() {
-    let once = SdoSettings { retries: 1, ..block_settings() };
+    let once = SdoConfig { retries: 1, ..block_settings() };
     let mut link = Link::new(Server::new(Block::Checked), once);
     link.client.start_download(0x2000, 0, &value(60)).unwrap();
     for ms in 0..10_000 {
@@ -309,7 +309,7 @@ fn without_size_and_crc_a_block_is_not_patched_but_begun_anew() {
 
 #[test]
 fn a_size_that_does_not_hold_is_a_violation() {
-    let once = SdoSettings { retries: 0, ..settings() };
+    let once = SdoConfig { retries: 0, ..settings() };
     for (told, code) in [(8, 0x0607_0010), (9, 0x0607_0010), (6, 0x0607_0010)] {
         let mut link = Link::new(Server::new(Block::Checked), once);
         link.client.start_upload(0x2000, 0).unwrap();

@@ -4,7 +4,7 @@
 mod link;
 mod reference;
 
-use ecan_cia402::{Sdo, SdoSettings, SdoStartError};
+use ecan_cia402::{Sdo, SdoConfig, SdoStartError};
 use link::{Link, Way, block_settings, settings, value};
 use reference::{Block, Server};
 
@@ -183,7 +183,7 @@ fn small_objects_come_in_one_frame_even_when_blocks_are_asked_for() {
 
 #[test]
 fn one_transfer_at_a_time_and_only_what_fits() {
-    let small = SdoSettings { buffer_bytes: 10, ..settings() };
+    let small = SdoConfig { buffer_bytes: 10, ..settings() };
     let mut link = Link::new(Server::new(Block::Checked).with(0x2000, 0, &[1]), small);
     assert_eq!(
         link.client.start_download(0x2000, 0, &[0; 11]),

@@ -1,6 +1,6 @@
 //! One channel of a file: bit rates, mode, Message RAM, filters and data path.
 
-use ecan_mcan_port::{ChannelSettings, Traffic};
+use ecan_mcan_port::{ChannelConfig, Traffic};
 use ecan_protocol::config::{McanChannelConfig, MessageRamLayout};
 use ecan_protocol::object::lookup;
 
@@ -96,7 +96,7 @@ pub(crate) fn key_of(subindex: u8) -> Option<String> {
     outer.or_else(|| RAM_KEYS.iter().find(is_it).map(|(key, ..)| format!("ram.{key}")))
 }
 
-pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> ChannelSettings {
+pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> ChannelConfig {
     // What is missing or wrong is a fault already; the rest is read all the same.
     let preset = |table: &mut Table<'_, '_>, document: &mut Document<'_>, key, subindex| {
         read_number(document, table, key, subindex)
@@ -107,9 +107,9 @@ pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Cha
     }
     let nominal = bitrate.unwrap_or(500_000);
     let mut settings = match preset(&mut table, document, "data_bitrate", 20) {
-        Some(data) => ChannelSettings::fd(nominal, data),
-        None if table.has("data_bitrate") => ChannelSettings::fd(nominal, nominal.max(1_000_000)),
-        None => ChannelSettings::classic(nominal),
+        Some(data) => ChannelConfig::fd(nominal, data),
+        None if table.has("data_bitrate") => ChannelConfig::fd(nominal, nominal.max(1_000_000)),
+        None => ChannelConfig::classic(nominal),
     };
     if let Some(traffic) = table.table(document, "traffic") {
         settings = read_traffic(document, traffic, settings);
@@ -192,8 +192,8 @@ fn set(
 fn read_traffic(
     document: &mut Document<'_>,
     mut table: Table<'_, '_>,
-    settings: ChannelSettings,
-) -> ChannelSettings {
+    settings: ChannelConfig,
+) -> ChannelConfig {
     let mut traffic = Traffic::default();
     for (key, frames) in [("received", &mut traffic.received), ("sent", &mut traffic.sent)] {
         if let Some(number) = table.unsigned(document, key, (0, 255)) {

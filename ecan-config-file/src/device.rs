@@ -1,6 +1,6 @@
 //! Gateways of a file on a bus: which slave is meant, and writing the configuration to it.
 
-use ecan_host::{Diagnostics, Error, SlaveSettings, StartupStep};
+use ecan_host::{Diagnostics, Error, SlaveConfig, StartupStep};
 use ecan_protocol::device::AlState;
 use thiserror::Error;
 
@@ -75,11 +75,11 @@ pub enum ResolveError {
 /// The first gateway that is not there, or that is the slave of another.
 pub fn find(
     bus: &Diagnostics,
-    slaves: &[SlaveSettings],
+    slaves: &[SlaveConfig],
 ) -> Result<Vec<ResolvedGateway>, ResolveError> {
     let count = bus.slave_count();
-    let place = |(gateway, settings): (usize, &SlaveSettings)| {
-        let SlaveSettings { alias, position, .. } = *settings;
+    let place = |(gateway, settings): (usize, &SlaveConfig)| {
+        let SlaveConfig { alias, position, .. } = *settings;
         let mut start = 0;
         if alias != 0 {
             let has_alias =

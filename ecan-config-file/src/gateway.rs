@@ -1,7 +1,7 @@
 //! One gateway of a file.
 
-use ecan_host::{Identity, SlaveSettings, StartupStep};
-use ecan_mcan_port::{GatewayConfig, MarginCheck, ScheduleSettings};
+use ecan_host::{Identity, SlaveConfig, StartupStep};
+use ecan_mcan_port::{GatewayConfig, MarginCheck, ScheduleConfig};
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
@@ -31,9 +31,9 @@ pub(crate) fn read(
     document: &mut Document<'_>,
     mut table: Table<'_, '_>,
     at: usize,
-) -> (SlaveSettings, GatewayConfig) {
+) -> (SlaveConfig, GatewayConfig) {
     // Where the file names no place, the gateways are in a row.
-    let mut slave = SlaveSettings::at(u16::try_from(at).unwrap_or(u16::MAX), 3);
+    let mut slave = SlaveConfig::at(u16::try_from(at).unwrap_or(u16::MAX), 3);
     let mut gateway = GatewayConfig::default();
     if let Some(alias) = table.unsigned(document, "alias", (0, 0xFFFF)) {
         slave.alias = alias as u16;
@@ -103,7 +103,7 @@ fn read_direction(
     document: &mut Document<'_>,
     table: &mut Table<'_, '_>,
     direction: Direction,
-    slave: &mut SlaveSettings,
+    slave: &mut SlaveConfig,
     gateway: &mut GatewayConfig,
 ) {
     let (key, n, profile, budget, options) = match direction {
@@ -149,8 +149,8 @@ fn read_direction(
     table.finish(document);
 }
 
-fn read_schedule(document: &mut Document<'_>, mut table: Table<'_, '_>) -> ScheduleSettings {
-    let mut schedule = ScheduleSettings::default();
+fn read_schedule(document: &mut Document<'_>, mut table: Table<'_, '_>) -> ScheduleConfig {
+    let mut schedule = ScheduleConfig::default();
     let times = [
         ("latest_send_us", &mut schedule.latest_send_ns),
         ("transport_us", &mut schedule.transport_ns),

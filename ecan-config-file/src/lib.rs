@@ -65,7 +65,7 @@ pub const EXAMPLE: &str = include_str!("example.toml");
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConfigFile {
     /// The EtherCAT side. Policies of 0x8020, where the file has any, are in the slaves'
-    /// [`startup`](ecan_host::SlaveSettings::startup).
+    /// [`startup`](ecan_host::SlaveConfig::startup).
     pub adapter: AdapterConfig,
     /// The CAN side, one gateway for each slave.
     pub port: PortConfig,

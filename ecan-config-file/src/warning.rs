@@ -1,6 +1,6 @@
 //! What a file says that works, but not for every frame.
 
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortPlan};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortPlan};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::{DataSize, FilterAction, NodeMode, NonMatch};
 use ecan_protocol::image::{BudgetPolicy, PdoProfile};
@@ -117,7 +117,7 @@ impl ConfigFile {
     }
 }
 
-fn channels(gateway: &GatewayConfig) -> impl Iterator<Item = (u8, &ChannelSettings)> {
+fn channels(gateway: &GatewayConfig) -> impl Iterator<Item = (u8, &ChannelConfig)> {
     (0..).zip(&gateway.channels).filter_map(|(channel, it)| Some((channel, it.as_ref()?)))
 }
 
@@ -145,7 +145,7 @@ fn share(direction: Direction, profile: &PdoProfile) -> usize {
 fn short_elements(
     slave: usize,
     channel: u8,
-    settings: &ChannelSettings,
+    settings: &ChannelConfig,
 ) -> impl Iterator<Item = FileWarning> {
     let (can, ram) = (&settings.can, &settings.can.ram);
     let standard = settings.standard_filters.iter().map(|filter| filter.action);

@@ -11,8 +11,7 @@ use std::process::Command;
 
 use ecan_bench::{Row, median, print_rows, rounds};
 use ecan_host::{
-    Clock, CycleStatistics, CycleTimer, CycleTiming, MonotonicClock, OverrunPolicy,
-    RealTimeSettings,
+    Clock, CycleStatistics, CycleTimer, CycleTiming, MonotonicClock, OverrunPolicy, RealTimeConfig,
 };
 
 const CYCLE_NS: u32 = 1_000_000;
@@ -33,11 +32,11 @@ struct Delays {
 /// A segment of the own cycle, on a thread of its own.
 fn own(cycles: usize, spin_ns: u64) -> (Delays, String) {
     let segment = move || {
-        let settings = RealTimeSettings {
+        let settings = RealTimeConfig {
             priority: Some(PRIORITY),
             lock_memory: Some(64 * 1024),
             wake_up_latency_us: Some(0),
-            ..RealTimeSettings::default()
+            ..RealTimeConfig::default()
         };
         let report = settings.apply().expect("nothing is required").to_string();
         let clock = MonotonicClock;

@@ -8,7 +8,7 @@ use ecrt_sys::{Clock, DomainId, Ecrt, Master, SlaveConfigId};
 
 use crate::al_status::AlStatusWatch;
 use crate::clocks::DistributedClocks;
-use crate::config::{AdapterConfig, Identity, SlaveSettings, WATCHDOG_UNIT_US};
+use crate::config::{AdapterConfig, Identity, SlaveConfig, WATCHDOG_UNIT_US};
 use crate::cycle::DomainReport;
 use crate::diagnostics::Diagnostics;
 use crate::domain_layout::DomainLayout;
@@ -192,7 +192,7 @@ impl Adapter {
     fn configure_slave(
         &mut self,
         slave: usize,
-        settings: &SlaveSettings,
+        settings: &SlaveConfig,
         Identified { identity, serial }: Identified,
     ) -> Result<Slave, Error> {
         let steps = startup_list(settings);

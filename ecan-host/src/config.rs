@@ -75,7 +75,7 @@ impl DcSync {
 
 /// One gateway on the bus.
 #[derive(Debug, Clone, PartialEq)]
-pub struct SlaveSettings {
+pub struct SlaveConfig {
     /// Station alias that `position` counts from; 0 counts from the start of the bus.
     pub alias: u16,
     /// Ring position, relative to the slave that has `alias`.
@@ -95,7 +95,7 @@ pub struct SlaveSettings {
     pub startup: Vec<StartupStep>,
 }
 
-impl SlaveSettings {
+impl SlaveConfig {
     /// The slave at `position`, counted from the start of the bus, with N = `multiplier` both ways.
     pub fn at(position: u16, multiplier: u8) -> Self {
         Self {
@@ -119,7 +119,7 @@ pub struct AdapterConfig {
     /// Index of the EtherCAT master, 0 for `/dev/EtherCAT0`.
     pub master_index: u32,
     /// The gateways; their index here is the slave index in every call.
-    pub slaves: Vec<SlaveSettings>,
+    pub slaves: Vec<SlaveConfig>,
     /// Period of the application's cycle in nanoseconds, shorter than the watchdog.
     pub cycle_ns: u32,
     /// Distributed clocks with Sync0; `None` runs synchronous to process data ("SM/free").
@@ -151,7 +151,7 @@ impl AdapterConfig {
     pub fn new(count: u16) -> Self {
         Self {
             master_index: 0,
-            slaves: (0..count).map(|p| SlaveSettings::at(p, 3)).collect(),
+            slaves: (0..count).map(|p| SlaveConfig::at(p, 3)).collect(),
             cycle_ns: 10_000_000,
             dc: None,
             allow_large_pdos: false,

@@ -3,7 +3,7 @@
 use ecan_protocol::mapping::MAX_MULTIPLIER;
 use thiserror::Error;
 
-use crate::config::{AdapterConfig, MAX_WATCHDOG_US, SlaveSettings, WATCHDOG_UNIT_US};
+use crate::config::{AdapterConfig, MAX_WATCHDOG_US, SlaveConfig, WATCHDOG_UNIT_US};
 use crate::faults::Faults;
 use crate::plan::{Plan, PlanError};
 
@@ -130,7 +130,7 @@ impl AdapterConfig {
         Faults::check(faults)
     }
 
-    fn check_slave(&self, index: usize, slave: &SlaveSettings, faults: &mut Vec<ConfigFault>) {
+    fn check_slave(&self, index: usize, slave: &SlaveConfig, faults: &mut Vec<ConfigFault>) {
         let earlier = self.slaves.iter().take(index).enumerate();
         for (first, other) in earlier {
             if (other.alias, other.position) == (slave.alias, slave.position) {

@@ -2,7 +2,7 @@
 
 use ecan_protocol::device::{AlState, Capabilities, Recognition};
 
-use crate::config::{AdapterConfig, Identity, SlaveSettings};
+use crate::config::{AdapterConfig, Identity, SlaveConfig};
 use crate::diagnostics::Diagnostics;
 use crate::error::Error;
 
@@ -58,7 +58,7 @@ pub(crate) struct Identified {
 pub(crate) fn identify(
     diagnostics: &Diagnostics,
     slave: usize,
-    settings: &SlaveSettings,
+    settings: &SlaveConfig,
 ) -> Result<Identified, Error> {
     let info = diagnostics.slave_info(slave)?;
     let found = Identity { vendor_id: info.vendor_id, product_code: info.product_code };

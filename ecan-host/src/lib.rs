@@ -9,7 +9,7 @@
 //! [`Plan`] tells beforehand what a configuration costs on the wire.
 //!
 //! Nothing here starts a thread or sleeps in the data path: the application owns the cycle.
-//! [`RealTimeSettings`] and [`CycleStatistics`] help it to keep it (manual 13.9).
+//! [`RealTimeConfig`] and [`CycleStatistics`] help it to keep it (manual 13.9).
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]
 
@@ -40,7 +40,7 @@ mod stop;
 
 pub use adapter::{Adapter, Phase};
 pub use clocks::ClockStatus;
-pub use config::{AdapterConfig, ClockSource, DcSync, Identity, SlaveSettings};
+pub use config::{AdapterConfig, ClockSource, DcSync, Identity, SlaveConfig};
 pub use config_check::ConfigFault;
 pub use cycle::{CycleError, Delivery, DomainReport};
 pub use diagnose::run_beside;
@@ -58,7 +58,7 @@ pub use plan::{
 pub use real_time::{
     CycleStart, CycleStatistics, CycleTimer, CycleTiming, Distribution, MAX_SPIN_NS,
     MAX_STACK_PREFAULT_BYTES, Need, OverrunPolicy, Privilege, PrivilegeError, PrivilegeOutcome,
-    RealTimeError, RealTimeFault, RealTimeReport, RealTimeSettings,
+    RealTimeConfig, RealTimeError, RealTimeFault, RealTimeReport,
 };
 pub use recognition::{IdentificationError, SlaveKind, SlaveQuery, denies_object, slave_kinds};
 pub use requests::RequestId;

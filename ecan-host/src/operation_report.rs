@@ -6,7 +6,7 @@ use ecan_protocol::device::{AlState, AlStatusCode, Capabilities};
 use ecan_protocol::mapping::Direction;
 
 use crate::adapter::Adapter;
-use crate::config::SlaveSettings;
+use crate::config::SlaveConfig;
 use crate::diagnostics::Diagnostics;
 use crate::domain_layout::DomainLayout;
 use crate::error::{Error, al_state_words};
@@ -126,7 +126,7 @@ impl NotOperational {
 
 /// The startup steps once more, on the very gateway, and then the sizes that it has active: one
 /// that does not fit the process data is answered with AL status 0x001D or 0x001E.
-fn steps_to_try(settings: &SlaveSettings, serial: [u32; 2]) -> Vec<StartupStep> {
+fn steps_to_try(settings: &SlaveConfig, serial: [u32; 2]) -> Vec<StartupStep> {
     let layout = DomainLayout::new(settings.rx_multiplier, settings.tx_multiplier);
     let same = [(7, serial[0]), (8, serial[1])]
         .map(|(subindex, half)| StartupStep::expect(Capabilities::INDEX, subindex, half));

@@ -11,7 +11,7 @@ use ecan_protocol::config::assignment_writes;
 use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::SdoWrite;
 
-use crate::config::SlaveSettings;
+use crate::config::SlaveConfig;
 use crate::diagnostics::Diagnostics;
 use crate::error::Error;
 
@@ -98,7 +98,7 @@ impl StartupStep {
     }
 }
 
-impl SlaveSettings {
+impl SlaveConfig {
     /// The complete startup sequence of this slave, in the order in which the Adapter runs it: the
     /// checks that come first, the PDO assignment from N, what the layer above needs, what the
     /// application adds (manual 5.4.3).
@@ -110,7 +110,7 @@ impl SlaveSettings {
 }
 
 /// The whole list for a slave: leading checks, RxPDO and TxPDO assignment, the other steps.
-pub(crate) fn startup_list(slave: &SlaveSettings) -> Vec<StartupStep> {
+pub(crate) fn startup_list(slave: &SlaveConfig) -> Vec<StartupStep> {
     let base = &slave.base_startup;
     let leading = base.iter().take_while(|step| !step.is_download()).count();
     let (checks, others) = base.split_at(leading);
@@ -125,7 +125,7 @@ pub(crate) fn startup_list(slave: &SlaveSettings) -> Vec<StartupStep> {
 }
 
 /// Number of downloads that the master sends to a slave at start-up.
-pub(crate) fn download_count(slave: &SlaveSettings) -> usize {
+pub(crate) fn download_count(slave: &SlaveConfig) -> usize {
     startup_list(slave).iter().filter(|step| step.is_download()).count()
 }
 
@@ -160,7 +160,7 @@ mod tests {
 
     #[test]
     fn leading_checks_then_the_assignment_of_the_manual_then_the_rest() {
-        let mut slave = SlaveSettings::at(0, 3);
+        let mut slave = SlaveConfig::at(0, 3);
         slave.tx_multiplier = 1;
         let apply = SdoWrite { index: 0x8010, subindex: 1, value: 1, ty: ObjectType::U8 };
         slave.base_startup =

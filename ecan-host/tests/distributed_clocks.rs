@@ -4,7 +4,7 @@
 mod common;
 
 use common::{raw_config, simulated};
-use ecan_host::{Adapter, ClockSource, ClockStatus, DcSync, SlaveSettings};
+use ecan_host::{Adapter, ClockSource, ClockStatus, DcSync, SlaveConfig};
 use ecan_sim::{
     EcrtVersion, Fault, GatewayFault, LossDirection, Scenario, Simulation, WakeUpDelay,
 };
@@ -20,7 +20,7 @@ fn opened(drifts: &[i32], scenario: Scenario, dc: DcSync) -> (Adapter, Simulatio
     let (ecrt, simulation) = simulated(scenario);
     let mut config = raw_config().0;
     let slave = config.slaves.remove(0);
-    let at = |position| SlaveSettings { position, ..slave.clone() };
+    let at = |position| SlaveConfig { position, ..slave.clone() };
     config.slaves = (0..drifts.len() as u16).map(at).collect();
     config.dc = Some(dc);
     (Adapter::open(&ecrt, config).unwrap(), simulation)

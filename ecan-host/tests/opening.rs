@@ -10,7 +10,7 @@ use ecan_protocol::object::{ObjectType, SdoWrite};
 #[test]
 fn the_identity_is_taken_from_the_bus() {
     let adapter = open(ecan_sim::echo(2), AdapterConfig::new(2)).unwrap();
-    let settings = ecan_sim::GatewaySettings::default();
+    let settings = ecan_sim::GatewayModelConfig::default();
     let found = adapter.identity(1).unwrap();
     assert_eq!((found.vendor_id, found.product_code), (settings.vendor_id, settings.product_code));
     assert_eq!(adapter.phase(), Phase::Configured);

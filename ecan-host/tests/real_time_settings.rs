@@ -2,22 +2,22 @@
 #![allow(missing_docs)]
 
 use ecan_host::{
-    CycleTiming, Need, Privilege, RealTimeError, RealTimeFault, RealTimeReport, RealTimeSettings,
+    CycleTiming, Need, Privilege, RealTimeConfig, RealTimeError, RealTimeFault, RealTimeReport,
 };
 
 #[test]
 fn nothing_asked_for_is_nothing_done() {
-    assert_eq!(RealTimeSettings::default().apply(), Ok(RealTimeReport::default()));
+    assert_eq!(RealTimeConfig::default().apply(), Ok(RealTimeReport::default()));
 }
 
 #[test]
 fn every_fault_of_the_settings_is_named_and_nothing_applied() {
-    let settings = RealTimeSettings {
+    let settings = RealTimeConfig {
         priority: Some(200),
         cpus: Some(Vec::new()),
         lock_memory: Some(usize::MAX),
         timing: CycleTiming { spin_ns: 1_000_001, ..CycleTiming::default() },
-        ..RealTimeSettings::default()
+        ..RealTimeConfig::default()
     };
     let error = settings.apply().unwrap_err();
     let RealTimeError::Settings(faults) = &error else { panic!("{error}") };
@@ -31,7 +31,7 @@ fn every_fault_of_the_settings_is_named_and_nothing_applied() {
     let text = error.to_string();
     assert!(text.contains("priority 200 is outside 1..99"), "{text}");
     assert!(text.contains("final spin of 1000001 ns is above 1000000 ns"), "{text}");
-    let zero = RealTimeSettings { priority: Some(0), ..RealTimeSettings::default() };
+    let zero = RealTimeConfig { priority: Some(0), ..RealTimeConfig::default() };
     assert!(zero.check().is_err());
 }
 
@@ -39,8 +39,7 @@ fn every_fault_of_the_settings_is_named_and_nothing_applied() {
 fn a_cpu_that_is_not_there_is_named_with_those_that_are() {
     // 4095 is beyond the system's set; the last of the set may exist only on giant machines.
     for cpu in [4095, 1023] {
-        let mut settings =
-            RealTimeSettings { cpus: Some(vec![0, cpu]), ..RealTimeSettings::default() };
+        let mut settings = RealTimeConfig { cpus: Some(vec![0, cpu]), ..RealTimeConfig::default() };
         let report = settings.apply().unwrap();
         assert!(!report.is_complete() && report.is_sufficient());
         assert_eq!(report.outcomes.len(), 1);
@@ -65,10 +64,10 @@ fn a_cpu_that_the_thread_has_already_is_granted() {
     let line = text.lines().find(|line| line.starts_with("Cpus_allowed_list:")).unwrap();
     let list = line.split_whitespace().nth(1).unwrap();
     let first: usize = list.split([',', '-']).next().unwrap().parse().unwrap();
-    let settings = RealTimeSettings {
+    let settings = RealTimeConfig {
         cpus: Some(vec![first]),
         cpus_need: Need::Required,
-        ..RealTimeSettings::default()
+        ..RealTimeConfig::default()
     };
     let report = settings.apply().unwrap();
     assert!(report.is_complete());
@@ -78,11 +77,11 @@ fn a_cpu_that_the_thread_has_already_is_granted() {
 #[test]
 fn priority_and_memory_are_granted_or_refused_with_a_remedy() {
     // On a thread of its own, which keeps what it is granted to its end.
-    let settings = RealTimeSettings {
+    let settings = RealTimeConfig {
         priority: Some(1),
         lock_memory: Some(65_536),
         wake_up_latency_us: Some(50),
-        ..RealTimeSettings::default()
+        ..RealTimeConfig::default()
     };
     let report = std::thread::spawn(move || settings.apply().unwrap()).join().unwrap();
     let lines: Vec<String> = report.outcomes.iter().map(ToString::to_string).collect();

@@ -13,7 +13,7 @@ use std::hint::black_box;
 
 use ecan_bench::{Row, print_rows, warm, wire_ns};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, ReceivedView};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, ReceivedView};
 use ecan_protocol::can::{CanId, FrameRef};
 use ecan_protocol::image::{
     CommitFields, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp, crc16_is_accelerated,
@@ -106,7 +106,7 @@ impl Bench {
     fn new(case: &'static Case) -> Self {
         let gateway = GatewayConfig {
             paced: false,
-            ..GatewayConfig::on_all_channels(&ChannelSettings::classic(1_000_000))
+            ..GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000))
         };
         let profile = |direction| gateway.profile(direction, case.multiplier);
         let frames: Vec<_> = (0..case.frames).map(frame).collect();

@@ -4,7 +4,7 @@ use ecan_protocol::config::{DataPathConfig, ExtendedFilter, McanChannelConfig, S
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
-use crate::schedule_settings::ScheduleSettings;
+use crate::schedule_settings::ScheduleConfig;
 
 /// Frames per cycle that a channel is expected to carry, for the gateway's data-path budgets
 /// (0x8021..0x8024, manual 13.2.2).
@@ -28,7 +28,7 @@ impl Default for Traffic {
 
 /// One enabled CAN channel.
 #[derive(Debug, Clone, PartialEq)]
-pub struct ChannelSettings {
+pub struct ChannelConfig {
     /// Bit rates, mode, Message RAM and the other objects of 0x8001..0x8004 (manual 13.4).
     pub can: McanChannelConfig,
     /// Filters for 11-bit identifiers, in order; empty accepts by the non-match rule.
@@ -41,7 +41,7 @@ pub struct ChannelSettings {
     pub traffic: Traffic,
 }
 
-impl ChannelSettings {
+impl ChannelConfig {
     /// A classic CAN channel, with the Message RAM laid out for 8-byte frames.
     pub fn classic(bitrate: u32) -> Self {
         Self::new(McanChannelConfig::classic(bitrate))
@@ -77,7 +77,7 @@ impl ChannelSettings {
 #[derive(Debug, Clone, PartialEq)]
 pub struct GatewayConfig {
     /// The channels; `None` leaves one out of the channel masks.
-    pub channels: [Option<ChannelSettings>; CHANNELS],
+    pub channels: [Option<ChannelConfig>; CHANNELS],
     /// Packet profile of the TxPDO, 0x8010:05 (manual 9).
     pub tx_encapsulation: EncapsulationProfile,
     /// Packet profile of the RxPDO, 0x8011:05.
@@ -103,7 +103,7 @@ pub struct GatewayConfig {
     /// no limit.
     pub input_limit: u16,
     /// Scheduled transmission: margin, and how the gateway is watched.
-    pub schedule: ScheduleSettings,
+    pub schedule: ScheduleConfig,
     /// Permits the application bypass and the tests of 0x8030, which cut the CAN side off.
     pub allow_diagnostic_tests: bool,
 }
@@ -122,7 +122,7 @@ impl Default for GatewayConfig {
             paced: true,
             hold_limit: 10,
             input_limit: 100,
-            schedule: ScheduleSettings::default(),
+            schedule: ScheduleConfig::default(),
             allow_diagnostic_tests: false,
         }
     }
@@ -130,12 +130,12 @@ impl Default for GatewayConfig {
 
 impl GatewayConfig {
     /// The same settings on all four channels.
-    pub fn on_all_channels(settings: &ChannelSettings) -> Self {
+    pub fn on_all_channels(settings: &ChannelConfig) -> Self {
         Self { channels: std::array::from_fn(|_| Some(settings.clone())), ..Self::default() }
     }
 
     /// One channel, the others left out. A channel beyond the gateway's four enables none.
-    pub fn on_channel(channel: u8, settings: ChannelSettings) -> Self {
+    pub fn on_channel(channel: u8, settings: ChannelConfig) -> Self {
         let mut config = Self::default();
         if let Some(place) = config.channels.get_mut(usize::from(channel)) {
             *place = Some(settings);

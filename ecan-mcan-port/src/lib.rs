@@ -43,7 +43,7 @@ mod verification;
 mod wait;
 
 pub use batch::{Batch, Exchange};
-pub use config::{ChannelSettings, GatewayConfig, PortConfig, Traffic};
+pub use config::{ChannelConfig, GatewayConfig, PortConfig, Traffic};
 pub use config_check::PortConfigFault;
 pub use cycle::{CycleReport, ImageReport};
 pub use error::PortError;
@@ -57,7 +57,7 @@ pub use port::Port;
 pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
 pub use schedule_account::ScheduleAccount;
 pub use schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
-pub use schedule_settings::{MarginCheck, ScheduleSettings};
+pub use schedule_settings::{MarginCheck, ScheduleConfig};
 pub use schedule_watch::{ChannelDrops, ScheduleDiagnostics};
 pub use send::{
     Backpressure, NotSchedulable, SendError, SendOptions, SendTicket, TransmitFrame, TransmitHint,

@@ -10,7 +10,7 @@ use crate::cycle::CycleReport;
 use crate::error::PortError;
 use crate::receiver::Receiver;
 use crate::schedule_margin::ScheduleTimes;
-use crate::schedule_settings::ScheduleSettings;
+use crate::schedule_settings::ScheduleConfig;
 use crate::schedule_watch::ScheduleWatch;
 use crate::session::{PendingStep, Session, SessionMachine};
 use crate::statistics::SlaveStatistics;
@@ -33,7 +33,7 @@ pub(crate) struct Gateway {
     pub(crate) is_paced: bool,
     pub(crate) hold_limit: u16,
     pub(crate) input_limit: u16,
-    pub(crate) schedule: ScheduleSettings,
+    pub(crate) schedule: ScheduleConfig,
     pub(crate) schedule_times: ScheduleTimes,
     /// The pulse that scheduled frames of the running cycle count from, in application time since
     /// the first cycle; none where that is not known.

@@ -5,7 +5,7 @@ use std::fmt;
 use ecan_host::{AdapterConfig, BYTE_NS, SlavePlan};
 
 use crate::port::Port;
-use crate::schedule_settings::ScheduleSettings;
+use crate::schedule_settings::ScheduleConfig;
 use crate::send::NotSchedulable;
 
 /// Smallest offset behind Sync0 that the manual recommends to begin with (13.8), in nanoseconds.
@@ -113,7 +113,7 @@ impl ScheduleTimes {
     /// with the last of its Ethernet frames in the order of the plan; however the master packs
     /// them, never before its own bytes have passed.
     pub(crate) fn new(
-        settings: &ScheduleSettings,
+        settings: &ScheduleConfig,
         adapter: &AdapterConfig,
         slave: &SlavePlan,
     ) -> Self {
@@ -184,7 +184,7 @@ impl ScheduleTimes {
 
 impl Port {
     /// The margin that a phase has against the cycle and the times of
-    /// [`ScheduleSettings`]. Real-time safe. On an attached Adapter it holds where the owner gives
+    /// [`ScheduleConfig`]. Real-time safe. On an attached Adapter it holds where the owner gives
     /// its application time by the start of the cycle.
     ///
     /// # Errors
@@ -213,7 +213,7 @@ mod tests {
     use super::*;
 
     /// An image of 30 us, in the gateway 70 us after the send.
-    fn times(settings: ScheduleSettings, dc: Option<DcSync>) -> ScheduleTimes {
+    fn times(settings: ScheduleConfig, dc: Option<DcSync>) -> ScheduleTimes {
         let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
         adapter.dc = dc;
         let mut slave = Plan::of(&adapter).slaves[0];
@@ -223,7 +223,7 @@ mod tests {
 
     fn margin(shift_ns: u32, offset_ns: u32) -> ScheduleMargin {
         let dc = DcSync::new(1_000_000, shift_ns);
-        times(ScheduleSettings::default(), Some(dc)).margin(offset_ns).unwrap()
+        times(ScheduleConfig::default(), Some(dc)).margin(offset_ns).unwrap()
     }
 
     #[test]
@@ -271,7 +271,7 @@ mod tests {
     #[test]
     fn a_pulse_within_the_way_means_the_next_one_without_margin() {
         for shift_ns in [30_001, 65_000, 100_000] {
-            let times = times(ScheduleSettings::default(), Some(DcSync::new(1_000_000, shift_ns)));
+            let times = times(ScheduleConfig::default(), Some(DcSync::new(1_000_000, shift_ns)));
             let margin = times.margin(100_000).unwrap();
             assert_eq!(margin.pulse_ns, u64::from(shift_ns) + 1_000_000);
             assert!(!times.misses_pulse(0, 0) && !times.misses_pulse(0, 100_000));
@@ -293,10 +293,10 @@ mod tests {
     #[test]
     fn a_longer_sync0_period_has_its_pulse_in_one_of_its_cycles() {
         let dc = DcSync::new(4_000_000, 2_500_000);
-        let margin = times(ScheduleSettings::default(), Some(dc)).margin(3_000_000).unwrap();
+        let margin = times(ScheduleConfig::default(), Some(dc)).margin(3_000_000).unwrap();
         assert_eq!((margin.pulse_ns, margin.release_ns), (500_000, 3_500_000));
         // It is missed in that cycle only, and images of the others meet the same one.
-        let times = times(ScheduleSettings::default(), Some(dc));
+        let times = times(ScheduleConfig::default(), Some(dc));
         let cycles = [0, 1_000_000, 2_000_000, 3_000_000, 6_000_000];
         let pulses = cycles.map(|place_ns| times.pulse_of(place_ns).unwrap());
         assert_eq!(pulses, [2_500_000, 2_500_000, 2_500_000, 6_500_000, 6_500_000]);
@@ -306,7 +306,7 @@ mod tests {
 
     #[test]
     fn without_a_pulse_or_beyond_the_period_there_is_no_phase() {
-        let times = |dc| times(ScheduleSettings::default(), dc);
+        let times = |dc| times(ScheduleConfig::default(), dc);
         assert_eq!(times(None).margin(100_000), Err(NotSchedulable::NoSync0));
         assert!(!times(None).misses_pulse(0, u64::MAX));
         let times = times(Some(DcSync::new(1_000_000, 700_000)));
@@ -323,7 +323,7 @@ mod tests {
         adapter.dc = Some(DcSync::new(adapter.cycle_ns, 5_000_000));
         let slaves = Plan::of(&adapter).slaves;
         let of = |slave: usize| {
-            let settings = ScheduleSettings::default();
+            let settings = ScheduleConfig::default();
             ScheduleTimes::new(&settings, &adapter, &slaves[slave]).margin(0).unwrap()
         };
         let sent_ns = 100_000 + 30_000;
@@ -358,11 +358,11 @@ mod tests {
                 }
                 _ => DcSync::new(period, shift),
             });
-            let settings = ScheduleSettings {
+            let settings = ScheduleConfig {
                 latest_send_ns,
                 transport_ns,
                 processing_ns,
-                ..ScheduleSettings::default()
+                ..ScheduleConfig::default()
             };
             for slave in Plan::of(&adapter).slaves {
                 let times = ScheduleTimes::new(&settings, &adapter, &slave);

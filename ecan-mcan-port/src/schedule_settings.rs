@@ -17,7 +17,7 @@ pub enum MarginCheck {
 /// The manual gives no times; docs/ASSUMPTIONS.md says where these come from. A sweep on the
 /// machine itself ([`PhaseSweep`](crate::PhaseSweep)) tells better ones.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct ScheduleSettings {
+pub struct ScheduleConfig {
     /// Latest time behind the point of the cycle grid at which the application ends its cycle, in
     /// nanoseconds: delay of waking up and run time.
     pub latest_send_ns: u32,
@@ -43,7 +43,7 @@ pub struct ScheduleSettings {
     pub give_up_missed: bool,
 }
 
-impl Default for ScheduleSettings {
+impl Default for ScheduleConfig {
     /// 100 us until the send, 30 us through the host, 50 us in the firmware; frames without margin
     /// are counted; the diagnostics are read every 100 ms; missed images are given up.
     fn default() -> Self {

@@ -5,7 +5,7 @@ use ecan_host::{Adapter, DcSync, Error, RequestId, RequestState};
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::port::{Gateway, Port};
-use crate::schedule_settings::ScheduleSettings;
+use crate::schedule_settings::ScheduleConfig;
 
 /// Flags of 0xB000:06.
 pub(crate) const LATE_DROP: u16 = 1 << 6;
@@ -149,7 +149,7 @@ impl ScheduleWatch {
         adapter: &mut Adapter,
         slave: usize,
         channel_mask: u8,
-        settings: &ScheduleSettings,
+        settings: &ScheduleConfig,
         dc: Option<DcSync>,
     ) -> Result<Self, Error> {
         // The pulse comes within one Sync0 period, the phase behind it within another.
@@ -311,7 +311,7 @@ impl Port {
 
     /// The last look at what the gateway tells of scheduled transmission, in this session;
     /// real-time safe. None before the first: a look is taken every
-    /// [`watch_ms`](crate::ScheduleSettings::watch_ms) once a frame has been scheduled.
+    /// [`watch_ms`](crate::ScheduleConfig::watch_ms) once a frame has been scheduled.
     pub fn schedule_diagnostics(&self, slave: usize) -> Option<ScheduleDiagnostics> {
         self.gateways.get(slave).and_then(|gateway| gateway.watch.last().copied())
     }

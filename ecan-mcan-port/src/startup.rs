@@ -7,7 +7,7 @@ use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
 use ecan_protocol::object::SdoWrite;
 
-use crate::config::{ChannelSettings, GatewayConfig, PortConfig};
+use crate::config::{ChannelConfig, GatewayConfig, PortConfig};
 use crate::verification::profile_readback;
 
 const STATUS_OK: u32 = 0;
@@ -87,7 +87,7 @@ fn push_apply(steps: &mut Vec<StartupStep>, direction: Direction, profile: &PdoP
     steps.extend(readback.map(|(subindex, value)| StartupStep::expect(index, subindex, value)));
 }
 
-fn push_channel(steps: &mut Vec<StartupStep>, channel: u8, settings: &ChannelSettings) {
+fn push_channel(steps: &mut Vec<StartupStep>, channel: u8, settings: &ChannelConfig) {
     debug_assert!(usize::from(channel) < CHANNELS);
     steps.extend(settings.can.needed_writes(channel).map(StartupStep::Download));
     push_filters(steps, channel, settings);
@@ -102,7 +102,7 @@ fn push_applied(steps: &mut Vec<StartupStep>, apply: SdoWrite, status_subindex: 
 }
 
 /// The editing window of manual 13.4, entry by entry.
-fn push_filters(steps: &mut Vec<StartupStep>, channel: u8, settings: &ChannelSettings) {
+fn push_filters(steps: &mut Vec<StartupStep>, channel: u8, settings: &ChannelConfig) {
     let (standard, extended) = (&settings.standard_filters, &settings.extended_filters);
     steps.extend(filter_writes(channel, standard, extended).map(StartupStep::Download));
 }

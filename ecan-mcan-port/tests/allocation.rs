@@ -9,7 +9,7 @@ mod common;
 use common::Fixture;
 use counting::allocations;
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, Received};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, Received};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::image::{OptionFlags, Schedule};
 
@@ -46,8 +46,7 @@ fn the_counter_counts() {
 #[test]
 fn full_images_allocate_nothing() {
     for paced in [true, false] {
-        let mut gateway =
-            GatewayConfig::on_all_channels(&ChannelSettings::fd(1_000_000, 5_000_000));
+        let mut gateway = GatewayConfig::on_all_channels(&ChannelConfig::fd(1_000_000, 5_000_000));
         gateway.tx_options = OptionFlags::TX_RESULT;
         gateway.paced = paced;
         let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);

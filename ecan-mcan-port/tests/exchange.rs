@@ -6,7 +6,7 @@ mod common;
 use common::{Fixture, classic, frame, frames_of, id};
 use ecan_host::{AdapterConfig, ConfigFault, PlanError};
 use ecan_mcan_port::{
-    Backpressure, ChannelSettings, GatewayConfig, PortConfig, PortConfigFault, PortError,
+    Backpressure, ChannelConfig, GatewayConfig, PortConfig, PortConfigFault, PortError,
     ReceiveSource, SendError, SendOptions, TransmitFrame, TransmitHint,
 };
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
@@ -96,7 +96,7 @@ fn two_gateways_with_different_sizes_do_not_mix() {
     let config = PortConfig {
         gateways: vec![
             GatewayConfig::on_channel(1, classic()),
-            GatewayConfig::on_channel(3, ChannelSettings::fd(500_000, 2_000_000)),
+            GatewayConfig::on_channel(3, ChannelConfig::fd(500_000, 2_000_000)),
         ],
     };
     let mut bench = Fixture::ready(ecan_sim::echo(2), adapter, config);
@@ -155,7 +155,7 @@ fn collect(items: &[ecan_mcan_port::Received], back: &mut [Vec<CanFrame>]) {
 
 #[test]
 fn every_kind_of_frame_comes_back_as_it_went() {
-    let fd = ChannelSettings::fd(1_000_000, 5_000_000);
+    let fd = ChannelConfig::fd(1_000_000, 5_000_000);
     let mut bench = Fixture::single(GatewayConfig::on_channel(0, fd));
     let mut frames = Vec::new();
     let ids =
@@ -186,8 +186,7 @@ fn options_and_profiles_keep_frames_whole() {
     ];
     for option in options {
         for raw in [0, 1, 4, 5] {
-            let mut gateway =
-                GatewayConfig::on_channel(0, ChannelSettings::fd(1_000_000, 4_000_000));
+            let mut gateway = GatewayConfig::on_channel(0, ChannelConfig::fd(1_000_000, 4_000_000));
             gateway.tx_options = option;
             gateway.rx_options = option;
             gateway.tx_encapsulation = EncapsulationProfile::from_raw(raw).unwrap();
@@ -236,7 +235,7 @@ fn a_full_image_refuses_the_frame_and_counts_it() {
 fn a_burst_is_paced_by_the_gateways_queue_and_nothing_is_dropped() {
     let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
     let config =
-        PortConfig::uniform(1, GatewayConfig::on_channel(0, ChannelSettings::classic(125_000)));
+        PortConfig::uniform(1, GatewayConfig::on_channel(0, ChannelConfig::classic(125_000)));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
     let frames: Vec<_> = (0..1000u16).map(|n| frame(n % 0x700, &n.to_le_bytes())).collect();
     let back: Vec<_> = bench.carry(0, &frames, 5000).iter().map(|f| f.frame).collect();

@@ -312,7 +312,7 @@ fn f16_pacing_holds_whatever_threshold_the_gateway_has() {
         let mut scenario = ecan_sim::echo(1);
         scenario.gateways[0].settings.tx_pressure_percent = tx_pressure_percent;
         let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
-        let slow = ecan_mcan_port::ChannelSettings::classic(125_000);
+        let slow = ecan_mcan_port::ChannelConfig::classic(125_000);
         let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, slow));
         let mut bench = Fixture::ready(scenario, adapter, config);
         let frames: Vec<_> = (0..500u16).map(|n| frame(n, &n.to_le_bytes())).collect();

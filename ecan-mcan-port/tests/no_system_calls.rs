@@ -10,7 +10,7 @@ use std::os::unix::process::ExitStatusExt as _;
 use std::process::{Command, ExitStatus};
 
 use ecan_host::{AdapterConfig, ClockSource, DcSync};
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Received};
 use ecan_protocol::can::CanId;
 use ecan_protocol::image::{OptionFlags, Schedule};
 use seccompiler::{BpfProgram, SeccompAction, SeccompFilter};
@@ -25,7 +25,7 @@ fn port() -> Port {
     let mut adapter = AdapterConfig::new(2).with_multiplier(3).with_cycle_us(1_000);
     let source = ClockSource::Reference;
     adapter.dc = Some(DcSync { source, monitor_every: 10, ..DcSync::new(1_000_000, 500_000) });
-    let mut gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(1_000_000));
+    let mut gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
     gateway.tx_options = OptionFlags::TX_RESULT;
     gateway.schedule.watch_ms = 1;
     let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(2, gateway)).unwrap();

@@ -6,7 +6,7 @@ mod common;
 use common::{Fixture, classic, frame};
 use ecan_host::{AdapterConfig, DcSync, PlanError};
 use ecan_mcan_port::{
-    ChannelSettings, CpuCost, FrameRate, FrameRoute, FrameStream, GatewayConfig, ImageFill,
+    ChannelConfig, CpuCost, FrameRate, FrameRoute, FrameStream, GatewayConfig, ImageFill,
     MarginCheck, NotSchedulable, PortConfig, PortConfigFault, PortPlan, PortPlanError, PortWarning,
     SendError, Traffic,
 };
@@ -20,7 +20,7 @@ fn adapter(multiplier: u8) -> AdapterConfig {
     AdapterConfig::new(1).with_multiplier(multiplier).with_cycle_us(1_000)
 }
 
-fn one_channel(settings: ChannelSettings) -> PortConfig {
+fn one_channel(settings: ChannelConfig) -> PortConfig {
     PortConfig::uniform(1, GatewayConfig::on_channel(0, settings))
 }
 
@@ -64,7 +64,7 @@ fn classic_frames_on_one_channel() {
 /// and delta16. A schedule record takes 8, a TX_RESULT 6 or, aligned, 8.
 #[test]
 fn packets_have_the_sizes_of_the_manual() {
-    let mut gateway = GatewayConfig::on_channel(0, ChannelSettings::fd(1_000_000, 5_000_000));
+    let mut gateway = GatewayConfig::on_channel(0, ChannelConfig::fd(1_000_000, 5_000_000));
     gateway.tx_encapsulation = EncapsulationProfile::Window64Timestamped;
     gateway.tx_options = OptionFlags::TX_RESULT.with(OptionFlags::ALIGN4);
     let mut adapter = adapter(8);
@@ -384,7 +384,7 @@ fn an_image_takes_the_frames_of_the_plan() {
     let cases = [(1, eight()), (3, eight()), (2, fd_frame(64)), (3, fd_frame(20)), (8, empty_fd)];
     for (multiplier, frame) in cases {
         for options in [OptionFlags::NONE, OptionFlags::ALIGN4] {
-            let settings = ChannelSettings::fd(500_000, 2_000_000);
+            let settings = ChannelConfig::fd(500_000, 2_000_000);
             let mut gateway = GatewayConfig::on_channel(0, settings);
             gateway.rx_options = options;
             gateway.paced = false;
@@ -409,7 +409,7 @@ fn an_image_takes_the_frames_of_the_plan() {
 /// What the simulated bus measures to the bit lies between the bounds of the plan.
 #[test]
 fn the_measured_load_lies_within_the_planned_one() {
-    let settings = ChannelSettings::fd(500_000, 2_000_000);
+    let settings = ChannelConfig::fd(500_000, 2_000_000);
     let frames = [eight(), frame(0, &[0; 8]), fd_frame(32), frame(0x7FF, &[])];
     for sample in frames {
         // Every frame comes back from the echo node.

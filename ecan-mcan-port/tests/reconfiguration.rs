@@ -5,7 +5,7 @@ mod common;
 
 use common::{Fixture, READY_MS, classic, frame};
 use ecan_host::{AdapterConfig, Diagnostics, Phase};
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortError};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortError};
 
 fn adapter(multiplier: u8) -> AdapterConfig {
     AdapterConfig::new(1).with_multiplier(multiplier).with_cycle_us(1_000)
@@ -34,7 +34,7 @@ fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
 fn other_channels_and_bit_rates_can_be_chosen() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
-    let fd = ChannelSettings::fd(500_000, 4_000_000);
+    let fd = ChannelConfig::fd(500_000, 4_000_000);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(3, fd));
     bench.port.reconfigure(adapter(8), config).unwrap();
     bench.port.wait_ready(READY_MS).unwrap();

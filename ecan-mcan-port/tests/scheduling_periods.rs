@@ -15,7 +15,7 @@ const OFFSET_NS: u32 = 100_000;
 const CYCLE_NS: u64 = 1_000_000;
 
 fn fd(gateway: &mut GatewayConfig) {
-    let channel = ecan_mcan_port::ChannelSettings::fd(1_000_000, 5_000_000);
+    let channel = ecan_mcan_port::ChannelConfig::fd(1_000_000, 5_000_000);
     *gateway = GatewayConfig::on_channel(0, channel);
     gateway.tx_options = OptionFlags::TX_RESULT;
 }

@@ -5,7 +5,7 @@ mod common;
 
 use common::{Fixture, classic};
 use ecan_host::{AdapterConfig, Diagnostics, Error, Expectation, StartupStep};
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortConfigFault, PortError};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortConfigFault, PortError};
 use ecan_protocol::config::{FilterAction, StandardFilter, StandardMatch};
 use ecan_protocol::image::OptionFlags;
 
@@ -21,7 +21,7 @@ fn downloads(steps: &[StartupStep]) -> Vec<(u16, u8, u32)> {
 #[test]
 fn the_sequence_of_the_manual_is_written() {
     let mut adapter = AdapterConfig::new(1).with_multiplier(8);
-    let gateway = GatewayConfig::on_all_channels(&ChannelSettings::fd(1_000_000, 5_000_000));
+    let gateway = GatewayConfig::on_all_channels(&ChannelConfig::fd(1_000_000, 5_000_000));
     PortConfig::uniform(1, gateway).apply(&mut adapter);
     let written = downloads(&adapter.slaves[0].base_startup);
     // Manual 5.4.2: both profiles, then both apply commands.
@@ -76,7 +76,7 @@ fn capabilities_are_asked_before_anything_is_written() {
 fn every_fault_of_both_configurations_is_reported_at_once() {
     let mut adapter = AdapterConfig::new(2).with_multiplier(12);
     adapter.cycle_ns = 1;
-    let mut impossible = ChannelSettings::classic(1_234_567);
+    let mut impossible = ChannelConfig::classic(1_234_567);
     let filter = StandardFilter {
         matching: StandardMatch::Range,
         action: FilterAction::Fifo0,

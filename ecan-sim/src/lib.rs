@@ -6,7 +6,7 @@ mod gateway;
 
 pub use gateway::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,
-    GatewayCounters, GatewayFault, GatewaySettings, ReceiveLosses, SmSettings, Sync0,
+    GatewayCounters, GatewayFault, GatewayModelConfig, ReceiveLosses, SmSettings, Sync0,
     TransmitLosses,
 };
 
@@ -23,11 +23,11 @@ pub use bus::{
     arbitration_key, bits_ns,
 };
 pub use drive::{
-    Drive, DriveQuirks, DriveSettings, EdsError, EdsProblem, MotorSettings, SdoDirection,
-    SdoEffect, SdoRule, TargetHistory, TargetKind, TargetRecord, TargetSums,
+    Drive, DriveConfig, DriveQuirks, EdsError, EdsProblem, MotorConfig, SdoDirection, SdoEffect,
+    SdoRule, TargetHistory, TargetKind, TargetRecord, TargetSums,
 };
 pub use node::{
-    EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayError, ReplayNode, ReplayRecord,
+    EchoNode, FaultyConfig, FaultyNode, Node, NodeOutput, ReplayError, ReplayNode, ReplayRecord,
     SilentNode,
 };
 
@@ -35,7 +35,7 @@ pub use node::{
 mod bridge;
 
 pub use bridge::{
-    Bridge, BridgeError, BridgeInfo, BridgeNode, BridgeProtocol, BridgeServerError, BridgeSettings,
+    Bridge, BridgeConfig, BridgeError, BridgeInfo, BridgeNode, BridgeProtocol, BridgeServerError,
     BridgeStatistics,
 };
 

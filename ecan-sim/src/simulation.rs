@@ -6,7 +6,7 @@ use std::sync::Arc;
 use ecrt_sys::Clock as _;
 
 use crate::backend::BackendError;
-use crate::bridge::{Bridge, BridgeError, BridgeInfo, BridgeSettings};
+use crate::bridge::{Bridge, BridgeConfig, BridgeError, BridgeInfo};
 use crate::clock::SimClock;
 use crate::ecrt::Shared;
 use crate::fault::{Fault, ScriptedFault, When};
@@ -123,11 +123,7 @@ impl Simulation {
     ///
     /// # Errors
     /// A [`BridgeError`].
-    pub fn attach_bridge(
-        &self,
-        bus: &str,
-        settings: BridgeSettings,
-    ) -> Result<Bridge, BridgeError> {
+    pub fn attach_bridge(&self, bus: &str, settings: BridgeConfig) -> Result<Bridge, BridgeError> {
         let (node, info) = self.with_world(|world| {
             if world.bus(bus).is_none() {
                 let known = world.bus_names().collect::<Vec<_>>().join(", ");

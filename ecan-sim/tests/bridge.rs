@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{
-    BridgeError, BridgeInfo, BridgeProtocol, BridgeServerError, BridgeSettings, ClockKind, Fault,
+    BridgeConfig, BridgeError, BridgeInfo, BridgeProtocol, BridgeServerError, ClockKind, Fault,
     FaultyBehaviour, GatewaySpec, NodeKind, NodeSpec, RunnerError, Scenario, SimOptions,
     Simulation,
 };
@@ -37,7 +37,7 @@ fn open(scenario: Scenario, clock: ClockKind) -> Simulation {
     ecan_sim::open_scenario(scenario, &options).unwrap().simulation.unwrap()
 }
 
-fn bridge(settings: BridgeSettings) -> NodeKind {
+fn bridge(settings: BridgeConfig) -> NodeKind {
     NodeKind::Bridge(settings)
 }
 
@@ -101,7 +101,7 @@ fn bridge_threads(port: u16) -> usize {
 
 #[test]
 fn a_client_talks_with_a_node_and_not_with_itself() {
-    let simulation = simulation(vec![NodeKind::Echo, bridge(BridgeSettings::default())]);
+    let simulation = simulation(vec![NodeKind::Echo, bridge(BridgeConfig::default())]);
     let _runner = simulation.keep_running().unwrap();
     let bridge = only_bridge(&simulation);
     assert!(bridge.address().ip().is_loopback());
@@ -121,7 +121,7 @@ fn a_client_talks_with_a_node_and_not_with_itself() {
 
 #[test]
 fn clients_hear_each_other() {
-    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSettings::default())]);
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeConfig::default())]);
     let _runner = simulation.keep_running().unwrap();
     let bridge = only_bridge(&simulation);
     let mut clients: Vec<_> = (0..3).map(|_| Client::slcan(bridge.address())).collect();
@@ -140,8 +140,8 @@ fn clients_hear_each_other() {
 #[test]
 fn two_bridges_on_one_bus_speak_two_protocols() {
     let simulation = simulation(vec![
-        bridge(BridgeSettings::default()),
-        bridge(BridgeSettings::speaking(BridgeProtocol::Socketcand)),
+        bridge(BridgeConfig::default()),
+        bridge(BridgeConfig::speaking(BridgeProtocol::Socketcand)),
     ]);
     let _runner = simulation.keep_running().unwrap();
     let bridges = simulation.bridges();
@@ -161,7 +161,7 @@ fn two_bridges_on_one_bus_speak_two_protocols() {
 
 #[test]
 fn malformed_input_is_answered_with_a_bell() {
-    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSettings::default())]);
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeConfig::default())]);
     let bridge = only_bridge(&simulation);
     let mut client = Client::slcan(bridge.address());
     client.say("t12\rwhat?\r\0\u{fffd}\r");
@@ -174,7 +174,7 @@ fn malformed_input_is_answered_with_a_bell() {
 #[test]
 fn queues_are_bounded_and_count_what_they_drop() {
     // Nobody moves time, so nothing leaves the queue to the bus.
-    let settings = BridgeSettings { queue: 8, ..BridgeSettings::default() };
+    let settings = BridgeConfig { queue: 8, ..BridgeConfig::default() };
     let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
     let bridge = only_bridge(&simulation);
     let mut client = Client::slcan(bridge.address());
@@ -194,7 +194,7 @@ fn a_client_that_does_not_read_holds_nobody_up() {
         gateways: vec![GatewaySpec::at(0)],
         nodes: vec![
             node("babbler", "0.0", NodeKind::Faulty(babbler), Some(1_000_000)),
-            node("bridge", "0.0", bridge(BridgeSettings::default()), Some(1_000_000)),
+            node("bridge", "0.0", bridge(BridgeConfig::default()), Some(1_000_000)),
         ],
         ..Scenario::default()
     };
@@ -215,7 +215,7 @@ fn a_client_that_does_not_read_holds_nobody_up() {
 
 #[test]
 fn a_client_too_many_is_turned_away_until_another_leaves() {
-    let settings = BridgeSettings { max_clients: 1, ..BridgeSettings::default() };
+    let settings = BridgeConfig { max_clients: 1, ..BridgeConfig::default() };
     let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
     let bridge = only_bridge(&simulation);
     let first = Client::slcan(bridge.address());
@@ -228,7 +228,7 @@ fn a_client_too_many_is_turned_away_until_another_leaves() {
 
 #[test]
 fn a_silent_bridge_neither_hears_late_nor_mixes_senders_up() {
-    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSettings::default())]);
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeConfig::default())]);
     let _runner = simulation.keep_running().unwrap();
     let info = only_bridge(&simulation);
     let (mut one, mut two) = (Client::slcan(info.address()), Client::slcan(info.address()));
@@ -248,7 +248,7 @@ fn a_silent_bridge_neither_hears_late_nor_mixes_senders_up() {
 fn an_attached_bridge_goes_with_its_handle_and_takes_its_threads_along() {
     let simulation = simulation(vec![NodeKind::Silent]);
     let _runner = simulation.keep_running().unwrap();
-    let handle = simulation.attach_bridge("0.0", BridgeSettings::default()).unwrap();
+    let handle = simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
     let address = handle.address();
     let clients: Vec<_> = (0..3).map(|_| Client::slcan(address)).collect();
     assert_eq!((simulation.bridges().len(), handle.statistics().clients), (1, 3));
@@ -270,7 +270,7 @@ fn an_attached_bridge_takes_part_in_a_bus_that_runs() {
     let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
     let mut program = Program::new(ecrt_support::stepped(scenario), &[3]).into_op();
     let simulation = program.simulation().clone();
-    let handle = simulation.attach_bridge("0.0", BridgeSettings::default()).unwrap();
+    let handle = simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
     let mut client = Client::slcan(handle.address());
     let frame = |data: &[u8]| CanFrame::classic(CanId::standard(0x123).unwrap(), data).unwrap();
     program.cycle_with(&[(0, 0, frame(&[1]))]);
@@ -286,14 +286,14 @@ fn an_attached_bridge_takes_part_in_a_bus_that_runs() {
     program.cycle_with(&[(0, 0, frame(&[3]))]);
     program.cycles(50);
     assert_eq!(on_bus(), 1);
-    let handle = simulation.attach_bridge("0.0", BridgeSettings::default()).unwrap();
+    let handle = simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
     program.cycles(50);
     assert_eq!((on_bus(), handle.statistics().sent), (2, 0));
 }
 
 #[test]
 fn dropping_the_simulation_ends_its_bridges() {
-    let simulation = simulation(vec![bridge(BridgeSettings::default())]);
+    let simulation = simulation(vec![bridge(BridgeConfig::default())]);
     let address = only_bridge(&simulation).address();
     let mut client = Client::slcan(address);
     drop(simulation);
@@ -304,10 +304,10 @@ fn dropping_the_simulation_ends_its_bridges() {
 #[test]
 fn bridges_that_cannot_be_had_are_refused_with_the_reason() {
     let simulation = simulation(vec![NodeKind::Silent]);
-    let error = simulation.attach_bridge("0.7", BridgeSettings::default()).unwrap_err();
+    let error = simulation.attach_bridge("0.7", BridgeConfig::default()).unwrap_err();
     assert_eq!(error.to_string(), "bus \"0.7\" does not exist; there are: 0.0, 0.1, 0.2, 0.3");
-    let first = simulation.attach_bridge("0.0", BridgeSettings::default()).unwrap();
-    let taken = BridgeSettings { address: first.address(), ..BridgeSettings::default() };
+    let first = simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
+    let taken = BridgeConfig { address: first.address(), ..BridgeConfig::default() };
     let error = simulation.attach_bridge("0.1", taken).unwrap_err();
     let BridgeError::Server(BridgeServerError::Listen { address, .. }) = error else {
         panic!("{error}")
@@ -328,7 +328,7 @@ fn a_bridge_works_in_stepped_time_too() {
         gateways: vec![GatewaySpec::at(0)],
         nodes: vec![
             node("echo", "0.0", NodeKind::Echo, Some(500_000)),
-            node("bridge", "0.0", bridge(BridgeSettings::default()), Some(500_000)),
+            node("bridge", "0.0", bridge(BridgeConfig::default()), Some(500_000)),
         ],
         ..Scenario::default()
     };
@@ -357,10 +357,10 @@ fn a_scenario_file_says_it_all() {
         queue = 10
     "#;
     let scenario = Scenario::from_toml(text, "joined", std::path::Path::new(".")).unwrap();
-    let settings = BridgeSettings {
+    let settings = BridgeConfig {
         max_clients: 2,
         queue: 10,
-        ..BridgeSettings::speaking(BridgeProtocol::Socketcand)
+        ..BridgeConfig::speaking(BridgeProtocol::Socketcand)
     };
     assert_eq!(scenario.nodes[1].kind, bridge(settings));
     let simulation = open(scenario, ClockKind::Real);
@@ -393,7 +393,7 @@ fn keys_of_bridges_belong_to_bridges() {
 #[test]
 fn the_frame_on_the_bus_is_the_clients() {
     let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[1]).unwrap();
-    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSettings::default())]);
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeConfig::default())]);
     let _runner = simulation.keep_running().unwrap();
     let info = only_bridge(&simulation);
     let mut client = Client::slcan(info.address());

@@ -4,7 +4,7 @@ mod drive_support;
 
 use drive_support::{Fixture, MS, settings};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
-use ecan_sim::{DriveQuirks, DriveSettings, MotorSettings, NodeOutput, TargetKind};
+use ecan_sim::{DriveConfig, DriveQuirks, MotorConfig, NodeOutput, TargetKind};
 
 const ENABLE: u16 = 0x0F;
 
@@ -73,7 +73,7 @@ fn enabled_without_a_target_it_stands() {
     assert_eq!(bench.drive.position(), 1000);
     // the quirk: it goes for what 0x607A held
     let quirks = DriveQuirks { follows_old_target: true, ..DriveQuirks::default() };
-    let mut bench = Fixture::with(&DriveSettings { quirks, ..settings() });
+    let mut bench = Fixture::with(&DriveConfig { quirks, ..settings() });
     bench.write(0x6065, 0, 0xFFFF_FFFF, 4).unwrap();
     bench.write(0x607A, 0, 50_000, 4).unwrap();
     bench.enable(OperatingMode::CyclicPosition);
@@ -124,7 +124,7 @@ fn the_history_tells_every_target_and_the_first_one() {
 
 #[test]
 fn the_history_is_bounded_and_the_sums_are_not() {
-    let mut bench = Fixture::with(&DriveSettings { history: 4, ..settings() });
+    let mut bench = Fixture::with(&DriveConfig { history: 4, ..settings() });
     bench.map_csp();
     bench.nmt(NmtCommand::Start);
     for target in 0..10 {
@@ -186,8 +186,8 @@ fn software_limits_hold_targets_back() {
 
 #[test]
 fn positions_run_over_as_32_bits_do() {
-    let motor = MotorSettings { start_position: i32::MAX - 500, ..MotorSettings::default() };
-    let mut bench = Fixture::with(&DriveSettings { motor, ..settings() });
+    let motor = MotorConfig { start_position: i32::MAX - 500, ..MotorConfig::default() };
+    let mut bench = Fixture::with(&DriveConfig { motor, ..settings() });
     bench.map_csp();
     bench.nmt(NmtCommand::Start);
     let mut target = i32::MAX - 500;
@@ -367,8 +367,8 @@ fn homing_bits(bench: &Fixture) -> (bool, bool, bool) {
     (word & 0x0400 != 0, word & 0x1000 != 0, word & 0x2000 != 0)
 }
 
-fn home(method: i64, offset: i64, machine: MotorSettings) -> (Fixture, u64) {
-    let mut bench = Fixture::with(&DriveSettings { motor: machine, ..settings() });
+fn home(method: i64, offset: i64, machine: MotorConfig) -> (Fixture, u64) {
+    let mut bench = Fixture::with(&DriveConfig { motor: machine, ..settings() });
     bench.write(0x6098, 0, method, 1).unwrap();
     bench.write(0x607C, 0, offset, 4).unwrap();
     bench.enable(OperatingMode::Homing);
@@ -399,11 +399,11 @@ fn homing_on_the_present_position() {
 
 #[test]
 fn homing_on_a_switch_takes_its_way_and_time() {
-    let machine = MotorSettings {
+    let machine = MotorConfig {
         start_position: 30_000,
         limit_switches: (-20_000, 200_000),
         home_switch: 90_000,
-        ..MotorSettings::default()
+        ..MotorConfig::default()
     };
     // slowly, so that the switches are seen within a few increments
     for (method, home_at) in [(17, -20_000), (18, 200_000), (19, 90_000), (20, 90_000)] {
@@ -423,7 +423,7 @@ fn homing_on_a_switch_takes_its_way_and_time() {
 
 #[test]
 fn homing_that_finds_no_switch_fails() {
-    let machine = MotorSettings { home_switch: i32::MAX, ..settings().motor };
+    let machine = MotorConfig { home_switch: i32::MAX, ..settings().motor };
     let (mut bench, _) = home(19, 0, machine);
     assert_eq!(homing_bits(&bench), (true, false, true));
     assert_eq!(bench.drive.state(), DriveState::OperationEnabled);
@@ -477,8 +477,8 @@ fn a_mode_changed_while_turning_brakes() {
 #[test]
 fn a_loss_of_supply_lets_the_motor_coast() {
     for absolute in [true, false] {
-        let motor = MotorSettings { absolute_encoder: absolute, ..settings().motor };
-        let mut bench = Fixture::with(&DriveSettings { motor, ..settings() });
+        let motor = MotorConfig { absolute_encoder: absolute, ..settings().motor };
+        let mut bench = Fixture::with(&DriveConfig { motor, ..settings() });
         bench.enable(OperatingMode::CyclicVelocity);
         bench.write(0x60FF, 0, 1_000_000, 4).unwrap();
         bench.pass_ms(100);
@@ -505,10 +505,10 @@ fn a_loss_of_supply_lets_the_motor_coast() {
 
 #[test]
 fn digital_inputs_show_the_switches() {
-    let motor = MotorSettings { start_position: 150_000, ..MotorSettings::default() };
-    let mut bench = Fixture::with(&DriveSettings { motor, ..settings() });
+    let motor = MotorConfig { start_position: 150_000, ..MotorConfig::default() };
+    let mut bench = Fixture::with(&DriveConfig { motor, ..settings() });
     assert_eq!(bench.read(0x60FD, 0), Ok(4));
-    let motor = MotorSettings { start_position: -500_000, ..MotorSettings::default() };
-    let mut bench = Fixture::with(&DriveSettings { motor, ..settings() });
+    let motor = MotorConfig { start_position: -500_000, ..MotorConfig::default() };
+    let mut bench = Fixture::with(&DriveConfig { motor, ..settings() });
     assert_eq!(bench.read(0x60FD, 0), Ok(1));
 }

@@ -4,7 +4,7 @@ mod drive_support;
 
 use drive_support::{Fixture, MS, NODE, settings};
 use ecan_canopen::{DriveState, Emcy, ErrorRegister, NmtCommand, NmtState, OperatingMode};
-use ecan_sim::{Drive, DriveQuirks, DriveSettings, Node, NodeOutput};
+use ecan_sim::{Drive, DriveConfig, DriveQuirks, Node, NodeOutput};
 
 const BOOT_UP: u16 = 0x700 + NODE;
 const EMCY: u16 = 0x080 + NODE;
@@ -250,16 +250,16 @@ fn what_is_saved_survives_a_reset_and_what_is_not_does_not() {
 #[test]
 fn quirks_of_booting_and_silence() {
     let quirks = DriveQuirks { never_boots: true, ..DriveQuirks::default() };
-    let mut bench = Fixture::cold(Drive::new(&DriveSettings { quirks, ..settings() }));
+    let mut bench = Fixture::cold(Drive::new(&DriveConfig { quirks, ..settings() }));
     bench.pass_ms(60_000);
     assert!(bench.sent.is_empty() && !bench.drive.is_on_bus());
-    let mut bench = Fixture::cold(Drive::new(&DriveSettings { boot_ms: 3_000, ..settings() }));
+    let mut bench = Fixture::cold(Drive::new(&DriveConfig { boot_ms: 3_000, ..settings() }));
     bench.pass_ms(2_999);
     assert!(bench.sent.is_empty());
     bench.pass_ms(1);
     assert_eq!(bench.lines(), [(BOOT_UP, vec![0])]);
     let quirks = DriveQuirks { silent: true, ..DriveQuirks::default() };
-    let mut bench = Fixture::cold(Drive::new(&DriveSettings { quirks, ..settings() }));
+    let mut bench = Fixture::cold(Drive::new(&DriveConfig { quirks, ..settings() }));
     bench.pass_ms(100);
     assert_eq!(bench.frame(0x605, &[0x40, 0, 0x10, 0, 0, 0, 0, 0]), []);
     assert!(bench.sent.is_empty() && bench.drive.is_on_bus());

@@ -4,7 +4,7 @@ mod drive_support;
 
 use drive_support::{Fixture, MS, NODE, settings};
 use ecan_canopen::{Command, NmtCommand};
-use ecan_sim::{DriveQuirks, DriveSettings};
+use ecan_sim::{DriveConfig, DriveQuirks};
 
 const UNSUPPORTED: u32 = 0x0601_0000;
 const LOCKED: u32 = 0x0601_0003;
@@ -85,11 +85,11 @@ fn communication_parameters_have_their_rules() {
 #[test]
 fn quirks_of_mapping() {
     let quirks = DriveQuirks { fixed_mapping: true, ..DriveQuirks::default() };
-    let mut bench = Fixture::with(&DriveSettings { quirks, ..settings() });
+    let mut bench = Fixture::with(&DriveConfig { quirks, ..settings() });
     bench.write(0x1400, 1, 0xC000_0205, 4).unwrap();
     assert_eq!(bench.write(0x1600, 0, 0, 1), Err(0x0601_0002));
     let quirks = DriveQuirks { refuses_mapping_while_valid: false, ..DriveQuirks::default() };
-    let mut bench = Fixture::with(&DriveSettings { quirks, ..settings() });
+    let mut bench = Fixture::with(&DriveConfig { quirks, ..settings() });
     bench.write(0x1600, 0, 0, 1).unwrap();
 }
 

@@ -4,7 +4,7 @@ mod drive_support;
 
 use drive_support::{Fixture, settings};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
-use ecan_sim::{Drive, MotorSettings, NodeOutput};
+use ecan_sim::{Drive, MotorConfig, NodeOutput};
 use proptest::prelude::*;
 
 /// What can happen to a drive.
@@ -104,7 +104,7 @@ proptest! {
     #[test]
     fn anything_may_happen(events in prop::collection::vec(event(), 0..200)) {
         let mut bench = Fixture::booted();
-        let most = f64::from(MotorSettings::default().max_velocity);
+        let most = f64::from(MotorConfig::default().max_velocity);
         for event in &events {
             apply(&mut bench, event);
             prop_assert!(bench.drive.velocity().abs() <= most);

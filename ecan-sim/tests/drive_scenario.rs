@@ -8,8 +8,8 @@ use ecan_canopen::{DriveState, NmtState, NodeId};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{
-    BackendError, ClockKind, DriveFault, DriveQuirks, DriveSettings, DriveSpec, EcrtSetting, Fault,
-    MotorSettings, NodeKind, Scenario, ScriptedFault, SdoDirection, SdoEffect, SdoRule, SimOptions,
+    BackendError, ClockKind, DriveConfig, DriveFault, DriveQuirks, DriveSpec, EcrtSetting, Fault,
+    MotorConfig, NodeKind, Scenario, ScriptedFault, SdoDirection, SdoEffect, SdoRule, SimOptions,
     When, drives, open, open_scenario,
 };
 use ecrt_support::{Program, stepped};
@@ -383,17 +383,17 @@ for_ms = 50
 fn every_key_of_a_drive_arrives() {
     let scenario = read(FILE).unwrap();
     let NodeKind::Drive(drive) = &scenario.nodes[0].kind else { panic!() };
-    let expected = DriveSettings {
+    let expected = DriveConfig {
         serial: 99,
         boot_ms: 3000,
         sdo_delay_us: 1000,
         enable_ms: 20,
-        motor: MotorSettings {
+        motor: MotorConfig {
             start_position: -5,
             max_velocity: 100_000,
             absolute_encoder: false,
             limit_switches: (-10, 10),
-            ..MotorSettings::default()
+            ..MotorConfig::default()
         },
         quirks: DriveQuirks {
             refuses_mapping_while_valid: false,
@@ -418,12 +418,12 @@ fn every_key_of_a_drive_arrives() {
             ],
             ..DriveQuirks::default()
         },
-        ..DriveSettings::new(id(5))
+        ..DriveConfig::new(id(5))
     };
     assert_eq!(**drive, DriveSpec { settings: expected, eds: Some("/cell/drive.eds".into()) });
     assert_eq!(scenario.nodes[0].bitrate, Some(1_000_000));
     let NodeKind::Drive(plain) = &scenario.nodes[1].kind else { panic!() };
-    assert_eq!(**plain, DriveSpec { settings: DriveSettings::new(id(5)), eds: None });
+    assert_eq!(**plain, DriveSpec { settings: DriveConfig::new(id(5)), eds: None });
     let fault = |when, fault| ScriptedFault {
         when,
         fault: Fault::Drive { node: "shoulder".to_owned(), fault },
@@ -487,7 +487,7 @@ fn an_eds_that_is_missing_or_wrong_is_named() {
         (path.clone(), "wrong.eds, line 2: `none` is not a number"),
         (directory.join("absent.eds"), "absent.eds: "),
     ] {
-        let settings = DriveSettings::new(id(1));
+        let settings = DriveConfig::new(id(1));
         scenario.nodes[0].kind = NodeKind::Drive(Box::new(DriveSpec { settings, eds: Some(file) }));
         let error = open_scenario(scenario.clone(), &SimOptions::default()).unwrap_err();
         assert!(error.to_string().contains(words), "{error}");

@@ -3,7 +3,7 @@
 mod drive_support;
 
 use drive_support::{Fixture, settings};
-use ecan_sim::{DriveQuirks, DriveSettings, SdoDirection, SdoEffect, SdoRule};
+use ecan_sim::{DriveConfig, DriveQuirks, SdoDirection, SdoEffect, SdoRule};
 
 fn aborted(answer: [u8; 8], index: u16, sub: u8) -> u32 {
     let [low, high] = index.to_le_bytes();
@@ -276,7 +276,7 @@ fn a_short_block_upload_may_be_answered_at_once() {
 }
 
 fn with_quirks(quirks: DriveQuirks) -> Fixture {
-    Fixture::with(&DriveSettings { quirks, ..settings() })
+    Fixture::with(&DriveConfig { quirks, ..settings() })
 }
 
 #[test]
@@ -321,7 +321,7 @@ fn objects_that_are_made_to_fail() {
 
 #[test]
 fn answers_take_their_time() {
-    let mut bench = Fixture::with(&DriveSettings { sdo_delay_us: 500, ..settings() });
+    let mut bench = Fixture::with(&DriveConfig { sdo_delay_us: 500, ..settings() });
     assert!(bench.sdo_all([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]).is_empty());
     let asked = bench.now;
     bench.pass_ms(1);

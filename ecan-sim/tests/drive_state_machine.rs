@@ -8,7 +8,7 @@ use ecan_canopen::DriveState::{
     SwitchOnDisabled, SwitchedOn,
 };
 use ecan_canopen::{Command, NmtCommand, OperatingMode};
-use ecan_sim::{DriveQuirks, DriveSettings, NodeOutput};
+use ecan_sim::{DriveConfig, DriveQuirks, NodeOutput};
 
 const SHUTDOWN: u16 = 0x06;
 const SWITCH_ON: u16 = 0x07;
@@ -276,7 +276,7 @@ fn fault_reaction_option_codes() {
 
 #[test]
 fn enabling_takes_the_time_of_the_brake() {
-    let mut bench = Fixture::with(&DriveSettings { enable_ms: 30, ..settings() });
+    let mut bench = Fixture::with(&DriveConfig { enable_ms: 30, ..settings() });
     bench.mode(OperatingMode::CyclicPosition);
     bench.command(Command::Shutdown);
     bench.command(Command::SwitchOn);
@@ -290,7 +290,7 @@ fn enabling_takes_the_time_of_the_brake() {
 
 #[test]
 fn quirks_of_the_state_machine() {
-    let with = |quirks| Fixture::with(&DriveSettings { quirks, ..settings() });
+    let with = |quirks| Fixture::with(&DriveConfig { quirks, ..settings() });
     let mut bench = with(DriveQuirks { needs_mode: true, ..DriveQuirks::default() });
     for word in [SHUTDOWN, SWITCH_ON, ENABLE] {
         bench.controlword(word);

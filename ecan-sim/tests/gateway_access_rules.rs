@@ -203,7 +203,7 @@ fn data_units_show_the_process_image() {
 
 #[test]
 fn identity_comes_from_the_settings() {
-    let settings = ecan_sim::GatewaySettings {
+    let settings = ecan_sim::GatewayModelConfig {
         serial: 0x1122_3344_5566_7788,
         vendor_id: 0xABCD,
         firmware: (0x0207, 0x2605),

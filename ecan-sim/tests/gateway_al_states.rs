@@ -6,16 +6,16 @@ use AlState::{Boot, Init, Op, PreOp, SafeOp};
 use ecan_protocol::config::assignment_writes;
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::Direction;
-use ecan_sim::{Gateway, GatewayFault, GatewaySettings, SmSettings, Sync0};
+use ecan_sim::{Gateway, GatewayFault, GatewayModelConfig, SmSettings, Sync0};
 use gateway_support::{Fixture, MS, chunks, standard};
 
 #[test]
 fn nothing_answers_before_the_boot_is_over() {
-    let mut gateway = Gateway::new(GatewaySettings::default(), 0);
+    let mut gateway = Gateway::new(GatewayModelConfig::default(), 0);
     assert!(!gateway.is_responding());
     assert_eq!(gateway.next_event(), None);
     gateway.power(10 * MS, true);
-    let booted = 10 * MS + u64::from(GatewaySettings::default().boot_ms) * MS;
+    let booted = 10 * MS + u64::from(GatewayModelConfig::default().boot_ms) * MS;
     assert_eq!(gateway.next_event(), Some(booted));
     gateway.advance(booted - 1);
     gateway.request_al_state(booted - 1, PreOp);
@@ -224,7 +224,7 @@ fn pulses_that_stop_in_op_are_a_fatal_sync_error() {
 
 #[test]
 fn missed_outputs_are_a_fatal_sync_error_where_they_are_watched() {
-    let settings = GatewaySettings { missed_sync_limit: 4, ..GatewaySettings::default() };
+    let settings = GatewayModelConfig { missed_sync_limit: 4, ..GatewayModelConfig::default() };
     let mut bench = Fixture::preop_with(settings);
     bench.apply_profiles(chunks(3), chunks(3));
     bench.start_sync0();

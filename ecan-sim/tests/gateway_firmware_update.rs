@@ -6,7 +6,7 @@ mod gateway_support;
 use ecan_protocol::device::AlState;
 use ecan_sim::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,
-    GatewaySettings,
+    GatewayModelConfig,
 };
 use gateway_support::{Fixture, MS, chunks};
 use proptest::prelude::*;
@@ -127,7 +127,7 @@ fn activating_the_old_partition_goes_back() {
 
 #[test]
 fn an_update_needs_a_gateway_that_runs() {
-    let mut gateway = Gateway::new(GatewaySettings::default(), 1);
+    let mut gateway = Gateway::new(GatewayModelConfig::default(), 1);
     assert_eq!(gateway.begin_firmware_update(0), Err(FirmwareUpdateError::NotReady));
     assert_eq!(gateway.write_firmware(0, &[1]), Err(FirmwareUpdateError::NotBegun));
     assert_eq!(gateway.finish_firmware_update(0), Err(FirmwareUpdateError::NotBegun));
@@ -137,7 +137,7 @@ fn an_update_needs_a_gateway_that_runs() {
 
 #[test]
 fn the_serial_number_stays() {
-    let settings = GatewaySettings { serial: 0x1122_3344_5566_7788, ..Default::default() };
+    let settings = GatewayModelConfig { serial: 0x1122_3344_5566_7788, ..Default::default() };
     let mut bench = Fixture::preop_with(settings);
     update(&mut bench, &file(0x0909_0009)).unwrap();
     restart(&mut bench);

@@ -6,7 +6,7 @@ mod gateway_support;
 use ecan_protocol::device::AlState;
 use ecan_protocol::image::{CommitFields, Packet, PdoProfile};
 use ecan_protocol::object::objects;
-use ecan_sim::{ErrorState, GatewayCounters, GatewaySettings, ReceiveLosses};
+use ecan_sim::{ErrorState, GatewayCounters, GatewayModelConfig, ReceiveLosses};
 use gateway_support::{Fixture, MS, chunks, fd, standard};
 use proptest::prelude::*;
 
@@ -150,7 +150,7 @@ proptest! {
 
     #[test]
     fn equal_seeds_give_equal_runs(steps in prop::collection::vec(step(), 1..40)) {
-        let settings = GatewaySettings { service_jitter_ns: 20_000, ..Default::default() };
+        let settings = GatewayModelConfig { service_jitter_ns: 20_000, ..Default::default() };
         let [first, second] = [(); 2].map(|()| {
             let mut bench = Fixture::preop_with(settings.clone());
             bench.apply_profiles(chunks(8), chunks(8));

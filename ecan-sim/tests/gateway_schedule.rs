@@ -185,9 +185,9 @@ fn pulses_follow_start_and_shift() {
 
 #[test]
 fn the_timer_is_late_by_its_jitter_and_keeps_the_order_of_a_phase() {
-    let settings = ecan_sim::GatewaySettings {
+    let settings = ecan_sim::GatewayModelConfig {
         release_jitter_ns: 13_000,
-        ..ecan_sim::GatewaySettings::default()
+        ..ecan_sim::GatewayModelConfig::default()
     };
     let mut bench = Fixture::configured_with(settings, chunks(24), chunks(24));
     let start = bench.start_sync0();

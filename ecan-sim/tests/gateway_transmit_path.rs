@@ -7,7 +7,7 @@ use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_protocol::config::{
     DataPathConfig, McanChannelConfig, MessageRamLayout, TxMode, TxOverflow,
 };
-use ecan_sim::GatewaySettings;
+use ecan_sim::GatewayModelConfig;
 use gateway_support::{Fixture, chunks, fd, standard};
 
 const FIFO_FULL: u8 = 11;
@@ -238,7 +238,7 @@ fn channels_have_rings_of_their_own() {
 
 /// In OP with this share of the ring for `tx_pressure`, and as [`with`].
 fn with_pressure(tx_pressure_percent: u8, policy: DataPathConfig, tx_fifo_size: u8) -> Fixture {
-    let settings = GatewaySettings { tx_pressure_percent, ..GatewaySettings::default() };
+    let settings = GatewayModelConfig { tx_pressure_percent, ..GatewayModelConfig::default() };
     let mut bench = Fixture::preop_with(settings);
     bench.apply_profiles(chunks(3), chunks(24));
     let ram = MessageRamLayout { tx_fifo_size, ..MessageRamLayout::fd() };

@@ -2,7 +2,7 @@
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use ecan_sim::{
-    EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayError, ReplayNode, ReplayRecord,
+    EchoNode, FaultyConfig, FaultyNode, Node, NodeOutput, ReplayError, ReplayNode, ReplayRecord,
     SilentNode,
 };
 
@@ -121,7 +121,7 @@ fn a_bad_log_is_refused_with_its_line() {
     );
 }
 
-fn answers(settings: FaultySettings, count: usize) -> (FaultyNode, Vec<Vec<CanFrame>>) {
+fn answers(settings: FaultyConfig, count: usize) -> (FaultyNode, Vec<Vec<CanFrame>>) {
     let mut node = FaultyNode::new(settings);
     let mut out = NodeOutput::new();
     let answers = (0..count)
@@ -135,14 +135,14 @@ fn answers(settings: FaultySettings, count: usize) -> (FaultyNode, Vec<Vec<CanFr
 
 #[test]
 fn a_faulty_node_without_faults_echoes() {
-    let (_, answers) = answers(FaultySettings::default(), 100);
+    let (_, answers) = answers(FaultyConfig::default(), 100);
     assert!(answers.iter().all(|a| a == &[frame(0x123, &[0xA5; 8])]));
 }
 
 #[test]
 fn a_faulty_node_drops_the_share_it_is_told_to() {
     let settings =
-        |drop_per_mille| FaultySettings { seed: 1, drop_per_mille, ..FaultySettings::default() };
+        |drop_per_mille| FaultyConfig { seed: 1, drop_per_mille, ..FaultyConfig::default() };
     let (node, none) = answers(settings(1000), 50);
     assert!(none.iter().all(Vec::is_empty));
     assert_eq!(node.dropped(), 50);
@@ -154,10 +154,8 @@ fn a_faulty_node_drops_the_share_it_is_told_to() {
 
 #[test]
 fn a_corrupted_answer_differs_in_one_bit() {
-    let (node, answers) = answers(
-        FaultySettings { seed: 7, corrupt_per_mille: 1000, ..FaultySettings::default() },
-        200,
-    );
+    let (node, answers) =
+        answers(FaultyConfig { seed: 7, corrupt_per_mille: 1000, ..FaultyConfig::default() }, 200);
     assert_eq!(node.corrupted(), 200);
     let mut hit = [false; 64];
     for answer in answers {
@@ -174,10 +172,10 @@ fn a_corrupted_answer_differs_in_one_bit() {
 
 #[test]
 fn a_frame_without_data_cannot_be_corrupted() {
-    let mut node = FaultyNode::new(FaultySettings {
+    let mut node = FaultyNode::new(FaultyConfig {
         corrupt_per_mille: 1000,
         repeat_per_mille: 1000,
-        ..FaultySettings::default()
+        ..FaultyConfig::default()
     });
     let mut out = NodeOutput::new();
     let remote = CanFrame::remote(CanId::standard(5).unwrap(), Dlc::new(8).unwrap()).unwrap();
@@ -189,10 +187,10 @@ fn a_frame_without_data_cannot_be_corrupted() {
 #[test]
 fn a_babbler_keeps_its_rhythm_and_does_not_pile_up() {
     let babble = frame(0, &[0xFF]);
-    let mut node = FaultyNode::new(FaultySettings {
+    let mut node = FaultyNode::new(FaultyConfig {
         babble: Some(babble),
         babble_interval_ns: 100,
-        ..FaultySettings::default()
+        ..FaultyConfig::default()
     });
     let mut out = NodeOutput::new();
     node.started(1_000, &mut out);

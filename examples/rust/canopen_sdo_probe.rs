@@ -10,11 +10,11 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use ecan_canopen::NodeId;
-use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeSettings};
+use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeConfig};
 use ecan_examples::backend::{self, SimulationDefaults};
 use ecan_examples::object_value::ValueType;
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 
 /// Reads or writes an object of a CANopen node behind an ECAN-Lite gateway.
 #[derive(Debug, Parser)]
@@ -95,7 +95,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let mut adapter = AdapterConfig::new(1).with_cycle_us(arguments.cycle_us);
     adapter.master_index = arguments.master;
     adapter.slaves[0].position = arguments.slave;
-    let channel = ChannelSettings::classic(arguments.bitrate);
+    let channel = ChannelConfig::classic(arguments.bitrate);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(arguments.channel, channel));
     let mut port = Port::open(&backend.ecrt, adapter, config)?;
     port.wait_ready(port.startup_timeout_ms())?;
@@ -103,7 +103,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let node = NodeId::new(arguments.node).ok_or("no such node id")?;
     let mut network = Network::new(NetworkConfig::default());
     let address = NodeAddress { slave: 0, channel: arguments.channel, node };
-    let node = network.add_node(address, NodeSettings::default())?;
+    let node = network.add_node(address, NodeConfig::default())?;
     let object = (arguments.index, arguments.sub);
     let name = format!("0x{:04X}:{:02X}", arguments.index, arguments.sub);
     if let Some(data) = written {

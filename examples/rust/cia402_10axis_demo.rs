@@ -9,7 +9,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use ecan_canopen::NodeId;
-use ecan_cia402::{AxisSettings, NodeAddress};
+use ecan_cia402::{AxisConfig, NodeAddress};
 use ecan_examples::motion::{self, Extent, MotionArguments};
 use ecan_protocol::mapping::CHANNELS;
 
@@ -33,14 +33,14 @@ struct Arguments {
 }
 
 /// Axis by axis to the next channel of all gateways; node ids count up on each channel from 1.
-fn axis_table(slaves: u16) -> Vec<AxisSettings> {
+fn axis_table(slaves: u16) -> Vec<AxisConfig> {
     let channels = usize::from(slaves) * CHANNELS;
     (0..AXES)
         .map(|axis| {
             let (place, round) = (axis % channels, axis / channels);
             let node = NodeId::new(round as u8 + 1).unwrap_or(NodeId::MIN);
             let (slave, channel) = (place / CHANNELS, (place % CHANNELS) as u8);
-            AxisSettings::new(NodeAddress { slave, channel, node })
+            AxisConfig::new(NodeAddress { slave, channel, node })
         })
         .collect()
 }

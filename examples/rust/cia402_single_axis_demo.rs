@@ -10,7 +10,7 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use ecan_canopen::NodeId;
-use ecan_cia402::{AxisSettings, NodeAddress};
+use ecan_cia402::{AxisConfig, NodeAddress};
 use ecan_examples::motion::{self, Extent, MotionArguments};
 
 /// Enables one CiA 402 axis and moves it by a step per cycle.
@@ -37,6 +37,6 @@ fn main() -> ExitCode {
     let node = NodeId::new(arguments.node).unwrap_or(NodeId::MIN);
     let address = NodeAddress { slave: 0, channel: arguments.channel, node };
     let extent = Extent { slaves: 1, cycles: arguments.cycles };
-    let outcome = motion::run(&arguments.motion, extent, vec![AxisSettings::new(address)]);
+    let outcome = motion::run(&arguments.motion, extent, vec![AxisConfig::new(address)]);
     ecan_examples::exit::report("cia402_single_axis_demo", outcome)
 }

@@ -17,7 +17,7 @@ use ecan_examples::interrupt::Interrupt;
 use ecan_examples::open::{Configure, open};
 use ecan_examples::real_time::{self, RealTimeArguments};
 use ecan_host::{AdapterConfig, ClockSource, ClockStatus, DcSync};
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 
 /// Bit rate of the one CAN channel that every gateway needs; nothing is sent on it.
 const BITRATE: u32 = 1_000_000;
@@ -96,7 +96,7 @@ fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port
         reference: arguments.reference,
         ..DcSync::new(adapter.cycle_ns, arguments.shift_us.saturating_mul(1_000))
     });
-    let gateway = GatewayConfig::on_channel(0, ChannelSettings::classic(BITRATE));
+    let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(BITRATE));
     let config = PortConfig::uniform(arguments.slaves.into(), gateway);
     let wishes = SimulationDefaults {
         scenario: "echo",

@@ -2,7 +2,7 @@
 
 use clap::Args;
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::ChannelSettings;
+use ecan_mcan_port::ChannelConfig;
 use ecan_sim::{Backend, BackendError};
 
 use crate::backend::{self, SimulationDefaults};
@@ -56,10 +56,10 @@ impl GatewayArguments {
     }
 
     /// One CAN channel.
-    pub fn channel(&self) -> ChannelSettings {
+    pub fn channel(&self) -> ChannelConfig {
         match self.fd {
-            Some(data_bitrate) => ChannelSettings::fd(self.bitrate, data_bitrate),
-            None => ChannelSettings::classic(self.bitrate),
+            Some(data_bitrate) => ChannelConfig::fd(self.bitrate, data_bitrate),
+            None => ChannelConfig::classic(self.bitrate),
         }
     }
 

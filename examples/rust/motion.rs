@@ -6,9 +6,9 @@ use std::error::Error;
 use std::path::PathBuf;
 
 use clap::Args;
-use ecan_cia402::{AxisProgress, AxisSettings, Cia402, Cia402Settings, LoadWarning, axis_traffic};
+use ecan_cia402::{AxisConfig, AxisProgress, Cia402, Cia402Config, LoadWarning, axis_traffic};
 use ecan_host::{AdapterConfig, ClockSource, DcSync};
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Traffic};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Traffic};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::CHANNELS;
 
@@ -104,7 +104,7 @@ pub struct Extent {
 fn configuration(
     arguments: &MotionArguments,
     extent: Extent,
-    axes: &[AxisSettings],
+    axes: &[AxisConfig],
 ) -> Result<(AdapterConfig, PortConfig), Box<dyn Error>> {
     let mut adapter = AdapterConfig::new(extent.slaves)
         .with_multiplier(arguments.pdo_n)
@@ -125,11 +125,11 @@ fn configuration(
         (gateway.tx_encapsulation, gateway.rx_encapsulation) = (profile, profile);
         (gateway.tx_options, gateway.rx_options) = (options, options);
         for channel in 0..CHANNELS {
-            let here = |axis: &&AxisSettings| {
+            let here = |axis: &&AxisConfig| {
                 axis.address.slave == slave && usize::from(axis.address.channel) == channel
             };
             if axes.iter().filter(here).count() > 0 {
-                let settings = ChannelSettings::classic(arguments.bitrate);
+                let settings = ChannelConfig::classic(arguments.bitrate);
                 gateway.channels[channel] = Some(settings.with_traffic(Traffic::default()));
             }
         }
@@ -141,7 +141,7 @@ fn configuration(
 fn open_port(
     arguments: &MotionArguments,
     extent: Extent,
-    axes: &[AxisSettings],
+    axes: &[AxisConfig],
     interrupt: &Interrupt,
 ) -> Result<Option<Port>, Box<dyn Error>> {
     let (adapter, config) = configuration(arguments, extent, axes)?;
@@ -209,11 +209,11 @@ fn print_loads(cia402: &Cia402, port: &Port) {
 pub fn run(
     arguments: &MotionArguments,
     extent: Extent,
-    axes: Vec<AxisSettings>,
+    axes: Vec<AxisConfig>,
 ) -> Result<bool, Box<dyn Error>> {
-    let axes: Vec<AxisSettings> =
+    let axes: Vec<AxisConfig> =
         axes.into_iter().map(|axis| axis.with_target_step(arguments.step)).collect();
-    let settings = Cia402Settings { motion_div: arguments.motion_div, ..Cia402Settings::default() };
+    let settings = Cia402Config { motion_div: arguments.motion_div, ..Cia402Config::default() };
     if arguments.plan {
         let (adapter, config) = configuration(arguments, extent, &axes)?;
         plan::print(&adapter, &config, &axis_traffic(&axes, &settings))?;

@@ -20,7 +20,7 @@ use ecan_igh_host::mcan_port::cycle::{
 };
 use ecan_igh_host::mcan_port::send::igh_mcan_port_send_can;
 use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received, TransmitReport};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Received, TransmitReport};
 use ecan_protocol::can::CanId;
 use ecan_protocol::image::ResultCode;
 use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
@@ -63,7 +63,7 @@ fn rust_port() -> Port {
     let backend = ecan_sim::open(&setting, &options).unwrap();
     let gateway = GatewayConfig {
         paced: false,
-        ..GatewayConfig::on_channel(0, ChannelSettings::classic(1_000_000))
+        ..GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000))
     };
     let config = PortConfig::uniform(1, gateway);
     let mut port =

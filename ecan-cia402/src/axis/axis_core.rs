@@ -9,7 +9,7 @@ use crate::canopen::{Configurator, Network, NodeHandle};
 use super::error::CommandError;
 use super::guard::MotionGuard;
 use super::guard_terms::{Decision, GuardState, TargetKind};
-use super::homing::HomingSettings;
+use super::homing::HomingConfig;
 use super::homing::HomingState;
 use super::pdo_layout::{Feedback, PdoLayout};
 use super::phase::{AxisError, AxisPhase, AxisProgress, SetupFault};
@@ -18,8 +18,8 @@ use super::procedure::{Procedure, Stage};
 use super::ramp::Ramp;
 use super::sdo_script::SdoScript;
 use super::set_point::SetPoint;
-use super::settings::{AxisSettings, target_kind};
-use super::start_up::{self, BusSettings};
+use super::settings::{AxisConfig, target_kind};
+use super::start_up::{self, BusConfig};
 use super::statistics::AxisStatistics;
 
 /// Sends whose results are still awaited.
@@ -78,7 +78,7 @@ pub(super) enum Motion {
 #[derive(Debug)]
 pub(super) struct Axis {
     pub(super) index: usize,
-    pub(super) settings: AxisSettings,
+    pub(super) settings: AxisConfig,
     pub(super) node: NodeHandle,
     pub(super) rpdo: CanId,
     pub(super) layout: PdoLayout,
@@ -132,7 +132,7 @@ pub(super) struct Axis {
 impl Axis {
     pub(super) fn new(
         index: usize,
-        settings: AxisSettings,
+        settings: AxisConfig,
         node: NodeHandle,
         cycles_per_sync: u32,
     ) -> Self {
@@ -220,7 +220,7 @@ impl Axis {
     pub(super) fn configure(
         &mut self,
         network: &mut Network,
-        bus: &BusSettings,
+        bus: &BusConfig,
     ) -> Result<(), CommandError> {
         let steps = start_up::steps(&self.settings, bus)
             .map_err(|error| CommandError::Mapping { axis: self.index, error })?;
@@ -332,18 +332,13 @@ impl Axis {
         Ok(())
     }
 
-    pub(super) fn home(&mut self, homing: HomingSettings, now_ns: u64) -> Result<(), CommandError> {
+    pub(super) fn home(&mut self, homing: HomingConfig, now_ns: u64) -> Result<(), CommandError> {
         self.ready_for_commands()?;
         self.begin_procedure(self.mode, Some(homing), now_ns);
         Ok(())
     }
 
-    fn begin_procedure(
-        &mut self,
-        mode: OperatingMode,
-        homing: Option<HomingSettings>,
-        now_ns: u64,
-    ) {
+    fn begin_procedure(&mut self, mode: OperatingMode, homing: Option<HomingConfig>, now_ns: u64) {
         let then_enable = self.target().is_some();
         self.trouble = None;
         self.motion = Motion::Halt;

@@ -5,7 +5,7 @@ use ecan_mcan_port::{Port, SendOptions};
 use ecan_protocol::config::TxMode;
 use ecan_protocol::image::Schedule;
 
-use crate::canopen::{HostHeartbeat, Network, NetworkConfig, NmtError, NodeSettings, SyncSettings};
+use crate::canopen::{HostHeartbeat, Network, NetworkConfig, NmtError, NodeConfig, SyncConfig};
 
 use super::axis_core::Axis;
 use super::channel_watch::GatewayWatch;
@@ -13,25 +13,25 @@ use super::error::{AxisFaults, Cia402Error, ScheduleError};
 use super::guard_terms::GuardState;
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
-use super::settings::AxisSettings;
+use super::settings::AxisConfig;
 use super::shutdown::Shutdown;
-use super::start_up::BusSettings;
+use super::start_up::BusConfig;
 
 /// What the axes of a bus have in common.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Cia402Settings {
+pub struct Cia402Config {
     /// The CANopen network; its host heartbeat is what lets drives notice that the host died.
     pub network: NetworkConfig,
     /// SDO client of each node. Its heartbeat timeout follows from
-    /// [`DriveSettings::heartbeat_ms`](super::DriveSettings::heartbeat_ms).
-    pub node: NodeSettings,
+    /// [`DriveConfig::heartbeat_ms`](super::DriveConfig::heartbeat_ms).
+    pub node: NodeConfig,
     /// How SYNC is produced; the drives take targets and send TPDOs with it.
-    pub sync: SyncSettings,
+    pub sync: SyncConfig,
     /// Cycles from target to target; 0 counts as 1.
     pub motion_div: u32,
 }
 
-impl Default for Cia402Settings {
+impl Default for Cia402Config {
     /// SYNC and targets in every cycle, at once; a heartbeat of the host every 50 ms, as node 127.
     fn default() -> Self {
         let node = ecan_canopen::NodeId::MAX;
@@ -40,8 +40,8 @@ impl Default for Cia402Settings {
                 host_heartbeat: Some(HostHeartbeat { node, period_ms: 50 }),
                 ..NetworkConfig::default()
             },
-            node: NodeSettings::default(),
-            sync: SyncSettings::default(),
+            node: NodeConfig::default(),
+            sync: SyncConfig::default(),
             motion_div: 1,
         }
     }
@@ -79,7 +79,7 @@ impl Default for Cia402Settings {
 /// # When the host dies
 ///
 /// Its heartbeat stops. A drive with 0x1016 notices after
-/// [`host_heartbeat_ms`](super::DriveSettings::host_heartbeat_ms) and does what its 0x6007 says;
+/// [`host_heartbeat_ms`](super::DriveConfig::host_heartbeat_ms) and does what its 0x6007 says;
 /// one without keeps its last target: SYNC without a new target moves nothing.
 ///
 /// # What happens to targets
@@ -110,8 +110,8 @@ pub struct Cia402 {
     /// By slave.
     pub(super) gateways: Vec<GatewayWatch>,
     pub(super) lookup: AxisLookup,
-    pub(super) bus: BusSettings,
-    pub(super) sync: SyncSettings,
+    pub(super) bus: BusConfig,
+    pub(super) sync: SyncConfig,
     pub(super) target_options: SendOptions,
     pub(super) motion_div: u32,
     pub(super) cycles_to_target: u32,
@@ -127,8 +127,8 @@ impl Cia402 {
     /// A [`Cia402Error`] that names every fault of the table, or what the Port does not have.
     pub fn new(
         port: &Port,
-        axes: Vec<AxisSettings>,
-        settings: Cia402Settings,
+        axes: Vec<AxisConfig>,
+        settings: Cia402Config,
     ) -> Result<Self, Cia402Error> {
         check(&axes)?;
         let slaves = port.slave_count();
@@ -156,7 +156,7 @@ impl Cia402 {
                 Some(TxMode::Fifo) => {}
             }
             // The heartbeat is watched once the drive has been told to produce one.
-            let node = NodeSettings { heartbeat_timeout_ms: 0, ..settings.node };
+            let node = NodeConfig { heartbeat_timeout_ms: 0, ..settings.node };
             let handle = network.add_node(address, node)?;
             // infallible: the network takes no more nodes than that
             lookup.insert(address, axis.pdo_number, u16::try_from(index).unwrap_or(u16::MAX));
@@ -170,7 +170,7 @@ impl Cia402 {
             axes: table,
             gateways: (0..slaves).map(GatewayWatch::new).collect(),
             lookup,
-            bus: BusSettings { sync_period_ns, host: settings.network.host_heartbeat },
+            bus: BusConfig { sync_period_ns, host: settings.network.host_heartbeat },
             sync: settings.sync,
             target_options: SendOptions::default(),
             motion_div: settings.motion_div.max(1),
@@ -301,7 +301,7 @@ fn is_taken_up(axis: &Axis) -> bool {
     matches!(axis.guard.state(), GuardState::Armed { .. } | GuardState::Running { .. })
 }
 
-fn check(axes: &[AxisSettings]) -> Result<(), AxisFaults> {
+fn check(axes: &[AxisConfig]) -> Result<(), AxisFaults> {
     let mut faults = Vec::new();
     for (index, axis) in axes.iter().enumerate() {
         axis.check(&mut |fault| faults.push((index, fault)));

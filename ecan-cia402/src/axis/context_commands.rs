@@ -7,9 +7,9 @@ use super::context::Cia402;
 use super::error::CommandError;
 use super::guard::MotionGuard;
 use super::guard_terms::{Decision, GuardState};
-use super::homing::HomingSettings;
+use super::homing::HomingConfig;
 use super::phase::{AxisError, AxisPhase, AxisProgress};
-use super::settings::AxisSettings;
+use super::settings::AxisConfig;
 use super::statistics::AxisStatistics;
 use super::units::{Scale, UnitError};
 
@@ -221,7 +221,7 @@ impl Cia402 {
     fn set_angle(
         &mut self,
         index: usize,
-        angle: impl FnOnce(&AxisSettings) -> Result<i32, UnitError>,
+        angle: impl FnOnce(&AxisConfig) -> Result<i32, UnitError>,
     ) -> Result<(), CommandError> {
         let axis = self.axis_mut(index)?;
         let target =
@@ -260,7 +260,7 @@ impl Cia402 {
     ///
     /// # Errors
     /// A [`CommandError`].
-    pub fn home(&mut self, axis: usize, homing: HomingSettings) -> Result<(), CommandError> {
+    pub fn home(&mut self, axis: usize, homing: HomingConfig) -> Result<(), CommandError> {
         let now_ns = self.now_ns;
         self.axis_mut(axis)?.home(homing, now_ns)
     }
@@ -273,7 +273,7 @@ impl Cia402 {
     // What is known
 
     /// Settings of an axis.
-    pub fn settings(&self, axis: usize) -> Option<&AxisSettings> {
+    pub fn settings(&self, axis: usize) -> Option<&AxisConfig> {
         self.axis(axis).map(|axis| &axis.settings)
     }
 

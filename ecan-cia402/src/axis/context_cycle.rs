@@ -120,7 +120,7 @@ impl Cia402 {
     }
 
     /// As [`send_targets_all`](Self::send_targets_all), with every CSP axis moved by its own
-    /// [`target_step`](super::AxisSettings::target_step): it takes the step up by its ramp, and
+    /// [`target_step`](super::AxisConfig::target_step): it takes the step up by its ramp, and
     /// does not move in a cycle in which its target does not go out. Axes of other modes get their
     /// targets as there. Real-time safe.
     pub fn send_target_step(&mut self, port: &mut Port) -> SendSummary {

@@ -12,7 +12,7 @@ const OLD_NEWS_CYCLES: u16 = 20;
 /// How an axis finds its home position. Objects that a drive does not have are skipped, apart from
 /// the method.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct HomingSettings {
+pub struct HomingConfig {
     /// Homing method, 0x6098: 35 and 37 take the present position as home, -4..-1 are
     /// manufacturers', 1..34 look for switches and index pulses.
     pub method: i8,
@@ -28,7 +28,7 @@ pub struct HomingSettings {
     pub timeout_ms: u32,
 }
 
-impl HomingSettings {
+impl HomingConfig {
     /// A method with the drive's own speeds, and a minute for it.
     pub fn new(method: i8) -> Self {
         Self {

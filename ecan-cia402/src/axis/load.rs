@@ -4,12 +4,12 @@ use ecan_mcan_port::{ChannelLoad, FrameRate, FrameRoute, FrameStream};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::{DATA_PATH_BUDGET_MAX, McanChannelConfig};
 
-use crate::canopen::{NodeAddress, SyncSettings};
+use crate::canopen::{NodeAddress, SyncConfig};
 use ecan_canopen::{CobId, MappingEntry, SYNC_COB_ID};
 
-use super::context::Cia402Settings;
+use super::context::Cia402Config;
 use super::pdo_layout::PdoLayout;
-use super::settings::AxisSettings;
+use super::settings::AxisConfig;
 
 /// The load of one channel by the process data of its axes and SYNC; SDO, heartbeats and NMT need
 /// what is left.
@@ -108,7 +108,7 @@ impl BusLoad {
 /// The process data of a table of axes as frames, for a
 /// [`PortPlan`](ecan_mcan_port::PortPlan): target and TPDO of each axis, SYNC of each channel that
 /// has one. SDO, heartbeats and NMT come on top. Needs no Port; allocates.
-pub fn axis_traffic(axes: &[AxisSettings], settings: &Cia402Settings) -> Vec<FrameStream> {
+pub fn axis_traffic(axes: &[AxisConfig], settings: &Cia402Config) -> Vec<FrameStream> {
     let axes = axes.iter().map(|axis| (axis.address, axis.pdo_number, axis.layout()));
     process_data(axes, &settings.sync, settings.motion_div, None)
 }
@@ -116,7 +116,7 @@ pub fn axis_traffic(axes: &[AxisSettings], settings: &Cia402Settings) -> Vec<Fra
 /// The same for axes with these layouts, and targets that go out at an offset behind Sync0.
 pub(super) fn process_data(
     axes: impl Iterator<Item = (NodeAddress, u8, PdoLayout)>,
-    sync: &SyncSettings,
+    sync: &SyncConfig,
     motion_div: u32,
     target_offset_ns: Option<u32>,
 ) -> Vec<FrameStream> {
@@ -165,15 +165,15 @@ mod tests {
 
     const PLACE: (usize, u8) = (0, 1);
 
-    fn axes(count: u8) -> Vec<AxisSettings> {
+    fn axes(count: u8) -> Vec<AxisConfig> {
         let node = |n| NodeId::new(n).unwrap();
         (1..=count)
-            .map(|n| AxisSettings::new(NodeAddress { slave: 0, channel: 1, node: node(n) }))
+            .map(|n| AxisConfig::new(NodeAddress { slave: 0, channel: 1, node: node(n) }))
             .collect()
     }
 
     fn load(count: u8, cycle_us: u32) -> BusLoad {
-        let streams = axis_traffic(&axes(count), &Cia402Settings::default());
+        let streams = axis_traffic(&axes(count), &Cia402Config::default());
         BusLoad::of(PLACE, &streams, &McanChannelConfig::classic(1_000_000), cycle_us * 1_000)
     }
 
@@ -193,8 +193,8 @@ mod tests {
     fn layout_counter_and_divisors_count() {
         let torque = axes(1).into_iter().map(|a| a.with_mode(OperatingMode::CyclicTorque));
         let sync =
-            SyncSettings { every_cycles: 2, counter_overflow: Some(10), ..SyncSettings::default() };
-        let settings = Cia402Settings { sync, motion_div: 4, ..Cia402Settings::default() };
+            SyncConfig { every_cycles: 2, counter_overflow: Some(10), ..SyncConfig::default() };
+        let settings = Cia402Config { sync, motion_div: 4, ..Cia402Config::default() };
         let streams = axis_traffic(&torque.collect::<Vec<_>>(), &settings);
         let can = McanChannelConfig::classic(1_000_000);
         let load = BusLoad::of(PLACE, &streams, &can, 1_000_000);

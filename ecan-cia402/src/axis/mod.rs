@@ -34,7 +34,7 @@ mod sdo_script;
 mod set_point;
 mod start_up;
 
-pub use homing::{HomingSettings, HomingState};
+pub use homing::{HomingConfig, HomingState};
 pub use pdo_layout::{Feedback, PdoLayout, RpdoBytes, TargetObject};
 pub use sdo_script::ScriptFault;
 
@@ -48,7 +48,7 @@ mod settings;
 mod statistics;
 
 pub use phase::{AxisError, AxisPhase, AxisProgress, SetupFault};
-pub use settings::{AxisFault, AxisSettings, DriveSettings, NodeReset};
+pub use settings::{AxisConfig, AxisFault, DriveConfig, NodeReset};
 pub use statistics::AxisStatistics;
 
 // All axes of a bus
@@ -62,7 +62,7 @@ mod load;
 mod lookup;
 mod shutdown;
 
-pub use context::{Cia402, Cia402Settings};
+pub use context::{Cia402, Cia402Config};
 pub use context_cycle::SendSummary;
 pub use error::{AxisFaults, AxisTimeout, Cia402Error, CommandError, ScheduleError};
 pub use load::{BusLoad, LoadWarning, axis_traffic};

@@ -2,7 +2,7 @@
 
 use ecan_canopen::OperatingMode;
 
-use super::homing::{HomingSettings, HomingWatch};
+use super::homing::{HomingConfig, HomingWatch};
 use super::phase::AxisError;
 use super::sdo_script::SdoScript;
 
@@ -33,7 +33,7 @@ pub(super) struct Procedure {
     /// The mode before.
     pub(super) mode_before: OperatingMode,
     /// Homing, before that.
-    pub(super) homing: Option<HomingSettings>,
+    pub(super) homing: Option<HomingConfig>,
     /// Whether the axis was enabled and is to be so again.
     pub(super) then_enable: bool,
     pub(super) stage: Stage,
@@ -47,7 +47,7 @@ impl Procedure {
     /// From a mode to another, or by way of homing back to the same.
     pub(super) fn new(
         (mode_before, mode): (OperatingMode, OperatingMode),
-        homing: Option<HomingSettings>,
+        homing: Option<HomingConfig>,
         then_enable: bool,
         now_ns: u64,
     ) -> Self {

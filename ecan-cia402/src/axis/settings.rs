@@ -30,7 +30,7 @@ pub enum NodeReset {
 /// How a drive is configured before it is enabled. Objects marked (if there) are skipped where the
 /// drive does not have them.
 #[derive(Debug, Clone, PartialEq)]
-pub struct DriveSettings {
+pub struct DriveConfig {
     /// How it begins.
     pub reset: NodeReset,
     /// How long the boot-up message after a reset may take, in milliseconds.
@@ -50,9 +50,9 @@ pub struct DriveSettings {
     /// Quick stop option 0x605A (if there); `None` leaves it alone.
     pub quick_stop: Option<QuickStopOption>,
     /// Following error window 0x6065 in steps and time 0x6066 in milliseconds (if there); `None`
-    /// leaves them alone. Should not be below [`AxisSettings::following_window`].
+    /// leaves them alone. Should not be below [`AxisConfig::following_window`].
     pub following_error: Option<(u32, u16)>,
-    /// Writes [`AxisSettings::bounds`] to 0x607D too, where the mode is a position mode (if
+    /// Writes [`AxisConfig::bounds`] to 0x607D too, where the mode is a position mode (if
     /// there).
     pub write_position_limits: bool,
     /// Switches TPDO 2 to 4 off (if there), so that nothing else takes bus time.
@@ -61,7 +61,7 @@ pub struct DriveSettings {
     pub further: Vec<Step>,
 }
 
-impl Default for DriveSettings {
+impl Default for DriveConfig {
     /// No reset, heartbeats of 100 ms from the drive and a consumer time of 250 ms for the host's,
     /// quick stop when the host is lost.
     fn default() -> Self {
@@ -84,7 +84,7 @@ impl Default for DriveSettings {
 
 /// One axis: a line of the axis table.
 #[derive(Debug, Clone, PartialEq)]
-pub struct AxisSettings {
+pub struct AxisConfig {
     /// Where the drive is.
     pub address: NodeAddress,
     /// The mode in which it is driven. It decides what the RPDO carries.
@@ -125,10 +125,10 @@ pub struct AxisSettings {
     /// Number of the RPDO and the TPDO that are used, 1 to 4.
     pub pdo_number: u8,
     /// The configuration of the drive.
-    pub drive: DriveSettings,
+    pub drive: DriveConfig,
 }
 
-impl AxisSettings {
+impl AxisConfig {
     /// A CSP axis at an address, with a limit of 1000 steps per cycle.
     pub fn new(address: NodeAddress) -> Self {
         Self {
@@ -148,7 +148,7 @@ impl AxisSettings {
             auto_take_up: false,
             enable_timeout_ms: 5_000,
             pdo_number: 1,
-            drive: DriveSettings::default(),
+            drive: DriveConfig::default(),
         }
     }
 
@@ -336,12 +336,12 @@ mod tests {
     use super::*;
     use ecan_canopen::NodeId;
 
-    fn settings() -> AxisSettings {
+    fn settings() -> AxisConfig {
         let node = NodeId::new(1).unwrap();
-        AxisSettings::new(NodeAddress { slave: 0, channel: 0, node })
+        AxisConfig::new(NodeAddress { slave: 0, channel: 0, node })
     }
 
-    fn faults(settings: &AxisSettings) -> Vec<AxisFault> {
+    fn faults(settings: &AxisConfig) -> Vec<AxisFault> {
         let mut faults = Vec::new();
         settings.check(&mut |fault| faults.push(fault));
         faults

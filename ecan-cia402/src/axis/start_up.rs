@@ -7,7 +7,7 @@ use ecan_canopen::{
 use crate::canopen::{HostHeartbeat, PdoDirection, PdoMapping, PdoMappingError, Step};
 
 use super::pdo_layout::TargetObject;
-use super::settings::{AxisSettings, NodeReset};
+use super::settings::{AxisConfig, NodeReset};
 
 /// Highest PDO number of the predefined connection set.
 const LAST_PDO: u16 = 4;
@@ -17,7 +17,7 @@ const NS_PER_US: u64 = 1_000;
 
 /// What the bus gives to every axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct BusSettings {
+pub(super) struct BusConfig {
     /// Time from SYNC to SYNC, in nanoseconds.
     pub(super) sync_period_ns: u64,
     /// The host's heartbeat, if it produces one.
@@ -36,10 +36,7 @@ pub(super) struct BusSettings {
 /// 7. NMT: start.
 ///
 /// The mode follows after that, with its confirmation.
-pub(super) fn steps(
-    settings: &AxisSettings,
-    bus: &BusSettings,
-) -> Result<Vec<Step>, PdoMappingError> {
+pub(super) fn steps(settings: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, PdoMappingError> {
     let mut steps = Vec::new();
     push_nmt(&mut steps, settings);
     push_identity(&mut steps, settings);
@@ -53,7 +50,7 @@ pub(super) fn steps(
     Ok(steps)
 }
 
-fn push_nmt(steps: &mut Vec<Step>, settings: &AxisSettings) {
+fn push_nmt(steps: &mut Vec<Step>, settings: &AxisConfig) {
     let reset = match settings.drive.reset {
         NodeReset::None => None,
         NodeReset::Communication => Some(NmtCommand::ResetCommunication),
@@ -66,7 +63,7 @@ fn push_nmt(steps: &mut Vec<Step>, settings: &AxisSettings) {
     steps.push(Step::nmt(NmtCommand::EnterPreOperational));
 }
 
-fn push_identity(steps: &mut Vec<Step>, settings: &AxisSettings) {
+fn push_identity(steps: &mut Vec<Step>, settings: &AxisConfig) {
     let drive = &settings.drive;
     if drive.expect_profile_402 {
         let step = Step::expect_masked(object::DEVICE_TYPE, 0, PROFILE_402, 0xFFFF);
@@ -81,7 +78,7 @@ fn push_identity(steps: &mut Vec<Step>, settings: &AxisSettings) {
     steps.push(modes.named("supported modes").if_present());
 }
 
-fn push_heartbeats(steps: &mut Vec<Step>, settings: &AxisSettings, bus: &BusSettings) {
+fn push_heartbeats(steps: &mut Vec<Step>, settings: &AxisConfig, bus: &BusConfig) {
     let drive = &settings.drive;
     let producer = object::PRODUCER_HEARTBEAT;
     steps.push(Step::write(producer, 0, drive.heartbeat_ms).named("heartbeat").if_present());
@@ -99,7 +96,7 @@ fn push_heartbeats(steps: &mut Vec<Step>, settings: &AxisSettings, bus: &BusSett
     }
 }
 
-fn push_mapping(steps: &mut Vec<Step>, settings: &AxisSettings) -> Result<(), PdoMappingError> {
+fn push_mapping(steps: &mut Vec<Step>, settings: &AxisConfig) -> Result<(), PdoMappingError> {
     let (node, number) = (settings.address.node, settings.pdo_number);
     let layout = settings.layout();
     let pdo = |direction, cob_id, entries: &[_]| PdoMapping {
@@ -126,7 +123,7 @@ fn push_mapping(steps: &mut Vec<Step>, settings: &AxisSettings) -> Result<(), Pd
     Ok(())
 }
 
-fn push_times(steps: &mut Vec<Step>, settings: &AxisSettings, bus: &BusSettings) {
+fn push_times(steps: &mut Vec<Step>, settings: &AxisConfig, bus: &BusConfig) {
     if !settings.mode.is_cyclic() {
         return;
     }
@@ -152,7 +149,7 @@ pub(super) fn interpolation_time(period_ns: u64) -> Option<(u8, i8)> {
     )
 }
 
-fn push_limits(steps: &mut Vec<Step>, settings: &AxisSettings) {
+fn push_limits(steps: &mut Vec<Step>, settings: &AxisConfig) {
     let drive = &settings.drive;
     if let Some(option) = drive.quick_stop {
         let step = Step::write(object::QUICK_STOP_OPTION, 0, option.raw());
@@ -176,7 +173,7 @@ fn push_limits(steps: &mut Vec<Step>, settings: &AxisSettings) {
 }
 
 /// Whether a mode can be chosen while the PDOs of `settings` are mapped.
-pub(super) fn can_switch_to(settings: &AxisSettings, mode: OperatingMode) -> bool {
+pub(super) fn can_switch_to(settings: &AxisConfig, mode: OperatingMode) -> bool {
     settings.layout().target.serves(mode)
 }
 
@@ -207,10 +204,10 @@ mod tests {
     #[test]
     fn the_sequence_is_the_one_that_drives_accept() {
         let node = NodeId::new(5).unwrap();
-        let mut settings = AxisSettings::new(NodeAddress { slave: 0, channel: 1, node });
+        let mut settings = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
         settings.drive.silence_other_tpdos = false;
         let host = HostHeartbeat { node: NodeId::new(127).unwrap(), period_ms: 50 };
-        let bus = BusSettings { sync_period_ns: 1_000_000, host: Some(host) };
+        let bus = BusConfig { sync_period_ns: 1_000_000, host: Some(host) };
         let words: Vec<String> =
             steps(&settings, &bus).unwrap().iter().map(|step| step.action.to_string()).collect();
         let place = |part: &str| {
@@ -244,8 +241,8 @@ mod tests {
     #[test]
     fn without_a_host_heartbeat_no_drive_waits_for_one() {
         let node = NodeId::new(5).unwrap();
-        let settings = AxisSettings::new(NodeAddress { slave: 0, channel: 1, node });
-        let bus = BusSettings { sync_period_ns: 1_000_000, host: None };
+        let settings = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
+        let bus = BusConfig { sync_period_ns: 1_000_000, host: None };
         let steps = steps(&settings, &bus).unwrap();
         let text: String = steps.iter().map(|step| step.action.to_string()).collect();
         assert!(!text.contains("0x1016") && !text.contains("0x6007"), "{text}");

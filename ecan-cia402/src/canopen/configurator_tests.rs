@@ -9,8 +9,8 @@ use proptest::prelude::*;
 
 use super::network_tests::{MS, RecordingSink, address, cycle, received};
 use super::{
-    Configurator, Configuring, Network, NetworkConfig, NodeHandle, NodeSettings, PdoDirection,
-    PdoMapping, PdoMappingError, SdoFault, SdoSettings, Step, StepFault,
+    Configurator, Configuring, Network, NetworkConfig, NodeConfig, NodeHandle, PdoDirection,
+    PdoMapping, PdoMappingError, SdoConfig, SdoFault, Step, StepFault,
 };
 
 #[path = "../../tests/reference/mod.rs"]
@@ -36,8 +36,8 @@ const COUNT: u8 = 4;
 impl Fixture {
     fn new() -> Self {
         let mut network = Network::new(NetworkConfig::default());
-        let sdo = SdoSettings { timeout_ms: 10, ..SdoSettings::default() };
-        let settings = NodeSettings { sdo, ..NodeSettings::default() };
+        let sdo = SdoConfig { timeout_ms: 10, ..SdoConfig::default() };
+        let settings = NodeConfig { sdo, ..NodeConfig::default() };
         let handles = (1..=COUNT)
             .map(|node| network.add_node(address(0, node % 2, node), settings).unwrap())
             .collect();

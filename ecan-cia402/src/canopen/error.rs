@@ -23,7 +23,7 @@ pub enum SdoFault {
         /// How often it was tried.
         attempts: u8,
     },
-    /// The value is longer than the buffer of [`SdoSettings`](crate::SdoSettings).
+    /// The value is longer than the buffer of [`SdoConfig`](crate::SdoConfig).
     #[error("the value does not fit the buffer of {capacity} bytes")]
     TooLong {
         /// Bytes that fit.

@@ -27,7 +27,7 @@ pub use network::Network;
 pub use node::NodeStatus;
 pub use sdo::{Sdo, SdoClient};
 pub use settings::{
-    BlockSettings, HostHeartbeat, NetworkConfig, NodeSettings, SdoSettings, SyncSettings,
+    BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeConfig, SdoConfig, SyncConfig,
 };
 pub use statistics::ServiceStatistics;
 

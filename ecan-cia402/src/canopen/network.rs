@@ -10,7 +10,7 @@ use super::error::{NetworkError, NmtError, SdoFailure, SdoStartError};
 use super::heartbeat::Heartbeat;
 use super::node::{Node, NodeStatus};
 use super::sdo::{Sdo, SdoClient};
-use super::settings::{HostHeartbeat, NetworkConfig, NodeSettings, SyncSettings};
+use super::settings::{HostHeartbeat, NetworkConfig, NodeConfig, SyncConfig};
 use super::statistics::ServiceStatistics;
 
 /// The CANopen master of all nodes behind the gateways of a Port (CiA 301): NMT, heartbeat,
@@ -43,7 +43,7 @@ pub struct Network {
     pub(super) config: NetworkConfig,
     pub(super) nodes: Vec<Node>,
     pub(super) channels: Vec<Channel>,
-    pub(super) sync: Option<SyncSettings>,
+    pub(super) sync: Option<SyncConfig>,
     pub(super) statistics: ServiceStatistics,
 }
 
@@ -66,7 +66,7 @@ impl Network {
     pub fn add_node(
         &mut self,
         address: NodeAddress,
-        settings: NodeSettings,
+        settings: NodeConfig,
     ) -> Result<NodeHandle, NetworkError> {
         if usize::from(address.channel) >= CHANNELS {
             return Err(NetworkError::Channel { address });

@@ -6,7 +6,7 @@ use super::error::NetworkError;
 use super::frame_sink::FrameSink;
 use super::network::Network;
 use super::service_sender::ServiceSender;
-use super::settings::SyncSettings;
+use super::settings::SyncConfig;
 
 impl Network {
     /// Starts producing SYNC on every channel that has a node, or changes how, or stops. Counters
@@ -14,7 +14,7 @@ impl Network {
     ///
     /// # Errors
     /// [`NetworkError::CounterOverflow`]; nothing was changed.
-    pub fn set_sync(&mut self, settings: Option<SyncSettings>) -> Result<(), NetworkError> {
+    pub fn set_sync(&mut self, settings: Option<SyncConfig>) -> Result<(), NetworkError> {
         if let Some(value) = settings.and_then(|settings| settings.counter_overflow)
             && !(2..=240).contains(&value)
         {
@@ -38,7 +38,7 @@ impl Network {
     }
 
     /// How SYNC is produced.
-    pub fn sync(&self) -> Option<SyncSettings> {
+    pub fn sync(&self) -> Option<SyncConfig> {
         self.sync
     }
 

@@ -10,7 +10,7 @@ use ecan_protocol::image::{Schedule, Timestamp};
 use super::frame_sink::FrameSink;
 use super::{
     Heartbeat, HostHeartbeat, Network, NetworkConfig, NetworkError, NmtError, NodeAddress,
-    NodeHandle, NodeSettings, Sdo, SdoFault, SdoSettings, SyncSettings,
+    NodeConfig, NodeHandle, Sdo, SdoConfig, SdoFault, SyncConfig,
 };
 
 pub(super) const MS: u64 = 1_000_000;
@@ -122,7 +122,7 @@ pub(super) fn cycle(network: &mut Network, paper: &mut RecordingSink, now_ns: u6
 
 fn network(config: NetworkConfig, nodes: &[NodeAddress]) -> (Network, Vec<NodeHandle>) {
     let mut network = Network::new(config);
-    let settings = NodeSettings { heartbeat_timeout_ms: 100, ..NodeSettings::default() };
+    let settings = NodeConfig { heartbeat_timeout_ms: 100, ..NodeConfig::default() };
     let handles = nodes.iter().map(|node| network.add_node(*node, settings).unwrap()).collect();
     (network, handles)
 }
@@ -132,7 +132,7 @@ fn nodes_are_checked_as_they_are_added() {
     let host = HostHeartbeat { node: NodeId::new(127).unwrap(), period_ms: 50 };
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let (mut network, handles) = network(config, &[address(0, 1, 5), address(1, 1, 5)]);
-    let mut add = |address| network.add_node(address, NodeSettings::default());
+    let mut add = |address| network.add_node(address, NodeConfig::default());
     let again = address(0, 1, 5);
     assert_eq!(add(again), Err(NetworkError::Duplicate { address: again }));
     let beyond = address(0, 4, 5);
@@ -151,7 +151,7 @@ fn nmt_then_heartbeat_then_sdo_and_sync_before_all() {
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let (mut network, nodes) = network(config, &[address(0, 0, 1), address(0, 0, 2)]);
     let mut paper = RecordingSink::new();
-    network.set_sync(Some(SyncSettings::default())).unwrap();
+    network.set_sync(Some(SyncConfig::default())).unwrap();
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.nmt(nodes[1], NmtCommand::EnterPreOperational).unwrap();
     cycle(&mut network, &mut paper, 0);
@@ -260,7 +260,7 @@ fn a_full_nmt_queue_says_so() {
 fn each_channel_has_its_budget_and_its_nodes_take_turns() {
     let nodes: Vec<_> = (1..=5).map(|node| address(0, 0, node)).collect();
     let (mut network, handles) = network(NetworkConfig::default(), &nodes);
-    let other = network.add_node(address(0, 1, 9), NodeSettings::default()).unwrap();
+    let other = network.add_node(address(0, 1, 9), NodeConfig::default()).unwrap();
     for handle in handles.iter().chain([&other]) {
         network.start_upload(*handle, 0x1000, 0).unwrap();
     }
@@ -418,8 +418,8 @@ fn sync_follows_its_settings_on_the_channels_that_want_it() {
     let nodes = [address(0, 0, 1), address(0, 1, 1)];
     let (mut network, _) = network(NetworkConfig::default(), &nodes);
     let schedule = Some(Schedule { tag: 3, offset_ns: 250_000 });
-    let settings = SyncSettings { every_cycles: 2, counter_overflow: Some(2), schedule };
-    let wrong = SyncSettings { counter_overflow: Some(1), ..settings };
+    let settings = SyncConfig { every_cycles: 2, counter_overflow: Some(2), schedule };
+    let wrong = SyncConfig { counter_overflow: Some(1), ..settings };
     assert_eq!(network.set_sync(Some(wrong)), Err(NetworkError::CounterOverflow { value: 1 }));
     network.set_sync(Some(settings)).unwrap();
     network.set_channel_sync(0, 0, false);
@@ -452,7 +452,7 @@ fn sync_follows_its_settings_on_the_channels_that_want_it() {
 fn a_gateway_whose_image_is_held_gets_no_sync_and_the_others_do() {
     let nodes = [address(0, 0, 1), address(1, 0, 1)];
     let (mut network, _) = network(NetworkConfig::default(), &nodes);
-    let settings = SyncSettings { every_cycles: 2, counter_overflow: Some(9), schedule: None };
+    let settings = SyncConfig { every_cycles: 2, counter_overflow: Some(9), schedule: None };
     network.set_sync(Some(settings)).unwrap();
     let mut paper = RecordingSink::new();
     let mut sent = Vec::new();
@@ -474,8 +474,8 @@ fn a_gateway_whose_image_is_held_gets_no_sync_and_the_others_do() {
 #[test]
 fn settings_reach_the_client() {
     let mut network = Network::new(NetworkConfig::default());
-    let sdo = SdoSettings { timeout_ms: 5, retries: 0, ..SdoSettings::default() };
-    let settings = NodeSettings { sdo, ..NodeSettings::default() };
+    let sdo = SdoConfig { timeout_ms: 5, retries: 0, ..SdoConfig::default() };
+    let settings = NodeConfig { sdo, ..NodeConfig::default() };
     let node = network.add_node(address(0, 0, 1), settings).unwrap();
     let mut paper = RecordingSink::new();
     network.start_upload(node, 0x1000, 0).unwrap();

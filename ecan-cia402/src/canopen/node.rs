@@ -7,7 +7,7 @@ use super::emcy_log::EmcyLog;
 use super::heartbeat::{Heartbeat, HeartbeatWatch};
 use super::nmt_tracker::NmtTracker;
 use super::sdo::SdoClient;
-use super::settings::NodeSettings;
+use super::settings::NodeConfig;
 
 #[derive(Debug)]
 pub(super) struct Node {
@@ -19,7 +19,7 @@ pub(super) struct Node {
 }
 
 impl Node {
-    pub(super) fn new(address: NodeAddress, settings: NodeSettings) -> Self {
+    pub(super) fn new(address: NodeAddress, settings: NodeConfig) -> Self {
         Self {
             address,
             nmt: NmtTracker::default(),

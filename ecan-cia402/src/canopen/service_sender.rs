@@ -8,7 +8,7 @@ use super::channel::Channel;
 use super::error::SdoFault;
 use super::frame_sink::{FrameSink, is_passing};
 use super::node::Node;
-use super::settings::{NetworkConfig, SyncSettings};
+use super::settings::{NetworkConfig, SyncConfig};
 use super::statistics::ServiceStatistics;
 
 /// Bytes that an SDO frame takes in the RxPDO image: control word, 11-bit identifier and eight
@@ -136,7 +136,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
 
     /// The SYNC that is due, if one is. Behind an image that is held it would go out with the SYNC
     /// of the cycle that ends the hold, back to back; so it waits.
-    pub(super) fn send_sync(&mut self, settings: &SyncSettings) {
+    pub(super) fn send_sync(&mut self, settings: &SyncConfig) {
         if !self.channel.sync.is_due() {
             return;
         }

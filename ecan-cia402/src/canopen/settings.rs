@@ -5,7 +5,7 @@ use ecan_protocol::image::Schedule;
 
 /// How SDO block transfer is used with a node (CiA 301, 7.2.4.2.9 to 7.2.4.2.16).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct BlockSettings {
+pub struct BlockTransferConfig {
     /// Downloads of at least so many bytes try block transfer first; `None` never does.
     pub download_from: Option<usize>,
     /// Whether every upload asks for a block transfer. A server that supports it answers small
@@ -17,21 +17,21 @@ pub struct BlockSettings {
     pub segments: u8,
 }
 
-impl Default for BlockSettings {
+impl Default for BlockTransferConfig {
     /// Downloads from 64 bytes, no uploads, blocks of 16 segments.
     fn default() -> Self {
         Self { download_from: Some(64), upload: false, segments: 16 }
     }
 }
 
-impl BlockSettings {
+impl BlockTransferConfig {
     /// No block transfer at all.
     pub const NEVER: Self = Self { download_from: None, upload: false, segments: 1 };
 }
 
 /// How the SDO client talks to one server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SdoSettings {
+pub struct SdoConfig {
     /// How long an answer may take after the request was handed to the gateway, in milliseconds.
     pub timeout_ms: u32,
     /// How often a transfer starts over after a missing or damaged answer. A download that starts
@@ -40,24 +40,29 @@ pub struct SdoSettings {
     /// Longest value that can be transferred, in bytes; allocated once.
     pub buffer_bytes: usize,
     /// Block transfer.
-    pub block: BlockSettings,
+    pub block: BlockTransferConfig,
 }
 
-impl Default for SdoSettings {
+impl Default for SdoConfig {
     /// 500 ms, two retries, 1024 bytes.
     fn default() -> Self {
-        Self { timeout_ms: 500, retries: 2, buffer_bytes: 1024, block: BlockSettings::default() }
+        Self {
+            timeout_ms: 500,
+            retries: 2,
+            buffer_bytes: 1024,
+            block: BlockTransferConfig::default(),
+        }
     }
 }
 
 /// What the network knows of one node beforehand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct NodeSettings {
+pub struct NodeConfig {
     /// How long the node may be silent between two heartbeats, in milliseconds; 0 does not watch
     /// it. To be chosen well above the producer time in the node's 0x1017.
     pub heartbeat_timeout_ms: u32,
     /// Its SDO server.
-    pub sdo: SdoSettings,
+    pub sdo: SdoConfig,
 }
 
 /// The heartbeat that the host itself produces, so that drives notice its death (their consumer
@@ -73,7 +78,7 @@ pub struct HostHeartbeat {
 
 /// How SYNC is produced (CiA 301, 7.2.5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SyncSettings {
+pub struct SyncConfig {
     /// Cycles from one SYNC to the next; 0 counts as 1.
     pub every_cycles: u32,
     /// With a counter as data, that runs from 1 to this value and starts over: 2..240, the value
@@ -83,7 +88,7 @@ pub struct SyncSettings {
     pub schedule: Option<Schedule>,
 }
 
-impl Default for SyncSettings {
+impl Default for SyncConfig {
     /// In every cycle, without a counter, at once.
     fn default() -> Self {
         Self { every_cycles: 1, counter_overflow: None, schedule: None }

@@ -1,6 +1,6 @@
 //! When SYNC is due on a channel, and its counter (CiA 301, 7.2.5).
 
-use super::settings::SyncSettings;
+use super::settings::SyncConfig;
 
 /// SYNC of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -21,7 +21,7 @@ impl SyncProducer {
     }
 
     /// One cycle. A SYNC that found no room stays due; it is never made up for by two.
-    pub(super) fn tick(&mut self, settings: &SyncSettings) {
+    pub(super) fn tick(&mut self, settings: &SyncConfig) {
         self.is_sent = false;
         if !self.is_enabled {
             return;
@@ -42,7 +42,7 @@ impl SyncProducer {
     }
 
     /// The counter that the next SYNC carries.
-    pub(super) fn counter(&self, settings: &SyncSettings) -> Option<u8> {
+    pub(super) fn counter(&self, settings: &SyncConfig) -> Option<u8> {
         settings.counter_overflow.map(
             |overflow| {
                 if self.counter >= overflow { 1 } else { self.counter + 1 }
@@ -50,7 +50,7 @@ impl SyncProducer {
         )
     }
 
-    pub(super) fn sent(&mut self, settings: &SyncSettings) {
+    pub(super) fn sent(&mut self, settings: &SyncConfig) {
         self.is_due = false;
         self.is_sent = true;
         if let Some(counter) = self.counter(settings) {
@@ -71,7 +71,7 @@ mod tests {
 
     #[test]
     fn the_counter_runs_from_1_to_its_overflow() {
-        let settings = SyncSettings { counter_overflow: Some(3), ..SyncSettings::default() };
+        let settings = SyncConfig { counter_overflow: Some(3), ..SyncConfig::default() };
         let mut producer = enabled();
         let counters: Vec<_> = (0..7)
             .map(|_| {
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn every_third_cycle() {
-        let settings = SyncSettings { every_cycles: 3, ..SyncSettings::default() };
+        let settings = SyncConfig { every_cycles: 3, ..SyncConfig::default() };
         let mut producer = enabled();
         let due: Vec<_> = (0..7)
             .map(|_| {
@@ -101,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_refused_sync_is_sent_once_and_late() {
-        let settings = SyncSettings { every_cycles: 2, counter_overflow: Some(5), schedule: None };
+        let settings = SyncConfig { every_cycles: 2, counter_overflow: Some(5), schedule: None };
         let mut producer = enabled();
         for _ in 0..3 {
             producer.tick(&settings);
@@ -119,7 +119,7 @@ mod tests {
     #[test]
     fn a_disabled_channel_is_never_due() {
         let mut producer = SyncProducer::default();
-        producer.tick(&SyncSettings::default());
+        producer.tick(&SyncConfig::default());
         assert!(!producer.is_due());
     }
 }

@@ -2,12 +2,12 @@
 #![allow(dead_code)]
 
 use ecan_canopen::NodeId;
-use ecan_cia402::{AxisSettings, Cia402, Cia402Settings, NodeAddress};
+use ecan_cia402::{AxisConfig, Cia402, Cia402Config, NodeAddress};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_sim::{
-    ClockKind, Drive, DriveFault, DriveQuirks, DriveSettings, Fault, NodeKind, Scenario,
-    SimOptions, Simulation, TargetRecord,
+    ClockKind, Drive, DriveConfig, DriveFault, DriveQuirks, Fault, NodeKind, Scenario, SimOptions,
+    Simulation, TargetRecord,
 };
 
 pub const READY_MS: u32 = 20_000;
@@ -21,12 +21,12 @@ pub fn address(slave: usize, channel: u8, id: u8) -> NodeAddress {
     NodeAddress { slave, channel, node: node(id) }
 }
 
-pub fn axis(slave: usize, channel: u8, id: u8) -> AxisSettings {
-    AxisSettings::new(address(slave, channel, id))
+pub fn axis(slave: usize, channel: u8, id: u8) -> AxisConfig {
+    AxisConfig::new(address(slave, channel, id))
 }
 
 /// The first `count` axes of the built-in scenario `drives`, on as few channels as possible.
-pub fn axes(count: usize) -> Vec<AxisSettings> {
+pub fn axes(count: usize) -> Vec<AxisConfig> {
     (0..count).map(|n| axis(n / 16, (n / 4 % 4) as u8, (n % 4) as u8 + 1)).collect()
 }
 
@@ -37,7 +37,7 @@ pub struct Fixture {
 }
 
 /// The scenario `drives` for these axes, each drive changed by `change`.
-pub fn scenario(slaves: usize, change: impl Fn(&mut DriveSettings)) -> Scenario {
+pub fn scenario(slaves: usize, change: impl Fn(&mut DriveConfig)) -> Scenario {
     let mut scenario = ecan_sim::drives(slaves, 4);
     for node in &mut scenario.nodes {
         if let NodeKind::Drive(drive) = &mut node.kind {
@@ -57,26 +57,26 @@ pub fn with_quirk(slaves: usize, id: u8, quirk: impl Fn(&mut DriveQuirks)) -> Sc
 
 impl Fixture {
     /// One gateway, one channel's drives, 2 ms.
-    pub fn single(axes: Vec<AxisSettings>) -> Self {
+    pub fn single(axes: Vec<AxisConfig>) -> Self {
         Self::with(ecan_sim::drives(1, 4), axes)
     }
 
-    pub fn with(scenario: Scenario, axes: Vec<AxisSettings>) -> Self {
+    pub fn with(scenario: Scenario, axes: Vec<AxisConfig>) -> Self {
         Self::open(scenario, AdapterConfig::new(1).with_cycle_us(2_000), axes)
     }
 
-    pub fn open(scenario: Scenario, adapter: AdapterConfig, axes: Vec<AxisSettings>) -> Self {
-        Self::open_with(scenario, adapter, axes, Cia402Settings::default())
+    pub fn open(scenario: Scenario, adapter: AdapterConfig, axes: Vec<AxisConfig>) -> Self {
+        Self::open_with(scenario, adapter, axes, Cia402Config::default())
     }
 
     pub fn open_with(
         scenario: Scenario,
         adapter: AdapterConfig,
-        axes: Vec<AxisSettings>,
-        settings: Cia402Settings,
+        axes: Vec<AxisConfig>,
+        settings: Cia402Config,
     ) -> Self {
         let slaves = adapter.slaves.len();
-        let gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(1_000_000));
+        let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
         let config = PortConfig::uniform(slaves, gateway);

@@ -3,7 +3,7 @@
 
 use std::collections::VecDeque;
 
-use ecan_cia402::{BlockSettings, Sdo, SdoClient, SdoSettings};
+use ecan_cia402::{BlockTransferConfig, Sdo, SdoClient, SdoConfig};
 
 use crate::reference::{Frame, Server};
 
@@ -34,17 +34,17 @@ pub struct Link {
     to_client: VecDeque<(u64, Frame)>,
 }
 
-pub fn settings() -> SdoSettings {
-    SdoSettings { timeout_ms: TIMEOUT_MS, retries: 2, ..SdoSettings::default() }
+pub fn settings() -> SdoConfig {
+    SdoConfig { timeout_ms: TIMEOUT_MS, retries: 2, ..SdoConfig::default() }
 }
 
-pub fn block_settings() -> SdoSettings {
-    let block = BlockSettings { download_from: Some(5), upload: true, segments: 16 };
-    SdoSettings { block, ..settings() }
+pub fn block_settings() -> SdoConfig {
+    let block = BlockTransferConfig { download_from: Some(5), upload: true, segments: 16 };
+    SdoConfig { block, ..settings() }
 }
 
 impl Link {
-    pub fn new(server: Server, settings: SdoSettings) -> Self {
+    pub fn new(server: Server, settings: SdoConfig) -> Self {
         Self {
             client: SdoClient::new(settings),
             server,

@@ -1,6 +1,6 @@
 //! What makes the application's thread keep its cycle (manual 13.9 and 15.5.2, step 7).
 //!
-//! [`RealTimeSettings`] asks the system for what such a thread needs, [`CycleTimer`] waits for the
+//! [`RealTimeConfig`] asks the system for what such a thread needs, [`CycleTimer`] waits for the
 //! points of the cycle grid, [`CycleStatistics`] tells how well it was kept.
 
 mod cycle_statistics;
@@ -12,4 +12,4 @@ mod settings;
 pub use cycle_statistics::{CycleStatistics, Distribution};
 pub use cycle_timer::{CycleStart, CycleTimer, CycleTiming, MAX_SPIN_NS, OverrunPolicy};
 pub use report::{Privilege, PrivilegeError, PrivilegeOutcome, RealTimeError, RealTimeReport};
-pub use settings::{MAX_STACK_PREFAULT_BYTES, Need, RealTimeFault, RealTimeSettings};
+pub use settings::{MAX_STACK_PREFAULT_BYTES, Need, RealTimeConfig, RealTimeFault};

@@ -132,7 +132,7 @@ impl fmt::Display for RealTimeReport {
     }
 }
 
-/// Why [`RealTimeSettings::apply`](crate::RealTimeSettings::apply) failed.
+/// Why [`RealTimeConfig::apply`](crate::RealTimeConfig::apply) failed.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum RealTimeError {

@@ -17,11 +17,11 @@ pub enum Need {
     /// Without it the application goes on; the report says so.
     #[default]
     Optional,
-    /// Without it [`RealTimeSettings::apply`] fails.
+    /// Without it [`RealTimeConfig::apply`] fails.
     Required,
 }
 
-/// One thing that is wrong with [`RealTimeSettings`].
+/// One thing that is wrong with [`RealTimeConfig`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum RealTimeFault {
@@ -53,20 +53,20 @@ pub enum RealTimeFault {
 /// The default asks for nothing.
 ///
 /// ```
-/// use ecan_host::{CycleTiming, Need, RealTimeSettings};
+/// use ecan_host::{CycleTiming, Need, RealTimeConfig};
 ///
-/// let settings = RealTimeSettings {
+/// let settings = RealTimeConfig {
 ///     priority: Some(80),
 ///     cpus: Some(vec![0]),
 ///     timing: CycleTiming { spin_ns: 100_000, ..CycleTiming::default() },
-///     ..RealTimeSettings::default()
+///     ..RealTimeConfig::default()
 /// };
 /// settings.check()?;
 /// assert_eq!(settings.priority_need, Need::Optional);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct RealTimeSettings {
+pub struct RealTimeConfig {
     /// SCHED_FIFO with this priority, 1 (lowest) to 99; none leaves the scheduling as it is.
     pub priority: Option<u8>,
     /// Whether the priority is needed.
@@ -94,7 +94,7 @@ pub struct RealTimeSettings {
     pub timing: CycleTiming,
 }
 
-impl RealTimeSettings {
+impl RealTimeConfig {
     /// Checks the values, without asking the system for anything.
     ///
     /// # Errors

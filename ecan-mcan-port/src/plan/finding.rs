@@ -204,7 +204,7 @@ pub enum PortWarning {
         share: u64,
     },
     /// A phase that is not surely reached, by the times of
-    /// [`ScheduleSettings`](crate::ScheduleSettings).
+    /// [`ScheduleConfig`](crate::ScheduleConfig).
     #[error(
         "slave {slave}: the margin of frames {:.1} us behind Sync0 is short by {:.1} us: some may \
          be dropped, or leave a period late. Move the Sync0 shift away from the arrival of the \

@@ -19,7 +19,7 @@ pub use image::{ImageFill, ImagePlan};
 use ecan_host::{AdapterConfig, Plan};
 use ecan_protocol::mapping::Direction;
 
-use crate::config::{ChannelSettings, PortConfig};
+use crate::config::{ChannelConfig, PortConfig};
 use crate::schedule_margin::ScheduleTimes;
 
 /// Share of a bus from which a plan warns.
@@ -57,10 +57,10 @@ pub struct GatewayPlan {
 ///
 /// ```
 /// use ecan_protocol::can::{CanFrame, CanId};
-/// use ecan_mcan_port::{ChannelSettings, FrameRate, FrameStream, GatewayConfig, PortConfig, PortPlan};
+/// use ecan_mcan_port::{ChannelConfig, FrameRate, FrameStream, GatewayConfig, PortConfig, PortPlan};
 /// use ecan_host::AdapterConfig;
 ///
-/// let gateway = GatewayConfig::on_channel(0, ChannelSettings::classic(1_000_000));
+/// let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
 /// let frame = CanFrame::classic(CanId::standard(0x123)?, &[0; 8])?;
 /// let plan = PortPlan::of(
 ///     &AdapterConfig::new(1).with_cycle_us(1_000),
@@ -218,6 +218,6 @@ fn up(value: f64) -> u32 {
     (value - 1e-9).ceil() as u32
 }
 
-fn settings(port: &PortConfig, slave: usize, channel: u8) -> Option<&ChannelSettings> {
+fn settings(port: &PortConfig, slave: usize, channel: u8) -> Option<&ChannelConfig> {
     port.gateways.get(slave)?.channels.get(usize::from(channel))?.as_ref()
 }

@@ -3,7 +3,7 @@
 
 use ecan_host::{AdapterConfig, CycleError};
 use ecan_mcan_port::{
-    ChannelSettings, GatewayConfig, Port, PortConfig, PortError, Received, ReceivedFrame,
+    ChannelConfig, GatewayConfig, Port, PortConfig, PortError, Received, ReceivedFrame,
 };
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{ClockKind, Scenario, SimOptions, Simulation};
@@ -114,8 +114,8 @@ pub fn frame(raw_id: u16, data: &[u8]) -> CanFrame {
     CanFrame::classic(id(raw_id), data).unwrap()
 }
 
-pub fn classic() -> ChannelSettings {
-    ChannelSettings::classic(1_000_000)
+pub fn classic() -> ChannelConfig {
+    ChannelConfig::classic(1_000_000)
 }
 
 /// N = 3, 1 ms, Sync0 with this shift, channel 0 classic; `gateway` changes the rest.

@@ -36,7 +36,7 @@ pub enum ObjectType {
     U16,
     /// Unsigned, 32 bit.
     U32,
-    /// Signed, 32 bit. Values in the table and in [`SdoWrite`](crate::object::SdoWrite) are its two's complement.
+    /// Signed, 32 bit. Values in the table and in [`SdoWrite`] are its two's complement.
     I32,
     /// Text whose length the device decides.
     VisibleString,

@@ -10,6 +10,6 @@ mod node;
 
 pub use attached::{Bridge, BridgeError};
 pub use ecan_bridge::{
-    BridgeInfo, BridgeProtocol, BridgeSettings, BridgeStatistics, ServerError as BridgeServerError,
+    BridgeConfig, BridgeInfo, BridgeProtocol, BridgeStatistics, ServerError as BridgeServerError,
 };
 pub use node::BridgeNode;

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use ecan_bridge::{BridgeInfo, BridgeServer, BridgeSettings, BusRates, ClientId, ServerError};
+use ecan_bridge::{BridgeConfig, BridgeInfo, BridgeServer, BusRates, ClientId, ServerError};
 use ecan_protocol::can::CanFrame;
 
 use crate::bus::StationConfig;
@@ -32,7 +32,7 @@ impl BridgeNode {
     ///
     /// # Errors
     /// The address cannot be had, or no thread.
-    pub fn listen(settings: &BridgeSettings) -> Result<Self, ServerError> {
+    pub fn listen(settings: &BridgeConfig) -> Result<Self, ServerError> {
         let server = BridgeServer::listen(settings)?;
         Ok(Self { server, due: None, under_way: VecDeque::with_capacity(AHEAD) })
     }

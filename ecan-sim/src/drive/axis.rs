@@ -8,7 +8,7 @@ use super::motion::Motion;
 use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
 use super::power::{Action, PowerStage, StopMode};
-use super::settings::DriveSettings;
+use super::settings::DriveConfig;
 use crate::earliest::earliest;
 
 /// Following error too great for too long.
@@ -37,7 +37,7 @@ pub(super) enum Report {
 /// One axis.
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
-    pub(super) settings: DriveSettings,
+    pub(super) settings: DriveConfig,
     pub(super) now: u64,
     /// Period of the controller, nanoseconds.
     period: u64,
@@ -64,7 +64,7 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    pub(super) fn new(settings: &DriveSettings) -> Self {
+    pub(super) fn new(settings: &DriveConfig) -> Self {
         let period = u64::from(settings.motor.period_us.clamp(1, 1_000)) * 1_000;
         Self {
             settings: settings.clone(),

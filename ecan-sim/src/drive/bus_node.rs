@@ -10,7 +10,7 @@ use super::device::Device;
 use super::eds::{self, EdsError};
 use super::history::TargetHistory;
 use super::sdo_server::SdoServer;
-use super::settings::DriveSettings;
+use super::settings::DriveConfig;
 use crate::earliest::earliest;
 use crate::node::{Node, NodeOutput};
 
@@ -35,7 +35,7 @@ impl Drive {
     /// modes PP, PV, HM, CSP, CSV and CST, four PDOs each way of up to eight objects, and a scratch
     /// domain (0x2000) and text (0x2001) to try transfers on.
     #[must_use]
-    pub fn new(settings: &DriveSettings) -> Self {
+    pub fn new(settings: &DriveConfig) -> Self {
         Self::with_device(Device::new(settings, None))
     }
 
@@ -44,7 +44,7 @@ impl Drive {
     ///
     /// # Errors
     /// The first fault of the text, with its line.
-    pub fn from_eds(settings: &DriveSettings, text: &str) -> Result<Self, EdsError> {
+    pub fn from_eds(settings: &DriveConfig, text: &str) -> Result<Self, EdsError> {
         let objects = eds::parse(text, settings.node.get())?;
         Ok(Self::with_device(Device::new(settings, Some(objects))))
     }
@@ -56,7 +56,7 @@ impl Drive {
 
     /// What the drive is like.
     #[must_use]
-    pub const fn settings(&self) -> &DriveSettings {
+    pub const fn settings(&self) -> &DriveConfig {
         &self.device.settings
     }
 

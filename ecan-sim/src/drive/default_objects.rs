@@ -4,7 +4,7 @@ use ecan_canopen::{CobId, NodeId, OperatingMode, PdoCobId, SupportedModes, objec
 
 use super::data_type::DataType;
 use super::dictionary::{Access, Object, Value};
-use super::settings::MotorSettings;
+use super::settings::MotorConfig;
 
 /// PDOs of each direction.
 pub(super) const PDO_COUNT: usize = 4;
@@ -69,7 +69,7 @@ fn limited(object: Object, low: i64, high: i64) -> Object {
 }
 
 /// All objects of the built-in drive.
-pub(super) fn default_objects(node: NodeId, serial: u32, motor: &MotorSettings) -> Vec<Object> {
+pub(super) fn default_objects(node: NodeId, serial: u32, motor: &MotorConfig) -> Vec<Object> {
     let mut list = general(node, serial);
     for number in 0..PDO_COUNT as u8 {
         list.extend(receive_pdo(node, number));
@@ -191,7 +191,7 @@ fn transmit_pdo(node: NodeId, number: u8) -> Vec<Object> {
     list
 }
 
-fn profile(motor: &MotorSettings) -> Vec<Object> {
+fn profile(motor: &MotorConfig) -> Vec<Object> {
     let modes = OperatingMode::ALL
         .into_iter()
         .filter(|mode| super::motion::is_supported(*mode))
@@ -232,7 +232,7 @@ fn profile(motor: &MotorSettings) -> Vec<Object> {
 }
 
 /// Parameters of motion. A drive whose EDS leaves one of them open has these too.
-fn motion_parameters(motor: &MotorSettings) -> Vec<Object> {
+fn motion_parameters(motor: &MotorConfig) -> Vec<Object> {
     let fastest = i64::from(motor.max_velocity);
     let strongest = i64::from(motor.max_acceleration);
     let increments = i64::from(motor.increments_per_revolution);
@@ -281,7 +281,7 @@ const NEVER_ZERO: [(u16, u8); 10] = [
 ];
 
 /// Fills in what an EDS leaves open and a drive needs to move: as in the built-in drive.
-pub(super) fn fill_in(objects: &mut [Object], motor: &MotorSettings) {
+pub(super) fn fill_in(objects: &mut [Object], motor: &MotorConfig) {
     for known in motion_parameters(motor) {
         if !NEVER_ZERO.contains(&known.key()) {
             continue;

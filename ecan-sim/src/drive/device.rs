@@ -17,7 +17,7 @@ use super::network::{Network, WatchEvent};
 use super::parameters::Parameters;
 use super::pdo::{ReceivePdo, TransmitPdo, numbers};
 use super::sdo_server::{BlockSupport, Bytes};
-use super::settings::{DriveSettings, SdoRule};
+use super::settings::{DriveConfig, SdoRule};
 use super::slots::Slots;
 use crate::earliest::earliest;
 use crate::node::NodeOutput;
@@ -41,7 +41,7 @@ const ANSWERS: usize = 8;
 /// The parts of a drive.
 #[derive(Clone, Debug)]
 pub(super) struct Device {
-    pub(super) settings: DriveSettings,
+    pub(super) settings: DriveConfig,
     pub(super) now: u64,
     powered: bool,
     on_bus: bool,
@@ -73,7 +73,7 @@ pub(super) struct Device {
 
 impl Device {
     /// A drive with the built-in objects, or those of an EDS.
-    pub(super) fn new(settings: &DriveSettings, objects: Option<Vec<Object>>) -> Self {
+    pub(super) fn new(settings: &DriveConfig, objects: Option<Vec<Object>>) -> Self {
         let motor = &settings.motor;
         let mut list = match objects {
             Some(mut objects) => {

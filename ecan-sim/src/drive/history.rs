@@ -150,7 +150,7 @@ impl TargetHistory {
         }
     }
 
-    /// The last targets, oldest first; at most [`DriveSettings::history`](super::DriveSettings).
+    /// The last targets, oldest first; at most [`DriveConfig::history`](super::DriveConfig).
     pub fn iter(&self) -> impl DoubleEndedIterator<Item = &TargetRecord> + ExactSizeIterator {
         self.records.iter()
     }

@@ -1,6 +1,6 @@
 //! Homing methods (CiA 402-2, chapter 7): how the drive finds its reference.
 
-use super::settings::MotorSettings;
+use super::settings::MotorConfig;
 
 /// What ends a leg.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -50,7 +50,7 @@ pub(super) struct Switches {
 }
 
 impl Switches {
-    pub(super) fn at(position: f64, settings: &MotorSettings) -> Self {
+    pub(super) fn at(position: f64, settings: &MotorConfig) -> Self {
         let (negative, positive) = settings.limit_switches;
         Self {
             negative: position <= f64::from(negative),
@@ -72,7 +72,7 @@ pub(super) const fn is_supported(method: i8) -> bool {
 
 impl Homing {
     /// Begins a run; `None` for a method that is not known.
-    pub(super) fn begin(method: i8, position: f64, settings: &MotorSettings) -> Option<Self> {
+    pub(super) fn begin(method: i8, position: f64, settings: &MotorConfig) -> Option<Self> {
         let leg = |positive, fast, until| Some(HomingMove { positive, fast, until });
         let switches = Switches::at(position, settings);
         let legs = match method {
@@ -108,7 +108,7 @@ impl Homing {
     }
 
     /// Looks at the switches where the motor is now.
-    pub(super) fn look(&mut self, position: f64, settings: &MotorSettings) -> Finding {
+    pub(super) fn look(&mut self, position: f64, settings: &MotorConfig) -> Finding {
         let switches = Switches::at(position, settings);
         let mut last = std::mem::replace(&mut self.last, position);
         loop {
@@ -143,7 +143,7 @@ impl Homing {
 }
 
 /// The index pulse that the motor has passed, if any.
-fn index_between(last: f64, position: f64, settings: &MotorSettings) -> Option<f64> {
+fn index_between(last: f64, position: f64, settings: &MotorConfig) -> Option<f64> {
     let revolution = f64::from(settings.increments_per_revolution.max(1));
     let (before, after) = ((last / revolution).floor(), (position / revolution).floor());
     // Downwards the pulse is that of the revolution left, upwards that of the one entered.
@@ -156,11 +156,11 @@ mod tests {
 
     /// Drives an ideal axis, 1 increment a look when slow, 10 when fast.
     fn run(method: i8, start: f64) -> (Option<f64>, usize) {
-        let settings = MotorSettings {
+        let settings = MotorConfig {
             increments_per_revolution: 100,
             limit_switches: (-500, 500),
             home_switch: 200,
-            ..MotorSettings::default()
+            ..MotorConfig::default()
         };
         let mut position = start;
         let mut homing = Homing::begin(method, position, &settings).unwrap();
@@ -214,11 +214,8 @@ mod tests {
 
     #[test]
     fn a_switch_that_never_comes_is_a_failure() {
-        let settings = MotorSettings {
-            home_switch: i32::MAX,
-            limit_switches: (-50, 50),
-            ..Default::default()
-        };
+        let settings =
+            MotorConfig { home_switch: i32::MAX, limit_switches: (-50, 50), ..Default::default() };
         let mut homing = Homing::begin(19, 0.0, &settings).unwrap();
         assert_eq!(homing.look(0.0, &settings), Finding::Go { positive: true, fast: true });
         assert_eq!(homing.look(50.0, &settings), Finding::Failed);

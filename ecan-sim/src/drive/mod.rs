@@ -36,4 +36,4 @@ mod slots;
 pub use bus_node::Drive;
 pub use eds::{EdsError, EdsProblem};
 pub use history::{TargetHistory, TargetKind, TargetRecord, TargetSums};
-pub use settings::{DriveQuirks, DriveSettings, MotorSettings, SdoDirection, SdoEffect, SdoRule};
+pub use settings::{DriveConfig, DriveQuirks, MotorConfig, SdoDirection, SdoEffect, SdoRule};

@@ -6,7 +6,7 @@ use super::homing::{Finding, Homing};
 use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
 use super::ramp::{Bounds, Ramp};
-use super::settings::MotorSettings;
+use super::settings::MotorConfig;
 
 /// Whether the drive knows a mode.
 pub(super) const fn is_supported(mode: OperatingMode) -> bool {
@@ -63,7 +63,7 @@ enum HomingResult {
 /// The demand side of the drive.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
-    settings: MotorSettings,
+    settings: MotorConfig,
     ramp: Ramp,
     course: MotionDemand,
     set_points: SetPoints,
@@ -73,7 +73,7 @@ pub(super) struct Motion {
 }
 
 impl Motion {
-    pub(super) fn new(settings: MotorSettings) -> Self {
+    pub(super) fn new(settings: MotorConfig) -> Self {
         Self {
             settings,
             ramp: Ramp::at(f64::from(settings.start_position)),

@@ -3,7 +3,7 @@
 //! All arithmetic is that of IEEE 754 with its basic operations, so that every machine computes
 //! the same motion.
 
-use super::settings::MotorSettings;
+use super::settings::MotorConfig;
 
 /// What the power stage makes the motor do.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -21,7 +21,7 @@ pub(super) enum Actuation {
 /// A motor with a load.
 #[derive(Clone, Debug)]
 pub(super) struct Motor {
-    settings: MotorSettings,
+    settings: MotorConfig,
     position: f64,
     velocity: f64,
     torque: f64,
@@ -35,7 +35,7 @@ pub(super) struct Motor {
 }
 
 impl Motor {
-    pub(super) fn new(settings: MotorSettings) -> Self {
+    pub(super) fn new(settings: MotorConfig) -> Self {
         let torque_limit = f64::from(settings.max_torque);
         let per_mille =
             f64::from(settings.max_acceleration) / f64::from(settings.max_torque.max(1));
@@ -170,7 +170,7 @@ mod tests {
     const STEP: f64 = 0.001;
 
     fn motor() -> Motor {
-        Motor::new(MotorSettings::default())
+        Motor::new(MotorConfig::default())
     }
 
     #[test]
@@ -211,7 +211,7 @@ mod tests {
     #[test]
     fn acceleration_speed_and_torque_have_limits() {
         let mut motor = motor();
-        let settings = MotorSettings::default();
+        let settings = MotorConfig::default();
         let mut fastest = 0.0f64;
         for _ in 0..200 {
             let before = motor.velocity();

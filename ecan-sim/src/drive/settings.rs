@@ -6,7 +6,7 @@ use ecan_protocol::object::AbortCode;
 /// A simulated drive. Plain data; the default of everything but the node id is a well-behaved servo
 /// drive.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct DriveSettings {
+pub struct DriveConfig {
     /// Node id.
     pub node: NodeId,
     /// Serial number (0x1018:04).
@@ -20,12 +20,12 @@ pub struct DriveSettings {
     /// Targets that the history keeps.
     pub history: usize,
     /// The motor and the machine around it.
-    pub motor: MotorSettings,
+    pub motor: MotorConfig,
     /// In what the drive differs from others.
     pub quirks: DriveQuirks,
 }
 
-impl DriveSettings {
+impl DriveConfig {
     /// A drive with this node id.
     #[must_use]
     pub fn new(node: NodeId) -> Self {
@@ -36,7 +36,7 @@ impl DriveSettings {
             sdo_delay_us: 200,
             enable_ms: 0,
             history: 1024,
-            motor: MotorSettings::default(),
+            motor: MotorConfig::default(),
             quirks: DriveQuirks::default(),
         }
     }
@@ -44,7 +44,7 @@ impl DriveSettings {
 
 /// The motor, its encoder and the machine. Positions are increments of the encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct MotorSettings {
+pub struct MotorConfig {
     /// Increments of a revolution (0x608F); the index pulse comes once in so many.
     pub increments_per_revolution: u32,
     /// Greatest speed in increments per second.
@@ -76,7 +76,7 @@ pub struct MotorSettings {
     pub home_switch: i32,
 }
 
-impl Default for MotorSettings {
+impl Default for MotorConfig {
     /// 65536 increments, 6000 revolutions a minute.
     fn default() -> Self {
         Self {

@@ -74,7 +74,7 @@ pub(super) struct Channel {
 }
 
 impl Channel {
-    /// `tx_pressure_percent`: see [`super::GatewaySettings`].
+    /// `tx_pressure_percent`: see [`super::GatewayModelConfig`].
     pub(super) fn new(tx_pressure_percent: u8) -> Self {
         Self {
             tx_pressure_percent,

@@ -77,7 +77,7 @@ pub use firmware_package::{FirmwarePackage, FirmwarePackageError};
 pub use firmware_update::{FirmwareProgress, FirmwareUpdateError};
 pub use gateway_counters::{GatewayCounters, ReceiveLosses, TransmitLosses};
 pub(crate) use settings::MAILBOXES;
-pub use settings::{GatewayFault, GatewaySettings, SmSettings, Sync0};
+pub use settings::{GatewayFault, GatewayModelConfig, SmSettings, Sync0};
 
 /// Watchdog time that the slave controller has after power-on, in nanoseconds.
 const DEFAULT_WATCHDOG_NS: u64 = 100_000_000;
@@ -122,7 +122,7 @@ struct SdoAbort {
 /// One simulated gateway.
 #[derive(Debug)]
 pub struct Gateway {
-    settings: GatewaySettings,
+    settings: GatewayModelConfig,
     random: u64,
     now: u64,
     power: Power,
@@ -189,10 +189,10 @@ pub struct Gateway {
 
 impl Gateway {
     /// A gateway without supply. `seed` decides whatever is left to chance
-    /// ([`GatewaySettings::service_jitter_ns`]).
+    /// ([`GatewayModelConfig::service_jitter_ns`]).
     #[must_use]
-    pub fn new(settings: GatewaySettings, seed: u64) -> Self {
-        let GatewaySettings { tx_pressure_percent, release_jitter_ns, firmware, .. } = settings;
+    pub fn new(settings: GatewayModelConfig, seed: u64) -> Self {
+        let GatewayModelConfig { tx_pressure_percent, release_jitter_ns, firmware, .. } = settings;
         let clock = DcClock::new(settings.clock_drift_ppb);
         let mut gateway = Self {
             settings,
@@ -252,7 +252,7 @@ impl Gateway {
     }
 
     /// Switches the supply. Off: nothing answers and all volatile state is gone. On: the
-    /// firmware boots for [`GatewaySettings::boot_ms`] and then answers in INIT. Switching on
+    /// firmware boots for [`GatewayModelConfig::boot_ms`] and then answers in INIT. Switching on
     /// what is on does nothing.
     pub fn power(&mut self, now: u64, on: bool) {
         self.advance(now);
@@ -280,7 +280,7 @@ impl Gateway {
 
     /// The settings that the gateway was made with.
     #[must_use]
-    pub fn settings(&self) -> &GatewaySettings {
+    pub fn settings(&self) -> &GatewayModelConfig {
         &self.settings
     }
 

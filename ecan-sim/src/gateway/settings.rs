@@ -5,7 +5,7 @@
 /// The manual gives no vendor id, no product code and no time of the firmware's
 /// service loop; the defaults are assumptions that a scenario may replace.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct GatewaySettings {
+pub struct GatewayModelConfig {
     /// Serial number, 0xF000:7 (low half) and :8 (high half).
     pub serial: u64,
     /// Hardware revision, 0xF000:4.
@@ -48,7 +48,7 @@ pub struct GatewaySettings {
     pub mailbox_delay_ns: u64,
 }
 
-impl Default for GatewaySettings {
+impl Default for GatewayModelConfig {
     fn default() -> Self {
         Self {
             serial: 0x0000_0001_0000_0001,

@@ -2,7 +2,7 @@
 //! (ETG.1000.4 to ETG.1000.6). What the sync managers do with them is the slave controller's.
 //!
 //! A request is worked on when it arrives; its answer is ready
-//! [`GatewaySettings::mailbox_delay_ns`](crate::GatewaySettings::mailbox_delay_ns) later.
+//! [`GatewayModelConfig::mailbox_delay_ns`](crate::GatewayModelConfig::mailbox_delay_ns) later.
 //! Emergencies overtake answers.
 
 mod coe;

@@ -7,7 +7,7 @@ use crate::random::Random;
 
 /// What a [`FaultyNode`] does wrong. The default is nothing: it then behaves as an echo node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FaultySettings {
+pub struct FaultyConfig {
     /// Seed of its chance: the same seed and the same frames give the same faults.
     pub seed: u64,
     /// Of a thousand frames received, how many it does not answer.
@@ -28,7 +28,7 @@ pub struct FaultySettings {
 /// from [`BusFault::ErrorFrames`](crate::BusFault::ErrorFrames).
 #[derive(Clone, Debug)]
 pub struct FaultyNode {
-    settings: FaultySettings,
+    settings: FaultyConfig,
     random: Random,
     next_babble: Option<u64>,
     dropped: u64,
@@ -38,7 +38,7 @@ pub struct FaultyNode {
 impl FaultyNode {
     /// A node with these faults.
     #[must_use]
-    pub const fn new(settings: FaultySettings) -> Self {
+    pub const fn new(settings: FaultyConfig) -> Self {
         Self {
             settings,
             random: Random::new(settings.seed),

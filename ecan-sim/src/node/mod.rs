@@ -15,7 +15,7 @@ use ecan_protocol::can::CanFrame;
 use crate::bus::StationConfig;
 
 pub use echo::EchoNode;
-pub use faulty::{FaultyNode, FaultySettings};
+pub use faulty::{FaultyConfig, FaultyNode};
 pub use output::NodeOutput;
 pub use replay::{ReplayError, ReplayNode, ReplayRecord};
 pub use silent::SilentNode;

@@ -2,7 +2,7 @@
 
 use ecan_canopen::NodeId;
 
-use crate::drive::{DriveSettings, MotorSettings};
+use crate::drive::{DriveConfig, MotorConfig};
 use crate::scenario::{DriveSpec, GatewaySpec, NodeKind, NodeSpec, Scenario};
 use crate::wake_up::WakeUpDelay;
 
@@ -72,10 +72,10 @@ pub fn drives(gateways: usize, per_channel: u8) -> Scenario {
 fn built_in_drive(gateway: usize, channel: usize, bus: &str, node: NodeId) -> NodeSpec {
     let place = 100_000 * gateway + 10_000 * channel + 1_000 * usize::from(node.get()) + 7;
     let start_position = i32::try_from(place).unwrap_or(i32::MAX);
-    let settings = DriveSettings {
+    let settings = DriveConfig {
         serial: 1 + place as u32,
-        motor: MotorSettings { start_position, ..MotorSettings::default() },
-        ..DriveSettings::new(node)
+        motor: MotorConfig { start_position, ..MotorConfig::default() },
+        ..DriveConfig::new(node)
     };
     NodeSpec {
         name: format!("drive {bus}/{node}"),

@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::bridge::BridgeSettings;
-use crate::drive::DriveSettings;
+use crate::bridge::BridgeConfig;
+use crate::drive::DriveConfig;
 use crate::fault::ScriptedFault;
-use crate::gateway::GatewaySettings;
+use crate::gateway::GatewayModelConfig;
 use crate::wake_up::WakeUpDelay;
 
 /// How simulated time passes.
@@ -52,7 +52,7 @@ pub struct GatewaySpec {
     /// Station alias; 0 is none.
     pub alias: u16,
     /// Identity and timing.
-    pub settings: GatewaySettings,
+    pub settings: GatewayModelConfig,
     /// Whether the SII lets the master write 0x1C12 and 0x1C13.
     pub pdo_assign: bool,
     /// Whether the SII lets the master write the mapping objects.
@@ -65,10 +65,10 @@ impl GatewaySpec {
     /// The gateway at a position, with the default identity and a bus of its own on each channel,
     /// named `<position>.<channel>`.
     pub fn at(position: usize) -> Self {
-        let settings = GatewaySettings::default();
+        let settings = GatewayModelConfig::default();
         Self {
             alias: 0,
-            settings: GatewaySettings {
+            settings: GatewayModelConfig {
                 serial: settings.serial.wrapping_add(position as u64),
                 ..settings
             },
@@ -96,7 +96,7 @@ pub struct FaultyBehaviour {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DriveSpec {
     /// What it is like.
-    pub settings: DriveSettings,
+    pub settings: DriveConfig,
     /// Its EDS; without one it has the built-in object dictionary.
     pub eds: Option<PathBuf>,
 }
@@ -114,7 +114,7 @@ pub enum NodeKind {
     /// Acknowledges, nothing else.
     Silent,
     /// Joins other programs to the bus.
-    Bridge(BridgeSettings),
+    Bridge(BridgeConfig),
     /// Echoes, badly.
     Faulty(FaultyBehaviour),
     /// A CiA 402 drive.

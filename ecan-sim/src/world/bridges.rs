@@ -1,6 +1,6 @@
 //! Bridges in the world: they come and go while it runs.
 
-use crate::bridge::{BridgeInfo, BridgeNode, BridgeServerError, BridgeSettings};
+use crate::bridge::{BridgeConfig, BridgeInfo, BridgeNode, BridgeServerError};
 use crate::node::{Node, SilentNode};
 use crate::world::can_side::Owner;
 use crate::world::node_slot::{NodeBody, NodeSlot};
@@ -14,7 +14,7 @@ impl World {
     pub(crate) fn attach_bridge(
         &mut self,
         name: &str,
-        settings: &BridgeSettings,
+        settings: &BridgeConfig,
     ) -> Result<(usize, BridgeInfo), BridgeServerError> {
         let node = BridgeNode::listen(settings)?;
         let info = node.info().clone();

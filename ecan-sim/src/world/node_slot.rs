@@ -6,7 +6,7 @@ use crate::backend::BackendError;
 use crate::bridge::{BridgeInfo, BridgeNode};
 use crate::bus::{StationConfig, StationId};
 use crate::drive::Drive;
-use crate::node::{EchoNode, FaultyNode, FaultySettings, Node, NodeOutput, ReplayNode, SilentNode};
+use crate::node::{EchoNode, FaultyConfig, FaultyNode, Node, NodeOutput, ReplayNode, SilentNode};
 use crate::scenario::{DriveSpec, NodeKind, NodeSpec};
 
 /// A node; drives are kept apart because tests look into them and faults strike them.
@@ -106,7 +106,7 @@ impl NodeSlot {
                 bridge = Some(node.info().clone());
                 other(Box::new(node))
             }
-            NodeKind::Faulty(behaviour) => other(Box::new(FaultyNode::new(FaultySettings {
+            NodeKind::Faulty(behaviour) => other(Box::new(FaultyNode::new(FaultyConfig {
                 seed,
                 drop_per_mille: behaviour.drop_permille,
                 corrupt_per_mille: behaviour.corrupt_permille,

@@ -5,7 +5,7 @@ use ecan_canopen::{
     Command, Controlword, DriveState, NmtCommand, NmtRequest, NodeId, OperatingMode,
 };
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_sim::{Drive, DriveSettings, MotorSettings, Node, NodeOutput};
+use ecan_sim::{Drive, DriveConfig, MotorConfig, Node, NodeOutput};
 
 /// Node id of the drive.
 pub const NODE: u16 = 5;
@@ -25,11 +25,11 @@ pub struct Fixture {
 }
 
 /// Settings of a drive that answers at once and stands at 1000.
-pub fn settings() -> DriveSettings {
-    DriveSettings {
+pub fn settings() -> DriveConfig {
+    DriveConfig {
         sdo_delay_us: 0,
-        motor: MotorSettings { start_position: 1000, ..MotorSettings::default() },
-        ..DriveSettings::new(NodeId::new(NODE as u8).unwrap())
+        motor: MotorConfig { start_position: 1000, ..MotorConfig::default() },
+        ..DriveConfig::new(NodeId::new(NODE as u8).unwrap())
     }
 }
 
@@ -39,7 +39,7 @@ impl Fixture {
         Self::with(&settings())
     }
 
-    pub fn with(settings: &DriveSettings) -> Self {
+    pub fn with(settings: &DriveConfig) -> Self {
         let mut bench = Self::cold(Drive::new(settings));
         bench.pass_ms(u64::from(settings.boot_ms) + 1);
         bench.sent.clear();

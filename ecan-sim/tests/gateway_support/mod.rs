@@ -12,7 +12,7 @@ use ecan_protocol::mapping::{
     CHANNELS, Direction, sync_manager, sync_manager_address, sync_manager_control,
 };
 use ecan_protocol::object::{AbortCode, SdoWrite};
-use ecan_sim::{Gateway, GatewaySettings, SmSettings, Sync0};
+use ecan_sim::{Gateway, GatewayModelConfig, SmSettings, Sync0};
 
 pub const MS: u64 = 1_000_000;
 /// Behind the service that an SM2 write sets off.
@@ -43,10 +43,10 @@ pub fn fd(id: u16, data: &[u8]) -> CanFrame {
 impl Fixture {
     /// Booted, in PREOP, nothing configured.
     pub fn preop() -> Self {
-        Self::preop_with(GatewaySettings::default())
+        Self::preop_with(GatewayModelConfig::default())
     }
 
-    pub fn preop_with(settings: GatewaySettings) -> Self {
+    pub fn preop_with(settings: GatewayModelConfig) -> Self {
         let profile = PdoProfile::default();
         let mut bench = Self {
             gateway: Gateway::new(settings, 1),
@@ -80,10 +80,10 @@ impl Fixture {
 
     /// In PREOP with these profiles applied, sync managers set up and all channels running.
     pub fn configured(tx: PdoProfile, rx: PdoProfile) -> Self {
-        Self::configured_with(GatewaySettings::default(), tx, rx)
+        Self::configured_with(GatewayModelConfig::default(), tx, rx)
     }
 
-    pub fn configured_with(settings: GatewaySettings, tx: PdoProfile, rx: PdoProfile) -> Self {
+    pub fn configured_with(settings: GatewayModelConfig, tx: PdoProfile, rx: PdoProfile) -> Self {
         let mut bench = Self::preop_with(settings);
         bench.apply_profiles(tx, rx);
         for channel in 0..CHANNELS as u8 {

@@ -39,5 +39,5 @@ pub use info::BridgeInfo;
 pub use rates::BusRates;
 pub use serial::SerialBridge;
 pub use server::{BridgeServer, ServerError};
-pub use settings::{BridgeProtocol, BridgeSettings};
+pub use settings::{BridgeConfig, BridgeProtocol};
 pub use statistics::BridgeStatistics;

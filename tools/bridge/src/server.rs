@@ -16,7 +16,7 @@ use crate::info::BridgeInfo;
 use crate::outbox::ClientQueue;
 use crate::rates::BusRates;
 use crate::session::{Session, Uplink};
-use crate::settings::{BridgeProtocol, BridgeSettings};
+use crate::settings::{BridgeConfig, BridgeProtocol};
 use crate::statistics::count;
 use crate::writer::Writer;
 
@@ -58,7 +58,7 @@ impl BridgeServer {
     ///
     /// # Errors
     /// The address cannot be had, or no thread.
-    pub fn listen(settings: &BridgeSettings) -> Result<Self, ServerError> {
+    pub fn listen(settings: &BridgeConfig) -> Result<Self, ServerError> {
         let hub = Arc::new(Hub::new(settings.queue, settings.max_clients));
         let address = settings.address;
         let listen = || {

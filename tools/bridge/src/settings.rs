@@ -15,7 +15,7 @@ pub enum BridgeProtocol {
 
 /// Settings of a bridge. Plain data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct BridgeSettings {
+pub struct BridgeConfig {
     /// What it speaks.
     pub protocol: BridgeProtocol,
     /// Where it listens. Port 0 takes any free one. Whoever reaches this address can send on the
@@ -27,7 +27,7 @@ pub struct BridgeSettings {
     pub queue: usize,
 }
 
-impl Default for BridgeSettings {
+impl Default for BridgeConfig {
     /// slcan on a free port of the loopback interface, 8 clients, 4096 frames.
     fn default() -> Self {
         Self {
@@ -39,7 +39,7 @@ impl Default for BridgeSettings {
     }
 }
 
-impl BridgeSettings {
+impl BridgeConfig {
     /// The default settings with another protocol.
     #[must_use]
     pub fn speaking(protocol: BridgeProtocol) -> Self {

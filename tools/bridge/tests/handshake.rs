@@ -5,7 +5,7 @@ use std::net::TcpStream;
 use std::thread;
 use std::time::Duration;
 
-use ecan_bridge::{BridgeProtocol, BridgeServer, BridgeSettings};
+use ecan_bridge::{BridgeConfig, BridgeProtocol, BridgeServer};
 use ecan_protocol::can::{CanFrame, CanId};
 
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -19,7 +19,7 @@ fn expect(stream: &mut TcpStream, text: &str) {
 
 #[test]
 fn no_frame_stands_before_the_answer_to_rawmode() {
-    let settings = BridgeSettings::speaking(BridgeProtocol::Socketcand);
+    let settings = BridgeConfig::speaking(BridgeProtocol::Socketcand);
     let server = BridgeServer::listen(&settings).unwrap();
     let clients = server.clients();
     let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[1, 2]).unwrap();

@@ -4,13 +4,13 @@ use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use ecan_bridge::{BridgeProtocol, BridgeServer, BridgeSettings};
+use ecan_bridge::{BridgeConfig, BridgeProtocol, BridgeServer};
 use ecan_protocol::can::CanFrame;
 
 const PATIENCE: Duration = Duration::from_secs(60);
 
 fn server(protocol: BridgeProtocol) -> BridgeServer {
-    let settings = BridgeSettings { queue: 2, ..BridgeSettings::speaking(protocol) };
+    let settings = BridgeConfig { queue: 2, ..BridgeConfig::speaking(protocol) };
     BridgeServer::listen(&settings).unwrap()
 }
 

@@ -28,12 +28,12 @@
 //! use ecan_host::AdapterConfig;
 //! use ecan_protocol::can::{CanFrame, CanId};
 //! use ecan_protocol::mapping::{CHUNK_BYTES, Direction};
-//! use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig, Received};
+//! use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Received};
 //!
 //! // `ecrt` is the loaded library, `path` the file.
 //! let n = 2;
 //! let mut gateway = GatewayConfig::default();
-//! gateway.channels[0] = Some(ChannelSettings::classic(500_000));
+//! gateway.channels[0] = Some(ChannelConfig::classic(500_000));
 //! let adapter = AdapterConfig::new(1).with_multiplier(n).with_cycle_us(1000);
 //! let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(1, gateway))?;
 //!

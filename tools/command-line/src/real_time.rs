@@ -2,8 +2,8 @@
 
 use clap::Args;
 use ecan_host::{
-    Adapter, CycleStatistics, CycleTiming, MAX_SPIN_NS, Need, OverrunPolicy, RealTimeError,
-    RealTimeSettings,
+    Adapter, CycleStatistics, CycleTiming, MAX_SPIN_NS, Need, OverrunPolicy, RealTimeConfig,
+    RealTimeError,
 };
 
 /// Stack that is touched in advance with `--lock-memory`, in bytes.
@@ -29,9 +29,9 @@ pub struct ThreadArguments {
 
 impl ThreadArguments {
     /// What is asked of the system.
-    pub fn settings(&self) -> RealTimeSettings {
+    pub fn settings(&self) -> RealTimeConfig {
         let need = if self.rt_required { Need::Required } else { Need::Optional };
-        RealTimeSettings {
+        RealTimeConfig {
             priority: self.rt_priority,
             priority_need: need,
             cpus: self.cpu.clone(),
@@ -39,7 +39,7 @@ impl ThreadArguments {
             lock_memory: self.lock_memory.then_some(STACK_BYTES),
             lock_memory_need: need,
             wake_up_latency_need: need,
-            ..RealTimeSettings::default()
+            ..RealTimeConfig::default()
         }
     }
 }
@@ -62,11 +62,11 @@ pub struct RealTimeArguments {
 impl RealTimeArguments {
     /// Whether any of them is given.
     pub fn is_given(&self) -> bool {
-        self.settings() != RealTimeSettings::default()
+        self.settings() != RealTimeConfig::default()
     }
 
-    fn settings(&self) -> RealTimeSettings {
-        RealTimeSettings {
+    fn settings(&self) -> RealTimeConfig {
+        RealTimeConfig {
             wake_up_latency_us: self.cpu_latency_us,
             timing: CycleTiming { spin_ns: self.spin_us * 1000, overrun: OverrunPolicy::Skip },
             ..self.thread.settings()

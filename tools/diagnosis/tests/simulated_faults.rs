@@ -3,7 +3,7 @@
 
 use ecan_diagnosis::{Depth, Finding, ReadError, Snapshot, findings};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::{Direction, HEADER_BYTES};
 use ecan_sim::{ClockKind, Fault, GatewayFault, Scenario, SimOptions, Simulation};
@@ -18,7 +18,7 @@ impl Fixture {
     fn ready(scenario: Scenario) -> Self {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
-        let gateway = GatewayConfig::on_all_channels(&ChannelSettings::classic(500_000));
+        let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(500_000));
         let mut port = Port::open(
             &backend.ecrt,
             AdapterConfig::new(1).with_cycle_us(1_000),

@@ -4,7 +4,7 @@
 
 use std::ffi::{c_char, c_int};
 
-use ecan_host::{AdapterConfig, DcSync, Identity, SlaveSettings, StartupStep};
+use ecan_host::{AdapterConfig, DcSync, Identity, SlaveConfig, StartupStep};
 use ecan_mcan_host::boundary::{Call, OutArray, Plain, Sealed, call, put_text};
 use ecan_mcan_host::common::constants::{ECAN_DEFAULT_CYCLE_US, ECAN_DEFAULT_PDO_MULTIPLIER};
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -222,7 +222,7 @@ impl AdapterPlain {
         }
         for (place, settings) in plain.slaves.iter_mut().zip(slaves) {
             // Startup steps follow; their base is made of the Port's configuration.
-            let SlaveSettings {
+            let SlaveConfig {
                 alias,
                 position,
                 rx_multiplier,
@@ -248,9 +248,9 @@ impl AdapterPlain {
 
     /// As the Adapter takes it, with the startup steps of the gateways.
     pub(crate) fn to_rust(&self) -> AdapterConfig {
-        let mut slaves: Vec<SlaveSettings> = self.slaves[..self.slave_count]
+        let mut slaves: Vec<SlaveConfig> = self.slaves[..self.slave_count]
             .iter()
-            .map(|slave| SlaveSettings {
+            .map(|slave| SlaveConfig {
                 alias: slave.alias,
                 position: slave.position,
                 rx_multiplier: slave.rx_multiplier,

@@ -6,7 +6,7 @@ use std::ffi::{c_char, c_int};
 
 use ecan_host::{
     Adapter, CycleStart, CycleStatistics, CycleTiming, Distribution, MAX_SPIN_NS, Need,
-    OverrunPolicy, RealTimeError, RealTimeSettings,
+    OverrunPolicy, RealTimeConfig, RealTimeError,
 };
 use ecan_mcan_host::boundary::{Call, call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -121,14 +121,14 @@ impl From<Distribution> for ecan_igh_distribution_t {
     }
 }
 
-fn settings(call: Call, wanted: &ecan_igh_real_time_t) -> Result<RealTimeSettings, ecan_result_t> {
+fn settings(call: Call, wanted: &ecan_igh_real_time_t) -> Result<RealTimeConfig, ecan_result_t> {
     let need = if wanted.is_required != 0 { Need::Required } else { Need::Optional };
     let priority = u8::try_from(wanted.priority).map_err(|_| {
         call.argument("priority", format_args!("{} is not 0 to 99", wanted.priority))
     })?;
     let cpus: Vec<usize> = (0..64).filter(|cpu| wanted.cpu_mask >> cpu & 1 == 1).collect();
     let stack_bytes = usize::try_from(wanted.stack_bytes).unwrap_or(usize::MAX);
-    Ok(RealTimeSettings {
+    Ok(RealTimeConfig {
         priority: Some(priority).filter(|priority| *priority > 0),
         priority_need: need,
         cpus: Some(cpus).filter(|cpus| !cpus.is_empty()),

@@ -14,7 +14,7 @@
 use std::ffi::c_int;
 
 use ecan_canopen::{NodeId, NodeLossReaction, OperatingMode, QuickStopOption};
-use ecan_cia402::{AxisSettings, DriveSettings, NodeAddress, PositionRange, Scale, SdoValue, Step};
+use ecan_cia402::{AxisConfig, DriveConfig, NodeAddress, PositionRange, Scale, SdoValue, Step};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 
@@ -164,9 +164,9 @@ pub struct igh_cia402_axis_t {
 
 impl igh_cia402_axis_t {
     /// Everything as Rust has it by default.
-    fn new(slave: u16, channel: u8, node_id: u8, settings: &AxisSettings) -> Self {
+    fn new(slave: u16, channel: u8, node_id: u8, settings: &AxisConfig) -> Self {
         let code = |code: Option<i16>| code.map_or(IGH_CIA402_UNCHANGED, i32::from);
-        let AxisSettings { drive, .. } = settings;
+        let AxisConfig { drive, .. } = settings;
         let (bounds, identity) = (settings.bounds, drive.identity);
         let following_error = drive.following_error;
         Self {
@@ -217,7 +217,7 @@ impl igh_cia402_axis_t {
 
     /// As Rust takes it. What is checked here is what Rust's types cannot hold; the rest is checked
     /// with the whole table.
-    pub(crate) fn checked(&self, call: Call, axis: usize) -> Result<AxisSettings, ecan_result_t> {
+    pub(crate) fn checked(&self, call: Call, axis: usize) -> Result<AxisConfig, ecan_result_t> {
         if self.seal != SEAL {
             let words = format_args!("axis {axis} is not filled: call igh_cia402_axis_init first");
             return Err(call.fail(ecan_result_t::ECAN_ERR_NOT_INITIALISED, words));
@@ -240,7 +240,7 @@ impl igh_cia402_axis_t {
             .further
             .get(..count)
             .ok_or_else(|| fault("further_count", self.further_count.into()))?;
-        let drive = DriveSettings {
+        let drive = DriveConfig {
             reset: node_reset(self.reset).ok_or_else(|| fault("reset", self.reset.into()))?,
             boot_timeout_ms: self.boot_timeout_ms,
             identity: (self.check_identity != 0).then_some((self.vendor_id, self.product_code)),
@@ -258,7 +258,7 @@ impl igh_cia402_axis_t {
                 .map(|object| object.step().ok_or_else(|| fault("further", object.value)))
                 .collect::<Result<_, _>>()?,
         };
-        let mut settings = AxisSettings {
+        let mut settings = AxisConfig {
             mode: OperatingMode::from_raw(self.mode)
                 .ok_or_else(|| fault("mode", self.mode.into()))?,
             scale: Scale::steps_per_turn(self.steps_per_turn).with_origin(self.origin),
@@ -274,7 +274,7 @@ impl igh_cia402_axis_t {
             enable_timeout_ms: self.enable_timeout_ms,
             pdo_number: self.pdo_number,
             drive,
-            ..AxisSettings::new(address)
+            ..AxisConfig::new(address)
         }
         .with_step_limit(self.step_limit);
         if self.following_window != 0 {
@@ -344,7 +344,7 @@ pub unsafe extern "C" fn igh_cia402_axis_init(
         }
         let node = NodeId::new(node_id)
             .ok_or_else(|| call.argument("node_id", format_args!("{node_id} is not 1 to 127")))?;
-        let settings = AxisSettings::new(NodeAddress { slave, channel, node });
+        let settings = AxisConfig::new(NodeAddress { slave, channel, node });
         let settings = settings.with_target_step(target_step);
         out.set(igh_cia402_axis_t::new(number, channel, node_id, &settings));
         Ok(())
@@ -364,7 +364,7 @@ mod tests {
         unsafe { axis.assume_init() }
     }
 
-    fn to_rust(axis: &igh_cia402_axis_t) -> Result<AxisSettings, c_int> {
+    fn to_rust(axis: &igh_cia402_axis_t) -> Result<AxisConfig, c_int> {
         let mut settings = None;
         let code = call("to_rust", |call| {
             settings = Some(axis.checked(call, 0)?);
@@ -373,9 +373,9 @@ mod tests {
         settings.ok_or(code)
     }
 
-    fn defaults(target_step: i32) -> AxisSettings {
+    fn defaults(target_step: i32) -> AxisConfig {
         let node = NodeId::new(5).unwrap();
-        AxisSettings::new(NodeAddress { slave: 2, channel: 1, node }).with_target_step(target_step)
+        AxisConfig::new(NodeAddress { slave: 2, channel: 1, node }).with_target_step(target_step)
     }
 
     #[test]
@@ -420,7 +420,7 @@ mod tests {
             is_optional: 1,
             reserved: [0; 3],
         };
-        let drive = DriveSettings {
+        let drive = DriveConfig {
             reset: ecan_cia402::NodeReset::Communication,
             identity: Some((0x99, 0x402)),
             host_loss: None,
@@ -431,9 +431,9 @@ mod tests {
                 Step::write(0x2000, 0, -1_i16),
                 Step::write(0x2001, 3, 200_u8).if_present(),
             ],
-            ..DriveSettings::default()
+            ..DriveConfig::default()
         };
-        let expected = AxisSettings {
+        let expected = AxisConfig {
             mode: OperatingMode::CyclicVelocity,
             range: PositionRange::Modulo { min: -5, max: 7 },
             bounds: Some((-3, 3)),

@@ -6,7 +6,7 @@
 use std::ffi::{c_int, c_void};
 
 use ecan_canopen::NodeId;
-use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeHandle, NodeSettings, SdoSettings};
+use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeHandle, SdoConfig};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Port;
@@ -50,11 +50,11 @@ fn network<'a>(
     let node = NodeId::new(node_id)
         .ok_or_else(|| call.argument("node_id", format_args!("{node_id} is not 1 to 127")))?;
     let buffer_bytes = size.clamp(LEAST_BUFFER, MOST_BUFFER);
-    let sdo = SdoSettings { buffer_bytes, ..SdoSettings::default() };
+    let sdo = SdoConfig { buffer_bytes, ..SdoConfig::default() };
     let mut network = Network::new(NetworkConfig::default());
     let added = network.add_node(
         NodeAddress { slave, channel, node },
-        NodeSettings { sdo, ..NodeSettings::default() },
+        NodeConfig { sdo, ..NodeConfig::default() },
     );
     match added {
         Ok(handle) => Ok((port, network, handle)),

@@ -6,7 +6,7 @@
 
 use std::ffi::c_int;
 
-use ecan_cia402::{Cia402, CommandError, HomingSettings};
+use ecan_cia402::{Cia402, CommandError, HomingConfig};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 
@@ -325,8 +325,8 @@ pub struct igh_cia402_homing_t {
     pub reserved: [u8; 2],
 }
 
-impl From<HomingSettings> for igh_cia402_homing_t {
-    fn from(from: HomingSettings) -> Self {
+impl From<HomingConfig> for igh_cia402_homing_t {
+    fn from(from: HomingConfig) -> Self {
         Self {
             switch_speed: from.switch_speed.unwrap_or(0),
             zero_speed: from.zero_speed.unwrap_or(0),
@@ -340,7 +340,7 @@ impl From<HomingSettings> for igh_cia402_homing_t {
     }
 }
 
-impl From<&igh_cia402_homing_t> for HomingSettings {
+impl From<&igh_cia402_homing_t> for HomingConfig {
     fn from(from: &igh_cia402_homing_t) -> Self {
         let given = |value: u32| (value != 0).then_some(value);
         Self {
@@ -368,7 +368,7 @@ pub unsafe extern "C" fn igh_cia402_homing_init(
 ) -> c_int {
     call("igh_cia402_homing_init", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { call.out("homing", homing)? }.set(HomingSettings::new(method).into());
+        unsafe { call.out("homing", homing)? }.set(HomingConfig::new(method).into());
         Ok(())
     })
 }
@@ -421,15 +421,15 @@ mod tests {
 
     #[test]
     fn a_homing_comes_back() {
-        let plain = HomingSettings::new(-3);
-        assert_eq!(HomingSettings::from(&plain.into()), plain);
-        let full = HomingSettings {
+        let plain = HomingConfig::new(-3);
+        assert_eq!(HomingConfig::from(&plain.into()), plain);
+        let full = HomingConfig {
             switch_speed: Some(100),
             zero_speed: Some(10),
             acceleration: Some(1000),
             offset: Some(0),
-            ..HomingSettings::new(1)
+            ..HomingConfig::new(1)
         };
-        assert_eq!(HomingSettings::from(&full.into()), full);
+        assert_eq!(HomingConfig::from(&full.into()), full);
     }
 }

@@ -13,7 +13,7 @@
 
 use std::ffi::c_int;
 
-use ecan_cia402::{Cia402, Cia402Settings};
+use ecan_cia402::{Cia402, Cia402Config};
 use ecan_mcan_host::boundary::{Call, call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Port;
@@ -83,7 +83,7 @@ pub unsafe extern "C" fn igh_cia402_context_init(
 ) -> c_int {
     call("igh_cia402_context_init", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe { init(call, context, port, axes, axis_count, |_| Ok(Cia402Settings::default())) }
+        unsafe { init(call, context, port, axes, axis_count, |_| Ok(Cia402Config::default())) }
     })
 }
 
@@ -118,7 +118,7 @@ unsafe fn init(
     port: *mut igh_mcan_port_t,
     axes: *const igh_cia402_axis_t,
     axis_count: usize,
-    settings: impl FnOnce(Call) -> Result<Cia402Settings, ecan_result_t>,
+    settings: impl FnOnce(Call) -> Result<Cia402Config, ecan_result_t>,
 ) -> Result<(), ecan_result_t> {
     // SAFETY: the caller's promise.
     let (mut bus, table) = unsafe {

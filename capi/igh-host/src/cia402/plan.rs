@@ -2,7 +2,7 @@
 
 use std::ffi::{c_char, c_int};
 
-use ecan_cia402::{Cia402Settings, axis_traffic};
+use ecan_cia402::{Cia402Config, axis_traffic};
 use ecan_mcan_host::boundary::call;
 
 use super::axis::igh_cia402_axis_t;
@@ -40,8 +40,7 @@ pub unsafe extern "C" fn igh_cia402_plan(
         };
         let axes: Result<Vec<_>, _> =
             axes.iter().enumerate().map(|(number, axis)| axis.checked(call, number)).collect();
-        let settings =
-            Cia402Settings { motion_div: motion_div.max(1), ..Cia402Settings::default() };
+        let settings = Cia402Config { motion_div: motion_div.max(1), ..Cia402Config::default() };
         plan(call, adapter, port, &axis_traffic(&axes?, &settings), room)
     })
 }

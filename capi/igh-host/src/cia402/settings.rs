@@ -4,8 +4,8 @@ use std::ffi::c_int;
 
 use ecan_canopen::NodeId;
 use ecan_cia402::{
-    BlockSettings, Cia402Settings, HostHeartbeat, NetworkConfig, NodeSettings, SdoSettings,
-    SyncSettings,
+    BlockTransferConfig, Cia402Config, HostHeartbeat, NetworkConfig, NodeConfig, SdoConfig,
+    SyncConfig,
 };
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
@@ -63,9 +63,9 @@ pub struct igh_cia402_settings_t {
     pub reserved: [u64; 4],
 }
 
-impl From<Cia402Settings> for igh_cia402_settings_t {
-    fn from(settings: Cia402Settings) -> Self {
-        let Cia402Settings { network, node, sync, motion_div } = settings;
+impl From<Cia402Config> for igh_cia402_settings_t {
+    fn from(settings: Cia402Config) -> Self {
+        let Cia402Config { network, node, sync, motion_div } = settings;
         let host = network.host_heartbeat;
         let short = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
         Self {
@@ -93,7 +93,7 @@ impl From<Cia402Settings> for igh_cia402_settings_t {
 
 impl igh_cia402_settings_t {
     /// As Rust takes them.
-    pub(crate) fn checked(&self, call: Call) -> Result<Cia402Settings, ecan_result_t> {
+    pub(crate) fn checked(&self, call: Call) -> Result<Cia402Config, ecan_result_t> {
         if self.seal != SEAL {
             let words = format_args!(
                 "`settings` is not filled: call igh_cia402_default_settings on it first"
@@ -121,12 +121,12 @@ impl igh_cia402_settings_t {
         if !(1..=127).contains(&self.sdo_block_segments) {
             return Err(fault("sdo_block_segments", self.sdo_block_segments.into()));
         }
-        let block = BlockSettings {
+        let block = BlockTransferConfig {
             download_from: (self.sdo_block_from != 0).then_some(self.sdo_block_from as usize),
             upload: self.sdo_block_upload != 0,
             segments: self.sdo_block_segments,
         };
-        Ok(Cia402Settings {
+        Ok(Cia402Config {
             network: NetworkConfig {
                 service_frames_per_cycle: self.service_frames_per_cycle,
                 sdo_pending_limit: self.sdo_pending_limit,
@@ -134,16 +134,16 @@ impl igh_cia402_settings_t {
                 nmt_queue: self.nmt_queue as usize,
                 host_heartbeat,
             },
-            node: NodeSettings {
-                sdo: SdoSettings {
+            node: NodeConfig {
+                sdo: SdoConfig {
                     timeout_ms: self.sdo_timeout_ms,
                     retries: self.sdo_retries,
                     buffer_bytes: self.sdo_buffer_bytes as usize,
                     block,
                 },
-                ..NodeSettings::default()
+                ..NodeConfig::default()
             },
-            sync: SyncSettings {
+            sync: SyncConfig {
                 every_cycles: self.sync_every_cycles,
                 counter_overflow: (self.sync_counter_overflow != 0)
                     .then_some(self.sync_counter_overflow),
@@ -166,7 +166,7 @@ pub unsafe extern "C" fn igh_cia402_default_settings(
 ) -> c_int {
     call("igh_cia402_default_settings", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { call.out("settings", settings)? }.set(Cia402Settings::default().into());
+        unsafe { call.out("settings", settings)? }.set(Cia402Config::default().into());
         Ok(())
     })
 }
@@ -175,7 +175,7 @@ pub unsafe extern "C" fn igh_cia402_default_settings(
 mod tests {
     use super::*;
 
-    fn to_rust(settings: &igh_cia402_settings_t) -> Result<Cia402Settings, c_int> {
+    fn to_rust(settings: &igh_cia402_settings_t) -> Result<Cia402Config, c_int> {
         let mut rust = None;
         let code = call("to_rust", |call| {
             rust = Some(settings.checked(call)?);
@@ -186,23 +186,24 @@ mod tests {
 
     #[test]
     fn the_defaults_of_c_are_those_of_rust() {
-        assert_eq!(to_rust(&Cia402Settings::default().into()), Ok(Cia402Settings::default()));
+        assert_eq!(to_rust(&Cia402Config::default().into()), Ok(Cia402Config::default()));
     }
 
     #[test]
     fn other_values_come_back() {
-        let mut settings = Cia402Settings { motion_div: 3, ..Cia402Settings::default() };
+        let mut settings = Cia402Config { motion_div: 3, ..Cia402Config::default() };
         settings.network.host_heartbeat = None;
         settings.sync.counter_overflow = Some(10);
         settings.sync.every_cycles = 2;
-        settings.node.sdo.block = BlockSettings { download_from: None, upload: true, segments: 9 };
+        settings.node.sdo.block =
+            BlockTransferConfig { download_from: None, upload: true, segments: 9 };
         assert_eq!(to_rust(&settings.clone().into()), Ok(settings));
     }
 
     #[test]
     fn what_cannot_be_is_refused() {
         let config = Err(ecan_result_t::ECAN_ERR_CONFIG.code());
-        let mut settings: igh_cia402_settings_t = Cia402Settings::default().into();
+        let mut settings: igh_cia402_settings_t = Cia402Config::default().into();
         settings.host_node_id = 0;
         assert_eq!(to_rust(&settings), config);
         settings.host_heartbeat_ms = 0;

@@ -8,7 +8,7 @@ use std::ffi::c_int;
 use ecan_mcan_host::boundary::{Call, Plain, Sealed, call};
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, ScheduleSettings, Traffic};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, ScheduleConfig, Traffic};
 use ecan_protocol::config::{DataPathConfig, ExtendedFilter, McanChannelConfig, StandardFilter};
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
 
@@ -33,10 +33,10 @@ pub(crate) struct ChannelPlain {
     pub(crate) traffic: Traffic,
 }
 
-impl From<&ChannelSettings> for ChannelPlain {
-    fn from(settings: &ChannelSettings) -> Self {
+impl From<&ChannelConfig> for ChannelPlain {
+    fn from(settings: &ChannelConfig) -> Self {
         // Filters have a table of their own.
-        let ChannelSettings { can, data_path, traffic, standard_filters: _, extended_filters: _ } =
+        let ChannelConfig { can, data_path, traffic, standard_filters: _, extended_filters: _ } =
             *settings;
         Self { can, data_path, traffic }
     }
@@ -54,7 +54,7 @@ pub(crate) struct GatewayPlain {
     pub(crate) paced: bool,
     pub(crate) hold_limit: u16,
     pub(crate) input_limit: u16,
-    pub(crate) schedule: ScheduleSettings,
+    pub(crate) schedule: ScheduleConfig,
     pub(crate) allow_diagnostic_tests: bool,
 }
 
@@ -256,7 +256,7 @@ impl GatewayPlain {
 
     fn settings(&self) -> GatewayConfig {
         let channel = |plain: Option<ChannelPlain>| {
-            plain.map(|ChannelPlain { can, data_path, traffic }| ChannelSettings {
+            plain.map(|ChannelPlain { can, data_path, traffic }| ChannelConfig {
                 can,
                 standard_filters: Vec::new(),
                 extended_filters: Vec::new(),

@@ -5,7 +5,7 @@ use std::ffi::c_int;
 use ecan_mcan_host::boundary::call;
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_port::{ChannelSettings, Traffic};
+use ecan_mcan_port::{ChannelConfig, Traffic};
 use ecan_protocol::config::{DataPathConfig, SamplePointWindow};
 use ecan_protocol::object::describe;
 
@@ -49,8 +49,8 @@ pub unsafe extern "C" fn igh_mcan_port_set_channel_mask(
             *place = match *place {
                 _ if !is_enabled => None,
                 Some(kept) if kept.can.fd == is_fd => Some(kept),
-                _ if is_fd => Some((&ChannelSettings::fd(NOMINAL, DATA)).into()),
-                _ => Some((&ChannelSettings::classic(NOMINAL)).into()),
+                _ if is_fd => Some((&ChannelConfig::fd(NOMINAL, DATA)).into()),
+                _ => Some((&ChannelConfig::classic(NOMINAL)).into()),
             };
         }
         Ok(())
@@ -109,7 +109,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_classic_channel(
     call("igh_mcan_port_set_classic_channel", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
-        *gateway.place(call, channel)? = Some((&ChannelSettings::classic(bitrate)).into());
+        *gateway.place(call, channel)? = Some((&ChannelConfig::classic(bitrate)).into());
         Ok(())
     })
 }
@@ -133,7 +133,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_canfd_channel(
     call("igh_mcan_port_set_canfd_channel", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let gateway = unsafe { PortPlain::open(call, config)? }.gateway(call, slave)?;
-        *gateway.place(call, channel)? = Some((&ChannelSettings::fd(nominal, data)).into());
+        *gateway.place(call, channel)? = Some((&ChannelConfig::fd(nominal, data)).into());
         Ok(())
     })
 }
@@ -184,7 +184,7 @@ pub unsafe extern "C" fn igh_mcan_port_set_traffic(
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let channel = unsafe { PortPlain::open(call, config)? }.channel(call, slave, channel)?;
         let ChannelPlain { can, data_path, .. } = *channel;
-        let settings = ChannelSettings { can, data_path, ..ChannelSettings::classic(NOMINAL) };
+        let settings = ChannelConfig { can, data_path, ..ChannelConfig::classic(NOMINAL) };
         *channel = (&settings.with_traffic(Traffic { received, sent })).into();
         Ok(())
     })

@@ -10,8 +10,7 @@ use ecan_mcan_host::boundary::call;
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::{
-    ChannelDrops, MarginCheck, ScheduleAccount, ScheduleDiagnostics, ScheduleMargin,
-    ScheduleSettings,
+    ChannelDrops, MarginCheck, ScheduleAccount, ScheduleConfig, ScheduleDiagnostics, ScheduleMargin,
 };
 
 use super::config::{PortPlain, igh_mcan_port_config_t};
@@ -42,8 +41,8 @@ pub struct igh_mcan_schedule_settings_t {
     pub reserved: [u8; 2],
 }
 
-impl From<ScheduleSettings> for igh_mcan_schedule_settings_t {
-    fn from(from: ScheduleSettings) -> Self {
+impl From<ScheduleConfig> for igh_mcan_schedule_settings_t {
+    fn from(from: ScheduleConfig) -> Self {
         Self {
             latest_send_ns: from.latest_send_ns,
             transport_ns: from.transport_ns,
@@ -56,7 +55,7 @@ impl From<ScheduleSettings> for igh_mcan_schedule_settings_t {
     }
 }
 
-impl From<igh_mcan_schedule_settings_t> for ScheduleSettings {
+impl From<igh_mcan_schedule_settings_t> for ScheduleConfig {
     fn from(from: igh_mcan_schedule_settings_t) -> Self {
         Self {
             latest_send_ns: from.latest_send_ns,
@@ -231,7 +230,7 @@ pub unsafe extern "C" fn igh_mcan_port_default_schedule(
 ) -> c_int {
     call("igh_mcan_port_default_schedule", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { call.out("settings", settings)? }.set(ScheduleSettings::default().into());
+        unsafe { call.out("settings", settings)? }.set(ScheduleConfig::default().into());
         Ok(())
     })
 }

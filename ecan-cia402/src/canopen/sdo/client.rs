@@ -9,7 +9,7 @@ use ecan_protocol::object::AbortCode;
 use super::transfer::{Phase, Transfer, TransferFailure};
 use crate::canopen::error::{SdoFault, SdoStartError};
 use crate::canopen::heartbeat::NS_PER_MS;
-use crate::canopen::settings::SdoSettings;
+use crate::canopen::settings::SdoConfig;
 
 /// Bytes behind the longest value that the last segment of a block may fill up.
 const PADDING: usize = 7;
@@ -55,7 +55,7 @@ impl fmt::Display for Sdo {
 ///
 /// A frame that finds no room is simply asked for again in a later cycle. After a missing or
 /// damaged answer the server is told to abort and the transfer starts over, as often as
-/// [`SdoSettings::retries`] says. Answers about another object, and segments that belong to an
+/// [`SdoConfig::retries`] says. Answers about another object, and segments that belong to an
 /// earlier attempt, are ignored. Only an answer to an earlier request for the same object cannot be
 /// told apart: after a timeout a value may be as old as the attempts took, so what has to be fresh
 /// does not come by SDO. Real-time safe; memory is allocated in [`new`](Self::new) alone.
@@ -63,7 +63,7 @@ impl fmt::Display for Sdo {
 pub struct SdoClient {
     pub(super) buffer: Box<[u8]>,
     pub(super) transfer: Option<Transfer>,
-    settings: SdoSettings,
+    settings: SdoConfig,
     outcome: Sdo,
     /// What the outcome is about.
     subject: (SdoDirection, u16, u8),
@@ -78,7 +78,7 @@ pub struct SdoClient {
 
 impl SdoClient {
     /// A client for one server.
-    pub fn new(settings: SdoSettings) -> Self {
+    pub fn new(settings: SdoConfig) -> Self {
         let length = settings.buffer_bytes.saturating_add(PADDING);
         Self {
             buffer: vec![0; length].into_boxed_slice(),

@@ -4,7 +4,7 @@ use ecan_protocol::device::AlState;
 use proptest::prelude::*;
 
 use super::FoeServer;
-use crate::gateway::{FirmwarePackage, Gateway, GatewayFault, GatewaySettings, SmSettings};
+use crate::gateway::{FirmwarePackage, Gateway, GatewayFault, GatewayModelConfig, SmSettings};
 
 const MS: u64 = 1_000_000;
 const NAME: &[u8] = b"ecan_lite_app";
@@ -20,7 +20,7 @@ struct Fixture {
 impl Fixture {
     /// A gateway in PREOP with mailboxes for `room` bytes of FoE.
     fn new(room: usize) -> Self {
-        let mut gateway = Gateway::new(GatewaySettings::default(), 1);
+        let mut gateway = Gateway::new(GatewayModelConfig::default(), 1);
         gateway.power(0, true);
         let now = 1_000 * MS;
         gateway.set_up_mailboxes();

@@ -3,7 +3,7 @@
 use ecan_protocol::device::AlState;
 use ecan_protocol::object::AbortCode;
 
-use crate::gateway::{Gateway, GatewaySettings};
+use crate::gateway::{Gateway, GatewayModelConfig};
 use crate::mailbox::MailboxServer;
 
 pub(super) const MS: u64 = 1_000_000;
@@ -24,7 +24,7 @@ impl Fixture {
     }
 
     pub(super) fn with_mailbox(mailbox: usize) -> Self {
-        let mut gateway = Gateway::new(GatewaySettings::default(), 1);
+        let mut gateway = Gateway::new(GatewayModelConfig::default(), 1);
         let now = 1_000 * MS;
         gateway.power(0, true);
         gateway.advance(now);

@@ -4,7 +4,7 @@ use crate::mailbox::MailboxServer;
 use ecan_protocol::device::AlState;
 
 use super::bench::{Fixture, MAILBOX, MS, coe, message};
-use crate::gateway::{GatewayFault, GatewaySettings};
+use crate::gateway::{GatewayFault, GatewayModelConfig};
 
 /// An upload of 0xF000:2, CoE body.
 const UPLOAD: [u8; 10] = [0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0, 0, 0, 0];
@@ -101,7 +101,7 @@ fn a_repeated_write_is_ignored() {
 #[test]
 fn the_answer_takes_its_time() {
     let mut bench = Fixture::preop();
-    assert_eq!(GatewaySettings::default().mailbox_delay_ns, DELAY);
+    assert_eq!(GatewayModelConfig::default().mailbox_delay_ns, DELAY);
     let asked = bench.now;
     bench.write(&coe(&UPLOAD));
     assert_eq!(bench.server.next_ready(), Some(asked + DELAY));

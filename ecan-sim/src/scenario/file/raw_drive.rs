@@ -6,7 +6,7 @@ use ecan_canopen::NodeId;
 use ecan_protocol::object::AbortCode;
 use serde::Deserialize;
 
-use crate::drive::{DriveQuirks, DriveSettings, MotorSettings, SdoDirection, SdoEffect, SdoRule};
+use crate::drive::{DriveConfig, DriveQuirks, MotorConfig, SdoDirection, SdoEffect, SdoRule};
 use crate::scenario::DriveSpec;
 use crate::scenario::file::raw_node::RawNode;
 use crate::scenario::file::set;
@@ -29,8 +29,8 @@ pub(super) struct RawMotor {
 }
 
 impl RawMotor {
-    fn build(self) -> Result<MotorSettings, String> {
-        let mut motor = MotorSettings::default();
+    fn build(self) -> Result<MotorConfig, String> {
+        let mut motor = MotorConfig::default();
         set(&mut motor.increments_per_revolution, self.increments_per_revolution);
         set(&mut motor.max_velocity, self.max_velocity);
         set(&mut motor.max_acceleration, self.max_acceleration);
@@ -161,7 +161,7 @@ impl RawNode {
         let node = self.node_id.ok_or("a node of kind \"drive\" needs `node_id`")?;
         let node = NodeId::new(node)
             .ok_or_else(|| format!("`node_id` {node} is out of range: 1 to 127"))?;
-        let mut settings = DriveSettings::new(node);
+        let mut settings = DriveConfig::new(node);
         set(&mut settings.serial, self.serial);
         set(&mut settings.boot_ms, self.boot_ms);
         set(&mut settings.sdo_delay_us, self.sdo_delay_us);

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use crate::bridge::{BridgeProtocol, BridgeSettings};
+use crate::bridge::{BridgeConfig, BridgeProtocol};
 use crate::scenario::file::raw_drive::{RawMotor, RawQuirks};
 use crate::scenario::file::set;
 use crate::scenario::{FaultyBehaviour, NodeKind, NodeSpec, Scenario};
@@ -152,8 +152,8 @@ impl RawNode {
 }
 
 impl RawNode {
-    fn bridge(&self) -> Result<BridgeSettings, String> {
-        let mut settings = BridgeSettings::default();
+    fn bridge(&self) -> Result<BridgeConfig, String> {
+        let mut settings = BridgeConfig::default();
         if self.max_clients == Some(0) || self.queue == Some(0) {
             return Err("a bridge needs `max_clients` and `queue` above 0".to_owned());
         }

@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use ecan_mcan_port::ChannelSettings;
+use ecan_mcan_port::ChannelConfig;
 use ecan_protocol::config::{BitTimingMode, McanChannelConfig};
 
 use crate::bus::Bus;
@@ -37,13 +37,13 @@ impl fmt::Display for BitRates {
 }
 
 /// A channel with the bit rates that the gateway is set to, and all else by default.
-pub fn of_gateway(bus: &Bus, slave: usize, channel: u8) -> Result<ChannelSettings, Failure> {
+pub fn of_gateway(bus: &Bus, slave: usize, channel: u8) -> Result<ChannelConfig, Failure> {
     let index = 0x8001 + u16::from(channel);
     let read = |subindex| bus.read(slave, index, subindex);
     let nominal = read(19)?;
     let mut settings = match read(15)? {
-        0 => ChannelSettings::classic(nominal),
-        _ => ChannelSettings::fd(nominal, read(20)?),
+        0 => ChannelConfig::classic(nominal),
+        _ => ChannelConfig::fd(nominal, read(20)?),
     };
     let mut take = |subindex| {
         let value = read(subindex)?;
@@ -82,7 +82,7 @@ mod tests {
         let can = channel(2);
         assert_eq!(BitRates::of(&can).to_string(), "250000 bit/s");
         assert_eq!((can.nominal_sample_point.min, can.nominal_sample_point.max), (800, 800));
-        assert_eq!(can.ram, ChannelSettings::classic(250_000).can.ram);
+        assert_eq!(can.ram, ChannelConfig::classic(250_000).can.ram);
         set(7, 1);
         set(25, 4);
         assert_eq!(channel(2).manual_nominal.brp, 4);

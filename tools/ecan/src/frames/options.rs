@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::Args;
 use ecan_command_line::real_time::RealTimeArguments;
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::ChannelSettings;
+use ecan_mcan_port::ChannelConfig;
 use ecan_protocol::config::SamplePointWindow;
 
 use crate::frames::capture::CaptureOptions;
@@ -93,15 +93,15 @@ impl SetupOptions {
     /// One CAN channel; `otherwise` is asked for the bit rates that no option names.
     pub fn channel<E>(
         &self,
-        otherwise: impl FnOnce() -> Result<ChannelSettings, E>,
-    ) -> Result<ChannelSettings, E> {
+        otherwise: impl FnOnce() -> Result<ChannelConfig, E>,
+    ) -> Result<ChannelConfig, E> {
         let mut settings = match (self.bitrate, self.data_bitrate) {
-            (Some(bitrate), None) => ChannelSettings::classic(bitrate),
-            (Some(bitrate), Some(data_bitrate)) => ChannelSettings::fd(bitrate, data_bitrate),
+            (Some(bitrate), None) => ChannelConfig::classic(bitrate),
+            (Some(bitrate), Some(data_bitrate)) => ChannelConfig::fd(bitrate, data_bitrate),
             (None, None) => otherwise()?,
             (None, Some(data_bitrate)) => {
                 let nominal = otherwise()?.can;
-                let mut settings = ChannelSettings::fd(nominal.nominal_bitrate, data_bitrate);
+                let mut settings = ChannelConfig::fd(nominal.nominal_bitrate, data_bitrate);
                 settings.can.nominal_sample_point = nominal.nominal_sample_point;
                 settings
             }

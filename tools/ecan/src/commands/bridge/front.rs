@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use ecan_bridge::{
-    BridgeProtocol, BridgeServer, BridgeSettings, Clients, SerialBridge, SocketCanBridge,
+    BridgeConfig, BridgeProtocol, BridgeServer, Clients, SerialBridge, SocketCanBridge,
 };
 use serde::Serialize;
 
@@ -68,8 +68,7 @@ impl Endpoint {
         max_clients: u16,
     ) -> Result<Self, Failure> {
         let max_clients = max_clients.into();
-        let settings =
-            BridgeSettings { address, max_clients, ..BridgeSettings::speaking(protocol) };
+        let settings = BridgeConfig { address, max_clients, ..BridgeConfig::speaking(protocol) };
         let server = BridgeServer::listen(&settings);
         server.map(Self::Server).map_err(|error| Failure::Bridge(error.to_string()))
     }
@@ -77,7 +76,7 @@ impl Endpoint {
     /// Makes a terminal, with a link to it where a path is given.
     pub fn terminal(link: &Path) -> Result<Self, Failure> {
         let no_terminal = |error| Failure::Bridge(format!("cannot make a terminal: {error}"));
-        let queue = BridgeSettings::default().queue;
+        let queue = BridgeConfig::default().queue;
         let bridge = SerialBridge::open(queue).map_err(no_terminal)?;
         if link.as_os_str().is_empty() {
             return Ok(Self::Terminal { bridge, link: None });
@@ -93,7 +92,7 @@ impl Endpoint {
 
     /// Couples a CAN interface of this host.
     pub fn interface(name: &str) -> Result<Self, Failure> {
-        let bridge = SocketCanBridge::open(name, BridgeSettings::default().queue);
+        let bridge = SocketCanBridge::open(name, BridgeConfig::default().queue);
         bridge.map(Self::Interface).map_err(|error| Failure::Bridge(error.to_string()))
     }
 

@@ -4,7 +4,7 @@ use std::io::Write;
 use std::path::Path;
 
 use ecan_config_file::{ConfigFile, ConfigFileError, FileFault, load};
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortPlan};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortPlan};
 use ecan_protocol::can::{BitTiming, MCAN_CLOCK_HZ};
 use ecan_protocol::config::{MESSAGE_RAM_BYTES, McanChannelConfig};
 use ecan_protocol::image::PdoProfile;
@@ -174,7 +174,7 @@ fn image(gateway: &GatewayConfig, direction: Direction, multiplier: u8) -> Image
     }
 }
 
-fn channel(number: u8, settings: &ChannelSettings) -> Option<Channel> {
+fn channel(number: u8, settings: &ChannelConfig) -> Option<Channel> {
     let can: &McanChannelConfig = &settings.can;
     // A file without faults has timings.
     let (nominal, data) = can.timings(MCAN_CLOCK_HZ).ok()?;

@@ -23,7 +23,7 @@ pub(super) fn clear(bus: &Bus, slave: usize) -> Result<(), Failure> {
 #[cfg(test)]
 mod tests {
     use ecan_host::AdapterConfig;
-    use ecan_mcan_port::{ChannelSettings, GatewayConfig, Port, PortConfig};
+    use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
     use ecan_sim::{ClockKind, SimOptions};
 
     use super::*;
@@ -33,7 +33,7 @@ mod tests {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
         let simulation = backend.simulation.clone().unwrap();
-        let gateway = GatewayConfig::on_channel(0, ChannelSettings::classic(500_000));
+        let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
         let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
         let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway)).unwrap();
         port.wait_ready(20_000).unwrap();

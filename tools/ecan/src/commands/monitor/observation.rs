@@ -2,7 +2,7 @@
 
 use ecan_host::{CycleStart, DomainReport};
 use ecan_mcan_port::{
-    ChannelSettings, PendingStep, Port, PortConfig, Received, Session, SlaveStatistics,
+    ChannelConfig, PendingStep, Port, PortConfig, Received, Session, SlaveStatistics,
 };
 use ecan_protocol::can::FrameBits;
 use ecan_protocol::image::ChannelStatus;
@@ -121,8 +121,8 @@ struct ChannelTime {
 impl BusTime {
     /// For gateways of this configuration.
     pub fn new(config: &PortConfig) -> Self {
-        let channel = |channel: &Option<ChannelSettings>| {
-            let Some(ChannelSettings { can, .. }) = channel else { return ChannelTime::default() };
+        let channel = |channel: &Option<ChannelConfig>| {
+            let Some(ChannelConfig { can, .. }) = channel else { return ChannelTime::default() };
             let nominal_bitrate = can.nominal_bitrate;
             let data_bitrate = if can.fd { can.data_bitrate } else { nominal_bitrate };
             ChannelTime { nominal_bitrate, data_bitrate, seconds: 0.0 }

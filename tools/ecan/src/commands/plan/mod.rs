@@ -8,7 +8,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelSettings, GatewayConfig, PortConfig, PortPlan};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortPlan};
 
 use crate::config_file;
 use crate::failure::Failure;
@@ -90,7 +90,7 @@ fn of_options(arguments: &PlanArguments) -> Planned {
     let PlanArguments { slaves, fd, .. } = *arguments;
     let mut setup = arguments.setup.clone();
     setup.data_bitrate = setup.data_bitrate.or(fd);
-    let otherwise = || Ok::<_, Infallible>(ChannelSettings::classic(BITRATE));
+    let otherwise = || Ok::<_, Infallible>(ChannelConfig::classic(BITRATE));
     let Ok(settings) = setup.channel(otherwise);
     let channels = arguments.channel.unwrap_or(Channels::only(0));
     let mut gateway = GatewayConfig::default();

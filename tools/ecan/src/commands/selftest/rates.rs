@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use ecan_config_file::ConfigFile;
-use ecan_mcan_port::ChannelSettings;
+use ecan_mcan_port::ChannelConfig;
 use ecan_protocol::config::{McanChannelConfig, NodeMode};
 
 use crate::config_file;
@@ -58,7 +58,7 @@ impl Rate {
     }
 
     /// A channel with these bit rates.
-    pub(super) fn channel(&self, mode: NodeMode) -> ChannelSettings {
+    pub(super) fn channel(&self, mode: NodeMode) -> ChannelConfig {
         let data = self.is_fd().then_some(self.can.data_bitrate);
         let mut settings = plain(self.can.nominal_bitrate, data);
         settings.can = McanChannelConfig { node_mode: mode, ..self.can };
@@ -88,10 +88,10 @@ impl Rate {
     }
 }
 
-fn plain(nominal: u32, data: Option<u32>) -> ChannelSettings {
+fn plain(nominal: u32, data: Option<u32>) -> ChannelConfig {
     match data {
-        Some(data) => ChannelSettings::fd(nominal, data),
-        None => ChannelSettings::classic(nominal),
+        Some(data) => ChannelConfig::fd(nominal, data),
+        None => ChannelConfig::classic(nominal),
     }
 }
 
