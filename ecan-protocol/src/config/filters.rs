@@ -139,6 +139,19 @@ pub struct StandardFilter {
     pub id2: u16,
 }
 
+/// A disabled filter.
+impl Default for StandardFilter {
+    fn default() -> Self {
+        Self {
+            matching: StandardMatch::Disabled,
+            action: FilterAction::Disabled,
+            sync: false,
+            id1: 0,
+            id2: 0,
+        }
+    }
+}
+
 /// A filter for extended identifiers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ExtendedFilter {
@@ -152,6 +165,19 @@ pub struct ExtendedFilter {
     pub id1: u32,
     /// Second identifier or mask, 0..0x1FFFFFFF.
     pub id2: u32,
+}
+
+/// A disabled filter.
+impl Default for ExtendedFilter {
+    fn default() -> Self {
+        Self {
+            matching: ExtendedMatch::Range,
+            action: FilterAction::Disabled,
+            sync: false,
+            id1: 0,
+            id2: 0,
+        }
+    }
 }
 
 /// One filter in the numbers of the editing window.

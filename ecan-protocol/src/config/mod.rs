@@ -5,6 +5,7 @@ mod assignment;
 mod data_path;
 mod diagnostic_test;
 mod filters;
+mod list;
 mod mcan_channel;
 mod mcan_channel_check;
 mod mcan_channel_fields;
@@ -26,6 +27,7 @@ pub use filters::{
     FilterElementFault, FilterFault, FilterWindow, StandardFilter, StandardMatch, check_filters,
     filter_writes,
 };
+pub use list::{List, ListFull};
 pub use mcan_channel::{
     ApplyStatus, BitTimingMode, McanChannelConfig, NodeMode, NonMatch, SamplePointWindow,
 };

@@ -17,6 +17,13 @@ pub struct SdoWrite {
     pub ty: ObjectType,
 }
 
+/// 0 as U8 to 0x0000:00: the filler of an empty list, never sent.
+impl Default for SdoWrite {
+    fn default() -> Self {
+        Self::new(0, 0, ObjectType::U8, 0)
+    }
+}
+
 impl SdoWrite {
     /// A download of `value` as `ty`.
     pub const fn new(index: u16, subindex: u8, ty: ObjectType, value: u32) -> Self {
