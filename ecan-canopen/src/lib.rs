@@ -1,44 +1,48 @@
-//! CiA 301 and CiA 402 as types: what goes over the CAN bus between a master and its drives.
+//! CANopen (CiA 301) and the objects of CiA 402: frames as types, and a CANopen master over an
+//! MCAN Port.
 //!
-//! `no_std`, without allocation and without I/O. The host's CANopen client and the simulated drive
-//! both build on it, so that every byte is defined once. Decoders take the data bytes of a CAN
-//! frame and give a value or a typed error, whatever the bytes.
-#![no_std]
+//! # Frames
+//!
+//! COB-IDs, NMT, heartbeat, EMCY, SYNC, SDO, PDO mapping, controlword, statusword and modes.
+//! `no_std`, without allocation and without I/O. The host's CANopen master and the simulated drive
+//! both use it, so every byte is defined once. Decoders take the data bytes of a CAN frame and
+//! return a value or a typed error, for any input.
+//!
+//! # Network
+//!
+//! With the feature `network` (requires `std`), `Network` is the master of all nodes that are
+//! connected to the gateways of a Port: NMT, boot-up messages and heartbeats, EMCY, SYNC, and one
+//! SDO client per node. The cycle drives it; it never blocks. A `Configurator` configures many
+//! nodes at once from lists of `Step`s; a `PdoMapping` returns the steps that map a PDO. Calls
+//! whose names end in `_blocking` run the cycle themselves.
+//!
+//! ```no_run
+//! # #[cfg(feature = "network")]
+//! # mod example {
+//! use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
+//!
+//! fn device_type(port: &mut ecan_mcan_port::Port) -> Result<Vec<u8>, Box<dyn std::error::Error>> {
+//!     let node = NodeId::new(1).ok_or("invalid node-ID")?;
+//!     let mut network = Network::new(NetworkConfig::default());
+//!     let address = NodeAddress { slave: 0, channel: 0, node };
+//!     let drive = network.add_node(address, NodeConfig::default())?;
+//!     Ok(network.upload_blocking(port, drive, (0x1000, 0), 2_000)?)
+//! }
+//! # }
+//! ```
+#![cfg_attr(not(feature = "network"), no_std)]
 #![deny(missing_docs)]
+#![forbid(unsafe_code)]
 
-// CiA 301
-mod cob_id;
-mod emcy;
-mod heartbeat;
-mod nmt;
-mod node_id;
-mod pdo;
-mod sdo;
-mod sdo_block;
-mod sdo_client_frame;
-mod sdo_server_frame;
-mod sync;
-
-pub use cob_id::{CobId, Service};
-pub use emcy::{Emcy, EmcyClass, ErrorRegister, error_code_text};
-pub use heartbeat::{HeartbeatConsumer, heartbeat_data, parse_heartbeat};
-pub use nmt::{NmtCommand, NmtRequest, NmtState};
-pub use node_id::NodeId;
-pub use pdo::{MappingEntry, PdoCobId, TransmissionType};
-pub use sdo::{Initiate, SdoDecodeError, Segment};
-pub use sdo_block::{BlockSegment, MAX_BLOCK_SIZE, block_crc};
-pub use sdo_client_frame::ClientFrame;
-pub use sdo_server_frame::ServerFrame;
-pub use sync::{SYNC_COB_ID, parse_sync, sync_data};
-
-// CiA 402
-mod controlword;
-mod mode;
+mod cia301;
+mod cia402;
 pub mod object;
-mod option_code;
-mod statusword;
 
-pub use controlword::{Command, Controlword};
-pub use mode::{OperatingMode, SupportedModes};
-pub use option_code::{FaultReaction, HaltOption, NodeLossReaction, QuickStopOption, StopOption};
-pub use statusword::{DriveState, Statusword};
+pub use cia301::*;
+pub use cia402::*;
+
+#[cfg(feature = "network")]
+mod network;
+
+#[cfg(feature = "network")]
+pub use network::*;

@@ -13,8 +13,8 @@
 use std::time::Instant;
 
 use ecan_bench::{Outcome, Row, interleaved, print_rows, rounds};
-use ecan_canopen::NodeId;
-use ecan_cia402::{AxisConfig, Cia402, Cia402Config, NodeAddress};
+use ecan_canopen::{NodeAddress, NodeId};
+use ecan_cia402::{AxisConfig, Cia402, Cia402Config};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::image::Header;

@@ -17,10 +17,11 @@
 use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
-use ecan_canopen::{CobId, MappingEntry, NodeId, TransmissionType, object};
-use ecan_cia402::{
-    AxisConfig, Cia402, Cia402Config, NodeAddress, PdoDirection, PdoMapping, PdoMappingError,
+use ecan_canopen::{
+    CobId, MappingEntry, NodeAddress, NodeId, PdoDirection, PdoMapping, PdoMappingError,
+    TransmissionType, object,
 };
+use ecan_cia402::{AxisConfig, Cia402, Cia402Config};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::mapping::CHANNELS;

@@ -4,10 +4,10 @@
 mod axes;
 
 use axes::{Fixture, axes, axis, with_quirk};
-use ecan_canopen::{DriveState, OperatingMode};
+use ecan_canopen::{DriveState, OperatingMode, SyncConfig};
 use ecan_cia402::{
     AxisConfig, AxisError, AxisPhase, Cia402, Cia402Config, CommandError, Decision, HomingConfig,
-    HomingState, LoadWarning, ScheduleError, SyncConfig,
+    HomingState, LoadWarning, ScheduleError,
 };
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::NotSchedulable;

@@ -9,8 +9,7 @@ use std::error::Error;
 use std::process::ExitCode;
 
 use clap::Parser;
-use ecan_canopen::NodeId;
-use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeConfig};
+use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
 use ecan_examples::backend::{self, SimulationDefaults};
 use ecan_examples::object_value::ValueType;
 use ecan_host::AdapterConfig;

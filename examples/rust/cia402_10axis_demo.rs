@@ -8,8 +8,8 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use ecan_canopen::NodeId;
-use ecan_cia402::{AxisConfig, NodeAddress};
+use ecan_canopen::{NodeAddress, NodeId};
+use ecan_cia402::AxisConfig;
 use ecan_examples::motion::{self, Extent, MotionArguments};
 use ecan_protocol::mapping::CHANNELS;
 

@@ -9,8 +9,8 @@
 use std::process::ExitCode;
 
 use clap::Parser;
-use ecan_canopen::NodeId;
-use ecan_cia402::{AxisConfig, NodeAddress};
+use ecan_canopen::{NodeAddress, NodeId};
+use ecan_cia402::AxisConfig;
 use ecan_examples::motion::{self, Extent, MotionArguments};
 
 /// Enables one CiA 402 axis and moves it by a step per cycle.

@@ -2,9 +2,8 @@
 
 use std::fmt::Display;
 
-use ecan_cia402::{
-    Cia402Error, CommandError, NmtError, ScheduleError, SdoFailure, SdoFault, WaitError,
-};
+use ecan_canopen::{NmtError, SdoFailure, SdoFault, WaitError};
+use ecan_cia402::{Cia402Error, CommandError, ScheduleError};
 use ecan_config_file::ConfigFileError;
 use ecan_host::{CycleError, Errno, Error};
 use ecan_mcan_host::boundary::Call;

@@ -1,10 +1,10 @@
 //! One axis: everything that is kept of it, and the commands to it.
 
-use ecan_canopen::{CobId, DriveState, OperatingMode, Statusword};
+use ecan_canopen::{
+    CobId, Configurator, DriveState, Network, NodeHandle, OperatingMode, Statusword,
+};
 use ecan_mcan_port::SendTicket;
 use ecan_protocol::can::CanId;
-
-use crate::canopen::{Configurator, Network, NodeHandle};
 
 use super::error::CommandError;
 use super::guard::MotionGuard;

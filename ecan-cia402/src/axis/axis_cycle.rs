@@ -1,9 +1,10 @@
 //! One axis in the cycle: what came in, what goes out.
 
-use ecan_canopen::{Controlword, DriveState, NmtCommand, NmtState, OperatingMode, Statusword};
+use ecan_canopen::{
+    Controlword, DriveState, Heartbeat, Network, NmtCommand, NmtState, NodeStatus, OperatingMode,
+    Statusword,
+};
 use ecan_mcan_port::{Backpressure, SendError, SendTicket, TransmitReport};
-
-use crate::canopen::{Heartbeat, Network, NodeStatus};
 
 use super::axis_core::{Axis, Motion, Reachability, Reverification, Setup};
 use super::channel_watch::GatewayWatch;

@@ -1,8 +1,6 @@
 //! One axis in what takes it many cycles: configuration, change of mode, homing.
 
-use ecan_canopen::{DriveState, OperatingMode, TransmissionType, object};
-
-use crate::canopen::{Configuring, Network};
+use ecan_canopen::{Configuring, DriveState, Network, OperatingMode, TransmissionType, object};
 
 use super::axis_core::{Axis, Reverification, Setup};
 use super::guard_terms::GuardState;

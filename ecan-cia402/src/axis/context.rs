@@ -1,11 +1,11 @@
 //! The axes of a bus: network, axis table and Port brought together.
 
-use ecan_canopen::NmtCommand;
+use ecan_canopen::{
+    HostHeartbeat, Network, NetworkConfig, NmtCommand, NmtError, NodeConfig, SyncConfig,
+};
 use ecan_mcan_port::{Port, SendOptions};
 use ecan_protocol::config::TxMode;
 use ecan_protocol::image::Schedule;
-
-use crate::canopen::{HostHeartbeat, Network, NetworkConfig, NmtError, NodeConfig, SyncConfig};
 
 use super::axis_core::Axis;
 use super::channel_watch::GatewayWatch;

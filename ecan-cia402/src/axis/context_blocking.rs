@@ -2,7 +2,7 @@
 
 use ecan_mcan_port::Port;
 
-use crate::canopen::{WaitError, run_cycle_to_the_end, run_cycle_until};
+use ecan_canopen::{WaitError, run_cycle_uninterrupted, run_cycle_until};
 
 use super::axis_core::{Axis, Setup};
 use super::context::Cia402;
@@ -140,7 +140,7 @@ impl Cia402 {
         mut progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
         self.begin_shutdown();
-        let ended = run_cycle_to_the_end(port, timeout_ms, |port, _| {
+        let ended = run_cycle_uninterrupted(port, timeout_ms, |port, _| {
             self.serve(port);
             self.progress_all().for_each(|axis| progress(&axis));
             // The last commands must have left before the host does.

@@ -2,7 +2,7 @@
 
 use ecan_mcan_port::Port;
 
-use crate::canopen::{Network, NodeHandle, Sdo, SdoStartError, WaitError, run_cycle_until};
+use ecan_canopen::{Network, NodeHandle, Sdo, SdoStartError, WaitError, run_cycle_until};
 
 use super::context::Cia402;
 use super::error::{Cia402Error, CommandError};

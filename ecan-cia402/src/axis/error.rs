@@ -2,11 +2,9 @@
 
 use std::fmt;
 
-use ecan_canopen::OperatingMode;
+use ecan_canopen::{NetworkError, NmtError, OperatingMode, PdoMappingError, WaitError};
 use ecan_mcan_port::NotSchedulable;
 use thiserror::Error;
-
-use crate::canopen::{NetworkError, NmtError, PdoMappingError, WaitError};
 
 use super::phase::AxisProgress;
 use super::settings::AxisFault;

@@ -4,8 +4,7 @@ use ecan_mcan_port::{ChannelLoad, FrameRate, FrameRoute, FrameStream};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::{DATA_PATH_BUDGET_MAX, McanChannelConfig};
 
-use crate::canopen::{NodeAddress, SyncConfig};
-use ecan_canopen::{CobId, MappingEntry, SYNC_COB_ID};
+use ecan_canopen::{CobId, MappingEntry, NodeAddress, SYNC_COB_ID, SyncConfig};
 
 use super::context::Cia402Config;
 use super::pdo_layout::PdoLayout;

@@ -1,10 +1,8 @@
 //! Which axis a TPDO belongs to.
 
-use ecan_canopen::{CobId, NodeId, Service};
+use ecan_canopen::{CobId, NodeAddress, NodeId, Service};
 use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::CHANNELS;
-
-use crate::canopen::NodeAddress;
 
 /// Node-IDs, 0 included.
 const NODE_IDS: usize = 128;

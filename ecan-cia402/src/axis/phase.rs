@@ -2,10 +2,8 @@
 
 use std::fmt;
 
-use ecan_canopen::{DriveState, OperatingMode};
+use ecan_canopen::{DriveState, NodeAddress, OperatingMode, Progress, StepFailure};
 use thiserror::Error;
-
-use crate::canopen::{NodeAddress, Progress, StepFailure};
 
 use super::guard_input::HoldReason;
 use super::guard_terms::GuardState;

@@ -1,11 +1,10 @@
 //! A few SDO transfers in a row, without allocation: what an axis does while the bus runs.
 
-use ecan_canopen::OperatingMode;
-use ecan_canopen::object;
+use ecan_canopen::{
+    Network, NodeHandle, OperatingMode, Sdo, SdoFailure, SdoFault, SdoStartError, SdoValue, object,
+};
 use ecan_protocol::object::AbortCode;
 use thiserror::Error;
-
-use crate::canopen::{Network, NodeHandle, Sdo, SdoFailure, SdoFault, SdoStartError, SdoValue};
 
 /// Transfers that a script can hold.
 const CAPACITY: usize = 10;

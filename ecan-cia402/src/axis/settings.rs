@@ -1,10 +1,8 @@
 //! What an axis is told: plain data.
 
-use ecan_canopen::{NodeLossReaction, OperatingMode, QuickStopOption};
+use ecan_canopen::{NodeAddress, NodeLossReaction, OperatingMode, QuickStopOption, Step};
 use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
-
-use crate::canopen::{NodeAddress, Step};
 
 use super::guard_terms::{GuardLimits, TargetKind};
 use super::pdo_layout::{PdoLayout, TargetObject};

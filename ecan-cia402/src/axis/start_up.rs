@@ -1,10 +1,9 @@
 //! The steps that bring a drive from whatever state to Operational with its PDOs mapped.
 
 use ecan_canopen::{
-    CobId, HeartbeatConsumer, NmtCommand, OperatingMode, SupportedModes, TransmissionType, object,
+    CobId, HeartbeatConsumer, HostHeartbeat, NmtCommand, OperatingMode, PdoDirection, PdoMapping,
+    PdoMappingError, Step, SupportedModes, TransmissionType, object,
 };
-
-use crate::canopen::{HostHeartbeat, PdoDirection, PdoMapping, PdoMappingError, Step};
 
 use super::pdo_layout::TargetObject;
 use super::settings::{AxisConfig, NodeReset};
@@ -180,8 +179,7 @@ pub(super) fn can_switch_to(settings: &AxisConfig, mode: OperatingMode) -> bool 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::canopen::NodeAddress;
-    use ecan_canopen::NodeId;
+    use ecan_canopen::{NodeAddress, NodeId};
 
     #[test]
     fn periods_as_drives_take_them() {

@@ -1,8 +1,8 @@
 //! Axes behind simulated gateways, in stepped time, and the drives' own testimony about them.
 #![allow(dead_code)]
 
-use ecan_canopen::NodeId;
-use ecan_cia402::{AxisConfig, Cia402, Cia402Config, NodeAddress};
+use ecan_canopen::{NodeAddress, NodeId};
+use ecan_cia402::{AxisConfig, Cia402, Cia402Config};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_sim::{

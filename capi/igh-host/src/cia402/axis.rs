@@ -13,8 +13,10 @@
 
 use std::ffi::c_int;
 
-use ecan_canopen::{NodeId, NodeLossReaction, OperatingMode, QuickStopOption};
-use ecan_cia402::{AxisConfig, DriveConfig, NodeAddress, PositionRange, Scale, SdoValue, Step};
+use ecan_canopen::{
+    NodeAddress, NodeId, NodeLossReaction, OperatingMode, QuickStopOption, SdoValue, Step,
+};
+use ecan_cia402::{AxisConfig, DriveConfig, PositionRange, Scale};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 

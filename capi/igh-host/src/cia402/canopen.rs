@@ -5,8 +5,9 @@
 
 use std::ffi::{c_int, c_void};
 
-use ecan_canopen::NodeId;
-use ecan_cia402::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeHandle, SdoConfig};
+use ecan_canopen::{
+    Network, NetworkConfig, NodeAddress, NodeConfig, NodeHandle, NodeId, SdoConfig,
+};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Port;

@@ -71,7 +71,7 @@ pub unsafe extern "C" fn igh_cia402_send_nmt(
                 need_axis(call, cia402, axis)?;
                 let sent = match cia402.node(axis) {
                     Some(node) => cia402.network_mut().nmt(node, command),
-                    None => Err(ecan_cia402::NmtError::UnknownNode),
+                    None => Err(ecan_canopen::NmtError::UnknownNode),
                 };
                 sent.map_err(|error| errors::nmt(call, &error))
             })

@@ -5,7 +5,7 @@
 
 use std::ffi::{c_int, c_void};
 
-use ecan_cia402::{Sdo, SdoStartError, WaitError};
+use ecan_canopen::{Sdo, SdoStartError, WaitError};
 use ecan_mcan_host::boundary::{Call, OutArray, OutPointer, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 

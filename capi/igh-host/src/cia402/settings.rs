@@ -2,11 +2,10 @@
 
 use std::ffi::c_int;
 
-use ecan_canopen::NodeId;
-use ecan_cia402::{
-    BlockTransferConfig, Cia402Config, HostHeartbeat, NetworkConfig, NodeConfig, SdoConfig,
-    SyncConfig,
+use ecan_canopen::{
+    BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeConfig, NodeId, SdoConfig, SyncConfig,
 };
+use ecan_cia402::Cia402Config;
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 

@@ -1,8 +1,7 @@
 //! What the state of an axis is made of
 
-use ecan_cia402::{
-    AxisError, AxisPhase, Decision, Heartbeat, HoldReason, TargetRejection, WaitReason,
-};
+use ecan_canopen::Heartbeat;
+use ecan_cia402::{AxisError, AxisPhase, Decision, HoldReason, TargetRejection, WaitReason};
 
 /// What an axis is doing.
 #[repr(C)]

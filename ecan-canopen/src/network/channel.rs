@@ -1,0 +1,86 @@
+//! What the network does on one CAN channel as a whole.
+
+use std::collections::VecDeque;
+
+use crate::{NmtRequest, NodeId};
+
+use super::heartbeat::HeartbeatTimer;
+use super::sync_producer::SyncProducer;
+
+/// Node-IDs, 0 included.
+const NODE_IDS: usize = 128;
+
+#[derive(Debug)]
+pub(super) struct Channel {
+    pub(super) slave: usize,
+    pub(super) channel: u8,
+    /// Whether its gateway was in service in the last cycle.
+    pub(super) in_service: bool,
+    /// Places of its nodes in the network.
+    pub(super) nodes: Vec<usize>,
+    /// The same by node-ID.
+    lookup: [Option<u16>; NODE_IDS],
+    /// Which of them sends first in the next cycle.
+    pub(super) turn: usize,
+    nmt: VecDeque<NmtRequest>,
+    nmt_limit: usize,
+    pub(super) heartbeat: HeartbeatTimer,
+    pub(super) sync: SyncProducer,
+}
+
+impl Channel {
+    pub(super) fn new(slave: usize, channel: u8, nmt_limit: usize) -> Self {
+        Self {
+            slave,
+            channel,
+            in_service: false,
+            nodes: Vec::new(),
+            lookup: [None; NODE_IDS],
+            turn: 0,
+            nmt: VecDeque::with_capacity(nmt_limit),
+            nmt_limit,
+            heartbeat: HeartbeatTimer::default(),
+            sync: SyncProducer::default(),
+        }
+    }
+
+    /// Adds the node at `place` of the network.
+    pub(super) fn add_node(&mut self, node: NodeId, place: u16) {
+        self.nodes.push(usize::from(place));
+        if let Some(entry) = self.lookup.get_mut(usize::from(node.get())) {
+            *entry = Some(place);
+        }
+    }
+
+    /// The node of an ID, by its place in the network.
+    pub(super) fn node(&self, node: NodeId) -> Option<usize> {
+        self.lookup.get(usize::from(node.get())).copied().flatten().map(usize::from)
+    }
+
+    pub(super) fn nmt_is_full(&self) -> bool {
+        self.nmt.len() >= self.nmt_limit
+    }
+
+    /// Whether it was queued.
+    pub(super) fn queue_nmt(&mut self, request: NmtRequest) -> bool {
+        if self.nmt_is_full() {
+            return false;
+        }
+        self.nmt.push_back(request);
+        true
+    }
+
+    pub(super) fn next_nmt(&self) -> Option<NmtRequest> {
+        self.nmt.front().copied()
+    }
+
+    pub(super) fn nmt_sent(&mut self) {
+        self.nmt.pop_front();
+    }
+
+    /// The gateway was lost: what waited for it is out of date.
+    pub(super) fn gateway_lost(&mut self) {
+        self.nmt.clear();
+        self.heartbeat.reset();
+    }
+}

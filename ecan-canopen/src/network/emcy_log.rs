@@ -1,0 +1,50 @@
+//! The last emergencies of one node (CiA 301, 7.2.7).
+
+use crate::Emcy;
+
+/// Emergencies remembered per node.
+pub const EMCY_DEPTH: usize = 8;
+
+/// An emergency and when it was received.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct EmcyRecord {
+    /// Time of the cycle that brought it, in nanoseconds of the bus clock.
+    pub at_ns: u64,
+    /// What the node sent; error code 0 takes an error back.
+    pub emcy: Emcy,
+}
+
+/// The emergencies of one node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct EmcyLog {
+    records: [Option<EmcyRecord>; EMCY_DEPTH],
+    count: u32,
+}
+
+impl EmcyLog {
+    pub(super) fn push(&mut self, at_ns: u64, emcy: Emcy) {
+        let place = self.count as usize % EMCY_DEPTH;
+        if let Some(record) = self.records.get_mut(place) {
+            *record = Some(EmcyRecord { at_ns, emcy });
+        }
+        self.count = self.count.wrapping_add(1);
+    }
+
+    /// How many came, those included that take an error back.
+    pub fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// The last one.
+    pub fn last(&self) -> Option<EmcyRecord> {
+        self.recent().next()
+    }
+
+    /// The last [`EMCY_DEPTH`], newest first.
+    pub fn recent(&self) -> impl Iterator<Item = EmcyRecord> + '_ {
+        (1..=EMCY_DEPTH as u32).map_while(|back| {
+            let place = self.count.wrapping_sub(back) as usize % EMCY_DEPTH;
+            self.records.get(place).copied().flatten()
+        })
+    }
+}

@@ -1,0 +1,167 @@
+//! Heartbeat consumer of one node, and the host's own heartbeat producer (CiA 301, 7.2.8.3.2.2).
+
+use std::fmt;
+
+use super::settings::HostHeartbeat;
+
+pub(super) const NS_PER_MS: u64 = 1_000_000;
+
+/// How a node's heartbeat stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Heartbeat {
+    /// It is not watched.
+    #[default]
+    Unconfigured,
+    /// It is watched and has not been heard since watching began or since the node booted.
+    Unknown,
+    /// It comes in time.
+    Active,
+    /// It stayed away for longer than its time. The next one makes it active again.
+    TimedOut,
+}
+
+impl fmt::Display for Heartbeat {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Unconfigured => "not watched",
+            Self::Unknown => "not heard yet",
+            Self::Active => "active",
+            Self::TimedOut => "timed out",
+        })
+    }
+}
+
+/// Watches the heartbeat of one node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct HeartbeatWatch {
+    timeout_ns: u64,
+    state: Heartbeat,
+    deadline_ns: u64,
+    timeouts: u32,
+}
+
+impl HeartbeatWatch {
+    pub(super) fn new(timeout_ms: u32) -> Self {
+        let mut consumer = Self::default();
+        consumer.set_timeout(timeout_ms);
+        consumer
+    }
+
+    /// Watches with another time from now on; 0 stops watching.
+    pub(super) fn set_timeout(&mut self, timeout_ms: u32) {
+        self.timeout_ns = u64::from(timeout_ms) * NS_PER_MS;
+        self.state = if timeout_ms == 0 { Heartbeat::Unconfigured } else { Heartbeat::Unknown };
+    }
+
+    pub(super) fn heard(&mut self, now_ns: u64) {
+        if self.timeout_ns > 0 {
+            self.state = Heartbeat::Active;
+            self.deadline_ns = now_ns.saturating_add(self.timeout_ns);
+        }
+    }
+
+    /// The boot-up message is no heartbeat: watching begins with the first real one.
+    pub(super) fn booted(&mut self) {
+        if self.timeout_ns > 0 {
+            self.state = Heartbeat::Unknown;
+        }
+    }
+
+    pub(super) fn tick(&mut self, now_ns: u64) {
+        if self.state == Heartbeat::Active && now_ns > self.deadline_ns {
+            self.state = Heartbeat::TimedOut;
+            self.timeouts = self.timeouts.saturating_add(1);
+        }
+    }
+
+    pub(super) fn state(&self) -> Heartbeat {
+        self.state
+    }
+
+    pub(super) fn timeouts(&self) -> u32 {
+        self.timeouts
+    }
+}
+
+/// When the host's heartbeat is due on one channel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct HeartbeatTimer {
+    due_ns: Option<u64>,
+}
+
+impl HeartbeatTimer {
+    pub(super) fn is_due(&self, now_ns: u64) -> bool {
+        self.due_ns.is_none_or(|due| now_ns >= due)
+    }
+
+    /// Keeps the pace of the plan; after a gap it begins anew, instead of catching up.
+    pub(super) fn sent(&mut self, now_ns: u64, settings: &HostHeartbeat) {
+        let period = u64::from(settings.period_ms.max(1)) * NS_PER_MS;
+        let next = self.due_ns.map_or(now_ns, |due| due.saturating_add(period));
+        self.due_ns = Some(if next > now_ns { next } else { now_ns.saturating_add(period) });
+    }
+
+    /// Due at once.
+    pub(super) fn reset(&mut self) {
+        self.due_ns = None;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::NodeId;
+
+    const MS: u64 = NS_PER_MS;
+
+    #[test]
+    fn watching_begins_with_the_first_heartbeat() {
+        let mut consumer = HeartbeatWatch::new(100);
+        consumer.tick(1_000 * MS);
+        assert_eq!(consumer.state(), Heartbeat::Unknown, "nothing heard, nothing missed");
+        consumer.heard(1_000 * MS);
+        consumer.tick(1_100 * MS);
+        assert_eq!(consumer.state(), Heartbeat::Active, "exactly in time");
+        consumer.tick(1_100 * MS + 1);
+        assert_eq!((consumer.state(), consumer.timeouts()), (Heartbeat::TimedOut, 1));
+        consumer.tick(9_000 * MS);
+        assert_eq!(consumer.timeouts(), 1, "one silence, one timeout");
+        consumer.heard(9_001 * MS);
+        assert_eq!(consumer.state(), Heartbeat::Active);
+    }
+
+    #[test]
+    fn a_boot_up_message_is_no_heartbeat() {
+        let mut consumer = HeartbeatWatch::new(100);
+        consumer.heard(0);
+        consumer.booted();
+        consumer.tick(500 * MS);
+        assert_eq!((consumer.state(), consumer.timeouts()), (Heartbeat::Unknown, 0));
+    }
+
+    #[test]
+    fn without_a_time_nothing_is_watched() {
+        let mut consumer = HeartbeatWatch::new(0);
+        consumer.heard(0);
+        consumer.booted();
+        consumer.tick(u64::MAX);
+        assert_eq!(consumer.state(), Heartbeat::Unconfigured);
+        consumer.set_timeout(5);
+        assert_eq!(consumer.state(), Heartbeat::Unknown);
+    }
+
+    #[test]
+    fn the_producer_keeps_its_pace_and_does_not_catch_up() {
+        let settings = HostHeartbeat { node: NodeId::new(127).unwrap(), period_ms: 10 };
+        let mut producer = HeartbeatTimer::default();
+        assert!(producer.is_due(0));
+        producer.sent(3 * MS, &settings);
+        assert!(!producer.is_due(12 * MS));
+        assert!(producer.is_due(13 * MS));
+        producer.sent(14 * MS, &settings);
+        assert!(producer.is_due(23 * MS), "a late cycle does not shift the plan");
+        producer.sent(100 * MS, &settings);
+        assert!(!producer.is_due(109 * MS));
+        assert!(producer.is_due(110 * MS));
+    }
+}

@@ -1,0 +1,321 @@
+//! The CANopen nodes behind the gateways of a Port.
+
+use crate::{NmtCommand, NmtRequest, NmtState, NodeId};
+use ecan_protocol::mapping::CHANNELS;
+
+use super::address::{NodeAddress, NodeHandle};
+use super::channel::Channel;
+use super::emcy_log::EmcyLog;
+use super::error::{NetworkError, NmtError, SdoFailure, SdoStartError};
+use super::heartbeat::Heartbeat;
+use super::node::{Node, NodeStatus};
+use super::sdo::{Sdo, SdoClient};
+use super::settings::{HostHeartbeat, NetworkConfig, NodeConfig, SyncConfig};
+use super::statistics::ServiceStatistics;
+
+/// The CANopen master of all nodes behind the gateways of a Port (CiA 301): NMT, heartbeat,
+/// EMCY, SYNC and one SDO client per node.
+///
+/// Nothing blocks. In every cycle, between `cycle_begin` and `cycle_end`:
+///
+/// ```text
+/// network.receive(port, now, |other| ..)   takes its frames, hands on the rest: TPDOs, reports
+/// ..                                       targets: RPDOs, sent by the application
+/// network.send_sync(port)                  SYNC behind them
+/// network.send(port, now)                  NMT, heartbeat and SDO frames that are due
+/// ```
+///
+/// In this order the frames of a cycle lie in the transmit FIFO of their channel: targets, then
+/// the SYNC that makes them effective, then service frames, so many per cycle as
+/// [`NetworkConfig::service_frames_per_cycle`] allows. A frame that finds no room, or its gateway
+/// out of service, waits for a later cycle.
+///
+/// When a gateway goes out of service, SDO transfers with its nodes end with
+/// [`SdoFault::GatewayLost`](crate::SdoFault::GatewayLost) and NMT commands that wait for it are
+/// dropped; heartbeats time out by themselves. Whatever is started afterwards waits until the
+/// gateway is back.
+///
+/// Memory is allocated while nodes are added and in the blocking helpers' results, never in
+/// the cycle. `now_ns` is the time of the bus clock,
+/// [`Adapter::clock`](ecan_host::Adapter::clock).
+#[derive(Debug)]
+pub struct Network {
+    pub(super) config: NetworkConfig,
+    pub(super) nodes: Vec<Node>,
+    pub(super) channels: Vec<Channel>,
+    pub(super) sync: Option<SyncConfig>,
+    pub(super) statistics: ServiceStatistics,
+}
+
+impl Network {
+    /// A network without nodes.
+    pub fn new(config: NetworkConfig) -> Self {
+        Self {
+            config,
+            nodes: Vec::new(),
+            channels: Vec::new(),
+            sync: None,
+            statistics: ServiceStatistics::default(),
+        }
+    }
+
+    /// Adds a node. Allocates, so before the cycle.
+    ///
+    /// # Errors
+    /// A [`NetworkError`]; nothing was added.
+    pub fn add_node(
+        &mut self,
+        address: NodeAddress,
+        settings: NodeConfig,
+    ) -> Result<NodeHandle, NetworkError> {
+        if usize::from(address.channel) >= CHANNELS {
+            return Err(NetworkError::Channel { address });
+        }
+        if self.config.host_heartbeat.is_some_and(|host| host.node == address.node) {
+            return Err(NetworkError::HostNode { address });
+        }
+        if self.find(address).is_some() {
+            return Err(NetworkError::Duplicate { address });
+        }
+        let place = self.nodes.len();
+        let short = u16::try_from(place).map_err(|_| NetworkError::TooMany)?;
+        self.nodes.push(Node::new(address, settings));
+        let (slave, channel) = (address.slave, address.channel);
+        let at = self.channel_place(slave, channel).unwrap_or_else(|| {
+            let mut channel = Channel::new(slave, channel, self.config.nmt_queue);
+            channel.sync.enable(self.sync.is_some());
+            self.channels.push(channel);
+            self.channels.len() - 1
+        });
+        if let Some(channel) = self.channels.get_mut(at) {
+            channel.add_node(address.node, short);
+        }
+        Ok(NodeHandle(place))
+    }
+
+    /// Number of nodes.
+    pub fn node_count(&self) -> usize {
+        self.nodes.len()
+    }
+
+    /// All nodes, in the order in which they were added.
+    pub fn handles(&self) -> impl Iterator<Item = NodeHandle> + use<> {
+        (0..self.nodes.len()).map(NodeHandle)
+    }
+
+    /// Where a node is.
+    pub fn address(&self, handle: NodeHandle) -> Option<NodeAddress> {
+        self.node(handle).map(|node| node.address)
+    }
+
+    /// The node at an address; real-time safe.
+    pub fn find(&self, address: NodeAddress) -> Option<NodeHandle> {
+        self.find_node(address.slave, address.channel, address.node)
+    }
+
+    pub(super) fn find_node(&self, slave: usize, channel: u8, node: NodeId) -> Option<NodeHandle> {
+        let channel = self.channels.get(self.channel_place(slave, channel)?)?;
+        channel.node(node).map(NodeHandle)
+    }
+
+    pub(super) fn node(&self, handle: NodeHandle) -> Option<&Node> {
+        self.nodes.get(handle.0)
+    }
+
+    pub(super) fn node_mut(&mut self, handle: NodeHandle) -> Option<&mut Node> {
+        self.nodes.get_mut(handle.0)
+    }
+
+    pub(super) fn channel_place(&self, slave: usize, channel: u8) -> Option<usize> {
+        self.channels.iter().position(|c| (c.slave, c.channel) == (slave, channel))
+    }
+
+    /// Counters; real-time safe.
+    pub fn statistics(&self) -> ServiceStatistics {
+        let sdo_strays = self.nodes.iter().map(|node| node.sdo.strays()).sum();
+        ServiceStatistics { sdo_strays, ..self.statistics }
+    }
+
+    // Node state
+
+    /// What is known of a node, at a glance; real-time safe.
+    pub fn status(&self, handle: NodeHandle) -> Option<NodeStatus> {
+        self.node(handle).map(Node::status)
+    }
+
+    /// The NMT state that a node reported last; `None` before it was heard, and after a reset
+    /// command until its boot-up message. Real-time safe.
+    pub fn nmt_state(&self, handle: NodeHandle) -> Option<NmtState> {
+        self.node(handle)?.nmt.reported()
+    }
+
+    /// How a node's heartbeat stands; real-time safe.
+    pub fn heartbeat(&self, handle: NodeHandle) -> Heartbeat {
+        self.node(handle).map_or(Heartbeat::Unconfigured, |node| node.heartbeat.state())
+    }
+
+    /// Watches a node's heartbeat with another time from now on, in milliseconds; 0 stops
+    /// watching. Real-time safe.
+    pub fn set_heartbeat_timeout(&mut self, handle: NodeHandle, timeout_ms: u32) {
+        if let Some(node) = self.node_mut(handle) {
+            node.heartbeat.set_timeout(timeout_ms);
+        }
+    }
+
+    /// The emergencies of a node; real-time safe.
+    pub fn emcy(&self, handle: NodeHandle) -> Option<&EmcyLog> {
+        self.node(handle).map(|node| &node.emcy)
+    }
+
+    // NMT
+
+    /// Queues an NMT command for one node; [`send`](Self::send) sends it, before any SDO frame of
+    /// its channel. It waits as long as the channel takes no frames, while bus-off too, and is
+    /// dropped when the gateway goes out of service. Real-time safe.
+    ///
+    /// # Errors
+    /// An [`NmtError`].
+    pub fn nmt(&mut self, handle: NodeHandle, command: NmtCommand) -> Result<(), NmtError> {
+        let address = self.address(handle).ok_or(NmtError::UnknownNode)?;
+        let (slave, channel) = (address.slave, address.channel);
+        let place = self.channel_place(slave, channel).ok_or(NmtError::UnknownNode)?;
+        let request = NmtRequest { command, node: Some(address.node) };
+        let queued = self.channels.get_mut(place).is_some_and(|place| place.queue_nmt(request));
+        if queued { Ok(()) } else { Err(NmtError::QueueFull { slave, channel }) }
+    }
+
+    /// Queues an NMT command to all nodes, as one broadcast per channel that has a node. It reaches
+    /// nodes that the network does not know, too. Real-time safe.
+    ///
+    /// # Errors
+    /// [`NmtError::QueueFull`]; then no channel gets it.
+    pub fn nmt_all(&mut self, command: NmtCommand) -> Result<(), NmtError> {
+        if let Some(full) = self.channels.iter().find(|channel| channel.nmt_is_full()) {
+            return Err(NmtError::QueueFull { slave: full.slave, channel: full.channel });
+        }
+        for channel in &mut self.channels {
+            channel.queue_nmt(NmtRequest { command, node: None });
+        }
+        Ok(())
+    }
+
+    /// Whether NMT commands still wait to be sent; real-time safe.
+    pub fn nmt_is_pending(&self) -> bool {
+        self.channels.iter().any(|channel| channel.next_nmt().is_some())
+    }
+
+    // Heartbeat of the host
+
+    /// Starts, changes or stops the host's own heartbeat; the next is due at once. Real-time safe.
+    ///
+    /// # Errors
+    /// [`NetworkError::HostNode`] where a node has its node-ID; nothing was changed.
+    pub fn set_host_heartbeat(
+        &mut self,
+        heartbeat: Option<HostHeartbeat>,
+    ) -> Result<(), NetworkError> {
+        if let Some(host) = heartbeat
+            && let Some(node) = self.nodes.iter().find(|node| node.address.node == host.node)
+        {
+            return Err(NetworkError::HostNode { address: node.address });
+        }
+        self.config.host_heartbeat = heartbeat;
+        for channel in &mut self.channels {
+            channel.heartbeat.reset();
+        }
+        Ok(())
+    }
+
+    /// The host's own heartbeat.
+    pub fn host_heartbeat(&self) -> Option<HostHeartbeat> {
+        self.config.host_heartbeat
+    }
+
+    // SDO
+
+    /// Begins to read an object of a node. Real-time safe; the bytes come in later cycles, see
+    /// [`sdo_state`](Self::sdo_state) and [`sdo_data`](Self::sdo_data).
+    ///
+    /// # Errors
+    /// [`SdoStartError::Busy`] or [`SdoStartError::UnknownNode`].
+    pub fn start_upload(
+        &mut self,
+        handle: NodeHandle,
+        index: u16,
+        subindex: u8,
+    ) -> Result<(), SdoStartError> {
+        self.sdo_mut(handle)?.start_upload(index, subindex)
+    }
+
+    /// Begins to read an object by block transfer; a server that refuses that is asked for
+    /// segments. Real-time safe.
+    ///
+    /// # Errors
+    /// [`SdoStartError::Busy`] or [`SdoStartError::UnknownNode`].
+    pub fn start_block_upload(
+        &mut self,
+        handle: NodeHandle,
+        index: u16,
+        subindex: u8,
+    ) -> Result<(), SdoStartError> {
+        self.sdo_mut(handle)?.start_block_upload(index, subindex)
+    }
+
+    /// Begins to write an object of a node: expedited up to four bytes, in segments or blocks above.
+    /// The bytes are copied. Real-time safe.
+    ///
+    /// # Errors
+    /// An [`SdoStartError`].
+    pub fn start_download(
+        &mut self,
+        handle: NodeHandle,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+    ) -> Result<(), SdoStartError> {
+        self.sdo_mut(handle)?.start_download(index, subindex, data)
+    }
+
+    /// Gives the transfer with a node up and tells the node. Real-time safe.
+    pub fn cancel_sdo(&mut self, handle: NodeHandle) {
+        if let Some(node) = self.node_mut(handle) {
+            node.sdo.cancel();
+        }
+    }
+
+    /// Number of SDO requests to a node that timed out, including those that a repetition then
+    /// completed. Real-time safe.
+    pub fn sdo_silences(&self, handle: NodeHandle) -> u64 {
+        self.node(handle).map_or(0, |node| node.sdo.silences())
+    }
+
+    /// How the transfer with a node stands; real-time safe.
+    pub fn sdo_state(&self, handle: NodeHandle) -> Sdo {
+        self.node(handle).map_or(Sdo::Idle, |node| node.sdo.state())
+    }
+
+    /// The value of the last successful transfer with a node, until the next one starts; real-time
+    /// safe.
+    pub fn sdo_data(&self, handle: NodeHandle) -> &[u8] {
+        self.node(handle).map_or(&[], |node| node.sdo.data())
+    }
+
+    /// The last transfer with a node, if it failed, with everything that locates it; real-time
+    /// safe.
+    pub fn sdo_failure(&self, handle: NodeHandle) -> Option<SdoFailure> {
+        let node = self.node(handle)?;
+        let Sdo::Failed(fault) = node.sdo.state() else { return None };
+        let (direction, index, subindex) = node.sdo.subject();
+        Some(SdoFailure { address: node.address, direction, index, subindex, fault })
+    }
+
+    /// Number of transfers that were started with a node: a change shows that another part of the
+    /// application has used its SDO client. Real-time safe.
+    pub fn sdo_generation(&self, handle: NodeHandle) -> u64 {
+        self.node(handle).map_or(0, |node| node.sdo.generation())
+    }
+
+    fn sdo_mut(&mut self, handle: NodeHandle) -> Result<&mut SdoClient, SdoStartError> {
+        self.node_mut(handle).map(|node| &mut node.sdo).ok_or(SdoStartError::UnknownNode)
+    }
+}

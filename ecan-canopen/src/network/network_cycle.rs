@@ -1,0 +1,137 @@
+//! The network's part of the cycle: what it takes in and what it sends.
+
+use crate::{CobId, Emcy, NmtState, Service, parse_heartbeat};
+use ecan_mcan_port::{Port, Received, ReceivedFrame};
+use ecan_protocol::can::FrameKind;
+
+use super::error::SdoFault;
+use super::frame_sink::FrameSink;
+use super::network::Network;
+use super::node::Node;
+use super::service_sender::ServiceSender;
+
+impl Network {
+    /// Takes in what the cycle brought: boot-up messages, heartbeats, emergencies and SDO answers
+    /// of its nodes. Everything else goes to `other`, in order: the nodes' TPDOs with slave,
+    /// channel and identifier, frames of unknown nodes, and transmit reports. Then looks at
+    /// timeouts and at the gateways' sessions.
+    ///
+    /// Once per cycle, between `cycle_begin` and `cycle_end`, before anything is sent. Real-time
+    /// safe as far as `other` is. Whether the cycle brought everything that the bus had to say is
+    /// in [`Port::cycle_report`].
+    pub fn receive(&mut self, port: &mut Port, now_ns: u64, mut other: impl FnMut(Received)) {
+        self.watch_gateways(port);
+        port.receive_each(|item| match &item {
+            Received::Frame(frame) if self.take(frame, now_ns) => {}
+            _ => other(item),
+        });
+        self.tick(now_ns);
+    }
+
+    /// Hands NMT commands, the host's heartbeat and SDO frames that are due to the gateways, in
+    /// this order on each channel.
+    ///
+    /// Once per cycle, between `cycle_begin` and `cycle_end`, behind the cycle's process data. What
+    /// finds no room waits for the next cycle; nothing is ever sent twice for that. Real-time safe.
+    pub fn send(&mut self, port: &mut Port, now_ns: u64) {
+        self.send_to(port, now_ns);
+    }
+
+    /// The channels whose gateway has gone out of service since the last cycle lose what is under
+    /// way.
+    pub(super) fn watch_gateways(&mut self, outlet: &impl FrameSink) {
+        let Self { channels, nodes, .. } = self;
+        for channel in channels {
+            let in_service = outlet.is_ready(channel.slave);
+            if channel.in_service && !in_service {
+                channel.gateway_lost();
+                for place in &channel.nodes {
+                    if let Some(node) = nodes.get_mut(*place) {
+                        node.sdo.drop_transfer(SdoFault::GatewayLost);
+                    }
+                }
+            }
+            channel.in_service = in_service;
+        }
+    }
+
+    /// Takes one frame in; gives whether it was for the network.
+    pub(super) fn take(&mut self, received: &ReceivedFrame, now_ns: u64) -> bool {
+        let frame = &received.frame;
+        if frame.kind() != FrameKind::Data {
+            return false;
+        }
+        let service = CobId::classify(frame.id());
+        let Some(Service::Emcy(node) | Service::SdoServer(node) | Service::Heartbeat(node)) =
+            service
+        else {
+            return false;
+        };
+        let Some(handle) = self.find_node(received.slave, received.channel, node) else {
+            return false;
+        };
+        let Self { nodes, statistics, .. } = self;
+        let Some(node) = nodes.get_mut(handle.0) else { return false };
+        let data = frame.data();
+        let is_valid = match service {
+            Some(Service::Emcy(_)) => emcy(node, data, now_ns),
+            Some(Service::Heartbeat(_)) => error_control(node, data, now_ns),
+            _ => {
+                node.sdo.receive(&padded(data), now_ns);
+                true
+            }
+        };
+        statistics.malformed += u64::from(!is_valid);
+        true
+    }
+
+    pub(super) fn tick(&mut self, now_ns: u64) {
+        for node in &mut self.nodes {
+            node.heartbeat.tick(now_ns);
+            node.sdo.tick(now_ns);
+        }
+        if let Some(sync) = &self.sync {
+            for channel in &mut self.channels {
+                channel.sync.tick(sync);
+            }
+        }
+    }
+
+    pub(super) fn send_to(&mut self, outlet: &mut impl FrameSink, now_ns: u64) {
+        let Self { config, nodes, channels, statistics, .. } = self;
+        for channel in channels {
+            ServiceSender { outlet, channel, nodes, config, statistics }.deliver(now_ns);
+        }
+    }
+}
+
+/// An SDO frame has eight bytes; a server that sends fewer means zeros.
+fn padded(data: &[u8]) -> [u8; 8] {
+    let mut bytes = [0; 8];
+    for (to, from) in bytes.iter_mut().zip(data) {
+        *to = *from;
+    }
+    bytes
+}
+
+fn emcy(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
+    let Some(emcy) = Emcy::parse(data) else { return false };
+    node.emcy.push(now_ns, emcy);
+    true
+}
+
+/// Boot-up messages and heartbeats.
+fn error_control(node: &mut Node, data: &[u8], now_ns: u64) -> bool {
+    let Some(state) = parse_heartbeat(data) else { return false };
+    if state == NmtState::Initialising {
+        node.nmt.booted();
+        node.heartbeat.booted();
+        if node.sdo.is_known_to_node() {
+            node.sdo.drop_transfer(SdoFault::NodeRestarted);
+        }
+    } else {
+        node.nmt.heard(state);
+        node.heartbeat.heard(now_ns);
+    }
+    true
+}

@@ -1,0 +1,165 @@
+//! Mapping a PDO in the order that drives accept (CiA 301, 7.5.2.35 to 7.5.2.38).
+
+use crate::{MappingEntry, PdoCobId, TransmissionType};
+use ecan_protocol::can::CanId;
+use thiserror::Error;
+
+use super::step::Step;
+
+/// The PDO does not exist: bit 31 of its COB-ID entry.
+const INVALID: u32 = 1 << 31;
+/// No remote request for the PDO: bit 30, which stays as the node has it.
+const NO_RTR: u32 = 1 << 30;
+
+/// Longest PDO, in bits.
+const MAX_BITS: u32 = 64;
+
+/// Which way a PDO goes, seen from the node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum PdoDirection {
+    /// RPDO: the node receives it.
+    Receive,
+    /// TPDO: the node sends it.
+    Transmit,
+}
+
+/// Why a PDO cannot be mapped so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+pub enum PdoMappingError {
+    /// PDO numbers run from 1 to 512.
+    #[error("PDO number {number} is not in 1..512")]
+    Number {
+        /// The number given.
+        number: u16,
+    },
+    /// Nothing, or more than a PDO holds, is mapped.
+    #[error("{bits} bits in {entries} entries are mapped, a PDO holds 8 to 64 bits")]
+    Size {
+        /// Bits mapped.
+        bits: u32,
+        /// Entries.
+        entries: usize,
+    },
+}
+
+/// How one PDO of a node is to be: plain data, turned into [`Step`]s.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct PdoMapping {
+    /// Which way it goes.
+    pub direction: PdoDirection,
+    /// Its number, 1..512.
+    pub number: u16,
+    /// Its identifier.
+    pub cob_id: CanId,
+    /// When it is sent or takes effect.
+    pub transmission: TransmissionType,
+    /// Shortest time between two of a TPDO, in units of 100 microseconds (subindex 3); `None`
+    /// leaves it as it is.
+    pub inhibit_time: Option<u16>,
+    /// Longest time between two of a TPDO, or deadline of an RPDO, in milliseconds (subindex 5);
+    /// `None` leaves it as it is.
+    pub event_timer_ms: Option<u16>,
+    /// What it carries, in order.
+    pub entries: Vec<MappingEntry>,
+}
+
+impl PdoMapping {
+    /// Index of the communication parameters: 0x1400 or 0x1800 upwards.
+    pub fn communication_index(&self) -> u16 {
+        communication_index(self.direction, self.number)
+    }
+
+    /// Index of the mapping parameters: 0x1600 or 0x1A00 upwards.
+    pub fn mapping_index(&self) -> u16 {
+        self.communication_index().wrapping_add(MAPPING)
+    }
+
+    /// Bytes that the PDO carries.
+    pub fn length(&self) -> usize {
+        self.bits().div_ceil(8) as usize
+    }
+
+    fn bits(&self) -> u32 {
+        self.entries.iter().map(|entry| u32::from(entry.bits)).sum()
+    }
+
+    /// The steps: COB-ID invalid, transmission type and times, count 0, entries, count n, all of
+    /// it read back, then COB-ID valid and read back. The COB-ID entry is read first and its bit 30
+    /// kept, since drives differ in whether they let it change.
+    ///
+    /// The node must be pre-operational.
+    ///
+    /// # Errors
+    /// A [`PdoMappingError`].
+    pub fn steps(&self) -> Result<Vec<Step>, PdoMappingError> {
+        if !(1..=512).contains(&self.number) {
+            return Err(PdoMappingError::Number { number: self.number });
+        }
+        let (bits, entries) = (self.bits(), self.entries.len());
+        if !(1..=MAX_BITS).contains(&bits) || entries > MAX_BITS as usize {
+            return Err(PdoMappingError::Size { bits, entries });
+        }
+        // infallible: at most 64 entries
+        let count = u8::try_from(entries).unwrap_or(u8::MAX);
+        let (communication, mapping) = (self.communication_index(), self.mapping_index());
+        let cob_id = PdoCobId::new(self.cob_id).raw() & !NO_RTR;
+        let mut steps = vec![
+            Step::modify(communication, 1, 0, INVALID).named("PDO off"),
+            Step::write(communication, 2, self.transmission.raw()).named("transmission type"),
+        ];
+        if let Some(inhibit_time) = self.inhibit_time {
+            steps.push(Step::write(communication, 3, inhibit_time).named("inhibit time"));
+        }
+        if let Some(event_timer) = self.event_timer_ms {
+            steps.push(Step::write(communication, 5, event_timer).named("event timer"));
+        }
+        steps.push(Step::write(mapping, 0, 0u8).named("mapping off"));
+        let numbered = || (1u8..).zip(&self.entries);
+        steps.extend(
+            numbered().map(|(nth, entry)| Step::write(mapping, nth, entry.raw()).named("mapping")),
+        );
+        steps.push(Step::write(mapping, 0, count).named("mapping on"));
+        steps.push(Step::expect(communication, 2, self.transmission.raw()).named("readback"));
+        steps.push(Step::expect(mapping, 0, count).named("readback"));
+        steps.extend(
+            numbered()
+                .map(|(nth, entry)| Step::expect(mapping, nth, entry.raw()).named("readback")),
+        );
+        steps.push(Step::modify(communication, 1, !NO_RTR, cob_id).named("PDO on"));
+        let relevant = u64::from(!NO_RTR);
+        steps.push(
+            Step::expect_masked(communication, 1, u64::from(cob_id), relevant).named("readback"),
+        );
+        Ok(steps)
+    }
+
+    /// The steps that switch a PDO off.
+    ///
+    /// # Errors
+    /// [`PdoMappingError::Number`].
+    pub fn disabling_steps(
+        direction: PdoDirection,
+        number: u16,
+    ) -> Result<Vec<Step>, PdoMappingError> {
+        if !(1..=512).contains(&number) {
+            return Err(PdoMappingError::Number { number });
+        }
+        let communication = communication_index(direction, number);
+        let invalid = u64::from(INVALID);
+        Ok(vec![
+            Step::modify(communication, 1, 0, INVALID).named("PDO off"),
+            Step::expect_masked(communication, 1, invalid, invalid).named("readback"),
+        ])
+    }
+}
+
+/// From the communication parameters of a PDO to its mapping.
+const MAPPING: u16 = 0x200;
+
+fn communication_index(direction: PdoDirection, number: u16) -> u16 {
+    let base = match direction {
+        PdoDirection::Receive => 0x1400,
+        PdoDirection::Transmit => 0x1800,
+    };
+    base + (number.wrapping_sub(1) & 0x1FF)
+}

@@ -1,0 +1,325 @@
+//! The state machine of an SDO client: frames and time in, frames and results out.
+
+use std::fmt;
+
+use crate::MAX_BLOCK_SIZE;
+use ecan_host::SdoDirection;
+use ecan_protocol::object::AbortCode;
+
+use super::transfer::{Phase, Transfer, TransferFailure};
+use crate::network::error::{SdoFault, SdoStartError};
+use crate::network::heartbeat::NS_PER_MS;
+use crate::network::settings::SdoConfig;
+
+/// Bytes behind the longest value that the last segment of a block may fill up.
+const PADDING: usize = 7;
+
+/// How a node's SDO client stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Sdo {
+    /// Nothing was transferred yet.
+    #[default]
+    Idle,
+    /// A transfer is under way.
+    Busy,
+    /// The last transfer succeeded.
+    Done {
+        /// Bytes of the value.
+        len: usize,
+    },
+    /// The last transfer failed.
+    Failed(SdoFault),
+}
+
+impl fmt::Display for Sdo {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Idle => f.write_str("idle"),
+            Self::Busy => f.write_str("busy"),
+            Self::Done { len } => write!(f, "done, {len} bytes"),
+            Self::Failed(fault) => write!(f, "failed: {fault}"),
+        }
+    }
+}
+
+/// The SDO client of one node, without a bus: whoever owns it carries its frames.
+///
+/// ```text
+/// start_upload, start_download     begin a transfer
+/// frame                            what is to be sent next, if anything
+/// sent                             it was sent: the time for the answer runs
+/// receive                          a frame of the server came
+/// tick                             time passed
+/// state, data                      how it stands, and the value
+/// ```
+///
+/// A frame that finds no room is simply asked for again in a later cycle. After a missing or
+/// damaged answer the server is told to abort and the transfer starts over, as often as
+/// [`SdoConfig::retries`] says. Answers about another object, and segments that belong to an
+/// earlier attempt, are ignored. Only an answer to an earlier request for the same object cannot be
+/// told apart: after a timeout a value may be as old as the attempts took, so what has to be fresh
+/// does not come by SDO. Real-time safe; memory is allocated in [`new`](Self::new) alone.
+#[derive(Debug)]
+pub struct SdoClient {
+    pub(super) buffer: Box<[u8]>,
+    pub(super) transfer: Option<Transfer>,
+    settings: SdoConfig,
+    outcome: Sdo,
+    /// What the outcome is about.
+    subject: (SdoDirection, u16, u8),
+    /// An abort that the server has to be told before anything else.
+    pub(super) abort: Option<[u8; 8]>,
+    /// The server has refused block transfer, of uploads and of downloads.
+    refuses_block: (bool, bool),
+    generation: u64,
+    strays: u64,
+    silences: u64,
+}
+
+impl SdoClient {
+    /// A client for one server.
+    pub fn new(settings: SdoConfig) -> Self {
+        let length = settings.buffer_bytes.saturating_add(PADDING);
+        Self {
+            buffer: vec![0; length].into_boxed_slice(),
+            transfer: None,
+            settings,
+            outcome: Sdo::Idle,
+            subject: (SdoDirection::Upload, 0, 0),
+            abort: None,
+            refuses_block: (false, false),
+            generation: 0,
+            strays: 0,
+            silences: 0,
+        }
+    }
+
+    /// Bytes of the longest value.
+    pub fn capacity(&self) -> usize {
+        self.buffer.len() - PADDING
+    }
+
+    /// How it stands.
+    pub fn state(&self) -> Sdo {
+        if self.transfer.is_some() { Sdo::Busy } else { self.outcome }
+    }
+
+    /// The value of the last successful transfer; empty in every other state.
+    pub fn data(&self) -> &[u8] {
+        match self.state() {
+            Sdo::Done { len } => self.buffer.get(..len).unwrap_or_default(),
+            _ => &[],
+        }
+    }
+
+    /// What the transfer under way or the last one is about: direction, index, subindex.
+    pub fn subject(&self) -> (SdoDirection, u16, u8) {
+        self.subject
+    }
+
+    /// Number of the last transfer started, from 1.
+    pub fn generation(&self) -> u64 {
+        self.generation
+    }
+
+    /// Frames of the server that fitted no transfer.
+    pub fn strays(&self) -> u64 {
+        self.strays
+    }
+
+    /// Times that the server did not answer, also where it did after a repetition.
+    pub fn silences(&self) -> u64 {
+        self.silences
+    }
+
+    /// Begins to read an object; by block transfer only where the settings say so.
+    ///
+    /// # Errors
+    /// [`SdoStartError::Busy`].
+    pub fn start_upload(&mut self, index: u16, subindex: u8) -> Result<(), SdoStartError> {
+        let block = self.settings.block.upload && !self.refuses_block.0;
+        self.start(Transfer::new(SdoDirection::Upload, (index, subindex), None, block))
+    }
+
+    /// Begins to read an object by block transfer, whatever the settings say. A server that
+    /// refuses that is asked again for a segmented transfer.
+    ///
+    /// # Errors
+    /// [`SdoStartError::Busy`].
+    pub fn start_block_upload(&mut self, index: u16, subindex: u8) -> Result<(), SdoStartError> {
+        self.start(Transfer::new(SdoDirection::Upload, (index, subindex), None, true))
+    }
+
+    /// Begins to write an object.
+    ///
+    /// # Errors
+    /// [`SdoStartError::Busy`], or [`SdoStartError::TooLong`].
+    pub fn start_download(
+        &mut self,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+    ) -> Result<(), SdoStartError> {
+        if self.transfer.is_some() {
+            return Err(SdoStartError::Busy);
+        }
+        let (length, capacity) = (data.len(), self.capacity());
+        if length > capacity || u32::try_from(length).is_err() {
+            return Err(SdoStartError::TooLong { length, capacity });
+        }
+        for (to, from) in self.buffer.iter_mut().zip(data) {
+            *to = *from;
+        }
+        let from = self.settings.block.download_from;
+        let block =
+            length > 4 && !self.refuses_block.1 && from.is_some_and(|least| length >= least);
+        let subject = (index, subindex);
+        self.start(Transfer::new(SdoDirection::Download, subject, Some(length), block))
+    }
+
+    fn start(&mut self, mut transfer: Transfer) -> Result<(), SdoStartError> {
+        if self.transfer.is_some() {
+            return Err(SdoStartError::Busy);
+        }
+        transfer.attempts = 1;
+        self.subject = (transfer.direction, transfer.index, transfer.subindex);
+        self.transfer = Some(transfer);
+        self.generation += 1;
+        Ok(())
+    }
+
+    /// Gives the transfer under way up, and tells the server.
+    pub fn cancel(&mut self) {
+        self.tell_abort(AbortCode::GENERAL);
+        self.fail(SdoFault::Cancelled);
+    }
+
+    /// Ends the transfer under way without telling the server, who has forgotten it.
+    pub fn drop_transfer(&mut self, fault: SdoFault) {
+        self.abort = None;
+        self.fail(fault);
+    }
+
+    /// Whether the server knows of the transfer under way.
+    pub fn is_known_to_node(&self) -> bool {
+        self.transfer.is_some_and(|transfer| transfer.is_known_to_node)
+    }
+
+    /// The time: answers that are overdue count as lost.
+    pub fn tick(&mut self, now_ns: u64) {
+        let Some(transfer) = &mut self.transfer else { return };
+        if transfer.deadline_ns.is_none_or(|deadline| now_ns <= deadline) {
+            return;
+        }
+        self.silences += 1;
+        if let Phase::BlockUploadSegments { last, seen: true } = transfer.phase
+            && transfer.stalls < self.settings.retries
+            && (transfer.crc || transfer.size.is_some())
+        {
+            // The end of a block got lost: the server sends again what is not acknowledged. If it
+            // is only late, segments come twice, which CRC or size must be able to reveal.
+            transfer.stalls = transfer.stalls.saturating_add(1);
+            transfer.block_arrived(last, false);
+            return;
+        }
+        self.trouble(TransferFailure::Silence);
+    }
+
+    /// The transfer cannot go on as it is: starts over or ends.
+    pub(super) fn trouble(&mut self, trouble: TransferFailure) {
+        let Some(transfer) = &mut self.transfer else { return };
+        let opening_block = transfer.is_opening_block();
+        let attempts = transfer.attempts;
+        let has_attempts = attempts <= self.settings.retries && attempts < u8::MAX;
+        let (code, fault, again) = match trouble {
+            TransferFailure::Abort(code) if opening_block && is_block_refusal(code) => {
+                let for_good = matches!(code, AbortCode::COMMAND | AbortCode::UNSUPPORTED_ACCESS);
+                match transfer.direction {
+                    SdoDirection::Upload => self.refuses_block.0 |= for_good,
+                    SdoDirection::Download => self.refuses_block.1 |= for_good,
+                }
+                transfer.block = false;
+                transfer.begin();
+                return;
+            }
+            TransferFailure::Abort(code) => {
+                (None, SdoFault::Aborted(code), has_attempts && is_transmission_fault(code))
+            }
+            TransferFailure::Silence => {
+                (Some(AbortCode::TIMEOUT), SdoFault::TimedOut { attempts }, has_attempts)
+            }
+            TransferFailure::Violation(code) => {
+                (Some(code), SdoFault::Violated(code), has_attempts)
+            }
+            TransferFailure::TooLong => {
+                let capacity = self.buffer.len() - PADDING;
+                (Some(AbortCode::OUT_OF_MEMORY), SdoFault::TooLong { capacity }, false)
+            }
+        };
+        if again {
+            // A server without block transfer may also just keep silent.
+            transfer.block &= !opening_block;
+            transfer.attempts += 1;
+            let mut restarted = *transfer;
+            restarted.begin();
+            if let Some(code) = code {
+                self.tell_abort(code);
+            }
+            self.transfer = Some(restarted);
+        } else {
+            if let Some(code) = code {
+                self.tell_abort(code);
+            }
+            self.fail(fault);
+        }
+    }
+
+    fn fail(&mut self, fault: SdoFault) {
+        if self.transfer.take().is_some() {
+            self.outcome = Sdo::Failed(fault);
+        }
+    }
+
+    pub(super) fn succeed(&mut self, len: usize) {
+        if self.transfer.take().is_some() {
+            self.outcome = Sdo::Done { len };
+        }
+    }
+
+    pub(super) fn stray(&mut self) {
+        self.strays += 1;
+    }
+
+    /// Segments per block of an upload.
+    pub(super) fn block_size(&self) -> u8 {
+        self.settings.block.segments.clamp(1, MAX_BLOCK_SIZE)
+    }
+
+    pub(super) fn retries(&self) -> u8 {
+        self.settings.retries
+    }
+
+    pub(super) fn deadline(&self, now_ns: u64) -> u64 {
+        now_ns.saturating_add(u64::from(self.settings.timeout_ms) * NS_PER_MS)
+    }
+}
+
+/// Codes with which servers refuse block transfer, but perhaps not segmented transfer.
+fn is_block_refusal(code: AbortCode) -> bool {
+    const INVALID_BLOCK_SIZE: AbortCode = AbortCode(0x0504_0002);
+    matches!(
+        code,
+        AbortCode::COMMAND
+            | INVALID_BLOCK_SIZE
+            | AbortCode::OUT_OF_MEMORY
+            | AbortCode::UNSUPPORTED_ACCESS
+            | AbortCode::GENERAL
+    )
+}
+
+/// Codes that tell of lost or damaged frames, not of the object.
+fn is_transmission_fault(code: AbortCode) -> bool {
+    const INVALID_SEQUENCE: AbortCode = AbortCode(0x0504_0003);
+    const CRC: AbortCode = AbortCode(0x0504_0004);
+    matches!(code, AbortCode::TOGGLE | AbortCode::TIMEOUT | INVALID_SEQUENCE | CRC)
+}

@@ -1,0 +1,276 @@
+//! What the SDO client makes of the server's frames.
+
+use crate::{BlockSegment, Initiate, MAX_BLOCK_SIZE, Segment, ServerFrame, block_crc};
+use ecan_protocol::object::AbortCode;
+
+use super::client::SdoClient;
+use super::transfer::{Phase, SEGMENT, TransferFailure};
+
+const INVALID_BLOCK_SIZE: AbortCode = AbortCode(0x0504_0002);
+const INVALID_SEQUENCE: AbortCode = AbortCode(0x0504_0003);
+const CRC_ERROR: AbortCode = AbortCode(0x0504_0004);
+
+impl SdoClient {
+    /// A frame of the server came, at `now_ns`.
+    pub fn receive(&mut self, frame: &[u8; 8], now_ns: u64) {
+        let Some(transfer) = &self.transfer else { return self.stray() };
+        if !transfer.is_known_to_node {
+            // Nothing has been asked: it belongs to an earlier attempt.
+            return self.stray();
+        }
+        let answer = ServerFrame::parse(frame);
+        if let Phase::BlockUploadSegments { last, .. } = transfer.phase
+            && let Some(segment) = BlockSegment::parse(frame)
+        {
+            // The answer to an earlier request for the same object looks like a segment.
+            let is_late = matches!(
+                answer,
+                Ok(ServerFrame::BlockUpload { index, subindex, .. }
+                    | ServerFrame::Upload { index, subindex, .. })
+                    if transfer.is_about(index, subindex) && segment.sequence != last + 1
+            );
+            if is_late || segment.sequence > self.block_size() {
+                return self.stray();
+            }
+            return self.block_segment(segment, last, now_ns);
+        }
+        match answer {
+            Ok(ServerFrame::Abort { index, subindex, code }) => {
+                // Some servers do not name the object of a transfer that is under way.
+                if transfer.is_about(index, subindex) || (index, subindex) == (0, 0) {
+                    self.trouble(TransferFailure::Abort(code));
+                } else {
+                    self.stray();
+                }
+            }
+            Ok(answer) if transfer.expects_answer() => self.answer(answer),
+            _ => self.stray(),
+        }
+    }
+
+    fn answer(&mut self, answer: ServerFrame) {
+        let Some(transfer) = &mut self.transfer else { return };
+        if let Some((index, subindex)) = subject(&answer)
+            && !transfer.is_about(index, subindex)
+        {
+            return self.stray();
+        }
+        match (transfer.phase, answer) {
+            (Phase::Upload | Phase::BlockUpload, ServerFrame::Upload { initiate, .. }) => {
+                self.upload_begins(initiate)
+            }
+            (Phase::UploadSegment { toggle }, ServerFrame::UploadSegment(segment)) => {
+                self.upload_segment(&segment, toggle);
+            }
+            (Phase::Download, ServerFrame::Download { .. }) => {
+                let size = transfer.size.unwrap_or_default();
+                if (1..=4).contains(&size) {
+                    self.succeed(size);
+                } else {
+                    transfer.go(Phase::DownloadSegment { toggle: false });
+                }
+            }
+            (
+                Phase::DownloadSegment { toggle },
+                ServerFrame::DownloadSegment { toggle: answered },
+            ) => {
+                if answered != toggle {
+                    return self.trouble(TransferFailure::Violation(AbortCode::TOGGLE));
+                }
+                let size = transfer.size.unwrap_or_default();
+                transfer.position = size.min(transfer.position + SEGMENT);
+                if transfer.position >= size {
+                    self.succeed(size);
+                } else {
+                    transfer.go(Phase::DownloadSegment { toggle: !toggle });
+                }
+            }
+            (Phase::BlockUpload, ServerFrame::BlockUpload { size, crc, .. }) => {
+                transfer.crc = crc;
+                if self.announce(size) {
+                    self.go(Phase::BlockUploadStart);
+                }
+            }
+            (Phase::BlockUploadEnd, ServerFrame::BlockUploadEnd { unused, crc }) => {
+                self.block_upload_ends(unused, crc);
+            }
+            (Phase::BlockDownload, ServerFrame::BlockDownload { block_size, crc, .. }) => {
+                transfer.crc = crc;
+                self.next_block(block_size);
+            }
+            (
+                Phase::BlockDownloadSegments { sent },
+                ServerFrame::BlockDownloadAck { received, block_size },
+            ) => self.block_acknowledged(sent, received, block_size),
+            (Phase::BlockDownloadEnd, ServerFrame::BlockDownloadEnd) => {
+                let size = transfer.size.unwrap_or_default();
+                self.succeed(size);
+            }
+            // The right object, the wrong service.
+            (
+                Phase::Upload | Phase::BlockUpload | Phase::Download | Phase::BlockDownload,
+                ServerFrame::Upload { .. }
+                | ServerFrame::Download { .. }
+                | ServerFrame::BlockUpload { .. }
+                | ServerFrame::BlockDownload { .. },
+            ) => self.trouble(TransferFailure::Violation(AbortCode::COMMAND)),
+            // An answer to an earlier attempt that was late.
+            _ => self.stray(),
+        }
+    }
+
+    fn go(&mut self, phase: Phase) {
+        if let Some(transfer) = &mut self.transfer {
+            transfer.go(phase);
+        }
+    }
+
+    /// Takes the size that the server tells; gives whether it fits.
+    fn announce(&mut self, size: Option<u32>) -> bool {
+        let capacity = self.capacity();
+        let Some(transfer) = &mut self.transfer else { return false };
+        transfer.size = size.map(|size| usize::try_from(size).unwrap_or(usize::MAX));
+        if transfer.size.is_some_and(|size| size > capacity) {
+            self.trouble(TransferFailure::TooLong);
+            return false;
+        }
+        true
+    }
+
+    fn upload_begins(&mut self, initiate: Initiate) {
+        match initiate {
+            Initiate::Expedited { data, length } => {
+                let length = usize::from(length.unwrap_or(4)).min(data.len());
+                if length > self.capacity() {
+                    return self.trouble(TransferFailure::TooLong);
+                }
+                self.store(0, data.get(..length).unwrap_or_default());
+                self.succeed(length);
+            }
+            Initiate::Segmented { size } => {
+                if self.announce(size) {
+                    self.go(Phase::UploadSegment { toggle: false });
+                }
+            }
+        }
+    }
+
+    fn upload_segment(&mut self, segment: &Segment, toggle: bool) {
+        if segment.toggle != toggle {
+            return self.trouble(TransferFailure::Violation(AbortCode::TOGGLE));
+        }
+        let capacity = self.capacity();
+        let Some(transfer) = &mut self.transfer else { return };
+        let (at, size) = (transfer.position, transfer.size);
+        let end = at + segment.bytes().len();
+        transfer.position = end;
+        transfer.go(Phase::UploadSegment { toggle: !toggle });
+        if end > capacity {
+            return self.trouble(TransferFailure::TooLong);
+        }
+        self.store(at, segment.bytes());
+        let is_whole = size.is_none_or(|size| size == end);
+        let is_too_much = size.is_some_and(|size| end > size);
+        if is_too_much || segment.last && !is_whole {
+            self.trouble(TransferFailure::Violation(AbortCode::LENGTH));
+        } else if segment.last {
+            self.succeed(end);
+        }
+    }
+
+    /// A segment of a block; `last` of the block are here in order.
+    fn block_segment(&mut self, segment: BlockSegment, last: u8, now_ns: u64) {
+        let deadline = self.deadline(now_ns);
+        let (block_size, limit) = (self.block_size(), self.buffer.len());
+        let Some(transfer) = &mut self.transfer else { return };
+        let in_order = segment.sequence == last + 1;
+        let last = if in_order { segment.sequence } else { last };
+        let at = transfer.position + usize::from(segment.sequence - 1) * SEGMENT;
+        transfer.phase = Phase::BlockUploadSegments { last, seen: true };
+        transfer.deadline_ns = Some(deadline);
+        let ends_value = in_order && segment.last;
+        if ends_value || segment.last || segment.sequence >= block_size {
+            transfer.stalls = if last == 0 { transfer.stalls.saturating_add(1) } else { 0 };
+            transfer.block_arrived(last, ends_value);
+        }
+        if in_order {
+            if at + SEGMENT > limit {
+                return self.trouble(TransferFailure::TooLong);
+            }
+            self.store(at, &segment.data);
+        }
+        self.check_stalls();
+    }
+
+    fn block_upload_ends(&mut self, unused: u8, crc: u16) {
+        let capacity = self.capacity();
+        let Some(transfer) = &mut self.transfer else { return };
+        let length = transfer.position.saturating_sub(usize::from(unused));
+        transfer.position = length;
+        let (size, checks) = (transfer.size, transfer.crc);
+        if length > capacity {
+            return self.trouble(TransferFailure::TooLong);
+        }
+        if size.is_some_and(|size| size != length) {
+            return self.trouble(TransferFailure::Violation(AbortCode::LENGTH));
+        }
+        let value = self.buffer.get(..length).unwrap_or_default();
+        if checks && block_crc(0, value) != crc {
+            return self.trouble(TransferFailure::Violation(CRC_ERROR));
+        }
+        self.go(Phase::BlockUploadEndAck);
+    }
+
+    fn next_block(&mut self, block_size: u8) {
+        if !(1..=MAX_BLOCK_SIZE).contains(&block_size) {
+            return self.trouble(TransferFailure::Violation(INVALID_BLOCK_SIZE));
+        }
+        if let Some(transfer) = &mut self.transfer {
+            transfer.block_size = block_size;
+            transfer.go(Phase::BlockDownloadSegments { sent: 0 });
+        }
+    }
+
+    /// The server has `received` of the `sent` segments of the block.
+    fn block_acknowledged(&mut self, sent: u8, received: u8, block_size: u8) {
+        let Some(transfer) = &mut self.transfer else { return };
+        if received > sent {
+            return self.trouble(TransferFailure::Violation(INVALID_SEQUENCE));
+        }
+        let size = transfer.size.unwrap_or_default();
+        transfer.position = size.min(transfer.position + usize::from(received) * SEGMENT);
+        transfer.stalls = if received == 0 { transfer.stalls.saturating_add(1) } else { 0 };
+        if transfer.position >= size {
+            transfer.go(Phase::BlockDownloadEnd);
+        } else {
+            self.next_block(block_size);
+            self.check_stalls();
+        }
+    }
+
+    /// Blocks of which nothing arrives are not sent forever.
+    fn check_stalls(&mut self) {
+        let limit = self.retries();
+        if self.transfer.is_some_and(|transfer| transfer.stalls > limit) {
+            self.trouble(TransferFailure::Violation(INVALID_SEQUENCE));
+        }
+    }
+
+    fn store(&mut self, at: usize, bytes: &[u8]) {
+        for (to, from) in self.buffer.iter_mut().skip(at).zip(bytes) {
+            *to = *from;
+        }
+    }
+}
+
+/// The object that an answer names.
+fn subject(answer: &ServerFrame) -> Option<(u16, u8)> {
+    match *answer {
+        ServerFrame::Upload { index, subindex, .. }
+        | ServerFrame::Download { index, subindex }
+        | ServerFrame::BlockUpload { index, subindex, .. }
+        | ServerFrame::BlockDownload { index, subindex, .. }
+        | ServerFrame::Abort { index, subindex, .. } => Some((index, subindex)),
+        _ => None,
+    }
+}

@@ -1,0 +1,158 @@
+//! Carries the service frames of one channel to its gateway, within the limits of a cycle.
+
+use crate::{CobId, NmtState, heartbeat_data};
+use ecan_mcan_port::{SendError, SendOptions};
+use ecan_protocol::can::FrameRef;
+
+use super::channel::Channel;
+use super::error::SdoFault;
+use super::frame_sink::{FrameSink, is_passing};
+use super::node::Node;
+use super::settings::{NetworkConfig, SyncConfig};
+use super::statistics::ServiceStatistics;
+
+/// Bytes that an SDO frame takes in the RxPDO image: control word, 11-bit identifier and eight
+/// bytes of data (manual 8.3).
+const SDO_PACKET_BYTES: usize = 12;
+
+pub(super) struct ServiceSender<'a, O> {
+    pub(super) outlet: &'a mut O,
+    pub(super) channel: &'a mut Channel,
+    pub(super) nodes: &'a mut [Node],
+    pub(super) config: &'a NetworkConfig,
+    pub(super) statistics: &'a mut ServiceStatistics,
+}
+
+impl<O: FrameSink> ServiceSender<'_, O> {
+    /// Everything that is due in this cycle.
+    pub(super) fn deliver(&mut self, now_ns: u64) {
+        let budget = self.config.service_frames_per_cycle.max(1);
+        let left = self.send_nmt(budget);
+        self.send_heartbeat(now_ns);
+        self.send_sdo(left, now_ns);
+    }
+
+    fn send(&mut self, id: CobId, data: &[u8], options: SendOptions) -> Result<(), SendError> {
+        let (slave, channel) = (self.channel.slave, self.channel.channel);
+        let sent = FrameRef::classic(id.can_id(), data)
+            .map_err(SendError::from)
+            .and_then(|frame| self.outlet.send(slave, channel, frame, options));
+        match sent {
+            Ok(_) => Ok(()),
+            Err(error) => {
+                self.statistics.note(error);
+                Err(error)
+            }
+        }
+    }
+
+    /// NMT commands in their order; gives what is left of the budget.
+    fn send_nmt(&mut self, budget: u8) -> u8 {
+        for used in 0..budget {
+            let Some(request) = self.channel.next_nmt() else { return budget - used };
+            match self.send(CobId::NMT, &request.to_bytes(), SendOptions::default()) {
+                Ok(()) => {
+                    self.statistics.nmt_sent += 1;
+                    for place in &self.channel.nodes {
+                        if let Some(node) = self.nodes.get_mut(*place)
+                            && request.concerns(node.address.node)
+                        {
+                            node.nmt.commanded(request.command);
+                        }
+                    }
+                }
+                // SDO frames behind a command must not overtake it.
+                Err(error) if is_passing(error) => return 0,
+                Err(_) => {}
+            }
+            self.channel.nmt_sent();
+        }
+        0
+    }
+
+    fn send_heartbeat(&mut self, now_ns: u64) {
+        let Some(host) = self.config.host_heartbeat else { return };
+        if !self.channel.heartbeat.is_due(now_ns) {
+            return;
+        }
+        let data = heartbeat_data(NmtState::Operational);
+        if self.send(CobId::heartbeat(host.node), &data, SendOptions::default()).is_ok() {
+            self.statistics.heartbeats_sent += 1;
+            self.channel.heartbeat.sent(now_ns, &host);
+        }
+    }
+
+    /// SDO frames, node by node in turn, so that all go on alike.
+    fn send_sdo(&mut self, mut budget: u8, now_ns: u64) {
+        let count = self.channel.nodes.len();
+        let mut idle = 0;
+        while budget > 0 && idle < count {
+            let turn = self.channel.turn % count;
+            match self.send_sdo_of(turn, now_ns) {
+                Ok(true) => {
+                    idle = 0;
+                    budget -= 1;
+                }
+                Ok(false) => idle += 1,
+                Err(()) => return,
+            }
+            self.channel.turn = turn + 1;
+        }
+    }
+
+    /// Whether an SDO frame leaves the room that the settings keep for targets.
+    fn may_send_sdo(&self) -> bool {
+        let (slave, channel) = (self.channel.slave, self.channel.channel);
+        let needed = self.config.reserved_image_bytes.saturating_add(SDO_PACKET_BYTES);
+        self.outlet.pending(slave, channel) < self.config.sdo_pending_limit
+            && self.outlet.room(slave) >= needed
+    }
+
+    /// Sends one frame of a node, if it has one; an error ends the cycle's round.
+    fn send_sdo_of(&mut self, turn: usize, now_ns: u64) -> Result<bool, ()> {
+        let Some(place) = self.channel.nodes.get(turn).copied() else { return Ok(false) };
+        let Some(node) = self.nodes.get(place) else { return Ok(false) };
+        let Some(frame) = node.sdo.frame() else { return Ok(false) };
+        if !self.may_send_sdo() {
+            self.statistics.waited += 1;
+            return Err(());
+        }
+        let id = CobId::sdo_client(node.address.node);
+        let sent = self.send(id, &frame, SendOptions::default());
+        let Some(node) = self.nodes.get_mut(place) else { return Ok(false) };
+        match sent {
+            Ok(()) => {
+                self.statistics.sdo_sent += 1;
+                node.sdo.sent(now_ns);
+                Ok(true)
+            }
+            Err(error) if is_passing(error) => Err(()),
+            Err(error) => {
+                node.sdo.drop_transfer(SdoFault::Refused(error));
+                Ok(false)
+            }
+        }
+    }
+
+    /// The SYNC that is due, if one is. Behind an image that is held it would go out with the SYNC
+    /// of the cycle that ends the hold, back to back; so it waits.
+    pub(super) fn send_sync(&mut self, settings: &SyncConfig) {
+        if !self.channel.sync.is_due() {
+            return;
+        }
+        if self.outlet.is_holding(self.channel.slave) {
+            self.statistics.syncs_late += 1;
+            return;
+        }
+        let counter = self.channel.sync.counter(settings);
+        let data = counter.as_slice();
+        let options = SendOptions { schedule: settings.schedule, ..SendOptions::default() };
+        match self.send(CobId::SYNC, data, options) {
+            Ok(()) => {
+                self.statistics.syncs_sent += 1;
+                self.channel.sync.sent(settings);
+            }
+            Err(_) => self.statistics.syncs_late += 1,
+        }
+    }
+}

@@ -1,0 +1,76 @@
+//! The network's part of the cycle allocates nothing, with 40 nodes in transfers.
+#![allow(missing_docs)]
+
+#[path = "../../ecan-sim/tests/counting/mod.rs"]
+mod counting;
+
+use counting::allocations;
+use ecan_canopen::{
+    Configurator, HostHeartbeat, Network, NetworkConfig, NmtCommand, NodeAddress, NodeConfig,
+    NodeId, SdoConfig, Step, SyncConfig,
+};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+use ecan_sim::{ClockKind, SimOptions};
+
+#[test]
+fn forty_nodes_in_transfers_allocate_nothing() {
+    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+    let backend = ecan_sim::open_scenario(ecan_sim::echo(3), &options).unwrap();
+    let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
+    let adapter = AdapterConfig::new(3).with_cycle_us(2_000);
+    let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(3, gateway)).unwrap();
+    port.wait_ready(20_000).unwrap();
+
+    let host = HostHeartbeat { node: NodeId::MAX, period_ms: 20 };
+    let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
+    let mut network = Network::new(config);
+    // Short timeouts, so that failing, aborting and starting over are part of it.
+    let sdo = SdoConfig { timeout_ms: 20, ..SdoConfig::default() };
+    let settings = NodeConfig { heartbeat_timeout_ms: 100, sdo };
+    let nodes: Vec<_> = (0..40u8)
+        .map(|nth| {
+            let (slave, channel) = (usize::from(nth % 3), nth / 3 % 4);
+            let node = NodeId::new(1 + nth).unwrap();
+            network.add_node(NodeAddress { slave, channel, node }, settings).unwrap()
+        })
+        .collect();
+    network.set_sync(Some(SyncConfig::default())).unwrap();
+    let mut configurator = Configurator::new();
+    for node in &nodes {
+        let read = Step::read(0x1000, 0).if_accepted();
+        configurator.add(&network, *node, [Step::pause(500), read, Step::nmt(NmtCommand::Start)]);
+    }
+
+    let (mut inside, mut others, mut failures) = (0, 0, 0);
+    let mut next = port.adapter().clock().now_ns();
+    for number in 0..1_000u32 {
+        let now = port.adapter().clock().now_ns();
+        let before = allocations();
+        port.cycle_begin().unwrap();
+        network.receive(&mut port, now, |_| others += 1);
+        configurator.step(&mut network, now);
+        failures += configurator.progress(now).filter(|node| node.failure.is_some()).count();
+        for node in &nodes {
+            if number % 100 == 0 {
+                let _ = network.start_download(*node, 0x1F50, 1, &[7; 200]);
+                let _ = network.nmt(*node, NmtCommand::Start);
+            }
+        }
+        network.send_sync(&mut port);
+        network.send(&mut port, now);
+        port.cycle_end().unwrap();
+        // The simulated world grows its queues to their working size first.
+        if number >= 200 {
+            inside += allocations() - before;
+        }
+        next += 2_000_000;
+        port.adapter().clock().sleep_until_ns(next);
+    }
+    let statistics = network.statistics();
+    assert!(statistics.sdo_sent > 1_000 && statistics.syncs_sent > 11_000, "{statistics:?}");
+    assert!(statistics.heartbeats_sent > 1_000 && statistics.nmt_sent >= 400, "{statistics:?}");
+    assert!(others > 10_000, "echoes: {others}");
+    assert!(failures > 0, "no answers, so the configurations fail in the end");
+    assert_eq!(inside, 0);
+}

@@ -1,0 +1,239 @@
+//! Peers that no one here wrote: Python's packages `canopen` and `python-can`, joined to the
+//! simulated bus by the simulator's bridges.
+//!
+//! Other programs take part here, and they live in real time: deadlines are generous, and nothing is
+//! asserted of durations.
+
+mod python_peer;
+
+use std::time::Duration;
+
+use ecan_canopen::{
+    Heartbeat, Network, NetworkConfig, NmtCommand, NmtState, NodeAddress, NodeConfig, NodeHandle,
+    NodeId, Sdo, SdoConfig, SdoFault, run_cycle_until,
+};
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+use ecan_protocol::object::AbortCode;
+use ecan_sim::{
+    Backend, BridgeConfig, BridgeProtocol, ClockKind, DriveConfig, DriveFault, DriveSpec, Fault,
+    GatewaySpec, NodeKind, NodeSpec, Scenario, SimOptions, Simulation,
+};
+
+use python_peer::{PATIENCE, Peer, python};
+
+const READY_MS: u32 = 60_000;
+const PATIENCE_MS: u32 = PATIENCE.as_millis() as u32;
+/// Cycle of the master.
+const CYCLE: Duration = Duration::from_millis(2);
+
+fn open(scenario: Scenario, clock: ClockKind) -> Backend {
+    let options = SimOptions { clock: Some(clock), ..SimOptions::default() };
+    ecan_sim::open_scenario(scenario, &options).unwrap()
+}
+
+/// A master with one gateway and a CANopen client for one node.
+///
+/// The clock is stepped, at the pace of real time at most: where the machine has no time for the
+/// cycle, simulated time stands still, and the gateway's watchdog has no reason to bite.
+struct Client {
+    port: Port,
+    simulation: Simulation,
+    network: Network,
+    node: NodeHandle,
+}
+
+impl Client {
+    fn new(scenario: Scenario, node: NodeId) -> Self {
+        let backend = open(scenario, ClockKind::Stepped);
+        let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
+        let adapter = AdapterConfig::new(1).with_cycle_us(CYCLE.as_micros() as u32);
+        let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway)).unwrap();
+        port.wait_ready(READY_MS).unwrap();
+        let mut network = Network::new(NetworkConfig::default());
+        let settings = NodeConfig {
+            heartbeat_timeout_ms: 2_000,
+            // Another program answers, on a machine that may have much to do.
+            sdo: SdoConfig { timeout_ms: 20_000, ..SdoConfig::default() },
+        };
+        let address = NodeAddress { slave: 0, channel: 0, node };
+        let node = network.add_node(address, settings).unwrap();
+        Self { port, simulation: backend.simulation.unwrap(), network, node }
+    }
+
+    /// Runs the cycle until something has happened.
+    fn until(&mut self, what: &str, mut done: impl FnMut(&mut Network) -> bool) {
+        run_cycle_until(&mut self.port, PATIENCE_MS, |port, now_ns| {
+            std::thread::sleep(CYCLE);
+            self.network.serve(port, now_ns, |network| done(network).then_some(()))
+        })
+        .unwrap_or_else(|error| panic!("{what}: {error}"));
+    }
+
+    fn finish(&mut self) -> Result<(), SdoFault> {
+        let node = self.node;
+        self.until("the end of the transfer", |network| network.sdo_state(node) != Sdo::Busy);
+        self.network.sdo_failure(node).map_or(Ok(()), |failure| Err(failure.fault))
+    }
+
+    fn read(&mut self, index: u16, subindex: u8) -> Result<Vec<u8>, SdoFault> {
+        self.network.start_upload(self.node, index, subindex).unwrap();
+        self.finish().map(|()| self.network.sdo_data(self.node).to_vec())
+    }
+
+    fn read_block(&mut self, index: u16, subindex: u8) -> Result<Vec<u8>, SdoFault> {
+        self.network.start_block_upload(self.node, index, subindex).unwrap();
+        self.finish().map(|()| self.network.sdo_data(self.node).to_vec())
+    }
+
+    fn write(&mut self, index: u16, subindex: u8, value: &[u8]) -> Result<(), SdoFault> {
+        self.network.start_download(self.node, index, subindex, value).unwrap();
+        self.finish()
+    }
+}
+
+fn aborted<T>(code: u32) -> Result<T, SdoFault> {
+    Err(SdoFault::Aborted(AbortCode(code)))
+}
+
+/// Our client in front of the package's node.
+#[test]
+fn our_client_probes_a_node_of_the_canopen_package() {
+    let Some(python) = python() else { return };
+    let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
+    let mut client = Client::new(scenario, NodeId::new(5).unwrap());
+    let bridge = client.simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
+    let arguments = [("port", bridge.address().port()), ("node", 5)];
+    let mut peer = Peer::start(&python, "local_node.py", &arguments);
+
+    let node = client.node;
+    client.until("the boot-up message", |network| {
+        assert_eq!(peer.line(), None);
+        network.nmt_state(node) == Some(NmtState::PreOperational)
+    });
+
+    // Expedited
+    assert_eq!(client.read(0x1000, 0).unwrap(), 0x0002_0192_u32.to_le_bytes());
+    assert_eq!(client.read(0x1018, 4).unwrap(), 99_u32.to_le_bytes());
+    assert_eq!(client.read(0x2001, 0).unwrap(), (-2_i16).to_le_bytes());
+    client.write(0x2000, 0, &0xDEAD_BEEF_u32.to_le_bytes()).unwrap();
+    assert_eq!(client.read(0x2000, 0).unwrap(), 0xDEAD_BEEF_u32.to_le_bytes());
+    client.write(0x2003, 0, &[1]).unwrap();
+
+    // Segmented, of lengths around those of a segment
+    assert_eq!(client.read(0x1008, 0).unwrap(), b"A node made in Python");
+    for length in [5, 6, 7, 8, 13, 14, 15, 63] {
+        let value: Vec<u8> = (0..length).map(|byte| byte * 3).collect();
+        client.write(0x2002, 0, &value).unwrap();
+        assert_eq!(client.read(0x2002, 0).unwrap(), value);
+    }
+
+    // The package has no block transfer: a download it refuses, an upload it answers in segments.
+    let long: Vec<u8> = (0..1000_u32).map(|byte| (byte * 7) as u8).collect();
+    client.write(0x2002, 0, &long).unwrap();
+    assert_eq!(client.read(0x2002, 0).unwrap(), long);
+    assert_eq!(client.read_block(0x2002, 0).unwrap(), long);
+
+    // Refused
+    assert_eq!(client.read(0x2FFF, 0), aborted(0x0602_0000));
+    assert_eq!(client.read(0x1018, 9), aborted(0x0609_0011));
+    assert_eq!(client.read(0x2003, 0), aborted(0x0601_0001));
+    assert_eq!(client.write(0x1000, 0, &[0; 4]), aborted(0x0601_0002));
+    assert_eq!(client.write(0x2000, 0, &[0; 2]), aborted(0x0607_0010));
+
+    // Heartbeat and NMT
+    assert_eq!(client.network.heartbeat(node), Heartbeat::Unknown);
+    client.write(0x1017, 0, &50_u16.to_le_bytes()).unwrap();
+    client.until("a heartbeat", |network| network.heartbeat(node) == Heartbeat::Active);
+    for (command, state) in [
+        (NmtCommand::Start, NmtState::Operational),
+        (NmtCommand::Stop, NmtState::Stopped),
+        (NmtCommand::EnterPreOperational, NmtState::PreOperational),
+    ] {
+        client.network.nmt(node, command).unwrap();
+        client.until("the NMT state", |network| network.nmt_state(node) == Some(state));
+    }
+
+    // EMCY
+    for (code, register) in [(0x8130_u16, 0x20), (0x0000, 0)] {
+        let before = client.network.emcy(node).unwrap().count();
+        client.write(0x2010, 0, &code.to_le_bytes()).unwrap();
+        client.until("the emergency", |n| n.emcy(node).unwrap().count() > before);
+        let emcy = client.network.emcy(node).unwrap().last().unwrap().emcy;
+        assert_eq!((emcy.code, emcy.register.0), (code, register));
+        assert_eq!(emcy.manufacturer, [1, 2, 3, 4, 5]);
+    }
+
+    // The peer dies
+    peer.kill();
+    client.until("the silence", |network| network.heartbeat(node) == Heartbeat::TimedOut);
+    let statistics = bridge.statistics();
+    assert_eq!((statistics.dropped_to_bus, statistics.dropped_to_clients), (0, 0));
+}
+
+/// Every format of frame through both protocols, as python-can writes and reads them.
+#[test]
+fn python_can_exchanges_frames_through_two_protocols() {
+    let Some(python) = python() else { return };
+    let bridge = |name: &str, protocol| NodeSpec {
+        name: name.to_owned(),
+        bus: "0.0".to_owned(),
+        kind: NodeKind::Bridge(BridgeConfig::speaking(protocol)),
+        bitrate: Some(500_000),
+        data_bitrate: Some(2_000_000),
+    };
+    let scenario = Scenario {
+        gateways: vec![GatewaySpec::at(0)],
+        nodes: vec![
+            bridge("one", BridgeProtocol::Slcan),
+            bridge("two", BridgeProtocol::Slcan),
+            bridge("daemon", BridgeProtocol::Socketcand),
+        ],
+        ..Scenario::default()
+    };
+    let simulation = open(scenario, ClockKind::Real).simulation.unwrap();
+    let _runner = simulation.keep_running().unwrap();
+    let ports: Vec<_> = simulation.bridges().iter().map(|(_, b)| b.address().port()).collect();
+    let arguments = [("slcan", ports[0]), ("other", ports[1]), ("daemon", ports[2])];
+    let mut peer = Peer::start(&python, "frames.py", &arguments);
+    assert_eq!(peer.wait_line(), "passed");
+    for (_, bridge) in simulation.bridges() {
+        assert_eq!(bridge.statistics().dropped_to_clients, 0);
+        assert_eq!(bridge.statistics().mismatched, 0);
+    }
+}
+
+/// The package's CiA 402 master in front of our drive; no EtherCAT master takes part.
+#[test]
+fn the_402_master_of_the_canopen_package_drives_our_drive() {
+    let Some(python) = python() else { return };
+    let drive = NodeId::new(7).unwrap();
+    let node = |name: &str, kind| NodeSpec {
+        name: name.to_owned(),
+        bus: "0.0".to_owned(),
+        kind,
+        bitrate: Some(500_000),
+        data_bitrate: None,
+    };
+    let settings = DriveSpec { settings: DriveConfig::new(drive), eds: None };
+    let scenario = Scenario {
+        gateways: vec![GatewaySpec::at(0)],
+        nodes: vec![
+            node("drive", NodeKind::Drive(Box::new(settings))),
+            node("bridge", NodeKind::Bridge(BridgeConfig::default())),
+        ],
+        ..Scenario::default()
+    };
+    let simulation = open(scenario, ClockKind::Real).simulation.unwrap();
+    let _runner = simulation.keep_running().unwrap();
+    let bridge = simulation.bridges()[0].1.clone();
+    let arguments = [("port", bridge.address().port()), ("node", u16::from(drive.get()))];
+    let mut peer = Peer::start(&python, "drive_master.py", &arguments);
+    assert_eq!(peer.wait_line(), "ask fault");
+    let fault = DriveFault::Error { code: 0x2310 };
+    simulation.inject(Fault::Drive { node: "drive".to_owned(), fault });
+    peer.answer();
+    assert_eq!(peer.wait_line(), "passed");
+    assert_eq!(bridge.statistics().dropped_to_bus, 0);
+    assert_eq!(bridge.statistics().dropped_to_clients, 0);
+}
