@@ -1,5 +1,5 @@
-//! The functions that only C programs call: lists, places, whole objects, registers, other
-//! mailbox protocols, reservation.
+//! The functions that only C programs call: lists, positions, whole objects, registers,
+//! reservation.
 
 mod c_master;
 
@@ -7,10 +7,7 @@ use std::ptr::{null, null_mut};
 
 use c_master::{CMaster, stepped_echo};
 use ecan_sim::libethercat as c;
-use ecrt_sys::{
-    EC_AL_STATE_OP, EC_AL_STATE_PREOP, EC_AL_STATE_SAFEOP, EC_REQUEST_BUSY, EC_REQUEST_ERROR,
-    EC_REQUEST_SUCCESS, EC_REQUEST_UNUSED, Errno,
-};
+use ecrt_sys::{EC_REQUEST_BUSY, EC_REQUEST_SUCCESS, EC_REQUEST_UNUSED, Errno};
 
 const PREOP: u8 = 2;
 const SAFEOP: u8 = 4;
@@ -180,90 +177,9 @@ fn a_slave_without_emergencies_has_none() {
 }
 
 #[test]
-fn soe_requests_end_in_an_error() {
+fn configuration_flag_without_a_name_is_invalid() {
     let program = CMaster::configured();
-    let (data, mut error_code, mut size) = ([1u8, 2], 0xEEEE, 0);
-    // SAFETY: the handles are the library's, data and places are there.
-    unsafe {
-        let request = c::slave_config_create_soe_request(program.config, 0, 32, 4);
-        assert_eq!(c::soe_request_data_size(request), 4);
-        c::soe_request_data(request).write_bytes(7, 4);
-        assert_eq!(c::soe_request_idn(request, 1, 33), 0);
-        assert_eq!(c::soe_request_timeout(request, 100), 0);
-        assert_eq!(c::soe_request_state(request), EC_REQUEST_UNUSED);
-        assert_eq!(c::soe_request_read(request), 0);
-        assert_eq!(c::soe_request_state(request), EC_REQUEST_ERROR);
-        assert_eq!(c::soe_request_write(request), 0);
-        let (first, length) = (data.as_ptr(), data.len());
-        let written = c::master_write_idn(program.master, 0, 0, 32, first, length, &mut error_code);
-        assert_eq!((written, error_code), (-libc::EIO, 0));
-        let read =
-            c::master_read_idn(program.master, 7, 0, 32, null_mut(), 0, &mut size, &mut error_code);
-        assert_eq!(read, -libc::EINVAL, "there is no slave 7");
-        // A VoE handler is none of these.
-        assert_eq!(c::voe_handler_read(request.cast()), -libc::EINVAL);
-    }
-}
-
-#[test]
-fn an_idn_keeps_the_slave_from_leaving_its_state() {
-    for (state, reached) in [(EC_AL_STATE_PREOP, PREOP), (EC_AL_STATE_SAFEOP, SAFEOP)] {
-        let program = CMaster::configured();
-        program.register_by_list();
-        let data = [1u8, 2];
-        // SAFETY: the handle is the library's, the data are there.
-        unsafe {
-            let add = |drive, state| {
-                c::slave_config_idn(program.config, drive, 32, state, data.as_ptr(), data.len())
-            };
-            assert_eq!(add(8, state), -libc::EINVAL);
-            assert_eq!(add(0, EC_AL_STATE_OP), -libc::EINVAL);
-            assert_eq!(add(0, state), 0);
-        }
-        program.activate();
-        assert_eq!(program.ends_without_op(), (reached, true));
-        assert!(program.log().contains("does not support SoE"), "{}", program.log());
-    }
-}
-
-#[test]
-fn voe_transfers_end_in_an_error() {
-    let program = CMaster::configured();
-    let (mut vendor_id, mut vendor_type) = (1, 1);
-    // SAFETY: the handles are the library's, the places are there.
-    unsafe {
-        let handler = c::slave_config_create_voe_handler(program.config, 16);
-        assert_eq!(c::voe_handler_data_size(handler), 16);
-        c::voe_handler_data(handler).write_bytes(7, 16);
-        assert_eq!(c::voe_handler_send_header(handler, 5, 6), 0);
-        assert_eq!(c::voe_handler_execute(handler), EC_REQUEST_UNUSED);
-        assert_eq!(c::voe_handler_write(handler, 17), -libc::EOVERFLOW);
-        assert_eq!(c::voe_handler_write(handler, 16), 0);
-        assert_eq!(c::voe_handler_execute(handler), EC_REQUEST_ERROR);
-        assert_eq!(c::voe_handler_read_nosync(handler), 0);
-        let received = c::voe_handler_received_header(handler, &mut vendor_id, &mut vendor_type);
-        assert_eq!((received, vendor_id, vendor_type), (0, 0, 0));
-    }
-}
-
-#[test]
-fn ip_parameters_leave_a_line_in_the_log_and_nothing_else() {
-    let program = CMaster::configured();
-    program.register_by_list();
-    let address = libc::in_addr { s_addr: u32::from_ne_bytes([192, 168, 1, 2]) };
-    // SAFETY: the handle is the library's, the texts are there.
-    unsafe {
-        let config = program.config;
-        assert_eq!(c::slave_config_eoe_mac_address(config, [2u8; 6].as_ptr()), 0);
-        assert_eq!(c::slave_config_eoe_mac_address(config, null()), -libc::EFAULT);
-        assert_eq!(c::slave_config_eoe_ip_address(config, address), 0);
-        assert_eq!(c::slave_config_eoe_subnet_mask(config, address), 0);
-        assert_eq!(c::slave_config_eoe_default_gateway(config, address), 0);
-        assert_eq!(c::slave_config_eoe_dns_address(config, address), 0);
-        assert_eq!(c::slave_config_eoe_hostname(config, c"gateway".as_ptr()), 0);
-        assert_eq!(c::slave_config_flag(config, c"".as_ptr(), 1), -libc::EINVAL);
-    }
-    program.activate();
-    assert!(program.reaches_op(), "{}", program.log());
-    assert!(program.log().contains("does not support EoE"), "{}", program.log());
+    // SAFETY: the handle is the library's, the text ends with a zero.
+    let answer = unsafe { c::slave_config_flag(program.config, c"".as_ptr(), 1) };
+    assert_eq!(answer, -libc::EINVAL);
 }

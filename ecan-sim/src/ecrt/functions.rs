@@ -9,7 +9,6 @@ use std::slice;
 use std::sync::Arc;
 
 use crate::ecrt::calls::{Answer, ConfigCall, DomainCall, MasterCall};
-use crate::ecrt::foreign_mailbox::ForeignCall;
 use crate::ecrt::request_calls::{RegRequestCall, RequestCall};
 use crate::scenario::EcrtVersion;
 use crate::simulation::Simulation;
@@ -130,14 +129,6 @@ fn on_request(request: *const ec_sdo_request_t) -> Answer<RequestCall> {
     RequestCall::find(request.addr())
 }
 
-fn on_soe_request(request: *const ec_soe_request_t) -> Answer<ForeignCall> {
-    ForeignCall::find_soe_request(request.addr())
-}
-
-fn on_voe_handler(handler: *const ec_voe_handler_t) -> Answer<ForeignCall> {
-    ForeignCall::find_voe_handler(handler.addr())
-}
-
 fn on_reg_request(request: *const ec_reg_request_t) -> Answer<RegRequestCall> {
     RegRequestCall::find(request.addr())
 }
@@ -161,30 +152,24 @@ macro_rules! two_forms {
 mod bus;
 mod configuration;
 mod emergencies;
-mod eoe;
 mod opening;
 mod pdo_lists;
 mod process_data;
 mod requests;
 mod sdo_transfers;
-mod soe;
 mod startup_sdos;
 #[cfg(test)]
 mod tests;
-mod voe;
 
 pub use bus::*;
 pub use configuration::*;
 pub use emergencies::*;
-pub use eoe::*;
 pub use opening::*;
 pub use pdo_lists::*;
 pub use process_data::*;
 pub use requests::*;
 pub use sdo_transfers::*;
-pub use soe::*;
 pub use startup_sdos::*;
-pub use voe::*;
 
 /// The table of a simulated release: all the functions that the SDK uses.
 pub fn table(version: EcrtVersion) -> Functions {

@@ -7,7 +7,6 @@ mod bus_scan;
 mod calls;
 mod dc;
 mod domain;
-mod foreign_mailbox;
 mod front;
 // Its documentation at the crate's root says once what every function asks of its caller.
 #[allow(clippy::missing_safety_doc)]

@@ -18,8 +18,6 @@ pub(super) enum Target {
     Config(usize),
     Request { config: usize, request: usize },
     RegRequest { config: usize, request: usize },
-    SoeRequest { config: usize, request: usize },
-    VoeHandler { config: usize, handler: usize },
 }
 
 /// A handle.

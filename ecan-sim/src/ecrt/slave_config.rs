@@ -1,6 +1,5 @@
 //! What an application configures for one slave.
 
-use crate::ecrt::foreign_mailbox::UnsupportedMailbox;
 use crate::ecrt::process_memory::ProcessMemory;
 use crate::ecrt::sdo::SdoObject;
 use crate::ecrt::slave_view::{Pdo, PdoEntry, SlaveView, direction_of, pdo_bytes};
@@ -121,8 +120,6 @@ pub(crate) struct SlaveConfig {
     pub(crate) reg_requests: Vec<RegRequest>,
     /// Longest time for a state change, by the states' bits.
     pub(crate) state_timeouts: Vec<(u8, u8, u64)>,
-    /// What is wanted of mailbox protocols that the gateway does not speak.
-    pub(crate) foreign: UnsupportedMailbox,
 }
 
 /// An entry of a configured PDO.
@@ -149,7 +146,6 @@ impl SlaveConfig {
             requests: Vec::new(),
             reg_requests: Vec::new(),
             state_timeouts: Vec::new(),
-            foreign: UnsupportedMailbox::default(),
         }
     }
 

@@ -192,7 +192,6 @@ impl MasterModel {
                 AlState::PreOp => {
                     Next::Step(Startup::Sdo { at: 0, journey: self.begin_journey(now) }, 0)
                 }
-                AlState::SafeOp if !self.foreign_settings(index, to) => Next::Failed,
                 AlState::SafeOp => Next::Step(Startup::Request(AlState::Op), REGISTER_NS),
                 _ => Next::Done,
             };
@@ -238,10 +237,6 @@ impl MasterModel {
             return Next::Step(Startup::Watchdog, REGISTER_NS);
         };
         let Some(sdo) = config.sdos.get(at) else {
-            if !self.foreign_settings(index, AlState::PreOp) {
-                return Next::Failed;
-            }
-            let Some(config) = self.attached(index) else { return Next::Failed };
             let list = self
                 .slaves
                 .get(index)
