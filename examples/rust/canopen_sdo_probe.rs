@@ -10,8 +10,8 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
-use ecan_examples::backend::{self, SimulationDefaults};
-use ecan_examples::object_value::ValueType;
+use ecan_example_support::backend::{self, SimulationDefaults};
+use ecan_example_support::object_value::ValueType;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 
@@ -75,7 +75,7 @@ fn parse_u8(text: &str) -> Result<u8, String> {
 }
 
 fn main() -> ExitCode {
-    ecan_examples::exit::report("canopen_sdo_probe", run(&Arguments::parse()))
+    ecan_example_support::exit::report("canopen_sdo_probe", run(&Arguments::parse()))
 }
 
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {

@@ -10,7 +10,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
-use ecan_examples::motion::{self, Extent, MotionArguments};
+use ecan_example_support::motion::{self, Extent, MotionArguments};
 use ecan_protocol::mapping::CHANNELS;
 
 /// Number of axes.
@@ -49,5 +49,5 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     let extent = Extent { slaves: arguments.slaves, cycles: arguments.cycles };
     let outcome = motion::run(&arguments.motion, extent, axis_table(arguments.slaves));
-    ecan_examples::exit::report("cia402_10axis_demo", outcome)
+    ecan_example_support::exit::report("cia402_10axis_demo", outcome)
 }

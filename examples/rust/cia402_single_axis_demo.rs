@@ -11,7 +11,7 @@ use std::process::ExitCode;
 use clap::Parser;
 use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::AxisConfig;
-use ecan_examples::motion::{self, Extent, MotionArguments};
+use ecan_example_support::motion::{self, Extent, MotionArguments};
 
 /// Enables one CiA 402 axis and moves it by a step per cycle.
 #[derive(Debug, Parser)]
@@ -38,5 +38,5 @@ fn main() -> ExitCode {
     let address = NodeAddress { slave: 0, channel: arguments.channel, node };
     let extent = Extent { slaves: 1, cycles: arguments.cycles };
     let outcome = motion::run(&arguments.motion, extent, vec![AxisConfig::new(address)]);
-    ecan_examples::exit::report("cia402_single_axis_demo", outcome)
+    ecan_example_support::exit::report("cia402_single_axis_demo", outcome)
 }

@@ -10,12 +10,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
-use ecan_examples::backend::{self, SimulationDefaults};
-use ecan_examples::clock_plot::ClockPlot;
-use ecan_examples::exit::report;
-use ecan_examples::interrupt::Interrupt;
-use ecan_examples::open::{Configure, open};
-use ecan_examples::real_time::{self, RealTimeArguments};
+use ecan_example_support::backend::{self, SimulationDefaults};
+use ecan_example_support::clock_plot::ClockPlot;
+use ecan_example_support::exit::report;
+use ecan_example_support::interrupt::Interrupt;
+use ecan_example_support::open::{Configure, open};
+use ecan_example_support::real_time::{self, RealTimeArguments};
 use ecan_host::{AdapterConfig, ClockSource, ClockStatus, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 

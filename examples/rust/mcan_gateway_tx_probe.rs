@@ -14,15 +14,15 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, ValueEnum};
-use ecan_examples::bus_periods::BusRecord;
-use ecan_examples::gateway_arguments::GatewayArguments;
-use ecan_examples::interrupt::Interrupt;
-use ecan_examples::log_file;
-use ecan_examples::open::{Configure, open};
-use ecan_examples::plan;
-use ecan_examples::probe_report::{Report, Row};
-use ecan_examples::real_time::{self, RealTimeArguments};
-use ecan_examples::tx_probe::{Mode, Target, probe_id};
+use ecan_example_support::bus_periods::BusRecord;
+use ecan_example_support::gateway_arguments::GatewayArguments;
+use ecan_example_support::interrupt::Interrupt;
+use ecan_example_support::log_file;
+use ecan_example_support::open::{Configure, open};
+use ecan_example_support::plan;
+use ecan_example_support::probe_report::{Report, Row};
+use ecan_example_support::real_time::{self, RealTimeArguments};
+use ecan_example_support::tx_probe::{Mode, Target, probe_id};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{
     FrameStream, GatewayConfig, PhaseSweep, Port, PortConfig, RECOMMENDED_OFFSET_NS,
@@ -106,7 +106,7 @@ fn parse_picture(text: &str) -> Result<PathBuf, String> {
 }
 
 fn main() -> ExitCode {
-    ecan_examples::exit::report("mcan_gateway_tx_probe", run(&Arguments::parse()))
+    ecan_example_support::exit::report("mcan_gateway_tx_probe", run(&Arguments::parse()))
 }
 
 impl Arguments {
@@ -245,7 +245,7 @@ fn measure(
         println!("\n{}:", result.mode);
         real_time::print_statistics(port.adapter(), &result.statistics);
     }
-    let row = |result: ecan_examples::tx_probe::ModeResult| Row {
+    let row = |result: ecan_example_support::tx_probe::ModeResult| Row {
         bus: record.as_ref().map(|record| record.periods(result.numbers.clone())),
         result,
     };
@@ -313,7 +313,7 @@ fn sweep(
     };
     let target = arguments.target();
     let (count, mut done) = (sweep.shifts_ns.len() * sweep.offsets_ns.len(), 0);
-    let progress = ecan_examples::progress::bar(count as u64);
+    let progress = ecan_example_support::progress::bar(count as u64);
     let table = port.sweep_phase(
         &sweep,
         |port, offset_ns| -> Result<(), Box<dyn Error>> {

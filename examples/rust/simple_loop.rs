@@ -14,19 +14,19 @@ use std::process::ExitCode;
 
 use clap::Parser;
 use ecan_config_file::ConfigFile;
-use ecan_examples::bus_load::BusLoad;
-use ecan_examples::check::Check;
-use ecan_examples::gateway_arguments::GatewayArguments;
-use ecan_examples::interrupt::Interrupt;
-use ecan_examples::log_file::{self, LoggedFrame};
-use ecan_examples::open::{Configure, open};
-use ecan_examples::patience::{IDLE_TIMEOUT_NS, MAX_FAILED_CYCLES, STALL_TIMEOUT_NS};
-use ecan_examples::plan;
-use ecan_examples::progress;
-use ecan_examples::real_time::{self, RealTimeArguments};
-use ecan_examples::source::{Channels, PlacedFrame, Source};
-use ecan_examples::summary::{self, Run};
-use ecan_examples::watch::SessionWatch;
+use ecan_example_support::bus_load::BusLoad;
+use ecan_example_support::echo_check::Check;
+use ecan_example_support::gateway_arguments::GatewayArguments;
+use ecan_example_support::interrupt::Interrupt;
+use ecan_example_support::log_file::{self, LoggedFrame};
+use ecan_example_support::open::{Configure, open};
+use ecan_example_support::plan;
+use ecan_example_support::progress;
+use ecan_example_support::real_time::{self, RealTimeArguments};
+use ecan_example_support::session_watch::SessionWatch;
+use ecan_example_support::source::{Channels, PlacedFrame, Source};
+use ecan_example_support::summary::{self, Run};
+use ecan_example_support::timeouts::{IDLE_TIMEOUT_NS, MAX_FAILED_CYCLES, STALL_TIMEOUT_NS};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, Port, PortConfig, Received, Session};
 use ecan_protocol::can::CanId;
@@ -85,7 +85,7 @@ fn parse_channels(text: &str) -> Result<Channels, String> {
 }
 
 fn main() -> ExitCode {
-    ecan_examples::exit::report("simple_loop", run(&Arguments::parse()))
+    ecan_example_support::exit::report("simple_loop", run(&Arguments::parse()))
 }
 
 /// The gateways, and which of their channels carry frames.

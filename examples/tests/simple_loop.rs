@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::{Command, Output, Stdio};
 
 use ecan_candump::Record;
-use ecan_examples::bus_load::BusLoad;
+use ecan_example_support::bus_load::BusLoad;
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use program::text;
 

@@ -12,7 +12,7 @@ use ecan_protocol::can::{CanFrame, CanId, FrameError};
 use ecan_protocol::image::Schedule;
 
 use crate::interrupt::Interrupt;
-use crate::patience::{IDLE_TIMEOUT_NS, MAX_FAILED_CYCLES, STALL_TIMEOUT_NS};
+use crate::timeouts::{IDLE_TIMEOUT_NS, MAX_FAILED_CYCLES, STALL_TIMEOUT_NS};
 
 /// Identifier of the frames.
 pub const PROBE_ID: u16 = 0x123;
