@@ -16,10 +16,11 @@ use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::object::AbortCode;
 use ecan_sim::{
-    Backend, BridgeConfig, BridgeProtocol, ClockKind, DriveConfig, DriveFault, DriveSpec, Fault,
+    Backend, BridgeProtocol, BridgeSpec, ClockKind, DriveConfig, DriveFault, DriveSpec, Fault,
     GatewaySpec, NodeKind, NodeSpec, Scenario, SimOptions, Simulation,
 };
 
+use ecan_sim_bridge::bridges;
 use python_peer::{PATIENCE, Peer, python};
 
 const READY_MS: u32 = 60_000;
@@ -28,7 +29,11 @@ const PATIENCE_MS: u32 = PATIENCE.as_millis() as u32;
 const CYCLE: Duration = Duration::from_millis(2);
 
 fn open(scenario: Scenario, clock: ClockKind) -> Backend {
-    let options = SimOptions { clock: Some(clock), ..SimOptions::default() };
+    let options = SimOptions {
+        clock: Some(clock),
+        bridges: Some(ecan_sim_bridge::make),
+        ..SimOptions::default()
+    };
     ecan_sim::open_scenario(scenario, &options).unwrap()
 }
 
@@ -102,7 +107,8 @@ fn our_client_probes_a_node_of_the_canopen_package() {
     let Some(python) = python() else { return };
     let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
     let mut client = Client::new(scenario, NodeId::new(5).unwrap());
-    let bridge = client.simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
+    let bridge =
+        ecan_sim_bridge::attach(&client.simulation, "0.0", &BridgeSpec::default()).unwrap();
     let arguments = [("port", bridge.address().port()), ("node", 5)];
     let mut peer = Peer::start(&python, "local_node.py", &arguments);
 
@@ -178,7 +184,7 @@ fn python_can_exchanges_frames_through_two_protocols() {
     let bridge = |name: &str, protocol| NodeSpec {
         name: name.to_owned(),
         bus: "0.0".to_owned(),
-        kind: NodeKind::Bridge(BridgeConfig::speaking(protocol)),
+        kind: NodeKind::Bridge(BridgeSpec { protocol, ..BridgeSpec::default() }),
         bitrate: Some(500_000),
         data_bitrate: Some(2_000_000),
     };
@@ -193,11 +199,11 @@ fn python_can_exchanges_frames_through_two_protocols() {
     };
     let simulation = open(scenario, ClockKind::Real).simulation.unwrap();
     let _runner = simulation.keep_running().unwrap();
-    let ports: Vec<_> = simulation.bridges().iter().map(|(_, b)| b.address().port()).collect();
+    let ports: Vec<_> = bridges(&simulation).iter().map(|(_, b)| b.address().port()).collect();
     let arguments = [("slcan", ports[0]), ("other", ports[1]), ("daemon", ports[2])];
     let mut peer = Peer::start(&python, "frames.py", &arguments);
     assert_eq!(peer.wait_line(), "passed");
-    for (_, bridge) in simulation.bridges() {
+    for (_, bridge) in bridges(&simulation) {
         assert_eq!(bridge.statistics().dropped_to_clients, 0);
         assert_eq!(bridge.statistics().mismatched, 0);
     }
@@ -220,13 +226,13 @@ fn the_402_master_of_the_canopen_package_drives_our_drive() {
         gateways: vec![GatewaySpec::at(0)],
         nodes: vec![
             node("drive", NodeKind::Drive(Box::new(settings))),
-            node("bridge", NodeKind::Bridge(BridgeConfig::default())),
+            node("bridge", NodeKind::Bridge(BridgeSpec::default())),
         ],
         ..Scenario::default()
     };
     let simulation = open(scenario, ClockKind::Real).simulation.unwrap();
     let _runner = simulation.keep_running().unwrap();
-    let bridge = simulation.bridges()[0].1.clone();
+    let bridge = bridges(&simulation)[0].1.clone();
     let arguments = [("port", bridge.address().port()), ("node", u16::from(drive.get()))];
     let mut peer = Peer::start(&python, "drive_master.py", &arguments);
     assert_eq!(peer.wait_line(), "ask fault");

@@ -6,16 +6,13 @@
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use ecrt_sys::{Ecrt, LoadError};
+use ecrt_sys::Ecrt;
 
-use crate::bridge::BridgeServerError;
-use crate::drive::EdsError;
+use crate::backend_error::{BackendError, ECRT_VARIABLE};
 use crate::ecrt::{secure_execution, simulated_library};
-use crate::scenario::{self, BUILTIN_SCENARIOS, ClockKind, Scenario, ScenarioError};
+use crate::node::BridgeFactory;
+use crate::scenario::{self, BUILTIN_SCENARIOS, ClockKind, Scenario};
 use crate::simulation::Simulation;
-
-/// Environment variable of the setting.
-pub const ECRT_VARIABLE: &str = "ECAN_ECRT";
 
 /// Which scenario a simulated library runs.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -111,8 +108,8 @@ impl EcrtSetting {
     }
 }
 
-/// What the program asks of a simulated library. The default asks for nothing.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+/// Options of the program for a simulated library. The default sets nothing.
+#[derive(Clone, Debug, Default)]
 pub struct SimOptions {
     /// Built-in scenario for a plain `sim`; `None` is `echo`.
     pub suggested: Option<String>,
@@ -124,6 +121,8 @@ pub struct SimOptions {
     pub slaves: Option<usize>,
     /// Whether the simulated master carries large PDOs, in place of the scenario's word.
     pub carries_large_pdos: Option<bool>,
+    /// Makes the bridges of a scenario file; without it a scenario with a bridge is an error.
+    pub bridges: Option<BridgeFactory>,
 }
 
 /// A library, and the simulation behind it if it is a simulated one.
@@ -133,63 +132,6 @@ pub struct Backend {
     pub ecrt: Ecrt,
     /// The simulation; `None` for a real library.
     pub simulation: Option<Simulation>,
-}
-
-/// Why no library could be had.
-#[derive(Debug, thiserror::Error)]
-pub enum BackendError {
-    /// The real library.
-    #[error("{0}; without hardware choose the simulated master with the setting `sim`")]
-    Load(#[from] LoadError),
-    /// No built-in scenario has this name.
-    #[error(
-        "there is no scenario \"{name}\"; there are: {}, or the name of a file that ends in .toml",
-        BUILTIN_SCENARIOS.join(", ")
-    )]
-    UnknownScenario {
-        /// The name.
-        name: String,
-    },
-    /// The environment variable holds something that is not UTF-8.
-    #[error("the environment variable {ECRT_VARIABLE} is not text")]
-    Environment,
-    /// A file could not be read.
-    #[error("cannot read {}: {error}", path.display())]
-    Read {
-        /// Which.
-        path: PathBuf,
-        /// Why.
-        error: std::io::Error,
-    },
-    /// A bridge of the scenario cannot listen.
-    #[error(transparent)]
-    Bridge(#[from] BridgeServerError),
-    /// A scenario file is wrong.
-    #[error("{}: {error}", path.display())]
-    Scenario {
-        /// Which.
-        path: PathBuf,
-        /// What is wrong.
-        error: ScenarioError,
-    },
-    /// The EDS of a drive is wrong.
-    #[error("{}, {error}", path.display())]
-    Eds {
-        /// Which.
-        path: PathBuf,
-        /// What is wrong.
-        error: EdsError,
-    },
-    /// A candump log of the scenario is wrong.
-    #[error("{}, line {line}: {reason}", path.display())]
-    Log {
-        /// Which.
-        path: PathBuf,
-        /// Line, from 1.
-        line: usize,
-        /// What is wrong.
-        reason: String,
-    },
 }
 
 /// Opens the library that the setting names.
@@ -220,7 +162,7 @@ pub fn open(setting: &EcrtSetting, options: &SimOptions) -> Result<Backend, Back
 pub fn simulate(choice: &ScenarioChoice, options: &SimOptions) -> Result<Simulation, BackendError> {
     let scenario = load_scenario(choice, options)?;
     let clock = scenario.clock.or(options.clock).unwrap_or(ClockKind::Real);
-    Simulation::new(&scenario, clock)
+    Simulation::new(&scenario, clock, options.bridges)
 }
 
 /// The scenario of a choice, with what the options put in place of its own words; reads the file if

@@ -27,20 +27,13 @@ pub use drive::{
     SdoRule, TargetHistory, TargetKind, TargetRecord, TargetSums,
 };
 pub use node::{
-    EchoNode, FaultyConfig, FaultyNode, Node, NodeOutput, ReplayError, ReplayNode, ReplayRecord,
-    SilentNode,
-};
-
-// Other programs
-mod bridge;
-
-pub use bridge::{
-    Bridge, BridgeConfig, BridgeError, BridgeInfo, BridgeNode, BridgeProtocol, BridgeServerError,
-    BridgeStatistics,
+    BridgeFactory, BridgeProtocol, BridgeSpec, EchoNode, FaultyConfig, FaultyNode, Node,
+    NodeOutput, ReplayError, ReplayNode, ReplayRecord, SilentNode,
 };
 
 // World, and the ecrt and EtherCAT fronts
 mod backend;
+mod backend_error;
 mod clock;
 mod earliest;
 mod ecrt;
@@ -74,9 +67,9 @@ pub mod libethercat {
 }
 
 pub use backend::{
-    Backend, BackendError, ECRT_VARIABLE, EcrtSetting, ScenarioChoice, SimOptions, load_scenario,
-    open, open_scenario, simulate,
+    Backend, EcrtSetting, ScenarioChoice, SimOptions, load_scenario, open, open_scenario, simulate,
 };
+pub use backend_error::{BackendError, ECRT_VARIABLE};
 pub use clock::SimClock;
 pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{DriveFault, Fault, LibraryCall, LossDirection, ScriptedFault, When};
@@ -85,6 +78,6 @@ pub use scenario::{
     BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind,
     NodeSpec, Scenario, ScenarioError, Topology, drives, echo, jitter,
 };
-pub use simulation::Simulation;
+pub use simulation::{AttachedNode, Simulation, UnknownBus};
 pub use wake_up::WakeUpDelay;
 pub use world::{BusFrame, World};

@@ -5,11 +5,11 @@ use std::sync::Arc;
 
 use ecrt_sys::Clock as _;
 
-use crate::backend::BackendError;
-use crate::bridge::{Bridge, BridgeConfig, BridgeError, BridgeInfo};
+use crate::backend_error::BackendError;
 use crate::clock::SimClock;
 use crate::ecrt::Shared;
 use crate::fault::{Fault, ScriptedFault, When};
+use crate::node::{BridgeFactory, Node};
 use crate::runner::{RealTimeRunner, RunnerError};
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
 use crate::world::World;
@@ -29,9 +29,13 @@ struct Description {
 }
 
 impl Simulation {
-    pub(crate) fn new(scenario: &Scenario, clock: ClockKind) -> Result<Self, BackendError> {
+    pub(crate) fn new(
+        scenario: &Scenario,
+        clock: ClockKind,
+        bridges: Option<BridgeFactory>,
+    ) -> Result<Self, BackendError> {
         Ok(Self {
-            shared: Arc::new(Shared::new(scenario, clock)?),
+            shared: Arc::new(Shared::new(scenario, clock, bridges)?),
             description: Arc::new(Description {
                 scenario: scenario.name.clone(),
                 seed: scenario.seed,
@@ -77,8 +81,7 @@ impl Simulation {
             EcrtVersion::V1_6 => "1.6",
         };
         let plural = |count: usize| if count == 1 { "" } else { "s" };
-        let bridges: String =
-            self.bridges().iter().map(|(bus, bridge)| format!(", {bridge} on bus {bus}")).collect();
+        let bridges = self.with_world(|world| world.node_descriptions());
         format!(
             "SIMULATED: no EtherCAT master, no hardware. Scenario {scenario}: {gateways} \
              gateway{}, {nodes} node{}, libethercat {version}, {clock}, seed {seed}{bridges}",
@@ -115,30 +118,25 @@ impl Simulation {
         self.shared.with(|state| state.master.stderr_lines)
     }
 
-    /// Puts a bridge on a bus (see [`World::bus_names`]), with the bit rates of the gateway channel
-    /// there: other programs join the bus through it until the handle is dropped.
-    ///
-    /// A bridge in a scenario (`kind = "bridge"`) may have bit rates of its own and needs no
-    /// gateway channel that is switched on.
+    /// Puts a node on a bus (see [`World::bus_names`]) until the handle is dropped. The node has the
+    /// bit rates of the gateway channel on the bus.
     ///
     /// # Errors
-    /// A [`BridgeError`].
-    pub fn attach_bridge(&self, bus: &str, settings: BridgeConfig) -> Result<Bridge, BridgeError> {
-        let (node, info) = self.with_world(|world| {
+    /// The bus does not exist.
+    pub fn attach_node(
+        &self,
+        bus: &str,
+        name: &str,
+        node: Box<dyn Node>,
+    ) -> Result<AttachedNode, UnknownBus> {
+        let index = self.with_world(|world| {
             if world.bus(bus).is_none() {
                 let known = world.bus_names().collect::<Vec<_>>().join(", ");
-                return Err(BridgeError::UnknownBus { bus: bus.to_owned(), known });
+                return Err(UnknownBus { bus: bus.to_owned(), known });
             }
-            world.attach_bridge(bus, &settings).map_err(BridgeError::Server)
+            Ok(world.attach_node(bus, name, node))
         })?;
-        Ok(Bridge::new(self.clone(), node, info))
-    }
-
-    /// The bridges that there are, with the names of their buses, the scenario's first.
-    pub fn bridges(&self) -> Vec<(String, BridgeInfo)> {
-        self.with_world(|world| {
-            world.bridges().map(|(bus, info)| (bus.to_owned(), info.clone())).collect()
-        })
+        Ok(AttachedNode { simulation: self.clone(), index })
     }
 
     /// Keeps a simulation on the real clock going, on a thread of its own, until the runner is
@@ -164,5 +162,31 @@ impl fmt::Debug for Simulation {
             .field("clock", &self.clock_kind())
             .field("now_ns", &self.clock().now_ns())
             .finish_non_exhaustive()
+    }
+}
+
+/// No bus has this name.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("bus \"{bus}\" does not exist; there are: {known}")]
+pub struct UnknownBus {
+    /// The name.
+    pub bus: String,
+    /// The existing names.
+    pub known: String,
+}
+
+/// A node that was put on a bus with [`Simulation::attach_node`]. Dropping it takes the node off
+/// its bus.
+#[derive(Debug)]
+pub struct AttachedNode {
+    simulation: Simulation,
+    index: usize,
+}
+
+impl Drop for AttachedNode {
+    fn drop(&mut self) {
+        let node = self.simulation.with_world(|world| world.detach_node(self.index));
+        // Outside the world's lock: a bridge takes a moment to end its threads.
+        drop(node);
     }
 }

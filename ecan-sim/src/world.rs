@@ -1,7 +1,7 @@
 //! The simulated world: gateways on an EtherCAT line, their CAN buses, the nodes on them, and the
 //! faults. Knows no EtherCAT master; a front drives it through the line.
 
-mod bridges;
+mod attached_node;
 mod can_side;
 mod drives;
 mod due_times;
@@ -11,9 +11,11 @@ mod recording;
 
 use ecan_protocol::mapping::CHANNELS;
 
+use crate::backend_error::BackendError;
 use crate::bus::{BusEvent, BusStatistics, CanBus, StationId, StationStatistics};
 use crate::fault::{Fault, FaultScript, LibraryCall, LossDirection, ScriptedFault};
 use crate::gateway::{Gateway, GatewayCounters};
+use crate::node::BridgeFactory;
 use crate::scenario::{Scenario, Topology};
 use crate::world::can_side::BusSlot;
 use crate::world::due_times::DeadlineSet;
@@ -62,8 +64,12 @@ impl World {
     /// Builds the world of a scenario at `now` nanoseconds, with the gateways switched on.
     ///
     /// # Errors
-    /// A candump log or an EDS that cannot be read.
-    pub(crate) fn new(scenario: &Scenario, now: u64) -> Result<Self, crate::backend::BackendError> {
+    /// A candump log or an EDS cannot be read, or a bridge cannot be made.
+    pub(crate) fn new(
+        scenario: &Scenario,
+        now: u64,
+        bridges: Option<BridgeFactory>,
+    ) -> Result<Self, BackendError> {
         let mut world = Self {
             now,
             start: now,
@@ -96,7 +102,7 @@ impl World {
         for (index, spec) in scenario.nodes.iter().enumerate() {
             let (bus, station) = world.attach(&spec.bus, can_side::Owner::Node(index));
             let seed = scenario.seed.rotate_left(17) ^ 0xD1B5_4A32_D192_ED03 ^ index as u64;
-            world.add_node(NodeSlot::new(spec, bus, station, seed)?);
+            world.add_node(NodeSlot::new(spec, bus, station, seed, bridges)?);
         }
         for index in 0..world.nodes.len() {
             world.start_fixed_node(index);

@@ -31,6 +31,7 @@ pub fn open(setting: Option<&str>, wishes: SimulationDefaults) -> Result<Backend
         seed: wishes.seed,
         slaves: Some(wishes.slaves),
         carries_large_pdos: wishes.large_pdos.then_some(true),
+        bridges: Some(ecan_sim_bridge::make),
     };
     let backend = ecan_sim::open(&setting, &options)?;
     if let Some(simulation) = &backend.simulation {

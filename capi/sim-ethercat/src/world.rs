@@ -2,7 +2,9 @@
 
 use std::sync::{Mutex, PoisonError};
 
-use ecan_sim::{BackendError, ClockKind, EcrtSetting, ScenarioChoice, SimOptions, Simulation};
+use ecan_sim::{
+    BackendError, BridgeFactory, ClockKind, EcrtSetting, ScenarioChoice, SimOptions, Simulation,
+};
 use libc::c_int;
 
 use crate::report::line;
@@ -37,7 +39,8 @@ fn open() -> Result<Simulation, BackendError> {
         // The name of a library, most likely of this one: it says nothing about the scenario.
         Some(EcrtSetting::Library(_)) | None => ScenarioChoice::Suggested,
     };
-    ecan_sim::simulate(&choice, &SimOptions::default())
+    let bridges = Some(ecan_sim_bridge::make as BridgeFactory);
+    ecan_sim::simulate(&choice, &SimOptions { bridges, ..SimOptions::default() })
 }
 
 fn error_number(error: &BackendError) -> c_int {

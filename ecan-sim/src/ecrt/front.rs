@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use ecrt_sys::{Clock as _, MonotonicClock};
 
-use crate::backend::BackendError;
+use crate::backend_error::BackendError;
 use crate::ecrt::master::{MasterModel, Phase};
 use crate::ecrt::sdo::{SdoFailure, SdoObject};
 use crate::ecrt::threads::{Threads, Waiter};
 use crate::ecrt::timing::{BLOCKED_GIVE_UP_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
+use crate::node::BridgeFactory;
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
 use crate::wake_up::WakeUps;
 use crate::world::{EPOCH_NS, World};
@@ -74,7 +75,11 @@ pub(crate) struct Shared {
 
 impl Shared {
     /// Builds the world, and lets it live until its gateways have booted and are scanned.
-    pub(crate) fn new(scenario: &Scenario, kind: ClockKind) -> Result<Self, BackendError> {
+    pub(crate) fn new(
+        scenario: &Scenario,
+        kind: ClockKind,
+        bridges: Option<BridgeFactory>,
+    ) -> Result<Self, BackendError> {
         let gateways = scenario.gateways.iter();
         let boot_ms = gateways.map(|gateway| gateway.settings.boot_ms).max().unwrap_or(0);
         let scans = SCAN_BASE_NS + SCAN_SLAVE_NS * scenario.gateways.len() as u64;
@@ -84,7 +89,7 @@ impl Shared {
             ClockKind::Real => MonotonicClock.now_ns().saturating_sub(life),
         };
         let mut state = State {
-            world: World::new(scenario, birth)?,
+            world: World::new(scenario, birth, bridges)?,
             master: MasterModel::new(scenario),
             threads: Threads::new(),
         };

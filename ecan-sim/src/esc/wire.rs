@@ -1,7 +1,8 @@
 //! The line of slave controllers before the gateways of a world.
 
-use crate::backend::BackendError;
+use crate::backend_error::BackendError;
 use crate::fault::LossDirection;
+use crate::node::BridgeFactory;
 use crate::scenario::{Scenario, Topology};
 use crate::world::{CycleFaults, World};
 
@@ -48,9 +49,21 @@ impl Wire {
     /// booted.
     ///
     /// # Errors
-    /// A candump log or an EDS that cannot be read, a bridge that cannot listen.
+    /// A candump log or an EDS cannot be read; the scenario has a bridge.
     pub fn new(scenario: &Scenario, now: u64) -> Result<Self, BackendError> {
-        let mut world = World::new(scenario, now)?;
+        Self::with_bridges(scenario, now, None)
+    }
+
+    /// As [`new`](Self::new), for a scenario that may have bridges.
+    ///
+    /// # Errors
+    /// A candump log or an EDS cannot be read, or a bridge cannot be made.
+    pub fn with_bridges(
+        scenario: &Scenario,
+        now: u64,
+        bridges: Option<BridgeFactory>,
+    ) -> Result<Self, BackendError> {
+        let mut world = World::new(scenario, now, bridges)?;
         for index in 0..world.gateway_count() {
             let image = world.spec(index).map(sii::image).unwrap_or_default();
             world.with_gateway(index, |gateway, _| gateway.install_eeprom(image));

@@ -4,16 +4,20 @@
 //! [`StationConfig`](crate::StationConfig)) and the queue in front of it belong to the world
 //! that runs it.
 
+mod bridge;
 mod echo;
 mod faulty;
 mod output;
 mod replay;
 mod silent;
 
+use std::any::Any;
+
 use ecan_protocol::can::CanFrame;
 
 use crate::bus::StationConfig;
 
+pub use bridge::{BridgeFactory, BridgeProtocol, BridgeSpec};
 pub use echo::EchoNode;
 pub use faulty::{FaultyConfig, FaultyNode};
 pub use output::NodeOutput;
@@ -24,7 +28,7 @@ pub use silent::SilentNode;
 ///
 /// Calls come in the order of time. A node answers by putting frames into `out`; they are sent
 /// in that order as the bus allows.
-pub trait Node: Send {
+pub trait Node: Any + Send {
     /// The node's controller runs with this configuration from now on. The first time,
     /// [`started`](Self::started) follows.
     fn configured(&mut self, now: u64, config: &StationConfig) {
@@ -61,5 +65,10 @@ pub trait Node: Send {
     /// later one, or none.
     fn advance(&mut self, now: u64, out: &mut NodeOutput) {
         let _ = (now, out);
+    }
+
+    /// Text for the banner if it has to name the node, for example "slcan bridge at 127.0.0.1:29536".
+    fn description(&self) -> Option<String> {
+        None
     }
 }

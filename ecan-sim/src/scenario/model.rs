@@ -2,10 +2,10 @@
 
 use std::path::PathBuf;
 
-use crate::bridge::BridgeConfig;
 use crate::drive::DriveConfig;
 use crate::fault::ScriptedFault;
 use crate::gateway::GatewayModelConfig;
+use crate::node::BridgeSpec;
 use crate::wake_up::WakeUpDelay;
 
 /// How simulated time passes.
@@ -113,8 +113,8 @@ pub enum NodeKind {
     },
     /// Acknowledges, nothing else.
     Silent,
-    /// Joins other programs to the bus.
-    Bridge(BridgeConfig),
+    /// Connects other programs to the bus.
+    Bridge(BridgeSpec),
     /// Echoes, badly.
     Faulty(FaultyBehaviour),
     /// A CiA 402 drive.

@@ -2,11 +2,12 @@
 
 use ecan_protocol::can::{CanFrame, CanId};
 
-use crate::backend::BackendError;
-use crate::bridge::{BridgeInfo, BridgeNode};
+use crate::backend_error::BackendError;
 use crate::bus::{StationConfig, StationId};
 use crate::drive::Drive;
-use crate::node::{EchoNode, FaultyConfig, FaultyNode, Node, NodeOutput, ReplayNode, SilentNode};
+use crate::node::{
+    BridgeFactory, EchoNode, FaultyConfig, FaultyNode, Node, NodeOutput, ReplayNode, SilentNode,
+};
 use crate::scenario::{DriveSpec, NodeKind, NodeSpec};
 
 /// A node; drives are kept apart because tests look into them and faults strike them.
@@ -84,8 +85,6 @@ pub(super) struct NodeSlot {
     pub(super) is_postponed: bool,
     /// Taken off the bus for good.
     pub(super) detached: bool,
-    /// What is known of it if it is a bridge.
-    pub(super) bridge: Option<BridgeInfo>,
 }
 
 impl NodeSlot {
@@ -94,17 +93,17 @@ impl NodeSlot {
         bus: usize,
         station: StationId,
         seed: u64,
+        bridges: Option<BridgeFactory>,
     ) -> Result<Self, BackendError> {
-        let mut bridge = None;
         let other = |node: Box<dyn Node>| NodeBody::Other(node);
         let node = match &spec.kind {
             NodeKind::Echo => other(Box::new(EchoNode::new())),
             NodeKind::Silent => other(Box::new(SilentNode)),
             NodeKind::Replay { file } => other(Box::new(read_log(file)?)),
-            NodeKind::Bridge(settings) => {
-                let node = BridgeNode::listen(settings)?;
-                bridge = Some(node.info().clone());
-                other(Box::new(node))
+            NodeKind::Bridge(bridge) => {
+                let node = spec.name.clone();
+                let make = bridges.ok_or(BackendError::NoBridges { node })?;
+                other(make(bridge).map_err(BackendError::Bridge)?)
             }
             NodeKind::Faulty(behaviour) => other(Box::new(FaultyNode::new(FaultyConfig {
                 seed,
@@ -120,7 +119,7 @@ impl NodeSlot {
             Some(data) => StationConfig::fd(nominal, data),
             None => StationConfig::classic(nominal),
         });
-        Ok(Self { fixed, bridge, ..Self::with_node(spec.name.clone(), node, bus, station) })
+        Ok(Self { fixed, ..Self::with_node(spec.name.clone(), node, bus, station) })
     }
 
     /// A node that follows the bit rates of the gateway.
@@ -137,7 +136,6 @@ impl NodeSlot {
             is_concerned: false,
             is_postponed: false,
             detached: false,
-            bridge: None,
         }
     }
 }

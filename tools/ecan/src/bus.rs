@@ -18,6 +18,11 @@ pub struct Bus {
     choice: Option<SlaveChoice>,
 }
 
+/// Options of a simulated library, with the clock of a scenario that names none.
+pub fn sim_options(clock: ClockKind) -> SimOptions {
+    SimOptions { clock: Some(clock), bridges: Some(ecan_sim_bridge::make), ..SimOptions::default() }
+}
+
 impl Bus {
     /// Opens the library and the master; says on standard error when they are simulated.
     pub fn open(global: &GlobalOptions, output: &Output) -> Result<Self, Failure> {
@@ -31,7 +36,7 @@ impl Bus {
         clock: ClockKind,
     ) -> Result<Self, Failure> {
         let setting = EcrtSetting::resolve(global.ecrt.as_deref())?;
-        let options = SimOptions { clock: Some(clock), ..SimOptions::default() };
+        let options = sim_options(clock);
         Self::of(&ecan_sim::open(&setting, &options)?, global, output)
     }
 

@@ -53,6 +53,7 @@ fn open_library(call: Call, config: &AdapterPlain) -> Result<Backend, ecan_resul
         seed: config.seed,
         slaves: last_position.map(|position| usize::from(position) + 1),
         carries_large_pdos: config.allow_large_pdos.then_some(true),
+        bridges: Some(ecan_sim_bridge::make),
     };
     let backend = ecan_sim::open(&setting, &options).map_err(|e| errors::backend(call, &e))?;
     if let Some(simulation) = &backend.simulation {

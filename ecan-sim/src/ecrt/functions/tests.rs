@@ -8,7 +8,7 @@ use crate::scenario::{ClockKind, echo};
 use ecrt_sys::OpenMaster as _;
 
 fn simulated() -> (Functions, SimulatedMasters) {
-    let simulation = Simulation::new(&echo(1), ClockKind::Stepped).unwrap();
+    let simulation = Simulation::new(&echo(1), ClockKind::Stepped, None).unwrap();
     (table(EcrtVersion::V1_6), SimulatedMasters { shared: simulation.shared().clone() })
 }
 

@@ -1,13 +1,12 @@
 //! Nodes in a scenario file.
 
-use std::net::{IpAddr, SocketAddr};
+use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
 use serde::Deserialize;
 
-use crate::bridge::{BridgeConfig, BridgeProtocol};
+use crate::node::{BridgeProtocol, BridgeSpec};
 use crate::scenario::file::raw_drive::{RawMotor, RawQuirks};
-use crate::scenario::file::set;
 use crate::scenario::{FaultyBehaviour, NodeKind, NodeSpec, Scenario};
 
 #[derive(Deserialize)]
@@ -23,7 +22,7 @@ pub(super) struct RawNode {
     corrupt_permille: Option<u16>,
     repeat_permille: Option<u16>,
     babble_us: Option<u32>,
-    protocol: Option<RawProtocol>,
+    protocol: Option<BridgeProtocol>,
     address: Option<IpAddr>,
     port: Option<u16>,
     max_clients: Option<usize>,
@@ -36,13 +35,6 @@ pub(super) struct RawNode {
     pub(super) enable_ms: Option<u32>,
     pub(super) motor: Option<RawMotor>,
     pub(super) quirks: Option<RawQuirks>,
-}
-
-#[derive(Deserialize, Clone, Copy)]
-#[serde(rename_all = "lowercase")]
-enum RawProtocol {
-    Slcan,
-    Socketcand,
 }
 
 #[derive(Deserialize, Clone, Copy, PartialEq)]
@@ -152,22 +144,16 @@ impl RawNode {
 }
 
 impl RawNode {
-    fn bridge(&self) -> Result<BridgeConfig, String> {
-        let mut settings = BridgeConfig::default();
+    fn bridge(&self) -> Result<BridgeSpec, String> {
         if self.max_clients == Some(0) || self.queue == Some(0) {
             return Err("a bridge needs `max_clients` and `queue` above 0".to_owned());
         }
-        set(&mut settings.max_clients, self.max_clients);
-        set(&mut settings.queue, self.queue);
-        let address = self.address.unwrap_or(settings.address.ip());
-        settings.address = SocketAddr::new(address, self.port.unwrap_or(0));
-        set(
-            &mut settings.protocol,
-            self.protocol.map(|protocol| match protocol {
-                RawProtocol::Slcan => BridgeProtocol::Slcan,
-                RawProtocol::Socketcand => BridgeProtocol::Socketcand,
-            }),
-        );
-        Ok(settings)
+        Ok(BridgeSpec {
+            protocol: self.protocol.unwrap_or_default(),
+            address: self.address,
+            port: self.port.unwrap_or(0),
+            max_clients: self.max_clients,
+            queue: self.queue,
+        })
     }
 }

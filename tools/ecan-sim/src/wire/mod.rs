@@ -37,7 +37,7 @@ pub fn run(arguments: &WireArguments) -> Result<(), Box<dyn Error>> {
     let start_ns = MonotonicClock.now_ns();
     let offset_ns = turnaround::real_time_ns().saturating_sub(start_ns);
     let dump = arguments.dump.as_ref().map(|path| Dump::create(path, offset_ns)).transpose()?;
-    let mut wire = Wire::new(&scenario, start_ns)?;
+    let mut wire = Wire::with_bridges(&scenario, start_ns, Some(ecan_sim_bridge::make))?;
     if dump.is_some() {
         wire.world_mut().record_all_buses();
     }
@@ -83,8 +83,7 @@ fn scenario(arguments: &WireArguments, screen: Screen) -> Result<Scenario, Box<d
 }
 
 fn announce(scenario: &Scenario, wire: &Wire, socket: &PacketSocket, screen: Screen) {
-    let bridges: String =
-        wire.world().bridges().map(|(bus, bridge)| format!(", {bridge} on bus {bus}")).collect();
+    let bridges = wire.world().node_descriptions();
     let interface = socket.interface();
     screen.line(format_args!(
         "SIMULATED: no gateway, no CAN bus is real. Scenario {}: {}, {}, on interface {}, seed {}{bridges}",

@@ -1,8 +1,9 @@
 //! The library of the master.
 
 use ecan_host::Ecrt;
-use ecan_sim::{BackendError, ClockKind, EcrtSetting, SimOptions};
+use ecan_sim::{BackendError, ClockKind, EcrtSetting};
 
+use crate::bus::sim_options;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -15,7 +16,7 @@ pub(super) fn load(
     output: &Output,
 ) -> Result<Result<Ecrt, String>, Failure> {
     let setting = EcrtSetting::resolve(global.ecrt.as_deref())?;
-    let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+    let options = sim_options(ClockKind::Stepped);
     match ecan_sim::open(&setting, &options) {
         Ok(backend) => {
             if let Some(simulation) = &backend.simulation {

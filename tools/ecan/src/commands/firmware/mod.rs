@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use ecan_command_line::interrupt::Interrupt;
-use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
+use ecan_sim::{ClockKind, EcrtSetting};
 use serde::Serialize;
 
 use self::by_tool::ByTool;
@@ -23,7 +23,7 @@ use self::gateways::{Gateways, Running, Selection, SlaveEntry};
 use self::package::FirmwareFile;
 use self::simulated::Simulated;
 use self::update::{Outcome, Report, Update};
-use crate::bus::Bus;
+use crate::bus::{Bus, sim_options};
 use crate::confirmation::confirm;
 use crate::failure::Failure;
 use crate::global::GlobalOptions;
@@ -161,7 +161,7 @@ fn open(
             Err(Failure::Usage(words.to_owned()))
         }
         (setting @ EcrtSetting::Sim(_), None) => {
-            let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
+            let options = sim_options(ClockKind::Stepped);
             let backend = ecan_sim::open(&setting, &options)?;
             let Some(simulation) = backend.simulation.clone() else {
                 return Err(Failure::Master("the simulation gives no access to it".to_owned()));

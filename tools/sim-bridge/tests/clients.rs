@@ -1,18 +1,16 @@
-//! The bridge as its clients see it: over TCP, mostly in real time.
-
-mod ecrt_support;
+//! Bridges as their clients see them: over TCP, mostly in real time.
 
 use std::io::{Read as _, Write as _};
 use std::net::{SocketAddr, TcpStream};
 use std::time::{Duration, Instant};
 
+use ecan_bridge::{BridgeInfo, ServerError};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{
-    BridgeConfig, BridgeError, BridgeInfo, BridgeProtocol, BridgeServerError, ClockKind, Fault,
-    FaultyBehaviour, GatewaySpec, NodeKind, NodeSpec, RunnerError, Scenario, SimOptions,
-    Simulation,
+    BackendError, BridgeProtocol, BridgeSpec, ClockKind, Fault, FaultyBehaviour, GatewaySpec,
+    NodeKind, NodeSpec, RunnerError, Scenario, SimOptions, Simulation,
 };
-use ecrt_support::Program;
+use ecan_sim_bridge::{BridgeError, attach, bridges};
 
 /// Nothing here takes anywhere near as long, unless it fails.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -33,16 +31,20 @@ fn simulation(kinds: Vec<NodeKind>) -> Simulation {
 }
 
 fn open(scenario: Scenario, clock: ClockKind) -> Simulation {
-    let options = SimOptions { clock: Some(clock), ..SimOptions::default() };
+    let options = SimOptions {
+        clock: Some(clock),
+        bridges: Some(ecan_sim_bridge::make),
+        ..SimOptions::default()
+    };
     ecan_sim::open_scenario(scenario, &options).unwrap().simulation.unwrap()
 }
 
-fn bridge(settings: BridgeConfig) -> NodeKind {
+fn bridge(settings: BridgeSpec) -> NodeKind {
     NodeKind::Bridge(settings)
 }
 
 fn only_bridge(simulation: &Simulation) -> BridgeInfo {
-    let bridges = simulation.bridges();
+    let bridges = bridges(simulation);
     assert_eq!(bridges.len(), 1);
     bridges[0].1.clone()
 }
@@ -101,7 +103,7 @@ fn bridge_threads(port: u16) -> usize {
 
 #[test]
 fn a_client_talks_with_a_node_and_not_with_itself() {
-    let simulation = simulation(vec![NodeKind::Echo, bridge(BridgeConfig::default())]);
+    let simulation = simulation(vec![NodeKind::Echo, bridge(BridgeSpec::default())]);
     let _runner = simulation.keep_running().unwrap();
     let bridge = only_bridge(&simulation);
     assert!(bridge.address().ip().is_loopback());
@@ -121,7 +123,7 @@ fn a_client_talks_with_a_node_and_not_with_itself() {
 
 #[test]
 fn clients_hear_each_other() {
-    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeConfig::default())]);
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSpec::default())]);
     let _runner = simulation.keep_running().unwrap();
     let bridge = only_bridge(&simulation);
     let mut clients: Vec<_> = (0..3).map(|_| Client::slcan(bridge.address())).collect();
@@ -140,11 +142,11 @@ fn clients_hear_each_other() {
 #[test]
 fn two_bridges_on_one_bus_speak_two_protocols() {
     let simulation = simulation(vec![
-        bridge(BridgeConfig::default()),
-        bridge(BridgeConfig::speaking(BridgeProtocol::Socketcand)),
+        bridge(BridgeSpec::default()),
+        bridge(BridgeSpec { protocol: BridgeProtocol::Socketcand, ..BridgeSpec::default() }),
     ]);
     let _runner = simulation.keep_running().unwrap();
-    let bridges = simulation.bridges();
+    let bridges = bridges(&simulation);
     let mut slcan = Client::slcan(bridges[0].1.address());
     let mut daemon = Client::connect(bridges[1].1.address());
     daemon.expect("< hi >");
@@ -161,7 +163,7 @@ fn two_bridges_on_one_bus_speak_two_protocols() {
 
 #[test]
 fn malformed_input_is_answered_with_a_bell() {
-    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeConfig::default())]);
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSpec::default())]);
     let bridge = only_bridge(&simulation);
     let mut client = Client::slcan(bridge.address());
     client.say("t12\rwhat?\r\0\u{fffd}\r");
@@ -174,7 +176,7 @@ fn malformed_input_is_answered_with_a_bell() {
 #[test]
 fn queues_are_bounded_and_count_what_they_drop() {
     // Nobody moves time, so nothing leaves the queue to the bus.
-    let settings = BridgeConfig { queue: 8, ..BridgeConfig::default() };
+    let settings = BridgeSpec { queue: Some(8), ..BridgeSpec::default() };
     let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
     let bridge = only_bridge(&simulation);
     let mut client = Client::slcan(bridge.address());
@@ -194,7 +196,7 @@ fn a_client_that_does_not_read_holds_nobody_up() {
         gateways: vec![GatewaySpec::at(0)],
         nodes: vec![
             node("babbler", "0.0", NodeKind::Faulty(babbler), Some(1_000_000)),
-            node("bridge", "0.0", bridge(BridgeConfig::default()), Some(1_000_000)),
+            node("bridge", "0.0", bridge(BridgeSpec::default()), Some(1_000_000)),
         ],
         ..Scenario::default()
     };
@@ -215,7 +217,7 @@ fn a_client_that_does_not_read_holds_nobody_up() {
 
 #[test]
 fn a_client_too_many_is_turned_away_until_another_leaves() {
-    let settings = BridgeConfig { max_clients: 1, ..BridgeConfig::default() };
+    let settings = BridgeSpec { max_clients: Some(1), ..BridgeSpec::default() };
     let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
     let bridge = only_bridge(&simulation);
     let first = Client::slcan(bridge.address());
@@ -228,7 +230,7 @@ fn a_client_too_many_is_turned_away_until_another_leaves() {
 
 #[test]
 fn a_silent_bridge_neither_hears_late_nor_mixes_senders_up() {
-    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeConfig::default())]);
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSpec::default())]);
     let _runner = simulation.keep_running().unwrap();
     let info = only_bridge(&simulation);
     let (mut one, mut two) = (Client::slcan(info.address()), Client::slcan(info.address()));
@@ -248,14 +250,14 @@ fn a_silent_bridge_neither_hears_late_nor_mixes_senders_up() {
 fn an_attached_bridge_goes_with_its_handle_and_takes_its_threads_along() {
     let simulation = simulation(vec![NodeKind::Silent]);
     let _runner = simulation.keep_running().unwrap();
-    let handle = simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
+    let handle = attach(&simulation, "0.0", &BridgeSpec::default()).unwrap();
     let address = handle.address();
     let clients: Vec<_> = (0..3).map(|_| Client::slcan(address)).collect();
-    assert_eq!((simulation.bridges().len(), handle.statistics().clients), (1, 3));
+    assert_eq!((bridges(&simulation).len(), handle.statistics().clients), (1, 3));
     assert_eq!(bridge_threads(address.port()), 1);
     let info = handle.info().clone();
     drop(handle);
-    assert_eq!((simulation.bridges().len(), info.statistics().clients), (0, 0));
+    assert_eq!((bridges(&simulation).len(), info.statistics().clients), (0, 0));
     wait_for("its threads end", || bridge_threads(address.port()) == 0);
     for mut client in clients {
         assert!(client.is_over());
@@ -263,37 +265,24 @@ fn an_attached_bridge_goes_with_its_handle_and_takes_its_threads_along() {
     assert!(TcpStream::connect(address).is_err());
 }
 
-/// Nobody else is on the bus of the gateway: the bridge acknowledges its frames as long as it is
-/// there.
 #[test]
-fn an_attached_bridge_takes_part_in_a_bus_that_runs() {
-    let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
-    let mut program = Program::new(ecrt_support::stepped(scenario), &[3]).into_op();
-    let simulation = program.simulation().clone();
-    let handle = simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
-    let mut client = Client::slcan(handle.address());
-    let frame = |data: &[u8]| CanFrame::classic(CanId::standard(0x123).unwrap(), data).unwrap();
-    program.cycle_with(&[(0, 0, frame(&[1]))]);
-    program.cycles(5);
-    client.expect("t123101\r");
-    client.say("t123102\r");
-    client.expect("z\r");
-    program.receive_frames(1);
-    assert_eq!(program.received, [(0, 0, frame(&[2]))]);
-    let on_bus = || simulation.with_world(|world| world.counters(0)).unwrap().frames_on_bus;
-    assert_eq!(on_bus(), 1);
-    drop(handle);
-    program.cycle_with(&[(0, 0, frame(&[3]))]);
-    program.cycles(50);
-    assert_eq!(on_bus(), 1);
-    let handle = simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
-    program.cycles(50);
-    assert_eq!((on_bus(), handle.statistics().sent), (2, 0));
+fn scenario_without_bridge_factory_reports_the_node() {
+    let scenario = Scenario {
+        gateways: vec![GatewaySpec::at(0)],
+        nodes: vec![node("slcan", "0.0", bridge(BridgeSpec::default()), None)],
+        ..Scenario::default()
+    };
+    let error = ecan_sim::open_scenario(scenario, &SimOptions::default()).unwrap_err();
+    assert!(matches!(error, BackendError::NoBridges { .. }));
+    assert_eq!(
+        error.to_string(),
+        "node \"slcan\" is a bridge; this program does not support bridges"
+    );
 }
 
 #[test]
 fn dropping_the_simulation_ends_its_bridges() {
-    let simulation = simulation(vec![bridge(BridgeConfig::default())]);
+    let simulation = simulation(vec![bridge(BridgeSpec::default())]);
     let address = only_bridge(&simulation).address();
     let mut client = Client::slcan(address);
     drop(simulation);
@@ -304,14 +293,12 @@ fn dropping_the_simulation_ends_its_bridges() {
 #[test]
 fn bridges_that_cannot_be_had_are_refused_with_the_reason() {
     let simulation = simulation(vec![NodeKind::Silent]);
-    let error = simulation.attach_bridge("0.7", BridgeConfig::default()).unwrap_err();
+    let error = attach(&simulation, "0.7", &BridgeSpec::default()).unwrap_err();
     assert_eq!(error.to_string(), "bus \"0.7\" does not exist; there are: 0.0, 0.1, 0.2, 0.3");
-    let first = simulation.attach_bridge("0.0", BridgeConfig::default()).unwrap();
-    let taken = BridgeConfig { address: first.address(), ..BridgeConfig::default() };
-    let error = simulation.attach_bridge("0.1", taken).unwrap_err();
-    let BridgeError::Server(BridgeServerError::Listen { address, .. }) = error else {
-        panic!("{error}")
-    };
+    let first = attach(&simulation, "0.0", &BridgeSpec::default()).unwrap();
+    let taken = BridgeSpec { port: first.address().port(), ..BridgeSpec::default() };
+    let error = attach(&simulation, "0.1", &taken).unwrap_err();
+    let BridgeError::Server(ServerError::Listen { address, .. }) = error else { panic!("{error}") };
     assert_eq!(address, first.address());
 }
 
@@ -328,7 +315,7 @@ fn a_bridge_works_in_stepped_time_too() {
         gateways: vec![GatewaySpec::at(0)],
         nodes: vec![
             node("echo", "0.0", NodeKind::Echo, Some(500_000)),
-            node("bridge", "0.0", bridge(BridgeConfig::default()), Some(500_000)),
+            node("bridge", "0.0", bridge(BridgeSpec::default()), Some(500_000)),
         ],
         ..Scenario::default()
     };
@@ -357,10 +344,11 @@ fn a_scenario_file_says_it_all() {
         queue = 10
     "#;
     let scenario = Scenario::from_toml(text, "joined", std::path::Path::new(".")).unwrap();
-    let settings = BridgeConfig {
-        max_clients: 2,
-        queue: 10,
-        ..BridgeConfig::speaking(BridgeProtocol::Socketcand)
+    let settings = BridgeSpec {
+        protocol: BridgeProtocol::Socketcand,
+        max_clients: Some(2),
+        queue: Some(10),
+        ..BridgeSpec::default()
     };
     assert_eq!(scenario.nodes[1].kind, bridge(settings));
     let simulation = open(scenario, ClockKind::Real);
@@ -393,7 +381,7 @@ fn keys_of_bridges_belong_to_bridges() {
 #[test]
 fn the_frame_on_the_bus_is_the_clients() {
     let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[1]).unwrap();
-    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeConfig::default())]);
+    let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSpec::default())]);
     let _runner = simulation.keep_running().unwrap();
     let info = only_bridge(&simulation);
     let mut client = Client::slcan(info.address());

@@ -1,0 +1,56 @@
+//! Nodes that join and leave the bus of a running gateway.
+
+mod ecrt_support;
+
+use std::sync::{Arc, Mutex};
+
+use ecan_protocol::can::{CanFrame, CanId};
+use ecan_sim::{GatewaySpec, Node, NodeOutput, Scenario, StationConfig};
+use ecrt_support::Program;
+
+fn frame(data: u8) -> CanFrame {
+    CanFrame::classic(CanId::standard(0x123).unwrap(), &[data]).unwrap()
+}
+
+/// Records its bit rates and what it receives; answers frame 1 with frame 2.
+#[derive(Clone, Default)]
+struct Recorder(Arc<Mutex<(Vec<u32>, Vec<CanFrame>)>>);
+
+impl Node for Recorder {
+    fn configured(&mut self, _now: u64, config: &StationConfig) {
+        self.0.lock().unwrap().0.push(config.nominal_bitrate);
+    }
+
+    fn received(&mut self, _now: u64, received: &CanFrame, out: &mut NodeOutput) {
+        self.0.lock().unwrap().1.push(*received);
+        if *received == frame(1) {
+            out.send(frame(2));
+        }
+    }
+}
+
+/// No other node is on the bus: the attached one acknowledges the gateway's frames while it is
+/// there.
+#[test]
+fn attached_node_takes_part_until_dropped() {
+    let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
+    let mut program = Program::new(ecrt_support::stepped(scenario), &[3]).into_op();
+    let simulation = program.simulation().clone();
+    let on_bus = || simulation.with_world(|world| world.counters(0)).unwrap().frames_on_bus;
+    let recorder = Recorder::default();
+    let attach = || simulation.attach_node("0.0", "recorder", Box::new(recorder.clone())).unwrap();
+    let handle = attach();
+    program.cycle_with(&[(0, 0, frame(1))]);
+    program.receive_frames(1);
+    assert_eq!(program.received, [(0, 0, frame(2))]);
+    assert_eq!(*recorder.0.lock().unwrap(), (vec![500_000], vec![frame(1)]));
+    assert_eq!(on_bus(), 1);
+    drop(handle);
+    program.cycle_with(&[(0, 0, frame(3))]);
+    program.cycles(50);
+    assert_eq!(on_bus(), 1);
+    let _handle = attach();
+    program.cycles(50);
+    assert_eq!(on_bus(), 2);
+    assert_eq!(recorder.0.lock().unwrap().1, [frame(1), frame(3)]);
+}
