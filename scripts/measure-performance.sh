@@ -1,18 +1,18 @@
 #!/usr/bin/env bash
 # Runs the benchmarks, prints one table of ratios, and writes it with the details, the machine and
-# the date into docs/PERFORMANCE.md. What that file says from "## Remarks" on is kept: it is written
-# by hand. Other load on the machine spoils the figures.
+# the date into docs/PERFORMANCE.md. The hand-written part of that file, from "## Remarks" on, is kept.
+# Other load on the machine distorts the figures.
 #
 #     scripts/measure-performance.sh
 #
-# Needs a C compiler for the plain C codec that the codec is measured against; and, for the rows of
-# the wake-up, cyclictest and the right to SCHED_FIFO.
+# Needs a C compiler for the plain C codec, and for the wake-up rows cyclictest and permission for
+# SCHED_FIFO.
 set -euo pipefail
 cd "$(dirname "$0")/.."
 document=docs/PERFORMANCE.md
 
 bench() { cargo bench --quiet --locked -p "$1" --bench "$2"; }
-# A benchmark marks the rows of the table with "= ".
+# Benchmarks mark table rows with "= ".
 rows() { sed -n 's/^= //p' <<<"$1" | tail -n +2; }
 details() { grep -v '^= ' <<<"$1" || true; }
 has_goal() { awk -F'|' '$3 !~ /^ *$/'; }
@@ -72,32 +72,31 @@ Written by \`scripts/measure-performance.sh\` on $(date -u +%F).
 | gcc | $(gcc --version | head -1) |
 | Load average (1 and 5 minutes) before the run | $load_before |
 
-Ratios only: smaller is better, except for the simulator. Two sides take turns in one process; each
-round gives a ratio, and the figure is the median of 3001 of them (301 with cold caches). Accelerated
-means CRC by carry-less multiplication (of two blocks at once where the processor can); portable, by
-tables alone. Where both have a goal, the goal of
-the portable kernel stands second.
+All figures are ratios; smaller is better, except for the simulator. The two sides alternate in one
+process; each round gives a ratio, and the figure is the median of 3001 rounds (301 with cold caches).
+The accelerated kernel computes the CRC by carry-less multiplication (two blocks at once if the processor
+supports it), the portable one by tables. Two goals are those of the accelerated and the portable kernel.
 
 $table
 
-## Codec of process data
+## PDO image codec
 
-Time of this codec over that of a plain C codec (\`ecan-protocol/benches/baseline\`: CRC by a table of
+Time of this codec relative to a plain C codec (\`ecan-protocol/benches/baseline\`: CRC by a table of
 256 entries, byte by byte; the image cleared whole; compiled with -O3). Both write the same bytes and
-read the same packets. An image is written from frames made beforehand, then judged and read without
-a copy, with a look at channel, identifier, length and first data byte of each frame.
+read the same packets. The benchmark writes an image from prepared frames, then validates and reads it without
+a copy, including channel, CAN ID, length and first data byte of each frame.
 
 $(details "$codec")
 
-Before each cold call one byte of every cache line of a buffer is read. Twice as large as the
-second-level cache, it leaves frames, image, tables and code in the last-level cache, as far as that has
-room; twice as large as the last-level cache, it leaves them in memory, the first clock reading too.
+Before each cold call the benchmark reads one byte of every cache line of a buffer. A buffer of twice the
+second-level cache evicts frames, image, tables and code to the last-level cache; a buffer of twice the
+last-level cache evicts them to memory.
 
-Wire time is that of an RxPDO and a TxPDO image of N x 128 bytes each at 100 Mbit/s, 80 ns a byte:
+Wire time is that of an RxPDO and a TxPDO image of N x 128 bytes each at 100 Mbit/s, 80 ns per byte:
 \`bytes = 2 x 128 x N + 52 x frames\`, \`frames = ceil(2 x 128 x N / 1486)\`. The 52 bytes around the
 data are preamble and start (8), Ethernet header (14), EtherCAT header (2), datagram header and working
-counter (12), check sequence (4) and gap (12). The images are full of frames of 8 bytes; one is written,
-one read.
+counter (12), check sequence (4) and gap (12). The images are full of frames of 8 bytes; the benchmark
+writes one and reads one.
 
 CRC of short inputs, without a goal:
 
@@ -109,17 +108,17 @@ $(rows "$codec" | has_no_goal)
 
 ## Whole cycle
 
-\`cycle_begin\`, receive everything, send, \`cycle_end\` of a Port on a master that exchanges nothing
-(\`benches/null-master\`): its functions only succeed, and give each TxPDO image its next sequence number.
-The other side is the bare codec with the same images. What the Port does beyond the codec: sessions,
-working counters, sequence of images, checks of channel and frame, tickets, statistics.
+\`cycle_begin\`, receive everything, send, \`cycle_end\` of a Port on a master without data exchange
+(\`benches/null-master\`): its functions only return success and increment the sequence of each TxPDO image.
+The other side is the codec alone with the same images. The Port adds sessions, working counters,
+image sequence, checks of channel and frame, tickets and statistics.
 
     cargo bench -p ecan-mcan-port --bench cycle
 
 ## CiA 402 axes
 
-\`process_rx\` and \`send_targets_all\`, without begin and end of the cycle. A cycle in which every axis sent
-its TPDO is played again and again; every axis follows targets at standstill. Four axes on a channel,
+\`process_rx\` and \`send_targets_all\`, without begin and end of the cycle. The benchmark
+repeats a cycle in which every axis sent its TPDO; every axis follows targets at standstill. Four axes on a channel,
 sixteen on a gateway: ten are on one gateway, forty on three.
 
 $(details "$axes")
@@ -128,7 +127,7 @@ $(details "$axes")
 
 ## Simulator
 
-Simulated time over wall-clock time, in stepped time, host and bit-exact buses included.
+Simulated time relative to wall-clock time, in stepped time, including host and bit-exact buses.
 
 \`\`\`text
 $simulation
@@ -138,8 +137,8 @@ $simulation
 
 ## Wake-up
 
-How late the cycle starts at a period of 1 ms, segments of the cycle timer and of \`cyclictest\` in
-turn; the figure is the median of the ratios of neighbours.
+Delay of the cycle start at a period of 1 ms. Segments of the cycle timer and of \`cyclictest\`
+alternate; the figure is the median of the ratios of adjacent segments.
 
 \`\`\`text
 $wake_up_details
@@ -147,9 +146,9 @@ $wake_up_details
 
     cargo bench -p ecan-host --bench wake_up
 
-## C face
+## C interface
 
-What a call through the C functions costs over the Rust call.
+Cost of a call through the C functions relative to the Rust call.
 
 \`\`\`text
 $(details "$c_face")
