@@ -1,8 +1,8 @@
-//! Bus load as the host can tell it: from the frames that it sent and received.
+//! Bus load, computed from the frames that the host sent and received.
 
 use ecan_protocol::can::{CanFrame, FrameBits};
 
-/// Adds up the time that frames take on one bus.
+/// Sum of the frame times on one bus.
 #[derive(Debug, Clone, Copy, Default, PartialEq)]
 pub struct BusLoad {
     nominal_bits: u64,
@@ -10,15 +10,15 @@ pub struct BusLoad {
 }
 
 impl BusLoad {
-    /// Counts a frame that was on the bus.
+    /// Adds a frame that was on the bus.
     pub fn add(&mut self, frame: &CanFrame) {
         let bits = FrameBits::least(frame.as_ref());
         self.nominal_bits += u64::from(bits.nominal);
         self.data_bits += u64::from(bits.data);
     }
 
-    /// Share of `elapsed_ns` that the bus was busy, in percent, at least: stuff bits and the
-    /// frames that other nodes exchanged unseen come on top.
+    /// Lower limit of the bus load during `elapsed_ns`, in percent: stuff bits and frames between other
+    /// nodes are not included.
     pub fn percent(&self, nominal_bitrate: u32, data_bitrate: u32, elapsed_ns: u64) -> f64 {
         if elapsed_ns == 0 {
             return 0.0;
@@ -35,7 +35,7 @@ mod tests {
     use ecan_protocol::can::CanId;
 
     #[test]
-    fn a_full_bus_is_at_100_percent() {
+    fn full_bus_has_a_load_of_100_percent() {
         let mut load = BusLoad::default();
         let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[0; 8]).unwrap();
         for _ in 0..1000 {

@@ -1,4 +1,4 @@
-//! Frames with a number as an analyser on the bus saw them: periods, losses, order.
+//! Numbered frames as recorded on the bus: periods, losses, order.
 
 use std::error::Error;
 use std::path::Path;
@@ -11,28 +11,28 @@ use crate::log_file;
 /// A numbered frame on the bus.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NumberedFrame {
-    /// Its number.
+    /// Number in the frame.
     pub number: u64,
-    /// When it was on the bus, in nanoseconds.
+    /// Start on the bus, ns.
     pub time_ns: u64,
 }
 
-/// The number that a frame of this identifier carries in its first 8 bytes, least byte first.
+/// Number in the first 8 bytes of a frame with this CAN ID, little-endian.
 pub fn number_of(frame: &CanFrame, id: CanId) -> Option<u64> {
     let bytes = frame.data().first_chunk::<8>()?;
     (frame.id() == id).then(|| u64::from_le_bytes(*bytes))
 }
 
-/// Everything that was recorded, in the order of the bus.
+/// Recorded frames in bus order.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct BusRecord {
     frames: Vec<NumberedFrame>,
-    /// Steps of the time stamps, in nanoseconds.
+    /// Resolution of the timestamps, ns.
     pub resolution_ns: u64,
 }
 
 impl BusRecord {
-    /// From what the simulated bus recorded; frames of other stations are left out.
+    /// Takes the recording of the simulated bus, without frames of other stations.
     pub fn from_simulation(frames: &[BusFrame], id: CanId) -> Self {
         let numbered = |it: &BusFrame| {
             let number = number_of(&it.frame, id).filter(|_| it.is_from_channel)?;
@@ -41,11 +41,11 @@ impl BusRecord {
         Self { frames: frames.iter().filter_map(numbered).collect(), resolution_ns: 1 }
     }
 
-    /// From an analyser's candump log. Frames of other identifiers are left out; of those with the
-    /// same number the first is taken for the frame that was sent, and the others for its echo.
+    /// Reads an analyser's candump log, without frames of other CAN IDs. The first frame of a number
+    /// counts as sent, the others as its echo.
     ///
     /// # Errors
-    /// The file and why it cannot be read, or that no numbered frame is in it.
+    /// The file cannot be read or contains no numbered frame.
     pub fn from_log(path: &Path, id: CanId) -> Result<Self, Box<dyn Error>> {
         let log = log_file::read(path)?;
         let is_coarse = log.iter().all(|it| it.time_ns.is_multiple_of(1_000));
@@ -59,14 +59,12 @@ impl BusRecord {
             .collect();
         if frames.is_empty() {
             let (name, id) = (path.display(), id.raw());
-            return Err(
-                format!("{name} holds no numbered frame with the identifier {id:03X}").into()
-            );
+            return Err(format!("{name} contains no numbered frame with CAN ID {id:03X}").into());
         }
         Ok(Self { frames, resolution_ns: if is_coarse { 1_000 } else { 1 } })
     }
 
-    /// What became of the frames with these numbers.
+    /// Frames with these numbers and their periods.
     pub fn periods(&self, numbers: std::ops::Range<u64>) -> BusPeriods {
         let frames: Vec<_> =
             self.frames.iter().filter(|it| numbers.contains(&it.number)).copied().collect();
@@ -86,9 +84,9 @@ impl BusRecord {
 pub struct BusPeriods {
     /// Frames that were sent.
     pub sent: u64,
-    /// Frames that came before one with a smaller number.
+    /// Frames that precede a frame with a smaller number.
     pub order_errors: u64,
-    /// From frame to frame, in nanoseconds.
+    /// Periods from frame to frame, ns.
     pub periods_ns: Vec<u64>,
     /// The frames.
     pub frames: Vec<NumberedFrame>,
@@ -106,7 +104,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn losses_and_order_come_from_the_numbers() {
+    fn numbers_show_losses_and_order_errors() {
         let frames = [(3, 10), (4, 20), (6, 30), (5, 41), (9, 50)]
             .map(|(number, time_ns)| NumberedFrame { number, time_ns })
             .to_vec();

@@ -8,7 +8,7 @@ use ecan_host::ClockStatus;
 
 use crate::svg::{self, Anchor};
 
-/// Samples that a picture shows at most.
+/// Maximum number of samples in a picture.
 const SAMPLES: u64 = 4_000;
 const WIDTH: f64 = 960.0;
 const PANEL: f64 = 220.0;
@@ -16,13 +16,13 @@ const LEFT: f64 = 70.0;
 const RIGHT: f64 = 20.0;
 const TOP: f64 = 36.0;
 const BOTTOM: f64 = 34.0;
-/// What the lower panel spans, in microseconds either way.
+/// Range of the lower panel in both directions, us.
 const CLOSE_US: f64 = 1.5;
 
 /// Time in seconds, phase error in microseconds.
 type Sample = (f64, f64);
 
-/// Collects what is drawn in the end.
+/// Samples of a run, drawn at its end.
 #[derive(Debug)]
 pub struct ClockPlot {
     every: u64,
@@ -30,12 +30,12 @@ pub struct ClockPlot {
     /// Times in seconds at which readings were missed.
     missed: Vec<f64>,
     missed_readings: u64,
-    /// The largest phase error since the last sample, so that no peak falls between two.
+    /// Largest phase error since the last sample, so that no peak is lost.
     peak: Option<Sample>,
 }
 
 impl ClockPlot {
-    /// For so many cycles.
+    /// Creates a plot for this number of cycles.
     pub fn new(cycles: u64) -> Self {
         let every = cycles.div_ceil(SAMPLES).max(1);
         let samples = usize::try_from(cycles / every + 1).unwrap_or(0);
@@ -48,7 +48,7 @@ impl ClockPlot {
         }
     }
 
-    /// Takes the figures of a cycle. Allocates nothing but for missed readings without number.
+    /// Adds the status of a cycle. Allocates only for more missed readings than samples.
     pub fn sample(&mut self, cycle: u64, seconds: f64, status: ClockStatus) {
         let missed = status.missed_readings;
         if missed > self.missed_readings {
@@ -67,7 +67,7 @@ impl ClockPlot {
     /// Writes the picture.
     ///
     /// # Errors
-    /// The file and why it cannot be written.
+    /// The file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), Box<dyn Error>> {
         std::fs::write(path, self.svg())
             .map_err(|error| format!("cannot write {}: {error}", path.display()).into())
@@ -80,7 +80,7 @@ impl ClockPlot {
         let high = errors().fold(1.0, f64::max);
         let air = (high - low) * 0.05;
         self.panel(&mut out, 0.0, "phase error", (low - air, high + air));
-        self.panel(&mut out, PANEL, "the same, from near", (-CLOSE_US, CLOSE_US));
+        self.panel(&mut out, PANEL, "phase error, enlarged", (-CLOSE_US, CLOSE_US));
         out.push_str("</svg>\n");
         out
     }

@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use crate::svg::{self, Anchor};
 
-/// Bars of a histogram; an odd number, so that even spreads have one in the middle.
+/// Number of bars; odd, so that symmetric distributions have a middle bar.
 const BARS: usize = 61;
 const LEFT: f64 = 56.0;
 const RIGHT: f64 = 14.0;
@@ -21,14 +21,14 @@ pub struct Range {
 }
 
 impl Range {
-    /// The range that all these times and a mark fit into, with some air; none without a time.
+    /// Range of these times and a mark with a margin; `None` without a time.
     pub fn around<'a>(times_ns: impl Iterator<Item = &'a u64>, mark_us: f64) -> Option<Self> {
         let (mut low, mut high, mut any) = (mark_us, mark_us, false);
         for ns in times_ns {
             let us = *ns as f64 / 1e3;
             (low, high, any) = (low.min(us), high.max(us), true);
         }
-        // A bar of equal times is not to fill the picture.
+        // Keeps a bar of equal times narrow.
         let air = ((high - low) * 0.04).max(0.5);
         any.then_some(Self { low_us: low - air, high_us: high + air })
     }
@@ -37,27 +37,27 @@ impl Range {
 /// One histogram.
 #[derive(Debug, Clone, Copy)]
 pub struct Panel<'a> {
-    /// What stands above it.
+    /// Title.
     pub title: &'a str,
-    /// What stands beside that, in grey.
+    /// Subtitle, grey.
     pub subtitle: &'a str,
-    /// What the horizontal axis shows.
+    /// Label of the horizontal axis.
     pub axis: &'a str,
-    /// The times, in nanoseconds.
+    /// Times, ns.
     pub times_ns: &'a [u64],
-    /// What the horizontal axis spans.
+    /// Range of the horizontal axis.
     pub range: Range,
-    /// A mark on the horizontal axis: the period that is meant, in microseconds.
+    /// Mark on the horizontal axis: the nominal period, us.
     pub mark_us: f64,
-    /// Times that the vertical axis reaches at least, for panels that are to be compared.
+    /// Minimum of the vertical axis, for panels that are compared.
     pub at_least: u64,
     /// Colour of the bars.
     pub colour: &'a str,
 }
 
 impl Panel<'_> {
-    /// Draws it at a place of the picture. The numbers of times have a logarithmic axis, so that
-    /// single ones are seen beside thousands.
+    /// Draws the panel at a position of the picture. The vertical axis is logarithmic, so that single
+    /// times are visible next to thousands.
     pub fn draw(&self, out: &mut String, (left, top): (f64, f64), (width, height): (f64, f64)) {
         let Range { low_us, high_us } = self.range;
         let (x0, x1) = (left + LEFT, left + width - RIGHT);
@@ -65,7 +65,7 @@ impl Panel<'_> {
         let x = |us: f64| x0 + (x1 - x0) * (us - low_us) / (high_us - low_us);
         let counts = self.counts();
         let most = counts.iter().copied().max().unwrap_or(0).max(self.at_least).max(1);
-        // One decade above the largest bar at most; a single time is a bar of its own height.
+        // At most one decade above the largest bar; a single time has a visible bar.
         let decades = (most as f64 * 1.25).log10().max(1.0);
         let y = |count: f64| y0 - (y0 - y1) * ((count.log10() + 0.3) / (decades + 0.3)).max(0.0);
         svg::text(out, (x0, top + 20.0), Anchor::Start, "font-weight=\"bold\"", self.title);

@@ -1,4 +1,4 @@
-//! What a transmission probe prints and writes: table, CSV, pictures.
+//! Results of a transmission probe as table, CSV and picture.
 
 use std::error::Error;
 use std::fmt::Write;
@@ -15,25 +15,25 @@ const PANEL_WIDTH: f64 = 500.0;
 const PANEL_HEIGHT: f64 = 210.0;
 const COLOURS: [&str; 2] = ["#d9542b", "#0b62a4"];
 
-/// One row of the table: a measurement, and the same frames on the bus where that is known.
+/// One row of the table: a measurement, and its frames on the bus if recorded.
 #[derive(Debug)]
 pub struct Row {
-    /// What the host saw.
+    /// Measurement of the host.
     pub result: ModeResult,
-    /// What the bus saw.
+    /// Recording of the bus.
     pub bus: Option<BusPeriods>,
 }
 
-/// Everything that is reported.
+/// Report of all measurements.
 #[derive(Debug)]
 pub struct Report {
-    /// The cycle that is meant, in nanoseconds.
+    /// Nominal cycle, ns.
     pub cycle_ns: u32,
-    /// How it was measured, in words.
+    /// Description of the setup.
     pub setting: String,
-    /// What a simulated run says of itself.
+    /// Banner of a simulated run.
     pub banner: Option<String>,
-    /// Where the times on the bus come from, or why there are none.
+    /// Source of the times on the bus, or the reason for their absence.
     pub bus_source: String,
     /// The measurements.
     pub rows: Vec<Row>,
@@ -43,7 +43,7 @@ fn us(ns: u64) -> f64 {
     ns as f64 / 1e3
 }
 
-/// The head of the table and of its cells, as in manual 13.9.
+/// Head of the table, as in manual 13.9.
 const HEAD: [&str; 7] = [
     "mode",
     "master period min/max (max error) us",
@@ -91,7 +91,7 @@ impl Report {
         let head = HEAD.map(str::to_owned);
         for row in std::iter::once(&head).chain(&rows) {
             for (column, cell) in row.iter().enumerate() {
-                // Words to the left, numbers to the right.
+                // Text is aligned left, numbers right.
                 let width = width(column);
                 let _ = match column {
                     0 => write!(table, "{cell:<width$}"),
@@ -104,11 +104,10 @@ impl Report {
         table
     }
 
-    /// Writes a line for each frame: mode, number, start of its cycle, time on the bus and period
-    /// there, in nanoseconds.
+    /// Writes one line per frame: mode, number, start of its cycle, time and period on the bus, ns.
     ///
     /// # Errors
-    /// The file and why it cannot be written.
+    /// The file cannot be written.
     pub fn write_csv(&self, path: &Path) -> Result<(), Box<dyn Error>> {
         let mut csv = String::from("mode,number,cycle_start_ns,bus_ns,bus_period_ns\n");
         for row in &self.rows {
@@ -138,7 +137,7 @@ impl Report {
     /// Writes the picture, as a page with the table (`.html`) or alone (`.svg`).
     ///
     /// # Errors
-    /// The file and why it cannot be written.
+    /// The file cannot be written.
     pub fn write_picture(&self, path: &Path) -> Result<(), Box<dyn Error>> {
         if path.extension().is_some_and(|extension| extension == "svg") {
             return write(path, &self.svg());
@@ -175,7 +174,7 @@ impl Report {
         )
     }
 
-    /// What is to be said beside the numbers.
+    /// Notes below the table.
     pub fn notes(&self) -> Vec<String> {
         let mut notes = vec![self.bus_source.clone()];
         for Row { result, .. } in &self.rows {
@@ -210,8 +209,8 @@ impl Report {
         notes
     }
 
-    /// A line of panels for each measurement on the bus, and then for each of the master: on the
-    /// left with the same axes for all, on the right each with its own.
+    /// Draws a row of panels for each measurement on the bus, then for each of the master: on the left
+    /// with common axes, on the right with individual axes.
     fn svg(&self) -> String {
         let bus = |row: &Row| row.bus.as_ref().map_or_else(Vec::new, |bus| bus.periods_ns.clone());
         let master = |row: &Row| row.result.master_periods_ns.clone();
@@ -253,12 +252,12 @@ impl Report {
             let figures = format!("min/max {min:.1}/{max:.1} us, p99 {p99:.1} us");
             let left = Panel {
                 title: &title,
-                subtitle: "same axes for all",
+                subtitle: "common axes",
                 at_least: largest.unwrap_or(0),
                 ..panel(times, common, colour)
             };
             let right =
-                Panel { title: "its own axes", subtitle: &figures, ..panel(times, own, colour) };
+                Panel { title: "individual axes", subtitle: &figures, ..panel(times, own, colour) };
             left.draw(picture, (0.0, top), (PANEL_WIDTH, PANEL_HEIGHT));
             right.draw(picture, (PANEL_WIDTH, top), (PANEL_WIDTH, PANEL_HEIGHT));
             top += PANEL_HEIGHT;
@@ -266,7 +265,7 @@ impl Report {
     }
 }
 
-/// Measurements that brought any time.
+/// Number of measurements with at least one time.
 fn filled(all: &[Vec<u64>]) -> usize {
     all.iter().filter(|times| !times.is_empty()).count()
 }

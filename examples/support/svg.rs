@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-/// Start of a picture of this size in pixels, on white.
+/// Returns the start of a picture of this size in pixels, on white.
 pub fn open(width: f64, height: f64) -> String {
     format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"{width}\" height=\"{height}\" \
@@ -11,7 +11,7 @@ pub fn open(width: f64, height: f64) -> String {
     )
 }
 
-/// Which end of a text stands at its place.
+/// Alignment of a text to its position.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Anchor {
     /// Its start.
@@ -22,8 +22,8 @@ pub enum Anchor {
     End,
 }
 
-/// Adds a text; `style` are further attributes.
-pub fn text(svg: &mut String, (x, y): (f64, f64), anchor: Anchor, style: &str, words: &str) {
+/// Adds a text; `style` contains further attributes.
+pub fn text(svg: &mut String, (x, y): (f64, f64), anchor: Anchor, style: &str, content: &str) {
     let anchor = match anchor {
         Anchor::Start => "start",
         Anchor::Middle => "middle",
@@ -33,16 +33,16 @@ pub fn text(svg: &mut String, (x, y): (f64, f64), anchor: Anchor, style: &str, w
     let _ = writeln!(
         svg,
         "<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\" {style}>{}</text>",
-        escaped(words)
+        escaped(content)
     );
 }
 
-/// The text as it may stand in XML and HTML.
+/// Escapes a text for XML and HTML.
 pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
-/// About `count` round values between two ends: multiples of 1, 2 or 5 times a power of ten.
+/// Returns about `count` round values between two ends: multiples of 1, 2 or 5 times a power of ten.
 pub fn ticks(low: f64, high: f64, count: u32) -> Vec<f64> {
     let span = (high - low).max(1e-9);
     let rough = span / f64::from(count.max(1));
@@ -62,14 +62,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn ticks_are_round_and_within() {
+    fn ticks_are_round_and_within_the_range() {
         assert_eq!(ticks(0.0, 10.0, 5), [0.0, 2.0, 4.0, 6.0, 8.0, 10.0]);
         assert_eq!(ticks(987.0, 1013.0, 5), [990.0, 1000.0, 1010.0]);
         assert_eq!(ticks(380.0, 1610.0, 6), [500.0, 1000.0, 1500.0]);
     }
 
     #[test]
-    fn nothing_of_a_text_is_markup() {
+    fn markup_in_a_text_is_escaped() {
         assert_eq!(escaped("a<b> & \"c\""), "a&lt;b&gt; &amp; &quot;c&quot;");
     }
 }
