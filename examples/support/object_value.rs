@@ -13,7 +13,7 @@ pub enum ValueType {
     Text,
     /// Bytes in hexadecimal.
     Hex,
-    /// Not known: shown in every way that fits.
+    /// Unknown: shown in all formats that fit the length.
     Any,
 }
 
@@ -50,16 +50,16 @@ fn parse_integer(text: &str) -> Option<i128> {
 }
 
 impl ValueType {
-    /// The bytes of a value, little-endian.
+    /// Converts a text to the bytes of the value, little-endian.
     ///
     /// # Errors
-    /// What the text should have been.
+    /// The text is not a value of the type; the message gives the allowed range.
     pub fn encode(self, text: &str) -> Result<Vec<u8>, String> {
         let integer = |bytes: usize, low: i128, high: i128| {
             let value = parse_integer(text).filter(|value| (low..=high).contains(value));
             match value {
                 Some(value) => Ok(value.to_le_bytes()[..bytes].to_vec()),
-                None => Err(format!("{text} is not a number from {low} to {high}")),
+                None => Err(format!("invalid number {text}; allowed: {low} to {high}")),
             }
         };
         match self {
@@ -73,21 +73,21 @@ impl ValueType {
                 let digits: Vec<u32> = text.chars().filter_map(|c| c.to_digit(16)).collect();
                 let count = text.chars().filter(|c| !c.is_whitespace()).count();
                 if digits.len() != count || count % 2 != 0 {
-                    return Err(format!("{text} is not a row of bytes in hexadecimal"));
+                    return Err(format!("invalid bytes {text}; expected pairs of hexadecimal digits"));
                 }
                 Ok(digits.chunks(2).map(|pair| (pair[0] * 16 + pair[1]) as u8).collect())
             }
         }
     }
 
-    /// A value as text.
+    /// Converts a value to text.
     ///
     /// # Errors
-    /// A value of another length than the type's.
+    /// The value has a different length than the type.
     pub fn show(self, data: &[u8]) -> Result<String, String> {
         match self {
             Self::Unsigned(bytes) | Self::Signed(bytes) if data.len() != bytes => {
-                Err(format!("the value has {} bytes, not {bytes}: {}", data.len(), hex(data)))
+                Err(format!("the value has {} bytes, expected {bytes}: {}", data.len(), hex(data)))
             }
             Self::Unsigned(_) => {
                 let value = unsigned(data);
@@ -147,6 +147,6 @@ mod tests {
             assert!(kind.encode(wrong).is_err(), "{wrong}");
         }
         assert_eq!(ValueType::Hex.encode("00 ff").unwrap(), [0, 0xFF]);
-        assert!(ValueType::Unsigned(4).show(&[1]).unwrap_err().contains("1 bytes, not 4"));
+        assert!(ValueType::Unsigned(4).show(&[1]).unwrap_err().contains("1 bytes, expected 4"));
     }
 }

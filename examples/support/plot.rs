@@ -8,7 +8,7 @@ use ecan_cia402::Cia402;
 
 use crate::svg;
 
-/// Samples per axis that a picture shows at most.
+/// Maximum number of samples per axis.
 const SAMPLES: u64 = 1_500;
 const WIDTH: f64 = 960.0;
 const PANEL: f64 = 170.0;
@@ -20,7 +20,7 @@ const BOTTOM: f64 = 30.0;
 /// Time in seconds, target, actual position.
 type Sample = (f64, Option<i32>, Option<i32>);
 
-/// Collects what is drawn in the end.
+/// Samples of a run, drawn at its end.
 #[derive(Debug)]
 pub struct Plot {
     every: u64,
@@ -28,14 +28,14 @@ pub struct Plot {
 }
 
 impl Plot {
-    /// For so many axes and cycles.
+    /// Creates a plot for this number of axes and cycles.
     pub fn new(axes: usize, cycles: u64) -> Self {
         let every = cycles.div_ceil(SAMPLES).max(1);
         let samples = usize::try_from(cycles / every + 1).unwrap_or(0);
         Self { every, axes: vec![Vec::with_capacity(samples); axes] }
     }
 
-    /// Takes the positions of a cycle, if it is one to be drawn.
+    /// Adds the positions of a cycle, if it is one of the samples.
     pub fn sample(&mut self, seconds: f64, cycle: u64, cia402: &Cia402) {
         if cycle.is_multiple_of(self.every) {
             for (axis, samples) in self.axes.iter_mut().enumerate() {
@@ -47,7 +47,7 @@ impl Plot {
     /// Writes the picture.
     ///
     /// # Errors
-    /// The file and why it cannot be written.
+    /// The file cannot be written.
     pub fn write(&self, path: &Path, cia402: &Cia402) -> Result<(), Box<dyn Error>> {
         let name = |axis| cia402.settings(axis).map(|s| s.address.to_string()).unwrap_or_default();
         std::fs::write(path, self.svg(name))

@@ -128,7 +128,7 @@ fn an_analysers_log_tells_of_losses_and_order_and_its_own_resolution() {
     assert_eq!(numbers, [1_000.0, 2_000.0, 2_000.0, 2_000.0, 1.0], "{printed}");
     assert!(printed.contains("whole microseconds"), "{printed}");
     std::fs::write(&log, "(1700000000.000001) can0 124#00\n").unwrap();
-    assert!(fails(&arguments).contains("holds no numbered frame"));
+    assert!(fails(&arguments).contains("contains no numbered frame"));
     let output = program::run(NAME, &arguments);
     let printed = text(&output.stdout);
     assert!(printed.contains("master_period: min/max ") && printed.contains("?/10"), "{printed}");
