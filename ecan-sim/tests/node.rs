@@ -117,7 +117,7 @@ fn a_bad_log_is_refused_with_its_line() {
     assert_eq!((line, cause.column), (2, 19));
     assert_eq!(
         error.to_string(),
-        "candump log, line 2: column 19: expected an identifier of 3 or 8 hex digits, then `#`"
+        "candump log, line 2: column 19: expected a CAN ID of 3 or 8 hex digits, then `#`"
     );
 }
 

@@ -1,13 +1,12 @@
-//! A position in a line.
+//! Position in a line.
 
 use crate::error::{ParseError, ParseErrorKind};
 
-/// The rest of a line, and where it begins.
+/// Read position in a line.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Cursor<'a> {
     line: &'a str,
-    /// Byte offset, always at the border of two characters: whole blank-free words or single
-    /// ASCII characters are taken.
+    /// Byte offset, always on a character boundary: only words and ASCII characters are taken.
     offset: usize,
 }
 
@@ -28,12 +27,12 @@ impl<'a> Cursor<'a> {
         self.offset >= self.line.len()
     }
 
-    /// Goes past an ASCII character that `peek` has shown.
+    /// Skips the ASCII character returned by `peek`.
     pub(crate) fn skip(&mut self) {
         self.offset += 1;
     }
 
-    /// Takes this ASCII character, if it is next.
+    /// Takes the ASCII character `wanted` if it is next.
     pub(crate) fn take(&mut self, wanted: u8) -> bool {
         let found = self.peek() == Some(wanted);
         if found {
@@ -77,7 +76,6 @@ impl<'a> Cursor<'a> {
         Some(value)
     }
 
-    /// An error at this position.
     pub(crate) fn error(&self, kind: ParseErrorKind) -> ParseError {
         let before = self.line.get(..self.offset).unwrap_or(self.line);
         ParseError { kind, column: before.chars().count() + 1 }

@@ -1,28 +1,28 @@
-//! Filters as candump and the kernel have them.
+//! CAN ID filters of candump and the kernel.
 
 use core::str::FromStr;
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 use thiserror::Error;
 
-/// Flags beside the identifier: extended format, remote frame, error message.
+// SocketCAN flags in the word of the CAN ID: extended format, remote frame, error message.
 const EXTENDED: u32 = 0x8000_0000;
 const REMOTE: u32 = 0x4000_0000;
 const ERROR: u32 = 0x2000_0000;
-/// Digits from which an identifier means an extended one.
+/// Number of hex digits of an extended CAN ID.
 const EXTENDED_DIGITS: usize = 8;
 
-/// The text is no filter.
+/// Invalid filter text.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[error("expected ID:MASK or ID~MASK in hexadecimal, as in 123:7FF")]
 pub struct FilterError;
 
-/// Passes frames by identifier and mask: `ID:MASK` those that agree with the identifier in the bits
-/// of the mask, `ID~MASK` the others. Both are hexadecimal.
+/// Frame filter by CAN ID and mask, both hexadecimal: `ID:MASK` passes frames whose CAN ID equals
+/// `ID` in the bits of the mask, `ID~MASK` passes the others.
 ///
-/// As in the kernel bit 31 stands for the extended format and bit 30 for a remote frame. An
-/// identifier of 8 digits means an extended one; `123:7FF` passes an extended identifier that ends
-/// alike too, `123:C00007FF` does not.
+/// As in the kernel, bit 31 is the extended format and bit 30 a remote frame. An `ID` of 8 digits is
+/// extended. `123:7FF` also passes an extended CAN ID with the same lower bits; `123:C00007FF` does
+/// not.
 ///
 /// ```
 /// use ecan_candump::{Filter, parse_frame};
@@ -40,7 +40,7 @@ pub struct Filter {
 }
 
 impl Filter {
-    /// Whether a frame passes.
+    /// Returns whether a frame passes.
     #[must_use]
     pub fn passes(&self, frame: &CanFrame) -> bool {
         let id = frame.id();

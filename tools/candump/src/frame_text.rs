@@ -1,24 +1,10 @@
-//! A frame alone, as logs and `cansend` have it.
+//! Text of a frame in logs and for `cansend`.
 
 use core::fmt;
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
-use crate::cursor::Cursor;
-use crate::error::{ParseError, ParseErrorKind};
-use crate::parse::frame;
-
-/// Reads a frame, `123#DEADBEEF` or the like: what stands behind the interface in a log.
-///
-/// # Errors
-/// The first thing that the [grammar](crate) of `frame` does not allow, with its column.
-pub fn parse_frame(text: &str) -> Result<CanFrame, ParseError> {
-    let mut cursor = Cursor::new(text);
-    let frame = frame(&mut cursor)?;
-    if cursor.at_end() { Ok(frame) } else { Err(cursor.error(ParseErrorKind::Trailing)) }
-}
-
-/// Writes a frame as logs and `cansend` have it.
+/// Formats a frame as in candump logs and for `cansend`, for example `123#DEADBEEF`.
 #[derive(Clone, Copy, Debug)]
 pub struct FrameText<'a>(pub &'a CanFrame);
 

@@ -1,7 +1,7 @@
-//! The text grammar of candump logs (`candump -L`, `candump -l`), one line at a time; with frames as
-//! `cansend` has them, candump's columns on the screen and its filters.
+//! Parser and formatter for candump logs (`candump -L`, `candump -l`), `cansend` frames, candump's
+//! screen columns and its filters.
 //!
-//! `no_std` and free of allocation: a [`Record`] borrows the interface name from its line.
+//! `no_std` without allocation: a [`Record`] borrows the interface name from its line.
 //!
 //! ```text
 //! line      = blank | comment | record
@@ -9,19 +9,19 @@
 //! record    = "(" seconds "." fraction ")" SP interface SP frame [SP direction]
 //! seconds   = digit, any number of them
 //! fraction  = 6 digits (microseconds) or 9 digits (nanoseconds)
-//! interface = characters that are no blanks
+//! interface = characters other than blanks
 //! frame     = id "#" data [raw]           classic data frame, 0 to 8 bytes
 //!           | id "#R" [dlc] [raw]         remote frame, dlc 0 to 8
 //!           | id "##" flags data          CAN FD frame, a length that a DLC can express
 //! id        = 3 hex digits (standard) | 8 hex digits (extended)
-//! flags     = hex digit: bit 0 BRS, bit 1 ESI, bit 2 FDF (says nothing new)
+//! flags     = hex digit: bit 0 BRS, bit 1 ESI, bit 2 FDF (redundant)
 //! data      = pairs of hex digits
-//! raw       = "_" hex digit 9 to F        behind 8 bytes, or dlc 8: the DLC on the bus; not kept
+//! raw       = "_" hex digit 9 to F        after 8 bytes or dlc 8: the DLC on the bus; not kept
 //! direction = "R" | "T"                   received or sent
 //! ```
 //!
-//! Instead of one blank (SP) several, and tabs, are accepted; so are lower-case hex digits and
-//! blanks at the end. [`Record`]'s `Display` writes the form that candump writes.
+//! Several blanks or tabs are accepted in place of one blank (SP), as are lower-case hex digits and
+//! trailing blanks. The `Display` of [`Record`] writes the form of candump.
 //!
 //! ```
 //! use ecan_candump::parse_line;
@@ -47,7 +47,7 @@ mod screen;
 
 pub use error::{ParseError, ParseErrorKind};
 pub use filter::{Filter, FilterError};
-pub use frame_text::{FrameText, parse_frame};
-pub use parse::parse_line;
+pub use frame_text::FrameText;
+pub use parse::{parse_frame, parse_line};
 pub use record::{DirectionMark, Record};
 pub use screen::ScreenFrame;

@@ -1,4 +1,4 @@
-//! From a line to a record.
+//! Parser of log lines and frames.
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameError};
 
@@ -6,19 +6,18 @@ use crate::cursor::Cursor;
 use crate::error::{ParseError, ParseErrorKind};
 use crate::record::{DirectionMark, Record};
 
-/// Marks an error message of SocketCAN in an 8 digit identifier.
+/// Flag of a SocketCAN error message in an 8 digit CAN ID.
 const ERROR_MESSAGE_FLAG: u32 = 0x2000_0000;
 const FLAG_BRS: u8 = 1;
 const FLAG_ESI: u8 = 2;
 const FLAG_FDF: u8 = 4;
 
-/// Reads one line; `None` for a blank line or a comment (`#` first).
+/// Parses one line; returns `None` for a blank line or a comment (starts with `#`).
 ///
-/// The line may end in a line break. Time and space are linear in its length and nothing is
-/// allocated.
+/// The line may end with a line break. Does not allocate; time is linear in the line length.
 ///
 /// # Errors
-/// The first thing in the line that the [grammar](crate) does not allow, with its column.
+/// The first violation of the [grammar](crate), with its column.
 pub fn parse_line(line: &str) -> Result<Option<Record<'_>>, ParseError> {
     let mut cursor = Cursor::new(line);
     cursor.take_blanks();
@@ -35,6 +34,16 @@ pub fn parse_line(line: &str) -> Result<Option<Record<'_>>, ParseError> {
     let frame = frame(&mut cursor)?;
     let direction = direction(&mut cursor)?;
     Ok(Some(Record { time_ns, interface, frame, direction }))
+}
+
+/// Parses a frame without time stamp and interface, for example `123#DEADBEEF`.
+///
+/// # Errors
+/// The first violation of the [grammar](crate) of `frame`, with its column.
+pub fn parse_frame(text: &str) -> Result<CanFrame, ParseError> {
+    let mut cursor = Cursor::new(text);
+    let frame = frame(&mut cursor)?;
+    if cursor.at_end() { Ok(frame) } else { Err(cursor.error(ParseErrorKind::Trailing)) }
 }
 
 fn blank(cursor: &mut Cursor<'_>) -> Result<(), ParseError> {
@@ -78,7 +87,7 @@ fn time(cursor: &mut Cursor<'_>) -> Result<u64, ParseError> {
     seconds.checked_mul(1_000_000_000).and_then(|v| v.checked_add(nanoseconds)).ok_or_else(too_late)
 }
 
-pub(crate) fn frame(cursor: &mut Cursor<'_>) -> Result<CanFrame, ParseError> {
+fn frame(cursor: &mut Cursor<'_>) -> Result<CanFrame, ParseError> {
     let id = identifier(cursor)?;
     if cursor.take(b'#') {
         return fd_frame(cursor, id);
@@ -120,21 +129,20 @@ fn identifier(cursor: &mut Cursor<'_>) -> Result<CanId, ParseError> {
 
 fn remote_frame(cursor: &mut Cursor<'_>, id: CanId) -> Result<CanFrame, ParseError> {
     let start = *cursor;
-    let refused = || start.error(ParseErrorKind::RemoteDlc);
-    // `R` may stand alone; behind it only a digit can follow, or the end of the word.
+    let invalid = || start.error(ParseErrorKind::RemoteDlc);
     let value = match cursor.peek() {
         Some(b' ' | b'\t' | b'\r' | b'\n') | None => 0,
-        Some(_) => cursor.take_decimal().ok_or_else(refused)?,
+        Some(_) => cursor.take_decimal().ok_or_else(invalid)?,
     };
-    let dlc = Dlc::new(value).ok_or_else(refused)?;
-    let frame = CanFrame::remote(id, dlc).map_err(|_| refused())?;
+    let dlc = Dlc::new(value).ok_or_else(invalid)?;
+    let frame = CanFrame::remote(id, dlc).map_err(|_| invalid())?;
     if value == 8 {
         raw_dlc(cursor)?;
     }
     Ok(frame)
 }
 
-/// Takes the DLC of a classic frame where the bus had one above 8, which means 8 bytes.
+/// Skips the raw DLC (9 to F) of a classic frame with 8 bytes.
 fn raw_dlc(cursor: &mut Cursor<'_>) -> Result<(), ParseError> {
     if !cursor.take(b'_') {
         return Ok(());
@@ -166,7 +174,7 @@ fn length_error(start: &Cursor<'_>, error: FrameError) -> ParseError {
     })
 }
 
-/// Data bytes up to the end of the word, or to the DLC of a full classic frame.
+/// Parses data bytes up to the end of the word or to the raw DLC of a classic frame.
 fn data<'b>(cursor: &mut Cursor<'_>, buffer: &'b mut [u8]) -> Result<&'b [u8], ParseError> {
     let limit = buffer.len() as u8;
     let mut length = 0;

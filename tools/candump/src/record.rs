@@ -1,4 +1,4 @@
-//! One line of a log as a value.
+//! A log line as a value.
 
 use core::fmt;
 
@@ -6,29 +6,28 @@ use ecan_protocol::can::CanFrame;
 
 use crate::frame_text::FrameText;
 
-/// Which way a frame went, as `candump -x` marks it.
+/// Direction of a frame, as `candump -x` marks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum DirectionMark {
     /// `R`: received.
     Received,
-    /// `T`: sent by the recording host itself.
+    /// `T`: sent by the recording host.
     Transmitted,
 }
 
 /// One recorded frame.
 ///
-/// `Display` writes the line back: microseconds, or nanoseconds where the time is not a whole
-/// number of microseconds.
+/// `Display` writes the line: 6 decimals, or 9 if the time is not a whole number of microseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Record<'a> {
-    /// Time of the recording in nanoseconds; with candump since 1970 unless asked otherwise.
+    /// Time in nanoseconds; candump counts from 1970 by default.
     pub time_ns: u64,
-    /// Name of the CAN interface. For `Display` to give a line that can be read again it must
-    /// not be empty nor contain blanks.
+    /// Name of the CAN interface. Must be non-empty and without blanks for a line that
+    /// [`parse_line`](crate::parse_line) accepts.
     pub interface: &'a str,
     /// The frame.
     pub frame: CanFrame,
-    /// The direction mark, if the line has one.
+    /// Direction mark, if present.
     pub direction: Option<DirectionMark>,
 }
 

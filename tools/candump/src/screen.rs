@@ -1,13 +1,13 @@
-//! A frame as candump shows it on the screen.
+//! Text of a frame in the columns of candump.
 
 use core::fmt;
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
-/// Bytes whose characters are shown.
+/// Longest frame whose ASCII characters are shown, in bytes.
 const ASCII_BYTES: usize = 8;
 
-/// Writes a frame in candump's columns: identifier, length in brackets, bytes.
+/// Formats a frame in candump's columns: CAN ID, length in brackets, bytes.
 ///
 /// ```
 /// use ecan_candump::{ScreenFrame, parse_frame};
@@ -20,15 +20,15 @@ const ASCII_BYTES: usize = 8;
 pub struct ScreenFrame<'a> {
     /// The frame.
     pub frame: &'a CanFrame,
-    /// Standard identifiers stand under the last digits of extended ones, as candump has it once it
-    /// has seen one of these.
+    /// Align standard CAN IDs with the last digits of extended ones, as candump does after the first
+    /// extended frame.
     pub is_indented: bool,
-    /// Frames of at most 8 bytes are followed by their characters (`candump -a`).
+    /// Append the ASCII characters of frames of at most 8 bytes (`candump -a`).
     pub has_ascii: bool,
 }
 
 impl<'a> ScreenFrame<'a> {
-    /// Neither indented nor with characters.
+    /// Formats without indentation and ASCII characters.
     #[must_use]
     pub const fn new(frame: &'a CanFrame) -> Self {
         Self { frame, is_indented: false, has_ascii: false }

@@ -1,4 +1,4 @@
-//! Lines of candump logs, good and bad.
+//! Valid and invalid lines of candump logs.
 
 use std::path::Path;
 
@@ -31,7 +31,7 @@ fn classic_frames() {
             .unwrap()
     );
     assert_eq!(frame("1FFFFFFF#aB"), CanFrame::classic(ext_id(0x1FFF_FFFF), &[0xAB]).unwrap());
-    // The number of digits makes the format, not the value.
+    // The number of digits selects the format, not the value.
     assert_eq!(frame("00000123#"), CanFrame::classic(ext_id(0x123), &[]).unwrap());
 }
 
@@ -82,7 +82,7 @@ fn interfaces_and_directions() {
 }
 
 #[test]
-fn a_raw_dlc_is_read_and_not_kept() {
+fn raw_dlc_is_parsed_and_dropped() {
     assert_eq!(read("(1.000000) can0 123#1122334455667788_B").frame, frame("123#1122334455667788"));
     assert_eq!(read("(1.000000) can0 123#1122334455667788_f T").frame.data().len(), 8);
     assert_eq!(read("(1.000000) can0 123#R8_9").frame, frame("123#R8"));
@@ -96,7 +96,7 @@ fn lines_without_a_record() {
 }
 
 #[test]
-fn faults_are_named_with_their_column() {
+fn syntax_error_names_its_column() {
     use ParseErrorKind as Kind;
     let long = format!("(1.000000) can0 123##0{}", "00".repeat(65));
     let cases: &[(&str, Kind, usize)] = &[
@@ -158,13 +158,16 @@ fn faults_are_named_with_their_column() {
 }
 
 #[test]
-fn faults_are_told_in_words() {
+fn syntax_error_has_readable_text() {
     let error = parse_line("(1.000000) can0 123##1112233445566778899").unwrap_err();
-    assert_eq!(error.to_string(), "column 23: no DLC of CAN FD stands for 9 data bytes");
+    assert_eq!(
+        error.to_string(),
+        "column 23: 9 data bytes have no CAN FD DLC; allowed: 0 to 8, 12, 16, 20, 24, 32, 48, 64"
+    );
 }
 
 #[test]
-fn records_are_written_as_candump_writes_them() {
+fn record_display_matches_candump() {
     for line in [
         "(1398128223.803317) can0 166#D0320009",
         "(0000000001.000000) can0 123#R",
@@ -197,7 +200,7 @@ fn any_frame() -> impl Strategy<Value = CanFrame> {
 
 proptest! {
     #[test]
-    fn what_is_written_is_read_back(
+    fn displayed_record_parses_to_itself(
         micros in any::<bool>(),
         time in any::<u64>(),
         interface in "[!-~]{1,15}",
@@ -215,15 +218,15 @@ proptest! {
     }
 
     #[test]
-    fn any_text_is_read_or_refused_within_the_line(line in ".*") {
+    fn any_text_parses_or_fails_within_the_line(line in ".*") {
         if let Err(error) = parse_line(&line) {
             prop_assert!(error.column >= 1 && error.column <= line.chars().count() + 1);
         }
     }
 
-    /// One character of a good line replaced, inserted or left out.
+    /// One character of a valid line is replaced, inserted or removed.
     #[test]
-    fn a_damaged_line_is_read_or_refused(
+    fn damaged_line_parses_or_fails(
         frame in any_frame(),
         at in any::<prop::sample::Index>(),
         other in prop::option::of(any::<char>()),
@@ -241,7 +244,7 @@ proptest! {
         let line: String = characters.into_iter().collect();
         match parse_line(&line) {
             Ok(Some(record)) => {
-                // Still a record: then it says what it says in the form candump writes.
+                // Still a record: its Display must round-trip.
                 let written = record.to_string();
                 prop_assert_eq!(parse_line(&written), Ok(Some(record)));
             }
@@ -252,7 +255,7 @@ proptest! {
 }
 
 #[test]
-fn a_recording_of_a_vehicle_is_read_and_written_back() {
+fn vehicle_recording_round_trips() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/vehicle-can.log");
     let Ok(log) = std::fs::read_to_string(&path) else {
         println!("skipped: no recording at ../shared/data/vehicle-can.log");

@@ -1,4 +1,4 @@
-//! The screen and the filters of candump, against what candump prints and passes.
+//! Screen format and filters, compared with candump.
 #![allow(missing_docs)]
 
 use ecan_candump::{Filter, FilterError, FrameText, ScreenFrame, parse_frame};
@@ -9,8 +9,8 @@ fn shown(text: &str) -> String {
 }
 
 #[test]
-fn columns_are_candumps() {
-    // Left a frame as given to cansend, right what candump shows of it.
+fn columns_match_candump() {
+    // Left: frame for cansend; right: output of candump.
     let table = [
         ("123#", "123   [0] "),
         ("123#DEADBEEF", "123   [4]  DE AD BE EF"),
@@ -27,7 +27,7 @@ fn columns_are_candumps() {
 }
 
 #[test]
-fn standard_identifiers_line_up_with_extended_ones_and_characters_follow() {
+fn indent_and_ascii_match_candump() {
     let frame = parse_frame("123#414243007F7E").unwrap();
     let indented = ScreenFrame { is_indented: true, ..ScreenFrame::new(&frame) };
     assert_eq!(indented.to_string(), "     123   [6]  41 42 43 00 7F 7E");
@@ -36,14 +36,14 @@ fn standard_identifiers_line_up_with_extended_ones_and_characters_follow() {
     let full = parse_frame("123#4142434445464748").unwrap();
     let ascii = ScreenFrame { has_ascii: true, ..ScreenFrame::new(&full) };
     assert_eq!(ascii.to_string(), "123   [8]  41 42 43 44 45 46 47 48   'ABCDEFGH'");
-    // Beyond 8 bytes there is no room for them.
+    // candump prints no characters for more than 8 bytes.
     let long = parse_frame("123##04142434445464748494A4B4C").unwrap();
     let ascii = ScreenFrame { has_ascii: true, ..ScreenFrame::new(&long) };
     assert_eq!(ascii.to_string(), "123  [12]  41 42 43 44 45 46 47 48 49 4A 4B 4C");
 }
 
 #[test]
-fn frames_alone_are_read_and_written() {
+fn frame_text_round_trips() {
     for text in ["123#", "1FFFFFFF#0011", "7FF#R8", "000##3AABB", "123##0"] {
         assert_eq!(FrameText(&parse_frame(text).unwrap()).to_string(), text);
     }

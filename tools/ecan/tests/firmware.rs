@@ -2,7 +2,7 @@
 //! simulator.
 #![allow(missing_docs)]
 
-mod stand_in;
+mod fake_ethercat;
 mod support;
 
 use std::os::unix::process::CommandExt;
@@ -10,8 +10,8 @@ use std::path::Path;
 use std::process::{Command, Stdio};
 
 use ecan_sim::{Fault, FirmwarePackage, GatewayFault};
+use fake_ethercat::{Behaviour, FakeEthercat};
 use serde_json::Value;
-use stand_in::{Behaviour, StandIn};
 use support::terminal::with_answer;
 use support::{ecan, fails, good};
 use tempfile::{NamedTempFile, TempDir};
@@ -40,12 +40,12 @@ fn firmware(tool: &Path, arguments: &[&str]) -> (i32, String, String) {
 }
 
 /// An update without questions.
-fn update(tool: &StandIn, file: &Path, more: &[&str]) -> (i32, String, String) {
+fn update(tool: &FakeEthercat, file: &Path, more: &[&str]) -> (i32, String, String) {
     let arguments = [&["update", file.to_str().unwrap(), "--yes"][..], more].concat();
     firmware(&tool.program, &arguments)
 }
 
-fn running(tool: &StandIn, gateway: usize) -> u32 {
+fn running(tool: &FakeEthercat, gateway: usize) -> u32 {
     let master = tool.master();
     let file = master.line.wire.world().gateway(gateway).unwrap().running_firmware();
     FirmwarePackage::parse(file).unwrap().version()
@@ -53,7 +53,7 @@ fn running(tool: &StandIn, gateway: usize) -> u32 {
 
 #[test]
 fn the_version_is_read_through_the_tool() {
-    let tool = StandIn::new(2, Behaviour::Good);
+    let tool = FakeEthercat::new(2, Behaviour::Good);
     let (status, out, _) = firmware(&tool.program, &["version", "--all"]);
     let expected = "\
 POS  STATE  FIRMWARE  SERIAL
@@ -74,8 +74,8 @@ POS  STATE  FIRMWARE  SERIAL
 
 #[test]
 fn a_version_that_cannot_be_read_has_its_reason_in_its_row() {
-    let product_code = stand_in::PRODUCT_CODE;
-    let silent = StandIn::new(3, Behaviour::Silent { position: 1, product_code });
+    let product_code = fake_ethercat::PRODUCT_CODE;
+    let silent = FakeEthercat::new(3, Behaviour::Silent { position: 1, product_code });
     let (status, out, errors) = firmware(&silent.program, &["version", "--all"]);
     assert_eq!(status, 5, "{errors}");
     let expected = "\
@@ -102,7 +102,7 @@ upload: Failed to upload SDO: Input/output error
 
 #[test]
 fn a_good_package_is_written_and_the_new_version_read_back() {
-    let (tool, package) = (StandIn::new(1, Behaviour::Good), package(NEW));
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     let (status, out, errors) = update(&tool, package.path(), &["--expect-version", "3.0.7"]);
     assert_eq!(status, 0, "{errors}");
     assert_eq!(out, "POS  BEFORE  AFTER  RESULT\n0    2.2.1   3.0.7  updated\n");
@@ -116,10 +116,10 @@ fn a_good_package_is_written_and_the_new_version_read_back() {
 #[test]
 fn the_position_is_never_given_as_a_password() {
     let package = package(NEW);
-    let old = StandIn::new(1, Behaviour::Of15);
+    let old = FakeEthercat::new(1, Behaviour::Of15);
     assert_eq!(update(&old, package.path(), &[]).0, 0);
     assert_eq!(old.writes()[0].last().unwrap(), package.path().to_str().unwrap());
-    let other = StandIn::new(1, Behaviour::TakesPositionForPassword);
+    let other = FakeEthercat::new(1, Behaviour::TakesPositionForPassword);
     let (status, _, errors) = update(&other, package.path(), &[]);
     assert_eq!(status, 3);
     assert!(errors.contains("no option --position"), "{errors}");
@@ -135,7 +135,7 @@ fn wrong_packages_are_refused_by_the_gateway_and_the_old_version_stays() {
     bare[..4].copy_from_slice(&[0x97, 0x01, 0, 0]);
     let cases = [(for_another, ""), (damaged, "and damaged: payload CRC32"), (bare, "bare")];
     for (bytes, warning) in cases {
-        let (tool, file) = (StandIn::new(1, Behaviour::Good), file(&bytes));
+        let (tool, file) = (FakeEthercat::new(1, Behaviour::Good), file(&bytes));
         let (status, out, errors) = update(&tool, file.path(), &[]);
         assert_eq!(status, 5, "{out}{errors}");
         assert!(errors.contains(warning), "{errors}");
@@ -147,7 +147,7 @@ fn wrong_packages_are_refused_by_the_gateway_and_the_old_version_stays() {
 
 #[test]
 fn where_the_master_does_not_tell_why_the_gateway_does() {
-    let (tool, file) = (StandIn::new(1, Behaviour::Of15), file(&[0x55; 5000]));
+    let (tool, file) = (FakeEthercat::new(1, Behaviour::Of15), file(&[0x55; 5000]));
     let (status, out, _) = update(&tool, file.path(), &["--json"]);
     let json: Value = serde_json::from_str(&out).unwrap();
     assert_eq!((status, &json[0]["refusal"]["cause"]), (5, &Value::from("verify")));
@@ -157,7 +157,7 @@ fn where_the_master_does_not_tell_why_the_gateway_does() {
 
 #[test]
 fn a_flash_that_fails_is_told() {
-    let (tool, package) = (StandIn::new(1, Behaviour::Good), package(NEW));
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     let fault = GatewayFault::FlashFailure { times: 1 };
     tool.master().line.wire.world_mut().inject(Fault::Gateway { gateway: 0, fault });
     let (status, out, _) = update(&tool, package.path(), &[]);
@@ -168,14 +168,14 @@ fn a_flash_that_fails_is_told() {
 #[test]
 fn an_interrupted_update_leaves_the_old_version() {
     let behaviour = Behaviour::SupplyFails { packets: 50, off_ms: 1_000 };
-    let (tool, package) = (StandIn::new(1, behaviour), package(NEW));
+    let (tool, package) = (FakeEthercat::new(1, behaviour), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--json"]);
     assert_eq!(status, 5, "{out}");
     let json: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(json[0]["result"], "refused");
     assert_eq!(json[0]["refusal"]["cause"], "interrupted");
     assert_eq!(json[0]["is_good"], false);
-    tool.master().line.pass(5_000 * stand_in::wire_support::MS);
+    tool.master().line.pass(5_000 * fake_ethercat::wire_support::MS);
     let (status, out, errors) = firmware(&tool.program, &["version"]);
     assert_eq!(status, 0, "{errors}");
     assert!(out.contains("2.2.1"), "{out}");
@@ -187,7 +187,7 @@ fn an_interrupted_update_leaves_the_old_version() {
 
 #[test]
 fn another_version_than_the_expected_one_is_no_success() {
-    let (tool, package) = (StandIn::new(1, Behaviour::Good), package(NEW));
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--expect-version", "3.1.0"]);
     assert_eq!(status, 1);
     assert!(out.contains("3.0.7  wrong version, 3.1.0 was expected"), "{out}");
@@ -196,7 +196,7 @@ fn another_version_than_the_expected_one_is_no_success() {
 #[test]
 fn a_version_that_has_not_changed_is_no_success() {
     let package = package(0x0202_0001);
-    let same = StandIn::new(1, Behaviour::Good);
+    let same = FakeEthercat::new(1, Behaviour::Good);
     let (status, out, _) = update(&same, package.path(), &["--timeout", "4"]);
     assert_eq!(status, 1);
     assert!(out.contains("2.2.1  the version has not changed: the file holds the same"), "{out}");
@@ -204,7 +204,7 @@ fn a_version_that_has_not_changed_is_no_success() {
 
 #[test]
 fn the_same_version_again_is_a_success_where_it_is_expected() {
-    let (same, package) = (StandIn::new(1, Behaviour::Good), package(0x0202_0001));
+    let (same, package) = (FakeEthercat::new(1, Behaviour::Good), package(0x0202_0001));
     let more = ["--timeout", "4", "--expect-version", "2.2.1"];
     let (status, out, _) = update(&same, package.path(), &more);
     assert_eq!(status, 0, "{out}");
@@ -214,7 +214,7 @@ fn the_same_version_again_is_a_success_where_it_is_expected() {
 #[test]
 fn without_a_restart_there_is_no_success_whatever_the_tool_says() {
     let package = package(0x0202_0001);
-    let liar = StandIn::new(1, Behaviour::Lies);
+    let liar = FakeEthercat::new(1, Behaviour::Lies);
     for expected in [&[][..], &["--expect-version", "2.2.1"]] {
         let more = [&["--timeout", "1"], expected].concat();
         let (status, out, _) = update(&liar, package.path(), &more);
@@ -225,12 +225,12 @@ fn without_a_restart_there_is_no_success_whatever_the_tool_says() {
 
 #[test]
 fn a_gateway_that_does_not_come_back_is_told() {
-    let (tool, package) = (StandIn::new(1, Behaviour::NeverBack), package(NEW));
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::NeverBack), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--timeout", "1"]);
     assert_eq!(status, 5);
     assert!(out.contains("written, but the gateway does not answer since"), "{out}");
     assert!(out.contains("Slave 0 does not exist"), "{out}");
-    let tool = StandIn::new(1, Behaviour::NeverBack);
+    let tool = FakeEthercat::new(1, Behaviour::NeverBack);
     let (_, out, _) = update(&tool, package.path(), &["--timeout", "1", "--json"]);
     let json: Value = serde_json::from_str(&out).unwrap();
     assert_eq!(json[0]["result"], "not_back");
@@ -238,7 +238,7 @@ fn a_gateway_that_does_not_come_back_is_told() {
 
 #[test]
 fn several_gateways_are_updated_in_turn() {
-    let (tool, package) = (StandIn::new(3, Behaviour::Good), package(NEW));
+    let (tool, package) = (FakeEthercat::new(3, Behaviour::Good), package(NEW));
     let fault = GatewayFault::FlashFailure { times: 1 };
     tool.master().line.wire.world_mut().inject(Fault::Gateway { gateway: 1, fault });
     let (status, out, errors) = update(&tool, package.path(), &["--all"]);
@@ -259,11 +259,11 @@ fn several_gateways_are_updated_in_turn() {
 #[test]
 fn a_file_that_does_harm_goes_to_one_gateway_only() {
     let package = package(NEW);
-    let tool = StandIn::new(2, Behaviour::NeverBack);
+    let tool = FakeEthercat::new(2, Behaviour::NeverBack);
     let (status, out, _) = update(&tool, package.path(), &["--all", "--timeout", "1"]);
     assert_eq!((status, tool.writes().len()), (5, 1), "{out}");
     assert!(out.contains("1    -       -      nothing was written: slave 0 did not come back\n"));
-    let tool = StandIn::new(2, Behaviour::Good);
+    let tool = FakeEthercat::new(2, Behaviour::Good);
     let more = ["--all", "--expect-version", "3.1.0"];
     let (status, out, _) = update(&tool, package.path(), &more);
     assert_eq!((status, tool.writes().len()), (5, 1), "{out}");
@@ -273,7 +273,7 @@ fn a_file_that_does_harm_goes_to_one_gateway_only() {
 
 #[test]
 fn other_devices_get_no_firmware() {
-    let (tool, package) = (StandIn::new(1, Behaviour::Foreign), package(NEW));
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Foreign), package(NEW));
     let (status, out, _) = update(&tool, package.path(), &["--slave", "0"]);
     assert_eq!((status, tool.writes().len()), (5, 0), "{out}");
     assert!(out.contains("it does not show itself as an ECAN-Lite"), "{out}");
@@ -284,8 +284,8 @@ fn other_devices_get_no_firmware() {
 
 #[test]
 fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
-    let (package, product_code) = (package(NEW), stand_in::PRODUCT_CODE);
-    let tool = StandIn::new(2, Behaviour::Silent { position: 0, product_code });
+    let (package, product_code) = (package(NEW), fake_ethercat::PRODUCT_CODE);
+    let tool = FakeEthercat::new(2, Behaviour::Silent { position: 0, product_code });
     let (status, out, errors) = update(&tool, package.path(), &[]);
     assert_eq!((status, tool.writes().len()), (4, 0), "{out}");
     let words = "slave 0 cannot be asked whether it is an ECAN-Lite: ethercat upload: Failed to";
@@ -297,7 +297,7 @@ fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
     assert!(out.contains(line), "{out}");
     assert!(out.contains("\n1    2.2.1   3.0.7  updated\n1 of 2 gateways run the new"), "{out}");
     // The identity in the SII tells that it is another device.
-    let tool = StandIn::new(2, Behaviour::Silent { position: 0, product_code: 5 });
+    let tool = FakeEthercat::new(2, Behaviour::Silent { position: 0, product_code: 5 });
     let (status, out, _) = update(&tool, package.path(), &[]);
     assert_eq!((status, tool.writes().len()), (0, 1), "{out}");
     assert_eq!(running(&tool, 1), NEW);
@@ -312,7 +312,7 @@ fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
 
 #[test]
 fn an_interrupt_lets_the_gateway_have_its_firmware_and_ends_the_work() {
-    let (tool, package) = (StandIn::new(3, Behaviour::Good), package(NEW));
+    let (tool, package) = (FakeEthercat::new(3, Behaviour::Good), package(NEW));
     // Held, so that the program does not begin before the tool knows it.
     let mut master = tool.master();
     let child = Command::new(env!("CARGO_BIN_EXE_ecan"))
@@ -350,7 +350,7 @@ POS  BEFORE  AFTER  RESULT
 }
 
 /// As [`firmware`], with a terminal for input and messages, at which this is typed.
-fn at_a_terminal(tool: &StandIn, file: &Path, typed: &str) -> (i32, String) {
+fn at_a_terminal(tool: &FakeEthercat, file: &Path, typed: &str) -> (i32, String) {
     let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
     command.args(["firmware", "update"]).arg(file).arg("--ethercat").arg(&tool.program);
     with_answer(command.env_remove("ECAN_ECRT"), typed)
@@ -358,7 +358,7 @@ fn at_a_terminal(tool: &StandIn, file: &Path, typed: &str) -> (i32, String) {
 
 #[test]
 fn at_a_terminal_it_asks_first_and_shows_how_far_it_is() {
-    let (tool, package) = (StandIn::new(1, Behaviour::Good), package(NEW));
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     for typed in ["n\n", "\n"] {
         let (status, shown) = at_a_terminal(&tool, package.path(), typed);
         assert_eq!((status, tool.writes().len()), (2, 0), "{shown}");
@@ -408,7 +408,7 @@ fn what_the_real_tool_says_is_put_into_words() {
         (Behaviour::Babbles, 5, "\"Good morning!\", which is no answer of IgH's tool"),
     ];
     for (behaviour, expected, words) in cases {
-        let tool = StandIn::new(1, behaviour.clone());
+        let tool = FakeEthercat::new(1, behaviour.clone());
         let (status, out, errors) = update(&tool, package.path(), &["--timeout", "1"]);
         assert_eq!(status, expected, "{behaviour:?}: {errors}");
         assert!((out + &errors).contains(words), "{behaviour:?}: {errors}");
@@ -417,7 +417,7 @@ fn what_the_real_tool_says_is_put_into_words() {
 
 #[test]
 fn misuse_is_named_before_anything_is_written() {
-    let (tool, package) = (StandIn::new(1, Behaviour::Good), package(NEW));
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
     let path = package.path().to_str().unwrap();
     let program = tool.program.to_str().unwrap();
     let (empty, short, directory) = (file(b""), file(b"abc"), TempDir::new().unwrap());

@@ -8,12 +8,12 @@ use serde::Serialize;
 
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, names_channel, parse_channel};
-use crate::frames::departures::TransmitTracker;
 use crate::frames::options::FrameOptions;
 use crate::frames::prepared::Prepared;
 use crate::frames::sender::{Due, Record, Sender};
 use crate::frames::service::Service;
 use crate::frames::settings::{GatewayRequirements, Settings};
+use crate::frames::transmit_tracker::TransmitTracker;
 use crate::global::GlobalOptions;
 use crate::output::Output;
 

@@ -15,8 +15,8 @@ use ecan_protocol::image::ChannelStatus;
 use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
 
 use crate::failure::Failure;
+use crate::frames::arrival::Arrival;
 use crate::frames::channels::Channels;
-use crate::frames::service::Arrival;
 use crate::output::Output;
 
 /// Frames that wait for their results, at first.

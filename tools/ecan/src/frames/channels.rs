@@ -3,6 +3,8 @@
 use std::fmt;
 use std::str::FromStr;
 
+use ecan_mcan_port::Port;
+use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::CHANNELS;
 
 /// One or several channels of a gateway, as in `0`, `can0`, `0,2` or `all`.
@@ -90,6 +92,12 @@ pub fn parse_channel(text: &str) -> Result<u8, String> {
     let number = text.strip_prefix("can").or_else(|| text.strip_prefix("CAN")).unwrap_or(text);
     let channel = number.parse().ok().filter(|channel| usize::from(*channel) < CHANNELS);
     channel.ok_or_else(|| "expected a channel, 0 to 3".to_owned())
+}
+
+/// CAN configuration of a channel of the only gateway of a Port; `None` if the channel is disabled.
+pub fn can_config(port: &Port, channel: u8) -> Option<&McanChannelConfig> {
+    let gateway = port.config().gateways.first()?;
+    gateway.channels.get(usize::from(channel))?.as_ref().map(|channel| &channel.can)
 }
 
 /// Whether a word is the name of a channel, where can-utils have one and this program does not.

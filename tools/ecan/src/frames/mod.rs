@@ -1,9 +1,9 @@
 //! A gateway in service for the commands that carry CAN frames.
 
+pub mod arrival;
 pub mod bit_rates;
 pub mod capture;
 pub mod channels;
-pub mod departures;
 pub mod format;
 pub mod options;
 pub mod prepared;
@@ -15,3 +15,4 @@ pub mod settings;
 pub mod status_watch;
 pub mod summary;
 pub mod timestamp;
+pub mod transmit_tracker;

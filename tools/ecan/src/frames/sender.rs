@@ -7,11 +7,11 @@ use ecan_protocol::image::Timestamp;
 
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
-use crate::frames::departures::TransmitTracker;
 use crate::frames::format::TimedFrame;
 use crate::frames::printer::Printer;
 use crate::frames::service::{Cycle, Service};
 use crate::frames::summary::Summary;
+use crate::frames::transmit_tracker::TransmitTracker;
 use crate::output::Output;
 
 /// How long frames may take to leave once the user wants to stop, in cycles' time: a computer that

@@ -15,9 +15,10 @@ use ecan_protocol::config::McanChannelConfig;
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::failure::Failure;
+use crate::frames::arrival::Arrival;
 use crate::frames::bit_rates::BitRates;
 use crate::frames::capture::FrameCapture;
-use crate::frames::channels::Channels;
+use crate::frames::channels::{Channels, can_config};
 use crate::frames::status_watch::StatusWatch;
 use crate::output::Output;
 
@@ -40,15 +41,6 @@ pub struct GatewaySetup {
     pub config: PortConfig,
     /// The channels of which changes are told.
     pub channels: Channels,
-}
-
-/// One thing that came back, and when.
-#[derive(Clone, Copy, Debug)]
-pub struct Arrival {
-    /// Time of the clock in nanoseconds.
-    pub time_ns: u64,
-    /// What came back.
-    pub received: Received,
 }
 
 /// A cycle between its beginning and its end.
@@ -210,7 +202,7 @@ impl Service {
 
     /// The configuration of a channel; none where it is not in service.
     pub fn can(&self, channel: u8) -> Option<&McanChannelConfig> {
-        can(&self.port, channel)
+        can_config(&self.port, channel)
     }
 
     /// Frames that a channel holds at the most: in the firmware's cache, and in the CAN controller.
@@ -278,12 +270,6 @@ impl Service {
     pub fn is_real_time(&self) -> bool {
         self.port.adapter().clock().runs_by_itself()
     }
-}
-
-/// The configuration of a channel of the only gateway.
-pub fn can(port: &Port, channel: u8) -> Option<&McanChannelConfig> {
-    let gateway = port.config().gateways.first()?;
-    gateway.channels.get(usize::from(channel))?.as_ref().map(|channel| &channel.can)
 }
 
 /// Lines on standard error, with a time.

@@ -5,8 +5,7 @@ use ecan_protocol::image::{ChannelState, ChannelStatus};
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::frames::bit_rates::BitRates;
-use crate::frames::channels::Channels;
-use crate::frames::service::can;
+use crate::frames::channels::{Channels, can_config};
 
 /// A channel that comes and goes would fill the screen: in the long run it gets a line in so many
 /// nanoseconds.
@@ -135,7 +134,7 @@ impl StatusWatch {
             let now = Condition::of(port.channel_status(0, channel));
             let told = self.told.get_mut(usize::from(channel));
             let Some(words) = told.and_then(|told| told.next(now, now_ns)) else { continue };
-            let rates = can(port, channel).filter(|_| now.has_warning || now.is_bus_off);
+            let rates = can_config(port, channel).filter(|_| now.has_warning || now.is_bus_off);
             let rates = rates.map_or_else(String::new, |can| format!(", at {}", BitRates::of(can)));
             say(format!("can{channel} {words}{rates}"));
         }

@@ -4,7 +4,7 @@ use ecan_mcan_port::Port;
 use serde::Serialize;
 
 use crate::failure::Failure;
-use crate::frames::departures::TransmitTracker;
+use crate::frames::transmit_tracker::TransmitTracker;
 use crate::output::Output;
 
 /// The figures.

@@ -1,10 +1,10 @@
 //! `ecan bridge`: a channel for other programs.
 
 mod beacon;
-mod front;
-mod gate;
-mod turns;
-mod under_way;
+mod endpoint;
+mod in_flight;
+mod round_robin;
+mod transmit_gate;
 
 use std::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
@@ -16,10 +16,10 @@ use ecan_mcan_port::{Received, Session};
 use ecan_protocol::can::CanFrame;
 
 use crate::commands::bridge::beacon::Beacon;
-use crate::commands::bridge::front::{Endpoint, Listening, Place};
-use crate::commands::bridge::gate::TransmitGate;
-use crate::commands::bridge::turns::RoundRobin;
-use crate::commands::bridge::under_way::InFlight;
+use crate::commands::bridge::endpoint::{Endpoint, Listening, Place};
+use crate::commands::bridge::in_flight::InFlight;
+use crate::commands::bridge::round_robin::RoundRobin;
+use crate::commands::bridge::transmit_gate::TransmitGate;
 use crate::failure::Failure;
 use crate::frames::channels::{Channels, parse_channel};
 use crate::frames::options::FrameOptions;

@@ -1,10 +1,10 @@
 //! `ecan filter`: acceptance filters of a channel through the editing window (manual 13.4).
 
-mod device;
+mod channel_filters;
 mod new_filter;
 #[cfg(test)]
 mod tests;
-mod words;
+mod text;
 
 use std::io::Write;
 
@@ -17,9 +17,9 @@ use crate::global::GlobalOptions;
 use crate::output::Output;
 use crate::table;
 
-pub use device::{ChannelFilters, Kind as FilterKind, RawFilter};
+pub use channel_filters::{ChannelFilters, Kind as FilterKind, RawFilter};
 
-use device::Kind;
+use channel_filters::Kind;
 use new_filter::NewFilter;
 
 /// What to do with filters.
@@ -174,8 +174,8 @@ fn list(filters: &ChannelFilters) -> Result<Listed, Failure> {
         let raw = filters.read(kind)?;
         let listed = raw.into_iter().enumerate().map(|(number, raw)| ListedFilter {
             number,
-            identifiers: words::identifiers(kind, &raw),
-            action: words::action(&raw),
+            identifiers: text::identifiers(kind, &raw),
+            action: text::action(&raw),
             is_sync: raw.sync != 0,
             raw,
         });
@@ -185,8 +185,8 @@ fn list(filters: &ChannelFilters) -> Result<Listed, Failure> {
     Ok(Listed {
         position: filters.slave,
         channel: filters.channel,
-        non_match_standard: words::non_match(standard),
-        non_match_extended: words::non_match(extended),
+        non_match_standard: text::non_match(standard),
+        non_match_extended: text::non_match(extended),
         extended_mask: filters.extended_mask()?,
         standard: of_kind(Kind::Standard)?,
         extended: of_kind(Kind::Extended)?,

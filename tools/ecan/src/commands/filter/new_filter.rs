@@ -8,7 +8,7 @@ use ecan_protocol::config::{
 
 use crate::value::parse_unsigned;
 
-use super::device::{ElementCounts, Kind, RawFilter};
+use super::channel_filters::{ElementCounts, Kind, RawFilter};
 
 /// The options of a new filter.
 #[derive(Debug, Args)]

@@ -5,7 +5,7 @@ use ecan_sim::{Backend, ClockKind, SimOptions};
 use crate::bus::Bus;
 use crate::failure::Failure;
 
-use super::device::{ChannelFilters, Kind, RawFilter};
+use super::channel_filters::{ChannelFilters, Kind, RawFilter};
 
 fn simulated() -> (Backend, Bus) {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };

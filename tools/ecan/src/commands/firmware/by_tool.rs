@@ -9,7 +9,7 @@ use ecan_protocol::object::{ObjectType, lookup};
 
 use super::gateways::{Gateways, LOOK_EVERY, SlaveEntry};
 use super::package::FirmwareFile;
-use super::refusal::Refusal;
+use super::rejection::Rejection;
 use crate::ethercat_tool::{EthercatTool, NumberType, ToolError, is_denial};
 use crate::failure::Failure;
 
@@ -89,7 +89,7 @@ impl Gateways for ByTool {
         slave: usize,
         file: &FirmwareFile,
         _progress: &dyn Fn(u64),
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Rejection> {
         Ok(self.tool.foe_write(slave, FILE_NAME, &file.path)?)
     }
 

@@ -6,7 +6,7 @@ use ecan_host::{Identity, SlaveKind, SlaveQuery, slave_kinds};
 use ecan_protocol::device::AlState;
 use serde::Serialize;
 
-use super::refusal::Refusal;
+use super::rejection::Rejection;
 use crate::failure::Failure;
 use crate::firmware_version::{FirmwareVersion, serial_number};
 use crate::slave_choice::{Candidates, Recognised, SlaveChoice, Unknown, one_or_all};
@@ -53,7 +53,7 @@ pub trait Gateways {
         slave: usize,
         file: &super::package::FirmwareFile,
         progress: &dyn Fn(u64),
-    ) -> Result<(), Refusal>;
+    ) -> Result<(), Rejection>;
 
     /// Lets [`LOOK_EVERY`] pass.
     fn pause(&self);

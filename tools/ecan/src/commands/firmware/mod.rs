@@ -3,7 +3,7 @@
 mod by_tool;
 mod gateways;
 mod package;
-mod refusal;
+mod rejection;
 mod simulated;
 mod update;
 #[cfg(test)]

@@ -8,7 +8,7 @@ use ecan_sim::{FirmwareProgress, FirmwareUpdateError, Gateway, Simulation};
 
 use super::gateways::{Gateways, LOOK_EVERY, SlaveEntry};
 use super::package::FirmwareFile;
-use super::refusal::Refusal;
+use super::rejection::Rejection;
 use crate::bus::Bus;
 use crate::failure::Failure;
 
@@ -31,15 +31,15 @@ impl Simulated {
         &self,
         slave: usize,
         action: impl Fn(&mut Gateway, u64) -> Result<FirmwareProgress, FirmwareUpdateError>,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Rejection> {
         loop {
             let done = self.simulation.with_world(|world| world.with_gateway(slave, &action));
             match done {
-                None => return Err(Refusal::new(format!("slave {slave} does not exist"))),
+                None => return Err(Rejection::new(format!("slave {slave} does not exist"))),
                 Some(Ok(FirmwareProgress::Done)) => return Ok(()),
                 Some(Ok(FirmwareProgress::Busy { .. })) => self.simulation.pass_ns(BUSY_NS),
                 Some(Err(error)) => {
-                    return Err(Refusal::new(format!("{}: {error}", error.foe_text())));
+                    return Err(Rejection::new(format!("{}: {error}", error.foe_text())));
                 }
             }
         }
@@ -86,7 +86,7 @@ impl Gateways for Simulated {
         slave: usize,
         file: &FirmwareFile,
         progress: &dyn Fn(u64),
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Rejection> {
         self.until_done(slave, |gateway, now| {
             gateway.begin_firmware_update(now).map(|()| FirmwareProgress::Done)
         })?;

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::gateways::{Gateways, Running, SlaveEntry, reason_against};
 use super::package::FirmwareFile;
-use super::refusal::{Cause, Refusal};
+use super::rejection::{Cause, Rejection};
 use crate::failure::Failure;
 use crate::slave_choice::Unknown;
 
@@ -36,7 +36,7 @@ pub enum Outcome {
     /// The file was not taken.
     Refused {
         /// Why.
-        refusal: Refusal,
+        refusal: Rejection,
     },
     /// The gateway does not answer since.
     NotBack {

@@ -9,7 +9,7 @@ use ecan_protocol::device::AlState;
 
 use super::gateways::{Gateways, LOOK_EVERY, SlaveEntry};
 use super::package::FirmwareFile;
-use super::refusal::Refusal;
+use super::rejection::Rejection;
 use super::update::{Outcome, Update};
 use crate::failure::Failure;
 
@@ -76,7 +76,7 @@ impl Gateways for Slow {
         Ok(0)
     }
 
-    fn write(&self, _: usize, _: &FirmwareFile, _: &dyn Fn(u64)) -> Result<(), Refusal> {
+    fn write(&self, _: usize, _: &FirmwareFile, _: &dyn Fn(u64)) -> Result<(), Rejection> {
         self.written.set(Some(self.now.get()));
         Ok(())
     }

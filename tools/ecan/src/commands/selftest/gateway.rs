@@ -403,11 +403,11 @@ mod tests {
             .filter(|(_, entry)| entry.access.can_read() && entry.access.can_write())
             .map(|(index, entry)| (index, entry.subindex))
             .filter(|(index, subindex)| !is_window(*index, *subindex));
-        let in_force = [(0x8010, 9), (0x8010, 12), (0x8011, 9), (0x8011, 12), (0x8021, 20)];
+        let active_config = [(0x8010, 9), (0x8010, 12), (0x8011, 9), (0x8011, 12), (0x8021, 20)];
         let channels = (0x9000..=0x9003).map(|index| (index, 9));
         let counts = (0x8001..=0x8004).flat_map(|index| [(index, 49), (index, 55)]);
         let read = |(index, subindex)| (index, subindex, bus.read(0, index, subindex).unwrap());
-        written.chain(in_force).chain(channels).chain(counts).map(read).collect()
+        written.chain(active_config).chain(channels).chain(counts).map(read).collect()
     }
 
     #[test]

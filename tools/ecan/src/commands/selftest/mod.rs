@@ -1,10 +1,10 @@
 //! `ecan selftest`: the production line's check of gateways.
 
+mod active_config;
 mod exchange;
 mod frames;
 mod gateway;
 mod identity;
-mod in_force;
 mod rates;
 mod report;
 mod saved;

@@ -13,7 +13,7 @@ use crate::commands::filter::{ChannelFilters, FilterKind, RawFilter};
 use crate::commands::reboot;
 use crate::failure::Failure;
 
-use super::in_force::ActiveConfig;
+use super::active_config::ActiveConfig;
 
 /// How often the state of a slave is looked at, in nanoseconds.
 const LOOK_EVERY_NS: u64 = 50_000_000;
@@ -39,7 +39,7 @@ pub(super) struct Saved {
     filters: [Filters; CHANNELS],
     /// The entries of 0x1C12 and 0x1C13.
     assignments: [Vec<u32>; 2],
-    in_force: ActiveConfig,
+    active_config: ActiveConfig,
 }
 
 /// How the configuration was put back.
@@ -66,8 +66,8 @@ impl Saved {
         for (direction, entries) in Direction::ALL.into_iter().zip(&mut assignments) {
             *entries = read_assignment(bus, slave, direction)?;
         }
-        let in_force = ActiveConfig::read(bus, slave)?;
-        Ok(Self { slave, serial, values, filters, assignments, in_force })
+        let active_config = ActiveConfig::read(bus, slave)?;
+        Ok(Self { slave, serial, values, filters, assignments, active_config })
     }
 
     /// Waits until the master has let go of the gateway, and puts everything back that the test has
@@ -103,7 +103,7 @@ impl Saved {
         let words = |failure: Failure| failure.to_string();
         self.wait_own_place(bus)?;
         let now = ActiveConfig::read(bus, self.slave).map_err(words)?;
-        if now.has_more_than(&self.in_force) {
+        if now.has_more_than(&self.active_config) {
             let restarted = reboot::restart(bus, self.slave, RESTART_NS);
             restarted.map_err(|failure| format!("it was to restart, but {failure}"))?;
             *is_restarted = true;
@@ -146,7 +146,7 @@ impl Saved {
                 }
             }
             let has_left = !now.is_on_bus(channel);
-            if self.in_force.is_on_bus(channel) && (is_tested || has_left) {
+            if self.active_config.is_on_bus(channel) && (is_tested || has_left) {
                 let command = McanChannelConfig::apply_write(channel);
                 apply(bus, slave, command, 2)?;
             }
@@ -156,13 +156,13 @@ impl Saved {
         }
         let now = ActiveConfig::read(bus, slave)?;
         for channel in (0..).take(CHANNELS) {
-            if !now.has_data_path_of(&self.in_force, channel) {
+            if !now.has_data_path_of(&self.active_config, channel) {
                 let command = DataPathConfig::apply_write(channel);
                 apply(bus, slave, command, 3)?;
             }
         }
         for direction in Direction::ALL {
-            if !now.has_profile_of(&self.in_force, direction) {
+            if !now.has_profile_of(&self.active_config, direction) {
                 apply(bus, slave, PdoProfile::apply_write(direction), 2)?;
             }
         }
@@ -187,7 +187,7 @@ impl Saved {
         if now.assignments != self.assignments {
             return Err("0x1C12 or 0x1C13 assigns other PDOs".to_owned());
         }
-        match now.in_force.difference(&self.in_force) {
+        match now.active_config.difference(&self.active_config) {
             Some(words) => Err(words),
             None => Ok(()),
         }

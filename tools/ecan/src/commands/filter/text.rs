@@ -2,7 +2,7 @@
 
 use ecan_protocol::config::{ExtendedMatch, FilterAction, NonMatch, StandardMatch};
 
-use super::device::{Kind, RawFilter};
+use super::channel_filters::{Kind, RawFilter};
 
 /// Which identifiers a filter matches.
 pub(super) fn identifiers(kind: Kind, filter: &RawFilter) -> String {

@@ -8,8 +8,8 @@ use ecan_protocol::image::{ChannelStatus, ResultCode};
 
 use crate::failure::Failure;
 use crate::frames::bit_rates::BitRates;
-use crate::frames::channels::Channels;
-use crate::frames::service::{Cycle, Service, can};
+use crate::frames::channels::{Channels, can_config};
+use crate::frames::service::{Cycle, Service};
 
 /// Cycles behind the last result after which a channel's status has seen all frames.
 const STATUS_CYCLES: usize = 3;
@@ -225,7 +225,7 @@ impl TransmitTracker {
     /// Why frames do not leave, as far as the channels tell.
     fn cause(&self, port: &Port) -> Option<String> {
         let rates = |channel| {
-            can(port, channel).map_or_else(String::new, |can| BitRates::of(can).to_string())
+            can_config(port, channel).map_or_else(String::new, |can| BitRates::of(can).to_string())
         };
         if let Some(channel) = self.bus_off {
             let rates = rates(channel);

@@ -83,13 +83,13 @@ pub struct Master {
 }
 
 /// The tool's script, as long as it is needed.
-pub struct StandIn {
+pub struct FakeEthercat {
     pub program: PathBuf,
     master: Arc<Mutex<Master>>,
     _directory: tempfile::TempDir,
 }
 
-impl StandIn {
+impl FakeEthercat {
     pub fn new(gateways: u16, behaviour: Behaviour) -> Self {
         let line = Line::preop(gateways.into());
         let master = Master { line, behaviour, gateways, interrupts: None, calls: Vec::new() };

@@ -1,6 +1,6 @@
 //! Whether clients may send.
 
-use crate::commands::bridge::front::Endpoint;
+use crate::commands::bridge::endpoint::Endpoint;
 use crate::output::Output;
 
 /// Keeps frames of clients away from a gateway that is out of service and from a channel that is

@@ -6,7 +6,7 @@ use crate::ethercat_tool::ToolError;
 
 /// A file that was not taken: who said what, and what is to be done.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
-pub struct Refusal {
+pub struct Rejection {
     /// What kind of refusal.
     pub cause: Cause,
     /// What the tool or the device said.
@@ -125,7 +125,7 @@ impl Cause {
     }
 }
 
-impl Refusal {
+impl Rejection {
     /// A refusal by its words.
     pub fn new(said: impl Into<String>) -> Self {
         let said = said.into();
@@ -145,7 +145,7 @@ impl Refusal {
     }
 }
 
-impl From<ToolError> for Refusal {
+impl From<ToolError> for Rejection {
     fn from(error: ToolError) -> Self {
         let cause = match &error {
             _ if error.is_about_host() => Cause::Host,
@@ -158,7 +158,7 @@ impl From<ToolError> for Refusal {
     }
 }
 
-impl std::fmt::Display for Refusal {
+impl std::fmt::Display for Rejection {
     fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         write!(formatter, "{} ({})", self.cause.words(), self.said)
     }
@@ -187,7 +187,7 @@ mod tests {
             ("something new", Cause::Other),
         ];
         for (said, cause) in cases {
-            assert_eq!(Refusal::new(said).cause, cause, "{said}");
+            assert_eq!(Rejection::new(said).cause, cause, "{said}");
         }
     }
 }

@@ -1,0 +1,11 @@
+//! Received frames and transmit reports with their time.
+
+use ecan_mcan_port::Received;
+
+/// A frame or transmit report received in a cycle.
+#[derive(Clone, Copy, Debug)]
+pub struct Arrival {
+    /// Time of the cycle clock in nanoseconds.
+    pub time_ns: u64,
+    pub received: Received,
+}
