@@ -6,10 +6,12 @@ use std::process::Command;
 
 use super::*;
 
-#[path = "../../../tests/support/deadline.rs"]
-mod deadline;
-#[path = "../../../tests/support/terminal.rs"]
+#[allow(dead_code)]
+#[path = "../../../tests/cli/support/terminal.rs"]
 mod terminal;
+#[allow(dead_code)]
+#[path = "../../../tests/cli/support/timed_reader.rs"]
+mod timed_reader;
 
 use terminal::{ENTER, OnTerminal};
 

@@ -1,0 +1,262 @@
+//! `ecan bridge` as other programs see it.
+
+use std::io::Write as _;
+
+use crate::support::client::Client;
+use crate::support::timed_reader::{LIMIT, TimedReader};
+use crate::support::{Running, Scenario, fails};
+
+/// A frame as socketcand writes it: identifier, time and data.
+fn next_frame(client: &mut Client) -> [String; 3] {
+    let text = client.hear_through(b">");
+    let words: Vec<_> = text.split(' ').collect();
+    assert_eq!(words[1], "frame", "{text}");
+    [words[2], words[3], words[4]].map(str::to_owned)
+}
+
+fn expect_frame(client: &mut Client, id: &str, data: &str) {
+    let [found_id, _, found_data] = next_frame(client);
+    assert_eq!((found_id.as_str(), found_data.as_str()), (id, data));
+}
+
+/// A socketcand client that hears.
+fn socketcand_client(address: &str) -> Client {
+    let mut client = Client::connect(address);
+    client.expect("< hi >");
+    client.say("< open can0 >");
+    client.expect("< ok >");
+    client.say("< rawmode >");
+    client.expect("< ok >");
+    client
+}
+
+/// The address in a line as "slcan bridge at 127.0.0.1:1234 on can1".
+fn address(line: &str, protocol: &str, channel: &str) -> String {
+    let words: Vec<_> = line.split(' ').collect();
+    assert_eq!((words[0], words[5]), (protocol, channel), "{line}");
+    assert!(words[3].starts_with("127.0.0.1:"), "{line}");
+    words[3].to_owned()
+}
+
+#[test]
+fn clients_of_both_protocols_meet_on_the_channel() {
+    let mut bridge =
+        Running::start(&["--ecrt", "sim", "bridge", "--channel", "1", "--slcan", "--socketcand"]);
+    let slcan = address(&bridge.line(), "slcan", "can1");
+    let socketcand = address(&bridge.line(), "socketcand", "can1");
+    let mut slcan = Client::connect(&slcan);
+    slcan.say("S6\rO\r");
+    slcan.expect("\r\r");
+    let mut socketcand = socketcand_client(&socketcand);
+
+    // The sender hears the node's echo, the others its frame too.
+    slcan.say("t1232AABB\r");
+    slcan.expect("z\rt1232AABB\r");
+    expect_frame(&mut socketcand, "123", "AABB");
+    expect_frame(&mut socketcand, "123", "AABB");
+    socketcand.say("< send 00000045 1 7F >");
+    expect_frame(&mut socketcand, "00000045", "7F");
+    slcan.expect("T0000004517F\rT0000004517F\r");
+
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    assert!(!errors.contains('#'), "{errors}");
+}
+
+#[test]
+fn can_fd_goes_over_slcan_and_bit_rates_are_those_of_the_channel() {
+    let mut bridge =
+        Running::start(&["--ecrt", "sim", "bridge", "--data-bitrate", "2000000", "--json"]);
+    let mut text = String::new();
+    while !text.ends_with(']') {
+        let line = bridge.line();
+        assert_ne!(line, "", "{text}");
+        text.push_str(&line);
+    }
+    let places: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!((&places[0]["protocol"], &places[0]["channel"]), (&"slcan".into(), &0.into()));
+    let address = places[0]["address"].as_str().unwrap();
+    let mut client = Client::connect(address);
+    client.say("S6\rY2\rO\r");
+    client.expect("\r\r\r");
+    client.say("b1239112233445566778899AABBCC\r");
+    client.expect("z\rb1239112233445566778899AABBCC\r");
+    // Who names another bit rate is refused.
+    let mut other = Client::connect(address);
+    other.say("S8\rO\rt1230\r");
+    other.expect("\r\r\x07");
+    // What did not go through is told at the end.
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    let told =
+        format!("# slcan bridge at {address}: 1 frames for the bus were refused: the channel");
+    assert_eq!(errors.matches(&told).count(), 1, "{errors}");
+    assert_eq!(errors.matches('#').count(), 1, "{errors}");
+}
+
+#[test]
+fn a_terminal_is_a_serial_adapter() {
+    let directory = tempfile::tempdir().unwrap();
+    let link = directory.path().join("can0");
+    let path = link.display().to_string();
+    let mut bridge = Running::start(&["--ecrt", "sim", "bridge", "--pty", &path]);
+    assert_eq!(bridge.line(), format!("slcan bridge at {path} on can0"));
+    // One program after the other, each finding the terminal as a serial port.
+    for id in ["123", "124"] {
+        let mut port = std::fs::File::options().read(true).write(true).open(&link).unwrap();
+        port.write_all(format!("C\rS6\rO\rt{id}2AABB\r").as_bytes()).unwrap();
+        let expected = format!("\r\r\rz\rt{id}2AABB\r");
+        let answer = TimedReader::new(port.try_clone().unwrap()).bytes(expected.len());
+        assert_eq!(String::from_utf8_lossy(&answer), expected);
+    }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+    assert!(std::fs::symlink_metadata(&link).is_err(), "the link goes with the bridge");
+}
+
+/// A motor must not make up for an outage.
+#[test]
+fn frames_of_an_outage_are_refused_and_never_sent() {
+    let fault = "kind = \"power_cycle\"\ngateway = 0\noff_ms = 500";
+    let late = refuses_during("kind = \"silent\"", fault, "the gateway is in service");
+    assert_eq!(late, [0; 0]);
+}
+
+#[test]
+fn frames_are_refused_while_the_channel_is_bus_off() {
+    let fault = "kind = \"bus_off\"\ngateway = 0\nchannel = 0";
+    let late = refuses_during("kind = \"silent\"", fault, "can0 run");
+    assert_eq!(late, [0; 0]);
+}
+
+/// Only what the gateway itself holds goes out when somebody acknowledges again.
+#[test]
+fn frames_are_refused_while_nobody_acknowledges() {
+    let node = "kind = \"drive\"\nname = \"partner\"\nnode_id = 1";
+    let fault = "kind = \"drive_power_cycle\"\nnode = \"partner\"\noff_ms = 3000";
+    let late = refuses_during(node, fault, "can0 run");
+    let queue_and_controller = 64 + 32;
+    assert!(late.len() <= queue_and_controller, "{} frames came late", late.len());
+}
+
+/// A client sends through this fault, which ends with this line: the frames that came behind it
+/// although they are from before.
+fn refuses_during(node: &str, fault: &str, end: &str) -> Vec<usize> {
+    let bus = Scenario::new(&format!(
+        "[[node]]\nbus = \"0.0\"\n{node}\n[[fault]]\nat_ms = 9000\n{fault}\n"
+    ));
+    let setting = bus.setting();
+    let mut bridge = Running::start(&["--ecrt", &setting, "bridge", "--slcan", "--socketcand"]);
+    let mut sender = Client::connect(&address(&bridge.line(), "slcan", "can0"));
+    let mut listener = socketcand_client(&address(&bridge.line(), "socketcand", "can0"));
+    sender.say("O\r");
+    sender.expect("\r");
+    // Each frame waits for the answer to the one before it, so that the queue never fills.
+    let mut answers = Vec::new();
+    let mut is_back = false;
+    let begun = std::time::Instant::now();
+    while !is_back {
+        assert!(begun.elapsed() < LIMIT, "the gateway does not come back");
+        sender.say(&format!("t1232{:04X}\r", answers.len()));
+        let mut answer = sender.hear_through(b"\r\x07");
+        // A frame of the node.
+        while answer.starts_with('t') {
+            answer = sender.hear_through(b"\r\x07");
+        }
+        let is_taken = answer == "z\r";
+        is_back = is_taken && answers.last() == Some(&false);
+        answers.push(is_taken);
+        // No more than a client in a cycle of its own sends.
+        std::thread::sleep(std::time::Duration::from_millis(2));
+    }
+    let first_after = answers.len() - 1;
+    let mut heard = Vec::new();
+    while heard.last().is_none_or(|(_, number)| *number != first_after) {
+        let [id, time, data] = next_frame(&mut listener);
+        if id == "123" {
+            heard.push((time.parse::<f64>().unwrap(), usize::from_str_radix(&data, 16).unwrap()));
+        }
+    }
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0), "{errors}");
+    let refused = answers.iter().filter(|is_taken| !**is_taken).count();
+    let note = format!("# {refused} frames of clients refused while nothing could be sent");
+    assert!(errors.contains(&note), "{errors}");
+    let back = errors.lines().rfind(|line| line.ends_with(end)).unwrap();
+    let back: f64 = back["# (".len()..].split(')').next().unwrap().parse().unwrap();
+    assert!(heard.iter().all(|(_, number)| answers[*number]), "a refused frame was sent");
+    let is_late = |(time, number): &(f64, usize)| *time >= back && *number < first_after;
+    heard.into_iter().filter(is_late).map(|(_, number)| number).collect()
+}
+
+#[test]
+fn who_only_listens_refuses_to_send() {
+    let bus = Scenario::new(
+        "[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\nbabble_us = 50000\n\
+         [[node]]\nkind = \"silent\"\nbus = \"0.0\"\n",
+    );
+    let setting = bus.setting();
+    let options = ["--ecrt", &setting, "bridge", "--listen-only", "--slcan", "--socketcand"];
+    let mut bridge = Running::start(&options);
+    let mut slcan = Client::connect(&address(&bridge.line(), "slcan", "can0"));
+    let mut socketcand = socketcand_client(&address(&bridge.line(), "socketcand", "can0"));
+    slcan.say("O\rt7FF0\r");
+    slcan.expect("\r");
+    // Frames of the bus may stand before the answer.
+    while slcan.hear_through(b"\r\x07") != "\x07" {}
+    socketcand.say("< send 7FE 0 >");
+    for _ in 0..10 {
+        let [id, ..] = next_frame(&mut socketcand);
+        assert!(id != "7FF" && id != "7FE", "{id} was sent");
+    }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
+/// The port is one for the whole machine: to an address of its own, so that tests do not meet.
+#[test]
+fn the_beacon_tells_where_socketcand_is() {
+    let listener = match std::net::UdpSocket::bind("127.42.0.1:42000") {
+        Ok(listener) => listener,
+        Err(error) => {
+            println!("skipped: UDP port 42000: {error}");
+            return;
+        }
+    };
+    listener.set_read_timeout(Some(LIMIT)).unwrap();
+    let options = ["--ecrt", "sim", "bridge", "--channel", "2", "--socketcand", "--beacon"];
+    let mut bridge = Running::start(&[&options[..], &["127.42.0.1"]].concat());
+    let address = address(&bridge.line(), "socketcand", "can2");
+    let expected = format!(
+        "<CANBeacon name=\"ecan\" type=\"adapter\" description=\"ECAN-Lite\">\n\
+         <URL>can://{address}</URL><Bus name=\"can2\"/></CANBeacon>"
+    );
+    for _ in 0..2 {
+        let mut bytes = [0; 1024];
+        let length = listener.recv(&mut bytes).unwrap();
+        assert_eq!(String::from_utf8_lossy(&bytes[..length]), expected);
+    }
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
+#[test]
+fn misuse_is_named_and_told_by_the_status() {
+    let taken = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = taken.local_addr().unwrap().port().to_string();
+    let cases: [(i32, &[&str], &str); 6] = [
+        (2, &["bridge", "--beacon"], "--socketcand"),
+        (2, &["bridge", "--slcan", "localhost"], "expected a port, an IP address"),
+        (2, &["bridge", "--channel", "all"], "expected a channel, 0 to 3"),
+        (2, &["bridge", "--max-clients", "0"], "0 is not in 1..=1000"),
+        (6, &["--ecrt", "sim", "bridge", "--pty", "/dev/null"], "cannot make the link /dev/null"),
+        (6, &["--ecrt", "sim", "bridge", "--slcan", &port], "cannot listen on 127.0.0.1:"),
+    ];
+    for (status, arguments, words) in cases {
+        let message = fails(status, arguments);
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+}

@@ -1,0 +1,466 @@
+//! `config`, used and misused.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::support::terminal::with_answer;
+use crate::support::{
+    ecan, ends, fails, first_silent, good, scenario, setting, simulated, two_gateways,
+};
+use tempfile::TempDir;
+
+/// A directory with a file of this content.
+fn file(content: &str) -> (TempDir, PathBuf) {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("cell.toml");
+    std::fs::write(&path, content).unwrap();
+    (directory, path)
+}
+
+fn text(path: &Path) -> &str {
+    path.to_str().unwrap()
+}
+
+const SMALL: &str = "\
+cycle_us = 1000
+[[gateway]]
+n = 8
+[gateway.can0]
+bitrate = 500_000
+data_bitrate = 5_000_000
+sample_point = 80
+[gateway.can2]
+bitrate = 125_000
+";
+
+const TEN_FAULTS: &str = "\
+cycle_us = 50
+allow_large_pdos = 1
+[dc]
+shift_us = 2000
+sourc = 'host'
+[[gateway]]
+n = 0
+[gateway.tx_pdo]
+budget = 'fair'
+[gateway.can0]
+bitrate = 333
+sample_point = [90, 80]
+[gateway.can1]
+bitrate = 500_000
+node_mode = 'loud'
+ram = { tx_fifo_size = 32, tx_dedicated_count = 1 }
+[[gateway.can1.standard_filter]]
+match = 'range'
+action = 'fifo0'
+id1 = 0x800
+id2 = 0x7FF
+";
+
+#[test]
+fn the_example_passes_its_own_check_and_tells_what_comes_out() {
+    let (_directory, path) = file(&good(&["config", "example"]));
+    let expected = "\
+gateway 0: position 0
+  RxPDO  N = 8: 1024 bytes, frame area 1000 bytes, profile 0, options none
+  TxPDO  N = 8: 1024 bytes, frame area 1000 bytes, profile 0, options none
+  CAN0   CAN FD, delay compensation on
+         nominal  1000000 bit/s, error 0 ppm, sample point 87.5 % (BRP 1 TSEG1 69 TSEG2 10 SJW 10)
+         data     5000000 bit/s, error 0 ppm, sample point 87.5 % (BRP 1 TSEG1 13 TSEG2 2 SJW 2)
+         Message RAM 8192 of 8192 bytes, filters: 2 standard, 1 extended
+  CAN1   classic CAN
+         nominal  500000 bit/s, error 0 ppm, sample point 81.25 % (BRP 1 TSEG1 129 TSEG2 30 SJW 30)
+         Message RAM 3456 of 8192 bytes, filters: 0 standard, 0 extended
+EtherCAT: 2048 bytes of process data, 2 frame(s), 176.0 us of 1000 us (17.6 %)
+Sync0: 500 us behind the start of its period
+";
+    assert_eq!(good(&["config", "check", text(&path)]), expected);
+    let json = good(&["config", "check", text(&path), "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["gateways"][0]["channels"][0]["data"]["sample_point_percent"], 87.5);
+    assert_eq!(json["gateways"][0]["channels"][0]["message_ram_bytes"], 8192);
+    assert_eq!(json["gateways"][0]["images"][1]["profile_word"], 7 | 3 << 5);
+    assert_eq!(json["faults"], serde_json::json!([]));
+}
+
+#[test]
+fn every_fault_of_a_file_is_told_with_its_place() {
+    let (_directory, path) = file(TEN_FAULTS);
+    let output = ecan(&["config", "check", text(&path)]);
+    assert_eq!(output.status.code(), Some(1));
+    let listed = String::from_utf8(output.stdout).unwrap();
+    let head = format!("{}:", path.display());
+    let places: Vec<_> = listed.lines().map(|line| line.strip_prefix(&head).expect(line)).collect();
+    let expected = [
+        "1:12: cycle of 50 us is outside",
+        "2:20: `allow_large_pdos` is true or false, not a whole number",
+        "5:1: there is no key `sourc` here; did you mean `source`?",
+        "7:5: `n` is 0, possible is 1..24",
+        "9:10: `budget` is \"fair\", possible is \"balanced\"",
+        "11:11: slave 0, channel 0: nominal bit timing: 333 bit/s cannot be divided from a clock",
+        "12:16: slave 0, channel 0: nominal bit timing: sample point window 90 %..80 %",
+        "15:13: `node_mode` is \"loud\"",
+        "16:49: slave 0, channel 1: 32 FIFO and 1 dedicated transmit elements",
+        "20:7: `id1` is 2048, possible is 0..2047",
+    ];
+    assert_eq!(places.len(), expected.len(), "{listed}");
+    for (place, expected) in places.iter().zip(expected) {
+        assert!(place.starts_with(expected), "{place}\n{expected}");
+    }
+    let output = ecan(&["config", "check", text(&path), "--json"]);
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["faults"][9]["line"], 20);
+    // Other commands do not use such a file.
+    let message = fails(6, &["--ecrt", "sim", "config", "apply", text(&path)]);
+    assert!(message.starts_with("ecan: cannot use "), "{message}");
+    assert_eq!(message.matches("line ").count(), 10, "{message}");
+}
+
+#[test]
+fn a_file_is_applied_part_by_part() {
+    let (_directory, path) = file(SMALL);
+    let expected = format!(
+        "slave 0 has gateway 0 of {}
+  abilities              0 written,  7 read back
+  no diagnostic test     0 written,  5 read back
+  PDO assignment        20 written,  0 read back
+  PDO profiles          12 written,  8 read back
+  CAN0                  43 written,  1 read back
+  filters of CAN0        2 written,  0 read back
+  data path of CAN0     18 written,  1 read back
+  CAN2                  37 written,  1 read back
+  filters of CAN2        2 written,  0 read back
+  data path of CAN2     18 written,  1 read back
+",
+        path.display()
+    );
+    assert_eq!(simulated(&["config", "apply", text(&path)]), expected);
+    let steps = simulated(&["config", "apply", text(&path), "--steps"]);
+    assert!(
+        steps.contains("    0x8003:19 MCAN Channel Config 2 / Nominal bitrate = 125000\n"),
+        "{steps}"
+    );
+    assert!(
+        steps.contains("    0x8010:12 (TxPDO Profile Control, Active profile word) reads 167\n")
+    );
+}
+
+const THREE: &str = "\
+[[gateway]]
+n = 3
+can0 = { bitrate = 250_000 }
+[[gateway]]
+position = 1
+n = 2
+can1 = { bitrate = 125_000 }
+[[gateway]]
+position = 2
+n = 2
+can1 = { bitrate = 125_000 }
+";
+
+/// Three gateways, of which the second refuses the nominal bit rate of channel 1 with this code.
+fn second_of_three_refuses(code: u32) -> tempfile::NamedTempFile {
+    scenario(&format!(
+        "[[gateway]]\n[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\n\
+         gateway = 1\nindex = 0x8002\nsubindex = 19\ncode = {code}\ntimes = 9\n"
+    ))
+}
+
+#[test]
+fn what_was_written_is_told_where_the_next_gateway_fails() {
+    let (_directory, path) = file(THREE);
+    let path = text(&path);
+    let bus = second_of_three_refuses(0x06090030);
+    let bus = setting(&bus);
+    let told = ends(5, &["--ecrt", &bus, "config", "apply", path, "--steps"]);
+    let places: Vec<_> = told.lines().filter(|line| line.starts_with("slave ")).collect();
+    let expected = [
+        format!("slave 0 has gateway 0 of {path}"),
+        format!("slave 1 has only a part of gateway 1 of {path}"),
+        format!("slave 2 was not reached, it has nothing of gateway 2 of {path}"),
+    ];
+    assert_eq!(places, expected, "{told}");
+    let (first, rest) = told.split_once("slave 1 ").unwrap();
+    assert!(first.contains("    0x8001:19 MCAN Channel Config 0 / Nominal bitrate = 250000\n"));
+    assert!(rest.contains("  PDO profiles "), "{rest}");
+    let reason = rest.lines().find(|line| line.starts_with("  SDO download 0x8002:19")).unwrap();
+    assert!(reason.contains("0x06090030"), "{reason}");
+    let json = ends(5, &["--ecrt", &bus, "config", "apply", path, "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let complete = [0, 1, 2].map(|at| json[at]["is_complete"].as_bool().unwrap());
+    assert_eq!(complete, [true, false, false]);
+    assert_eq!([0, 1, 2].map(|at| json[at]["position"].as_u64().unwrap()), [0, 1, 2]);
+    assert!(json[1]["error"].as_str().unwrap().contains("0x06090030"), "{json}");
+    assert!(json[1]["steps"].as_array().unwrap().len() > 20);
+    assert_eq!(json[2]["steps"], serde_json::json!([]));
+}
+
+#[test]
+fn what_was_compared_is_told_where_the_next_gateway_fails() {
+    let (_directory, path) = file(THREE);
+    let path = text(&path);
+    let bus = second_of_three_refuses(0x06090011);
+    let bus = setting(&bus);
+    let told = ends(5, &["--ecrt", &bus, "config", "diff", path]);
+    assert!(told.contains("Nominal bitrate): the file has 250000, the device 500000\n"), "{told}");
+    let not: Vec<_> = told.lines().filter(|line| line.contains(": not compared: ")).collect();
+    assert!(not[0].starts_with("slave 1: not compared: SDO upload 0x8002:19"), "{told}");
+    assert_eq!(not[1..], ["slave 2: not compared: not reached"]);
+    let json = ends(5, &["--ecrt", &bus, "config", "diff", path, "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(json[0]["differences"].is_array() && json[1]["differences"].is_null());
+    assert!(json[1]["error"].is_string() && json[2]["error"].is_null());
+}
+
+#[test]
+fn a_device_that_differs_is_told_entry_by_entry_by_status_1() {
+    let (_directory, path) = file(SMALL);
+    let output = ecan(&["--ecrt", "sim", "config", "diff", text(&path)]);
+    assert_eq!(output.status.code(), Some(1));
+    let listed = String::from_utf8(output.stdout).unwrap();
+    let first = "slave 0: 0x8010:04 (TxPDO Profile Control, Channel mask): the file has 5, the \
+                 device 15\n";
+    assert!(listed.starts_with(first), "{listed}");
+    assert!(
+        listed.contains("RX cache depth): the file has 0 (32 frames), the device 2 (16 frames)")
+    );
+    assert!(!listed.contains("0x1C12"), "{listed}");
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.contains("that the master sets up at each start differ too (--active"));
+    let json = ends(1, &["--ecrt", "sim", "config", "diff", text(&path), "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json[0]["position"], &json[0]["gateway"]), (&0.into(), &0.into()));
+    let output = ecan(&["--ecrt", "sim", "config", "diff", "--active", text(&path)]);
+    let listed = String::from_utf8(output.stdout).unwrap();
+    assert!(listed.contains("Active profile word"), "{listed}");
+    // A file that says what a new device has anyway differs in nothing.
+    let device = "[[gateway]]\nn = 8\n[gateway.can0]\nbitrate = 500_000\ndata_bitrate = 5_000_000\n\
+                  data_path = { rx_drain_max = 2, tx_budget_max = 4, rx_cache_depth = 16 }\n";
+    let channels = ["can1", "can2", "can3"];
+    let rest = device.split_once("[gateway.can0]").unwrap().1;
+    let all = channels.iter().map(|channel| format!("[gateway.{channel}]{rest}"));
+    let (_directory, path) = file(&(device.to_owned() + &all.collect::<String>()));
+    assert_eq!(simulated(&["config", "diff", text(&path)]), "");
+}
+
+#[test]
+fn the_flash_is_saved_loaded_and_restored() {
+    let saved = simulated(&["config", "save"]);
+    assert!(saved.starts_with("slave 0: its configuration is saved in the Flash (CRC32 active 0x"));
+    let factory = simulated(&["config", "factory", "--yes"]);
+    assert!(factory.ends_with(", stored 0x00000000)\n"), "{factory}");
+    let message = fails(5, &["--ecrt", "sim", "config", "load"]);
+    assert!(message.contains("status 4 (image invalid: nothing is stored"), "{message}");
+    let json: serde_json::Value =
+        serde_json::from_str(&simulated(&["config", "save", "--json"])).unwrap();
+    assert_eq!(json["active_crc"], json["stored_crc"]);
+    // A Flash that fails.
+    let (_directory, path) =
+        file("[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"flash_failure\"\ngateway = 0\n");
+    let setting = format!("sim:{}", path.display());
+    let message = fails(5, &["--ecrt", &setting, "config", "save"]);
+    assert!(message.contains("status 5 (Flash error"), "{message}");
+}
+
+#[test]
+fn the_factorys_configuration_comes_back_only_when_it_is_confirmed() {
+    let message = fails(2, &["--ecrt", "sim", "config", "factory"]);
+    let expected = "ecan: nobody is there to confirm the loss of the configuration; say --yes to do \
+                    it without asking";
+    assert_eq!(message, expected);
+    let asked = |typed| {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+        command.args(["--ecrt", "sim", "config", "factory"]).env_remove("ECAN_ECRT");
+        with_answer(&mut command, typed)
+    };
+    let question =
+        "Restore the factory's configuration of slave 0, and forget the saved one? [y/N]";
+    for typed in ["n\n", "\n"] {
+        let (status, shown) = asked(typed);
+        assert!(shown.contains(question), "{shown}");
+        assert!(shown.contains("nothing was restored: not confirmed"), "{shown}");
+        assert_eq!(status, 2);
+    }
+    assert_eq!(asked("y\n").0, 0);
+}
+
+#[test]
+fn lists_for_other_masters_need_no_bus() {
+    let (_directory, path) = file(SMALL);
+    let csv = good(&["config", "export", text(&path)]);
+    assert!(csv.starts_with("action,index,subindex,type,value,comment\n"), "{csv}");
+    assert!(
+        csv.contains("\nwrite,0x8003,19,uint32,125000,\"MCAN Channel Config, Nominal bitrate\"\n")
+    );
+    let list = |format| good(&["config", "export", text(&path), "--format", format]);
+    assert!(list("twincat").contains("<Index>32771</Index>"));
+    assert!(list("codesys").contains(";16#8003:16#13;Nominal bitrate;125000;32;TRUE;FALSE;0;"));
+    assert!(
+        list("ethercat").contains("\nethercat download -p 0 --type uint32 0x8003 19 125000  #")
+    );
+    let json: serde_json::Value =
+        serde_json::from_str(&good(&["config", "export", text(&path), "--json"])).unwrap();
+    assert_eq!(json[12]["index"], 0x1C12);
+    assert_eq!(json[12]["bytes"], serde_json::json!([0]));
+}
+
+#[test]
+fn of_several_gateways_one_is_chosen() {
+    let two = "[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\nalias = 7\nn = 2\n\
+               can1 = { bitrate = 125_000 }\n";
+    let (_directory, path) = file(two);
+    let scenario = two_gateways();
+    let setting = format!("sim:{}", scenario.path().display());
+    let applied = good(&["--ecrt", &setting, "config", "apply", text(&path)]);
+    assert!(applied.contains("slave 0 has gateway 0") && applied.contains("slave 1 has gateway 1"));
+    let applied = good(&["--ecrt", &setting, "--slave", "alias=7", "config", "apply", text(&path)]);
+    assert!(applied.starts_with("slave 1 has gateway 1"), "{applied}");
+    let message = fails(4, &["--ecrt", &setting, "config", "save"]);
+    assert!(message.contains("several gateways; choose one with --slave"), "{message}");
+    good(&["--ecrt", &setting, "--slave", "1", "config", "save"]);
+    let message = fails(4, &["--ecrt", "sim", "config", "apply", text(&path)]);
+    assert!(message.contains("gateway 1 of the file: no slave has the alias 7"), "{message}");
+    // The slave at position 1 is the one with the alias 7.
+    let both = two.replace("n = 3", "n = 3\nposition = 1");
+    let (_directory, both) = file(&both);
+    let message = fails(4, &["--ecrt", &setting, "config", "apply", text(&both)]);
+    assert!(message.contains("gateways 0 and 1 of the file are the same slave 1"), "{message}");
+    let message = fails(2, &["config", "export", text(&path)]);
+    assert!(message.contains("2 gateways; choose one with --gateway"), "{message}");
+    let list = good(&["config", "export", "--gateway", "1", "--format", "ethercat", text(&path)]);
+    assert!(list.contains("download -a 7 -p 0 --type uint8 0x1c12 0 2  #"), "{list}");
+    let (_directory, one) = file(SMALL);
+    let message = fails(4, &["--ecrt", &setting, "--slave", "1", "config", "diff", text(&one)]);
+    assert!(message.contains("slave 1 is no gateway of the file"), "{message}");
+}
+
+#[test]
+fn the_users_master_comes_before_the_files() {
+    let text_of_file = "master = 3\ncycle_us = 1000\n[[gateway]]\nn = 3\n\
+                        can0 = { bitrate = 250_000 }\n";
+    let (_directory, path) = file(text_of_file);
+    let path = text(&path);
+    let commands = [
+        &["config", "apply", path][..],
+        &["send", "123#00", "--channel", "0", "--config", path],
+        &["monitor", "--once", "--config", path],
+        &["selftest", "--frames", "1", "--channels", "0", "--config", path],
+    ];
+    for command in commands {
+        let message = fails(3, &[&["--ecrt", "sim"][..], command].concat());
+        assert!(message.contains("the simulation has no master 3"), "{command:?}: {message}");
+        good(&[&["--ecrt", "sim", "--master", "0"][..], command].concat());
+    }
+    let list = |master: &[&str]| {
+        good(&[master, &["config", "export", "--format", "ethercat", path]].concat())
+    };
+    assert!(list(&[]).contains("ethercat download -m 3 -p 0 "));
+    assert!(list(&["--master", "0"]).contains("ethercat download -p 0 "));
+    assert!(list(&["--master", "12"]).contains("ethercat download -m 12 -p 0 "));
+}
+
+#[test]
+fn the_flash_of_several_gateways_is_that_of_a_file_or_of_all() {
+    let three = "[[gateway]]\n[[gateway]]\nalias = 7\n[[gateway]]\n";
+    let bus = scenario(three);
+    let bus = setting(&bus);
+    let (_directory, path) = file(
+        "cycle_us = 1000\n[[gateway]]\nn = 3\ncan0 = { bitrate = 250_000 }\n[[gateway]]\n\
+         alias = 7\nn = 2\ncan1 = { bitrate = 125_000 }\n",
+    );
+    let path = text(&path);
+    let places = |told: &str| -> Vec<_> {
+        told.lines().filter_map(|line| line.split_once(':')).map(|it| it.0.to_owned()).collect()
+    };
+    let run = |arguments: &[&str]| good(&[&["--ecrt", &bus, "config"][..], arguments].concat());
+    assert_eq!(places(&run(&["save", path])), ["slave 0", "slave 1"]);
+    assert_eq!(places(&run(&["save", path, "--slave", "alias=7"])), ["slave 1"]);
+    assert_eq!(places(&run(&["save", "--all"])), ["slave 0", "slave 1", "slave 2"]);
+    assert_eq!(places(&run(&["factory", "--yes", path])), ["slave 0", "slave 1"]);
+    let message = fails(2, &["--ecrt", &bus, "config", "factory", "--all"]);
+    assert!(message.contains("nobody is there to confirm"), "{message}");
+    let list: serde_json::Value = serde_json::from_str(&run(&["save", "--all", "--json"])).unwrap();
+    assert_eq!(list[2]["position"], 2);
+    assert_eq!(list[2]["active_crc"], list[2]["stored_crc"]);
+    let message = fails(4, &["--ecrt", &bus, "config", "save"]);
+    assert!(message.ends_with("choose one with --slave, of 0, 1, 2, or take --all"), "{message}");
+    for (wrong, words) in [
+        (&["save", "--all", path][..], "cannot be used with"),
+        (&["load", "--all", "--slave", "1"], "--all all: take one"),
+    ] {
+        let message = fails(2, &[&["--ecrt", &bus, "config"][..], wrong].concat());
+        assert!(message.contains(words), "{wrong:?}: {message}");
+    }
+
+    // The second one fails.
+    let failing =
+        scenario(&format!("{three}[[fault]]\nat_ms = 0\nkind = \"flash_failure\"\ngateway = 1\n"));
+    let failing = setting(&failing);
+    let told = ends(5, &["--ecrt", &failing, "config", "save", "--all"]);
+    let lines: Vec<_> = told.lines().collect();
+    assert!(lines[0].starts_with("slave 0: its configuration is saved"), "{told}");
+    assert!(lines[1].starts_with("slave 1: ") && lines[1].contains("status 5 (Flash error"));
+    assert_eq!(lines[2], "slave 2: not reached, nothing was done");
+    let silent = first_silent();
+    let message = fails(4, &["--ecrt", &setting(&silent), "config", "save", "--all"]);
+    assert!(message.contains("slave 0 cannot be asked") && message.ends_with("; nothing was done"));
+}
+
+#[test]
+fn misuse_is_named_and_told_by_the_status() {
+    let (directory, path) = file(SMALL);
+    let missing = directory.path().join("none.toml");
+    let (missing, path) = (text(&missing), text(&path));
+    let cases: [(i32, &[&str], &str); 13] = [
+        (2, &["config"], "Usage"),
+        (2, &["config", "check"], "<FILE>"),
+        (2, &["config", "export", path, "--format", "eni"], "possible values: csv, twincat"),
+        (2, &["config", "export", path, "--gateway", "1"], "no gateway 1: it has 1"),
+        (2, &["config", "export", path, "--slave", "0"], "choose it with --gateway"),
+        (2, &["config", "export", path, "--format", "csv", "--json"], "take one"),
+        (
+            2,
+            &["config", "check", path, "--slave", "0"],
+            "--slave means nothing here: the whole file",
+        ),
+        (6, &["config", "check", missing], "cannot read "),
+        (6, &["config", "export", missing], "cannot read "),
+        (6, &["--ecrt", "sim", "config", "diff", missing], "none.toml"),
+        (3, &["config", "apply", path], "libethercat.so.1"),
+        (4, &["--ecrt", "sim", "--slave", "5", "config", "apply", path], "there is no slave 5"),
+        (6, &["config", "check", text(directory.path())], "cannot read "),
+    ];
+    for (status, arguments, words) in cases {
+        let message = fails(status, arguments);
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+    // The device refuses a write in the middle.
+    let (_directory, scenario) = file(
+        "[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8001\n\
+         subindex = 20\ncode = 0x06090030\n",
+    );
+    let setting = format!("sim:{}", scenario.display());
+    let message = fails(5, &["--ecrt", &setting, "config", "apply", path]);
+    assert!(message.contains("0x8001:20") && message.contains("0x06090030"), "{message}");
+}
+
+#[test]
+fn what_barely_works_is_a_warning_and_no_fault() {
+    let gateway = "[[gateway]]\nn = 11\ncan0 = { bitrate = 500_000 }\n";
+    let (_directory, path) = file(&format!("cycle_us = 570\n{gateway}{gateway}"));
+    let checked = good(&["config", "check", text(&path)]);
+    assert!(checked.contains("\nwarning: the frames of a cycle take 4"), "{checked}");
+    // CAN FD in the layout of classic CAN.
+    let fd = "cycle_us = 1000\n[[gateway]]\nn = 8\n[gateway.can0]\nbitrate = 500_000\n\
+              data_bitrate = 2_000_000\nram = { layout = \"classic\" }\n";
+    let (_directory, path_of_fd) = file(fd);
+    let checked = good(&["config", "check", text(&path_of_fd)]);
+    let warning = "\nwarning: slave 0, channel 0: the transmit elements hold 8 bytes of a frame";
+    assert!(checked.contains(warning), "{checked}");
+    let (_directory, path) = file(&format!("cycle_us = 400\n{gateway}{gateway}"));
+    let output = ecan(&["config", "check", text(&path)]);
+    assert_eq!(output.status.code(), Some(1));
+    let listed = String::from_utf8(output.stdout).unwrap();
+    assert!(listed.contains("cell.toml:1:12: the frames of a cycle take"), "{listed}");
+}

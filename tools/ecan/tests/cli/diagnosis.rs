@@ -1,0 +1,324 @@
+//! `diag`: on a device, in files, misused.
+
+use std::path::Path;
+
+use crate::support::{ends, fails, good, scenario, setting, simulated, write_program};
+
+/// The bundle of the simulated gateway, with values changed: object and value.
+fn bundle(directory: &Path, changes: &[(&str, u32)]) -> String {
+    let path = directory.join("bundle.json").display().to_string();
+    simulated(&["diag", "--record", &path]);
+    let mut bundle: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(&path).unwrap()).unwrap();
+    for (object, value) in changes {
+        assert!(bundle["snapshot"]["values"][object].is_u64(), "{object} was read");
+        bundle["snapshot"]["values"][object] = (*value).into();
+    }
+    std::fs::write(&path, bundle.to_string()).unwrap();
+    path
+}
+
+#[test]
+fn a_gateway_that_waits_has_no_finding() {
+    let report = simulated(&["diag"]);
+    let expected = "\
+slave 0, PREOP, ECAN-Lite, firmware 2.2.1, serial 4294967297
+AL status code: not read
+diagnostic flags: none
+
+       BYTES       ASSIGNED   STATUS  LAST ERROR  ERRORS  OVERFLOWS
+TxPDO  not active  24 chunks  0 OK    0 OK        0       0
+RxPDO  not active  24 chunks  0 OK    0 OK        0       0
+
+CAN0  disabled, 0 received and 0 to send pending
+CAN1  disabled";
+    assert!(report.starts_with(expected), "{report}");
+    assert!(report.ends_with("\nno finding\n"), "{report}");
+    assert!(report.contains("  APPL OutputMapping max cycles  0  0.0 us\n"), "{report}");
+}
+
+#[test]
+fn findings_of_a_file_are_explained_in_the_order_of_likelihood() {
+    let directory = tempfile::tempdir().unwrap();
+    // CAN1 is bus-off: transmit errors 248, PSR with bus-off and an acknowledge error.
+    let changes =
+        [("0x9001:01", 0xF8), ("0x9001:02", 0x07EB), ("0x9001:09", 0x3B), ("0x8010:02", 5)];
+    let path = bundle(directory.path(), &changes);
+    let report = ends(1, &["diag", "--from", &path]);
+    let expected = "
+CAN1  bus-off, CAN FD, warning, bus-off, 0 received and 0 to send pending
+  ECR        248 transmit errors, 0 receive errors
+  PSR        idle, bus-off, last error: acknowledge error
+";
+    assert!(report.contains(expected), "{report}");
+    let brief = ends(1, &["diag", "--brief", "--from", &path]);
+    let expected = "\
+slave 0, PREOP, ECAN-Lite, firmware 2.2.1, serial 4294967297
+AL status code: not read
+diagnostic flags: none
+fault [profile-mapping-reload] TxPDO: the profile was not applied: 0x8010:02 is 5 (PDO assignment and size multiplier differ)
+  may be 1. 0x1C12/0x1C13 assign another number of chunks than N = 8
+         2. the profile was applied before the assignment was written
+         3. the mapping in the master project was changed but not loaded again
+  next   select the first N chunks in the master, load its mapping, then apply
+  manual 5.4.6
+fault [bus-off] CAN1: the channel is bus-off: it neither sends nor receives
+  may be 1. CAN_H and CAN_L are short-circuited or swapped
+         2. termination is missing
+         3. bit rate or sample point differ from the other nodes; here 500 kbit/s, sample point 75.0 to 87.5 %, data phase 5000 kbit/s, 75.0 to 87.5 %
+         4. another node sends with another bit rate, or CAN FD to nodes without it
+  next   mend the bus first: 60 ohms between CAN_H and CAN_L; it recovers by itself once 128 times 11 recessive bits were seen
+  manual 16.3
+";
+    assert_eq!(brief, expected);
+}
+
+#[test]
+fn numbers_of_a_file_that_no_gateway_shows_are_explained_too() {
+    let directory = tempfile::tempdir().unwrap();
+    let changes = [
+        ("0x8010:09", 23),
+        ("0x8010:10", u32::MAX),
+        ("0x1C13:00", u32::MAX),
+        ("0x8000:13", u32::MAX),
+        ("0x9000:01", 128),
+        ("0x9000:02", 0x077B),
+        ("0x9000:09", 0x001A),
+        ("0x8002:02", 4),
+        ("0x8002:62", 200),
+    ];
+    let path = bundle(directory.path(), &changes);
+    let report = ends(1, &["diag", "--brief", "--from", &path]);
+    for words in [
+        "[frame-area] TxPDO: 23 active bytes do not hold the header of 24\n",
+        "[assignment-differs] TxPDO: 0x1C13 assigns 4294967295 chunks",
+        "the pins are rotated by 4294967295: this channel is at pin group 3\n",
+        "may be 1. RX FIFO0 size (subindex 62) is 200, possible is 0..64\n",
+        "apply it (0x8002:01 = 1) and read 0x8002:02 again\n",
+    ] {
+        assert!(report.contains(words), "{words}: {report}");
+    }
+}
+
+#[test]
+fn programs_get_registers_findings_and_the_bundle() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = bundle(directory.path(), &[("0x9000:01", 0x0000_2005), ("0x8011:16", 3)]);
+    let report: serde_json::Value =
+        serde_json::from_str(&ends(1, &["diag", "--json", "--from", &path])).unwrap();
+    assert_eq!(report["channels"][0]["error_counters"]["transmit"], 5);
+    assert_eq!(report["channels"][0]["error_counters"]["receive"], 0x20);
+    assert_eq!(report["channels"][0]["protocol"]["last_error"], "no_change");
+    assert_eq!(report["findings"][0]["id"], "pdo-overflow");
+    assert_eq!(report["findings"][0]["place"], "rx_pdo");
+    let bundle = &report["bundle"];
+    assert_eq!(bundle["format"], "ecan-diagnosis");
+    assert_eq!(bundle["host"]["is_simulated"], true);
+    assert_eq!(bundle["master"]["slaves"][0]["product_code"], 0x4C49_5445);
+    assert_eq!(bundle["host"]["checks"][0]["name"], "kernel module");
+    assert!(bundle["snapshot"]["values"].as_object().unwrap().len() > 500);
+}
+
+#[test]
+fn the_masters_tool_tells_the_al_status_code() {
+    let directory = tempfile::tempdir().unwrap();
+    let tool = directory.path().join("ethercat");
+    let log = directory.path().join("log");
+    let text = format!("#!/bin/sh\necho \"$@\" > {}\necho '0x001b 27'\n", log.display());
+    write_program(&tool, &text);
+    let tool = tool.display().to_string();
+    let report = ends(1, &["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
+    assert!(
+        report.contains("AL status code: 0x001B sync manager watchdog: outputs did not arrive"),
+        "{report}"
+    );
+    assert!(report.contains("fault [al-watchdog] EtherCAT: the gateway is in PREOP with"));
+    assert_eq!(
+        std::fs::read_to_string(log).unwrap(),
+        "reg_read --master 0 --position 0 --type uint16 0x0134\n"
+    );
+    // One that does not end is ended and told, and the rest is read all the same.
+    write_program(tool.as_ref(), "#!/bin/sh\nexec sleep 1000\n");
+    let output = crate::support::ecan(&["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success());
+    let words = "is not known: ethercat reg_read did not end within 5 s, and was ended";
+    assert!(errors.contains(words), "{errors}");
+    // One that fails likewise.
+    write_program(tool.as_ref(), "#!/bin/sh\necho 'Failed to open /dev/EtherCAT0' >&2\nexit 1\n");
+    let output = crate::support::ecan(&["--ecrt", "sim", "diag", "--brief", "--ethercat", &tool]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success());
+    let words = "the AL status code is not known: ethercat reg_read: Failed to open /dev/EtherCAT0";
+    assert!(errors.contains(words), "{errors}");
+}
+
+#[test]
+fn what_was_not_read_is_not_told_as_good() {
+    let silent = scenario(
+        "[[gateway]]\n[[fault]]\nkind = \"mailbox_timeout\"\nat_ms = 0\ngateway = 0\n\
+         for_ms = 60000\n",
+    );
+    let silent = setting(&silent);
+    let report = ends(1, &["--ecrt", &silent, "diag"]);
+    let expected = "\
+slave 0, PREOP, ECAN-Lite, firmware not read, serial not read
+AL status code: not read
+diagnostic flags: not read
+
+process data: not read
+
+channels: not read
+
+cycle performance (0x9011): not read
+
+fault [mailbox-silent]";
+    assert!(report.starts_with(expected), "{report}");
+    let json = ends(1, &["--ecrt", &silent, "diag", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(json["flags"].is_null() && json["bundle"]["gateway"]["firmware"].is_null(), "{json}");
+
+    let refused = [(0x100A, 0), (0x8011, 2), (0x8011, 15), (0x9000, 1), (0x9000, 13), (0x9022, 12)]
+        .map(|(index, subindex)| {
+            format!(
+                "[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = {index}\n\
+                 subindex = {subindex}\ncode = 0x06090011\ntimes = 9\n"
+            )
+        });
+    let refused = scenario(&format!("[[gateway]]\n{}", refused.concat()));
+    let refused = setting(&refused);
+    let report = good(&["--ecrt", &refused, "diag"]);
+    for words in [
+        "slave 0, PREOP, ECAN-Lite, firmware not read, serial 4294967297\n",
+        "RxPDO  not active  24 chunks  not read  0 OK        not read  0\n",
+        "\n  ECR        not read\n",
+        "\n  counters   received dropped not read, 0 times no room to send, 0 times bus-off\n",
+        "; TX FIFO full 0 times, stale not read; ",
+        "\nno finding; 5 entries were not read\n",
+    ] {
+        assert!(report.contains(words), "{words}: {report}");
+    }
+    let json = good(&["--ecrt", &refused, "diag", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let channel = &json["channels"][0];
+    assert!(channel["rx_dropped"].is_null() && channel["error_counters"].is_null(), "{channel}");
+    assert_eq!(channel["tx_backpressure"], 0);
+    assert!(json["directions"][1]["status_words"].is_null());
+}
+
+#[test]
+fn faults_of_the_simulated_gateway_are_found() {
+    // Silent while it is read, and from the start, when it does not even show itself as a gateway.
+    for at_ms in [10, 0] {
+        let file = scenario(&format!(
+            "[[gateway]]\n[[fault]]\nkind = \"mailbox_timeout\"\nat_ms = {at_ms}\ngateway = 0\n\
+             for_ms = 60000\n"
+        ));
+        let report = ends(1, &["--ecrt", &setting(&file), "diag", "--brief"]);
+        let words = "fault [mailbox-silent] EtherCAT: objects cannot be read: SDO upload 0x1C12:";
+        assert!(report.contains(words), "{report}");
+    }
+    let file = scenario(
+        "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = 0x9011\n\
+         subindex = 1\ncode = 0x06010000\n",
+    );
+    let report = good(&["--ecrt", &setting(&file), "diag"]);
+    assert!(report.contains("\nnot read\n  0x9011:01  0x06010000"), "{report}");
+}
+
+#[test]
+fn clearing_is_said_and_done_after_reading() {
+    let output = crate::support::ecan(&["--ecrt", "sim", "diag", "--clear", "--brief"]);
+    assert!(output.status.success());
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.ends_with("counters and flags are cleared\n"), "{errors}");
+    // The gateway has to take each of the commands.
+    for (index, subindex) in [(0x8010, 8), (0x8011, 8), (0x9011, 14), (0xB000, 4)] {
+        let file = scenario(&format!(
+            "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
+             index = {index}\nsubindex = {subindex}\ncode = 0x08000022\ntimes = 9\n"
+        ));
+        let message = fails(5, &["--ecrt", &setting(&file), "diag", "--clear", "--brief"]);
+        let name = format!("0x{index:04X}:{subindex:02}");
+        assert!(message.contains(&name) && message.contains("0x08000022"), "{message}");
+    }
+}
+
+#[test]
+fn what_was_read_is_told_where_recording_or_clearing_fails() {
+    let nowhere = tempfile::tempdir().unwrap();
+    let nowhere = nowhere.path().join("none/bundle.json").display().to_string();
+    let refusing = scenario(
+        "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = 0x8010\n\
+         subindex = 8\ncode = 0x08000022\ntimes = 9\n",
+    );
+    let refusing = setting(&refusing);
+    let report = ends(5, &["--ecrt", &refusing, "diag", "--clear", "--brief"]);
+    assert!(report.starts_with("slave 0, PREOP,"), "{report}");
+    // What is not kept is not cleared either: this gateway would refuse that by status 5.
+    let report = ends(6, &["--ecrt", &refusing, "diag", "--clear", "--record", &nowhere, "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["position"], 0);
+}
+
+#[test]
+fn all_gateways_are_looked_at_one_after_the_other() {
+    let two = crate::support::two_gateways();
+    let report = good(&["--ecrt", &setting(&two), "diag", "--all", "--brief"]);
+    let heads: Vec<_> = report.split("\n\n").map(|it| it.split_once(',').unwrap().0).collect();
+    assert_eq!(heads, ["slave 0", "slave 1"]);
+    let json = good(&["--ecrt", &setting(&two), "diag", "--all", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((json[1]["position"].as_u64(), json[2].is_null()), (Some(1), true));
+    // One that cannot be asked has its finding, and is not cleared.
+    let silent = crate::support::first_silent();
+    let silent = setting(&silent);
+    let report = ends(1, &["--ecrt", &silent, "diag", "--all", "--brief"]);
+    assert!(report.contains("fault [mailbox-silent]") && report.ends_with("\nno finding\n"));
+    let output = crate::support::ecan(&[
+        "--ecrt", &silent, "diag", "--all", "--brief", "--clear", "--slave", "1",
+    ]);
+    assert_eq!(output.status.code(), Some(2));
+    let output = crate::support::ecan(&["--ecrt", &silent, "diag", "--all", "--brief", "--clear"]);
+    assert_eq!(output.status.code(), Some(5));
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(errors.contains("\nslave 1: counters and flags are cleared\n"), "{errors}");
+    let message = fails(2, &["--ecrt", &silent, "diag", "--all", "--record", "bundle.json"]);
+    assert!(message.contains("cannot be used with"), "{message}");
+}
+
+#[test]
+fn wrong_use_is_named_and_told_by_the_status() {
+    let directory = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| {
+        let path = directory.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.display().to_string()
+    };
+    let missing = directory.path().join("none").display().to_string();
+    let nowhere = directory.path().join("none/bundle.json").display().to_string();
+    let damaged = file("damaged.json", "{\"format\":");
+    let foreign = file("foreign.json", "{\"format\": \"other\"}");
+    let newer = file("newer.json", "{\"format\": \"ecan-diagnosis\", \"version\": 9}");
+    let partial = file("partial.json", "{\"format\": \"ecan-diagnosis\", \"version\": 1}");
+    let two = crate::support::two_gateways();
+    let two = setting(&two);
+    let cases: [(i32, &[&str], &str); 12] = [
+        (6, &["diag", "--from", &missing], "cannot read"),
+        (6, &["diag", "--from", &damaged], "no JSON"),
+        (6, &["diag", "--from", &foreign], "no bundle of `ecan diag --record`"),
+        (6, &["diag", "--from", &newer], "version 9, this program knows 1"),
+        (6, &["diag", "--from", &partial], "missing field"),
+        (6, &["--ecrt", "sim", "diag", "--record", &nowhere], "cannot write"),
+        (2, &["diag", "--from", &missing, "--clear"], "cannot be used with"),
+        (2, &["diag", "--from", &missing, "--slave", "1"], "--slave means nothing here"),
+        (2, &["--slave", "1", "diag", "--from", &missing], "--slave means nothing here"),
+        (3, &["diag"], "libethercat.so.1"),
+        (4, &["--ecrt", &two, "diag"], "choose one with --slave"),
+        (4, &["--ecrt", "sim", "diag", "--slave", "7"], "there is no slave 7"),
+    ];
+    for (status, arguments, words) in cases {
+        let message = fails(status, arguments);
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+}

@@ -1,0 +1,204 @@
+//! What every command that looks at a bus says where it finds no master, no slave, or too many.
+
+use std::process::Command;
+
+use crate::support::{Scenario, fails, first_silent, setting, two_gateways};
+
+/// Commands that are about one gateway.
+fn commands_of_one(files: &Scenario) -> Vec<Vec<String>> {
+    let log = files.write("a.log", "(0.000000) can0 123#00\n");
+    let commands = [
+        "info",
+        "caps",
+        "sdo read 0x8010:3",
+        "sdo write 0x8010:3 3",
+        "config save",
+        "config load",
+        "config factory",
+        "diag",
+        "reg read ECR --channel 0",
+        "filter list --channel 0",
+        "pins",
+        "reboot",
+        "dump",
+        "send 123#00",
+        "gen",
+        &format!("replay {log}"),
+        "bridge --slcan 127.0.0.1:0",
+    ];
+    commands.map(words).to_vec()
+}
+
+/// Commands that take all gateways unless one is chosen.
+fn commands_of_all(files: &Scenario) -> Vec<Vec<String>> {
+    let config = files.write("cell.toml", &crate::support::good(&["config", "example"]));
+    let commands = [
+        "scan",
+        &format!("config apply {config}"),
+        &format!("config diff {config}"),
+        "monitor --once",
+        "selftest",
+    ];
+    commands.map(words).to_vec()
+}
+
+fn words(command: &str) -> Vec<String> {
+    command.split(' ').map(str::to_owned).collect()
+}
+
+fn with<'a>(command: &'a [String], options: &[&'a str]) -> Vec<&'a str> {
+    command.iter().map(String::as_str).chain(options.iter().copied()).collect()
+}
+
+#[test]
+fn without_a_master_there_is_status_3() {
+    let files = Scenario::new("");
+    for command in commands_of_one(&files).into_iter().chain(commands_of_all(&files)) {
+        let message = fails(3, &with(&command, &["--ecrt", "/nowhere/libethercat.so"]));
+        assert!(
+            message.contains("/nowhere/libethercat.so was not found"),
+            "{command:?}: {message}"
+        );
+        let message = fails(3, &with(&command, &["--ecrt", "sim", "--master", "4"]));
+        assert!(message.contains("the simulation has no master 4"), "{command:?}: {message}");
+    }
+}
+
+#[test]
+fn without_permission_there_is_status_3() {
+    // A library whose master 102 answers with EACCES.
+    let sources = concat!(env!("CARGO_MANIFEST_DIR"), "/../../ecrt-sys");
+    let directory = tempfile::tempdir().unwrap();
+    let library = directory.path().join("libethercat.so").display().to_string();
+    let compiled = Command::new("cc")
+        .args(["-shared", "-fPIC", "-I", sources, "-o", &library])
+        .arg(format!("{sources}/tests/fake/libethercat.c"))
+        .status();
+    let Ok(compiled) = compiled else { return println!("skipped: there is no C compiler (cc)") };
+    assert!(compiled.success());
+    let files = Scenario::new("");
+    for command in commands_of_one(&files).into_iter().chain(commands_of_all(&files)) {
+        let message = fails(3, &with(&command, &["--ecrt", &library, "--master", "102"]));
+        let expected = "/dev/EtherCAT102 may not be opened by this user";
+        assert!(message.contains(expected), "{command:?}: {message}");
+        assert!(message.contains("udev rule"), "{command:?}: {message}");
+    }
+}
+
+#[test]
+fn of_several_gateways_one_has_to_be_chosen() {
+    let bus = two_gateways();
+    let files = Scenario::new("");
+    for command in commands_of_one(&files) {
+        let message = fails(4, &with(&command, &["--ecrt", &setting(&bus)]));
+        let expected = "there are several gateways; choose one with --slave, of 0, 1";
+        assert!(message.contains(expected), "{command:?}: {message}");
+    }
+}
+
+#[test]
+fn a_gateway_that_cannot_be_asked_leaves_a_choice() {
+    let bus = first_silent();
+    let files = Scenario::new("");
+    for command in commands_of_one(&files).into_iter().chain([words("monitor --once")]) {
+        let message = fails(4, &with(&command, &["--ecrt", &setting(&bus)]));
+        let expected = "slave 0 cannot be asked whether it is an ECAN-Lite: SDO upload 0xF000:09";
+        assert!(message.contains(expected), "{command:?}: {message}");
+        let ways = message.trim_end_matches(", or take --all");
+        assert!(ways.ends_with("; choose one with --slave, of 0, 1"), "{message}");
+    }
+    let message = fails(4, &["--ecrt", &setting(&bus), "info", "--slave", "serial=4294967297"]);
+    assert!(message.contains("; but slave 0 cannot be asked"), "{message}");
+}
+
+#[test]
+fn a_slave_that_is_not_there_is_told() {
+    let files = Scenario::new("");
+    for command in commands_of_one(&files).into_iter().chain(commands_of_all(&files)) {
+        let cases = [
+            ("9", "there is no slave 9: there is only slave 0"),
+            ("alias=3", "no slave has the alias 3"),
+            ("serial=5", "no gateway has the serial number 5"),
+        ];
+        for (slave, expected) in cases {
+            let message = fails(4, &with(&command, &["--ecrt", "sim", "--slave", slave]));
+            assert!(message.contains(expected), "{command:?} --slave {slave}: {message}");
+        }
+    }
+}
+
+#[test]
+fn real_time_that_is_not_granted_is_no_missing_master() {
+    for command in ["dump -n 1", "send 123#00", "selftest", "monitor --once"] {
+        let options = ["--ecrt", "sim", "--cpu", "1023", "--rt-required"];
+        let message = fails(7, &with(&words(command), &options));
+        assert!(message.contains("CPU 1023: not granted"), "{command}: {message}");
+    }
+}
+
+#[test]
+fn signals_that_cannot_be_caught_are_no_missing_master() {
+    // The system refuses the thread that waits for them.
+    let traced = |command: &[&str]| {
+        Command::new("strace")
+            .args(["-o", "/dev/null", "-e", "trace=clone,clone3"])
+            .args(["-e", "inject=clone,clone3:error=EAGAIN"])
+            .args(command)
+            .env_remove("ECAN_ECRT")
+            .output()
+    };
+    if !traced(&["true"]).is_ok_and(|it| it.status.success()) {
+        return println!("skipped: there is no strace that may trace");
+    }
+    let files = Scenario::new("");
+    let log = files.write("a.log", "(0.000000) can0 123#00\n");
+    let replay = format!("replay {log}");
+    for command in [
+        "dump",
+        "send 123#00",
+        "gen",
+        &replay,
+        "monitor --once",
+        "selftest",
+        "bridge --slcan [::1]:0",
+    ] {
+        let command = words(command);
+        let program = [env!("CARGO_BIN_EXE_ecan"), "--ecrt", "sim"];
+        let ended = traced(&[&program[..], &with(&command, &[])].concat()).unwrap();
+        let errors = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(7), "{command:?}: {errors}");
+        assert!(errors.contains("ecan: Ctrl-C and SIGTERM cannot be caught: "), "{errors}");
+    }
+}
+
+#[test]
+fn a_reader_that_has_gone_does_not_hide_what_was_found() {
+    let bus = first_silent();
+    let silent = setting(&bus);
+    let cases: [(i32, &[&str]); 5] = [
+        (1, &["plan", "--pdo-n", "12"]),
+        (1, &["--ecrt", &silent, "doctor"]),
+        (1, &["--ecrt", &silent, "diag", "--slave", "0"]),
+        (0, &["--ecrt", "sim", "scan"]),
+        (0, &["--ecrt", "sim", "info", "--json"]),
+    ];
+    for (status, arguments) in cases {
+        let (reader, writer) = std::io::pipe().unwrap();
+        drop(reader);
+        let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+        let ended = command.args(arguments).env_remove("ECAN_ECRT").stdout(writer).output();
+        let ended = ended.unwrap();
+        let errors = String::from_utf8(ended.stderr).unwrap();
+        assert_eq!(ended.status.code(), Some(status), "{arguments:?}: {errors}");
+    }
+}
+
+#[test]
+fn an_empty_bus_is_told() {
+    let empty = crate::support::scenario("");
+    let files = Scenario::new("");
+    for command in commands_of_one(&files) {
+        let message = fails(4, &with(&command, &["--ecrt", &setting(&empty)]));
+        assert!(message.contains("no slave answers on the bus"), "{command:?}: {message}");
+    }
+}

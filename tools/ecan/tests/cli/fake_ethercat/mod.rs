@@ -1,0 +1,351 @@
+//! A stand-in for IgH's `ethercat` tool, in front of simulated gateways on a wire.
+//!
+//! The program that is tested starts a script; the script hands its arguments to this test, which
+//! holds the gateways and does on the wire what the master would: scan, mailboxes, PREOP, SDO
+//! uploads, FoE. So the gateways live on between the calls, and the test can look at them.
+
+use std::io::{BufRead, BufReader, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::PathBuf;
+use std::process::Command;
+use std::sync::{Arc, Mutex, MutexGuard};
+
+use ecan_sim::Fault;
+
+#[path = "../../../../../ecan-sim/tests/wire_support/mod.rs"]
+pub mod wire_support;
+use wire_support::command::*;
+use wire_support::{Datagram, Line, MS};
+
+/// Simulated time that passes with each call.
+const CALL_NS: u64 = 300 * MS;
+/// Data of a full FoE packet: the mailbox without its header and that of FoE.
+const PACKET: usize = 128 - 6 - 6;
+
+/// Of the gateways.
+pub const PRODUCT_CODE: u32 = 0x4C49_5445;
+
+const HELP: &str = "\
+ethercat foe_write [OPTIONS] <FILENAME> [<PASSWORD>]
+  --output-file -o <file>   name on the slave
+  --position    -p <pos>    slave";
+const HELP_OF_1_5: &str = "\
+ethercat foe_write [OPTIONS] <FILENAME>
+  --output-file -o <file>   name on the slave
+  --position    -p <pos>    slave";
+const HELP_WITH_PASSWORD: &str = "\
+ethercat foe_write [OPTIONS] <FILENAME>
+  -o <file>      name on the slave
+  -p <password>  password";
+
+/// What the tool does otherwise than a good one.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Behaviour {
+    Good,
+    /// Its `foe_write` takes no password, and its master does not tell FoE errors apart.
+    Of15,
+    /// Its `-p` is the password.
+    TakesPositionForPassword,
+    /// Every command ends with this message.
+    Fails(&'static str),
+    /// `foe_write` ends with this message and writes nothing.
+    WriteFails(&'static str),
+    /// `foe_write` says that all is well, and writes nothing.
+    Lies,
+    /// The gateway loses its supply behind so many packets.
+    SupplyFails {
+        packets: usize,
+        off_ms: u32,
+    },
+    /// As above, behind the last packet and for good.
+    NeverBack,
+    /// The mailbox of the slave at this position does not answer, and its SII tells this product.
+    Silent {
+        position: u16,
+        product_code: u32,
+    },
+    /// The slaves have an object 0xF000 of another make.
+    Foreign,
+    /// It prints something else.
+    Babbles,
+}
+
+/// Gateways, and the tool in front of them.
+pub struct Master {
+    pub line: Line,
+    pub behaviour: Behaviour,
+    gateways: u16,
+    /// Process group that gets Ctrl-C in the middle of the next file.
+    pub interrupts: Option<u32>,
+    /// Calls, as they were given.
+    pub calls: Vec<Vec<String>>,
+}
+
+/// The tool's script, as long as it is needed.
+pub struct FakeEthercat {
+    pub program: PathBuf,
+    master: Arc<Mutex<Master>>,
+    _directory: tempfile::TempDir,
+}
+
+impl FakeEthercat {
+    pub fn new(gateways: u16, behaviour: Behaviour) -> Self {
+        let line = Line::preop(gateways.into());
+        let master = Master { line, behaviour, gateways, interrupts: None, calls: Vec::new() };
+        let master = Arc::new(Mutex::new(master));
+        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+        let port = listener.local_addr().unwrap().port();
+        let served = master.clone();
+        std::thread::spawn(move || {
+            for stream in listener.incoming() {
+                serve(stream.unwrap(), &mut served.lock().unwrap());
+            }
+        });
+        let directory = tempfile::tempdir().unwrap();
+        let program = directory.path().join("ethercat");
+        let script = format!(
+            "#!/usr/bin/env bash\n\
+             exec 3<>/dev/tcp/127.0.0.1/{port} || exit 99\n\
+             printf '%s\\n' \"$@\" '' >&3\n\
+             while IFS= read -r line <&3; do\n\
+             case $line in\n\
+             o*) printf '%s\\n' \"${{line:1}}\" ;;\n\
+             e*) printf '%s\\n' \"${{line:1}}\" >&2 ;;\n\
+             x*) exit \"${{line:1}}\" ;;\n\
+             esac\n\
+             done\n\
+             exit 98\n"
+        );
+        crate::support::write_program(&program, &script);
+        Self { program, master, _directory: directory }
+    }
+
+    pub fn master(&self) -> MutexGuard<'_, Master> {
+        self.master.lock().unwrap()
+    }
+
+    /// Calls of `foe_write` that were to write something.
+    pub fn writes(&self) -> Vec<Vec<String>> {
+        let is_write = |call: &&Vec<String>| {
+            call.iter().any(|it| it == "foe_write") && !call.iter().any(|it| it == "--help")
+        };
+        self.master().calls.iter().filter(is_write).cloned().collect()
+    }
+}
+
+fn serve(stream: TcpStream, master: &mut Master) {
+    let mut arguments = Vec::new();
+    for line in BufReader::new(&stream).lines() {
+        match line.unwrap() {
+            empty if empty.is_empty() => break,
+            argument => arguments.push(argument),
+        }
+    }
+    let (mark, text, status) = match master.call(&arguments) {
+        Ok(printed) => ('o', printed, 0),
+        Err(message) => ('e', message, 1),
+    };
+    master.calls.push(arguments);
+    let mut answer: String = text.lines().map(|line| format!("{mark}{line}\n")).collect();
+    answer.push_str(&format!("x{status}\n"));
+    (&stream).write_all(answer.as_bytes()).unwrap();
+}
+
+/// Value of an option.
+fn option<'a>(arguments: &'a [String], name: &str) -> Option<&'a str> {
+    let at = arguments.iter().position(|it| it == name)?;
+    arguments.get(at + 1).map(String::as_str)
+}
+
+impl Master {
+    fn call(&mut self, arguments: &[String]) -> Result<String, String> {
+        self.line.pass(CALL_NS);
+        match self.behaviour {
+            Behaviour::Fails(message) => return Err(message.to_owned()),
+            Behaviour::Babbles => return Ok("Good morning!".to_owned()),
+            _ => {}
+        }
+        self.scan();
+        match arguments.first().map(String::as_str) {
+            Some("slaves") if option(arguments, "--position").is_some() => {
+                self.station(arguments).map(|station| self.identity(station - 0x1001))
+            }
+            Some("slaves") => Ok(self.slaves()),
+            Some("upload") => self.upload(arguments),
+            Some("foe_write") if arguments.iter().any(|it| it == "--help") => {
+                Ok(match self.behaviour {
+                    Behaviour::TakesPositionForPassword => HELP_WITH_PASSWORD,
+                    Behaviour::Of15 => HELP_OF_1_5,
+                    _ => HELP,
+                }
+                .to_owned())
+            }
+            Some("foe_write") => self.foe_write(arguments).map(|()| String::new()),
+            other => Err(format!("Unknown command {other:?}!")),
+        }
+    }
+
+    /// Addresses and mailboxes for those that have restarted, and PREOP.
+    fn scan(&mut self) {
+        for position in 0..self.gateways {
+            let station = 0x1001 + position;
+            if self.is_there(position) {
+                continue;
+            }
+            let address = station.to_le_bytes();
+            let by_position = 0u16.wrapping_sub(position);
+            let setting = Datagram::new(APWR, by_position, 0x0010, &address);
+            if self.ask(setting).is_some() {
+                self.line.set_up_mailboxes(station);
+                self.line.request(station, 2);
+            }
+        }
+    }
+
+    /// What came back, if anybody answered.
+    fn ask(&mut self, datagram: Datagram) -> Option<Datagram> {
+        self.line.exchange(&[datagram])?.pop().filter(|back| back.counter == 1)
+    }
+
+    /// Whether it answers, beyond INIT.
+    fn is_there(&mut self, position: u16) -> bool {
+        let asked = Datagram::new(FPRD, 0x1001 + position, 0x0130, &[0; 2]);
+        self.ask(asked).is_some_and(|back| back.data[0] & 0x0F != 1)
+    }
+
+    fn slaves(&mut self) -> String {
+        let there: Vec<_> = (0..self.gateways).filter(|it| self.is_there(*it)).collect();
+        there.iter().map(|it| format!("{it}  0:{it}  PREOP  +  ECAN-Lite\n")).collect()
+    }
+
+    /// As with --verbose.
+    fn identity(&self, position: u16) -> String {
+        let product = match self.behaviour {
+            Behaviour::Silent { position: silent, product_code } if silent == position => {
+                product_code
+            }
+            _ => PRODUCT_CODE,
+        };
+        format!(
+            "=== Master 0, Slave {position} ===\nState: PREOP\nFlag: +\nIdentity:\n  \
+             Vendor Id:       0x00004543\n  Product code:    0x{product:08x}\n  \
+             Revision number: 0x00020002\n"
+        )
+    }
+
+    fn station(&mut self, arguments: &[String]) -> Result<u16, String> {
+        let position: u16 = option(arguments, "--position").unwrap().parse().unwrap();
+        if position >= self.gateways || !self.is_there(position) {
+            return Err(format!("Failed to get slave: Slave {position} does not exist!"));
+        }
+        Ok(0x1001 + position)
+    }
+
+    fn upload(&mut self, arguments: &[String]) -> Result<String, String> {
+        let station = self.station(arguments)?;
+        let [.., index, subindex] = arguments else { panic!("{arguments:?}") };
+        let index = u16::from_str_radix(index.strip_prefix("0x").unwrap(), 16).unwrap();
+        let subindex: u8 = subindex.parse().unwrap();
+        if matches!(self.behaviour, Behaviour::Silent { position, .. } if position == station - 0x1001)
+        {
+            return Err("Failed to upload SDO: Input/output error".to_owned());
+        }
+        if self.behaviour == Behaviour::Foreign && (index, subindex) == (0xF000, 17) {
+            return Ok(number(8, 4));
+        }
+        let [low, high] = index.to_le_bytes();
+        let request = [0x00, 0x20, 0x40, low, high, subindex, 0, 0, 0, 0];
+        let answer = self.line.mailbox(station, 3, 0, &request);
+        let data = match answer[2] {
+            0x80 => return Err("SDO transfer aborted with code 0x06020000".to_owned()),
+            expedited if expedited & 2 != 0 => &answer[6..10 - usize::from(expedited >> 2 & 3)],
+            _ => &answer[10..],
+        };
+        match (option(arguments, "--type").unwrap(), data) {
+            ("string", text) => Ok(String::from_utf8_lossy(text).into_owned()),
+            ("uint16", &[a, b]) => Ok(number(u16::from_le_bytes([a, b]).into(), 4)),
+            ("uint32", &[a, b, c, d]) => Ok(number(u32::from_le_bytes([a, b, c, d]), 8)),
+            (kind, data) => Err(format!("Data type mismatch: {kind}, {} bytes", data.len())),
+        }
+    }
+
+    fn foe(&mut self, station: u16, opcode: u8, number: u32, data: &[u8]) -> Vec<u8> {
+        let mut message = vec![opcode, 0];
+        message.extend(number.to_le_bytes());
+        message.extend(data);
+        self.line.mailbox(station, 4, 0, &message)
+    }
+
+    fn foe_write(&mut self, arguments: &[String]) -> Result<(), String> {
+        match self.behaviour {
+            Behaviour::WriteFails(message) => return Err(message.to_owned()),
+            Behaviour::Lies => return Ok(()),
+            _ => {}
+        }
+        let station = self.station(arguments)?;
+        if let Some(group) = self.interrupts.take() {
+            let group = format!("-{group}");
+            let sent = Command::new("kill").args(["-INT", "--", &group]).status().unwrap();
+            assert!(sent.success());
+        }
+        let gateway = usize::from(station - 0x1001);
+        let name = option(arguments, "--output-file").unwrap();
+        // "foe_write --master M --position P --output-file NAME FILE [PASSWORD]"
+        let [path, password @ ..] = &arguments[7..] else { panic!("{arguments:?}") };
+        let password = password.first().map_or(0, |text| text.parse().unwrap());
+        let file = std::fs::read(path).unwrap();
+        let is_of_1_5 = self.behaviour == Behaviour::Of15;
+        let fault = |answer: &[u8]| {
+            if is_of_1_5 {
+                return Err("Failed to write via FoE: FOE_ACK_ERROR".to_owned());
+            }
+            let code = u32::from_le_bytes(answer[2..6].try_into().unwrap());
+            Err(format!("FoE write aborted with error code {code:#010x}: {}", words(code)))
+        };
+        let answer = self.foe(station, 2, password, name.as_bytes());
+        if answer[0] == 5 {
+            return fault(&answer);
+        }
+        let mut packets: Vec<_> = file.chunks(PACKET).collect();
+        if file.len().is_multiple_of(PACKET) {
+            packets.push(&[]);
+        }
+        for (nth, packet) in packets.into_iter().enumerate() {
+            if let Behaviour::SupplyFails { packets, off_ms } = self.behaviour
+                && nth == packets
+            {
+                self.line.wire.world_mut().inject(Fault::PowerCycle { gateway, off_ms });
+                self.line.pass(MS);
+                return Err("Failed to write via FoE: FOE_WC_ERROR".to_owned());
+            }
+            loop {
+                let answer = self.foe(station, 3, nth as u32 + 1, packet);
+                match answer[0] {
+                    4 => break,
+                    6 => self.line.pass(10 * MS),
+                    _ => return fault(&answer),
+                }
+            }
+        }
+        if self.behaviour == Behaviour::NeverBack {
+            self.line.wire.world_mut().inject(Fault::PowerOff { gateway });
+        }
+        Ok(())
+    }
+}
+
+fn number(value: u32, digits: usize) -> String {
+    format!("0x{value:0digits$x} {value}")
+}
+
+/// IgH's tool knows the numbers of the first standard, and prints no text of the device.
+fn words(code: u32) -> &'static str {
+    match code {
+        0x8001 => "Not found.",
+        0x8002 => "Access denied.",
+        0x8003 => "Disk full.",
+        0x8004 => "Illegal.",
+        0x800A => "No rights.",
+        _ => "Unknown error code",
+    }
+}

@@ -1,0 +1,466 @@
+//! `ecan firmware` with a stand-in for IgH's tool in front of simulated gateways, and on the
+//! simulator.
+
+use std::os::unix::process::CommandExt;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use crate::fake_ethercat::{Behaviour, FakeEthercat};
+use crate::support::terminal::with_answer;
+use crate::support::{ecan, fails, good};
+use ecan_sim::{Fault, FirmwarePackage, GatewayFault};
+use serde_json::Value;
+use tempfile::{NamedTempFile, TempDir};
+
+/// 3.0.7 in the numbers of 0xF000.
+const NEW: u32 = 0x0300_0007;
+
+fn file(bytes: &[u8]) -> NamedTempFile {
+    let file = tempfile::Builder::new().suffix(".bin").tempfile().unwrap();
+    std::fs::write(file.path(), bytes).unwrap();
+    file
+}
+
+fn package(version: u32) -> NamedTempFile {
+    file(&FirmwarePackage::new(0, version, vec![0x5A; 20_000]).to_bytes())
+}
+
+/// Exit status, output and messages of `ecan firmware` with the tool.
+fn firmware(tool: &Path, arguments: &[&str]) -> (i32, String, String) {
+    let tool = tool.to_str().unwrap();
+    let output = ecan(&[&["firmware", "--ethercat", tool][..], arguments].concat());
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    let (out, errors) = (text(output.stdout), text(output.stderr));
+    assert!(!errors.contains("panicked"), "{errors}");
+    (output.status.code().unwrap(), out, errors)
+}
+
+/// An update without questions.
+fn update(tool: &FakeEthercat, file: &Path, more: &[&str]) -> (i32, String, String) {
+    let arguments = [&["update", file.to_str().unwrap(), "--yes"][..], more].concat();
+    firmware(&tool.program, &arguments)
+}
+
+fn running(tool: &FakeEthercat, gateway: usize) -> u32 {
+    let master = tool.master();
+    let file = master.line.wire.world().gateway(gateway).unwrap().running_firmware();
+    FirmwarePackage::parse(file).unwrap().version()
+}
+
+#[test]
+fn the_version_is_read_through_the_tool() {
+    let tool = FakeEthercat::new(2, Behaviour::Good);
+    let (status, out, _) = firmware(&tool.program, &["version", "--all"]);
+    let expected = "\
+POS  STATE  FIRMWARE  SERIAL
+0    PREOP  2.2.1     4294967297
+1    PREOP  2.2.1     4294967298
+";
+    assert_eq!((status, out.as_str()), (0, expected));
+    let (status, out, _) =
+        firmware(&tool.program, &["version", "--slave", "serial=4294967298", "--json"]);
+    let json: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((status, &json[0]["position"]), (0, &Value::from(1)));
+    assert_eq!((&json[0]["version"], &json[0]["build"]), (&0x0202.into(), &1.into()));
+    assert_eq!((&json[0]["firmware"], &json[0]["numbers"]), (&"2.2.1".into(), &"2.2.1".into()));
+    let (status, _, errors) = firmware(&tool.program, &["version"]);
+    assert_eq!(status, 4);
+    assert!(errors.contains("several gateways; choose one with --slave, of 0, 1, or take --all"));
+}
+
+#[test]
+fn a_version_that_cannot_be_read_has_its_reason_in_its_row() {
+    let product_code = crate::fake_ethercat::PRODUCT_CODE;
+    let silent = FakeEthercat::new(3, Behaviour::Silent { position: 1, product_code });
+    let (status, out, errors) = firmware(&silent.program, &["version", "--all"]);
+    assert_eq!(status, 5, "{errors}");
+    let expected = "\
+POS  STATE  FIRMWARE  SERIAL
+0    PREOP  2.2.1     4294967297
+1    PREOP  -         not read: it cannot be asked whether it is an ECAN-Lite: ethercat \
+upload: Failed to upload SDO: Input/output error
+2    PREOP  2.2.1     4294967299
+";
+    assert_eq!(out, expected);
+    assert!(errors.contains("1 of 3 gateways were not read, see above"), "{errors}");
+    // One that refuses an object.
+    let bus = crate::support::scenario(
+        "[[gateway]]\n[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
+         index = 0xF000\nsubindex = 7\ncode = 0x08000022\ntimes = 9\n",
+    );
+    let setting = crate::support::setting(&bus);
+    let command = ["--ecrt", &setting, "firmware", "version", "--all", "--json"];
+    let json: Value = serde_json::from_str(&crate::support::ends(5, &command)).unwrap();
+    assert!(json[0]["error"].as_str().unwrap().contains("0x08000022"), "{json}");
+    assert_eq!((&json[0]["firmware"], &json[1]["firmware"]), (&Value::Null, &"2.2.1".into()));
+    assert!(json[1]["error"].is_null(), "{json}");
+}
+
+#[test]
+fn a_good_package_is_written_and_the_new_version_read_back() {
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
+    let (status, out, errors) = update(&tool, package.path(), &["--expect-version", "3.0.7"]);
+    assert_eq!(status, 0, "{errors}");
+    assert_eq!(out, "POS  BEFORE  AFTER  RESULT\n0    2.2.1   3.0.7  updated\n");
+    assert!(errors.contains("package for simulated gateways (of ecan-sim); a real one refuses it"));
+    assert_eq!(running(&tool, 0), NEW);
+    let path = package.path().to_str().unwrap();
+    let expected = ["foe_write", "--master", "0", "--position", "0", "--output-file"];
+    assert_eq!(tool.writes(), [[&expected[..], &["ecan_lite_app", path, "0"]].concat()]);
+}
+
+#[test]
+fn the_position_is_never_given_as_a_password() {
+    let package = package(NEW);
+    let old = FakeEthercat::new(1, Behaviour::Of15);
+    assert_eq!(update(&old, package.path(), &[]).0, 0);
+    assert_eq!(old.writes()[0].last().unwrap(), package.path().to_str().unwrap());
+    let other = FakeEthercat::new(1, Behaviour::TakesPositionForPassword);
+    let (status, _, errors) = update(&other, package.path(), &[]);
+    assert_eq!(status, 3);
+    assert!(errors.contains("no option --position"), "{errors}");
+    assert_eq!(other.writes(), [[""; 0]; 0]);
+}
+
+#[test]
+fn wrong_packages_are_refused_by_the_gateway_and_the_old_version_stays() {
+    let for_another = FirmwarePackage::new(9, NEW, vec![1; 5000]).to_bytes();
+    let mut damaged = FirmwarePackage::new(0, NEW, vec![1; 5000]).to_bytes();
+    damaged[4000] ^= 1;
+    let mut bare = vec![0; 5000];
+    bare[..4].copy_from_slice(&[0x97, 0x01, 0, 0]);
+    let cases = [(for_another, ""), (damaged, "and damaged: payload CRC32"), (bare, "bare")];
+    for (bytes, warning) in cases {
+        let (tool, file) = (FakeEthercat::new(1, Behaviour::Good), file(&bytes));
+        let (status, out, errors) = update(&tool, file.path(), &[]);
+        assert_eq!(status, 5, "{out}{errors}");
+        assert!(errors.contains(warning), "{errors}");
+        assert!(out.contains("0    2.2.1   2.2.1  the gateway refuses the file: not in pack"));
+        assert!(errors.contains("the gateway does not run the new firmware"), "{errors}");
+        assert_eq!(running(&tool, 0), 0x0202_0001);
+    }
+}
+
+#[test]
+fn where_the_master_does_not_tell_why_the_gateway_does() {
+    let (tool, file) = (FakeEthercat::new(1, Behaviour::Of15), file(&[0x55; 5000]));
+    let (status, out, _) = update(&tool, file.path(), &["--json"]);
+    let json: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!((status, &json[0]["refusal"]["cause"]), (5, &Value::from("verify")));
+    let words = json[0]["words"].as_str().unwrap();
+    assert!(words.contains("FOE_ACK_ERROR; 0xB000:11 of the gateway is 0x8010"), "{words}");
+}
+
+#[test]
+fn a_flash_that_fails_is_told() {
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
+    let fault = GatewayFault::FlashFailure { times: 1 };
+    tool.master().line.wire.world_mut().inject(Fault::Gateway { gateway: 0, fault });
+    let (status, out, _) = update(&tool, package.path(), &[]);
+    assert_eq!(status, 5);
+    assert!(out.contains("flash could not be erased or written"), "{out}");
+}
+
+#[test]
+fn an_interrupted_update_leaves_the_old_version() {
+    let behaviour = Behaviour::SupplyFails { packets: 50, off_ms: 1_000 };
+    let (tool, package) = (FakeEthercat::new(1, behaviour), package(NEW));
+    let (status, out, _) = update(&tool, package.path(), &["--json"]);
+    assert_eq!(status, 5, "{out}");
+    let json: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(json[0]["result"], "refused");
+    assert_eq!(json[0]["refusal"]["cause"], "interrupted");
+    assert_eq!(json[0]["is_good"], false);
+    tool.master().line.pass(5_000 * crate::fake_ethercat::wire_support::MS);
+    let (status, out, errors) = firmware(&tool.program, &["version"]);
+    assert_eq!(status, 0, "{errors}");
+    assert!(out.contains("2.2.1"), "{out}");
+    // And the next one succeeds.
+    tool.master().behaviour = Behaviour::Good;
+    assert_eq!(update(&tool, package.path(), &[]).0, 0);
+    assert_eq!(running(&tool, 0), NEW);
+}
+
+#[test]
+fn another_version_than_the_expected_one_is_no_success() {
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
+    let (status, out, _) = update(&tool, package.path(), &["--expect-version", "3.1.0"]);
+    assert_eq!(status, 1);
+    assert!(out.contains("3.0.7  wrong version, 3.1.0 was expected"), "{out}");
+}
+
+#[test]
+fn a_version_that_has_not_changed_is_no_success() {
+    let package = package(0x0202_0001);
+    let same = FakeEthercat::new(1, Behaviour::Good);
+    let (status, out, _) = update(&same, package.path(), &["--timeout", "4"]);
+    assert_eq!(status, 1);
+    assert!(out.contains("2.2.1  the version has not changed: the file holds the same"), "{out}");
+}
+
+#[test]
+fn the_same_version_again_is_a_success_where_it_is_expected() {
+    let (same, package) = (FakeEthercat::new(1, Behaviour::Good), package(0x0202_0001));
+    let more = ["--timeout", "4", "--expect-version", "2.2.1"];
+    let (status, out, _) = update(&same, package.path(), &more);
+    assert_eq!(status, 0, "{out}");
+    assert!(out.contains("installed again"), "{out}");
+}
+
+#[test]
+fn without_a_restart_there_is_no_success_whatever_the_tool_says() {
+    let package = package(0x0202_0001);
+    let liar = FakeEthercat::new(1, Behaviour::Lies);
+    for expected in [&[][..], &["--expect-version", "2.2.1"]] {
+        let more = [&["--timeout", "1"], expected].concat();
+        let (status, out, _) = update(&liar, package.path(), &more);
+        assert_eq!(status, 1);
+        assert!(out.contains("the gateway was not seen to restart"), "{out}");
+    }
+}
+
+#[test]
+fn a_gateway_that_does_not_come_back_is_told() {
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::NeverBack), package(NEW));
+    let (status, out, _) = update(&tool, package.path(), &["--timeout", "1"]);
+    assert_eq!(status, 5);
+    assert!(out.contains("written, but the gateway does not answer since"), "{out}");
+    assert!(out.contains("Slave 0 does not exist"), "{out}");
+    let tool = FakeEthercat::new(1, Behaviour::NeverBack);
+    let (_, out, _) = update(&tool, package.path(), &["--timeout", "1", "--json"]);
+    let json: Value = serde_json::from_str(&out).unwrap();
+    assert_eq!(json[0]["result"], "not_back");
+}
+
+#[test]
+fn several_gateways_are_updated_in_turn() {
+    let (tool, package) = (FakeEthercat::new(3, Behaviour::Good), package(NEW));
+    let fault = GatewayFault::FlashFailure { times: 1 };
+    tool.master().line.wire.world_mut().inject(Fault::Gateway { gateway: 1, fault });
+    let (status, out, errors) = update(&tool, package.path(), &["--all"]);
+    assert_eq!(status, 5, "{out}");
+    assert!(out.contains("0    2.2.1   3.0.7  updated\n1    2.2.1   2.2.1  the gateway's flash"));
+    assert!(out.contains("\n2    2.2.1   3.0.7  updated\n2 of 3 gateways run the new firmware\n"));
+    assert!(errors.contains("1 of 3 gateways do not run the new firmware"), "{errors}");
+    assert!(
+        errors.contains("slave 0: 2.2.1 -> 3.0.7, updated\nslave 1: 2.2.1, the gateway's"),
+        "{errors}"
+    );
+    assert_eq!([0, 1, 2].map(|it| running(&tool, it)), [NEW, 0x0202_0001, NEW]);
+    let (status, out, _) = update(&tool, package.path(), &["--slave", "1"]);
+    assert_eq!((status, tool.writes().len()), (0, 4), "{out}");
+    assert_eq!(running(&tool, 1), NEW);
+}
+
+#[test]
+fn a_file_that_does_harm_goes_to_one_gateway_only() {
+    let package = package(NEW);
+    let tool = FakeEthercat::new(2, Behaviour::NeverBack);
+    let (status, out, _) = update(&tool, package.path(), &["--all", "--timeout", "1"]);
+    assert_eq!((status, tool.writes().len()), (5, 1), "{out}");
+    assert!(out.contains("1    -       -      nothing was written: slave 0 did not come back\n"));
+    let tool = FakeEthercat::new(2, Behaviour::Good);
+    let more = ["--all", "--expect-version", "3.1.0"];
+    let (status, out, _) = update(&tool, package.path(), &more);
+    assert_eq!((status, tool.writes().len()), (5, 1), "{out}");
+    assert!(out.contains("nothing was written: slave 0 came back with a wrong version"), "{out}");
+    assert_eq!(running(&tool, 1), 0x0202_0001);
+}
+
+#[test]
+fn other_devices_get_no_firmware() {
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Foreign), package(NEW));
+    let (status, out, _) = update(&tool, package.path(), &["--slave", "0"]);
+    assert_eq!((status, tool.writes().len()), (5, 0), "{out}");
+    assert!(out.contains("it does not show itself as an ECAN-Lite"), "{out}");
+    let (status, _, errors) = update(&tool, package.path(), &[]);
+    assert_eq!((status, tool.writes().len()), (4, 0));
+    assert!(errors.contains("none of the 1 slaves shows itself as an ECAN-Lite"), "{errors}");
+}
+
+#[test]
+fn a_gateway_that_cannot_be_asked_is_never_left_out_without_a_word() {
+    let (package, product_code) = (package(NEW), crate::fake_ethercat::PRODUCT_CODE);
+    let tool = FakeEthercat::new(2, Behaviour::Silent { position: 0, product_code });
+    let (status, out, errors) = update(&tool, package.path(), &[]);
+    assert_eq!((status, tool.writes().len()), (4, 0), "{out}");
+    let words = "slave 0 cannot be asked whether it is an ECAN-Lite: ethercat upload: Failed to";
+    assert!(errors.contains(words), "{errors}");
+    assert!(errors.contains("choose one with --slave, of 0, 1, or take --all"), "{errors}");
+    let (status, out, errors) = update(&tool, package.path(), &["--all"]);
+    assert_eq!((status, tool.writes().len()), (1, 1), "{out}{errors}");
+    let line = "\n0    -       -      nothing was written: it cannot be asked whether it is an";
+    assert!(out.contains(line), "{out}");
+    assert!(out.contains("\n1    2.2.1   3.0.7  updated\n1 of 2 gateways run the new"), "{out}");
+    // The identity in the SII tells that it is another device.
+    let tool = FakeEthercat::new(2, Behaviour::Silent { position: 0, product_code: 5 });
+    let (status, out, _) = update(&tool, package.path(), &[]);
+    assert_eq!((status, tool.writes().len()), (0, 1), "{out}");
+    assert_eq!(running(&tool, 1), NEW);
+    // And on the simulator.
+    let bus = crate::support::first_silent();
+    let path = package.path().to_str().unwrap();
+    let simulated = ["--ecrt", &crate::support::setting(&bus), "firmware", "update", path, "--yes"];
+    assert!(fails(4, &simulated).contains("slave 0 cannot be asked"));
+    let out = crate::support::ends(1, &[&simulated[..], &["--all"]].concat());
+    assert!(out.contains("\n1    2.2.1   3.0.7  updated\n"), "{out}");
+}
+
+#[test]
+fn an_interrupt_lets_the_gateway_have_its_firmware_and_ends_the_work() {
+    let (tool, package) = (FakeEthercat::new(3, Behaviour::Good), package(NEW));
+    // Held, so that the program does not begin before the tool knows it.
+    let mut master = tool.master();
+    let child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+        .args(["firmware", "update", "--all", "--yes"])
+        .arg(package.path())
+        .arg("--ethercat")
+        .arg(&tool.program)
+        .env_remove("ECAN_ECRT")
+        .process_group(0)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    master.interrupts = Some(child.id());
+    drop(master);
+    let ended = child.wait_with_output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    let (out, errors) = (text(ended.stdout), text(ended.stderr));
+    assert_eq!(ended.status.code(), Some(1), "{out}{errors}");
+    let expected = "\
+POS  BEFORE  AFTER  RESULT
+0    2.2.1   3.0.7  updated
+1    -       -      nothing was written: interrupted before its turn
+2    -       -      nothing was written: interrupted before its turn
+1 of 3 gateways run the new firmware
+";
+    assert_eq!(out, expected, "{errors}");
+    assert_eq!(tool.writes().len(), 1);
+    assert_eq!([0, 1, 2].map(|it| running(&tool, it)), [NEW, 0x0202_0001, 0x0202_0001]);
+    let said = "interrupted: the gateway whose turn it is gets its firmware, no other\n\
+                slave 0: 2.2.1 -> 3.0.7, updated\n\
+                slave 1: nothing was written: interrupted before its turn\n";
+    assert!(errors.contains(said), "{errors}");
+}
+
+/// As [`firmware`], with a terminal for input and messages, at which this is typed.
+fn at_a_terminal(tool: &FakeEthercat, file: &Path, typed: &str) -> (i32, String) {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    command.args(["firmware", "update"]).arg(file).arg("--ethercat").arg(&tool.program);
+    with_answer(command.env_remove("ECAN_ECRT"), typed)
+}
+
+#[test]
+fn at_a_terminal_it_asks_first_and_shows_how_far_it_is() {
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
+    for typed in ["n\n", "\n"] {
+        let (status, shown) = at_a_terminal(&tool, package.path(), typed);
+        assert_eq!((status, tool.writes().len()), (2, 0), "{shown}");
+        assert!(shown.contains(", 20032 bytes, to slave 0 (PREOP)?"), "{shown}");
+        assert!(shown.contains("nothing was written: not confirmed"), "{shown}");
+    }
+    let (status, shown) = at_a_terminal(&tool, package.path(), "y\n");
+    assert_eq!((status, tool.writes().len()), (0, 1), "{shown}");
+    assert!(shown.contains("slave 0: writing 19.56 KiB"), "{shown}");
+    assert!(shown.contains("slave 0: written, waiting for it to come back"), "{shown}");
+}
+
+#[test]
+fn what_the_real_tool_says_is_put_into_words() {
+    let package = package(NEW);
+    let cases = [
+        (
+            Behaviour::Fails("Failed to open master device /dev/EtherCAT0: Permission denied"),
+            3,
+            "run it with sudo",
+        ),
+        (
+            Behaviour::Fails(
+                "Failed to open master device /dev/EtherCAT0: No such file or directory",
+            ),
+            3,
+            "is the master's module loaded?",
+        ),
+        (
+            Behaviour::Fails("ioctl() version magic is differing: /dev/EtherCAT0: 31, tool: 33"),
+            3,
+            "different versions",
+        ),
+        (
+            Behaviour::WriteFails("Failed to open master device /dev/EtherCAT0: Permission denied"),
+            3,
+            "run it with sudo",
+        ),
+        (
+            Behaviour::WriteFails("FoE write aborted with error code 0x0000800a: No rights."),
+            5,
+            "refuses the password",
+        ),
+        (Behaviour::WriteFails("Failed to write via FoE: FOE_TIMEOUT_ERROR"), 5, "interrupted"),
+        (Behaviour::WriteFails("Failed to write via FoE: FOE_MBOX_PROT_ERROR"), 5, "PREOP"),
+        (Behaviour::WriteFails("something that nobody has seen"), 5, "nobody has seen"),
+        (Behaviour::Babbles, 5, "\"Good morning!\", which is no answer of IgH's tool"),
+    ];
+    for (behaviour, expected, words) in cases {
+        let tool = FakeEthercat::new(1, behaviour.clone());
+        let (status, out, errors) = update(&tool, package.path(), &["--timeout", "1"]);
+        assert_eq!(status, expected, "{behaviour:?}: {errors}");
+        assert!((out + &errors).contains(words), "{behaviour:?}: {errors}");
+    }
+}
+
+#[test]
+fn misuse_is_named_before_anything_is_written() {
+    let (tool, package) = (FakeEthercat::new(1, Behaviour::Good), package(NEW));
+    let path = package.path().to_str().unwrap();
+    let program = tool.program.to_str().unwrap();
+    let (empty, short, directory) = (file(b""), file(b"abc"), TempDir::new().unwrap());
+    let of = |file: &NamedTempFile| file.path().to_str().unwrap().to_owned();
+    let cases: [(i32, &[&str], &str); 9] = [
+        (2, &["update", path], "say --yes"),
+        (2, &["update", path, "--yes", "--all", "--slave", "0"], "take one"),
+        (
+            4,
+            &["update", path, "--yes", "--slave", "7"],
+            "there is no slave 7: there is only slave 0",
+        ),
+        (4, &["update", path, "--yes", "--slave", "alias=9"], "no slave has the alias 9"),
+        (6, &["update", "/nonexistent.bin", "--yes"], "cannot read /nonexistent.bin: No such file"),
+        (6, &["update", &of(&empty), "--yes"], "it is empty"),
+        (6, &["update", &of(&short), "--yes"], "3 bytes are too few"),
+        (6, &["update", directory.path().to_str().unwrap(), "--yes"], "directory"),
+        (2, &["update"], "required arguments"),
+    ];
+    for (status, arguments, words) in cases {
+        let (found, _, errors) = firmware(&tool.program, arguments);
+        assert_eq!(found, status, "{arguments:?}: {errors}");
+        assert!(errors.contains(words), "{arguments:?}: {errors}");
+    }
+    assert_eq!(tool.writes(), [[""; 0]; 0]);
+    let missing = ["firmware", "version", "--ethercat", "/nonexistent/ethercat"];
+    assert!(fails(3, &missing).contains("cannot start /nonexistent/ethercat: No such file"));
+    let both = ["--ecrt", "sim", "firmware", "version", "--ethercat", program];
+    assert!(fails(2, &both).contains("the chosen one is simulated"));
+}
+
+#[test]
+fn simulated_gateways_are_updated_without_the_tool() {
+    let package = package(NEW);
+    let path = package.path().to_str().unwrap();
+    let scenario = crate::support::two_gateways();
+    let setting = format!("sim:{}", scenario.path().display());
+    let out = good(&["--ecrt", &setting, "firmware", "update", path, "--all", "--yes"]);
+    let expected = "\
+POS  BEFORE  AFTER  RESULT
+0    2.2.1   3.0.7  updated
+1    2.2.1   3.0.7  updated
+2 of 2 gateways run the new firmware
+";
+    assert_eq!(out, expected);
+    let wrong = file(&vec![0x55; 4000]);
+    let wrong = wrong.path().to_str().unwrap();
+    let message = fails(5, &["--ecrt", "sim", "firmware", "update", wrong, "--yes"]);
+    assert!(message.contains("it looks like the same byte all over"), "{message}");
+}

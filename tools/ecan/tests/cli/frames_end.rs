@@ -1,0 +1,154 @@
+//! How runs of the commands that carry frames come to their end: stopped, unread, or on a gateway
+//! that is lost.
+
+use std::process::Command;
+
+use crate::support::{Running, Scenario};
+
+const ECHO: &str = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
+
+fn summary(bus: &Scenario, status: i32, arguments: &[&str]) -> (serde_json::Value, String) {
+    let output = bus.run(&[arguments, &["--json"]].concat());
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(status), "{errors}");
+    (serde_json::from_slice(&output.stdout).unwrap(), errors)
+}
+
+/// What a run of `gen -v` says last when it is told to stop.
+fn summary_line(running: &mut Running) -> String {
+    running.terminate();
+    loop {
+        let line = running.line();
+        if !line.starts_with("  can0 ") {
+            return line;
+        }
+    }
+}
+
+#[test]
+fn an_output_that_nobody_reads_does_not_hold_who_was_told_to_stop() {
+    let frames: Vec<(u64, &str)> = (0..6000).map(|at| (at, "123#11")).collect();
+    let bus = Scenario::replaying(&frames, "");
+    let setting = bus.setting();
+    let capture = bus.path("bus.pcapng");
+    let dump = ["--ecrt", &setting, "dump", "-n", "6000", "--capture", &capture, "--screen"];
+    let mut unread = Running::start(&dump);
+    assert_eq!(unread.line(), "  can0  123   [1]  11");
+    // With all frames in the capture, more wait for the screen than a pipe takes.
+    let written = || std::fs::metadata(&capture).map_or(0, |it| it.len());
+    for _ in 0..600 {
+        if written() > 6000 * 48 {
+            break;
+        }
+        std::thread::sleep(std::time::Duration::from_millis(50));
+    }
+    assert!(written() > 6000 * 48);
+    unread.terminate();
+    let (status, errors) = unread.wait();
+    assert_eq!(status, Some(6), "{errors}");
+    assert!(errors.contains("cannot write the output: it stands still"), "{errors}");
+}
+
+#[test]
+fn a_second_signal_ends_at_once() {
+    let bus = Scenario::new(ECHO);
+    let fifo = bus.path("fifo");
+    assert!(Command::new("mkfifo").arg(&fifo).status().unwrap().success());
+    let setting = bus.setting();
+    // Nobody opens the other end, so it never gets as far as looking at a request to stop.
+    let mut held = Running::start(&["--ecrt", &setting, "gen", "--capture", &fifo]);
+    // Then signals are caught.
+    held.wait_for_error("SIMULATED");
+    held.terminate_until_ended();
+    assert_eq!(held.wait().0, Some(130));
+}
+
+#[test]
+fn who_stops_gen_hears_of_no_losses() {
+    let bus = Scenario::new(ECHO);
+    let setting = bus.setting();
+    let mut running = Running::start(&["--ecrt", &setting, "gen", "-g", "1", "-v"]);
+    for _ in 0..20 {
+        assert!(running.line().starts_with("  can0 "));
+    }
+    let line = summary_line(&mut running);
+    assert!(line.contains(" frames sent, 0 lost, ") && !line.contains("under way"), "{line}");
+    let (status, errors) = running.wait();
+    assert_eq!(status, Some(0), "{errors}");
+}
+
+#[test]
+fn frames_that_nobody_takes_are_under_way_when_stopped() {
+    let alone = Scenario::new("");
+    let setting = alone.setting();
+    let mut running = Running::start(&["--ecrt", &setting, "gen", "-g", "1", "-v"]);
+    for _ in 0..5 {
+        assert!(running.line().starts_with("  can0 "));
+    }
+    let line = summary_line(&mut running);
+    assert!(line.starts_with("0 frames sent, 0 lost, ") && line.contains(" under way, "), "{line}");
+    assert_eq!(running.wait().0, Some(0));
+}
+
+#[test]
+fn a_lost_gateway_is_named_and_is_no_full_bus() {
+    let fault = "[[fault]]\nat_ms = 9000\nkind = \"power_off\"\ngateway = 0\n";
+    let bus = Scenario::new(&format!("{ECHO}{fault}"));
+    let (summary, errors) = summary(&bus, 5, &["gen", "--seed", "1", "-n", "20000", "-g", "1"]);
+    assert!(errors.contains("the gateway at position 0: it was lost and is waiting"), "{errors}");
+    assert!(!errors.contains("bus full"), "{errors}");
+    let of = |name: &str| summary[name].as_u64().unwrap();
+    // What left long before the loss has left; what the channel may have held then is not known.
+    assert!(of("sent") > 1000 && of("lost") < 20, "{summary}");
+    assert_eq!(of("sent") + of("lost") + of("not_tried"), 20_000);
+
+    let message = bus.fails(5, &["dump", "-T", "20000"]);
+    assert!(message.contains("it was lost and is waiting for OP: no frame came"), "{message}");
+}
+
+#[test]
+fn frames_that_a_gateway_may_have_held_when_it_was_lost_are_not_called_sent() {
+    let fault = "[[fault]]\nat_ms = 9000\nkind = \"power_cycle\"\ngateway = 0\noff_ms = 300\n";
+    let bus = Scenario::new(&format!("{ECHO}{fault}"));
+    let (summary, errors) =
+        summary(&bus, 5, &["gen", "--seed", "1", "-n", "50000", "-g", "0", "-L", "8"]);
+    assert!(errors.contains("at position 0: it was lost for a while: "), "{errors}");
+    let of = |name: &str| summary[name].as_u64().unwrap();
+    assert_eq!(of("sent") + of("lost"), 50_000);
+    // Its cache holds 64 frames, the controller 32, and images were under way.
+    assert!((20..500).contains(&of("lost")), "{summary}");
+    // What came back had left. The status counts to 7 only, so that frames of the last moment may be
+    // in doubt although they did: never more than the channel holds.
+    assert!(of("sent") + 64 + 32 >= of("received"), "{summary}");
+}
+
+#[test]
+fn a_bus_that_fails_in_the_middle_leaves_a_summary() {
+    let fault = "[[fault]]\nat_ms = 9000\nkind = \"library_error\"\ncall = \"receive\"\n\
+                 errno = \"EIO\"\ntimes = 1000\n";
+    let bus = Scenario::new(&format!("{ECHO}{fault}"));
+    let log: String = (0..20_000)
+        .map(|at| format!("({}.{:03}000) can0 123#01\n", at / 1000, at % 1000))
+        .collect();
+    let drive = bus.write("drive.log", &log);
+    for command in [&["gen", "--seed", "1", "-n", "20000", "-g", "1"][..], &["replay", &drive]] {
+        let (summary, errors) = summary(&bus, 3, command);
+        assert!(summary["sent"].as_u64().unwrap() > 1000, "{summary}");
+        assert!(errors.contains("receive"), "{errors}");
+    }
+}
+
+#[test]
+fn gen_and_replay_measure_alike() {
+    let bus = Scenario::new(ECHO);
+    let drive = bus.write(
+        "drive.log",
+        "(0.000000) can0 123#01\n(0.001000) can0 123#01\n(0.002000) can0 123#01\n",
+    );
+    let generated = ["gen", "-n", "3", "-g", "1", "-I", "123", "-L", "1", "-D", "01"];
+    let (generated, _) = summary(&bus, 0, &generated);
+    let (replayed, _) = summary(&bus, 0, &["replay", &drive]);
+    assert_eq!(generated["frames_per_second"], replayed["frames_per_second"]);
+    let rate = replayed["frames_per_second"].as_f64().unwrap();
+    assert!((500.0..=1000.0).contains(&rate), "{rate}");
+}

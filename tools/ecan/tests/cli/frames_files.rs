@@ -1,0 +1,97 @@
+//! Files of the commands that carry frames: kept, replaced, and standard input and output.
+
+use std::process::{Command, Stdio};
+
+use crate::support::{Scenario, fails};
+
+const ECHO: &str = "[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n";
+const LOG: &str = "(1.000000) can0 123#01\n(1.001000) can0 124#02\n(1.002000) can0 125#03\n";
+
+#[test]
+fn a_file_that_is_there_outlives_every_failure() {
+    let bus = Scenario::new(ECHO);
+    let (kept, drive) = (bus.write("kept", "precious"), bus.write("drive.log", LOG));
+    let nobody = ["--ecrt", "/nonexistent.so"];
+    let commands: [&[&str]; 5] = [
+        &["dump", "-l", &kept, "--force"],
+        &["dump", "--capture", &kept, "--force"],
+        &["replay", &drive, "--log", &kept, "--force"],
+        &["send", "123#", "--capture", &kept, "--force"],
+        &["gen", "-n", "1", "--capture", &kept, "--force"],
+    ];
+    for command in commands {
+        fails(3, &[&nobody[..], command].concat());
+        assert_eq!(bus.read("kept"), "precious", "{command:?}");
+        bus.fails(4, &[command, &["--slave", "3"]].concat());
+        assert_eq!(bus.read("kept"), "precious", "{command:?}");
+        bus.fails(2, &[command, &["--bitrate", "333"]].concat());
+        assert_eq!(bus.read("kept"), "precious", "{command:?}");
+        // Without --force not even a run that could succeed touches it.
+        let without: Vec<_> = command.iter().copied().filter(|it| *it != "--force").collect();
+        let message = bus.fails(6, &without);
+        let words = format!("ecan: cannot write {kept}: it exists; --force overwrites it");
+        assert_eq!(message, words, "{command:?}");
+        assert_eq!(bus.read("kept"), "precious", "{command:?}");
+    }
+    bus.good(&["replay", &drive, "--log", &kept, "--force"]);
+    assert_eq!(bus.read("kept").lines().count(), 3);
+}
+
+#[test]
+fn a_capture_of_a_run_that_never_began_is_not_left_behind() {
+    let fault = "[[fault]]\nat_ms = 0\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8001\n\
+                 subindex = 1\ncode = 0x06090030\ntimes = 100\n";
+    let bus = Scenario::new(&format!("{ECHO}{fault}"));
+    let capture = bus.path("a.pcapng");
+    bus.fails(5, &["gen", "-n", "1", "--capture", &capture]);
+    assert!(!std::path::Path::new(&capture).exists());
+}
+
+/// Runs it with standard input.
+fn fed(arguments: &[&str], input: &str) -> (Option<i32>, String, String) {
+    use std::io::Write as _;
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+        .args(arguments)
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    child.stdin.take().unwrap().write_all(input.as_bytes()).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let text = |bytes| String::from_utf8(bytes).unwrap();
+    (output.status.code(), text(output.stdout), text(output.stderr))
+}
+
+#[test]
+fn a_dash_is_standard_input_and_output() {
+    let bus = Scenario::new(ECHO);
+    let setting = bus.setting();
+    let replay = ["--ecrt", &setting, "replay", "-", "--log", "-"];
+    let (status, log, errors) = fed(&replay, LOG);
+    assert_eq!(status, Some(0), "{errors}");
+    let frames: Vec<_> = log.lines().filter_map(|line| line.split(' ').nth(2)).collect();
+    assert_eq!(frames, ["123#01", "124#02", "125#03"]);
+    // The summary keeps out of the log.
+    assert!(errors.contains("3 frames sent, 0 lost, 3 received"), "{errors}");
+    let (status, _, errors) = fed(&replay, "(1.000000) can0 1#\n");
+    assert_eq!(status, Some(6));
+    assert!(errors.contains("-, line 1, column"), "{errors}");
+
+    let playing = Scenario::replaying(&[(0, "123#01"), (5, "124#02")], "");
+    let shown = playing.good(&["dump", "-n", "2", "-L"]);
+    assert_eq!(playing.good(&["dump", "-n", "2", "-l", "-"]), shown);
+    let message = playing.fails(2, &["dump", "-l", "-", "--screen"]);
+    assert!(message.contains("--screen"), "{message}");
+
+    for command in [&["send", "123#"][..], &["gen", "-n", "1"]] {
+        let output = bus.run(&[command, &["--capture", "-"]].concat());
+        assert_eq!(output.status.code(), Some(0));
+        assert_eq!(output.stdout[..4], [0x0A, 0x0D, 0x0D, 0x0A]);
+        let printed = |bytes: &[u8]| String::from_utf8_lossy(bytes).contains(" sent");
+        assert!(printed(&output.stderr) && !printed(&output.stdout), "{command:?}");
+    }
+    let message = bus.fails(2, &["gen", "-n", "1", "-v", "--capture", "-"]);
+    assert!(message.contains("--verbose"), "{message}");
+    assert!(!std::path::Path::new("-").exists());
+}

@@ -1,0 +1,303 @@
+//! `doctor` on made-up trees of /proc, /sys, /dev and /etc.
+
+use std::os::unix::fs::symlink;
+use std::path::Path;
+
+use crate::support::{ecan, fails, write_program};
+
+/// The files of a host that is well set up.
+const GOOD: [(&str, &str); 20] = [
+    ("sys/module/ec_sys/refcnt", "0\n"),
+    ("sys/module/ec_master/version", "1.6.2 1.6.2\n"),
+    ("sys/module/ec_generic/refcnt", "0\n"),
+    ("dev/EtherCAT0", ""),
+    ("dev/cpu_dma_latency", ""),
+    (
+        "etc/ethercat.conf",
+        "# master\nMASTER0_DEVICE=\"00:1B:21:00:00:01\"\nDEVICE_MODULES=\"generic\"\n",
+    ),
+    ("sys/class/net/lo/address", "00:00:00:00:00:00\n"),
+    ("sys/class/net/enp4s0/address", "00:1b:21:00:00:01\n"),
+    ("sys/class/net/enp4s0/carrier", "1\n"),
+    ("sys/class/net/enp4s0/speed", "100\n"),
+    ("proc/version", "Linux version 6.8.1-1015-realtime (builder) #16-Ubuntu SMP PREEMPT_RT\n"),
+    ("sys/kernel/realtime", "1\n"),
+    ("proc/self/status", "Name:\tecan\nCapEff:\t0000000000000000\n"),
+    (
+        "proc/self/limits",
+        "Limit                     Soft Limit           Hard Limit           Units     \n\
+         Max locked memory         unlimited            unlimited            bytes     \n\
+         Max realtime priority     90                   90                   \n",
+    ),
+    ("sys/devices/system/cpu/online", "0-3\n"),
+    ("sys/devices/system/cpu/isolated", "3\n"),
+    ("sys/devices/system/clocksource/clocksource0/current_clocksource", "tsc\n"),
+    ("sys/devices/system/clocksource/clocksource0/available_clocksource", "tsc hpet acpi_pm\n"),
+    ("sys/devices/system/cpu/cpu0/cpufreq/scaling_governor", "performance\n"),
+    ("sys/devices/system/cpu/cpu0/cpuidle/state1/latency", "2\n"),
+];
+
+const ETHTOOL_GOOD: &str = "#!/bin/sh\necho 'Adaptive RX: off  TX: off'\necho 'rx-usecs: 0'\n";
+const ETHTOOL_BAD: &str = "#!/bin/sh\necho 'Adaptive RX: off  TX: off'\necho \"$2 $1\" >&2\n\
+                           echo 'rx-usecs: 3'\n";
+
+fn put(root: &Path, name: &str, text: &str) {
+    let path = root.join(name);
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, text).unwrap();
+}
+
+fn host() -> tempfile::TempDir {
+    let directory = tempfile::tempdir().unwrap();
+    let root = directory.path();
+    for (name, text) in GOOD {
+        put(root, name, text);
+    }
+    for directory in ["sys/bus/pci/drivers/igb", "sys/class/net/enp4s0/device"] {
+        std::fs::create_dir_all(root.join(directory)).unwrap();
+    }
+    let driver = root.join("sys/class/net/enp4s0/device/driver");
+    symlink("../../../../bus/pci/drivers/igb", driver).unwrap();
+    write_program(&root.join("ethtool"), ETHTOOL_GOOD);
+    directory
+}
+
+/// `doctor` on a tree: its status and what it prints.
+fn doctor(host: &Path, options: &[&str]) -> (Option<i32>, String) {
+    let ethtool = host.join("ethtool");
+    let paths = [host, &ethtool].map(|path| path.to_str().unwrap());
+    let output = ecan(&[&["doctor", "--root", paths[0], "--ethtool", paths[1]], options].concat());
+    (output.status.code(), String::from_utf8(output.stdout).unwrap())
+}
+
+#[test]
+fn a_host_that_is_well_set_up_has_nothing_amiss() {
+    let host = host();
+    let (status, report) = doctor(host.path(), &[]);
+    let expected = "\
+good     kernel module       ec_master 1.6.2 1.6.2
+good     network driver      ec_generic (generic: frames go through the network stack; a native driver is more even)
+good     device node         /dev/EtherCAT0 can be opened
+good     interface           enp4s0, driver igb, link is up
+good     coalescing          enp4s0: rx-usecs 0, tx-usecs 0
+good     real-time kernel    6.8.1-1015-realtime, PREEMPT_RT
+good     real-time priority  RLIMIT_RTPRIO is 90
+good     locked memory       RLIMIT_MEMLOCK is unlimited
+good     isolated CPUs       3 of 0-3
+good     clock source        tsc
+good     power governor      performance on 1 CPUs
+good     sleep states        left within 2 us
+";
+    assert_eq!((status, report.as_str()), (Some(0), expected));
+}
+
+/// What of the host is other than in the good one.
+enum Change {
+    Put(&'static [(&'static str, &'static str)]),
+    Remove(&'static [&'static str]),
+    Ethtool(&'static str),
+}
+
+#[test]
+fn each_thing_amiss_is_told_with_its_remedy() {
+    use Change::{Ethtool, Put, Remove};
+    let cases: [(Change, &str, &str, &str); 16] = [
+        (Remove(&["sys/module/ec_master"]), "kernel module", "is not loaded", "systemctl enable"),
+        (Remove(&["sys/module/ec_generic"]), "network driver", "no driver", "DEVICE_MODULES"),
+        (Remove(&["dev/EtherCAT0"]), "device node", "does not exist", "load the module"),
+        (Remove(&["etc/ethercat.conf"]), "interface", "names the interface", "/etc/ethercat.conf"),
+        (
+            Put(&[("sys/class/net/enp4s0/address", "00:1b:21:00:00:02\n")]),
+            "interface",
+            "no interface has the address 00:1B:21:00:00:01",
+            "ip link",
+        ),
+        (Put(&[("sys/class/net/enp4s0/carrier", "0\n")]), "interface", "no link", "cable"),
+        (Put(&[("sys/class/net/enp4s0/speed", "1000\n")]), "interface", "1000 Mbit/s", "no switch"),
+        (Ethtool(ETHTOOL_BAD), "coalescing", "rx-usecs 3", "-C enp4s0 adaptive-rx off rx-usecs 0"),
+        (
+            Put(&[
+                ("sys/kernel/realtime", "0\n"),
+                ("proc/version", "Linux version 6.8.0-45-generic SMP PREEMPT_DYNAMIC\n"),
+            ]),
+            "real-time kernel",
+            "6.8.0-45-generic is no PREEMPT_RT kernel",
+            "linux-image-rt",
+        ),
+        (
+            Put(&[(
+                "proc/self/limits",
+                "Max locked memory         unlimited  unlimited  bytes\n\
+                 Max realtime priority     0  0\n",
+            )]),
+            "real-time priority",
+            "RLIMIT_RTPRIO is 0",
+            "scripts/setup_host.sh apply",
+        ),
+        (
+            Put(&[(
+                "proc/self/limits",
+                "Max locked memory         8388608  8388608  bytes\n\
+                 Max realtime priority     99  99\n",
+            )]),
+            "locked memory",
+            "RLIMIT_MEMLOCK is 8192 KiB",
+            "LimitMEMLOCK=infinity",
+        ),
+        (
+            Put(&[("sys/devices/system/cpu/isolated", "\n")]),
+            "isolated CPUs",
+            "none of 0-3",
+            "isolcpus=N",
+        ),
+        (
+            Put(&[("sys/devices/system/clocksource/clocksource0/current_clocksource", "hpet\n")]),
+            "clock source",
+            "hpet is slow",
+            "clocksource=tsc",
+        ),
+        (
+            Put(&[("sys/devices/system/cpu/cpu2/cpufreq/scaling_governor", "powersave\n")]),
+            "power governor",
+            "powersave on cpu2",
+            "cpupower",
+        ),
+        (
+            Remove(&["dev/cpu_dma_latency", "sys/devices/system/cpu/cpu0/cpuidle/state1/latency"]),
+            "",
+            "",
+            "",
+        ),
+        (Remove(&["proc/self/limits"]), "", "", ""),
+    ];
+    for (change, name, found, remedy) in cases {
+        let host = host();
+        match change {
+            Put(files) => files.iter().for_each(|(file, text)| put(host.path(), file, text)),
+            Ethtool(text) => write_program(&host.path().join("ethtool"), text),
+            Remove(files) => {
+                for file in files {
+                    let path = host.path().join(file);
+                    if path.is_dir() {
+                        std::fs::remove_dir_all(path).unwrap();
+                    } else {
+                        std::fs::remove_file(path).unwrap();
+                    }
+                }
+            }
+        }
+        let (status, text) = doctor(host.path(), &[]);
+        // What cannot be told is left out, and nothing amiss.
+        if name.is_empty() {
+            assert_eq!(status, Some(0), "{text}");
+            assert!(text.contains("skipped "), "{text}");
+            continue;
+        }
+        assert!(text.contains("\n  remedy: "), "{text}");
+        let (status, json) = doctor(host.path(), &["--json"]);
+        assert_eq!(status, Some(1), "{json}");
+        let checks: Vec<serde_json::Value> = serde_json::from_str(&json).unwrap();
+        let is_amiss = |check: &&serde_json::Value| {
+            matches!(check["verdict"].as_str(), Some("bad" | "warning"))
+        };
+        let amiss: Vec<_> = checks.iter().filter(is_amiss).collect();
+        assert_eq!(amiss.len(), 1, "{name}: {amiss:?}");
+        assert_eq!(amiss[0]["name"], name);
+        assert!(amiss[0]["found"].as_str().unwrap().contains(found), "{amiss:?}");
+        assert!(amiss[0]["remedy"].as_str().unwrap().contains(remedy), "{amiss:?}");
+    }
+}
+
+#[test]
+fn a_capability_stands_for_its_limit_and_a_native_driver_for_the_interface() {
+    let host = host();
+    put(
+        host.path(),
+        "proc/self/limits",
+        "Max locked memory  0  0  bytes\nMax realtime priority  0  0\n",
+    );
+    // CAP_IPC_LOCK and CAP_SYS_NICE.
+    put(host.path(), "proc/self/status", "CapEff:\t0000000000804000\n");
+    put(host.path(), "sys/module/ec_igb/refcnt", "1\n");
+    std::fs::remove_dir_all(host.path().join("sys/class/net/enp4s0")).unwrap();
+    let (status, report) = doctor(host.path(), &[]);
+    assert_eq!(status, Some(0), "{report}");
+    for line in [
+        "good     real-time priority  permitted to this user (CAP_SYS_NICE)",
+        "good     locked memory       permitted to this user (CAP_IPC_LOCK)",
+        "good     network driver      ec_generic, ec_igb (native)",
+        "good     interface           00:1B:21:00:00:01, driven by the master alone",
+        "skipped  coalescing          the native driver polls",
+    ] {
+        assert!(report.contains(line), "{report}");
+    }
+}
+
+#[test]
+fn long_sleep_states_matter_where_programs_cannot_limit_them() {
+    let host = host();
+    put(host.path(), "sys/devices/system/cpu/cpu0/cpuidle/state2/latency", "200\n");
+    let (status, report) = doctor(host.path(), &[]);
+    assert_eq!(status, Some(0), "{report}");
+    assert!(report.contains("left within 200 us; programs can limit them"), "{report}");
+    std::fs::remove_file(host.path().join("dev/cpu_dma_latency")).unwrap();
+    let (status, report) = doctor(host.path(), &[]);
+    assert_eq!(status, Some(1), "{report}");
+    assert!(report.contains("remedy: intel_idle.max_cstate=1"), "{report}");
+    // A state that is switched off does not count.
+    put(host.path(), "sys/devices/system/cpu/cpu0/cpuidle/state2/disable", "1\n");
+    assert_eq!(doctor(host.path(), &[]).0, Some(0));
+}
+
+#[test]
+fn another_master_has_another_node_and_another_interface() {
+    let host = host();
+    let (status, report) = doctor(host.path(), &["--master", "1"]);
+    assert_eq!(status, Some(1));
+    assert!(report.contains("/dev/EtherCAT1 does not exist"), "{report}");
+    assert!(report.contains("(MASTER1_DEVICE)"), "{report}");
+}
+
+#[test]
+fn library_and_bus_are_looked_at_on_this_host() {
+    let output = ecan(&["--ecrt", "sim", "doctor"]);
+    let report = String::from_utf8(output.stdout).unwrap();
+    for line in [
+        "good     library             simulated EtherCAT master (scenario echo), version 1.6\n",
+        "skipped  device node         not needed: the master is simulated\n",
+        "good     bus                 1 slave, 1 ECAN-Lite\n",
+        "good     process data        slave 0: N = 8 requested, a plain master carries 11\n",
+        "skipped  SII layout          the master is simulated, and has no SII\n",
+    ] {
+        assert!(report.contains(line), "{report}");
+    }
+    let bus = crate::support::first_silent();
+    let report = crate::support::ends(1, &["--ecrt", &crate::support::setting(&bus), "doctor"]);
+    let line =
+        "bad      bus                 2 slaves, 1 ECAN-Lite; slave 0 cannot be asked whether";
+    assert!(report.contains(line), "{report}");
+    let output = ecan(&["--ecrt", "/none/libethercat.so.1", "doctor"]);
+    assert_eq!(output.status.code(), Some(1));
+    let report = String::from_utf8(output.stdout).unwrap();
+    assert!(report.contains("bad      library             "), "{report}");
+    assert!(report.contains("remedy: install the IgH EtherCAT master's library"), "{report}");
+    assert!(report.contains("skipped  bus "), "{report}");
+}
+
+#[test]
+fn wrong_use_is_named_and_told_by_the_status() {
+    let cases: [(i32, &[&str], &str); 4] = [
+        (6, &["doctor", "--root", "/none"], "cannot look at /none: it is no directory"),
+        (3, &["--ecrt", "sim:none", "doctor"], "there is no scenario \"none\""),
+        (2, &["doctor", "now"], "unexpected argument"),
+        (
+            2,
+            &["--ecrt", "sim", "--slave", "0", "doctor"],
+            "one gateway is looked at by `ecan diag`",
+        ),
+    ];
+    for (status, arguments, words) in cases {
+        let message = fails(status, arguments);
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+}

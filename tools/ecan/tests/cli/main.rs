@@ -1,0 +1,29 @@
+//! The program `ecan` run as a user runs it, on simulated buses.
+#![allow(missing_docs)]
+
+mod support;
+
+mod bridge;
+mod capture;
+mod config;
+mod diagnosis;
+mod dump;
+mod every_command;
+mod fake_ethercat;
+mod firmware;
+mod frames_config;
+mod frames_end;
+mod frames_files;
+mod host;
+mod maintenance;
+mod monitor;
+mod monitor_terminal;
+mod objects;
+mod python_can;
+mod screens;
+mod selftest;
+mod send;
+mod setup_host;
+mod sii_sm_layout;
+mod socketcan;
+mod timed_reader;

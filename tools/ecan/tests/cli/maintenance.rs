@@ -1,0 +1,233 @@
+//! `reg`, `filter`, `pins`, `reboot` and `plan`, used and misused.
+
+use crate::support::{ends, fails, good, scenario, setting, simulated};
+
+#[test]
+fn registers_are_read_by_name_and_by_offset() {
+    let expected =
+        "CAN0 PSR (0x0044) = 0x00000707: synchronising, error active, last error: no change\n";
+    assert_eq!(simulated(&["reg", "read", "PSR", "--channel", "0"]), expected);
+    assert_eq!(simulated(&["reg", "read", "0x44", "--channel", "can0"]), expected);
+    assert_eq!(
+        simulated(&["reg", "read", "0x0C4", "--channel", "3"]),
+        "CAN3 TXFQS (0x00C4) = 0x00000000: 0 elements free\n"
+    );
+    let json = simulated(&["reg", "read", "endn", "--channel", "1", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json["value"], &json["name"]), (&0x8765_4321_u32.into(), &"ENDN".into()));
+}
+
+#[test]
+fn registers_of_the_whitelist_are_written() {
+    assert_eq!(
+        simulated(&["reg", "write", "IE", "0x3", "--channel", "2"]),
+        "CAN2 IE (0x0054) = 0x00000003\n"
+    );
+    let listed = good(&["reg", "list"]);
+    assert!(listed.contains("0x0018  CCCR    rw  control\n"), "{listed}");
+    assert!(listed.contains("0x0044  PSR     ro  protocol status\n"), "{listed}");
+    // A protected register keeps its value outside INIT and CCE: said, and told by the status.
+    let arguments = ["--ecrt", "sim", "reg", "write", "GFC", "0x3F", "--channel", "0"];
+    let message = fails(1, &arguments);
+    assert!(message.contains("GFC does not hold 0x0000003F"), "{message}");
+}
+
+#[test]
+fn filters_are_listed_and_added() {
+    let none = "\
+CAN0 standard: no filter; frames that match none: RX FIFO0
+CAN0 extended: no filter; frames that match none: RX FIFO0
+";
+    assert_eq!(simulated(&["filter", "list", "--channel", "0"]), none);
+    assert_eq!(simulated(&["filter", "clear", "--channel", "0", "--no-apply"]), none);
+    for (wanted, line) in [
+        (&["--range", "0x180", "0x1FF"][..], "  0  0x180 to 0x1FF  RX FIFO0\n"),
+        (&["--id", "0x80", "--to", "priority-fifo0"], "  0  0x080  RX FIFO0, priority mark\n"),
+        (&["--id", "1", "2", "--to", "reject"], "  0  0x001 and 0x002  refused\n"),
+        (&["--id", "5", "--buffer", "3"], "  0  0x005  RX buffer 3\n"),
+        (
+            &["--extended", "--mask", "0x18FF0000", "0x1FFF0000", "--to", "fifo1", "--sync"],
+            "  0  0x18FF0000 in the bits of 0x1FFF0000  RX FIFO1  sync message\n",
+        ),
+        (
+            &["--extended", "--range", "1", "9", "--unmasked"],
+            "  0  0x00000001 to 0x00000009, without the global mask  RX FIFO0\n",
+        ),
+    ] {
+        let listed = simulated(&[&["filter", "add", "--channel", "0"], wanted].concat());
+        assert!(listed.contains(line), "{wanted:?}: {listed}");
+        assert!(listed.contains(": 1 filter; frames that match none: RX FIFO0\n"), "{listed}");
+    }
+}
+
+#[test]
+fn pins_are_shown_and_rotated() {
+    let shown = simulated(&["pins"]);
+    assert!(shown.starts_with("rotation   0 of 0, 1, 2, 3\nrequested  0, apply status 0\n"));
+    let rotated = simulated(&["pins", "3"]);
+    assert!(rotated.starts_with("rotation   3 of 0, 1, 2, 3\n"), "{rotated}");
+    assert!(rotated.contains("CAN0       pin group 3\nCAN1       pin group 0\n"), "{rotated}");
+}
+
+#[test]
+fn a_gateway_restarts_and_comes_back() {
+    assert_eq!(simulated(&["reboot"]), "slave 0 restarts\n");
+    let back = simulated(&["reboot", "--wait", "--json"]);
+    let back: serde_json::Value = serde_json::from_str(&back).unwrap();
+    assert_eq!((&back["is_back"], &back["firmware"]), (&true.into(), &"2.2.1".into()));
+    assert!(back["after_ms"].as_u64().unwrap() >= 200, "it boots for 200 ms");
+    // One that boots for longer than the patience.
+    let file = scenario("[[gateway]]\nboot_ms = 9000\n");
+    let arguments = ["--ecrt", &setting(&file), "reboot", "--wait", "--timeout", "2"];
+    let message = fails(4, &arguments);
+    assert!(message.contains("slave 0 is not back after 2 s"), "{message}");
+    // Without any patience nothing is known of it.
+    let message = fails(4, &["--ecrt", "sim", "reboot", "--wait", "--timeout", "0"]);
+    let expected =
+        "slave 0 is still on the bus after 0 s; it took the command, and may restart yet";
+    assert!(message.contains(expected), "{message}");
+}
+
+#[test]
+fn a_configuration_is_planned() {
+    let plan =
+        good(&["plan", "--pdo-n", "5", "--cycle-us", "1000", "--slaves", "3", "--channel", "all"]);
+    assert!(plan.starts_with("plan for 3 gateway(s), cycle 1000.0 us\n"), "{plan}");
+    assert!(plan.contains("slave 2 can3"), "{plan}");
+    let plan =
+        good(&["plan", "--fd", "5000000", "--pdo-n", "8", "--cycle-us", "1000", "--bytes", "64"]);
+    assert!(plan.contains("FD"), "{plan}");
+    let plan = ends(1, &["plan", "--pdo-n", "12"]);
+    assert!(plan.contains("fault: slave 0: RxPDO size N = 12 needs 1536 bytes"), "{plan}");
+    let json = ends(1, &["plan", "--frames", "100", "--cycle-us", "1000", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert!(json["channels"][0]["most_load"].as_f64().unwrap() > 1.0);
+    assert!(
+        json["faults"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .any(|fault| { fault.as_str().unwrap().contains("of the bus") })
+    );
+}
+
+#[test]
+fn a_plan_has_the_options_and_defaults_of_the_commands_that_carry_frames() {
+    let plan = |arguments: &[&str]| {
+        let json = good(&[&["plan", "--json"], arguments].concat());
+        serde_json::from_str::<serde_json::Value>(&json).unwrap()
+    };
+    let plain = plan(&[]);
+    assert_eq!(plain["cycle_ns"], 1_000_000);
+    assert_eq!(plain["images"][0]["area_bytes"], 5 * 128 - 24);
+    assert_eq!(plain["working_counter"], serde_json::json!({ "igh_1_6": 3, "igh_1_5": 3 }));
+    assert!(plain["mailbox"]["headroom_bytes"].as_u64().unwrap() > 1000);
+    assert_eq!(plain["channels"][0]["tx_budget"], 8);
+    let named = ["--bitrate", "500000", "--pdo-n", "5", "--cycle-us", "1000", "--channel", "can0"];
+    assert_eq!(plan(&named), plain);
+    let fd = ["--bitrate", "1000000", "--pdo-n", "8"];
+    let by_one_name = plan(&[&fd[..], &["--data-bitrate", "5000000"]].concat());
+    assert_eq!(plan(&[&fd[..], &["--fd", "5000000"]].concat()), by_one_name);
+    let channels = plan(&["--channel", "0,can2"])["channels"].clone();
+    let channels: Vec<_> =
+        channels.as_array().unwrap().iter().map(|it| &it["channel"]).cloned().collect();
+    assert_eq!(channels, [0, 2]);
+
+    let file = scenario(
+        "cycle_us = 2000\n[[gateway]]\nn = 2\n[gateway.can1]\nbitrate = 250_000\n\
+         [[gateway]]\nn = 3\n[gateway.can0]\nbitrate = 125_000\n[gateway.can3]\n\
+         bitrate = 500_000\ndata_bitrate = 2_000_000\n",
+    );
+    let path = file.path().to_str().unwrap();
+    let cell = plan(&["--config", path, "--bytes", "1"]);
+    assert_eq!(cell["cycle_ns"], 2_000_000);
+    let places = cell["channels"].as_array().unwrap().iter();
+    let places: Vec<_> = places.map(|it| (it["slave"].clone(), it["channel"].clone())).collect();
+    assert_eq!(places, [(0, 1), (1, 0), (1, 3)].map(|(s, c)| (s.into(), c.into())));
+    assert!(fails(2, &["plan", "--config", path, "--channel", "2"]).contains("none of the chosen"));
+    assert!(fails(2, &["plan", "--config", path, "--bitrate", "500000"]).contains("--config"));
+    for wrong in ["99", "100001"] {
+        assert!(fails(2, &["plan", "--cycle-us", wrong]).contains("not in 100..=100000"));
+    }
+}
+
+#[test]
+fn a_plan_of_a_recording_is_about_the_channels_that_replay_sends_to() {
+    let log = tempfile::NamedTempFile::new().unwrap();
+    let path = log.path().to_str().unwrap();
+    std::fs::write(log.path(), "(1.000000) vcan7 123#01\n(1.100000) vcan7 123#01\n").unwrap();
+    for command in [&["plan", "--replay", path][..], &["--ecrt", "sim", "replay", path]] {
+        let message = fails(2, &[command, &["--channel", "all"]].concat());
+        assert_eq!(message, format!("ecan: {path} holds no frame of a chosen channel"));
+        good(&[command, &["--channel", "3"]].concat());
+    }
+    good(&["plan", "--replay", path, "--channel", "all", "--slaves", "2"]);
+}
+
+#[test]
+fn a_recording_is_planned_at_its_mean_rate() {
+    let log = tempfile::NamedTempFile::new().unwrap();
+    let lines: Vec<_> = (0..=1000)
+        .map(|ms| format!("(1700000000.{:06}) can5 123#1122334455667788\n", ms * 999))
+        .collect();
+    std::fs::write(log.path(), lines.concat()).unwrap();
+    let path = log.path().to_str().unwrap();
+    let arguments = ["plan", "--slaves", "2", "--channel", "all", "--bitrate", "1000000", "--json"];
+    let json = good(&[&arguments[..], &["--replay", path]].concat());
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let load = |slave: u64, channel: u64| {
+        let channels = json["channels"].as_array().unwrap();
+        let is_it = |it: &&serde_json::Value| it["slave"] == slave && it["channel"] == channel;
+        channels.iter().find(is_it).unwrap()["least_load"].as_f64().unwrap()
+    };
+    // 1002 frames a second each way, of 111 bits with the space between, at 1 Mbit/s.
+    assert!((load(1, 1) - 2.0 * 1002.0 * 111e-6).abs() < 1e-3, "{json}");
+    assert_eq!(load(0, 0), 0.0);
+    std::fs::write(log.path(), "no log\n").unwrap();
+    assert!(fails(6, &["plan", "--replay", path]).contains("line 1, "));
+    std::fs::write(log.path(), "").unwrap();
+    assert!(fails(6, &["plan", "--replay", path]).contains("holds no frame"));
+}
+
+#[test]
+fn wrong_use_is_named_and_told_by_the_status() {
+    let small = scenario(
+        "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = 0x8000\n\
+         subindex = 1\ncode = 0x08000022\n",
+    );
+    let small = setting(&small);
+    let sim = "--ecrt";
+    let add =
+        |rest: &[&'static str]| [&[sim, "sim", "filter", "add", "--channel", "0"], rest].concat();
+    let cases: [(i32, Vec<&str>, &str); 22] = [
+        (2, vec!["reg", "read", "PSR"], "--channel"),
+        (2, vec!["reg", "read", "PSR", "--channel", "4"], "expected a channel, 0 to 3"),
+        (2, vec!["reg", "read", "PSX", "--channel", "0"], "no register is called \"PSX\""),
+        (2, vec!["reg", "read", "0x45", "--channel", "0"], "multiples of 4"),
+        (2, vec!["reg", "read", "0x408", "--channel", "0"], "from 0x0004 to 0x0404"),
+        (2, vec!["reg", "write", "PSR", "1", "--channel", "0"], "PSR is not in the whitelist"),
+        (2, vec!["reg", "write", "IR", "0x100000000", "--channel", "0"], "does not fit"),
+        (3, vec!["reg", "read", "PSR", "--channel", "0"], "libethercat.so.1"),
+        (2, add(&[]), "required"),
+        (2, add(&["--id", "0x800"]), "29-bit identifiers need --extended"),
+        (2, add(&["--range", "9", "1"]), "range 0x9..0x1 is empty"),
+        (2, add(&["--extended", "--id", "0x20000000"]), "is above 0x1FFFFFFF"),
+        (2, add(&["--id", "1", "--buffer", "12"]), "RX buffer 12 of 12"),
+        (2, add(&["--id", "1", "2", "--buffer", "1"]), "takes one --id"),
+        (2, add(&["--id", "1", "--range", "1", "2"]), "cannot be used with"),
+        (2, vec![sim, "sim", "filter", "remove", "0", "--channel", "1"], "CAN1 has no standard"),
+        (2, vec![sim, "sim", "pins", "4"], "has the rotations 0, 1, 2, 3, not 4"),
+        (2, vec!["reboot", "--timeout", "3"], "--wait"),
+        (5, vec![sim, &small, "reboot"], "0x08000022"),
+        (2, vec!["plan", "--slaves", "0"], "invalid value"),
+        (2, vec!["plan", "--channel", "4"], "expected channels 0 to 3"),
+        (2, vec!["plan", "--bytes", "9"], "a frame of 9 bytes"),
+    ];
+    for (status, arguments, words) in cases {
+        let message = fails(status, &arguments);
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+    // Each fault once, although one identifier stands in both places.
+    let message = fails(2, &add(&["--extended", "--id", "0x20000000"]));
+    assert_eq!(message, "ecan: extended filter: identifier 0x20000000 is above 0x1FFFFFFF");
+}

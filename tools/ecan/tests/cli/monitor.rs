@@ -1,0 +1,187 @@
+//! `ecan monitor`, printing once and on a terminal.
+
+use std::process::Command;
+
+use crate::support::terminal::{ENTER, LEAVE, OnTerminal};
+use crate::support::{Scenario, ecan, ends, fails, good, scenario, setting, simulated};
+
+#[test]
+fn once_it_prints_gateways_channels_and_the_cycle() {
+    let expected = "\
+gateway  state       WC   incomplete  lost images  faulty images  lost  reason
+0        in service  3/3  0           0            0              0
+
+gateway 0
+channel  state  load   frames/s  TEC  REC  rx/tx wait  dropped  bus-offs  received
+can0     run    0.0 %  0.0       0    0    0/0         0        0         0
+can1     run    0.0 %  0.0       0    0    0/0         0        0         0
+can2     run    0.0 %  0.0       0    0    0/0         0        0         0
+can3     run    0.0 %  0.0       0    0    0/0         0        0         0
+
+";
+    let shown = simulated(&["monitor", "--once", "--for", "2"]);
+    assert_eq!(shown.get(..expected.len()), Some(expected), "{shown}");
+    let cycle = &shown[expected.len()..];
+    // Simulated time keeps the cycle to the nanosecond.
+    assert!(cycle.contains(" cycles, 0 overruns, 0 skipped\n"), "{cycle}");
+    let period = "  period   1000.0 1000.0 1000.0 1000.0 1000.0 1000.0\n";
+    assert!(cycle.contains(period), "{cycle}");
+    assert!(cycle.ends_with(" s  gateway 0 is in service\n"), "{cycle}");
+}
+
+#[test]
+fn frames_are_counted_with_rate_and_load() {
+    // 100 frames a second of 111 bits at 500 kbit/s.
+    let mut log = String::new();
+    for at in 0..2000 {
+        log.push_str(&format!(
+            "({}.{:03}000) can0 123#1122334455667788\n",
+            at / 100,
+            at % 100 * 10
+        ));
+    }
+    let bus = Scenario::replaying(&[], "");
+    bus.write("bus.log", &log);
+    let json = bus.good(&["monitor", "--for", "4", "--json", "--channel", "0"]);
+    let snapshot: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let channel = &snapshot["gateways"][0]["channels"][0];
+    let rate = channel["rx_per_second"].as_f64().unwrap();
+    assert!((99.0..101.0).contains(&rate), "{rate}");
+    let load = channel["load"].as_f64().unwrap();
+    assert!((load - rate * 111.0 / 500_000.0).abs() < 1e-6, "{load}");
+    assert_eq!(channel["state"], "run");
+    assert_eq!(snapshot["gateways"][0]["channels"][1]["state"], "disabled");
+    assert_eq!(snapshot["gateways"][0]["standing"], "in_service");
+    assert_eq!(snapshot["is_simulated"], true);
+    assert!(snapshot["cycle"]["cycles"].as_u64().unwrap() > 4000);
+}
+
+/// Two gateways, and one that is switched off 9 s after the start.
+fn losing(kind: &str) -> tempfile::NamedTempFile {
+    scenario(&format!("[[gateway]]\n[[gateway]]\n[[fault]]\nat_ms = 9000\ngateway = 1\n{kind}\n"))
+}
+
+#[test]
+fn a_gateway_switched_off_and_on_is_shown_as_lost_and_back() {
+    let file = losing("kind = \"power_cycle\"\noff_ms = 300");
+    let shown = good(&["--ecrt", &setting(&file), "monitor", "--once", "--for", "9"]);
+    let rows: Vec<Vec<&str>> = shown.lines().map(|it| it.split_whitespace().collect()).collect();
+    assert_eq!(rows[1], ["0", "in", "service", "3/3", "0", "0", "0", "0"]);
+    assert_eq!((&rows[2][..4], rows[2][7]), (&["1", "in", "service", "3/3"][..], "1"));
+    assert_ne!(rows[2][4], "0", "cycles without the gateway are incomplete");
+    let events: Vec<_> = shown.lines().filter_map(|it| it.split_once(" s  ")).collect();
+    let words: Vec<_> = events.iter().map(|(_, words)| *words).collect();
+    assert_eq!(
+        words[..3],
+        ["gateway 0 is in service", "gateway 1 is in service", "gateway 1 is lost"]
+    );
+    assert!(words[3].starts_with("gateway 1 is back after "), "{shown}");
+    assert_eq!(words.len(), 4);
+}
+
+#[test]
+fn a_gateway_lost_at_the_end_is_shown_and_told_by_the_status() {
+    let file = losing("kind = \"power_off\"");
+    let shown = ends(1, &["--ecrt", &setting(&file), "monitor", "--for", "9"]);
+    let rows: Vec<_> = shown.lines().collect();
+    assert!(rows[1].starts_with("0        in service  3/3"), "{shown}");
+    assert!(rows[2].starts_with("1        LOST        0/3"), "{shown}");
+    assert!(rows[2].contains("  waits for "), "{shown}");
+    assert!(shown.ends_with(" s  gateway 1 is lost\n"), "{shown}");
+    let is_silent = |line: &&str| line.split_whitespace().filter(|it| *it == "-").count() == 8;
+    let silent = shown.lines().filter(is_silent);
+    assert_eq!(silent.count(), 4, "{shown}");
+}
+
+#[test]
+fn a_short_bus_off_is_told_too() {
+    let fault = "[[fault]]\nat_ms = 7900\nkind = \"bus_off\"\ngateway = 0\nchannel = 1\n";
+    let bus = Scenario::new(fault);
+    let shown = bus.good(&["monitor", "--for", "7"]);
+    let (before, after) = shown.split_once("gateway 0 can1 bus-off\n").unwrap();
+    assert!(after.ends_with(" s  gateway 0 can1 back on the bus\n"), "{shown}");
+    let row = before.lines().find(|line| line.starts_with("can1")).unwrap();
+    assert_eq!(row.split_whitespace().nth(9), Some("1"), "{row}");
+}
+
+#[test]
+fn without_a_terminal_it_prints_once_and_says_so() {
+    let output = ecan(&["--ecrt", "sim", "monitor"]);
+    assert!(output.status.success());
+    let errors = String::from_utf8(output.stderr).unwrap();
+    let note = "standard output is no terminal: printing once, after 1 s, as with --once\n";
+    assert!(errors.ends_with(note), "{errors}");
+    assert_eq!(String::from_utf8(output.stdout).unwrap(), simulated(&["monitor", "--once"]));
+}
+
+#[test]
+fn the_gateway_chosen_is_watched_alone() {
+    let file = crate::support::two_gateways();
+    let shown = good(&["--ecrt", &setting(&file), "--slave", "alias=7", "monitor", "--once"]);
+    assert!(shown.contains("\ngateway 1\n") && !shown.contains("\ngateway 0\n"), "{shown}");
+}
+
+#[test]
+fn misuse_is_named_and_told_by_the_status() {
+    let cases: [(i32, &[&str], &str); 9] = [
+        (2, &["monitor", "--for", "0"], "expected seconds"),
+        (2, &["monitor", "--for", "nan"], "expected seconds"),
+        (2, &["monitor", "--for", "-1"], "'-1'"),
+        (2, &["monitor", "--channel", "4"], "expected channels 0 to 3"),
+        (2, &["monitor", "extra"], "extra"),
+        (2, &["--ecrt", "sim", "monitor", "--pdo-n", "25"], "N = 25 is outside 1..24"),
+        (2, &["--ecrt", "sim", "monitor", "--bitrate", "333"], "bit/s"),
+        (3, &["--ecrt", "/nonexistent.so", "monitor"], "/nonexistent.so"),
+        (4, &["--ecrt", "sim", "--slave", "3", "monitor"], "there is no slave 3"),
+    ];
+    for (status, arguments, words) in cases {
+        let message = fails(status, arguments);
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+}
+
+/// The monitor on a terminal.
+fn on_terminal(library: &str) -> OnTerminal {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_ecan"));
+    OnTerminal::start(command.args(["--ecrt", library, "monitor"]).env_remove("ECAN_ECRT"))
+}
+
+#[test]
+fn on_a_terminal_it_draws_until_a_key_ends_it() {
+    for key in [&b"q"[..], b"\x1b", b"\x03"] {
+        let mut monitor = on_terminal("sim");
+        monitor.wait_for(ENTER);
+        monitor.wait_for("Channels");
+        monitor.wait_for("Cycle");
+        assert!(monitor.is_raw());
+        monitor.press(b"p?");
+        monitor.wait_for("PAUSED");
+        monitor.wait_for("Keys");
+        monitor.press(b"?p");
+        monitor.press(key);
+        assert_eq!(monitor.end().0, Some(0), "{key:?}");
+    }
+}
+
+#[test]
+fn a_signal_ends_it_with_the_terminal_as_it_was() {
+    let mut monitor = on_terminal("sim");
+    monitor.wait_for("Channels");
+    assert!(monitor.is_raw());
+    monitor.terminate();
+    assert_eq!(monitor.end().0, Some(0));
+}
+
+#[test]
+fn a_bus_that_fails_ends_it_with_the_terminal_as_it_was_and_a_message() {
+    let fault = "[[fault]]\nat_ms = 3000\nkind = \"library_error\"\ncall = \"send\"\n\
+                 errno = \"EIO\"\ntimes = 1000000\n";
+    let file = scenario(&format!("[[gateway]]\n{fault}"));
+    let mut monitor = on_terminal(&setting(&file));
+    monitor.wait_for("Channels");
+    monitor.wait_for(LEAVE);
+    let (status, said) = monitor.end();
+    assert_eq!(status, Some(3));
+    // The message comes behind the screen, not on it.
+    assert!(said.contains("ecan: "), "{said}");
+}

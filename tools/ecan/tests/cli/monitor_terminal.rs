@@ -1,0 +1,99 @@
+//! `ecan monitor` on a terminal that does what terminals do.
+
+use crate::support::on_screen::OnScreen;
+use crate::support::{scenario, setting};
+use rustix::process::Signal;
+
+const MONITOR: [&str; 3] = ["--ecrt", "sim", "monitor"];
+/// What stands below everything.
+const KEYS: &str = "q end  p pause  c clear  arrows choose  ? help";
+
+#[test]
+fn it_ends_with_its_terminal() {
+    // Whether the signal comes depends on how it was started.
+    for start in [OnScreen::start, OnScreen::start_leader] {
+        let mut monitor = start((100, 40), &MONITOR);
+        monitor.wait_for("in service 3/3");
+        monitor.close();
+        let (status, errors) = monitor.end();
+        assert_eq!(status.code(), Some(0), "{errors}");
+        assert!(errors.starts_with("SIMULATED") && errors.lines().count() == 1, "{errors}");
+    }
+}
+
+#[test]
+fn it_ends_by_a_signal_though_nobody_reads_its_terminal() {
+    let mut monitor = OnScreen::start((100, 40), &MONITOR);
+    monitor.wait_for("in service 3/3");
+    monitor.fill();
+    monitor.signal(Signal::TERM);
+    let (status, errors) = monitor.end();
+    assert_eq!(status.code(), Some(0), "{errors}");
+    assert!(!monitor.is_raw());
+}
+
+#[test]
+fn every_size_shows_what_it_has_room_for_also_while_it_changes() {
+    let bus = scenario("[[gateway]]\n[[gateway]]\n");
+    let mut monitor = OnScreen::start((20, 5), &["--ecrt", &setting(&bus), "monitor"]);
+    let tiny = |screen: String| {
+        screen.starts_with("0 in service\n1 in service\n")
+            && screen.ends_with("\nSIMULATED  q end  ?")
+    };
+    monitor.wait_until("tiny screen", |it| tiny(it.screen()));
+    for (columns, rows) in [(80, 24), (120, 40), (54, 14), (200, 60)] {
+        monitor.resize((columns, rows));
+        monitor.wait_until("screen of its size", |it| {
+            let screen = it.screen();
+            let lines: Vec<_> = screen.lines().collect();
+            lines.len() == usize::from(rows)
+                && lines[1].chars().count() == usize::from(columns)
+                && screen.contains("Channels of gateway 0")
+                && screen.ends_with(KEYS)
+        });
+    }
+    monitor.resize((20, 12));
+    monitor.wait_until("tiny screen", |it| tiny(it.screen()));
+    monitor.press(b"q");
+    monitor.wait_until("shell", |it| !it.has_own_screen());
+    let (status, errors) = monitor.end();
+    assert_eq!(status.code(), Some(0), "{errors}");
+}
+
+#[test]
+fn the_help_of_keys_comes_and_goes() {
+    let mut monitor = OnScreen::start((80, 24), &MONITOR);
+    monitor.wait_for(KEYS);
+    assert!(monitor.has_own_screen() && monitor.is_raw());
+    for close in [b"?", b"\x1b"] {
+        monitor.press(b"?");
+        monitor.wait_for("close this help");
+        monitor.press(close);
+        monitor.wait_until("screen without help", |it| !it.screen().contains("this help"));
+        assert!(monitor.screen().contains("Channels of gateway 0"));
+    }
+    monitor.press(b"q");
+    monitor.wait_until("shell", |it| !it.has_own_screen());
+    let (status, errors) = monitor.end();
+    assert_eq!(status.code(), Some(0), "{errors}");
+    assert!(!monitor.is_raw());
+}
+
+#[test]
+fn no_key_is_lost_however_fast_they_come() {
+    let bus = scenario("[[gateway]]\n[[gateway]]\n");
+    let mut monitor = OnScreen::start((80, 24), &["--ecrt", &setting(&bus), "monitor"]);
+    monitor.wait_for("can0: ");
+    // No part of a key is taken for Esc, which would end it.
+    monitor.press(&[&b"\x1b[C".repeat(300)[..], b"\x1b[B", b"p"].concat());
+    monitor.wait_for("PAUSED");
+    monitor.wait_for("can3: ");
+    monitor.wait_for("Channels of gateway 1");
+    monitor.press(&[&b"?".repeat(301)[..], &b"\x1b[D".repeat(200)].concat());
+    monitor.wait_for("close this help");
+    monitor.press(b"?p");
+    monitor.wait_for("can0: ");
+    monitor.press(b"q");
+    let (status, errors) = monitor.end();
+    assert_eq!(status.code(), Some(0), "{errors}");
+}

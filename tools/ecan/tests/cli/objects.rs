@@ -1,0 +1,247 @@
+//! `scan`, `info`, `caps` and `sdo`, used and misused.
+
+use crate::support::{ends, fails, first_silent, good, scenario, setting, simulated, two_gateways};
+
+#[test]
+fn slaves_are_listed() {
+    let expected = "\
+POS  ALIAS  STATE  NAME       FIRMWARE  HARDWARE  SERIAL      IDENTITY
+0    -      PREOP  ECAN-Lite  2.2.1     1         4294967297  0x00004543 0x4C495445 0x00020002
+";
+    assert_eq!(simulated(&["scan"]), expected);
+    let json: serde_json::Value = serde_json::from_str(&simulated(&["scan", "--json"])).unwrap();
+    assert_eq!(json[0]["serial"], 4_294_967_297_u64);
+    assert_eq!(json[0]["is_gateway"], true);
+}
+
+#[test]
+fn a_slave_that_cannot_be_asked_is_listed_with_the_reason() {
+    let bus = first_silent();
+    let listed = good(&["--ecrt", &setting(&bus), "scan"]);
+    let line = "\nslave 0 cannot be asked whether it is an ECAN-Lite: SDO upload 0xF000:09";
+    assert!(listed.contains(line), "{listed}");
+    let json = good(&["--ecrt", &setting(&bus), "scan", "--json"]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json[0]["is_gateway"], &json[1]["is_gateway"]), (&().into(), &true.into()));
+    assert!(json[0]["unknown"].as_str().unwrap().contains("0xF000:09"), "{json}");
+    // One that answers that it has no such object is another device.
+    let other = scenario(
+        "[[gateway]]\n[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
+         index = 0xF000\nsubindex = 9\ncode = 0x06020000\ntimes = 9\n",
+    );
+    assert!(good(&["--ecrt", &setting(&other), "info"]).starts_with("slave     1, "));
+}
+
+#[test]
+fn a_gateway_tells_about_itself() {
+    let info = simulated(&["info"]);
+    assert!(info.starts_with("slave     0, PREOP\nname      ECAN-Lite\n"), "{info}");
+    assert!(info.contains("CAN3      500 / 5000 kbit/s FD  disabled"), "{info}");
+    let capabilities = simulated(&["caps"]);
+    assert!(capabilities.contains(":13  Max PDO bytes                 3072 bytes (0xC00)\n"));
+    assert!(capabilities.contains("FoE firmware update, configuration persistence, access levels"));
+}
+
+#[test]
+fn all_gateways_tell_about_themselves() {
+    let two = two_gateways();
+    let run = |more: &[&str]| good(&[&["--ecrt", &setting(&two), "info", "--all"], more].concat());
+    let told = run(&[]);
+    let (first, second) = told.split_once("\n\n").unwrap();
+    assert!(first.starts_with("slave     0, PREOP\n"), "{told}");
+    assert!(second.starts_with("slave     1, alias 7, PREOP\n"), "{told}");
+    let json: serde_json::Value = serde_json::from_str(&run(&["--json"])).unwrap();
+    assert_eq!((&json[0]["position"], &json[1]["alias"]), (&0.into(), &7.into()));
+    // One that cannot be asked does not hide the other.
+    let silent = first_silent();
+    let told = ends(4, &["--ecrt", &setting(&silent), "info", "--all"]);
+    assert!(told.starts_with("slave     1, alias 7"), "{told}");
+    for both in [&["info", "--all", "--slave", "1"][..], &["--slave", "1", "info", "--all"]] {
+        let message = fails(2, &[&["--ecrt", &setting(&two)][..], both].concat());
+        assert!(message.ends_with("--all all: take one"), "{message}");
+    }
+}
+
+#[test]
+fn a_version_that_is_not_there_is_not_an_empty_one() {
+    let bus = scenario(
+        "[[gateway]]\n[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\n\
+         index = 0x100A\nsubindex = 0\ncode = 0x06020000\ntimes = 9\n",
+    );
+    let setting = setting(&bus);
+    let run = |command: &[&str]| good(&[&["--ecrt", &setting][..], command].concat());
+    let json = |command: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&run(&[command, &["--json"]].concat())).unwrap()
+    };
+    assert!(json(&["scan"])[0]["firmware"].is_null());
+    assert!(json(&["info"])["firmware"].is_null());
+    assert!(json(&["reboot", "--wait"])["firmware"].is_null());
+    let words = " ms; 0x100A, its version, is not read\n";
+    assert!(run(&["reboot", "--wait"]).ends_with(words));
+    assert!(run(&["firmware", "version"]).contains("\n0    PREOP  2.2.1     4294967297\n"));
+    let tested = run(&["selftest", "--frames", "1", "--channels", "0"]);
+    let line = tested.lines().find(|line| line.contains("good    firmware")).unwrap();
+    assert!(line.ends_with(" 2.2.1"), "{line}");
+    assert!(!line.contains('('), "{line}");
+}
+
+#[test]
+fn objects_are_read_by_number_and_by_name() {
+    let expected = "0x8010:03 (TxPDO Profile Control, PDO size multiplier) = 8 x 128 bytes\n";
+    assert_eq!(simulated(&["sdo", "read", "0x8010:3"]), expected);
+    let name = "txpdo profile control:pdo size multiplier";
+    assert_eq!(simulated(&["sdo", "read", name]), expected);
+    assert_eq!(
+        simulated(&["sdo", "read", "0xB000:1"]),
+        "0xB000:01 (Device Maintenance, Access mode request) = 0: run\n"
+    );
+    assert_eq!(simulated(&["sdo", "write", "0xB000:1", "factory"]), "");
+    let listed = simulated(&["sdo", "list", "maintenance"]);
+    assert!(listed.starts_with("0xB000 Device Maintenance (manual 13.7)\n"), "{listed}");
+    assert!(listed.contains(":05  Maintenance status             0                        OK\n"));
+    // No master is needed for names alone.
+    assert!(good(&["sdo", "list"]).contains("0x8001  MCAN Channel Config"));
+    assert!(good(&["sdo", "list", "0xB000", "--names"]).contains("1 engineering, 2 factory"));
+}
+
+#[test]
+fn what_a_gateway_refuses_does_not_hide_the_rest() {
+    let fault = |(index, subindex): (u16, u8)| {
+        format!(
+            "[[fault]]\nkind = \"sdo_abort\"\nat_ms = 0\ngateway = 0\nindex = {index}\n\
+             subindex = {subindex}\ncode = 0x06090011\ntimes = 9\n"
+        )
+    };
+    let refused = [(0x8010, 15), (0x9002, 9), (0xB000, 5), (0xF000, 30), (0x100A, 0)];
+    let bus = scenario(&format!("[[gateway]]\n{}", refused.map(fault).concat()));
+    let setting = setting(&bus);
+    let run = |command: &[&str]| good(&[&["--ecrt", &setting][..], command].concat());
+    let reason = "not read: 0x06090011 subindex does not exist";
+    let info = run(&["info"]);
+    for name in ["TxPDO     ", "CAN2      ", "firmware  "] {
+        assert!(info.contains(&format!("\n{name}{reason}\n")), "{info}");
+    }
+    assert!(info.contains("\nRxPDO     no profile applied\n"), "{info}");
+    assert!(info.contains("\nCAN3      500 / 5000 kbit/s FD  disabled"), "{info}");
+    let info: serde_json::Value = serde_json::from_str(&run(&["info", "--json"])).unwrap();
+    assert!(info["tx_pdo"].is_null() && info["rx_pdo"].is_object(), "{info}");
+    assert!(info["errors"]["tx_pdo"].as_str().unwrap().starts_with("0x06090011"), "{info}");
+    assert!(info["channels"][2]["error"].is_string() && info["channels"][3]["error"].is_null());
+    assert_eq!(info["channels"][3]["nominal_bitrate"], 500_000);
+    let listed = run(&["sdo", "list", "0xB000"]);
+    assert!(
+        listed.contains(&format!(":05  Maintenance status             {reason}\n")),
+        "{listed}"
+    );
+    assert!(listed.contains(":01  Access mode request            0"), "{listed}");
+    let caps = run(&["caps"]);
+    assert!(caps.contains(&format!("  {reason}\n")), "{caps}");
+    assert!(caps.contains(":13  Max PDO bytes"), "{caps}");
+    // Where nothing can be read there is nothing to show.
+    let message = fails(5, &["--ecrt", &setting, "sdo", "list", "0xB000:5"]);
+    assert!(message.contains("0x06090011 subindex does not exist"), "{message}");
+    let bus = first_silent();
+    let silent = crate::support::setting(&bus);
+    for command in [&["info"][..], &["caps"], &["sdo", "list", "0xB000"]] {
+        let message = fails(5, &[&["--ecrt", &silent, "--slave", "0"], command].concat());
+        assert!(message.contains("Input/output error"), "{message}");
+    }
+}
+
+#[test]
+fn programs_get_numbers_meanings_and_the_position() {
+    let json = |command: &[&str]| -> serde_json::Value {
+        serde_json::from_str(&simulated(&[command, &["--json"]].concat())).unwrap()
+    };
+    let size = json(&["sdo", "read", "0x8010:9"]);
+    assert_eq!((&size["value"], &size["position"]), (&0.into(), &0.into()));
+    let mode = json(&["sdo", "read", "0xB000:1"]);
+    assert_eq!((&mode["value"], &mode["meaning"]), (&0.into(), &"run".into()));
+    assert_eq!(json(&["sdo", "read", "0x100A"])["value"], "2.2.1");
+    let chunk = json(&["sdo", "read", "0x7000:1"]);
+    assert_eq!(chunk["bytes"].as_array().unwrap().len(), 16, "{chunk}");
+    assert!(chunk["value"].is_null(), "{chunk}");
+    let listed = json(&["sdo", "list", "0x8010:3"]);
+    assert_eq!(listed.as_array().unwrap().len(), 1, "{listed}");
+    assert_eq!((&listed[0]["subindex"], &listed[0]["value"]), (&3.into(), &8.into()));
+    let names = json(&["sdo", "list", "0x8010:3", "--names"]);
+    assert_eq!((names.as_array().unwrap().len(), &names[0]["type"]), (1, &"U8".into()));
+    assert_eq!(json(&["sdo", "list", "0x1008", "--names"])[0]["type"], "STRING");
+    assert_eq!(json(&["scan"])[0]["has_error_flag"], false);
+    let at = |value: &serde_json::Value| value["position"].as_u64();
+    for command in ["pins", "reg read ECR --channel 0", "filter list --channel 0", "info"] {
+        let words: Vec<_> = command.split(' ').collect();
+        assert_eq!(at(&json(&words)), Some(0), "{command}");
+    }
+    for command in ["scan", "caps", "firmware version"] {
+        let words: Vec<_> = command.split(' ').collect();
+        assert_eq!(at(&json(&words)[0]), Some(0), "{command}");
+    }
+    let message = fails(2, &["--ecrt", "sim", "sdo", "list", "0x8010:99"]);
+    assert!(message.contains("has no entry :99 in the table"), "{message}");
+}
+
+#[test]
+fn of_several_gateways_one_is_chosen() {
+    let file = two_gateways();
+    let setting = format!("sim:{}", file.path().display());
+    fn on<'a>(setting: &'a str, choice: &[&'a str]) -> Vec<&'a str> {
+        [&["--ecrt", setting][..], choice].concat()
+    }
+    let message = fails(4, &on(&setting, &["info"]));
+    assert!(message.contains("several gateways; choose one with --slave, of 0, 1"), "{message}");
+    for choice in ["1", "alias=7", "serial=4294967298"] {
+        let info = good(&on(&setting, &["info", "--slave", choice]));
+        assert!(info.starts_with("slave     1, alias 7, PREOP\n"), "{info}");
+    }
+    let message = fails(4, &on(&setting, &["info", "--slave", "2"]));
+    assert!(message.contains("there is no slave 2: there are slaves 0 to 1"), "{message}");
+    assert!(
+        fails(4, &on(&setting, &["info", "--slave", "alias=8"]))
+            .contains("no slave has the alias 8")
+    );
+    assert!(fails(4, &on(&setting, &["info", "--slave", "serial=9"])).contains("serial number 9"));
+}
+
+#[test]
+fn an_alias_or_a_serial_number_that_several_have_is_no_choice() {
+    let bus = scenario(
+        "[[gateway]]\nalias = 5\nserial = 9\n[[gateway]]\nserial = 9\n[[gateway]]\nalias = 5\n",
+    );
+    let setting = setting(&bus);
+    let on = |choice| fails(4, &["--ecrt", &setting, "info", "--slave", choice]);
+    let expected = "ecan: slaves 0, 2 have the same alias 5; choose one by its position";
+    assert_eq!(on("alias=5"), expected);
+    let expected = "ecan: slaves 0, 1 have the same serial number 9; choose one by its position";
+    assert_eq!(on("serial=9"), expected);
+    let wrong = |choice| fails(2, &["--ecrt", &setting, "info", "--slave", choice]);
+    assert!(wrong("alias=0").contains("alias 0 means that none is set"));
+    assert!(wrong("serial=0").contains("serial number 0 means that none is programmed"));
+}
+
+#[test]
+fn wrong_use_is_named_and_told_by_the_status() {
+    let cases: [(i32, &[&str], &str); 12] = [
+        (2, &[], "Usage"),
+        (2, &["scans"], "unrecognized subcommand"),
+        (2, &["sdo", "read", "nonsense"], "no object is called \"nonsense\""),
+        (2, &["sdo", "read", "0x8010:nonsense"], "has no entry"),
+        (2, &["sdo", "write", "0xB000:1", "off"], "none of run, engineering, factory"),
+        (2, &["sdo", "write", "0x5000:1", "1"], "--type"),
+        (2, &["--slave", "first", "info"], "expected a position"),
+        (2, &["--ecrt", "sim", "sdo", "list", "0x5000"], "not in the table"),
+        (3, &["scan"], "libethercat.so.1"),
+        (3, &["--ecrt", "sim:none", "scan"], "there is no scenario \"none\""),
+        (5, &["--ecrt", "sim", "sdo", "read", "0x5000:1"], "0x06020000 object does not exist"),
+        (5, &["--ecrt", "sim", "sdo", "write", "0xF000:2", "1"], "read-only"),
+    ];
+    for (status, arguments, words) in cases {
+        let message = fails(status, arguments);
+        assert!(message.contains(words), "{arguments:?}: {message}");
+    }
+    let directory = tempfile::tempdir().unwrap();
+    let missing = directory.path().join("none");
+    let message = fails(6, &["man", missing.to_str().unwrap()]);
+    assert!(message.contains("cannot write the manual pages to"), "{message}");
+    assert!(good(&["completions", "bash"]).contains("_ecan()"));
+}

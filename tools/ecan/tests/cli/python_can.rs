@@ -1,0 +1,96 @@
+//! python-can on `ecan bridge`: a peer that nobody wrote for it.
+
+use std::io::Write as _;
+use std::path::Path;
+use std::process::Command;
+
+use crate::support::{Running, Scenario};
+
+/// Names the interpreter, usually that of a virtual environment.
+const PYTHON_VARIABLE: &str = "ECAN_PYTHON";
+
+/// An interpreter with python-can; says why where there is none. One that was named has to be right.
+fn python() -> Option<String> {
+    let named = std::env::var(PYTHON_VARIABLE).ok().filter(|value| !value.is_empty());
+    let interpreter = named.clone().unwrap_or_else(|| "python3".to_owned());
+    let imported = Command::new(&interpreter).args(["-c", "import can, serial"]).output();
+    let is_there = imported.is_ok_and(|output| output.status.success());
+    assert!(is_there || named.is_none(), "{PYTHON_VARIABLE}={interpreter} has no python-can");
+    if !is_there {
+        // Past the harness, which would keep it to itself.
+        let _ = writeln!(
+            std::io::stderr(),
+            "skipped: {interpreter} has no python-can and pyserial; {PYTHON_VARIABLE} may name \
+             another"
+        );
+    }
+    is_there.then_some(interpreter)
+}
+
+#[test]
+fn python_can_sends_and_receives_over_tcp_and_on_a_terminal() {
+    let Some(python) = python() else { return };
+    let directory = tempfile::tempdir().unwrap();
+    let link = directory.path().join("can0").display().to_string();
+    let fronts = ["--slcan", "--socketcand", "--pty", &link];
+    let options = ["--ecrt", "sim", "bridge", "--data-bitrate", "2000000"];
+    let mut bridge = Running::start(&[&options[..], &fronts[..]].concat());
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/cli/python/echo.py");
+    for (kind, frames) in [("slcan", "6\n"), ("socketcand", "3\n"), ("terminal", "4\n")] {
+        let line = bridge.line();
+        let place = line.split(' ').nth(3).unwrap();
+        let output =
+            Command::new(&python).arg("-B").arg(&script).args([kind, place]).output().unwrap();
+        let errors = String::from_utf8_lossy(&output.stderr);
+        if output.stdout != frames.as_bytes() {
+            bridge.terminate();
+            panic!("{kind}: {errors}; the bridge: {:?}", bridge.wait());
+        }
+    }
+    bridge.terminate();
+    let (status, errors) = bridge.wait();
+    assert_eq!(status, Some(0));
+    assert_eq!(errors.lines().count(), 1, "nothing but that it is simulated: {errors}");
+}
+
+/// What a script of this name prints; `program` is the interpreter.
+fn run(program: &str, script: &str, arguments: &[&str]) -> String {
+    let script = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/python").join(script);
+    let output = Command::new(program).arg("-B").arg(&script).args(arguments).output().unwrap();
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[test]
+fn python_can_connects_to_a_busy_bus() {
+    let Some(python) = python() else { return };
+    let babbler = "[[node]]\nkind = \"faulty\"\nbus = \"0.0\"\nbabble_us = 300\n";
+    let bus = Scenario::new(babbler);
+    let mut bridge = Running::start(&[
+        "--ecrt",
+        &bus.setting(),
+        "bridge",
+        "--bitrate",
+        "1000000",
+        "--socketcand",
+    ]);
+    let line = bridge.line();
+    let place = line.split(' ').nth(3).unwrap();
+    assert_eq!(run(&python, "connect.py", &[place, "30"]), "30\n");
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}
+
+/// More than fits into every queue on the way: the connection holds the client back.
+#[test]
+fn python_can_fills_the_queue_and_goes_on() {
+    let Some(python) = python() else { return };
+    let mut bridge =
+        Running::start(&["--ecrt", "sim", "bridge", "--bitrate", "1000000", "--socketcand"]);
+    let line = bridge.line();
+    let place = line.split(' ').nth(3).unwrap();
+    assert_eq!(run(&python, "flood.py", &[place, "12000"]), "12000\n");
+    bridge.terminate();
+    assert_eq!(bridge.wait().0, Some(0));
+}

@@ -1,0 +1,359 @@
+//! `selftest`: good gateways, and everything that one can fail by.
+
+use std::io::{BufRead as _, BufReader, Read as _};
+use std::process::{Command, Stdio};
+
+use crate::support::{Scenario, ecan, ends, fails, good, scenario, setting, simulated};
+use rustix::process::{Pid, Signal, kill_process};
+
+/// A gateway whose channels 0 and 1, and 2 and 3 are wired together.
+const WIRED: &str = "[[gateway]]\nbuses = [\"a\", \"a\", \"b\", \"b\"]\n";
+/// One bit rate with CAN FD, and one without.
+const CELL: &str = "[[gateway]]\nn = 5\n[gateway.can0]\nbitrate = 500000\n\
+                    data_bitrate = 2000000\nsample_point = 80\n[gateway.can2]\nbitrate = 250000\n";
+
+/// The lines of these checks.
+fn lines<'a>(printed: &'a str, word: &str) -> Vec<&'a str> {
+    printed.lines().map(str::trim).filter(|line| line.contains(word)).collect()
+}
+
+fn cell() -> tempfile::NamedTempFile {
+    scenario(CELL)
+}
+
+fn path(file: &tempfile::NamedTempFile) -> String {
+    file.path().display().to_string()
+}
+
+#[test]
+fn every_channel_is_tested_by_loopback() {
+    let cell = cell();
+    let printed = simulated(&["selftest", "--config", &path(&cell)]);
+    let expected = "\
+gateway 4294967297 at position 0: passed
+  good    recognition                                an ECAN-Lite, by 0xF000
+  good    identity                                   vendor 0x00004543, product 0x4C495445, revision 0x00020002
+  good    firmware                                   2.2.1
+  good    serial number                              4294967297
+  good    loopback of channel 0, 500/2000 kbit/s FD  96 frames, no errors
+  good    loopback of channel 1, 500/2000 kbit/s FD  96 frames, no errors
+  good    loopback of channel 2, 500/2000 kbit/s FD  96 frames, no errors
+  good    loopback of channel 3, 500/2000 kbit/s FD  96 frames, no errors
+  good    loopback of channel 0, 250 kbit/s          96 frames, no errors
+  good    loopback of channel 1, 250 kbit/s          96 frames, no errors
+  good    loopback of channel 2, 250 kbit/s          96 frames, no errors
+  good    loopback of channel 3, 250 kbit/s          96 frames, no errors
+  good    configuration                              as before the test, by a restart
+";
+    assert_eq!(printed, expected);
+}
+
+#[test]
+fn without_a_file_the_usual_bit_rates_are_tested() {
+    let printed = simulated(&["selftest", "--channels", "1,3", "--frames", "8"]);
+    for rate in ["125", "250", "500", "1000"] {
+        let line = format!("loopback of channel 3, {rate} kbit/s ");
+        assert_eq!(lines(&printed, &line).len(), 1, "{printed}");
+    }
+    for rate in ["500/2000 kbit/s FD", "1000/5000 kbit/s FD"] {
+        let line = format!("loopback of channel 1, {rate}");
+        assert_eq!(lines(&printed, &line).len(), 1, "{printed}");
+    }
+    assert_eq!(lines(&printed, "loopback").len(), 12);
+    assert_eq!(lines(&printed, "8 frames, no errors").len(), 12);
+}
+
+#[test]
+fn wired_channels_are_tested_in_both_directions() {
+    let bus = scenario(WIRED);
+    let ecrt = setting(&bus);
+    let printed = good(&["--ecrt", &ecrt, "selftest", "--wired", "0-1,3-2", "--frames", "256"]);
+    let wires = lines(&printed, "wire from");
+    assert_eq!(wires.len(), 24, "{printed}");
+    for (from, to) in [(0, 1), (1, 0), (2, 3), (3, 2)] {
+        let way = format!("wire from channel {from} to {to}, ");
+        assert_eq!(wires.iter().filter(|line| line.contains(&way)).count(), 6, "{printed}");
+    }
+    assert!(wires.iter().all(|line| line.ends_with("256 frames, no errors")), "{printed}");
+}
+
+#[test]
+fn a_channel_without_its_partner_fails() {
+    let bus = scenario("[[gateway]]\nbuses = [\"a\", \"a\", \"b\", \"c\"]\n");
+    let (ecrt, cell) = (setting(&bus), cell());
+    let arguments = ["--ecrt", &ecrt, "selftest", "--config", &path(&cell), "--wired", "0-1,2-3"];
+    let printed = ends(1, &arguments);
+    assert!(printed.starts_with("gateway 4294967297 at position 0: FAILED\n"), "{printed}");
+    let failed = lines(&printed, "FAILED  wire");
+    assert_eq!(failed.len(), 4, "{printed}");
+    let words = "FAILED  wire from channel 2 to 3, 250 kbit/s          0 of 96 frames came (nobody \
+                 acknowledges: is channel 2 wired to channel 3, and terminated?); channel 2 has \
+                 error counters: 128 transmit errors, 0 receive errors; channel 3 has error \
+                 counters: 128 transmit errors, 0 receive errors";
+    assert_eq!(lines(&printed, "wire from channel 2 to 3, 250"), [words]);
+    assert_eq!(lines(&printed, "good    wire from channel 0 to 1").len(), 2, "{printed}");
+    assert_eq!(lines(&printed, "good    loopback").len(), 8, "{printed}");
+    assert_eq!(lines(&printed, "good    configuration").len(), 1, "{printed}");
+}
+
+#[test]
+fn a_node_that_falsifies_frames_fails_its_bus_alone() {
+    let node = "[[node]]\nkind = \"faulty\"\nbus = \"a\"\ncorrupt_permille = 1000\n";
+    let bus = scenario(&format!("{WIRED}{node}"));
+    let (ecrt, cell) = (setting(&bus), cell());
+    let arguments = ["--ecrt", &ecrt, "selftest", "--config", &path(&cell), "--wired", "0-1,2-3"];
+    let printed = ends(1, &arguments);
+    let failed = lines(&printed, "FAILED  wire");
+    assert_eq!(failed.len(), 4, "{printed}");
+    for line in failed {
+        assert!(line.contains("from channel 0 to 1") || line.contains("from channel 1 to 0"));
+        assert!(line.contains(" frames came falsified, in the first byte "), "{line}");
+        assert!(line.contains(" was sent as 0x"), "{line}");
+        let strange = "that the test did not send to it: is another node on its bus?";
+        assert!(line.contains(strange), "{line}");
+    }
+    assert_eq!(lines(&printed, "good    wire from channel 2 to 3").len(), 2, "{printed}");
+}
+
+#[test]
+fn a_channel_that_goes_bus_off_fails() {
+    let faults: String = (0..1000)
+        .map(|at| {
+            let at_ms = at * 10;
+            format!("[[fault]]\nkind = \"bus_off\"\ngateway = 0\nchannel = 1\nat_ms = {at_ms}\n")
+        })
+        .collect();
+    let bus = scenario(&format!("{WIRED}{faults}"));
+    let (ecrt, cell) = (setting(&bus), cell());
+    let arguments = ["--ecrt", &ecrt, "selftest", "--config", &path(&cell), "--wired", "0-1,2-3"];
+    let printed = ends(1, &arguments);
+    let failed = lines(&printed, "FAILED  wire from channel 0 to 1");
+    assert!(!failed.is_empty(), "{printed}");
+    assert!(failed.iter().all(|line| line.contains("channel 1 went bus-off")), "{printed}");
+    assert_eq!(lines(&printed, "good    wire from channel 2 to 3").len(), 2, "{printed}");
+}
+
+#[test]
+fn a_gateway_that_refuses_its_configuration_fails_and_the_next_is_tested() {
+    let fault = "[[fault]]\nkind = \"sdo_abort\"\ngateway = 0\nindex = 0x8002\nsubindex = 1\n\
+                 code = 0x06090030\nat_ms = 0\n";
+    let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{fault}"));
+    let (ecrt, cell) = (setting(&bus), cell());
+    let printed = ends(1, &["--ecrt", &ecrt, "selftest", "--config", &path(&cell)]);
+    assert!(printed.starts_with("gateway 4294967297 at position 0: FAILED\n"), "{printed}");
+    let failed = lines(&printed, "FAILED  loopback, 500/2000 kbit/s FD");
+    assert_eq!(failed.len(), 1, "{printed}");
+    assert!(failed.iter().all(|line| line.contains("0x06090030")), "{printed}");
+    assert_eq!(lines(&printed, "gateway 4294967298 at position 1: passed").len(), 1, "{printed}");
+}
+
+#[test]
+fn a_gateway_that_leaves_service_fails_though_it_comes_back() {
+    // At this bit rate the test takes a second and more: the fault falls into its midst.
+    let slow = scenario("[[gateway]]\nn = 8\ncan0 = { bitrate = 20_000 }\n");
+    let fault = "[[fault]]\nkind = \"al_error\"\ngateway = 0\ncode = 26\nat_ms = 3000\n";
+    let bus = scenario(&format!("[[gateway]]\n{fault}"));
+    let (ecrt, slow) = (setting(&bus), path(&slow));
+    let options = ["--ecrt", &ecrt, "selftest", "--config", &slow, "--frames", "255"];
+    let printed = ends(1, &options);
+    // Where it is not back before the end of the test, the frames that it did not send tell.
+    let failed = lines(&printed, "FAILED  ");
+    let tells = |line: &&str| {
+        line.contains("the gateway went out of service") || line.contains(" of 255 frames came")
+    };
+    assert!(!failed.is_empty() && failed.iter().all(tells), "{printed}");
+    assert!(!printed.contains("this computer"), "{printed}");
+    assert_eq!(lines(&printed, "good    configuration").len(), 1, "{printed}");
+}
+
+#[test]
+fn a_gateway_that_was_lost_for_a_while_has_its_configuration_again() {
+    let faults: String = (0..5)
+        .map(|at| {
+            let at_ms = 3000 + at * 700;
+            let kind = "kind = \"power_cycle\"\ngateway = 0\noff_ms = 200";
+            format!("[[fault]]\n{kind}\nat_ms = {at_ms}\n")
+        })
+        .collect();
+    let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{faults}"));
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest"]);
+    assert!(printed.starts_with("gateway 4294967297 at position 0: FAILED\n"), "{printed}");
+    assert_eq!(lines(&printed, "gateway 4294967298 at position 1: passed").len(), 1, "{printed}");
+    assert_eq!(lines(&printed, "good    configuration").len(), 2, "{printed}");
+}
+
+#[test]
+fn a_gateway_that_cannot_be_asked_fails() {
+    let bus = crate::support::first_silent();
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest", "--frames", "1"]);
+    assert!(printed.starts_with("slave at position 0: FAILED\n"), "{printed}");
+    assert_eq!(lines(&printed, "FAILED  recognition").len(), 1, "{printed}");
+    assert_eq!(lines(&printed, "gateway 4294967298 at position 1: passed").len(), 1, "{printed}");
+}
+
+#[test]
+fn a_gateway_that_goes_away_fails_and_the_others_keep_their_reports() {
+    // While the first one is tested.
+    let fault = "[[fault]]\nkind = \"power_off\"\ngateway = 1\nat_ms = 5000\n";
+    let bus = scenario(&format!("[[gateway]]\n[[gateway]]\n{fault}"));
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest"]);
+    assert!(printed.starts_with("gateway 4294967297 at position 0: "), "{printed}");
+    assert_eq!(lines(&printed, "slave at position 1: FAILED").len(), 1, "{printed}");
+    let failed = lines(&printed, "FAILED  recognition");
+    assert_eq!(failed.len(), 1, "{printed}");
+    assert!(failed.iter().all(|line| line.contains("not on the bus")), "{printed}");
+}
+
+#[test]
+fn a_test_that_is_stopped_has_its_report_and_puts_the_configuration_back() {
+    let bus = Scenario::new("");
+    bus.write("bus.toml", "clock = \"real\"\n[[gateway]]\n[[gateway]]\n");
+    let arguments = ["--ecrt", &bus.setting(), "selftest", "--report", &bus.path("reports")];
+    let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+        .args(arguments)
+        .env_remove("ECAN_ECRT")
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // In real time a gateway takes seconds to come into service.
+    let mut errors = BufReader::new(child.stderr.take().unwrap());
+    let mut banner = String::new();
+    errors.read_line(&mut banner).unwrap();
+    assert!(banner.starts_with("SIMULATED"), "{banner}");
+    kill_process(Pid::from_child(&child), Signal::INT).unwrap();
+    let mut message = String::new();
+    errors.read_to_string(&mut message).unwrap();
+    let output = child.wait_with_output().unwrap();
+    let printed = String::from_utf8(output.stdout).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    let words = "stopping: the configuration is put back first\n";
+    assert_eq!(message, format!("{words}ecan: stopped before the test was over\n"));
+    let expected = "\
+gateway 4294967297 at position 0: FAILED
+  good    recognition    an ECAN-Lite, by 0xF000
+  good    identity       vendor 0x00004543, product 0x4C495445, revision 0x00020002
+  good    firmware       2.2.1
+  good    serial number  4294967297
+  good    configuration  as before the test, by a restart
+  FAILED  test           stopped before it was over
+";
+    assert!(printed.starts_with(expected), "{printed}");
+    let report: serde_json::Value =
+        serde_json::from_str(&bus.read("reports/4294967297.json")).unwrap();
+    assert_eq!((&report["is_good"], &report["was_stopped"]), (&false.into(), &true.into()));
+}
+
+#[test]
+fn several_gateways_are_tested_in_turn_and_each_has_its_report() {
+    let gateways = "firmware = [514, 1]\n[[gateway]]\nalias = 7\nfirmware = [514, 3]\n";
+    let bus = Scenario::new(gateways);
+    let (cell, reports) = (bus.write("cell.toml", CELL), bus.path("reports"));
+    let options = ["selftest", "--config", &cell, "--report", &reports, "--gateways", "2"];
+    let arguments = [&options[..], &["--expect-version", "2.2.1"]].concat();
+    let printed = ends(1, &[&["--ecrt", &bus.setting()][..], &arguments].concat());
+    let heads = lines(&printed, " at position ");
+    let expected =
+        ["gateway 4294967297 at position 0: passed", "gateway 4294967298 at position 1: FAILED"];
+    assert_eq!(heads, expected);
+    assert_eq!(lines(&printed, "FAILED  firmware").len(), 1, "{printed}");
+    assert!(printed.contains("2.2.3, not 2.2.1"), "{printed}");
+    let report = |serial: &str| -> serde_json::Value {
+        serde_json::from_str(&bus.read(&format!("reports/{serial}.json"))).unwrap()
+    };
+    let (first, second) = (report("4294967297"), report("4294967298"));
+    assert_eq!((&first["is_good"], &second["is_good"]), (&true.into(), &false.into()));
+    assert_eq!((&first["firmware"], &second["firmware"]), (&"2.2.1".into(), &"2.2.3".into()));
+    let frames = &first["checks"][4]["frames"];
+    assert_eq!((&frames["sent"], &frames["received"]), (&96.into(), &96.into()));
+    assert_eq!((&frames["bitrate"], &frames["data_bitrate"]), (&500_000.into(), &2_000_000.into()));
+    assert_eq!(frames["channels"][0]["counters"]["transmit"], 0);
+    // The same on standard output, and one gateway alone.
+    let json = bus.good(&["--json", "--slave", "alias=7", "selftest", "--config", &cell]);
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["is_good"], true);
+    assert_eq!(json["gateways"].as_array().map(Vec::len), Some(1));
+    assert_eq!(json["gateways"][0]["serial"], 4_294_967_298_u64);
+}
+
+#[test]
+fn a_serial_number_is_there_once() {
+    let bus = scenario("[[gateway]]\nserial = 5\n[[gateway]]\nserial = 5\n");
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest", "--frames", "1"]);
+    let failed = lines(&printed, "FAILED  serial number");
+    assert_eq!(failed.len(), 1, "{printed}");
+    assert!(failed.iter().all(|line| line.ends_with("5 is that of another gateway too")));
+    let bus = scenario("[[gateway]]\nserial = 0\n");
+    let printed = ends(1, &["--ecrt", &setting(&bus), "selftest", "--frames", "1"]);
+    assert_eq!(lines(&printed, "none is programmed").len(), 1, "{printed}");
+}
+
+#[test]
+fn every_report_has_a_file_of_its_own() {
+    let serials = [5, 5, 0, 0, u64::MAX].map(|it| format!("[[gateway]]\nserial = {it}\n"));
+    let bus = Scenario::new("");
+    bus.write("bus.toml", &serials.concat());
+    let setting = bus.setting();
+    let reports = bus.path("reports");
+    let options = ["--frames", "1", "--channels", "0", "--report", &reports];
+    let arguments = [&["--ecrt", &setting, "selftest"][..], &options].concat();
+    let names = ["5", "5-position-1", "position-2", "position-3", "position-4"];
+    for suffix in ["", "-2", "-3"] {
+        let printed = ends(1, &arguments);
+        let told = names.map(|name| format!("report: {reports}/{name}{suffix}.json"));
+        assert_eq!(lines(&printed, "report: "), told);
+        for (position, name) in names.iter().enumerate() {
+            let text = bus.read(&format!("reports/{name}{suffix}.json"));
+            let report: serde_json::Value = serde_json::from_str(&text).unwrap();
+            assert_eq!(report["position"], position);
+        }
+    }
+    let count = std::fs::read_dir(&reports).unwrap().count();
+    assert_eq!(count, 15);
+    let json = ends(1, &[&["--json"], &arguments[..]].concat());
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["gateways"][1]["file"], bus.path("reports/5-position-1-4.json"));
+}
+
+#[test]
+fn a_report_that_cannot_be_written_leaves_the_printed_one() {
+    let output = ecan(&["--ecrt", "sim", "selftest", "--frames", "1", "--report", "/proc"]);
+    let (printed, errors) = (String::from_utf8(output.stdout), String::from_utf8(output.stderr));
+    assert_eq!(output.status.code(), Some(6));
+    assert!(printed.unwrap().starts_with("gateway 4294967297 at position 0: passed\n"));
+    assert!(errors.unwrap().contains("\necan: cannot write /proc/4294967297.json: "));
+}
+
+#[test]
+fn wrong_use_is_told() {
+    let simulated = |status, arguments: &[&str]| {
+        fails(status, &[&["--ecrt", "sim", "selftest"][..], arguments].concat())
+    };
+    let message = simulated(2, &["--wired", "0-4"]);
+    assert!(message.contains("expected pairs of channels 0 to 3, as in 0-1,2-3"), "{message}");
+    let message = simulated(2, &["--wired", "0-1,1-2"]);
+    assert!(message.contains("channel 1 is named twice"), "{message}");
+    assert!(simulated(2, &["--frames", "0"]).contains("0 is not in 1..=256"));
+    assert!(simulated(2, &["--channels", "5"]).contains("expected channels 0 to 3"));
+    assert!(simulated(2, &["--pdo-n", "25"]).starts_with("ecan: "));
+    let message = simulated(4, &["--gateways", "2"]);
+    let expected = "ecan: 2 gateways must be there, but 1 show themselves; see `ecan scan`";
+    assert_eq!(message, expected);
+    let both = ["--ecrt", "sim", "--slave", "0", "selftest", "--gateways", "1"];
+    assert!(fails(2, &both).contains("--slave names one: give either"));
+    let message = simulated(6, &["--config", "/nonexistent/cell.toml"]);
+    assert!(message.starts_with("ecan: cannot read /nonexistent/cell.toml: "), "{message}");
+    let empty = scenario("[[gateway]]\nn = 5\n");
+    let message = simulated(6, &["--config", &path(&empty)]);
+    assert!(message.starts_with("ecan: cannot use "), "{message}");
+    let report = format!("{}/reports", path(&empty));
+    let message = simulated(6, &["--report", &report]);
+    assert!(message.starts_with("ecan: cannot write "), "{message}");
+    let message = simulated(6, &["--report", &path(&empty)]);
+    assert!(message.ends_with(": it is no directory"), "{message}");
+    let reserved = scenario("reserved = true\n[[gateway]]\n");
+    let message = fails(3, &["--ecrt", &setting(&reserved), "selftest"]);
+    assert!(message.contains("another application has reserved it"), "{message}");
+    let message = fails(4, &["--ecrt", "sim", "--slave", "3", "selftest"]);
+    assert_eq!(message, "ecan: there is no slave 3: there is only slave 0");
+}

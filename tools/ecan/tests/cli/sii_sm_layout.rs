@@ -1,0 +1,388 @@
+//! `scripts/ecan_sii_sm_layout.sh` with a stand-in for IgH's tool over the EEPROM of a simulated
+//! gateway, whole and broken.
+
+use std::io::Write;
+use std::path::PathBuf;
+use std::process::{Command, Stdio};
+
+use ecan_sim::{Wire, echo};
+use tempfile::TempDir;
+
+use crate::support::terminal::Pty;
+
+const SCRIPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../scripts/ecan_sii_sm_layout.sh");
+
+/// As IgH's master does, it gives back the SII of the last scan, not what was written since.
+const TOOL: &str = r#"#!/usr/bin/env bash
+cd "$(dirname "$0")" || exit 9
+printf '%s\n' "$*" >>calls
+[[ -f $1.fails ]] && { cat "$1.fails" >&2; exit 1; }
+case $1 in
+sii_read) cat scanned ;;
+sii_write) [[ -f write_is_lost ]] || cat "${!#}" >eeprom ;;
+rescan) cp eeprom scanned ;;
+slaves) printf '0  0:0  %s  +  ECAN-Lite\n' "$(cat state)" ;;
+upload) case ${!#} in 17) cat unit ;; 18) echo '0x0018 24' ;; *) exit 1 ;; esac ;;
+*) exit 1 ;;
+esac
+"#;
+
+/// The EEPROM that the simulator's gateway has, up to the end of its categories as a master reads
+/// it.
+fn good_image() -> Vec<u8> {
+    let wire = Wire::new(&echo(1), 0).unwrap();
+    let words = wire.world().gateway(0).unwrap().eeprom();
+    let mut at = 0x40;
+    while words[at] != 0xFFFF {
+        at += 2 + usize::from(words[at + 1]);
+    }
+    words[..=at].iter().flat_map(|word| word.to_le_bytes()).collect()
+}
+
+/// Where the first entry of category 41 begins.
+fn sync_managers(image: &[u8]) -> usize {
+    let first = [0x00, 0x10, 0x80, 0x00, 0x26];
+    image.windows(5).position(|window| window == first).unwrap()
+}
+
+struct Fixture(TempDir);
+
+impl Fixture {
+    fn new(image: &[u8]) -> Self {
+        let bench = Self(tempfile::tempdir().unwrap());
+        for (name, bytes) in [
+            ("eeprom", image),
+            ("scanned", image),
+            ("state", b"PREOP"),
+            ("unit", b"0x0080 128"),
+            ("calls", b""),
+        ] {
+            bench.put(name, bytes);
+        }
+        crate::support::write_program(&bench.path("ethercat"), TOOL);
+        bench
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.0.path().join(name)
+    }
+
+    fn put(&self, name: &str, bytes: &[u8]) {
+        std::fs::write(self.path(name), bytes).unwrap();
+    }
+
+    fn get(&self, name: &str) -> Vec<u8> {
+        std::fs::read(self.path(name)).unwrap()
+    }
+
+    fn has_written(&self) -> bool {
+        String::from_utf8(self.get("calls")).unwrap().contains("sii_write")
+    }
+
+    /// Exit status, and all that was said.
+    fn run(&self, arguments: &[&str]) -> (i32, String) {
+        let output = Command::new(SCRIPT)
+            .args(arguments)
+            .args(["--ethercat", self.path("ethercat").to_str().unwrap()])
+            .current_dir(self.0.path())
+            .stdin(Stdio::null())
+            .output()
+            .unwrap();
+        let said = [output.stdout, output.stderr].concat();
+        (output.status.code().unwrap(), String::from_utf8(said).unwrap())
+    }
+}
+
+/// Bytes to be changed, offsets from the first sync manager's entry.
+fn broken(changes: &[(usize, u8)]) -> Vec<u8> {
+    let mut image = good_image();
+    let at = sync_managers(&image);
+    for (offset, value) in changes {
+        image[at + offset] = *value;
+    }
+    image
+}
+
+#[test]
+fn the_simulated_gateways_layout_is_good() {
+    let bench = Fixture::new(&good_image());
+    let arguments = ["check", "--position", "0", "--pdo-bytes", "3072"];
+    let (status, said) = bench.run(&arguments);
+    assert_eq!(status, 0, "{said}");
+    for line in [
+        "ok     SM2 start             0x1100\n",
+        "ok     SM2 size              3072\n",
+        "ok     SM2 control byte      0x66\n",
+        "ok     SM3 start             0x1D00\n",
+        "ok     SM3 size              3072\n",
+        "ok     SM3 control byte      0x22\n",
+        "the layout is that of the manual (15.7)\n",
+    ] {
+        assert!(said.contains(line), "{said}");
+    }
+    assert_eq!(
+        bench.run(&["fix"]),
+        (0, said.replace("the layout is that of the manual (15.7)", "nothing to mend"))
+    );
+    assert!(!bench.has_written());
+    // Another size is wanted: what is good for one is wrong for the other.
+    let (status, said) = bench.run(&["check", "--pdo-bytes", "1024"]);
+    assert_eq!(status, 1);
+    assert!(said.contains("WRONG  SM2 size              3072, must be 1024\n"), "{said}");
+}
+
+#[test]
+fn each_fault_is_named_mended_and_can_be_put_back() {
+    let good = good_image();
+    let mut bad_checksum = good.clone();
+    bad_checksum[14] ^= 0x40;
+    let cases = [
+        (broken(&[(17, 0x12)]), "WRONG  SM2 start             0x1200, must be 0x1100"),
+        (broken(&[(18, 0x80), (19, 0)]), "WRONG  SM2 size              128, must be 3072"),
+        (broken(&[(20, 0x64)]), "WRONG  SM2 control byte      0x64, must be 0x66"),
+        (broken(&[(25, 0x1C)]), "WRONG  SM3 start             0x1C00, must be 0x1D00"),
+        (broken(&[(27, 0x04)]), "WRONG  SM3 size              1024, must be 3072"),
+        (broken(&[(28, 0x20)]), "WRONG  SM3 control byte      0x20, must be 0x22"),
+        (broken(&[(16, 1), (20, 0), (24, 1), (28, 0)]), "SM3 start             0x1D01"),
+        (bad_checksum, "WRONG  checksum of words 0-6"),
+    ];
+    for (image, words) in cases {
+        let bench = Fixture::new(&image);
+        let (status, said) = bench.run(&["check"]);
+        assert_eq!(status, 1, "{said}");
+        assert!(said.contains(words), "{words}: {said}");
+        assert!(!bench.has_written());
+        let is_checksum = words.contains("checksum");
+        let mut fix = vec!["fix", "--yes", "--backup", "before.bin"];
+        if is_checksum {
+            let (status, said) = bench.run(&fix);
+            assert_eq!(status, 1, "{said}");
+            assert!(said.contains("--yes does not answer for that, --force does"), "{said}");
+            assert!(!bench.has_written());
+            fix.push("--force");
+        }
+        let (status, said) = bench.run(&fix);
+        assert_eq!(status, 0, "{said}");
+        assert!(said.contains("read back and compared"), "{said}");
+        assert_eq!(bench.get("eeprom"), good, "{words}");
+        assert_eq!(bench.get("before.bin"), image);
+        assert_eq!(bench.run(&["check"]).0, 0);
+        let backup = bench.path("before.bin");
+        let mut restore =
+            vec!["restore", backup.to_str().unwrap(), "--yes", "--backup", "mended.bin"];
+        if is_checksum {
+            let (status, said) = bench.run(&restore);
+            assert_eq!(status, 1, "{said}");
+            assert!(said.contains("before.bin: its checksum is wrong\n"), "{said}");
+            restore.push("--force");
+        }
+        let (status, said) = bench.run(&restore);
+        assert_eq!(status, 0, "{said}");
+        assert_eq!((bench.get("eeprom"), bench.get("mended.bin")), (image, good.clone()));
+        // The tool writes a wrong checksum only when it is forced to.
+        let calls = String::from_utf8(bench.get("calls")).unwrap();
+        let forced =
+            calls.lines().any(|call| call.contains("sii_write") && call.contains("--force"));
+        assert_eq!(forced, is_checksum, "{calls}");
+    }
+}
+
+#[test]
+fn a_new_checksum_is_not_put_over_damaged_words_unasked() {
+    let mut image = good_image();
+    (image[0], image[8]) = (image[0] ^ 0xFF, 0x34);
+    let bench = Fixture::new(&image);
+    let (status, said) = bench.run(&["fix", "--yes"]);
+    assert_eq!(status, 1, "{said}");
+    let words: Vec<_> =
+        image[..14].chunks(2).map(|it| format!(" 0x{:02X}{:02X}", it[1], it[0])).collect();
+    assert!(said.contains(&format!("words 0-6:{}\n", words.concat())), "{said}");
+    assert!(said.contains("restore a backup"), "{said}");
+    assert!(!bench.has_written());
+}
+
+#[test]
+fn a_backup_of_another_device_or_a_damaged_one_is_not_restored_unasked() {
+    let good = good_image();
+    let changed = |at: usize| {
+        let mut image = good.clone();
+        image[at] ^= 0x55;
+        image
+    };
+    let other = "its vendor, product or serial number is not the slave's";
+    let cases = [
+        (changed(16), other),
+        (changed(20), other),
+        (changed(28), other),
+        (changed(14), "its checksum is wrong"),
+        (changed(0), "its checksum is wrong"),
+        (changed(sync_managers(&good) - 4), "the SII has no category 41"),
+        ((0..good.len()).map(|at| (at * 37) as u8).collect(), "its checksum is wrong"),
+        (good[..good.len() - 2].to_vec(), "bytes, the SII of the slave"),
+    ];
+    for (image, words) in cases {
+        let bench = Fixture::new(&broken(&[(20, 0x64)]));
+        bench.put("backup.bin", &image);
+        let (status, said) = bench.run(&["restore", "backup.bin", "--yes"]);
+        assert_eq!(status, 1, "{said}");
+        assert!(said.contains(words), "{words}: {said}");
+        assert!(said.contains("--force writes anyway"), "{said}");
+        assert!(!said.contains("or restore a backup"), "{said}");
+        assert!(!bench.has_written());
+        let (status, said) = bench.run(&["restore", "backup.bin", "--yes", "--force"]);
+        assert_eq!((status, bench.get("eeprom")), (0, image), "{said}");
+    }
+    // The revision may be another one: it changes with the firmware.
+    let bench = Fixture::new(&good);
+    bench.put("backup.bin", &changed(24));
+    assert_eq!(bench.run(&["restore", "backup.bin", "--yes"]).0, 0);
+}
+
+#[test]
+fn what_the_manual_does_not_name_is_noted_and_left_alone() {
+    let image = broken(&[(22, 0), (31, 3), (28, 0x20)]);
+    let bench = Fixture::new(&image);
+    let (status, said) = bench.run(&["fix", "--yes"]);
+    assert_eq!(status, 0, "{said}");
+    assert!(said.contains("note   SM2 is not enabled by the SII\n"), "{said}");
+    assert!(said.contains("note   SM3 is of type 3, 4 is usual\n"), "{said}");
+    assert_eq!(bench.get("eeprom"), broken(&[(22, 0), (31, 3)]));
+}
+
+#[test]
+fn images_that_cannot_be_mended_are_left_alone() {
+    let good = good_image();
+    let category = sync_managers(&good) - 4;
+    let mut no_category = good.clone();
+    no_category[category] = 42;
+    let mut runs_over = good.clone();
+    runs_over[category + 3] = 0x7F;
+    let mut two_entries = good.clone();
+    two_entries[category + 2] = 8;
+    let cases = [
+        (no_category, "no category 41"),
+        (runs_over, "category 41 at byte"),
+        (two_entries, "only 2 of 4 sync managers"),
+        (good[..100].to_vec(), "has 100 bytes, too few"),
+        (good[..category].to_vec(), "no category 41"),
+        (good[..category + 1].to_vec(), "not whole words"),
+        (good[..category + 20].to_vec(), "runs past the end"),
+    ];
+    for (image, words) in cases {
+        let bench = Fixture::new(&image);
+        for command in [&["check"][..], &["fix", "--yes"]] {
+            let (status, said) = bench.run(command);
+            assert_eq!(status, 1, "{said}");
+            assert!(said.contains(words), "{words}: {said}");
+            assert!(said.contains("rebuild its EEPROM"), "{said}");
+        }
+        assert!(!bench.has_written());
+    }
+    let (status, said) = Fixture::new(b"").run(&["check"]);
+    assert_eq!(status, 3);
+    assert!(said.contains("gave nothing"), "{said}");
+}
+
+#[test]
+fn nothing_is_written_unasked_or_to_the_wrong_slave() {
+    let image = broken(&[(20, 0x64)]);
+    let refused = |prepare: fn(&Fixture), arguments: &[&str], status: i32, words: &str| {
+        let bench = Fixture::new(&image);
+        prepare(&bench);
+        let (found, said) = bench.run(arguments);
+        assert_eq!(found, status, "{said}");
+        assert!(said.contains(words), "{words}: {said}");
+        assert!(!bench.has_written());
+        assert_eq!(bench.get("eeprom"), image);
+    };
+    refused(|_| (), &["fix"], 2, "nothing was written; --yes");
+    refused(|bench| bench.put("state", b"OP"), &["fix", "--yes"], 1, "is in OP: stop the app");
+    refused(|bench| bench.put("unit", b"0x0001 1"), &["fix", "--yes"], 1, "as an ECAN-Lite");
+    let taken = ["fix", "--yes", "--backup", "state"];
+    refused(|_| (), &taken, 2, "is there already");
+    let nowhere = ["fix", "--yes", "--backup", "/nonexistent/backup.bin"];
+    refused(|_| (), &nowhere, 2, "cannot be written");
+    let failing = |bench: &Fixture| {
+        bench.put(
+            "sii_read.fails",
+            b"Failed to open master device /dev/EtherCAT0: Permission denied",
+        );
+    };
+    let words = "ethercat sii_read: Failed to open master device /dev/EtherCAT0: Permission denied";
+    refused(failing, &["fix", "--yes"], 3, words);
+    refused(failing, &["check"], 3, words);
+    refused(|_| (), &["restore", "state", "--yes"], 2, "state has 5 bytes: that is no SII");
+    refused(|_| (), &["restore", "none.bin", "--yes"], 2, "cannot read none.bin");
+    let other_size = |bench: &Fixture| bench.put("other.bin", &[0; 500]);
+    refused(other_size, &["restore", "other.bin", "--yes"], 1, "may not be of slave 0");
+    // Chosen by hand, the slave need not show itself.
+    let bench = Fixture::new(&image);
+    bench.put("unit", b"0x0001 1");
+    let (status, said) = bench.run(&["fix", "--yes", "--force"]);
+    assert_eq!((status, bench.get("eeprom")), (0, good_image()), "{said}");
+    // The default name of the backup.
+    let names = std::fs::read_dir(bench.0.path()).unwrap().map(|it| it.unwrap().file_name());
+    let backups = names.filter(|name| name.to_str().unwrap().starts_with("ecan_sii_0_2"));
+    assert_eq!(backups.count(), 1);
+}
+
+#[test]
+fn at_a_terminal_it_asks() {
+    let image = broken(&[(20, 0x64)]);
+    for (typed, status, is_mended) in [("n\n", 2, false), ("y\n", 0, true)] {
+        let bench = Fixture::new(&image);
+        let mut pty = Pty::open((80, 24));
+        pty.master.write_all(typed.as_bytes()).unwrap();
+        let output = Command::new(SCRIPT)
+            .args(["fix", "--ethercat", bench.path("ethercat").to_str().unwrap()])
+            .current_dir(bench.0.path())
+            .stdin(pty.stdio())
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stdout).unwrap();
+        assert_eq!(output.status.code(), Some(status), "{said}");
+        assert!(said.contains("to be changed:\n  SM2 control byte: 0x64 -> 0x66\n"), "{said}");
+        assert_eq!(bench.get("eeprom") == good_image(), is_mended);
+        assert_eq!(bench.has_written(), is_mended);
+    }
+}
+
+#[test]
+fn a_write_that_fails_or_gets_lost_is_no_success() {
+    let bench = Fixture::new(&broken(&[(20, 0x64)]));
+    bench.put("sii_write.fails", b"Failed to write SII: Input/output error\n");
+    let (status, said) = bench.run(&["fix", "--yes"]);
+    assert_eq!(status, 3);
+    assert!(said.contains("ethercat sii_write: Failed to write SII: Input/output error"), "{said}");
+    let bench = Fixture::new(&broken(&[(20, 0x64)]));
+    bench.put("write_is_lost", b"");
+    let (status, said) = bench.run(&["fix", "--yes", "--backup", "b.bin", "--attempts", "1"]);
+    assert_eq!(status, 1, "{said}");
+    assert!(said.contains("is not what was written"), "{said}");
+    assert!(said.contains("the backup is b.bin"), "{said}");
+}
+
+#[test]
+fn wrong_use_is_named() {
+    let bench = Fixture::new(&good_image());
+    let cases: [(&[&str], &str); 6] = [
+        (&["mend"], "unknown command \"mend\""),
+        (&["check", "--positions", "1"], "unknown option \"--positions\""),
+        (&["check", "--position", "-1"], "--position takes a number, not \"-1\""),
+        (&["check", "--pdo-bytes", "100"], "a multiple of 128"),
+        (&["check", "--pdo-bytes", "4096"], "a multiple of 128"),
+        (&["restore", "--yes"], "restore takes the file"),
+    ];
+    for (arguments, words) in cases {
+        let (status, said) = bench.run(arguments);
+        assert_eq!(status, 2, "{arguments:?}: {said}");
+        assert!(said.contains(words), "{arguments:?}: {said}");
+    }
+    let output =
+        Command::new(SCRIPT).args(["check", "--ethercat", "/nonexistent"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(3));
+    assert!(String::from_utf8(output.stderr).unwrap().contains("there is no tool /nonexistent"));
+    let help = Command::new(SCRIPT).arg("--help").output().unwrap();
+    assert!(help.status.success());
+    assert!(String::from_utf8(help.stdout).unwrap().starts_with("Usage: ecan_sii_sm_layout.sh"));
+}

@@ -1,0 +1,223 @@
+//! The program as a user runs it.
+
+pub mod client;
+pub mod on_screen;
+pub mod terminal;
+pub mod timed_reader;
+
+use std::process::{Command, Output};
+
+use self::timed_reader::TimedReader;
+
+/// A simulated master, one gateway with echo nodes.
+pub const SIM: &str = "sim";
+
+pub fn ecan(arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_ecan"))
+        .args(arguments)
+        .env_remove("ECAN_ECRT")
+        .output()
+        .unwrap()
+}
+
+/// Standard output of a run that ends well.
+pub fn good(arguments: &[&str]) -> String {
+    let output = ecan(arguments);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.success(), "{arguments:?}: {errors}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// As [`good`], on a simulated bus.
+pub fn simulated(arguments: &[&str]) -> String {
+    good(&[&["--ecrt", SIM][..], arguments].concat())
+}
+
+/// The message of a run that ends with this status: one line, behind the banner of a simulation.
+pub fn fails(status: i32, arguments: &[&str]) -> String {
+    let output = ecan(arguments);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(status), "{arguments:?}: {errors}");
+    assert!(!errors.contains("panicked"), "{errors}");
+    errors.lines().filter(|line| !line.starts_with("SIMULATED")).collect::<Vec<_>>().join("\n")
+}
+
+/// A scenario file with two gateways, the second with the alias 7.
+pub fn two_gateways() -> tempfile::NamedTempFile {
+    let file = tempfile::Builder::new().suffix(".toml").tempfile().unwrap();
+    std::fs::write(file.path(), "[[gateway]]\n[[gateway]]\nalias = 7\n").unwrap();
+    file
+}
+
+/// A scenario file with two gateways, the first of which does not answer its mailbox.
+pub fn first_silent() -> tempfile::NamedTempFile {
+    scenario(
+        "[[gateway]]\n[[gateway]]\nalias = 7\n[[fault]]\nkind = \"mailbox_timeout\"\n\
+         gateway = 0\nat_ms = 0\nfor_ms = 4000000000\n",
+    )
+}
+
+/// A scenario file with this text.
+pub fn scenario(text: &str) -> tempfile::NamedTempFile {
+    let file = tempfile::Builder::new().suffix(".toml").tempfile().unwrap();
+    std::fs::write(file.path(), text).unwrap();
+    file
+}
+
+/// The setting of a scenario file.
+pub fn setting(file: &tempfile::NamedTempFile) -> String {
+    format!("sim:{}", file.path().display())
+}
+
+/// Standard output of a run that ends with this status.
+pub fn ends(status: i32, arguments: &[&str]) -> String {
+    let output = ecan(arguments);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(status), "{arguments:?}: {errors}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// Writes a program that other programs are to run. Another process writes it: a descriptor of our
+/// own could be inherited by a child of another test just then, and the file would be busy.
+pub fn write_program(path: &std::path::Path, text: &str) {
+    let status = Command::new("sh")
+        .args(["-c", "printf '%s' \"$2\" > \"$1\" && chmod 755 \"$1\"", "sh"])
+        .arg(path)
+        .arg(text)
+        .status()
+        .unwrap();
+    assert!(status.success());
+}
+
+/// A directory with a scenario, a gateway with these tables behind it, and files beside it.
+pub struct Scenario {
+    directory: tempfile::TempDir,
+}
+
+impl Scenario {
+    pub fn new(tables: &str) -> Self {
+        let directory = tempfile::tempdir().unwrap();
+        std::fs::write(directory.path().join("bus.toml"), format!("[[gateway]]\n{tables}"))
+            .unwrap();
+        Self { directory }
+    }
+
+    /// A replay node on channel 0, which sends a frame of no interest and, once the gateway is in
+    /// service, these: milliseconds and frame.
+    pub fn replaying(frames: &[(u64, &str)], tables: &str) -> Self {
+        let node = "[[node]]\nkind = \"replay\"\nbus = \"0.0\"\nfile = \"bus.log\"\n";
+        // Without another node nobody would acknowledge while the gateway is not in service.
+        let silent = "[[node]]\nkind = \"silent\"\nbus = \"0.0\"\n";
+        let scenario = Self::new(&format!("{node}{silent}{tables}"));
+        let mut log = "(0.000000) can0 000#\n".to_owned();
+        for (ms, frame) in frames {
+            let ms = 8_000 + ms;
+            log.push_str(&format!("({}.{:03}000) can0 {frame}\n", ms / 1000, ms % 1000));
+        }
+        std::fs::write(scenario.directory.path().join("bus.log"), log).unwrap();
+        scenario
+    }
+
+    /// The value of `--ecrt`.
+    pub fn setting(&self) -> String {
+        format!("sim:{}", self.path("bus.toml"))
+    }
+
+    /// Path of a file in the directory.
+    pub fn path(&self, name: &str) -> String {
+        self.directory.path().join(name).display().to_string()
+    }
+
+    pub fn write(&self, name: &str, text: &str) -> String {
+        let path = self.path(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    pub fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.path(name)).unwrap()
+    }
+
+    /// Runs the program on it.
+    pub fn run(&self, arguments: &[&str]) -> Output {
+        ecan(&[&["--ecrt", &self.setting()][..], arguments].concat())
+    }
+
+    /// Standard output of a run that ends well.
+    pub fn good(&self, arguments: &[&str]) -> String {
+        good(&[&["--ecrt", &self.setting()][..], arguments].concat())
+    }
+
+    /// The message of a run that ends with this status.
+    pub fn fails(&self, status: i32, arguments: &[&str]) -> String {
+        fails(status, &[&["--ecrt", &self.setting()][..], arguments].concat())
+    }
+}
+
+/// The program while it runs; ended with SIGTERM, or killed when the test is over.
+pub struct Running {
+    child: std::process::Child,
+    stdout: Option<TimedReader>,
+    stderr: TimedReader,
+}
+
+impl Running {
+    pub fn start(arguments: &[&str]) -> Self {
+        let mut child = Command::new(env!("CARGO_BIN_EXE_ecan"))
+            .args(arguments)
+            .env_remove("ECAN_ECRT")
+            .stdout(std::process::Stdio::piped())
+            .stderr(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        let stdout = child.stdout.take().map(TimedReader::new);
+        let stderr = TimedReader::new(child.stderr.take().unwrap());
+        Self { child, stdout, stderr }
+    }
+
+    /// The next line of standard output, without its end.
+    pub fn line(&mut self) -> String {
+        let line = self.stdout.as_mut().unwrap().through(b'\n');
+        String::from_utf8(line).unwrap().trim_end_matches('\n').to_owned()
+    }
+
+    /// Waits for words on standard error.
+    pub fn wait_for_error(&mut self, words: &str) {
+        self.stderr.wait_for(words);
+    }
+
+    /// Closes standard output, as a reader does who has had enough.
+    pub fn close_stdout(&mut self) {
+        self.stdout = None;
+    }
+
+    pub fn terminate(&mut self) {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+    }
+
+    /// Ends it as an impatient user does.
+    pub fn terminate_until_ended(&mut self) {
+        for _ in 0..200 {
+            if self.child.try_wait().unwrap().is_some() {
+                return;
+            }
+            self.terminate();
+            std::thread::sleep(std::time::Duration::from_millis(50));
+        }
+        panic!("no signal ended it");
+    }
+
+    /// Waits for the end: the exit status, and standard error.
+    pub fn wait(&mut self) -> (Option<i32>, String) {
+        let status = self.stderr.end_of(&mut self.child);
+        (status.code(), self.stderr.rest())
+    }
+}
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}

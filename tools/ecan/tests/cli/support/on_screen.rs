@@ -1,0 +1,158 @@
+//! The program on a terminal whose screen a test sees as a person does.
+
+use std::fs::File;
+use std::io::{Read as _, Write as _};
+use std::num::NonZero;
+use std::os::fd::AsFd;
+use std::process::{Child, Command, ExitStatus, Stdio};
+use std::time::Instant;
+
+use rustix::fs::{Mode, OFlags};
+use rustix::io::Errno;
+use rustix::process::{Pid, PidfdFlags, Signal, kill_process, pidfd_open};
+use rustix::termios::tcsetwinsize;
+
+use super::terminal::{Pty, is_raw, winsize};
+use super::timed_reader::{LIMIT, is_readable};
+
+/// The program on a terminal.
+pub struct OnScreen {
+    child: Child,
+    /// The side of the one who looks; none once it is closed.
+    master: Option<File>,
+    /// Keeps the terminal after the program.
+    terminal: File,
+    name: String,
+    screen: vt100::Parser,
+}
+
+impl OnScreen {
+    /// Starts the program on a terminal of so many columns and rows.
+    pub fn start(size: (u16, u16), arguments: &[&str]) -> Self {
+        Self::spawn(size, &[&[env!("CARGO_BIN_EXE_ecan")][..], arguments].concat())
+    }
+
+    /// As [`start`](Self::start), as leader of a session of its own: it gets SIGHUP when the
+    /// terminal goes away.
+    pub fn start_leader(size: (u16, u16), arguments: &[&str]) -> Self {
+        let leader = ["setsid", "--ctty", env!("CARGO_BIN_EXE_ecan")];
+        Self::spawn(size, &[&leader[..], arguments].concat())
+    }
+
+    fn spawn(size: (u16, u16), line: &[&str]) -> Self {
+        let pty = Pty::open(size);
+        let child = Command::new(line[0])
+            .args(&line[1..])
+            .env_remove("ECAN_ECRT")
+            .env_remove("NO_COLOR")
+            .env("TERM", "xterm-256color")
+            .stdin(pty.stdio())
+            .stdout(pty.stdio())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let (rows, columns) = cells(size);
+        let screen = vt100::Parser::new(rows, columns, 0);
+        let Pty { master, terminal, name } = pty;
+        Self { child, master: Some(master), terminal, name, screen }
+    }
+
+    /// What stands on the screen, without blanks at the ends of lines.
+    pub fn screen(&self) -> String {
+        self.screen.screen().contents()
+    }
+
+    /// Whether the program has a screen of its own, beside that of the shell.
+    pub fn has_own_screen(&self) -> bool {
+        self.screen.screen().alternate_screen()
+    }
+
+    /// Whether keys reach the program one by one.
+    pub fn is_raw(&self) -> bool {
+        is_raw(&self.terminal)
+    }
+
+    /// Reads until the screen fits.
+    pub fn wait_until(&mut self, what: &str, fits: impl Fn(&Self) -> bool) {
+        let deadline = Instant::now() + LIMIT;
+        let mut buffer = [0; 4096];
+        while !fits(self) {
+            let master = self.master.as_mut().unwrap();
+            assert!(is_ready(&*master, deadline), "no {what}:\n{}", self.screen());
+            let length = master.read(&mut buffer).unwrap();
+            self.screen.process(&buffer[..length]);
+        }
+    }
+
+    /// Reads until these words stand on the screen.
+    pub fn wait_for(&mut self, words: &str) {
+        self.wait_until(words, |it| it.screen().contains(words));
+    }
+
+    /// Types.
+    pub fn press(&mut self, keys: &[u8]) {
+        self.master.as_mut().unwrap().write_all(keys).unwrap();
+    }
+
+    /// Makes the terminal another size.
+    pub fn resize(&mut self, size: (u16, u16)) {
+        tcsetwinsize(self.master.as_ref().unwrap(), winsize(size)).unwrap();
+        // What terminals make of what stood there differs: this one forgets it.
+        let (rows, columns) = cells(size);
+        let has_own_screen = self.has_own_screen();
+        self.screen = vt100::Parser::new(rows, columns, 0);
+        if has_own_screen {
+            self.screen.process(b"\x1b[?1049h");
+        }
+        self.signal(Signal::WINCH);
+    }
+
+    /// Puts as much onto the terminal as it takes while nobody reads.
+    pub fn fill(&self) {
+        let flags = OFlags::WRONLY | OFlags::NONBLOCK | OFlags::NOCTTY | OFlags::CLOEXEC;
+        let terminal = rustix::fs::open(&self.name, flags, Mode::empty()).unwrap();
+        loop {
+            match rustix::io::write(&terminal, &[b' '; 256]) {
+                Ok(_) => {}
+                Err(Errno::AGAIN) => break,
+                Err(error) => panic!("{error}"),
+            }
+        }
+    }
+
+    /// Closes the terminal, as one who closes its window.
+    pub fn close(&mut self) {
+        self.master = None;
+    }
+
+    /// Sends a signal.
+    pub fn signal(&self, signal: Signal) {
+        kill_process(Pid::from_child(&self.child), signal).unwrap();
+    }
+
+    /// Waits for the end: exit status, and standard error.
+    pub fn end(&mut self) -> (ExitStatus, String) {
+        let process = pidfd_open(Pid::from_child(&self.child), PidfdFlags::empty()).unwrap();
+        let is_over = is_ready(&process, Instant::now() + LIMIT);
+        assert!(is_over, "it does not end:\n{}", self.screen());
+        let mut errors = String::new();
+        self.child.stderr.take().unwrap().read_to_string(&mut errors).unwrap();
+        (self.child.wait().unwrap(), errors)
+    }
+}
+
+impl Drop for OnScreen {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Rows and columns, as the screen counts them.
+fn cells((columns, rows): (u16, u16)) -> (NonZero<u16>, NonZero<u16>) {
+    (NonZero::new(rows).unwrap(), NonZero::new(columns).unwrap())
+}
+
+fn is_ready(descriptor: impl AsFd, deadline: Instant) -> bool {
+    is_readable(descriptor, deadline.saturating_duration_since(Instant::now())).unwrap()
+}

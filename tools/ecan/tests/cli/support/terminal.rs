@@ -1,0 +1,130 @@
+//! A program on a terminal of its own, which has to be afterwards as it was before.
+
+use std::fs::File;
+use std::io::Write as _;
+use std::process::{Child, Command, Stdio};
+
+use rustix::pty::{OpenptFlags, openpt, ptsname, unlockpt};
+use rustix::termios::{LocalModes, Termios, Winsize, tcgetattr, tcsetwinsize};
+
+use super::timed_reader::TimedReader;
+
+/// The alternate screen, entered and left; the cursor, hidden and shown.
+pub const ENTER: &str = "\x1b[?1049h";
+pub const LEAVE: &str = "\x1b[?1049l";
+const HIDE: &str = "\x1b[?25l";
+const SHOW: &str = "\x1b[?25h";
+
+/// A pseudo terminal. Its descriptors are closed on exec: no child of another test keeps it open.
+pub struct Pty {
+    pub master: File,
+    pub terminal: File,
+    pub name: String,
+}
+
+impl Pty {
+    /// Opens a terminal of this size, in columns and rows.
+    pub fn open(size: (u16, u16)) -> Self {
+        let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
+        let master = openpt(flags).unwrap();
+        unlockpt(&master).unwrap();
+        let name = ptsname(&master, Vec::new()).unwrap().into_string().unwrap();
+        let terminal = File::options().read(true).write(true).open(&name).unwrap();
+        tcsetwinsize(&master, winsize(size)).unwrap();
+        Self { master: master.into(), terminal, name }
+    }
+
+    /// One more handle of the terminal, for a child.
+    pub fn stdio(&self) -> Stdio {
+        self.terminal.try_clone().unwrap().into()
+    }
+}
+
+pub fn winsize((columns, rows): (u16, u16)) -> Winsize {
+    Winsize { ws_row: rows, ws_col: columns, ws_xpixel: 0, ws_ypixel: 0 }
+}
+
+/// Whether a terminal passes keys to the program one by one.
+pub fn is_raw(terminal: &File) -> bool {
+    !tcgetattr(terminal).unwrap().local_modes.contains(LocalModes::ICANON)
+}
+
+pub struct OnTerminal {
+    child: Child,
+    /// Keeps the terminal open after the program.
+    pty: Pty,
+    before: Termios,
+    shown: TimedReader,
+}
+
+impl OnTerminal {
+    pub fn start(command: &mut Command) -> Self {
+        let pty = Pty::open((100, 40));
+        let before = tcgetattr(&pty.terminal).unwrap();
+        let (stdin, stdout, stderr) = (pty.stdio(), pty.stdio(), pty.stdio());
+        command.env("TERM", "xterm").stdin(stdin).stdout(stdout).stderr(stderr);
+        let child = command.spawn().unwrap();
+        let shown = TimedReader::new(pty.master.try_clone().unwrap());
+        Self { child, pty, before, shown }
+    }
+
+    /// Waits until the screen has had these words; blanks are not written where nothing was.
+    pub fn wait_for(&mut self, words: &str) {
+        self.shown.wait_for(words);
+    }
+
+    /// Whether keys go to the program as they are.
+    pub fn is_raw(&self) -> bool {
+        is_raw(&self.pty.terminal)
+    }
+
+    pub fn press(&mut self, keys: &[u8]) {
+        self.pty.master.write_all(keys).unwrap();
+    }
+
+    pub fn terminate(&self) {
+        let id = self.child.id().to_string();
+        assert!(Command::new("kill").args(["-TERM", &id]).status().unwrap().success());
+    }
+
+    /// Waits for the end: the exit status, and what was said behind the alternate screen. The
+    /// terminal has to be as it was: its modes, the screen, the cursor.
+    pub fn end(mut self) -> (Option<i32>, String) {
+        let status = self.shown.end_of(&mut self.child).code();
+        // What the program wrote before its end is there already; this is behind it.
+        let mark = "<the end>";
+        self.pty.terminal.write_all(mark.as_bytes()).unwrap();
+        self.wait_for(mark);
+        let modes =
+            |it: Termios| (it.input_modes, it.output_modes, it.control_modes, it.local_modes);
+        assert_eq!(modes(tcgetattr(&self.pty.terminal).unwrap()), modes(self.before.clone()));
+        let text = self.shown.text();
+        let last = |code: &str| text.rfind(code);
+        assert!(last(ENTER) < last(LEAVE), "the alternate screen is not left: {text:?}");
+        assert!(last(HIDE) < last(SHOW), "the cursor is not shown: {text:?}");
+        let (_, behind) = text.split_once(LEAVE).unwrap();
+        (status, behind.trim_end_matches(mark).to_owned())
+    }
+}
+
+impl Drop for OnTerminal {
+    fn drop(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+/// Runs a program with a terminal for input and messages, at which this is typed: its exit status,
+/// and what the terminal shows.
+pub fn with_answer(command: &mut Command, typed: &str) -> (i32, String) {
+    let Pty { mut master, terminal, .. } = Pty::open((80, 24));
+    master.write_all(typed.as_bytes()).unwrap();
+    let stdin = terminal.try_clone().unwrap();
+    command.env("TERM", "xterm").stdin(stdin).stderr(terminal).stdout(Stdio::null());
+    let mut child = command.spawn().unwrap();
+    // The command keeps its handles of the terminal until then.
+    command.stdin(Stdio::null()).stderr(Stdio::null());
+    let mut shown = TimedReader::new(master);
+    let status = shown.end_of(&mut child).code().unwrap();
+    (status, shown.rest())
+}

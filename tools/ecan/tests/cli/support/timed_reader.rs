@@ -1,0 +1,154 @@
+//! Reading from what may say nothing: a child, a terminal, a connection. Each wait has a limit, and
+//! fails with what came until then.
+
+use std::io::Read;
+use std::os::fd::AsFd;
+use std::process::{Child, ExitStatus};
+use std::time::{Duration, Instant};
+
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+
+/// Nothing here takes anywhere near as long, unless it fails.
+pub const LIMIT: Duration = Duration::from_secs(60);
+
+/// Between two looks whether a program has ended.
+const LOOK: Duration = Duration::from_millis(10);
+
+/// What a wait has brought.
+enum Piece {
+    Came,
+    Nothing,
+    End,
+}
+
+/// What can be waited for and read.
+trait Source: Read + AsFd {}
+
+impl<T: Read + AsFd> Source for T {}
+
+/// Reads with a limit.
+pub struct TimedReader {
+    source: Box<dyn Source>,
+    limit: Duration,
+    /// Everything that came.
+    text: Vec<u8>,
+    /// So much of it was taken.
+    taken: usize,
+}
+
+impl TimedReader {
+    pub fn new(source: impl Read + AsFd + 'static) -> Self {
+        Self::with_limit(source, LIMIT)
+    }
+
+    pub fn with_limit(source: impl Read + AsFd + 'static, limit: Duration) -> Self {
+        Self { source: Box::new(source), limit, text: Vec::new(), taken: 0 }
+    }
+
+    /// Everything that came so far.
+    pub fn text(&self) -> String {
+        String::from_utf8_lossy(&self.text).into_owned()
+    }
+
+    /// Waits until these words came, at whatever time.
+    pub fn wait_for(&mut self, words: &str) {
+        let has = |text: &[u8]| text.windows(words.len()).any(|it| it == words.as_bytes());
+        self.wait_until(&format!("{words:?}"), |text, _| has(text).then_some(()));
+    }
+
+    /// The next bytes.
+    pub fn bytes(&mut self, count: usize) -> Vec<u8> {
+        let what = format!("{count} bytes");
+        let end = self.wait_until(&what, |text, taken| {
+            (text.len() >= taken + count).then_some(taken + count)
+        });
+        self.take_to(end)
+    }
+
+    /// The next bytes up to this one, and with it; to the end where it does not come.
+    pub fn through(&mut self, last: u8) -> Vec<u8> {
+        self.through_one_of(&[last])
+    }
+
+    /// The next bytes up to the first of these, and with it; to the end where none comes.
+    pub fn through_one_of(&mut self, last: &[u8]) -> Vec<u8> {
+        let found =
+            self.look(&String::from_utf8_lossy(last).escape_debug().to_string(), |text, taken| {
+                let place = text[taken..].iter().position(|byte| last.contains(byte));
+                place.map(|place| taken + place + 1)
+            });
+        self.take_to(found.unwrap_or(self.text.len()))
+    }
+
+    /// Everything from here to the end.
+    pub fn rest(&mut self) -> String {
+        self.look("the end", |_, _| None::<()>);
+        String::from_utf8_lossy(&self.take_to(self.text.len())).into_owned()
+    }
+
+    fn take_to(&mut self, end: usize) -> Vec<u8> {
+        let taken = std::mem::replace(&mut self.taken, end);
+        self.text[taken..end].to_vec()
+    }
+
+    /// Waits until `find` finds something in the text, from what is not yet taken.
+    fn wait_until<T>(&mut self, what: &str, find: impl Fn(&[u8], usize) -> Option<T>) -> T {
+        let found = self.look(what, find);
+        found.unwrap_or_else(|| panic!("the end came before {what}, behind: {}", self.text()))
+    }
+
+    /// As `wait_until`; none where the end comes first.
+    fn look<T>(&mut self, what: &str, find: impl Fn(&[u8], usize) -> Option<T>) -> Option<T> {
+        let end = Instant::now() + self.limit;
+        loop {
+            if let Some(found) = find(&self.text, self.taken) {
+                return Some(found);
+            }
+            match self.read_for(end.saturating_duration_since(Instant::now())) {
+                Piece::Came => {}
+                Piece::End => return None,
+                Piece::Nothing => self.fail(what),
+            }
+        }
+    }
+
+    /// Waits for the end of a program and reads what it says meanwhile: it may wait for a reader.
+    pub fn end_of(&mut self, child: &mut Child) -> ExitStatus {
+        let end = Instant::now() + self.limit;
+        loop {
+            if let Some(status) = child.try_wait().unwrap() {
+                return status;
+            }
+            if Instant::now() > end {
+                self.fail("the end of the program");
+            }
+            self.read_for(LOOK);
+        }
+    }
+
+    fn fail(&self, what: &str) -> ! {
+        panic!("{what} did not come in {:?}; this came: {}", self.limit, self.text())
+    }
+
+    /// Waits for the next piece, at most so long.
+    fn read_for(&mut self, limit: Duration) -> Piece {
+        match is_readable(&self.source, limit) {
+            Ok(true) => {}
+            Ok(false) => return Piece::Nothing,
+            Err(Errno::INTR) => return Piece::Came,
+            Err(error) => panic!("{error}"),
+        }
+        let mut buffer = [0; 4096];
+        // A terminal without a program ends with an error.
+        let Ok(length @ 1..) = self.source.read(&mut buffer) else { return Piece::End };
+        self.text.extend_from_slice(&buffer[..length]);
+        Piece::Came
+    }
+}
+
+/// Waits until a descriptor is readable, at most for `limit`; `false` if it is not.
+pub fn is_readable(descriptor: impl AsFd, limit: Duration) -> Result<bool, Errno> {
+    let limit = Timespec { tv_sec: limit.as_secs() as i64, tv_nsec: limit.subsec_nanos().into() };
+    Ok(poll(&mut [PollFd::new(&descriptor, PollFlags::IN)], Some(&limit))? > 0)
+}

@@ -1,0 +1,43 @@
+//! What the other tests wait with: a limit that holds, and that tells what came.
+
+use std::io::Write as _;
+use std::os::unix::net::UnixStream;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::time::Duration;
+
+use crate::support::timed_reader::TimedReader;
+
+/// The words of a panic.
+fn panic_of(work: impl FnOnce()) -> String {
+    let panic = catch_unwind(AssertUnwindSafe(work)).unwrap_err();
+    *panic.downcast::<String>().unwrap()
+}
+
+#[test]
+fn what_does_not_come_in_time_is_a_failure_with_what_came() {
+    let (mut other, ours) = UnixStream::pair().unwrap();
+    let mut heard = TimedReader::with_limit(ours, Duration::from_millis(50));
+    other.write_all(b"one two").unwrap();
+    heard.wait_for("two");
+    let words = panic_of(|| heard.wait_for("three"));
+    assert!(words.starts_with("\"three\" did not come in 50ms; this came: one two"), "{words}");
+    let words = panic_of(|| drop(heard.bytes(8)));
+    assert!(words.starts_with("8 bytes did not come in 50ms; this came: one two"), "{words}");
+    drop(other);
+    let words = panic_of(|| heard.wait_for("three"));
+    assert_eq!(words, "the end came before \"three\", behind: one two");
+}
+
+#[test]
+fn pieces_are_taken_one_after_the_other() {
+    let (mut other, ours) = UnixStream::pair().unwrap();
+    let mut heard = TimedReader::new(ours);
+    other.write_all(b"first\nsecond\nabcdef").unwrap();
+    assert_eq!(heard.through(b'\n'), b"first\n");
+    heard.wait_for("abc");
+    assert_eq!(heard.bytes(3), b"sec");
+    assert_eq!(heard.through(b'\n'), b"ond\n");
+    drop(other);
+    assert_eq!(heard.rest(), "abcdef");
+    assert_eq!(heard.through(b'\n'), b"");
+}
