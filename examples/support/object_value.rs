@@ -73,7 +73,9 @@ impl ValueType {
                 let digits: Vec<u32> = text.chars().filter_map(|c| c.to_digit(16)).collect();
                 let count = text.chars().filter(|c| !c.is_whitespace()).count();
                 if digits.len() != count || count % 2 != 0 {
-                    return Err(format!("invalid bytes {text}; expected pairs of hexadecimal digits"));
+                    return Err(format!(
+                        "invalid bytes {text}; expected pairs of hexadecimal digits"
+                    ));
                 }
                 Ok(digits.chunks(2).map(|pair| (pair[0] * 16 + pair[1]) as u8).collect())
             }

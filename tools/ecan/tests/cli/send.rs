@@ -175,7 +175,7 @@ fn misuse_is_named_and_told_by_the_status() {
         (2, &["send"], "<FRAME>"),
         (2, &["send", "123"], "column 4"),
         (2, &["send", "123#1"], "two hex digits"),
-        (2, &["send", "800#"], "identifier"),
+        (2, &["send", "800#"], "CAN ID 800"),
         (
             2,
             &[SIM, "send", CLASSIC, "123##1AA"],
