@@ -9,9 +9,9 @@ find_package(Threads REQUIRED)
 # What a Rust static library needs of the system.
 set(ECAN_SYSTEM_LIBRARIES Threads::Threads ${CMAKE_DL_LIBS} m)
 
-# cargo's release build of a package; OUTPUT gets the path of its static library.
+# cargo's release build of a package with further FLAGS; OUTPUT gets the path of its static library.
 function(ecan_cargo_build target)
-    cmake_parse_arguments(_arg "" "PACKAGE;LIBRARY;OUTPUT" "" ${ARGN})
+    cmake_parse_arguments(_arg "" "PACKAGE;LIBRARY;OUTPUT" "FLAGS" ${ARGN})
     set(_file "${ECAN_CARGO_TARGET_DIR}/release/lib${_arg_LIBRARY}.a")
     set(_environment "CARGO_TARGET_DIR=${ECAN_CARGO_TARGET_DIR}")
     if(ECRT_LIBRARY)
@@ -19,7 +19,8 @@ function(ecan_cargo_build target)
     endif()
     # cargo knows best what is stale, and does nothing where nothing is.
     add_custom_target(${target}_cargo ALL
-        COMMAND ${CMAKE_COMMAND} -E env ${_environment} ${ECAN_CARGO} build --release --locked --quiet -p ${_arg_PACKAGE}
+        COMMAND ${CMAKE_COMMAND} -E env ${_environment} ${ECAN_CARGO} build --release --locked --quiet
+            -p ${_arg_PACKAGE} ${_arg_FLAGS}
         WORKING_DIRECTORY "${PROJECT_SOURCE_DIR}"
         BYPRODUCTS "${_file}"
         COMMENT "cargo build ${_arg_PACKAGE}"
@@ -29,8 +30,9 @@ endfunction()
 
 # A library of the SDK: <name> (shared) and <name>_static.
 function(ecan_add_library name)
-    cmake_parse_arguments(_arg "" "PACKAGE" "" ${ARGN})
-    ecan_cargo_build(${name} PACKAGE ${_arg_PACKAGE} LIBRARY ${name} OUTPUT _archive)
+    cmake_parse_arguments(_arg "" "PACKAGE" "FLAGS" ${ARGN})
+    ecan_cargo_build(${name} PACKAGE ${_arg_PACKAGE} LIBRARY ${name} FLAGS ${_arg_FLAGS}
+        OUTPUT _archive)
     set(_static "${CMAKE_CURRENT_BINARY_DIR}/lib${name}.a")
     add_custom_command(OUTPUT "${_static}"
         COMMAND ${CMAKE_COMMAND} -E copy_if_different "${_archive}" "${_static}"

@@ -78,6 +78,12 @@ for program in by_pkg_config by_pkg_config_cxx protocol_by_pkg_config; do
     LD_LIBRARY_PATH=$library_path "$build/consumer/$program"
 done
 
+say "without the simulator"
+cmake -S . -B "$build/plain" -DECAN_IGH_SIM=OFF -DECAN_CARGO_TARGET_DIR="$target" \
+    >"$build/plain.log"
+cmake --build "$build/plain" --parallel 2
+ctest --test-dir "$build/plain" --output-on-failure
+
 say "the protocol alone"
 cmake -S . -B "$build/protocol" -DECAN_IGH_BUILD_DEMO=OFF -DECAN_CARGO_TARGET_DIR="$target" \
     >"$build/protocol.log"

@@ -65,6 +65,6 @@ pub use requests::RequestId;
 pub use startup::{Expectation, StartupStep};
 
 pub use ecrt_sys::{
-    Clock, Ecrt, Errno, LinkState, Master, MasterState, MonotonicClock, RequestState,
+    Clock, Ecrt, EcrtSetting, Errno, LinkState, Master, MasterState, MonotonicClock, RequestState,
     SlaveConfigState, SlaveInfo, WcState,
 };

@@ -3,13 +3,12 @@
 //! This is the only place that chooses between the two, and it never falls back from the real
 //! library to the simulator by itself.
 
-use std::ffi::OsString;
 use std::path::{Path, PathBuf};
 
-use ecrt_sys::Ecrt;
+use ecrt_sys::{Ecrt, EcrtSetting};
 
-use crate::backend_error::{BackendError, ECRT_VARIABLE};
-use crate::ecrt::{secure_execution, simulated_library};
+use crate::backend_error::BackendError;
+use crate::ecrt::simulated_library;
 use crate::node::BridgeFactory;
 use crate::scenario::{self, BUILTIN_SCENARIOS, ClockKind, Scenario};
 use crate::simulation::Simulation;
@@ -41,70 +40,13 @@ impl ScenarioChoice {
         }
         Err(BackendError::UnknownScenario { name: name.to_owned() })
     }
-}
 
-/// The `ecrt` setting: which libethercat to use.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub enum EcrtSetting {
-    /// The real library: the one named, or the default one.
-    Library(Option<PathBuf>),
-    /// A simulated library.
-    Sim(ScenarioChoice),
-}
-
-impl EcrtSetting {
-    /// Reads a setting: empty is the default library; `sim`, `sim:<name>` and `sim:<file>.toml`
-    /// are simulated; everything else is the path of a library.
+    /// Choice of a simulated [`EcrtSetting`].
     ///
     /// # Errors
     /// [`BackendError::UnknownScenario`].
-    pub fn parse(text: &str) -> Result<Self, BackendError> {
-        if text.is_empty() {
-            return Ok(Self::Library(None));
-        }
-        if text == "sim" {
-            return Ok(Self::Sim(ScenarioChoice::Suggested));
-        }
-        match text.strip_prefix("sim:") {
-            Some(name) => ScenarioChoice::parse(name).map(Self::Sim),
-            None => Ok(Self::Library(Some(PathBuf::from(text)))),
-        }
-    }
-
-    /// The setting of the environment variable `ECAN_ECRT`; `None` when it is not set, or when the
-    /// program runs with more rights than its user has (setuid, setgid, capabilities): then the
-    /// environment is not to be trusted, as for `secure_getenv`.
-    ///
-    /// # Errors
-    /// As [`parse`](Self::parse), and [`BackendError::Environment`] for a value that is not text.
-    pub fn from_environment() -> Result<Option<Self>, BackendError> {
-        if secure_execution() {
-            return Ok(None);
-        }
-        Self::from_variable(std::env::var_os(ECRT_VARIABLE))
-    }
-
-    fn from_variable(value: Option<OsString>) -> Result<Option<Self>, BackendError> {
-        match value {
-            None => Ok(None),
-            Some(value) if value.is_empty() => Ok(None),
-            Some(value) => {
-                let text = value.to_str().ok_or(BackendError::Environment)?;
-                Self::parse(text).map(Some)
-            }
-        }
-    }
-
-    /// The setting in force: an explicit one (API or `--ecrt`), else the environment's, else the
-    /// default library.
-    ///
-    /// # Errors
-    /// As [`parse`](Self::parse) and [`from_environment`](Self::from_environment).
-    pub fn resolve(explicit: Option<&str>) -> Result<Self, BackendError> {
-        match explicit {
-            Some(text) => Self::parse(text),
-            None => Ok(Self::from_environment()?.unwrap_or(Self::Library(None))),
-        }
+    pub fn from_setting(name: Option<&str>) -> Result<Self, BackendError> {
+        name.map_or(Ok(Self::Suggested), Self::parse)
     }
 }
 
@@ -146,11 +88,15 @@ pub fn open(setting: &EcrtSetting, options: &SimOptions) -> Result<Backend, Back
         EcrtSetting::Library(path) => {
             Ok(Backend { ecrt: Ecrt::load(path.as_deref())?, simulation: None })
         }
-        EcrtSetting::Sim(choice) => {
-            let simulation = simulate(choice, options)?;
-            Ok(Backend { ecrt: simulated_library(&simulation), simulation: Some(simulation) })
+        EcrtSetting::Simulated(name) => {
+            open_simulated(&ScenarioChoice::from_setting(name.as_deref())?, options)
         }
     }
+}
+
+fn open_simulated(choice: &ScenarioChoice, options: &SimOptions) -> Result<Backend, BackendError> {
+    let simulation = simulate(choice, options)?;
+    Ok(Backend { ecrt: simulated_library(&simulation), simulation: Some(simulation) })
 }
 
 /// Opens a simulation without the table of a library in front, for [`libethercat`].
@@ -189,7 +135,7 @@ pub fn load_scenario(
 /// # Errors
 /// What is wrong with the scenario's files.
 pub fn open_scenario(scenario: Scenario, options: &SimOptions) -> Result<Backend, BackendError> {
-    open(&EcrtSetting::Sim(ScenarioChoice::Given(Box::new(scenario))), options)
+    open_simulated(&ScenarioChoice::Given(Box::new(scenario)), options)
 }
 
 fn choose(choice: &ScenarioChoice, options: &SimOptions) -> Result<Scenario, BackendError> {
@@ -217,24 +163,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn settings_are_told_apart() {
-        let parse = |text| EcrtSetting::parse(text).unwrap();
-        assert_eq!(parse(""), EcrtSetting::Library(None));
+    fn scenario_is_built_in_or_file() {
+        let choose = |name| ScenarioChoice::from_setting(name).unwrap();
+        assert_eq!(choose(None), ScenarioChoice::Suggested);
+        assert_eq!(choose(Some("echo")), ScenarioChoice::Named("echo".into()));
         assert_eq!(
-            parse("/opt/etherlab/lib/libethercat.so.1"),
-            EcrtSetting::Library(Some("/opt/etherlab/lib/libethercat.so.1".into()))
-        );
-        assert_eq!(parse("sim"), EcrtSetting::Sim(ScenarioChoice::Suggested));
-        assert_eq!(parse("sim:echo"), EcrtSetting::Sim(ScenarioChoice::Named("echo".into())));
-        assert_eq!(
-            parse("sim:cells/line 3.toml"),
-            EcrtSetting::Sim(ScenarioChoice::File("cells/line 3.toml".into()))
+            choose(Some("cells/line 3.toml")),
+            ScenarioChoice::File("cells/line 3.toml".into())
         );
     }
 
     #[test]
-    fn an_unknown_scenario_is_refused_with_the_list() {
-        let error = EcrtSetting::parse("sim:ecco").unwrap_err();
+    fn unknown_scenario_is_rejected_with_the_list() {
+        let error = open(&EcrtSetting::parse("sim:ecco"), &SimOptions::default()).unwrap_err();
         assert_eq!(
             error.to_string(),
             "there is no scenario \"ecco\"; there are: echo, drives, jitter, or the name of a file that \
@@ -243,22 +184,8 @@ mod tests {
     }
 
     #[test]
-    fn an_explicit_setting_wins() {
-        assert_eq!(
-            EcrtSetting::resolve(Some("sim")).unwrap(),
-            EcrtSetting::Sim(ScenarioChoice::Suggested)
-        );
-    }
-
-    #[test]
-    fn the_variable_is_read_like_the_option() {
-        let read = |value: Option<&str>| EcrtSetting::from_variable(value.map(OsString::from));
-        assert_eq!(read(None).unwrap(), None);
-        assert_eq!(read(Some("")).unwrap(), None);
-        assert_eq!(
-            read(Some("sim:echo")).unwrap(),
-            Some(EcrtSetting::Sim(ScenarioChoice::Named("echo".into())))
-        );
-        assert!(matches!(read(Some("sim:")), Err(BackendError::UnknownScenario { .. })));
+    fn empty_scenario_name_is_rejected() {
+        let opened = open(&EcrtSetting::parse("sim:"), &SimOptions::default());
+        assert!(matches!(opened, Err(BackendError::UnknownScenario { .. })));
     }
 }

@@ -3,13 +3,10 @@
 use std::error::Error;
 use std::path::PathBuf;
 
-use ecrt_sys::LoadError;
+use ecrt_sys::{EnvironmentError, LoadError};
 
 use crate::drive::EdsError;
 use crate::scenario::{BUILTIN_SCENARIOS, ScenarioError};
-
-/// Environment variable of the `ecrt` setting.
-pub const ECRT_VARIABLE: &str = "ECAN_ECRT";
 
 /// Why a library or a simulation cannot be opened.
 #[derive(Debug, thiserror::Error)]
@@ -27,8 +24,8 @@ pub enum BackendError {
         name: String,
     },
     /// The environment variable is not UTF-8.
-    #[error("the environment variable {ECRT_VARIABLE} is not text")]
-    Environment,
+    #[error(transparent)]
+    Environment(#[from] EnvironmentError),
     /// A file cannot be read.
     #[error("cannot read {}: {error}", path.display())]
     Read {

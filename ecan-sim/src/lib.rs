@@ -67,10 +67,11 @@ pub mod libethercat {
 }
 
 pub use backend::{
-    Backend, EcrtSetting, ScenarioChoice, SimOptions, load_scenario, open, open_scenario, simulate,
+    Backend, ScenarioChoice, SimOptions, load_scenario, open, open_scenario, simulate,
 };
-pub use backend_error::{BackendError, ECRT_VARIABLE};
+pub use backend_error::BackendError;
 pub use clock::SimClock;
+pub use ecrt_sys::{ECRT_VARIABLE, EcrtSetting};
 pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{DriveFault, Fault, LibraryCall, LossDirection, ScriptedFault, When};
 pub use runner::{RealTimeRunner, RunnerError};

@@ -45,7 +45,7 @@ fn exchange(program: &mut Program, frames: &[CanFrame]) -> Vec<(u32, Vec<u8>)> {
 fn the_built_in_scenario_has_four_drives_on_every_channel() {
     let options =
         SimOptions { clock: Some(ClockKind::Stepped), slaves: Some(3), ..SimOptions::default() };
-    let setting = EcrtSetting::parse("sim:drives").unwrap();
+    let setting = EcrtSetting::parse("sim:drives");
     let simulation = open(&setting, &options).unwrap().simulation.unwrap();
     assert!(simulation.banner().contains("Scenario drives: 3 gateways, 48 nodes"));
     simulation.with_world(|world| {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use ecan_sim::{
     BackendError, ClockKind, EcrtSetting, EcrtVersion, Fault, FaultyBehaviour, GatewayFault,
-    LibraryCall, LossDirection, NodeKind, Scenario, ScenarioChoice, ScriptedFault, SimOptions,
+    LibraryCall, LossDirection, NodeKind, Scenario, ScriptedFault, SimOptions,
     Topology, WakeUpDelay, When, open,
 };
 
@@ -222,7 +222,10 @@ fn two_nodes_need_two_names() {
 fn missing_files_and_bad_logs_are_named() {
     let directory = std::env::temp_dir().join(format!("ecan-sim-files-{}", std::process::id()));
     std::fs::create_dir_all(&directory).unwrap();
-    let setting = |name: &str| EcrtSetting::Sim(ScenarioChoice::File(directory.join(name)));
+    let setting = |name: &str| {
+        let path = directory.join(name).to_str().unwrap().to_owned();
+        EcrtSetting::Simulated(Some(path))
+    };
     let options = SimOptions::default();
     let error = open(&setting("none.toml"), &options).unwrap_err();
     assert!(matches!(error, BackendError::Read { .. }));
@@ -250,7 +253,7 @@ fn missing_files_and_bad_logs_are_named() {
 fn a_simulated_run_says_so() {
     let options =
         SimOptions { clock: Some(ClockKind::Stepped), slaves: Some(2), ..SimOptions::default() };
-    let setting = EcrtSetting::parse("sim").unwrap();
+    let setting = EcrtSetting::parse("sim");
     let backend = open(&setting, &SimOptions { seed: Some(5), ..options }).unwrap();
     assert!(backend.ecrt.is_simulated());
     assert_eq!(
@@ -262,7 +265,7 @@ fn a_simulated_run_says_so() {
 
 #[test]
 fn a_missing_library_is_an_error_and_not_a_simulation() {
-    let setting = EcrtSetting::parse("/nowhere/libethercat.so.1").unwrap();
+    let setting = EcrtSetting::parse("/nowhere/libethercat.so.1");
     let error = open(&setting, &SimOptions::default()).unwrap_err();
     assert!(matches!(error, BackendError::Load(_)));
     assert!(error.to_string().contains("/nowhere/libethercat.so.1"));

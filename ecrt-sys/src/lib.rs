@@ -51,6 +51,7 @@ mod load_error;
 mod master;
 mod open_error;
 mod scheduling;
+mod setting;
 
 pub use bindings::{
     EC_AL_STATE_INIT, EC_AL_STATE_OP, EC_AL_STATE_PREOP, EC_AL_STATE_SAFEOP, EC_DIR_INPUT,
@@ -78,3 +79,4 @@ pub use master::{
 };
 pub use open_error::{NodeOwner, OpenError, OpenFailure};
 pub use scheduling::set_fifo_priority;
+pub use setting::{ECRT_VARIABLE, EcrtSetting, EnvironmentError};

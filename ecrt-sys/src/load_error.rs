@@ -11,6 +11,12 @@ use crate::library::RELEASES;
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum LoadError {
+    /// The setting `ecrt` selects the simulator, which this program does not contain.
+    #[error(
+        "the setting `ecrt` is `sim`, but this program was built without the simulator; build with \
+         the cargo feature `sim` (CMake: ECAN_IGH_SIM=ON) or select a libethercat"
+    )]
+    NoSimulator,
     /// There is no such file.
     #[error(
         "the EtherCAT master library {} was not found ({loader}): {}",

@@ -59,7 +59,7 @@ impl Times {
 
 fn rust_port() -> Port {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
-    let setting = EcrtSetting::parse("sim:echo").unwrap();
+    let setting = EcrtSetting::parse("sim:echo");
     let backend = ecan_sim::open(&setting, &options).unwrap();
     let gateway = GatewayConfig {
         paced: false,

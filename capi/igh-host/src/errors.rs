@@ -10,18 +10,12 @@ use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::last_error;
 use ecan_mcan_host::common::result::ecan_result_t::{self, *};
 use ecan_mcan_port::{Backpressure, PortError, SendError};
-use ecan_sim::BackendError;
 
 /// Notes an error in words and gives its code.
 #[cold]
 fn note(call: Call, code: ecan_result_t, error: &dyn Display, abort_code: u32) -> ecan_result_t {
     last_error::note_with_abort_code(call.function(), code, format_args!("{error}"), abort_code);
     code
-}
-
-#[cold]
-pub(crate) fn backend(call: Call, error: &BackendError) -> ecan_result_t {
-    note(call, ECAN_ERR_ECRT, error, 0)
 }
 
 #[cold]

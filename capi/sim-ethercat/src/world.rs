@@ -35,7 +35,7 @@ pub(crate) fn simulation() -> Result<Simulation, c_int> {
 
 fn open() -> Result<Simulation, BackendError> {
     let choice = match EcrtSetting::from_environment()? {
-        Some(EcrtSetting::Sim(choice)) => choice,
+        Some(EcrtSetting::Simulated(name)) => ScenarioChoice::from_setting(name.as_deref())?,
         // The name of a library, most likely of this one: it says nothing about the scenario.
         Some(EcrtSetting::Library(_)) | None => ScenarioChoice::Suggested,
     };

@@ -18,12 +18,6 @@ use ecrt_sys::{
 };
 use libc::{c_int, c_uint, size_t};
 
-/// Whether the kernel started this program with more rights than its user has.
-pub(crate) fn secure_execution() -> bool {
-    // SAFETY: getauxval only reads the process's auxiliary vector.
-    unsafe { libc::getauxval(libc::AT_SECURE) != 0 }
-}
-
 /// The library in front of a simulation.
 pub(crate) fn simulated_library(simulation: &Simulation) -> Ecrt {
     let shared = simulation.shared().clone();

@@ -27,4 +27,4 @@ mod timing;
 mod transport;
 
 pub(crate) use front::Shared;
-pub(crate) use functions::{secure_execution, simulated_library};
+pub(crate) use functions::simulated_library;

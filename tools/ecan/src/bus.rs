@@ -2,7 +2,7 @@
 
 use ecan_host::{Clock, Diagnostics, Ecrt, Error, SlaveInfo, SlaveKind, SlaveQuery as _};
 use ecan_protocol::device::Capabilities;
-use ecan_sim::{Backend, ClockKind, EcrtSetting, SimOptions};
+use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 
 use crate::failure::Failure;
 use crate::firmware_version::{FirmwareVersion, serial_number};
@@ -35,7 +35,7 @@ impl Bus {
         output: &Output,
         clock: ClockKind,
     ) -> Result<Self, Failure> {
-        let setting = EcrtSetting::resolve(global.ecrt.as_deref())?;
+        let setting = EcrtSetting::resolve(global.ecrt.as_deref()).map_err(BackendError::from)?;
         let options = sim_options(clock);
         Self::of(&ecan_sim::open(&setting, &options)?, global, output)
     }

@@ -9,15 +9,14 @@
 //! ```
 
 use std::ffi::{c_int, c_void};
-use std::path::PathBuf;
 
 use ecan_host::Adapter;
-use ecan_mcan_host::boundary::{Call, call, getter};
+use ecan_mcan_host::boundary::{call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_sim::{Backend, ClockKind, EcrtSetting, SimOptions};
 use ecrt_sys::Master;
 
 use super::config::{AdapterPlain, ecan_igh_config_t};
+use super::library;
 use crate::bus::{self, Bus};
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Words};
@@ -32,39 +31,6 @@ pub struct ecan_igh_context_t {
 }
 
 const _: () = assert!(size_of::<Words>() == size_of::<ecan_igh_context_t>());
-
-/// What the build chose in place of the installed libethercat (CMake's ECRT_LIBRARY).
-fn default_library() -> Option<PathBuf> {
-    option_env!("ECAN_DEFAULT_ECRT").filter(|path| !path.is_empty()).map(PathBuf::from)
-}
-
-/// The library that the configuration asks for; a simulated one says so on standard error.
-fn open_library(call: Call, config: &AdapterPlain) -> Result<Backend, ecan_result_t> {
-    let explicit = config.is_ecrt_set.then(|| config.ecrt.get().unwrap_or_default());
-    let setting = match EcrtSetting::resolve(explicit).map_err(|e| errors::backend(call, &e))? {
-        EcrtSetting::Library(None) if explicit.is_none() => EcrtSetting::Library(default_library()),
-        setting => setting,
-    };
-    let clock = if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real };
-    let last_position = config.slaves[..config.slave_count].iter().map(|s| s.position).max();
-    let options = SimOptions {
-        suggested: config.scenario.get().map(str::to_owned),
-        clock: Some(clock),
-        seed: config.seed,
-        slaves: last_position.map(|position| usize::from(position) + 1),
-        carries_large_pdos: config.allow_large_pdos.then_some(true),
-        bridges: Some(ecan_sim_bridge::make),
-    };
-    let backend = ecan_sim::open(&setting, &options).map_err(|e| errors::backend(call, &e))?;
-    if let Some(simulation) = &backend.simulation {
-        eprintln!("{}", simulation.banner());
-    }
-    Ok(backend)
-}
-
-fn is_stepped(library: &Backend) -> bool {
-    library.simulation.as_ref().is_some_and(|world| world.clock_kind() == ClockKind::Stepped)
-}
 
 /// Opens the master: checks the configuration as a whole, loads the EtherCAT master library,
 /// reserves the master, finds the slaves, writes their startup SDOs in PREOP (also those of
@@ -98,10 +64,10 @@ pub unsafe extern "C" fn ecan_igh_init(
                 let rust = config.to_rust();
                 // A faulty configuration is told before any library is looked for.
                 rust.check().map_err(|faults| errors::adapter(call, &faults.into()))?;
-                let library = open_library(call, config)?;
+                let library = library::open(call, config)?;
                 let adapter = Adapter::open(&library.ecrt, rust);
                 let adapter = adapter.map_err(|e| errors::adapter(call, &e))?;
-                Ok(Bus::new(adapter, config.applied(), is_stepped(&library)))
+                Ok(Bus::new(adapter, config.applied(), library.is_stepped))
             })
         }
     })
@@ -140,14 +106,14 @@ pub unsafe extern "C" fn ecan_igh_attach(
             handle::init(call, context.cast(), Kind::Adapter, || {
                 let rust = config.to_rust();
                 rust.check().map_err(|faults| errors::adapter(call, &faults.into()))?;
-                let library = open_library(call, config)?;
+                let library = library::open(call, config)?;
                 let foreign =
                     Master::from_raw(library.ecrt.clone(), master.cast()).map_err(|errno| {
                         call.fail(ecan_result_t::ECAN_ERR_MASTER, format_args!("{errno}"))
                     })?;
                 let adapter = Adapter::attach(&library.ecrt, foreign, rust);
                 let adapter = adapter.map_err(|e| errors::adapter(call, &e))?;
-                Ok(Bus::new(adapter, config.applied(), is_stepped(&library)))
+                Ok(Bus::new(adapter, config.applied(), library.is_stepped))
             })
         }
     })

@@ -9,6 +9,7 @@ pub mod config_slave;
 pub mod context;
 pub mod cycle;
 pub mod diagnostics;
+mod library;
 pub mod process_data;
 pub mod real_time;
 pub mod sdo;

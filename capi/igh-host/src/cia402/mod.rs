@@ -16,5 +16,5 @@ pub mod state_terms;
 pub mod statistics;
 pub mod targets;
 
-#[cfg(test)]
+#[cfg(all(test, feature = "sim"))]
 mod tests;

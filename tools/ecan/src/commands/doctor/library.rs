@@ -15,7 +15,7 @@ pub(super) fn load(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<Result<Ecrt, String>, Failure> {
-    let setting = EcrtSetting::resolve(global.ecrt.as_deref())?;
+    let setting = EcrtSetting::resolve(global.ecrt.as_deref()).map_err(BackendError::from)?;
     let options = sim_options(ClockKind::Stepped);
     match ecan_sim::open(&setting, &options) {
         Ok(backend) => {

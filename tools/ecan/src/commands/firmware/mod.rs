@@ -15,7 +15,7 @@ use std::time::Duration;
 
 use clap::{Args, Subcommand};
 use ecan_command_line::interrupt::Interrupt;
-use ecan_sim::{ClockKind, EcrtSetting};
+use ecan_sim::{BackendError, ClockKind, EcrtSetting};
 use serde::Serialize;
 
 use self::by_tool::ByTool;
@@ -146,7 +146,8 @@ fn open(
     global: &GlobalOptions,
     output: &Output,
 ) -> Result<(Box<dyn Gateways>, bool), Failure> {
-    match (EcrtSetting::resolve(global.ecrt.as_deref())?, &arguments.ethercat) {
+    let setting = EcrtSetting::resolve(global.ecrt.as_deref()).map_err(BackendError::from)?;
+    match (setting, &arguments.ethercat) {
         (EcrtSetting::Library(_), named) => {
             let tool = ByTool::open(named.as_deref(), global.master())?;
             let tool = match arguments.action {
@@ -155,12 +156,12 @@ fn open(
             };
             Ok((Box::new(tool), false))
         }
-        (EcrtSetting::Sim(_), Some(_)) => {
+        (EcrtSetting::Simulated(_), Some(_)) => {
             let words =
                 "--ethercat names the tool of a real master, and the chosen one is simulated";
             Err(Failure::Usage(words.to_owned()))
         }
-        (setting @ EcrtSetting::Sim(_), None) => {
+        (setting @ EcrtSetting::Simulated(_), None) => {
             let options = sim_options(ClockKind::Stepped);
             let backend = ecan_sim::open(&setting, &options)?;
             let Some(simulation) = backend.simulation.clone() else {

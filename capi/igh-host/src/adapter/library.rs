@@ -1,0 +1,97 @@
+//! The EtherCAT master library of a context: the setting `ecrt` resolved and loaded.
+
+use std::fmt::Display;
+use std::path::PathBuf;
+
+use ecan_mcan_host::boundary::Call;
+use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_ECRT};
+use ecrt_sys::{Ecrt, EcrtSetting};
+
+use super::config::AdapterPlain;
+
+/// A loaded library.
+pub(crate) struct Library {
+    pub(crate) ecrt: Ecrt,
+    /// The library is simulated, and its time passes only while the program waits.
+    pub(crate) is_stepped: bool,
+}
+
+/// Path that the build sets in place of the installed libethercat (CMake's ECRT_LIBRARY).
+fn default_library() -> Option<PathBuf> {
+    option_env!("ECAN_DEFAULT_ECRT").filter(|path| !path.is_empty()).map(PathBuf::from)
+}
+
+/// Loads the library that the configuration selects. A simulated one identifies itself on standard
+/// error.
+pub(crate) fn open(call: Call, config: &AdapterPlain) -> Result<Library, ecan_result_t> {
+    let explicit = config.is_ecrt_set.then(|| config.ecrt.get().unwrap_or_default());
+    let setting = match EcrtSetting::resolve(explicit).map_err(|error| failed(call, &error))? {
+        EcrtSetting::Library(None) if explicit.is_none() => EcrtSetting::Library(default_library()),
+        setting => setting,
+    };
+    load(&setting, config).map_err(|error| failed(call, &error))
+}
+
+#[cold]
+fn failed(call: Call, error: &dyn Display) -> ecan_result_t {
+    call.fail(ECAN_ERR_ECRT, format_args!("{error}"))
+}
+
+#[cfg(not(feature = "sim"))]
+fn load(setting: &EcrtSetting, _: &AdapterPlain) -> Result<Library, ecrt_sys::LoadError> {
+    Ok(Library { ecrt: setting.load()?, is_stepped: false })
+}
+
+#[cfg(feature = "sim")]
+fn load(setting: &EcrtSetting, config: &AdapterPlain) -> Result<Library, ecan_sim::BackendError> {
+    use ecan_sim::{ClockKind, SimOptions};
+
+    let clock = if config.is_stepped { ClockKind::Stepped } else { ClockKind::Real };
+    let last_position = config.slaves[..config.slave_count].iter().map(|s| s.position).max();
+    let options = SimOptions {
+        suggested: config.scenario.get().map(str::to_owned),
+        clock: Some(clock),
+        seed: config.seed,
+        slaves: last_position.map(|position| usize::from(position) + 1),
+        carries_large_pdos: config.allow_large_pdos.then_some(true),
+        bridges: Some(ecan_sim_bridge::make),
+    };
+    let backend = ecan_sim::open(setting, &options)?;
+    let mut is_stepped = false;
+    if let Some(simulation) = &backend.simulation {
+        eprintln!("{}", simulation.banner());
+        is_stepped = simulation.clock_kind() == ClockKind::Stepped;
+    }
+    Ok(Library { ecrt: backend.ecrt, is_stepped })
+}
+
+#[cfg(all(test, not(feature = "sim")))]
+mod tests {
+    use std::ffi::CStr;
+    use std::mem::MaybeUninit;
+
+    use ecan_mcan_host::common::last_error::ecan_last_error;
+
+    use super::*;
+    use crate::adapter::config::{ecan_igh_config_t, ecan_igh_default_config};
+    use crate::adapter::config_master::ecan_igh_config_set_ecrt;
+    use crate::adapter::context::{ecan_igh_context_t, ecan_igh_init};
+
+    #[test]
+    fn sim_without_simulator_is_rejected() {
+        let mut config: Box<MaybeUninit<ecan_igh_config_t>> = Box::new_uninit();
+        let mut context: MaybeUninit<ecan_igh_context_t> = MaybeUninit::uninit();
+        for setting in [c"sim", c"sim:drives"] {
+            // SAFETY: the pointers are valid, and the text ends with NUL.
+            let code = unsafe {
+                assert_eq!(ecan_igh_default_config(config.as_mut_ptr()), 0);
+                assert_eq!(ecan_igh_config_set_ecrt(config.as_mut_ptr(), setting.as_ptr()), 0);
+                ecan_igh_init(context.as_mut_ptr(), config.as_ptr())
+            };
+            assert_eq!(code, ECAN_ERR_ECRT.code());
+            // SAFETY: the text ends with NUL and is not changed before it was copied.
+            let text = unsafe { CStr::from_ptr(ecan_last_error()) }.to_str().unwrap();
+            assert!(text.contains("built without the simulator"), "{text}");
+        }
+    }
+}
