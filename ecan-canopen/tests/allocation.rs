@@ -4,10 +4,12 @@
 #[path = "../../ecan-sim/tests/counting/mod.rs"]
 mod counting;
 
+use std::time::Duration;
+
 use counting::allocations;
 use ecan_canopen::{
-    Configurator, HostHeartbeat, Network, NetworkConfig, NmtCommand, NodeAddress, NodeConfig,
-    NodeId, SdoConfig, Step, SyncConfig,
+    Configurator, HostHeartbeat, Network, NetworkConfig, NmtCommand, NodeAction, NodeAddress,
+    NodeConfig, NodeId, SdoConfig, Step, SyncConfig,
 };
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
@@ -39,7 +41,8 @@ fn forty_nodes_in_transfers_allocate_nothing() {
     let mut configurator = Configurator::new();
     for node in &nodes {
         let read = Step::read(0x1000, 0).if_accepted();
-        configurator.add(&network, *node, [Step::pause(500), read, Step::nmt(NmtCommand::Start)]);
+        let start = Step::device(NodeAction::Nmt(NmtCommand::Start));
+        configurator.add(&network, *node, [Step::pause(Duration::from_millis(500)), read, start]);
     }
 
     let (mut inside, mut others, mut failures) = (0, 0, 0);

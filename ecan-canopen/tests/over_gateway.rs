@@ -3,11 +3,12 @@
 #![allow(missing_docs)]
 
 use std::path::PathBuf;
+use std::time::Duration;
 
 use ecan_canopen::{
     Configurator, Heartbeat, HostHeartbeat, Network, NetworkConfig, NmtCommand, NmtState,
-    NodeAddress, NodeConfig, NodeHandle, NodeId, Sdo, SdoConfig, SdoFault, Step, SyncConfig,
-    WaitError, run_cycle_until,
+    NodeAction, NodeAddress, NodeConfig, NodeHandle, NodeId, Sdo, SdoConfig, SdoFault, Step,
+    SyncConfig, WaitError, run_cycle_until,
 };
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, ReceivedFrame, SendError};
@@ -370,7 +371,7 @@ fn a_configuration_runs_to_its_end_with_words_on_the_way() {
         &network,
         node,
         [
-            Step::await_boot_up(10_000),
+            Step::device(NodeAction::AwaitBootUp { timeout: Duration::from_secs(10) }),
             Step::read(0x1000, 0).named("device type"),
             Step::read(0x1018, 1).if_present(),
             Step::expect(0x1000, 0, 0x0002_0192u32),
@@ -402,6 +403,6 @@ fn a_configuration_runs_to_its_end_with_words_on_the_way() {
         network.configure_blocking(&mut port, &mut configurator, 5_000, |_| {}).unwrap_err();
     assert_eq!(
         error.to_string(),
-        "node 5 (slave 0, channel 0), step 1 of 1, check 0x1000:00: reads 0x20192, expected 0x1"
+        "node 5 (slave 0, channel 0), step 1 of 1, check 0x1000:00: value is 0x20192, expected 0x1"
     );
 }

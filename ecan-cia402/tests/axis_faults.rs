@@ -5,10 +5,9 @@
 mod axes;
 
 use axes::{Fixture, START_MS, axes, axis, with_quirk};
-use ecan_canopen::{DriveState, NmtState};
+use ecan_canopen::{DriveState, NmtState, StepFault};
 use ecan_cia402::{
     AxisConfig, AxisError, AxisPhase, AxisTimeout, Cia402, Cia402Error, Decision, HoldReason,
-    SetupFault,
 };
 use ecan_mcan_port::Session;
 use ecan_protocol::object::AbortCode;
@@ -191,7 +190,8 @@ fn a_mode_that_is_not_taken_is_named() {
     let scenario = with_quirk(1, 1, |quirks| quirks.ignored_modes = vec![8]);
     let mut bench = Fixture::with(scenario, moving(1));
     let axes = start_fails(&mut bench);
-    assert!(matches!(axes.axes[0].trouble, Some(AxisError::Setup(SetupFault::Mode(_)))));
+    let Some(AxisError::Setup(failure)) = axes.axes[0].trouble else { panic!("{axes}") };
+    assert!(matches!(failure.fault, StepFault::TimedOut { .. }), "{failure}");
     let text = axes.to_string();
     assert!(text.contains("mode CSP") && text.contains("0x6061"), "{text}");
 }

@@ -45,3 +45,4 @@ pub mod device;
 pub mod image;
 pub mod mapping;
 pub mod object;
+pub mod sequence;

@@ -7,9 +7,10 @@ use crate::{NmtCommand, NmtState};
 use ecan_mcan_port::Port;
 
 use super::address::NodeHandle;
-use super::configurator::{Configurator, Configuring, Progress};
+use super::configurator::{Configurator, Progress};
 use super::error::WaitError;
 use super::network::Network;
+use super::node_sequence::Configuring;
 use super::sdo::Sdo;
 use super::wait::run_cycle_until;
 

@@ -1,6 +1,7 @@
 //! Configurations of many nodes at once, against servers written by hand.
 
 use std::collections::BTreeMap;
+use std::time::Duration;
 
 use crate::{MappingEntry, NmtCommand, NmtState, TransmissionType};
 use ecan_protocol::can::CanId;
@@ -9,8 +10,9 @@ use proptest::prelude::*;
 
 use super::network_tests::{MS, RecordingSink, address, cycle, received};
 use super::{
-    Configurator, Configuring, Network, NetworkConfig, NodeConfig, NodeHandle, PdoDirection,
-    PdoMapping, PdoMappingError, SdoConfig, SdoFault, Step, StepFault,
+    Configurator, Configuring, Expectation, Network, NetworkConfig, NodeAccessError, NodeAction,
+    NodeConfig, NodeHandle, PdoDirection, PdoMapping, PdoMappingError, SdoConfig, SdoFault, Step,
+    StepFault,
 };
 
 #[path = "../../tests/reference/mod.rs"]
@@ -212,7 +214,10 @@ fn a_refused_step_stops_its_node_and_names_everything() {
         configurator.add(&bench.network, *handle, targets(node).steps().unwrap());
     }
     let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("not refused") };
-    assert_eq!(failure.fault, StepFault::Sdo(SdoFault::Aborted(AbortCode::NOT_MAPPABLE)));
+    assert_eq!(
+        failure.fault,
+        StepFault::Access(NodeAccessError::Sdo(SdoFault::Aborted(AbortCode::NOT_MAPPABLE)))
+    );
     assert_eq!(
         failure.to_string(),
         "node 2 (slave 0, channel 0), step 5 of 12, mapping (write 0x1600:02 = 0x607A0020): \
@@ -252,7 +257,10 @@ fn what_a_node_does_not_have_can_be_forgiven() {
         [Step::write(0x60C2, 1, 1u8).if_present().named("interpolation time")],
     );
     let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("forgiven") };
-    assert_eq!(failure.fault, StepFault::Sdo(SdoFault::Aborted(AbortCode::READ_ONLY)));
+    assert_eq!(
+        failure.fault,
+        StepFault::Access(NodeAccessError::Sdo(SdoFault::Aborted(AbortCode::READ_ONLY)))
+    );
 }
 
 #[test]
@@ -261,14 +269,22 @@ fn a_value_that_does_not_read_back_is_found() {
     let mut configurator = Configurator::new();
     configurator.add(&bench.network, bench.handles[0], [Step::expect(0x1018, 1, 0x1235u32)]);
     let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("not found") };
-    assert_eq!(failure.fault.to_string(), "reads 0x1234, expected 0x1235");
+    assert_eq!(failure.fault.to_string(), "value is 0x1234, expected 0x1235");
     let mut configurator = Configurator::new();
     configurator.add(
         &bench.network,
         bench.handles[0],
-        [Step::expect_masked(0x1018, 1, 0x30, 0xF0)],
+        [Step::expect_that(0x1018, 1, Expectation::Masked { value: 0x30, mask: 0xF0 })],
     );
     assert_eq!(bench.run(&mut configurator), Configuring::Done);
+}
+
+fn nmt(command: NmtCommand) -> Step {
+    Step::device(NodeAction::Nmt(command))
+}
+
+fn await_state(state: NmtState, timeout_ms: u64) -> Step {
+    Step::device(NodeAction::AwaitState { state, timeout: Duration::from_millis(timeout_ms) })
 }
 
 #[test]
@@ -278,11 +294,11 @@ fn boot_up_and_states_are_waited_for() {
     // A boot-up message from before does not count.
     bench.network.take(&received(0, 1, 0x701, &[0]), 0);
     let steps = [
-        Step::nmt(NmtCommand::ResetNode),
-        Step::await_boot_up(1_000).named("boot"),
-        Step::pause(10),
-        Step::nmt(NmtCommand::Start),
-        Step::await_state(NmtState::Operational, 100),
+        nmt(NmtCommand::ResetNode),
+        Step::device(NodeAction::AwaitBootUp { timeout: Duration::from_secs(1) }).named("boot"),
+        Step::pause(Duration::from_millis(10)),
+        nmt(NmtCommand::Start),
+        await_state(NmtState::Operational, 100),
     ];
     let mut configurator = Configurator::new();
     configurator.add(&bench.network, node, steps);
@@ -306,11 +322,14 @@ fn boot_up_and_states_are_waited_for() {
     bench.network.take(&received(0, 1, 0x701, &[5]), bench.now_ns);
     let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("no end") };
     assert_eq!(failure.address, address(0, 0, 2));
-    assert_eq!(failure.fault, StepFault::NoBootUp { waited_ms: 1001 });
+    assert_eq!(
+        failure.fault,
+        StepFault::Access(NodeAccessError::NoBootUp { waited: Duration::from_millis(1_001) })
+    );
     assert_eq!(configurator.progress_of(node, bench.now_ns).unwrap().done, 5);
 
     let mut configurator = Configurator::new();
-    configurator.add(&bench.network, node, [Step::await_state(NmtState::Stopped, 20)]);
+    configurator.add(&bench.network, node, [await_state(NmtState::Stopped, 20)]);
     let Configuring::Failed(failure) = bench.run(&mut configurator) else { panic!("stopped") };
     assert_eq!(failure.fault.to_string(), "after 21 ms the node is still in state operational");
 }
@@ -342,7 +361,7 @@ fn clearing_gives_up_what_runs() {
     bench.lost = vec![0];
     bench.cycle(&mut configurator);
     configurator.clear(&mut bench.network);
-    assert_eq!(configurator.outcome(), Configuring::Done);
+    assert_eq!(configurator.progress(0).count(), 0);
     assert_eq!(bench.network.sdo_failure(node).unwrap().fault, SdoFault::Cancelled);
     bench.cycle(&mut configurator);
     assert_eq!(bench.servers[0].aborts, [0x0800_0000]);

@@ -32,15 +32,16 @@ pub use statistics::ServiceStatistics;
 
 // Configuration of nodes
 mod configurator;
+mod node_action;
+mod node_sequence;
 mod pdo_mapping;
-mod step;
 mod step_failure;
-mod step_runner;
 
-pub use configurator::{Configurator, Configuring, Progress};
+pub use configurator::{Configurator, Progress};
+pub use node_action::{NodeAction, Step};
+pub use node_sequence::{Configuring, NodeSequence};
 pub use pdo_mapping::{PdoDirection, PdoMapping, PdoMappingError};
-pub use step::{Action, SdoValue, Step, Tolerance};
-pub use step_failure::{StepFailure, StepFault};
+pub use step_failure::{NodeAccessError, StepFailure, StepFault};
 
 // Blocking calls
 mod blocking;
@@ -49,6 +50,7 @@ mod wait;
 pub use wait::{run_cycle_uninterrupted, run_cycle_until};
 
 pub use ecan_host::SdoDirection;
+pub use ecan_protocol::sequence::{Expectation, SdoValue, Tolerance};
 
 #[cfg(test)]
 mod configurator_tests;

@@ -2,9 +2,10 @@
 
 use crate::{MappingEntry, PdoCobId, TransmissionType};
 use ecan_protocol::can::CanId;
+use ecan_protocol::sequence::Expectation;
 use thiserror::Error;
 
-use super::step::Step;
+use super::node_action::Step;
 
 /// The PDO does not exist: bit 31 of its COB-ID entry.
 const INVALID: u32 = 1 << 31;
@@ -126,10 +127,8 @@ impl PdoMapping {
                 .map(|(nth, entry)| Step::expect(mapping, nth, entry.raw()).named("readback")),
         );
         steps.push(Step::modify(communication, 1, !NO_RTR, cob_id).named("PDO on"));
-        let relevant = u64::from(!NO_RTR);
-        steps.push(
-            Step::expect_masked(communication, 1, u64::from(cob_id), relevant).named("readback"),
-        );
+        let expected = Expectation::Masked { value: cob_id.into(), mask: (!NO_RTR).into() };
+        steps.push(Step::expect_that(communication, 1, expected).named("readback"));
         Ok(steps)
     }
 
@@ -145,10 +144,10 @@ impl PdoMapping {
             return Err(PdoMappingError::Number { number });
         }
         let communication = communication_index(direction, number);
-        let invalid = u64::from(INVALID);
+        let invalid = Expectation::HasBits(INVALID.into());
         Ok(vec![
             Step::modify(communication, 1, 0, INVALID).named("PDO off"),
-            Step::expect_masked(communication, 1, invalid, invalid).named("readback"),
+            Step::expect_that(communication, 1, invalid).named("readback"),
         ])
     }
 }

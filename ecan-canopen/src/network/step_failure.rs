@@ -1,50 +1,42 @@
-//! What went wrong in a step.
+//! Failure of a step of a node's configuration.
 
 use std::fmt;
+use std::time::Duration;
 
-use crate::NmtState;
+use ecan_protocol::sequence::StepError;
 use thiserror::Error;
 
 use super::address::NodeAddress;
 use super::error::{SdoFault, SdoStartError};
-use super::step::Step;
+use super::node_action::Step;
+use crate::NmtState;
 
-/// What went wrong in a step.
+/// Cause of the failure of a step.
+pub type StepFault = StepError<NodeAccessError>;
+
+/// Why a transfer or an action of a step failed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
-pub enum StepFault {
+pub enum NodeAccessError {
     /// The transfer failed.
     #[error(transparent)]
     Sdo(#[from] SdoFault),
     /// The transfer could not start.
     #[error(transparent)]
     Start(#[from] SdoStartError),
-    /// The object reads another value.
-    #[error(
-        "reads 0x{found:X}, expected 0x{expected:X}{}",
-        if *mask == u64::MAX { "" } else { " in the bits that count" }
-    )]
-    Mismatch {
-        /// What was read.
-        found: u64,
-        /// What was expected.
-        expected: u64,
-        /// Bits that count.
-        mask: u64,
-    },
-    /// The boot-up message did not come.
-    #[error("no boot-up message after {waited_ms} ms")]
+    /// The boot-up message did not arrive in time.
+    #[error("no boot-up message after {} ms", waited.as_millis())]
     NoBootUp {
-        /// How long was waited, in milliseconds.
-        waited_ms: u64,
+        /// Waiting time.
+        waited: Duration,
     },
-    /// The node did not report the state.
-    #[error("after {waited_ms} ms the node {}", LastState(*reported))]
+    /// The node did not report the state in time.
+    #[error("after {} ms the node {}", waited.as_millis(), LastState(*reported))]
     State {
-        /// What it reported last, if anything.
+        /// State that the node reported last; `None` before its first report.
         reported: Option<NmtState>,
-        /// How long was waited, in milliseconds.
-        waited_ms: u64,
+        /// Waiting time.
+        waited: Duration,
     },
 }
 
@@ -59,18 +51,18 @@ impl fmt::Display for LastState {
     }
 }
 
-/// A configuration that failed, and where.
+/// Failure of a step, with its node and its position in the list.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[error("{address}, step {} of {of}, {step}: {fault}", *nth + 1)]
 pub struct StepFailure {
     /// The node.
     pub address: NodeAddress,
-    /// Which step, from 0.
+    /// Index of the step, from 0.
     pub nth: usize,
-    /// How many there are.
+    /// Number of steps.
     pub of: usize,
     /// The step.
     pub step: Step,
-    /// What went wrong.
+    /// Cause.
     pub fault: StepFault,
 }

@@ -1,7 +1,7 @@
 //! One axis: everything that is kept of it, and the commands to it.
 
 use ecan_canopen::{
-    CobId, Configurator, DriveState, Network, NodeHandle, OperatingMode, Statusword,
+    CobId, Configurator, DriveState, Network, NodeHandle, OperatingMode, Statusword, StepFailure,
 };
 use ecan_mcan_port::SendTicket;
 use ecan_protocol::can::CanId;
@@ -12,11 +12,11 @@ use super::guard_terms::{Decision, GuardState, TargetKind};
 use super::homing::HomingConfig;
 use super::homing::HomingState;
 use super::pdo_layout::{Feedback, PdoLayout};
-use super::phase::{AxisError, AxisPhase, AxisProgress, SetupFault};
+use super::phase::{AxisError, AxisPhase, AxisProgress};
 use super::power::{PowerControl, PowerGoal, ResetState};
 use super::procedure::{Procedure, Stage};
 use super::ramp::Ramp;
-use super::sdo_script::SdoScript;
+use super::script::Script;
 use super::set_point::SetPoint;
 use super::settings::{AxisConfig, target_kind};
 use super::start_up::{self, BusConfig};
@@ -33,11 +33,11 @@ pub(super) enum Setup {
     /// The steps run.
     Steps,
     /// The mode is written.
-    Mode(SdoScript),
+    Mode(Script),
     /// Done.
     Done,
     /// Failed.
-    Failed(SetupFault),
+    Failed(StepFailure),
 }
 
 /// Whether a drive that was out of sight still has its configuration. It may have restarted where
@@ -50,7 +50,7 @@ pub(super) enum Reverification {
     /// It is to be asked, from this time on.
     Open { from_ns: u64 },
     /// It is being asked.
-    Asking(SdoScript),
+    Asking(Script),
 }
 
 /// What of a drive is in sight.
@@ -99,7 +99,7 @@ pub(super) struct Axis {
     pub(super) silences: u64,
     pub(super) procedure: Option<Procedure>,
     /// Tells the drive not to wait for the host any more.
-    pub(super) release: Option<SdoScript>,
+    pub(super) release: Option<Script>,
     /// An axis that held takes itself up again, as long as its drive stays enabled.
     pub(super) resumes: bool,
     /// The drive is switched off to be enabled anew.

@@ -1,14 +1,17 @@
 //! One axis in what takes it many cycles: configuration, change of mode, homing.
 
-use ecan_canopen::{Configuring, DriveState, Network, OperatingMode, TransmissionType, object};
+use ecan_canopen::{
+    Configuring, DriveState, Network, OperatingMode, Step, StepFailure, StepFault,
+    TransmissionType, object,
+};
 
 use super::axis_core::{Axis, Reverification, Setup};
 use super::guard_terms::GuardState;
 use super::homing::{HomingState, HomingWatch};
-use super::phase::{AxisError, SetupFault};
+use super::phase::AxisError;
 use super::power::PowerGoal;
 use super::procedure::{Procedure, Stage};
-use super::sdo_script::{ScriptFault, ScriptTurn, SdoScript};
+use super::script::{Script, mode_steps, script};
 
 /// How long an axis may take to come to rest and switch off, in milliseconds.
 const REST_TIMEOUT_MS: u64 = 30_000;
@@ -21,21 +24,21 @@ impl Axis {
         match &mut self.setup {
             Setup::Steps => match self.configurator.step(network, now_ns) {
                 Configuring::Running => {}
-                Configuring::Done => self.setup = Setup::Mode(SdoScript::default().mode(self.mode)),
-                Configuring::Failed(failure) => self.fail_setup(failure.into()),
+                Configuring::Done => self.setup = Setup::Mode(script(mode_steps(self.mode))),
+                Configuring::Failed(failure) => self.fail_setup(failure),
             },
-            Setup::Mode(script) => match script.turn(network, self.node, now_ns) {
-                ScriptTurn::Busy => {}
-                ScriptTurn::Done => self.finish_setup(network),
-                ScriptTurn::Failed(fault) => self.fail_setup(fault.into()),
+            Setup::Mode(script) => match script.advance(network, self.node, now_ns, |_, _, _| {}) {
+                Configuring::Running => {}
+                Configuring::Done => self.finish_setup(network),
+                Configuring::Failed(failure) => self.fail_setup(failure),
             },
             Setup::None | Setup::Done | Setup::Failed(_) => {}
         }
     }
 
-    fn fail_setup(&mut self, fault: SetupFault) {
-        self.setup = Setup::Failed(fault);
-        self.trouble = Some(fault.into());
+    fn fail_setup(&mut self, failure: StepFailure) {
+        self.setup = Setup::Failed(failure);
+        self.trouble = Some(AxisError::Setup(failure));
     }
 
     fn finish_setup(&mut self, network: &mut Network) {
@@ -66,43 +69,47 @@ impl Axis {
                     self.doubt = Reverification::Asking(self.verification());
                 }
             }
-            Reverification::Asking(script) => match script.turn(network, self.node, now_ns) {
-                ScriptTurn::Busy => {}
-                ScriptTurn::Done => self.doubt = Reverification::None,
-                ScriptTurn::Failed(ScriptFault::Changed { .. } | ScriptFault::Mode { .. }) => {
-                    self.forget_setup();
+            Reverification::Asking(script) => {
+                match script.advance(network, self.node, now_ns, |_, _, _| {}) {
+                    Configuring::Running => {}
+                    Configuring::Done => self.doubt = Reverification::None,
+                    Configuring::Failed(StepFailure {
+                        fault: StepFault::Mismatch { .. }, ..
+                    }) => {
+                        self.forget_setup();
+                    }
+                    Configuring::Failed(_) => {
+                        let from_ns = now_ns.saturating_add(RETRY_NS);
+                        self.doubt = Reverification::Open { from_ns };
+                    }
                 }
-                ScriptTurn::Failed(_) => {
-                    let from_ns = now_ns.saturating_add(RETRY_NS);
-                    self.doubt = Reverification::Open { from_ns };
-                }
-            },
+            }
         }
     }
 
-    /// What a restart would have changed: the mapping of both PDOs, the heartbeat and the mode.
-    fn verification(&self) -> SdoScript {
+    /// Reads what a restart would have changed: the mapping of both PDOs, heartbeat and mode.
+    fn verification(&self) -> Script {
         let nth = u16::from(self.settings.pdo_number.saturating_sub(1));
-        let mut script = SdoScript::default();
         let pdos = [
             (object::RPDO_MAPPING, self.layout.rpdo_entries()),
             (object::TPDO_MAPPING, self.layout.tpdo_entries()),
         ];
-        for (mapping, entries) in pdos {
-            script = script.expect(mapping + nth, 0, entries.len() as u32);
-            for (subindex, entry) in (1..).zip(entries) {
-                script = script.expect(mapping + nth, subindex, entry.raw());
-            }
-        }
-        let synchronous = u32::from(TransmissionType::Synchronous(1).raw());
-        script = script.expect(object::RPDO_COMMUNICATION + nth, 2, synchronous);
-        script = script.expect(object::TPDO_COMMUNICATION + nth, 2, synchronous);
-        let heartbeat = self.configurator.uploaded(self.node, object::PRODUCER_HEARTBEAT, 0);
-        if let Some(period_ms) = heartbeat.and_then(|period| u32::try_from(period).ok()) {
-            script = script.expect(object::PRODUCER_HEARTBEAT, 0, period_ms);
-        }
-        let mode = u32::from(self.mode.raw().cast_unsigned());
-        script.expect(object::MODE_DISPLAY, 0, mode)
+        let mapping = pdos.into_iter().flat_map(|(mapping, entries)| {
+            let index = mapping + nth;
+            let count = Step::expect(index, 0, entries.len() as u32);
+            let entries = (1..).zip(entries);
+            let entries = entries.map(move |(nth, entry)| Step::expect(index, nth, entry.raw()));
+            [count].into_iter().chain(entries)
+        });
+        let communication = [object::RPDO_COMMUNICATION, object::TPDO_COMMUNICATION];
+        let synchronous = TransmissionType::Synchronous(1).raw();
+        let transmission =
+            communication.map(|communication| Step::expect(communication + nth, 2, synchronous));
+        let producer = object::PRODUCER_HEARTBEAT;
+        let heartbeat = self.configurator.uploaded(self.node, producer, 0);
+        let heartbeat = heartbeat.map(|period_ms| Step::expect(producer, 0, period_ms));
+        let mode = Step::expect(object::MODE_DISPLAY, 0, self.mode.raw());
+        script(mapping.chain(transmission).chain(heartbeat).chain([mode]))
     }
 
     /// Goes on with a change of mode or a homing.
@@ -168,22 +175,22 @@ impl Axis {
         network: &mut Network,
         now_ns: u64,
     ) -> bool {
-        let Stage::Writing(script) = &mut procedure.stage else { return false };
-        match script.turn(network, self.node, now_ns) {
-            ScriptTurn::Busy => true,
-            ScriptTurn::Done if procedure.homing.is_some() => {
+        let Stage::Writing(running) = &mut procedure.stage else { return false };
+        match running.advance(network, self.node, now_ns, |_, _, _| {}) {
+            Configuring::Running => true,
+            Configuring::Done if procedure.homing.is_some() => {
                 self.take_mode(OperatingMode::Homing);
                 self.begin_enable(now_ns);
                 procedure.enter(Stage::Enabling, now_ns);
                 true
             }
-            ScriptTurn::Done => {
+            Configuring::Done => {
                 self.take_mode(procedure.mode);
                 false
             }
-            ScriptTurn::Failed(fault) => {
-                procedure.trouble = Some(fault.into());
-                let restore = SdoScript::default().mode(procedure.mode_before);
+            Configuring::Failed(failure) => {
+                procedure.trouble = Some(AxisError::Mode(failure));
+                let restore = script(mode_steps(procedure.mode_before));
                 procedure.enter(Stage::Restoring(restore), now_ns);
                 true
             }
@@ -235,7 +242,7 @@ impl Axis {
                 procedure.trouble =
                     procedure.trouble.or(Some(AxisError::NotDisabled { state: self.state }));
             }
-            let restore = SdoScript::default().mode(procedure.mode_before);
+            let restore = script(mode_steps(procedure.mode_before));
             procedure.enter(Stage::Restoring(restore), now_ns);
         }
         true
@@ -247,17 +254,17 @@ impl Axis {
         network: &mut Network,
         now_ns: u64,
     ) -> bool {
-        let Stage::Restoring(script) = &mut procedure.stage else { return false };
-        match script.turn(network, self.node, now_ns) {
-            ScriptTurn::Busy => true,
-            ScriptTurn::Done => {
+        let Stage::Restoring(running) = &mut procedure.stage else { return false };
+        match running.advance(network, self.node, now_ns, |_, _, _| {}) {
+            Configuring::Running => true,
+            Configuring::Done => {
                 self.take_mode(procedure.mode_before);
                 false
             }
-            ScriptTurn::Failed(fault) => {
+            Configuring::Failed(failure) => {
                 // Nobody knows the drive's mode any more: it must be configured anew.
-                procedure.trouble = procedure.trouble.or(Some(fault.into()));
-                self.fail_setup(fault.into());
+                procedure.trouble = procedure.trouble.or(Some(AxisError::Mode(failure)));
+                self.fail_setup(failure);
                 false
             }
         }

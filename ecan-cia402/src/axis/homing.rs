@@ -2,9 +2,9 @@
 
 use std::fmt;
 
-use ecan_canopen::{OperatingMode, Statusword, object};
+use ecan_canopen::{OperatingMode, Statusword, Step, object};
 
-use super::sdo_script::SdoScript;
+use super::script::{Script, mode_steps, script};
 
 /// Cycles for which a drive may still show the outcome of an earlier homing after the start.
 const OLD_NEWS_CYCLES: u16 = 20;
@@ -41,22 +41,17 @@ impl HomingConfig {
         }
     }
 
-    /// The transfers before homing: parameters, then the mode with its confirmation.
-    pub(super) fn script(&self) -> SdoScript {
-        let mut script = SdoScript::default().write(object::HOMING_METHOD, 0, self.method);
-        if let Some(speed) = self.switch_speed {
-            script = script.write_if_present(object::HOMING_SPEEDS, 1, speed);
-        }
-        if let Some(speed) = self.zero_speed {
-            script = script.write_if_present(object::HOMING_SPEEDS, 2, speed);
-        }
-        if let Some(acceleration) = self.acceleration {
-            script = script.write_if_present(object::HOMING_ACCELERATION, 0, acceleration);
-        }
-        if let Some(offset) = self.offset {
-            script = script.write_if_present(object::HOME_OFFSET, 0, offset);
-        }
-        script.mode(OperatingMode::Homing)
+    /// Writes the parameters, then the mode.
+    pub(super) fn script(&self) -> Script {
+        let optional = [
+            self.switch_speed.map(|speed| Step::write(object::HOMING_SPEEDS, 1, speed)),
+            self.zero_speed.map(|speed| Step::write(object::HOMING_SPEEDS, 2, speed)),
+            self.acceleration.map(|value| Step::write(object::HOMING_ACCELERATION, 0, value)),
+            self.offset.map(|offset| Step::write(object::HOME_OFFSET, 0, offset)),
+        ];
+        let method = Step::write(object::HOMING_METHOD, 0, self.method).named("homing method");
+        let optional = optional.into_iter().flatten().map(Step::if_present);
+        script([method].into_iter().chain(optional).chain(mode_steps(OperatingMode::Homing)))
     }
 }
 

@@ -30,13 +30,12 @@ mod pdo_layout;
 mod power;
 mod procedure;
 mod ramp;
-mod sdo_script;
+mod script;
 mod set_point;
 mod start_up;
 
 pub use homing::{HomingConfig, HomingState};
 pub use pdo_layout::{Feedback, PdoLayout, RpdoBytes, TargetObject};
-pub use sdo_script::ScriptFault;
 
 // One axis
 mod axis_core;
@@ -47,7 +46,7 @@ mod phase;
 mod settings;
 mod statistics;
 
-pub use phase::{AxisError, AxisPhase, AxisProgress, SetupFault};
+pub use phase::{AxisError, AxisPhase, AxisProgress};
 pub use settings::{AxisConfig, AxisFault, DriveConfig, NodeReset};
 pub use statistics::AxisStatistics;
 

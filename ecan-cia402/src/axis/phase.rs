@@ -8,19 +8,6 @@ use thiserror::Error;
 use super::guard_input::HoldReason;
 use super::guard_terms::GuardState;
 use super::homing::HomingState;
-use super::sdo_script::ScriptFault;
-
-/// Why the configuration of an axis failed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum SetupFault {
-    /// A step failed.
-    #[error(transparent)]
-    Step(#[from] StepFailure),
-    /// The mode was not taken.
-    #[error(transparent)]
-    Mode(#[from] ScriptFault),
-}
 
 /// What went wrong with the last command to an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -28,7 +15,7 @@ pub enum SetupFault {
 pub enum AxisError {
     /// The configuration failed.
     #[error("configuration failed: {0}")]
-    Setup(#[from] SetupFault),
+    Setup(StepFailure),
     /// The drive restarted and has forgotten its configuration.
     #[error("the drive restarted")]
     Restarted,
@@ -68,9 +55,9 @@ pub enum AxisError {
         /// How long was waited, in milliseconds.
         waited_ms: u64,
     },
-    /// A mode was not taken.
+    /// The mode could not be changed.
     #[error(transparent)]
-    Script(#[from] ScriptFault),
+    Mode(StepFailure),
     /// The drive did not switch its power off in time.
     #[error("the drive does not switch off: {}", StateWords(*state))]
     NotDisabled {

@@ -4,7 +4,7 @@ use ecan_canopen::OperatingMode;
 
 use super::homing::{HomingConfig, HomingWatch};
 use super::phase::AxisError;
-use super::sdo_script::SdoScript;
+use super::script::{Script, mode_steps, script};
 
 /// Stages of a change of mode and of homing, in their order. The mode is only ever changed while
 /// the drive is not enabled: an enabled one would go from the target of one mode to a stale one of
@@ -14,7 +14,7 @@ pub(super) enum Stage {
     /// Rest and power off.
     Disabling,
     /// Parameters and mode by SDO.
-    Writing(SdoScript),
+    Writing(Script),
     /// Homing: power on.
     Enabling,
     /// Homing: the start bit is up.
@@ -22,7 +22,7 @@ pub(super) enum Stage {
     /// Homing: power off, so that the mode can go back.
     WindingUp,
     /// Homing: the mode that was before.
-    Restoring(SdoScript),
+    Restoring(Script),
 }
 
 /// A procedure under way.
@@ -63,10 +63,10 @@ impl Procedure {
     }
 
     /// The transfers of the first writing.
-    pub(super) fn script(&self) -> SdoScript {
+    pub(super) fn script(&self) -> Script {
         match &self.homing {
             Some(homing) => homing.script(),
-            None => SdoScript::default().mode(self.mode),
+            None => script(mode_steps(self.mode)),
         }
     }
 

@@ -2,10 +2,10 @@
 
 use std::fmt;
 
-use ecan_canopen::{NmtCommand, object};
+use ecan_canopen::{Configuring, NmtCommand, Step, object};
 
 use super::context::Cia402;
-use super::sdo_script::{ScriptTurn, SdoScript};
+use super::script::script;
 
 /// How long a stage may take before the next begins all the same.
 const REST_NS: u64 = 5_000_000_000;
@@ -100,10 +100,10 @@ impl Cia402 {
                 let mut are_released = true;
                 for axis in &mut self.axes {
                     if let Some(script) = &mut axis.release {
-                        match script.turn(&mut self.network, axis.node, now_ns) {
-                            ScriptTurn::Busy => are_released = false,
+                        match script.advance(&mut self.network, axis.node, now_ns, |_, _, _| {}) {
+                            Configuring::Running => are_released = false,
                             // A drive that does not answer any more needs no release.
-                            ScriptTurn::Done | ScriptTurn::Failed(_) => axis.release = None,
+                            Configuring::Done | Configuring::Failed(_) => axis.release = None,
                         }
                     }
                 }
@@ -118,15 +118,14 @@ impl Cia402 {
         let has_host = self.bus.host.is_some();
         for axis in &mut self.axes {
             let watches = has_host && axis.settings.drive.host_heartbeat_ms > 0;
-            axis.release = (watches && axis.is_configured()).then(|| {
-                SdoScript::default().write_if_present(object::CONSUMER_HEARTBEAT, 1, 0_u32)
-            });
+            axis.release = (watches && axis.is_configured())
+                .then(|| script([Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32).if_present()]));
         }
     }
 
     fn finish_release(&mut self) {
         for axis in &mut self.axes {
-            if let Some(mut script) = axis.release.take() {
+            if let Some(script) = axis.release.take() {
                 script.cancel(&mut self.network, axis.node);
             }
         }

@@ -1,8 +1,10 @@
 //! The steps that bring a drive from whatever state to Operational with its PDOs mapped.
 
+use std::time::Duration;
+
 use ecan_canopen::{
-    CobId, HeartbeatConsumer, HostHeartbeat, NmtCommand, OperatingMode, PdoDirection, PdoMapping,
-    PdoMappingError, Step, SupportedModes, TransmissionType, object,
+    CobId, Expectation, HeartbeatConsumer, HostHeartbeat, NmtCommand, NodeAction, OperatingMode,
+    PdoDirection, PdoMapping, PdoMappingError, Step, SupportedModes, TransmissionType, object,
 };
 
 use super::pdo_layout::TargetObject;
@@ -10,8 +12,8 @@ use super::settings::{AxisConfig, NodeReset};
 
 /// Highest PDO number of the predefined connection set.
 const LAST_PDO: u16 = 4;
-/// What the low half of the device type says for a drive.
-const PROFILE_402: u64 = 402;
+/// Device profile of a drive in the low half of the device type.
+const PROFILE_402: Expectation = Expectation::Masked { value: 402, mask: 0xFFFF };
 const NS_PER_US: u64 = 1_000;
 
 /// What the bus gives to every axis.
@@ -45,7 +47,7 @@ pub(super) fn steps(settings: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>,
     push_times(&mut steps, settings, bus);
     push_limits(&mut steps, settings);
     steps.extend(settings.drive.further.iter().copied());
-    steps.push(Step::nmt(NmtCommand::Start));
+    steps.push(Step::device(NodeAction::Nmt(NmtCommand::Start)));
     Ok(steps)
 }
 
@@ -56,24 +58,25 @@ fn push_nmt(steps: &mut Vec<Step>, settings: &AxisConfig) {
         NodeReset::Node => Some(NmtCommand::ResetNode),
     };
     if let Some(command) = reset {
-        steps.push(Step::nmt(command));
-        steps.push(Step::await_boot_up(settings.drive.boot_timeout_ms));
+        steps.push(Step::device(NodeAction::Nmt(command)));
+        let timeout = Duration::from_millis(settings.drive.boot_timeout_ms.into());
+        steps.push(Step::device(NodeAction::AwaitBootUp { timeout }));
     }
-    steps.push(Step::nmt(NmtCommand::EnterPreOperational));
+    steps.push(Step::device(NodeAction::Nmt(NmtCommand::EnterPreOperational)));
 }
 
 fn push_identity(steps: &mut Vec<Step>, settings: &AxisConfig) {
     let drive = &settings.drive;
     if drive.expect_profile_402 {
-        let step = Step::expect_masked(object::DEVICE_TYPE, 0, PROFILE_402, 0xFFFF);
+        let step = Step::expect_that(object::DEVICE_TYPE, 0, PROFILE_402);
         steps.push(step.named("drive profile"));
     }
     if let Some((vendor, product)) = drive.identity {
         steps.push(Step::expect(object::IDENTITY, 1, vendor).named("vendor id"));
         steps.push(Step::expect(object::IDENTITY, 2, product).named("product code"));
     }
-    let bit = u64::from(SupportedModes::bit(settings.mode));
-    let modes = Step::expect_masked(object::SUPPORTED_MODES, 0, bit, bit);
+    let mode = Expectation::HasBits(SupportedModes::bit(settings.mode).into());
+    let modes = Step::expect_that(object::SUPPORTED_MODES, 0, mode);
     steps.push(modes.named("supported modes").if_present());
 }
 

@@ -249,7 +249,7 @@ pub(crate) fn trouble(trouble: Option<AxisError>) -> igh_cia402_axis_error_t {
         Some(AxisError::Held(_)) => IGH_CIA402_AXIS_ERROR_HELD,
         Some(AxisError::Homing(_)) => IGH_CIA402_AXIS_ERROR_HOMING,
         Some(AxisError::HomingTimedOut { .. }) => IGH_CIA402_AXIS_ERROR_HOMING_TIMED_OUT,
-        Some(AxisError::Script(_)) => IGH_CIA402_AXIS_ERROR_MODE,
+        Some(AxisError::Mode(_)) => IGH_CIA402_AXIS_ERROR_MODE,
         Some(AxisError::NotDisabled { .. }) => IGH_CIA402_AXIS_ERROR_NOT_DISABLED,
         Some(_) => IGH_CIA402_AXIS_ERROR_OTHER,
     }

@@ -1,0 +1,42 @@
+//! Short lists of SDO transfers with a drive, without allocation, while the bus runs.
+
+use std::time::Duration;
+
+use ecan_canopen::{NodeSequence, OperatingMode, Step, object};
+use ecan_protocol::config::List;
+
+/// Most steps of a script.
+const MAX_STEPS: usize = 10;
+
+/// Longest time that a drive may take to display a new mode.
+const MODE_TIMEOUT: Duration = Duration::from_secs(1);
+
+pub(super) type Script = NodeSequence<List<Step, MAX_STEPS>>;
+
+/// Creates a script; steps beyond the capacity are dropped, which no caller reaches.
+pub(super) fn script(steps: impl IntoIterator<Item = Step>) -> Script {
+    let mut list = List::new();
+    for step in steps {
+        let pushed = list.push(step);
+        debug_assert!(pushed.is_ok(), "script of more than {MAX_STEPS} steps");
+    }
+    NodeSequence::new(list)
+}
+
+/// Writes a mode and waits until the drive displays it.
+pub(super) fn mode_steps(mode: OperatingMode) -> [Step; 2] {
+    let purpose = match mode {
+        OperatingMode::ProfilePosition => "mode PP",
+        OperatingMode::ProfileVelocity => "mode PV",
+        OperatingMode::ProfileTorque => "mode PT",
+        OperatingMode::Homing => "mode HM",
+        OperatingMode::InterpolatedPosition => "mode IP",
+        OperatingMode::CyclicPosition => "mode CSP",
+        OperatingMode::CyclicVelocity => "mode CSV",
+        OperatingMode::CyclicTorque => "mode CST",
+    };
+    [
+        Step::write(object::MODE_OF_OPERATION, 0, mode.raw()).named(purpose),
+        Step::await_value(object::MODE_DISPLAY, 0, mode.raw(), MODE_TIMEOUT).named(purpose),
+    ]
+}
