@@ -4,7 +4,7 @@ use std::fmt;
 use std::ops::Range;
 
 use ecan_protocol::mapping::Direction;
-use ecrt_sys::{Clock, DomainId, Ecrt, Master, SlaveConfigId};
+use ecrt_sys::{Clock, Ecrt};
 
 use crate::al_status::AlStatusWatch;
 use crate::clocks::DistributedClocks;
@@ -15,6 +15,7 @@ use crate::domain_layout::DomainLayout;
 use crate::error::Error;
 use crate::identification::{self, Identified};
 use crate::mapping;
+use crate::master::{DomainId, Master, SlaveConfigId};
 use crate::plan::Plan;
 use crate::real_time::{CycleStart, CycleStatistics, CycleTimer, CycleTiming};
 use crate::startup::{StartupStep, run_steps, startup_list};
@@ -99,14 +100,14 @@ impl Adapter {
     /// Any [`Error`]; the master is released.
     pub fn open(ecrt: &Ecrt, config: AdapterConfig) -> Result<Self, Error> {
         config.check()?;
-        let master = ecrt.request_master(config.master_index)?;
+        let master = Master::request(ecrt, config.master_index)?;
         Self::build(ecrt, master, config, false)
     }
 
     /// Adds gateways to a master that the application runs itself, for its other slaves on the
     /// same bus.
     ///
-    /// `master` wraps the owner's handle (`ecrt_sys::Master::from_raw`). The Adapter adds slaves
+    /// `master` wraps the owner's handle ([`Master::from_raw`]). The Adapter adds slaves
     /// and domains to it; requesting, activating, sending and receiving stay with the owner, who
     /// calls [`owner_activated`](Self::owner_activated) after `ecrt_master_activate`, then in each
     /// cycle [`receive`](Self::receive) after its `ecrt_master_receive` and [`send`](Self::send)
@@ -115,8 +116,8 @@ impl Adapter {
     /// # Errors
     /// Any [`Error`]; the owner's handle stays as it is, with what was added until then.
     pub fn attach(ecrt: &Ecrt, master: Master, config: AdapterConfig) -> Result<Self, Error> {
-        if !master.is_foreign() {
-            return Err(Error::NotForeign);
+        if !master.is_attached() {
+            return Err(Error::OwnedMaster);
         }
         config.check()?;
         Self::build(ecrt, master, config, true)
@@ -333,8 +334,8 @@ impl Adapter {
     /// Only releasing the master throws away a configuration that was never activated.
     fn request_anew(&mut self) -> Result<(), Error> {
         let index = self.config.master_index;
-        self.master = self.ecrt.open_master(index)?;
-        self.master = self.ecrt.request_master(index)?;
+        self.master = Master::open(&self.ecrt, index)?;
+        self.master = Master::request(&self.ecrt, index)?;
         Ok(())
     }
 

@@ -1,7 +1,8 @@
 //! Watching the AL status codes of slaves on their way to OP.
 
 use ecan_protocol::device::AlStatusCode;
-use ecrt_sys::{Master, RegRequestId, RequestState};
+
+use crate::master::{Master, RegRequestId, RequestState};
 
 /// ESC register of the AL status code.
 const AL_STATUS_CODE_REGISTER: u16 = 0x0134;

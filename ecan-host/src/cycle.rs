@@ -1,9 +1,10 @@
 //! The cycle: receive, judge the working counters, send.
 
-use ecrt_sys::{Errno, WcState};
+use ecrt_sys::Errno;
 use thiserror::Error;
 
 use crate::adapter::{Adapter, Phase, Slave};
+use crate::master::WcState;
 
 /// Errors inside the cycle: small, `Copy`, without allocation.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]

@@ -1,10 +1,11 @@
 //! A second, unreserved handle for state and SDO transfers beside the cycle.
 
 use ecan_protocol::device::AlState;
-use ecrt_sys::{Ecrt, LinkState, Master, MasterState, SlaveInfo};
+use ecrt_sys::Ecrt;
 
 use crate::config::AdapterConfig;
 use crate::error::{Error, SdoDirection};
+use crate::master::{LinkState, Master, MasterState, SlaveInfo};
 
 /// State and blocking SDO transfers of the configured slaves, on a handle of its own.
 ///
@@ -28,7 +29,7 @@ impl Diagnostics {
     }
 
     fn without_places(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
-        let master = ecrt.open_master(master_index)?;
+        let master = Master::open(ecrt, master_index)?;
         Ok(Self { ecrt: ecrt.clone(), master, places: Vec::new() })
     }
 

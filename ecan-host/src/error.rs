@@ -2,7 +2,7 @@
 
 use ecan_protocol::device::{AlState, Recognition};
 use ecan_protocol::object::{AbortCode, describe};
-use ecrt_sys::{Errno, OpenError, SdoError};
+use ecrt_sys::Errno;
 use thiserror::Error;
 
 use crate::adapter::Phase;
@@ -10,6 +10,7 @@ use crate::config::Identity;
 use crate::config_check::ConfigFault;
 use crate::cycle::CycleError;
 use crate::faults::Faults;
+use crate::master::{OpenError, SdoError};
 use crate::operation_report::NotOperational;
 use crate::startup::Expectation;
 
@@ -92,7 +93,7 @@ pub enum Error {
     },
     /// An attached Adapter needs the handle of an owner, and only such a one.
     #[error("attach needs a handle that another owner drives (Master::from_raw)")]
-    NotForeign,
+    OwnedMaster,
     /// The call is for attached Adapters.
     #[error("{call} is for an Adapter that is attached to its owner's master")]
     NotAttached {

@@ -11,7 +11,7 @@
 //! Nothing here starts a thread or sleeps in the data path: the application owns the cycle.
 //! [`RealTimeConfig`] and [`CycleStatistics`] help it to keep it (manual 13.9).
 #![deny(missing_docs)]
-#![forbid(unsafe_code)]
+#![deny(unsafe_code)] // allowed in the module `master` only
 
 mod adapter;
 mod al_status;
@@ -28,6 +28,7 @@ mod faults;
 mod identification;
 mod maintenance;
 mod mapping;
+mod master;
 mod operation;
 mod operation_report;
 mod plan;
@@ -49,6 +50,12 @@ pub use domain_layout::{DomainLayout, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PL
 pub use error::{Error, SdoDirection, value_words};
 pub use faults::Faults;
 pub use maintenance::{Maintenance, MaintenanceError};
+pub use master::{
+    DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, NodeOwner, OpenError,
+    OpenFailure, PdoEntryInfo, PdoInfo, PortInfo, PortKind, RegRequestId, RequestState,
+    ScanProgress, SdoError, SdoRequestId, SlaveConfigId, SlaveConfigState, SlaveInfo,
+    SyncDirection, SyncManagerInfo, WatchdogMode, WcState,
+};
 pub use operation::{OpProgress, OpWait};
 pub use operation_report::{NotOperational, SlaveReport};
 pub use plan::{
@@ -65,6 +72,5 @@ pub use requests::RequestId;
 pub use startup::{Expectation, StartupStep};
 
 pub use ecrt_sys::{
-    Clock, Ecrt, EcrtSetting, Errno, LinkState, Master, MasterState, MonotonicClock, RequestState,
-    SlaveConfigState, SlaveInfo, WcState,
+    Clock, ECRT_VARIABLE, Ecrt, EcrtSetting, EnvironmentError, Errno, LoadError, MonotonicClock, Origin,
 };

@@ -4,10 +4,10 @@ use ecan_protocol::mapping::{
     Direction, UNIT_BYTES, UNITS_PER_CHUNK, data_object_index, map_subindex, pdo_map_index,
     sync_manager,
 };
-use ecrt_sys::{DomainId, Master, SlaveConfigId, SyncDirection, WatchdogMode};
 
 use crate::diagnostics::Diagnostics;
 use crate::error::Error;
+use crate::master::{DomainId, Master, SlaveConfigId, SyncDirection, WatchdogMode};
 
 const UNIT_BITS: u8 = (UNIT_BYTES * 8) as u8;
 

@@ -1,11 +1,12 @@
 //! Waiting for OP while process data run.
 
-use ecrt_sys::{Errno, SlaveConfigState};
+use ecrt_sys::Errno;
 
 use crate::adapter::{Adapter, Phase};
 use crate::cycle::CycleError;
 use crate::diagnose::run_beside;
 use crate::error::Error;
+use crate::master::SlaveConfigState;
 use crate::operation_report::is_preop;
 
 /// How often slow state is asked for while waiting, in nanoseconds.

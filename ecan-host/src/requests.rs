@@ -1,10 +1,9 @@
 //! SDO requests that run while the cycle goes on.
 
-use ecrt_sys::{RequestState, SdoRequestId};
-
 use crate::adapter::{Adapter, Phase};
 use crate::cycle::CycleError;
 use crate::error::Error;
+use crate::master::{RequestState, SdoRequestId};
 
 /// An SDO request of a slave, created by [`Adapter::create_sdo_request`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -236,7 +236,7 @@ fn op_is_reached_with_sync0() {
 #[test]
 fn an_attached_adapter_leaves_the_master_to_its_owner() {
     let (ecrt, _simulation) = simulated(ecan_sim::echo(2));
-    let mut owner = ecrt.request_master(0).unwrap();
+    let mut owner = Master::request(&ecrt, 0).unwrap();
     // SAFETY: the owner outlives the Adapter below and is used from this thread only.
     let shared = unsafe { Master::from_raw(ecrt.clone(), owner.as_raw()) }.unwrap();
     let (config, _) = raw_config();

@@ -18,7 +18,7 @@ fn lateness_is_not_judged_by_a_grid_that_sync0_does_not_follow() {
     let simulation = backend.simulation.unwrap();
     let ecrt = backend.ecrt;
     let clock = ecrt.clock().clone();
-    let mut owner = ecrt.request_master(0).unwrap();
+    let mut owner = Master::request(&ecrt, 0).unwrap();
     // SAFETY: the owner outlives the Port below and is used from this thread only.
     let shared = unsafe { Master::from_raw(ecrt.clone(), owner.as_raw()) }.unwrap();
     let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);

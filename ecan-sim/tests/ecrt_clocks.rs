@@ -2,9 +2,9 @@
 
 mod ecrt_support;
 
+use ecan_host::{Errno, Master};
 use ecan_sim::{EcrtVersion, Fault, Scenario, echo};
 use ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
-use ecrt_sys::{Errno, Master};
 
 /// What the three calls for the clocks give.
 fn calls(master: &mut Master) -> [Result<(), Errno>; 3] {
@@ -18,7 +18,7 @@ fn calls(master: &mut Master) -> [Result<(), Errno>; 3] {
 #[test]
 fn an_empty_bus_has_no_reference_clock() {
     let backend = stepped(Scenario::default());
-    let mut master = backend.ecrt.request_master(0).unwrap();
+    let mut master = Master::request(&backend.ecrt, 0).unwrap();
     master.activate().unwrap();
     assert_eq!(calls(&mut master), [Err(Errno::ENXIO); 3]);
     assert_eq!(master.sync_reference_clock_to(1).unwrap_err(), Errno::ENXIO);
@@ -28,7 +28,7 @@ fn an_empty_bus_has_no_reference_clock() {
 #[test]
 fn one_5_reports_only_where_its_function_returns_something() {
     let backend = stepped(Scenario { version: EcrtVersion::V1_5, ..Scenario::default() });
-    let mut master = backend.ecrt.request_master(0).unwrap();
+    let mut master = Master::request(&backend.ecrt, 0).unwrap();
     master.activate().unwrap();
     assert_eq!(calls(&mut master), [Ok(()), Ok(()), Err(Errno::ENXIO)]);
 }
@@ -64,6 +64,6 @@ fn the_reference_clock_is_gone_during_a_scan_and_there_afterwards() {
 #[test]
 fn clocks_are_not_missed_on_a_bus_that_never_had_traffic() {
     let backend = stepped(echo(1));
-    let mut master = backend.ecrt.request_master(0).unwrap();
+    let mut master = Master::request(&backend.ecrt, 0).unwrap();
     assert_eq!(calls(&mut master), [Ok(()), Ok(()), Err(Errno::EIO)]);
 }

@@ -2,11 +2,11 @@
 
 mod ecrt_support;
 
+use ecan_host::{RequestState, WcState};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::object::{ObjectType, SdoWrite};
 use ecan_sim::{Fault, GatewayFault, GatewaySpec, LossDirection, Scenario, When, echo};
 use ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
-use ecrt_sys::{RequestState, WcState};
 
 const PREOP: u8 = 2;
 const SAFEOP: u8 = 4;

@@ -2,11 +2,11 @@
 
 mod ecrt_support;
 
+use ecan_host::{Errno, Master, OpenFailure, RequestState, SyncDirection, WatchdogMode};
 use ecan_protocol::mapping::{Direction, data_object_index, pdo_map_index};
 use ecan_protocol::object::MAPPED_SUBINDEX;
 use ecan_sim::{Fault, GatewayFault, GatewaySpec, Scenario, Topology, echo};
 use ecrt_support::{Program, stepped, stepped_echo};
-use ecrt_sys::{Errno, OpenFailure, RequestState, SyncDirection, WatchdogMode};
 
 #[test]
 fn slaves_are_scanned_and_in_preop() {
@@ -14,7 +14,7 @@ fn slaves_are_scanned_and_in_preop() {
     scenario.gateways[1].alias = 77;
     scenario.gateways[1].settings.serial = 0xAB_0000_1234;
     let backend = stepped(scenario);
-    let master = backend.ecrt.open_master(0).unwrap();
+    let master = Master::open(&backend.ecrt, 0).unwrap();
     let info = master.info().unwrap();
     assert_eq!((info.slave_count, info.link_up, info.scan_busy), (2, true, false));
     let state = master.state().unwrap();
@@ -33,7 +33,7 @@ fn slaves_are_scanned_and_in_preop() {
 #[test]
 fn only_the_default_assignment_is_known() {
     let backend = stepped_echo(1);
-    let master = backend.ecrt.open_master(0).unwrap();
+    let master = Master::open(&backend.ecrt, 0).unwrap();
     let outputs = master.sync_manager(0, 2).unwrap();
     assert_eq!(outputs.direction, Some(SyncDirection::Output));
     let chunks = outputs.pdo_count as u16;
@@ -50,34 +50,34 @@ fn only_the_default_assignment_is_known() {
 #[test]
 fn a_reserved_master_is_busy_but_can_be_looked_at() {
     let backend = stepped_echo(1);
-    let owner = backend.ecrt.request_master(0).unwrap();
-    let error = backend.ecrt.request_master(0).unwrap_err();
+    let owner = Master::request(&backend.ecrt, 0).unwrap();
+    let error = Master::request(&backend.ecrt, 0).unwrap_err();
     assert_eq!(error.failure, OpenFailure::Busy);
-    let other = backend.ecrt.open_master(0).unwrap();
+    let other = Master::open(&backend.ecrt, 0).unwrap();
     assert_eq!(other.slave_info(0).unwrap().al_state, 2);
     drop(owner);
-    assert!(backend.ecrt.request_master(0).is_ok());
+    assert!(Master::request(&backend.ecrt, 0).is_ok());
 }
 
 #[test]
 fn another_program_may_hold_the_master() {
     let backend = stepped(Scenario { reserved: true, ..echo(1) });
-    assert_eq!(backend.ecrt.request_master(0).unwrap_err().failure, OpenFailure::Busy);
-    assert!(backend.ecrt.open_master(0).is_ok());
+    assert_eq!(Master::request(&backend.ecrt, 0).unwrap_err().failure, OpenFailure::Busy);
+    assert!(Master::open(&backend.ecrt, 0).is_ok());
 }
 
 #[test]
 fn there_is_one_master() {
     let backend = stepped_echo(1);
-    assert!(backend.ecrt.request_master(1).is_err());
-    assert!(backend.ecrt.open_master(1).is_err());
+    assert!(Master::request(&backend.ecrt, 1).is_err());
+    assert!(Master::open(&backend.ecrt, 1).is_err());
 }
 
 #[test]
 fn two_worlds_do_not_see_each_other() {
     let (one, two) = (stepped_echo(1), stepped_echo(2));
-    let first = one.ecrt.request_master(0).unwrap();
-    let second = two.ecrt.request_master(0).unwrap();
+    let first = Master::request(&one.ecrt, 0).unwrap();
+    let second = Master::request(&two.ecrt, 0).unwrap();
     assert_eq!(first.info().unwrap().slave_count, 1);
     assert_eq!(second.info().unwrap().slave_count, 2);
     let before = two.ecrt.clock().now_ns();
@@ -88,7 +88,7 @@ fn two_worlds_do_not_see_each_other() {
 #[test]
 fn blocking_transfers_take_time_and_report_aborts() {
     let backend = stepped_echo(1);
-    let master = backend.ecrt.open_master(0).unwrap();
+    let master = Master::open(&backend.ecrt, 0).unwrap();
     let clock = backend.ecrt.clock();
     let before = clock.now_ns();
     let mut data = [0; 4];
@@ -112,7 +112,7 @@ fn a_silent_mailbox_ends_in_an_error_without_abort_code() {
     let simulation = backend.simulation.as_ref().unwrap();
     let fault = GatewayFault::MailboxSilent { ms: 1_500 };
     simulation.inject(Fault::Gateway { gateway: 0, fault });
-    let master = backend.ecrt.open_master(0).unwrap();
+    let master = Master::open(&backend.ecrt, 0).unwrap();
     let mut data = [0; 4];
     let error = master.sdo_upload(0, 0x1018, 1, &mut data).unwrap_err();
     assert_eq!(error.errno, Errno::EIO);
@@ -128,7 +128,7 @@ fn a_slave_that_is_switched_off_vanishes_from_the_scan() {
         let simulation = backend.simulation.as_ref().unwrap();
         simulation.inject(Fault::PowerOff { gateway: 1 });
         simulation.pass_ns(2_000_000_000);
-        let master = backend.ecrt.open_master(0).unwrap();
+        let master = Master::open(&backend.ecrt, 0).unwrap();
         assert_eq!(master.info().unwrap().slave_count, remaining);
         assert_eq!(master.state().unwrap().slaves_responding, remaining);
     }
@@ -137,7 +137,7 @@ fn a_slave_that_is_switched_off_vanishes_from_the_scan() {
 #[test]
 fn configuration_needs_the_reserved_master_before_activation() {
     let backend = stepped_echo(1);
-    let mut looking = backend.ecrt.open_master(0).unwrap();
+    let mut looking = Master::open(&backend.ecrt, 0).unwrap();
     assert!(looking.create_domain().is_err());
     assert!(looking.slave_config(0, 0, 1, 2).is_err());
     let mut program = Program::new(backend, &[1]).into_op();
@@ -150,7 +150,7 @@ fn configuration_needs_the_reserved_master_before_activation() {
 #[test]
 fn entries_that_are_not_mapped_and_wrong_sync_managers_are_refused() {
     let backend = stepped_echo(1);
-    let mut master = backend.ecrt.request_master(0).unwrap();
+    let mut master = Master::request(&backend.ecrt, 0).unwrap();
     let info = master.slave_info(0).unwrap();
     let domain = master.create_domain().unwrap();
     let config = master.slave_config(0, 0, info.vendor_id, info.product_code).unwrap();
@@ -166,7 +166,7 @@ fn entries_that_are_not_mapped_and_wrong_sync_managers_are_refused() {
 #[test]
 fn a_configuration_of_the_wrong_identity_is_not_attached() {
     let backend = stepped_echo(1);
-    let mut master = backend.ecrt.request_master(0).unwrap();
+    let mut master = Master::request(&backend.ecrt, 0).unwrap();
     let config = master.slave_config(0, 0, 0xBAD, 0xBAD).unwrap();
     let far = master.slave_config(0, 9, 0xBAD, 0xBAD).unwrap();
     assert!(!master.config_state(config).unwrap().online);
@@ -178,7 +178,7 @@ fn slaves_are_found_by_alias_and_distance() {
     let mut scenario = echo(3);
     scenario.gateways[1].alias = 500;
     let backend = stepped(scenario);
-    let mut master = backend.ecrt.request_master(0).unwrap();
+    let mut master = Master::request(&backend.ecrt, 0).unwrap();
     let info = master.slave_info(2).unwrap();
     let config = master.slave_config(500, 1, info.vendor_id, info.product_code).unwrap();
     assert!(master.config_state(config).unwrap().online);

@@ -2,10 +2,10 @@
 
 mod ecrt_support;
 
+use ecan_host::{Errno, WcState};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{EcrtVersion, Fault, LibraryCall, Scenario, echo};
 use ecrt_support::{CYCLE_NS, Program, stepped, stepped_echo};
-use ecrt_sys::{Errno, WcState};
 
 const EINTR: i32 = 4;
 

@@ -7,12 +7,12 @@ use std::path::Path;
 
 use ecan_protocol::can::{CanFrame, CanId};
 
+use ecan_host::Master;
 use ecan_sim::{
     Backend, Fault, FirmwarePackage, FirmwareProgress, FirmwareUpdateError, Gateway, Scenario,
     StationConfig,
 };
 use ecrt_support::{Program, stepped, stepped_echo};
-use ecrt_sys::Master;
 
 const MS: u64 = 1_000_000;
 
@@ -46,7 +46,7 @@ fn station(backend: &Backend, channel: usize) -> Option<StationConfig> {
 #[test]
 fn a_saved_channel_runs_again_after_a_power_cycle() {
     let backend = stepped_echo(1);
-    let master = backend.ecrt.open_master(0).unwrap();
+    let master = Master::open(&backend.ecrt, 0).unwrap();
     master.sdo_download(0, 0xB000, 1, &[1]).unwrap();
     master.sdo_download(0, 0x8003, 19, &250_000u32.to_le_bytes()).unwrap();
     master.sdo_download(0, 0x8003, 15, &[0]).unwrap();
@@ -70,7 +70,7 @@ fn a_scenario_may_break_the_flash() {
     let text =
         "[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"flash_failure\"\ngateway = 0\ntimes = 2\n";
     let backend = stepped(Scenario::from_toml(text, "broken", Path::new(".")).unwrap());
-    let master = backend.ecrt.open_master(0).unwrap();
+    let master = Master::open(&backend.ecrt, 0).unwrap();
     master.sdo_download(0, 0xB000, 1, &[1]).unwrap();
     let statuses: Vec<u32> = (0..3).map(|_| maintain(&master, 1)).collect();
     assert_eq!(statuses, [5, 5, 0]);
@@ -79,7 +79,7 @@ fn a_scenario_may_break_the_flash() {
 #[test]
 fn an_update_shows_in_the_version_objects() {
     let backend = stepped_echo(1);
-    let master = backend.ecrt.open_master(0).unwrap();
+    let master = Master::open(&backend.ecrt, 0).unwrap();
     let simulation = backend.simulation.as_ref().unwrap();
     let file = FirmwarePackage::new(0, 0x0304_0005, vec![1; 5_000]).to_bytes();
     let on_gateway = |step: &dyn Fn(&mut Gateway, u64) -> Progress| {

@@ -2,10 +2,10 @@
 
 mod ecrt_support;
 
+use ecan_host::{Errno, WcState};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{EcrtVersion, Scenario, echo};
 use ecrt_support::{PATIENCE, Program, stepped, stepped_echo};
-use ecrt_sys::{Errno, WcState};
 
 fn frame(id: u16, data: &[u8]) -> CanFrame {
     CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()

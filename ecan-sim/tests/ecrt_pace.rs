@@ -5,10 +5,10 @@ mod ecrt_support;
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
+use ecan_host::{Errno, Master, RequestState, SdoRequestId};
 use ecan_protocol::object::{ObjectType, SdoWrite};
 use ecan_sim::{Fault, GatewayFault};
 use ecrt_support::{CYCLE_NS, Program, stepped_echo};
-use ecrt_sys::{Errno, RequestState, SdoRequestId};
 
 const MS: u64 = 1_000_000;
 
@@ -62,7 +62,7 @@ fn a_request_does_not_move_without_sends() {
 #[test]
 fn before_activation_a_transfer_takes_two_milliseconds() {
     let backend = stepped_echo(1);
-    let master = backend.ecrt.request_master(0).unwrap();
+    let master = Master::request(&backend.ecrt, 0).unwrap();
     let clock = backend.ecrt.clock();
     let before = clock.now_ns();
     let mut data = [0; 4];
@@ -79,7 +79,7 @@ fn a_blocking_transfer_on_an_active_master_waits_for_the_cycle() {
     std::thread::scope(|scope| {
         let transfer = scope.spawn(|| {
             let mut data = [0; 4];
-            let looking = ecrt.open_master(0).unwrap();
+            let looking = Master::open(&ecrt, 0).unwrap();
             let result = looking.sdo_upload(0, 0x1018, 1, &mut data);
             over.store(true, Ordering::Release);
             result

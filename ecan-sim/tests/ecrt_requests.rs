@@ -2,9 +2,9 @@
 
 mod ecrt_support;
 
+use ecan_host::{RegRequestId, RequestState, SdoRequestId};
 use ecan_sim::Fault;
 use ecrt_support::{CYCLE_NS, Program, stepped_echo};
-use ecrt_sys::{RegRequestId, RequestState, SdoRequestId};
 
 /// In OP, with a request for the vendor id and one for the AL status.
 fn with_requests() -> (Program, SdoRequestId, RegRequestId) {

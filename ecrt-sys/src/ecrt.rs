@@ -2,40 +2,37 @@
 
 use std::fmt;
 use std::path::{Path, PathBuf};
-use std::ptr::NonNull;
 use std::sync::Arc;
 
 use crate::bindings::ec_master_t;
 use crate::clock::{Clock, MonotonicClock};
-use crate::errno::Errno;
 use crate::functions::Functions;
 use crate::library;
 use crate::load_error::LoadError;
-use crate::master::{Master, Ownership};
-use crate::open_error::OpenError;
 
-/// The two functions of a libethercat that no handle is given to, so that each simulated library
-/// can have a world of its own ([`Ecrt::simulated`] says what its pointers must be good for).
+/// The two functions of a libethercat that take no handle, so that each simulated library can have
+/// its own world ([`Ecrt::simulated`] lists the requirements on the returned pointers).
 pub trait OpenMaster: Send + Sync {
     /// `ecrt_request_master`: a master reserved for the caller, or null with the thread's error
-    /// number set ([`Errno::set_last`]): `ENOENT` no such master, `EBUSY` reserved by another.
+    /// number set ([`Errno::set_last`](crate::Errno::set_last)): `ENOENT` no such master, `EBUSY`
+    /// reserved by another application.
     fn request(&self, index: u32) -> *mut ec_master_t;
 
-    /// `ecrt_open_master`: a handle for looking only, or null as above.
+    /// `ecrt_open_master`: an unreserved handle, or null as above.
     fn open(&self, index: u32) -> *mut ec_master_t;
 }
 
-/// Where the functions of an [`Ecrt`] come from.
+/// Source of the functions of an [`Ecrt`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Origin {
     /// A shared object.
     Library {
-        /// As it was named to the dynamic loader.
+        /// Path or name given to the dynamic loader.
         path: PathBuf,
-        /// What its `ecrt_version_magic` returns: 0x105 for 1.5, 0x106 for 1.6.
+        /// Result of its `ecrt_version_magic`: 0x105 for 1.5, 0x106 for 1.6.
         version_magic: u32,
     },
-    /// A simulation. Nothing that happens there moves anything real.
+    /// A simulation, which moves no real device.
     Simulated {
         /// Name of the scenario.
         scenario: String,
@@ -67,23 +64,23 @@ struct Shared {
     clock: Arc<dyn Clock>,
 }
 
-/// A libethercat: the functions, and the clock that belongs to it. Cloning gives another name
-/// for the same one; it stays loaded as long as a name or a [`Master`] of it exists.
+/// A libethercat: its functions and the clock that belongs to them. A clone refers to the same
+/// library, which stays loaded as long as a clone exists.
 #[derive(Clone)]
 pub struct Ecrt {
     shared: Arc<Shared>,
 }
 
 impl Ecrt {
-    /// Loads a shared object; `None` is [`DEFAULT_LIBRARY`](crate::DEFAULT_LIBRARY), searched
-    /// as the dynamic loader searches. The clock is [`MonotonicClock`].
+    /// Loads a shared object; `None` selects [`DEFAULT_LIBRARY`](crate::DEFAULT_LIBRARY) in the
+    /// directories of the dynamic loader. The clock is [`MonotonicClock`].
     ///
-    /// Nothing is opened: a machine without a running master loads the library just as well.
+    /// Opens no master: the call succeeds on a machine without a running master, too.
     ///
     /// # Errors
     ///
-    /// The file is missing, not a library, not libethercat, of an unknown release, or
-    /// incomplete.
+    /// The file is missing, is no library, is not libethercat, has an unknown release, or lacks
+    /// functions.
     pub fn load(path: Option<&Path>) -> Result<Self, LoadError> {
         let (library, functions) = library::load(path)?;
         let origin =
@@ -99,18 +96,18 @@ impl Ecrt {
         })
     }
 
-    /// A simulated library: its functions, its masters, the version it plays
-    /// (`0x106` is 1.6), the name of its scenario, and its clock.
+    /// A simulated library: its functions, its masters, the version that it simulates (0x106 is
+    /// 1.6), the name of its scenario, and its clock.
     ///
     /// # Safety
     ///
-    /// - The pointers that `masters` gives, and every pointer that `functions` gives from them,
+    /// - The pointers that `masters` returns, and every pointer that `functions` returns for them,
     ///   are valid arguments of `functions`, on any thread but one at a time, as long as
     ///   libethercat keeps such handles: until they are released or the master is deactivated.
-    /// - `functions` behave as libethercat's: they write only into what they are given, in the
-    ///   layout of [`ec_master_info_t`](crate::ec_master_info_t) and the others; domain and
-    ///   request memory has the size that they say, is initialised, stays where it is, and is
-    ///   written only during calls.
+    /// - `functions` behave like libethercat's: they write only to their arguments, in the layout
+    ///   of [`ec_master_info_t`](crate::ec_master_info_t) and the others; domain and request memory
+    ///   has the reported size, is initialised, keeps its address, and is written only during
+    ///   calls.
     pub unsafe fn simulated(
         functions: Functions,
         masters: Arc<dyn OpenMaster>,
@@ -129,7 +126,7 @@ impl Ecrt {
         }
     }
 
-    /// Where the functions come from.
+    /// Source of the functions.
     #[must_use]
     pub fn origin(&self) -> &Origin {
         &self.shared.origin
@@ -147,51 +144,32 @@ impl Ecrt {
         self.shared.version
     }
 
-    /// The clock of this library's world.
+    /// Clock of this library.
     #[must_use]
     pub fn clock(&self) -> &Arc<dyn Clock> {
         &self.shared.clock
     }
 
-    /// Reserves a master for this process: needed for everything that configures or drives the
-    /// bus. Given back when the [`Master`] is dropped. May block while the master is busy.
-    ///
-    /// # Errors
-    ///
-    /// The device node is missing or not permitted, another application has reserved the
-    /// master, it waits for its network interface, or library and kernel module differ.
-    pub fn request_master(&self, index: u32) -> Result<Master, OpenError> {
-        self.obtain(index, Ownership::Reserved)
-    }
-
-    /// Opens a master for looking (information, states, SDO transfers) beside whoever drives it.
-    ///
-    /// # Errors
-    ///
-    /// As [`Ecrt::request_master`], except that a reserved master can be opened.
-    pub fn open_master(&self, index: u32) -> Result<Master, OpenError> {
-        self.obtain(index, Ownership::Opened)
-    }
-
-    fn obtain(&self, index: u32, ownership: Ownership) -> Result<Master, OpenError> {
-        Errno::forget_last();
-        let raw = match ownership {
-            Ownership::Reserved => self.shared.opener.request(index),
-            Ownership::Opened | Ownership::Foreign => self.shared.opener.open(index),
-        };
-        match NonNull::new(raw) {
-            Some(raw) => Ok(Master::new(self.clone(), raw, ownership)),
-            None => Err(OpenError::find_cause(
-                index,
-                Errno::last(),
-                self.version(),
-                self.is_simulated(),
-            )),
-        }
-    }
-
-    pub(crate) fn functions(&self) -> &Functions {
+    /// Function table of this library.
+    #[inline]
+    #[must_use]
+    pub fn functions(&self) -> &Functions {
         &self.shared.functions
+    }
+
+    /// Calls `ecrt_request_master`: reserves a master for this process. The caller releases the
+    /// handle; it is null on failure, with the cause in [`Errno::last`](crate::Errno::last). May
+    /// block while the master is busy.
+    #[must_use]
+    pub fn request_master(&self, index: u32) -> *mut ec_master_t {
+        self.shared.opener.request(index)
+    }
+
+    /// Calls `ecrt_open_master`: an unreserved handle for information, states and SDO transfers.
+    /// Release and failure as for [`request_master`](Self::request_master).
+    #[must_use]
+    pub fn open_master(&self, index: u32) -> *mut ec_master_t {
+        self.shared.opener.open(index)
     }
 }
 

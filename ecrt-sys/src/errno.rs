@@ -6,9 +6,7 @@ use libc::c_int;
 
 /// An error number of the system. `Copy`, so the cycle can return it.
 ///
-/// Displays the system's words and the number: `Device or resource busy (os error 16)`.
-/// [`Errno::EBADF`] from a [`Master`](crate::Master) method means that the id it was given is
-/// not one of its own, or was made before the last deactivation.
+/// Displays the system's text and the number: `Device or resource busy (os error 16)`.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct Errno(i32);
 
@@ -23,7 +21,8 @@ impl Errno {
     pub const EIO: Self = Self(libc::EIO);
     /// No such device or address; for clock calls, no reference clock.
     pub const ENXIO: Self = Self(libc::ENXIO);
-    /// A handle that is not valid (any more).
+    /// An invalid handle; from a method of `Master`: an id of another master, or from before the
+    /// last deactivation.
     pub const EBADF: Self = Self(libc::EBADF);
     /// Not yet: try again later.
     pub const EAGAIN: Self = Self(libc::EAGAIN);
@@ -75,22 +74,27 @@ impl Errno {
         unsafe { *libc::__errno_location() = self.0 }
     }
 
-    /// A status of the library: negative is an error, everything else is none.
-    pub(crate) const fn check(status: c_int) -> Result<(), Self> {
+    /// Checks a status of the library.
+    ///
+    /// # Errors
+    ///
+    /// The error number of a negative status.
+    pub const fn check(status: c_int) -> Result<(), Self> {
         if status < 0 { Err(Self(status.saturating_neg())) } else { Ok(()) }
     }
 
-    /// The cause of a NULL that a call returned after [`Errno::forget_last`]; memory is what
-    /// is missing when the library left none.
-    pub(crate) fn of_null() -> Self {
+    /// The cause of a NULL that a call returned after [`Errno::clear_last`]; [`Errno::ENOMEM`] if
+    /// the library left none.
+    #[must_use]
+    pub fn of_null() -> Self {
         match Self::last() {
             Self(0) => Self::ENOMEM,
             errno => errno,
         }
     }
 
-    /// Clears the thread's error number, so that afterwards only a new one is found there.
-    pub(crate) fn forget_last() {
+    /// Clears the thread's error number, so that only a later failure sets it.
+    pub fn clear_last() {
         Self(0).set_last();
     }
 }
@@ -137,7 +141,7 @@ mod tests {
         Errno::ENODEV.set_last();
         assert_eq!(Errno::last(), Errno::ENODEV);
         assert_eq!(Errno::of_null(), Errno::ENODEV);
-        Errno::forget_last();
+        Errno::clear_last();
         assert_eq!(Errno::of_null(), Errno::ENOMEM);
     }
 }

@@ -23,20 +23,19 @@ pub enum Status<Reported, Silent> {
     Silent(Silent),
 }
 
-/// Calls a [`Status`] function and gives its status, 0 for one that reports none.
+/// Calls a [`Status`] function; evaluates to its status, 0 for one that reports none.
+#[macro_export]
 macro_rules! status {
     ($function:expr, $($argument:expr),+ $(,)?) => {
         match $function {
-            $crate::functions::Status::Reported(function) => function($($argument),+),
-            $crate::functions::Status::Silent(function) => {
+            $crate::Status::Reported(function) => function($($argument),+),
+            $crate::Status::Silent(function) => {
                 function($($argument),+);
                 0
             }
         }
     };
 }
-pub(crate) use status;
-
 macro_rules! entry_type {
     (required ($($argument:ty),*) -> $result:ty) => {
         unsafe extern "C" fn($($argument),*) -> $result

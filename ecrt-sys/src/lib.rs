@@ -1,32 +1,17 @@
 //! Binding of the IgH EtherCAT master library `libethercat`, loaded at run time.
 //!
 //! [`Ecrt`] is a loaded library: a table of functions ([`Functions`]) and a [`Clock`]. It comes
-//! from a shared object ([`Ecrt::load`]), version 1.5 or 1.6 alike, or from a simulated
-//! libethercat that fills the same table ([`Ecrt::simulated`]). Neither ever stands in for the
-//! other by itself.
+//! from a shared object ([`Ecrt::load`]), version 1.5 or 1.6, or from a simulated libethercat that
+//! fills the same table ([`Ecrt::simulated`]). Neither replaces the other automatically.
 //!
-//! [`Master`] is the safe face: it owns the handles that the library gives out, names them by
-//! small ids, and lends the process image as slices. All `unsafe` that the C interface needs is
-//! in this crate, and that of the system calls of a cycle: its clock and its priority.
-//!
-//! ```no_run
-//! let ecrt = ecrt_sys::Ecrt::load(None)?;
-//! let master = ecrt.open_master(0)?;
-//! println!("{} slaves", master.info()?.slave_count);
-//! # Ok::<(), Box<dyn std::error::Error>>(())
-//! ```
-//!
-//! # Threads
-//!
-//! The library has no locks. A [`Master`] may move to another thread, but only one thread uses
-//! it at a time (`Send`, not `Sync`). For diagnostics beside the cycle thread open a second
-//! handle with [`Ecrt::open_master`].
+//! This crate has no safe handles: `Master` of the crate `ecan-host` owns the pointers that the
+//! functions return. The library has no locks; one thread uses a master at a time.
 //!
 //! # Features
 //!
-//! `regenerate` generates the types anew with bindgen (needs libclang): from `ecrt.h` in the
-//! directory that the environment variable `ECRT_INCLUDE_DIR` names, otherwise from the crate's
-//! own `ecrt-abi.h`. The tests then check that header's layout.
+//! `regenerate` generates the types with bindgen (needs libclang): from `ecrt.h` in the directory
+//! that the environment variable `ECRT_INCLUDE_DIR` names, otherwise from the crate's own
+//! `ecrt-abi.h`. The tests then check that header's layout.
 #![deny(missing_docs)]
 
 #[cfg(not(feature = "regenerate"))]
@@ -48,9 +33,6 @@ mod errno;
 mod functions;
 mod library;
 mod load_error;
-mod master;
-mod open_error;
-mod scheduling;
 mod setting;
 
 pub use bindings::{
@@ -71,12 +53,4 @@ pub use errno::Errno;
 pub use functions::{Functions, Status};
 pub use library::{DEFAULT_LIBRARY, RELEASES, symbols};
 pub use load_error::LoadError;
-pub use master::{
-    DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, PdoEntryInfo, PdoInfo,
-    PortInfo, PortKind, RegRequestId, RequestState, ScanProgress, SdoError, SdoRequestId,
-    SlaveConfigId, SlaveConfigState, SlaveInfo, SyncDirection, SyncManagerInfo, WatchdogMode,
-    WcState,
-};
-pub use open_error::{NodeOwner, OpenError, OpenFailure};
-pub use scheduling::set_fifo_priority;
 pub use setting::{ECRT_VARIABLE, EcrtSetting, EnvironmentError};

@@ -48,7 +48,7 @@ fn adapter_code(error: &Error) -> (ecan_result_t, u32) {
     let code = match error {
         Error::Config(_) => ECAN_ERR_CONFIG,
         Error::NoSuchSlave { .. } | Error::SameSlave { .. } => ECAN_ERR_NOT_FOUND,
-        Error::NotForeign | Error::NotAttached { .. } | Error::Phase { .. } => ECAN_ERR_ORDER,
+        Error::OwnedMaster | Error::NotAttached { .. } | Error::Phase { .. } => ECAN_ERR_ORDER,
         Error::OtherMaster { .. } => ECAN_ERR_CONFIG,
         Error::WrongIdentity { .. }
         | Error::NotAnEcanLite { .. }

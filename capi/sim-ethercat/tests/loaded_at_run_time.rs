@@ -4,7 +4,8 @@ mod toolchain;
 
 use std::thread;
 
-use ecrt_sys::{Ecrt, OpenError, OpenFailure};
+use ecan_host::{Master, OpenError, OpenFailure};
+use ecrt_sys::Ecrt;
 use toolchain::{SONAME, simulated_library};
 
 #[test]
@@ -22,7 +23,7 @@ fn the_binding_finds_every_function_and_all_threads_the_same_world() {
             .map(|_| {
                 scope.spawn(|| {
                     ready.wait();
-                    ecrt.request_master(0)
+                    Master::request(&ecrt, 0)
                 })
             })
             .collect();
@@ -34,7 +35,7 @@ fn the_binding_finds_every_function_and_all_threads_the_same_world() {
     for error in errors {
         assert_eq!(error.failure, OpenFailure::Busy, "{error}");
     }
-    let looking = ecrt.open_master(0).expect("anyone may look");
+    let looking = Master::open(&ecrt, 0).expect("anyone may look");
     assert_eq!(looking.info().expect("information").slave_count, 1);
-    assert!(ecrt.open_master(3).is_err(), "there is one master");
+    assert!(Master::open(&ecrt, 3).is_err(), "there is one master");
 }

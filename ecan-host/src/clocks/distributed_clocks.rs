@@ -1,10 +1,11 @@
 //! What the Adapter does for the distributed clocks in each cycle.
 
-use ecrt_sys::{Errno, Master};
+use ecrt_sys::Errno;
 
 use super::phase_locked_loop::PhaseLockedLoop;
 use crate::config::{ClockSource, DcSync};
 use crate::cycle::CycleError;
+use crate::master::Master;
 
 /// How far the clocks are apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -5,7 +5,7 @@ use std::hint::black_box;
 use std::io::Write;
 use std::sync::{Mutex, PoisonError};
 
-use ecrt_sys::{Errno, set_fifo_priority};
+use ecrt_sys::Errno;
 use nix::sched::{CpuSet, sched_getaffinity, sched_setaffinity};
 use nix::sys::mman::{MlockAllFlags, mlockall};
 use nix::sys::resource::{RLIM_INFINITY, Resource, getrlimit};
@@ -13,6 +13,7 @@ use nix::unistd::Pid;
 
 use super::report::{List, Privilege, PrivilegeError, PrivilegeOutcome};
 use super::settings::Need;
+use crate::master::set_fifo_priority;
 
 /// The calling thread, in calls that take a thread id.
 const THIS_THREAD: Pid = Pid::from_raw(0);

@@ -1,6 +1,10 @@
 //! A program on the simulated library: configures slaves as the manual says, and runs cycles.
 #![allow(dead_code)]
 
+use ecan_host::{
+    DomainId, DomainState, Master, SlaveConfigId, SlaveConfigState, SyncDirection, WatchdogMode,
+    WcState,
+};
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{McanChannelConfig, assignment_writes};
 use ecan_protocol::image::{
@@ -9,10 +13,6 @@ use ecan_protocol::image::{
 use ecan_protocol::mapping::{Direction, data_object_index, pdo_map_index, sync_manager};
 use ecan_protocol::object::{MAPPED_SUBINDEX, SdoWrite};
 use ecan_sim::{Backend, ClockKind, Scenario, SimOptions, Simulation, echo, open_scenario};
-use ecrt_sys::{
-    DomainId, DomainState, Master, SlaveConfigId, SlaveConfigState, SyncDirection, WatchdogMode,
-    WcState,
-};
 
 /// Cycle time of the program.
 pub const CYCLE_NS: u64 = 1_000_000;
@@ -65,7 +65,7 @@ impl Program {
         multipliers: &[u8],
         extra: impl Fn(usize) -> Vec<SdoWrite>,
     ) -> Self {
-        let mut master = backend.ecrt.request_master(0).expect("the master is free");
+        let mut master = Master::request(&backend.ecrt, 0).expect("the master is free");
         let slaves = (0..multipliers.len())
             .map(|position| {
                 configure(&mut master, position, multipliers[position], &extra(position))

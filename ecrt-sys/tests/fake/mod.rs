@@ -5,7 +5,10 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use ecrt_sys::{Ecrt, Master};
+use ecrt_sys::Ecrt;
+
+/// The crate ecrt-sys, also from the tests of ecan-host.
+const SOURCES: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../ecrt-sys");
 
 /// A shared object in a directory of its own.
 pub struct Fake {
@@ -15,7 +18,7 @@ pub struct Fake {
 impl Fake {
     /// The fake with these macros; `None`, saying so, where there is no C compiler.
     pub fn build(macros: &[&str]) -> Option<Self> {
-        let source = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fake/libethercat.c");
+        let source = Path::new(SOURCES).join("tests/fake/libethercat.c");
         Self::compile(&source, macros)
     }
 
@@ -33,7 +36,7 @@ impl Fake {
         // Without optimisation: the garbage that a silent function leaves stays where it is.
         let output = Command::new("cc")
             .args(["-shared", "-fPIC", "-O0", "-Wall", "-Wextra", "-Werror", "-I"])
-            .arg(env!("CARGO_MANIFEST_DIR"))
+            .arg(SOURCES)
             .args(macros.iter().map(|name| format!("-D{name}")))
             .arg("-o")
             .arg(fake.path())
@@ -61,24 +64,6 @@ impl Fake {
 
 /// The two releases as macros: 1.5.2, whose silent functions leave garbage, and 1.6.
 pub const RELEASES: [&[&str]; 2] = [&["MAGIC=0x105", "SILENT", "OLD"], &["MAGIC=0x106"]];
-
-/// What the fake counts, see the enumeration there.
-#[derive(Clone, Copy)]
-pub enum Count {
-    Released,
-    Sent,
-    Received,
-    Queued,
-    Deactivated,
-    Written,
-}
-
-/// How often something happened in the fake, over all its masters.
-pub fn count(master: &Master, what: Count) -> u8 {
-    let mut value = [0];
-    assert_eq!(master.sdo_upload(0, 0x2000, what as u8, &mut value), Ok(1));
-    value[0]
-}
 
 #[track_caller]
 pub fn says(text: &str, words: &[&str]) {

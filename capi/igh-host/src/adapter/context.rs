@@ -10,10 +10,9 @@
 
 use std::ffi::{c_int, c_void};
 
-use ecan_host::Adapter;
+use ecan_host::{Adapter, Master};
 use ecan_mcan_host::boundary::{call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecrt_sys::Master;
 
 use super::config::{AdapterPlain, ecan_igh_config_t};
 use super::library;

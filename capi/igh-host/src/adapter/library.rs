@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t::{self, ECAN_ERR_ECRT};
-use ecrt_sys::{Ecrt, EcrtSetting};
+use ecan_host::{Ecrt, EcrtSetting};
 
 use super::config::AdapterPlain;
 
@@ -38,7 +38,7 @@ fn failed(call: Call, error: &dyn Display) -> ecan_result_t {
 }
 
 #[cfg(not(feature = "sim"))]
-fn load(setting: &EcrtSetting, _: &AdapterPlain) -> Result<Library, ecrt_sys::LoadError> {
+fn load(setting: &EcrtSetting, _: &AdapterPlain) -> Result<Library, ecan_host::LoadError> {
     Ok(Library { ecrt: setting.load()?, is_stepped: false })
 }
 

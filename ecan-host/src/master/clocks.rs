@@ -1,8 +1,8 @@
 //! Distributed clocks.
 
+use ecrt_sys::{Errno, status};
+
 use super::{Master, SlaveConfigId};
-use crate::errno::Errno;
-use crate::functions::status;
 
 impl Master {
     /// Chooses the slave whose clock all others follow; `None` for the first that has one.

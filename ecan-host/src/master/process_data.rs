@@ -2,10 +2,9 @@
 
 use std::ptr::NonNull;
 
+use ecrt_sys::{EC_WC_COMPLETE, EC_WC_INCOMPLETE, Errno, ec_domain_state_t, ec_domain_t, status};
+
 use super::{Answer, DomainId, Master};
-use crate::bindings::{EC_WC_COMPLETE, EC_WC_INCOMPLETE, ec_domain_state_t, ec_domain_t};
-use crate::errno::Errno;
-use crate::functions::status;
 
 /// Result of a domain's last exchange.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -60,7 +59,7 @@ impl Master {
     ///
     /// `EPERM` for a foreign master, otherwise what the kernel module returns.
     pub fn set_send_interval(&mut self, interval_us: usize) -> Result<(), Errno> {
-        self.owned()?;
+        self.need_owned()?;
         // SAFETY: the master is valid as long as `self`.
         Errno::check(unsafe {
             (self.ecrt.functions().master_set_send_interval)(self.raw.as_ptr(), interval_us)
@@ -75,7 +74,7 @@ impl Master {
     /// `EPERM` for a foreign master, `EINVAL` when active already, otherwise what the kernel
     /// module returns. A master whose process image cannot be reached is deactivated again.
     pub fn activate(&mut self) -> Result<(), Errno> {
-        self.owned()?;
+        self.need_owned()?;
         if self.active {
             return Err(Errno::EINVAL);
         }
@@ -96,7 +95,7 @@ impl Master {
     /// `EPERM` for a foreign master, `EINVAL` when not active, otherwise what the kernel module
     /// returns.
     pub fn deactivate(&mut self) -> Result<(), Errno> {
-        self.owned()?;
+        self.need_owned()?;
         if !self.active {
             return Err(Errno::EINVAL);
         }
@@ -239,7 +238,7 @@ impl Master {
     /// `EPERM` for a foreign or unreserved master, `EINTR` when interrupted, otherwise what the
     /// kernel module returns.
     pub fn send(&mut self) -> Result<(), Errno> {
-        self.owned()?;
+        self.need_owned()?;
         // SAFETY: the master is valid as long as `self`.
         Errno::check(unsafe { status!(self.ecrt.functions().master_send, self.raw.as_ptr()) })
     }
@@ -250,7 +249,7 @@ impl Master {
     ///
     /// As [`Master::send`].
     pub fn receive(&mut self) -> Result<(), Errno> {
-        self.owned()?;
+        self.need_owned()?;
         // SAFETY: the master is valid as long as `self`; no slice of an image is alive, since
         // `self` is borrowed mutably.
         Errno::check(unsafe { status!(self.ecrt.functions().master_receive, self.raw.as_ptr()) })

@@ -1,15 +1,12 @@
 //! What the master knows of the bus: itself, its links, the slaves found.
 
-use super::{Answer, Master};
-use crate::bindings::{
+use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_OUTPUT, EC_PORT_EBUS, EC_PORT_MII, EC_PORT_NOT_CONFIGURED, EC_WD_DISABLE,
-    EC_WD_ENABLE, ec_master_info_t, ec_master_link_state_t, ec_master_scan_progress_t,
-    ec_master_state_t, ec_pdo_entry_info_t, ec_pdo_info_t, ec_slave_info_t,
-    ec_slave_info_t__bindgen_ty_1, ec_sync_info_t,
+    EC_WD_ENABLE, Errno, ec_master_info_t, ec_master_link_state_t, ec_master_scan_progress_t,
+    ec_master_state_t, ec_pdo_entry_info_t, ec_pdo_info_t, ec_slave_info_t, ec_sync_info_t, status,
 };
-use crate::errno::Errno;
-use crate::functions::status;
-use crate::master::{SyncDirection, WatchdogMode};
+
+use super::{Answer, Master, SyncDirection, WatchdogMode};
 
 /// General information about a master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -256,7 +253,20 @@ impl Master {
             sync_count: info.sync_count,
             sdo_count: info.sdo_count,
             name: name(&info.name.map(|character| character as u8)),
-            ports: info.ports.map(|port| PortInfo::from_raw(&port)),
+            ports: info.ports.map(|port| PortInfo {
+                kind: match port.desc {
+                    EC_PORT_NOT_CONFIGURED => PortKind::NotConfigured,
+                    EC_PORT_EBUS => PortKind::EBus,
+                    EC_PORT_MII => PortKind::Mii,
+                    _ => PortKind::NotImplemented,
+                },
+                link_up: port.link.link_up != 0,
+                loop_closed: port.link.loop_closed != 0,
+                signal_detected: port.link.signal_detected != 0,
+                receive_time_ns: port.receive_time,
+                next_slave: (port.next_slave != u16::MAX).then_some(port.next_slave),
+                delay_to_next_dc_ns: port.delay_to_next_dc,
+            }),
         })
     }
 
@@ -345,25 +355,6 @@ impl Master {
             subindex: answer.value.subindex,
             bit_length: answer.value.bit_length,
         })
-    }
-}
-
-impl PortInfo {
-    fn from_raw(port: &ec_slave_info_t__bindgen_ty_1) -> Self {
-        Self {
-            kind: match port.desc {
-                EC_PORT_NOT_CONFIGURED => PortKind::NotConfigured,
-                EC_PORT_EBUS => PortKind::EBus,
-                EC_PORT_MII => PortKind::Mii,
-                _ => PortKind::NotImplemented,
-            },
-            link_up: port.link.link_up != 0,
-            loop_closed: port.link.loop_closed != 0,
-            signal_detected: port.link.signal_detected != 0,
-            receive_time_ns: port.receive_time,
-            next_slave: (port.next_slave != u16::MAX).then_some(port.next_slave),
-            delay_to_next_dc_ns: port.delay_to_next_dc,
-        }
     }
 }
 

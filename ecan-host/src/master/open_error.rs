@@ -5,9 +5,8 @@ use std::io::ErrorKind;
 use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 
+use ecrt_sys::{Ecrt, Errno};
 use thiserror::Error;
-
-use crate::errno::Errno;
 
 /// A master could not be opened or reserved. The text says which, why, and what to do.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
@@ -180,11 +179,11 @@ impl OpenError {
     ///
     /// The node is looked at only now: where the library uses another one (RTDM), it opens all
     /// the same.
-    pub(crate) fn find_cause(index: u32, errno: Errno, library: (u8, u8), simulated: bool) -> Self {
-        let failure = if simulated {
+    pub(super) fn find_cause(index: u32, errno: Errno, ecrt: &Ecrt) -> Self {
+        let failure = if ecrt.is_simulated() {
             simulated_failure(index, errno)
         } else {
-            failure(index, errno, library, &System::real())
+            failure(index, errno, ecrt.version(), &System::real())
         };
         Self { index, failure }
     }
@@ -343,7 +342,7 @@ mod tests {
 
     #[test]
     fn a_simulation_speaks_of_itself() {
-        let text = |errno| OpenError::find_cause(3, errno, (1, 6), true).to_string();
+        let text = |errno| simulated_failure(3, errno).to_string();
         says(&text(Errno::ENOENT), &["the simulation has no master 3"]);
         says(&text(Errno::EBUSY), &["reserved"]);
         assert!(!text(Errno::new(0)).contains("/dev"));

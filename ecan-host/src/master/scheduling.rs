@@ -1,6 +1,5 @@
 //! The scheduling of the thread that runs the cycle.
-
-use crate::errno::Errno;
+use ecrt_sys::Errno;
 
 /// Puts the calling thread under SCHED_FIFO with a priority of 1 (lowest) to 99; threads that it
 /// starts later inherit it.

@@ -2,12 +2,12 @@
 
 use std::ptr::NonNull;
 
-use super::{Master, SdoRequestId, SlaveConfigId};
-use crate::bindings::{
-    EC_REQUEST_BUSY, EC_REQUEST_SUCCESS, EC_REQUEST_UNUSED, ec_request_state_t, ec_sdo_request_t,
+use ecrt_sys::{
+    EC_REQUEST_BUSY, EC_REQUEST_SUCCESS, EC_REQUEST_UNUSED, Errno, ec_request_state_t,
+    ec_sdo_request_t, status,
 };
-use crate::errno::Errno;
-use crate::functions::status;
+
+use super::{Master, SdoRequestId, SlaveConfigId};
 
 /// State of an SDO or register request.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -63,7 +63,7 @@ impl Master {
         size: usize,
     ) -> Result<SdoRequestId, Errno> {
         let config = self.slave_config_raw(config)?;
-        Errno::forget_last();
+        Errno::clear_last();
         // SAFETY: the configuration belongs to this master and is current, so it is valid.
         let raw = unsafe {
             (self.ecrt.functions().slave_config_create_sdo_request)(config, index, subindex, size)

@@ -2,8 +2,9 @@
 
 use std::fmt;
 
+use ecrt_sys::Errno;
+
 use super::Master;
-use crate::errno::Errno;
 
 /// Why an SDO transfer failed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -5,14 +5,13 @@ use std::ptr::NonNull;
 
 use libc::c_int;
 
+use ecrt_sys::{
+    EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, EC_WD_DISABLE, EC_WD_ENABLE, Errno,
+    ec_slave_config_state_t, status,
+};
+
 use super::process_data::Domain;
 use super::{Answer, DomainId, Master, SlaveConfigId};
-use crate::bindings::{
-    EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, EC_WD_DISABLE, EC_WD_ENABLE,
-    ec_slave_config_state_t,
-};
-use crate::errno::Errno;
-use crate::functions::status;
 
 /// Direction of a sync manager, seen from the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -52,7 +51,7 @@ impl Master {
     ///
     /// `EPERM` when the master is not reserved, `ENOMEM`.
     pub fn create_domain(&mut self) -> Result<DomainId, Errno> {
-        Errno::forget_last();
+        Errno::clear_last();
         // SAFETY: the master is valid as long as `self`.
         let raw = unsafe { (self.ecrt.functions().master_create_domain)(self.raw.as_ptr()) };
         let raw = NonNull::new(raw).ok_or_else(Errno::of_null)?;
@@ -75,7 +74,7 @@ impl Master {
         vendor_id: u32,
         product_code: u32,
     ) -> Result<SlaveConfigId, Errno> {
-        Errno::forget_last();
+        Errno::clear_last();
         // SAFETY: the master is valid as long as `self`.
         let raw = unsafe {
             (self.ecrt.functions().master_slave_config)(

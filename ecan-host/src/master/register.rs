@@ -2,10 +2,9 @@
 
 use std::ptr::NonNull;
 
+use ecrt_sys::{Errno, ec_reg_request_t, status};
+
 use super::{Master, RegRequestId, RequestState, SlaveConfigId};
-use crate::bindings::ec_reg_request_t;
-use crate::errno::Errno;
-use crate::functions::status;
 
 /// A request, how much it can hold, and whether it may be under way.
 pub(super) struct RegRequest {
@@ -27,7 +26,7 @@ impl Master {
     ) -> Result<RegRequestId, Errno> {
         let config = self.slave_config_raw(config)?;
         let functions = self.ecrt.functions();
-        Errno::forget_last();
+        Errno::clear_last();
         // SAFETY: the configuration belongs to this master and is current, so it is valid.
         let raw = unsafe { (functions.slave_config_create_reg_request)(config, size) };
         let raw = NonNull::new(raw).ok_or_else(Errno::of_null)?;

@@ -1,14 +1,34 @@
-//! The safe handles work alike on a library of 1.5, whose functions return nothing, and on one
-//! of 1.6, whose functions report.
+//! The safe handles behave the same on a library of 1.5, whose functions return nothing, and on one
+//! of 1.6, whose functions return a status; opening a master reports the cause of each failure.
+#![allow(missing_docs)]
 
+#[path = "../../ecrt-sys/tests/fake/mod.rs"]
 mod fake;
 
-use ecrt_sys::{
-    DomainState, Errno, LinkState, Master, MasterInfo, MasterState, PdoEntryInfo, PdoInfo,
-    PortKind, RequestState, ScanProgress, SdoError, SlaveConfigState, SyncDirection,
+use ecan_host::{
+    DomainState, Errno, LinkState, Master, MasterInfo, MasterState, OpenFailure, PdoEntryInfo,
+    PdoInfo, PortKind, RequestState, ScanProgress, SdoError, SlaveConfigState, SyncDirection,
     SyncManagerInfo, WatchdogMode, WcState,
 };
-use fake::{Count, Fake, RELEASES, count};
+use fake::{Fake, RELEASES, says};
+
+/// What the fake counts, see the enumeration there.
+#[derive(Clone, Copy)]
+pub enum Count {
+    Released,
+    Sent,
+    Received,
+    Queued,
+    Deactivated,
+    Written,
+}
+
+/// How often something happened in the fake, over all its masters.
+pub fn count(master: &Master, what: Count) -> u8 {
+    let mut value = [0];
+    assert_eq!(master.sdo_upload(0, 0x2000, what as u8, &mut value), Ok(1));
+    value[0]
+}
 
 /// Runs a test on a reserved master of each release.
 fn on_each_release(test: impl Fn(Master, (u8, u8))) {
@@ -17,7 +37,7 @@ fn on_each_release(test: impl Fn(Master, (u8, u8))) {
             return;
         };
         let ecrt = fake.load();
-        test(ecrt.request_master(0).unwrap(), ecrt.version());
+        test(Master::request(&ecrt, 0).unwrap(), ecrt.version());
     }
 }
 
@@ -112,7 +132,7 @@ fn sdo_transfers_and_their_abort_codes() {
 #[test]
 fn a_configuration_reaches_the_library() {
     on_each_release(|mut master, version| {
-        assert!(master.reserved());
+        assert!(master.is_reserved());
         let config = master.slave_config(0, 1, 0xec0, 0x1234_5678).unwrap();
         assert_eq!(master.slave_config(0, 9, 0xec0, 0x1234_5678), Err(Errno::ENOMEM));
         let (out, enable) = (SyncDirection::Output, WatchdogMode::Enable);
@@ -227,7 +247,7 @@ fn deactivation_makes_every_id_stale() {
 #[test]
 fn an_id_is_good_for_its_own_master_only() {
     on_each_release(|mut master, _| {
-        let mut other = master.ecrt().request_master(1).unwrap();
+        let mut other = Master::request(master.ecrt(), 1).unwrap();
         let domain = master.create_domain().unwrap();
         other.create_domain().unwrap();
         assert_eq!(other.domain_size(domain), Err(Errno::EBADF));
@@ -287,7 +307,7 @@ fn what_1_6_reports_is_an_error_and_what_1_5_leaves_behind_is_not() {
         };
         // Master 7 reports EINTR where it can. The silent functions of the other release leave
         // -EIO where a return value would be.
-        let mut master = fake.load().request_master(7).unwrap();
+        let mut master = Master::request(&fake.load(), 7).unwrap();
         let config = master.slave_config(0, 0, 1, 2).unwrap();
         let domain = master.create_domain().unwrap();
         master.activate().unwrap();
@@ -317,9 +337,9 @@ fn what_1_6_reports_is_an_error_and_what_1_5_leaves_behind_is_not() {
 fn a_master_is_released_once_and_a_foreign_one_never() {
     on_each_release(|mut watcher, _| {
         let ecrt = watcher.ecrt().clone();
-        drop(ecrt.request_master(1).unwrap());
-        let opened = ecrt.open_master(1).unwrap();
-        assert!(!opened.reserved());
+        drop(Master::request(&ecrt, 1).unwrap());
+        let opened = Master::open(&ecrt, 1).unwrap();
+        assert!(!opened.is_reserved());
         drop(opened);
         assert_eq!(count(&watcher, Count::Released), 2);
 
@@ -341,7 +361,7 @@ fn a_master_is_released_once_and_a_foreign_one_never() {
         };
         // SAFETY: the master is of the same library and outlives the handle.
         let mut foreign = unsafe { Master::from_raw(ecrt.clone(), raw) }.unwrap();
-        assert!(foreign.is_foreign() && foreign.reserved());
+        assert!(foreign.is_attached() && foreign.is_reserved());
         let domain = foreign.create_domain().unwrap();
         for refused in [
             foreign.activate(),
@@ -394,4 +414,39 @@ fn a_master_may_move_to_another_thread() {
         .unwrap();
         assert_eq!(master.domain_data(domain)[8], 1);
     });
+}
+
+#[test]
+fn each_way_of_not_getting_a_master_says_what_to_do() {
+    let Some(fake) = Fake::build(&[]) else { return };
+    let ecrt = fake.load();
+    let text = |index| {
+        let requested = Master::request(&ecrt, index).unwrap_err();
+        let opened = Master::open(&ecrt, index).unwrap_err();
+        assert_eq!(requested, opened);
+        assert_eq!(requested.index, index);
+        requested.to_string()
+    };
+    says(&text(101), &["EtherCAT master 101", "/dev/EtherCAT101"]);
+    says(&text(102), &["/dev/EtherCAT102", "may not be opened", "udev"]);
+    says(&text(103), &["another application has reserved it"]);
+    // Nothing left in errno, and a look at the device node finds none.
+    says(&text(104), &["/dev/EtherCAT104 does not exist"]);
+
+    let other = Master::request(&ecrt, 105).unwrap_err();
+    // 105 has no device node either, which says more than what the library left.
+    assert!(
+        matches!(other.failure, OpenFailure::NotRunning { .. } | OpenFailure::NoSuchMaster { .. }),
+        "{other:?}"
+    );
+}
+
+#[test]
+fn a_failed_request_leaves_nothing_to_the_next() {
+    let Some(fake) = Fake::build(&[]) else { return };
+    let ecrt = fake.load();
+    assert_eq!(Master::request(&ecrt, 103).unwrap_err().failure, OpenFailure::Busy);
+    Errno::EBUSY.set_last();
+    assert_ne!(Master::request(&ecrt, 104).unwrap_err().failure, OpenFailure::Busy);
+    assert!(Master::request(&ecrt, 0).is_ok());
 }

@@ -1,28 +1,33 @@
-//! The safe handle of a master.
+//! Safe handles of a libethercat: the master and everything that is created from it.
+//!
+//! The only module of this crate with `unsafe` code: the calls of the C interface, and the
+//! scheduling of the cycle's thread.
+#![allow(unsafe_code)]
 
 mod bus;
 mod clocks;
 mod configuration;
+mod open_error;
 mod process_data;
 mod register;
 mod requests;
+mod scheduling;
 mod sdo;
 
+use ecrt_sys::{Ecrt, Errno, ec_domain_t, ec_master_t, ec_slave_config_t};
 use std::fmt;
 use std::ptr::NonNull;
 use std::sync::atomic::{AtomicU64, Ordering};
-
-use crate::bindings::{ec_domain_t, ec_master_t, ec_slave_config_t};
-use crate::ecrt::Ecrt;
-use crate::errno::Errno;
 
 pub use bus::{
     LinkState, MasterInfo, MasterState, PdoEntryInfo, PdoInfo, PortInfo, PortKind, ScanProgress,
     SlaveInfo, SyncManagerInfo,
 };
 pub use configuration::{SlaveConfigState, SyncDirection, WatchdogMode};
+pub use open_error::{NodeOwner, OpenError, OpenFailure};
 pub use process_data::{DomainState, WcState};
 pub use requests::RequestState;
+pub(crate) use scheduling::set_fifo_priority;
 pub use sdo::SdoError;
 
 use process_data::Domain;
@@ -33,8 +38,8 @@ macro_rules! id {
     ($(#[$doc:meta])* $name:ident) => {
         $(#[$doc])*
         ///
-        /// It is good for the [`Master`] that made it, until that is deactivated or dropped;
-        /// anywhere else it gets `EBADF`.
+        /// Valid for the [`Master`] that created it, until that is deactivated or dropped; any
+        /// other use returns `EBADF`.
         #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
         pub struct $name {
             generation: u64,
@@ -60,32 +65,42 @@ id! {
     RegRequestId
 }
 
-/// How a handle came about, and with that what may be done with it.
+/// Origin of a master handle, which decides what may be done with it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Ownership {
-    /// Reserved by us, released by us.
+enum Ownership {
+    /// Reserved and released by the SDK.
     Reserved,
-    /// Opened by us for looking, released by us.
+    /// Opened without reservation, and released, by the SDK.
     Opened,
     /// Reserved by the application, which activates, sends, receives and releases.
-    Foreign,
+    Attached,
 }
 
-/// Tells the handles of one configuration from those of every other, in all masters.
+/// Distinguishes the handles of one configuration from those of every other, in all masters.
 fn next_generation() -> u64 {
     static GENERATION: AtomicU64 = AtomicU64::new(0);
     GENERATION.fetch_add(1, Ordering::Relaxed)
 }
 
-/// A master of a libethercat: the handle and everything that was made from it.
+/// A master of a libethercat: its handle and everything that was created from it.
 ///
-/// Domains, slave configurations and requests are owned by the master and named by ids. One
-/// thread uses a master at a time. Dropping it releases the master, unless it is foreign
+/// Owns domains, slave configurations and requests, and names them by ids. A master may move to
+/// another thread, but only one thread uses it at a time (`Send`, not `Sync`), because the library
+/// has no locks. For diagnostics in parallel with the cycle thread, open a second handle
+/// ([`Master::open`]). Dropping it releases the master, unless it is attached
 /// ([`Master::from_raw`]).
 ///
-/// Methods say "cycle" when they may be called in the real-time cycle: they neither block on
-/// the master's semaphore nor allocate. The others belong before activation or beside the
-/// cycle. With a 1.5 library the calls that report nothing there count as successful.
+/// Methods marked "Real-time safe" neither block on the master's semaphore nor allocate. Call the
+/// others before activation or outside the cycle thread. With a 1.5 library, calls that report
+/// nothing there count as successful.
+///
+/// ```no_run
+/// use ecan_host::{Ecrt, Master};
+///
+/// let master = Master::open(&Ecrt::load(None)?, 0)?;
+/// println!("{} slaves", master.info()?.slave_count);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub struct Master {
     ecrt: Ecrt,
     raw: NonNull<ec_master_t>,
@@ -104,7 +119,7 @@ pub struct Master {
 unsafe impl Send for Master {}
 
 impl Master {
-    pub(crate) fn new(ecrt: Ecrt, raw: NonNull<ec_master_t>, ownership: Ownership) -> Self {
+    fn new(ecrt: Ecrt, raw: NonNull<ec_master_t>, ownership: Ownership) -> Self {
         Self {
             ecrt,
             raw,
@@ -118,12 +133,46 @@ impl Master {
         }
     }
 
-    /// Wraps a master that the application has reserved itself and goes on driving.
+    /// Reserves a master for this process, which is required to configure and drive the bus. May
+    /// block while the master is busy.
     ///
-    /// Domains and slave configurations can be added and exchanged through the result;
-    /// activating, deactivating, sending and receiving stay with the owner (these methods
-    /// return `EPERM`), and dropping it releases nothing. After the owner has activated,
-    /// [`Master::refresh_domain_data`] makes the process image available.
+    /// # Errors
+    ///
+    /// The device node is missing or not permitted, another application has reserved the master,
+    /// the master waits for its network interface, or library and kernel module have different
+    /// versions.
+    pub fn request(ecrt: &Ecrt, index: u32) -> Result<Self, OpenError> {
+        Self::obtain(ecrt, index, Ownership::Reserved, Ecrt::request_master)
+    }
+
+    /// Opens a master without reservation, for information, states and SDO transfers in parallel
+    /// with the application that drives it.
+    ///
+    /// # Errors
+    ///
+    /// As [`Master::request`], except that a reserved master can be opened.
+    pub fn open(ecrt: &Ecrt, index: u32) -> Result<Self, OpenError> {
+        Self::obtain(ecrt, index, Ownership::Opened, Ecrt::open_master)
+    }
+
+    fn obtain(
+        ecrt: &Ecrt,
+        index: u32,
+        ownership: Ownership,
+        call: impl FnOnce(&Ecrt, u32) -> *mut ec_master_t,
+    ) -> Result<Self, OpenError> {
+        Errno::clear_last();
+        NonNull::new(call(ecrt, index))
+            .map(|raw| Self::new(ecrt.clone(), raw, ownership))
+            .ok_or_else(|| OpenError::find_cause(index, Errno::last(), ecrt))
+    }
+
+    /// Wraps a master that the application has reserved and continues to drive.
+    ///
+    /// The result adds domains and slave configurations and exchanges them; activating,
+    /// deactivating, sending and receiving stay with the owner (these methods return `EPERM`), and
+    /// dropping it releases nothing. After the owner has activated the master,
+    /// [`Master::refresh_domain_data`] makes the process data available.
     ///
     /// # Errors
     ///
@@ -133,48 +182,48 @@ impl Master {
     ///
     /// - `raw` is a reserved master made by the same library (or simulation) as `ecrt`.
     /// - The result is dropped before the owner deactivates or releases the master.
-    /// - `refresh_domain_data` is called only after the owner has activated.
+    /// - `refresh_domain_data` is called only after the owner has activated the master.
     /// - While a slice from [`Master::domain_data`] or [`Master::domain_data_mut`] lives, the
     ///   owner does not receive; and owner and result are never used at the same time.
     pub unsafe fn from_raw(ecrt: Ecrt, raw: *mut ec_master_t) -> Result<Self, Errno> {
         let raw = NonNull::new(raw).ok_or(Errno::EINVAL)?;
-        Ok(Self::new(ecrt, raw, Ownership::Foreign))
+        Ok(Self::new(ecrt, raw, Ownership::Attached))
     }
 
-    /// The library's own handle, for calls that this crate does not make. It is valid as long as
-    /// the master is.
+    /// The library's own handle, for calls that this type does not offer. Valid as long as the
+    /// master.
     #[must_use]
     pub fn as_raw(&self) -> *mut ec_master_t {
         self.raw.as_ptr()
     }
 
-    /// The library that the master belongs to.
+    /// The library of the master.
     #[must_use]
     pub fn ecrt(&self) -> &Ecrt {
         &self.ecrt
     }
 
-    /// Whether the master is reserved for this process, by us or by the application.
+    /// Whether the master is reserved for this process, by the SDK or by the application.
     #[must_use]
-    pub fn reserved(&self) -> bool {
+    pub fn is_reserved(&self) -> bool {
         self.ownership != Ownership::Opened
     }
 
     /// Whether the application owns the master ([`Master::from_raw`]).
     #[must_use]
-    pub fn is_foreign(&self) -> bool {
-        self.ownership == Ownership::Foreign
+    pub fn is_attached(&self) -> bool {
+        self.ownership == Ownership::Attached
     }
 
-    /// Whether [`Master::activate`] has been called with success since the last deactivation.
+    /// Whether [`Master::activate`] has succeeded since the last deactivation.
     #[must_use]
     pub fn is_active(&self) -> bool {
         self.active
     }
 
-    /// Refuses what belongs to the master's owner.
-    fn owned(&self) -> Result<(), Errno> {
-        if self.is_foreign() { Err(Errno::EPERM) } else { Ok(()) }
+    /// Rejects what only the master's owner may do.
+    fn need_owned(&self) -> Result<(), Errno> {
+        if self.is_attached() { Err(Errno::EPERM) } else { Ok(()) }
     }
 
     #[inline]
@@ -218,7 +267,7 @@ impl Master {
         if generation == self.generation { Ok(()) } else { Err(Errno::EBADF) }
     }
 
-    /// Forgets every handle made from the master, and makes every id stale.
+    /// Drops every handle created from the master, and makes every id stale.
     fn forget_handles(&mut self) {
         self.generation = next_generation();
         self.domains.clear();
@@ -230,8 +279,8 @@ impl Master {
 
 impl Drop for Master {
     fn drop(&mut self) {
-        if self.ownership != Ownership::Foreign {
-            // SAFETY: the master is ours and released exactly once; every handle made from it
+        if !self.is_attached() {
+            // SAFETY: the SDK owns the master and releases it exactly once; every handle made from it
             // ends with `self`, and no slice of its memory can outlive it.
             unsafe { (self.ecrt.functions().release_master)(self.raw.as_ptr()) }
         }
@@ -252,8 +301,8 @@ impl fmt::Debug for Master {
     }
 }
 
-/// Room for an answer of the library, with reserve behind it: patched libraries have grown some
-/// structures at the end without saying so.
+/// Memory for a result of the library, with a reserve: patched libraries have extended some
+/// structures at the end without a new version.
 #[repr(C)]
 struct Answer<T> {
     value: T,
@@ -265,7 +314,7 @@ impl<T: Default> Answer<T> {
         Self { value: T::default(), _reserve: [0; 16] }
     }
 
-    /// Where the library writes; valid for the whole `Answer`, reserve included.
+    /// The library's pointer; valid for the whole `Answer`, reserve included.
     fn target(&mut self) -> *mut T {
         std::ptr::from_mut(self).cast()
     }
