@@ -405,12 +405,19 @@ impl Adapter {
         &self.diagnostics
     }
 
-    /// Another diagnostics handle, to be moved to another thread.
+    /// Opens another diagnostics handle, which may move to another thread.
     ///
     /// # Errors
     /// The master cannot be opened.
     pub fn open_diagnostics(&self) -> Result<Diagnostics, Error> {
         Diagnostics::open(&self.ecrt, &self.config)
+    }
+
+    /// A function that opens another diagnostics handle, on the thread that calls it: for
+    /// [`run_in_parallel`](crate::run_in_parallel).
+    pub fn diagnostics_opener(&self) -> impl FnOnce() -> Result<Diagnostics, Error> + Send + use<> {
+        let (ecrt, config) = (self.ecrt.clone(), self.config.clone());
+        move || Diagnostics::open(&ecrt, &config)
     }
 
     pub(crate) fn slave(&self, slave: usize) -> Result<&Slave, Error> {

@@ -1,4 +1,4 @@
-//! Blocking work beside a running cycle.
+//! Blocking work in parallel with a running cycle.
 
 use std::panic::resume_unwind;
 use std::sync::Barrier;
@@ -12,39 +12,42 @@ use crate::cycle::CycleError;
 use crate::diagnostics::Diagnostics;
 use crate::error::Error;
 
-/// A thread beside the cycle, from its first to its last step, also where it panics.
-struct WorkerGuard<'a> {
-    clock: &'a dyn Clock,
-    is_done: &'a AtomicBool,
-}
+/// Reports the end of the work, also after a panic.
+struct WorkerGuard<'a>(&'a AtomicBool);
 
 impl Drop for WorkerGuard<'_> {
     fn drop(&mut self) {
-        // In this order: whoever sees the clock go on sees also that the work is done.
-        self.is_done.store(true, Ordering::Release);
-        self.clock.leave_beside();
+        self.0.store(true, Ordering::Release);
     }
 }
 
-/// Runs `work` with a diagnostics handle on another thread, and `cycle` on this one until `work`
-/// is done. `cycle` is one whole cycle with its waiting; at least one is run.
-pub fn run_beside<R: Send>(
-    diagnostics: Diagnostics,
+/// Runs `work` on another thread, with the diagnostics handle that `open` returns there, and
+/// `cycle` on this one until `work` is done. `cycle` is one whole cycle including its wait; at
+/// least one is run.
+///
+/// # Errors
+/// The error of `open`.
+pub fn run_in_parallel<R: Send>(
+    clock: &dyn Clock,
+    open: impl FnOnce() -> Result<Diagnostics, Error> + Send,
     work: impl FnOnce(&Diagnostics) -> R + Send,
     mut cycle: impl FnMut(),
-) -> R {
-    let clock = diagnostics.ecrt.clock().clone();
-    let (clock, is_done) = (clock.as_ref(), &AtomicBool::new(false));
-    // Only a clock that is stepped waits for the thread, and then from its very start.
-    let begun = &(!clock.runs_by_itself()).then(|| Barrier::new(2));
+) -> Result<R, Error> {
+    let is_done = &AtomicBool::new(false);
+    // On a stepped clock no cycle runs until the worker has its handle: so every run is the same.
+    let opened = &(!clock.is_free_running()).then(|| Barrier::new(2));
     thread::scope(|scope| {
         let worker = scope.spawn(move || {
-            clock.enter_beside();
-            let _beside = WorkerGuard { clock, is_done };
-            begun.as_ref().map(Barrier::wait);
-            work(&diagnostics)
+            let guard = WorkerGuard(is_done);
+            let diagnostics = open();
+            opened.as_ref().map(Barrier::wait);
+            let diagnostics = diagnostics?;
+            let result = work(&diagnostics);
+            // Before the handle is released: stepped time moves only when the work is reported done.
+            drop(guard);
+            Ok(result)
         });
-        begun.as_ref().map(Barrier::wait);
+        opened.as_ref().map(Barrier::wait);
         loop {
             cycle();
             if is_done.load(Ordering::Acquire) {
@@ -56,11 +59,11 @@ pub fn run_beside<R: Send>(
 }
 
 impl Adapter {
-    /// Runs `work` with a diagnostics handle of its own, while the cycle goes on.
+    /// Runs `work` with a diagnostics handle of its own while the cycle continues.
     ///
     /// On an active bus `work` runs on another thread and `cycle` on this one, every cycle, until
-    /// `work` is done; otherwise `work` just runs. Blocks; for SDO transfers in or between
-    /// cycles use [`create_sdo_request`](Self::create_sdo_request).
+    /// `work` is done; otherwise `work` runs on this thread. Blocks; for SDO transfers in or
+    /// between cycles use [`create_sdo_request`](Self::create_sdo_request).
     ///
     /// # Errors
     /// The handle cannot be opened. Errors of single cycles do not end the work.
@@ -72,11 +75,11 @@ impl Adapter {
         if self.phase != Phase::Active {
             return Ok(work(&self.diagnostics));
         }
-        let diagnostics = self.open_diagnostics()?;
-        Ok(run_beside(diagnostics, work, || {
+        let clock = self.ecrt.clock().clone();
+        run_in_parallel(clock.as_ref(), self.diagnostics_opener(), work, || {
             self.wait_next_cycle();
-            // The transfer needs the bus to go on, whatever a single cycle says.
+            // The transfer needs a running bus, whatever the result of a single cycle.
             let _ = cycle(self);
-        }))
+        })
     }
 }

@@ -15,7 +15,6 @@ use crate::master::{LinkState, Master, MasterState, SlaveInfo};
 /// through [`Adapter::diagnose`](crate::Adapter::diagnose).
 #[derive(Debug)]
 pub struct Diagnostics {
-    pub(crate) ecrt: Ecrt,
     master: Master,
     /// Alias and position of each configured slave.
     places: Vec<(u16, u16)>,
@@ -29,8 +28,7 @@ impl Diagnostics {
     }
 
     fn without_places(ecrt: &Ecrt, master_index: u32) -> Result<Self, Error> {
-        let master = Master::open(ecrt, master_index)?;
-        Ok(Self { ecrt: ecrt.clone(), master, places: Vec::new() })
+        Ok(Self { master: Master::open(ecrt, master_index)?, places: Vec::new() })
     }
 
     /// A handle on every slave of the bus, configured or not: the index of a slave is its position.

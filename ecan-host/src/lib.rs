@@ -44,7 +44,7 @@ pub use clocks::ClockStatus;
 pub use config::{AdapterConfig, ClockSource, DcSync, Identity, SlaveConfig};
 pub use config_check::ConfigFault;
 pub use cycle::{CycleError, Delivery, DomainReport};
-pub use diagnose::run_beside;
+pub use diagnose::run_in_parallel;
 pub use diagnostics::Diagnostics;
 pub use domain_layout::{DomainLayout, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 pub use error::{Error, SdoDirection, value_words};
@@ -72,5 +72,6 @@ pub use requests::RequestId;
 pub use startup::{Expectation, StartupStep};
 
 pub use ecrt_sys::{
-    Clock, ECRT_VARIABLE, Ecrt, EcrtSetting, EnvironmentError, Errno, LoadError, MonotonicClock, Origin,
+    Clock, ECRT_VARIABLE, Ecrt, EcrtSetting, EnvironmentError, Errno, LoadError, MonotonicClock,
+    Origin,
 };

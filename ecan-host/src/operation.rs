@@ -4,7 +4,7 @@ use ecrt_sys::Errno;
 
 use crate::adapter::{Adapter, Phase};
 use crate::cycle::CycleError;
-use crate::diagnose::run_beside;
+use crate::diagnose::run_in_parallel;
 use crate::error::Error;
 use crate::master::SlaveConfigState;
 use crate::operation_report::is_preop;
@@ -81,10 +81,12 @@ impl Adapter {
                     result?;
                     let mut report = self.not_operational(waited_ms)?;
                     let work = report.investigation(self);
-                    let causes = run_beside(self.open_diagnostics()?, work, || {
+                    let clock = self.ecrt.clock().clone();
+                    let open = self.diagnostics_opener();
+                    let causes = run_in_parallel(clock.as_ref(), open, work, || {
                         self.wait_next_cycle();
                         let _ = cycle(self);
-                    });
+                    })?;
                     report.explain(causes);
                     return Err(Error::NotOperational(Box::new(report)));
                 }

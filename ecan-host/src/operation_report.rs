@@ -92,8 +92,8 @@ pub(crate) fn is_preop(al_state: u8) -> bool {
 }
 
 impl NotOperational {
-    /// What has to be found out with blocking transfers; goes to
-    /// [`run_beside`](crate::run_beside).
+    /// The blocking transfers that find the causes, for
+    /// [`run_in_parallel`](crate::run_in_parallel).
     pub fn investigation(
         &self,
         adapter: &Adapter,

@@ -138,7 +138,7 @@ impl Clock for Looked {
         now.set(now.get().max(deadline_ns));
     }
 
-    fn runs_by_itself(&self) -> bool {
+    fn is_free_running(&self) -> bool {
         true
     }
 }

@@ -1,6 +1,6 @@
 //! Running the cycle while something slower is waited for.
 
-use ecan_host::{Diagnostics, OpProgress, Phase, run_beside};
+use ecan_host::{Diagnostics, OpProgress, Phase, run_in_parallel};
 
 use crate::error::PortError;
 use crate::port::Port;
@@ -69,11 +69,12 @@ impl Port {
                 OpProgress::Failed { waited_ms } => {
                     let mut report = self.adapter.not_operational(waited_ms).map_err(failed)?;
                     let work = report.investigation(&self.adapter);
-                    let diagnostics = self.adapter.open_diagnostics().map_err(failed)?;
-                    let causes = run_beside(diagnostics, work, || {
+                    let open = self.adapter.diagnostics_opener();
+                    let causes = run_in_parallel(clock.as_ref(), open, work, || {
                         self.wait_next_cycle();
                         let _ = cycle(self);
                     });
+                    let causes = causes.map_err(failed)?;
                     report.explain(causes);
                     return Err(failed(ecan_host::Error::NotOperational(Box::new(report))));
                 }
@@ -127,13 +128,14 @@ impl Port {
         mut cycle: impl FnMut(&mut Self) -> Result<(), E>,
         work: impl FnOnce(&Diagnostics) -> R + Send,
     ) -> Result<R, PortError> {
-        let diagnostics = self.adapter.open_diagnostics()?;
         if self.adapter.phase() != Phase::Active {
-            return Ok(work(&diagnostics));
+            return Ok(work(&self.adapter.open_diagnostics()?));
         }
-        Ok(run_beside(diagnostics, work, || {
+        let clock = self.adapter.ecrt().clock().clone();
+        let open = self.adapter.diagnostics_opener();
+        Ok(run_in_parallel(clock.as_ref(), open, work, || {
             self.wait_next_cycle();
             let _ = cycle(self);
-        }))
+        })?)
     }
 }

@@ -35,15 +35,7 @@ impl Clock for SimClock {
         self.shared.sleep_as_application(deadline_ns, spin_ns);
     }
 
-    fn runs_by_itself(&self) -> bool {
+    fn is_free_running(&self) -> bool {
         self.shared.clock_kind() == ClockKind::Real
-    }
-
-    fn enter_beside(&self) {
-        self.shared.enter_beside();
-    }
-
-    fn leave_beside(&self) {
-        self.shared.leave_beside();
     }
 }

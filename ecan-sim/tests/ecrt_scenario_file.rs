@@ -4,8 +4,8 @@ use std::path::Path;
 
 use ecan_sim::{
     BackendError, ClockKind, EcrtSetting, EcrtVersion, Fault, FaultyBehaviour, GatewayFault,
-    LibraryCall, LossDirection, NodeKind, Scenario, ScriptedFault, SimOptions,
-    Topology, WakeUpDelay, When, open,
+    LibraryCall, LossDirection, NodeKind, Scenario, ScriptedFault, SimOptions, Topology,
+    WakeUpDelay, When, open,
 };
 
 fn read(text: &str) -> Result<Scenario, String> {

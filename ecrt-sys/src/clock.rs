@@ -1,23 +1,23 @@
-//! The clock that paces the cycle.
+//! The clock of the cycle.
 
 /// A clock that counts nanoseconds from an arbitrary start and never goes back.
 ///
-/// Everything that waits waits on the clock of its [`Ecrt`](crate::Ecrt): a simulation that is
-/// stepped moves its time while someone sleeps here.
+/// All waiting of the SDK uses the clock of its [`Ecrt`](crate::Ecrt): a stepped simulation moves
+/// its time while a thread sleeps here.
 pub trait Clock: Send + Sync {
     /// The time, ns. Real-time safe.
     fn now_ns(&self) -> u64;
 
-    /// Sleeps until the clock shows `deadline_ns`; returns at once when it already does.
+    /// Sleeps until the clock shows `deadline_ns`; returns at once if it already does.
     fn sleep_until_ns(&self, deadline_ns: u64);
 
-    /// Waits until the clock shows `deadline_ns`: sleeps, and for the last `spin_ns` before it looks
-    /// at the clock, so that the delay of waking up is swallowed where it is no longer than that.
+    /// Waits until the clock shows `deadline_ns`: sleeps, and polls the clock for the last
+    /// `spin_ns`, so that a wake-up delay up to that length has no effect.
     ///
-    /// A clock that does not run by itself sleeps to the end, unless it knows better.
+    /// A clock that is not free-running sleeps to the end, unless it implements this differently.
     fn sleep_and_spin_until_ns(&self, deadline_ns: u64, spin_ns: u64) {
-        // Looking at a clock that only moves in sleeps would never end.
-        if spin_ns == 0 || !self.runs_by_itself() {
+        // Polling a clock that only moves in sleeps would never end.
+        if spin_ns == 0 || !self.is_free_running() {
             return self.sleep_until_ns(deadline_ns);
         }
         self.sleep_until_ns(deadline_ns.saturating_sub(spin_ns));
@@ -26,24 +26,11 @@ pub trait Clock: Send + Sync {
         }
     }
 
-    /// Whether the time goes on while nobody sleeps here, so that the last stretch before a
-    /// deadline can be waited for by looking at the clock. Real-time safe.
-    ///
-    /// A clock that says nothing is taken to stand still: on it such a wait would never end.
-    fn runs_by_itself(&self) -> bool {
+    /// Whether time passes while no thread sleeps here, so that polling the clock reaches a
+    /// deadline. Real-time safe. The default is `false`, with which no wait can hang.
+    fn is_free_running(&self) -> bool {
         false
     }
-
-    /// The calling thread works beside the one that runs the cycle, until
-    /// [`leave_beside`](Self::leave_beside).
-    ///
-    /// A clock that is moved by sleeping stands still while such a thread computes, and goes on while
-    /// it waits in the library: what the thread does then takes the same time in every run. Others
-    /// need not know. A clock around another one passes this on, and the end.
-    fn enter_beside(&self) {}
-
-    /// The calling thread ends its work beside the cycle.
-    fn leave_beside(&self) {}
 }
 
 /// The system's `CLOCK_MONOTONIC`.
@@ -83,7 +70,7 @@ impl Clock for MonotonicClock {
         }
     }
 
-    fn runs_by_itself(&self) -> bool {
+    fn is_free_running(&self) -> bool {
         true
     }
 }
@@ -93,7 +80,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sleeping_ends_at_or_after_the_deadline() {
+    fn sleep_ends_at_or_after_the_deadline() {
         let clock = MonotonicClock;
         let deadline = clock.now_ns() + 1000;
         clock.sleep_until_ns(deadline);

@@ -169,14 +169,6 @@ impl Clock for FreezingClock {
             self.clock.sleep_until_ns(deadline_ns);
         }
     }
-
-    fn enter_beside(&self) {
-        self.clock.enter_beside();
-    }
-
-    fn leave_beside(&self) {
-        self.clock.leave_beside();
-    }
 }
 
 /// The masters of the simulation.

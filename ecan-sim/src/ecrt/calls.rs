@@ -71,10 +71,7 @@ impl MasterCall {
 
     pub(super) fn release(&self) {
         let client = self.0.client;
-        self.with(|state| {
-            let now = state.world.now_ns();
-            state.master.release(client, now);
-        });
+        self.shared().release_client(client);
         registry::forget(self.shared(), client, true);
     }
 

@@ -21,7 +21,7 @@ const WAIT_STEP_NS: u64 = 10_000_000;
 /// The same on an active bus, where only another thread gets on with what it waits for.
 const ACTIVE_WAIT_STEP_NS: u64 = 1_000_000;
 /// How long a blocking call waits in wall-clock time for another thread to run the cycle, and the
-/// stepped clock for a thread beside it that computes.
+/// stepped clock for a worker that computes.
 const PATIENCE: Duration = Duration::from_secs(3);
 /// The same behind a blocked send queue.
 const BLOCKED_PATIENCE: Duration = Duration::from_millis(500);
@@ -91,7 +91,7 @@ impl Shared {
         let mut state = State {
             world: World::new(scenario, birth, bridges)?,
             master: MasterModel::new(scenario),
-            threads: Threads::new(),
+            threads: Threads::default(),
         };
         state.run_until(birth + life);
         state.world.begin(&scenario.faults);
@@ -141,12 +141,14 @@ impl Shared {
         match self.kind {
             ClockKind::Real => MonotonicClock.sleep_until_ns(deadline),
             ClockKind::Stepped => {
-                let is_beside = self.lock().threads.has_caller();
-                if is_beside && self.sleep_beside(deadline) {
+                let is_worker = self.lock().threads.has_caller();
+                if is_worker && self.sleep_as_worker(deadline) {
                     return;
                 }
                 let mut state = self.lock();
-                state.threads.has_cycle |= !is_beside;
+                if !is_worker {
+                    state.threads.enter_cycle();
+                }
                 let mut waiter = Waiter::new(&state.threads);
                 self.stand_aside(&mut waiter, &mut state);
                 let mut state = self.settle(state);
@@ -157,8 +159,8 @@ impl Shared {
         }
     }
 
-    /// A thread beside the cycle leaves it to the cycle to move the clock; false where there is none.
-    fn sleep_beside(&self, deadline: u64) -> bool {
+    /// A worker lets the cycle's thread move the clock; false if there is none.
+    fn sleep_as_worker(&self, deadline: u64) -> bool {
         self.wait(|state, is_alone| {
             let is_over = state.world.now_ns() >= deadline;
             state.threads.has_cycle &= !is_alone;
@@ -180,17 +182,30 @@ impl Shared {
         let settled = self.settled.wait_timeout_while(state, PATIENCE, computes);
         let (mut state, timeout) = settled.unwrap_or_else(PoisonError::into_inner);
         if timeout.timed_out() {
-            state.threads.give_up();
+            state.threads.stop_waiting();
         }
         state
     }
 
-    pub(crate) fn enter_beside(&self) {
-        self.lock().threads.enter();
+    /// The calling thread opens a master: a new client. In stepped time it may be a worker from now
+    /// on, see [`Threads`].
+    pub(crate) fn open_client(&self) -> u64 {
+        self.with(|state| {
+            let client = state.master.new_client();
+            if self.kind == ClockKind::Stepped && state.master.phase == Phase::Active {
+                state.threads.open(client);
+            }
+            client
+        })
     }
 
-    pub(crate) fn leave_beside(&self) {
-        self.lock().threads.leave();
+    /// The client releases its master.
+    pub(crate) fn release_client(&self, client: u64) {
+        self.with(|state| {
+            let now = state.world.now_ns();
+            state.master.release(client, now);
+            state.threads.release(client);
+        });
         self.settled.notify_all();
     }
 
@@ -211,7 +226,7 @@ impl Shared {
     fn step_to(&self, state: &mut State, to: u64) {
         state.run_until(to);
         self.now.store(state.world.now_ns(), Ordering::Release);
-        state.threads.tell_moved();
+        state.threads.notify_moved();
         self.moved.notify_all();
     }
 

@@ -1,103 +1,110 @@
-//! Threads beside the one that moves stepped time.
+//! Threads in parallel with the one that moves stepped time.
 //!
-//! What such a thread computes takes no simulated time: the clock stands still until it waits in a
-//! blocking call, or ends. Otherwise the system's scheduler would decide in which cycle it asks for
-//! the next thing, and no two runs were alike. This holds for a thread that says that it works beside
-//! the cycle; of the others the clock waits only for those that look whether their call is done.
+//! A worker is a thread that opens a master of its own while another thread runs the cycle. Its
+//! computing takes no simulated time: the clock stops until the worker waits in a blocking call or
+//! releases its master. Otherwise the system's scheduler would decide in which cycle the worker
+//! makes its next request, and two runs would differ. For other threads the clock waits only while
+//! they check whether their call is done.
 
-use std::cell::Cell;
-use std::sync::atomic::{AtomicU64, Ordering};
-
-thread_local! {
-    /// The world beside whose cycle this thread works.
-    static BESIDE: Cell<Option<u64>> = const { Cell::new(None) };
-}
+use std::thread::{self, ThreadId};
 
 /// The threads of a world.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(super) struct Threads {
-    /// Which world, of all that the process has had.
-    world: u64,
-    /// Those that the clock stands still for.
+    /// Thread and master handle of each worker.
+    workers: Vec<(ThreadId, u64)>,
+    /// The thread that moved the clock last and is no worker.
+    cycle: Option<ThreadId>,
+    /// Whether that thread still does so.
+    pub(super) has_cycle: bool,
+    /// Threads that the clock waits for.
     computing: usize,
-    /// Those among them that did not get on: nobody waits for them a second time.
-    given_up: usize,
-    /// Those that wait for the clock to move.
+    /// Those among them that took too long: the clock does not wait for them a second time.
+    overdue: usize,
+    /// Threads that wait for the clock to move.
     waiting: usize,
     moves: u64,
-    /// A thread that is not beside moves the clock.
-    pub(super) has_cycle: bool,
 }
 
 impl Threads {
-    pub(super) fn new() -> Self {
-        static WORLDS: AtomicU64 = AtomicU64::new(0);
-        let world = WORLDS.fetch_add(1, Ordering::Relaxed);
-        Self { world, computing: 0, given_up: 0, waiting: 0, moves: 0, has_cycle: false }
+    /// The calling thread, no worker, moves the clock.
+    pub(super) fn enter_cycle(&mut self) {
+        self.cycle = Some(thread::current().id());
+        self.has_cycle = true;
     }
 
-    /// The calling thread works beside the cycle from now on, and beside no other.
-    pub(super) fn enter(&mut self) {
-        if !self.has_caller() {
-            BESIDE.set(Some(self.world));
+    /// The calling thread has opened the master handle `client`; that makes it a worker if another
+    /// thread runs the cycle.
+    pub(super) fn open(&mut self, client: u64) {
+        let caller = thread::current().id();
+        if self.cycle.is_none_or(|cycle| cycle == caller) {
+            return;
+        }
+        if !self.is_worker(caller) {
             self.computing += 1;
         }
+        self.workers.push((caller, client));
     }
 
-    /// The calling thread does so no longer.
-    pub(super) fn leave(&mut self) {
-        if self.has_caller() {
-            BESIDE.set(None);
+    /// A master handle is released, by whichever thread.
+    pub(super) fn release(&mut self, client: u64) {
+        let Some(at) = self.workers.iter().position(|worker| worker.1 == client) else { return };
+        let (thread, _) = self.workers.swap_remove(at);
+        if !self.is_worker(thread) {
             self.rest();
         }
     }
 
-    /// Whether the calling thread works beside the cycle.
+    fn is_worker(&self, thread: ThreadId) -> bool {
+        self.workers.iter().any(|worker| worker.0 == thread)
+    }
+
+    /// Whether the calling thread is a worker.
     pub(super) fn has_caller(&self) -> bool {
-        BESIDE.get() == Some(self.world)
+        !self.workers.is_empty() && self.is_worker(thread::current().id())
     }
 
     /// Whether the clock may move.
     pub(super) fn is_settled(&self) -> bool {
-        self.computing <= self.given_up
+        self.computing <= self.overdue
     }
 
-    /// Those that compute were waited for long enough.
-    pub(super) fn give_up(&mut self) {
-        self.given_up = self.computing;
+    /// The clock has waited long enough for the threads that compute.
+    pub(super) fn stop_waiting(&mut self) {
+        self.overdue = self.computing;
     }
 
-    /// The clock has moved: all that wait are to look.
-    pub(super) fn tell_moved(&mut self) {
+    /// The clock has moved: every waiting thread checks its call.
+    pub(super) fn notify_moved(&mut self) {
         self.moves = self.moves.wrapping_add(1);
         self.computing += std::mem::take(&mut self.waiting);
     }
 
-    /// One of those that compute does so no longer.
+    /// One thread stops computing.
     fn rest(&mut self) {
         self.computing = self.computing.saturating_sub(1);
-        self.given_up = self.given_up.min(self.computing);
+        self.overdue = self.overdue.min(self.computing);
     }
 }
 
 /// A thread in a blocking call.
 #[derive(Debug)]
 pub(super) struct Waiter {
-    is_beside: bool,
-    /// Whether it is among those that compute.
+    is_worker: bool,
+    /// Whether it is counted among those that compute.
     is_computing: bool,
     /// Moves of the clock when it began to wait.
     moves: u64,
 }
 
 impl Waiter {
-    /// A call of this thread begins.
+    /// A call of the calling thread begins.
     pub(super) fn new(threads: &Threads) -> Self {
-        let is_beside = threads.has_caller();
-        Self { is_beside, is_computing: is_beside, moves: 0 }
+        let is_worker = threads.has_caller();
+        Self { is_worker, is_computing: is_worker, moves: 0 }
     }
 
-    /// The clock may move, and with it what the call waits for.
+    /// Waits until the clock moves, and with it the state of the call.
     pub(super) fn begin(&mut self, threads: &mut Threads) {
         self.stand_aside(threads);
         threads.waiting += 1;
@@ -109,7 +116,7 @@ impl Waiter {
         threads.moves != self.moves
     }
 
-    /// The thread looks again, since the clock has moved or it has lost patience.
+    /// The thread checks its call again, because the clock has moved or the wait timed out.
     pub(super) fn end(&mut self, threads: &mut Threads) {
         self.is_computing = true;
         if !self.is_over(threads) {
@@ -118,7 +125,7 @@ impl Waiter {
         }
     }
 
-    /// Nobody is to wait for the thread.
+    /// The clock does not wait for the thread.
     pub(super) fn stand_aside(&mut self, threads: &mut Threads) {
         if std::mem::take(&mut self.is_computing) {
             threads.rest();
@@ -127,9 +134,9 @@ impl Waiter {
 
     /// The call is done.
     pub(super) fn leave(mut self, threads: &mut Threads) {
-        if self.is_beside && !self.is_computing {
+        if self.is_worker && !self.is_computing {
             threads.computing += 1;
-        } else if !self.is_beside {
+        } else if !self.is_worker {
             self.stand_aside(threads);
         }
     }
@@ -140,45 +147,54 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_clock_waits_for_who_computes_beside_it_and_not_for_who_waits() {
-        let mut threads = Threads::new();
+    fn clock_waits_for_a_computing_worker_only() {
+        let mut threads = Threads::default();
+        threads.enter_cycle();
         std::thread::scope(|scope| {
-            // On a thread of its own, which is what counts.
-            let beside = scope.spawn(|| {
-                threads.enter();
-                threads.enter();
+            let worker = scope.spawn(|| {
+                threads.open(1);
+                threads.open(2);
+                assert!(threads.has_caller());
                 let mut waiter = Waiter::new(&threads);
                 waiter.begin(&mut threads);
                 assert_eq!((threads.computing, threads.waiting), (0, 1));
-                threads.tell_moved();
+                threads.notify_moved();
                 assert!(waiter.is_over(&threads));
                 waiter.end(&mut threads);
-                // It looks once more, in vain, and then loses patience.
+                // The second check finds nothing, and the wait times out.
                 waiter.begin(&mut threads);
                 waiter.end(&mut threads);
                 waiter.leave(&mut threads);
                 assert_eq!((threads.computing, threads.waiting), (1, 0));
-                threads.leave();
-                threads.leave();
+                threads.release(1);
+                assert_eq!(threads.computing, 1, "it has another handle");
+                threads.release(2);
+                threads.release(2);
                 assert_eq!(threads.computing, 0);
-                threads.enter();
+                threads.open(3);
             });
-            beside.join().unwrap();
+            worker.join().unwrap();
         });
-        assert!(!threads.is_settled(), "it has not left");
-        threads.leave();
-        assert!(!threads.is_settled(), "this thread is another");
-        threads.give_up();
+        assert!(!threads.is_settled(), "handle 3 is open");
+        assert!(!threads.has_caller(), "this thread runs the cycle");
+        threads.stop_waiting();
         assert!(threads.is_settled());
+        threads.release(3);
+        assert_eq!((threads.computing, threads.overdue), (0, 0));
     }
 
     #[test]
-    fn who_is_not_beside_counts_only_while_he_looks() {
-        let mut threads = Threads::new();
+    fn thread_without_a_worker_counts_only_while_it_checks() {
+        let mut threads = Threads::default();
+        threads.open(1);
+        assert!(!threads.has_caller(), "nobody runs a cycle");
+        threads.enter_cycle();
+        threads.open(2);
+        assert!(!threads.has_caller(), "it runs the cycle itself");
         let mut waiter = Waiter::new(&threads);
         waiter.begin(&mut threads);
         assert!(threads.is_settled());
-        threads.tell_moved();
+        threads.notify_moved();
         waiter.end(&mut threads);
         assert!(!threads.is_settled());
         waiter.leave(&mut threads);

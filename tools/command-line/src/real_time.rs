@@ -99,7 +99,7 @@ impl RealTimeArguments {
 /// Prints how the cycle was kept.
 pub fn print_statistics(adapter: &Adapter, statistics: &CycleStatistics) {
     println!("\n{statistics}");
-    if !adapter.clock().runs_by_itself() {
+    if !adapter.clock().is_free_running() {
         println!("these are simulated times: --real-time measures the machine");
     }
 }

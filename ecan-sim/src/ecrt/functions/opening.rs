@@ -55,7 +55,7 @@ impl SimulatedMasters {
             if index != 0 {
                 return Err(libc::ENOENT);
             }
-            let client = self.shared.with(|state| state.master.new_client());
+            let client = self.shared.open_client();
             if reserved {
                 self.shared.reserve(client)?;
             }

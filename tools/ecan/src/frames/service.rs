@@ -268,7 +268,7 @@ impl Service {
 
     /// Whether time goes on while nobody waits.
     pub fn is_real_time(&self) -> bool {
-        self.port.adapter().clock().runs_by_itself()
+        self.port.adapter().clock().is_free_running()
     }
 }
 
@@ -284,7 +284,7 @@ fn parts(time_ns: u64) -> (u64, u64) {
 }
 
 fn since_1970_ns(clock: &dyn Clock) -> u64 {
-    if !clock.runs_by_itself() {
+    if !clock.is_free_running() {
         return 0;
     }
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
