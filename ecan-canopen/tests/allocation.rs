@@ -22,7 +22,7 @@ fn forty_nodes_in_transfers_allocate_nothing() {
     let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
     let adapter = AdapterConfig::new(3).with_cycle_us(2_000);
     let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(3, gateway)).unwrap();
-    port.wait_ready(20_000).unwrap();
+    port.wait_ready().unwrap();
 
     let host = HostHeartbeat { node: NodeId::MAX, period_ms: 20 };
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
@@ -50,8 +50,8 @@ fn forty_nodes_in_transfers_allocate_nothing() {
     for number in 0..1_000u32 {
         let now = port.adapter().clock().now_ns();
         let before = allocations();
-        port.cycle_begin().unwrap();
-        network.receive(&mut port, now, |_| others += 1);
+        let mut cycle = port.begin_cycle();
+        network.receive(&mut cycle, now, |_| others += 1);
         configurator.step(&mut network, now);
         failures += configurator.progress(now).filter(|node| node.failure.is_some()).count();
         for node in &nodes {
@@ -60,9 +60,9 @@ fn forty_nodes_in_transfers_allocate_nothing() {
                 let _ = network.nmt(*node, NmtCommand::Start);
             }
         }
-        network.send_sync(&mut port);
-        network.send(&mut port, now);
-        port.cycle_end().unwrap();
+        network.send_sync(&mut cycle);
+        network.send(&mut cycle, now);
+        assert_eq!(cycle.finish().error(), None);
         // The simulated world grows its queues to their working size first.
         if number >= 200 {
             inside += allocations() - before;

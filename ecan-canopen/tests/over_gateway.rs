@@ -11,8 +11,11 @@ use ecan_canopen::{
     SyncConfig, WaitError, run_cycle_until,
 };
 use ecan_host::{AdapterConfig, DcSync};
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, ReceivedFrame, SendError};
+use ecan_mcan_port::{
+    ChannelConfig, Cycle, GatewayConfig, Port, PortConfig, ReceivedFrame, SendError,
+};
 use ecan_protocol::can::CanId;
+use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::Schedule;
 use ecan_sim::{ClockKind, Fault, LossDirection, NodeKind, Scenario, SimOptions, Simulation};
 
@@ -24,7 +27,7 @@ fn open(scenario: Scenario, adapter: AdapterConfig, slaves: usize) -> (Port, Sim
     let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
     let config = PortConfig::uniform(slaves, gateway);
     let mut port = Port::open(&backend.ecrt, adapter, config).unwrap_or_else(|e| panic!("{e}"));
-    port.wait_ready(READY_MS).unwrap_or_else(|e| panic!("{e}"));
+    port.wait_ready().unwrap_or_else(|e| panic!("{e}"));
     (port, backend.simulation.unwrap())
 }
 
@@ -42,15 +45,15 @@ fn cycles(
     port: &mut Port,
     network: &mut Network,
     count: usize,
-    mut targets: impl FnMut(&mut Port),
+    mut targets: impl FnMut(&mut Cycle<'_>),
 ) -> Vec<ReceivedFrame> {
     let mut frames = Vec::new();
     let mut left = count;
-    run_cycle_until(port, READY_MS, |port, now_ns| {
-        network.receive(port, now_ns, |item| frames.extend(item.frame().copied()));
-        targets(port);
-        network.send_sync(port);
-        network.send(port, now_ns);
+    run_cycle_until(port, READY_MS, |cycle, now_ns| {
+        network.receive(cycle, now_ns, |item| frames.extend(item.frame().copied()));
+        targets(cycle);
+        network.send_sync(cycle);
+        network.send(cycle, now_ns);
         left -= 1;
         (left == 0).then_some(())
     })
@@ -78,13 +81,16 @@ fn targets_then_sync_then_service_frames_reach_the_bus() {
     for node in nodes {
         network.start_upload(node, 0x1000, 0).unwrap();
     }
+    let can0 = port.channel(0, 0).unwrap();
     let mut number = 0;
-    let back = cycles(&mut port, &mut network, 9, |port| {
+    let back = cycles(&mut port, &mut network, 9, |cycle| {
         number += 1;
         // Not in the last cycles, so that all echoes are back.
         if number <= 5 {
             for node in 1..=3 {
-                port.send_can(0, 0, id(0x200 + node), &[number, 0]).unwrap();
+                cycle
+                    .send(can0, FrameRef::classic(id(0x200 + node), &[number, 0]).unwrap())
+                    .unwrap();
             }
         }
     });
@@ -141,13 +147,14 @@ fn while_an_image_is_held_syncs_do_not_pile_up_behind_it() {
     network.add_node(address(0, 0, 1), NodeConfig::default()).unwrap();
     let settings = SyncConfig { counter_overflow: Some(240), ..SyncConfig::default() };
     network.set_sync(Some(settings)).unwrap();
+    let can0 = port.channel(0, 0).unwrap();
     let mut held = 0;
     // A target goes out only when it does so at once, as the axes have it.
-    let mut target = |port: &mut Port| {
-        if port.cycle_report(0).is_holding {
+    let mut target = |cycle: &mut Cycle<'_>| {
+        if cycle.cycle_report(can0.gateway()).is_unconfirmed {
             held += 1;
         } else {
-            port.send_can(0, 0, id(0x201), &[]).unwrap();
+            cycle.send(can0, FrameRef::classic(id(0x201), &[]).unwrap()).unwrap();
         }
     };
     let mut back = cycles(&mut port, &mut network, 10, &mut target);
@@ -176,11 +183,12 @@ fn frames_that_find_no_room_in_the_image_wait_and_none_is_lost_or_doubled() {
     network.start_upload(node, 0x1000, 0).unwrap();
     network.nmt_all(NmtCommand::Start).unwrap();
     let mut taken = Vec::new();
-    let back = cycles(&mut port, &mut network, 20, |port| {
+    let can0 = port.channel(0, 0).unwrap();
+    let back = cycles(&mut port, &mut network, 20, |cycle| {
         if taken.len() < 5 {
             let data = [taken.len() as u8; 8];
             taken.push(0);
-            while port.send_can(0, 0, id(0x201), &data).is_ok() {
+            while cycle.send(can0, FrameRef::classic(id(0x201), &data).unwrap()).is_ok() {
                 *taken.last_mut().unwrap() += 1;
             }
         }
@@ -220,13 +228,13 @@ fn a_gateway_that_loses_power_aborts_transfers_and_comes_back() {
     network.start_upload(nodes[1], 0x1001, 0).unwrap();
     let sent = network.statistics().sdo_sent;
     let mut echoed = None;
-    run_cycle_until(&mut port, READY_MS, |port, now_ns| {
-        network.receive(port, now_ns, |item| {
+    run_cycle_until(&mut port, READY_MS, |cycle, now_ns| {
+        network.receive(cycle, now_ns, |item| {
             if let Some(frame) = item.frame().filter(|frame| frame.slave == 1) {
                 echoed = Some(*frame);
             }
         });
-        network.send(port, now_ns);
+        network.send(cycle, now_ns);
         echoed
     })
     .unwrap_or_else(|error| panic!("{error}"));
@@ -333,9 +341,9 @@ fn a_node_is_met_watched_asked_and_missed() {
 
     // TPDOs are not the network's.
     let mut tpdos = Vec::new();
-    run_cycle_until(&mut port, 5_000, |port, now_ns| {
-        network.receive(port, now_ns, |item| tpdos.extend(item.frame().copied()));
-        network.send(port, now_ns);
+    run_cycle_until(&mut port, 5_000, |cycle, now_ns| {
+        network.receive(cycle, now_ns, |item| tpdos.extend(item.frame().copied()));
+        network.send(cycle, now_ns);
         (!tpdos.is_empty()).then_some(())
     })
     .unwrap();
@@ -348,8 +356,8 @@ fn a_node_is_met_watched_asked_and_missed() {
     let error = network.upload_blocking(&mut port, node, (0x2000, 0), 100).unwrap_err();
     assert!(matches!(error, WaitError::TimedOut { waited_ms } if waited_ms <= 102), "{error}");
     assert_eq!(network.sdo_failure(node).unwrap().fault, SdoFault::Cancelled);
-    run_cycle_until(&mut port, 5_000, |port, now_ns| {
-        network.serve(port, now_ns, |network| {
+    run_cycle_until(&mut port, 5_000, |cycle, now_ns| {
+        network.serve(cycle, now_ns, |network| {
             (network.heartbeat(node) == Heartbeat::TimedOut).then_some(())
         })
     })

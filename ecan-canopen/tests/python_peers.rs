@@ -23,7 +23,6 @@ use ecan_sim::{
 use ecan_sim_bridge::bridges;
 use python_peer::{PATIENCE, Peer, python};
 
-const READY_MS: u32 = 60_000;
 const PATIENCE_MS: u32 = PATIENCE.as_millis() as u32;
 /// Cycle of the master.
 const CYCLE: Duration = Duration::from_millis(2);
@@ -54,7 +53,7 @@ impl Client {
         let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
         let adapter = AdapterConfig::new(1).with_cycle_us(CYCLE.as_micros() as u32);
         let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway)).unwrap();
-        port.wait_ready(READY_MS).unwrap();
+        port.wait_ready().unwrap();
         let mut network = Network::new(NetworkConfig::default());
         let settings = NodeConfig {
             heartbeat_timeout_ms: 2_000,
@@ -68,9 +67,9 @@ impl Client {
 
     /// Runs the cycle until something has happened.
     fn until(&mut self, what: &str, mut done: impl FnMut(&mut Network) -> bool) {
-        run_cycle_until(&mut self.port, PATIENCE_MS, |port, now_ns| {
+        run_cycle_until(&mut self.port, PATIENCE_MS, |cycle, now_ns| {
             std::thread::sleep(CYCLE);
-            self.network.serve(port, now_ns, |network| done(network).then_some(()))
+            self.network.serve(cycle, now_ns, |network| done(network).then_some(()))
         })
         .unwrap_or_else(|error| panic!("{what}: {error}"));
     }

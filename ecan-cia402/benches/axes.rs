@@ -51,7 +51,7 @@ impl Bench {
         let adapter = AdapterConfig::new(slaves as u16).with_multiplier(6).with_cycle_us(2_000);
         let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
         let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(slaves, gateway)).unwrap();
-        port.wait_ready(READY_MS).unwrap();
+        port.wait_ready().unwrap();
         let settings = (0..axes).map(axis).collect();
         let mut cia402 = Cia402::new(&port, settings, Cia402Config::default()).unwrap();
         cia402.start_up_timeout(&mut port, READY_MS, |_| {}).unwrap();
@@ -83,12 +83,12 @@ impl Bench {
 
     /// A cycle; nanoseconds of the axes' part.
     fn cycle(&mut self) -> f64 {
-        self.port.cycle_begin().unwrap();
+        let mut cycle = self.port.begin_cycle();
         let start = Instant::now();
-        self.cia402.process_rx(&mut self.port);
-        let summary = self.cia402.send_targets_all(&mut self.port);
+        self.cia402.process_rx(&mut cycle);
+        let summary = self.cia402.send_targets_all(&mut cycle);
         let time = start.elapsed().as_nanos() as f64;
-        self.port.cycle_end().unwrap();
+        cycle.end().unwrap();
         assert_eq!(summary.targets, self.axes, "{summary:?}");
         time
     }

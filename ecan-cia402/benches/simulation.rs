@@ -118,7 +118,7 @@ impl Bench {
         let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(BITRATE));
         let adapter = AdapterConfig::new(1).with_cycle_us(case.cycle_us);
         let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway))?;
-        port.wait_ready(START_UP_MS)?;
+        port.wait_ready()?;
         let axes = (0..AXES).map(|number| axis(number, (case.tpdos)(number)));
         let axes = axes.collect::<Fallible<Vec<_>>>()?;
         let mut cia402 = Cia402::new(&port, axes, Cia402Config::default())?;
@@ -131,11 +131,10 @@ impl Bench {
 
     fn cycles(&mut self, cycles: u32) -> Fallible<()> {
         for _ in 0..cycles {
-            self.port.wait_next_cycle();
-            self.port.cycle_begin()?;
-            self.cia402.process_rx(&mut self.port);
-            self.cia402.send_target_step(&mut self.port);
-            self.port.cycle_end()?;
+            let mut cycle = self.port.next_cycle();
+            self.cia402.process_rx(&mut cycle);
+            self.cia402.send_target_step(&mut cycle);
+            cycle.end()?;
         }
         Ok(())
     }
@@ -151,12 +150,12 @@ impl Bench {
         for _ in 0..cycles {
             self.port.wait_next_cycle();
             parts.world += lap();
-            self.port.cycle_begin()?;
+            let mut cycle = self.port.begin_cycle();
             parts.exchange += lap();
-            self.cia402.process_rx(&mut self.port);
-            self.cia402.send_target_step(&mut self.port);
+            self.cia402.process_rx(&mut cycle);
+            self.cia402.send_target_step(&mut cycle);
             parts.axes += lap();
-            self.port.cycle_end()?;
+            cycle.end()?;
             parts.exchange += lap();
         }
         Ok(parts)

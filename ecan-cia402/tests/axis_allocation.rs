@@ -19,10 +19,10 @@ fn cycles(bench: &mut Fixture, count: usize) -> u64 {
         .map(|_| {
             bench.port.wait_next_cycle();
             let before = allocations();
-            let _ = bench.port.cycle_begin();
-            bench.cia402.process_rx(&mut bench.port);
-            bench.cia402.send_target_step(&mut bench.port);
-            let _ = bench.port.cycle_end();
+            let mut cycle = bench.port.begin_cycle();
+            bench.cia402.process_rx(&mut cycle);
+            bench.cia402.send_target_step(&mut cycle);
+            drop(cycle);
             allocations() - before
         })
         .sum()

@@ -248,8 +248,8 @@ fn a_lost_working_counter_holds_until_taken_up() {
         assert_eq!(reason, Some(HoldReason::WorkingCounter), "axis {n}");
         assert!(!bench.cia402.is_running(n));
     }
-    assert_eq!(bench.port.session(0), Session::Ready);
-    assert!(bench.port.statistics(0).rxpdo_discarded > 0);
+    assert_eq!(bench.session(), Session::Ready);
+    assert!(bench.statistics().rxpdo_discarded > 0);
     recover(&mut bench);
 }
 
@@ -289,10 +289,10 @@ fn a_gateway_that_loses_power_in_motion_comes_back() {
     bench.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
     bench.until(50, |cia402| !cia402.is_running(0));
     let mut cycles = 0;
-    while bench.port.session(0) != Session::Ready || cycles < 500 {
+    while bench.session() != Session::Ready || cycles < 500 {
         bench.step();
         cycles += 1;
-        assert!(cycles < 30_000, "{}", bench.port.session(0));
+        assert!(cycles < 30_000, "{}", bench.session());
     }
     for n in 0..4 {
         let (state, operational) =
@@ -311,10 +311,10 @@ fn a_drive_that_restarted_unseen_is_not_trusted() {
     bench.steps(20);
     bench.strike(0, DriveFault::PowerCycle { off_ms: 50 });
     let mut cycles = 0;
-    while bench.port.session(0) != Session::Ready || cycles < 500 {
+    while bench.session() != Session::Ready || cycles < 500 {
         bench.step();
         cycles += 1;
-        assert!(cycles < 30_000, "{}", bench.port.session(0));
+        assert!(cycles < 30_000, "{}", bench.session());
     }
     // Its boot-up message came while nobody listened: only its mapping tells.
     bench.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));

@@ -173,7 +173,7 @@ proptest! {
         prop_assert!(
             sound > 400,
             "gateway {}, {:#?}",
-            bench.port.session(0),
+            bench.session(),
             bench.cia402.progress_all().map(|axis| axis.to_string()).collect::<Vec<_>>()
         );
         for n in 0..AXES {

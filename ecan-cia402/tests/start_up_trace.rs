@@ -119,17 +119,16 @@ fn one_axis_starts_up_in_the_order_that_drives_accept() {
             if done(bench) {
                 return;
             }
-            bench.port.wait_next_cycle();
-            bench.port.cycle_begin().unwrap();
-            bench.cia402.process_rx_with(&mut bench.port, |item| {
+            let mut cycle = bench.port.next_cycle();
+            bench.cia402.process_rx_with(&mut cycle, |item| {
                 if let Received::Frame(received) = item
                     && received.channel == 1
                 {
                     trace.add(&received.frame);
                 }
             });
-            bench.cia402.send_targets_all(&mut bench.port);
-            bench.port.cycle_end().unwrap();
+            bench.cia402.send_targets_all(&mut cycle);
+            assert_eq!(cycle.finish().error(), None);
         }
         panic!("{what}: {}", bench.cia402.progress(0).unwrap());
     };

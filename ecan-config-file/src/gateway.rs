@@ -161,7 +161,7 @@ fn read_schedule(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Sched
             *time = ns;
         }
     }
-    let checks = [("count", MarginCheck::Count), ("refuse", MarginCheck::Refuse)];
+    let checks = [("count", MarginCheck::Count), ("refuse", MarginCheck::Reject)];
     if let Some(check) = table.word(document, "margin_check", &checks) {
         schedule.margin_check = check;
     }

@@ -13,7 +13,7 @@ use std::hint::black_box;
 
 use ecan_bench::{Row, print_rows, warm, wire_ns};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, ReceivedView};
+use ecan_mcan_port::{ChannelConfig, ChannelHandle, GatewayConfig, Port, PortConfig, ReceivedView};
 use ecan_protocol::can::{CanId, FrameRef};
 use ecan_protocol::image::{
     CommitFields, ImageReader, ImageWriter, Packet, PdoProfile, Timestamp, crc16_is_accelerated,
@@ -21,7 +21,6 @@ use ecan_protocol::image::{
 };
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
-const READY_MS: u32 = 120_000;
 /// Cycles in a round.
 const REPEAT: usize = 16;
 const DATA: [u8; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
@@ -117,7 +116,7 @@ impl Bench {
         let adapter = AdapterConfig::new(case.slaves as u16).with_multiplier(case.multiplier);
         let config = PortConfig::uniform(case.slaves, gateway);
         let mut port = Port::open(&ecrt, adapter, config).unwrap();
-        port.wait_ready(READY_MS).unwrap();
+        port.wait_ready().unwrap();
         for (slave, codec) in codecs.iter().enumerate() {
             let image = port.adapter().tx_pdo(slave);
             ecan_null_master::keep_new(image);
@@ -128,21 +127,24 @@ impl Bench {
 
     /// A cycle of the Port; the sum over what was received.
     #[inline(never)]
-    fn cycle(port: &mut Port, slaves: usize, frames: &[(u8, FrameRef<'_>)]) -> u64 {
+    fn cycle(
+        port: &mut Port,
+        channels: &[[ChannelHandle; CHANNELS]],
+        frames: &[(u8, FrameRef<'_>)],
+    ) -> u64 {
         let mut sum = 0;
-        port.cycle_begin().unwrap();
-        port.receive_views(|item| {
+        let mut cycle = port.begin_cycle();
+        for item in cycle.received() {
             if let ReceivedView::Frame { packet, .. } = item {
                 sum += look(packet.channel, packet.frame);
             }
-            true
-        });
-        for slave in 0..slaves {
+        }
+        for channels in channels {
             for &(channel, frame) in frames {
-                port.send(slave, channel, frame).unwrap();
+                cycle.send(channels[usize::from(channel)], frame).unwrap();
             }
         }
-        port.cycle_end().unwrap();
+        cycle.end().unwrap();
         sum
     }
 
@@ -150,8 +152,11 @@ impl Bench {
     fn measure(&mut self) -> (f64, f64) {
         let Self { case, frames, port, codecs } = self;
         // What is timed is the same work.
-        Self::cycle(port, case.slaves, frames);
-        let through_port = Self::cycle(port, case.slaves, frames);
+        let handles: Vec<[ChannelHandle; CHANNELS]> = (0..case.slaves)
+            .map(|slave| [0, 1, 2, 3].map(|channel| port.channel(slave, channel).unwrap()))
+            .collect();
+        Self::cycle(port, &handles, frames);
+        let through_port = Self::cycle(port, &handles, frames);
         let bare: u64 = codecs.iter_mut().map(|codec| codec.cycle(frames)).sum();
         assert_eq!(through_port, bare);
         for (slave, codec) in codecs.iter().enumerate() {
@@ -163,7 +168,7 @@ impl Bench {
         let outcome = warm(
             || {
                 for _ in 0..REPEAT {
-                    black_box(Self::cycle(port, case.slaves, black_box(frames)));
+                    black_box(Self::cycle(port, &handles, black_box(frames)));
                 }
             },
             || {

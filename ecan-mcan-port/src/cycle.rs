@@ -1,208 +1,215 @@
-//! The cycle of the Port: begin, receive, end.
+//! One cycle of the Port as a value: receive, send, end.
 
-use ecan_host::{Adapter, CycleError, DomainReport, Phase};
-use ecan_protocol::image::ParseDiagnosis;
+use std::ops::Deref;
 
-use crate::port::{Gateway, Port};
-use crate::received::{Received, ReceivedView};
-use crate::schedule_watch;
-use crate::session::Event;
+use ecan_host::{CycleError, Phase};
 
-/// What became of the TxPDO image of a cycle.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum ImageReport {
-    /// The gateway is not in service.
-    #[default]
-    None,
-    /// A new image.
-    New {
-        /// Images that were lost before it, by the sequence.
-        lost: u16,
-        /// The gateway marked it as incomplete (truncated or overflowed, manual 6.1).
-        is_incomplete: bool,
-        /// Its layout is not the configured one: its frames may be misread.
-        layout_changed: bool,
-    },
-    /// The image of an earlier cycle again: nothing new arrived.
-    Repeated,
-    /// An image that cannot be used, or only up to the fault.
-    Fault(ParseDiagnosis),
+use crate::address::GatewayHandle;
+use crate::gateway::publish;
+use crate::port::Port;
+use crate::received::Received;
+use crate::received_items::ReceivedItems;
+
+/// Failed cycles in a row after which [`Cycle::end`] returns the error.
+pub const MAX_FAILED_CYCLES: u32 = 100;
+
+/// A cycle that has begun: the images of all gateways are received and checked, and frames can be
+/// sent until it ends. Dropping it ends it.
+///
+/// The getters of the [`Port`] are available on it. Nothing in it allocates, locks, panics, or calls
+/// anything but the master.
+///
+/// ```no_run
+/// # use ecan_mcan_port::{OkOrTemporary, Port};
+/// # use ecan_protocol::can::CanFrame;
+/// # fn control(port: &mut Port, frame: &CanFrame) -> Result<(), Box<dyn std::error::Error>> {
+/// let can0 = port.channel(0, 0)?;
+/// loop {
+///     let mut cycle = port.next_cycle();
+///     for received in cycle.received() {
+///         println!("{received}");
+///     }
+///     cycle.send(can0, frame).ok_or_temporary()?;
+///     cycle.end()?;
+/// }
+/// # }
+/// ```
+#[derive(Debug)]
+pub struct Cycle<'p> {
+    pub(crate) port: &'p mut Port,
+    /// Dropping must not end the cycle.
+    is_kept: bool,
 }
 
-/// One cycle with one gateway.
+/// Summary of a cycle that has ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct CycleReport {
-    /// The working counter and what it tells.
-    pub domain: DomainReport,
-    /// The TxPDO image.
-    pub image: ImageReport,
-    /// The last RxPDO image may not have arrived and is published again; frames sent now wait.
-    pub is_holding: bool,
+pub struct CycleSummary {
+    /// Deadlines that were missed before this cycle.
+    pub skipped: u64,
+    /// Error of the library when the cycle began.
+    pub receive_error: Option<CycleError>,
+    /// Error of the library when the cycle ended.
+    pub send_error: Option<CycleError>,
+    /// Cycles with an error in a row, this one included.
+    pub failed_cycles: u32,
+}
+
+impl CycleSummary {
+    /// First error of the library in this cycle. Unless the bus is not active, it may be gone in the
+    /// next cycle.
+    pub fn error(&self) -> Option<CycleError> {
+        self.receive_error.or(self.send_error)
+    }
 }
 
 impl Port {
-    /// First in the cycle: fetches the process images, judges them, and goes on with bringing
-    /// gateways into service.
+    /// Waits for the next cycle and begins it: receives the images of all gateways, checks them,
+    /// and continues the verification of gateways that are not ready.
     ///
-    /// Real-time safe: no allocation, no lock of the SDK, no call beyond the master's own. What
-    /// the last cycle brought and was not received is gone. Nothing happens while a cycle is
-    /// open already.
-    ///
-    /// # Errors
-    /// A [`CycleError`] of the library. The cycle is open all the same, so that
-    /// [`cycle_end`](Self::cycle_end) can keep the bus alive; call it in any case.
-    pub fn cycle_begin(&mut self) -> Result<(), CycleError> {
-        if self.cycle_open {
-            return Ok(());
-        }
-        let result = self.adapter.receive();
-        if self.adapter.phase() == Phase::Active {
-            let time_ns = self.adapter.cycle_time_ns();
-            self.since_first_ns = self.cycle_place.begin(time_ns, self.adapter.config());
-        }
-        let place_ns = self.cycle_point_ns.map(|_| self.since_first_ns);
-        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
-            begin_gateway(&mut self.adapter, slave, gateway, place_ns);
-        }
-        self.cycle_open = true;
-        result
+    /// Items of the previous cycle that were not received are lost.
+    pub fn next_cycle(&mut self) -> Cycle<'_> {
+        self.wait_next_cycle();
+        self.begin_cycle()
     }
 
-    /// Takes what came back into `received` and gives the number taken, in the order of the
-    /// images and of the slaves. What does not fit stays for another call in the same cycle.
+    /// As [`next_cycle`](Self::next_cycle), without waiting: for an application that keeps the
+    /// period itself, and for an attached Adapter, after the owner's receive.
     ///
-    /// Real-time safe; between `cycle_begin` and `cycle_end`.
+    /// Returns a cycle that was [kept open](Cycle::keep_open) unchanged.
+    pub fn begin_cycle(&mut self) -> Cycle<'_> {
+        self.begin();
+        Cycle { port: self, is_kept: false }
+    }
+
+    /// The cycle that was [kept open](Cycle::keep_open), if any. It stays open when the value is
+    /// dropped, until [`Cycle::end`].
+    #[inline]
+    pub fn open_cycle(&mut self) -> Option<Cycle<'_>> {
+        if self.is_cycle_open { Some(Cycle { port: self, is_kept: true }) } else { None }
+    }
+
+    /// Sends the images of the last cycle once more, without a cycle: keeps the bus alive.
+    /// Real-time safe.
+    ///
+    /// # Errors
+    /// A [`CycleError`] of the library.
+    pub fn repeat_images(&mut self) -> Result<(), CycleError> {
+        publish(&mut self.adapter, &mut self.gateways)
+    }
+
+    /// Sleeps until the next cycle is due and returns the number of missed deadlines: see
+    /// [`Adapter::wait_next_cycle`](ecan_host::Adapter::wait_next_cycle).
+    pub fn wait_next_cycle(&mut self) -> u64 {
+        self.skipped = self.adapter.wait_next_cycle();
+        // The owner of an attached master sets Sync0 by its own deadlines.
+        let is_in_phase = !self.adapter.is_attached();
+        self.deadline_ns = is_in_phase.then_some(self.adapter.cycle_start().deadline_ns);
+        self.skipped
+    }
+
+    fn begin(&mut self) {
+        if self.is_cycle_open {
+            return;
+        }
+        self.receive_error = self.adapter.receive().err();
+        if self.adapter.phase() == Phase::Active {
+            let time_ns = self.adapter.cycle_time_ns();
+            self.since_first_ns = self.sync0_phase.begin(time_ns, self.adapter.config());
+        }
+        let since_first_ns = self.deadline_ns.map(|_| self.since_first_ns);
+        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
+            gateway.begin(&mut self.adapter, slave, since_first_ns);
+        }
+        self.is_cycle_open = true;
+    }
+
+    fn end(&mut self) -> CycleSummary {
+        self.is_cycle_open = false;
+        if let Some(deadline_ns) = self.deadline_ns.take() {
+            let since_first_ns = self.since_first_ns;
+            for (slave, gateway) in self.gateways.iter_mut().enumerate() {
+                gateway.withdraw_late(&mut self.adapter, slave, deadline_ns, since_first_ns);
+            }
+        }
+        let receive_error = self.receive_error.take();
+        let send_error = publish(&mut self.adapter, &mut self.gateways).err();
+        let has_failed = receive_error.or(send_error).is_some();
+        self.failed_cycles = if has_failed { self.failed_cycles.saturating_add(1) } else { 0 };
+        let skipped = std::mem::take(&mut self.skipped);
+        CycleSummary { skipped, receive_error, send_error, failed_cycles: self.failed_cycles }
+    }
+}
+
+impl<'p> Cycle<'p> {
+    /// Error of the library when the cycle began. The cycle is open all the same, and its end keeps
+    /// the bus alive.
+    pub fn receive_error(&self) -> Option<CycleError> {
+        self.port.receive_error
+    }
+
+    /// The frames and transmit results that arrived, in the order of slaves and images. Items that
+    /// are not taken stay for another call in the same cycle.
+    #[inline]
+    pub fn received(&mut self) -> ReceivedItems<'_> {
+        ReceivedItems::new(&self.port.adapter, &mut self.port.gateways)
+    }
+
+    /// Copies items that arrived into `received`, as [`received`](Self::received), and returns their
+    /// number.
     pub fn receive(&mut self, received: &mut [Received]) -> usize {
         let mut count = 0;
-        let capacity = received.len();
-        if capacity == 0 {
-            return 0;
+        for (to, item) in received.iter_mut().zip(self.received()) {
+            *to = item.to_owned();
+            count += 1;
         }
-        self.receive_views(|item| {
-            if let Some(place) = received.get_mut(count) {
-                *place = item.to_owned();
-                count += 1;
-            }
-            count < capacity
-        });
         count
     }
 
-    /// Hands everything that came back to `take`, without a buffer between.
-    ///
-    /// Real-time safe as far as `take` is; between `cycle_begin` and `cycle_end`.
-    pub fn receive_each(&mut self, mut take: impl FnMut(Received)) {
-        self.receive_views(|item| {
-            take(item.to_owned());
-            true
-        });
+    /// As [`Port::discard_pending`].
+    pub fn discard_pending(&mut self, gateway: GatewayHandle) -> usize {
+        self.port.discard_pending(gateway)
     }
 
-    /// Hands what came back to `take`, where it lies in the images, until that returns false; the
-    /// rest stays for another call in the same cycle.
-    ///
-    /// Real-time safe as far as `take` is; between `cycle_begin` and `cycle_end`.
-    #[inline]
-    pub fn receive_views(&mut self, mut take: impl FnMut(ReceivedView<'_>) -> bool) {
-        let mut goes_on = true;
-        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
-            let image = self.adapter.tx_pdo(slave);
-            let Gateway { receiver, transmitter, statistics, .. } = gateway;
-            receiver.drain(slave, image, transmitter, statistics, |item| {
-                goes_on = take(item);
-                goes_on
-            });
-            if !goes_on {
-                return;
-            }
-        }
-    }
-
-    /// Last in the cycle: publishes the RxPDO images, or held ones once more, and sends.
-    ///
-    /// Real-time safe, as [`cycle_begin`](Self::cycle_begin).
+    /// Ends the cycle: publishes the RxPDO images, or unconfirmed ones once more, and sends.
     ///
     /// # Errors
-    /// A [`CycleError`] of the library; the cycle may go on with the next call.
-    pub fn cycle_end(&mut self) -> Result<(), CycleError> {
-        self.cycle_open = false;
-        if let Some(point_ns) = self.cycle_point_ns.take() {
-            withdraw_late(&mut self.adapter, &mut self.gateways, point_ns, self.since_first_ns);
+    /// A [`CycleError`] only if nothing recovers by itself: the bus is not active, or more than
+    /// [`MAX_FAILED_CYCLES`] cycles in a row failed. Other errors are part of the summary.
+    pub fn end(self) -> Result<CycleSummary, CycleError> {
+        let summary = self.finish();
+        match summary.error() {
+            Some(error @ CycleError::NotActive { .. }) => Err(error),
+            Some(error) if summary.failed_cycles > MAX_FAILED_CYCLES => Err(error),
+            _ => Ok(summary),
         }
-        end(&mut self.adapter, &mut self.gateways)
+    }
+
+    /// Ends the cycle, as [`end`](Self::end), and leaves every error to the caller.
+    pub fn finish(mut self) -> CycleSummary {
+        self.is_kept = true;
+        self.port.end()
+    }
+
+    /// Keeps the cycle open beyond this value: [`Port::open_cycle`] continues it.
+    pub fn keep_open(mut self) {
+        self.is_kept = true;
     }
 }
 
-/// One gateway's part; `place_ns` is the application time since the first cycle, where it is known.
-fn begin_gateway(
-    adapter: &mut Adapter,
-    slave: usize,
-    gateway: &mut Gateway,
-    place_ns: Option<u64>,
-) {
-    let report = adapter.domain_report(slave);
-    let limits = (gateway.hold_limit, gateway.input_limit);
-    let Gateway { session, transmitter, receiver, statistics, watch, .. } = gateway;
-    if statistics.sessions > 0 {
-        statistics.cycles += 1;
-        statistics.incomplete_cycles += u64::from(!report.is_complete());
-    }
-    let pulse_ns = place_ns.and_then(|ns| gateway.schedule_times.pulse_of(ns));
-    let last_ns = std::mem::replace(&mut gateway.pulse_ns, pulse_ns);
-    let is_same_pulse = pulse_ns.is_some() && last_ns == pulse_ns;
-    transmitter.begin(adapter.rx_pdo_mut(slave), report.outputs, is_same_pulse, statistics);
-    let no_input = limits.1 > 0 && receiver.misses() > limits.1;
-    let is_lost = transmitter.misses() > limits.0 || no_input;
-    match session.step(adapter, is_lost) {
-        Event::None => {}
-        Event::Started => transmitter.reset(statistics),
-        Event::Ready => {
-            receiver.reset();
-            transmitter.reset(statistics);
-            watch.reset();
-            statistics.sessions += 1;
-        }
-        Event::Failed => statistics.verification_failures += 1,
-        Event::Lost => {
-            receiver.reset();
-            transmitter.reset(statistics);
-            statistics.sessions_lost += 1;
-        }
-    }
-    let is_ready = session.is_ready();
-    if is_ready {
-        schedule_watch::step(adapter, gateway);
-    }
-    let Gateway { transmitter, receiver, statistics, .. } = gateway;
-    if is_ready && receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics) {
-        for (channel, status) in receiver.status().iter().enumerate() {
-            transmitter.window(channel as u8).status(*status);
-        }
+impl Deref for Cycle<'_> {
+    type Target = Port;
+
+    #[inline]
+    fn deref(&self) -> &Port {
+        self.port
     }
 }
 
-/// Takes scheduled frames back whose image would arrive behind their pulse: they would go out a
-/// period late.
-fn withdraw_late(
-    adapter: &mut Adapter,
-    gateways: &mut [Gateway],
-    point_ns: u64,
-    since_first_ns: u64,
-) {
-    let gateways = gateways.iter_mut().enumerate();
-    for (slave, gateway) in gateways.filter(|(_, gateway)| gateway.transmitter.has_scheduled()) {
-        let sent_ns = adapter.clock().now_ns().saturating_sub(point_ns);
-        if gateway.schedule_times.misses_pulse(since_first_ns, sent_ns) {
-            let image = adapter.rx_pdo_mut(slave);
-            gateway.transmitter.withdraw_late(image, &mut gateway.statistics);
+impl Drop for Cycle<'_> {
+    #[inline]
+    fn drop(&mut self) {
+        if !self.is_kept {
+            self.port.end();
         }
     }
-}
-
-pub(crate) fn end(adapter: &mut Adapter, gateways: &mut [Gateway]) -> Result<(), CycleError> {
-    for (slave, gateway) in gateways.iter_mut().enumerate() {
-        let image = adapter.rx_pdo_mut(slave);
-        gateway.transmitter.end(image, &mut gateway.statistics);
-    }
-    adapter.send()
 }

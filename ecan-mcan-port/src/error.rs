@@ -1,8 +1,9 @@
-//! What can go wrong outside the cycle.
+//! Errors of the Port outside the cycle.
 
 use ecan_host::{CycleError, Faults};
 use thiserror::Error;
 
+use crate::address::AddressError;
 use crate::config_check::PortConfigFault;
 use crate::phase_sweep::PhaseSweepFault;
 use crate::session::{PendingStep, Session};
@@ -21,32 +22,46 @@ pub enum PortError {
     /// The cycle failed while waiting.
     #[error(transparent)]
     Cycle(#[from] CycleError),
+    /// The Port does not have this address.
+    #[error(transparent)]
+    Address(#[from] AddressError),
     /// Phases of Sync0 are to be tried, but distributed clocks are not configured.
     #[error("distributed clocks with Sync0 are not configured: there is no phase to be found")]
     NoSync0,
     /// A sweep over phases that cannot be tried; nothing was touched.
     #[error(transparent)]
     PhaseSweep(#[from] PhaseSweepFault),
-    /// A gateway is in OP but was not taken into service in time.
+    /// A gateway is in OP but not ready in time.
     #[error(
         "slave {slave} is {session} after {waited_ms} ms{}",
         details(*session, *waiting_for, *last_fault)
     )]
-    NotInService {
+    NotReady {
         /// Slave index.
         slave: usize,
-        /// How its session stands.
+        /// State of its session.
         session: Session,
-        /// What it waits for.
+        /// Step that it waits for.
         waiting_for: Option<PendingStep>,
-        /// Why its last attempt failed, if one did.
+        /// Fault of its last verification that failed.
         last_fault: Option<VerificationFault>,
-        /// How long was waited, in milliseconds.
+        /// Time waited, in milliseconds.
         waited_ms: u64,
     },
 }
 
-/// What a gateway waits for and what went wrong before, as far as the session does not say it.
+impl PortError {
+    /// Whether the cause may pass by itself, so that the same call can succeed later.
+    pub fn is_temporary(&self) -> bool {
+        match self {
+            Self::NotReady { .. } | Self::Cycle(CycleError::Library { .. }) => true,
+            Self::Adapter(error) => matches!(error, ecan_host::Error::NotOperational(_)),
+            _ => false,
+        }
+    }
+}
+
+/// Step that a gateway waits for, and the last fault unless the session contains it.
 fn details(
     session: Session,
     waiting_for: Option<PendingStep>,

@@ -1,32 +1,36 @@
 //! The MCAN Port: CAN and CAN FD frames through ECAN-Lite gateways (manual 15.1, 15.4, 15.5).
 //!
-//! A [`Port`] sits on an [`Adapter`](ecan_host::Adapter). It configures the gateways' PDO profiles
-//! and CAN channels, and in every cycle turns frames into process images and back:
+//! A [`Port`] works on an [`Adapter`](ecan_host::Adapter). It configures the PDO profiles and CAN
+//! channels of the gateways, and converts between frames and PDO images in every [`Cycle`]:
 //!
 //! ```text
-//! port.cycle_begin()            what came back: images checked once, losses counted
-//! port.receive(&mut frames)     CAN frames and transmit results
-//! port.send_can(..)             straight into the RxPDO part of the domain memory
-//! port.cycle_end()              padding, CRC, header, sequence last; queue and send
+//! let can0 = port.channel(0, 0)?;          checks the address once
+//! let mut cycle = port.next_cycle();       waits, receives, checks the images
+//! for received in cycle.received() { .. }  CAN frames and transmit results
+//! cycle.send(can0, &frame)?;               directly into the PDO image
+//! cycle.end()?;                            padding, CRC, header, sequence; queue and send
 //! ```
 //!
-//! [`PortPlan`] tells beforehand what a configuration costs for a given traffic.
+//! [`PortPlan`] calculates offline what a configuration costs for a given traffic.
 //!
-//! Between `cycle_begin` and `cycle_end` nothing allocates, locks or panics.
+//! In a cycle nothing allocates, locks or panics.
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]
 
-mod batch;
+mod address;
 mod config;
 mod config_check;
 mod cycle;
 mod error;
+mod gateway;
 mod phase_sweep;
 mod phase_table;
 mod plan;
 mod port;
 mod received;
+mod received_items;
 mod receiver;
+mod report;
 mod schedule_account;
 mod schedule_margin;
 mod schedule_settings;
@@ -42,10 +46,10 @@ mod transmitter;
 mod verification;
 mod wait;
 
-pub use batch::{Batch, Exchange};
+pub use address::{AddressError, ChannelHandle, GatewayHandle};
 pub use config::{ChannelConfig, GatewayConfig, PortConfig, Traffic};
 pub use config_check::PortConfigFault;
-pub use cycle::{CycleReport, ImageReport};
+pub use cycle::{Cycle, CycleSummary, MAX_FAILED_CYCLES};
 pub use error::PortError;
 pub use phase_sweep::{PhaseSweep, PhaseSweepFault};
 pub use phase_table::{PhaseMargins, PhasePoint, PhaseTable};
@@ -55,12 +59,15 @@ pub use plan::{
 };
 pub use port::Port;
 pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
+pub use received_items::ReceivedItems;
+pub use report::{CycleReport, ImageReport};
 pub use schedule_account::ScheduleAccount;
-pub use schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
+pub use schedule_margin::{NotSchedulable, RECOMMENDED_OFFSET_NS, ScheduleMargin};
 pub use schedule_settings::{MarginCheck, ScheduleConfig};
 pub use schedule_watch::{ChannelDrops, ScheduleDiagnostics};
 pub use send::{
-    Backpressure, NotSchedulable, SendError, SendOptions, SendTicket, TransmitFrame, TransmitHint,
+    Backpressure, Batch, OkOrTemporary, SendError, SendOptions, SendTicket, TransmitFrame,
+    TransmitHint,
 };
 pub use session::{PendingStep, Session};
 pub use statistics::{ChannelStatistics, SlaveStatistics};

@@ -1,7 +1,6 @@
 //! Finding a Sync0 shift and an offset by trying them (manual 15.6.1, 16.1).
 
 use ecan_host::{Diagnostics, Error};
-use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
 
 use crate::error::PortError;
@@ -100,19 +99,20 @@ struct Counts {
 impl Counts {
     fn of(port: &Port) -> Self {
         let mut counts = Self::default();
-        for slave in 0..port.slave_count() {
-            let statistics = port.statistics(slave);
+        for gateway in port.gateways() {
+            let statistics = port.statistics(gateway);
             counts.incomplete_cycles += statistics.incomplete_cycles;
             counts.sessions_lost += statistics.sessions_lost;
             let mut scheduled = 0;
-            for channel in 0..CHANNELS as u8 {
-                let account = port.schedule_account(slave, channel);
+            for channel in port.channels().filter(|channel| channel.gateway() == gateway) {
+                let account = port.schedule_account(channel);
                 scheduled += account.scheduled;
                 counts.late_drops += account.late_dropped;
                 counts.other_drops += account.queue_full + account.not_sent;
                 counts.host_drops += account.refused_late + account.withdrawn;
             }
-            let accounts = port.gateways.get(slave).map(|gateway| gateway.transmitter.accounts());
+            let accounts =
+                port.gateways.get(gateway.slave()).map(|gateway| gateway.transmitter.accounts());
             let (asked, taken) = accounts.map_or((0, 0), |it| it.asked_and_taken());
             counts.taken += taken;
             counts.scheduled.push((asked, scheduled));
@@ -125,7 +125,7 @@ impl Port {
     /// Tries every shift with every offset and tells what was lost at each.
     ///
     /// The Port is reconfigured for every shift, and afterwards again as it was before. `cycle`
-    /// runs one cycle of the application, from `cycle_begin` to `cycle_end`, with its frames
+    /// runs one cycle of the application, from `begin_cycle` to its end, with its frames
     /// scheduled at the offset that it gets, at least one for each gateway and Sync0 period: a point
     /// is good only if they were all taken. Errors that it returns end the sweep. For each
     /// candidate the gateways' runtime diagnostics are cleared (0xB000:04 and 0x9011:14) and read
@@ -158,10 +158,7 @@ impl Port {
         'sweep: for &shift_ns in &sweep.shifts_ns {
             let mut adapter = before.clone();
             adapter.dc = Some(ecan_host::DcSync { shift_ns, ..dc });
-            let ready = self.reconfigure(adapter, config.clone()).and_then(|()| {
-                let timeout_ms = self.startup_timeout_ms();
-                self.wait_ready(timeout_ms)
-            });
+            let ready = self.reconfigure(adapter, config.clone()).and_then(|()| self.wait_ready());
             for &offset_ns in &sweep.offsets_ns {
                 let mut point = PhasePoint { shift_ns, offset_ns, ..PhasePoint::default() };
                 match &ready {
@@ -177,10 +174,7 @@ impl Port {
                 table.points.push(point);
             }
         }
-        let restored = self.reconfigure(before, config).and_then(|()| {
-            let timeout_ms = self.startup_timeout_ms();
-            self.wait_ready(timeout_ms)
-        });
+        let restored = self.reconfigure(before, config).and_then(|()| self.wait_ready());
         end?;
         restored?;
         Ok(table)
@@ -238,11 +232,8 @@ impl Port {
         let config = self.adapter.config();
         let phases_ns = config.dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns));
         for _ in 0..phases_ns.div_ceil(config.cycle_ns.max(1).into()) + QUIET_CYCLES {
-            self.wait_next_cycle();
             // A cycle that fails shows in the working counters.
-            let _ = self.cycle_begin();
-            self.receive_each(|_| ());
-            let _ = self.cycle_end();
+            self.next_cycle().received().for_each(drop);
         }
     }
 }

@@ -1,45 +1,22 @@
-//! The Port's life, and what it knows of each gateway.
+//! The Port: opening, reconfiguration and the state of its gateways.
 
-use ecan_host::{Adapter, AdapterConfig, Ecrt, Phase, Plan};
+use ecan_host::{Adapter, AdapterConfig, CycleError, Ecrt, Phase};
 use ecan_protocol::device::Capabilities;
-use ecan_protocol::image::{ChannelStatus, ImageReader, ImageWriter, OptionFlags, ParseDiagnosis};
-use ecan_protocol::mapping::{CHANNELS, Direction};
+use ecan_protocol::image::{ChannelStatus, ParseDiagnosis};
+use ecan_protocol::mapping::CHANNELS;
 
-use crate::config::{GatewayConfig, PortConfig};
-use crate::cycle::CycleReport;
+use crate::address::{AddressError, ChannelHandle, GatewayHandle};
+use crate::config::PortConfig;
 use crate::error::PortError;
-use crate::receiver::Receiver;
-use crate::schedule_margin::ScheduleTimes;
-use crate::schedule_settings::ScheduleConfig;
-use crate::schedule_watch::ScheduleWatch;
-use crate::session::{PendingStep, Session, SessionMachine};
+use crate::gateway::Gateway;
+use crate::report::CycleReport;
+use crate::schedule_account::ScheduleAccount;
+use crate::schedule_margin::{NotSchedulable, ScheduleMargin};
+use crate::schedule_watch::ScheduleDiagnostics;
+use crate::session::{PendingStep, Session};
 use crate::statistics::SlaveStatistics;
 use crate::sync0_phase::Sync0Phase;
-use crate::transmit_window::DEFAULT_DEPTH;
-use crate::transmitter::Transmitter;
 use crate::verification::VerificationFault;
-
-/// One gateway in the Port.
-#[derive(Debug)]
-pub(crate) struct Gateway {
-    pub(crate) session: SessionMachine,
-    pub(crate) transmitter: Transmitter,
-    pub(crate) receiver: Receiver,
-    pub(crate) statistics: SlaveStatistics,
-    pub(crate) capabilities: Capabilities,
-    pub(crate) channel_mask: u8,
-    pub(crate) fd_mask: u8,
-    pub(crate) can_schedule: bool,
-    pub(crate) is_paced: bool,
-    pub(crate) hold_limit: u16,
-    pub(crate) input_limit: u16,
-    pub(crate) schedule: ScheduleConfig,
-    pub(crate) schedule_times: ScheduleTimes,
-    /// The pulse that scheduled frames of the running cycle count from, in application time since
-    /// the first cycle; none where that is not known.
-    pub(crate) pulse_ns: Option<u64>,
-    pub(crate) watch: ScheduleWatch,
-}
 
 /// CAN and CAN FD through the gateways of one Adapter (manual 15.1, "MCAN Port").
 ///
@@ -49,21 +26,26 @@ pub(crate) struct Gateway {
 pub struct Port {
     pub(crate) adapter: Adapter,
     pub(crate) gateways: Vec<Gateway>,
-    /// Between `cycle_begin` and `cycle_end`.
-    pub(crate) cycle_open: bool,
-    /// Point of the running cycle on the grid, where the cycle was waited for.
-    pub(crate) cycle_point_ns: Option<u64>,
-    pub(crate) cycle_place: Sync0Phase,
+    /// A cycle has begun and not ended.
+    pub(crate) is_cycle_open: bool,
+    /// Deadline of the running cycle; `None` without a wait for the cycle.
+    pub(crate) deadline_ns: Option<u64>,
+    pub(crate) sync0_phase: Sync0Phase,
     /// Application time of the running cycle since the first one.
     pub(crate) since_first_ns: u64,
+    /// Error with which the running cycle began, and deadlines missed before it.
+    pub(crate) receive_error: Option<CycleError>,
+    pub(crate) skipped: u64,
+    /// Failed cycles in a row.
+    pub(crate) failed_cycles: u32,
     config: PortConfig,
 }
 
 impl Port {
     /// Checks both configurations, opens the Adapter with the startup steps of the gateways, and
-    /// prepares the cycle. [`wait_ready`](Self::wait_ready) brings the gateways into service.
+    /// prepares the cycle. [`wait_ready`](Self::wait_ready) then starts the bus.
     ///
-    /// Blocks, for seconds where slaves are still being scanned.
+    /// Blocks, for seconds while slaves are being scanned.
     ///
     /// # Errors
     /// Any [`PortError`]; the master is released.
@@ -77,7 +59,7 @@ impl Port {
         Self::new(Adapter::open(ecrt, adapter)?, config)
     }
 
-    /// Puts a Port on an Adapter that is configured and not active yet, opened or attached, whose
+    /// Creates a Port on an Adapter that is configured and not active yet, opened or attached, whose
     /// configuration went through [`PortConfig::apply`].
     ///
     /// # Errors
@@ -86,10 +68,10 @@ impl Port {
         Self::on(adapter, config).map_err(|(_, error)| error)
     }
 
-    /// As [`new`](Self::new), with the Adapter given back where there can be no Port on it.
+    /// As [`new`](Self::new), and returns the Adapter with the error.
     ///
     /// # Errors
-    /// As there.
+    /// As [`new`](Self::new).
     pub fn on(mut adapter: Adapter, config: PortConfig) -> Result<Self, (Box<Adapter>, PortError)> {
         let built = config
             .check(adapter.config())
@@ -99,23 +81,26 @@ impl Port {
             Ok(gateways) => Ok(Self {
                 adapter,
                 gateways,
-                cycle_open: false,
-                cycle_point_ns: None,
-                cycle_place: Sync0Phase::default(),
+                is_cycle_open: false,
+                deadline_ns: None,
+                sync0_phase: Sync0Phase::default(),
                 since_first_ns: 0,
+                receive_error: None,
+                skipped: 0,
+                failed_cycles: 0,
                 config,
             }),
             Err(error) => Err((Box::new(adapter), error)),
         }
     }
 
-    /// Takes the gateways out of service, configures them anew and waits for
-    /// [`wait_ready`](Self::wait_ready): the way to switch N or channels at run time (manual
-    /// 14.2). Frames not delivered are lost; statistics start anew.
+    /// Stops the bus and configures the gateways again, to change N or channels at run time (manual
+    /// 14.2). Call [`wait_ready`](Self::wait_ready) afterwards. Undelivered frames are lost and
+    /// statistics start again from 0.
     ///
     /// # Errors
-    /// A faulty configuration changes nothing. After any other error nothing is in service and
-    /// another `reconfigure` may be tried, for instance with the old configuration.
+    /// A faulty configuration changes nothing. After any other error no gateway is ready; call
+    /// `reconfigure` again, for example with the old configuration.
     pub fn reconfigure(
         &mut self,
         mut adapter: AdapterConfig,
@@ -125,36 +110,36 @@ impl Port {
         config.apply(&mut adapter);
         let result = self.adapter.reconfigure(adapter);
         if self.adapter.phase() == Phase::Active {
-            // It was refused before anything was touched.
+            // The Adapter rejected it before it changed anything.
             return result.map_err(PortError::from);
         }
         self.gateways.clear();
-        self.cycle_open = false;
-        self.cycle_point_ns = None;
-        self.cycle_place = Sync0Phase::default();
+        self.is_cycle_open = false;
+        self.deadline_ns = None;
+        self.sync0_phase = Sync0Phase::default();
         result?;
         self.gateways = build_gateways(&mut self.adapter, &config)?;
         self.config = config;
         Ok(())
     }
 
-    /// The Adapter below.
+    /// The Adapter of this Port.
     pub fn adapter(&self) -> &Adapter {
         &self.adapter
     }
 
-    /// The Adapter below, for what the Port does not do itself. Cycling it or writing its RxPDO
-    /// images behind the Port's back breaks the images' sequence.
+    /// The Adapter of this Port, for what the Port itself does not offer. Running its cycle or
+    /// writing its RxPDO images breaks the sequence of the images.
     pub fn adapter_mut(&mut self) -> &mut Adapter {
         &mut self.adapter
     }
 
-    /// Gives the Adapter back, still active.
+    /// Returns the Adapter, still active.
     pub fn into_adapter(self) -> Adapter {
         self.adapter
     }
 
-    /// The configuration in force.
+    /// The active configuration.
     pub fn config(&self) -> &PortConfig {
         &self.config
     }
@@ -164,120 +149,185 @@ impl Port {
         self.gateways.len()
     }
 
-    /// How a gateway's session stands; real-time safe. Waiting for an index out of range.
-    pub fn session(&self, slave: usize) -> Session {
-        self.gateways.get(slave).map_or(Session::Waiting, |gateway| gateway.session.state())
+    /// Checks the index of a slave, once.
+    ///
+    /// # Errors
+    /// [`AddressError::Slave`].
+    pub fn gateway(&self, slave: usize) -> Result<GatewayHandle, AddressError> {
+        match self.gateways.len() {
+            count if slave < count => Ok(GatewayHandle::new(slave)),
+            count => Err(AddressError::Slave { slave, count }),
+        }
     }
 
-    /// What a gateway that is not in service waits for; real-time safe. None for one in service and
-    /// for an index out of range.
-    pub fn waiting_for(&self, slave: usize) -> Option<PendingStep> {
-        self.gateways.get(slave)?.session.awaited(&self.adapter)
+    /// Checks the address of an enabled channel, once.
+    ///
+    /// # Errors
+    /// [`AddressError`]: no such slave, no such channel, or a channel that is not enabled.
+    #[inline]
+    pub fn channel(&self, slave: usize, channel: u8) -> Result<ChannelHandle, AddressError> {
+        match self.gateways.get(slave) {
+            Some(gateway) if gateway.has_channel(channel) => Ok(ChannelHandle::new(slave, channel)),
+            _ => Err(self.wrong_address(slave, channel)),
+        }
     }
 
-    /// Why the last verification of a gateway failed, also while the next one is running; none once
-    /// one has succeeded. Real-time safe.
-    pub fn last_verification_fault(&self, slave: usize) -> Option<VerificationFault> {
-        self.gateways.get(slave)?.session.last_fault()
+    #[cold]
+    pub(crate) fn wrong_address(&self, slave: usize, channel: u8) -> AddressError {
+        match self.gateways.len() {
+            count if slave >= count => AddressError::Slave { slave, count },
+            _ if usize::from(channel) >= CHANNELS => AddressError::Channel { slave, channel },
+            _ => AddressError::Disabled { slave, channel },
+        }
     }
 
-    /// Whether every gateway is in service; real-time safe.
+    /// All gateways, in the order of the slaves.
+    pub fn gateways(&self) -> impl Iterator<Item = GatewayHandle> + use<> {
+        (0..self.gateways.len()).map(GatewayHandle::new)
+    }
+
+    /// All enabled channels, in the order of slaves and channels.
+    pub fn channels(&self) -> impl Iterator<Item = ChannelHandle> {
+        self.gateways.iter().enumerate().flat_map(|(slave, gateway)| {
+            let channels = (0..CHANNELS as u8).filter(|channel| gateway.has_channel(*channel));
+            channels.map(move |channel| ChannelHandle::new(slave, channel))
+        })
+    }
+
+    fn find(&self, gateway: GatewayHandle) -> Option<&Gateway> {
+        self.gateways.get(gateway.slave())
+    }
+
+    /// State of a gateway's session; real-time safe.
+    pub fn session(&self, gateway: GatewayHandle) -> Session {
+        self.find(gateway).map_or(Session::Waiting, |gateway| gateway.session.state())
+    }
+
+    /// Step that a gateway waits for until it is ready; real-time safe. `None` for one that is
+    /// ready.
+    pub fn waiting_for(&self, gateway: GatewayHandle) -> Option<PendingStep> {
+        self.find(gateway)?.session.awaited(&self.adapter)
+    }
+
+    /// Fault of the last verification that failed, until one succeeds; real-time safe.
+    pub fn last_verification_fault(&self, gateway: GatewayHandle) -> Option<VerificationFault> {
+        self.find(gateway)?.session.last_fault()
+    }
+
+    /// Whether every gateway is ready; real-time safe.
     pub fn is_ready(&self) -> bool {
         !self.gateways.is_empty() && self.gateways.iter().all(|g| g.session.is_ready())
     }
 
+    /// Whether one gateway is ready, so that frames can be sent; real-time safe.
+    pub fn gateway_is_ready(&self, gateway: GatewayHandle) -> bool {
+        self.find(gateway).is_some_and(|gateway| gateway.session.is_ready())
+    }
+
     /// Status word of a channel from the last TxPDO image (manual 7); real-time safe. All zero,
-    /// "disabled", before the first image and for an index out of range.
-    pub fn channel_status(&self, slave: usize, channel: u8) -> ChannelStatus {
-        self.gateways
-            .get(slave)
-            .and_then(|gateway| gateway.receiver.status().get(usize::from(channel)))
+    /// "disabled", before the first image.
+    pub fn channel_status(&self, channel: ChannelHandle) -> ChannelStatus {
+        let gateway = self.gateways.get(channel.slave());
+        gateway
+            .and_then(|gateway| gateway.receiver.status().get(usize::from(channel.channel())))
             .copied()
             .unwrap_or_default()
     }
 
-    /// Counters of a gateway; real-time safe. All zero for an index out of range.
-    pub fn statistics(&self, slave: usize) -> SlaveStatistics {
-        self.gateways.get(slave).map_or_else(SlaveStatistics::default, |g| g.statistics)
+    /// Counters of a gateway and its channels; real-time safe.
+    pub fn statistics(&self, gateway: GatewayHandle) -> SlaveStatistics {
+        self.find(gateway).map_or_else(SlaveStatistics::default, |gateway| gateway.statistics)
     }
 
-    /// The last fault in a TxPDO image (manual 16.2); real-time safe.
-    pub fn last_diagnosis(&self, slave: usize) -> Option<ParseDiagnosis> {
-        self.gateways.get(slave).and_then(|gateway| gateway.receiver.last_diagnosis())
+    /// Last fault of a TxPDO image (manual 16.2); real-time safe.
+    pub fn last_diagnosis(&self, gateway: GatewayHandle) -> Option<ParseDiagnosis> {
+        self.find(gateway)?.receiver.last_diagnosis()
     }
 
-    /// What the current cycle brought from a gateway; real-time safe.
-    pub fn cycle_report(&self, slave: usize) -> CycleReport {
-        let Some(gateway) = self.gateways.get(slave) else { return CycleReport::default() };
+    /// Exchange with a gateway in the current cycle; real-time safe.
+    pub fn cycle_report(&self, gateway: GatewayHandle) -> CycleReport {
+        let slave = gateway.slave();
+        let Some(gateway) = self.find(gateway) else { return CycleReport::default() };
         CycleReport {
             domain: self.adapter.domain_report(slave),
             image: gateway.receiver.report(),
-            is_holding: gateway.transmitter.is_holding(),
+            is_unconfirmed: gateway.transmitter.is_unconfirmed(),
         }
     }
 
-    /// Capabilities of a gateway (0xF000, manual 13.8), read when the Port was opened.
-    pub fn capabilities(&self, slave: usize) -> Option<&Capabilities> {
-        self.gateways.get(slave).map(|gateway| &gateway.capabilities)
+    /// Capabilities of a gateway (0xF000, manual 13.8), read when the Port was opened. `None` for
+    /// a gateway that a reconfiguration removed.
+    pub fn capabilities(&self, gateway: GatewayHandle) -> Option<&Capabilities> {
+        self.find(gateway).map(|gateway| &gateway.capabilities)
+    }
+
+    /// Bytes left in the RxPDO image that is being filled; a packet needs 4 to 78 of them (manual
+    /// 8.3). Real-time safe.
+    pub fn image_room(&self, gateway: GatewayHandle) -> usize {
+        self.find(gateway).map_or(0, |gateway| gateway.transmitter.room())
+    }
+
+    /// Discards every frame that is not known to have reached the gateway, and returns their
+    /// number. The gateway may have executed frames of an unconfirmed image all the same.
+    /// Real-time safe.
+    pub fn discard_pending(&mut self, gateway: GatewayHandle) -> usize {
+        self.gateways
+            .get_mut(gateway.slave())
+            .map_or(0, |gateway| gateway.transmitter.discard(&mut gateway.statistics))
+    }
+
+    /// Margin of a Sync0 phase, from the cycle and the times of
+    /// [`ScheduleConfig`](crate::ScheduleConfig). Real-time safe. On an attached Adapter it applies
+    /// if the owner sets its application time at the start of the cycle.
+    ///
+    /// # Errors
+    /// [`NotSchedulable`] if no frame can be scheduled at this phase: without Sync0, on a gateway
+    /// without the capability, beyond the Sync0 period.
+    pub fn schedule_margin(
+        &self,
+        gateway: GatewayHandle,
+        offset_ns: u32,
+    ) -> Result<ScheduleMargin, NotSchedulable> {
+        let gateway = self.find(gateway).ok_or(NotSchedulable::NotSupported)?;
+        let margin = gateway.schedule_times.margin(offset_ns);
+        match margin {
+            Err(NotSchedulable::NoSync0) => margin,
+            _ if !gateway.can_schedule => Err(NotSchedulable::NotSupported),
+            _ => margin,
+        }
+    }
+
+    /// Results of a channel's scheduled frames, as reported by the gateway; real-time safe.
+    ///
+    /// Without [`OptionFlags::TX_RESULT`](ecan_protocol::image::OptionFlags::TX_RESULT) only the
+    /// flags of 0xB000:06 report losses: frames count as sent until a flag is set, and as unknown
+    /// from then on.
+    pub fn schedule_account(&self, channel: ChannelHandle) -> ScheduleAccount {
+        self.gateways
+            .get(channel.slave())
+            .map(|gateway| gateway.transmitter.accounts().account(channel.channel()))
+            .unwrap_or_default()
+    }
+
+    /// Last complete reading of the gateway's schedule diagnostics in this session; real-time safe.
+    /// They are read every [`watch_ms`](crate::ScheduleConfig::watch_ms) after the first scheduled
+    /// frame.
+    pub fn schedule_diagnostics(&self, gateway: GatewayHandle) -> Option<ScheduleDiagnostics> {
+        self.find(gateway)?.watch.last().copied()
+    }
+
+    /// Requests the gateway to clear the flags of 0xB000:06 and its other runtime diagnostics
+    /// (manual 13.7, bit 5), in the next cycles; real-time safe. A set flag makes the result of
+    /// every frame unknown that has no transmit result. Frames without a result when the flags are
+    /// cleared count as unknown.
+    pub fn clear_schedule_flags(&mut self, gateway: GatewayHandle) {
+        if let Some(gateway) = self.gateways.get_mut(gateway.slave()) {
+            gateway.watch.want_clear();
+        }
     }
 }
 
 fn build_gateways(adapter: &mut Adapter, config: &PortConfig) -> Result<Vec<Gateway>, PortError> {
-    (0..config.gateways.len())
-        .map(|slave| build_gateway(adapter, slave, &config.gateways[slave]))
-        .collect()
-}
-
-fn build_gateway(
-    adapter: &mut Adapter,
-    slave: usize,
-    config: &GatewayConfig,
-) -> Result<Gateway, PortError> {
-    let read =
-        |subindex| adapter.diagnostics().sdo_upload_u32(slave, Capabilities::INDEX, subindex);
-    let capabilities = Capabilities::read(read)?;
-    let settings = &adapter.config().slaves[slave];
-    let rx = config.profile(Direction::RxPdo, settings.rx_multiplier);
-    let tx = config.profile(Direction::TxPdo, settings.tx_multiplier);
-    let mut writer = ImageWriter::new(Direction::RxPdo, rx);
-    let mut reader = ImageReader::new(Direction::TxPdo, tx);
-    if config.allow_diagnostic_tests {
-        // 0x8030:04 overrides the CRC option of both directions (manual 13.2.3).
-        match adapter.diagnostics().sdo_upload_u32(slave, 0x8030, 4)? {
-            1 => (writer, reader) = (writer.with_crc(true), reader.with_crc(true)),
-            2 => (writer, reader) = (writer.with_crc(false), reader.with_crc(false)),
-            _ => {}
-        }
-    }
-    let depth = match capabilities.tx_cache_max {
-        0 => DEFAULT_DEPTH,
-        depth => depth,
-    };
-    let fd_mask = (0..CHANNELS).fold(0, |mask, channel| {
-        let is_fd = config.channels[channel].as_ref().is_some_and(|c| c.can.fd);
-        mask | u8::from(is_fd) << channel
-    });
-    let has_results = config.tx_options.contains(OptionFlags::TX_RESULT);
-    let schedule = config.schedule;
-    let dc = adapter.config().dc;
-    let plan = Plan::of(adapter.config());
-    let schedule_times = ScheduleTimes::new(&schedule, adapter.config(), &plan.slaves[slave]);
-    let channel_mask = config.channel_mask();
-    Ok(Gateway {
-        session: SessionMachine::new(adapter, slave, config)?,
-        watch: ScheduleWatch::new(adapter, slave, channel_mask, &schedule, dc)?,
-        transmitter: Transmitter::new(writer, &rx, depth, has_results, schedule.give_up_missed),
-        receiver: Receiver::new(reader),
-        statistics: SlaveStatistics::default(),
-        can_schedule: capabilities.has_scheduled_tx(),
-        capabilities,
-        channel_mask,
-        schedule,
-        schedule_times,
-        pulse_ns: None,
-        fd_mask,
-        is_paced: config.paced,
-        hold_limit: config.hold_limit,
-        input_limit: config.input_limit,
-    })
+    let gateways = config.gateways.iter().enumerate();
+    gateways.map(|(slave, gateway)| Ok(Gateway::new(adapter, slave, gateway)?)).collect()
 }

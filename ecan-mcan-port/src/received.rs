@@ -1,6 +1,8 @@
-//! What comes back from a gateway.
+//! Frames and transmit results from a gateway.
 
-use ecan_protocol::can::CanFrame;
+use std::fmt;
+
+use ecan_protocol::can::{CanFrame, FrameRef};
 use ecan_protocol::image::{FramePacket, ResultCode, Timestamp, TxResult};
 
 use crate::send::SendTicket;
@@ -116,6 +118,55 @@ pub enum ReceivedView<'a> {
     },
     /// The outcome of a frame sent.
     TransmitReport(TransmitReport),
+}
+
+impl fmt::Display for ReceivedFrame {
+    /// As `candump`: address, CAN ID, length and data.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write_frame(f, self.slave, self.channel, self.frame.as_ref())
+    }
+}
+
+impl fmt::Display for TransmitReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "slave {} channel {}: transmit result {}", self.slave, self.channel, self.code)?;
+        self.ticket.map_or(Ok(()), |ticket| {
+            write!(f, " (image {} frame {})", ticket.sequence, ticket.index)
+        })
+    }
+}
+
+impl fmt::Display for Received {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Frame(frame) => frame.fmt(f),
+            Self::TransmitReport(report) => report.fmt(f),
+        }
+    }
+}
+
+impl fmt::Display for ReceivedView<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Frame { slave, packet } => write_frame(f, *slave, packet.channel, packet.frame),
+            Self::TransmitReport(report) => report.fmt(f),
+        }
+    }
+}
+
+fn write_frame(
+    f: &mut fmt::Formatter<'_>,
+    slave: usize,
+    channel: u8,
+    frame: FrameRef<'_>,
+) -> fmt::Result {
+    let digits = if frame.id().is_extended() { 8 } else { 3 };
+    let id = frame.id().raw();
+    write!(f, "slave {slave} channel {channel}: {id:0digits$X} [{}]", frame.len())?;
+    if frame.is_remote() {
+        return f.write_str(" remote request");
+    }
+    frame.data().iter().try_for_each(|byte| write!(f, " {byte:02X}"))
 }
 
 impl ReceivedView<'_> {

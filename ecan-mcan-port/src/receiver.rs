@@ -1,17 +1,14 @@
-//! The way in from one gateway: TxPDO images judged once, packets handed out as they are asked
-//! for.
+//! Receive path of one gateway: checks TxPDO images once and hands out their packets.
 
 use ecan_host::Delivery;
 use ecan_protocol::image::{
-    Arrival, ChannelStatus, Header, ImageFault, ImageReader, Packet, PacketCursor, ParseDiagnosis,
+    Arrival, ChannelStatus, Header, ImageFault, ImageReader, PacketCursor, Packets, ParseDiagnosis,
     SequenceTracker,
 };
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::cycle::ImageReport;
-use crate::received::ReceivedView;
+use crate::report::ImageReport;
 use crate::statistics::SlaveStatistics;
-use crate::transmitter::Transmitter;
 
 #[derive(Debug)]
 pub(crate) struct Receiver {
@@ -20,7 +17,7 @@ pub(crate) struct Receiver {
     report: ImageReport,
     status: [ChannelStatus; CHANNELS],
     last_diagnosis: Option<ParseDiagnosis>,
-    /// The image whose packets are not all handed out, and how far they are.
+    /// Image with packets left to hand out, and the next of them.
     pending: Option<(Header, PacketCursor)>,
     /// Cycles in a row without a new image.
     misses: u16,
@@ -55,7 +52,7 @@ impl Receiver {
         self.last_diagnosis
     }
 
-    /// The gateway's session starts anew: its next image is the first.
+    /// A new session of the gateway: its next image is the first.
     pub(crate) fn reset(&mut self) {
         self.tracker.reset();
         self.report = ImageReport::None;
@@ -63,7 +60,7 @@ impl Receiver {
         self.misses = 0;
     }
 
-    /// Judges the image of this cycle (manual 6.1). Gives whether it is a new one.
+    /// Checks the image of this cycle (manual 6.1); returns whether it is a new one.
     pub(crate) fn begin(
         &mut self,
         image: &[u8],
@@ -96,7 +93,7 @@ impl Receiver {
                 true
             }
             Err(_) if fetched == Delivery::Missed => {
-                // The faulty image of an earlier cycle still lies there.
+                // Still the faulty image of an earlier cycle.
                 statistics.txpdo_repeated += 1;
                 self.report = ImageReport::Repeated;
                 false
@@ -108,7 +105,8 @@ impl Receiver {
         }
     }
 
-    fn fault(&mut self, diagnosis: ParseDiagnosis, statistics: &mut SlaveStatistics) {
+    /// Records a fault; the packets before it were handed out and stay valid.
+    pub(crate) fn fault(&mut self, diagnosis: ParseDiagnosis, statistics: &mut SlaveStatistics) {
         match diagnosis.fault {
             ImageFault::Updating | ImageFault::Torn => statistics.txpdo_torn += 1,
             ImageFault::Pdo(_) => statistics.parse_errors += 1,
@@ -117,50 +115,15 @@ impl Receiver {
         self.report = ImageReport::Fault(diagnosis);
     }
 
-    /// Hands out the next packets until `take` says stop or the image is through.
+    /// Starts handing out the packets that are left of the image of this cycle.
     #[inline]
-    pub(crate) fn drain(
-        &mut self,
-        slave: usize,
-        image: &[u8],
-        transmitter: &mut Transmitter,
-        statistics: &mut SlaveStatistics,
-        mut take: impl FnMut(ReceivedView<'_>) -> bool,
-    ) {
-        let Some((header, cursor)) = self.pending else { return };
-        let mut packets = self.reader.resume(image, &header, cursor);
-        loop {
-            let received = match packets.next() {
-                Some(Ok(Packet::Frame(packet))) => {
-                    statistics.channel(packet.channel).frames_received += 1;
-                    ReceivedView::Frame { slave, packet }
-                }
-                Some(Ok(Packet::TxResult(result))) => {
-                    let send = transmitter.take_result(&result);
-                    if send.is_none() {
-                        statistics.unmatched_results += 1;
-                    } else if result.code.is_success() {
-                        statistics.channel(result.channel).results_ok += 1;
-                    } else {
-                        statistics.channel(result.channel).results_failed += 1;
-                    }
-                    ReceivedView::from_result(slave, &result, send)
-                }
-                Some(Err(diagnosis)) => {
-                    // What came before the fault has been handed out and stays valid.
-                    self.pending = None;
-                    self.fault(diagnosis, statistics);
-                    return;
-                }
-                None => {
-                    self.pending = None;
-                    return;
-                }
-            };
-            if !take(received) {
-                self.pending = Some((header, packets.cursor()));
-                return;
-            }
-        }
+    pub(crate) fn resume<'i>(&mut self, image: &'i [u8]) -> Option<(Header, Packets<'i>)> {
+        let (header, cursor) = self.pending.take()?;
+        Some((header, self.reader.resume(image, &header, cursor)))
+    }
+
+    /// Keeps the packets that were not handed out for another call in the same cycle.
+    pub(crate) fn suspend(&mut self, header: Header, packets: &Packets<'_>) {
+        self.pending = Some((header, packets.cursor()));
     }
 }

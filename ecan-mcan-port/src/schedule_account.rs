@@ -20,7 +20,7 @@ pub struct ScheduleAccount {
     pub scheduled: u64,
     /// Frames that the gateway took and, by its flags, handed to the CAN controller at their phase:
     /// that of the Sync0 period that followed the cycle, as far as it is reckoned whether an image
-    /// comes too late, see [`Port::schedule_can`](crate::Port::schedule_can).
+    /// comes too late, see [`SendOptions::schedule`](crate::SendOptions::schedule).
     pub sent: u64,
     /// Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT.
     pub late_dropped: u64,

@@ -3,10 +3,9 @@
 use std::fmt;
 
 use ecan_host::{AdapterConfig, BYTE_NS, SlavePlan};
+use thiserror::Error;
 
-use crate::port::Port;
 use crate::schedule_settings::ScheduleConfig;
-use crate::send::NotSchedulable;
 
 /// Smallest offset behind Sync0 that the manual recommends to begin with (13.8), in nanoseconds.
 pub const RECOMMENDED_OFFSET_NS: u32 = 100_000;
@@ -23,7 +22,7 @@ pub(crate) const THIN_MARGIN_NS: u32 = 20_000;
 ///                                  '--processing, before---->
 /// ```
 ///
-/// [`Port::schedule_margin`] gives it for gateways in service,
+/// [`Port::schedule_margin`](crate::Port::schedule_margin) gives it for gateways in service,
 /// [`PortPlan::schedule_margin`](crate::PortPlan::schedule_margin) beforehand; both reckon alike.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ScheduleMargin {
@@ -46,6 +45,39 @@ pub struct ScheduleMargin {
     /// From the end of the firmware's work to the phase. Negative where frames may come too late
     /// and be dropped.
     pub before_release_ns: i64,
+}
+
+/// Why a frame cannot be scheduled.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum NotSchedulable {
+    /// Distributed clocks are not configured.
+    #[error(
+        "distributed clocks with Sync0 are not configured; configure them, or send frames at once"
+    )]
+    NoSync0,
+    /// The gateway does not have the capability.
+    #[error("the gateway does not support scheduled transmission (0xF000:16 bit 8)")]
+    NotSupported,
+    /// The offset is not below the Sync0 period.
+    #[error(
+        "the offset is not below the Sync0 period of {:.1} us; use a smaller one",
+        f64::from(*sync0_ns) / 1e3
+    )]
+    BeyondPeriod {
+        /// The Sync0 period, in nanoseconds.
+        sync0_ns: u32,
+    },
+    /// The margin of the phase does not suffice, and
+    /// [`MarginCheck::Reject`](crate::MarginCheck::Reject) is configured.
+    #[error(
+        "the margin is short by {:.1} us; move the Sync0 shift away from the arrival of the images, \
+         or increase the offset", *lacking_ns as f64 / 1e3
+    )]
+    NoMargin {
+        /// Time missing, in nanoseconds.
+        lacking_ns: u64,
+    },
 }
 
 impl ScheduleMargin {
@@ -179,29 +211,6 @@ impl ScheduleTimes {
     pub(crate) fn misses_pulse(&self, since_first_ns: u64, sent_ns: u64) -> bool {
         let arrival_ns = since_first_ns.saturating_add(sent_ns).saturating_add(self.way_ns);
         self.pulse_of(since_first_ns).is_some_and(|pulse_ns| arrival_ns >= pulse_ns)
-    }
-}
-
-impl Port {
-    /// The margin that a phase has against the cycle and the times of
-    /// [`ScheduleConfig`]. Real-time safe. On an attached Adapter it holds where the owner gives
-    /// its application time by the start of the cycle.
-    ///
-    /// # Errors
-    /// Why a frame cannot be scheduled at this phase at all: without Sync0, on a gateway without
-    /// the capability, beyond the Sync0 period. A slave index out of range is not supported.
-    pub fn schedule_margin(
-        &self,
-        slave: usize,
-        offset_ns: u32,
-    ) -> Result<ScheduleMargin, NotSchedulable> {
-        let gateway = self.gateways.get(slave).ok_or(NotSchedulable::NotSupported)?;
-        let margin = gateway.schedule_times.margin(offset_ns);
-        match margin {
-            Err(NotSchedulable::NoSync0) => margin,
-            _ if !gateway.can_schedule => Err(NotSchedulable::NotSupported),
-            _ => margin,
-        }
     }
 }
 

@@ -7,8 +7,8 @@ pub enum MarginCheck {
     /// [`ScheduleAccount::without_margin`](crate::ScheduleAccount::without_margin).
     #[default]
     Count,
-    /// It is refused with [`NotSchedulable::NoMargin`](crate::NotSchedulable::NoMargin).
-    Refuse,
+    /// It is rejected with [`NotSchedulable::NoMargin`](crate::NotSchedulable::NoMargin).
+    Reject,
 }
 
 /// Scheduled transmission of one gateway: the times that the margin is reckoned with, and how its

@@ -4,7 +4,6 @@
 use ecan_host::{Adapter, DcSync, Error, RequestId, RequestState};
 use ecan_protocol::mapping::CHANNELS;
 
-use crate::port::{Gateway, Port};
 use crate::schedule_settings::ScheduleConfig;
 
 /// Flags of 0xB000:06.
@@ -276,53 +275,6 @@ impl ScheduleWatch {
         if adapter.sdo_request_write(self.command, MAINTENANCE, COMMAND, &command).is_ok() {
             self.is_clear_wanted = false;
             self.activity = Activity::Clearing;
-        }
-    }
-}
-
-/// One step of the watch of a gateway in service, and what it means for the accounts.
-pub(crate) fn step(adapter: &mut Adapter, gateway: &mut Gateway) {
-    let Gateway { watch, transmitter, .. } = gateway;
-    match watch.step(adapter, transmitter.accounts().is_used()) {
-        WatchResult::Nothing => {}
-        WatchResult::Cleared => transmitter.accounts_mut().flags_lost(),
-        WatchResult::Looked(seen) => {
-            // Of the others, results tell frame by frame.
-            let told = if transmitter.has_results() { 0 } else { LATE_DROP | QUEUE_FULL };
-            let troubling = TX_FAIL | TIMER_MISS | told;
-            transmitter.accounts_mut().looked(&seen, watch.last(), troubling);
-            watch.keep(seen);
-        }
-    }
-}
-
-impl Port {
-    /// What a channel's scheduled frames came to, as far as the gateway tells; real-time safe. All
-    /// zero for an index out of range.
-    ///
-    /// Without [`OptionFlags::TX_RESULT`](ecan_protocol::image::OptionFlags::TX_RESULT) only the flags of
-    /// 0xB000:06 tell: then frames are sent as long as no flag shows, and unknown afterwards.
-    pub fn schedule_account(&self, slave: usize, channel: u8) -> crate::ScheduleAccount {
-        self.gateways
-            .get(slave)
-            .map(|g| g.transmitter.accounts().account(channel))
-            .unwrap_or_default()
-    }
-
-    /// The last look at what the gateway tells of scheduled transmission, in this session;
-    /// real-time safe. None before the first: a look is taken every
-    /// [`watch_ms`](crate::ScheduleConfig::watch_ms) once a frame has been scheduled.
-    pub fn schedule_diagnostics(&self, slave: usize) -> Option<ScheduleDiagnostics> {
-        self.gateways.get(slave).and_then(|gateway| gateway.watch.last().copied())
-    }
-
-    /// Has the gateway clear the flags of 0xB000:06, and with them its other runtime diagnostics
-    /// (manual 13.7, bit 5), in the cycles to come; real-time safe. Until the flags are cleared
-    /// they make every frame unknown that no result tells of. Frames that have no outcome when
-    /// this is done count as unknown. Nothing happens for an index out of range.
-    pub fn clear_schedule_flags(&mut self, slave: usize) {
-        if let Some(gateway) = self.gateways.get_mut(slave) {
-            gateway.watch.want_clear();
         }
     }
 }

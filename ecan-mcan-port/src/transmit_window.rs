@@ -47,7 +47,7 @@ impl TransmitWindow {
 
     /// Whether the channel takes one more frame.
     #[inline]
-    pub(crate) fn takes_frames(&self) -> bool {
+    pub(crate) fn accepts_frames(&self) -> bool {
         !self.is_bus_off() && self.has_room()
     }
 

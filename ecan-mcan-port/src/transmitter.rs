@@ -27,7 +27,7 @@ pub(crate) struct Transmitter {
     /// Frames of the image that was published last, until its delivery is known.
     published: Option<Counts>,
     /// The process image holds an image that may not have arrived; filling goes to the spare.
-    is_holding: bool,
+    is_unconfirmed: bool,
     /// The image being filled was begun and not yet ended.
     is_open: bool,
     /// Images in a row whose arrival was not confirmed.
@@ -56,7 +56,7 @@ impl Transmitter {
             writer,
             spare: vec![0; profile.pdo_bytes()].into_boxed_slice(),
             published: None,
-            is_holding: false,
+            is_unconfirmed: false,
             is_open: false,
             misses: 0,
             history: TransmitHistory::new(),
@@ -70,8 +70,8 @@ impl Transmitter {
         }
     }
 
-    pub(crate) fn is_holding(&self) -> bool {
-        self.is_holding
+    pub(crate) fn is_unconfirmed(&self) -> bool {
+        self.is_unconfirmed
     }
 
     pub(crate) fn misses(&self) -> u16 {
@@ -115,7 +115,7 @@ impl Transmitter {
     /// Whether the image that will be published holds scheduled frames.
     pub(crate) fn has_scheduled(&self) -> bool {
         let scheduled =
-            if self.is_holding { self.published_scheduled } else { self.filling_scheduled };
+            if self.is_unconfirmed { self.published_scheduled } else { self.filling_scheduled };
         self.is_open && scheduled > 0
     }
 
@@ -151,8 +151,8 @@ impl Transmitter {
             Delivery::Missed | Delivery::Unknown => {
                 self.misses = self.misses.saturating_add(1);
                 if carries_frames {
-                    if !self.is_holding {
-                        self.is_holding = true;
+                    if !self.is_unconfirmed {
+                        self.is_unconfirmed = true;
                         self.start_image();
                     }
                     if !is_same_pulse {
@@ -182,7 +182,7 @@ impl Transmitter {
 
     /// What was filled beside the held image takes its place.
     fn let_go(&mut self, image: &mut [u8]) {
-        self.is_holding = false;
+        self.is_unconfirmed = false;
         let packets = HEADER_BYTES..HEADER_BYTES + self.writer.used();
         if let (Some(to), Some(from)) = (image.get_mut(packets.clone()), self.spare.get(packets)) {
             to.copy_from_slice(from);
@@ -219,7 +219,7 @@ impl Transmitter {
         for (channel, count) in self.published.take().iter().flatten().enumerate() {
             statistics.channels[channel].frames_delivered += u64::from(*count);
         }
-        if self.is_holding {
+        if self.is_unconfirmed {
             self.let_go(image);
         } else {
             self.start_image();
@@ -248,7 +248,7 @@ impl Transmitter {
         frame: FrameRef<'_>,
         schedule: Option<Schedule>,
     ) -> Result<(u16, u8), PushError> {
-        let image = if self.is_holding { &mut *self.spare } else { image };
+        let image = if self.is_unconfirmed { &mut *self.spare } else { image };
         let index = match schedule {
             Some(schedule) => {
                 self.writer.push_scheduled(image, channel, id_aux, frame, schedule)?
@@ -269,7 +269,7 @@ impl Transmitter {
             self.history.repeated(self.published_sequence);
             return;
         }
-        if self.is_holding {
+        if self.is_unconfirmed {
             statistics.rxpdo_repeated += 1;
             return;
         }
@@ -291,7 +291,7 @@ impl Transmitter {
     /// image published is a new one, empty unless frames are sent into it.
     pub(crate) fn discard(&mut self, statistics: &mut SlaveStatistics) -> usize {
         let discarded = self.give_up_published(statistics) + self.withdraw(statistics);
-        self.is_holding = false;
+        self.is_unconfirmed = false;
         self.start_image();
         self.writer.assume_dirty();
         discarded
@@ -317,7 +317,7 @@ impl Transmitter {
         if !self.has_scheduled() {
             return;
         }
-        if self.is_holding {
+        if self.is_unconfirmed {
             self.pulse_passed(image, statistics);
             return;
         }

@@ -1,45 +1,55 @@
-//! Running the cycle while something slower is waited for.
+//! Blocking calls that run the cycle.
+
+use std::time::Duration;
 
 use ecan_host::{Diagnostics, OpProgress, Phase, run_in_parallel};
 
+use crate::address::GatewayHandle;
 use crate::error::PortError;
 use crate::port::Port;
 
-/// A cycle in which nothing is sent and what comes back is thrown away.
+/// A cycle in which nothing is sent and everything received is discarded. Single cycles may fail:
+/// the caller has a deadline.
 fn empty_cycle(port: &mut Port) -> Result<(), PortError> {
-    let begun = port.cycle_begin();
-    // Single cycles may fail; the deadline ends it all.
-    let _ = port.cycle_end().and(begun);
+    port.begin_cycle().finish();
     Ok(())
 }
 
 impl Port {
-    /// Activates the bus if that has not been done, and runs the cycle until every gateway is in
-    /// OP, verified and in service.
+    /// Activates the bus unless it is active, and runs the cycle until every gateway is in OP,
+    /// verified and ready, for at most [`startup_timeout`](Self::startup_timeout).
     ///
-    /// Blocks, for seconds; [`startup_timeout_ms`](Self::startup_timeout_ms) tells what to allow.
-    /// Received frames are thrown away meanwhile. Goes on with
-    /// [`wait_next_cycle`](Self::wait_next_cycle).
+    /// Blocks, for seconds. Discards received frames. Continue with
+    /// [`next_cycle`](Self::next_cycle).
     ///
     /// # Errors
-    /// [`PortError::Adapter`] with a report of the slaves that do not reach OP,
-    /// [`PortError::NotInService`] for one that does but is not in service, with the step that it
-    /// waits for, or what went wrong in the cycle.
-    pub fn wait_ready(&mut self, timeout_ms: u32) -> Result<(), PortError> {
-        self.wait_ready_with(timeout_ms, empty_cycle)
+    /// [`PortError::Adapter`] with a report of the slaves that do not reach OP;
+    /// [`PortError::NotReady`] for a gateway in OP that is not ready, with the step that it waits
+    /// for.
+    pub fn wait_ready(&mut self) -> Result<(), PortError> {
+        self.wait_ready_timeout(self.startup_timeout())
     }
 
-    /// As [`wait_ready`](Self::wait_ready), with a cycle of the application: between
-    /// `cycle_begin` and `cycle_end` it may do as it likes, and on an attached Adapter the
-    /// owner's receive comes before and its send after. It may also end the wait with an error.
+    /// As [`wait_ready`](Self::wait_ready), with a timeout.
     ///
     /// # Errors
-    /// As there, and the application's.
+    /// As [`wait_ready`](Self::wait_ready).
+    pub fn wait_ready_timeout(&mut self, timeout: Duration) -> Result<(), PortError> {
+        self.wait_ready_with(timeout, empty_cycle)
+    }
+
+    /// As [`wait_ready`](Self::wait_ready), with the application's own cycle: from
+    /// [`begin_cycle`](Self::begin_cycle) to its end, on an attached Adapter with the owner's
+    /// receive before and its send after. Its errors end the wait.
+    ///
+    /// # Errors
+    /// As [`wait_ready`](Self::wait_ready), and the application's.
     pub fn wait_ready_with<E: From<PortError>>(
         &mut self,
-        timeout_ms: u32,
+        timeout: Duration,
         mut cycle: impl FnMut(&mut Self) -> Result<(), E>,
     ) -> Result<(), E> {
+        let timeout_ms = u32::try_from(timeout.as_millis()).unwrap_or(u32::MAX);
         let failed = |error| E::from(PortError::Adapter(error));
         let mut wait = self.adapter.begin_op_wait(timeout_ms).map_err(failed)?;
         let clock = self.adapter.ecrt().clock().clone();
@@ -57,9 +67,7 @@ impl Port {
             if is_operational {
                 let waited_ms = (clock.now_ns() - start) / 1_000_000;
                 if waited_ms > u64::from(timeout_ms) {
-                    let open = self.gateways.iter().position(|g| !g.session.is_ready());
-                    let slave = open.unwrap_or_default();
-                    return Err(self.not_in_service(slave, waited_ms).into());
+                    return Err(self.not_ready(waited_ms).into());
                 }
                 continue;
             }
@@ -82,33 +90,28 @@ impl Port {
         }
     }
 
-    fn not_in_service(&self, slave: usize, waited_ms: u64) -> PortError {
-        PortError::NotInService {
+    /// Error for the first gateway that is not ready.
+    fn not_ready(&self, waited_ms: u64) -> PortError {
+        let slave = self.gateways.iter().position(|g| !g.session.is_ready()).unwrap_or_default();
+        let gateway = GatewayHandle::new(slave);
+        PortError::NotReady {
             slave,
-            session: self.session(slave),
-            waiting_for: self.waiting_for(slave),
-            last_fault: self.last_verification_fault(slave),
+            session: self.session(gateway),
+            waiting_for: self.waiting_for(gateway),
+            last_fault: self.last_verification_fault(gateway),
             waited_ms,
         }
     }
 
-    /// Sleeps until the next cycle is due: see [`Adapter::wait_next_cycle`](ecan_host::Adapter::wait_next_cycle).
-    pub fn wait_next_cycle(&mut self) -> u64 {
-        let skipped = self.adapter.wait_next_cycle();
-        // The owner of an attached master sets Sync0 by a grid of its own.
-        let is_in_phase = !self.adapter.is_attached();
-        self.cycle_point_ns = is_in_phase.then_some(self.adapter.cycle_start().deadline_ns);
-        skipped
-    }
-
-    /// How long the way into service may take, in milliseconds: see
+    /// Time to allow for the startup of all gateways: see
     /// [`Adapter::startup_timeout_ms`](ecan_host::Adapter::startup_timeout_ms).
-    pub fn startup_timeout_ms(&self) -> u32 {
-        self.adapter.startup_timeout_ms()
+    pub fn startup_timeout(&self) -> Duration {
+        Duration::from_millis(self.adapter.startup_timeout_ms().into())
     }
 
-    /// Runs `work` with a diagnostics handle of its own while the cycle goes on: blocking SDO
-    /// transfers on a running bus. Received frames are thrown away meanwhile, and nothing is sent.
+    /// Runs `work` on another thread, with its own diagnostics handle, while this thread runs the
+    /// cycle: for blocking SDO transfers on an active bus. Discards received frames and sends
+    /// nothing.
     ///
     /// # Errors
     /// The handle cannot be opened.
@@ -119,10 +122,10 @@ impl Port {
         self.diagnose_with(empty_cycle, work)
     }
 
-    /// As [`diagnose`](Self::diagnose), with a cycle of the application.
+    /// As [`diagnose`](Self::diagnose), with the application's own cycle.
     ///
     /// # Errors
-    /// As there. Errors of single cycles do not end the work.
+    /// As [`diagnose`](Self::diagnose). Errors of single cycles do not end the work.
     pub fn diagnose_with<R: Send, E>(
         &mut self,
         mut cycle: impl FnMut(&mut Self) -> Result<(), E>,

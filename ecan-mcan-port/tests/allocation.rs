@@ -6,7 +6,7 @@ mod counting;
 
 mod common;
 
-use common::Fixture;
+use common::{Fixture, Handles, SendData};
 use counting::allocations;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, Received};
@@ -20,17 +20,17 @@ fn full_images(bench: &mut Fixture, frames: &[CanFrame; 4], cycles: u32) -> (u64
     for _ in 0..cycles {
         bench.port.wait_next_cycle();
         let before = allocations();
-        bench.port.cycle_begin().unwrap();
-        bench.port.receive_each(|item| {
+        let mut cycle = bench.port.begin_cycle();
+        cycle.received().map(|item| item.to_owned()).for_each(|item| {
             if let Received::Frame(_) = item {
                 back += 1;
             }
         });
         let mut channel = 0;
-        while bench.port.send(0, channel % 4, frames[usize::from(channel % 4)].as_ref()).is_ok() {
+        while cycle.send(cycle.ch(0, channel % 4), &frames[usize::from(channel % 4)]).is_ok() {
             channel += 1;
         }
-        bench.port.cycle_end().unwrap();
+        assert_eq!(cycle.finish().error(), None);
         inside += allocations() - before;
     }
     (inside, back)
@@ -73,20 +73,23 @@ fn scheduled_frames_and_the_look_at_their_flags_allocate_nothing() {
         for tag in 0..cycles {
             bench.port.wait_next_cycle();
             let before = allocations();
-            bench.port.cycle_begin().unwrap();
-            bench.port.receive_each(|_| ());
+            let mut cycle = bench.port.begin_cycle();
+            cycle.received().for_each(drop);
             let at = Schedule { tag, offset_ns: 100_000 };
-            bench.port.schedule_can(0, 0, common::id(1), &[1], at).unwrap();
+            cycle.schedule_can(0, 0, common::id(1), &[1], at).unwrap();
+            assert_eq!(cycle.finish().error(), None);
             if tag % 100 == 10 {
-                bench.port.clear_schedule_flags(0);
+                bench.port.clear_schedule_flags(bench.port.gw(0));
             }
-            bench.port.cycle_end().unwrap();
             inside += allocations() - before;
         }
         inside
     };
     run(&mut bench, 200);
     assert_eq!(run(&mut bench, 500), 0);
-    let account = bench.port.schedule_account(0, 0);
-    assert!(account.sent > 300 && bench.port.schedule_diagnostics(0).is_some(), "{account:?}");
+    let account = bench.port.schedule_account(bench.port.ch(0, 0));
+    assert!(
+        account.sent > 300 && bench.port.schedule_diagnostics(bench.port.gw(0)).is_some(),
+        "{account:?}"
+    );
 }

@@ -3,9 +3,9 @@
 
 mod common;
 
-use common::{READY_MS, classic, id};
+use common::{Handles, SendData, classic, id};
 use ecan_host::{Adapter, AdapterConfig, DcSync, Master};
-use ecan_mcan_port::{GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{Cycle, GatewayConfig, Port, PortConfig};
 use ecan_protocol::image::Schedule;
 use ecan_sim::{ClockKind, SimOptions};
 
@@ -30,33 +30,33 @@ fn lateness_is_not_judged_by_a_grid_that_sync0_does_not_follow() {
     owner.set_send_interval(1_000).unwrap();
     owner.activate().unwrap();
     port.adapter_mut().owner_activated().unwrap();
-    let mut cycle = |port: &mut Port, work: &mut dyn FnMut(&mut Port)| {
+    let mut cycle = |port: &mut Port, work: &mut dyn FnMut(&mut Cycle<'_>)| {
         port.wait_next_cycle();
         owner.application_time(port.adapter().cycle_start().deadline_ns + 500_000).unwrap();
         owner.receive().unwrap();
-        port.cycle_begin().unwrap();
-        port.receive_each(|_| ());
-        work(port);
-        port.cycle_end().unwrap();
+        let mut cycle = port.begin_cycle();
+        cycle.received().for_each(drop);
+        work(&mut cycle);
+        assert_eq!(cycle.finish().error(), None);
         owner.sync_slave_clocks().unwrap();
         owner.send().unwrap();
     };
-    let is_ready = (0..READY_MS).any(|_| {
+    let is_ready = (0..20_000).any(|_| {
         cycle(&mut port, &mut |_| ());
         port.is_ready()
     });
     assert!(is_ready);
     for _ in 0..50 {
-        cycle(&mut port, &mut |port| {
+        cycle(&mut port, &mut |cycle| {
             let at = Schedule { tag: 1, offset_ns: 50_000 };
             clock.sleep_until_ns(clock.now_ns() + 200_000);
-            port.schedule_can(0, 0, id(1), &[], at).unwrap();
+            cycle.schedule_can(0, 0, id(1), &[], at).unwrap();
         });
     }
     for _ in 0..5 {
         cycle(&mut port, &mut |_| ());
     }
-    let account = port.schedule_account(0, 0);
+    let account = port.schedule_account(port.ch(0, 0));
     assert_eq!((account.scheduled, account.withdrawn, account.refused_late), (50, 0, 0));
     let counters = simulation.with_world(|world| world.counters(0).unwrap());
     assert_eq!(counters.frames_released, 50);

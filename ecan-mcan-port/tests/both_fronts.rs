@@ -8,7 +8,7 @@ mod wire_support;
 
 use std::path::Path;
 
-use common::{Fixture, classic, id};
+use common::{Fixture, SendData, classic, id};
 use ecan_host::{AdapterConfig, StartupStep};
 use ecan_mcan_port::{GatewayConfig, PortConfig};
 use ecan_protocol::can::CanFrame;
@@ -52,11 +52,11 @@ fn over_libethercat(scenario: Scenario, config: &PortConfig) -> (Vec<Vec<u8>>, T
     bench.simulation.with_world(|world| assert!(world.record_bus_of(0, 0)));
     let mut images = Vec::new();
     for cycle in 0..CYCLES {
-        bench.cycle(|port| {
+        bench.cycle(|open| {
             for nth in 0..cycle % 7 {
                 let data = [cycle as u8, nth as u8, 3, 4, 5, 6, 7, 8];
                 // What is not taken is not in the image either.
-                let _ = port.send_can(0, 0, id(0x100 + nth as u16), &data[..nth + 1]);
+                let _ = open.send_can(0, 0, id(0x100 + nth as u16), &data[..nth + 1]);
             }
         });
         images.push(bench.port.adapter().rx_pdo(0)[..BYTES].to_vec());

@@ -3,13 +3,13 @@
 
 mod common;
 
-use common::{Fixture, classic, frame, frames_of, id};
+use common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
 use ecan_host::{AdapterConfig, ConfigFault, PlanError};
 use ecan_mcan_port::{
-    Backpressure, ChannelConfig, GatewayConfig, PortConfig, PortConfigFault, PortError,
-    ReceiveSource, SendError, SendOptions, TransmitFrame, TransmitHint,
+    AddressError, Backpressure, ChannelConfig, GatewayConfig, PortConfig, PortConfigFault,
+    PortError, ReceiveSource, SendError, SendOptions, TransmitFrame, TransmitHint,
 };
-use ecan_protocol::can::{CanFrame, CanId, Dlc};
+use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameRef};
 use ecan_protocol::config::{FilterAction, StandardFilter, StandardMatch};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags, Timestamp};
 use ecan_protocol::mapping::CHANNELS;
@@ -21,8 +21,8 @@ fn the_example_of_the_manual_lies_in_the_process_image() {
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
     let data = [0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
     let mut sequence = 0;
-    bench.cycle(|port| {
-        sequence = port.send_can(0, 0, id(0x123), &data).unwrap().sequence;
+    bench.cycle(|cycle| {
+        sequence = cycle.send_can(0, 0, id(0x123), &data).unwrap().sequence;
     });
     let image = bench.port.adapter().rx_pdo(0);
     let [low, high] = sequence.to_le_bytes();
@@ -59,7 +59,7 @@ fn every_size_works_in_either_direction() {
             let frames: Vec<_> = (0..40).map(|n| frame(0x100 + n, &n.to_le_bytes())).collect();
             let back: Vec<_> = bench.carry(2, &frames, 200).iter().map(|f| f.frame).collect();
             assert_eq!(back, frames, "N = {rx} out, {tx} back");
-            assert_eq!(bench.port.statistics(0).parse_errors, 0);
+            assert_eq!(bench.port.statistics(bench.port.gw(0)).parse_errors, 0);
         }
     }
 }
@@ -101,15 +101,16 @@ fn two_gateways_with_different_sizes_do_not_mix() {
     };
     let mut bench = Fixture::ready(ecan_sim::echo(2), adapter, config);
     let long = [0xA5; 48];
-    bench.cycle(|port| {
-        port.send_can(0, 1, id(0x11), &[1]).unwrap();
-        port.send_canfd(1, 3, id(0x22), &long, true).unwrap();
+    bench.cycle(|cycle| {
+        cycle.send_can(0, 1, id(0x11), &[1]).unwrap();
+        let fd = FrameRef::fd(id(0x22), &long, true, false).unwrap();
+        cycle.send(cycle.ch(1, 3), fd).unwrap();
         assert_eq!(
-            port.send_can(1, 1, id(0x33), &[]),
-            Err(SendError::Channel { slave: 1, channel: 1 })
+            cycle.send_can(1, 1, id(0x33), &[]),
+            Err(AddressError::Disabled { slave: 1, channel: 1 }.into())
         );
         assert_eq!(
-            port.send_canfd(0, 1, id(0x33), &[], false),
+            cycle.send(cycle.ch(0, 1), FrameRef::fd(id(0x33), &[], false, false).unwrap()),
             Err(SendError::NotFd { slave: 0, channel: 1 })
         );
     });
@@ -127,11 +128,11 @@ fn three_gateways_carry_traffic_on_all_twelve_channels() {
     let mut bench = Fixture::ready(ecan_sim::echo(3), adapter, PortConfig::uniform(3, gateway));
     let mut back = vec![Vec::new(); 12];
     for round in 0..50u8 {
-        let items = bench.cycle(|port| {
+        let items = bench.cycle(|cycle| {
             for slave in 0..3 {
                 for channel in 0..4 {
                     let data = [slave as u8, channel, round];
-                    port.send_can(slave, channel, id(0x100 + u16::from(round)), &data).unwrap();
+                    cycle.send_can(slave, channel, id(0x100 + u16::from(round)), &data).unwrap();
                 }
             }
         });
@@ -215,17 +216,17 @@ fn a_full_image_refuses_the_frame_and_counts_it() {
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
     // 104 bytes of frame area hold 8 packets of 12 bytes (manual 5.2, 8.3).
     let mut refused = None;
-    bench.cycle(|port| {
+    bench.cycle(|cycle| {
         for n in 0..8 {
-            port.send_can(0, 0, id(n), &[0; 8]).unwrap();
+            cycle.send_can(0, 0, id(n), &[0; 8]).unwrap();
         }
-        assert_eq!(port.image_room(0), 8);
-        refused = port.send_can(0, 0, id(8), &[0; 8]).err();
-        port.send_can(0, 0, id(9), &[0; 4]).unwrap();
+        assert_eq!(cycle.image_room(cycle.gw(0)), 8);
+        refused = cycle.send_can(0, 0, id(8), &[0; 8]).err();
+        cycle.send_can(0, 0, id(9), &[0; 4]).unwrap();
     });
     let what = Backpressure::Image;
     assert_eq!(refused, Some(SendError::Backpressure { slave: 0, channel: 0, what }));
-    assert_eq!(bench.port.statistics(0).channels[0].refused_image_full, 1);
+    assert_eq!(bench.port.statistics(bench.port.gw(0)).channels[0].refused_image_full, 1);
     let back = frames_of(&bench.idle(10));
     assert_eq!(back.len(), 9);
     assert_eq!(back[8].frame, frame(9, &[0; 4]));
@@ -240,7 +241,7 @@ fn a_burst_is_paced_by_the_gateways_queue_and_nothing_is_dropped() {
     let frames: Vec<_> = (0..1000u16).map(|n| frame(n % 0x700, &n.to_le_bytes())).collect();
     let back: Vec<_> = bench.carry(0, &frames, 5000).iter().map(|f| f.frame).collect();
     assert_eq!(back, frames);
-    let statistics = bench.port.statistics(0);
+    let statistics = bench.port.statistics(bench.port.gw(0));
     assert!(statistics.channels[0].refused_queue_full > 0, "the burst was never held back");
     assert_eq!(statistics.txpdo_incomplete, 0);
 }
@@ -257,13 +258,13 @@ fn the_receive_source_and_the_transmit_hint_travel_along() {
     });
     let mut bench = Fixture::single(GatewayConfig::on_channel(0, settings));
     let hint = TransmitHint::HighPriority;
-    bench.cycle(|port| {
+    bench.cycle(|cycle| {
         let options = SendOptions { hint, schedule: None };
         let batch = [
-            TransmitFrame { slave: 0, channel: 0, frame: frame(0x234, &[1]), options },
-            TransmitFrame::new(0, 0, frame(0x345, &[2])),
+            TransmitFrame { to: cycle.ch(0, 0), frame: frame(0x234, &[1]), options },
+            TransmitFrame::new(cycle.ch(0, 0), frame(0x345, &[2])),
         ];
-        assert_eq!(port.send_batch(&batch).sent, 2);
+        assert_eq!(cycle.send_batch(&batch).sent, 2);
     });
     // ID_AUX stands in bits 11 to 13 of the identifier field (manual 8.1).
     assert_eq!(bench.port.adapter().rx_pdo(0)[26..28], (0x234u16 | 1 << 11).to_le_bytes());
@@ -276,15 +277,14 @@ fn the_receive_source_and_the_transmit_hint_travel_along() {
 #[test]
 fn what_does_not_fit_the_buffer_stays_for_the_next_call() {
     let mut bench = Fixture::single(GatewayConfig::on_channel(0, classic()));
-    bench.cycle(|port| {
+    bench.cycle(|cycle| {
         for n in 0..6 {
-            port.send_can(0, 0, id(n), &[]).unwrap();
+            cycle.send_can(0, 0, id(n), &[]).unwrap();
         }
     });
     let mut seen = Vec::new();
     for _ in 0..8 {
-        bench.port.wait_next_cycle();
-        bench.port.cycle_begin().unwrap();
+        let mut cycle = bench.port.next_cycle();
         let blank = ecan_mcan_port::Received::TransmitReport(ecan_mcan_port::TransmitReport {
             ticket: None,
             slave: 9,
@@ -294,24 +294,30 @@ fn what_does_not_fit_the_buffer_stays_for_the_next_call() {
         });
         let mut two = [blank; 2];
         loop {
-            let count = bench.port.receive(&mut two);
+            let count = cycle.receive(&mut two);
             seen.extend(frames_of(&two[..count]).iter().map(|f| f.frame.id().raw()));
             if count < 2 {
                 break;
             }
         }
-        bench.port.cycle_end().unwrap();
+        assert_eq!(cycle.finish().error(), None);
     }
     assert_eq!(seen, [0, 1, 2, 3, 4, 5]);
 }
 
 #[test]
-fn outside_a_cycle_nothing_is_sent() {
+fn wrong_address_and_invalid_frame_return_errors() {
     let mut bench = Fixture::single(GatewayConfig::on_channel(0, classic()));
-    assert_eq!(bench.port.send_can(0, 0, id(1), &[]), Err(SendError::NoCycle));
-    bench.cycle(|port| {
-        assert_eq!(port.send_can(4, 0, id(1), &[]), Err(SendError::SlaveIndex { slave: 4 }));
-        let too_long = port.send_can(0, 0, id(1), &[0; 9]);
+    bench.cycle(|cycle| {
+        let wrong = [
+            (cycle.channel(4, 0), AddressError::Slave { slave: 4, count: 1 }),
+            (cycle.channel(0, 4), AddressError::Channel { slave: 0, channel: 4 }),
+            (cycle.channel(0, 1), AddressError::Disabled { slave: 0, channel: 1 }),
+        ];
+        for (found, expected) in wrong {
+            assert_eq!(found, Err(expected));
+        }
+        let too_long = cycle.send_can(0, 0, id(1), &[0; 9]);
         assert!(matches!(too_long, Err(SendError::Frame(_))), "{too_long:?}");
     });
 }

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Fixture, READY_MS, classic, frame, frames_of, id};
+use common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
 use ecan_host::{AdapterConfig, DcSync, Diagnostics, Error};
 use ecan_mcan_port::{
     Backpressure, GatewayConfig, ImageReport, Port, PortConfig, PortError, SendError, Session,
@@ -31,8 +31,8 @@ fn numbers_around(bench: &mut Fixture, fault: Fault) -> Vec<u8> {
         if cycle == 10 {
             bench.simulation.inject(fault.clone());
         }
-        let items = bench.cycle(|port| {
-            if next < 60 && port.send_can(0, 0, id(0x100), &[next]).is_ok() {
+        let items = bench.cycle(|cycle| {
+            if next < 60 && cycle.send_can(0, 0, id(0x100), &[next]).is_ok() {
                 next += 1;
             }
         });
@@ -56,7 +56,7 @@ fn f01_a_frame_lost_on_its_way_out_is_published_again() {
         let mut bench = bench_with(multiplier, on_channel_0());
         let fault = Fault::LostFrame { way: LossDirection::Outward, cycles: 1 };
         assert_eq!(numbers_around(&mut bench, fault), all_numbers(), "N = {multiplier}");
-        let statistics = bench.port.statistics(0);
+        let statistics = bench.port.statistics(bench.port.gw(0));
         assert_eq!(statistics.rxpdo_repeated, 1);
         assert_eq!(statistics.incomplete_cycles, 1);
         assert_eq!(statistics.txpdo_lost, 0);
@@ -72,7 +72,7 @@ fn f02_a_lost_reply_loses_its_txpdo_and_sends_nothing_twice() {
         let back = numbers_around(&mut bench, fault);
         assert_eq!(back.len(), 59, "the frame in the lost image is gone: {back:?}");
         assert!(back.is_sorted_by(|a, b| a < b), "order holds: {back:?}");
-        let statistics = bench.port.statistics(0);
+        let statistics = bench.port.statistics(bench.port.gw(0));
         assert_eq!((statistics.txpdo_lost, statistics.rxpdo_repeated), (1, 1));
         assert_eq!(frames_on_bus(&bench), 60, "the repeat was a no-op");
     }
@@ -84,7 +84,7 @@ fn f03_a_working_counter_that_cannot_be_told_apart_repeats_the_image() {
     let mut bench = bench_with(8, on_channel_0());
     let fault = Fault::WorkingCounterOffset { offset: -1, cycles: 3 };
     assert_eq!(numbers_around(&mut bench, fault), all_numbers());
-    let statistics = bench.port.statistics(0);
+    let statistics = bench.port.statistics(bench.port.gw(0));
     assert_eq!(statistics.rxpdo_repeated, 3);
     assert_eq!(frames_on_bus(&bench), 60);
 }
@@ -95,11 +95,11 @@ fn f04_a_working_counter_that_shows_only_the_read_repeats_the_image() {
     let mut bench = bench_with(3, on_channel_0());
     let fault = Fault::WorkingCounterOffset { offset: -2, cycles: 1 };
     assert_eq!(numbers_around(&mut bench, fault), all_numbers());
-    assert_eq!(bench.port.statistics(0).rxpdo_repeated, 1);
+    assert_eq!(bench.port.statistics(bench.port.gw(0)).rxpdo_repeated, 1);
     let mut bench = bench_with(3, on_channel_0());
     let fault = Fault::WorkingCounterOffset { offset: -1, cycles: 1 };
     assert_eq!(numbers_around(&mut bench, fault), all_numbers());
-    let statistics = bench.port.statistics(0);
+    let statistics = bench.port.statistics(bench.port.gw(0));
     assert_eq!((statistics.rxpdo_repeated, statistics.incomplete_cycles), (0, 1));
 }
 
@@ -108,7 +108,7 @@ fn f05_a_short_outage_is_held_and_nothing_is_lost() {
     let mut bench = bench_with(3, on_channel_0());
     let fault = Fault::LostFrame { way: LossDirection::Outward, cycles: 8 };
     assert_eq!(numbers_around(&mut bench, fault), all_numbers());
-    let statistics = bench.port.statistics(0);
+    let statistics = bench.port.statistics(bench.port.gw(0));
     assert_eq!((statistics.rxpdo_repeated, statistics.sessions_lost), (8, 0));
 }
 
@@ -116,36 +116,36 @@ fn f05_a_short_outage_is_held_and_nothing_is_lost() {
 fn f06_frames_sent_while_an_image_is_held_can_be_discarded() {
     let mut bench = bench_with(3, on_channel_0());
     bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 5 });
-    bench.cycle(|port| {
-        port.send_can(0, 0, id(1), &[]).unwrap();
+    bench.cycle(|cycle| {
+        cycle.send_can(0, 0, id(1), &[]).unwrap();
     });
-    bench.cycle(|port| {
-        assert!(port.cycle_report(0).is_holding);
-        port.send_can(0, 0, id(2), &[]).unwrap();
-        assert_eq!(port.discard_pending(0), 2);
-        assert!(!port.cycle_report(0).is_holding);
-        port.send_can(0, 0, id(3), &[]).unwrap();
+    bench.cycle(|cycle| {
+        assert!(cycle.cycle_report(cycle.gw(0)).is_unconfirmed);
+        cycle.send_can(0, 0, id(2), &[]).unwrap();
+        assert_eq!(cycle.discard_pending(cycle.gw(0)), 2);
+        assert!(!cycle.cycle_report(cycle.gw(0)).is_unconfirmed);
+        cycle.send_can(0, 0, id(3), &[]).unwrap();
     });
     let back: Vec<_> = frames_of(&bench.idle(20)).iter().map(|f| f.frame.id().raw()).collect();
     assert_eq!(back, [3]);
-    assert_eq!(bench.port.statistics(0).channels[0].frames_discarded, 2);
+    assert_eq!(bench.port.statistics(bench.port.gw(0)).channels[0].frames_discarded, 2);
 }
 
 #[test]
 fn f07_a_long_outage_ends_the_session_and_the_gateway_is_verified_anew() {
     let mut bench = bench_with(3, on_channel_0());
     bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 40 });
-    bench.cycle(|port| {
-        port.send_can(0, 0, id(1), &[]).unwrap();
+    bench.cycle(|cycle| {
+        cycle.send_can(0, 0, id(1), &[]).unwrap();
     });
-    let lost = bench.until(30, |port| port.session(0) == Session::Waiting);
+    let lost = bench.until(30, |port| port.session(port.gw(0)) == Session::Waiting);
     assert_eq!(lost, Some(11), "hold limit 10");
-    bench.cycle(|port| {
-        let refused = port.send_can(0, 0, id(2), &[]);
+    bench.cycle(|cycle| {
+        let refused = cycle.send_can(0, 0, id(2), &[]);
         assert_eq!(refused, Err(SendError::NotReady { slave: 0 }));
     });
     assert!(bench.until(1000, Port::is_ready).is_some());
-    let statistics = bench.port.statistics(0);
+    let statistics = bench.port.statistics(bench.port.gw(0));
     assert_eq!((statistics.sessions, statistics.sessions_lost), (2, 1));
     assert_eq!(statistics.channels[0].frames_discarded, 1);
     assert_eq!(bench.carry(0, &[frame(3, &[])], 20).len(), 1);
@@ -157,10 +157,10 @@ fn f08_a_power_cycled_gateway_comes_back_configured_and_verified() {
     let mut bench = bench_with(8, on_channel_0());
     assert_eq!(bench.carry(0, &[frame(1, &[1])], 20).len(), 1);
     bench.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
-    bench.cycle(|port| {
-        port.send_can(0, 0, id(2), &[2]).unwrap();
+    bench.cycle(|cycle| {
+        cycle.send_can(0, 0, id(2), &[2]).unwrap();
     });
-    assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
+    assert!(bench.until(100, |port| port.session(port.gw(0)) == Session::Waiting).is_some());
     let cycles = bench.until(30_000, Port::is_ready).expect("back in service");
     assert!(cycles > 500, "after {cycles} cycles of 1 ms");
     let read = |index, subindex| {
@@ -171,7 +171,7 @@ fn f08_a_power_cycled_gateway_comes_back_configured_and_verified() {
     let frames: Vec<CanFrame> = (3..40).map(|n| frame(n, &[9])).collect();
     let back: Vec<_> = bench.carry(0, &frames, 100).iter().map(|f| f.frame).collect();
     assert_eq!(back, frames, "the stale frame 2 must not appear");
-    assert_eq!(bench.port.statistics(0).sessions, 2);
+    assert_eq!(bench.port.statistics(bench.port.gw(0)).sessions, 2);
 }
 
 #[test]
@@ -188,24 +188,24 @@ fn f09_one_gateway_of_two_fails_and_the_other_goes_on() {
     }
     let mut bench = Fixture::ready(scenario, adapter, PortConfig::uniform(2, on_channel_0()));
     bench.simulation.inject(Fault::PowerOff { gateway: 0 });
-    assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
+    assert!(bench.until(100, |port| port.session(port.gw(0)) == Session::Waiting).is_some());
     let mut back = 0;
     for n in 0..5000u16 {
-        let items = bench.cycle(|port| {
-            let sent = port.send_can(1, 0, id(n % 0x700), &[]);
+        let items = bench.cycle(|cycle| {
+            let sent = cycle.send_can(1, 0, id(n % 0x700), &[]);
             assert!(sent.is_ok(), "cycle {n}: {sent:?}");
         });
         back += frames_of(&items).len();
     }
     assert!(back > 4990, "{back}");
-    assert_eq!(bench.port.session(1), Session::Ready);
+    assert_eq!(bench.port.session(bench.port.gw(1)), Session::Ready);
 }
 
 #[test]
 fn f10_an_open_cable_is_survived_like_a_power_cycle() {
     let mut bench = bench_with(3, on_channel_0());
     bench.simulation.inject(Fault::LinkLoss { gateway: 0, for_ms: 2_000 });
-    assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
+    assert!(bench.until(100, |port| port.session(port.gw(0)) == Session::Waiting).is_some());
     assert!(bench.until(30_000, Port::is_ready).is_some());
     assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
 }
@@ -230,11 +230,11 @@ fn f11_a_refused_startup_sdo_is_named_with_its_abort_code() {
 fn f12_a_startup_sdo_refused_after_a_power_cycle_is_named_in_the_report() {
     let mut bench = bench_with(3, on_channel_0());
     bench.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 100 });
-    assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
+    assert!(bench.until(100, |port| port.session(port.gw(0)) == Session::Waiting).is_some());
     let abort = GatewayFault::SdoAbort { index: 0x8011, subindex: 3, code: 0x0800_0022, times: 9 };
     bench.simulation.inject(Fault::Gateway { gateway: 0, fault: abort });
     bench.idle(3000);
-    let error = bench.port.wait_ready(5_000).expect_err("stuck in PREOP");
+    let error = bench.port.wait_ready().expect_err("stuck in PREOP");
     let PortError::Adapter(Error::NotOperational(report)) = &error else { panic!("{error}") };
     assert_eq!(report.slaves[0].al_state, Some(2), "{error}");
     let text = error.to_string();
@@ -249,9 +249,9 @@ fn f13_a_torn_image_is_skipped_and_counted() {
     let torn = Fault::Gateway { gateway: 0, fault: GatewayFault::TornTxPdo { images: 1 } };
     let back = numbers_around(&mut bench, torn);
     assert!(back.len() >= 59 && back.is_sorted_by(|a, b| a < b), "{back:?}");
-    let statistics = bench.port.statistics(0);
+    let statistics = bench.port.statistics(bench.port.gw(0));
     assert_eq!((statistics.txpdo_torn, statistics.parse_errors), (1, 0));
-    let fault = bench.port.last_diagnosis(0).map(|diagnosis| diagnosis.fault);
+    let fault = bench.port.last_diagnosis(bench.port.gw(0)).map(|diagnosis| diagnosis.fault);
     assert_eq!(fault, Some(ImageFault::Updating));
 }
 
@@ -261,8 +261,8 @@ fn f14_a_damaged_image_is_refused_and_diagnosed() {
     let damaged = GatewayFault::CrcErrorTxPdo { images: 1 };
     let back = numbers_around(&mut bench, Fault::Gateway { gateway: 0, fault: damaged });
     assert!(back.len() >= 59 && back.is_sorted_by(|a, b| a < b), "{back:?}");
-    assert_eq!(bench.port.statistics(0).parse_errors, 1);
-    let diagnosis = bench.port.last_diagnosis(0).expect("diagnosis");
+    assert_eq!(bench.port.statistics(bench.port.gw(0)).parse_errors, 1);
+    let diagnosis = bench.port.last_diagnosis(bench.port.gw(0)).expect("diagnosis");
     assert_eq!(diagnosis.pdo_error(), Some(PdoError::BadCrc));
     assert_ne!(diagnosis.payload_crc16, diagnosis.computed_crc16);
 }
@@ -271,16 +271,16 @@ fn f14_a_damaged_image_is_refused_and_diagnosed() {
 fn f15_bus_off_shows_in_the_status_and_recovers_by_itself() {
     let mut bench = bench_with(3, on_channel_0());
     bench.simulation.inject(Fault::BusOff { gateway: 0, channel: 0 });
-    let seen = bench.until(10, |port| port.channel_status(0, 0).bus_off());
+    let seen = bench.until(10, |port| port.channel_status(port.ch(0, 0)).bus_off());
     assert!(seen.is_some(), "bus-off is reported");
-    bench.cycle(|port| {
+    bench.cycle(|cycle| {
         let what = Backpressure::BusOff;
-        let refused = port.send_can(0, 0, id(7), &[]);
+        let refused = cycle.send_can(0, 0, id(7), &[]);
         assert_eq!(refused, Err(SendError::Backpressure { slave: 0, channel: 0, what }));
     });
     let losses = bench.simulation.with_world(|world| world.counters(0).unwrap().transmit_losses);
     assert_eq!(losses.bus_off, 0, "nothing was thrown away");
-    let recovered = bench.until(500, |port| !port.channel_status(0, 0).bus_off());
+    let recovered = bench.until(500, |port| !port.channel_status(port.ch(0, 0)).bus_off());
     assert!(recovered.is_some(), "automatic recovery is the default (manual 13.2.2)");
     assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
 }
@@ -293,14 +293,14 @@ fn f16_without_a_partner_on_the_bus_the_queue_fills_and_the_host_is_held_back() 
     let mut bench = Fixture::ready(scenario, adapter, PortConfig::uniform(1, on_channel_0()));
     let (mut taken, mut refused) = (0, None);
     for _ in 0..300 {
-        bench.cycle(|port| match port.send_can(0, 0, id(1), &[]) {
+        bench.cycle(|cycle| match cycle.send_can(0, 0, id(1), &[]) {
             Ok(_) => taken += 1,
             Err(error) => refused = Some(error),
         });
     }
     let what = Backpressure::Queue;
     assert_eq!(refused, Some(SendError::Backpressure { slave: 0, channel: 0, what }));
-    let status = bench.port.channel_status(0, 0);
+    let status = bench.port.channel_status(bench.port.ch(0, 0));
     assert!(status.warn() && status.tx_pressure(), "{status:?}");
     let losses = bench.simulation.with_world(|world| world.counters(0).unwrap().transmit_losses);
     assert_eq!((losses.ring_full, losses.stale), (0, 0), "{taken} taken, none dropped");
@@ -334,7 +334,7 @@ fn f18_an_al_error_in_op_is_recovered_by_the_master_and_verified() {
     let error = GatewayFault::AlError { code: 0x001B };
     bench.simulation.inject(Fault::Gateway { gateway: 0, fault: error });
     // In SAFEOP the working counter stays complete; only the master's state tells.
-    assert!(bench.until(5_000, |port| port.session(0) != Session::Ready).is_some());
+    assert!(bench.until(5_000, |port| port.session(port.gw(0)) != Session::Ready).is_some());
     assert!(bench.until(30_000, Port::is_ready).is_some());
     assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
 }
@@ -343,18 +343,22 @@ fn f18_an_al_error_in_op_is_recovered_by_the_master_and_verified() {
 fn f19_a_silent_mailbox_delays_verification_and_is_named() {
     let mut bench = bench_with(3, on_channel_0());
     bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
-    bench.cycle(|port| {
-        port.send_can(0, 0, id(1), &[]).unwrap();
+    bench.cycle(|cycle| {
+        cycle.send_can(0, 0, id(1), &[]).unwrap();
     });
     bench.idle(12);
     let silent = GatewayFault::MailboxSilent { ms: 4_000 };
     bench.simulation.inject(Fault::Gateway { gateway: 0, fault: silent });
     let failed = |port: &Port| {
-        matches!(port.session(0), Session::Failed(VerificationFault::Transfer { .. }))
+        matches!(port.session(port.gw(0)), Session::Failed(VerificationFault::Transfer { .. }))
     };
-    assert!(bench.until(4_000, failed).is_some(), "{}", bench.port.session(0));
-    assert!(bench.until(10_000, Port::is_ready).is_some(), "{}", bench.port.session(0));
-    assert!(bench.port.statistics(0).verification_failures > 0);
+    assert!(bench.until(4_000, failed).is_some(), "{}", bench.port.session(bench.port.gw(0)));
+    assert!(
+        bench.until(10_000, Port::is_ready).is_some(),
+        "{}",
+        bench.port.session(bench.port.gw(0))
+    );
+    assert!(bench.port.statistics(bench.port.gw(0)).verification_failures > 0);
 }
 
 #[test]
@@ -362,7 +366,7 @@ fn f20_a_standing_firmware_refuses_images_and_catches_up() {
     let mut bench = bench_with(3, on_channel_0());
     let stall = Fault::Gateway { gateway: 0, fault: GatewayFault::ServiceStall { ms: 5 } };
     assert_eq!(numbers_around(&mut bench, stall), all_numbers());
-    let statistics = bench.port.statistics(0);
+    let statistics = bench.port.statistics(bench.port.gw(0));
     assert!(statistics.rxpdo_repeated >= 3, "{statistics:?}");
     assert_eq!(frames_on_bus(&bench), 60);
 }
@@ -371,7 +375,7 @@ fn f20_a_standing_firmware_refuses_images_and_catches_up() {
 fn f21_a_host_that_pauses_is_caught_by_the_watchdog_and_comes_back() {
     let mut bench = bench_with(3, on_channel_0());
     bench.simulation.pass_ns(1_000_000_000);
-    assert!(bench.until(500, |port| port.session(0) != Session::Ready).is_some());
+    assert!(bench.until(500, |port| port.session(port.gw(0)) != Session::Ready).is_some());
     assert!(bench.until(30_000, Port::is_ready).is_some());
     assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
 }
@@ -399,9 +403,9 @@ fn f23_a_missing_gateway_is_named_with_its_place() {
 fn f24_a_profile_changed_behind_the_back_is_found_at_the_next_verification() {
     let mut bench = bench_with(3, on_channel_0());
     bench.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 100 });
-    assert!(bench.until(100, |port| port.session(0) == Session::Waiting).is_some());
+    assert!(bench.until(100, |port| port.session(port.gw(0)) == Session::Waiting).is_some());
     // The gateway comes back, but its readback is another one than configured.
-    let reached_op = |port: &Port| port.session(0) == Session::Verifying;
+    let reached_op = |port: &Port| port.session(port.gw(0)) == Session::Verifying;
     assert!(bench.until(30_000, reached_op).is_some());
     bench.simulation.with_world(|world| {
         world.with_gateway(0, |gateway, now| {
@@ -409,9 +413,9 @@ fn f24_a_profile_changed_behind_the_back_is_found_at_the_next_verification() {
             let _ = gateway.sdo_download(now, 0x8010, 1, &[1]);
         })
     });
-    let failed = |port: &Port| matches!(port.session(0), Session::Failed(_));
-    assert!(bench.until(2_000, failed).is_some(), "{}", bench.port.session(0));
-    let text = bench.port.session(0).to_string();
+    let failed = |port: &Port| matches!(port.session(port.gw(0)), Session::Failed(_));
+    assert!(bench.until(2_000, failed).is_some(), "{}", bench.port.session(bench.port.gw(0)));
+    let text = bench.port.session(bench.port.gw(0)).to_string();
     assert!(text.contains("0x8010:02"), "{text}");
 }
 
@@ -419,11 +423,11 @@ fn f24_a_profile_changed_behind_the_back_is_found_at_the_next_verification() {
 fn a_cycle_report_names_what_the_image_was() {
     let mut bench = bench_with(3, on_channel_0());
     bench.idle(3);
-    let report = bench.port.cycle_report(0);
+    let report = bench.port.cycle_report(bench.port.gw(0));
     let new = ImageReport::New { lost: 0, is_incomplete: false, layout_changed: false };
     assert_eq!(report.image, new);
     assert!(report.domain.is_complete());
-    assert!(bench.port.wait_ready(READY_MS).is_ok(), "already in service");
+    assert!(bench.port.wait_ready().is_ok(), "already in service");
 }
 
 #[test]
@@ -439,12 +443,12 @@ fn f25_another_gateway_in_the_place_of_a_lost_one_is_not_taken_for_it() {
     let error = GatewayFault::AlError { code: 0x001B };
     bench.simulation.inject(Fault::Gateway { gateway: 1, fault: error });
     bench.idle(20_000);
-    let session = bench.port.session(0);
+    let session = bench.port.session(bench.port.gw(0));
     let Session::Failed(VerificationFault::OtherGateway { .. }) = session else {
         panic!("{session}")
     };
-    bench.cycle(|port| {
-        let refused = port.send_can(0, 0, id(0x77), &[]);
+    bench.cycle(|cycle| {
+        let refused = cycle.send_can(0, 0, id(0x77), &[]);
         assert_eq!(refused, Err(SendError::NotReady { slave: 0 }));
     });
 }
@@ -457,23 +461,27 @@ fn f26_a_busy_bus_does_not_keep_a_gateway_out_of_service() {
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
     // More comes back than images of 104 bytes carry: 0x8010:02 then shows 8 (manual 13.2).
     for _ in 0..20 {
-        bench.cycle(|port| {
+        bench.cycle(|cycle| {
             for channel in 0..4 {
                 for n in 0..6 {
-                    let _ = port.send_can(0, channel, id(n), &[0; 8]);
+                    let _ = cycle.send_can(0, channel, id(n), &[0; 8]);
                 }
             }
         });
     }
-    assert!(bench.port.statistics(0).txpdo_incomplete > 0);
+    assert!(bench.port.statistics(bench.port.gw(0)).txpdo_incomplete > 0);
     let status = |diagnostics: &Diagnostics| diagnostics.sdo_upload_u32(0, 0x8010, 2).unwrap();
     assert_eq!(bench.port.diagnose(status).unwrap(), 8);
     bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 30 });
-    bench.cycle(|port| {
-        let _ = port.send_can(0, 0, id(1), &[]);
+    bench.cycle(|cycle| {
+        let _ = cycle.send_can(0, 0, id(1), &[]);
     });
-    assert!(bench.until(40, |port| port.session(0) == Session::Waiting).is_some());
-    assert!(bench.until(2_000, Port::is_ready).is_some(), "{}", bench.port.session(0));
+    assert!(bench.until(40, |port| port.session(port.gw(0)) == Session::Waiting).is_some());
+    assert!(
+        bench.until(2_000, Port::is_ready).is_some(),
+        "{}",
+        bench.port.session(bench.port.gw(0))
+    );
 }
 
 #[test]
@@ -481,16 +489,16 @@ fn f27_a_loss_in_the_middle_of_a_verification_starts_it_from_the_beginning() {
     for cycles in 1..45 {
         let mut bench = bench_with(3, on_channel_0());
         bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
-        bench.cycle(|port| {
-            port.send_can(0, 0, id(1), &[]).unwrap();
+        bench.cycle(|cycle| {
+            cycle.send_can(0, 0, id(1), &[]).unwrap();
         });
-        let verifying = |port: &Port| port.session(0) == Session::Verifying;
+        let verifying = |port: &Port| port.session(port.gw(0)) == Session::Verifying;
         assert!(bench.until(100, verifying).is_some());
         bench.idle(cycles);
         bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
-        assert!(bench.until(2_000, |port| port.statistics(0).sessions == 2).is_some());
+        assert!(bench.until(2_000, |port| port.statistics(port.gw(0)).sessions == 2).is_some());
         assert_eq!(bench.carry(0, &[frame(3, &[])], 20).len(), 1, "lost after {cycles}");
-        assert_eq!(bench.port.statistics(0).verification_failures, 0);
+        assert_eq!(bench.port.statistics(bench.port.gw(0)).verification_failures, 0);
     }
 }
 
@@ -499,21 +507,23 @@ fn f28_a_gateway_that_sends_no_images_is_not_left_in_service() {
     let mut bench = bench_with(3, on_channel_0());
     let stall = GatewayFault::ServiceStall { ms: 60_000 };
     bench.simulation.inject(Fault::Gateway { gateway: 0, fault: stall });
-    assert!(bench.until(300, |port| port.session(0) != Session::Ready).is_some());
+    assert!(bench.until(300, |port| port.session(port.gw(0)) != Session::Ready).is_some());
 }
 
 #[test]
 fn calls_out_of_order_lose_nothing() {
     let mut bench = bench_with(3, on_channel_0());
     bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 1 });
+    assert!(bench.port.open_cycle().is_none());
+    let mut cycle = bench.port.next_cycle();
+    cycle.send_can(0, 0, id(1), &[]).unwrap();
+    cycle.keep_open();
+    drop(bench.port.open_cycle());
+    let mut cycle = bench.port.begin_cycle();
+    cycle.send_can(0, 0, id(2), &[]).unwrap();
+    assert_eq!(cycle.finish().error(), None);
     bench.port.wait_next_cycle();
-    bench.port.cycle_begin().unwrap();
-    bench.port.send_can(0, 0, id(1), &[]).unwrap();
-    bench.port.cycle_begin().unwrap();
-    bench.port.send_can(0, 0, id(2), &[]).unwrap();
-    bench.port.cycle_end().unwrap();
-    bench.port.wait_next_cycle();
-    bench.port.cycle_end().unwrap();
+    bench.port.repeat_images().unwrap();
     let back: Vec<_> = frames_of(&bench.idle(10)).iter().map(|f| f.frame.id().raw()).collect();
     assert_eq!(back, [1, 2]);
 }
@@ -535,7 +545,7 @@ fn f29_an_interrupted_call_of_the_library_loses_and_repeats_nothing() {
             assert!(back.len() >= 59 && back.is_sorted_by(|a, b| a < b), "{call:?}: {back:?}");
             assert_eq!(frames_on_bus(&bench), 60, "{call:?}: every frame once");
             assert_eq!(bench.cycle_errors.len(), 1, "{call:?}");
-            assert_eq!(bench.port.session(0), Session::Ready, "{call:?}");
+            assert_eq!(bench.port.session(bench.port.gw(0)), Session::Ready, "{call:?}");
         }
     }
 }
@@ -548,8 +558,12 @@ fn f30_with_distributed_clocks_a_power_cycle_is_survived_too() {
     let config = PortConfig::uniform(1, on_channel_0());
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
     bench.simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 500 });
-    assert!(bench.until(200, |port| port.session(0) == Session::Waiting).is_some());
-    assert!(bench.until(60_000, Port::is_ready).is_some(), "{}", bench.port.session(0));
+    assert!(bench.until(200, |port| port.session(port.gw(0)) == Session::Waiting).is_some());
+    assert!(
+        bench.until(60_000, Port::is_ready).is_some(),
+        "{}",
+        bench.port.session(bench.port.gw(0))
+    );
     assert_eq!(bench.cycle_errors, []);
     assert_eq!(bench.carry(0, &[frame(1, &[])], 20).len(), 1);
 }

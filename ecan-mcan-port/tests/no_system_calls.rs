@@ -10,15 +10,14 @@ use std::os::unix::process::ExitStatusExt as _;
 use std::process::{Command, ExitStatus};
 
 use ecan_host::{AdapterConfig, ClockSource, DcSync};
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Received};
-use ecan_protocol::can::CanId;
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, ReceivedView};
+use ecan_protocol::can::{CanId, FrameRef};
 use ecan_protocol::image::{OptionFlags, Schedule};
 use seccompiler::{BpfProgram, SeccompAction, SeccompFilter};
 
 /// Tells the child what to do; without it the child's part is skipped.
 const ROLE: &str = "ECAN_TEST_CHILD";
 const CYCLES: u16 = 2_000;
-const READY_MS: u32 = 120_000;
 
 fn port() -> Port {
     let ecrt = ecan_null_master::open(ecan_sim::echo(2)).unwrap();
@@ -29,7 +28,7 @@ fn port() -> Port {
     gateway.tx_options = OptionFlags::TX_RESULT;
     gateway.schedule.watch_ms = 1;
     let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(2, gateway)).unwrap();
-    port.wait_ready(READY_MS).unwrap();
+    port.wait_ready().unwrap();
     for slave in 0..2 {
         ecan_null_master::keep_new(port.adapter().tx_pdo(slave));
     }
@@ -40,15 +39,19 @@ fn port() -> Port {
 /// A cycle with frames both ways; true when some were sent.
 fn cycle(port: &mut Port, tag: u16) -> bool {
     let mut sent = 0;
-    let _ = port.cycle_begin();
-    port.receive_each(|item| sent += i32::from(matches!(item, Received::Frame(_))));
+    let mut cycle = port.begin_cycle();
+    let frames = cycle.received().filter(|item| matches!(item, ReceivedView::Frame { .. }));
+    sent += frames.count();
     let id = CanId::standard(0x123).unwrap();
     for slave in 0..2 {
-        sent += i32::from(port.send_can(slave, 0, id, &[1, 2, 3]).is_ok());
+        let [first, second] = [0, 1].map(|channel| cycle.channel(slave, channel).unwrap());
+        let frame = FrameRef::classic(id, &[1, 2, 3]).unwrap();
+        sent += usize::from(cycle.send(first, frame).is_ok());
         let at = Schedule { tag, offset_ns: 100_000 };
-        sent += i32::from(port.schedule_can(slave, 1, id, &[4], at).is_ok());
+        let frame = FrameRef::classic(id, &[4]).unwrap();
+        sent += usize::from(cycle.send_with(second, frame, at.into()).is_ok());
     }
-    let _ = port.cycle_end();
+    cycle.finish();
     sent > 0
 }
 

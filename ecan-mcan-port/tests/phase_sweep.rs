@@ -4,19 +4,19 @@
 
 mod common;
 
-use common::{Fixture, classic, id, with_sync0};
+use common::{Fixture, Handles, SendData, classic, id, with_sync0};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PhaseSweep, PhaseSweepFault, Port, PortConfig, PortError};
 use ecan_protocol::image::{OptionFlags, Schedule};
 
 /// One cycle with one scheduled frame.
 fn cycle(port: &mut Port, offset_ns: u32) -> Result<(), PortError> {
-    port.cycle_begin()?;
-    port.receive_each(|_| ());
+    let mut cycle = port.begin_cycle();
+    cycle.received().for_each(drop);
     let at = Schedule { tag: 0, offset_ns };
     // A frame that is refused shows in the account.
-    let _ = port.schedule_can(0, 0, id(1), &[], at);
-    port.cycle_end()?;
+    let _ = cycle.schedule_can(0, 0, id(1), &[], at);
+    cycle.end()?;
     Ok(())
 }
 
@@ -53,7 +53,7 @@ fn the_recommended_point_holds_in_a_longer_run_and_the_bad_ones_are_bad() {
     adapter.dc = Some(ecan_host::DcSync::new(1_000_000, best.shift_ns));
     let config = bench.port.config().clone();
     bench.port.reconfigure(adapter, config).unwrap();
-    bench.port.wait_ready(common::READY_MS).unwrap();
+    bench.port.wait_ready().unwrap();
     let before = bench.simulation.with_world(|world| world.counters(0).unwrap());
     for _ in 0..5_000 {
         bench.port.wait_next_cycle();
@@ -61,7 +61,7 @@ fn the_recommended_point_holds_in_a_longer_run_and_the_bad_ones_are_bad() {
     }
     bench.idle(500);
     let counters = bench.simulation.with_world(|world| world.counters(0).unwrap());
-    let account = bench.port.schedule_account(0, 0);
+    let account = bench.port.schedule_account(bench.port.ch(0, 0));
     assert_eq!((account.scheduled, account.refused_late), (5_000, 0), "{table}");
     assert_eq!((account.sent, counters.frames_released - before.frames_released), (5_000, 5_000));
 }
@@ -141,8 +141,8 @@ fn a_point_without_frames_is_not_good() {
                 if !is_silent {
                     return cycle(port, offset_ns);
                 }
-                port.cycle_begin()?;
-                Ok(port.cycle_end()?)
+                port.begin_cycle().end()?;
+                Ok(())
             },
             |_| (),
         );

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Fixture, classic, frame};
+use common::{Fixture, Handles, SendData, classic, frame};
 use ecan_host::{AdapterConfig, DcSync, PlanError};
 use ecan_mcan_port::{
     ChannelConfig, CpuCost, FrameRate, FrameRoute, FrameStream, GatewayConfig, ImageFill,
@@ -355,11 +355,11 @@ fn a_short_margin_is_warned_of_or_refused_as_the_port_does() {
     let short = PortWarning::NoMargin { slave: 0, offset_ns, lacking_ns };
     assert!(short.to_string().contains("short by 97.2 us"), "{short}");
     assert_eq!((counted.refusals, counted.warnings), (vec![], vec![short]));
-    config.gateways[0].schedule.margin_check = MarginCheck::Refuse;
+    config.gateways[0].schedule.margin_check = MarginCheck::Reject;
     let refused = scheduled(&adapter, &config, offset_ns);
     let reason = NotSchedulable::NoMargin { lacking_ns };
     let expected = PortPlanError::NotSchedulable { slave: 0, offset_ns, reason };
-    assert!(expected.to_string().contains("short by 97.2 us: move the Sync0 shift"), "{expected}");
+    assert!(expected.to_string().contains("short by 97.2 us; move the Sync0 shift"), "{expected}");
     assert_eq!((refused.refusals, refused.warnings), (vec![expected], vec![]));
 }
 
@@ -394,11 +394,12 @@ fn an_image_takes_the_frames_of_the_plan() {
                 .frames_per_image(frame.as_ref(), false);
             let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(multiplier), config);
             let mut taken = 0;
-            bench.cycle(|port| {
-                while port.send(0, 0, frame.as_ref()).is_ok() {
+            bench.cycle(|cycle| {
+                let can0 = cycle.ch(0, 0);
+                while cycle.send(can0, &frame).is_ok() {
                     taken += 1;
                 }
-                let full = port.send(0, 0, frame.as_ref());
+                let full = cycle.send(can0, &frame);
                 assert!(matches!(full, Err(SendError::Backpressure { .. })), "{full:?}");
             });
             assert_eq!(taken, planned, "N = {multiplier}, {frame:?}, {options}");
@@ -424,8 +425,8 @@ fn the_measured_load_lies_within_the_planned_one() {
             bench.simulation.with_world(|world| world.bus("0.0").unwrap().statistics())
         };
         let send = |bench: &mut Fixture| {
-            bench.cycle(|port| {
-                port.send(0, 0, sample.as_ref()).unwrap();
+            bench.cycle(|cycle| {
+                cycle.send(cycle.ch(0, 0), &sample).unwrap();
             });
         };
         for _ in 0..20 {
@@ -449,7 +450,7 @@ fn the_port_has_the_margins_of_the_plan() {
         let mut adapter = AdapterConfig::new(2).with_multiplier(3).with_cycle_us(1_000);
         adapter.dc = Some(DcSync::new(1_000_000, shift_us * 1_000));
         let mut gateway = GatewayConfig::on_channel(0, classic());
-        gateway.schedule.margin_check = MarginCheck::Refuse;
+        gateway.schedule.margin_check = MarginCheck::Reject;
         let config = PortConfig::uniform(2, gateway);
         let mut bench = Fixture::ready(ecan_sim::echo(2), adapter.clone(), config.clone());
         for (slave, offset_ns) in [0, 1]
@@ -459,11 +460,11 @@ fn the_port_has_the_margins_of_the_plan() {
             let stream = FrameStream::to_bus(slave, 0, eight(), EVERY_CYCLE).scheduled(offset_ns);
             let plan = PortPlan::of(&adapter, &config, &[stream]);
             let planned = plan.schedule_margin(slave, offset_ns);
-            assert_eq!(planned, bench.port.schedule_margin(slave, offset_ns));
+            assert_eq!(planned, bench.port.schedule_margin(bench.port.gw(slave), offset_ns));
             let mut sent = None;
-            bench.cycle(|port| {
+            bench.cycle(|cycle| {
                 let at = Schedule { tag: 0, offset_ns };
-                sent = Some(port.schedule_can(slave, 0, common::id(1), &[], at).map(drop));
+                sent = Some(cycle.schedule_can(slave, 0, common::id(1), &[], at).map(drop));
             });
             let expected = match plan.refusals[..] {
                 [] => Ok(()),

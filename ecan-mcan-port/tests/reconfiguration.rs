@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Fixture, READY_MS, classic, frame};
+use common::{Fixture, classic, frame};
 use ecan_host::{AdapterConfig, Diagnostics, Phase};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortError};
 
@@ -18,7 +18,7 @@ fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
     for multiplier in [8, 1, 11, 3] {
         bench.port.reconfigure(adapter(multiplier), config.clone()).unwrap();
         assert_eq!(bench.port.adapter().phase(), Phase::Configured);
-        bench.port.wait_ready(READY_MS).unwrap();
+        bench.port.wait_ready().unwrap();
         let read = |diagnostics: &Diagnostics| {
             [0x8010, 0x8011].map(|object| diagnostics.sdo_upload_u32(0, object, 9).unwrap())
         };
@@ -37,7 +37,7 @@ fn other_channels_and_bit_rates_can_be_chosen() {
     let fd = ChannelConfig::fd(500_000, 4_000_000);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(3, fd));
     bench.port.reconfigure(adapter(8), config).unwrap();
-    bench.port.wait_ready(READY_MS).unwrap();
+    bench.port.wait_ready().unwrap();
     let frames = [frame(7, &[1, 2, 3])];
     let back = bench.carry(3, &frames, 50);
     assert_eq!((back[0].channel, back[0].frame), (3, frames[0]));
@@ -64,7 +64,7 @@ fn after_a_failed_switch_the_old_configuration_can_be_taken_up_again() {
     assert!(failed.unwrap_err().to_string().contains("position 5"));
     assert_eq!(bench.port.adapter().phase(), Phase::Down);
     bench.port.reconfigure(adapter(3), config).unwrap();
-    bench.port.wait_ready(READY_MS).unwrap();
+    bench.port.wait_ready().unwrap();
     assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
 }
 
@@ -74,7 +74,7 @@ fn the_configuration_in_force_can_be_changed_and_given_back() {
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
     let larger = bench.port.adapter().config().clone().with_multiplier(8);
     bench.port.reconfigure(larger, config).unwrap();
-    bench.port.wait_ready(READY_MS).unwrap();
+    bench.port.wait_ready().unwrap();
     assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
 }
 

@@ -5,7 +5,7 @@
 mod common;
 mod schedule_support;
 
-use common::{Fixture, id, with_sync0};
+use common::{Fixture, Handles, SendData, id, with_sync0};
 use ecan_mcan_port::{GatewayConfig, Received};
 use ecan_protocol::image::Schedule;
 use ecan_sim::{Fault, GatewayFault, LossDirection, echo};
@@ -20,7 +20,7 @@ fn every_frame_is_sent_with_and_without_results() {
         }
         let (told, counters) = check(&mut bench);
         assert_eq!((told.scheduled, told.sent, counters.frames_released), (600, 600, 600));
-        let diagnostics = bench.port.schedule_diagnostics(0).unwrap();
+        let diagnostics = bench.port.schedule_diagnostics(bench.port.gw(0)).unwrap();
         assert_eq!(diagnostics.flags, 0);
         assert!(diagnostics.sync0_count > 300 && diagnostics.service_max_cycles > 0);
         assert!(diagnostics.phase_min_cycles > 0, "{diagnostics:?}");
@@ -32,12 +32,12 @@ fn every_frame_is_sent_with_and_without_results() {
 fn results_bring_the_tag_of_their_frame() {
     let mut bench = with_sync0(echo(1), SHIFT_NS, results);
     let mut tickets = Vec::new();
-    let mut items = bench.cycle(|port| {
+    let mut items = bench.cycle(|cycle| {
         for tag in [7, 9] {
             let at = Schedule { tag, offset_ns: OFFSET_NS };
-            tickets.push((port.schedule_can(0, 0, id(tag), &[], at).unwrap(), Some(tag)));
+            tickets.push((cycle.schedule_can(0, 0, id(tag), &[], at).unwrap(), Some(tag)));
         }
-        tickets.push((port.send_can(0, 0, id(1), &[]).unwrap(), None));
+        tickets.push((cycle.send_can(0, 0, id(1), &[]).unwrap(), None));
     });
     items.extend(bench.idle(5));
     let told: Vec<_> = items
@@ -73,7 +73,7 @@ fn late_frames_are_dropped_and_told_by_results() {
     assert!(counters.transmit_losses.late > 0, "{counters:?}");
     assert_eq!(told.late_dropped, counters.transmit_losses.late);
     assert_eq!(told.sent, counters.frames_released);
-    assert!(bench.port.schedule_diagnostics(0).unwrap().has_late_drop());
+    assert!(bench.port.schedule_diagnostics(bench.port.gw(0)).unwrap().has_late_drop());
 }
 
 #[test]
@@ -83,14 +83,14 @@ fn without_results_a_flag_makes_frames_unknown_until_it_is_cleared() {
     assert!(counters.transmit_losses.late > 0 && told.unknown > 0 && told.sent < 600, "{told:?}");
     schedule(&mut bench, 1, OFFSET_NS);
     assert_eq!(check(&mut bench).0.unknown, told.unknown + 1, "the flag stays");
-    bench.port.clear_schedule_flags(0);
+    bench.port.clear_schedule_flags(bench.port.gw(0));
     bench.idle(50);
     for _ in 0..10 {
         schedule(&mut bench, 1, OFFSET_NS);
     }
     let after = check(&mut bench).0;
     assert_eq!((after.unknown, after.sent), (told.unknown + 1, told.sent + 10));
-    assert_eq!(bench.port.schedule_diagnostics(0).unwrap().flags, 0);
+    assert_eq!(bench.port.schedule_diagnostics(bench.port.gw(0)).unwrap().flags, 0);
 }
 
 #[test]
@@ -105,13 +105,13 @@ fn a_full_schedule_is_told() {
     adapter = adapter.with_multiplier(8);
     let config = bench.port.config().clone();
     bench.port.reconfigure(adapter, config).unwrap();
-    bench.port.wait_ready(common::READY_MS).unwrap();
+    bench.port.wait_ready().unwrap();
     let taken = schedule(&mut bench, 100, OFFSET_NS);
     assert!(taken > 64);
     let (told, counters) = check(&mut bench);
     assert!(bits(counters.transmit_losses.schedule_full), "{counters:?}");
     assert_eq!(told.queue_full, counters.transmit_losses.schedule_full);
-    let diagnostics = bench.port.schedule_diagnostics(0).unwrap();
+    let diagnostics = bench.port.schedule_diagnostics(bench.port.gw(0)).unwrap();
     assert!(diagnostics.has_queue_full(), "{diagnostics:?}");
     // More at a phase than the controller holds: the flags do not name the frames.
     assert!(!bits(counters.transmit_losses.schedule_failed) || told.unknown > 0, "{told:?}");
@@ -159,7 +159,7 @@ fn a_channel_that_goes_off_the_bus_is_told() {
     let (told, counters) = check(&mut bench);
     assert!(counters.transmit_losses.bus_off > 0, "{counters:?}");
     assert_eq!(told.not_sent, counters.transmit_losses.bus_off);
-    assert!(bench.port.schedule_diagnostics(0).unwrap().channels[0].bus_offs > 0);
+    assert!(bench.port.schedule_diagnostics(bench.port.gw(0)).unwrap().channels[0].bus_offs > 0);
 }
 
 #[test]
@@ -279,12 +279,12 @@ fn no_frame_leaves_before_its_phase_or_a_period_behind_it() {
                 bench.simulation.inject(fault);
             }
             let offset_ns = draw(&mut state, 9) as u32 * 50_000;
-            bench.cycle(|port| {
+            bench.cycle(|cycle| {
                 // Each frame carries the time at which it is due.
-                let pulse_ns = port.adapter().cycle_time_ns() + u64::from(SHIFT_NS);
+                let pulse_ns = cycle.adapter().cycle_time_ns() + u64::from(SHIFT_NS);
                 let due_ns = pulse_ns + u64::from(offset_ns);
                 let at = Schedule { tag: 0, offset_ns };
-                let _ = port.schedule_can(0, 0, id(1), &due_ns.to_le_bytes(), at);
+                let _ = cycle.schedule_can(0, 0, id(1), &due_ns.to_le_bytes(), at);
             });
         }
         let (told, counters) = check(&mut bench);

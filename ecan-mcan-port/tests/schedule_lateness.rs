@@ -5,7 +5,7 @@
 mod common;
 mod schedule_support;
 
-use common::{id, with_sync0};
+use common::{Handles, SendData, id, with_sync0};
 use ecan_mcan_port::{
     Backpressure, GatewayConfig, MarginCheck, NotSchedulable, Received, SendError,
 };
@@ -21,9 +21,9 @@ fn a_cycle_that_begins_behind_the_pulse_is_refused_and_never_sent_late() {
     bench.simulation.with_world(|world| world.record_bus_of(0, 0));
     let mut sent = 0;
     for _ in 0..2_000 {
-        bench.cycle(|port| {
+        bench.cycle(|cycle| {
             let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
-            match port.schedule_can(0, 0, id(1), &[], at) {
+            match cycle.schedule_can(0, 0, id(1), &[], at) {
                 Ok(_) => sent += 1,
                 Err(SendError::Backpressure { what: Backpressure::Phase, .. }) => {}
                 Err(error) => panic!("{error}"),
@@ -48,9 +48,9 @@ fn an_application_that_takes_too_long_withdraws_what_would_be_late() {
     let mut bench = with_sync0(echo(1), 300_000, results);
     let clock = bench.port.adapter().ecrt().clock().clone();
     for nth in 0..50 {
-        bench.cycle(|port| {
+        bench.cycle(|cycle| {
             let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
-            port.schedule_can(0, 0, id(1), &[], at).unwrap();
+            cycle.schedule_can(0, 0, id(1), &[], at).unwrap();
             if nth % 10 == 0 {
                 clock.sleep_until_ns(clock.now_ns() + 400_000);
             }
@@ -63,17 +63,17 @@ fn an_application_that_takes_too_long_withdraws_what_would_be_late() {
 #[test]
 fn the_margin_is_told_counted_or_demanded() {
     let mut bench = with_sync0(echo(1), 120_000, results);
-    let margin = bench.port.schedule_margin(0, OFFSET_NS).unwrap();
+    let margin = bench.port.schedule_margin(bench.port.gw(0), OFFSET_NS).unwrap();
     assert!(!margin.is_sufficient(), "{margin}");
     assert!(margin.to_string().starts_with("margin -"), "{margin}");
     schedule(&mut bench, 1, OFFSET_NS);
     assert_eq!(check(&mut bench).0.without_margin, 1);
     let mut bench = with_sync0(echo(1), 120_000, |gateway| {
-        gateway.schedule.margin_check = MarginCheck::Refuse;
+        gateway.schedule.margin_check = MarginCheck::Reject;
     });
-    bench.cycle(|port| {
+    bench.cycle(|cycle| {
         let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
-        let refused = port.schedule_can(0, 0, id(1), &[], at).unwrap_err();
+        let refused = cycle.schedule_can(0, 0, id(1), &[], at).unwrap_err();
         let SendError::NotSchedulable { reason: NotSchedulable::NoMargin { lacking_ns }, .. } =
             refused
         else {
@@ -83,8 +83,8 @@ fn the_margin_is_told_counted_or_demanded() {
         assert!(refused.to_string().contains("move the Sync0 shift"), "{refused}");
     });
     let bench = with_sync0(echo(1), SHIFT_NS, |_| ());
-    assert!(bench.port.schedule_margin(0, OFFSET_NS).unwrap().is_sufficient());
-    let beyond = bench.port.schedule_margin(0, 1_000_000);
+    assert!(bench.port.schedule_margin(bench.port.gw(0), OFFSET_NS).unwrap().is_sufficient());
+    let beyond = bench.port.schedule_margin(bench.port.gw(0), 1_000_000);
     assert_eq!(beyond, Err(NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 }));
 }
 
@@ -94,7 +94,9 @@ fn the_margin_is_told_counted_or_demanded() {
 fn a_pulse_within_the_way_of_the_images_refuses_no_frame() {
     for shift_ns in [31_000, 50_000, 95_000] {
         let mut bench = with_sync0(echo(1), shift_ns, results);
-        assert!(bench.port.schedule_margin(0, OFFSET_NS).unwrap().after_pulse_ns < 0);
+        assert!(
+            bench.port.schedule_margin(bench.port.gw(0), OFFSET_NS).unwrap().after_pulse_ns < 0
+        );
         for _ in 0..100 {
             assert_eq!(schedule(&mut bench, 1, OFFSET_NS), 1, "shift {shift_ns}");
         }
@@ -107,17 +109,17 @@ fn a_pulse_within_the_way_of_the_images_refuses_no_frame() {
 fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
     let mut bench = with_sync0(echo(1), SHIFT_NS, results);
     bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 2 });
-    bench.cycle(|port| {
-        port.send_can(0, 0, id(1), &[]).unwrap();
+    bench.cycle(|cycle| {
+        cycle.send_can(0, 0, id(1), &[]).unwrap();
         let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
-        port.schedule_can(0, 0, id(2), &[], at).unwrap();
+        cycle.schedule_can(0, 0, id(2), &[], at).unwrap();
     });
     let mut refused = 0;
     while refused < 2 {
-        bench.cycle(|port| {
-            assert!(port.cycle_report(0).is_holding);
+        bench.cycle(|cycle| {
+            assert!(cycle.cycle_report(cycle.gw(0)).is_unconfirmed);
             let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
-            let error = port.schedule_can(0, 0, id(3), &[], at).unwrap_err();
+            let error = cycle.schedule_can(0, 0, id(3), &[], at).unwrap_err();
             assert!(
                 matches!(error, SendError::Backpressure { what: Backpressure::Phase, .. }),
                 "{error}"
@@ -145,10 +147,10 @@ fn a_repeated_image_is_never_told_as_sent() {
         for change in [results as fn(&mut GatewayConfig), |_| ()] {
             let mut bench = with_sync0(echo(1), SHIFT_NS, change);
             bench.simulation.inject(Fault::LostFrame { way, cycles: 3 });
-            bench.cycle(|port| {
+            bench.cycle(|cycle| {
                 let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
-                port.schedule_can(0, 0, id(2), &[], at).unwrap();
-                port.send_can(0, 0, id(1), &[]).unwrap();
+                cycle.schedule_can(0, 0, id(2), &[], at).unwrap();
+                cycle.send_can(0, 0, id(1), &[]).unwrap();
             });
             bench.idle(500);
             let (told, counters) = (account(&bench), counters(&bench));
@@ -169,13 +171,13 @@ fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
         let mut tickets = Vec::new();
         let mut items = Vec::new();
         for nth in 0..20_u8 {
-            items.extend(bench.cycle(|port| {
+            items.extend(bench.cycle(|cycle| {
                 let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
-                port.schedule_can(0, 0, id(1), &[], at).unwrap();
-                tickets.push(port.send_can(0, 0, id(2), &[nth; 8]).unwrap());
-                port.schedule_can(0, 0, id(3), &[9], at).unwrap();
+                cycle.schedule_can(0, 0, id(1), &[], at).unwrap();
+                tickets.push(cycle.send_can(0, 0, id(2), &[nth; 8]).unwrap());
+                cycle.schedule_can(0, 0, id(3), &[9], at).unwrap();
                 let long = ecan_protocol::can::CanId::extended(0x1234).unwrap();
-                tickets.push(port.send_can(0, 0, long, &[nth; 3]).unwrap());
+                tickets.push(cycle.send_can(0, 0, long, &[nth; 3]).unwrap());
                 if nth % 2 == 0 {
                     clock.sleep_until_ns(clock.now_ns() + 400_000);
                 }
@@ -202,7 +204,7 @@ fn a_late_cycle_takes_scheduled_frames_out_of_an_image_with_others() {
         assert_eq!(sent_at_once, expected);
         tickets.retain(|_| has_results);
         assert_eq!(ended, tickets);
-        let statistics = bench.port.statistics(0);
+        let statistics = bench.port.statistics(bench.port.gw(0));
         assert_eq!(statistics.channels[0].frames_discarded, 20);
         assert_eq!(statistics.channels[0].frames_delivered, 60);
     }
@@ -215,10 +217,10 @@ fn only_the_cycle_with_the_pulse_can_miss_it() {
     bench.simulation.with_world(|world| world.record_bus_of(0, 0));
     let clock = bench.port.adapter().ecrt().clock().clone();
     for _ in 0..400 {
-        bench.cycle(|port| {
-            let point_ns = port.adapter().cycle_time_ns();
+        bench.cycle(|cycle| {
+            let point_ns = cycle.adapter().cycle_time_ns();
             let at = Schedule { tag: 1, offset_ns: OFFSET_NS };
-            port.schedule_can(0, 0, id(1), &point_ns.to_le_bytes(), at).unwrap();
+            cycle.schedule_can(0, 0, id(1), &point_ns.to_le_bytes(), at).unwrap();
             clock.sleep_until_ns(clock.now_ns() + 250_000);
         });
     }

@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::{Fixture, classic, frames_of, id};
+use common::{Fixture, SendData, classic, frames_of, id};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{GatewayConfig, NotSchedulable, PortConfig, SendError};
 use ecan_protocol::image::Schedule;
@@ -19,10 +19,10 @@ fn with_sync0() -> Fixture {
 fn a_scheduled_frame_leaves_at_its_phase_and_in_pdo_order() {
     let mut bench = with_sync0();
     let schedule = |offset_ns| Schedule { tag: 7, offset_ns };
-    bench.cycle(|port| {
-        port.schedule_can(0, 0, id(3), &[], schedule(300_000)).unwrap();
-        port.schedule_can(0, 0, id(1), &[], schedule(100_000)).unwrap();
-        port.schedule_can(0, 0, id(2), &[], schedule(100_000)).unwrap();
+    bench.cycle(|cycle| {
+        cycle.schedule_can(0, 0, id(3), &[], schedule(300_000)).unwrap();
+        cycle.schedule_can(0, 0, id(1), &[], schedule(100_000)).unwrap();
+        cycle.schedule_can(0, 0, id(2), &[], schedule(100_000)).unwrap();
     });
     let back: Vec<_> = frames_of(&bench.idle(8)).iter().map(|f| f.frame.id().raw()).collect();
     assert_eq!(back, [1, 2, 3], "by phase, then in the order of the image");
@@ -35,15 +35,15 @@ fn a_scheduled_frame_leaves_at_its_phase_and_in_pdo_order() {
 fn what_cannot_be_scheduled_is_refused_with_the_reason() {
     let mut bench = with_sync0();
     let beyond = Schedule { tag: 0, offset_ns: 1_000_000 };
-    bench.cycle(|port| {
-        let refused = port.schedule_can(0, 0, id(1), &[], beyond).unwrap_err();
+    bench.cycle(|cycle| {
+        let refused = cycle.schedule_can(0, 0, id(1), &[], beyond).unwrap_err();
         let reason = NotSchedulable::BeyondPeriod { sync0_ns: 1_000_000 };
         assert_eq!(refused, SendError::NotSchedulable { slave: 0, offset_ns: 1_000_000, reason });
     });
     let mut bench = Fixture::single(GatewayConfig::on_channel(0, classic()));
-    bench.cycle(|port| {
+    bench.cycle(|cycle| {
         let schedule = Schedule { tag: 0, offset_ns: 1 };
-        let refused = port.schedule_can(0, 0, id(1), &[], schedule).unwrap_err();
+        let refused = cycle.schedule_can(0, 0, id(1), &[], schedule).unwrap_err();
         assert!(refused.to_string().contains("not configured"), "{refused}");
     });
 }

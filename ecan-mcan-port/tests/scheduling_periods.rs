@@ -4,10 +4,10 @@
 
 mod common;
 
-use common::{Fixture, id, with_sync0};
+use common::{Fixture, Handles, id, with_sync0};
 use ecan_host::{CycleTiming, Distribution, OverrunPolicy};
 use ecan_mcan_port::GatewayConfig;
-use ecan_protocol::can::CanId;
+use ecan_protocol::can::{CanId, FrameRef};
 use ecan_protocol::image::{OptionFlags, Schedule};
 
 const FRAMES: u64 = 2_000;
@@ -22,12 +22,14 @@ fn fd(gateway: &mut GatewayConfig) {
 
 /// The manual's frame: CAN FD with bit rate switch, 16 bytes.
 fn send(bench: &mut Fixture, id: CanId, offset_ns: Option<u32>) {
-    bench.cycle(|port| {
+    let frame = FrameRef::fd(id, &[0; 16], true, false).unwrap();
+    bench.cycle(|cycle| {
+        let can0 = cycle.ch(0, 0);
         match offset_ns {
-            None => port.send_canfd(0, 0, id, &[0; 16], true),
+            None => cycle.send(can0, frame),
             Some(offset_ns) => {
                 let at = Schedule { tag: 0, offset_ns };
-                port.schedule_canfd(0, 0, id, &[0; 16], true, at)
+                cycle.send_with(can0, frame, at.into())
             }
         }
         .unwrap();
@@ -48,7 +50,7 @@ fn errors(offset_ns: Option<u32>, spin_ns: u64) -> Distribution {
     let sent: Vec<_> = frames.iter().filter(|it| it.is_from_channel).collect();
     assert_eq!(sent.len() as u64, FRAMES, "every frame was on the bus");
     if offset_ns.is_some() {
-        let account = bench.port.schedule_account(0, 0);
+        let account = bench.port.schedule_account(bench.port.ch(0, 0));
         assert_eq!((account.scheduled, account.sent), (FRAMES, FRAMES));
     }
     let periods = sent.windows(2).map(|pair| pair[1].start_ns - pair[0].start_ns);

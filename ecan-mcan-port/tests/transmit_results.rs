@@ -5,7 +5,7 @@ mod common;
 
 use std::collections::HashSet;
 
-use common::{Fixture, classic, id};
+use common::{Fixture, Handles, SendData, classic, id};
 use ecan_mcan_port::{GatewayConfig, Received, TransmitReport};
 use ecan_protocol::image::{OptionFlags, ResultCode};
 
@@ -29,9 +29,9 @@ fn every_send_gets_its_own_result() {
     let mut tickets = HashSet::new();
     let mut answered = Vec::new();
     for round in 0..20 {
-        let items = bench.cycle(|port| {
+        let items = bench.cycle(|cycle| {
             for channel in 0..4 {
-                let ticket = port.send_can(0, channel, id(round), &[channel]).unwrap();
+                let ticket = cycle.send_can(0, channel, id(round), &[channel]).unwrap();
                 assert!(tickets.insert((ticket, channel)), "tickets are unique");
             }
         });
@@ -45,7 +45,7 @@ fn every_send_gets_its_own_result() {
         assert!(tickets.remove(&(ticket, report.channel)), "{report:?}");
     }
     assert!(tickets.is_empty());
-    let statistics = bench.port.statistics(0);
+    let statistics = bench.port.statistics(bench.port.gw(0));
     assert_eq!(statistics.unmatched_results, 0);
     assert_eq!(statistics.channels.map(|c| c.results_ok), [20; 4]);
 }
@@ -61,12 +61,12 @@ fn a_bus_off_channel_answers_with_the_reason() {
     let mut bench = Fixture::single(gateway);
     bench.simulation.inject(ecan_sim::Fault::BusOff { gateway: 0, channel: 1 });
     bench.idle(5);
-    assert!(bench.port.channel_status(0, 1).bus_off());
+    assert!(bench.port.channel_status(bench.port.ch(0, 1)).bus_off());
     let mut ticket = None;
-    let mut items = bench.cycle(|port| ticket = port.send_can(0, 1, id(5), &[]).ok());
+    let mut items = bench.cycle(|cycle| ticket = cycle.send_can(0, 1, id(5), &[]).ok());
     items.extend(bench.idle(5));
     let reports = reports(&items);
     assert_eq!(reports.len(), 1, "{reports:?}");
     assert_eq!((reports[0].ticket, reports[0].code), (ticket, ResultCode::BusOff));
-    assert_eq!(bench.port.statistics(0).channels[1].results_failed, 1);
+    assert_eq!(bench.port.statistics(bench.port.gw(0)).channels[1].results_failed, 1);
 }

@@ -3,7 +3,9 @@
 
 mod common;
 
-use common::{Fixture, classic, frame, id};
+use std::time::Duration;
+
+use common::{Fixture, Handles, SendData, classic, frame, id};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{
     GatewayConfig, PendingStep, Port, PortConfig, PortError, SendError, Session, VerificationFault,
@@ -20,11 +22,11 @@ fn bench() -> Fixture {
 fn verifying() -> Fixture {
     let mut bench = bench();
     bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
-    bench.cycle(|port| {
-        port.send_can(0, 0, id(1), &[]).unwrap();
+    bench.cycle(|cycle| {
+        cycle.send_can(0, 0, id(1), &[]).unwrap();
     });
-    let begun = bench.until(100, |port| port.session(0) == Session::Verifying);
-    assert!(begun.is_some(), "{}", bench.port.session(0));
+    let begun = bench.until(100, |port| port.session(port.gw(0)) == Session::Verifying);
+    assert!(begun.is_some(), "{}", bench.port.session(bench.port.gw(0)));
     bench.idle(2);
     bench
 }
@@ -46,7 +48,7 @@ fn f31_a_cable_that_opens_twice_in_a_row_is_survived() {
             bench.simulation.inject(open(45));
             bench.idle(30);
             let back = bench.until(10_000, Port::is_ready);
-            assert!(back.is_some(), "{cycles} {phase}: {}", bench.port.session(0));
+            assert!(back.is_some(), "{cycles} {phase}: {}", bench.port.session(bench.port.gw(0)));
             works(&mut bench);
         }
     }
@@ -58,11 +60,15 @@ fn f32_a_request_that_the_master_does_not_end_is_named_until_it_is_free() {
     bench.simulation.inject(Fault::RequestsHeld { for_ms: 22_000 });
     let mut said = Vec::new();
     for attempt in 1..=4 {
-        let failed = |port: &Port| port.statistics(0).verification_failures == attempt;
-        assert!(bench.until(2_600, failed).is_some(), "{attempt}: {}", bench.port.session(0));
-        said.push(bench.port.session(0).to_string());
-        bench.cycle(|port| {
-            let refused = port.send_can(0, 0, id(2), &[]);
+        let failed = |port: &Port| port.statistics(port.gw(0)).verification_failures == attempt;
+        assert!(
+            bench.until(2_600, failed).is_some(),
+            "{attempt}: {}",
+            bench.port.session(bench.port.gw(0))
+        );
+        said.push(bench.port.session(bench.port.gw(0)).to_string());
+        bench.cycle(|cycle| {
+            let refused = cycle.send_can(0, 0, id(2), &[]);
             assert_eq!(refused, Err(SendError::NotReady { slave: 0 }));
         });
     }
@@ -71,26 +77,30 @@ fn f32_a_request_that_the_master_does_not_end_is_named_until_it_is_free() {
     }
     assert!(said.windows(2).all(|pair| pair[0] != pair[1]), "the time grows: {said:?}");
     // Free again 3 s later: the attempt that waits for it goes on, without failing first.
-    assert!(bench.until(1_800, Port::is_ready).is_some(), "{}", bench.port.session(0));
-    assert_eq!(bench.port.statistics(0).verification_failures, 4);
+    assert!(
+        bench.until(1_800, Port::is_ready).is_some(),
+        "{}",
+        bench.port.session(bench.port.gw(0))
+    );
+    assert_eq!(bench.port.statistics(bench.port.gw(0)).verification_failures, 4);
     works(&mut bench);
 }
 
 #[test]
 fn what_a_gateway_waits_for_is_told_at_every_step() {
     let mut bench = bench();
-    assert_eq!(bench.port.waiting_for(0), None);
+    assert_eq!(bench.port.waiting_for(bench.port.gw(0)), None);
     // Outputs that arrive nowhere, then a master that has not looked yet.
     bench.simulation.inject(Fault::WorkingCounterOffset { offset: -3, cycles: 100 });
-    bench.cycle(|port| {
-        port.send_can(0, 0, id(1), &[]).unwrap();
+    bench.cycle(|cycle| {
+        cycle.send_can(0, 0, id(1), &[]).unwrap();
     });
-    assert!(bench.until(50, |port| port.session(0) == Session::Waiting).is_some());
-    assert_eq!(bench.port.waiting_for(0), Some(PendingStep::ProcessData));
-    assert!(bench.until(200, |port| port.session(0) == Session::Verifying).is_some());
+    assert!(bench.until(50, |port| port.session(port.gw(0)) == Session::Waiting).is_some());
+    assert_eq!(bench.port.waiting_for(bench.port.gw(0)), Some(PendingStep::ProcessData));
+    assert!(bench.until(200, |port| port.session(port.gw(0)) == Session::Verifying).is_some());
     let mut steps = Vec::new();
     while !bench.port.is_ready() {
-        steps.push(bench.port.waiting_for(0).unwrap().to_string());
+        steps.push(bench.port.waiting_for(bench.port.gw(0)).unwrap().to_string());
         bench.idle(1);
     }
     assert!(steps[0].starts_with("the SDO upload of 0xF000:07"), "{steps:?}");
@@ -99,13 +109,16 @@ fn what_a_gateway_waits_for_is_told_at_every_step() {
     // A gateway that is off.
     bench.simulation.inject(Fault::PowerOff { gateway: 0 });
     bench.idle(1_000);
-    assert_eq!(bench.port.waiting_for(0), Some(PendingStep::Operational));
+    assert_eq!(bench.port.waiting_for(bench.port.gw(0)), Some(PendingStep::Operational));
 }
 
-fn not_in_service(bench: &mut Fixture, timeout_ms: u32) -> (PortError, String) {
-    let error = bench.port.wait_ready(timeout_ms).expect_err("it stays out of service");
+fn not_ready(bench: &mut Fixture, timeout_ms: u64) -> (PortError, String) {
+    let error = bench
+        .port
+        .wait_ready_timeout(Duration::from_millis(timeout_ms))
+        .expect_err("it stays out of service");
     let text = error.to_string();
-    assert!(matches!(error, PortError::NotInService { slave: 0, .. }), "{text}");
+    assert!(matches!(error, PortError::NotReady { slave: 0, .. }), "{text}");
     (error, text)
 }
 
@@ -113,16 +126,16 @@ fn not_in_service(bench: &mut Fixture, timeout_ms: u32) -> (PortError, String) {
 fn wait_ready_names_the_step_that_it_waits_for() {
     let mut bench = verifying();
     bench.simulation.inject(Fault::RequestsHeld { for_ms: 60_000 });
-    let (_, text) = not_in_service(&mut bench, 2_000);
+    let (_, text) = not_ready(&mut bench, 2_000);
     assert!(text.contains("being verified after 2"), "{text}");
     assert!(text.contains("it waits for the SDO upload of 0x"), "{text}");
     // In the second attempt the first one's reason is not forgotten.
-    let (error, text) = not_in_service(&mut bench, 4_000);
+    let (error, text) = not_ready(&mut bench, 4_000);
     assert!(text.contains("it waits for the master to end the SDO upload of 0x"), "{text}");
     assert!(text.contains("the last attempt failed: the master has not ended"), "{text}");
-    let PortError::NotInService { last_fault, .. } = error else { unreachable!() };
+    let PortError::NotReady { last_fault, .. } = error else { unreachable!() };
     assert!(matches!(last_fault, Some(VerificationFault::Unended { .. })), "{text}");
-    assert_eq!(bench.port.last_verification_fault(0), last_fault);
+    assert_eq!(bench.port.last_verification_fault(bench.port.gw(0)), last_fault);
 }
 
 #[test]
@@ -130,8 +143,10 @@ fn wait_ready_names_the_fault_once_while_the_next_attempt_is_due() {
     let mut bench = verifying();
     let silent = GatewayFault::MailboxSilent { ms: 60_000 };
     bench.simulation.inject(Fault::Gateway { gateway: 0, fault: silent });
-    assert!(bench.until(2_000, |port| matches!(port.session(0), Session::Failed(_))).is_some());
-    let (_, text) = not_in_service(&mut bench, 100);
+    assert!(
+        bench.until(2_000, |port| matches!(port.session(port.gw(0)), Session::Failed(_))).is_some()
+    );
+    let (_, text) = not_ready(&mut bench, 100);
     assert!(text.ends_with("it waits for the next attempt"), "{text}");
     assert_eq!(text.matches("failed").count(), 1, "{text}");
 }
@@ -141,8 +156,14 @@ fn a_verification_that_succeeds_forgets_the_fault() {
     let mut bench = verifying();
     let silent = GatewayFault::MailboxSilent { ms: 3_000 };
     bench.simulation.inject(Fault::Gateway { gateway: 0, fault: silent });
-    assert!(bench.until(2_000, |port| port.last_verification_fault(0).is_some()).is_some());
-    assert!(bench.until(5_000, Port::is_ready).is_some(), "{}", bench.port.session(0));
-    assert_eq!(bench.port.last_verification_fault(0), None);
+    assert!(
+        bench.until(2_000, |port| port.last_verification_fault(port.gw(0)).is_some()).is_some()
+    );
+    assert!(
+        bench.until(5_000, Port::is_ready).is_some(),
+        "{}",
+        bench.port.session(bench.port.gw(0))
+    );
+    assert_eq!(bench.port.last_verification_fault(bench.port.gw(0)), None);
     works(&mut bench);
 }

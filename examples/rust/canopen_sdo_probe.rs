@@ -97,7 +97,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let channel = ChannelConfig::classic(arguments.bitrate);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(arguments.channel, channel));
     let mut port = Port::open(&backend.ecrt, adapter, config)?;
-    port.wait_ready(port.startup_timeout_ms())?;
+    port.wait_ready()?;
 
     let node = NodeId::new(arguments.node).ok_or("no such node id")?;
     let mut network = Network::new(NetworkConfig::default());

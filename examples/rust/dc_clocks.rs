@@ -127,10 +127,8 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
             println!("stopped by the user");
             break;
         }
-        port.wait_next_cycle();
         // A lost frame shows in the figures.
-        let _ = port.cycle_begin();
-        let _ = port.cycle_end();
+        port.next_cycle().finish();
         let Some(status) = port.adapter().clock_status() else { continue };
         let time = port.adapter().cycle_time_ns().saturating_sub(start);
         seen.take(cycle, status);

@@ -220,7 +220,7 @@ fn measure(
     let mut first = 0;
     for mode in arguments.modes() {
         if let Mode::Scheduled { offset_ns } = mode {
-            let margin = port.schedule_margin(target.slave, offset_ns);
+            let margin = port.schedule_margin(port.gateway(target.slave)?, offset_ns);
             match margin {
                 Ok(margin) => println!("{mode}: {margin}"),
                 Err(reason) => return Err(format!("--offset-ns {offset_ns}: {reason}").into()),

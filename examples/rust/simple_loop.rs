@@ -26,9 +26,9 @@ use ecan_example_support::real_time::{self, RealTimeArguments};
 use ecan_example_support::session_watch::SessionWatch;
 use ecan_example_support::source::{Channels, PlacedFrame, Source};
 use ecan_example_support::summary::{self, Run};
-use ecan_example_support::timeouts::{IDLE_TIMEOUT_NS, MAX_FAILED_CYCLES, STALL_TIMEOUT_NS};
+use ecan_example_support::timeouts::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{GatewayConfig, Port, PortConfig, Received, Session};
+use ecan_mcan_port::{GatewayConfig, Port, PortConfig, Received};
 use ecan_protocol::can::CanId;
 use ecan_protocol::mapping::CHANNELS;
 
@@ -216,7 +216,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let clock = port.adapter().ecrt().clock().clone();
     let quiet_ns = IDLE_TIMEOUT_NS.max(QUIET_CYCLES * u64::from(cycle_ns));
     let start = clock.now_ns();
-    let (mut last_activity, mut failed_cycles) = (start, 0);
+    let mut last_activity = start;
     let is_measured = arguments.gateways.real_time || arguments.thread.is_given();
     if is_measured {
         port.adapter_mut().measure_cycles();
@@ -224,12 +224,11 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     arguments.thread.set_timing(port.adapter_mut());
     let mut end: Result<(), Box<dyn Error>> = Ok(());
     loop {
-        port.wait_next_cycle();
-        let begun = port.cycle_begin();
+        let mut cycle = port.next_cycle();
         let now = clock.now_ns();
         let mut written = Ok(());
-        port.receive_each(|item| {
-            let Received::Frame(received) = item else { return };
+        for item in cycle.received() {
+            let Received::Frame(received) = item.to_owned() else { continue };
             let channel = received.slave * CHANNELS + usize::from(received.channel);
             check.received(channel, &received.frame);
             loads[channel].add(&received.frame);
@@ -237,24 +236,23 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
             if let (Some(dump), Ok(())) = (&mut dump, &written) {
                 written = dump.write(source.log_time(now - start), channel, received.frame);
             }
-        });
+        }
         let is_sending = !interrupt.is_set() && !source.is_done();
         let mut sent = Ok(());
         if is_sending {
-            sent = source.send(&mut port, now - start, |channel, frame| {
+            sent = source.send(&mut cycle, now - start, |channel, frame| {
                 check.sent(channel, frame);
                 loads[channel].add(&frame);
                 last_activity = now;
             });
         }
-        let cycle = port.cycle_end().and(begun);
-        failed_cycles = if cycle.is_err() { failed_cycles + 1 } else { 0 };
+        let ended = cycle.end();
         for line in watch.changes(&port) {
             progress.suspend(|| println!("{:>9.3} s  {line}", (now - start) as f64 / 1e9));
         }
         progress.set_position(source.done());
-        if failed_cycles > MAX_FAILED_CYCLES {
-            end = cycle.map_err(Box::from);
+        if let Err(error) = ended {
+            end = Err(error.into());
         } else if let Err(error) = written {
             end = Err(error.into());
         } else if let Err(error) = sent {
@@ -295,15 +293,15 @@ fn report_replay(port: &Port, source: &Source, check: &Check) -> bool {
     if check.under_way() > 0 {
         faults.push(format!("{} frames did not come back", check.under_way()));
     }
-    for slave in 0..port.slave_count() {
-        let statistics = port.statistics(slave);
+    for gateway in port.gateways() {
+        let statistics = port.statistics(gateway);
         let errors = statistics.parse_errors + statistics.txpdo_torn;
         if errors + statistics.txpdo_lost > 0 {
             let lost = statistics.txpdo_lost;
-            faults.push(format!("slave {slave}: {errors} image errors, {lost} images lost"));
+            faults.push(format!("{gateway}: {errors} image errors, {lost} images lost"));
         }
-        if !matches!(port.session(slave), Session::Ready) {
-            faults.push(format!("slave {slave} is {}", port.session(slave)));
+        if !port.gateway_is_ready(gateway) {
+            faults.push(format!("{gateway} is {}", port.session(gateway)));
         }
     }
     println!("\nreplay: {sent} frames sent, {returned} came back");

@@ -275,11 +275,10 @@ fn start_and_move(
     let progress = progress::bar(cycles);
     let origin = clock.now_ns();
     for cycle in 0..cycles {
-        port.wait_next_cycle();
-        let begun = port.cycle_begin();
-        cia402.process_rx(port);
-        let summary = cia402.send_target_step(port);
-        let result = port.cycle_end().and(begun);
+        let mut open = port.next_cycle();
+        cia402.process_rx(&mut open);
+        let summary = cia402.send_target_step(&mut open);
+        let result = open.end();
         plot.sample((clock.now_ns() - origin) as f64 / 1e9, cycle, cia402);
         if summary.closed > 0 {
             progress.suspend(|| cia402.progress_all().for_each(|axis| narrator.tell(&axis)));

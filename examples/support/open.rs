@@ -31,10 +31,9 @@ pub fn open(
         Configure::Write => Port::open(ecrt, adapter, config)?,
         Configure::Keep => Port::new(Adapter::open(ecrt, adapter)?, config)?,
     };
-    let ready = port.wait_ready_with(port.startup_timeout_ms(), |port| {
+    let ready = port.wait_ready_with(port.startup_timeout(), |port| {
         // Single cycles may fail; the timeout ends it all.
-        let _ = port.cycle_begin();
-        let _ = port.cycle_end();
+        port.begin_cycle().finish();
         if interrupt.is_set() { Err(Stop::Interrupted) } else { Ok(()) }
     });
     match ready {

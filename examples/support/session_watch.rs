@@ -11,17 +11,17 @@ pub struct SessionWatch {
 impl SessionWatch {
     /// Starts with the sessions as they are.
     pub fn new(port: &Port) -> Self {
-        Self { seen: (0..port.slave_count()).map(|slave| port.session(slave)).collect() }
+        Self { seen: port.gateways().map(|gateway| port.session(gateway)).collect() }
     }
 
     /// One line for every gateway whose session changed since the last call.
     pub fn changes(&mut self, port: &Port) -> Vec<String> {
         let mut lines = Vec::new();
-        for (slave, seen) in self.seen.iter_mut().enumerate() {
-            let now = port.session(slave);
+        for (gateway, seen) in port.gateways().zip(&mut self.seen) {
+            let now = port.session(gateway);
             if *seen != now {
                 *seen = now;
-                lines.push(format!("slave {slave}: {now}"));
+                lines.push(format!("{gateway}: {now}"));
             }
         }
         lines

@@ -1,6 +1,6 @@
 //! The frames that a loop sends: a counter, or a recording.
 
-use ecan_mcan_port::{FrameRate, FrameStream, Port, PortConfig, SendError};
+use ecan_mcan_port::{Cycle, FrameRate, FrameStream, OkOrTemporary, PortConfig, SendError};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::CHANNELS;
 
@@ -181,7 +181,7 @@ impl Source {
     /// A frame that the port does not take for another reason.
     pub fn send(
         &mut self,
-        port: &mut Port,
+        cycle: &mut Cycle<'_>,
         elapsed_ns: u64,
         mut sent: impl FnMut(usize, CanFrame),
     ) -> Result<(), SendError> {
@@ -189,7 +189,8 @@ impl Source {
             Self::Counter { id, places, done, .. } => {
                 for place in places {
                     let frame = counter_frame(*id, place.is_fd, *done)?;
-                    if taken(port.send(place.slave, place.channel, frame.as_ref()))? {
+                    let to = cycle.channel(place.slave, place.channel)?;
+                    if cycle.send(to, &frame).ok_or_temporary()?.is_some() {
                         sent(place.index(), frame);
                     }
                 }
@@ -202,7 +203,8 @@ impl Source {
                     if logged.time_ns.saturating_sub(start) > elapsed_ns {
                         break;
                     }
-                    if !taken(port.send(place.slave, place.channel, logged.frame.as_ref()))? {
+                    let to = cycle.channel(place.slave, place.channel)?;
+                    if cycle.send(to, &logged.frame).ok_or_temporary()?.is_none() {
                         break;
                     }
                     sent(place.index(), logged.frame);
@@ -244,12 +246,4 @@ fn kinds(frames: &[PlacedFrame]) -> Vec<(Place, CanFrame, u32)> {
         }
     }
     kinds
-}
-
-fn taken<T>(result: Result<T, SendError>) -> Result<bool, SendError> {
-    match result {
-        Ok(_) => Ok(true),
-        Err(SendError::Backpressure { .. } | SendError::NotReady { .. }) => Ok(false),
-        Err(error) => Err(error),
-    }
 }

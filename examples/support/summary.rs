@@ -27,8 +27,9 @@ pub fn table(port: &Port, run: Run, loads: &[BusLoad]) -> String {
         "\n{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>10}",
         "channel", "sent", "delivered", "received", "discarded", "refused", "bus load"
     );
-    for slave in 0..port.slave_count() {
-        let statistics = port.statistics(slave);
+    for gateway in port.gateways() {
+        let slave = gateway.slave();
+        let statistics = port.statistics(gateway);
         let channels = &port.config().gateways[slave].channels;
         for (channel, (count, settings)) in statistics.channels.iter().zip(channels).enumerate() {
             let Some(settings) = settings else { continue };
@@ -58,12 +59,12 @@ pub fn table(port: &Port, run: Run, loads: &[BusLoad]) -> String {
         "\n{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>10}{:>10}",
         "gateway", "cycles", "wc miss", "images", "repeated", "rx images", "rx lost", "errors"
     );
-    for slave in 0..port.slave_count() {
-        let s = port.statistics(slave);
+    for gateway in port.gateways() {
+        let s = port.statistics(gateway);
         let _ = writeln!(
             text,
             "{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>10}{:>10}",
-            format!("slave {slave}"),
+            gateway.to_string(),
             s.cycles,
             s.incomplete_cycles,
             s.rxpdo_published,

@@ -4,5 +4,3 @@
 pub const IDLE_TIMEOUT_NS: u64 = 200_000_000;
 /// No frame was taken or came back for so long: none will be any more, in nanoseconds.
 pub const STALL_TIMEOUT_NS: u64 = 10_000_000_000;
-/// Cycles in a row that may fail.
-pub const MAX_FAILED_CYCLES: u32 = 100;

@@ -6,13 +6,14 @@ use std::ops::Range;
 
 use ecan_host::CycleStatistics;
 use ecan_mcan_port::{
-    FrameRate, FrameStream, Port, PortError, ScheduleAccount, SendError, SendOptions, SendTicket,
+    ChannelHandle, Cycle, FrameRate, FrameStream, Port, PortError, ScheduleAccount, SendError,
+    SendOptions, SendTicket,
 };
 use ecan_protocol::can::{CanFrame, CanId, FrameError};
 use ecan_protocol::image::Schedule;
 
 use crate::interrupt::Interrupt;
-use crate::timeouts::{IDLE_TIMEOUT_NS, MAX_FAILED_CYCLES, STALL_TIMEOUT_NS};
+use crate::timeouts::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS};
 
 /// Identifier of the frames.
 pub const PROBE_ID: u16 = 0x123;
@@ -84,15 +85,20 @@ impl Target {
     ///
     /// # Errors
     /// Why it was not taken.
-    pub fn send(&self, port: &mut Port, mode: Mode, number: u64) -> Result<SendTicket, SendError> {
-        let Self { slave, channel, .. } = *self;
+    pub fn send(
+        &self,
+        cycle: &mut Cycle<'_>,
+        mode: Mode,
+        number: u64,
+    ) -> Result<SendTicket, SendError> {
+        let to = cycle.channel(self.slave, self.channel)?;
         let frame = self.frame(number)?;
         let schedule = match mode {
             Mode::Direct => None,
             Mode::Scheduled { offset_ns } => Some(Schedule { tag: number as u16, offset_ns }),
         };
         let options = SendOptions { schedule, ..SendOptions::default() };
-        port.send_with(slave, channel, frame.as_ref(), options)
+        cycle.send_with(to, &frame, options)
     }
 
     /// The frame of a number.
@@ -121,11 +127,11 @@ impl Target {
     /// # Errors
     /// The library's.
     pub fn sweep_cycle(&self, port: &mut Port, offset_ns: u32) -> Result<(), PortError> {
-        let begun = port.cycle_begin();
-        port.receive_each(|_| ());
-        let _ = self.send(port, Mode::Scheduled { offset_ns }, 0);
-        let ended = port.cycle_end();
-        Ok(ended.and(begun)?)
+        let mut cycle = port.begin_cycle();
+        cycle.received().for_each(drop);
+        let _ = self.send(&mut cycle, Mode::Scheduled { offset_ns }, 0);
+        cycle.end()?;
+        Ok(())
     }
 
     /// Sends the frames of these numbers, one per cycle, and waits for what is under way.
@@ -142,8 +148,9 @@ impl Target {
         let clock = port.adapter().ecrt().clock().clone();
         let cycle_ns = port.adapter().config().cycle_ns;
         let capacity = usize::try_from((numbers.end - numbers.start) * 2)?;
-        let account = port.schedule_account(self.slave, self.channel);
-        let incomplete_cycles = port.statistics(self.slave).incomplete_cycles;
+        let channel = port.channel(self.slave, self.channel)?;
+        let account = port.schedule_account(channel);
+        let incomplete_cycles = port.statistics(channel.gateway()).incomplete_cycles;
         let mut result = ModeResult {
             mode,
             numbers: numbers.clone(),
@@ -155,11 +162,10 @@ impl Target {
             incomplete_cycles: 0,
         };
         for _ in 0..SETTLE_CYCLES {
-            port.wait_next_cycle();
-            let _ = port.cycle_begin().and(port.cycle_end());
+            port.next_cycle().finish();
         }
         let mut number = numbers.start;
-        let (mut last_taken_ns, mut failed_cycles, mut begun_before) = (clock.now_ns(), 0, None);
+        let (mut last_taken_ns, mut begun_before) = (clock.now_ns(), None);
         while number < numbers.end && !interrupt.is_set() {
             port.wait_next_cycle();
             let start = port.adapter().cycle_start();
@@ -170,54 +176,49 @@ impl Target {
             {
                 result.master_periods_ns.push(begun_ns - before);
             }
-            let begun = port.cycle_begin();
-            port.receive_each(|_| ());
-            let sent = self.send(port, mode, number);
-            let cycle = port.cycle_end().and(begun);
+            let mut cycle = port.begin_cycle();
+            cycle.received().for_each(drop);
+            let sent = self.send(&mut cycle, mode, number);
+            let ended = cycle.end();
             match sent {
                 Ok(_) => {
                     result.sent_ns.push(begun_ns);
                     number += 1;
                     last_taken_ns = begun_ns;
                 }
-                Err(SendError::Backpressure { .. } | SendError::NotReady { .. })
-                    if begun_ns.saturating_sub(last_taken_ns) < STALL_TIMEOUT_NS =>
+                Err(error)
+                    if error.is_temporary()
+                        && begun_ns.saturating_sub(last_taken_ns) < STALL_TIMEOUT_NS =>
                 {
                     result.refused += 1;
                 }
                 Err(error) => return Err(format!("no frame is taken any more: {error}").into()),
             }
-            failed_cycles = if cycle.is_err() { failed_cycles + 1 } else { 0 };
-            if failed_cycles > MAX_FAILED_CYCLES {
-                cycle?;
-            }
+            ended?;
             result.statistics.end(clock.now_ns());
         }
         result.numbers.end = number;
-        self.wait_for_account(port, interrupt);
-        let now = port.schedule_account(self.slave, self.channel);
+        wait_for_account(port, channel, interrupt);
+        let now = port.schedule_account(channel);
         result.account = difference(&now, &account);
         result.incomplete_cycles =
-            port.statistics(self.slave).incomplete_cycles - incomplete_cycles;
+            port.statistics(channel.gateway()).incomplete_cycles - incomplete_cycles;
         Ok(result)
     }
+}
 
-    /// Runs the cycle until frames are through and the gateway has told what it will tell.
-    fn wait_for_account(&self, port: &mut Port, interrupt: &Interrupt) {
-        let clock = port.adapter().ecrt().clock().clone();
-        let start = clock.now_ns();
-        loop {
-            port.wait_next_cycle();
-            let begun = port.cycle_begin();
-            port.receive_each(|_| ());
-            // Single cycles may fail; the time ends it all.
-            let _ = port.cycle_end().and(begun);
-            let waited_ns = clock.now_ns().saturating_sub(start);
-            let is_open = port.schedule_account(self.slave, self.channel).open > 0;
-            let is_over = waited_ns > IDLE_TIMEOUT_NS && !is_open || waited_ns > ACCOUNT_NS;
-            if is_over || interrupt.is_set() {
-                return;
-            }
+/// Runs the cycle until frames are through and the gateway has told what it will tell.
+fn wait_for_account(port: &mut Port, channel: ChannelHandle, interrupt: &Interrupt) {
+    let clock = port.adapter().ecrt().clock().clone();
+    let start = clock.now_ns();
+    loop {
+        // Single cycles may fail; the time ends it all.
+        port.next_cycle().received().for_each(drop);
+        let waited_ns = clock.now_ns().saturating_sub(start);
+        let is_open = port.schedule_account(channel).open > 0;
+        let is_over = waited_ns > IDLE_TIMEOUT_NS && !is_open || waited_ns > ACCOUNT_NS;
+        if is_over || interrupt.is_set() {
+            return;
         }
     }
 }

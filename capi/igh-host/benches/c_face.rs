@@ -21,7 +21,7 @@ use ecan_igh_host::mcan_port::cycle::{
 use ecan_igh_host::mcan_port::send::igh_mcan_port_send_can;
 use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Received, TransmitReport};
-use ecan_protocol::can::CanId;
+use ecan_protocol::can::{CanId, FrameRef};
 use ecan_protocol::image::ResultCode;
 use ecan_sim::{ClockKind, EcrtSetting, SimOptions};
 
@@ -68,12 +68,13 @@ fn rust_port() -> Port {
     let config = PortConfig::uniform(1, gateway);
     let mut port =
         Port::open(&backend.ecrt, AdapterConfig::new(1).with_multiplier(8), config).unwrap();
-    port.wait_ready(30_000).unwrap();
+    port.wait_ready().unwrap();
     port
 }
 
 fn main() {
     let mut rust = rust_port();
+    let can0 = rust.channel(0, 0).unwrap();
     let mut c = CPort::ready(1);
     let (mut through_rust, mut through_c) = (Times::default(), Times::default());
     let data = [1, 2, 3, 4, 5, 6, 7, 8];
@@ -89,17 +90,16 @@ fn main() {
     let port = c.port();
 
     for cycle in 0..ecan_bench::rounds(CYCLES) + WARM_UP {
-        rust.wait_next_cycle();
-        rust.cycle_begin().unwrap();
+        let mut open = rust.next_cycle();
         let start = Instant::now();
-        let received = rust.receive(&mut items);
+        let received = open.receive(&mut items);
         let middle = Instant::now();
         for n in 0..FRAMES {
             let id = CanId::new(0x100 + n, false).unwrap();
-            rust.send_can(0, 0, id, &data).unwrap();
+            open.send(can0, FrameRef::classic(id, &data).unwrap()).unwrap();
         }
         through_rust.add(cycle, [start, middle, Instant::now()], received);
-        rust.cycle_end().unwrap();
+        open.end().unwrap();
 
         // SAFETY: every pointer is valid.
         unsafe {

@@ -4,7 +4,7 @@ use ecan_cia402::{Cia402, SendSummary};
 use ecan_host::{Adapter, RequestId};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_port::{Port, PortConfig, SendTicket};
+use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
 
 use crate::cia402::progress::ProgressCallback;
 use crate::errors;
@@ -305,6 +305,12 @@ impl Entered<Bus> {
         self.port_mut().ok_or_else(|| handle::not_initialised(call, Kind::Port))
     }
 
+    /// The open cycle of the Port.
+    #[inline]
+    pub(crate) fn need_cycle(&mut self, call: Call) -> Result<Cycle<'_>, ecan_result_t> {
+        open_cycle(call, self.need_port(call)?)
+    }
+
     /// The axes and their Port.
     pub(crate) fn need_axes(
         &mut self,
@@ -324,4 +330,13 @@ impl Entered<Bus> {
             _ => Ok(()),
         }
     }
+}
+
+/// The open cycle of a Port.
+#[inline]
+pub(crate) fn open_cycle(call: Call, port: &mut Port) -> Result<Cycle<'_>, ecan_result_t> {
+    port.open_cycle().ok_or_else(|| {
+        let text = format_args!("no cycle is open; call igh_mcan_port_cycle_begin() first");
+        call.fail(ecan_result_t::ECAN_ERR_ORDER, text)
+    })
 }

@@ -9,7 +9,7 @@ use ecan_host::{CycleError, Errno, Error};
 use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::last_error;
 use ecan_mcan_host::common::result::ecan_result_t::{self, *};
-use ecan_mcan_port::{Backpressure, PortError, SendError};
+use ecan_mcan_port::{AddressError, Backpressure, PortError, SendError};
 
 /// Notes an error in words and gives its code.
 #[cold]
@@ -99,10 +99,23 @@ pub(crate) fn port(call: Call, error: &PortError) -> ecan_result_t {
         PortError::Adapter(error) => adapter_code(error),
         PortError::Cycle(CycleError::NotActive { .. }) => (ECAN_ERR_ORDER, 0),
         PortError::Cycle(_) => (ECAN_ERR_MASTER, 0),
-        PortError::NotInService { .. } => (ECAN_ERR_VERIFICATION, 0),
+        PortError::NotReady { .. } => (ECAN_ERR_VERIFICATION, 0),
+        PortError::Address(error) => (address_code(error), 0),
         _ => (ECAN_ERR_INTERNAL, 0),
     };
     note(call, code, error, abort_code)
+}
+
+#[cold]
+pub(crate) fn address(call: Call, error: &AddressError) -> ecan_result_t {
+    note(call, address_code(error), error, 0)
+}
+
+fn address_code(error: &AddressError) -> ecan_result_t {
+    match error {
+        AddressError::Slave { .. } => ECAN_ERR_SLAVE,
+        _ => ECAN_ERR_CHANNEL,
+    }
 }
 
 #[cold]
@@ -117,12 +130,10 @@ fn send_code(error: &SendError) -> ecan_result_t {
         SendError::Backpressure { what: Backpressure::Phase, .. } => ECAN_ERR_NO_ROOM,
         SendError::Backpressure { what: Backpressure::BusOff, .. } => ECAN_ERR_BUS_OFF,
         SendError::NotReady { .. } => ECAN_ERR_NOT_READY,
-        SendError::SlaveIndex { .. } => ECAN_ERR_SLAVE,
-        SendError::Channel { .. } => ECAN_ERR_CHANNEL,
+        SendError::Address(error) => address_code(error),
         SendError::NotFd { .. } => ECAN_ERR_NOT_FD,
         SendError::NotSchedulable { .. } => ECAN_ERR_SCHEDULE,
         SendError::Frame(_) => ECAN_ERR_FRAME,
-        SendError::NoCycle => ECAN_ERR_ORDER,
         _ => ECAN_ERR_INTERNAL,
     }
 }

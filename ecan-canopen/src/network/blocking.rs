@@ -4,7 +4,7 @@
 //! To do more meanwhile, use [`run_cycle_until`] with the non-blocking calls.
 
 use crate::{NmtCommand, NmtState};
-use ecan_mcan_port::Port;
+use ecan_mcan_port::{Cycle, Port};
 
 use super::address::NodeHandle;
 use super::configurator::{Configurator, Progress};
@@ -19,14 +19,14 @@ impl Network {
     /// `work`, then SYNC and service frames. Real-time safe as far as `work` is.
     pub fn serve<T>(
         &mut self,
-        port: &mut Port,
+        cycle: &mut Cycle<'_>,
         now_ns: u64,
         work: impl FnOnce(&mut Self) -> T,
     ) -> T {
-        self.receive(port, now_ns, |_| {});
+        self.receive(cycle, now_ns, |_| {});
         let result = work(self);
-        self.send_sync(port);
-        self.send(port, now_ns);
+        self.send_sync(cycle);
+        self.send(cycle, now_ns);
         result
     }
 
@@ -73,8 +73,8 @@ impl Network {
         handle: NodeHandle,
         timeout_ms: u32,
     ) -> Result<(), WaitError> {
-        let ended = run_cycle_until(port, timeout_ms, |port, now_ns| {
-            self.serve(port, now_ns, |network| match network.sdo_state(handle) {
+        let ended = run_cycle_until(port, timeout_ms, |cycle, now_ns| {
+            self.serve(cycle, now_ns, |network| match network.sdo_state(handle) {
                 Sdo::Busy => None,
                 _ => Some(network.sdo_failure(handle)),
             })
@@ -101,8 +101,8 @@ impl Network {
         timeout_ms: u32,
     ) -> Result<(), WaitError> {
         self.nmt_all(command)?;
-        run_cycle_until(port, timeout_ms, |port, now_ns| {
-            self.serve(port, now_ns, |_| ());
+        run_cycle_until(port, timeout_ms, |cycle, now_ns| {
+            self.serve(cycle, now_ns, |_| ());
             (!self.nmt_is_pending()).then_some(())
         })
     }
@@ -118,8 +118,8 @@ impl Network {
         state: NmtState,
         timeout_ms: u32,
     ) -> Result<(), WaitError> {
-        run_cycle_until(port, timeout_ms, |port, now_ns| {
-            self.serve(port, now_ns, |network| {
+        run_cycle_until(port, timeout_ms, |cycle, now_ns| {
+            self.serve(cycle, now_ns, |network| {
                 network.nodes.iter().all(|node| node.nmt.reported() == Some(state)).then_some(())
             })
         })
@@ -137,8 +137,8 @@ impl Network {
         timeout_ms: u32,
         mut progress: impl FnMut(&Progress),
     ) -> Result<(), WaitError> {
-        run_cycle_until(port, timeout_ms, |port, now_ns| {
-            let outcome = self.serve(port, now_ns, |network| configurator.step(network, now_ns));
+        run_cycle_until(port, timeout_ms, |cycle, now_ns| {
+            let outcome = self.serve(cycle, now_ns, |network| configurator.step(network, now_ns));
             configurator.progress(now_ns).for_each(|node| progress(&node));
             match outcome {
                 Configuring::Running => None,

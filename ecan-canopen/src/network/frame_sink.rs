@@ -1,6 +1,6 @@
 //! Where service frames go: the Port, behind the little that sending needs of it.
 
-use ecan_mcan_port::{Port, SendError, SendOptions, SendTicket, Session};
+use ecan_mcan_port::{Cycle, SendError, SendOptions, SendTicket};
 use ecan_protocol::can::FrameRef;
 
 pub(super) trait FrameSink {
@@ -25,7 +25,7 @@ pub(super) trait FrameSink {
     fn is_holding(&self, slave: usize) -> bool;
 }
 
-impl FrameSink for Port {
+impl FrameSink for Cycle<'_> {
     fn send(
         &mut self,
         slave: usize,
@@ -33,30 +33,25 @@ impl FrameSink for Port {
         frame: FrameRef<'_>,
         options: SendOptions,
     ) -> Result<SendTicket, SendError> {
-        self.send_with(slave, channel, frame, options)
+        let to = self.channel(slave, channel)?;
+        self.send_with(to, frame, options)
     }
 
     fn pending(&self, slave: usize, channel: u8) -> u8 {
-        self.channel_status(slave, channel).tx_pending()
+        let channel = self.channel(slave, channel);
+        channel.map_or(0, |channel| self.channel_status(channel).tx_pending())
     }
 
     fn room(&self, slave: usize) -> usize {
-        self.image_room(slave)
+        self.gateway(slave).map_or(0, |gateway| self.image_room(gateway))
     }
 
     fn is_ready(&self, slave: usize) -> bool {
-        self.session(slave) == Session::Ready
+        self.gateway(slave).is_ok_and(|gateway| self.gateway_is_ready(gateway))
     }
 
     fn is_holding(&self, slave: usize) -> bool {
-        self.cycle_report(slave).is_holding
+        let gateway = self.gateway(slave);
+        gateway.is_ok_and(|gateway| self.cycle_report(gateway).is_unconfirmed)
     }
-}
-
-/// Whether waiting may cure it.
-pub(super) fn is_passing(error: SendError) -> bool {
-    matches!(
-        error,
-        SendError::Backpressure { .. } | SendError::NotReady { .. } | SendError::NoCycle
-    )
 }

@@ -16,13 +16,13 @@ use super::statistics::ServiceStatistics;
 /// The CANopen master of all nodes behind the gateways of a Port (CiA 301): NMT, heartbeat,
 /// EMCY, SYNC and one SDO client per node.
 ///
-/// Nothing blocks. In every cycle, between `cycle_begin` and `cycle_end`:
+/// Nothing blocks. In every cycle, in a cycle:
 ///
 /// ```text
-/// network.receive(port, now, |other| ..)   takes its frames, hands on the rest: TPDOs, reports
+/// network.receive(cycle, now, |other| ..)  takes its frames, hands on the rest: TPDOs, reports
 /// ..                                       targets: RPDOs, sent by the application
-/// network.send_sync(port)                  SYNC behind them
-/// network.send(port, now)                  NMT, heartbeat and SDO frames that are due
+/// network.send_sync(cycle)                 SYNC behind them
+/// network.send(cycle, now)                 NMT, heartbeat and SDO frames that are due
 /// ```
 ///
 /// In this order the frames of a cycle lie in the transmit FIFO of their channel: targets, then

@@ -1,7 +1,7 @@
 //! The network's part of the cycle: what it takes in and what it sends.
 
 use crate::{CobId, Emcy, NmtState, Service, parse_heartbeat};
-use ecan_mcan_port::{Port, Received, ReceivedFrame};
+use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
 use ecan_protocol::can::FrameKind;
 
 use super::error::SdoFault;
@@ -16,25 +16,27 @@ impl Network {
     /// channel and identifier, frames of unknown nodes, and transmit reports. Then looks at
     /// timeouts and at the gateways' sessions.
     ///
-    /// Once per cycle, between `cycle_begin` and `cycle_end`, before anything is sent. Real-time
+    /// Once per cycle, in a cycle, before anything is sent. Real-time
     /// safe as far as `other` is. Whether the cycle brought everything that the bus had to say is
-    /// in [`Port::cycle_report`].
-    pub fn receive(&mut self, port: &mut Port, now_ns: u64, mut other: impl FnMut(Received)) {
-        self.watch_gateways(port);
-        port.receive_each(|item| match &item {
-            Received::Frame(frame) if self.take(frame, now_ns) => {}
-            _ => other(item),
-        });
+    /// in [`Port::cycle_report`](ecan_mcan_port::Port::cycle_report).
+    pub fn receive(&mut self, cycle: &mut Cycle<'_>, now_ns: u64, mut other: impl FnMut(Received)) {
+        self.watch_gateways(cycle);
+        for item in cycle.received() {
+            match item.to_owned() {
+                Received::Frame(frame) if self.take(&frame, now_ns) => {}
+                item => other(item),
+            }
+        }
         self.tick(now_ns);
     }
 
     /// Hands NMT commands, the host's heartbeat and SDO frames that are due to the gateways, in
     /// this order on each channel.
     ///
-    /// Once per cycle, between `cycle_begin` and `cycle_end`, behind the cycle's process data. What
+    /// Once per cycle, in a cycle, behind the cycle's process data. What
     /// finds no room waits for the next cycle; nothing is ever sent twice for that. Real-time safe.
-    pub fn send(&mut self, port: &mut Port, now_ns: u64) {
-        self.send_to(port, now_ns);
+    pub fn send(&mut self, cycle: &mut Cycle<'_>, now_ns: u64) {
+        self.send_to(cycle, now_ns);
     }
 
     /// The channels whose gateway has gone out of service since the last cycle lose what is under

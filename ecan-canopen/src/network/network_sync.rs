@@ -1,6 +1,6 @@
 //! SYNC of the network.
 
-use ecan_mcan_port::Port;
+use ecan_mcan_port::Cycle;
 
 use super::error::NetworkError;
 use super::frame_sink::FrameSink;
@@ -50,13 +50,13 @@ impl Network {
 
     /// Sends the SYNC messages that are due, behind the targets of the cycle: channels send in the
     /// order in which frames were handed over. One that finds no room, or whose gateway's last image
-    /// is repeated ([`CycleReport::is_holding`](ecan_mcan_port::CycleReport::is_holding)), goes out
+    /// is repeated ([`CycleReport::is_unconfirmed`](ecan_mcan_port::CycleReport::is_unconfirmed)), goes out
     /// in a later cycle, behind the targets of that one, with the next number of the counter. It is
     /// not made up for by two. Gives the number sent.
     ///
-    /// Once per cycle, between `cycle_begin` and `cycle_end`. Real-time safe.
-    pub fn send_sync(&mut self, port: &mut Port) -> usize {
-        self.send_sync_to(port)
+    /// Once per cycle, in a cycle. Real-time safe.
+    pub fn send_sync(&mut self, cycle: &mut Cycle<'_>) -> usize {
+        self.send_sync_to(cycle)
     }
 
     /// Whether a SYNC was sent to a channel in this cycle. Real-time safe.

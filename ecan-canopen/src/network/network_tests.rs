@@ -2,7 +2,7 @@
 
 use crate::{NmtCommand, NmtState, NodeId};
 use ecan_mcan_port::{
-    Backpressure, ReceiveSource, ReceivedFrame, SendError, SendOptions, SendTicket,
+    AddressError, Backpressure, ReceiveSource, ReceivedFrame, SendError, SendOptions, SendTicket,
 };
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameRef};
 use ecan_protocol::image::{Schedule, Timestamp};
@@ -313,7 +313,7 @@ fn sdo_frames_keep_off_a_channel_that_is_full_and_leave_room_for_targets() {
 #[test]
 fn a_refusal_that_waiting_does_not_cure_ends_the_transfer() {
     let (mut network, nodes) = network(NetworkConfig::default(), &[address(0, 2, 1)]);
-    let error = SendError::Channel { slave: 0, channel: 2 };
+    let error = SendError::from(AddressError::Disabled { slave: 0, channel: 2 });
     let mut paper = RecordingSink { error: Some(error), ..RecordingSink::new() };
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
@@ -324,8 +324,8 @@ fn a_refusal_that_waiting_does_not_cure_ends_the_transfer() {
     assert_eq!((statistics.refused, statistics.last_refusal), (2, Some(error)));
     assert_eq!(
         network.sdo_failure(nodes[0]).unwrap().to_string(),
-        "SDO upload 0x1000:00 from node 1 (slave 0, channel 2): the frame was refused: channel 2 \
-         of slave 0 is not enabled"
+        "SDO upload 0x1000:00 from node 1 (slave 0, channel 2): the frame was refused: slave 0: \
+         channel 2 is not enabled; enable it in the gateway's configuration"
     );
 }
 

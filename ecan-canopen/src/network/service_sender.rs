@@ -6,7 +6,7 @@ use ecan_protocol::can::FrameRef;
 
 use super::channel::Channel;
 use super::error::SdoFault;
-use super::frame_sink::{FrameSink, is_passing};
+use super::frame_sink::FrameSink;
 use super::node::Node;
 use super::settings::{NetworkConfig, SyncConfig};
 use super::statistics::ServiceStatistics;
@@ -62,7 +62,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
                     }
                 }
                 // SDO frames behind a command must not overtake it.
-                Err(error) if is_passing(error) => return 0,
+                Err(error) if error.is_temporary() => return 0,
                 Err(_) => {}
             }
             self.channel.nmt_sent();
@@ -126,7 +126,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
                 node.sdo.sent(now_ns);
                 Ok(true)
             }
-            Err(error) if is_passing(error) => Err(()),
+            Err(error) if error.is_temporary() => Err(()),
             Err(error) => {
                 node.sdo.drop_transfer(SdoFault::Refused(error));
                 Ok(false)

@@ -2,8 +2,6 @@
 
 use ecan_mcan_port::SendError;
 
-use super::frame_sink::is_passing;
-
 /// Counters of a network; they only grow.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct ServiceStatistics {
@@ -34,7 +32,7 @@ pub struct ServiceStatistics {
 impl ServiceStatistics {
     /// A frame was not taken.
     pub(super) fn note(&mut self, error: SendError) {
-        if is_passing(error) {
+        if error.is_temporary() {
             self.waited += 1;
         } else {
             self.refused += 1;

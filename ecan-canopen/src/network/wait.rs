@@ -1,13 +1,13 @@
 //! Running the cycle until something has happened.
 
 use ecan_host::CycleError;
-use ecan_mcan_port::Port;
+use ecan_mcan_port::{Cycle, Port};
 
 use super::error::WaitError;
 use super::heartbeat::NS_PER_MS;
 
-/// Runs the cycle of a Port until `step` gives a value: waits until the next cycle is due,
-/// `cycle_begin`, the step with the time of the bus clock, `cycle_end`.
+/// Runs the cycle of a Port until `step` returns a value; `step` gets each cycle and the time of the
+/// bus clock at its begin.
 ///
 /// Blocks. Keeps the grid of [`Port::wait_next_cycle`], with which the caller goes on. Errors of
 /// single cycles do not end it; the step then finds nothing received.
@@ -18,7 +18,7 @@ use super::heartbeat::NS_PER_MS;
 pub fn run_cycle_until<T>(
     port: &mut Port,
     timeout_ms: u32,
-    step: impl FnMut(&mut Port, u64) -> Option<T>,
+    step: impl FnMut(&mut Cycle<'_>, u64) -> Option<T>,
 ) -> Result<T, WaitError> {
     run(port, timeout_ms, true, step)
 }
@@ -31,7 +31,7 @@ pub fn run_cycle_until<T>(
 pub fn run_cycle_uninterrupted<T>(
     port: &mut Port,
     timeout_ms: u32,
-    step: impl FnMut(&mut Port, u64) -> Option<T>,
+    step: impl FnMut(&mut Cycle<'_>, u64) -> Option<T>,
 ) -> Result<T, WaitError> {
     run(port, timeout_ms, false, step)
 }
@@ -40,7 +40,7 @@ fn run<T>(
     port: &mut Port,
     timeout_ms: u32,
     may_stop: bool,
-    mut step: impl FnMut(&mut Port, u64) -> Option<T>,
+    mut step: impl FnMut(&mut Cycle<'_>, u64) -> Option<T>,
 ) -> Result<T, WaitError> {
     let clock = port.adapter().ecrt().clock().clone();
     let start_ns = clock.now_ns();
@@ -48,13 +48,13 @@ fn run<T>(
     loop {
         port.wait_next_cycle();
         let now_ns = clock.now_ns();
-        let begun = port.cycle_begin();
-        let result = step(port, now_ns);
-        let cycle = begun.and(port.cycle_end());
+        let mut cycle = port.begin_cycle();
+        let result = step(&mut cycle, now_ns);
+        let error = cycle.finish().error();
         if let Some(value) = result {
             return Ok(value);
         }
-        if let Err(error @ CycleError::NotActive { .. }) = cycle {
+        if let Some(error @ CycleError::NotActive { .. }) = error {
             return Err(error.into());
         }
         if may_stop && port.adapter().should_stop() {
@@ -62,8 +62,8 @@ fn run<T>(
         }
         let waited_ns = now_ns.saturating_sub(start_ns);
         if waited_ns > limit_ns {
-            cycle?;
-            return Err(WaitError::TimedOut { waited_ms: waited_ns / NS_PER_MS });
+            let timed_out = WaitError::TimedOut { waited_ms: waited_ns / NS_PER_MS };
+            return Err(error.map_or(timed_out, WaitError::from));
         }
     }
 }

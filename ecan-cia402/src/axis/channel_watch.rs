@@ -5,7 +5,7 @@
 //! channel than its status counts proves that it does not, and answers to SDO requests bring such
 //! images long before an axis is taken up. Until then it is taken to include them.
 
-use ecan_mcan_port::{ImageReport, Port, Session};
+use ecan_mcan_port::{ImageReport, Port};
 use ecan_protocol::image::{ChannelState, ChannelStatus, ImageFault};
 use ecan_protocol::mapping::CHANNELS;
 
@@ -70,15 +70,20 @@ impl GatewayWatch {
     /// Once per cycle, when everything received has been taken out: only then is a fault behind
     /// the first packets known.
     pub(super) fn observe(&mut self, port: &Port) {
-        let report = port.cycle_report(self.slave);
-        let statistics = port.statistics(self.slave);
+        let Ok(gateway) = port.gateway(self.slave) else {
+            // A reconfiguration removed the gateway.
+            *self = Self::new(self.slave);
+            return;
+        };
+        let report = port.cycle_report(gateway);
+        let statistics = port.statistics(gateway);
         let is_new = matches!(report.image, ImageReport::New { .. });
         let without_break = statistics.sessions_lost == self.sessions_lost;
-        self.in_service = port.session(self.slave) == Session::Ready && without_break;
+        self.in_service = port.gateway_is_ready(gateway) && without_break;
         self.sessions_lost = statistics.sessions_lost;
         self.image = report.image;
         self.complete = report.domain.is_complete();
-        self.holding = report.is_holding;
+        self.holding = report.is_unconfirmed;
         self.discarded = statistics.rxpdo_discarded != self.images_discarded;
         self.images_discarded = statistics.rxpdo_discarded;
         for (number, (channel, counters)) in
@@ -92,7 +97,9 @@ impl GatewayWatch {
             channel.received = counters.frames_received;
             let [now, before, _] = channel.delivered;
             if is_new {
-                channel.status = port.channel_status(self.slave, number);
+                let handle = port.channel(self.slave, number);
+                channel.status =
+                    handle.map_or_else(|_| ChannelStatus::default(), |it| port.channel_status(it));
                 channel.delivered = [counters.frames_delivered, now, before];
                 let counted = channel.status.rx_pending();
                 self.counts_left_only |=

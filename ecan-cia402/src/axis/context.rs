@@ -3,7 +3,7 @@
 use ecan_canopen::{
     HostHeartbeat, Network, NetworkConfig, NmtCommand, NmtError, NodeConfig, SyncConfig,
 };
-use ecan_mcan_port::{Port, SendOptions};
+use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
 use ecan_protocol::config::TxMode;
 use ecan_protocol::image::Schedule;
 
@@ -255,7 +255,9 @@ impl Cia402 {
     fn check_offset(&self, port: &Port, offset_ns: u32) -> Result<(), ScheduleError> {
         for axis in &self.axes {
             let slave = axis.settings.address.slave;
-            port.schedule_margin(slave, offset_ns)
+            port.gateway(slave)
+                .map_err(|_| NotSchedulable::NotSupported)
+                .and_then(|gateway| port.schedule_margin(gateway, offset_ns))
                 .map_err(|reason| ScheduleError::NotSchedulable { slave, offset_ns, reason })?;
         }
         Ok(())

@@ -1,6 +1,6 @@
 //! Calls that wait: they run the cycle themselves until all axes are where they are to be.
 
-use ecan_mcan_port::Port;
+use ecan_mcan_port::{Cycle, Port};
 
 use ecan_canopen::{WaitError, run_cycle_uninterrupted, run_cycle_until};
 
@@ -23,9 +23,9 @@ enum WaitStatus {
 impl Cia402 {
     /// One cycle's work for a loop that has no targets of its own: everything in, the axes at
     /// their last targets, everything out.
-    pub fn serve(&mut self, port: &mut Port) {
-        self.process_rx(port);
-        self.send_targets_all(port);
+    pub fn serve(&mut self, cycle: &mut Cycle<'_>) {
+        self.process_rx(cycle);
+        self.send_targets_all(cycle);
     }
 
     /// Configures every drive that is not configured, and waits. `progress` is called for every
@@ -140,8 +140,8 @@ impl Cia402 {
         mut progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
         self.begin_shutdown();
-        let ended = run_cycle_uninterrupted(port, timeout_ms, |port, _| {
-            self.serve(port);
+        let ended = run_cycle_uninterrupted(port, timeout_ms, |cycle, _| {
+            self.serve(cycle);
             self.progress_all().for_each(|axis| progress(&axis));
             // The last commands must have left before the host does.
             let is_done = self.shutdown == Shutdown::Done && !self.network.nmt_is_pending();
@@ -171,8 +171,8 @@ impl Cia402 {
         standing: impl Fn(&Axis) -> WaitStatus,
     ) -> Result<(), Cia402Error> {
         let start_ns = self.now_ns;
-        let ended = run_cycle_until(port, timeout_ms, |port, _| {
-            self.serve(port);
+        let ended = run_cycle_until(port, timeout_ms, |cycle, _| {
+            self.serve(cycle);
             self.progress_all().for_each(|axis| progress(&axis));
             let is_open = |axis: &Axis| standing(axis) == WaitStatus::Waiting;
             (!self.axes.iter().any(is_open)).then_some(())

@@ -1,6 +1,6 @@
 //! The axes in the cycle: everything in, then everything out.
 
-use ecan_mcan_port::{Port, Received, ReceivedFrame};
+use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
 use ecan_protocol::can::{FrameKind, FrameRef};
 use ecan_protocol::mapping::CHANNELS;
 
@@ -47,20 +47,20 @@ impl Cia402 {
     /// Takes in what the cycle brought, and lets every axis do what is next: configuration, change
     /// of mode, homing, enabling, holding.
     ///
-    /// First in the cycle, behind `cycle_begin`. Real-time safe: no allocation, no lock, no call
+    /// First in the cycle. Real-time safe: no allocation, no lock, no call
     /// beyond the clock.
-    pub fn process_rx(&mut self, port: &mut Port) {
-        self.process_rx_with(port, |_| {});
+    pub fn process_rx(&mut self, cycle: &mut Cycle<'_>) {
+        self.process_rx_with(cycle, |_| {});
     }
 
     /// As [`process_rx`](Self::process_rx), with everything that is neither the network's nor an
     /// axis' handed on: frames of other nodes, other PDOs, transmit reports. Real-time safe as far
     /// as `other` is.
-    pub fn process_rx_with(&mut self, port: &mut Port, mut other: impl FnMut(Received)) {
-        self.now_ns = port.adapter().clock().now_ns();
+    pub fn process_rx_with(&mut self, cycle: &mut Cycle<'_>, mut other: impl FnMut(Received)) {
+        self.now_ns = cycle.adapter().clock().now_ns();
         let Self { network, axes, lookup, now_ns, .. } = self;
         axes.iter_mut().for_each(Axis::begin_cycle);
-        network.receive(port, *now_ns, |item| {
+        network.receive(cycle, *now_ns, |item| {
             match &item {
                 Received::Frame(frame) => {
                     if let Some(axis) = axis_of(axes, lookup, frame) {
@@ -79,7 +79,7 @@ impl Cia402 {
             }
             other(item);
         });
-        self.observe(port);
+        self.observe(cycle);
         for axis in &mut self.axes {
             axis.step_setup(&mut self.network, self.now_ns);
             axis.step_doubt(&mut self.network, self.now_ns);
@@ -92,10 +92,10 @@ impl Cia402 {
         }
     }
 
-    fn observe(&mut self, port: &mut Port) {
+    fn observe(&mut self, cycle: &mut Cycle<'_>) {
         let Self { network, axes, gateways, .. } = self;
         for gateway in gateways.iter_mut() {
-            gateway.observe(port);
+            gateway.observe(cycle);
         }
         for axis in axes.iter_mut() {
             if let Some(gateway) = gateways.get(axis.settings.address.slave) {
@@ -108,26 +108,28 @@ impl Cia402 {
                 |axis: &Axis| axis.settings.address.slave == slave && axis.guard.wants_discard();
             if axes.iter().any(is_stale) {
                 // The counter of discarded images tells every axis of the gateway next cycle.
-                port.discard_pending(slave);
+                if let Ok(gateway) = cycle.gateway(slave) {
+                    cycle.discard_pending(gateway);
+                }
             }
         }
     }
 
     /// Sends targets and commands of all axes, SYNC behind them, then what the network has to
-    /// send. Last in the cycle, before `cycle_end`; once per cycle. Real-time safe.
-    pub fn send_targets_all(&mut self, port: &mut Port) -> SendSummary {
-        self.send(port, false)
+    /// send. Last in the cycle; once per cycle. Real-time safe.
+    pub fn send_targets_all(&mut self, cycle: &mut Cycle<'_>) -> SendSummary {
+        self.send(cycle, false)
     }
 
     /// As [`send_targets_all`](Self::send_targets_all), with every CSP axis moved by its own
     /// [`target_step`](super::AxisConfig::target_step): it takes the step up by its ramp, and
     /// does not move in a cycle in which its target does not go out. Axes of other modes get their
     /// targets as there. Real-time safe.
-    pub fn send_target_step(&mut self, port: &mut Port) -> SendSummary {
-        self.send(port, true)
+    pub fn send_target_step(&mut self, cycle: &mut Cycle<'_>) -> SendSummary {
+        self.send(cycle, true)
     }
 
-    fn send(&mut self, port: &mut Port, stepping: bool) -> SendSummary {
+    fn send(&mut self, cycle: &mut Cycle<'_>, stepping: bool) -> SendSummary {
         let mut summary = SendSummary::default();
         let with_target = self.cycles_to_target == 0;
         self.cycles_to_target = self.cycles_to_target.checked_sub(1).unwrap_or(self.motion_div - 1);
@@ -144,7 +146,8 @@ impl Cia402 {
                     let sent = FrameRef::classic(axis.rpdo, outgoing.rpdo.as_slice())
                         .map_err(Into::into)
                         .and_then(|frame| {
-                            port.send_with(place.0, place.1, frame, self.target_options)
+                            let to = cycle.channel(place.0, place.1)?;
+                            cycle.send_with(to, frame, self.target_options)
                         });
                     match sent {
                         Ok(ticket) => axis.sent(&outgoing, ticket),
@@ -158,11 +161,11 @@ impl Cia402 {
             }
             summary.count(axis.decision);
         }
-        summary.syncs = self.network.send_sync(port);
+        summary.syncs = self.network.send_sync(cycle);
         if summary.syncs > 0 {
             self.note_sync();
         }
-        self.network.send(port, self.now_ns);
+        self.network.send(cycle, self.now_ns);
         // A first target takes an axis up.
         for axis in &mut self.axes {
             axis.note_phase(self.now_ns);

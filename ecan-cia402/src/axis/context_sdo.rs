@@ -58,8 +58,8 @@ impl Cia402 {
     ) -> Result<Vec<u8>, Cia402Error> {
         let node = self.node(axis).ok_or(CommandError::NoSuchAxis { axis })?;
         let mut ours = None;
-        let ended = run_cycle_until(port, timeout_ms, |port, _| {
-            self.serve(port);
+        let ended = run_cycle_until(port, timeout_ms, |cycle, _| {
+            self.serve(cycle);
             let network = &mut self.network;
             // An axis may take the client in the cycle in which a transfer ends, and its result
             // with it: then it starts over.

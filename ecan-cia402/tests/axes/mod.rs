@@ -4,13 +4,14 @@
 use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::{AxisConfig, Cia402, Cia402Config};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{
+    ChannelConfig, Cycle, GatewayConfig, Port, PortConfig, Session, SlaveStatistics,
+};
 use ecan_sim::{
     ClockKind, Drive, DriveConfig, DriveFault, DriveQuirks, Fault, NodeKind, Scenario, SimOptions,
     Simulation, TargetRecord,
 };
 
-pub const READY_MS: u32 = 20_000;
 pub const START_MS: u32 = 10_000;
 
 pub fn node(id: u8) -> NodeId {
@@ -81,7 +82,7 @@ impl Fixture {
         let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
         let config = PortConfig::uniform(slaves, gateway);
         let mut port = Port::open(&backend.ecrt, adapter, config).unwrap_or_else(|e| panic!("{e}"));
-        port.wait_ready(READY_MS).unwrap_or_else(|e| panic!("{e}"));
+        port.wait_ready().unwrap_or_else(|e| panic!("{e}"));
         let cia402 = Cia402::new(&port, axes, settings).unwrap_or_else(|e| panic!("{e}"));
         Self { port, cia402, simulation: backend.simulation.unwrap() }
     }
@@ -97,24 +98,31 @@ impl Fixture {
         self
     }
 
+    /// Session of the first gateway.
+    pub fn session(&self) -> Session {
+        self.port.session(self.port.gateway(0).unwrap())
+    }
+
+    /// Counters of the first gateway.
+    pub fn statistics(&self) -> SlaveStatistics {
+        self.port.statistics(self.port.gateway(0).unwrap())
+    }
+
     pub fn now_ns(&self) -> u64 {
         self.port.adapter().clock().now_ns()
     }
 
     /// One cycle when it is due: everything in, `work`, everything out. An error of the cycle is
     /// what a bus in trouble has.
-    pub fn cycle_with<T>(&mut self, work: impl FnOnce(&mut Cia402, &mut Port) -> T) -> T {
-        self.port.wait_next_cycle();
-        let _ = self.port.cycle_begin();
-        self.cia402.process_rx(&mut self.port);
-        let result = work(&mut self.cia402, &mut self.port);
-        let _ = self.port.cycle_end();
-        result
+    pub fn cycle_with<T>(&mut self, work: impl FnOnce(&mut Cia402, &mut Cycle<'_>) -> T) -> T {
+        let mut cycle = self.port.next_cycle();
+        self.cia402.process_rx(&mut cycle);
+        work(&mut self.cia402, &mut cycle)
     }
 
     /// One cycle in which every axis makes its step.
     pub fn step(&mut self) {
-        self.cycle_with(|cia402, port| cia402.send_target_step(port));
+        self.cycle_with(|cia402, cycle| cia402.send_target_step(cycle));
     }
 
     pub fn steps(&mut self, cycles: usize) {
@@ -124,7 +132,7 @@ impl Fixture {
     /// One cycle at the application's targets.
     pub fn idle(&mut self, cycles: usize) {
         for _ in 0..cycles {
-            self.cycle_with(|cia402, port| cia402.send_targets_all(port));
+            self.cycle_with(|cia402, cycle| cia402.send_targets_all(cycle));
         }
     }
 

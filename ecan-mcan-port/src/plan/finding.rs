@@ -5,8 +5,8 @@ use ecan_protocol::config::DATA_PATH_BUDGET_MAX;
 use ecan_protocol::mapping::{Direction, MAX_PACKETS};
 use thiserror::Error;
 
+use crate::schedule_margin::NotSchedulable;
 use crate::schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
-use crate::send::NotSchedulable;
 
 fn us(ns: u64) -> f64 {
     ns as f64 / 1e3
@@ -110,7 +110,7 @@ pub enum PortPlanError {
         share: u64,
     },
     /// An offset that the Port would refuse: no Sync0, beyond its period, or without margin where
-    /// [`MarginCheck::Refuse`](crate::MarginCheck::Refuse) is chosen.
+    /// [`MarginCheck::Reject`](crate::MarginCheck::Refuse) is chosen.
     #[error(
         "slave {slave}: frames cannot leave {:.1} us behind Sync0: {reason}",
         us((*offset_ns).into())

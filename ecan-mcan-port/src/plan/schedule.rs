@@ -9,9 +9,9 @@ use super::finding::{PortPlanError, PortWarning};
 use super::frame_stream::{FrameRate, FrameStream};
 use super::{PortPlan, settings};
 use crate::config::PortConfig;
+use crate::schedule_margin::NotSchedulable;
 use crate::schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
 use crate::schedule_settings::MarginCheck;
-use crate::send::NotSchedulable;
 use crate::transmit_window::DEFAULT_DEPTH;
 
 impl PortPlan {
@@ -53,7 +53,7 @@ impl PortPlan {
         let judged = self.schedule_margin(slave, offset_ns).and_then(|margin| {
             let lacking_ns = margin.lacking_ns();
             match check {
-                MarginCheck::Refuse if lacking_ns > 0 => {
+                MarginCheck::Reject if lacking_ns > 0 => {
                     Err(NotSchedulable::NoMargin { lacking_ns })
                 }
                 _ => Ok(margin),

@@ -3,12 +3,12 @@
 
 use ecan_host::{AdapterConfig, CycleError};
 use ecan_mcan_port::{
-    ChannelConfig, GatewayConfig, Port, PortConfig, PortError, Received, ReceivedFrame,
+    ChannelConfig, ChannelHandle, Cycle, GatewayConfig, GatewayHandle, Port, PortConfig, PortError,
+    Received, ReceivedFrame, SendError, SendTicket,
 };
-use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::can::{CanFrame, CanId, FrameRef};
+use ecan_protocol::image::Schedule;
 use ecan_sim::{ClockKind, Scenario, SimOptions, Simulation};
-
-pub const READY_MS: u32 = 20_000;
 
 pub struct Fixture {
     pub port: Port,
@@ -33,7 +33,7 @@ impl Fixture {
     /// Opened and in service.
     pub fn ready(scenario: Scenario, adapter: AdapterConfig, config: PortConfig) -> Self {
         let mut bench = Self::open(scenario, adapter, config).unwrap_or_else(|e| panic!("{e}"));
-        bench.port.wait_ready(READY_MS).unwrap_or_else(|e| panic!("{e}"));
+        bench.port.wait_ready().unwrap_or_else(|e| panic!("{e}"));
         bench
     }
 
@@ -44,14 +44,12 @@ impl Fixture {
     }
 
     /// One cycle: waits until it is due, receives everything, then `send`.
-    pub fn cycle(&mut self, send: impl FnOnce(&mut Port)) -> Vec<Received> {
-        let mut received = Vec::new();
-        self.port.wait_next_cycle();
-        let begun = self.port.cycle_begin();
-        self.port.receive_each(|item| received.push(item));
-        send(&mut self.port);
-        let ended = self.port.cycle_end();
-        self.cycle_errors.extend(begun.err().into_iter().chain(ended.err()));
+    pub fn cycle(&mut self, send: impl FnOnce(&mut Cycle<'_>)) -> Vec<Received> {
+        let mut cycle = self.port.next_cycle();
+        let received = cycle.received().map(|item| item.to_owned()).collect();
+        send(&mut cycle);
+        let summary = cycle.finish();
+        self.cycle_errors.extend([summary.receive_error, summary.send_error].into_iter().flatten());
         received
     }
 
@@ -76,9 +74,9 @@ impl Fixture {
         let mut sent = 0;
         let mut back = Vec::new();
         for _ in 0..limit {
-            let items = self.cycle(|port| {
+            let items = self.cycle(|cycle| {
                 while let Some(frame) = frames.get(sent) {
-                    if port.send(0, channel, frame.as_ref()).is_err() {
+                    if cycle.send(cycle.ch(0, channel), frame).is_err() {
                         break;
                     }
                     sent += 1;
@@ -99,6 +97,55 @@ impl Drop for Fixture {
         let log = self.simulation.kernel_log();
         let complaint = log.iter().find(|line| line.starts_with("simulator:"));
         assert!(complaint.is_none() || std::thread::panicking(), "{complaint:?}");
+    }
+}
+
+/// Handles by slave and channel, which must exist.
+pub trait Handles {
+    fn gw(&self, slave: usize) -> GatewayHandle;
+    fn ch(&self, slave: usize, channel: u8) -> ChannelHandle;
+}
+
+impl Handles for Port {
+    fn gw(&self, slave: usize) -> GatewayHandle {
+        self.gateway(slave).unwrap()
+    }
+
+    fn ch(&self, slave: usize, channel: u8) -> ChannelHandle {
+        self.channel(slave, channel).unwrap()
+    }
+}
+
+/// Sending from an address and data, in one call.
+pub trait SendData {
+    fn send_can(&mut self, slave: usize, channel: u8, id: CanId, data: &[u8]) -> Sent;
+    fn schedule_can(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        id: CanId,
+        data: &[u8],
+        schedule: Schedule,
+    ) -> Sent;
+}
+
+type Sent = Result<SendTicket, SendError>;
+
+impl SendData for Cycle<'_> {
+    fn send_can(&mut self, slave: usize, channel: u8, id: CanId, data: &[u8]) -> Sent {
+        self.send(self.channel(slave, channel)?, FrameRef::classic(id, data)?)
+    }
+
+    fn schedule_can(
+        &mut self,
+        slave: usize,
+        channel: u8,
+        id: CanId,
+        data: &[u8],
+        schedule: Schedule,
+    ) -> Sent {
+        let to = self.channel(slave, channel)?;
+        self.send_with(to, FrameRef::classic(id, data)?, schedule.into())
     }
 }
 

@@ -5,7 +5,7 @@ use ecan_mcan_port::{GatewayConfig, ScheduleAccount};
 use ecan_protocol::image::{OptionFlags, Schedule};
 use ecan_sim::{GatewayCounters, Scenario, echo};
 
-use super::common::{self, Fixture, id, with_sync0};
+use super::common::{Fixture, Handles, SendData, id, with_sync0};
 
 /// Phases at which frames leave, 500 us behind the start of the cycle: the images come long before.
 pub const SHIFT_NS: u32 = 500_000;
@@ -20,16 +20,16 @@ pub fn counters(bench: &Fixture) -> GatewayCounters {
 }
 
 pub fn account(bench: &Fixture) -> ScheduleAccount {
-    bench.port.schedule_account(0, 0)
+    bench.port.schedule_account(bench.port.ch(0, 0))
 }
 
 /// One cycle that schedules so many frames; gives how many were taken.
 pub fn schedule(bench: &mut Fixture, frames: u16, offset_ns: u32) -> u16 {
     let mut taken = 0;
-    bench.cycle(|port| {
+    bench.cycle(|cycle| {
         for tag in 0..frames {
             let at = Schedule { tag, offset_ns };
-            taken += u16::from(port.schedule_can(0, 0, id(0x100 + tag), &[], at).is_ok());
+            taken += u16::from(cycle.schedule_can(0, 0, id(0x100 + tag), &[], at).is_ok());
         }
     });
     taken
@@ -81,6 +81,6 @@ pub fn with_long_sync0(shift_ns: u32, change: fn(&mut GatewayConfig)) -> Fixture
     adapter.dc = Some(ecan_host::DcSync::new(4_000_000, shift_ns));
     let config = bench.port.config().clone();
     bench.port.reconfigure(adapter, config).unwrap();
-    bench.port.wait_ready(common::READY_MS).unwrap();
+    bench.port.wait_ready().unwrap();
     bench
 }

@@ -46,27 +46,27 @@
 //!     profile: port.config().gateways[0].profile(direction, n),
 //! };
 //!
-//! port.wait_ready(port.startup_timeout_ms())?;
+//! port.wait_ready()?;
+//! let can0 = port.channel(0, 0)?;
 //! # recorder.set_patient(true); // simulated time waits for the file
 //! let frame = CanFrame::classic(CanId::standard(0x123)?, &[1, 2, 3])?;
 //! let mut has_come_back = false;
-//! for cycle in 0..100 {
-//!     port.wait_next_cycle();
-//!     port.cycle_begin()?;
+//! for number in 0..100 {
+//!     let mut cycle = port.next_cycle();
 //!     // Time stamps are nanoseconds since 1970, whatever the clock of the cycle counts.
 //!     let now_ns = since_1970_ns();
-//!     recorder.image(now_ns, origin(&port, Direction::TxPdo), port.adapter().tx_pdo(0));
-//!     port.receive_each(|received| {
-//!         if let Received::Frame(it) = received {
+//!     recorder.image(now_ns, origin(&cycle, Direction::TxPdo), cycle.adapter().tx_pdo(0));
+//!     for item in cycle.received() {
+//!         if let Received::Frame(it) = item.to_owned() {
 //!             recorder.frame(now_ns, it.channel.into(), Traffic::Received, &it.frame);
 //!             has_come_back |= it.frame == frame;
 //!         }
-//!     });
-//!     if cycle == 0 {
-//!         port.send(0, 0, frame.as_ref())?;
+//!     }
+//!     if number == 0 {
+//!         cycle.send(can0, &frame)?;
 //!         recorder.frame(now_ns, 0, Traffic::Sent, &frame);
 //!     }
-//!     port.cycle_end()?;
+//!     cycle.end()?;
 //!     recorder.image(now_ns, origin(&port, Direction::RxPdo), port.adapter().rx_pdo(0));
 //! }
 //! let recording = recorder.finish()?;

@@ -3,7 +3,7 @@
 
 use ecan_diagnosis::{Depth, Finding, ReadError, Snapshot, findings};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
+use ecan_mcan_port::{ChannelConfig, Cycle, GatewayConfig, Port, PortConfig};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::mapping::{Direction, HEADER_BYTES};
 use ecan_sim::{ClockKind, Fault, GatewayFault, Scenario, SimOptions, Simulation};
@@ -25,17 +25,16 @@ impl Fixture {
             PortConfig::uniform(1, gateway),
         )
         .unwrap();
-        port.wait_ready(20_000).unwrap();
+        port.wait_ready().unwrap();
         Self { port, simulation: backend.simulation.unwrap() }
     }
 
-    fn cycles(&mut self, count: usize, mut each: impl FnMut(&mut Port)) {
+    fn cycles(&mut self, count: usize, mut each: impl FnMut(&mut Cycle<'_>)) {
         for _ in 0..count {
-            self.port.wait_next_cycle();
-            self.port.cycle_begin().unwrap();
-            self.port.receive_each(|_| ());
-            each(&mut self.port);
-            self.port.cycle_end().unwrap();
+            let mut cycle = self.port.next_cycle();
+            cycle.received().for_each(drop);
+            each(&mut cycle);
+            assert_eq!(cycle.finish().error(), None);
         }
     }
 
@@ -73,11 +72,17 @@ fn frame() -> CanFrame {
     CanFrame::classic(CanId::standard(0x123).unwrap(), &[1, 2, 3]).unwrap()
 }
 
+/// Sends a frame if there is room.
+fn send(cycle: &mut Cycle<'_>, channel: u8) {
+    let channel = cycle.channel(0, channel).unwrap();
+    let _ = cycle.send(channel, &frame());
+}
+
 #[test]
 fn a_gateway_in_operation_has_no_finding() {
     let mut bench = Fixture::ready(ecan_sim::echo(1));
-    bench.cycles(100, |port| {
-        let _ = port.send(0, 1, frame().as_ref());
+    bench.cycles(100, |cycle| {
+        send(cycle, 1);
     });
     assert_eq!(bench.found(), []);
     let snapshot = bench.snapshot();
@@ -100,8 +105,8 @@ fn a_bus_without_partner_is_found_as_missing_acknowledge() {
     let mut scenario = ecan_sim::echo(1);
     scenario.nodes.clear();
     let mut bench = Fixture::ready(scenario);
-    bench.cycles(300, |port| {
-        let _ = port.send(0, 0, frame().as_ref());
+    bench.cycles(300, |cycle| {
+        send(cycle, 0);
     });
     let found = bench.found();
     let first = &found[0];
@@ -113,15 +118,15 @@ fn error_frames_raise_the_counters_into_a_finding() {
     let mut bench = Fixture::ready(ecan_sim::echo(1));
     bench.simulation.inject(Fault::ErrorFrames { gateway: 0, channel: 0, frames: 14 });
     let is_seen = (0..20).any(|_| {
-        bench.cycles(1, |port| {
-            let _ = port.send(0, 0, frame().as_ref());
+        bench.cycles(1, |cycle| {
+            send(cycle, 0);
         });
         // 14 times 8 is 112; each frame that goes well takes one off.
         bench.ids().contains(&"error-warning")
     });
     assert!(is_seen, "{:#?}", bench.snapshot());
-    bench.cycles(100, |port| {
-        let _ = port.send(0, 0, frame().as_ref());
+    bench.cycles(100, |cycle| {
+        send(cycle, 0);
     });
     assert_eq!(bench.found(), [], "the counters have fallen again");
 }

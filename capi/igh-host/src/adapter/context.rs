@@ -9,6 +9,7 @@
 //! ```
 
 use std::ffi::{c_int, c_void};
+use std::time::Duration;
 
 use ecan_host::{Adapter, Master};
 use ecan_mcan_host::boundary::{call, getter};
@@ -171,7 +172,9 @@ pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
         let mut bus = unsafe { bus::enter(call, context.cast())? };
         bus.need_owned(call)?;
         match bus.port_mut() {
-            Some(port) => port.wait_ready(timeout_ms).map_err(|e| errors::port(call, &e)),
+            Some(port) => port
+                .wait_ready_timeout(Duration::from_millis(timeout_ms.into()))
+                .map_err(|e| errors::port(call, &e)),
             None => {
                 let waited = bus.need_adapter(call)?.wait_op(timeout_ms);
                 waited.map_err(|error| errors::adapter(call, &error))

@@ -17,7 +17,7 @@ use crate::bus::{self, Bus};
 use crate::errors;
 use crate::handle::Entered;
 use crate::mcan_port::context::igh_mcan_port_t;
-use crate::mcan_port::state::{need_channel, need_slave};
+use crate::mcan_port::state::find_channel;
 
 /// Bytes that a transfer has room for, whatever the caller's buffer.
 const LEAST_BUFFER: usize = 1024;
@@ -46,8 +46,7 @@ fn network<'a>(
     }
     let port = bus.need_port(call)?;
     let Place { slave, channel, node_id } = *place;
-    need_slave(call, port, slave)?;
-    need_channel(call, channel)?;
+    find_channel(call, port, slave, channel)?;
     let node = NodeId::new(node_id)
         .ok_or_else(|| call.argument("node_id", format_args!("{node_id} is not 1 to 127")))?;
     let buffer_bytes = size.clamp(LEAST_BUFFER, MOST_BUFFER);

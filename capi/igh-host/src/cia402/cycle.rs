@@ -19,7 +19,7 @@ use ecan_cia402::{Cia402, SendSummary};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
-use ecan_mcan_port::Port;
+use ecan_mcan_port::Cycle;
 
 use super::context::{igh_cia402_context_t, on_axes};
 use crate::bus;
@@ -71,14 +71,15 @@ impl From<SendSummary> for igh_cia402_send_summary_t {
 /// hands them out. In place of igh_mcan_port_receive().
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+///          ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_process_rx(context: *mut igh_cia402_context_t) -> c_int {
     call("igh_cia402_process_rx", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         unsafe {
             on_axes(call, context, |cia402, port| {
-                cia402.process_rx(port);
+                cia402.process_rx(&mut bus::open_cycle(call, port)?);
                 Ok(())
             })
         }
@@ -111,7 +112,8 @@ pub unsafe extern "C" fn igh_cia402_process_rx_ex(
         // SAFETY: as above.
         unsafe {
             on_axes(call, context, |cia402, port| {
-                cia402.process_rx_with(port, |item| {
+                let mut cycle = bus::open_cycle(call, port)?;
+                cia402.process_rx_with(&mut cycle, |item| {
                     lost += usize::from(!room.push(owned_rx_frame(&item)));
                 });
                 Ok(())
@@ -131,12 +133,12 @@ pub unsafe extern "C" fn igh_cia402_process_rx_ex(
 unsafe fn send(
     call: Call,
     context: *mut igh_cia402_context_t,
-    send: impl FnOnce(&mut Cia402, &mut Port) -> SendSummary,
+    send: impl FnOnce(&mut Cia402, &mut Cycle<'_>) -> SendSummary,
 ) -> Result<(), ecan_result_t> {
     // SAFETY: the caller's promise.
     let mut bus = unsafe { bus::enter_cia402(call, context.cast())? };
     let (cia402, port) = bus.need_axes(call)?;
-    let summary = send(cia402, port);
+    let summary = send(cia402, &mut bus::open_cycle(call, port)?);
     if let Some(axes) = bus.axes_mut() {
         axes.summary = summary;
     }
@@ -147,8 +149,8 @@ unsafe fn send(
 /// NMT, SDO and heartbeat frames that are due.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. What became of the
-///          targets is told by igh_cia402_get_send_summary().
+/// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+///          ECAN_ERR_BUSY. igh_cia402_get_send_summary() reports the targets.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_send_targets_all(context: *mut igh_cia402_context_t) -> c_int {
     call("igh_cia402_send_targets_all", |call| {

@@ -12,7 +12,7 @@ use std::ffi::c_int;
 
 use ecan_mcan_host::boundary::{OutArray, call};
 use ecan_mcan_host::pdo::frames::{igh_mcan_rx_frame_t, igh_mcan_rx_kind_t};
-use ecan_mcan_port::{Port, Received, ReceivedView, TransmitReport};
+use ecan_mcan_port::{Cycle, Received, ReceivedView, TransmitReport};
 
 use super::context::igh_mcan_port_t;
 use crate::bus;
@@ -46,8 +46,10 @@ pub unsafe extern "C" fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) -
     call("igh_mcan_port_cycle_begin", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let mut bus = unsafe { bus::enter_port(call, port.cast())? };
-        let begun = bus.need_port(call)?.cycle_begin();
-        begun.map_err(|error| errors::cycle(call, &error))
+        let cycle = bus.need_port(call)?.begin_cycle();
+        let error = cycle.receive_error();
+        cycle.keep_open();
+        error.map_or(Ok(()), |error| Err(errors::cycle(call, &error)))
     })
 }
 
@@ -62,8 +64,13 @@ pub unsafe extern "C" fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) -> 
     call("igh_mcan_port_cycle_end", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let mut bus = unsafe { bus::enter_port(call, port.cast())? };
-        let ended = bus.need_port(call)?.cycle_end();
-        ended.map_err(|error| errors::cycle(call, &error))
+        let port = bus.need_port(call)?;
+        let ended = port.open_cycle().map(Cycle::finish);
+        let error = match ended {
+            Some(summary) => summary.send_error,
+            None => port.repeat_images().err(),
+        };
+        error.map_or(Ok(()), |error| Err(errors::cycle(call, &error)))
     })
 }
 
@@ -104,17 +111,13 @@ fn tx_result(report: &TransmitReport) -> igh_mcan_rx_frame_t {
 }
 
 /// Hands what came back to C, as much as there is room for.
-pub(crate) fn receive(port: &mut Port, room: &mut OutArray<igh_mcan_rx_frame_t>) {
-    if room.is_full() {
-        return;
+pub(crate) fn receive(cycle: &mut Cycle<'_>, room: &mut OutArray<igh_mcan_rx_frame_t>) {
+    let mut items = cycle.received();
+    while !room.is_full()
+        && let Some(item) = items.next()
+    {
+        room.push(rx_frame(&item));
     }
-    port.receive_views(
-        #[inline(always)]
-        |item| {
-            room.push(rx_frame(&item));
-            !room.is_full()
-        },
-    );
 }
 
 /// Takes what came back: frames of the buses, and the outcome of frames sent where the option
@@ -126,7 +129,8 @@ pub(crate) fn receive(port: &mut Port, room: &mut OutArray<igh_mcan_rx_frame_t>)
 /// @param rx_count  Gets the number of frames taken.
 ///
 /// @usage   rt, the cycle's thread, in an open cycle
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+///          ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_receive(
     port: *mut igh_mcan_port_t,
@@ -144,7 +148,7 @@ pub unsafe extern "C" fn igh_mcan_port_receive(
             )
         };
         count.set(0);
-        receive(bus.need_port(call)?, &mut room);
+        receive(&mut bus.need_cycle(call)?, &mut room);
         count.set(room.count());
         Ok(())
     })

@@ -15,7 +15,7 @@ use ecan_mcan_port::{
 
 use super::config::{PortPlain, igh_mcan_port_config_t};
 use super::context::igh_mcan_port_t;
-use super::state::{need_channel, need_slave};
+use super::state::{find_channel, need_slave};
 use crate::bus;
 
 /// The times that the margin of a schedule is reckoned with, and what is done without margin. The
@@ -48,7 +48,7 @@ impl From<ScheduleConfig> for igh_mcan_schedule_settings_t {
             transport_ns: from.transport_ns,
             processing_ns: from.processing_ns,
             watch_ms: from.watch_ms,
-            refuse_without_margin: (from.margin_check == MarginCheck::Refuse).into(),
+            refuse_without_margin: (from.margin_check == MarginCheck::Reject).into(),
             give_up_missed: from.give_up_missed.into(),
             reserved: [0; 2],
         }
@@ -63,7 +63,7 @@ impl From<igh_mcan_schedule_settings_t> for ScheduleConfig {
             processing_ns: from.processing_ns,
             margin_check: match from.refuse_without_margin {
                 0 => MarginCheck::Count,
-                _ => MarginCheck::Refuse,
+                _ => MarginCheck::Reject,
             },
             watch_ms: from.watch_ms,
             give_up_missed: from.give_up_missed != 0,
@@ -273,8 +273,8 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_margin(
         let (mut bus, out) =
             unsafe { (bus::enter_port(call, port.cast())?, call.out("margin", margin)?) };
         let port = bus.need_port(call)?;
-        need_slave(call, port, slave)?;
-        let margin = port.schedule_margin(slave, offset_ns).map_err(|reason| {
+        let gateway = need_slave(call, port, slave)?;
+        let margin = port.schedule_margin(gateway, offset_ns).map_err(|reason| {
             call.fail(ecan_result_t::ECAN_ERR_SCHEDULE, format_args!("{offset_ns} ns: {reason}"))
         })?;
         out.set(margin.into());
@@ -299,9 +299,9 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_account(
         let (mut bus, out) =
             unsafe { (bus::enter_port(call, port.cast())?, call.out("account", account)?) };
         let port = bus.need_port(call)?;
-        need_slave(call, port, slave)?;
-        need_channel(call, channel)?;
-        out.set(port.schedule_account(slave, channel).into());
+        let channel = find_channel(call, port, slave, channel)?;
+        let account = channel.map(|channel| port.schedule_account(channel)).unwrap_or_default();
+        out.set(account.into());
         Ok(())
     })
 }
@@ -322,8 +322,8 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_diagnostics(
         let (mut bus, out) =
             unsafe { (bus::enter_port(call, port.cast())?, call.out("diagnostics", diagnostics)?) };
         let port = bus.need_port(call)?;
-        need_slave(call, port, slave)?;
-        let diagnostics = port.schedule_diagnostics(slave).ok_or_else(|| {
+        let gateway = need_slave(call, port, slave)?;
+        let diagnostics = port.schedule_diagnostics(gateway).ok_or_else(|| {
             let words = format_args!("no look was taken at slave {slave} yet");
             call.fail(ecan_result_t::ECAN_ERR_NOT_READY, words)
         })?;
@@ -346,8 +346,8 @@ pub unsafe extern "C" fn igh_mcan_port_clear_schedule_flags(
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let mut bus = unsafe { bus::enter_port(call, port.cast())? };
         let port = bus.need_port(call)?;
-        need_slave(call, port, slave)?;
-        port.clear_schedule_flags(slave);
+        let gateway = need_slave(call, port, slave)?;
+        port.clear_schedule_flags(gateway);
         Ok(())
     })
 }

@@ -44,14 +44,17 @@ fn send(
     frame: FrameRef<'_>,
     options: SendOptions,
 ) -> Result<(), ecan_result_t> {
-    let sent = bus.need_port(call)?.send_with(slave, channel, frame, options);
+    let mut cycle = bus.need_cycle(call)?;
+    let to = cycle.channel(slave, channel).map_err(|error| errors::address(call, &error))?;
+    let sent = cycle.send_with(to, frame, options);
+    drop(cycle);
     let ticket = sent.map_err(|error| errors::send(call, &error))?;
     bus.last_ticket = Some(ticket.into());
     Ok(())
 }
 
 fn at(offset_ns: u32, tag: u16) -> SendOptions {
-    SendOptions { schedule: Some(Schedule { tag, offset_ns }), ..SendOptions::default() }
+    Schedule { tag, offset_ns }.into()
 }
 
 /// Sends a classic CAN frame.
@@ -89,7 +92,11 @@ pub unsafe extern "C" fn igh_mcan_port_send_can(
         // SAFETY: as above.
         let data = unsafe { call.items("data", data, len)? };
         let id = CanId::new(can_id, flags != 0).map_err(|error| call.error(&error))?;
-        let sent = bus.need_port(call)?.send_can(slave, channel, id, data);
+        let frame = FrameRef::classic(id, data).map_err(|error| call.error(&error))?;
+        let mut cycle = bus.need_cycle(call)?;
+        let to = cycle.channel(slave, channel).map_err(|error| errors::address(call, &error))?;
+        let sent = cycle.send(to, frame);
+        drop(cycle);
         bus.last_ticket = Some(sent.map_err(|error| errors::send(call, &error))?.into());
         Ok(())
     })
@@ -271,16 +278,17 @@ pub unsafe extern "C" fn igh_mcan_port_exchange(
             )
         };
         count.set(0);
-        let port = bus.need_port(call)?;
-        let begun = port.cycle_begin();
-        receive(port, &mut room);
+        let mut cycle = bus.need_port(call)?.begin_cycle();
+        receive(&mut cycle, &mut room);
+        cycle.keep_open();
         count.set(room.count());
         let sent = frames.iter().try_for_each(|tx| send_tx(call, &mut bus, tx));
-        let ended = bus.need_port(call)?.cycle_end();
-        // The words are those of the code that is returned.
-        begun.map_err(|error| errors::cycle(call, &error))?;
+        let summary = bus.need_cycle(call)?.finish();
+        // The text is that of the code that is returned.
+        let failed = |error| Err(errors::cycle(call, &error));
+        summary.receive_error.map_or(Ok(()), failed)?;
         sent?;
-        ended.map_err(|error| errors::cycle(call, &error))
+        summary.send_error.map_or(Ok(()), failed)
     })
 }
 
@@ -326,7 +334,8 @@ pub unsafe extern "C" fn igh_mcan_port_image_room(
         |call| {
             // SAFETY: the pointer is C's, valid or NULL as the header demands.
             let mut bus = unsafe { bus::enter_port(call, port.cast())? };
-            Ok(bus.need_port(call)?.image_room(slave))
+            let port = bus.need_port(call)?;
+            Ok(port.gateway(slave).map_or(0, |gateway| port.image_room(gateway)))
         },
     )
 }
@@ -349,8 +358,8 @@ pub unsafe extern "C" fn igh_mcan_port_discard_pending(
             // SAFETY: the pointer is C's, valid or NULL as the header demands.
             let mut bus = unsafe { bus::enter_port(call, port.cast())? };
             let port = bus.need_port(call)?;
-            need_slave(call, port, slave)?;
-            Ok(port.discard_pending(slave) as c_int)
+            let gateway = need_slave(call, port, slave)?;
+            Ok(port.discard_pending(gateway) as c_int)
         },
     )
 }

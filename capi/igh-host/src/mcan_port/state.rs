@@ -6,13 +6,12 @@ use ecan_mcan_host::boundary::{Call, call, getter, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::channel_status::igh_mcan_channel_status_t;
 use ecan_mcan_host::pdo::diagnosis::igh_mcan_pdo_parse_diag_t;
-use ecan_mcan_port::{ImageReport, Port, Session};
-use ecan_protocol::mapping::CHANNELS;
+use ecan_mcan_port::{AddressError, ChannelHandle, GatewayHandle, ImageReport, Port, Session};
 
 use super::context::igh_mcan_port_t;
-use crate::adapter::config::no_slave;
 use crate::adapter::cycle::ecan_igh_domain_report_t;
 use crate::bus;
+use crate::errors;
 
 /// Where a gateway's session stands.
 #[repr(C)]
@@ -63,9 +62,12 @@ pub struct igh_mcan_cycle_report_t {
     pub reserved: u16,
 }
 
-pub(crate) fn need_slave(call: Call, port: &Port, slave: usize) -> Result<(), ecan_result_t> {
-    let count = port.slave_count();
-    if slave < count { Ok(()) } else { Err(no_slave(call, slave, count)) }
+pub(crate) fn need_slave(
+    call: Call,
+    port: &Port,
+    slave: usize,
+) -> Result<GatewayHandle, ecan_result_t> {
+    port.gateway(slave).map_err(|error| errors::address(call, &error))
 }
 
 /// Where a gateway's session stands.
@@ -94,10 +96,10 @@ pub unsafe extern "C" fn igh_mcan_port_get_session(
                 (bus::enter_port(call, port.cast())?, room)
             };
             let port = bus.need_port(call)?;
-            need_slave(call, port, slave)?;
-            let session = port.session(slave);
+            let gateway = need_slave(call, port, slave)?;
+            let session = port.session(gateway);
             if let Some(mut room) = room {
-                let words = match port.waiting_for(slave) {
+                let words = match port.waiting_for(gateway) {
                     Some(awaited) => format!("{session}; it waits for {awaited}"),
                     None => session.to_string(),
                 };
@@ -129,14 +131,14 @@ pub unsafe extern "C" fn igh_mcan_port_get_cycle_report(
         let (mut bus, out) =
             unsafe { (bus::enter_port(call, port.cast())?, call.out("report", report)?) };
         let port = bus.need_port(call)?;
-        need_slave(call, port, slave)?;
-        let report = port.cycle_report(slave);
+        let gateway = need_slave(call, port, slave)?;
+        let report = port.cycle_report(gateway);
         let mut value = igh_mcan_cycle_report_t {
             domain: report.domain.into(),
             image: igh_mcan_image_t::IGH_MCAN_IMAGE_NONE as u8,
             is_incomplete: 0,
             layout_changed: 0,
-            is_holding: report.is_holding.into(),
+            is_holding: report.is_unconfirmed.into(),
             lost_images: 0,
             reserved: 0,
         };
@@ -173,8 +175,8 @@ pub unsafe extern "C" fn igh_mcan_port_get_parse_diag(
         let (mut bus, out) =
             unsafe { (bus::enter_port(call, port.cast())?, call.out("diag", diag)?) };
         let port = bus.need_port(call)?;
-        need_slave(call, port, slave)?;
-        out.set(port.last_diagnosis(slave).as_ref().map(Into::into).unwrap_or_default());
+        let gateway = need_slave(call, port, slave)?;
+        out.set(port.last_diagnosis(gateway).as_ref().map(Into::into).unwrap_or_default());
         Ok(())
     })
 }
@@ -196,17 +198,23 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_status(
         let (mut bus, out) =
             unsafe { (bus::enter_port(call, port.cast())?, call.out("status", status)?) };
         let port = bus.need_port(call)?;
-        need_slave(call, port, slave)?;
-        need_channel(call, channel)?;
-        out.set(port.channel_status(slave, channel).into());
+        let channel = find_channel(call, port, slave, channel)?;
+        let status = channel.map(|channel| port.channel_status(channel)).unwrap_or_default();
+        out.set(status.into());
         Ok(())
     })
 }
 
-pub(crate) fn need_channel(call: Call, channel: u8) -> Result<(), ecan_result_t> {
-    if usize::from(channel) < CHANNELS {
-        return Ok(());
+/// The channel, or `None` for one that is not enabled.
+pub(crate) fn find_channel(
+    call: Call,
+    port: &Port,
+    slave: usize,
+    channel: u8,
+) -> Result<Option<ChannelHandle>, ecan_result_t> {
+    match port.channel(slave, channel) {
+        Ok(channel) => Ok(Some(channel)),
+        Err(AddressError::Disabled { .. }) => Ok(None),
+        Err(error) => Err(errors::address(call, &error)),
     }
-    let words = format_args!("channel {channel} is not 0 to {}", CHANNELS - 1);
-    Err(call.fail(ecan_result_t::ECAN_ERR_CHANNEL, words))
 }

@@ -9,7 +9,7 @@ use ecan_mcan_port::{ChannelStatistics, SlaveStatistics};
 use ecan_protocol::device::Capabilities;
 
 use super::context::igh_mcan_port_t;
-use super::state::{need_channel, need_slave};
+use super::state::{find_channel, need_slave};
 use crate::bus;
 
 /// Counters of one gateway.
@@ -225,8 +225,8 @@ pub unsafe extern "C" fn igh_mcan_port_get_statistics(
         let (mut bus, out) =
             unsafe { (bus::enter_port(call, port.cast())?, call.out("statistics", statistics)?) };
         let port = bus.need_port(call)?;
-        need_slave(call, port, slave)?;
-        out.set(port.statistics(slave).into());
+        let gateway = need_slave(call, port, slave)?;
+        out.set(port.statistics(gateway).into());
         Ok(())
     })
 }
@@ -248,9 +248,10 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_statistics(
         let (mut bus, out) =
             unsafe { (bus::enter_port(call, port.cast())?, call.out("statistics", statistics)?) };
         let port = bus.need_port(call)?;
-        need_slave(call, port, slave)?;
-        need_channel(call, channel)?;
-        out.set(port.statistics(slave).channels[usize::from(channel)].into());
+        let channel = find_channel(call, port, slave, channel)?;
+        let statistics =
+            channel.map(|at| port.statistics(at.gateway()).channels[usize::from(at.channel())]);
+        out.set(statistics.unwrap_or_default().into());
         Ok(())
     })
 }
@@ -271,8 +272,8 @@ pub unsafe extern "C" fn igh_mcan_port_get_capabilities(
             (bus::enter_port(call, port.cast())?, call.out("capabilities", capabilities)?)
         };
         let port = bus.need_port(call)?;
-        need_slave(call, port, slave)?;
-        out.set(port.capabilities(slave).map(Into::into).unwrap_or_default());
+        let gateway = need_slave(call, port, slave)?;
+        out.set(port.capabilities(gateway).map(Into::into).unwrap_or_default());
         Ok(())
     })
 }

@@ -16,6 +16,7 @@ use crate::frames::prepared::Prepared;
 use crate::frames::printer::{Destination, Printer};
 use crate::frames::service::Service;
 use crate::frames::settings::{GatewayRequirements, Settings};
+use crate::frames::single_gateway::session;
 use crate::frames::timestamp::Style;
 use crate::global::GlobalOptions;
 use crate::output::Output;
@@ -212,7 +213,7 @@ fn judge(heard: u64, wanted: u64, service: &Service) -> Result<(), Failure> {
         0 => service.silence(),
         few => format!("{few} of {wanted} frames came"),
     };
-    match service.port().session(0) {
+    match session(service.port()) {
         Session::Ready => Err(Failure::TooFew(words)),
         _ => Err(service.out_of_service(&words)),
     }

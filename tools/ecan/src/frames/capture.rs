@@ -17,6 +17,7 @@ use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
 use crate::failure::Failure;
 use crate::frames::arrival::Arrival;
 use crate::frames::channels::Channels;
+use crate::frames::single_gateway::{channel_status, session};
 use crate::output::Output;
 
 /// Frames that wait for their results, at first.
@@ -128,7 +129,7 @@ impl FrameCapture {
     /// status as error frames, frames that came, and frames that are known to be in the gateway.
     pub fn after_begin(&mut self, port: &Port, now_ns: u64, arrivals: &[Arrival]) {
         for channel in self.channels.iter() {
-            let now = port.channel_status(0, channel);
+            let now = channel_status(port, channel);
             let Some(last) = self.status.get_mut(usize::from(channel)) else { continue };
             let error = last.and_then(|before| ErrorFrame::of_change(before, now));
             *last = Some(now);
@@ -137,7 +138,7 @@ impl FrameCapture {
             }
         }
         self.image(port, now_ns, Direction::TxPdo);
-        if port.session(0) != Session::Ready {
+        if session(port) != Session::Ready {
             // Nothing is told any more of frames before the loss.
             self.under_way.clear();
         }

@@ -12,6 +12,7 @@ pub mod recording;
 pub mod sender;
 pub mod service;
 pub mod settings;
+pub mod single_gateway;
 pub mod status_watch;
 pub mod summary;
 pub mod timestamp;

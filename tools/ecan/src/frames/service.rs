@@ -6,7 +6,7 @@ use std::time::SystemTime;
 
 use ecan_command_line::interrupt::Interrupt;
 use ecan_command_line::real_time::RealTimeArguments;
-use ecan_host::{AdapterConfig, Clock, CycleError, Ecrt};
+use ecan_host::{AdapterConfig, Clock, Ecrt};
 use ecan_mcan_port::{
     Port, PortConfig, PortError, Received, ReceivedFrame, SendError, SendTicket, Session,
 };
@@ -19,11 +19,10 @@ use crate::frames::arrival::Arrival;
 use crate::frames::bit_rates::BitRates;
 use crate::frames::capture::FrameCapture;
 use crate::frames::channels::{Channels, can_config};
+use crate::frames::single_gateway::{session, statistics};
 use crate::frames::status_watch::StatusWatch;
 use crate::output::Output;
 
-/// Cycles in a row that may fail.
-pub const MAX_FAILED_CYCLES: u32 = 100;
 /// Things that come back in a cycle, at first.
 const ARRIVALS: usize = 512;
 
@@ -50,7 +49,6 @@ pub struct Cycle {
     pub now_ns: u64,
     /// What came back.
     pub arrivals: Vec<Arrival>,
-    begun: Result<(), CycleError>,
 }
 
 /// A gateway in service.
@@ -62,7 +60,6 @@ pub struct Service {
     watch: StatusWatch,
     /// The channels whose frames arrive.
     heard: Channels,
-    failed_cycles: u32,
     /// From the clock to the time since 1970; none for simulated time that does not run by itself.
     since_1970_ns: u64,
     capture: Option<FrameCapture>,
@@ -87,12 +84,14 @@ impl Service {
         let mut port = Port::open(ecrt, adapter, config).map_err(failed)?;
         let clock = port.adapter().ecrt().clock().clone();
         let mut store = Vec::with_capacity(ARRIVALS);
-        let ready = port.wait_ready_with(port.startup_timeout_ms(), |port| {
+        let ready = port.wait_ready_with(port.startup_timeout(), |port| {
             // Single cycles may fail; the timeout ends it all.
-            let begun = port.cycle_begin();
+            let mut cycle = port.begin_cycle();
             let time_ns = clock.now_ns();
-            port.receive_each(|received| store.push(Arrival { time_ns, received }));
-            let _ = port.cycle_end().and(begun);
+            let arrivals =
+                cycle.received().map(|item| Arrival { time_ns, received: item.to_owned() });
+            store.extend(arrivals);
+            drop(cycle);
             if interrupt.is_set() { Err(Stop::Interrupted) } else { Ok(()) }
         });
         match ready {
@@ -109,7 +108,6 @@ impl Service {
             store,
             watch,
             heard: Channels::ALL,
-            failed_cycles: 0,
             since_1970_ns,
             capture: None,
             position,
@@ -134,11 +132,12 @@ impl Service {
     /// As [`begin`](Self::begin), without the frames that `wants` refuses: they go into no capture
     /// either.
     pub fn begin_with(&mut self, mut wants: impl FnMut(&ReceivedFrame) -> bool) -> Cycle {
-        self.port.wait_next_cycle();
-        let begun = self.port.cycle_begin();
-        let now_ns = self.now_ns();
         let mut arrivals = std::mem::take(&mut self.store);
-        self.port.receive_each(|received| arrivals.push(Arrival { time_ns: now_ns, received }));
+        let mut cycle = self.port.next_cycle();
+        let now_ns = cycle.adapter().clock().now_ns();
+        let items = cycle.received().map(|item| item.to_owned());
+        arrivals.extend(items.map(|received| Arrival { time_ns: now_ns, received }));
+        cycle.keep_open();
         arrivals.retain(|arrival| match &arrival.received {
             Received::Frame(frame) => self.heard.contains(frame.channel) && wants(frame),
             Received::TransmitReport(_) => true,
@@ -146,19 +145,21 @@ impl Service {
         if let Some(capture) = &mut self.capture {
             capture.after_begin(&self.port, now_ns, &arrivals);
         }
-        Cycle { now_ns, arrivals, begun }
+        Cycle { now_ns, arrivals }
     }
 
     /// Hands a frame over; `None` where there is no room in this cycle.
     pub fn send(&mut self, channel: u8, frame: &CanFrame) -> Result<Option<SendTicket>, Failure> {
-        match self.port.send(0, channel, frame.as_ref()) {
+        let Some(mut cycle) = self.port.open_cycle() else { return Ok(None) };
+        let to = cycle.channel(0, channel).map_err(|error| Failure::Usage(error.to_string()))?;
+        match cycle.send(to, frame) {
             Ok(ticket) => {
                 if let Some(capture) = &mut self.capture {
                     capture.under_way(ticket, channel, frame);
                 }
                 Ok(Some(ticket))
             }
-            Err(SendError::Backpressure { .. } | SendError::NotReady { .. }) => Ok(None),
+            Err(error) if error.is_temporary() => Ok(None),
             Err(SendError::NotFd { .. }) => Err(without_fd("a CAN FD frame", channel, None)),
             Err(error) => Err(Failure::Usage(error.to_string())),
         }
@@ -167,10 +168,9 @@ impl Service {
     /// Ends a cycle. Says on standard error what has changed on the bus. A capture that cannot be
     /// written any more is a failure.
     pub fn end(&mut self, cycle: Cycle) -> Result<(), Failure> {
-        let ended = self.port.cycle_end().and(cycle.begun);
+        let ended = self.port.open_cycle().map_or(Ok(()), |open| open.end().map(drop));
         self.store = cycle.arrivals;
         self.store.clear();
-        self.failed_cycles = if ended.is_err() { self.failed_cycles + 1 } else { 0 };
         let now_ns = self.now_ns();
         if let Some(capture) = &mut self.capture {
             capture.after_end(&self.port, now_ns);
@@ -180,12 +180,7 @@ impl Service {
         }
         let say = comments(self.output, self.absolute_ns(cycle.now_ns));
         self.watch.look(&self.port, cycle.now_ns, say);
-        match ended {
-            Err(error) if self.failed_cycles > MAX_FAILED_CYCLES => {
-                Err(Failure::Master(error.to_string()))
-            }
-            _ => Ok(()),
-        }
+        ended.map_err(|error| Failure::Master(error.to_string()))
     }
 
     /// No more cycles follow: says what was not said yet, and waits until the capture, if there is
@@ -213,7 +208,7 @@ impl Service {
 
     /// That the gateway was lost, and what came of it.
     pub fn out_of_service(&self, what: &str) -> Failure {
-        let reason = match self.port.session(0) {
+        let reason = match session(&self.port) {
             Session::Ready => format!("it was lost for a while: {what}"),
             session => format!("it was lost and is {session}: {what}"),
         };
@@ -222,7 +217,7 @@ impl Service {
 
     /// That no frame came, or none that is wanted, and what the bit rates have to do with it.
     pub fn silence(&self) -> String {
-        let counts = self.port.statistics(0).channels;
+        let counts = statistics(&self.port).channels;
         if self
             .heard
             .iter()

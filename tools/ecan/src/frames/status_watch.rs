@@ -6,6 +6,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 use crate::frames::bit_rates::BitRates;
 use crate::frames::channels::{Channels, can_config};
+use crate::frames::single_gateway::{channel_status, session, statistics};
 
 /// A channel that comes and goes would fill the screen: in the long run it gets a line in so many
 /// nanoseconds.
@@ -121,7 +122,7 @@ impl StatusWatch {
     /// Hands a line for what has changed to `say`, of each channel in the long run one a second, and
     /// of lost images.
     pub fn look(&mut self, port: &Port, now_ns: u64, mut say: impl FnMut(String)) {
-        let session = port.session(0);
+        let session = session(port);
         if session != self.session {
             self.session = session;
             say(format!("the gateway is {session}"));
@@ -131,7 +132,7 @@ impl StatusWatch {
             return;
         }
         for channel in self.channels.iter() {
-            let now = Condition::of(port.channel_status(0, channel));
+            let now = Condition::of(channel_status(port, channel));
             let told = self.told.get_mut(usize::from(channel));
             let Some(words) = told.and_then(|told| told.next(now, now_ns)) else { continue };
             let rates = can_config(port, channel).filter(|_| now.has_warning || now.is_bus_off);
@@ -159,7 +160,7 @@ impl StatusWatch {
 
 /// Images that never came, or damaged: those leave the same gap.
 fn lost_images(port: &Port) -> u64 {
-    port.statistics(0).txpdo_lost
+    statistics(port).txpdo_lost
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@ use ecan_mcan_port::Port;
 use serde::Serialize;
 
 use crate::failure::Failure;
+use crate::frames::single_gateway::statistics;
 use crate::frames::transmit_tracker::TransmitTracker;
 use crate::output::Output;
 
@@ -31,8 +32,8 @@ impl Summary {
     /// The figures of a run in which `wanted` frames were to be sent.
     pub fn of(departures: &TransmitTracker, port: &Port, wanted: u64) -> Self {
         let outcome = departures.outcome();
-        let statistics = port.statistics(0);
-        let of = |channel: u8| statistics.channels.get(usize::from(channel));
+        let counters = statistics(port);
+        let of = |channel: u8| counters.channels.get(usize::from(channel));
         let channels = departures.channels().iter().filter_map(of);
         let received = channels.map(|it| it.frames_received).sum();
         let seconds = departures.elapsed_ns() as f64 / 1e9;

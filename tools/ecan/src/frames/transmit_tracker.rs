@@ -10,6 +10,7 @@ use crate::failure::Failure;
 use crate::frames::bit_rates::BitRates;
 use crate::frames::channels::{Channels, can_config};
 use crate::frames::service::{Cycle, Service};
+use crate::frames::single_gateway::{channel_status, session};
 
 /// Cycles behind the last result after which a channel's status has seen all frames.
 const STATUS_CYCLES: usize = 3;
@@ -69,7 +70,7 @@ impl TransmitTracker {
             waiting: 0,
             doubtful: 0,
             pending: 0,
-            session: service.port().session(0),
+            session: session(service.port()),
             was_lost: false,
             is_stopped: false,
             bus_off: None,
@@ -88,8 +89,8 @@ impl TransmitTracker {
 
     /// Looks at what a cycle brought.
     pub fn look(&mut self, cycle: &Cycle, port: &Port) {
-        self.watch_session(port.session(0));
-        let is_off = |channel: &u8| port.channel_status(0, *channel).bus_off();
+        self.watch_session(session(port));
+        let is_off = |channel: &u8| channel_status(port, *channel).bus_off();
         self.bus_off = self.bus_off.or_else(|| self.channels.iter().find(is_off));
         self.quiet_cycles = self.quiet_cycles.saturating_add(1);
         for arrival in &cycle.arrivals {
@@ -168,7 +169,7 @@ impl TransmitTracker {
     pub fn are_settled(&self, port: &Port) -> bool {
         self.open.is_empty()
             && self.quiet_cycles >= STATUS_CYCLES
-            && self.channels.iter().all(|it| port.channel_status(0, it).tx_pending() == 0)
+            && self.channels.iter().all(|it| channel_status(port, it).tx_pending() == 0)
     }
 
     /// No more cycles follow: counts what waits in the channels. A gateway that answers is asked.
@@ -234,9 +235,9 @@ impl TransmitTracker {
                  right?"
             ));
         }
-        let holds_frames = |channel: &u8| port.channel_status(0, *channel).tx_pending() > 0;
+        let holds_frames = |channel: &u8| channel_status(port, *channel).tx_pending() > 0;
         let channel = self.channels.iter().find(holds_frames)?;
-        let status: ChannelStatus = port.channel_status(0, channel);
+        let status: ChannelStatus = channel_status(port, channel);
         let rates = rates(channel);
         Some(if status.warn() {
             format!(
@@ -251,7 +252,7 @@ impl TransmitTracker {
 
 /// Frames that wait in the channels, as far as their status tells: it counts to 7.
 fn pending(channels: Channels, port: &Port) -> u32 {
-    channels.iter().map(|it| u32::from(port.channel_status(0, it).tx_pending())).sum()
+    channels.iter().map(|it| u32::from(channel_status(port, it).tx_pending())).sum()
 }
 
 /// What became of frames.

@@ -26,6 +26,7 @@ use crate::frames::options::FrameOptions;
 use crate::frames::prepared::Prepared;
 use crate::frames::service::Service;
 use crate::frames::settings::{GatewayRequirements, Settings};
+use crate::frames::single_gateway::{channel_status, session};
 use crate::global::GlobalOptions;
 use crate::output::Output;
 
@@ -239,7 +240,7 @@ impl Traffic {
                 }
             }
         }
-        let is_in_service = self.service.port().session(0) == Session::Ready;
+        let is_in_service = session(self.service.port()) == Session::Ready;
         if !is_in_service {
             // Nothing is told any more of frames before the loss.
             self.under_way.clear();
@@ -248,7 +249,7 @@ impl Traffic {
         if forgotten > 0 {
             output.note(format_args!("# what became of {forgotten} frames of clients is not told"));
         }
-        let status = self.service.port().channel_status(0, self.channel);
+        let status = channel_status(self.service.port(), self.channel);
         if self.waiting.is_none() && status.tx_pending() == 0 {
             self.moved_ns = cycle.now_ns;
         }

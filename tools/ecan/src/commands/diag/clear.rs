@@ -36,7 +36,7 @@ mod tests {
         let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
         let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
         let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway)).unwrap();
-        port.wait_ready(20_000).unwrap();
+        port.wait_ready().unwrap();
         simulation.pass_ns(300_000);
         let damage = |gateway: &mut ecan_sim::Gateway, now| gateway.write_outputs(now, &[0; 384]);
         let is_taken = simulation.with_world(|world| world.with_gateway(0, damage));

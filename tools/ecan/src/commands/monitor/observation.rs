@@ -80,13 +80,17 @@ impl Observation {
     pub fn look(&mut self, port: &Port, busy: &BusTime, now_ns: u64) {
         self.now_ns = now_ns;
         self.look_for_bus_off(port);
-        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
+        for (handle, gateway) in port.gateways().zip(&mut self.gateways) {
+            let slave = handle.slave();
             *gateway = GatewayObservation {
-                session: port.session(slave),
-                waiting_for: port.waiting_for(slave),
+                session: port.session(handle),
+                waiting_for: port.waiting_for(handle),
                 domain: port.adapter().domain_report(slave),
-                statistics: port.statistics(slave),
-                channels: std::array::from_fn(|channel| port.channel_status(slave, channel as u8)),
+                statistics: port.statistics(handle),
+                channels: std::array::from_fn(|channel| {
+                    let channel = port.channel(slave, channel as u8);
+                    channel.map(|channel| port.channel_status(channel)).unwrap_or_default()
+                }),
                 busy_s: busy.of(slave),
                 has_been_bus_off: gateway.has_been_bus_off,
             };
@@ -96,9 +100,11 @@ impl Observation {
     /// Notes channels that are off the bus, once a cycle: a look may come too late for them.
     /// Allocates nothing.
     pub fn look_for_bus_off(&mut self, port: &Port) {
-        for (slave, gateway) in self.gateways.iter_mut().enumerate() {
-            for (channel, has_been) in (0..).zip(&mut gateway.has_been_bus_off) {
-                *has_been |= port.channel_status(slave, channel).bus_off();
+        for channel in port.channels() {
+            let Some(gateway) = self.gateways.get_mut(channel.slave()) else { continue };
+            if let Some(has_been) = gateway.has_been_bus_off.get_mut(usize::from(channel.channel()))
+            {
+                *has_been |= port.channel_status(channel).bus_off();
             }
         }
     }

@@ -7,7 +7,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 use crate::bus::Bus;
 use crate::failure::Failure;
-use crate::frames::service::{MAX_FAILED_CYCLES, failure};
+use crate::frames::service::failure;
 use crate::frames::settings::{GatewayRequirements, Planned, Settings};
 use crate::global::GlobalOptions;
 
@@ -22,7 +22,6 @@ pub struct Watcher {
     port: Port,
     positions: Vec<usize>,
     busy: BusTime,
-    failed_cycles: u32,
 }
 
 impl Watcher {
@@ -46,7 +45,7 @@ impl Watcher {
         config.check(&adapter).map_err(|faults| failed(faults.into()))?;
         let busy = BusTime::new(&config);
         let port = Port::open(bus.ecrt(), adapter, config).map_err(failed)?;
-        Ok(Self { port, positions, busy, failed_cycles: 0 })
+        Ok(Self { port, positions, busy })
     }
 
     /// Activates the master: from now on [`cycle`](Self::cycle) has to run. The waiting goes by
@@ -56,28 +55,22 @@ impl Watcher {
         options: &crate::frames::options::GatewayOptions,
     ) -> Result<(), Failure> {
         options.real_time.set_timing(self.port.adapter_mut());
-        let timeout_ms = self.port.startup_timeout_ms();
+        let timeout_ms = self.port.adapter().startup_timeout_ms();
         let begun = self.port.adapter_mut().begin_op_wait(timeout_ms);
         begun.map(|_| ()).map_err(|error| Failure::Master(error.to_string()))
     }
 
     /// Waits for a cycle and runs it. Allocates nothing while all goes well.
     pub fn cycle(&mut self, observation: &mut Observation) -> Result<(), Failure> {
-        self.port.wait_next_cycle();
-        let begun = self.port.cycle_begin();
-        let busy = &mut self.busy;
-        self.port.receive_each(|received| busy.count(&received));
-        let ended = self.port.cycle_end().and(begun);
+        let mut cycle = self.port.next_cycle();
+        for received in cycle.received() {
+            self.busy.count(&received.to_owned());
+        }
+        let ended = cycle.end();
         observation.look_for_bus_off(&self.port);
         let adapter = self.port.adapter();
         observation.mark(Mark { start: adapter.cycle_start(), end_ns: adapter.clock().now_ns() });
-        self.failed_cycles = if ended.is_err() { self.failed_cycles + 1 } else { 0 };
-        match ended {
-            Err(error) if self.failed_cycles > MAX_FAILED_CYCLES => {
-                Err(Failure::Master(error.to_string()))
-            }
-            _ => Ok(()),
-        }
+        ended.map(drop).map_err(|error| Failure::Master(error.to_string()))
     }
 
     /// Notes how everything stands.
@@ -103,7 +96,7 @@ impl Watcher {
     }
 
     pub fn startup_timeout_ns(&self) -> u64 {
-        u64::from(self.port.startup_timeout_ms()) * 1_000_000
+        u64::from(self.port.adapter().startup_timeout_ms()) * 1_000_000
     }
 
     pub fn is_simulated(&self) -> bool {

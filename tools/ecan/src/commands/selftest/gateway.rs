@@ -11,6 +11,7 @@ use crate::failure::Failure;
 use crate::frames::channels::Channels;
 use crate::frames::options::WATCHDOG_US;
 use crate::frames::service::{GatewaySetup, Service};
+use crate::frames::single_gateway::statistics;
 use crate::output::Output;
 
 use super::exchange::{ChannelState, Counts, Route, exchange, states};
@@ -277,7 +278,7 @@ fn has_restarted(bus: &Bus, slave: usize) -> bool {
 
 /// Whether the gateway went out of service.
 fn losses(service: &Service) -> Option<String> {
-    match service.port().statistics(0).sessions_lost {
+    match statistics(service.port()).sessions_lost {
         0 => None,
         1 => Some("the gateway went out of service".to_owned()),
         more => Some(format!("the gateway went out of service {more} times")),

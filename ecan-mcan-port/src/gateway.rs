@@ -1,0 +1,209 @@
+//! One gateway in the Port: its session, images and counters, and its part of the cycle.
+
+use ecan_host::{Adapter, CycleError, Plan};
+use ecan_protocol::can::FrameRef;
+use ecan_protocol::device::Capabilities;
+use ecan_protocol::image::{ImageReader, ImageWriter, OptionFlags};
+use ecan_protocol::mapping::{CHANNELS, Direction};
+
+use crate::config::GatewayConfig;
+use crate::receiver::Receiver;
+use crate::schedule_margin::ScheduleTimes;
+use crate::schedule_settings::ScheduleConfig;
+use crate::schedule_watch::{
+    LATE_DROP, QUEUE_FULL, ScheduleWatch, TIMER_MISS, TX_FAIL, WatchResult,
+};
+use crate::session::{Event, SessionMachine};
+use crate::statistics::SlaveStatistics;
+use crate::transmit_window::DEFAULT_DEPTH;
+use crate::transmitter::Transmitter;
+
+#[derive(Debug)]
+pub(crate) struct Gateway {
+    pub(crate) session: SessionMachine,
+    pub(crate) transmitter: Transmitter,
+    pub(crate) receiver: Receiver,
+    pub(crate) statistics: SlaveStatistics,
+    pub(crate) capabilities: Capabilities,
+    pub(crate) channel_mask: u8,
+    fd_mask: u8,
+    pub(crate) can_schedule: bool,
+    pub(crate) is_paced: bool,
+    hold_limit: u16,
+    input_limit: u16,
+    pub(crate) schedule: ScheduleConfig,
+    pub(crate) schedule_times: ScheduleTimes,
+    /// Sync0 pulse that the scheduled frames of this cycle count from, in application time since
+    /// the first cycle; `None` if unknown.
+    pulse_ns: Option<u64>,
+    pub(crate) watch: ScheduleWatch,
+}
+
+impl Gateway {
+    /// Reads the capabilities and creates the SDO requests; the Adapter is not active yet.
+    pub(crate) fn new(
+        adapter: &mut Adapter,
+        slave: usize,
+        config: &GatewayConfig,
+    ) -> Result<Self, ecan_host::Error> {
+        let read =
+            |subindex| adapter.diagnostics().sdo_upload_u32(slave, Capabilities::INDEX, subindex);
+        let capabilities = Capabilities::read(read)?;
+        let settings = &adapter.config().slaves[slave];
+        let rx = config.profile(Direction::RxPdo, settings.rx_multiplier);
+        let tx = config.profile(Direction::TxPdo, settings.tx_multiplier);
+        let mut writer = ImageWriter::new(Direction::RxPdo, rx);
+        let mut reader = ImageReader::new(Direction::TxPdo, tx);
+        if config.allow_diagnostic_tests {
+            // 0x8030:04 overrides the CRC option of both directions (manual 13.2.3).
+            match adapter.diagnostics().sdo_upload_u32(slave, 0x8030, 4)? {
+                1 => (writer, reader) = (writer.with_crc(true), reader.with_crc(true)),
+                2 => (writer, reader) = (writer.with_crc(false), reader.with_crc(false)),
+                _ => {}
+            }
+        }
+        let depth = match capabilities.tx_cache_max {
+            0 => DEFAULT_DEPTH,
+            depth => depth,
+        };
+        let fd_mask = (0..CHANNELS).fold(0, |mask, channel| {
+            let is_fd = config.channels[channel].as_ref().is_some_and(|c| c.can.fd);
+            mask | u8::from(is_fd) << channel
+        });
+        let has_results = config.tx_options.contains(OptionFlags::TX_RESULT);
+        let schedule = config.schedule;
+        let dc = adapter.config().dc;
+        let plan = Plan::of(adapter.config());
+        let schedule_times = ScheduleTimes::new(&schedule, adapter.config(), &plan.slaves[slave]);
+        let channel_mask = config.channel_mask();
+        Ok(Self {
+            session: SessionMachine::new(adapter, slave, config)?,
+            watch: ScheduleWatch::new(adapter, slave, channel_mask, &schedule, dc)?,
+            transmitter: Transmitter::new(writer, &rx, depth, has_results, schedule.give_up_missed),
+            receiver: Receiver::new(reader),
+            statistics: SlaveStatistics::default(),
+            can_schedule: capabilities.has_scheduled_tx(),
+            capabilities,
+            channel_mask,
+            schedule,
+            schedule_times,
+            pulse_ns: None,
+            fd_mask,
+            is_paced: config.paced,
+            hold_limit: config.hold_limit,
+            input_limit: config.input_limit,
+        })
+    }
+
+    /// Whether the configuration enables a channel.
+    #[inline]
+    pub(crate) fn has_channel(&self, channel: u8) -> bool {
+        usize::from(channel) < CHANNELS && self.channel_mask >> channel & 1 == 1
+    }
+
+    /// Whether a channel is configured for CAN FD.
+    pub(crate) fn is_fd(&self, channel: u8) -> bool {
+        usize::from(channel) < CHANNELS && self.fd_mask >> channel & 1 == 1
+    }
+
+    /// Whether the gateway is ready and the frame suits an enabled channel.
+    #[inline(always)]
+    pub(crate) fn accepts(&self, channel: u8, frame: FrameRef<'_>) -> bool {
+        let mask = if frame.is_fd() { self.channel_mask & self.fd_mask } else { self.channel_mask };
+        usize::from(channel) < CHANNELS && mask >> channel & 1 == 1 && self.session.is_ready()
+    }
+
+    /// Start of a cycle. `since_first_ns` is the application time since the first cycle, if known.
+    pub(crate) fn begin(
+        &mut self,
+        adapter: &mut Adapter,
+        slave: usize,
+        since_first_ns: Option<u64>,
+    ) {
+        let report = adapter.domain_report(slave);
+        if self.statistics.sessions > 0 {
+            self.statistics.cycles += 1;
+            self.statistics.incomplete_cycles += u64::from(!report.is_complete());
+        }
+        let pulse_ns = since_first_ns.and_then(|ns| self.schedule_times.pulse_of(ns));
+        let last_ns = std::mem::replace(&mut self.pulse_ns, pulse_ns);
+        let is_same_pulse = pulse_ns.is_some() && last_ns == pulse_ns;
+        let image = adapter.rx_pdo_mut(slave);
+        self.transmitter.begin(image, report.outputs, is_same_pulse, &mut self.statistics);
+        self.step_session(adapter);
+        if !self.session.is_ready() {
+            return;
+        }
+        self.step_watch(adapter);
+        let Self { transmitter, receiver, statistics, .. } = self;
+        if receiver.begin(adapter.tx_pdo(slave), report.inputs, statistics) {
+            for (channel, status) in receiver.status().iter().enumerate() {
+                transmitter.window(channel as u8).status(*status);
+            }
+        }
+    }
+
+    fn step_session(&mut self, adapter: &mut Adapter) {
+        let Self { session, transmitter, receiver, statistics, watch, .. } = self;
+        let no_input = self.input_limit > 0 && receiver.misses() > self.input_limit;
+        let is_lost = transmitter.misses() > self.hold_limit || no_input;
+        match session.step(adapter, is_lost) {
+            Event::None => {}
+            Event::Started => transmitter.reset(statistics),
+            Event::Ready => {
+                receiver.reset();
+                transmitter.reset(statistics);
+                watch.reset();
+                statistics.sessions += 1;
+            }
+            Event::Failed => statistics.verification_failures += 1,
+            Event::Lost => {
+                receiver.reset();
+                transmitter.reset(statistics);
+                statistics.sessions_lost += 1;
+            }
+        }
+    }
+
+    /// One step of reading the diagnostics, and its result for the accounts.
+    fn step_watch(&mut self, adapter: &mut Adapter) {
+        let Self { watch, transmitter, .. } = self;
+        match watch.step(adapter, transmitter.accounts().is_used()) {
+            WatchResult::Nothing => {}
+            WatchResult::Cleared => transmitter.accounts_mut().flags_lost(),
+            WatchResult::Looked(seen) => {
+                // Transmit results report the other losses frame by frame.
+                let reported = if transmitter.has_results() { 0 } else { LATE_DROP | QUEUE_FULL };
+                let relevant = TX_FAIL | TIMER_MISS | reported;
+                transmitter.accounts_mut().looked(&seen, watch.last(), relevant);
+                watch.keep(seen);
+            }
+        }
+    }
+
+    /// Withdraws scheduled frames whose image would arrive after their pulse: they would leave a
+    /// period late.
+    pub(crate) fn withdraw_late(
+        &mut self,
+        adapter: &mut Adapter,
+        slave: usize,
+        point_ns: u64,
+        since_first_ns: u64,
+    ) {
+        if !self.transmitter.has_scheduled() {
+            return;
+        }
+        let sent_ns = adapter.clock().now_ns().saturating_sub(point_ns);
+        if self.schedule_times.misses_pulse(since_first_ns, sent_ns) {
+            self.transmitter.withdraw_late(adapter.rx_pdo_mut(slave), &mut self.statistics);
+        }
+    }
+}
+
+/// Publishes the images of all gateways, and sends.
+pub(crate) fn publish(adapter: &mut Adapter, gateways: &mut [Gateway]) -> Result<(), CycleError> {
+    for (slave, gateway) in gateways.iter_mut().enumerate() {
+        gateway.transmitter.end(adapter.rx_pdo_mut(slave), &mut gateway.statistics);
+    }
+    adapter.send()
+}

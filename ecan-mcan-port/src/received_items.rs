@@ -1,0 +1,99 @@
+//! Iterator over the items that arrived in a cycle.
+
+use std::iter::{Enumerate, FusedIterator};
+use std::slice::IterMut;
+
+use ecan_host::Adapter;
+use ecan_protocol::image::{Header, Packet, Packets};
+
+use crate::gateway::Gateway;
+use crate::received::ReceivedView;
+
+/// The frames and transmit results of a cycle, from [`Cycle::received`](crate::Cycle::received).
+#[derive(Debug)]
+pub struct ReceivedItems<'c> {
+    adapter: &'c Adapter,
+    gateways: Enumerate<IterMut<'c, Gateway>>,
+    current: Option<OpenImage<'c>>,
+}
+
+/// An image whose packets are being handed out.
+#[derive(Debug)]
+struct OpenImage<'c> {
+    slave: usize,
+    gateway: &'c mut Gateway,
+    header: Header,
+    packets: Packets<'c>,
+}
+
+impl<'c> ReceivedItems<'c> {
+    #[inline]
+    pub(crate) fn new(adapter: &'c Adapter, gateways: &'c mut [Gateway]) -> Self {
+        Self { adapter, gateways: gateways.iter_mut().enumerate(), current: None }
+    }
+
+    #[inline]
+    fn next_image(&mut self) -> Option<OpenImage<'c>> {
+        let adapter = self.adapter;
+        self.gateways.find_map(|(slave, gateway)| {
+            let (header, packets) = gateway.receiver.resume(adapter.tx_pdo(slave))?;
+            Some(OpenImage { slave, gateway, header, packets })
+        })
+    }
+}
+
+impl<'c> OpenImage<'c> {
+    #[inline]
+    fn next(&mut self) -> Option<ReceivedView<'c>> {
+        let Gateway { receiver, transmitter, statistics, .. } = &mut *self.gateway;
+        match self.packets.next()? {
+            Ok(Packet::Frame(packet)) => {
+                statistics.channel(packet.channel).frames_received += 1;
+                Some(ReceivedView::Frame { slave: self.slave, packet })
+            }
+            Ok(Packet::TxResult(result)) => {
+                let send = transmitter.take_result(&result);
+                if send.is_none() {
+                    statistics.unmatched_results += 1;
+                } else if result.code.is_success() {
+                    statistics.channel(result.channel).results_ok += 1;
+                } else {
+                    statistics.channel(result.channel).results_failed += 1;
+                }
+                Some(ReceivedView::from_result(self.slave, &result, send))
+            }
+            Err(diagnosis) => {
+                receiver.fault(diagnosis, statistics);
+                None
+            }
+        }
+    }
+}
+
+impl<'c> Iterator for ReceivedItems<'c> {
+    type Item = ReceivedView<'c>;
+
+    #[inline]
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(image) = &mut self.current {
+                if let Some(item) = image.next() {
+                    return Some(item);
+                }
+                self.current = None;
+            }
+            self.current = Some(self.next_image()?);
+        }
+    }
+}
+
+impl FusedIterator for ReceivedItems<'_> {}
+
+impl Drop for ReceivedItems<'_> {
+    #[inline]
+    fn drop(&mut self) {
+        if let Some(OpenImage { gateway, header, packets, .. }) = &mut self.current {
+            gateway.receiver.suspend(*header, packets);
+        }
+    }
+}
