@@ -1,7 +1,7 @@
 //! One channel of a file: bit rates, mode, Message RAM, filters and data path.
 
 use ecan_mcan_port::{ChannelConfig, Traffic};
-use ecan_protocol::config::{McanChannelConfig, MessageRamLayout};
+use ecan_protocol::config::{ConfigObject, McanChannelConfig, MessageRamLayout};
 use ecan_protocol::object::lookup;
 
 use crate::data_path;

@@ -3,7 +3,9 @@
 use ecan_host::{ConfigFault, PlanError};
 use ecan_mcan_port::{PortConfigFault, PortPlanError};
 use ecan_protocol::can::{BitTimingError, MCAN_CLOCK_HZ, Phase, solve_data, solve_nominal};
-use ecan_protocol::config::{ChannelFault, DataPathFault, FilterElementFault, FilterFault};
+use ecan_protocol::config::{
+    ChannelFault, DataPathFault, FilterElementFault, FilterFault, RangeFault,
+};
 use ecan_protocol::image::ProfileError;
 use ecan_protocol::mapping::Direction;
 
@@ -78,7 +80,7 @@ fn places(fault: &PortConfigFault) -> Vec<String> {
         PortConfigFault::Channel { slave, channel, fault } => channel_places(slave, channel, fault),
         PortConfigFault::DataPath { slave, channel, fault } => {
             let keys: Vec<String> = match fault {
-                DataPathFault::Range { subindex, .. } => data_path::KEYS
+                DataPathFault::Range(RangeFault { subindex, .. }) => data_path::KEYS
                     .iter()
                     .filter(|(_, of, _)| *of == subindex)
                     .map(|(key, ..)| format!("data_path.{key}"))
@@ -145,7 +147,7 @@ fn channel_places(slave: usize, channel: u8, fault: ChannelFault) -> Vec<String>
         Phase::Data => in_channel(slave, channel, data),
     };
     match fault {
-        ChannelFault::Range { subindex, .. } => {
+        ChannelFault::Range(RangeFault { subindex, .. }) => {
             let key = channel::key_of(subindex);
             in_channel(slave, channel, &[key.as_deref().unwrap_or("bitrate")])
         }

@@ -1,6 +1,6 @@
 //! Data path policies of a file: 0x8020 of the gateway, 0x8021..0x8024 of its channels.
 
-use ecan_protocol::config::{DataPathConfig, DataPathGlobal};
+use ecan_protocol::config::{ConfigObject, DataPathConfig, DataPathGlobal};
 
 use crate::document::{Document, Table};
 

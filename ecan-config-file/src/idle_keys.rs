@@ -1,7 +1,7 @@
 //! Keys of a channel that would be read and then do nothing beside its other keys.
 
 use ecan_protocol::can::TDC_FORCED_FROM;
-use ecan_protocol::config::{BitTimingMode, McanChannelConfig};
+use ecan_protocol::config::{BitTimingMode, ConfigObject, McanChannelConfig};
 
 use crate::document::{Document, Table};
 

@@ -200,7 +200,7 @@ can2 = { bitrate = 500_000, data_bitrate = 2_000_000, ram = { rx_fifo0_size = 64
         (2, 38, "Sync0 shift of 20000 us is not below its period of 10000 us"),
         (5, 5, "`n` is 25, possible is 1..24"),
         (6, 22, "`profile` is 3, possible are 0, 1, 4 and 5"),
-        (7, 22, "slave 0, RxPDO: option TX_RESULT belongs to TxPDO and means nothing in RxPDO"),
+        (7, 22, "slave 0, RxPDO: option TX_RESULT has no meaning in RxPDO; set it for TxPDO"),
         (8, 1, "`bitrate` is missing: the nominal bit rate in bit/s"),
         (9, 1, "there is no key `bitrat` here; did you mean `bitrate`?"),
         (10, 16, "`sample_point` is 101, possible is 0..100"),

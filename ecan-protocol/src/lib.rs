@@ -37,7 +37,6 @@
 #![deny(missing_docs)]
 
 mod copy;
-mod raw_enum;
 
 pub mod can;
 pub mod config;

@@ -4,9 +4,10 @@ mod common;
 
 use common::{all_sent, in_table, sent};
 use ecan_protocol::config::{
-    BusOffRecovery, CacheDepth, CrcTest, CriticalFrames, DIAGNOSTIC_TEST_KEY, DataPathConfig,
-    DataPathFault, DataPathGlobal, DiagnosticFault, DiagnosticTest, RxBudget, RxBypass, RxOverflow,
-    SessionCommand, Sides, TxOverflow, assignment_writes, session_command_write,
+    BusOffRecovery, CacheDepth, ConfigObject, CrcTest, CriticalFrames, DIAGNOSTIC_TEST_KEY,
+    DataPathConfig, DataPathFault, DataPathGlobal, DiagnosticFault, DiagnosticTest, RangeFault,
+    RxBudget, RxBypass, RxOverflow, SessionCommand, Sides, TxOverflow, assignment_writes,
+    session_command_write,
 };
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
@@ -37,7 +38,7 @@ fn phase_b_assigns_the_first_chunks() {
 #[test]
 fn phase_c_golden() {
     let profile = PdoProfile::default();
-    let mut writes = profile.writes(Direction::TxPdo).to_vec();
+    let mut writes = profile.writes(Direction::TxPdo).collect::<Vec<_>>();
     writes.push(PdoProfile::apply_write(Direction::TxPdo));
     writes.extend(profile.writes(Direction::RxPdo));
     writes.push(PdoProfile::apply_write(Direction::RxPdo));
@@ -78,7 +79,7 @@ fn session_commands() {
 fn data_path_default_is_the_device_default() {
     let config = DataPathConfig::default();
     assert_eq!(config.active_word(), 0x5405_9201);
-    let writes = config.writes(3);
+    let writes: Vec<_> = config.writes(3).collect();
     let expected: Vec<u8> = std::iter::once(1).chain(4..=19).collect();
     assert_eq!(writes.iter().map(|w| w.subindex).collect::<Vec<_>>(), expected);
     for write in &writes {
@@ -92,7 +93,7 @@ fn data_path_default_is_the_device_default() {
     DataPathGlobal::default().check(&mut |fault| found.push(fault));
     assert!(found.is_empty());
     let values = |subindex| config.value(subindex).unwrap();
-    assert_eq!(DataPathConfig::from_values(values), Some(config));
+    assert_eq!(DataPathConfig::from_values(values), Ok(config));
 }
 
 #[test]
@@ -127,7 +128,7 @@ fn data_path_follows_the_traffic() {
     assert_eq!(most.rx_cache_depth, CacheDepth::D32);
     assert!(most.carries(8, 8));
     assert!(!most.carries(9, 8) && !most.carries(8, 9));
-    in_table(&most.writes(0));
+    in_table(&most.writes(0).collect::<Vec<_>>());
 }
 
 #[test]
@@ -138,7 +139,13 @@ fn data_path_faults() {
     assert_eq!(
         found,
         [
-            DataPathFault::Range { index: 0x8021, subindex: 4, value: 9, min: 0, max: 8 },
+            DataPathFault::Range(RangeFault {
+                index: 0x8021,
+                subindex: 4,
+                value: 9,
+                min: 0,
+                max: 8
+            }),
             DataPathFault::RxBudget { min: 9, max: 2 },
             DataPathFault::TxBudget { min: 5, max: 4 },
         ]
@@ -153,13 +160,13 @@ fn data_path_faults() {
     assert_eq!(found.len(), 2);
     assert_eq!(
         found[1].to_string(),
-        "Max service budget us (subindex 7) is 1001, possible is 0..1000"
+        "Max service budget us (subindex 7) = 1001 is out of range; allowed: 0 to 1000"
     );
 }
 
 #[test]
 fn global_data_path_writes() {
-    let writes = DataPathGlobal::default().writes();
+    let writes: Vec<_> = DataPathGlobal::default().writes().collect();
     assert_eq!(
         all_sent(&writes),
         [(0x8020, 4, 2, 3), (0x8020, 5, 4, 0), (0x8020, 6, 4, 0), (0x8020, 7, 2, 1000)]
@@ -187,13 +194,14 @@ fn diagnostic_tests_need_the_key() {
     test.check(&mut |fault| found.push(fault));
     assert!(found.is_empty());
     assert!(test.cuts_can() && !locked.cuts_can());
-    // The key opens before the tests and closes behind them.
-    assert_eq!(sent(&test.writes()[0]), (0x8030, 1, 4, 0x4543_414E));
-    assert_eq!(sent(&test.writes()[5]), (0x8030, 6, 1, 2));
-    assert_eq!(sent(&DiagnosticTest::OFF.writes()[5]), (0x8030, 1, 4, 0));
-    in_table(&test.writes());
+    // The key is set before the tests and cleared after them.
+    let writes: Vec<_> = test.writes().collect();
+    assert_eq!(sent(&writes[0]), (0x8030, 1, 4, 0x4543_414E));
+    assert_eq!(sent(&writes[5]), (0x8030, 6, 1, 2));
+    assert_eq!(sent(&DiagnosticTest::OFF.writes().nth(5).unwrap()), (0x8030, 1, 4, 0));
+    in_table(&writes);
     let device = |subindex: u8| -> Result<u32, ()> {
-        Ok(test.writes().iter().find(|w| w.subindex == subindex).unwrap().value)
+        Ok(test.writes().find(|w| w.subindex == subindex).unwrap().value)
     };
     assert_eq!(DiagnosticTest::read(device), Ok(test));
 }

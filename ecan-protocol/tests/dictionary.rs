@@ -133,7 +133,10 @@ fn spot_values() {
             "0x{index:04X}:{subindex}"
         );
     }
-    assert_eq!(entry(0x8010, 2).meaning(5), Some("master mapping reload required"));
+    assert_eq!(
+        entry(0x8010, 2).meaning(5),
+        Some("master mapping reload required: PDO assignment and size multiplier differ")
+    );
     assert_eq!(entry(0x8010, 14).meaning(15), Some("bad CRC"));
     assert_eq!(entry(0x8030, 1).meaning(0x4543_414E), Some("test controls allowed"));
 }

@@ -1,128 +1,17 @@
-//! Acceptance filters of a channel and the editing window that writes them (manual 13.4,
+//! Acceptance filters of a channel, and the downloads that write them (manual 13.4,
 //! "Filter editing window").
-//!
-//! The manual gives no numbers for filter types and actions; those of the MCAN core's filter
-//! elements are used.
 
 use core::iter;
 
-use super::mcan_channel::{McanChannelConfig, channel_index};
-use super::message_ram::{EXTENDED_FILTERS_MAX, STANDARD_FILTERS_MAX};
-use crate::object::ObjectType;
-use crate::object::SdoWrite;
-use crate::raw_enum::raw_enum;
+use crate::object::filter_window::{
+    ExtendedMatch, FilterAction, FilterCommand, FilterWindow, StandardMatch,
+};
+use crate::object::mcan_channel::{MCAN_CHANNEL, McanChannelConfig};
+use crate::object::message_ram::{EXTENDED_FILTERS_MAX, STANDARD_FILTERS_MAX};
+use crate::object::{ObjectType, SdoWrite};
 
 const STANDARD_ID_MAX: u32 = 0x7FF;
 const EXTENDED_ID_MAX: u32 = 0x1FFF_FFFF;
-
-/// What a matching frame is put into, or whether it is refused.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum FilterAction {
-    /// The filter is out of use.
-    Disabled,
-    /// Into RX FIFO0.
-    Fifo0,
-    /// Into RX FIFO1.
-    Fifo1,
-    /// Refused.
-    Reject,
-    /// Marked as a priority message; the frame goes where later filters say.
-    Priority,
-    /// Marked as a priority message, into RX FIFO0.
-    PriorityFifo0,
-    /// Marked as a priority message, into RX FIFO1.
-    PriorityFifo1,
-    /// Into the receive buffer of this number. The filter then means the one identifier `id1`;
-    /// its kind of match and second identifier are ignored.
-    RxBuffer(u8),
-}
-
-impl FilterAction {
-    /// The number of the core.
-    pub const fn raw(self) -> u8 {
-        match self {
-            Self::Disabled => 0,
-            Self::Fifo0 => 1,
-            Self::Fifo1 => 2,
-            Self::Reject => 3,
-            Self::Priority => 4,
-            Self::PriorityFifo0 => 5,
-            Self::PriorityFifo1 => 6,
-            Self::RxBuffer(_) => 7,
-        }
-    }
-
-    /// The action for the core's number; 7 takes its buffer from the filter's second identifier.
-    pub const fn from_raw(raw: u8, id2: u32) -> Option<Self> {
-        Some(match raw {
-            0 => Self::Disabled,
-            1 => Self::Fifo0,
-            2 => Self::Fifo1,
-            3 => Self::Reject,
-            4 => Self::Priority,
-            5 => Self::PriorityFifo0,
-            6 => Self::PriorityFifo1,
-            7 => Self::RxBuffer((id2 & 0x3F) as u8),
-            _ => return None,
-        })
-    }
-}
-
-raw_enum! {
-    /// Which standard identifiers match (0x8001:50).
-    pub enum StandardMatch: u8 {
-        /// From `id1` to `id2`, both included.
-        Range = 0,
-        /// `id1` and `id2`.
-        Two = 1,
-        /// Those that equal `id1` in the bits set in `id2`.
-        Masked = 2,
-        /// None.
-        Disabled = 3,
-    }
-}
-
-raw_enum! {
-    /// Which extended identifiers match (0x8001:56).
-    pub enum ExtendedMatch: u8 {
-        /// From `id1` to `id2`, both included, after the global mask 0x8001:40.
-        Range = 0,
-        /// `id1` and `id2`.
-        Two = 1,
-        /// Those that equal `id1` in the bits set in `id2`.
-        Masked = 2,
-        /// From `id1` to `id2` without the global mask.
-        RangeUnmasked = 3,
-    }
-}
-
-raw_enum! {
-    /// Command of the filter editing window (0x8001:45, :46).
-    pub enum FilterCommand: u8 {
-        /// Nothing.
-        None = 0,
-        /// The entry at the current index into the window.
-        Load = 1,
-        /// The window into the entry at the current index.
-        Save = 2,
-        /// The entry at the current index out of use.
-        Clear = 3,
-        /// Reserved; the channel's flash command saves all.
-        Flash = 4,
-    }
-}
-
-raw_enum! {
-    /// Result of a filter command (0x8001:47, :48).
-    pub enum FilterCommandStatus: u8 {
-        /// Done.
-        Ok = 0,
-        /// No such index.
-        InvalidIndex = 1,
-        /// No such command.
-        InvalidCommand = 2,
-    }
-}
 
 /// A filter for standard identifiers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -229,54 +118,6 @@ impl From<&ExtendedFilter> for RawFilter {
     }
 }
 
-/// Subindices of one of the two filter editing windows of 0x8001..0x8004 (manual 13.4).
-///
-/// A filter is edited in five steps: its place into [`index`](Self::index), [`FilterCommand::Load`]
-/// into [`command`](Self::command), the [`fields`](Self::fields) read or written,
-/// [`FilterCommand::Save`] into `command`, and [`status`](Self::status) read. The list is as long as
-/// [`count`](Self::count) says; the channel takes it over with its apply command.
-///
-/// ```
-/// use ecan_protocol::config::FilterWindow;
-/// use ecan_protocol::object::lookup;
-///
-/// let window = FilterWindow::STANDARD;
-/// let (_, entry) = lookup(0x8001, window.count).unwrap();
-/// assert_eq!(entry.name, "Std filter count");
-/// assert_eq!(window.fields(), 50..55);
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct FilterWindow {
-    /// How many filters the device has; read only.
-    pub max: u8,
-    /// Place in the list, from 0, that a command is about.
-    pub index: u8,
-    /// A [`FilterCommand`].
-    pub command: u8,
-    /// What became of it: a [`FilterCommandStatus`]; read only.
-    pub status: u8,
-    /// How many filters of the list are in use, from the first on.
-    pub count: u8,
-    /// The first of the five fields of the filter: type, action, sync, ID1 and ID2 follow each other.
-    pub first_field: u8,
-}
-
-impl FilterWindow {
-    /// The window of the filters for 11-bit identifiers.
-    pub const STANDARD: Self =
-        Self { max: 41, index: 43, command: 45, status: 47, count: 49, first_field: 50 };
-    /// The window of the filters for 29-bit identifiers.
-    pub const EXTENDED: Self =
-        Self { max: 42, index: 44, command: 46, status: 48, count: 55, first_field: 56 };
-    /// Both, that of the standard filters first.
-    pub const BOTH: [Self; 2] = [Self::STANDARD, Self::EXTENDED];
-
-    /// The subindices of type, action, sync, ID1 and ID2, in this order.
-    pub const fn fields(&self) -> core::ops::Range<u8> {
-        self.first_field..self.first_field + 5
-    }
-}
-
 /// The downloads that give a channel (0..3) these filters, in the order of the manual: for each
 /// kind the count, then per filter the index, its five fields and the save command. The channel
 /// takes them over with its apply command. Empty lists write a count of 0.
@@ -309,7 +150,7 @@ fn window_writes<'a>(
     filters: impl Iterator<Item = RawFilter> + 'a,
     count: usize,
 ) -> impl Iterator<Item = SdoWrite> + 'a {
-    let object = channel_index(channel);
+    let object = MCAN_CHANNEL.first + u16::from(channel);
     let byte =
         move |subindex, value: u8| SdoWrite::new(object, subindex, ObjectType::U8, value.into());
     let word = move |subindex, value| SdoWrite::new(object, subindex, ObjectType::U32, value);

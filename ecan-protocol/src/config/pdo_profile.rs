@@ -1,27 +1,14 @@
 //! PDO profiles as SDO downloads, and their readback (manual 5.4.3 phases C and D, 13.2).
 
-use core::fmt;
-
-use crate::image::PdoProfile;
 use crate::mapping::Direction;
-use crate::object::ObjectType;
-use crate::object::SdoWrite;
-
-/// Number of downloads of [`PdoProfile::writes`].
-pub const PDO_PROFILE_WRITES: usize = 5;
+use crate::object::pdo_profile::{PdoProfile, ProfileStatus};
+use crate::object::{ConfigObject, ObjectType, SdoWrite};
 
 impl PdoProfile {
-    /// The downloads of the requested profile, :03..:07 (manual 5.4.3 C1..C5, C7..C11). They
-    /// take effect with [`apply_write`](Self::apply_write).
-    pub const fn writes(&self, direction: Direction) -> [SdoWrite; PDO_PROFILE_WRITES] {
-        let index = direction.profile_object();
-        [
-            SdoWrite::new(index, 3, ObjectType::U8, self.multiplier as u32),
-            SdoWrite::new(index, 4, ObjectType::U8, self.channel_mask as u32),
-            SdoWrite::new(index, 5, ObjectType::U8, self.profile.raw() as u32),
-            SdoWrite::new(index, 6, ObjectType::U8, self.budget.raw() as u32),
-            SdoWrite::new(index, 7, ObjectType::U8, self.options.bits() as u32),
-        ]
+    /// Returns the downloads of the requested profile, :03 to :07 (manual 5.4.3 C1..C5, C7..C11).
+    /// They take effect with [`apply_write`](Self::apply_write).
+    pub fn writes(&self, direction: Direction) -> impl Iterator<Item = SdoWrite> + use<> {
+        self.writes_to(direction.profile_object())
     }
 
     /// The download that applies the requested profile of a direction: :01 = 1.
@@ -114,97 +101,12 @@ pub enum ProfileMismatch {
     },
 }
 
-/// 0x8010:02 / 0x8011:02 Status.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum ProfileStatus {
-    /// The requested profile is active, or nothing was requested yet.
-    Ok,
-    /// The layout cannot change in this state, usually OP.
-    InvalidState,
-    /// N is not 1..24.
-    InvalidMultiplier,
-    /// The mask names no channel or one that does not exist.
-    InvalidChannelMask,
-    /// The encapsulation profile is not supported.
-    InvalidProfile,
-    /// N and the assigned chunks differ; the old profile stays active.
-    MappingReloadRequired,
-    /// The last image had an encapsulation error.
-    EncapsulationError,
-    /// Frames did not fit or were held up.
-    Overflow,
-    /// A profile was written but not applied.
-    PendingApply,
-    /// An option flag is not supported.
-    UnsupportedOption,
-    /// A number that the manual does not list.
-    Unknown(u8),
-}
-
-impl ProfileStatus {
-    /// The status for the gateway's number.
-    pub const fn from_raw(raw: u8) -> Self {
-        match raw {
-            0 => Self::Ok,
-            1 => Self::InvalidState,
-            2 => Self::InvalidMultiplier,
-            3 => Self::InvalidChannelMask,
-            4 => Self::InvalidProfile,
-            5 => Self::MappingReloadRequired,
-            7 => Self::EncapsulationError,
-            8 => Self::Overflow,
-            9 => Self::PendingApply,
-            10 => Self::UnsupportedOption,
-            other => Self::Unknown(other),
-        }
-    }
-
-    /// The gateway's number.
-    pub const fn raw(self) -> u8 {
-        match self {
-            Self::Ok => 0,
-            Self::InvalidState => 1,
-            Self::InvalidMultiplier => 2,
-            Self::InvalidChannelMask => 3,
-            Self::InvalidProfile => 4,
-            Self::MappingReloadRequired => 5,
-            Self::EncapsulationError => 7,
-            Self::Overflow => 8,
-            Self::PendingApply => 9,
-            Self::UnsupportedOption => 10,
-            Self::Unknown(raw) => raw,
-        }
-    }
-}
-
-impl fmt::Display for ProfileStatus {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        super::write_status(
-            f,
-            self.raw(),
-            match self {
-                Self::Ok => Some("OK"),
-                Self::InvalidState => Some("the layout cannot change in this state"),
-                Self::InvalidMultiplier => Some("invalid PDO size multiplier"),
-                Self::InvalidChannelMask => Some("invalid channel mask"),
-                Self::InvalidProfile => Some("invalid encapsulation profile"),
-                Self::MappingReloadRequired => Some("PDO assignment and size multiplier differ"),
-                Self::EncapsulationError => Some("PDO encapsulation error"),
-                Self::Overflow => Some("PDO overflow or backpressure"),
-                Self::PendingApply => Some("requested profile not applied"),
-                Self::UnsupportedOption => Some("unsupported option flag"),
-                Self::Unknown(_) => None,
-            },
-        )
-    }
-}
-
-/// What 0x8010:08 / 0x8011:08 Command does.
+/// Command of a direction (0x8010:08, 0x8011:08).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SessionCommand {
-    /// Forget sequence number and errors of the direction.
+    /// Resets sequence number and errors of the direction.
     ResetSession,
-    /// Clear last error and counters.
+    /// Clears last error and counters.
     ClearErrors,
     /// Both.
     ResetAndClear,

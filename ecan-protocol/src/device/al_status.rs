@@ -2,22 +2,21 @@
 
 use core::fmt;
 
-use crate::raw_enum::raw_enum;
+use crate::object::raw_enum;
 
 raw_enum! {
     /// EtherCAT state of a slave.
-    pub enum AlState: u8 {
-        /// INIT: no communication.
-        Init = 1,
-        /// PREOP: mailbox.
-        PreOp = 2,
-        /// BOOT: firmware update.
-        Boot = 3,
-        /// SAFEOP: mailbox and inputs.
-        SafeOp = 4,
-        /// OP: mailbox, inputs and outputs.
-        Op = 8,
-    }
+    pub enum AlState: u8;
+    /// INIT: no communication.
+    Init = 1, "INIT";
+    /// PREOP: mailbox.
+    PreOp = 2, "PREOP";
+    /// BOOT: firmware update.
+    Boot = 3, "BOOT";
+    /// SAFEOP: mailbox and inputs.
+    SafeOp = 4, "SAFEOP";
+    /// OP: mailbox, inputs and outputs.
+    Op = 8, "OP";
 }
 
 impl AlState {
@@ -29,18 +28,6 @@ impl AlState {
     /// True when the mailbox works.
     pub const fn has_mailbox(self) -> bool {
         !matches!(self, Self::Init)
-    }
-}
-
-impl fmt::Display for AlState {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Init => "INIT",
-            Self::PreOp => "PREOP",
-            Self::Boot => "BOOT",
-            Self::SafeOp => "SAFEOP",
-            Self::Op => "OP",
-        })
     }
 }
 

@@ -14,6 +14,7 @@ mod timestamp;
 mod tx_result;
 mod writer;
 
+pub use crate::object::pdo_profile::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile};
 #[doc(hidden)]
 pub use crc::crc16_use_portable;
 pub use crc::{crc16, crc16_is_accelerated, crc16_portable};
@@ -21,7 +22,7 @@ pub use diagnosis::{ImageFault, ParseDiagnosis, PdoError};
 pub use header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, HeaderFlags, VER_IHL};
 pub use packet::{FramePacket, Packet};
 pub use packets::{PacketCursor, Packets};
-pub use profile::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile, ProfileError};
+pub use profile::ProfileError;
 pub use reader::{Image, ImageReader};
 pub use schedule::Schedule;
 pub use sequence::{Arrival, SequenceTracker};

@@ -7,9 +7,9 @@ use super::crc::crc16;
 use super::diagnosis::{ImageFault, ParseDiagnosis, PdoError};
 use super::header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, VER_IHL, words_of};
 use super::packets::{PacketCursor, Packets, Rules};
-use super::profile::{OptionFlags, PdoProfile};
 use super::timestamp::allowed_formats;
 use crate::mapping::{Direction, HEADER_BYTES};
+use crate::object::pdo_profile::{OptionFlags, PdoProfile};
 
 /// Reads images of one direction.
 ///

@@ -1,7 +1,7 @@
 //! Timestamp field of a frame packet (manual 8.4).
 
-use super::profile::EncapsulationProfile;
 use crate::mapping::Direction;
+use crate::object::pdo_profile::EncapsulationProfile;
 
 /// The timestamp field of a CAN_FRAME packet (manual 8.4).
 ///

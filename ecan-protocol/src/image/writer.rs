@@ -3,7 +3,6 @@
 use super::crc::crc16;
 use super::header::{CRC_ALG_CCITT_FALSE, CRC_ALG_NONE, Header, HeaderFlags, VER_IHL};
 use super::packet::{EXTENDED_AUX_SHIFT, STANDARD_AUX_SHIFT, TX_RESULT_BYTES, WINDOW_BYTES};
-use super::profile::{OptionFlags, PdoProfile};
 use super::schedule::Schedule;
 use super::status::ChannelStatus;
 use super::timestamp::{Timestamp, allowed_formats};
@@ -12,6 +11,7 @@ use crate::can::FrameRef;
 use crate::can::control::ControlWord;
 use crate::copy::copy_data;
 use crate::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS};
+use crate::object::pdo_profile::{OptionFlags, PdoProfile};
 
 /// Why a packet was not put into the image. The image is unchanged then.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]

@@ -1,7 +1,7 @@
 //! 0x9000..0x9003 MCAN Channel Information (manual 13.5).
 
 use super::ObjectType::{U16, U32};
-use super::{Entry, Object};
+use super::entry::{Entry, Object};
 
 pub(super) const CHANNEL_INFORMATION: Object = Object::family(
     0x9000,

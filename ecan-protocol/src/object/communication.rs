@@ -2,7 +2,7 @@
 //! (manual 5.1, ETG.1000.6).
 
 use super::ObjectType::{String16, U8, U16, U32, VisibleString};
-use super::{Entry, Object};
+use super::entry::{Entry, Object};
 
 /// Subindex of the 16-byte data objects 0x6000.. and 0x7000.. that the PDOs map.
 ///

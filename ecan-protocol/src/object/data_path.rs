@@ -2,84 +2,193 @@
 //! (manual 13.2.1, 13.2.2).
 
 use super::ObjectType::{U8, U16, U32};
-use super::{Entry, Object};
+use super::declare::object;
+use super::entry::{Entry, KeyForm, Object};
+use super::value::{ObjectValue, raw_enum};
 
 const APPLY: &[(u32, &str)] = &[(0, "no-op"), (1, "apply")];
 
-pub(crate) const GLOBAL_DATA_PATH: Object = Object::single(
-    0x8020,
-    "Data Path Global Control",
-    "13.2.1",
-    &[
-        Entry::highest(10),
-        Entry::ro(1, "Control format", U16).default(1),
-        Entry::rw(2, "Apply command", U8).default(0).range(0, 1).values(APPLY),
-        Entry::ro(3, "Apply status", U8).default(0),
-        Entry::rw(4, "Compat mode", U16).default(3),
+/// Most frames per service that a budget can have.
+pub const DATA_PATH_BUDGET_MAX: u8 = 8;
+const BUDGET_MAX: u32 = DATA_PATH_BUDGET_MAX as u32;
+
+object! {
+    /// Data Path Global Control, 0x8020 (manual 13.2.1). The default is the device's.
+    pub struct DataPathGlobal {}
+    const GLOBAL_DATA_PATH =
+        Object::single(0x8020, "Data Path Global Control", "13.2.1", DataPathGlobal::ENTRIES)
+            .applied_by(2, 3);
+    entries {
+        entry(Entry::highest(10));
+        entry(Entry::ro(1, "Control format", U16).default(1));
+        entry(Entry::rw(2, "Apply command", U8).default(0).range(0, 1).values(APPLY));
+        entry(Entry::ro(3, "Apply status", U8).default(0));
+        /// Bits for legacy and explicit objects that coexist (:04).
+        4 "Compat mode" compat_mode: u16 = 3;
         // The capability masks 0xF000:26 and :27 are 0, so 0 is the only valid value.
-        Entry::rw(5, "Runtime option flags", U32).default(0).range(0, 0),
-        Entry::rw(6, "Diagnostic option flags", U32).default(0).range(0, 0),
-        Entry::rw(7, "Max service budget us", U16).default(1000).range(0, 1000).unit("us"),
-        Entry::ro(8, "Reserved0", U16).default(0),
-        Entry::ro(9, "Reserved1", U32).default(0),
-        Entry::ro(10, "Reserved2", U32).default(0),
-    ],
-)
-.applied_by(2, 3);
+        /// Runtime options (:05); the device has none, so 0.
+        5 "Runtime option flags" runtime_options: u32 = 0, range(0, 0);
+        /// Diagnostic options (:06); the device has none, so 0.
+        6 "Diagnostic option flags" diagnostic_options: u32 = 0, range(0, 0);
+        /// Time limit of the service in microseconds, 0 to 1000 (:07); 0 is the firmware's default.
+        7 "Max service budget us" max_service_budget_us: u16 = 1000, range(0, 1000), unit("us");
+        entry(Entry::ro(8, "Reserved0", U16).default(0));
+        entry(Entry::ro(9, "Reserved1", U32).default(0));
+        entry(Entry::ro(10, "Reserved2", U32).default(0));
+    }
+}
 
-const RX_BUDGET: &[(u32, &str)] =
-    &[(0, "balanced"), (1, "limited"), (2, "performance"), (3, "adaptive")];
+raw_enum! {
+    /// Number of received frames that a service reads from the controller (0x8021:06).
+    pub enum RxBudget: u8;
+    /// A conservative default of the firmware.
+    Balanced = 0, "balanced";
+    /// Between the configured minimum and maximum.
+    Limited = 1, "limited";
+    /// Up to the maximum.
+    Performance = 2, "performance";
+    /// Depends on the fill level of the cache.
+    Adaptive = 3, "adaptive";
+}
 
-const RX_CACHE_DEPTH: &[(u32, &str)] = &[
-    (0, "32 frames"),
-    (1, "8 frames"),
-    (2, "16 frames"),
-    (3, "24 frames"),
-    (8, "8 frames"),
-    (16, "16 frames"),
-    (24, "24 frames"),
-    (32, "32 frames"),
-];
+raw_enum! {
+    /// Depth of the receive cache of a channel (0x8021:07). The device also accepts the number of
+    /// frames.
+    pub enum CacheDepth: u8, KeyForm::Size(&[32, 8, 16, 24]);
+    /// 32 frames.
+    D32 = 0 | 32, "32 frames";
+    /// 8 frames.
+    D8 = 1 | 8, "8 frames";
+    /// 16 frames, the default.
+    D16 = 2 | 16, "16 frames";
+    /// 24 frames.
+    D24 = 3 | 24, "24 frames";
+}
 
-const RX_OVERFLOW: &[(u32, &str)] =
-    &[(0, "drop oldest"), (1, "drop newest"), (2, "preserve critical"), (3, "degraded")];
+impl CacheDepth {
+    /// Depth in frames.
+    pub const fn frames(self) -> u8 {
+        match self {
+            Self::D32 => 32,
+            Self::D8 => 8,
+            Self::D16 => 16,
+            Self::D24 => 24,
+        }
+    }
 
-const CRITICAL_FRAMES: &[(u32, &str)] = &[(0, "none"), (1, "CANopen safety"), (2, "CANopen all")];
+    /// Returns the depth for a value written to 0x8021:07: the number 0 to 3, or 8, 16, 24 or 32
+    /// frames.
+    pub fn from_written(value: u8) -> Option<Self> {
+        Self::try_from_raw(value.into())
+    }
 
-const TX_OVERFLOW: &[(u32, &str)] =
-    &[(0, "drop newest"), (1, "drop oldest"), (2, "backoff"), (3, "degraded")];
+    /// Returns the smallest depth for this number of frames, at most 32.
+    pub const fn at_least(frames: u8) -> Self {
+        match frames {
+            0..=8 => Self::D8,
+            9..=16 => Self::D16,
+            17..=24 => Self::D24,
+            _ => Self::D32,
+        }
+    }
+}
 
-const BUS_OFF: &[(u32, &str)] = &[(0, "manual"), (1, "auto"), (2, "aggressive"), (3, "degraded")];
+raw_enum! {
+    /// Reaction to a full receive cache (0x8021:08).
+    pub enum RxOverflow: u8;
+    /// Drops the oldest frame.
+    DropOldest = 0, "drop oldest";
+    /// Drops the new frame, the default.
+    DropNewest = 1, "drop newest";
+    /// Keeps critical frames while possible.
+    PreserveCritical = 2, "preserve critical";
+    /// The channel enters the degraded state.
+    Degraded = 3, "degraded";
+}
 
-pub(crate) const CHANNEL_DATA_PATH: Object = Object::family(
-    0x8021,
-    4,
-    1,
-    "MCAN Data Path Control",
-    "13.2.2",
-    &[
-        Entry::highest(20),
-        Entry::rw(1, "Enable", U8).default(1).flag(),
-        Entry::rw(2, "Apply command", U8).default(0).range(0, 1).values(APPLY),
-        Entry::ro(3, "Apply status", U8).default(0),
-        Entry::rw(4, "RX drain budget min", U8).default(0).range(0, 8).unit("frames"),
-        Entry::rw(5, "RX drain budget max", U8).default(2).range(0, 8).unit("frames"),
-        Entry::rw(6, "RX budget policy", U8).default(1).range(0, 3).values(RX_BUDGET),
-        Entry::rw(7, "RX cache depth", U8).default(2).range(0, 32).values(RX_CACHE_DEPTH),
-        Entry::rw(8, "RX overflow policy", U8).default(1).range(0, 3).values(RX_OVERFLOW),
-        Entry::rw(9, "Critical frame policy", U16).default(1).range(0, 2).values(CRITICAL_FRAMES),
-        Entry::rw(10, "CAN ID priority policy", U16).default(0),
-        Entry::rw(11, "TX budget min", U8).default(0).range(0, 8).unit("frames"),
-        Entry::rw(12, "TX budget max", U8).default(4).range(0, 8).unit("frames"),
-        Entry::rw(13, "TX overflow policy", U8).default(1).range(0, 3).values(TX_OVERFLOW),
-        Entry::rw(14, "Bus-off recovery policy", U8).default(1).range(0, 3).values(BUS_OFF),
-        Entry::rw(15, "Backoff base cycles", U16).default(2).unit("cycles"),
-        Entry::rw(16, "Degraded threshold", U16).default(64),
-        Entry::rw(17, "Reserved0", U32).default(0),
-        Entry::rw(18, "Reserved1", U32).default(0),
-        Entry::rw(19, "Reserved2", U32).default(0),
+raw_enum! {
+    /// Frames that are critical (0x8021:09).
+    pub enum CriticalFrames: u16;
+    /// None.
+    None = 0, "none";
+    /// CANopen safety and status frames, the default.
+    CanopenSafety = 1, "CANopen safety";
+    /// All CANopen control and status frames.
+    CanopenAll = 2, "CANopen all";
+}
+
+raw_enum! {
+    /// Reaction to a full transmit cache (0x8021:13).
+    pub enum TxOverflow: u8;
+    /// Drops the new frame.
+    DropNewest = 0, "drop newest";
+    /// Drops the oldest frame, the default.
+    DropOldest = 1, "drop oldest";
+    /// The firmware waits.
+    Backoff = 2, "backoff";
+    /// The channel enters the degraded state if it persists.
+    Degraded = 3, "degraded";
+}
+
+raw_enum! {
+    /// Recovery of a channel from bus-off (0x8021:14).
+    pub enum BusOffRecovery: u8;
+    /// By the host.
+    Manual = 0, "manual";
+    /// Automatic, the default.
+    Auto = 1, "auto";
+    /// Automatic, with shorter pauses.
+    Aggressive = 2, "aggressive";
+    /// None, so that the channel does not disturb the bus again.
+    Degraded = 3, "degraded";
+}
+
+object! {
+    /// MCAN Data Path Control of one channel, 0x8021..0x8024 (manual 13.2.2). The default is the
+    /// device's.
+    pub struct DataPathConfig {}
+    const CHANNEL_DATA_PATH =
+        Object::family(0x8021, 4, 1, "MCAN Data Path Control", "13.2.2", DataPathConfig::ENTRIES)
+            .applied_by(2, 3);
+    entries {
+        entry(Entry::highest(20));
+        /// Use this policy (:01).
+        1 "Enable" enable: bool = true;
+        entry(Entry::rw(2, "Apply command", U8).default(0).range(0, 1).values(APPLY));
+        entry(Entry::ro(3, "Apply status", U8).default(0));
+        /// Fewest frames that a service reads from the controller, 0 to 8 (:04).
+        4 "RX drain budget min" rx_drain_min: u8 = 0, range(0, BUDGET_MAX), unit("frames");
+        /// Most frames that a service reads from the controller, 0 to 8 (:05).
+        5 "RX drain budget max" rx_drain_max: u8 = 2, range(0, BUDGET_MAX), unit("frames");
+        /// Choice of the number between them (:06).
+        6 "RX budget policy" rx_budget: RxBudget = RxBudget::Limited;
+        /// Depth of the receive cache (:07).
+        7 "RX cache depth" rx_cache_depth: CacheDepth = CacheDepth::D16;
+        /// Reaction to a full receive cache (:08).
+        8 "RX overflow policy" rx_overflow: RxOverflow = RxOverflow::DropNewest;
+        /// Frames that are critical (:09).
+        9 "Critical frame policy" critical_frames: CriticalFrames = CriticalFrames::CanopenSafety;
+        /// Reserved by the manual, 0 (:10).
+        10 "CAN ID priority policy" id_priority: u16 = 0, no_key();
+        /// Fewest frames that a service passes to the controller, 0 to 8 (:11).
+        11 "TX budget min" tx_budget_min: u8 = 0, range(0, BUDGET_MAX), unit("frames");
+        /// Most frames that a service passes to the controller, 0 to 8 (:12).
+        12 "TX budget max" tx_budget_max: u8 = 4, range(0, BUDGET_MAX), unit("frames");
+        /// Reaction to a full transmit cache (:13).
+        13 "TX overflow policy" tx_overflow: TxOverflow = TxOverflow::DropOldest;
+        /// Recovery from bus-off (:14).
+        14 "Bus-off recovery policy" bus_off_recovery: BusOffRecovery = BusOffRecovery::Auto;
+        /// Cycles to wait after transmit backpressure (:15).
+        15 "Backoff base cycles" backoff_base_cycles: u16 = 2, unit("cycles");
+        /// Threshold of the degraded state (:16).
+        16 "Degraded threshold" degraded_threshold: u16 = 64;
+        /// Reserved for extensions, 0 (:17).
+        17 "Reserved0" reserved0: u32 = 0, no_key();
+        /// Reserved for extensions, 0 (:18).
+        18 "Reserved1" reserved1: u32 = 0, no_key();
+        /// Reserved for extensions, 0 (:19).
+        19 "Reserved2" reserved2: u32 = 0, no_key();
         // The manual's column says 0; with the defaults applied the device reports 0x54059201.
-        Entry::ro(20, "Active control word", U32).default(0),
-    ],
-)
-.applied_by(2, 3);
+        entry(Entry::ro(20, "Active control word", U32).default(0));
+    }
+}

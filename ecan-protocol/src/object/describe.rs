@@ -2,7 +2,8 @@
 
 use core::fmt;
 
-use super::{Object, lookup, object};
+use super::entry::Object;
+use super::{lookup, object};
 
 /// An entry in words for messages: `0x8010:03 (TxPDO Profile Control, PDO size multiplier)`.
 ///

@@ -1,15 +1,10 @@
 //! 0xF000 Device Objects: identity, capabilities and limits (manual 13.8).
 
 use super::ObjectType::{U8, U16, U32};
-use super::{Entry, Object};
-
-const DIAGNOSTIC_TESTS: &[(u8, &str)] = &[
-    (0, "TX_BYPASS"),
-    (1, "RX_BYPASS"),
-    (2, "CRC_POLICY"),
-    (3, "PAYLOAD_ONLY"),
-    (4, "APP_BYPASS"),
-];
+use super::diagnostic_test::TESTS;
+use super::entry::{Entry, Object};
+use super::pdo_profile::OptionFlags;
+use super::value::ObjectValue;
 
 pub(super) const DEVICE_OBJECTS: Object = Object::single(
     0xF000,
@@ -38,13 +33,7 @@ pub(super) const DEVICE_OBJECTS: Object = Object::single(
         ]),
         Entry::ro(13, "Max PDO bytes", U16).default(3072).unit("bytes"),
         Entry::ro(14, "Max CAN channels", U8).default(4),
-        Entry::ro(15, "PDO option flags mask", U8).default(0x1F).bits(&[
-            (0, "TX_RESULT_ENABLE"),
-            (1, "ALIGN_4_ENABLE"),
-            (2, "NO_CRC16_ENABLE"),
-            (3, "APP_BYPASS_ENABLE"),
-            (4, "PAYLOAD_ONLY_ENABLE"),
-        ]),
+        Entry::ro(15, "PDO option flags mask", U8).default(0x1F).bits(OptionFlags::BITS),
         Entry::ro(16, "PDO feature flags", U32).default(0x1F3B).bits(&[
             (0, "TX_RESULT"),
             (1, "TSF_DELTA16"),
@@ -70,8 +59,8 @@ pub(super) const DEVICE_OBJECTS: Object = Object::single(
         Entry::ro(21, "Data path extension set", U16).default(1),
         Entry::ro(22, "Diagnostic extension set", U16).default(1),
         Entry::ro(23, "Reserved capability pad", U16).default(0),
-        Entry::ro(24, "Data path feature flags", U32).default(0x1F).bits(DIAGNOSTIC_TESTS),
-        Entry::ro(25, "Diagnostic feature flags", U32).default(0x1F).bits(DIAGNOSTIC_TESTS),
+        Entry::ro(24, "Data path feature flags", U32).default(0x1F).bits(TESTS),
+        Entry::ro(25, "Diagnostic feature flags", U32).default(0x1F).bits(TESTS),
         Entry::ro(26, "Runtime option flags mask", U32).default(0),
         Entry::ro(27, "Diagnostic option flags mask", U32).default(0),
         Entry::ro(28, "MCAN RX cache max depth", U16).default(32).unit("frames"),

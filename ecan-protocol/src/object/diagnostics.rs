@@ -1,50 +1,8 @@
-//! 0x8030 PDO Diagnostic Test Control, 0x9011 Cycle Performance Diagnostics and
-//! 0x9020..0x9023 MCAN Data Path Diagnostics (manual 13.2.3 to 13.2.5).
+//! 0x9011 Cycle Performance Diagnostics and 0x9020..0x9023 MCAN Data Path Diagnostics
+//! (manual 13.2.4, 13.2.5).
 
 use super::ObjectType::{I32, U8, U16, U32};
-use super::{Entry, Object};
-
-const SIDES: &[(u32, &str)] = &[(0, "off"), (1, "Tx"), (2, "Rx"), (3, "Tx and Rx")];
-
-pub(crate) const DIAGNOSTIC_TEST: Object = Object::single(
-    0x8030,
-    "PDO Diagnostic Test Control",
-    "13.2.3",
-    &[
-        Entry::highest(10),
-        Entry::rw(1, "Test enable key", U32)
-            .default(0)
-            .values(&[(0, "test mode off"), (0x4543_414E, "test controls allowed")]),
-        Entry::rw(2, "TxPDO bypass flags", U32).default(0).range(0, 0x1C).bits(&[
-            (2, "MCAN_READ"),
-            (3, "BUILD"),
-            (4, "COPY"),
-        ]),
-        Entry::rw(3, "RxPDO bypass flags", U32).default(0).range(0, 0x3C).bits(&[
-            (2, "STAGE"),
-            (3, "PARSE"),
-            (4, "TX_RING"),
-            (5, "MCAN_WRITE"),
-        ]),
-        Entry::rw(4, "CRC test policy", U8).default(0).range(0, 2).values(&[
-            (0, "follow PDO option"),
-            (1, "force CRC16"),
-            (2, "force no CRC16"),
-        ]),
-        Entry::rw(5, "Payload only policy", U8).default(0).range(0, 3).values(SIDES),
-        Entry::rw(6, "App link bypass policy", U8).default(0).range(0, 3).values(SIDES),
-        Entry::ro(7, "ReservedPad", U8).default(0),
-        Entry::ro(8, "Legal combination mask", U32).default(0x1F).bits(&[
-            (0, "TX_BYPASS"),
-            (1, "RX_BYPASS"),
-            (2, "CRC_POLICY"),
-            (3, "PAYLOAD_ONLY"),
-            (4, "APP_BYPASS"),
-        ]),
-        Entry::ro(9, "Last reject reason", U32).default(0),
-        Entry::ro(10, "Reserved0", U32).default(0),
-    ],
-);
+use super::entry::{Entry, Object};
 
 pub(super) const CYCLE_PERFORMANCE: Object = Object::single(
     0x9011,

@@ -1,7 +1,7 @@
 //! 0xB000 Device Maintenance (manual 13.7).
 
 use super::ObjectType::{U8, U16, U32};
-use super::{Entry, Object};
+use super::entry::{Entry, Object};
 
 const MODE: &[(u32, &str)] = &[(0, "run"), (1, "engineering"), (2, "factory")];
 

@@ -1,193 +1,265 @@
 //! 0x8001..0x8004 MCAN Channel Config (manual 13.4).
 //!
-//! The manual lists no values for the actions on frames without a filter, nor for filter types
-//! and actions; here they are those of the MCAN core's registers (GFC and filter elements).
+//! The manual lists no values for the actions on frames without a filter; those of the MCAN core's
+//! register GFC are used.
 
 use super::ObjectType::{U8, U16, U32};
-use super::{Entry, Object};
+use super::declare::object;
+use super::entry::{Entry, KeyForm, Object};
+use super::filter_window::{
+    ExtendedMatch, FilterAction, FilterCommand, FilterCommandStatus, StandardMatch,
+};
+use super::message_ram::{DataSize, FifoMode, MessageRamLayout, TxMode};
+use super::value::{ObjectValue, raw_enum, status_enum};
+use crate::can::BitTiming;
 
-const APPLY_STATUS: &[(u32, &str)] =
-    &[(0, "OK"), (1, "fail"), (3, "build fail"), (4, "apply runtime fail")];
-
-const NODE_MODE: &[(u32, &str)] = &[
-    (0, "normal"),
-    (1, "restricted or monitor"),
-    (2, "internal loopback"),
-    (3, "external loopback or listen"),
-];
-
-const NON_MATCH: &[(u32, &str)] =
-    &[(0, "into RX FIFO0"), (1, "into RX FIFO1"), (2, "reject"), (3, "reject")];
-
-const ENTRY_COMMAND: &[(u32, &str)] = &[
-    (0, "no-op"),
-    (1, "load current"),
-    (2, "save current"),
-    (3, "clear current"),
-    (4, "flash current"),
-];
-
-const ENTRY_STATUS: &[(u32, &str)] = &[(0, "OK"), (1, "invalid index"), (2, "invalid command")];
-
-const STANDARD_FILTER_TYPE: &[(u32, &str)] =
-    &[(0, "range"), (1, "two identifiers"), (2, "identifier and mask"), (3, "disabled")];
-
-const EXTENDED_FILTER_TYPE: &[(u32, &str)] = &[
-    (0, "range"),
-    (1, "two identifiers"),
-    (2, "identifier and mask"),
-    (3, "range without the global mask"),
-];
-
-const FILTER_ACTION: &[(u32, &str)] = &[
-    (0, "disabled"),
-    (1, "into RX FIFO0"),
-    (2, "into RX FIFO1"),
-    (3, "reject"),
-    (4, "priority"),
-    (5, "priority, into RX FIFO0"),
-    (6, "priority, into RX FIFO1"),
-    (7, "into an RX buffer"),
-];
-
-const FIFO_MODE: &[(u32, &str)] = &[(0, "blocking"), (1, "overwrite")];
-
-const DATA_SIZE: &[(u32, &str)] = &[
-    (0, "8 bytes"),
-    (1, "12 bytes"),
-    (2, "16 bytes"),
-    (3, "20 bytes"),
-    (4, "24 bytes"),
-    (5, "32 bytes"),
-    (6, "48 bytes"),
-    (7, "64 bytes"),
-];
-
-/// A sample point bound, 0.1 % per unit.
-const fn sample_point(subindex: u8, name: &'static str, default: u32) -> Entry {
-    Entry::rw(subindex, name, U16).default(default).range(0, 1000).unit("0.1 %")
+raw_enum! {
+    /// Source of the bit timing (0x8001:07).
+    pub enum BitTimingMode: u8;
+    /// The firmware solves it from bit rate and sample point window.
+    Automatic = 0, "automatic";
+    /// The configuration gives it: `manual_nominal` and `manual_data`.
+    Manual = 1, "manual";
 }
 
-const fn data_size(subindex: u8, name: &'static str) -> Entry {
-    Entry::rw(subindex, name, U8).default(7).range(0, 7).values(DATA_SIZE)
+raw_enum! {
+    /// Participation of the channel in the bus (0x8001:08).
+    pub enum NodeMode: u8;
+    /// Sends and receives.
+    Normal = 0, "normal";
+    /// Listens only; sends neither frames nor acknowledgements.
+    Listen = 1, "listen";
+    /// Receives its own frames, without the bus.
+    InternalLoopback = 2, "internal loopback";
+    /// Receives its own frames, which are also sent on the bus.
+    ExternalLoopback = 3, "external loopback";
 }
 
-/// A field of manual bit timing; 0 while automatic timing is used.
-const fn timing(subindex: u8, name: &'static str, ty: super::ObjectType, max: u32) -> Entry {
-    Entry::rw(subindex, name, ty).default(0).range(0, max)
+raw_enum! {
+    /// Action on a frame that no filter matches (0x8001:36, :37).
+    ///
+    /// The manual defines only 0; the others are those of the MCAN core.
+    pub enum NonMatch: u8;
+    /// Store in RX FIFO0.
+    Fifo0 = 0, "FIFO0";
+    /// Store in RX FIFO1.
+    Fifo1 = 1, "FIFO1";
+    /// Reject.
+    Reject = 2, "reject";
+    /// Reject (the core has two numbers for it).
+    RejectToo = 3, "reject";
 }
 
-const fn switch(subindex: u8, name: &'static str, default: u32) -> Entry {
-    Entry::rw(subindex, name, U8).default(default).flag()
+status_enum! {
+    /// Apply status (0x8001:02) and flash status (:04).
+    pub enum ApplyStatus;
+    /// Done.
+    Ok = 0, "OK";
+    /// Failed.
+    Fail = 1, "failed";
+    /// The configuration could not be converted.
+    BuildFail = 3, "build failed: the configuration could not be converted";
+    /// The CAN controller could not be restarted with the configuration.
+    RuntimeFail = 4, "apply failed: the CAN controller could not be restarted with it";
 }
 
-pub(crate) const MCAN_CHANNEL: Object = Object::family(
-    0x8001,
-    4,
-    1,
-    "MCAN Channel Config",
-    "13.4",
-    &[
-        Entry::highest(87),
-        Entry::wo(1, "Apply command", U8)
-            .default(0)
-            .range(0, 1)
-            .values(&[(0, "no-op"), (1, "apply")]),
-        Entry::ro(2, "Apply status", U8).default(0).values(APPLY_STATUS),
-        Entry::wo(3, "Flash command", U8).default(0).range(0, 7).bits(&[
-            (0, "save"),
-            (1, "load"),
-            (2, "factory reset"),
-        ]),
-        Entry::ro(4, "Flash status", U8).default(0).values(APPLY_STATUS),
-        Entry::ro(5, "Command sequence", U32).default(0),
-        Entry::ro(6, "Command Pad0", U32).default(0),
-        Entry::rw(7, "Bit timing mode", U8)
-            .default(0)
-            .range(0, 1)
-            .values(&[(0, "automatic"), (1, "manual")]),
-        Entry::rw(8, "Node mode", U8).default(0).range(0, 3).values(NODE_MODE),
-        switch(9, "Non-ISO enable", 0),
-        switch(10, "Transmit pause", 0),
-        switch(11, "Edge filter enable", 0),
-        switch(12, "Protocol exception disable", 0),
-        switch(13, "Wide message marker enable", 0),
-        switch(14, "External timestamp use", 0),
-        switch(15, "FD enable", 1),
-        switch(16, "TDC enable", 1),
-        switch(17, "Restricted mode disable", 0),
-        switch(18, "Disable auto retransmission", 0),
-        Entry::rw(19, "Nominal bitrate", U32).default(500_000).range(1, 1_000_000).unit("bit/s"),
-        Entry::rw(20, "Data bitrate", U32).default(5_000_000).range(1, u32::MAX).unit("bit/s"),
-        sample_point(21, "Nominal SP min", 750),
-        sample_point(22, "Nominal SP max", 875),
-        sample_point(23, "Data SP min", 750),
-        sample_point(24, "Data SP max", 875),
-        timing(25, "Nominal BRP", U16, 512),
-        timing(26, "Nominal TSEG1", U8, 255),
-        timing(27, "Nominal TSEG2", U8, 128),
-        timing(28, "Nominal SJW", U8, 128),
-        timing(29, "Data BRP", U16, 32),
-        timing(30, "Data TSEG1", U8, 32),
-        timing(31, "Data TSEG2", U8, 16),
-        timing(32, "Data SJW", U8, 16),
-        Entry::rw(33, "TDC offset", U8).default(0).range(0, 127).unit("mtq"),
-        Entry::rw(34, "TDC filter", U8).default(0).range(0, 127).unit("mtq"),
-        Entry::rw(36, "Accept non-match std", U8).default(0).range(0, 3).values(NON_MATCH),
-        Entry::rw(37, "Accept non-match ext", U8).default(0).range(0, 3).values(NON_MATCH),
-        switch(38, "Reject remote std", 0),
-        switch(39, "Reject remote ext", 0),
-        Entry::rw(40, "Ext ID mask", U32).default(0x1FFF_FFFF).range(0, 0x1FFF_FFFF),
-        Entry::ro(41, "Std list max", U8).default(64),
-        Entry::ro(42, "Ext list max", U8).default(24),
-        Entry::rw(43, "Std current index", U8).default(0).range(0, 63),
-        Entry::rw(44, "Ext current index", U8).default(0).range(0, 23),
-        Entry::rw(45, "Std entry cmd", U8).default(0).range(0, 4).values(ENTRY_COMMAND),
-        Entry::rw(46, "Ext entry cmd", U8).default(0).range(0, 4).values(ENTRY_COMMAND),
-        Entry::ro(47, "Std entry status", U8).default(0).values(ENTRY_STATUS),
-        Entry::ro(48, "Ext entry status", U8).default(0).values(ENTRY_STATUS),
-        Entry::rw(49, "Std filter count", U8).default(0).range(0, 64),
-        Entry::rw(50, "Std filter type", U8).default(0).range(0, 3).values(STANDARD_FILTER_TYPE),
-        Entry::rw(51, "Std filter action", U8).default(0).range(0, 7).values(FILTER_ACTION),
-        switch(52, "Std filter sync", 0),
-        Entry::rw(53, "Std ID1", U32).default(0).range(0, 0x7FF),
-        Entry::rw(54, "Std ID2", U32).default(0).range(0, 0x7FF),
-        Entry::rw(55, "Ext filter count", U8).default(0).range(0, 24),
-        Entry::rw(56, "Ext filter type", U8).default(0).range(0, 3).values(EXTENDED_FILTER_TYPE),
-        Entry::rw(57, "Ext filter action", U8).default(0).range(0, 7).values(FILTER_ACTION),
-        switch(58, "Ext filter sync", 0),
-        Entry::rw(59, "Ext ID1", U32).default(0).range(0, 0x1FFF_FFFF),
-        Entry::rw(60, "Ext ID2", U32).default(0).range(0, 0x1FFF_FFFF),
-        Entry::rw(61, "RX FIFO0 op mode", U8).default(0).range(0, 1).values(FIFO_MODE),
-        Entry::rw(62, "RX FIFO0 size", U8).default(48).range(0, 64).unit("elements"),
-        Entry::rw(63, "RX FIFO1 op mode", U8).default(0).range(0, 1).values(FIFO_MODE),
-        Entry::rw(64, "RX FIFO1 size", U8).default(12).range(0, 64).unit("elements"),
-        data_size(65, "RX FIFO0 data size"),
-        data_size(66, "RX FIFO1 data size"),
-        Entry::rw(67, "RX buffer count", U8).default(12).range(0, 64).unit("elements"),
-        data_size(68, "RX buffer data size"),
-        Entry::rw(69, "TX FIFO queue mode", U8)
-            .default(0)
-            .range(0, 1)
-            .values(&[(0, "FIFO"), (1, "queue by identifier")]),
-        Entry::rw(70, "TX FIFO queue size", U8).default(32).range(0, 32).unit("elements"),
-        Entry::rw(71, "TX dedicated buffer count", U8).default(0).range(0, 32).unit("elements"),
-        data_size(72, "TX buffer data size"),
-        Entry::rw(73, "TX event FIFO size", U8).default(32).range(0, 32).unit("elements"),
-        Entry::rw(74, "Timestamp selection", U8).default(0).range(0, 2),
-        Entry::rw(75, "Timestamp prescaler", U8).default(0),
-        switch(76, "TSU enable", 0),
-        switch(77, "TSU use external timebase", 0),
-        switch(78, "TSU capture on SOF", 0),
-        switch(79, "TSU enable 64-bit", 0),
-        Entry::ro(80, "Pad2", U8).default(0),
-        Entry::rw(81, "TSU prescaler", U16).default(1).range(1, 0xFFFF),
-        Entry::rw(82, "TSU external timebase source", U8).default(0),
-        Entry::rw(83, "TSU TBSEL option", U8).default(0),
-        switch(84, "Timeout enable", 0),
-        Entry::rw(85, "Timeout select", U8).default(0).range(0, 3),
-        Entry::ro(86, "Pad3", U16).default(0),
-        Entry::rw(87, "Timeout period", U16).default(0),
-    ],
-)
-.applied_by(1, 2);
+/// Bounds of the sample point in 0.1 %, both included.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct SamplePointWindow {
+    /// Lower bound in 0.1 %.
+    pub min: u16,
+    /// Upper bound in 0.1 %.
+    pub max: u16,
+}
+
+impl SamplePointWindow {
+    /// The device default, 75 % to 87.5 %.
+    pub const DEFAULT: Self = Self { min: 750, max: 875 };
+
+    /// The window that allows one sample point, in 0.1 %.
+    pub const fn exactly(permille: u16) -> Self {
+        Self { min: permille, max: permille }
+    }
+}
+
+/// Timing of a phase while the firmware solves it.
+const UNSET: BitTiming = BitTiming { brp: 0, tseg1: 0, tseg2: 0, sjw: 0 };
+
+/// An entry of the filter editing window with the values of an enumeration.
+const fn filter<T: ObjectValue>(subindex: u8, name: &'static str) -> Entry {
+    Entry::field::<T>(subindex, name).default(0)
+}
+
+object! {
+    /// Configuration of one CAN channel: the fields of 0x8001..0x8004 (manual 13.4).
+    ///
+    /// The default is the device's. [`check`](Self::check) reports its faults before anything is
+    /// written; filters are separate (`filter_writes`).
+    pub struct McanChannelConfig {
+        /// Window for the nominal sample point (:21, :22).
+        nominal_sample_point: SamplePointWindow = SamplePointWindow::DEFAULT,
+        /// Window for the data sample point (:23, :24).
+        data_sample_point: SamplePointWindow = SamplePointWindow::DEFAULT,
+        /// Nominal timing in manual mode (:25 to :28); TSEG1 is at most 255.
+        manual_nominal: BitTiming = UNSET,
+        /// Data timing in manual mode (:29 to :32).
+        manual_data: BitTiming = UNSET,
+        /// Elements in the Message RAM (:61 to :73).
+        ram: MessageRamLayout = MessageRamLayout::fd(),
+    }
+    const MCAN_CHANNEL =
+        Object::family(0x8001, 4, 1, "MCAN Channel Config", "13.4", McanChannelConfig::ENTRIES)
+            .applied_by(1, 2);
+    entries {
+        entry(Entry::highest(87));
+        entry(Entry::wo(1, "Apply command", U8).default(0).values(&[(0, "no-op"), (1, "apply")])
+            .range(0, 1));
+        entry(Entry::ro(2, "Apply status", U8).default(0).values(ApplyStatus::VALUES));
+        entry(Entry::wo(3, "Flash command", U8).default(0).range(0, 7)
+            .bits(&[(0, "save"), (1, "load"), (2, "factory reset")]));
+        entry(Entry::ro(4, "Flash status", U8).default(0).values(ApplyStatus::VALUES));
+        entry(Entry::ro(5, "Command sequence", U32).default(0));
+        entry(Entry::ro(6, "Command Pad0", U32).default(0));
+        /// Source of the bit timing (:07).
+        7 "Bit timing mode" bit_timing_mode: BitTimingMode = BitTimingMode::Automatic,
+            key("bit_timing");
+        /// Participation of the channel in the bus (:08).
+        8 "Node mode" node_mode: NodeMode = NodeMode::Normal;
+        /// CAN FD as Bosch defined it before ISO 11898-1:2015 (:09).
+        9 "Non-ISO enable" non_iso: bool = false;
+        /// Pause of two bits between two transmissions (:10).
+        10 "Transmit pause" transmit_pause: bool = false;
+        /// Two quanta are needed for an edge during bus integration (:11).
+        11 "Edge filter enable" edge_filter: bool = false;
+        /// No protocol exception handling (:12).
+        12 "Protocol exception disable" protocol_exception_disable: bool = false;
+        /// Message markers of 16 bits (:13).
+        13 "Wide message marker enable" wide_message_marker: bool = false;
+        /// Timestamps from an external source (:14).
+        14 "External timestamp use" external_timestamp: bool = false;
+        /// CAN FD; otherwise classic CAN (:15).
+        15 "FD enable" fd: bool = true, no_key();
+        /// Transmitter delay compensation (:16); from 5 Mbit/s it is always active.
+        16 "TDC enable" tdc: bool = true, needs(&[15]);
+        /// Control of restricted operation mode (:17).
+        17 "Restricted mode disable" restricted_mode_disable: bool = false;
+        /// A frame that failed is not sent again (:18).
+        18 "Disable auto retransmission" disable_auto_retransmission: bool = false;
+        /// Bit rate of arbitration and of classic frames, bit/s (:19).
+        19 "Nominal bitrate" nominal_bitrate: u32 = 500_000,
+            range(1, 1_000_000), unit("bit/s"), key("bitrate");
+        /// Bit rate of the data phase, bit/s (:20).
+        20 "Data bitrate" data_bitrate: u32 = 5_000_000,
+            range(1, u32::MAX), unit("bit/s"), needs(&[15]);
+        part 21 "Nominal SP min" nominal_sample_point.min: u16,
+            range(0, 1000), unit("0.1 %"), key("sample_point"), form(KeyForm::LowerBound);
+        part 22 "Nominal SP max" nominal_sample_point.max: u16,
+            range(0, 1000), unit("0.1 %"), key("sample_point"), form(KeyForm::UpperBound);
+        part 23 "Data SP min" data_sample_point.min: u16,
+            range(0, 1000), unit("0.1 %"), key("data_sample_point"), form(KeyForm::LowerBound),
+            needs(&[15]);
+        part 24 "Data SP max" data_sample_point.max: u16,
+            range(0, 1000), unit("0.1 %"), key("data_sample_point"), form(KeyForm::UpperBound),
+            needs(&[15]);
+        part 25 "Nominal BRP" manual_nominal.brp: u16,
+            range(0, 512), key("nominal_timing.brp"), needs(&[7]);
+        part 26 "Nominal TSEG1" manual_nominal.tseg1: u8,
+            range(0, 255), key("nominal_timing.tseg1"), needs(&[7]);
+        part 27 "Nominal TSEG2" manual_nominal.tseg2: u8,
+            range(0, 128), key("nominal_timing.tseg2"), needs(&[7]);
+        part 28 "Nominal SJW" manual_nominal.sjw: u8,
+            range(0, 128), key("nominal_timing.sjw"), needs(&[7]);
+        part 29 "Data BRP" manual_data.brp: u16,
+            range(0, 32), key("data_timing.brp"), needs(&[15, 7]);
+        part 30 "Data TSEG1" manual_data.tseg1: u8,
+            range(0, 32), key("data_timing.tseg1"), needs(&[15, 7]);
+        part 31 "Data TSEG2" manual_data.tseg2: u8,
+            range(0, 16), key("data_timing.tseg2"), needs(&[15, 7]);
+        part 32 "Data SJW" manual_data.sjw: u8,
+            range(0, 16), key("data_timing.sjw"), needs(&[15, 7]);
+        /// Offset of the delay compensation in clock periods, 0 to 127 (:33); 0 is automatic.
+        33 "TDC offset" tdc_offset: u8 = 0, range(0, 127), unit("mtq"), needs(&[15]);
+        /// Filter window of the delay compensation in clock periods, 0 to 127 (:34); 0 is automatic.
+        34 "TDC filter" tdc_filter: u8 = 0, range(0, 127), unit("mtq"), needs(&[15]);
+        /// Action on standard frames that no filter matches (:36).
+        36 "Accept non-match std" non_match_standard: NonMatch = NonMatch::Fifo0;
+        /// Action on extended frames that no filter matches (:37).
+        37 "Accept non-match ext" non_match_extended: NonMatch = NonMatch::Fifo0;
+        /// Reject standard remote frames (:38).
+        38 "Reject remote std" reject_remote_standard: bool = false;
+        /// Reject extended remote frames (:39).
+        39 "Reject remote ext" reject_remote_extended: bool = false;
+        /// Mask over extended CAN IDs before filtering (:40).
+        40 "Ext ID mask" extended_id_mask: u32 = 0x1FFF_FFFF, range(0, 0x1FFF_FFFF);
+        entry(Entry::ro(41, "Std list max", U8).default(64));
+        entry(Entry::ro(42, "Ext list max", U8).default(24));
+        entry(Entry::rw(43, "Std current index", U8).default(0).range(0, 63));
+        entry(Entry::rw(44, "Ext current index", U8).default(0).range(0, 23));
+        entry(filter::<FilterCommand>(45, "Std entry cmd"));
+        entry(filter::<FilterCommand>(46, "Ext entry cmd"));
+        entry(Entry::ro(47, "Std entry status", U8).default(0).values(FilterCommandStatus::VALUES));
+        entry(Entry::ro(48, "Ext entry status", U8).default(0).values(FilterCommandStatus::VALUES));
+        entry(Entry::rw(49, "Std filter count", U8).default(0).range(0, 64));
+        entry(filter::<StandardMatch>(50, "Std filter type"));
+        entry(Entry::rw(51, "Std filter action", U8).default(0).range(0, 7)
+            .values(FilterAction::VALUES));
+        entry(filter::<bool>(52, "Std filter sync"));
+        entry(Entry::rw(53, "Std ID1", U32).default(0).range(0, 0x7FF));
+        entry(Entry::rw(54, "Std ID2", U32).default(0).range(0, 0x7FF));
+        entry(Entry::rw(55, "Ext filter count", U8).default(0).range(0, 24));
+        entry(filter::<ExtendedMatch>(56, "Ext filter type"));
+        entry(Entry::rw(57, "Ext filter action", U8).default(0).range(0, 7)
+            .values(FilterAction::VALUES));
+        entry(filter::<bool>(58, "Ext filter sync"));
+        entry(Entry::rw(59, "Ext ID1", U32).default(0).range(0, 0x1FFF_FFFF));
+        entry(Entry::rw(60, "Ext ID2", U32).default(0).range(0, 0x1FFF_FFFF));
+        part 61 "RX FIFO0 op mode" ram.rx_fifo0.mode: FifoMode, key("ram.rx_fifo0_mode");
+        part 62 "RX FIFO0 size" ram.rx_fifo0.size: u8,
+            range(0, 64), unit("elements"), key("ram.rx_fifo0_size");
+        part 63 "RX FIFO1 op mode" ram.rx_fifo1.mode: FifoMode, key("ram.rx_fifo1_mode");
+        part 64 "RX FIFO1 size" ram.rx_fifo1.size: u8,
+            range(0, 64), unit("elements"), key("ram.rx_fifo1_size");
+        part 65 "RX FIFO0 data size" ram.rx_fifo0.data_size: DataSize,
+            key("ram.rx_fifo0_data_bytes");
+        part 66 "RX FIFO1 data size" ram.rx_fifo1.data_size: DataSize,
+            key("ram.rx_fifo1_data_bytes");
+        part 67 "RX buffer count" ram.rx_buffer_count: u8,
+            range(0, 64), unit("elements"), key("ram.rx_buffer_count");
+        part 68 "RX buffer data size" ram.rx_buffer_data_size: DataSize,
+            key("ram.rx_buffer_data_bytes");
+        part 69 "TX FIFO queue mode" ram.tx_mode: TxMode, key("ram.tx_mode");
+        part 70 "TX FIFO queue size" ram.tx_fifo_size: u8,
+            range(0, 32), unit("elements"), key("ram.tx_fifo_size");
+        part 71 "TX dedicated buffer count" ram.tx_dedicated_count: u8,
+            range(0, 32), unit("elements"), key("ram.tx_dedicated_count");
+        part 72 "TX buffer data size" ram.tx_data_size: DataSize, key("ram.tx_data_bytes");
+        part 73 "TX event FIFO size" ram.tx_event_size: u8,
+            range(0, 32), unit("elements"), key("ram.tx_event_size");
+        /// Timestamp selection, 0 to 2 (:74).
+        74 "Timestamp selection" timestamp_selection: u8 = 0, range(0, 2);
+        /// Timestamp prescaler (:75).
+        75 "Timestamp prescaler" timestamp_prescaler: u8 = 0;
+        /// Timestamp unit, TSU (:76).
+        76 "TSU enable" tsu: bool = false;
+        /// The TSU counts an external time base (:77).
+        77 "TSU use external timebase" tsu_external_timebase: bool = false, needs(&[76]);
+        /// The TSU captures at the start of the frame; otherwise at the end (:78).
+        78 "TSU capture on SOF" tsu_capture_sof: bool = false, needs(&[76]);
+        /// The TSU counts 64 bits (:79).
+        79 "TSU enable 64-bit" tsu_64_bit: bool = false, needs(&[76]);
+        entry(Entry::ro(80, "Pad2", U8).default(0));
+        /// TSU prescaler, at least 1 (:81).
+        81 "TSU prescaler" tsu_prescaler: u16 = 1, range(1, 0xFFFF), needs(&[76]);
+        /// Source of the external time base (:82).
+        82 "TSU external timebase source" tsu_timebase_source: u8 = 0, needs(&[76]);
+        /// TBSEL option (:83).
+        83 "TSU TBSEL option" tsu_tbsel: u8 = 0, needs(&[76]);
+        /// Timeout counter (:84).
+        84 "Timeout enable" timeout: bool = false;
+        /// Selection of the timeout counter, 0 to 3 (:85).
+        85 "Timeout select" timeout_select: u8 = 0, range(0, 3), needs(&[84]);
+        entry(Entry::ro(86, "Pad3", U16).default(0));
+        /// Timeout period (:87).
+        87 "Timeout period" timeout_period: u16 = 0, needs(&[84]);
+    }
+}

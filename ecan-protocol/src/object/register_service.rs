@@ -1,7 +1,7 @@
 //! 0xA000..0xA003 MCAN Register Service (manual 13.6).
 
 use super::ObjectType::{U8, U32};
-use super::{Entry, Object};
+use super::entry::{Entry, Object};
 
 /// The MCAN registers that the service lets a host write, by offset and name (manual 13.6).
 pub const WRITABLE_REGISTERS: [(u16, &str); 17] = [

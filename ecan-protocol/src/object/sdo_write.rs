@@ -2,7 +2,9 @@
 
 use core::fmt;
 
-use crate::object::{ObjectType, object, write_object_name};
+use super::describe::write_object_name;
+use super::entry::ObjectType;
+use super::object;
 
 /// One SDO download: what a configuration turns into.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

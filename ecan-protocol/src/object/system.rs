@@ -1,7 +1,7 @@
 //! 0x8000 System Config (manual 13.3).
 
 use super::ObjectType::{U8, U16, U32};
-use super::{Entry, Object};
+use super::entry::{Entry, Object};
 
 pub(super) const SYSTEM: Object = Object::single(
     0x8000,

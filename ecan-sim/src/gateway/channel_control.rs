@@ -2,10 +2,9 @@
 //! editing window (manual 13.4).
 
 use ecan_protocol::config::{
-    ApplyStatus, BitTimingMode, ChannelFault, FilterCommand, FilterCommandStatus, FilterWindow,
-    McanChannelConfig, NodeMode,
+    ApplyStatus, BitTimingMode, ChannelFault, ConfigObject, FilterCommand, FilterCommandStatus,
+    FilterWindow, McanChannelConfig, NodeMode,
 };
-use ecan_protocol::object::object;
 
 use crate::bus::{StationConfig, StationMode};
 
@@ -137,7 +136,8 @@ pub(super) fn build(
     filters: &FilterLists,
 ) -> Result<ControllerConfig, ApplyStatus> {
     let index = FIRST_CHANNEL_OBJECT + u16::from(channel);
-    let config = decode(values, index)?;
+    let config = McanChannelConfig::from_values(|subindex| values.get(index, subindex))
+        .map_err(|_| ApplyStatus::BuildFail)?;
     let clock = values.get(SYSTEM_OBJECT, FIRST_CLOCK + channel);
     let mut verdict = Ok(());
     config.check_at(clock, &mut |fault| {
@@ -185,19 +185,6 @@ pub(super) fn build(
         captures_start: config.tsu && config.tsu_capture_sof,
         tdc: config.tdc_runs().then_some((config.tdc_offset, config.tdc_filter)),
     })
-}
-
-fn decode(values: &DictionaryValues, index: u16) -> Result<McanChannelConfig, ApplyStatus> {
-    let mut config = McanChannelConfig::default();
-    let entries = object(index).map_or(&[][..], |object| object.entries);
-    for entry in entries {
-        if config.value(entry.subindex).is_some() {
-            config
-                .set_value(entry.subindex, values.get(index, entry.subindex))
-                .map_err(|_| ApplyStatus::BuildFail)?;
-        }
-    }
-    Ok(config)
 }
 
 fn filter_table(

@@ -1,7 +1,7 @@
 //! What a download sets off beside changing a value: apply commands, resets, test policies.
 
 use ecan_protocol::config::{
-    ApplyStatus, DataPathConfig, DataPathGlobal, DiagnosticFault, DiagnosticTest,
+    ApplyStatus, ConfigObject, DataPathConfig, DataPathGlobal, DiagnosticFault, DiagnosticTest,
 };
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::Direction;
@@ -268,24 +268,22 @@ impl Gateway {
     // 0x8020, 0x8021..0x8024
 
     pub(super) fn apply_global_data_path(&mut self) {
-        let requested = DataPathGlobal {
-            compat_mode: self.values.get_u16(GLOBAL_DATA_PATH, 4),
-            runtime_options: self.values.get(GLOBAL_DATA_PATH, 5),
-            diagnostic_options: self.values.get(GLOBAL_DATA_PATH, 6),
-            max_service_budget_us: self.values.get_u16(GLOBAL_DATA_PATH, 7),
-        };
-        let mut faulty = false;
-        requested.check(&mut |_| faulty = true);
-        if !faulty {
-            self.data_path = requested;
+        let read = |subindex| self.values.get(GLOBAL_DATA_PATH, subindex);
+        let requested = DataPathGlobal::from_values(read);
+        let mut faulty = requested.is_err();
+        if let Ok(requested) = requested {
+            requested.check(&mut |_| faulty = true);
+            if !faulty {
+                self.data_path = requested;
+            }
         }
         self.set_data_path_status(GLOBAL_DATA_PATH, faulty);
     }
 
     pub(super) fn apply_data_path(&mut self, number: usize, index: u16) {
         let requested = DataPathConfig::from_values(|subindex| self.values.get(index, subindex));
-        let mut faulty = requested.is_none();
-        if let Some(requested) = requested {
+        let mut faulty = requested.is_err();
+        if let Ok(requested) = requested {
             requested.check(&mut |_| faulty = true);
             if !faulty && let Some(channel) = self.channels.get_mut(number) {
                 channel.set_policy(requested, &mut self.counters);

@@ -6,7 +6,7 @@ use ecan_mcan_host::boundary::call;
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::{ChannelConfig, Traffic};
-use ecan_protocol::config::{DataPathConfig, SamplePointWindow};
+use ecan_protocol::config::{ConfigObject, SamplePointWindow};
 use ecan_protocol::object::describe;
 
 use super::config::{ChannelPlain, PortPlain, igh_mcan_port_config_t};
@@ -264,16 +264,12 @@ pub unsafe extern "C" fn igh_mcan_port_set_data_path_object(
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let settings = unsafe { PortPlain::open(call, config)? }.channel(call, slave, channel)?;
         let index = 0x8021 + u16::from(channel);
-        let before = settings.data_path;
-        if before.value(subindex).is_none() {
+        if settings.data_path.value(subindex).is_none() {
             return Err(no_object(call, index, subindex));
         }
-        let read = |other| {
-            if other == subindex { value } else { before.value(other).unwrap_or_default() }
-        };
-        settings.data_path = DataPathConfig::from_values(read).ok_or_else(|| {
-            let words = format_args!("{value} is no value for {}", describe(index, subindex));
-            call.fail(ecan_result_t::ECAN_ERR_ARGUMENT, words)
+        settings.data_path.set_value(subindex, value).map_err(|_| {
+            let text = format_args!("invalid value {value} for {}", describe(index, subindex));
+            call.fail(ecan_result_t::ECAN_ERR_ARGUMENT, text)
         })?;
         Ok(())
     })

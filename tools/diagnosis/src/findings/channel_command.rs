@@ -2,7 +2,9 @@
 //! status").
 
 use ecan_protocol::can::MCAN_CLOCK_HZ;
-use ecan_protocol::config::{ApplyStatus, BitTimingMode, MESSAGE_RAM_BYTES, McanChannelConfig};
+use ecan_protocol::config::{
+    ApplyStatus, BitTimingMode, ConfigObject, MESSAGE_RAM_BYTES, McanChannelConfig,
+};
 
 use super::channel::Channel;
 use crate::finding::Finding;
@@ -81,9 +83,8 @@ impl Channel<'_> {
     fn configuration_faults(&self) -> Vec<String> {
         let mut faults = Vec::new();
         let mut config = McanChannelConfig::DEVICE_DEFAULT;
-        for subindex in 0..=u8::MAX {
-            if config.value(subindex).is_some()
-                && let Some(value) = self.config(subindex)
+        for subindex in McanChannelConfig::fields().map(|entry| entry.subindex) {
+            if let Some(value) = self.config(subindex)
                 && config.set_value(subindex, value).is_err()
             {
                 faults.push(format!(

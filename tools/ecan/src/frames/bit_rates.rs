@@ -3,7 +3,7 @@
 use std::fmt;
 
 use ecan_mcan_port::ChannelConfig;
-use ecan_protocol::config::{BitTimingMode, McanChannelConfig};
+use ecan_protocol::config::{BitTimingMode, ConfigObject, McanChannelConfig};
 
 use crate::bus::Bus;
 use crate::failure::Failure;

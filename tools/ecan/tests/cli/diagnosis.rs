@@ -56,7 +56,7 @@ CAN1  bus-off, CAN FD, warning, bus-off, 0 received and 0 to send pending
 slave 0, PREOP, ECAN-Lite, firmware 2.2.1, serial 4294967297
 AL status code: not read
 diagnostic flags: none
-fault [profile-mapping-reload] TxPDO: the profile was not applied: 0x8010:02 is 5 (PDO assignment and size multiplier differ)
+fault [profile-mapping-reload] TxPDO: the profile was not applied: 0x8010:02 is 5 (master mapping reload required: PDO assignment and size multiplier differ)
   may be 1. 0x1C12/0x1C13 assign another number of chunks than N = 8
          2. the profile was applied before the assignment was written
          3. the mapping in the master project was changed but not loaded again
@@ -93,7 +93,7 @@ fn numbers_of_a_file_that_no_gateway_shows_are_explained_too() {
         "[frame-area] TxPDO: 23 active bytes do not hold the header of 24\n",
         "[assignment-differs] TxPDO: 0x1C13 assigns 4294967295 chunks",
         "the pins are rotated by 4294967295: this channel is at pin group 3\n",
-        "may be 1. RX FIFO0 size (subindex 62) is 200, possible is 0..64\n",
+        "may be 1. RX FIFO0 size (subindex 62) = 200 is out of range; allowed: 0 to 64\n",
         "apply it (0x8002:01 = 1) and read 0x8002:02 again\n",
     ] {
         assert!(report.contains(words), "{words}: {report}");

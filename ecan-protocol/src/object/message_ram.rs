@@ -1,13 +1,14 @@
-//! The Message RAM of one MCAN channel and what fits into it (manual 13.4, "RAM/FIFO/Buffer").
+//! The Message RAM of one MCAN channel (manual 13.4, "RAM/FIFO/Buffer").
 
-use crate::raw_enum::raw_enum;
+use super::entry::KeyForm;
+use super::value::raw_enum;
 
-/// Message RAM of one channel in bytes: what the default layout fills to the last byte.
+/// Message RAM of one channel in bytes: the sum of the default layout.
 pub const MESSAGE_RAM_BYTES: u32 = 8192;
 
-/// Filter elements that the firmware always reserves (0x8001:41, :42).
+/// Standard filter elements that the firmware always reserves (0x8001:41).
 pub const STANDARD_FILTERS_MAX: u8 = 64;
-/// Extended filter elements that the firmware always reserves.
+/// Extended filter elements that the firmware always reserves (0x8001:42).
 pub const EXTENDED_FILTERS_MAX: u8 = 24;
 
 const ELEMENT_HEADER_BYTES: u32 = 8;
@@ -16,28 +17,27 @@ const FILTER_BYTES: u32 = STANDARD_FILTERS_MAX as u32 * 4 + EXTENDED_FILTERS_MAX
 
 raw_enum! {
     /// Data bytes that one element can store.
-    pub enum DataSize: u8 {
-        /// 8 bytes: classic CAN.
-        B8 = 0,
-        /// 12 bytes.
-        B12 = 1,
-        /// 16 bytes.
-        B16 = 2,
-        /// 20 bytes.
-        B20 = 3,
-        /// 24 bytes.
-        B24 = 4,
-        /// 32 bytes.
-        B32 = 5,
-        /// 48 bytes.
-        B48 = 6,
-        /// 64 bytes: any CAN FD frame.
-        B64 = 7,
-    }
+    pub enum DataSize: u8, KeyForm::Size(&[8, 12, 16, 20, 24, 32, 48, 64]);
+    /// 8 bytes: classic CAN.
+    B8 = 0, "8 bytes";
+    /// 12 bytes.
+    B12 = 1, "12 bytes";
+    /// 16 bytes.
+    B16 = 2, "16 bytes";
+    /// 20 bytes.
+    B20 = 3, "20 bytes";
+    /// 24 bytes.
+    B24 = 4, "24 bytes";
+    /// 32 bytes.
+    B32 = 5, "32 bytes";
+    /// 48 bytes.
+    B48 = 6, "48 bytes";
+    /// 64 bytes: any CAN FD frame.
+    B64 = 7, "64 bytes";
 }
 
 impl DataSize {
-    /// The size in bytes.
+    /// Size in bytes.
     pub const fn bytes(self) -> u8 {
         match self {
             Self::B8 => 8,
@@ -57,56 +57,54 @@ impl DataSize {
 }
 
 raw_enum! {
-    /// What a full receive FIFO does with the next frame.
-    pub enum FifoMode: u8 {
-        /// Loses the new frame.
-        Blocking = 0,
-        /// Loses the oldest frame.
-        Overwrite = 1,
-    }
+    /// Reaction of a full receive FIFO to the next frame.
+    pub enum FifoMode: u8;
+    /// Drops the new frame.
+    Blocking = 0, "blocking";
+    /// Drops the oldest frame.
+    Overwrite = 1, "overwrite";
 }
 
 raw_enum! {
-    /// In which order the controller takes frames from the transmit elements.
-    pub enum TxMode: u8 {
-        /// As they came.
-        Fifo = 0,
-        /// The highest priority (lowest identifier) first.
-        Queue = 1,
-    }
+    /// Order in which the controller sends from the transmit elements.
+    pub enum TxMode: u8;
+    /// In order of arrival.
+    Fifo = 0, "FIFO";
+    /// The highest priority (lowest CAN ID) first.
+    Queue = 1, "queue";
 }
 
 /// A receive FIFO.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct RxFifo {
-    /// What happens when it is full.
+    /// Reaction when it is full.
     pub mode: FifoMode,
-    /// Elements, 0..64.
+    /// Elements, 0 to 64.
     pub size: u8,
     /// Data bytes per element.
     pub data_size: DataSize,
 }
 
-/// Elements in the Message RAM of a channel: 0x8001:61..73.
+/// Elements in the Message RAM of a channel: 0x8001:61 to :73.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MessageRamLayout {
-    /// RX FIFO0, where frames go that no filter matches.
+    /// RX FIFO0, the default target of frames that no filter matches.
     pub rx_fifo0: RxFifo,
     /// RX FIFO1.
     pub rx_fifo1: RxFifo,
-    /// Dedicated receive buffers, 0..64, used only by filters that name one.
+    /// Dedicated receive buffers, 0 to 64; only filters that name one use them.
     pub rx_buffer_count: u8,
     /// Data bytes per receive buffer.
     pub rx_buffer_data_size: DataSize,
     /// FIFO or queue.
     pub tx_mode: TxMode,
-    /// Transmit FIFO or queue elements, 0..32.
+    /// Transmit FIFO or queue elements, 0 to 32.
     pub tx_fifo_size: u8,
-    /// Dedicated transmit buffers; with the FIFO at most 32. The firmware sends by the FIFO.
+    /// Dedicated transmit buffers; with the FIFO at most 32. The firmware sends through the FIFO.
     pub tx_dedicated_count: u8,
     /// Data bytes per transmit element.
     pub tx_data_size: DataSize,
-    /// Transmit event elements, 0..32.
+    /// Transmit event elements, 0 to 32.
     pub tx_event_size: u8,
 }
 
@@ -132,17 +130,26 @@ impl MessageRamLayout {
         }
     }
 
-    /// The same with the transmit FIFO made for `sent` frames per cycle: four cycles of them, 8 to 32
-    /// elements, with as many transmit events. What that frees goes to RX FIFO0, 64 elements at
-    /// most.
+    /// The layout for classic CAN: elements of 8 bytes, and receive FIFOs of full length in the
+    /// space gained.
+    pub const fn classic() -> Self {
+        Self {
+            rx_fifo0: RxFifo { mode: FifoMode::Blocking, size: 64, data_size: DataSize::B8 },
+            rx_fifo1: RxFifo { mode: FifoMode::Blocking, size: 64, data_size: DataSize::B8 },
+            rx_buffer_data_size: DataSize::B8,
+            tx_data_size: DataSize::B8,
+            ..Self::fd()
+        }
+    }
+
+    /// Returns the layout with a transmit FIFO for `sent` frames per cycle: four cycles of them,
+    /// 8 to 32 elements, and the same number of transmit events. RX FIFO0 gets the space gained,
+    /// up to 64 elements.
     pub const fn for_traffic(mut self, sent: u8) -> Self {
-        let wanted = sent.saturating_mul(4);
-        let size = if wanted < 8 {
-            8
-        } else if wanted > 32 {
-            32
-        } else {
-            wanted
+        let size = match sent.saturating_mul(4) {
+            0..=7 => 8,
+            33.. => 32,
+            size => size,
         };
         self.tx_fifo_size = size;
         self.tx_event_size = size;
@@ -156,20 +163,8 @@ impl MessageRamLayout {
         self
     }
 
-    /// For channels without CAN FD: elements of 8 bytes, and with the space gained receive FIFOs
-    /// of full length.
-    pub const fn classic() -> Self {
-        Self {
-            rx_fifo0: RxFifo { mode: FifoMode::Blocking, size: 64, data_size: DataSize::B8 },
-            rx_fifo1: RxFifo { mode: FifoMode::Blocking, size: 64, data_size: DataSize::B8 },
-            rx_buffer_data_size: DataSize::B8,
-            tx_data_size: DataSize::B8,
-            ..Self::fd()
-        }
-    }
-
-    /// Bytes that the layout needs, the reserved filter elements included; to be held against
-    /// [`MESSAGE_RAM_BYTES`].
+    /// Bytes that the layout needs, with the reserved filter elements; at most
+    /// [`MESSAGE_RAM_BYTES`] are available.
     pub const fn bytes(&self) -> u32 {
         FILTER_BYTES
             + self.rx_fifo0.size as u32 * self.rx_fifo0.data_size.element_bytes()

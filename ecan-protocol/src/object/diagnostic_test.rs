@@ -1,0 +1,100 @@
+//! 0x8030 PDO Diagnostic Test Control (manual 13.2.3): parts of the data path disconnected to
+//! measure the rest. Not for production.
+
+use super::ObjectType::{U8, U32};
+use super::declare::object;
+use super::entry::{Entry, Object};
+use super::value::{raw_enum, raw_flags};
+
+/// The key that enables the tests: "ECAN".
+pub const DIAGNOSTIC_TEST_KEY: u32 = 0x4543_414E;
+
+raw_enum! {
+    /// CRC of the images during a test (0x8030:04).
+    pub enum CrcTest: u8;
+    /// According to the PDO option.
+    Follow = 0, "follow PDO option";
+    /// With CRC, regardless of the option.
+    Force = 1, "force CRC16";
+    /// Without CRC, regardless of the option.
+    Suppress = 2, "force no CRC16";
+}
+
+raw_enum! {
+    /// Directions that a test applies to (0x8030:05, :06).
+    pub enum Sides: u8;
+    /// None.
+    Off = 0, "off";
+    /// TxPDO.
+    Tx = 1, "Tx";
+    /// RxPDO.
+    Rx = 2, "Rx";
+    /// Both.
+    Both = 3, "Tx and Rx";
+}
+
+/// Stages of the TxPDO path that are skipped (0x8030:02), as bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct TxBypass(pub u32);
+
+raw_flags! {
+    TxBypass: u32;
+    /// Frames are not read from the controller.
+    MCAN_READ = 2, "MCAN_READ";
+    /// The frame area is not built.
+    BUILD = 3, "BUILD";
+    /// The image is not published.
+    COPY = 4, "COPY";
+}
+
+/// Stages of the RxPDO path that are skipped (0x8030:03), as bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct RxBypass(pub u32);
+
+raw_flags! {
+    RxBypass: u32;
+    /// The image is not copied.
+    STAGE = 2, "STAGE";
+    /// The payload is not parsed.
+    PARSE = 3, "PARSE";
+    /// Frames are not queued.
+    TX_RING = 4, "TX_RING";
+    /// Frames are not sent.
+    MCAN_WRITE = 5, "MCAN_WRITE";
+}
+
+/// Tests that a device offers (0x8030:08, 0xF000:24 and :25).
+pub(super) const TESTS: &[(u8, &str)] = &[
+    (0, "TX_BYPASS"),
+    (1, "RX_BYPASS"),
+    (2, "CRC_POLICY"),
+    (3, "PAYLOAD_ONLY"),
+    (4, "APP_BYPASS"),
+];
+
+object! {
+    /// PDO Diagnostic Test Control, 0x8030. The default is all off.
+    pub struct DiagnosticTest {}
+    const DIAGNOSTIC_TEST =
+        Object::single(0x8030, "PDO Diagnostic Test Control", "13.2.3", DiagnosticTest::ENTRIES);
+    entries {
+        entry(Entry::highest(10));
+        /// [`DIAGNOSTIC_TEST_KEY`] to test, otherwise 0 (:01).
+        1 "Test enable key" key: u32 = 0,
+            values(&[(0, "test mode off"), (DIAGNOSTIC_TEST_KEY, "test controls allowed")]);
+        /// Stages of the TxPDO path that are skipped (:02).
+        2 "TxPDO bypass flags" tx_bypass: TxBypass = TxBypass(0);
+        /// Stages of the RxPDO path that are skipped (:03).
+        3 "RxPDO bypass flags" rx_bypass: RxBypass = RxBypass(0);
+        /// CRC of the images (:04).
+        4 "CRC test policy" crc: CrcTest = CrcTest::Follow;
+        /// Directions with header and payload only (:05).
+        5 "Payload only policy" payload_only: Sides = Sides::Off;
+        /// Directions disconnected from the CAN side (:06).
+        6 "App link bypass policy" app_link_bypass: Sides = Sides::Off;
+        entry(Entry::ro(7, "ReservedPad", U8).default(0));
+        entry(Entry::ro(8, "Legal combination mask", U32).default(0x1F).bits(TESTS));
+        entry(Entry::ro(9, "Last reject reason", U32).default(0));
+        entry(Entry::ro(10, "Reserved0", U32).default(0));
+    }
+}

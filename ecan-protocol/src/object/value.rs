@@ -1,0 +1,241 @@
+//! The Rust types that an object's values have, and enumerations with the numbers of the manual.
+
+use super::entry::{KeyForm, ObjectType};
+
+/// A type of a configuration field: how its values are written to an object.
+pub(crate) trait ObjectValue: Copy + 'static {
+    /// CoE data type.
+    const TYPE: ObjectType;
+    /// Largest raw value.
+    const MAX: u32 = Self::TYPE.max_value();
+    /// Meaning of single values; complete, or empty.
+    const VALUES: &'static [(u32, &'static str)] = &[];
+    /// Meaning of single bits; complete, or empty.
+    const BITS: &'static [(u8, &'static str)] = &[];
+    /// How a configuration file states the value.
+    const FORM: KeyForm = KeyForm::Number;
+
+    /// The raw value.
+    fn to_raw(self) -> u32;
+
+    /// The value with this raw value, `None` if the type has none.
+    fn try_from_raw(raw: u32) -> Option<Self>;
+}
+
+impl ObjectValue for bool {
+    const TYPE: ObjectType = ObjectType::U8;
+    const MAX: u32 = 1;
+    const FORM: KeyForm = KeyForm::Flag;
+
+    fn to_raw(self) -> u32 {
+        self.into()
+    }
+
+    fn try_from_raw(raw: u32) -> Option<Self> {
+        (raw <= 1).then_some(raw == 1)
+    }
+}
+
+macro_rules! numbers {
+    ($($number:ty = $TYPE:ident,)+) => {$(
+        impl ObjectValue for $number {
+            const TYPE: ObjectType = ObjectType::$TYPE;
+
+            fn to_raw(self) -> u32 {
+                self.into()
+            }
+
+            fn try_from_raw(raw: u32) -> Option<Self> {
+                raw.try_into().ok()
+            }
+        }
+    )+};
+}
+
+numbers! { u8 = U8, u16 = U16, u32 = U32, }
+
+/// The raw value of a default, in a constant.
+macro_rules! raw_default {
+    (bool, $value:expr) => {
+        $value as u32
+    };
+    (u8, $value:expr) => {
+        $value as u32
+    };
+    (u16, $value:expr) => {
+        $value as u32
+    };
+    (u32, $value:expr) => {
+        $value
+    };
+    ($ty:ident, $value:expr) => {
+        $value.raw() as u32
+    };
+}
+
+/// The largest of the listed values.
+pub(crate) const fn largest(values: &[(u32, &str)]) -> u32 {
+    let mut largest = 0;
+    let mut rest = values;
+    while let [(value, _), tail @ ..] = rest {
+        if *value > largest {
+            largest = *value;
+        }
+        rest = tail;
+    }
+    largest
+}
+
+/// Defines an enumeration with the numbers and texts of the manual: `from_raw`, `raw`, `Display`,
+/// and its use as the value of an object.
+///
+/// A number after `|` is another one that the device accepts for the variant. The form says how a
+/// configuration file states the value; a word if none is given.
+macro_rules! raw_enum {
+    (@form) => { $crate::object::KeyForm::Word };
+    (@form $form:expr) => { $form };
+    (
+        $(#[$meta:meta])*
+        $vis:vis enum $name:ident: $raw:ident $(, $form:expr)? ;
+        $( $(#[$variant_meta:meta])* $variant:ident = $value:literal $(| $also:literal)?, $text:literal; )+
+    ) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        $vis enum $name {
+            $( $(#[$variant_meta])* $variant = $value, )+
+        }
+
+        impl $name {
+            /// Returns the variant with this number, `None` if the manual has no such number.
+            pub const fn from_raw(raw: $raw) -> Option<Self> {
+                match raw {
+                    $( $value => Some(Self::$variant), )+
+                    _ => None,
+                }
+            }
+
+            /// The number of the manual.
+            pub const fn raw(self) -> $raw {
+                self as $raw
+            }
+        }
+
+        impl core::fmt::Display for $name {
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                f.write_str(match self {
+                    $( Self::$variant => $text, )+
+                })
+            }
+        }
+
+        impl $crate::object::ObjectValue for $name {
+            const TYPE: $crate::object::ObjectType =
+                <$raw as $crate::object::ObjectValue>::TYPE;
+            const MAX: u32 = $crate::object::largest(Self::VALUES);
+            const VALUES: &'static [(u32, &'static str)] =
+                &[$( ($value, $text), $( ($also, $text), )? )+];
+            const FORM: $crate::object::KeyForm =
+                $crate::object::raw_enum!(@form $( $form )?);
+
+            fn to_raw(self) -> u32 {
+                self.raw().into()
+            }
+
+            fn try_from_raw(raw: u32) -> Option<Self> {
+                match raw {
+                    $( $value $( | $also )? => Some(Self::$variant), )+
+                    _ => None,
+                }
+            }
+        }
+    };
+}
+
+/// Defines an enumeration of statuses that a firmware may extend: `from_raw`, `raw`, and `Display`
+/// with number and text. Numbers that the manual does not list are `Unknown`.
+macro_rules! status_enum {
+    (
+        $(#[$meta:meta])*
+        $vis:vis enum $name:ident;
+        $( $(#[$variant_meta:meta])* $variant:ident = $value:literal, $text:literal; )+
+    ) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        $vis enum $name {
+            $( $(#[$variant_meta])* $variant, )+
+            /// A number that the manual does not list.
+            Unknown(u8),
+        }
+
+        impl $name {
+            #[allow(dead_code, reason = "not every status has a row of the dictionary")]
+            pub(crate) const VALUES: &'static [(u32, &'static str)] = &[$( ($value, $text), )+];
+
+            /// Returns the status with this number.
+            pub const fn from_raw(raw: u8) -> Self {
+                match raw {
+                    $( $value => Self::$variant, )+
+                    other => Self::Unknown(other),
+                }
+            }
+
+            /// The number that the gateway reports.
+            pub const fn raw(self) -> u8 {
+                match self {
+                    $( Self::$variant => $value, )+
+                    Self::Unknown(raw) => raw,
+                }
+            }
+        }
+
+        impl core::fmt::Display for $name {
+            /// Number and text: `2 (denied)`.
+            fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+                let text = match self {
+                    $( Self::$variant => $text, )+
+                    Self::Unknown(_) => "not in the manual",
+                };
+                write!(f, "{} ({text})", self.raw())
+            }
+        }
+    };
+}
+
+/// Defines a set of flags as the value of an object: a constant for each bit, with the manual's
+/// text.
+macro_rules! raw_flags {
+    (
+        $name:ident: $raw:ident;
+        $( $(#[$flag_meta:meta])* $flag:ident = $bit:literal, $text:literal; )+
+    ) => {
+        impl $name {
+            $( $(#[$flag_meta])* pub const $flag: Self = Self(1 << $bit); )+
+            /// All flags of the manual.
+            pub const ALL: Self = Self($( 1 << $bit )|+);
+
+            const NAMES: &'static [(&'static str, u32)] = &[$( (stringify!($flag), 1 << $bit), )+];
+
+            const fn raw(self) -> $raw {
+                self.0
+            }
+        }
+
+        impl $crate::object::ObjectValue for $name {
+            const TYPE: $crate::object::ObjectType =
+                <$raw as $crate::object::ObjectValue>::TYPE;
+            const MAX: u32 = Self::ALL.0 as u32;
+            const BITS: &'static [(u8, &'static str)] = &[$( ($bit, $text), )+];
+            const FORM: $crate::object::KeyForm = $crate::object::KeyForm::Words(Self::NAMES);
+
+            fn to_raw(self) -> u32 {
+                self.0.into()
+            }
+
+            fn try_from_raw(raw: u32) -> Option<Self> {
+                if raw & !Self::MAX == 0 { raw.try_into().ok().map(Self) } else { None }
+            }
+        }
+    };
+}
+
+pub(crate) use {raw_default, raw_enum, raw_flags, status_enum};
