@@ -190,11 +190,10 @@ int ecan_igh_config_set_preop_timeout_ms(ecan_igh_config_t *config, uint32_t tim
  *                     cycles, or a single lost frame ends operation.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others by
- *          ecan_igh_check_config() and ecan_igh_init().
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others
+ *          by ecan_igh_check_config() and ecan_igh_init().
  */
-int ecan_igh_config_set_watchdog_us(ecan_igh_config_t *config,
-                                    uint32_t watchdog_us);
+int ecan_igh_config_set_watchdog_us(ecan_igh_config_t *config, uint32_t watchdog_us);
 
 /* ---------------------------------------------------------------------------
  * Configuration of the distributed clocks
@@ -216,8 +215,8 @@ typedef enum {
  * @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
  *
  * @usage   not rt, any thread, before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT. Whether it fits the
- *          cycle is told by ecan_igh_check_config().
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT. Whether it fits
+ *          the cycle is told by ecan_igh_check_config().
  */
 int ecan_igh_config_set_dc_sync0(ecan_igh_config_t *config, uint32_t cycle_us, uint32_t shift_us);
 
@@ -236,11 +235,10 @@ int ecan_igh_config_set_dc_assign_activate(ecan_igh_config_t *config, uint16_t w
  * @param source  An ecan_igh_clock_source_t.
  *
  * @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER where
- *          distributed clocks are off.
+ * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER
+ *          where distributed clocks are off.
  */
-int ecan_igh_config_set_dc_source(ecan_igh_config_t *config,
-                                  int source);
+int ecan_igh_config_set_dc_source(ecan_igh_config_t *config, int source);
 
 /**
  * Chooses the slave whose clock is the reference; by default the first on the bus that has one.
@@ -318,7 +316,8 @@ int ecan_igh_config_get_slave_pdo_multipliers(const ecan_igh_config_t *config,
 /**
  * Says where a slave is.
  *
- * @param alias     Station alias that the position counts from; 0 counts from the start of the bus.
+ * @param alias     Station alias that the position counts from; 0 counts from the start of the
+ *                  bus.
  * @param position  Ring position, from 0.
  *
  * @usage   not rt, any thread, before init
@@ -383,8 +382,8 @@ int ecan_igh_config_add_startup_sdo(ecan_igh_config_t *config,
  * --------------------------------------------------------------------------- */
 
 /**
- * A master with its slaves. Belongs to one thread at a time and stays where it is: a copy names
- * nothing. What builds on it (igh_mcan_port_t, igh_cia402_context_t) ends with it.
+ * A master with its slaves. Belongs to one thread at a time; do not move or copy it. What builds
+ * on it (igh_mcan_port_t, igh_cia402_context_t) ends with it.
  */
 typedef struct {
     /** Not for the application. */
@@ -396,33 +395,32 @@ typedef struct {
  * reserves the master, finds the slaves, writes their startup SDOs in PREOP (also those of
  * igh_mcan_port_apply_config()) and maps their PDOs. The bus is not cyclic yet.
  *
- * Blocks, for seconds where the master is still scanning the bus. A simulated library says on
- * standard error that it is one.
+ * Blocks, for seconds if the master is still scanning the bus. A simulated library identifies
+ * itself on standard error.
  *
- * @param context  Whatever it holds; the manual's fragments leave it uninitialised.
+ * @param context  Any content; the manual's fragments leave it uninitialised.
  * @param config   Is copied.
  *
  * @usage   not rt, any thread, any time
  * @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
  *          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL,
- *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER for a context that lives.
- *          After an error there is nothing to deinit.
+ *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER for a context that is
+ *          initialised already. After an error there is nothing to deinit.
  */
 int ecan_igh_init(ecan_igh_context_t *context, const ecan_igh_config_t *config);
 
 /**
- * Adds slaves to a master that the application runs itself, for its other slaves on the same bus.
+ * Adds slaves to a master that the application runs itself, for other slaves on the same bus.
  *
  * Requesting, activating, sending, receiving and releasing stay with the owner: call this before
  * ecrt_master_activate(), ecan_igh_owner_activated() after it, in each cycle ecan_igh_receive()
  * (or igh_mcan_port_cycle_begin()) after ecrt_master_receive() and ecan_igh_send() (or
  * igh_mcan_port_cycle_end()) before ecrt_master_send(). Functions that wait by running the cycle
- * themselves return ECAN_ERR_ATTACHED; poll ecan_igh_is_operational() or
- * igh_mcan_port_is_ready() instead. Deinit the context before ecrt_master_deactivate() and
- * ecrt_release_master().
+ * return ECAN_ERR_ATTACHED; poll ecan_igh_is_operational() or igh_mcan_port_is_ready() instead.
+ * Deinit the context before ecrt_master_deactivate() and ecrt_release_master().
  *
- * @param master  The owner's ec_master_t, reserved, of the same library that the setting `ecrt`
- *                names (by default libethercat.so.1, as the owner has it).
+ * @param master  The owner's ec_master_t, reserved, of the library that the setting `ecrt` selects
+ *                (by default libethercat.so.1).
  *
  * @usage   not rt, the owner's thread, before ecrt_master_activate
  * @return  As ecan_igh_init().
@@ -430,7 +428,7 @@ int ecan_igh_init(ecan_igh_context_t *context, const ecan_igh_config_t *config);
 int ecan_igh_attach(ecan_igh_context_t *context, const ecan_igh_config_t *config, void *master);
 
 /**
- * Tells that the owner has activated the master.
+ * Reports that the owner has activated the master.
  *
  * @usage   not rt, the owner's thread, after ecrt_master_activate
  * @return  ECAN_OK; ECAN_ERR_ORDER for a context that is not attached or active already;
@@ -439,39 +437,38 @@ int ecan_igh_attach(ecan_igh_context_t *context, const ecan_igh_config_t *config
 int ecan_igh_owner_activated(ecan_igh_context_t *context);
 
 /**
- * Starts cyclic operation without waiting for OP: from here on the application runs the cycle,
- * and polls ecan_igh_is_operational() or igh_mcan_port_is_ready().
+ * Starts cyclic operation without waiting for OP: from now on the application runs the cycle and
+ * polls ecan_igh_is_operational() or igh_mcan_port_is_ready().
  *
  * @usage   not rt, the cycle's thread, after init and igh_mcan_port_init
- * @return  ECAN_OK; ECAN_ERR_ORDER where it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER,
+ * @return  ECAN_OK; ECAN_ERR_ORDER if it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER,
  *          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int ecan_igh_activate(ecan_igh_context_t *context);
 
 /**
- * Starts cyclic operation if that has not been done, and runs the cycle until every slave is in
- * OP; with a Port on it also until every gateway has been verified and is in service, so that
- * frames can be sent. Blocks; received frames are thrown away meanwhile. Call igh_mcan_port_init()
- * before, since a Port needs a bus that is not active yet.
+ * Starts cyclic operation if necessary and runs the cycle until every slave is in OP; with a Port
+ * also until every gateway is verified, so that frames can be sent. Blocks and drops received
+ * frames. Call igh_mcan_port_init() before, since a Port needs a bus that is not active yet.
  *
- * @param timeout_ms  Milliseconds; ecan_igh_startup_timeout_ms() tells what to allow.
+ * @param timeout_ms  Milliseconds; ecan_igh_startup_timeout_ms() returns a sufficient time.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that lacks, and why;
- *          ECAN_ERR_VERIFICATION for a gateway that is in OP but reads back something else than
- *          was configured; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
+ * @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that is not in OP, and
+ *          the reason; ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the
+ *          configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
  *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int ecan_igh_wait_op_timeout(ecan_igh_context_t *context, uint32_t timeout_ms);
 
 /**
- * Sets a function that the waiting calls of all layers ask once in every cycle; where it returns
- * other than 0, they end with ECAN_ERR_STOPPED: a signal came, a button was pressed. What has been
- * begun goes on as far as the cycle goes on. igh_cia402_shutdown_timeout() does not ask.
+ * Sets a function that the waiting calls of all layers call once per cycle; if it returns other
+ * than 0, they end with ECAN_ERR_STOPPED: after a signal or a pressed button, for example. Started
+ * operations continue as long as the cycle runs. igh_cia402_shutdown_timeout() does not call it.
  *
  * @param stop  Gets `user`; NULL for none. It should be quick; a call to the library with this
- *              context gets ECAN_ERR_BUSY there.
- * @param user  Is handed to it, in the thread that waits.
+ *              context returns ECAN_ERR_BUSY there.
+ * @param user  Is passed to it, in the thread that waits.
  *
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -479,19 +476,18 @@ int ecan_igh_wait_op_timeout(ecan_igh_context_t *context, uint32_t timeout_ms);
 int ecan_igh_stop_waiting_when(ecan_igh_context_t *context, int (*stop)(void *user), void *user);
 
 /**
- * Leaves cyclic operation and configures the slaves anew: the way to switch N at run time (manual
- * 14.2). Then wait for OP again. With a Port on it use igh_mcan_port_reconfigure().
+ * Leaves cyclic operation and configures the slaves again, to change N at run time for example
+ * (manual 14.2). Then wait for OP again. With a Port use igh_mcan_port_reconfigure().
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port on it, ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
- *          A faulty configuration changes nothing; after any other error another reconfigure may
- *          be tried.
+ * @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port, ECAN_ERR_ATTACHED, ECAN_ERR_BUSY. A
+ *          faulty configuration changes nothing; after any other error reconfigure again.
  */
 int ecan_igh_reconfigure(ecan_igh_context_t *context, const ecan_igh_config_t *config);
 
 /**
- * Ends it: leaves cyclic operation and releases the master, or detaches from the owner's. A Port
- * and axes on it end, too.
+ * Leaves cyclic operation and releases the master, or detaches from the owner's. A Port and axes
+ * on it end, too.
  *
  * @usage   not rt, the cycle's thread, any time
  * @return  ECAN_OK, also for a context that is deinitialised already or never was initialised;
@@ -500,7 +496,7 @@ int ecan_igh_reconfigure(ecan_igh_context_t *context, const ecan_igh_config_t *c
 int ecan_igh_deinit(ecan_igh_context_t *context);
 
 /**
- * Whether the bus is simulated.
+ * Returns 1 if the bus is simulated.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -508,8 +504,8 @@ int ecan_igh_deinit(ecan_igh_context_t *context);
 int ecan_igh_is_simulated(ecan_igh_context_t *context);
 
 /**
- * Whether time passes only while the program waits for the next cycle: on a simulation with a
- * stepped clock. Deadlines of the program's own must be taken from ecan_igh_now_ns() then.
+ * Returns 1 if time passes only while the program waits for the next cycle: in a simulation with a
+ * stepped clock. The program must then take its own deadlines from ecan_igh_now_ns().
  *
  * @usage   rt, the cycle's thread, after init
  * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -517,11 +513,11 @@ int ecan_igh_is_simulated(ecan_igh_context_t *context);
 int ecan_igh_clock_is_stepped(ecan_igh_context_t *context);
 
 /**
- * What ecan_igh_wait_op_timeout() should be allowed, by the startup SDOs, the cycle and the number
- * of slaves.
+ * Returns a sufficient timeout for ecan_igh_wait_op_timeout(), by the startup SDOs, the cycle and
+ * the number of slaves.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  Milliseconds; 0 where there is no context.
+ * @return  Milliseconds; 0 if there is no context.
  */
 uint32_t ecan_igh_startup_timeout_ms(ecan_igh_context_t *context);
 
@@ -532,46 +528,46 @@ uint32_t ecan_igh_startup_timeout_ms(ecan_igh_context_t *context);
  * call these.
  * --------------------------------------------------------------------------- */
 
-/** What the working counter tells about one direction of the last exchange. */
+/** Delivery of one direction in the last exchange, by the working counter. */
 typedef enum {
-    /** Nothing was exchanged yet. */
+    /** There was no exchange yet. */
     ECAN_IGH_DELIVERY_NONE = 0,
-    /** The image was taken over. */
+    /** The image was delivered. */
     ECAN_IGH_DELIVERY_CONFIRMED = 1,
-    /** It was not. */
+    /** The image was not delivered. */
     ECAN_IGH_DELIVERY_MISSED = 2,
-    /** It cannot be told: one of two datagrams counted. */
+    /** Unknown: one of two datagrams counted. */
     ECAN_IGH_DELIVERY_UNKNOWN = 3,
 } ecan_igh_delivery_t;
 
-/** Outcome of the last exchange with one slave. */
+/** Result of the last exchange with one slave. */
 typedef struct {
     /** Working counter of the slave's domain. */
     uint32_t working_counter;
     /** Working counter of a complete exchange. */
     uint32_t expected_working_counter;
-    /** The master's judgement, which counts: 0 nothing, 1 incomplete, 2 complete. */
+    /** Evaluation by the master, which is decisive: 0 nothing, 1 incomplete, 2 complete. */
     uint8_t wc_state;
-    /** What became of the RxPDO: an ecan_igh_delivery_t. */
+    /** Delivery of the RxPDO: an ecan_igh_delivery_t. */
     uint8_t outputs;
-    /** Whether a TxPDO was fetched: an ecan_igh_delivery_t. */
+    /** Delivery of the TxPDO: an ecan_igh_delivery_t. */
     uint8_t inputs;
-    /** 1 where both directions were exchanged, else 0. */
+    /** 1 if both directions were exchanged, else 0. */
     uint8_t is_complete;
 } ecan_igh_domain_report_t;
 
 /**
- * First in the cycle: fetches the process data and judges the working counters.
+ * Receives the process data and evaluates the working counters. First in the cycle.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK; ECAN_ERR_MASTER where a call of the library failed, and the cycle may go on;
- *          ECAN_ERR_ORDER where the bus is not active or there is a Port on it; ECAN_ERR_NULL,
+ * @return  ECAN_OK; ECAN_ERR_MASTER if a call of the library failed: the cycle may continue;
+ *          ECAN_ERR_ORDER if the bus is not active or there is a Port on it; ECAN_ERR_NULL,
  *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int ecan_igh_receive(ecan_igh_context_t *context);
 
 /**
- * Last in the cycle: sends the process data.
+ * Sends the process data. Last in the cycle.
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  As ecan_igh_receive().
@@ -579,13 +575,13 @@ int ecan_igh_receive(ecan_igh_context_t *context);
 int ecan_igh_send(ecan_igh_context_t *context);
 
 /**
- * Sleeps until the next cycle is due, on a grid of the configured period that never drifts. On a
- * stepped simulation this is where time passes.
+ * Sleeps until the next deadline of the cycle, on a grid of the configured period that never
+ * drifts. In a stepped simulation time passes here.
  *
- * A cycle lasts until the answer of the bus is back, ecan_igh_response_ns() behind the last send; one
- * that came late may miss the next point by that. A datagram that is sent again before it is back
- * loses its answer, and with it the received frames in it. An application with a timer of its own
- * has to leave that time, too.
+ * A cycle lasts until the response of the bus is back, ecan_igh_response_ns() after the last send;
+ * after a late cycle the next deadline may be missed by this time. A datagram that is sent again
+ * before it is back loses its response and the received frames in it. An application with its own
+ * timer must leave that time, too.
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -593,34 +589,34 @@ int ecan_igh_send(ecan_igh_context_t *context);
 int ecan_igh_wait_next_cycle(ecan_igh_context_t *context);
 
 /**
- * Time of the clock that the master lives in: CLOCK_MONOTONIC, or the simulation's.
+ * Returns the time of the master's clock: CLOCK_MONOTONIC, or the simulation's.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  Nanoseconds; 0 where there is no context.
+ * @return  Nanoseconds; 0 if there is no context.
  */
 uint64_t ecan_igh_now_ns(ecan_igh_context_t *context);
 
 /**
- * The point of the grid on which the running cycle stands, on the clock of ecan_igh_now_ns(): to it
- * Sync0 refers, whatever the wake-up was late.
+ * Returns the deadline of the running cycle on the clock of ecan_igh_now_ns(). Sync0 refers to it,
+ * however late the wake-up was.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  Nanoseconds; 0 before the first cycle and where there is no context.
+ * @return  Nanoseconds; 0 before the first cycle and if there is no context.
  */
 uint64_t ecan_igh_cycle_time_ns(ecan_igh_context_t *context);
 
 /**
- * How long the answer of the bus to what was sent is waited for: its time on the wire, through the
+ * Returns how long the cycle waits for the response of the bus: its time on the wire, through the
  * slaves and through the host.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  Nanoseconds; 0 where there is no context.
+ * @return  Nanoseconds; 0 if there is no context.
  */
 uint64_t ecan_igh_response_ns(ecan_igh_context_t *context);
 
 /**
- * Whether every slave exchanged both directions in the last cycle. Do not advance motion where
- * it did not (manual 15.5.2, step 8).
+ * Returns 1 if every slave exchanged both directions in the last cycle. Do not advance motion
+ * otherwise (manual 15.5.2, step 8).
  *
  * @usage   rt, the cycle's thread, after init
  * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
@@ -628,7 +624,7 @@ uint64_t ecan_igh_response_ns(ecan_igh_context_t *context);
 int ecan_igh_domain_is_complete(ecan_igh_context_t *context);
 
 /**
- * The outcome of the last exchange with one slave.
+ * Gets the result of the last exchange with one slave.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
@@ -641,63 +637,63 @@ int ecan_igh_get_domain_report(ecan_igh_context_t *context,
  * Distributed clocks in the cycle
  * --------------------------------------------------------------------------- */
 
-/** How far the clocks are apart. */
+/** Differences between the clocks. */
 typedef struct {
     /**
-     * How late the host was against the reference clock in the last cycle that tells, in
-     * nanoseconds, without what it is known to have waited and worked since the point of its grid.
+     * Delay of the host against the reference clock in the last cycle with a reading, in
+     * nanoseconds, without the time that it is known to have waited and worked since the
+     * deadline.
      */
     int32_t phase_error_ns;
     /**
-     * How much faster the host's clock runs than the reference clock, in parts per billion; 0
-     * while the host's clock leads.
+     * Rate of the host's clock minus that of the reference clock, in parts per billion; 0 if
+     * the host's clock leads.
      */
     int32_t rate_ppb;
     /** Upper estimate of the differences between the slaves' clocks, in nanoseconds. */
     uint32_t synchrony_ns;
-    /** 1 where phase_error_ns is known. */
+    /** 1 if phase_error_ns is known. */
     uint8_t has_phase_error;
-    /** 1 where synchrony_ns is known. */
+    /** 1 if synchrony_ns is known. */
     uint8_t has_synchrony;
-    /** 1 where the phase errors have become small: below 0.2 % of the cycle in the mean. */
+    /** 1 if the mean phase error is below 0.2 % of the cycle. */
     uint8_t is_locked;
     /** Not used. */
     uint8_t reserved;
     /**
-     * Cycles since the first reading whose frame did not come back, so that the reference clock
-     * could not be read.
+     * Cycles since the first reading whose frame was lost, so that the reference clock could
+     * not be read.
      */
     uint64_t missed_readings;
 } ecan_igh_clock_status_t;
 
 /**
- * How far the distributed clocks are apart.
+ * Gets the differences between the distributed clocks.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK; ECAN_ERR_ORDER without distributed clocks, before activation, and on an attached
- *          context, whose owner serves the clocks; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
- *          ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_ORDER without distributed clocks, before activation, and on an
+ *          attached context, whose owner serves the clocks; ECAN_ERR_NULL,
+ *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
-int ecan_igh_get_clock_status(ecan_igh_context_t *context,
-                              ecan_igh_clock_status_t *status);
+int ecan_igh_get_clock_status(ecan_igh_context_t *context, ecan_igh_clock_status_t *status);
 
 /**
- * What an application with a cycle timer of its own adds to its next deadline, so that it follows
- * the reference clock. ecan_igh_wait_next_cycle() has it in already.
+ * Returns the correction that an application with its own cycle timer adds to its next deadline,
+ * to follow the reference clock. ecan_igh_wait_next_cycle() includes it.
  *
  * @usage   rt, the cycle's thread, after receive
- * @return  Nanoseconds; 0 while the host's clock leads and where there is no context.
+ * @return  Nanoseconds; 0 while the host's clock leads and if there is no context.
  */
 int64_t ecan_igh_clock_correction_ns(ecan_igh_context_t *context);
 
 /* ---------------------------------------------------------------------------
- * The real-time thread
+ * Real-time thread
  *
- * What makes the application's thread keep its cycle (manual 13.9 and 15.5.2, step 7).
+ * Functions that make the application's thread keep its cycle (manual 13.9 and 15.5.2, step 7).
  * --------------------------------------------------------------------------- */
 
 /**
- * What the thread of the cycle asks of the system. Fill with ecan_igh_default_real_time(), then
+ * Requests of the cycle's thread to the system. Fill with ecan_igh_default_real_time(), then
  * change fields.
  */
 typedef struct {
@@ -705,36 +701,36 @@ typedef struct {
     int32_t priority;
     /** 1 keeps all memory of the process in RAM. */
     uint8_t lock_memory;
-    /** 1 makes ecan_igh_apply_real_time() fail where something is not granted. */
+    /** 1 makes ecan_igh_apply_real_time() fail if a request is denied. */
     uint8_t is_required;
     /** Not used. */
     uint8_t reserved[2];
-    /** With lock_memory so many bytes of the thread's stack are touched in advance, up to 1 MiB. */
+    /** With lock_memory: bytes of the thread's stack that are touched in advance, up to 1 MiB. */
     uint32_t stack_bytes;
     /**
-     * Keeps the processors of the machine out of sleep states that take longer than so many
-     * microseconds to leave, for as long as the process lives; -1 leaves them as they are.
+     * Keeps the processors out of sleep states that take longer than this time to leave, in
+     * microseconds, for as long as the process lives; -1 leaves them as they are.
      */
     int32_t wake_up_latency_us;
     /** CPUs that the thread may run on, bit 0 for CPU 0; 0 leaves the affinity as it is. */
     uint64_t cpu_mask;
 } ecan_igh_real_time_t;
 
-/** A cycle as ecan_igh_wait_next_cycle() met it. */
+/** Start of a cycle as ecan_igh_wait_next_cycle() measured it. */
 typedef struct {
-    /** Its point on the grid, in nanoseconds of ecan_igh_now_ns(). */
+    /** Deadline, in nanoseconds of ecan_igh_now_ns(). */
     uint64_t deadline_ns;
-    /** How long after that point the wait ended, in nanoseconds. */
+    /** Time from the deadline to the end of the wait, in nanoseconds. */
     uint64_t late_ns;
-    /** Points of the grid that were left out before this one. */
+    /** Deadlines that were skipped before this one. */
     uint64_t skipped;
-    /** 1 where the cycle before, with the answer of the bus, took past a point of the grid. */
+    /** 1 if the cycle before, with the response of the bus, took past a deadline. */
     uint8_t has_overrun;
     /** Not used. */
     uint8_t reserved[7];
 } ecan_igh_cycle_start_t;
 
-/** A row of times, in nanoseconds; all 0 where nothing was recorded. */
+/** Distribution of times, in nanoseconds; all 0 if nothing was recorded. */
 typedef struct {
     /** Number of times. */
     uint64_t count;
@@ -754,26 +750,26 @@ typedef struct {
     uint64_t p99_9_ns;
 } ecan_igh_distribution_t;
 
-/** How well the cycle was kept (manual 13.9). */
+/** Timing of the cycles (manual 13.9). */
 typedef struct {
     /** From the start of a cycle to the next: the manual's master_period. */
     ecan_igh_distribution_t period;
-    /** From the point on the grid to the start of its cycle. */
+    /** From the deadline to the start of its cycle. */
     ecan_igh_distribution_t wake_up;
     /** From the start of a cycle to its ecan_igh_send(). */
     ecan_igh_distribution_t run_time;
-    /** Largest difference of a period from the cycle, in nanoseconds. */
+    /** Largest difference between a period and the configured cycle, in nanoseconds. */
     uint64_t max_period_error_ns;
     /** Cycles started. */
     uint64_t cycles;
-    /** Cycles that took past a point of the grid, with the answer of the bus. */
+    /** Cycles that took past a deadline, with the response of the bus. */
     uint64_t overruns;
-    /** Points of the grid that were left out. */
+    /** Deadlines that were skipped. */
     uint64_t skipped;
 } ecan_igh_cycle_statistics_t;
 
 /**
- * Asks for nothing.
+ * Fills the requests: nothing is requested.
  *
  * @usage   rt, any thread, any time
  * @return  ECAN_OK, ECAN_ERR_NULL.
@@ -781,30 +777,30 @@ typedef struct {
 int ecan_igh_default_real_time(ecan_igh_real_time_t *settings);
 
 /**
- * Applies the settings to the calling thread, locked memory to its whole process.
+ * Applies the requests to the calling thread; locked memory applies to its whole process.
  *
- * To be called once by the thread of the cycle, before the cycle and after threads were started
- * that shall not inherit priority and affinity.
+ * Call it once in the thread of the cycle, before the cycle and after starting threads that must
+ * not inherit priority and affinity.
  *
- * @param report  A line for each thing asked for: granted, or why not and what to do. Cut where it
- *                does not fit.
- * @param size    Bytes of the report, NUL included; 0 asks for none.
+ * @param report  A line for each request: granted, or the reason and what to do. Cut if it does
+ *                not fit.
+ * @param size    Bytes of the report, NUL included; 0 for no report.
  *
  * @usage   not rt, the cycle's thread, any time
- * @return  ECAN_OK, also where something that is not required was not granted;
- *          ECAN_ERR_PRIVILEGE where something required was not; what was granted stays in force.
- *          ECAN_ERR_ARGUMENT for a value out of range, with nothing applied; ECAN_ERR_NULL.
+ * @return  ECAN_OK, also if a request that is not required was denied; ECAN_ERR_PRIVILEGE if a
+ *          required one was denied: granted requests stay in force. ECAN_ERR_ARGUMENT for a value
+ *          out of range, with nothing applied; ECAN_ERR_NULL.
  */
 int ecan_igh_apply_real_time(const ecan_igh_real_time_t *settings, char *report, size_t size);
 
 /**
- * Sets how ecan_igh_wait_next_cycle() waits, from the next wait on; at first it neither spins nor
- * makes up for cycles.
+ * Sets how ecan_igh_wait_next_cycle() waits, from the next wait on. By default it neither spins
+ * nor catches up.
  *
- * @param spin_us   Microseconds before each point in which the clock is looked at instead of slept
- *                  on, 0 to 1000 (manual 13.9: 100). A stepped simulation plays it.
- * @param catch_up  Most missed cycles that are made up for, one behind the other with the bus'
- *                  time to answer between; 0 leaves missed points out.
+ * @param spin_us   Microseconds before each deadline in which the thread polls the clock instead
+ *                  of sleeping, 0 to 1000 (manual 13.9: 100). A stepped simulation emulates it.
+ * @param catch_up  Most missed cycles that are run late, one after the other with the response
+ *                  time of the bus between them; 0 skips missed deadlines.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT.
@@ -812,7 +808,8 @@ int ecan_igh_apply_real_time(const ecan_igh_real_time_t *settings, char *report,
 int ecan_igh_set_cycle_timing(ecan_igh_context_t *context, uint32_t spin_us, uint32_t catch_up);
 
 /**
- * What the last ecan_igh_wait_next_cycle() met; all 0 before the first.
+ * Gets the start of the cycle as the last ecan_igh_wait_next_cycle() measured it; all 0 before the
+ * first.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -820,7 +817,7 @@ int ecan_igh_set_cycle_timing(ecan_igh_context_t *context, uint32_t spin_us, uin
 int ecan_igh_get_cycle_start(ecan_igh_context_t *context, ecan_igh_cycle_start_t *start);
 
 /**
- * Begins to measure how well the cycle is kept, or anew. Takes about 3 megabytes.
+ * Starts or restarts measuring the timing of the cycles. Takes about 3 megabytes.
  *
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -828,19 +825,20 @@ int ecan_igh_get_cycle_start(ecan_igh_context_t *context, ecan_igh_cycle_start_t
 int ecan_igh_measure_cycles(ecan_igh_context_t *context);
 
 /**
- * What was measured since ecan_igh_measure_cycles().
+ * Gets the timing of the cycles since ecan_igh_measure_cycles().
  *
  * @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
- * @return  ECAN_OK; ECAN_ERR_ORDER where nothing is measured; ECAN_ERR_NULL,
+ * @return  ECAN_OK; ECAN_ERR_ORDER if nothing is measured; ECAN_ERR_NULL,
  *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
 int ecan_igh_get_cycle_statistics(ecan_igh_context_t *context,
                                   ecan_igh_cycle_statistics_t *statistics);
 
 /**
- * The same in words, as in manual 13.9: four lines, the first of them master_period.
+ * Gets the timing of the cycles as text, as in manual 13.9: four lines, the first of them
+ * master_period.
  *
- * @param text  Cut where it does not fit; 512 bytes are enough.
+ * @param text  Cut if it does not fit; 512 bytes are enough.
  *
  * @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
  * @return  As ecan_igh_get_cycle_statistics().
@@ -850,12 +848,12 @@ int ecan_igh_get_cycle_statistics_text(ecan_igh_context_t *context, char *text, 
 /* ---------------------------------------------------------------------------
  * Raw process data (manual 15.5.3)
  *
- * With a Port on the context the RxPDO is the Port's; read it, but do not write to it.
+ * With a Port on the context the RxPDO belongs to the Port: read it, but do not write to it.
  * --------------------------------------------------------------------------- */
 
 /**
- * The RxPDO of a slave, which the master sends to it: 128 * N continuous bytes to write the next
- * image into, with igh_mcan_pdo_writer_begin() for example.
+ * Gets the RxPDO of a slave, which the master sends to it: 128 * N continuous bytes to write the
+ * next image into, with igh_mcan_pdo_writer_begin() for example.
  *
  * @param rxpdo       Gets the address. Valid until the context is reconfigured or ends.
  * @param rxpdo_size  Gets the bytes.
@@ -870,7 +868,7 @@ int ecan_igh_get_rxpdo_buffer(ecan_igh_context_t *context,
                               size_t *rxpdo_size);
 
 /**
- * The TxPDO of a slave as of the last receive: 128 * N continuous bytes, for
+ * Gets the TxPDO of a slave as of the last receive: 128 * N continuous bytes, for
  * igh_mcan_pdo_parse_frames_ex() for example.
  *
  * @param txpdo       Gets the address. Valid until the context is reconfigured or ends; the
@@ -901,11 +899,11 @@ typedef enum {
     ECAN_IGH_AL_OP = 8,
 } ecan_igh_al_state_t;
 
-/** How far the master brought a slave. It lags behind the working counter by seconds. */
+/** State of a slave as the master reports it. It lags the working counter by seconds. */
 typedef struct {
-    /** 1 where the slave was found. */
+    /** 1 if the slave was found. */
     uint8_t online;
-    /** 1 where it reached OP with this configuration. */
+    /** 1 if the slave reached OP with this configuration. */
     uint8_t operational;
     /** An ecan_igh_al_state_t. */
     uint8_t al_state;
@@ -913,52 +911,52 @@ typedef struct {
     uint8_t reserved;
 } ecan_igh_slave_state_t;
 
-/** What the master sees of the bus. */
+/** State of the bus as the master reports it. */
 typedef struct {
-    /** Slaves that answer. */
+    /** Slaves that respond. */
     uint32_t slaves_responding;
     /** AL states that occur: bit 0 INIT, 1 PREOP, 2 SAFEOP, 3 OP. */
     uint8_t al_states;
-    /** 1 where a link is up. */
+    /** 1 if a link is up. */
     uint8_t link_up;
     /** Not used. */
     uint8_t reserved[2];
 } ecan_igh_master_state_t;
 
-/** What is known of a slave. */
+/** Identity and state of a slave. */
 typedef struct {
     /** Serial number of the gateway (0xF000:07 and :08). */
     uint64_t serial_number;
-    /** Vendor id as found on the bus. */
+    /** Vendor ID as found on the bus. */
     uint32_t vendor_id;
     /** Product code as found on the bus. */
     uint32_t product_code;
     /** Revision as found on the bus. */
     uint32_t revision;
-    /** Ring position. */
+    /** Position on the bus. */
     uint16_t position;
     /** Station alias; 0 for none. */
     uint16_t alias;
     /** An ecan_igh_al_state_t, with bit 4 (0x10) for an error. */
     uint8_t al_state;
-    /** 1 where the master met an error with the slave and holds it where it is. */
+    /** 1 if the master found an error with the slave and keeps it in its state. */
     uint8_t error_flag;
     /** Not used. */
     uint8_t reserved[6];
-    /** Name, cut to its place. */
+    /** Name; cut if it is too long. */
     char name[64];
 } ecan_igh_slave_info_t;
 
 /**
- * Number of configured slaves.
+ * Returns the number of configured slaves.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  The number; 0 where there is no context.
+ * @return  The number; 0 if there is no context.
  */
 size_t ecan_igh_slave_count(ecan_igh_context_t *context);
 
 /**
- * Whether all slaves are in OP and the last exchange was complete.
+ * Returns 1 if all slaves are in OP and the last exchange was complete.
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
@@ -967,7 +965,7 @@ size_t ecan_igh_slave_count(ecan_igh_context_t *context);
 int ecan_igh_is_operational(ecan_igh_context_t *context);
 
 /**
- * How far the master brought a slave.
+ * Gets the state of a slave.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
@@ -978,7 +976,7 @@ int ecan_igh_get_slave_state(ecan_igh_context_t *context,
                              ecan_igh_slave_state_t *state);
 
 /**
- * What the master sees of the bus.
+ * Gets the state of the bus.
  *
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
@@ -986,7 +984,7 @@ int ecan_igh_get_slave_state(ecan_igh_context_t *context,
 int ecan_igh_get_master_state(ecan_igh_context_t *context, ecan_igh_master_state_t *state);
 
 /**
- * What is known of a slave.
+ * Gets identity and state of a slave.
  *
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
@@ -999,18 +997,18 @@ int ecan_igh_get_slave_info(ecan_igh_context_t *context, size_t slave, ecan_igh_
  * --------------------------------------------------------------------------- */
 
 /**
- * Reads an object of a slave and waits for it. On an active bus the cycle is run meanwhile;
- * received frames are thrown away then. In the cycle use ecan_igh_sdo_request_read().
+ * Reads an object of a slave and waits for it. On an active bus the call runs the cycle and drops
+ * received frames. In the cycle use ecan_igh_sdo_request_read().
  *
  * @param data    Gets the value, little endian.
  * @param size    Bytes of the buffer.
  * @param length  Gets the bytes of the value.
  *
  * @usage   not rt, the cycle's thread, after init
- * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
- *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
- *          ECAN_ERR_MASTER; ECAN_ERR_ATTACHED on an active bus of another owner, where
- *          ecan_igh_diagnostics_sdo_upload() in another thread does it.
+ * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the slave aborted;
+ *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+ *          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_MASTER; ECAN_ERR_ATTACHED on an active bus of
+ *          another owner: use ecan_igh_diagnostics_sdo_upload() in another thread.
  */
 int ecan_igh_sdo_upload(ecan_igh_context_t *context,
                         size_t slave,
@@ -1039,27 +1037,27 @@ int ecan_igh_sdo_download(ecan_igh_context_t *context,
 /* ---------------------------------------------------------------------------
  * SDO requests in the cycle
  *
- * Created before the bus is active, used in the cycle: start a transfer, look at its state in
- * later cycles, take the value. A transfer takes some tens of cycles.
+ * Created before the bus is active, used in the cycle: start a transfer, read its state in later
+ * cycles, take the value. A transfer takes some tens of cycles.
  * --------------------------------------------------------------------------- */
 
 /** State of an SDO request. */
 typedef enum {
     /** Not used yet. */
     ECAN_IGH_REQUEST_UNUSED = 0,
-    /** Under way. */
+    /** In progress. */
     ECAN_IGH_REQUEST_RUNNING = 1,
     /** Done. */
     ECAN_IGH_REQUEST_SUCCESS = 2,
-    /** Refused by the slave, or timed out; the kernel log tells which. */
+    /** Aborted by the slave, or timed out; the kernel log says which. */
     ECAN_IGH_REQUEST_ERROR = 3,
 } ecan_igh_request_state_t;
 
 /**
  * Creates an SDO request. A reconfiguration ends all requests.
  *
- * @param size     Bytes of the values that it will write, or most bytes of those that it will read.
- * @param request  Gets the number by which the request is named.
+ * @param size     Bytes of the values to write, or most bytes of the values to read.
+ * @param request  Gets the number of the request.
  *
  * @usage   not rt, the cycle's thread, after init and before the bus is active
  * @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
@@ -1071,7 +1069,7 @@ int ecan_igh_create_sdo_request(ecan_igh_context_t *context,
                                 size_t *request);
 
 /**
- * Sets how long a transfer of the request may take.
+ * Sets the timeout for transfers of the request.
  *
  * @param timeout_ms  Milliseconds; 0 for the master's own.
  *
@@ -1085,7 +1083,7 @@ int ecan_igh_sdo_request_timeout(ecan_igh_context_t *context, size_t request, ui
  * Starts reading an object.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK; ECAN_ERR_ORDER for a request under way; ECAN_ERR_NULL,
+ * @return  ECAN_OK; ECAN_ERR_ORDER while a transfer of the request is in progress; ECAN_ERR_NULL,
  *          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
  */
 int ecan_igh_sdo_request_read(ecan_igh_context_t *context,
@@ -1094,12 +1092,12 @@ int ecan_igh_sdo_request_read(ecan_igh_context_t *context,
                               uint8_t subindex);
 
 /**
- * Starts writing an object. EtherCAT's library knows the length of a value only by what the request
- * holds, so take one request for each size, and another for reading.
+ * Starts writing an object. The EtherCAT library takes the length of a value from what the request
+ * holds, so use one request for each size, and another one for reading.
  *
  * @param data  The value, little endian. Is copied.
- * @param size  Its bytes: the size with which the request was created, or that of the value that it
- *              read last.
+ * @param size  Its bytes: the size with which the request was created, or the size of the value
+ *              that it read last.
  *
  * @usage   rt, the cycle's thread, active bus
  * @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for another number of bytes.
@@ -1112,7 +1110,7 @@ int ecan_igh_sdo_request_write(ecan_igh_context_t *context,
                                size_t size);
 
 /**
- * How far a request is.
+ * Returns the state of a request.
  *
  * @usage   rt, the cycle's thread, after init
  * @return  An ecan_igh_request_state_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
@@ -1121,14 +1119,14 @@ int ecan_igh_sdo_request_write(ecan_igh_context_t *context,
 int ecan_igh_sdo_request_state(ecan_igh_context_t *context, size_t request);
 
 /**
- * Takes the value that a read has brought.
+ * Takes the value of a finished read.
  *
  * @param data    Gets the value, little endian.
  * @param size    Bytes of the buffer.
  * @param length  Gets the bytes of the value.
  *
  * @usage   rt, the cycle's thread, active bus
- * @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER where the state is not
+ * @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER if the state is not
  *          success; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT,
  *          ECAN_ERR_MASTER.
  */
@@ -1145,7 +1143,7 @@ int ecan_igh_sdo_request_data(ecan_igh_context_t *context,
  * while the cycle runs. Each handle belongs to one thread at a time.
  * --------------------------------------------------------------------------- */
 
-/** A handle for diagnosis. Stays where it is: a copy names nothing. May outlive the context. */
+/** A handle for diagnosis. Do not move or copy it. It may outlive the context. */
 typedef struct {
     /** Not for the application. */
     uint64_t opaque[4];
@@ -1154,7 +1152,7 @@ typedef struct {
 /**
  * Opens a handle for diagnosis.
  *
- * @param diagnostics  Whatever it holds.
+ * @param diagnostics  Any content.
  *
  * @usage   not rt, the cycle's thread, after init
  * @return  ECAN_OK; ECAN_ERR_ORDER for a handle that is open; ECAN_ERR_NULL,
@@ -1166,9 +1164,9 @@ int ecan_igh_diagnostics_open(ecan_igh_diagnostics_t *diagnostics, ecan_igh_cont
  * Reads an object of a slave and waits for it; arguments as of ecan_igh_sdo_upload().
  *
  * @usage   not rt, the handle's thread, after open
- * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
- *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
- *          ECAN_ERR_MASTER.
+ * @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the slave aborted;
+ *          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+ *          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
  */
 int ecan_igh_diagnostics_sdo_upload(ecan_igh_diagnostics_t *diagnostics,
                                     size_t slave,
@@ -1192,7 +1190,7 @@ int ecan_igh_diagnostics_sdo_download(ecan_igh_diagnostics_t *diagnostics,
                                       size_t size);
 
 /**
- * What the master sees of the bus.
+ * Gets the state of the bus.
  *
  * @usage   not rt, the handle's thread, after open
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.

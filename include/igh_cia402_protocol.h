@@ -465,10 +465,10 @@ typedef struct {
  * @param axis_count  Its length.
  *
  * @usage   not rt, the cycle's thread, after igh_mcan_port_init
- * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault of the table; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL
- *          for what the Port does not have; ECAN_ERR_NOT_INITIALISED for a Port, or an axis that
- *          is not filled; ECAN_ERR_ORDER for a context that lives, or a Port that has axes;
- *          ECAN_ERR_NULL, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_CONFIG with every fault of the table; ECAN_ERR_SLAVE,
+ *          ECAN_ERR_CHANNEL for what the Port does not have; ECAN_ERR_NOT_INITIALISED for a Port,
+ *          or an axis that is not filled; ECAN_ERR_ORDER for a context that lives, or a Port that
+ *          has axes; ECAN_ERR_NULL, ECAN_ERR_BUSY.
  */
 int igh_cia402_context_init(igh_cia402_context_t *context,
                             igh_mcan_port_t *port,
@@ -654,7 +654,8 @@ typedef struct {
  * hands them out. In place of igh_mcan_port_receive().
  *
  * @usage   rt, the cycle's thread, in an open cycle
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+ *          ECAN_ERR_BUSY.
  */
 int igh_cia402_process_rx(igh_cia402_context_t *context);
 
@@ -680,8 +681,8 @@ int igh_cia402_process_rx_ex(igh_cia402_context_t *context,
  * NMT, SDO and heartbeat frames that are due.
  *
  * @usage   rt, the cycle's thread, in an open cycle after igh_cia402_process_rx
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. What became of the
- *          targets is told by igh_cia402_get_send_summary().
+ * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+ *          ECAN_ERR_BUSY. igh_cia402_get_send_summary() reports the targets.
  */
 int igh_cia402_send_targets_all(igh_cia402_context_t *context);
 
@@ -819,7 +820,8 @@ typedef struct {
 
 /**
  * Sends an NMT command to all nodes of the channels that have axes, with the next targets. After
- * anything but IGH_CANOPEN_NMT_START the axes hold. Configuring a drive sends what it needs by itself.
+ * anything but IGH_CANOPEN_NMT_START the axes hold. Configuring a drive sends what it needs by
+ * itself.
  *
  * @param command  An igh_canopen_nmt_t.
  *
@@ -827,8 +829,7 @@ typedef struct {
  * @return  ECAN_OK; ECAN_ERR_CANOPEN where so many commands wait that no more can;
  *          ECAN_ERR_ARGUMENT, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
  */
-int igh_cia402_send_nmt_all(igh_cia402_context_t *context,
-                            int command);
+int igh_cia402_send_nmt_all(igh_cia402_context_t *context, int command);
 
 /**
  * Sends an NMT command to the drive of an axis, as igh_cia402_send_nmt_all().
@@ -963,8 +964,8 @@ int igh_cia402_resume(igh_cia402_context_t *context, size_t axis);
  *              mapped; not homing, which igh_cia402_home() does.
  *
  * @usage   rt, the cycle's thread, after init
- * @return  As igh_cia402_request_actual_position_all(), ECAN_ERR_AXIS_STATE also for a mode that is
- *          not mapped; ECAN_ERR_AXIS, ECAN_ERR_ARGUMENT.
+ * @return  As igh_cia402_request_actual_position_all(), ECAN_ERR_AXIS_STATE also for a mode that
+ *          is not mapped; ECAN_ERR_AXIS, ECAN_ERR_ARGUMENT.
  */
 int igh_cia402_change_mode(igh_cia402_context_t *context, size_t axis, int mode);
 
@@ -1456,8 +1457,8 @@ int igh_cia402_sdo_upload(igh_cia402_context_t *context,
  * @param timeout_ms  Milliseconds in all.
  *
  * @usage   not rt, the cycle's thread, active bus
- * @return  As igh_cia402_sdo_upload(); on a master of another owner igh_cia402_sdo_start_download()
- *          does it.
+ * @return  As igh_cia402_sdo_upload(); on a master of another owner
+ *          igh_cia402_sdo_start_download() does it.
  */
 int igh_cia402_sdo_download(igh_cia402_context_t *context,
                             size_t axis,

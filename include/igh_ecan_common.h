@@ -38,7 +38,7 @@
 
 /** Version of this header; ecan_version() is that of the library. */
 #define ECAN_VERSION_MAJOR 0
-#define ECAN_VERSION_MINOR 1
+#define ECAN_VERSION_MINOR 2
 #define ECAN_VERSION_PATCH 0
 #define ECAN_VERSION (ECAN_VERSION_MAJOR * 10000 + ECAN_VERSION_MINOR * 100 + ECAN_VERSION_PATCH)
 

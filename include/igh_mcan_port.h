@@ -421,9 +421,9 @@ typedef struct {
  * changes of `config` have to be applied again.
  *
  * @param igh_config  Initialised. What a file has no word for stays: the library (setting `ecrt`),
- *                    scenario, clock and seed of a simulation. Everything else is replaced, startup
- *                    SDOs included. Policies of 0x8020 become startup SDOs, 6 for each gateway that
- *                    has any, and count for ECAN_IGH_MAX_STARTUP_SDOS.
+ *                    scenario, clock and seed of a simulation. Everything else is replaced,
+ *                    startup SDOs included. Policies of 0x8020 become startup SDOs, 6 for each
+ *                    gateway that has any, and count for ECAN_IGH_MAX_STARTUP_SDOS.
  * @param config      Is overwritten, whatever it holds.
  * @param path        The file, as the system names it; a relative one counts from the working
  *                    directory.
@@ -510,8 +510,8 @@ typedef struct {
  * Plans configurations for a traffic.
  *
  * @param streams  The frames; may be NULL where count is 0.
- * @param text     Gets the plan as a table with its warnings; cut where it does not fit. 4096 bytes
- *                 are enough for a few gateways.
+ * @param text     Gets the plan as a table with its warnings; cut where it does not fit. 4096
+ *                 bytes are enough for a few gateways.
  * @param size     Bytes of the text, NUL included; 0 asks for none.
  *
  * @usage   not rt, any thread, any time
@@ -641,7 +641,8 @@ int igh_mcan_port_cycle_end(igh_mcan_port_t *port);
  * @param rx_count  Gets the number of frames taken.
  *
  * @usage   rt, the cycle's thread, in an open cycle
- * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
+ * @return  ECAN_OK; ECAN_ERR_ORDER if no cycle is open; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+ *          ECAN_ERR_BUSY.
  */
 int igh_mcan_port_receive(igh_mcan_port_t *port,
                           igh_mcan_rx_frame_t *rx,
@@ -852,8 +853,8 @@ typedef struct {
     /** 1 refuses frames without margin; 0 sends and counts them. */
     uint8_t refuse_without_margin;
     /**
-     * 1 gives up an image of scheduled frames only that may not have arrived, since published again
-     * they could leave a period late.
+     * 1 gives up an image of scheduled frames only that may not have arrived, since published
+     * again they could leave a period late.
      */
     uint8_t give_up_missed;
     /** Not used. */
@@ -974,7 +975,8 @@ int igh_mcan_port_set_schedule(igh_mcan_port_config_t *config,
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, whatever the margin is; ECAN_ERR_SCHEDULE for an offset that cannot be
- *          scheduled at all; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+ *          scheduled at all; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
+ *          ECAN_ERR_SLAVE.
  */
 int igh_mcan_port_get_schedule_margin(igh_mcan_port_t *port,
                                       size_t slave,
@@ -1005,8 +1007,8 @@ int igh_mcan_port_get_schedule_diagnostics(igh_mcan_port_t *port,
                                            igh_mcan_schedule_diagnostics_t *diagnostics);
 
 /**
- * Has the gateway clear the flags of 0xB000:06, and with them its other runtime diagnostics, in the
- * cycles to come (manual 13.7, bit 5).
+ * Has the gateway clear the flags of 0xB000:06, and with them its other runtime diagnostics, in
+ * the cycles to come (manual 13.7, bit 5).
  *
  * @usage   rt, the cycle's thread, after init
  * @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.

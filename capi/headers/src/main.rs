@@ -9,6 +9,7 @@
 
 mod api_table;
 mod audit;
+mod expand;
 mod manifest;
 mod render;
 mod sources;

@@ -1,12 +1,12 @@
 //! A header from its template and its sections.
 
-use std::fmt::Write;
+use std::fmt::{Display, Write};
 use std::path::Path;
 
 use cbindgen::{Builder, Config, DocumentationStyle, ExportConfig, Language, Style};
 
 use crate::manifest::Header;
-use crate::{read, sources};
+use crate::{expand, read, sources};
 
 /// Renders a header. A section is what cbindgen makes of one source file, below the heading and
 /// the introduction that the file itself begins with.
@@ -16,8 +16,7 @@ pub fn header(root: &Path, header: &Header) -> Result<String, String> {
     for section in header.sections {
         heading(&mut sections, &sources::section(root, section)?);
         sections.push('\n');
-        let types = sources::types(root, section)?;
-        let declarations = declarations(&root.join("capi").join(section), types)?;
+        let declarations = declarations(section, &sources::section(root, section)?)?;
         sections.push_str(one_line_comments(&declarations).trim_end());
         sections.push_str("\n\n");
     }
@@ -78,10 +77,12 @@ fn one_line_comments(text: &str) -> String {
     out
 }
 
-/// `types` are exported whether a function takes them or not.
-fn declarations(source: &Path, types: Vec<String>) -> Result<String, String> {
+fn declarations(section: &str, source: &str) -> Result<String, String> {
+    let fault = |error: &dyn Display| format!("capi/{section}: {error}");
+    let source = expand::expand(source).map_err(|error| fault(&error))?;
     let config = Config {
-        export: ExportConfig { include: types, ..ExportConfig::default() },
+        // Types are exported whether a function takes them or not.
+        export: ExportConfig { include: expand::types(&source), ..ExportConfig::default() },
         language: Language::C,
         style: Style::Type,
         documentation_style: DocumentationStyle::Doxy,
@@ -91,12 +92,12 @@ fn declarations(source: &Path, types: Vec<String>) -> Result<String, String> {
         tab_width: 4,
         ..Config::default()
     };
-    let bindings = Builder::new()
-        .with_src(source)
-        .with_config(config)
-        .generate()
-        .map_err(|error| format!("{}: {error}", source.display()))?;
+    // cbindgen reads files only.
+    let path = std::env::temp_dir().join(format!("ecan-headers-{}.rs", std::process::id()));
+    std::fs::write(&path, expand::text(&source)).map_err(|error| fault(&error))?;
+    let bindings = Builder::new().with_src(&path).with_config(config).generate();
+    let _ = std::fs::remove_file(&path);
     let mut text = Vec::new();
-    bindings.write(&mut text);
-    String::from_utf8(text).map_err(|error| format!("{}: {error}", source.display()))
+    bindings.map_err(|error| fault(&error))?.write(&mut text);
+    String::from_utf8(text).map_err(|error| fault(&error))
 }

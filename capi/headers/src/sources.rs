@@ -74,13 +74,3 @@ pub fn heading(root: &Path, name: &str) -> Result<String, String> {
     let text = section(root, name)?;
     Ok(text.lines().next().unwrap_or_default().trim_start_matches("//!").trim().to_owned())
 }
-
-/// The types of C that a section declares.
-pub fn types(root: &Path, name: &str) -> Result<Vec<String>, String> {
-    let text = section(root, name)?;
-    let declared = text.lines().filter_map(|line| {
-        let rest = line.strip_prefix("pub struct ").or_else(|| line.strip_prefix("pub enum "))?;
-        Some(rest.split([' ', '{']).next()?.to_owned())
-    });
-    Ok(declared.filter(|name| name.ends_with("_t")).collect())
-}

@@ -6,7 +6,7 @@ use ecan_mcan_host::boundary::Call;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::{Cycle, Port, PortConfig, SendTicket};
 
-use crate::cia402::progress::ProgressCallback;
+use crate::callback::ProgressCallback;
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
 

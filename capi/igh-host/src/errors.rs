@@ -84,6 +84,13 @@ pub(crate) fn port_has_changed(error: &PortError) -> bool {
     }
 }
 
+/// A slave index that is not configured.
+#[cold]
+pub(crate) fn no_slave(call: Call, slave: usize, count: usize) -> ecan_result_t {
+    let text = format_args!("slave index {slave} is out of range: {count} slave(s) are configured");
+    call.fail(ECAN_ERR_SLAVE, text)
+}
+
 /// A call that runs the cycle itself, on a master of another owner.
 #[cold]
 pub(crate) fn attached(call: Call) -> ecan_result_t {

@@ -11,6 +11,8 @@
 #![allow(clippy::missing_safety_doc, reason = "the header states the rules for all pointers")]
 
 mod bus;
+mod callback;
+mod entry;
 mod errors;
 mod handle;
 

@@ -10,7 +10,7 @@ use ecan_mcan_host::common::constants::{ECAN_DEFAULT_CYCLE_US, ECAN_DEFAULT_PDO_
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::PortConfig;
 
-use crate::errors;
+use crate::errors::{self, no_slave};
 use crate::mcan_port::config::PortPlain;
 
 /// Most slaves of a configuration.
@@ -279,14 +279,6 @@ impl AdapterPlain {
         }
         config
     }
-}
-
-/// The error of a slave index that is not configured.
-#[cold]
-pub(crate) fn no_slave(call: Call, slave: usize, count: usize) -> ecan_result_t {
-    let words =
-        format_args!("slave index {slave} is out of range: {count} slave(s) are configured");
-    call.fail(ecan_result_t::ECAN_ERR_SLAVE, words)
 }
 
 /// Fills a configuration: one slave at position 0, N = 3 (384 bytes), a cycle of 10 ms, no

@@ -31,8 +31,8 @@ fn need_dc(call: Call, config: &mut AdapterPlain) -> Result<&mut DcSync, ecan_re
 /// @param shift_us  Phase of Sync0 against the start of the period, in microseconds, below it.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT. Whether it fits the
-///          cycle is told by ecan_igh_check_config().
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT. Whether it fits
+///          the cycle is told by ecan_igh_check_config().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_sync0(
     config: *mut ecan_igh_config_t,
@@ -77,8 +77,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_dc_assign_activate(
 /// @param source  An ecan_igh_clock_source_t.
 ///
 /// @usage   not rt, any thread, after ecan_igh_config_set_dc_sync0 and before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER where
-///          distributed clocks are off.
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_ARGUMENT; ECAN_ERR_ORDER
+///          where distributed clocks are off.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_dc_source(
     config: *mut ecan_igh_config_t,

@@ -234,8 +234,8 @@ pub unsafe extern "C" fn ecan_igh_config_set_preop_timeout_ms(
 ///                     cycles, or a single lost frame ends operation.
 ///
 /// @usage   not rt, any thread, before init
-/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others by
-///          ecan_igh_check_config() and ecan_igh_init().
+/// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED. The value is checked with the others
+///          by ecan_igh_check_config() and ecan_igh_init().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_config_set_watchdog_us(
     config: *mut ecan_igh_config_t,

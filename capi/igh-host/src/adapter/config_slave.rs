@@ -110,7 +110,8 @@ pub unsafe extern "C" fn ecan_igh_config_get_slave_pdo_multipliers(
 
 /// Says where a slave is.
 ///
-/// @param alias     Station alias that the position counts from; 0 counts from the start of the bus.
+/// @param alias     Station alias that the position counts from; 0 counts from the start of the
+///                  bus.
 /// @param position  Ring position, from 0.
 ///
 /// @usage   not rt, any thread, before init

@@ -12,17 +12,19 @@ use std::ffi::{c_int, c_void};
 use std::time::Duration;
 
 use ecan_host::{Adapter, Master};
-use ecan_mcan_host::boundary::{call, getter};
+use ecan_mcan_host::boundary::{Call, call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
 
 use super::config::{AdapterPlain, ecan_igh_config_t};
 use super::library;
 use crate::bus::{self, Bus};
+use crate::callback::StopCallback;
+use crate::entry::{Context, enter};
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Words};
 
-/// A master with its slaves. Belongs to one thread at a time and stays where it is: a copy names
-/// nothing. What builds on it (igh_mcan_port_t, igh_cia402_context_t) ends with it.
+/// A master with its slaves. Belongs to one thread at a time; do not move or copy it. What builds
+/// on it (igh_mcan_port_t, igh_cia402_context_t) ends with it.
 #[repr(C)]
 #[derive(Debug)]
 pub struct ecan_igh_context_t {
@@ -32,21 +34,34 @@ pub struct ecan_igh_context_t {
 
 const _: () = assert!(size_of::<Words>() == size_of::<ecan_igh_context_t>());
 
+impl Context for ecan_igh_context_t {
+    type Layer<'a> = &'a mut Adapter;
+
+    unsafe fn enter(call: Call, context: *const Self) -> Result<Entered<Bus>, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { bus::enter(call, context.cast()) }
+    }
+
+    fn layer(call: Call, bus: &mut Entered<Bus>) -> Result<&mut Adapter, ecan_result_t> {
+        bus.need_adapter(call)
+    }
+}
+
 /// Opens the master: checks the configuration as a whole, loads the EtherCAT master library,
 /// reserves the master, finds the slaves, writes their startup SDOs in PREOP (also those of
 /// igh_mcan_port_apply_config()) and maps their PDOs. The bus is not cyclic yet.
 ///
-/// Blocks, for seconds where the master is still scanning the bus. A simulated library says on
-/// standard error that it is one.
+/// Blocks, for seconds if the master is still scanning the bus. A simulated library identifies
+/// itself on standard error.
 ///
-/// @param context  Whatever it holds; the manual's fragments leave it uninitialised.
+/// @param context  Any content; the manual's fragments leave it uninitialised.
 /// @param config   Is copied.
 ///
 /// @usage   not rt, any thread, any time
 /// @return  ECAN_OK; ECAN_ERR_CONFIG, ECAN_ERR_ECRT, ECAN_ERR_MASTER, ECAN_ERR_NOT_FOUND,
 ///          ECAN_ERR_IDENTITY, ECAN_ERR_SDO, ECAN_ERR_READBACK, ECAN_ERR_NOT_OPERATIONAL,
-///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER for a context that lives.
-///          After an error there is nothing to deinit.
+///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED; ECAN_ERR_ORDER for a context that is
+///          initialised already. After an error there is nothing to deinit.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_init(
     context: *mut ecan_igh_context_t,
@@ -62,7 +77,7 @@ pub unsafe extern "C" fn ecan_igh_init(
         unsafe {
             handle::init(call, context.cast(), Kind::Adapter, || {
                 let rust = config.to_rust();
-                // A faulty configuration is told before any library is looked for.
+                // A faulty configuration is reported before the library is loaded.
                 rust.check().map_err(|faults| errors::adapter(call, &faults.into()))?;
                 let library = library::open(call, config)?;
                 let adapter = Adapter::open(&library.ecrt, rust);
@@ -73,18 +88,17 @@ pub unsafe extern "C" fn ecan_igh_init(
     })
 }
 
-/// Adds slaves to a master that the application runs itself, for its other slaves on the same bus.
+/// Adds slaves to a master that the application runs itself, for other slaves on the same bus.
 ///
 /// Requesting, activating, sending, receiving and releasing stay with the owner: call this before
 /// ecrt_master_activate(), ecan_igh_owner_activated() after it, in each cycle ecan_igh_receive()
 /// (or igh_mcan_port_cycle_begin()) after ecrt_master_receive() and ecan_igh_send() (or
 /// igh_mcan_port_cycle_end()) before ecrt_master_send(). Functions that wait by running the cycle
-/// themselves return ECAN_ERR_ATTACHED; poll ecan_igh_is_operational() or
-/// igh_mcan_port_is_ready() instead. Deinit the context before ecrt_master_deactivate() and
-/// ecrt_release_master().
+/// return ECAN_ERR_ATTACHED; poll ecan_igh_is_operational() or igh_mcan_port_is_ready() instead.
+/// Deinit the context before ecrt_master_deactivate() and ecrt_release_master().
 ///
-/// @param master  The owner's ec_master_t, reserved, of the same library that the setting `ecrt`
-///                names (by default libethercat.so.1, as the owner has it).
+/// @param master  The owner's ec_master_t, reserved, of the library that the setting `ecrt` selects
+///                (by default libethercat.so.1).
 ///
 /// @usage   not rt, the owner's thread, before ecrt_master_activate
 /// @return  As ecan_igh_init().
@@ -119,57 +133,47 @@ pub unsafe extern "C" fn ecan_igh_attach(
     })
 }
 
-/// Tells that the owner has activated the master.
+/// Reports that the owner has activated the master.
 ///
 /// @usage   not rt, the owner's thread, after ecrt_master_activate
 /// @return  ECAN_OK; ECAN_ERR_ORDER for a context that is not attached or active already;
 ///          ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_owner_activated(context: *mut ecan_igh_context_t) -> c_int {
-    call("ecan_igh_owner_activated", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter(call, context.cast())? };
-        let activated = bus.need_adapter(call)?.owner_activated();
-        activated.map_err(|error| errors::adapter(call, &error))
+    enter!(ecan_igh_owner_activated, context).run(|call, adapter| {
+        adapter.owner_activated().map_err(|error| errors::adapter(call, &error))
     })
 }
 
-/// Starts cyclic operation without waiting for OP: from here on the application runs the cycle,
-/// and polls ecan_igh_is_operational() or igh_mcan_port_is_ready().
+/// Starts cyclic operation without waiting for OP: from now on the application runs the cycle and
+/// polls ecan_igh_is_operational() or igh_mcan_port_is_ready().
 ///
 /// @usage   not rt, the cycle's thread, after init and igh_mcan_port_init
-/// @return  ECAN_OK; ECAN_ERR_ORDER where it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER,
+/// @return  ECAN_OK; ECAN_ERR_ORDER if it is active already; ECAN_ERR_ATTACHED, ECAN_ERR_MASTER,
 ///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_activate(context: *mut ecan_igh_context_t) -> c_int {
-    call("ecan_igh_activate", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter(call, context.cast())? };
-        let activated = bus.need_adapter(call)?.activate();
-        activated.map_err(|error| errors::adapter(call, &error))
-    })
+    enter!(ecan_igh_activate, context)
+        .run(|call, adapter| adapter.activate().map_err(|error| errors::adapter(call, &error)))
 }
 
-/// Starts cyclic operation if that has not been done, and runs the cycle until every slave is in
-/// OP; with a Port on it also until every gateway has been verified and is in service, so that
-/// frames can be sent. Blocks; received frames are thrown away meanwhile. Call igh_mcan_port_init()
-/// before, since a Port needs a bus that is not active yet.
+/// Starts cyclic operation if necessary and runs the cycle until every slave is in OP; with a Port
+/// also until every gateway is verified, so that frames can be sent. Blocks and drops received
+/// frames. Call igh_mcan_port_init() before, since a Port needs a bus that is not active yet.
 ///
-/// @param timeout_ms  Milliseconds; ecan_igh_startup_timeout_ms() tells what to allow.
+/// @param timeout_ms  Milliseconds; ecan_igh_startup_timeout_ms() returns a sufficient time.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that lacks, and why;
-///          ECAN_ERR_VERIFICATION for a gateway that is in OP but reads back something else than
-///          was configured; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
+/// @return  ECAN_OK; ECAN_ERR_NOT_OPERATIONAL with the state of every slave that is not in OP, and
+///          the reason; ECAN_ERR_VERIFICATION for a gateway in OP whose readback differs from the
+///          configuration; ECAN_ERR_STOPPED, ECAN_ERR_ATTACHED, ECAN_ERR_MASTER, ECAN_ERR_NULL,
 ///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
     context: *mut ecan_igh_context_t,
     timeout_ms: u32,
 ) -> c_int {
-    call("ecan_igh_wait_op_timeout", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter(call, context.cast())? };
+    enter!(ecan_igh_wait_op_timeout, context).on_bus(|call, bus| {
         bus.need_owned(call)?;
         match bus.port_mut() {
             Some(port) => port
@@ -183,30 +187,13 @@ pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
     })
 }
 
-/// A function of C that says whether to give up.
-struct StopFunction {
-    function: unsafe extern "C" fn(user: *mut c_void) -> c_int,
-    user: *mut c_void,
-}
-
-// SAFETY: the pointer is never followed here, and handed to C only in the thread that calls a
-// waiting function: the header leaves it to the application to allow that.
-unsafe impl Send for StopFunction {}
-
-impl StopFunction {
-    fn says_stop(&self) -> bool {
-        // SAFETY: the application gave the function for this, with this pointer.
-        unsafe { (self.function)(self.user) != 0 }
-    }
-}
-
-/// Sets a function that the waiting calls of all layers ask once in every cycle; where it returns
-/// other than 0, they end with ECAN_ERR_STOPPED: a signal came, a button was pressed. What has been
-/// begun goes on as far as the cycle goes on. igh_cia402_shutdown_timeout() does not ask.
+/// Sets a function that the waiting calls of all layers call once per cycle; if it returns other
+/// than 0, they end with ECAN_ERR_STOPPED: after a signal or a pressed button, for example. Started
+/// operations continue as long as the cycle runs. igh_cia402_shutdown_timeout() does not call it.
 ///
 /// @param stop  Gets `user`; NULL for none. It should be quick; a call to the library with this
-///              context gets ECAN_ERR_BUSY there.
-/// @param user  Is handed to it, in the thread that waits.
+///              context returns ECAN_ERR_BUSY there.
+/// @param user  Is passed to it, in the thread that waits.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -216,37 +203,33 @@ pub unsafe extern "C" fn ecan_igh_stop_waiting_when(
     stop: Option<unsafe extern "C" fn(user: *mut c_void) -> c_int>,
     user: *mut c_void,
 ) -> c_int {
-    call("ecan_igh_stop_waiting_when", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter(call, context.cast())? };
+    enter!(ecan_igh_stop_waiting_when, context).run(|_, adapter| {
         let check = stop.map(|function| {
-            let stop = StopFunction { function, user };
-            Box::new(move || stop.says_stop()) as Box<dyn Fn() -> bool + Send>
+            let stop = StopCallback { function, user };
+            Box::new(move || stop.is_stop()) as Box<dyn Fn() -> bool + Send>
         });
-        bus.need_adapter(call)?.stop_waiting_when(check);
+        adapter.stop_waiting_when(check);
         Ok(())
     })
 }
 
-/// Leaves cyclic operation and configures the slaves anew: the way to switch N at run time (manual
-/// 14.2). Then wait for OP again. With a Port on it use igh_mcan_port_reconfigure().
+/// Leaves cyclic operation and configures the slaves again, to change N at run time for example
+/// (manual 14.2). Then wait for OP again. With a Port use igh_mcan_port_reconfigure().
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port on it, ECAN_ERR_ATTACHED, ECAN_ERR_BUSY.
-///          A faulty configuration changes nothing; after any other error another reconfigure may
-///          be tried.
+/// @return  As ecan_igh_init(); ECAN_ERR_ORDER with a Port, ECAN_ERR_ATTACHED, ECAN_ERR_BUSY. A
+///          faulty configuration changes nothing; after any other error reconfigure again.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_reconfigure(
     context: *mut ecan_igh_context_t,
     config: *const ecan_igh_config_t,
 ) -> c_int {
-    call("ecan_igh_reconfigure", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, config) =
-            unsafe { (bus::enter(call, context.cast())?, AdapterPlain::read(call, config)?) };
+    enter!(ecan_igh_reconfigure, context).on_bus(|call, bus| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let config = unsafe { AdapterPlain::read(call, config)? };
         if bus.port_mut().is_some() {
-            let words = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+            let text = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
         }
         let reconfigured = bus.need_adapter(call)?.reconfigure(config.to_rust());
         if reconfigured.as_ref().err().is_none_or(errors::has_changed) {
@@ -256,8 +239,8 @@ pub unsafe extern "C" fn ecan_igh_reconfigure(
     })
 }
 
-/// Ends it: leaves cyclic operation and releases the master, or detaches from the owner's. A Port
-/// and axes on it end, too.
+/// Leaves cyclic operation and releases the master, or detaches from the owner's. A Port and axes
+/// on it end, too.
 ///
 /// @usage   not rt, the cycle's thread, any time
 /// @return  ECAN_OK, also for a context that is deinitialised already or never was initialised;
@@ -268,62 +251,41 @@ pub unsafe extern "C" fn ecan_igh_deinit(context: *mut ecan_igh_context_t) -> c_
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let bus: Option<Entered<Bus>> =
             unsafe { handle::enter_to_end(call, context.cast(), Kind::Adapter)? };
-        if let Some(bus) = bus {
-            drop(bus.leave());
-        }
+        drop(bus.map(Entered::leave));
         Ok(())
     })
 }
 
-/// Whether the bus is simulated.
+/// Returns 1 if the bus is simulated.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_is_simulated(context: *mut ecan_igh_context_t) -> c_int {
-    getter(
-        "ecan_igh_is_simulated",
-        |error| error.code(),
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            let mut bus = unsafe { bus::enter(call, context.cast())? };
-            Ok(bus.need_adapter(call)?.is_simulated().into())
-        },
-    )
+    enter!(ecan_igh_is_simulated, context).get(|_, adapter| Ok(adapter.is_simulated().into()))
 }
 
-/// Whether time passes only while the program waits for the next cycle: on a simulation with a
-/// stepped clock. Deadlines of the program's own must be taken from ecan_igh_now_ns() then.
+/// Returns 1 if time passes only while the program waits for the next cycle: in a simulation with a
+/// stepped clock. The program must then take its own deadlines from ecan_igh_now_ns().
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_clock_is_stepped(context: *mut ecan_igh_context_t) -> c_int {
-    getter(
-        "ecan_igh_clock_is_stepped",
-        |error| error.code(),
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            let bus = unsafe { bus::enter(call, context.cast())? };
-            Ok(bus.is_stepped.into())
-        },
-    )
+    getter("ecan_igh_clock_is_stepped", ecan_result_t::code, |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let bus = unsafe { bus::enter(call, context.cast())? };
+        Ok(bus.is_stepped.into())
+    })
 }
 
-/// What ecan_igh_wait_op_timeout() should be allowed, by the startup SDOs, the cycle and the number
-/// of slaves.
+/// Returns a sufficient timeout for ecan_igh_wait_op_timeout(), by the startup SDOs, the cycle and
+/// the number of slaves.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  Milliseconds; 0 where there is no context.
+/// @return  Milliseconds; 0 if there is no context.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_startup_timeout_ms(context: *mut ecan_igh_context_t) -> u32 {
-    getter(
-        "ecan_igh_startup_timeout_ms",
-        |_| 0,
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            let mut bus = unsafe { bus::enter(call, context.cast())? };
-            Ok(bus.need_adapter(call)?.startup_timeout_ms())
-        },
-    )
+    enter!(ecan_igh_startup_timeout_ms, context)
+        .get_or(0, |_, adapter| Ok(adapter.startup_timeout_ms()))
 }

@@ -6,7 +6,8 @@
 use std::ffi::{c_int, c_void};
 
 use ecan_host::Diagnostics;
-use ecan_mcan_host::boundary::call;
+use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::common::result::ecan_result_t;
 
 use super::bus_state::ecan_igh_master_state_t;
 use super::context::ecan_igh_context_t;
@@ -15,7 +16,7 @@ use crate::bus;
 use crate::errors;
 use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
 
-/// A handle for diagnosis. Stays where it is: a copy names nothing. May outlive the context.
+/// A handle for diagnosis. Do not move or copy it. It may outlive the context.
 #[repr(C)]
 #[derive(Debug)]
 pub struct ecan_igh_diagnostics_t {
@@ -33,9 +34,19 @@ impl Pooled for Diagnostics {
     }
 }
 
+/// # Safety
+/// `diagnostics` is NULL or valid for reading, whatever bytes it holds.
+unsafe fn enter(
+    call: Call,
+    diagnostics: *mut ecan_igh_diagnostics_t,
+) -> Result<Entered<Diagnostics>, ecan_result_t> {
+    // SAFETY: the caller's promise.
+    unsafe { handle::enter(call, diagnostics.cast(), Kind::Diagnostics) }
+}
+
 /// Opens a handle for diagnosis.
 ///
-/// @param diagnostics  Whatever it holds.
+/// @param diagnostics  Any content.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK; ECAN_ERR_ORDER for a handle that is open; ECAN_ERR_NULL,
@@ -61,9 +72,9 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_open(
 /// Reads an object of a slave and waits for it; arguments as of ecan_igh_sdo_upload().
 ///
 /// @usage   not rt, the handle's thread, after open
-/// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
-///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
-///          ECAN_ERR_MASTER.
+/// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the slave aborted;
+///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+///          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_upload(
     diagnostics: *mut ecan_igh_diagnostics_t,
@@ -76,9 +87,9 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_upload(
 ) -> c_int {
     call("ecan_igh_diagnostics_sdo_upload", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (diagnostics, mut room, out): (Entered<Diagnostics>, _, _) = unsafe {
+        let (diagnostics, mut room, out) = unsafe {
             (
-                handle::enter(call, diagnostics.cast(), Kind::Diagnostics)?,
+                enter(call, diagnostics)?,
                 call.room("data", data.cast::<u8>(), size)?,
                 call.out("length", length)?,
             )
@@ -107,18 +118,14 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_download(
 ) -> c_int {
     call("ecan_igh_diagnostics_sdo_download", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (diagnostics, data): (Entered<Diagnostics>, _) = unsafe {
-            (
-                handle::enter(call, diagnostics.cast(), Kind::Diagnostics)?,
-                call.items("data", data.cast::<u8>(), size)?,
-            )
-        };
+        let (diagnostics, data) =
+            unsafe { (enter(call, diagnostics)?, call.items("data", data.cast::<u8>(), size)?) };
         let written = diagnostics.sdo_download(slave, index, subindex, data);
         written.map_err(|error| errors::adapter(call, &error))
     })
 }
 
-/// What the master sees of the bus.
+/// Gets the state of the bus.
 ///
 /// @usage   not rt, the handle's thread, after open
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_MASTER.
@@ -129,9 +136,7 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_master_state(
 ) -> c_int {
     call("ecan_igh_diagnostics_master_state", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (diagnostics, out): (Entered<Diagnostics>, _) = unsafe {
-            (handle::enter(call, diagnostics.cast(), Kind::Diagnostics)?, call.out("state", state)?)
-        };
+        let (diagnostics, out) = unsafe { (enter(call, diagnostics)?, call.out("state", state)?) };
         let state = diagnostics.master_state().map_err(|error| errors::adapter(call, &error))?;
         out.set(state.into());
         Ok(())
@@ -150,9 +155,7 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_deinit(
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let handle: Option<Entered<Diagnostics>> =
             unsafe { handle::enter_to_end(call, diagnostics.cast(), Kind::Diagnostics)? };
-        if let Some(handle) = handle {
-            drop(handle.leave());
-        }
+        drop(handle.map(Entered::leave));
         Ok(())
     })
 }

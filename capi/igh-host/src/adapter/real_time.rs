@@ -1,6 +1,6 @@
-//! The real-time thread
+//! Real-time thread
 //!
-//! What makes the application's thread keep its cycle (manual 13.9 and 15.5.2, step 7).
+//! Functions that make the application's thread keep its cycle (manual 13.9 and 15.5.2, step 7).
 
 use std::ffi::{c_char, c_int};
 
@@ -10,11 +10,13 @@ use ecan_host::{
 };
 use ecan_mcan_host::boundary::{Call, call, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::mirror;
 
 use super::context::ecan_igh_context_t;
 use crate::bus;
+use crate::entry::enter;
 
-/// What the thread of the cycle asks of the system. Fill with ecan_igh_default_real_time(), then
+/// Requests of the cycle's thread to the system. Fill with ecan_igh_default_real_time(), then
 /// change fields.
 #[repr(C)]
 #[derive(Clone, Copy, Debug)]
@@ -23,108 +25,85 @@ pub struct ecan_igh_real_time_t {
     pub priority: i32,
     /// 1 keeps all memory of the process in RAM.
     pub lock_memory: u8,
-    /// 1 makes ecan_igh_apply_real_time() fail where something is not granted.
+    /// 1 makes ecan_igh_apply_real_time() fail if a request is denied.
     pub is_required: u8,
     /// Not used.
     pub reserved: [u8; 2],
-    /// With lock_memory so many bytes of the thread's stack are touched in advance, up to 1 MiB.
+    /// With lock_memory: bytes of the thread's stack that are touched in advance, up to 1 MiB.
     pub stack_bytes: u32,
-    /// Keeps the processors of the machine out of sleep states that take longer than so many
-    /// microseconds to leave, for as long as the process lives; -1 leaves them as they are.
+    /// Keeps the processors out of sleep states that take longer than this time to leave, in
+    /// microseconds, for as long as the process lives; -1 leaves them as they are.
     pub wake_up_latency_us: i32,
     /// CPUs that the thread may run on, bit 0 for CPU 0; 0 leaves the affinity as it is.
     pub cpu_mask: u64,
 }
 
-/// A cycle as ecan_igh_wait_next_cycle() met it.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct ecan_igh_cycle_start_t {
-    /// Its point on the grid, in nanoseconds of ecan_igh_now_ns().
-    pub deadline_ns: u64,
-    /// How long after that point the wait ended, in nanoseconds.
-    pub late_ns: u64,
-    /// Points of the grid that were left out before this one.
-    pub skipped: u64,
-    /// 1 where the cycle before, with the answer of the bus, took past a point of the grid.
-    pub has_overrun: u8,
-    /// Not used.
-    pub reserved: [u8; 7],
-}
-
-/// A row of times, in nanoseconds; all 0 where nothing was recorded.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct ecan_igh_distribution_t {
-    /// Number of times.
-    pub count: u64,
-    /// Shortest.
-    pub min_ns: u64,
-    /// Longest.
-    pub max_ns: u64,
-    /// Mean.
-    pub mean_ns: f64,
-    /// Half of the times are at most this long.
-    pub p50_ns: u64,
-    /// 95 of 100 are at most this long.
-    pub p95_ns: u64,
-    /// 99 of 100 are at most this long.
-    pub p99_ns: u64,
-    /// 999 of 1000 are at most this long.
-    pub p99_9_ns: u64,
-}
-
-/// How well the cycle was kept (manual 13.9).
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct ecan_igh_cycle_statistics_t {
-    /// From the start of a cycle to the next: the manual's master_period.
-    pub period: ecan_igh_distribution_t,
-    /// From the point on the grid to the start of its cycle.
-    pub wake_up: ecan_igh_distribution_t,
-    /// From the start of a cycle to its ecan_igh_send().
-    pub run_time: ecan_igh_distribution_t,
-    /// Largest difference of a period from the cycle, in nanoseconds.
-    pub max_period_error_ns: u64,
-    /// Cycles started.
-    pub cycles: u64,
-    /// Cycles that took past a point of the grid, with the answer of the bus.
-    pub overruns: u64,
-    /// Points of the grid that were left out.
-    pub skipped: u64,
-}
-
-impl From<CycleStart> for ecan_igh_cycle_start_t {
-    fn from(start: CycleStart) -> Self {
-        Self {
-            deadline_ns: start.deadline_ns,
-            late_ns: start.late_ns,
-            skipped: start.skipped,
-            has_overrun: start.has_overrun.into(),
-            reserved: [0; 7],
-        }
+mirror! {
+    /// Start of a cycle as ecan_igh_wait_next_cycle() measured it.
+    #[derive(Default)]
+    pub struct ecan_igh_cycle_start_t from start: CycleStart {
+        /// Deadline, in nanoseconds of ecan_igh_now_ns().
+        deadline_ns: u64,
+        /// Time from the deadline to the end of the wait, in nanoseconds.
+        late_ns: u64,
+        /// Deadlines that were skipped before this one.
+        skipped: u64,
+        /// 1 if the cycle before, with the response of the bus, took past a deadline.
+        has_overrun: u8,
+        /// Not used.
+        reserved: [u8; 7] = [0; 7],
     }
 }
 
-impl From<Distribution> for ecan_igh_distribution_t {
-    fn from(times: Distribution) -> Self {
-        Self {
-            count: times.count,
-            min_ns: times.min_ns,
-            max_ns: times.max_ns,
-            mean_ns: times.mean_ns,
-            p50_ns: times.p50_ns,
-            p95_ns: times.p95_ns,
-            p99_ns: times.p99_ns,
-            p99_9_ns: times.p99_9_ns,
-        }
+mirror! {
+    /// Distribution of times, in nanoseconds; all 0 if nothing was recorded.
+    #[derive(Default)]
+    pub struct ecan_igh_distribution_t from times: Distribution {
+        /// Number of times.
+        count: u64,
+        /// Shortest.
+        min_ns: u64,
+        /// Longest.
+        max_ns: u64,
+        /// Mean.
+        mean_ns: f64,
+        /// Half of the times are at most this long.
+        p50_ns: u64,
+        /// 95 of 100 are at most this long.
+        p95_ns: u64,
+        /// 99 of 100 are at most this long.
+        p99_ns: u64,
+        /// 999 of 1000 are at most this long.
+        p99_9_ns: u64,
     }
 }
 
-fn settings(call: Call, wanted: &ecan_igh_real_time_t) -> Result<RealTimeConfig, ecan_result_t> {
+mirror! {
+    /// Timing of the cycles (manual 13.9).
+    #[derive(Default)]
+    pub struct ecan_igh_cycle_statistics_t from measured: &CycleStatistics {
+        /// From the start of a cycle to the next: the manual's master_period.
+        period: ecan_igh_distribution_t = measured.period().into(),
+        /// From the deadline to the start of its cycle.
+        wake_up: ecan_igh_distribution_t = measured.wake_up().into(),
+        /// From the start of a cycle to its ecan_igh_send().
+        run_time: ecan_igh_distribution_t = measured.run_time().into(),
+        /// Largest difference between a period and the configured cycle, in nanoseconds.
+        max_period_error_ns: u64 = measured.max_period_error_ns(),
+        /// Cycles started.
+        cycles: u64 = measured.cycles(),
+        /// Cycles that took past a deadline, with the response of the bus.
+        overruns: u64 = measured.overruns(),
+        /// Deadlines that were skipped.
+        skipped: u64 = measured.skipped(),
+    }
+}
+
+fn config(call: Call, wanted: &ecan_igh_real_time_t) -> Result<RealTimeConfig, ecan_result_t> {
     let need = if wanted.is_required != 0 { Need::Required } else { Need::Optional };
     let priority = u8::try_from(wanted.priority).map_err(|_| {
-        call.argument("priority", format_args!("{} is not 0 to 99", wanted.priority))
+        let text = format_args!("{} is out of range; allowed: 0 to 99", wanted.priority);
+        call.argument("priority", text)
     })?;
     let cpus: Vec<usize> = (0..64).filter(|cpu| wanted.cpu_mask >> cpu & 1 == 1).collect();
     let stack_bytes = usize::try_from(wanted.stack_bytes).unwrap_or(usize::MAX);
@@ -141,7 +120,7 @@ fn settings(call: Call, wanted: &ecan_igh_real_time_t) -> Result<RealTimeConfig,
     })
 }
 
-/// Asks for nothing.
+/// Fills the requests: nothing is requested.
 ///
 /// @usage   rt, any thread, any time
 /// @return  ECAN_OK, ECAN_ERR_NULL.
@@ -162,19 +141,19 @@ pub unsafe extern "C" fn ecan_igh_default_real_time(settings: *mut ecan_igh_real
     })
 }
 
-/// Applies the settings to the calling thread, locked memory to its whole process.
+/// Applies the requests to the calling thread; locked memory applies to its whole process.
 ///
-/// To be called once by the thread of the cycle, before the cycle and after threads were started
-/// that shall not inherit priority and affinity.
+/// Call it once in the thread of the cycle, before the cycle and after starting threads that must
+/// not inherit priority and affinity.
 ///
-/// @param report  A line for each thing asked for: granted, or why not and what to do. Cut where it
-///                does not fit.
-/// @param size    Bytes of the report, NUL included; 0 asks for none.
+/// @param report  A line for each request: granted, or the reason and what to do. Cut if it does
+///                not fit.
+/// @param size    Bytes of the report, NUL included; 0 for no report.
 ///
 /// @usage   not rt, the cycle's thread, any time
-/// @return  ECAN_OK, also where something that is not required was not granted;
-///          ECAN_ERR_PRIVILEGE where something required was not; what was granted stays in force.
-///          ECAN_ERR_ARGUMENT for a value out of range, with nothing applied; ECAN_ERR_NULL.
+/// @return  ECAN_OK, also if a request that is not required was denied; ECAN_ERR_PRIVILEGE if a
+///          required one was denied: granted requests stay in force. ECAN_ERR_ARGUMENT for a value
+///          out of range, with nothing applied; ECAN_ERR_NULL.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_apply_real_time(
     settings: *const ecan_igh_real_time_t,
@@ -185,13 +164,13 @@ pub unsafe extern "C" fn ecan_igh_apply_real_time(
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (wanted, mut room) =
             unsafe { (call.read("settings", settings)?, call.room("report", report, size)?) };
-        let applied = self::settings(call, wanted)?.apply();
-        let told = match &applied {
+        let applied = config(call, wanted)?.apply();
+        let text = match &applied {
             Ok(report) | Err(RealTimeError::Missing(report)) => report.to_string(),
             Err(_) => String::new(),
         };
         if size > 0 {
-            put_text(&mut room, &told);
+            put_text(&mut room, &text);
         }
         applied.map(drop).map_err(|error| {
             let code = match error {
@@ -203,13 +182,13 @@ pub unsafe extern "C" fn ecan_igh_apply_real_time(
     })
 }
 
-/// Sets how ecan_igh_wait_next_cycle() waits, from the next wait on; at first it neither spins nor
-/// makes up for cycles.
+/// Sets how ecan_igh_wait_next_cycle() waits, from the next wait on. By default it neither spins
+/// nor catches up.
 ///
-/// @param spin_us   Microseconds before each point in which the clock is looked at instead of slept
-///                  on, 0 to 1000 (manual 13.9: 100). A stepped simulation plays it.
-/// @param catch_up  Most missed cycles that are made up for, one behind the other with the bus'
-///                  time to answer between; 0 leaves missed points out.
+/// @param spin_us   Microseconds before each deadline in which the thread polls the clock instead
+///                  of sleeping, 0 to 1000 (manual 13.9: 100). A stepped simulation emulates it.
+/// @param catch_up  Most missed cycles that are run late, one after the other with the response
+///                  time of the bus between them; 0 skips missed deadlines.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT.
@@ -219,24 +198,24 @@ pub unsafe extern "C" fn ecan_igh_set_cycle_timing(
     spin_us: u32,
     catch_up: u32,
 ) -> c_int {
-    call("ecan_igh_set_cycle_timing", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter(call, context.cast())? };
+    enter!(ecan_igh_set_cycle_timing, context).run(|call, adapter| {
         let spin_ns = u64::from(spin_us) * 1000;
         if spin_ns > MAX_SPIN_NS {
             let most = MAX_SPIN_NS / 1000;
-            return Err(call.argument("spin_us", format_args!("{spin_us} is above {most}")));
+            let text = format_args!("{spin_us} is out of range; allowed: 0 to {most}");
+            return Err(call.argument("spin_us", text));
         }
         let overrun = match catch_up {
             0 => OverrunPolicy::Skip,
             max_cycles => OverrunPolicy::CatchUp { max_cycles },
         };
-        bus.need_adapter(call)?.set_cycle_timing(CycleTiming { spin_ns, overrun });
+        adapter.set_cycle_timing(CycleTiming { spin_ns, overrun });
         Ok(())
     })
 }
 
-/// What the last ecan_igh_wait_next_cycle() met; all 0 before the first.
+/// Gets the start of the cycle as the last ecan_igh_wait_next_cycle() measured it; all 0 before the
+/// first.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
@@ -245,67 +224,47 @@ pub unsafe extern "C" fn ecan_igh_get_cycle_start(
     context: *mut ecan_igh_context_t,
     start: *mut ecan_igh_cycle_start_t,
 ) -> c_int {
-    call("ecan_igh_get_cycle_start", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, out) =
-            unsafe { (bus::enter(call, context.cast())?, call.out("start", start)?) };
-        out.set(bus.need_adapter(call)?.cycle_start().into());
-        Ok(())
-    })
+    enter!(ecan_igh_get_cycle_start, context -> start)
+        .fill(|_, adapter| Ok(adapter.cycle_start().into()))
 }
 
-/// Begins to measure how well the cycle is kept, or anew. Takes about 3 megabytes.
+/// Starts or restarts measuring the timing of the cycles. Takes about 3 megabytes.
 ///
 /// @usage   not rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_measure_cycles(context: *mut ecan_igh_context_t) -> c_int {
-    call("ecan_igh_measure_cycles", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter(call, context.cast())? };
-        bus.need_adapter(call)?.measure_cycles();
+    enter!(ecan_igh_measure_cycles, context).run(|_, adapter| {
+        adapter.measure_cycles();
         Ok(())
     })
 }
 
 fn need_statistics(call: Call, adapter: &Adapter) -> Result<&CycleStatistics, ecan_result_t> {
     adapter.cycle_statistics().ok_or_else(|| {
-        let words = format_args!("nothing is measured: call ecan_igh_measure_cycles first");
-        call.fail(ecan_result_t::ECAN_ERR_ORDER, words)
+        let text = format_args!("nothing is measured: call ecan_igh_measure_cycles first");
+        call.fail(ecan_result_t::ECAN_ERR_ORDER, text)
     })
 }
 
-/// What was measured since ecan_igh_measure_cycles().
+/// Gets the timing of the cycles since ecan_igh_measure_cycles().
 ///
 /// @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
-/// @return  ECAN_OK; ECAN_ERR_ORDER where nothing is measured; ECAN_ERR_NULL,
+/// @return  ECAN_OK; ECAN_ERR_ORDER if nothing is measured; ECAN_ERR_NULL,
 ///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_get_cycle_statistics(
     context: *mut ecan_igh_context_t,
     statistics: *mut ecan_igh_cycle_statistics_t,
 ) -> c_int {
-    call("ecan_igh_get_cycle_statistics", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, out) =
-            unsafe { (bus::enter(call, context.cast())?, call.out("statistics", statistics)?) };
-        let measured = need_statistics(call, bus.need_adapter(call)?)?;
-        out.set(ecan_igh_cycle_statistics_t {
-            period: measured.period().into(),
-            wake_up: measured.wake_up().into(),
-            run_time: measured.run_time().into(),
-            max_period_error_ns: measured.max_period_error_ns(),
-            cycles: measured.cycles(),
-            overruns: measured.overruns(),
-            skipped: measured.skipped(),
-        });
-        Ok(())
-    })
+    enter!(ecan_igh_get_cycle_statistics, context -> statistics)
+        .fill(|call, adapter| Ok(need_statistics(call, adapter)?.into()))
 }
 
-/// The same in words, as in manual 13.9: four lines, the first of them master_period.
+/// Gets the timing of the cycles as text, as in manual 13.9: four lines, the first of them
+/// master_period.
 ///
-/// @param text  Cut where it does not fit; 512 bytes are enough.
+/// @param text  Cut if it does not fit; 512 bytes are enough.
 ///
 /// @usage   not rt, the cycle's thread, after ecan_igh_measure_cycles
 /// @return  As ecan_igh_get_cycle_statistics().

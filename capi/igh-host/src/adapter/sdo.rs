@@ -2,7 +2,7 @@
 
 use std::ffi::{c_int, c_void};
 
-use ecan_host::{Diagnostics, Error, Phase};
+use ecan_host::{Adapter, Diagnostics, Error, Phase};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 
@@ -12,10 +12,10 @@ use crate::bus::{self, Bus};
 use crate::errors;
 use crate::handle::Entered;
 
-/// Longer values than any object has are not waited for, whatever buffer C offers.
+/// Longest value that a transfer allocates memory for, whatever buffer C offers.
 pub(super) const MAX_VALUE_BYTES: usize = 1 << 20;
 
-/// Runs a transfer, on an active bus beside the cycle.
+/// Runs a transfer; on an active bus in parallel with the cycle.
 fn diagnose<R: Send>(
     call: Call,
     bus: &mut Entered<Bus>,
@@ -31,7 +31,7 @@ fn diagnose<R: Send>(
         Some(port) => port.diagnose(work).map_err(|error| errors::port(call, &error))?,
         None => {
             let adapter = bus.need_adapter(call)?;
-            let cycle = |adapter: &mut ecan_host::Adapter| {
+            let cycle = |adapter: &mut Adapter| {
                 let received = adapter.receive();
                 adapter.send().and(received)
             };
@@ -41,18 +41,18 @@ fn diagnose<R: Send>(
     done.map_err(|error| errors::adapter(call, &error))
 }
 
-/// Reads an object of a slave and waits for it. On an active bus the cycle is run meanwhile;
-/// received frames are thrown away then. In the cycle use ecan_igh_sdo_request_read().
+/// Reads an object of a slave and waits for it. On an active bus the call runs the cycle and drops
+/// received frames. In the cycle use ecan_igh_sdo_request_read().
 ///
 /// @param data    Gets the value, little endian.
 /// @param size    Bytes of the buffer.
 /// @param length  Gets the bytes of the value.
 ///
 /// @usage   not rt, the cycle's thread, after init
-/// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() where the slave refused;
-///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE,
-///          ECAN_ERR_MASTER; ECAN_ERR_ATTACHED on an active bus of another owner, where
-///          ecan_igh_diagnostics_sdo_upload() in another thread does it.
+/// @return  ECAN_OK; ECAN_ERR_SDO, with ecan_last_abort_code() if the slave aborted;
+///          ECAN_ERR_BUFFER for a value that does not fit; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
+///          ECAN_ERR_BUSY, ECAN_ERR_SLAVE, ECAN_ERR_MASTER; ECAN_ERR_ATTACHED on an active bus of
+///          another owner: use ecan_igh_diagnostics_sdo_upload() in another thread.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_sdo_upload(
     context: *mut ecan_igh_context_t,

@@ -1,32 +1,34 @@
 //! SDO requests in the cycle
 //!
-//! Created before the bus is active, used in the cycle: start a transfer, look at its state in
-//! later cycles, take the value. A transfer takes some tens of cycles.
+//! Created before the bus is active, used in the cycle: start a transfer, read its state in later
+//! cycles, take the value. A transfer takes some tens of cycles.
 
 use std::ffi::{c_int, c_void};
 
-use ecan_host::RequestState;
+use ecan_host::{Adapter, CycleError, RequestState};
 use ecan_mcan_host::boundary::{Call, call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::mirror;
 
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
 use crate::bus::{self, Bus, Request};
+use crate::entry::enter;
 use crate::errors;
 use crate::handle::Entered;
 
-/// State of an SDO request.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ecan_igh_request_state_t {
-    /// Not used yet.
-    ECAN_IGH_REQUEST_UNUSED = 0,
-    /// Under way.
-    ECAN_IGH_REQUEST_RUNNING = 1,
-    /// Done.
-    ECAN_IGH_REQUEST_SUCCESS = 2,
-    /// Refused by the slave, or timed out; the kernel log tells which.
-    ECAN_IGH_REQUEST_ERROR = 3,
+mirror! {
+    /// State of an SDO request.
+    pub enum ecan_igh_request_state_t from RequestState {
+        /// Not used yet.
+        ECAN_IGH_REQUEST_UNUSED = 0 => RequestState::Unused,
+        /// In progress.
+        ECAN_IGH_REQUEST_RUNNING = 1 => RequestState::Busy,
+        /// Done.
+        ECAN_IGH_REQUEST_SUCCESS = 2 => RequestState::Success,
+        /// Aborted by the slave, or timed out; the kernel log says which.
+        ECAN_IGH_REQUEST_ERROR = 3 => RequestState::Error,
+    }
 }
 
 fn find(call: Call, bus: &Entered<Bus>, request: usize) -> Result<Request, ecan_result_t> {
@@ -36,10 +38,33 @@ fn find(call: Call, bus: &Entered<Bus>, request: usize) -> Result<Request, ecan_
     })
 }
 
+fn state(
+    call: Call,
+    bus: &mut Entered<Bus>,
+    request: Request,
+) -> Result<RequestState, ecan_result_t> {
+    let state = bus.need_adapter(call)?.sdo_request_state(request.id);
+    state.map_err(|error| errors::cycle(call, &error))
+}
+
+/// Starts a transfer of a request that is not in progress.
+fn start(
+    call: Call,
+    bus: &mut Entered<Bus>,
+    request: Request,
+    transfer: impl FnOnce(&mut Adapter) -> Result<(), CycleError>,
+) -> Result<(), ecan_result_t> {
+    if state(call, bus, request)? == RequestState::Busy {
+        let text = format_args!("a transfer of the request is in progress");
+        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
+    }
+    transfer(bus.need_adapter(call)?).map_err(|error| errors::cycle(call, &error))
+}
+
 /// Creates an SDO request. A reconfiguration ends all requests.
 ///
-/// @param size     Bytes of the values that it will write, or most bytes of those that it will read.
-/// @param request  Gets the number by which the request is named.
+/// @param size     Bytes of the values to write, or most bytes of the values to read.
+/// @param request  Gets the number of the request.
 ///
 /// @usage   not rt, the cycle's thread, after init and before the bus is active
 /// @return  ECAN_OK; ECAN_ERR_ORDER on an active bus; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED,
@@ -58,7 +83,8 @@ pub unsafe extern "C" fn ecan_igh_create_sdo_request(
         let adapter = bus.need_adapter(call)?;
         need_slave(call, adapter, slave)?;
         if !(1..=65_536).contains(&size) {
-            return Err(call.argument("size", format_args!("{size} is not 1 to 65536")));
+            let text = format_args!("{size} is out of range; allowed: 1 to 65536");
+            return Err(call.argument("size", text));
         }
         let created = adapter.create_sdo_request(slave, size);
         let id = created.map_err(|error| errors::adapter(call, &error))?;
@@ -68,7 +94,7 @@ pub unsafe extern "C" fn ecan_igh_create_sdo_request(
     })
 }
 
-/// Sets how long a transfer of the request may take.
+/// Sets the timeout for transfers of the request.
 ///
 /// @param timeout_ms  Milliseconds; 0 for the master's own.
 ///
@@ -81,29 +107,17 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_timeout(
     request: usize,
     timeout_ms: u32,
 ) -> c_int {
-    call("ecan_igh_sdo_request_timeout", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter(call, context.cast())? };
-        let request = find(call, &bus, request)?;
+    enter!(ecan_igh_sdo_request_timeout, context).on_bus(|call, bus| {
+        let request = find(call, bus, request)?;
         let set = bus.need_adapter(call)?.sdo_request_timeout(request.id, timeout_ms);
         set.map_err(|error| errors::cycle(call, &error))
     })
 }
 
-/// Refuses a request that is under way.
-fn need_idle(call: Call, bus: &mut Entered<Bus>, request: Request) -> Result<(), ecan_result_t> {
-    let state = bus.need_adapter(call)?.sdo_request_state(request.id);
-    if state.map_err(|error| errors::cycle(call, &error))? == RequestState::Busy {
-        let words = format_args!("the request is under way");
-        return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
-    }
-    Ok(())
-}
-
 /// Starts reading an object.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  ECAN_OK; ECAN_ERR_ORDER for a request under way; ECAN_ERR_NULL,
+/// @return  ECAN_OK; ECAN_ERR_ORDER while a transfer of the request is in progress; ECAN_ERR_NULL,
 ///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT, ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_sdo_request_read(
@@ -112,22 +126,18 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_read(
     index: u16,
     subindex: u8,
 ) -> c_int {
-    call("ecan_igh_sdo_request_read", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter(call, context.cast())? };
-        let request = find(call, &bus, request)?;
-        need_idle(call, &mut bus, request)?;
-        let started = bus.need_adapter(call)?.sdo_request_read(request.id, index, subindex);
-        started.map_err(|error| errors::cycle(call, &error))
+    enter!(ecan_igh_sdo_request_read, context).on_bus(|call, bus| {
+        let request = find(call, bus, request)?;
+        start(call, bus, request, |adapter| adapter.sdo_request_read(request.id, index, subindex))
     })
 }
 
-/// Starts writing an object. EtherCAT's library knows the length of a value only by what the request
-/// holds, so take one request for each size, and another for reading.
+/// Starts writing an object. The EtherCAT library takes the length of a value from what the request
+/// holds, so use one request for each size, and another one for reading.
 ///
 /// @param data  The value, little endian. Is copied.
-/// @param size  Its bytes: the size with which the request was created, or that of the value that it
-///              read last.
+/// @param size  Its bytes: the size with which the request was created, or the size of the value
+///              that it read last.
 ///
 /// @usage   rt, the cycle's thread, active bus
 /// @return  As ecan_igh_sdo_request_read(); ECAN_ERR_BUFFER for another number of bytes.
@@ -147,17 +157,16 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_write(
         };
         let request = find(call, &bus, request)?;
         if size > request.size {
-            let words = format_args!("{size} bytes do not fit a request of {}", request.size);
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+            let text = format_args!("{size} bytes do not fit a request of {}", request.size);
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
         }
-        need_idle(call, &mut bus, request)?;
-        let adapter = bus.need_adapter(call)?;
-        let started = adapter.sdo_request_write(request.id, index, subindex, data);
-        started.map_err(|error| errors::cycle(call, &error))
+        start(call, &mut bus, request, |adapter| {
+            adapter.sdo_request_write(request.id, index, subindex, data)
+        })
     })
 }
 
-/// How far a request is.
+/// Returns the state of a request.
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  An ecan_igh_request_state_t; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
@@ -167,33 +176,22 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_state(
     context: *mut ecan_igh_context_t,
     request: usize,
 ) -> c_int {
-    getter(
-        "ecan_igh_sdo_request_state",
-        |error| error.code(),
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            let mut bus = unsafe { bus::enter(call, context.cast())? };
-            let request = find(call, &bus, request)?;
-            let state = bus.need_adapter(call)?.sdo_request_state(request.id);
-            let state = match state.map_err(|error| errors::cycle(call, &error))? {
-                RequestState::Unused => ecan_igh_request_state_t::ECAN_IGH_REQUEST_UNUSED,
-                RequestState::Busy => ecan_igh_request_state_t::ECAN_IGH_REQUEST_RUNNING,
-                RequestState::Success => ecan_igh_request_state_t::ECAN_IGH_REQUEST_SUCCESS,
-                RequestState::Error => ecan_igh_request_state_t::ECAN_IGH_REQUEST_ERROR,
-            };
-            Ok(state as c_int)
-        },
-    )
+    getter("ecan_igh_sdo_request_state", ecan_result_t::code, |call| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut bus = unsafe { bus::enter(call, context.cast())? };
+        let request = find(call, &bus, request)?;
+        Ok(ecan_igh_request_state_t::from(state(call, &mut bus, request)?) as c_int)
+    })
 }
 
-/// Takes the value that a read has brought.
+/// Takes the value of a finished read.
 ///
 /// @param data    Gets the value, little endian.
 /// @param size    Bytes of the buffer.
 /// @param length  Gets the bytes of the value.
 ///
 /// @usage   rt, the cycle's thread, active bus
-/// @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER where the state is not
+/// @return  ECAN_OK; ECAN_ERR_BUFFER with what fits stored; ECAN_ERR_ORDER if the state is not
 ///          success; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_ARGUMENT,
 ///          ECAN_ERR_MASTER.
 #[unsafe(no_mangle)]
@@ -214,18 +212,16 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_data(
             )
         };
         let request = find(call, &bus, request)?;
-        let adapter = bus.need_adapter(call)?;
-        let state = adapter.sdo_request_state(request.id);
-        if state.map_err(|error| errors::cycle(call, &error))? != RequestState::Success {
-            let words = format_args!("the request has brought nothing");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, words));
+        if state(call, &mut bus, request)? != RequestState::Success {
+            let text = format_args!("the request has no value");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
         }
-        let value = adapter.sdo_request_data(request.id);
+        let value = bus.need_adapter(call)?.sdo_request_data(request.id);
         out.set(value.len());
         if room.push_bytes(value) {
             return Ok(());
         }
-        let words = format_args!("the value has {} bytes, {size} fit", value.len());
-        Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words))
+        let text = format_args!("the value has {} bytes, {size} fit", value.len());
+        Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text))
     })
 }

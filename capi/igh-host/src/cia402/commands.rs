@@ -28,7 +28,8 @@ unsafe fn command(
 }
 
 /// Sends an NMT command to all nodes of the channels that have axes, with the next targets. After
-/// anything but IGH_CANOPEN_NMT_START the axes hold. Configuring a drive sends what it needs by itself.
+/// anything but IGH_CANOPEN_NMT_START the axes hold. Configuring a drive sends what it needs by
+/// itself.
 ///
 /// @param command  An igh_canopen_nmt_t.
 ///
@@ -286,8 +287,8 @@ pub unsafe extern "C" fn igh_cia402_resume(
 ///              mapped; not homing, which igh_cia402_home() does.
 ///
 /// @usage   rt, the cycle's thread, after init
-/// @return  As igh_cia402_request_actual_position_all(), ECAN_ERR_AXIS_STATE also for a mode that is
-///          not mapped; ECAN_ERR_AXIS, ECAN_ERR_ARGUMENT.
+/// @return  As igh_cia402_request_actual_position_all(), ECAN_ERR_AXIS_STATE also for a mode that
+///          is not mapped; ECAN_ERR_AXIS, ECAN_ERR_ARGUMENT.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_change_mode(
     context: *mut igh_cia402_context_t,

@@ -70,10 +70,10 @@ pub(crate) fn need_axis(call: Call, cia402: &Cia402, axis: usize) -> Result<(), 
 /// @param axis_count  Its length.
 ///
 /// @usage   not rt, the cycle's thread, after igh_mcan_port_init
-/// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault of the table; ECAN_ERR_SLAVE, ECAN_ERR_CHANNEL
-///          for what the Port does not have; ECAN_ERR_NOT_INITIALISED for a Port, or an axis that
-///          is not filled; ECAN_ERR_ORDER for a context that lives, or a Port that has axes;
-///          ECAN_ERR_NULL, ECAN_ERR_BUSY.
+/// @return  ECAN_OK; ECAN_ERR_CONFIG with every fault of the table; ECAN_ERR_SLAVE,
+///          ECAN_ERR_CHANNEL for what the Port does not have; ECAN_ERR_NOT_INITIALISED for a Port,
+///          or an axis that is not filled; ECAN_ERR_ORDER for a context that lives, or a Port that
+///          has axes; ECAN_ERR_NULL, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_context_init(
     context: *mut igh_cia402_context_t,

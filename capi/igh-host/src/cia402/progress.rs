@@ -7,17 +7,7 @@ use ecan_mcan_host::boundary::call;
 
 use super::context::igh_cia402_context_t;
 use crate::bus;
-
-/// A function of C that is told what an axis is doing.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct ProgressCallback {
-    function: unsafe extern "C" fn(user: *mut c_void, axis: usize, text: *const c_char),
-    user: *mut c_void,
-}
-
-// SAFETY: the pointer is never followed here, and handed to C only in the thread that calls a
-// waiting function: the header leaves it to the application to allow that.
-unsafe impl Send for ProgressCallback {}
+use crate::callback::ProgressCallback;
 
 /// Calls back when what an axis does has changed.
 pub(crate) struct Reporter {
@@ -51,9 +41,7 @@ impl Reporter {
         }
         *told = Some(now);
         let text = CString::new(progress.to_string()).unwrap_or_default();
-        // SAFETY: the application gave the function for this, with this pointer; the text lives
-        // until it returns.
-        unsafe { (callback.function)(callback.user, progress.axis, text.as_ptr()) };
+        callback.report(progress.axis, &text);
     }
 }
 

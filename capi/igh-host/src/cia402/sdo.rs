@@ -92,8 +92,8 @@ pub unsafe extern "C" fn igh_cia402_sdo_upload(
 /// @param timeout_ms  Milliseconds in all.
 ///
 /// @usage   not rt, the cycle's thread, active bus
-/// @return  As igh_cia402_sdo_upload(); on a master of another owner igh_cia402_sdo_start_download()
-///          does it.
+/// @return  As igh_cia402_sdo_upload(); on a master of another owner
+///          igh_cia402_sdo_start_download() does it.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_sdo_download(
     context: *mut igh_cia402_context_t,

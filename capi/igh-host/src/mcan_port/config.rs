@@ -12,8 +12,8 @@ use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, ScheduleConfig, T
 use ecan_protocol::config::{DataPathConfig, ExtendedFilter, McanChannelConfig, StandardFilter};
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
 
-use crate::adapter::config::{AdapterPlain, ECAN_IGH_MAX_SLAVES, ecan_igh_config_t, no_slave};
-use crate::errors;
+use crate::adapter::config::{AdapterPlain, ECAN_IGH_MAX_SLAVES, ecan_igh_config_t};
+use crate::errors::{self, no_slave};
 
 /// Most filters of a configuration, of all channels together.
 pub const IGH_MCAN_MAX_FILTERS: usize = 512;

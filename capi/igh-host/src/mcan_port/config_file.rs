@@ -141,9 +141,9 @@ unsafe fn load(
 /// changes of `config` have to be applied again.
 ///
 /// @param igh_config  Initialised. What a file has no word for stays: the library (setting `ecrt`),
-///                    scenario, clock and seed of a simulation. Everything else is replaced, startup
-///                    SDOs included. Policies of 0x8020 become startup SDOs, 6 for each gateway that
-///                    has any, and count for ECAN_IGH_MAX_STARTUP_SDOS.
+///                    scenario, clock and seed of a simulation. Everything else is replaced,
+///                    startup SDOs included. Policies of 0x8020 become startup SDOs, 6 for each
+///                    gateway that has any, and count for ECAN_IGH_MAX_STARTUP_SDOS.
 /// @param config      Is overwritten, whatever it holds.
 /// @param path        The file, as the system names it; a relative one counts from the working
 ///                    directory.

@@ -96,8 +96,8 @@ pub(crate) fn plan(
 /// Plans configurations for a traffic.
 ///
 /// @param streams  The frames; may be NULL where count is 0.
-/// @param text     Gets the plan as a table with its warnings; cut where it does not fit. 4096 bytes
-///                 are enough for a few gateways.
+/// @param text     Gets the plan as a table with its warnings; cut where it does not fit. 4096
+///                 bytes are enough for a few gateways.
 /// @param size     Bytes of the text, NUL included; 0 asks for none.
 ///
 /// @usage   not rt, any thread, any time

@@ -34,8 +34,8 @@ pub struct igh_mcan_schedule_settings_t {
     pub watch_ms: u32,
     /// 1 refuses frames without margin; 0 sends and counts them.
     pub refuse_without_margin: u8,
-    /// 1 gives up an image of scheduled frames only that may not have arrived, since published again
-    /// they could leave a period late.
+    /// 1 gives up an image of scheduled frames only that may not have arrived, since published
+    /// again they could leave a period late.
     pub give_up_missed: u8,
     /// Not used.
     pub reserved: [u8; 2],
@@ -260,7 +260,8 @@ pub unsafe extern "C" fn igh_mcan_port_set_schedule(
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, whatever the margin is; ECAN_ERR_SCHEDULE for an offset that cannot be
-///          scheduled at all; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.
+///          scheduled at all; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY,
+///          ECAN_ERR_SLAVE.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_get_schedule_margin(
     port: *mut igh_mcan_port_t,
@@ -332,8 +333,8 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_diagnostics(
     })
 }
 
-/// Has the gateway clear the flags of 0xB000:06, and with them its other runtime diagnostics, in the
-/// cycles to come (manual 13.7, bit 5).
+/// Has the gateway clear the flags of 0xB000:06, and with them its other runtime diagnostics, in
+/// the cycles to come (manual 13.7, bit 5).
 ///
 /// @usage   rt, the cycle's thread, after init
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY, ECAN_ERR_SLAVE.

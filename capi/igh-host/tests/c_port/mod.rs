@@ -1,5 +1,5 @@
-//! A Port as a C program has it: contexts in memory of any content, on a simulated gateway with echo
-//! nodes and a stepped clock.
+//! A Port as a C program has it: contexts in memory of any content, on a simulated gateway with
+//! echo nodes and a stepped clock.
 
 use std::mem::MaybeUninit;
 

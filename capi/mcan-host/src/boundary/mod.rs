@@ -2,6 +2,7 @@
 //! every error leaves its words behind.
 
 mod call;
+mod mirror;
 mod places;
 mod sealed;
 
