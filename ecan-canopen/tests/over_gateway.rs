@@ -158,7 +158,7 @@ fn while_an_image_is_held_syncs_do_not_pile_up_behind_it() {
         }
     };
     let mut back = cycles(&mut port, &mut network, 10, &mut target);
-    simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 6 });
+    simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
     back.extend(cycles(&mut port, &mut network, 20, &mut target));
     assert_eq!(held, 6);
     network.set_sync(None).unwrap();
@@ -266,7 +266,7 @@ fn lost_ethernet_frames_do_not_end_a_blocking_call() {
     let mut network = Network::new(NetworkConfig::default());
     let node = network.add_node(address(0, 0, 5), NodeConfig::default()).unwrap();
     network.wait_nmt_state_blocking(&mut port, NmtState::PreOperational, 10_000).unwrap();
-    simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 5 });
+    simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 5 });
     let value = network.upload_blocking(&mut port, node, (0x1000, 0), 1_000).unwrap();
     assert_eq!(value, [0x92, 0x01, 0x02, 0x00]);
 }

@@ -220,7 +220,7 @@ fn the_402_master_of_the_canopen_package_drives_our_drive() {
         bitrate: Some(500_000),
         data_bitrate: None,
     };
-    let settings = DriveSpec { settings: DriveConfig::new(drive), eds: None };
+    let settings = DriveSpec { config: DriveConfig::new(drive), eds: None };
     let scenario = Scenario {
         gateways: vec![GatewaySpec::at(0)],
         nodes: vec![

@@ -36,7 +36,7 @@ fn forty_axes_allocate_nothing() {
     // The simulated world grows its queues to their working size first.
     cycles(&mut bench, 500);
     assert_eq!(cycles(&mut bench, 500), 0, "in motion");
-    bench.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 6 });
+    bench.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
     bench.inject(Fault::NodeSilent { node: "drive 1.2/3".to_owned(), for_ms: 500 });
     assert_eq!(cycles(&mut bench, 500), 0, "in trouble");
     assert!(!bench.cia402.is_running(0));

@@ -227,7 +227,7 @@ fn a_brake_that_takes_longer_than_allowed_is_named() {
 fn a_lost_frame_repeats_the_last_image_and_nothing_else() {
     for way in [LossDirection::Outward, LossDirection::Return] {
         let mut bench = in_motion(4);
-        bench.inject(Fault::LostFrame { way, cycles: 1 });
+        bench.inject(Fault::LostFrame { direction: way, cycles: 1 });
         bench.steps(50);
         for n in 0..4 {
             let statistics = bench.cia402.statistics(n);
@@ -240,7 +240,7 @@ fn a_lost_frame_repeats_the_last_image_and_nothing_else() {
 #[test]
 fn a_lost_working_counter_holds_until_taken_up() {
     let mut bench = in_motion(4);
-    bench.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 6 });
+    bench.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
     bench.until(20, |cia402| !cia402.is_running(0));
     bench.steps(50);
     for n in 0..4 {
@@ -259,7 +259,7 @@ fn an_axis_may_take_itself_up_after_trouble_on_the_way() {
     table[0].auto_take_up = true;
     let mut bench = Fixture::single(table).started();
     bench.steps(100);
-    bench.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 6 });
+    bench.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 6 });
     bench.steps(100);
     assert!(bench.cia402.is_running(0) && !bench.cia402.is_running(1));
     assert_eq!(bench.cia402.statistics(0).take_ups, 2);

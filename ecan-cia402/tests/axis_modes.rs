@@ -53,7 +53,7 @@ fn a_velocity_axis_that_holds_is_stopped() {
         bench.idle(1);
     }
     bench.idle(100);
-    bench.inject(Fault::LostFrame { way: ecan_sim::LossDirection::Outward, cycles: 6 });
+    bench.inject(Fault::LostFrame { direction: ecan_sim::LossDirection::Outward, cycles: 6 });
     bench.idle(300);
     assert!(!bench.cia402.is_running(0));
     let (state, velocity) = bench.drive(0, |drive| (drive.state(), drive.velocity()));

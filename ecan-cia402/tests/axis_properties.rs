@@ -68,7 +68,7 @@ fn event() -> impl Strategy<Value = Event> {
 fn strike(bench: &mut Fixture, event: &Event) {
     let gateway = |fault| Fault::Gateway { gateway: 0, fault };
     match *event {
-        Event::LostFrames(way, cycles) => bench.inject(Fault::LostFrame { way, cycles }),
+        Event::LostFrames(way, cycles) => bench.inject(Fault::LostFrame { direction: way, cycles }),
         Event::BusOff => bench.inject(Fault::BusOff { gateway: 0, channel: 0 }),
         Event::ErrorFrames(frames) => {
             bench.inject(Fault::ErrorFrames { gateway: 0, channel: 0, frames });

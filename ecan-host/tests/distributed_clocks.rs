@@ -15,7 +15,7 @@ const CYCLE_NS: u32 = 1_000_000;
 fn opened(drifts: &[i32], scenario: Scenario, dc: DcSync) -> (Adapter, Simulation) {
     let mut scenario = Scenario { gateways: ecan_sim::echo(drifts.len()).gateways, ..scenario };
     for (gateway, ppm) in scenario.gateways.iter_mut().zip(drifts) {
-        gateway.settings.clock_drift_ppb = ppm * 1_000;
+        gateway.config.clock_drift_ppb = ppm * 1_000;
     }
     let (ecrt, simulation) = simulated(scenario);
     let mut config = raw_config().0;
@@ -113,11 +113,11 @@ fn lost_frames_are_counted_and_do_not_shift_the_phase() {
     phase_errors(&mut adapter, 1_000);
     for way in [LossDirection::Outward, LossDirection::Return] {
         let before = status(&adapter).missed_readings;
-        simulation.inject(Fault::LostFrame { way, cycles: 1 });
+        simulation.inject(Fault::LostFrame { direction: way, cycles: 1 });
         let errors = phase_errors(&mut adapter, 200);
         assert!(worst(&errors) < 1_000, "{way:?}: {} ns", worst(&errors));
         assert_eq!(status(&adapter).missed_readings - before, 1);
-        simulation.inject(Fault::LostFrame { way, cycles: 50 });
+        simulation.inject(Fault::LostFrame { direction: way, cycles: 50 });
         let errors = phase_errors(&mut adapter, 300);
         assert!(worst(&errors) < 1_000, "{way:?}: {} ns", worst(&errors));
     }

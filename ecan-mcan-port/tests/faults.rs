@@ -54,7 +54,7 @@ fn all_numbers() -> Vec<u8> {
 fn f01_a_frame_lost_on_its_way_out_is_published_again() {
     for multiplier in [3, 8] {
         let mut bench = bench_with(multiplier, on_channel_0());
-        let fault = Fault::LostFrame { way: LossDirection::Outward, cycles: 1 };
+        let fault = Fault::LostFrame { direction: LossDirection::Outward, cycles: 1 };
         assert_eq!(numbers_around(&mut bench, fault), all_numbers(), "N = {multiplier}");
         let statistics = bench.port.statistics(bench.port.gw(0));
         assert_eq!(statistics.rxpdo_repeated, 1);
@@ -68,7 +68,7 @@ fn f01_a_frame_lost_on_its_way_out_is_published_again() {
 fn f02_a_lost_reply_loses_its_txpdo_and_sends_nothing_twice() {
     for multiplier in [3, 8] {
         let mut bench = bench_with(multiplier, on_channel_0());
-        let fault = Fault::LostFrame { way: LossDirection::Return, cycles: 1 };
+        let fault = Fault::LostFrame { direction: LossDirection::Return, cycles: 1 };
         let back = numbers_around(&mut bench, fault);
         assert_eq!(back.len(), 59, "the frame in the lost image is gone: {back:?}");
         assert!(back.is_sorted_by(|a, b| a < b), "order holds: {back:?}");
@@ -106,7 +106,7 @@ fn f04_a_working_counter_that_shows_only_the_read_repeats_the_image() {
 #[test]
 fn f05_a_short_outage_is_held_and_nothing_is_lost() {
     let mut bench = bench_with(3, on_channel_0());
-    let fault = Fault::LostFrame { way: LossDirection::Outward, cycles: 8 };
+    let fault = Fault::LostFrame { direction: LossDirection::Outward, cycles: 8 };
     assert_eq!(numbers_around(&mut bench, fault), all_numbers());
     let statistics = bench.port.statistics(bench.port.gw(0));
     assert_eq!((statistics.rxpdo_repeated, statistics.sessions_lost), (8, 0));
@@ -115,7 +115,7 @@ fn f05_a_short_outage_is_held_and_nothing_is_lost() {
 #[test]
 fn f06_frames_sent_while_an_image_is_held_can_be_discarded() {
     let mut bench = bench_with(3, on_channel_0());
-    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 5 });
+    bench.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 5 });
     bench.cycle(|cycle| {
         cycle.send_can(0, 0, id(1), &[]).unwrap();
     });
@@ -134,7 +134,7 @@ fn f06_frames_sent_while_an_image_is_held_can_be_discarded() {
 #[test]
 fn f07_a_long_outage_ends_the_session_and_the_gateway_is_verified_anew() {
     let mut bench = bench_with(3, on_channel_0());
-    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 40 });
+    bench.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 40 });
     bench.cycle(|cycle| {
         cycle.send_can(0, 0, id(1), &[]).unwrap();
     });
@@ -310,7 +310,7 @@ fn f16_without_a_partner_on_the_bus_the_queue_fills_and_the_host_is_held_back() 
 fn f16_pacing_holds_whatever_threshold_the_gateway_has() {
     for tx_pressure_percent in [30, 75, 100] {
         let mut scenario = ecan_sim::echo(1);
-        scenario.gateways[0].settings.tx_pressure_percent = tx_pressure_percent;
+        scenario.gateways[0].config.tx_pressure_percent = tx_pressure_percent;
         let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
         let slow = ecan_mcan_port::ChannelConfig::classic(125_000);
         let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, slow));
@@ -342,7 +342,7 @@ fn f18_an_al_error_in_op_is_recovered_by_the_master_and_verified() {
 #[test]
 fn f19_a_silent_mailbox_delays_verification_and_is_named() {
     let mut bench = bench_with(3, on_channel_0());
-    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
+    bench.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 15 });
     bench.cycle(|cycle| {
         cycle.send_can(0, 0, id(1), &[]).unwrap();
     });
@@ -472,7 +472,7 @@ fn f26_a_busy_bus_does_not_keep_a_gateway_out_of_service() {
     assert!(bench.port.statistics(bench.port.gw(0)).txpdo_incomplete > 0);
     let status = |diagnostics: &Diagnostics| diagnostics.sdo_upload_u32(0, 0x8010, 2).unwrap();
     assert_eq!(bench.port.diagnose(status).unwrap(), 8);
-    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 30 });
+    bench.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 30 });
     bench.cycle(|cycle| {
         let _ = cycle.send_can(0, 0, id(1), &[]);
     });
@@ -488,14 +488,14 @@ fn f26_a_busy_bus_does_not_keep_a_gateway_out_of_service() {
 fn f27_a_loss_in_the_middle_of_a_verification_starts_it_from_the_beginning() {
     for cycles in 1..45 {
         let mut bench = bench_with(3, on_channel_0());
-        bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
+        bench.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 15 });
         bench.cycle(|cycle| {
             cycle.send_can(0, 0, id(1), &[]).unwrap();
         });
         let verifying = |port: &Port| port.session(port.gw(0)) == Session::Verifying;
         assert!(bench.until(100, verifying).is_some());
         bench.idle(cycles);
-        bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
+        bench.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 15 });
         assert!(bench.until(2_000, |port| port.statistics(port.gw(0)).sessions == 2).is_some());
         assert_eq!(bench.carry(0, &[frame(3, &[])], 20).len(), 1, "lost after {cycles}");
         assert_eq!(bench.port.statistics(bench.port.gw(0)).verification_failures, 0);
@@ -513,7 +513,7 @@ fn f28_a_gateway_that_sends_no_images_is_not_left_in_service() {
 #[test]
 fn calls_out_of_order_lose_nothing() {
     let mut bench = bench_with(3, on_channel_0());
-    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 1 });
+    bench.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 1 });
     assert!(bench.port.open_cycle().is_none());
     let mut cycle = bench.port.next_cycle();
     cycle.send_can(0, 0, id(1), &[]).unwrap();

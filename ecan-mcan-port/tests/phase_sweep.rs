@@ -69,7 +69,7 @@ fn the_recommended_point_holds_in_a_longer_run_and_the_bad_ones_are_bad() {
 #[test]
 fn a_slow_firmware_needs_an_offset() {
     let mut scenario = ecan_sim::echo(1);
-    scenario.gateways[0].settings.service_delay_ns = 250_000;
+    scenario.gateways[0].config.service_delay_ns = 250_000;
     let mut bench = with_sync0(scenario, 100_000, results);
     let sweep = PhaseSweep {
         shifts_ns: vec![200_000],

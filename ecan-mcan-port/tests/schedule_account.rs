@@ -125,7 +125,9 @@ fn lost_images_leave_unknown_frames_and_none_is_sent_late() {
             bench.simulation.with_world(|world| world.record_bus_of(0, 0));
             for nth in 0..200_u32 {
                 if nth % 20 == 10 {
-                    bench.simulation.inject(Fault::LostFrame { way, cycles: 1 + nth / 60 });
+                    bench
+                        .simulation
+                        .inject(Fault::LostFrame { direction: way, cycles: 1 + nth / 60 });
                 }
                 schedule(&mut bench, 1, OFFSET_NS);
             }
@@ -224,7 +226,7 @@ fn the_account_never_claims_what_did_not_happen_whatever_strikes() {
         for _ in 0..400 {
             let fault = match draw(&mut state, 200) {
                 0..4 => Some(Fault::LostFrame {
-                    way: [LossDirection::Outward, LossDirection::Return]
+                    direction: [LossDirection::Outward, LossDirection::Return]
                         [draw(&mut state, 2) as usize],
                     cycles: 1 + draw(&mut state, 5) as u32,
                 }),
@@ -264,7 +266,7 @@ fn no_frame_leaves_before_its_phase_or_a_period_behind_it() {
         for _ in 0..400 {
             let fault = match draw(&mut state, 100) {
                 0..6 => Some(Fault::LostFrame {
-                    way: [LossDirection::Outward, LossDirection::Return]
+                    direction: [LossDirection::Outward, LossDirection::Return]
                         [draw(&mut state, 2) as usize],
                     cycles: 1 + draw(&mut state, 5) as u32,
                 }),

@@ -108,7 +108,7 @@ fn a_pulse_within_the_way_of_the_images_refuses_no_frame() {
 #[test]
 fn an_image_with_other_frames_is_held_and_takes_no_scheduled_one_meanwhile() {
     let mut bench = with_sync0(echo(1), SHIFT_NS, results);
-    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 2 });
+    bench.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 2 });
     bench.cycle(|cycle| {
         cycle.send_can(0, 0, id(1), &[]).unwrap();
         let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
@@ -146,7 +146,7 @@ fn a_repeated_image_is_never_told_as_sent() {
     for way in [LossDirection::Outward, LossDirection::Return] {
         for change in [results as fn(&mut GatewayConfig), |_| ()] {
             let mut bench = with_sync0(echo(1), SHIFT_NS, change);
-            bench.simulation.inject(Fault::LostFrame { way, cycles: 3 });
+            bench.simulation.inject(Fault::LostFrame { direction: way, cycles: 3 });
             bench.cycle(|cycle| {
                 let at = Schedule { tag: 0, offset_ns: OFFSET_NS };
                 cycle.schedule_can(0, 0, id(2), &[], at).unwrap();
@@ -248,7 +248,7 @@ fn a_repeat_that_meets_the_same_pulse_loses_nothing() {
             for nth in 0..40 {
                 if nth % 4 == 0 {
                     let way = LossDirection::Outward;
-                    bench.simulation.inject(Fault::LostFrame { way, cycles: 1 });
+                    bench.simulation.inject(Fault::LostFrame { direction: way, cycles: 1 });
                 }
                 schedule(&mut bench, u16::from(nth % 4 == 0), OFFSET_NS);
             }
@@ -269,7 +269,7 @@ fn a_repeat_is_given_up_when_the_pulse_has_passed() {
         let mut bench = with_long_sync0(SHIFT_NS, change);
         for _ in 0..20 {
             let way = LossDirection::Outward;
-            bench.simulation.inject(Fault::LostFrame { way, cycles: 5 });
+            bench.simulation.inject(Fault::LostFrame { direction: way, cycles: 5 });
             schedule(&mut bench, 1, OFFSET_NS);
             bench.idle(12);
         }

@@ -21,7 +21,7 @@ fn bench() -> Fixture {
 /// In a verification, at its first objects.
 fn verifying() -> Fixture {
     let mut bench = bench();
-    bench.simulation.inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 15 });
+    bench.simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 15 });
     bench.cycle(|cycle| {
         cycle.send_can(0, 0, id(1), &[]).unwrap();
     });

@@ -1,7 +1,7 @@
-//! From the `ecrt` setting to a library: the real one or a simulated one.
+//! Resolves the `ecrt` setting to the real or a simulated library.
 //!
-//! This is the only place that chooses between the two, and it never falls back from the real
-//! library to the simulator by itself.
+//! Only this module selects between the two; it never falls back from the real library to the
+//! simulator.
 
 use std::path::{Path, PathBuf};
 
@@ -13,21 +13,21 @@ use crate::node::BridgeFactory;
 use crate::scenario::{self, BUILTIN_SCENARIOS, ClockKind, Scenario};
 use crate::simulation::Simulation;
 
-/// Which scenario a simulated library runs.
+/// Scenario of a simulated library.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum ScenarioChoice {
-    /// The one that the program suggests, see [`SimOptions::suggested`].
+    /// The scenario that the program suggests, see [`SimOptions::suggested`].
     Suggested,
-    /// A built-in one.
+    /// A built-in scenario.
     Named(String),
-    /// A file.
+    /// A scenario file.
     File(PathBuf),
-    /// One made in memory.
+    /// A scenario made in memory.
     Given(Box<Scenario>),
 }
 
 impl ScenarioChoice {
-    /// Reads the name of a built-in scenario, or of a file that ends in `.toml`.
+    /// Parses the name of a built-in scenario, or of a file that ends in `.toml`.
     ///
     /// # Errors
     /// [`BackendError::UnknownScenario`].
@@ -55,19 +55,19 @@ impl ScenarioChoice {
 pub struct SimOptions {
     /// Built-in scenario for a plain `sim`; `None` is `echo`.
     pub suggested: Option<String>,
-    /// Clock unless the scenario names one; `None` is [`ClockKind::Real`].
+    /// Clock if the scenario has none; `None` is [`ClockKind::Real`].
     pub clock: Option<ClockKind>,
-    /// Seed in place of the scenario's.
+    /// Replaces the scenario's seed.
     pub seed: Option<u64>,
-    /// Gateways of a built-in scenario; `None` is 1.
+    /// Number of gateways of a built-in scenario; `None` is 1.
     pub slaves: Option<usize>,
-    /// Whether the simulated master carries large PDOs, in place of the scenario's word.
+    /// Replaces the scenario's `carries_large_pdos`.
     pub carries_large_pdos: Option<bool>,
     /// Makes the bridges of a scenario file; without it a scenario with a bridge is an error.
     pub bridges: Option<BridgeFactory>,
 }
 
-/// A library, and the simulation behind it if it is a simulated one.
+/// A library, with its simulation if it is simulated.
 #[derive(Clone, Debug)]
 pub struct Backend {
     /// The library.
@@ -76,13 +76,13 @@ pub struct Backend {
     pub simulation: Option<Simulation>,
 }
 
-/// Opens the library that the setting names.
+/// Opens the library of a setting.
 ///
-/// A simulated world is some seconds old when this returns: its gateways have booted and the
-/// master has scanned them.
+/// A simulated world is some seconds old when this returns: its gateways have booted and the master
+/// has scanned them.
 ///
 /// # Errors
-/// The real library's error, or what is wrong with the scenario.
+/// The real library cannot be loaded, or the scenario is invalid.
 pub fn open(setting: &EcrtSetting, options: &SimOptions) -> Result<Backend, BackendError> {
     match setting {
         EcrtSetting::Library(path) => {
@@ -99,23 +99,22 @@ fn open_simulated(choice: &ScenarioChoice, options: &SimOptions) -> Result<Backe
     Ok(Backend { ecrt: simulated_library(&simulation), simulation: Some(simulation) })
 }
 
-/// Opens a simulation without the table of a library in front, for [`libethercat`].
+/// Opens a simulation without a function table, for [`libethercat`].
 ///
 /// [`libethercat`]: crate::libethercat
 ///
 /// # Errors
-/// What is wrong with the scenario.
+/// The scenario is invalid.
 pub fn simulate(choice: &ScenarioChoice, options: &SimOptions) -> Result<Simulation, BackendError> {
     let scenario = load_scenario(choice, options)?;
     let clock = scenario.clock.or(options.clock).unwrap_or(ClockKind::Real);
     Simulation::new(&scenario, clock, options.bridges)
 }
 
-/// The scenario of a choice, with what the options put in place of its own words; reads the file if
-/// it is one. Their clock is left to whoever runs it.
+/// Loads a scenario and applies the options, except their clock.
 ///
 /// # Errors
-/// There is no such scenario, or its file cannot be read or is wrong.
+/// The scenario does not exist, or its file cannot be read or is invalid.
 pub fn load_scenario(
     choice: &ScenarioChoice,
     options: &SimOptions,
@@ -133,7 +132,7 @@ pub fn load_scenario(
 /// Opens a simulated library for a scenario made in memory.
 ///
 /// # Errors
-/// What is wrong with the scenario's files.
+/// A file of the scenario cannot be read or is invalid.
 pub fn open_scenario(scenario: Scenario, options: &SimOptions) -> Result<Backend, BackendError> {
     open_simulated(&ScenarioChoice::Given(Box::new(scenario)), options)
 }
@@ -178,8 +177,7 @@ mod tests {
         let error = open(&EcrtSetting::parse("sim:ecco"), &SimOptions::default()).unwrap_err();
         assert_eq!(
             error.to_string(),
-            "there is no scenario \"ecco\"; there are: echo, drives, jitter, or the name of a file that \
-             ends in .toml"
+            "unknown scenario \"ecco\"; allowed: echo, drives, jitter, or a file name that ends in .toml"
         );
     }
 

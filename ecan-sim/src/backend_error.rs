@@ -12,11 +12,11 @@ use crate::scenario::{BUILTIN_SCENARIOS, ScenarioError};
 #[derive(Debug, thiserror::Error)]
 pub enum BackendError {
     /// The real library cannot be loaded.
-    #[error("{0}; without hardware choose the simulated master with the setting `sim`")]
+    #[error("{0}; without hardware select the simulated master with the setting `sim`")]
     Load(#[from] LoadError),
     /// No built-in scenario has this name.
     #[error(
-        "there is no scenario \"{name}\"; there are: {}, or the name of a file that ends in .toml",
+        "unknown scenario \"{name}\"; allowed: {}, or a file name that ends in .toml",
         BUILTIN_SCENARIOS.join(", ")
     )]
     UnknownScenario {

@@ -7,8 +7,8 @@ use ecrt_sys::Clock;
 use crate::ecrt::Shared;
 use crate::scenario::ClockKind;
 
-/// Clock of a simulated world: the system's monotonic clock, or the stepped one, which moves while
-/// someone sleeps on it.
+/// Clock of a simulated world: the system's monotonic clock, or the stepped clock, which advances
+/// while a thread sleeps on it.
 #[derive(Clone)]
 pub struct SimClock {
     shared: Arc<Shared>,
@@ -29,7 +29,7 @@ impl Clock for SimClock {
         self.shared.sleep_as_application(deadline_ns, 0);
     }
 
-    /// In stepped time the spin is simulated: it swallows as much of the scenario's
+    /// In stepped time the spin is simulated: it hides an equal part of the scenario's
     /// [`WakeUpDelay`](crate::WakeUpDelay).
     fn sleep_and_spin_until_ns(&self, deadline_ns: u64, spin_ns: u64) {
         self.shared.sleep_as_application(deadline_ns, spin_ns);

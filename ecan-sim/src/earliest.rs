@@ -1,10 +1,10 @@
-//! The first of several instants.
+//! The earliest of several times.
 
 const NEVER: u64 = u64::MAX;
 
-/// The earliest of some instants, each of which may never come; the end of time counts as never.
+/// The earliest of several optional times; `u64::MAX` counts as `None`.
 ///
-/// Asked for after every event, so it is made of comparisons without branches.
+/// Called after every event, so it consists of branch-free comparisons.
 #[inline]
 pub(crate) fn earliest(times: impl IntoIterator<Item = Option<u64>>) -> Option<u64> {
     let first = times.into_iter().fold(NEVER, |first, time| first.min(time.unwrap_or(NEVER)));

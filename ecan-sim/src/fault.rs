@@ -1,24 +1,24 @@
-//! Faults that a scenario scripts or a test injects, and when they strike.
+//! Faults that a scenario schedules or a test injects.
 
 use std::collections::VecDeque;
 
 use crate::gateway::GatewayFault;
 
-/// Which half of a frame's way loses it.
+/// Direction in which a frame is lost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LossDirection {
     /// Before the first slave: no slave sees the frame.
     Outward,
-    /// Behind the last slave: every slave has acted on it, the master does not learn so.
+    /// After the last slave: every slave has processed the frame, the master does not receive it.
     Return,
 }
 
 /// A call of libethercat that [`Fault::LibraryError`] makes fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum LibraryCall {
-    /// `ecrt_master_receive`: what has arrived stays where it is for the next call.
+    /// `ecrt_master_receive`: received frames remain for the next call.
     Receive,
-    /// `ecrt_master_send`: what is queued stays queued.
+    /// `ecrt_master_send`: queued datagrams remain queued.
     Send,
     /// `ecrt_domain_process`: the domain keeps its last working counter.
     DomainProcess,
@@ -29,59 +29,60 @@ pub enum LibraryCall {
 }
 
 impl LibraryCall {
-    /// How many there are.
+    /// Number of calls.
     pub(crate) const COUNT: usize = 5;
 }
 
 /// A fault of the library, on the line, in a gateway, on a bus or in a node.
 ///
-/// `gateway` is the position on the EtherCAT line, from 0; one that does not exist makes the
-/// fault do nothing.
+/// `gateway` is the position on the EtherCAT line, from 0; if it does not exist, the fault has no
+/// effect.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Fault {
-    /// The frames of the next `cycles` sends get lost.
+    /// The frames of the next `cycles` sends are lost.
     LostFrame {
-        /// Where.
-        way: LossDirection,
-        /// How many sends.
+        /// Direction.
+        direction: LossDirection,
+        /// Number of sends.
         cycles: u32,
     },
-    /// The working counter of every process data datagram of the next `cycles` sends arrives
-    /// changed by `offset`; it does not fall below 0.
+    /// The working counter of every process data datagram of the next `cycles` sends is changed by
+    /// `offset`, but not below 0.
     WorkingCounterOffset {
         /// Difference.
         offset: i32,
-        /// How many sends.
+        /// Number of sends.
         cycles: u32,
     },
     /// The gateway loses its supply for `off_ms` milliseconds, then boots.
     PowerCycle {
         /// Position.
         gateway: usize,
-        /// Milliseconds without supply.
+        /// Time without supply, ms.
         off_ms: u32,
     },
-    /// The gateway loses its supply for good.
+    /// The gateway loses its supply permanently.
     PowerOff {
         /// Position.
         gateway: usize,
     },
-    /// The cable in front of the gateway is open for `for_ms` milliseconds: it and those behind
-    /// it keep their power, but answer no frame. At position 0 the master's own link is down.
+    /// The cable before the gateway is open for `for_ms` milliseconds: the gateway and those
+    /// downstream keep their supply, but receive no frames. At position 0 the master's own link is
+    /// down.
     LinkLoss {
         /// Position.
         gateway: usize,
-        /// Milliseconds.
+        /// Duration, ms.
         for_ms: u32,
     },
     /// A fault inside a gateway.
     Gateway {
         /// Position.
         gateway: usize,
-        /// What.
+        /// Fault.
         fault: GatewayFault,
     },
-    /// The gateway's CAN controller of this channel goes bus-off.
+    /// The CAN controller of this channel becomes bus-off.
     BusOff {
         /// Position.
         gateway: usize,
@@ -94,40 +95,39 @@ pub enum Fault {
         gateway: usize,
         /// Channel, 0 to 3.
         channel: usize,
-        /// How many.
+        /// Number of transmissions.
         frames: u32,
     },
-    /// The node sends nothing for `for_ms` milliseconds. It still acknowledges. So a drive falls
-    /// silent too.
+    /// The node sends nothing for `for_ms` milliseconds, but still acknowledges.
     NodeSilent {
         /// Name of the node.
         node: String,
-        /// Milliseconds.
+        /// Duration, ms.
         for_ms: u32,
     },
-    /// The next `times` calls of this function of the library fail without doing their work, as
-    /// when a signal interrupts them (`EINTR`). In 1.5 they fail silently. Struck with a cycle, it
-    /// concerns the calls behind that cycle's send.
+    /// The next `times` calls of this function fail without effect, as when a signal interrupts
+    /// them (`EINTR`). In 1.5 they fail silently. If scheduled by cycle, it affects the calls after
+    /// that cycle's send.
     LibraryError {
-        /// Which function.
+        /// Function.
         call: LibraryCall,
         /// Error number, positive.
         errno: i32,
-        /// How many calls.
+        /// Number of calls.
         times: u32,
     },
-    /// The master begins no SDO or register request of a configuration for `for_ms` milliseconds,
-    /// as where process data leave its mailbox traffic no room. Requests stay busy, whatever their
-    /// timeout.
+    /// The master starts no SDO or register request of a configuration for `for_ms` milliseconds,
+    /// as when process data leave no bandwidth for its mailbox traffic. Requests stay busy,
+    /// regardless of their timeout.
     RequestsHeld {
-        /// Milliseconds.
+        /// Duration, ms.
         for_ms: u32,
     },
-    /// A fault in a drive. Nothing happens when the node is none.
+    /// A fault in a drive. No effect if the node is not a drive.
     Drive {
         /// Name of the node.
         node: String,
-        /// What.
+        /// Fault.
         fault: DriveFault,
     },
 }
@@ -135,12 +135,12 @@ pub enum Fault {
 /// A fault in a simulated drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DriveFault {
-    /// The drive finds a fault: emergency message, fault reaction (0x605E), state fault.
+    /// The drive detects a fault: emergency message, fault reaction (0x605E), state Fault.
     Error {
-        /// Error code of CiA 402, as 0x2310.
+        /// CiA 402 error code, for example 0x2310.
         code: u16,
     },
-    /// An error comes and goes: an emergency message without a change of state.
+    /// A temporary error: an emergency message without a change of state.
     Emcy {
         /// Error code.
         code: u16,
@@ -149,35 +149,35 @@ pub enum DriveFault {
     },
     /// The drive loses its supply for `off_ms` milliseconds, then boots. Its motor coasts.
     PowerCycle {
-        /// Milliseconds without supply.
+        /// Time without supply, ms.
         off_ms: u32,
     },
-    /// The machine is jammed for `for_ms` milliseconds: the motor stands whatever its torque.
+    /// The motor is blocked for `for_ms` milliseconds.
     Blocked {
-        /// Milliseconds.
+        /// Duration, ms.
         for_ms: u32,
     },
 }
 
-/// When a scripted fault strikes.
+/// Time of a scheduled fault.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum When {
-    /// With the n-th send that carries process data since the simulation began, from 1.
+    /// At the n-th send with process data since the start of the simulation, from 1.
     Cycle(u64),
-    /// So many nanoseconds after the simulation began.
+    /// Nanoseconds after the start of the simulation.
     At(u64),
 }
 
 /// A fault and its time.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ScriptedFault {
-    /// When.
+    /// Time.
     pub when: When,
-    /// What.
+    /// Fault.
     pub fault: Fault,
 }
 
-/// The faults still to come.
+/// The pending faults.
 #[derive(Debug, Default)]
 pub(crate) struct FaultScript {
     by_cycle: VecDeque<(u64, Fault)>,
@@ -185,8 +185,8 @@ pub(crate) struct FaultScript {
 }
 
 impl FaultScript {
-    /// Adds a fault; `start_ns` is the beginning of the simulation. Faults of one instant strike
-    /// in the order in which they were added.
+    /// Adds a fault; `start_ns` is the start of the simulation. Faults of one instant occur in the
+    /// order in which they were added.
     pub(crate) fn add(&mut self, start_ns: u64, scripted: ScriptedFault) {
         let (list, at) = match scripted.when {
             When::Cycle(cycle) => (&mut self.by_cycle, cycle),
@@ -196,7 +196,7 @@ impl FaultScript {
         list.insert(place, (at, scripted.fault));
     }
 
-    /// The next fault by time, in simulated nanoseconds.
+    /// Time of the next timed fault, simulated ns.
     pub(crate) fn next_time(&self) -> Option<u64> {
         self.by_time.front().map(|(at, _)| *at)
     }

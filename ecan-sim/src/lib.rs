@@ -1,4 +1,5 @@
-//! A simulated ECAN-Lite gateway: firmware model, CAN buses, nodes, and a simulated libethercat in front
+//! A simulated ECAN-Lite gateway: firmware model, CAN buses, nodes, and two front ends: a simulated
+//! libethercat, and slave controllers for Ethernet frames.
 #![deny(missing_docs)]
 
 // Firmware
@@ -23,7 +24,7 @@ pub use bus::{
     arbitration_key, bits_ns,
 };
 pub use drive::{
-    Drive, DriveConfig, DriveQuirks, EdsError, EdsProblem, MotorConfig, SdoDirection, SdoEffect,
+    Drive, DriveConfig, DriveQuirks, EdsError, EdsErrorKind, MotorConfig, SdoDirection, SdoEffect,
     SdoRule, TargetHistory, TargetKind, TargetRecord, TargetSums,
 };
 pub use node::{
@@ -31,7 +32,7 @@ pub use node::{
     NodeOutput, ReplayError, ReplayNode, ReplayRecord, SilentNode,
 };
 
-// World, and the ecrt and EtherCAT fronts
+// World and front ends
 mod backend;
 mod backend_error;
 mod clock;
@@ -46,19 +47,18 @@ mod simulation;
 mod wake_up;
 mod world;
 
-/// The functions of the simulated libethercat as C calls them, for a library that exports them
-/// under their names `ecrt_...`. Rust programs take the table that [`open`] gives.
+/// The functions of the simulated libethercat with C calling convention, for a library that exports
+/// them as `ecrt_...`. Rust programs use the table of [`open`].
 ///
-/// They are the functions of 1.6, which report a status: 0, or a negative error number; a null
-/// pointer comes with the thread's error number. A panic never leaves one of them: it ends as
-/// `EIO`.
+/// They are the functions of 1.6. A status is 0 or a negative error number; a null pointer sets the
+/// thread's error number. A panic ends as `EIO`.
 ///
 /// # Safety
 ///
-/// The handles that the functions take are the numbers that [`request_master`], [`open_master`]
-/// and the others gave; they are looked up and never followed, so a wrong one is `EINVAL`. Every
-/// other pointer is null or points to what libethercat's interface says: a place for the result, a
-/// text that ends with a zero, as many bytes as the size beside it.
+/// Handles are numbers returned by [`request_master`], [`open_master`] and others; they are looked
+/// up and never dereferenced, so a wrong one is `EINVAL`. Every other pointer is null or valid as
+/// libethercat's interface defines: a place for the result, a zero-terminated text, or as many
+/// bytes as the size argument.
 ///
 /// [`request_master`]: libethercat::request_master
 /// [`open_master`]: libethercat::open_master
@@ -76,8 +76,8 @@ pub use esc::{ETHERCAT_ETHERTYPE, Wire, WireStatistics};
 pub use fault::{DriveFault, Fault, LibraryCall, LossDirection, ScriptedFault, When};
 pub use runner::{RealTimeRunner, RunnerError};
 pub use scenario::{
-    BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind,
-    NodeSpec, Scenario, ScenarioError, Topology, drives, echo, jitter,
+    BUILTIN_SCENARIOS, ClockKind, DriveSpec, EcrtVersion, GatewaySpec, NodeKind, NodeSpec,
+    Scenario, ScenarioError, Topology, drives, echo, jitter,
 };
 pub use simulation::{AttachedNode, Simulation, UnknownBus};
 pub use wake_up::WakeUpDelay;

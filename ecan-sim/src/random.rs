@@ -1,4 +1,4 @@
-//! Reproducible chance.
+//! Reproducible random numbers.
 
 /// A SplitMix64 generator: the same seed gives the same numbers on every machine.
 #[derive(Clone, Debug)]
@@ -21,11 +21,11 @@ impl Random {
 
     /// A number below `limit`; 0 for a limit of 0.
     pub(crate) const fn below(&mut self, limit: u64) -> u64 {
-        // The high half of the product; its bias is far below anything a scenario could show.
+        // The high half of the product; its bias is negligible here.
         ((self.next() as u128 * limit as u128) >> 64) as u64
     }
 
-    /// True in `per_mille` of a thousand cases.
+    /// True with a probability of `per_mille` / 1000.
     pub(crate) const fn chance(&mut self, per_mille: u16) -> bool {
         self.below(1000) < per_mille as u64
     }

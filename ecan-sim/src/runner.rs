@@ -1,4 +1,4 @@
-//! Keeps simulated time going where no master does.
+//! Thread that advances the simulated time without a master.
 
 use std::io;
 use std::sync::Arc;
@@ -6,25 +6,25 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use crate::ecrt::Shared;
 use crate::scenario::ClockKind;
-use crate::simulation::Simulation;
 
-/// Longest time for which the world stands still.
+/// Interval between two steps.
 const STEP: Duration = Duration::from_millis(1);
 
-/// Why a simulation cannot be kept going by a thread.
+/// Why a simulation cannot run on a thread.
 #[derive(Debug, thiserror::Error)]
 pub enum RunnerError {
-    /// Stepped time is moved by the program itself.
-    #[error("the simulation runs in stepped time, which only the program's own cycle moves")]
+    /// Stepped time is advanced by the program itself.
+    #[error("the simulation runs in stepped time, which only the cycle of the program advances")]
     SteppedClock,
-    /// No thread for it.
-    #[error("no thread to keep the simulation going: {0}")]
+    /// The thread cannot be started.
+    #[error("cannot start the thread of the simulation: {0}")]
     Thread(#[from] io::Error),
 }
 
-/// Keeps a simulation on the real clock going until it is dropped; see
-/// [`Simulation::keep_running`].
+/// Keeps a simulation on the real clock running until it is dropped; see
+/// [`Simulation::keep_running`](crate::Simulation::keep_running).
 #[derive(Debug)]
 pub struct RealTimeRunner {
     stop: Arc<AtomicBool>,
@@ -32,16 +32,16 @@ pub struct RealTimeRunner {
 }
 
 impl RealTimeRunner {
-    pub(crate) fn start(simulation: Simulation) -> Result<Self, RunnerError> {
-        if simulation.clock_kind() == ClockKind::Stepped {
+    pub(crate) fn start(shared: Arc<Shared>) -> Result<Self, RunnerError> {
+        if shared.clock_kind() == ClockKind::Stepped {
             return Err(RunnerError::SteppedClock);
         }
         let stop = Arc::new(AtomicBool::new(false));
         let stopped = stop.clone();
         let run = move || {
             while !stopped.load(Ordering::Acquire) {
-                // Looking at the world brings it up to the present.
-                simulation.with_world(|_| ());
+                // Access advances the world to the present.
+                shared.with(|_| ());
                 thread::park_timeout(STEP);
             }
         };

@@ -1,4 +1,4 @@
-//! The handle with which a program or a test looks into a simulation and interferes with it.
+//! Handle for programs and tests to inspect and change a simulation.
 
 use std::fmt;
 use std::sync::Arc;
@@ -14,7 +14,7 @@ use crate::runner::{RealTimeRunner, RunnerError};
 use crate::scenario::{ClockKind, EcrtVersion, Scenario};
 use crate::world::World;
 
-/// A running simulation. Cloning gives another handle to the same one.
+/// A running simulation. A clone is another handle to it.
 #[derive(Clone)]
 pub struct Simulation {
     shared: Arc<Shared>,
@@ -54,12 +54,12 @@ impl Simulation {
         &self.description.scenario
     }
 
-    /// Seed of everything random.
+    /// Seed of all random values.
     pub fn seed(&self) -> u64 {
         self.description.seed
     }
 
-    /// How time passes.
+    /// Clock of the simulation.
     pub fn clock_kind(&self) -> ClockKind {
         self.shared.clock_kind()
     }
@@ -69,7 +69,7 @@ impl Simulation {
         SimClock::new(self.shared.clone())
     }
 
-    /// One line that says that nothing here is real, for programs to print first.
+    /// One line for programs to print first; states that the run is simulated.
     pub fn banner(&self) -> String {
         let Description { scenario, seed, gateways, nodes } = &*self.description;
         let clock = match self.clock_kind() {
@@ -90,30 +90,30 @@ impl Simulation {
         )
     }
 
-    /// Looks into the world, or changes it. Holds up everyone else meanwhile; must not call the
-    /// simulated library or the simulation's clock.
+    /// Reads or changes the world. Blocks everyone else for the duration of `action`, which must
+    /// not call the simulated library or the simulation's clock.
     pub fn with_world<R>(&self, action: impl FnOnce(&mut World) -> R) -> R {
         self.shared.with(|state| action(&mut state.world))
     }
 
-    /// Lets a fault strike now.
+    /// Injects a fault now.
     pub fn inject(&self, fault: Fault) {
         self.with_world(|world| world.inject(fault));
     }
 
-    /// Adds a fault to the script; see [`When`] for what its time counts from.
+    /// Schedules a fault.
     pub fn schedule(&self, when: When, fault: Fault) {
         self.with_world(|world| world.schedule(ScriptedFault { when, fault }));
     }
 
-    /// What the master wrote to the kernel log, oldest line first: there, and only there, stands
-    /// which startup SDO failed and why.
+    /// The kernel log of the master, oldest line first. Only it states which startup SDO failed and
+    /// why.
     pub fn kernel_log(&self) -> Vec<String> {
         self.shared.with(|state| state.master.log_lines().map(str::to_owned).collect())
     }
 
-    /// Lines that calls of the clocks in the cycle would have written to stderr with a real
-    /// library, which does so whenever one fails.
+    /// Number of lines that failed clock calls in the cycle would have written to stderr with a
+    /// real library.
     pub fn stderr_lines(&self) -> u64 {
         self.shared.with(|state| state.master.stderr_lines)
     }
@@ -139,17 +139,16 @@ impl Simulation {
         Ok(AttachedNode { simulation: self.clone(), index })
     }
 
-    /// Keeps a simulation on the real clock going, on a thread of its own, until the runner is
-    /// dropped: for uses without a master's cycle, when bridges and nodes have to live
-    /// nevertheless.
+    /// Runs a simulation on the real clock on a separate thread until the runner is dropped, for
+    /// use without a master's cycle.
     ///
     /// # Errors
     /// A [`RunnerError`].
     pub fn keep_running(&self) -> Result<RealTimeRunner, RunnerError> {
-        RealTimeRunner::start(self.clone())
+        RealTimeRunner::start(self.shared.clone())
     }
 
-    /// Lets so many nanoseconds pass without the program exchanging anything.
+    /// Lets time pass without process data exchange, in ns.
     pub fn pass_ns(&self, ns: u64) {
         self.shared.sleep_until(self.shared.now_ns().saturating_add(ns));
     }

@@ -1,33 +1,33 @@
-//! How late the simulated machine wakes a sleeping application up.
+//! Wake-up delays of the simulated machine.
 
 use crate::random::Random;
 
-/// How long after its time a sleep of the application ends in stepped time.
+/// Delay of the application's sleeps in stepped time.
 ///
 /// Half of the sleeps end between half of `typical_ns` and `typical_ns` late, 49 of 100 between
-/// that and `p99_ns`, and one of 100 between that and `longest_ns`, each the rarer the later: the
-/// long tail that a machine shows whose kernel does other things too (manual 13.9).
+/// that and `p99_ns`, and one of 100 between that and `longest_ns`; the longer the delay, the
+/// rarer. This is the long tail of a loaded machine (manual 13.9).
 ///
-/// The scenario's seed decides which. Nothing else moves time late: neither the master's blocking
-/// calls nor [`Simulation::pass_ns`](crate::Simulation::pass_ns). The real clock has delays of its
-/// own.
+/// The scenario's seed determines the delays. Nothing else is delayed: neither the master's
+/// blocking calls nor [`Simulation::pass_ns`](crate::Simulation::pass_ns). The real clock has its
+/// own delays.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WakeUpDelay {
-    /// The median, in nanoseconds.
+    /// Median, ns.
     pub typical_ns: u64,
-    /// What 99 of 100 sleeps keep to, in nanoseconds; at least `typical_ns`.
+    /// Limit of 99 of 100 sleeps, ns; at least `typical_ns`.
     pub p99_ns: u64,
-    /// What all sleeps keep to, in nanoseconds; at least `p99_ns`.
+    /// Limit of all sleeps, ns; at least `p99_ns`.
     pub longest_ns: u64,
 }
 
-/// Numbers of the generator that stand for one draw.
+/// Random numbers per delay.
 const DRAWS: u64 = 1_000_000;
 const HALF: u64 = DRAWS / 2;
 const P99: u64 = DRAWS / 100 * 99;
 
 impl WakeUpDelay {
-    /// The delay that so many of [`DRAWS`] draws keep to.
+    /// The delay that this many of [`DRAWS`] random numbers do not exceed.
     fn quantile_ns(self, rank: u64) -> u64 {
         let Self { typical_ns, p99_ns, longest_ns } = self;
         match rank {
@@ -38,7 +38,7 @@ impl WakeUpDelay {
     }
 }
 
-/// On the way from `low` to `high`, the share `part / whole` to the power `power` of it.
+/// Interpolates from `low` to `high` by `part / whole` to the power `power`.
 fn between(low: u64, high: u64, part: u64, whole: u64, power: u32) -> u64 {
     const ONE: u128 = 1 << 32;
     let share = ONE * u128::from(part) / u128::from(whole.max(1));

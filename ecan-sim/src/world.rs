@@ -1,10 +1,10 @@
-//! The simulated world: gateways on an EtherCAT line, their CAN buses, the nodes on them, and the
-//! faults. Knows no EtherCAT master; a front drives it through the line.
+//! The simulated world: gateways on an EtherCAT line, their CAN buses with nodes, and faults. The
+//! front ends `ecrt` and `esc` drive it through `line`.
 
 mod attached_node;
 mod can_side;
+mod deadline_set;
 mod drives;
-mod due_times;
 mod line;
 mod node_slot;
 mod recording;
@@ -18,7 +18,7 @@ use crate::gateway::{Gateway, GatewayCounters};
 use crate::node::BridgeFactory;
 use crate::scenario::{Scenario, Topology};
 use crate::world::can_side::BusSlot;
-use crate::world::due_times::DeadlineSet;
+use crate::world::deadline_set::DeadlineSet;
 use crate::world::line::{ChannelLink, LineSlot};
 use crate::world::node_slot::NodeSlot;
 use crate::world::recording::Recording;
@@ -27,15 +27,15 @@ pub use recording::BusFrame;
 
 pub(crate) use line::{CycleFaults, Fmmu, LogicalCommand, ProcessDirection};
 
-/// Simulated time at which every stepped world begins, in nanoseconds. Not 0, which some
-/// interfaces take for "no time given".
+/// Simulated time at which every stepped world begins, ns. Not 0, which some interfaces take for
+/// "no time given".
 pub(crate) const EPOCH_NS: u64 = 1_000_000_000;
 
 const NEVER: u64 = u64::MAX;
 
-/// The world behind a simulated library.
+/// The world of a simulation.
 ///
-/// Time moves only by [`advance`](Self::advance). Everything that happens at one instant happens
+/// Time advances only in [`advance`](Self::advance). Everything that happens at one instant happens
 /// in a fixed order: faults, supplies, gateways, nodes, buses, each in the order of the scenario.
 pub struct World {
     now: u64,
@@ -44,16 +44,16 @@ pub struct World {
     slots: Vec<LineSlot>,
     buses: Vec<BusSlot>,
     nodes: Vec<NodeSlot>,
-    /// When each node wants to act by itself.
+    /// Time of the next event of each node.
     nodes_due: DeadlineSet,
-    /// Whether the nodes that were due at this instant have acted.
+    /// Whether the nodes due at this instant have run.
     nodes_had_turn: bool,
     script: FaultScript,
     lost: (Option<LossDirection>, u32),
     counter_offset: (i32, u32),
-    /// Error number and how often, by call of the library.
+    /// Error number and remaining count, by call of the library.
     library_errors: [(i32, u32); LibraryCall::COUNT],
-    /// Until when the master begins no request.
+    /// Time until which the master starts no request.
     requests_held_until: u64,
     cycle: u64,
     events: Vec<BusEvent>,
@@ -95,7 +95,7 @@ impl World {
                 ChannelLink::new(bus, station)
             });
             let seed = scenario.seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ position as u64;
-            let mut gateway = Gateway::new(spec.settings.clone(), seed);
+            let mut gateway = Gateway::new(spec.config.clone(), seed);
             gateway.power(now, true);
             world.slots.push(LineSlot::new(gateway, spec.clone(), links));
         }
@@ -108,12 +108,12 @@ impl World {
             world.start_fixed_node(index);
         }
         for slot in 0..world.slots.len() {
-            world.touch(slot);
+            world.update_gateway(slot);
         }
         Ok(world)
     }
 
-    /// Declares this instant the beginning: times of scripted faults count from it.
+    /// Sets the start of the simulation, to which the times of scripted faults refer.
     pub(crate) fn begin(&mut self, faults: &[ScriptedFault]) {
         self.start = self.now;
         for fault in faults {
@@ -121,7 +121,7 @@ impl World {
         }
     }
 
-    /// The bus of this name, made if it does not exist, with a new station on it.
+    /// Adds a station to a bus; creates the bus if necessary.
     fn attach(&mut self, name: &str, owner: can_side::Owner) -> (usize, StationId) {
         let bus = self.buses.iter().position(|slot| slot.bus.name() == name).unwrap_or_else(|| {
             self.buses.push(BusSlot::new(CanBus::new(name)));
@@ -138,17 +138,16 @@ impl World {
         self.now
     }
 
-    /// When the simulation began, ns: scripted times count from here.
+    /// Start of the simulation, ns: reference of scripted times.
     pub fn start_ns(&self) -> u64 {
         self.start
     }
 
-    /// Sends with process data so far.
+    /// Number of sends with process data.
     pub fn cycles(&self) -> u64 {
         self.cycle
     }
 
-    /// How the gateways hang on the master.
     pub(crate) fn topology(&self) -> Topology {
         self.topology
     }
@@ -158,12 +157,12 @@ impl World {
         self.slots.len()
     }
 
-    /// A gateway, by its place in the scenario.
+    /// A gateway by its index in the scenario.
     pub fn gateway(&self, index: usize) -> Option<&Gateway> {
         self.slots.get(index).map(|slot| &slot.gateway)
     }
 
-    /// Changes a gateway behind the master's back; the world takes notice afterwards.
+    /// Changes a gateway and then updates what depends on it.
     pub fn with_gateway<R>(
         &mut self,
         index: usize,
@@ -172,11 +171,11 @@ impl World {
         let now = self.now;
         let slot = self.slots.get_mut(index)?;
         let result = change(&mut slot.gateway, now);
-        self.touch(index);
+        self.update_gateway(index);
         Some(result)
     }
 
-    /// What really happened in a gateway.
+    /// Counters of a gateway's actual events.
     pub fn counters(&self, gateway: usize) -> Option<GatewayCounters> {
         self.slots.get(gateway).map(|slot| *slot.gateway.counters())
     }
@@ -191,13 +190,13 @@ impl World {
         self.buses.iter().find(|slot| slot.bus.name() == name).map(|slot| &slot.bus)
     }
 
-    /// The bus that a gateway's channel is on.
+    /// The bus of a gateway's channel.
     pub fn bus_of(&self, gateway: usize, channel: usize) -> Option<&CanBus> {
         let link = self.slots.get(gateway)?.links.get(channel)?;
         self.buses.get(link.bus).map(|slot| &slot.bus)
     }
 
-    /// Counters of the bus that a gateway's channel is on.
+    /// Counters of the bus of a gateway's channel.
     pub fn bus_statistics(&self, gateway: usize, channel: usize) -> Option<BusStatistics> {
         self.bus_of(gateway, channel).map(CanBus::statistics)
     }
@@ -213,11 +212,11 @@ impl World {
         self.script.add(self.start, fault);
     }
 
-    /// Lets a fault strike now.
+    /// Injects a fault now.
     pub fn inject(&mut self, fault: Fault) {
         let now = self.now;
         match fault {
-            Fault::LostFrame { way, cycles } => self.lost = (Some(way), cycles),
+            Fault::LostFrame { direction, cycles } => self.lost = (Some(direction), cycles),
             Fault::WorkingCounterOffset { offset, cycles } => {
                 self.counter_offset = (offset, cycles);
             }
@@ -253,9 +252,9 @@ impl World {
         }
     }
 
-    /// When something happens next by itself, if ever.
+    /// Time of the next event.
     pub(crate) fn next_event(&self) -> u64 {
-        // One plain loop for each: this runs at every instant.
+        // Plain loops: this runs at every instant.
         let mut next = self.script.next_time().unwrap_or(NEVER).min(self.nodes_due.first());
         for slot in &self.buses {
             next = next.min(slot.next);
@@ -266,7 +265,7 @@ impl World {
         next
     }
 
-    /// Lets time pass up to `to`, ns. An earlier time does nothing.
+    /// Advances time to `to`, ns. An earlier time has no effect.
     pub fn advance(&mut self, to: u64) {
         while self.now <= to {
             let next = self.next_event().max(self.now);
@@ -283,8 +282,8 @@ impl World {
         }
     }
 
-    /// Everything that is due now. Whatever it leads to at the same instant is found by the next
-    /// call.
+    /// Executes everything that is due now. What results from it at the same instant is executed by
+    /// the next call.
     fn run_instant(&mut self) {
         let now = self.now;
         self.nodes_had_turn = false;
@@ -315,7 +314,7 @@ impl World {
         }
         if slot.next <= now {
             slot.gateway.advance(now);
-            self.touch(index);
+            self.update_gateway(index);
         }
     }
 
@@ -326,7 +325,7 @@ impl World {
         slot.fmmus.clear();
         slot.generation = slot.generation.wrapping_add(1);
         slot.power_on_at = on_at;
-        self.touch(index);
+        self.update_gateway(index);
     }
 }
 

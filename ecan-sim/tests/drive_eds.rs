@@ -4,7 +4,7 @@ mod drive_support;
 
 use drive_support::{Fixture, MS, settings};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
-use ecan_sim::{Drive, EdsError, EdsProblem};
+use ecan_sim::{Drive, EdsError, EdsErrorKind};
 use proptest::prelude::*;
 
 /// A small device, in the layout that the tests change line by line.
@@ -121,7 +121,7 @@ fn wrong(line: &str, with: &str) -> (usize, String) {
     let changed: Vec<_> = SMALL.lines().map(|l| if l == line { with } else { l }).collect();
     assert!(SMALL.lines().any(|l| l == line), "{line}");
     let error = read(&changed.join("\n")).unwrap_err();
-    (error.line, error.problem.to_string())
+    (error.line, error.kind.to_string())
 }
 
 /// The line of a text in the small device, from 1.
@@ -133,45 +133,45 @@ fn line(text: &str) -> usize {
 fn every_error_has_its_line_and_its_words() {
     let cases: [(&str, &str, &str, &str); 22] = [
         ("VendorName=none", "VendorName", "VendorName=none", "neither [section] nor key=value"),
-        ("[1000]", "[1000", "[1000]", "the section's name has no closing bracket"),
-        ("[1001]", "[1000]", "[1001]", "section [1000] is there already, at line 18"),
+        ("[1000]", "[1000", "[1000]", "section name without closing bracket"),
+        ("[1001]", "[1000]", "[1001]", "section [1000] already exists at line 18"),
         ("; a comment", "key=value", "; a comment", "an entry outside any section"),
         (
             "AccessType=const",
             "DATATYPE=5",
             "AccessType=const",
-            "`DATATYPE` is there already, at line 34",
+            "`DATATYPE` already exists at line 34",
         ),
         ("2=0x2100", "2=0x2107", "2=0x2100", "section [2107] is missing"),
-        ("2=0x2100", "2=0x1014", "[2100]", "object 2100 is in none of the lists of objects"),
+        ("2=0x2100", "2=0x1014", "[2100]", "object 2100 is in no object list"),
         (
             "SupportedObjects=4",
             "SupportedObjects=5",
             "SupportedObjects=4",
             "[OptionalObjects] has no `5`",
         ),
-        ("3=0x1018", "3=0x1000", "[1018]", "object 1018 is in none of the lists of objects"),
+        ("3=0x1018", "3=0x1000", "[1018]", "object 1018 is in no object list"),
         ("; a comment", "[1019sub1]", "; a comment", "[1019sub1] belongs to no object"),
         (
             "SubNumber=2",
             "SubNumber=3",
             "SubNumber=2",
-            "object 1018 has 2 subindices, not 3 as `SubNumber` says",
+            "object 1018 has 2 subindices; `SubNumber` is 3",
         ),
         ("SubNumber=2", "", "[1018]", "[1018] has no `SubNumber`"),
         (
             "ObjectType=9",
             "ObjectType=5",
             "ObjectType=9",
-            "object type 5 is none of DOMAIN 2, VAR 7, ARRAY 8, RECORD 9",
+            "invalid object type 5; allowed: 2 (DOMAIN), 7 (VAR), 8 (ARRAY), 9 (RECORD)",
         ),
         (
             "ParameterName=Device type",
             "DataType=0x0030",
             "DataType=0x0007",
-            "`DataType` is there already, at line 19",
+            "`DataType` already exists at line 19",
         ),
-        ("DataType=0x0003", "DataType=0x0030", "DataType=0x0003", "data type 0x0030 is unknown"),
+        ("DataType=0x0003", "DataType=0x0030", "DataType=0x0003", "unknown data type 0x0030"),
         ("DataType=0x0003", "", "[2100]", "[2100] has no `DataType`"),
         (
             "LowLimit=-100",
@@ -183,7 +183,7 @@ fn every_error_has_its_line_and_its_words() {
             "DefaultValue=-5",
             "DefaultValue=-101",
             "DefaultValue=-5",
-            "-101 is out of range: -100 to 100",
+            "-101 is out of range; allowed: -100 to 100",
         ),
         ("DefaultValue=-5", "DefaultValue=five", "DefaultValue=-5", "`five` is not a number"),
         ("DefaultValue=010", "DefaultValue=09", "DefaultValue=010", "`09` is not a number"),
@@ -191,7 +191,7 @@ fn every_error_has_its_line_and_its_words() {
             "DefaultValue=0xFF",
             "DefaultValue=0x100",
             "DefaultValue=0xFF",
-            "0x100 is out of range: -128 to 127",
+            "0x100 is out of range; allowed: -128 to 127",
         ),
         (
             "DefaultValue=$NODEID+0x80",
@@ -211,10 +211,13 @@ fn every_error_has_its_line_and_its_words() {
 fn access_and_missing_mandatory_objects() {
     let text = SMALL.replacen("AccessType=rw", "AccessType=wr", 1);
     let error = read(&text).unwrap_err();
-    assert_eq!(error.problem, EdsProblem::Access { text: "wr".to_owned() });
-    assert_eq!(error.to_string(), "line 45: access `wr` is none of const, ro, wo, rw, rwr, rww");
+    assert_eq!(error.kind, EdsErrorKind::Access { text: "wr".to_owned() });
+    assert_eq!(
+        error.to_string(),
+        "line 45: invalid access type `wr`; allowed: const, ro, wo, rw, rwr, rww"
+    );
     let text = SMALL.replace("SupportedObjects=3", "SupportedObjects=2").replace("[1018", "[x1018");
-    assert_eq!(read(&text).unwrap_err().problem, EdsProblem::Mandatory { index: 0x1018 });
+    assert_eq!(read(&text).unwrap_err().kind, EdsErrorKind::Mandatory { index: 0x1018 });
 }
 
 proptest! {

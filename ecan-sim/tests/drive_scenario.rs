@@ -420,10 +420,10 @@ fn every_key_of_a_drive_arrives() {
         },
         ..DriveConfig::new(id(5))
     };
-    assert_eq!(**drive, DriveSpec { settings: expected, eds: Some("/cell/drive.eds".into()) });
+    assert_eq!(**drive, DriveSpec { config: expected, eds: Some("/cell/drive.eds".into()) });
     assert_eq!(scenario.nodes[0].bitrate, Some(1_000_000));
     let NodeKind::Drive(plain) = &scenario.nodes[1].kind else { panic!() };
-    assert_eq!(**plain, DriveSpec { settings: DriveConfig::new(id(5)), eds: None });
+    assert_eq!(**plain, DriveSpec { config: DriveConfig::new(id(5)), eds: None });
     let fault = |when, fault| ScriptedFault {
         when,
         fault: Fault::Drive { node: "shoulder".to_owned(), fault },
@@ -443,15 +443,19 @@ fn every_key_of_a_drive_arrives() {
 fn what_is_wrong_with_a_drive_is_named() {
     let cases = [
         ("node_id = 5\neds", "eds", "a node of kind \"drive\" needs `node_id`"),
-        ("node_id = 5\neds", "node_id = 128\neds", "`node_id` 128 is out of range: 1 to 127"),
+        (
+            "node_id = 5\neds",
+            "node_id = 128\neds",
+            "`node_id` 128 is out of range; allowed: 1 to 127",
+        ),
         (
             "kind = \"drive\"\nbus = \"0.0\"",
             "kind = \"echo\"\nbus = \"0.0\"",
             "`node_id` belongs to nodes of kind \"drive\"",
         ),
-        ("bus = \"0.0\"", "bus = \"0.1\"", "node id 5 is that of \"shoulder\" already"),
-        ("max_velocity = 100000", "max_velocity = 0", "`max_velocity` of a motor is not 0"),
-        ("[-10, 10]", "[10, -10]", "`limit_switches` are the negative one and the positive one"),
+        ("bus = \"0.0\"", "bus = \"0.1\"", "node-ID 5 is already used by \"shoulder\""),
+        ("max_velocity = 100000", "max_velocity = 0", "`max_velocity` = 0 is out of range"),
+        ("[-10, 10]", "[10, -10]", "the negative limit switch must be below the positive one"),
         ("needs_mode = true", "need_mode = true", "unknown field `need_mode`"),
         (", silent = true", "", "an `sdo` quirk needs either `code` or `silent = true`"),
         ("code = 0x2310", "code = 0x12310", "an error code has 16 bits"),
@@ -473,7 +477,7 @@ fn what_is_wrong_with_a_drive_is_named() {
         "kind = \"echo\"\nname = \"e\"\nbus = \"0.0\"",
     );
     let text = text.replace("node = \"shoulder\"\ncode", "node = \"e\"\ncode");
-    assert!(read(&text).unwrap_err().contains("node \"e\" is no drive"));
+    assert!(read(&text).unwrap_err().contains("node \"e\" is not a drive"));
 }
 
 #[test]
@@ -488,7 +492,8 @@ fn an_eds_that_is_missing_or_wrong_is_named() {
         (directory.join("absent.eds"), "absent.eds: "),
     ] {
         let settings = DriveConfig::new(id(1));
-        scenario.nodes[0].kind = NodeKind::Drive(Box::new(DriveSpec { settings, eds: Some(file) }));
+        scenario.nodes[0].kind =
+            NodeKind::Drive(Box::new(DriveSpec { config: settings, eds: Some(file) }));
         let error = open_scenario(scenario.clone(), &SimOptions::default()).unwrap_err();
         assert!(error.to_string().contains(words), "{error}");
         assert!(matches!(error, BackendError::Eds { .. } | BackendError::Read { .. }));

@@ -37,7 +37,7 @@ fn a_frame_lost_on_its_way_out_reaches_no_slave() {
         program.simulation().with_world(|world| world.counters(0)).unwrap().images_written
     };
     let before = written(&program);
-    program.simulation().inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 1 });
+    program.simulation().inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 1 });
     program.cycle();
     assert_eq!(written(&program), before);
     program.cycle();
@@ -49,7 +49,7 @@ fn a_frame_lost_on_its_way_out_reaches_no_slave() {
 #[test]
 fn a_frame_lost_on_its_way_back_has_been_executed() {
     let mut program = operational(&[3]);
-    program.simulation().inject(Fault::LostFrame { way: LossDirection::Return, cycles: 1 });
+    program.simulation().inject(Fault::LostFrame { direction: LossDirection::Return, cycles: 1 });
     program.cycle_with(&[(0, 0, frame(0x42))]);
     program.cycle();
     assert_eq!(program.domain(0).wc_state, WcState::Zero);
@@ -90,7 +90,7 @@ fn a_power_cycled_slave_comes_back_configured() {
 #[test]
 fn a_power_cycle_shorter_than_the_look_at_the_bus_is_noticed_as_well() {
     let mut scenario = echo(1);
-    scenario.gateways[0].settings.boot_ms = 1;
+    scenario.gateways[0].config.boot_ms = 1;
     let mut program = Program::new(stepped(scenario), &[3]).into_op();
     program.simulation().inject(Fault::PowerCycle { gateway: 0, off_ms: 1 });
     program.cycles(2_000);
@@ -285,7 +285,7 @@ fn faults_strike_in_the_cycle_they_are_scheduled_for() {
     let mut program = operational(&[3]);
     let simulation = program.simulation().clone();
     let now = simulation.with_world(|world| world.cycles());
-    let fault = Fault::LostFrame { way: LossDirection::Outward, cycles: 1 };
+    let fault = Fault::LostFrame { direction: LossDirection::Outward, cycles: 1 };
     simulation.schedule(When::Cycle(now + 4), fault);
     let zero: Vec<_> = (0..8)
         .map(|_| {

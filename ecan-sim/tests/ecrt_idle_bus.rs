@@ -12,7 +12,7 @@ use ecrt_support::{Program, stepped, stepped_echo};
 fn slaves_are_scanned_and_in_preop() {
     let mut scenario = echo(2);
     scenario.gateways[1].alias = 77;
-    scenario.gateways[1].settings.serial = 0xAB_0000_1234;
+    scenario.gateways[1].config.serial = 0xAB_0000_1234;
     let backend = stepped(scenario);
     let master = Master::open(&backend.ecrt, 0).unwrap();
     let info = master.info().unwrap();
@@ -20,7 +20,7 @@ fn slaves_are_scanned_and_in_preop() {
     let state = master.state().unwrap();
     assert_eq!((state.slaves_responding, state.al_states, state.link_up), (2, 2, true));
     let slave = master.slave_info(1).unwrap();
-    let settings = GatewaySpec::at(1).settings;
+    let settings = GatewaySpec::at(1).config;
     assert_eq!((slave.vendor_id, slave.product_code), (settings.vendor_id, settings.product_code));
     assert_eq!((slave.alias, slave.serial_number, slave.al_state), (77, 0x1234, 2));
     assert_eq!((slave.sync_count, slave.error_flag), (4, false));
@@ -93,7 +93,7 @@ fn blocking_transfers_take_time_and_report_aborts() {
     let before = clock.now_ns();
     let mut data = [0; 4];
     assert_eq!(master.sdo_upload(0, 0x1018, 1, &mut data).unwrap(), 4);
-    assert_eq!(u32::from_le_bytes(data), GatewaySpec::at(0).settings.vendor_id);
+    assert_eq!(u32::from_le_bytes(data), GatewaySpec::at(0).config.vendor_id);
     assert!(clock.now_ns() >= before + 1_000_000);
     let error = master.sdo_upload(0, 0x5FFF, 0, &mut data).unwrap_err();
     assert_eq!((error.errno, error.abort_code), (Errno::EIO, Some(0x0602_0000)));
@@ -204,7 +204,7 @@ fn requests_run_beside_the_cycle() {
     assert_eq!(program.master.sdo_request_state(read).unwrap(), RequestState::Busy);
     program.cycles(5);
     assert_eq!(program.master.sdo_request_state(read).unwrap(), RequestState::Success);
-    let vendor = GatewaySpec::at(0).settings.vendor_id;
+    let vendor = GatewaySpec::at(0).config.vendor_id;
     assert_eq!(program.master.sdo_request_data(read), vendor.to_le_bytes());
     program.master.sdo_request_index(read, 0x1018, 2).unwrap();
     program.master.sdo_request_read(read).unwrap();
@@ -212,7 +212,7 @@ fn requests_run_beside_the_cycle() {
     program.master.reg_request_read(status, 0x0130, 2).unwrap();
     program.cycles(12);
     assert_eq!(program.master.sdo_request_state(read).unwrap(), RequestState::Success);
-    let product = GatewaySpec::at(0).settings.product_code;
+    let product = GatewaySpec::at(0).config.product_code;
     assert_eq!(program.master.sdo_request_data(read), product.to_le_bytes());
     assert_eq!(program.master.sdo_request_state(bad).unwrap(), RequestState::Error);
     assert_eq!(program.master.reg_request_state(status).unwrap(), RequestState::Success);

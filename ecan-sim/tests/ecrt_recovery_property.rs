@@ -19,7 +19,7 @@ fn faults() -> impl Strategy<Value = Fault> {
         Just(GatewayFault::AlError { code: 0x001A }),
     ];
     prop_oneof![
-        (way, 1..300u32).prop_map(|(way, cycles)| Fault::LostFrame { way, cycles }),
+        (way, 1..300u32).prop_map(|(way, cycles)| Fault::LostFrame { direction: way, cycles }),
         (-3..4i32, 1..10u32)
             .prop_map(|(offset, cycles)| Fault::WorkingCounterOffset { offset, cycles }),
         (gateway.clone(), 1..500u32)

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use ecan_sim::{
-    BackendError, ClockKind, EcrtSetting, EcrtVersion, Fault, FaultyBehaviour, GatewayFault,
+    BackendError, ClockKind, EcrtSetting, EcrtVersion, Fault, FaultyConfig, GatewayFault,
     LibraryCall, LossDirection, NodeKind, Scenario, ScriptedFault, SimOptions, Topology,
     WakeUpDelay, When, open,
 };
@@ -102,17 +102,17 @@ for_ms = 9000
     assert_eq!(scenario.topology, Topology::Star);
     assert!(scenario.carries_large_pdos && scenario.reserved);
     let gateway = &scenario.gateways[0];
-    assert_eq!((gateway.alias, gateway.settings.serial), (3, 77));
-    assert_eq!((gateway.settings.firmware, gateway.settings.boot_ms), ((1, 2), 900));
-    assert_eq!(gateway.settings.service_delay_ns, 40_000);
-    assert_eq!(gateway.settings.release_jitter_ns, 9_000);
-    assert_eq!(gateway.settings.mailbox_delay_ns, 350_000);
-    assert_eq!(gateway.settings.tx_pressure_percent, 100);
+    assert_eq!((gateway.alias, gateway.config.serial), (3, 77));
+    assert_eq!((gateway.config.firmware, gateway.config.boot_ms), ((1, 2), 900));
+    assert_eq!(gateway.config.service_delay_ns, 40_000);
+    assert_eq!(gateway.config.release_jitter_ns, 9_000);
+    assert_eq!(gateway.config.mailbox_delay_ns, 350_000);
+    assert_eq!(gateway.config.tx_pressure_percent, 100);
     assert_eq!(gateway.buses, ["arm", "arm", "tool", "spare"]);
     let node = &scenario.nodes[0];
     assert_eq!((node.name.as_str(), node.bitrate), ("drive", Some(1_000_000)));
     assert_eq!(scenario.nodes[1].kind, NodeKind::Replay { file: "/logs/tool.log".into() });
-    let faulty = FaultyBehaviour {
+    let faulty = FaultyConfig {
         drop_permille: 10,
         corrupt_permille: 20,
         repeat_permille: 30,
@@ -124,7 +124,7 @@ for_ms = 9000
         [
             ScriptedFault {
                 when: When::Cycle(100),
-                fault: Fault::LostFrame { way: LossDirection::Return, cycles: 3 },
+                fault: Fault::LostFrame { direction: LossDirection::Return, cycles: 3 },
             },
             ScriptedFault {
                 when: When::At(20_000_000),
@@ -165,12 +165,12 @@ fn what_is_wrong_is_named_with_its_line() {
         ("seed = 1\nwake_up_us = { typical = 5, p99 = 4, longest = 9 }", 2, "typical <= p99"),
         ("wake_up_us = { typical = 5 }", 1, "missing field `p99`"),
         ("[[gateway]]\nalias = 70000", 2, "70000"),
-        ("[[gateway]]\nbuses = [\"a\"]", 1, "names 1 buses: it has 4 channels"),
+        ("[[gateway]]\nbuses = [\"a\"]", 1, "has 1 buses; needed: 4"),
         ("[[gateway]]\ntx_pressure_percent = 0", 1, "1 to 100"),
         ("[[gateway]]\ntx_pressure_percent = 101", 1, "1 to 100"),
         ("[[gateway]]\ncolour = 1", 2, "unknown field `colour`"),
         ("[[gateway", 1, ""),
-        ("[[node]]\nkind = \"echo\"\nbus = \"x\"", 1, "there is no gateway"),
+        ("[[node]]\nkind = \"echo\"\nbus = \"x\"", 1, "there are no gateways"),
     ] {
         let error = read(text).unwrap_err();
         assert!(error.starts_with(&format!("line {line}: ")), "{text}: {error}");
@@ -202,7 +202,7 @@ fn what_is_wrong_is_named_with_its_line() {
         ("[[fault]]\nkind = \"lost_frame\"\ncycle = 1\nerrno = 4", "`errno` does not belong"),
         (
             "[[fault]]\nkind = \"node_silent\"\ncycle = 1\nnode = \"x\"\nfor_ms = 1",
-            "no node of the name \"x\"",
+            "node \"x\" does not exist",
         ),
     ] {
         let error = read(&format!("{gateway}{text}")).unwrap_err();

@@ -62,6 +62,6 @@ fn the_built_in_scenario_has_all_three_delays() {
     assert_eq!(scenario.nodes, echo(2).nodes);
     assert!(scenario.wake_up.is_some());
     for gateway in &scenario.gateways {
-        assert!(gateway.settings.service_jitter_ns > 0 && gateway.settings.release_jitter_ns > 0);
+        assert!(gateway.config.service_jitter_ns > 0 && gateway.config.release_jitter_ns > 0);
     }
 }

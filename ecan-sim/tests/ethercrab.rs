@@ -121,7 +121,7 @@ fn distributed_clocks_reach_op_with_sync0_in_phase() {
     on_a_deep_stack(|| {
         let mut scenario = ecan_sim::echo(3);
         for (gateway, drift) in scenario.gateways.iter_mut().zip([20_000, 50_000, -50_000]) {
-            gateway.settings.clock_drift_ppb = drift;
+            gateway.config.clock_drift_ppb = drift;
         }
         let mut bench = Fixture::new(&scenario);
         let group = bench.run(async |master| {

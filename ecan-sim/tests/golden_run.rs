@@ -8,7 +8,7 @@ use ecan_canopen::NodeId;
 use ecan_protocol::can::{CanFrame, CanId, FrameKind};
 use ecan_protocol::config::DataPathConfig;
 use ecan_sim::{
-    BusEvent, BusFault, BusFrame, CanBus, DriveFault, Fault, FaultyBehaviour, GatewayFault,
+    BusEvent, BusFault, BusFrame, CanBus, DriveFault, Fault, FaultyConfig, GatewayFault,
     LossDirection, NodeKind, NodeSpec, Scenario, ScriptedFault, StationConfig, StationMode, When,
     drives,
 };
@@ -194,7 +194,7 @@ fn scenario() -> Scenario {
     scenario.nodes.retain(|node| !matches!(node.bus.as_str(), "1.2" | "1.3"));
     for (index, node) in scenario.nodes.iter_mut().enumerate() {
         if let NodeKind::Drive(drive) = &mut node.kind {
-            let settings = &mut drive.settings;
+            let settings = &mut drive.config;
             settings.motor.period_us = [1_000, 250, 1_000, 700][index % 4];
             settings.enable_ms = [0, 0, 35][index % 3];
             settings.motor.absolute_encoder = index % 5 != 0;
@@ -208,7 +208,7 @@ fn scenario() -> Scenario {
         data_bitrate: None,
     };
     scenario.nodes.push(node("echo", "1.3", NodeKind::Echo));
-    let bad = FaultyBehaviour {
+    let bad = FaultyConfig {
         drop_permille: 100,
         corrupt_permille: 200,
         repeat_permille: 150,
@@ -216,11 +216,11 @@ fn scenario() -> Scenario {
     };
     scenario.nodes.push(node("bad", "1.2", NodeKind::Faulty(bad)));
     scenario.nodes.push(node("silent", "1.2", NodeKind::Silent));
-    scenario.gateways[1].settings.service_jitter_ns = 40_000;
+    scenario.gateways[1].config.service_jitter_ns = 40_000;
     let drive = |node: &str, fault| Fault::Drive { node: node.to_owned(), fault };
     let faults = [
-        (300, Fault::LostFrame { way: LossDirection::Outward, cycles: 2 }),
-        (310, Fault::LostFrame { way: LossDirection::Return, cycles: 3 }),
+        (300, Fault::LostFrame { direction: LossDirection::Outward, cycles: 2 }),
+        (310, Fault::LostFrame { direction: LossDirection::Return, cycles: 3 }),
         (330, Fault::WorkingCounterOffset { offset: -1, cycles: 2 }),
         (350, Fault::ErrorFrames { gateway: 0, channel: 1, frames: 9 }),
         (400, drive("drive 0.0/2", DriveFault::Error { code: 0x2310 })),

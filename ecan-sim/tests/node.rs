@@ -121,8 +121,8 @@ fn a_bad_log_is_refused_with_its_line() {
     );
 }
 
-fn answers(settings: FaultyConfig, count: usize) -> (FaultyNode, Vec<Vec<CanFrame>>) {
-    let mut node = FaultyNode::new(settings);
+fn answers(config: FaultyConfig, count: usize) -> (FaultyNode, Vec<Vec<CanFrame>>) {
+    let mut node = FaultyNode::new(config, 7);
     let mut out = NodeOutput::new();
     let answers = (0..count)
         .map(|now| {
@@ -141,12 +141,11 @@ fn a_faulty_node_without_faults_echoes() {
 
 #[test]
 fn a_faulty_node_drops_the_share_it_is_told_to() {
-    let settings =
-        |drop_per_mille| FaultyConfig { seed: 1, drop_per_mille, ..FaultyConfig::default() };
-    let (node, none) = answers(settings(1000), 50);
+    let config = |drop_permille| FaultyConfig { drop_permille, ..FaultyConfig::default() };
+    let (node, none) = answers(config(1000), 50);
     assert!(none.iter().all(Vec::is_empty));
     assert_eq!(node.dropped(), 50);
-    let (node, some) = answers(settings(250), 10_000);
+    let (node, some) = answers(config(250), 10_000);
     let dropped = some.iter().filter(|a| a.is_empty()).count();
     assert_eq!(node.dropped(), dropped as u64);
     assert!((2_300..2_700).contains(&dropped), "{dropped} of 10000");
@@ -155,7 +154,7 @@ fn a_faulty_node_drops_the_share_it_is_told_to() {
 #[test]
 fn a_corrupted_answer_differs_in_one_bit() {
     let (node, answers) =
-        answers(FaultyConfig { seed: 7, corrupt_per_mille: 1000, ..FaultyConfig::default() }, 200);
+        answers(FaultyConfig { corrupt_permille: 1000, ..FaultyConfig::default() }, 200);
     assert_eq!(node.corrupted(), 200);
     let mut hit = [false; 64];
     for answer in answers {
@@ -172,11 +171,9 @@ fn a_corrupted_answer_differs_in_one_bit() {
 
 #[test]
 fn a_frame_without_data_cannot_be_corrupted() {
-    let mut node = FaultyNode::new(FaultyConfig {
-        corrupt_per_mille: 1000,
-        repeat_per_mille: 1000,
-        ..FaultyConfig::default()
-    });
+    let config =
+        FaultyConfig { corrupt_permille: 1000, repeat_permille: 1000, ..FaultyConfig::default() };
+    let mut node = FaultyNode::new(config, 0);
     let mut out = NodeOutput::new();
     let remote = CanFrame::remote(CanId::standard(5).unwrap(), Dlc::new(8).unwrap()).unwrap();
     node.received(0, &remote, &mut out);
@@ -186,20 +183,17 @@ fn a_frame_without_data_cannot_be_corrupted() {
 
 #[test]
 fn a_babbler_keeps_its_rhythm_and_does_not_pile_up() {
-    let babble = frame(0, &[0xFF]);
-    let mut node = FaultyNode::new(FaultyConfig {
-        babble: Some(babble),
-        babble_interval_ns: 100,
-        ..FaultyConfig::default()
-    });
+    let babble = frame(0, &[0xBB; 8]);
+    let config = FaultyConfig { babble_us: 1, ..FaultyConfig::default() };
+    let mut node = FaultyNode::new(config, 0);
     let mut out = NodeOutput::new();
-    node.started(1_000, &mut out);
-    let played = play(&mut node, 1_300);
-    let expected: Vec<_> = [1_000, 1_100, 1_200, 1_300].map(|at| (at, babble)).into();
+    node.started(10_000, &mut out);
+    let played = play(&mut node, 13_000);
+    let expected: Vec<_> = [10_000, 11_000, 12_000, 13_000].map(|at| (at, babble)).into();
     assert_eq!(played, expected);
     // The bus was too slow to take the last one, and time has gone on.
-    node.advance(1_400, &mut out);
-    node.advance(1_950, &mut out);
+    node.advance(14_000, &mut out);
+    node.advance(19_500, &mut out);
     assert_eq!(out.len(), 1);
-    assert_eq!(node.next_event(), Some(2_000));
+    assert_eq!(node.next_event(), Some(20_000));
 }

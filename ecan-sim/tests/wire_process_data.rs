@@ -245,7 +245,7 @@ fn faults_count_cycles_and_not_frames() {
     frame(&mut line, 0);
     frame(&mut line, 384);
     let before = line.wire.world().cycles();
-    line.wire.world_mut().inject(Fault::LostFrame { way: LossDirection::Outward, cycles: 2 });
+    line.wire.world_mut().inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 2 });
     let came = [0, 384, 0, 384, 0, 384].map(|at| frame(&mut line, at));
     assert_eq!(came, [false, false, false, false, true, true]);
     assert_eq!(line.wire.world().cycles() - before, 3);

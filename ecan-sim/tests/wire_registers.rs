@@ -196,7 +196,7 @@ fn a_power_cycle_forgets_registers_and_keeps_the_eeprom() {
 #[test]
 fn faults_of_the_scenario_strike_frames_with_process_data() {
     let mut line = Line::of(1);
-    line.wire.world_mut().inject(Fault::LostFrame { way: LossDirection::Return, cycles: 2 });
+    line.wire.world_mut().inject(Fault::LostFrame { direction: LossDirection::Return, cycles: 2 });
     assert_eq!(line.read(BRD, 0, 0x0000, 1).1, 1, "no process data");
     for _ in 0..2 {
         assert!(line.exchange(&[Datagram::logical(LRD, 0, &[0])]).is_none());

@@ -209,7 +209,7 @@ fn wrong_use_gets_a_message_that_helps() {
         (&["--pdo-n", "12"], "at most 11"),
         (&["--bitrate", "123"], "bit timing"),
         (&["--cycle-us", "10"], "cycle of 10 us"),
-        (&["--ecrt", "sim:none"], "there is no scenario"),
+        (&["--ecrt", "sim:none"], "unknown scenario"),
     ];
     for (arguments, words) in cases {
         let sim: &[&str] = if arguments[0] == "--ecrt" { &[] } else { &["--ecrt", "sim"] };

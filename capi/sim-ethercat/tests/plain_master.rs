@@ -61,7 +61,7 @@ fn a_wrong_setting_is_told_and_gives_no_master() {
     let library = simulated_library();
     let program = plain_master(&library);
     let settings = [
-        ("sim:ecco", "there is no scenario \"ecco\"", "Invalid argument"),
+        ("sim:ecco", "unknown scenario \"ecco\"", "Invalid argument"),
         ("sim:nowhere.toml", "cannot read nowhere.toml", "No such file or directory"),
     ];
     for (setting, why, errno) in settings {

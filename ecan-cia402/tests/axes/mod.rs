@@ -42,7 +42,7 @@ pub fn scenario(slaves: usize, change: impl Fn(&mut DriveConfig)) -> Scenario {
     let mut scenario = ecan_sim::drives(slaves, 4);
     for node in &mut scenario.nodes {
         if let NodeKind::Drive(drive) = &mut node.kind {
-            change(&mut drive.settings);
+            change(&mut drive.config);
         }
     }
     scenario

@@ -1,4 +1,7 @@
-//! The bus as its stations' owner drives it.
+//! One CAN bus.
+
+mod completion;
+mod planning;
 
 use ecan_protocol::can::CanFrame;
 
@@ -6,39 +9,38 @@ use super::arbitration::arbitration_key;
 use super::error_confinement::{BusError, ErrorCounters, ErrorState};
 use super::event::{BusEvent, BusFault};
 use super::frame_timing::{FrameTiming, INTERMISSION_BITS};
-use super::planning::Transmission;
 use super::recovery::Recovery;
 use super::station::{
     ArbitrationEntry, LocalTransmission, Station, StationConfig, StationId, StationMode,
 };
 use super::statistics::{BusStatistics, StationStatistics};
+use planning::Transmission;
 
-/// Recessive bits a station waits for before it takes part.
+/// Recessive bits for which a station waits before it takes part.
 const INTEGRATION_BITS: u32 = 11;
 
 /// One CAN bus and its stations.
 ///
-/// The caller alternates two steps: [`advance`](Self::advance) up to the next instant at which
-/// something ends, then [`offer`](Self::offer) what the stations want to send from there on.
-/// A frame may still be offered for an instant at which a transmission starts: arbitration is
-/// decided when time moves past it. Times never go back; an earlier `now` counts as the latest
-/// one seen.
+/// The caller alternates two steps: [`advance`](Self::advance) to the next instant at which
+/// something ends, then [`offer`](Self::offer) the frames that the stations send from there on. A
+/// frame may still be offered for the instant at which a transmission starts: arbitration is
+/// decided when time moves past it. Time never goes back; an earlier `now` counts as the latest
+/// one.
 ///
-/// Once the vectors have grown, no method allocates but [`new`](Self::new) and
-/// [`attach`](Self::attach).
+/// Once the vectors have grown, only [`new`](Self::new) and [`attach`](Self::attach) allocate.
 #[derive(Clone, Debug)]
 pub struct CanBus {
     name: String,
-    pub(super) now: u64,
-    pub(super) free_at: u64,
-    pub(super) stations: Vec<Station>,
-    pub(super) current: Option<Transmission>,
-    pub(super) statistics: BusStatistics,
-    pub(super) report_due: bool,
-    /// When something ends next, as of the last planning.
-    pub(super) next_end: Option<u64>,
-    /// Whether a station may be sending to itself or be on its way back from bus-off.
-    pub(super) has_asides: bool,
+    now: u64,
+    free_at: u64,
+    stations: Vec<Station>,
+    current: Option<Transmission>,
+    statistics: BusStatistics,
+    report_due: bool,
+    /// Time at which the next transmission or recovery ends, as last planned.
+    next_end: Option<u64>,
+    /// Whether a station may be in internal loopback or recovering from bus-off.
+    has_local_activity: bool,
 }
 
 impl CanBus {
@@ -54,33 +56,33 @@ impl CanBus {
             statistics: BusStatistics::default(),
             report_due: false,
             next_end: None,
-            has_asides: false,
+            has_local_activity: false,
         }
     }
 
-    /// The name given to [`new`](Self::new).
+    /// Name of the bus.
     #[must_use]
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Adds a station that is not on the bus yet.
+    /// Adds a station that is not yet on the bus.
     pub fn attach(&mut self) -> StationId {
         self.stations.push(Station::default());
         StationId(self.stations.len() - 1)
     }
 
-    /// Number of stations attached.
+    /// Number of attached stations.
     #[must_use]
     pub fn station_count(&self) -> usize {
         self.stations.len()
     }
 
-    /// Starts a station anew with a configuration, or takes it off the bus (`None`).
+    /// Restarts a station with a configuration, or takes it off the bus (`None`).
     ///
-    /// The controller is reset: its frame is lost (one under way breaks off in an error frame),
-    /// the error counters are 0 without an event, injected errors are forgotten. It takes part
-    /// in frames that start eleven recessive bits later.
+    /// The controller is reset: its frame is lost (one in transmission ends in an error frame), the
+    /// error counters become 0 without an event, injected errors are cleared. It takes part in
+    /// frames that start at least eleven recessive bits later.
     pub fn configure(&mut self, now: u64, station: StationId, config: Option<StationConfig>) {
         self.now = self.now.max(now);
         let now = self.now;
@@ -94,11 +96,11 @@ impl CanBus {
             statistics,
             ..Station::default()
         };
-        self.station_vanished(station.0);
+        self.handle_station_removal(station.0);
         self.replan();
     }
 
-    /// The configuration a station runs with.
+    /// Configuration of a station.
     #[must_use]
     pub fn config(&self, station: StationId) -> Option<StationConfig> {
         self.stations.get(station.0)?.config
@@ -106,8 +108,8 @@ impl CanBus {
 
     /// Puts a station's next frame into arbitration.
     ///
-    /// Returns false, and takes nothing, while the station has a frame under way or waiting,
-    /// or is not on the bus. The frames of a listening or a bus-off station wait.
+    /// Returns false, and ignores the frame, if the station already has a frame, or is not on the
+    /// bus. Frames of a listening or a bus-off station wait.
     pub fn offer(&mut self, now: u64, station: StationId, frame: CanFrame) -> bool {
         let taken = self.offer_unplanned(now, station, &frame);
         if taken {
@@ -116,7 +118,7 @@ impl CanBus {
         taken
     }
 
-    /// The same, when others may offer too: [`replan`](Self::replan) must follow.
+    /// As [`offer`](Self::offer), if others may offer too: [`replan`](Self::replan) must follow.
     pub(crate) fn offer_unplanned(
         &mut self,
         now: u64,
@@ -140,7 +142,7 @@ impl CanBus {
             let start = now.max(slot.active_from).max(slot.local_free_at);
             slot.local =
                 Some(LocalTransmission { frame, start, end: start + config.duration_ns(&timing) });
-            self.has_asides = true;
+            self.has_local_activity = true;
             return true;
         }
         slot.offer = Some(ArbitrationEntry {
@@ -153,17 +155,17 @@ impl CanBus {
         true
     }
 
-    /// Whether a station has a frame under way or waiting for the bus.
+    /// Whether a station has a frame in transmission or waiting for the bus.
     #[must_use]
     pub fn is_offering(&self, station: StationId) -> bool {
         self.stations.get(station.0).is_some_and(|s| s.offer.is_some() || s.local.is_some())
     }
 
-    /// Takes a waiting frame back. One that is already on the wire goes on, but is not repeated
-    /// if it fails.
+    /// Withdraws a waiting frame. A frame in transmission continues, but is not repeated if it
+    /// fails.
     pub fn withdraw(&mut self, station: StationId) {
         let now = self.now;
-        let under_way =
+        let in_progress =
             self.current.as_ref().is_some_and(|t| t.transmitter == station.0 && t.start < now);
         let Some(slot) = self.stations.get_mut(station.0) else {
             return;
@@ -171,7 +173,7 @@ impl CanBus {
         if slot.local.is_some_and(|local| local.start >= now) {
             slot.local = None;
         }
-        if under_way {
+        if in_progress {
             if let Some(offer) = &mut slot.offer {
                 offer.withdrawn = true;
             }
@@ -181,7 +183,7 @@ impl CanBus {
         self.replan();
     }
 
-    /// The next instant at which something ends or changes, as far as is known now.
+    /// Next instant at which something ends or changes, as known now.
     #[must_use]
     pub fn next_event(&self) -> Option<u64> {
         if self.report_due {
@@ -190,18 +192,19 @@ impl CanBus {
         self.next_end
     }
 
-    /// Moves time to the first instant not after `to` at which something happens, and appends
-    /// what happened; to `to` itself if nothing does.
+    /// Advances time to the first instant up to `to` at which something happens and appends the
+    /// events; otherwise to `to`.
     ///
-    /// Returns the instant reached. Call it again, after offering the frames that follow from
-    /// the events, until it returns `to` without events.
+    /// Returns the instant reached. Offer the frames that result from the events and call it again
+    /// until it returns `to` without events.
     pub fn advance(&mut self, to: u64, events: &mut Vec<BusEvent>) -> u64 {
         self.advance_unplanned(to, events);
         self.replan();
         self.now
     }
 
-    /// The same, when frames are offered next: [`replan`](Self::replan) must follow.
+    /// As [`advance`](Self::advance), if frames are offered next: [`replan`](Self::replan) must
+    /// follow.
     pub(crate) fn advance_unplanned(&mut self, to: u64, events: &mut Vec<BusEvent>) {
         let Some(at) = self.next_event().filter(|&at| at <= to) else {
             self.now = self.now.max(to);
@@ -214,7 +217,7 @@ impl CanBus {
         if let Some(t) = self.current.take_if(|t| t.end == at) {
             self.complete(&t, events);
         }
-        if self.has_asides {
+        if self.has_local_activity {
             for index in 0..self.stations.len() {
                 self.complete_local(index, at, events);
                 self.complete_recovery(index, at);
@@ -249,7 +252,7 @@ impl CanBus {
         });
     }
 
-    /// When a recovery ends, if that comes before the next transmission starts.
+    /// End of a recovery, if it is before the next transmission.
     pub(super) fn recovery_end(&self, station: &Station) -> Option<u64> {
         let end = station.recovery.as_ref()?.end();
         match &self.current {
@@ -286,14 +289,14 @@ impl CanBus {
         self.stations.get(station.0).map_or(ErrorState::Active, |s| s.counters.state())
     }
 
-    /// What the station last saw go wrong since it was configured.
+    /// Last error that the station detected since it was configured.
     #[must_use]
     pub fn last_error(&self, station: StationId) -> Option<BusError> {
         self.stations.get(station.0)?.last_error
     }
 
-    /// Lets a bus-off station come back: it is error active again after 128 occurrences of 11
-    /// recessive bits. No effect in another state, or while it is already coming back.
+    /// Starts the recovery of a bus-off station: it is error active again after 128 occurrences of
+    /// 11 recessive bits. No effect in another state or during recovery.
     pub fn recover(&mut self, now: u64, station: StationId) {
         self.now = self.now.max(now);
         let now = self.now;
@@ -303,19 +306,19 @@ impl CanBus {
         if let (true, None, Some(config)) =
             (slot.counters.is_bus_off(), slot.recovery, &slot.config)
         {
-            slot.recovery = Some(Recovery::start(now, config));
-            self.has_asides = true;
+            slot.recovery = Some(Recovery::start(now, config.bits_ns(11)));
+            self.has_local_activity = true;
             self.replan();
         }
     }
 
-    /// Whether a bus-off station is on its way back.
+    /// Whether a bus-off station is recovering.
     #[must_use]
     pub fn is_recovering(&self, station: StationId) -> bool {
         self.stations.get(station.0).is_some_and(|s| s.recovery.is_some())
     }
 
-    /// Injects a fault at the instant the bus has reached.
+    /// Injects a fault at the instant that the bus has reached.
     pub fn inject(&mut self, fault: BusFault) {
         match fault {
             BusFault::ErrorFrames { station, count } => {
@@ -332,13 +335,13 @@ impl CanBus {
                 }
                 slot.counters.leave_bus();
                 self.report_due = true;
-                self.station_vanished(station.0);
+                self.handle_station_removal(station.0);
             }
         }
         self.replan();
     }
 
-    /// Counters of the bus up to the instant it has reached.
+    /// Counters of the bus up to the instant that it has reached.
     #[must_use]
     pub fn statistics(&self) -> BusStatistics {
         let mut statistics = self.statistics;

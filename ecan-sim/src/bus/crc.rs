@@ -1,4 +1,4 @@
-//! The three cyclic redundancy checks of CAN, over whole bits.
+//! The three CRCs of CAN, over complete bits.
 
 /// One CRC of `WIDTH` bits, with its byte table.
 pub(super) struct BitCrc {
@@ -30,13 +30,13 @@ impl BitCrc {
         self.initial
     }
 
-    /// Takes in one bit.
+    /// Adds one bit.
     pub(super) const fn bit(&self, register: u32, bit: bool) -> u32 {
         let mixed = register ^ ((bit as u32) << (self.width - 1));
         shift(mixed, self.width, self.polynomial)
     }
 
-    /// Takes in eight bits, the most significant first.
+    /// Adds eight bits, the most significant first.
     #[inline]
     pub(super) const fn byte(&self, register: u32, byte: u8) -> u32 {
         let index = ((register >> (self.width - 8)) as u8) ^ byte;
@@ -65,7 +65,7 @@ pub(super) static CRC21: BitCrc = BitCrc::new(21, 0x10_2899, 1 << 20);
 mod tests {
     use super::*;
 
-    /// The catalogue's check values are taken over the nine digits with a zero start.
+    /// The check values of the CRC catalogue refer to nine digits with start value zero.
     #[test]
     fn catalogue_check_values() {
         for (crc, check) in [(&CRC15, 0x059E), (&CRC17, 0x0_4F03), (&CRC21, 0x0E_D841)] {

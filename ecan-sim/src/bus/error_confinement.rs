@@ -1,45 +1,46 @@
 //! Error counters and error states (ISO 11898-1, fault confinement).
 
-/// From this count on a station is reported as being in the warning state.
+/// Count from which a station is in the warning state.
 const WARNING_LIMIT: u16 = 96;
-/// From this count on a station is error passive.
+/// Count from which a station is error passive.
 const PASSIVE_LIMIT: u16 = 128;
-/// From this transmit error count on a station leaves the bus.
+/// Transmit error count from which a station is bus-off.
 const BUS_OFF_LIMIT: u16 = 256;
-/// Nothing depends on how far the receive error counter is above the passive limit.
+/// Counting beyond the passive limit has no effect.
 const REC_MAX: u16 = 255;
-/// Where an error-passive receiver's counter goes after a good frame; the standard leaves
+/// Receive error counter of an error-passive receiver after a good frame; the standard allows 119
+/// to 127.
 /// 119 to 127 open.
 const REC_AFTER_PASSIVE: u16 = 127;
 
-/// The error state of a station.
+/// Error state of a station.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum ErrorState {
     /// Error active, both counters below 96.
     #[default]
     Active,
-    /// Error active with a counter of 96 or more.
+    /// Error active, a counter of 96 or more.
     Warning,
-    /// Error passive: a counter of 128 or more. Its error flags disturb no one.
+    /// Error passive: a counter of 128 or more. Its error flags do not disturb others.
     Passive,
-    /// Off the bus: the transmit error counter reached 256.
+    /// Bus-off: the transmit error counter reached 256.
     BusOff,
 }
 
-/// What a station last saw go wrong.
+/// Error that a station detected.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum BusError {
-    /// Six equal bits where stuffing allows five: also how another station's error flag looks.
+    /// Stuff error: six equal bits. Also caused by another station's error flag.
     Stuff,
-    /// No station acknowledged the frame.
+    /// ACK error: no station acknowledged the frame.
     Ack,
-    /// A sent bit read back with the other level.
+    /// Bit error: a sent bit was read back with the other level.
     Bit,
-    /// A bit of fixed form had the wrong level: also how an FD frame looks to a classic station.
+    /// Form error. Also caused by an FD frame at a classic station.
     Form,
 }
 
-/// The two error counters of one station.
+/// Error counters of one station.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct ErrorCounters {
     pub tec: u16,
@@ -77,7 +78,7 @@ impl ErrorCounters {
             if self.rec >= PASSIVE_LIMIT { REC_AFTER_PASSIVE } else { self.rec.saturating_sub(1) };
     }
 
-    /// The transmitter's error flag: eight points, and off the bus from 256 on.
+    /// The transmitter's error flag adds eight; bus-off from 256.
     pub(super) const fn send_failed(&mut self) {
         self.tec += 8;
         if self.tec >= BUS_OFF_LIMIT {

@@ -1,19 +1,19 @@
-//! What the bus reports, and what a test can do to it.
+//! Events of the bus and faults to inject.
 
 use ecan_protocol::can::CanFrame;
 
 use super::error_confinement::ErrorState;
 use super::station::StationId;
 
-/// One thing that happened on the bus. Times are nanoseconds of the simulation.
+/// One event on the bus. Times in simulated nanoseconds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BusEvent {
-    /// A station's frame went out and was acknowledged (or looped back).
+    /// A station's frame was sent and acknowledged (or looped back).
     Transmitted {
         /// The sender.
         station: StationId,
-        /// The frame as it was on the wire: the ESI bit is set when the sender was error
-        /// passive, and an FD frame of a classic station went out in the classic format.
+        /// The frame as sent on the wire: ESI is set if the sender was error passive, and an FD
+        /// frame of a classic station was sent in classic format.
         frame: CanFrame,
         /// Start of frame.
         start_ns: u64,
@@ -31,30 +31,30 @@ pub enum BusEvent {
         /// End of frame.
         at_ns: u64,
     },
-    /// A transmission was destroyed by an error frame or not acknowledged.
+    /// A transmission ended in an error frame or was not acknowledged.
     ErrorFrame {
-        /// Whose transmission it was.
+        /// The sender.
         transmitter: StationId,
         /// End of the error delimiter.
         at_ns: u64,
     },
-    /// A station without automatic retransmission gave a frame up: it failed, or lost
+    /// A station without automatic retransmission discarded a frame after an error or lost
     /// arbitration.
     Abandoned {
         /// The station.
         station: StationId,
-        /// The frame that will not be sent.
+        /// The frame.
         frame: CanFrame,
-        /// When.
+        /// Time.
         at_ns: u64,
     },
-    /// A station's error state changed.
+    /// The error state of a station changed.
     StateChanged {
         /// The station.
         station: StationId,
-        /// Its new state.
+        /// The new state.
         state: ErrorState,
-        /// When.
+        /// Time.
         at_ns: u64,
     },
 }
@@ -62,13 +62,13 @@ pub enum BusEvent {
 /// A fault to inject.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BusFault {
-    /// The next `count` transmissions of a station are hit by a bit error.
+    /// A bit error disturbs the next `count` transmissions of a station.
     ErrorFrames {
-        /// Whose transmissions.
+        /// The station.
         station: StationId,
-        /// How many.
+        /// Number of transmissions.
         count: u32,
     },
-    /// A station goes bus-off at once; a frame it is sending breaks off.
+    /// A station becomes bus-off at once; a frame in transmission ends in an error frame.
     BusOff(StationId),
 }

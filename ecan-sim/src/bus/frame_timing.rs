@@ -1,4 +1,4 @@
-//! How many bits a frame has on the wire, and so how long it takes.
+//! Number of bits of a frame on the wire, and its duration.
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
@@ -11,26 +11,26 @@ pub const INTERMISSION_BITS: u32 = 3;
 /// ACK slot, ACK delimiter and EOF.
 const TRAILER_BITS: u32 = 9;
 
-/// The exact length of one frame on the wire, from SOF to the end of EOF, stuff bits included.
+/// Exact length of one frame on the wire, from SOF to the end of EOF, including stuff bits.
 ///
-/// With bit rate switching the bus changes to the data rate at the sample point of the BRS bit
-/// and back at the sample point of the CRC delimiter. The two bits together last one nominal
-/// and one data bit wherever the sample points lie, as long as they agree in both; BRS is
-/// counted as the nominal one and the CRC delimiter as the data one.
+/// With bit rate switching the bus changes to the data bit rate at the sample point of the BRS bit
+/// and back at the sample point of the CRC delimiter. The two bits together last one nominal and
+/// one data bit for any sample point, if it is equal in both; BRS is counted as the nominal one and
+/// the CRC delimiter as the data one.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FrameTiming {
     /// Bits sent at the nominal bit rate.
     pub nominal_bits: u16,
     /// Bits sent at the data bit rate; 0 without bit rate switching.
     pub data_bits: u16,
-    /// Dynamic stuff bits among them; the fixed ones of FD frames are not counted here.
+    /// Number of dynamic stuff bits; without the fixed ones of FD frames.
     pub stuff_bits: u16,
-    /// Bits from SOF up to and including BRS in an FD frame, or the last DLC bit of a classic one.
+    /// Bits from SOF to BRS in an FD frame, or to the last DLC bit of a classic one, inclusive.
     pub header_bits: u16,
 }
 
 impl FrameTiming {
-    /// Measures a frame. No heap, no loop over single bits but a few: real-time safe.
+    /// Measures a frame. Real-time safe.
     #[must_use]
     pub fn of(frame: &CanFrame) -> Self {
         match frame.kind() {
@@ -45,8 +45,8 @@ impl FrameTiming {
         counter.bits(header.bits, header.length);
         let header_bits = header.length + counter.count();
 
-        // The CRC starts with 0, so zeros in front of SOF change nothing and the header can be
-        // taken bytewise.
+        // The CRC starts with 0, so zeros before SOF change nothing and the header can be processed
+        // in bytes.
         let mut crc = CRC15.start();
         let skipped = 8 - header.length.div_ceil(8) as usize;
         for &byte in header.bits.to_be_bytes().iter().skip(skipped) {
@@ -92,7 +92,7 @@ impl FrameTiming {
         }
     }
 
-    /// All bits from SOF to the end of EOF.
+    /// Total number of bits from SOF to the end of EOF.
     #[must_use]
     pub const fn total_bits(&self) -> u32 {
         self.nominal_bits as u32 + self.data_bits as u32
@@ -112,14 +112,14 @@ impl FrameTiming {
     }
 }
 
-/// Time that `bits` bits take at `bitrate` bit/s, in nanoseconds, rounded to the nearest.
+/// Time of `bits` bits at `bitrate` bit/s, in nanoseconds, rounded to the nearest.
 #[must_use]
 pub fn bits_ns(bits: u32, bitrate: u32) -> u64 {
     let rate = u64::from(bitrate.max(1));
     (u64::from(bits) * 1_000_000_000 + rate / 2) / rate
 }
 
-/// Stuff count, CRC and the fixed stuff bits: one in front, one behind every four bits.
+/// Stuff count, CRC and the fixed stuff bits: one before, and one after every four bits.
 pub(super) const fn fd_crc_field_bits(data_bytes: usize) -> u32 {
     let bits = if data_bytes <= 16 { 4 + 17 } else { 4 + 21 };
     bits + 1 + bits / 4

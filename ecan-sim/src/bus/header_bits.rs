@@ -1,14 +1,14 @@
-//! The unstuffed bits in front of the data field.
+//! The unstuffed bits before the data field.
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
-/// SOF, arbitration and control field of a frame, unstuffed, the first bit on the wire being
-/// the most significant of `length` bits.
+/// SOF, arbitration and control field of a frame, unstuffed; the first bit on the wire is the most
+/// significant of `length` bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct HeaderBits {
     pub bits: u64,
     pub length: u32,
-    /// Bits up to and including BRS in an FD frame; the whole header in a classic one.
+    /// Bits up to BRS in an FD frame, inclusive; the whole header in a classic one.
     pub before_switch: u32,
 }
 
@@ -41,7 +41,7 @@ impl HeaderBits {
                 header.push(dlc, 4);
             }
             FrameKind::Data | FrameKind::Remote => {
-                // FDF, and r0 behind it in the extended format.
+                // FDF, followed by r0 in extended format.
                 header.push(0, if frame.id().is_extended() { 2 } else { 1 });
                 header.push(dlc, 4);
                 header.before_switch = header.length;

@@ -1,17 +1,15 @@
 //! A CAN bus with its stations: exact frame times, arbitration, error confinement.
 //!
-//! Time is in nanoseconds of the simulation and moves only when the caller says so. Stations
-//! put one frame each into arbitration, as a controller does; queues belong to the caller.
+//! Time is in simulated nanoseconds and advances only when the caller demands it. Each station puts
+//! one frame into arbitration, as a controller does; queues belong to the caller.
 
 mod arbitration;
 mod can_bus;
-mod completion;
 mod crc;
 mod error_confinement;
 mod event;
 mod frame_timing;
 mod header_bits;
-mod planning;
 mod recovery;
 mod station;
 mod statistics;

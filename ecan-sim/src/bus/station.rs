@@ -1,4 +1,4 @@
-//! One controller on the bus.
+//! One CAN controller on the bus.
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
@@ -7,31 +7,31 @@ use super::frame_timing::{FrameTiming, bits_ns};
 use super::recovery::Recovery;
 use super::statistics::StationStatistics;
 
-/// Names a station of one bus; handed out by [`CanBus::attach`](super::CanBus::attach).
+/// Index of a station on one bus, returned by [`CanBus::attach`](super::CanBus::attach).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct StationId(pub(super) usize);
 
 impl StationId {
-    /// The station's number: 0 for the first one attached, and so on.
+    /// Number of the station: 0 for the first one attached.
     #[must_use]
     pub const fn index(self) -> usize {
         self.0
     }
 }
 
-/// How a controller takes part in the bus (manual 13.4, node mode).
+/// Operating mode of a controller (manual 13.4, node mode).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum StationMode {
     /// Sends, receives, acknowledges, signals errors.
     #[default]
     Normal,
-    /// Receives only: never drives the bus, so it neither acknowledges nor signals errors, and
-    /// its error counters stand still. Frames offered wait.
+    /// Receives only: never drives the bus, so it neither acknowledges nor signals errors, and its
+    /// error counters do not change. Offered frames wait.
     Listen,
-    /// Frames come back to the station itself and the bus sees nothing.
+    /// Frames are looped back internally and do not reach the bus.
     InternalLoopback,
-    /// Frames go to the bus and come back to the station itself. As in Bosch's M_CAN it needs
-    /// no acknowledgement and does not hear other stations.
+    /// Frames are sent on the bus and looped back. As in Bosch's M_CAN it needs no acknowledgement
+    /// and does not receive frames of other stations.
     ExternalLoopback,
 }
 
@@ -40,12 +40,12 @@ pub enum StationMode {
 pub struct StationConfig {
     /// Bit rate of the arbitration phase in bit/s.
     pub nominal_bitrate: u32,
-    /// Bit rate of the data phase in bit/s; matters for FD frames with bit rate switching.
+    /// Bit rate of the data phase in bit/s, for FD frames with bit rate switching.
     pub data_bitrate: u32,
-    /// Whether the station knows CAN FD. One that does not destroys FD frames with error flags
-    /// and sends what it is given in the classic format, cut to 8 bytes, as M_CAN does.
+    /// Whether the station supports CAN FD. Without support it destroys FD frames with error flags
+    /// and sends its own in classic format, cut to 8 bytes, as M_CAN does.
     pub fd: bool,
-    /// How it takes part.
+    /// Operating mode.
     pub mode: StationMode,
     /// Whether failed transmissions and lost arbitrations are repeated.
     pub auto_retransmit: bool,
@@ -101,8 +101,8 @@ impl StationConfig {
         changed.unwrap_or(frame)
     }
 
-    /// Whether this controller reads a frame sent with another one's bit rates.
-    pub(super) fn understands(&self, sender: &Self, frame: &CanFrame) -> Result<(), Mismatch> {
+    /// Whether this controller can read a frame of another one.
+    pub(super) fn can_read(&self, sender: &Self, frame: &CanFrame) -> Result<(), Mismatch> {
         if self.nominal_bitrate != sender.nominal_bitrate {
             return Err(Mismatch::NominalBitrate);
         }
@@ -116,7 +116,7 @@ impl StationConfig {
     }
 }
 
-/// Why a station cannot read a frame.
+/// Reason why a station cannot read a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Mismatch {
     NominalBitrate,
@@ -133,18 +133,18 @@ impl Mismatch {
     }
 }
 
-/// The frame a station has in arbitration.
+/// The frame that a station has in arbitration.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ArbitrationEntry {
     pub frame: CanFrame,
     pub timing: FrameTiming,
     pub key: u32,
     pub ready_at: u64,
-    /// Not to be repeated if the attempt under way fails.
+    /// Do not repeat the frame if the present attempt fails.
     pub withdrawn: bool,
 }
 
-/// A frame that an internally looped station sends to itself.
+/// A frame in internal loopback.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LocalTransmission {
     pub frame: CanFrame,
@@ -157,9 +157,9 @@ pub(super) struct Station {
     pub config: Option<StationConfig>,
     pub offer: Option<ArbitrationEntry>,
     pub local: Option<LocalTransmission>,
-    /// Since when (or from when on) it has seen the eleven recessive bits that let it join.
+    /// Time from which the station takes part, after eleven recessive bits.
     pub active_from: u64,
-    /// End of the pause an error-passive sender makes behind its own frame.
+    /// End of the suspend transmission time after its own frame.
     pub suspended_until: u64,
     /// Earliest next start in internal loopback.
     pub local_free_at: u64,
@@ -172,12 +172,12 @@ pub(super) struct Station {
 }
 
 impl Station {
-    /// Whether its error state is still to be reported.
-    pub(super) fn state_is_new(&self) -> bool {
+    /// Whether its error state has not been reported yet.
+    pub(super) fn has_new_state(&self) -> bool {
         self.counters.state() != self.reported
     }
 
-    /// The configuration of a station that hears a frame starting at `start`.
+    /// The configuration of a station that receives a frame starting at `start`.
     pub(super) fn listening(&self, start: u64) -> Option<&StationConfig> {
         let config = self.config.as_ref()?;
         let hears = matches!(config.mode, StationMode::Normal | StationMode::Listen)
@@ -186,7 +186,7 @@ impl Station {
         hears.then_some(config)
     }
 
-    /// The earliest start of its offer, not counting the state of the bus.
+    /// Earliest start of its frame, regardless of the bus state.
     pub(super) fn ready_at(&self) -> Option<(u64, &ArbitrationEntry, &StationConfig)> {
         let config = self.config.as_ref()?;
         let offer = self.offer.as_ref()?;

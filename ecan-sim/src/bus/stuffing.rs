@@ -1,9 +1,9 @@
 //! Dynamic bit stuffing: after five equal bits the transmitter inserts their complement.
 
-/// The last level on the wire and how often in a row it was sent: `level * 5 + run - 1`.
+/// The last level on the wire and its run length: `level * 5 + run - 1`.
 ///
-/// The stuff bit behind a run of five is inserted together with the next bit: it belongs to
-/// the phase of that bit, and an FD frame whose data field ends in such a run has none.
+/// The stuff bit after a run of five is inserted together with the next bit: it belongs to the
+/// phase of that bit, and an FD frame whose data field ends in such a run has none.
 type State = u8;
 
 const RECESSIVE_IDLE: State = 5;
@@ -21,9 +21,9 @@ const fn step(state: State, bit: bool) -> (u8, State) {
     (inserted, bit as u8 * 5 + run - 1)
 }
 
-/// Stuff bits (high nibble) and next state (low nibble) for eight bits in each state.
+/// Number of stuff bits (high nibble) and next state (low nibble) for eight bits in each state.
 static BYTE_STEPS: [[u8; 256]; 10] = byte_steps();
-/// The same for one to seven bits, with a 1 in front of the first.
+/// The same for one to seven bits, with a leading 1.
 static PART_STEPS: [[u8; 256]; 10] = part_steps();
 
 /// The entry for the lowest `length` bits.
@@ -79,7 +79,7 @@ impl StuffCounter {
         Self { state: RECESSIVE_IDLE, count: 0 }
     }
 
-    /// Stuff bits inserted so far; one that waits for the next bit is not among them.
+    /// Number of stuff bits so far, without a pending one.
     pub(super) const fn count(&self) -> u32 {
         self.count
     }
@@ -116,7 +116,7 @@ impl StuffCounter {
     }
 }
 
-/// Inserts the stuff bits themselves: one bit in, one or two out.
+/// Inserts stuff bits: one bit in, one or two out.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Stuffer {
     state: State,
@@ -127,7 +127,7 @@ impl Stuffer {
         Self { state: RECESSIVE_IDLE }
     }
 
-    /// The stuff bit that goes in front of `bit`, if one is due.
+    /// The stuff bit due before `bit`, if any.
     pub(super) fn before(&mut self, bit: bool) -> Option<bool> {
         let due = self.due();
         self.state = step(self.state, bit).1;

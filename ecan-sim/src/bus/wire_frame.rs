@@ -11,11 +11,11 @@ use super::stuffing::Stuffer;
 /// The longest frame (extended identifier, 64 bytes, every stuff bit) has 733 bits.
 const WORDS: usize = 12;
 
-/// Every bit of one frame from SOF to the end of EOF: stuff bits, CRC and an acknowledged ACK
-/// slot included. `true` is recessive.
+/// Every bit of one frame from SOF to the end of EOF, including stuff bits, CRC and an acknowledged
+/// ACK slot. `true` is recessive.
 ///
-/// For tools and tests: the bus itself needs only the lengths, which
-/// [`FrameTiming`](super::FrameTiming) finds faster.
+/// For tools and tests: the bus needs only the lengths, which [`FrameTiming`](super::FrameTiming)
+/// finds faster.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct WireFrame {
     bits: [u64; WORDS],
@@ -46,13 +46,13 @@ impl WireFrame {
         self.length
     }
 
-    /// Never true: even the shortest frame has 44 bits.
+    /// Always false: the shortest frame has 44 bits.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.length == 0
     }
 
-    /// The bits in the order of time.
+    /// The bits in order of time.
     pub fn bits(&self) -> impl Iterator<Item = bool> + '_ {
         (0..self.length).map(|i| self.bits[i / 64] >> (i % 64) & 1 == 1)
     }
@@ -69,7 +69,7 @@ impl WireFrame {
         self.crc
     }
 
-    /// Dynamic stuff bits, those of the CRC sequence of a classic frame included.
+    /// Number of dynamic stuff bits, including those in the CRC of a classic frame.
     #[must_use]
     pub fn stuff_bits(&self) -> usize {
         self.stuff_bits

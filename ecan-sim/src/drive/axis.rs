@@ -1,17 +1,17 @@
-//! The axis of the drive: power stage, motion and motor together, in the coordinates of the user.
+//! One axis of the drive: power stage, motion and motor, in user coordinates.
 
 use ecan_canopen::{Controlword, DriveState, NodeLossReaction, OperatingMode, Statusword};
 
+use super::config::DriveConfig;
 use super::history::TargetHistory;
 use super::homing::Switches;
 use super::motion::Motion;
 use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
 use super::power::{Action, PowerStage, StopMode};
-use super::settings::DriveConfig;
 use crate::earliest::earliest;
 
-/// Following error too great for too long.
+/// EMCY error code: following error exceeds its window for too long.
 const FOLLOWING_ERROR: u16 = 0x8611;
 
 /// Latest commands.
@@ -25,38 +25,37 @@ pub(super) struct Targets {
     pub(super) torque_offset: i16,
 }
 
-/// What the axis has to report to the rest of the drive.
+/// Event that the axis reports to the rest of the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Report {
-    /// It has found a fault.
+    /// The axis detected a fault.
     Fault(u16),
-    /// A fault has been reset.
+    /// A fault was reset.
     Reset,
 }
 
-/// One axis.
 #[derive(Clone, Debug)]
 pub(super) struct Axis {
-    pub(super) settings: DriveConfig,
+    pub(super) config: DriveConfig,
     pub(super) now: u64,
-    /// Period of the controller, nanoseconds.
+    /// Controller period, ns.
     period: u64,
-    /// The same in seconds.
+    /// Controller period, s.
     period_seconds: f64,
-    /// First multiple of the period behind `now`.
+    /// First multiple of the period after `now`.
     next_tick: u64,
     pub(super) power: PowerStage,
     pub(super) motion: Motion,
     pub(super) motor: Motor,
-    /// Mode in force; `None` is no mode.
+    /// Active mode; `None` is no mode.
     pub(super) mode: Option<OperatingMode>,
-    /// Mode that comes into force, and when.
+    /// Requested mode and the time at which it becomes active.
     pub(super) next_mode: Option<(Option<OperatingMode>, u64)>,
     pub(super) targets: Targets,
-    /// Mechanical position of the user's zero.
+    /// Mechanical position of the user's zero position.
     pub(super) origin: i64,
-    /// Since when the following error has been too great.
-    strayed_since: Option<u64>,
+    /// Time since which the following error exceeds its window.
+    following_error_since: Option<u64>,
     pub(super) at_limit: bool,
     blocked_until: Option<u64>,
     pub(super) history: TargetHistory,
@@ -64,25 +63,25 @@ pub(super) struct Axis {
 }
 
 impl Axis {
-    pub(super) fn new(settings: &DriveConfig) -> Self {
-        let period = u64::from(settings.motor.period_us.clamp(1, 1_000)) * 1_000;
+    pub(super) fn new(config: &DriveConfig) -> Self {
+        let period = u64::from(config.motor.period_us.clamp(1, 1_000)) * 1_000;
         Self {
-            settings: settings.clone(),
+            config: config.clone(),
             now: 0,
             period,
             period_seconds: seconds(period),
             next_tick: period,
             power: PowerStage::new(),
-            motion: Motion::new(settings.motor),
-            motor: Motor::new(settings.motor),
+            motion: Motion::new(config.motor),
+            motor: Motor::new(config.motor),
             mode: None,
             next_mode: None,
             targets: Targets::default(),
             origin: 0,
-            strayed_since: None,
+            following_error_since: None,
             at_limit: false,
             blocked_until: None,
-            history: TargetHistory::new(settings.history),
+            history: TargetHistory::new(config.history),
             report: None,
         }
     }
@@ -103,34 +102,31 @@ impl Axis {
         self.mode
     }
 
-    /// Something that has happened and the drive has not taken notice of.
     pub(super) fn take_report(&mut self) -> Option<Report> {
         self.report.take()
     }
 
-    /// Actual position without the limits of 32 bits.
+    /// Actual position, not wrapped to 32 bits.
     pub(super) fn position_wide(&self) -> i64 {
         self.motor.position().round() as i64 - self.origin
     }
 
-    /// Actual position. It runs over as 32 bits do.
+    /// Actual position; wraps at 32 bits.
     pub(super) fn position(&self) -> i32 {
         self.position_wide() as i32
     }
 
-    /// Demanded position.
     pub(super) fn demand(&self) -> i32 {
         (self.motion.position().round() as i64 - self.origin) as i32
     }
 
-    /// Demanded speed.
     pub(super) fn demanded_velocity(&self) -> i32 {
         self.motion.velocity() as i32
     }
 
-    /// Distance between demand and motor where that is a following error.
+    /// Demand minus actual position in modes that monitor it, otherwise 0.
     pub(super) fn following_error(&self) -> i32 {
-        if self.power.is_energised() && self.motion.watches_following(self.mode) {
+        if self.power.is_energised() && self.motion.monitors_following_error(self.mode) {
             (self.motion.position() - self.motor.position()) as i32
         } else {
             0
@@ -138,42 +134,42 @@ impl Axis {
     }
 
     pub(super) fn switches(&self) -> Switches {
-        Switches::at(self.motor.position(), &self.settings.motor)
+        Switches::at(self.motor.position(), &self.config.motor)
     }
 
     pub(super) const fn is_energised(&self) -> bool {
         self.power.is_energised()
     }
 
-    /// The mode that the drive has from the beginning.
+    /// Sets the mode that is active after start.
     pub(super) fn preset_mode(&mut self, raw: i8) {
         if !self.power.is_energised() {
             self.mode = OperatingMode::from_raw(raw);
         }
     }
 
-    /// The self-test is over.
-    pub(super) fn ready(&mut self) {
-        self.power.ready();
+    /// Ends the self-test.
+    pub(super) fn finish_self_test(&mut self) {
+        self.power.finish_self_test();
     }
 
-    /// Loss of supply, or a reset of the device: the power stage is off and knows nothing.
+    /// Restarts after loss of supply or a reset of the device, with the power stage off.
     pub(super) fn restart(&mut self, supply_lost: bool) {
         self.power = PowerStage::new();
-        self.motion.shadow(&self.motor);
-        self.motion.forget_home();
+        self.motion.follow_motor(&self.motor);
+        self.motion.reset_homing();
         self.mode = None;
         self.next_mode = None;
         self.targets = Targets::default();
-        self.strayed_since = None;
+        self.following_error_since = None;
         self.at_limit = false;
         self.report = None;
-        if supply_lost && !self.settings.motor.absolute_encoder {
+        if supply_lost && !self.config.motor.absolute_encoder {
             self.origin = self.motor.position().round() as i64;
         }
     }
 
-    /// Jams the machine until then.
+    /// Blocks the motor until this time.
     pub(super) fn block(&mut self, until: u64) {
         self.blocked_until = Some(until);
         self.motor.block(true);
@@ -183,35 +179,34 @@ impl Axis {
         self.motor.limit_torque(parameters.max_torque);
     }
 
-    /// Whether anything moves or may have to.
+    /// Whether the motor moves or may have to move.
     pub(super) fn is_live(&self) -> bool {
         self.power.is_energised() || !self.motor.is_still()
     }
 
-    /// When the controller ticks next, if it does.
     pub(super) fn next_tick(&self) -> Option<u64> {
         self.is_live().then_some(self.next_tick)
     }
 
-    /// The last tick of the controller up to `now`, if it is still to come.
+    /// The last controller tick up to `now` that has not run yet.
     pub(super) fn missed_tick(&self, now: u64) -> Option<u64> {
         (self.next_tick <= now && self.is_live()).then(|| now / self.period * self.period)
     }
 
-    /// When something happens that others may notice at once. Ticks of the controller can be made
-    /// up for, all but the one that may find a fault.
+    /// Time of the next event that others can observe. Controller ticks can run late, except one
+    /// that may detect a fault.
     pub(super) fn next_event(&self, parameters: &Parameters) -> Option<u64> {
         let mode = self.next_mode.map(|(_, at)| at);
         let fault = self.earliest_fault(parameters);
         earliest([fault, mode, self.power.enabled_at(), self.blocked_until])
     }
 
-    /// The first tick that may find too great a following error for too long.
+    /// The first tick that can detect a following error.
     fn earliest_fault(&self, parameters: &Parameters) -> Option<u64> {
-        if !self.may_stray(parameters) {
+        if !self.monitors_following_error(parameters) {
             return None;
         }
-        let since = self.strayed_since.unwrap_or(self.next_tick);
+        let since = self.following_error_since.unwrap_or(self.next_tick);
         let at = since.saturating_add(parameters.following_time);
         if at <= self.next_tick {
             return Some(self.next_tick);
@@ -219,9 +214,8 @@ impl Axis {
         Some(at.div_ceil(self.period).saturating_mul(self.period))
     }
 
-    /// Moves the clock to a time that is not before its own.
-    ///
-    /// Controllers of all drives tick together, at multiples of their period.
+    /// Advances the clock. The controllers of all drives tick together, at multiples of their
+    /// period.
     fn set_now(&mut self, now: u64) {
         self.now = now;
         if now == self.next_tick {
@@ -231,7 +225,7 @@ impl Axis {
         }
     }
 
-    /// Lets time pass up to `to`.
+    /// Advances the axis to time `to`.
     pub(super) fn advance(&mut self, to: u64, parameters: &Parameters) {
         while self.now < to {
             if !self.is_live() {
@@ -245,8 +239,8 @@ impl Axis {
             self.blocked_until = None;
             self.motor.block(false);
         }
-        let action = self.power.brake_opens(self.now);
-        self.act(action, parameters);
+        let action = self.power.finish_enabling(self.now);
+        self.execute(action, parameters);
         if let Some((mode, at)) = self.next_mode
             && at <= self.now
         {
@@ -261,90 +255,89 @@ impl Axis {
         self.set_now(end);
         if !self.power.is_energised() {
             self.motor.advance(seconds, Actuation::Free);
-            self.motion.shadow(&self.motor);
+            self.motion.follow_motor(&self.motor);
             return;
         }
         let (actuation, found) = self.motion.step(seconds, &self.motor, parameters);
         self.motor.advance(seconds, actuation);
         if let Some(reference) = found {
-            // Zero lies the home offset behind the reference (CiA 402-2, 0x607C).
+            // The zero position is the home offset away from the reference (CiA 402-2, 0x607C).
             self.origin = reference.round() as i64 + i64::from(parameters.home_offset);
             self.history.restart();
         }
-        self.motion.watch_window(ns, &self.motor, parameters);
-        if self.power.is_leaving() && self.motion.has_stopped(&self.motor) {
-            let action = self.power.stands();
-            self.act(action, parameters);
+        self.motion.update_window(ns, &self.motor, parameters);
+        if self.power.has_next_state() && self.motion.has_stopped(&self.motor) {
+            let action = self.power.finish_stop();
+            self.execute(action, parameters);
         }
-        self.watch_following(parameters);
+        self.update_following_error(parameters);
     }
 
-    fn watch_following(&mut self, parameters: &Parameters) {
-        if !self.strays(parameters) {
-            self.strayed_since = None;
+    fn update_following_error(&mut self, parameters: &Parameters) {
+        if !self.exceeds_window(parameters) {
+            self.following_error_since = None;
             return;
         }
-        let since = *self.strayed_since.get_or_insert(self.now);
+        let since = *self.following_error_since.get_or_insert(self.now);
         if self.now - since >= parameters.following_time {
             self.fault(FOLLOWING_ERROR, parameters);
         }
     }
 
-    fn strays(&self, parameters: &Parameters) -> bool {
-        self.may_stray(parameters)
+    fn exceeds_window(&self, parameters: &Parameters) -> bool {
+        self.monitors_following_error(parameters)
             && self.following_error().unsigned_abs() > parameters.following_window
     }
 
-    /// Whether a following error is watched.
-    fn may_stray(&self, parameters: &Parameters) -> bool {
+    /// Whether the following error is monitored.
+    fn monitors_following_error(&self, parameters: &Parameters) -> bool {
         parameters.following_window != u32::MAX
             && self.power.state() == DriveState::OperationEnabled
     }
 
-    /// A fault has been found.
     pub(super) fn fault(&mut self, code: u16, parameters: &Parameters) {
         if matches!(self.power.state(), DriveState::FaultReactionActive | DriveState::Fault) {
             return;
         }
         self.report = Some(Report::Fault(code));
-        self.strayed_since = None;
+        self.following_error_since = None;
         let action = self.power.fault(parameters);
-        self.act(action, parameters);
+        self.execute(action, parameters);
     }
 
-    /// The host is gone (0x6007).
+    /// Applies the reaction to loss of the host (0x6007).
     pub(super) fn host_lost(&mut self, code: u16, parameters: &Parameters) {
         match parameters.node_loss {
             NodeLossReaction::None | NodeLossReaction::Other(_) => {}
             NodeLossReaction::Fault => self.fault(code, parameters),
             NodeLossReaction::DisableVoltage if self.power.is_energised() => {
                 let action = self.power.release(DriveState::SwitchOnDisabled);
-                self.act(action, parameters);
+                self.execute(action, parameters);
             }
             NodeLossReaction::QuickStop if self.power.state() == DriveState::OperationEnabled => {
                 let action = self.power.quick_stop(parameters);
-                self.act(action, parameters);
+                self.execute(action, parameters);
             }
             NodeLossReaction::DisableVoltage | NodeLossReaction::QuickStop => {}
         }
     }
 
-    pub(super) fn act(&mut self, action: Action, parameters: &Parameters) {
+    pub(super) fn execute(&mut self, action: Action, parameters: &Parameters) {
         match action {
             Action::None => {}
-            Action::TakeUp => self.take_up(parameters),
-            Action::Free => self.motion.shadow(&self.motor),
-            Action::Slow(slowing) => self.slow(slowing, parameters),
+            Action::Enable => self.enable(parameters),
+            Action::Release => self.motion.follow_motor(&self.motor),
+            Action::Stop(mode) => self.stop(mode, parameters),
             Action::Reset => self.report = Some(Report::Reset),
         }
     }
 
-    pub(super) fn take_up(&mut self, parameters: &Parameters) {
-        self.motion.take_up(&self.motor);
+    pub(super) fn enable(&mut self, parameters: &Parameters) {
+        self.motion.enable(&self.motor);
         self.history.restart();
-        self.strayed_since = None;
+        self.following_error_since = None;
         self.at_limit = false;
-        let old = self.settings.quirks.follows_old_target;
+        let old = self.config.quirks.follows_old_target;
         match self.mode {
             Some(OperatingMode::ProfileVelocity) => self.follow_velocity(),
             Some(OperatingMode::CyclicPosition) if old => self.follow_position(parameters),
@@ -352,8 +345,8 @@ impl Axis {
         }
     }
 
-    pub(super) fn slow(&mut self, slowing: StopMode, parameters: &Parameters) {
-        let deceleration = match slowing {
+    pub(super) fn stop(&mut self, mode: StopMode, parameters: &Parameters) {
+        let deceleration = match mode {
             StopMode::Profile => parameters.profile.deceleration,
             StopMode::Quick => parameters.quick_deceleration,
             StopMode::Limit => self.motor.max_acceleration(),
@@ -361,14 +354,14 @@ impl Axis {
         self.motion.stop(&self.motor, deceleration);
     }
 
-    /// The statusword, without the bits that are not the axis's.
+    /// The statusword without the bits that belong to the device.
     pub(super) fn statusword(&self, parameters: &Parameters) -> Statusword {
         let state = self.power.state();
         let mut word = Statusword::of_state(state).0;
         if state == DriveState::OperationEnabled {
             let halted = self.controlword().has(Controlword::HALT);
             word |= self.motion.status_bits(self.mode, halted, &self.motor, parameters);
-            if self.strays(parameters) {
+            if self.exceeds_window(parameters) {
                 word |= Statusword::MODE_13;
             }
             if self.at_limit {

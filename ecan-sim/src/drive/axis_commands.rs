@@ -6,9 +6,9 @@ use super::axis::Axis;
 use super::history::{TargetKind, TargetRecord};
 use super::motion::ModeBits;
 use super::parameters::Parameters;
-use super::power::{Conditions, halt_slowing};
+use super::power::{Conditions, halt_stop_mode};
 
-/// What of the commands a frame has brought.
+/// Commands that one frame contained.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct ReceivedCommands {
     pub(super) controlword: Option<u16>,
@@ -19,22 +19,27 @@ pub(super) struct ReceivedCommands {
 }
 
 impl Axis {
-    /// Notes a command that has been written to an object. False for objects that are no commands.
-    pub(super) fn note(&mut self, index: u16, number: i64, brought: &mut ReceivedCommands) -> bool {
+    /// Stores a command written to an object. Returns false for objects that are not commands.
+    pub(super) fn store_command(
+        &mut self,
+        index: u16,
+        number: i64,
+        received: &mut ReceivedCommands,
+    ) -> bool {
         match index {
-            object::CONTROLWORD => brought.controlword = Some(number as u16),
-            object::MODE_OF_OPERATION => brought.mode = Some(number as i8),
+            object::CONTROLWORD => received.controlword = Some(number as u16),
+            object::MODE_OF_OPERATION => received.mode = Some(number as i8),
             object::TARGET_POSITION => {
                 self.targets.position = number as i32;
-                brought.position = true;
+                received.position = true;
             }
             object::TARGET_VELOCITY => {
                 self.targets.velocity = number as i32;
-                brought.velocity = true;
+                received.velocity = true;
             }
             object::TARGET_TORQUE => {
                 self.targets.torque = number as i16;
-                brought.torque = true;
+                received.torque = true;
             }
             object::POSITION_OFFSET => self.targets.position_offset = number as i32,
             object::VELOCITY_OFFSET => self.targets.velocity_offset = number as i32,
@@ -44,22 +49,22 @@ impl Axis {
         true
     }
 
-    /// Takes what a frame has brought: mode, controlword, targets, in this order.
-    pub(super) fn take(&mut self, brought: &ReceivedCommands, parameters: &Parameters) {
-        if let Some(raw) = brought.mode {
+    /// Applies the commands of a frame: mode, controlword, targets, in this order.
+    pub(super) fn apply(&mut self, received: &ReceivedCommands, parameters: &Parameters) {
+        if let Some(raw) = received.mode {
             self.request_mode(raw, parameters);
         }
-        if let Some(word) = brought.controlword {
+        if let Some(word) = received.controlword {
             self.command(Controlword(word), parameters);
         }
-        if brought.position && self.mode != Some(OperatingMode::ProfilePosition) {
+        if received.position && self.mode != Some(OperatingMode::ProfilePosition) {
             let followed = self.follows(OperatingMode::CyclicPosition);
             self.record(TargetKind::Position, self.targets.position, followed, parameters);
             if followed {
                 self.follow_position(parameters);
             }
         }
-        if brought.velocity {
+        if received.velocity {
             let followed = self.follows(OperatingMode::CyclicVelocity)
                 || self.follows(OperatingMode::ProfileVelocity);
             self.record(TargetKind::Velocity, self.targets.velocity, followed, parameters);
@@ -67,7 +72,7 @@ impl Axis {
                 self.follow_velocity();
             }
         }
-        if brought.torque {
+        if received.torque {
             let followed = self.follows(OperatingMode::CyclicTorque);
             let torque = self.targets.torque;
             self.record(TargetKind::Torque, i32::from(torque), followed, parameters);
@@ -81,7 +86,7 @@ impl Axis {
     fn follows(&self, mode: OperatingMode) -> bool {
         self.power.state() == DriveState::OperationEnabled
             && self.mode == Some(mode)
-            && !self.power.is_leaving()
+            && !self.power.has_next_state()
             && !self.controlword().has(Controlword::HALT)
     }
 
@@ -99,7 +104,7 @@ impl Axis {
         });
     }
 
-    /// Mechanical position of a target, within the software limits.
+    /// Mechanical position of a target, clamped to the software limits.
     fn mechanical(&mut self, target: i32, parameters: &Parameters) -> f64 {
         let allowed = match parameters.limits {
             Some((low, high)) => target.clamp(low, high),
@@ -107,9 +112,9 @@ impl Axis {
         };
         self.at_limit = allowed != target;
         let here = self.position_wide();
-        // Targets run over as positions do: the shorter way is meant.
-        let way = allowed.wrapping_sub(here as i32);
-        (self.origin + here + i64::from(way)) as f64
+        // Targets wrap as positions do: the shorter direction is meant.
+        let distance = allowed.wrapping_sub(here as i32);
+        (self.origin + here + i64::from(distance)) as f64
     }
 
     pub(super) fn follow_position(&mut self, parameters: &Parameters) {
@@ -129,10 +134,10 @@ impl Axis {
 
     fn request_mode(&mut self, raw: i8, parameters: &Parameters) {
         let mode = OperatingMode::from_raw(raw);
-        if self.settings.quirks.ignored_modes.contains(&raw) {
+        if self.config.quirks.ignored_modes.contains(&raw) {
             return;
         }
-        let delay = u64::from(self.settings.quirks.mode_delay_ms) * 1_000_000;
+        let delay = u64::from(self.config.quirks.mode_delay_ms) * 1_000_000;
         if delay == 0 {
             self.change_mode(mode, parameters);
         } else {
@@ -145,21 +150,21 @@ impl Axis {
             return;
         }
         self.mode = mode;
-        if self.power.state() == DriveState::OperationEnabled && !self.power.is_leaving() {
-            self.take_up(parameters);
+        if self.power.state() == DriveState::OperationEnabled && !self.power.has_next_state() {
+            self.enable(parameters);
         }
     }
 
     fn command(&mut self, word: Controlword, parameters: &Parameters) {
         let previous = self.power.controlword();
         let conditions = Conditions {
-            may_enable: self.mode.is_some() || !self.settings.quirks.needs_mode,
-            may_reset: !self.settings.quirks.stuck_in_fault,
-            enable_ns: u64::from(self.settings.enable_ms) * 1_000_000,
+            may_enable: self.mode.is_some() || !self.config.quirks.needs_mode,
+            may_reset: !self.config.quirks.stuck_in_fault,
+            enable_ns: u64::from(self.config.enable_ms) * 1_000_000,
         };
         let action = self.power.command(self.now, word, parameters, &conditions);
-        self.act(action, parameters);
-        if self.power.state() != DriveState::OperationEnabled || self.power.is_leaving() {
+        self.execute(action, parameters);
+        if self.power.state() != DriveState::OperationEnabled || self.power.has_next_state() {
             return;
         }
         let bits = ModeBits::of(word, previous);
@@ -171,15 +176,15 @@ impl Axis {
                 self.motion.release_set_point();
             }
             Some(OperatingMode::Homing) if bits.rises && !bits.halt => {
-                self.motion.home(parameters.homing_method, &self.motor);
+                self.motion.start_homing(parameters.homing_method, &self.motor);
             }
-            Some(OperatingMode::Homing) if bits.falls => self.motion.leave_home(),
+            Some(OperatingMode::Homing) if bits.falls => self.motion.abort_homing(),
             _ => {}
         }
         if bits.halt {
-            self.slow(halt_slowing(parameters.halt), parameters);
+            self.stop(halt_stop_mode(parameters.halt), parameters);
         } else if bits.halt_ends {
-            self.motion.go_on();
+            self.motion.resume();
             if self.mode == Some(OperatingMode::ProfileVelocity) {
                 self.follow_velocity();
             }
@@ -194,6 +199,6 @@ impl Axis {
         }
         let position = self.mechanical(target, parameters);
         self.record(TargetKind::Position, target, true, parameters);
-        self.motion.set_point(position, bits.at_once);
+        self.motion.set_point(position, bits.immediate);
     }
 }

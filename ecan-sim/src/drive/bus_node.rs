@@ -1,4 +1,4 @@
-//! The drive as a node on a bus, and as a test sees it.
+//! The drive as a node on a bus, and its interface for tests.
 
 use ecan_canopen::{
     CobId, DriveState, Emcy, ErrorRegister, NmtRequest, NmtState, NodeId, OperatingMode, Service,
@@ -6,47 +6,47 @@ use ecan_canopen::{
 };
 use ecan_protocol::can::{CanFrame, FrameKind};
 
+use super::config::DriveConfig;
 use super::device::Device;
-use super::eds::{self, EdsError};
+use super::eds;
+use super::eds_error::EdsError;
 use super::history::TargetHistory;
 use super::sdo_server::SdoServer;
-use super::settings::DriveConfig;
 use crate::earliest::earliest;
 use crate::node::{Node, NodeOutput};
 
-/// A simulated CiA 402 drive: CANopen slave, state machine, motor.
+/// A simulated CiA 402 drive: CANopen node, state machine, motor.
 ///
-/// Everything that it says about itself here is its own truth, not what it sent. It is as of the
-/// last instant at which something happened to the drive; with power on or a turning motor that is
-/// at most a period of its controller ago.
+/// The getters return the actual state, not what the drive sent, as of the last event of the drive;
+/// with the power stage on or a turning motor that is at most one controller period ago.
 #[derive(Clone, Debug)]
 pub struct Drive {
     device: Device,
     sdo: SdoServer,
-    /// A segment of a block upload is on its way to the bus.
+    /// A segment of a block upload is queued for the bus.
     segment_waits: bool,
-    /// When something is due by the clock that others may notice at once. Kept, for it is asked for
-    /// after every frame on the bus.
+    /// Time of the next event that others can observe. Cached because it is read after every frame
+    /// on the bus.
     next: Option<u64>,
 }
 
 impl Drive {
-    /// A drive with the built-in object dictionary: all that CiA 402 asks of a servo drive with the
-    /// modes PP, PV, HM, CSP, CSV and CST, four PDOs each way of up to eight objects, and a scratch
-    /// domain (0x2000) and text (0x2001) to try transfers on.
+    /// A drive with the built-in object dictionary: the objects of a CiA 402 servo drive with the
+    /// modes PP, PV, HM, CSP, CSV and CST, four PDOs in each direction with up to eight objects,
+    /// and a scratch domain (0x2000) and text (0x2001) for transfer tests.
     #[must_use]
-    pub fn new(settings: &DriveConfig) -> Self {
-        Self::with_device(Device::new(settings, None))
+    pub fn new(config: &DriveConfig) -> Self {
+        Self::with_device(Device::new(config, None))
     }
 
-    /// A drive with the objects of an EDS (CiA 306). Parameters of motion that the EDS leaves at 0
-    /// and no drive has at 0 are as in the built-in dictionary.
+    /// A drive with the objects of an EDS (CiA 306). Motion parameters that are 0 in the EDS and
+    /// must not be 0 have the values of the built-in dictionary.
     ///
     /// # Errors
-    /// The first fault of the text, with its line.
-    pub fn from_eds(settings: &DriveConfig, text: &str) -> Result<Self, EdsError> {
-        let objects = eds::parse(text, settings.node.get())?;
-        Ok(Self::with_device(Device::new(settings, Some(objects))))
+    /// The first error in the text, with its line.
+    pub fn from_eds(config: &DriveConfig, text: &str) -> Result<Self, EdsError> {
+        let objects = eds::parse(text, config.node.get())?;
+        Ok(Self::with_device(Device::new(config, Some(objects))))
     }
 
     fn with_device(device: Device) -> Self {
@@ -54,25 +54,25 @@ impl Drive {
         Self { device, sdo, segment_waits: false, next: None }
     }
 
-    /// What the drive is like.
+    /// Configuration of the drive.
     #[must_use]
-    pub const fn settings(&self) -> &DriveConfig {
-        &self.device.settings
+    pub const fn config(&self) -> &DriveConfig {
+        &self.device.config
     }
 
-    /// Node id.
+    /// Node-ID.
     #[must_use]
     pub const fn node_id(&self) -> NodeId {
-        self.device.settings.node
+        self.device.config.node
     }
 
-    /// Whether it has its supply.
+    /// Whether the drive has its supply.
     #[must_use]
     pub const fn is_powered(&self) -> bool {
         self.device.is_powered()
     }
 
-    /// NMT state. Without supply it is [`NmtState::Initialising`].
+    /// NMT state; [`NmtState::Initialising`] without supply.
     #[must_use]
     pub const fn nmt_state(&self) -> NmtState {
         self.device.network.state()
@@ -84,13 +84,13 @@ impl Drive {
         self.device.axis.state()
     }
 
-    /// The statusword as it is now.
+    /// Present statusword.
     #[must_use]
     pub fn statusword(&self) -> Statusword {
         self.device.statusword()
     }
 
-    /// Mode of operation in force; `None` is none.
+    /// Active mode of operation; `None` is no mode.
     #[must_use]
     pub const fn mode(&self) -> Option<OperatingMode> {
         self.device.axis.mode()
@@ -102,13 +102,14 @@ impl Drive {
         self.device.axis.position()
     }
 
-    /// Where the motor stands, from a zero that neither homing nor a loss of supply moves.
+    /// Mechanical position in increments, from a zero that neither homing nor loss of supply
+    /// changes.
     #[must_use]
     pub fn mechanical_position(&self) -> f64 {
         self.device.axis.motor().position()
     }
 
-    /// Speed in increments per second.
+    /// Velocity in increments per second.
     #[must_use]
     pub fn velocity(&self) -> f64 {
         self.device.axis.motor().velocity()
@@ -120,25 +121,26 @@ impl Drive {
         self.device.axis.motor().torque()
     }
 
-    /// Position that the controller follows (0x6062), in increments.
+    /// Position demand value (0x6062) in increments.
     #[must_use]
     pub fn demand(&self) -> i32 {
         self.device.axis.demand()
     }
 
-    /// Demand less actual position (0x60F4), in increments; 0 where no position is controlled.
+    /// Position demand minus actual position (0x60F4) in increments; 0 if no position is
+    /// controlled.
     #[must_use]
     pub fn following_error(&self) -> i32 {
         self.device.axis.following_error()
     }
 
-    /// The targets that it has received.
+    /// The received targets.
     #[must_use]
     pub const fn targets(&self) -> &TargetHistory {
         &self.device.axis.history
     }
 
-    /// Error code of the present fault or warning (0x603F); 0 without.
+    /// Error code of the present fault or warning (0x603F); 0 if none.
     #[must_use]
     pub const fn error_code(&self) -> u16 {
         self.device.emergency.code()
@@ -150,52 +152,51 @@ impl Drive {
         self.device.emergency.register()
     }
 
-    /// Emergency messages sent so far.
+    /// Number of sent emergency messages.
     #[must_use]
     pub const fn emergencies_sent(&self) -> u64 {
         self.device.emergency.sent()
     }
 
-    /// SYNCs heard so far.
+    /// Number of received SYNC messages.
     #[must_use]
     pub const fn syncs(&self) -> u64 {
         self.device.syncs
     }
 
-    /// PDOs received so far that were long enough and came in OPERATIONAL.
+    /// Number of PDOs received in NMT state Operational that were long enough.
     #[must_use]
     pub const fn received_pdos(&self) -> u64 {
         self.device.received_pdos
     }
 
-    /// The number that an object holds; `None` for one that does not exist or holds bytes. Objects
-    /// that the drive keeps up to date are as of the last frame that asked for them.
+    /// Value of a numeric object; `None` if the object does not exist or holds bytes. Objects that
+    /// the drive updates have the value of the last frame that read them.
     #[must_use]
     pub fn object(&self, index: u16, subindex: u8) -> Option<i64> {
         self.device.objects.number(index, subindex)
     }
 
-    /// A fault strikes inside the drive. `code` is that of the emergency message. A drive without
-    /// supply, or in a fault already, takes no notice.
+    /// Injects a fault; `code` is the error code of the emergency message. Has no effect without
+    /// supply or in a fault.
     pub fn fail(&mut self, now: u64, code: u16, out: &mut NodeOutput) {
         self.act(now, out, |drive, _| drive.device.fault(code));
     }
 
-    /// The drive sends an emergency message about an error that has come and gone; its state does
-    /// not change.
+    /// Sends an emergency message about an error that has already gone; the state does not change.
     pub fn warn(&mut self, now: u64, emcy: Emcy, out: &mut NodeOutput) {
         self.act(now, out, |drive, _| {
             let Device { emergency, objects, .. } = &mut drive.device;
-            emergency.mention(emcy.code, emcy.register, objects);
+            emergency.report(emcy.code, emcy.register, objects);
         });
     }
 
-    /// The machine is jammed until `until`.
+    /// Blocks the motor until `until`.
     pub fn block(&mut self, now: u64, until: u64, out: &mut NodeOutput) {
         self.act(now, out, |drive, _| drive.device.axis.block(until));
     }
 
-    /// The supply goes at `now` and comes back at `on_at`. The motor coasts meanwhile.
+    /// Switches the supply off at `now` and on at `on_at`. The motor coasts in between.
     pub fn power_cycle(&mut self, now: u64, on_at: u64) {
         self.sdo.restart();
         self.segment_waits = false;
@@ -203,7 +204,7 @@ impl Drive {
         self.next = self.device.next_event();
     }
 
-    /// Does something at `now`, and all that follows from it.
+    /// Executes an action at `now` and everything that follows from it.
     fn act(
         &mut self,
         now: u64,
@@ -226,9 +227,9 @@ impl Drive {
         self.next = self.device.next_event();
     }
 
-    /// Sends the next segment of a block upload when the one before is on the bus.
+    /// Sends the next segment of a block upload after the previous one was sent.
     fn pump(&mut self, out: &mut NodeOutput) {
-        if self.segment_waits || self.device.is_answering() {
+        if self.segment_waits || self.device.has_response() {
             return;
         }
         if let Some(segment) = self.sdo.next_segment() {
@@ -252,8 +253,8 @@ impl Drive {
             Some(Service::SdoClient(server)) if server == node => {
                 if self.device.network.communicates() {
                     self.segment_waits = false;
-                    if let Some(answer) = self.sdo.receive(data, &mut self.device) {
-                        self.device.answer(answer);
+                    if let Some(response) = self.sdo.receive(data, &mut self.device) {
+                        self.device.queue_response(response);
                     }
                 }
             }
@@ -262,29 +263,28 @@ impl Drive {
         }
     }
 
-    /// When the drive has to act by itself at the latest. Until then its controller may tick without
-    /// being called, if [`catch_up`](Self::catch_up) follows before anyone looks at the drive.
+    /// Time at which the drive must run at the latest. Until then its controller may skip ticks, if
+    /// [`catch_up`](Self::catch_up) is called before the drive is read.
     pub(crate) const fn next_due(&self) -> Option<u64> {
         self.next
     }
 
-    /// Brings the drive to where the last tick of its controller up to `now` has left it.
+    /// Executes the controller ticks up to `now`.
     pub(crate) fn catch_up(&mut self, now: u64) {
         self.device.catch_up(now);
     }
 
-    /// A frame has been received; false if it means nothing to this drive, and nothing changed.
-    pub(crate) fn takes(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
-        let concerns = self.concerns(frame);
-        if concerns {
+    /// Receives a frame; returns false if the drive ignores it.
+    pub(crate) fn receive(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
+        let is_relevant = self.is_relevant(frame);
+        if is_relevant {
             self.act(now, out, |drive, out| drive.frame(frame, out));
         }
-        concerns
+        is_relevant
     }
 
-    /// Whether a frame means anything to this drive.
-    fn concerns(&self, frame: &CanFrame) -> bool {
-        self.device.heard.contains(frame.id())
+    fn is_relevant(&self, frame: &CanFrame) -> bool {
+        self.device.received_ids.contains(frame.id())
             && frame.kind() == FrameKind::Data
             && self.device.network.state() != NmtState::Initialising
     }
@@ -297,7 +297,7 @@ impl Node for Drive {
     }
 
     fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
-        self.takes(now, frame, out);
+        self.receive(now, frame, out);
     }
 
     fn transmitted(&mut self, _now: u64, frame: &CanFrame, out: &mut NodeOutput) {

@@ -1,15 +1,15 @@
-//! Data types of CiA 301, as far as a dictionary of values needs them.
+//! Data types of CiA 301 for a dictionary of values.
 
-/// What an object holds.
+/// Data type of an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum DataType {
     /// 0 or 1 in one byte.
     Boolean,
-    /// Two's complement of so many bytes, 1 to 8.
+    /// Two's complement; number of bytes, 1 to 8.
     Signed(u8),
-    /// So many bytes, 1 to 8.
+    /// Number of bytes, 1 to 8.
     Unsigned(u8),
-    /// IEEE 754 of 4 or 8 bytes.
+    /// IEEE 754; 4 or 8 bytes.
     Real(u8),
     /// ISO 646 characters.
     Text,
@@ -17,7 +17,7 @@ pub(super) enum DataType {
     Octets,
     /// UTF-16 characters.
     Unicode,
-    /// Anything of any length.
+    /// Bytes of any length.
     Domain,
 }
 
@@ -26,7 +26,7 @@ impl DataType {
     pub(super) const U32: u16 = 0x07;
     pub(super) const U8: u16 = 0x05;
 
-    /// The type of a static data type's index.
+    /// The data type at this index of the object dictionary.
     pub(super) const fn from_index(index: u16) -> Option<Self> {
         Some(match index {
             Self::BOOLEAN => Self::Boolean,
@@ -58,7 +58,7 @@ impl DataType {
         })
     }
 
-    /// Bytes of a value; `None` where the length is the value's own.
+    /// Size in bytes; `None` if the size depends on the value.
     pub(super) const fn size(self) -> Option<usize> {
         match self {
             Self::Boolean => Some(1),
@@ -67,7 +67,7 @@ impl DataType {
         }
     }
 
-    /// Bits of a value in a PDO; `None` for types that no PDO carries.
+    /// Size in bits in a PDO; `None` if the type cannot be mapped.
     pub(super) const fn bits(self) -> Option<u8> {
         match self.size() {
             Some(bytes) => Some(8 * bytes as u8),
@@ -75,7 +75,7 @@ impl DataType {
         }
     }
 
-    /// The value of raw little-endian bits, with its sign.
+    /// The sign-extended value of little-endian bits.
     pub(super) const fn number(self, raw: u64) -> i64 {
         match self {
             Self::Signed(bytes) if bytes < 8 => {
@@ -86,7 +86,7 @@ impl DataType {
         }
     }
 
-    /// Least and greatest number of an integer type narrower than 64 bits.
+    /// Minimum and maximum of an integer type narrower than 64 bits.
     pub(super) const fn range(self) -> Option<(i64, i64)> {
         match self {
             Self::Boolean => Some((0, 1)),
@@ -99,7 +99,7 @@ impl DataType {
         }
     }
 
-    /// Only the bits that a value of this type has.
+    /// Masks the bits that a value of this type has.
     pub(super) const fn cut(self, raw: u64) -> u64 {
         match self.size() {
             Some(bytes) if bytes < 8 => raw & ((1 << (8 * bytes as u32)) - 1),

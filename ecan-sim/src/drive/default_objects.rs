@@ -1,19 +1,19 @@
-//! The object dictionary of the built-in drive.
+//! Object dictionary of the built-in drive.
 
 use ecan_canopen::{CobId, NodeId, OperatingMode, PdoCobId, SupportedModes, object};
 
+use super::config::MotorConfig;
 use super::data_type::DataType;
 use super::dictionary::{Access, Object, Value};
-use super::settings::MotorConfig;
 
-/// PDOs of each direction.
+/// Number of PDOs per direction.
 pub(super) const PDO_COUNT: usize = 4;
-/// Most objects in a PDO.
+/// Maximum number of objects in a PDO.
 pub(super) const PDO_ENTRIES: usize = 8;
 
-/// Bytes of any kind, for trying transfers of any length.
+/// Scratch domain for transfer tests.
 pub(super) const SCRATCH_DOMAIN: u16 = 0x2000;
-/// Text that can be written.
+/// Scratch text.
 pub(super) const SCRATCH_TEXT: u16 = 0x2001;
 
 const I8: DataType = DataType::Signed(1);
@@ -49,17 +49,17 @@ fn parameter(index: u16, subindex: u8, data_type: DataType, value: i64) -> Objec
     object((index, subindex), data_type, Access::ReadWrite, false, value)
 }
 
-/// What never changes.
+/// A constant.
 fn constant(index: u16, subindex: u8, data_type: DataType, value: i64) -> Object {
     object((index, subindex), data_type, Access::Const, false, value)
 }
 
-/// What the drive tells, also in PDOs.
+/// A value that the drive updates; mappable.
 fn actual(index: u16, data_type: DataType) -> Object {
     object((index, 0), data_type, Access::ReadOnly, true, 0)
 }
 
-/// What the drive is told, also in PDOs.
+/// A command to the drive; mappable.
 fn command(index: u16, data_type: DataType) -> Object {
     object((index, 0), data_type, Access::ReadWriteOutput, true, 0)
 }
@@ -68,7 +68,6 @@ fn limited(object: Object, low: i64, high: i64) -> Object {
     Object { limits: (Some(low), Some(high)), ..object }
 }
 
-/// All objects of the built-in drive.
 pub(super) fn default_objects(node: NodeId, serial: u32, motor: &MotorConfig) -> Vec<Object> {
     let mut list = general(node, serial);
     for number in 0..PDO_COUNT as u8 {
@@ -85,7 +84,7 @@ pub(super) fn default_objects(node: NodeId, serial: u32, motor: &MotorConfig) ->
 fn general(node: NodeId, serial: u32) -> Vec<Object> {
     let text = |index, text: &str| bytes(index, DataType::Text, Access::Const, text.as_bytes());
     let mut list = vec![
-        // a servo drive of CiA 402
+        // CiA 402 servo drive
         constant(object::DEVICE_TYPE, 0, U32, 0x0002_0192),
         actual(object::ERROR_REGISTER, U8),
         limited(parameter(object::ERROR_HISTORY, 0, U8, 0), 0, 0),
@@ -126,7 +125,7 @@ fn general(node: NodeId, serial: u32) -> Vec<Object> {
 /// SDO server parameter.
 const SDO_SERVER: u16 = 0x1200;
 
-/// The second object of PDO 2 to 4; the first is the controlword or the statusword, alone in PDO 1.
+/// Second object of PDO 2 to 4; the first is the controlword or statusword, in PDO 1 the only one.
 const RECEIVED: [Option<(u16, u8)>; PDO_COUNT] = [
     None,
     Some((object::MODE_OF_OPERATION, 8)),
@@ -140,7 +139,7 @@ const SENT: [Option<(u16, u8)>; PDO_COUNT] = [
     Some((object::VELOCITY_ACTUAL, 32)),
 ];
 
-/// Only PDO 1 is valid from the beginning.
+/// Only PDO 1 is valid by default.
 fn cob_id(id: CobId, number: u8) -> i64 {
     let cob_id = PdoCobId::new(id.can_id());
     i64::from(if number == 0 { cob_id.raw() } else { cob_id.invalid().raw() })
@@ -231,7 +230,7 @@ fn profile(motor: &MotorConfig) -> Vec<Object> {
     ]
 }
 
-/// Parameters of motion. A drive whose EDS leaves one of them open has these too.
+/// Motion parameters, also used for those that an EDS leaves open.
 fn motion_parameters(motor: &MotorConfig) -> Vec<Object> {
     let fastest = i64::from(motor.max_velocity);
     let strongest = i64::from(motor.max_acceleration);
@@ -266,7 +265,7 @@ fn motion_parameters(motor: &MotorConfig) -> Vec<Object> {
     ]
 }
 
-/// Parameters of motion that no drive has at 0.
+/// Motion parameters that must not be 0.
 const NEVER_ZERO: [(u16, u8); 10] = [
     (object::FOLLOWING_ERROR_WINDOW, 0),
     (object::PROFILE_VELOCITY, 0),
@@ -280,7 +279,7 @@ const NEVER_ZERO: [(u16, u8); 10] = [
     (object::HOMING_ACCELERATION, 0),
 ];
 
-/// Fills in what an EDS leaves open and a drive needs to move: as in the built-in drive.
+/// Replaces motion parameters of an EDS that must not be 0 by those of the built-in drive.
 pub(super) fn fill_in(objects: &mut [Object], motor: &MotorConfig) {
     for known in motion_parameters(motor) {
         if !NEVER_ZERO.contains(&known.key()) {

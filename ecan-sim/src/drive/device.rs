@@ -1,4 +1,4 @@
-//! The drive behind its CAN controller: what its parts do together.
+//! The parts of a drive and their interaction.
 
 use std::collections::VecDeque;
 
@@ -9,90 +9,89 @@ use ecan_canopen::{
 use ecan_protocol::can::{CanFrame, CanId};
 
 use super::axis::{Axis, Report};
+use super::can_id_set::CanIdSet;
+use super::config::{DriveConfig, SdoRule};
 use super::default_objects::{default_objects, fill_in};
 use super::dictionary::{Dictionary, Object, Value};
 use super::emergency::{Emergency, register_of};
-use super::identifiers::Identifiers;
 use super::network::{Network, WatchEvent};
 use super::parameters::Parameters;
 use super::pdo::{ReceivePdo, TransmitPdo, numbers};
 use super::sdo_server::{BlockSupport, Bytes};
-use super::settings::{DriveConfig, SdoRule};
 use super::slots::Slots;
 use crate::earliest::earliest;
 use crate::node::NodeOutput;
 
-/// Heartbeat of another node is missing.
+/// EMCY error code: heartbeat of another node missing.
 pub(super) const HEARTBEAT_LOST: u16 = 0x8130;
-/// A PDO came with too few bytes.
+/// EMCY error code: PDO with too few bytes.
 pub(super) const PDO_TOO_SHORT: u16 = 0x8210;
-/// A PDO came with too many bytes.
+/// EMCY error code: PDO with too many bytes.
 pub(super) const PDO_TOO_LONG: u16 = 0x8220;
-/// The NMT master has ended communication while the motor was under current.
+/// EMCY error code: NMT command ended communication while the motor was energised.
 const COMMUNICATION_ENDED: u16 = 0x8100;
-/// A PDO that has a timer did not come.
+/// EMCY error code: PDO not received before its event timer expired.
 pub(super) const PDO_LATE: u16 = 0x8250;
 
-/// Reset of communication takes this long.
+/// Duration of a reset of communication.
 const COMMUNICATION_RESET_NS: u64 = 2_000_000;
-/// SDO answers that may wait for their time.
-const ANSWERS: usize = 8;
+/// Maximum number of delayed SDO responses.
+const MAX_RESPONSES: usize = 8;
 
-/// The parts of a drive.
 #[derive(Clone, Debug)]
 pub(super) struct Device {
-    pub(super) settings: DriveConfig,
+    pub(super) config: DriveConfig,
     pub(super) now: u64,
     powered: bool,
     on_bus: bool,
     power_on_at: Option<u64>,
     pub(super) objects: Dictionary,
     pub(super) slots: Slots,
-    /// Those of the slots that PDOs carry.
-    pub(super) sent_slots: Slots,
+    /// Slots that transmit PDOs contain.
+    pub(super) pdo_slots: Slots,
     pub(super) parameters: Parameters,
     pub(super) network: Network,
     pub(super) emergency: Emergency,
     pub(super) axis: Axis,
     pub(super) receive: Vec<ReceivePdo>,
     pub(super) transmit: Vec<TransmitPdo>,
-    /// Whether a PDO exists that is received in time, or sent on events: synchronous ones need not
-    /// be looked at when it comes to what is due.
+    /// Whether a receive PDO has a timer, or a transmit PDO is event-driven. Without them the
+    /// search for the next event skips the PDOs.
     has_timed_pdos: bool,
     has_event_pdos: bool,
-    /// Identifiers of the services, SYNC and the PDOs that are received.
-    pub(super) heard: Identifiers,
-    services: Identifiers,
+    /// COB-IDs of the services, SYNC and the receive PDOs.
+    pub(super) received_ids: CanIdSet,
+    services: CanIdSet,
     pub(super) sync_id: Option<CanId>,
-    /// Rules about SDO transfers, and how often each may still strike.
+    /// SDO rules, each with its remaining count.
     pub(super) rules: Vec<(SdoRule, Option<u32>)>,
-    answers: VecDeque<(u64, Bytes)>,
+    responses: VecDeque<(u64, Bytes)>,
     pub(super) syncs: u64,
     pub(super) received_pdos: u64,
 }
 
 impl Device {
-    /// A drive with the built-in objects, or those of an EDS.
-    pub(super) fn new(settings: &DriveConfig, objects: Option<Vec<Object>>) -> Self {
-        let motor = &settings.motor;
+    /// A drive with the built-in objects or with those of an EDS.
+    pub(super) fn new(config: &DriveConfig, objects: Option<Vec<Object>>) -> Self {
+        let motor = &config.motor;
         let mut list = match objects {
             Some(mut objects) => {
                 fill_in(&mut objects, motor);
                 objects
             }
-            None => default_objects(settings.node, settings.serial, motor),
+            None => default_objects(config.node, config.serial, motor),
         };
-        list.retain(|object| !settings.quirks.missing.contains(&object.index));
+        list.retain(|object| !config.quirks.missing.contains(&object.index));
         let objects = Dictionary::new(list);
-        let axis = Axis::new(settings);
+        let axis = Axis::new(config);
         Self {
-            settings: settings.clone(),
+            config: config.clone(),
             now: 0,
             powered: false,
             on_bus: false,
             power_on_at: None,
             slots: Slots::find(&objects),
-            sent_slots: Slots::default(),
+            pdo_slots: Slots::default(),
             parameters: Parameters::read(&objects, axis.motor()),
             network: Network::new(),
             emergency: Emergency::new(),
@@ -105,11 +104,11 @@ impl Device {
                 .collect(),
             has_timed_pdos: false,
             has_event_pdos: false,
-            heard: Identifiers::new(),
-            services: Identifiers::services_of(settings.node),
+            received_ids: CanIdSet::new(),
+            services: CanIdSet::services_of(config.node),
             sync_id: None,
-            rules: settings.quirks.sdo_rules.iter().map(|rule| (*rule, rule.times)).collect(),
-            answers: VecDeque::with_capacity(ANSWERS),
+            rules: config.quirks.sdo_rules.iter().map(|rule| (*rule, rule.times)).collect(),
+            responses: VecDeque::with_capacity(MAX_RESPONSES),
             syncs: 0,
             received_pdos: 0,
             objects,
@@ -118,8 +117,8 @@ impl Device {
 
     pub(super) fn block_support(&self) -> BlockSupport {
         BlockSupport {
-            known: !self.settings.quirks.no_block_transfer,
-            upload_falls_back: self.settings.quirks.block_upload_falls_back,
+            known: !self.config.quirks.no_block_transfer,
+            upload_falls_back: self.config.quirks.block_upload_falls_back,
         }
     }
 
@@ -127,13 +126,13 @@ impl Device {
         self.powered
     }
 
-    /// Whether the controller takes part in the bus: from the end of booting until the supply
-    /// goes. A reset by NMT leaves it there.
+    /// Whether the CAN controller takes part in the bus: from the end of booting until the supply
+    /// is switched off, also during NMT resets.
     pub(super) const fn is_on_bus(&self) -> bool {
         self.on_bus
     }
 
-    /// The supply comes.
+    /// Switches the supply on.
     pub(super) fn switch_on(&mut self, now: u64) {
         self.axis.advance(now, &self.parameters);
         self.now = now;
@@ -143,7 +142,7 @@ impl Device {
         self.reset_node();
     }
 
-    /// The supply goes, and comes again at `on_at`.
+    /// Switches the supply off until `on_at`.
     pub(super) fn switch_off(&mut self, now: u64, on_at: u64) {
         self.axis.advance(now, &self.parameters);
         self.now = now;
@@ -152,16 +151,16 @@ impl Device {
         self.power_on_at = Some(on_at);
         self.axis.restart(false);
         self.network.boot(None);
-        self.answers.clear();
+        self.responses.clear();
         self.emergency.restart();
     }
 
-    /// The device begins anew, with what was saved.
+    /// Restarts the device with the saved parameters.
     fn reset_node(&mut self) {
         self.axis.restart(false);
         self.emergency.restart();
         self.reload(0x0000..=0xFFFF);
-        self.boot(u64::from(self.settings.boot_ms) * 1_000_000);
+        self.boot(u64::from(self.config.boot_ms) * 1_000_000);
     }
 
     fn reset_communication(&mut self) {
@@ -171,12 +170,12 @@ impl Device {
     }
 
     fn boot(&mut self, ns: u64) {
-        self.answers.clear();
+        self.responses.clear();
         let at = self.now.saturating_add(ns);
-        self.network.boot((!self.settings.quirks.never_boots).then_some(at));
+        self.network.boot((!self.config.quirks.never_boots).then_some(at));
     }
 
-    /// Takes saved values and defaults into force.
+    /// Restores saved values and defaults.
     fn reload(&mut self, indices: std::ops::RangeInclusive<u16>) {
         for object in self.objects.iter_mut().filter(|object| indices.contains(&object.index)) {
             match (&mut object.value, object.saved.as_ref().unwrap_or(&object.default)) {
@@ -194,32 +193,32 @@ impl Device {
         for pdo in &mut self.transmit {
             *pdo = TransmitPdo::load(&self.objects, pdo.number);
         }
-        self.note_pdos();
+        self.update_pdos();
         self.load_sync();
         self.network.load_watches(&self.objects);
         let mode = self.objects.number(object::MODE_OF_OPERATION, 0).unwrap_or(0) as i8;
         self.axis.preset_mode(mode);
     }
 
-    /// Takes changed parameters of motion into force.
+    /// Applies changed motion parameters.
     pub(super) fn load_parameters(&mut self) {
         self.parameters = Parameters::read(&self.objects, self.axis.motor());
         self.axis.limit_torque(&self.parameters);
     }
 
-    /// To be called when PDOs have been loaded.
-    pub(super) fn note_pdos(&mut self) {
+    /// Updates what depends on the PDO parameters, after they were loaded.
+    pub(super) fn update_pdos(&mut self) {
         self.has_timed_pdos = self.receive.iter().any(ReceivePdo::is_timed);
         self.has_event_pdos = self.transmit.iter().any(TransmitPdo::is_event_driven);
         let sent = |slot| self.transmit.iter().any(|pdo| pdo.id.is_some() && pdo.mapping.has(slot));
-        self.sent_slots = self.slots.in_use(sent);
+        self.pdo_slots = self.slots.in_use(sent);
         self.note_identifiers();
     }
 
     fn note_identifiers(&mut self) {
-        self.heard.reset(&self.services);
+        self.received_ids.reset(&self.services);
         let pdos = self.receive.iter().filter_map(|pdo| pdo.id);
-        pdos.chain(self.sync_id).for_each(|id| self.heard.insert(id));
+        pdos.chain(self.sync_id).for_each(|id| self.received_ids.insert(id));
     }
 
     pub(super) fn load_sync(&mut self) {
@@ -228,17 +227,13 @@ impl Device {
         self.note_identifiers();
     }
 
-    /// The boot-up message goes out.
+    /// Sends the boot-up message.
     fn finish_boot(&mut self, out: &mut NodeOutput) {
         self.on_bus = true;
-        self.send(
-            out,
-            CobId::heartbeat(self.settings.node),
-            &heartbeat_data(NmtState::Initialising),
-        );
+        self.send(out, CobId::heartbeat(self.config.node), &heartbeat_data(NmtState::Initialising));
         self.network.set_state(NmtState::PreOperational);
         self.network.load(self.now, &self.objects);
-        self.axis.ready();
+        self.axis.finish_self_test();
     }
 
     pub(super) fn send(&self, out: &mut NodeOutput, id: CobId, data: &[u8]) {
@@ -246,14 +241,14 @@ impl Device {
     }
 
     pub(super) fn send_as(&self, out: &mut NodeOutput, id: CanId, data: &[u8]) {
-        if !self.settings.quirks.silent
+        if !self.config.quirks.silent
             && let Ok(frame) = CanFrame::classic(id, data)
         {
             out.send(frame);
         }
     }
 
-    /// A command of the NMT master.
+    /// Executes an NMT command.
     pub(super) fn nmt(&mut self, command: NmtCommand) {
         let before = self.network.state();
         match command {
@@ -287,19 +282,19 @@ impl Device {
         }
     }
 
-    /// Being stopped or reset counts as a loss of the host, for a motor under current.
+    /// Reacts to being stopped or reset while the motor is energised, as to a loss of the host.
     fn lose_host_in_motion(&mut self) {
         if self.axis.is_energised() {
             self.axis.host_lost(COMMUNICATION_ENDED, &self.parameters);
         }
     }
 
-    /// Monitoring has found the host missing: what 0x1029 and 0x6007 say.
+    /// Reacts to a loss of the host as 0x1029 and 0x6007 demand.
     fn lose_host(&mut self, code: u16) {
         let faults = self.parameters.node_loss == NodeLossReaction::Fault
             && !matches!(self.axis.state(), DriveState::Fault | DriveState::FaultReactionActive);
         if !faults {
-            // Otherwise the fault tells it.
+            // Otherwise the fault raises the emergency.
             self.emergency.raise(code, register_of(code), &mut self.objects);
         }
         self.axis.host_lost(code, &self.parameters);
@@ -312,27 +307,28 @@ impl Device {
         }
     }
 
-    /// A heartbeat of another node.
+    /// Receives a heartbeat of another node.
     pub(super) fn heartbeat(&mut self, producer: ecan_canopen::NodeId) {
         let faulted =
             matches!(self.axis.state(), DriveState::Fault | DriveState::FaultReactionActive);
-        if self.network.heard(self.now, producer) == Some(WatchEvent::Back) && !faulted {
+        if self.network.heartbeat_received(self.now, producer) == Some(WatchEvent::Returned)
+            && !faulted
+        {
             self.emergency.clear(ErrorRegister::COMMUNICATION);
         }
     }
 
-    /// A fault from outside the axis.
+    /// Enters a fault detected outside the axis.
     pub(super) fn fault(&mut self, code: u16) {
         self.axis.fault(code, &self.parameters);
     }
 
-    /// Lets time pass.
     pub(super) fn run_to(&mut self, now: u64) {
         self.axis.advance(now, &self.parameters);
         self.now = now;
     }
 
-    /// Everything that is due by the clock.
+    /// Executes everything that is due at `now`.
     pub(super) fn tick(&mut self, now: u64, out: &mut NodeOutput) {
         if !self.powered {
             if self.power_on_at.is_some_and(|at| at <= now) {
@@ -341,10 +337,10 @@ impl Device {
             return;
         }
         self.run_to(now);
-        if self.network.boots(now) {
+        if self.network.boot_ends(now) {
             self.finish_boot(out);
         }
-        while self.network.misses(now).is_some() {
+        while self.network.take_late(now).is_some() {
             self.lose_host(HEARTBEAT_LOST);
         }
         let late = |pdo: &&mut ReceivePdo| pdo.deadline.is_some_and(|at| at <= now);
@@ -352,26 +348,27 @@ impl Device {
             pdo.deadline = None;
             self.lose_host(PDO_LATE);
         }
-        if self.network.beats(now) {
+        if self.network.heartbeat_due(now) {
             let data = heartbeat_data(self.network.state());
-            self.send(out, CobId::heartbeat(self.settings.node), &data);
+            self.send(out, CobId::heartbeat(self.config.node), &data);
         }
     }
 
-    /// Queues an SDO answer.
-    pub(super) fn answer(&mut self, bytes: Bytes) {
-        if self.answers.len() < ANSWERS {
-            let delay = u64::from(self.settings.sdo_delay_us) * 1_000;
-            self.answers.push_back((self.now.saturating_add(delay), bytes));
+    /// Queues an SDO response.
+    pub(super) fn queue_response(&mut self, bytes: Bytes) {
+        if self.responses.len() < MAX_RESPONSES {
+            let delay = u64::from(self.config.sdo_delay_us) * 1_000;
+            self.responses.push_back((self.now.saturating_add(delay), bytes));
         }
     }
 
-    /// Whether an SDO answer waits for its time.
-    pub(super) fn is_answering(&self) -> bool {
-        !self.answers.is_empty()
+    /// Whether an SDO response is delayed.
+    pub(super) fn has_response(&self) -> bool {
+        !self.responses.is_empty()
     }
 
-    /// Sends what has become due: reports of the axis, process data on events, answers, errors.
+    /// Processes axis reports and sends event-driven PDOs, SDO responses and emergencies that are
+    /// due.
     pub(super) fn settle(&mut self, out: &mut NodeOutput) {
         if !self.powered {
             return;
@@ -385,15 +382,15 @@ impl Device {
         }
         let operational = self.network.state() == NmtState::Operational;
         if operational && self.has_event_pdos {
-            self.publish_sent();
+            self.publish_pdo_objects();
             self.send_events(out);
         }
-        while let Some((at, bytes)) = self.answers.front().copied()
+        while let Some((at, bytes)) = self.responses.front().copied()
             && at <= self.now
         {
-            self.answers.pop_front();
+            self.responses.pop_front();
             if self.network.communicates() {
-                self.send(out, CobId::sdo_server(self.settings.node), &bytes);
+                self.send(out, CobId::sdo_server(self.config.node), &bytes);
             }
         }
         self.send_emergencies(out);
@@ -406,7 +403,7 @@ impl Device {
         let raw = self.objects.number(object::EMCY_COB_ID, 0).unwrap_or(0) as u32;
         let id = ecan_canopen::PdoCobId::from_raw(raw).filter(|cob_id| cob_id.is_valid);
         let (true, Some(cob_id)) = (self.network.communicates(), id) else {
-            return self.emergency.drop_waiting();
+            return self.emergency.clear_waiting();
         };
         let inhibit = self.objects.number(object::EMCY_INHIBIT, 0).unwrap_or(0).max(0) as u64;
         while let Some(emcy) = self.emergency.due(self.now, inhibit * 100_000) {
@@ -414,7 +411,6 @@ impl Device {
         }
     }
 
-    /// The statusword.
     pub(super) fn statusword(&self) -> Statusword {
         let mut word = self.axis.statusword(&self.parameters).0;
         if self.network.state() != NmtState::Initialising {
@@ -428,7 +424,7 @@ impl Device {
         Statusword(word)
     }
 
-    /// Makes up for the ticks of the controller up to `now` that nothing depended on.
+    /// Executes skipped controller ticks up to `now`.
     pub(super) fn catch_up(&mut self, now: u64) {
         if self.powered
             && let Some(tick) = self.axis.missed_tick(now)
@@ -437,18 +433,17 @@ impl Device {
         }
     }
 
-    /// When the controller ticks next, if it does.
     pub(super) fn next_tick(&self) -> Option<u64> {
         if self.powered { self.axis.next_tick() } else { None }
     }
 
-    /// When something is due by the clock that others may notice at once: ticks of the controller
-    /// only where they may lead to a frame.
+    /// Time of the next event that others can observe; controller ticks only if they can cause a
+    /// frame.
     pub(super) fn next_event(&self) -> Option<u64> {
         if !self.powered {
             return self.power_on_at;
         }
-        let answer = self.answers.front().map(|(at, _)| *at);
+        let answer = self.responses.front().map(|(at, _)| *at);
         let emergency = self.emergency.next_event().filter(|_| self.network.communicates());
         let operational = self.network.state() == NmtState::Operational;
         let late = if self.has_timed_pdos {

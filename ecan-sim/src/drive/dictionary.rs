@@ -1,23 +1,20 @@
-//! The object dictionary: what there is, who may touch it, and its values.
+//! The object dictionary: objects, access rights and values.
 
 use ecan_protocol::object::AbortCode;
 
 use super::data_type::DataType;
 
-/// Who may read and write an object by SDO.
+/// SDO access to an object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Access {
-    /// Read, and never changing.
+    /// Readable and constant.
     Const,
-    /// Read.
     ReadOnly,
-    /// Write.
     WriteOnly,
-    /// Read and write.
     ReadWrite,
-    /// Read and write; in PDOs an input of the master.
+    /// Read and write; mappable to TPDOs only.
     ReadWriteInput,
-    /// Read and write; in PDOs an output of the master.
+    /// Read and write; mappable to RPDOs only.
     ReadWriteOutput,
 }
 
@@ -31,7 +28,7 @@ impl Access {
     }
 }
 
-/// A value: a number's raw bits, or bytes.
+/// A value: raw bits of a number, or bytes.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Value {
     Number(u64),
@@ -46,11 +43,11 @@ pub(super) struct Object {
     pub(super) data_type: DataType,
     pub(super) access: Access,
     pub(super) mappable: bool,
-    /// Least and greatest value.
+    /// Minimum and maximum.
     pub(super) limits: (Option<i64>, Option<i64>),
-    /// What it holds after a reset with nothing saved.
+    /// Value after a reset if none is saved.
     pub(super) default: Value,
-    /// Saved by 0x1010.
+    /// Value saved with 0x1010.
     pub(super) saved: Option<Value>,
     pub(super) value: Value,
 }
@@ -60,35 +57,33 @@ impl Object {
         (self.index, self.subindex)
     }
 
-    /// Whether a TPDO can carry it.
     pub(super) const fn can_be_sent(&self) -> bool {
         let way = !matches!(self.access, Access::WriteOnly | Access::ReadWriteOutput);
         self.mappable && way && self.data_type.bits().is_some()
     }
 
-    /// Whether an RPDO can carry it.
     pub(super) const fn can_be_received(&self) -> bool {
         let way = !matches!(self.access, Access::ReadWriteInput) && self.access.is_writable();
         self.mappable && way && self.data_type.bits().is_some()
     }
 }
 
-/// Names an object of one dictionary.
+/// Position of an object in one dictionary.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Slot(u16);
 
-/// Longest value of an object without a length of its own.
+/// Maximum size of a value without fixed size.
 pub(super) const LONGEST: usize = 65_536;
 
-/// Objects in the order of their indices.
+/// Objects in order of index and subindex.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Dictionary {
     objects: Vec<Object>,
 }
 
 impl Dictionary {
-    /// A dictionary of these objects, each with its default. Of two with the same index and
-    /// subindex the first stays.
+    /// A dictionary of these objects with their defaults. The first of two objects with the same
+    /// index and subindex counts.
     pub(super) fn new(mut objects: Vec<Object>) -> Self {
         objects.sort_by_key(Object::key);
         objects.dedup_by_key(|object| object.key());
@@ -96,10 +91,10 @@ impl Dictionary {
         Self { objects }
     }
 
-    /// Where an object is.
+    /// Finds an object.
     ///
     /// # Errors
-    /// Whether the index or only the subindex is unknown.
+    /// The index or the subindex does not exist.
     pub(super) fn find(&self, index: u16, subindex: u8) -> Result<Slot, AbortCode> {
         match self.objects.binary_search_by_key(&(index, subindex), Object::key) {
             Ok(place) => Ok(Slot(place as u16)),
@@ -108,7 +103,6 @@ impl Dictionary {
         }
     }
 
-    /// Whether there is an object of this index.
     pub(super) fn has(&self, index: u16) -> bool {
         let place = self.objects.partition_point(|object| object.index < index);
         self.objects.get(place).is_some_and(|object| object.index == index)
@@ -122,7 +116,7 @@ impl Dictionary {
         self.objects.iter_mut()
     }
 
-    /// The bits of a number; 0 for bytes.
+    /// Raw bits of a number; 0 for bytes.
     pub(super) fn raw(&self, slot: Slot) -> u64 {
         match self.object(slot).map(|object| &object.value) {
             Some(Value::Number(raw)) => *raw,
@@ -130,7 +124,7 @@ impl Dictionary {
         }
     }
 
-    /// A number by index and subindex, with its sign.
+    /// Sign-extended number by index and subindex.
     pub(super) fn number(&self, index: u16, subindex: u8) -> Option<i64> {
         let object = self.object(self.find(index, subindex).ok()?)?;
         match object.value {
@@ -139,7 +133,7 @@ impl Dictionary {
         }
     }
 
-    /// Sets a number whatever its access; bits that the type does not have are cut off.
+    /// Sets a number without access check; excess bits are cut off.
     pub(super) fn put(&mut self, slot: Slot, raw: u64) {
         if let Some(object) = self.objects.get_mut(usize::from(slot.0))
             && let Value::Number(value) = &mut object.value
@@ -148,17 +142,17 @@ impl Dictionary {
         }
     }
 
-    /// The same by index and subindex; nothing where there is no such object.
+    /// As [`put`](Self::put) by index and subindex; no effect if the object does not exist.
     pub(super) fn set(&mut self, index: u16, subindex: u8, value: i64) {
         if let Ok(slot) = self.find(index, subindex) {
             self.put(slot, value as u64);
         }
     }
 
-    /// What an SDO upload reads, into `out`.
+    /// Reads an object for an SDO upload into `out`.
     ///
     /// # Errors
-    /// A write-only object.
+    /// The object is write-only.
     pub(super) fn read(&self, slot: Slot, out: &mut Vec<u8>) -> Result<(), AbortCode> {
         let object = self.object(slot).ok_or(AbortCode::NO_OBJECT)?;
         if !object.access.is_readable() {
@@ -175,11 +169,11 @@ impl Dictionary {
         Ok(())
     }
 
-    /// Whether an SDO download of `length` bytes could be taken at all; `None` where the client
-    /// does not say how many.
+    /// Checks whether an SDO download of `length` bytes is allowed; `None` if the client gives no
+    /// size.
     ///
     /// # Errors
-    /// A read-only object, or a length that its type does not have.
+    /// The object is read-only, or its type has another size.
     pub(super) fn check_write(&self, slot: Slot, length: Option<usize>) -> Result<(), AbortCode> {
         let object = self.object(slot).ok_or(AbortCode::NO_OBJECT)?;
         if !object.access.is_writable() {
@@ -194,10 +188,10 @@ impl Dictionary {
         }
     }
 
-    /// The number that `data` would make of an object; `None` for an object of bytes.
+    /// Decodes a number for an object; `None` for an object of bytes.
     ///
     /// # Errors
-    /// As [`check_write`](Self::check_write), and a number outside the object's limits.
+    /// As [`check_write`](Self::check_write), or the number is outside the limits.
     pub(super) fn decode(&self, slot: Slot, data: &[u8]) -> Result<Option<i64>, AbortCode> {
         self.check_write(slot, Some(data.len()))?;
         let object = self.object(slot).ok_or(AbortCode::NO_OBJECT)?;
@@ -219,7 +213,6 @@ impl Dictionary {
         Ok(Some(number))
     }
 
-    /// Replaces the bytes of an object that holds bytes.
     pub(super) fn put_bytes(&mut self, slot: Slot, data: &[u8]) {
         if let Some(object) = self.objects.get_mut(usize::from(slot.0))
             && let Value::Bytes(bytes) = &mut object.value

@@ -2,145 +2,16 @@
 
 use super::data_type::DataType;
 use super::dictionary::{Access, Object, Value};
+use super::eds_error::{EdsError, EdsErrorKind};
 use super::ini::{Entry, Ini, Section};
-
-/// Why an EDS is refused.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-#[error("line {line}: {problem}")]
-pub struct EdsError {
-    /// Line, from 1.
-    pub line: usize,
-    /// What is wrong there.
-    pub problem: EdsProblem,
-}
-
-/// What can be wrong with a line of an EDS.
-#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum EdsProblem {
-    /// A line that is no section, entry or comment.
-    #[error("neither [section] nor key=value")]
-    NoEntry,
-    /// A section's name without its closing bracket.
-    #[error("the section's name has no closing bracket")]
-    OpenSection,
-    /// An entry before the first section.
-    #[error("an entry outside any section")]
-    NoSection,
-    /// A section that is there twice.
-    #[error("section [{name}] is there already, at line {first}")]
-    SectionTwice {
-        /// Its name.
-        name: String,
-        /// Line of the first.
-        first: usize,
-    },
-    /// A key that is there twice in its section.
-    #[error("`{key}` is there already, at line {first}")]
-    KeyTwice {
-        /// The key.
-        key: String,
-        /// Line of the first.
-        first: usize,
-    },
-    /// A section that must be there.
-    #[error("section [{name}] is missing")]
-    MissingSection {
-        /// Its name.
-        name: String,
-    },
-    /// An entry that must be there.
-    #[error("[{section}] has no `{key}`")]
-    MissingKey {
-        /// The section.
-        section: String,
-        /// The key.
-        key: String,
-    },
-    /// A value that is no number.
-    #[error("`{text}` is not a number")]
-    NotANumber {
-        /// The value.
-        text: String,
-    },
-    /// A number out of the range of its key or of the object's data type.
-    #[error("{text} is out of range: {low} to {high}")]
-    Range {
-        /// The value.
-        text: String,
-        /// Least.
-        low: i64,
-        /// Greatest.
-        high: i64,
-    },
-    /// A string of bytes that is not written in pairs of hexadecimal digits.
-    #[error("`{text}` is not a row of bytes in hexadecimal digits")]
-    NotBytes {
-        /// The value.
-        text: String,
-    },
-    /// A data type that is not a static one of CiA 301.
-    #[error("data type {code:#06X} is unknown")]
-    DataType {
-        /// Its index.
-        code: u16,
-    },
-    /// An object type other than DOMAIN, VAR, ARRAY and RECORD.
-    #[error("object type {code} is none of DOMAIN 2, VAR 7, ARRAY 8, RECORD 9")]
-    ObjectType {
-        /// The code.
-        code: u8,
-    },
-    /// An access that CiA 306 does not have.
-    #[error("access `{text}` is none of const, ro, wo, rw, rwr, rww")]
-    Access {
-        /// The value.
-        text: String,
-    },
-    /// A lower limit above the upper one.
-    #[error("the lower limit {low} is above the upper limit {high}")]
-    Limits {
-        /// Lower.
-        low: i64,
-        /// Upper.
-        high: i64,
-    },
-    /// A section of a subindex whose object has none.
-    #[error("[{name}] belongs to no object")]
-    Orphan {
-        /// Its name.
-        name: String,
-    },
-    /// An object that none of the three lists names.
-    #[error("object {index:04X} is in none of the lists of objects")]
-    Unlisted {
-        /// Its index.
-        index: u16,
-    },
-    /// An object whose number of subindices is not what it says.
-    #[error("object {index:04X} has {found} subindices, not {announced} as `SubNumber` says")]
-    SubindexCount {
-        /// Its index.
-        index: u16,
-        /// What it says.
-        announced: usize,
-        /// What there is.
-        found: usize,
-    },
-    /// One of the objects that every CANopen device has is missing.
-    #[error("object {index:04X} is missing, which every device has")]
-    Mandatory {
-        /// Its index.
-        index: u16,
-    },
-}
 
 const LISTS: [&str; 3] = ["MandatoryObjects", "OptionalObjects", "ManufacturerObjects"];
 const MANDATORY: [u16; 3] = [0x1000, 0x1001, 0x1018];
 
-/// Reads the objects of an EDS. Values that count from the node id get it from `node`.
+/// Reads the objects of an EDS; `$NODEID` is `node`.
 ///
 /// # Errors
-/// The first fault, with its line.
+/// The first error, with its line.
 pub(super) fn parse(text: &str, node: u8) -> Result<Vec<Object>, EdsError> {
     let ini = Ini::parse(text)?;
     let mut objects = Vec::new();
@@ -155,12 +26,12 @@ pub(super) fn parse(text: &str, node: u8) -> Result<Vec<Object>, EdsError> {
             let key = position.to_string();
             let Some(entry) = section.filled(&key) else {
                 let section = section.name.to_owned();
-                return Err(at(count_entry.line, EdsProblem::MissingKey { section, key }));
+                return Err(at(count_entry.line, EdsErrorKind::MissingKey { section, key }));
             };
             let index = number(entry, node, 0, 0xFFFF)? as u16;
             let name = format!("{index:04X}");
             let Some(section) = ini.section(&name) else {
-                return Err(at(entry.line, EdsProblem::MissingSection { name }));
+                return Err(at(entry.line, EdsErrorKind::MissingSection { name }));
             };
             if !listed.contains(&index) {
                 listed.push(index);
@@ -173,39 +44,39 @@ pub(super) fn parse(text: &str, node: u8) -> Result<Vec<Object>, EdsError> {
     }
     for index in MANDATORY {
         if !listed.contains(&index) {
-            return Err(at(last_list, EdsProblem::Mandatory { index }));
+            return Err(at(last_list, EdsErrorKind::Mandatory { index }));
         }
     }
     Ok(objects)
 }
 
-fn at(line: usize, problem: EdsProblem) -> EdsError {
-    EdsError { line, problem }
+fn at(line: usize, kind: EdsErrorKind) -> EdsError {
+    EdsError { line, kind }
 }
 
-/// Refuses sections of objects that no list names, and of subindices without an object.
+/// Rejects sections of unlisted objects and of subindices without object.
 fn check_listed(section: &Section<'_>, listed: &[u16]) -> Result<(), EdsError> {
-    let problem = if let Some((owner, _)) = subindex_of(section.name) {
+    let kind = if let Some((owner, _)) = subindex_of(section.name) {
         if listed.contains(&owner) {
             return Ok(());
         }
-        EdsProblem::Orphan { name: section.name.to_owned() }
+        EdsErrorKind::Orphan { name: section.name.to_owned() }
     } else {
         match index_of(section.name) {
-            Some(index) if !listed.contains(&index) => EdsProblem::Unlisted { index },
+            Some(index) if !listed.contains(&index) => EdsErrorKind::Unlisted { index },
             _ => return Ok(()),
         }
     };
-    Err(at(section.line, problem))
+    Err(at(section.line, kind))
 }
 
-/// The index of a section `[1018]`.
+/// Index of a section like `[1018]`.
 fn index_of(name: &str) -> Option<u16> {
     let is_index = name.len() == 4 && name.bytes().all(|byte| byte.is_ascii_hexdigit());
     is_index.then(|| u16::from_str_radix(name, 16).ok()).flatten()
 }
 
-/// Index and subindex of a section `[1018sub1]`.
+/// Index and subindex of a section like `[1018sub1]`.
 fn subindex_of(name: &str) -> Option<(u16, u8)> {
     let index = index_of(name.get(..4)?)?;
     let word = name.get(4..7)?;
@@ -238,7 +109,7 @@ fn read_object(
         },
         code => {
             let line = section.entry("ObjectType").map_or(section.line, |entry| entry.line);
-            Err(at(line, EdsProblem::ObjectType { code }))
+            Err(at(line, EdsErrorKind::ObjectType { code }))
         }
     }
 }
@@ -268,11 +139,11 @@ fn read_subindices(
     if found == announced {
         Ok(())
     } else {
-        Err(at(count_entry.line, EdsProblem::SubindexCount { index, announced, found }))
+        Err(at(count_entry.line, EdsErrorKind::SubindexCount { index, announced, found }))
     }
 }
 
-/// An array whose elements are all alike and have no section each.
+/// Reads an array without subindex sections: all elements are alike.
 fn read_compact(
     section: &Section<'_>,
     count_entry: Entry<'_>,
@@ -309,7 +180,7 @@ fn read_variable(
         Some(entry) => {
             let code = number(entry, node, 0, 0xFFFF)? as u16;
             DataType::from_index(code)
-                .ok_or_else(|| at(entry.line, EdsProblem::DataType { code }))?
+                .ok_or_else(|| at(entry.line, EdsErrorKind::DataType { code }))?
         }
         None if object_type == 2 => DataType::Domain,
         None => return Err(missing(section, "DataType")),
@@ -337,7 +208,7 @@ fn read_access(entry: Entry<'_>) -> Result<Access, EdsError> {
         "rw" => Access::ReadWrite,
         "rwr" => Access::ReadWriteInput,
         "rww" => Access::ReadWriteOutput,
-        _ => return Err(at(entry.line, EdsProblem::Access { text: entry.value.to_owned() })),
+        _ => return Err(at(entry.line, EdsErrorKind::Access { text: entry.value.to_owned() })),
     })
 }
 
@@ -353,7 +224,7 @@ fn read_limits(section: &Section<'_>, data_type: DataType, node: u8) -> Result<L
         && low > high
     {
         let line = section.entry("LowLimit").map_or(section.line, |entry| entry.line);
-        return Err(at(line, EdsProblem::Limits { low, high }));
+        return Err(at(line, EdsErrorKind::Limits { low, high }));
     }
     Ok(limits)
 }
@@ -378,7 +249,7 @@ fn read_default(
             Some(entry) => read_bytes(entry)?,
             None => Vec::new(),
         }),
-        // A domain's default is the name of a file, if anything.
+        // The default of a domain is at most a file name.
         DataType::Domain => Value::Bytes(Vec::new()),
         DataType::Real(bytes) => Value::Number(match entry {
             Some(entry) => read_real(entry, bytes)?,
@@ -391,7 +262,7 @@ fn read_default(
             let high = limits.1.unwrap_or(i64::MAX);
             if !(low..=high).contains(&number) {
                 let text = entry.value.to_owned();
-                return Err(at(entry.line, EdsProblem::Range { text, low, high }));
+                return Err(at(entry.line, EdsErrorKind::Range { text, low, high }));
             }
             Value::Number(data_type.cut(number as u64))
         }
@@ -399,7 +270,7 @@ fn read_default(
 }
 
 fn read_bytes(entry: Entry<'_>) -> Result<Vec<u8>, EdsError> {
-    let wrong = || at(entry.line, EdsProblem::NotBytes { text: entry.value.to_owned() });
+    let wrong = || at(entry.line, EdsErrorKind::NotBytes { text: entry.value.to_owned() });
     let digits: Option<Vec<u8>> = entry
         .value
         .chars()
@@ -410,7 +281,7 @@ fn read_bytes(entry: Entry<'_>) -> Result<Vec<u8>, EdsError> {
     Ok(digits.chunks(2).map(|pair| pair.iter().fold(0, |byte, digit| byte << 4 | digit)).collect())
 }
 
-/// Reals are written as numbers or as their bits.
+/// Reads a real, written as a number or as its bits.
 fn read_real(entry: Entry<'_>, bytes: u8) -> Result<u64, EdsError> {
     let text = entry.value;
     let hex = text.strip_prefix("0x").or_else(|| text.strip_prefix("0X"));
@@ -419,20 +290,19 @@ fn read_real(entry: Entry<'_>, bytes: u8) -> Result<u64, EdsError> {
         None if bytes == 4 => text.parse().ok().map(|real: f32| u64::from(real.to_bits())),
         None => text.parse().ok().map(f64::to_bits),
     };
-    bits.ok_or_else(|| at(entry.line, EdsProblem::NotANumber { text: text.to_owned() }))
+    bits.ok_or_else(|| at(entry.line, EdsErrorKind::NotANumber { text: text.to_owned() }))
 }
 
 fn missing(section: &Section<'_>, key: &'static str) -> EdsError {
     let (name, key) = (section.name.to_owned(), key.to_owned());
-    at(section.line, EdsProblem::MissingKey { section: name, key })
+    at(section.line, EdsErrorKind::MissingKey { section: name, key })
 }
 
 fn need<'a>(section: &Section<'a>, key: &'static str) -> Result<Entry<'a>, EdsError> {
     section.filled(key).ok_or_else(|| missing(section, key))
 }
 
-/// A number of an object's type. One that is written in hexadecimal digits may stand for a
-/// negative one by its bits.
+/// Reads a number of an object's type. Hexadecimal digits may give the bits of a negative number.
 fn typed(entry: Entry<'_>, data_type: DataType, node: u8) -> Result<i64, EdsError> {
     let value = evaluate(entry, node)?;
     let Some((low, high)) = data_type.range() else { return Ok(value as i64) };
@@ -444,7 +314,6 @@ fn typed(entry: Entry<'_>, data_type: DataType, node: u8) -> Result<i64, EdsErro
     within(entry, value, low, high)
 }
 
-/// A number between two bounds.
 fn number(entry: Entry<'_>, node: u8, low: i64, high: i64) -> Result<i64, EdsError> {
     within(entry, evaluate(entry, node)?, low, high)
 }
@@ -452,15 +321,15 @@ fn number(entry: Entry<'_>, node: u8, low: i64, high: i64) -> Result<i64, EdsErr
 fn within(entry: Entry<'_>, value: i128, low: i64, high: i64) -> Result<i64, EdsError> {
     match i64::try_from(value) {
         Ok(value) if (low..=high).contains(&value) => Ok(value),
-        _ => Err(at(entry.line, EdsProblem::Range { text: entry.value.to_owned(), low, high })),
+        _ => Err(at(entry.line, EdsErrorKind::Range { text: entry.value.to_owned(), low, high })),
     }
 }
 
-/// Decimal, hexadecimal with `0x`, octal with a leading 0; a sum with `$NODEID`.
+/// Decimal, hexadecimal with `0x`, octal with a leading 0, or a sum with `$NODEID`.
 fn evaluate(entry: Entry<'_>, node: u8) -> Result<i128, EdsError> {
-    let wrong = || at(entry.line, EdsProblem::NotANumber { text: entry.value.to_owned() });
+    let wrong = || at(entry.line, EdsErrorKind::NotANumber { text: entry.value.to_owned() });
     let mut sum = 0i128;
-    // The sign of a number is no sum, and sums only add.
+    // A sign at the beginning is not a sum.
     for term in entry.value.split('+') {
         let term = term.trim();
         sum += if term.eq_ignore_ascii_case("$NODEID") {
@@ -482,7 +351,7 @@ fn literal(text: &str) -> Option<i128> {
         None if digits.len() > 1 && digits.starts_with('0') => (8, digits),
         None => (10, digits),
     };
-    // from_str_radix would take a second sign.
+    // from_str_radix would accept a second sign.
     if digits.starts_with(['+', '-']) {
         return None;
     }

@@ -6,31 +6,30 @@ use ecan_canopen::{Emcy, EmcyClass, ErrorRegister, object};
 
 use super::dictionary::Dictionary;
 
-/// Errors that 0x1003 remembers.
+/// Length of the error history 0x1003.
 pub(super) const HISTORY: usize = 8;
-/// Messages that may wait for their inhibit time.
+/// Maximum number of messages that wait for the inhibit time.
 const WAITING: usize = 8;
 
-/// What is wrong, and what has not been told yet.
+/// Present errors and unsent messages.
 #[derive(Clone, Debug)]
 pub(super) struct Emergency {
     register: u8,
     /// Last error code; 0 after a reset.
     code: u16,
     waiting: VecDeque<Emcy>,
-    /// When the next message may go out.
+    /// End of the inhibit time.
     free_at: u64,
     sent: u64,
 }
 
-/// The bits of the error register for a code.
+/// Error register bits for an error code.
 pub(super) fn register_of(code: u16) -> ErrorRegister {
     let class = match EmcyClass::of(code) {
         EmcyClass::Current => ErrorRegister::CURRENT,
         EmcyClass::Voltage => ErrorRegister::VOLTAGE,
         EmcyClass::Temperature => ErrorRegister::TEMPERATURE,
-        // Among the codes of monitoring, 0x81 and 0x82 are about communication, the others about
-        // control.
+        // 0x81 and 0x82 are communication errors, other monitoring codes are control errors.
         EmcyClass::Monitoring if matches!(code >> 8, 0x81 | 0x82) => ErrorRegister::COMMUNICATION,
         EmcyClass::Monitoring => ErrorRegister::PROFILE,
         EmcyClass::DeviceSpecific => ErrorRegister::MANUFACTURER,
@@ -50,7 +49,7 @@ impl Emergency {
         }
     }
 
-    /// After a loss of supply or a reset of the device.
+    /// Clears everything after loss of supply or a device reset.
     pub(super) fn restart(&mut self) {
         self.register = 0;
         self.code = 0;
@@ -70,54 +69,52 @@ impl Emergency {
         self.sent
     }
 
-    /// An error has come and gone: it is remembered and told, but does not stay in the register.
-    pub(super) fn mention(&mut self, code: u16, register: ErrorRegister, objects: &mut Dictionary) {
-        remember(objects, code);
-        self.tell(code, ErrorRegister(self.register | register.0));
+    /// Reports an error that has already gone: it enters the history, not the register.
+    pub(super) fn report(&mut self, code: u16, register: ErrorRegister, objects: &mut Dictionary) {
+        add_to_history(objects, code);
+        self.queue(code, ErrorRegister(self.register | register.0));
     }
 
-    /// An error has come, and stays.
+    /// Reports a present error.
     pub(super) fn raise(&mut self, code: u16, register: ErrorRegister, objects: &mut Dictionary) {
         self.register |= register.0;
         self.code = code;
-        remember(objects, code);
-        self.tell(code, ErrorRegister(self.register));
+        add_to_history(objects, code);
+        self.queue(code, ErrorRegister(self.register));
     }
 
-    /// Every error has gone.
     pub(super) fn clear_all(&mut self) {
         self.clear(ErrorRegister(u8::MAX));
     }
 
-    /// Errors of these register bits have gone.
+    /// Clears the errors of these register bits.
     pub(super) fn clear(&mut self, register: ErrorRegister) {
         if self.register & register.0 == 0 {
             return;
         }
         self.register &= !register.0;
-        // The generic bit goes with the last of the others.
+        // The generic bit is cleared with the last of the others.
         if self.register == ErrorRegister::GENERIC.0 {
             self.register = 0;
         }
         if self.register == 0 {
             self.code = 0;
-            self.tell(0, ErrorRegister::default());
+            self.queue(0, ErrorRegister::default());
         }
     }
 
-    fn tell(&mut self, code: u16, register: ErrorRegister) {
+    fn queue(&mut self, code: u16, register: ErrorRegister) {
         if self.waiting.len() >= WAITING {
             self.waiting.pop_front();
         }
         self.waiting.push_back(Emcy { code, register, manufacturer: [0; 5] });
     }
 
-    /// When a waiting message may go out.
     pub(super) fn next_event(&self) -> Option<u64> {
         (!self.waiting.is_empty()).then_some(self.free_at)
     }
 
-    /// A message that may go out now.
+    /// Takes a message that may be sent now.
     pub(super) fn due(&mut self, now: u64, inhibit_ns: u64) -> Option<Emcy> {
         if self.free_at > now {
             return None;
@@ -128,14 +125,13 @@ impl Emergency {
         Some(emcy)
     }
 
-    /// Where no message may go out, none waits.
-    pub(super) fn drop_waiting(&mut self) {
+    pub(super) fn clear_waiting(&mut self) {
         self.waiting.clear();
     }
 }
 
-/// Puts an error in front of those in 0x1003.
-fn remember(objects: &mut Dictionary, code: u16) {
+/// Inserts an error at the front of 0x1003.
+fn add_to_history(objects: &mut Dictionary, code: u16) {
     let Some(count) = objects.number(object::ERROR_HISTORY, 0) else { return };
     let mut raw = i64::from(code);
     let mut kept = 0;
@@ -148,8 +144,8 @@ fn remember(objects: &mut Dictionary, code: u16) {
     objects.set(object::ERROR_HISTORY, 0, (count + 1).min(kept));
 }
 
-/// Empties 0x1003.
-pub(super) fn forget(objects: &mut Dictionary) {
+/// Clears 0x1003.
+pub(super) fn clear_history(objects: &mut Dictionary) {
     for subindex in 0..=HISTORY as u8 {
         objects.set(object::ERROR_HISTORY, subindex, 0);
     }

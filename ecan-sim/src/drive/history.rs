@@ -1,4 +1,4 @@
-//! What targets the drive received and what it was doing then: the drive's own testimony.
+//! Received targets with the state of the drive at that time.
 
 use std::collections::VecDeque;
 
@@ -15,37 +15,37 @@ pub enum TargetKind {
     Torque,
 }
 
-/// A target at the instant at which the drive took it.
-///
-/// A synchronous RPDO is taken at its SYNC, everything else when it arrives.
+/// A target at the time when the drive applied it: at the SYNC for a synchronous RPDO, otherwise on
+/// arrival.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TargetRecord {
-    /// When, in simulated nanoseconds.
+    /// Simulated time in nanoseconds.
     pub time_ns: u64,
-    /// What of.
+    /// Quantity.
     pub kind: TargetKind,
     /// The target.
     pub target: i32,
-    /// State of the drive behind the frame that brought the target, so with its controlword taken.
+    /// State of the drive after the frame with the target, so with its controlword applied.
     pub state: DriveState,
-    /// Whether the drive follows it: it is in Operation Enabled, in a mode for this kind, and not
-    /// stopping. In profile position the set-point counts, not the write to 0x607A.
+    /// Whether the drive follows the target: it is in Operation enabled, in a mode for this
+    /// quantity, and not stopping. In profile position the set-point counts, not the write to
+    /// 0x607A.
     pub followed: bool,
-    /// Actual position at that instant.
+    /// Actual position at that time.
     pub actual: i32,
-    /// Target before it, of the same kind and since the drive was enabled (or changed its mode, or
-    /// was homed).
+    /// Previous target of the same quantity since the drive was enabled, changed its mode or was
+    /// homed.
     pub previous: Option<i32>,
-    /// Whether it is the first since the drive entered Operation Enabled (or changed its mode
-    /// there, or was homed). Always `false` for a target that is not followed.
+    /// Whether it is the first target since the drive entered Operation enabled, changed its mode
+    /// there, or was homed. Always `false` for a target that is not followed.
     pub first: bool,
-    /// Following error window (0x6065) at that instant.
+    /// Following error window (0x6065) at that time.
     pub window: u32,
 }
 
 impl TargetRecord {
     /// Distance of a position target from the actual position, in position units; 0 for other
-    /// kinds.
+    /// quantities.
     #[must_use]
     pub fn offset(&self) -> u32 {
         match self.kind {
@@ -54,30 +54,30 @@ impl TargetRecord {
         }
     }
 
-    /// Distance from the target before it; 0 for the first.
+    /// Distance from the previous target; 0 for the first.
     #[must_use]
     pub fn step(&self) -> u32 {
         self.previous.map_or(0, |previous| self.target.wrapping_sub(previous).unsigned_abs())
     }
 }
 
-/// Sums over all targets since the drive was made, those that the history has forgotten included.
-/// Distances are of position targets.
+/// Sums over all targets since the drive was made, including those dropped from the history.
+/// Distances refer to position targets.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct TargetSums {
-    /// Targets that the drive followed.
+    /// Number of followed targets.
     pub followed: u64,
-    /// Targets that it did not follow.
+    /// Number of targets not followed.
     pub ignored: u64,
-    /// Firsts since enabling.
+    /// Number of first targets.
     pub firsts: u64,
-    /// Greatest distance of a first target from the actual position.
+    /// Maximum distance of a first target from the actual position.
     pub largest_first_offset: u32,
-    /// Greatest distance of any target followed from the actual position.
+    /// Maximum distance of a followed target from the actual position.
     pub largest_offset: u32,
-    /// Greatest distance between two targets in a row.
+    /// Maximum distance between consecutive targets.
     pub largest_step: u32,
-    /// Targets followed that lay outside the following error window.
+    /// Number of followed targets outside the following error window.
     pub outside_window: u64,
 }
 
@@ -87,7 +87,7 @@ pub struct TargetHistory {
     records: VecDeque<TargetRecord>,
     depth: usize,
     sums: TargetSums,
-    /// Last target since enabling, by kind.
+    /// Last target by quantity.
     last: [Option<i32>; 3],
     awaits_first: bool,
 }
@@ -103,14 +103,13 @@ impl TargetHistory {
         }
     }
 
-    /// The drive has entered Operation Enabled, has changed its mode there, or has been homed: the
-    /// next target has none before it.
+    /// Starts a new sequence of targets: after enabling, a mode change or homing.
     pub(super) fn restart(&mut self) {
         self.awaits_first = true;
         self.last = [None; 3];
     }
 
-    /// Adds a target; `first` and `previous` are found here.
+    /// Adds a target; sets `first` and `previous`.
     pub(super) fn add(&mut self, mut record: TargetRecord) {
         if record.followed {
             record.first = std::mem::take(&mut self.awaits_first);
@@ -155,13 +154,13 @@ impl TargetHistory {
         self.records.iter()
     }
 
-    /// Number of targets kept.
+    /// Number of targets in the history.
     #[must_use]
     pub fn len(&self) -> usize {
         self.records.len()
     }
 
-    /// Whether no target is kept.
+    /// Whether the history is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.records.is_empty()

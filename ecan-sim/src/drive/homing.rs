@@ -1,8 +1,8 @@
-//! Homing methods (CiA 402-2, chapter 7): how the drive finds its reference.
+//! Homing methods (CiA 402-2, chapter 7).
 
-use super::settings::MotorConfig;
+use super::config::MotorConfig;
 
-/// What ends a leg.
+/// Condition that ends a homing move.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum StopCondition {
     NegativeLimit(bool),
@@ -11,7 +11,7 @@ enum StopCondition {
     IndexPulse,
 }
 
-/// Part of a homing run: one direction until something is seen.
+/// Part of a homing run: one direction until a condition is met.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct HomingMove {
     positive: bool,
@@ -19,25 +19,25 @@ struct HomingMove {
     until: StopCondition,
 }
 
-const MOST_LEGS: usize = 3;
+const MAX_MOVES: usize = 3;
 
-/// A homing run under way.
+/// A homing run in progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Homing {
-    legs: [Option<HomingMove>; MOST_LEGS],
+    moves: [Option<HomingMove>; MAX_MOVES],
     current: usize,
-    /// Where the motor was at the last look.
+    /// Position at the last call.
     last: f64,
 }
 
-/// What a look at the switches found.
+/// Result of evaluating the switches.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Finding {
-    /// Go on with this share of the two homing speeds.
+    /// Move in this direction with the fast or slow homing speed.
     Go { positive: bool, fast: bool },
-    /// The reference is here.
+    /// The reference is at this position.
     Home(f64),
-    /// The machine ended first.
+    /// A limit switch was reached first.
     Failed,
 }
 
@@ -50,12 +50,12 @@ pub(super) struct Switches {
 }
 
 impl Switches {
-    pub(super) fn at(position: f64, settings: &MotorConfig) -> Self {
-        let (negative, positive) = settings.limit_switches;
+    pub(super) fn at(position: f64, config: &MotorConfig) -> Self {
+        let (negative, positive) = config.limit_switches;
         Self {
             negative: position <= f64::from(negative),
             positive: position >= f64::from(positive),
-            home: position >= f64::from(settings.home_switch),
+            home: position >= f64::from(config.home_switch),
         }
     }
 
@@ -65,57 +65,57 @@ impl Switches {
     }
 }
 
-/// Whether a method is known.
+/// Whether a homing method is supported.
 pub(super) const fn is_supported(method: i8) -> bool {
     matches!(method, 1 | 2 | 17..=20 | 33..=35 | 37)
 }
 
 impl Homing {
-    /// Begins a run; `None` for a method that is not known.
-    pub(super) fn begin(method: i8, position: f64, settings: &MotorConfig) -> Option<Self> {
-        let leg = |positive, fast, until| Some(HomingMove { positive, fast, until });
-        let switches = Switches::at(position, settings);
-        let legs = match method {
-            // To a limit switch and off it again, with or without an index pulse behind.
+    /// Starts a run; `None` if the method is not supported.
+    pub(super) fn begin(method: i8, position: f64, config: &MotorConfig) -> Option<Self> {
+        let step = |positive, fast, until| Some(HomingMove { positive, fast, until });
+        let switches = Switches::at(position, config);
+        let moves = match method {
+            // To a limit switch and off it again, then optionally to the next index pulse.
             1 | 17 => [
-                leg(false, true, StopCondition::NegativeLimit(true)),
-                leg(true, false, StopCondition::NegativeLimit(false)),
-                if method == 1 { leg(true, false, StopCondition::IndexPulse) } else { None },
+                step(false, true, StopCondition::NegativeLimit(true)),
+                step(true, false, StopCondition::NegativeLimit(false)),
+                if method == 1 { step(true, false, StopCondition::IndexPulse) } else { None },
             ],
             2 | 18 => [
-                leg(true, true, StopCondition::PositiveLimit(true)),
-                leg(false, false, StopCondition::PositiveLimit(false)),
-                if method == 2 { leg(false, false, StopCondition::IndexPulse) } else { None },
+                step(true, true, StopCondition::PositiveLimit(true)),
+                step(false, false, StopCondition::PositiveLimit(false)),
+                if method == 2 { step(false, false, StopCondition::IndexPulse) } else { None },
             ],
-            // To the edge of the home switch, left downwards or entered upwards.
+            // To the edge of the home switch: left in negative or entered in positive direction.
             19 => [
-                leg(true, true, StopCondition::HomeSwitch(true)),
-                leg(false, false, StopCondition::HomeSwitch(false)),
+                step(true, true, StopCondition::HomeSwitch(true)),
+                step(false, false, StopCondition::HomeSwitch(false)),
                 None,
             ],
             20 if switches.home => [
-                leg(false, true, StopCondition::HomeSwitch(false)),
-                leg(true, false, StopCondition::HomeSwitch(true)),
+                step(false, true, StopCondition::HomeSwitch(false)),
+                step(true, false, StopCondition::HomeSwitch(true)),
                 None,
             ],
-            20 => [leg(true, false, StopCondition::HomeSwitch(true)), None, None],
-            33 => [leg(false, false, StopCondition::IndexPulse), None, None],
-            34 => [leg(true, false, StopCondition::IndexPulse), None, None],
-            35 | 37 => [None; MOST_LEGS],
+            20 => [step(true, false, StopCondition::HomeSwitch(true)), None, None],
+            33 => [step(false, false, StopCondition::IndexPulse), None, None],
+            34 => [step(true, false, StopCondition::IndexPulse), None, None],
+            35 | 37 => [None; MAX_MOVES],
             _ => return None,
         };
-        Some(Self { legs, current: 0, last: position })
+        Some(Self { moves, current: 0, last: position })
     }
 
-    /// Looks at the switches where the motor is now.
-    pub(super) fn look(&mut self, position: f64, settings: &MotorConfig) -> Finding {
-        let switches = Switches::at(position, settings);
+    /// Evaluates the switches at the present motor position.
+    pub(super) fn evaluate(&mut self, position: f64, config: &MotorConfig) -> Finding {
+        let switches = Switches::at(position, config);
         let mut last = std::mem::replace(&mut self.last, position);
         loop {
-            let Some(leg) = self.legs.get(self.current).copied().flatten() else {
+            let Some(current) = self.moves.get(self.current).copied().flatten() else {
                 return Finding::Home(position);
             };
-            let pulse = match leg.until {
+            let pulse = match current.until {
                 StopCondition::NegativeLimit(active) => {
                     (switches.negative == active).then_some(position)
                 }
@@ -123,30 +123,31 @@ impl Homing {
                     (switches.positive == active).then_some(position)
                 }
                 StopCondition::HomeSwitch(active) => (switches.home == active).then_some(position),
-                StopCondition::IndexPulse => index_between(last, position, settings),
+                StopCondition::IndexPulse => index_between(last, position, config),
             };
-            let Some(seen) = pulse else {
-                let end = if leg.positive { switches.positive } else { switches.negative };
+            let Some(reference) = pulse else {
+                let end = if current.positive { switches.positive } else { switches.negative };
                 return if end {
                     Finding::Failed
                 } else {
-                    Finding::Go { positive: leg.positive, fast: leg.fast }
+                    Finding::Go { positive: current.positive, fast: current.fast }
                 };
             };
             self.current += 1;
             last = position;
-            if self.legs.get(self.current).copied().flatten().is_none() {
-                return Finding::Home(seen);
+            if self.moves.get(self.current).copied().flatten().is_none() {
+                return Finding::Home(reference);
             }
         }
     }
 }
 
-/// The index pulse that the motor has passed, if any.
-fn index_between(last: f64, position: f64, settings: &MotorConfig) -> Option<f64> {
-    let revolution = f64::from(settings.increments_per_revolution.max(1));
+/// The index pulse between two positions, if any.
+fn index_between(last: f64, position: f64, config: &MotorConfig) -> Option<f64> {
+    let revolution = f64::from(config.increments_per_revolution.max(1));
     let (before, after) = ((last / revolution).floor(), (position / revolution).floor());
-    // Downwards the pulse is that of the revolution left, upwards that of the one entered.
+    // In negative direction the pulse of the revolution left, in positive direction of the one
+    // entered.
     (before != after).then(|| before.max(after) * revolution)
 }
 
@@ -154,20 +155,20 @@ fn index_between(last: f64, position: f64, settings: &MotorConfig) -> Option<f64
 mod tests {
     use super::*;
 
-    /// Drives an ideal axis, 1 increment a look when slow, 10 when fast.
+    /// Moves an ideal axis by 1 increment per step when slow, by 10 when fast.
     fn run(method: i8, start: f64) -> (Option<f64>, usize) {
-        let settings = MotorConfig {
+        let config = MotorConfig {
             increments_per_revolution: 100,
             limit_switches: (-500, 500),
             home_switch: 200,
             ..MotorConfig::default()
         };
         let mut position = start;
-        let mut homing = Homing::begin(method, position, &settings).unwrap();
-        for looks in 0..10_000 {
-            match homing.look(position, &settings) {
-                Finding::Home(home) => return (Some(home), looks),
-                Finding::Failed => return (None, looks),
+        let mut homing = Homing::begin(method, position, &config).unwrap();
+        for steps in 0..10_000 {
+            match homing.evaluate(position, &config) {
+                Finding::Home(home) => return (Some(home), steps),
+                Finding::Failed => return (None, steps),
                 Finding::Go { positive, fast } => {
                     let step = if fast { 10.0 } else { 1.0 };
                     position += if positive { step } else { -step };
@@ -185,9 +186,9 @@ mod tests {
 
     #[test]
     fn limit_switches_are_left_slowly() {
-        let (home, looks) = run(17, 0.0);
+        let (home, steps) = run(17, 0.0);
         assert_eq!(home, Some(-499.0));
-        assert!(looks > 50);
+        assert!(steps > 50);
         assert_eq!(run(18, 0.0).0, Some(499.0));
         assert_eq!(run(17, -600.0).0, Some(-499.0));
     }
@@ -214,12 +215,12 @@ mod tests {
 
     #[test]
     fn a_switch_that_never_comes_is_a_failure() {
-        let settings =
+        let config =
             MotorConfig { home_switch: i32::MAX, limit_switches: (-50, 50), ..Default::default() };
-        let mut homing = Homing::begin(19, 0.0, &settings).unwrap();
-        assert_eq!(homing.look(0.0, &settings), Finding::Go { positive: true, fast: true });
-        assert_eq!(homing.look(50.0, &settings), Finding::Failed);
-        assert!(Homing::begin(3, 0.0, &settings).is_none());
+        let mut homing = Homing::begin(19, 0.0, &config).unwrap();
+        assert_eq!(homing.evaluate(0.0, &config), Finding::Go { positive: true, fast: true });
+        assert_eq!(homing.evaluate(50.0, &config), Finding::Failed);
+        assert!(Homing::begin(3, 0.0, &config).is_none());
         assert!(!is_supported(0) && is_supported(37));
     }
 }

@@ -1,53 +1,50 @@
-//! The syntax of an EDS: sections of `key=value` lines.
+//! Syntax of an EDS: sections of `key=value` lines.
 
-use super::eds::{EdsError, EdsProblem};
+use super::eds_error::{EdsError, EdsErrorKind};
 
-/// A file taken apart. Names and keys are told apart without regard to case.
+/// A parsed file. Names and keys are not case-sensitive.
 #[derive(Debug)]
 pub(super) struct Ini<'a> {
     sections: Vec<Section<'a>>,
 }
 
-/// `[name]` and the lines under it.
 #[derive(Debug)]
 pub(super) struct Section<'a> {
     pub(super) name: &'a str,
-    /// From 1.
+    /// Line, from 1.
     pub(super) line: usize,
     entries: Vec<Entry<'a>>,
 }
 
-/// A line `key=value`.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Entry<'a> {
     pub(super) key: &'a str,
     pub(super) value: &'a str,
-    /// From 1.
+    /// Line, from 1.
     pub(super) line: usize,
 }
 
 impl<'a> Ini<'a> {
-    /// Reads a whole text. Lines that begin with `;` or `#` are comments.
+    /// Parses a whole text. Lines that begin with `;` or `#` are comments.
     ///
     /// # Errors
-    /// The first line that is neither blank, comment, section nor entry, or says what another said
-    /// before.
+    /// The first line that is invalid or repeats a section or key.
     pub(super) fn parse(text: &'a str) -> Result<Self, EdsError> {
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         let mut sections: Vec<Section<'a>> = Vec::new();
         for (number, line) in text.lines().enumerate() {
             let line_number = number + 1;
-            let fail = |problem| Err(EdsError { line: line_number, problem });
+            let fail = |kind| Err(EdsError { line: line_number, kind });
             let line = line.trim();
             if line.is_empty() || line.starts_with([';', '#']) {
                 continue;
             }
             if let Some(rest) = line.strip_prefix('[') {
                 let Some(name) = rest.strip_suffix(']').map(str::trim) else {
-                    return fail(EdsProblem::OpenSection);
+                    return fail(EdsErrorKind::UnclosedSection);
                 };
                 if let Some(first) = find(&sections, name) {
-                    return fail(EdsProblem::SectionTwice {
+                    return fail(EdsErrorKind::DuplicateSection {
                         name: name.to_owned(),
                         first: first.line,
                     });
@@ -56,21 +53,23 @@ impl<'a> Ini<'a> {
                 continue;
             }
             let Some((key, value)) = line.split_once('=') else {
-                return fail(EdsProblem::NoEntry);
+                return fail(EdsErrorKind::InvalidLine);
             };
             let entry = Entry { key: key.trim(), value: value.trim(), line: line_number };
             let Some(section) = sections.last_mut() else {
-                return fail(EdsProblem::NoSection);
+                return fail(EdsErrorKind::EntryOutsideSection);
             };
             if let Some(first) = section.entry(entry.key) {
-                return fail(EdsProblem::KeyTwice { key: entry.key.to_owned(), first: first.line });
+                return fail(EdsErrorKind::DuplicateKey {
+                    key: entry.key.to_owned(),
+                    first: first.line,
+                });
             }
             section.entries.push(entry);
         }
         Ok(Self { sections })
     }
 
-    /// A section by its name.
     pub(super) fn section(&self, name: &str) -> Option<&Section<'a>> {
         find(&self.sections, name)
     }
@@ -85,12 +84,11 @@ fn find<'s, 'a>(sections: &'s [Section<'a>], name: &str) -> Option<&'s Section<'
 }
 
 impl<'a> Section<'a> {
-    /// An entry by its key.
     pub(super) fn entry(&self, key: &str) -> Option<Entry<'a>> {
         self.entries.iter().find(|entry| entry.key.eq_ignore_ascii_case(key)).copied()
     }
 
-    /// The same, but not one without a value.
+    /// An entry with a value.
     pub(super) fn filled(&self, key: &str) -> Option<Entry<'a>> {
         self.entry(key).filter(|entry| !entry.value.is_empty())
     }

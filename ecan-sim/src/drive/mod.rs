@@ -1,22 +1,24 @@
-//! A CiA 402 drive: what a motor behind the gateway looks like from the bus.
+//! A simulated CiA 402 drive.
 //!
-//! From below: `dictionary` (filled by `default_objects` or `eds`), `sdo_server` and `sdo_block`,
-//! `pdo` with `pdo_rules`, `network` (NMT and heartbeats), `emergency`; `motor`, `ramp`, `homing`,
-//! `motion` and the state machine `power` make up an `axis`; `device` (with `process_data` and
-//! `object_access`) holds them together and `bus_node` puts it on the bus.
+//! `dictionary` (filled by `default_objects` or `eds`), `sdo_server` with `sdo_block`, `pdo` with
+//! `pdo_rules`, `network` (NMT and heartbeats) and `emergency` are its CANopen side; `motor`, `ramp`,
+//! `homing`, `motion` and the state machine `power` form an `axis`. `device` (with `process_data` and
+//! `object_access`) contains both sides, and `bus_node` connects it to the bus.
 
 mod axis;
 mod axis_commands;
 mod bus_node;
+mod can_id_set;
+mod config;
 mod data_type;
 mod default_objects;
 mod device;
 mod dictionary;
 mod eds;
+mod eds_error;
 mod emergency;
 mod history;
 mod homing;
-mod identifiers;
 mod ini;
 mod motion;
 mod motor;
@@ -30,10 +32,9 @@ mod process_data;
 mod ramp;
 mod sdo_block;
 mod sdo_server;
-mod settings;
 mod slots;
 
 pub use bus_node::Drive;
-pub use eds::{EdsError, EdsProblem};
+pub use config::{DriveConfig, DriveQuirks, MotorConfig, SdoDirection, SdoEffect, SdoRule};
+pub use eds_error::{EdsError, EdsErrorKind};
 pub use history::{TargetHistory, TargetKind, TargetRecord, TargetSums};
-pub use settings::{DriveConfig, DriveQuirks, MotorConfig, SdoDirection, SdoEffect, SdoRule};

@@ -1,14 +1,14 @@
-//! Modes of operation: from targets to what the motor is made to do. Positions are mechanical.
+//! Modes of operation: from targets to the actuation of the motor. Positions are mechanical.
 
 use ecan_canopen::{Controlword, OperatingMode, Statusword};
 
+use super::config::MotorConfig;
 use super::homing::{Finding, Homing};
 use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
 use super::ramp::{Bounds, Ramp};
-use super::settings::MotorConfig;
 
-/// Whether the drive knows a mode.
+/// Whether the drive supports a mode.
 pub(super) const fn is_supported(mode: OperatingMode) -> bool {
     matches!(
         mode,
@@ -21,38 +21,37 @@ pub(super) const fn is_supported(mode: OperatingMode) -> bool {
     )
 }
 
-/// The demand in a mode.
+/// Motion that the active mode demands.
 #[derive(Clone, Copy, Debug)]
 enum MotionDemand {
-    /// Brake, then stand.
+    /// Decelerate, then hold the position.
     Hold,
-    /// Brake with this deceleration for a stop or halt, then stand.
+    /// Decelerate for a stop or halt, then hold the position.
     Stop { deceleration: f64 },
-    /// Go straight from one cyclic position to the next.
+    /// Interpolate between two cyclic positions.
     Interpolate { from: f64, to: f64, elapsed: f64, duration: f64, velocity: f64 },
-    /// Turn as told, increments per second.
+    /// Constant velocity, increments per second.
     Velocity(f64),
-    /// Push as told, thousandths.
+    /// Torque in thousandths of the rated torque.
     Torque(f64),
-    /// Go to the set-point.
+    /// Move to the set-point.
     Profile,
-    /// Turn towards the speed told, with the profile's acceleration.
+    /// Ramp to this velocity with the profile acceleration.
     ProfileVelocity(f64),
-    /// Look for the reference.
+    /// Search the reference.
     Home(Homing),
 }
 
-/// Set-points of profile position.
+/// Set-points of profile position mode.
 #[derive(Clone, Copy, Debug, Default)]
 struct SetPoints {
     current: Option<f64>,
     next: Option<f64>,
     /// Last set-point, reached or not.
-    goal: Option<f64>,
+    target: Option<f64>,
     acknowledged: bool,
 }
 
-/// How homing ended, if it ended.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum HomingResult {
     None,
@@ -60,78 +59,76 @@ enum HomingResult {
     Failed,
 }
 
-/// The demand side of the drive.
+/// Demand generator of the drive.
 #[derive(Clone, Debug)]
 pub(super) struct Motion {
-    settings: MotorConfig,
+    config: MotorConfig,
     ramp: Ramp,
-    course: MotionDemand,
+    demand: MotionDemand,
     set_points: SetPoints,
     homing: HomingResult,
-    /// For how long the motor has been at the set-point, nanoseconds.
+    /// Time for which the motor has been within the position window, ns.
     in_window: u64,
 }
 
 impl Motion {
-    pub(super) fn new(settings: MotorConfig) -> Self {
+    pub(super) fn new(config: MotorConfig) -> Self {
         Self {
-            settings,
-            ramp: Ramp::at(f64::from(settings.start_position)),
-            course: MotionDemand::Hold,
+            config,
+            ramp: Ramp::at(f64::from(config.start_position)),
+            demand: MotionDemand::Hold,
             set_points: SetPoints::default(),
             homing: HomingResult::None,
             in_window: 0,
         }
     }
 
-    /// Demanded position.
     pub(super) const fn position(&self) -> f64 {
         self.ramp.position
     }
 
-    /// Demanded speed.
     pub(super) const fn velocity(&self) -> f64 {
         self.ramp.velocity
     }
 
-    /// Takes up the motor where it is: it brakes and stands until a target comes.
-    pub(super) fn take_up(&mut self, motor: &Motor) {
+    /// Enables the axis at the present motor position; it stops and holds until a target arrives.
+    pub(super) fn enable(&mut self, motor: &Motor) {
         self.ramp = Ramp { position: motor.position(), velocity: motor.velocity() };
-        self.course = MotionDemand::Hold;
+        self.demand = MotionDemand::Hold;
         self.set_points = SetPoints::default();
         self.in_window = 0;
     }
 
-    /// Forgets that the reference was found.
-    pub(super) fn forget_home(&mut self) {
+    pub(super) fn reset_homing(&mut self) {
         self.homing = HomingResult::None;
     }
 
-    /// While the power stage is off the demand is where the motor is.
-    pub(super) fn shadow(&mut self, motor: &Motor) {
+    /// Sets the demand to the motor position while the power stage is off.
+    pub(super) fn follow_motor(&mut self, motor: &Motor) {
         self.ramp = Ramp::at(motor.position());
-        self.course = MotionDemand::Hold;
+        self.demand = MotionDemand::Hold;
     }
 
-    /// Stops with a deceleration, then stands, whatever the mode.
+    /// Decelerates and then holds the position, in any mode.
     pub(super) fn stop(&mut self, motor: &Motor, deceleration: f64) {
         if !self.is_position_controlled() {
             self.ramp = Ramp { position: motor.position(), velocity: motor.velocity() };
         }
-        self.course = MotionDemand::Stop { deceleration };
+        self.demand = MotionDemand::Stop { deceleration };
     }
 
-    /// Whether a stop has been ordered and the motor stands.
+    /// Whether a commanded stop is complete.
     pub(super) fn has_stopped(&self, motor: &Motor) -> bool {
-        matches!(self.course, MotionDemand::Stop { .. })
+        matches!(self.demand, MotionDemand::Stop { .. })
             && self.ramp.velocity == 0.0
             && motor.has_settled()
     }
 
-    /// Goes on after a halt: profile modes with what they were about, others wait for a target.
-    pub(super) fn go_on(&mut self) {
-        if matches!(self.course, MotionDemand::Stop { .. }) {
-            self.course = match self.set_points.current {
+    /// Continues after a halt: profile modes with their set-point, others hold until a target
+    /// arrives.
+    pub(super) fn resume(&mut self) {
+        if matches!(self.demand, MotionDemand::Stop { .. }) {
+            self.demand = match self.set_points.current {
                 Some(_) => MotionDemand::Profile,
                 None => MotionDemand::Hold,
             };
@@ -139,18 +136,18 @@ impl Motion {
     }
 
     const fn is_stopping(&self) -> bool {
-        matches!(self.course, MotionDemand::Stop { .. })
+        matches!(self.demand, MotionDemand::Stop { .. })
     }
 
     const fn is_position_controlled(&self) -> bool {
         !matches!(
-            self.course,
+            self.demand,
             MotionDemand::Velocity(_) | MotionDemand::Torque(_) | MotionDemand::ProfileVelocity(_)
         )
     }
 
-    /// Whether the distance between demand and motor is a following error in this mode.
-    pub(super) const fn watches_following(&self, mode: Option<OperatingMode>) -> bool {
+    /// Whether this mode monitors the following error.
+    pub(super) const fn monitors_following_error(&self, mode: Option<OperatingMode>) -> bool {
         self.is_position_controlled()
             && matches!(
                 mode,
@@ -162,74 +159,72 @@ impl Motion {
             )
     }
 
-    /// A cyclic position, to be reached after `duration` seconds.
+    /// Sets a cyclic position to reach after `duration` seconds.
     pub(super) fn cyclic_position(&mut self, to: f64, duration: f64) {
         if !self.is_stopping() {
             let from = self.ramp.position;
             let velocity = (to - from) / duration;
-            self.course = MotionDemand::Interpolate { from, to, elapsed: 0.0, duration, velocity };
+            self.demand = MotionDemand::Interpolate { from, to, elapsed: 0.0, duration, velocity };
         }
     }
 
-    /// A cyclic speed.
     pub(super) fn cyclic_velocity(&mut self, velocity: f64) {
         if !self.is_stopping() {
-            self.course = MotionDemand::Velocity(velocity);
+            self.demand = MotionDemand::Velocity(velocity);
         }
     }
 
-    /// A cyclic torque.
     pub(super) fn cyclic_torque(&mut self, torque: f64) {
         if !self.is_stopping() {
-            self.course = MotionDemand::Torque(torque);
+            self.demand = MotionDemand::Torque(torque);
         }
     }
 
-    /// The speed of profile velocity.
     pub(super) fn profile_velocity(&mut self, velocity: f64) {
         if !self.is_stopping() {
-            self.course = MotionDemand::ProfileVelocity(velocity);
+            self.demand = MotionDemand::ProfileVelocity(velocity);
         }
     }
 
-    /// Bit 4 of the controlword has risen in profile position: a new set-point, if there is room.
-    pub(super) fn set_point(&mut self, position: f64, at_once: bool) {
+    /// Handles a rising edge of controlword bit 4 in profile position: a new set-point, if the
+    /// buffer has room.
+    pub(super) fn set_point(&mut self, position: f64, immediate: bool) {
         let set_points = &mut self.set_points;
         if set_points.next.is_some() {
             return;
         }
         set_points.acknowledged = true;
-        if at_once || set_points.current.is_none() {
+        if immediate || set_points.current.is_none() {
             set_points.current = Some(position);
-            set_points.goal = Some(position);
+            set_points.target = Some(position);
             self.in_window = 0;
             if !self.is_stopping() {
-                self.course = MotionDemand::Profile;
+                self.demand = MotionDemand::Profile;
             }
         } else {
             set_points.next = Some(position);
         }
     }
 
-    /// What a relative set-point counts from.
+    /// The position to which a relative set-point is added.
     pub(super) fn set_point_base(&self) -> f64 {
         let set_points = &self.set_points;
-        set_points.next.or(set_points.current).or(set_points.goal).unwrap_or(self.ramp.position)
+        set_points.next.or(set_points.current).or(set_points.target).unwrap_or(self.ramp.position)
     }
 
-    /// Bit 4 of the controlword is low in profile position.
+    /// Handles a low bit 4 of the controlword in profile position.
     pub(super) fn release_set_point(&mut self) {
         if self.set_points.next.is_none() {
             self.set_points.acknowledged = false;
         }
     }
 
-    /// Begins homing. False when the method is not known.
-    pub(super) fn home(&mut self, method: i8, motor: &Motor) -> bool {
+    /// Starts homing. Returns false if the method is not supported.
+    pub(super) fn start_homing(&mut self, method: i8, motor: &Motor) -> bool {
         self.homing = HomingResult::None;
-        match Homing::begin(method, motor.position(), &self.settings) {
+        match Homing::begin(method, motor.position(), &self.config) {
             Some(homing) => {
-                self.course = MotionDemand::Home(homing);
+                self.demand = MotionDemand::Home(homing);
                 true
             }
             None => {
@@ -239,14 +234,14 @@ impl Motion {
         }
     }
 
-    /// Breaks homing off.
-    pub(super) fn leave_home(&mut self) {
-        if matches!(self.course, MotionDemand::Home(_)) {
-            self.course = MotionDemand::Hold;
+    /// Aborts homing.
+    pub(super) fn abort_homing(&mut self) {
+        if matches!(self.demand, MotionDemand::Home(_)) {
+            self.demand = MotionDemand::Hold;
         }
     }
 
-    /// One step of the demand; gives what the motor has to do, and the mechanical position of the
+    /// Advances the demand by one step. Returns the actuation, and the mechanical position of the
     /// reference when homing finds it.
     pub(super) fn step(
         &mut self,
@@ -255,19 +250,19 @@ impl Motion {
         parameters: &Parameters,
     ) -> (Actuation, Option<f64>) {
         let mut found = None;
-        match self.course {
+        match self.demand {
             MotionDemand::Hold => self.brake(seconds, parameters.profile.deceleration),
             MotionDemand::Stop { deceleration } => self.brake(seconds, deceleration),
             MotionDemand::Interpolate { from, to, elapsed, duration, velocity } => {
                 let elapsed = elapsed + seconds;
                 if elapsed >= duration {
                     self.ramp = Ramp::at(to);
-                    // The speed of the way just finished counts until the next target is late.
+                    // Velocity of the finished segment, kept until the next target is late.
                     self.ramp.velocity = if elapsed < 1.5 * duration { velocity } else { 0.0 };
                 } else {
                     self.ramp = Ramp { position: from + velocity * elapsed, velocity };
                 }
-                self.course = MotionDemand::Interpolate { from, to, elapsed, duration, velocity };
+                self.demand = MotionDemand::Interpolate { from, to, elapsed, duration, velocity };
             }
             MotionDemand::Velocity(velocity) => {
                 self.ramp = Ramp { position: motor.position(), velocity };
@@ -286,7 +281,7 @@ impl Motion {
             }
             MotionDemand::Profile => self.go_to_set_point(seconds, parameters),
             MotionDemand::Home(homing) => {
-                found = self.look_for_home(seconds, homing, motor, parameters)
+                found = self.search_home(seconds, homing, motor, parameters)
             }
         }
         let Ramp { position, velocity } = self.ramp;
@@ -305,13 +300,13 @@ impl Motion {
         if self.ramp.towards_position(seconds, target, &parameters.profile) {
             self.set_points.current = self.set_points.next.take();
             if let Some(next) = self.set_points.current {
-                self.set_points.goal = Some(next);
+                self.set_points.target = Some(next);
                 self.in_window = 0;
             }
         }
     }
 
-    fn look_for_home(
+    fn search_home(
         &mut self,
         seconds: f64,
         mut homing: Homing,
@@ -319,39 +314,39 @@ impl Motion {
         parameters: &Parameters,
     ) -> Option<f64> {
         let acceleration = parameters.homing_acceleration;
-        match homing.look(motor.position(), &self.settings) {
+        match homing.evaluate(motor.position(), &self.config) {
             Finding::Go { positive, fast } => {
                 let speed = if fast { parameters.homing_fast } else { parameters.homing_slow };
                 let velocity = if positive { speed } else { -speed };
                 let bounds = Bounds { velocity: speed, acceleration, deceleration: acceleration };
                 self.ramp.towards_velocity(seconds, velocity, &bounds);
-                self.course = MotionDemand::Home(homing);
+                self.demand = MotionDemand::Home(homing);
                 None
             }
             Finding::Home(position) => {
                 self.homing = HomingResult::Attained;
-                self.course = MotionDemand::Hold;
+                self.demand = MotionDemand::Hold;
                 self.brake(seconds, acceleration);
                 Some(position)
             }
             Finding::Failed => {
                 self.homing = HomingResult::Failed;
-                self.course = MotionDemand::Hold;
+                self.demand = MotionDemand::Hold;
                 self.brake(seconds, acceleration);
                 None
             }
         }
     }
 
-    /// Judges whether the set-point has been reached, after `ns` more.
-    pub(super) fn watch_window(&mut self, ns: u64, motor: &Motor, parameters: &Parameters) {
-        let inside = self.set_points.goal.is_some_and(|goal| {
-            (goal - motor.position()).abs() <= f64::from(parameters.position_window)
+    /// Updates the time in the position window after `ns` more.
+    pub(super) fn update_window(&mut self, ns: u64, motor: &Motor, parameters: &Parameters) {
+        let inside = self.set_points.target.is_some_and(|target| {
+            (target - motor.position()).abs() <= f64::from(parameters.position_window)
         });
         self.in_window = if inside { self.in_window.saturating_add(ns) } else { 0 };
     }
 
-    /// Bits 10, 12 and 13 of the statusword, in Operation Enabled.
+    /// Bits 10, 12 and 13 of the statusword in Operation enabled.
     pub(super) fn status_bits(
         &self,
         mode: Option<OperatingMode>,
@@ -368,7 +363,7 @@ impl Motion {
                 (if halted { still } else { there }, self.set_points.acknowledged, false)
             }
             Some(OperatingMode::ProfileVelocity) => {
-                let near = match self.course {
+                let near = match self.demand {
                     MotionDemand::ProfileVelocity(target) => {
                         (motor.velocity() - target).abs() <= parameters.velocity_window
                     }
@@ -379,7 +374,7 @@ impl Motion {
             }
             Some(OperatingMode::Homing) => {
                 let attained = self.homing == HomingResult::Attained;
-                let running = matches!(self.course, MotionDemand::Home(_));
+                let running = matches!(self.demand, MotionDemand::Home(_));
                 let failed = self.homing == HomingResult::Failed;
                 (!running && still, attained, failed)
             }
@@ -392,12 +387,12 @@ impl Motion {
     }
 }
 
-/// What bits 4 to 6 and 8 of a controlword say that those of the one before did not.
+/// Changes of controlword bits 4 to 6 and 8.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct ModeBits {
     pub(super) rises: bool,
     pub(super) falls: bool,
-    pub(super) at_once: bool,
+    pub(super) immediate: bool,
     pub(super) relative: bool,
     pub(super) halt: bool,
     pub(super) halt_ends: bool,
@@ -410,7 +405,7 @@ impl ModeBits {
         Self {
             rises: now && !before,
             falls: !now && before,
-            at_once: word.has(Controlword::MODE_5),
+            immediate: word.has(Controlword::MODE_5),
             relative: word.has(Controlword::MODE_6),
             halt: word.has(Controlword::HALT),
             halt_ends: !word.has(Controlword::HALT) && previous.has(Controlword::HALT),

@@ -1,47 +1,45 @@
-//! The motor and its position controller, in mechanical increments from a zero that never moves.
+//! The motor and its position controller, in mechanical increments from a fixed zero.
 //!
-//! All arithmetic is that of IEEE 754 with its basic operations, so that every machine computes
-//! the same motion.
+//! Uses only the basic operations of IEEE 754, so that every machine computes the same motion.
 
-use super::settings::MotorConfig;
+use super::config::MotorConfig;
 
-/// What the power stage makes the motor do.
+/// Actuation of the motor by the power stage.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum Actuation {
-    /// No current: friction brings it to rest.
+    /// No current: friction stops the motor.
     Free,
-    /// Follow a position that moves with this speed.
+    /// Follow a position that moves with this velocity.
     Position { position: f64, velocity: f64 },
-    /// Turn with this speed, increments per second.
+    /// Velocity, increments per second.
     Velocity(f64),
-    /// Turn with this torque, thousandths of the rated one.
+    /// Torque, thousandths of the rated torque.
     Torque(f64),
 }
 
 /// A motor with a load.
 #[derive(Clone, Debug)]
 pub(super) struct Motor {
-    settings: MotorConfig,
+    config: MotorConfig,
     position: f64,
     velocity: f64,
     torque: f64,
     blocked: bool,
-    /// Greatest torque that the drive allows, thousandths (0x6072).
+    /// Maximum torque, thousandths of the rated torque (0x6072).
     torque_limit: f64,
-    /// Acceleration by a thousandth of the rated torque.
+    /// Acceleration per thousandth of the rated torque.
     per_mille: f64,
-    /// Acceleration by the greatest torque that is allowed.
+    /// Acceleration at the maximum torque.
     available: f64,
 }
 
 impl Motor {
-    pub(super) fn new(settings: MotorConfig) -> Self {
-        let torque_limit = f64::from(settings.max_torque);
-        let per_mille =
-            f64::from(settings.max_acceleration) / f64::from(settings.max_torque.max(1));
+    pub(super) fn new(config: MotorConfig) -> Self {
+        let torque_limit = f64::from(config.max_torque);
+        let per_mille = f64::from(config.max_acceleration) / f64::from(config.max_torque.max(1));
         Self {
-            settings,
-            position: f64::from(settings.start_position),
+            config,
+            position: f64::from(config.start_position),
             velocity: 0.0,
             torque: 0.0,
             blocked: false,
@@ -51,59 +49,57 @@ impl Motor {
         }
     }
 
-    /// Increments from the mechanical zero.
+    /// Position, increments from the mechanical zero.
     pub(super) const fn position(&self) -> f64 {
         self.position
     }
 
-    /// Increments per second.
+    /// Velocity, increments per second.
     pub(super) const fn velocity(&self) -> f64 {
         self.velocity
     }
 
-    /// Thousandths of the rated torque.
+    /// Torque, thousandths of the rated torque.
     pub(super) const fn torque(&self) -> f64 {
         self.torque
     }
 
     pub(super) const fn max_velocity(&self) -> f64 {
-        self.settings.max_velocity as f64
+        self.config.max_velocity as f64
     }
 
     pub(super) const fn max_acceleration(&self) -> f64 {
-        self.settings.max_acceleration as f64
+        self.config.max_acceleration as f64
     }
 
-    /// Jams the machine, or frees it.
+    /// Blocks or releases the motor.
     pub(super) fn block(&mut self, blocked: bool) {
         self.blocked = blocked;
     }
 
     pub(super) fn limit_torque(&mut self, per_mille: u16) {
-        self.torque_limit = f64::from(per_mille.min(self.settings.max_torque));
+        self.torque_limit = f64::from(per_mille.min(self.config.max_torque));
         self.available = self.torque_limit * self.per_mille;
     }
 
-    /// Whether it stands still.
     pub(super) fn is_still(&self) -> bool {
         self.velocity == 0.0
     }
 
-    /// Whether it turns so slowly that a stop counts as done: a hundredth of a revolution per
-    /// second.
+    /// Whether the motor is slow enough for a stop to be complete: 0.01 revolutions per second.
     pub(super) fn has_settled(&self) -> bool {
-        self.velocity.abs() * 100.0 < f64::from(self.settings.increments_per_revolution)
+        self.velocity.abs() * 100.0 < f64::from(self.config.increments_per_revolution)
     }
 
-    /// Lets `seconds` pass.
+    /// Advances the motor by `seconds`.
     pub(super) fn advance(&mut self, seconds: f64, actuation: Actuation) {
         let before = self.velocity;
-        let friction = f64::from(self.settings.friction);
+        let friction = f64::from(self.config.friction);
         let Self { per_mille, available, .. } = *self;
         let wanted = match actuation {
             Actuation::Free => 0.0,
             Actuation::Position { position, velocity } => {
-                // Both are those at the end of the step; the error counts from its beginning.
+                // Both refer to the end of the step, the error to its beginning.
                 let wanted = self.controlled(position - velocity * seconds, velocity, available);
                 self.effort(wanted, friction, seconds, available)
             }
@@ -125,19 +121,19 @@ impl Motor {
         self.position += (before + self.velocity) / 2.0 * seconds;
     }
 
-    /// Speed that the position controller demands.
+    /// Velocity that the position controller demands.
     fn controlled(&self, position: f64, velocity: f64, available: f64) -> f64 {
         let error = position - self.position;
-        let gain = f64::from(self.settings.position_gain);
-        // Never faster towards the goal than it can brake.
+        let gain = f64::from(self.config.position_gain);
+        // Never faster towards the target than the motor can brake.
         let bound = (available * error.abs()).sqrt();
         let correction = (gain * error).clamp(-bound, bound);
-        let fed_forward = velocity * f64::from(self.settings.feed_forward) / 1_000.0;
+        let fed_forward = velocity * f64::from(self.config.feed_forward) / 1_000.0;
         let limit = self.max_velocity();
         (fed_forward + correction).clamp(-limit, limit)
     }
 
-    /// Acceleration of the motor that reaches a speed within a step, friction overcome.
+    /// Acceleration that reaches a velocity within one step and overcomes friction.
     fn effort(&self, velocity: f64, friction: f64, seconds: f64, available: f64) -> f64 {
         if seconds <= 0.0 {
             return 0.0;
@@ -147,7 +143,7 @@ impl Motor {
         ((velocity - self.velocity) / seconds + drag).clamp(-available, available)
     }
 
-    /// Speed behind a step with this acceleration by the motor; friction only ever brakes.
+    /// Velocity after a step with this acceleration; friction only brakes.
     fn pushed(&self, acceleration: f64, friction: f64, seconds: f64) -> f64 {
         let driven = self.velocity + acceleration * seconds;
         let drag = friction * seconds;
@@ -211,17 +207,17 @@ mod tests {
     #[test]
     fn acceleration_speed_and_torque_have_limits() {
         let mut motor = motor();
-        let settings = MotorConfig::default();
+        let config = MotorConfig::default();
         let mut fastest = 0.0f64;
         for _ in 0..200 {
             let before = motor.velocity();
             motor.advance(STEP, Actuation::Position { position: 1e9, velocity: 0.0 });
             let acceleration = (motor.velocity() - before) / STEP;
-            assert!(acceleration <= f64::from(settings.max_acceleration) + 1.0);
-            assert!(motor.torque() <= f64::from(settings.max_torque) + 1e-9);
+            assert!(acceleration <= f64::from(config.max_acceleration) + 1.0);
+            assert!(motor.torque() <= f64::from(config.max_torque) + 1e-9);
             fastest = fastest.max(motor.velocity());
         }
-        assert_eq!(fastest, f64::from(settings.max_velocity));
+        assert_eq!(fastest, f64::from(config.max_velocity));
     }
 
     #[test]

@@ -5,34 +5,34 @@ use ecan_canopen::{HeartbeatConsumer, NmtState, NodeId, object};
 use super::dictionary::Dictionary;
 use crate::earliest::earliest;
 
-/// A heartbeat that is watched.
+/// A monitored heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Watch {
     producer: NodeId,
     time_ns: u64,
-    /// When it is late; `None` until the first has come.
+    /// Time at which it is late; `None` until the first one arrives.
     deadline: Option<u64>,
     lost: bool,
 }
 
-/// The node in its network.
+/// The CANopen node.
 #[derive(Clone, Debug)]
 pub(super) struct Network {
     state: NmtState,
-    /// When the boot-up message goes out.
+    /// Time of the boot-up message.
     boot_at: Option<u64>,
     producer_ns: u64,
     heartbeat_at: Option<u64>,
     watches: Vec<Watch>,
 }
 
-/// What became of a watched heartbeat.
+/// Event of a monitored heartbeat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum WatchEvent {
-    /// It is late.
+    /// The heartbeat is late.
     Lost,
-    /// It is there again.
-    Back,
+    /// The heartbeat has returned.
+    Returned,
 }
 
 impl Network {
@@ -54,12 +54,12 @@ impl Network {
         self.state = state;
     }
 
-    /// Whether SDO, SYNC and EMCY run.
+    /// Whether SDO, SYNC and EMCY are active.
     pub(super) const fn communicates(&self) -> bool {
         matches!(self.state, NmtState::PreOperational | NmtState::Operational)
     }
 
-    /// Begins to boot; `None` never ends.
+    /// Starts booting; with `None` it never ends.
     pub(super) fn boot(&mut self, at: Option<u64>) {
         self.state = NmtState::Initialising;
         self.boot_at = at;
@@ -71,7 +71,7 @@ impl Network {
     }
 
     /// Whether booting ends now.
-    pub(super) fn boots(&mut self, now: u64) -> bool {
+    pub(super) fn boot_ends(&mut self, now: u64) -> bool {
         let ends = self.boot_at.is_some_and(|at| at <= now);
         if ends {
             self.boot_at = None;
@@ -79,7 +79,7 @@ impl Network {
         ends
     }
 
-    /// Takes the heartbeat times from the dictionary.
+    /// Reads the heartbeat times from the dictionary.
     pub(super) fn load(&mut self, now: u64, objects: &Dictionary) {
         let ms = objects.number(object::PRODUCER_HEARTBEAT, 0).unwrap_or(0).max(0) as u64;
         self.producer_ns = ms * 1_000_000;
@@ -87,7 +87,7 @@ impl Network {
         self.load_watches(objects);
     }
 
-    /// Takes the watched heartbeats from the dictionary; one that stays goes on being watched.
+    /// Reads the monitored heartbeats from the dictionary; an unchanged entry keeps its state.
     pub(super) fn load_watches(&mut self, objects: &Dictionary) {
         let before = std::mem::take(&mut self.watches);
         for subindex in 1..=127 {
@@ -106,7 +106,7 @@ impl Network {
         }
     }
 
-    /// Whether a heartbeat of this node is watched already by another entry than `subindex`.
+    /// Whether another entry than `subindex` already monitors this node.
     pub(super) fn is_watched(objects: &Dictionary, producer: NodeId, subindex: u8) -> bool {
         (1..=127).filter(|other| *other != subindex).any(|other| {
             objects
@@ -116,15 +116,15 @@ impl Network {
         })
     }
 
-    /// A heartbeat has come.
-    pub(super) fn heard(&mut self, now: u64, producer: NodeId) -> Option<WatchEvent> {
+    /// Receives a heartbeat.
+    pub(super) fn heartbeat_received(&mut self, now: u64, producer: NodeId) -> Option<WatchEvent> {
         let watch = self.watches.iter_mut().find(|watch| watch.producer == producer)?;
         watch.deadline = Some(now.saturating_add(watch.time_ns));
-        std::mem::take(&mut watch.lost).then_some(WatchEvent::Back)
+        std::mem::take(&mut watch.lost).then_some(WatchEvent::Returned)
     }
 
-    /// Whether a watched heartbeat is late now.
-    pub(super) fn misses(&mut self, now: u64) -> Option<WatchEvent> {
+    /// Detects a late heartbeat.
+    pub(super) fn take_late(&mut self, now: u64) -> Option<WatchEvent> {
         let late = |watch: &&mut Watch| watch.deadline.is_some_and(|at| at <= now);
         let watch = self.watches.iter_mut().find(late)?;
         watch.deadline = None;
@@ -132,8 +132,8 @@ impl Network {
         Some(WatchEvent::Lost)
     }
 
-    /// Whether a heartbeat is to be sent now.
-    pub(super) fn beats(&mut self, now: u64) -> bool {
+    /// Whether a heartbeat is due now.
+    pub(super) fn heartbeat_due(&mut self, now: u64) -> bool {
         match self.heartbeat_at {
             Some(at) if at <= now => {
                 let periods = (now - at) / self.producer_ns.max(1) + 1;

@@ -1,27 +1,27 @@
-//! The dictionary as SDO clients see it: rules, and what a write leads to.
+//! SDO access to the dictionary: rules, checks, and effects of a write.
 
 use ecan_canopen::{HeartbeatConsumer, OperatingMode, SupportedModes, object};
 use ecan_protocol::object::AbortCode;
 
 use super::axis_commands::ReceivedCommands;
+use super::config::{SdoDirection, SdoEffect, SdoRule};
 use super::device::Device;
 use super::dictionary::{Access, Object, Slot, Value};
-use super::emergency::forget;
+use super::emergency::clear_history;
 use super::homing;
 use super::motion;
 use super::network::Network;
 use super::pdo::{ReceivePdo, TransmitPdo};
 use super::pdo_rules::PdoObject;
-use super::sdo_server::{Objects, Refusal};
-use super::settings::{SdoDirection, SdoEffect, SdoRule};
+use super::sdo_server::{Objects, TransferError};
 
 /// "save" and "load", little-endian.
 const SAVE: u32 = 0x6576_6173;
 const LOAD: u32 = 0x6461_6F6C;
 
 impl Objects for Device {
-    fn upload(&mut self, index: u16, subindex: u8, out: &mut Vec<u8>) -> Result<(), Refusal> {
-        self.strike(index, subindex, SdoDirection::Read)?;
+    fn upload(&mut self, index: u16, subindex: u8, out: &mut Vec<u8>) -> Result<(), TransferError> {
+        self.apply_rule(index, subindex, SdoDirection::Read)?;
         self.publish();
         let slot = self.objects.find(index, subindex)?;
         Ok(self.objects.read(slot, out)?)
@@ -32,13 +32,13 @@ impl Objects for Device {
         index: u16,
         subindex: u8,
         length: Option<usize>,
-    ) -> Result<(), Refusal> {
-        self.strike(index, subindex, SdoDirection::Write)?;
+    ) -> Result<(), TransferError> {
+        self.apply_rule(index, subindex, SdoDirection::Write)?;
         let slot = self.objects.find(index, subindex)?;
         Ok(self.objects.check_write(slot, length)?)
     }
 
-    fn download(&mut self, index: u16, subindex: u8, value: &[u8]) -> Result<(), Refusal> {
+    fn download(&mut self, index: u16, subindex: u8, value: &[u8]) -> Result<(), TransferError> {
         let slot = self.objects.find(index, subindex)?;
         match self.objects.decode(slot, value)? {
             Some(number) => Ok(self.write(slot, (index, subindex), number)?),
@@ -56,25 +56,30 @@ impl Objects for Device {
 }
 
 impl Device {
-    /// Lets a rule about this transfer strike.
-    fn strike(&mut self, index: u16, subindex: u8, way: SdoDirection) -> Result<(), Refusal> {
-        let concerns = |rule: &SdoRule| {
+    /// Applies a rule to this transfer.
+    fn apply_rule(
+        &mut self,
+        index: u16,
+        subindex: u8,
+        direction: SdoDirection,
+    ) -> Result<(), TransferError> {
+        let applies = |rule: &SdoRule| {
             rule.index == index
                 && rule.subindex.is_none_or(|only| only == subindex)
-                && (rule.direction == way || rule.direction == SdoDirection::Both)
+                && (rule.direction == direction || rule.direction == SdoDirection::Both)
         };
-        let found = self.rules.iter_mut().find(|(rule, left)| concerns(rule) && *left != Some(0));
+        let found = self.rules.iter_mut().find(|(rule, left)| applies(rule) && *left != Some(0));
         let Some((rule, left)) = found else { return Ok(()) };
         if let Some(left) = left {
             *left -= 1;
         }
         Err(match rule.effect {
-            SdoEffect::Abort(code) => Refusal::Abort(code),
-            SdoEffect::Silence => Refusal::Silence,
+            SdoEffect::Abort(code) => TransferError::Abort(code),
+            SdoEffect::Silence => TransferError::Silence,
         })
     }
 
-    /// Whether the drive has a mode of operation; no mode (0) is one.
+    /// Whether the drive supports a mode of operation; 0 (no mode) is supported.
     pub(super) fn has_mode(&self, raw: i8) -> bool {
         let modes = self.objects.number(object::SUPPORTED_MODES, 0).unwrap_or(0);
         match OperatingMode::from_raw(raw) {
@@ -89,7 +94,7 @@ impl Device {
             (object::STORE_PARAMETERS, _) => return self.store(number as u32),
             (object::RESTORE_PARAMETERS, _) => return self.restore(number as u32),
             (object::ERROR_HISTORY, 0) => {
-                forget(&mut self.objects);
+                clear_history(&mut self.objects);
                 return Ok(());
             }
             _ => {}
@@ -99,13 +104,13 @@ impl Device {
         Ok(())
     }
 
-    /// What the type and limits of an object do not tell.
+    /// Checks beyond the type and limits of an object.
     fn check(&self, (index, subindex): (u16, u8), number: i64) -> Result<(), AbortCode> {
         if let Some(pdo) = PdoObject::of(index) {
             return pdo.check(
                 &self.objects,
                 self.network.state(),
-                &self.settings.quirks,
+                &self.config.quirks,
                 (index, subindex),
                 number as u32,
             );
@@ -115,7 +120,7 @@ impl Device {
             (object::HOMING_METHOD, _) if number != 0 && !homing::is_supported(number as i8) => {
                 Err(AbortCode::RANGE)
             }
-            // No producer of SYNC, and 11 bits.
+            // The drive is not a SYNC producer; 11-bit can_id_set only.
             (object::SYNC_COB_ID, _) if number as u32 & !0x7FF != 0 => Err(AbortCode::RANGE),
             (object::CONSUMER_HEARTBEAT, 1..) => match HeartbeatConsumer::from_raw(number as u32) {
                 Some(entry) if Network::is_watched(&self.objects, entry.producer, subindex) => {
@@ -127,7 +132,7 @@ impl Device {
         }
     }
 
-    /// What a new number leads to.
+    /// Applies the effects of a write.
     fn follow_up(&mut self, (index, subindex): (u16, u8), number: i64) {
         if let Some(pdo) = PdoObject::of(index) {
             return self.load_pdo(pdo);
@@ -139,9 +144,9 @@ impl Device {
             }
             object::SYNC_COB_ID => self.load_sync(),
             _ => {
-                let mut brought = ReceivedCommands::default();
-                if self.axis.note(index, number, &mut brought) {
-                    self.axis.take(&brought, &self.parameters);
+                let mut received = ReceivedCommands::default();
+                if self.axis.store_command(index, number, &mut received) {
+                    self.axis.apply(&received, &self.parameters);
                 } else if index >= 0x6000 {
                     self.load_parameters();
                 }
@@ -162,7 +167,7 @@ impl Device {
                 }
             }
         }
-        self.note_pdos();
+        self.update_pdos();
     }
 
     /// Saves parameters, not commands.
@@ -176,7 +181,7 @@ impl Device {
         Ok(())
     }
 
-    /// Forgets what was saved; the defaults come with the next reset.
+    /// Discards saved values; the defaults apply after the next reset.
     fn restore(&mut self, signature: u32) -> Result<(), AbortCode> {
         if signature != LOAD {
             return Err(AbortCode::NOT_STORED);

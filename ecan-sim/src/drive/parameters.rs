@@ -1,4 +1,4 @@
-//! What the motion asks of the object dictionary, read once after every change.
+//! Motion parameters, read from the object dictionary after every change.
 
 use ecan_canopen::{
     FaultReaction, HaltOption, NodeLossReaction, QuickStopOption, StopOption, object,
@@ -8,7 +8,7 @@ use super::dictionary::Dictionary;
 use super::motor::Motor;
 use super::ramp::Bounds;
 
-/// Parameters of motion; times in nanoseconds, positions in increments.
+/// Motion parameters; times in ns, positions in increments.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Parameters {
     pub(super) node_loss: NodeLossReaction,
@@ -24,9 +24,9 @@ pub(super) struct Parameters {
     pub(super) velocity_window: f64,
     pub(super) max_torque: u16,
     pub(super) home_offset: i32,
-    /// Software position limits; `None` when they are off.
+    /// Software position limits; `None` if disabled.
     pub(super) limits: Option<(i32, i32)>,
-    /// Of profile modes.
+    /// Limits of profile modes.
     pub(super) profile: Bounds,
     pub(super) max_profile_velocity: f64,
     pub(super) quick_deceleration: f64,
@@ -56,7 +56,7 @@ impl Parameters {
             _ => fastest / 100.0,
         };
         Self {
-            // A drive without 0x6007 faults, as the default of CiA 402-2 has it.
+            // A drive without 0x6007 enters a fault, the default of CiA 402-2.
             node_loss: NodeLossReaction::from_raw(option(object::ABORT_CONNECTION_OPTION, 1)),
             quick_stop: QuickStopOption::from_raw(option(object::QUICK_STOP_OPTION, 2)),
             shutdown: StopOption::from_raw(option(object::SHUTDOWN_OPTION, 0)),
@@ -93,7 +93,7 @@ impl Parameters {
     }
 }
 
-/// 0x60C2: a number of powers of ten of a second.
+/// Converts 0x60C2: value and power of ten of a second.
 fn interpolation_ns(value: i64, power: i64) -> u64 {
     let value = value.clamp(0, 255) as u64;
     let exponent = (9 + power).clamp(0, 10) as u32;

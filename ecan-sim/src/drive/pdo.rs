@@ -1,4 +1,4 @@
-//! Process data as the drive sends and receives it.
+//! PDOs that the drive sends and receives.
 
 use ecan_canopen::{MappingEntry, PdoCobId, TransmissionType, object};
 use ecan_protocol::can::CanId;
@@ -8,22 +8,22 @@ use super::default_objects::PDO_ENTRIES;
 use super::dictionary::{Dictionary, Slot};
 use crate::earliest::earliest;
 
-/// Most bytes of a PDO.
+/// Maximum number of bytes in a PDO.
 pub(super) const PDO_BYTES: usize = 8;
 
-/// One object in a PDO.
+/// One mapped object.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Mapped {
-    /// `None` is a dummy: a gap in a received PDO.
+    /// `None` is a dummy entry of a receive PDO.
     pub(super) slot: Option<Slot>,
     pub(super) bytes: u8,
 }
 
-/// What a PDO is made of.
+/// Mapping of a PDO.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Mapping {
     entries: [Option<Mapped>; PDO_ENTRIES],
-    /// Bytes in all.
+    /// Total number of bytes.
     pub(super) length: usize,
 }
 
@@ -52,12 +52,11 @@ impl Mapping {
         self.entries.into_iter().flatten()
     }
 
-    /// Whether it carries this object.
     pub(super) fn has(&self, slot: Slot) -> bool {
         self.entries().any(|mapped| mapped.slot == Some(slot))
     }
 
-    /// The data of a frame.
+    /// Packs the mapped objects into frame data.
     pub(super) fn pack(&self, objects: &Dictionary) -> [u8; PDO_BYTES] {
         let mut data = [0; PDO_BYTES];
         let mut rest = data.iter_mut();
@@ -72,30 +71,30 @@ impl Mapping {
     }
 }
 
-/// Whether a mapping entry is a dummy: the index of a data type, standing for a gap.
+/// Whether a mapping entry is a dummy: the index of a data type.
 pub(super) fn is_dummy(entry: MappingEntry) -> bool {
     entry.subindex == 0
         && (1..=7).contains(&entry.index)
         && DataType::from_index(entry.index).and_then(DataType::bits) == Some(entry.bits)
 }
 
-/// The PDOs of a direction that a dictionary has.
+/// Numbers of the PDOs of one direction in a dictionary.
 pub(super) fn numbers(objects: &Dictionary, first: u16) -> impl Iterator<Item = u16> {
     (0..512).filter(move |number| objects.has(first + number))
 }
 
-/// A PDO that the drive receives.
+/// A receive PDO.
 #[derive(Clone, Debug)]
 pub(super) struct ReceivePdo {
     pub(super) number: u16,
-    /// `None` while it does not exist.
+    /// `None` while the PDO does not exist.
     pub(super) id: Option<CanId>,
     pub(super) synchronous: bool,
     pub(super) mapping: Mapping,
     /// Data that wait for SYNC.
     pub(super) waiting: Option<[u8; PDO_BYTES]>,
     timer_ns: u64,
-    /// When it is late; `None` until the first has come.
+    /// Time at which it is late; `None` until the first one arrives.
     pub(super) deadline: Option<u64>,
 }
 
@@ -116,34 +115,34 @@ impl ReceivePdo {
         }
     }
 
-    /// Whether it has a timer.
+    /// Whether the PDO has an event timer.
     pub(super) const fn is_timed(&self) -> bool {
         self.timer_ns > 0
     }
 
-    /// Winds the timer up when a frame has come.
+    /// Restarts the event timer.
     pub(super) fn rewind(&mut self, now: u64) {
         self.deadline = (self.timer_ns > 0).then(|| now.saturating_add(self.timer_ns));
     }
 }
 
-/// The identifier of a PDO that exists.
+/// CAN ID of an existing PDO.
 fn identifier(raw: u32) -> Option<CanId> {
     PdoCobId::from_raw(raw).filter(|cob_id| cob_id.is_valid).map(|cob_id| cob_id.id)
 }
 
-/// A PDO that the drive sends.
+/// A transmit PDO.
 #[derive(Clone, Debug)]
 pub(super) struct TransmitPdo {
     pub(super) number: u16,
-    /// `None` while it does not exist.
+    /// `None` while the PDO does not exist.
     pub(super) id: Option<CanId>,
     kind: TransmissionType,
     pub(super) mapping: Mapping,
     inhibit_ns: u64,
     timer_ns: u64,
     sync_start: u8,
-    /// SYNCs since the last one; `None` while the start value has not been seen.
+    /// SYNC messages since the last transmission; `None` until the start value was received.
     syncs: Option<u8>,
     last: Option<[u8; PDO_BYTES]>,
     free_at: u64,
@@ -172,7 +171,7 @@ impl TransmitPdo {
         }
     }
 
-    /// Operational begins: event-driven PDOs go out once, counters begin.
+    /// Handles entering Operational: event-driven PDOs are sent once, counters start.
     pub(super) fn start(&mut self) {
         self.last = None;
         self.free_at = 0;
@@ -180,7 +179,7 @@ impl TransmitPdo {
         self.syncs = None;
     }
 
-    /// Whether it exists and goes out on events.
+    /// Whether the PDO exists and is event-driven.
     pub(super) const fn is_event_driven(&self) -> bool {
         self.id.is_some()
             && matches!(
@@ -189,7 +188,7 @@ impl TransmitPdo {
             )
     }
 
-    /// SYNC has come, with its counter if it has one. The data to send, if it is its turn.
+    /// Handles a SYNC with its counter, if any. Returns the data if the PDO is due.
     pub(super) fn on_sync(
         &mut self,
         counter: Option<u8>,
@@ -204,7 +203,7 @@ impl TransmitPdo {
             TransmissionType::Synchronous(every) => {
                 let syncs = match (self.syncs, counter) {
                     (Some(syncs), _) => syncs + 1,
-                    // The start value names the SYNC that counts as the first.
+                    // The start value selects the SYNC that counts as the first.
                     (None, Some(counter)) if self.sync_start > 0 => {
                         if counter != self.sync_start {
                             return None;
@@ -221,7 +220,7 @@ impl TransmitPdo {
         }
     }
 
-    /// The data of an event-driven PDO that is to be sent now.
+    /// Data of an event-driven PDO that is due now.
     pub(super) fn on_event(&mut self, now: u64, objects: &Dictionary) -> Option<[u8; PDO_BYTES]> {
         if !self.is_event_driven() || self.free_at > now {
             return None;
@@ -237,7 +236,7 @@ impl TransmitPdo {
         Some(data)
     }
 
-    /// When it may have to be sent without anything else happening.
+    /// Time at which the PDO may become due without another event.
     pub(super) fn next_event(&self, now: u64) -> Option<u64> {
         if !self.is_event_driven() {
             return None;

@@ -1,15 +1,14 @@
-//! What a drive allows to be done to its PDO parameters (CiA 301, 7.5.2.35 to 7.5.2.38).
+//! Rules for writing PDO parameters (CiA 301, 7.5.2.35 to 7.5.2.38).
 
 use ecan_canopen::{MappingEntry, NmtState, PdoCobId, TransmissionType, object};
 use ecan_protocol::can::CanId;
 use ecan_protocol::object::AbortCode;
 
+use super::config::DriveQuirks;
 use super::default_objects::PDO_ENTRIES;
 use super::dictionary::Dictionary;
 use super::pdo::{PDO_BYTES, is_dummy};
-use super::settings::DriveQuirks;
 
-/// An object of the PDO parameters.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum PdoObject {
     /// 0x1400 to 0x15FF.
@@ -23,7 +22,6 @@ pub(super) enum PdoObject {
 }
 
 impl PdoObject {
-    /// The PDO parameter of this index.
     pub(super) const fn of(index: u16) -> Option<Self> {
         let number = index & 0x1FF;
         match index & 0xFE00 {
@@ -50,10 +48,10 @@ impl PdoObject {
         }
     }
 
-    /// Whether a number may be written to a subindex of it now.
+    /// Checks a write to a subindex.
     ///
     /// # Errors
-    /// Why not.
+    /// The abort code.
     pub(super) fn check(
         self,
         objects: &Dictionary,
@@ -110,7 +108,7 @@ impl PdoObject {
                 }
                 let old = objects.number(self.communication(), 1).unwrap_or(0);
                 let old = PdoCobId::from_raw(old as u32);
-                // The identifier of a PDO that exists stays.
+                // The COB-ID of an existing PDO cannot change.
                 match old {
                     Some(old) if old.is_valid && new.is_valid && old.id != new.id => {
                         Err(AbortCode::UNSUPPORTED_ACCESS)
@@ -145,7 +143,7 @@ impl PdoObject {
         self.check_entry(objects, MappingEntry::from_raw(value)).map(|_| ())
     }
 
-    /// The bytes of an object, if this PDO may carry it.
+    /// Size of an object in bytes, if this PDO may map it.
     fn check_entry(self, objects: &Dictionary, entry: MappingEntry) -> Result<usize, AbortCode> {
         let bytes = usize::from(entry.bits / 8);
         if !self.is_sent() && is_dummy(entry) {
@@ -174,7 +172,7 @@ impl PdoObject {
     }
 }
 
-/// Identifiers that CiA 301 keeps for other services.
+/// COB-IDs that CiA 301 reserves for other services.
 fn is_restricted(id: CanId) -> bool {
     !id.is_extended()
         && matches!(

@@ -1,4 +1,4 @@
-//! The state machine of the power stage (CiA 402-2, 8.4).
+//! State machine of the power stage (CiA 402-2, 8.4).
 
 use ecan_canopen::{
     Command, Controlword, DriveState, FaultReaction, HaltOption, QuickStopOption, StopOption,
@@ -6,51 +6,49 @@ use ecan_canopen::{
 
 use super::parameters::Parameters;
 
-/// How the motor is brought to rest.
+/// Deceleration of a stop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum StopMode {
-    /// On the profile deceleration.
+    /// Profile deceleration.
     Profile,
-    /// On the quick stop deceleration.
+    /// Quick stop deceleration.
     Quick,
-    /// As fast as it can.
+    /// Maximum deceleration.
     Limit,
 }
 
-/// What a step of the state machine asks of the motor.
+/// Action that the state machine demands from the motor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Action {
-    /// Nothing new.
     None,
-    /// Operation Enabled begins: take the motor up where it is.
-    TakeUp,
-    /// No current any more.
-    Free,
-    /// Bring it to rest; the state machine waits for that.
-    Slow(StopMode),
-    /// A fault has been reset.
+    /// Operation enabled begins at the present motor position.
+    Enable,
+    /// Switch the current off.
+    Release,
+    /// Stop; the state machine waits for the standstill.
+    Stop(StopMode),
+    /// A fault was reset.
     Reset,
 }
 
-/// What the state machine has to know beside the controlword.
+/// Conditions of the state machine besides the controlword.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Conditions {
-    /// A mode is chosen, or none is needed.
+    /// A mode is selected, or none is needed.
     pub(super) may_enable: bool,
     /// Faults can be reset.
     pub(super) may_reset: bool,
-    /// Nanoseconds that enabling takes.
+    /// Duration of enabling, ns.
     pub(super) enable_ns: u64,
 }
 
-/// The state machine.
 #[derive(Clone, Debug)]
 pub(super) struct PowerStage {
     state: DriveState,
     word: Controlword,
-    /// State to be entered once the motor stands.
-    after: Option<DriveState>,
-    /// When Operation Enabled begins.
+    /// State to enter at standstill.
+    next_state: Option<DriveState>,
+    /// Time at which Operation enabled begins.
     enabled_at: Option<u64>,
 }
 
@@ -59,7 +57,7 @@ impl PowerStage {
         Self {
             state: DriveState::NotReadyToSwitchOn,
             word: Controlword(0),
-            after: None,
+            next_state: None,
             enabled_at: None,
         }
     }
@@ -72,7 +70,7 @@ impl PowerStage {
         self.word
     }
 
-    /// Whether the motor has current.
+    /// Whether the motor is energised.
     pub(super) const fn is_energised(&self) -> bool {
         matches!(
             self.state,
@@ -82,18 +80,17 @@ impl PowerStage {
         )
     }
 
-    /// Whether a stop is under way that ends in another state.
-    pub(super) const fn is_leaving(&self) -> bool {
-        self.after.is_some()
+    /// Whether a stop is in progress next_state which the state changes.
+    pub(super) const fn has_next_state(&self) -> bool {
+        self.next_state.is_some()
     }
 
-    /// When Operation Enabled begins by itself.
     pub(super) const fn enabled_at(&self) -> Option<u64> {
         self.enabled_at
     }
 
-    /// The self-test is over.
-    pub(super) fn ready(&mut self) {
+    /// Ends the self-test.
+    pub(super) fn finish_self_test(&mut self) {
         if self.state == DriveState::NotReadyToSwitchOn {
             self.state = DriveState::SwitchOnDisabled;
         }
@@ -101,11 +98,11 @@ impl PowerStage {
 
     fn enter(&mut self, state: DriveState) {
         self.state = state;
-        self.after = None;
+        self.next_state = None;
         self.enabled_at = None;
     }
 
-    /// Takes a controlword.
+    /// Executes a controlword.
     pub(super) fn command(
         &mut self,
         now: u64,
@@ -123,7 +120,7 @@ impl PowerStage {
                 self.enter(DriveState::SwitchOnDisabled);
                 return Action::Reset;
             }
-            // Elsewhere bit 7 has no meaning, and the other bits count.
+            // In other states bit 7 has no meaning and the other bits count.
             command = word.command(word);
         }
         match self.state {
@@ -141,7 +138,7 @@ impl PowerStage {
                     self.enter(DriveState::SwitchedOn);
                     Action::None
                 }
-                // Transitions 3 and 4 in one go.
+                // Transitions 3 and 4 together.
                 Command::EnableOperation => {
                     self.enter(DriveState::SwitchedOn);
                     self.begin_enabling(now, conditions)
@@ -173,10 +170,10 @@ impl PowerStage {
             DriveState::OperationEnabled => self.command_enabled(command, parameters),
             DriveState::QuickStopActive => match command {
                 Command::DisableVoltage => self.release(DriveState::SwitchOnDisabled),
-                // Transition 16, where the quick stop stays in its state.
-                Command::EnableOperation if self.after.is_none() => {
+                // Transition 16, if the quick stop stays in its state.
+                Command::EnableOperation if self.next_state.is_none() => {
                     self.enter(DriveState::OperationEnabled);
-                    Action::TakeUp
+                    Action::Enable
                 }
                 _ => Action::None,
             },
@@ -191,8 +188,8 @@ impl PowerStage {
             Command::SwitchOn | Command::DisableOperation => {
                 self.leave(parameters.disable_operation, DriveState::SwitchedOn)
             }
-            // Enabling again takes a stop on the way out back.
-            Command::EnableOperation if self.after.take().is_some() => Action::TakeUp,
+            // Enabling again cancels a stop that leads to another state.
+            Command::EnableOperation if self.next_state.take().is_some() => Action::Enable,
             Command::EnableOperation | Command::FaultReset => Action::None,
         }
     }
@@ -206,38 +203,38 @@ impl PowerStage {
             return Action::None;
         }
         self.enter(DriveState::OperationEnabled);
-        Action::TakeUp
+        Action::Enable
     }
 
-    /// The brake is open: Operation Enabled begins if it is time.
-    pub(super) fn brake_opens(&mut self, now: u64) -> Action {
+    /// Enters Operation enabled if the brake is open.
+    pub(super) fn finish_enabling(&mut self, now: u64) -> Action {
         if self.enabled_at.is_some_and(|at| at <= now) {
             self.enter(DriveState::OperationEnabled);
-            return Action::TakeUp;
+            return Action::Enable;
         }
         Action::None
     }
 
-    /// Cuts the current.
+    /// Switches the current off.
     pub(super) fn release(&mut self, state: DriveState) -> Action {
         self.enter(state);
-        Action::Free
+        Action::Release
     }
 
     fn leave(&mut self, option: StopOption, state: DriveState) -> Action {
         match option {
-            StopOption::SlowDown if self.after == Some(state) => Action::None,
+            StopOption::SlowDown if self.next_state == Some(state) => Action::None,
             StopOption::SlowDown => {
-                self.after = Some(state);
-                Action::Slow(StopMode::Profile)
+                self.next_state = Some(state);
+                Action::Stop(StopMode::Profile)
             }
             StopOption::Disable | StopOption::Other(_) => self.release(state),
         }
     }
 
-    /// Quick stop, by the controlword or because the host is gone.
+    /// Starts a quick stop, commanded or because the host was lost.
     pub(super) fn quick_stop(&mut self, parameters: &Parameters) -> Action {
-        let (slowing, stays) = match parameters.quick_stop {
+        let (mode, stays) = match parameters.quick_stop {
             QuickStopOption::Disable | QuickStopOption::Other(_) => {
                 return self.release(DriveState::SwitchOnDisabled);
             }
@@ -253,17 +250,16 @@ impl PowerStage {
             }
         };
         self.enter(DriveState::QuickStopActive);
-        self.after = (!stays).then_some(DriveState::SwitchOnDisabled);
-        Action::Slow(slowing)
+        self.next_state = (!stays).then_some(DriveState::SwitchOnDisabled);
+        Action::Stop(mode)
     }
 
-    /// A fault has been found.
     pub(super) fn fault(&mut self, parameters: &Parameters) -> Action {
         match self.state {
             DriveState::FaultReactionActive | DriveState::Fault => Action::None,
             _ if !self.is_energised() => self.release(DriveState::Fault),
             _ => {
-                let slowing = match parameters.fault_reaction {
+                let mode = match parameters.fault_reaction {
                     FaultReaction::Disable | FaultReaction::Other(_) => {
                         return self.release(DriveState::Fault);
                     }
@@ -272,23 +268,23 @@ impl PowerStage {
                     FaultReaction::CurrentLimit | FaultReaction::VoltageLimit => StopMode::Limit,
                 };
                 self.enter(DriveState::FaultReactionActive);
-                self.after = Some(DriveState::Fault);
-                Action::Slow(slowing)
+                self.next_state = Some(DriveState::Fault);
+                Action::Stop(mode)
             }
         }
     }
 
-    /// The motor stands: what was to come then comes.
-    pub(super) fn stands(&mut self) -> Action {
-        match self.after.take() {
+    /// Enters the state that follows a stop, at standstill.
+    pub(super) fn finish_stop(&mut self) -> Action {
+        match self.next_state.take() {
             Some(state) => self.release(state),
             None => Action::None,
         }
     }
 }
 
-/// How a halt slows down.
-pub(super) const fn halt_slowing(option: HaltOption) -> StopMode {
+/// Deceleration of a halt.
+pub(super) const fn halt_stop_mode(option: HaltOption) -> StopMode {
     match option {
         HaltOption::SlowDown | HaltOption::Other(_) => StopMode::Profile,
         HaltOption::QuickStop => StopMode::Quick,

@@ -1,4 +1,4 @@
-//! PDOs and SYNC at work.
+//! Processing of PDOs and SYNC.
 
 use ecan_canopen::{NmtState, object, parse_sync};
 use ecan_protocol::can::CanId;
@@ -8,26 +8,23 @@ use super::device::{Device, PDO_TOO_LONG, PDO_TOO_SHORT};
 use super::dictionary::Slot;
 use super::emergency::register_of;
 use super::pdo::{Mapping, PDO_BYTES};
+use super::slots::Slots;
 use crate::node::NodeOutput;
 
-/// A SYNC with the wrong length.
+/// EMCY error code: SYNC with wrong length.
 const SYNC_LENGTH: u16 = 0x8240;
 
 impl Device {
-    /// SYNC: inputs are sampled and sent, then outputs that waited for it take effect.
+    /// Handles a SYNC: inputs are sampled and sent, then waiting outputs are applied.
     pub(super) fn on_sync(&mut self, data: &[u8], out: &mut NodeOutput) {
         let Some(counter) = parse_sync(data) else {
-            return self.emergency.mention(
-                SYNC_LENGTH,
-                register_of(SYNC_LENGTH),
-                &mut self.objects,
-            );
+            return self.emergency.report(SYNC_LENGTH, register_of(SYNC_LENGTH), &mut self.objects);
         };
         self.syncs += 1;
         if self.network.state() != NmtState::Operational {
             return;
         }
-        self.publish_sent();
+        self.publish_pdo_objects();
         for place in 0..self.transmit.len() {
             let Some(pdo) = self.transmit.get_mut(place) else { continue };
             let (Some(id), length) = (pdo.id, pdo.mapping.length) else { continue };
@@ -44,7 +41,7 @@ impl Device {
         }
     }
 
-    /// Sends the event-driven PDOs whose objects have changed or whose timer has run down.
+    /// Sends event-driven PDOs whose objects changed or whose timer expired.
     pub(super) fn send_events(&mut self, out: &mut NodeOutput) {
         for place in 0..self.transmit.len() {
             let Some(pdo) = self.transmit.get_mut(place) else { continue };
@@ -55,7 +52,7 @@ impl Device {
         }
     }
 
-    /// A PDO has come.
+    /// Receives a PDO.
     pub(super) fn on_pdo(&mut self, id: CanId, data: &[u8]) {
         if self.network.state() != NmtState::Operational {
             return;
@@ -68,7 +65,7 @@ impl Device {
             let (mapping, synchronous) = (pdo.mapping, pdo.synchronous);
             if data.len() < mapping.length {
                 let register = register_of(PDO_TOO_SHORT);
-                self.emergency.mention(PDO_TOO_SHORT, register, &mut self.objects);
+                self.emergency.report(PDO_TOO_SHORT, register, &mut self.objects);
                 continue;
             }
             pdo.rewind(self.now);
@@ -81,7 +78,7 @@ impl Device {
             }
             if data.len() > mapping.length {
                 let register = register_of(PDO_TOO_LONG);
-                self.emergency.mention(PDO_TOO_LONG, register, &mut self.objects);
+                self.emergency.report(PDO_TOO_LONG, register, &mut self.objects);
             }
             self.received_pdos += 1;
             if !synchronous {
@@ -90,9 +87,9 @@ impl Device {
         }
     }
 
-    /// Puts the data of a PDO into the objects; what they command takes effect together.
+    /// Writes the data of a PDO to the objects; its commands are applied together.
     fn unpack(&mut self, mapping: &Mapping, data: &[u8; PDO_BYTES]) {
-        let mut brought = ReceivedCommands::default();
+        let mut received = ReceivedCommands::default();
         let mut rest = data.iter().copied();
         let mut parameters_changed = false;
         for mapped in mapping.entries() {
@@ -106,21 +103,63 @@ impl Device {
             self.objects.put(slot, raw);
             if let Some(object) = self.objects.object(slot) {
                 let number = object.data_type.number(raw);
-                parameters_changed |= !self.axis.note(object.index, number, &mut brought);
+                parameters_changed |= !self.axis.store_command(object.index, number, &mut received);
             }
         }
         if parameters_changed {
             self.load_parameters();
         }
-        self.axis.take(&brought, &self.parameters);
+        self.axis.apply(&received, &self.parameters);
     }
 
-    /// Values outside an object's limits do not reach it by PDO either.
+    /// Values outside the limits of an object are rejected in PDOs too.
     fn is_within_limits(&self, slot: Slot, raw: u64) -> bool {
         let Some(object) = self.objects.object(slot) else { return false };
         let number = object.data_type.number(object.data_type.cut(raw));
         let (low, high) = object.limits;
         let supported = object.index != object::MODE_OF_OPERATION || self.has_mode(number as i8);
         supported && low.is_none_or(|low| number >= low) && high.is_none_or(|high| number <= high)
+    }
+}
+
+impl Device {
+    /// Updates all objects of the drive.
+    pub(super) fn publish(&mut self) {
+        let slots = self.slots;
+        self.publish_to(&slots);
+    }
+
+    /// Updates the objects that transmit PDOs contain.
+    pub(super) fn publish_pdo_objects(&mut self) {
+        let slots = self.pdo_slots;
+        self.publish_to(&slots);
+    }
+
+    fn publish_to(&mut self, slots: &Slots) {
+        let torque = |device: &Self| device.axis.motor().torque().round() as i64;
+        self.update(slots.error_register, |device| device.emergency.register().0.into());
+        self.update(slots.error_code, |device| device.emergency.code().into());
+        self.update(slots.statusword, |device| device.statusword().0.into());
+        self.update(slots.mode_display, |device| {
+            device.axis.mode().map_or(0, |mode| i64::from(mode.raw()))
+        });
+        self.update(slots.position_demand, |device| device.axis.demand().into());
+        self.update(slots.position_internal, |device| {
+            device.axis.motor().position().round() as i64
+        });
+        self.update(slots.position, |device| device.axis.position().into());
+        self.update(slots.velocity_demand, |device| device.axis.demanded_velocity().into());
+        self.update(slots.velocity, |device| device.axis.motor().velocity().round() as i64);
+        self.update(slots.torque_demand, torque);
+        self.update(slots.torque, torque);
+        self.update(slots.following_error, |device| device.axis.following_error().into());
+        self.update(slots.inputs, |device| device.axis.switches().bits().into());
+    }
+
+    fn update(&mut self, slot: Option<Slot>, value: impl FnOnce(&Self) -> i64) {
+        if let Some(slot) = slot {
+            let value = value(self);
+            self.objects.put(slot, value as u64);
+        }
     }
 }

@@ -1,6 +1,6 @@
-//! A demand that moves with limited speed and acceleration.
+//! A demand that moves with limited velocity and acceleration.
 
-/// Bounds of a motion; all are positive, in increments and seconds.
+/// Limits of a motion; positive, in increments and seconds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Bounds {
     pub(super) velocity: f64,
@@ -8,7 +8,7 @@ pub(super) struct Bounds {
     pub(super) deceleration: f64,
 }
 
-/// A demanded position and its speed.
+/// Demanded position and velocity.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(super) struct Ramp {
     pub(super) position: f64,
@@ -21,7 +21,7 @@ impl Ramp {
         Self { position, velocity: 0.0 }
     }
 
-    /// One step towards a speed.
+    /// Advances one step towards a velocity.
     pub(super) fn towards_velocity(&mut self, seconds: f64, velocity: f64, bounds: &Bounds) {
         let before = self.velocity;
         let wanted = velocity.clamp(-bounds.velocity, bounds.velocity);
@@ -29,16 +29,16 @@ impl Ramp {
         self.position += (before + self.velocity) / 2.0 * seconds;
     }
 
-    /// One step towards a position, to arrive there at rest. True on arrival.
+    /// Advances one step towards a position, to arrive there at rest. Returns true on arrival.
     pub(super) fn towards_position(&mut self, seconds: f64, target: f64, bounds: &Bounds) -> bool {
         let distance = target - self.position;
         let half = bounds.deceleration * seconds / 2.0;
         let nears = self.velocity * distance.signum();
-        // The speed behind this step from which the rest of the way suffices to brake.
+        // The velocity after this step from which the remaining distance suffices to brake.
         let rest = distance.abs() - nears * seconds / 2.0;
         let bound = (half * half + 2.0 * bounds.deceleration * rest).max(0.0).sqrt() - half;
         let wanted = bound.clamp(0.0, bounds.velocity).copysign(distance);
-        // So near and slow that one step of braking ends here.
+        // One more step of braking ends at the target.
         let near = distance.abs() <= (nears.abs() + 2.0 * half) * seconds;
         if near && nears.abs() <= 2.0 * half {
             *self = Self::at(target);

@@ -4,13 +4,13 @@ use ecan_canopen::{BlockSegment, ClientFrame, MAX_BLOCK_SIZE, ServerFrame, block
 use ecan_protocol::object::AbortCode;
 
 use super::dictionary::LONGEST;
-use super::sdo_server::{Bytes, Objects, Phase, Refusal, SdoServer};
+use super::sdo_server::{Bytes, Objects, Phase, SdoServer, TransferError};
 
 const INVALID_BLOCK_SIZE: AbortCode = AbortCode(0x0504_0002);
 const INVALID_SEQUENCE: AbortCode = AbortCode(0x0504_0003);
 const CRC: AbortCode = AbortCode(0x0504_0004);
 
-/// Bytes of a segment.
+/// Bytes per segment.
 const SEGMENT: usize = 7;
 
 impl SdoServer {
@@ -18,7 +18,7 @@ impl SdoServer {
         &mut self,
         frame: ClientFrame,
         objects: &mut dyn Objects,
-    ) -> Result<Option<ServerFrame>, Refusal> {
+    ) -> Result<Option<ServerFrame>, TransferError> {
         match frame {
             ClientFrame::BlockUpload { index, subindex, block_size, switch_threshold, crc } => {
                 self.begin(index, subindex);
@@ -67,7 +67,7 @@ impl SdoServer {
         switch_threshold: u8,
         crc: bool,
         objects: &mut dyn Objects,
-    ) -> Result<ServerFrame, Refusal> {
+    ) -> Result<ServerFrame, TransferError> {
         if !self.support.known {
             return Err(AbortCode::COMMAND.into());
         }
@@ -78,7 +78,7 @@ impl SdoServer {
         let threshold = usize::from(switch_threshold);
         let is_short = threshold > 0 && self.buffer.len() <= threshold;
         if is_short || self.support.upload_falls_back {
-            return Ok(self.answer_upload());
+            return Ok(self.upload_response());
         }
         self.with_crc = crc;
         self.block_size = block_size;
@@ -91,8 +91,8 @@ impl SdoServer {
         })
     }
 
-    /// The next segment of a block upload, if one is to go out. They go out one by one, as the bus
-    /// takes them, so that process data find their way between them.
+    /// The next segment of a block upload, if one is due. Each waits until the bus has sent the
+    /// previous one, so that process data can be sent in between.
     pub(super) fn next_segment(&mut self) -> Option<Bytes> {
         let Phase::BlockUpload { sequence } = self.phase else { return None };
         let from = self.position + usize::from(sequence - 1) * SEGMENT;
@@ -111,8 +111,8 @@ impl SdoServer {
         &mut self,
         received: u8,
         block_size: u8,
-    ) -> Result<Option<ServerFrame>, Refusal> {
-        // A client that missed segments may acknowledge while the block is still going out.
+    ) -> Result<Option<ServerFrame>, TransferError> {
+        // A client that missed segments may acknowledge before the end of the block.
         let sent = match self.phase {
             Phase::BlockUploadWait { sent } => sent,
             Phase::BlockUpload { sequence } => sequence - 1,
@@ -143,12 +143,13 @@ impl SdoServer {
         Ok(Some(ServerFrame::BlockUploadEnd { unused, crc }))
     }
 
-    /// A segment of a block download, `before` having been the last in order.
+    /// Receives a segment of a block download; `before` is the sequence number of the last one in
+    /// order.
     pub(super) fn block_segment(&mut self, before: u8, segment: BlockSegment) -> Option<Bytes> {
         let in_order = segment.sequence == before + 1;
         let received = if in_order {
             self.buffer.extend_from_slice(&segment.data);
-            // The last segment is filled up; what does not count comes off at the end.
+            // The last segment is padded; the padding is removed at the end.
             let most = self.announced.map_or(LONGEST, |size| size as usize);
             if self.buffer.len() > most.div_ceil(SEGMENT).max(1).saturating_mul(SEGMENT) {
                 return Some(self.abort(AbortCode::TOO_LONG));
@@ -174,7 +175,7 @@ impl SdoServer {
         unused: u8,
         crc: u16,
         objects: &mut dyn Objects,
-    ) -> Result<ServerFrame, Refusal> {
+    ) -> Result<ServerFrame, TransferError> {
         if self.phase != Phase::BlockDownloadEnd {
             return Err(AbortCode::COMMAND.into());
         }

@@ -1,55 +1,55 @@
-//! SDO server (CiA 301, 7.2.4): expedited and segmented transfers; block transfers stand in their
-//! own file.
+//! SDO server (CiA 301, 7.2.4): expedited and segmented transfers; for block transfers see
+//! `sdo_block`.
 
 use ecan_canopen::{BlockSegment, ClientFrame, Initiate, Segment, ServerFrame};
 use ecan_protocol::object::AbortCode;
 
 use super::dictionary::LONGEST;
 
-/// Bytes of a frame.
+/// Data of an SDO frame.
 pub(super) type Bytes = [u8; 8];
 
-/// Why a transfer does not take place.
+/// Reason for ending a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Refusal {
-    /// It is aborted.
+pub(super) enum TransferError {
+    /// The transfer is aborted.
     Abort(AbortCode),
-    /// It is not answered.
+    /// The request gets no response.
     Silence,
 }
 
-impl From<AbortCode> for Refusal {
+impl From<AbortCode> for TransferError {
     fn from(code: AbortCode) -> Self {
         Self::Abort(code)
     }
 }
 
-/// What the server reads and writes.
+/// The objects that the server reads and writes.
 pub(super) trait Objects {
-    /// The value of an object, into `out`.
-    fn upload(&mut self, index: u16, subindex: u8, out: &mut Vec<u8>) -> Result<(), Refusal>;
+    /// Reads an object into `out`.
+    fn upload(&mut self, index: u16, subindex: u8, out: &mut Vec<u8>) -> Result<(), TransferError>;
 
-    /// Whether a download of so many bytes may begin.
+    /// Checks whether a download of `length` bytes may start.
     fn begin_download(
         &mut self,
         index: u16,
         subindex: u8,
         length: Option<usize>,
-    ) -> Result<(), Refusal>;
+    ) -> Result<(), TransferError>;
 
     /// Writes a value.
-    fn download(&mut self, index: u16, subindex: u8, value: &[u8]) -> Result<(), Refusal>;
+    fn download(&mut self, index: u16, subindex: u8, value: &[u8]) -> Result<(), TransferError>;
 
-    /// Length of an object's type, for expedited downloads that do not tell theirs.
+    /// Size of an object's type, for expedited downloads without size.
     fn size(&self, index: u16, subindex: u8) -> Option<usize>;
 }
 
-/// What the server can do beside segmented transfers.
+/// Support of block transfers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct BlockSupport {
-    /// Block transfers are known.
+    /// Block transfers are supported.
     pub(super) known: bool,
-    /// Uploads are answered as segmented ones.
+    /// Block uploads are answered as segmented ones.
     pub(super) upload_falls_back: bool,
 }
 
@@ -67,7 +67,7 @@ pub(super) enum Phase {
     BlockDownloadEnd,
 }
 
-/// The server, with the one transfer that it carries out at a time.
+/// The server with its one transfer.
 #[derive(Clone, Debug)]
 pub(super) struct SdoServer {
     pub(super) support: BlockSupport,
@@ -75,15 +75,15 @@ pub(super) struct SdoServer {
     pub(super) subindex: u8,
     pub(super) phase: Phase,
     pub(super) buffer: Vec<u8>,
-    /// Bytes of the buffer that have been sent (and acknowledged, in a block upload).
+    /// Number of sent bytes (acknowledged ones in a block upload).
     pub(super) position: usize,
     pub(super) with_crc: bool,
     pub(super) block_size: u8,
-    /// Bytes that a block download announced.
+    /// Size that a block download announced.
     pub(super) announced: Option<u32>,
 }
 
-/// Capacity that is there from the beginning, so that ordinary transfers allocate nothing.
+/// Initial capacity, so that ordinary transfers allocate no memory.
 const BUFFER: usize = 1_024;
 
 impl SdoServer {
@@ -101,28 +101,28 @@ impl SdoServer {
         }
     }
 
-    /// Forgets a transfer under way.
+    /// Discards a transfer in progress.
     pub(super) fn restart(&mut self) {
         self.phase = Phase::Idle;
     }
 
-    /// A frame of the client; gives the answer, if there is one.
+    /// Receives a client frame; returns the response, if any.
     pub(super) fn receive(&mut self, data: &[u8], objects: &mut dyn Objects) -> Option<Bytes> {
-        // A block download's segments have no command, so they are told apart by the phase.
+        // Segments of a block download have no command specifier; the phase identifies them.
         if let Phase::BlockDownload { sequence } = self.phase
             && let Some(segment) = BlockSegment::parse(data)
         {
             return self.block_segment(sequence, segment);
         }
         let Ok(frame) = ClientFrame::parse(data) else {
-            // A frame of the wrong length is none of ours; an unknown command is refused.
+            // A frame of the wrong length is ignored; an unknown command is aborted.
             return (data.len() == 8).then(|| self.abort(AbortCode::COMMAND));
         };
-        let answer = self.frame(frame, objects);
-        match answer {
-            Ok(answer) => answer.map(ServerFrame::to_bytes),
-            Err(Refusal::Abort(code)) => Some(self.abort(code)),
-            Err(Refusal::Silence) => {
+        let response = self.frame(frame, objects);
+        match response {
+            Ok(response) => response.map(ServerFrame::to_bytes),
+            Err(TransferError::Abort(code)) => Some(self.abort(code)),
+            Err(TransferError::Silence) => {
                 self.phase = Phase::Idle;
                 None
             }
@@ -133,12 +133,12 @@ impl SdoServer {
         &mut self,
         frame: ClientFrame,
         objects: &mut dyn Objects,
-    ) -> Result<Option<ServerFrame>, Refusal> {
+    ) -> Result<Option<ServerFrame>, TransferError> {
         Ok(match frame {
             ClientFrame::Upload { index, subindex } => {
                 self.begin(index, subindex);
                 objects.upload(index, subindex, &mut self.buffer)?;
-                Some(self.answer_upload())
+                Some(self.upload_response())
             }
             ClientFrame::UploadSegment { toggle } => Some(self.upload_segment(toggle)?),
             ClientFrame::Download { index, subindex, initiate } => {
@@ -155,7 +155,7 @@ impl SdoServer {
         })
     }
 
-    /// A transfer begins; one under way is forgotten.
+    /// Starts a transfer; one in progress is discarded.
     pub(super) fn begin(&mut self, index: u16, subindex: u8) {
         self.index = index;
         self.subindex = subindex;
@@ -164,14 +164,14 @@ impl SdoServer {
         self.buffer.clear();
     }
 
-    /// Ends the transfer with an abort.
+    /// Aborts the transfer.
     pub(super) fn abort(&mut self, code: AbortCode) -> Bytes {
         self.phase = Phase::Idle;
         ServerFrame::Abort { index: self.index, subindex: self.subindex, code }.to_bytes()
     }
 
-    /// The value itself if it is short, else its size with segments to follow.
-    pub(super) fn answer_upload(&mut self) -> ServerFrame {
+    /// Returns the value if it is short, otherwise its size.
+    pub(super) fn upload_response(&mut self) -> ServerFrame {
         let initiate = Initiate::expedited(&self.buffer).unwrap_or_else(|| {
             self.phase = Phase::Upload { toggle: false };
             Initiate::Segmented { size: Some(self.buffer.len() as u32) }
@@ -179,7 +179,7 @@ impl SdoServer {
         ServerFrame::Upload { index: self.index, subindex: self.subindex, initiate }
     }
 
-    fn upload_segment(&mut self, toggle: bool) -> Result<ServerFrame, Refusal> {
+    fn upload_segment(&mut self, toggle: bool) -> Result<ServerFrame, TransferError> {
         let Phase::Upload { toggle: expected } = self.phase else {
             return Err(AbortCode::COMMAND.into());
         };
@@ -199,11 +199,11 @@ impl SdoServer {
         &mut self,
         initiate: Initiate,
         objects: &mut dyn Objects,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), TransferError> {
         let (index, subindex) = (self.index, self.subindex);
         match initiate {
             Initiate::Expedited { data, length } => {
-                // Without a length the type's own counts.
+                // Without a size that of the object's type counts.
                 let length = length
                     .map_or_else(|| objects.size(index, subindex).unwrap_or(4).min(4), usize::from);
                 let value = data.get(..length).unwrap_or(&data);
@@ -223,7 +223,7 @@ impl SdoServer {
         &mut self,
         segment: Segment,
         objects: &mut dyn Objects,
-    ) -> Result<ServerFrame, Refusal> {
+    ) -> Result<ServerFrame, TransferError> {
         let Phase::Download { toggle, announced } = self.phase else {
             return Err(AbortCode::COMMAND.into());
         };
@@ -241,12 +241,12 @@ impl SdoServer {
         Ok(ServerFrame::DownloadSegment { toggle })
     }
 
-    /// Whether what has been received goes with the size announced.
+    /// Checks the received length against the announced size.
     pub(super) fn check_length(
         &self,
         announced: Option<u32>,
         complete: bool,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), TransferError> {
         let length = self.buffer.len();
         let most = announced.map_or(LONGEST, |size| size as usize);
         if length > most {

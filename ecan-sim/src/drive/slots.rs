@@ -1,11 +1,10 @@
-//! The objects that the drive itself keeps up to date: where they are, and what they tell.
+//! Objects that the drive updates: their slots and values.
 
 use ecan_canopen::object;
 
-use super::device::Device;
 use super::dictionary::{Dictionary, Slot};
 
-/// Slots of what the drive tells; `None` where the dictionary has no such object.
+/// Slots of the updated objects; `None` if the dictionary lacks the object.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Slots {
     pub(super) error_register: Option<Slot>,
@@ -43,7 +42,7 @@ impl Slots {
         }
     }
 
-    /// Those among them that are in use.
+    /// The slots for which `is_used` is true.
     pub(super) fn in_use(&self, is_used: impl Fn(Slot) -> bool) -> Self {
         let keep = |slot: Option<Slot>| slot.filter(|slot| is_used(*slot));
         Self {
@@ -60,46 +59,6 @@ impl Slots {
             torque: keep(self.torque),
             following_error: keep(self.following_error),
             inputs: keep(self.inputs),
-        }
-    }
-}
-
-impl Device {
-    /// Brings all objects that the drive tells up to date.
-    pub(super) fn publish(&mut self) {
-        let slots = self.slots;
-        self.publish_to(&slots);
-    }
-
-    /// The same for those that its PDOs carry.
-    pub(super) fn publish_sent(&mut self) {
-        let slots = self.sent_slots;
-        self.publish_to(&slots);
-    }
-
-    fn publish_to(&mut self, slots: &Slots) {
-        let torque = |device: &Self| device.axis.motor().torque().round() as i64;
-        self.tell(slots.error_register, |device| device.emergency.register().0.into());
-        self.tell(slots.error_code, |device| device.emergency.code().into());
-        self.tell(slots.statusword, |device| device.statusword().0.into());
-        self.tell(slots.mode_display, |device| {
-            device.axis.mode().map_or(0, |mode| i64::from(mode.raw()))
-        });
-        self.tell(slots.position_demand, |device| device.axis.demand().into());
-        self.tell(slots.position_internal, |device| device.axis.motor().position().round() as i64);
-        self.tell(slots.position, |device| device.axis.position().into());
-        self.tell(slots.velocity_demand, |device| device.axis.demanded_velocity().into());
-        self.tell(slots.velocity, |device| device.axis.motor().velocity().round() as i64);
-        self.tell(slots.torque_demand, torque);
-        self.tell(slots.torque, torque);
-        self.tell(slots.following_error, |device| device.axis.following_error().into());
-        self.tell(slots.inputs, |device| device.axis.switches().bits().into());
-    }
-
-    fn tell(&mut self, slot: Option<Slot>, value: impl FnOnce(&Self) -> i64) {
-        if let Some(slot) = slot {
-            let value = value(self);
-            self.objects.put(slot, value as u64);
         }
     }
 }

@@ -81,7 +81,7 @@ impl Shared {
         bridges: Option<BridgeFactory>,
     ) -> Result<Self, BackendError> {
         let gateways = scenario.gateways.iter();
-        let boot_ms = gateways.map(|gateway| gateway.settings.boot_ms).max().unwrap_or(0);
+        let boot_ms = gateways.map(|gateway| gateway.config.boot_ms).max().unwrap_or(0);
         let scans = SCAN_BASE_NS + SCAN_SLAVE_NS * scenario.gateways.len() as u64;
         let life = u64::from(boot_ms) * 1_000_000 + 2 * scans + SETTLE_NS;
         let birth = match kind {

@@ -151,7 +151,7 @@ impl SlaveConfig {
 
     /// Whether it was made for this slave.
     pub(crate) fn fits(&self, slave: &SlaveView) -> bool {
-        let settings = &slave.spec.settings;
+        let settings = &slave.spec.config;
         settings.vendor_id == self.vendor_id && settings.product_code == self.product_code
     }
 

@@ -68,7 +68,7 @@ const ASSIGN_ACTIVATE: u16 = 0x0300;
 
 /// The words of a gateway's EEPROM.
 pub(super) fn image(spec: &GatewaySpec) -> Vec<u16> {
-    let settings = &spec.settings;
+    let settings = &spec.config;
     let mut words = vec![0; CATEGORIES];
     let mut put = |at: usize, value: u16| words[at] = value;
     put(word::PDI_CONTROL, PDI);
@@ -190,7 +190,7 @@ mod tests {
     fn the_scenario_decides_on_identity_alias_and_assignment() {
         let mut spec = GatewaySpec::at(0);
         spec.alias = 0x1234;
-        spec.settings.vendor_id = 0xAABB_CCDD;
+        spec.config.vendor_id = 0xAABB_CCDD;
         (spec.pdo_assign, spec.pdo_configuration) = (false, true);
         let words = image(&spec);
         assert_eq!((words[4], words[8], words[9]), (0x1234, 0xCCDD, 0xAABB));

@@ -1,4 +1,4 @@
-//! A node that sends back what it receives.
+//! A node that echoes frames.
 
 use ecan_protocol::can::CanFrame;
 
@@ -6,7 +6,7 @@ use super::{Node, NodeOutput};
 
 /// Answers every frame with one of the same identifier, format and data.
 ///
-/// Two of them on one bus keep each other busy for ever.
+/// Two of them on one bus answer each other forever.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct EchoNode {
     echoed: u64,
@@ -19,7 +19,7 @@ impl EchoNode {
         Self { echoed: 0 }
     }
 
-    /// Number of frames answered so far.
+    /// Number of answered frames.
     #[must_use]
     pub const fn echoed(&self) -> u64 {
         self.echoed

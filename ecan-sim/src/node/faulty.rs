@@ -1,34 +1,30 @@
-//! A node that cannot be relied on.
+//! A node with faults.
 
-use ecan_protocol::can::{CanFrame, FrameKind};
+use ecan_protocol::can::{CanFrame, CanId, FrameKind};
 
 use super::{Node, NodeOutput};
 use crate::random::Random;
 
-/// What a [`FaultyNode`] does wrong. The default is nothing: it then behaves as an echo node.
+/// Faults of a [`FaultyNode`]. Without faults it is an echo node.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct FaultyConfig {
-    /// Seed of its chance: the same seed and the same frames give the same faults.
-    pub seed: u64,
-    /// Of a thousand frames received, how many it does not answer.
-    pub drop_per_mille: u16,
-    /// Of a thousand answers, how many have one data bit turned over.
-    pub corrupt_per_mille: u16,
-    /// Of a thousand answers, how many are sent twice.
-    pub repeat_per_mille: u16,
-    /// A frame that it sends over and over without being asked.
-    pub babble: Option<CanFrame>,
-    /// Time between two of them in nanoseconds; 0 counts as 1.
-    pub babble_interval_ns: u64,
+    /// Frames without answer, per thousand.
+    pub drop_permille: u16,
+    /// Answers with one inverted data bit, per thousand.
+    pub corrupt_permille: u16,
+    /// Answers sent twice, per thousand.
+    pub repeat_permille: u16,
+    /// Interval in microseconds at which it sends a frame of the highest priority; 0 is never.
+    pub babble_us: u32,
 }
 
-/// Echoes frames, but loses, falsifies or repeats some of them, and babbles.
+/// Echoes frames, but drops, corrupts or repeats some of them, and babbles.
 ///
-/// Its answers have valid CRCs: it is the data that is wrong. Frames that fail on the wire come
-/// from [`BusFault::ErrorFrames`](crate::BusFault::ErrorFrames).
+/// Its answers have valid CRCs: the data is wrong. For frames that fail on the wire see
+/// [`BusFault::ErrorFrames`](crate::BusFault::ErrorFrames).
 #[derive(Clone, Debug)]
 pub struct FaultyNode {
-    settings: FaultyConfig,
+    config: FaultyConfig,
     random: Random,
     next_babble: Option<u64>,
     dropped: u64,
@@ -36,31 +32,25 @@ pub struct FaultyNode {
 }
 
 impl FaultyNode {
-    /// A node with these faults.
+    /// A node with these faults. The same seed and the same frames give the same faults.
     #[must_use]
-    pub const fn new(settings: FaultyConfig) -> Self {
-        Self {
-            settings,
-            random: Random::new(settings.seed),
-            next_babble: None,
-            dropped: 0,
-            corrupted: 0,
-        }
+    pub const fn new(config: FaultyConfig, seed: u64) -> Self {
+        Self { config, random: Random::new(seed), next_babble: None, dropped: 0, corrupted: 0 }
     }
 
-    /// Frames received and not answered so far.
+    /// Number of frames without answer.
     #[must_use]
     pub const fn dropped(&self) -> u64 {
         self.dropped
     }
 
-    /// Answers sent with wrong data so far.
+    /// Number of answers with wrong data.
     #[must_use]
     pub const fn corrupted(&self) -> u64 {
         self.corrupted
     }
 
-    /// The frame with one data bit turned over; as it is when it has no data.
+    /// Inverts one data bit; a frame without data stays unchanged.
     fn corrupt(&mut self, frame: &CanFrame) -> CanFrame {
         let mut data = [0; 64];
         let bytes = frame.data();
@@ -87,21 +77,21 @@ impl FaultyNode {
 
 impl Node for FaultyNode {
     fn started(&mut self, now: u64, _out: &mut NodeOutput) {
-        self.next_babble = self.settings.babble.map(|_| now);
+        self.next_babble = (self.config.babble_us > 0).then_some(now);
     }
 
     fn received(&mut self, _now: u64, frame: &CanFrame, out: &mut NodeOutput) {
-        if self.random.chance(self.settings.drop_per_mille) {
+        if self.random.chance(self.config.drop_permille) {
             self.dropped += 1;
             return;
         }
-        let answer = if self.random.chance(self.settings.corrupt_per_mille) {
+        let answer = if self.random.chance(self.config.corrupt_permille) {
             self.corrupt(frame)
         } else {
             *frame
         };
         out.send(answer);
-        if self.random.chance(self.settings.repeat_per_mille) {
+        if self.random.chance(self.config.repeat_permille) {
             out.send(answer);
         }
     }
@@ -114,14 +104,19 @@ impl Node for FaultyNode {
         let Some(due) = self.next_babble.filter(|&due| due <= now) else {
             return;
         };
-        let interval = self.settings.babble_interval_ns.max(1);
-        if let Some(frame) = self.settings.babble {
-            // A babbler floods the bus, not the memory: what is missed is not made up for.
-            if out.is_empty() {
-                out.send(frame);
-            }
-            let periods = (now - due) / interval + 1;
-            self.next_babble = Some(due.saturating_add(periods.saturating_mul(interval)));
+        let interval = u64::from(self.config.babble_us) * 1_000;
+        // Missed intervals are not made up for, so the queue stays short.
+        if out.is_empty()
+            && let Some(frame) = babble()
+        {
+            out.send(frame);
         }
+        let periods = (now - due) / interval + 1;
+        self.next_babble = Some(due.saturating_add(periods.saturating_mul(interval)));
     }
+}
+
+/// Frame that wins every arbitration.
+fn babble() -> Option<CanFrame> {
+    CanFrame::classic(CanId::standard(0).ok()?, &[0xBB; 8]).ok()
 }

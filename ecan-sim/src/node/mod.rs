@@ -1,8 +1,7 @@
-//! What else is on the bus: peers of the gateway's CAN channels.
+//! Nodes on the CAN buses.
 //!
-//! A node decides what to send and when; the controller below it (a
-//! [`StationConfig`](crate::StationConfig)) and the queue in front of it belong to the world
-//! that runs it.
+//! A node decides what to send and when; its controller (a [`StationConfig`](crate::StationConfig))
+//! and its queue belong to the world.
 
 mod bridge;
 mod echo;
@@ -24,50 +23,51 @@ pub use output::NodeOutput;
 pub use replay::{ReplayError, ReplayNode, ReplayRecord};
 pub use silent::SilentNode;
 
-/// A participant of a CAN bus. All times are nanoseconds of the simulation.
+/// A participant of a CAN bus. All times are simulated nanoseconds.
 ///
-/// Calls come in the order of time. A node answers by putting frames into `out`; they are sent
-/// in that order as the bus allows.
+/// Calls come in order of time. A node sends frames by putting them into `out`; the bus sends them
+/// in that order.
 pub trait Node: Any + Send {
-    /// The node's controller runs with this configuration from now on. The first time,
+    /// The controller has this configuration from now on. After the first call,
     /// [`started`](Self::started) follows.
     fn configured(&mut self, now: u64, config: &StationConfig) {
         let _ = (now, config);
     }
 
-    /// The node's controller has been configured and the node starts, at `now`.
+    /// The node starts, after its controller was configured.
     fn started(&mut self, now: u64, out: &mut NodeOutput) {
         let _ = (now, out);
     }
 
-    /// A frame of another station has been received.
+    /// The node received a frame of another station.
     fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
         let _ = (now, frame, out);
     }
 
-    /// One of the node's own frames has been sent.
+    /// The bus has sent a frame of the node.
     fn transmitted(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) {
         let _ = (now, frame, out);
     }
 
-    /// When the node wants to act by itself, if ever.
+    /// Time of the node's next own event.
     fn next_event(&self) -> Option<u64> {
         None
     }
 
-    /// Whether the node's controller takes part in the bus: it then acknowledges frames and hears
-    /// them. Asked again after every call.
+    /// Whether the node's controller takes part in the bus: it then acknowledges and receives
+    /// frames. Read after every call.
     fn is_on_bus(&self) -> bool {
         true
     }
 
-    /// The time that [`next_event`](Self::next_event) asked for has come. Afterwards it names a
-    /// later one, or none.
+    /// The time of [`next_event`](Self::next_event) has come. Afterwards it returns a later time,
+    /// or `None`.
     fn advance(&mut self, now: u64, out: &mut NodeOutput) {
         let _ = (now, out);
     }
 
-    /// Text for the banner if it has to name the node, for example "slcan bridge at 127.0.0.1:29536".
+    /// Description of the node in the banner, for example "slcan bridge at 127.0.0.1:29536"; `None`
+    /// omits it.
     fn description(&self) -> Option<String> {
         None
     }

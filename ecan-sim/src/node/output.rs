@@ -1,12 +1,12 @@
-//! The queue between a node and its controller.
+//! Queue between a node and its controller.
 
 use std::collections::VecDeque;
 
 use ecan_protocol::can::CanFrame;
 
-/// Frames that a node wants to send, first in, first out.
+/// Frames to send, first in, first out.
 ///
-/// It grows to the largest number of frames ever waiting and allocates no more after that.
+/// Grows to the largest number of waiting frames and then allocates no more.
 #[derive(Clone, Debug, Default)]
 pub struct NodeOutput {
     waiting: VecDeque<CanFrame>,
@@ -19,35 +19,35 @@ impl NodeOutput {
         Self { waiting: VecDeque::new() }
     }
 
-    /// Queues a frame behind those already waiting.
+    /// Appends a frame.
     pub fn send(&mut self, frame: CanFrame) {
         self.waiting.push_back(frame);
     }
 
-    /// The frame whose turn it is, left in the queue.
+    /// The next frame, left in the queue.
     #[must_use]
     pub fn front(&self) -> Option<&CanFrame> {
         self.waiting.front()
     }
 
-    /// Takes the frame whose turn it is.
+    /// Takes the next frame.
     pub fn pop(&mut self) -> Option<CanFrame> {
         self.waiting.pop_front()
     }
 
-    /// Number of frames waiting.
+    /// Number of waiting frames.
     #[must_use]
     pub fn len(&self) -> usize {
         self.waiting.len()
     }
 
-    /// Whether nothing waits.
+    /// Whether the queue is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.waiting.is_empty()
     }
 
-    /// Forgets every waiting frame, as when the node is switched off.
+    /// Discards all frames.
     pub fn clear(&mut self) {
         self.waiting.clear();
     }

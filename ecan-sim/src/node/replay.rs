@@ -1,4 +1,4 @@
-//! A node that plays a recorded bus back.
+//! A node that replays a recorded bus.
 
 use ecan_candump::{ParseError, ParseErrorKind, parse_line};
 use ecan_protocol::can::CanFrame;
@@ -8,26 +8,26 @@ use super::{Node, NodeOutput};
 /// One recorded frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ReplayRecord {
-    /// When it was recorded, in nanoseconds since any instant.
+    /// Time of the recording in nanoseconds, since any reference.
     pub time_ns: u64,
     /// The frame.
     pub frame: CanFrame,
 }
 
-/// A log that cannot be played back.
+/// Error in a log.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("candump log, line {line}: {cause}")]
 pub struct ReplayError {
-    /// The line, counted from 1.
+    /// Line, from 1.
     pub line: usize,
-    /// What is wrong with it.
+    /// Cause.
     pub cause: ParseError,
 }
 
-/// Sends recorded frames with their recorded distances in time.
+/// Sends recorded frames with their recorded intervals.
 ///
-/// The first goes out when the node starts (or after its start delay). A record that is older
-/// than the one before it goes out together with that one.
+/// The first is sent when the node starts (or after its start delay). A record that is older than
+/// the previous one is sent together with it.
 #[derive(Clone, Debug, Default)]
 pub struct ReplayNode {
     records: Vec<ReplayRecord>,
@@ -39,21 +39,21 @@ pub struct ReplayNode {
 }
 
 impl ReplayNode {
-    /// Plays these records once.
+    /// Replays these records once.
     #[must_use]
     pub const fn new(records: Vec<ReplayRecord>) -> Self {
         Self { records, start_delay_ns: 0, repeat_gap_ns: None, next: 0, due: None, sent: 0 }
     }
 
-    /// Plays a candump log; of one interface only, if one is named.
+    /// Replays a candump log; only of one interface, if given.
     ///
     /// # Errors
-    /// The first line that is not a record, a comment or blank; error messages are left out.
+    /// The first line that is not a record, a comment or blank; error messages are skipped.
     pub fn from_log(log: &str, interface: Option<&str>) -> Result<Self, ReplayError> {
         let mut records = Vec::new();
         for (number, line) in log.lines().enumerate() {
             let parsed = match parse_line(line) {
-                // Of the interface that recorded it, not of the bus.
+                // Concerns the recording interface, not the bus.
                 Err(error) if error.kind == ParseErrorKind::ErrorMessage => None,
                 parsed => parsed.map_err(|cause| ReplayError { line: number + 1, cause })?,
             };
@@ -66,14 +66,14 @@ impl ReplayNode {
         Ok(Self::new(records))
     }
 
-    /// Waits this long after the start before the first record.
+    /// Adds a delay between the start and the first record.
     #[must_use]
     pub const fn with_start_delay(mut self, delay_ns: u64) -> Self {
         self.start_delay_ns = delay_ns;
         self
     }
 
-    /// Starts over this long after the last record; 0 counts as 1.
+    /// Repeats the log this long after the last record; 0 counts as 1.
     #[must_use]
     pub const fn with_repeat(mut self, gap_ns: u64) -> Self {
         self.repeat_gap_ns = Some(if gap_ns == 0 { 1 } else { gap_ns });
@@ -86,13 +86,13 @@ impl ReplayNode {
         &self.records
     }
 
-    /// Frames handed out so far.
+    /// Number of sent frames.
     #[must_use]
     pub const fn sent(&self) -> u64 {
         self.sent
     }
 
-    /// The time of the record behind the one that was due at `due`.
+    /// Time of the record after the one due at `due`.
     fn following(&mut self, due: u64) -> Option<u64> {
         let before = self.records.get(self.next)?;
         if let Some(after) = self.records.get(self.next + 1) {

@@ -2,7 +2,7 @@
 
 use super::Node;
 
-/// Sends nothing by itself; its controller acknowledges what others send.
+/// Sends nothing; its controller acknowledges frames.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct SilentNode;
 

@@ -1,4 +1,4 @@
-//! The scenarios that need no file.
+//! Built-in scenarios.
 
 use ecan_canopen::NodeId;
 
@@ -9,8 +9,8 @@ use crate::wake_up::WakeUpDelay;
 /// Names of the built-in scenarios.
 pub const BUILTIN_SCENARIOS: &[&str] = &["echo", "drives", "jitter"];
 
-/// So many gateways with an echo node on each of their channels. The nodes take over the bit rates
-/// of their channel, so every configuration finds a partner.
+/// Gateways with an echo node on each of their channels. The nodes use the bit rates of their
+/// channel, so they work with every configuration.
 pub fn echo(gateways: usize) -> Scenario {
     let gateways: Vec<_> = (0..gateways).map(GatewaySpec::at).collect();
     let nodes = gateways
@@ -27,36 +27,34 @@ pub fn echo(gateways: usize) -> Scenario {
     Scenario { name: "echo".to_owned(), gateways, nodes, ..Scenario::default() }
 }
 
-/// The built-in scenario `jitter`: as [`echo`], with the delays of a machine and of a firmware that
-/// have other things to do too, so that the two ways of sending of manual 13.9 can be compared in
-/// stepped time.
+/// The built-in scenario `jitter`: as [`echo`], with the delays of a loaded machine and firmware,
+/// to compare the two ways of sending of manual 13.9 in stepped time.
 ///
 /// Half of the application's sleeps end up to 15 us late, one of 100 between 150 and 600 us. A
-/// data-path service is late by up to 40 us. Scheduled frames leave up to 13 us behind their phase,
-/// which fits the rows of 13.9 (the difference of two such delays is below 12 us in 99 of 100
-/// cases).
+/// data-path service is late by up to 40 us. Scheduled frames are sent up to 13 us after their
+/// phase, which fits the table of 13.9 (the difference of two such delays is below 12 us in 99 of
+/// 100 cases).
 pub fn jitter(gateways: usize) -> Scenario {
     let mut scenario = echo(gateways);
     "jitter".clone_into(&mut scenario.name);
     scenario.wake_up =
         Some(WakeUpDelay { typical_ns: 15_000, p99_ns: 150_000, longest_ns: 600_000 });
     for gateway in &mut scenario.gateways {
-        gateway.settings.service_jitter_ns = 40_000;
-        gateway.settings.release_jitter_ns = 13_000;
+        gateway.config.service_jitter_ns = 40_000;
+        gateway.config.release_jitter_ns = 13_000;
     }
     scenario
 }
 
-/// Drives on each channel of the built-in scenario `drives`.
+/// Number of drives on each channel of the built-in scenario `drives`.
 const DRIVES_PER_CHANNEL: u8 = 4;
 
-/// So many gateways with drives on each of their channels: node ids 1 to `per_channel` (at most
-/// 127) on every one, named `drive <gateway>.<channel>/<node id>`.
+/// Gateways with drives on each of their channels: node-IDs 1 to `per_channel` (at most 127), named
+/// `drive <gateway>.<channel>/<node-ID>`.
 ///
-/// The built-in scenario `drives` has four on a channel: 16 axes with one gateway, 48 with three.
-/// So slave 0, channel 0, node 1 is there, and ten axes are, however they are spread. The drives
-/// take over the bit rates of their channel. Their motors stand at positions that all differ, none
-/// at 0: increments 100000 * gateway + 10000 * channel + 1000 * node id, plus 7.
+/// The built-in scenario `drives` has four per channel: 16 axes with one gateway, 48 with three.
+/// The drives use the bit rates of their channel. Their start positions all differ and none is 0:
+/// 100000 * gateway + 10000 * channel + 1000 * node-ID + 7 increments.
 pub fn drives(gateways: usize, per_channel: u8) -> Scenario {
     let gateways: Vec<_> = (0..gateways).map(GatewaySpec::at).collect();
     let mut nodes = Vec::new();
@@ -70,17 +68,19 @@ pub fn drives(gateways: usize, per_channel: u8) -> Scenario {
 }
 
 fn built_in_drive(gateway: usize, channel: usize, bus: &str, node: NodeId) -> NodeSpec {
-    let place = 100_000 * gateway + 10_000 * channel + 1_000 * usize::from(node.get()) + 7;
-    let start_position = i32::try_from(place).unwrap_or(i32::MAX);
-    let settings = DriveConfig {
-        serial: 1 + place as u32,
-        motor: MotorConfig { start_position, ..MotorConfig::default() },
+    let start_position = 100_000 * gateway + 10_000 * channel + 1_000 * usize::from(node.get()) + 7;
+    let config = DriveConfig {
+        serial: 1 + start_position as u32,
+        motor: MotorConfig {
+            start_position: i32::try_from(start_position).unwrap_or(i32::MAX),
+            ..MotorConfig::default()
+        },
         ..DriveConfig::new(node)
     };
     NodeSpec {
         name: format!("drive {bus}/{node}"),
         bus: bus.to_owned(),
-        kind: NodeKind::Drive(Box::new(DriveSpec { settings, eds: None })),
+        kind: NodeKind::Drive(Box::new(DriveSpec { config, eds: None })),
         bitrate: None,
         data_bitrate: None,
     }

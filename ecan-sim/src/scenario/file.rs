@@ -1,7 +1,7 @@
-//! Scenario files: TOML, every key known, every error with its line and its reason.
+//! Scenario files in TOML; every error has its line.
 //!
-//! The tables are read flat and checked key by key afterwards, so that a key that does not belong
-//! to the kind of a node or fault is refused as clearly as one that nobody knows.
+//! The tables are read flat and then checked key by key, so that a key that does not belong to the
+//! kind of a node or fault is rejected as clearly as an unknown one.
 
 mod raw_drive;
 mod raw_fault;
@@ -19,12 +19,12 @@ use crate::scenario::file::raw_node::RawNode;
 use crate::scenario::{ClockKind, EcrtVersion, GatewaySpec, Scenario, Topology};
 use crate::wake_up::WakeUpDelay;
 
-/// Why a scenario file is refused.
+/// Error in a scenario file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ScenarioError {
-    /// Line, from 1; `None` when the whole file is meant.
+    /// Line, from 1; `None` if the error concerns the whole file.
     pub line: Option<usize>,
-    /// Reason in words.
+    /// Error text.
     pub reason: String,
 }
 
@@ -126,7 +126,7 @@ struct RawGateway {
     buses: Option<Vec<String>>,
 }
 
-/// Where in the file something stands.
+/// Text of the file, to find the lines of errors.
 struct Source<'a> {
     text: &'a str,
 }
@@ -142,22 +142,21 @@ impl Source<'_> {
 }
 
 impl Scenario {
-    /// Reads a scenario from the text of a file. `name` is what the banner calls it; paths inside
-    /// it count from `directory`.
+    /// Reads a scenario from the text of a file. `name` is the default of the scenario's name;
+    /// paths are relative to `directory`.
     ///
-    /// Every key below may be left out, except `kind` and `bus` of a node, `kind` of a fault and
-    /// what that kind needs. What is left out is as in [`Scenario::default`] and
-    /// [`GatewaySpec::at`].
+    /// Every key below is optional, except `kind` and `bus` of a node, `kind` of a fault and what
+    /// that kind needs. The defaults are those of [`Scenario::default`] and [`GatewaySpec::at`].
     ///
     /// ```
     /// # let text = r#"
     /// name = "cell"
     /// seed = 42
-    /// clock = "stepped"              # or "real"; otherwise the program chooses
-    /// wake_up_us = { typical = 10, p99 = 80, longest = 500 }  # how late sleeps end, if stepped
+    /// clock = "stepped"              # or "real"; otherwise the program selects
+    /// wake_up_us = { typical = 10, p99 = 80, longest = 500 }  # delays of sleeps, if stepped
     /// version = "1.6"                # or "1.5"
     /// carries_large_pdos = false     # process data above 1486 bytes a direction
-    /// reserved = false               # another program holds the master
+    /// reserved = false               # by another program
     /// topology = "line"              # or "star"
     ///
     /// [[gateway]]                    # in the order of their positions
@@ -171,8 +170,8 @@ impl Scenario {
     /// boot_ms = 200
     /// service_delay_us = 30
     /// service_jitter_us = 0
-    /// release_jitter_us = 0          # of scheduled frames behind their phase
-    /// mailbox_delay_us = 200         # of answers on the wire
+    /// release_jitter_us = 0          # of scheduled frames after their phase
+    /// mailbox_delay_us = 200         # of responses on the wire
     /// pdo_assign = true              # the SII lets the master write 0x1C12 and 0x1C13
     /// pdo_configuration = false      # and the mapping
     /// tx_pressure_percent = 50       # of the TX ring; 100: only when it is full
@@ -190,7 +189,7 @@ impl Scenario {
     /// babble_us = 0
     ///
     /// [[node]]
-    /// kind = "bridge"                # other programs join this bus by TCP
+    /// kind = "bridge"                # connects other programs by TCP
     /// bus = "0.1"
     /// protocol = "slcan"             # or "socketcand"
     /// address = "127.0.0.1"
@@ -248,16 +247,16 @@ impl Scenario {
     ///
     /// Further kinds of faults: `working_counter_offset` (`offset`, `cycles`), `mailbox_timeout`
     /// and `service_stall` (`gateway`, `for_ms`), `clock_jump` (`gateway`, `ns`), `torn_image`,
-    /// `crc_error` and `flash_failure` (`gateway`, `times`), `al_error` (`gateway`, `code`), `bus_off` (`gateway`, `channel`), `error_frames`
-    /// (`gateway`, `channel`, `times`), `node_silent` (`node`, `for_ms`), and of drives
-    /// `drive_emcy` (`node`, `code`, `register`), `drive_power_cycle` (`node`, `off_ms`) and
-    /// `drive_blocked` (`node`, `for_ms`).
+    /// `crc_error` and `flash_failure` (`gateway`, `times`), `al_error` (`gateway`, `code`),
+    /// `bus_off` (`gateway`, `channel`), `error_frames` (`gateway`, `channel`, `times`),
+    /// `node_silent` (`node`, `for_ms`), and of drives `drive_emcy` (`node`, `code`, `register`),
+    /// `drive_power_cycle` (`node`, `off_ms`) and `drive_blocked` (`node`, `for_ms`).
     /// `library_error` (`call` = receive, send, domain_process, domain_queue or domain_state;
     /// `errno`, a number or a name; `times`) makes a call of the library fail, `requests_held`
-    /// (`for_ms`) lets the master begin no request.
+    /// (`for_ms`) keeps the master from starting requests.
     ///
     /// # Errors
-    /// The first fault of the text, with its line.
+    /// The first error in the text, with its line.
     pub fn from_toml(text: &str, name: &str, directory: &Path) -> Result<Self, ScenarioError> {
         let source = Source { text };
         let raw: RawScenario = toml::from_str(text)
@@ -317,36 +316,36 @@ impl Scenario {
 impl RawGateway {
     fn build(self, position: usize) -> Result<GatewaySpec, String> {
         let mut spec = GatewaySpec::at(position);
-        let settings = &mut spec.settings;
+        let config = &mut spec.config;
         set(&mut spec.alias, self.alias);
-        set(&mut settings.serial, self.serial);
-        set(&mut settings.hardware_revision, self.hardware_revision);
-        set(&mut settings.firmware, self.firmware);
-        set(&mut settings.vendor_id, self.vendor_id);
-        set(&mut settings.product_code, self.product_code);
-        set(&mut settings.revision, self.revision);
-        set(&mut settings.boot_ms, self.boot_ms);
+        set(&mut config.serial, self.serial);
+        set(&mut config.hardware_revision, self.hardware_revision);
+        set(&mut config.firmware, self.firmware);
+        set(&mut config.vendor_id, self.vendor_id);
+        set(&mut config.product_code, self.product_code);
+        set(&mut config.revision, self.revision);
+        set(&mut config.boot_ms, self.boot_ms);
         let ns = |us: u32| u64::from(us) * 1_000;
-        set(&mut settings.service_delay_ns, self.service_delay_us.map(ns));
-        set(&mut settings.service_jitter_ns, self.service_jitter_us.map(ns));
+        set(&mut config.service_delay_ns, self.service_delay_us.map(ns));
+        set(&mut config.service_jitter_ns, self.service_jitter_us.map(ns));
         if let Some(ppm) = self.clock_drift_ppm {
             if !(-1000.0..=1000.0).contains(&ppm) {
-                return Err("`clock_drift_ppm` is -1000 to 1000".to_owned());
+                return Err("`clock_drift_ppm` is out of range; allowed: -1000 to 1000".to_owned());
             }
-            settings.clock_drift_ppb = (ppm * 1000.0).round() as i32;
+            config.clock_drift_ppb = (ppm * 1000.0).round() as i32;
         }
-        set(&mut settings.release_jitter_ns, self.release_jitter_us.map(ns));
-        set(&mut settings.mailbox_delay_ns, self.mailbox_delay_us.map(ns));
+        set(&mut config.release_jitter_ns, self.release_jitter_us.map(ns));
+        set(&mut config.mailbox_delay_ns, self.mailbox_delay_us.map(ns));
         if self.tx_pressure_percent.is_some_and(|percent| !(1..=100).contains(&percent)) {
-            return Err("`tx_pressure_percent` is 1 to 100".to_owned());
+            return Err("`tx_pressure_percent` is out of range; allowed: 1 to 100".to_owned());
         }
-        set(&mut settings.tx_pressure_percent, self.tx_pressure_percent);
+        set(&mut config.tx_pressure_percent, self.tx_pressure_percent);
         set(&mut spec.pdo_assign, self.pdo_assign);
         set(&mut spec.pdo_configuration, self.pdo_configuration);
         if let Some(buses) = self.buses {
             spec.buses = buses.try_into().map_err(|buses: Vec<String>| {
                 format!(
-                    "gateway {position} names {} buses: it has {} channels",
+                    "gateway {position} has {} buses; needed: {}, one per channel",
                     buses.len(),
                     ecan_protocol::mapping::CHANNELS
                 )

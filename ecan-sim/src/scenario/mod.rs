@@ -1,4 +1,4 @@
-//! Scenarios: what a simulation is made of.
+//! Scenarios: the descriptions of simulations.
 
 mod builtin;
 mod file;
@@ -8,6 +8,5 @@ pub(crate) use builtin::by_name;
 pub use builtin::{BUILTIN_SCENARIOS, drives, echo, jitter};
 pub use file::ScenarioError;
 pub use model::{
-    ClockKind, DriveSpec, EcrtVersion, FaultyBehaviour, GatewaySpec, NodeKind, NodeSpec, Scenario,
-    Topology,
+    ClockKind, DriveSpec, EcrtVersion, GatewaySpec, NodeKind, NodeSpec, Scenario, Topology,
 };

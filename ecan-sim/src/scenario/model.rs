@@ -5,20 +5,20 @@ use std::path::PathBuf;
 use crate::drive::DriveConfig;
 use crate::fault::ScriptedFault;
 use crate::gateway::GatewayModelConfig;
-use crate::node::BridgeSpec;
+use crate::node::{BridgeSpec, FaultyConfig};
 use crate::wake_up::WakeUpDelay;
 
-/// How simulated time passes.
+/// Clock of a simulation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ClockKind {
-    /// With the system's monotonic clock.
+    /// The system's monotonic clock.
     Real,
-    /// As fast as the machine goes: time moves when someone sleeps on the simulation's clock or
-    /// waits in a blocking call, and only then. The same program gives the same result each time.
+    /// Stepped time: it advances only when a thread sleeps on the simulation's clock or waits in a
+    /// blocking call. The same program gives the same result each time.
     Stepped,
 }
 
-/// The release of libethercat that is simulated.
+/// Simulated release of libethercat.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum EcrtVersion {
     /// 1.5.2: many functions return nothing, some do not exist.
@@ -28,7 +28,7 @@ pub enum EcrtVersion {
 }
 
 impl EcrtVersion {
-    /// What `ecrt_version_magic()` returns.
+    /// Value of `ecrt_version_magic()`.
     pub fn magic(self) -> u32 {
         match self {
             Self::V1_5 => 0x105,
@@ -37,12 +37,13 @@ impl EcrtVersion {
     }
 }
 
-/// How the gateways hang on the master.
+/// Connection of the gateways to the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Topology {
-    /// One behind the other: without one of them the master does not reach those behind it.
+    /// One after the other: a missing gateway cuts off all gateways downstream of it.
     Line,
-    /// On a junction each: a missing one leaves the others reachable, but their positions move up.
+    /// Each on a junction: without a missing gateway the others remain reachable, but their
+    /// positions shift.
     Star,
 }
 
@@ -52,25 +53,25 @@ pub struct GatewaySpec {
     /// Station alias; 0 is none.
     pub alias: u16,
     /// Identity and timing.
-    pub settings: GatewayModelConfig,
+    pub config: GatewayModelConfig,
     /// Whether the SII lets the master write 0x1C12 and 0x1C13.
     pub pdo_assign: bool,
     /// Whether the SII lets the master write the mapping objects.
     pub pdo_configuration: bool,
-    /// Names of the buses of the four channels.
+    /// Names of the CAN buses of the four channels.
     pub buses: [String; ecan_protocol::mapping::CHANNELS],
 }
 
 impl GatewaySpec {
-    /// The gateway at a position, with the default identity and a bus of its own on each channel,
+    /// The gateway at a position, with the default identity and a separate bus on each channel,
     /// named `<position>.<channel>`.
     pub fn at(position: usize) -> Self {
-        let settings = GatewayModelConfig::default();
+        let config = GatewayModelConfig::default();
         Self {
             alias: 0,
-            settings: GatewayModelConfig {
-                serial: settings.serial.wrapping_add(position as u64),
-                ..settings
+            config: GatewayModelConfig {
+                serial: config.serial.wrapping_add(position as u64),
+                ..config
             },
             pdo_assign: true,
             pdo_configuration: false,
@@ -79,44 +80,31 @@ impl GatewaySpec {
     }
 }
 
-/// What a faulty node does; shares are thousandths of the frames it receives.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct FaultyBehaviour {
-    /// Answers left out.
-    pub drop_permille: u16,
-    /// Answers with a wrong byte.
-    pub corrupt_permille: u16,
-    /// Answers sent twice.
-    pub repeat_permille: u16,
-    /// Interval in microseconds at which it babbles frames of the highest priority; 0 is never.
-    pub babble_us: u32,
-}
-
 /// A simulated drive in a scenario.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DriveSpec {
-    /// What it is like.
-    pub settings: DriveConfig,
-    /// Its EDS; without one it has the built-in object dictionary.
+    /// Configuration of the drive.
+    pub config: DriveConfig,
+    /// Path of its EDS; `None` is the built-in object dictionary.
     pub eds: Option<PathBuf>,
 }
 
-/// What a node does.
+/// Behaviour of a node.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum NodeKind {
-    /// Sends every frame back as it came.
+    /// Sends every received frame back unchanged.
     Echo,
-    /// Sends the frames of a candump log at their times, from the moment it is on the bus.
+    /// Sends the frames of a candump log at their recorded times, from the time it joins the bus.
     Replay {
-        /// The log.
+        /// Path of the log.
         file: PathBuf,
     },
-    /// Acknowledges, nothing else.
+    /// Acknowledges frames, sends none.
     Silent,
     /// Connects other programs to the bus.
     Bridge(BridgeSpec),
-    /// Echoes, badly.
-    Faulty(FaultyBehaviour),
+    /// Echoes with faults.
+    Faulty(FaultyConfig),
     /// A CiA 402 drive.
     Drive(Box<DriveSpec>),
 }
@@ -124,38 +112,38 @@ pub enum NodeKind {
 /// One node on a bus.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct NodeSpec {
-    /// Its name, for faults.
+    /// Name, for faults.
     pub name: String,
-    /// The bus it is on.
+    /// Name of its bus.
     pub bus: String,
-    /// What it does.
+    /// Behaviour.
     pub kind: NodeKind,
-    /// Bit rate of arbitration, bit/s; `None` follows the gateway channel on the bus.
+    /// Nominal bit rate, bit/s; `None` uses that of the gateway channel on the bus.
     pub bitrate: Option<u32>,
-    /// Bit rate of the data phase, bit/s; `None` is classic CAN with a given `bitrate`.
+    /// Data bit rate, bit/s; `None` is classic CAN if `bitrate` is given.
     pub data_bitrate: Option<u32>,
 }
 
-/// Everything a simulation is made of. Plain data.
+/// Description of a simulation. Plain data.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Scenario {
-    /// What the banner calls it.
+    /// Name in the banner.
     pub name: String,
-    /// Seed of everything random.
+    /// Seed of all random values.
     pub seed: u64,
-    /// Clock that the scenario demands; `None` leaves it to the program.
+    /// Clock that the scenario requires; `None` leaves it to the program.
     pub clock: Option<ClockKind>,
-    /// How late the application's sleeps end in stepped time; `None` ends them on time.
+    /// Delay of the application's sleeps in stepped time; `None` is no delay.
     pub wake_up: Option<WakeUpDelay>,
     /// Simulated release of the library.
     pub version: EcrtVersion,
-    /// Whether the master sends process data of more than 1486 bytes a direction.
+    /// Whether the master sends process data of more than 1486 bytes per direction.
     pub carries_large_pdos: bool,
-    /// Whether another program holds the master, so that requesting it gives `EBUSY`.
+    /// Whether another program has reserved the master, so that requesting it fails with `EBUSY`.
     pub reserved: bool,
-    /// How the gateways are connected.
+    /// Connection of the gateways.
     pub topology: Topology,
-    /// The gateways in the order of their positions.
+    /// The gateways in order of their positions.
     pub gateways: Vec<GatewaySpec>,
     /// The nodes.
     pub nodes: Vec<NodeSpec>,
@@ -164,7 +152,7 @@ pub struct Scenario {
 }
 
 impl Default for Scenario {
-    /// No gateway, no node: a master with nothing on its link.
+    /// No gateways and no nodes.
     fn default() -> Self {
         Self {
             name: "empty".to_owned(),

@@ -12,12 +12,12 @@ impl World {
         let (bus, station) = self.attach(bus, Owner::Node(index));
         self.add_node(NodeSlot::with_node(name.to_owned(), NodeBody::Other(node), bus, station));
         // The gateway's channel may be running already.
-        let leader = self.slots.iter().flat_map(|slot| &slot.links).find_map(|link| {
+        let config_of_channel = self.slots.iter().flat_map(|slot| &slot.links).find_map(|link| {
             let config = self.buses.get(link.bus)?.bus.config(link.station)?;
             (link.bus == bus).then_some(config)
         });
-        if let Some(config) = leader {
-            self.lead_nodes(bus, config);
+        if let Some(config) = config_of_channel {
+            self.configure_followers(bus, config);
         }
         index
     }

@@ -1,4 +1,4 @@
-//! The CAN side: moves frames between gateways, nodes and buses.
+//! CAN side of the world: moves frames between gateways, nodes and buses.
 
 use ecan_protocol::mapping::CHANNELS;
 
@@ -7,14 +7,14 @@ use crate::world::line::LineSlot;
 use crate::world::node_slot::NodeSlot;
 use crate::world::{NEVER, World};
 
-/// Who a station belongs to.
+/// Owner of a station.
 #[derive(Clone, Copy)]
 pub(super) enum Owner {
     Channel { gateway: usize, channel: usize },
     Node(usize),
 }
 
-/// A bus, and whose its stations are.
+/// A bus and the owners of its stations.
 pub(super) struct BusSlot {
     pub(super) bus: CanBus,
     /// By station.
@@ -31,7 +31,7 @@ impl BusSlot {
         self.next = self.bus.next_event().unwrap_or(NEVER);
     }
 
-    /// Takes the frames just offered into account.
+    /// Plans the bus after frames were offered.
     fn replan(&mut self) {
         self.bus.replan();
         self.refresh();
@@ -39,33 +39,32 @@ impl BusSlot {
 }
 
 impl World {
-    /// Takes notice of whatever changed in a gateway: channel configuration, frames to send,
-    /// its next event.
-    pub(super) fn touch(&mut self, index: usize) {
+    /// Applies changes in a gateway: channel configuration, frames to send, next event.
+    pub(super) fn update_gateway(&mut self, index: usize) {
         let now = self.now;
         for channel in 0..CHANNELS {
-            self.touch_channel(index, channel);
+            self.update_channel(index, channel);
         }
         if let Some(slot) = self.slots.get_mut(index) {
-            // A gateway that has something due now gets its turn at this instant's end, so that
-            // it cannot hold time still.
+            // A gateway with something due now runs at the end of this instant, so that it cannot
+            // stop time.
             slot.next = slot.gateway.next_event().map_or(NEVER, |at| at.max(now + 1));
             slot.acts_seen = Some(slot.gateway.acts());
         }
     }
 
-    /// Takes notice of what an event on a channel's bus has changed in its gateway: only that
-    /// channel, unless the gateway had something due at this instant.
-    fn touch_after_event(&mut self, index: usize, channel: usize) {
+    /// Applies what an event on a channel's bus changed in its gateway: only that channel, unless
+    /// the gateway had something due at this instant.
+    fn update_gateway_after_event(&mut self, index: usize, channel: usize) {
         match self.slots.get(index) {
             Some(slot) if slot.acts_seen == Some(slot.gateway.acts()) => {
-                self.touch_channel(index, channel);
+                self.update_channel(index, channel);
             }
-            _ => self.touch(index),
+            _ => self.update_gateway(index),
         }
     }
 
-    fn touch_channel(&mut self, index: usize, channel: usize) {
+    fn update_channel(&mut self, index: usize, channel: usize) {
         let now = self.now;
         let Some(slot) = self.slots.get_mut(index) else { return };
         let Some(link) = slot.links.get_mut(channel) else { return };
@@ -77,12 +76,12 @@ impl World {
             bus.bus.configure(now, link.station, config);
             let bus = link.bus;
             if let Some(config) = config {
-                self.lead_nodes(bus, config);
+                self.configure_followers(bus, config);
             }
-            self.tell_bus_state(index, channel);
+            self.report_bus_state(index, channel);
             self.refresh_bus(bus);
-            // Neither borrow survived; start over with the configuration in place.
-            return self.touch_channel(index, channel);
+            // The borrows have ended; start over with the configuration in place.
+            return self.update_channel(index, channel);
         }
         let mut changed = false;
         if slot.gateway.wants_recovery(channel) {
@@ -100,9 +99,9 @@ impl World {
         }
     }
 
-    /// Brings the bit rates of a gateway's channel to the nodes that follow it. A node starts with
+    /// Applies the bit rates of a gateway's channel to the nodes that use them. A node starts with
     /// its first configuration.
-    pub(super) fn lead_nodes(&mut self, bus: usize, config: StationConfig) {
+    pub(super) fn configure_followers(&mut self, bus: usize, config: StationConfig) {
         let config = StationConfig { mode: StationMode::Normal, auto_retransmit: true, ..config };
         for index in 0..self.nodes.len() {
             let follows = self
@@ -115,13 +114,13 @@ impl World {
         }
     }
 
-    /// Adds a node that is not started yet.
+    /// Adds a node that has not started.
     pub(super) fn add_node(&mut self, node: NodeSlot) {
         self.nodes.push(node);
         self.nodes_due.add();
     }
 
-    /// Starts a node that has bit rates of its own.
+    /// Starts a node with its own bit rates.
     pub(super) fn start_fixed_node(&mut self, index: usize) {
         if let Some(config) = self.nodes.get(index).and_then(|node| node.fixed) {
             self.configure_node(index, config);
@@ -154,8 +153,8 @@ impl World {
         }
     }
 
-    /// Takes what a node wants to send and puts its first frame into arbitration. Also takes its
-    /// controller off the bus and puts it back.
+    /// Takes the frames that a node wants to send, puts the first into arbitration, and connects or
+    /// disconnects its controller.
     pub(super) fn collect_output(&mut self, index: usize) {
         let changed = self.collect_unplanned(index);
         let bus = self.nodes.get(index).map(|slot| slot.bus);
@@ -167,11 +166,12 @@ impl World {
         }
     }
 
-    /// The same for one of several nodes of a bus. Whether the bus is to be planned anew.
+    /// As [`collect_output`](Self::collect_output for one of several nodes of a bus. Returns whether the
+    /// bus must be planned again.
     fn collect_unplanned(&mut self, index: usize) -> bool {
         let now = self.now;
         let Some(slot) = self.nodes.get_mut(index) else { return false };
-        slot.is_concerned = false;
+        slot.has_events = false;
         let config = slot.config.filter(|_| slot.node.as_node().is_on_bus());
         if now < slot.muted_until || config.is_none() {
             slot.output.clear();
@@ -180,7 +180,7 @@ impl World {
         let due = if self.nodes_had_turn {
             slot.node.next_due()
         } else {
-            // What is due now comes behind whatever has brought the world here.
+            // What is due now comes after the event that is being processed.
             slot.node.catch_up(now - 1);
             let due = slot.node.as_node().next_event();
             slot.is_postponed = due.is_some_and(|at| at <= now);
@@ -207,7 +207,7 @@ impl World {
         }
     }
 
-    /// Runs a bus up to now and hands out what happened there.
+    /// Runs a bus up to now and delivers its events.
     pub(super) fn run_bus(&mut self, index: usize) {
         let now = self.now;
         loop {
@@ -227,7 +227,7 @@ impl World {
                 let Some(slot) = self.buses.get_mut(index) else { return };
                 slot.replan();
                 if slot.next <= now {
-                    // Nothing happened and nothing moved: let the clock go on.
+                    // No event and no progress: continue with time.
                     slot.next = now + 1;
                     return;
                 }
@@ -237,8 +237,8 @@ impl World {
         }
     }
 
-    /// Tells the owner of a station what it has to know. Frames that it sends in answer go to the
-    /// bus [afterwards](Self::after_events).
+    /// Delivers an event to the owner of a station. Its response is sent in
+    /// [`after_events`](Self::after_events).
     fn deliver(&mut self, bus: usize, event: &BusEvent) {
         let now = self.now;
         if let Some(recording) = &mut self.recording {
@@ -268,7 +268,7 @@ impl World {
             }
             Some(&Owner::Node(index)) => {
                 let Some(slot) = self.nodes.get_mut(index) else { return };
-                slot.is_concerned |= match event {
+                slot.has_events |= match event {
                     BusEvent::Transmitted { frame, .. } => {
                         slot.node.as_node_mut().transmitted(now, frame, &mut slot.output);
                         true
@@ -284,19 +284,19 @@ impl World {
         }
     }
 
-    /// Tells gateways the error counters, and lets everyone who had to do with the events offer
-    /// the next frame.
+    /// Passes error counters to gateways, and lets every station with an event offer its next
+    /// frame.
     fn after_events(&mut self, bus: usize) {
         let stations = self.buses.get(bus).map_or(0, |slot| slot.owners.len());
         for station in 0..stations {
             let owner = self.buses.get(bus).and_then(|slot| slot.owners.get(station)).copied();
             match owner {
                 Some(Owner::Channel { gateway, channel }) => {
-                    self.tell_bus_state(gateway, channel);
-                    self.touch_after_event(gateway, channel);
+                    self.report_bus_state(gateway, channel);
+                    self.update_gateway_after_event(gateway, channel);
                 }
                 Some(Owner::Node(index))
-                    if self.nodes.get(index).is_some_and(|slot| slot.is_concerned) =>
+                    if self.nodes.get(index).is_some_and(|slot| slot.has_events) =>
                 {
                     self.recover_node(index);
                 }
@@ -308,7 +308,7 @@ impl World {
         }
     }
 
-    /// A node that went bus-off comes back by itself, as most do.
+    /// Nodes recover from bus-off automatically, as most do.
     fn recover_node(&mut self, index: usize) {
         let now = self.now;
         let Some(slot) = self.nodes.get(index) else { return };
@@ -319,7 +319,7 @@ impl World {
         self.collect_unplanned(index);
     }
 
-    fn tell_bus_state(&mut self, index: usize, channel: usize) {
+    fn report_bus_state(&mut self, index: usize, channel: usize) {
         let now = self.now;
         let Some(slot) = self.slots.get_mut(index) else { return };
         let Some(link) = slot.links.get_mut(channel) else { return };
@@ -360,9 +360,9 @@ impl World {
         }
         events.clear();
         self.events = events;
-        // Faults strike first: whoever had its turn now gets it behind what follows from them.
+        // Faults come first: who already ran at this instant runs again after them.
         for node in self.nodes.iter_mut().filter(|node| node.bus == bus) {
-            node.is_concerned = true;
+            node.has_events = true;
         }
         let is_there = |slot: &&mut LineSlot| slot.links.iter().any(|link| link.bus == bus);
         self.slots.iter_mut().filter(is_there).for_each(|slot| slot.acts_seen = None);

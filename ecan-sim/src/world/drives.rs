@@ -1,4 +1,4 @@
-//! The drives of the world: tests look into them, faults strike them.
+//! Access to the drives of the world.
 
 use ecan_canopen::{Emcy, NodeId};
 
@@ -9,7 +9,7 @@ use crate::world::node_slot::{NodeBody, NodeSlot};
 use crate::world::{World, ms};
 
 impl World {
-    /// The drives and their names, in the order of the scenario.
+    /// The drives with their names, in the order of the scenario.
     pub fn drives(&self) -> impl Iterator<Item = (&str, &Drive)> {
         self.nodes.iter().filter_map(|slot| match &slot.node {
             NodeBody::Drive(drive) => Some((slot.name.as_str(), &**drive)),
@@ -22,7 +22,7 @@ impl World {
         self.drives().find(|(other, _)| *other == name).map(|(_, drive)| drive)
     }
 
-    /// The drive with this node id on a gateway's channel.
+    /// The drive with this node-ID on a gateway's channel.
     pub fn drive_at(&self, gateway: usize, channel: usize, node: NodeId) -> Option<&Drive> {
         let place = self.drive_place(gateway, channel, node)?;
         match &self.nodes.get(place)?.node {
@@ -31,7 +31,7 @@ impl World {
         }
     }
 
-    /// Name of the drive with this node id on a gateway's channel, for faults.
+    /// Name of the drive with this node-ID on a gateway's channel, for faults.
     pub fn drive_name(&self, gateway: usize, channel: usize, node: NodeId) -> Option<&str> {
         let place = self.drive_place(gateway, channel, node)?;
         self.nodes.get(place).map(|slot| slot.name.as_str())
@@ -45,7 +45,7 @@ impl World {
         })
     }
 
-    /// Lets a fault strike a drive.
+    /// Injects a fault into a drive.
     pub(super) fn drive_fault(&mut self, name: &str, fault: DriveFault) {
         let now = self.now;
         let Some(place) = self.nodes.iter().position(|slot| slot.name == name) else { return };

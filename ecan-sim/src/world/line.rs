@@ -1,4 +1,4 @@
-//! The EtherCAT side: who answers, and what a logical datagram does on its way.
+//! EtherCAT side of the world: which gateways respond, and the effect of logical datagrams.
 
 use ecan_protocol::mapping::CHANNELS;
 
@@ -17,7 +17,7 @@ pub(crate) enum ProcessDirection {
     Input,
 }
 
-/// A logically addressed command.
+/// A logical command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum LogicalCommand {
     /// LRD
@@ -28,21 +28,21 @@ pub(crate) enum LogicalCommand {
     ReadWrite,
 }
 
-/// One FMMU of a slave as the master has set it up.
+/// One FMMU of a slave, as configured by the master.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Fmmu {
-    /// First logical address.
+    /// Logical start address.
     pub(crate) logical_start: u32,
-    /// Bytes.
+    /// Length in bytes.
     pub(crate) length: u16,
-    /// Sync manager behind it.
+    /// Mapped sync manager.
     pub(crate) sync_manager: u8,
     /// Direction.
     pub(crate) direction: ProcessDirection,
 }
 
 impl Fmmu {
-    /// The FMMU's part of a datagram's data; none unless the datagram covers all of it.
+    /// The part of a datagram's data that the FMMU maps; none unless the datagram covers all of it.
     fn part<'a>(&self, logical: u32, data: &'a mut [u8]) -> Option<&'a mut [u8]> {
         let from = usize::try_from(self.logical_start.checked_sub(logical)?).ok()?;
         data.get_mut(from..from + usize::from(self.length))
@@ -53,9 +53,9 @@ impl Fmmu {
 pub(super) struct ChannelLink {
     pub(super) bus: usize,
     pub(super) station: StationId,
-    /// Configuration generation of the gateway that the bus knows.
+    /// Configuration generation that the bus has applied.
     pub(super) generation: Option<u32>,
-    /// Error state and counters that the gateway was last told.
+    /// Error state and counters last passed to the gateway.
     pub(super) told: (ErrorState, u16, u16),
 }
 
@@ -65,22 +65,21 @@ impl ChannelLink {
     }
 }
 
-/// A gateway's place on the line.
+/// A gateway on the line.
 pub(super) struct LineSlot {
     pub(super) gateway: Gateway,
     pub(super) spec: GatewaySpec,
     pub(super) fmmus: Vec<Fmmu>,
     pub(super) links: [ChannelLink; CHANNELS],
-    /// When the supply comes back.
+    /// Time at which the supply returns.
     pub(super) power_on_at: Option<u64>,
-    /// Until when the cable towards the master is open.
+    /// Time until which the cable towards the master is open.
     pub(super) cable_open_until: u64,
-    /// Counts losses of supply: a station address does not survive one.
+    /// Number of supply losses: a station address does not survive one.
     pub(super) generation: u32,
-    /// When the gateway does something by itself.
+    /// Time of the gateway's next event.
     pub(super) next: u64,
-    /// How often the gateway had acted by itself when notice was last taken; `None` when notice is
-    /// due whatever it did.
+    /// The gateway's own event count at the last update; `None` forces an update.
     pub(super) acts_seen: Option<u64>,
 }
 
@@ -100,7 +99,7 @@ impl LineSlot {
     }
 }
 
-/// What the faults make of the frames of one send.
+/// Effect of the faults on the frames of one send.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct CycleFaults {
     pub(crate) lost: Option<LossDirection>,
@@ -116,8 +115,8 @@ impl World {
         }
     }
 
-    /// Whether a frame of the master reaches this gateway and comes back: it has booted, its cable
-    /// is plugged in, and so it is with those before it in a line.
+    /// Whether a frame of the master reaches this gateway and returns: it has booted and its cable
+    /// is connected, and in a line the same holds for all gateways before it.
     pub fn is_reachable(&self, index: usize) -> bool {
         let answers =
             |slot: &LineSlot| slot.cable_open_until <= self.now && slot.gateway.is_responding();
@@ -129,12 +128,12 @@ impl World {
         }
     }
 
-    /// Losses of supply of a gateway so far.
+    /// Number of supply losses of a gateway.
     pub(crate) fn generation(&self, index: usize) -> u32 {
         self.slots.get(index).map_or(0, |slot| slot.generation)
     }
 
-    /// The scenario's word on a gateway.
+    /// Specification of a gateway.
     pub(crate) fn spec(&self, index: usize) -> Option<&GatewaySpec> {
         self.slots.get(index).map(|slot| &slot.spec)
     }
@@ -147,7 +146,7 @@ impl World {
         }
     }
 
-    /// Asks the faults whether this call of the library fails; the error number if it does.
+    /// Error number of this call of the library, if a fault makes it fail.
     pub(crate) fn library_call(&mut self, call: LibraryCall) -> Result<(), i32> {
         match self.library_errors.get_mut(call as usize) {
             Some((errno, times)) if *times > 0 => {
@@ -158,12 +157,12 @@ impl World {
         }
     }
 
-    /// When the faults let the master begin requests again, if they keep it from that now.
+    /// Time from which the master starts requests again, if a fault prevents it now.
     pub(crate) fn requests_held_until(&self) -> Option<u64> {
         (self.requests_held_until > self.now).then_some(self.requests_held_until)
     }
 
-    /// Begins a send that carries process data: counts it and asks the faults.
+    /// Begins a send with process data: counts it and applies scripted faults.
     pub(crate) fn begin_cycle(&mut self) -> CycleFaults {
         self.cycle += 1;
         while let Some(fault) = self.script.due_cycle(self.cycle) {
@@ -181,10 +180,10 @@ impl World {
         fate
     }
 
-    /// Sends a logical datagram through all slaves; gives its working counter.
+    /// Passes a logical datagram through all slaves and returns its working counter.
     ///
-    /// A slave's read and write are judged each on its own: in an LRW a read adds 1 and a write
-    /// adds 2, a refused one adds nothing and leaves the data alone.
+    /// Reads and writes of a slave count separately: in an LRW a read adds 1 and a write adds 2; a
+    /// rejected one adds nothing and leaves the data unchanged.
     pub(crate) fn exchange(
         &mut self,
         command: LogicalCommand,
@@ -218,7 +217,7 @@ impl World {
                 counter = counter.wrapping_add(if done { weight } else { 0 });
             }
             if touched {
-                self.touch(index);
+                self.update_gateway(index);
             }
         }
         counter

@@ -1,16 +1,14 @@
-//! A node in the world: what it is, its controller, its queue.
+//! A node in the world with its controller and its queue.
 
-use ecan_protocol::can::{CanFrame, CanId};
+use ecan_protocol::can::CanFrame;
 
 use crate::backend_error::BackendError;
 use crate::bus::{StationConfig, StationId};
 use crate::drive::Drive;
-use crate::node::{
-    BridgeFactory, EchoNode, FaultyConfig, FaultyNode, Node, NodeOutput, ReplayNode, SilentNode,
-};
+use crate::node::{BridgeFactory, EchoNode, FaultyNode, Node, NodeOutput, ReplayNode, SilentNode};
 use crate::scenario::{DriveSpec, NodeKind, NodeSpec};
 
-/// A node; drives are kept apart because tests look into them and faults strike them.
+/// A node; drives are kept apart because tests read them and faults address them.
 pub(super) enum NodeBody {
     Drive(Box<Drive>),
     Other(Box<dyn Node>),
@@ -31,7 +29,7 @@ impl NodeBody {
         }
     }
 
-    /// When it has to act by itself at the latest. A drive may be [behind](Self::catch_up) until
+    /// Time at which the node must run at the latest. A drive may be [late](Self::catch_up) until
     /// then.
     pub(super) fn next_due(&self) -> Option<u64> {
         match self {
@@ -40,17 +38,17 @@ impl NodeBody {
         }
     }
 
-    /// Does what a node puts off while no one looks at it.
+    /// Executes what a node has postponed.
     pub(super) fn catch_up(&mut self, now: u64) {
         if let Self::Drive(drive) = self {
             drive.catch_up(now);
         }
     }
 
-    /// A frame has been received. Whether it meant anything to the node.
+    /// Receives a frame; returns whether the node used it.
     pub(super) fn received(&mut self, now: u64, frame: &CanFrame, out: &mut NodeOutput) -> bool {
         match self {
-            Self::Drive(drive) => drive.takes(now, frame, out),
+            Self::Drive(drive) => drive.receive(now, frame, out),
             Self::Other(node) => {
                 node.received(now, frame, out);
                 true
@@ -72,18 +70,18 @@ pub(super) struct NodeSlot {
     pub(super) node: NodeBody,
     pub(super) bus: usize,
     pub(super) station: StationId,
-    /// Its own bit rates; `None` follows the gateway.
+    /// Its own bit rates; `None` uses those of the gateway.
     pub(super) fixed: Option<StationConfig>,
-    /// The bit rates it has; it has started with the first.
+    /// Active bit rates; the node starts with the first.
     pub(super) config: Option<StationConfig>,
     /// Frames that wait for the bus.
     pub(super) output: NodeOutput,
     pub(super) muted_until: u64,
-    /// Something has happened to it on the bus, so that its output has to be looked at.
-    pub(super) is_concerned: bool,
-    /// It has lost its turn at this instant and gets it right behind.
+    /// An event on the bus concerned the node: its output must be read.
+    pub(super) has_events: bool,
+    /// The node lost its turn at this instant and runs right after.
     pub(super) is_postponed: bool,
-    /// Taken off the bus for good.
+    /// Removed from the bus for good.
     pub(super) detached: bool,
 }
 
@@ -105,14 +103,7 @@ impl NodeSlot {
                 let make = bridges.ok_or(BackendError::NoBridges { node })?;
                 other(make(bridge).map_err(BackendError::Bridge)?)
             }
-            NodeKind::Faulty(behaviour) => other(Box::new(FaultyNode::new(FaultyConfig {
-                seed,
-                drop_per_mille: behaviour.drop_permille,
-                corrupt_per_mille: behaviour.corrupt_permille,
-                repeat_per_mille: behaviour.repeat_permille,
-                babble: if behaviour.babble_us > 0 { babble() } else { None },
-                babble_interval_ns: u64::from(behaviour.babble_us) * 1_000,
-            }))),
+            NodeKind::Faulty(config) => other(Box::new(FaultyNode::new(*config, seed))),
             NodeKind::Drive(drive) => NodeBody::Drive(Box::new(make_drive(drive)?)),
         };
         let fixed = spec.bitrate.map(|nominal| match spec.data_bitrate {
@@ -122,7 +113,7 @@ impl NodeSlot {
         Ok(Self { fixed, ..Self::with_node(spec.name.clone(), node, bus, station) })
     }
 
-    /// A node that follows the bit rates of the gateway.
+    /// A node that uses the bit rates of the gateway.
     pub(super) fn with_node(name: String, node: NodeBody, bus: usize, station: StationId) -> Self {
         Self {
             name,
@@ -133,16 +124,11 @@ impl NodeSlot {
             config: None,
             output: NodeOutput::new(),
             muted_until: 0,
-            is_concerned: false,
+            has_events: false,
             is_postponed: false,
             detached: false,
         }
     }
-}
-
-/// What a babbling node says: the identifier that wins every arbitration.
-fn babble() -> Option<CanFrame> {
-    CanFrame::classic(CanId::standard(0).ok()?, &[0xBB; 8]).ok()
 }
 
 fn read_log(path: &std::path::Path) -> Result<ReplayNode, BackendError> {
@@ -156,9 +142,9 @@ fn read_log(path: &std::path::Path) -> Result<ReplayNode, BackendError> {
 }
 
 fn make_drive(spec: &DriveSpec) -> Result<Drive, BackendError> {
-    let Some(path) = &spec.eds else { return Ok(Drive::new(&spec.settings)) };
+    let Some(path) = &spec.eds else { return Ok(Drive::new(&spec.config)) };
     let text = std::fs::read_to_string(path)
         .map_err(|error| BackendError::Read { path: path.clone(), error })?;
-    Drive::from_eds(&spec.settings, &text)
+    Drive::from_eds(&spec.config, &text)
         .map_err(|error| BackendError::Eds { path: path.clone(), error })
 }

@@ -1,4 +1,4 @@
-//! What an analyser on a bus would have recorded.
+//! Recording of the frames on CAN buses.
 
 use ecan_protocol::can::CanFrame;
 
@@ -6,21 +6,21 @@ use crate::bus::{BusEvent, StationId};
 use crate::world::World;
 use crate::world::can_side::Owner;
 
-/// A frame that went out on a bus and was acknowledged.
+/// A frame that was sent on a bus and acknowledged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BusFrame {
-    /// Start of frame, in nanoseconds of simulated time.
+    /// Start of frame, simulated ns.
     pub start_ns: u64,
-    /// End of frame, in nanoseconds of simulated time.
+    /// End of frame, simulated ns.
     pub end_ns: u64,
-    /// The frame as it was on the wire.
+    /// The frame as sent on the wire.
     pub frame: CanFrame,
-    /// Whether the gateway's channel sent it that the recording was started for; in a recording of
-    /// all buses, whether any gateway's channel did.
+    /// Whether the frame was sent by the gateway channel for which the recording was started; in a
+    /// recording of all buses, by any gateway channel.
     pub is_from_channel: bool,
 }
 
-/// What is recorded.
+/// Extent of a recording.
 enum Scope {
     /// The bus of one channel.
     Channel { bus: usize, station: StationId },
@@ -28,10 +28,10 @@ enum Scope {
     All,
 }
 
-/// A recording under way.
+/// A recording in progress.
 pub(super) struct Recording {
     scope: Scope,
-    /// Each with its bus.
+    /// Frames with the index of their bus.
     frames: Vec<(usize, BusFrame)>,
 }
 
@@ -40,7 +40,7 @@ impl Recording {
         Self { scope, frames: Vec::new() }
     }
 
-    /// Notes what happened on a bus; `owners` are those of its stations.
+    /// Records an event of a bus; `owners` are those of its stations.
     pub(super) fn note(&mut self, bus: usize, owners: &[Owner], event: &BusEvent) {
         let BusEvent::Transmitted { station, frame, start_ns, at_ns } = event else { return };
         let is_from_channel = match self.scope {
@@ -54,9 +54,9 @@ impl Recording {
 }
 
 impl World {
-    /// Records from now on every frame on the bus that a gateway's channel is on, in place of a
-    /// recording under way. False where there is no such channel. A recording takes memory for
-    /// each frame until it is fetched.
+    /// Starts recording every frame on the bus of a gateway's channel; replaces a running
+    /// recording. Returns false if the channel does not exist. A recording needs memory for each
+    /// frame until it is taken.
     pub fn record_bus_of(&mut self, gateway: usize, channel: usize) -> bool {
         let link = self.slots.get(gateway).and_then(|slot| slot.links.get(channel));
         let scope = link.map(|link| Scope::Channel { bus: link.bus, station: link.station });
@@ -64,21 +64,21 @@ impl World {
         self.recording.is_some()
     }
 
-    /// Records from now on every frame on every bus, in place of a recording under way. A recording
-    /// takes memory for each frame until it is fetched.
+    /// Starts recording every frame on every bus; replaces a running recording. A recording needs
+    /// memory for each frame until it is taken.
     pub fn record_all_buses(&mut self) {
         self.recording = Some(Recording::new(Scope::All));
     }
 
-    /// Fetches what was recorded since the last call, in the order of the bus, and goes on
-    /// recording. Empty where nothing is recorded.
+    /// Takes the frames recorded since the last call, in the order of the bus. Empty if nothing is
+    /// recorded.
     pub fn take_recorded(&mut self) -> Vec<BusFrame> {
         let frames = self.recording.as_mut().map(|it| std::mem::take(&mut it.frames));
         frames.unwrap_or_default().into_iter().map(|(_, frame)| frame).collect()
     }
 
-    /// The same with the name of the bus for each frame, in the order in which they ended; keeps the
-    /// memory for those to come.
+    /// As [`take_recorded`](Self::take_recorded), with the bus name of each frame, in the order in
+    /// which the frames ended; keeps the memory allocated.
     pub fn drain_recorded(&mut self, mut take: impl FnMut(&str, &BusFrame)) {
         let Some(recording) = &mut self.recording else { return };
         for (bus, frame) in recording.frames.drain(..) {

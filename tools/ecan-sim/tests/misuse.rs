@@ -24,7 +24,7 @@ fn wrong_options_are_named() {
         (&[&wire[..], &["--no-such-flag"]].concat(), "--no-such-flag"),
         (&[&wire[..], &["--gateways", "0"]].concat(), "1..=64"),
         (&[&wire[..], &["--gateways", "two"]].concat(), "--gateways"),
-        (&[&wire[..], &["--scenario", "ecco"]].concat(), "there are: echo, drives, jitter"),
+        (&[&wire[..], &["--scenario", "ecco"]].concat(), "allowed: echo, drives, jitter"),
         (&[&wire[..], &["--scenario", "/no/such.toml"]].concat(), "cannot read /no/such.toml"),
         (&[&wire[..], &["--scenario", wrong.to_str().unwrap()]].concat(), "seriel"),
         (&[&wire[..], &["--scenario", empty.to_str().unwrap()]].concat(), "has no gateway"),

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use ecan_bridge::{BridgeInfo, ServerError};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{
-    BackendError, BridgeProtocol, BridgeSpec, ClockKind, Fault, FaultyBehaviour, GatewaySpec,
+    BackendError, BridgeProtocol, BridgeSpec, ClockKind, Fault, FaultyConfig, GatewaySpec,
     NodeKind, NodeSpec, RunnerError, Scenario, SimOptions, Simulation,
 };
 use ecan_sim_bridge::{BridgeError, attach, bridges};
@@ -191,7 +191,7 @@ fn queues_are_bounded_and_count_what_they_drop() {
 /// does the end of it all.
 #[test]
 fn a_client_that_does_not_read_holds_nobody_up() {
-    let babbler = FaultyBehaviour { babble_us: 100, ..FaultyBehaviour::default() };
+    let babbler = FaultyConfig { babble_us: 100, ..FaultyConfig::default() };
     let scenario = Scenario {
         gateways: vec![GatewaySpec::at(0)],
         nodes: vec![

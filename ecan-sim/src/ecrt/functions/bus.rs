@@ -61,7 +61,7 @@ pub unsafe extern "C" fn master_get_slave(
         let call = on_master(master)?;
         let last = call.with(|state| state.master.slaves.len());
         let value = call.slave(position, |slave| {
-            let settings = &slave.spec.settings;
+            let settings = &slave.spec.config;
             let mut value = ec_slave_info_t {
                 position,
                 vendor_id: settings.vendor_id,

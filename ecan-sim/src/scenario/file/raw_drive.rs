@@ -1,14 +1,9 @@
 //! Drives in a scenario file.
 
-use std::path::Path;
-
-use ecan_canopen::NodeId;
 use ecan_protocol::object::AbortCode;
 use serde::Deserialize;
 
-use crate::drive::{DriveConfig, DriveQuirks, MotorConfig, SdoDirection, SdoEffect, SdoRule};
-use crate::scenario::DriveSpec;
-use crate::scenario::file::raw_node::RawNode;
+use crate::drive::{DriveQuirks, MotorConfig, SdoDirection, SdoEffect, SdoRule};
 use crate::scenario::file::set;
 
 #[derive(Deserialize)]
@@ -29,7 +24,7 @@ pub(super) struct RawMotor {
 }
 
 impl RawMotor {
-    fn build(self) -> Result<MotorConfig, String> {
+    pub(super) fn build(self) -> Result<MotorConfig, String> {
         let mut motor = MotorConfig::default();
         set(&mut motor.increments_per_revolution, self.increments_per_revolution);
         set(&mut motor.max_velocity, self.max_velocity);
@@ -51,10 +46,10 @@ impl RawMotor {
             ("period_us", motor.period_us),
         ];
         if let Some((key, _)) = above_zero.iter().find(|(_, value)| *value == 0) {
-            return Err(format!("`{key}` of a motor is not 0"));
+            return Err(format!("`{key}` = 0 is out of range; must be above 0"));
         }
         if motor.limit_switches.0 >= motor.limit_switches.1 {
-            return Err("`limit_switches` are the negative one and the positive one".to_owned());
+            return Err("the negative limit switch must be below the positive one".to_owned());
         }
         Ok(motor)
     }
@@ -80,7 +75,7 @@ pub(super) struct RawQuirks {
 }
 
 impl RawQuirks {
-    fn build(self) -> Result<DriveQuirks, String> {
+    pub(super) fn build(self) -> Result<DriveQuirks, String> {
         let mut quirks = DriveQuirks::default();
         set(&mut quirks.refuses_mapping_while_valid, self.refuses_mapping_while_valid);
         set(&mut quirks.fixed_mapping, self.fixed_mapping);
@@ -138,37 +133,5 @@ impl RawSdoRule {
             effect,
             times: self.times,
         })
-    }
-}
-
-impl RawNode {
-    /// A key that only drives have, if one is there.
-    pub(super) fn drive_key(&self) -> Option<&'static str> {
-        let keys = [
-            ("node_id", self.node_id.is_some()),
-            ("eds", self.eds.is_some()),
-            ("serial", self.serial.is_some()),
-            ("boot_ms", self.boot_ms.is_some()),
-            ("sdo_delay_us", self.sdo_delay_us.is_some()),
-            ("enable_ms", self.enable_ms.is_some()),
-            ("motor", self.motor.is_some()),
-            ("quirks", self.quirks.is_some()),
-        ];
-        keys.iter().find(|(_, given)| *given).map(|(key, _)| *key)
-    }
-
-    pub(super) fn drive(&mut self, directory: &Path) -> Result<DriveSpec, String> {
-        let node = self.node_id.ok_or("a node of kind \"drive\" needs `node_id`")?;
-        let node = NodeId::new(node)
-            .ok_or_else(|| format!("`node_id` {node} is out of range: 1 to 127"))?;
-        let mut settings = DriveConfig::new(node);
-        set(&mut settings.serial, self.serial);
-        set(&mut settings.boot_ms, self.boot_ms);
-        set(&mut settings.sdo_delay_us, self.sdo_delay_us);
-        set(&mut settings.enable_ms, self.enable_ms);
-        set(&mut settings.motor, self.motor.take().map(RawMotor::build).transpose()?);
-        set(&mut settings.quirks, self.quirks.take().map(RawQuirks::build).transpose()?);
-        let eds = self.eds.take().map(|file| directory.join(file));
-        Ok(DriveSpec { settings, eds })
     }
 }

@@ -86,7 +86,7 @@ impl From<RawCall> for LibraryCall {
     }
 }
 
-/// Error numbers that have a name here.
+/// Error numbers that can be given by name.
 const ERRNO_NAMES: [(&str, i32); 12] = [
     ("EPERM", libc::EPERM),
     ("ENOENT", libc::ENOENT),
@@ -101,7 +101,7 @@ const ERRNO_NAMES: [(&str, i32); 12] = [
     ("EINVAL", libc::EINVAL),
     ("ETIMEDOUT", libc::ETIMEDOUT),
 ];
-/// Largest error number of the kernel.
+/// Largest error number of Linux.
 const ERRNO_MAX: i64 = 4095;
 
 impl RawFault {
@@ -113,7 +113,7 @@ impl RawFault {
         };
         let fault = match self.kind {
             RawFaultKind::LostFrame => Fault::LostFrame {
-                way: match self.way.take() {
+                direction: match self.way.take() {
                     Some(RawLossDirection::Return) => LossDirection::Return,
                     Some(RawLossDirection::Outward) | None => LossDirection::Outward,
                 },
@@ -218,14 +218,14 @@ impl RawFault {
     fn node<'a>(&mut self, scenario: &'a Scenario) -> Result<&'a NodeSpec, String> {
         let name = need("node", self.node.take())?;
         let node = scenario.nodes.iter().find(|known| known.name == name);
-        node.ok_or_else(|| format!("there is no node of the name \"{name}\""))
+        node.ok_or_else(|| format!("node \"{name}\" does not exist"))
     }
 
     fn drive(&mut self, scenario: &Scenario) -> Result<String, String> {
         let node = self.node(scenario)?;
         match node.kind {
             NodeKind::Drive(_) => Ok(node.name.clone()),
-            _ => Err(format!("node \"{}\" is no drive", node.name)),
+            _ => Err(format!("node \"{}\" is not a drive", node.name)),
         }
     }
 
@@ -239,7 +239,7 @@ impl RawFault {
         if gateway < scenario.gateways.len() {
             Ok(gateway)
         } else {
-            Err(format!("gateway {gateway} does not exist: there are {}", scenario.gateways.len()))
+            Err(format!("gateway {gateway} does not exist; there are {}", scenario.gateways.len()))
         }
     }
 
@@ -249,7 +249,7 @@ impl RawFault {
             Ok(channel)
         } else {
             Err(format!(
-                "channel {channel} does not exist: there are {}",
+                "channel {channel} does not exist; there are {}",
                 ecan_protocol::mapping::CHANNELS
             ))
         }
@@ -272,6 +272,7 @@ impl RawFault {
             ("times", self.times.is_some()),
             ("call", self.call.is_some()),
             ("errno", self.errno.is_some()),
+            ("ns", self.ns.is_some()),
         ];
         keys.iter().find(|(_, given)| *given).map(|(key, _)| *key)
     }
@@ -281,7 +282,7 @@ fn need<T>(key: &str, value: Option<T>) -> Result<T, String> {
     value.ok_or_else(|| format!("this kind of fault needs `{key}`"))
 }
 
-/// An error number, given as such or by its name.
+/// Reads an error number, given as number or name.
 fn errno(value: &toml::Value) -> Result<i32, String> {
     let number = match value {
         toml::Value::Integer(number @ 1..=ERRNO_MAX) => i32::try_from(*number).ok(),
@@ -292,6 +293,9 @@ fn errno(value: &toml::Value) -> Result<i32, String> {
     };
     number.ok_or_else(|| {
         let names: Vec<_> = ERRNO_NAMES.iter().map(|(name, _)| *name).collect();
-        format!("`errno` is a number, 1 to {ERRNO_MAX}, or one of: {}", names.join(", "))
+        format!(
+            "invalid `errno`; allowed: a number from 1 to {ERRNO_MAX}, or one of: {}",
+            names.join(", ")
+        )
     })
 }

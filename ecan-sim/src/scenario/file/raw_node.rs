@@ -3,11 +3,14 @@
 use std::net::IpAddr;
 use std::path::{Path, PathBuf};
 
+use ecan_canopen::NodeId;
 use serde::Deserialize;
 
-use crate::node::{BridgeProtocol, BridgeSpec};
+use crate::drive::DriveConfig;
+use crate::node::{BridgeProtocol, BridgeSpec, FaultyConfig};
 use crate::scenario::file::raw_drive::{RawMotor, RawQuirks};
-use crate::scenario::{FaultyBehaviour, NodeKind, NodeSpec, Scenario};
+use crate::scenario::file::set;
+use crate::scenario::{DriveSpec, NodeKind, NodeSpec, Scenario};
 
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -27,14 +30,14 @@ pub(super) struct RawNode {
     port: Option<u16>,
     max_clients: Option<usize>,
     queue: Option<usize>,
-    pub(super) node_id: Option<u8>,
-    pub(super) eds: Option<PathBuf>,
-    pub(super) serial: Option<u32>,
-    pub(super) boot_ms: Option<u32>,
-    pub(super) sdo_delay_us: Option<u32>,
-    pub(super) enable_ms: Option<u32>,
-    pub(super) motor: Option<RawMotor>,
-    pub(super) quirks: Option<RawQuirks>,
+    node_id: Option<u8>,
+    eds: Option<PathBuf>,
+    serial: Option<u32>,
+    boot_ms: Option<u32>,
+    sdo_delay_us: Option<u32>,
+    enable_ms: Option<u32>,
+    motor: Option<RawMotor>,
+    quirks: Option<RawQuirks>,
 }
 
 #[derive(Deserialize, Clone, Copy, PartialEq)]
@@ -48,7 +51,46 @@ enum RawNodeKind {
     Drive,
 }
 
+impl RawNodeKind {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Echo => "echo",
+            Self::Replay => "replay",
+            Self::Silent => "silent",
+            Self::Faulty => "faulty",
+            Self::Bridge => "bridge",
+            Self::Drive => "drive",
+        }
+    }
+}
+
 impl RawNode {
+    /// The keys of one kind only, and whether they are given.
+    fn keys(&self) -> impl Iterator<Item = (RawNodeKind, &'static str, bool)> {
+        use RawNodeKind::{Bridge, Drive, Faulty, Replay};
+        [
+            (Faulty, "drop_permille", self.drop_permille.is_some()),
+            (Faulty, "corrupt_permille", self.corrupt_permille.is_some()),
+            (Faulty, "repeat_permille", self.repeat_permille.is_some()),
+            (Faulty, "babble_us", self.babble_us.is_some()),
+            (Bridge, "protocol", self.protocol.is_some()),
+            (Bridge, "address", self.address.is_some()),
+            (Bridge, "port", self.port.is_some()),
+            (Bridge, "max_clients", self.max_clients.is_some()),
+            (Bridge, "queue", self.queue.is_some()),
+            (Drive, "node_id", self.node_id.is_some()),
+            (Drive, "eds", self.eds.is_some()),
+            (Drive, "serial", self.serial.is_some()),
+            (Drive, "boot_ms", self.boot_ms.is_some()),
+            (Drive, "sdo_delay_us", self.sdo_delay_us.is_some()),
+            (Drive, "enable_ms", self.enable_ms.is_some()),
+            (Drive, "motor", self.motor.is_some()),
+            (Drive, "quirks", self.quirks.is_some()),
+            (Replay, "file", self.file.is_some()),
+        ]
+        .into_iter()
+    }
+
     pub(super) fn build(
         mut self,
         scenario: &Scenario,
@@ -58,54 +100,29 @@ impl RawNode {
             let buses: Vec<_> =
                 scenario.gateways.iter().flat_map(|gateway| &gateway.buses).cloned().collect();
             return Err(if buses.is_empty() {
-                format!("bus \"{}\" does not exist: there is no gateway", self.bus)
+                format!("bus \"{}\" does not exist; there are no gateways", self.bus)
             } else {
                 format!("bus \"{}\" does not exist; there are: {}", self.bus, buses.join(", "))
             });
         }
-        let for_faulty = [
-            ("drop_permille", self.drop_permille.is_some()),
-            ("corrupt_permille", self.corrupt_permille.is_some()),
-            ("repeat_permille", self.repeat_permille.is_some()),
-            ("babble_us", self.babble_us.is_some()),
-        ];
-        let stray = for_faulty.iter().find(|(_, given)| *given && self.kind != RawNodeKind::Faulty);
-        if let Some((key, _)) = stray {
-            return Err(format!("`{key}` belongs to nodes of kind \"faulty\""));
-        }
-        let for_bridge = [
-            ("protocol", self.protocol.is_some()),
-            ("address", self.address.is_some()),
-            ("port", self.port.is_some()),
-            ("max_clients", self.max_clients.is_some()),
-            ("queue", self.queue.is_some()),
-        ];
-        let stray = for_bridge.iter().find(|(_, given)| *given && self.kind != RawNodeKind::Bridge);
-        if let Some((key, _)) = stray {
-            return Err(format!("`{key}` belongs to nodes of kind \"bridge\""));
-        }
-        if self.kind != RawNodeKind::Drive
-            && let Some(key) = self.drive_key()
-        {
-            return Err(format!("`{key}` belongs to nodes of kind \"drive\""));
-        }
-        if self.file.is_some() && self.kind != RawNodeKind::Replay {
-            return Err("`file` belongs to nodes of kind \"replay\"".to_owned());
+        let stray = self.keys().find(|(kind, _, is_given)| *is_given && *kind != self.kind);
+        if let Some((kind, key, _)) = stray {
+            return Err(format!("`{key}` belongs to nodes of kind \"{}\"", kind.name()));
         }
         let shares = [self.drop_permille, self.corrupt_permille, self.repeat_permille];
         if shares.into_iter().flatten().any(|share| share > 1000) {
-            return Err("a share is given in thousandths, 0 to 1000".to_owned());
+            return Err("a rate in thousandths is out of range; allowed: 0 to 1000".to_owned());
         }
         if self.bitrate == Some(0) || self.data_bitrate == Some(0) {
-            return Err("a bit rate is not 0".to_owned());
+            return Err("a bit rate must not be 0".to_owned());
         }
         if self.data_bitrate.is_some() && self.bitrate.is_none() {
-            return Err("`data_bitrate` needs `bitrate` beside it".to_owned());
+            return Err("`data_bitrate` needs `bitrate`".to_owned());
         }
         let kind = match self.kind {
             RawNodeKind::Echo => NodeKind::Echo,
             RawNodeKind::Silent => NodeKind::Silent,
-            RawNodeKind::Faulty => NodeKind::Faulty(FaultyBehaviour {
+            RawNodeKind::Faulty => NodeKind::Faulty(FaultyConfig {
                 drop_permille: self.drop_permille.unwrap_or(0),
                 corrupt_permille: self.corrupt_permille.unwrap_or(0),
                 repeat_permille: self.repeat_permille.unwrap_or(0),
@@ -120,17 +137,17 @@ impl RawNode {
         };
         let name = self.name.unwrap_or_else(|| format!("node {}", scenario.nodes.len()));
         if scenario.nodes.iter().any(|node| node.name == name) {
-            return Err(format!("there are two nodes of the name \"{name}\""));
+            return Err(format!("two nodes have the name \"{name}\""));
         }
         if let NodeKind::Drive(drive) = &kind {
-            let node = drive.settings.node;
+            let node = drive.config.node;
             let same = |other: &&NodeSpec| {
                 let same_id =
-                    matches!(&other.kind, NodeKind::Drive(one) if one.settings.node == node);
+                    matches!(&other.kind, NodeKind::Drive(one) if one.config.node == node);
                 same_id && other.bus == self.bus
             };
             if let Some(other) = scenario.nodes.iter().find(same) {
-                return Err(format!("node id {node} is that of \"{}\" already", other.name));
+                return Err(format!("node-ID {node} is already used by \"{}\"", other.name));
             }
         }
         Ok(NodeSpec {
@@ -141,9 +158,7 @@ impl RawNode {
             data_bitrate: self.data_bitrate,
         })
     }
-}
 
-impl RawNode {
     fn bridge(&self) -> Result<BridgeSpec, String> {
         if self.max_clients == Some(0) || self.queue == Some(0) {
             return Err("a bridge needs `max_clients` and `queue` above 0".to_owned());
@@ -155,5 +170,20 @@ impl RawNode {
             max_clients: self.max_clients,
             queue: self.queue,
         })
+    }
+
+    fn drive(&mut self, directory: &Path) -> Result<DriveSpec, String> {
+        let node = self.node_id.ok_or("a node of kind \"drive\" needs `node_id`")?;
+        let node = NodeId::new(node)
+            .ok_or_else(|| format!("`node_id` {node} is out of range; allowed: 1 to 127"))?;
+        let mut config = DriveConfig::new(node);
+        set(&mut config.serial, self.serial);
+        set(&mut config.boot_ms, self.boot_ms);
+        set(&mut config.sdo_delay_us, self.sdo_delay_us);
+        set(&mut config.enable_ms, self.enable_ms);
+        set(&mut config.motor, self.motor.take().map(RawMotor::build).transpose()?);
+        set(&mut config.quirks, self.quirks.take().map(RawQuirks::build).transpose()?);
+        let eds = self.eds.take().map(|file| directory.join(file));
+        Ok(DriveSpec { config, eds })
     }
 }

@@ -288,7 +288,7 @@ fn library_and_bus_are_looked_at_on_this_host() {
 fn wrong_use_is_named_and_told_by_the_status() {
     let cases: [(i32, &[&str], &str); 4] = [
         (6, &["doctor", "--root", "/none"], "cannot look at /none: it is no directory"),
-        (3, &["--ecrt", "sim:none", "doctor"], "there is no scenario \"none\""),
+        (3, &["--ecrt", "sim:none", "doctor"], "unknown scenario \"none\""),
         (2, &["doctor", "now"], "unexpected argument"),
         (
             2,

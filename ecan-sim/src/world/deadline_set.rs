@@ -1,8 +1,8 @@
-//! When each of several is due, and who is first.
+//! Times of several participants, and the earliest.
 
 use crate::world::NEVER;
 
-/// Times by number, and the earliest of them, which is asked for at every instant.
+/// Times by index, with the cached minimum, which is read at every instant.
 #[derive(Debug)]
 pub(super) struct DeadlineSet {
     times: Vec<u64>,
@@ -16,17 +16,17 @@ impl Default for DeadlineSet {
 }
 
 impl DeadlineSet {
-    /// One more, who is never due.
+    /// Adds an entry without a time.
     pub(super) fn add(&mut self) {
         self.times.push(NEVER);
     }
 
-    /// When the one of this number is due; one that does not exist never is.
+    /// Time of an entry; never if it does not exist.
     pub(super) fn get(&self, number: usize) -> u64 {
         self.times.get(number).copied().unwrap_or(NEVER)
     }
 
-    /// The earliest of all times.
+    /// The earliest time.
     pub(super) const fn first(&self) -> u64 {
         self.first
     }

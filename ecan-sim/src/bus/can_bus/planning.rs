@@ -1,29 +1,29 @@
-//! Which frame comes next and how its transmission will end.
+//! Selection of the next frame and the result of its transmission.
 
 use ecan_protocol::can::CanFrame;
 
 use crate::earliest::earliest;
 
 use super::CanBus;
-use super::error_confinement::BusError;
-use super::frame_timing::{FrameTiming, bits_ns};
-use super::station::{Mismatch, StationConfig, StationMode};
+use crate::bus::error_confinement::BusError;
+use crate::bus::frame_timing::{FrameTiming, bits_ns};
+use crate::bus::station::{Mismatch, StationConfig, StationMode};
 
-/// Where a disturbed frame fails: in the control field of a standard frame.
+/// Bits until a disturbed frame fails: in the control field of a standard frame.
 const DISTURBED_AFTER_BITS: u32 = 20;
-/// When a receiver at another nominal bit rate sees more equal bits than stuffing allows.
+/// Bits until a receiver at another nominal bit rate detects a stuff error.
 const RATE_ERROR_AFTER_BITS: u32 = 7;
-/// The same behind the switch to a data bit rate the receiver does not have, in data bits.
+/// Data bits until a receiver with another data bit rate detects a stuff error after the switch.
 const DATA_RATE_ERROR_AFTER_BITS: u32 = 6;
-/// An error flag, the flags of the others it provokes, and the error delimiter.
+/// An error flag, the error flags of others in response, and the error delimiter.
 const ERROR_FRAME_BITS: u32 = 6 + 6 + 8;
-/// A missing acknowledgement: six bits of flag and eight of delimiter from the ACK delimiter on,
-/// where a good frame has eight bits left.
+/// A missing acknowledgement: six bits of flag and eight of delimiter after the ACK slot, where a
+/// good frame has eight bits left.
 const NO_ACK_EXTRA_BITS: u32 = 6;
 
-/// How a transmission ends.
+/// TransmissionResult of a transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Outcome {
+pub(super) enum TransmissionResult {
     /// Acknowledged, or sent in external loopback.
     Delivered,
     /// No one acknowledged.
@@ -31,12 +31,12 @@ pub(super) enum Outcome {
     /// An injected bit error.
     Disturbed,
     /// An error-active station that cannot read the frame destroyed it.
-    Refused,
-    /// The sender vanished in the middle.
-    BrokenOff,
+    Destroyed,
+    /// The sender left the bus.
+    SenderRemoved,
 }
 
-/// A transmission: planned while `start` has not passed, under way afterwards.
+/// A transmission: planned until `start` has passed, then in progress.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Transmission {
     pub transmitter: usize,
@@ -46,23 +46,23 @@ pub(super) struct Transmission {
     pub key: u32,
     pub start: u64,
     pub end: u64,
-    pub outcome: Outcome,
+    pub result: TransmissionResult,
     pub collision: bool,
-    /// Whether others were ready at the same start.
+    /// Whether other stations were ready at the same start.
     pub contested: bool,
 }
 
 impl CanBus {
-    /// Plans the next transmission anew, unless one is under way, and foretells what ends next.
+    /// Plans the next transmission, unless one is in progress, and finds the next end.
     pub(crate) fn replan(&mut self) {
         if self.current.as_ref().is_none_or(|t| t.start >= self.now) {
             self.current = self.plan();
         }
         let mut next = self.current.as_ref().map(|t| t.end);
-        if self.has_asides {
-            self.has_asides = false;
+        if self.has_local_activity {
+            self.has_local_activity = false;
             for station in &self.stations {
-                self.has_asides |= station.local.is_some() || station.recovery.is_some();
+                self.has_local_activity |= station.local.is_some() || station.recovery.is_some();
                 let local = station.local.as_ref().map(|local| local.end);
                 next = earliest([next, local, self.recovery_end(station)]);
             }
@@ -105,18 +105,18 @@ impl CanBus {
             key,
             start,
             end: start,
-            outcome: Outcome::Delivered,
+            result: TransmissionResult::Delivered,
             collision,
             contested,
         };
-        self.foresee(&mut planned);
+        self.predict(&mut planned);
         Some(planned)
     }
 
-    /// Sets outcome and end from what the stations can do now.
-    fn foresee(&self, t: &mut Transmission) {
+    /// Sets result and end from the present state of the stations.
+    fn predict(&self, t: &mut Transmission) {
         let mut acknowledged = t.config.mode == StationMode::ExternalLoopback;
-        let mut refused: Option<u64> = None;
+        let mut destroyed: Option<u64> = None;
         for (index, station) in self.stations.iter().enumerate() {
             if index == t.transmitter {
                 continue;
@@ -127,47 +127,50 @@ impl CanBus {
             if config.mode != StationMode::Normal {
                 continue;
             }
-            match config.understands(&t.config, &t.frame) {
+            match config.can_read(&t.config, &t.frame) {
                 Ok(()) => acknowledged = true,
                 Err(mismatch) if !station.counters.is_passive() => {
                     let after = mismatch_ns(mismatch, t);
-                    refused = Some(refused.map_or(after, |other| other.min(after)));
+                    destroyed = Some(destroyed.map_or(after, |other| other.min(after)));
                 }
                 Err(_) => {}
             }
         }
         let disturbed = self.stations.get(t.transmitter).is_some_and(|s| s.injected_errors > 0);
         let whole = t.config.duration_ns(&t.timing);
-        let (outcome, length) = if let Some(after) = refused
+        let (result, length) = if let Some(after) = destroyed
             && !disturbed
         {
-            (Outcome::Refused, after + t.config.bits_ns(ERROR_FRAME_BITS))
+            (TransmissionResult::Destroyed, after + t.config.bits_ns(ERROR_FRAME_BITS))
         } else if disturbed {
-            (Outcome::Disturbed, t.config.bits_ns(DISTURBED_AFTER_BITS + ERROR_FRAME_BITS))
+            (
+                TransmissionResult::Disturbed,
+                t.config.bits_ns(DISTURBED_AFTER_BITS + ERROR_FRAME_BITS),
+            )
         } else if acknowledged {
-            (Outcome::Delivered, whole)
+            (TransmissionResult::Delivered, whole)
         } else {
-            (Outcome::NoAck, whole + t.config.bits_ns(NO_ACK_EXTRA_BITS))
+            (TransmissionResult::NoAck, whole + t.config.bits_ns(NO_ACK_EXTRA_BITS))
         };
-        t.outcome = outcome;
+        t.result = result;
         t.end = t.start + length;
     }
 
-    /// A station left the bus at `now`, in the middle of what is under way.
-    pub(super) fn station_vanished(&mut self, index: usize) {
+    /// Handles a station that leaves the bus at `now`, during a transmission.
+    pub(super) fn handle_station_removal(&mut self, index: usize) {
         let now = self.now;
         let Some(mut t) = self.current.filter(|t| t.start < now) else {
             return;
         };
         if index == t.transmitter {
-            t.outcome = Outcome::BrokenOff;
+            t.result = TransmissionResult::SenderRemoved;
             t.end = t.end.min(now + t.config.bits_ns(ERROR_FRAME_BITS));
-        } else if t.outcome == Outcome::Delivered {
+        } else if t.result == TransmissionResult::Delivered {
             // Its acknowledgement may be missing now, unless the ACK slot has passed.
             let before_delimiter = t.end.saturating_sub(t.config.bits_ns(8));
             if now < before_delimiter {
-                self.foresee(&mut t);
-                if !matches!(t.outcome, Outcome::Delivered | Outcome::NoAck) {
+                self.predict(&mut t);
+                if !matches!(t.result, TransmissionResult::Delivered | TransmissionResult::NoAck) {
                     return;
                 }
             }
@@ -187,13 +190,13 @@ fn mismatch_ns(mismatch: Mismatch, t: &Transmission) -> u64 {
     }
 }
 
-impl Outcome {
-    /// What the transmitter sees.
+impl TransmissionResult {
+    /// The error that the transmitter detects.
     pub(super) const fn transmitter_error(self) -> Option<BusError> {
         match self {
-            Self::Delivered | Self::BrokenOff => None,
+            Self::Delivered | Self::SenderRemoved => None,
             Self::NoAck => Some(BusError::Ack),
-            Self::Disturbed | Self::Refused => Some(BusError::Bit),
+            Self::Disturbed | Self::Destroyed => Some(BusError::Bit),
         }
     }
 }

@@ -1,4 +1,4 @@
-//! Which identifiers a drive listens to.
+//! Set of the CAN IDs that a drive receives.
 
 use ecan_canopen::{CobId, NodeId};
 use ecan_protocol::can::CanId;
@@ -6,21 +6,21 @@ use ecan_protocol::can::CanId;
 const WORD_BITS: usize = 64;
 const STANDARD_IDS: usize = 1 << 11;
 
-/// A set of identifiers. Every frame on the bus is looked up in it.
+/// A set of CAN IDs. Every frame on the bus is looked up in it.
 #[derive(Clone, Debug)]
-pub(super) struct Identifiers {
-    /// A bit for each standard identifier.
+pub(super) struct CanIdSet {
+    /// One bit per standard identifier.
     standard: [u64; STANDARD_IDS / WORD_BITS],
     extended: Vec<CanId>,
 }
 
-impl Identifiers {
+impl CanIdSet {
     pub(super) const fn new() -> Self {
         Self { standard: [0; STANDARD_IDS / WORD_BITS], extended: Vec::new() }
     }
 
-    /// Those of the services that every drive has: NMT, its own SDO server, and the heartbeats of
-    /// other nodes.
+    /// CAN IDs of the services that every drive has: NMT, its SDO server, and heartbeats of other
+    /// nodes.
     pub(super) fn services_of(node: NodeId) -> Self {
         let mut services = Self::new();
         services.insert(CobId::NMT.can_id());
@@ -32,7 +32,7 @@ impl Identifiers {
     }
 
     pub(super) fn insert(&mut self, id: CanId) {
-        let (word, bit) = place(id);
+        let (word, bit) = bit_position(id);
         if id.is_extended() {
             self.extended.push(id);
         } else if let Some(bits) = self.standard.get_mut(word) {
@@ -44,18 +44,18 @@ impl Identifiers {
         if id.is_extended() {
             return self.extended.contains(&id);
         }
-        let (word, bit) = place(id);
+        let (word, bit) = bit_position(id);
         self.standard.get(word).is_some_and(|bits| bits >> bit & 1 == 1)
     }
 
-    /// Makes this the set of the services with no further identifiers.
+    /// Resets the set to the services.
     pub(super) fn reset(&mut self, services: &Self) {
         self.standard = services.standard;
         self.extended.clear();
     }
 }
 
-fn place(id: CanId) -> (usize, usize) {
+fn bit_position(id: CanId) -> (usize, usize) {
     let raw = id.raw() as usize;
     (raw / WORD_BITS, raw % WORD_BITS)
 }
@@ -68,13 +68,13 @@ mod tests {
     fn a_set_knows_both_formats() {
         let node = NodeId::new(5).unwrap();
         let standard = |raw| CanId::standard(raw).unwrap();
-        let services = Identifiers::services_of(node);
+        let services = CanIdSet::services_of(node);
         for (raw, is_in) in [(0, true), (0x605, true), (0x606, false), (0x700, false)] {
             assert_eq!(services.contains(standard(raw)), is_in, "{raw:#X}");
         }
         assert!(services.contains(standard(0x701)) && services.contains(standard(0x77F)));
         let extended = CanId::extended(0x205).unwrap();
-        let mut all = Identifiers::new();
+        let mut all = CanIdSet::new();
         all.insert(extended);
         assert!(all.contains(extended) && !all.contains(standard(0x205)));
         all.insert(standard(0x205));

@@ -1,37 +1,37 @@
-//! What a finished transmission does to the stations.
+//! Effects of a finished transmission on the stations.
 
 use super::CanBus;
-use super::error_confinement::{BusError, ErrorState};
-use super::event::BusEvent;
-use super::frame_timing::INTERMISSION_BITS;
-use super::planning::{Outcome, Transmission};
-use super::station::{StationId, StationMode};
+use crate::bus::can_bus::planning::{Transmission, TransmissionResult};
+use crate::bus::error_confinement::{BusError, ErrorState};
+use crate::bus::event::BusEvent;
+use crate::bus::frame_timing::INTERMISSION_BITS;
+use crate::bus::station::{StationId, StationMode};
 
-/// Pause of an error-passive sender behind the intermission.
+/// Suspend transmission time of an error-passive sender after the intermission.
 const SUSPEND_BITS: u32 = 8;
 /// Recessive bits at the end of a frame (ACK delimiter, EOF) and of an error frame (delimiter).
 const QUIET_END_BITS: u32 = 8;
-/// A receiver that signals an error first sees the flags of the others behind its own.
+/// A receiver that signals an error first detects the flags of the others after its own.
 const FIRST_TO_SIGNAL: u16 = 8;
 
 impl CanBus {
-    /// Ends the transmission: counters, events, and the bus free again after the intermission.
+    /// Completes the transmission: counters, events; the bus is free after the intermission.
     pub(super) fn complete(&mut self, t: &Transmission, events: &mut Vec<BusEvent>) {
         let intermission = t.config.bits_ns(INTERMISSION_BITS);
         self.free_at = t.end + intermission;
         self.statistics.busy_ns += t.end - t.start + intermission;
         self.statistics.identifier_collisions += u64::from(t.collision);
 
-        // The ACK error of a passive sender disturbs no one: the frame is good for listeners.
-        let silent_no_ack = t.outcome == Outcome::NoAck
+        // The ACK error of an error-passive sender is invisible: listeners receive the frame.
+        let silent_no_ack = t.result == TransmissionResult::NoAck
             && self.stations.get(t.transmitter).is_some_and(|s| s.counters.is_passive());
-        let good = t.outcome == Outcome::Delivered;
+        let good = t.result == TransmissionResult::Delivered;
         let mut states_changed = self.complete_sender(t, good, silent_no_ack, events);
         states_changed |= self.complete_receivers(t, good || silent_no_ack, events);
         if t.contested {
             self.complete_losers(t, events);
         }
-        if self.has_asides {
+        if self.has_local_activity {
             self.complete_recoveries(t);
         }
         if states_changed {
@@ -39,7 +39,7 @@ impl CanBus {
         }
     }
 
-    /// Whether the sender's error state has changed.
+    /// Returns whether the sender's error state changed.
     fn complete_sender(
         &mut self,
         t: &Transmission,
@@ -58,8 +58,8 @@ impl CanBus {
         let Some(station) = self.stations.get_mut(t.transmitter) else {
             return false;
         };
-        if t.outcome == Outcome::BrokenOff {
-            // The station has been reset or is bus-off already.
+        if t.result == TransmissionResult::SenderRemoved {
+            // The station was reset or is bus-off already.
             return false;
         }
         if good {
@@ -82,9 +82,9 @@ impl CanBus {
                 });
             }
         } else {
-            station.last_error = t.outcome.transmitter_error();
+            station.last_error = t.result.transmitter_error();
             station.statistics.transmit_errors += 1;
-            if t.outcome == Outcome::Disturbed {
+            if t.result == TransmissionResult::Disturbed {
                 station.injected_errors = station.injected_errors.saturating_sub(1);
             }
             if !silent_no_ack {
@@ -105,10 +105,10 @@ impl CanBus {
         if station.counters.is_passive() {
             station.suspended_until = free_at + t.config.bits_ns(SUSPEND_BITS);
         }
-        station.state_is_new()
+        station.has_new_state()
     }
 
-    /// Whether a receiver's error state has changed.
+    /// Returns whether a receiver's error state changed.
     fn complete_receivers(
         &mut self,
         t: &Transmission,
@@ -124,11 +124,11 @@ impl CanBus {
                 continue;
             };
             let counts = config.mode == StationMode::Normal;
-            let readable = config.understands(&t.config, &t.frame);
+            let readable = config.can_read(&t.config, &t.frame);
             if good && readable.is_ok() {
                 if counts {
                     station.counters.received();
-                    states_changed |= station.state_is_new();
+                    states_changed |= station.has_new_state();
                 }
                 station.statistics.received += 1;
                 events.push(BusEvent::Received {
@@ -145,17 +145,17 @@ impl CanBus {
                 Err(mismatch) => mismatch.error(),
             });
             if counts {
-                let first = t.outcome == Outcome::Refused
+                let first = t.result == TransmissionResult::Destroyed
                     && readable.is_err()
                     && !station.counters.is_passive();
                 station.counters.receive_failed(if first { 1 + FIRST_TO_SIGNAL } else { 1 });
-                states_changed |= station.state_is_new();
+                states_changed |= station.has_new_state();
             }
         }
         states_changed
     }
 
-    /// Stations that were ready at the same start but had the lower priority.
+    /// Handles stations that lost arbitration at the same start.
     fn complete_losers(&mut self, t: &Transmission, events: &mut Vec<BusEvent>) {
         for (index, station) in self.stations.iter_mut().enumerate() {
             if index == t.transmitter {
@@ -186,7 +186,7 @@ impl CanBus {
         }
     }
 
-    /// Reports every error state that is not known yet.
+    /// Reports every changed error state.
     pub(super) fn report_states(&mut self, events: &mut Vec<BusEvent>) {
         self.report_due = false;
         for (index, station) in self.stations.iter_mut().enumerate() {

@@ -1,32 +1,32 @@
-//! What a simulated drive is like.
+//! Configuration of a simulated drive.
 
 use ecan_canopen::NodeId;
 use ecan_protocol::object::AbortCode;
 
-/// A simulated drive. Plain data; the default of everything but the node id is a well-behaved servo
+/// A simulated drive. Plain data; all defaults except the node-ID are those of a well-behaved servo
 /// drive.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DriveConfig {
-    /// Node id.
+    /// Node-ID.
     pub node: NodeId,
     /// Serial number (0x1018:04).
     pub serial: u32,
-    /// Milliseconds from supply or NMT reset node to the boot-up message.
+    /// Time from supply or NMT reset node to the boot-up message, ms.
     pub boot_ms: u32,
-    /// Microseconds that an SDO answer takes.
+    /// Delay of an SDO response, us.
     pub sdo_delay_us: u32,
-    /// Milliseconds from the command to enable to Operation Enabled, as a brake needs them.
+    /// Time from the enable command to Operation enabled, ms; a brake needs it.
     pub enable_ms: u32,
-    /// Targets that the history keeps.
+    /// Number of targets in the history.
     pub history: usize,
-    /// The motor and the machine around it.
+    /// The motor and its load.
     pub motor: MotorConfig,
-    /// In what the drive differs from others.
+    /// Deviations from a well-behaved drive.
     pub quirks: DriveQuirks,
 }
 
 impl DriveConfig {
-    /// A drive with this node id.
+    /// A drive with this node-ID.
     #[must_use]
     pub fn new(node: NodeId) -> Self {
         Self {
@@ -42,42 +42,40 @@ impl DriveConfig {
     }
 }
 
-/// The motor, its encoder and the machine. Positions are increments of the encoder.
+/// The motor, its encoder and its load. Positions are increments of the encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MotorConfig {
-    /// Increments of a revolution (0x608F); the index pulse comes once in so many.
+    /// Increments per revolution (0x608F); there is one index pulse per revolution.
     pub increments_per_revolution: u32,
-    /// Greatest speed in increments per second.
+    /// Maximum velocity in increments per second.
     pub max_velocity: u32,
-    /// Acceleration in increments per second squared at the greatest torque.
+    /// Acceleration at maximum torque, in increments per second squared.
     pub max_acceleration: u32,
-    /// Greatest torque in thousandths of the rated torque.
+    /// Maximum torque in thousandths of the rated torque.
     pub max_torque: u16,
-    /// Deceleration by friction in increments per second squared: what slows a motor without
-    /// current, and what torque has to overcome.
+    /// Deceleration by friction in increments per second squared: stops a motor without current and
+    /// must be overcome by torque.
     pub friction: u32,
     /// Gain of the position controller in 1/s.
     pub position_gain: u16,
-    /// Share of the demanded speed that is fed forward, in thousandths. What is missing shows as
-    /// following error.
+    /// Velocity feed-forward in thousandths. The missing part causes a following error.
     pub feed_forward: u16,
-    /// Period of the controller in microseconds, at least 1.
+    /// Controller period in microseconds, at least 1.
     pub period_us: u32,
-    /// Where the motor stands when the simulation begins.
+    /// Motor position at the start of the simulation.
     pub start_position: i32,
-    /// Whether the encoder knows its position after a loss of supply; one that does not begins
-    /// at 0.
+    /// Whether the encoder keeps its position after a loss of supply; otherwise it starts at 0.
     pub absolute_encoder: bool,
-    /// Mechanical positions of the negative limit switch, active there and below, and the
-    /// positive one, active there and above. Only homing stops at them; elsewhere they just show in
-    /// 0x60FD.
+    /// Mechanical positions of the negative limit switch, active there and below, and of the
+    /// positive one, active there and above. Only homing stops at them; otherwise they are only
+    /// visible in 0x60FD.
     pub limit_switches: (i32, i32),
-    /// Mechanical position from which on upwards the home switch is active.
+    /// Mechanical position at and above which the home switch is active.
     pub home_switch: i32,
 }
 
 impl Default for MotorConfig {
-    /// 65536 increments, 6000 revolutions a minute.
+    /// 65536 increments per revolution, 6000 revolutions per minute.
     fn default() -> Self {
         Self {
             increments_per_revolution: 65_536,
@@ -96,7 +94,7 @@ impl Default for MotorConfig {
     }
 }
 
-/// Whether a rule counts for reading, writing or both.
+/// Transfer direction of a rule.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SdoDirection {
     /// Uploads.
@@ -107,59 +105,59 @@ pub enum SdoDirection {
     Both,
 }
 
-/// What happens to an SDO transfer that a [`SdoRule`] is about.
+/// Effect of an [`SdoRule`] on a transfer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SdoEffect {
-    /// It is aborted with this code.
+    /// The transfer is aborted with this code.
     Abort(AbortCode),
-    /// It is not answered.
+    /// The request gets no response.
     Silence,
 }
 
-/// An object whose transfers go wrong.
+/// An object whose transfers fail.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SdoRule {
     /// Index.
     pub index: u16,
-    /// Subindex; `None` is every one.
+    /// Subindex; `None` is any.
     pub subindex: Option<u8>,
-    /// Which transfers.
+    /// Affected transfers.
     pub direction: SdoDirection,
-    /// What happens.
+    /// Effect.
     pub effect: SdoEffect,
-    /// How many transfers it strikes; `None` is all.
+    /// Number of affected transfers; `None` is all.
     pub times: Option<u32>,
 }
 
-/// In what a drive differs from a well-behaved one.
+/// Deviations of a drive from a well-behaved one.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DriveQuirks {
-    /// Mapping objects are locked while the PDO is valid, as CiA 301 has it. Some drives allow a
-    /// change as soon as the number of entries is 0. Default `true`.
+    /// Mapping objects are locked while the PDO is valid, as CiA 301 specifies. Some drives allow a
+    /// change when the number of entries is 0. Default `true`.
     pub refuses_mapping_while_valid: bool,
-    /// Mapping is fixed: every write to a mapping object is refused.
+    /// The mapping is fixed: every write to a mapping object is aborted.
     pub fixed_mapping: bool,
-    /// Operation Enabled is refused while no mode is chosen.
+    /// Operation enabled is not entered while no mode is selected.
     pub needs_mode: bool,
-    /// Modes (0x6060) that are accepted, but never taken: 0x6061 does not follow.
+    /// Modes (0x6060) that are accepted but never become active: 0x6061 does not follow.
     pub ignored_modes: Vec<i8>,
-    /// Milliseconds from a new mode in 0x6060 to 0x6061.
+    /// Delay from a new mode in 0x6060 to 0x6061, ms.
     pub mode_delay_ms: u32,
-    /// The boot-up message never comes.
+    /// The boot-up message is never sent.
     pub never_boots: bool,
     /// Faults cannot be reset.
     pub stuck_in_fault: bool,
-    /// Acknowledges frames, but sends nothing.
+    /// Acknowledges frames, but sends none.
     pub silent: bool,
-    /// Block transfers are refused.
+    /// Block transfers are aborted.
     pub no_block_transfer: bool,
-    /// A block upload is answered as a segmented one, which the protocol allows.
+    /// A block upload is answered as a segmented one, as the protocol allows.
     pub block_upload_falls_back: bool,
-    /// Enabled, it goes for whatever 0x607A holds, in place of waiting for a target.
+    /// When enabled, the drive moves to the value of 0x607A instead of waiting for a target.
     pub follows_old_target: bool,
-    /// Objects that the drive does not have, as 0x1016.
+    /// Objects that the drive lacks, for example 0x1016.
     pub missing: Vec<u16>,
-    /// Objects whose transfers go wrong.
+    /// Objects whose transfers fail.
     pub sdo_rules: Vec<SdoRule>,
 }
 
