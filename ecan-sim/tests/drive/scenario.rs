@@ -1,9 +1,8 @@
 //! Drives behind gateways: the built-in scenario, scenario files, and faults that strike them.
 
-mod ecrt_support;
-
 use std::path::Path;
 
+use crate::ecrt_support::{Program, stepped};
 use ecan_canopen::{DriveState, NmtState, NodeId};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::object::AbortCode;
@@ -12,7 +11,6 @@ use ecan_sim::{
     MotorConfig, NodeKind, Scenario, ScriptedFault, SdoDirection, SdoEffect, SdoRule, SimOptions,
     When, drives, open, open_scenario,
 };
-use ecrt_support::{Program, stepped};
 
 fn id(node: u8) -> NodeId {
     NodeId::new(node).unwrap()
@@ -491,9 +489,9 @@ fn an_eds_that_is_missing_or_wrong_is_named() {
         (path.clone(), "wrong.eds, line 2: `none` is not a number"),
         (directory.join("absent.eds"), "absent.eds: "),
     ] {
-        let settings = DriveConfig::new(id(1));
+        let config = DriveConfig::new(id(1));
         scenario.nodes[0].kind =
-            NodeKind::Drive(Box::new(DriveSpec { config: settings, eds: Some(file) }));
+            NodeKind::Drive(Box::new(DriveSpec { config: config, eds: Some(file) }));
         let error = open_scenario(scenario.clone(), &SimOptions::default()).unwrap_err();
         assert!(error.to_string().contains(words), "{error}");
         assert!(matches!(error, BackendError::Eds { .. } | BackendError::Read { .. }));

@@ -1,8 +1,6 @@
 //! A bus in operation allocates nothing.
 
-mod counting;
-
-use counting::allocations;
+use crate::counting::allocations;
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{BusEvent, BusFault, CanBus, StationConfig};
 

@@ -1,7 +1,5 @@
 //! A bit-by-bit encoder written for the tests alone, from the frame formats of ISO 11898-1.
 
-#![allow(dead_code)]
-
 use ecan_protocol::can::{CanFrame, FrameKind};
 
 /// A frame on the wire: every bit from SOF to the end of EOF, `true` recessive.
@@ -10,8 +8,6 @@ pub struct Wire {
     /// Positions sent at the data bit rate.
     pub data_phase: std::ops::Range<usize>,
     pub dynamic_stuff: usize,
-    /// Bits from SOF to the end of the CRC without any stuff bit.
-    pub unstuffed: usize,
 }
 
 fn digits(value: u32, count: usize) -> String {
@@ -82,7 +78,7 @@ pub fn encode(frame: &CanFrame) -> Wire {
         plain += &digits(u32::from(byte), 8);
     }
 
-    let (mut text, unstuffed, dynamic, data_start);
+    let (mut text, dynamic, data_start);
     if frame.is_fd() {
         let (body, positions) = stuffed(&plain, false);
         dynamic = body.len() - plain.len();
@@ -94,7 +90,6 @@ pub fn encode(frame: &CanFrame) -> Wire {
         let count = format!("{count}{parity}");
         let crc = remainder(&format!("{body}{count}"), polynomial, width, 1 << (width - 1));
         let field = format!("{count}{}", digits(crc, width));
-        unstuffed = plain.len() + field.len();
         text = body;
         for (i, bit) in field.chars().enumerate() {
             if i % 4 == 0 {
@@ -106,7 +101,6 @@ pub fn encode(frame: &CanFrame) -> Wire {
     } else {
         let crc = remainder(&plain, 0x4599, 15, 0);
         plain += &digits(crc, 15);
-        unstuffed = plain.len();
         text = stuffed(&plain, true).0;
         dynamic = text.len() - plain.len();
         data_start = None;
@@ -116,10 +110,5 @@ pub fn encode(frame: &CanFrame) -> Wire {
     text += "0"; // ACK
     text += "1"; // ACK delimiter
     text += "1111111"; // EOF
-    Wire {
-        bits: text.chars().map(|c| c == '1').collect(),
-        data_phase,
-        dynamic_stuff: dynamic,
-        unstuffed,
-    }
+    Wire { bits: text.chars().map(|c| c == '1').collect(), data_phase, dynamic_stuff: dynamic }
 }

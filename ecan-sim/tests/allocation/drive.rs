@@ -1,15 +1,10 @@
 //! A drive in motion allocates nothing: cycles of RPDO, SYNC and TPDO, heartbeats, SDO transfers.
 
-mod counting;
-mod drive_support;
-mod ecrt_support;
-
-use counting::allocations;
-use drive_support::settings;
-use ecan_canopen::DriveState;
+use crate::counting::allocations;
+use crate::ecrt_support::{Program, stepped};
+use ecan_canopen::{DriveState, NodeId};
 use ecan_protocol::can::{CanFrame, CanId};
-use ecan_sim::{Drive, Node, NodeOutput, drives};
-use ecrt_support::{Program, stepped};
+use ecan_sim::{Drive, DriveConfig, MotorConfig, Node, NodeOutput, drives};
 
 struct Host {
     drive: Drive,
@@ -64,8 +59,12 @@ impl Host {
 
 #[test]
 fn cycles_allocate_nothing() {
-    let mut host =
-        Host { drive: Drive::new(&settings()), out: NodeOutput::new(), now: 1, received: 0 };
+    let config = DriveConfig {
+        sdo_delay_us: 0,
+        motor: MotorConfig { start_position: 1000, ..MotorConfig::default() },
+        ..DriveConfig::new(NodeId::new(5).unwrap())
+    };
+    let mut host = Host { drive: Drive::new(&config), out: NodeOutput::new(), now: 1, received: 0 };
     host.drive.started(1, &mut host.out);
     host.pass(100_000_000);
     for (index, sub, value, bytes) in [

@@ -1,6 +1,4 @@
 //! Recording every bus of a world.
-#![allow(missing_docs)]
-
 use std::path::Path;
 
 use ecan_sim::{Scenario, ScenarioChoice, SimOptions, Wire, load_scenario};

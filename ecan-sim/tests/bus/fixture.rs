@@ -1,7 +1,5 @@
 //! A bus under test and what comes out of it.
 
-#![allow(dead_code)]
-
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{BusEvent, CanBus, ErrorState, FrameTiming, StationConfig, StationId};
 

@@ -1,8 +1,6 @@
 //! Frame lengths on the wire: counted by hand, against an encoder of the tests' own, and against
 //! a recording of a real bus.
 
-mod naive;
-
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -160,7 +158,7 @@ proptest! {
 
     #[test]
     fn lengths_are_those_of_the_encoded_bits(frame in any_frame()) {
-        let wire = naive::encode(&frame);
+        let wire = crate::naive::encode(&frame);
         let t = FrameTiming::of(&frame);
         prop_assert_eq!(t.total_bits() as usize, wire.bits.len());
         prop_assert_eq!(usize::from(t.data_bits), wire.data_phase.len());
@@ -169,7 +167,7 @@ proptest! {
 
     #[test]
     fn every_bit_is_where_it_belongs(frame in any_frame()) {
-        let wire = naive::encode(&frame);
+        let wire = crate::naive::encode(&frame);
         let encoded = WireFrame::new(&frame);
         prop_assert_eq!(encoded.bits().collect::<Vec<_>>(), wire.bits);
         prop_assert_eq!(encoded.data_phase(), wire.data_phase);

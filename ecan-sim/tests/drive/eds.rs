@@ -1,8 +1,6 @@
 //! Electronic data sheets: what is read from them, and how what is wrong is named.
 
-mod drive_support;
-
-use drive_support::{Fixture, MS, settings};
+use crate::fixture::{Fixture, MS, config};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{Drive, EdsError, EdsErrorKind};
 use proptest::prelude::*;
@@ -77,7 +75,7 @@ DefaultValue=hello world
 ";
 
 fn read(text: &str) -> Result<Drive, EdsError> {
-    Drive::from_eds(&settings(), text)
+    Drive::from_eds(&config(), text)
 }
 
 #[test]
@@ -97,13 +95,13 @@ fn values_are_what_they_say() {
     assert_eq!(number(0x2101, 4), None);
     // nothing of the built-in dictionary
     assert_eq!(number(0x6040, 0), None);
-    let mut bench = Fixture::cold(drive);
-    bench.pass_ms(50);
-    assert_eq!(bench.sdo([0x40, 0x02, 0x21, 0, 0, 0, 0, 0])[4], 11);
-    assert_eq!(bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00hello w");
+    let mut fixture = Fixture::cold(drive);
+    fixture.pass_ms(50);
+    assert_eq!(fixture.sdo([0x40, 0x02, 0x21, 0, 0, 0, 0, 0])[4], 11);
+    assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00hello w");
     // limits
-    assert_eq!(bench.write(0x2100, 0, 101, 2), Err(0x0609_0031));
-    assert_eq!(bench.write(0x2100, 0, -101, 2), Err(0x0609_0032));
+    assert_eq!(fixture.write(0x2100, 0, 101, 2), Err(0x0609_0031));
+    assert_eq!(fixture.write(0x2100, 0, -101, 2), Err(0x0609_0032));
 }
 
 #[test]
@@ -135,7 +133,7 @@ fn every_error_has_its_line_and_its_words() {
         ("VendorName=none", "VendorName", "VendorName=none", "neither [section] nor key=value"),
         ("[1000]", "[1000", "[1000]", "section name without closing bracket"),
         ("[1001]", "[1000]", "[1001]", "section [1000] already exists at line 18"),
-        ("; a comment", "key=value", "; a comment", "an entry outside any section"),
+        ("; a comment", "key=value", "; a comment", "entry outside any section"),
         (
             "AccessType=const",
             "DATATYPE=5",
@@ -254,32 +252,32 @@ fn shared() -> Option<String> {
 #[test]
 fn a_drive_from_a_foreign_eds_moves() {
     let Some(text) = shared() else { return };
-    let mut bench = Fixture::cold(read(&text).unwrap());
-    bench.pass_ms(50);
-    bench.lines();
-    assert_eq!(bench.read(0x1000, 0), Ok(0xFFFF_0192));
-    assert_eq!(bench.read(0x1018, 1), Ok(0x555));
-    assert_eq!(bench.read(0x1800, 1), Ok(0x8000_0185));
-    assert_eq!(bench.read(0x60C2, 2), Ok(0xFE));
-    assert_eq!(bench.read(0x6007, 0), Err(0x0602_0000));
+    let mut fixture = Fixture::cold(read(&text).unwrap());
+    fixture.pass_ms(50);
+    fixture.lines();
+    assert_eq!(fixture.read(0x1000, 0), Ok(0xFFFF_0192));
+    assert_eq!(fixture.read(0x1018, 1), Ok(0x555));
+    assert_eq!(fixture.read(0x1800, 1), Ok(0x8000_0185));
+    assert_eq!(fixture.read(0x60C2, 2), Ok(0xFE));
+    assert_eq!(fixture.read(0x6007, 0), Err(0x0602_0000));
     // what the file leaves open, a drive has
-    assert_eq!(bench.read(0x6065, 0), Ok(32_768));
+    assert_eq!(fixture.read(0x6065, 0), Ok(32_768));
     // it has PP, PV, HM and CSP only
-    assert_eq!(bench.write(0x6060, 0, 9, 1), Err(0x0609_0030));
-    bench.write(0x60C2, 1, 1, 1).unwrap();
-    bench.write(0x60C2, 2, -3, 1).unwrap();
-    bench.map_csp();
-    bench.nmt(NmtCommand::Start);
+    assert_eq!(fixture.write(0x6060, 0, 9, 1), Err(0x0609_0030));
+    fixture.write(0x60C2, 1, 1, 1).unwrap();
+    fixture.write(0x60C2, 2, -3, 1).unwrap();
+    fixture.map_csp();
+    fixture.nmt(NmtCommand::Start);
     let mut target = 1000;
     for word in [0x06, 0x07, 0x0F] {
-        bench.cycle(word, target);
+        fixture.cycle(word, target);
     }
     for _ in 0..1000 {
         target += 50;
-        bench.cycle(0x0F, target);
+        fixture.cycle(0x0F, target);
     }
-    bench.pass(100 * MS);
-    assert_eq!(bench.drive.state(), DriveState::OperationEnabled);
-    assert_eq!(bench.drive.mode(), Some(OperatingMode::CyclicPosition));
-    assert_eq!(bench.drive.position(), target);
+    fixture.pass(100 * MS);
+    assert_eq!(fixture.drive.state(), DriveState::OperationEnabled);
+    assert_eq!(fixture.drive.mode(), Some(OperatingMode::CyclicPosition));
+    assert_eq!(fixture.drive.position(), target);
 }

@@ -1,8 +1,6 @@
 //! The drive under any input: it neither panics nor breaks its own rules.
 
-mod drive_support;
-
-use drive_support::{Fixture, settings};
+use crate::fixture::{Fixture, config};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{Drive, MotorConfig, NodeOutput};
 use proptest::prelude::*;
@@ -69,28 +67,28 @@ fn event() -> impl Strategy<Value = Event> {
     ]
 }
 
-fn apply(bench: &mut Fixture, event: &Event) {
+fn apply(fixture: &mut Fixture, event: &Event) {
     let mut out = NodeOutput::new();
-    let now = bench.now;
+    let now = fixture.now;
     match event {
-        Event::Frame(id, data) => drop(bench.frame(*id, data)),
-        Event::Pass(ns) => bench.pass(u64::from(*ns)),
-        Event::Fail(code) => bench.drive.fail(now, *code, &mut out),
+        Event::Frame(id, data) => drop(fixture.frame(*id, data)),
+        Event::Pass(ns) => fixture.pass(u64::from(*ns)),
+        Event::Fail(code) => fixture.drive.fail(now, *code, &mut out),
         Event::PowerCycle(ms) => {
-            bench.drive.power_cycle(now, now + u64::from(*ms) * 1_000_000);
+            fixture.drive.power_cycle(now, now + u64::from(*ms) * 1_000_000);
         }
         Event::Block(ms) => {
-            bench.drive.block(now, now + u64::from(*ms) * 1_000_000, &mut out);
+            fixture.drive.block(now, now + u64::from(*ms) * 1_000_000, &mut out);
         }
     }
 }
 
 /// Everything about a drive that a test can see.
-fn picture(bench: &Fixture) -> String {
-    let drive = &bench.drive;
+fn picture(fixture: &Fixture) -> String {
+    let drive = &fixture.drive;
     format!(
         "{:?} {} {} {:?} {:?}",
-        bench.sent,
+        fixture.sent,
         drive.mechanical_position(),
         drive.velocity(),
         drive.targets().sums(),
@@ -103,27 +101,27 @@ proptest! {
 
     #[test]
     fn anything_may_happen(events in prop::collection::vec(event(), 0..200)) {
-        let mut bench = Fixture::booted();
+        let mut fixture = Fixture::booted();
         let most = f64::from(MotorConfig::default().max_velocity);
         for event in &events {
-            apply(&mut bench, event);
-            prop_assert!(bench.drive.velocity().abs() <= most);
-            prop_assert!(bench.drive.statusword().state() == Some(bench.drive.state()));
+            apply(&mut fixture, event);
+            prop_assert!(fixture.drive.velocity().abs() <= most);
+            prop_assert!(fixture.drive.statusword().state() == Some(fixture.drive.state()));
         }
         // and it always comes back
-        bench.pass_ms(400);
-        bench.frame(0, &[0x81, 0]);
-        bench.pass_ms(50);
-        prop_assert_eq!(bench.drive.state(), DriveState::SwitchOnDisabled);
-        prop_assert_eq!(bench.read(0x1000, 0), Ok(0x0002_0192));
+        fixture.pass_ms(400);
+        fixture.frame(0, &[0x81, 0]);
+        fixture.pass_ms(50);
+        prop_assert_eq!(fixture.drive.state(), DriveState::SwitchOnDisabled);
+        prop_assert_eq!(fixture.read(0x1000, 0), Ok(0x0002_0192));
     }
 
     #[test]
     fn the_same_story_ends_the_same_way(events in prop::collection::vec(event(), 0..100)) {
         let run = || {
-            let mut bench = Fixture::cold(Drive::new(&settings()));
-            events.iter().for_each(|event| apply(&mut bench, event));
-            picture(&bench)
+            let mut fixture = Fixture::cold(Drive::new(&config()));
+            events.iter().for_each(|event| apply(&mut fixture, event));
+            picture(&fixture)
         };
         prop_assert_eq!(run(), run());
     }
@@ -133,9 +131,9 @@ proptest! {
         value in prop::collection::vec(any::<u8>(), 0..600),
         block_size in 1..=127u8,
     ) {
-        let mut bench = Fixture::booted();
+        let mut fixture = Fixture::booted();
         let [a, b, c, d] = (value.len() as u32).to_le_bytes();
-        prop_assert_eq!(bench.sdo([0x21, 0x00, 0x20, 0, a, b, c, d])[0], 0x60);
+        prop_assert_eq!(fixture.sdo([0x21, 0x00, 0x20, 0, a, b, c, d])[0], 0x60);
         let chunks: Vec<_> = if value.is_empty() { vec![&[][..]] } else { value.chunks(7).collect() };
         for (number, chunk) in chunks.iter().enumerate() {
             let last = number + 1 == chunks.len();
@@ -143,16 +141,16 @@ proptest! {
             let mut frame = [0; 8];
             frame[0] = toggle | (7 - chunk.len() as u8) << 1 | u8::from(last);
             frame[1..=chunk.len()].copy_from_slice(chunk);
-            prop_assert_eq!(bench.sdo(frame)[0], 0x20 | toggle);
+            prop_assert_eq!(fixture.sdo(frame)[0], 0x20 | toggle);
         }
-        prop_assert_eq!(bench.sdo([0xA4, 0x00, 0x20, 0, block_size, 0, 0, 0])[0], 0xC6);
+        prop_assert_eq!(fixture.sdo([0xA4, 0x00, 0x20, 0, block_size, 0, 0, 0])[0], 0xC6);
         let mut read = Vec::new();
-        let mut segments = bench.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
+        let mut segments = fixture.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
         while segments[0][0] & 0xE0 != 0xC0 || segments.len() > 1 || read.len() < value.len() {
             for segment in &segments {
                 read.extend_from_slice(&segment[1..]);
             }
-            segments = bench.sdo_all([0xA2, segments.len() as u8, block_size, 0, 0, 0, 0, 0]);
+            segments = fixture.sdo_all([0xA2, segments.len() as u8, block_size, 0, 0, 0, 0, 0]);
         }
         read.truncate(value.len());
         prop_assert_eq!(read, value);
@@ -165,25 +163,25 @@ proptest! {
         targets in prop::collection::vec(prop_oneof![-5_000..5_000i32, any::<i32>()], 1..60),
         jitter in prop::collection::vec(0..900_000u64, 60),
     ) {
-        let mut bench = Fixture::booted();
-        bench.map_csp();
-        bench.write(0x6065, 0, 0xFFFF_FFFF, 4).unwrap();
-        bench.nmt(NmtCommand::Start);
+        let mut fixture = Fixture::booted();
+        fixture.map_csp();
+        fixture.write(0x6065, 0, 0xFFFF_FFFF, 4).unwrap();
+        fixture.nmt(NmtCommand::Start);
         for word in [0x06, 0x07, 0x0F] {
-            bench.cycle(word, 1000);
+            fixture.cycle(word, 1000);
         }
-        let (mut before, mut at) = (bench.drive.clone(), bench.now);
+        let (mut before, mut at) = (fixture.drive.clone(), fixture.now);
         for (target, jitter) in targets.iter().zip(&jitter) {
-            bench.cycle(0x0F, *target);
-            bench.pass(*jitter);
-            let seconds = (bench.now - at) as f64 / 1e9;
-            let moved = bench.drive.mechanical_position() - before.mechanical_position();
+            fixture.cycle(0x0F, *target);
+            fixture.pass(*jitter);
+            let seconds = (fixture.now - at) as f64 / 1e9;
+            let moved = fixture.drive.mechanical_position() - before.mechanical_position();
             // the last instant at which the drive did something may lie a period back
             prop_assert!(moved.abs() <= 6_553_600.0 * (seconds + 0.001) + 1.0);
-            let gained = bench.drive.velocity() - before.velocity();
+            let gained = fixture.drive.velocity() - before.velocity();
             prop_assert!(gained.abs() <= 205_000_000.0 * (seconds + 0.001) + 1.0);
-            (before, at) = (bench.drive.clone(), bench.now);
+            (before, at) = (fixture.drive.clone(), fixture.now);
         }
-        prop_assert_eq!(bench.drive.mode(), Some(OperatingMode::CyclicPosition));
+        prop_assert_eq!(fixture.drive.mode(), Some(OperatingMode::CyclicPosition));
     }
 }

@@ -1,8 +1,6 @@
 //! The drive's SDO server against bytes written by hand from CiA 301.
 
-mod drive_support;
-
-use drive_support::{Fixture, settings};
+use crate::fixture::{Fixture, config};
 use ecan_sim::{DriveConfig, DriveQuirks, SdoDirection, SdoEffect, SdoRule};
 
 fn aborted(answer: [u8; 8], index: u16, sub: u8) -> u32 {
@@ -13,92 +11,92 @@ fn aborted(answer: [u8; 8], index: u16, sub: u8) -> u32 {
 
 #[test]
 fn expedited_uploads() {
-    let mut bench = Fixture::booted();
+    let mut fixture = Fixture::booted();
     // device type, 4 bytes
     assert_eq!(
-        bench.sdo([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]),
+        fixture.sdo([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]),
         [0x43, 0x00, 0x10, 0, 0x92, 0x01, 0x02, 0x00]
     );
     // producer heartbeat time, 2 bytes
-    assert_eq!(bench.sdo([0x40, 0x17, 0x10, 0, 0, 0, 0, 0]), [0x4B, 0x17, 0x10, 0, 0, 0, 0, 0]);
+    assert_eq!(fixture.sdo([0x40, 0x17, 0x10, 0, 0, 0, 0, 0]), [0x4B, 0x17, 0x10, 0, 0, 0, 0, 0]);
     // error register, 1 byte
-    assert_eq!(bench.sdo([0x40, 0x01, 0x10, 0, 0, 0, 0, 0]), [0x4F, 0x01, 0x10, 0, 0, 0, 0, 0]);
+    assert_eq!(fixture.sdo([0x40, 0x01, 0x10, 0, 0, 0, 0, 0]), [0x4F, 0x01, 0x10, 0, 0, 0, 0, 0]);
     // actual position of a drive that stands at 1000
     assert_eq!(
-        bench.sdo([0x40, 0x64, 0x60, 0, 0, 0, 0, 0]),
+        fixture.sdo([0x40, 0x64, 0x60, 0, 0, 0, 0, 0]),
         [0x43, 0x64, 0x60, 0, 0xE8, 0x03, 0, 0]
     );
 }
 
 #[test]
 fn expedited_downloads() {
-    let mut bench = Fixture::booted();
+    let mut fixture = Fixture::booted();
     // profile velocity 123456, with its size
     assert_eq!(
-        bench.sdo([0x23, 0x81, 0x60, 0, 0x40, 0xE2, 0x01, 0x00]),
+        fixture.sdo([0x23, 0x81, 0x60, 0, 0x40, 0xE2, 0x01, 0x00]),
         [0x60, 0x81, 0x60, 0, 0, 0, 0, 0]
     );
-    assert_eq!(bench.drive.object(0x6081, 0), Some(123_456));
+    assert_eq!(fixture.drive.object(0x6081, 0), Some(123_456));
     // mode of operation 8, without a size
     assert_eq!(
-        bench.sdo([0x22, 0x60, 0x60, 0, 8, 0xAA, 0xBB, 0xCC]),
+        fixture.sdo([0x22, 0x60, 0x60, 0, 8, 0xAA, 0xBB, 0xCC]),
         [0x60, 0x60, 0x60, 0, 0, 0, 0, 0]
     );
-    assert_eq!(bench.drive.object(0x6060, 0), Some(8));
+    assert_eq!(fixture.drive.object(0x6060, 0), Some(8));
 }
 
 #[test]
 fn a_segmented_upload() {
-    let mut bench = Fixture::booted();
+    let mut fixture = Fixture::booted();
     // device name "ECAN simulated servo drive", 26 bytes
-    assert_eq!(bench.sdo([0x40, 0x08, 0x10, 0, 0, 0, 0, 0]), [0x41, 0x08, 0x10, 0, 26, 0, 0, 0]);
-    assert_eq!(bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00ECAN si");
-    assert_eq!(bench.sdo([0x70, 0, 0, 0, 0, 0, 0, 0]), *b"\x10mulated");
-    assert_eq!(bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00 servo ");
+    assert_eq!(fixture.sdo([0x40, 0x08, 0x10, 0, 0, 0, 0, 0]), [0x41, 0x08, 0x10, 0, 26, 0, 0, 0]);
+    assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00ECAN si");
+    assert_eq!(fixture.sdo([0x70, 0, 0, 0, 0, 0, 0, 0]), *b"\x10mulated");
+    assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00 servo ");
     // 5 bytes, so 2 without meaning, and the last
-    assert_eq!(bench.sdo([0x70, 0, 0, 0, 0, 0, 0, 0]), *b"\x15drive\0\0");
+    assert_eq!(fixture.sdo([0x70, 0, 0, 0, 0, 0, 0, 0]), *b"\x15drive\0\0");
 }
 
 #[test]
 fn a_segmented_download() {
-    let mut bench = Fixture::booted();
-    assert_eq!(bench.sdo([0x21, 0x01, 0x20, 0, 10, 0, 0, 0]), [0x60, 0x01, 0x20, 0, 0, 0, 0, 0]);
-    assert_eq!(bench.sdo(*b"\x00abcdefg"), [0x20, 0, 0, 0, 0, 0, 0, 0]);
+    let mut fixture = Fixture::booted();
+    assert_eq!(fixture.sdo([0x21, 0x01, 0x20, 0, 10, 0, 0, 0]), [0x60, 0x01, 0x20, 0, 0, 0, 0, 0]);
+    assert_eq!(fixture.sdo(*b"\x00abcdefg"), [0x20, 0, 0, 0, 0, 0, 0, 0]);
     // 3 bytes, the last: 4 without meaning
-    assert_eq!(bench.sdo(*b"\x19hij\0\0\0\0"), [0x30, 0, 0, 0, 0, 0, 0, 0]);
-    assert_eq!(bench.sdo([0x40, 0x01, 0x20, 0, 0, 0, 0, 0]), [0x41, 0x01, 0x20, 0, 10, 0, 0, 0]);
-    assert_eq!(bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00abcdefg");
-    assert_eq!(bench.sdo([0x70, 0, 0, 0, 0, 0, 0, 0]), *b"\x19hij\0\0\0\0");
+    assert_eq!(fixture.sdo(*b"\x19hij\0\0\0\0"), [0x30, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(fixture.sdo([0x40, 0x01, 0x20, 0, 0, 0, 0, 0]), [0x41, 0x01, 0x20, 0, 10, 0, 0, 0]);
+    assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00abcdefg");
+    assert_eq!(fixture.sdo([0x70, 0, 0, 0, 0, 0, 0, 0]), *b"\x19hij\0\0\0\0");
 }
 
 #[test]
 fn a_toggle_bit_that_stands_still_is_refused() {
-    let mut bench = Fixture::booted();
-    bench.sdo([0x40, 0x08, 0x10, 0, 0, 0, 0, 0]);
-    bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]);
-    let answer = bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]);
+    let mut fixture = Fixture::booted();
+    fixture.sdo([0x40, 0x08, 0x10, 0, 0, 0, 0, 0]);
+    fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]);
+    let answer = fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]);
     assert_eq!(aborted(answer, 0x1008, 0), 0x0503_0000);
-    bench.sdo([0x21, 0x01, 0x20, 0, 20, 0, 0, 0]);
-    let answer = bench.sdo(*b"\x10abcdefg");
+    fixture.sdo([0x21, 0x01, 0x20, 0, 20, 0, 0, 0]);
+    let answer = fixture.sdo(*b"\x10abcdefg");
     assert_eq!(aborted(answer, 0x2001, 0), 0x0503_0000);
     // and the transfer is over
-    let answer = bench.sdo(*b"\x00abcdefg");
+    let answer = fixture.sdo(*b"\x00abcdefg");
     assert_eq!(aborted(answer, 0x2001, 0), 0x0504_0001);
 }
 
 /// Sizes that do not go with what comes.
 #[test]
 fn sizes_that_lie() {
-    let mut bench = Fixture::booted();
-    bench.sdo([0x21, 0x01, 0x20, 0, 3, 0, 0, 0]);
-    assert_eq!(aborted(bench.sdo(*b"\x00abcdefg"), 0x2001, 0), 0x0607_0012);
-    bench.sdo([0x21, 0x01, 0x20, 0, 9, 0, 0, 0]);
-    assert_eq!(aborted(bench.sdo(*b"\x01abcdefg"), 0x2001, 0), 0x0607_0013);
+    let mut fixture = Fixture::booted();
+    fixture.sdo([0x21, 0x01, 0x20, 0, 3, 0, 0, 0]);
+    assert_eq!(aborted(fixture.sdo(*b"\x00abcdefg"), 0x2001, 0), 0x0607_0012);
+    fixture.sdo([0x21, 0x01, 0x20, 0, 9, 0, 0, 0]);
+    assert_eq!(aborted(fixture.sdo(*b"\x01abcdefg"), 0x2001, 0), 0x0607_0013);
 }
 
 #[test]
 fn aborts_name_their_reason() {
-    let mut bench = Fixture::booted();
+    let mut fixture = Fixture::booted();
     let reasons: [([u8; 8], u32); 10] = [
         // unknown object, unknown subindex
         ([0x40, 0x34, 0x12, 0, 0, 0, 0, 0], 0x0602_0000),
@@ -119,13 +117,13 @@ fn aborts_name_their_reason() {
     ];
     for (request, code) in reasons {
         let index = u16::from_le_bytes([request[1], request[2]]);
-        assert_eq!(aborted(bench.sdo(request), index, request[3]), code, "{request:02X?}");
+        assert_eq!(aborted(fixture.sdo(request), index, request[3]), code, "{request:02X?}");
     }
     // a command that does not exist is refused, a frame of the wrong length is not for the server
-    assert_eq!(bench.sdo([0xE0, 0, 0, 0, 0, 0, 0, 0])[0], 0x80);
-    assert_eq!(bench.frame(0x605, &[0x40, 0, 0x10]), []);
+    assert_eq!(fixture.sdo([0xE0, 0, 0, 0, 0, 0, 0, 0])[0], 0x80);
+    assert_eq!(fixture.frame(0x605, &[0x40, 0, 0x10]), []);
     // an abort of the client is not answered
-    assert_eq!(bench.frame(0x605, &[0x80, 0, 0x10, 0, 0, 0, 0, 0]), []);
+    assert_eq!(fixture.frame(0x605, &[0x80, 0, 0x10, 0, 0, 0, 0, 0]), []);
 }
 
 /// CRC-16 of XMODEM bit by bit, so that the server is not compared with its own table.
@@ -137,11 +135,11 @@ fn crc(data: &[u8]) -> u16 {
     })
 }
 
-fn block_download(bench: &mut Fixture, value: &[u8], announce: bool) {
+fn block_download(fixture: &mut Fixture, value: &[u8], announce: bool) {
     let size = if announce { value.len() as u32 } else { 0 };
     let [a, b, c, d] = size.to_le_bytes();
     let command = 0xC4 | u8::from(announce) << 1;
-    let answer = bench.sdo([command, 0x00, 0x20, 0, a, b, c, d]);
+    let answer = fixture.sdo([command, 0x00, 0x20, 0, a, b, c, d]);
     assert_eq!(answer, [0xA4, 0x00, 0x20, 0, 127, 0, 0, 0]);
     let chunks: Vec<_> = if value.is_empty() { vec![&[][..]] } else { value.chunks(7).collect() };
     let mut sequence = 0;
@@ -151,7 +149,7 @@ fn block_download(bench: &mut Fixture, value: &[u8], announce: bool) {
         let mut frame = [0; 8];
         frame[0] = sequence | u8::from(last) << 7;
         frame[1..=chunk.len()].copy_from_slice(chunk);
-        let answers = bench.sdo_all(frame);
+        let answers = fixture.sdo_all(frame);
         if last || sequence == 127 {
             assert_eq!(answers, [[0xA2, sequence, 127, 0, 0, 0, 0, 0]]);
             sequence = 0;
@@ -162,15 +160,15 @@ fn block_download(bench: &mut Fixture, value: &[u8], announce: bool) {
     let used = chunks.last().unwrap().len();
     let [low, high] = crc(value).to_le_bytes();
     let end = [0xC1 | (7 - used as u8) << 2, low, high, 0, 0, 0, 0, 0];
-    assert_eq!(bench.sdo(end), [0xA1, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(fixture.sdo(end), [0xA1, 0, 0, 0, 0, 0, 0, 0]);
 }
 
-fn block_upload(bench: &mut Fixture, block_size: u8) -> Vec<u8> {
-    let answer = bench.sdo([0xA4, 0x00, 0x20, 0, block_size, 0, 0, 0]);
+fn block_upload(fixture: &mut Fixture, block_size: u8) -> Vec<u8> {
+    let answer = fixture.sdo([0xA4, 0x00, 0x20, 0, block_size, 0, 0, 0]);
     assert_eq!(answer[..4], [0xC6, 0x00, 0x20, 0]);
     let size = u32::from_le_bytes(answer[4..].try_into().unwrap()) as usize;
     let mut value = Vec::new();
-    let mut segments = bench.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
+    let mut segments = fixture.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
     loop {
         for (number, segment) in segments.iter().enumerate() {
             assert_eq!(usize::from(segment[0] & 0x7F), number + 1);
@@ -178,7 +176,7 @@ fn block_upload(bench: &mut Fixture, block_size: u8) -> Vec<u8> {
         }
         let last = segments.last().unwrap()[0] & 0x80 != 0;
         let ack = [0xA2, segments.len() as u8, block_size, 0, 0, 0, 0, 0];
-        segments = bench.sdo_all(ack);
+        segments = fixture.sdo_all(ack);
         if last {
             break;
         }
@@ -189,107 +187,107 @@ fn block_upload(bench: &mut Fixture, block_size: u8) -> Vec<u8> {
     value.truncate(value.len() - usize::from(end[0] >> 2 & 7));
     assert_eq!(value.len(), size);
     assert_eq!(u16::from_le_bytes([end[1], end[2]]), crc(&value));
-    assert!(bench.sdo_all([0xA1, 0, 0, 0, 0, 0, 0, 0]).is_empty());
+    assert!(fixture.sdo_all([0xA1, 0, 0, 0, 0, 0, 0, 0]).is_empty());
     value
 }
 
 #[test]
 fn block_transfers_of_every_length() {
-    let mut bench = Fixture::booted();
+    let mut fixture = Fixture::booted();
     for length in [0, 1, 6, 7, 8, 14, 100, 888, 889, 890, 5000] {
         let value: Vec<u8> = (0..length).map(|number: usize| (number * 7 + 3) as u8).collect();
-        block_download(&mut bench, &value, length % 2 == 0);
+        block_download(&mut fixture, &value, length % 2 == 0);
         for block_size in [1, 5, 127] {
-            assert_eq!(block_upload(&mut bench, block_size), value, "{length} {block_size}");
+            assert_eq!(block_upload(&mut fixture, block_size), value, "{length} {block_size}");
         }
     }
 }
 
 #[test]
 fn a_block_that_lost_a_segment_is_repeated_from_there() {
-    let mut bench = Fixture::booted();
-    bench.sdo([0xC6, 0x00, 0x20, 0, 14, 0, 0, 0]);
-    assert!(bench.sdo_all(*b"\x01abcdefg").is_empty());
+    let mut fixture = Fixture::booted();
+    fixture.sdo([0xC6, 0x00, 0x20, 0, 14, 0, 0, 0]);
+    assert!(fixture.sdo_all(*b"\x01abcdefg").is_empty());
     // segment 2 is lost, 3 and last arrives: the server has 1
-    let answers = bench.sdo_all(*b"\x83xxxxxxx");
+    let answers = fixture.sdo_all(*b"\x83xxxxxxx");
     assert_eq!(answers, [[0xA2, 1, 127, 0, 0, 0, 0, 0]]);
-    let answers = bench.sdo_all(*b"\x81hijklmn");
+    let answers = fixture.sdo_all(*b"\x81hijklmn");
     assert_eq!(answers, [[0xA2, 1, 127, 0, 0, 0, 0, 0]]);
     let [low, high] = crc(b"abcdefghijklmn").to_le_bytes();
-    assert_eq!(bench.sdo([0xC1, low, high, 0, 0, 0, 0, 0]), [0xA1, 0, 0, 0, 0, 0, 0, 0]);
-    assert_eq!(block_upload(&mut bench, 10), b"abcdefghijklmn");
+    assert_eq!(fixture.sdo([0xC1, low, high, 0, 0, 0, 0, 0]), [0xA1, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(block_upload(&mut fixture, 10), b"abcdefghijklmn");
 }
 
 #[test]
 fn an_upload_block_that_lost_a_segment_is_repeated_from_there() {
-    let mut bench = Fixture::booted();
+    let mut fixture = Fixture::booted();
     let value: Vec<u8> = (0..30).collect();
-    block_download(&mut bench, &value, true);
-    bench.sdo([0xA4, 0x00, 0x20, 0, 4, 0, 0, 0]);
-    let segments = bench.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
+    block_download(&mut fixture, &value, true);
+    fixture.sdo([0xA4, 0x00, 0x20, 0, 4, 0, 0, 0]);
+    let segments = fixture.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
     assert_eq!(segments.len(), 4);
     // the client has got only the first two
-    let segments = bench.sdo_all([0xA2, 2, 4, 0, 0, 0, 0, 0]);
+    let segments = fixture.sdo_all([0xA2, 2, 4, 0, 0, 0, 0, 0]);
     assert_eq!(segments[0], [1, 14, 15, 16, 17, 18, 19, 20]);
     assert_eq!(segments[2], [0x83, 28, 29, 0, 0, 0, 0, 0]);
-    let end = bench.sdo([0xA2, 3, 4, 0, 0, 0, 0, 0]);
+    let end = fixture.sdo([0xA2, 3, 4, 0, 0, 0, 0, 0]);
     assert_eq!(end[0], 0xC1 | 5 << 2);
 }
 
 #[test]
 fn wrong_block_transfers_are_refused() {
-    let mut bench = Fixture::booted();
+    let mut fixture = Fixture::booted();
     let code = |answer: [u8; 8]| u32::from_le_bytes(answer[4..].try_into().unwrap());
     // block sizes
-    assert_eq!(code(bench.sdo([0xA4, 0, 0x20, 0, 0, 0, 0, 0])), 0x0504_0002);
-    assert_eq!(code(bench.sdo([0xA4, 0, 0x20, 0, 128, 0, 0, 0])), 0x0504_0002);
+    assert_eq!(code(fixture.sdo([0xA4, 0, 0x20, 0, 0, 0, 0, 0])), 0x0504_0002);
+    assert_eq!(code(fixture.sdo([0xA4, 0, 0x20, 0, 128, 0, 0, 0])), 0x0504_0002);
     // CRC
-    bench.sdo([0xC6, 0, 0x20, 0, 7, 0, 0, 0]);
-    bench.sdo(*b"\x81abcdefg");
-    assert_eq!(code(bench.sdo([0xC1, 0x12, 0x34, 0, 0, 0, 0, 0])), 0x0504_0004);
+    fixture.sdo([0xC6, 0, 0x20, 0, 7, 0, 0, 0]);
+    fixture.sdo(*b"\x81abcdefg");
+    assert_eq!(code(fixture.sdo([0xC1, 0x12, 0x34, 0, 0, 0, 0, 0])), 0x0504_0004);
     // an acknowledge of more than was sent
-    bench.sdo([0xA4, 0, 0x20, 0, 4, 0, 0, 0]);
-    bench.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
-    assert_eq!(code(bench.sdo([0xA2, 4, 4, 0, 0, 0, 0, 0])), 0x0504_0003);
+    fixture.sdo([0xA4, 0, 0x20, 0, 4, 0, 0, 0]);
+    fixture.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
+    assert_eq!(code(fixture.sdo([0xA2, 4, 4, 0, 0, 0, 0, 0])), 0x0504_0003);
     // more than announced
-    bench.sdo([0xC6, 0, 0x20, 0, 3, 0, 0, 0]);
-    bench.sdo_all(*b"\x01abcdefg");
-    assert_eq!(code(bench.sdo(*b"\x02abcdefg")), 0x0607_0012);
+    fixture.sdo([0xC6, 0, 0x20, 0, 3, 0, 0, 0]);
+    fixture.sdo_all(*b"\x01abcdefg");
+    assert_eq!(code(fixture.sdo(*b"\x02abcdefg")), 0x0607_0012);
     // a read-only object, a number by block
-    assert_eq!(code(bench.sdo([0xC6, 0x00, 0x10, 0, 4, 0, 0, 0])), 0x0601_0002);
-    bench.sdo([0xC6, 0x81, 0x60, 0, 4, 0, 0, 0]);
-    bench.sdo([0x81, 1, 2, 3, 4, 0, 0, 0]);
+    assert_eq!(code(fixture.sdo([0xC6, 0x00, 0x10, 0, 4, 0, 0, 0])), 0x0601_0002);
+    fixture.sdo([0xC6, 0x81, 0x60, 0, 4, 0, 0, 0]);
+    fixture.sdo([0x81, 1, 2, 3, 4, 0, 0, 0]);
     let [low, high] = crc(&[1, 2, 3, 4]).to_le_bytes();
-    let answer = bench.sdo([0xC1 | 3 << 2, low, high, 0, 0, 0, 0, 0]);
+    let answer = fixture.sdo([0xC1 | 3 << 2, low, high, 0, 0, 0, 0, 0]);
     assert_eq!(answer, [0xA1, 0, 0, 0, 0, 0, 0, 0]);
-    assert_eq!(bench.drive.object(0x6081, 0), Some(0x0403_0201));
+    assert_eq!(fixture.drive.object(0x6081, 0), Some(0x0403_0201));
 }
 
 #[test]
 fn a_short_block_upload_may_be_answered_at_once() {
-    let mut bench = Fixture::booted();
+    let mut fixture = Fixture::booted();
     // the client allows the change up to 4 bytes
     assert_eq!(
-        bench.sdo([0xA4, 0x00, 0x10, 0, 127, 4, 0, 0]),
+        fixture.sdo([0xA4, 0x00, 0x10, 0, 127, 4, 0, 0]),
         [0x43, 0x00, 0x10, 0, 0x92, 0x01, 0x02, 0x00]
     );
 }
 
 fn with_quirks(quirks: DriveQuirks) -> Fixture {
-    Fixture::with(&DriveConfig { quirks, ..settings() })
+    Fixture::with(&DriveConfig { quirks, ..config() })
 }
 
 #[test]
 fn drives_without_block_transfer() {
-    let mut bench = with_quirks(DriveQuirks { no_block_transfer: true, ..Default::default() });
+    let mut fixture = with_quirks(DriveQuirks { no_block_transfer: true, ..Default::default() });
     for request in [[0xA4, 0, 0x20, 0, 127, 0, 0, 0], [0xC6, 0, 0x20, 0, 9, 0, 0, 0]] {
-        assert_eq!(aborted(bench.sdo(request), 0x2000, 0), 0x0504_0001);
+        assert_eq!(aborted(fixture.sdo(request), 0x2000, 0), 0x0504_0001);
     }
     let quirks = DriveQuirks { block_upload_falls_back: true, ..Default::default() };
-    let mut bench = with_quirks(quirks);
-    let answer = bench.sdo([0xA4, 0x08, 0x10, 0, 127, 0, 0, 0]);
+    let mut fixture = with_quirks(quirks);
+    let answer = fixture.sdo([0xA4, 0x08, 0x10, 0, 127, 0, 0, 0]);
     assert_eq!(answer, [0x41, 0x08, 0x10, 0, 26, 0, 0, 0]);
-    assert_eq!(bench.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00ECAN si");
+    assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00ECAN si");
 }
 
 #[test]
@@ -302,7 +300,7 @@ fn objects_that_are_made_to_fail() {
         times,
     };
     let abort = SdoEffect::Abort(ecan_protocol::object::AbortCode(0x0601_0000));
-    let mut bench = with_quirks(DriveQuirks {
+    let mut fixture = with_quirks(DriveQuirks {
         sdo_rules: vec![
             rule(0x60C2, SdoDirection::Write, abort, Some(2)),
             rule(0x1018, SdoDirection::Read, SdoEffect::Silence, Some(1)),
@@ -310,21 +308,21 @@ fn objects_that_are_made_to_fail() {
         missing: vec![0x1016],
         ..DriveQuirks::default()
     });
-    assert_eq!(bench.read(0x60C2, 1), Ok(1));
-    assert_eq!(bench.write(0x60C2, 1, 2, 1), Err(0x0601_0000));
-    assert_eq!(bench.write(0x60C2, 2, -3, 1), Err(0x0601_0000));
-    assert_eq!(bench.write(0x60C2, 1, 2, 1), Ok(()));
-    assert!(bench.sdo_all([0x40, 0x18, 0x10, 1, 0, 0, 0, 0]).is_empty());
-    assert_eq!(bench.read(0x1018, 1), Ok(0x5349_4D00));
-    assert_eq!(bench.read(0x1016, 1), Err(0x0602_0000));
+    assert_eq!(fixture.read(0x60C2, 1), Ok(1));
+    assert_eq!(fixture.write(0x60C2, 1, 2, 1), Err(0x0601_0000));
+    assert_eq!(fixture.write(0x60C2, 2, -3, 1), Err(0x0601_0000));
+    assert_eq!(fixture.write(0x60C2, 1, 2, 1), Ok(()));
+    assert!(fixture.sdo_all([0x40, 0x18, 0x10, 1, 0, 0, 0, 0]).is_empty());
+    assert_eq!(fixture.read(0x1018, 1), Ok(0x5349_4D00));
+    assert_eq!(fixture.read(0x1016, 1), Err(0x0602_0000));
 }
 
 #[test]
 fn answers_take_their_time() {
-    let mut bench = Fixture::with(&DriveConfig { sdo_delay_us: 500, ..settings() });
-    assert!(bench.sdo_all([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]).is_empty());
-    let asked = bench.now;
-    bench.pass_ms(1);
-    let (at, (id, _)) = bench.sent[0].clone();
+    let mut fixture = Fixture::with(&DriveConfig { sdo_delay_us: 500, ..config() });
+    assert!(fixture.sdo_all([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]).is_empty());
+    let asked = fixture.now;
+    fixture.pass_ms(1);
+    let (at, (id, _)) = fixture.sent[0].clone();
     assert_eq!((at - asked, id), (500_000, 0x585));
 }

@@ -1,12 +1,10 @@
 //! Nodes that join and leave the bus of a running gateway.
 
-mod ecrt_support;
-
 use std::sync::{Arc, Mutex};
 
+use crate::ecrt_support::Program;
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{GatewaySpec, Node, NodeOutput, Scenario, StationConfig};
-use ecrt_support::Program;
 
 fn frame(data: u8) -> CanFrame {
     CanFrame::classic(CanId::standard(0x123).unwrap(), &[data]).unwrap()
@@ -34,7 +32,7 @@ impl Node for Recorder {
 #[test]
 fn attached_node_takes_part_until_dropped() {
     let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };
-    let mut program = Program::new(ecrt_support::stepped(scenario), &[3]).into_op();
+    let mut program = Program::new(crate::ecrt_support::stepped(scenario), &[3]).into_op();
     let simulation = program.simulation().clone();
     let on_bus = || simulation.with_world(|world| world.counters(0)).unwrap().frames_on_bus;
     let recorder = Recorder::default();

@@ -1,6 +1,4 @@
 //! A drive on the table: frames go in and come out without a bus between.
-#![allow(dead_code)]
-
 use ecan_canopen::{
     Command, Controlword, DriveState, NmtCommand, NmtRequest, NodeId, OperatingMode,
 };
@@ -25,7 +23,7 @@ pub struct Fixture {
 }
 
 /// Settings of a drive that answers at once and stands at 1000.
-pub fn settings() -> DriveConfig {
+pub fn config() -> DriveConfig {
     DriveConfig {
         sdo_delay_us: 0,
         motor: MotorConfig { start_position: 1000, ..MotorConfig::default() },
@@ -36,22 +34,22 @@ pub fn settings() -> DriveConfig {
 impl Fixture {
     /// A drive with the built-in objects that has booted.
     pub fn booted() -> Self {
-        Self::with(&settings())
+        Self::with(&config())
     }
 
-    pub fn with(settings: &DriveConfig) -> Self {
-        let mut bench = Self::cold(Drive::new(settings));
-        bench.pass_ms(u64::from(settings.boot_ms) + 1);
-        bench.sent.clear();
-        bench
+    pub fn with(config: &DriveConfig) -> Self {
+        let mut fixture = Self::cold(Drive::new(config));
+        fixture.pass_ms(u64::from(config.boot_ms) + 1);
+        fixture.sent.clear();
+        fixture
     }
 
     /// A drive that has just got its supply.
     pub fn cold(drive: Drive) -> Self {
-        let mut bench = Self { drive, now: 10 * MS, out: NodeOutput::new(), sent: Vec::new() };
-        bench.drive.started(bench.now, &mut bench.out);
-        bench.collect();
-        bench
+        let mut fixture = Self { drive, now: 10 * MS, out: NodeOutput::new(), sent: Vec::new() };
+        fixture.drive.started(fixture.now, &mut fixture.out);
+        fixture.collect();
+        fixture
     }
 
     fn collect(&mut self) {

@@ -1,8 +1,6 @@
 //! The state machine of CiA 402 in the drive: transitions, option codes, faults.
 
-mod drive_support;
-
-use drive_support::{Fixture, settings};
+use crate::fixture::{Fixture, config};
 use ecan_canopen::DriveState::{
     self, Fault, FaultReactionActive, OperationEnabled, QuickStopActive, ReadyToSwitchOn,
     SwitchOnDisabled, SwitchedOn,
@@ -19,12 +17,12 @@ const FAULT_RESET: u16 = 0x80;
 
 /// Controlwords that lead from switch on disabled to a state; the motor stands.
 fn way_to(state: DriveState) -> Fixture {
-    let mut bench = Fixture::booted();
-    bench.mode(OperatingMode::CyclicPosition);
+    let mut fixture = Fixture::booted();
+    fixture.mode(OperatingMode::CyclicPosition);
     // stay in quick stop active
-    bench.write(0x605A, 0, 6, 2).unwrap();
+    fixture.write(0x605A, 0, 6, 2).unwrap();
     // disable at once
-    bench.write(0x605C, 0, 0, 2).unwrap();
+    fixture.write(0x605C, 0, 0, 2).unwrap();
     let words: &[u16] = match state {
         ReadyToSwitchOn => &[SHUTDOWN],
         SwitchedOn => &[SHUTDOWN, SWITCH_ON],
@@ -32,12 +30,12 @@ fn way_to(state: DriveState) -> Fixture {
         QuickStopActive => &[SHUTDOWN, SWITCH_ON, ENABLE, QUICK_STOP],
         _ => &[],
     };
-    words.iter().for_each(|word| bench.controlword(*word));
+    words.iter().for_each(|word| fixture.controlword(*word));
     if state == Fault {
-        bench.drive.fail(bench.now, 0x1000, &mut NodeOutput::new());
+        fixture.drive.fail(fixture.now, 0x1000, &mut NodeOutput::new());
     }
-    assert_eq!(bench.drive.state(), state);
-    bench
+    assert_eq!(fixture.drive.state(), state);
+    fixture
 }
 
 #[test]
@@ -115,9 +113,9 @@ fn every_controlword_in_every_state() {
     ];
     for (from, steps) in table {
         for (word, to) in steps {
-            let mut bench = way_to(from);
-            bench.controlword(word);
-            assert_eq!(bench.drive.state(), to, "{from} with {word:#04X}");
+            let mut fixture = way_to(from);
+            fixture.controlword(word);
+            assert_eq!(fixture.drive.state(), to, "{from} with {word:#04X}");
         }
     }
 }
@@ -134,49 +132,49 @@ fn the_statusword_of_each_state() {
         (Fault, 0x0208),
     ];
     for (state, word) in words {
-        let mut bench = way_to(state);
-        assert_eq!(bench.read(0x6041, 0), Ok(word), "{state}");
-        assert_eq!(u32::from(bench.drive.statusword().0), word);
+        let mut fixture = way_to(state);
+        assert_eq!(fixture.read(0x6041, 0), Ok(word), "{state}");
+        assert_eq!(u32::from(fixture.drive.statusword().0), word);
     }
 }
 
 #[test]
 fn only_a_rising_edge_resets_a_fault() {
-    let mut bench = Fixture::booted();
-    bench.controlword(FAULT_RESET);
-    bench.drive.fail(bench.now, 0x2310, &mut NodeOutput::new());
+    let mut fixture = Fixture::booted();
+    fixture.controlword(FAULT_RESET);
+    fixture.drive.fail(fixture.now, 0x2310, &mut NodeOutput::new());
     // the bit is still set from before
     for _ in 0..3 {
-        bench.controlword(FAULT_RESET);
-        assert_eq!(bench.drive.state(), Fault);
+        fixture.controlword(FAULT_RESET);
+        assert_eq!(fixture.drive.state(), Fault);
     }
-    bench.controlword(0);
-    bench.controlword(FAULT_RESET);
-    assert_eq!(bench.drive.state(), SwitchOnDisabled);
-    assert_eq!(bench.drive.error_code(), 0);
+    fixture.controlword(0);
+    fixture.controlword(FAULT_RESET);
+    assert_eq!(fixture.drive.state(), SwitchOnDisabled);
+    assert_eq!(fixture.drive.error_code(), 0);
 }
 
 /// An axis that turns at 1 000 000 increments per second in profile velocity.
 fn turning() -> Fixture {
-    let mut bench = Fixture::booted();
-    bench.write(0x60FF, 0, 1_000_000, 4).unwrap();
-    bench.enable(OperatingMode::ProfileVelocity);
-    bench.pass_ms(200);
-    assert!((bench.drive.velocity() - 1e6).abs() < 1e3, "{}", bench.drive.velocity());
-    bench
+    let mut fixture = Fixture::booted();
+    fixture.write(0x60FF, 0, 1_000_000, 4).unwrap();
+    fixture.enable(OperatingMode::ProfileVelocity);
+    fixture.pass_ms(200);
+    assert!((fixture.drive.velocity() - 1e6).abs() < 1e3, "{}", fixture.drive.velocity());
+    fixture
 }
 
 /// Milliseconds until it stands, and the states meanwhile.
-fn until_standing(bench: &mut Fixture) -> (usize, Vec<DriveState>) {
+fn until_standing(fixture: &mut Fixture) -> (usize, Vec<DriveState>) {
     let mut states = Vec::new();
     for ms in 0..1000 {
-        if states.last() != Some(&bench.drive.state()) {
-            states.push(bench.drive.state());
+        if states.last() != Some(&fixture.drive.state()) {
+            states.push(fixture.drive.state());
         }
-        if bench.drive.velocity().abs() < 1_000.0 {
+        if fixture.drive.velocity().abs() < 1_000.0 {
             return (ms, states);
         }
-        bench.pass_ms(1);
+        fixture.pass_ms(1);
     }
     panic!("it never stands");
 }
@@ -196,15 +194,15 @@ fn quick_stop_option_codes() {
         (7, 4..20, QuickStopActive),
     ];
     for (option, time, end) in cases {
-        let mut bench = turning();
-        bench.write(0x605A, 0, option, 2).unwrap();
-        bench.controlword(QUICK_STOP);
+        let mut fixture = turning();
+        fixture.write(0x605A, 0, option, 2).unwrap();
+        fixture.controlword(QUICK_STOP);
         let first = if option == 0 { SwitchOnDisabled } else { QuickStopActive };
-        assert_eq!(bench.drive.state(), first);
-        let (ms, _) = until_standing(&mut bench);
+        assert_eq!(fixture.drive.state(), first);
+        let (ms, _) = until_standing(&mut fixture);
         assert!(time.contains(&ms), "option {option}: {ms} ms");
-        bench.pass_ms(20);
-        assert_eq!(bench.drive.state(), end, "option {option}");
+        fixture.pass_ms(20);
+        assert_eq!(fixture.drive.state(), end, "option {option}");
     }
 }
 
@@ -214,110 +212,110 @@ fn shutdown_and_disable_operation_option_codes() {
     for (object, word, end) in
         [(0x605B, SHUTDOWN, ReadyToSwitchOn), (0x605C, SWITCH_ON, SwitchedOn)]
     {
-        let mut bench = turning();
-        bench.write(object, 0, 0, 2).unwrap();
-        bench.controlword(word);
-        assert_eq!(bench.drive.state(), end);
-        assert!(until_standing(&mut bench).0 > 150);
-        let mut bench = turning();
-        bench.write(object, 0, 1, 2).unwrap();
-        bench.controlword(word);
-        let (ms, states) = until_standing(&mut bench);
+        let mut fixture = turning();
+        fixture.write(object, 0, 0, 2).unwrap();
+        fixture.controlword(word);
+        assert_eq!(fixture.drive.state(), end);
+        assert!(until_standing(&mut fixture).0 > 150);
+        let mut fixture = turning();
+        fixture.write(object, 0, 1, 2).unwrap();
+        fixture.controlword(word);
+        let (ms, states) = until_standing(&mut fixture);
         assert!((95..115).contains(&ms), "{ms}");
         assert_eq!(states[0], OperationEnabled);
-        bench.pass_ms(20);
-        assert_eq!(bench.drive.state(), end);
+        fixture.pass_ms(20);
+        assert_eq!(fixture.drive.state(), end);
     }
 }
 
 #[test]
 fn enabling_again_takes_a_slow_down_back() {
-    let mut bench = turning();
-    bench.controlword(SWITCH_ON);
-    bench.pass_ms(20);
-    bench.controlword(ENABLE);
-    bench.pass_ms(200);
-    assert_eq!(bench.drive.state(), OperationEnabled);
-    assert!((bench.drive.velocity() - 1e6).abs() < 1e3);
+    let mut fixture = turning();
+    fixture.controlword(SWITCH_ON);
+    fixture.pass_ms(20);
+    fixture.controlword(ENABLE);
+    fixture.pass_ms(200);
+    assert_eq!(fixture.drive.state(), OperationEnabled);
+    assert!((fixture.drive.velocity() - 1e6).abs() < 1e3);
 }
 
 #[test]
 fn halt_option_codes_slow_down_and_stay_enabled() {
     for (option, time) in [(1, 95..115), (2, 18..35), (3, 4..20)] {
-        let mut bench = turning();
-        bench.write(0x605D, 0, option, 2).unwrap();
-        bench.controlword(ENABLE | 0x100);
-        let (ms, states) = until_standing(&mut bench);
+        let mut fixture = turning();
+        fixture.write(0x605D, 0, option, 2).unwrap();
+        fixture.controlword(ENABLE | 0x100);
+        let (ms, states) = until_standing(&mut fixture);
         assert!(time.contains(&ms), "option {option}: {ms} ms");
         assert_eq!(states, [OperationEnabled]);
         // target reached tells that it stands
-        bench.pass_ms(10);
-        assert_eq!(bench.drive.statusword().0 & 0x0400, 0x0400);
-        bench.controlword(ENABLE);
-        bench.pass_ms(200);
-        assert!((bench.drive.velocity() - 1e6).abs() < 1e3);
+        fixture.pass_ms(10);
+        assert_eq!(fixture.drive.statusword().0 & 0x0400, 0x0400);
+        fixture.controlword(ENABLE);
+        fixture.pass_ms(200);
+        assert!((fixture.drive.velocity() - 1e6).abs() < 1e3);
     }
 }
 
 #[test]
 fn fault_reaction_option_codes() {
     for (option, time) in [(0, 150..250), (1, 95..115), (2, 18..35), (3, 4..20)] {
-        let mut bench = turning();
-        bench.write(0x605E, 0, option, 2).unwrap();
-        bench.drive.fail(bench.now, 0x4310, &mut NodeOutput::new());
+        let mut fixture = turning();
+        fixture.write(0x605E, 0, option, 2).unwrap();
+        fixture.drive.fail(fixture.now, 0x4310, &mut NodeOutput::new());
         let first = if option == 0 { Fault } else { FaultReactionActive };
-        assert_eq!(bench.drive.state(), first);
-        let (ms, _) = until_standing(&mut bench);
+        assert_eq!(fixture.drive.state(), first);
+        let (ms, _) = until_standing(&mut fixture);
         assert!(time.contains(&ms), "option {option}: {ms} ms");
-        bench.pass_ms(20);
-        assert_eq!(bench.drive.state(), Fault);
+        fixture.pass_ms(20);
+        assert_eq!(fixture.drive.state(), Fault);
     }
 }
 
 #[test]
 fn enabling_takes_the_time_of_the_brake() {
-    let mut bench = Fixture::with(&DriveConfig { enable_ms: 30, ..settings() });
-    bench.mode(OperatingMode::CyclicPosition);
-    bench.command(Command::Shutdown);
-    bench.command(Command::SwitchOn);
-    bench.command(Command::EnableOperation);
-    bench.pass_ms(29);
-    assert_eq!(bench.drive.state(), SwitchedOn);
-    bench.command(Command::EnableOperation);
-    bench.pass_ms(1);
-    assert_eq!(bench.drive.state(), OperationEnabled);
+    let mut fixture = Fixture::with(&DriveConfig { enable_ms: 30, ..config() });
+    fixture.mode(OperatingMode::CyclicPosition);
+    fixture.command(Command::Shutdown);
+    fixture.command(Command::SwitchOn);
+    fixture.command(Command::EnableOperation);
+    fixture.pass_ms(29);
+    assert_eq!(fixture.drive.state(), SwitchedOn);
+    fixture.command(Command::EnableOperation);
+    fixture.pass_ms(1);
+    assert_eq!(fixture.drive.state(), OperationEnabled);
 }
 
 #[test]
 fn quirks_of_the_state_machine() {
-    let with = |quirks| Fixture::with(&DriveConfig { quirks, ..settings() });
-    let mut bench = with(DriveQuirks { needs_mode: true, ..DriveQuirks::default() });
+    let with = |quirks| Fixture::with(&DriveConfig { quirks, ..config() });
+    let mut fixture = with(DriveQuirks { needs_mode: true, ..DriveQuirks::default() });
     for word in [SHUTDOWN, SWITCH_ON, ENABLE] {
-        bench.controlword(word);
+        fixture.controlword(word);
     }
-    assert_eq!(bench.drive.state(), SwitchedOn);
-    bench.mode(OperatingMode::CyclicPosition);
-    bench.controlword(ENABLE);
-    assert_eq!(bench.drive.state(), OperationEnabled);
+    assert_eq!(fixture.drive.state(), SwitchedOn);
+    fixture.mode(OperatingMode::CyclicPosition);
+    fixture.controlword(ENABLE);
+    assert_eq!(fixture.drive.state(), OperationEnabled);
 
-    let mut bench = with(DriveQuirks { stuck_in_fault: true, ..DriveQuirks::default() });
-    bench.drive.fail(bench.now, 0x2310, &mut NodeOutput::new());
+    let mut fixture = with(DriveQuirks { stuck_in_fault: true, ..DriveQuirks::default() });
+    fixture.drive.fail(fixture.now, 0x2310, &mut NodeOutput::new());
     for word in [0, FAULT_RESET, 0, FAULT_RESET] {
-        bench.controlword(word);
-        assert_eq!(bench.drive.state(), Fault);
+        fixture.controlword(word);
+        assert_eq!(fixture.drive.state(), Fault);
     }
-    bench.nmt(NmtCommand::ResetNode);
-    bench.pass_ms(50);
-    assert_eq!(bench.drive.state(), SwitchOnDisabled);
+    fixture.nmt(NmtCommand::ResetNode);
+    fixture.pass_ms(50);
+    assert_eq!(fixture.drive.state(), SwitchOnDisabled);
 
     let quirks = DriveQuirks { ignored_modes: vec![8], mode_delay_ms: 5, ..Default::default() };
-    let mut bench = with(quirks);
-    bench.mode(OperatingMode::CyclicPosition);
-    bench.pass_ms(100);
-    assert_eq!((bench.read(0x6060, 0), bench.read(0x6061, 0)), (Ok(8), Ok(0)));
-    bench.mode(OperatingMode::Homing);
-    bench.pass_ms(4);
-    assert_eq!(bench.read(0x6061, 0), Ok(0));
-    bench.pass_ms(1);
-    assert_eq!(bench.read(0x6061, 0), Ok(6));
+    let mut fixture = with(quirks);
+    fixture.mode(OperatingMode::CyclicPosition);
+    fixture.pass_ms(100);
+    assert_eq!((fixture.read(0x6060, 0), fixture.read(0x6061, 0)), (Ok(8), Ok(0)));
+    fixture.mode(OperatingMode::Homing);
+    fixture.pass_ms(4);
+    assert_eq!(fixture.read(0x6061, 0), Ok(0));
+    fixture.pass_ms(1);
+    assert_eq!(fixture.read(0x6061, 0), Ok(6));
 }

@@ -1,8 +1,6 @@
 //! Errors on a bus: counters, states, bus-off and the way back.
 
-mod bench;
-
-use bench::{
+use crate::fixture::{
     BIT, CLASSIC, FD, START, bits, bus_of, classic, error_frames, received, run, sent, states,
 };
 use ecan_protocol::can::{CanFrame, CanId};

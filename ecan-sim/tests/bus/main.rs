@@ -1,0 +1,7 @@
+//! Tests of the CAN bus.
+
+mod errors;
+mod fixture;
+mod frame_timing;
+mod naive;
+mod transmission;

@@ -1,0 +1,13 @@
+//! Tests of the CiA 402 drive.
+
+#[path = "../ecrt_support/mod.rs"]
+mod ecrt_support;
+mod eds;
+mod fixture;
+mod motion;
+mod network;
+mod pdo;
+mod properties;
+mod scenario;
+mod sdo_server;
+mod state_machine;

@@ -1,0 +1,223 @@
+//! Process data: the rules of mapping, SYNC, events, inhibit and event timers.
+
+use crate::fixture::{Fixture, MS, NODE, config};
+use ecan_canopen::{Command, NmtCommand};
+use ecan_sim::{DriveConfig, DriveQuirks};
+
+const UNSUPPORTED: u32 = 0x0601_0000;
+const LOCKED: u32 = 0x0601_0003;
+const NO_OBJECT: u32 = 0x0602_0000;
+const NOT_MAPPABLE: u32 = 0x0604_0041;
+const PDO_LENGTH: u32 = 0x0604_0042;
+const RANGE: u32 = 0x0609_0030;
+const STATE: u32 = 0x0800_0022;
+
+#[test]
+fn a_mapping_is_changed_only_while_the_pdo_is_invalid_and_empty() {
+    let mut fixture = Fixture::booted();
+    // RPDO 1 is valid with one entry
+    assert_eq!(fixture.write(0x1600, 0, 0, 1), Err(UNSUPPORTED));
+    assert_eq!(fixture.write(0x1600, 1, 0x607A_0020, 4), Err(UNSUPPORTED));
+    fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
+    assert_eq!(fixture.write(0x1600, 1, 0x607A_0020, 4), Err(LOCKED));
+    fixture.write(0x1600, 0, 0, 1).unwrap();
+    fixture.write(0x1600, 1, 0x607A_0020, 4).unwrap();
+    fixture.write(0x1600, 0, 1, 1).unwrap();
+    fixture.write(0x1400, 1, 0x4000_0205, 4).unwrap();
+    assert_eq!(fixture.read(0x1600, 1), Ok(0x607A_0020));
+}
+
+#[test]
+fn what_cannot_be_mapped_is_refused() {
+    let mut fixture = Fixture::booted();
+    fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
+    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
+    fixture.write(0x1600, 0, 0, 1).unwrap();
+    fixture.write(0x1A00, 0, 0, 1).unwrap();
+    let refused = [
+        // no such object, not mappable at all
+        (0x1600, 0x1234_0010, NO_OBJECT),
+        (0x1600, 0x6081_0020, NOT_MAPPABLE),
+        (0x1600, 0x1018_0120, NOT_MAPPABLE),
+        // the statusword is not received, the controlword not sent
+        (0x1600, 0x6041_0010, NOT_MAPPABLE),
+        (0x1A00, 0x6040_0010, NOT_MAPPABLE),
+        // the target position has 32 bits
+        (0x1600, 0x607A_0010, NOT_MAPPABLE),
+    ];
+    for (index, entry, code) in refused {
+        assert_eq!(fixture.write(index, 1, entry, 4), Err(code), "{entry:08X}");
+    }
+    // 4 + 4 + 2 bytes are more than 8
+    for (sub, entry) in [(1, 0x607A_0020), (2, 0x60FF_0020), (3, 0x6040_0010)] {
+        fixture.write(0x1600, sub, entry, 4).unwrap();
+    }
+    assert_eq!(fixture.write(0x1600, 0, 3, 1), Err(PDO_LENGTH));
+    fixture.write(0x1600, 0, 2, 1).unwrap();
+    // an empty entry does not count as one
+    fixture.write(0x1A00, 1, 0x6041_0010, 4).unwrap();
+    assert_eq!(fixture.write(0x1A00, 0, 2, 1), Err(NO_OBJECT));
+    assert_eq!(fixture.write(0x1A00, 0, 9, 1), Err(0x0609_0031));
+}
+
+#[test]
+fn communication_parameters_have_their_rules() {
+    let mut fixture = Fixture::booted();
+    // another identifier while valid, an identifier of another service, one with too many bits
+    assert_eq!(fixture.write(0x1800, 1, 0x4000_0186, 4), Err(UNSUPPORTED));
+    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
+    assert_eq!(fixture.write(0x1800, 1, 0x4000_0581, 4), Err(RANGE));
+    assert_eq!(fixture.write(0x1800, 1, 0x4000_1185, 4), Err(RANGE));
+    // reserved types and those that remote frames trigger
+    for kind in [241, 251, 252, 253] {
+        assert_eq!(fixture.write(0x1800, 2, kind, 1), Err(RANGE));
+    }
+    fixture.write(0x1800, 3, 50, 2).unwrap();
+    fixture.write(0x1800, 1, 0x4000_0285, 4).unwrap();
+    assert_eq!(fixture.write(0x1800, 3, 60, 2), Err(UNSUPPORTED));
+    fixture.nmt(NmtCommand::Start);
+    assert_eq!(fixture.write(0x1800, 1, 0xC000_0285, 4), Err(STATE));
+    assert_eq!(fixture.write(0x1601, 0, 0, 1), Err(STATE));
+}
+
+#[test]
+fn quirks_of_mapping() {
+    let quirks = DriveQuirks { fixed_mapping: true, ..DriveQuirks::default() };
+    let mut fixture = Fixture::with(&DriveConfig { quirks, ..config() });
+    fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
+    assert_eq!(fixture.write(0x1600, 0, 0, 1), Err(0x0601_0002));
+    let quirks = DriveQuirks { refuses_mapping_while_valid: false, ..DriveQuirks::default() };
+    let mut fixture = Fixture::with(&DriveConfig { quirks, ..config() });
+    fixture.write(0x1600, 0, 0, 1).unwrap();
+}
+
+#[test]
+fn synchronous_pdos_sample_and_take_effect_with_sync() {
+    let mut fixture = Fixture::booted();
+    fixture.map_csp();
+    fixture.nmt(NmtCommand::Start);
+    fixture.lines();
+    // nothing happens before SYNC
+    assert_eq!(fixture.frame(0x200 + NODE, &[6, 0, 0xE8, 3, 0, 0]), []);
+    assert_eq!(fixture.drive.object(0x6040, 0), Some(0));
+    // the answer to SYNC is the state before the command: switch on disabled, at 1000
+    assert_eq!(fixture.frame(0x80, &[]), [(0x185, vec![0x40, 0x02, 0xE8, 3, 0, 0])]);
+    assert_eq!(fixture.drive.object(0x6040, 0), Some(6));
+    // ready to switch on
+    assert_eq!(fixture.frame(0x80, &[]), [(0x185, vec![0x21, 0x02, 0xE8, 3, 0, 0])]);
+    assert_eq!((fixture.drive.syncs(), fixture.drive.received_pdos()), (2, 1));
+}
+
+#[test]
+fn every_nth_sync_and_the_start_value_of_its_counter() {
+    let mut fixture = Fixture::booted();
+    fixture.map_csp();
+    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
+    fixture.write(0x1800, 2, 3, 1).unwrap();
+    fixture.write(0x1800, 6, 2, 1).unwrap();
+    fixture.write(0x1800, 1, 0x4000_0185, 4).unwrap();
+    fixture.nmt(NmtCommand::Start);
+    let answers: Vec<_> = (1..=10).map(|counter| fixture.frame(0x80, &[counter]).len()).collect();
+    // the second SYNC is the first that counts, then every third
+    assert_eq!(answers, [0, 1, 0, 0, 1, 0, 0, 1, 0, 0]);
+}
+
+#[test]
+fn a_sync_of_the_wrong_length_is_an_error() {
+    let mut fixture = Fixture::booted();
+    let lines = fixture.frame(0x80, &[1, 2]);
+    assert_eq!(lines, [(0x085, vec![0x40, 0x82, 0x11, 0, 0, 0, 0, 0])]);
+}
+
+#[test]
+fn event_driven_pdos_go_out_on_changes_no_closer_than_their_inhibit_time() {
+    let mut fixture = Fixture::booted();
+    fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
+    fixture.write(0x1800, 3, 50, 2).unwrap();
+    fixture.write(0x1800, 1, 0x4000_0185, 4).unwrap();
+    assert_eq!(fixture.nmt(NmtCommand::Start), [(0x185, vec![0x40, 0x02])]);
+    let start = fixture.now;
+    // both changes fall into the inhibit time of 5 ms: the last state goes out behind it
+    fixture.pass_ms(1);
+    fixture.command(Command::Shutdown);
+    fixture.command(Command::SwitchOn);
+    fixture.lines();
+    fixture.pass_ms(20);
+    assert_eq!(fixture.sent, [(start + 5 * MS, (0x185, vec![0x33, 0x02]))]);
+    // nothing changes, nothing is sent
+    fixture.lines();
+    fixture.pass_ms(1000);
+    assert!(fixture.sent.is_empty());
+}
+
+#[test]
+fn the_event_timer_sends_without_an_event() {
+    let mut fixture = Fixture::booted();
+    fixture.write(0x1800, 5, 20, 2).unwrap();
+    fixture.nmt(NmtCommand::Start);
+    fixture.lines();
+    let start = fixture.now;
+    fixture.pass_ms(65);
+    let times: Vec<_> = fixture.sent.iter().map(|(at, _)| (at - start) / MS).collect();
+    assert_eq!(times, [20, 40, 60]);
+}
+
+#[test]
+fn a_pdo_of_the_wrong_length() {
+    let mut fixture = Fixture::booted();
+    fixture.nmt(NmtCommand::Start);
+    fixture.lines();
+    // one byte is too few for the controlword
+    let lines = fixture.frame(0x205, &[6]);
+    assert_eq!(lines, [(0x085, vec![0x10, 0x82, 0x11, 0, 0, 0, 0, 0])]);
+    assert_eq!(fixture.drive.object(0x6040, 0), Some(0));
+    // eight are too many, but what is mapped counts
+    let lines = fixture.frame(0x205, &[6, 0, 1, 2, 3, 4, 5, 6]);
+    assert!(lines.contains(&(0x085, vec![0x20, 0x82, 0x11, 0, 0, 0, 0, 0])));
+    assert_eq!(fixture.drive.object(0x6040, 0), Some(6));
+}
+
+#[test]
+fn pdos_are_for_operational_only() {
+    let mut fixture = Fixture::booted();
+    fixture.frame(0x205, &[6, 0]);
+    assert_eq!((fixture.drive.object(0x6040, 0), fixture.drive.received_pdos()), (Some(0), 0));
+    // data that wait for SYNC are gone when OPERATIONAL is left
+    fixture.map_csp();
+    fixture.nmt(NmtCommand::Start);
+    fixture.frame(0x205, &[6, 0, 0, 0, 0, 0]);
+    fixture.nmt(NmtCommand::EnterPreOperational);
+    fixture.nmt(NmtCommand::Start);
+    fixture.frame(0x80, &[]);
+    assert_eq!(fixture.drive.object(0x6040, 0), Some(0));
+}
+
+#[test]
+fn gaps_in_a_received_pdo() {
+    let mut fixture = Fixture::booted();
+    fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
+    fixture.write(0x1600, 0, 0, 1).unwrap();
+    for (sub, entry) in [(1, 0x0005_0008), (2, 0x6040_0010)] {
+        fixture.write(0x1600, sub, entry, 4).unwrap();
+    }
+    fixture.write(0x1600, 0, 2, 1).unwrap();
+    fixture.write(0x1400, 1, 0x4000_0205, 4).unwrap();
+    fixture.nmt(NmtCommand::Start);
+    fixture.frame(0x205, &[0xFF, 6, 0]);
+    assert_eq!(fixture.drive.object(0x6040, 0), Some(6));
+}
+
+#[test]
+fn a_pdo_that_stays_away_is_noticed() {
+    let mut fixture = Fixture::booted();
+    fixture.write(0x1400, 5, 30, 2).unwrap();
+    fixture.write(0x6007, 0, 0, 2).unwrap();
+    fixture.nmt(NmtCommand::Start);
+    fixture.pass_ms(100);
+    fixture.frame(0x205, &[0, 0]);
+    fixture.lines();
+    let start = fixture.now;
+    fixture.pass_ms(100);
+    let emcy = (start + 30 * MS, (0x085, vec![0x50, 0x82, 0x11, 0, 0, 0, 0, 0]));
+    assert!(fixture.sent.contains(&emcy), "{:?}", fixture.sent);
+}
