@@ -7,7 +7,7 @@ mod gateway;
 
 pub use gateway::{
     FirmwarePackage, FirmwarePackageError, FirmwareProgress, FirmwareUpdateError, Gateway,
-    GatewayCounters, GatewayFault, GatewayModelConfig, ReceiveLosses, SmSettings, Sync0,
+    GatewayCounters, GatewayFault, GatewayModelConfig, ReceiveLosses, Sync0, SyncManagerConfig,
     TransmitLosses,
 };
 

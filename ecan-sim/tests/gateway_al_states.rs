@@ -6,7 +6,7 @@ use AlState::{Boot, Init, Op, PreOp, SafeOp};
 use ecan_protocol::config::assignment_writes;
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::Direction;
-use ecan_sim::{Gateway, GatewayFault, GatewayModelConfig, SmSettings, Sync0};
+use ecan_sim::{Gateway, GatewayFault, GatewayModelConfig, Sync0, SyncManagerConfig};
 use gateway_support::{Fixture, MS, chunks, standard};
 
 #[test]
@@ -88,12 +88,12 @@ fn safeop_needs_sync_managers_of_the_active_length() {
 
 #[test]
 fn sync_managers_must_be_single_buffers_of_the_right_direction_in_place() {
-    let good = SmSettings { start: 0x1100, length: 384, control: 0x66 };
+    let good = SyncManagerConfig { start: 0x1100, length: 384, control: 0x66 };
     for bad in [
-        SmSettings { control: 0x64, ..good },
-        SmSettings { control: 0x62, ..good },
-        SmSettings { start: 0x1000, ..good },
-        SmSettings { start: 0x2800, ..good },
+        SyncManagerConfig { control: 0x64, ..good },
+        SyncManagerConfig { control: 0x62, ..good },
+        SyncManagerConfig { start: 0x1000, ..good },
+        SyncManagerConfig { start: 0x2800, ..good },
     ] {
         let mut bench = Fixture::configured(chunks(3), chunks(3));
         bench.gateway.configure_sync_manager(2, Some(bad));
@@ -101,7 +101,7 @@ fn sync_managers_must_be_single_buffers_of_the_right_direction_in_place() {
         assert_eq!(bench.state(), (PreOp, 0x1D), "{bad:?}");
     }
     let mut bench = Fixture::configured(chunks(3), chunks(3));
-    let overlapping = SmSettings { start: 0x1200, length: 384, control: 0x22 };
+    let overlapping = SyncManagerConfig { start: 0x1200, length: 384, control: 0x22 };
     bench.gateway.configure_sync_manager(3, Some(overlapping));
     bench.gateway.request_al_state(bench.now, SafeOp);
     assert_eq!(bench.state(), (PreOp, 0x1E));
@@ -176,7 +176,7 @@ fn refused_writes_do_not_feed_the_watchdog() {
 fn watchdog_sleeps_without_its_control_bit_or_time() {
     for (control, watchdog) in [(0x26, 5 * MS), (0x66, 0)] {
         let mut bench = Fixture::configured(chunks(3), chunks(3));
-        let settings = SmSettings { start: 0x1100, length: 384, control };
+        let settings = SyncManagerConfig { start: 0x1100, length: 384, control };
         bench.gateway.configure_sync_manager(2, Some(settings));
         bench.gateway.set_watchdog_ns(watchdog);
         bench.start();

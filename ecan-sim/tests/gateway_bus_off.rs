@@ -23,7 +23,7 @@ fn bus_off(bench: &mut Fixture) {
 /// Services until the controller wants to recover, `None` when it does not within 20.
 fn recovery(bench: &mut Fixture) -> Option<u32> {
     for services in 0..20 {
-        if bench.gateway.wants_recovery(0) {
+        if bench.gateway.take_recovery_request(0) {
             return Some(services);
         }
         bench.cycle();
@@ -42,7 +42,7 @@ fn each_policy_has_its_way_out() {
         let mut bench = with(policy);
         bus_off(&mut bench);
         assert_eq!(recovery(&mut bench), expected, "{policy:?}");
-        assert!(!bench.gateway.wants_recovery(0), "asked once");
+        assert!(!bench.gateway.take_recovery_request(0), "asked once");
         assert_eq!(bench.upload(0x9020, 13), 1);
         assert_eq!(bench.upload(0x9000, 15), 1);
         assert_eq!(bench.upload(0x9020, 14), u32::from(expected.is_some()));

@@ -276,10 +276,10 @@ fn leaving_init_asks_for_the_way_out_of_bus_off() {
     bench.apply_data_path(0, policy);
     bench.gateway.bus_state(bench.now, 0, ecan_sim::ErrorState::BusOff, 256, 0);
     bench.pass(10 * MS);
-    assert!(!bench.gateway.wants_recovery(0));
+    assert!(!bench.gateway.take_recovery_request(0));
     assert_eq!(read(&mut bench, CCCR), FD | INIT);
     write(&mut bench, CCCR, FD);
-    assert!(bench.gateway.wants_recovery(0));
+    assert!(bench.gateway.take_recovery_request(0));
 }
 
 #[test]

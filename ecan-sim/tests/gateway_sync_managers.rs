@@ -14,7 +14,7 @@ fn write_is_refused_until_the_firmware_has_read() {
     assert!(!bench.gateway.write_outputs(bench.now + SERVICE - 1, &image));
     assert!(bench.gateway.write_outputs(bench.now + SERVICE, &image));
     assert_eq!(bench.gateway.counters().images_written, 2);
-    assert_eq!(bench.gateway.counters().writes_refused, 1);
+    assert_eq!(bench.gateway.counters().writes_rejected, 1);
 }
 
 #[test]

@@ -16,7 +16,7 @@ use crate::ecrt::slave_view::{AL_ERROR, al_status, pdo_bytes};
 use crate::ecrt::timing::{
     CLOCK_NEAR_NS, CLOCK_SETTLE_NS, CLOCK_TIMEOUT_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS,
 };
-use crate::gateway::{Gateway, SmSettings};
+use crate::gateway::{Gateway, SyncManagerConfig};
 use crate::world::World;
 
 /// Control bit that lets a sync manager trigger the watchdog.
@@ -308,7 +308,7 @@ impl MasterModel {
             let length = sync.map_or(0, |sync| pdo_bytes(&sync.pdos));
             let watchdog = sync.map_or(SyncWatchdog::Default, |sync| sync.watchdog);
             let control = sync_manager_control(direction);
-            let settings = SmSettings {
+            let settings = SyncManagerConfig {
                 start: sync_manager_address(direction),
                 length: u16::try_from(length).unwrap_or(u16::MAX),
                 control: match watchdog {

@@ -133,7 +133,7 @@ impl Controller {
         let progress = sm.write(at - sm.start(), data.len(), is_full);
         if progress == Progress::Refused {
             if number == OUTPUTS {
-                context.gateway.note_refused(true);
+                context.gateway.count_rejected_access(true);
             }
             return false;
         }
@@ -172,7 +172,7 @@ impl Controller {
         let progress = sm.read(at - start, out.len(), is_full);
         if progress == Progress::Refused {
             if number == INPUTS {
-                context.gateway.note_refused(false);
+                context.gateway.count_rejected_access(false);
             }
             return false;
         }
@@ -187,7 +187,7 @@ impl Controller {
         let from = self.memory_at(at, out.len());
         out[..from.len()].copy_from_slice(from);
         if progress == Progress::Begun && number == INPUTS {
-            context.gateway.inputs_are_being_read();
+            context.gateway.begin_partial_read();
         }
         if progress == Progress::Complete {
             self.sync_managers[number].emptied();

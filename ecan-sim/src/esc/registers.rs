@@ -329,7 +329,7 @@ impl Controller {
         }
         match state {
             Some(state) => context.gateway.request_al_state(context.now, state),
-            None => context.gateway.refuse_unknown_al_state(context.now),
+            None => context.gateway.reject_unknown_al_state(context.now),
         }
         self.notice_stops(context);
     }

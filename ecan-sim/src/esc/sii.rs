@@ -2,7 +2,7 @@
 
 use ecan_protocol::mapping::MAX_PDO_BYTES;
 
-use crate::gateway::{MAILBOXES, SmSettings};
+use crate::gateway::{MAILBOXES, SyncManagerConfig};
 use crate::scenario::GatewaySpec;
 
 use super::eeprom::checksum;
@@ -52,9 +52,9 @@ const COE_PDO_CONFIGURATION: u8 = 0x08;
 const FOE: u8 = 0x01;
 
 /// Process data as manual 5.3 asks for them.
-const PROCESS_DATA: [SmSettings; 2] = [
-    SmSettings { start: 0x1100, length: MAX_PDO_BYTES as u16, control: 0x66 },
-    SmSettings { start: 0x1D00, length: MAX_PDO_BYTES as u16, control: 0x22 },
+const PROCESS_DATA: [SyncManagerConfig; 2] = [
+    SyncManagerConfig { start: 0x1100, length: MAX_PDO_BYTES as u16, control: 0x66 },
+    SyncManagerConfig { start: 0x1D00, length: MAX_PDO_BYTES as u16, control: 0x22 },
 ];
 
 const STRINGS: [&str; 4] =
@@ -137,7 +137,7 @@ fn general(spec: &GatewaySpec) -> [u8; 32] {
 
 fn sync_managers() -> Vec<u8> {
     let all = MAILBOXES.into_iter().chain(PROCESS_DATA).zip(1..);
-    let entry = |(sm, kind): (SmSettings, u8)| {
+    let entry = |(sm, kind): (SyncManagerConfig, u8)| {
         let ([s0, s1], [l0, l1]) = (sm.start.to_le_bytes(), sm.length.to_le_bytes());
         [s0, s1, l0, l1, sm.control, 0, 1, kind]
     };

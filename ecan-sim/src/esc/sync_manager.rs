@@ -3,7 +3,7 @@
 //! A single buffer (mailbox mode) is full or empty. An access begins with its first byte and is
 //! complete with its last one, in one datagram or in several; what begins elsewhere is refused.
 
-use crate::gateway::SmSettings;
+use crate::gateway::SyncManagerConfig;
 
 /// Bytes of a sync manager's registers.
 pub(super) const SYNC_MANAGER_BYTES: usize = 8;
@@ -67,8 +67,8 @@ impl SyncManager {
     }
 
     /// As the firmware is told of it.
-    pub(super) fn settings(&self) -> SmSettings {
-        SmSettings { start: self.start, length: self.length, control: self.control }
+    pub(super) fn settings(&self) -> SyncManagerConfig {
+        SyncManagerConfig { start: self.start, length: self.length, control: self.control }
     }
 
     fn is_single(&self) -> bool {

@@ -1,29 +1,30 @@
-//! One CAN channel of the gateway: controller, data path in both directions, bus-off
-//! handling, and its status for the PDO header and the diagnostics objects.
+//! One CAN channel: controller, data path in both directions, bus-off recovery, and status for
+//! the PDO header and the diagnostic objects.
 
+use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{BusOffRecovery, DataPathConfig};
-use ecan_protocol::image::{ChannelState, ChannelStatus};
+use ecan_protocol::image::{ChannelState, ChannelStatus, ResultCode};
 
 use crate::bus::ErrorState;
 
-use super::controller::{Controller, ControllerConfig, Refusal};
-use super::gateway_counters::GatewayCounters;
+use super::controller::{Controller, ControllerConfig, Rejection};
+use super::counters::{GatewayCounters, ReceiveLosses, TransmitLosses};
 use super::receive_path::ReceivePath;
 use super::transmit_path::TransmitPath;
 
-/// Latched channel events, 0x9000:12. The manual names them, not their bits.
-pub(super) mod event {
+/// Latched channel events, 0x9000:12. The manual names them but not their bits.
+mod event {
     /// Error warning or error passive.
-    pub(in crate::gateway) const WARNING: u16 = 1 << 0;
+    pub(super) const WARNING: u16 = 1 << 0;
     /// Bus-off.
-    pub(in crate::gateway) const BUS_OFF: u16 = 1 << 1;
+    pub(super) const BUS_OFF: u16 = 1 << 1;
     /// Pressure in either direction.
-    pub(in crate::gateway) const PRESSURE: u16 = 1 << 2;
+    pub(super) const PRESSURE: u16 = 1 << 2;
     /// The channel state changed.
-    pub(in crate::gateway) const STATE_CHANGE: u16 = 1 << 3;
+    pub(super) const STATE_CHANGE: u16 = 1 << 3;
 }
 
-/// Degraded state bits, 0x9020:15. The manual says only "non-zero".
+/// Degraded state bits, 0x9020:15. The manual specifies only "non-zero".
 mod degraded {
     pub(super) const RECEIVE: u16 = 1 << 0;
     pub(super) const TRANSMIT: u16 = 1 << 1;
@@ -52,23 +53,23 @@ pub(super) struct Channel {
     pub(super) controller: Controller,
     pub(super) receive: ReceivePath,
     pub(super) transmit: TransmitPath,
-    /// The policy in force.
+    /// The active policy.
     pub(super) policy: DataPathConfig,
-    /// The policy last applied; not in force while it is disabled.
+    /// The policy applied last; not active while it is disabled.
     requested: DataPathConfig,
     /// The last apply of 0x8001..0x8004 failed.
     pub(super) apply_failed: bool,
-    pub(super) bus_off_count: u32,
-    pub(super) recovery_attempts: u16,
+    bus_off_count: u32,
+    recovery_attempts: u16,
     /// Services until automatic recovery from bus-off.
     recovery_countdown: Option<u32>,
-    held_off: bool,
-    pub(super) events: u16,
-    pub(super) detail_pending: bool,
-    pub(super) detail_sequence: u32,
+    waits_for_master: bool,
+    events: u16,
+    detail_pending: bool,
+    detail_sequence: u32,
     pub(super) last_error: u32,
-    pub(super) service_cycles_last: u32,
-    pub(super) service_cycles_max: u32,
+    service_cycles_last: u32,
+    service_cycles_max: u32,
     last_state: ChannelState,
     tx_pressure_percent: u8,
 }
@@ -87,7 +88,7 @@ impl Channel {
             bus_off_count: 0,
             recovery_attempts: 0,
             recovery_countdown: None,
-            held_off: false,
+            waits_for_master: false,
             events: 0,
             detail_pending: false,
             detail_sequence: 0,
@@ -98,7 +99,7 @@ impl Channel {
         }
     }
 
-    /// Loses the supply.
+    /// Power loss.
     pub(super) fn power_off(&mut self, counters: &mut GatewayCounters) {
         self.flush_receive(counters);
         self.transmit.flush_into(counters);
@@ -108,31 +109,31 @@ impl Channel {
         self.controller = controller;
     }
 
-    /// Restarts the controller with a configuration; what waited for the old one is lost.
+    /// Restarts the controller with a configuration; waiting frames are lost.
     pub(super) fn apply(&mut self, config: ControllerConfig, counters: &mut GatewayCounters) {
         self.flush_receive(counters);
         self.transmit.flush_into(counters);
         self.controller.restart(Some(config), counters);
         self.apply_failed = false;
-        self.forget_bus_off();
+        self.end_recovery();
     }
 
-    /// Restarts the controller with the configuration that it has.
+    /// Restarts the controller with its present configuration.
     pub(super) fn restart_in_place(&mut self, counters: &mut GatewayCounters) {
         let config = self.controller.config().cloned();
         self.flush_receive(counters);
         self.transmit.flush_into(counters);
         self.controller.restart(config, counters);
-        self.forget_bus_off();
+        self.end_recovery();
     }
 
-    /// Drops everything received that is not packed yet.
+    /// Drops all received frames that are not packed yet.
     pub(super) fn flush_receive(&mut self, counters: &mut GatewayCounters) {
         let flushed = self.receive.flush() + self.controller.flush_received();
         counters.receive_losses.flushed += flushed as u64;
     }
 
-    /// Puts a policy in force; a disabled one leaves the factory's in force.
+    /// Activates a policy; a disabled one activates the default policy.
     pub(super) fn set_policy(&mut self, requested: DataPathConfig, counters: &mut GatewayCounters) {
         self.requested = requested;
         self.policy = if requested.enable { requested } else { DataPathConfig::default() };
@@ -142,27 +143,26 @@ impl Channel {
         }
     }
 
-    /// The policy last applied, for 0x8021:20.
-    pub(super) fn requested_policy(&self) -> &DataPathConfig {
-        &self.requested
+    /// Active word of the policy applied last, 0x8021:20.
+    pub(super) fn policy_word(&self) -> u32 {
+        self.requested.active_word()
     }
 
-    /// Drops everything that waits to be sent, but for the frame in arbitration, which the
-    /// controller does not let go.
-    pub(super) fn flush_transmit(&mut self, counters: &mut GatewayCounters) {
+    /// Drops all frames that wait to be sent, except the one in arbitration.
+    fn flush_transmit(&mut self, counters: &mut GatewayCounters) {
         let in_controller = self.controller.flush_transmit();
         self.transmit.note_stale(in_controller);
         let dropped = self.transmit.flush() + in_controller;
         counters.transmit_losses.stale += dropped as u64;
     }
 
-    /// Forgets a bus-off with all that it caused, as a restart of the controller does.
-    pub(super) fn forget_bus_off(&mut self) {
+    /// Ends the recovery from bus-off, as a restart of the controller does.
+    fn end_recovery(&mut self) {
         self.recovery_countdown = None;
-        self.held_off = false;
+        self.waits_for_master = false;
     }
 
-    /// The bus reports the station's error state.
+    /// The bus reports the error state of the controller.
     pub(super) fn bus_state(
         &mut self,
         state: ErrorState,
@@ -176,7 +176,7 @@ impl Channel {
         match state {
             ErrorState::BusOff => self.enter_bus_off(counters),
             ErrorState::Warning | ErrorState::Passive => self.latch(event::WARNING),
-            ErrorState::Active => self.forget_bus_off(),
+            ErrorState::Active => self.end_recovery(),
         }
     }
 
@@ -190,12 +190,12 @@ impl Channel {
         self.plan_recovery();
     }
 
-    /// Prepares the way out of bus-off that the policy names.
+    /// Prepares the recovery that the policy specifies.
     fn plan_recovery(&mut self) {
         let wait = u32::from(self.policy.backoff_base_cycles);
         let policy = self.policy.bus_off_recovery;
         self.recovery_countdown = (policy == BusOffRecovery::Auto).then_some(wait);
-        self.held_off = policy == BusOffRecovery::Degraded;
+        self.waits_for_master = policy == BusOffRecovery::Degraded;
         if policy == BusOffRecovery::Aggressive {
             self.attempt_recovery();
         }
@@ -203,10 +203,10 @@ impl Channel {
 
     fn attempt_recovery(&mut self) {
         self.recovery_attempts = self.recovery_attempts.saturating_add(1);
-        self.controller.want_recovery();
+        self.controller.request_recovery();
     }
 
-    /// One service: counts down to the automatic recovery.
+    /// One service of the countdown to automatic recovery.
     pub(super) fn serve_recovery(&mut self) {
         match self.recovery_countdown {
             Some(0) => {
@@ -218,21 +218,45 @@ impl Channel {
         }
     }
 
-    /// Why the channel would refuse a frame, in the words of the result codes.
-    pub(super) fn note_refusal(&mut self, refusal: Refusal) {
-        self.last_error = match refusal {
-            Refusal::CannotSend => path_error::CANNOT_SEND,
-            Refusal::BusOff => path_error::BUS_OFF,
-            Refusal::Full => path_error::FIFO_FULL,
+    /// Checks whether the channel can send a frame, and counts the loss if not.
+    ///
+    /// # Errors
+    /// The result code of the frame.
+    pub(super) fn check_sendable(
+        &mut self,
+        frame: &CanFrame,
+        losses: &mut TransmitLosses,
+    ) -> Result<(), ResultCode> {
+        let Err(rejection) = self.controller.accepts(frame) else {
+            return Ok(());
+        };
+        self.note_rejection(rejection);
+        match rejection {
+            Rejection::BusOff => {
+                losses.bus_off += 1;
+                Err(ResultCode::BusOff)
+            }
+            Rejection::CannotSend | Rejection::Full => {
+                losses.invalid_channel += 1;
+                Err(ResultCode::InvalidChannel)
+            }
+        }
+    }
+
+    /// The controller rejected a frame.
+    pub(super) fn note_rejection(&mut self, rejection: Rejection) {
+        self.last_error = match rejection {
+            Rejection::CannotSend => path_error::CANNOT_SEND,
+            Rejection::BusOff => path_error::BUS_OFF,
+            Rejection::Full => path_error::FIFO_FULL,
         };
     }
 
-    /// 0x9020:15.
-    pub(super) fn degraded_state(&self) -> u16 {
+    fn degraded_state(&self) -> u16 {
         let bit = |on: bool, mask: u16| if on { mask } else { 0 };
         bit(self.receive.is_degraded(), degraded::RECEIVE)
             | bit(self.transmit.is_degraded(), degraded::TRANSMIT)
-            | bit(self.held_off, degraded::BUS_OFF)
+            | bit(self.waits_for_master, degraded::BUS_OFF)
     }
 
     fn state(&self) -> ChannelState {
@@ -259,16 +283,16 @@ impl Channel {
             || (self.tx_pressure_percent < 100 && self.controller.is_transmit_full())
     }
 
-    pub(super) fn rx_pending(&self) -> usize {
+    fn rx_pending(&self) -> usize {
         self.receive.waiting() + self.controller.receive_waiting()
     }
 
-    /// Frames that wait to be sent, `scheduled` of them in the schedule queue.
-    pub(super) fn tx_pending(&self, scheduled: usize) -> usize {
+    /// Frames that wait to be sent, with `scheduled` ones in the schedule queue.
+    fn tx_pending(&self, scheduled: usize) -> usize {
         self.transmit.waiting() + self.controller.transmit_waiting() + scheduled
     }
 
-    /// Latches what is new since the last service, for the detail snapshot.
+    /// Latches events since the last service.
     pub(super) fn observe(&mut self) {
         let state = self.state();
         if state != self.last_state {
@@ -289,12 +313,12 @@ impl Channel {
     }
 
     /// The master has read the latched events.
-    pub(super) fn acknowledge_details(&mut self) {
+    fn acknowledge_details(&mut self) {
         self.events = 0;
         self.detail_pending = false;
     }
 
-    /// The channel's status word (manual 7).
+    /// Channel status word (manual 7), with `scheduled` frames in the schedule queue.
     pub(super) fn status(&self, scheduled: usize) -> ChannelStatus {
         let saturate = |count: usize| u8::try_from(count.min(7)).unwrap_or(7);
         let rx = self.rx_pending();
@@ -313,12 +337,102 @@ impl Channel {
             .with_tx_pending(saturate(tx))
     }
 
-    /// Error, bus-off or congestion: what ANY_CHANNEL_ERROR sums up (manual 6).
-    pub(super) fn is_troubled(&self) -> bool {
+    /// Error, bus-off or congestion, reported by ANY_CHANNEL_ERROR (manual 6).
+    pub(super) fn has_error(&self) -> bool {
         matches!(self.state(), ChannelState::Error | ChannelState::BusOff)
             || self.controller.error_state() != ErrorState::Active
             || self.rx_pressure()
             || self.tx_pressure()
+    }
+
+    // Reception
+
+    /// One service: drains the controller into the cache, within `allowance`. Frames of a channel
+    /// that the TxPDO does not carry are dropped. Returns the number of drained frames.
+    pub(super) fn drain(
+        &mut self,
+        allowance: u32,
+        carried: bool,
+        losses: &mut ReceiveLosses,
+    ) -> u32 {
+        self.take_controller_losses();
+        let dropped_before = self.receive.dropped_total;
+        let policy = self.policy;
+        let drained = self.receive.drain(&mut self.controller, &policy, allowance, carried, losses);
+        if self.receive.dropped_total != dropped_before {
+            self.last_error = path_error::RX_OVERFLOW;
+        }
+        drained
+    }
+
+    /// Counts the frames that the controller lost since the last service.
+    pub(super) fn take_controller_losses(&mut self) {
+        for _ in 0..std::mem::take(&mut self.controller.frames_lost) {
+            self.receive.note_controller_loss();
+            self.last_error = path_error::RX_OVERFLOW;
+        }
+    }
+
+    // Diagnostic objects
+
+    /// Duration of a service of this channel, in CPU cycles.
+    pub(super) fn note_service(&mut self, cycles: u32) {
+        self.service_cycles_last = cycles;
+        self.service_cycles_max = self.service_cycles_max.max(cycles);
+    }
+
+    /// A value of 0x9000..0x9003. Reading the latched events acknowledges them.
+    pub(super) fn information(&mut self, subindex: u8, scheduled: usize) -> Option<u32> {
+        let controller = &self.controller;
+        Some(match subindex {
+            1 => controller.error_counter_register(),
+            2 => controller.protocol_status_register(),
+            3 => controller.interrupt_register(),
+            4 => controller.fifo0_register(),
+            5 => controller.fifo1_register(),
+            6 => controller.transmit_register(),
+            7 => controller.event_register(),
+            8 => controller.high_priority_register(),
+            9 => u32::from(self.status(scheduled).raw()),
+            10 => self.rx_pending() as u32,
+            11 => self.tx_pending(scheduled) as u32,
+            12 => {
+                let events = u32::from(self.events);
+                self.acknowledge_details();
+                events
+            }
+            13 => self.receive.dropped_total,
+            14 => self.transmit.backpressure,
+            15 => self.bus_off_count,
+            16 => self.detail_sequence,
+            _ => return None,
+        })
+    }
+
+    /// A value of 0x9020..0x9023.
+    pub(super) fn diagnostics(&self, subindex: u8) -> Option<u32> {
+        let Self { receive, transmit, .. } = self;
+        Some(match subindex {
+            1 => receive.waiting() as u32,
+            2 => u32::from(receive.high_watermark),
+            3 => u32::from(receive.drained_last),
+            4 => u32::from(receive.drained_max),
+            5 => receive.dropped_total,
+            6 => receive.dropped_old,
+            7 => receive.dropped_new,
+            8 => receive.dropped_critical,
+            9 => u32::from(receive.consumed_last),
+            10 => u32::from(receive.consumed_max),
+            11 => transmit.fifo_full,
+            12 => transmit.stale_dropped,
+            13 => self.bus_off_count,
+            14 => u32::from(self.recovery_attempts),
+            15 => u32::from(self.degraded_state()),
+            16 => self.last_error,
+            17 => self.service_cycles_max,
+            18 => self.service_cycles_last,
+            _ => return None,
+        })
     }
 
     pub(super) fn clear_diagnostics(&mut self) {

@@ -126,15 +126,14 @@ fn edit(
     FilterCommandStatus::Ok
 }
 
+/// A controller configuration, or the status of one that cannot be built.
+pub(super) type Built = Result<ControllerConfig, ApplyStatus>;
+
 /// Builds the controller configuration of a channel from the dictionary.
 ///
 /// `BuildFail` when values have no meaning, are out of range or admit no bit timing;
 /// `RuntimeFail` when the controller's Message RAM or transmit elements do not suffice.
-pub(super) fn build(
-    values: &DictionaryValues,
-    channel: u8,
-    filters: &FilterLists,
-) -> Result<ControllerConfig, ApplyStatus> {
+pub(super) fn build(values: &DictionaryValues, channel: u8, filters: &FilterLists) -> Built {
     let index = FIRST_CHANNEL_OBJECT + u16::from(channel);
     let config = McanChannelConfig::from_values(|subindex| values.get(index, subindex))
         .map_err(|_| ApplyStatus::BuildFail)?;

@@ -15,10 +15,9 @@ use ecan_protocol::config::{MessageRamLayout, TxMode};
 
 use crate::bus::{ErrorState, StationConfig, StationMode, arbitration_key};
 
+use super::counters::GatewayCounters;
 use super::filter::{Destination, FilterTable};
-use super::gateway_counters::GatewayCounters;
-use super::receive_fifo::{RX_ELEMENTS_MAX, ReceiveFifo, wrap_increment};
-use super::receive_path::Received;
+use super::receive_fifo::{RX_ELEMENTS_MAX, ReceiveFifo, Received, wrap_increment};
 use register_writes::WrittenRegisters;
 
 pub(super) use register_writes::FramesDropped;
@@ -61,7 +60,7 @@ pub(super) struct ControllerConfig {
 
 /// Why the controller did not take a frame for transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Refusal {
+pub(super) enum Rejection {
     /// Not configured, listening only, or an FD frame on a classic channel.
     CannotSend,
     /// The controller is bus-off.
@@ -86,7 +85,7 @@ pub(super) struct Controller {
     tx_put_index: u32,
     error_state: ErrorState,
     error_counters: (u16, u16),
-    recovery_wanted: bool,
+    recovery_requested: bool,
     interrupts: u32,
     high_priority: u32,
     written: WrittenRegisters,
@@ -108,7 +107,7 @@ impl Controller {
             tx_put_index: 0,
             error_state: ErrorState::Active,
             error_counters: (0, 0),
-            recovery_wanted: false,
+            recovery_requested: false,
             interrupts: 0,
             high_priority: 0,
             written: WrittenRegisters::default(),
@@ -132,7 +131,7 @@ impl Controller {
         self.tx_put_index = 0;
         self.error_state = ErrorState::Active;
         self.error_counters = (0, 0);
-        self.recovery_wanted = false;
+        self.recovery_requested = false;
         self.interrupts = 0;
         self.high_priority = 0;
         self.written = WrittenRegisters::default();
@@ -195,24 +194,24 @@ impl Controller {
     }
 
     /// Whether a frame could ever be sent, and now.
-    pub(super) fn accepts(&self, frame: &CanFrame) -> Result<(), Refusal> {
+    pub(super) fn accepts(&self, frame: &CanFrame) -> Result<(), Rejection> {
         let Some(config) = &self.config else {
-            return Err(Refusal::CannotSend);
+            return Err(Rejection::CannotSend);
         };
         if config.station.mode == StationMode::Listen || (frame.is_fd() && !config.station.fd) {
-            return Err(Refusal::CannotSend);
+            return Err(Rejection::CannotSend);
         }
         if self.is_bus_off() {
-            return Err(Refusal::BusOff);
+            return Err(Rejection::BusOff);
         }
         Ok(())
     }
 
     /// Takes a frame for transmission.
-    pub(super) fn submit(&mut self, frame: CanFrame) -> Result<(), Refusal> {
+    pub(super) fn submit(&mut self, frame: CanFrame) -> Result<(), Rejection> {
         self.accepts(&frame)?;
         if self.is_transmit_full() {
-            return Err(Refusal::Full);
+            return Err(Rejection::Full);
         }
         let size =
             self.config.as_ref().map_or(0, |config| usize::from(config.ram.tx_data_size.bytes()));
@@ -421,19 +420,19 @@ impl Controller {
                 ErrorState::BusOff => interrupt::BUS_OFF,
             };
             if state != ErrorState::BusOff {
-                self.recovery_wanted = false;
+                self.recovery_requested = false;
             }
         }
         changed
     }
 
-    pub(super) fn want_recovery(&mut self) {
-        self.recovery_wanted = self.is_bus_off();
+    pub(super) fn request_recovery(&mut self) {
+        self.recovery_requested = self.is_bus_off();
     }
 
     /// Takes the wish to leave bus-off.
-    pub(super) fn take_recovery_wish(&mut self) -> bool {
-        std::mem::take(&mut self.recovery_wanted)
+    pub(super) fn take_recovery_request(&mut self) -> bool {
+        std::mem::take(&mut self.recovery_requested)
     }
 }
 

@@ -3,7 +3,7 @@
 //! A model has no hot path to measure, so costs follow from the work done: a fixed part and a
 //! part per packet, frame or byte, in CPU cycles. They are plausible, not measured.
 
-use super::schedule::PulseTrain;
+use super::pulse_train::PulseTrain;
 
 /// CPU cycles per two and a half nanoseconds: 400 MHz (0x8000:4).
 const CYCLES_NUMERATOR: u64 = 2;

@@ -1,7 +1,5 @@
 //! The distributed clock of a slave: an oscillator that drifts, and what the master makes of it.
 
-use super::Gateway;
-
 /// Share of a difference that one correction takes away at once.
 const STEP_SHARE: i64 = 4;
 /// Share of a difference that one correction adds to the rate, per interval.
@@ -118,50 +116,6 @@ impl DcClock {
     /// What the last correction found.
     pub(super) fn difference_ns(&self) -> i64 {
         self.difference_ns
-    }
-}
-
-impl Gateway {
-    /// System time of the distributed clock (0x0910); `None` until the master has written it.
-    #[must_use]
-    pub fn dc_system_time(&self, now: u64) -> Option<u64> {
-        self.clock.written_time(now)
-    }
-
-    /// What the last correction of the clock found, received time minus own, in nanoseconds
-    /// (0x092C).
-    #[must_use]
-    pub fn dc_difference_ns(&self) -> i64 {
-        self.clock.difference_ns()
-    }
-
-    /// The next Sync0 pulse in simulated time; `None` without Sync0.
-    #[must_use]
-    pub fn next_sync0(&self, now: u64) -> Option<u64> {
-        self.pulses.map(|pulses| pulses.next_after(now))
-    }
-
-    /// The master sets the clock's time.
-    pub fn write_dc_system_time(&mut self, now: u64, system_ns: u64) {
-        self.change_clock(now, |clock| clock.write(system_ns, now));
-    }
-
-    /// The master sends the time that the clock shall have now; it goes after it.
-    pub fn correct_dc_system_time(&mut self, now: u64, system_ns: u64) {
-        self.change_clock(now, |clock| clock.correct(system_ns, now));
-    }
-
-    /// The master restarts the clock's control loop (0x0930).
-    pub(crate) fn restart_dc_control(&mut self, now: u64) {
-        self.change_clock(now, |clock| clock.restart_control(now));
-    }
-
-    pub(super) fn change_clock(&mut self, now: u64, change: impl FnOnce(&mut DcClock)) {
-        change(&mut self.clock);
-        let line = self.clock.line();
-        if let Some(pulses) = &mut self.pulses {
-            pulses.set_line(line, now);
-        }
     }
 }
 

@@ -1,9 +1,7 @@
-//! The slave controller's EEPROM, which this gateway emulates in its flash (manual 13.7, bit 6 of
-//! the maintenance command). What the words mean is the slave controller's affair.
+//! EEPROM of the slave controller, which the gateway emulates in its flash (manual 13.7, bit 6 of
+//! the maintenance command). The slave controller interprets the words.
 
-use super::Gateway;
-
-/// Words of the emulated EEPROM and what a rebuild puts there.
+/// Words of the emulated EEPROM, and the contents of a rebuilt one.
 #[derive(Debug, Default)]
 pub(super) struct Eeprom {
     words: Vec<u16>,
@@ -11,11 +9,27 @@ pub(super) struct Eeprom {
 }
 
 impl Eeprom {
+    /// Sets the contents of a rebuilt EEPROM; an empty one is rebuilt now.
+    pub(super) fn install(&mut self, default: Vec<u16>) {
+        self.default = default;
+        self.start();
+    }
+
+    pub(super) fn words(&self) -> &[u16] {
+        &self.words
+    }
+
+    pub(super) fn write(&mut self, word: u16, value: u16) {
+        if let Some(to) = self.words.get_mut(usize::from(word)) {
+            *to = value;
+        }
+    }
+
     pub(super) fn erase(&mut self) {
         self.words.clear();
     }
 
-    /// The firmware starts: an erased EEPROM is built anew.
+    /// Start of the firmware: rebuilds an erased EEPROM.
     pub(super) fn start(&mut self) {
         if self.words.is_empty() {
             self.words.clone_from(&self.default);
@@ -23,35 +37,21 @@ impl Eeprom {
     }
 }
 
-impl Gateway {
-    /// Sets the EEPROM that the firmware builds where it finds an erased one, and fills it with
-    /// that now if it is empty.
-    pub fn install_eeprom(&mut self, default: Vec<u16>) {
-        self.eeprom.default = default;
-        self.eeprom.start();
-    }
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-    /// The EEPROM's words; they survive power loss. Empty before
-    /// [`install_eeprom`](Self::install_eeprom), and between an erasure and the end of the restart.
-    #[must_use]
-    pub fn eeprom(&self) -> &[u16] {
-        &self.eeprom.words
-    }
-
-    /// Writes one word; outside the EEPROM nothing happens. Does not allocate.
-    pub fn write_eeprom(&mut self, word: u16, value: u16) {
-        if let Some(to) = self.eeprom.words.get_mut(usize::from(word)) {
-            *to = value;
-        }
-    }
-
-    /// Erases the EEPROM and restarts the firmware, which builds it anew, as bit 6 of the
-    /// maintenance command does. Nothing happens without supply.
-    pub fn rebuild_eeprom(&mut self, now: u64) {
-        self.advance(now);
-        if self.is_responding() {
-            self.eeprom.erase();
-            self.boot();
-        }
+    #[test]
+    fn erased_eeprom_is_rebuilt_at_start() {
+        let mut eeprom = Eeprom::default();
+        eeprom.install(vec![1, 2]);
+        eeprom.write(1, 9);
+        eeprom.write(2, 9);
+        eeprom.start();
+        assert_eq!(eeprom.words(), [1, 9]);
+        eeprom.erase();
+        assert!(eeprom.words().is_empty());
+        eeprom.start();
+        assert_eq!(eeprom.words(), [1, 2]);
     }
 }

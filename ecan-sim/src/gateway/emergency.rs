@@ -8,8 +8,6 @@ use std::collections::VecDeque;
 
 use ecan_protocol::device::AlStatusCode;
 
-use super::Gateway;
-
 /// Emergencies that the firmware keeps.
 const KEPT: usize = 8;
 
@@ -80,30 +78,20 @@ impl EmergencyQueue {
         self.waiting.clear();
     }
 
-    fn push(&mut self, emergency: Emergency) {
+    pub(super) fn is_empty(&self) -> bool {
+        self.waiting.is_empty()
+    }
+
+    /// Takes the oldest emergency.
+    pub(super) fn pop(&mut self) -> Option<Emergency> {
+        self.waiting.pop_front()
+    }
+
+    pub(super) fn push(&mut self, emergency: Emergency) {
         if self.waiting.len() >= KEPT {
             self.waiting.pop_front();
         }
         self.waiting.push_back(emergency);
-    }
-}
-
-impl Gateway {
-    /// Reports an event to the master, if there is a mailbox to do it with. Does not allocate.
-    pub(super) fn raise_emergency(&mut self, emergency: Emergency) {
-        if self.is_responding() && self.state.has_mailbox() {
-            self.emergencies.push(emergency);
-        }
-    }
-
-    /// Whether an emergency waits for the read mailbox.
-    pub(crate) fn has_emergency(&self) -> bool {
-        !self.emergencies.waiting.is_empty()
-    }
-
-    /// Takes the oldest emergency.
-    pub(crate) fn take_emergency(&mut self) -> Option<Emergency> {
-        self.emergencies.waiting.pop_front()
     }
 }
 

@@ -9,9 +9,9 @@
 
 use thiserror::Error;
 
+use super::NS_PER_MS;
 use super::crc32::crc32;
 use super::firmware_package::{FirmwarePackage, FirmwarePackageError, Header};
-use super::{Gateway, NS_PER_MS};
 
 /// Bytes of an application partition, package header included.
 const PARTITION_BYTES: usize = 512 * 1024;
@@ -213,7 +213,7 @@ impl FirmwareUpdate {
         self.partitions.get(self.free()).map_or(&[], Vec::as_slice)
     }
 
-    fn running_file(&self) -> &[u8] {
+    pub(super) fn running_file(&self) -> &[u8] {
         self.partitions.get(self.running).map_or(&[], Vec::as_slice)
     }
 
@@ -230,7 +230,7 @@ impl FirmwareUpdate {
     }
 
     /// `fails`: whether the flash does not work this time.
-    fn begin(&mut self, now: u64, fails: bool) -> Result<(), FirmwareUpdateError> {
+    pub(super) fn begin(&mut self, now: u64, fails: bool) -> Result<(), FirmwareUpdateError> {
         if self.reset_at.is_some() {
             return Err(FirmwareUpdateError::NotReady);
         }
@@ -251,22 +251,30 @@ impl FirmwareUpdate {
         Ok(())
     }
 
-    fn is_busy(&self, now: u64) -> Result<Option<FirmwareProgress>, FirmwareUpdateError> {
+    pub(super) fn is_busy(
+        &self,
+        now: u64,
+    ) -> Result<Option<FirmwareProgress>, FirmwareUpdateError> {
         let transfer = self.transfer.as_ref().ok_or(FirmwareUpdateError::NotBegun)?;
         Ok((now < transfer.ready_at).then(|| transfer.progress(now)))
     }
 
     /// Whether the flash is to be written with so many bytes more, so that it may fail.
-    fn fills_sector(&self, bytes: usize) -> bool {
+    pub(super) fn fills_sector(&self, bytes: usize) -> bool {
         self.transfer.as_ref().is_some_and(|transfer| transfer.sector.len() + bytes >= SECTOR_BYTES)
     }
 
     /// Whether the end of the file is still to be written.
-    fn has_rest(&self) -> bool {
+    pub(super) fn has_rest(&self) -> bool {
         self.transfer.as_ref().is_some_and(|transfer| !transfer.sector.is_empty())
     }
 
-    fn write(&mut self, now: u64, data: &[u8], fails: bool) -> Result<(), FirmwareUpdateError> {
+    pub(super) fn write(
+        &mut self,
+        now: u64,
+        data: &[u8],
+        fails: bool,
+    ) -> Result<(), FirmwareUpdateError> {
         let free = self.free();
         let Self { transfer: Some(transfer), partitions, .. } = self else {
             return Err(FirmwareUpdateError::NotBegun);
@@ -290,7 +298,11 @@ impl FirmwareUpdate {
     }
 
     /// Writes the last sector, then checks and marks the file.
-    fn finish(&mut self, now: u64, fails: bool) -> Result<FirmwareProgress, FirmwareUpdateError> {
+    pub(super) fn finish(
+        &mut self,
+        now: u64,
+        fails: bool,
+    ) -> Result<FirmwareProgress, FirmwareUpdateError> {
         let free = self.free();
         let Self { transfer: Some(transfer), partitions, .. } = self else {
             return Err(FirmwareUpdateError::NotBegun);
@@ -338,68 +350,5 @@ impl FirmwareUpdate {
     /// Whether a file is being received, which nothing else may disturb.
     pub(super) fn is_receiving(&self) -> bool {
         self.transfer.is_some()
-    }
-}
-
-impl Gateway {
-    /// Begins a firmware update: erases the free partition. An update under way is given up.
-    /// Not for the cycle: allocates.
-    ///
-    /// # Errors
-    /// `NotReady` without supply, while booting and when a restart into another version is due;
-    /// `Flash` when the partition could not be erased.
-    pub fn begin_firmware_update(&mut self, now: u64) -> Result<(), FirmwareUpdateError> {
-        self.advance(now);
-        if !self.is_responding() {
-            return Err(FirmwareUpdateError::NotReady);
-        }
-        let fails = self.faults.take_flash_failure();
-        self.firmware.begin(self.now, fails)
-    }
-
-    /// The next piece of the file, of any length.
-    ///
-    /// # Errors
-    /// `NotBegun`, `TooBig`, or `Flash`: the update is over then.
-    pub fn write_firmware(
-        &mut self,
-        now: u64,
-        data: &[u8],
-    ) -> Result<FirmwareProgress, FirmwareUpdateError> {
-        self.advance(now);
-        if let Some(busy) = self.firmware.is_busy(self.now)? {
-            return Ok(busy);
-        }
-        let fails = self.firmware.fills_sector(data.len()) && self.faults.take_flash_failure();
-        self.firmware.write(self.now, data, fails)?;
-        Ok(FirmwareProgress::Done)
-    }
-
-    /// The file is complete: writes what is left, checks all of it, and restarts half a second
-    /// later into the new version.
-    ///
-    /// # Errors
-    /// `NotBegun`, `Flash`, or what is wrong with the file. The running version stays.
-    pub fn finish_firmware_update(
-        &mut self,
-        now: u64,
-    ) -> Result<FirmwareProgress, FirmwareUpdateError> {
-        self.advance(now);
-        if let Some(busy) = self.firmware.is_busy(self.now)? {
-            return Ok(busy);
-        }
-        let fails = self.firmware.has_rest() && self.faults.take_flash_failure();
-        self.firmware.finish(self.now, fails)
-    }
-
-    /// Gives an update up; nothing happens without one.
-    pub fn abandon_firmware_update(&mut self) {
-        self.firmware.abandon();
-    }
-
-    /// The package that runs, as the update wrote it or as the factory made it.
-    #[must_use]
-    pub fn running_firmware(&self) -> &[u8] {
-        self.firmware.running_file()
     }
 }

@@ -52,7 +52,6 @@ pub(super) struct Maintenance {
     mode_ends: Option<u64>,
     status: MaintenanceStatus,
     sequence: u32,
-    pub(super) flags: u16,
 }
 
 impl Maintenance {
@@ -87,7 +86,6 @@ impl Maintenance {
             return PendingCommand::Nothing;
         }
         if bits == command::CLEAR_DIAGNOSTICS {
-            self.flags = 0;
             self.finish(MaintenanceStatus::Ok);
             return PendingCommand::ClearDiagnostics;
         }
@@ -127,7 +125,6 @@ impl Maintenance {
         Some(match subindex {
             2 => self.mode.raw().into(),
             5 => self.status.raw().into(),
-            6 => u32::from(self.flags),
             12 => self.sequence,
             _ => return None,
         })

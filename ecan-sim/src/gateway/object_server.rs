@@ -1,71 +1,82 @@
-//! The SDO server: every access is judged by ecan-protocol's object dictionary table, then by
-//! the rules of state and combination that the manual adds (manual 3.1, 5.4, 13).
+//! SDO server: object values, and the rules that an access must meet (manual 3.1, 5.4, 13).
 //!
-//! The mapping objects 0x1600.. and 0x1A00.. are read-only, as in an SII that fixes them. Their
-//! entries map subindex 1 of the 16-byte data objects ([`ecan_protocol::object::MAPPED_SUBINDEX`]); the
-//! manual names no subindex. After power-on all 24 chunks are assigned, as many as the SII's
-//! default sync manager size of 3072 bytes holds (manual 5.3).
+//! ecan-protocol's object dictionary gives types and ranges; the rules of state and combination
+//! are here. The mapping objects 0x1600.. and 0x1A00.. are read-only, as in an SII that fixes them.
+//! Their entries map subindex 1 of the 16-byte data objects
+//! ([`ecan_protocol::object::MAPPED_SUBINDEX`]); the manual names no subindex. After power-on all 24
+//! chunks are assigned, as many as the SII's default sync manager size of 3072 bytes holds
+//! (manual 5.3).
 
+use ecan_protocol::config::{ApplyStatus, DiagnosticFault, DiagnosticTest};
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::{
-    Direction, MAX_MULTIPLIER, assignment_index, buffer_offset, locate_data_object, pdo_map_index,
+    CHANNELS, CHUNK_BYTES, Direction, MAX_MULTIPLIER, assignment_index, pdo_map_index,
 };
 use ecan_protocol::object::{AbortCode, Entry, Object, ObjectType, object};
 
-use super::Gateway;
+use super::channel_control::{self, FIRST_CHANNEL_OBJECT, FilterLists};
+use super::command::DIAGNOSTIC_TEST;
+use super::dictionary_values::DictionaryValues;
 
-/// Name of the device, 0x1008.
-const DEVICE_NAME: &str = "ECAN-Lite";
+/// 0x8030:9, reason of the last rejected write; the manual numbers none.
+const TEST_REJECT_REASON: u8 = 9;
+/// A policy without the key, or the key removed while a policy is set.
+const LOCKED: u32 = 1;
 
-impl Gateway {
-    /// SDO upload: puts the entry's bytes into `out`, whatever was in there; empty after an error.
-    ///
-    /// # Errors
-    /// The abort code: no such object or subindex, write-only, wrong state, an injected one, or
-    /// a timeout while the mailbox does not answer ([`mailbox_answers`](Self::mailbox_answers)
-    /// tells that apart).
-    pub fn sdo_upload(
-        &mut self,
-        now: u64,
-        index: u16,
-        subindex: u8,
-        out: &mut Vec<u8>,
-    ) -> Result<(), AbortCode> {
-        self.advance(now);
-        out.clear();
-        let (_, entry) = self.open_transfer(index, subindex)?;
-        if !entry.access.can_read() {
-            return Err(AbortCode::WRITE_ONLY);
-        }
-        match entry.ty {
-            ObjectType::VisibleString => out.extend_from_slice(self.text(index).as_bytes()),
-            ObjectType::String16 => self.read_unit(index, out),
-            _ => {
-                let value = self.value(index, subindex);
-                let bytes = value.to_le_bytes();
-                let size = entry.ty.size_bytes().unwrap_or(bytes.len());
-                out.extend_from_slice(bytes.get(..size).unwrap_or(&bytes));
-            }
-        }
-        Ok(())
+/// Values and filter lists of all objects.
+#[derive(Debug)]
+pub(super) struct ObjectServer {
+    pub(super) values: DictionaryValues,
+    pub(super) filters: [FilterLists; CHANNELS],
+}
+
+/// Data of a download.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Payload {
+    /// An integer.
+    Value(u32),
+    /// A 16-byte unit of process data.
+    Unit,
+}
+
+impl ObjectServer {
+    /// With the factory values.
+    pub(super) fn new() -> Self {
+        let mut server = Self {
+            values: DictionaryValues::new(),
+            filters: std::array::from_fn(|_| FilterLists::new()),
+        };
+        server.assign_all_chunks();
+        server
     }
 
-    /// SDO download.
-    ///
-    /// # Errors
-    /// The abort code: no such object or subindex, read-only, wrong length, value out of range,
-    /// wrong state, an illegal combination, an injected one, or a timeout while the mailbox
-    /// does not answer. Nothing has changed then. Values of objects with an apply command are
-    /// taken as they are and judged when applied.
-    pub fn sdo_download(
-        &mut self,
-        now: u64,
+    /// Power loss: factory values.
+    pub(super) fn reset(&mut self) {
+        self.values.reset();
+        for lists in &mut self.filters {
+            lists.clear();
+        }
+        self.assign_all_chunks();
+    }
+
+    fn assign_all_chunks(&mut self) {
+        for direction in Direction::ALL {
+            self.values.set(assignment_index(direction), 0, u32::from(MAX_MULTIPLIER));
+        }
+    }
+
+    /// Finds object and entry.
+    pub(super) fn find(
         index: u16,
         subindex: u8,
-        data: &[u8],
-    ) -> Result<(), AbortCode> {
-        self.advance(now);
-        let (object, entry) = self.open_transfer(index, subindex)?;
+    ) -> Result<(&'static Object, &'static Entry), AbortCode> {
+        let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
+        let entry = object.entry(subindex).ok_or(AbortCode::NO_SUBINDEX)?;
+        Ok((object, entry))
+    }
+
+    /// Checks access and length of a download, and decodes it.
+    pub(super) fn decode(entry: &Entry, data: &[u8]) -> Result<Payload, AbortCode> {
         if !entry.access.can_write() {
             return Err(AbortCode::READ_ONLY);
         }
@@ -77,123 +88,110 @@ impl Gateway {
             _ => {}
         }
         if entry.ty == ObjectType::String16 {
-            return self.write_unit(index, data);
+            return Ok(Payload::Unit);
         }
         let mut bytes = [0; 4];
         for (to, from) in bytes.iter_mut().zip(data) {
             *to = *from;
         }
-        let value = u32::from_le_bytes(bytes);
-        if let Some(direction) = assignment_direction(index) {
-            return self.assign(direction, subindex, value);
-        }
-        if is_judged_at_once(object, subindex) {
-            check_value(entry, value)?;
-        }
-        self.check_combination(index, subindex, value)?;
-        self.values.set(index, subindex, value);
-        self.after_write(index, subindex, value);
-        Ok(())
+        Ok(Payload::Value(u32::from_le_bytes(bytes)))
     }
 
-    /// What every transfer begins with: mailbox, injected aborts, object and subindex.
-    fn open_transfer(
+    /// Checks range and combination of a value, and stores it. A PDO assignment also depends on
+    /// the AL state.
+    ///
+    /// Fields of objects with an apply command are checked when applied, and the register service
+    /// and the filter commands report their own status.
+    pub(super) fn store(
         &mut self,
+        (object, entry): (&Object, &Entry),
         index: u16,
-        subindex: u8,
-    ) -> Result<(&'static Object, &'static Entry), AbortCode> {
-        if !self.mailbox_answers(self.now) {
-            return Err(AbortCode::TIMEOUT);
+        value: u32,
+        state: AlState,
+    ) -> Result<(), AbortCode> {
+        let subindex = entry.subindex;
+        if let Some(direction) = assignment_direction(index) {
+            self.check_assignment(direction, subindex, value, state)?;
+        } else {
+            if is_checked_at_once(object, subindex) {
+                check_range(entry, value)?;
+            }
+            if index == DIAGNOSTIC_TEST {
+                self.check_test_policies(subindex, value)?;
+            }
         }
-        if self.state == AlState::Boot {
-            return Err(AbortCode::DEVICE_STATE);
-        }
-        if let Some(code) = self.injected_abort(index, subindex) {
-            return Err(AbortCode(code));
-        }
-        let object = object(index).ok_or(AbortCode::NO_OBJECT)?;
-        let entry = object.entry(subindex).ok_or(AbortCode::NO_SUBINDEX)?;
-        Ok((object, entry))
+        self.values.set(index, subindex, value);
+        Ok(())
     }
 
-    fn injected_abort(&mut self, index: u16, subindex: u8) -> Option<u32> {
-        let aborts = &mut self.faults.sdo_aborts;
-        let at =
-            aborts.iter().position(|abort| (abort.index, abort.subindex) == (index, subindex))?;
-        let abort = aborts.get_mut(at)?;
-        let code = abort.code;
-        abort.times = abort.times.saturating_sub(1);
-        if abort.times == 0 {
-            aborts.remove(at);
-        }
-        Some(code)
-    }
+    // Test policies
 
-    // Process data objects
-
-    /// The text of a string object.
-    pub(crate) fn text(&self, index: u16) -> String {
-        let (major, minor) = self.firmware.version();
-        match index {
-            0x1008 => DEVICE_NAME.to_owned(),
-            0x1009 => self.settings.hardware_revision.to_string(),
-            _ => format!("{}.{}.{minor}", major >> 8, major & 0xFF),
-        }
-    }
-
-    /// The bytes of a 16-byte unit as they lie in the sync manager's memory.
-    fn read_unit(&self, index: u16, out: &mut Vec<u8>) {
-        let unit = locate_data_object(index).and_then(|(direction, chunk, unit)| {
-            let memory = match direction {
-                Direction::TxPdo => self.inputs.memory(),
-                Direction::RxPdo => self.outputs.memory(),
-            };
-            let offset = buffer_offset(chunk, unit);
-            memory.get(offset..offset + ecan_protocol::mapping::UNIT_BYTES)
-        });
-        out.extend_from_slice(unit.unwrap_or(&[0; ecan_protocol::mapping::UNIT_BYTES]));
-    }
-
-    /// Writing an output unit by SDO changes the memory and, without a complete SM2 write,
-    /// sends nothing. While process data are exchanged, SM2 owns the memory.
-    fn write_unit(&mut self, index: u16, data: &[u8]) -> Result<(), AbortCode> {
-        if self.exchanges_process_data() {
-            return Err(AbortCode::DEVICE_STATE);
-        }
-        if let Some((Direction::RxPdo, chunk, unit)) = locate_data_object(index) {
-            self.outputs.store_at(buffer_offset(chunk, unit), data);
+    fn check_test_policies(&mut self, subindex: u8, value: u32) -> Result<(), AbortCode> {
+        let mut locked = false;
+        self.test_policies_with(Some((subindex, value)))
+            .check(&mut |fault| locked |= fault == DiagnosticFault::Locked);
+        if locked {
+            self.values.set(DIAGNOSTIC_TEST, TEST_REJECT_REASON, LOCKED);
+            return Err(AbortCode::PARAMETER_INCOMPATIBLE);
         }
         Ok(())
+    }
+
+    /// The stored test policies.
+    pub(super) fn test_policies(&self) -> DiagnosticTest {
+        self.test_policies_with(None)
+    }
+
+    pub(super) fn clear_test_reject_reason(&mut self) {
+        self.values.set(DIAGNOSTIC_TEST, TEST_REJECT_REASON, 0);
+    }
+
+    /// The stored test policies with one value replaced.
+    fn test_policies_with(&self, replaced: Option<(u8, u32)>) -> DiagnosticTest {
+        let read = |subindex| {
+            Ok::<_, std::convert::Infallible>(match replaced {
+                Some((at, value)) if at == subindex => value,
+                _ => self.values.get(DIAGNOSTIC_TEST, subindex),
+            })
+        };
+        match DiagnosticTest::read(read) {
+            Ok(test) => test,
+            Err(never) => match never {},
+        }
     }
 
     // PDO assignment
 
-    /// A write to 0x1C12 or 0x1C13: in PREOP and SAFEOP only, a chunk only while the count is
-    /// 0, and only maps of the direction.
-    fn assign(&mut self, direction: Direction, subindex: u8, value: u32) -> Result<(), AbortCode> {
-        if !matches!(self.state, AlState::PreOp | AlState::SafeOp) {
+    /// 0x1C12 and 0x1C13 are writable in PREOP and SAFEOP, an entry only while the count is 0
+    /// and only with a map of the direction.
+    fn check_assignment(
+        &self,
+        direction: Direction,
+        subindex: u8,
+        value: u32,
+        state: AlState,
+    ) -> Result<(), AbortCode> {
+        if !matches!(state, AlState::PreOp | AlState::SafeOp) {
             return Err(AbortCode::DEVICE_STATE);
         }
-        let index = assignment_index(direction);
         if subindex == 0 {
             if value > u32::from(MAX_MULTIPLIER) {
                 return Err(AbortCode::TOO_GREAT);
             }
-        } else {
-            if self.values.get(index, 0) != 0 {
-                return Err(AbortCode::SUBINDEX_LOCKED);
-            }
-            let first = u32::from(pdo_map_index(direction, 0));
-            if !(first..first + u32::from(MAX_MULTIPLIER)).contains(&value) {
-                return Err(AbortCode::NOT_MAPPABLE);
-            }
+            return Ok(());
         }
-        self.values.set(index, subindex, value);
+        if self.values.get(assignment_index(direction), 0) != 0 {
+            return Err(AbortCode::SUBINDEX_LOCKED);
+        }
+        let first = u32::from(pdo_map_index(direction, 0));
+        if !(first..first + u32::from(MAX_MULTIPLIER)).contains(&value) {
+            return Err(AbortCode::NOT_MAPPABLE);
+        }
         Ok(())
     }
 
-    /// How many chunks are assigned; `None` when they are not the first so many in order, so
-    /// that no multiplier describes them.
+    /// Number of assigned chunks; `None` if they are not the first ones in order, so that no
+    /// multiplier describes them.
     pub(super) fn assigned_chunks(&self, direction: Direction) -> Option<u8> {
         let index = assignment_index(direction);
         let count = self.values.get_u8(index, 0);
@@ -203,16 +201,42 @@ impl Gateway {
             })
             .then_some(count)
     }
+
+    /// Bytes of the assigned chunks.
+    pub(super) fn assigned_bytes(&self, direction: Direction) -> usize {
+        self.assigned_chunks(direction).map_or(0, |chunks| usize::from(chunks) * CHUNK_BYTES)
+    }
+
+    // Channel objects
+
+    /// Executes a command of the filter editing window.
+    pub(super) fn edit_filters(&mut self, channel: usize, extended: bool, command: u8) {
+        if let Some(lists) = self.filters.get_mut(channel) {
+            let index = FIRST_CHANNEL_OBJECT + channel as u16;
+            lists.command(&mut self.values, index, extended, command);
+        }
+    }
+
+    /// Stores the status of a channel command and counts the command.
+    pub(super) fn finish_channel_command(
+        &mut self,
+        channel: usize,
+        status_subindex: u8,
+        status: ApplyStatus,
+    ) {
+        use channel_control::subindex::COMMAND_SEQUENCE;
+        let index = FIRST_CHANNEL_OBJECT + channel as u16;
+        let sequence = self.values.get(index, COMMAND_SEQUENCE).wrapping_add(1);
+        self.values.set(index, COMMAND_SEQUENCE, sequence);
+        self.values.set(index, status_subindex, u32::from(status.raw()));
+    }
 }
 
 fn assignment_direction(index: u16) -> Option<Direction> {
     Direction::ALL.into_iter().find(|&direction| assignment_index(direction) == index)
 }
 
-/// Whether a value out of range is refused with the write. Fields of objects with an apply
-/// command wait for it, and the register service and the filter editing commands have
-/// statuses of their own; commands themselves do not wait.
-fn is_judged_at_once(object: &Object, subindex: u8) -> bool {
+fn is_checked_at_once(object: &Object, subindex: u8) -> bool {
     match object.first {
         0xA000 => false,
         0x8001 => matches!(subindex, 1 | 3),
@@ -221,7 +245,7 @@ fn is_judged_at_once(object: &Object, subindex: u8) -> bool {
     }
 }
 
-fn check_value(entry: &Entry, value: u32) -> Result<(), AbortCode> {
+fn check_range(entry: &Entry, value: u32) -> Result<(), AbortCode> {
     if value > entry.max {
         Err(AbortCode::TOO_GREAT)
     } else if value < entry.min {
@@ -230,5 +254,58 @@ fn check_value(entry: &Entry, value: u32) -> Result<(), AbortCode> {
         Err(AbortCode::RANGE)
     } else {
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn write(
+        server: &mut ObjectServer,
+        index: u16,
+        subindex: u8,
+        value: u32,
+        state: AlState,
+    ) -> Result<(), AbortCode> {
+        server.store(ObjectServer::find(index, subindex)?, index, value, state)
+    }
+
+    #[test]
+    fn assignment_needs_preop_and_a_zero_count() {
+        let mut server = ObjectServer::new();
+        let rx = assignment_index(Direction::RxPdo);
+        assert_eq!(server.assigned_chunks(Direction::RxPdo), Some(MAX_MULTIPLIER));
+        let state = AlState::PreOp;
+        assert_eq!(write(&mut server, rx, 0, 0, AlState::Op), Err(AbortCode::DEVICE_STATE));
+        assert_eq!(write(&mut server, rx, 1, 0x1600, state), Err(AbortCode::SUBINDEX_LOCKED));
+        assert_eq!(write(&mut server, rx, 0, 0, state), Ok(()));
+        assert_eq!(write(&mut server, rx, 1, 0x1A00, state), Err(AbortCode::NOT_MAPPABLE));
+        assert_eq!(write(&mut server, rx, 1, 0x1601, state), Ok(()));
+        assert_eq!(write(&mut server, rx, 0, 1, state), Ok(()));
+        assert_eq!(server.assigned_chunks(Direction::RxPdo), None);
+        assert_eq!(server.assigned_bytes(Direction::RxPdo), 0);
+    }
+
+    #[test]
+    fn download_length_must_match_the_entry() {
+        let (_, entry) = ObjectServer::find(0x8010, 3).unwrap();
+        assert_eq!(ObjectServer::decode(entry, &[8]), Ok(Payload::Value(8)));
+        assert_eq!(ObjectServer::decode(entry, &[]), Err(AbortCode::LENGTH));
+        assert_eq!(ObjectServer::decode(entry, &[8, 0]), Err(AbortCode::TOO_LONG));
+        let (_, unit) = ObjectServer::find(0x7000, 1).unwrap();
+        assert_eq!(ObjectServer::decode(unit, &[0; 16]), Ok(Payload::Unit));
+        assert_eq!(ObjectServer::decode(unit, &[0; 15]), Err(AbortCode::TOO_SHORT));
+    }
+
+    #[test]
+    fn test_policy_without_key_is_rejected_with_a_reason() {
+        let mut server = ObjectServer::new();
+        let rejected = write(&mut server, DIAGNOSTIC_TEST, 4, 1, AlState::PreOp);
+        assert_eq!(rejected, Err(AbortCode::PARAMETER_INCOMPATIBLE));
+        assert_eq!(server.values.get(DIAGNOSTIC_TEST, TEST_REJECT_REASON), LOCKED);
+        assert_eq!(server.test_policies(), DiagnosticTest::OFF);
+        server.clear_test_reject_reason();
+        assert_eq!(server.values.get(DIAGNOSTIC_TEST, TEST_REJECT_REASON), 0);
     }
 }

@@ -34,10 +34,40 @@ pub(super) const COMMAND_CLEAR_ERRORS: u32 = 1 << 1;
 
 const EXISTING_CHANNELS: u8 = 0x0F;
 
-/// Status, and where one fits the last PDO error, of a refused profile.
-type Refusal = (ProfileStatus, Option<PdoError>);
+/// Status and, if one fits, last PDO error of a rejected profile.
+type Rejection = (ProfileStatus, Option<PdoError>);
 
-/// What the firmware knows about one direction.
+/// Profiles of both directions.
+#[derive(Debug)]
+pub(super) struct Profiles {
+    tx: ProfileControl,
+    rx: ProfileControl,
+}
+
+impl Profiles {
+    pub(super) fn new() -> Self {
+        Self {
+            tx: ProfileControl::new(Direction::TxPdo),
+            rx: ProfileControl::new(Direction::RxPdo),
+        }
+    }
+
+    pub(super) fn of(&self, direction: Direction) -> &ProfileControl {
+        match direction {
+            Direction::TxPdo => &self.tx,
+            Direction::RxPdo => &self.rx,
+        }
+    }
+
+    pub(super) fn of_mut(&mut self, direction: Direction) -> &mut ProfileControl {
+        match direction {
+            Direction::TxPdo => &mut self.tx,
+            Direction::RxPdo => &mut self.rx,
+        }
+    }
+}
+
+/// Profile of one direction.
 #[derive(Debug)]
 pub(super) struct ProfileControl {
     direction: Direction,
@@ -50,7 +80,7 @@ pub(super) struct ProfileControl {
 }
 
 impl ProfileControl {
-    pub(super) fn new(direction: Direction) -> Self {
+    fn new(direction: Direction) -> Self {
         Self {
             direction,
             active: None,
@@ -62,26 +92,26 @@ impl ProfileControl {
         }
     }
 
-    /// The profile in force; `None` until the first one was applied.
+    /// The active profile; `None` before the first apply.
     pub(super) fn active(&self) -> Option<PdoProfile> {
         self.active
     }
 
-    /// Bytes of the active image, 0 without a profile.
+    /// Image size of the active profile, 0 without one.
     pub(super) fn active_bytes(&self) -> usize {
         self.active.map_or(0, |profile| profile.pdo_bytes())
     }
 
-    /// The apply command: checks the requested profile and, where it may, puts it in force.
-    /// `assigned` is the number of chunks in the assignment, `None` when it is not the first
-    /// so many of them. Returns whether the active profile changed.
+    /// Apply command: checks the requested profile and activates it. `assigned` is the number of
+    /// assigned chunks, `None` if they are not the first ones in order. Returns whether the active
+    /// profile changed.
     pub(super) fn apply(
         &mut self,
         values: &DictionaryValues,
         state: AlState,
         assigned: Option<u8>,
     ) -> bool {
-        match self.judge(values, state, assigned) {
+        match self.check(values, state, assigned) {
             Ok(profile) => {
                 self.status = ProfileStatus::Ok;
                 let changed = self.active != Some(profile);
@@ -98,15 +128,15 @@ impl ProfileControl {
         }
     }
 
-    fn judge(
+    fn check(
         &self,
         values: &DictionaryValues,
         state: AlState,
         assigned: Option<u8>,
-    ) -> Result<PdoProfile, Refusal> {
+    ) -> Result<PdoProfile, Rejection> {
         let requested = self.requested(values);
         if state == AlState::Op {
-            // applying once more what is active changes no layout
+            // applying the active profile again changes no layout
             return match requested {
                 Ok(profile) if self.active == Some(profile) => Ok(profile),
                 _ => Err((ProfileStatus::InvalidState, None)),
@@ -119,7 +149,7 @@ impl ProfileControl {
         Ok(requested)
     }
 
-    fn requested(&self, values: &DictionaryValues) -> Result<PdoProfile, Refusal> {
+    fn requested(&self, values: &DictionaryValues) -> Result<PdoProfile, Rejection> {
         let value = |subindex| values.get_u8(self.direction.profile_object(), subindex);
         let multiplier = value(subindex::MULTIPLIER);
         if !(1..=MAX_MULTIPLIER).contains(&multiplier) {
@@ -138,7 +168,8 @@ impl ProfileControl {
         Ok(PdoProfile { multiplier, channel_mask, profile, budget, options })
     }
 
-    /// A requested field was written: pending until it is applied or written back.
+    /// A requested field was written: apply is pending while the request differs from the active
+    /// profile.
     pub(super) fn note_request(&mut self, values: &DictionaryValues) {
         let object = self.direction.profile_object();
         let fields = [
@@ -158,14 +189,14 @@ impl ProfileControl {
         }
     }
 
-    /// The packet layer found a fault in an image.
+    /// An image was invalid.
     pub(super) fn note_error(&mut self, error: PdoError) {
         self.last_error = error;
         self.error_counter = self.error_counter.saturating_add(1);
         self.status = ProfileStatus::EncapsulationError;
     }
 
-    /// Frames did not fit, or were dropped by backpressure.
+    /// Frames did not fit or were dropped under backpressure.
     pub(super) fn note_overflow(&mut self, frames: u32, error: Option<PdoError>) {
         if frames == 0 {
             return;
@@ -177,7 +208,7 @@ impl ProfileControl {
         }
     }
 
-    /// Command "clear errors": error and overflow state of the direction.
+    /// Command "clear errors".
     pub(super) fn clear_errors(&mut self) {
         self.last_error = PdoError::Ok;
         self.error_counter = 0;
@@ -185,7 +216,7 @@ impl ProfileControl {
         self.clear_running_status();
     }
 
-    /// Command "reset session", as far as it concerns this object.
+    /// Command "reset session".
     pub(super) fn reset_session(&mut self) {
         self.sequence = 0;
         self.last_error = PdoError::Ok;
@@ -198,11 +229,11 @@ impl ProfileControl {
         }
     }
 
-    /// What subindices 2 and 9 to 16 show; `None` for the others.
+    /// Value of a computed subindex; `None` for stored ones.
     pub(super) fn readback(&self, subindex: u8) -> Option<u32> {
         let active = self.active;
         Some(match subindex {
-            // commands read as done
+            // commands read as 0
             subindex::APPLY | subindex::COMMAND => 0,
             subindex::STATUS => u32::from(self.status.raw()),
             subindex::ACTIVE_BYTES => self.active_bytes() as u32,

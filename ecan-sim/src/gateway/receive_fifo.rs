@@ -2,12 +2,21 @@
 
 use std::collections::VecDeque;
 
+use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::FifoMode;
-
-use super::receive_path::Received;
 
 /// Most elements of a receive FIFO, and most receive buffers.
 pub(super) const RX_ELEMENTS_MAX: usize = 64;
+
+/// A received frame.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Received {
+    pub(super) frame: CanFrame,
+    /// End of the frame on the bus, or its start if the TSU captures that.
+    pub(super) at_ns: u64,
+    /// ID_AUX of the packet: 0 FIFO0, 1 FIFO1, 2 RX buffer, 3 high priority (manual 8.1).
+    pub(super) source: u8,
+}
 
 /// A receive FIFO with its get and put indices.
 #[derive(Debug)]

@@ -7,22 +7,13 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{CriticalFrames, DataPathConfig, RxBudget, RxOverflow};
 
 use super::controller::Controller;
-use super::gateway_counters::ReceiveLosses;
+use super::counters::ReceiveLosses;
+use super::receive_fifo::Received;
 
 /// Most frames that an RX cache holds, 0xF000:28.
 pub(super) const RX_CACHE_MAX: usize = 32;
 /// Frames that the balanced policy drains per service, whatever the maximum allows beyond.
 const BALANCED_DRAIN: u8 = 2;
-
-/// A received frame on its way to the master.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Received {
-    pub(super) frame: CanFrame,
-    /// When it was on the bus: its end, or its start if the TSU captures that.
-    pub(super) at_ns: u64,
-    /// ID_AUX of the packet: 0 FIFO0, 1 FIFO1, 2 RX buffer, 3 high priority (manual 8.1).
-    pub(super) source: u8,
-}
 
 /// RX cache of one channel with its counters of 0x9020..0x9023.
 #[derive(Debug)]

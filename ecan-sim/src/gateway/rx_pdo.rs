@@ -1,20 +1,18 @@
-//! From SM2 to frames: the RxPDO parser with its memory of the last image (manual 6, 8, 13.2).
+//! RxPDO parser with its copy of the last image (manual 6, 8, 13.2).
 
 use ecan_protocol::image::{Image, ImageFault, ImageReader, ParseDiagnosis, PdoError, PdoProfile};
 use ecan_protocol::mapping::{Direction, MAX_PDO_BYTES};
 
-/// What the parser says about a written image as a whole.
+/// A valid image.
 #[derive(Debug)]
-pub(super) enum Verdict<'a> {
-    /// A new image; its packets are still to be judged.
+pub(super) enum ParsedImage<'a> {
+    /// A new image; its packets are still to be parsed.
     New(Image<'a>),
-    /// The last image again, byte for byte: nothing to do.
+    /// The previous image again, byte for byte: a no-op.
     Repeated,
-    /// A fault of the header, the CRC or the sequence.
-    Faulty(PdoError),
 }
 
-/// Reads RxPDO images of the active profile.
+/// Parser of RxPDO images of the active profile.
 #[derive(Debug)]
 pub(super) struct RxPdoParser {
     reader: Option<ImageReader>,
@@ -33,43 +31,38 @@ impl RxPdoParser {
         }
     }
 
-    /// A parser without memory, to stand in while the real one is lent out.
-    pub(super) fn vacant() -> Self {
-        Self { reader: None, last_image: Box::default(), last_length: 0, last_sequence: None }
-    }
-
-    /// Takes the active profile, and whether images need a CRC.
+    /// Sets the active profile, and whether images need a CRC.
     pub(super) fn configure(&mut self, profile: Option<PdoProfile>, crc: bool) {
         self.reader =
             profile.map(|profile| ImageReader::new(Direction::RxPdo, profile).with_crc(crc));
     }
 
-    /// Forgets the last sequence, so that the image which still lies in SM2 counts as new.
+    /// Clears the last sequence number, so that the next image is new whatever its number.
     pub(super) fn reset_session(&mut self) {
         self.last_sequence = None;
         self.last_length = 0;
     }
 
-    /// Judges an image and, if it is new, remembers it.
-    pub(super) fn judge<'a>(&mut self, image: &'a [u8]) -> Verdict<'a> {
+    /// Parses header, CRC and sequence number of an image, and keeps a copy of a new one.
+    ///
+    /// # Errors
+    /// A fault of header, CRC, layout or sequence number.
+    pub(super) fn parse<'a>(&mut self, image: &'a [u8]) -> Result<ParsedImage<'a>, PdoError> {
         let Some(reader) = &self.reader else {
-            return Verdict::Faulty(PdoError::ActiveArea);
+            return Err(PdoError::ActiveArea);
         };
-        let read = match reader.read(image) {
-            Ok(read) => read,
-            Err(diagnosis) => return Verdict::Faulty(error_of(&diagnosis)),
-        };
+        let read = reader.read(image).map_err(|diagnosis| error_of(&diagnosis))?;
         if read.layout_changed() {
-            // made for another size, mask, profile or option than those in force
-            return Verdict::Faulty(PdoError::ActiveArea);
+            // built for another size, mask, profile or option than the active ones
+            return Err(PdoError::ActiveArea);
         }
         let end = ecan_protocol::mapping::HEADER_BYTES + read.payload().len();
         let content = image.get(..end).unwrap_or_default();
         if self.last_sequence == Some(read.sequence()) {
             return if self.last_image.get(..self.last_length) == Some(content) {
-                Verdict::Repeated
+                Ok(ParsedImage::Repeated)
             } else {
-                Verdict::Faulty(PdoError::DuplicateSequence)
+                Err(PdoError::DuplicateSequence)
             };
         }
         self.last_sequence = Some(read.sequence());
@@ -77,11 +70,11 @@ impl RxPdoParser {
         for (to, from) in self.last_image.iter_mut().zip(content) {
             *to = *from;
         }
-        Verdict::New(read)
+        Ok(ParsedImage::New(read))
     }
 
-    /// The PDO error of a packet's fault. A packet that reaches beyond the whole frame area
-    /// is an overrun, one that only reaches beyond the payload is truncated.
+    /// PDO error of a packet. A packet that ends beyond the frame area is an overrun; one that
+    /// ends beyond the payload only is truncated.
     pub(super) fn packet_error(&self, diagnosis: &ParseDiagnosis) -> PdoError {
         let area_end =
             self.reader.as_ref().map_or(MAX_PDO_BYTES, |reader| reader.profile().pdo_bytes());
@@ -94,8 +87,8 @@ impl RxPdoParser {
     }
 }
 
-/// A single buffer is never read while it is written, so sequence numbers that differ are
-/// the sender's fault and count as a bad header.
+/// A single buffer is never read while it is written, so differing sequence numbers are an error
+/// of the sender: a bad header.
 fn error_of(diagnosis: &ParseDiagnosis) -> PdoError {
     match diagnosis.fault {
         ImageFault::Pdo(error) => error,

@@ -7,8 +7,8 @@ use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{DataPathConfig, TxOverflow};
 use ecan_protocol::image::{ResultCode, TxResult};
 
-use super::controller::{Controller, Refusal};
-use super::gateway_counters::{GatewayCounters, TransmitLosses};
+use super::controller::{Controller, Rejection};
+use super::counters::{GatewayCounters, TransmitLosses};
 
 /// Frames that a TX ring holds, 0xF000:29.
 pub(super) const TX_RING: usize = 64;
@@ -189,12 +189,12 @@ impl TransmitPath {
                     counters.frames_to_controller += 1;
                     ResultCode::Ok
                 }
-                Err(Refusal::Full) => {
+                Err(Rejection::Full) => {
                     blocked = true;
                     break;
                 }
-                Err(Refusal::BusOff) => break,
-                Err(Refusal::CannotSend) => {
+                Err(Rejection::BusOff) => break,
+                Err(Rejection::CannotSend) => {
                     counters.transmit_losses.invalid_channel += 1;
                     ResultCode::InvalidChannel
                 }

@@ -6,7 +6,7 @@ use ecan_protocol::image::{
 use ecan_protocol::mapping::{CHANNELS, Direction, HEADER_BYTES, MAX_PACKETS, MAX_PDO_BYTES};
 
 use super::channel::Channel;
-use super::gateway_counters::GatewayCounters;
+use super::counters::GatewayCounters;
 use super::transmit_path::ResultQueue;
 
 /// Bytes that the balanced policy reserves for each enabled channel: the greatest packet of a
@@ -152,7 +152,7 @@ impl TxPdoBuilder {
     ) -> Option<(u16, UndeliveredFrames)> {
         let writer = self.writer.as_mut()?;
         let profile = *writer.profile();
-        let mut shortfall = UndeliveredFrames::default();
+        let mut undelivered = UndeliveredFrames::default();
         if !empty {
             let mut budget = Budget::new(&profile);
             pack_results(writer, &mut self.shadow, results, &mut budget, counters);
@@ -162,18 +162,18 @@ impl TxPdoBuilder {
                 channels,
                 &mut budget,
                 time_base_ns,
-                &mut shortfall,
+                &mut undelivered,
                 counters,
             );
         }
         for channel in channels.iter_mut() {
-            shortfall.dropped += std::mem::take(&mut channel.receive.dropped_since_image);
+            undelivered.dropped += std::mem::take(&mut channel.receive.dropped_since_image);
         }
-        let overflow = shortfall.unpacked + shortfall.dropped + shortfall.oversized;
-        let troubled = channels.iter().any(Channel::is_troubled);
+        let overflow = undelivered.unpacked + undelivered.dropped + undelivered.oversized;
+        let has_error = channels.iter().any(Channel::has_error);
         let flags = HeaderFlags::NONE
-            .with_if(HeaderFlags::STREAM_TRUNCATED, shortfall.unpacked > 0)
-            .with_if(HeaderFlags::ANY_CHANNEL_ERROR, troubled)
+            .with_if(HeaderFlags::STREAM_TRUNCATED, undelivered.unpacked > 0)
+            .with_if(HeaderFlags::ANY_CHANNEL_ERROR, has_error)
             .with_if(HeaderFlags::STATUS_CHANGED, status != self.last_status);
         self.last_status = status;
         self.payload_bytes = writer.used();
@@ -185,7 +185,7 @@ impl TxPdoBuilder {
                 channel_status: status,
             },
         );
-        Some((sequence, shortfall))
+        Some((sequence, undelivered))
     }
 
     /// The bytes to copy into SM3: all of the image, or header and payload only.
@@ -251,7 +251,7 @@ fn pack_frames(
     channels: &mut [Channel; CHANNELS],
     budget: &mut Budget,
     time_base_ns: u64,
-    shortfall: &mut UndeliveredFrames,
+    undelivered: &mut UndeliveredFrames,
     counters: &mut GatewayCounters,
 ) {
     let with_timestamp = writer.profile().profile.allows_delta16();
@@ -282,7 +282,7 @@ fn pack_frames(
         let bytes = writer.packet_bytes(frame, timestamp);
         if budget.never_fits(bytes) {
             channel.receive.pop();
-            shortfall.oversized += 1;
+            undelivered.oversized += 1;
             counters.receive_losses.oversized += 1;
             continue;
         }
@@ -300,7 +300,7 @@ fn pack_frames(
     }
     for (channel, consumed) in channels.iter_mut().zip(consumed) {
         channel.receive.note_consumed(consumed);
-        shortfall.unpacked += u32::try_from(channel.receive.waiting()).unwrap_or(u32::MAX);
+        undelivered.unpacked += u32::try_from(channel.receive.waiting()).unwrap_or(u32::MAX);
     }
 }
 

@@ -92,7 +92,7 @@ impl MailboxServer {
     }
 
     fn serve(&mut self, now: u64, request: &[u8], reply_bytes: usize, gateway: &mut Gateway) {
-        let ready = now.saturating_add(gateway.settings().mailbox_delay_ns);
+        let ready = now.saturating_add(gateway.config().mailbox_delay_ns);
         let Some((header, rest)) = Header::parse(request) else {
             let envelope = MessageAddress { address: 0, protocol: protocol::ERROR };
             let message = MailboxError::SizeTooShort.message();

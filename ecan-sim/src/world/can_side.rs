@@ -84,7 +84,7 @@ impl World {
             return self.update_channel(index, channel);
         }
         let mut changed = false;
-        if slot.gateway.wants_recovery(channel) {
+        if slot.gateway.take_recovery_request(channel) {
             bus.bus.recover(now, link.station);
             changed = true;
         }

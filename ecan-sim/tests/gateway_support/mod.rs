@@ -12,7 +12,7 @@ use ecan_protocol::mapping::{
     CHANNELS, Direction, sync_manager, sync_manager_address, sync_manager_control,
 };
 use ecan_protocol::object::{AbortCode, SdoWrite};
-use ecan_sim::{Gateway, GatewayModelConfig, SmSettings, Sync0};
+use ecan_sim::{Gateway, GatewayModelConfig, Sync0, SyncManagerConfig};
 
 pub const MS: u64 = 1_000_000;
 /// Behind the service that an SM2 write sets off.
@@ -66,7 +66,7 @@ impl Fixture {
 
     /// As a master does in INIT.
     pub fn set_up_mailboxes(&mut self) {
-        let sm = |start, control| SmSettings { start, length: 0x80, control };
+        let sm = |start, control| SyncManagerConfig { start, length: 0x80, control };
         self.gateway.configure_sync_manager(0, Some(sm(0x1000, 0x26)));
         self.gateway.configure_sync_manager(1, Some(sm(0x1080, 0x22)));
     }
@@ -111,7 +111,7 @@ impl Fixture {
     }
 
     pub fn set_up_sync_manager(&mut self, direction: Direction, length: u16) {
-        let settings = SmSettings {
+        let settings = SyncManagerConfig {
             start: sync_manager_address(direction),
             length,
             control: sync_manager_control(direction),

@@ -112,7 +112,7 @@ impl Controller {
         }
         let was_stopped = self.is_stopped();
         if !init && self.is_bus_off() {
-            self.want_recovery();
+            self.request_recovery();
         }
         if init != self.written.is_stopped {
             self.written.is_stopped = init;

@@ -4,7 +4,9 @@ use ecan_protocol::device::AlState;
 use proptest::prelude::*;
 
 use super::FoeServer;
-use crate::gateway::{FirmwarePackage, Gateway, GatewayFault, GatewayModelConfig, SmSettings};
+use crate::gateway::{
+    FirmwarePackage, Gateway, GatewayFault, GatewayModelConfig, SyncManagerConfig,
+};
 
 const MS: u64 = 1_000_000;
 const NAME: &[u8] = b"ecan_lite_app";
@@ -26,7 +28,7 @@ impl Fixture {
         gateway.set_up_mailboxes();
         gateway.request_al_state(now, AlState::PreOp);
         let length = room as u16 + 6;
-        let settings = SmSettings { start: 0x1000, length, control: 0x26 };
+        let settings = SyncManagerConfig { start: 0x1000, length, control: 0x26 };
         gateway.configure_sync_manager(0, Some(settings));
         Self { now, room, server: FoeServer::new(), gateway, out: Vec::new() }
     }

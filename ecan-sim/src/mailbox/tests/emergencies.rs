@@ -5,7 +5,7 @@ use ecan_protocol::mapping::{Direction, sync_manager, sync_manager_address, sync
 
 use super::bench::{Fixture, MS, coe};
 use crate::bus::ErrorState;
-use crate::gateway::{GatewayFault, SmSettings};
+use crate::gateway::{GatewayFault, SyncManagerConfig};
 
 /// Error code and bytes of an emergency message.
 fn emergency(message: &[u8]) -> (u16, [u8; 5]) {
@@ -47,7 +47,7 @@ fn the_watchdog_after_a_start_as_a_master_does_it() {
         let mut block = vec![8, 0];
         block.extend((0..8).flat_map(|chunk| (first_map + chunk).to_le_bytes()));
         bench.download(object, 0, true, &block).unwrap();
-        let settings = SmSettings {
+        let settings = SyncManagerConfig {
             start: sync_manager_address(direction),
             length: 1024,
             control: sync_manager_control(direction),

@@ -47,7 +47,7 @@ pub struct GatewayCounters {
     /// Complete SM2 writes accepted from the master.
     pub images_written: u64,
     /// SM2 writes refused because the buffer was still full.
-    pub writes_refused: u64,
+    pub writes_rejected: u64,
     /// Images parsed without fault.
     pub images_parsed: u64,
     /// Images whose sequence was that of the image before.
@@ -81,7 +81,7 @@ pub struct GatewayCounters {
     /// TxPDO images that the master has read.
     pub images_read: u64,
     /// SM3 reads refused because the buffer was empty.
-    pub reads_refused: u64,
+    pub reads_rejected: u64,
     /// Data-path services run.
     pub services: u64,
     /// Drops out of OP that the gateway itself decided.

@@ -1,0 +1,127 @@
+//! Configuration of a simulated gateway, its sync managers and Sync0.
+
+/// Identity and timing of one simulated gateway.
+///
+/// The manual gives no vendor ID, no product code and no time of the firmware's
+/// service loop; the defaults are assumptions that a scenario can replace.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct GatewayModelConfig {
+    /// Serial number, 0xF000:7 (low half) and :8 (high half).
+    pub serial: u64,
+    /// Hardware revision, 0xF000:4.
+    pub hardware_revision: u32,
+    /// Factory firmware version, 0xF000:5 and :6; a firmware update changes it.
+    pub firmware: (u16, u16),
+    /// Vendor ID of the SII and of 0x1018:1.
+    pub vendor_id: u32,
+    /// Product code of the SII and of 0x1018:2.
+    pub product_code: u32,
+    /// Revision number of the SII and of 0x1018:3.
+    pub revision: u32,
+    /// Milliseconds from power-on or reboot until the slave answers in INIT.
+    pub boot_ms: u32,
+    /// Nanoseconds from a complete SM2 write to the data-path service that handles it.
+    pub service_delay_ns: u64,
+    /// Upper bound of a pseudo-random addition to `service_delay_ns`, drawn from the
+    /// gateway's seed; 0 disables it.
+    pub service_jitter_ns: u64,
+    /// Upper bound of a pseudo-random delay of the timer that releases scheduled frames,
+    /// in nanoseconds. Frames of one phase have the same delay and keep their order.
+    pub release_jitter_ns: u64,
+    /// Nanoseconds between two services in SAFEOP, where no SM2 write paces them.
+    pub idle_service_ns: u64,
+    /// Longest wait for the first Sync0 pulse in a transition to OP, in nanoseconds. After
+    /// it the transition fails with AL status 0x002D.
+    pub sync_wait_ns: u64,
+    /// Consecutive Sync0 pulses without an SM2 write after which the slave leaves OP with AL
+    /// status 0x002C; 0 disables this check.
+    pub missed_sync_limit: u32,
+    /// Rate of the distributed clock's oscillator above simulated time, in parts per billion:
+    /// 50 000 is 50 ppm.
+    pub clock_drift_ppb: i32,
+    /// Fill level of its TX ring, in percent, from which a channel reports `tx_pressure`. A full
+    /// transmit FIFO of the CAN controller also reports it, except with 100.
+    pub tx_pressure_percent: u8,
+    /// Nanoseconds from a complete write of the mailbox (SM0) until the firmware's response is
+    /// ready in SM1. The manual gives no time. The simulated libethercat, which exchanges no
+    /// mailbox bytes, has times of its own.
+    pub mailbox_delay_ns: u64,
+}
+
+impl Default for GatewayModelConfig {
+    fn default() -> Self {
+        Self {
+            serial: 0x0000_0001_0000_0001,
+            hardware_revision: 1,
+            firmware: (0x0202, 0x0001),
+            vendor_id: 0x0000_4543,
+            product_code: 0x4C49_5445,
+            revision: 0x0002_0002,
+            boot_ms: 200,
+            service_delay_ns: 30_000,
+            service_jitter_ns: 0,
+            release_jitter_ns: 0,
+            idle_service_ns: 1_000_000,
+            sync_wait_ns: 2_000_000_000,
+            missed_sync_limit: 0,
+            clock_drift_ppb: 0,
+            tx_pressure_percent: 50,
+            mailbox_delay_ns: 200_000,
+        }
+    }
+}
+
+/// Configuration of one sync manager.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SyncManagerConfig {
+    /// Physical start address in the slave controller's memory.
+    pub start: u16,
+    /// Length in bytes.
+    pub length: u16,
+    /// Control byte: bits 0..1 buffer mode (2 = single buffer), bits 2..3 direction
+    /// (1 = the master writes), bit 6 watchdog trigger. The manual's values are 0x66
+    /// for SM2 and 0x22 for SM3 (manual 5.3).
+    pub control: u8,
+}
+
+/// Fields of the control byte, each with the value that matters here.
+const CONTROL_MODE: u8 = 0x03;
+const CONTROL_SINGLE: u8 = 0x02;
+const CONTROL_DIRECTION: u8 = 0x0C;
+const CONTROL_WRITTEN_BY_MASTER: u8 = 0x04;
+
+impl SyncManagerConfig {
+    /// Single buffer, not three-buffer mode.
+    pub(crate) fn is_single(self) -> bool {
+        self.control & CONTROL_MODE == CONTROL_SINGLE
+    }
+
+    pub(crate) fn is_written_by_master(self) -> bool {
+        self.control & CONTROL_DIRECTION == CONTROL_WRITTEN_BY_MASTER
+    }
+
+    /// Whether it is a single buffer of this direction.
+    pub(crate) fn is_single_buffer(self, written_by_master: bool) -> bool {
+        // The two other direction values are reserved.
+        let is_read = self.control & CONTROL_DIRECTION == 0;
+        self.is_single() && if written_by_master { self.is_written_by_master() } else { is_read }
+    }
+}
+
+/// The mailboxes SM0 and SM1, in the memory below the process data (manual 5.3).
+pub(crate) const MAILBOXES: [SyncManagerConfig; 2] = [
+    SyncManagerConfig { start: 0x1000, length: 0x80, control: 0x26 },
+    SyncManagerConfig { start: 0x1080, length: 0x80, control: 0x22 },
+];
+
+/// Configuration of Sync0.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Sync0 {
+    /// Time of the first pulse without the shift, in nanoseconds of the slave's system time.
+    /// System time is simulated time until the master writes it.
+    pub start_ns: u64,
+    /// Period in nanoseconds; 0 counts as one nanosecond.
+    pub cycle_ns: u32,
+    /// Shift of all pulses against `start_ns`, in nanoseconds.
+    pub shift_ns: i32,
+}

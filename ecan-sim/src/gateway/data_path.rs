@@ -1,0 +1,545 @@
+//! Data path: from RxPDO images through TX rings and schedule to the controllers, and from the
+//! controllers through RX caches to TxPDO images.
+//!
+//! A service takes the image in SM2, hands frames to the controllers, drains the controllers and
+//! builds the next TxPDO image. Nothing in it allocates.
+
+use ecan_protocol::config::{
+    ApplyStatus, DataPathConfig, DataPathGlobal, DiagnosticTest, RxBypass, TxBypass,
+};
+use ecan_protocol::image::{
+    ChannelStatus, FramePacket, OptionFlags, Packet, PdoError, ResultCode, Schedule,
+};
+use ecan_protocol::mapping::{CHANNELS, Direction};
+
+use super::active_options::ActiveOptions;
+use super::channel::{Channel, path_error};
+use super::config::GatewayModelConfig;
+use super::controller::{ControllerConfig, Rejection};
+use super::counters::GatewayCounters;
+use super::cycle_performance::CyclePerformance;
+use super::fault::PendingFaults;
+use super::maintenance::flag;
+use super::pulse_train::PulseTrain;
+use super::rx_pdo::{ParsedImage, RxPdoParser};
+use super::schedule::{ScheduleQueue, Scheduled};
+use super::transmit_path::{Pending, Reference, ResultQueue};
+use super::tx_pdo::TxPdoBuilder;
+
+/// Service budget in microseconds if 0x8020:7 is 0.
+const DEFAULT_SERVICE_BUDGET_US: u32 = 1000;
+/// Microseconds of the service budget that one frame costs, in either direction.
+const FRAME_COST_US: u32 = 2;
+
+/// Times that a service needs.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct ServiceTimes {
+    pub(super) now: u64,
+    /// When the image in SM2 was written.
+    pub(super) outputs_at: u64,
+    /// Sync0, if configured.
+    pub(super) pulses: Option<PulseTrain>,
+}
+
+/// Data path of all channels.
+#[derive(Debug)]
+pub(super) struct DataPath {
+    pub(super) channels: [Channel; CHANNELS],
+    pub(super) options: ActiveOptions,
+    global: DataPathGlobal,
+    parser: RxPdoParser,
+    builder: TxPdoBuilder,
+    results: ResultQueue,
+    schedule: ScheduleQueue,
+    pub(super) performance: CyclePerformance,
+    /// Diagnostic flags of 0xB000:6.
+    flags: u16,
+}
+
+impl DataPath {
+    /// `seed` determines the release jitter.
+    pub(super) fn new(config: &GatewayModelConfig, seed: u64) -> Self {
+        Self {
+            channels: std::array::from_fn(|_| Channel::new(config.tx_pressure_percent)),
+            options: ActiveOptions::new(),
+            global: DataPathGlobal::default(),
+            parser: RxPdoParser::new(),
+            builder: TxPdoBuilder::new(),
+            results: ResultQueue::new(),
+            schedule: ScheduleQueue::new(config.release_jitter_ns, seed),
+            performance: CyclePerformance::default(),
+            flags: 0,
+        }
+    }
+
+    /// Power loss.
+    pub(super) fn reset(&mut self, counters: &mut GatewayCounters) {
+        for channel in &mut self.channels {
+            channel.power_off(counters);
+        }
+        counters.transmit_losses.stale += self.schedule.flush() as u64;
+        self.options = ActiveOptions::new();
+        self.global = DataPathGlobal::default();
+        self.parser.reset_session();
+        self.parser.configure(None, true);
+        self.builder = TxPdoBuilder::new();
+        self.results.clear();
+        self.performance = CyclePerformance::default();
+        self.flags = 0;
+    }
+
+    // Configuration
+
+    /// Activates the test policies of 0x8030.
+    pub(super) fn set_test(&mut self, test: DiagnosticTest) {
+        self.options.test = test;
+        self.configure_codecs();
+    }
+
+    pub(super) fn set_global(&mut self, global: DataPathGlobal) {
+        self.global = global;
+    }
+
+    pub(super) fn set_policy(
+        &mut self,
+        number: usize,
+        policy: DataPathConfig,
+        counters: &mut GatewayCounters,
+    ) {
+        if let Some(channel) = self.channels.get_mut(number) {
+            channel.set_policy(policy, counters);
+        }
+    }
+
+    /// Restarts a controller with a new configuration. An invalid configuration leaves it running
+    /// as it was.
+    pub(super) fn apply_channel(
+        &mut self,
+        number: usize,
+        built: Result<ControllerConfig, ApplyStatus>,
+        counters: &mut GatewayCounters,
+    ) -> ApplyStatus {
+        let Some(channel) = self.channels.get_mut(number) else {
+            return ApplyStatus::Fail;
+        };
+        match built {
+            Ok(config) => {
+                counters.transmit_losses.schedule_failed +=
+                    self.schedule.flush_channel(number) as u64;
+                channel.apply(config, counters);
+                ApplyStatus::Ok
+            }
+            Err(status) => {
+                channel.apply_failed = true;
+                status
+            }
+        }
+    }
+
+    /// Restarts all controllers with their configurations.
+    pub(super) fn restart_channels(&mut self, counters: &mut GatewayCounters) {
+        for channel in &mut self.channels {
+            channel.restart_in_place(counters);
+        }
+    }
+
+    /// The active profile of a direction has changed. A new RxPDO layout starts a new session.
+    pub(super) fn profile_changed(&mut self, direction: Direction) {
+        self.configure_codecs();
+        if direction == Direction::RxPdo {
+            self.parser.reset_session();
+        }
+    }
+
+    /// Resets the session of a direction.
+    pub(super) fn reset_session(&mut self, direction: Direction) {
+        self.options.profiles.of_mut(direction).reset_session();
+        match direction {
+            Direction::TxPdo => {
+                self.builder.reset_session();
+                self.results.clear();
+            }
+            Direction::RxPdo => self.parser.reset_session(),
+        }
+    }
+
+    fn configure_codecs(&mut self) {
+        let [tx, rx] = [Direction::TxPdo, Direction::RxPdo];
+        let Self { options, builder, parser, .. } = self;
+        let tx_profile = options.profiles.of(tx).active();
+        builder.configure(tx_profile, options.uses_crc(tx), options.is_payload_only(tx));
+        parser.configure(options.profiles.of(rx).active(), options.uses_crc(rx));
+    }
+
+    // State changes
+
+    /// Process data starts: what was received before is dropped, so the first image is empty.
+    pub(super) fn start_inputs(&mut self, counters: &mut GatewayCounters) {
+        self.results.clear();
+        for channel in &mut self.channels {
+            channel.flush_receive(counters);
+        }
+    }
+
+    /// Outputs stop: frames that wait to be sent are dropped as stale.
+    pub(super) fn stop_outputs(&mut self, counters: &mut GatewayCounters) {
+        let mut stale = self.schedule.flush();
+        for channel in &mut self.channels {
+            stale += channel.transmit.flush();
+        }
+        counters.transmit_losses.stale += stale as u64;
+    }
+
+    /// Sync0 changes: frames scheduled for its pulses are dropped.
+    pub(super) fn sync0_changed(&mut self, counters: &mut GatewayCounters) {
+        let dropped = self.schedule.flush();
+        if dropped > 0 {
+            counters.transmit_losses.schedule_failed += dropped as u64;
+            self.flags |= flag::SCHED_TIMER_MISS;
+        }
+        self.performance.restart_pulses();
+    }
+
+    // Outputs
+
+    /// Takes an image that was written to SM2.
+    pub(super) fn take_image(
+        &mut self,
+        image: &[u8],
+        times: &ServiceTimes,
+        counters: &mut GatewayCounters,
+    ) {
+        if self.options.is_app_bypassed(Direction::RxPdo)
+            || self.options.bypasses_rx(RxBypass::STAGE)
+            || self.options.bypasses_rx(RxBypass::PARSE)
+        {
+            return;
+        }
+        if let Err(error) = self.parse_image(image, times, counters) {
+            counters.images_faulty += 1;
+            self.options.profiles.of_mut(Direction::RxPdo).note_error(error);
+        }
+    }
+
+    fn parse_image(
+        &mut self,
+        image: &[u8],
+        times: &ServiceTimes,
+        counters: &mut GatewayCounters,
+    ) -> Result<(), PdoError> {
+        if image.len() != self.options.profiles.of(Direction::RxPdo).active_bytes() {
+            return Err(PdoError::ActiveArea);
+        }
+        let image = match self.parser.parse(image)? {
+            ParsedImage::Repeated => {
+                counters.images_repeated += 1;
+                return Ok(());
+            }
+            ParsedImage::New(image) => image,
+        };
+        let sequence = image.sequence();
+        self.options.profiles.of_mut(Direction::RxPdo).sequence = sequence;
+        let mut packets = 0;
+        let mut result = Ok(());
+        for packet in image.packets() {
+            packets += 1;
+            result = match packet {
+                Ok(Packet::Frame(packet)) => self.take_frame(sequence, &packet, times, counters),
+                Ok(Packet::TxResult(_)) => Err(PdoError::UnknownKind),
+                Err(diagnosis) => Err(self.parser.packet_error(&diagnosis)),
+            };
+            if result.is_err() {
+                break;
+            }
+        }
+        self.performance.image_parsed(packets);
+        if result.is_ok() {
+            counters.images_parsed += 1;
+        }
+        result
+    }
+
+    /// Hands one frame to its channel. An error stops the parsing of the image.
+    fn take_frame(
+        &mut self,
+        sequence: u16,
+        packet: &FramePacket<'_>,
+        times: &ServiceTimes,
+        counters: &mut GatewayCounters,
+    ) -> Result<(), PdoError> {
+        let due = match packet.schedule().transpose()? {
+            None => None,
+            Some(schedule) => Some(due_time(schedule, times)?),
+        };
+        counters.frames_parsed += 1;
+        if self.options.bypasses_rx(RxBypass::TX_RING) {
+            counters.transmit_losses.bypassed += 1;
+            return Ok(());
+        }
+        let number = usize::from(packet.channel);
+        let wants_result = self.options.has(Direction::TxPdo, OptionFlags::TX_RESULT);
+        let reference = wants_result.then_some(Reference { sequence, frame_index: packet.index });
+        let frame = packet.frame.to_owned();
+        let result = match due {
+            Some(due_ns) => self
+                .schedule_frame(Scheduled { due_ns, channel: number, frame }, times.now, counters)
+                .map(|()| {
+                    if let Some(reference) = reference {
+                        self.results.report(number, reference, ResultCode::Queued);
+                    }
+                }),
+            None => self.enqueue(number, Pending { frame, reference }, counters),
+        };
+        if let (Err(code), Some(reference)) = (result, reference) {
+            self.results.report(number, reference, code);
+        }
+        Ok(())
+    }
+
+    fn enqueue(
+        &mut self,
+        number: usize,
+        pending: Pending,
+        counters: &mut GatewayCounters,
+    ) -> Result<(), ResultCode> {
+        let channel = self.channels.get_mut(number).ok_or(ResultCode::InvalidChannel)?;
+        channel.check_sendable(&pending.frame, &mut counters.transmit_losses)?;
+        let policy = channel.policy;
+        let before = counters.transmit_losses;
+        let losses = &mut counters.transmit_losses;
+        let result = channel.transmit.enqueue(number, pending, &policy, &mut self.results, losses);
+        if counters.transmit_losses != before {
+            channel.last_error = path_error::RING_FULL;
+            self.flags |= flag::TX_RING_DROP;
+            self.options.profiles.of_mut(Direction::RxPdo).note_overflow(1, None);
+        }
+        result
+    }
+
+    fn schedule_frame(
+        &mut self,
+        entry: Scheduled,
+        now: u64,
+        counters: &mut GatewayCounters,
+    ) -> Result<(), ResultCode> {
+        let number = entry.channel;
+        let channel = self.channels.get_mut(number).ok_or(ResultCode::InvalidChannel)?;
+        channel.check_sendable(&entry.frame, &mut counters.transmit_losses)?;
+        if entry.due_ns <= now {
+            counters.transmit_losses.late += 1;
+            self.note_schedule_error(number, flag::SCHED_LATE_DROP);
+            return Err(ResultCode::BusBusy);
+        }
+        if !self.schedule.insert(entry) {
+            counters.transmit_losses.schedule_full += 1;
+            self.note_schedule_error(number, flag::SCHED_QUEUE_FULL);
+            return Err(ResultCode::TxFifoFull);
+        }
+        counters.frames_scheduled += 1;
+        Ok(())
+    }
+
+    fn note_schedule_error(&mut self, number: usize, flag: u16) {
+        self.flags |= flag;
+        if let Some(channel) = self.channels.get_mut(number) {
+            channel.last_error = path_error::SCHEDULE;
+        }
+        self.options.profiles.of_mut(Direction::RxPdo).note_overflow(1, None);
+    }
+
+    /// When the next scheduled frame is due.
+    pub(super) fn release_time(&self) -> Option<u64> {
+        self.schedule.next_due()
+    }
+
+    /// Hands the first due scheduled frame to its controller, past the TX ring.
+    pub(super) fn release_scheduled(&mut self, now: u64, counters: &mut GatewayCounters) {
+        let Some(due) = self.schedule.pop_due(now) else {
+            return;
+        };
+        self.performance.scheduled_released(now);
+        if self.options.bypasses_rx(RxBypass::MCAN_WRITE) {
+            counters.transmit_losses.bypassed += 1;
+            return;
+        }
+        let Some(channel) = self.channels.get_mut(due.channel) else {
+            return;
+        };
+        let Err(rejection) = channel.controller.submit(due.frame) else {
+            counters.frames_to_controller += 1;
+            counters.frames_released += 1;
+            return;
+        };
+        counters.transmit_losses.schedule_failed += 1;
+        if rejection == Rejection::Full {
+            channel.transmit.note_fifo_full();
+            self.flags |= flag::TX_FIFO_FULL;
+        }
+        self.note_schedule_error(due.channel, flag::SCHED_TX_FAIL);
+        if let Some(channel) = self.channels.get_mut(due.channel) {
+            channel.note_rejection(rejection);
+        }
+    }
+
+    // Service
+
+    /// Serves all channels within the service budget. Frames are sent only in OP.
+    pub(super) fn serve(&mut self, is_op: bool, counters: &mut GatewayCounters) {
+        let budget_us = match self.global.max_service_budget_us {
+            0 => DEFAULT_SERVICE_BUDGET_US,
+            us => u32::from(us),
+        };
+        let mut allowance = budget_us / FRAME_COST_US;
+        let mut served = 0;
+        for number in 0..CHANNELS {
+            let frames = self.serve_channel(number, is_op, allowance, counters);
+            allowance = allowance.saturating_sub(frames);
+            served += frames;
+        }
+        self.performance.served(served as usize);
+        self.results.settle(counters);
+    }
+
+    /// Sends, recovers and drains one channel; returns the number of frames.
+    fn serve_channel(
+        &mut self,
+        number: usize,
+        is_op: bool,
+        allowance: u32,
+        counters: &mut GatewayCounters,
+    ) -> u32 {
+        let skips_send = self.options.bypasses_rx(RxBypass::MCAN_WRITE);
+        let skips_read = self.options.bypasses_tx(TxBypass::MCAN_READ)
+            || self.options.is_app_bypassed(Direction::TxPdo);
+        let carried = self
+            .options
+            .profiles
+            .of(Direction::TxPdo)
+            .active()
+            .is_some_and(|profile| profile.has_channel(number as u8));
+        let Self { channels, results, flags, performance, .. } = self;
+        let Some(channel) = channels.get_mut(number) else {
+            return 0;
+        };
+        let policy = channel.policy;
+        let mut sent = 0;
+        if is_op && skips_send {
+            counters.transmit_losses.bypassed += channel.transmit.drop_unsent() as u64;
+        } else if is_op {
+            let full_before = channel.transmit.fifo_full;
+            let controller = &mut channel.controller;
+            sent =
+                channel.transmit.serve(number, controller, &policy, allowance, results, counters);
+            if channel.transmit.fifo_full != full_before {
+                *flags |= flag::TX_FIFO_FULL;
+                channel.note_rejection(Rejection::Full);
+            }
+            channel.transmit.report_queued(number, results);
+        }
+        channel.serve_recovery();
+        let drained = if skips_read {
+            channel.take_controller_losses();
+            0
+        } else {
+            let allowance = allowance.saturating_sub(sent);
+            channel.drain(allowance, carried, &mut counters.receive_losses)
+        };
+        channel.observe();
+        channel.note_service(performance.served((sent + drained) as usize));
+        sent + drained
+    }
+
+    // Inputs
+
+    /// Builds a TxPDO image of `length` bytes, the length of SM3. Returns the bytes to publish.
+    pub(super) fn build_inputs(
+        &mut self,
+        length: usize,
+        time_base_ns: u64,
+        faults: &mut PendingFaults,
+        counters: &mut GatewayCounters,
+    ) -> Option<&[u8]> {
+        if self.options.bypasses_tx(TxBypass::COPY) {
+            return None;
+        }
+        if length != self.options.profiles.of(Direction::TxPdo).active_bytes() {
+            self.options.profiles.of_mut(Direction::TxPdo).note_error(PdoError::ActiveArea);
+            return None;
+        }
+        let empty = self.options.is_app_bypassed(Direction::TxPdo)
+            || self.options.bypasses_tx(TxBypass::BUILD);
+        let status = self.channel_status();
+        let (sequence, undelivered) = self.builder.build(
+            &mut self.channels,
+            &mut self.results,
+            status,
+            time_base_ns,
+            empty,
+            counters,
+        )?;
+        let control = self.options.profiles.of_mut(Direction::TxPdo);
+        control.sequence = sequence;
+        control.note_overflow(undelivered.dropped, None);
+        control.note_overflow(undelivered.unpacked, Some(PdoError::PacketOverrun));
+        control.note_overflow(undelivered.oversized, Some(PdoError::FrameOverrun));
+        if faults.take_torn_image() {
+            self.builder.tear();
+        }
+        if faults.take_crc_error() {
+            self.builder.corrupt_crc();
+        }
+        counters.images_published += 1;
+        let published = self.builder.published();
+        self.performance.inputs_published(published.len());
+        Some(published)
+    }
+
+    fn channel_status(&self) -> [ChannelStatus; CHANNELS] {
+        let mut status = [ChannelStatus::default(); CHANNELS];
+        for (number, (word, channel)) in status.iter_mut().zip(&self.channels).enumerate() {
+            *word = channel.status(self.schedule.waiting(number));
+        }
+        status
+    }
+
+    // Diagnostics
+
+    /// Diagnostic flags, 0xB000:6.
+    pub(super) fn flags(&self) -> u16 {
+        self.flags
+    }
+
+    /// Clears flags, channel diagnostics and performance counters.
+    pub(super) fn clear_diagnostics(&mut self, now: u64, pulses: Option<PulseTrain>) {
+        self.flags = 0;
+        for channel in &mut self.channels {
+            channel.clear_diagnostics();
+        }
+        self.clear_performance(now, pulses);
+    }
+
+    /// Clear command of 0x9011, which also clears the channels' service times.
+    pub(super) fn clear_performance(&mut self, now: u64, pulses: Option<PulseTrain>) {
+        for channel in &mut self.channels {
+            channel.clear_service_times();
+        }
+        self.performance.clear(now, pulses);
+    }
+
+    /// A value of 0x9000..0x9003.
+    pub(super) fn channel_information(&mut self, number: usize, subindex: u8) -> Option<u32> {
+        let scheduled = self.schedule.waiting(number);
+        self.channels.get_mut(number)?.information(subindex, scheduled)
+    }
+}
+
+/// Send time of a schedule record: its offset after the first Sync0 pulse that follows the image.
+/// Without Sync0, or with an offset beyond the cycle, the record is invalid.
+fn due_time(schedule: Schedule, times: &ServiceTimes) -> Result<u64, PdoError> {
+    let pulses = times.pulses.ok_or(PdoError::BadSchedule)?;
+    let offset = u64::from(schedule.offset_ns);
+    if offset >= pulses.cycle_ns() {
+        return Err(PdoError::BadSchedule);
+    }
+    Ok(pulses.next_after(times.outputs_at).saturating_add(offset))
+}

@@ -1,0 +1,70 @@
+//! Distributed clock of the slave and the Sync0 pulses that it generates.
+
+use super::config::Sync0;
+use super::dc_clock::DcClock;
+use super::pulse_train::PulseTrain;
+
+/// Clock and Sync0 of one slave.
+#[derive(Debug)]
+pub(super) struct DistributedClock {
+    drift_ppb: i32,
+    clock: DcClock,
+    sync0: Option<Sync0>,
+    pulses: Option<PulseTrain>,
+}
+
+impl DistributedClock {
+    /// `drift_ppb`: rate of the oscillator above simulated time, in parts per billion.
+    pub(super) fn new(drift_ppb: i32) -> Self {
+        Self { drift_ppb, clock: DcClock::new(drift_ppb), sync0: None, pulses: None }
+    }
+
+    /// Power loss: time not set, no Sync0.
+    pub(super) fn reset(&mut self) {
+        *self = Self::new(self.drift_ppb);
+    }
+
+    pub(super) fn clock(&self) -> &DcClock {
+        &self.clock
+    }
+
+    /// The Sync0 pulses, if Sync0 is configured.
+    pub(super) fn pulses(&self) -> Option<PulseTrain> {
+        self.pulses
+    }
+
+    pub(super) fn sync0(&self) -> Option<Sync0> {
+        self.sync0
+    }
+
+    /// Starts Sync0, or stops it.
+    pub(super) fn set_sync0(&mut self, sync0: Option<Sync0>, now: u64) {
+        self.sync0 = sync0;
+        self.pulses = sync0.map(|sync0| PulseTrain::new(sync0, self.clock.line(), now));
+    }
+
+    /// Changes the clock; the pulses follow it.
+    pub(super) fn change(&mut self, now: u64, change: impl FnOnce(&mut DcClock)) {
+        change(&mut self.clock);
+        let line = self.clock.line();
+        if let Some(pulses) = &mut self.pulses {
+            pulses.set_line(line, now);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pulses_follow_a_changed_clock() {
+        let mut clock = DistributedClock::new(0);
+        clock.set_sync0(Some(Sync0 { start_ns: 1_000, cycle_ns: 1_000, shift_ns: 0 }), 0);
+        assert_eq!(clock.pulses().map(|pulses| pulses.next_after(2_500)), Some(3_000));
+        clock.change(2_500, |clock| clock.jump(100, 2_500));
+        assert_eq!(clock.pulses().map(|pulses| pulses.next_after(2_500)), Some(2_900));
+        clock.reset();
+        assert!(clock.pulses().is_none() && clock.sync0().is_none());
+    }
+}

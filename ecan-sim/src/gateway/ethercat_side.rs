@@ -1,0 +1,397 @@
+//! The slave as the EtherCAT master sees it: AL state, sync managers, process data, clock and
+//! emergencies.
+
+use ecan_protocol::device::{AlState, AlStatusCode};
+
+use super::Gateway;
+use super::al_state::Requirement;
+use super::config::{MAILBOXES, Sync0, SyncManagerConfig};
+use super::emergency::Emergency;
+use super::pulse_train::PulseTrain;
+
+impl Gateway {
+    // AL state
+
+    /// The master writes AL control. A request also acknowledges a pending error. A request that
+    /// cannot be met leaves the state and raises the error indication with its AL status code. With
+    /// Sync0 configured, OP is entered with the first pulse; see [`al_state`](Self::al_state).
+    pub fn request_al_state(&mut self, now: u64, state: AlState) {
+        self.advance(now);
+        if !self.is_responding() {
+            return;
+        }
+        self.al.acknowledge();
+        match self.meet_requirement(state) {
+            Ok(()) if self.must_await_sync(state) => self.al.await_sync(self.now),
+            Ok(()) => self.enter(state),
+            Err(code) => self.al.fail(code),
+        }
+    }
+
+    /// The master requests a state that does not exist.
+    pub(crate) fn reject_unknown_al_state(&mut self, now: u64) {
+        self.advance(now);
+        if self.is_responding() {
+            self.al.fail(AlStatusCode::UNKNOWN_STATE);
+        }
+    }
+
+    /// The present state.
+    #[must_use]
+    pub fn al_state(&self) -> AlState {
+        self.al.state()
+    }
+
+    /// The error indication, bit 4 of AL status.
+    #[must_use]
+    pub fn al_error(&self) -> bool {
+        self.al.has_error()
+    }
+
+    /// The AL status code; 0 without an error.
+    #[must_use]
+    pub fn al_status_code(&self) -> u16 {
+        self.al.status_code().0
+    }
+
+    fn meet_requirement(&mut self, to: AlState) -> Result<(), AlStatusCode> {
+        match self.al.requirement(to)? {
+            Requirement::Nothing => Ok(()),
+            Requirement::Mailboxes(error) => {
+                if self.sync_managers.are_mailboxes_valid() {
+                    Ok(())
+                } else {
+                    Err(error)
+                }
+            }
+            Requirement::Profiles => {
+                self.application.apply_missing_profiles(self.al.state());
+                self.application.check_process_data(&self.sync_managers)
+            }
+            Requirement::ProcessDataAndSync => {
+                self.application.check_process_data(&self.sync_managers)
+            }
+        }
+    }
+
+    fn must_await_sync(&self, to: AlState) -> bool {
+        self.al.requirement(to) == Ok(Requirement::ProcessDataAndSync)
+            && self.clock.pulses().is_some_and(|pulses| pulses.pulses_until(self.now) == 0)
+    }
+
+    /// When the wait for the first pulse ends, with the pulse or by timeout.
+    pub(super) fn awaited_sync(&self) -> Option<u64> {
+        let since = self.al.awaiting_sync_since()?;
+        let timeout = since.saturating_add(self.config.sync_wait_ns);
+        let first = self.clock.pulses().map_or(since, PulseTrain::first_ns);
+        Some(first.min(timeout))
+    }
+
+    pub(super) fn finish_awaiting_sync(&mut self) {
+        self.al.stop_awaiting_sync();
+        let pulses = self.clock.pulses();
+        if pulses.is_none_or(|pulses| pulses.pulses_until(self.now) > 0) {
+            self.enter(AlState::Op);
+        } else {
+            self.al.fail(AlStatusCode::NO_SYNC);
+        }
+    }
+
+    fn enter(&mut self, state: AlState) {
+        let change = self.al.enter(state);
+        if change.leaves_op() {
+            self.application.data_path.stop_outputs(&mut self.counters);
+            self.services.restart_idle(self.now);
+        }
+        if change.stops_mailbox() {
+            self.sync_managers.stop_mailboxes();
+        }
+        if change.starts_process_data() {
+            self.sync_managers.empty_process_data();
+            self.application.data_path.start_inputs(&mut self.counters);
+            self.services.served(self.now);
+            self.services.restart_idle(self.now);
+            self.publish_inputs();
+        } else if change.stops_process_data() {
+            self.sync_managers.stop_process_data();
+            self.services.cancel();
+        }
+        match state {
+            AlState::Op => self.watchdog.start(self.now),
+            AlState::Init => {
+                self.emergencies.clear();
+                // without a mailbox a file transfer cannot continue
+                self.firmware.abandon();
+            }
+            _ => {}
+        }
+    }
+
+    /// The slave leaves OP (a lower state is kept) with an error.
+    pub(super) fn fall_back(&mut self, code: AlStatusCode) {
+        if !self.is_responding() {
+            return;
+        }
+        self.al.stop_awaiting_sync();
+        if self.al.is_op() {
+            self.fall_to(AlState::SafeOp, code);
+        } else {
+            self.raise_al_error(code);
+        }
+    }
+
+    fn fall_to(&mut self, state: AlState, code: AlStatusCode) {
+        if self.al.is_op() {
+            self.counters.al_errors += 1;
+        }
+        self.enter(state);
+        self.raise_al_error(code);
+    }
+
+    fn raise_al_error(&mut self, code: AlStatusCode) {
+        self.al.fail(code);
+        self.raise_emergency(Emergency::al_error(code));
+    }
+
+    // Sync managers
+
+    /// Configures a sync manager, 0 to 3, or disables it (`None`). Others are ignored. In SAFEOP
+    /// and OP, one that no longer fits makes the slave fall back to PREOP.
+    pub fn configure_sync_manager(&mut self, sm: u8, config: Option<SyncManagerConfig>) {
+        let config = config.filter(|config| config.length > 0);
+        let changed = self.sync_managers.configure(sm, config);
+        if changed
+            && self.al.exchanges_process_data()
+            && let Err(code) = self.application.check_process_data(&self.sync_managers)
+        {
+            self.fall_to(AlState::PreOp, code);
+        }
+    }
+
+    /// Configures the mailboxes as the SII specifies.
+    pub(crate) fn set_up_mailboxes(&mut self) {
+        for (number, config) in (0..).zip(MAILBOXES) {
+            self.configure_sync_manager(number, Some(config));
+        }
+    }
+
+    /// Configuration of a sync manager.
+    #[must_use]
+    pub fn sync_manager(&self, sm: u8) -> Option<SyncManagerConfig> {
+        self.sync_managers.config(sm)
+    }
+
+    /// Changes when the contents of the mailboxes become void.
+    pub(crate) fn mailbox_stops(&self) -> u32 {
+        self.sync_managers.mailbox_stops()
+    }
+
+    /// Changes when a partial access to process data becomes void.
+    pub(crate) fn process_data_stops(&self) -> u32 {
+        self.sync_managers.process_data_stops()
+    }
+
+    // Process data
+
+    /// Whether process data is exchanged: responding, in SAFEOP or OP.
+    pub(crate) fn exchanges_process_data(&self) -> bool {
+        self.is_responding() && self.al.exchanges_process_data()
+    }
+
+    /// Whether SM2 holds a write that the firmware has not read yet.
+    #[must_use]
+    pub fn outputs_full(&self) -> bool {
+        self.sync_managers.outputs.is_full()
+    }
+
+    /// Whether SM3 holds an image for the master to read.
+    #[must_use]
+    pub fn inputs_full(&self) -> bool {
+        self.sync_managers.inputs.is_full()
+    }
+
+    /// The image in SM3.
+    pub(crate) fn input_image(&self) -> &[u8] {
+        self.sync_managers.inputs.image()
+    }
+
+    /// A complete write to SM2, in its full length. Returns `false` (not counted by the working
+    /// counter) outside SAFEOP and OP, with another length, and while the buffer is full.
+    ///
+    /// In SAFEOP the firmware empties the buffer without parsing it. Does not allocate.
+    pub fn write_outputs(&mut self, now: u64, data: &[u8]) -> bool {
+        self.advance(now);
+        if !self.exchanges_process_data() || !self.sync_managers.outputs.write(data) {
+            self.counters.writes_rejected += 1;
+            return false;
+        }
+        self.counters.images_written += 1;
+        let performance = &mut self.application.data_path.performance;
+        performance.pdi_interrupt(self.now, self.clock.pulses(), true);
+        self.watchdog.feed(self.now);
+        self.services.outputs_written(self.now);
+        true
+    }
+
+    /// A complete read of SM3, in its full length. Returns `false` (not counted, `out` unchanged)
+    /// outside SAFEOP and OP, with another length, and while the buffer is empty. Does not
+    /// allocate.
+    pub fn read_inputs(&mut self, now: u64, out: &mut [u8]) -> bool {
+        self.advance(now);
+        if !self.exchanges_process_data() || !self.sync_managers.inputs.read(out) {
+            self.counters.reads_rejected += 1;
+            return false;
+        }
+        self.inputs_were_read(now);
+        true
+    }
+
+    /// The master has read SM3 to its last byte.
+    pub(crate) fn inputs_were_read(&mut self, now: u64) {
+        self.advance(now);
+        let is_publish_due = self.sync_managers.finish_read();
+        self.counters.images_read += 1;
+        let performance = &mut self.application.data_path.performance;
+        performance.pdi_interrupt(self.now, self.clock.pulses(), false);
+        if is_publish_due {
+            self.publish_inputs();
+        }
+    }
+
+    /// The master has read a part of SM3 and continues in another datagram.
+    pub(crate) fn begin_partial_read(&mut self) {
+        self.sync_managers.begin_partial_read();
+    }
+
+    /// The slave controller rejected an access to SM2 or SM3.
+    pub(crate) fn count_rejected_access(&mut self, is_write: bool) {
+        let rejected = if is_write {
+            &mut self.counters.writes_rejected
+        } else {
+            &mut self.counters.reads_rejected
+        };
+        *rejected += 1;
+    }
+
+    // Watchdog
+
+    /// Sets the process data watchdog, in nanoseconds; 0 disables it. It runs in OP while the
+    /// control byte of SM2 has the watchdog bit.
+    pub fn set_watchdog_ns(&mut self, watchdog_ns: u64) {
+        self.watchdog.set_timeout_ns(watchdog_ns);
+    }
+
+    pub(super) fn watchdog_expiry(&self) -> Option<u64> {
+        let runs = self.al.is_op() && self.sync_managers.outputs.feeds_watchdog();
+        self.watchdog.expiry().filter(|_| runs)
+    }
+
+    /// Expirations of the process data watchdog since the boot.
+    pub(crate) fn watchdog_expirations(&self) -> u32 {
+        self.watchdog.expirations()
+    }
+
+    /// Whether the process data watchdog has expired and was not fed since.
+    pub(crate) fn watchdog_has_expired(&self) -> bool {
+        self.watchdog.is_expired()
+    }
+
+    // Distributed clock
+
+    /// Starts Sync0, changes it, or stops it (`None`). A stop in OP is a fatal sync error (0x002C).
+    /// Frames scheduled for the previous pulses are dropped.
+    pub fn set_dc_sync0(&mut self, sync0: Option<Sync0>) {
+        if sync0 == self.clock.sync0() {
+            return;
+        }
+        self.clock.set_sync0(sync0, self.now);
+        self.application.data_path.sync0_changed(&mut self.counters);
+        if sync0.is_none() && self.al.is_op() {
+            self.fall_back(AlStatusCode::FATAL_SYNC);
+        }
+    }
+
+    /// End of the longest permitted sequence of pulses without outputs, if it is limited.
+    pub(super) fn missed_sync_expiry(&self) -> Option<u64> {
+        let pulses = self.clock.pulses()?;
+        let limit = u64::from(self.config.missed_sync_limit);
+        (self.al.is_op() && limit > 0).then(|| {
+            pulses
+                .next_after(self.watchdog.fed_at())
+                .saturating_add(limit.saturating_mul(pulses.cycle_ns()))
+        })
+    }
+
+    /// System time of the distributed clock (0x0910); `None` until the master has written it.
+    #[must_use]
+    pub fn dc_system_time(&self, now: u64) -> Option<u64> {
+        self.clock.clock().written_time(now)
+    }
+
+    /// Time of the distributed clock, whether written by the master or not, in nanoseconds.
+    pub(crate) fn dc_time(&self, now: u64) -> u64 {
+        self.clock.clock().line().system(now)
+    }
+
+    /// Time of the distributed clock since power-on or reboot, in nanoseconds.
+    pub(crate) fn dc_time_since_boot(&self, now: u64) -> u64 {
+        self.dc_time(now).saturating_sub(self.dc_time(self.power.booted_at()))
+    }
+
+    /// Difference found by the last correction of the clock, received time minus own, in
+    /// nanoseconds (0x092C).
+    #[must_use]
+    pub fn dc_difference_ns(&self) -> i64 {
+        self.clock.clock().difference_ns()
+    }
+
+    /// The next Sync0 pulse in simulated time; `None` without Sync0.
+    #[must_use]
+    pub fn next_sync0(&self, now: u64) -> Option<u64> {
+        self.clock.pulses().map(|pulses| pulses.next_after(now))
+    }
+
+    /// The next Sync0 pulse in the system time of the slave; `None` without Sync0.
+    pub(crate) fn next_sync0_system_time(&self, now: u64) -> Option<u64> {
+        self.clock.pulses().and_then(|pulses| pulses.next_system_after(now))
+    }
+
+    /// The master sets the time of the clock.
+    pub fn write_dc_system_time(&mut self, now: u64, system_ns: u64) {
+        self.clock.change(now, |clock| clock.write(system_ns, now));
+    }
+
+    /// The master sends the reference time; the clock is corrected towards it.
+    pub fn correct_dc_system_time(&mut self, now: u64, system_ns: u64) {
+        self.clock.change(now, |clock| clock.correct(system_ns, now));
+    }
+
+    /// The master restarts the control loop of the clock (0x0930).
+    pub(crate) fn restart_dc_control(&mut self, now: u64) {
+        self.clock.change(now, |clock| clock.restart_control(now));
+    }
+
+    /// Number of boots; the slave controller is reset with each one.
+    pub(crate) fn boots(&self) -> u32 {
+        self.power.boots()
+    }
+
+    // Emergencies
+
+    /// Queues an emergency if the mailbox is active. Does not allocate.
+    pub(super) fn raise_emergency(&mut self, emergency: Emergency) {
+        if self.is_responding() && self.al.state().has_mailbox() {
+            self.emergencies.push(emergency);
+        }
+    }
+
+    /// Whether an emergency waits for the read mailbox.
+    pub(crate) fn has_emergency(&self) -> bool {
+        !self.emergencies.is_empty()
+    }
+
+    /// Takes the oldest emergency.
+    pub(crate) fn take_emergency(&mut self) -> Option<Emergency> {
+        self.emergencies.pop()
+    }
+}

@@ -1,0 +1,110 @@
+//! Supply voltage, boot and reboot of a gateway.
+
+use super::NS_PER_MS;
+
+/// From the reboot command to the reboot: the master fetches the response in this time.
+const REBOOT_DELAY_NS: u64 = 10 * NS_PER_MS;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum PowerState {
+    Off,
+    Booting { until: u64 },
+    On,
+}
+
+/// Supply and boot of a gateway.
+#[derive(Debug)]
+pub(super) struct PowerSupply {
+    state: PowerState,
+    boot_ns: u64,
+    boots: u32,
+    booted_at: u64,
+    reboot_at: Option<u64>,
+}
+
+impl PowerSupply {
+    /// A switched off supply; a boot takes `boot_ms`.
+    pub(super) fn new(boot_ms: u32) -> Self {
+        let boot_ns = u64::from(boot_ms) * NS_PER_MS;
+        Self { state: PowerState::Off, boot_ns, boots: 0, booted_at: 0, reboot_at: None }
+    }
+
+    pub(super) fn is_off(&self) -> bool {
+        self.state == PowerState::Off
+    }
+
+    /// The supply is on and the boot is complete.
+    pub(super) fn is_running(&self) -> bool {
+        self.state == PowerState::On
+    }
+
+    pub(super) fn boots(&self) -> u32 {
+        self.boots
+    }
+
+    pub(super) fn booted_at(&self) -> u64 {
+        self.booted_at
+    }
+
+    pub(super) fn switch_off(&mut self) {
+        self.state = PowerState::Off;
+        self.reboot_at = None;
+    }
+
+    pub(super) fn boot(&mut self, now: u64) {
+        self.reboot_at = None;
+        self.boots = self.boots.wrapping_add(1);
+        self.booted_at = now;
+        self.state = PowerState::Booting { until: now + self.boot_ns };
+    }
+
+    /// End of a boot in progress.
+    pub(super) fn boot_end(&self) -> Option<u64> {
+        match self.state {
+            PowerState::Booting { until } => Some(until),
+            PowerState::Off | PowerState::On => None,
+        }
+    }
+
+    pub(super) fn finish_boot(&mut self) {
+        self.state = PowerState::On;
+    }
+
+    pub(super) fn request_reboot(&mut self, now: u64) {
+        self.reboot_at = Some(now + REBOOT_DELAY_NS);
+    }
+
+    pub(super) fn reboot_time(&self) -> Option<u64> {
+        self.reboot_at
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn boot_ends_after_the_configured_time() {
+        let mut supply = PowerSupply::new(200);
+        assert!(supply.is_off());
+        supply.boot(1_000);
+        assert_eq!((supply.is_off(), supply.is_running()), (false, false));
+        assert_eq!((supply.boot_end(), supply.booted_at()), (Some(200_001_000), 1_000));
+        supply.finish_boot();
+        assert!(supply.is_running());
+        assert_eq!(supply.boot_end(), None);
+    }
+
+    #[test]
+    fn power_loss_cancels_a_requested_reboot() {
+        let mut supply = PowerSupply::new(1);
+        supply.boot(0);
+        supply.finish_boot();
+        supply.request_reboot(5);
+        assert_eq!(supply.reboot_time(), Some(5 + REBOOT_DELAY_NS));
+        supply.switch_off();
+        assert_eq!(supply.reboot_time(), None);
+        supply.boot(10);
+        assert_eq!((supply.boots(), supply.reboot_time()), (2, None));
+    }
+}

@@ -1,0 +1,325 @@
+//! SDO transfers and the commands that downloads set off.
+
+use ecan_protocol::config::ApplyStatus;
+use ecan_protocol::device::AlState;
+use ecan_protocol::mapping::{Direction, UNIT_BYTES, buffer_offset, locate_data_object};
+use ecan_protocol::object::{AbortCode, Entry, Object, ObjectType, pdo_mapping_entry};
+
+use super::Gateway;
+use super::channel_control::subindex::{APPLY_STATUS, FLASH_STATUS};
+use super::command::{
+    CYCLE_PERFORMANCE, Command, FIRST_DATA_PATH, GLOBAL_DATA_PATH, MAINTENANCE,
+    MAINTENANCE_COMMAND, MODE_TIMEOUT,
+};
+use super::configuration_store::{Completion, Target};
+use super::maintenance::PendingCommand;
+use super::object_server::{ObjectServer, Payload};
+use super::profile_control::{COMMAND_CLEAR_ERRORS, COMMAND_RESET_SESSION};
+use super::register_service::RegisterService;
+
+/// Name of the device, 0x1008.
+const DEVICE_NAME: &str = "ECAN-Lite";
+
+/// Subindex of the apply command of 0x8020..0x8024.
+const DATA_PATH_COMMAND: u8 = 2;
+
+impl Gateway {
+    /// Whether the mailbox responds: booted, not in INIT, and not silenced by a fault.
+    #[must_use]
+    pub fn mailbox_answers(&self, now: u64) -> bool {
+        self.is_responding()
+            && self.al.state().has_mailbox()
+            && now >= self.faults.mailbox_silent_until
+    }
+
+    /// SDO upload: replaces the contents of `out` by the bytes of the entry; empty after an error.
+    ///
+    /// # Errors
+    /// The abort code: no such object or subindex, write-only, wrong state, an injected one, or a
+    /// timeout while the mailbox does not respond (see [`mailbox_answers`](Self::mailbox_answers)).
+    pub fn sdo_upload(
+        &mut self,
+        now: u64,
+        index: u16,
+        subindex: u8,
+        out: &mut Vec<u8>,
+    ) -> Result<(), AbortCode> {
+        self.advance(now);
+        out.clear();
+        let (_, entry) = self.open_transfer(index, subindex)?;
+        if !entry.access.can_read() {
+            return Err(AbortCode::WRITE_ONLY);
+        }
+        match entry.ty {
+            ObjectType::VisibleString => out.extend_from_slice(self.text(index).as_bytes()),
+            ObjectType::String16 => self.read_unit(index, out),
+            _ => {
+                let bytes = self.value(index, subindex).to_le_bytes();
+                let size = entry.ty.size_bytes().unwrap_or(bytes.len());
+                out.extend_from_slice(bytes.get(..size).unwrap_or(&bytes));
+            }
+        }
+        Ok(())
+    }
+
+    /// SDO download.
+    ///
+    /// # Errors
+    /// The abort code: no such object or subindex, read-only, wrong length, value out of range,
+    /// wrong state, an illegal combination, an injected one, or a timeout while the mailbox does
+    /// not respond. Nothing has changed then. Values of objects with an apply command are stored
+    /// unchecked and checked when applied.
+    pub fn sdo_download(
+        &mut self,
+        now: u64,
+        index: u16,
+        subindex: u8,
+        data: &[u8],
+    ) -> Result<(), AbortCode> {
+        self.advance(now);
+        let (object, entry) = self.open_transfer(index, subindex)?;
+        let value = match ObjectServer::decode(entry, data)? {
+            Payload::Unit => return self.write_unit(index, data),
+            Payload::Value(value) => value,
+        };
+        // one command at a time; the master would wait in vain for a second one
+        if (index, subindex) == (MAINTENANCE, MAINTENANCE_COMMAND) && self.store.is_busy() {
+            return Err(AbortCode::DEVICE_STATE);
+        }
+        let state = self.al.state();
+        self.application.objects.store((object, entry), index, value, state)?;
+        self.execute(Command::of(index, subindex, value));
+        Ok(())
+    }
+
+    fn open_transfer(
+        &mut self,
+        index: u16,
+        subindex: u8,
+    ) -> Result<(&'static Object, &'static Entry), AbortCode> {
+        if !self.mailbox_answers(self.now) {
+            return Err(AbortCode::TIMEOUT);
+        }
+        if self.al.state() == AlState::Boot {
+            return Err(AbortCode::DEVICE_STATE);
+        }
+        match self.faults.take_sdo_abort(index, subindex) {
+            Some(code) => Err(code),
+            None => ObjectServer::find(index, subindex),
+        }
+    }
+
+    // Values
+
+    /// The text of a string object.
+    pub(crate) fn text(&self, index: u16) -> String {
+        let (major, minor) = self.firmware.version();
+        match index {
+            0x1008 => DEVICE_NAME.to_owned(),
+            0x1009 => self.config.hardware_revision.to_string(),
+            _ => format!("{}.{}.{minor}", major >> 8, major & 0xFF),
+        }
+    }
+
+    /// The bytes of a 16-byte unit in the memory of its sync manager.
+    fn read_unit(&self, index: u16, out: &mut Vec<u8>) {
+        let unit = locate_data_object(index).and_then(|(direction, chunk, unit)| {
+            let memory = match direction {
+                Direction::TxPdo => self.sync_managers.inputs.memory(),
+                Direction::RxPdo => self.sync_managers.outputs.memory(),
+            };
+            let offset = buffer_offset(chunk, unit);
+            memory.get(offset..offset + UNIT_BYTES)
+        });
+        out.extend_from_slice(unit.unwrap_or(&[0; UNIT_BYTES]));
+    }
+
+    /// Writes an output unit into the memory of SM2. Without a complete SM2 write this sends
+    /// nothing. While process data is exchanged, SM2 owns the memory.
+    fn write_unit(&mut self, index: u16, data: &[u8]) -> Result<(), AbortCode> {
+        if self.exchanges_process_data() {
+            return Err(AbortCode::DEVICE_STATE);
+        }
+        if let Some((Direction::RxPdo, chunk, unit)) = locate_data_object(index) {
+            self.sync_managers.outputs.store_at(buffer_offset(chunk, unit), data);
+        }
+        Ok(())
+    }
+
+    /// The value of an integer entry, computed or stored.
+    fn value(&mut self, index: u16, subindex: u8) -> u32 {
+        let data_path = &mut self.application.data_path;
+        let channel = |first: u16| usize::from(index - first);
+        let computed = match index {
+            0x1018 => self.identity(subindex),
+            0x1600..=0x1617 | 0x1A00..=0x1A17 => pdo_mapping_entry(index, subindex),
+            0x8010 => data_path.options.profiles.of(Direction::TxPdo).readback(subindex),
+            0x8011 => data_path.options.profiles.of(Direction::RxPdo).readback(subindex),
+            0x8021..=0x8024 if subindex == 20 => {
+                data_path.channels.get(channel(0x8021)).map(|channel| channel.policy_word())
+            }
+            0x9000..=0x9003 => data_path.channel_information(channel(0x9000), subindex),
+            CYCLE_PERFORMANCE => {
+                data_path.performance.readback(subindex, self.now, self.clock.pulses())
+            }
+            0x9020..=0x9023 => {
+                let channel = data_path.channels.get(channel(0x9020));
+                channel.and_then(|channel| channel.diagnostics(subindex))
+            }
+            MAINTENANCE => self.maintenance_value(subindex),
+            0xF000 => self.device_identity(subindex),
+            _ => None,
+        };
+        computed.unwrap_or_else(|| self.application.objects.values.get(index, subindex))
+    }
+
+    fn identity(&self, subindex: u8) -> Option<u32> {
+        Some(match subindex {
+            1 => self.config.vendor_id,
+            2 => self.config.product_code,
+            3 => self.config.revision,
+            4 => self.config.serial as u32,
+            _ => return None,
+        })
+    }
+
+    fn device_identity(&self, subindex: u8) -> Option<u32> {
+        let (major, minor) = self.firmware.version();
+        Some(match subindex {
+            1 => u32::from(self.firmware.device_type()),
+            4 => self.config.hardware_revision,
+            5 => u32::from(major),
+            6 => u32::from(minor),
+            7 => self.config.serial as u32,
+            8 => (self.config.serial >> 32) as u32,
+            _ => return None,
+        })
+    }
+
+    fn maintenance_value(&self, subindex: u8) -> Option<u32> {
+        match subindex {
+            6 => Some(u32::from(self.application.data_path.flags())),
+            7 => Some(self.application.configuration().crc()),
+            8 => Some(self.store.stored_crc()),
+            9..=11 => self.firmware.readback(subindex),
+            _ => self.maintenance.readback(subindex),
+        }
+    }
+
+    // Commands
+
+    fn execute(&mut self, command: Command) {
+        let state = self.al.state();
+        let Self { application, counters, .. } = self;
+        match command {
+            Command::Nothing => {}
+            Command::Reboot => self.power.request_reboot(self.now),
+            Command::RotatePins => application.rotate_pins(state, counters),
+            Command::ApplyChannel(channel) => {
+                let status = application.apply_channel(channel, counters);
+                application.objects.finish_channel_command(channel, APPLY_STATUS, status);
+            }
+            Command::ChannelFlash { channel, bits } => {
+                let begun = self.store.begin_channel(self.now, channel, bits, application, state);
+                if let Err(status) = begun {
+                    self.finish_channel_flash(channel, status);
+                }
+            }
+            Command::EditFilters { channel, extended, command } => {
+                application.objects.edit_filters(channel, extended, command);
+            }
+            Command::ApplyProfile(direction) => application.apply_profile(direction, state),
+            Command::ProfileCommand { direction, bits } => {
+                if bits & COMMAND_RESET_SESSION != 0 {
+                    application.data_path.reset_session(direction);
+                }
+                if bits & COMMAND_CLEAR_ERRORS != 0 {
+                    application.data_path.options.profiles.of_mut(direction).clear_errors();
+                }
+            }
+            Command::ProfileRequested(direction) => application.note_profile_request(direction),
+            Command::GlobalDataPath { apply } => {
+                application.objects.values.set(GLOBAL_DATA_PATH, DATA_PATH_COMMAND, 0);
+                if apply {
+                    application.apply_global_data_path();
+                }
+            }
+            Command::DataPath { channel, apply } => {
+                let index = FIRST_DATA_PATH + channel as u16;
+                application.objects.values.set(index, DATA_PATH_COMMAND, 0);
+                if apply {
+                    application.apply_data_path(channel, counters);
+                }
+            }
+            Command::TestPolicies { key } => {
+                let test = application.objects.test_policies();
+                if key {
+                    application.objects.clear_test_reject_reason();
+                }
+                application.data_path.set_test(test);
+            }
+            Command::Performance { subindex, clear } => {
+                application.objects.values.set(CYCLE_PERFORMANCE, subindex, 0);
+                if clear {
+                    application.data_path.clear_performance(self.now, self.clock.pulses());
+                }
+            }
+            Command::Register { channel } => RegisterService {
+                number: channel,
+                values: &mut application.objects.values,
+                channels: &mut application.data_path.channels,
+                counters,
+                is_engineering: self.maintenance.is_engineering(),
+            }
+            .execute(self.now),
+            Command::AccessMode(mode) => {
+                let timeout = application.objects.values.get_u16(MAINTENANCE, MODE_TIMEOUT);
+                self.maintenance.request_mode(self.now, mode, timeout);
+            }
+            Command::Maintenance(bits) => self.begin_maintenance(bits),
+        }
+    }
+
+    fn begin_maintenance(&mut self, bits: u32) {
+        let is_receiving = self.firmware.is_receiving();
+        match self.maintenance.command(bits, self.al.is_op(), is_receiving) {
+            PendingCommand::Nothing => {}
+            PendingCommand::ClearDiagnostics => {
+                self.application.data_path.clear_diagnostics(self.now, self.clock.pulses());
+            }
+            PendingCommand::Execute(bits) => {
+                self.maintenance.begin();
+                self.store.begin(self.now, bits, self.application.configuration());
+            }
+        }
+    }
+
+    /// The command in progress completes.
+    pub(super) fn finish_store_command(&mut self) {
+        let mut target = Target {
+            application: &mut self.application,
+            firmware: &mut self.firmware,
+            faults: &mut self.faults,
+            counters: &mut self.counters,
+            state: self.al.state(),
+            now: self.now,
+        };
+        match self.store.finish(&mut target) {
+            None => {}
+            Some(Completion::Channel { number, status }) => {
+                self.finish_channel_flash(number, status);
+            }
+            Some(Completion::Device { status, rebuilds_eeprom }) => {
+                self.maintenance.finish(status);
+                if rebuilds_eeprom {
+                    self.eeprom.erase();
+                    self.boot();
+                }
+            }
+        }
+    }
+
+    fn finish_channel_flash(&mut self, channel: usize, status: ApplyStatus) {
+        self.application.objects.finish_channel_command(channel, FLASH_STATUS, status);
+    }
+}

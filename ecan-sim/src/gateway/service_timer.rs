@@ -1,0 +1,143 @@
+//! When the data-path service runs.
+//!
+//! One service follows each complete SM2 write after `service_delay_ns`. In SAFEOP, where no SM2
+//! write paces the services, one runs every `idle_service_ns`.
+
+use super::config::GatewayModelConfig;
+
+/// Times of the data-path services.
+#[derive(Debug)]
+pub(super) struct ServiceTimer {
+    delay_ns: u64,
+    jitter_ns: u64,
+    idle_ns: u64,
+    random: u64,
+    /// Due time of the service for the last SM2 write.
+    due: Option<u64>,
+    idle_due: u64,
+    outputs_at: u64,
+    last: u64,
+    stalled_until: u64,
+}
+
+impl ServiceTimer {
+    /// `seed` determines the jitter.
+    pub(super) fn new(config: &GatewayModelConfig, seed: u64) -> Self {
+        Self {
+            delay_ns: config.service_delay_ns,
+            jitter_ns: config.service_jitter_ns,
+            idle_ns: config.idle_service_ns.max(1),
+            random: seed ^ 0x9E37_79B9_7F4A_7C15,
+            due: None,
+            idle_due: 0,
+            outputs_at: 0,
+            last: 0,
+            stalled_until: 0,
+        }
+    }
+
+    /// The master completed an SM2 write.
+    pub(super) fn outputs_written(&mut self, now: u64) {
+        self.outputs_at = now;
+        let jitter = self.draw(self.jitter_ns);
+        self.due = Some(now + self.delay_ns + jitter);
+    }
+
+    /// Time of the last complete SM2 write.
+    pub(super) fn outputs_at(&self) -> u64 {
+        self.outputs_at
+    }
+
+    /// Due time of the service for the last SM2 write.
+    pub(super) fn due(&self) -> Option<u64> {
+        self.due.map(|due| due.max(self.stalled_until))
+    }
+
+    /// Cancels the service for the last SM2 write, or marks it as started.
+    pub(super) fn cancel(&mut self) {
+        self.due = None;
+    }
+
+    /// Due time of the next service in SAFEOP.
+    pub(super) fn idle_due(&self) -> u64 {
+        self.idle_due.max(self.stalled_until)
+    }
+
+    pub(super) fn restart_idle(&mut self, now: u64) {
+        self.idle_due = now + self.idle_ns;
+    }
+
+    /// Fault: no service runs before this time.
+    pub(super) fn stall_until(&mut self, until: u64) {
+        self.stalled_until = until;
+    }
+
+    /// A service was completed.
+    pub(super) fn served(&mut self, now: u64) {
+        self.last = now;
+    }
+
+    /// Time of the last service.
+    pub(super) fn last(&self) -> u64 {
+        self.last
+    }
+
+    /// A pseudo-random number below `bound` (xorshift), 0 for a bound of 0.
+    fn draw(&mut self, bound: u64) -> u64 {
+        if bound == 0 {
+            return 0;
+        }
+        let mut x = self.random.max(1);
+        x ^= x << 13;
+        x ^= x >> 7;
+        x ^= x << 17;
+        self.random = x;
+        x % bound
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn timer(service_jitter_ns: u64, seed: u64) -> ServiceTimer {
+        let config = GatewayModelConfig { service_jitter_ns, ..GatewayModelConfig::default() };
+        ServiceTimer::new(&config, seed)
+    }
+
+    #[test]
+    fn service_follows_the_write_after_delay() {
+        let mut timer = timer(0, 1);
+        assert_eq!(timer.due(), None);
+        timer.outputs_written(1_000);
+        assert_eq!((timer.outputs_at(), timer.due()), (1_000, Some(31_000)));
+        timer.cancel();
+        assert_eq!(timer.due(), None);
+    }
+
+    #[test]
+    fn jitter_is_bounded_and_reproducible() {
+        let draw = |seed| {
+            let mut timer = timer(500, seed);
+            let times = (0..50).map(|_| {
+                timer.outputs_written(0);
+                timer.due().unwrap()
+            });
+            times.collect::<Vec<_>>()
+        };
+        let times = draw(7);
+        assert!(times.iter().all(|due| (30_000..30_500).contains(due)));
+        assert!(times.iter().any(|due| *due != times[0]));
+        assert_eq!(times, draw(7));
+        assert_ne!(times, draw(8));
+    }
+
+    #[test]
+    fn stall_delays_both_kinds_of_service() {
+        let mut timer = timer(0, 1);
+        timer.restart_idle(0);
+        timer.outputs_written(0);
+        timer.stall_until(9_000_000);
+        assert_eq!((timer.due(), timer.idle_due()), (Some(9_000_000), 9_000_000));
+    }
+}
