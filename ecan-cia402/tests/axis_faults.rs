@@ -55,7 +55,7 @@ fn a_fault_holds_its_axis_and_a_reset_with_a_real_edge_ends_it() {
     bench.until(50, |cia402| !cia402.is_running(0));
     assert!(matches!(held_for(&bench.cia402, 0), Some(HoldReason::LeftOperationEnabled(_))));
     bench.until(500, |cia402| cia402.drive_state(0) == Some(DriveState::Fault));
-    let trouble = bench.cia402.trouble(0);
+    let trouble = bench.cia402.error(0);
     assert_eq!(trouble, Some(AxisError::Fault { error_code: 0x2310 }));
     assert!(bench.cia402.is_running(1), "the other axis goes on");
     // Enabling does not reset.
@@ -78,7 +78,7 @@ fn a_drive_stuck_in_fault_is_named_after_a_reset() {
     bench.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::Fault));
     bench.cia402.reset_fault(0).unwrap();
     bench.until(2_000, |cia402| {
-        cia402.trouble(0) == Some(AxisError::ResetRefused { error_code: 0x7305 })
+        cia402.error(0) == Some(AxisError::ResetRefused { error_code: 0x7305 })
     });
     bench.judge();
 }
@@ -129,7 +129,7 @@ fn a_drive_that_loses_power_in_motion_is_configured_anew() {
     bench.strike(0, DriveFault::PowerCycle { off_ms: 300 });
     bench.until(50, |cia402| !cia402.is_running(0));
     bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
-    assert_eq!(bench.cia402.trouble(0), Some(AxisError::Restarted));
+    assert_eq!(bench.cia402.error(0), Some(AxisError::Restarted));
     assert!(bench.cia402.enable(0).is_err(), "not configured");
     assert!(bench.cia402.is_running(1));
     bench.cia402.configure_all().unwrap();
@@ -190,7 +190,7 @@ fn a_mode_that_is_not_taken_is_named() {
     let scenario = with_quirk(1, 1, |quirks| quirks.ignored_modes = vec![8]);
     let mut bench = Fixture::with(scenario, moving(1));
     let axes = start_fails(&mut bench);
-    let Some(AxisError::Setup(failure)) = axes.axes[0].trouble else { panic!("{axes}") };
+    let Some(AxisError::Setup(failure)) = axes.axes[0].error else { panic!("{axes}") };
     assert!(matches!(failure.fault, StepFault::TimedOut { .. }), "{failure}");
     let text = axes.to_string();
     assert!(text.contains("mode CSP") && text.contains("0x6061"), "{text}");
@@ -318,7 +318,7 @@ fn a_drive_that_restarted_unseen_is_not_trusted() {
     }
     // Its boot-up message came while nobody listened: only its mapping tells.
     bench.until(500, |cia402| cia402.phase(0) == Some(AxisPhase::NotConfigured));
-    assert_eq!(bench.cia402.trouble(0), Some(AxisError::Restarted));
+    assert_eq!(bench.cia402.error(0), Some(AxisError::Restarted));
     assert_ne!(bench.cia402.phase(1), Some(AxisPhase::NotConfigured), "the other kept it");
     bench.cia402.configure_all().unwrap();
     bench.until(1_000, |cia402| cia402.phase(0) == Some(AxisPhase::Standby));

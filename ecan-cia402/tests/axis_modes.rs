@@ -196,7 +196,7 @@ fn homing_that_takes_too_long_ends_with_the_drive_disabled() {
     let settings = HomingConfig { timeout_ms: 300, switch_speed, ..HomingConfig::new(19) };
     bench.cia402.home(0, settings).unwrap();
     assert!(finish(&mut bench).is_err());
-    let trouble = bench.cia402.trouble(0);
+    let trouble = bench.cia402.error(0);
     assert!(
         matches!(
             trouble,
@@ -216,7 +216,7 @@ fn a_fault_while_homing_is_told() {
     bench.until(2_000, |cia402| matches!(cia402.phase(0), Some(AxisPhase::Homing(_))));
     bench.strike(0, DriveFault::Error { code: 0x7320 });
     assert!(finish(&mut bench).is_err());
-    assert_eq!(bench.cia402.trouble(0), Some(AxisError::Fault { error_code: 0x7320 }));
+    assert_eq!(bench.cia402.error(0), Some(AxisError::Fault { error_code: 0x7320 }));
     assert_eq!(bench.cia402.mode(0), Some(OperatingMode::CyclicPosition));
     bench.judge();
 }

@@ -1,86 +1,48 @@
-//! One axis in what takes it many cycles: configuration, change of mode, homing.
+//! What an axis does over many cycles in parallel with its state: verification, mode change, homing.
 
 use ecan_canopen::{
     Configuring, DriveState, Network, OperatingMode, Step, StepFailure, StepFault,
     TransmissionType, object,
 };
 
-use super::axis_core::{Axis, Reverification, Setup};
-use super::guard_terms::GuardState;
+use super::axis::Axis;
 use super::homing::{HomingState, HomingWatch};
 use super::phase::AxisError;
 use super::power::PowerGoal;
 use super::procedure::{Procedure, Stage};
 use super::script::{Script, mode_steps, script};
+use super::verification::{RETRY_NS, Verification};
 
-/// How long an axis may take to come to rest and switch off, in milliseconds.
+/// Longest time for an axis to come to rest and switch off, in milliseconds.
 const REST_TIMEOUT_MS: u64 = 30_000;
-/// Pause before a drive that did not answer is asked again.
-const RETRY_NS: u64 = 500_000_000;
 
 impl Axis {
-    /// Goes on with the configuration.
-    pub(super) fn step_setup(&mut self, network: &mut Network, now_ns: u64) {
-        match &mut self.setup {
-            Setup::Steps => match self.configurator.step(network, now_ns) {
-                Configuring::Running => {}
-                Configuring::Done => self.setup = Setup::Mode(script(mode_steps(self.mode))),
-                Configuring::Failed(failure) => self.fail_setup(failure),
-            },
-            Setup::Mode(script) => match script.advance(network, self.node, now_ns, |_, _, _| {}) {
-                Configuring::Running => {}
-                Configuring::Done => self.finish_setup(network),
-                Configuring::Failed(failure) => self.fail_setup(failure),
-            },
-            Setup::None | Setup::Done | Setup::Failed(_) => {}
-        }
+    pub(super) fn is_verified(&self) -> bool {
+        self.verification == Verification::Complete
     }
 
-    fn fail_setup(&mut self, failure: StepFailure) {
-        self.setup = Setup::Failed(failure);
-        self.trouble = Some(AxisError::Setup(failure));
-    }
-
-    fn finish_setup(&mut self, network: &mut Network) {
-        self.setup = Setup::Done;
-        let producer = object::PRODUCER_HEARTBEAT;
-        // What was written and read back; nothing where the drive has no heartbeat.
-        let period_ms = self.configurator.uploaded(self.node, producer, 0).unwrap_or_default();
-        let timeout_ms = u32::try_from(period_ms * 7 / 2).unwrap_or_default();
-        network.set_heartbeat_timeout(self.node, timeout_ms);
-        self.boot_ups = network.status(self.node).map_or(0, |status| status.boot_ups);
-        self.statistics.restart_tpdo_count();
-        if network.sdo_silences(self.node) != self.silences {
-            // It may have restarted in between: then the first steps are forgotten.
-            self.begin_doubt();
-        }
-    }
-
-    /// Asks a drive that was out of sight whether it still has its configuration. One that does not
-    /// answer is asked again.
-    pub(super) fn step_doubt(&mut self, network: &mut Network, now_ns: u64) {
-        if !self.is_configured() || self.procedure.is_some() {
+    /// Continues a verification. A drive that does not answer is asked again.
+    pub(super) fn step_verification(&mut self, network: &mut Network, now_ns: u64) {
+        if !self.state.is_configured() || self.procedure.is_some() {
             return;
         }
-        match &mut self.doubt {
-            Reverification::None => {}
-            Reverification::Open { from_ns } => {
-                if self.sight.in_service && now_ns >= *from_ns {
-                    self.doubt = Reverification::Asking(self.verification());
+        match &mut self.verification {
+            Verification::Complete => {}
+            Verification::Due { from_ns } => {
+                if self.reachability.gateway && now_ns >= *from_ns {
+                    self.verification = Verification::Running(self.verification_script());
                 }
             }
-            Reverification::Asking(script) => {
+            Verification::Running(script) => {
                 match script.advance(network, self.node, now_ns, |_, _, _| {}) {
                     Configuring::Running => {}
-                    Configuring::Done => self.doubt = Reverification::None,
+                    Configuring::Done => self.verification = Verification::Complete,
                     Configuring::Failed(StepFailure {
                         fault: StepFault::Mismatch { .. }, ..
-                    }) => {
-                        self.forget_setup();
-                    }
+                    }) => self.restarted(),
                     Configuring::Failed(_) => {
                         let from_ns = now_ns.saturating_add(RETRY_NS);
-                        self.doubt = Reverification::Open { from_ns };
+                        self.verification = Verification::Due { from_ns };
                     }
                 }
             }
@@ -88,7 +50,7 @@ impl Axis {
     }
 
     /// Reads what a restart would have changed: the mapping of both PDOs, heartbeat and mode.
-    fn verification(&self) -> Script {
+    fn verification_script(&self) -> Script {
         let nth = u16::from(self.settings.pdo_number.saturating_sub(1));
         let pdos = [
             (object::RPDO_MAPPING, self.layout.rpdo_entries()),
@@ -112,57 +74,52 @@ impl Axis {
         script(mapping.chain(transmission).chain(heartbeat).chain([mode]))
     }
 
-    /// Goes on with a change of mode or a homing.
+    /// Continues a mode change or a homing.
     pub(super) fn step_procedure(&mut self, network: &mut Network, now_ns: u64) {
         let Some(mut procedure) = self.procedure else { return };
-        let goes_on = match procedure.stage {
+        let continues = match procedure.stage {
             Stage::Disabling => self.step_disabling(&mut procedure, now_ns),
             Stage::Writing(_) => self.step_writing(&mut procedure, network, now_ns),
             Stage::Enabling => self.step_enabling(&mut procedure, now_ns),
             Stage::Homing(_) => self.step_homing(&mut procedure, now_ns),
-            Stage::WindingUp => self.step_winding_up(&mut procedure, now_ns),
+            Stage::Ending => self.step_ending(&mut procedure, now_ns),
             Stage::Restoring(_) => self.step_restoring(&mut procedure, network, now_ns),
         };
-        self.procedure = goes_on.then_some(procedure);
-        if !goes_on {
-            self.end_procedure(&procedure, now_ns);
+        self.procedure = continues.then_some(procedure);
+        if continues {
+            return;
         }
-    }
-
-    /// The procedure is over. An axis that was enabled before is so again, unless something went
-    /// wrong.
-    fn end_procedure(&mut self, procedure: &Procedure, now_ns: u64) {
-        if procedure.trouble.is_some() {
-            // A fault says more than that the axis held for it.
-            if !matches!(self.trouble, Some(AxisError::Fault { .. })) {
-                self.trouble = procedure.trouble;
+        if procedure.error.is_some() {
+            // A fault is the cause of the hold that ended the procedure.
+            if !matches!(self.error, Some(AxisError::Fault { .. })) {
+                self.error = procedure.error;
             }
-        } else if procedure.then_enable && self.is_configured() {
+        } else if procedure.then_enable && self.state.is_configured() {
             self.begin_enable(now_ns);
         }
     }
 
-    /// To rest by the ramp, then power off.
+    /// Brings the axis to rest by the ramp, then switches power off.
     fn step_disabling(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
-        let is_moving = self.target().is_some() && !self.is_at_rest();
+        let is_moving = self.is_running() && !self.is_at_rest();
         let is_late = procedure.waited_ms(now_ns) > REST_TIMEOUT_MS;
         if is_moving && !is_late {
             return true;
         }
-        if self.power.goal() != PowerGoal::Disabled {
+        if self.state.power_goal() != PowerGoal::Disabled {
             self.disable();
         }
-        match self.state {
+        match self.drive.state {
             Some(DriveState::SwitchOnDisabled) => {
                 procedure.enter(Stage::Writing(procedure.script()), now_ns);
                 true
             }
             Some(DriveState::Fault) => {
-                procedure.trouble = Some(AxisError::Fault { error_code: 0 });
+                procedure.error = Some(AxisError::Fault { error_code: 0 });
                 false
             }
             state if is_late => {
-                procedure.trouble = Some(AxisError::NotDisabled { state });
+                procedure.error = Some(AxisError::NotDisabled { state });
                 false
             }
             _ => true,
@@ -179,31 +136,31 @@ impl Axis {
         match running.advance(network, self.node, now_ns, |_, _, _| {}) {
             Configuring::Running => true,
             Configuring::Done if procedure.homing.is_some() => {
-                self.take_mode(OperatingMode::Homing);
+                self.set_mode(OperatingMode::Homing);
                 self.begin_enable(now_ns);
                 procedure.enter(Stage::Enabling, now_ns);
                 true
             }
             Configuring::Done => {
-                self.take_mode(procedure.mode);
+                self.set_mode(procedure.mode);
                 false
             }
             Configuring::Failed(failure) => {
-                procedure.trouble = Some(AxisError::Mode(failure));
-                let restore = script(mode_steps(procedure.mode_before));
-                procedure.enter(Stage::Restoring(restore), now_ns);
+                procedure.error = Some(AxisError::Mode(failure));
+                procedure
+                    .enter(Stage::Restoring(script(mode_steps(procedure.mode_before))), now_ns);
                 true
             }
         }
     }
 
     fn step_enabling(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
-        if matches!(self.guard.state(), GuardState::Running { .. }) {
+        if self.is_running() {
             procedure.enter(Stage::Homing(HomingWatch::default()), now_ns);
-        } else if self.power.goal() != PowerGoal::Enabled {
-            // Timed out, held or in fault: the trouble is there already.
-            procedure.trouble = self.trouble;
-            procedure.enter(Stage::WindingUp, now_ns);
+        } else if self.state.enabling_since_ns().is_none() {
+            // Timeout, hold or fault; the error is set.
+            procedure.error = self.error;
+            procedure.enter(Stage::Ending, now_ns);
         }
         true
     }
@@ -211,12 +168,12 @@ impl Axis {
     fn step_homing(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
         let waited_ms = procedure.waited_ms(now_ns);
         let Stage::Homing(watch) = &mut procedure.stage else { return false };
-        let outcome = self.arrived.and_then(|feedback| watch.step(feedback.statusword));
+        let result = self.drive.arrived.and_then(|feedback| watch.step(feedback.statusword));
         let limit_ms = procedure.homing.map_or(0, |homing| homing.timeout_ms);
-        let trouble = if !matches!(self.guard.state(), GuardState::Running { .. }) {
-            self.trouble.or(Some(AxisError::Homing(HomingState::Waiting)))
+        let error = if !self.is_running() {
+            self.error.or(Some(AxisError::Homing(HomingState::Waiting)))
         } else {
-            match outcome {
+            match result {
                 Some(HomingState::Attained) => None,
                 Some(state) => Some(AxisError::Homing(state)),
                 None if waited_ms > u64::from(limit_ms) => {
@@ -226,24 +183,24 @@ impl Axis {
                 None => return true,
             }
         };
-        procedure.trouble = trouble;
-        procedure.enter(Stage::WindingUp, now_ns);
+        procedure.error = error;
+        procedure.enter(Stage::Ending, now_ns);
         true
     }
 
-    /// Power off, whatever homing came to; a drive that still looks for its home stops with it.
-    fn step_winding_up(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
-        if self.power.goal() != PowerGoal::Disabled {
+    /// Switches power off after homing, with any result; a drive that is still homing stops with
+    /// it.
+    fn step_ending(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
+        if self.state.power_goal() != PowerGoal::Disabled {
             self.disable();
         }
-        let is_off = matches!(self.state, Some(DriveState::SwitchOnDisabled | DriveState::Fault));
+        let is_off = self.drive.is_off();
         if is_off || procedure.waited_ms(now_ns) > REST_TIMEOUT_MS {
             if !is_off {
-                procedure.trouble =
-                    procedure.trouble.or(Some(AxisError::NotDisabled { state: self.state }));
+                let not_disabled = AxisError::NotDisabled { state: self.drive.state };
+                procedure.error = procedure.error.or(Some(not_disabled));
             }
-            let restore = script(mode_steps(procedure.mode_before));
-            procedure.enter(Stage::Restoring(restore), now_ns);
+            procedure.enter(Stage::Restoring(script(mode_steps(procedure.mode_before))), now_ns);
         }
         true
     }
@@ -258,13 +215,13 @@ impl Axis {
         match running.advance(network, self.node, now_ns, |_, _, _| {}) {
             Configuring::Running => true,
             Configuring::Done => {
-                self.take_mode(procedure.mode_before);
+                self.set_mode(procedure.mode_before);
                 false
             }
             Configuring::Failed(failure) => {
-                // Nobody knows the drive's mode any more: it must be configured anew.
-                procedure.trouble = procedure.trouble.or(Some(AxisError::Mode(failure)));
-                self.fail_setup(failure);
+                // The drive's mode is unknown: it must be configured again.
+                procedure.error = procedure.error.or(Some(AxisError::Mode(failure)));
+                self.setup_failed(failure);
                 false
             }
         }

@@ -7,10 +7,9 @@ use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
 use ecan_protocol::config::TxMode;
 use ecan_protocol::image::Schedule;
 
-use super::axis_core::Axis;
+use super::axis::Axis;
 use super::channel_watch::GatewayWatch;
 use super::error::{AxisFaults, Cia402Error, ScheduleError};
-use super::guard_terms::GuardState;
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
 use super::settings::AxisConfig;
@@ -228,7 +227,7 @@ impl Cia402 {
         target_offset_ns: Option<u32>,
         sync_offset_ns: Option<u32>,
     ) -> Result<(), ScheduleError> {
-        if let Some(axis) = self.axes.iter().find(|axis| is_taken_up(axis)) {
+        if let Some(axis) = self.axes.iter().find(|axis| axis.is_active()) {
             return Err(ScheduleError::TakenUp { axis: axis.index });
         }
         for offset_ns in [target_offset_ns, sync_offset_ns].into_iter().flatten() {
@@ -247,7 +246,7 @@ impl Cia402 {
         let waits = self.cycles_in_schedule(port, target_offset_ns);
         for axis in &mut self.axes {
             axis.schedule_images = waits;
-            axis.take_mode(axis.mode);
+            axis.set_mode(axis.mode);
         }
         Ok(())
     }
@@ -297,10 +296,6 @@ impl Cia402 {
         };
         channels.into_iter().filter_map(load).collect()
     }
-}
-
-fn is_taken_up(axis: &Axis) -> bool {
-    matches!(axis.guard.state(), GuardState::Armed { .. } | GuardState::Running { .. })
 }
 
 fn check(axes: &[AxisConfig]) -> Result<(), AxisFaults> {

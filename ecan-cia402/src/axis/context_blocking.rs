@@ -4,7 +4,8 @@ use ecan_mcan_port::{Cycle, Port};
 
 use ecan_canopen::{WaitError, run_cycle_uninterrupted, run_cycle_until};
 
-use super::axis_core::{Axis, Setup};
+use super::axis::Axis;
+use super::axis_state::AxisState;
 use super::context::Cia402;
 use super::error::{AxisTimeout, Cia402Error};
 use super::guard_terms::GuardState;
@@ -41,10 +42,10 @@ impl Cia402 {
         progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
         self.configure_all()?;
-        self.wait(port, timeout_ms, "configured", progress, |axis| match axis.setup {
-            Setup::Done => WaitStatus::Reached,
-            Setup::Failed(_) | Setup::None => WaitStatus::Stuck,
-            Setup::Steps | Setup::Mode(_) => WaitStatus::Waiting,
+        self.wait(port, timeout_ms, "configured", progress, |axis| match axis.state {
+            AxisState::Configuring | AxisState::SettingMode(_) => WaitStatus::Waiting,
+            AxisState::Unconfigured | AxisState::SetupFailed => WaitStatus::Stuck,
+            _ => WaitStatus::Reached,
         })
     }
 
@@ -81,9 +82,10 @@ impl Cia402 {
     ) -> Result<(), Cia402Error> {
         self.enable_all()?;
         self.wait(port, timeout_ms, "enabled", progress, |axis| {
-            if matches!(axis.guard.state(), GuardState::Running { .. }) {
+            if axis.is_running() {
                 WaitStatus::Reached
-            } else if axis.enabling_since_ns.is_none() && !axis.resumes {
+            } else if axis.state.enabling_since_ns().is_none() && axis.state != AxisState::Resuming
+            {
                 WaitStatus::Stuck
             } else {
                 WaitStatus::Waiting
@@ -118,9 +120,9 @@ impl Cia402 {
         progress: impl FnMut(&AxisProgress),
     ) -> Result<(), Cia402Error> {
         self.wait(port, timeout_ms, "done", progress, |axis| {
-            if axis.procedure.is_some() || axis.enabling_since_ns.is_some() {
+            if axis.procedure.is_some() || axis.state.enabling_since_ns().is_some() {
                 WaitStatus::Waiting
-            } else if axis.trouble.is_none() {
+            } else if axis.error.is_none() {
                 WaitStatus::Reached
             } else {
                 WaitStatus::Stuck
@@ -147,7 +149,7 @@ impl Cia402 {
             let is_done = self.shutdown == Shutdown::Done && !self.network.nmt_is_pending();
             is_done.then_some(())
         });
-        let is_on = |axis: &&Axis| axis.is_enabled();
+        let is_on = |axis: &&Axis| axis.drive.is_enabled();
         let axes: Vec<AxisProgress> =
             self.axes.iter().filter(is_on).map(|axis| axis.progress(self.now_ns)).collect();
         match ended {

@@ -2,11 +2,11 @@
 
 use ecan_canopen::{DriveState, OperatingMode, Statusword};
 
-use super::axis_core::Axis;
+use super::axis::Axis;
 use super::context::Cia402;
 use super::error::CommandError;
 use super::guard::MotionGuard;
-use super::guard_terms::{Decision, GuardState};
+use super::guard_terms::Decision;
 use super::homing::HomingConfig;
 use super::phase::{AxisError, AxisPhase, AxisProgress};
 use super::settings::AxisConfig;
@@ -59,7 +59,7 @@ impl Cia402 {
     pub fn configure_all(&mut self) -> Result<(), CommandError> {
         let mut result = Ok(());
         for index in 0..self.axes.len() {
-            if self.axis(index).is_some_and(|axis| !axis.is_configured()) {
+            if self.axis(index).is_some_and(|axis| !axis.state.is_configured()) {
                 let begun = self.configure(index);
                 result = result.and(begun);
             }
@@ -173,7 +173,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn halt(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.halt();
+        self.axis_mut(axis)?.targets.halt();
         Ok(())
     }
 
@@ -182,7 +182,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn resume(&mut self, axis: usize) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.resume();
+        self.axis_mut(axis)?.targets.is_halted = false;
         Ok(())
     }
 
@@ -198,7 +198,7 @@ impl Cia402 {
     /// # Errors
     /// [`CommandError::NoSuchAxis`].
     pub fn set_target(&mut self, axis: usize, target: i32) -> Result<(), CommandError> {
-        self.axis_mut(axis)?.wanted = Some(target);
+        self.axis_mut(axis)?.targets.wanted = Some(target);
         Ok(())
     }
 
@@ -226,7 +226,7 @@ impl Cia402 {
         let axis = self.axis_mut(index)?;
         let target =
             angle(&axis.settings).map_err(|error| CommandError::Unit { axis: index, error })?;
-        axis.wanted = Some(target);
+        axis.targets.wanted = Some(target);
         Ok(())
     }
 
@@ -292,24 +292,24 @@ impl Cia402 {
         self.axis(axis).map(|axis| axis.phase)
     }
 
-    /// What went wrong with the last command to an axis.
-    pub fn trouble(&self, axis: usize) -> Option<AxisError> {
-        self.axis(axis).and_then(|axis| axis.trouble)
+    /// Failure of the last command to an axis.
+    pub fn error(&self, axis: usize) -> Option<AxisError> {
+        self.axis(axis).and_then(|axis| axis.error)
     }
 
     /// The last statusword, however old; `None` before the first.
     pub fn statusword(&self, axis: usize) -> Option<Statusword> {
-        self.axis(axis).and_then(|axis| axis.statusword)
+        self.axis(axis).and_then(|axis| axis.drive.statusword)
     }
 
     /// The state in the last statusword.
     pub fn drive_state(&self, axis: usize) -> Option<DriveState> {
-        self.axis(axis).and_then(|axis| axis.state)
+        self.axis(axis).and_then(|axis| axis.drive.state)
     }
 
     /// Whether an axis follows targets.
     pub fn is_running(&self, axis: usize) -> bool {
-        self.axis(axis).is_some_and(|axis| matches!(axis.guard.state(), GuardState::Running { .. }))
+        self.axis(axis).is_some_and(Axis::is_running)
     }
 
     /// Whether all axes follow targets; false where there is none.
@@ -367,7 +367,7 @@ impl Cia402 {
                 }
                 mode => !mode.is_cyclic() && axis.target().is_some(),
             };
-            has_taken && axis.has_status(Statusword::TARGET_REACHED)
+            has_taken && axis.drive.has(Statusword::TARGET_REACHED)
         })
     }
 

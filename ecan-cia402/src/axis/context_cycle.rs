@@ -4,7 +4,7 @@ use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
 use ecan_protocol::can::{FrameKind, FrameRef};
 use ecan_protocol::mapping::CHANNELS;
 
-use super::axis_core::Axis;
+use super::axis::Axis;
 use super::context::Cia402;
 use super::guard_terms::Decision;
 use super::lookup::AxisLookup;
@@ -81,14 +81,14 @@ impl Cia402 {
         });
         self.observe(cycle);
         for axis in &mut self.axes {
-            axis.step_setup(&mut self.network, self.now_ns);
-            axis.step_doubt(&mut self.network, self.now_ns);
+            axis.step_state(&mut self.network, self.now_ns);
+            axis.step_verification(&mut self.network, self.now_ns);
             axis.step_procedure(&mut self.network, self.now_ns);
-            axis.step_commands(&mut self.network, self.now_ns);
+            axis.start_node(&mut self.network, self.now_ns);
         }
         self.step_shutdown();
         for axis in &mut self.axes {
-            axis.note_phase(self.now_ns);
+            axis.update_phase(self.now_ns);
         }
     }
 
@@ -168,7 +168,7 @@ impl Cia402 {
         self.network.send(cycle, self.now_ns);
         // A first target takes an axis up.
         for axis in &mut self.axes {
-            axis.note_phase(self.now_ns);
+            axis.update_phase(self.now_ns);
         }
         summary
     }
@@ -177,8 +177,8 @@ impl Cia402 {
     fn note_sync(&mut self) {
         for axis in &mut self.axes {
             let gateway = self.gateways.get(axis.settings.address.slave);
-            let counts = axis.is_configured()
-                && axis.sight.operational
+            let counts = axis.state.is_configured()
+                && axis.reachability.operational
                 && gateway.is_some_and(|g| g.is_in_service());
             let address = axis.settings.address;
             if !counts {

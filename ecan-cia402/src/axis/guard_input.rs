@@ -166,6 +166,20 @@ pub enum HoldReason {
     Commanded,
 }
 
+impl HoldReason {
+    /// Whether the reason lies on the path to the drive, not in the drive or in a command.
+    pub(super) fn is_on_path(self) -> bool {
+        !matches!(
+            self,
+            Self::LeftOperationEnabled(_)
+                | Self::NotFollowing
+                | Self::FollowingError
+                | Self::NotOperational
+                | Self::Commanded
+        )
+    }
+}
+
 impl fmt::Display for HoldReason {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

@@ -38,13 +38,18 @@ pub use homing::{HomingConfig, HomingState};
 pub use pdo_layout::{Feedback, PdoLayout, RpdoBytes, TargetObject};
 
 // One axis
-mod axis_core;
+mod axis;
 mod axis_cycle;
 mod axis_procedure;
+mod axis_state;
 mod channel_watch;
+mod drive_status;
 mod phase;
 mod settings;
 mod statistics;
+mod target_source;
+mod target_tickets;
+mod verification;
 
 pub use phase::{AxisError, AxisPhase, AxisProgress};
 pub use settings::{AxisConfig, AxisFault, DriveConfig, NodeReset};

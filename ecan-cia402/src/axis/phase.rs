@@ -175,8 +175,8 @@ pub struct AxisProgress {
     pub for_ms: u64,
     /// While it is being configured: how far.
     pub setup: Option<Progress>,
-    /// What went wrong with the last command.
-    pub trouble: Option<AxisError>,
+    /// Failure of the last command.
+    pub error: Option<AxisError>,
 }
 
 /// `axis 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms`
@@ -187,9 +187,9 @@ impl fmt::Display for AxisProgress {
             (Some(setup), AxisPhase::Configuring) => setup.fmt(f)?,
             _ => write!(f, "{}: {}, for {} ms", self.address, self.phase, self.for_ms)?,
         }
-        match &self.trouble {
+        match &self.error {
             Some(AxisError::Held(_)) | None => Ok(()),
-            Some(trouble) => write!(f, " ({trouble})"),
+            Some(error) => write!(f, " ({error})"),
         }
     }
 }
@@ -208,14 +208,14 @@ mod tests {
             phase: AxisPhase::Enabling(Some(DriveState::SwitchedOn)),
             for_ms: 120,
             setup: None,
-            trouble: None,
+            error: None,
         };
         let text = progress.to_string();
         assert_eq!(
             text,
             "axis 2, node 5 (slave 0, channel 1): being enabled, switched on, for 120 ms"
         );
-        let trouble = AxisError::Fault { error_code: 0x8611 };
-        assert!(trouble.to_string().contains("0x8611"), "{trouble}");
+        let error = AxisError::Fault { error_code: 0x8611 };
+        assert!(error.to_string().contains("0x8611"), "{error}");
     }
 }

@@ -1,4 +1,4 @@
-//! What takes an axis several stages: a change of mode, homing.
+//! A command that takes an axis through several stages: mode change, homing.
 
 use ecan_canopen::OperatingMode;
 
@@ -6,63 +6,52 @@ use super::homing::{HomingConfig, HomingWatch};
 use super::phase::AxisError;
 use super::script::{Script, mode_steps, script};
 
-/// Stages of a change of mode and of homing, in their order. The mode is only ever changed while
-/// the drive is not enabled: an enabled one would go from the target of one mode to a stale one of
-/// the other.
+/// Stages of a mode change and of homing, in order. The mode is only changed while the drive is
+/// not enabled: an enabled drive would go from the target of one mode to an old one of the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Stage {
-    /// Rest and power off.
+    /// The axis comes to rest and is switched off.
     Disabling,
-    /// Parameters and mode by SDO.
+    /// Parameters and mode are written.
     Writing(Script),
-    /// Homing: power on.
+    /// Homing: the drive is enabled.
     Enabling,
-    /// Homing: the start bit is up.
+    /// Homing: the start bit is set.
     Homing(HomingWatch),
-    /// Homing: power off, so that the mode can go back.
-    WindingUp,
-    /// Homing: the mode that was before.
+    /// Homing: the drive is switched off, so that the mode can change back.
+    Ending,
+    /// Homing: the previous mode is written.
     Restoring(Script),
 }
 
-/// A procedure under way.
+/// A mode change or a homing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) struct Procedure {
-    /// The mode that is in force at the end.
+    /// Mode in force at the end.
     pub(super) mode: OperatingMode,
-    /// The mode before.
     pub(super) mode_before: OperatingMode,
     /// Homing, before that.
     pub(super) homing: Option<HomingConfig>,
-    /// Whether the axis was enabled and is to be so again.
+    /// Whether the axis followed targets before and is enabled again afterwards.
     pub(super) then_enable: bool,
     pub(super) stage: Stage,
-    /// What went wrong.
-    pub(super) trouble: Option<AxisError>,
-    /// When the stage began.
-    pub(super) since_ns: u64,
+    pub(super) error: Option<AxisError>,
+    stage_since_ns: u64,
 }
 
 impl Procedure {
-    /// From a mode to another, or by way of homing back to the same.
+    /// Creates a change from one mode to another, or, with homing, back to the same.
     pub(super) fn new(
         (mode_before, mode): (OperatingMode, OperatingMode),
         homing: Option<HomingConfig>,
         then_enable: bool,
         now_ns: u64,
     ) -> Self {
-        Self {
-            mode,
-            mode_before,
-            homing,
-            then_enable,
-            stage: Stage::Disabling,
-            trouble: None,
-            since_ns: now_ns,
-        }
+        let (stage, stage_since_ns) = (Stage::Disabling, now_ns);
+        Self { mode, mode_before, homing, then_enable, stage, error: None, stage_since_ns }
     }
 
-    /// The transfers of the first writing.
+    /// Transfers of the stage [`Stage::Writing`].
     pub(super) fn script(&self) -> Script {
         match &self.homing {
             Some(homing) => homing.script(),
@@ -72,10 +61,10 @@ impl Procedure {
 
     pub(super) fn enter(&mut self, stage: Stage, now_ns: u64) {
         self.stage = stage;
-        self.since_ns = now_ns;
+        self.stage_since_ns = now_ns;
     }
 
     pub(super) fn waited_ms(&self, now_ns: u64) -> u64 {
-        now_ns.saturating_sub(self.since_ns) / 1_000_000
+        now_ns.saturating_sub(self.stage_since_ns) / 1_000_000
     }
 }

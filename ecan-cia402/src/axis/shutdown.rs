@@ -2,10 +2,11 @@
 
 use std::fmt;
 
-use ecan_canopen::{Configuring, NmtCommand, Step, object};
+use ecan_canopen::NmtCommand;
 
+use super::axis::Axis;
+use super::axis_state::AxisState;
 use super::context::Cia402;
-use super::script::script;
 
 /// How long a stage may take before the next begins all the same.
 const REST_NS: u64 = 5_000_000_000;
@@ -62,8 +63,8 @@ impl Cia402 {
         }
         for axis in &mut self.axes {
             axis.cancel_procedure(&mut self.network);
-            if axis.target().is_some() {
-                axis.halt();
+            if axis.is_running() {
+                axis.targets.halt();
             }
         }
         self.shutdown = Shutdown::Decelerating { since_ns: self.now_ns };
@@ -89,24 +90,17 @@ impl Cia402 {
             Shutdown::Disabling { since_ns } => {
                 // A drive that is not configured, or not heard, is not waited for.
                 let are_off = self.axes.iter().all(|axis| {
-                    !axis.is_configured() || axis.state.is_none() || axis.is_switched_off()
+                    !axis.state.is_configured() || axis.drive.state.is_none() || axis.drive.is_off()
                 });
                 if are_off || is_over(since_ns, DISABLE_NS) {
-                    self.begin_release();
+                    let has_host = self.bus.host.is_some();
+                    self.axes.iter_mut().for_each(|axis| axis.begin_release(has_host));
                     self.shutdown = Shutdown::Releasing { since_ns: now_ns };
                 }
             }
             Shutdown::Releasing { since_ns } => {
-                let mut are_released = true;
-                for axis in &mut self.axes {
-                    if let Some(script) = &mut axis.release {
-                        match script.advance(&mut self.network, axis.node, now_ns, |_, _, _| {}) {
-                            Configuring::Running => are_released = false,
-                            // A drive that does not answer any more needs no release.
-                            Configuring::Done | Configuring::Failed(_) => axis.release = None,
-                        }
-                    }
-                }
+                let is_released = |axis: &Axis| !matches!(axis.state, AxisState::Releasing(_));
+                let are_released = self.axes.iter().all(is_released);
                 if are_released || is_over(since_ns, RELEASE_NS) {
                     self.finish_release();
                 }
@@ -114,21 +108,8 @@ impl Cia402 {
         }
     }
 
-    fn begin_release(&mut self) {
-        let has_host = self.bus.host.is_some();
-        for axis in &mut self.axes {
-            let watches = has_host && axis.settings.drive.host_heartbeat_ms > 0;
-            axis.release = (watches && axis.is_configured())
-                .then(|| script([Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32).if_present()]));
-        }
-    }
-
     fn finish_release(&mut self) {
-        for axis in &mut self.axes {
-            if let Some(script) = axis.release.take() {
-                script.cancel(&mut self.network, axis.node);
-            }
-        }
+        self.axes.iter_mut().for_each(|axis| axis.cancel_release(&mut self.network));
         // A queue that is full of commands is not sent any more, either.
         let _ = self.network.nmt_all(NmtCommand::EnterPreOperational);
         self.shutdown = Shutdown::Done;

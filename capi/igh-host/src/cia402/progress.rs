@@ -31,7 +31,7 @@ impl Reporter {
 
     pub(crate) fn see(&mut self, progress: &AxisProgress) {
         let Some(callback) = self.callback else { return };
-        let now = ReportedProgress { phase: progress.phase, trouble: progress.trouble };
+        let now = ReportedProgress { phase: progress.phase, trouble: progress.error };
         if self.told.len() <= progress.axis {
             self.told.resize(progress.axis + 1, None);
         }

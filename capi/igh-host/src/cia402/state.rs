@@ -114,7 +114,7 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
         decision: decision as u8,
         decision_reason,
         hold_reason: held as u8,
-        trouble: trouble(progress.trouble) as u8,
+        trouble: trouble(progress.error) as u8,
         is_configured: (!matches!(
             phase,
             IGH_CIA402_PHASE_NOT_CONFIGURED

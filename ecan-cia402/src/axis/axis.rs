@@ -1,0 +1,564 @@
+//! One axis: its parts, the commands of the application, and its state in each cycle.
+
+use ecan_canopen::{
+    CobId, Configurator, Configuring, DriveState, Network, NmtCommand, NodeHandle, OperatingMode,
+    Statusword, StepFailure, object,
+};
+use ecan_protocol::can::CanId;
+
+use super::axis_state::AxisState;
+use super::drive_status::DriveStatus;
+use super::error::CommandError;
+use super::guard::MotionGuard;
+use super::guard_input::HoldReason;
+use super::guard_terms::{Decision, GuardState, TargetKind};
+use super::homing::{HomingConfig, HomingState};
+use super::pdo_layout::PdoLayout;
+use super::phase::{AxisError, AxisPhase, AxisProgress};
+use super::power::{FaultReset, PowerGoal};
+use super::procedure::{Procedure, Stage};
+use super::script::{mode_steps, script};
+use super::set_point::SetPoint;
+use super::settings::{AxisConfig, target_kind};
+use super::start_up::{self, BusConfig};
+use super::statistics::AxisStatistics;
+use super::target_source::TargetSource;
+use super::target_tickets::TargetTickets;
+use super::verification::{Reachability, Verification};
+
+/// Pause between two NMT start commands to a node that does not report Operational; longer than
+/// its heartbeat takes to show the effect of the first one.
+const START_PAUSE_NS: u64 = 500_000_000;
+
+/// Longest time for which a drive is commanded to switch off.
+const DISABLE_NS: u64 = 30_000_000_000;
+
+/// One axis.
+#[derive(Debug)]
+pub(super) struct Axis {
+    pub(super) index: usize,
+    pub(super) settings: AxisConfig,
+    pub(super) node: NodeHandle,
+    pub(super) rpdo: CanId,
+    pub(super) layout: PdoLayout,
+    pub(super) cycles_per_sync: u32,
+    /// New images, beyond those of the configuration, that a scheduled target may wait in the
+    /// gateway.
+    pub(super) schedule_images: u16,
+    pub(super) state: AxisState,
+    pub(super) guard: MotionGuard,
+    /// Mode that the drive has confirmed, or that is being written.
+    pub(super) mode: OperatingMode,
+    pub(super) drive: DriveStatus,
+    pub(super) targets: TargetSource,
+    pub(super) set_point: SetPoint,
+    pub(super) tickets: TargetTickets,
+    /// The gateway reported a target as not sent since the last cycle.
+    pub(super) target_lost: bool,
+    pub(super) decision: Decision,
+    pub(super) procedure: Option<Procedure>,
+    pub(super) verification: Verification,
+    pub(super) reachability: Reachability,
+    pub(super) configurator: Configurator,
+    /// SDO requests without an answer when the configuration began.
+    silences: u64,
+    /// Boot-up messages when the configuration was complete.
+    pub(super) boot_ups: u32,
+    /// Earliest time of the next NMT start command.
+    next_start_ns: u64,
+    pub(super) statistics: AxisStatistics,
+    pub(super) error: Option<AxisError>,
+    pub(super) phase: AxisPhase,
+    phase_since_ns: u64,
+}
+
+impl Axis {
+    pub(super) fn new(
+        index: usize,
+        settings: AxisConfig,
+        node: NodeHandle,
+        cycles_per_sync: u32,
+    ) -> Self {
+        let id = settings.address.node;
+        let mode = settings.mode;
+        Self {
+            index,
+            node,
+            rpdo: CobId::rpdo(id, settings.pdo_number).can_id(),
+            layout: settings.layout(),
+            cycles_per_sync,
+            schedule_images: 0,
+            state: AxisState::default(),
+            guard: MotionGuard::new(settings.guard_limits(mode, cycles_per_sync)),
+            mode,
+            drive: DriveStatus::default(),
+            targets: TargetSource::new(settings.ramp),
+            set_point: SetPoint::default(),
+            tickets: TargetTickets::default(),
+            target_lost: false,
+            decision: Decision::Closed,
+            procedure: None,
+            verification: Verification::default(),
+            reachability: Reachability::default(),
+            configurator: Configurator::new(),
+            silences: 0,
+            boot_ups: 0,
+            next_start_ns: 0,
+            statistics: AxisStatistics::default(),
+            error: None,
+            phase: AxisPhase::NotConfigured,
+            phase_since_ns: 0,
+            settings,
+        }
+    }
+
+    /// The target in force.
+    pub(super) fn target(&self) -> Option<i32> {
+        match self.guard.state() {
+            GuardState::Running { target } => Some(target),
+            _ => None,
+        }
+    }
+
+    pub(super) fn is_running(&self) -> bool {
+        self.target().is_some()
+    }
+
+    /// Whether the application's targets can or do reach the drive.
+    pub(super) fn is_active(&self) -> bool {
+        matches!(self.guard.state(), GuardState::Armed { .. } | GuardState::Running { .. })
+    }
+
+    /// Whether a halt is complete.
+    pub(super) fn is_at_rest(&self) -> bool {
+        self.target().is_none_or(|target| match target_kind(self.mode) {
+            TargetKind::Position => self.targets.ramp.step() == 0,
+            TargetKind::Rate => target == 0,
+            // The drive generates its own motion, and reports its end.
+            TargetKind::Profile => self.drive.has(Statusword::TARGET_REACHED),
+            TargetKind::None => true,
+        })
+    }
+
+    // Commands of the application and of procedures
+
+    /// Starts the configuration. Allocates.
+    pub(super) fn configure(
+        &mut self,
+        network: &mut Network,
+        bus: &BusConfig,
+    ) -> Result<(), CommandError> {
+        let steps = start_up::steps(&self.settings, bus)
+            .map_err(|error| CommandError::Mapping { axis: self.index, error })?;
+        self.stop_targets();
+        self.cancel_procedure(network);
+        self.configurator.clear(network);
+        self.configurator.add(network, self.node, steps);
+        self.set_mode(self.settings.mode);
+        self.silences = network.sdo_silences(self.node);
+        self.verification = Verification::Complete;
+        self.error = None;
+        self.drive.forget();
+        self.state = AxisState::Configuring;
+        Ok(())
+    }
+
+    /// Forgets all targets; the axis does not become active again by itself.
+    fn stop_targets(&mut self) {
+        self.guard.release();
+        self.targets.clear();
+    }
+
+    fn ready_for_commands(&self) -> Result<(), CommandError> {
+        if !self.state.is_configured() {
+            return Err(CommandError::NotConfigured { axis: self.index });
+        }
+        if self.procedure.is_some() {
+            return Err(CommandError::Busy { axis: self.index });
+        }
+        Ok(())
+    }
+
+    /// Establishes the actual position, without enabling.
+    pub(super) fn read_position(&mut self) -> Result<(), CommandError> {
+        self.ready_for_commands()?;
+        self.error = None;
+        self.guard.take_up();
+        Ok(())
+    }
+
+    pub(super) fn enable(&mut self, now_ns: u64) -> Result<(), CommandError> {
+        self.ready_for_commands()?;
+        self.begin_enable(now_ns);
+        Ok(())
+    }
+
+    pub(super) fn begin_enable(&mut self, now_ns: u64) {
+        if self.state.enabling_since_ns().is_some() {
+            return;
+        }
+        self.error = None;
+        if self.is_running() {
+            self.state = AxisState::Active;
+        } else {
+            self.targets.clear();
+            self.guard.take_up();
+            self.state = AxisState::Enabling { since_ns: now_ns };
+        }
+    }
+
+    pub(super) fn disable(&mut self) {
+        self.stop_targets();
+        if self.state.is_configured() {
+            self.state = AxisState::Off;
+        }
+    }
+
+    pub(super) fn quick_stop(&mut self) {
+        self.stop_targets();
+        self.guard.hold();
+        if self.state.is_configured() {
+            self.state = AxisState::QuickStop;
+        }
+    }
+
+    pub(super) fn reset_fault(&mut self) -> Result<(), CommandError> {
+        self.ready_for_commands()?;
+        self.stop_targets();
+        self.error = None;
+        self.state = AxisState::ResettingFault(FaultReset::new(self.cycles_per_sync));
+        Ok(())
+    }
+
+    pub(super) fn change_mode(
+        &mut self,
+        mode: OperatingMode,
+        now_ns: u64,
+    ) -> Result<(), CommandError> {
+        self.ready_for_commands()?;
+        if mode == OperatingMode::Homing || !start_up::can_switch_to(&self.settings, mode) {
+            return Err(CommandError::ModeNotMapped { axis: self.index, mode });
+        }
+        self.begin_procedure(mode, None, now_ns);
+        Ok(())
+    }
+
+    pub(super) fn home(&mut self, homing: HomingConfig, now_ns: u64) -> Result<(), CommandError> {
+        self.ready_for_commands()?;
+        self.begin_procedure(self.mode, Some(homing), now_ns);
+        Ok(())
+    }
+
+    fn begin_procedure(&mut self, mode: OperatingMode, homing: Option<HomingConfig>, now_ns: u64) {
+        self.error = None;
+        self.targets.halt();
+        let then_enable = self.is_running();
+        self.procedure = Some(Procedure::new((self.mode, mode), homing, then_enable, now_ns));
+    }
+
+    pub(super) fn cancel_procedure(&mut self, network: &mut Network) {
+        if let Some(procedure) = self.procedure.take()
+            && let Stage::Writing(script) | Stage::Restoring(script) = procedure.stage
+        {
+            script.cancel(network, self.node);
+        }
+    }
+
+    /// Applies the rules of a mode, which the drive has confirmed or is about to.
+    pub(super) fn set_mode(&mut self, mode: OperatingMode) {
+        self.mode = mode;
+        let mut limits = self.settings.guard_limits(mode, self.cycles_per_sync);
+        limits.drain_images = limits.drain_images.saturating_add(self.schedule_images);
+        self.guard.set_limits(limits);
+    }
+
+    /// Shutdown: stops the drive's watch over the host's heartbeat, if it has one.
+    pub(super) fn begin_release(&mut self, has_host_heartbeat: bool) {
+        let watches = has_host_heartbeat && self.settings.drive.host_heartbeat_ms > 0;
+        if watches && self.state.is_configured() {
+            let step = ecan_canopen::Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32);
+            self.state = AxisState::Releasing(script([step.if_present()]));
+        }
+    }
+
+    pub(super) fn cancel_release(&mut self, network: &mut Network) {
+        if let AxisState::Releasing(script) = self.state {
+            script.cancel(network, self.node);
+            self.state = AxisState::Off;
+        }
+    }
+
+    // Events
+
+    /// The guard began to hold.
+    pub(super) fn held(&mut self, reason: HoldReason) {
+        self.statistics.held(reason);
+        if matches!(reason, HoldReason::TpdoLost(_)) {
+            self.require_verification();
+        }
+        self.error = Some(AxisError::Held(reason));
+        self.stop_after_hold();
+        let stands = target_kind(self.mode) == TargetKind::Position;
+        if self.state == AxisState::Standby
+            && self.settings.auto_take_up
+            && stands
+            && self.drive.is_enabled()
+            && reason.is_on_path()
+        {
+            self.guard.take_up();
+            self.state = AxisState::Resuming;
+        }
+    }
+
+    fn stop_after_hold(&mut self) {
+        self.targets.wanted = None;
+        self.targets.ramp.stop();
+        let continues = target_kind(self.mode) != TargetKind::Position;
+        self.state = self.state.after_hold(continues && self.drive.is_enabled());
+    }
+
+    /// The drive entered Fault.
+    pub(super) fn faulted(&mut self, network: &Network) {
+        self.statistics.faults += 1;
+        let error_code = self.error_code(network);
+        self.error = Some(AxisError::Fault { error_code });
+        if self.state.power_goal() == PowerGoal::Enabled {
+            self.stop_after_hold();
+        }
+    }
+
+    /// The connection to the drive was lost.
+    pub(super) fn require_verification(&mut self) {
+        if self.state.is_configured() && self.verification == Verification::Complete {
+            self.verification = Verification::Due { from_ns: 0 };
+        }
+    }
+
+    /// The drive has lost its configuration: its process data have another meaning.
+    pub(super) fn restarted(&mut self) {
+        self.stop_targets();
+        self.state = AxisState::Unconfigured;
+        self.verification = Verification::Complete;
+        self.error = Some(AxisError::Restarted);
+        self.procedure = None;
+        self.drive.forget();
+    }
+
+    pub(super) fn setup_failed(&mut self, failure: StepFailure) {
+        self.state = AxisState::SetupFailed;
+        self.error = Some(AxisError::Setup(failure));
+    }
+
+    /// The first target was sent to the enabled drive.
+    pub(super) fn activated(&mut self) {
+        self.statistics.take_ups += 1;
+        self.statistics.targets_sent += 1;
+        self.targets.ramp.stop();
+        if let AxisState::Enabling { .. } | AxisState::Resuming = self.state {
+            self.state = AxisState::Active;
+        }
+        if matches!(self.error, Some(AxisError::Held(_))) {
+            self.error = None;
+        }
+    }
+
+    /// The enabled drive holds a target from which its actual position would be a jump. When
+    /// switched off, it drops that target. An axis that resumes by itself is not switched off.
+    pub(super) fn old_target_found(&mut self) {
+        match self.state {
+            AxisState::Resuming => {
+                self.guard.release();
+                self.state = AxisState::Standby;
+            }
+            AxisState::Enabling { since_ns } => self.state = AxisState::ReEnabling { since_ns },
+            _ => {}
+        }
+    }
+
+    // Each cycle
+
+    /// Transitions that follow from the state of the drive, from a transfer, or from the time.
+    pub(super) fn step_state(&mut self, network: &mut Network, now_ns: u64) {
+        let elapsed_ns = |since_ns: u64| now_ns.saturating_sub(since_ns);
+        match &mut self.state {
+            AxisState::Configuring => match self.configurator.step(network, now_ns) {
+                Configuring::Running => {}
+                Configuring::Done => {
+                    self.state = AxisState::SettingMode(script(mode_steps(self.mode)));
+                }
+                Configuring::Failed(failure) => self.setup_failed(failure),
+            },
+            AxisState::SettingMode(script) => {
+                match script.advance(network, self.node, now_ns, |_, _, _| {}) {
+                    Configuring::Running => {}
+                    Configuring::Done => self.finish_setup(network),
+                    Configuring::Failed(failure) => self.setup_failed(failure),
+                }
+            }
+            AxisState::Enabling { since_ns } | AxisState::ReEnabling { since_ns } => {
+                let since_ns = *since_ns;
+                let is_off = self.drive.state == Some(DriveState::SwitchOnDisabled);
+                let waited_ms = elapsed_ns(since_ns) / 1_000_000;
+                if self.drive.is_in_fault() {
+                    let error_code = self.error_code(network);
+                    self.error = Some(AxisError::Fault { error_code });
+                    self.stop_targets();
+                    self.state = AxisState::Standby;
+                } else if waited_ms > u64::from(self.settings.enable_timeout_ms) {
+                    let (state, guard) = (self.drive.state, self.guard.state());
+                    self.error = Some(AxisError::EnableTimedOut { state, guard, waited_ms });
+                    self.disable();
+                } else if is_off {
+                    self.state = AxisState::Enabling { since_ns };
+                }
+            }
+            AxisState::Resuming => {
+                // Enabling a drive that left Operation Enabled is the application's command.
+                if !self.drive.is_enabled() {
+                    self.guard.release();
+                    self.state = AxisState::Standby;
+                }
+            }
+            AxisState::Off => {
+                if !self.drive.is_off() {
+                    self.state = AxisState::SwitchingOff { since_ns: now_ns };
+                }
+            }
+            AxisState::SwitchingOff { since_ns } => {
+                if self.drive.is_off() {
+                    self.state = AxisState::Off;
+                } else if elapsed_ns(*since_ns) > DISABLE_NS {
+                    let not_disabled = AxisError::NotDisabled { state: self.drive.state };
+                    self.error = self.error.or(Some(not_disabled));
+                    self.state = AxisState::Standby;
+                }
+            }
+            AxisState::ResettingFault(reset) => {
+                if reset.has_failed() {
+                    let error_code = self.error_code(network);
+                    self.error = Some(AxisError::ResetRefused { error_code });
+                    self.state = AxisState::Standby;
+                } else if self.drive.state.is_some_and(|state| reset.is_complete(state)) {
+                    self.state = AxisState::Standby;
+                }
+            }
+            AxisState::Releasing(script) => {
+                match script.advance(network, self.node, now_ns, |_, _, _| {}) {
+                    Configuring::Running => {}
+                    // A drive that does not answer needs no release.
+                    Configuring::Done | Configuring::Failed(_) => self.state = AxisState::Off,
+                }
+            }
+            AxisState::Unconfigured
+            | AxisState::SetupFailed
+            | AxisState::Standby
+            | AxisState::Active
+            | AxisState::QuickStop => {}
+        }
+    }
+
+    fn finish_setup(&mut self, network: &mut Network) {
+        self.state = AxisState::Standby;
+        let producer = object::PRODUCER_HEARTBEAT;
+        // The value that was written and read back; none if the drive has no heartbeat.
+        let period_ms = self.configurator.uploaded(self.node, producer, 0).unwrap_or_default();
+        let timeout_ms = u32::try_from(period_ms * 7 / 2).unwrap_or_default();
+        network.set_heartbeat_timeout(self.node, timeout_ms);
+        self.boot_ups = network.status(self.node).map_or(0, |status| status.boot_ups);
+        self.statistics.restart_tpdo_count();
+        if network.sdo_silences(self.node) != self.silences {
+            // The drive may have restarted in between, and lost the first steps.
+            self.require_verification();
+        }
+    }
+
+    /// Starts a node that lost the host's heartbeat: it is in Pre-operational (CiA 301, 0x1029)
+    /// and remains there until it receives the NMT command. Only if the axis is in use and its
+    /// configuration is verified.
+    pub(super) fn start_node(&mut self, network: &mut Network, now_ns: u64) {
+        let is_used = self.state.is_commanding()
+            || matches!(self.guard.state(), GuardState::Draining | GuardState::Reading);
+        let is_stopped =
+            !self.reachability.operational && self.verification == Verification::Complete;
+        if is_used && is_stopped && self.state.is_configured() && now_ns >= self.next_start_ns {
+            self.next_start_ns = now_ns.saturating_add(START_PAUSE_NS);
+            // If the queue is full, the next attempt follows after the pause.
+            let _ = network.nmt(self.node, NmtCommand::Start);
+        }
+    }
+
+    pub(super) fn error_code(&self, network: &Network) -> u16 {
+        let last = network.emcy(self.node).and_then(|log| log.last());
+        last.map_or(0, |record| record.emcy.code)
+    }
+
+    // Progress
+
+    pub(super) fn update_phase(&mut self, now_ns: u64) {
+        let phase = self.present_phase();
+        if phase != self.phase {
+            self.phase = phase;
+            self.phase_since_ns = now_ns;
+        }
+    }
+
+    fn present_phase(&self) -> AxisPhase {
+        match self.state {
+            AxisState::Unconfigured => return AxisPhase::NotConfigured,
+            AxisState::Configuring => return AxisPhase::Configuring,
+            AxisState::SettingMode(_) => return AxisPhase::SettingMode(self.mode),
+            AxisState::SetupFailed => return AxisPhase::SetupFailed,
+            _ => {}
+        }
+        if let Some(procedure) = &self.procedure {
+            return match (procedure.homing, procedure.stage) {
+                (None, _) => AxisPhase::ChangingMode(procedure.mode),
+                (Some(_), Stage::Homing(_)) => AxisPhase::Homing(self.homing_state()),
+                (Some(_), _) => AxisPhase::PreparingHoming,
+            };
+        }
+        match self.state {
+            AxisState::ResettingFault(_) => return AxisPhase::ResettingFault,
+            _ if self.drive.is_in_fault() => return AxisPhase::Fault,
+            AxisState::QuickStop => return AxisPhase::QuickStop,
+            AxisState::ReEnabling { .. } => return AxisPhase::Enabling(self.drive.state),
+            AxisState::Off | AxisState::SwitchingOff { .. } | AxisState::Releasing(_)
+                if !self.drive.is_off() =>
+            {
+                return AxisPhase::Disabling;
+            }
+            _ => {}
+        }
+        match self.guard.state() {
+            GuardState::Holding { reason } => AxisPhase::Holding(reason),
+            guard @ (GuardState::Draining | GuardState::Reading) => {
+                AxisPhase::Reading(guard, self.guard.hindrance())
+            }
+            GuardState::Running { .. } if self.targets.is_halted => AxisPhase::Halted,
+            GuardState::Running { .. } => AxisPhase::Running,
+            GuardState::Armed { .. } if self.state.power_goal() == PowerGoal::Enabled => {
+                AxisPhase::Enabling(self.drive.state)
+            }
+            GuardState::Armed { .. } => AxisPhase::Ready,
+            GuardState::Idle => AxisPhase::Standby,
+        }
+    }
+
+    pub(super) fn homing_state(&self) -> HomingState {
+        self.drive.statusword.map_or(HomingState::Waiting, HomingState::of)
+    }
+
+    pub(super) fn progress(&self, now_ns: u64) -> AxisProgress {
+        AxisProgress {
+            axis: self.index,
+            address: self.settings.address,
+            phase: self.phase,
+            for_ms: now_ns.saturating_sub(self.phase_since_ns) / 1_000_000,
+            setup: match self.state {
+                AxisState::Configuring => self.configurator.progress_of(self.node, now_ns),
+                _ => None,
+            },
+            error: self.error,
+        }
+    }
+}

@@ -1,0 +1,48 @@
+//! Latest status that a drive reported by TPDO.
+
+use ecan_canopen::{DriveState, Statusword};
+
+use super::pdo_layout::Feedback;
+
+/// Latest status that a drive reported by TPDO.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct DriveStatus {
+    /// Newest TPDO of this cycle.
+    pub(super) arrived: Option<Feedback>,
+    /// Last statusword, however old.
+    pub(super) statusword: Option<Statusword>,
+    /// Last valid state, however old.
+    pub(super) state: Option<DriveState>,
+}
+
+impl DriveStatus {
+    /// Takes over the TPDO of this cycle.
+    pub(super) fn update(&mut self) {
+        if let Some(feedback) = self.arrived {
+            self.statusword = Some(feedback.statusword);
+            self.state = feedback.statusword.state();
+        }
+    }
+
+    /// Forgets what the drive reported under another configuration.
+    pub(super) fn forget(&mut self) {
+        self.statusword = None;
+        self.state = None;
+    }
+
+    pub(super) fn has(&self, bits: u16) -> bool {
+        self.statusword.is_some_and(|status| status.has(bits))
+    }
+
+    pub(super) fn is_enabled(&self) -> bool {
+        self.state == Some(DriveState::OperationEnabled)
+    }
+
+    pub(super) fn is_in_fault(&self) -> bool {
+        self.state == Some(DriveState::Fault)
+    }
+
+    pub(super) fn is_off(&self) -> bool {
+        matches!(self.state, Some(DriveState::SwitchOnDisabled | DriveState::Fault))
+    }
+}

@@ -1,0 +1,49 @@
+//! Verification of a drive's configuration after a connection loss.
+
+use super::guard_input::GuardInput;
+use super::script::Script;
+
+/// Pause before a drive that did not answer is asked again.
+pub(super) const RETRY_NS: u64 = 500_000_000;
+
+/// Parts of the connection to a drive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) struct Reachability {
+    /// The gateway is ready.
+    pub(super) gateway: bool,
+    /// The heartbeat has not timed out.
+    pub(super) heartbeat: bool,
+    /// The node is in Operational, as far as the host can tell.
+    pub(super) operational: bool,
+}
+
+impl Reachability {
+    pub(super) fn of(input: &GuardInput) -> Self {
+        Self {
+            gateway: input.way.in_service,
+            heartbeat: !input.drive.heartbeat_lost,
+            operational: !input.drive.not_operational,
+        }
+    }
+
+    /// Returns whether a part of the connection is lost since `before`; a part that remains lost
+    /// does not count, so that a verification can complete.
+    pub(super) fn is_lost_since(self, before: Self) -> bool {
+        before.gateway && !self.gateway
+            || before.heartbeat && !self.heartbeat
+            || before.operational && !self.operational
+    }
+}
+
+/// Verification that a drive still has its configuration: during a connection loss it may have
+/// restarted unnoticed, and then its process data have another meaning.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(super) enum Verification {
+    /// The connection was never lost, or the configuration is verified.
+    #[default]
+    Complete,
+    /// The drive is to be asked, from this time on.
+    Due { from_ns: u64 },
+    /// The drive is being asked.
+    Running(Script),
+}
