@@ -1,4 +1,4 @@
-//! What is wrong with the whole of a configuration, put to the keys that it comes from.
+//! Checks of the whole configuration, and the keys that its faults come from.
 
 use ecan_host::{ConfigFault, PlanError};
 use ecan_mcan_port::{PortConfigFault, PortPlanError};
@@ -8,27 +8,26 @@ use ecan_protocol::config::{
 };
 use ecan_protocol::image::ProfileError;
 use ecan_protocol::mapping::Direction;
+use ecan_protocol::object::lookup;
 
 use crate::ConfigFile;
-use crate::channel;
-use crate::data_path;
 use crate::document::Document;
 use crate::filter::{EXTENDED_TABLE, STANDARD_TABLE};
 use crate::gateway::CHANNEL_TABLES;
 
-/// Checks the configuration; faults go to the document.
+/// Checks the configuration and reports its faults to the document.
 pub(crate) fn check(document: &mut Document<'_>, file: &ConfigFile) {
     let Err(faults) = file.port.check(&file.adapter) else { return };
     for fault in faults.0 {
-        document.semantic_fault(&places(&fault), fault.to_string());
-        if let Some(hidden) = hidden_behind(file, &fault) {
-            document.semantic_fault(&places(&hidden), hidden.to_string());
+        document.semantic_fault(&locations(&fault), fault.to_string());
+        if let Some(hidden) = hidden_by(file, &fault) {
+            document.semantic_fault(&locations(&hidden), hidden.to_string());
         }
     }
 }
 
-/// A bit rate that has no timing either, behind a sample point window that is no window.
-fn hidden_behind(file: &ConfigFile, fault: &PortConfigFault) -> Option<PortConfigFault> {
+/// The fault of a bit rate without a timing that an invalid sample point window hides.
+fn hidden_by(file: &ConfigFile, fault: &PortConfigFault) -> Option<PortConfigFault> {
     let PortConfigFault::Channel { slave, channel, fault } = *fault else { return None };
     let ChannelFault::Timing { phase, error: BitTimingError::Window { .. } } = fault else {
         return None;
@@ -59,11 +58,11 @@ fn in_direction(slave: usize, pdo: &str, key: &str) -> Vec<String> {
     vec![format!("{gateway}.{table}.{key}"), format!("{gateway}.{key}")]
 }
 
-/// The keys that a fault comes from, the likeliest first.
-fn places(fault: &PortConfigFault) -> Vec<String> {
+/// Keys that a fault may come from, the most likely one first.
+fn locations(fault: &PortConfigFault) -> Vec<String> {
     let one = |path: String| vec![path];
     match *fault {
-        PortConfigFault::Adapter(fault) => adapter_places(&fault),
+        PortConfigFault::Adapter(fault) => adapter_locations(&fault),
         PortConfigFault::NoChannel { slave } => one(gateway(slave)),
         PortConfigFault::Profile { slave, direction, fault } => {
             let key = match fault {
@@ -77,34 +76,38 @@ fn places(fault: &PortConfigFault) -> Vec<String> {
         PortConfigFault::Bypass { slave, direction } => {
             in_direction(slave, pdo(direction), "options")
         }
-        PortConfigFault::Channel { slave, channel, fault } => channel_places(slave, channel, fault),
-        PortConfigFault::DataPath { slave, channel, fault } => {
-            let keys: Vec<String> = match fault {
-                DataPathFault::Range(RangeFault { subindex, .. }) => data_path::KEYS
-                    .iter()
-                    .filter(|(_, of, _)| *of == subindex)
-                    .map(|(key, ..)| format!("data_path.{key}"))
-                    .collect(),
-                DataPathFault::RxBudget { .. } => {
-                    ["rx_drain_min", "rx_drain_max"].map(|key| format!("data_path.{key}")).into()
-                }
-                DataPathFault::TxBudget { .. } => {
-                    ["tx_budget_min", "tx_budget_max"].map(|key| format!("data_path.{key}")).into()
-                }
-            };
-            in_channel(slave, channel, &keys.iter().map(String::as_str).collect::<Vec<_>>())
+        PortConfigFault::Channel { slave, channel, fault } => {
+            channel_locations(slave, channel, fault)
         }
-        PortConfigFault::Plan(refusal) => match refusal {
-            PortPlanError::EtherCat(refusal) => refusal_places(&refusal),
+        PortConfigFault::DataPath { slave, channel, fault } => match fault {
+            DataPathFault::Range(RangeFault { index, subindex, .. }) => {
+                let key = key_of(index, subindex).unwrap_or("enable");
+                in_channel(slave, channel, &[&format!("data_path.{key}")])
+            }
+            DataPathFault::RxBudget { .. } => {
+                in_channel(slave, channel, &["data_path.rx_drain_min", "data_path.rx_drain_max"])
+            }
+            DataPathFault::TxBudget { .. } => {
+                in_channel(slave, channel, &["data_path.tx_budget_min", "data_path.tx_budget_max"])
+            }
+        },
+        PortConfigFault::Plan(error) => match error {
+            PortPlanError::EtherCat(error) => plan_locations(&error),
             PortPlanError::Budget { slave, channel, .. } => {
                 in_channel(slave, channel, &["traffic"])
             }
             _ => Vec::new(),
         },
-        PortConfigFault::Filter { slave, channel, fault } => filter_places(slave, channel, &fault),
+        PortConfigFault::Filter { slave, channel, fault } => {
+            filter_locations(slave, channel, &fault)
+        }
         PortConfigFault::HoldLimit { slave } => one(format!("{}.hold_limit", gateway(slave))),
         _ => Vec::new(),
     }
+}
+
+fn key_of(index: u16, subindex: u8) -> Option<&'static str> {
+    lookup(index, subindex)?.1.key
 }
 
 fn pdo(direction: Direction) -> &'static str {
@@ -114,7 +117,7 @@ fn pdo(direction: Direction) -> &'static str {
     }
 }
 
-fn adapter_places(fault: &ConfigFault) -> Vec<String> {
+fn adapter_locations(fault: &ConfigFault) -> Vec<String> {
     let one = |path: &str| vec![path.to_owned()];
     match *fault {
         ConfigFault::SamePlace { second, .. } => {
@@ -124,7 +127,7 @@ fn adapter_places(fault: &ConfigFault) -> Vec<String> {
         ConfigFault::Multiplier { slave, pdo, .. } => in_direction(slave, pdo, "n"),
         ConfigFault::Cycle { .. } => one("cycle_us"),
         ConfigFault::WatchdogTime { .. } => one("watchdog_us"),
-        ConfigFault::Plan(refusal) => refusal_places(&refusal),
+        ConfigFault::Plan(error) => plan_locations(&error),
         ConfigFault::Sync0Cycle { .. } => one("dc.cycle_us"),
         ConfigFault::Sync0Shift { .. } => one("dc.shift_us"),
         ConfigFault::ReferenceClock { .. } => one("dc.reference"),
@@ -133,23 +136,22 @@ fn adapter_places(fault: &ConfigFault) -> Vec<String> {
     }
 }
 
-fn refusal_places(refusal: &PlanError) -> Vec<String> {
-    match *refusal {
+fn plan_locations(error: &PlanError) -> Vec<String> {
+    match *error {
         PlanError::LargePdo { slave, pdo, .. } => in_direction(slave, pdo, "n"),
         PlanError::Watchdog { .. } => vec!["watchdog_us".to_owned(), "cycle_us".to_owned()],
         _ => vec!["cycle_us".to_owned()],
     }
 }
 
-fn channel_places(slave: usize, channel: u8, fault: ChannelFault) -> Vec<String> {
+fn channel_locations(slave: usize, channel: u8, fault: ChannelFault) -> Vec<String> {
     let phase_keys = |phase, [nominal, data]: [&[&str]; 2]| match phase {
         Phase::Nominal => in_channel(slave, channel, nominal),
         Phase::Data => in_channel(slave, channel, data),
     };
     match fault {
-        ChannelFault::Range(RangeFault { subindex, .. }) => {
-            let key = channel::key_of(subindex);
-            in_channel(slave, channel, &[key.as_deref().unwrap_or("bitrate")])
+        ChannelFault::Range(RangeFault { index, subindex, .. }) => {
+            in_channel(slave, channel, &[key_of(index, subindex).unwrap_or("bitrate")])
         }
         ChannelFault::Timing { phase, error } => match error {
             BitTimingError::Window { .. } | BitTimingError::SamplePoint { .. } => phase_keys(
@@ -175,7 +177,7 @@ fn channel_places(slave: usize, channel: u8, fault: ChannelFault) -> Vec<String>
     }
 }
 
-fn filter_places(slave: usize, channel: u8, fault: &FilterFault) -> Vec<String> {
+fn filter_locations(slave: usize, channel: u8, fault: &FilterFault) -> Vec<String> {
     let (extended, at, key) = match *fault {
         FilterFault::TooMany { extended, max, .. } => (extended, usize::from(max), ""),
         FilterFault::Element { extended, at, fault } => {

@@ -1,5 +1,5 @@
-//! A TOML document that is read key by key: every fault is kept with its place, and every key that
-//! nobody asked for is one.
+//! A TOML document that is read key by key. Every fault is kept with its location, and each key that
+//! is not read is a fault.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -9,21 +9,21 @@ use toml::de::{DeInteger, DeTable, DeValue};
 
 use crate::fault::{FileFault, FileFaults};
 
-/// The faults and places of a text that is being read.
+/// Faults and locations of a text.
 pub(crate) struct Document<'i> {
     text: &'i str,
-    /// Where each line starts.
+    /// Start of each line, in bytes.
     lines: Vec<usize>,
     faults: Vec<(usize, String)>,
-    /// Where the value of a key starts, by its full path.
-    places: BTreeMap<String, usize>,
-    /// The paths at which a fault is known.
+    /// Start of the value of each key, by its full path.
+    locations: BTreeMap<String, usize>,
+    /// Paths with a known fault.
     faulty: Vec<String>,
     syntax_lines: BTreeSet<usize>,
 }
 
 impl<'i> Document<'i> {
-    /// Parses the text as far as it goes.
+    /// Parses the text; faults of the syntax do not end it.
     pub(crate) fn parse(text: &'i str) -> (Self, Spanned<DeTable<'i>>) {
         let (root, errors) = DeTable::parse_recoverable(text);
         let mut document = Self {
@@ -32,7 +32,7 @@ impl<'i> Document<'i> {
                 .chain(text.match_indices('\n').map(|(at, _)| at + 1))
                 .collect(),
             faults: Vec::new(),
-            places: BTreeMap::new(),
+            locations: BTreeMap::new(),
             faulty: Vec::new(),
             syntax_lines: BTreeSet::new(),
         };
@@ -45,17 +45,17 @@ impl<'i> Document<'i> {
         (document, root)
     }
 
-    /// Whether it is TOML at all.
-    pub(crate) fn is_sound(&self) -> bool {
+    /// True if the text has no fault of the syntax.
+    pub(crate) fn is_valid_toml(&self) -> bool {
         self.syntax_lines.is_empty()
     }
 
-    fn place(&mut self, path: &str, span: &Range<usize>) {
-        self.places.insert(path.to_owned(), span.start);
+    fn locate(&mut self, path: &str, span: &Range<usize>) {
+        self.locations.insert(path.to_owned(), span.start);
     }
 
-    /// A fault of the value at a path. What follows from a fault of the syntax in the same line is
-    /// none of its own.
+    /// Reports a fault of the value at a path. A consequence of a fault of the syntax in the same line
+    /// is not reported.
     pub(crate) fn fault(&mut self, path: &str, at: usize, reason: impl Into<String>) {
         let (line, _) = self.line_and_column(at);
         self.faulty.push(path.to_owned());
@@ -64,23 +64,23 @@ impl<'i> Document<'i> {
         }
     }
 
-    /// A fault of a byte that is no part of a text.
-    pub(crate) fn foreign_byte(&mut self, at: usize, byte: u8) {
+    /// Reports a byte that is not part of UTF-8 text.
+    pub(crate) fn invalid_byte(&mut self, at: usize, byte: u8) {
         self.faults.push((at, format!("byte 0x{byte:02X} is not UTF-8")));
     }
 
-    /// Whether a fault of this path is known.
+    /// True if a fault of this path is known.
     pub(crate) fn is_faulty(&self, path: &str) -> bool {
         self.faulty.iter().any(|faulty| faulty == path)
     }
 
-    /// A fault of what was read, put to the first of these paths that the file has, or what it
-    /// stands in. Nothing where a path has a fault already: this one would follow from it.
+    /// Reports a fault of the values at the first of these paths that the file has, or at the table
+    /// around it. Not reported if a path already has a fault: this one would be its consequence.
     pub(crate) fn semantic_fault(&mut self, paths: &[String], reason: String) {
         if paths.iter().any(|path| self.is_faulty(path)) {
             return;
         }
-        let found = paths.iter().find_map(|path| self.places.get(path).copied());
+        let found = paths.iter().find_map(|path| self.locations.get(path).copied());
         let around = || paths.first().and_then(|path| self.around(path));
         let at = found.or_else(around).unwrap_or(0);
         self.faults.push((at, reason));
@@ -89,7 +89,7 @@ impl<'i> Document<'i> {
     /// The nearest table around a path.
     fn around(&self, path: &str) -> Option<usize> {
         let (outer, _) = path.rsplit_once('.')?;
-        self.places.get(outer).copied().or_else(|| self.around(outer))
+        self.locations.get(outer).copied().or_else(|| self.around(outer))
     }
 
     fn line_and_column(&self, at: usize) -> (usize, usize) {
@@ -100,7 +100,10 @@ impl<'i> Document<'i> {
         (line, before.chars().count() + 1)
     }
 
-    /// All faults, in the order of the lines.
+    /// Returns all faults in the order of the lines.
+    ///
+    /// # Errors
+    /// The faults, if there are any.
     pub(crate) fn finish(mut self) -> Result<(), FileFaults> {
         self.faults.sort();
         self.faults.dedup();
@@ -113,7 +116,7 @@ impl<'i> Document<'i> {
     }
 }
 
-/// A table that is being read.
+/// A table, and the keys of it that were read.
 pub(crate) struct Table<'t, 'i> {
     path: String,
     table: &'t DeTable<'i>,
@@ -132,11 +135,11 @@ impl<'t, 'i> Table<'t, 'i> {
         value: &'t Spanned<DeValue<'i>>,
     ) -> Option<Self> {
         let span = value.span();
-        document.place(&path, &span);
+        document.locate(&path, &span);
         match value.get_ref() {
             DeValue::Table(table) => Some(Self { path, table, at: span.start, known: Vec::new() }),
             other => {
-                let reason = format!("`{path}` is a table, not {}", kind(other));
+                let reason = format!("`{path}` must be a table, not {}", kind(other));
                 document.fault(&path, span.start, reason);
                 None
             }
@@ -148,31 +151,48 @@ impl<'t, 'i> Table<'t, 'i> {
         if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) }
     }
 
-    /// A value; asking makes its key known.
+    /// The value of a key, which becomes known.
     fn value(
         &mut self,
         document: &mut Document<'_>,
         key: &'static str,
     ) -> Option<&'t Spanned<DeValue<'i>>> {
-        self.known.push(key);
+        if !self.known.contains(&key) {
+            self.known.push(key);
+        }
         let value = self.table.get(key)?;
-        document.place(&self.path(key), &value.span());
+        document.locate(&self.path(key), &value.span());
         Some(value)
     }
 
-    /// Whether the key is there.
+    /// True if the file has the key.
     pub(crate) fn has(&self, key: &str) -> bool {
         self.table.contains_key(key)
     }
 
-    /// A fault of a key, or of the table where the key is not there.
+    /// Reports a fault of a key, or of the table if it does not have the key.
     pub(crate) fn fault(&self, document: &mut Document<'_>, key: &str, reason: impl Into<String>) {
         let at = self.table.get(key).map_or(self.at, |value| value.span().start);
         document.fault(&self.path(key), at, reason);
     }
 
     fn wrong(&self, document: &mut Document<'_>, key: &str, wanted: &str, found: &DeValue<'_>) {
-        self.fault(document, key, format!("`{key}` is {wanted}, not {}", kind(found)));
+        self.fault(document, key, format!("`{key}` must be {wanted}, not {}", kind(found)));
+    }
+
+    fn out_of_range(
+        &self,
+        document: &mut Document<'_>,
+        key: &str,
+        found: Option<impl std::fmt::Display>,
+        min: u32,
+        max: impl std::fmt::Display,
+    ) {
+        let found = match found {
+            Some(found) => format!("= {found} is out of range"),
+            None => "is too large".to_owned(),
+        };
+        self.fault(document, key, format!("`{key}` {found}; allowed: {min} to {max}"));
     }
 
     /// A table in this one.
@@ -194,7 +214,7 @@ impl<'t, 'i> Table<'t, 'i> {
     ) -> Vec<Table<'t, 'i>> {
         let Some(value) = self.value(document, key) else { return Vec::new() };
         let DeValue::Array(array) = value.get_ref() else {
-            let reason = format!("`{key}` is a list of tables, [[{}]]", self.path(key));
+            let reason = format!("`{key}` must be an array of tables, [[{}]]", self.path(key));
             self.fault(document, key, reason);
             return Vec::new();
         };
@@ -205,7 +225,7 @@ impl<'t, 'i> Table<'t, 'i> {
             .collect()
     }
 
-    /// A whole number from `min` to `max`.
+    /// An integer from `min` to `max`.
     pub(crate) fn unsigned(
         &mut self,
         document: &mut Document<'_>,
@@ -220,20 +240,18 @@ impl<'t, 'i> Table<'t, 'i> {
                     .and_then(|number| u32::try_from(number).ok())
                     .filter(|number| (min..=max).contains(number));
                 if in_range.is_none() {
-                    let found = number.map_or_else(|| "too great".to_owned(), |it| it.to_string());
-                    let reason = format!("`{key}` is {found}, possible is {min}..{max}");
-                    self.fault(document, key, reason);
+                    self.out_of_range(document, key, number, min, max);
                 }
                 in_range
             }
             other => {
-                self.wrong(document, key, "a whole number", other);
+                self.wrong(document, key, "an integer", other);
                 None
             }
         }
     }
 
-    /// A number with a fraction or without, times `scale`, to the nearest whole number.
+    /// An integer or float times `scale`, rounded.
     fn scaled(
         &self,
         document: &mut Document<'_>,
@@ -246,14 +264,13 @@ impl<'t, 'i> Table<'t, 'i> {
             DeValue::Integer(number) => integer(number).map(|number| number as f64),
             DeValue::Float(number) => number.as_str().replace('_', "").parse().ok(),
             other => {
-                self.wrong(document, key, "a decimal number", other);
+                self.wrong(document, key, "a number", other);
                 return None;
             }
         };
         let in_range = number.filter(|number| (0.0..=max).contains(number));
         if in_range.is_none() {
-            let found = number.map_or_else(|| "too great".to_owned(), |it: f64| it.to_string());
-            self.fault(document, key, format!("`{key}` is {found}, possible is 0..{max}"));
+            self.out_of_range(document, key, number, 0, max);
         }
         in_range.map(|number| (number * scale).round() as u32)
     }
@@ -280,7 +297,7 @@ impl<'t, 'i> Table<'t, 'i> {
             DeValue::Array(array) => match array.iter().collect::<Vec<_>>()[..] {
                 [min, max] => Some([one(min.get_ref())?, one(max.get_ref())?]),
                 _ => {
-                    let reason = format!("`{key}` is one percentage, or [least, greatest]");
+                    let reason = format!("`{key}` must be one percentage, or [min, max]");
                     self.fault(document, key, reason);
                     None
                 }
@@ -304,7 +321,7 @@ impl<'t, 'i> Table<'t, 'i> {
         &mut self,
         document: &mut Document<'_>,
         key: &'static str,
-        words: &[(&str, T)],
+        words: &[(impl AsRef<str>, T)],
     ) -> Option<T> {
         let value = self.value(document, key)?;
         self.one_word(document, key, value, words)
@@ -315,17 +332,18 @@ impl<'t, 'i> Table<'t, 'i> {
         document: &mut Document<'_>,
         key: &'static str,
         value: &Spanned<DeValue<'_>>,
-        words: &[(&str, T)],
+        words: &[(impl AsRef<str>, T)],
     ) -> Option<T> {
         let text = value.get_ref().as_str();
-        let found = text.and_then(|text| words.iter().find(|(word, _)| *word == text));
+        let found = text.and_then(|text| words.iter().find(|(word, _)| word.as_ref() == text));
         if found.is_none() {
-            let possible: Vec<_> = words.iter().map(|(word, _)| format!("\"{word}\"")).collect();
+            let allowed: Vec<_> =
+                words.iter().map(|(word, _)| format!("\"{}\"", word.as_ref())).collect();
             let what = match text {
                 Some(text) => format!("\"{text}\""),
                 None => kind(value.get_ref()).to_owned(),
             };
-            let reason = format!("`{key}` is {what}, possible is {}", possible.join(", "));
+            let reason = format!("`{key}` = {what} is invalid; allowed: {}", allowed.join(", "));
             document.fault(&self.path(key), value.span().start, reason);
         }
         found.map(|(_, meaning)| *meaning)
@@ -336,20 +354,20 @@ impl<'t, 'i> Table<'t, 'i> {
         &mut self,
         document: &mut Document<'_>,
         key: &'static str,
-        words: &[(&str, T)],
+        words: &[(impl AsRef<str>, T)],
     ) -> Option<Vec<T>> {
         let value = self.value(document, key)?.get_ref();
         let DeValue::Array(array) = value else {
-            self.wrong(document, key, "a list of words", value);
+            self.wrong(document, key, "an array of words", value);
             return None;
         };
-        // All of them, so that each wrong one is told.
+        // All words are read, so that each wrong one is reported.
         let meanings: Vec<_> =
             array.iter().map(|value| self.one_word(document, key, value, words)).collect();
         meanings.into_iter().collect()
     }
 
-    /// The end of the table: what nobody asked for is not known.
+    /// Reports the keys that were not read.
     pub(crate) fn finish(self, document: &mut Document<'_>) {
         for key in self.table.keys() {
             let name: &str = key.get_ref();
@@ -358,15 +376,15 @@ impl<'t, 'i> Table<'t, 'i> {
             }
             let hint = match closest(name, &self.known) {
                 Some(near) => format!("; did you mean `{near}`?"),
-                None => format!("; known are {}", self.known.join(", ")),
+                None => format!("; known keys: {}", self.known.join(", ")),
             };
-            let reason = format!("there is no key `{name}` here{hint}");
+            let reason = format!("unknown key `{name}`{hint}");
             document.fault(&self.path(name), key.span().start, reason);
         }
     }
 }
 
-/// `None` where it does not fit 64 bits.
+/// `None` if it does not fit into 64 bits.
 fn integer(number: &DeInteger<'_>) -> Option<i64> {
     let digits = number.as_str().replace('_', "");
     i64::from_str_radix(digits.trim_start_matches('+'), number.radix()).ok()
@@ -374,23 +392,23 @@ fn integer(number: &DeInteger<'_>) -> Option<i64> {
 
 fn kind(value: &DeValue<'_>) -> &'static str {
     match value {
-        DeValue::String(_) => "a text",
-        DeValue::Integer(_) => "a whole number",
-        DeValue::Float(_) => "a number with a fraction",
+        DeValue::String(_) => "a string",
+        DeValue::Integer(_) => "an integer",
+        DeValue::Float(_) => "a float",
         DeValue::Boolean(_) => "true or false",
         DeValue::Datetime(_) => "a date",
-        DeValue::Array(_) => "a list",
+        DeValue::Array(_) => "an array",
         DeValue::Table(_) => "a table",
     }
 }
 
-/// The known key that a typing error may stand for.
+/// The known key that a misspelled one may mean.
 fn closest(name: &str, known: &[&'static str]) -> Option<&'static str> {
     let distances = known.iter().map(|key| (distance(name, key), *key));
     distances.min().filter(|(distance, _)| *distance <= 2).map(|(_, key)| key)
 }
 
-/// Letters to add, remove or change.
+/// Number of letters to add, remove or change.
 fn distance(from: &str, to: &str) -> usize {
     let to: Vec<char> = to.chars().collect();
     let mut row: Vec<usize> = (0..=to.len()).collect();
@@ -400,11 +418,11 @@ fn distance(from: &str, to: &str) -> usize {
         if let Some(first) = row.first_mut() {
             *first = left;
         }
-        for (place, other) in row.iter_mut().skip(1).zip(&to) {
+        for (cell, other) in row.iter_mut().skip(1).zip(&to) {
             let changed = diagonal + usize::from(letter != *other);
-            diagonal = *place;
-            left = changed.min(left + 1).min(*place + 1);
-            *place = left;
+            diagonal = *cell;
+            left = changed.min(left + 1).min(*cell + 1);
+            *cell = left;
         }
     }
     row.last().copied().unwrap_or(0)

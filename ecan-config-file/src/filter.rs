@@ -1,36 +1,17 @@
 //! Acceptance filters of a file (manual 13.4).
 
 use ecan_protocol::config::{
-    ExtendedFilter, ExtendedMatch, FilterAction, StandardFilter, StandardMatch,
+    ConfigObject, ExtendedFilter, ExtendedMatch, FilterAction, FilterWindow, McanChannelConfig,
+    StandardFilter, StandardMatch,
 };
 
 use crate::document::{Document, Table};
+use crate::fields;
 
 pub(crate) const STANDARD_TABLE: &str = "standard_filter";
 pub(crate) const EXTENDED_TABLE: &str = "extended_filter";
 
-const ACTIONS: [(&str, FilterAction); 8] = [
-    ("disabled", FilterAction::Disabled),
-    ("fifo0", FilterAction::Fifo0),
-    ("fifo1", FilterAction::Fifo1),
-    ("reject", FilterAction::Reject),
-    ("priority", FilterAction::Priority),
-    ("priority_fifo0", FilterAction::PriorityFifo0),
-    ("priority_fifo1", FilterAction::PriorityFifo1),
-    ("rx_buffer", FilterAction::RxBuffer(0)),
-];
-const STANDARD_MATCHES: [(&str, StandardMatch); 4] = [
-    ("range", StandardMatch::Range),
-    ("two", StandardMatch::Two),
-    ("masked", StandardMatch::Masked),
-    ("disabled", StandardMatch::Disabled),
-];
-const EXTENDED_MATCHES: [(&str, ExtendedMatch); 4] = [
-    ("range", ExtendedMatch::Range),
-    ("two", ExtendedMatch::Two),
-    ("masked", ExtendedMatch::Masked),
-    ("range_unmasked", ExtendedMatch::RangeUnmasked),
-];
+const KEYS: [&str; 5] = ["match", "action", "sync", "id1", "id2"];
 
 pub(crate) fn read_standard(
     document: &mut Document<'_>,
@@ -38,13 +19,13 @@ pub(crate) fn read_standard(
 ) -> Vec<StandardFilter> {
     let tables = table.tables(document, STANDARD_TABLE);
     let read = |table| {
-        let fields = Fields::read(document, table, &STANDARD_MATCHES, 0x7FF);
+        let filter = Filter::read(document, table, FilterWindow::STANDARD);
         StandardFilter {
-            matching: fields.matching.unwrap_or(StandardMatch::Two),
-            action: fields.action,
-            sync: fields.sync,
-            id1: fields.id1 as u16,
-            id2: fields.id2 as u16,
+            matching: filter.matching(StandardMatch::from_raw, StandardMatch::Two),
+            action: filter.action,
+            sync: filter.sync,
+            id1: filter.id1 as u16,
+            id2: filter.id2 as u16,
         }
     };
     tables.into_iter().map(read).collect()
@@ -56,65 +37,70 @@ pub(crate) fn read_extended(
 ) -> Vec<ExtendedFilter> {
     let tables = table.tables(document, EXTENDED_TABLE);
     let read = |table| {
-        let fields = Fields::read(document, table, &EXTENDED_MATCHES, 0x1FFF_FFFF);
+        let filter = Filter::read(document, table, FilterWindow::EXTENDED);
         ExtendedFilter {
-            matching: fields.matching.unwrap_or(ExtendedMatch::Two),
-            action: fields.action,
-            sync: fields.sync,
-            id1: fields.id1,
-            id2: fields.id2,
+            matching: filter.matching(ExtendedMatch::from_raw, ExtendedMatch::Two),
+            action: filter.action,
+            sync: filter.sync,
+            id1: filter.id1,
+            id2: filter.id2,
         }
     };
     tables.into_iter().map(read).collect()
 }
 
-struct Fields<M> {
-    /// None of a filter into a receive buffer: the core ignores it then. It is written as `two`, which
-    /// no firmware can take for a filter that is out of use.
-    matching: Option<M>,
+struct Filter {
+    /// Raw value; `None` for a filter into a receive buffer, whose type the core ignores.
+    matching: Option<u32>,
     action: FilterAction,
     sync: bool,
     id1: u32,
     id2: u32,
 }
 
-impl<M: Copy> Fields<M> {
-    fn read(
-        document: &mut Document<'_>,
-        mut table: Table<'_, '_>,
-        matches: &[(&str, M)],
-        greatest: u32,
-    ) -> Self {
-        let action = table.word(document, "action", &ACTIONS);
-        let is_buffer = matches!(action, Some(FilterAction::RxBuffer(_)));
-        let matching = table.word(document, "match", matches);
-        let id1 = table.unsigned(document, "id1", (0, greatest));
-        let id2 = table.unsigned(document, "id2", (0, greatest));
-        // A filter into a buffer means the one identifier `id1`.
+impl Filter {
+    fn read(document: &mut Document<'_>, mut table: Table<'_, '_>, window: FilterWindow) -> Self {
+        let mut fields = window.fields().zip(KEYS).map(|(subindex, key)| {
+            let entry = (McanChannelConfig::INDEX, subindex);
+            fields::read_entry(document, &mut table, key, entry)
+        });
+        let [matching, action, sync, id1, id2] = std::array::from_fn(|_| fields.next().flatten());
+        drop(fields);
+        let buffer_action = u32::from(FilterAction::RxBuffer(0).raw());
+        let is_buffer = action == Some(buffer_action);
+        // A filter into a receive buffer matches the one CAN ID `id1`.
         let needed: &[&str] = match is_buffer {
             true => &["action", "id1"],
             false => &["action", "match", "id1", "id2"],
         };
-        for key in needed {
-            if !table.has(key) {
-                table.fault(document, key, format!("`{key}` is missing"));
-            }
+        for key in needed.iter().filter(|key| !table.has(key)) {
+            table.fault(document, key, format!("`{key}` is missing"));
         }
-        let mut action = action.unwrap_or(FilterAction::Disabled);
+        let mut buffer = 0;
         if is_buffer {
             for key in ["match", "id2"].into_iter().filter(|key| table.has(key)) {
-                let why = "a filter into a receive buffer means the one identifier `id1`";
+                let why = "a filter into a receive buffer matches the one CAN ID `id1`";
                 table.fault(document, key, format!("`{key}` has no effect: {why}"));
             }
-            let buffer = table.unsigned(document, "rx_buffer", (0, 63));
+            buffer = table.unsigned(document, "rx_buffer", (0, 63)).unwrap_or(0);
             if !table.has("rx_buffer") {
                 table.fault(document, "rx_buffer", "`rx_buffer` is missing: the buffer's number");
             }
-            action = FilterAction::RxBuffer(buffer.unwrap_or(0) as u8);
         }
-        let sync = table.flag(document, "sync").unwrap_or(false);
         table.finish(document);
-        let (id1, id2) = (id1.unwrap_or(0), id2.or(id1).unwrap_or(0));
-        Self { matching, action, sync, id1, id2 }
+        let action = action.and_then(|raw| FilterAction::from_raw(raw as u8, buffer));
+        Self {
+            matching,
+            action: action.unwrap_or(FilterAction::Disabled),
+            sync: sync == Some(1),
+            id1: id1.unwrap_or(0),
+            id2: id2.or(id1).unwrap_or(0),
+        }
+    }
+
+    /// The type of the filter. `two` for a receive buffer: no firmware can interpret it as a filter
+    /// that is not used.
+    fn matching<M>(&self, from_raw: fn(u8) -> Option<M>, two: M) -> M {
+        self.matching.and_then(|raw| from_raw(raw as u8)).unwrap_or(two)
     }
 }

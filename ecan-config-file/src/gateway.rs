@@ -2,37 +2,26 @@
 
 use ecan_host::{Identity, SlaveConfig, StartupStep};
 use ecan_mcan_port::{GatewayConfig, MarginCheck, ScheduleConfig};
-use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
+use ecan_protocol::config::DataPathGlobal;
+use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
 
 use crate::channel;
-use crate::data_path;
 use crate::document::{Document, Table};
+use crate::fields;
 
 /// Tables of the channels.
 pub(crate) const CHANNEL_TABLES: [&str; ecan_protocol::mapping::CHANNELS] =
     ["can0", "can1", "can2", "can3"];
 
 const N: (u32, u32) = (1, MAX_MULTIPLIER as u32);
-const BUDGETS: [(&str, BudgetPolicy); 3] = [
-    ("balanced", BudgetPolicy::Balanced),
-    ("shared_only", BudgetPolicy::SharedOnly),
-    ("deterministic", BudgetPolicy::Deterministic),
-];
-const OPTIONS: [(&str, OptionFlags); 5] = [
-    ("tx_result", OptionFlags::TX_RESULT),
-    ("align4", OptionFlags::ALIGN4),
-    ("no_crc16", OptionFlags::NO_CRC16),
-    ("app_bypass", OptionFlags::APP_BYPASS),
-    ("payload_only", OptionFlags::PAYLOAD_ONLY),
-];
 
 pub(crate) fn read(
     document: &mut Document<'_>,
     mut table: Table<'_, '_>,
     at: usize,
 ) -> (SlaveConfig, GatewayConfig) {
-    // Where the file names no place, the gateways are in a row.
+    // Without `alias` and `position` in the file, the gateways are the first slaves of the bus.
     let mut slave = SlaveConfig::at(u16::try_from(at).unwrap_or(u16::MAX), 3);
     let mut gateway = GatewayConfig::default();
     if let Some(alias) = table.unsigned(document, "alias", (0, 0xFFFF)) {
@@ -55,7 +44,7 @@ pub(crate) fn read(
     }
     let has_each = table.has("rx_pdo") && table.has("tx_pdo");
     if !table.has("n") && !has_each {
-        table.fault(document, "n", "`n` is missing: the size of the PDOs in 128 bytes, 1..24");
+        table.fault(document, "n", "`n` is missing: the size of the PDOs in 128 bytes, 1 to 24");
     }
     let flags = [
         ("paced", &mut gateway.paced),
@@ -124,27 +113,18 @@ fn read_direction(
     };
     let has_common_n = table.has("n");
     let Some(mut table) = table.table(document, key) else { return };
-    match table.unsigned(document, "n", N) {
-        Some(multiplier) => *n = multiplier as u8,
-        None if !has_common_n && !table.has("n") => {
-            table.fault(document, "n", "`n` is missing: the size of the PDO in 128 bytes, 1..24");
-        }
-        None => {}
-    }
-    if let Some(raw) = table.unsigned(document, "profile", (0, 5)) {
-        match EncapsulationProfile::from_raw(raw as u8) {
-            Some(known) => *profile = known,
-            None => {
-                let reason = format!("`profile` is {raw}, possible are 0, 1, 4 and 5");
-                table.fault(document, "profile", reason);
-            }
-        }
-    }
-    if let Some(policy) = table.word(document, "budget", &BUDGETS) {
-        *budget = policy;
-    }
-    if let Some(flags) = table.words(document, "options", &OPTIONS) {
-        *options = flags.into_iter().fold(OptionFlags::NONE, OptionFlags::with);
+    let mut requested = PdoProfile {
+        multiplier: *n,
+        profile: *profile,
+        budget: *budget,
+        options: *options,
+        ..PdoProfile::default()
+    };
+    fields::read(document, &mut table, "", &mut requested);
+    (*n, *profile) = (requested.multiplier, requested.profile);
+    (*budget, *options) = (requested.budget, requested.options);
+    if !has_common_n && !table.has("n") {
+        table.fault(document, "n", "`n` is missing: the size of the PDO in 128 bytes, 1 to 24");
     }
     table.finish(document);
 }
@@ -176,9 +156,11 @@ fn read_schedule(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Sched
 }
 
 /// 0x8020, applied and read back.
-fn global_steps(document: &mut Document<'_>, table: Table<'_, '_>) -> Vec<StartupStep> {
-    let global = data_path::read_global(document, table);
-    let apply = ecan_protocol::config::DataPathGlobal::apply_write();
-    let writes = global.writes().into_iter().chain([apply]).map(StartupStep::Download);
+fn global_steps(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Vec<StartupStep> {
+    let mut global = DataPathGlobal::default();
+    fields::read(document, &mut table, "", &mut global);
+    table.finish(document);
+    let apply = DataPathGlobal::apply_write();
+    let writes = global.writes().chain([apply]).map(StartupStep::Download);
     writes.chain([StartupStep::expect(apply.index, 3, 0)]).collect()
 }

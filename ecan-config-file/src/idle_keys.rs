@@ -1,96 +1,30 @@
-//! Keys of a channel that would be read and then do nothing beside its other keys.
+//! Keys of a channel that have no effect with its other keys.
 
 use ecan_protocol::can::TDC_FORCED_FROM;
 use ecan_protocol::config::{BitTimingMode, ConfigObject, McanChannelConfig};
+use ecan_protocol::object::{Entry, KeyForm};
 
 use crate::document::{Document, Table};
 
-/// Some keys, and when they do nothing.
-struct Rule<'a> {
-    is_idle: bool,
-    keys: &'a [&'a str],
-    /// The key that makes it so.
-    decided_by: &'a str,
-    why: &'a str,
-}
+const BIT_TIMING: u8 = 7;
+const NON_ISO: u8 = 9;
+const FD: u8 = 15;
+const TDC_OFFSET: u8 = 33;
+const TDC_FILTER: u8 = 34;
 
-/// Flags, with their subindices of 0x8001: `false` says what is so anyway and does no harm.
-const FLAGS: [(&str, u8); 5] = [
-    ("non_iso", 9),
-    ("tdc", 16),
-    ("tsu_external_timebase", 77),
-    ("tsu_capture_sof", 78),
-    ("tsu_64_bit", 79),
-];
-
-/// A fault for each key of a channel without an effect (manual 13.4).
+/// Reports a fault for each key of a channel without an effect (manual 13.4).
 pub(crate) fn check(document: &mut Document<'_>, table: &Table<'_, '_>, can: &McanChannelConfig) {
-    let is_manual = can.bit_timing_mode == BitTimingMode::Manual;
-    let rules = [
-        Rule {
-            is_idle: !can.fd,
-            keys: &[
-                "data_sample_point",
-                "data_timing",
-                "tdc",
-                "tdc_offset",
-                "tdc_filter",
-                "non_iso",
-            ],
-            decided_by: "data_bitrate",
-            why: "without `data_bitrate` the channel is classic CAN",
-        },
-        Rule {
-            is_idle: !is_manual,
-            keys: &["nominal_timing", "data_timing"],
-            decided_by: "bit_timing",
-            why: "it needs `bit_timing = \"manual\"`",
-        },
-        Rule {
-            is_idle: is_manual,
-            keys: &["sample_point", "data_sample_point"],
-            decided_by: "bit_timing",
-            why: "`bit_timing` is manual",
-        },
-        Rule {
-            is_idle: !can.tdc_runs(),
-            keys: &["tdc_offset", "tdc_filter"],
-            decided_by: "tdc",
-            why: "`tdc` is off at this data bit rate",
-        },
-        Rule {
-            is_idle: !can.tsu,
-            keys: &[
-                "tsu_external_timebase",
-                "tsu_capture_sof",
-                "tsu_64_bit",
-                "tsu_prescaler",
-                "tsu_timebase_source",
-                "tsu_tbsel",
-            ],
-            decided_by: "tsu",
-            why: "`tsu` is off",
-        },
-        Rule {
-            is_idle: !can.timeout,
-            keys: &["timeout_select", "timeout_period"],
-            decided_by: "timeout",
-            why: "`timeout` is off",
-        },
-    ];
-    let is_off = |key: &str| {
-        let flag = FLAGS.iter().find(|(flag, _)| *flag == key);
-        flag.is_some_and(|(_, subindex)| can.value(*subindex) == Some(0))
-    };
-    for Rule { keys, decided_by, why, .. } in rules.iter().filter(|rule| rule.is_idle) {
-        // What follows from a fault is none of its own, and one reason for a key is enough.
-        if document.is_faulty(&table.path(decided_by)) {
+    for entry in McanChannelConfig::fields() {
+        let Some(key) = entry.key.and_then(|key| key.split('.').next()) else { continue };
+        // `false` for something that is off does no harm.
+        let is_off = entry.form == KeyForm::Flag && can.value(entry.subindex) == Some(0);
+        if is_off || !table.has(key) {
             continue;
         }
-        for key in keys.iter().filter(|key| table.has(key) && !is_off(key)) {
-            if !document.is_faulty(&table.path(key)) {
-                table.fault(document, key, format!("`{key}` has no effect: {why}"));
-            }
+        let Some((decided_by, why)) = idle_reason(entry, can) else { continue };
+        // A consequence of another fault is not reported, and one reason for a key is enough.
+        if ![decided_by, key].iter().any(|key| document.is_faulty(&table.path(key))) {
+            table.fault(document, key, format!("`{key}` has no effect: {why}"));
         }
     }
     if can.fd && !can.tdc && can.tdc_runs() {
@@ -99,5 +33,31 @@ pub(crate) fn check(document: &mut Document<'_>, table: &Table<'_, '_>, can: &Mc
             TDC_FORCED_FROM / 1_000_000
         );
         table.fault(document, "tdc", reason);
+    }
+}
+
+/// The key that makes an entry ineffective, and why.
+fn idle_reason(entry: &Entry, can: &McanChannelConfig) -> Option<(&'static str, String)> {
+    // Non-ISO mode is written for classic CAN too, as in the manual's example.
+    let needs = if entry.subindex == NON_ISO { &[FD] } else { entry.needs };
+    let off = needs.iter().copied().find(|&needed| can.value(needed) == Some(0));
+    let is_window = matches!(entry.form, KeyForm::LowerBound | KeyForm::UpperBound);
+    match off {
+        Some(FD) => {
+            let why = "without `data_bitrate` the channel is classic CAN";
+            Some(("data_bitrate", why.to_owned()))
+        }
+        Some(BIT_TIMING) => Some(("bit_timing", "it needs `bit_timing = \"manual\"`".to_owned())),
+        Some(other) => {
+            let switch = McanChannelConfig::fields().find(|entry| entry.subindex == other)?.key?;
+            Some((switch, format!("`{switch}` is off")))
+        }
+        None if is_window && can.bit_timing_mode == BitTimingMode::Manual => {
+            Some(("bit_timing", "`bit_timing` is manual".to_owned()))
+        }
+        None if matches!(entry.subindex, TDC_OFFSET | TDC_FILTER) && !can.tdc_runs() => {
+            Some(("tdc", "`tdc` is off at this data bit rate".to_owned()))
+        }
+        None => None,
     }
 }

@@ -29,11 +29,11 @@ mod bus;
 mod channel;
 mod check;
 mod compare;
-mod data_path;
 mod device;
 mod document;
 pub mod export;
 mod fault;
+mod fields;
 mod filter;
 mod filter_compare;
 mod flash;
@@ -102,10 +102,10 @@ impl FromStr for ConfigFile {
 fn read(text: &str, foreign: &[(usize, u8)]) -> Result<ConfigFile, FileFaults> {
     let (mut document, root) = Document::parse(text);
     for (at, byte) in foreign {
-        document.foreign_byte(*at, *byte);
+        document.invalid_byte(*at, *byte);
     }
     let file = bus::read(&mut document, Table::root(&root));
-    if document.is_sound() {
+    if document.is_valid_toml() {
         check::check(&mut document, &file);
     }
     document.finish()?;

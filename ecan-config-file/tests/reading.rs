@@ -75,7 +75,7 @@ fn the_example_has_every_key() {
     for (head, table) in tables {
         let faults = read(&format!("{head}{table}")).unwrap_err();
         let text = faults.to_string();
-        let known = text.split("`nonsense` here; known are ").nth(1).expect(&text);
+        let known = text.split("unknown key `nonsense`; known keys: ").nth(1).expect(&text);
         for key in known.lines().next().unwrap().split(", ") {
             let is_there = EXAMPLE.contains(&format!("{key} = "))
                 || EXAMPLE.contains(&format!("[gateway.{key}]"))
@@ -196,14 +196,14 @@ can2 = { bitrate = 500_000, data_bitrate = 2_000_000, ram = { rx_fifo0_size = 64
     let faults = read(text).unwrap_err().0;
     let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
     let expected = [
-        (1, 12, "`cycle_us` is a decimal number, not a text"),
+        (1, 12, "`cycle_us` must be a number, not a string"),
         (2, 38, "Sync0 shift of 20000 us is not below its period of 10000 us"),
-        (5, 5, "`n` is 25, possible is 1..24"),
-        (6, 22, "`profile` is 3, possible are 0, 1, 4 and 5"),
+        (5, 5, "`n` = 25 is out of range; allowed: 1 to 24"),
+        (6, 22, "`profile` = 3 is invalid; allowed: 0, 1, 4, 5"),
         (7, 22, "slave 0, RxPDO: option TX_RESULT has no meaning in RxPDO; set it for TxPDO"),
         (8, 1, "`bitrate` is missing: the nominal bit rate in bit/s"),
-        (9, 1, "there is no key `bitrat` here; did you mean `bitrate`?"),
-        (10, 16, "`sample_point` is 101, possible is 0..100"),
+        (9, 1, "unknown key `bitrat`; did you mean `bitrate`?"),
+        (10, 16, "`sample_point` = 101 is out of range; allowed: 0 to 100"),
         (
             13,
             16,
@@ -212,7 +212,7 @@ can2 = { bitrate = 500_000, data_bitrate = 2_000_000, ram = { rx_fifo0_size = 64
         (
             14,
             13,
-            "`node_mode` is \"quiet\", possible is \"normal\", \"listen\", \"internal_loopback\", \"external_loopback\"",
+            "`node_mode` = \"quiet\" is invalid; allowed: \"normal\", \"listen\", \"internal_loopback\", \"external_loopback\"",
         ),
         (19, 7, "slave 0, channel 1: standard filter 0: range 0x300..0x200 is empty"),
         (22, 12, "slaves 0 and 1 are the same: alias 0, position 0"),
@@ -293,7 +293,7 @@ fn a_filter_into_a_receive_buffer_means_one_identifier() {
         let both = format!("{filter}match = \"{matching}\"\nid2 = 0x90\n");
         let faults = read(&both).unwrap_err().0;
         let found: Vec<_> = faults.iter().map(|it| (it.line, it.reason.as_str())).collect();
-        let why = "has no effect: a filter into a receive buffer means the one identifier `id1`";
+        let why = "has no effect: a filter into a receive buffer matches the one CAN ID `id1`";
         assert_eq!(found, [(9, &*format!("`match` {why}")), (10, &*format!("`id2` {why}"))]);
 
         let file = read(&filter).unwrap();
@@ -348,7 +348,7 @@ fn bytes_that_are_no_text_have_a_place_and_hide_nothing() {
     let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
     assert_eq!(
         found,
-        [(1, 19, "byte 0xB5 is not UTF-8"), (3, 5, "`n` is 25, possible is 1..24")],
+        [(1, 19, "byte 0xB5 is not UTF-8"), (3, 5, "`n` = 25 is out of range; allowed: 1 to 24")],
         "{found:?}"
     );
     assert!(parse(b"\xFF\xFE").is_err());
@@ -364,7 +364,7 @@ fn files_that_cannot_be_read_or_used_are_named() {
     assert!(error.to_string().contains("cell.toml"), "{error}");
     std::fs::write(&path, "[[gateway]]\nn = 0\ncan0 = { bitrate = 500_000 }\n").unwrap();
     let error = load(&path).unwrap_err().to_string();
-    assert!(error.contains("cell.toml: line 2, column 5: `n` is 0"), "{error}");
+    assert!(error.contains("cell.toml: line 2, column 5: `n` = 0 is out of range"), "{error}");
     std::fs::write(&path, EXAMPLE).unwrap();
     assert_eq!(load(&path).unwrap(), read(EXAMPLE).unwrap());
     let endless = load("/dev/zero").unwrap_err().to_string();
@@ -374,18 +374,21 @@ fn files_that_cannot_be_read_or_used_are_named() {
 #[test]
 fn wrong_numbers_and_words_are_told_whatever_their_form() {
     let cases = [
-        ("cycle_us = 99999999999999999999", "`cycle_us` is too great"),
-        ("cycle_us = nan", "`cycle_us` is NaN, possible is 0..4000000"),
-        ("cycle_us = -1", "`cycle_us` is -1, possible"),
-        ("master = 99999999999999999999", "`master` is too great"),
-        ("master = -1", "`master` is -1, possible is 0..65535"),
-        ("master = 1.5", "`master` is a whole number, not a number with a fraction"),
+        ("cycle_us = 99999999999999999999", "`cycle_us` is too large"),
+        ("cycle_us = nan", "`cycle_us` = NaN is out of range; allowed: 0 to 4000000"),
+        ("cycle_us = -1", "`cycle_us` = -1 is out of range"),
+        ("master = 99999999999999999999", "`master` is too large"),
+        ("master = -1", "`master` = -1 is out of range; allowed: 0 to 65535"),
+        ("master = 1.5", "`master` must be an integer, not a float"),
         ("master = 1979-05-27", "not a date"),
-        ("gateway = 1", "`gateway` is a list of tables, [[gateway]]"),
-        ("dc = [1]", "`dc` is a table, not a list"),
-        ("allow_large_pdos = \"yes\"", "`allow_large_pdos` is true or false, not a text"),
-        ("[[gateway]]\ncan4 = {}", "no key `can4` here; did you mean `can0`?"),
-        ("[[gateway]]\nn = 3\ncan0 = { bitrate = 5_000_000 }", "`bitrate` is 5000000, possible is"),
+        ("gateway = 1", "`gateway` must be an array of tables, [[gateway]]"),
+        ("dc = [1]", "`dc` must be a table, not an array"),
+        ("allow_large_pdos = \"yes\"", "`allow_large_pdos` must be true or false, not a string"),
+        ("[[gateway]]\ncan4 = {}", "unknown key `can4`; did you mean `can0`?"),
+        (
+            "[[gateway]]\nn = 3\ncan0 = { bitrate = 5_000_000 }",
+            "`bitrate` = 5000000 is out of range; allowed:",
+        ),
     ];
     for (text, words) in cases {
         let faults = read(text).unwrap_err().to_string();

@@ -26,14 +26,14 @@ static const char FAULTY[] = "cycle_us = \"fast\"\n"
 static const struct {
     uint32_t line, column;
     const char *words;
-} FAULTS[] = {{1, 12, "`cycle_us` is a decimal number, not a text"},
+} FAULTS[] = {{1, 12, "`cycle_us` must be a number, not a string"},
               {2, 38, "Sync0 shift of 20000 us"},
-              {5, 5, "`n` is 25, possible is 1..24"},
-              {6, 22, "possible are 0, 1, 4 and 5"},
+              {5, 5, "`n` = 25 is out of range; allowed: 1 to 24"},
+              {6, 22, "allowed: 0, 1, 4, 5"},
               {7, 22, "TX_RESULT"},
               {8, 1, "`bitrate` is missing"},
               {9, 1, "did you mean `bitrate`?"},
-              {10, 16, "`sample_point` is 101"},
+              {10, 16, "`sample_point` = 101"},
               {13, 16, "below the nominal"},
               {14, 13, "\"internal_loopback\""}};
 

@@ -202,14 +202,14 @@ object! {
         entry(Entry::rw(49, "Std filter count", U8).default(0).range(0, 64));
         entry(filter::<StandardMatch>(50, "Std filter type"));
         entry(Entry::rw(51, "Std filter action", U8).default(0).range(0, 7)
-            .values(FilterAction::VALUES));
+            .values(FilterAction::VALUES).form(KeyForm::Word));
         entry(filter::<bool>(52, "Std filter sync"));
         entry(Entry::rw(53, "Std ID1", U32).default(0).range(0, 0x7FF));
         entry(Entry::rw(54, "Std ID2", U32).default(0).range(0, 0x7FF));
         entry(Entry::rw(55, "Ext filter count", U8).default(0).range(0, 24));
         entry(filter::<ExtendedMatch>(56, "Ext filter type"));
         entry(Entry::rw(57, "Ext filter action", U8).default(0).range(0, 7)
-            .values(FilterAction::VALUES));
+            .values(FilterAction::VALUES).form(KeyForm::Word));
         entry(filter::<bool>(58, "Ext filter sync"));
         entry(Entry::rw(59, "Ext ID1", U32).default(0).range(0, 0x1FFF_FFFF));
         entry(Entry::rw(60, "Ext ID2", U32).default(0).range(0, 0x1FFF_FFFF));

@@ -93,15 +93,15 @@ fn every_fault_of_a_file_is_told_with_its_place() {
     let places: Vec<_> = listed.lines().map(|line| line.strip_prefix(&head).expect(line)).collect();
     let expected = [
         "1:12: cycle of 50 us is outside",
-        "2:20: `allow_large_pdos` is true or false, not a whole number",
-        "5:1: there is no key `sourc` here; did you mean `source`?",
-        "7:5: `n` is 0, possible is 1..24",
-        "9:10: `budget` is \"fair\", possible is \"balanced\"",
+        "2:20: `allow_large_pdos` must be true or false, not an integer",
+        "5:1: unknown key `sourc`; did you mean `source`?",
+        "7:5: `n` = 0 is out of range; allowed: 1 to 24",
+        "9:10: `budget` = \"fair\" is invalid; allowed: \"balanced\"",
         "11:11: slave 0, channel 0: nominal bit timing: 333 bit/s cannot be divided from a clock",
         "12:16: slave 0, channel 0: nominal bit timing: sample point window 90 %..80 %",
-        "15:13: `node_mode` is \"loud\"",
+        "15:13: `node_mode` = \"loud\" is invalid",
         "16:49: slave 0, channel 1: 32 FIFO and 1 dedicated transmit elements",
-        "20:7: `id1` is 2048, possible is 0..2047",
+        "20:7: `id1` = 2048 is out of range; allowed: 0 to 2047",
     ];
     assert_eq!(places.len(), expected.len(), "{listed}");
     for (place, expected) in places.iter().zip(expected) {
