@@ -214,8 +214,8 @@ fn a_file_with_faults_is_refused_with_all_of_them() {
         let arguments = [&["--ecrt", "sim"], command, &["--config", &path]].concat();
         let message = fails(6, &arguments);
         assert!(message.starts_with(&format!("ecan: cannot use {path}: 3 faults")), "{message}");
-        assert!(message.contains("line 3, column 5: `n` is 40"), "{message}");
-        assert!(message.contains("line 11, column 7: `id1` is 2048"), "{message}");
+        assert!(message.contains("line 3, column 5: `n` = 40"), "{message}");
+        assert!(message.contains("line 11, column 7: `id1` = 2048"), "{message}");
     }
     let message = fails(6, &["--ecrt", "sim", "dump", "--config", "/nonexistent.toml"]);
     assert!(message.starts_with("ecan: cannot read /nonexistent.toml: "), "{message}");
