@@ -170,7 +170,7 @@ bool object_value_print(object_type_t type, const uint8_t *data, size_t length)
     }
     putchar('\n');
     if (!is_right) {
-        report("the value has %zu bytes, not %zu", length, type.bytes);
+        report("the value has %zu bytes, expected %zu", length, type.bytes);
     }
     return is_right;
 }

@@ -137,7 +137,7 @@ fn the_probe_says_why_it_fails() {
     let probe = |extra: &[&str]| fails(PROBE, &[&base[..], extra].concat());
     let cases: [(&[&str], &str); 7] = [
         (&["--node", "1", "--index", "0x5FFF"], "0x06020000"),
-        (&["--node", "1", "--index", "0x1000", "--type", "u8"], "4 bytes, not 1"),
+        (&["--node", "1", "--index", "0x1000", "--type", "u8"], "4 bytes, expected 1"),
         (&["--node", "1", "--index", "0x1000", "--type", "u32", "--write", "1"], "0x06010002"),
         (&["--node", "100", "--index", "0x1000"], "node 100"),
         (&["--node", "1", "--index", "zero"], "expected a number"),
