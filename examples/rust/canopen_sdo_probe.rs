@@ -1,4 +1,4 @@
-//! Reads or writes an object of a CANopen node behind a gateway (manual 15.4).
+//! Reads or writes an object of a CANopen node through a gateway (manual 15.4).
 //!
 //! ```text
 //! canopen_sdo_probe --ecrt sim --node 1 --index 0x1000 --sub 0
@@ -12,51 +12,51 @@ use clap::Parser;
 use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
 use ecan_example_support::backend::{self, SimulationDefaults};
 use ecan_example_support::object_value::ValueType;
+use ecan_example_support::report_exit;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 
-/// Reads or writes an object of a CANopen node behind an ECAN-Lite gateway.
+/// Read or write an object of a CANopen node through an ECAN-Lite gateway
 #[derive(Debug, Parser)]
 #[command(name = "canopen_sdo_probe", version)]
 struct Arguments {
-    /// EtherCAT master library: a path, `sim` for the built-in simulator with drives, `sim:NAME` or
-    /// `sim:FILE.toml` for a scenario of it. Unset: the environment variable ECAN_ECRT, then the
-    /// installed libethercat.
+    /// EtherCAT master library: a path, or `sim`, `sim:NAME`, `sim:FILE.toml` for the simulator
+    /// [default: the environment variable ECAN_ECRT, else the installed libethercat]
     #[arg(long, value_name = "SETTING")]
     ecrt: Option<String>,
-    /// Index of the EtherCAT master.
+    /// Index of the EtherCAT master
     #[arg(long, value_name = "N", default_value_t = 0)]
     master: u32,
-    /// Position of the gateway.
+    /// Position of the gateway
     #[arg(long, value_name = "N", default_value_t = 0)]
     slave: u16,
-    /// CAN channel of the node.
+    /// CAN channel of the node
     #[arg(long, value_name = "CHANNEL", default_value_t = 0,
           value_parser = clap::value_parser!(u8).range(0..4))]
     channel: u8,
-    /// Node id.
+    /// Node-ID
     #[arg(long, value_name = "ID", value_parser = clap::value_parser!(u8).range(1..=127))]
     node: u8,
-    /// Index of the object, hexadecimal with 0x.
+    /// Index of the object; hexadecimal with 0x
     #[arg(long, value_name = "INDEX", value_parser = parse_u16)]
     index: u16,
-    /// Subindex.
+    /// Subindex of the object
     #[arg(long, value_name = "SUB", default_value = "0", value_parser = parse_u8)]
     sub: u8,
-    /// CAN bit rate in bit/s.
+    /// CAN bit rate, bit/s
     #[arg(long, value_name = "BITRATE", default_value_t = 1_000_000)]
     bitrate: u32,
-    /// Type of the value: u8, u16, u32, u64, i8, i16, i32, i64, string or hex. Unset: shown as the
-    /// number and the text that it may be.
+    /// Type of the value: u8, u16, u32, u64, i8, i16, i32, i64, string or hex [default: shown as
+    /// number and text]
     #[arg(long = "type", value_name = "TYPE")]
     value_type: Option<ValueType>,
-    /// Write this value instead of reading; needs --type.
+    /// Write this value first; needs --type
     #[arg(long, value_name = "VALUE", requires = "value_type", allow_hyphen_values = true)]
     write: Option<String>,
-    /// EtherCAT cycle in microseconds.
+    /// EtherCAT cycle
     #[arg(long, value_name = "US", default_value_t = 10_000)]
     cycle_us: u32,
-    /// How long the transfer may take, in milliseconds.
+    /// Timeout of the transfer
     #[arg(long, value_name = "MS", default_value_t = 5_000)]
     timeout_ms: u32,
 }
@@ -75,7 +75,7 @@ fn parse_u8(text: &str) -> Result<u8, String> {
 }
 
 fn main() -> ExitCode {
-    ecan_example_support::exit::report("canopen_sdo_probe", run(&Arguments::parse()))
+    report_exit("canopen_sdo_probe", run(&Arguments::parse()))
 }
 
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
@@ -83,14 +83,14 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         (Some(text), Some(kind)) => Some(kind.encode(text)?),
         _ => None,
     };
-    let wishes = SimulationDefaults {
+    let defaults = SimulationDefaults {
         scenario: "drives",
         slaves: usize::from(arguments.slave) + 1,
         seed: None,
         real_time: false,
         large_pdos: false,
     };
-    let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
+    let backend = backend::open(arguments.ecrt.as_deref(), defaults)?;
     let mut adapter = AdapterConfig::new(1).with_cycle_us(arguments.cycle_us);
     adapter.master_index = arguments.master;
     adapter.slaves[0].position = arguments.slave;
@@ -99,7 +99,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let mut port = Port::open(&backend.ecrt, adapter, config)?;
     port.wait_ready()?;
 
-    let node = NodeId::new(arguments.node).ok_or("no such node id")?;
+    let node = NodeId::new(arguments.node).ok_or("invalid node-ID")?;
     let mut network = Network::new(NetworkConfig::default());
     let address = NodeAddress { slave: 0, channel: arguments.channel, node };
     let node = network.add_node(address, NodeConfig::default())?;

@@ -1,4 +1,4 @@
-//! How well host and slaves keep together with distributed clocks (manual 8.4, 15.6).
+//! Synchrony of host and slaves with distributed clocks (manual 8.4, 15.6).
 //!
 //! ```text
 //! dc_clocks --ecrt sim:examples/scenarios/drift.toml --slaves 3 --source reference --plot clocks.svg
@@ -12,59 +12,56 @@ use std::process::ExitCode;
 use clap::{Parser, ValueEnum};
 use ecan_example_support::backend::{self, SimulationDefaults};
 use ecan_example_support::clock_plot::ClockPlot;
-use ecan_example_support::exit::report;
-use ecan_example_support::interrupt::Interrupt;
-use ecan_example_support::open::{Configure, open};
-use ecan_example_support::real_time::{self, RealTimeArguments};
+use ecan_example_support::{Interrupt, RealTimeArguments, real_time, report_exit, wait_ready};
 use ecan_host::{AdapterConfig, ClockSource, ClockStatus, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 
-/// Bit rate of the one CAN channel that every gateway needs; nothing is sent on it.
+/// Bit rate of the one CAN channel of every gateway, which carries no frames.
 const BITRATE: u32 = 1_000_000;
-/// Every so many nanoseconds a line is printed.
+/// Interval of the printed lines, ns.
 const LINE_NS: u64 = 1_000_000_000;
-/// A phase error below this counts as settled, in nanoseconds.
+/// Phase error below which the clocks count as settled, ns.
 const SETTLED_NS: u32 = 1_000;
 
-/// Shows how well host and slaves keep together with distributed clocks.
+/// Show the synchrony of host and slaves with distributed clocks
 #[derive(Debug, Parser)]
 #[command(name = "dc_clocks", version)]
 struct Arguments {
-    /// EtherCAT master library: a path, `sim` for the built-in simulator, `sim:FILE.toml` for a
-    /// scenario of it. Unset: the environment variable ECAN_ECRT, then the installed libethercat.
+    /// EtherCAT master library: a path, or `sim`, `sim:NAME`, `sim:FILE.toml` for the simulator
+    /// [default: the environment variable ECAN_ECRT, else the installed libethercat]
     #[arg(long, value_name = "SETTING")]
     ecrt: Option<String>,
-    /// Index of the EtherCAT master.
+    /// Index of the EtherCAT master
     #[arg(long, value_name = "N", default_value_t = 0)]
     master: u32,
-    /// Number of gateways.
+    /// Number of gateways
     #[arg(long, value_name = "N", default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     slaves: u16,
-    /// PDO size per direction, in chunks of 128 bytes.
+    /// PDO size per direction, in chunks of 128 bytes
     #[arg(long, value_name = "N", default_value_t = 3)]
     pdo_n: u8,
-    /// EtherCAT cycle and period of Sync0 in microseconds.
+    /// EtherCAT cycle and period of Sync0
     #[arg(long, value_name = "US", default_value_t = 1_000)]
     cycle_us: u32,
-    /// Shift of Sync0 in microseconds.
+    /// Shift of Sync0
     #[arg(long, value_name = "US", default_value_t = 0)]
     shift_us: u32,
-    /// Cycles to run.
+    /// Number of cycles
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     cycles: u64,
-    /// Whose clock the others follow.
+    /// Clock that the others follow
     #[arg(long, value_enum, default_value_t = Source::Host)]
     source: Source,
-    /// Slave whose clock is the reference [default: the first on the bus].
+    /// Slave with the reference clock [default: the first on the bus]
     #[arg(long, value_name = "SLAVE")]
     reference: Option<usize>,
-    /// Draw the phase error.
+    /// Write a picture of the phase error
     #[arg(long, value_name = "FILE.svg")]
     plot: Option<PathBuf>,
-    /// Seed of everything random in a simulation.
+    /// Seed of the random numbers of a simulation
     #[arg(long, value_name = "SEED")]
     seed: Option<u64>,
-    /// Run a simulation in wall-clock time instead of as fast as the machine goes.
+    /// Run a simulation in wall-clock time instead of at full speed
     #[arg(long)]
     real_time: bool,
     #[command(flatten)]
@@ -73,17 +70,18 @@ struct Arguments {
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum Source {
-    /// The host's: the slaves are corrected to it.
+    /// The slaves follow the host
     Host,
-    /// The reference clock's: the host's cycle is shifted to it.
+    /// The cycle of the host follows the reference clock
     Reference,
 }
 
 fn main() -> ExitCode {
-    report("dc_clocks", run(&Arguments::parse()))
+    report_exit("dc_clocks", run(&Arguments::parse()))
 }
 
-fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port>, Box<dyn Error>> {
+/// Gateways with Sync0 at the cycle.
+fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
     let mut adapter = AdapterConfig::new(arguments.slaves)
         .with_multiplier(arguments.pdo_n)
         .with_cycle_us(arguments.cycle_us);
@@ -98,28 +96,29 @@ fn open_port(arguments: &Arguments, interrupt: &Interrupt) -> Result<Option<Port
     });
     let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(BITRATE));
     let config = PortConfig::uniform(arguments.slaves.into(), gateway);
-    let wishes = SimulationDefaults {
+    let defaults = SimulationDefaults {
         scenario: "echo",
         slaves: arguments.slaves.into(),
         seed: arguments.seed,
         real_time: arguments.real_time,
         large_pdos: false,
     };
-    let backend = backend::open(arguments.ecrt.as_deref(), wishes)?;
+    let backend = backend::open(arguments.ecrt.as_deref(), defaults)?;
     arguments.thread.apply(|line| println!("{line}"))?;
-    open(&backend.ecrt, adapter, config, Configure::Write, interrupt)
+    Ok(Port::open(&backend.ecrt, adapter, config)?)
 }
 
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let interrupt = Interrupt::install()?;
-    let Some(mut port) = open_port(arguments, &interrupt)? else {
+    let mut port = open_port(arguments)?;
+    if !wait_ready(&mut port, &interrupt)? {
         println!("stopped by the user");
         return Ok(true);
-    };
+    }
     arguments.thread.set_timing(port.adapter_mut());
     port.adapter_mut().measure_cycles();
     let start = port.adapter().cycle_time_ns();
-    let mut seen = Seen::default();
+    let mut results = Results::default();
     let mut plot = ClockPlot::new(arguments.cycles);
     println!("   time   phase error      rate   synchrony  missed");
     for cycle in 0..arguments.cycles {
@@ -131,20 +130,20 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         port.next_cycle().finish();
         let Some(status) = port.adapter().clock_status() else { continue };
         let time = port.adapter().cycle_time_ns().saturating_sub(start);
-        seen.take(cycle, status);
+        results.take(cycle, status);
         plot.sample(cycle, time as f64 / 1e9, status);
-        if seen.line_due(time) {
+        if results.line_due(time) {
             println!("{:6.1} s {}", time as f64 / 1e9, line(status));
         }
     }
-    print!("{}", seen.summary(arguments.cycle_us));
+    print!("{}", results.summary(arguments.cycle_us));
     if let Some(statistics) = port.adapter().cycle_statistics() {
         real_time::print_statistics(port.adapter(), statistics);
     }
     if let Some(path) = &arguments.plot {
         plot.write(path)?;
     }
-    Ok(seen.settled_since.is_some())
+    Ok(results.settled_since.is_some())
 }
 
 fn line(status: ClockStatus) -> String {
@@ -155,17 +154,17 @@ fn line(status: ClockStatus) -> String {
     format!("{phase:>13} {rate:+7.2} ppm {synchrony:>11} {:>7}{locked}", status.missed_readings)
 }
 
-/// What the run has shown.
+/// Results of the run.
 #[derive(Debug, Default)]
-struct Seen {
+struct Results {
     lines: u64,
     largest_ns: u32,
-    /// Since when the phase error has stayed small.
+    /// First cycle of the present period with a small phase error.
     settled_since: Option<u64>,
     last: Option<ClockStatus>,
 }
 
-impl Seen {
+impl Results {
     fn take(&mut self, cycle: u64, status: ClockStatus) {
         self.last = Some(status);
         let Some(error) = status.phase_error_ns.map(i32::unsigned_abs) else { return };

@@ -16,13 +16,12 @@ use std::process::ExitCode;
 use clap::{Parser, ValueEnum};
 use ecan_example_support::bus_periods::BusRecord;
 use ecan_example_support::gateway_arguments::GatewayArguments;
-use ecan_example_support::interrupt::Interrupt;
 use ecan_example_support::log_file;
-use ecan_example_support::open::{Configure, open};
-use ecan_example_support::plan;
 use ecan_example_support::probe_report::{Report, Row};
-use ecan_example_support::real_time::{self, RealTimeArguments};
 use ecan_example_support::tx_probe::{Mode, Target, probe_id};
+use ecan_example_support::{
+    Interrupt, RealTimeArguments, print_plan, real_time, report_exit, wait_ready,
+};
 use ecan_host::{AdapterConfig, DcSync};
 use ecan_mcan_port::{
     FrameStream, GatewayConfig, PhaseSweep, Port, PortConfig, RECOMMENDED_OFFSET_NS,
@@ -106,7 +105,7 @@ fn parse_picture(text: &str) -> Result<PathBuf, String> {
 }
 
 fn main() -> ExitCode {
-    ecan_example_support::exit::report("mcan_gateway_tx_probe", run(&Arguments::parse()))
+    report_exit("mcan_gateway_tx_probe", run(&Arguments::parse()))
 }
 
 impl Arguments {
@@ -173,7 +172,7 @@ impl Arguments {
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let (adapter, config) = arguments.configuration()?;
     if arguments.gateways.plan {
-        plan::print(&adapter, &config, &[arguments.traffic()?])?;
+        print_plan(&adapter, &config, &[arguments.traffic()?])?;
         return Ok(true);
     }
     // What is not there shall not be told after the measurement. A log may come into being
@@ -187,11 +186,12 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         return Err("--bus-dump needs a simulated bus".into());
     }
     arguments.thread.apply(|line| println!("{line}"))?;
-    let Some(mut port) = open(&backend.ecrt, adapter, config, Configure::Write, &interrupt)? else {
+    let mut port = Port::open(&backend.ecrt, adapter, config)?;
+    if !wait_ready(&mut port, &interrupt)? {
         println!("stopped by the user");
         return Ok(true);
-    };
-    println!("{} gateway(s) in service", port.slave_count());
+    }
+    println!("{} gateway(s) ready", port.slave_count());
     arguments.thread.set_timing(port.adapter_mut());
     if arguments.sweep {
         return sweep(arguments, &mut port, &interrupt);

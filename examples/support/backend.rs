@@ -2,35 +2,35 @@
 
 use ecan_sim::{Backend, BackendError, ClockKind, EcrtSetting, SimOptions};
 
-/// How a program wants its simulation, should one be asked for.
+/// Simulation that a program uses by default.
 #[derive(Debug, Clone, Copy)]
 pub struct SimulationDefaults {
-    /// Built-in scenario for a plain `sim`.
+    /// Built-in scenario of a plain `sim`.
     pub scenario: &'static str,
     /// Number of gateways.
     pub slaves: usize,
-    /// Seed of everything random in the simulation.
+    /// Seed of the random numbers.
     pub seed: Option<u64>,
-    /// Run in wall-clock time instead of as fast as the machine goes.
+    /// Run in wall-clock time instead of at full speed.
     pub real_time: bool,
-    /// The program asks for PDOs that only a segmenting master carries.
+    /// The configuration has PDOs that a master must split into datagrams.
     pub large_pdos: bool,
 }
 
-/// Opens the library that `--ecrt`, the environment or the default names, and prints the banner
-/// of a simulated run.
+/// Opens the library that `--ecrt`, the environment or the default selects, and prints the banner of
+/// a simulated run.
 ///
 /// # Errors
-/// Why there is no library, in words.
-pub fn open(setting: Option<&str>, wishes: SimulationDefaults) -> Result<Backend, BackendError> {
+/// The library or the scenario cannot be opened.
+pub fn open(setting: Option<&str>, defaults: SimulationDefaults) -> Result<Backend, BackendError> {
     let setting = EcrtSetting::resolve(setting)?;
-    let clock = if wishes.real_time { ClockKind::Real } else { ClockKind::Stepped };
+    let clock = if defaults.real_time { ClockKind::Real } else { ClockKind::Stepped };
     let options = SimOptions {
-        suggested: Some(wishes.scenario.into()),
+        suggested: Some(defaults.scenario.into()),
         clock: Some(clock),
-        seed: wishes.seed,
-        slaves: Some(wishes.slaves),
-        carries_large_pdos: wishes.large_pdos.then_some(true),
+        seed: defaults.seed,
+        slaves: Some(defaults.slaves),
+        carries_large_pdos: defaults.large_pdos.then_some(true),
         bridges: Some(ecan_sim_bridge::make),
     };
     let backend = ecan_sim::open(&setting, &options)?;

@@ -1,58 +1,57 @@
-//! Comparing what comes back with what was sent.
+//! Comparison of returned frames with sent ones.
 
 use std::collections::VecDeque;
 
 use ecan_protocol::can::CanFrame;
 
-/// Expects every frame back on its channel, unchanged and in order.
-///
-/// Channels are counted over all gateways.
+/// Expects every frame back on its channel, unchanged and in order. Channels are numbered over all
+/// gateways.
 #[derive(Debug, Default)]
-pub struct Check {
-    under_way: Vec<VecDeque<CanFrame>>,
+pub struct EchoCheck {
+    pending: Vec<VecDeque<CanFrame>>,
     sent: u64,
     returned: u64,
     first_difference: Option<String>,
 }
 
-impl Check {
-    /// For this many channels.
+impl EchoCheck {
+    /// Creates a check for this number of channels.
     pub fn new(channels: usize) -> Self {
-        Self { under_way: vec![VecDeque::new(); channels], ..Self::default() }
+        Self { pending: vec![VecDeque::new(); channels], ..Self::default() }
     }
 
-    /// A frame was sent.
+    /// Adds a sent frame.
     pub fn sent(&mut self, channel: usize, frame: CanFrame) {
         self.sent += 1;
-        if let Some(queue) = self.under_way.get_mut(channel) {
+        if let Some(queue) = self.pending.get_mut(channel) {
             queue.push_back(frame);
         }
     }
 
-    /// A frame came back.
+    /// Compares a returned frame with the oldest pending one of its channel.
     pub fn received(&mut self, channel: usize, frame: &CanFrame) {
         self.returned += 1;
-        let due = self.under_way.get_mut(channel).and_then(VecDeque::pop_front);
-        if due.as_ref() != Some(frame) && self.first_difference.is_none() {
-            let due = due.map_or_else(|| "nothing".into(), |f| format!("{f:?}"));
+        let expected = self.pending.get_mut(channel).and_then(VecDeque::pop_front);
+        if expected.as_ref() != Some(frame) && self.first_difference.is_none() {
+            let expected = expected.map_or_else(|| "none".into(), |f| format!("{f:?}"));
             self.first_difference = Some(format!(
-                "frame {} on can{channel}: {frame:?} came back, {due} was due",
+                "frame {} on can{channel}: received {frame:?}, expected {expected}",
                 self.returned
             ));
         }
     }
 
-    /// Frames still under way.
-    pub fn under_way(&self) -> usize {
-        self.under_way.iter().map(VecDeque::len).sum()
+    /// Number of frames that have not returned.
+    pub fn pending(&self) -> usize {
+        self.pending.iter().map(VecDeque::len).sum()
     }
 
-    /// Frames sent and returned so far.
+    /// Numbers of sent and returned frames.
     pub fn counts(&self) -> (u64, u64) {
         (self.sent, self.returned)
     }
 
-    /// The first frame that came back otherwise than it should.
+    /// Description of the first difference.
     pub fn first_difference(&self) -> Option<&str> {
         self.first_difference.as_deref()
     }

@@ -1,11 +1,11 @@
-//! How a program ends: one readable message, and a status that scripts can use.
+//! End of a program: one readable message, and a status for scripts.
 
 use std::error::Error;
 use std::process::ExitCode;
 
-/// Success, failure without a message (it was printed already), or failure with one.
-pub fn report(program: &str, outcome: Result<bool, Box<dyn Error>>) -> ExitCode {
-    match outcome {
+/// Success, failure without a message (already printed), or failure with one.
+pub fn report_exit(program: &str, result: Result<bool, Box<dyn Error>>) -> ExitCode {
+    match result {
         Ok(true) => ExitCode::SUCCESS,
         Ok(false) => ExitCode::FAILURE,
         Err(error) => {

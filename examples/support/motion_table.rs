@@ -1,4 +1,4 @@
-//! The table of the axes at the end of a motion demo.
+//! Table of the axes at the end of a motion demo.
 
 use std::fmt::Write;
 
@@ -16,7 +16,7 @@ pub fn table(cia402: &Cia402) -> String {
     for axis in 0..cia402.axis_count() {
         let statistics = cia402.statistics(axis);
         let error = cia402.following_error(axis);
-        // The statistics take the error before the cycle's target, the column after it.
+        // The statistics measure the error before the target of the cycle, the column after it.
         let max_error = statistics.max_following_error.max(error.map_or(0, i64::unsigned_abs));
         let number = |value: Option<i64>| value.map_or_else(|| "-".into(), |v| v.to_string());
         let name = cia402.settings(axis).map(|s| s.address.to_string()).unwrap_or_default();

@@ -1,15 +1,15 @@
-//! The preflight plan (`--plan`): what a configuration costs, and what speaks against it.
+//! The preflight plan (`--plan`).
 
 use std::error::Error;
 
 use ecan_host::{AdapterConfig, Faults};
 use ecan_mcan_port::{FrameStream, PortConfig, PortPlan};
 
-/// Prints the plan with its warnings.
+/// Prints the load of a configuration, with its warnings.
 ///
 /// # Errors
-/// Everything that would not work, by the plan or by the check of the configuration.
-pub fn print(
+/// Every fault of the plan and of the configuration.
+pub fn print_plan(
     adapter: &AdapterConfig,
     config: &PortConfig,
     traffic: &[FrameStream],

@@ -1,27 +1,27 @@
-//! Telling the user when a gateway goes out of service or comes back.
+//! Reports of gateways that were lost or became ready.
 
 use ecan_mcan_port::{Port, Session};
 
-/// Remembers the sessions as last seen.
+/// Last reported session of each gateway.
 #[derive(Debug)]
 pub struct SessionWatch {
-    seen: Vec<Session>,
+    reported: Vec<Session>,
 }
 
 impl SessionWatch {
-    /// Starts with the sessions as they are.
+    /// Starts with the present sessions.
     pub fn new(port: &Port) -> Self {
-        Self { seen: port.gateways().map(|gateway| port.session(gateway)).collect() }
+        Self { reported: port.gateways().map(|gateway| port.session(gateway)).collect() }
     }
 
-    /// One line for every gateway whose session changed since the last call.
+    /// Returns a line for every gateway whose session changed since the last call.
     pub fn changes(&mut self, port: &Port) -> Vec<String> {
         let mut lines = Vec::new();
-        for (gateway, seen) in port.gateways().zip(&mut self.seen) {
-            let now = port.session(gateway);
-            if *seen != now {
-                *seen = now;
-                lines.push(format!("{gateway}: {now}"));
+        for (gateway, reported) in port.gateways().zip(&mut self.reported) {
+            let session = port.session(gateway);
+            if *reported != session {
+                *reported = session;
+                lines.push(format!("{gateway}: {session}"));
             }
         }
         lines

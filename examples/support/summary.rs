@@ -1,4 +1,4 @@
-//! The table at the end of a run.
+//! Table at the end of a run.
 
 use std::fmt::Write;
 
@@ -6,26 +6,17 @@ use ecan_mcan_port::Port;
 
 use crate::bus_load::BusLoad;
 
-/// Time of the run.
-#[derive(Debug, Clone, Copy)]
-pub struct Run {
-    /// Length of the run in nanoseconds.
-    pub elapsed_ns: u64,
-    /// Length of a cycle in nanoseconds.
-    pub cycle_ns: u32,
-}
-
-/// The summary of a Port, with the loads of its channels in the order of slave and channel.
-pub fn table(port: &Port, run: Run, loads: &[BusLoad]) -> String {
+/// Summary of a Port after `elapsed_ns`, with the loads of its channels ordered by slave and channel.
+pub fn table(port: &Port, elapsed_ns: u64, loads: &[BusLoad]) -> String {
     let mut text = String::new();
-    let seconds = run.elapsed_ns as f64 / 1e9;
+    let seconds = elapsed_ns as f64 / 1e9;
     // Writing to a String cannot fail.
-    let cycle_us = f64::from(run.cycle_ns) / 1e3;
+    let cycle_us = f64::from(port.adapter().config().cycle_ns) / 1e3;
     let _ = writeln!(text, "\nran {seconds:.3} s, cycle {cycle_us} us");
     let _ = writeln!(
         text,
         "\n{:<14}{:>10}{:>10}{:>10}{:>10}{:>12}{:>10}",
-        "channel", "sent", "delivered", "received", "discarded", "refused", "bus load"
+        "channel", "sent", "delivered", "received", "discarded", "rejected", "bus load"
     );
     for gateway in port.gateways() {
         let slave = gateway.slave();
@@ -37,9 +28,9 @@ pub fn table(port: &Port, run: Run, loads: &[BusLoad]) -> String {
             let percent = load.copied().unwrap_or_default().percent(
                 settings.can.nominal_bitrate,
                 settings.can.data_bitrate,
-                run.elapsed_ns,
+                elapsed_ns,
             );
-            let refused =
+            let rejected =
                 count.refused_image_full + count.refused_queue_full + count.refused_bus_off;
             let _ = writeln!(
                 text,
@@ -49,7 +40,7 @@ pub fn table(port: &Port, run: Run, loads: &[BusLoad]) -> String {
                 count.frames_delivered,
                 count.frames_received,
                 count.frames_discarded,
-                refused,
+                rejected,
                 percent
             );
         }
@@ -76,7 +67,7 @@ pub fn table(port: &Port, run: Run, loads: &[BusLoad]) -> String {
         if s.sessions_lost > 0 || s.txpdo_incomplete > 0 {
             let _ = writeln!(
                 text,
-                "{:<14}out of service {} time(s), incomplete images {}",
+                "{:<14}session lost {} time(s), incomplete images {}",
                 "", s.sessions_lost, s.txpdo_incomplete
             );
         }

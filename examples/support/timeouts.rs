@@ -1,6 +1,6 @@
-//! How long the programs that carry plain CAN frames wait before they give up or go on.
+//! Timeouts of the programs that send plain CAN frames.
 
-/// No frame came for so long: none is under way any more, in nanoseconds.
+/// Time without a frame after which none is pending, ns.
 pub const IDLE_TIMEOUT_NS: u64 = 200_000_000;
-/// No frame was taken or came back for so long: none will be any more, in nanoseconds.
+/// Time without an accepted or received frame after which a program ends, ns.
 pub const STALL_TIMEOUT_NS: u64 = 10_000_000_000;

@@ -9,7 +9,7 @@ const PROGRAM: &str = "dc_clocks";
 const DRIFT: &str = concat!("sim:", env!("CARGO_MANIFEST_DIR"), "/scenarios/drift.toml");
 
 #[test]
-fn host_and_slaves_keep_together_whoever_leads() {
+fn clocks_settle_with_either_reference() {
     let folder = tempfile::tempdir().unwrap();
     let plot = folder.path().join("clocks.svg");
     let base = ["--ecrt", DRIFT, "--slaves", "3", "--plot", plot.to_str().unwrap()];
@@ -30,7 +30,7 @@ fn host_and_slaves_keep_together_whoever_leads() {
 }
 
 #[test]
-fn what_cannot_be_is_told() {
+fn invalid_options_return_errors() {
     let message = fails(PROGRAM, &["--ecrt", "sim", "--reference", "1"]);
     assert!(message.contains("slave index 1 is not below 1"), "{message}");
     let message = fails(PROGRAM, &["--ecrt", "sim", "--shift-us", "1000"]);

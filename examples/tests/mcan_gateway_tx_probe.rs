@@ -29,7 +29,7 @@ fn row(printed: &str, mode: &str) -> (String, Vec<f64>) {
 }
 
 #[test]
-fn the_table_of_the_manual_direct_against_scheduled() {
+fn table_compares_direct_and_scheduled_sending() {
     let printed = succeeds(&[&SIM[..], &["--fd", "5000000"]].concat());
     assert!(printed.starts_with("SIMULATED") && printed.contains("Scenario jitter"), "{printed}");
     assert_eq!(printed.matches("master_period: min/max ").count(), 2, "{printed}");
@@ -48,7 +48,7 @@ fn the_table_of_the_manual_direct_against_scheduled() {
 }
 
 #[test]
-fn a_single_mode_a_spin_and_another_cycle() {
+fn single_mode_with_spin_and_other_cycle_runs() {
     let p95 = |arguments: &[&str]| {
         let printed = succeeds(&[&SIM[..], &["--mode", "direct"], arguments].concat());
         assert!(!printed.contains("scheduled"), "{printed}");
@@ -63,7 +63,7 @@ fn a_single_mode_a_spin_and_another_cycle() {
 }
 
 #[test]
-fn another_gateway_and_channel_and_the_same_result_for_the_same_seed() {
+fn same_seed_on_other_channel_gives_same_result() {
     let place = ["--slaves", "2", "--slave", "1", "--channel", "3", "--seed", "5"];
     let printed = succeeds(&[&SIM[..], &place].concat());
     assert_eq!(row(&printed, "scheduled").0, "1000/1000");
@@ -71,7 +71,7 @@ fn another_gateway_and_channel_and_the_same_result_for_the_same_seed() {
 }
 
 #[test]
-fn files_hold_every_frame_and_a_picture_that_needs_nothing_else() {
+fn files_contain_every_frame_and_a_complete_picture() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name).display().to_string();
     let (csv, html, svg, log) = (path("p.csv"), path("p.html"), path("p.svg"), path("bus.log"));
@@ -116,7 +116,7 @@ fn write_log(path: &str, numbers: &[u64]) {
 }
 
 #[test]
-fn an_analysers_log_tells_of_losses_and_order_and_its_own_resolution() {
+fn analyser_log_shows_losses_order_and_resolution() {
     let directory = tempfile::tempdir().unwrap();
     let log = directory.path().join("analyser.log").display().to_string();
     // 2 is lost, 5 and 4 have changed places, 6 came twice.
@@ -135,21 +135,21 @@ fn an_analysers_log_tells_of_losses_and_order_and_its_own_resolution() {
 }
 
 #[test]
-fn a_sweep_recommends_a_phase_that_then_loses_nothing() {
+fn recommended_phase_of_a_sweep_loses_no_frame() {
     let printed = succeeds(&["--ecrt", "sim", "--sweep", "--frames", "300"]);
     assert_eq!(printed.matches("<- recommended").count(), 1, "{printed}");
     let hint = printed.lines().last().unwrap();
     let (_, options) = hint.split_once(": ").unwrap();
-    let mut words: Vec<&str> = options.split_whitespace().collect();
-    assert_eq!(words.pop(), Some("120000"), "two minutes: {hint}");
-    words.pop();
-    let run = succeeds(&[&SIM[..], &["--mode", "scheduled"], &words].concat());
+    let mut expected: Vec<&str> = options.split_whitespace().collect();
+    assert_eq!(expected.pop(), Some("120000"), "two minutes: {hint}");
+    expected.pop();
+    let run = succeeds(&[&SIM[..], &["--mode", "scheduled"], &expected].concat());
     assert_eq!(row(&run, "scheduled").0, "1000/1000");
     assert!(run.contains("1000 sent, 0 late"), "{run}");
 }
 
 #[test]
-fn late_frames_are_dropped_and_told() {
+fn late_frames_are_dropped_and_reported() {
     let directory = tempfile::tempdir().unwrap();
     let scenario = directory.path().join("slow.toml");
     // The firmware is at hand 0 to 300 us after the image has arrived.
@@ -160,8 +160,8 @@ fn late_frames_are_dropped_and_told() {
     let printed = succeeds(&[&arguments[..], &["--offset-ns", "20000"]].concat());
     assert!(printed.contains("margin -"), "it was said before: {printed}");
     let told = printed.lines().last().unwrap();
-    let number = |words: &str| -> u64 {
-        let (before, _) = told.split_once(words).unwrap_or_else(|| panic!("{told}"));
+    let number = |expected: &str| -> u64 {
+        let (before, _) = told.split_once(expected).unwrap_or_else(|| panic!("{told}"));
         before.rsplit([' ', ':']).next().unwrap().parse().unwrap()
     };
     let (sent, late) = (number(" sent,"), number(" late,"));
@@ -171,7 +171,7 @@ fn late_frames_are_dropped_and_told() {
 }
 
 #[test]
-fn real_time_runs_on_the_clock_of_the_machine() {
+fn real_time_run_uses_the_system_clock() {
     let arguments = ["--ecrt", "sim", "--real-time", "--frames", "50", "--rt-priority", "1"];
     let printed = succeeds(&arguments);
     assert!(printed.contains("SCHED_FIFO priority 1: "), "{printed}");
@@ -179,7 +179,7 @@ fn real_time_runs_on_the_clock_of_the_machine() {
 }
 
 #[test]
-fn wrong_use_gets_a_message_that_helps() {
+fn wrong_use_returns_a_helpful_message() {
     let cases: [(&[&str], &str); 13] = [
         (&["--slave", "1"], "--slave 1 is not among 1 gateway(s)"),
         (&["--slaves", "0"], "--slaves"),
@@ -195,9 +195,9 @@ fn wrong_use_gets_a_message_that_helps() {
         (&["--sweep", "--csv", "a.csv"], "cannot be used with"),
         (&["--pdo-n", "12"], "at most 11"),
     ];
-    for (arguments, words) in cases {
+    for (arguments, expected) in cases {
         let message = fails(&[&["--ecrt", "sim"], arguments].concat());
-        assert!(message.contains(words), "{arguments:?}: {message}");
+        assert!(message.contains(expected), "{arguments:?}: {message}");
     }
     let output = program::run(NAME, &["--ecrt", "/no/such/libethercat.so.1"]);
     assert!(!output.status.success());

@@ -20,13 +20,13 @@ fn axis_line(printed: &str, axis: usize) -> (String, Vec<i64>) {
         .lines()
         .find(|line| line.starts_with(&start))
         .unwrap_or_else(|| panic!("{printed}"));
-    let words: Vec<&str> = line.split_whitespace().collect();
-    let numbers = words[words.len() - 7..].iter().map(|word| word.parse().unwrap()).collect();
+    let expected: Vec<&str> = line.split_whitespace().collect();
+    let numbers = expected[expected.len() - 7..].iter().map(|word| word.parse().unwrap()).collect();
     (line.to_owned(), numbers)
 }
 
 #[test]
-fn one_axis_is_enabled_without_moving() {
+fn one_axis_is_enabled_without_motion() {
     let printed = succeeds(SINGLE, &["--ecrt", "sim", "--step", "0"]);
     assert!(printed.starts_with("SIMULATED"), "{printed}");
     assert!(printed.contains("all axes enabled"), "{printed}");
@@ -38,7 +38,7 @@ fn one_axis_is_enabled_without_moving() {
 }
 
 #[test]
-fn one_axis_follows_its_steps_and_is_drawn() {
+fn one_axis_follows_its_steps_and_is_plotted() {
     let directory = tempfile::tempdir().unwrap();
     let plot = directory.path().join("axis.svg");
     let arguments = ["--ecrt", "sim", "--step", "100", "--cycles", "2000", "--plot"];
@@ -53,7 +53,7 @@ fn one_axis_follows_its_steps_and_is_drawn() {
 }
 
 #[test]
-fn ten_axes_run_behind_one_and_three_gateways() {
+fn ten_axes_run_on_one_and_three_gateways() {
     let fast = ["--cycle-us", "1000", "--dc-sync0", "--dc-shift-us", "700", "--step", "20"];
     for (slaves, extra) in [("1", &[][..]), ("3", &fast[..]), ("1", &fast[..])] {
         let base = ["--ecrt", "sim", "--slaves", slaves];
@@ -67,7 +67,7 @@ fn ten_axes_run_behind_one_and_three_gateways() {
 }
 
 #[test]
-fn options_of_the_manual_are_taken() {
+fn options_of_the_manual_are_accepted() {
     for extra in [
         &["--profile", "1", "--align4"][..],
         &["--profile", "5", "--motion-div", "2", "--step", "50"],
@@ -80,25 +80,25 @@ fn options_of_the_manual_are_taken() {
 }
 
 #[test]
-fn wrong_use_of_the_demos_gets_a_message_that_helps() {
+fn wrong_use_of_the_demos_returns_a_helpful_message() {
     let cases: [(&[&str], &str); 6] = [
-        (&["--profile", "2"], "not one of 0, 1, 4, 5"),
+        (&["--profile", "2"], "allowed: 0, 1, 4, 5"),
         (&["--node", "0"], "--node"),
         (&["--node", "99"], "node 99"),
         (&["--bitrate", "1"], "bit timing"),
         (&["--plot", "/no/such/dir/a.svg"], "cannot write /no/such/dir/a.svg"),
         (&["--skip-sdo-config"], "0x8011:09"),
     ];
-    for (arguments, words) in cases {
+    for (arguments, expected) in cases {
         let message = fails(SINGLE, &[&["--ecrt", "sim"], arguments].concat());
-        assert!(message.contains(words), "{arguments:?}: {message}");
+        assert!(message.contains(expected), "{arguments:?}: {message}");
     }
     let message = fails(TEN, &["--ecrt", "/no/such/libethercat.so"]);
     assert!(message.contains("was not found"), "{message}");
 }
 
 #[test]
-fn ctrl_c_brings_the_axes_to_rest() {
+fn ctrl_c_stops_the_axes() {
     let arguments = ["--ecrt", "sim", "--cycles", "1000000", "--cycle-us", "2000"];
     let mut child = command(SINGLE, &[&arguments[..], &["--step", "100"]].concat())
         .stdout(Stdio::piped())
@@ -120,7 +120,7 @@ fn ctrl_c_brings_the_axes_to_rest() {
 }
 
 #[test]
-fn the_probe_reads_and_writes_objects() {
+fn sdo_probe_reads_and_writes_objects() {
     let base = ["--ecrt", "sim", "--node", "1"];
     let probe = |extra: &[&str]| succeeds(PROBE, &[&base[..], extra].concat());
     let printed = probe(&["--index", "0x1000", "--sub", "0", "--bitrate", "1000000"]);
@@ -132,7 +132,7 @@ fn the_probe_reads_and_writes_objects() {
 }
 
 #[test]
-fn the_probe_says_why_it_fails() {
+fn sdo_probe_names_the_cause_of_failures() {
     let base = ["--ecrt", "sim"];
     let probe = |extra: &[&str]| fails(PROBE, &[&base[..], extra].concat());
     let cases: [(&[&str], &str); 7] = [
@@ -144,8 +144,8 @@ fn the_probe_says_why_it_fails() {
         (&["--node", "1", "--index", "0x1000", "--type", "float"], "expected u8"),
         (&["--node", "1", "--index", "0x6081", "--write", "1"], "--type"),
     ];
-    for (arguments, words) in cases {
+    for (arguments, expected) in cases {
         let message = probe(arguments);
-        assert!(message.contains(words), "{arguments:?}: {message}");
+        assert!(message.contains(expected), "{arguments:?}: {message}");
     }
 }

@@ -10,7 +10,7 @@ const SINGLE: &str = "cia402_single_axis_demo";
 const TEN: &str = "cia402_10axis_demo";
 const PROBE: &str = "mcan_gateway_tx_probe";
 
-/// The words of the line that begins with these.
+/// The expected of the line that begins with these.
 fn line<'a>(printed: &'a str, start: &str) -> Vec<&'a str> {
     let line = printed.lines().find(|line| line.starts_with(start));
     line.unwrap_or_else(|| panic!("{start} is not in {printed}")).split_whitespace().collect()
@@ -24,7 +24,7 @@ fn contains_all(printed: &str, parts: &[&str]) {
 
 /// 2 * 384 + 12 + 40 = 820 bytes of 80 ns; out and back 111 to 135 bits each in 10000.
 #[test]
-fn the_plain_loop_has_a_plan_without_a_master() {
+fn plan_of_the_plain_loop_needs_no_master() {
     for library in [&[][..], &["--ecrt", "/no/such/libethercat.so"], &["--ecrt", "sim"]] {
         let printed = succeeds(LOOP, &[&["--plan"], library].concat());
         assert_eq!(
@@ -38,7 +38,7 @@ fn the_plain_loop_has_a_plan_without_a_master() {
         );
         assert_eq!(line(&printed, "slave 0 RxPDO")[3..], ["360", "1", "(1)", "12", "(12)"]);
         contains_all(&printed, &["an estimate", "nothing speaks against it"]);
-        assert!(!printed.contains("SIMULATED") && !printed.contains("in service"), "{printed}");
+        assert!(!printed.contains("SIMULATED") && !printed.contains("ready"), "{printed}");
     }
 }
 
@@ -61,7 +61,7 @@ fn three_gateways_with_can_fd() {
 /// 100 frames of 8 bytes with 29 bits and one remote frame in 1 s: 101 frames of which each comes
 /// back.
 #[test]
-fn a_recording_is_spread_over_its_length() {
+fn recording_is_distributed_over_its_length() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("a.log");
     let mut log: String =
@@ -76,7 +76,7 @@ fn a_recording_is_spread_over_its_length() {
 }
 
 #[test]
-fn what_would_not_work_ends_with_the_reason() {
+fn impossible_plan_ends_with_the_reason() {
     let cases: [(&[&str], &[&str]); 5] = [
         (&["--pdo-n", "12"], &["N = 12 needs 1536 bytes", "N is at most 11", "2 faults"]),
         (&["--slaves", "3", "--pdo-n", "11", "--cycle-us", "500"], &["700.8 us on the wire"]),
@@ -84,11 +84,11 @@ fn what_would_not_work_ends_with_the_reason() {
         (&["--bitrate", "125000", "--cycle-us", "1000"], &["178 to 216 % of the bus"]),
         (&["--bitrate", "1"], &["bit timing"]),
     ];
-    for (arguments, words) in cases {
+    for (arguments, expected) in cases {
         let output = run(LOOP, &[&["--plan"], arguments].concat());
         let message = text(&output.stderr);
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
-        contains_all(&message, words);
+        contains_all(&message, expected);
         assert!(
             text(&output.stdout).contains("working counter"),
             "the table is there all the same"
@@ -100,7 +100,7 @@ fn what_would_not_work_ends_with_the_reason() {
 /// Three axes on channels 0 and 1, two on 2 and 3: 3 * 2 * 95 + 47 = 617 to 3 * 2 * 115 + 55 = 745
 /// of 2500 bits, a SYNC and three targets out, three TPDOs in; 427 to 515 with two axes.
 #[test]
-fn axes_fill_their_channels() {
+fn axes_load_their_channels() {
     let printed = succeeds(TEN, &["--plan", "--slaves", "1", "--cycle-us", "2500"]);
     assert_eq!(
         line(&printed, "slave 0 can0")[3..],
@@ -135,7 +135,7 @@ fn schedule(printed: &str) -> Vec<&str> {
 /// image arrives 68.5 us after it is sent, and 100 us of work and 30 us through the host later at
 /// the latest. A Sync0 at 700 us is 330.7 us before the first arrival that counts from the next.
 #[test]
-fn with_sync0_the_plan_tells_when_scheduled_frames_would_leave() {
+fn plan_with_sync0_shows_the_schedule_margin() {
     let sync0 = ["--plan", "--cycle-us", "1000", "--dc-sync0", "--dc-shift-us", "700"];
     let printed = succeeds(SINGLE, &sync0);
     contains_all(&printed, &["slave 0 LRW 768, clock 4, clock 4", "shifted by 700.0 us"]);
@@ -152,7 +152,7 @@ fn with_sync0_the_plan_tells_when_scheduled_frames_would_leave() {
 /// The probe's frame of 8 bytes takes 20 with its schedule record, 12 without; 11 bits and 8 bytes
 /// are 111 to 135 us of 1000.
 #[test]
-fn the_probe_plans_its_frames_with_their_offset() {
+fn plan_of_the_tx_probe_contains_the_offset() {
     let printed = succeeds(PROBE, &["--plan", "--offset-ns", "250000"]);
     assert_eq!(
         line(&printed, "slave 0 can0")[3..],
@@ -164,7 +164,7 @@ fn the_probe_plans_its_frames_with_their_offset() {
         ["250.0", "us", "30.7", "us", "198.5", "us", "700.0", "us", "950.0", "us", "330.7", "us"]
     );
     contains_all(&printed, &["nothing speaks against it"]);
-    assert!(!printed.contains("SIMULATED") && !printed.contains("in service"), "{printed}");
+    assert!(!printed.contains("SIMULATED") && !printed.contains("ready"), "{printed}");
 
     let printed = succeeds(PROBE, &["--plan", "--mode", "direct"]);
     assert_eq!(line(&printed, "slave 0 RxPDO")[3..], ["360", "1", "(1)", "12", "(12)"]);
@@ -179,7 +179,7 @@ fn the_probe_plans_its_frames_with_their_offset() {
 
 /// Images until 198.5 us: a pulse at 150 us falls among them, one at 210 us is 11.5 us behind.
 #[test]
-fn the_probe_is_told_of_phases_that_are_not_kept() {
+fn plan_of_the_tx_probe_warns_of_missed_phases() {
     let shift = |us| ["--plan", "--dc-shift-us", us];
     let printed = succeeds(PROBE, &shift("150"));
     contains_all(

@@ -30,7 +30,7 @@ fn frames_of_log(path: &Path) -> Vec<CanFrame> {
 }
 
 #[test]
-fn the_plain_loop_runs_and_sums_up() {
+fn plain_loop_runs_and_prints_a_summary() {
     let printed = succeeds(&["--ecrt", "sim"]);
     assert!(printed.starts_with("SIMULATED"), "{printed}");
     let channel = printed.lines().find(|line| line.starts_with("slave 0 can0")).unwrap();
@@ -39,7 +39,7 @@ fn the_plain_loop_runs_and_sums_up() {
 }
 
 #[test]
-fn three_gateways_and_all_channels_in_a_millisecond() {
+fn three_gateways_with_all_channels_run_at_1_ms() {
     let arguments = ["--ecrt", "sim", "--slaves", "3", "--channel", "all", "--cycle-us", "1000"];
     let printed = succeeds(&[&arguments[..], &["--cycles", "200"]].concat());
     assert_eq!(printed.matches("can").count(), 12, "{printed}");
@@ -48,7 +48,7 @@ fn three_gateways_and_all_channels_in_a_millisecond() {
 }
 
 #[test]
-fn the_environment_chooses_the_library_unless_the_option_does() {
+fn option_ecrt_takes_precedence_over_the_environment() {
     let output = command(&["--cycles", "10"]).env("ECAN_ECRT", "sim").output().unwrap();
     assert!(output.status.success(), "{}", text(&output.stderr));
     let output = command(&["--ecrt", "/no/such/libethercat.so", "--cycles", "10"])
@@ -59,13 +59,13 @@ fn the_environment_chooses_the_library_unless_the_option_does() {
 }
 
 #[test]
-fn the_same_seed_gives_the_same_output() {
+fn same_seed_gives_same_output() {
     let arguments = ["--ecrt", "sim", "--seed", "7", "--cycles", "300", "--channel", "all"];
     assert_eq!(succeeds(&arguments), succeeds(&arguments));
 }
 
 #[test]
-fn without_a_master_it_says_what_is_missing_and_what_to_do() {
+fn missing_master_error_names_cause_and_remedy() {
     let message = fails(&["--ecrt", "/no/such/libethercat.so.1"]);
     assert!(message.contains("/no/such/libethercat.so.1 was not found"), "{message}");
     assert_eq!(message.trim().lines().count(), 1, "{message}");
@@ -78,7 +78,7 @@ fn without_a_master_it_says_what_is_missing_and_what_to_do() {
 }
 
 #[test]
-fn a_real_recording_comes_back_unchanged() {
+fn real_recording_returns_unchanged() {
     let log = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/vehicle-can.log");
     if !log.exists() {
         println!("skipped: {} is not there", log.display());
@@ -88,7 +88,7 @@ fn a_real_recording_comes_back_unchanged() {
     let back = directory.path().join("back.log");
     let (log, dump) = (log.to_str().unwrap(), back.to_str().unwrap());
     let printed = succeeds(&["--ecrt", "sim", "--replay", log, "--dump", dump]);
-    assert!(printed.contains("6158 frames sent, 6158 came back"), "{printed}");
+    assert!(printed.contains("6158 frames sent, 6158 returned"), "{printed}");
     assert_eq!(frames_of_log(&back), frames_of_log(Path::new(log)));
 }
 
@@ -137,11 +137,14 @@ fn every_kind_of_frame_is_replayed() {
         assert_eq!(frames_of_log(&back), frames);
     }
     let message = fails(&base);
-    assert!(message.contains("line 1 is a CAN FD frame: give --fd"), "{message}");
+    assert!(
+        message.contains("line 1: CAN FD frame, but slave 0 channel 0 is classic; set --fd"),
+        "{message}"
+    );
 }
 
 #[test]
-fn a_replay_that_loses_frames_says_so_and_fails() {
+fn replay_with_lost_frames_fails() {
     let directory = tempfile::tempdir().unwrap();
     let log = directory.path().join("drive.log");
     let id = CanId::standard(1).unwrap();
@@ -153,11 +156,11 @@ fn a_replay_that_loses_frames_says_so_and_fails() {
     std::fs::write(&scenario, toml).unwrap();
     let ecrt = format!("sim:{}", scenario.display());
     let message = fails(&["--ecrt", &ecrt, "--replay", log.to_str().unwrap()]);
-    assert!(message.contains("did not come back") || message.contains("was due"), "{message}");
+    assert!(message.contains("did not return") || message.contains("expected"), "{message}");
 }
 
 #[test]
-fn a_replay_that_gets_nowhere_ends_and_says_why() {
+fn stalled_replay_ends_with_the_reason() {
     let directory = tempfile::tempdir().unwrap();
     let log = directory.path().join("drive.log");
     let id = CanId::standard(1).unwrap();
@@ -169,16 +172,16 @@ fn a_replay_that_gets_nowhere_ends_and_says_why() {
     let toml = "[[gateway]]\n[[node]]\nkind = \"echo\"\nbus = \"0.0\"\n\
                 [[fault]]\nkind = \"power_off\"\ngateway = 0\ncycle = 30000\n";
     std::fs::write(&dies, toml).unwrap();
-    for (scenario, words) in [(alone, "were not sent"), (dies, "waiting for OP")] {
+    for (scenario, expected) in [(alone, "were not sent"), (dies, "waiting for OP")] {
         let ecrt = format!("sim:{}", scenario.display());
         let arguments = ["--ecrt", &ecrt, "--cycle-us", "1000", "--replay", log.to_str().unwrap()];
         let message = fails(&arguments);
-        assert!(message.contains(words), "{message}");
+        assert!(message.contains(expected), "{message}");
     }
 }
 
 #[test]
-fn the_recording_is_not_overwritten() {
+fn recording_is_not_overwritten() {
     let directory = tempfile::tempdir().unwrap();
     let log = directory.path().join("drive.log");
     let frame = CanFrame::classic(CanId::standard(1).unwrap(), &[1]).unwrap();
@@ -190,7 +193,7 @@ fn the_recording_is_not_overwritten() {
 }
 
 #[test]
-fn wrong_use_gets_a_message_that_helps() {
+fn wrong_use_returns_a_helpful_message() {
     let directory = tempfile::tempdir().unwrap();
     let bad = directory.path().join("bad.log");
     std::fs::write(&bad, "(1.000000) can0 123#00\n(1.000000) can0 12Z#00\n").unwrap();
@@ -211,10 +214,10 @@ fn wrong_use_gets_a_message_that_helps() {
         (&["--cycle-us", "10"], "cycle of 10 us"),
         (&["--ecrt", "sim:none"], "unknown scenario"),
     ];
-    for (arguments, words) in cases {
+    for (arguments, expected) in cases {
         let sim: &[&str] = if arguments[0] == "--ecrt" { &[] } else { &["--ecrt", "sim"] };
         let message = fails(&[sim, arguments].concat());
-        assert!(message.contains(words), "{arguments:?}: {message}");
+        assert!(message.contains(expected), "{arguments:?}: {message}");
     }
 }
 
@@ -238,9 +241,9 @@ can1 = { bitrate = 1_000_000 }
 fn channels(printed: &str) -> Vec<(String, u64, u64, f64)> {
     let lines = printed.lines().filter(|line| line.starts_with("slave ") && line.contains(" can"));
     let row = |line: &str| {
-        let words: Vec<_> = line.split_whitespace().collect();
-        let number = |at: usize| words[at].parse::<u64>().unwrap();
-        (words[1..3].join(" "), number(3), number(4), words[8].parse().unwrap())
+        let expected: Vec<_> = line.split_whitespace().collect();
+        let number = |at: usize| expected[at].parse::<u64>().unwrap();
+        (expected[1..3].join(" "), number(3), number(4), expected[8].parse().unwrap())
     };
     lines.map(row).collect()
 }
@@ -256,7 +259,7 @@ fn lines_of_log(path: &Path) -> Vec<(String, CanFrame)> {
 }
 
 #[test]
-fn a_configuration_file_says_which_channels_carry_what() {
+fn configuration_file_sets_channels_and_bit_rates() {
     let directory = tempfile::tempdir().unwrap();
     let (cell, back) = (directory.path().join("cell.toml"), directory.path().join("back.log"));
     std::fs::write(&cell, CELL).unwrap();
@@ -264,7 +267,7 @@ fn a_configuration_file_says_which_channels_carry_what() {
     let base = ["--ecrt", "sim", "--cycles", "200", "--config", config, "--dump", dump];
 
     let printed = succeeds(&base);
-    assert!(printed.contains("2 gateway(s) in service"), "{printed}");
+    assert!(printed.contains("2 gateway(s) ready"), "{printed}");
     assert!(printed.contains(" s, cycle 2000 us\n"), "{printed}");
     let rows = channels(&printed);
     let names: Vec<_> = rows.iter().map(|row| row.0.as_str()).collect();
@@ -302,7 +305,7 @@ fn a_configuration_file_says_which_channels_carry_what() {
 }
 
 #[test]
-fn a_recording_goes_to_the_channels_of_a_configuration_file() {
+fn recording_uses_channels_of_the_configuration_file() {
     let directory = tempfile::tempdir().unwrap();
     let path = |name: &str| directory.path().join(name);
     let (cell, log, back) = (path("cell.toml"), path("drive.log"), path("back.log"));
@@ -316,7 +319,7 @@ fn a_recording_goes_to_the_channels_of_a_configuration_file() {
 
     write(&["can0 123##1112233", "can2 124#11", "can5 125#22", "can0 126#33"]);
     let printed = succeeds(&base);
-    assert!(printed.contains("4 frames sent, 4 came back"), "{printed}");
+    assert!(printed.contains("4 frames sent, 4 returned"), "{printed}");
     assert_eq!(lines_of_log(&back), lines_of_log(&log));
     let printed = succeeds(&[&base[..], &["--plan"]].concat());
     assert!(printed.contains("plan for 2 gateway(s), cycle 2000.0 us"), "{printed}");
@@ -327,19 +330,19 @@ fn a_recording_goes_to_the_channels_of_a_configuration_file() {
     assert_eq!(returned.len(), 2);
     assert!(returned.iter().all(|it| it.0 == "can5"), "{returned:?}");
 
-    let elsewhere = "line 2: can6 means slave 1 channel 2, which is not configured";
-    let classic = "line 2 is a CAN FD frame: slave 0 channel 2 has no data_bitrate in";
-    for (line, words) in [("can6 001#", elsewhere), ("can2 001##100", classic)] {
+    let elsewhere = "line 2: can6 is slave 1 channel 2, which is not configured";
+    let classic = "line 2: CAN FD frame, but slave 0 channel 2 is classic; set data_bitrate in";
+    for (line, expected) in [("can6 001#", elsewhere), ("can2 001##100", classic)] {
         write(&["can0 123##1112233", line]);
         for plan in [&[][..], &["--plan"][..]] {
             let message = fails(&[&base[..], plan].concat());
-            assert!(message.contains(replay) && message.contains(words), "{message}");
+            assert!(message.contains(replay) && message.contains(expected), "{message}");
         }
     }
 }
 
 #[test]
-fn a_configuration_file_is_planned() {
+fn plan_uses_the_configuration_file() {
     let directory = tempfile::tempdir().unwrap();
     let cell = directory.path().join("cell.toml");
     std::fs::write(&cell, CELL).unwrap();
@@ -352,7 +355,7 @@ fn a_configuration_file_is_planned() {
 }
 
 #[test]
-fn a_configuration_file_that_cannot_be_used_is_told_with_every_fault() {
+fn faulty_configuration_file_reports_every_fault() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("faulty.toml");
     let toml = "cycle_us = 2000\nspeed = 3\n[[gateway]]\nn = 25\ncan0 = { bitrate = 500_000 }\n";
@@ -377,7 +380,7 @@ fn text_of_failure(output: &Output) -> String {
 }
 
 #[test]
-fn a_configuration_file_takes_the_place_of_options() {
+fn configuration_file_conflicts_with_replaced_options() {
     let options: [&[&str]; 7] = [
         &["--slaves", "1"],
         &["--pdo-n", "3"],
@@ -395,7 +398,7 @@ fn a_configuration_file_takes_the_place_of_options() {
 }
 
 #[test]
-fn a_missing_gateway_is_named() {
+fn missing_gateway_is_named() {
     let directory = tempfile::tempdir().unwrap();
     let scenario = directory.path().join("one.toml");
     std::fs::write(&scenario, "[[gateway]]\n").unwrap();
@@ -405,7 +408,7 @@ fn a_missing_gateway_is_named() {
 }
 
 #[test]
-fn the_period_of_the_cycle_is_told_and_what_the_system_did_not_grant() {
+fn cycle_period_and_denied_settings_are_printed() {
     let base = ["--ecrt", "sim", "--cycles", "100", "--cycle-us", "1000"];
     assert!(!succeeds(&base).contains("master_period"), "nobody asked");
     let asked = ["--spin-us", "100", "--cpu", "4095"];
@@ -423,7 +426,7 @@ fn the_period_of_the_cycle_is_told_and_what_the_system_did_not_grant() {
     }
     assert!(!printed.contains("simulated times"), "{printed}");
 
-    // Granted or not, in words.
+    // Granted or not, in expected.
     let printed = succeeds(&[&base[..], &["--rt-priority", "1", "--lock-memory"]].concat());
     assert!(printed.contains("\nSCHED_FIFO priority 1: "), "{printed}");
     assert!(printed.contains("\nlocked memory with 262144 bytes of stack: "), "{printed}");
@@ -435,12 +438,12 @@ fn the_period_of_the_cycle_is_told_and_what_the_system_did_not_grant() {
 }
 
 #[test]
-fn ctrl_c_stops_the_loop_and_still_sums_up() {
+fn ctrl_c_stops_the_loop_with_a_summary() {
     let arguments = ["--ecrt", "sim", "--real-time", "--cycles", "1000000", "--cycle-us", "1000"];
     let mut child = command(&arguments).stdout(Stdio::piped()).spawn().unwrap();
     let mut output = BufReader::new(child.stdout.take().unwrap());
     let mut line = String::new();
-    while !line.contains("in service") {
+    while !line.contains("ready") {
         line.clear();
         assert!(output.read_line(&mut line).unwrap() > 0, "it ended by itself");
     }

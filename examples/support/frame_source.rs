@@ -1,4 +1,4 @@
-//! The frames that a loop sends: a counter, or a recording.
+//! Frames that a loop sends: a counter or a recording.
 
 use ecan_mcan_port::{Cycle, FrameRate, FrameStream, OkOrTemporary, PortConfig, SendError};
 use ecan_protocol::can::{CanFrame, CanId};
@@ -6,7 +6,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 use crate::log_file::LoggedFrame;
 
-/// Channels that a program uses, of those that each gateway has.
+/// Selection of the channels of each gateway.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Channels {
     /// One channel.
@@ -16,7 +16,7 @@ pub enum Channels {
 }
 
 impl Channels {
-    /// Whether the channel is used.
+    /// Whether the selection contains the channel.
     pub fn contains(self, channel: u8) -> bool {
         match self {
             Self::One(one) => one == channel,
@@ -24,24 +24,24 @@ impl Channels {
         }
     }
 
-    /// Where frames go to, in the order of the gateways and their channels.
-    pub fn places(self, config: &PortConfig) -> Vec<Place> {
-        let mut places = Vec::new();
+    /// Selected channels of a configuration, ordered by gateway and channel.
+    pub fn targets(self, config: &PortConfig) -> Vec<Target> {
+        let mut targets = Vec::new();
         for (slave, gateway) in config.gateways.iter().enumerate() {
             for (channel, settings) in (0..).zip(&gateway.channels) {
                 if let Some(settings) = settings.as_ref().filter(|_| self.contains(channel)) {
-                    places.push(Place { slave, channel, is_fd: settings.can.fd });
+                    targets.push(Target { slave, channel, is_fd: settings.can.fd });
                 }
             }
         }
-        places
+        targets
     }
 
-    /// The gateway and the channel that a recorded frame goes to: `canN` to channel N over all
-    /// gateways where all channels are used, otherwise each frame to the first of the places.
-    pub fn place_of(self, interface: &str, places: &[Place], gateways: usize) -> (usize, u8) {
+    /// Gateway and channel of a recorded frame. If all channels are selected, `canN` is channel N
+    /// counted over all gateways, otherwise every frame goes to the first target.
+    pub fn target_of(self, interface: &str, targets: &[Target], gateways: usize) -> (usize, u8) {
         let index = match self {
-            Self::One(_) => places.first().map_or(0, |first| first.index()),
+            Self::One(_) => targets.first().map_or(0, |first| first.index()),
             Self::All => {
                 let digits = interface.trim_start_matches(|c: char| !c.is_ascii_digit());
                 digits.parse::<usize>().unwrap_or(0) % (gateways * CHANNELS).max(1)
@@ -51,58 +51,58 @@ impl Channels {
     }
 }
 
-/// A channel of a gateway that frames go to.
+/// Channel that receives frames of the source.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Place {
-    /// The gateway, from 0.
+pub struct Target {
+    /// Slave index.
     pub slave: usize,
-    /// Its channel.
+    /// Channel, 0 to 3.
     pub channel: u8,
-    /// Whether the channel carries CAN FD.
+    /// Whether the channel uses CAN FD.
     pub is_fd: bool,
 }
 
-impl Place {
-    /// The channel, counted over all gateways.
+impl Target {
+    /// Channel number counted over all gateways.
     pub fn index(self) -> usize {
         self.slave * CHANNELS + usize::from(self.channel)
     }
 }
 
-/// A recorded frame and where it goes to.
+/// Recorded frame and its target.
 #[derive(Debug, Clone)]
-pub struct PlacedFrame {
-    /// Where it goes to.
-    pub place: Place,
-    /// The frame.
+pub struct RecordedFrame {
+    /// Target.
+    pub target: Target,
+    /// Frame.
     pub logged: LoggedFrame,
 }
 
-/// Sends what is due in a cycle.
+/// Source of the frames that are due in a cycle.
 #[derive(Debug)]
 pub enum Source {
-    /// One frame per channel and cycle with the number of the cycle in it.
+    /// One frame per channel and cycle that contains the cycle number.
     Counter {
-        /// Identifier of the frames.
+        /// CAN ID of the frames.
         id: CanId,
-        /// Where they go to: as CAN FD frames of 64 bytes, or as classic ones of 8.
-        places: Vec<Place>,
-        /// Cycles to send in.
+        /// Targets: CAN FD frames have 64 bytes, classic ones 8.
+        targets: Vec<Target>,
+        /// Number of cycles.
         cycles: u64,
-        /// Cycles sent in so far.
+        /// Cycles done.
         done: u64,
     },
-    /// The frames of a recording, none before its time, all that the gateway takes.
+    /// Frames of a recording, each at its time or later.
     Recording {
-        /// The recording.
-        frames: Vec<PlacedFrame>,
-        /// Frames sent so far.
+        /// Recording.
+        frames: Vec<RecordedFrame>,
+        /// Frames sent.
         done: usize,
     },
 }
 
 impl Source {
-    /// Number of steps in all: cycles or frames.
+    /// Total number of steps: cycles or frames.
     pub fn total(&self) -> u64 {
         match self {
             Self::Counter { cycles, .. } => *cycles,
@@ -118,12 +118,12 @@ impl Source {
         }
     }
 
-    /// Whether everything was sent.
+    /// Whether all frames were sent.
     pub fn is_done(&self) -> bool {
         self.done() >= self.total()
     }
 
-    /// Time stamp for a log line `elapsed_ns` after the start: the time of the recording goes on.
+    /// Timestamp of a log line `elapsed_ns` after the start; continues the time of the recording.
     pub fn log_time(&self, elapsed_ns: u64) -> u64 {
         match self {
             Self::Counter { .. } => elapsed_ns,
@@ -131,23 +131,23 @@ impl Source {
         }
     }
 
-    /// When the next frame of a recording is due, in nanoseconds after the start.
+    /// Due time of the next frame of a recording, ns after the start.
     pub fn next_due_ns(&self) -> Option<u64> {
         let Self::Recording { frames, done } = self else { return None };
         let next = frames.get(*done)?;
         Some(next.logged.time_ns.saturating_sub(start_ns(frames)))
     }
 
-    /// The frames for a plan: each goes out and comes back. Those of a recording are spread over
-    /// its length.
+    /// Traffic for a plan: each frame is sent and received. Frames of a recording are distributed evenly
+    /// over its length.
     ///
     /// # Errors
-    /// A counter frame that is none.
+    /// The counter frame is invalid.
     pub fn traffic(&self) -> Result<Vec<FrameStream>, SendError> {
         let mut sent = Vec::new();
         match self {
-            Self::Counter { id, places, .. } => {
-                for Place { slave, channel, is_fd } in places {
+            Self::Counter { id, targets, .. } => {
+                for Target { slave, channel, is_fd } in targets {
                     let frame = counter_frame(*id, *is_fd, 0)?;
                     let rate = FrameRate::PerCycle(1);
                     sent.push(FrameStream::to_bus(*slave, *channel, frame, rate));
@@ -156,29 +156,29 @@ impl Source {
             Self::Recording { frames, .. } => {
                 let last_ns = frames.last().map_or(0, |last| last.logged.time_ns);
                 let seconds = last_ns.saturating_sub(start_ns(frames)) as f64 / 1e9;
-                for (place, frame, count) in kinds(frames) {
+                for (target, frame, count) in kinds(frames) {
                     let rate = if seconds > 0.0 {
                         FrameRate::PerSecond(f64::from(count) / seconds)
                     } else {
                         FrameRate::PerCycle(count)
                     };
-                    sent.push(FrameStream::to_bus(place.slave, place.channel, frame, rate));
+                    sent.push(FrameStream::to_bus(target.slave, target.channel, frame, rate));
                 }
             }
         }
-        let back: Vec<_> = sent
+        let received: Vec<_> = sent
             .iter()
             .map(|s| FrameStream::from_bus(s.slave, s.channel, s.frame, s.rate))
             .collect();
-        Ok([sent, back].concat())
+        Ok([sent, received].concat())
     }
 
-    /// Sends what is due `elapsed_ns` after the start and reports each frame to `sent` with its
-    /// channel, counted over all gateways. A frame for which there is no room waits for the next
-    /// cycle, and with it all that come after it, so that their order holds.
+    /// Sends the frames that are due `elapsed_ns` after the start and passes each to `sent` with its
+    /// channel number over all gateways. After a temporary rejection a recording continues in the next
+    /// cycle, in order.
     ///
     /// # Errors
-    /// A frame that the port does not take for another reason.
+    /// The Port rejected a frame, and not temporarily.
     pub fn send(
         &mut self,
         cycle: &mut Cycle<'_>,
@@ -186,12 +186,12 @@ impl Source {
         mut sent: impl FnMut(usize, CanFrame),
     ) -> Result<(), SendError> {
         match self {
-            Self::Counter { id, places, done, .. } => {
-                for place in places {
-                    let frame = counter_frame(*id, place.is_fd, *done)?;
-                    let to = cycle.channel(place.slave, place.channel)?;
+            Self::Counter { id, targets, done, .. } => {
+                for target in targets {
+                    let frame = counter_frame(*id, target.is_fd, *done)?;
+                    let to = cycle.channel(target.slave, target.channel)?;
                     if cycle.send(to, &frame).ok_or_temporary()?.is_some() {
-                        sent(place.index(), frame);
+                        sent(target.index(), frame);
                     }
                 }
                 *done += 1;
@@ -199,15 +199,15 @@ impl Source {
             }
             Self::Recording { frames, done } => {
                 let start = start_ns(frames);
-                while let Some(PlacedFrame { place, logged }) = frames.get(*done) {
+                while let Some(RecordedFrame { target, logged }) = frames.get(*done) {
                     if logged.time_ns.saturating_sub(start) > elapsed_ns {
                         break;
                     }
-                    let to = cycle.channel(place.slave, place.channel)?;
+                    let to = cycle.channel(target.slave, target.channel)?;
                     if cycle.send(to, &logged.frame).ok_or_temporary()?.is_none() {
                         break;
                     }
-                    sent(place.index(), logged.frame);
+                    sent(target.index(), logged.frame);
                     *done += 1;
                 }
                 Ok(())
@@ -216,8 +216,8 @@ impl Source {
     }
 }
 
-/// When a recording begins.
-fn start_ns(frames: &[PlacedFrame]) -> u64 {
+/// Time of the first frame of a recording.
+fn start_ns(frames: &[RecordedFrame]) -> u64 {
     frames.first().map_or(0, |first| first.logged.time_ns)
 }
 
@@ -232,17 +232,17 @@ fn counter_frame(id: CanId, is_fd: bool, count: u64) -> Result<CanFrame, SendErr
     frame.map_err(SendError::from)
 }
 
-/// Frames of one length and format on a channel: the first of them, and how many there are.
-fn kinds(frames: &[PlacedFrame]) -> Vec<(Place, CanFrame, u32)> {
+/// Frames by target, format and length: the first of them, and their number.
+fn kinds(frames: &[RecordedFrame]) -> Vec<(Target, CanFrame, u32)> {
     let alike = |a: &CanFrame, b: &CanFrame| {
         (a.kind(), a.len(), a.id().is_extended()) == (b.kind(), b.len(), b.id().is_extended())
     };
-    let mut kinds: Vec<(Place, CanFrame, u32)> = Vec::new();
-    for PlacedFrame { place, logged } in frames {
+    let mut kinds: Vec<(Target, CanFrame, u32)> = Vec::new();
+    for RecordedFrame { target, logged } in frames {
         let frame = &logged.frame;
-        match kinds.iter_mut().find(|(to, first, _)| to == place && alike(first, frame)) {
+        match kinds.iter_mut().find(|(to, first, _)| to == target && alike(first, frame)) {
             Some((_, _, count)) => *count += 1,
-            None => kinds.push((*place, *frame, 1)),
+            None => kinds.push((*target, *frame, 1)),
         }
     }
     kinds

@@ -1,0 +1,161 @@
+//! Observations of a loop: returned frames, bus loads, sessions, log file and progress.
+
+use std::error::Error;
+use std::path::Path;
+use std::sync::Arc;
+
+use ecan_host::Clock;
+use ecan_mcan_port::{Port, ReceivedView};
+use ecan_protocol::can::CanFrame;
+use ecan_protocol::mapping::CHANNELS;
+use indicatif::ProgressBar;
+
+use crate::bus_load::BusLoad;
+use crate::echo_check::EchoCheck;
+use crate::frame_source::Source;
+use crate::log_file;
+use crate::progress;
+use crate::real_time;
+use crate::session_watch::SessionWatch;
+use crate::summary;
+use crate::timeouts::{IDLE_TIMEOUT_NS, STALL_TIMEOUT_NS};
+
+/// Minimum number of cycles without a frame before the loop ends.
+const IDLE_CYCLES: u64 = 20;
+
+/// Observations of a loop. Channels are numbered over all gateways.
+pub struct LoopRecord {
+    check: EchoCheck,
+    loads: Vec<BusLoad>,
+    sessions: SessionWatch,
+    dump: Option<log_file::Writer>,
+    progress: ProgressBar,
+    clock: Arc<dyn Clock>,
+    start_ns: u64,
+    last_frame_ns: u64,
+    cycle_ns: u64,
+}
+
+impl LoopRecord {
+    /// Starts now; returned frames are written to `dump`.
+    ///
+    /// # Errors
+    /// The log file cannot be created.
+    pub fn new(
+        port: &Port,
+        source: &Source,
+        dump: Option<&Path>,
+    ) -> Result<Self, log_file::LogFileError> {
+        let channels = port.slave_count() * CHANNELS;
+        let clock = port.adapter().ecrt().clock().clone();
+        Ok(Self {
+            check: EchoCheck::new(channels),
+            loads: vec![BusLoad::default(); channels],
+            sessions: SessionWatch::new(port),
+            dump: dump.map(log_file::Writer::create).transpose()?,
+            progress: progress::bar(source.total()),
+            start_ns: clock.now_ns(),
+            last_frame_ns: 0,
+            cycle_ns: u64::from(port.adapter().config().cycle_ns),
+            clock,
+        })
+    }
+
+    /// Time since the start, ns.
+    pub fn elapsed_ns(&self) -> u64 {
+        self.clock.now_ns() - self.start_ns
+    }
+
+    /// Adds an item that the cycle received.
+    ///
+    /// # Errors
+    /// The log file cannot be written.
+    pub fn received(
+        &mut self,
+        source: &Source,
+        item: &ReceivedView<'_>,
+    ) -> Result<(), log_file::LogFileError> {
+        let ReceivedView::Frame { slave, packet } = item else { return Ok(()) };
+        let channel = slave * CHANNELS + usize::from(packet.channel);
+        let frame = packet.frame.to_owned();
+        self.check.received(channel, &frame);
+        self.loads[channel].add(&frame);
+        self.last_frame_ns = self.elapsed_ns();
+        match &mut self.dump {
+            Some(dump) => dump.write(source.log_time(self.last_frame_ns), channel, frame),
+            None => Ok(()),
+        }
+    }
+
+    /// Adds a frame that the Port accepted.
+    pub fn sent(&mut self, channel: usize, frame: CanFrame) {
+        self.check.sent(channel, frame);
+        self.loads[channel].add(&frame);
+        self.last_frame_ns = self.elapsed_ns();
+    }
+
+    /// Prints gateways that were lost or became ready in the cycle. Returns whether the loop is over:
+    /// all frames have returned, none arrives any more, or the gateway accepts none.
+    pub fn end_cycle(&mut self, port: &Port, source: &Source, is_sending: bool) -> bool {
+        let now_ns = self.elapsed_ns();
+        for line in self.sessions.changes(port) {
+            self.progress.suspend(|| println!("{:>9.3} s  {line}", now_ns as f64 / 1e9));
+        }
+        self.progress.set_position(source.done());
+        let idle_ns = now_ns - self.last_frame_ns;
+        // A gap of the recording is not a stall.
+        let stalled_ns =
+            source.next_due_ns().map(|due| now_ns.saturating_sub(due.max(self.last_frame_ns)));
+        let is_idle = idle_ns > IDLE_TIMEOUT_NS.max(IDLE_CYCLES * self.cycle_ns);
+        stalled_ns.is_some_and(|ns| ns > STALL_TIMEOUT_NS)
+            || !is_sending && (self.check.pending() == 0 || is_idle)
+    }
+
+    /// Closes the log file and prints the summary.
+    ///
+    /// # Errors
+    /// The log file cannot be written.
+    pub fn print_summary(&mut self, port: &Port) -> Result<(), Box<dyn Error>> {
+        self.progress.finish_and_clear();
+        if let Some(dump) = self.dump.take() {
+            dump.finish()?;
+        }
+        print!("{}", summary::table(port, self.elapsed_ns(), &self.loads));
+        if let Some(statistics) = port.adapter().cycle_statistics() {
+            real_time::print_statistics(port.adapter(), statistics);
+        }
+        Ok(())
+    }
+
+    /// Prints the result of a replay. Returns whether every frame returned unchanged and in order.
+    pub fn print_replay_result(&self, port: &Port, source: &Source) -> bool {
+        let (sent, returned) = self.check.counts();
+        let mut faults: Vec<String> =
+            self.check.first_difference().map(String::from).into_iter().collect();
+        if !source.is_done() {
+            faults.push(format!("{} frames were not sent", source.total() - source.done()));
+        }
+        if self.check.pending() > 0 {
+            faults.push(format!("{} frames did not return", self.check.pending()));
+        }
+        for gateway in port.gateways() {
+            let statistics = port.statistics(gateway);
+            let errors = statistics.parse_errors + statistics.txpdo_torn;
+            if errors + statistics.txpdo_lost > 0 {
+                let lost = statistics.txpdo_lost;
+                faults.push(format!("{gateway}: {errors} image errors, {lost} images lost"));
+            }
+            if !port.gateway_is_ready(gateway) {
+                faults.push(format!("{gateway}: {}", port.session(gateway)));
+            }
+        }
+        println!("\nreplay: {sent} frames sent, {returned} returned");
+        if faults.is_empty() {
+            println!("replay: all frames unchanged and in order");
+        }
+        for fault in &faults {
+            eprintln!("simple_loop: {fault}");
+        }
+        faults.is_empty()
+    }
+}

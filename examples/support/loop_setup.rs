@@ -1,0 +1,102 @@
+//! Gateways and frames of a loop, from the options of its program.
+
+use std::error::Error;
+use std::path::Path;
+
+use ecan_host::AdapterConfig;
+use ecan_mcan_port::{GatewayConfig, PortConfig};
+use ecan_protocol::can::CanId;
+
+use crate::frame_source::{Channels, RecordedFrame, Source, Target};
+use crate::gateway_arguments::GatewayArguments;
+use crate::log_file::{self, LoggedFrame};
+
+/// Gaps of a recording that are reported, ns.
+const LONG_GAP_NS: u64 = 60_000_000_000;
+
+/// Configuration of the gateways, and the channels that carry frames.
+#[derive(Debug, Clone)]
+pub struct LoopSetup {
+    /// Master, slaves and cycle.
+    pub adapter: AdapterConfig,
+    /// Channels of the gateways.
+    pub port: PortConfig,
+    channels: Channels,
+    /// Remedy for a CAN FD frame on a classic channel.
+    fd_remedy: String,
+}
+
+impl LoopSetup {
+    /// Reads a configuration file (`ecan config example` prints one).
+    ///
+    /// # Errors
+    /// The file is faulty, or no gateway in it has the selected channel.
+    pub fn from_file(path: &Path, channels: Channels) -> Result<Self, Box<dyn Error>> {
+        let file = ecan_config_file::load(path)?;
+        if let Channels::One(channel) = channels
+            && channels.targets(&file.port).is_empty()
+        {
+            return Err(format!("{} has no channel {channel}", path.display()).into());
+        }
+        let fd_remedy = format!("set data_bitrate in {}", path.display());
+        Ok(Self { adapter: file.adapter, port: file.port, channels, fd_remedy })
+    }
+
+    /// Uses the options; all gateways are equal.
+    pub fn from_arguments(arguments: &GatewayArguments, cycle_us: u32, channels: Channels) -> Self {
+        let adapter = arguments.adapter(cycle_us);
+        let gateway = match channels {
+            Channels::One(channel) => GatewayConfig::on_channel(channel, arguments.channel()),
+            Channels::All => GatewayConfig::on_all_channels(&arguments.channel()),
+        };
+        let port = PortConfig::uniform(adapter.slaves.len(), gateway);
+        let fd_remedy = "set --fd DATA_BITRATE".to_owned();
+        Self { adapter, port, channels, fd_remedy }
+    }
+
+    /// A frame with a counter per channel and cycle.
+    pub fn counter(&self, id: CanId, cycles: u64) -> Source {
+        Source::Counter { id, targets: self.channels.targets(&self.port), cycles, done: 0 }
+    }
+
+    /// The frames of a candump log. Prints its long gaps.
+    ///
+    /// # Errors
+    /// The file cannot be read, or a frame does not fit the configured channels.
+    pub fn recording(&self, path: &Path) -> Result<Source, Box<dyn Error>> {
+        let name = path.display();
+        let targets = self.channels.targets(&self.port);
+        let assign = |logged| self.assign(logged, &targets);
+        let frames: Vec<_> = log_file::read(path)?
+            .into_iter()
+            .map(assign)
+            .collect::<Result<_, _>>()
+            .map_err(|reason| format!("{name}, {reason}"))?;
+        for pair in frames.windows(2) {
+            let (one, next) = (&pair[0].logged, &pair[1].logged);
+            let gap = next.time_ns.saturating_sub(one.time_ns);
+            if gap > LONG_GAP_NS {
+                println!("{name}, line {}: {} s without a frame", next.line, gap / 1_000_000_000);
+            }
+        }
+        Ok(Source::Recording { frames, done: 0 })
+    }
+
+    fn assign(&self, logged: LoggedFrame, targets: &[Target]) -> Result<RecordedFrame, String> {
+        let (line, interface) = (logged.line, &logged.interface);
+        let gateways = self.port.gateways.len();
+        let (slave, channel) = self.channels.target_of(interface, targets, gateways);
+        match targets.iter().find(|it| (it.slave, it.channel) == (slave, channel)) {
+            Some(target) if target.is_fd || !logged.frame.as_ref().is_fd() => {
+                Ok(RecordedFrame { target: *target, logged })
+            }
+            Some(_) => Err(format!(
+                "line {line}: CAN FD frame, but slave {slave} channel {channel} is classic; {}",
+                self.fd_remedy
+            )),
+            None => Err(format!(
+                "line {line}: {interface} is slave {slave} channel {channel}, which is not configured"
+            )),
+        }
+    }
+}

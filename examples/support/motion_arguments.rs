@@ -1,0 +1,166 @@
+//! Options and configuration of the CiA 402 demos (manual 15.6).
+
+use std::error::Error;
+use std::path::PathBuf;
+
+use clap::Args;
+use ecan_cia402::{AxisConfig, Cia402Config};
+use ecan_host::{Adapter, AdapterConfig, ClockSource, DcSync, Ecrt};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Traffic};
+use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
+use ecan_protocol::mapping::CHANNELS;
+use ecan_sim::Backend;
+
+use crate::backend::{self, SimulationDefaults};
+use crate::real_time::RealTimeArguments;
+
+/// Maximum bit rate of classic CAN, which CANopen uses.
+const MAX_BITRATE: u32 = 1_000_000;
+
+/// Options of the motion demos: those of manual 15.6 and the common ones.
+#[derive(Debug, Args)]
+pub struct MotionArguments {
+    /// EtherCAT master library: a path, or `sim`, `sim:NAME`, `sim:FILE.toml` for the simulator
+    /// [default: the environment variable ECAN_ECRT, else the installed libethercat]
+    #[arg(long, value_name = "SETTING")]
+    pub ecrt: Option<String>,
+    /// Index of the EtherCAT master
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub master: u32,
+    /// PDO size per direction, in chunks of 128 bytes
+    #[arg(long, value_name = "N", default_value_t = 3)]
+    pub pdo_n: u8,
+    /// CAN bit rate, bit/s
+    #[arg(long, value_name = "BITRATE", default_value_t = MAX_BITRATE)]
+    pub bitrate: u32,
+    /// EtherCAT cycle
+    #[arg(long, value_name = "US", default_value_t = 10_000)]
+    pub cycle_us: u32,
+    /// Step of every axis per target, in increments; 0 enables without motion
+    #[arg(long, value_name = "STEP", default_value_t = 0, allow_negative_numbers = true)]
+    pub step: i32,
+    /// Cycles per target
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub motion_div: u32,
+    /// PDO packet profile: 0, 1, 4 or 5
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub profile: u8,
+    /// Align packets to 4 bytes
+    #[arg(long)]
+    pub align4: bool,
+    /// Skip the startup SDOs; the gateways must be configured already
+    #[arg(long)]
+    pub skip_sdo_config: bool,
+    /// Use distributed clocks with Sync0
+    #[arg(long)]
+    pub dc_sync0: bool,
+    /// Period of Sync0 [default: the cycle]
+    #[arg(long, value_name = "US")]
+    pub dc_cycle_us: Option<u32>,
+    /// Synchronise the cycle to the reference clock of the slaves, not the slaves to the cycle
+    #[arg(long, requires = "dc_sync0")]
+    pub dc_follow: bool,
+    /// Shift of Sync0
+    #[arg(long, value_name = "US", default_value_t = 0)]
+    pub dc_shift_us: u32,
+    /// Print the plan with its warnings and exit, without a bus
+    #[arg(long)]
+    pub plan: bool,
+    /// Write a picture of the target and actual positions
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+    /// Options of the real-time thread
+    #[command(flatten)]
+    pub thread: RealTimeArguments,
+    /// Seed of the random numbers of a simulation
+    #[arg(long, value_name = "SEED")]
+    pub seed: Option<u64>,
+    /// Run a simulation in wall-clock time instead of at full speed
+    #[arg(long)]
+    pub real_time: bool,
+}
+
+impl MotionArguments {
+    /// Axes with the step of the options.
+    pub fn with_step(&self, axes: impl IntoIterator<Item = AxisConfig>) -> Vec<AxisConfig> {
+        axes.into_iter().map(|axis| axis.with_target_step(self.step)).collect()
+    }
+
+    /// Configuration of the axes' context.
+    pub fn cia402(&self) -> Cia402Config {
+        Cia402Config { motion_div: self.motion_div, ..Cia402Config::default() }
+    }
+
+    /// Configuration of the gateways: the channels of the axes are enabled.
+    ///
+    /// # Errors
+    /// The packet profile is invalid.
+    pub fn gateways(
+        &self,
+        slaves: u16,
+        axes: &[AxisConfig],
+    ) -> Result<(AdapterConfig, PortConfig), Box<dyn Error>> {
+        let mut adapter =
+            AdapterConfig::new(slaves).with_multiplier(self.pdo_n).with_cycle_us(self.cycle_us);
+        adapter.master_index = self.master;
+        if self.dc_sync0 {
+            let sync0_us = self.dc_cycle_us.unwrap_or(self.cycle_us);
+            let ns = |us: u32| us.saturating_mul(1_000);
+            let source = if self.dc_follow { ClockSource::Reference } else { ClockSource::Host };
+            adapter.dc = Some(DcSync { source, ..DcSync::new(ns(sync0_us), ns(self.dc_shift_us)) });
+        }
+        let profile = EncapsulationProfile::from_raw(self.profile)
+            .ok_or_else(|| format!("--profile {} is invalid; allowed: 0, 1, 4, 5", self.profile))?;
+        let options = if self.align4 { OptionFlags::ALIGN4 } else { OptionFlags::default() };
+        let mut gateways = vec![GatewayConfig::default(); usize::from(slaves)];
+        for (slave, gateway) in gateways.iter_mut().enumerate() {
+            (gateway.tx_encapsulation, gateway.rx_encapsulation) = (profile, profile);
+            (gateway.tx_options, gateway.rx_options) = (options, options);
+            for channel in 0..CHANNELS {
+                let is_here = |axis: &AxisConfig| {
+                    axis.address.slave == slave && usize::from(axis.address.channel) == channel
+                };
+                if axes.iter().any(is_here) {
+                    let config = ChannelConfig::classic(self.bitrate);
+                    gateway.channels[channel] = Some(config.with_traffic(Traffic::default()));
+                }
+            }
+        }
+        Ok((adapter, PortConfig { gateways }))
+    }
+
+    /// Opens the EtherCAT master library; a plain `sim` selects the scenario with drives.
+    ///
+    /// # Errors
+    /// The library or the scenario cannot be opened, or a real-time option was denied.
+    pub fn open_backend(&self, slaves: u16) -> Result<Backend, Box<dyn Error>> {
+        let backend = backend::open(
+            self.ecrt.as_deref(),
+            SimulationDefaults {
+                scenario: "drives",
+                slaves: usize::from(slaves),
+                seed: self.seed,
+                real_time: self.real_time,
+                large_pdos: false,
+            },
+        )?;
+        self.thread.apply(|line| println!("{line}"))?;
+        Ok(backend)
+    }
+
+    /// Opens the Port, without startup SDOs if the options skip them.
+    ///
+    /// # Errors
+    /// The configuration is faulty, or the bus rejects it.
+    pub fn open_port(
+        &self,
+        ecrt: &Ecrt,
+        adapter: AdapterConfig,
+        config: PortConfig,
+    ) -> Result<Port, Box<dyn Error>> {
+        if self.skip_sdo_config {
+            return Ok(Port::new(Adapter::open(ecrt, adapter)?, config)?);
+        }
+        Ok(Port::open(ecrt, adapter, config)?)
+    }
+}

@@ -1,0 +1,126 @@
+//! Observations of a motion demo: progress of the axes, plot and summary.
+
+use std::collections::HashMap;
+use std::error::Error;
+use std::path::Path;
+use std::sync::Arc;
+
+use ecan_cia402::{AxisProgress, Cia402, LoadWarning};
+use ecan_host::Clock;
+use ecan_mcan_port::Port;
+use indicatif::ProgressBar;
+
+use crate::motion_table;
+use crate::plot::Plot;
+use crate::progress;
+use crate::real_time;
+
+/// Observations of a motion demo.
+pub struct MotionRecord {
+    printer: ProgressPrinter,
+    plot: Plot,
+    progress: ProgressBar,
+    clock: Arc<dyn Clock>,
+    start_ns: u64,
+}
+
+impl MotionRecord {
+    /// Starts now, and prints the load of the buses.
+    pub fn new(port: &Port, cia402: &Cia402, cycles: u64) -> Self {
+        print_loads(cia402, port);
+        let clock = port.adapter().ecrt().clock().clone();
+        Self {
+            printer: ProgressPrinter::default(),
+            plot: Plot::new(cia402.axis_count(), cycles),
+            progress: progress::bar(cycles),
+            start_ns: clock.now_ns(),
+            clock,
+        }
+    }
+
+    /// Prints the progress of an axis if it changed.
+    pub fn print_progress(&mut self, axis: &AxisProgress) {
+        self.printer.print(axis);
+    }
+
+    /// Reports that all axes are active, and starts the time of the plot.
+    pub fn start_motion(&mut self, cycles: u64) {
+        let now_ns = self.clock.now_ns();
+        let seconds = (now_ns - self.start_ns) as f64 / 1e9;
+        println!("all axes enabled after {seconds:.2} s, {cycles} cycles of motion");
+        self.start_ns = now_ns;
+    }
+
+    /// Adds a cycle to the plot; prints the axes' progress if an axis rejected its target.
+    pub fn end_cycle(&mut self, cycle: u64, cia402: &Cia402, has_rejected: bool) {
+        let seconds = (self.clock.now_ns() - self.start_ns) as f64 / 1e9;
+        self.plot.sample(seconds, cycle, cia402);
+        if has_rejected {
+            let printer = &mut self.printer;
+            self.progress.suspend(|| cia402.progress_all().for_each(|axis| printer.print(&axis)));
+        }
+        self.progress.set_position(cycle);
+    }
+
+    /// Prints the cycle statistics and writes the plot.
+    ///
+    /// # Errors
+    /// The picture cannot be written.
+    pub fn finish(
+        &self,
+        port: &Port,
+        cia402: &Cia402,
+        plot: Option<&Path>,
+    ) -> Result<(), Box<dyn Error>> {
+        if let Some(statistics) = port.adapter().cycle_statistics() {
+            real_time::print_statistics(port.adapter(), statistics);
+        }
+        plot.map_or(Ok(()), |path| self.plot.write(path, cia402))
+    }
+
+    /// Table of the axes.
+    pub fn table(&self, cia402: &Cia402) -> String {
+        self.progress.finish_and_clear();
+        motion_table::table(cia402)
+    }
+}
+
+/// Prints the progress of an axis when it changes.
+#[derive(Default)]
+struct ProgressPrinter {
+    printed: HashMap<usize, String>,
+}
+
+impl ProgressPrinter {
+    fn print(&mut self, progress: &AxisProgress) {
+        let phase = progress.phase.to_string();
+        let printed = self.printed.entry(progress.axis).or_default();
+        if *printed != phase {
+            println!("  {progress}");
+            *printed = phase;
+        }
+    }
+}
+
+fn print_loads(cia402: &Cia402, port: &Port) {
+    for load in cia402.bus_load(port) {
+        let percent = |share: f64| share * 100.0;
+        println!(
+            "slave {} can{}: {} axes, {} + {} frames per cycle, bus load {:.0} to {:.0} %{}",
+            load.slave,
+            load.channel,
+            load.axes,
+            load.frames_out,
+            load.frames_in,
+            percent(load.least),
+            percent(load.most),
+            match load.warning() {
+                None => "",
+                Some(LoadWarning::TooMuch) => "; too high: use a longer cycle",
+                Some(LoadWarning::Budget) => "; more frames than the gateway serves per cycle",
+                Some(LoadWarning::Tight) => "; too high in the worst case of stuff bits",
+                Some(LoadWarning::NoReserve) => "; little reserve for SDO and heartbeats",
+            }
+        );
+    }
+}
