@@ -111,8 +111,8 @@ typedef enum {
 } igh_cia402_range_t;
 
 /**
- * What a drive does when the host's heartbeat stays away (0x6007), in igh_cia402_axis_t.host_loss.
- * A manufacturer may have further, negative ones.
+ * What a drive does when the host's heartbeat stays away (0x6007), in
+ * igh_cia402_axis_t.host_loss. A manufacturer may have further, negative ones.
  */
 typedef enum {
     /** Nothing. */
@@ -1322,8 +1322,8 @@ typedef struct {
     /** Those refused because of the following window. */
     uint64_t refused_window;
     /**
-     * Cycles in which a running axis got no target: a missed working counter, a repeated image, no
-     * room.
+     * Cycles in which a running axis got no target: a missed working counter, a repeated
+     * image, no room.
      */
     uint64_t waits;
     /** Times that the axis held. */
@@ -1335,8 +1335,8 @@ typedef struct {
     /** TPDOs that never came, by the number of SYNCs sent. */
     uint64_t lost_tpdos;
     /**
-     * Cycles with an actual position that is not worth the name: in an incomplete image, behind a
-     * backlog.
+     * Cycles with an actual position that is not worth the name: in an incomplete image,
+     * behind a backlog.
      */
     uint64_t unusable_positions;
     /** Largest distance between target and actual position while targets went out, in steps. */
@@ -1356,8 +1356,8 @@ typedef struct {
 } igh_cia402_axis_statistics_t;
 
 /**
- * Load of one channel by the process data of its axes and SYNC. SDO, heartbeats and NMT need what
- * is left.
+ * Load of one channel by the process data of its axes and SYNC. SDO, heartbeats and NMT need
+ * what is left.
  */
 typedef struct {
     /** Share of the bus without a stuff bit; 1.0 is all of it. */

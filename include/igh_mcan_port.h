@@ -835,13 +835,16 @@ int igh_mcan_port_discard_pending(igh_mcan_port_t *port, size_t slave);
 #define IGH_MCAN_SCHEDULE_TIMER_MISS 512
 
 /**
- * The times that the margin of a schedule is reckoned with, and what is done without margin. The
- * manual gives no times; docs/ASSUMPTIONS.md says where the defaults come from.
+ * The times that the margin of a schedule is reckoned with, and what is done without margin.
+ * The manual gives no times; docs/ASSUMPTIONS.md says where the defaults come from.
  */
 typedef struct {
     /** Latest time behind the point of the grid at which the cycle is sent, in nanoseconds. */
     uint32_t latest_send_ns;
-    /** Way of an image through host and network card, in nanoseconds, beside its time on the wire. */
+    /**
+     * Way of an image through host and network card, in nanoseconds, beside its time on the
+     * wire.
+     */
     uint32_t transport_ns;
     /** What the firmware needs until a frame waits for its phase, in nanoseconds. */
     uint32_t processing_ns;
@@ -862,8 +865,8 @@ typedef struct {
 } igh_mcan_schedule_settings_t;
 
 /**
- * Times around the Sync0 pulse that the offset of a scheduled frame counts from, in nanoseconds
- * from the point of the cycle's grid.
+ * Times around the Sync0 pulse that the offset of a scheduled frame counts from, in
+ * nanoseconds from the point of the cycle's grid.
  */
 typedef struct {
     /** Earliest arrival of the image in the gateway. */
@@ -885,13 +888,16 @@ typedef struct {
 } igh_mcan_schedule_margin_t;
 
 /**
- * What became of a channel's scheduled frames. `scheduled` is the sum of `sent` to `open`; all but
- * `open` only grow.
+ * What became of a channel's scheduled frames. `scheduled` is the sum of `sent` to `open`; all
+ * but `open` only grow.
  */
 typedef struct {
     /** Frames that were taken. */
     uint64_t scheduled;
-    /** Frames that the gateway took and, by its flags, handed to the CAN controller at their phase. */
+    /**
+     * Frames that the gateway took and, by its flags, handed to the CAN controller at their
+     * phase.
+     */
     uint64_t sent;
     /** Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT. */
     uint64_t late_dropped;
@@ -899,11 +905,14 @@ typedef struct {
     uint64_t queue_full;
     /** Frames that the gateway did not take for another reason. Needs TX_RESULT. */
     uint64_t not_sent;
-    /** Frames that never left the host: discarded, or taken back since the cycle ended too late. */
+    /**
+     * Frames that never left the host: discarded, or taken back since the cycle ended too
+     * late.
+     */
     uint64_t withdrawn;
     /**
-     * Frames of which it cannot be told, among them those of an image that was published again, a
-     * period late.
+     * Frames of which it cannot be told, among them those of an image that was published
+     * again, a period late.
      */
     uint64_t unknown;
     /** Frames of which it is not told yet. */
@@ -933,8 +942,8 @@ typedef struct {
     /** 0x9011:02 Sync0 pulses counted. */
     uint32_t sync0_count;
     /**
-     * 0x9011:04 Smallest distance from a Sync0 pulse to the arrival of an image, in CPU cycles of
-     * the gateway (0x8000:04).
+     * 0x9011:04 Smallest distance from a Sync0 pulse to the arrival of an image, in CPU cycles
+     * of the gateway (0x8000:04).
      */
     int32_t phase_min_cycles;
     /** 0x9011:05 Largest such distance. */

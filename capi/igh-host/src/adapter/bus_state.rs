@@ -9,7 +9,7 @@ use ecan_mcan_host::mirror;
 
 use super::context::ecan_igh_context_t;
 use crate::entry::enter;
-use crate::errors::{self, no_slave};
+use crate::errors::{OrCode as _, no_slave};
 
 /// AL state of a slave.
 #[repr(C)]
@@ -106,7 +106,7 @@ pub unsafe extern "C" fn ecan_igh_slave_count(context: *mut ecan_igh_context_t) 
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_is_operational(context: *mut ecan_igh_context_t) -> c_int {
     enter!(ecan_igh_is_operational, context).get(|call, adapter| {
-        let all = adapter.all_operational().map_err(|error| errors::cycle(call, &error))?;
+        let all = adapter.all_operational().or_code(call)?;
         Ok(all.into())
     })
 }
@@ -124,7 +124,7 @@ pub unsafe extern "C" fn ecan_igh_get_slave_state(
 ) -> c_int {
     enter!(ecan_igh_get_slave_state, context -> state).fill(|call, adapter| {
         need_slave(call, adapter, slave)?;
-        let state = adapter.slave_state(slave).map_err(|error| errors::cycle(call, &error))?;
+        let state = adapter.slave_state(slave).or_code(call)?;
         Ok(state.into())
     })
 }
@@ -140,7 +140,7 @@ pub unsafe extern "C" fn ecan_igh_get_master_state(
 ) -> c_int {
     enter!(ecan_igh_get_master_state, context -> state).fill(|call, adapter| {
         let state = adapter.diagnostics().master_state();
-        Ok(state.map_err(|error| errors::adapter(call, &error))?.into())
+        Ok(state.or_code(call)?.into())
     })
 }
 
@@ -160,7 +160,7 @@ pub unsafe extern "C" fn ecan_igh_get_slave_info(
         let found = adapter
             .serial_number(slave)
             .and_then(|serial| Ok((serial, adapter.diagnostics().slave_info(slave)?)));
-        let (serial_number, found) = found.map_err(|error| errors::adapter(call, &error))?;
+        let (serial_number, found) = found.or_code(call)?;
         let mut value = ecan_igh_slave_info_t {
             serial_number,
             vendor_id: found.vendor_id,

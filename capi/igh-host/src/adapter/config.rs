@@ -4,13 +4,13 @@
 
 use std::ffi::{c_char, c_int};
 
-use ecan_host::{AdapterConfig, DcSync, Identity, SlaveConfig, StartupStep};
+use ecan_host::{AdapterConfig, DcSync, Error, Identity, SlaveConfig, StartupStep};
 use ecan_mcan_host::boundary::{Call, OutArray, Plain, Sealed, call, put_text};
 use ecan_mcan_host::common::constants::{ECAN_DEFAULT_CYCLE_US, ECAN_DEFAULT_PDO_MULTIPLIER};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::PortConfig;
 
-use crate::errors::{self, no_slave};
+use crate::errors::{OrCode as _, no_slave};
 use crate::mcan_port::config::PortPlain;
 
 /// Most slaves of a configuration.
@@ -306,7 +306,7 @@ pub unsafe extern "C" fn ecan_igh_check_config(config: *const ecan_igh_config_t)
     call("ecan_igh_check_config", |call| {
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let config = unsafe { AdapterPlain::read(call, config)? }.to_rust();
-        config.check().map_err(|faults| errors::adapter(call, &faults.into()))
+        config.check().map_err(Error::from).or_code(call)
     })
 }
 

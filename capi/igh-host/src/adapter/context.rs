@@ -11,7 +11,7 @@
 use std::ffi::{c_int, c_void};
 use std::time::Duration;
 
-use ecan_host::{Adapter, Master};
+use ecan_host::{Adapter, Error, Master};
 use ecan_mcan_host::boundary::{Call, call, getter};
 use ecan_mcan_host::common::result::ecan_result_t;
 
@@ -20,7 +20,7 @@ use super::library;
 use crate::bus::{self, Bus};
 use crate::callback::StopCallback;
 use crate::entry::{Context, enter};
-use crate::errors;
+use crate::errors::{self, OrCode as _};
 use crate::handle::{self, Entered, Kind, Words};
 
 /// A master with its slaves. Belongs to one thread at a time; do not move or copy it. What builds
@@ -78,10 +78,10 @@ pub unsafe extern "C" fn ecan_igh_init(
             handle::init(call, context.cast(), Kind::Adapter, || {
                 let rust = config.to_rust();
                 // A faulty configuration is reported before the library is loaded.
-                rust.check().map_err(|faults| errors::adapter(call, &faults.into()))?;
+                rust.check().map_err(Error::from).or_code(call)?;
                 let library = library::open(call, config)?;
                 let adapter = Adapter::open(&library.ecrt, rust);
-                let adapter = adapter.map_err(|e| errors::adapter(call, &e))?;
+                let adapter = adapter.or_code(call)?;
                 Ok(Bus::new(adapter, config.applied(), library.is_stepped))
             })
         }
@@ -119,14 +119,14 @@ pub unsafe extern "C" fn ecan_igh_attach(
         unsafe {
             handle::init(call, context.cast(), Kind::Adapter, || {
                 let rust = config.to_rust();
-                rust.check().map_err(|faults| errors::adapter(call, &faults.into()))?;
+                rust.check().map_err(Error::from).or_code(call)?;
                 let library = library::open(call, config)?;
                 let foreign =
                     Master::from_raw(library.ecrt.clone(), master.cast()).map_err(|errno| {
                         call.fail(ecan_result_t::ECAN_ERR_MASTER, format_args!("{errno}"))
                     })?;
                 let adapter = Adapter::attach(&library.ecrt, foreign, rust);
-                let adapter = adapter.map_err(|e| errors::adapter(call, &e))?;
+                let adapter = adapter.or_code(call)?;
                 Ok(Bus::new(adapter, config.applied(), library.is_stepped))
             })
         }
@@ -140,9 +140,8 @@ pub unsafe extern "C" fn ecan_igh_attach(
 ///          ECAN_ERR_MASTER, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_owner_activated(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_owner_activated, context).run(|call, adapter| {
-        adapter.owner_activated().map_err(|error| errors::adapter(call, &error))
-    })
+    enter!(ecan_igh_owner_activated, context)
+        .run(|call, adapter| adapter.owner_activated().or_code(call))
 }
 
 /// Starts cyclic operation without waiting for OP: from now on the application runs the cycle and
@@ -153,8 +152,7 @@ pub unsafe extern "C" fn ecan_igh_owner_activated(context: *mut ecan_igh_context
 ///          ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_activate(context: *mut ecan_igh_context_t) -> c_int {
-    enter!(ecan_igh_activate, context)
-        .run(|call, adapter| adapter.activate().map_err(|error| errors::adapter(call, &error)))
+    enter!(ecan_igh_activate, context).run(|call, adapter| adapter.activate().or_code(call))
 }
 
 /// Starts cyclic operation if necessary and runs the cycle until every slave is in OP; with a Port
@@ -176,12 +174,12 @@ pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
     enter!(ecan_igh_wait_op_timeout, context).on_bus(|call, bus| {
         bus.need_owned(call)?;
         match bus.port_mut() {
-            Some(port) => port
-                .wait_ready_timeout(Duration::from_millis(timeout_ms.into()))
-                .map_err(|e| errors::port(call, &e)),
+            Some(port) => {
+                port.wait_ready_timeout(Duration::from_millis(timeout_ms.into())).or_code(call)
+            }
             None => {
                 let waited = bus.need_adapter(call)?.wait_op(timeout_ms);
-                waited.map_err(|error| errors::adapter(call, &error))
+                waited.or_code(call)
             }
         }
     })
@@ -235,7 +233,7 @@ pub unsafe extern "C" fn ecan_igh_reconfigure(
         if reconfigured.as_ref().err().is_none_or(errors::has_changed) {
             bus.forget_configuration();
         }
-        reconfigured.map_err(|error| errors::adapter(call, &error))
+        reconfigured.or_code(call)
     })
 }
 

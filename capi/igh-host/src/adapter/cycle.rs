@@ -14,7 +14,7 @@ use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
 use crate::bus::Bus;
 use crate::entry::enter;
-use crate::errors;
+use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
 mirror! {
@@ -64,7 +64,7 @@ fn exchange(
         let text = format_args!("there is a Port on it: call igh_mcan_port_cycle_begin and _end");
         return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
     }
-    half(bus.need_adapter(call)?).map_err(|error| errors::cycle(call, &error))
+    half(bus.need_adapter(call)?).or_code(call)
 }
 
 /// Receives the process data and evaluates the working counters. First in the cycle.

@@ -13,7 +13,7 @@ use super::bus_state::ecan_igh_master_state_t;
 use super::context::ecan_igh_context_t;
 use super::sdo::MAX_VALUE_BYTES;
 use crate::bus;
-use crate::errors;
+use crate::errors::OrCode as _;
 use crate::handle::{self, Entered, Kind, Pool, Pooled, Words};
 
 /// A handle for diagnosis. Do not move or copy it. It may outlive the context.
@@ -63,7 +63,7 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_open(
             let mut bus = bus::enter(call, context.cast())?;
             handle::init(call, diagnostics.cast(), Kind::Diagnostics, || {
                 let opened = bus.need_adapter(call)?.open_diagnostics();
-                opened.map_err(|error| errors::adapter(call, &error))
+                opened.or_code(call)
             })
         }
     })
@@ -96,7 +96,7 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_upload(
         };
         let mut value = vec![0; size.min(MAX_VALUE_BYTES)];
         let read = diagnostics.sdo_upload(slave, index, subindex, &mut value);
-        let length = read.map_err(|error| errors::adapter(call, &error))?;
+        let length = read.or_code(call)?;
         room.push_bytes(value.get(..length).unwrap_or_default());
         out.set(length);
         Ok(())
@@ -121,7 +121,7 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_sdo_download(
         let (diagnostics, data) =
             unsafe { (enter(call, diagnostics)?, call.items("data", data.cast::<u8>(), size)?) };
         let written = diagnostics.sdo_download(slave, index, subindex, data);
-        written.map_err(|error| errors::adapter(call, &error))
+        written.or_code(call)
     })
 }
 
@@ -137,7 +137,7 @@ pub unsafe extern "C" fn ecan_igh_diagnostics_master_state(
     call("ecan_igh_diagnostics_master_state", |call| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (diagnostics, out) = unsafe { (enter(call, diagnostics)?, call.out("state", state)?) };
-        let state = diagnostics.master_state().map_err(|error| errors::adapter(call, &error))?;
+        let state = diagnostics.master_state().or_code(call)?;
         out.set(state.into());
         Ok(())
     })

@@ -9,7 +9,7 @@ use ecan_mcan_host::common::result::ecan_result_t;
 use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
 use crate::bus::{self, Bus};
-use crate::errors;
+use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
 /// Longest value that a transfer allocates memory for, whatever buffer C offers.
@@ -28,17 +28,17 @@ fn diagnose<R: Send>(
         bus.need_owned(call)?;
     }
     let done = match bus.port_mut() {
-        Some(port) => port.diagnose(work).map_err(|error| errors::port(call, &error))?,
+        Some(port) => port.diagnose(work).or_code(call)?,
         None => {
             let adapter = bus.need_adapter(call)?;
             let cycle = |adapter: &mut Adapter| {
                 let received = adapter.receive();
                 adapter.send().and(received)
             };
-            adapter.diagnose(cycle, work).map_err(|error| errors::adapter(call, &error))?
+            adapter.diagnose(cycle, work).or_code(call)?
         }
     };
-    done.map_err(|error| errors::adapter(call, &error))
+    done.or_code(call)
 }
 
 /// Reads an object of a slave and waits for it. On an active bus the call runs the cycle and drops

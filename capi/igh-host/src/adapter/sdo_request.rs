@@ -14,7 +14,7 @@ use super::bus_state::need_slave;
 use super::context::ecan_igh_context_t;
 use crate::bus::{self, Bus, Request};
 use crate::entry::enter;
-use crate::errors;
+use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
 mirror! {
@@ -44,7 +44,7 @@ fn state(
     request: Request,
 ) -> Result<RequestState, ecan_result_t> {
     let state = bus.need_adapter(call)?.sdo_request_state(request.id);
-    state.map_err(|error| errors::cycle(call, &error))
+    state.or_code(call)
 }
 
 /// Starts a transfer of a request that is not in progress.
@@ -58,7 +58,7 @@ fn start(
         let text = format_args!("a transfer of the request is in progress");
         return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
     }
-    transfer(bus.need_adapter(call)?).map_err(|error| errors::cycle(call, &error))
+    transfer(bus.need_adapter(call)?).or_code(call)
 }
 
 /// Creates an SDO request. A reconfiguration ends all requests.
@@ -87,7 +87,7 @@ pub unsafe extern "C" fn ecan_igh_create_sdo_request(
             return Err(call.argument("size", text));
         }
         let created = adapter.create_sdo_request(slave, size);
-        let id = created.map_err(|error| errors::adapter(call, &error))?;
+        let id = created.or_code(call)?;
         bus.requests.push(Request { id, size });
         out.set(bus.requests.len() - 1);
         Ok(())
@@ -110,7 +110,7 @@ pub unsafe extern "C" fn ecan_igh_sdo_request_timeout(
     enter!(ecan_igh_sdo_request_timeout, context).on_bus(|call, bus| {
         let request = find(call, bus, request)?;
         let set = bus.need_adapter(call)?.sdo_request_timeout(request.id, timeout_ms);
-        set.map_err(|error| errors::cycle(call, &error))
+        set.or_code(call)
     })
 }
 

@@ -20,7 +20,7 @@ use ecan_cia402::{AxisConfig, DriveConfig, PositionRange, Scale};
 use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 
-use super::numbers::{igh_cia402_range_t, node_reset};
+use super::numbers::{igh_cia402_range_t, igh_cia402_reset_t};
 
 /// Leaves an option code of the drive as it is.
 pub const IGH_CIA402_UNCHANGED: i32 = 2_147_483_647;
@@ -243,7 +243,8 @@ impl igh_cia402_axis_t {
             .get(..count)
             .ok_or_else(|| fault("further_count", self.further_count.into()))?;
         let drive = DriveConfig {
-            reset: node_reset(self.reset).ok_or_else(|| fault("reset", self.reset.into()))?,
+            reset: igh_cia402_reset_t::to_rust(self.reset)
+                .ok_or_else(|| fault("reset", self.reset.into()))?,
             boot_timeout_ms: self.boot_timeout_ms,
             identity: (self.check_identity != 0).then_some((self.vendor_id, self.product_code)),
             expect_profile_402: self.expect_profile_402 != 0,

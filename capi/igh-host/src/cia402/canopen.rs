@@ -14,7 +14,7 @@ use ecan_mcan_port::Port;
 
 use super::sdo::put_value;
 use crate::bus::{self, Bus};
-use crate::errors;
+use crate::errors::OrCode as _;
 use crate::handle::Entered;
 use crate::mcan_port::context::igh_mcan_port_t;
 use crate::mcan_port::state::find_channel;
@@ -103,9 +103,8 @@ pub unsafe extern "C" fn igh_canopen_sdo_upload(
         };
         let place = Place { slave, channel, node_id };
         let (port, mut network, node) = network(call, &mut bus, &place, size)?;
-        let value = network
-            .upload_blocking(port, node, (index, subindex), timeout_ms)
-            .map_err(|error| errors::wait(call, &error))?;
+        let value =
+            network.upload_blocking(port, node, (index, subindex), timeout_ms).or_code(call)?;
         put_value(call, &value, &mut room, &out)
     })
 }
@@ -137,8 +136,6 @@ pub unsafe extern "C" fn igh_canopen_sdo_download(
         };
         let place = Place { slave, channel, node_id };
         let (port, mut network, node) = network(call, &mut bus, &place, size)?;
-        network
-            .download_blocking(port, node, (index, subindex), data, timeout_ms)
-            .map_err(|error| errors::wait(call, &error))
+        network.download_blocking(port, node, (index, subindex), data, timeout_ms).or_code(call)
     })
 }

@@ -6,25 +6,20 @@
 
 use std::ffi::c_int;
 
+use ecan_canopen::NmtError;
 use ecan_cia402::{Cia402, CommandError, HomingConfig};
-use ecan_mcan_host::boundary::{Call, call};
-use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::boundary::call;
 
-use super::context::{igh_cia402_context_t, need_axis, on_axes};
+use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers;
-use crate::errors;
+use crate::entry::{Entry, enter};
+use crate::errors::OrCode as _;
 
-/// # Safety
-/// As for [`on_axes`].
-unsafe fn command(
-    call: Call,
-    context: *mut igh_cia402_context_t,
+pub(super) fn command(
+    entry: Entry<igh_cia402_context_t>,
     command: impl FnOnce(&mut Cia402) -> Result<(), CommandError>,
-) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    unsafe {
-        on_axes(call, context, |cia402, _| command(cia402).map_err(|e| errors::command(call, &e)))
-    }
+) -> c_int {
+    entry.run(|call, (cia402, _)| command(cia402).or_code(call))
 }
 
 /// Sends an NMT command to all nodes of the channels that have axes, with the next targets. After
@@ -41,14 +36,8 @@ pub unsafe extern "C" fn igh_cia402_send_nmt_all(
     context: *mut igh_cia402_context_t,
     command: c_int,
 ) -> c_int {
-    call("igh_cia402_send_nmt_all", |call| {
-        let command = numbers::nmt_command(call, command)?;
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            on_axes(call, context, |cia402, _| {
-                cia402.send_nmt_all(command).map_err(|error| errors::nmt(call, &error))
-            })
-        }
+    enter!(igh_cia402_send_nmt_all, context).run(|call, (cia402, _)| {
+        cia402.send_nmt_all(numbers::nmt_command(call, command)?).or_code(call)
     })
 }
 
@@ -64,19 +53,14 @@ pub unsafe extern "C" fn igh_cia402_send_nmt(
     axis: usize,
     command: c_int,
 ) -> c_int {
-    call("igh_cia402_send_nmt", |call| {
+    enter!(igh_cia402_send_nmt, context).run(|call, (cia402, _)| {
         let command = numbers::nmt_command(call, command)?;
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            on_axes(call, context, |cia402, _| {
-                need_axis(call, cia402, axis)?;
-                let sent = match cia402.node(axis) {
-                    Some(node) => cia402.network_mut().nmt(node, command),
-                    None => Err(ecan_canopen::NmtError::UnknownNode),
-                };
-                sent.map_err(|error| errors::nmt(call, &error))
-            })
-        }
+        need_axis(call, cia402, axis)?;
+        let sent = match cia402.node(axis) {
+            Some(node) => cia402.network_mut().nmt(node, command),
+            None => Err(NmtError::UnknownNode),
+        };
+        sent.or_code(call)
     })
 }
 
@@ -87,10 +71,7 @@ pub unsafe extern "C" fn igh_cia402_send_nmt(
 /// @return  ECAN_OK, ECAN_ERR_AXIS_STATE, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_configure_all(context: *mut igh_cia402_context_t) -> c_int {
-    call("igh_cia402_configure_all", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, Cia402::configure_all) }
-    })
+    command(enter!(igh_cia402_configure_all, context), Cia402::configure_all)
 }
 
 /// Begins to configure a drive, also one that is configured: after it restarted, for example. An
@@ -103,10 +84,7 @@ pub unsafe extern "C" fn igh_cia402_configure(
     context: *mut igh_cia402_context_t,
     axis: usize,
 ) -> c_int {
-    call("igh_cia402_configure", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, |cia402| cia402.configure(axis)) }
-    })
+    command(enter!(igh_cia402_configure, context), |cia402| cia402.configure(axis))
 }
 
 /// Begins to establish where all axes are: what may still be under way is waited out, then fresh
@@ -119,10 +97,7 @@ pub unsafe extern "C" fn igh_cia402_configure(
 pub unsafe extern "C" fn igh_cia402_request_actual_position_all(
     context: *mut igh_cia402_context_t,
 ) -> c_int {
-    call("igh_cia402_request_actual_position_all", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, Cia402::read_position_all) }
-    })
+    command(enter!(igh_cia402_request_actual_position_all, context), Cia402::read_position_all)
 }
 
 /// Begins to establish where an axis is.
@@ -134,9 +109,8 @@ pub unsafe extern "C" fn igh_cia402_request_actual_position(
     context: *mut igh_cia402_context_t,
     axis: usize,
 ) -> c_int {
-    call("igh_cia402_request_actual_position", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, |cia402| cia402.read_position(axis)) }
+    command(enter!(igh_cia402_request_actual_position, context), |cia402| {
+        cia402.read_position(axis)
     })
 }
 
@@ -147,10 +121,7 @@ pub unsafe extern "C" fn igh_cia402_request_actual_position(
 /// @return  As igh_cia402_request_actual_position_all().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_enable_all(context: *mut igh_cia402_context_t) -> c_int {
-    call("igh_cia402_enable_all", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, Cia402::enable_all) }
-    })
+    command(enter!(igh_cia402_enable_all, context), Cia402::enable_all)
 }
 
 /// Begins to enable a drive, or takes an axis up again that holds: its actual position is
@@ -164,10 +135,7 @@ pub unsafe extern "C" fn igh_cia402_enable(
     context: *mut igh_cia402_context_t,
     axis: usize,
 ) -> c_int {
-    call("igh_cia402_enable", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, |cia402| cia402.enable(axis)) }
-    })
+    command(enter!(igh_cia402_enable, context), |cia402| cia402.enable(axis))
 }
 
 /// Switches all drives off, as igh_cia402_disable().
@@ -176,14 +144,9 @@ pub unsafe extern "C" fn igh_cia402_enable(
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_disable_all(context: *mut igh_cia402_context_t) -> c_int {
-    call("igh_cia402_disable_all", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            on_axes(call, context, |cia402, _| {
-                cia402.disable_all();
-                Ok(())
-            })
-        }
+    enter!(igh_cia402_disable_all, context).run(|_, (cia402, _)| {
+        cia402.disable_all();
+        Ok(())
     })
 }
 
@@ -197,10 +160,7 @@ pub unsafe extern "C" fn igh_cia402_disable(
     context: *mut igh_cia402_context_t,
     axis: usize,
 ) -> c_int {
-    call("igh_cia402_disable", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, |cia402| cia402.disable(axis)) }
-    })
+    command(enter!(igh_cia402_disable, context), |cia402| cia402.disable(axis))
 }
 
 /// Commands a quick stop to all drives, as igh_cia402_quick_stop().
@@ -209,14 +169,9 @@ pub unsafe extern "C" fn igh_cia402_disable(
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_quick_stop_all(context: *mut igh_cia402_context_t) -> c_int {
-    call("igh_cia402_quick_stop_all", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            on_axes(call, context, |cia402, _| {
-                cia402.quick_stop_all();
-                Ok(())
-            })
-        }
+    enter!(igh_cia402_quick_stop_all, context).run(|_, (cia402, _)| {
+        cia402.quick_stop_all();
+        Ok(())
     })
 }
 
@@ -230,10 +185,7 @@ pub unsafe extern "C" fn igh_cia402_quick_stop(
     context: *mut igh_cia402_context_t,
     axis: usize,
 ) -> c_int {
-    call("igh_cia402_quick_stop", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, |cia402| cia402.quick_stop(axis)) }
-    })
+    command(enter!(igh_cia402_quick_stop, context), |cia402| cia402.quick_stop(axis))
 }
 
 /// Resets the fault of a drive. It is not enabled by that.
@@ -245,10 +197,7 @@ pub unsafe extern "C" fn igh_cia402_reset_fault(
     context: *mut igh_cia402_context_t,
     axis: usize,
 ) -> c_int {
-    call("igh_cia402_reset_fault", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, |cia402| cia402.reset_fault(axis)) }
-    })
+    command(enter!(igh_cia402_reset_fault, context), |cia402| cia402.reset_fault(axis))
 }
 
 /// Brings a running axis to rest and keeps it enabled: in CSP by its ramp, in CSV and CST by taking
@@ -259,10 +208,7 @@ pub unsafe extern "C" fn igh_cia402_reset_fault(
 /// @return  ECAN_OK, ECAN_ERR_AXIS, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_halt(context: *mut igh_cia402_context_t, axis: usize) -> c_int {
-    call("igh_cia402_halt", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, |cia402| cia402.halt(axis)) }
-    })
+    command(enter!(igh_cia402_halt, context), |cia402| cia402.halt(axis))
 }
 
 /// Lets a halted axis follow targets again.
@@ -274,10 +220,7 @@ pub unsafe extern "C" fn igh_cia402_resume(
     context: *mut igh_cia402_context_t,
     axis: usize,
 ) -> c_int {
-    call("igh_cia402_resume", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, |cia402| cia402.resume(axis)) }
-    })
+    command(enter!(igh_cia402_resume, context), |cia402| cia402.resume(axis))
 }
 
 /// Begins to change the mode of a drive, with its mode display as confirmation. A running axis is
@@ -295,11 +238,8 @@ pub unsafe extern "C" fn igh_cia402_change_mode(
     axis: usize,
     mode: c_int,
 ) -> c_int {
-    call("igh_cia402_change_mode", |call| {
-        let mode = numbers::mode(call, mode)?;
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { command(call, context, |cia402| cia402.change_mode(axis, mode)) }
-    })
+    enter!(igh_cia402_change_mode, context)
+        .run(|call, (cia402, _)| cia402.change_mode(axis, numbers::mode(call, mode)?).or_code(call))
 }
 
 /// How an axis finds its home position. igh_cia402_homing_init() fills it. Objects that a drive
@@ -388,12 +328,10 @@ pub unsafe extern "C" fn igh_cia402_home(
     axis: usize,
     homing: *const igh_cia402_homing_t,
 ) -> c_int {
-    call("igh_cia402_home", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe {
-            let homing = call.read("homing", homing)?.into();
-            command(call, context, |cia402| cia402.home(axis, homing))
-        }
+    enter!(igh_cia402_home, context).run(|call, (cia402, _)| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let homing = unsafe { call.read("homing", homing)? };
+        cia402.home(axis, homing.into()).or_code(call)
     })
 }
 
@@ -405,14 +343,9 @@ pub unsafe extern "C" fn igh_cia402_home(
 /// @return  ECAN_OK, ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_begin_shutdown(context: *mut igh_cia402_context_t) -> c_int {
-    call("igh_cia402_begin_shutdown", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            on_axes(call, context, |cia402, _| {
-                cia402.begin_shutdown();
-                Ok(())
-            })
-        }
+    enter!(igh_cia402_begin_shutdown, context).run(|_, (cia402, _)| {
+        cia402.begin_shutdown();
+        Ok(())
     })
 }
 

@@ -14,15 +14,16 @@
 use std::ffi::c_int;
 
 use ecan_cia402::{Cia402, Cia402Config};
-use ecan_mcan_host::boundary::{Call, call, getter};
+use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Port;
 
 use super::axis::igh_cia402_axis_t;
 use super::settings::igh_cia402_settings_t;
-use crate::bus;
-use crate::errors;
-use crate::handle::{self, Kind, Words};
+use crate::bus::{self, Bus};
+use crate::entry::{Context, enter};
+use crate::errors::OrCode as _;
+use crate::handle::{self, Entered, Kind, Words};
 use crate::mcan_port::context::igh_mcan_port_t;
 
 /// CiA 402 axes behind the gateways of a Port. Belongs to the thread of the cycle and stays where
@@ -36,19 +37,20 @@ pub struct igh_cia402_context_t {
 
 const _: () = assert!(size_of::<Words>() == size_of::<igh_cia402_context_t>());
 
-/// Works on the axes of a context.
-///
-/// # Safety
-/// As for [`bus::enter_cia402`].
-pub(crate) unsafe fn on_axes<R>(
-    call: Call,
-    context: *const igh_cia402_context_t,
-    work: impl FnOnce(&mut Cia402, &mut Port) -> Result<R, ecan_result_t>,
-) -> Result<R, ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let mut bus = unsafe { bus::enter_cia402(call, context.cast())? };
-    let (cia402, port) = bus.need_axes(call)?;
-    work(cia402, port)
+impl Context for igh_cia402_context_t {
+    type Layer<'a> = (&'a mut Cia402, &'a mut Port);
+
+    unsafe fn enter(call: Call, context: *const Self) -> Result<Entered<Bus>, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { bus::enter_cia402(call, context.cast()) }
+    }
+
+    fn layer(
+        call: Call,
+        bus: &mut Entered<Bus>,
+    ) -> Result<(&mut Cia402, &mut Port), ecan_result_t> {
+        bus.need_axes(call)
+    }
 }
 
 /// Refuses an axis that is not there.
@@ -134,9 +136,7 @@ unsafe fn init(
         .map(|(index, axis)| axis.checked(call, index))
         .collect::<Result<_, _>>()?;
     let settings = settings(call)?;
-    let serial = bus.add_cia402(call, |port| {
-        Cia402::new(port, table, settings).map_err(|error| errors::cia402(call, &error))
-    })?;
+    let serial = bus.add_cia402(call, |port| Cia402::new(port, table, settings).or_code(call))?;
     // SAFETY: the caller's promise.
     unsafe { bus.add_context(context.cast(), Kind::Cia402, serial) };
     Ok(())
@@ -164,10 +164,5 @@ pub unsafe extern "C" fn igh_cia402_context_deinit(context: *mut igh_cia402_cont
 /// @return  The number; 0 where there is no context.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_axis_count(context: *mut igh_cia402_context_t) -> usize {
-    getter(
-        "igh_cia402_axis_count",
-        |_| 0,
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        |call| unsafe { on_axes(call, context, |cia402, _| Ok(cia402.axis_count())) },
-    )
+    enter!(igh_cia402_axis_count, context).get_or(0, |_, (cia402, _)| Ok(cia402.axis_count()))
 }

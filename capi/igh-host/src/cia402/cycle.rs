@@ -16,53 +16,41 @@
 use std::ffi::c_int;
 
 use ecan_cia402::{Cia402, SendSummary};
-use ecan_mcan_host::boundary::{Call, call};
+use ecan_mcan_host::boundary::call;
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::mirror;
 use ecan_mcan_host::pdo::frames::igh_mcan_rx_frame_t;
 use ecan_mcan_port::Cycle;
 
-use super::context::{igh_cia402_context_t, on_axes};
+use super::context::igh_cia402_context_t;
 use crate::bus;
-use crate::errors;
+use crate::entry::{Entry, enter};
+use crate::errors::OrCode as _;
 use crate::mcan_port::cycle::owned_rx_frame;
 
 /// Offset of igh_cia402_set_scheduled_tx() that sends at once.
 pub const IGH_CIA402_AT_ONCE: u32 = 0xFFFF_FFFF;
 
-/// What went out to the axes in one cycle.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct igh_cia402_send_summary_t {
-    /// Axes that got a target of the application, or their step.
-    pub targets: u32,
-    /// Axes that got their actual position as target: being enabled, or taken up.
-    pub positions: u32,
-    /// Axes that are taken up and got nothing in this cycle: their motion must not go on.
-    pub waiting: u32,
-    /// Axes whose target was refused.
-    pub refused: u32,
-    /// Axes that are not taken up, or hold.
-    pub closed: u32,
-    /// SYNC messages.
-    pub syncs: u32,
-    /// 1 where every axis got a target of the application.
-    pub all_moved: u8,
-    /// Not used.
-    pub reserved: [u8; 7],
-}
-
-impl From<SendSummary> for igh_cia402_send_summary_t {
-    fn from(from: SendSummary) -> Self {
-        Self {
-            targets: from.targets as u32,
-            positions: from.positions as u32,
-            waiting: from.waiting as u32,
-            refused: from.refused as u32,
-            closed: from.closed as u32,
-            syncs: from.syncs as u32,
-            all_moved: from.all_moved().into(),
-            reserved: [0; 7],
-        }
+mirror! {
+    /// What went out to the axes in one cycle.
+    #[derive(Default, PartialEq, Eq)]
+    pub struct igh_cia402_send_summary_t from rust: SendSummary {
+        /// Axes that got a target of the application, or their step.
+        targets: u32 = rust.targets as u32,
+        /// Axes that got their actual position as target: being enabled, or taken up.
+        positions: u32 = rust.positions as u32,
+        /// Axes that are taken up and got nothing in this cycle: their motion must not go on.
+        waiting: u32 = rust.waiting as u32,
+        /// Axes whose target was refused.
+        refused: u32 = rust.refused as u32,
+        /// Axes that are not taken up, or hold.
+        closed: u32 = rust.closed as u32,
+        /// SYNC messages.
+        syncs: u32 = rust.syncs as u32,
+        /// 1 where every axis got a target of the application.
+        all_moved: u8 = rust.all_moved().into(),
+        /// Not used.
+        reserved: [u8; 7] = [0; 7],
     }
 }
 
@@ -75,14 +63,9 @@ impl From<SendSummary> for igh_cia402_send_summary_t {
 ///          ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_process_rx(context: *mut igh_cia402_context_t) -> c_int {
-    call("igh_cia402_process_rx", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            on_axes(call, context, |cia402, port| {
-                cia402.process_rx(&mut bus::open_cycle(call, port)?);
-                Ok(())
-            })
-        }
+    enter!(igh_cia402_process_rx, context).run(|call, (cia402, port)| {
+        cia402.process_rx(&mut bus::open_cycle(call, port)?);
+        Ok(())
     })
 }
 
@@ -103,46 +86,38 @@ pub unsafe extern "C" fn igh_cia402_process_rx_ex(
     capacity: usize,
     rx_count: *mut usize,
 ) -> c_int {
-    call("igh_cia402_process_rx_ex", |call| {
+    enter!(igh_cia402_process_rx_ex, context).run(|call, (cia402, port)| {
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (mut room, count) =
             unsafe { (call.room("rx", rx, capacity)?, call.out("rx_count", rx_count)?) };
         count.set(0);
         let mut lost = 0_usize;
-        // SAFETY: as above.
-        unsafe {
-            on_axes(call, context, |cia402, port| {
-                let mut cycle = bus::open_cycle(call, port)?;
-                cia402.process_rx_with(&mut cycle, |item| {
-                    lost += usize::from(!room.push(owned_rx_frame(&item)));
-                });
-                Ok(())
-            })?;
-        }
+        let mut cycle = bus::open_cycle(call, port)?;
+        cia402.process_rx_with(&mut cycle, |item| {
+            lost += usize::from(!room.push(owned_rx_frame(&item)));
+        });
         count.set(room.count());
         if lost > 0 {
-            let words = format_args!("{lost} more frames came than the {capacity} that fit");
-            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, words));
+            let text =
+                format_args!("{lost} more frames were received than the {capacity} that fit");
+            return Err(call.fail(ecan_result_t::ECAN_ERR_BUFFER, text));
         }
         Ok(())
     })
 }
 
-/// # Safety
-/// As for [`bus::enter_cia402`].
-unsafe fn send(
-    call: Call,
-    context: *mut igh_cia402_context_t,
+fn send(
+    entry: Entry<igh_cia402_context_t>,
     send: impl FnOnce(&mut Cia402, &mut Cycle<'_>) -> SendSummary,
-) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let mut bus = unsafe { bus::enter_cia402(call, context.cast())? };
-    let (cia402, port) = bus.need_axes(call)?;
-    let summary = send(cia402, &mut bus::open_cycle(call, port)?);
-    if let Some(axes) = bus.axes_mut() {
-        axes.summary = summary;
-    }
-    Ok(())
+) -> c_int {
+    entry.on_bus(|call, bus| {
+        let (cia402, port) = bus.need_axes(call)?;
+        let summary = send(cia402, &mut bus::open_cycle(call, port)?);
+        if let Some(axes) = bus.axes_mut() {
+            axes.summary = summary;
+        }
+        Ok(())
+    })
 }
 
 /// Last in the open cycle, once: sends targets and commands of all axes, SYNC behind them, then
@@ -153,10 +128,7 @@ unsafe fn send(
 ///          ECAN_ERR_BUSY. igh_cia402_get_send_summary() reports the targets.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_send_targets_all(context: *mut igh_cia402_context_t) -> c_int {
-    call("igh_cia402_send_targets_all", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { send(call, context, Cia402::send_targets_all) }
-    })
+    send(enter!(igh_cia402_send_targets_all, context), Cia402::send_targets_all)
 }
 
 /// As igh_cia402_send_targets_all(), with every CSP axis moved by its own target step, which it
@@ -166,10 +138,7 @@ pub unsafe extern "C" fn igh_cia402_send_targets_all(context: *mut igh_cia402_co
 /// @return  As igh_cia402_send_targets_all().
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_send_target_step(context: *mut igh_cia402_context_t) -> c_int {
-    call("igh_cia402_send_target_step", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { send(call, context, Cia402::send_target_step) }
-    })
+    send(enter!(igh_cia402_send_target_step, context), Cia402::send_target_step)
 }
 
 /// What went out with the last igh_cia402_send_targets_all() or igh_cia402_send_target_step().
@@ -201,14 +170,9 @@ pub unsafe extern "C" fn igh_cia402_set_motion_div(
     context: *mut igh_cia402_context_t,
     motion_div: u32,
 ) -> c_int {
-    call("igh_cia402_set_motion_div", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            on_axes(call, context, |cia402, _| {
-                cia402.set_motion_div(motion_div);
-                Ok(())
-            })
-        }
+    enter!(igh_cia402_set_motion_div, context).run(|_, (cia402, _)| {
+        cia402.set_motion_div(motion_div);
+        Ok(())
     })
 }
 
@@ -234,15 +198,8 @@ pub unsafe extern "C" fn igh_cia402_set_scheduled_tx(
     rpdo_offset_ns: u32,
     sync_offset_ns: u32,
 ) -> c_int {
-    call("igh_cia402_set_scheduled_tx", |call| {
+    enter!(igh_cia402_set_scheduled_tx, context).run(|call, (cia402, port)| {
         let offset = |ns: u32| (enable != 0 && ns != IGH_CIA402_AT_ONCE).then_some(ns);
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            on_axes(call, context, |cia402, port| {
-                cia402
-                    .set_scheduled_tx(port, offset(rpdo_offset_ns), offset(sync_offset_ns))
-                    .map_err(|error| errors::schedule(call, &error))
-            })
-        }
+        cia402.set_scheduled_tx(port, offset(rpdo_offset_ns), offset(sync_offset_ns)).or_code(call)
     })
 }

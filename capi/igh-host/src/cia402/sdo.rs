@@ -9,9 +9,10 @@ use ecan_canopen::{Sdo, SdoStartError, WaitError};
 use ecan_mcan_host::boundary::{Call, OutArray, OutPointer, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 
-use super::context::{igh_cia402_context_t, need_axis, on_axes};
+use super::context::{igh_cia402_context_t, need_axis};
 use crate::bus;
-use crate::errors;
+use crate::entry::enter;
+use crate::errors::{self, OrCode as _};
 
 /// How the last SDO transfer with a drive stands.
 #[repr(C)]
@@ -78,9 +79,8 @@ pub unsafe extern "C" fn igh_cia402_sdo_upload(
         };
         bus.need_owned(call)?;
         let (cia402, port) = bus.need_axes(call)?;
-        let value = cia402
-            .upload_timeout(port, axis, (index, subindex), timeout_ms)
-            .map_err(|error| errors::cia402(call, &error))?;
+        let value =
+            cia402.upload_timeout(port, axis, (index, subindex), timeout_ms).or_code(call)?;
         put_value(call, &value, &mut room, &out)
     })
 }
@@ -111,9 +111,7 @@ pub unsafe extern "C" fn igh_cia402_sdo_download(
         };
         bus.need_owned(call)?;
         let (cia402, port) = bus.need_axes(call)?;
-        cia402
-            .download_timeout(port, axis, (index, subindex), data, timeout_ms)
-            .map_err(|error| errors::cia402(call, &error))
+        cia402.download_timeout(port, axis, (index, subindex), data, timeout_ms).or_code(call)
     })
 }
 
@@ -122,7 +120,7 @@ fn started(call: Call, started: Result<(), SdoStartError>) -> Result<(), ecan_re
         SdoStartError::Busy => {
             call.fail(ecan_result_t::ECAN_ERR_AXIS_STATE, format_args!("{error}"))
         }
-        error => errors::wait(call, &WaitError::Start(error)),
+        error => errors::note(call, &WaitError::Start(error)),
     })
 }
 
@@ -138,20 +136,15 @@ pub unsafe extern "C" fn igh_cia402_sdo_start_upload(
     index: u16,
     subindex: u8,
 ) -> c_int {
-    call("igh_cia402_sdo_start_upload", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            on_axes(call, context, |cia402, _| {
-                need_axis(call, cia402, axis)?;
-                started(
-                    call,
-                    match cia402.node(axis) {
-                        Some(node) => cia402.network_mut().start_upload(node, index, subindex),
-                        None => Err(SdoStartError::UnknownNode),
-                    },
-                )
-            })
-        }
+    enter!(igh_cia402_sdo_start_upload, context).run(|call, (cia402, _)| {
+        need_axis(call, cia402, axis)?;
+        started(
+            call,
+            match cia402.node(axis) {
+                Some(node) => cia402.network_mut().start_upload(node, index, subindex),
+                None => Err(SdoStartError::UnknownNode),
+            },
+        )
     })
 }
 
@@ -172,23 +165,17 @@ pub unsafe extern "C" fn igh_cia402_sdo_start_download(
     data: *const c_void,
     size: usize,
 ) -> c_int {
-    call("igh_cia402_sdo_start_download", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe {
-            let data = call.items("data", data.cast::<u8>(), size)?;
-            on_axes(call, context, |cia402, _| {
-                need_axis(call, cia402, axis)?;
-                started(
-                    call,
-                    match cia402.node(axis) {
-                        Some(node) => {
-                            cia402.network_mut().start_download(node, index, subindex, data)
-                        }
-                        None => Err(SdoStartError::UnknownNode),
-                    },
-                )
-            })
-        }
+    enter!(igh_cia402_sdo_start_download, context).run(|call, (cia402, _)| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let data = unsafe { call.items("data", data.cast::<u8>(), size)? };
+        need_axis(call, cia402, axis)?;
+        started(
+            call,
+            match cia402.node(axis) {
+                Some(node) => cia402.network_mut().start_download(node, index, subindex, data),
+                None => Err(SdoStartError::UnknownNode),
+            },
+        )
     })
 }
 
@@ -213,7 +200,7 @@ pub unsafe extern "C" fn igh_cia402_sdo_poll(
     size: usize,
     length: *mut usize,
 ) -> c_int {
-    call("igh_cia402_sdo_poll", |call| {
+    enter!(igh_cia402_sdo_poll, context).run(|call, (cia402, _)| {
         use igh_cia402_sdo_state_t::*;
         // SAFETY: the pointers are C's, valid or NULL as the header demands.
         let (out, mut room, length) = unsafe {
@@ -225,31 +212,23 @@ pub unsafe extern "C" fn igh_cia402_sdo_poll(
         };
         length.set(0);
         out.set(IGH_CIA402_SDO_IDLE as u8);
-        // SAFETY: as above.
-        unsafe {
-            on_axes(call, context, |cia402, _| {
-                need_axis(call, cia402, axis)?;
-                let Some(node) = cia402.node(axis) else { return Ok(()) };
-                let network = cia402.network();
-                match network.sdo_state(node) {
-                    Sdo::Idle => Ok(()),
-                    Sdo::Busy => {
-                        out.set(IGH_CIA402_SDO_RUNNING as u8);
-                        Ok(())
-                    }
-                    Sdo::Failed(_) => {
-                        if let Some(failure) = network.sdo_failure(node) {
-                            errors::wait(call, &failure.into());
-                        }
-                        out.set(IGH_CIA402_SDO_FAILED as u8);
-                        Ok(())
-                    }
-                    _ => {
-                        out.set(IGH_CIA402_SDO_DONE as u8);
-                        put_value(call, network.sdo_data(node), &mut room, &length)
-                    }
+        need_axis(call, cia402, axis)?;
+        let Some(node) = cia402.node(axis) else { return Ok(()) };
+        let network = cia402.network();
+        match network.sdo_state(node) {
+            Sdo::Idle => {}
+            Sdo::Busy => out.set(IGH_CIA402_SDO_RUNNING as u8),
+            Sdo::Failed(_) => {
+                if let Some(failure) = network.sdo_failure(node) {
+                    errors::note(call, &WaitError::from(failure));
                 }
-            })
+                out.set(IGH_CIA402_SDO_FAILED as u8);
+            }
+            _ => {
+                out.set(IGH_CIA402_SDO_DONE as u8);
+                return put_value(call, network.sdo_data(node), &mut room, &length);
+            }
         }
+        Ok(())
     })
 }

@@ -8,29 +8,24 @@
 use std::ffi::c_int;
 
 use ecan_cia402::{AxisProgress, Cia402, Cia402Error};
-use ecan_mcan_host::boundary::{Call, call};
-use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Port;
 
 use super::context::igh_cia402_context_t;
 use super::progress::Reporter;
-use crate::bus;
-use crate::errors;
+use crate::entry::{Entry, enter};
+use crate::errors::OrCode as _;
 
-/// # Safety
-/// As for [`bus::enter_cia402`].
-unsafe fn wait(
-    call: Call,
-    context: *mut igh_cia402_context_t,
+/// Waits with the cycle running, and reports progress.
+fn wait(
+    entry: Entry<igh_cia402_context_t>,
     work: impl FnOnce(&mut Cia402, &mut Port, &mut dyn FnMut(&AxisProgress)) -> Result<(), Cia402Error>,
-) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    let mut bus = unsafe { bus::enter_cia402(call, context.cast())? };
-    bus.need_owned(call)?;
-    let mut reporter = Reporter::new(bus.axes_mut().and_then(|axes| axes.progress));
-    let (cia402, port) = bus.need_axes(call)?;
-    let waited = work(cia402, port, &mut |progress| reporter.see(progress));
-    waited.map_err(|error| errors::cia402(call, &error))
+) -> c_int {
+    entry.on_bus(|call, bus| {
+        bus.need_owned(call)?;
+        let mut reporter = Reporter::new(bus.axes_mut().and_then(|axes| axes.progress));
+        let (cia402, port) = bus.need_axes(call)?;
+        work(cia402, port, &mut |progress| reporter.see(progress)).or_code(call)
+    })
 }
 
 /// Configures every drive in the mode of its axis, which is CSP where the axis table does not say
@@ -50,13 +45,8 @@ pub unsafe extern "C" fn igh_cia402_configure_csp_all_timeout(
     context: *mut igh_cia402_context_t,
     timeout_ms: u32,
 ) -> c_int {
-    call("igh_cia402_configure_csp_all_timeout", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            wait(call, context, |cia402, port, progress| {
-                cia402.configure_all_timeout(port, timeout_ms, progress)
-            })
-        }
+    wait(enter!(igh_cia402_configure_csp_all_timeout, context), |cia402, port, progress| {
+        cia402.configure_all_timeout(port, timeout_ms, progress)
     })
 }
 
@@ -73,14 +63,12 @@ pub unsafe extern "C" fn igh_cia402_request_actual_position_all_timeout(
     context: *mut igh_cia402_context_t,
     timeout_ms: u32,
 ) -> c_int {
-    call("igh_cia402_request_actual_position_all_timeout", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            wait(call, context, |cia402, port, progress| {
-                cia402.request_actual_position_all_timeout(port, timeout_ms, progress)
-            })
-        }
-    })
+    wait(
+        enter!(igh_cia402_request_actual_position_all_timeout, context),
+        |cia402, port, progress| {
+            cia402.request_actual_position_all_timeout(port, timeout_ms, progress)
+        },
+    )
 }
 
 /// Enables all drives and waits until every axis follows targets. The first target of each is the
@@ -97,13 +85,8 @@ pub unsafe extern "C" fn igh_cia402_enable_all_timeout(
     context: *mut igh_cia402_context_t,
     timeout_ms: u32,
 ) -> c_int {
-    call("igh_cia402_enable_all_timeout", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            wait(call, context, |cia402, port, progress| {
-                cia402.enable_all_timeout(port, timeout_ms, progress)
-            })
-        }
+    wait(enter!(igh_cia402_enable_all_timeout, context), |cia402, port, progress| {
+        cia402.enable_all_timeout(port, timeout_ms, progress)
     })
 }
 
@@ -118,13 +101,8 @@ pub unsafe extern "C" fn igh_cia402_start_up_timeout(
     context: *mut igh_cia402_context_t,
     timeout_ms: u32,
 ) -> c_int {
-    call("igh_cia402_start_up_timeout", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            wait(call, context, |cia402, port, progress| {
-                cia402.start_up_timeout(port, timeout_ms, progress)
-            })
-        }
+    wait(enter!(igh_cia402_start_up_timeout, context), |cia402, port, progress| {
+        cia402.start_up_timeout(port, timeout_ms, progress)
     })
 }
 
@@ -140,13 +118,8 @@ pub unsafe extern "C" fn igh_cia402_finish_all_timeout(
     context: *mut igh_cia402_context_t,
     timeout_ms: u32,
 ) -> c_int {
-    call("igh_cia402_finish_all_timeout", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            wait(call, context, |cia402, port, progress| {
-                cia402.finish_all_timeout(port, timeout_ms, progress)
-            })
-        }
+    wait(enter!(igh_cia402_finish_all_timeout, context), |cia402, port, progress| {
+        cia402.finish_all_timeout(port, timeout_ms, progress)
     })
 }
 
@@ -162,12 +135,7 @@ pub unsafe extern "C" fn igh_cia402_shutdown_timeout(
     context: *mut igh_cia402_context_t,
     timeout_ms: u32,
 ) -> c_int {
-    call("igh_cia402_shutdown_timeout", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe {
-            wait(call, context, |cia402, port, progress| {
-                cia402.shutdown_timeout(port, timeout_ms, progress)
-            })
-        }
+    wait(enter!(igh_cia402_shutdown_timeout, context), |cia402, port, progress| {
+        cia402.shutdown_timeout(port, timeout_ms, progress)
     })
 }

@@ -3,13 +3,16 @@
 use std::ffi::{c_char, c_int};
 
 use ecan_cia402::{Cia402, GuardState, Shutdown};
-use ecan_mcan_host::boundary::{call, getter, put_text};
+use ecan_mcan_host::boundary::put_text;
+use ecan_mcan_host::common::result::ecan_result_t;
 
-use super::context::{igh_cia402_context_t, need_axis, on_axes};
-use super::numbers::{self, igh_canopen_nmt_state_t};
+use super::context::{igh_cia402_context_t, need_axis};
+use super::numbers::{igh_canopen_nmt_state_t, igh_cia402_drive_state_t};
 use super::state_terms::{
-    decision, heartbeat, hold, igh_cia402_hold_t, igh_cia402_phase_t, phase, trouble,
+    decision_reason, igh_canopen_heartbeat_t, igh_cia402_axis_error_t, igh_cia402_decision_t,
+    igh_cia402_hold_t, igh_cia402_phase_t,
 };
+use crate::entry::enter;
 
 /// Everything known of an axis, at a glance.
 #[repr(C)]
@@ -82,14 +85,13 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
     use igh_cia402_phase_t::*;
     let (progress, node) = (cia402.progress(axis)?, cia402.node(axis)?);
     let network = cia402.network();
-    let phase = phase(progress.phase);
+    let phase = igh_cia402_phase_t::from(progress.phase);
     let (actual, target) = (cia402.actual(axis), cia402.target(axis));
-    let (decision, decision_reason) = decision(cia402.decision(axis));
-    let held = match cia402.guard(axis)?.state() {
-        GuardState::Holding { reason } => hold(reason),
-        _ => igh_cia402_hold_t::IGH_CIA402_HOLD_NONE,
+    let decision = cia402.decision(axis);
+    let hold_reason = match cia402.guard(axis)?.state() {
+        GuardState::Holding { reason } => Some(reason),
+        _ => None,
     };
-    let unknown = igh_canopen_nmt_state_t::IGH_CANOPEN_NMT_STATE_UNKNOWN as u8;
     Some(igh_cia402_axis_state_t {
         for_ms: progress.for_ms,
         following_error: cia402.following_error(axis).unwrap_or(0),
@@ -108,13 +110,13 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
         node_id: progress.address.node.get(),
         mode: cia402.mode(axis)?.raw(),
         phase: phase as u8,
-        drive_state: numbers::drive_state(cia402.drive_state(axis)),
-        nmt_state: network.nmt_state(node).map_or(unknown, |state| state.raw()),
-        heartbeat: heartbeat(network.heartbeat(node)) as u8,
-        decision: decision as u8,
-        decision_reason,
-        hold_reason: held as u8,
-        trouble: trouble(progress.error) as u8,
+        drive_state: igh_cia402_drive_state_t::from(cia402.drive_state(axis)) as u8,
+        nmt_state: igh_canopen_nmt_state_t::from(network.nmt_state(node)) as u8,
+        heartbeat: igh_canopen_heartbeat_t::from(network.heartbeat(node)) as u8,
+        decision: igh_cia402_decision_t::from(decision) as u8,
+        decision_reason: decision_reason(decision),
+        hold_reason: igh_cia402_hold_t::from(hold_reason) as u8,
+        trouble: igh_cia402_axis_error_t::from(progress.error) as u8,
         is_configured: (!matches!(
             phase,
             IGH_CIA402_PHASE_NOT_CONFIGURED
@@ -143,18 +145,9 @@ pub unsafe extern "C" fn igh_cia402_get_axis_state(
     axis: usize,
     axis_state: *mut igh_cia402_axis_state_t,
 ) -> c_int {
-    call("igh_cia402_get_axis_state", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe {
-            let out = call.out("axis_state", axis_state)?;
-            on_axes(call, context, |cia402, _| {
-                need_axis(call, cia402, axis)?;
-                if let Some(state) = state(cia402, axis) {
-                    out.set(state);
-                }
-                Ok(())
-            })
-        }
+    enter!(igh_cia402_get_axis_state, context -> axis_state).fill(|call, (cia402, _)| {
+        need_axis(call, cia402, axis)?;
+        state(cia402, axis).ok_or(ecan_result_t::ECAN_ERR_INTERNAL)
     })
 }
 
@@ -173,18 +166,14 @@ pub unsafe extern "C" fn igh_cia402_get_axis_text(
     text: *mut c_char,
     size: usize,
 ) -> c_int {
-    call("igh_cia402_get_axis_text", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        unsafe {
-            let mut room = call.room("text", text, size)?;
-            on_axes(call, context, |cia402, _| {
-                need_axis(call, cia402, axis)?;
-                if let Some(progress) = cia402.progress(axis) {
-                    put_text(&mut room, &progress.to_string());
-                }
-                Ok(())
-            })
+    enter!(igh_cia402_get_axis_text, context).run(|call, (cia402, _)| {
+        // SAFETY: the pointer is C's, valid or NULL as the header demands.
+        let mut room = unsafe { call.room("text", text, size)? };
+        need_axis(call, cia402, axis)?;
+        if let Some(progress) = cia402.progress(axis) {
+            put_text(&mut room, &progress.to_string());
         }
+        Ok(())
     })
 }
 
@@ -195,12 +184,7 @@ pub unsafe extern "C" fn igh_cia402_get_axis_text(
 ///          ECAN_ERR_BUSY. Compare with 1.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_all_running(context: *mut igh_cia402_context_t) -> c_int {
-    getter(
-        "igh_cia402_all_running",
-        |error| error.code(),
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        |call| unsafe { on_axes(call, context, |cia402, _| Ok(cia402.all_running().into())) },
-    )
+    enter!(igh_cia402_all_running, context).get(|_, (cia402, _)| Ok(cia402.all_running().into()))
 }
 
 /// Whether the end that igh_cia402_begin_shutdown() began is complete, and the host may leave.
@@ -209,16 +193,9 @@ pub unsafe extern "C" fn igh_cia402_all_running(context: *mut igh_cia402_context
 /// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_cia402_shutdown_is_done(context: *mut igh_cia402_context_t) -> c_int {
-    getter(
-        "igh_cia402_shutdown_is_done",
-        |error| error.code(),
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        |call| unsafe {
-            on_axes(call, context, |cia402, _| {
-                let is_done = cia402.shutdown_state() == Shutdown::Done;
-                // The last commands must have left before the host does.
-                Ok((is_done && !cia402.network().nmt_is_pending()).into())
-            })
-        },
-    )
+    enter!(igh_cia402_shutdown_is_done, context).get(|_, (cia402, _)| {
+        let is_done = cia402.shutdown_state() == Shutdown::Done;
+        // The last commands must have left before the host does.
+        Ok((is_done && !cia402.network().nmt_is_pending()).into())
+    })
 }

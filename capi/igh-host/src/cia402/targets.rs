@@ -5,25 +5,9 @@
 
 use std::ffi::c_int;
 
-use ecan_cia402::{Cia402, CommandError};
-use ecan_mcan_host::boundary::{Call, call};
-use ecan_mcan_host::common::result::ecan_result_t;
-
-use super::context::{igh_cia402_context_t, on_axes};
-use crate::errors;
-
-/// # Safety
-/// As for [`on_axes`].
-unsafe fn set(
-    call: Call,
-    context: *mut igh_cia402_context_t,
-    set: impl FnOnce(&mut Cia402) -> Result<(), CommandError>,
-) -> Result<(), ecan_result_t> {
-    // SAFETY: the caller's promise.
-    unsafe {
-        on_axes(call, context, |cia402, _| set(cia402).map_err(|e| errors::command(call, &e)))
-    }
-}
+use super::commands::command;
+use super::context::igh_cia402_context_t;
+use crate::entry::enter;
 
 /// Sets the target of an axis from now on. What became of it is told by
 /// igh_cia402_get_axis_state() after the targets were sent.
@@ -38,10 +22,7 @@ pub unsafe extern "C" fn igh_cia402_set_target(
     axis: usize,
     target: i32,
 ) -> c_int {
-    call("igh_cia402_set_target", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { set(call, context, |cia402| cia402.set_target(axis, target)) }
-    })
+    command(enter!(igh_cia402_set_target, context), |cia402| cia402.set_target(axis, target))
 }
 
 /// As igh_cia402_set_target(), with an angle by the axis' steps_per_turn and origin.
@@ -56,9 +37,8 @@ pub unsafe extern "C" fn igh_cia402_set_target_degrees(
     axis: usize,
     degrees: f64,
 ) -> c_int {
-    call("igh_cia402_set_target_degrees", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { set(call, context, |cia402| cia402.set_target_degrees(axis, degrees)) }
+    command(enter!(igh_cia402_set_target_degrees, context), |cia402| {
+        cia402.set_target_degrees(axis, degrees)
     })
 }
 
@@ -74,9 +54,8 @@ pub unsafe extern "C" fn igh_cia402_set_target_radians(
     axis: usize,
     radians: f64,
 ) -> c_int {
-    call("igh_cia402_set_target_radians", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { set(call, context, |cia402| cia402.set_target_radians(axis, radians)) }
+    command(enter!(igh_cia402_set_target_radians, context), |cia402| {
+        cia402.set_target_radians(axis, radians)
     })
 }
 
@@ -93,8 +72,7 @@ pub unsafe extern "C" fn igh_cia402_set_target_step(
     axis: usize,
     step: i32,
 ) -> c_int {
-    call("igh_cia402_set_target_step", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        unsafe { set(call, context, |cia402| cia402.set_target_step(axis, step)) }
+    command(enter!(igh_cia402_set_target_step, context), |cia402| {
+        cia402.set_target_step(axis, step)
     })
 }

@@ -8,12 +8,14 @@ use std::ffi::c_int;
 use ecan_mcan_host::boundary::{Call, Plain, Sealed, call};
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, ScheduleConfig, Traffic};
+use ecan_mcan_port::{
+    ChannelConfig, GatewayConfig, PortConfig, PortError, ScheduleConfig, Traffic,
+};
 use ecan_protocol::config::{DataPathConfig, ExtendedFilter, McanChannelConfig, StandardFilter};
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
 
 use crate::adapter::config::{AdapterPlain, ECAN_IGH_MAX_SLAVES, ecan_igh_config_t};
-use crate::errors::{self, no_slave};
+use crate::errors::{OrCode as _, no_slave};
 
 /// Most filters of a configuration, of all channels together.
 pub const IGH_MCAN_MAX_FILTERS: usize = 512;
@@ -318,7 +320,7 @@ pub unsafe extern "C" fn igh_mcan_port_apply_config(
             unsafe { (AdapterPlain::open(call, igh_config)?, PortPlain::read(call, config)?) };
         let slaves = adapter.slave_count;
         let checked = port.settings(slaves).check(&adapter.to_rust());
-        checked.map_err(|faults| errors::port(call, &faults.into()))?;
+        checked.map_err(PortError::from).or_code(call)?;
         adapter.port = Some(*port);
         Ok(())
     })
@@ -339,6 +341,6 @@ pub unsafe extern "C" fn igh_mcan_port_check_config(
         let (adapter, port) =
             unsafe { (AdapterPlain::read(call, igh_config)?, PortPlain::read(call, config)?) };
         let checked = port.settings(adapter.slave_count).check(&adapter.to_rust());
-        checked.map_err(|faults| errors::port(call, &faults.into()))
+        checked.map_err(PortError::from).or_code(call)
     })
 }

@@ -127,7 +127,7 @@ unsafe fn load(
         if let (ConfigFileError::Faults { faults, .. }, Some(wanted)) = (&error, &mut wanted) {
             wanted.tell(faults);
         }
-        errors::config_file(call, &error)
+        errors::note(call, &error)
     })?;
     // SAFETY: the caller's promise.
     unsafe { take(call, igh_config, config, &file) }

@@ -3,16 +3,17 @@
 use std::ffi::c_int;
 
 use ecan_host::Phase;
-use ecan_mcan_host::boundary::{call, getter};
+use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::Port;
 
 use super::config::{PortPlain, igh_mcan_port_config_t};
 use crate::adapter::config::{AdapterPlain, ecan_igh_config_t};
 use crate::adapter::context::ecan_igh_context_t;
-use crate::bus;
-use crate::errors;
-use crate::handle::{self, Kind, Words};
+use crate::bus::{self, Bus};
+use crate::entry::{Context, enter};
+use crate::errors::{self, OrCode as _};
+use crate::handle::{self, Entered, Kind, Words};
 
 /// CAN and CAN FD through the gateways of one master. Belongs to the thread of the cycle and stays
 /// where it is: a copy names nothing. Ends with its ecan_igh_context_t at the latest.
@@ -24,6 +25,21 @@ pub struct igh_mcan_port_t {
 }
 
 const _: () = assert!(size_of::<Words>() == size_of::<igh_mcan_port_t>());
+
+impl Context for igh_mcan_port_t {
+    type Layer<'a> = &'a mut Port;
+
+    #[inline(always)]
+    unsafe fn enter(call: Call, context: *const Self) -> Result<Entered<Bus>, ecan_result_t> {
+        // SAFETY: the caller's promise.
+        unsafe { bus::enter_port(call, context.cast()) }
+    }
+
+    #[inline]
+    fn layer(call: Call, bus: &mut Entered<Bus>) -> Result<&mut Port, ecan_result_t> {
+        bus.need_port(call)
+    }
+}
 
 /// Puts a Port on a master that is not active yet. ecan_igh_wait_op_timeout() then brings the
 /// gateways into service.
@@ -68,7 +84,7 @@ pub unsafe extern "C" fn igh_mcan_port_init(
                 return Err((code, Box::new(adapter)));
             }
             Port::on(adapter, config)
-                .map_err(|(adapter, error)| (errors::port(call, &error), adapter))
+                .map_err(|(adapter, error)| (errors::note(call, &error), adapter))
         })?;
         // SAFETY: as above.
         unsafe { bus.add_context(port.cast(), Kind::Port, serial) };
@@ -106,7 +122,7 @@ pub unsafe extern "C" fn igh_mcan_port_reconfigure(
         if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
             bus.forget_configuration();
         }
-        reconfigured.map_err(|error| errors::port(call, &error))
+        reconfigured.or_code(call)
     })
 }
 
@@ -116,15 +132,7 @@ pub unsafe extern "C" fn igh_mcan_port_reconfigure(
 /// @return  1 or 0; ECAN_ERR_NULL, ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY. Compare with 1.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_is_ready(port: *mut igh_mcan_port_t) -> c_int {
-    getter(
-        "igh_mcan_port_is_ready",
-        |error| error.code(),
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            let mut bus = unsafe { bus::enter_port(call, port.cast())? };
-            Ok(bus.need_port(call)?.is_ready().into())
-        },
-    )
+    enter!(igh_mcan_port_is_ready, port).get(|_, port| Ok(port.is_ready().into()))
 }
 
 /// Takes the Port off the master, which stays active. Axes on it end.

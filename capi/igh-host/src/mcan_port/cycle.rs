@@ -16,7 +16,8 @@ use ecan_mcan_port::{Cycle, Received, ReceivedView, TransmitReport};
 
 use super::context::igh_mcan_port_t;
 use crate::bus;
-use crate::errors;
+use crate::entry::enter;
+use crate::errors::OrCode as _;
 
 /// Sleeps until the next cycle is due; as ecan_igh_wait_next_cycle().
 ///
@@ -49,7 +50,7 @@ pub unsafe extern "C" fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) -
         let cycle = bus.need_port(call)?.begin_cycle();
         let error = cycle.receive_error();
         cycle.keep_open();
-        error.map_or(Ok(()), |error| Err(errors::cycle(call, &error)))
+        error.map_or(Ok(()), Err).or_code(call)
     })
 }
 
@@ -61,16 +62,13 @@ pub unsafe extern "C" fn igh_mcan_port_cycle_begin(port: *mut igh_mcan_port_t) -
 ///          ECAN_ERR_NOT_INITIALISED, ECAN_ERR_BUSY.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn igh_mcan_port_cycle_end(port: *mut igh_mcan_port_t) -> c_int {
-    call("igh_mcan_port_cycle_end", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter_port(call, port.cast())? };
-        let port = bus.need_port(call)?;
+    enter!(igh_mcan_port_cycle_end, port).run(|call, port| {
         let ended = port.open_cycle().map(Cycle::finish);
         let error = match ended {
             Some(summary) => summary.send_error,
             None => port.repeat_images().err(),
         };
-        error.map_or(Ok(()), |error| Err(errors::cycle(call, &error)))
+        error.map_or(Ok(()), Err).or_code(call)
     })
 }
 

@@ -9,6 +9,7 @@ use std::ffi::c_int;
 use ecan_mcan_host::boundary::call;
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
+use ecan_mcan_host::mirror;
 use ecan_mcan_port::{
     ChannelDrops, MarginCheck, ScheduleAccount, ScheduleConfig, ScheduleDiagnostics, ScheduleMargin,
 };
@@ -16,42 +17,30 @@ use ecan_mcan_port::{
 use super::config::{PortPlain, igh_mcan_port_config_t};
 use super::context::igh_mcan_port_t;
 use super::state::{find_channel, need_slave};
-use crate::bus;
+use crate::entry::enter;
 
-/// The times that the margin of a schedule is reckoned with, and what is done without margin. The
-/// manual gives no times; docs/ASSUMPTIONS.md says where the defaults come from.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct igh_mcan_schedule_settings_t {
-    /// Latest time behind the point of the grid at which the cycle is sent, in nanoseconds.
-    pub latest_send_ns: u32,
-    /// Way of an image through host and network card, in nanoseconds, beside its time on the wire.
-    pub transport_ns: u32,
-    /// What the firmware needs until a frame waits for its phase, in nanoseconds.
-    pub processing_ns: u32,
-    /// Interval at which the gateway's diagnostics are read once a frame was scheduled, in
-    /// milliseconds; 0 never reads them.
-    pub watch_ms: u32,
-    /// 1 refuses frames without margin; 0 sends and counts them.
-    pub refuse_without_margin: u8,
-    /// 1 gives up an image of scheduled frames only that may not have arrived, since published
-    /// again they could leave a period late.
-    pub give_up_missed: u8,
-    /// Not used.
-    pub reserved: [u8; 2],
-}
-
-impl From<ScheduleConfig> for igh_mcan_schedule_settings_t {
-    fn from(from: ScheduleConfig) -> Self {
-        Self {
-            latest_send_ns: from.latest_send_ns,
-            transport_ns: from.transport_ns,
-            processing_ns: from.processing_ns,
-            watch_ms: from.watch_ms,
-            refuse_without_margin: (from.margin_check == MarginCheck::Reject).into(),
-            give_up_missed: from.give_up_missed.into(),
-            reserved: [0; 2],
-        }
+mirror! {
+    /// The times that the margin of a schedule is reckoned with, and what is done without margin.
+    /// The manual gives no times; docs/ASSUMPTIONS.md says where the defaults come from.
+    #[derive(Default)]
+    pub struct igh_mcan_schedule_settings_t from rust: ScheduleConfig {
+        /// Latest time behind the point of the grid at which the cycle is sent, in nanoseconds.
+        latest_send_ns: u32,
+        /// Way of an image through host and network card, in nanoseconds, beside its time on the
+        /// wire.
+        transport_ns: u32,
+        /// What the firmware needs until a frame waits for its phase, in nanoseconds.
+        processing_ns: u32,
+        /// Interval at which the gateway's diagnostics are read once a frame was scheduled, in
+        /// milliseconds; 0 never reads them.
+        watch_ms: u32,
+        /// 1 refuses frames without margin; 0 sends and counts them.
+        refuse_without_margin: u8 = (rust.margin_check == MarginCheck::Reject).into(),
+        /// 1 gives up an image of scheduled frames only that may not have arrived, since published
+        /// again they could leave a period late.
+        give_up_missed: u8,
+        /// Not used.
+        reserved: [u8; 2] = [0; 2],
     }
 }
 
@@ -71,86 +60,58 @@ impl From<igh_mcan_schedule_settings_t> for ScheduleConfig {
     }
 }
 
-/// Times around the Sync0 pulse that the offset of a scheduled frame counts from, in nanoseconds
-/// from the point of the cycle's grid.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct igh_mcan_schedule_margin_t {
-    /// Earliest arrival of the image in the gateway.
-    pub earliest_arrival_ns: u64,
-    /// Latest arrival of the image in the gateway.
-    pub latest_arrival_ns: u64,
-    /// The pulse that the offset counts from.
-    pub pulse_ns: u64,
-    /// The phase at which the frame leaves.
-    pub release_ns: u64,
-    /// From the pulse before to the earliest arrival.
-    pub after_pulse_ns: i64,
-    /// From the latest arrival to the pulse; negative where the pulse falls among the arrivals.
-    pub before_pulse_ns: i64,
-    /// From the end of the firmware's work to the phase; negative where frames may be dropped.
-    pub before_release_ns: i64,
-    /// The least of the three: what there is to spare.
-    pub least_ns: i64,
-}
-
-impl From<ScheduleMargin> for igh_mcan_schedule_margin_t {
-    fn from(from: ScheduleMargin) -> Self {
-        Self {
-            earliest_arrival_ns: from.earliest_arrival_ns,
-            latest_arrival_ns: from.latest_arrival_ns,
-            pulse_ns: from.pulse_ns,
-            release_ns: from.release_ns,
-            after_pulse_ns: from.after_pulse_ns,
-            before_pulse_ns: from.before_pulse_ns,
-            before_release_ns: from.before_release_ns,
-            least_ns: from.least_ns(),
-        }
+mirror! {
+    /// Times around the Sync0 pulse that the offset of a scheduled frame counts from, in
+    /// nanoseconds from the point of the cycle's grid.
+    #[derive(Default)]
+    pub struct igh_mcan_schedule_margin_t from rust: ScheduleMargin {
+        /// Earliest arrival of the image in the gateway.
+        earliest_arrival_ns: u64,
+        /// Latest arrival of the image in the gateway.
+        latest_arrival_ns: u64,
+        /// The pulse that the offset counts from.
+        pulse_ns: u64,
+        /// The phase at which the frame leaves.
+        release_ns: u64,
+        /// From the pulse before to the earliest arrival.
+        after_pulse_ns: i64,
+        /// From the latest arrival to the pulse; negative where the pulse falls among the arrivals.
+        before_pulse_ns: i64,
+        /// From the end of the firmware's work to the phase; negative where frames may be dropped.
+        before_release_ns: i64,
+        /// The least of the three: what there is to spare.
+        least_ns: i64 = rust.least_ns(),
     }
 }
 
-/// What became of a channel's scheduled frames. `scheduled` is the sum of `sent` to `open`; all but
-/// `open` only grow.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct igh_mcan_schedule_account_t {
-    /// Frames that were taken.
-    pub scheduled: u64,
-    /// Frames that the gateway took and, by its flags, handed to the CAN controller at their phase.
-    pub sent: u64,
-    /// Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT.
-    pub late_dropped: u64,
-    /// Frames that found the gateway's schedule full. Needs TX_RESULT.
-    pub queue_full: u64,
-    /// Frames that the gateway did not take for another reason. Needs TX_RESULT.
-    pub not_sent: u64,
-    /// Frames that never left the host: discarded, or taken back since the cycle ended too late.
-    pub withdrawn: u64,
-    /// Frames of which it cannot be told, among them those of an image that was published again, a
-    /// period late.
-    pub unknown: u64,
-    /// Frames of which it is not told yet.
-    pub open: u64,
-    /// Frames that were refused since their cycle had begun too late for the phase.
-    pub refused_late: u64,
-    /// Frames among `scheduled` that were taken without margin.
-    pub without_margin: u64,
-}
-
-impl From<ScheduleAccount> for igh_mcan_schedule_account_t {
-    fn from(from: ScheduleAccount) -> Self {
-        Self {
-            scheduled: from.scheduled,
-            sent: from.sent,
-            late_dropped: from.late_dropped,
-            queue_full: from.queue_full,
-            not_sent: from.not_sent,
-            withdrawn: from.withdrawn,
-            unknown: from.unknown,
-            open: from.open,
-            refused_late: from.refused_late,
-            without_margin: from.without_margin,
-        }
+mirror! {
+    /// What became of a channel's scheduled frames. `scheduled` is the sum of `sent` to `open`; all
+    /// but `open` only grow.
+    #[derive(Default)]
+    pub struct igh_mcan_schedule_account_t from rust: ScheduleAccount {
+        /// Frames that were taken.
+        scheduled: u64,
+        /// Frames that the gateway took and, by its flags, handed to the CAN controller at their
+        /// phase.
+        sent: u64,
+        /// Frames that the gateway dropped since they came behind their phase. Needs TX_RESULT.
+        late_dropped: u64,
+        /// Frames that found the gateway's schedule full. Needs TX_RESULT.
+        queue_full: u64,
+        /// Frames that the gateway did not take for another reason. Needs TX_RESULT.
+        not_sent: u64,
+        /// Frames that never left the host: discarded, or taken back since the cycle ended too
+        /// late.
+        withdrawn: u64,
+        /// Frames of which it cannot be told, among them those of an image that was published
+        /// again, a period late.
+        unknown: u64,
+        /// Frames of which it is not told yet.
+        open: u64,
+        /// Frames that were refused since their cycle had begun too late for the phase.
+        refused_late: u64,
+        /// Frames among `scheduled` that were taken without margin.
+        without_margin: u64,
     }
 }
 
@@ -163,60 +124,41 @@ pub const IGH_MCAN_SCHEDULE_TX_FAIL: u16 = 0x0100;
 /// Flag of 0xB000:06: the timer missed a phase.
 pub const IGH_MCAN_SCHEDULE_TIMER_MISS: u16 = 0x0200;
 
-/// Counters of one channel, 0x9020 to 0x9023 (manual 13.2.5).
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct igh_mcan_channel_drops_t {
-    /// :11 Times that the controller's FIFO was full.
-    pub fifo_full: u32,
-    /// :12 Frames dropped as stale.
-    pub stale_drops: u32,
-    /// :13 Times that the channel went off the bus.
-    pub bus_offs: u32,
-}
-
-impl From<ChannelDrops> for igh_mcan_channel_drops_t {
-    fn from(from: ChannelDrops) -> Self {
-        Self { fifo_full: from.fifo_full, stale_drops: from.stale_drops, bus_offs: from.bus_offs }
+mirror! {
+    /// Counters of one channel, 0x9020 to 0x9023 (manual 13.2.5).
+    #[derive(Default)]
+    pub struct igh_mcan_channel_drops_t from rust: ChannelDrops {
+        /// :11 Times that the controller's FIFO was full.
+        fifo_full: u32,
+        /// :12 Frames dropped as stale.
+        stale_drops: u32,
+        /// :13 Times that the channel went off the bus.
+        bus_offs: u32,
     }
 }
 
-/// What a gateway tells of its scheduled transmission.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, Default)]
-pub struct igh_mcan_schedule_diagnostics_t {
-    /// When the reading ended, on the clock of ecan_igh_now_ns().
-    pub read_at_ns: u64,
-    /// Per channel; all 0 for one that is not enabled.
-    pub channels: [igh_mcan_channel_drops_t; ECAN_MCAN_CHANNELS],
-    /// 0x9011:02 Sync0 pulses counted.
-    pub sync0_count: u32,
-    /// 0x9011:04 Smallest distance from a Sync0 pulse to the arrival of an image, in CPU cycles of
-    /// the gateway (0x8000:04).
-    pub phase_min_cycles: i32,
-    /// 0x9011:05 Largest such distance.
-    pub phase_max_cycles: i32,
-    /// 0x9011:13 Longest service of scheduled frames, in CPU cycles.
-    pub service_max_cycles: u32,
-    /// 0xB000:06 IGH_MCAN_SCHEDULE_ values and others (manual 13.7); they stay until they are
-    /// cleared.
-    pub flags: u16,
-    /// Not used.
-    pub reserved: [u8; 6],
-}
-
-impl From<ScheduleDiagnostics> for igh_mcan_schedule_diagnostics_t {
-    fn from(from: ScheduleDiagnostics) -> Self {
-        Self {
-            read_at_ns: from.read_at_ns,
-            channels: from.channels.map(Into::into),
-            sync0_count: from.sync0_count,
-            phase_min_cycles: from.phase_min_cycles,
-            phase_max_cycles: from.phase_max_cycles,
-            service_max_cycles: from.service_max_cycles,
-            flags: from.flags,
-            reserved: [0; 6],
-        }
+mirror! {
+    /// What a gateway tells of its scheduled transmission.
+    #[derive(Default)]
+    pub struct igh_mcan_schedule_diagnostics_t from rust: ScheduleDiagnostics {
+        /// When the reading ended, on the clock of ecan_igh_now_ns().
+        read_at_ns: u64,
+        /// Per channel; all 0 for one that is not enabled.
+        channels: [igh_mcan_channel_drops_t; ECAN_MCAN_CHANNELS] = rust.channels.map(Into::into),
+        /// 0x9011:02 Sync0 pulses counted.
+        sync0_count: u32,
+        /// 0x9011:04 Smallest distance from a Sync0 pulse to the arrival of an image, in CPU cycles
+        /// of the gateway (0x8000:04).
+        phase_min_cycles: i32,
+        /// 0x9011:05 Largest such distance.
+        phase_max_cycles: i32,
+        /// 0x9011:13 Longest service of scheduled frames, in CPU cycles.
+        service_max_cycles: u32,
+        /// 0xB000:06 IGH_MCAN_SCHEDULE_ values and others (manual 13.7); they stay until they are
+        /// cleared.
+        flags: u16,
+        /// Not used.
+        reserved: [u8; 6] = [0; 6],
     }
 }
 
@@ -269,17 +211,12 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_margin(
     offset_ns: u32,
     margin: *mut igh_mcan_schedule_margin_t,
 ) -> c_int {
-    call("igh_mcan_port_get_schedule_margin", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, out) =
-            unsafe { (bus::enter_port(call, port.cast())?, call.out("margin", margin)?) };
-        let port = bus.need_port(call)?;
+    enter!(igh_mcan_port_get_schedule_margin, port -> margin).fill(|call, port| {
         let gateway = need_slave(call, port, slave)?;
         let margin = port.schedule_margin(gateway, offset_ns).map_err(|reason| {
             call.fail(ecan_result_t::ECAN_ERR_SCHEDULE, format_args!("{offset_ns} ns: {reason}"))
         })?;
-        out.set(margin.into());
-        Ok(())
+        Ok(margin.into())
     })
 }
 
@@ -295,15 +232,10 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_account(
     channel: u8,
     account: *mut igh_mcan_schedule_account_t,
 ) -> c_int {
-    call("igh_mcan_port_get_schedule_account", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, out) =
-            unsafe { (bus::enter_port(call, port.cast())?, call.out("account", account)?) };
-        let port = bus.need_port(call)?;
+    enter!(igh_mcan_port_get_schedule_account, port -> account).fill(|call, port| {
         let channel = find_channel(call, port, slave, channel)?;
         let account = channel.map(|channel| port.schedule_account(channel)).unwrap_or_default();
-        out.set(account.into());
-        Ok(())
+        Ok(account.into())
     })
 }
 
@@ -318,18 +250,13 @@ pub unsafe extern "C" fn igh_mcan_port_get_schedule_diagnostics(
     slave: usize,
     diagnostics: *mut igh_mcan_schedule_diagnostics_t,
 ) -> c_int {
-    call("igh_mcan_port_get_schedule_diagnostics", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, out) =
-            unsafe { (bus::enter_port(call, port.cast())?, call.out("diagnostics", diagnostics)?) };
-        let port = bus.need_port(call)?;
+    enter!(igh_mcan_port_get_schedule_diagnostics, port -> diagnostics).fill(|call, port| {
         let gateway = need_slave(call, port, slave)?;
         let diagnostics = port.schedule_diagnostics(gateway).ok_or_else(|| {
             let words = format_args!("no look was taken at slave {slave} yet");
             call.fail(ecan_result_t::ECAN_ERR_NOT_READY, words)
         })?;
-        out.set(diagnostics.into());
-        Ok(())
+        Ok(diagnostics.into())
     })
 }
 
@@ -343,10 +270,7 @@ pub unsafe extern "C" fn igh_mcan_port_clear_schedule_flags(
     port: *mut igh_mcan_port_t,
     slave: usize,
 ) -> c_int {
-    call("igh_mcan_port_clear_schedule_flags", |call| {
-        // SAFETY: the pointer is C's, valid or NULL as the header demands.
-        let mut bus = unsafe { bus::enter_port(call, port.cast())? };
-        let port = bus.need_port(call)?;
+    enter!(igh_mcan_port_clear_schedule_flags, port).run(|call, port| {
         let gateway = need_slave(call, port, slave)?;
         port.clear_schedule_flags(gateway);
         Ok(())

@@ -5,7 +5,7 @@
 
 use std::ffi::c_int;
 
-use ecan_mcan_host::boundary::{Call, call, getter};
+use ecan_mcan_host::boundary::{Call, call};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::frames::{
     IGH_MCAN_FLAG_EXT, classic_frame_at, fd_frame, igh_mcan_rx_frame_t, igh_mcan_tx_frame_t,
@@ -18,7 +18,8 @@ use super::context::igh_mcan_port_t;
 use super::cycle::receive;
 use super::state::need_slave;
 use crate::bus::{self, Bus};
-use crate::errors;
+use crate::entry::enter;
+use crate::errors::OrCode as _;
 use crate::handle::Entered;
 
 /// Where a frame went; igh_mcan_rx_frame_t of kind IGH_MCAN_RX_TX_RESULT names the same.
@@ -45,10 +46,10 @@ fn send(
     options: SendOptions,
 ) -> Result<(), ecan_result_t> {
     let mut cycle = bus.need_cycle(call)?;
-    let to = cycle.channel(slave, channel).map_err(|error| errors::address(call, &error))?;
+    let to = cycle.channel(slave, channel).or_code(call)?;
     let sent = cycle.send_with(to, frame, options);
     drop(cycle);
-    let ticket = sent.map_err(|error| errors::send(call, &error))?;
+    let ticket = sent.or_code(call)?;
     bus.last_ticket = Some(ticket.into());
     Ok(())
 }
@@ -94,10 +95,10 @@ pub unsafe extern "C" fn igh_mcan_port_send_can(
         let id = CanId::new(can_id, flags != 0).map_err(|error| call.error(&error))?;
         let frame = FrameRef::classic(id, data).map_err(|error| call.error(&error))?;
         let mut cycle = bus.need_cycle(call)?;
-        let to = cycle.channel(slave, channel).map_err(|error| errors::address(call, &error))?;
+        let to = cycle.channel(slave, channel).or_code(call)?;
         let sent = cycle.send(to, frame);
         drop(cycle);
-        bus.last_ticket = Some(sent.map_err(|error| errors::send(call, &error))?.into());
+        bus.last_ticket = Some(sent.or_code(call)?.into());
         Ok(())
     })
 }
@@ -285,10 +286,9 @@ pub unsafe extern "C" fn igh_mcan_port_exchange(
         let sent = frames.iter().try_for_each(|tx| send_tx(call, &mut bus, tx));
         let summary = bus.need_cycle(call)?.finish();
         // The text is that of the code that is returned.
-        let failed = |error| Err(errors::cycle(call, &error));
-        summary.receive_error.map_or(Ok(()), failed)?;
+        summary.receive_error.map_or(Ok(()), Err).or_code(call)?;
         sent?;
-        summary.send_error.map_or(Ok(()), failed)
+        summary.send_error.map_or(Ok(()), Err).or_code(call)
     })
 }
 
@@ -328,16 +328,8 @@ pub unsafe extern "C" fn igh_mcan_port_image_room(
     port: *mut igh_mcan_port_t,
     slave: usize,
 ) -> usize {
-    getter(
-        "igh_mcan_port_image_room",
-        |_| 0,
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            let mut bus = unsafe { bus::enter_port(call, port.cast())? };
-            let port = bus.need_port(call)?;
-            Ok(port.gateway(slave).map_or(0, |gateway| port.image_room(gateway)))
-        },
-    )
+    enter!(igh_mcan_port_image_room, port)
+        .get_or(0, |_, port| Ok(port.gateway(slave).map_or(0, |gateway| port.image_room(gateway))))
 }
 
 /// Gives up every frame that is not known to have reached the gateway. Frames of an image that is
@@ -351,15 +343,8 @@ pub unsafe extern "C" fn igh_mcan_port_discard_pending(
     port: *mut igh_mcan_port_t,
     slave: usize,
 ) -> c_int {
-    getter(
-        "igh_mcan_port_discard_pending",
-        |error| error.code(),
-        |call| {
-            // SAFETY: the pointer is C's, valid or NULL as the header demands.
-            let mut bus = unsafe { bus::enter_port(call, port.cast())? };
-            let port = bus.need_port(call)?;
-            let gateway = need_slave(call, port, slave)?;
-            Ok(port.discard_pending(gateway) as c_int)
-        },
-    )
+    enter!(igh_mcan_port_discard_pending, port).get(|call, port| {
+        let gateway = need_slave(call, port, slave)?;
+        Ok(port.discard_pending(gateway) as c_int)
+    })
 }

@@ -2,7 +2,7 @@
 
 use std::ffi::{c_char, c_int};
 
-use ecan_mcan_host::boundary::{Call, call, getter, put_text};
+use ecan_mcan_host::boundary::{Call, getter, put_text};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_host::pdo::channel_status::igh_mcan_channel_status_t;
 use ecan_mcan_host::pdo::diagnosis::igh_mcan_pdo_parse_diag_t;
@@ -11,7 +11,8 @@ use ecan_mcan_port::{AddressError, ChannelHandle, GatewayHandle, ImageReport, Po
 use super::context::igh_mcan_port_t;
 use crate::adapter::cycle::ecan_igh_domain_report_t;
 use crate::bus;
-use crate::errors;
+use crate::entry::enter;
+use crate::errors::{self, OrCode as _};
 
 /// Where a gateway's session stands.
 #[repr(C)]
@@ -67,7 +68,7 @@ pub(crate) fn need_slave(
     port: &Port,
     slave: usize,
 ) -> Result<GatewayHandle, ecan_result_t> {
-    port.gateway(slave).map_err(|error| errors::address(call, &error))
+    port.gateway(slave).or_code(call)
 }
 
 /// Where a gateway's session stands.
@@ -126,11 +127,7 @@ pub unsafe extern "C" fn igh_mcan_port_get_cycle_report(
     slave: usize,
     report: *mut igh_mcan_cycle_report_t,
 ) -> c_int {
-    call("igh_mcan_port_get_cycle_report", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, out) =
-            unsafe { (bus::enter_port(call, port.cast())?, call.out("report", report)?) };
-        let port = bus.need_port(call)?;
+    enter!(igh_mcan_port_get_cycle_report, port -> report).fill(|call, port| {
         let gateway = need_slave(call, port, slave)?;
         let report = port.cycle_report(gateway);
         let mut value = igh_mcan_cycle_report_t {
@@ -153,8 +150,7 @@ pub unsafe extern "C" fn igh_mcan_port_get_cycle_report(
             ImageReport::Repeated => value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_REPEATED as u8,
             ImageReport::Fault(_) => value.image = igh_mcan_image_t::IGH_MCAN_IMAGE_FAULT as u8,
         }
-        out.set(value);
-        Ok(())
+        Ok(value)
     })
 }
 
@@ -170,14 +166,9 @@ pub unsafe extern "C" fn igh_mcan_port_get_parse_diag(
     slave: usize,
     diag: *mut igh_mcan_pdo_parse_diag_t,
 ) -> c_int {
-    call("igh_mcan_port_get_parse_diag", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, out) =
-            unsafe { (bus::enter_port(call, port.cast())?, call.out("diag", diag)?) };
-        let port = bus.need_port(call)?;
+    enter!(igh_mcan_port_get_parse_diag, port -> diag).fill(|call, port| {
         let gateway = need_slave(call, port, slave)?;
-        out.set(port.last_diagnosis(gateway).as_ref().map(Into::into).unwrap_or_default());
-        Ok(())
+        Ok(port.last_diagnosis(gateway).as_ref().map(Into::into).unwrap_or_default())
     })
 }
 
@@ -193,15 +184,10 @@ pub unsafe extern "C" fn igh_mcan_port_get_channel_status(
     channel: u8,
     status: *mut igh_mcan_channel_status_t,
 ) -> c_int {
-    call("igh_mcan_port_get_channel_status", |call| {
-        // SAFETY: the pointers are C's, valid or NULL as the header demands.
-        let (mut bus, out) =
-            unsafe { (bus::enter_port(call, port.cast())?, call.out("status", status)?) };
-        let port = bus.need_port(call)?;
+    enter!(igh_mcan_port_get_channel_status, port -> status).fill(|call, port| {
         let channel = find_channel(call, port, slave, channel)?;
         let status = channel.map(|channel| port.channel_status(channel)).unwrap_or_default();
-        out.set(status.into());
-        Ok(())
+        Ok(status.into())
     })
 }
 
@@ -215,6 +201,6 @@ pub(crate) fn find_channel(
     match port.channel(slave, channel) {
         Ok(channel) => Ok(Some(channel)),
         Err(AddressError::Disabled { .. }) => Ok(None),
-        Err(error) => Err(errors::address(call, &error)),
+        Err(error) => Err(errors::note(call, &error)),
     }
 }
