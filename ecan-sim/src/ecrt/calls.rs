@@ -4,16 +4,16 @@ use std::sync::Arc;
 
 use libc::c_int;
 
-use crate::ecrt::dc::ClockDatagram;
+use crate::ecrt::datagram::{ClockDatagram, Queued};
 use crate::ecrt::front::{Shared, State};
 use crate::ecrt::master::Phase;
+use crate::ecrt::pdo::{Pdo, SYNC_MANAGERS};
 use crate::ecrt::process_memory::ProcessMemory;
 use crate::ecrt::registry::{self, Handle, Target};
-use crate::ecrt::sdo::SdoObject;
+use crate::ecrt::sdo_transfer::SdoObject;
 use crate::ecrt::slave_config::{EntryPlace, RegRequest, SdoRequest, SlaveConfig, SyncConfig};
-use crate::ecrt::slave_view::{Pdo, SYNC_MANAGERS, SlaveView};
+use crate::ecrt::slave_view::SlaveView;
 use crate::ecrt::timing::ACTIVATE_NS;
-use crate::ecrt::transport::Queued;
 use crate::fault::LibraryCall;
 
 /// What a call gives: something, or a positive error number.

@@ -1,5 +1,6 @@
 //! Domains: FMMU layout, packing into datagrams, expected working counter.
 
+use crate::ecrt::datagram::DatagramState;
 use crate::ecrt::process_memory::ProcessMemory;
 use crate::scenario::EcrtVersion;
 use crate::world::{Fmmu, LogicalCommand, ProcessDirection};
@@ -20,23 +21,6 @@ pub(crate) struct DomainFmmu {
     pub(crate) offset: usize,
     /// Bytes.
     pub(crate) size: usize,
-}
-
-/// Where a datagram is on its way.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum DatagramState {
-    /// Never queued since activation.
-    Init,
-    /// Waiting in the send queue.
-    Queued,
-    /// On the wire; `arrives_ns` is `None` when the frame was lost.
-    Sent { at_ns: u64, arrives_ns: Option<u64> },
-    /// Back.
-    Received,
-    /// Not back in time.
-    TimedOut,
-    /// Could not be sent: no link.
-    Error,
 }
 
 /// One datagram of a domain.

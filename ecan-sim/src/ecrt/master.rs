@@ -1,18 +1,27 @@
 //! The simulated master: reservation, phases, handles, and its state machines.
 
+mod bus_scan;
+mod dc;
+mod register_access;
+mod sdo;
+mod startup;
+mod transport;
+
 use std::collections::VecDeque;
 
 use ecan_protocol::device::AlState;
 
-use crate::ecrt::bus_scan::Scan;
-use crate::ecrt::dc::Clocks;
+use crate::ecrt::clocks::Clocks;
+use crate::ecrt::datagram::Queued;
 use crate::ecrt::domain::Domain;
-use crate::ecrt::sdo::BlockingSdo;
+use crate::ecrt::mailbox::MailboxTransfer;
 use crate::ecrt::slave_config::SlaveConfig;
 use crate::ecrt::slave_view::SlaveView;
-use crate::ecrt::transport::Queued;
 use crate::scenario::{EcrtVersion, Scenario};
 use crate::world::World;
+
+use bus_scan::Scan;
+use sdo::BlockingSdo;
 
 /// Lines of the kernel log that are kept.
 const LOG_LINES: usize = 1000;
@@ -248,6 +257,16 @@ impl MasterModel {
         }
     }
 
+    /// Begins a mailbox transfer.
+    fn begin_transfer(&self, now: u64) -> MailboxTransfer {
+        MailboxTransfer::begin(now, self.sends)
+    }
+
+    /// Polls a mailbox transfer; see [`MailboxTransfer::poll`].
+    fn poll_mailbox(&self, mailbox: &mut MailboxTransfer, now: u64) -> Result<(), u64> {
+        mailbox.poll(now, (self.phase == Phase::Active).then_some(self.sends))
+    }
+
     /// The configuration attached to a slave.
     pub(crate) fn attached(&self, slave: usize) -> Option<&SlaveConfig> {
         self.configs.get(self.slaves.get(slave)?.config?)
@@ -278,7 +297,7 @@ impl MasterModel {
         if let (Some(config), Some(slave)) =
             (self.configs.get_mut(index), slave.and_then(|slave| self.slaves.get(slave)))
         {
-            config.load_defaults(slave);
+            config.load_defaults(&slave.assigned);
         }
         Ok(index)
     }

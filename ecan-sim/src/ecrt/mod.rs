@@ -3,9 +3,10 @@
 //! Behaves as IgH EtherCAT master 1.6.2 (or 1.5.2) does towards an application. The kernel module
 //! and the user space library are one here.
 
-mod bus_scan;
+mod al_status;
 mod calls;
-mod dc;
+mod clocks;
+mod datagram;
 mod domain;
 mod front;
 // Its documentation at the crate's root says once what every function asks of its caller.
@@ -13,18 +14,17 @@ mod front;
 pub(crate) mod functions;
 mod mailbox;
 mod master;
+mod pdo;
 mod pdo_assignment;
 mod process_memory;
-mod register_access;
 mod registry;
 mod request_calls;
-mod sdo;
+mod sdo_transfer;
 mod slave_config;
 mod slave_view;
-mod startup;
+mod startup_state;
 mod threads;
 mod timing;
-mod transport;
 
 pub(crate) use front::Shared;
 pub(crate) use functions::simulated_library;

@@ -1,7 +1,7 @@
 //! The SDO writes with which the master sets PDO assignment and mapping after the startup SDOs.
 
+use crate::ecrt::pdo::SYNC_MANAGERS;
 use crate::ecrt::slave_config::{SlaveConfig, SyncConfig};
-use crate::ecrt::slave_view::SYNC_MANAGERS;
 use crate::scenario::GatewaySpec;
 
 /// One write, and where to go on when the slave refuses it.
@@ -77,7 +77,7 @@ fn push_list(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ecrt::slave_view::Pdo;
+    use crate::ecrt::pdo::Pdo;
 
     #[test]
     fn assignment_is_cleared_written_and_counted() {

@@ -1,8 +1,9 @@
 //! What an application configures for one slave.
 
+use crate::ecrt::pdo::{Pdo, PdoEntry, direction_of, pdo_bytes};
 use crate::ecrt::process_memory::ProcessMemory;
-use crate::ecrt::sdo::SdoObject;
-use crate::ecrt::slave_view::{Pdo, PdoEntry, SlaveView, direction_of, pdo_bytes};
+use crate::ecrt::sdo_transfer::SdoObject;
+use crate::scenario::GatewaySpec;
 use crate::world::ProcessDirection;
 
 /// Most sync managers that a configuration knows.
@@ -149,15 +150,14 @@ impl SlaveConfig {
         }
     }
 
-    /// Whether it was made for this slave.
-    pub(crate) fn fits(&self, slave: &SlaveView) -> bool {
-        let settings = &slave.spec.config;
-        settings.vendor_id == self.vendor_id && settings.product_code == self.product_code
+    /// Whether the configured identity is that of a slave.
+    pub(crate) fn fits(&self, slave: &GatewaySpec) -> bool {
+        slave.config.vendor_id == self.vendor_id && slave.config.product_code == self.product_code
     }
 
-    /// Takes over what the slave assigns by itself.
-    pub(crate) fn load_defaults(&mut self, slave: &SlaveView) {
-        for (number, pdos) in (0u8..).zip(&slave.assigned) {
+    /// Sets the slave's default assignment, given by sync manager.
+    pub(crate) fn load_defaults(&mut self, assigned: &[Vec<Pdo>]) {
+        for (number, pdos) in (0u8..).zip(assigned) {
             if let Some(sync) = self.syncs.get_mut(usize::from(number)) {
                 sync.direction = direction_of(number);
                 sync.pdos.clone_from(pdos);

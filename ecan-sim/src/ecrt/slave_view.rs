@@ -1,51 +1,14 @@
 //! What the master knows of a slave since the last scan.
 
-use crate::ecrt::sdo::Transfer;
-use crate::ecrt::startup::Startup;
-use crate::scenario::GatewaySpec;
-use crate::world::{ProcessDirection, World};
 use ecan_protocol::device::AlState;
 use ecan_protocol::mapping::{Direction, UNITS_PER_CHUNK, assignment_index, sync_manager};
 
-/// Sync managers of the gateway: two mailboxes, outputs, inputs.
-pub(super) const SYNC_MANAGERS: u8 = 4;
-/// Bit of the AL status that says error.
-pub(super) const AL_ERROR: u8 = 0x10;
-
-/// An entry of a PDO.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct PdoEntry {
-    pub(crate) index: u16,
-    pub(crate) subindex: u8,
-    pub(crate) bits: u8,
-}
-
-/// A PDO with its mapping.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub(crate) struct Pdo {
-    pub(crate) index: u16,
-    pub(crate) entries: Vec<PdoEntry>,
-}
-
-impl Pdo {
-    pub(crate) fn bits(&self) -> usize {
-        self.entries.iter().map(|entry| usize::from(entry.bits)).sum()
-    }
-}
-
-/// Bytes that a list of PDOs takes.
-pub(crate) fn pdo_bytes(pdos: &[Pdo]) -> usize {
-    pdos.iter().map(Pdo::bits).sum::<usize>().div_ceil(8)
-}
-
-/// Direction of a sync manager of the gateway.
-pub(crate) fn direction_of(sync_manager: u8) -> Option<ProcessDirection> {
-    match sync_manager {
-        0 | 2 => Some(ProcessDirection::Output),
-        1 | 3 => Some(ProcessDirection::Input),
-        _ => None,
-    }
-}
+use crate::ecrt::al_status::{AL_ERROR, al_status};
+use crate::ecrt::mailbox::Transfer;
+use crate::ecrt::pdo::{Pdo, PdoEntry, SYNC_MANAGERS};
+use crate::ecrt::startup_state::Startup;
+use crate::scenario::GatewaySpec;
+use crate::world::World;
 
 /// One slave.
 #[derive(Debug)]
@@ -113,13 +76,6 @@ impl SlaveView {
     pub(crate) fn is_idle(&self) -> bool {
         self.startup.is_none() && self.transfer.is_none()
     }
-}
-
-/// AL status register of a gateway.
-pub(crate) fn al_status(world: &World, slot: usize) -> u8 {
-    world.gateway(slot).map_or(0, |gateway| {
-        gateway.al_state().raw() | if gateway.al_error() { AL_ERROR } else { 0 }
-    })
 }
 
 /// Reads the assigned PDOs and their mapping, as far as the slave answers.

@@ -5,7 +5,7 @@
 
 use crate::gateway::{Gateway, Sync0};
 
-use super::memory::Context;
+use super::context::Context;
 
 /// Ports of a controller, wired or not.
 const PORTS: usize = 4;

@@ -1,19 +1,25 @@
 //! One slave controller: which datagrams concern it, and what they count.
 
+mod logical;
+mod mailbox_buffers;
+mod memory;
+mod registers;
+
 use ecan_protocol::device::AlState;
 
 use super::clock::ClockRegisters;
 use super::command::{Access, Command};
+use super::context::Context;
 use super::eeprom::EepromInterface;
 use super::fmmu::{FMMUS, Fmmu};
 use super::frame::{Datagram, FrameFault, for_each_datagram};
-use super::mailbox_buffers::MailboxBuffers;
-use super::memory::{Context, INPUTS, MEMORY_BYTES, OUTPUTS, READ_MAILBOX, WRITE_MAILBOX};
-use super::registers::{self, address, event};
 use super::sync_manager::{SYNC_MANAGERS, SyncManager};
+use mailbox_buffers::MailboxBuffers;
+use memory::{INPUTS, MEMORY_BYTES, OUTPUTS, READ_MAILBOX, WRITE_MAILBOX};
+use registers::{address, event};
 
 /// Data of the longest datagram that a frame holds.
-pub(super) const DATAGRAM_BYTES: usize = 1500;
+const DATAGRAM_BYTES: usize = 1500;
 
 /// DL status: configuration loaded, the device's watchdog fed, link on ports 0 and 1, communication on them, closed loops.
 mod dl {
@@ -47,20 +53,20 @@ impl Stops {
 
 /// A slave controller. Its EtherCAT state, clock and process data buffers are the gateway's.
 pub(super) struct Controller {
-    pub(super) registers: Box<[u8]>,
-    pub(super) memory: Box<[u8]>,
-    pub(super) sync_managers: [SyncManager; SYNC_MANAGERS],
-    pub(super) fmmus: [Option<Fmmu>; FMMUS],
-    pub(super) clock: ClockRegisters,
-    pub(super) eeprom: EepromInterface,
+    registers: Box<[u8]>,
+    memory: Box<[u8]>,
+    sync_managers: [SyncManager; SYNC_MANAGERS],
+    fmmus: [Option<Fmmu>; FMMUS],
+    clock: ClockRegisters,
+    eeprom: EepromInterface,
     /// Start of the cyclic unit as it was written.
-    pub(super) cyclic_start: [u8; 8],
+    cyclic_start: [u8; 8],
     /// Event requests of the link and of the state.
-    pub(super) events: u16,
+    events: u16,
     /// Expirations of the watchdog when its counter was cleared.
-    pub(super) watchdogs_cleared: u32,
-    pub(super) mailbox: MailboxBuffers,
-    pub(super) scratch: Box<[u8]>,
+    watchdogs_cleared: u32,
+    mailbox: MailboxBuffers,
+    scratch: Box<[u8]>,
     /// Boots of the gateway that it has gone along with.
     boots: Option<u32>,
     stops: Stops,

@@ -1,8 +1,5 @@
 //! The SII EEPROM interface: commands, errors, and how long they take (ETG.1000.4).
 
-use super::controller::Controller;
-use super::memory::Context;
-
 /// Bytes of 0x0502 to 0x050F.
 pub(super) const INTERFACE_BYTES: usize = 14;
 
@@ -134,27 +131,6 @@ pub(super) fn checksum(words: &[u16]) -> u8 {
         digest.update(&word.to_le_bytes());
     }
     digest.finalize()
-}
-
-impl Controller {
-    /// The master has written the EEPROM interface.
-    pub(super) fn command_eeprom(
-        &mut self,
-        interface: &[u8; INTERFACE_BYTES],
-        has_command: bool,
-        context: &mut Context<'_>,
-    ) {
-        let words = context.gateway.eeprom();
-        match self.eeprom.written(context.now, interface, has_command, words) {
-            Effect::Nothing => {}
-            Effect::Write { word, value } => context.gateway.write_eeprom(word, value),
-            // The alias is taken over at power-on alone.
-            Effect::Reload => {
-                let words = context.gateway.eeprom();
-                self.load_interface_configuration(words);
-            }
-        }
-    }
 }
 
 #[cfg(test)]

@@ -7,14 +7,11 @@
 
 mod clock;
 mod command;
+mod context;
 mod controller;
 mod eeprom;
 mod fmmu;
 mod frame;
-mod logical;
-mod mailbox_buffers;
-mod memory;
-mod registers;
 mod sii;
 mod sync_manager;
 mod wire;

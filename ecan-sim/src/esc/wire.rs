@@ -6,9 +6,9 @@ use crate::node::BridgeFactory;
 use crate::scenario::{Scenario, Topology};
 use crate::world::{CycleFaults, World};
 
+use super::context::Context;
 use super::controller::Controller;
 use super::frame::{FrameFault, for_each_datagram, mark_as_processed};
-use super::memory::Context;
 use super::sii;
 
 /// Time that a frame takes from one slave to the next, ns: processing and cable.

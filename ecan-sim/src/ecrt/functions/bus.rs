@@ -2,7 +2,7 @@
 
 use super::{on_master, status, store};
 use crate::ecrt::front::State;
-use crate::ecrt::slave_view::{SYNC_MANAGERS, direction_of};
+use crate::ecrt::pdo::{SYNC_MANAGERS, direction_of};
 use crate::world::ProcessDirection;
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_INVALID, EC_DIR_OUTPUT, EC_PORT_MII, EC_PORT_NOT_IMPLEMENTED,

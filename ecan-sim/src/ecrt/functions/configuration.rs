@@ -5,8 +5,8 @@ use std::ffi::CStr;
 use super::{
     byte_offset, handle_or_null, on_config, on_domain, on_master, place_in_domain, status, store,
 };
+use crate::ecrt::pdo::PdoEntry;
 use crate::ecrt::slave_config::{DcConfig, EntryPlace, SyncWatchdog};
-use crate::ecrt::slave_view::PdoEntry;
 use crate::world::ProcessDirection;
 use ecrt_sys::{
     EC_DIR_INPUT, EC_DIR_OUTPUT, EC_WD_DEFAULT, EC_WD_DISABLE, EC_WD_ENABLE, ec_al_state_t,

@@ -1,7 +1,7 @@
 //! Process data, exchange and clocks.
 
 use super::{data_or_null, guarded, on_domain, on_master, status, store};
-use crate::ecrt::transport::Queued;
+use crate::ecrt::datagram::Queued;
 use ecrt_sys::{
     EC_WC_COMPLETE, EC_WC_INCOMPLETE, EC_WC_ZERO, ec_domain_state_t, ec_domain_t, ec_master_t,
 };

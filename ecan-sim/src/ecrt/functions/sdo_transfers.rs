@@ -2,7 +2,7 @@
 
 use super::{bytes, on_master, status, store};
 use crate::ecrt::calls::Answer;
-use crate::ecrt::sdo::SdoObject;
+use crate::ecrt::sdo_transfer::SdoObject;
 use ecrt_sys::ec_master_t;
 use libc::{c_int, size_t};
 

@@ -2,7 +2,7 @@
 
 use super::{bytes, on_config, status};
 use crate::ecrt::calls::Answer;
-use crate::ecrt::sdo::SdoObject;
+use crate::ecrt::sdo_transfer::SdoObject;
 use crate::ecrt::slave_config::StartupSdo;
 use ecrt_sys::ec_slave_config_t;
 use libc::{c_int, size_t};

@@ -8,6 +8,7 @@ mod information;
 mod object_lists;
 mod sdo_server;
 mod segments;
+mod target;
 
 use sdo_server::SdoServer;
 

@@ -1,19 +1,17 @@
 //! The SDO server: expedited, normal and segmented transfers, of one entry or of a whole object.
 //! What an access may do is judged by the gateway.
 
-use ecan_protocol::object::{AbortCode, object};
+use ecan_protocol::object::AbortCode;
 
 use crate::gateway::Gateway;
 
 use super::abort::abort_message;
-use super::complete_access;
 use super::segments::{SMALLEST_SEGMENT, SegmentedDownload, SegmentedUpload};
+use super::target::{COMPLETE_ACCESS, EXPEDITED, Target};
 use super::{COE_HEADER_BYTES, MailboxError, coe_header, service};
 
 /// Bytes of an SDO message behind the CoE header, before data of a normal transfer.
 const SDO_BYTES: usize = 8;
-/// Data bytes of an expedited transfer.
-const EXPEDITED: usize = 4;
 /// Longest download that the firmware has memory for; the longest object is far shorter.
 const LONGEST_DOWNLOAD: usize = 1024;
 
@@ -37,64 +35,9 @@ mod response {
 /// Bits of the command byte that begins a transfer.
 const SIZE_INDICATED: u8 = 0x01;
 const IS_EXPEDITED: u8 = 0x02;
-const COMPLETE_ACCESS: u8 = 0x10;
 /// Bits of a segment's command byte.
 const LAST_SEGMENT: u8 = 0x01;
 const TOGGLE: u8 = 0x10;
-
-/// What a transfer is about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Target {
-    pub(super) index: u16,
-    pub(super) subindex: u8,
-    /// The whole object from the subindex on.
-    pub(super) is_complete: bool,
-}
-
-impl Target {
-    fn upload(self, now: u64, gateway: &mut Gateway) -> Result<Vec<u8>, AbortCode> {
-        if self.is_complete {
-            return complete_access::upload(now, self.index, self.subindex, gateway);
-        }
-        let mut data = Vec::new();
-        gateway.sdo_upload(now, self.index, self.subindex, &mut data).map(|()| data)
-    }
-
-    fn download(self, now: u64, data: &[u8], gateway: &mut Gateway) -> Result<(), AbortCode> {
-        if self.is_complete {
-            return complete_access::download(now, self.index, self.subindex, data, gateway);
-        }
-        gateway.sdo_download(now, self.index, self.subindex, data)
-    }
-
-    /// What can be said against a segmented download before its data are there.
-    fn check_announced(self, size: usize) -> Result<(), AbortCode> {
-        let object = object(self.index).ok_or(AbortCode::NO_OBJECT)?;
-        let entry = object.entry(self.subindex).ok_or(AbortCode::NO_SUBINDEX)?;
-        if self.is_complete {
-            return Ok(());
-        }
-        if !entry.access.can_write() {
-            return Err(AbortCode::READ_ONLY);
-        }
-        match entry.ty.size_bytes() {
-            Some(longest) if size > longest => Err(AbortCode::TOO_LONG),
-            _ => Ok(()),
-        }
-    }
-
-    /// Bytes of an expedited download that does not say how many of its four it means.
-    fn expedited_size(self) -> usize {
-        object(self.index)
-            .filter(|_| !self.is_complete)
-            .and_then(|object| object.entry(self.subindex)?.ty.size_bytes())
-            .map_or(EXPEDITED, |size| size.min(EXPEDITED))
-    }
-
-    fn complete_bit(self) -> u8 {
-        if self.is_complete { COMPLETE_ACCESS } else { 0 }
-    }
-}
 
 /// The first message of a transfer.
 struct Initiation<'a> {

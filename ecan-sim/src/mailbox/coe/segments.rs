@@ -2,7 +2,7 @@
 
 use ecan_protocol::object::AbortCode;
 
-use super::sdo_server::Target;
+use super::target::Target;
 
 /// Data bytes that the smallest segment holds.
 pub(super) const SMALLEST_SEGMENT: usize = 7;

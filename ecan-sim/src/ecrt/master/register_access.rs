@@ -3,10 +3,10 @@
 use ecan_protocol::device::AlState;
 use libc::c_int;
 
-use crate::ecrt::master::MasterModel;
-use crate::ecrt::sdo::{Transfer, TransferOwner};
+use super::MasterModel;
+use crate::ecrt::al_status::al_status;
+use crate::ecrt::mailbox::{Transfer, TransferOwner};
 use crate::ecrt::slave_config::{RegRequest, RequestProgress};
-use crate::ecrt::slave_view::al_status;
 use crate::ecrt::timing::REGISTER_NS;
 use crate::world::World;
 
@@ -52,7 +52,7 @@ impl MasterModel {
 
     /// Chooses the next register request of an idle slave.
     pub(crate) fn choose_reg_request(&mut self, index: usize, now: u64) -> bool {
-        let journey = self.begin_journey(now);
+        let mailbox = self.begin_transfer(now);
         let Some(slave) = self.slaves.get_mut(index) else { return false };
         let Some(config) = slave.config else { return false };
         let Some(known) = self.configs.get_mut(config) else { return false };
@@ -64,7 +64,7 @@ impl MasterModel {
         let Some((request, entry)) = queued else { return false };
         entry.progress = RequestProgress::Busy;
         let owner = TransferOwner::Register { config, request };
-        slave.transfer = Some(Transfer { owner, journey });
+        slave.transfer = Some(Transfer { owner, mailbox });
         slave.due = now + REGISTER_NS;
         true
     }

@@ -2,18 +2,18 @@
 
 use ecan_protocol::device::AlState;
 
-use super::clock::{self, ClockRegisters};
-use super::controller::Controller;
-use super::eeprom::INTERFACE_BYTES;
-use super::fmmu::{FMMU_BYTES, FMMUS, Fmmu};
-use super::memory::Context;
-use super::sync_manager::{SYNC_MANAGER_BYTES, SYNC_MANAGERS};
+use super::super::clock::{self, ClockRegisters};
+use super::super::context::Context;
+use super::super::eeprom::{Effect, INTERFACE_BYTES};
+use super::super::fmmu::{FMMU_BYTES, FMMUS, Fmmu};
+use super::super::sync_manager::{SYNC_MANAGER_BYTES, SYNC_MANAGERS};
+use super::Controller;
 
 /// Registers end where the memory begins.
-pub(super) const REGISTER_BYTES: usize = 0x1000;
+pub(in crate::esc) const REGISTER_BYTES: usize = 0x1000;
 
 /// First addresses.
-pub(super) mod address {
+pub(in crate::esc) mod address {
     pub(crate) const TYPE: usize = 0x0000;
     pub(crate) const STATION: usize = 0x0010;
     pub(crate) const ALIAS: usize = 0x0012;
@@ -103,7 +103,7 @@ const AL_STATE: u8 = 0x0F;
 const AL_ACKNOWLEDGE: u8 = 0x10;
 
 /// Event requests of the master.
-pub(super) mod event {
+pub(in crate::esc) mod event {
     pub(crate) const DL_STATUS: u16 = 1 << 2;
     pub(crate) const AL_STATUS: u16 = 1 << 3;
     pub(crate) const FIRST_SYNC_MANAGER: u16 = 1 << 4;
@@ -116,7 +116,7 @@ fn touches(at: usize, bytes: usize, register: usize, length: usize) -> bool {
 }
 
 /// Values after power-on.
-pub(super) fn initial() -> Box<[u8]> {
+pub(in crate::esc) fn initial() -> Box<[u8]> {
     let mut registers = vec![0; REGISTER_BYTES].into_boxed_slice();
     for (at, bytes) in DEFAULTS {
         registers[at..at + bytes.len()].copy_from_slice(bytes);
@@ -126,24 +126,29 @@ pub(super) fn initial() -> Box<[u8]> {
 
 impl Controller {
     /// So many bytes of a register, as stored.
-    pub(super) fn stored<const N: usize>(&self, at: usize) -> [u8; N] {
+    pub(in crate::esc) fn stored<const N: usize>(&self, at: usize) -> [u8; N] {
         self.registers.get(at..at + N).and_then(|bytes| bytes.try_into().ok()).unwrap_or([0; N])
     }
 
-    pub(super) fn store(&mut self, at: usize, bytes: &[u8]) {
+    pub(in crate::esc) fn store(&mut self, at: usize, bytes: &[u8]) {
         if let Some(to) = self.registers.get_mut(at..at + bytes.len()) {
             to.copy_from_slice(bytes);
         }
     }
 
     /// Adds one to a counter of a byte, up to its end.
-    pub(super) fn count(&mut self, at: usize) {
+    pub(in crate::esc) fn count(&mut self, at: usize) {
         let [value] = self.stored(at);
         self.store(at, &[value.saturating_add(1)]);
     }
 
     /// The master reads registers.
-    pub(super) fn read_registers(&mut self, at: usize, out: &mut [u8], context: &Context<'_>) {
+    pub(in crate::esc) fn read_registers(
+        &mut self,
+        at: usize,
+        out: &mut [u8],
+        context: &Context<'_>,
+    ) {
         self.refresh(at, out.len(), context);
         if let Some(from) = self.registers.get(at..at + out.len()) {
             out.copy_from_slice(from);
@@ -214,7 +219,7 @@ impl Controller {
     }
 
     /// What the master is told of, in each datagram where it asked for it.
-    pub(super) fn event_requests(&self) -> u16 {
+    pub(in crate::esc) fn event_requests(&self) -> u16 {
         let sync_managers = self.sync_managers.iter().enumerate();
         self.events
             | sync_managers
@@ -227,7 +232,7 @@ impl Controller {
     }
 
     /// The master writes registers; whether there was any that it may write.
-    pub(super) fn write_registers(
+    pub(in crate::esc) fn write_registers(
         &mut self,
         at: usize,
         data: &[u8],
@@ -367,25 +372,44 @@ impl Controller {
         true
     }
 
-    /// After power-on: what the controller takes from its EEPROM.
-    pub(super) fn load_configuration(&mut self, words: &[u16]) {
+    /// The master has written the EEPROM interface.
+    fn command_eeprom(
+        &mut self,
+        interface: &[u8; INTERFACE_BYTES],
+        has_command: bool,
+        context: &mut Context<'_>,
+    ) {
+        let words = context.gateway.eeprom();
+        match self.eeprom.written(context.now, interface, has_command, words) {
+            Effect::Nothing => {}
+            Effect::Write { word, value } => context.gateway.write_eeprom(word, value),
+            // the alias is loaded at power-on only
+            Effect::Reload => {
+                let words = context.gateway.eeprom();
+                self.load_interface_configuration(words);
+            }
+        }
+    }
+
+    /// Loads the configuration from the EEPROM after power-on.
+    pub(in crate::esc) fn load_configuration(&mut self, words: &[u16]) {
         self.load_interface_configuration(words);
         self.store(address::ALIAS, &words.get(4).copied().unwrap_or(0).to_le_bytes());
     }
 
     /// What it takes from it after a reload, too.
-    pub(super) fn load_interface_configuration(&mut self, words: &[u16]) {
+    pub(in crate::esc) fn load_interface_configuration(&mut self, words: &[u16]) {
         let word = |at: usize| words.get(at).copied().unwrap_or(0).to_le_bytes();
         self.store(address::PDI, &word(0));
         self.store(address::PULSE_LENGTH, &word(2));
     }
 
     /// A frame that could not be processed to its end.
-    pub(super) fn count_processing_error(&mut self) {
+    pub(in crate::esc) fn count_processing_error(&mut self) {
         self.count(address::PROCESSING_ERRORS);
     }
 
-    pub(super) fn count_lost_link(&mut self, port: usize) {
+    pub(in crate::esc) fn count_lost_link(&mut self, port: usize) {
         self.count(address::LOST_LINKS + port);
         self.events |= event::DL_STATUS;
     }

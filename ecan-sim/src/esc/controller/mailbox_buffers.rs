@@ -2,10 +2,11 @@
 
 use crate::mailbox::MailboxServer;
 
-use super::controller::Controller;
-use super::memory::{Context, READ_MAILBOX, WRITE_MAILBOX};
+use super::super::context::Context;
+use super::super::sync_manager::SyncManager;
+use super::Controller;
+use super::memory::{READ_MAILBOX, WRITE_MAILBOX};
 use super::registers::REGISTER_BYTES;
-use super::sync_manager::SyncManager;
 
 /// What the mailboxes hold beside the memory.
 pub(super) struct MailboxBuffers {

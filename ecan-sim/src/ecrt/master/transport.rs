@@ -1,8 +1,7 @@
 //! The send queue: what is sent together, what comes back when, and what blocks.
 
-use crate::ecrt::dc::ClockDatagram;
-use crate::ecrt::domain::DatagramState;
-use crate::ecrt::master::MasterModel;
+use super::MasterModel;
+use crate::ecrt::datagram::{ClockDatagram, DatagramState, Queued};
 use crate::ecrt::timing::{BYTE_NS, DATAGRAM_TIMEOUT_NS, HOST_LATENCY_NS, SLAVE_LATENCY_NS};
 use crate::fault::LossDirection;
 use crate::world::{CycleFaults, LogicalCommand, World};
@@ -15,15 +14,6 @@ const FRAME_HEADER_BYTES: usize = 2;
 const DATAGRAM_OVERHEAD: usize = 12;
 /// Data of a datagram that sets or carries the reference clock.
 const CLOCK_BYTES: usize = 4;
-
-/// Something in the send queue.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum Queued {
-    Domain { domain: usize, datagram: usize },
-    ReferenceClock,
-    SlaveClocks,
-    ClockMonitor,
-}
 
 impl MasterModel {
     /// Queues a datagram; one that is queued already stays where it is and is sent once.

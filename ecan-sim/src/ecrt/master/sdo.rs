@@ -1,77 +1,12 @@
 //! SDO transfers: blocking ones, requests beside the cycle, and the attempt that both share with
 //! the startup SDOs.
 
-use ecan_protocol::object::AbortCode;
-
-use crate::ecrt::mailbox::MailboxTransfer;
-use crate::ecrt::master::MasterModel;
+use super::MasterModel;
+use crate::ecrt::mailbox::{Transfer, TransferOwner};
+use crate::ecrt::sdo_transfer::{Attempt, Payload, SdoFailure, SdoObject, attempt};
 use crate::ecrt::slave_config::{RequestProgress, SdoRequest};
-use crate::ecrt::timing::{MAILBOX_TIMEOUT_NS, STATE_POLL_NS};
+use crate::ecrt::timing::STATE_POLL_NS;
 use crate::world::World;
-
-/// Why a transfer failed: error number (positive) and abort code, 0 without one.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct SdoFailure {
-    pub(crate) errno: i32,
-    pub(crate) abort_code: u32,
-}
-
-impl SdoFailure {
-    /// The slave did not answer, or is in no state to.
-    pub(crate) const UNANSWERED: Self = Self { errno: libc::EIO, abort_code: 0 };
-    /// There is no such slave.
-    pub(crate) const NO_SLAVE: Self = Self { errno: libc::EINVAL, abort_code: 0 };
-}
-
-/// What a transfer is about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct SdoObject {
-    pub(crate) index: u16,
-    pub(crate) subindex: u8,
-    /// Complete Access: all subindices at once.
-    pub(crate) complete: bool,
-}
-
-impl SdoObject {
-    /// One subindex.
-    pub(crate) const fn entry(index: u16, subindex: u8) -> Self {
-        Self { index, subindex, complete: false }
-    }
-
-    /// A whole object.
-    pub(crate) const fn whole(index: u16) -> Self {
-        Self { index, subindex: 0, complete: true }
-    }
-}
-
-/// What a transfer moves.
-pub(crate) enum Payload<'a> {
-    Download(&'a [u8]),
-    Upload(&'a mut Vec<u8>),
-}
-
-/// A transfer at the end of its time.
-pub(crate) enum Attempt {
-    /// Over.
-    Done(Result<(), SdoFailure>),
-    /// No answer yet: look again in a while.
-    Waiting,
-}
-
-/// Whom a running transfer belongs to.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum TransferOwner {
-    Blocking(u64),
-    Request { config: usize, request: usize },
-    Register { config: usize, request: usize },
-}
-
-/// A running transfer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Transfer {
-    pub(crate) owner: TransferOwner,
-    pub(crate) journey: MailboxTransfer,
-}
 
 /// A transfer that somebody waits for.
 #[derive(Debug)]
@@ -84,43 +19,6 @@ pub(crate) struct BlockingSdo {
     pub(crate) taken: bool,
     /// Data of an upload, once it is over.
     pub(crate) result: Option<Result<Vec<u8>, SdoFailure>>,
-}
-
-/// Lets a slave answer a transfer that began at `since`.
-pub(crate) fn attempt(
-    world: &mut World,
-    slot: usize,
-    present: bool,
-    since: u64,
-    object: SdoObject,
-    payload: Payload<'_>,
-) -> Attempt {
-    if !present {
-        return Attempt::Done(Err(SdoFailure::UNANSWERED));
-    }
-    let answers =
-        world.with_gateway(slot, |gateway, now| gateway.mailbox_answers(now)).unwrap_or(false);
-    if !answers {
-        if world.now_ns().saturating_sub(since) >= MAILBOX_TIMEOUT_NS {
-            return Attempt::Done(Err(SdoFailure::UNANSWERED));
-        }
-        return Attempt::Waiting;
-    }
-    let SdoObject { index, subindex, complete } = object;
-    let result = world.with_gateway(slot, |gateway, now| match payload {
-        _ if complete => Err(AbortCode::UNSUPPORTED_ACCESS),
-        Payload::Download(data) => gateway.sdo_download(now, index, subindex, data),
-        Payload::Upload(data) => {
-            data.clear();
-            gateway.sdo_upload(now, index, subindex, data)
-        }
-    });
-    Attempt::Done(match result {
-        Some(result) => {
-            result.map_err(|abort| SdoFailure { errno: libc::EIO, abort_code: abort.0 })
-        }
-        None => Err(SdoFailure::UNANSWERED),
-    })
 }
 
 impl MasterModel {
@@ -190,16 +88,16 @@ impl MasterModel {
     pub(crate) fn choose_transfer(&mut self, index: usize, world: &World) {
         let now = world.now_ns();
         let held_until = world.requests_held_until();
-        let journey = self.begin_journey(now);
+        let mailbox = self.begin_transfer(now);
         let Some(slave) = self.slaves.get_mut(index) else { return };
         slave.due = u64::MAX;
-        let mailbox = slave.has_mailbox();
+        let has_mailbox = slave.has_mailbox();
         let mut chosen = None;
         for sdo in &mut self.blocking {
             if sdo.position != index || sdo.taken || sdo.result.is_some() {
                 continue;
             }
-            if !mailbox {
+            if !has_mailbox {
                 sdo.result = Some(Err(SdoFailure::UNANSWERED));
                 continue;
             }
@@ -221,7 +119,7 @@ impl MasterModel {
                 if entry.progress != RequestProgress::Queued {
                     continue;
                 }
-                if !mailbox || entry.is_overdue(now) {
+                if !has_mailbox || entry.is_overdue(now) {
                     entry.progress = RequestProgress::Failure;
                     continue;
                 }
@@ -231,7 +129,7 @@ impl MasterModel {
             }
         }
         if let Some(owner) = chosen {
-            slave.transfer = Some(Transfer { owner, journey });
+            slave.transfer = Some(Transfer { owner, mailbox });
             slave.due = now;
         } else {
             self.choose_reg_request(index, now);
@@ -243,13 +141,13 @@ impl MasterModel {
         let now = world.now_ns();
         let Some(slave) = self.slaves.get_mut(index) else { return };
         let Some(mut transfer) = slave.transfer else { return };
-        let (slot, present, since) = (slave.slot, slave.is_present(world), transfer.journey.since);
+        let (slot, present, since) = (slave.slot, slave.is_present(world), transfer.mailbox.since);
         if let TransferOwner::Register { config, request } = transfer.owner {
             self.finish_reg_request(config, request, slot, present, world);
             self.end_transfer(index, now);
             return;
         }
-        if let Err(delay) = self.travel(&mut transfer.journey, now) {
+        if let Err(delay) = self.poll_mailbox(&mut transfer.mailbox, now) {
             if let Some(slave) = self.slaves.get_mut(index) {
                 slave.transfer = Some(transfer);
                 slave.due = now + delay;

@@ -1,11 +1,11 @@
 //! Logical datagrams: what FMMUs map of them.
 
-use super::command::Access;
-use super::controller::{Controller, DATAGRAM_BYTES};
-use super::fmmu::{Part, copy_bits};
-use super::frame::Datagram;
-use super::memory::Context;
+use super::super::command::Access;
+use super::super::context::Context;
+use super::super::fmmu::{Part, copy_bits};
+use super::super::frame::Datagram;
 use super::registers::REGISTER_BYTES;
+use super::{Controller, DATAGRAM_BYTES};
 
 impl Controller {
     /// A logical datagram. What is written is what came, before this slave's inputs go into it.

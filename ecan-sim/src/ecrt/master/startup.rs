@@ -7,12 +7,14 @@ use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_protocol::mapping::{Direction, sync_manager, sync_manager_address, sync_manager_control};
 use ecan_protocol::object::describe;
 
+use super::MasterModel;
+use crate::ecrt::al_status::{AL_ERROR, al_status};
 use crate::ecrt::mailbox::MailboxTransfer;
-use crate::ecrt::master::MasterModel;
+use crate::ecrt::pdo::pdo_bytes;
 use crate::ecrt::pdo_assignment::{AssignmentWrite, assignment_writes};
-use crate::ecrt::sdo::{Attempt, Payload, SdoFailure, SdoObject, attempt};
+use crate::ecrt::sdo_transfer::{Attempt, Payload, SdoFailure, SdoObject, attempt};
 use crate::ecrt::slave_config::SyncWatchdog;
-use crate::ecrt::slave_view::{AL_ERROR, al_status, pdo_bytes};
+use crate::ecrt::startup_state::Startup;
 use crate::ecrt::timing::{
     CLOCK_NEAR_NS, CLOCK_SETTLE_NS, CLOCK_TIMEOUT_NS, REGISTER_NS, STATE_POLL_NS, STATE_TIMEOUT_NS,
 };
@@ -27,28 +29,6 @@ const WATCHDOG_DIVIDER: u16 = 2498;
 const WATCHDOG_INTERVALS: u16 = 1000;
 /// Time of one watchdog divider step, ns.
 const WATCHDOG_STEP_NS: u64 = 40;
-
-/// Where the state machine is.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub(crate) enum Startup {
-    Request(AlState),
-    Wait { to: AlState, from: u8, since: u64 },
-    ClearRegisters,
-    Mailboxes,
-    Sdo { at: usize, journey: MailboxTransfer },
-    Assignment { list: Vec<AssignmentWrite>, at: usize, journey: MailboxTransfer },
-    Watchdog,
-    SyncManagers,
-    Fmmus,
-    ClockCycle,
-    ClockSettle { since: u64 },
-    ClockStart,
-}
-
-impl Startup {
-    /// The first step.
-    pub(crate) const BEGIN: Self = Self::Request(AlState::Init);
-}
 
 /// What a step leads to.
 enum Next {
@@ -114,9 +94,9 @@ impl MasterModel {
                 set_up_mailboxes(world, slot);
                 Next::Step(Startup::Request(AlState::PreOp), REGISTER_NS)
             }
-            Startup::Sdo { at, journey } => self.startup_sdo(index, world, at, journey),
-            Startup::Assignment { list, at, journey } => {
-                self.assignment_step(index, world, list, at, journey)
+            Startup::Sdo { at, mailbox } => self.startup_sdo(index, world, at, mailbox),
+            Startup::Assignment { list, at, mailbox } => {
+                self.assignment_step(index, world, list, at, mailbox)
             }
             Startup::Watchdog => {
                 // A slave that is told nothing keeps what it has; one of both makes the other default.
@@ -190,7 +170,7 @@ impl MasterModel {
             return match to {
                 AlState::Init => Next::Step(Startup::ClearRegisters, REGISTER_NS),
                 AlState::PreOp => {
-                    Next::Step(Startup::Sdo { at: 0, journey: self.begin_journey(now) }, 0)
+                    Next::Step(Startup::Sdo { at: 0, mailbox: self.begin_transfer(now) }, 0)
                 }
                 AlState::SafeOp => Next::Step(Startup::Request(AlState::Op), REGISTER_NS),
                 _ => Next::Done,
@@ -227,7 +207,7 @@ impl MasterModel {
         index: usize,
         world: &mut World,
         at: usize,
-        mut journey: MailboxTransfer,
+        mut mailbox: MailboxTransfer,
     ) -> Next {
         let now = world.now_ns();
         let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else {
@@ -241,17 +221,17 @@ impl MasterModel {
                 .slaves
                 .get(index)
                 .map_or_else(Vec::new, |slave| assignment_writes(config, &slave.spec));
-            let journey = self.begin_journey(now);
-            return Next::Step(Startup::Assignment { list, at: 0, journey }, 0);
+            let mailbox = self.begin_transfer(now);
+            return Next::Step(Startup::Assignment { list, at: 0, mailbox }, 0);
         };
-        if let Err(delay) = self.travel(&mut journey, now) {
-            return Next::Step(Startup::Sdo { at, journey }, delay);
+        if let Err(delay) = self.poll_mailbox(&mut mailbox, now) {
+            return Next::Step(Startup::Sdo { at, mailbox }, delay);
         }
         let object = sdo.object;
-        match attempt(world, slot, true, journey.since, object, Payload::Download(&sdo.data)) {
-            Attempt::Waiting => Next::Step(Startup::Sdo { at, journey }, STATE_POLL_NS),
+        match attempt(world, slot, true, mailbox.since, object, Payload::Download(&sdo.data)) {
+            Attempt::Waiting => Next::Step(Startup::Sdo { at, mailbox }, STATE_POLL_NS),
             Attempt::Done(Ok(())) => {
-                Next::Step(Startup::Sdo { at: at + 1, journey: self.begin_journey(now) }, 0)
+                Next::Step(Startup::Sdo { at: at + 1, mailbox: self.begin_transfer(now) }, 0)
             }
             Attempt::Done(Err(failure)) => {
                 self.log_sdo(index, "startup SDO", object, failure);
@@ -266,7 +246,7 @@ impl MasterModel {
         world: &mut World,
         list: Vec<AssignmentWrite>,
         at: usize,
-        mut journey: MailboxTransfer,
+        mut mailbox: MailboxTransfer,
     ) -> Next {
         let now = world.now_ns();
         let Some(slot) = self.slaves.get(index).map(|slave| slave.slot) else {
@@ -275,15 +255,15 @@ impl MasterModel {
         let Some(write) = list.get(at).copied() else {
             return Next::Step(Startup::Watchdog, REGISTER_NS);
         };
-        if let Err(delay) = self.travel(&mut journey, now) {
-            return Next::Step(Startup::Assignment { list, at, journey }, delay);
+        if let Err(delay) = self.poll_mailbox(&mut mailbox, now) {
+            return Next::Step(Startup::Assignment { list, at, mailbox }, delay);
         }
         let object = SdoObject::entry(write.index, write.subindex);
         let bytes = write.value.to_le_bytes();
         let data = bytes.get(..write.size).unwrap_or(&bytes);
-        match attempt(world, slot, true, journey.since, object, Payload::Download(data)) {
+        match attempt(world, slot, true, mailbox.since, object, Payload::Download(data)) {
             Attempt::Waiting => {
-                Next::Step(Startup::Assignment { list, at, journey }, STATE_POLL_NS)
+                Next::Step(Startup::Assignment { list, at, mailbox }, STATE_POLL_NS)
             }
             Attempt::Done(result) => {
                 let at = match result {
@@ -293,8 +273,8 @@ impl MasterModel {
                         write.after_failure
                     }
                 };
-                let journey = self.begin_journey(now);
-                Next::Step(Startup::Assignment { list, at, journey }, 0)
+                let mailbox = self.begin_transfer(now);
+                Next::Step(Startup::Assignment { list, at, mailbox }, 0)
             }
         }
     }

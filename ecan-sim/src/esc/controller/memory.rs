@@ -1,32 +1,20 @@
 //! Accesses to the address space of a slave controller: registers, buffers behind sync managers,
 //! and plain memory. An access counts if any byte of it was taken.
 
-use crate::gateway::Gateway;
-
-use super::controller::Controller;
+use super::super::context::Context;
+use super::super::sync_manager::Progress;
+use super::Controller;
 use super::registers::REGISTER_BYTES;
-use super::sync_manager::Progress;
 
 /// End of the memory: 8 KiB behind the registers.
 const MEMORY_END: usize = REGISTER_BYTES + 0x2000;
-pub(super) const MEMORY_BYTES: usize = MEMORY_END - REGISTER_BYTES;
+pub(in crate::esc) const MEMORY_BYTES: usize = MEMORY_END - REGISTER_BYTES;
 
 /// Sync managers by their use.
-pub(super) const WRITE_MAILBOX: usize = 0;
-pub(super) const READ_MAILBOX: usize = 1;
-pub(super) const OUTPUTS: usize = 2;
-pub(super) const INPUTS: usize = 3;
-
-/// What an access happens in.
-pub(super) struct Context<'a> {
-    pub(super) gateway: &'a mut Gateway,
-    /// Simulated time, ns.
-    pub(super) now: u64,
-    /// Time of the frame from the first slave to this one.
-    pub(super) way_ns: u64,
-    /// Time until it comes back behind this one; none without a slave there.
-    pub(super) way_back_ns: Option<u64>,
-}
+pub(in crate::esc) const WRITE_MAILBOX: usize = 0;
+pub(in crate::esc) const READ_MAILBOX: usize = 1;
+pub(in crate::esc) const OUTPUTS: usize = 2;
+pub(in crate::esc) const INPUTS: usize = 3;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Area {
@@ -54,7 +42,12 @@ impl Controller {
     }
 
     /// The master reads from an address on. What is refused leaves `out` alone.
-    pub(super) fn read(&mut self, at: u16, out: &mut [u8], context: &mut Context<'_>) -> bool {
+    pub(in crate::esc) fn read(
+        &mut self,
+        at: u16,
+        out: &mut [u8],
+        context: &mut Context<'_>,
+    ) -> bool {
         let (mut at, mut rest, mut is_done) = (usize::from(at), out, false);
         while !rest.is_empty() {
             let (area, end) = self.area(at);
@@ -78,7 +71,12 @@ impl Controller {
     }
 
     /// The master writes from an address on.
-    pub(super) fn write(&mut self, at: u16, data: &[u8], context: &mut Context<'_>) -> bool {
+    pub(in crate::esc) fn write(
+        &mut self,
+        at: u16,
+        data: &[u8],
+        context: &mut Context<'_>,
+    ) -> bool {
         let (mut at, mut rest, mut is_done) = (usize::from(at), data, false);
         while !rest.is_empty() {
             let (area, end) = self.area(at);
@@ -99,18 +97,18 @@ impl Controller {
     }
 
     /// Memory at an address behind the registers; shorter where it ends.
-    pub(super) fn memory_at(&self, at: usize, bytes: usize) -> &[u8] {
+    pub(in crate::esc) fn memory_at(&self, at: usize, bytes: usize) -> &[u8] {
         let from = at.saturating_sub(REGISTER_BYTES).min(MEMORY_BYTES);
         &self.memory[from..(from + bytes).min(MEMORY_BYTES)]
     }
 
-    pub(super) fn memory_mut(&mut self, at: usize, bytes: usize) -> &mut [u8] {
+    pub(in crate::esc) fn memory_mut(&mut self, at: usize, bytes: usize) -> &mut [u8] {
         let from = at.saturating_sub(REGISTER_BYTES).min(MEMORY_BYTES);
         &mut self.memory[from..(from + bytes).min(MEMORY_BYTES)]
     }
 
     /// The buffers of process data are the firmware's.
-    pub(super) fn buffer_is_full(&self, number: usize, context: &Context<'_>) -> bool {
+    pub(in crate::esc) fn buffer_is_full(&self, number: usize, context: &Context<'_>) -> bool {
         match number {
             OUTPUTS => context.gateway.outputs_full(),
             INPUTS => context.gateway.inputs_full(),
@@ -201,7 +199,7 @@ impl Controller {
     }
 
     /// Sync managers whose buffer the firmware has filled or emptied since show it as an event.
-    pub(super) fn notice_buffers(&mut self, context: &Context<'_>) {
+    pub(in crate::esc) fn notice_buffers(&mut self, context: &Context<'_>) {
         for number in [OUTPUTS, INPUTS] {
             let is_full = self.buffer_is_full(number, context);
             let sm = &mut self.sync_managers[number];

@@ -2,9 +2,11 @@
 
 use ecan_protocol::device::AlState;
 
-use crate::ecrt::master::{MasterModel, Phase};
-use crate::ecrt::slave_view::{SlaveView, al_status};
-use crate::ecrt::startup::{Startup, set_up_mailboxes};
+use super::startup::set_up_mailboxes;
+use super::{MasterModel, Phase};
+use crate::ecrt::al_status::al_status;
+use crate::ecrt::slave_view::SlaveView;
+use crate::ecrt::startup_state::Startup;
 use crate::ecrt::timing::{ACTIVE_POLL_NS, IDLE_POLL_NS, SCAN_BASE_NS, SCAN_SLAVE_NS};
 use crate::world::World;
 
@@ -158,7 +160,7 @@ impl MasterModel {
             return;
         };
         let Some(slave) = self.slaves.get_mut(position) else { return };
-        if slave.config.is_some() || !config.fits(slave) {
+        if slave.config.is_some() || !config.fits(&slave.spec) {
             return;
         }
         slave.config = Some(index);

@@ -1,0 +1,92 @@
+//! One SDO transfer: its object, its data and its result.
+
+use ecan_protocol::object::AbortCode;
+
+use crate::ecrt::timing::MAILBOX_TIMEOUT_NS;
+use crate::world::World;
+
+/// Why a transfer failed: error number (positive) and abort code, 0 without one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SdoFailure {
+    pub(crate) errno: i32,
+    pub(crate) abort_code: u32,
+}
+
+impl SdoFailure {
+    /// The slave did not answer, or is in no state to.
+    pub(crate) const UNANSWERED: Self = Self { errno: libc::EIO, abort_code: 0 };
+    /// There is no such slave.
+    pub(crate) const NO_SLAVE: Self = Self { errno: libc::EINVAL, abort_code: 0 };
+}
+
+/// What a transfer is about.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct SdoObject {
+    pub(crate) index: u16,
+    pub(crate) subindex: u8,
+    /// Complete Access: all subindices at once.
+    pub(crate) complete: bool,
+}
+
+impl SdoObject {
+    /// One subindex.
+    pub(crate) const fn entry(index: u16, subindex: u8) -> Self {
+        Self { index, subindex, complete: false }
+    }
+
+    /// A whole object.
+    pub(crate) const fn whole(index: u16) -> Self {
+        Self { index, subindex: 0, complete: true }
+    }
+}
+
+/// What a transfer moves.
+pub(crate) enum Payload<'a> {
+    Download(&'a [u8]),
+    Upload(&'a mut Vec<u8>),
+}
+
+/// A transfer at the end of its time.
+pub(crate) enum Attempt {
+    /// Over.
+    Done(Result<(), SdoFailure>),
+    /// No answer yet: look again in a while.
+    Waiting,
+}
+
+/// Lets a slave answer a transfer that began at `since`.
+pub(crate) fn attempt(
+    world: &mut World,
+    slot: usize,
+    present: bool,
+    since: u64,
+    object: SdoObject,
+    payload: Payload<'_>,
+) -> Attempt {
+    if !present {
+        return Attempt::Done(Err(SdoFailure::UNANSWERED));
+    }
+    let answers =
+        world.with_gateway(slot, |gateway, now| gateway.mailbox_answers(now)).unwrap_or(false);
+    if !answers {
+        if world.now_ns().saturating_sub(since) >= MAILBOX_TIMEOUT_NS {
+            return Attempt::Done(Err(SdoFailure::UNANSWERED));
+        }
+        return Attempt::Waiting;
+    }
+    let SdoObject { index, subindex, complete } = object;
+    let result = world.with_gateway(slot, |gateway, now| match payload {
+        _ if complete => Err(AbortCode::UNSUPPORTED_ACCESS),
+        Payload::Download(data) => gateway.sdo_download(now, index, subindex, data),
+        Payload::Upload(data) => {
+            data.clear();
+            gateway.sdo_upload(now, index, subindex, data)
+        }
+    });
+    Attempt::Done(match result {
+        Some(result) => {
+            result.map_err(|abort| SdoFailure { errno: libc::EIO, abort_code: abort.0 })
+        }
+        None => Err(SdoFailure::UNANSWERED),
+    })
+}

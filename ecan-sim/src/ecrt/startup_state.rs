@@ -1,0 +1,28 @@
+//! Steps of the state machine that brings a slave to its requested state.
+
+use ecan_protocol::device::AlState;
+
+use crate::ecrt::mailbox::MailboxTransfer;
+use crate::ecrt::pdo_assignment::AssignmentWrite;
+
+/// A step of the startup.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) enum Startup {
+    Request(AlState),
+    Wait { to: AlState, from: u8, since: u64 },
+    ClearRegisters,
+    Mailboxes,
+    Sdo { at: usize, mailbox: MailboxTransfer },
+    Assignment { list: Vec<AssignmentWrite>, at: usize, mailbox: MailboxTransfer },
+    Watchdog,
+    SyncManagers,
+    Fmmus,
+    ClockCycle,
+    ClockSettle { since: u64 },
+    ClockStart,
+}
+
+impl Startup {
+    /// The first step.
+    pub(crate) const BEGIN: Self = Self::Request(AlState::Init);
+}
