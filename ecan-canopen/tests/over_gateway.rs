@@ -67,7 +67,8 @@ fn ids(frames: &[ReceivedFrame], channel: u8) -> Vec<u32> {
 
 #[test]
 fn targets_then_sync_then_service_frames_reach_the_bus() {
-    let (mut port, _) = open(ecan_sim::echo(1), AdapterConfig::new(1).with_cycle_us(2_000), 1);
+    let (mut port, _) =
+        open(ecan_sim::echo(1), AdapterConfig::new(1).with_cycle(Duration::from_millis(2)), 1);
     let host = HostHeartbeat { node: NodeId::new(127).unwrap(), period_ms: 10 };
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let mut network = Network::new(config);
@@ -125,7 +126,7 @@ fn a_scheduled_sync_meets_its_phase_or_is_refused_by_name() {
         let back = cycles(port, &mut network, 20, |_| {});
         (network, back)
     };
-    let adapter = AdapterConfig::new(1).with_cycle_us(2_000);
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
     let mut dc = adapter.clone();
     dc.dc = Some(DcSync::new(2_000_000, 500_000));
     let (mut port, _) = open(ecan_sim::echo(1), dc, 1);
@@ -142,7 +143,7 @@ fn a_scheduled_sync_meets_its_phase_or_is_refused_by_name() {
 #[test]
 fn while_an_image_is_held_syncs_do_not_pile_up_behind_it() {
     let (mut port, simulation) =
-        open(ecan_sim::echo(1), AdapterConfig::new(1).with_cycle_us(2_000), 1);
+        open(ecan_sim::echo(1), AdapterConfig::new(1).with_cycle(Duration::from_millis(2)), 1);
     let mut network = Network::new(NetworkConfig::default());
     network.add_node(address(0, 0, 1), NodeConfig::default()).unwrap();
     let settings = SyncConfig { counter_overflow: Some(240), ..SyncConfig::default() };
@@ -176,7 +177,7 @@ fn while_an_image_is_held_syncs_do_not_pile_up_behind_it() {
 #[test]
 fn frames_that_find_no_room_in_the_image_wait_and_none_is_lost_or_doubled() {
     // N = 1: 104 bytes for packets, eight frames of 12 bytes.
-    let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle_us(4_000);
+    let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle(Duration::from_millis(4));
     let (mut port, _) = open(ecan_sim::echo(1), adapter, 1);
     let mut network = Network::new(NetworkConfig::default());
     let node = network.add_node(address(0, 0, 1), NodeConfig::default()).unwrap();
@@ -207,7 +208,7 @@ fn frames_that_find_no_room_in_the_image_wait_and_none_is_lost_or_doubled() {
 #[test]
 fn a_gateway_that_loses_power_aborts_transfers_and_comes_back() {
     let (mut port, simulation) =
-        open(ecan_sim::echo(2), AdapterConfig::new(2).with_cycle_us(1_000), 2);
+        open(ecan_sim::echo(2), AdapterConfig::new(2).with_cycle(Duration::from_millis(1)), 2);
     let mut network = Network::new(NetworkConfig::default());
     let sdo = SdoConfig { timeout_ms: 60_000, ..SdoConfig::default() };
     let settings = NodeConfig { sdo, ..NodeConfig::default() };
@@ -260,7 +261,7 @@ fn a_bus_that_is_not_active_is_reported_at_once() {
 fn lost_ethernet_frames_do_not_end_a_blocking_call() {
     let (mut port, simulation) = open(
         replay("lost_frames", &scripted_node()),
-        AdapterConfig::new(1).with_cycle_us(1_000),
+        AdapterConfig::new(1).with_cycle(Duration::from_millis(1)),
         1,
     );
     let mut network = Network::new(NetworkConfig::default());
@@ -317,7 +318,7 @@ fn scripted_node() -> String {
 fn a_node_is_met_watched_asked_and_missed() {
     let (mut port, _) = open(
         replay("scripted_node", &scripted_node()),
-        AdapterConfig::new(1).with_cycle_us(1_000),
+        AdapterConfig::new(1).with_cycle(Duration::from_millis(1)),
         1,
     );
     let mut network = Network::new(NetworkConfig::default());
@@ -369,7 +370,7 @@ fn a_node_is_met_watched_asked_and_missed() {
 fn a_configuration_runs_to_its_end_with_words_on_the_way() {
     let (mut port, _) = open(
         replay("configured_node", &scripted_node()),
-        AdapterConfig::new(1).with_cycle_us(1_000),
+        AdapterConfig::new(1).with_cycle(Duration::from_millis(1)),
         1,
     );
     let mut network = Network::new(NetworkConfig::default());

@@ -10,6 +10,7 @@
 //! time: every axis follows targets, at standstill. Ten and forty axes take turns.
 #![allow(missing_docs)]
 
+use std::time::Duration;
 use std::time::Instant;
 
 use ecan_bench::{Outcome, Row, interleaved, print_rows, rounds};
@@ -48,7 +49,9 @@ impl Bench {
     fn started(axes: usize) -> Self {
         let slaves = axes.div_ceil(ON_GATEWAY);
         let ecrt = ecan_null_master::open(ecan_sim::drives(slaves, ON_CHANNEL as u8)).unwrap();
-        let adapter = AdapterConfig::new(slaves as u16).with_multiplier(6).with_cycle_us(2_000);
+        let adapter = AdapterConfig::new(slaves as u16)
+            .with_multiplier(6)
+            .with_cycle(Duration::from_millis(2));
         let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
         let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(slaves, gateway)).unwrap();
         port.wait_ready().unwrap();

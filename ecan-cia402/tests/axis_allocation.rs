@@ -5,6 +5,8 @@
 #[path = "../../ecan-sim/tests/counting/mod.rs"]
 mod counting;
 
+use std::time::Duration;
+
 mod axes;
 
 use axes::{Fixture, axes};
@@ -31,7 +33,7 @@ fn cycles(bench: &mut Fixture, count: usize) -> u64 {
 #[test]
 fn forty_axes_allocate_nothing() {
     let table = axes(40).into_iter().map(|axis| axis.with_target_step(50)).collect();
-    let adapter = AdapterConfig::new(3).with_multiplier(6).with_cycle_us(2_000);
+    let adapter = AdapterConfig::new(3).with_multiplier(6).with_cycle(Duration::from_millis(2));
     let mut bench = Fixture::open(ecan_sim::drives(3, 4), adapter, table).started();
     // The simulated world grows its queues to their working size first.
     cycles(&mut bench, 500);

@@ -1,6 +1,8 @@
 //! Modes of operation, homing and what is scheduled at a phase of Sync0.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod axes;
 
 use axes::{Fixture, axes, axis, with_quirk};
@@ -252,7 +254,7 @@ fn a_drive_that_follows_an_old_target_does_not_jump() {
 // Scheduled transmission
 
 fn with_dc(cycle_us: u32) -> AdapterConfig {
-    let mut adapter = AdapterConfig::new(1).with_cycle_us(cycle_us);
+    let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_micros(cycle_us.into()));
     adapter.dc = Some(DcSync::new(cycle_us * 1_000, 700_000));
     adapter
 }
@@ -295,7 +297,7 @@ fn a_schedule_that_cannot_be_kept_is_refused() {
 #[test]
 fn fewer_targets_than_cycles_are_a_matter_of_division() {
     let settings = Cia402Config { motion_div: 4, ..Cia402Config::default() };
-    let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let mut bench = Fixture::open_with(ecan_sim::drives(1, 4), adapter, moving(2), settings);
     bench.start();
     let before = bench.cia402.statistics(0).targets_sent;
@@ -309,7 +311,7 @@ fn fewer_targets_than_cycles_are_a_matter_of_division() {
 fn sync_may_come_in_every_other_cycle() {
     let sync = SyncConfig { every_cycles: 2, ..SyncConfig::default() };
     let settings = Cia402Config { sync, motion_div: 2, ..Cia402Config::default() };
-    let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let mut bench = Fixture::open_with(ecan_sim::drives(1, 4), adapter, moving(4), settings);
     bench.start();
     bench.steps(1_000);
@@ -323,7 +325,7 @@ fn sync_may_come_in_every_other_cycle() {
 #[test]
 fn four_axes_run_at_half_a_kilohertz_with_room_and_at_one_without() {
     for (cycle_us, warning) in [(2_000, None), (1_000, Some(LoadWarning::NoReserve))] {
-        let adapter = AdapterConfig::new(1).with_cycle_us(cycle_us);
+        let adapter = AdapterConfig::new(1).with_cycle(Duration::from_micros(cycle_us));
         let mut bench = Fixture::open(ecan_sim::drives(1, 4), adapter, moving(4));
         let load = bench.cia402.bus_load(&bench.port);
         assert_eq!(load.len(), 1);

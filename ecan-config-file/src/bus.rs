@@ -1,6 +1,8 @@
 //! The whole bus: what a file says outside its gateways.
 
-use ecan_host::{AdapterConfig, ClockSource, DcSync};
+use std::time::Duration;
+
+use ecan_host::{AdapterConfig, ClockSource, DcSync, MAX_SLAVES, MAX_STARTUP_STEPS};
 use ecan_mcan_port::PortConfig;
 
 use crate::ConfigFile;
@@ -17,23 +19,29 @@ pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Con
         adapter.master_index = master;
     }
     if let Some(cycle_ns) = table.microseconds(document, "cycle_us") {
-        adapter.cycle_ns = cycle_ns;
+        adapter.cycle = Duration::from_nanos(cycle_ns.into());
     }
     if let Some(allowed) = table.flag(document, "allow_large_pdos") {
         adapter.allow_large_pdos = allowed;
     }
     if let Some(timeout) = table.unsigned(document, "preop_timeout_ms", (1, 3_600_000)) {
-        adapter.preop_timeout_ms = timeout;
+        adapter.preop_timeout = Duration::from_millis(timeout.into());
     }
     if let Some(watchdog) = table.unsigned(document, "watchdog_us", (100, 6_553_500)) {
-        adapter.watchdog_us = watchdog;
+        adapter.watchdog = Duration::from_micros(watchdog.into());
     }
     if let Some(dc) = table.table(document, "dc") {
-        adapter.dc = Some(read_dc(document, dc, adapter.cycle_ns));
+        adapter.dc = Some(read_dc(document, dc, adapter.cycle_ns()));
     }
     for (at, gateway) in table.tables(document, "gateway").into_iter().enumerate() {
-        let (slave, gateway) = gateway::read(document, gateway, at);
-        adapter.slaves.push(slave);
+        let (slave, gateway, startup) = gateway::read(document, gateway, at);
+        let steps = startup.into_iter().map(|step| adapter.add_startup(at, step));
+        if steps.collect::<Result<(), _>>().and_then(|()| adapter.slaves.push(slave)).is_err() {
+            let text =
+                format!("more than {MAX_SLAVES} gateways or {MAX_STARTUP_STEPS} startup SDOs");
+            table.fault(document, "gateway", text);
+            break;
+        }
         port.gateways.push(gateway);
     }
     table.finish(document);

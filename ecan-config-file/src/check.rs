@@ -120,7 +120,7 @@ fn pdo(direction: Direction) -> &'static str {
 fn adapter_locations(fault: &ConfigFault) -> Vec<String> {
     let one = |path: &str| vec![path.to_owned()];
     match *fault {
-        ConfigFault::SamePlace { second, .. } => {
+        ConfigFault::SameAddress { second, .. } => {
             let gateway = gateway(second);
             vec![format!("{gateway}.position"), format!("{gateway}.alias"), gateway]
         }

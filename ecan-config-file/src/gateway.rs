@@ -20,10 +20,11 @@ pub(crate) fn read(
     document: &mut Document<'_>,
     mut table: Table<'_, '_>,
     at: usize,
-) -> (SlaveConfig, GatewayConfig) {
+) -> (SlaveConfig, GatewayConfig, Vec<StartupStep>) {
     // Without `alias` and `position` in the file, the gateways are the first slaves of the bus.
     let mut slave = SlaveConfig::at(u16::try_from(at).unwrap_or(u16::MAX), 3);
     let mut gateway = GatewayConfig::default();
+    let mut startup = Vec::new();
     if let Some(alias) = table.unsigned(document, "alias", (0, 0xFFFF)) {
         slave.alias = alias as u16;
         if alias != 0 {
@@ -66,13 +67,13 @@ pub(crate) fn read(
         gateway.schedule = read_schedule(document, schedule);
     }
     if let Some(global) = table.table(document, "data_path") {
-        slave.startup = global_steps(document, global);
+        startup = global_steps(document, global);
     }
     for (key, place) in CHANNEL_TABLES.into_iter().zip(&mut gateway.channels) {
         *place = table.table(document, key).map(|table| channel::read(document, table));
     }
     table.finish(document);
-    (slave, gateway)
+    (slave, gateway, startup)
 }
 
 fn read_identity(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Option<Identity> {

@@ -64,8 +64,8 @@ pub const EXAMPLE: &str = include_str!("example.toml");
 /// What a file says: the configurations of Adapter and Port, checked together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConfigFile {
-    /// The EtherCAT side. Policies of 0x8020, where the file has any, are in the slaves'
-    /// [`startup`](ecan_host::SlaveConfig::startup).
+    /// The EtherCAT side. Policies of 0x8020, if the file has any, are in its
+    /// [`startup`](AdapterConfig::startup).
     pub adapter: AdapterConfig,
     /// The CAN side, one gateway for each slave.
     pub port: PortConfig,
@@ -77,10 +77,7 @@ impl ConfigFile {
     /// with its readback. Checks that any value meets, as of the bits of no option, are left out.
     /// Empty for a gateway that the file does not have.
     pub fn startup(&self, gateway: usize) -> Vec<StartupStep> {
-        let mut adapter = self.adapter.clone();
-        self.port.apply(&mut adapter);
-        let slave = adapter.slaves.get(gateway);
-        let mut steps = slave.map(|slave| slave.startup_steps()).unwrap_or_default();
+        let mut steps = self.port.startup_plan(&self.adapter).steps(&self.adapter, gateway);
         steps.retain(|step| {
             let StartupStep::Expect { expected, .. } = step else { return true };
             !matches!(expected, Expectation::HasBits(0) | Expectation::AtLeast(0))

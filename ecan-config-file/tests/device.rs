@@ -103,7 +103,7 @@ fn a_difference_is_told_by_entry_also_inside_a_filter() {
 fn a_step_that_fails_is_named_and_nothing_follows_it() {
     let (bench, mut file) = (bench(2), two());
     let bus = &bench.bus;
-    file.adapter.slaves[0].startup.push(StartupStep::expect(0xF000, 2, 5));
+    file.adapter.add_startup(0, StartupStep::expect(0xF000, 2, 5)).unwrap();
     let steps = file.startup(0);
     let mut done = 0;
     let error = apply(bus, 0, &steps, &mut |_| done += 1).unwrap_err();

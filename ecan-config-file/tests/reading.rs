@@ -1,6 +1,8 @@
 //! Files are read, and every fault is told with its place.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 use ecan_config_file::{ConfigFile, ConfigFileError, EXAMPLE, FileFaults, load, parse};
 use ecan_host::{ClockSource, DcSync, Expectation, StartupStep};
 use ecan_protocol::config::{
@@ -131,9 +133,12 @@ fn values_reach_their_fields() {
     )
     .unwrap();
     let adapter = &file.adapter;
-    assert_eq!((adapter.master_index, adapter.cycle_ns), (1, 250_500));
-    assert_eq!((adapter.allow_large_pdos, adapter.preop_timeout_ms), (true, 500));
-    assert_eq!(adapter.watchdog_us, 20_000);
+    assert_eq!((adapter.master_index, adapter.cycle_ns()), (1, 250_500));
+    assert_eq!(
+        (adapter.allow_large_pdos, adapter.preop_timeout),
+        (true, Duration::from_millis(500))
+    );
+    assert_eq!(adapter.watchdog, Duration::from_millis(20));
     let dc = adapter.dc.unwrap();
     assert_eq!((dc.cycle_ns, dc.shift_ns, dc.source), (501_000, 100_000, ClockSource::Reference));
     assert_eq!((dc.reference, dc.monitor_every), (Some(1), 0));
@@ -402,7 +407,7 @@ fn wrong_numbers_and_words_are_told_whatever_their_form() {
         read("cycle_us = 0x3E8\n[[gateway]]\nn = 3\ncan0 = { bitrate = 500_000 }")
             .unwrap()
             .adapter
-            .cycle_ns,
+            .cycle_ns(),
         1_000_000
     );
 }

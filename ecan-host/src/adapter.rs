@@ -8,7 +8,7 @@ use ecrt_sys::{Clock, Ecrt};
 
 use crate::al_status::AlStatusWatch;
 use crate::clocks::DistributedClocks;
-use crate::config::{AdapterConfig, Identity, SlaveConfig, WATCHDOG_UNIT_US};
+use crate::config::{AdapterConfig, Identity, WATCHDOG_UNIT};
 use crate::cycle::DomainReport;
 use crate::diagnostics::Diagnostics;
 use crate::domain_layout::DomainLayout;
@@ -18,7 +18,7 @@ use crate::mapping;
 use crate::master::{DomainId, Master, SlaveConfigId};
 use crate::plan::Plan;
 use crate::real_time::{CycleStart, CycleStatistics, CycleTimer, CycleTiming};
-use crate::startup::{StartupStep, run_steps, startup_list};
+use crate::startup::{StartupPlan, StartupStep, run_steps};
 use crate::stop::StopCheck;
 
 /// Where an [`Adapter`] is in its life.
@@ -69,6 +69,7 @@ pub struct Adapter {
     pub(crate) master: Master,
     pub(crate) diagnostics: Diagnostics,
     pub(crate) config: AdapterConfig,
+    pub(crate) startup: StartupPlan,
     pub(crate) slaves: Vec<Slave>,
     pub(crate) phase: Phase,
     attached: bool,
@@ -98,10 +99,10 @@ impl Adapter {
     ///
     /// # Errors
     /// Any [`Error`]; the master is released.
-    pub fn open(ecrt: &Ecrt, config: AdapterConfig) -> Result<Self, Error> {
+    pub fn open(ecrt: &Ecrt, config: AdapterConfig, startup: StartupPlan) -> Result<Self, Error> {
         config.check()?;
         let master = Master::request(ecrt, config.master_index)?;
-        Self::build(ecrt, master, config, false)
+        Self::build(ecrt, master, config, startup, false)
     }
 
     /// Adds gateways to a master that the application runs itself, for its other slaves on the
@@ -115,27 +116,34 @@ impl Adapter {
     ///
     /// # Errors
     /// Any [`Error`]; the owner's handle stays as it is, with what was added until then.
-    pub fn attach(ecrt: &Ecrt, master: Master, config: AdapterConfig) -> Result<Self, Error> {
+    pub fn attach(
+        ecrt: &Ecrt,
+        master: Master,
+        config: AdapterConfig,
+        startup: StartupPlan,
+    ) -> Result<Self, Error> {
         if !master.is_attached() {
             return Err(Error::OwnedMaster);
         }
         config.check()?;
-        Self::build(ecrt, master, config, true)
+        Self::build(ecrt, master, config, startup, true)
     }
 
     fn build(
         ecrt: &Ecrt,
         master: Master,
         config: AdapterConfig,
+        startup: StartupPlan,
         attached: bool,
     ) -> Result<Self, Error> {
         let diagnostics = Diagnostics::open(ecrt, &config)?;
-        let cycle_timer = CycleTimer::new(config.cycle_ns, CycleTiming::default());
+        let cycle_timer = CycleTimer::new(config.cycle_ns(), CycleTiming::default());
         let mut adapter = Self {
             ecrt: ecrt.clone(),
             master,
             diagnostics,
             config,
+            startup,
             slaves: Vec::new(),
             phase: Phase::Down,
             attached,
@@ -161,17 +169,14 @@ impl Adapter {
         let clock = self.ecrt.clock().as_ref();
         identification::wait_for_slaves(&self.diagnostics, clock, &self.config)?;
         // All are known for what they are before the first is written to.
-        let settings = self.config.slaves.clone();
+        let settings = self.config.slaves.iter().enumerate();
         let identified = settings
-            .iter()
-            .enumerate()
             .map(|(index, slave)| identification::identify(&self.diagnostics, index, slave))
             .collect::<Result<Vec<Identified>, Error>>()?;
-        self.slaves = settings
-            .iter()
-            .zip(identified)
+        self.slaves = identified
+            .into_iter()
             .enumerate()
-            .map(|(index, (slave, identified))| self.configure_slave(index, slave, identified))
+            .map(|(index, identified)| self.configure_slave(index, identified))
             .collect::<Result<Vec<Slave>, Error>>()?;
         self.select_reference_clock()?;
         self.phase = Phase::Configured;
@@ -193,10 +198,12 @@ impl Adapter {
     fn configure_slave(
         &mut self,
         slave: usize,
-        settings: &SlaveConfig,
         Identified { identity, serial }: Identified,
     ) -> Result<Slave, Error> {
-        let steps = startup_list(settings);
+        let count = self.config.slaves.len();
+        let settings =
+            self.config.slaves.get(slave).copied().ok_or(Error::SlaveIndex { slave, count })?;
+        let steps = self.startup.steps(&self.config, slave);
         run_steps(&self.diagnostics, slave, &steps)?;
         let (rx_n, tx_n) = (settings.rx_multiplier, settings.tx_multiplier);
         let rx_units = mapping::read_mapping(&self.diagnostics, slave, Direction::RxPdo, rx_n)?;
@@ -227,9 +234,9 @@ impl Adapter {
                     .map_err(fail("ecrt_slave_config_sdo"))?;
             }
         }
-        let intervals = u16::try_from(self.config.watchdog_us / WATCHDOG_UNIT_US);
+        let intervals = self.config.watchdog.as_nanos() / WATCHDOG_UNIT.as_nanos();
         master
-            .config_watchdog(config, 0, intervals.unwrap_or(u16::MAX))
+            .config_watchdog(config, 0, u16::try_from(intervals).unwrap_or(u16::MAX))
             .map_err(fail("ecrt_slave_config_watchdog"))?;
         if let Some(dc) = self.config.dc {
             let shift = i32::try_from(dc.shift_ns).unwrap_or(i32::MAX);
@@ -269,7 +276,7 @@ impl Adapter {
     pub fn activate(&mut self) -> Result<(), Error> {
         self.need_owned("activate")?;
         self.need_phase("activate", Phase::Configured)?;
-        let cycle_us = self.config.cycle_ns / 1_000;
+        let cycle_us = self.config.cycle_ns() / 1_000;
         self.master
             .set_send_interval(cycle_us as usize)
             .map_err(|e| Error::library("ecrt_master_set_send_interval", None, e))?;
@@ -277,7 +284,7 @@ impl Adapter {
         // The grid starts with the first cycle, and with it the application time, to which the
         // master refers the phase of Sync0.
         self.cycle_timer.restart();
-        let cycle_ns = self.config.cycle_ns;
+        let cycle_ns = self.config.cycle_ns();
         self.clocks = self.config.dc.map(|dc| DistributedClocks::new(dc, cycle_ns));
         self.phase = Phase::Active;
         Ok(())
@@ -306,7 +313,11 @@ impl Adapter {
     /// # Errors
     /// A faulty configuration changes nothing. After any other error the Adapter is
     /// [`Phase::Down`] and takes another `reconfigure`, for instance with the old configuration.
-    pub fn reconfigure(&mut self, config: AdapterConfig) -> Result<(), Error> {
+    pub fn reconfigure(
+        &mut self,
+        config: AdapterConfig,
+        startup: StartupPlan,
+    ) -> Result<(), Error> {
         self.need_owned("reconfigure")?;
         config.check()?;
         let (is, wanted) = (self.config.master_index, config.master_index);
@@ -323,8 +334,8 @@ impl Adapter {
         } else {
             self.request_anew()?;
         }
-        self.cycle_timer.set_cycle_ns(config.cycle_ns);
-        self.config = config;
+        self.cycle_timer.set_cycle_ns(config.cycle_ns());
+        (self.config, self.startup) = (config, startup);
         if self.cycle_statistics.is_some() {
             self.measure_cycles();
         }
@@ -416,7 +427,7 @@ impl Adapter {
     /// A function that opens another diagnostics handle, on the thread that calls it: for
     /// [`run_in_parallel`](crate::run_in_parallel).
     pub fn diagnostics_opener(&self) -> impl FnOnce() -> Result<Diagnostics, Error> + Send + use<> {
-        let (ecrt, config) = (self.ecrt.clone(), self.config.clone());
+        let (ecrt, config) = (self.ecrt.clone(), self.config);
         move || Diagnostics::open(&ecrt, &config)
     }
 

@@ -43,7 +43,7 @@ impl Adapter {
     /// [`wait_next_cycle`](Self::wait_next_cycle) on, each one is a start and each
     /// [`send`](Self::send) an end. Takes memory, so not for the cycle.
     pub fn measure_cycles(&mut self) {
-        self.cycle_statistics = Some(CycleStatistics::new(self.config.cycle_ns));
+        self.cycle_statistics = Some(CycleStatistics::new(self.config.cycle_ns()));
     }
 
     /// What was measured since [`measure_cycles`](Self::measure_cycles); none without it.

@@ -1,15 +1,15 @@
 //! What can go wrong outside the cycle, with the fields that locate it.
 
+use std::time::Duration;
+
 use ecan_protocol::device::{AlState, Recognition};
 use ecan_protocol::object::{AbortCode, describe};
 use ecrt_sys::Errno;
 use thiserror::Error;
 
 use crate::adapter::Phase;
-use crate::config::Identity;
-use crate::config_check::ConfigFault;
+use crate::config::{ConfigFault, Faults, Identity};
 use crate::cycle::CycleError;
-use crate::faults::Faults;
 use crate::master::{OpenError, SdoError};
 use crate::operation_report::NotOperational;
 use crate::startup::Expectation;
@@ -177,7 +177,7 @@ pub enum Error {
     },
     /// The slave does not come to PREOP, where it could be configured.
     #[error(
-        "slave {slave} did not reach PREOP within {timeout_ms} ms: it is in {}{}",
+        "slave {slave} did not reach PREOP within {} ms: it is in {}{}", timeout.as_millis(),
         al_state_words(*al_state), if *error_flag { " with its error flag set" } else { "" }
     )]
     NotInPreop {
@@ -187,8 +187,8 @@ pub enum Error {
         al_state: u8,
         /// Whether its error flag is set.
         error_flag: bool,
-        /// How long was waited, in milliseconds.
-        timeout_ms: u32,
+        /// Time waited.
+        timeout: Duration,
     },
     /// An SDO transfer failed.
     #[error(

@@ -3,6 +3,7 @@
 use ecan_protocol::device::{AlState, Capabilities, Recognition};
 
 use crate::config::{AdapterConfig, Identity, SlaveConfig};
+use crate::deadline::deadline_ns;
 use crate::diagnostics::Diagnostics;
 use crate::error::Error;
 
@@ -15,7 +16,7 @@ pub(crate) fn wait_for_slaves(
     clock: &dyn ecrt_sys::Clock,
     config: &AdapterConfig,
 ) -> Result<(), Error> {
-    let deadline = clock.now_ns() + u64::from(config.preop_timeout_ms) * 1_000_000;
+    let deadline = deadline_ns(clock, config.preop_timeout);
     loop {
         let found = look_for_slaves(diagnostics, config);
         if found.is_ok() || clock.now_ns() >= deadline {
@@ -39,7 +40,7 @@ fn look_for_slaves(diagnostics: &Diagnostics, config: &AdapterConfig) -> Result<
                 slave,
                 al_state: found.al_state,
                 error_flag: found.error_flag,
-                timeout_ms: config.preop_timeout_ms,
+                timeout: config.preop_timeout,
             });
         }
     }

@@ -17,14 +17,13 @@ mod adapter;
 mod al_status;
 mod clocks;
 mod config;
-mod config_check;
 mod cycle;
 mod cycle_grid;
+mod deadline;
 mod diagnose;
 mod diagnostics;
 mod domain_layout;
 mod error;
-mod faults;
 mod identification;
 mod maintenance;
 mod mapping;
@@ -41,14 +40,15 @@ mod stop;
 
 pub use adapter::{Adapter, Phase};
 pub use clocks::ClockStatus;
-pub use config::{AdapterConfig, ClockSource, DcSync, Identity, SlaveConfig};
-pub use config_check::ConfigFault;
+pub use config::{
+    AdapterConfig, ClockSource, ConfigFault, DcSync, Faults, Identity, MAX_SLAVES,
+    MAX_STARTUP_STEPS, SlaveConfig, StartupEntry,
+};
 pub use cycle::{CycleError, Delivery, DomainReport};
 pub use diagnose::run_in_parallel;
 pub use diagnostics::Diagnostics;
 pub use domain_layout::{DomainLayout, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
 pub use error::{Error, SdoDirection, value_words};
-pub use faults::Faults;
 pub use maintenance::{Maintenance, MaintenanceError};
 pub use master::{
     DomainId, DomainState, LinkState, Master, MasterInfo, MasterState, NodeOwner, OpenError,
@@ -69,7 +69,7 @@ pub use real_time::{
 };
 pub use recognition::{IdentificationError, SlaveKind, SlaveQuery, denies_object, slave_kinds};
 pub use requests::RequestId;
-pub use startup::{Expectation, StartupStep};
+pub use startup::{Expectation, StartupPlan, StartupStep};
 
 pub use ecrt_sys::{
     Clock, ECRT_VARIABLE, Ecrt, EcrtSetting, EnvironmentError, Errno, LoadError, MonotonicClock,

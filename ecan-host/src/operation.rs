@@ -1,9 +1,12 @@
 //! Waiting for OP while process data run.
 
+use std::time::Duration;
+
 use ecrt_sys::Errno;
 
 use crate::adapter::{Adapter, Phase};
 use crate::cycle::CycleError;
+use crate::deadline::deadline_ns;
 use crate::diagnose::run_in_parallel;
 use crate::error::Error;
 use crate::master::SlaveConfigState;
@@ -11,10 +14,12 @@ use crate::operation_report::is_preop;
 
 /// How often slow state is asked for while waiting, in nanoseconds.
 const INSPECT_NS: u64 = 200_000_000;
-/// Sends that a startup SDO takes: request, its fetching, and one in reserve.
-const CYCLES_PER_SDO: u64 = 4;
-/// Time for the states themselves, in milliseconds per slave.
-const STATES_MS: u64 = 5_000;
+/// Cycles of a startup SDO: request, fetching the response, and a reserve.
+const CYCLES_PER_SDO: u32 = 4;
+/// Time of a startup SDO that does not depend on the cycle.
+const SDO_TIME: Duration = Duration::from_millis(5);
+/// Time for the AL state changes of a slave.
+const STATES_TIME: Duration = Duration::from_secs(5);
 
 /// A wait for OP that is under way; for applications that run the cycle themselves.
 #[derive(Debug)]
@@ -44,14 +49,14 @@ impl Adapter {
     /// if that has not been done.
     ///
     /// Blocks, for seconds: every startup SDO takes some cycles, and the master configures one
-    /// slave after the other. [`startup_timeout_ms`](Self::startup_timeout_ms) tells what to
-    /// allow. Not for the cycle.
+    /// slave after the other. [`startup_timeout`](Self::startup_timeout) is a suitable
+    /// `timeout`. Not for the cycle.
     ///
     /// # Errors
     /// [`Error::NotOperational`] with a report that names slave, AL state, AL status code and
     /// failed SDO; or what went wrong in the cycle.
-    pub fn wait_op(&mut self, timeout_ms: u32) -> Result<(), Error> {
-        self.wait_op_with(timeout_ms, |adapter| {
+    pub fn wait_op(&mut self, timeout: Duration) -> Result<(), Error> {
+        self.wait_op_with(timeout, |adapter| {
             let received = adapter.receive();
             adapter.send().and(received)
         })
@@ -63,10 +68,10 @@ impl Adapter {
     /// As there.
     pub fn wait_op_with(
         &mut self,
-        timeout_ms: u32,
+        timeout: Duration,
         mut cycle: impl FnMut(&mut Self) -> Result<(), CycleError>,
     ) -> Result<(), Error> {
-        let mut wait = self.begin_op_wait(timeout_ms)?;
+        let mut wait = self.begin_op_wait(timeout)?;
         loop {
             self.wait_next_cycle();
             // A single cycle may fail; the deadline ends it all.
@@ -99,7 +104,7 @@ impl Adapter {
     ///
     /// # Errors
     /// Activation failed.
-    pub fn begin_op_wait(&mut self, timeout_ms: u32) -> Result<OpWait, Error> {
+    pub fn begin_op_wait(&mut self, timeout: Duration) -> Result<OpWait, Error> {
         if self.phase == Phase::Configured && !self.is_attached() {
             self.activate()?;
         }
@@ -107,7 +112,7 @@ impl Adapter {
             slave.al_status.clear();
         }
         let start_ns = self.ecrt.clock().now_ns();
-        let deadline_ns = start_ns + u64::from(timeout_ms) * 1_000_000;
+        let deadline_ns = deadline_ns(self.ecrt.clock().as_ref(), timeout);
         Ok(OpWait { start_ns, deadline_ns, inspect_ns: start_ns + INSPECT_NS })
     }
 
@@ -133,14 +138,15 @@ impl Adapter {
         Ok(OpProgress::Pending)
     }
 
-    /// How long the way to OP may take, in milliseconds: the master configures one slave after
-    /// the other, and every startup SDO takes a few cycles.
-    pub fn startup_timeout_ms(&self) -> u32 {
-        let slaves = self.config.slaves.iter();
-        let downloads: u64 = slaves.map(|slave| crate::startup::download_count(slave) as u64).sum();
-        let transfers_ms = downloads * CYCLES_PER_SDO * u64::from(self.config.cycle_ns) / 1_000_000;
-        let total = transfers_ms + downloads * 5 + STATES_MS * (self.slave_count() as u64 + 1);
-        u32::try_from(total).unwrap_or(u32::MAX)
+    /// Time in which the slaves reach OP: the master configures one slave after the other, and every
+    /// startup SDO takes a few cycles. Allocates; not for the cycle.
+    pub fn startup_timeout(&self) -> Duration {
+        let count = self.slave_count();
+        let downloads: usize =
+            (0..count).map(|slave| self.startup.download_count(&self.config, slave)).sum();
+        let downloads = u32::try_from(downloads).unwrap_or(u32::MAX);
+        let slaves = u32::try_from(count).unwrap_or(u32::MAX);
+        (self.config.cycle * CYCLES_PER_SDO + SDO_TIME) * downloads + STATES_TIME * (slaves + 1)
     }
 
     /// Online, OP and AL state of a slave as the master's configuration sees it. It lags the

@@ -5,12 +5,10 @@ use std::fmt;
 use ecan_protocol::device::{AlState, AlStatusCode, Capabilities};
 use ecan_protocol::mapping::Direction;
 
-use crate::adapter::Adapter;
-use crate::config::SlaveConfig;
+use crate::adapter::{Adapter, Slave};
 use crate::diagnostics::Diagnostics;
-use crate::domain_layout::DomainLayout;
 use crate::error::{Error, al_state_words};
-use crate::startup::{StartupStep, run_steps, startup_list};
+use crate::startup::{StartupStep, run_steps};
 
 /// One slave that is not in OP, with everything the master can tell about it.
 #[derive(Debug)]
@@ -101,9 +99,9 @@ impl NotOperational {
         let held = self.slaves.iter().filter(|report| report.is_held_in_preop());
         let work: Vec<(usize, Vec<StartupStep>)> = held
             .filter_map(|report| {
-                let settings = adapter.config.slaves.get(report.slave)?;
-                let serial = adapter.slaves.get(report.slave)?.serial;
-                Some((report.slave, steps_to_try(settings, serial)))
+                let slave = adapter.slaves.get(report.slave)?;
+                let steps = adapter.startup.steps(&adapter.config, report.slave);
+                Some((report.slave, steps_to_try(&steps, slave)))
             })
             .collect();
         move |diagnostics| {
@@ -126,13 +124,13 @@ impl NotOperational {
 
 /// The startup steps once more, on the very gateway, and then the sizes that it has active: one
 /// that does not fit the process data is answered with AL status 0x001D or 0x001E.
-fn steps_to_try(settings: &SlaveConfig, serial: [u32; 2]) -> Vec<StartupStep> {
-    let layout = DomainLayout::new(settings.rx_multiplier, settings.tx_multiplier);
-    let same = [(7, serial[0]), (8, serial[1])]
+fn steps_to_try(startup: &[StartupStep], slave: &Slave) -> Vec<StartupStep> {
+    let layout = slave.layout;
+    let same = [(7, slave.serial[0]), (8, slave.serial[1])]
         .map(|(subindex, half)| StartupStep::expect(Capabilities::INDEX, subindex, half));
     let sizes = [(Direction::RxPdo, layout.rx_bytes), (Direction::TxPdo, layout.tx_bytes)]
         .map(|(direction, bytes)| StartupStep::expect(direction.profile_object(), 9, bytes as u32));
-    [&same[..], &startup_list(settings), &sizes].concat()
+    [&same[..], startup, &sizes].concat()
 }
 
 impl Adapter {

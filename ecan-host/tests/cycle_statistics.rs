@@ -1,9 +1,11 @@
 //! Histograms of the cycle: exact ends, bounded percentiles, the manual's line.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
-use ecan_host::{CycleStart, CycleStatistics, Distribution};
+use ecan_host::{CycleStart, CycleStatistics, Distribution, StartupPlan};
 
 const CYCLE_NS: u64 = 1_000_000;
 
@@ -107,16 +109,16 @@ fn percentiles_of_a_list_are_nearest_ranks() {
 fn an_adapter_measures_its_own_cycle_and_anew_after_a_reconfiguration() {
     let (mut config, _) = common::raw_config();
     let mut adapter = common::open(ecan_sim::echo(1), config.clone()).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     assert!(adapter.cycle_statistics().is_none());
     adapter.measure_cycles();
     common::run(&mut adapter, 101);
     let measured = adapter.cycle_statistics().unwrap();
     assert_eq!((measured.cycles(), measured.period().count), (101, 100));
     assert_eq!((measured.run_time().count, measured.max_period_error_ns()), (101, 0));
-    config.cycle_ns = 2_000_000;
-    adapter.reconfigure(config).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    config.cycle = Duration::from_millis(2);
+    adapter.reconfigure(config, StartupPlan::default()).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     let measured = adapter.cycle_statistics().unwrap();
     assert_eq!((measured.period().min_ns, measured.max_period_error_ns()), (2_000_000, 0));
 }

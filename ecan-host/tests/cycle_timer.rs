@@ -1,6 +1,8 @@
 //! The cycle timer on the stepped clock: exact points, whatever the cycles take.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use std::cell::Cell;
@@ -8,8 +10,8 @@ use std::sync::Mutex;
 
 use common::{open, raw_config, raw_config_of, run, simulated};
 use ecan_host::{
-    Adapter, AdapterConfig, Clock, CycleStart, CycleTimer, CycleTiming, Ecrt, MAX_SPIN_NS,
-    OverrunPolicy, Plan,
+    Adapter, Clock, CycleStart, CycleTimer, CycleTiming, Ecrt, MAX_SPIN_NS, OverrunPolicy, Plan,
+    StartupPlan,
 };
 use ecan_sim::{Scenario, WakeUpDelay};
 use proptest::prelude::*;
@@ -161,9 +163,9 @@ fn a_clock_that_runs_is_slept_on_until_the_spin_and_looked_at_from_there() {
 #[test]
 fn the_adapter_waits_by_it() {
     let mut config = raw_config().0;
-    config.cycle_ns = CYCLE_NS as u32;
+    config.cycle = Duration::from_nanos(CYCLE_NS);
     let mut adapter: Adapter = open(ecan_sim::echo(1), config).unwrap();
-    adapter.wait_op(10_000).unwrap();
+    adapter.wait_op(Duration::from_secs(10)).unwrap();
     run(&mut adapter, 3);
     let before = adapter.cycle_start().deadline_ns;
     adapter.set_cycle_timing(CycleTiming { spin_ns: 100_000, ..catch_up(2) });
@@ -194,7 +196,7 @@ fn the_cycle_behind_a_late_one_waits_for_the_answer() {
         let scenario = Scenario { wake_up: Some(BUSY), ..ecan_sim::echo(1) };
         let mut adapter = open(scenario, raw_config().0).unwrap();
         adapter.set_cycle_timing(timing);
-        adapter.wait_op(10_000).unwrap();
+        adapter.wait_op(Duration::from_secs(10)).unwrap();
         let mut overruns = 0;
         for cycle in 0..10_000 {
             adapter.wait_next_cycle();
@@ -212,12 +214,14 @@ fn the_cycle_behind_a_late_one_waits_for_the_answer() {
 /// grid, one that was late comes back to it, and no answer is lost.
 #[test]
 fn who_sends_early_is_never_held_back() {
-    for (gateways, multiplier, cycle_us) in [(1, 8, 250), (1, 2, 100), (3, 11, 1_000), (1, 3, 200)]
+    for (gateways, multiplier, cycle_us) in
+        [(1, 8, 250), (1, 2, 100), (3, 11, 1_000), (1, 3, 200_u32)]
     {
-        let config = raw_config_of(gateways, multiplier).with_cycle_us(cycle_us);
+        let config =
+            raw_config_of(gateways, multiplier).with_cycle(Duration::from_micros(cycle_us.into()));
         let (ecrt, simulation) = simulated(ecan_sim::echo(gateways.into()));
-        let mut adapter = Adapter::open(&ecrt, config).unwrap();
-        adapter.wait_op(60_000).unwrap();
+        let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
+        adapter.wait_op(Duration::from_secs(60)).unwrap();
         let cycle_ns = u64::from(cycle_us) * 1_000;
         let rest_ns = cycle_ns - Plan::of(adapter.config()).wire_ns();
         let case = format!("{gateways} {multiplier} {cycle_us}");
@@ -259,10 +263,10 @@ fn the_first_cycle_waits_for_the_answer_too() {
 fn a_changed_cycle_is_waited_for_after_the_next_activation() {
     let (config, _) = raw_config();
     let mut adapter = open(ecan_sim::echo(1), config.clone()).unwrap();
-    adapter.wait_op(10_000).unwrap();
-    let slower = AdapterConfig { cycle_ns: 2_000_000, ..config };
-    adapter.reconfigure(slower).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    adapter.wait_op(Duration::from_secs(10)).unwrap();
+    let slower = config.with_cycle(Duration::from_millis(2));
+    adapter.reconfigure(slower, StartupPlan::default()).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     let before = adapter.cycle_start().deadline_ns;
     adapter.wait_next_cycle();
     assert_eq!(adapter.cycle_start().deadline_ns - before, 2_000_000);

@@ -1,10 +1,12 @@
 //! Distributed clocks on the stepped clock: drift, start phase, lost frames, both directions.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
-use common::{raw_config, simulated};
-use ecan_host::{Adapter, ClockSource, ClockStatus, DcSync, SlaveConfig};
+use common::{raw_config, raw_config_of, simulated};
+use ecan_host::{Adapter, ClockSource, ClockStatus, DcSync, StartupPlan};
 use ecan_sim::{
     EcrtVersion, Fault, GatewayFault, LossDirection, Scenario, Simulation, WakeUpDelay,
 };
@@ -18,18 +20,15 @@ fn opened(drifts: &[i32], scenario: Scenario, dc: DcSync) -> (Adapter, Simulatio
         gateway.config.clock_drift_ppb = ppm * 1_000;
     }
     let (ecrt, simulation) = simulated(scenario);
-    let mut config = raw_config().0;
-    let slave = config.slaves.remove(0);
-    let at = |position| SlaveConfig { position, ..slave.clone() };
-    config.slaves = (0..drifts.len() as u16).map(at).collect();
+    let mut config = raw_config_of(drifts.len() as u16, 3);
     config.dc = Some(dc);
-    (Adapter::open(&ecrt, config).unwrap(), simulation)
+    (Adapter::open(&ecrt, config, StartupPlan::default()).unwrap(), simulation)
 }
 
 /// The same in OP.
 fn in_op(drifts: &[i32], scenario: Scenario, dc: DcSync) -> (Adapter, Simulation) {
     let (mut adapter, simulation) = opened(drifts, scenario, dc);
-    adapter.wait_op(20_000).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     (adapter, simulation)
 }
 
@@ -203,8 +202,8 @@ fn a_cycle_timer_of_the_application_gets_the_correction() {
 #[test]
 fn without_clocks_there_is_no_status() {
     let (ecrt, _simulation) = simulated(ecan_sim::echo(1));
-    let mut adapter = Adapter::open(&ecrt, raw_config().0).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    let mut adapter = Adapter::open(&ecrt, raw_config().0, StartupPlan::default()).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     assert_eq!(adapter.clock_status(), None);
     assert_eq!(adapter.clock_correction_ns(), 0);
 }

@@ -1,10 +1,12 @@
 //! From a configuration to a configured bus, and every way in which that fails.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use common::{open, raw_config, simulated};
-use ecan_host::{Adapter, AdapterConfig, Error, Identity, Phase, StartupStep};
+use ecan_host::{Adapter, AdapterConfig, Error, Identity, Phase, StartupPlan, StartupStep};
 use ecan_protocol::object::{ObjectType, SdoWrite};
 
 #[test]
@@ -55,7 +57,7 @@ fn slaves_are_found_by_alias() {
     let serial = adapter.diagnostics().sdo_upload_u32(0, 0xF000, 7).unwrap();
     assert_eq!(u64::from(serial), scenario.gateways[2].config.serial & 0xFFFF_FFFF);
     config.slaves[0].alias = 78;
-    config.preop_timeout_ms = 300;
+    config.preop_timeout = Duration::from_millis(300);
     let error = open(scenario, config).unwrap_err();
     assert!(matches!(error, Error::NoSuchSlave { alias: 78, .. }), "{error}");
 }
@@ -87,9 +89,9 @@ fn a_readback_that_does_not_match_is_named_in_words() {
     // N = 8 in the profile, N = 3 in the assignment: the apply command answers 5 (manual 14.2).
     for (subindex, value) in [(3, 8), (1, 1)] {
         let write = SdoWrite { index: 0x8010, subindex, value, ty: ObjectType::U8 };
-        config.slaves[0].startup.push(StartupStep::Download(write));
+        config.add_startup(0, StartupStep::Download(write)).unwrap();
     }
-    config.slaves[0].startup.push(StartupStep::expect(0x8010, 2, 0));
+    config.add_startup(0, StartupStep::expect(0x8010, 2, 0)).unwrap();
     let error = open(ecan_sim::echo(1), config).unwrap_err();
     let Error::Readback { slave: 0, index: 0x8010, subindex: 2, found: 5, .. } = error else {
         panic!("{error}")
@@ -102,16 +104,16 @@ fn a_readback_that_does_not_match_is_named_in_words() {
 fn the_master_is_released_on_every_way_out() {
     let (ecrt, _simulation) = simulated(ecan_sim::echo(1));
     let mut absent = AdapterConfig::new(2);
-    absent.preop_timeout_ms = 100;
-    assert!(Adapter::open(&ecrt, absent).is_err());
-    let adapter = Adapter::open(&ecrt, AdapterConfig::new(1)).unwrap();
-    let busy = Adapter::open(&ecrt, AdapterConfig::new(1)).unwrap_err();
+    absent.preop_timeout = Duration::from_millis(100);
+    assert!(Adapter::open(&ecrt, absent, StartupPlan::default()).is_err());
+    let adapter = Adapter::open(&ecrt, AdapterConfig::new(1), StartupPlan::default()).unwrap();
+    let busy = Adapter::open(&ecrt, AdapterConfig::new(1), StartupPlan::default()).unwrap_err();
     assert!(matches!(busy, Error::Open(_)), "{busy}");
     drop(adapter);
-    let mut adapter = Adapter::open(&ecrt, raw_config().0).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    let mut adapter = Adapter::open(&ecrt, raw_config().0, StartupPlan::default()).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     drop(adapter);
-    assert!(Adapter::open(&ecrt, AdapterConfig::new(1)).is_ok());
+    assert!(Adapter::open(&ecrt, AdapterConfig::new(1), StartupPlan::default()).is_ok());
 }
 
 #[test]

@@ -1,12 +1,14 @@
 //! OP, its report, the cycle, requests in the cycle, distributed clocks and attaching.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use common::{open, raw_config, run, simulated};
 use ecan_host::{
     Adapter, AdapterConfig, DcSync, Delivery, Diagnostics, Error, Master, Phase, RequestState,
-    StartupStep, WcState,
+    StartupPlan, StartupStep, WcState,
 };
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::McanChannelConfig;
@@ -20,12 +22,12 @@ use ecan_sim::{Fault, GatewayFault};
 fn raw_images_carry_frames() {
     let (mut config, profile) = raw_config();
     let channel = McanChannelConfig::classic(500_000);
-    let startup = &mut config.slaves[0].startup;
-    startup.extend(channel.writes(2).map(StartupStep::Download));
-    startup.push(StartupStep::Download(McanChannelConfig::apply_write(2)));
+    for write in channel.writes(2).into_iter().chain([McanChannelConfig::apply_write(2)]) {
+        config.add_startup(0, write).unwrap();
+    }
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
-    let mut adapter = Adapter::open(&ecrt, config).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[1, 2, 3]).unwrap();
     let mut writer = ImageWriter::new(Direction::RxPdo, profile);
     adapter.wait_next_cycle();
@@ -47,15 +49,15 @@ fn the_application_may_give_up_a_wait_and_take_it_up_again() {
 
     let (config, _) = raw_config();
     let (ecrt, _simulation) = simulated(ecan_sim::echo(1));
-    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
     let asked = Arc::new(AtomicU32::new(0));
     let counter = asked.clone();
     adapter.stop_waiting_when(Some(Box::new(move || counter.fetch_add(1, Ordering::Relaxed) == 9)));
-    let error = adapter.wait_op(20_000).unwrap_err();
+    let error = adapter.wait_op(Duration::from_secs(20)).unwrap_err();
     assert!(matches!(error, Error::Stopped), "{error}");
     assert_eq!(asked.load(Ordering::Relaxed), 10, "once in every cycle");
     adapter.stop_waiting_when(None);
-    adapter.wait_op(20_000).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     assert_eq!(asked.load(Ordering::Relaxed), 10);
 }
 
@@ -63,9 +65,9 @@ fn the_application_may_give_up_a_wait_and_take_it_up_again() {
 fn working_counters_tell_what_arrived() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
-    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
     assert_eq!(adapter.domain_report(0).outputs, Delivery::None);
-    adapter.wait_op(20_000).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     run(&mut adapter, 3);
     let report = adapter.domain_report(0);
     assert_eq!((report.working_counter, report.wc_state), (3, WcState::Complete));
@@ -88,7 +90,7 @@ fn working_counters_tell_what_arrived() {
 fn a_slave_whose_profile_does_not_fit_is_reported_with_the_object() {
     // Nothing applies a profile for N = 3.
     let mut adapter = open(ecan_sim::echo(1), AdapterConfig::new(1)).unwrap();
-    let error = adapter.wait_op(5_000).unwrap_err();
+    let error = adapter.wait_op(Duration::from_secs(5)).unwrap_err();
     let Error::NotOperational(report) = &error else { panic!("{error}") };
     let slave = &report.slaves[0];
     assert!(slave.online && slave.error_flag, "{error}");
@@ -102,13 +104,13 @@ fn a_slave_whose_profile_does_not_fit_is_reported_with_the_object() {
 #[test]
 fn the_al_status_code_is_caught_before_the_master_acknowledges_it() {
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
-    let mut adapter = Adapter::open(&ecrt, raw_config().0).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    let mut adapter = Adapter::open(&ecrt, raw_config().0, StartupPlan::default()).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     let watchdog = GatewayFault::AlError { code: 0x001B };
     simulation.inject(Fault::Gateway { gateway: 0, fault: watchdog });
     simulation.inject(Fault::WorkingCounterOffset { offset: -3, cycles: 1_000 });
     run(&mut adapter, 2);
-    let error = adapter.wait_op(100).unwrap_err();
+    let error = adapter.wait_op(Duration::from_millis(100)).unwrap_err();
     assert!(error.to_string().contains("AL status code 0x001B"), "{error}");
 }
 
@@ -121,12 +123,12 @@ fn the_watchdog_ends_operation_after_its_time() {
         (5_000, 5_500, false),
         (6_553_500, 6_500_000, true),
     ] {
-        let config = AdapterConfig { watchdog_us, ..raw_config().0 };
+        let config = raw_config().0.with_watchdog(Duration::from_micros(watchdog_us));
         let (ecrt, simulation) = simulated(ecan_sim::echo(1));
-        let mut adapter = Adapter::open(&ecrt, config).unwrap();
+        let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
         let is_in_op =
             || simulation.with_world(|world| world.gateway(0).unwrap().al_state()) == AlState::Op;
-        adapter.wait_op(20_000).unwrap();
+        adapter.wait_op(Duration::from_secs(20)).unwrap();
         // Also after the slave was configured anew, without the application.
         for _ in 0..2 {
             run(&mut adapter, 10);
@@ -135,7 +137,7 @@ fn the_watchdog_ends_operation_after_its_time() {
             assert_eq!(is_in_op(), holds, "{watchdog_us} {pause_us}");
             simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 300 });
             run(&mut adapter, 200);
-            adapter.wait_op(30_000).unwrap();
+            adapter.wait_op(Duration::from_secs(30)).unwrap();
         }
     }
 }
@@ -144,10 +146,15 @@ fn the_watchdog_ends_operation_after_its_time() {
 fn a_watchdog_does_not_outlive_the_configuration_that_set_it() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
-    let mut adapter = Adapter::open(&ecrt, config.clone().with_watchdog_us(5_000)).unwrap();
-    adapter.wait_op(20_000).unwrap();
-    adapter.reconfigure(config).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    let mut adapter = Adapter::open(
+        &ecrt,
+        config.with_watchdog(Duration::from_millis(5)),
+        StartupPlan::default(),
+    )
+    .unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
+    adapter.reconfigure(config, StartupPlan::default()).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     simulation.pass_ns(50_000_000);
     run(&mut adapter, 2);
     assert!(adapter.domain_is_complete());
@@ -157,9 +164,9 @@ fn a_watchdog_does_not_outlive_the_configuration_that_set_it() {
 fn a_slave_without_power_is_reported_as_such() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
-    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
     simulation.inject(Fault::PowerOff { gateway: 0 });
-    let error = adapter.wait_op(3_000).unwrap_err();
+    let error = adapter.wait_op(Duration::from_secs(3)).unwrap_err();
     assert!(error.to_string().contains("does not answer"), "{error}");
 }
 
@@ -167,10 +174,10 @@ fn a_slave_without_power_is_reported_as_such() {
 fn sdo_requests_run_while_the_cycle_goes_on() {
     let (config, _) = raw_config();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
-    let mut adapter = Adapter::open(&ecrt, config).unwrap();
+    let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
     let read = adapter.create_sdo_request(0, 4).unwrap();
     let write = adapter.create_sdo_request(0, 4).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     let settle = |adapter: &mut Adapter, id| {
         for _ in 0..2_000 {
             run(adapter, 1);
@@ -214,7 +221,7 @@ fn blocking_transfers_name_object_and_abort_code() {
 fn a_second_handle_works_from_another_thread() {
     let (config, _) = raw_config();
     let mut adapter = open(ecan_sim::echo(1), config).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     let diagnostics = adapter.open_diagnostics().unwrap();
     let name = std::thread::spawn(move || diagnostics.slave_info(0).map(|info| info.name));
     assert!(!name.join().unwrap().unwrap().is_empty());
@@ -227,7 +234,7 @@ fn op_is_reached_with_sync0() {
     let (mut config, _) = raw_config();
     config.dc = Some(DcSync::new(1_000_000, 300_000));
     let mut adapter = open(ecan_sim::echo(1), config).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     run(&mut adapter, 100);
     assert!(adapter.domain_is_complete());
     assert!(adapter.slave_state(0).unwrap().operational);
@@ -240,7 +247,7 @@ fn an_attached_adapter_leaves_the_master_to_its_owner() {
     // SAFETY: the owner outlives the Adapter below and is used from this thread only.
     let shared = unsafe { Master::from_raw(ecrt.clone(), owner.as_raw()) }.unwrap();
     let (config, _) = raw_config();
-    let mut adapter = Adapter::attach(&ecrt, shared, config).unwrap();
+    let mut adapter = Adapter::attach(&ecrt, shared, config, StartupPlan::default()).unwrap();
     assert!(matches!(adapter.activate(), Err(Error::Attached { .. })));
     owner.set_send_interval(1_000).unwrap();
     owner.activate().unwrap();
@@ -257,7 +264,10 @@ fn an_attached_adapter_leaves_the_master_to_its_owner() {
         owner.send().unwrap();
     }
     assert!(adapter.all_operational().unwrap());
-    assert!(matches!(adapter.reconfigure(raw_config().0), Err(Error::Attached { .. })));
+    assert!(matches!(
+        adapter.reconfigure(raw_config().0, StartupPlan::default()),
+        Err(Error::Attached { .. })
+    ));
     drop(adapter);
     assert!(owner.state().is_ok(), "the owner's handle is still his");
 }
@@ -266,14 +276,14 @@ fn an_attached_adapter_leaves_the_master_to_its_owner() {
 fn the_startup_list_is_sent_again_after_a_power_cycle() {
     let (mut config, _) = raw_config();
     let mark = SdoWrite { index: 0x8000, subindex: 10, value: 4711, ty: ObjectType::U32 };
-    config.slaves[0].startup.push(StartupStep::Download(mark));
+    config.add_startup(0, StartupStep::Download(mark)).unwrap();
     let (ecrt, simulation) = simulated(ecan_sim::echo(1));
-    let mut adapter = Adapter::open(&ecrt, config).unwrap();
-    adapter.wait_op(20_000).unwrap();
+    let mut adapter = Adapter::open(&ecrt, config, StartupPlan::default()).unwrap();
+    adapter.wait_op(Duration::from_secs(20)).unwrap();
     simulation.inject(Fault::PowerCycle { gateway: 0, off_ms: 300 });
     run(&mut adapter, 200);
     assert!(!adapter.domain_is_complete());
-    adapter.wait_op(30_000).unwrap();
+    adapter.wait_op(Duration::from_secs(30)).unwrap();
     let read = |diagnostics: &Diagnostics| diagnostics.sdo_upload_u32(0, 0x8000, 10).unwrap();
     let cycle = |adapter: &mut Adapter| adapter.receive().and_then(|()| adapter.send());
     assert_eq!(adapter.diagnose(cycle, read).unwrap(), 4711);
@@ -287,7 +297,7 @@ fn work_beside_the_cycle_takes_the_same_cycles_in_every_run() {
     let run = || {
         let (config, _) = raw_config();
         let mut adapter = open(ecan_sim::echo(1), config).unwrap();
-        adapter.wait_op(10_000).unwrap();
+        adapter.wait_op(Duration::from_secs(10)).unwrap();
         let clock = adapter.ecrt().clock().clone();
         let mut cycles = Vec::new();
         for transfers in [0, 1, 20] {

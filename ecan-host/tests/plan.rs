@@ -1,18 +1,22 @@
 //! The preflight plan: figures worked out by hand, and against the simulated master.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
-use common::{run, simulated};
+use common::{add_profile, run, simulated};
 use ecan_host::{
     Adapter, AdapterConfig, BYTE_NS, ClockSource, DatagramUse, DcSync, FRAME_OVERHEAD_BYTES,
-    LogicalCommand, Plan, PlanError, PlanWarning,
+    LogicalCommand, Plan, PlanError, PlanWarning, StartupPlan,
 };
 use ecan_sim::EcrtVersion;
 use proptest::prelude::*;
 
 fn config(slaves: u16, multiplier: u8, cycle_us: u32) -> AdapterConfig {
-    AdapterConfig::new(slaves).with_multiplier(multiplier).with_cycle_us(cycle_us)
+    AdapterConfig::new(slaves)
+        .with_multiplier(multiplier)
+        .with_cycle(Duration::from_micros(cycle_us.into()))
 }
 
 fn plan(slaves: u16, multiplier: u8, cycle_us: u32) -> Plan {
@@ -172,7 +176,9 @@ fn what_barely_works_is_warned_of() {
 
 #[test]
 fn a_watchdog_that_outlasts_no_lost_frame_is_warned_of() {
-    let of = |watchdog_us| Plan::of(&config(1, 3, 1_000).with_watchdog_us(watchdog_us));
+    let of = |watchdog_us| {
+        Plan::of(&config(1, 3, 1_000).with_watchdog(Duration::from_micros(watchdog_us)))
+    };
     let tight = PlanWarning::WatchdogTight { watchdog_us: 2_000, cycle_ns: 1_000_000 };
     assert_eq!((of(2_000).warnings, of(2_000).refusals), (vec![tight], vec![]));
     assert_eq!(of(2_100).warnings, []);
@@ -207,7 +213,8 @@ proptest! {
         for (slave, (rx, tx)) in config.slaves.iter_mut().zip(&sizes) {
             (slave.rx_multiplier, slave.tx_multiplier) = (*rx, *tx);
         }
-        (config.cycle_ns, config.allow_large_pdos) = (cycle_ns, allow_large_pdos);
+        config.cycle = Duration::from_nanos(cycle_ns.into());
+        config.allow_large_pdos = allow_large_pdos;
         config.dc = dc.map(|(cycle, shift)| DcSync::new(cycle, shift));
         let plan = Plan::of(&config);
         let bytes: usize = sizes.iter().map(|(rx, tx)| 128 * (*rx as usize + *tx as usize)).sum();
@@ -237,24 +244,22 @@ fn running(config: AdapterConfig, version: EcrtVersion) -> (Adapter, ecan_sim::S
     let mut scenario = ecan_sim::echo(config.slaves.len());
     scenario.version = version;
     let (ecrt, simulation) = simulated(scenario);
-    let mut adapter = Adapter::open(&ecrt, with_profiles(config)).unwrap();
-    adapter.wait_op(60_000).unwrap();
+    let mut adapter = Adapter::open(&ecrt, with_profiles(config), StartupPlan::default()).unwrap();
+    adapter.wait_op(Duration::from_secs(60)).unwrap();
     run(&mut adapter, 5);
     (adapter, simulation)
 }
 
 /// The gateways take images of the configured sizes.
 fn with_profiles(mut config: AdapterConfig) -> AdapterConfig {
-    use ecan_host::StartupStep;
     use ecan_protocol::image::PdoProfile;
     use ecan_protocol::mapping::Direction;
-    for slave in &mut config.slaves {
+    for (index, slave) in config.slaves.into_iter().enumerate() {
         let sizes =
             [(Direction::TxPdo, slave.tx_multiplier), (Direction::RxPdo, slave.rx_multiplier)];
         for (direction, multiplier) in sizes {
             let profile = PdoProfile { multiplier, ..PdoProfile::default() };
-            slave.startup.extend(profile.writes(direction).map(StartupStep::Download));
-            slave.startup.push(StartupStep::Download(PdoProfile::apply_write(direction)));
+            add_profile(&mut config, index, direction, &profile);
         }
     }
     config

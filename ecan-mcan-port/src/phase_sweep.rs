@@ -208,7 +208,7 @@ impl Port {
         point.other_drops = after.other_drops - before.other_drops;
         point.host_drops = after.host_drops - before.host_drops;
         point.taken = after.taken - before.taken;
-        let cycle_ns = self.adapter.config().cycle_ns;
+        let cycle_ns = self.adapter.config().cycle_ns();
         let period_ns = self.adapter.config().dc.map_or(0, |dc| dc.cycle_ns);
         let periods = u64::from(sweep.cycles) * u64::from(cycle_ns) / u64::from(period_ns.max(1));
         for (after, before) in after.scheduled.iter().zip(&before.scheduled) {
@@ -231,7 +231,7 @@ impl Port {
         // A pulse comes within one period, the phase behind it within another.
         let config = self.adapter.config();
         let phases_ns = config.dc.map_or(0, |dc| 2 * u64::from(dc.cycle_ns));
-        for _ in 0..phases_ns.div_ceil(config.cycle_ns.max(1).into()) + QUIET_CYCLES {
+        for _ in 0..phases_ns.div_ceil(config.cycle_ns().max(1).into()) + QUIET_CYCLES {
             // A cycle that fails shows in the working counters.
             self.next_cycle().received().for_each(drop);
         }

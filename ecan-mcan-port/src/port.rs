@@ -51,16 +51,16 @@ impl Port {
     /// Any [`PortError`]; the master is released.
     pub fn open(
         ecrt: &Ecrt,
-        mut adapter: AdapterConfig,
+        adapter: AdapterConfig,
         config: PortConfig,
     ) -> Result<Self, PortError> {
         config.check(&adapter)?;
-        config.apply(&mut adapter);
-        Self::new(Adapter::open(ecrt, adapter)?, config)
+        let startup = config.startup_plan(&adapter);
+        Self::new(Adapter::open(ecrt, adapter, startup)?, config)
     }
 
     /// Creates a Port on an Adapter that is configured and not active yet, opened or attached, whose
-    /// configuration went through [`PortConfig::apply`].
+    /// startup plan is that of [`PortConfig::startup_plan`].
     ///
     /// # Errors
     /// Faults of the configuration, a wrong phase, or capabilities that cannot be read.
@@ -103,12 +103,12 @@ impl Port {
     /// `reconfigure` again, for example with the old configuration.
     pub fn reconfigure(
         &mut self,
-        mut adapter: AdapterConfig,
+        adapter: AdapterConfig,
         config: PortConfig,
     ) -> Result<(), PortError> {
         config.check(&adapter)?;
-        config.apply(&mut adapter);
-        let result = self.adapter.reconfigure(adapter);
+        let startup = config.startup_plan(&adapter);
+        let result = self.adapter.reconfigure(adapter, startup);
         if self.adapter.phase() == Phase::Active {
             // The Adapter rejected it before it changed anything.
             return result.map_err(PortError::from);

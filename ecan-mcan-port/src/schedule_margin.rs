@@ -1,8 +1,7 @@
 //! Whether a phase of Sync0 is reached in time (manual 8.4, 13.8, 16.1).
 
-use std::fmt;
-
 use ecan_host::{AdapterConfig, BYTE_NS, SlavePlan};
+use std::fmt;
 use thiserror::Error;
 
 use crate::schedule_settings::ScheduleConfig;
@@ -149,7 +148,7 @@ impl ScheduleTimes {
         adapter: &AdapterConfig,
         slave: &SlavePlan,
     ) -> Self {
-        let cycle_ns = u64::from(adapter.cycle_ns.max(1));
+        let cycle_ns = u64::from(adapter.cycle_ns().max(1));
         let earliest_arrival_ns = slave.layout.rx_bytes as u64 * BYTE_NS;
         let way_ns = u64::from(settings.transport_ns) + slave.outputs_arrive_ns;
         let latest_arrival_ns = u64::from(settings.latest_send_ns) + way_ns;
@@ -216,6 +215,8 @@ impl ScheduleTimes {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use ecan_host::{DcSync, Plan};
     use proptest::prelude::*;
 
@@ -223,7 +224,7 @@ mod tests {
 
     /// An image of 30 us, in the gateway 70 us after the send.
     fn times(settings: ScheduleConfig, dc: Option<DcSync>) -> ScheduleTimes {
-        let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+        let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
         adapter.dc = dc;
         let mut slave = Plan::of(&adapter).slaves[0];
         (slave.layout.rx_bytes, slave.outputs_arrive_ns) = (375, 70_000);
@@ -329,7 +330,7 @@ mod tests {
     #[test]
     fn wire_time_counts_the_slaves_before() {
         let mut adapter = AdapterConfig::new(2);
-        adapter.dc = Some(DcSync::new(adapter.cycle_ns, 5_000_000));
+        adapter.dc = Some(DcSync::new(adapter.cycle_ns(), 5_000_000));
         let slaves = Plan::of(&adapter).slaves;
         let of = |slave: usize| {
             let settings = ScheduleConfig::default();
@@ -357,7 +358,7 @@ mod tests {
             for (slave, rx) in adapter.slaves.iter_mut().zip(&sizes) {
                 slave.rx_multiplier = *rx;
             }
-            adapter.cycle_ns = cycle_ns;
+            adapter.cycle = Duration::from_nanos(cycle_ns.into());
             // Half of them as a configuration has to be.
             adapter.dc = dc.map(|(period, shift)| match cycle_ns {
                 1.. if is_valid => {

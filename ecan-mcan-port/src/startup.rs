@@ -1,6 +1,6 @@
 //! The startup steps that a gateway needs, in the manual's order (5.4.3, 14).
 
-use ecan_host::{AdapterConfig, Expectation, StartupStep};
+use ecan_host::{AdapterConfig, Expectation, StartupPlan, StartupStep};
 use ecan_protocol::config::{DataPathConfig, McanChannelConfig, filter_writes};
 use ecan_protocol::device::Capabilities;
 use ecan_protocol::image::PdoProfile;
@@ -15,14 +15,14 @@ const STATUS_OK: u32 = 0;
 const HEADER_VERSION_1: u32 = 1 << 1;
 
 impl PortConfig {
-    /// Gives each slave of `adapter` the startup steps that its gateway needs, in place of those of
-    /// an earlier call: capability checks, PDO profiles with readback, channels, filters and data
-    /// paths.
+    /// The startup steps that each gateway needs: capability checks, PDO profiles with readback,
+    /// channels, filters and data paths.
     ///
-    /// [`Port::open`](crate::Port::open) does this itself; call it only to open the Adapter by
-    /// hand. Slaves without a gateway entry are left as they are.
-    pub fn apply(&self, adapter: &mut AdapterConfig) {
-        for (slave, gateway) in adapter.slaves.iter_mut().zip(&self.gateways) {
+    /// [`Port::open`](crate::Port::open) passes them to the Adapter; call this only to open the
+    /// Adapter yourself. A slave without a gateway entry has none.
+    pub fn startup_plan(&self, adapter: &AdapterConfig) -> StartupPlan {
+        let slaves = adapter.slaves.iter().zip(&self.gateways);
+        let steps = slaves.map(|(slave, gateway)| {
             let rx = gateway.profile(Direction::RxPdo, slave.rx_multiplier);
             let tx = gateway.profile(Direction::TxPdo, slave.tx_multiplier);
             let mut steps = Vec::with_capacity(400);
@@ -36,8 +36,9 @@ impl PortConfig {
                     push_channel(&mut steps, channel as u8, settings);
                 }
             }
-            slave.base_startup = steps;
-        }
+            steps
+        });
+        steps.collect()
     }
 }
 

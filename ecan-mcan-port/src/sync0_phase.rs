@@ -14,7 +14,7 @@ impl Sync0Phase {
     /// A cycle begins at this time of the grid; gives the application time since the first one, in
     /// nanoseconds.
     pub(crate) fn begin(&mut self, time_ns: u64, adapter: &AdapterConfig) -> u64 {
-        let cycle_ns = u64::from(adapter.cycle_ns.max(1));
+        let cycle_ns = u64::from(adapter.cycle_ns().max(1));
         let follows = adapter.dc.is_some_and(|dc| dc.source == ClockSource::Reference);
         let since_first_ns = match self.last {
             None => 0,
@@ -32,13 +32,15 @@ impl Sync0Phase {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use ecan_host::DcSync;
 
     use super::*;
 
     #[test]
     fn cycles_are_counted_from_the_first_one_also_on_a_shifted_grid() {
-        let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+        let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
         adapter.dc = Some(DcSync::new(4_000_000, 0));
         for source in [ClockSource::Host, ClockSource::Reference] {
             adapter.dc = adapter.dc.map(|dc| DcSync { source, ..dc });

@@ -49,9 +49,8 @@ impl Port {
         timeout: Duration,
         mut cycle: impl FnMut(&mut Self) -> Result<(), E>,
     ) -> Result<(), E> {
-        let timeout_ms = u32::try_from(timeout.as_millis()).unwrap_or(u32::MAX);
         let failed = |error| E::from(PortError::Adapter(error));
-        let mut wait = self.adapter.begin_op_wait(timeout_ms).map_err(failed)?;
+        let mut wait = self.adapter.begin_op_wait(timeout).map_err(failed)?;
         let clock = self.adapter.ecrt().clock().clone();
         let start = clock.now_ns();
         let mut is_operational = false;
@@ -66,7 +65,7 @@ impl Port {
             }
             if is_operational {
                 let waited_ms = (clock.now_ns() - start) / 1_000_000;
-                if waited_ms > u64::from(timeout_ms) {
+                if u128::from(waited_ms) > timeout.as_millis() {
                     return Err(self.not_ready(waited_ms).into());
                 }
                 continue;
@@ -104,9 +103,9 @@ impl Port {
     }
 
     /// Time to allow for the startup of all gateways: see
-    /// [`Adapter::startup_timeout_ms`](ecan_host::Adapter::startup_timeout_ms).
+    /// [`Adapter::startup_timeout`](ecan_host::Adapter::startup_timeout).
     pub fn startup_timeout(&self) -> Duration {
-        Duration::from_millis(self.adapter.startup_timeout_ms().into())
+        self.adapter.startup_timeout()
     }
 
     /// Runs `work` on another thread, with its own diagnostics handle, while this thread runs the

@@ -4,6 +4,8 @@
 #[path = "../../ecan-sim/tests/counting/mod.rs"]
 mod counting;
 
+use std::time::Duration;
+
 mod common;
 
 use common::{Fixture, Handles, SendData};
@@ -49,7 +51,8 @@ fn full_images_allocate_nothing() {
         let mut gateway = GatewayConfig::on_all_channels(&ChannelConfig::fd(1_000_000, 5_000_000));
         gateway.tx_options = OptionFlags::TX_RESULT;
         gateway.paced = paced;
-        let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
+        let adapter =
+            AdapterConfig::new(1).with_multiplier(11).with_cycle(Duration::from_millis(1));
         let config = PortConfig::uniform(1, gateway);
         let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
         let id = CanId::standard(0x100).unwrap();

@@ -1,6 +1,8 @@
 //! A Port on a master that the application owns and serves.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use common::{Handles, SendData, classic, id};
@@ -21,11 +23,11 @@ fn lateness_is_not_judged_by_a_grid_that_sync0_does_not_follow() {
     let mut owner = Master::request(&ecrt, 0).unwrap();
     // SAFETY: the owner outlives the Port below and is used from this thread only.
     let shared = unsafe { Master::from_raw(ecrt.clone(), owner.as_raw()) }.unwrap();
-    let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     adapter.dc = Some(DcSync::new(1_000_000, 100_000));
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
-    config.apply(&mut adapter);
-    let adapter = Adapter::attach(&ecrt, shared, adapter).unwrap();
+    let startup = config.startup_plan(&adapter);
+    let adapter = Adapter::attach(&ecrt, shared, adapter, startup).unwrap();
     let mut port = Port::new(adapter, config).unwrap();
     owner.set_send_interval(1_000).unwrap();
     owner.activate().unwrap();

@@ -7,6 +7,7 @@ mod common;
 mod wire_support;
 
 use std::path::Path;
+use std::time::Duration;
 
 use common::{Fixture, SendData, classic, id};
 use ecan_host::{AdapterConfig, StartupStep};
@@ -46,7 +47,7 @@ fn traffic(recorded: Vec<BusFrame>) -> Traffic {
 
 /// Sends up to six frames in a cycle through the Port; gives the images and the traffic.
 fn over_libethercat(scenario: Scenario, config: &PortConfig) -> (Vec<Vec<u8>>, Traffic, u64) {
-    let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let mut bench = Fixture::ready(scenario, adapter, config.clone());
     bench.idle(20);
     bench.simulation.with_world(|world| assert!(world.record_bus_of(0, 0)));
@@ -69,14 +70,14 @@ fn over_libethercat(scenario: Scenario, config: &PortConfig) -> (Vec<Vec<u8>>, T
 
 /// Brings the same gateway into OP by hand, and sends these images.
 fn over_the_wire(scenario: &Scenario, config: &PortConfig, images: &[Vec<u8>]) -> (Traffic, u64) {
-    let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
-    config.apply(&mut adapter);
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
+    let startup = config.startup_plan(&adapter);
     let mut line = Line::with(scenario);
     line.address(0);
     line.set_up_mailboxes(0x1001);
     line.request(0x1001, 2);
     line.assign(0x1001, 3);
-    for step in &adapter.slaves[0].base_startup {
+    for step in startup.of_slave(0) {
         if let StartupStep::Download(write) = step {
             let bytes = write.ty.size_bytes().unwrap();
             let data = &write.value.to_le_bytes()[..bytes];

@@ -1,6 +1,8 @@
 //! Frames out and back through simulated gateways.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
@@ -17,7 +19,7 @@ use ecan_protocol::mapping::CHANNELS;
 #[test]
 fn the_example_of_the_manual_lies_in_the_process_image() {
     let gateway = GatewayConfig::on_all_channels(&classic());
-    let adapter = AdapterConfig::new(1).with_multiplier(8).with_cycle_us(1_000);
+    let adapter = AdapterConfig::new(1).with_multiplier(8).with_cycle(Duration::from_millis(1));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
     let data = [0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
     let mut sequence = 0;
@@ -48,7 +50,7 @@ fn the_example_of_the_manual_lies_in_the_process_image() {
 fn every_size_works_in_either_direction() {
     for n in [1, 3, 8, 11] {
         for (rx, tx) in [(n, n), (n, 3), (3, n)] {
-            let mut adapter = AdapterConfig::new(1).with_cycle_us(2_000);
+            let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
             adapter.slaves[0].rx_multiplier = rx;
             adapter.slaves[0].tx_multiplier = tx;
             let gateway = GatewayConfig::on_channel(2, classic());
@@ -90,7 +92,7 @@ fn twelve_chunks_and_more_need_a_master_that_carries_them() {
 
 #[test]
 fn two_gateways_with_different_sizes_do_not_mix() {
-    let mut adapter = AdapterConfig::new(2).with_cycle_us(2_000);
+    let mut adapter = AdapterConfig::new(2).with_cycle(Duration::from_millis(2));
     adapter.slaves[1].rx_multiplier = 8;
     adapter.slaves[1].tx_multiplier = 6;
     let config = PortConfig {
@@ -123,7 +125,7 @@ fn two_gateways_with_different_sizes_do_not_mix() {
 
 #[test]
 fn three_gateways_carry_traffic_on_all_twelve_channels() {
-    let adapter = AdapterConfig::new(3).with_cycle_us(2_000);
+    let adapter = AdapterConfig::new(3).with_cycle(Duration::from_millis(2));
     let gateway = GatewayConfig::on_all_channels(&classic());
     let mut bench = Fixture::ready(ecan_sim::echo(3), adapter, PortConfig::uniform(3, gateway));
     let mut back = vec![Vec::new(); 12];
@@ -211,7 +213,7 @@ fn options_and_profiles_keep_frames_whole() {
 
 #[test]
 fn a_full_image_refuses_the_frame_and_counts_it() {
-    let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle_us(1_000);
+    let adapter = AdapterConfig::new(1).with_multiplier(1).with_cycle(Duration::from_millis(1));
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
     // 104 bytes of frame area hold 8 packets of 12 bytes (manual 5.2, 8.3).
@@ -234,7 +236,7 @@ fn a_full_image_refuses_the_frame_and_counts_it() {
 
 #[test]
 fn a_burst_is_paced_by_the_gateways_queue_and_nothing_is_dropped() {
-    let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
+    let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle(Duration::from_millis(1));
     let config =
         PortConfig::uniform(1, GatewayConfig::on_channel(0, ChannelConfig::classic(125_000)));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);

@@ -1,6 +1,8 @@
 //! The fault scenarios of docs/FAULT-SCENARIOS.md; each test carries the number of its row.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use common::{Fixture, Handles, SendData, classic, frame, frames_of, id};
@@ -18,7 +20,8 @@ fn on_channel_0() -> GatewayConfig {
 }
 
 fn bench_with(multiplier: u8, gateway: GatewayConfig) -> Fixture {
-    let adapter = AdapterConfig::new(1).with_multiplier(multiplier).with_cycle_us(1_000);
+    let adapter =
+        AdapterConfig::new(1).with_multiplier(multiplier).with_cycle(Duration::from_millis(1));
     Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway))
 }
 
@@ -181,7 +184,7 @@ fn f09_one_gateway_of_two_fails_and_the_other_goes_on() {
     // Aliases keep the configurations in place when positions move up.
     scenario.gateways[0].alias = 100;
     scenario.gateways[1].alias = 200;
-    let mut adapter = AdapterConfig::new(2).with_cycle_us(1_000);
+    let mut adapter = AdapterConfig::new(2).with_cycle(Duration::from_millis(1));
     for (slave, alias) in [(0, 100), (1, 200)] {
         adapter.slaves[slave].alias = alias;
         adapter.slaves[slave].position = 0;
@@ -289,7 +292,7 @@ fn f15_bus_off_shows_in_the_status_and_recovers_by_itself() {
 fn f16_without_a_partner_on_the_bus_the_queue_fills_and_the_host_is_held_back() {
     let mut scenario = ecan_sim::echo(1);
     scenario.nodes.clear();
-    let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let mut bench = Fixture::ready(scenario, adapter, PortConfig::uniform(1, on_channel_0()));
     let (mut taken, mut refused) = (0, None);
     for _ in 0..300 {
@@ -311,7 +314,8 @@ fn f16_pacing_holds_whatever_threshold_the_gateway_has() {
     for tx_pressure_percent in [30, 75, 100] {
         let mut scenario = ecan_sim::echo(1);
         scenario.gateways[0].config.tx_pressure_percent = tx_pressure_percent;
-        let adapter = AdapterConfig::new(1).with_multiplier(11).with_cycle_us(1_000);
+        let adapter =
+            AdapterConfig::new(1).with_multiplier(11).with_cycle(Duration::from_millis(1));
         let slow = ecan_mcan_port::ChannelConfig::classic(125_000);
         let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, slow));
         let mut bench = Fixture::ready(scenario, adapter, config);
@@ -392,7 +396,7 @@ fn f22_a_master_held_by_another_program_is_said_to_be() {
 #[test]
 fn f23_a_missing_gateway_is_named_with_its_place() {
     let mut adapter = AdapterConfig::new(2);
-    adapter.preop_timeout_ms = 500;
+    adapter.preop_timeout = Duration::from_millis(500);
     let config = PortConfig::uniform(2, on_channel_0());
     let error = Fixture::open(ecan_sim::echo(1), adapter, config).err().expect("refused");
     let text = error.to_string();
@@ -434,7 +438,7 @@ fn a_cycle_report_names_what_the_image_was() {
 fn f25_another_gateway_in_the_place_of_a_lost_one_is_not_taken_for_it() {
     let mut scenario = ecan_sim::echo(2);
     scenario.topology = Topology::Star;
-    let adapter = AdapterConfig::new(2).with_cycle_us(1_000);
+    let adapter = AdapterConfig::new(2).with_cycle(Duration::from_millis(1));
     let mut bench = Fixture::ready(scenario, adapter, PortConfig::uniform(2, on_channel_0()));
     bench.simulation.inject(Fault::PowerOff { gateway: 0 });
     bench.idle(6_000);
@@ -455,7 +459,7 @@ fn f25_another_gateway_in_the_place_of_a_lost_one_is_not_taken_for_it() {
 
 #[test]
 fn f26_a_busy_bus_does_not_keep_a_gateway_out_of_service() {
-    let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     (adapter.slaves[0].rx_multiplier, adapter.slaves[0].tx_multiplier) = (8, 1);
     let gateway = GatewayConfig::on_all_channels(&classic());
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
@@ -553,7 +557,7 @@ fn f29_an_interrupted_call_of_the_library_loses_and_repeats_nothing() {
 #[test]
 fn f30_with_distributed_clocks_a_power_cycle_is_survived_too() {
     // While the bus is scanned there is no reference clock, and the calls that need one fail.
-    let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     adapter.dc = Some(DcSync::new(1_000_000, 300_000));
     let config = PortConfig::uniform(1, on_channel_0());
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);

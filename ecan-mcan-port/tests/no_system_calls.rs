@@ -8,6 +8,7 @@
 use std::collections::BTreeMap;
 use std::os::unix::process::ExitStatusExt as _;
 use std::process::{Command, ExitStatus};
+use std::time::Duration;
 
 use ecan_host::{AdapterConfig, ClockSource, DcSync};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, ReceivedView};
@@ -21,7 +22,7 @@ const CYCLES: u16 = 2_000;
 
 fn port() -> Port {
     let ecrt = ecan_null_master::open(ecan_sim::echo(2)).unwrap();
-    let mut adapter = AdapterConfig::new(2).with_multiplier(3).with_cycle_us(1_000);
+    let mut adapter = AdapterConfig::new(2).with_multiplier(3).with_cycle(Duration::from_millis(1));
     let source = ClockSource::Reference;
     adapter.dc = Some(DcSync { source, monitor_every: 10, ..DcSync::new(1_000_000, 500_000) });
     let mut gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));

@@ -2,6 +2,8 @@
 //! (manual 15.6.1).
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use common::{Fixture, Handles, SendData, classic, id, with_sync0};
@@ -88,7 +90,7 @@ fn a_slow_firmware_needs_an_offset() {
 
 #[test]
 fn without_sync0_there_is_nothing_to_sweep() {
-    let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
     let refused = bench.port.sweep_phase(&PhaseSweep::over(1_000_000), cycle, |_| ());

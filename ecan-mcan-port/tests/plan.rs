@@ -1,6 +1,8 @@
 //! The preflight plan of a Port: figures worked out by hand, and against the simulated gateway.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use common::{Fixture, Handles, SendData, classic, frame};
@@ -17,7 +19,7 @@ use ecan_protocol::mapping::Direction;
 const EVERY_CYCLE: FrameRate = FrameRate::PerCycle(1);
 
 fn adapter(multiplier: u8) -> AdapterConfig {
-    AdapterConfig::new(1).with_multiplier(multiplier).with_cycle_us(1_000)
+    AdapterConfig::new(1).with_multiplier(multiplier).with_cycle(Duration::from_millis(1))
 }
 
 fn one_channel(settings: ChannelConfig) -> PortConfig {
@@ -89,7 +91,7 @@ fn packets_have_the_sizes_of_the_manual() {
 /// An image of N = 24 holds 255 packets of 4 bytes though 762 would fit.
 #[test]
 fn an_image_holds_255_packets_at_most() {
-    let mut adapter = adapter(24).with_cycle_us(10_000);
+    let mut adapter = adapter(24).with_cycle(Duration::from_millis(10));
     adapter.allow_large_pdos = true;
     let empty = frame(1, &[]);
     let config = PortConfig::uniform(1, GatewayConfig::on_all_channels(&classic()));
@@ -168,7 +170,7 @@ fn a_bus_that_stuff_bits_can_fill_is_refused() {
 #[test]
 fn budgets_of_the_service_are_compared_with_the_traffic() {
     // Ten frames in 2 ms are more than a service hands on, though the bus could carry them.
-    let adapter = adapter(3).with_cycle_us(2_000);
+    let adapter = adapter(3).with_cycle(Duration::from_millis(2));
     let sent = |frames| [FrameStream::to_bus(0, 0, eight(), FrameRate::PerCycle(frames))];
     let plan = PortPlan::of(&adapter, &one_channel(classic()), &sent(10));
     assert_eq!(
@@ -365,7 +367,7 @@ fn a_short_margin_is_warned_of_or_refused_as_the_port_does() {
 
 #[test]
 fn configurations_that_do_not_match_have_a_plan_all_the_same() {
-    let mut adapter = AdapterConfig::new(3).with_cycle_us(0);
+    let mut adapter = AdapterConfig::new(3).with_cycle(Duration::ZERO);
     adapter.slaves[0].rx_multiplier = 0;
     adapter.slaves[1].tx_multiplier = 255;
     let stream = FrameStream::to_bus(1, 0, eight(), FrameRate::PerCycle(u32::MAX));
@@ -447,7 +449,8 @@ fn the_measured_load_lies_within_the_planned_one() {
 #[test]
 fn the_port_has_the_margins_of_the_plan() {
     for shift_us in [0, 30, 150, 210, 230, 700] {
-        let mut adapter = AdapterConfig::new(2).with_multiplier(3).with_cycle_us(1_000);
+        let mut adapter =
+            AdapterConfig::new(2).with_multiplier(3).with_cycle(Duration::from_millis(1));
         adapter.dc = Some(DcSync::new(1_000_000, shift_us * 1_000));
         let mut gateway = GatewayConfig::on_channel(0, classic());
         gateway.schedule.margin_check = MarginCheck::Reject;

@@ -1,6 +1,8 @@
 //! Switching N and channels at run time (manual 14.2).
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use common::{Fixture, classic, frame};
@@ -8,7 +10,7 @@ use ecan_host::{AdapterConfig, Diagnostics, Phase};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortError};
 
 fn adapter(multiplier: u8) -> AdapterConfig {
-    AdapterConfig::new(1).with_multiplier(multiplier).with_cycle_us(1_000)
+    AdapterConfig::new(1).with_multiplier(multiplier).with_cycle(Duration::from_millis(1))
 }
 
 #[test]
@@ -59,7 +61,7 @@ fn after_a_failed_switch_the_old_configuration_can_be_taken_up_again() {
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
     let mut elsewhere = adapter(3);
     elsewhere.slaves[0].position = 5;
-    elsewhere.preop_timeout_ms = 200;
+    elsewhere.preop_timeout = Duration::from_millis(200);
     let failed = bench.port.reconfigure(elsewhere, config.clone());
     assert!(failed.unwrap_err().to_string().contains("position 5"));
     assert_eq!(bench.port.adapter().phase(), Phase::Down);

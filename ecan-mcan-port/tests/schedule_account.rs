@@ -2,6 +2,8 @@
 //! (manual 8.4, 10, 13.7).
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 mod schedule_support;
 
@@ -188,7 +190,9 @@ fn a_lost_gateway_leaves_nothing_open() {
 fn a_look_before_the_phase_tells_nothing() {
     let mut failed = 0;
     for nth in 0..40 {
-        let mut adapter = ecan_host::AdapterConfig::new(1).with_cycle_us(10_000).with_multiplier(8);
+        let mut adapter = ecan_host::AdapterConfig::new(1)
+            .with_cycle(Duration::from_millis(10))
+            .with_multiplier(8);
         adapter.dc = Some(ecan_host::DcSync::new(100_000_000, 5_000_000));
         let mut gateway = GatewayConfig::on_channel(0, common::classic());
         results(&mut gateway);

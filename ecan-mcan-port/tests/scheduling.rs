@@ -1,6 +1,8 @@
 //! Frames at a phase of the next Sync0 period (manual 8.4, 13.8).
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use common::{Fixture, SendData, classic, frames_of, id};
@@ -9,7 +11,7 @@ use ecan_mcan_port::{GatewayConfig, NotSchedulable, PortConfig, SendError};
 use ecan_protocol::image::Schedule;
 
 fn with_sync0() -> Fixture {
-    let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     adapter.dc = Some(DcSync::new(1_000_000, 500_000));
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     Fixture::ready(ecan_sim::echo(1), adapter, config)

@@ -1,6 +1,8 @@
 //! What a gateway is told before it goes to OP, and what is refused before the bus is touched.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 mod common;
 
 use common::{Fixture, classic};
@@ -20,10 +22,10 @@ fn downloads(steps: &[StartupStep]) -> Vec<(u16, u8, u32)> {
 
 #[test]
 fn the_sequence_of_the_manual_is_written() {
-    let mut adapter = AdapterConfig::new(1).with_multiplier(8);
+    let adapter = AdapterConfig::new(1).with_multiplier(8);
     let gateway = GatewayConfig::on_all_channels(&ChannelConfig::fd(1_000_000, 5_000_000));
-    PortConfig::uniform(1, gateway).apply(&mut adapter);
-    let written = downloads(&adapter.slaves[0].base_startup);
+    let plan = PortConfig::uniform(1, gateway).startup_plan(&adapter);
+    let written = downloads(plan.of_slave(0));
     // Manual 5.4.2: both profiles, then both apply commands.
     let profile: Vec<_> = [0x8010, 0x8011]
         .into_iter()
@@ -53,12 +55,12 @@ fn the_sequence_of_the_manual_is_written() {
 
 #[test]
 fn capabilities_are_asked_before_anything_is_written() {
-    let mut adapter = AdapterConfig::new(1).with_multiplier(8);
+    let adapter = AdapterConfig::new(1).with_multiplier(8);
     let mut gateway = GatewayConfig::on_channel(2, classic());
     gateway.tx_options = OptionFlags::TX_RESULT;
     gateway.rx_options = OptionFlags::ALIGN4;
-    PortConfig::uniform(1, gateway).apply(&mut adapter);
-    let steps = &adapter.slaves[0].base_startup;
+    let plan = PortConfig::uniform(1, gateway).startup_plan(&adapter);
+    let steps = plan.of_slave(0);
     let leading = steps.iter().take_while(|step| !step.is_download()).count();
     let asked = &steps[..leading];
     let expect = |subindex, expected| StartupStep::Expect { index: 0xF000, subindex, expected };
@@ -75,7 +77,7 @@ fn capabilities_are_asked_before_anything_is_written() {
 #[test]
 fn every_fault_of_both_configurations_is_reported_at_once() {
     let mut adapter = AdapterConfig::new(2).with_multiplier(12);
-    adapter.cycle_ns = 1;
+    adapter.cycle = Duration::from_nanos(1);
     let mut impossible = ChannelConfig::classic(1_234_567);
     let filter = StandardFilter {
         matching: StandardMatch::Range,
@@ -106,7 +108,7 @@ fn a_gateway_whose_can_side_is_cut_off_by_a_test_is_refused_unless_allowed() {
         diagnostics.sdo_download(0, 0x8030, 1, &key).unwrap();
         diagnostics.sdo_download(0, 0x8030, 6, &[3]).unwrap();
     };
-    let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     let mut gateway = GatewayConfig::on_channel(0, classic());
     let mut bench = Fixture::single(gateway.clone());
     bench.port.diagnose(cut_off).unwrap();

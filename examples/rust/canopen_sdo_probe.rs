@@ -7,6 +7,7 @@
 
 use std::error::Error;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::Parser;
 use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
@@ -91,7 +92,8 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         large_pdos: false,
     };
     let backend = backend::open(arguments.ecrt.as_deref(), defaults)?;
-    let mut adapter = AdapterConfig::new(1).with_cycle_us(arguments.cycle_us);
+    let mut adapter =
+        AdapterConfig::new(1).with_cycle(Duration::from_micros(arguments.cycle_us.into()));
     adapter.master_index = arguments.master;
     adapter.slaves[0].position = arguments.slave;
     let channel = ChannelConfig::classic(arguments.bitrate);

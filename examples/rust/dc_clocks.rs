@@ -8,6 +8,7 @@
 use std::error::Error;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::{Parser, ValueEnum};
 use ecan_example_support::backend::{self, SimulationDefaults};
@@ -84,7 +85,7 @@ fn main() -> ExitCode {
 fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
     let mut adapter = AdapterConfig::new(arguments.slaves)
         .with_multiplier(arguments.pdo_n)
-        .with_cycle_us(arguments.cycle_us);
+        .with_cycle(Duration::from_micros(arguments.cycle_us.into()));
     adapter.master_index = arguments.master;
     adapter.dc = Some(DcSync {
         source: match arguments.source {
@@ -92,7 +93,7 @@ fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
             Source::Reference => ClockSource::Reference,
         },
         reference: arguments.reference,
-        ..DcSync::new(adapter.cycle_ns, arguments.shift_us.saturating_mul(1_000))
+        ..DcSync::new(adapter.cycle_ns(), arguments.shift_us.saturating_mul(1_000))
     });
     let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(BITRATE));
     let config = PortConfig::uniform(arguments.slaves.into(), gateway);

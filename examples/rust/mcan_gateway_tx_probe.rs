@@ -137,9 +137,9 @@ impl Arguments {
         if self.dc_sync0 || self.sweep || self.mode != Modes::Direct {
             let shift_ns = match self.dc_shift_us {
                 Some(us) => us.saturating_mul(1_000),
-                None => adapter.cycle_ns / 100 * DEFAULT_SHIFT_PERCENT,
+                None => adapter.cycle_ns() / 100 * DEFAULT_SHIFT_PERCENT,
             };
-            adapter.dc = Some(DcSync::new(adapter.cycle_ns, shift_ns));
+            adapter.dc = Some(DcSync::new(adapter.cycle_ns(), shift_ns));
         }
         let mut gateway = GatewayConfig::on_channel(self.channel, self.gateways.channel());
         gateway.tx_options = OptionFlags::TX_RESULT;

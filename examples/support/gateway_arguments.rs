@@ -1,5 +1,7 @@
 //! Options for master, gateways and channels.
 
+use std::time::Duration;
+
 use clap::Args;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::ChannelConfig;
@@ -47,8 +49,9 @@ pub struct GatewayArguments {
 impl GatewayArguments {
     /// Configuration of the Adapter with this cycle.
     pub fn adapter(&self, cycle_us: u32) -> AdapterConfig {
-        let mut adapter =
-            AdapterConfig::new(self.slaves).with_multiplier(self.pdo_n).with_cycle_us(cycle_us);
+        let mut adapter = AdapterConfig::new(self.slaves)
+            .with_multiplier(self.pdo_n)
+            .with_cycle(Duration::from_micros(cycle_us.into()));
         adapter.master_index = self.master;
         adapter.allow_large_pdos = self.large_pdos;
         adapter

@@ -56,7 +56,7 @@ impl LoopRecord {
             progress: progress::bar(source.total()),
             start_ns: clock.now_ns(),
             last_frame_ns: 0,
-            cycle_ns: u64::from(port.adapter().config().cycle_ns),
+            cycle_ns: u64::from(port.adapter().config().cycle_ns()),
             clock,
         })
     }

@@ -2,10 +2,11 @@
 
 use std::error::Error;
 use std::path::PathBuf;
+use std::time::Duration;
 
 use clap::Args;
 use ecan_cia402::{AxisConfig, Cia402Config};
-use ecan_host::{Adapter, AdapterConfig, ClockSource, DcSync, Ecrt};
+use ecan_host::{Adapter, AdapterConfig, ClockSource, DcSync, Ecrt, StartupPlan};
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig, Traffic};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_protocol::mapping::CHANNELS;
@@ -100,8 +101,9 @@ impl MotionArguments {
         slaves: u16,
         axes: &[AxisConfig],
     ) -> Result<(AdapterConfig, PortConfig), Box<dyn Error>> {
-        let mut adapter =
-            AdapterConfig::new(slaves).with_multiplier(self.pdo_n).with_cycle_us(self.cycle_us);
+        let mut adapter = AdapterConfig::new(slaves)
+            .with_multiplier(self.pdo_n)
+            .with_cycle(Duration::from_micros(self.cycle_us.into()));
         adapter.master_index = self.master;
         if self.dc_sync0 {
             let sync0_us = self.dc_cycle_us.unwrap_or(self.cycle_us);
@@ -159,7 +161,7 @@ impl MotionArguments {
         config: PortConfig,
     ) -> Result<Port, Box<dyn Error>> {
         if self.skip_sdo_config {
-            return Ok(Port::new(Adapter::open(ecrt, adapter)?, config)?);
+            return Ok(Port::new(Adapter::open(ecrt, adapter, StartupPlan::default())?, config)?);
         }
         Ok(Port::open(ecrt, adapter, config)?)
     }

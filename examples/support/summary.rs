@@ -11,7 +11,7 @@ pub fn table(port: &Port, elapsed_ns: u64, loads: &[BusLoad]) -> String {
     let mut text = String::new();
     let seconds = elapsed_ns as f64 / 1e9;
     // Writing to a String cannot fail.
-    let cycle_us = f64::from(port.adapter().config().cycle_ns) / 1e3;
+    let cycle_us = f64::from(port.adapter().config().cycle_ns()) / 1e3;
     let _ = writeln!(text, "\nran {seconds:.3} s, cycle {cycle_us} us");
     let _ = writeln!(
         text,

@@ -146,7 +146,7 @@ impl Target {
         interrupt: &Interrupt,
     ) -> Result<ModeResult, Box<dyn Error>> {
         let clock = port.adapter().ecrt().clock().clone();
-        let cycle_ns = port.adapter().config().cycle_ns;
+        let cycle_ns = port.adapter().config().cycle_ns();
         let capacity = usize::try_from((numbers.end - numbers.start) * 2)?;
         let channel = port.channel(self.slave, self.channel)?;
         let account = port.schedule_account(channel);

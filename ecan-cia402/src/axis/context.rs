@@ -162,7 +162,7 @@ impl Cia402 {
             table.push(Axis::new(index, axis, handle, cycles_per_sync));
         }
         network.set_sync(Some(settings.sync))?;
-        let cycle_ns = u64::from(port.adapter().config().cycle_ns);
+        let cycle_ns = u64::from(port.adapter().config().cycle_ns());
         let sync_period_ns = cycle_ns * u64::from(cycles_per_sync);
         Ok(Self {
             network,
@@ -268,7 +268,7 @@ impl Cia402 {
         match (offset_ns, config.dc) {
             (Some(_), Some(dc)) => {
                 let cycles =
-                    (2 * u64::from(dc.cycle_ns)).div_ceil(u64::from(config.cycle_ns).max(1));
+                    (2 * u64::from(dc.cycle_ns)).div_ceil(u64::from(config.cycle_ns()).max(1));
                 u16::try_from(cycles).unwrap_or(u16::MAX)
             }
             _ => 0,
@@ -288,7 +288,7 @@ impl Cia402 {
         let axes = self.axes.iter().map(|a| (a.settings.address, a.settings.pdo_number, a.layout));
         let offset_ns = self.target_options.schedule.map(|schedule| schedule.offset_ns);
         let streams = process_data(axes, &self.sync, self.motion_div, offset_ns);
-        let cycle_ns = port.adapter().config().cycle_ns;
+        let cycle_ns = port.adapter().config().cycle_ns();
         let load = |place: (usize, u8)| {
             let gateway = port.config().gateways.get(place.0)?;
             let channel = gateway.channels.get(usize::from(place.1))?.as_ref()?;

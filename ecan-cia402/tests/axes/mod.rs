@@ -1,6 +1,8 @@
 //! Axes behind simulated gateways, in stepped time, and the drives' own testimony about them.
 #![allow(dead_code)]
 
+use std::time::Duration;
+
 use ecan_canopen::{NodeAddress, NodeId};
 use ecan_cia402::{AxisConfig, Cia402, Cia402Config};
 use ecan_host::AdapterConfig;
@@ -63,7 +65,7 @@ impl Fixture {
     }
 
     pub fn with(scenario: Scenario, axes: Vec<AxisConfig>) -> Self {
-        Self::open(scenario, AdapterConfig::new(1).with_cycle_us(2_000), axes)
+        Self::open(scenario, AdapterConfig::new(1).with_cycle(Duration::from_millis(2)), axes)
     }
 
     pub fn open(scenario: Scenario, adapter: AdapterConfig, axes: Vec<AxisConfig>) -> Self {

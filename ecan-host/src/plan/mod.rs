@@ -64,7 +64,7 @@ impl MailboxBandwidth {
 /// ```
 /// use ecan_host::{AdapterConfig, Plan};
 ///
-/// let plan = Plan::of(&AdapterConfig::new(3).with_multiplier(5).with_cycle_us(1_000));
+/// let plan = Plan::of(&AdapterConfig::new(3).with_multiplier(5).with_cycle(Duration::from_millis(1)));
 /// assert_eq!(plan.frames.len(), 3);
 /// assert_eq!(plan.expected_working_counter((1, 6)), 9);
 /// assert!(plan.refusals.is_empty() && plan.warnings.is_empty());
@@ -111,11 +111,11 @@ impl Plan {
             })
             .collect();
         let mailbox = MailboxBandwidth {
-            available_bytes: (u64::from(config.cycle_ns) * 1125 / 100_000) as usize,
+            available_bytes: (u64::from(config.cycle_ns()) * 1125 / 100_000) as usize,
             process_bytes: frames.iter().map(EthernetFrame::wire_bytes).sum(),
         };
         let mut plan = Self {
-            cycle_ns: config.cycle_ns,
+            cycle_ns: config.cycle_ns(),
             slaves,
             frames,
             mailbox,
@@ -166,7 +166,8 @@ impl Plan {
     }
 
     fn judge_watchdog(&mut self, config: &AdapterConfig) {
-        let (watchdog_us, cycle_ns) = (config.watchdog_us, self.cycle_ns);
+        let watchdog_us = u32::try_from(config.watchdog.as_micros()).unwrap_or(u32::MAX);
+        let cycle_ns = self.cycle_ns;
         let (watchdog_ns, cycle) = (u64::from(watchdog_us) * 1_000, u64::from(cycle_ns));
         if watchdog_ns <= cycle {
             self.refusals.push(PlanError::Watchdog { watchdog_us, cycle_ns });

@@ -5,7 +5,7 @@ use std::fmt;
 use thiserror::Error;
 
 use super::settings::{Need, RealTimeFault};
-use crate::faults::Faults;
+use crate::config::Faults;
 
 /// Something that a real-time thread asks of the system.
 #[derive(Debug, Clone, PartialEq, Eq)]

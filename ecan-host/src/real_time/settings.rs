@@ -5,7 +5,7 @@ use thiserror::Error;
 use super::cycle_timer::{CycleTiming, MAX_SPIN_NS};
 use super::privileges;
 use super::report::{RealTimeError, RealTimeReport};
-use crate::faults::Faults;
+use crate::config::Faults;
 
 /// Most of the stack that settings may ask to have touched in advance, in bytes: half of what Rust
 /// gives a thread.

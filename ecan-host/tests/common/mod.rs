@@ -1,7 +1,9 @@
 //! Simulated buses in stepped time for the Adapter's tests.
 #![allow(dead_code, missing_docs)]
 
-use ecan_host::{Adapter, AdapterConfig, Ecrt, Error, StartupStep};
+use std::time::Duration;
+
+use ecan_host::{Adapter, AdapterConfig, Ecrt, Error, StartupPlan, StartupStep};
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::Direction;
 use ecan_sim::{ClockKind, Scenario, SimOptions, Simulation};
@@ -13,7 +15,7 @@ pub fn simulated(scenario: Scenario) -> (Ecrt, Simulation) {
 }
 
 pub fn open(scenario: Scenario, config: AdapterConfig) -> Result<Adapter, Error> {
-    Adapter::open(&simulated(scenario).0, config)
+    Adapter::open(&simulated(scenario).0, config, StartupPlan::default())
 }
 
 /// Runs cycles without touching the images.
@@ -33,14 +35,29 @@ pub fn raw_config() -> (AdapterConfig, PdoProfile) {
 
 /// The same for so many gateways with this N.
 pub fn raw_config_of(gateways: u16, multiplier: u8) -> AdapterConfig {
-    let mut config = AdapterConfig::new(gateways).with_multiplier(multiplier).with_cycle_us(1_000);
+    let mut config = AdapterConfig::new(gateways)
+        .with_multiplier(multiplier)
+        .with_cycle(Duration::from_millis(1));
     let profile = PdoProfile { multiplier, ..PdoProfile::default() };
-    for slave in &mut config.slaves {
+    for slave in 0..gateways.into() {
         for direction in [Direction::TxPdo, Direction::RxPdo] {
-            slave.startup.extend(profile.writes(direction).map(StartupStep::Download));
-            slave.startup.push(StartupStep::Download(PdoProfile::apply_write(direction)));
-            slave.startup.push(StartupStep::expect(direction.profile_object(), 2, 0));
+            add_profile(&mut config, slave, direction, &profile);
+            config
+                .add_startup(slave, StartupStep::expect(direction.profile_object(), 2, 0))
+                .unwrap();
         }
     }
     config
+}
+
+/// Adds the writes of a profile, and its apply command.
+pub fn add_profile(
+    config: &mut AdapterConfig,
+    slave: usize,
+    direction: Direction,
+    profile: &PdoProfile,
+) {
+    for write in profile.writes(direction).into_iter().chain([PdoProfile::apply_write(direction)]) {
+        config.add_startup(slave, write).unwrap();
+    }
 }

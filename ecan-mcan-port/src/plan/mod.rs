@@ -63,7 +63,7 @@ pub struct GatewayPlan {
 /// let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
 /// let frame = CanFrame::classic(CanId::standard(0x123)?, &[0; 8])?;
 /// let plan = PortPlan::of(
-///     &AdapterConfig::new(1).with_cycle_us(1_000),
+///     &AdapterConfig::new(1).with_cycle(Duration::from_millis(1)),
 ///     &PortConfig::uniform(1, gateway),
 ///     &[FrameStream::to_bus(0, 0, frame, FrameRate::PerCycle(4))],
 /// );
@@ -144,7 +144,7 @@ impl PortPlan {
                 let Some(settings) = settings else { continue };
                 let place = (slave, channel);
                 let here = traffic.iter().filter(|s| (s.slave, s.channel) == place);
-                let load = ChannelLoad::of(here, &settings.can, adapter.cycle_ns);
+                let load = ChannelLoad::of(here, &settings.can, adapter.cycle_ns());
                 let data_path = &settings.data_path;
                 self.judge_load(place, &load);
                 let (received, sent) = (up(load.mean_received), up(load.mean_sent));
@@ -187,7 +187,7 @@ impl PortPlan {
             let image = |direction, multiplier| {
                 let profile = gateway.profile(direction, multiplier);
                 let here = traffic.iter().filter(|stream| stream.slave == slave);
-                ImagePlan::new(direction, profile, here, adapter.cycle_ns)
+                ImagePlan::new(direction, profile, here, adapter.cycle_ns())
             };
             let images = GatewayPlan {
                 rx: image(Direction::RxPdo, size.rx_multiplier),

@@ -99,7 +99,7 @@ impl PortPlan {
             let Some(settings) = settings(port, stream.slave, stream.channel) else { continue };
             let can = &settings.can;
             let bits = FrameBits::most(stream.frame.as_ref());
-            let frames = frames_at_a_pulse(stream.rate, adapter.cycle_ns, sync0_ns);
+            let frames = frames_at_a_pulse(stream.rate, adapter.cycle_ns(), sync0_ns);
             let held = meeting.entry(stream.slave).or_default();
             *held = held.saturating_add(frames);
             let frames_s = f64::from(frames) * bits.seconds(can.nominal_bitrate, can.data_bitrate);

@@ -1,6 +1,8 @@
 //! A Port on a simulated bus in stepped time.
 #![allow(dead_code, missing_docs)]
 
+use std::time::Duration;
+
 use ecan_host::{AdapterConfig, CycleError};
 use ecan_mcan_port::{
     ChannelConfig, ChannelHandle, Cycle, GatewayConfig, GatewayHandle, Port, PortConfig, PortError,
@@ -39,7 +41,7 @@ impl Fixture {
 
     /// One gateway with echo nodes, N = 3, 1 ms, `gateway` as configured.
     pub fn single(gateway: GatewayConfig) -> Self {
-        let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+        let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
         Self::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway))
     }
 
@@ -171,7 +173,7 @@ pub fn with_sync0(
     shift_ns: u32,
     change: impl FnOnce(&mut GatewayConfig),
 ) -> Fixture {
-    let mut adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+    let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     adapter.dc = Some(ecan_host::DcSync::new(1_000_000, shift_ns));
     let mut gateway = GatewayConfig::on_channel(0, classic());
     change(&mut gateway);

@@ -34,7 +34,7 @@
 //! let n = 2;
 //! let mut gateway = GatewayConfig::default();
 //! gateway.channels[0] = Some(ChannelConfig::classic(500_000));
-//! let adapter = AdapterConfig::new(1).with_multiplier(n).with_cycle_us(1000);
+//! let adapter = AdapterConfig::new(1).with_multiplier(n).with_cycle(Duration::from_millis(1));
 //! let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(1, gateway))?;
 //!
 //! let file = std::io::BufWriter::new(std::fs::File::create(&path)?);

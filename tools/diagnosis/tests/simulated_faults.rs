@@ -1,6 +1,8 @@
 //! Faults of the simulated gateway in operation, as the findings tell them.
 #![allow(missing_docs)]
 
+use std::time::Duration;
+
 use ecan_diagnosis::{Depth, Finding, ReadError, Snapshot, findings};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, Cycle, GatewayConfig, Port, PortConfig};
@@ -21,7 +23,7 @@ impl Fixture {
         let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(500_000));
         let mut port = Port::open(
             &backend.ecrt,
-            AdapterConfig::new(1).with_cycle_us(1_000),
+            AdapterConfig::new(1).with_cycle(Duration::from_millis(1)),
             PortConfig::uniform(1, gateway),
         )
         .unwrap();

@@ -3,12 +3,16 @@
 //! Plain data: it may be copied and needs no end. Nothing touches the bus before ecan_igh_init().
 
 use std::ffi::{c_char, c_int};
+use std::time::Duration;
 
-use ecan_host::{AdapterConfig, DcSync, Error, Identity, SlaveConfig, StartupStep};
+use ecan_host::{
+    AdapterConfig, DcSync, Error, Identity, SlaveConfig, StartupEntry, StartupPlan, StartupStep,
+};
 use ecan_mcan_host::boundary::{Call, OutArray, Plain, Sealed, call, put_text};
 use ecan_mcan_host::common::constants::{ECAN_DEFAULT_CYCLE_US, ECAN_DEFAULT_PDO_MULTIPLIER};
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::PortConfig;
+use ecan_protocol::config::List;
 
 use crate::errors::{OrCode as _, no_slave};
 use crate::mcan_port::config::PortPlain;
@@ -118,8 +122,8 @@ impl AdapterPlain {
             cycle_ns: ECAN_DEFAULT_CYCLE_US * 1000,
             dc: None,
             allow_large_pdos: false,
-            preop_timeout_ms: defaults.preop_timeout_ms,
-            watchdog_us: defaults.watchdog_us,
+            preop_timeout_ms: defaults.preop_timeout.as_millis() as u32,
+            watchdog_us: defaults.watchdog.as_micros() as u32,
             startup: [None; ECAN_IGH_MAX_STARTUP_SDOS],
             is_ecrt_set: false,
             ecrt: Text::EMPTY,
@@ -194,20 +198,21 @@ impl AdapterPlain {
         let AdapterConfig {
             master_index,
             ref slaves,
-            cycle_ns,
+            ref startup,
+            cycle: _,
             dc,
             allow_large_pdos,
-            preop_timeout_ms,
-            watchdog_us,
+            preop_timeout,
+            watchdog,
         } = *config;
         let mut plain = Self {
             master_index,
             slave_count: slaves.len(),
-            cycle_ns,
+            cycle_ns: config.cycle_ns(),
             dc,
             allow_large_pdos,
-            preop_timeout_ms,
-            watchdog_us,
+            preop_timeout_ms: u32::try_from(preop_timeout.as_millis()).unwrap_or(u32::MAX),
+            watchdog_us: u32::try_from(watchdog.as_micros()).unwrap_or(u32::MAX),
             is_ecrt_set: self.is_ecrt_set,
             ecrt: self.ecrt,
             scenario: self.scenario,
@@ -222,21 +227,11 @@ impl AdapterPlain {
         }
         for (place, settings) in plain.slaves.iter_mut().zip(slaves) {
             // Startup steps follow; their base is made of the Port's configuration.
-            let SlaveConfig {
-                alias,
-                position,
-                rx_multiplier,
-                tx_multiplier,
-                identity,
-                base_startup: _,
-                startup: _,
-            } = *settings;
+            let SlaveConfig { alias, position, rx_multiplier, tx_multiplier, identity } = *settings;
             *place = SlavePlain { alias, position, rx_multiplier, tx_multiplier, identity };
         }
-        for (slave, settings) in slaves.iter().enumerate() {
-            for step in &settings.startup {
-                plain.add_startup(call, slave, *step)?;
-            }
+        for entry in startup {
+            plain.add_startup(call, entry.slave, entry.step)?;
         }
         Ok(plain)
     }
@@ -246,38 +241,36 @@ impl AdapterPlain {
         self.port.as_ref().map(|port| port.settings(self.slave_count))
     }
 
-    /// As the Adapter takes it, with the startup steps of the gateways.
+    /// The Adapter's configuration.
     pub(crate) fn to_rust(&self) -> AdapterConfig {
-        let mut slaves: Vec<SlaveConfig> = self.slaves[..self.slave_count]
+        let slaves = self.slaves[..self.slave_count].iter().map(|slave| SlaveConfig {
+            alias: slave.alias,
+            position: slave.position,
+            rx_multiplier: slave.rx_multiplier,
+            tx_multiplier: slave.tx_multiplier,
+            identity: slave.identity,
+        });
+        let startup = self
+            .startup
             .iter()
-            .map(|slave| SlaveConfig {
-                alias: slave.alias,
-                position: slave.position,
-                rx_multiplier: slave.rx_multiplier,
-                tx_multiplier: slave.tx_multiplier,
-                identity: slave.identity,
-                base_startup: Vec::new(),
-                startup: Vec::new(),
-            })
-            .collect();
-        for StartupPlain { slave, step } in self.startup.iter().flatten() {
-            if let Some(slave) = slaves.get_mut(usize::from(*slave)) {
-                slave.startup.push(*step);
-            }
-        }
-        let mut config = AdapterConfig {
+            .flatten()
+            .map(|entry| StartupEntry { slave: entry.slave.into(), step: entry.step });
+        AdapterConfig {
             master_index: self.master_index,
-            slaves,
-            cycle_ns: self.cycle_ns,
+            // infallible: both lists have the capacity of C's arrays.
+            slaves: List::collect(slaves).unwrap_or_default(),
+            startup: List::collect(startup).unwrap_or_default(),
+            cycle: Duration::from_nanos(self.cycle_ns.into()),
             dc: self.dc,
             allow_large_pdos: self.allow_large_pdos,
-            preop_timeout_ms: self.preop_timeout_ms,
-            watchdog_us: self.watchdog_us,
-        };
-        if let Some(port) = self.applied() {
-            port.apply(&mut config);
+            preop_timeout: Duration::from_millis(self.preop_timeout_ms.into()),
+            watchdog: Duration::from_micros(self.watchdog_us.into()),
         }
-        config
+    }
+
+    /// The startup steps of the gateways.
+    pub(crate) fn startup_plan(&self) -> StartupPlan {
+        self.applied().map(|port| port.startup_plan(&self.to_rust())).unwrap_or_default()
     }
 }
 

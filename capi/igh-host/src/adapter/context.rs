@@ -80,7 +80,7 @@ pub unsafe extern "C" fn ecan_igh_init(
                 // A faulty configuration is reported before the library is loaded.
                 rust.check().map_err(Error::from).or_code(call)?;
                 let library = library::open(call, config)?;
-                let adapter = Adapter::open(&library.ecrt, rust);
+                let adapter = Adapter::open(&library.ecrt, rust, config.startup_plan());
                 let adapter = adapter.or_code(call)?;
                 Ok(Bus::new(adapter, config.applied(), library.is_stepped))
             })
@@ -125,7 +125,7 @@ pub unsafe extern "C" fn ecan_igh_attach(
                     Master::from_raw(library.ecrt.clone(), master.cast()).map_err(|errno| {
                         call.fail(ecan_result_t::ECAN_ERR_MASTER, format_args!("{errno}"))
                     })?;
-                let adapter = Adapter::attach(&library.ecrt, foreign, rust);
+                let adapter = Adapter::attach(&library.ecrt, foreign, rust, config.startup_plan());
                 let adapter = adapter.or_code(call)?;
                 Ok(Bus::new(adapter, config.applied(), library.is_stepped))
             })
@@ -178,7 +178,8 @@ pub unsafe extern "C" fn ecan_igh_wait_op_timeout(
                 port.wait_ready_timeout(Duration::from_millis(timeout_ms.into())).or_code(call)
             }
             None => {
-                let waited = bus.need_adapter(call)?.wait_op(timeout_ms);
+                let waited =
+                    bus.need_adapter(call)?.wait_op(Duration::from_millis(timeout_ms.into()));
                 waited.or_code(call)
             }
         }
@@ -229,7 +230,8 @@ pub unsafe extern "C" fn ecan_igh_reconfigure(
             let text = format_args!("there is a Port on it: call igh_mcan_port_reconfigure");
             return Err(call.fail(ecan_result_t::ECAN_ERR_ORDER, text));
         }
-        let reconfigured = bus.need_adapter(call)?.reconfigure(config.to_rust());
+        let (startup, config) = (config.startup_plan(), config.to_rust());
+        let reconfigured = bus.need_adapter(call)?.reconfigure(config, startup);
         if reconfigured.as_ref().err().is_none_or(errors::has_changed) {
             bus.forget_configuration();
         }
@@ -284,6 +286,8 @@ pub unsafe extern "C" fn ecan_igh_clock_is_stepped(context: *mut ecan_igh_contex
 /// @return  Milliseconds; 0 if there is no context.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn ecan_igh_startup_timeout_ms(context: *mut ecan_igh_context_t) -> u32 {
-    enter!(ecan_igh_startup_timeout_ms, context)
-        .get_or(0, |_, adapter| Ok(adapter.startup_timeout_ms()))
+    enter!(ecan_igh_startup_timeout_ms, context).get_or(0, |_, adapter| {
+        let timeout = adapter.startup_timeout();
+        Ok(u32::try_from(timeout.as_millis()).unwrap_or(u32::MAX))
+    })
 }

@@ -359,9 +359,7 @@ mod tests {
     /// What a Rust application hands to the Adapter and the Port.
     fn in_rust(text: &str) -> (AdapterConfig, PortConfig) {
         let file: ConfigFile = text.parse().unwrap_or_else(|faults| panic!("{faults}"));
-        let mut adapter = file.adapter;
-        file.port.apply(&mut adapter);
-        (adapter, file.port)
+        (file.adapter, file.port)
     }
 
     #[test]
@@ -374,7 +372,7 @@ mod tests {
         }
         // The values tell something.
         let (adapter, port) = c.to_rust();
-        assert!(adapter.slaves.iter().all(|slave| slave.startup.len() == 6));
+        assert!((0..adapter.slaves.len()).all(|slave| adapter.startup_of(slave).count() == 6));
         assert!(port.gateways[0].channels[3].as_ref().unwrap().extended_filters[0].sync);
     }
 

@@ -1,5 +1,7 @@
 //! What the commands that carry frames are told about the gateway and its channels.
 
+use std::time::Duration;
+
 use std::path::PathBuf;
 
 use clap::Args;
@@ -75,17 +77,17 @@ pub struct SetupOptions {
     pub cycle_us: u32,
 }
 
-/// Process data watchdog of a gateway that no file configures, in microseconds: a tool on a computer
-/// without real time may pause for longer than the 100 ms of a machine's application.
-pub const WATCHDOG_US: u32 = 1_000_000;
+/// Process data watchdog of a gateway that no file configures: a tool on a computer without real
+/// time may pause for longer than the default of 100 ms.
+pub const WATCHDOG: Duration = Duration::from_secs(1);
 
 impl SetupOptions {
     /// So many gateways on the EtherCAT line.
     pub fn adapter(&self, count: u16) -> AdapterConfig {
         let mut adapter = AdapterConfig::new(count)
             .with_multiplier(self.pdo_n)
-            .with_cycle_us(self.cycle_us)
-            .with_watchdog_us(WATCHDOG_US);
+            .with_cycle(Duration::from_micros(self.cycle_us.into()))
+            .with_watchdog(WATCHDOG);
         adapter.allow_large_pdos = self.large_pdos;
         adapter
     }

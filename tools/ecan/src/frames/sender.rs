@@ -169,7 +169,7 @@ impl Sender<'_> {
         service: &mut Service,
         departures: &mut TransmitTracker,
     ) -> Result<(), Failure> {
-        let cycle_ns = u64::from(service.port().adapter().config().cycle_ns);
+        let cycle_ns = u64::from(service.port().adapter().config().cycle_ns());
         let mut farewell_ns = 0;
         while !departures.are_settled(service.port()) {
             let cycle = service.begin();

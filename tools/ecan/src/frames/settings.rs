@@ -6,7 +6,7 @@ use ecan_command_line::real_time::RealTimeArguments;
 use ecan_config_file::{ConfigFile, ResolvedGateway};
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
-use ecan_protocol::config::NodeMode;
+use ecan_protocol::config::{List, NodeMode};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_sim::ClockKind;
 
@@ -203,7 +203,7 @@ fn of_file(
     wishes: GatewayRequirements,
     global: &GlobalOptions,
 ) -> Result<Planned, Failure> {
-    let mut adapter = AdapterConfig { slaves: Vec::new(), ..file.adapter.clone() };
+    let mut adapter = AdapterConfig { slaves: List::new(), startup: List::new(), ..file.adapter };
     adapter.master_index = config_file::master(file, global);
     if let Some(dc) = &mut adapter.dc {
         // Where the reference clock is not among these gateways, the master looks for one.
@@ -229,7 +229,11 @@ fn of_file(
         }
         let mut gateway = gateway.clone();
         wishes.apply(&mut gateway);
-        adapter.slaves.push(slave.clone());
+        let full = |_| Failure::Usage(format!("{} has too many gateways", path.display()));
+        for step in file.adapter.startup_of(place.gateway) {
+            adapter.add_startup(adapter.slaves.len(), step).map_err(full)?;
+        }
+        adapter.slaves.push(*slave).map_err(full)?;
         config.gateways.push(gateway);
     }
     if places.is_empty() {

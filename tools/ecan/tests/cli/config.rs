@@ -92,7 +92,7 @@ fn every_fault_of_a_file_is_told_with_its_place() {
     let head = format!("{}:", path.display());
     let places: Vec<_> = listed.lines().map(|line| line.strip_prefix(&head).expect(line)).collect();
     let expected = [
-        "1:12: cycle of 50 us is outside",
+        "1:12: cycle of 50 us is out of range",
         "2:20: `allow_large_pdos` must be true or false, not an integer",
         "5:1: unknown key `sourc`; did you mean `source`?",
         "7:5: `n` = 0 is out of range; allowed: 1 to 24",

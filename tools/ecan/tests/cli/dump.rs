@@ -226,7 +226,11 @@ fn misuse_is_named_and_told_by_the_status() {
         (2, &["dump", "-t", "x"], "possible values: a, d, z, A"),
         (2, &["dump", "-L", "-a"], "cannot be used with"),
         (2, &["dump", "--screen"], "--log"),
-        (2, &["--ecrt", "sim", "dump", "--pdo-n", "25"], "N = 25 is outside 1..24"),
+        (
+            2,
+            &["--ecrt", "sim", "dump", "--pdo-n", "25"],
+            "N = 25 is out of range; allowed: 1 to 24",
+        ),
         (2, &["--ecrt", "sim", "dump", "--bitrate", "333"], "bit/s"),
         (2, &["dump", "--sample-point", "120"], "expected percent"),
         (3, &["--ecrt", "/nonexistent.so", "dump"], "/nonexistent.so"),

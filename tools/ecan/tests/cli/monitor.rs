@@ -129,7 +129,11 @@ fn misuse_is_named_and_told_by_the_status() {
         (2, &["monitor", "--for", "-1"], "'-1'"),
         (2, &["monitor", "--channel", "4"], "expected channels 0 to 3"),
         (2, &["monitor", "extra"], "extra"),
-        (2, &["--ecrt", "sim", "monitor", "--pdo-n", "25"], "N = 25 is outside 1..24"),
+        (
+            2,
+            &["--ecrt", "sim", "monitor", "--pdo-n", "25"],
+            "N = 25 is out of range; allowed: 1 to 24",
+        ),
         (2, &["--ecrt", "sim", "monitor", "--bitrate", "333"], "bit/s"),
         (3, &["--ecrt", "/nonexistent.so", "monitor"], "/nonexistent.so"),
         (4, &["--ecrt", "sim", "--slave", "3", "monitor"], "there is no slave 3"),

@@ -22,6 +22,8 @@ pub(super) fn clear(bus: &Bus, slave: usize) -> Result<(), Failure> {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use ecan_host::AdapterConfig;
     use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
     use ecan_sim::{ClockKind, SimOptions};
@@ -34,7 +36,7 @@ mod tests {
         let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
         let simulation = backend.simulation.clone().unwrap();
         let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
-        let adapter = AdapterConfig::new(1).with_cycle_us(1_000);
+        let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
         let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway)).unwrap();
         port.wait_ready().unwrap();
         simulation.pass_ns(300_000);

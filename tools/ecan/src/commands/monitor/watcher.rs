@@ -55,8 +55,8 @@ impl Watcher {
         options: &crate::frames::options::GatewayOptions,
     ) -> Result<(), Failure> {
         options.real_time.set_timing(self.port.adapter_mut());
-        let timeout_ms = self.port.adapter().startup_timeout_ms();
-        let begun = self.port.adapter_mut().begin_op_wait(timeout_ms);
+        let timeout = self.port.startup_timeout();
+        let begun = self.port.adapter_mut().begin_op_wait(timeout);
         begun.map(|_| ()).map_err(|error| Failure::Master(error.to_string()))
     }
 
@@ -88,7 +88,7 @@ impl Watcher {
     }
 
     pub fn cycle_ns(&self) -> u32 {
-        self.port.adapter().config().cycle_ns
+        self.port.adapter().config().cycle_ns()
     }
 
     pub fn is_ready(&self) -> bool {
@@ -96,7 +96,7 @@ impl Watcher {
     }
 
     pub fn startup_timeout_ns(&self) -> u64 {
-        u64::from(self.port.adapter().startup_timeout_ms()) * 1_000_000
+        self.port.startup_timeout().as_nanos() as u64
     }
 
     pub fn is_simulated(&self) -> bool {

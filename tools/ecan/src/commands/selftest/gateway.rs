@@ -1,5 +1,7 @@
 //! The test of one gateway, from its identity to its wires.
 
+use std::time::Duration;
+
 use ecan_command_line::interrupt::Interrupt;
 use ecan_host::AdapterConfig;
 use ecan_mcan_port::{GatewayConfig, PortConfig};
@@ -9,7 +11,7 @@ use ecan_protocol::mapping::CHANNELS;
 use crate::bus::Bus;
 use crate::failure::Failure;
 use crate::frames::channels::Channels;
-use crate::frames::options::WATCHDOG_US;
+use crate::frames::options::WATCHDOG;
 use crate::frames::service::{GatewaySetup, Service};
 use crate::frames::single_gateway::statistics;
 use crate::output::Output;
@@ -21,7 +23,7 @@ use super::saved::{Restored, Saved, read_patiently, wait_present};
 use super::{SelftestArguments, identity};
 
 /// Cycles of so many nanoseconds may let the watchdog of a gateway run out.
-const PAUSE_NS: u64 = WATCHDOG_US as u64 * 1_000 / 2;
+const PAUSE_NS: u64 = WATCHDOG.as_nanos() as u64 / 2;
 
 /// What is tested, and how.
 pub(super) struct Test<'a> {
@@ -259,8 +261,8 @@ impl Test<'_> {
         let SelftestArguments { pdo_n, cycle_us, large_pdos, .. } = *self.arguments;
         let mut adapter = AdapterConfig::new(1)
             .with_multiplier(pdo_n)
-            .with_cycle_us(cycle_us)
-            .with_watchdog_us(WATCHDOG_US);
+            .with_cycle(Duration::from_micros(cycle_us.into()))
+            .with_watchdog(WATCHDOG);
         adapter.master_index = self.master;
         adapter.allow_large_pdos = large_pdos;
         for slave in &mut adapter.slaves {

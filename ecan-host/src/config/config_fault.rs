@@ -1,27 +1,29 @@
-//! The check of a configuration before anything touches the bus: every fault, not the first.
+//! Check of a configuration before anything touches the bus. It reports every fault.
+
+use std::time::Duration;
 
 use ecan_protocol::mapping::MAX_MULTIPLIER;
 use thiserror::Error;
 
-use crate::config::{AdapterConfig, MAX_WATCHDOG_US, SlaveConfig, WATCHDOG_UNIT_US};
-use crate::faults::Faults;
+use super::adapter_config::{AdapterConfig, MAX_WATCHDOG, SlaveConfig, WATCHDOG_UNIT};
+use super::faults::Faults;
 use crate::plan::{Plan, PlanError};
 
-/// Shortest cycle that is accepted, in nanoseconds.
-const MIN_CYCLE_NS: u32 = 100_000;
-/// Longest cycle that is accepted, in nanoseconds.
-const MAX_CYCLE_NS: u32 = 100_000_000;
+/// Shortest cycle that is accepted.
+const MIN_CYCLE: Duration = Duration::from_micros(100);
+/// Longest cycle that is accepted.
+const MAX_CYCLE: Duration = Duration::from_millis(100);
 
-/// One thing that is wrong with an [`AdapterConfig`].
+/// One fault of an [`AdapterConfig`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum ConfigFault {
-    /// The configuration names no slave.
+    /// The configuration has no slave.
     #[error("no slave is configured")]
     NoSlaves,
-    /// Two entries name the same place on the bus.
+    /// Two entries have the same address on the bus.
     #[error("slaves {first} and {second} are the same: alias {alias}, position {position}")]
-    SamePlace {
+    SameAddress {
         /// Index of the first entry.
         first: usize,
         /// Index of the second entry.
@@ -32,34 +34,37 @@ pub enum ConfigFault {
         position: u16,
     },
     /// N outside the gateway's range.
-    #[error("slave {slave}: {pdo} size N = {multiplier} is outside 1..{MAX_MULTIPLIER}")]
+    #[error(
+        "slave {slave}: {pdo} size N = {multiplier} is out of range; allowed: 1 to {MAX_MULTIPLIER}"
+    )]
     Multiplier {
         /// Slave index.
         slave: usize,
         /// "RxPDO" or "TxPDO".
         pdo: &'static str,
-        /// The N asked for.
+        /// The configured N.
         multiplier: u8,
     },
-    /// Cycle outside what a slave and the master can hold.
+    /// Cycle outside the range of slaves and master.
     #[error(
-        "cycle of {} us is outside {}..{} us",
-        cycle_ns / 1000, MIN_CYCLE_NS / 1000, MAX_CYCLE_NS / 1000
+        "cycle of {} us is out of range; allowed: {} to {} us",
+        cycle.as_micros(), MIN_CYCLE.as_micros(), MAX_CYCLE.as_micros()
     )]
     Cycle {
-        /// The cycle asked for, in nanoseconds.
-        cycle_ns: u32,
+        /// The configured cycle.
+        cycle: Duration,
     },
-    /// A watchdog that the register cannot hold.
+    /// Watchdog that the slave's register cannot hold.
     #[error(
-        "watchdog of {watchdog_us} us is no multiple of {WATCHDOG_UNIT_US} us up to \
-         {MAX_WATCHDOG_US} us"
+        "watchdog of {} us is invalid; allowed: multiples of {} us from {} to {} us",
+        watchdog.as_micros(), WATCHDOG_UNIT.as_micros(), WATCHDOG_UNIT.as_micros(),
+        MAX_WATCHDOG.as_micros()
     )]
     WatchdogTime {
-        /// The watchdog asked for, in microseconds.
-        watchdog_us: u32,
+        /// The configured watchdog.
+        watchdog: Duration,
     },
-    /// The [`Plan`] finds that it would not work on the wire.
+    /// The [`Plan`] finds that the configuration does not work on the wire.
     #[error(transparent)]
     Plan(PlanError),
     /// Sync0 period that is no multiple of the cycle.
@@ -83,24 +88,38 @@ pub enum ConfigFault {
         /// The Sync0 period, in nanoseconds.
         sync0_ns: u32,
     },
-    /// A reference clock that is no slave of the configuration.
-    #[error("reference clock: slave index {reference} is not below {slaves}, the number of slaves")]
+    /// Index of the reference clock out of range.
+    #[error(
+        "reference clock: slave index {reference} is out of range: {slaves} slave(s) are configured"
+    )]
     ReferenceClock {
-        /// The index asked for.
+        /// The configured index.
         reference: usize,
         /// Number of slaves.
         slaves: usize,
     },
-    /// A fixed identity with an empty half.
-    #[error("slave {slave}: identity needs both a vendor id and a product code, neither 0")]
+    /// A fixed identity with a 0.
+    #[error("slave {slave}: identity needs a vendor ID and a product code; neither may be 0")]
     Identity {
         /// Slave index.
         slave: usize,
     },
-    /// A startup step that writes what the Adapter itself manages.
+    /// Slave index of a startup step out of range.
     #[error(
-        "slave {slave}: startup step {step} writes the PDO assignment 0x{index:04X}, which the \
-         Adapter writes itself from N"
+        "startup step {step}: slave index {slave} is out of range: {slaves} slave(s) are configured"
+    )]
+    StartupSlave {
+        /// Slave index of the step.
+        slave: usize,
+        /// Index of the step.
+        step: usize,
+        /// Number of slaves.
+        slaves: usize,
+    },
+    /// A startup step that writes what the Adapter itself writes.
+    #[error(
+        "slave {slave}: startup step {step} writes the PDO assignment 0x{index:04X}; the Adapter \
+         writes it from N; remove the step"
     )]
     StartupAssignment {
         /// Slave index.
@@ -125,6 +144,7 @@ impl AdapterConfig {
         for (index, slave) in self.slaves.iter().enumerate() {
             self.check_slave(index, slave, &mut faults);
         }
+        self.check_startup(&mut faults);
         self.check_cycle(&mut faults);
         self.check_plan(&mut faults);
         Faults::check(faults)
@@ -134,7 +154,7 @@ impl AdapterConfig {
         let earlier = self.slaves.iter().take(index).enumerate();
         for (first, other) in earlier {
             if (other.alias, other.position) == (slave.alias, slave.position) {
-                faults.push(ConfigFault::SamePlace {
+                faults.push(ConfigFault::SameAddress {
                     first,
                     second: index,
                     alias: slave.alias,
@@ -150,31 +170,35 @@ impl AdapterConfig {
         if slave.identity.is_some_and(|id| id.vendor_id == 0 || id.product_code == 0) {
             faults.push(ConfigFault::Identity { slave: index });
         }
-        for (step, startup) in slave.base_startup.iter().chain(&slave.startup).enumerate() {
-            let object = startup.object().0;
-            if startup.is_download() && (object == 0x1C12 || object == 0x1C13) {
-                faults.push(ConfigFault::StartupAssignment { slave: index, step, index: object });
+    }
+
+    fn check_startup(&self, faults: &mut Vec<ConfigFault>) {
+        let slaves = self.slaves.len();
+        for (step, entry) in self.startup.iter().enumerate() {
+            let (slave, index) = (entry.slave, entry.step.object().0);
+            if slave >= slaves {
+                faults.push(ConfigFault::StartupSlave { slave, step, slaves });
+            }
+            if entry.step.is_download() && matches!(index, 0x1C12 | 0x1C13) {
+                faults.push(ConfigFault::StartupAssignment { slave, step, index });
             }
         }
     }
 
     fn check_cycle(&self, faults: &mut Vec<ConfigFault>) {
-        let watchdog_us = self.watchdog_us;
-        if !watchdog_us.is_multiple_of(WATCHDOG_UNIT_US)
-            || !(WATCHDOG_UNIT_US..=MAX_WATCHDOG_US).contains(&watchdog_us)
+        let (watchdog, cycle, cycle_ns) = (self.watchdog, self.cycle, self.cycle_ns());
+        if !watchdog.as_nanos().is_multiple_of(WATCHDOG_UNIT.as_nanos())
+            || !(WATCHDOG_UNIT..=MAX_WATCHDOG).contains(&watchdog)
         {
-            faults.push(ConfigFault::WatchdogTime { watchdog_us });
+            faults.push(ConfigFault::WatchdogTime { watchdog });
         }
-        if !(MIN_CYCLE_NS..=MAX_CYCLE_NS).contains(&self.cycle_ns) {
-            faults.push(ConfigFault::Cycle { cycle_ns: self.cycle_ns });
+        if !(MIN_CYCLE..=MAX_CYCLE).contains(&cycle) {
+            faults.push(ConfigFault::Cycle { cycle });
             return;
         }
         if let Some(dc) = self.dc {
-            if dc.cycle_ns == 0 || dc.cycle_ns % self.cycle_ns != 0 {
-                faults.push(ConfigFault::Sync0Cycle {
-                    sync0_ns: dc.cycle_ns,
-                    cycle_ns: self.cycle_ns,
-                });
+            if dc.cycle_ns == 0 || dc.cycle_ns % cycle_ns != 0 {
+                faults.push(ConfigFault::Sync0Cycle { sync0_ns: dc.cycle_ns, cycle_ns });
             }
             if dc.shift_ns >= dc.cycle_ns {
                 faults
@@ -187,13 +211,13 @@ impl AdapterConfig {
         }
     }
 
-    /// What the plan refuses, as far as it is not the consequence of a fault found before.
+    /// Adds the errors of the plan, except consequences of a fault found before.
     fn check_plan(&self, faults: &mut Vec<ConfigFault>) {
         let is_real_size = |multiplier| (1..=MAX_MULTIPLIER).contains(&multiplier);
-        let has_cycle = (MIN_CYCLE_NS..=MAX_CYCLE_NS).contains(&self.cycle_ns);
+        let has_cycle = (MIN_CYCLE..=MAX_CYCLE).contains(&self.cycle);
         let is_watchdog = |fault: &ConfigFault| matches!(fault, ConfigFault::WatchdogTime { .. });
         let has_watchdog = !faults.iter().any(is_watchdog);
-        let counts = |refusal: &PlanError| match refusal {
+        let counts = |error: &PlanError| match error {
             PlanError::LargePdo { multiplier, .. } => is_real_size(*multiplier),
             PlanError::Watchdog { .. } => has_cycle && has_watchdog,
             _ => has_cycle,
@@ -208,14 +232,14 @@ mod tests {
     use crate::config::DcSync;
 
     #[test]
-    fn the_default_is_sound() {
+    fn default_configuration_has_no_fault() {
         assert_eq!(AdapterConfig::new(1).check(), Ok(()));
         assert_eq!(AdapterConfig::new(3).with_multiplier(11).check(), Ok(()));
     }
 
     #[test]
-    fn every_fault_is_reported() {
-        let mut config = AdapterConfig::new(3).with_cycle_us(1_000);
+    fn check_reports_every_fault() {
+        let mut config = AdapterConfig::new(3).with_cycle(Duration::from_millis(1));
         config.slaves[0].rx_multiplier = 0;
         config.slaves[1].tx_multiplier = 12;
         config.slaves[2].position = 1;
@@ -225,7 +249,7 @@ mod tests {
     }
 
     #[test]
-    fn twelve_chunks_are_refused_with_the_reason_and_allowed_by_permission() {
+    fn twelve_chunks_need_the_large_pdo_permission() {
         let mut config = AdapterConfig::new(1).with_multiplier(12);
         let text = config.check().unwrap_err().to_string();
         assert!(text.contains("1536 bytes") && text.contains("1486"), "{text}");
@@ -234,10 +258,11 @@ mod tests {
     }
 
     #[test]
-    fn process_data_must_leave_room_for_the_mailbox() {
+    fn process_data_must_leave_space_for_the_mailbox() {
         let refused = |slaves, multiplier, cycle_us| {
-            let config =
-                AdapterConfig::new(slaves).with_multiplier(multiplier).with_cycle_us(cycle_us);
+            let config = AdapterConfig::new(slaves)
+                .with_multiplier(multiplier)
+                .with_cycle(Duration::from_micros(cycle_us));
             config.check().unwrap_err().0
         };
         assert!(matches!(
@@ -251,15 +276,17 @@ mod tests {
     }
 
     #[test]
-    fn a_watchdog_is_told_in_its_unit_and_outlasts_the_cycle() {
+    fn watchdog_is_a_multiple_of_its_unit_and_longer_than_the_cycle() {
+        let us = Duration::from_micros;
         let faults = |cycle_us, watchdog_us| {
-            let config = AdapterConfig::new(1).with_cycle_us(cycle_us);
-            AdapterConfig { watchdog_us, ..config }.check().err().map_or(Vec::new(), |it| it.0)
+            let config = AdapterConfig::new(1).with_cycle(us(cycle_us));
+            let checked = config.with_watchdog(us(watchdog_us)).check();
+            checked.err().map_or(Vec::new(), |it| it.0)
         };
         assert_eq!(faults(1_000, 2_000), []);
         assert_eq!(faults(1_000, 6_553_500), []);
         for watchdog_us in [0, 2_050, 6_553_600] {
-            let expected = [ConfigFault::WatchdogTime { watchdog_us }];
+            let expected = [ConfigFault::WatchdogTime { watchdog: us(watchdog_us) }];
             assert_eq!(faults(1_000, watchdog_us), expected);
             assert_eq!(faults(0, watchdog_us).len(), 2);
         }
@@ -272,8 +299,8 @@ mod tests {
     }
 
     #[test]
-    fn a_fault_is_not_reported_by_its_consequences() {
-        let mut config = AdapterConfig::new(1).with_cycle_us(0);
+    fn consequence_of_a_fault_is_not_reported() {
+        let mut config = AdapterConfig::new(1).with_cycle(Duration::ZERO);
         config.slaves[0].rx_multiplier = 200;
         let faults = config.check().unwrap_err().0;
         assert!(
