@@ -173,7 +173,7 @@ mod tests {
     }
 
     #[test]
-    fn unknown_scenario_is_rejected_with_the_list() {
+    fn unknown_scenario_is_rejected_with_list() {
         let error = open(&EcrtSetting::parse("sim:ecco"), &SimOptions::default()).unwrap_err();
         assert_eq!(
             error.to_string(),

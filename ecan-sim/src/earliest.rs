@@ -16,7 +16,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_never_comes_is_not_first() {
+    fn absent_time_is_never_first() {
         assert_eq!(earliest([None, Some(7), Some(3), None]), Some(3));
         assert_eq!(earliest([None, Some(u64::MAX)]), None);
         assert_eq!(earliest([]), None);

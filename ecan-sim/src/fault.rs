@@ -225,7 +225,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn faults_come_in_the_order_of_their_time() {
+    fn faults_are_ordered_by_time() {
         let mut script = FaultScript::default();
         let power = |gateway| Fault::PowerOff { gateway };
         for (when, gateway) in [(30, 3), (10, 1), (30, 4), (20, 2)] {

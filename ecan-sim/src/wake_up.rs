@@ -72,7 +72,7 @@ mod tests {
         WakeUpDelay { typical_ns: 10_000, p99_ns: 80_000, longest_ns: 600_000 };
 
     #[test]
-    fn the_named_shares_have_the_named_delays_and_none_goes_beyond() {
+    fn delays_have_configured_quantiles() {
         let mut wake_ups = WakeUps::new(DELAY, 1);
         let mut drawn: Vec<u64> = (0..100_000).map(|_| wake_ups.next_ns()).collect();
         drawn.sort_unstable();
@@ -87,7 +87,7 @@ mod tests {
     }
 
     #[test]
-    fn the_quantiles_never_fall_and_meet_at_their_ends() {
+    fn quantiles_are_monotonic_and_continuous() {
         let all: Vec<u64> = (0..=DRAWS).step_by(97).map(|r| DELAY.quantile_ns(r)).collect();
         assert!(all.is_sorted());
         assert_eq!(DELAY.quantile_ns(HALF), 10_000);

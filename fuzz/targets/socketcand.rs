@@ -24,7 +24,7 @@ fuzz_target!(|data: &[u8]| {
         assert!(answer == "< echo >" || answer.starts_with("< error "), "{answer}");
     }
     // What others hear of a frame is the frame.
-    let heard = String::from_utf8(whole.heard).expect("frames are text");
+    let heard = String::from_utf8(whole.received).expect("frames are text");
     let mut frames = Vec::new();
     for line in heard.split_inclusive('>') {
         let words: Vec<_> = line.trim_matches(['<', '>']).split(' ').collect();

@@ -67,7 +67,7 @@ mod tests {
 
     /// The check values of the CRC catalogue refer to nine digits with start value zero.
     #[test]
-    fn catalogue_check_values() {
+    fn catalogue_check_values_match() {
         for (crc, check) in [(&CRC15, 0x059E), (&CRC17, 0x0_4F03), (&CRC21, 0x0E_D841)] {
             let bytewise = b"123456789".iter().fold(0, |r, &b| crc.byte(r, b));
             let bitwise = b"123456789"
@@ -80,7 +80,7 @@ mod tests {
     }
 
     #[test]
-    fn fd_checks_start_with_the_highest_bit_set() {
+    fn fd_crcs_start_with_highest_bit_set() {
         assert_eq!(CRC15.start(), 0);
         assert_eq!(CRC17.start(), 0x1_0000);
         assert_eq!(CRC21.start(), 0x10_0000);

@@ -101,7 +101,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn sixteen_failures_make_passive_and_thirty_two_bus_off() {
+    fn sixteen_failures_are_passive_thirty_two_bus_off() {
         let mut counters = ErrorCounters::default();
         let mut seen = Vec::new();
         for n in 1..=32 {
@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn a_good_frame_ends_the_passive_state_of_a_receiver() {
+    fn good_frame_ends_passive_state_of_receiver() {
         let mut counters = ErrorCounters::default();
         counters.receive_failed(300);
         assert_eq!(counters.state(), ErrorState::Passive);

@@ -153,14 +153,14 @@ mod tests {
     }
 
     #[test]
-    fn the_stuff_bit_comes_with_the_sixth_bit() {
+    fn stuff_bit_is_counted_with_sixth_bit() {
         assert_eq!(count("00000"), (0, true));
         assert_eq!(count("000000"), (1, false));
         assert_eq!(count("000001"), (1, false));
     }
 
     #[test]
-    fn a_stuff_bit_counts_for_the_next_run() {
+    fn stuff_bit_counts_for_next_run() {
         // 00000 [1] 1111 [0] 0000 [1]
         assert_eq!(count("0000011110000"), (2, true));
         assert_eq!(count("00000111100001"), (3, false));
@@ -181,7 +181,7 @@ mod tests {
     }
 
     #[test]
-    fn the_stuffer_inserts_what_the_counter_counts() {
+    fn stuffer_and_counter_agree() {
         let pattern = 0x0F83_E0FF_0000_7C1Fu64;
         let mut counter = StuffCounter::new();
         let mut stuffer = Stuffer::new();

@@ -172,7 +172,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_stuff_count_field_follows_the_standards_table() {
+    fn stuff_count_field_matches_standard() {
         let fields: Vec<u32> = (0..9).map(stuff_count_field).collect();
         assert_eq!(
             fields,

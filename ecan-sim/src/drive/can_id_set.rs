@@ -65,7 +65,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_set_knows_both_formats() {
+    fn set_contains_both_formats() {
         let node = NodeId::new(5).unwrap();
         let standard = |raw| CanId::standard(raw).unwrap();
         let services = CanIdSet::services_of(node);

@@ -113,7 +113,7 @@ mod tests {
     use super::DataType;
 
     #[test]
-    fn signs_are_extended_from_the_type_s_width() {
+    fn sign_is_extended_from_type_width() {
         assert_eq!(DataType::Signed(1).number(0xFF), -1);
         assert_eq!(DataType::Signed(3).number(0x80_0000), -0x80_0000);
         assert_eq!(DataType::Signed(4).number(0xFFFF_FF9C), -100);

@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn the_present_position_is_home_at_once() {
+    fn present_position_is_home_at_once() {
         assert_eq!(run(35, 123.0), (Some(123.0), 0));
         assert_eq!(run(37, -7.0), (Some(-7.0), 0));
     }
@@ -194,13 +194,13 @@ mod tests {
     }
 
     #[test]
-    fn the_index_pulse_behind_a_limit_switch() {
+    fn index_pulse_after_limit_switch_is_home() {
         assert_eq!(run(1, 0.0).0, Some(-400.0));
         assert_eq!(run(2, 0.0).0, Some(400.0));
     }
 
     #[test]
-    fn both_edges_of_the_home_switch() {
+    fn both_edges_of_home_switch_are_found() {
         assert_eq!(run(19, 0.0).0, Some(199.0));
         assert_eq!(run(19, 300.0).0, Some(199.0));
         assert_eq!(run(20, 0.0).0, Some(200.0));
@@ -208,13 +208,13 @@ mod tests {
     }
 
     #[test]
-    fn index_pulses_both_ways() {
+    fn index_pulses_are_found_in_both_directions() {
         assert_eq!(run(34, 130.0).0, Some(200.0));
         assert_eq!(run(33, 130.0).0, Some(100.0));
     }
 
     #[test]
-    fn a_switch_that_never_comes_is_a_failure() {
+    fn missing_switch_fails() {
         let config =
             MotorConfig { home_switch: i32::MAX, limit_switches: (-50, 50), ..Default::default() };
         let mut homing = Homing::begin(19, 0.0, &config).unwrap();

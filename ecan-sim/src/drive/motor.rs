@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn a_free_motor_comes_to_rest_by_friction() {
+    fn friction_stops_free_motor() {
         let mut motor = motor();
         for _ in 0..100 {
             motor.advance(STEP, Actuation::Velocity(1_000_000.0));
@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn it_follows_a_moving_position_with_a_small_error() {
+    fn moving_position_is_followed_with_small_error() {
         let mut motor = motor();
         let mut demand = 0.0;
         for _ in 0..1_000 {
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn acceleration_speed_and_torque_have_limits() {
+    fn acceleration_velocity_and_torque_are_limited() {
         let mut motor = motor();
         let config = MotorConfig::default();
         let mut fastest = 0.0f64;
@@ -221,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn little_torque_does_not_overcome_friction() {
+    fn small_torque_does_not_overcome_friction() {
         let mut motor = motor();
         // friction is 5e6 of 2e8 increments/s² at 3000 thousandths: 75 thousandths
         for _ in 0..100 {
@@ -235,7 +235,7 @@ mod tests {
     }
 
     #[test]
-    fn a_blocked_motor_pushes_and_stays() {
+    fn blocked_motor_has_torque_and_stays() {
         let mut motor = motor();
         motor.block(true);
         for _ in 0..10 {
@@ -246,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn a_goal_far_away_is_reached_without_overshoot() {
+    fn distant_target_is_reached_without_overshoot() {
         let mut motor = motor();
         let mut furthest = 0.0f64;
         for _ in 0..3_000 {

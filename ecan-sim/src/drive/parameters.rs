@@ -105,7 +105,7 @@ mod tests {
     use super::interpolation_ns;
 
     #[test]
-    fn interpolation_time_counts_powers_of_ten() {
+    fn interpolation_time_has_power_of_ten() {
         assert_eq!(interpolation_ns(1, -3), 1_000_000);
         assert_eq!(interpolation_ns(10, -3), 10_000_000);
         assert_eq!(interpolation_ns(25, -4), 2_500_000);

@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn a_way_is_a_trapezoid_without_overshoot() {
+    fn motion_is_trapezoid_without_overshoot() {
         for target in [1_000.0, -1_000.0, 10.0, 1.0, 0.25, 0.0] {
             let (ramp, _, furthest) = run(target, 5_000);
             assert_eq!(ramp, Ramp::at(target), "{target}");
@@ -98,7 +98,7 @@ mod tests {
     }
 
     #[test]
-    fn a_speed_is_reached_with_the_acceleration_and_left_with_the_deceleration() {
+    fn velocity_changes_with_acceleration_and_deceleration() {
         let mut ramp = Ramp::at(0.0);
         for _ in 0..100 {
             ramp.towards_velocity(0.001, 500.0, &BOUNDS);

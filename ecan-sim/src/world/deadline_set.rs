@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_first_is_known_whatever_changes() {
+    fn first_is_updated_by_every_change() {
         let mut due = DeadlineSet::default();
         assert_eq!(due.first(), NEVER);
         (0..3).for_each(|_| due.add());

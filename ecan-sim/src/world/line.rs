@@ -229,7 +229,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_fmmu_takes_part_only_as_a_whole() {
+    fn partly_covered_fmmu_is_ignored() {
         let fmmu = Fmmu {
             logical_start: 100,
             length: 4,

@@ -6,7 +6,7 @@ use ecan_sim::{BusEvent, BusFault, CanBus, StationConfig};
 
 /// Traffic with errors, a bus-off and its recovery.
 #[test]
-fn traffic_and_errors_need_no_heap() {
+fn traffic_and_errors_allocate_nothing() {
     let mut bus = CanBus::new("test");
     let stations: [_; 5] = std::array::from_fn(|_| bus.attach());
     for station in stations {

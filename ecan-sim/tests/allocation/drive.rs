@@ -103,7 +103,7 @@ fn cycles_allocate_nothing() {
 }
 
 #[test]
-fn a_world_of_drives_allocates_nothing() {
+fn world_of_drives_allocates_nothing() {
     let mut program = Program::new(stepped(drives(1, 4)), &[8]).into_op();
     program.received.reserve(100_000);
     program.cycles(100);

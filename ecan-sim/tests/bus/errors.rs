@@ -9,7 +9,7 @@ use ecan_sim::{BusError, BusEvent, BusFault, ErrorState, StationConfig};
 /// Up to the ACK slot the frame is whole; from the ACK delimiter on stand 6 bits of error flag
 /// and 8 of delimiter. Sixteen failures make the sender passive; further ones count nothing.
 #[test]
-fn a_lone_station_becomes_passive_and_stays() {
+fn lone_station_becomes_and_stays_error_passive() {
     let (mut bus, s) = bus_of(&[CLASSIC]);
     let frame = classic(0x123, &[1, 2, 3, 4]);
     bus.offer(START, s[0], frame);
@@ -31,7 +31,7 @@ fn a_lone_station_becomes_passive_and_stays() {
 }
 
 #[test]
-fn someone_who_acknowledges_ends_the_retries() {
+fn acknowledging_station_ends_retries() {
     let (mut bus, s) = bus_of(&[CLASSIC]);
     let frame = classic(0x123, &[]);
     bus.offer(START, s[0], frame);
@@ -48,7 +48,7 @@ fn someone_who_acknowledges_ends_the_retries() {
 
 /// Bit errors: 8 points each, warning at 96, passive at 128, off at 256.
 #[test]
-fn disturbed_transmissions_lead_to_bus_off() {
+fn disturbed_transmissions_cause_bus_off() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     bus.inject(BusFault::ErrorFrames { station: s[0], count: 32 });
     bus.offer(START, s[0], classic(0x123, &[]));
@@ -68,7 +68,7 @@ fn disturbed_transmissions_lead_to_bus_off() {
 }
 
 #[test]
-fn fewer_disturbances_only_delay_the_frame() {
+fn few_disturbances_only_delay_frame() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     bus.inject(BusFault::ErrorFrames { station: s[0], count: 3 });
     let frame = classic(0x123, &[]);
@@ -82,7 +82,7 @@ fn fewer_disturbances_only_delay_the_frame() {
 }
 
 #[test]
-fn recovery_takes_128_times_11_bits_of_an_idle_bus() {
+fn recovery_on_idle_bus_takes_128_times_11_bits() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     bus.offer(START, s[1], classic(0x123, &[]));
     bus.inject(BusFault::BusOff(s[1]));
@@ -111,7 +111,7 @@ fn recovery_takes_128_times_11_bits_of_an_idle_bus() {
 /// On a bus that never pauses each frame ends in one sequence of 11 recessive bits (ACK
 /// delimiter, EOF, intermission).
 #[test]
-fn recovery_on_a_busy_bus_takes_128_frames() {
+fn recovery_on_busy_bus_takes_128_frames() {
     let (mut bus, s) = bus_of(&[CLASSIC; 3]);
     bus.inject(BusFault::BusOff(s[2]));
     run(&mut bus, START);
@@ -134,7 +134,7 @@ fn recovery_on_a_busy_bus_takes_128_frames() {
 }
 
 #[test]
-fn a_station_that_goes_bus_off_breaks_its_frame_off() {
+fn bus_off_station_aborts_its_frame() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     bus.offer(START, s[0], classic(0x123, &[0; 8]));
     run(&mut bus, START + 30 * BIT);
@@ -149,7 +149,7 @@ fn a_station_that_goes_bus_off_breaks_its_frame_off() {
 /// The stranger signals an error first and gets 1 + 8 points for each frame: passive after 15
 /// of them. From then on it disturbs no one, and the sender has 120 points.
 #[test]
-fn a_wrong_bit_rate_disturbs_until_it_is_passive() {
+fn wrong_bit_rate_disturbs_until_error_passive() {
     let (mut bus, s) = bus_of(&[CLASSIC, CLASSIC, StationConfig::classic(250_000)]);
     let frame = classic(0x123, &[]);
     bus.offer(START, s[0], frame);
@@ -163,7 +163,7 @@ fn a_wrong_bit_rate_disturbs_until_it_is_passive() {
 }
 
 #[test]
-fn a_wrong_data_bit_rate_matters_only_with_switching() {
+fn wrong_data_bit_rate_matters_only_with_switching() {
     let slow = StationConfig::fd(500_000, 2_000_000);
     let id = CanId::standard(0x123).unwrap();
     let steady = CanFrame::fd(id, &[1; 16], false, false).unwrap();
@@ -178,7 +178,7 @@ fn a_wrong_data_bit_rate_matters_only_with_switching() {
 }
 
 #[test]
-fn a_classic_station_destroys_fd_frames() {
+fn classic_station_destroys_fd_frames() {
     let (mut bus, s) = bus_of(&[FD, FD, CLASSIC]);
     let frame = CanFrame::fd(CanId::standard(1).unwrap(), &[], false, false).unwrap();
     bus.offer(START, s[0], frame);
@@ -189,7 +189,7 @@ fn a_classic_station_destroys_fd_frames() {
 }
 
 #[test]
-fn a_passive_sender_shows_it_in_the_esi_bit() {
+fn error_passive_sender_sets_esi() {
     let (mut bus, s) = bus_of(&[FD; 2]);
     bus.inject(BusFault::ErrorFrames { station: s[0], count: 16 });
     let id = CanId::standard(1).unwrap();
@@ -200,7 +200,7 @@ fn a_passive_sender_shows_it_in_the_esi_bit() {
 }
 
 #[test]
-fn a_single_shot_is_given_up_on_an_error_or_a_lost_arbitration() {
+fn single_shot_frame_is_abandoned_after_failure() {
     let once = StationConfig { auto_retransmit: false, ..CLASSIC };
     let (mut bus, s) = bus_of(&[once]);
     let frame = classic(0x123, &[]);
@@ -222,7 +222,7 @@ fn a_single_shot_is_given_up_on_an_error_or_a_lost_arbitration() {
 }
 
 #[test]
-fn the_last_acknowledging_station_leaving_makes_the_frame_fail() {
+fn frame_fails_when_last_acknowledging_station_leaves() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     bus.offer(START, s[0], classic(1, &[]));
     bus.configure(START + 20 * BIT, s[1], None);
@@ -233,7 +233,7 @@ fn the_last_acknowledging_station_leaving_makes_the_frame_fail() {
 }
 
 #[test]
-fn reconfiguring_the_sender_breaks_its_frame_off() {
+fn reconfigured_sender_aborts_its_frame() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     bus.offer(START, s[0], classic(1, &[0; 8]));
     bus.configure(START + 30 * BIT, s[0], Some(FD));

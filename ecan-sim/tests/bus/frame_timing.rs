@@ -24,7 +24,7 @@ fn timing(frame: CanFrame) -> (u16, u16, u16) {
 /// 44 bits of frame; 34 zeros from SOF to the CRC (which is 0 over zeros) take a stuff bit after
 /// every fifth one: 6.
 #[test]
-fn standard_frame_of_zeros_without_data() {
+fn standard_frame_of_zeros_has_known_length() {
     let frame = CanFrame::classic(std_id(0), &[]).unwrap();
     assert_eq!(timing(frame), (50, 0, 6));
 }
@@ -32,7 +32,7 @@ fn standard_frame_of_zeros_without_data() {
 /// 1 + 11 + 1 + 1 + 1 + 4 + 15 + 1 + 1 + 1 + 7 = 44, and 8 per byte. Identifier 0x555 and bytes
 /// 0x55 alternate; the one stuff bit falls in the CRC 001101100000100, behind five zeros.
 #[test]
-fn alternating_standard_frame_of_eight_bytes() {
+fn alternating_standard_frame_has_known_length() {
     let frame = CanFrame::classic(std_id(0x555), &[0x55; 8]).unwrap();
     assert_eq!(timing(frame), (44 + 64 + 1, 0, 1));
     assert_eq!(WireFrame::new(&frame).crc(), 0b001_1011_0000_0100);
@@ -40,7 +40,7 @@ fn alternating_standard_frame_of_eight_bytes() {
 
 /// The example frame of manual 5.4.4.1.
 #[test]
-fn frame_of_the_manual() {
+fn frame_of_manual_has_known_length() {
     let data = [0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
     let frame = CanFrame::classic(std_id(0x123), &data).unwrap();
     assert_eq!(timing(frame), (44 + 64 + 1, 0, 1));
@@ -61,21 +61,21 @@ fn remote_frames_carry_no_data() {
 /// 17 bits up to BRS, behind it ESI, DLC, 512 data bits, 32 bits of CRC field and the CRC
 /// delimiter, then 9 nominal bits. Nothing to stuff.
 #[test]
-fn alternating_fd_frame_of_64_bytes() {
+fn alternating_fd_frame_has_known_length() {
     let frame = CanFrame::fd(std_id(0x555), &[0x55; 64], true, false).unwrap();
     assert_eq!(timing(frame), (17 + 9, 1 + 4 + 512 + 32 + 1, 0));
 }
 
 /// SOF to IDE are 14 zeros, so 2 stuff bits before the switch; 512 zeros of data take 102.
 #[test]
-fn fd_frame_of_64_zeros() {
+fn fd_frame_of_zeros_has_known_length() {
     let frame = CanFrame::fd(std_id(0), &[0; 64], true, false).unwrap();
     assert_eq!(timing(frame), (17 + 2 + 9, 550 + 102, 104));
 }
 
 /// 31 ones up to the last identifier bit take 6 stuff bits, 518 ones from BRS on take 103.
 #[test]
-fn extended_fd_frame_of_64_ones() {
+fn extended_fd_frame_of_ones_has_known_length() {
     let frame = CanFrame::fd(ext_id(0x1FFF_FFFF), &[0xFF; 64], true, true).unwrap();
     assert_eq!(timing(frame), (36 + 6 + 9, 550 + 103, 109));
 }
@@ -83,14 +83,14 @@ fn extended_fd_frame_of_64_ones() {
 /// 160 zeros are 32 runs of five; behind the last the fixed stuff bit of the CRC field stands
 /// and no dynamic one.
 #[test]
-fn fd_data_field_ending_in_five_equal_bits() {
+fn fd_data_field_ending_in_five_equal_bits_has_no_stuff_bit() {
     let frame = CanFrame::fd(std_id(0x555), &[0; 20], true, false).unwrap();
     assert_eq!(timing(frame), (26, 1 + 4 + 160 + 31 + 32 + 1, 31));
 }
 
 /// Up to 16 bytes the CRC field has 4 + 17 + 6 bits, from 20 on 4 + 21 + 7.
 #[test]
-fn the_crc_field_grows_between_16_and_20_bytes() {
+fn crc_field_grows_between_16_and_20_bytes() {
     let length = |n: usize| {
         let t =
             FrameTiming::of(&CanFrame::fd(std_id(0x555), &[0xAA; 64][..n], true, false).unwrap());
@@ -157,7 +157,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(4096))]
 
     #[test]
-    fn lengths_are_those_of_the_encoded_bits(frame in any_frame()) {
+    fn lengths_equal_encoded_bits(frame in any_frame()) {
         let wire = crate::naive::encode(&frame);
         let t = FrameTiming::of(&frame);
         prop_assert_eq!(t.total_bits() as usize, wire.bits.len());
@@ -166,7 +166,7 @@ proptest! {
     }
 
     #[test]
-    fn every_bit_is_where_it_belongs(frame in any_frame()) {
+    fn wire_frame_equals_naive_encoder(frame in any_frame()) {
         let wire = crate::naive::encode(&frame);
         let encoded = WireFrame::new(&frame);
         prop_assert_eq!(encoded.bits().collect::<Vec<_>>(), wire.bits);
@@ -177,7 +177,7 @@ proptest! {
     /// The bounds of the literature: a stuff bit after the first five bits at most, and then
     /// after every four.
     #[test]
-    fn lengths_stay_within_their_bounds(frame in any_frame()) {
+    fn lengths_are_within_frame_bits(frame in any_frame()) {
         let extended = frame.id().is_extended();
         let data = 8 * frame.data().len() as u32;
         let (least, stuffed) = match frame.kind() {
@@ -196,7 +196,7 @@ proptest! {
 
     /// The host plans with bounds that hold in each phase by itself, intermission included.
     #[test]
-    fn the_hosts_bounds_hold_in_each_phase(frame in any_frame()) {
+    fn frame_bits_bound_each_phase(frame in any_frame()) {
         let exact = FrameTiming::of(&frame);
         let nominal = u32::from(exact.nominal_bits) + INTERMISSION_BITS;
         let data = u32::from(exact.data_bits);
@@ -213,7 +213,7 @@ proptest! {
 /// microseconds, so the exact distance must be the most frequent one by far, and none may be
 /// much shorter.
 #[test]
-fn a_recorded_bus_has_these_frame_times() {
+fn recorded_bus_has_calculated_frame_times() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/vehicle-can.log");
     let Ok(log) = std::fs::read_to_string(&path) else {
         println!("skipped: no recording at ../shared/data/vehicle-can.log");

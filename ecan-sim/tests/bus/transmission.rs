@@ -8,7 +8,7 @@ use ecan_sim::{BusEvent, CanBus, ErrorState, StationConfig, StationMode};
 use proptest::prelude::*;
 
 #[test]
-fn a_frame_reaches_every_other_station_at_its_end() {
+fn every_other_station_receives_frame_at_its_end() {
     let (mut bus, s) = bus_of(&[CLASSIC; 3]);
     let frame = classic(0x123, &[1, 2, 3]);
     assert!(bus.offer(START, s[1], frame));
@@ -28,7 +28,7 @@ fn a_frame_reaches_every_other_station_at_its_end() {
 }
 
 #[test]
-fn frames_follow_each_other_after_three_bits() {
+fn next_frame_starts_after_three_bits() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     let (one, two) = (classic(0x10, &[7; 8]), classic(0x20, &[]));
     bus.offer(START, s[0], one);
@@ -40,7 +40,7 @@ fn frames_follow_each_other_after_three_bits() {
 }
 
 #[test]
-fn switching_shortens_the_data_phase_only() {
+fn switching_shortens_only_data_phase() {
     let (mut bus, s) = bus_of(&[FD; 2]);
     // 26 nominal and 550 data bits, see the frame timing tests.
     let frame = CanFrame::fd(CanId::standard(0x555).unwrap(), &[0x55; 64], true, false).unwrap();
@@ -51,7 +51,7 @@ fn switching_shortens_the_data_phase_only() {
 
 /// Arbitration goes on among frames offered up to the very start of the next frame.
 #[test]
-fn an_offer_at_the_start_of_the_next_frame_takes_part() {
+fn offer_at_start_of_next_frame_takes_part() {
     let (mut bus, s) = bus_of(&[CLASSIC; 3]);
     let first = classic(0x100, &[]);
     bus.offer(START, s[0], first);
@@ -70,7 +70,7 @@ fn an_offer_at_the_start_of_the_next_frame_takes_part() {
 }
 
 #[test]
-fn a_data_frame_beats_its_remote_frame_and_standard_beats_extended() {
+fn data_beats_remote_and_standard_beats_extended() {
     let (mut bus, s) = bus_of(&[CLASSIC; 4]);
     let standard = CanId::standard(0x123).unwrap();
     let extended = CanId::extended(0x123 << 18).unwrap();
@@ -91,7 +91,7 @@ fn a_data_frame_beats_its_remote_frame_and_standard_beats_extended() {
 }
 
 #[test]
-fn equal_identifiers_go_in_station_order_and_are_counted() {
+fn equal_identifiers_use_station_order_and_are_counted() {
     let (mut bus, s) = bus_of(&[CLASSIC; 3]);
     bus.offer(START, s[2], classic(0x77, &[2]));
     bus.offer(START, s[1], classic(0x77, &[1]));
@@ -123,7 +123,7 @@ proptest! {
     /// Whatever is pending at once goes out in the order of the bits on the wire, gapless, and
     /// every station but the sender receives it.
     #[test]
-    fn pending_frames_go_out_by_priority(frames in prop::collection::vec(any_classic(), 1..12)) {
+    fn pending_frames_are_sent_by_priority(frames in prop::collection::vec(any_classic(), 1..12)) {
         let mut expected: Vec<CanFrame> = Vec::new();
         for frame in frames {
             let bits = crate::naive::arbitration_bits(&frame);
@@ -153,7 +153,7 @@ proptest! {
 }
 
 #[test]
-fn a_station_joins_after_eleven_bits() {
+fn station_joins_after_eleven_bits() {
     let mut bus = CanBus::new("test");
     let (a, b) = (bus.attach(), bus.attach());
     bus.configure(0, a, Some(CLASSIC));
@@ -204,7 +204,7 @@ fn listeners_receive_but_do_not_acknowledge() {
 }
 
 #[test]
-fn internal_loopback_leaves_the_bus_alone() {
+fn internal_loopback_does_not_use_bus() {
     let looped = StationConfig { mode: StationMode::InternalLoopback, ..CLASSIC };
     let (mut bus, s) = bus_of(&[looped, CLASSIC, CLASSIC]);
     let (own, other) = (classic(0x1, &[5; 8]), classic(0x2, &[]));
@@ -223,7 +223,7 @@ fn internal_loopback_leaves_the_bus_alone() {
 }
 
 #[test]
-fn external_loopback_sends_and_hears_itself_without_acknowledgement() {
+fn external_loopback_needs_no_acknowledgement() {
     let looped = StationConfig { mode: StationMode::ExternalLoopback, ..CLASSIC };
     let (mut bus, s) = bus_of(&[looped]);
     let frame = classic(0x1, &[]);
@@ -244,7 +244,7 @@ fn external_loopback_sends_and_hears_itself_without_acknowledgement() {
 }
 
 #[test]
-fn a_classic_station_sends_fd_frames_in_the_classic_format() {
+fn classic_station_sends_fd_frames_in_classic_format() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     let id = CanId::standard(1).unwrap();
     let frame = CanFrame::fd(id, &[9; 12], true, false).unwrap();
@@ -254,7 +254,7 @@ fn a_classic_station_sends_fd_frames_in_the_classic_format() {
 }
 
 #[test]
-fn a_withdrawn_frame_is_not_sent() {
+fn withdrawn_frame_is_not_sent() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     bus.offer(START, s[0], classic(1, &[]));
     bus.offer(START, s[1], classic(2, &[]));
@@ -269,7 +269,7 @@ fn a_withdrawn_frame_is_not_sent() {
 }
 
 #[test]
-fn a_station_that_is_not_on_the_bus_cannot_send() {
+fn station_off_the_bus_cannot_send() {
     let mut bus = CanBus::new("test");
     let station = bus.attach();
     assert!(!bus.offer(0, station, classic(1, &[])));
@@ -278,7 +278,7 @@ fn a_station_that_is_not_on_the_bus_cannot_send() {
 }
 
 #[test]
-fn a_bus_without_pauses_is_fully_loaded() {
+fn bus_without_pauses_has_load_one() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     let before = bus.statistics();
     assert_eq!(before.at_ns, START);
@@ -303,7 +303,7 @@ fn a_bus_without_pauses_is_fully_loaded() {
 
 /// A snapshot in the middle of a frame counts the part that has passed.
 #[test]
-fn load_counts_the_frame_under_way() {
+fn load_counts_frame_in_transmission() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);
     let before = bus.statistics();
     bus.offer(START, s[0], classic(0x123, &[3; 8]));

@@ -79,7 +79,7 @@ fn read(text: &str) -> Result<Drive, EdsError> {
 }
 
 #[test]
-fn values_are_what_they_say() {
+fn eds_values_are_parsed() {
     let drive = read(SMALL).unwrap();
     let number = |index, sub| drive.object(index, sub);
     assert_eq!(number(0x1000, 0), Some(0x0002_0192));
@@ -105,7 +105,7 @@ fn values_are_what_they_say() {
 }
 
 #[test]
-fn windows_line_ends_case_and_byte_order_marks_do_not_matter() {
+fn eds_accepts_crlf_any_case_and_byte_order_mark() {
     let text = format!(
         "\u{feff}{}",
         SMALL.replace('\n', "\r\n").replace("AccessType=rw", "accesstype=RW")
@@ -128,7 +128,7 @@ fn line(text: &str) -> usize {
 }
 
 #[test]
-fn every_error_has_its_line_and_its_words() {
+fn every_error_has_line_and_text() {
     let cases: [(&str, &str, &str, &str); 22] = [
         ("VendorName=none", "VendorName", "VendorName=none", "neither [section] nor key=value"),
         ("[1000]", "[1000", "[1000]", "section name without closing bracket"),
@@ -206,7 +206,7 @@ fn every_error_has_its_line_and_its_words() {
 }
 
 #[test]
-fn access_and_missing_mandatory_objects() {
+fn invalid_access_and_missing_mandatory_object_are_reported() {
     let text = SMALL.replacen("AccessType=rw", "AccessType=wr", 1);
     let error = read(&text).unwrap_err();
     assert_eq!(error.kind, EdsErrorKind::Access { text: "wr".to_owned() });
@@ -220,12 +220,12 @@ fn access_and_missing_mandatory_objects() {
 
 proptest! {
     #[test]
-    fn any_text_is_read_or_refused(text in "(\\[?[0-9a-fA-Fsub]{0,8}\\]?|[a-zA-Z]{0,10}=[$0-9xA-F+-]{0,12})(\n.{0,30}){0,10}") {
+    fn any_text_is_parsed_or_rejected(text in "(\\[?[0-9a-fA-Fsub]{0,8}\\]?|[a-zA-Z]{0,10}=[$0-9xA-F+-]{0,12})(\n.{0,30}){0,10}") {
         let _ = read(&text);
     }
 
     #[test]
-    fn a_good_file_with_one_bad_line_is_read_or_refused(
+    fn file_with_one_changed_line_is_parsed_or_rejected(
         place in 0..SMALL.lines().count(),
         with in "[\\[\\]=;0-9a-zA-Z$+-]{0,20}",
     ) {
@@ -250,7 +250,7 @@ fn shared() -> Option<String> {
 }
 
 #[test]
-fn a_drive_from_a_foreign_eds_moves() {
+fn drive_from_foreign_eds_moves() {
     let Some(text) = shared() else { return };
     let mut fixture = Fixture::cold(read(&text).unwrap());
     fixture.pass_ms(50);

@@ -19,7 +19,7 @@ fn cyclic() -> Fixture {
 }
 
 #[test]
-fn it_follows_cyclic_positions() {
+fn drive_follows_cyclic_positions() {
     let mut fixture = cyclic();
     let mut target = 1000;
     let mut worst = 0;
@@ -43,7 +43,7 @@ fn it_follows_cyclic_positions() {
 }
 
 #[test]
-fn the_way_between_targets_is_straight() {
+fn motion_between_targets_is_linear() {
     let mut fixture = cyclic();
     fixture.write(0x60C2, 1, 10, 1).unwrap();
     let mut target = 1000;
@@ -63,7 +63,7 @@ fn the_way_between_targets_is_straight() {
 }
 
 #[test]
-fn enabled_without_a_target_it_stands() {
+fn drive_enabled_without_target_stays_at_standstill() {
     let mut fixture = Fixture::booted();
     fixture.write(0x607A, 0, 50_000, 4).unwrap();
     fixture.enable(OperatingMode::CyclicPosition);
@@ -80,7 +80,7 @@ fn enabled_without_a_target_it_stands() {
 }
 
 #[test]
-fn the_history_tells_every_target_and_the_first_one() {
+fn history_contains_every_target_and_marks_first() {
     let mut fixture = Fixture::booted();
     fixture.map_csp();
     fixture.nmt(NmtCommand::Start);
@@ -121,7 +121,7 @@ fn the_history_tells_every_target_and_the_first_one() {
 }
 
 #[test]
-fn the_history_is_bounded_and_the_sums_are_not() {
+fn history_is_bounded_and_sums_are_complete() {
     let mut fixture = Fixture::with(&DriveConfig { history: 4, ..config() });
     fixture.map_csp();
     fixture.nmt(NmtCommand::Start);
@@ -134,7 +134,7 @@ fn the_history_is_bounded_and_the_sums_are_not() {
 }
 
 #[test]
-fn a_target_out_of_reach_is_a_following_error() {
+fn unreachable_target_causes_following_error() {
     let mut fixture = cyclic();
     let (mut faulted_at, mut status) = (None, 0);
     for cycle in 0..300 {
@@ -152,7 +152,7 @@ fn a_target_out_of_reach_is_a_following_error() {
 }
 
 #[test]
-fn a_jammed_machine_is_a_following_error() {
+fn blocked_motor_causes_following_error() {
     let mut fixture = cyclic();
     fixture.write(0x6065, 0, 500, 4).unwrap();
     let until = fixture.now + 50 * MS;
@@ -168,7 +168,7 @@ fn a_jammed_machine_is_a_following_error() {
 }
 
 #[test]
-fn software_limits_hold_targets_back() {
+fn software_limits_clamp_targets() {
     let mut fixture = cyclic();
     fixture.write(0x607D, 1, -500, 4).unwrap();
     fixture.write(0x607D, 2, 1500, 4).unwrap();
@@ -183,7 +183,7 @@ fn software_limits_hold_targets_back() {
 }
 
 #[test]
-fn positions_run_over_as_32_bits_do() {
+fn positions_wrap_at_32_bits() {
     let motor = MotorConfig { start_position: i32::MAX - 500, ..MotorConfig::default() };
     let mut fixture = Fixture::with(&DriveConfig { motor, ..config() });
     fixture.map_csp();
@@ -205,7 +205,7 @@ fn positions_run_over_as_32_bits_do() {
 }
 
 #[test]
-fn cyclic_velocity_and_torque() {
+fn cyclic_velocity_and_torque_are_followed() {
     let mut fixture = Fixture::booted();
     fixture.write(0x60FF, 0, 500_000, 4).unwrap();
     fixture.enable(OperatingMode::CyclicVelocity);
@@ -235,7 +235,7 @@ fn cyclic_velocity_and_torque() {
 }
 
 #[test]
-fn speed_and_torque_are_limited() {
+fn velocity_and_torque_are_limited() {
     let mut fixture = Fixture::booted();
     fixture.enable(OperatingMode::CyclicVelocity);
     fixture.write(0x60FF, 0, i64::from(i32::MAX), 4).unwrap();
@@ -251,7 +251,7 @@ fn speed_and_torque_are_limited() {
 }
 
 #[test]
-fn profile_velocity_accelerates_as_told() {
+fn profile_velocity_uses_profile_acceleration() {
     let mut fixture = Fixture::booted();
     fixture.write(0x6083, 0, 1_000_000, 4).unwrap();
     fixture.write(0x60FF, 0, 200_000, 4).unwrap();
@@ -275,7 +275,7 @@ fn profile_bits(fixture: &Fixture) -> (bool, bool) {
 }
 
 #[test]
-fn profile_position_takes_set_points_on_an_edge() {
+fn profile_position_accepts_set_points_on_edge() {
     let mut fixture = Fixture::booted();
     fixture.enable(OperatingMode::ProfilePosition);
     fixture.write(0x607A, 0, 31_000, 4).unwrap();
@@ -296,7 +296,7 @@ fn profile_position_takes_set_points_on_an_edge() {
 }
 
 #[test]
-fn set_points_wait_for_each_other_or_replace_each_other() {
+fn set_points_are_queued_or_replaced() {
     let mut fixture = Fixture::booted();
     fixture.enable(OperatingMode::ProfilePosition);
     let set_point = |fixture: &mut Fixture, target: i64, word: u16| {
@@ -330,7 +330,7 @@ fn set_points_wait_for_each_other_or_replace_each_other() {
 }
 
 #[test]
-fn profile_position_keeps_its_bounds() {
+fn profile_position_respects_limits() {
     let mut fixture = Fixture::booted();
     fixture.write(0x6081, 0, 100_000, 4).unwrap();
     fixture.write(0x6083, 0, 1_000_000, 4).unwrap();
@@ -386,7 +386,7 @@ fn home(method: i64, offset: i64, machine: MotorConfig) -> (Fixture, u64) {
 }
 
 #[test]
-fn homing_on_the_present_position() {
+fn homing_on_present_position_finishes_at_once() {
     for method in [35, 37] {
         let (fixture, ms) = home(method, 0, config().motor);
         assert!(ms < 5);
@@ -400,7 +400,7 @@ fn homing_on_the_present_position() {
 }
 
 #[test]
-fn homing_on_a_switch_takes_its_way_and_time() {
+fn homing_on_switch_moves_to_switch() {
     let machine = MotorConfig {
         start_position: 30_000,
         limit_switches: (-20_000, 200_000),
@@ -424,7 +424,7 @@ fn homing_on_a_switch_takes_its_way_and_time() {
 }
 
 #[test]
-fn homing_that_finds_no_switch_fails() {
+fn homing_without_switch_fails() {
     let machine = MotorConfig { home_switch: i32::MAX, ..config().motor };
     let (mut fixture, _) = home(19, 0, machine);
     assert_eq!(homing_bits(&fixture), (true, false, true));
@@ -433,7 +433,7 @@ fn homing_that_finds_no_switch_fails() {
 }
 
 #[test]
-fn homing_is_broken_off_by_its_bit_and_by_halt() {
+fn homing_is_aborted_by_its_bit_and_by_halt() {
     for word in [0x0F, 0x11F] {
         let mut fixture = Fixture::booted();
         fixture.write(0x6098, 0, 17, 1).unwrap();
@@ -450,7 +450,7 @@ fn homing_is_broken_off_by_its_bit_and_by_halt() {
 }
 
 #[test]
-fn the_next_target_after_homing_is_a_first() {
+fn target_after_homing_is_first() {
     let mut fixture = cyclic();
     fixture.cycle(ENABLE, 1000);
     assert_eq!(fixture.drive.targets().sums().firsts, 1);
@@ -465,7 +465,7 @@ fn the_next_target_after_homing_is_a_first() {
 }
 
 #[test]
-fn a_mode_changed_while_turning_brakes() {
+fn mode_change_while_moving_stops_motor() {
     let mut fixture = Fixture::booted();
     fixture.enable(OperatingMode::CyclicVelocity);
     fixture.write(0x60FF, 0, 500_000, 4).unwrap();
@@ -477,7 +477,7 @@ fn a_mode_changed_while_turning_brakes() {
 }
 
 #[test]
-fn a_loss_of_supply_lets_the_motor_coast() {
+fn motor_coasts_after_loss_of_supply() {
     for absolute in [true, false] {
         let motor = MotorConfig { absolute_encoder: absolute, ..config().motor };
         let mut fixture = Fixture::with(&DriveConfig { motor, ..config() });
@@ -506,7 +506,7 @@ fn a_loss_of_supply_lets_the_motor_coast() {
 }
 
 #[test]
-fn digital_inputs_show_the_switches() {
+fn digital_inputs_show_switches() {
     let motor = MotorConfig { start_position: 150_000, ..MotorConfig::default() };
     let mut fixture = Fixture::with(&DriveConfig { motor, ..config() });
     assert_eq!(fixture.read(0x60FD, 0), Ok(4));

@@ -8,7 +8,7 @@ const BOOT_UP: u16 = 0x700 + NODE;
 const EMCY: u16 = 0x080 + NODE;
 
 #[test]
-fn it_boots_and_says_so() {
+fn drive_sends_boot_up_message() {
     let mut fixture = Fixture::cold(Drive::new(&config()));
     let start = fixture.now;
     assert_eq!(fixture.drive.state(), DriveState::NotReadyToSwitchOn);
@@ -23,7 +23,7 @@ fn it_boots_and_says_so() {
 }
 
 #[test]
-fn nmt_commands_lead_through_the_states() {
+fn nmt_commands_change_state() {
     let mut fixture = Fixture::booted();
     // TPDO 1 carries the statusword on events, so it goes out when OPERATIONAL begins
     assert_eq!(fixture.nmt(NmtCommand::Start), [(0x185, vec![0x40, 0x02])]);
@@ -53,7 +53,7 @@ fn nmt_commands_lead_through_the_states() {
 }
 
 #[test]
-fn heartbeats_come_at_their_period_with_the_state() {
+fn heartbeats_have_period_and_state() {
     let mut fixture = Fixture::booted();
     fixture.write(0x1017, 0, 100, 2).unwrap();
     let start = fixture.now;
@@ -77,7 +77,7 @@ fn watching(reaction: i64) -> Fixture {
 }
 
 #[test]
-fn a_missing_host_is_noticed_after_its_first_heartbeat_only() {
+fn host_is_monitored_from_its_first_heartbeat() {
     let mut fixture = watching(1);
     fixture.pass_ms(500);
     assert_eq!(fixture.drive.state(), DriveState::OperationEnabled);
@@ -105,7 +105,7 @@ fn a_missing_host_is_noticed_after_its_first_heartbeat_only() {
 }
 
 #[test]
-fn a_missing_host_has_the_reaction_that_0x6007_says() {
+fn lost_host_causes_reaction_of_0x6007() {
     let reactions = [
         (0, DriveState::OperationEnabled),
         (2, DriveState::SwitchOnDisabled),
@@ -127,7 +127,7 @@ fn a_missing_host_has_the_reaction_that_0x6007_says() {
 }
 
 #[test]
-fn one_node_is_watched_once() {
+fn node_cannot_be_monitored_twice() {
     let mut fixture = Fixture::booted();
     fixture.write(0x1016, 1, 0x0001_0064, 4).unwrap();
     assert_eq!(fixture.write(0x1016, 2, 0x0001_00C8, 4), Err(0x0604_0043));
@@ -136,7 +136,7 @@ fn one_node_is_watched_once() {
 }
 
 #[test]
-fn being_stopped_counts_as_a_lost_host_under_current() {
+fn nmt_stop_of_energised_drive_counts_as_lost_host() {
     let mut fixture = watching(3);
     fixture.nmt(NmtCommand::Stop);
     assert_eq!(fixture.drive.state(), DriveState::QuickStopActive);
@@ -157,7 +157,7 @@ fn fail(fixture: &mut Fixture, code: u16) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn errors_are_told_and_remembered() {
+fn errors_are_reported_and_stored() {
     let mut fixture = Fixture::booted();
     assert_eq!(fail(&mut fixture, 0x2310), [[0x10, 0x23, 0x03, 0, 0, 0, 0, 0]]);
     assert_eq!(fixture.drive.state(), DriveState::Fault);
@@ -178,7 +178,7 @@ fn errors_are_told_and_remembered() {
 }
 
 #[test]
-fn a_reset_fault_is_told() {
+fn fault_reset_is_reported() {
     let mut fixture = Fixture::booted();
     fail(&mut fixture, 0x2310);
     fixture.pass_ms(1);
@@ -187,7 +187,7 @@ fn a_reset_fault_is_told() {
 }
 
 #[test]
-fn an_error_that_comes_and_goes_changes_no_state() {
+fn temporary_error_does_not_change_state() {
     let mut fixture = Fixture::booted();
     let mut out = NodeOutput::new();
     let emcy = Emcy { code: 0x4210, register: ErrorRegister(0x09), manufacturer: [0; 5] };
@@ -199,7 +199,7 @@ fn an_error_that_comes_and_goes_changes_no_state() {
 }
 
 #[test]
-fn emergencies_keep_their_inhibit_time_and_their_identifier() {
+fn emergencies_respect_inhibit_time_and_cob_id() {
     let mut fixture = Fixture::booted();
     fixture.write(0x1015, 0, 100, 2).unwrap();
     fixture.write(0x1014, 0, 0x0123, 4).unwrap();
@@ -224,7 +224,7 @@ fn emergencies_keep_their_inhibit_time_and_their_identifier() {
 }
 
 #[test]
-fn what_is_saved_survives_a_reset_and_what_is_not_does_not() {
+fn only_saved_values_survive_reset() {
     let mut fixture = Fixture::booted();
     fixture.write(0x6083, 0, 1111, 4).unwrap();
     fixture.write(0x1010, 1, 0x6576_6173, 4).unwrap();
@@ -247,7 +247,7 @@ fn what_is_saved_survives_a_reset_and_what_is_not_does_not() {
 }
 
 #[test]
-fn quirks_of_booting_and_silence() {
+fn boot_and_silence_quirks_apply() {
     let quirks = DriveQuirks { never_boots: true, ..DriveQuirks::default() };
     let mut fixture = Fixture::cold(Drive::new(&DriveConfig { quirks, ..config() }));
     fixture.pass_ms(60_000);

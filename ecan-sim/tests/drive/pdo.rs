@@ -13,7 +13,7 @@ const RANGE: u32 = 0x0609_0030;
 const STATE: u32 = 0x0800_0022;
 
 #[test]
-fn a_mapping_is_changed_only_while_the_pdo_is_invalid_and_empty() {
+fn mapping_changes_only_while_pdo_is_invalid_and_empty() {
     let mut fixture = Fixture::booted();
     // RPDO 1 is valid with one entry
     assert_eq!(fixture.write(0x1600, 0, 0, 1), Err(UNSUPPORTED));
@@ -28,7 +28,7 @@ fn a_mapping_is_changed_only_while_the_pdo_is_invalid_and_empty() {
 }
 
 #[test]
-fn what_cannot_be_mapped_is_refused() {
+fn unmappable_object_is_aborted() {
     let mut fixture = Fixture::booted();
     fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
     fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
@@ -61,7 +61,7 @@ fn what_cannot_be_mapped_is_refused() {
 }
 
 #[test]
-fn communication_parameters_have_their_rules() {
+fn communication_parameter_rules_apply() {
     let mut fixture = Fixture::booted();
     // another identifier while valid, an identifier of another service, one with too many bits
     assert_eq!(fixture.write(0x1800, 1, 0x4000_0186, 4), Err(UNSUPPORTED));
@@ -81,7 +81,7 @@ fn communication_parameters_have_their_rules() {
 }
 
 #[test]
-fn quirks_of_mapping() {
+fn mapping_quirks_apply() {
     let quirks = DriveQuirks { fixed_mapping: true, ..DriveQuirks::default() };
     let mut fixture = Fixture::with(&DriveConfig { quirks, ..config() });
     fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
@@ -92,7 +92,7 @@ fn quirks_of_mapping() {
 }
 
 #[test]
-fn synchronous_pdos_sample_and_take_effect_with_sync() {
+fn synchronous_pdos_act_at_sync() {
     let mut fixture = Fixture::booted();
     fixture.map_csp();
     fixture.nmt(NmtCommand::Start);
@@ -109,7 +109,7 @@ fn synchronous_pdos_sample_and_take_effect_with_sync() {
 }
 
 #[test]
-fn every_nth_sync_and_the_start_value_of_its_counter() {
+fn every_nth_sync_and_start_value_apply() {
     let mut fixture = Fixture::booted();
     fixture.map_csp();
     fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
@@ -123,14 +123,14 @@ fn every_nth_sync_and_the_start_value_of_its_counter() {
 }
 
 #[test]
-fn a_sync_of_the_wrong_length_is_an_error() {
+fn sync_of_wrong_length_is_error() {
     let mut fixture = Fixture::booted();
     let lines = fixture.frame(0x80, &[1, 2]);
     assert_eq!(lines, [(0x085, vec![0x40, 0x82, 0x11, 0, 0, 0, 0, 0])]);
 }
 
 #[test]
-fn event_driven_pdos_go_out_on_changes_no_closer_than_their_inhibit_time() {
+fn event_driven_pdos_respect_inhibit_time() {
     let mut fixture = Fixture::booted();
     fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
     fixture.write(0x1800, 3, 50, 2).unwrap();
@@ -151,7 +151,7 @@ fn event_driven_pdos_go_out_on_changes_no_closer_than_their_inhibit_time() {
 }
 
 #[test]
-fn the_event_timer_sends_without_an_event() {
+fn event_timer_sends_without_event() {
     let mut fixture = Fixture::booted();
     fixture.write(0x1800, 5, 20, 2).unwrap();
     fixture.nmt(NmtCommand::Start);
@@ -163,7 +163,7 @@ fn the_event_timer_sends_without_an_event() {
 }
 
 #[test]
-fn a_pdo_of_the_wrong_length() {
+fn pdo_of_wrong_length_is_error() {
     let mut fixture = Fixture::booted();
     fixture.nmt(NmtCommand::Start);
     fixture.lines();
@@ -178,7 +178,7 @@ fn a_pdo_of_the_wrong_length() {
 }
 
 #[test]
-fn pdos_are_for_operational_only() {
+fn pdos_are_ignored_outside_operational() {
     let mut fixture = Fixture::booted();
     fixture.frame(0x205, &[6, 0]);
     assert_eq!((fixture.drive.object(0x6040, 0), fixture.drive.received_pdos()), (Some(0), 0));
@@ -193,7 +193,7 @@ fn pdos_are_for_operational_only() {
 }
 
 #[test]
-fn gaps_in_a_received_pdo() {
+fn dummy_entries_in_received_pdo_are_skipped() {
     let mut fixture = Fixture::booted();
     fixture.write(0x1400, 1, 0xC000_0205, 4).unwrap();
     fixture.write(0x1600, 0, 0, 1).unwrap();
@@ -208,7 +208,7 @@ fn gaps_in_a_received_pdo() {
 }
 
 #[test]
-fn a_pdo_that_stays_away_is_noticed() {
+fn missing_pdo_is_detected() {
     let mut fixture = Fixture::booted();
     fixture.write(0x1400, 5, 30, 2).unwrap();
     fixture.write(0x6007, 0, 0, 2).unwrap();

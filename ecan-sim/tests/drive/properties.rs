@@ -100,7 +100,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(100))]
 
     #[test]
-    fn anything_may_happen(events in prop::collection::vec(event(), 0..200)) {
+    fn random_frames_never_panic(events in prop::collection::vec(event(), 0..200)) {
         let mut fixture = Fixture::booted();
         let most = f64::from(MotorConfig::default().max_velocity);
         for event in &events {
@@ -117,7 +117,7 @@ proptest! {
     }
 
     #[test]
-    fn the_same_story_ends_the_same_way(events in prop::collection::vec(event(), 0..100)) {
+    fn same_input_gives_same_output(events in prop::collection::vec(event(), 0..100)) {
         let run = || {
             let mut fixture = Fixture::cold(Drive::new(&config()));
             events.iter().for_each(|event| apply(&mut fixture, event));
@@ -127,7 +127,7 @@ proptest! {
     }
 
     #[test]
-    fn what_is_written_by_segments_is_read_by_blocks(
+    fn segmented_download_is_read_by_block_upload(
         value in prop::collection::vec(any::<u8>(), 0..600),
         block_size in 1..=127u8,
     ) {
@@ -159,7 +159,7 @@ proptest! {
     /// Whatever targets come, the motor's speed and acceleration keep their bounds, and positions
     /// move by no more than the speed allows.
     #[test]
-    fn no_target_makes_the_motor_leap(
+    fn targets_never_exceed_motor_limits(
         targets in prop::collection::vec(prop_oneof![-5_000..5_000i32, any::<i32>()], 1..60),
         jitter in prop::collection::vec(0..900_000u64, 60),
     ) {

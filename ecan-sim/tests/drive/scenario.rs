@@ -40,7 +40,7 @@ fn exchange(program: &mut Program, frames: &[CanFrame]) -> Vec<(u32, Vec<u8>)> {
 }
 
 #[test]
-fn the_built_in_scenario_has_four_drives_on_every_channel() {
+fn built_in_scenario_has_four_drives_per_channel() {
     let options =
         SimOptions { clock: Some(ClockKind::Stepped), slaves: Some(3), ..SimOptions::default() };
     let setting = EcrtSetting::parse("sim:drives");
@@ -64,7 +64,7 @@ fn the_built_in_scenario_has_four_drives_on_every_channel() {
 
 /// The start-up of an axis as it stands on the bus, frame by frame.
 #[test]
-fn the_way_of_an_axis_to_its_first_target() {
+fn axis_reaches_its_first_target() {
     let mut program = program(drives(1, 1));
     program.cycles(100);
     program.received.clear();
@@ -191,7 +191,7 @@ fn the_way_of_an_axis_to_its_first_target() {
 /// The controllers of drives that nobody talks to are not run tick by tick; whoever looks at a drive
 /// must not notice.
 #[test]
-fn a_drive_is_where_its_last_tick_has_left_it_whenever_one_looks() {
+fn drive_state_is_as_of_its_last_tick() {
     let run = |steps: &[u64]| {
         let mut program = program(drives(1, 1));
         program.cycles(100);
@@ -225,7 +225,7 @@ fn a_drive_is_where_its_last_tick_has_left_it_whenever_one_looks() {
 }
 
 #[test]
-fn the_same_scenario_gives_the_same_frames() {
+fn same_scenario_gives_same_frames() {
     let run = || {
         let mut program = program(drives(2, 4));
         program.cycles(50);
@@ -248,7 +248,7 @@ fn the_same_scenario_gives_the_same_frames() {
 }
 
 #[test]
-fn a_power_cycle_takes_the_drive_off_the_bus() {
+fn power_cycle_takes_drive_off_bus() {
     let mut program = program(drives(1, 2));
     program.cycles(100);
     program.received.clear();
@@ -275,7 +275,7 @@ fn a_power_cycle_takes_the_drive_off_the_bus() {
 }
 
 #[test]
-fn faults_strike_the_drive_that_they_name() {
+fn faults_affect_named_drive() {
     let mut program = program(drives(1, 2));
     program.cycles(100);
     let inject = |program: &mut Program, node: u8, fault| {
@@ -378,7 +378,7 @@ for_ms = 50
 "#;
 
 #[test]
-fn every_key_of_a_drive_arrives() {
+fn every_drive_key_is_read() {
     let scenario = read(FILE).unwrap();
     let NodeKind::Drive(drive) = &scenario.nodes[0].kind else { panic!() };
     let expected = DriveConfig {
@@ -438,7 +438,7 @@ fn every_key_of_a_drive_arrives() {
 }
 
 #[test]
-fn what_is_wrong_with_a_drive_is_named() {
+fn drive_errors_are_reported() {
     let cases = [
         ("node_id = 5\neds", "eds", "a node of kind \"drive\" needs `node_id`"),
         (
@@ -479,7 +479,7 @@ fn what_is_wrong_with_a_drive_is_named() {
 }
 
 #[test]
-fn an_eds_that_is_missing_or_wrong_is_named() {
+fn missing_or_invalid_eds_is_reported() {
     let directory = std::env::temp_dir().join(format!("ecan-drive-{}", std::process::id()));
     std::fs::create_dir_all(&directory).unwrap();
     let path = directory.join("wrong.eds");
@@ -500,7 +500,7 @@ fn an_eds_that_is_missing_or_wrong_is_named() {
 }
 
 #[test]
-fn a_drive_with_bit_rates_of_its_own_runs_without_a_gateway() {
+fn drive_with_own_bit_rates_runs_without_gateway() {
     let text = FILE.replace("eds = \"drive.eds\"\n", "").replace("boot_ms = 3000", "boot_ms = 30");
     let program = Program::new(stepped(read(&text).unwrap()), &[3]);
     program.simulation().pass_ns(50_000_000);

@@ -10,7 +10,7 @@ fn aborted(answer: [u8; 8], index: u16, sub: u8) -> u32 {
 }
 
 #[test]
-fn expedited_uploads() {
+fn expedited_uploads_return_values() {
     let mut fixture = Fixture::booted();
     // device type, 4 bytes
     assert_eq!(
@@ -29,7 +29,7 @@ fn expedited_uploads() {
 }
 
 #[test]
-fn expedited_downloads() {
+fn expedited_downloads_write_values() {
     let mut fixture = Fixture::booted();
     // profile velocity 123456, with its size
     assert_eq!(
@@ -46,7 +46,7 @@ fn expedited_downloads() {
 }
 
 #[test]
-fn a_segmented_upload() {
+fn segmented_upload_returns_value() {
     let mut fixture = Fixture::booted();
     // device name "ECAN simulated servo drive", 26 bytes
     assert_eq!(fixture.sdo([0x40, 0x08, 0x10, 0, 0, 0, 0, 0]), [0x41, 0x08, 0x10, 0, 26, 0, 0, 0]);
@@ -58,7 +58,7 @@ fn a_segmented_upload() {
 }
 
 #[test]
-fn a_segmented_download() {
+fn segmented_download_writes_value() {
     let mut fixture = Fixture::booted();
     assert_eq!(fixture.sdo([0x21, 0x01, 0x20, 0, 10, 0, 0, 0]), [0x60, 0x01, 0x20, 0, 0, 0, 0, 0]);
     assert_eq!(fixture.sdo(*b"\x00abcdefg"), [0x20, 0, 0, 0, 0, 0, 0, 0]);
@@ -70,7 +70,7 @@ fn a_segmented_download() {
 }
 
 #[test]
-fn a_toggle_bit_that_stands_still_is_refused() {
+fn repeated_toggle_bit_is_aborted() {
     let mut fixture = Fixture::booted();
     fixture.sdo([0x40, 0x08, 0x10, 0, 0, 0, 0, 0]);
     fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]);
@@ -86,7 +86,7 @@ fn a_toggle_bit_that_stands_still_is_refused() {
 
 /// Sizes that do not go with what comes.
 #[test]
-fn sizes_that_lie() {
+fn wrong_sizes_are_aborted() {
     let mut fixture = Fixture::booted();
     fixture.sdo([0x21, 0x01, 0x20, 0, 3, 0, 0, 0]);
     assert_eq!(aborted(fixture.sdo(*b"\x00abcdefg"), 0x2001, 0), 0x0607_0012);
@@ -95,7 +95,7 @@ fn sizes_that_lie() {
 }
 
 #[test]
-fn aborts_name_their_reason() {
+fn aborts_have_matching_codes() {
     let mut fixture = Fixture::booted();
     let reasons: [([u8; 8], u32); 10] = [
         // unknown object, unknown subindex
@@ -192,7 +192,7 @@ fn block_upload(fixture: &mut Fixture, block_size: u8) -> Vec<u8> {
 }
 
 #[test]
-fn block_transfers_of_every_length() {
+fn block_transfers_work_for_every_length() {
     let mut fixture = Fixture::booted();
     for length in [0, 1, 6, 7, 8, 14, 100, 888, 889, 890, 5000] {
         let value: Vec<u8> = (0..length).map(|number: usize| (number * 7 + 3) as u8).collect();
@@ -204,7 +204,7 @@ fn block_transfers_of_every_length() {
 }
 
 #[test]
-fn a_block_that_lost_a_segment_is_repeated_from_there() {
+fn download_block_resumes_at_lost_segment() {
     let mut fixture = Fixture::booted();
     fixture.sdo([0xC6, 0x00, 0x20, 0, 14, 0, 0, 0]);
     assert!(fixture.sdo_all(*b"\x01abcdefg").is_empty());
@@ -219,7 +219,7 @@ fn a_block_that_lost_a_segment_is_repeated_from_there() {
 }
 
 #[test]
-fn an_upload_block_that_lost_a_segment_is_repeated_from_there() {
+fn upload_block_resumes_at_lost_segment() {
     let mut fixture = Fixture::booted();
     let value: Vec<u8> = (0..30).collect();
     block_download(&mut fixture, &value, true);
@@ -235,7 +235,7 @@ fn an_upload_block_that_lost_a_segment_is_repeated_from_there() {
 }
 
 #[test]
-fn wrong_block_transfers_are_refused() {
+fn invalid_block_transfers_are_aborted() {
     let mut fixture = Fixture::booted();
     let code = |answer: [u8; 8]| u32::from_le_bytes(answer[4..].try_into().unwrap());
     // block sizes
@@ -264,7 +264,7 @@ fn wrong_block_transfers_are_refused() {
 }
 
 #[test]
-fn a_short_block_upload_may_be_answered_at_once() {
+fn short_block_upload_may_be_answered_at_once() {
     let mut fixture = Fixture::booted();
     // the client allows the change up to 4 bytes
     assert_eq!(
@@ -278,7 +278,7 @@ fn with_quirks(quirks: DriveQuirks) -> Fixture {
 }
 
 #[test]
-fn drives_without_block_transfer() {
+fn drive_without_block_transfer_aborts() {
     let mut fixture = with_quirks(DriveQuirks { no_block_transfer: true, ..Default::default() });
     for request in [[0xA4, 0, 0x20, 0, 127, 0, 0, 0], [0xC6, 0, 0x20, 0, 9, 0, 0, 0]] {
         assert_eq!(aborted(fixture.sdo(request), 0x2000, 0), 0x0504_0001);
@@ -291,7 +291,7 @@ fn drives_without_block_transfer() {
 }
 
 #[test]
-fn objects_that_are_made_to_fail() {
+fn sdo_rules_make_transfers_fail() {
     let rule = |index, direction, effect, times| SdoRule {
         index,
         subindex: None,
@@ -318,7 +318,7 @@ fn objects_that_are_made_to_fail() {
 }
 
 #[test]
-fn answers_take_their_time() {
+fn responses_are_delayed() {
     let mut fixture = Fixture::with(&DriveConfig { sdo_delay_us: 500, ..config() });
     assert!(fixture.sdo_all([0x40, 0x00, 0x10, 0, 0, 0, 0, 0]).is_empty());
     let asked = fixture.now;

@@ -39,7 +39,7 @@ fn way_to(state: DriveState) -> Fixture {
 }
 
 #[test]
-fn every_controlword_in_every_state() {
+fn every_controlword_in_every_state_has_its_transition() {
     let table = [
         (
             SwitchOnDisabled,
@@ -121,7 +121,7 @@ fn every_controlword_in_every_state() {
 }
 
 #[test]
-fn the_statusword_of_each_state() {
+fn each_state_has_its_statusword() {
     let words = [
         (SwitchOnDisabled, 0x0240),
         (ReadyToSwitchOn, 0x0221),
@@ -139,7 +139,7 @@ fn the_statusword_of_each_state() {
 }
 
 #[test]
-fn only_a_rising_edge_resets_a_fault() {
+fn only_rising_edge_resets_fault() {
     let mut fixture = Fixture::booted();
     fixture.controlword(FAULT_RESET);
     fixture.drive.fail(fixture.now, 0x2310, &mut NodeOutput::new());
@@ -183,7 +183,7 @@ fn until_standing(fixture: &mut Fixture) -> (usize, Vec<DriveState>) {
 // limit (200 000 000) 5 ms.
 
 #[test]
-fn quick_stop_option_codes() {
+fn quick_stop_option_codes_apply() {
     let cases = [
         (0, 150..250, SwitchOnDisabled),
         (1, 95..115, SwitchOnDisabled),
@@ -207,7 +207,7 @@ fn quick_stop_option_codes() {
 }
 
 #[test]
-fn shutdown_and_disable_operation_option_codes() {
+fn shutdown_and_disable_operation_option_codes_apply() {
     // 0x605B, 0x605C: 0 cuts the current, 1 slows down first
     for (object, word, end) in
         [(0x605B, SHUTDOWN, ReadyToSwitchOn), (0x605C, SWITCH_ON, SwitchedOn)]
@@ -229,7 +229,7 @@ fn shutdown_and_disable_operation_option_codes() {
 }
 
 #[test]
-fn enabling_again_takes_a_slow_down_back() {
+fn enabling_again_cancels_slow_down() {
     let mut fixture = turning();
     fixture.controlword(SWITCH_ON);
     fixture.pass_ms(20);
@@ -240,7 +240,7 @@ fn enabling_again_takes_a_slow_down_back() {
 }
 
 #[test]
-fn halt_option_codes_slow_down_and_stay_enabled() {
+fn halt_option_codes_decelerate_and_stay_enabled() {
     for (option, time) in [(1, 95..115), (2, 18..35), (3, 4..20)] {
         let mut fixture = turning();
         fixture.write(0x605D, 0, option, 2).unwrap();
@@ -258,7 +258,7 @@ fn halt_option_codes_slow_down_and_stay_enabled() {
 }
 
 #[test]
-fn fault_reaction_option_codes() {
+fn fault_reaction_option_codes_apply() {
     for (option, time) in [(0, 150..250), (1, 95..115), (2, 18..35), (3, 4..20)] {
         let mut fixture = turning();
         fixture.write(0x605E, 0, option, 2).unwrap();
@@ -273,7 +273,7 @@ fn fault_reaction_option_codes() {
 }
 
 #[test]
-fn enabling_takes_the_time_of_the_brake() {
+fn enabling_takes_brake_time() {
     let mut fixture = Fixture::with(&DriveConfig { enable_ms: 30, ..config() });
     fixture.mode(OperatingMode::CyclicPosition);
     fixture.command(Command::Shutdown);
@@ -287,7 +287,7 @@ fn enabling_takes_the_time_of_the_brake() {
 }
 
 #[test]
-fn quirks_of_the_state_machine() {
+fn state_machine_quirks_apply() {
     let with = |quirks| Fixture::with(&DriveConfig { quirks, ..config() });
     let mut fixture = with(DriveQuirks { needs_mode: true, ..DriveQuirks::default() });
     for word in [SHUTDOWN, SWITCH_ON, ENABLE] {

@@ -26,7 +26,7 @@ fn play(node: &mut dyn Node, until: u64) -> Vec<(u64, CanFrame)> {
 }
 
 #[test]
-fn an_echo_node_answers_in_kind_and_in_order() {
+fn echo_node_answers_in_kind_and_order() {
     let id = CanId::extended(0x1234_5678).unwrap();
     let frames = [
         frame(0x123, &[1, 2, 3]),
@@ -49,7 +49,7 @@ fn an_echo_node_answers_in_kind_and_in_order() {
 }
 
 #[test]
-fn a_silent_node_says_nothing() {
+fn silent_node_sends_nothing() {
     let mut out = NodeOutput::new();
     let mut node = SilentNode;
     node.started(0, &mut out);
@@ -69,7 +69,7 @@ const LOG: &str = "\
 ";
 
 #[test]
-fn a_replay_keeps_the_recorded_distances() {
+fn replay_keeps_recorded_intervals() {
     let mut node = ReplayNode::from_log(LOG, Some("can0")).unwrap().with_start_delay(7);
     assert_eq!(node.next_event(), None, "not before it is started");
     node.started(1_000, &mut NodeOutput::new());
@@ -86,12 +86,12 @@ fn a_replay_keeps_the_recorded_distances() {
 }
 
 #[test]
-fn a_replay_of_all_interfaces_takes_every_record() {
+fn replay_of_all_interfaces_contains_every_record() {
     assert_eq!(ReplayNode::from_log(LOG, None).unwrap().records().len(), 5);
 }
 
 #[test]
-fn a_replay_leaves_out_what_is_no_frame() {
+fn replay_skips_error_messages() {
     let log = "(1.000000) can0 20000080#0000000000000000\n(2.000000) can0 123#1122334455667788_B\n";
     let node = ReplayNode::from_log(log, None).unwrap();
     let records: Vec<_> = node.records().iter().map(|it| it.frame.data().len()).collect();
@@ -99,7 +99,7 @@ fn a_replay_leaves_out_what_is_no_frame() {
 }
 
 #[test]
-fn a_replay_can_start_over() {
+fn replay_can_repeat() {
     let records = vec![
         ReplayRecord { time_ns: 50, frame: frame(1, &[]) },
         ReplayRecord { time_ns: 60, frame: frame(2, &[]) },
@@ -111,7 +111,7 @@ fn a_replay_can_start_over() {
 }
 
 #[test]
-fn a_bad_log_is_refused_with_its_line() {
+fn invalid_log_is_rejected_with_line() {
     let error = ReplayNode::from_log("# ok\n(1.000000) can0 12#\n", None).unwrap_err();
     let ReplayError { line, cause } = error;
     assert_eq!((line, cause.column), (2, 19));
@@ -134,13 +134,13 @@ fn answers(config: FaultyConfig, count: usize) -> (FaultyNode, Vec<Vec<CanFrame>
 }
 
 #[test]
-fn a_faulty_node_without_faults_echoes() {
+fn faulty_node_without_faults_echoes() {
     let (_, answers) = answers(FaultyConfig::default(), 100);
     assert!(answers.iter().all(|a| a == &[frame(0x123, &[0xA5; 8])]));
 }
 
 #[test]
-fn a_faulty_node_drops_the_share_it_is_told_to() {
+fn faulty_node_drops_configured_rate() {
     let config = |drop_permille| FaultyConfig { drop_permille, ..FaultyConfig::default() };
     let (node, none) = answers(config(1000), 50);
     assert!(none.iter().all(Vec::is_empty));
@@ -152,7 +152,7 @@ fn a_faulty_node_drops_the_share_it_is_told_to() {
 }
 
 #[test]
-fn a_corrupted_answer_differs_in_one_bit() {
+fn corrupted_answer_differs_in_one_bit() {
     let (node, answers) =
         answers(FaultyConfig { corrupt_permille: 1000, ..FaultyConfig::default() }, 200);
     assert_eq!(node.corrupted(), 200);
@@ -170,7 +170,7 @@ fn a_corrupted_answer_differs_in_one_bit() {
 }
 
 #[test]
-fn a_frame_without_data_cannot_be_corrupted() {
+fn frame_without_data_is_not_corrupted() {
     let config =
         FaultyConfig { corrupt_permille: 1000, repeat_permille: 1000, ..FaultyConfig::default() };
     let mut node = FaultyNode::new(config, 0);
@@ -182,7 +182,7 @@ fn a_frame_without_data_cannot_be_corrupted() {
 }
 
 #[test]
-fn a_babbler_keeps_its_rhythm_and_does_not_pile_up() {
+fn babbling_node_keeps_interval_without_backlog() {
     let babble = frame(0, &[0xBB; 8]);
     let config = FaultyConfig { babble_us: 1, ..FaultyConfig::default() };
     let mut node = FaultyNode::new(config, 0);

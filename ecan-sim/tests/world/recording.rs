@@ -43,7 +43,7 @@ fn scenario() -> Scenario {
 }
 
 #[test]
-fn every_bus_is_recorded_with_its_name_in_the_order_of_time() {
+fn buses_are_recorded_with_name_in_order_of_time() {
     let scenario = scenario();
     assert_eq!((scenario.seed, scenario.gateways.len()), (77, 1), "the file decides on gateways");
     let mut wire = Wire::new(&scenario, 1_000 * MS).unwrap();

@@ -1,4 +1,4 @@
-//! A client's line: bytes both ways, which another thread can end.
+//! Connection to a client; another thread can end it.
 
 use std::io::{self, Read as _, Write as _};
 use std::net::{Shutdown, TcpStream};
@@ -9,29 +9,29 @@ use rustix::net::sockopt;
 
 use crate::terminal::TerminalLine;
 
-/// A client whose machine has not acknowledged anything for so long is gone. One that merely does not
-/// read is so too, once the buffers of both machines are full.
+/// Time without acknowledgement after which a client's machine counts as lost. The same applies to
+/// a client that does not read, once the buffers of both machines are full.
 const SILENCE_MS: u32 = 60_000;
-/// Without traffic, between two questions whether the client's machine is there.
+/// Idle time between two keep-alive probes.
 const QUESTION_INTERVAL: Duration = Duration::from_secs(10);
 
-/// Makes a connection end when the machine at its other end is gone without a word: it would keep the
-/// place of another client for ever.
+/// Ends a connection whose peer machine vanished; otherwise it would occupy the place of another
+/// client forever.
 pub(crate) fn watch(stream: &TcpStream) -> io::Result<()> {
     sockopt::set_socket_keepalive(stream, true)?;
     sockopt::set_tcp_keepidle(stream, QUESTION_INTERVAL)?;
     sockopt::set_tcp_keepintvl(stream, QUESTION_INTERVAL)?;
-    // Ends it while something is on its way, too, and takes the place of a number of questions.
+    // Also ends it while data are in transit, and replaces the number of probes.
     Ok(sockopt::set_tcp_user_timeout(stream, SILENCE_MS)?)
 }
 
-/// What ends a client.
+/// Handle that ends a client's connection.
 pub(crate) trait Close: std::fmt::Debug + Send {
-    /// Ends it; all of its threads notice. One that is gone already is no error.
+    /// Ends the connection; all of its threads notice. No effect if it has already ended.
     fn close(&self);
 }
 
-/// A connection; clones are the same one.
+/// A connection; a clone refers to the same one.
 #[derive(Debug)]
 pub(crate) enum Connection {
     Tcp(TcpStream),
@@ -46,7 +46,7 @@ impl Connection {
         })
     }
 
-    /// Waits for bytes; none at the end.
+    /// Waits for bytes; returns 0 at the end.
     pub(crate) fn read(&self, bytes: &mut [u8]) -> io::Result<usize> {
         match self {
             Self::Tcp(stream) => {
@@ -57,7 +57,7 @@ impl Connection {
         }
     }
 
-    /// Waits until all bytes are taken.
+    /// Waits until all bytes are written.
     pub(crate) fn write_all(&self, bytes: &[u8]) -> io::Result<()> {
         match self {
             Self::Tcp(stream) => {
@@ -86,9 +86,9 @@ mod tests {
 
     use super::*;
 
-    /// A machine that vanishes cannot be had here; what the system is asked for can be read back.
+    /// A vanished machine cannot be simulated here; the socket options can be read back.
     #[test]
-    fn a_connection_is_asked_whether_it_is_there() {
+    fn connection_has_keep_alive() {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let _client = TcpStream::connect(listener.local_addr().unwrap()).unwrap();
         let (stream, _) = listener.accept().unwrap();

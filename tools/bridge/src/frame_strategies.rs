@@ -10,8 +10,8 @@ fn any_id() -> impl Strategy<Value = CanId> {
     ]
 }
 
-/// Any frame that a classic or CAN FD bus carries, but with the error state indicator only where it
-/// is wanted: slcan has none.
+/// Any frame of a classic or CAN FD bus; with the error state indicator only if requested, because
+/// slcan has none.
 pub(crate) fn any_frame(has_esi: bool) -> impl Strategy<Value = CanFrame> {
     let classic = (any_id(), prop::collection::vec(any::<u8>(), 0..=8))
         .prop_map(|(id, data)| CanFrame::classic(id, &data).unwrap());

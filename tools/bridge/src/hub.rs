@@ -1,4 +1,4 @@
-//! Where the bus and the threads of its clients meet.
+//! Queues between the bus and the threads of its clients.
 
 use std::collections::VecDeque;
 use std::sync::atomic::Ordering;
@@ -6,51 +6,51 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 
 use ecan_protocol::can::CanFrame;
 
+use crate::client_queue::ClientQueue;
 use crate::connection::Close;
-use crate::outbox::ClientQueue;
 use crate::rates::BusRates;
 use crate::statistics::{BridgeStatistics, Counters, count};
 
-/// Names a client of one bridge.
+/// Identifies a client of one bridge.
 pub type ClientId = u64;
 
-/// A client as the bus sees it.
+/// A connected client.
 #[derive(Debug)]
 struct Client {
     id: ClientId,
-    outbox: Arc<ClientQueue>,
+    queue: Arc<ClientQueue>,
     connection: Box<dyn Close>,
 }
 
 impl Client {
     fn close(&self) {
-        self.outbox.close();
+        self.queue.close();
         self.connection.close();
     }
 }
 
 #[derive(Debug, Default)]
 struct State {
-    /// The bus takes no frames of clients.
-    is_barred: bool,
-    /// Clients that wait for room.
-    held_back: usize,
+    /// The bus accepts no frames of clients.
+    is_closed_to_clients: bool,
+    /// Number of clients that wait for space.
+    waiting_clients: usize,
     clients: Vec<Client>,
     next_client: ClientId,
     closed: bool,
     /// Frames for the bus, with their senders.
     inbox: VecDeque<(ClientId, CanFrame)>,
-    /// The bit rates of the bus, once they are known.
+    /// Bit rates of the bus, once known.
     bus: Option<BusRates>,
 }
 
-/// Bounded queues between the bus and the clients. Nothing that the bus does blocks.
+/// Bounded queues between the bus and the clients. No call of the bus blocks.
 #[derive(Debug)]
 pub(crate) struct Hub {
     state: Mutex<State>,
     queue: usize,
     max_clients: usize,
-    /// There is room again, or no use in waiting for it.
+    /// Space is available, or waiting has become pointless.
     changed: Condvar,
     pub(crate) counters: Counters,
 }
@@ -65,7 +65,7 @@ impl Hub {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Places in a client's queue.
+    /// Capacity of a client's queue.
     pub(crate) fn queue(&self) -> usize {
         self.queue
     }
@@ -76,25 +76,25 @@ impl Hub {
 
     // Clients
 
-    /// Admits a client; `connection` is closed with it.
+    /// Admits a client; `connection` is closed when it leaves.
     pub(crate) fn join(
         &self,
         connection: impl Close + 'static,
-        outbox: Arc<ClientQueue>,
+        queue: Arc<ClientQueue>,
     ) -> Option<ClientId> {
         let mut state = self.lock();
         if state.closed || state.clients.len() >= self.max_clients {
-            count(&self.counters.turned_away);
+            count(&self.counters.rejected_clients);
             return None;
         }
         let id = state.next_client;
         state.next_client += 1;
-        state.clients.push(Client { id, outbox, connection: Box::new(connection) });
+        state.clients.push(Client { id, queue, connection: Box::new(connection) });
         count(&self.counters.connections);
         Some(id)
     }
 
-    /// Forgets a client and closes its connection. Its frames that wait for the bus stay.
+    /// Removes a client and closes its connection. Its waiting frames remain.
     pub(crate) fn leave(&self, id: ClientId) {
         let mut state = self.lock();
         if let Some(at) = state.clients.iter().position(|client| client.id == id) {
@@ -117,45 +117,45 @@ impl Hub {
         self.lock().closed
     }
 
-    /// The bit rates of the bus; `None` before they are known.
     pub(crate) fn bus(&self) -> Option<BusRates> {
         self.lock().bus
     }
 
-    /// A client's frame for the bus; false when too many wait already, or the bus takes none.
+    /// Queues a client's frame for the bus; returns false if the queue is full or the bus accepts
+    /// none.
     pub(crate) fn submit(&self, id: ClientId, frame: CanFrame) -> bool {
         let mut state = self.lock();
         let has_room = state.inbox.len() < self.queue;
-        if state.is_barred {
-            count(&self.counters.not_taken);
+        if state.is_closed_to_clients {
+            count(&self.counters.discarded);
         } else if has_room {
             state.inbox.push_back((id, frame));
         } else {
             count(&self.counters.dropped_to_bus);
         }
-        has_room && !state.is_barred
+        has_room && !state.is_closed_to_clients
     }
 
-    /// As [`submit`](Self::submit), but waits while too many wait already and the client is there.
+    /// As [`submit`](Self::submit), but waits for space while the client is connected.
     pub(crate) fn submit_when_possible(&self, id: ClientId, frame: CanFrame) {
         let mut state = self.lock();
         loop {
             let is_there = state.clients.iter().any(|client| client.id == id);
-            if state.is_barred || !is_there {
-                return count(&self.counters.not_taken);
+            if state.is_closed_to_clients || !is_there {
+                return count(&self.counters.discarded);
             }
             if state.inbox.len() < self.queue {
                 return state.inbox.push_back((id, frame));
             }
-            state.held_back += 1;
+            state.waiting_clients += 1;
             state = self.changed.wait(state).unwrap_or_else(PoisonError::into_inner);
-            state.held_back -= 1;
+            state.waiting_clients -= 1;
         }
     }
 
-    /// Lets those who wait for room look again.
+    /// Wakes the clients that wait for space.
     fn wake(&self, state: &State) {
-        if state.held_back > 0 {
+        if state.waiting_clients > 0 {
             self.changed.notify_all();
         }
     }
@@ -170,21 +170,21 @@ impl Hub {
         !self.lock().clients.is_empty()
     }
 
-    /// Whether the bus takes frames. Drops those that wait when it does not; how many that were.
-    pub(crate) fn set_taking(&self, is_taking: bool) -> usize {
+    /// Sets whether the bus accepts frames. If not, discards the waiting frames and returns their
+    /// number.
+    pub(crate) fn set_accepting(&self, is_accepting: bool) -> usize {
         let mut state = self.lock();
-        state.is_barred = !is_taking;
-        if is_taking {
+        state.is_closed_to_clients = !is_accepting;
+        if is_accepting {
             return 0;
         }
         let dropped = state.inbox.len();
         state.inbox.clear();
         self.wake(&state);
-        self.counters.not_taken.fetch_add(dropped as u64, Ordering::Relaxed);
+        self.counters.discarded.fetch_add(dropped as u64, Ordering::Relaxed);
         dropped
     }
 
-    /// The next frame for the bus.
     pub(crate) fn next_for_bus(&self) -> Option<(ClientId, CanFrame)> {
         let mut state = self.lock();
         let next = state.inbox.pop_front();
@@ -192,11 +192,11 @@ impl Hub {
         next
     }
 
-    /// Hands a frame to every client but its sender.
+    /// Passes a frame to every client except its sender.
     pub(crate) fn deliver(&self, frame: &CanFrame, now: u64, sender: Option<ClientId>) {
         for client in self.lock().clients.iter().filter(|client| Some(client.id) != sender) {
             let counters = &self.counters;
-            let is_taken = client.outbox.offer(frame, now);
+            let is_taken = client.queue.offer(frame, now);
             count(if is_taken { &counters.delivered } else { &counters.dropped_to_clients });
         }
     }

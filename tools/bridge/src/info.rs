@@ -1,14 +1,14 @@
-//! A look at a bridge from outside.
+//! Address and counters of a bridge.
 
 use std::fmt;
 use std::net::SocketAddr;
 use std::sync::Arc;
 
+use crate::config::BridgeProtocol;
 use crate::hub::Hub;
-use crate::settings::BridgeProtocol;
 use crate::statistics::BridgeStatistics;
 
-/// Where a bridge listens and what it has done. Does not keep it alive.
+/// Address and counters of a bridge. Does not keep it alive.
 #[derive(Clone, Debug)]
 pub struct BridgeInfo {
     protocol: BridgeProtocol,
@@ -21,24 +21,24 @@ impl BridgeInfo {
         Self { protocol, address, hub }
     }
 
-    /// What it speaks.
+    /// Protocol of the bridge.
     pub fn protocol(&self) -> BridgeProtocol {
         self.protocol
     }
 
-    /// Where it listens, with the real port.
+    /// Address on which it listens, with the actual port.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// What it has done so far.
+    /// Counters of the bridge.
     pub fn statistics(&self) -> BridgeStatistics {
         self.hub.statistics()
     }
 }
 
 impl fmt::Display for BridgeInfo {
-    /// Protocol and address, as in "slcan bridge at 127.0.0.1:29536".
+    /// Protocol and address, for example "slcan bridge at 127.0.0.1:29536".
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let protocol = match self.protocol {
             BridgeProtocol::Slcan => "slcan",

@@ -1,43 +1,43 @@
-//! A CAN bus for other programs: servers that speak slcan or socketcand over TCP, slcan on a
+//! A CAN bus for other programs: servers for slcan and socketcand over TCP, slcan on a
 //! pseudo-terminal and, with the feature `socketcan`, the CAN interfaces of Linux.
 //!
-//! Whoever has a bus, simulated or real, puts a [`BridgeServer`], a [`SerialBridge`] or a
-//! `SocketCanBridge` beside it, takes the frames of its clients with
-//! [`next_for_bus`](Clients::next_for_bus) and hands over what is on the bus with
-//! [`deliver`](Clients::deliver). Neither blocks: the clients have threads of their own, and what is
-//! too much for a bounded queue is dropped and counted.
+//! The owner of a bus, simulated or real, creates a [`BridgeServer`], a [`SerialBridge`] or a
+//! `SocketCanBridge`, takes the frames of its clients with [`next_for_bus`](Clients::next_for_bus)
+//! and passes the frames of the bus to [`deliver`](Clients::deliver). Neither blocks: the clients
+//! have their own threads, and a bounded queue drops and counts what exceeds it.
 #![forbid(unsafe_code)]
 
+mod client_queue;
 mod clients;
+mod config;
 mod connection;
-mod conversation;
 #[cfg(test)]
 mod frame_strategies;
 mod hub;
 mod info;
-mod outbox;
+mod offline_session;
 mod rates;
 mod serial;
 mod server;
 mod session;
-mod settings;
 mod slcan;
 #[cfg(feature = "socketcan")]
 mod socketcan;
 mod socketcand;
 mod statistics;
 mod terminal;
+mod uplink;
 mod writer;
 
 #[cfg(feature = "socketcan")]
 pub use self::socketcan::{SocketCanBridge, SocketCanError};
 pub use clients::Clients;
-#[doc(hidden)]
-pub use conversation::OfflineSession;
+pub use config::{BridgeConfig, BridgeProtocol};
 pub use hub::ClientId;
 pub use info::BridgeInfo;
+#[doc(hidden)]
+pub use offline_session::OfflineSession;
 pub use rates::BusRates;
 pub use serial::SerialBridge;
 pub use server::{BridgeServer, ServerError};
-pub use settings::{BridgeConfig, BridgeProtocol};
 pub use statistics::BridgeStatistics;

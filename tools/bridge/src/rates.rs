@@ -1,4 +1,4 @@
-//! The bus as the clients of a bridge get to know it.
+//! Bit rates of a bus.
 
 /// Bit rates of a bus. Plain data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

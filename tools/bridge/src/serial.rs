@@ -6,20 +6,20 @@ use std::sync::Arc;
 use std::thread::{self, JoinHandle};
 use std::time::Duration;
 
+use crate::client_queue::ClientQueue;
 use crate::clients::Clients;
+use crate::config::BridgeProtocol;
 use crate::connection::Connection;
 use crate::hub::Hub;
-use crate::outbox::ClientQueue;
 use crate::server::serve;
 use crate::session::Session;
-use crate::settings::BridgeProtocol;
 use crate::terminal::{Terminal, TerminalLine};
 
-/// Between two looks for a program. Stopping does not wait for it.
+/// Interval of polling for a program. Stopping does not wait for it.
 const LOOK_INTERVAL: Duration = Duration::from_millis(10);
 
-/// A pseudo-terminal behind which there seems to be an slcan adapter: one client at a time, whichever
-/// program has it open. The next one finds it as new. Dropping it ends its thread.
+/// A pseudo-terminal that behaves as an slcan adapter with one client: the program that has it
+/// open. The next program gets a new session. Dropping it ends its thread.
 #[derive(Debug)]
 pub struct SerialBridge {
     terminal: Arc<Terminal>,
@@ -28,10 +28,11 @@ pub struct SerialBridge {
 }
 
 impl SerialBridge {
-    /// Makes the terminal; `queue` frames may wait for the bus, and for the client.
+    /// Creates the terminal; `queue` is the capacity in frames of the queue to the bus and of the
+    /// queue to the client.
     ///
     /// # Errors
-    /// The system has none, or no thread.
+    /// No pseudo-terminal or no thread is available.
     pub fn open(queue: usize) -> io::Result<Self> {
         let terminal = Arc::new(Terminal::open()?);
         let hub = Arc::new(Hub::new(queue, 1));
@@ -43,12 +44,12 @@ impl SerialBridge {
         Ok(Self { terminal, clients, thread: Some(thread) })
     }
 
-    /// What other programs open.
+    /// Path that other programs open.
     pub fn path(&self) -> &Path {
         self.terminal.path()
     }
 
-    /// Its client.
+    /// The client.
     pub fn clients(&self) -> &Clients {
         &self.clients
     }
@@ -65,19 +66,19 @@ impl Drop for SerialBridge {
     }
 }
 
-/// One program after the other, until the hub is closed.
+/// Serves one program after the other until the hub is closed.
 fn serve_programs(hub: &Hub, terminal: &Arc<Terminal>) {
     while !hub.is_closed() {
-        // A terminal that cannot be asked is as one that nobody uses.
+        // A terminal that cannot be polled counts as unused.
         if !terminal.is_in_use().unwrap_or(false) {
             thread::park_timeout(LOOK_INTERVAL);
             continue;
         }
         let line = Arc::new(TerminalLine::new(terminal.clone()));
-        let outbox = Arc::new(ClientQueue::new(hub.queue()));
-        // It has been closed just now where there is no room.
-        let Some(id) = hub.join(Connection::Terminal(line.clone()), outbox.clone()) else { return };
+        let queue = Arc::new(ClientQueue::new(hub.queue()));
+        // If the client is not admitted, the hub was closed just now.
+        let Some(id) = hub.join(Connection::Terminal(line.clone()), queue.clone()) else { return };
         let session = Session::new(BridgeProtocol::Slcan);
-        serve(hub, id, &Connection::Terminal(line), session, &outbox);
+        serve(hub, id, &Connection::Terminal(line), session, &queue);
     }
 }

@@ -1,4 +1,4 @@
-//! The TCP server: one thread that accepts, two per client.
+//! TCP server: one accepting thread, two threads per client.
 
 use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, TcpListener, TcpStream};
@@ -9,37 +9,38 @@ use std::time::Duration;
 
 use ecan_protocol::can::CanFrame;
 
+use crate::client_queue::ClientQueue;
 use crate::clients::Clients;
+use crate::config::{BridgeConfig, BridgeProtocol};
 use crate::connection::{self, Connection};
 use crate::hub::{ClientId, Hub};
 use crate::info::BridgeInfo;
-use crate::outbox::ClientQueue;
 use crate::rates::BusRates;
-use crate::session::{Session, Uplink};
-use crate::settings::{BridgeConfig, BridgeProtocol};
+use crate::session::Session;
 use crate::statistics::count;
+use crate::uplink::Uplink;
 use crate::writer::Writer;
 
-/// Between two looks for a new client. Stopping does not wait for it.
+/// Interval of polling for a new client. Stopping does not wait for it.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);
 
-/// Why a bridge cannot be had.
+/// Why a bridge cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
-    /// The address is not to be had.
+    /// The address is not available.
     #[error("bridge cannot listen on {address}: {error}")]
     Listen {
         /// The address.
         address: SocketAddr,
-        /// Why.
+        /// The system's error.
         error: io::Error,
     },
-    /// No thread for it.
+    /// The thread cannot be started.
     #[error("no thread for the bridge on {address}: {error}")]
     Thread {
         /// The address.
         address: SocketAddr,
-        /// Why.
+        /// The system's error.
         error: io::Error,
     },
 }
@@ -57,10 +58,10 @@ impl BridgeServer {
     /// Starts to listen; clients may connect at once.
     ///
     /// # Errors
-    /// The address cannot be had, or no thread.
-    pub fn listen(settings: &BridgeConfig) -> Result<Self, ServerError> {
-        let hub = Arc::new(Hub::new(settings.queue, settings.max_clients));
-        let address = settings.address;
+    /// The address is not available, or the thread cannot be started.
+    pub fn listen(config: &BridgeConfig) -> Result<Self, ServerError> {
+        let hub = Arc::new(Hub::new(config.queue, config.max_clients));
+        let address = config.address;
         let listen = || {
             let listener = TcpListener::bind(address)?;
             listener.set_nonblocking(true)?;
@@ -69,26 +70,22 @@ impl BridgeServer {
         };
         let (listener, bound) = listen().map_err(|error| ServerError::Listen { address, error })?;
         let stop = Arc::new(AtomicBool::new(false));
-        let acceptor = Acceptor {
-            listener,
-            protocol: settings.protocol,
-            hub: hub.clone(),
-            stop: stop.clone(),
-        };
+        let acceptor =
+            Acceptor { listener, protocol: config.protocol, hub: hub.clone(), stop: stop.clone() };
         let acceptor = thread::Builder::new()
             .name(format!("bridge {}", bound.port()))
             .spawn(move || acceptor.run())
             .map_err(|error| ServerError::Thread { address: bound, error })?;
-        let info = BridgeInfo::new(settings.protocol, bound, hub.clone());
+        let info = BridgeInfo::new(config.protocol, bound, hub.clone());
         Ok(Self { info, clients: Clients(hub), stop, acceptor: Some(acceptor) })
     }
 
-    /// Where it listens and what it has done; stays valid after the server has gone.
+    /// Address and counters; remains valid after the server is dropped.
     pub fn info(&self) -> &BridgeInfo {
         &self.info
     }
 
-    /// Its clients.
+    /// The clients.
     pub fn clients(&self) -> &Clients {
         &self.clients
     }
@@ -120,7 +117,7 @@ impl Acceptor {
             clients.retain(|client| !client.is_finished());
             match self.listener.accept() {
                 Ok((stream, _)) => clients.extend(self.admit(stream)),
-                // Nobody there, or someone who left again at once.
+                // No client, or one that has already left.
                 Err(_) => thread::park_timeout(ACCEPT_INTERVAL),
             }
         }
@@ -129,22 +126,22 @@ impl Acceptor {
         }
     }
 
-    /// Starts the threads of a client. One for whom there is no room, or no thread, finds its
-    /// connection closed.
+    /// Starts the threads of a client. If there are too many clients or no thread is available, its
+    /// connection is closed.
     fn admit(&self, stream: TcpStream) -> Option<JoinHandle<()>> {
-        let outbox = Arc::new(ClientQueue::new(self.hub.queue()));
+        let queue = Arc::new(ClientQueue::new(self.hub.queue()));
         let admit = || -> io::Result<Option<(Connection, ClientId)>> {
             stream.set_nonblocking(false)?;
             stream.set_nodelay(true)?;
             connection::watch(&stream)?;
             let connection = Connection::Tcp(stream);
-            let id = self.hub.join(connection.try_clone()?, outbox.clone());
+            let id = self.hub.join(connection.try_clone()?, queue.clone());
             Ok(id.map(|id| (connection, id)))
         };
         let (connection, id) = admit().ok()??;
         let hub = self.hub.clone();
         let session = Session::new(self.protocol);
-        let serve = move || serve(&hub, id, &connection, session, &outbox);
+        let serve = move || serve(&hub, id, &connection, session, &queue);
         let started = thread::Builder::new().name(format!("bridge client {id}")).spawn(serve);
         if started.is_err() {
             self.hub.leave(id);
@@ -153,31 +150,31 @@ impl Acceptor {
     }
 }
 
-/// The life of a client.
+/// Serves a client until it leaves.
 pub(crate) fn serve(
     hub: &Hub,
     id: ClientId,
     stream: &Connection,
     mut session: Session,
-    outbox: &ClientQueue,
+    queue: &ClientQueue,
 ) {
     let mut greeting = Vec::new();
     session.greet(&mut greeting);
-    let writer = Writer::new(session.hearing());
+    let writer = Writer::new(session.receive_settings());
     thread::scope(|scope| {
         let writer = thread::Builder::new().spawn_scoped(scope, move || {
-            write_all(hub, stream, writer, outbox, &greeting);
-            // Closes the outbox, so that the reader does not wait for room in it.
+            write_all(hub, stream, writer, queue, &greeting);
+            // Closes the queue, so that the reader does not wait for space in it.
             hub.leave(id);
         });
         if writer.is_ok() {
-            read_all(hub, id, stream, &mut session, outbox);
+            read_all(hub, id, stream, &mut session, queue);
         }
         hub.leave(id);
     });
 }
 
-/// A client's way to the bus.
+/// Access of a client to the bus.
 struct ClientUplink<'a> {
     hub: &'a Hub,
     id: ClientId,
@@ -196,8 +193,8 @@ impl Uplink for ClientUplink<'_> {
         self.hub.submit_when_possible(self.id, frame);
     }
 
-    fn count_refused(&mut self) {
-        count(&self.hub.counters.refused);
+    fn count_rejected(&mut self) {
+        count(&self.hub.counters.rejected);
     }
 
     fn count_mismatched(&mut self) {
@@ -210,7 +207,7 @@ fn read_all(
     id: ClientId,
     stream: &Connection,
     session: &mut Session,
-    outbox: &ClientQueue,
+    queue: &ClientQueue,
 ) {
     let mut uplink = ClientUplink { hub, id };
     let mut bytes = [0; 2048];
@@ -223,9 +220,9 @@ fn read_all(
         };
         let mut answer = Vec::new();
         session.feed(bytes.get(..read).unwrap_or_default(), &mut uplink, &mut answer);
-        // A client that does not read its answers is not read from either. What it hears changes
-        // with an answer only.
-        if !answer.is_empty() && !outbox.answer(answer, session.hearing()) {
+        // A client that does not read its answers is not read either. Its receive config change
+        // only with an answer.
+        if !answer.is_empty() && !queue.answer(answer, session.receive_settings()) {
             return;
         }
     }
@@ -235,14 +232,14 @@ fn write_all(
     hub: &Hub,
     stream: &Connection,
     mut writer: Writer,
-    outbox: &ClientQueue,
+    queue: &ClientQueue,
     greeting: &[u8],
 ) {
     let mut is_written = stream.write_all(greeting).is_ok();
-    while is_written && let Some(piece) = writer.next_piece(outbox, || hub.bus()) {
-        is_written = stream.write_all(&piece.text).is_ok();
-        if !piece.pause.is_zero() {
-            thread::sleep(piece.pause);
+    while is_written && let Some(chunk) = writer.next_chunk(queue, || hub.bus()) {
+        is_written = stream.write_all(&chunk.text).is_ok();
+        if !chunk.pause.is_zero() {
+            thread::sleep(chunk.pause);
         }
     }
 }

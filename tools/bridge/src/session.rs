@@ -1,37 +1,19 @@
-//! What a protocol does for one client, without threads and sockets.
+//! Protocol state of one client, without threads and sockets.
 
 use std::time::Duration;
 
 use ecan_protocol::can::CanFrame;
 
+use crate::config::BridgeProtocol;
 use crate::rates::BusRates;
-use crate::settings::BridgeProtocol;
 use crate::slcan::{SlcanReceiveSettings, SlcanSession};
 use crate::socketcand::{self, SocketcandSession};
+use crate::uplink::Uplink;
 
-/// Between the answer behind which frames come and the first of them. A client of socketcand reads
-/// the answer with whatever has come by then, and takes it for another one.
-const SETTLING: Duration = Duration::from_millis(30);
+/// Pause between the answer that enables frames and the first frame. A client of socketcand reads
+/// the answer together with what follows, and would not recognise it.
+const RAW_MODE_PAUSE: Duration = Duration::from_millis(30);
 
-/// The bus, as a session uses it.
-pub(crate) trait Uplink {
-    /// Its bit rates; `None` before they are known.
-    fn bus(&self) -> Option<BusRates>;
-
-    /// Hands a frame over; false when there is no room.
-    fn send(&mut self, frame: CanFrame) -> bool;
-
-    /// Hands a frame over and waits until there is room; without effect where the bus takes none.
-    fn send_when_possible(&mut self, frame: CanFrame);
-
-    /// A command was refused.
-    fn count_refused(&mut self);
-
-    /// A frame was refused because the bus cannot carry it as the client sees the bus.
-    fn count_mismatched(&mut self);
-}
-
-/// The state of one client.
 #[derive(Debug)]
 pub(crate) enum Session {
     Slcan(SlcanSession),
@@ -46,7 +28,7 @@ impl Session {
         }
     }
 
-    /// What the server says first.
+    /// Appends the greeting of the server.
     pub(crate) fn greet(&self, answer: &mut Vec<u8>) {
         match self {
             Self::Slcan(_) => {}
@@ -54,7 +36,7 @@ impl Session {
         }
     }
 
-    /// Takes in what the client wrote, in pieces of any size, and appends the answers.
+    /// Processes input in pieces of any size and appends the answers.
     pub(crate) fn feed(&mut self, bytes: &[u8], bus: &mut impl Uplink, answer: &mut Vec<u8>) {
         match self {
             Self::Slcan(session) => session.feed(bytes, bus, answer),
@@ -62,16 +44,16 @@ impl Session {
         }
     }
 
-    /// What the client wants to hear by now.
-    pub(crate) fn hearing(&self) -> ReceiveSettings {
+    /// Present receive settings of the client.
+    pub(crate) fn receive_settings(&self) -> ReceiveSettings {
         match self {
-            Self::Slcan(session) => ReceiveSettings::Slcan(session.hearing()),
+            Self::Slcan(session) => ReceiveSettings::Slcan(session.receive_settings()),
             Self::Socketcand(session) => ReceiveSettings::Socketcand { is_raw: session.is_raw() },
         }
     }
 }
 
-/// What a client wants to hear of the bus, and how.
+/// Which frames a client receives, and their format.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum ReceiveSettings {
     Slcan(SlcanReceiveSettings),
@@ -79,13 +61,13 @@ pub(crate) enum ReceiveSettings {
 }
 
 impl ReceiveSettings {
-    /// That of a new client.
+    /// The settings of a new client.
     #[cfg(test)]
     pub(crate) fn nothing(protocol: BridgeProtocol) -> Self {
-        Session::new(protocol).hearing()
+        Session::new(protocol).receive_settings()
     }
 
-    /// Appends a frame of the bus, if the client wants to hear it.
+    /// Appends a frame of the bus if the client receives it.
     pub(crate) fn encode(
         &self,
         frame: &CanFrame,
@@ -94,16 +76,18 @@ impl ReceiveSettings {
         text: &mut Vec<u8>,
     ) {
         match self {
-            Self::Slcan(hearing) => hearing.encode(frame, time_ns, bus, text),
+            Self::Slcan(receive_settings) => receive_settings.encode(frame, time_ns, bus, text),
             Self::Socketcand { is_raw: true } => socketcand::encode(frame, time_ns, text),
             Self::Socketcand { is_raw: false } => {}
         }
     }
 
-    /// How long frames wait behind the answer that changes the hearing from `before`.
-    pub(crate) fn pause_behind(&self, before: &Self) -> Duration {
+    /// Pause before frames after the answer that changed the settings from `before`.
+    pub(crate) fn pause_after(&self, before: &Self) -> Duration {
         match (before, self) {
-            (Self::Socketcand { is_raw: false }, Self::Socketcand { is_raw: true }) => SETTLING,
+            (Self::Socketcand { is_raw: false }, Self::Socketcand { is_raw: true }) => {
+                RAW_MODE_PAUSE
+            }
             _ => Duration::ZERO,
         }
     }

@@ -1,4 +1,4 @@
-//! A pseudo-terminal: the serial port of an adapter that is not there.
+//! A pseudo-terminal that acts as the serial port of an adapter.
 
 use std::ffi::OsString;
 use std::io;
@@ -14,12 +14,12 @@ use rustix::io::Errno;
 use rustix::pty::{OpenptFlags, grantpt, ioctl_tiocgptpeer, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, QueueSelector, tcflush, tcgetattr, tcsetattr};
 
-/// Between two looks whether to end.
+/// Interval of checks whether to end.
 const LOOK: Timespec = Timespec { tv_sec: 0, tv_nsec: 50_000_000 };
 const AT_ONCE: Timespec = Timespec { tv_sec: 0, tv_nsec: 0 };
 
-/// Our side of a pseudo-terminal. The other one is open as long as a program has it, so that its end
-/// is seen.
+/// The bridge's side of a pseudo-terminal. The other side is open only while a program has it open,
+/// so that its end is detected.
 #[derive(Debug)]
 pub(crate) struct Terminal {
     ours: OwnedFd,
@@ -27,7 +27,7 @@ pub(crate) struct Terminal {
 }
 
 impl Terminal {
-    /// Opens one in raw mode: bytes pass as they are.
+    /// Opens a terminal in raw mode.
     pub(crate) fn open() -> io::Result<Self> {
         let ours = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC)?;
         grantpt(&ours)?;
@@ -39,12 +39,12 @@ impl Terminal {
         Ok(terminal)
     }
 
-    /// What other programs open.
+    /// Path that other programs open.
     pub(crate) fn path(&self) -> &Path {
         &self.path
     }
 
-    /// Opens the side of the programs.
+    /// Opens the other side.
     fn theirs(&self) -> io::Result<OwnedFd> {
         let flags = OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC;
         Ok(ioctl_tiocgptpeer(&self.ours, flags)?)
@@ -55,7 +55,7 @@ impl Terminal {
         self.poll_at_once().map(|found| !found.contains(PollFlags::HUP))
     }
 
-    /// Whether a program has it open, or had it and has left words that are not read yet.
+    /// Whether a program has it open, or has left unread input.
     pub(crate) fn is_in_use(&self) -> io::Result<bool> {
         let found = self.poll_at_once()?;
         Ok(!found.contains(PollFlags::HUP) || found.contains(PollFlags::IN))
@@ -68,15 +68,14 @@ impl Terminal {
         Ok(polled.revents())
     }
 
-    /// Makes it as new for the next program: in raw mode, whatever the last one set, and without what
-    /// the last one left unread.
+    /// Resets the terminal for the next program: raw mode, no unread input.
     fn renew(&self) -> io::Result<()> {
         let is_open = self.is_open()?;
         let theirs = self.theirs()?;
-        // What is on its way to them, then what has arrived.
+        // Discards output and input.
         tcflush(&self.ours, QueueSelector::OFlush)?;
         tcflush(&theirs, QueueSelector::IFlush)?;
-        // The next program may be there already, with settings of its own.
+        // The next program may already have changed the settings.
         if is_open { Ok(()) } else { set_raw(&theirs) }
     }
 }
@@ -87,12 +86,12 @@ fn set_raw(theirs: &OwnedFd) -> io::Result<()> {
     Ok(tcsetattr(theirs, OptionalActions::Now, &modes)?)
 }
 
-/// A terminal from when a program opens it to when none has it any more.
+/// A terminal from the time a program opens it until no program has it open.
 #[derive(Debug)]
 pub(crate) struct TerminalLine {
     terminal: Arc<Terminal>,
     is_closed: AtomicBool,
-    /// Held to write, and to renew the terminal: no old text comes behind that.
+    /// Locked for writing and for the reset: no old text can follow the reset.
     writing: Mutex<()>,
 }
 
@@ -101,7 +100,7 @@ impl TerminalLine {
         Self { terminal, is_closed: AtomicBool::new(false), writing: Mutex::default() }
     }
 
-    /// Ends it on our side.
+    /// Ends the connection.
     pub(crate) fn close(&self) {
         self.is_closed.store(true, Ordering::Release);
     }
@@ -110,7 +109,7 @@ impl TerminalLine {
         loop {
             match rustix::io::read(&self.terminal.ours, &mut *bytes) {
                 Ok(count) => return Ok(count),
-                // No program has it any more, and all that the last one wrote is read.
+                // No program has it open, and all input has been read.
                 Err(Errno::IO) => return self.end(),
                 Err(Errno::AGAIN) if !self.wait_for(PollFlags::IN)? => return Ok(0),
                 Err(Errno::AGAIN | Errno::INTR) => {}
@@ -119,7 +118,7 @@ impl TerminalLine {
         }
     }
 
-    /// The program has gone: makes the terminal as new before anybody is told.
+    /// The program has gone: resets the terminal before anyone is notified.
     fn end(&self) -> io::Result<usize> {
         let _turn = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
         self.close();
@@ -147,7 +146,7 @@ impl TerminalLine {
         Ok(())
     }
 
-    /// Waits for a moment, at most until something can be done; false once it is closed.
+    /// Waits a short time, at most until the terminal is ready; returns false once closed.
     fn wait_for(&self, flags: PollFlags) -> io::Result<bool> {
         match poll(&mut [PollFd::new(&self.terminal.ours, flags)], Some(&LOOK)) {
             Ok(_) | Err(Errno::INTR) => Ok(!self.is_closed.load(Ordering::Acquire)),

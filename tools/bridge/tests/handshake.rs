@@ -1,4 +1,4 @@
-//! The way into raw mode on a bus that is never quiet.
+//! The start of raw mode on a busy bus.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -8,7 +8,7 @@ use std::time::Duration;
 use ecan_bridge::{BridgeConfig, BridgeProtocol, BridgeServer};
 use ecan_protocol::can::{CanFrame, CanId};
 
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 const ROUNDS: usize = 50;
 
 fn expect(stream: &mut TcpStream, text: &str) {
@@ -18,8 +18,8 @@ fn expect(stream: &mut TcpStream, text: &str) {
 }
 
 #[test]
-fn no_frame_stands_before_the_answer_to_rawmode() {
-    let settings = BridgeConfig::speaking(BridgeProtocol::Socketcand);
+fn rawmode_answer_precedes_frames() {
+    let settings = BridgeConfig::with_protocol(BridgeProtocol::Socketcand);
     let server = BridgeServer::listen(&settings).unwrap();
     let clients = server.clients();
     let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[1, 2]).unwrap();
@@ -27,7 +27,7 @@ fn no_frame_stands_before_the_answer_to_rawmode() {
     let client = thread::spawn(move || {
         for _ in 0..ROUNDS {
             let mut stream = TcpStream::connect(address).unwrap();
-            stream.set_read_timeout(Some(PATIENCE)).unwrap();
+            stream.set_read_timeout(Some(TIMEOUT)).unwrap();
             expect(&mut stream, "< hi >");
             stream.write_all(b"< open can0 >").unwrap();
             expect(&mut stream, "< ok >");

@@ -1,4 +1,4 @@
-//! Frames of clients on their way to the bus.
+//! Queues of client frames to the bus.
 
 use std::io::{Read as _, Write as _};
 use std::net::TcpStream;
@@ -7,16 +7,16 @@ use std::time::{Duration, Instant};
 use ecan_bridge::{BridgeConfig, BridgeProtocol, BridgeServer};
 use ecan_protocol::can::CanFrame;
 
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn server(protocol: BridgeProtocol) -> BridgeServer {
-    let settings = BridgeConfig { queue: 2, ..BridgeConfig::speaking(protocol) };
+    let settings = BridgeConfig { queue: 2, ..BridgeConfig::with_protocol(protocol) };
     BridgeServer::listen(&settings).unwrap()
 }
 
 fn connect(server: &BridgeServer) -> TcpStream {
     let stream = TcpStream::connect(server.info().address()).unwrap();
-    stream.set_read_timeout(Some(PATIENCE)).unwrap();
+    stream.set_read_timeout(Some(TIMEOUT)).unwrap();
     stream
 }
 
@@ -33,14 +33,14 @@ fn wait_for<T>(what: &str, mut look: impl FnMut() -> Option<T>) -> T {
         if let Some(found) = look() {
             return found;
         }
-        assert!(begun.elapsed() < PATIENCE, "{what}");
+        assert!(begun.elapsed() < TIMEOUT, "{what}");
         std::thread::yield_now();
     }
 }
 
-/// What a client of socketcand sends does not depend on how fast the bus is.
+/// Frames of a socketcand client are independent of the speed of the bus.
 #[test]
-fn a_full_queue_holds_a_client_of_socketcand_back() {
+fn full_queue_blocks_socketcand_client() {
     let server = server(BridgeProtocol::Socketcand);
     let mut client = connect(&server);
     exchange(&mut client, "", "< hi >");
@@ -53,11 +53,11 @@ fn a_full_queue_holds_a_client_of_socketcand_back() {
         assert_eq!(frame.data(), [number]);
     }
     let statistics = server.info().statistics();
-    assert_eq!((statistics.dropped_to_bus, statistics.refused), (0, 0));
+    assert_eq!((statistics.dropped_to_bus, statistics.rejected), (0, 0));
 }
 
 #[test]
-fn a_client_that_is_held_back_may_go_and_so_may_the_server() {
+fn blocked_client_and_server_can_end() {
     for has_end in [false, true] {
         let server = server(BridgeProtocol::Socketcand);
         let mut client = connect(&server);
@@ -76,29 +76,29 @@ fn a_client_that_is_held_back_may_go_and_so_may_the_server() {
 }
 
 #[test]
-fn a_bus_that_takes_nothing_drops_what_waits_and_refuses_what_comes() {
+fn closed_bus_drops_waiting_and_rejects_new_frames() {
     let server = server(BridgeProtocol::Slcan);
     let mut client = connect(&server);
     exchange(&mut client, "O\rt1230\r", "\rz\r");
-    assert_eq!(server.clients().set_taking(false), 1);
+    assert_eq!(server.clients().set_accepting(false), 1);
     exchange(&mut client, "t1240\r", "\x07");
     assert_eq!(server.clients().next_for_bus(), None);
-    assert_eq!(server.clients().set_taking(true), 0);
+    assert_eq!(server.clients().set_accepting(true), 0);
     exchange(&mut client, "t1250\r", "z\r");
     let (_, frame) = server.clients().next_for_bus().unwrap();
     assert_eq!(frame.id().raw(), 0x125);
     let statistics = server.info().statistics();
-    assert_eq!((statistics.not_taken, statistics.dropped_to_bus), (2, 0));
+    assert_eq!((statistics.discarded, statistics.dropped_to_bus), (2, 0));
 }
 
 #[test]
-fn a_client_that_is_held_back_goes_on_when_the_bus_takes_nothing() {
+fn blocked_client_continues_when_bus_is_closed() {
     let server = server(BridgeProtocol::Socketcand);
     let mut client = connect(&server);
     exchange(&mut client, "", "< hi >");
     exchange(&mut client, "< open can0 >", "< ok >");
     client.write_all(("< send 123 0 >".repeat(100) + "< echo >").as_bytes()).unwrap();
-    server.clients().set_taking(false);
+    server.clients().set_accepting(false);
     exchange(&mut client, "", "< echo >");
-    assert_eq!(server.info().statistics().not_taken, 100);
+    assert_eq!(server.info().statistics().discarded, 100);
 }

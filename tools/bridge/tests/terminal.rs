@@ -9,13 +9,13 @@ use ecan_bridge::SerialBridge;
 use ecan_protocol::can::{CanFrame, CanId};
 use rustix::fs::OFlags;
 
-const PATIENCE: Duration = Duration::from_secs(60);
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 struct Port(File);
 
 impl Port {
     fn open(bridge: &SerialBridge) -> Self {
-        // A port that never answers must not hang the test.
+        // A port that never answers must not block the test.
         let flags = (OFlags::NONBLOCK | OFlags::NOCTTY).bits().cast_signed();
         let mut options = File::options();
         Self(options.read(true).write(true).custom_flags(flags).open(bridge.path()).unwrap())
@@ -35,7 +35,7 @@ impl Port {
                 Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::yield_now(),
                 Err(error) => panic!("{error}"),
             }
-            assert!(begun.elapsed() < PATIENCE, "only {:?}", String::from_utf8_lossy(&heard));
+            assert!(begun.elapsed() < TIMEOUT, "only {:?}", String::from_utf8_lossy(&heard));
         }
         assert_eq!(String::from_utf8_lossy(&heard), text);
     }
@@ -44,16 +44,16 @@ impl Port {
 fn wait_for(what: &str, done: impl Fn() -> bool) {
     let begun = Instant::now();
     while !done() {
-        assert!(begun.elapsed() < PATIENCE, "{what}");
+        assert!(begun.elapsed() < TIMEOUT, "{what}");
         std::thread::yield_now();
     }
 }
 
 #[test]
-fn the_next_program_finds_neither_old_text_nor_the_old_session() {
+fn next_program_gets_fresh_session() {
     let bridge = SerialBridge::open(4096).unwrap();
     let clients = bridge.clients();
-    assert!(!clients.are_there());
+    assert!(!clients.is_any_connected());
     let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[0; 8]).unwrap();
     for round in 1..=3 {
         let mut port = Port::open(&bridge);
@@ -66,12 +66,12 @@ fn the_next_program_finds_neither_old_text_nor_the_old_session() {
             clients.deliver(&frame, 0, None);
             dropped() > before
         });
-        // As a program that dies.
+        // As a program that is killed.
         drop(port);
-        wait_for("its end is seen", || !clients.are_there());
+        wait_for("its end is seen", || !clients.is_any_connected());
         assert_eq!(clients.statistics().connections, round);
     }
-    // Closed as a new adapter, and what it is told works.
+    // Closed as a new adapter, and commands work.
     let mut port = Port::open(&bridge);
     port.say("t1230\rV\r");
     port.expect("\x07V1010\r");
@@ -81,9 +81,9 @@ fn the_next_program_finds_neither_old_text_nor_the_old_session() {
     port.expect("t12380000000000000000\r");
 }
 
-/// What a program writes and then goes is done all the same.
+/// Output that a program wrote before it ended is processed.
 #[test]
-fn the_last_words_of_a_program_are_heard() {
+fn last_output_of_program_is_processed() {
     let bridge = SerialBridge::open(16).unwrap();
     let mut port = Port::open(&bridge);
     port.say("O\rt1230\rt1240\r");
@@ -92,18 +92,18 @@ fn the_last_words_of_a_program_are_heard() {
     let begun = Instant::now();
     while frames.len() < 2 {
         frames.extend(bridge.clients().next_for_bus().map(|(_, frame)| frame.id().raw()));
-        assert!(begun.elapsed() < PATIENCE, "{frames:X?}");
+        assert!(begun.elapsed() < TIMEOUT, "{frames:X?}");
     }
     assert_eq!(frames, [0x123, 0x124]);
 }
 
 #[test]
-fn dropping_it_does_not_wait_for_a_program() {
+fn dropped_terminal_does_not_wait_for_program() {
     let bridge = SerialBridge::open(16).unwrap();
     let mut port = Port::open(&bridge);
     port.say("V\r");
     port.expect("V1010\r");
     drop(bridge);
-    // A hangup, as of an adapter that is pulled.
+    // A hangup, as when an adapter is unplugged.
     assert!(port.0.write_all(b"V\r").is_err());
 }

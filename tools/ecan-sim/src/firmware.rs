@@ -1,4 +1,4 @@
-//! `ecan-sim firmware`: a file that a simulated gateway takes as a firmware update.
+//! `ecan-sim firmware`: writes a firmware package for simulated gateways.
 
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -9,31 +9,30 @@ use thiserror::Error;
 
 use crate::screen::Screen;
 
-/// Bytes of the application where no file is given: some packets and flash sectors.
+/// Size of the default application: some packets and flash sectors.
 const APPLICATION_BYTES: usize = 64 << 10;
 
-/// Make a file that a simulated gateway takes as a firmware update.
+/// Write a firmware package for simulated gateways.
 ///
-/// It goes over FoE, under the name ecan_lite_app. No real gateway takes it: its package format is the
+/// The FoE file name is ecan_lite_app. Real gateways reject it: the package format is the
 /// simulator's own.
 #[derive(Debug, Args)]
 #[command(after_help = "Example: ecan-sim firmware --version 2.3.1 --out new.bin")]
 pub struct FirmwareArguments {
-    /// Version that the gateway shows afterwards: MAJOR.MINOR.BUILD, 0xF000:05 and :06
+    /// Firmware version: MAJOR.MINOR.BUILD, 0xF000:05 and :06
     #[arg(long)]
     version: Version,
-    /// Where to write it
+    /// Output file
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
-    /// Device type, 0xF000:01; a gateway refuses another than its own
+    /// Device type, 0xF000:01; a gateway rejects other types than its own
     #[arg(long, default_value_t = 0, value_name = "N")]
     device_type: u8,
-    /// The application; a pattern of 64 KiB if left out
+    /// Application file [default: a pattern of 64 KiB]
     #[arg(long, value_name = "FILE")]
     application: Option<PathBuf>,
 }
 
-/// A firmware version in three numbers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Version {
     major: u8,
@@ -64,7 +63,7 @@ impl Version {
     }
 }
 
-/// Why there is no package.
+/// Why the package cannot be written.
 #[derive(Debug, Error)]
 pub enum FirmwareError {
     /// The application cannot be read.
@@ -72,7 +71,7 @@ pub enum FirmwareError {
     Read {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The system's error.
         error: std::io::Error,
     },
     /// The package cannot be written.
@@ -80,7 +79,7 @@ pub enum FirmwareError {
     Write {
         /// The file.
         path: PathBuf,
-        /// Why.
+        /// The system's error.
         error: std::io::Error,
     },
 }

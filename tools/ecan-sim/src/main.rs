@@ -14,7 +14,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Simulated ECAN-Lite gateways, for any EtherCAT master.
+/// Simulated ECAN-Lite gateways for any EtherCAT master.
 #[derive(Debug, Parser)]
 #[command(name = "ecan-sim", version)]
 struct Arguments {
@@ -24,7 +24,7 @@ struct Arguments {
 
 #[derive(Debug, Subcommand)]
 enum Command {
-    /// Put simulated gateways on a network interface, where any EtherCAT master finds them.
+    /// Simulate gateways on a network interface for any EtherCAT master.
     Wire(wire::WireArguments),
     Firmware(firmware::FirmwareArguments),
 }

@@ -1,16 +1,16 @@
-//! Where the program's messages go.
+//! Messages of the program.
 
 use std::fmt::Display;
 use std::io::Write;
 
-/// Standard output, or standard error where standard output carries data. A reader that went away
-/// does not end the program.
+/// Stream of the messages: standard output, or standard error if standard output carries data.
+/// Write errors are ignored, so that a closed pipe does not end the program.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Screen {
-    /// Messages are what the program prints.
+    /// Messages are the output of the program.
     Output,
-    /// Standard output belongs to the dump.
-    BesideData,
+    /// Standard output carries the dump.
+    OutputIsData,
 }
 
 impl Screen {
@@ -18,11 +18,11 @@ impl Screen {
     pub fn line(self, line: impl Display) {
         let _ = match self {
             Self::Output => writeln!(std::io::stdout(), "{line}"),
-            Self::BesideData => writeln!(std::io::stderr(), "{line}"),
+            Self::OutputIsData => writeln!(std::io::stderr(), "{line}"),
         };
     }
 
-    /// Prints why the program ends.
+    /// Prints the error that ends the program.
     pub fn error(error: &dyn Display) {
         let _ = writeln!(std::io::stderr(), "ecan-sim: {error}");
     }

@@ -1,4 +1,4 @@
-//! ethercrab, a master of others, drives gateways of the program over a veth pair.
+//! The EtherCAT master ethercrab uses gateways of the program over a veth pair.
 #![allow(missing_docs)]
 
 mod support;
@@ -25,7 +25,7 @@ const CYCLE: Duration = Duration::from_millis(1);
 const FRAMES: u8 = 100;
 const MAX_GATEWAYS: usize = 4;
 const MAX_PDI: usize = 2 * BYTES * MAX_GATEWAYS;
-/// Watchdog of process data in units of 100 us: the machine of a test may stall.
+/// Process data watchdog in units of 100 us: a test machine may stall.
 const WATCHDOG: u16 = 50_000;
 
 type Storage = PduStorage<16, { PduStorage::element_size(1100) }>;
@@ -51,7 +51,7 @@ fn main_device() -> MainDevice<'static> {
     MainDevice::new(pdu_loop, timeouts, config)
 }
 
-/// From nothing to OP, with Sync0 in every gateway.
+/// From INIT to OP, with Sync0 in every gateway.
 async fn bring_to_op(master: &MainDevice<'_>, gateways: usize) -> Result<Group, Error> {
     let mut group = master.init_single_group::<MAX_GATEWAYS, MAX_PDI>(ethercat_now).await?;
     assert_eq!(group.len(), gateways);
@@ -90,15 +90,15 @@ fn frame(gateway: usize, turn: u8) -> Frame {
     Frame { id: 0x100 + gateway as u16, data: vec![turn; usize::from(turn % 9)] }
 }
 
-/// Sends one frame through each gateway in turn after turn; each comes back from the echo nodes.
-/// Gives the number of cycles.
+/// Sends one frame through each gateway in each turn; the echo nodes return them. Returns the
+/// number of cycles.
 async fn echo(master: &MainDevice<'_>, group: &Group) -> Result<u64, Error> {
     let mut sequences = vec![None; group.len()];
     let mut cycles = 0;
     let start = Instant::now();
     for turn in 0..FRAMES {
         let mut received = vec![Vec::new(); group.len()];
-        // The same image goes out until the echo is there: gateways know it as a repeat.
+        // The same image is sent until the echo arrives: gateways recognise it as a repeat.
         while received.iter().any(Vec::is_empty) {
             assert!(start.elapsed() < DEADLINE, "turn {turn}: {received:?}");
             for (nth, gateway) in group.iter(master).enumerate() {
@@ -161,18 +161,18 @@ fn run(gateways: usize) {
 }
 
 #[test]
-fn one_gateway_to_op_and_frames_to_an_echo_node_and_back() {
+fn one_gateway_reaches_op_and_echoes_frames() {
     run(1);
 }
 
 #[test]
-fn three_gateways_to_op_and_frames_to_echo_nodes_and_back() {
+fn three_gateways_reach_op_and_echo_frames() {
     run(3);
 }
 
 /// The example of the manual: N = 8, channel mask 0x0F, sequence 1.
 #[test]
-fn the_image_is_that_of_the_manual() {
+fn image_matches_manual() {
     let mut image = [0xEE; 1024];
     let data = vec![0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
     image::write(&mut image, 1, &[Frame { id: 0x123, data }]);

@@ -1,4 +1,4 @@
-//! Wrong use gets one message that helps, and a status other than 0.
+//! Wrong use gives one helpful message and a status other than 0.
 #![allow(missing_docs)]
 
 mod support;
@@ -7,7 +7,7 @@ use support::network::{self, GATEWAYS, MASTER};
 use support::program::{command, fails, run, text};
 
 #[test]
-fn wrong_options_are_named() {
+fn invalid_options_are_reported() {
     let directory = tempfile::tempdir().unwrap();
     let wrong = directory.path().join("wrong.toml");
     std::fs::write(&wrong, "[[gateway]]\nseriel = 7\n").unwrap();
@@ -28,8 +28,8 @@ fn wrong_options_are_named() {
         (&[&wire[..], &["--scenario", "/no/such.toml"]].concat(), "cannot read /no/such.toml"),
         (&[&wire[..], &["--scenario", wrong.to_str().unwrap()]].concat(), "seriel"),
         (&[&wire[..], &["--scenario", empty.to_str().unwrap()]].concat(), "has no gateway"),
-        (&[&wire[..], &["--duration=-1"]].concat(), "expected seconds above 0"),
-        (&[&wire[..], &["--duration", "0"]].concat(), "expected seconds above 0"),
+        (&[&wire[..], &["--duration=-1"]].concat(), "must be above 0"),
+        (&[&wire[..], &["--duration", "0"]].concat(), "must be above 0"),
         (&[&wire[..], &["--rt-priority", "100"]].concat(), "1..=99"),
         (&["firmware"], "--version"),
         (&[&firmware[..], &["--version", "1.2"]].concat(), "MAJOR.MINOR.BUILD"),
@@ -38,7 +38,7 @@ fn wrong_options_are_named() {
             &[&firmware[..], &["--version", "1.2.3", "--application", "/no/app"]].concat(),
             "cannot read /no/app",
         ),
-        (&wire, "there is no network interface \"none\"; there are: "),
+        (&wire, "network interface \"none\" does not exist; there are: "),
     ];
     for (arguments, words) in cases {
         let message = fails(&run(arguments));
@@ -47,7 +47,7 @@ fn wrong_options_are_named() {
 }
 
 #[test]
-fn an_interface_that_is_no_wire_is_refused_with_the_reason() {
+fn unsuitable_interface_is_rejected_with_reason() {
     if !network::enter() {
         return;
     }
@@ -62,7 +62,7 @@ fn an_interface_that_is_no_wire_is_refused_with_the_reason() {
     assert!(refused(GATEWAYS).contains("`ip link set veth1 up`"));
     let output = run(&["wire", "--interface", MASTER, "--duration", "0.01"]);
     assert!(output.status.success());
-    assert!(text(&output.stdout).contains("veth0 has no link yet"), "{}", text(&output.stdout));
+    assert!(text(&output.stdout).contains("veth0 has no link"), "{}", text(&output.stdout));
     network::ip(&["link", "set", GATEWAYS, "up"]);
     let dump = ["wire", "--interface", GATEWAYS, "--dump", "/no/such/can.log"];
     assert!(fails(&run(&dump)).contains("cannot write /no/such/can.log"));
@@ -74,13 +74,13 @@ fn an_interface_that_is_no_wire_is_refused_with_the_reason() {
 }
 
 #[test]
-fn who_may_not_open_raw_sockets_is_told_what_it_takes() {
+fn missing_raw_socket_privilege_is_explained() {
     use std::os::unix::process::CommandExt;
 
     if !network::enter() {
         return;
     }
-    // Another user has no capabilities; the program itself must be in its reach.
+    // Another user has no capabilities; the program must be accessible to it.
     let directory = tempfile::tempdir_in("/tmp").unwrap();
     let program = directory.path().join("ecan-sim");
     std::fs::copy(env!("CARGO_BIN_EXE_ecan-sim"), &program).unwrap();
@@ -99,7 +99,7 @@ fn who_may_not_open_raw_sockets_is_told_what_it_takes() {
 }
 
 #[test]
-fn help_is_there() {
+fn help_is_available() {
     let output = command(&["wire", "--help"]).output().unwrap();
     assert!(output.status.success());
     let help = text(&output.stdout);
@@ -109,7 +109,7 @@ fn help_is_there() {
 }
 
 #[test]
-fn a_package_is_what_the_simulated_gateway_takes() {
+fn built_package_is_accepted_by_gateway() {
     let directory = tempfile::tempdir().unwrap();
     let (application, out) = (directory.path().join("app"), directory.path().join("new.bin"));
     std::fs::write(&application, b"application").unwrap();

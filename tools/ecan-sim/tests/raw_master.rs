@@ -1,4 +1,4 @@
-//! The program on one end of a veth pair, a master by hand on the other.
+//! The program on one end of a veth pair, a hand-written master on the other.
 #![allow(missing_docs)]
 
 mod support;
@@ -8,7 +8,7 @@ use support::network::{self, GATEWAYS, MASTER};
 use support::program::Running;
 use support::raw_master::{APRD, BRD, FPRD, RawMaster, frame};
 
-/// The program and a master, when the gateways have booted.
+/// The program and a master, after the gateways have booted.
 fn begin(arguments: &[&str], gateways: u16) -> Option<(Running, RawMaster)> {
     if !network::enter() {
         return None;
@@ -21,7 +21,7 @@ fn begin(arguments: &[&str], gateways: u16) -> Option<(Running, RawMaster)> {
 }
 
 #[test]
-fn two_gateways_answer_and_go_to_preop() {
+fn two_gateways_answer_and_reach_preop() {
     let Some((mut program, mut master)) = begin(&["--gateways", "2"], 2) else { return };
     let (_, counter) = master.read(BRD, 0, 0x0000, 1);
     assert_eq!(counter, 2);
@@ -41,7 +41,7 @@ fn two_gateways_answer_and_go_to_preop() {
     master.write(0x1002, 0x0120, &[0x12, 0]);
     program.wait_for("gateway 1: PREOP, AL error acknowledged");
 
-    // Two that are none: torn, and of another type.
+    // Two invalid frames: torn, and of another type.
     let whole = frame(BRD, 0, 0, 0, &[0; 8]);
     master.send(&whole[..whole.len() - 1]);
     assert_eq!(master.receive().len(), whole.len() - 1, "it comes back as it was torn");
@@ -60,7 +60,7 @@ fn two_gateways_answer_and_go_to_preop() {
 }
 
 #[test]
-fn faults_of_the_scenario_are_told_and_felt() {
+fn scenario_faults_are_reported_and_effective() {
     let directory = tempfile::tempdir().unwrap();
     let scenario = directory.path().join("cell.toml");
     let toml = "[[gateway]]\n[[gateway]]\n[[gateway]]\n\
@@ -70,17 +70,17 @@ fn faults_of_the_scenario_are_told_and_felt() {
     let file = scenario.to_str().unwrap();
     let arguments = ["--scenario", file, "--gateways", "2", "--seed", "9"];
     let Some((mut program, mut master)) = begin(&arguments, 3) else { return };
-    program.wait_for("gateway 2: without power");
+    program.wait_for("gateway 2: off or restarting");
     master.read_until((BRD, 0, 0x0000, 1), |_, counter| counter == 2);
     let printed = program.end(Signal::SIGTERM);
-    assert!(printed.contains("--gateways 2 does not count"), "{printed}");
+    assert!(printed.contains("--gateways 2 is ignored"), "{printed}");
     assert!(printed.contains("3 gateways, 1 node, on interface veth1, seed 9"), "{printed}");
     assert!(printed.contains(", slcan bridge at 127.0.0.1:"), "{printed}");
     assert!(printed.contains(" on bus 1.2\n"), "{printed}");
 }
 
 #[test]
-fn quiet_and_with_the_dump_on_standard_output_only_data_is_there() {
+fn quiet_dump_on_standard_output_contains_only_data() {
     if !network::enter() {
         return;
     }
@@ -90,7 +90,7 @@ fn quiet_and_with_the_dump_on_standard_output_only_data_is_there() {
     assert_eq!(support::program::text(&output.stdout), "", "no CAN frame, nothing");
     let messages = support::program::text(&output.stderr);
     assert!(messages.contains("SIMULATED") && messages.contains("booted"), "{messages}");
-    assert!(messages.contains("no frame was answered"), "{messages}");
+    assert!(messages.contains("no frame answered"), "{messages}");
 
     let output =
         support::program::run(&["wire", "-i", GATEWAYS, "--quiet", "--spin", "--duration", "0.4"]);
@@ -100,7 +100,7 @@ fn quiet_and_with_the_dump_on_standard_output_only_data_is_there() {
 }
 
 #[test]
-fn an_interface_may_go_down_and_come_back_but_not_go_away() {
+fn interface_may_go_down_but_not_away() {
     let Some((mut program, mut master)) = begin(&[], 1) else { return };
     network::ip(&["link", "set", GATEWAYS, "down"]);
     program.wait_for("veth1 is down: no frames until it is up");
@@ -111,15 +111,15 @@ fn an_interface_may_go_down_and_come_back_but_not_go_away() {
     program.wait_for("veth1 is up again");
     network::ip(&["link", "del", GATEWAYS]);
     let message = program.fail();
-    assert!(message.contains("the network interface veth1 is gone"), "{message}");
+    assert!(message.contains("network interface veth1 was removed"), "{message}");
 }
 
 #[test]
-fn an_interface_that_is_down_and_goes_away_is_told() {
+fn removed_interface_is_reported() {
     let Some((mut program, _master)) = begin(&[], 1) else { return };
     network::ip(&["link", "set", GATEWAYS, "down"]);
     program.wait_for("veth1 is down: no frames until it is up");
     network::ip(&["link", "del", GATEWAYS]);
     let message = program.fail();
-    assert!(message.contains("the network interface veth1 is gone"), "{message}");
+    assert!(message.contains("network interface veth1 was removed"), "{message}");
 }

@@ -118,7 +118,7 @@ impl Node for BridgeNode {
 
     fn advance(&mut self, now: u64, out: &mut NodeOutput) {
         self.fill(out);
-        let pause = if self.server.clients().are_there() { POLL_NS } else { IDLE_POLL_NS };
+        let pause = if self.server.clients().is_any_connected() { POLL_NS } else { IDLE_POLL_NS };
         self.due = Some(now.saturating_add(pause));
     }
 

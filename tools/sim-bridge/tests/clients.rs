@@ -12,14 +12,14 @@ use ecan_sim::{
 };
 use ecan_sim_bridge::{BridgeError, attach, bridges};
 
-/// Nothing here takes anywhere near as long, unless it fails.
-const PATIENCE: Duration = Duration::from_secs(60);
+/// Timeout of a failing test.
+const TIMEOUT: Duration = Duration::from_secs(60);
 
 fn node(name: &str, bus: &str, kind: NodeKind, bitrate: Option<u32>) -> NodeSpec {
     NodeSpec { name: name.to_owned(), bus: bus.to_owned(), kind, bitrate, data_bitrate: None }
 }
 
-/// A gateway that nobody switches on, and nodes with bit rates of their own on its first bus.
+/// A gateway without configured channels, and nodes with their own bit rates on its first bus.
 fn simulation(kinds: Vec<NodeKind>) -> Simulation {
     let kinds = kinds.into_iter().enumerate();
     let scenario = Scenario {
@@ -49,30 +49,30 @@ fn only_bridge(simulation: &Simulation) -> BridgeInfo {
     bridges[0].1.clone()
 }
 
-/// A client that knows no protocol.
+/// A client without protocol.
 struct Client(TcpStream);
 
 impl Client {
     fn connect(address: SocketAddr) -> Self {
         let stream = TcpStream::connect(address).unwrap();
-        stream.set_read_timeout(Some(PATIENCE)).unwrap();
-        stream.set_write_timeout(Some(PATIENCE)).unwrap();
+        stream.set_read_timeout(Some(TIMEOUT)).unwrap();
+        stream.set_write_timeout(Some(TIMEOUT)).unwrap();
         Self(stream)
     }
 
     /// An slcan client with an open channel.
     fn slcan(address: SocketAddr) -> Self {
         let mut client = Self::connect(address);
-        client.say("O\r");
+        client.send("O\r");
         client.expect("\r");
         client
     }
 
-    fn say(&mut self, text: &str) {
+    fn send(&mut self, text: &str) {
         self.0.write_all(text.as_bytes()).unwrap();
     }
 
-    /// Reads exactly this.
+    /// Reads exactly this text.
     fn expect(&mut self, text: &str) {
         let mut bytes = vec![0; text.len()];
         self.0.read_exact(&mut bytes).unwrap();
@@ -80,7 +80,7 @@ impl Client {
     }
 
     /// Whether the server has closed the connection.
-    fn is_over(&mut self) -> bool {
+    fn is_closed(&mut self) -> bool {
         matches!(self.0.read(&mut [0]), Ok(0) | Err(_))
     }
 }
@@ -88,12 +88,12 @@ impl Client {
 fn wait_for(what: &str, mut done: impl FnMut() -> bool) {
     let begun = Instant::now();
     while !done() {
-        assert!(begun.elapsed() < PATIENCE, "{what}");
+        assert!(begun.elapsed() < TIMEOUT, "{what}");
         std::thread::sleep(Duration::from_millis(2));
     }
 }
 
-/// Threads of this process that belong to bridges with this port, and to their clients.
+/// Number of threads of the bridge with this port.
 fn bridge_threads(port: u16) -> usize {
     let tasks = std::fs::read_dir("/proc/self/task").unwrap();
     let names =
@@ -102,14 +102,14 @@ fn bridge_threads(port: u16) -> usize {
 }
 
 #[test]
-fn a_client_talks_with_a_node_and_not_with_itself() {
+fn client_receives_node_frames_not_its_own() {
     let simulation = simulation(vec![NodeKind::Echo, bridge(BridgeSpec::default())]);
     let _runner = simulation.keep_running().unwrap();
     let bridge = only_bridge(&simulation);
     assert!(bridge.address().ip().is_loopback());
     let mut client = Client::slcan(bridge.address());
-    client.say("t1232AABB\rT012345670\rr1238\r");
-    // The echo of the first may come before the last was taken.
+    client.send("t1232AABB\rT012345670\rr1238\r");
+    // The first echo may arrive before the last frame is accepted.
     let mut bytes = vec![0; "z\rZ\rz\rt1232AABB\rT012345670\rr1238\r".len()];
     client.0.read_exact(&mut bytes).unwrap();
     let text = String::from_utf8_lossy(&bytes);
@@ -122,13 +122,13 @@ fn a_client_talks_with_a_node_and_not_with_itself() {
 }
 
 #[test]
-fn clients_hear_each_other() {
+fn clients_receive_each_others_frames() {
     let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSpec::default())]);
     let _runner = simulation.keep_running().unwrap();
     let bridge = only_bridge(&simulation);
     let mut clients: Vec<_> = (0..3).map(|_| Client::slcan(bridge.address())).collect();
     for sender in 0..3 {
-        clients[sender].say(&format!("t10{sender}0\r"));
+        clients[sender].send(&format!("t10{sender}0\r"));
         clients[sender].expect("z\r");
         for (_, other) in clients.iter_mut().enumerate().filter(|(other, _)| *other != sender) {
             other.expect(&format!("t10{sender}0\r"));
@@ -140,7 +140,7 @@ fn clients_hear_each_other() {
 }
 
 #[test]
-fn two_bridges_on_one_bus_speak_two_protocols() {
+fn two_bridges_on_one_bus_use_two_protocols() {
     let simulation = simulation(vec![
         bridge(BridgeSpec::default()),
         bridge(BridgeSpec { protocol: BridgeProtocol::Socketcand, ..BridgeSpec::default() }),
@@ -150,47 +150,47 @@ fn two_bridges_on_one_bus_speak_two_protocols() {
     let mut slcan = Client::slcan(bridges[0].1.address());
     let mut daemon = Client::connect(bridges[1].1.address());
     daemon.expect("< hi >");
-    daemon.say("< open can0 >");
+    daemon.send("< open can0 >");
     daemon.expect("< ok >");
-    daemon.say("< rawmode >");
+    daemon.send("< rawmode >");
     daemon.expect("< ok >");
-    daemon.say("< send 321 2 1 2 >");
+    daemon.send("< send 321 2 1 2 >");
     slcan.expect("t32120102\r");
-    slcan.say("t1231FF\r");
+    slcan.send("t1231FF\r");
     slcan.expect("z\r");
     daemon.expect("< frame 123 ");
 }
 
 #[test]
-fn malformed_input_is_answered_with_a_bell() {
+fn malformed_input_is_answered_with_bell() {
     let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSpec::default())]);
     let bridge = only_bridge(&simulation);
     let mut client = Client::slcan(bridge.address());
-    client.say("t12\rwhat?\r\0\u{fffd}\r");
+    client.send("t12\rwhat?\r\0\u{fffd}\r");
     client.expect("\x07\x07\x07");
-    client.say("V\r");
+    client.send("V\r");
     client.expect("V1010\r");
-    assert_eq!(bridge.statistics().refused, 3);
+    assert_eq!(bridge.statistics().rejected, 3);
 }
 
 #[test]
-fn queues_are_bounded_and_count_what_they_drop() {
-    // Nobody moves time, so nothing leaves the queue to the bus.
+fn queues_are_bounded_and_count_drops() {
+    // Time stands still, so the queue to the bus is not emptied.
     let settings = BridgeSpec { queue: Some(8), ..BridgeSpec::default() };
     let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
     let bridge = only_bridge(&simulation);
     let mut client = Client::slcan(bridge.address());
-    client.say(&"t1230\r".repeat(20));
+    client.send(&"t1230\r".repeat(20));
     client.expect(&("z\r".repeat(8) + &"\x07".repeat(12)));
     assert_eq!(bridge.statistics().dropped_to_bus, 12);
-    client.say("F\r");
+    client.send("F\r");
     client.expect("F02\r");
 }
 
-/// The writer of a client that does not read gets stuck in its socket; the bus goes on, and so
-/// does the end of it all.
+/// The writer of a client that does not read blocks in its socket; the bus and the end of the
+/// simulation do not.
 #[test]
-fn a_client_that_does_not_read_holds_nobody_up() {
+fn client_that_does_not_read_blocks_nothing() {
     let babbler = FaultyConfig { babble_us: 100, ..FaultyConfig::default() };
     let scenario = Scenario {
         gateways: vec![GatewaySpec::at(0)],
@@ -202,8 +202,8 @@ fn a_client_that_does_not_read_holds_nobody_up() {
     };
     let simulation = open(scenario, ClockKind::Stepped);
     let info = only_bridge(&simulation);
-    let lazy = Client::slcan(info.address());
-    // Once the sockets are full and the queue behind them too, nothing is delivered any more.
+    let idle_client = Client::slcan(info.address());
+    // When the sockets and the queue are full, nothing more is delivered.
     wait_for("the sockets are full", || {
         let before = info.statistics();
         simulation.pass_ns(1_000_000_000);
@@ -212,42 +212,42 @@ fn a_client_that_does_not_read_holds_nobody_up() {
     });
     drop(simulation);
     wait_for("its threads end", || bridge_threads(info.address().port()) == 0);
-    drop(lazy);
+    drop(idle_client);
 }
 
 #[test]
-fn a_client_too_many_is_turned_away_until_another_leaves() {
+fn excess_client_is_rejected_until_another_leaves() {
     let settings = BridgeSpec { max_clients: Some(1), ..BridgeSpec::default() };
     let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
     let bridge = only_bridge(&simulation);
     let first = Client::slcan(bridge.address());
-    assert!(Client::connect(bridge.address()).is_over());
-    assert_eq!(bridge.statistics().turned_away, 1);
+    assert!(Client::connect(bridge.address()).is_closed());
+    assert_eq!(bridge.statistics().rejected_clients, 1);
     drop(first);
     wait_for("the first leaves", || bridge.statistics().clients == 0);
     Client::slcan(bridge.address());
 }
 
 #[test]
-fn a_silent_bridge_neither_hears_late_nor_mixes_senders_up() {
+fn muted_bridge_keeps_senders_apart() {
     let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSpec::default())]);
     let _runner = simulation.keep_running().unwrap();
     let info = only_bridge(&simulation);
     let (mut one, mut two) = (Client::slcan(info.address()), Client::slcan(info.address()));
     simulation.inject(Fault::NodeSilent { node: "n1".to_owned(), for_ms: 50 });
-    one.say("t1110\r");
+    one.send("t1110\r");
     one.expect("z\r");
     simulation.pass_ns(100_000_000);
-    two.say("t2220\r");
+    two.send("t2220\r");
     two.expect("z\r");
     one.expect("t2220\r");
-    one.say("t3330\r");
+    one.send("t3330\r");
     one.expect("z\r");
     two.expect("t3330\r");
 }
 
 #[test]
-fn an_attached_bridge_goes_with_its_handle_and_takes_its_threads_along() {
+fn dropped_bridge_handle_ends_threads() {
     let simulation = simulation(vec![NodeKind::Silent]);
     let _runner = simulation.keep_running().unwrap();
     let handle = attach(&simulation, "0.0", &BridgeSpec::default()).unwrap();
@@ -260,7 +260,7 @@ fn an_attached_bridge_goes_with_its_handle_and_takes_its_threads_along() {
     assert_eq!((bridges(&simulation).len(), info.statistics().clients), (0, 0));
     wait_for("its threads end", || bridge_threads(address.port()) == 0);
     for mut client in clients {
-        assert!(client.is_over());
+        assert!(client.is_closed());
     }
     assert!(TcpStream::connect(address).is_err());
 }
@@ -281,17 +281,17 @@ fn scenario_without_bridge_factory_reports_the_node() {
 }
 
 #[test]
-fn dropping_the_simulation_ends_its_bridges() {
+fn dropped_simulation_ends_bridges() {
     let simulation = simulation(vec![bridge(BridgeSpec::default())]);
     let address = only_bridge(&simulation).address();
     let mut client = Client::slcan(address);
     drop(simulation);
-    assert!(client.is_over());
+    assert!(client.is_closed());
     wait_for("its threads end", || bridge_threads(address.port()) == 0);
 }
 
 #[test]
-fn bridges_that_cannot_be_had_are_refused_with_the_reason() {
+fn impossible_bridges_are_rejected_with_reason() {
     let simulation = simulation(vec![NodeKind::Silent]);
     let error = attach(&simulation, "0.7", &BridgeSpec::default()).unwrap_err();
     assert_eq!(error.to_string(), "bus \"0.7\" does not exist; there are: 0.0, 0.1, 0.2, 0.3");
@@ -303,14 +303,14 @@ fn bridges_that_cannot_be_had_are_refused_with_the_reason() {
 }
 
 #[test]
-fn stepped_time_is_not_moved_by_a_runner() {
+fn runner_rejects_stepped_clock() {
     let simulation = open(Scenario::default(), ClockKind::Stepped);
     assert!(matches!(simulation.keep_running(), Err(RunnerError::SteppedClock)));
 }
 
-/// The program moves stepped time; the bridge takes part in it all the same.
+/// The program advances stepped time.
 #[test]
-fn a_bridge_works_in_stepped_time_too() {
+fn bridge_works_in_stepped_time() {
     let scenario = Scenario {
         gateways: vec![GatewaySpec::at(0)],
         nodes: vec![
@@ -321,14 +321,14 @@ fn a_bridge_works_in_stepped_time_too() {
     };
     let simulation = open(scenario, ClockKind::Stepped);
     let mut client = Client::slcan(only_bridge(&simulation).address());
-    client.say("t1230\r");
+    client.send("t1230\r");
     client.expect("z\r");
     simulation.pass_ns(10_000_000);
     client.expect("t1230\r");
 }
 
 #[test]
-fn a_scenario_file_says_it_all() {
+fn scenario_file_configures_bridge() {
     let text = r#"
         [[gateway]]
         [[node]]
@@ -360,7 +360,7 @@ fn a_scenario_file_says_it_all() {
 }
 
 #[test]
-fn keys_of_bridges_belong_to_bridges() {
+fn bridge_keys_are_rejected_for_other_nodes() {
     let refused = |keys: &str| {
         let text = format!("[[gateway]]\n[[node]]\nbus = \"0.0\"\n{keys}");
         Scenario::from_toml(&text, "wrong", std::path::Path::new(".")).unwrap_err().to_string()
@@ -377,15 +377,15 @@ fn keys_of_bridges_belong_to_bridges() {
     assert!(refused("kind = \"bridge\"\nprotocol = \"gvret\"").starts_with("line 5: "));
 }
 
-/// The bridge hands frames on as the bus brought them.
+/// The bridge does not change frames.
 #[test]
-fn the_frame_on_the_bus_is_the_clients() {
+fn client_frame_is_sent_unchanged() {
     let frame = CanFrame::classic(CanId::standard(0x123).unwrap(), &[1]).unwrap();
     let simulation = simulation(vec![NodeKind::Silent, bridge(BridgeSpec::default())]);
     let _runner = simulation.keep_running().unwrap();
     let info = only_bridge(&simulation);
     let mut client = Client::slcan(info.address());
-    client.say("t123101\r");
+    client.send("t123101\r");
     client.expect("z\r");
     wait_for("it is sent", || info.statistics().sent == 1);
     let busy = simulation.with_world(|world| world.bus("0.0").unwrap().statistics().busy_ns);

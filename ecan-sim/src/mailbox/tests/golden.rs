@@ -38,7 +38,7 @@ fn a_normal_upload() {
 }
 
 #[test]
-fn a_segmented_upload() {
+fn segmented_upload_returns_value() {
     // room for 4 bytes in the first message, for 11 in a segment
     let mut bench = Fixture::with_mailbox(20);
     bench.download(0x7000, 1, false, b"0123456789ABCDEF").unwrap();
@@ -78,7 +78,7 @@ fn a_normal_download() {
 }
 
 #[test]
-fn a_segmented_download() {
+fn segmented_download_writes_value() {
     let mut bench = Fixture::preop();
     let mut body = vec![0x00, 0x20, 0x21, 0x10, 0x70, 0x01, 0x10, 0x00, 0x00, 0x00];
     body.extend_from_slice(b"0123");

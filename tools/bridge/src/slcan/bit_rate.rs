@@ -1,26 +1,26 @@
-//! The bit rates that slcan names.
+//! Bit rates of slcan commands.
 
-/// Clock of the SJA1000's time quanta in Lawicel's adapters, Hz: 16 MHz through two.
+/// Clock of the SJA1000's time quanta in Lawicel's adapters, Hz: 16 MHz divided by two.
 const QUANTA_CLOCK: u32 = 8_000_000;
 
-/// Thousandths by which a rate may differ from the named one: names are rounded.
+/// Tolerance of a bit rate in thousandths: commands have rounded rates.
 const TOLERANCE_PERMILLE: u32 = 5;
 
-/// What a client calls its bit rate.
+/// Bit rate in a client's command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct NamedRate {
     rate: u32,
-    /// The same name means this to other clients.
+    /// Meaning of the same command for other clients.
     or: Option<u32>,
 }
 
 impl NamedRate {
-    /// A rate in bit/s.
+    /// Rate in bit/s.
     pub(super) const fn exactly(rate: u32) -> Self {
         Self { rate, or: None }
     }
 
-    /// Whether a bus of this bit rate may be meant.
+    /// Whether the command may mean this bit rate.
     pub(super) fn fits(self, real: u32) -> bool {
         let is_near = |named: u32| {
             u64::from(named.abs_diff(real)) * 1000
@@ -30,8 +30,8 @@ impl NamedRate {
     }
 }
 
-/// `Sn`: the arbitration phase. 7 is 800 kbit/s to Lawicel and most clients and 750 kbit/s to
-/// python-can; 9 is python-can's, as some adapters have it.
+/// `Sn`: arbitration phase. 7 is 800 kbit/s for Lawicel and most clients and 750 kbit/s for
+/// python-can; 9 is an extension of python-can and some adapters.
 pub(super) fn standard(code: u8) -> Option<NamedRate> {
     let rates =
         [10_000, 20_000, 50_000, 100_000, 125_000, 250_000, 500_000, 800_000, 1_000_000, 83_300];
@@ -39,12 +39,12 @@ pub(super) fn standard(code: u8) -> Option<NamedRate> {
     Some(NamedRate { rate, or: (code == 7).then_some(750_000) })
 }
 
-/// `Yn`: bit/s of the data phase, of CANable 2 and its successors.
+/// `Yn`: data phase, of CANable 2 and its successors.
 pub(super) fn data(code: u8) -> Option<u32> {
     matches!(code, 1 | 2 | 4 | 5 | 8).then(|| u32::from(code) * 1_000_000)
 }
 
-/// `sxxyy`: bit/s that the bus timing registers of an SJA1000 make.
+/// `sxxyy`: bus timing registers of an SJA1000.
 pub(super) fn of_registers(btr0: u8, btr1: u8) -> u32 {
     let prescaler = u32::from(btr0 & 0x3F) + 1;
     let before_sample = u32::from(btr1 & 0x0F) + 1;
@@ -57,7 +57,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn lawicels_register_values_give_its_standard_rates() {
+    fn lawicel_register_values_give_standard_rates() {
         // The table of the CAN232 manual.
         let table = [
             (0x31, 0x1C, 10_000),
@@ -76,7 +76,7 @@ mod tests {
     }
 
     #[test]
-    fn names_fit_what_clients_mean_by_them() {
+    fn codes_match_rates_that_clients_mean() {
         let fits = |code, rate| standard(code).unwrap().fits(rate);
         assert!(fits(7, 800_000) && fits(7, 750_000) && !fits(7, 775_000));
         assert!(fits(9, 83_333) && fits(9, 83_300) && !fits(9, 100_000));
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn codes_without_a_rate_are_none() {
+    fn codes_without_rate_are_none() {
         let rate = |code| standard(code).map(|it| it.rate);
         assert_eq!((rate(6), rate(8), rate(10)), (Some(500_000), Some(1_000_000), None));
         assert_eq!(

@@ -1,17 +1,17 @@
-//! One line of slcan, read.
+//! Parser of slcan lines.
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
 use super::bit_rate::{self, NamedRate};
 
-/// What a client asks for.
+/// A command of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SlcanCommand {
-    /// An empty line, as clients send it to get rid of half a command.
+    /// An empty line, which clients send to discard an incomplete command.
     Nothing,
-    /// `Sn`, `sxxyy`: the bit rate of the arbitration phase is to be this.
+    /// `Sn`, `sxxyy`: bit rate of the arbitration phase.
     Bitrate(NamedRate),
-    /// `Yn`: that of the data phase.
+    /// `Yn`: bit rate of the data phase.
     DataBitrate(NamedRate),
     /// `O`.
     Open,
@@ -23,21 +23,21 @@ pub(crate) enum SlcanCommand {
     Transmit(CanFrame),
     /// `F`: status flags.
     Flags,
-    /// `V`, and `v` of some adapters.
+    /// `V`, and `v` on some adapters.
     Version,
     /// `N`.
     SerialNumber,
-    /// `Zn`: whether received frames carry a time.
+    /// `Zn`: whether received frames have a timestamp.
     Timestamps(bool),
-    /// `X1`: received frames are sent at once, which they always are.
+    /// `X1`: send received frames at once, which is always the case.
     AutoPoll,
-    /// `Mxxxxxxxx`, `mFFFFFFFF`: an acceptance filter that lets everything pass.
+    /// `Mxxxxxxxx`, `mFFFFFFFF`: an acceptance filter that passes all frames.
     AcceptAll,
 }
 
-/// The line is no command that is served here.
+/// The line is not a supported command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct NotUnderstood;
+pub(crate) struct UnknownCommand;
 
 /// The longest command: an extended CAN FD frame of 64 bytes.
 pub(super) const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64;
@@ -45,8 +45,8 @@ pub(super) const MAX_LINE: usize = 1 + 8 + 1 + 2 * 64;
 /// The bits of an extended identifier.
 const EXTENDED_BITS: u32 = 0x1FFF_FFFF;
 
-/// Reads a line without its end.
-pub(super) fn parse(line: &[u8]) -> Result<SlcanCommand, NotUnderstood> {
+/// Parses a line without its end.
+pub(super) fn parse(line: &[u8]) -> Result<SlcanCommand, UnknownCommand> {
     use SlcanCommand as Command;
     let Some((&letter, arguments)) = line.split_first() else { return Ok(Command::Nothing) };
     let fd = |brs| Format::Fd { brs };
@@ -85,7 +85,7 @@ pub(super) fn parse(line: &[u8]) -> Result<SlcanCommand, NotUnderstood> {
         b'N' => Some(Command::SerialNumber),
         _ => None,
     }
-    .ok_or(NotUnderstood)
+    .ok_or(UnknownCommand)
 }
 
 /// Format of a frame to send.
@@ -119,7 +119,6 @@ fn transmit(arguments: &[u8], extended: bool, format: Format) -> Option<SlcanCom
     frame.ok().map(SlcanCommand::Transmit)
 }
 
-/// A single decimal digit.
 fn digit(text: &[u8]) -> Option<u8> {
     match text {
         [digit @ b'0'..=b'9'] => Some(digit - b'0'),
@@ -127,7 +126,7 @@ fn digit(text: &[u8]) -> Option<u8> {
     }
 }
 
-/// A number of exactly so many hexadecimal digits, at most eight.
+/// A number with exactly this many hexadecimal digits, at most eight.
 fn number(text: &[u8], digits: usize) -> Option<u32> {
     if text.len() != digits {
         return None;
@@ -135,7 +134,6 @@ fn number(text: &[u8], digits: usize) -> Option<u32> {
     text.iter().try_fold(0, |value, &digit| Some(value << 4 | u32::from(hex_digit(digit)?)))
 }
 
-/// Pairs of hexadecimal digits.
 fn bytes<'a>(hex: &[u8], store: &'a mut [u8; 64]) -> Option<&'a [u8]> {
     let length = hex.len() / 2;
     if !hex.len().is_multiple_of(2) || length > store.len() {
@@ -147,7 +145,6 @@ fn bytes<'a>(hex: &[u8], store: &'a mut [u8; 64]) -> Option<&'a [u8]> {
     store.get(..length)
 }
 
-/// A hexadecimal digit of either case.
 fn hex_digit(digit: u8) -> Option<u8> {
     match digit {
         b'0'..=b'9' => Some(digit - b'0'),

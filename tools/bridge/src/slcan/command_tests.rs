@@ -1,10 +1,10 @@
-//! Golden lines, and what every line has in common.
+//! Golden lines, and properties of all lines.
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
 use super::bit_rate::NamedRate;
-use super::command::{MAX_LINE, NotUnderstood, SlcanCommand, parse};
+use super::command::{MAX_LINE, SlcanCommand, UnknownCommand, parse};
 use super::encode::encode;
 use crate::frame_strategies::any_frame;
 
@@ -22,7 +22,7 @@ fn text(frame: &CanFrame, time_ns: Option<u64>) -> String {
     String::from_utf8(text).unwrap()
 }
 
-/// Lines as python-can 4.6 writes them, and the frames they mean.
+/// Lines as python-can 4.6 writes them, and their frames.
 fn golden_frames() -> Vec<(&'static str, CanFrame)> {
     let bytes: Vec<u8> = (0x10..0x1C).collect();
     vec![
@@ -49,7 +49,7 @@ fn golden_frames() -> Vec<(&'static str, CanFrame)> {
 }
 
 #[test]
-fn frames_are_written_and_read_as_python_can_does() {
+fn frames_match_python_can_format() {
     for (line, frame) in golden_frames() {
         assert_eq!(parse(line.as_bytes()), Ok(SlcanCommand::Transmit(frame)), "{line}");
         assert_eq!(text(&frame, None), format!("{line}\r"));
@@ -60,7 +60,7 @@ fn frames_are_written_and_read_as_python_can_does() {
 
 /// SavvyCAN sets bit 31 of extended identifiers.
 #[test]
-fn flags_in_an_extended_identifier_do_not_matter() {
+fn flags_in_extended_identifier_are_ignored() {
     let id = extended(0x123);
     let data = [1u8];
     let table = [
@@ -76,14 +76,14 @@ fn flags_in_an_extended_identifier_do_not_matter() {
 }
 
 #[test]
-fn the_longest_frame_is_the_longest_line() {
+fn longest_frame_is_longest_line() {
     let frame = CanFrame::fd(extended(1), &[0xA5; 64], true, false).unwrap();
     assert_eq!(text(&frame, None).len(), MAX_LINE + 1);
     assert!(text(&frame, None).starts_with("B00000001FA5"));
 }
 
 #[test]
-fn a_timestamp_counts_milliseconds_of_a_minute() {
+fn timestamp_counts_milliseconds_of_minute() {
     let frame = CanFrame::classic(standard(0x123), &[7]).unwrap();
     let stamped = |ms: u64| text(&frame, Some(ms * 1_000_000 + 999_999));
     assert_eq!(stamped(0), "t1231070000\r");
@@ -92,7 +92,7 @@ fn a_timestamp_counts_milliseconds_of_a_minute() {
 }
 
 #[test]
-fn commands_are_read() {
+fn commands_are_parsed() {
     use SlcanCommand as Command;
     let table = [
         ("", Command::Nothing),
@@ -123,7 +123,7 @@ fn commands_are_read() {
 }
 
 #[test]
-fn what_is_wrong_is_refused() {
+fn invalid_commands_are_rejected() {
     let lines = [
         "t",
         "t12",
@@ -169,11 +169,11 @@ fn what_is_wrong_is_refused() {
         "é",
     ];
     for line in lines {
-        assert_eq!(parse(line.as_bytes()), Err(NotUnderstood), "{line:?}");
+        assert_eq!(parse(line.as_bytes()), Err(UnknownCommand), "{line:?}");
     }
 }
 
-/// A line of a frame in capitals, without flags in its identifier, and with its end.
+/// A frame line in capitals, without flags in its identifier, with its end.
 fn canonical(line: &[u8]) -> String {
     let line = str::from_utf8(line).unwrap();
     let (letter, rest) = line.split_at(1);
@@ -187,21 +187,21 @@ fn canonical(line: &[u8]) -> String {
 
 proptest! {
     #[test]
-    fn what_is_written_can_be_read(frame in any_frame(false)) {
+    fn written_frames_can_be_parsed(frame in any_frame(false)) {
         let line = text(&frame, None);
         let line = line.strip_suffix('\r').unwrap();
         prop_assert_eq!(parse(line.as_bytes()), Ok(SlcanCommand::Transmit(frame)));
     }
 
     #[test]
-    fn any_line_is_read_or_refused(line in prop::collection::vec(any::<u8>(), 0..200)) {
+    fn any_line_is_parsed_or_rejected(line in prop::collection::vec(any::<u8>(), 0..200)) {
         if let Ok(SlcanCommand::Transmit(frame)) = parse(&line) {
             prop_assert_eq!(text(&frame, None).to_uppercase(), canonical(&line));
         }
     }
 
     #[test]
-    fn lines_that_are_nearly_frames_are_read_or_refused(line in "[tTrRdDbB][0-9A-Fa-f]{0,24}") {
+    fn frame_like_lines_are_parsed_or_rejected(line in "[tTrRdDbB][0-9A-Fa-f]{0,24}") {
         if let Ok(command) = parse(line.as_bytes()) {
             let SlcanCommand::Transmit(frame) = command else { panic!("{line} is {command:?}") };
             prop_assert_eq!(text(&frame, None).to_uppercase(), canonical(line.as_bytes()));

@@ -1,14 +1,14 @@
-//! Frames as slcan writes them.
+//! Encoder of slcan frames.
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::OK;
 
-/// Milliseconds after which a timestamp starts over.
+/// Period of timestamps, ms.
 const TIMESTAMP_WRAP: u64 = 60_000;
 
-/// Appends a received frame; with the time in milliseconds where one is given. slcan has no place
-/// for the error state indicator of CAN FD.
+/// Appends a received frame, with a timestamp in milliseconds if `time_ns` is given. slcan cannot
+/// represent the error state indicator of CAN FD.
 pub(super) fn encode(frame: &CanFrame, time_ns: Option<u64>, text: &mut Vec<u8>) {
     let is_extended = frame.id().is_extended();
     let letter = match frame.kind() {
@@ -30,7 +30,7 @@ pub(super) fn encode(frame: &CanFrame, time_ns: Option<u64>, text: &mut Vec<u8>)
     text.push(OK);
 }
 
-/// Appends the lowest so many hexadecimal digits.
+/// Appends the lowest hexadecimal digits.
 pub(super) fn hex(value: u32, digits: u32, text: &mut Vec<u8>) {
     for place in (0..digits).rev() {
         let digit = (value >> (4 * place) & 0xF) as u8;

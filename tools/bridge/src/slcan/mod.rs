@@ -13,7 +13,7 @@ mod session_tests;
 
 pub(super) use session::{SlcanReceiveSettings, SlcanSession};
 
-/// Ends a command, and alone is the answer "done".
+/// Ends a command; alone it is the answer "done".
 const OK: u8 = b'\r';
-/// The answer "refused".
+/// The answer "rejected".
 const BELL: u8 = 0x07;

@@ -1,13 +1,13 @@
-//! What an slcan adapter remembers, and how it answers.
+//! State of an slcan adapter.
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
 use super::bit_rate::NamedRate;
-use super::command::{MAX_LINE, NotUnderstood, SlcanCommand, parse};
+use super::command::{MAX_LINE, SlcanCommand, UnknownCommand, parse};
 use super::encode::{encode, hex};
 use super::{BELL, OK};
 use crate::rates::BusRates;
-use crate::session::Uplink;
+use crate::uplink::Uplink;
 
 /// Hardware and software version, two digits each.
 const VERSION: &[u8] = b"V1010";
@@ -24,18 +24,17 @@ enum Mode {
     Open,
 }
 
-/// The adapter that one client sees.
+/// The adapter of one client.
 ///
-/// The bus has the bit rates that it has: naming one does not change it. But a client that names
-/// another than that of the bus hears nothing and cannot send, as on a real bus, where it would
-/// disturb the others besides.
+/// A client cannot change the bit rates of the bus. With other bit rates than the bus it receives
+/// nothing and cannot send, as on a real bus.
 #[derive(Debug)]
 pub(crate) struct SlcanSession {
     line: Vec<u8>,
-    /// The line is too long; the rest of it is not looked at.
+    /// The line is too long; the rest of it is ignored.
     overlong: bool,
-    hearing: SlcanReceiveSettings,
-    /// Since the flags were read last.
+    receive_settings: SlcanReceiveSettings,
+    /// Set since the flags were last read.
     flags: u32,
 }
 
@@ -44,12 +43,12 @@ impl SlcanSession {
         Self {
             line: Vec::with_capacity(MAX_LINE),
             overlong: false,
-            hearing: SlcanReceiveSettings::default(),
+            receive_settings: SlcanReceiveSettings::default(),
             flags: 0,
         }
     }
 
-    /// Takes in what the client wrote. Line feeds between lines do not matter.
+    /// Processes input. Line feeds between lines are ignored.
     pub(crate) fn feed(&mut self, bytes: &[u8], bus: &mut impl Uplink, answer: &mut Vec<u8>) {
         for &byte in bytes {
             match byte {
@@ -63,44 +62,44 @@ impl SlcanSession {
 
     fn line_ends(&mut self, bus: &mut impl Uplink, answer: &mut Vec<u8>) {
         let overlong = std::mem::take(&mut self.overlong);
-        let command = if overlong { Err(NotUnderstood) } else { parse(&self.line) };
+        let command = if overlong { Err(UnknownCommand) } else { parse(&self.line) };
         self.line.clear();
         let done = command.is_ok_and(|command| self.run(command, bus, answer));
         if done {
             answer.push(OK);
         } else {
-            bus.count_refused();
+            bus.count_rejected();
             answer.push(BELL);
         }
     }
 
-    /// Does what is asked and appends the answer up to its end; false refuses, with no answer
-    /// appended.
+    /// Executes a command and appends the answer up to its end; returns false to reject it, without
+    /// an answer.
     fn run(&mut self, command: SlcanCommand, bus: &mut impl Uplink, answer: &mut Vec<u8>) -> bool {
         use SlcanCommand as Command;
-        let is_closed = self.hearing.mode == Mode::Closed;
+        let is_closed = self.receive_settings.mode == Mode::Closed;
         match command {
             Command::Nothing | Command::AutoPoll => return true,
-            Command::Close => self.hearing.mode = Mode::Closed,
+            Command::Close => self.receive_settings.mode = Mode::Closed,
             Command::Version => answer.extend(VERSION),
             Command::SerialNumber => answer.extend(SERIAL_NUMBER),
             Command::Flags if !is_closed => {
                 answer.push(b'F');
                 hex(std::mem::take(&mut self.flags), 2, answer);
             }
-            Command::Transmit(frame) if self.hearing.mode == Mode::Open => {
+            Command::Transmit(frame) if self.receive_settings.mode == Mode::Open => {
                 return self.transmit(frame, bus, answer);
             }
-            // As harmless as closing a closed channel: python-can does both.
-            Command::Open if self.hearing.mode == Mode::Open => {}
-            Command::OpenListening if self.hearing.mode == Mode::Listening => {}
-            // The rest is set up while the channel is closed.
+            // Harmless, as closing a closed channel: python-can does both.
+            Command::Open if self.receive_settings.mode == Mode::Open => {}
+            Command::OpenListening if self.receive_settings.mode == Mode::Listening => {}
+            // Everything else requires a closed channel.
             _ if !is_closed => return false,
-            Command::Open => self.hearing.mode = Mode::Open,
-            Command::OpenListening => self.hearing.mode = Mode::Listening,
-            Command::Bitrate(bitrate) => self.hearing.bitrate = Some(bitrate),
-            Command::DataBitrate(bitrate) => self.hearing.data_bitrate = Some(bitrate),
-            Command::Timestamps(wanted) => self.hearing.timestamps = wanted,
+            Command::Open => self.receive_settings.mode = Mode::Open,
+            Command::OpenListening => self.receive_settings.mode = Mode::Listening,
+            Command::Bitrate(bitrate) => self.receive_settings.bitrate = Some(bitrate),
+            Command::DataBitrate(bitrate) => self.receive_settings.data_bitrate = Some(bitrate),
+            Command::Timestamps(wanted) => self.receive_settings.timestamps = wanted,
             Command::AcceptAll => {}
             Command::Flags | Command::Transmit(_) => return false,
         }
@@ -108,7 +107,7 @@ impl SlcanSession {
     }
 
     fn transmit(&mut self, frame: CanFrame, bus: &mut impl Uplink, answer: &mut Vec<u8>) -> bool {
-        if bus.bus().is_some_and(|config| !self.hearing.fits(&frame, &config)) {
+        if bus.bus().is_some_and(|config| !self.receive_settings.fits(&frame, &config)) {
             bus.count_mismatched();
             return false;
         }
@@ -120,13 +119,12 @@ impl SlcanSession {
         true
     }
 
-    /// What the client wants to hear by now.
-    pub(crate) fn hearing(&self) -> SlcanReceiveSettings {
-        self.hearing
+    pub(crate) fn receive_settings(&self) -> SlcanReceiveSettings {
+        self.receive_settings
     }
 }
 
-/// How the channel is set up: what passes between the client and the bus.
+/// Channel settings: they select the frames that pass between the client and the bus.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(crate) struct SlcanReceiveSettings {
     mode: Mode,
@@ -136,7 +134,7 @@ pub(crate) struct SlcanReceiveSettings {
 }
 
 impl SlcanReceiveSettings {
-    /// Whether a frame can go between this client and a bus.
+    /// Whether the settings match the bus for this frame.
     fn fits(&self, frame: &CanFrame, bus: &BusRates) -> bool {
         let shares = |named: Option<NamedRate>, real| named.is_none_or(|named| named.fits(real));
         let is_fast = matches!(frame.kind(), FrameKind::Fd { brs: true, .. });
@@ -145,7 +143,7 @@ impl SlcanReceiveSettings {
             && (!is_fast || shares(self.data_bitrate, bus.data_bitrate))
     }
 
-    /// Appends a frame of the bus, if the channel is open and the bit rates are right.
+    /// Appends a frame of the bus if the channel is open and the bit rates match.
     pub(crate) fn encode(
         &self,
         frame: &CanFrame,

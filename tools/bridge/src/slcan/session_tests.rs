@@ -1,4 +1,4 @@
-//! Conversations with the adapter.
+//! Sessions with the adapter.
 
 use ecan_protocol::can::{CanFrame, CanId};
 use proptest::prelude::*;
@@ -6,15 +6,15 @@ use proptest::prelude::*;
 use super::SlcanSession;
 use crate::frame_strategies::any_frame;
 use crate::rates::BusRates;
-use crate::session::Uplink;
+use crate::uplink::Uplink;
 
-/// A bus that writes down what it is given.
+/// A bus that records its frames.
 #[derive(Default)]
 struct Bus {
     config: Option<BusRates>,
     sent: Vec<CanFrame>,
     room: usize,
-    refused: usize,
+    rejected: usize,
     mismatched: usize,
 }
 
@@ -41,8 +41,8 @@ impl Uplink for Bus {
         unreachable!("a client of slcan is answered")
     }
 
-    fn count_refused(&mut self) {
-        self.refused += 1;
+    fn count_rejected(&mut self) {
+        self.rejected += 1;
     }
 
     fn count_mismatched(&mut self) {
@@ -58,7 +58,7 @@ fn say(session: &mut SlcanSession, bus: &mut Bus, text: &str) -> String {
 
 fn heard(session: &SlcanSession, bus: &Bus, frame: &CanFrame) -> String {
     let mut text = Vec::new();
-    session.hearing().encode(frame, 1_234_000_000, bus.config, &mut text);
+    session.receive_settings().encode(frame, 1_234_000_000, bus.config, &mut text);
     String::from_utf8(text).unwrap()
 }
 
@@ -67,10 +67,10 @@ fn frame(data: &[u8]) -> CanFrame {
 }
 
 #[test]
-fn a_session_as_python_can_begins_it() {
+fn session_starts_as_in_python_can() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(Some(BusRates::classic(500_000)));
-    // Closing a closed channel does no harm, nor does opening an open one.
+    // Neither closing a closed channel nor opening an open one is an error.
     assert_eq!(say(&mut session, &mut bus, "C\rS6\r\rO\rO\r"), "\r".repeat(5));
     assert_eq!(say(&mut session, &mut bus, "t1232AABB\r"), "z\r");
     assert_eq!(say(&mut session, &mut bus, "T000001230\r"), "Z\r");
@@ -80,11 +80,11 @@ fn a_session_as_python_can_begins_it() {
     assert_eq!(say(&mut session, &mut bus, "C\r"), "\r");
     assert_eq!(heard(&session, &bus, &frame(&[1, 2])), "");
     assert_eq!(say(&mut session, &mut bus, "t1230\r"), "\x07");
-    assert_eq!((bus.sent.len(), bus.refused), (2, 1));
+    assert_eq!((bus.sent.len(), bus.rejected), (2, 1));
 }
 
 #[test]
-fn a_listening_channel_hears_and_does_not_send() {
+fn listen_only_channel_receives_and_does_not_send() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(None);
     assert_eq!(say(&mut session, &mut bus, "Z1\rL\rL\rO\rt1230\r"), "\r\r\r\x07\x07");
@@ -93,7 +93,7 @@ fn a_listening_channel_hears_and_does_not_send() {
 }
 
 #[test]
-fn the_channel_is_set_up_while_it_is_closed() {
+fn channel_is_configured_while_closed() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(None);
     assert_eq!(say(&mut session, &mut bus, "F\rO\r"), "\x07\r");
@@ -102,7 +102,7 @@ fn the_channel_is_set_up_while_it_is_closed() {
 }
 
 #[test]
-fn a_full_queue_refuses_and_shows_in_the_flags() {
+fn full_queue_rejects_and_sets_flag() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(None);
     bus.room = 1;
@@ -111,7 +111,7 @@ fn a_full_queue_refuses_and_shows_in_the_flags() {
 }
 
 #[test]
-fn another_bit_rate_than_the_buses_hears_and_sends_nothing() {
+fn other_bit_rate_receives_and_sends_nothing() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(Some(BusRates::classic(500_000)));
     assert_eq!(say(&mut session, &mut bus, "S8\rO\rt1230\r"), "\r\r\x07");
@@ -123,7 +123,7 @@ fn another_bit_rate_than_the_buses_hears_and_sends_nothing() {
 }
 
 #[test]
-fn a_bit_rate_of_two_meanings_or_rounded_fits() {
+fn ambiguous_or_rounded_bit_rate_matches() {
     for (name, rate) in [("S7", 800_000), ("S7", 750_000), ("S9", 83_333), ("s0016", 800_000)] {
         let mut session = SlcanSession::new();
         let mut bus = Bus::new(Some(BusRates::classic(rate)));
@@ -133,7 +133,7 @@ fn a_bit_rate_of_two_meanings_or_rounded_fits() {
 }
 
 #[test]
-fn fd_frames_need_an_fd_bus_and_fast_ones_its_data_bit_rate() {
+fn fd_frames_need_fd_bus_and_data_bit_rate() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(Some(BusRates::classic(500_000)));
     assert_eq!(say(&mut session, &mut bus, "S6\rY5\rO\rd1230\rb1230\r"), "\r\r\r\x07\x07");
@@ -145,7 +145,7 @@ fn fd_frames_need_an_fd_bus_and_fast_ones_its_data_bit_rate() {
 }
 
 #[test]
-fn an_endless_line_is_refused_once_and_the_next_one_read() {
+fn overlong_line_is_rejected_once() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(None);
     let endless = "t".repeat(100_000);
@@ -154,10 +154,11 @@ fn an_endless_line_is_refused_once_and_the_next_one_read() {
 }
 
 proptest! {
-    /// It does not matter how TCP cuts what the client writes, and nothing is sent but what was
+    /// The partition of the input by TCP is irrelevant, and only requested frames are sent, in
+    /// order.
     /// asked for, in its order.
     #[test]
-    fn pieces_do_not_matter(
+    fn input_may_be_split_anywhere(
         frames in prop::collection::vec(any_frame(false), 1..20),
         cuts in prop::collection::vec(1..40usize, 1..60),
     ) {
@@ -166,7 +167,7 @@ proptest! {
         let mut nowhere = Bus::new(None);
         writer.feed(b"O\r", &mut nowhere, &mut Vec::new());
         for frame in &frames {
-            writer.hearing().encode(frame, 0, None, &mut text);
+            writer.receive_settings().encode(frame, 0, None, &mut text);
         }
         let mut session = SlcanSession::new();
         let mut bus = Bus::new(None);
@@ -174,15 +175,15 @@ proptest! {
         let mut cuts = cuts.iter().cycle();
         let mut rest = &text[..];
         while !rest.is_empty() {
-            let (piece, behind) = rest.split_at(rest.len().min(*cuts.next().unwrap()));
-            session.feed(piece, &mut bus, &mut answer);
+            let (chunk, behind) = rest.split_at(rest.len().min(*cuts.next().unwrap()));
+            session.feed(chunk, &mut bus, &mut answer);
             rest = behind;
         }
         prop_assert_eq!(bus.sent, frames);
-        prop_assert_eq!(bus.refused, 0);
+        prop_assert_eq!(bus.rejected, 0);
     }
 
-    /// Whatever comes, each line has one answer.
+    /// Each line has exactly one answer.
     #[test]
     fn any_bytes_are_answered(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
         let mut session = SlcanSession::new();

@@ -1,4 +1,4 @@
-//! A CAN interface as the only client of a bridge: one thread for each way.
+//! A CAN interface as the only client of a bridge, with one thread per direction.
 
 use std::io;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -10,27 +10,27 @@ use ecan_protocol::can::CanFrame;
 use rustix::io::Errno;
 use socketcan::{CanFdSocket, Socket as _};
 
+use crate::client_queue::{ClientQueue, Outgoing};
 use crate::clients::Clients;
 use crate::connection::Close;
 use crate::hub::{ClientId, Hub};
-use crate::outbox::{ClientQueue, Outgoing};
 use crate::socketcan::frame::{from_kernel, to_kernel};
 use crate::socketcan::interface::{self, SocketCanError};
 use crate::statistics::count;
 
-/// Between two looks whether to end.
+/// Interval of checks whether to end.
 const LOOK: Duration = Duration::from_millis(50);
-/// Between two attempts to write to an interface whose queue is full.
+/// Interval of attempts to write to an interface with a full queue.
 const RETRY: Duration = Duration::from_millis(1);
-/// How long a frame may wait for an interface whose queue is full.
-const PATIENCE: Duration = Duration::from_millis(200);
+/// Maximum time for which a frame waits for an interface with a full queue.
+const TIMEOUT: Duration = Duration::from_millis(200);
 
-/// A CAN interface of Linux, virtual or real, coupled to a bus: whatever program uses the
-/// interface takes part. Dropping it ends its threads; the interface stays.
+/// A CAN interface of Linux, virtual or real, connected to a bus. Dropping it ends its threads; the
+/// interface remains.
 ///
-/// CAN FD frames go through where the interface's MTU allows them (`ip link set vcan0 mtu 72`);
-/// others are counted as [unfit](crate::BridgeStatistics::unfit). What the bridge itself writes does
-/// not come back from the interface. Error frames are not passed on.
+/// CAN FD frames pass if the interface's MTU allows them (`ip link set vcan0 mtu 72`); others are
+/// counted as [unsupported](crate::BridgeStatistics::unsupported). The bridge does not receive its
+/// own frames from the interface. Error frames are not forwarded.
 #[derive(Debug)]
 pub struct SocketCanBridge {
     interface: String,
@@ -39,11 +39,11 @@ pub struct SocketCanBridge {
     threads: Vec<JoinHandle<()>>,
 }
 
-/// What the threads share.
+/// State shared by the threads.
 #[derive(Debug, Default)]
 struct State {
     is_closed: AtomicBool,
-    /// Why the interface cannot be used any more.
+    /// The error that ended the use of the interface.
     end: OnceLock<io::Error>,
 }
 
@@ -63,24 +63,26 @@ impl Close for Closing {
 }
 
 impl SocketCanBridge {
-    /// Opens an interface by its name; `queue` frames may wait for the bus, and for the interface.
+    /// Opens an interface by name; `queue` is the capacity in frames of the queue to the bus and of
+    /// the queue to the interface.
     ///
     /// # Errors
-    /// There is no such interface, it is down, the kernel has no CAN, or there is no thread.
+    /// The interface does not exist or is down, the kernel does not support CAN, or no thread is
+    /// available.
     pub fn open(interface: &str, queue: usize) -> Result<Self, SocketCanError> {
         let socket = interface::open(interface)?;
         let failed = |error| SocketCanError::Open { interface: interface.to_owned(), error };
         Self::over(socket, interface, queue).map_err(failed)
     }
 
-    /// Over a socket that is open.
+    /// Creates a bridge on an open socket.
     pub(super) fn over(socket: CanFdSocket, interface: &str, queue: usize) -> io::Result<Self> {
-        // Where the queue of the socket is full a write waits no longer than that.
+        // Limits the time of a write to a full socket queue.
         socket.set_write_timeout(LOOK)?;
         let (hub, state) = (Arc::new(Hub::new(queue, 1)), Arc::new(State::default()));
-        let outbox = Arc::new(ClientQueue::new(hub.queue()));
-        // A new hub has room for one.
-        let id = hub.join(Closing(state.clone()), outbox.clone());
+        let queue = Arc::new(ClientQueue::new(hub.queue()));
+        // A new hub admits one client.
+        let id = hub.join(Closing(state.clone()), queue.clone());
         let id = id.ok_or(io::ErrorKind::ConnectionRefused)?;
         let clients = Clients(hub.clone());
         let threads = Vec::with_capacity(2);
@@ -91,7 +93,7 @@ impl SocketCanBridge {
         let writer = Writer { socket, hub, state: bridge.state.clone(), is_stuck: false };
         let thread = |way: &str| thread::Builder::new().name(format!("{interface} {way}"));
         bridge.threads.push(thread("reader").spawn(move || reader.run())?);
-        bridge.threads.push(thread("writer").spawn(move || writer.run(&outbox))?);
+        bridge.threads.push(thread("writer").spawn(move || writer.run(&queue))?);
         Ok(bridge)
     }
 
@@ -100,13 +102,13 @@ impl SocketCanBridge {
         &self.interface
     }
 
-    /// Its only client: the interface.
+    /// The only client: the interface.
     pub fn clients(&self) -> &Clients {
         &self.clients
     }
 
-    /// Why the interface cannot be used any more: it was removed. None as long as it can; one that is
-    /// down may come up again.
+    /// The error if the interface was removed; `None` otherwise. An interface that is down may come
+    /// up again.
     pub fn end(&self) -> Option<&io::Error> {
         self.state.end.get()
     }
@@ -122,7 +124,6 @@ impl Drop for SocketCanBridge {
     }
 }
 
-/// Whether an error is this one.
 fn is(error: &io::Error, errno: Errno) -> bool {
     error.raw_os_error() == Some(errno.raw_os_error())
 }
@@ -141,19 +142,19 @@ impl Reader {
             match self.socket.read_frame_timeout(LOOK) {
                 Ok(frame) => match from_kernel(&frame) {
                     Some(frame) => self.submit(frame),
-                    None => count(&self.hub.counters.refused),
+                    None => count(&self.hub.counters.rejected),
                 },
                 Err(error) => match error.kind() {
                     io::ErrorKind::TimedOut
                     | io::ErrorKind::WouldBlock
                     | io::ErrorKind::Interrupted => {}
                     // Neither a classic nor a CAN FD frame.
-                    io::ErrorKind::InvalidData => count(&self.hub.counters.refused),
+                    io::ErrorKind::InvalidData => count(&self.hub.counters.rejected),
                     _ if is(&error, Errno::NODEV) || is(&error, Errno::NXIO) => {
                         let _ = self.state.end.set(error);
                         self.hub.leave(self.id);
                     }
-                    // Down; it may come up again.
+                    // The interface is down; it may come up again.
                     _ => thread::sleep(LOOK),
                 },
             }
@@ -161,13 +162,13 @@ impl Reader {
     }
 
     fn submit(&self, frame: CanFrame) {
-        // Before the bus is known nothing can be sent on it.
+        // Before the bit rates of the bus are known, frames cannot be sent.
         let can_carry = self.hub.bus().is_some_and(|bus| bus.fd || !frame.is_fd());
         if !can_carry {
             count(&self.hub.counters.mismatched);
         }
         if !can_carry || !self.hub.submit(self.id, frame) {
-            count(&self.hub.counters.refused);
+            count(&self.hub.counters.rejected);
         }
     }
 }
@@ -177,23 +178,23 @@ struct Writer {
     socket: Arc<CanFdSocket>,
     hub: Arc<Hub>,
     state: Arc<State>,
-    /// The frame before had to be dropped: those behind it do not wait.
+    /// The previous frame was dropped: the following ones do not wait.
     is_stuck: bool,
 }
 
 impl Writer {
-    /// Until the hub has forgotten the client.
-    fn run(mut self, outbox: &ClientQueue) {
-        while let Some(outgoing) = outbox.take() {
-            // There is nothing to answer to an interface.
+    /// Runs until the hub removes the client.
+    fn run(mut self, queue: &ClientQueue) {
+        while let Some(outgoing) = queue.take() {
+            // An interface gets no answers.
             let Outgoing::Frame(frame, _) = outgoing else { continue };
             self.write(&frame);
         }
     }
 
     fn write(&mut self, frame: &CanFrame) {
-        let Some(kernel) = to_kernel(frame) else { return count(&self.hub.counters.unfit) };
-        let patience = if self.is_stuck { Duration::ZERO } else { PATIENCE };
+        let Some(kernel) = to_kernel(frame) else { return count(&self.hub.counters.unsupported) };
+        let timeout = if self.is_stuck { Duration::ZERO } else { TIMEOUT };
         let start = Instant::now();
         loop {
             match self.socket.write_frame(&kernel) {
@@ -201,15 +202,15 @@ impl Writer {
                     self.is_stuck = false;
                     return;
                 }
-                // An interface of classic CAN.
+                // The interface supports only classic CAN.
                 Err(error) if is(&error, Errno::INVAL) && frame.is_fd() => {
-                    return count(&self.hub.counters.unfit);
+                    return count(&self.hub.counters.unsupported);
                 }
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => {}
                 Err(error) => {
                     let is_full =
                         error.kind() == io::ErrorKind::WouldBlock || is(&error, Errno::NOBUFS);
-                    if !is_full || self.state.is_closed() || start.elapsed() >= patience {
+                    if !is_full || self.state.is_closed() || start.elapsed() >= timeout {
                         self.is_stuck = is_full;
                         return count(&self.hub.counters.dropped_to_clients);
                     }

@@ -1,4 +1,4 @@
-//! The bridge over a pair of datagram sockets: the other end is the kernel's place.
+//! The bridge on a pair of datagram sockets; the other end replaces the kernel.
 
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixDatagram;
@@ -11,7 +11,7 @@ use crate::rates::BusRates;
 use crate::socketcan::SocketCanBridge;
 use crate::statistics::BridgeStatistics;
 
-/// Nothing here takes anywhere near as long, unless it fails.
+/// Timeout of a failing test.
 const LIMIT: Duration = Duration::from_secs(60);
 
 /// A bridge, and the kernel's end of its socket.
@@ -22,7 +22,7 @@ fn bridge(queue: usize) -> (SocketCanBridge, UnixDatagram) {
     (SocketCanBridge::over(socket, "vcan0", queue).unwrap(), kernel)
 }
 
-/// Waits until the bridge's threads have come so far.
+/// Waits until the bridge's threads have made this progress.
 fn wait_until<T>(bridge: &SocketCanBridge, look: impl Fn() -> Option<T>) -> T {
     let start = Instant::now();
     loop {
@@ -38,7 +38,7 @@ fn frame(id: u16, data: &[u8]) -> CanFrame {
     CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
 }
 
-/// A frame as the kernel has it.
+/// A frame in the kernel's format.
 fn bytes(id: u32, length: u8, flags: u8, data: &[u8], size: usize) -> Vec<u8> {
     let mut bytes = [&id.to_ne_bytes()[..], &[length, flags, 0, 0], data].concat();
     bytes.resize(size, 0);
@@ -52,11 +52,11 @@ fn received(kernel: &UnixDatagram) -> Vec<u8> {
 }
 
 #[test]
-fn frames_go_both_ways_in_their_order() {
+fn frames_pass_both_directions_in_order() {
     let (bridge, kernel) = bridge(64);
     let clients = bridge.clients();
     clients.set_bus(BusRates::fd(500_000, 2_000_000));
-    assert!(clients.are_there());
+    assert!(clients.is_any_connected());
     kernel.send(&bytes(0x123, 2, 0, &[1, 2], 16)).unwrap();
     kernel.send(&bytes(0x8000_0124, 16, 5, &[3; 16], 72)).unwrap();
     let (client, first) = wait_until(&bridge, || clients.next_for_bus());
@@ -65,7 +65,7 @@ fn frames_go_both_ways_in_their_order() {
     let id = CanId::extended(0x124).unwrap();
     assert_eq!(second, CanFrame::fd(id, &[3; 16], true, false).unwrap());
 
-    // What came from the interface does not go back there, what others sent does.
+    // A frame from the interface does not return to it; frames of others do.
     clients.deliver(&first, 1, Some(client));
     clients.deliver(&frame(0x7FF, &[9]), 2, None);
     clients.deliver(&second, 3, None);
@@ -78,43 +78,43 @@ fn frames_go_both_ways_in_their_order() {
 }
 
 #[test]
-fn what_the_bus_cannot_carry_is_counted() {
+fn frames_unfit_for_bus_are_counted() {
     let (bridge, kernel) = bridge(2);
     let clients = bridge.clients();
     let count = |look: fn(&BridgeStatistics) -> u64, wanted: u64| {
         wait_until(&bridge, || (look(&clients.statistics()) == wanted).then_some(()));
     };
-    // Before there is a bus, then CAN FD on a classic one.
+    // Before the bus is known, then CAN FD on a classic bus.
     kernel.send(&bytes(0x123, 0, 0, &[], 16)).unwrap();
     count(|it| it.mismatched, 1);
     clients.set_bus(BusRates::classic(500_000));
     kernel.send(&bytes(0x123, 0, 4, &[], 72)).unwrap();
     count(|it| it.mismatched, 2);
-    // An error frame, and what is no frame at all.
+    // An error frame, and data that is not a frame.
     kernel.send(&bytes(0x2000_0040, 8, 0, &[], 16)).unwrap();
     kernel.send(&[1, 2, 3]).unwrap();
-    count(|it| it.refused, 4);
-    // More than may wait for the bus.
+    count(|it| it.rejected, 4);
+    // More frames than the queue holds.
     for _ in 0..5 {
         kernel.send(&bytes(0x124, 0, 0, &[], 16)).unwrap();
     }
     count(|it| it.dropped_to_bus, 3);
-    count(|it| it.refused, 7);
+    count(|it| it.rejected, 7);
     let waiting: Vec<_> = std::iter::from_fn(|| clients.next_for_bus()).collect();
     assert_eq!(waiting.len(), 2);
 }
 
 #[test]
-fn an_interface_that_takes_nothing_loses_frames_and_goes_on_later() {
+fn blocked_interface_drops_frames_and_recovers() {
     let (bridge, kernel) = bridge(4096);
     let clients = bridge.clients();
-    // More than the socket holds.
+    // More frames than the socket holds.
     for number in 0..2000 {
         clients.deliver(&frame(number, &[]), 0, None);
     }
     let dropped = || clients.statistics().dropped_to_clients;
     wait_until(&bridge, || (dropped() > 0).then_some(()));
-    // From now on somebody reads: everything that was not dropped comes, in order.
+    // From now on frames are read: all that were not dropped arrive in order.
     let mut last = 0;
     clients.deliver(&frame(0x7FF, &[]), 0, None);
     loop {
@@ -128,12 +128,12 @@ fn an_interface_that_takes_nothing_loses_frames_and_goes_on_later() {
 }
 
 #[test]
-fn it_ends_while_nothing_goes_on() {
+fn idle_bridge_ends() {
     let (bridge, _kernel) = bridge(8);
     let clients = bridge.clients().clone();
     drop(bridge);
-    assert!(!clients.are_there());
-    // Nobody is there any more, nothing is counted as delivered.
+    assert!(!clients.is_any_connected());
+    // No client is connected, so nothing is counted as delivered.
     clients.deliver(&frame(1, &[]), 0, None);
     assert_eq!(clients.statistics().delivered, 0);
 }

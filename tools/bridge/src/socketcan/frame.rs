@@ -1,4 +1,4 @@
-//! Frames as the kernel has them (`linux/can.h`) and as the bus has them.
+//! Conversion between frames of the kernel (`linux/can.h`) and of the bus.
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc, FrameKind};
 use socketcan::id::FdFlags;
@@ -7,7 +7,7 @@ use socketcan::{
     StandardId,
 };
 
-/// A frame for the kernel; none where the kernel has no such frame.
+/// A frame for the kernel; `None` if the kernel has no such frame.
 pub(super) fn to_kernel(frame: &CanFrame) -> Option<CanAnyFrame> {
     let raw = frame.id().raw();
     let id: Id = match frame.id().is_extended() {
@@ -28,8 +28,8 @@ pub(super) fn to_kernel(frame: &CanFrame) -> Option<CanAnyFrame> {
     }
 }
 
-/// A frame for the bus; none of an error frame. A CAN FD frame of a length that no DLC has is filled
-/// up with zeros, as by the kernel's drivers.
+/// A frame for the bus; `None` for an error frame. A CAN FD frame whose length has no DLC is padded
+/// with zeros, as by the kernel's drivers.
 pub(super) fn from_kernel(frame: &CanAnyFrame) -> Option<CanFrame> {
     let id = |id: Id| match id {
         Id::Standard(id) => CanId::standard(id.as_raw()).ok(),

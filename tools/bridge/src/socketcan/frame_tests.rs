@@ -1,4 +1,4 @@
-//! Frames both ways, and their bytes as `linux/can.h` has them.
+//! Frame conversion in both directions, and the bytes of `linux/can.h`.
 
 use std::os::fd::OwnedFd;
 use std::os::unix::net::UnixDatagram;
@@ -10,7 +10,7 @@ use socketcan::{CanAnyFrame, CanErrorFrame, CanFdSocket, Socket as _};
 use super::frame::{from_kernel, to_kernel};
 use crate::frame_strategies::any_frame;
 
-/// What the kernel would be given, and what it would give back for these bytes.
+/// Converts to the kernel's frame and back from these bytes.
 fn over_a_socket(frame: &CanAnyFrame) -> (Vec<u8>, CanAnyFrame) {
     let (ours, kernel) = UnixDatagram::pair().unwrap();
     let socket = CanFdSocket::from(OwnedFd::from(ours));
@@ -23,7 +23,7 @@ fn over_a_socket(frame: &CanAnyFrame) -> (Vec<u8>, CanAnyFrame) {
 }
 
 #[test]
-fn the_bytes_are_the_kernels() {
+fn frame_bytes_match_kernel() {
     let standard = CanId::standard(0x123).unwrap();
     let extended = CanId::extended(0x1234_5678).unwrap();
     // Identifier with its flags in the host's order, length, flags, two reserved, data.
@@ -69,13 +69,13 @@ fn the_bytes_are_the_kernels() {
 }
 
 #[test]
-fn an_error_frame_is_no_frame_of_the_bus() {
+fn error_frame_is_not_forwarded() {
     let error = CanErrorFrame::new_error(0x40, &[0; 8]).unwrap();
     assert_eq!(from_kernel(&error.into()), None);
 }
 
 #[test]
-fn a_length_without_a_dlc_is_filled_up() {
+fn length_without_dlc_is_padded() {
     let (ours, kernel) = UnixDatagram::pair().unwrap();
     let mut bytes = [0xFF; 72];
     bytes[..4].copy_from_slice(&1_u32.to_ne_bytes());
@@ -90,18 +90,18 @@ fn a_length_without_a_dlc_is_filled_up() {
 
 proptest! {
     #[test]
-    fn every_frame_comes_back_as_it_went(frame in any_frame(true)) {
+    fn every_frame_survives_round_trip(frame in any_frame(true)) {
         let (bytes, back) = over_a_socket(&to_kernel(&frame).unwrap());
         prop_assert_eq!(bytes.len(), if frame.is_fd() { 72 } else { 16 });
         prop_assert_eq!(from_kernel(&back), Some(frame));
     }
 
     #[test]
-    fn no_bytes_of_the_kernel_are_a_panic(bytes in prop::collection::vec(any::<u8>(), 0..80)) {
+    fn any_kernel_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..80)) {
         let (ours, kernel) = UnixDatagram::pair().unwrap();
         kernel.send(&bytes).unwrap();
         if let Ok(frame) = CanFdSocket::from(OwnedFd::from(ours)).read_frame() {
-            // What is longer is cut: the kernel sends nothing longer to such a socket.
+            // Longer input is cut: the kernel sends nothing longer to such a socket.
             prop_assert!(bytes.len() == 16 || bytes.len() >= 72);
             if let Some(frame) = from_kernel(&frame) {
                 prop_assert_eq!(from_kernel(&to_kernel(&frame).unwrap()), Some(frame));

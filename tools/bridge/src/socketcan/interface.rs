@@ -1,4 +1,4 @@
-//! Opening an interface, and what is said where that fails.
+//! Opening of a CAN interface, with explained errors.
 
 use std::io;
 
@@ -9,56 +9,56 @@ use thiserror::Error;
 /// Any interface: its number for the kernel.
 const ANY: u32 = 0;
 
-/// Why a CAN interface cannot be had.
+/// Why a CAN interface cannot be opened.
 #[derive(Debug, Error)]
 pub enum SocketCanError {
-    /// The kernel does not know CAN.
+    /// The kernel does not support CAN.
     #[error(
         "this kernel has no SocketCAN ({error}): modprobe can_raw; for a virtual interface \
          modprobe vcan; ip link add dev {interface} type vcan; ip link set {interface} up"
     )]
     NoSocketCan {
-        /// The interface that was asked for.
+        /// Interface name.
         interface: String,
-        /// What the kernel says.
+        /// The system's error.
         error: io::Error,
     },
-    /// There is no such interface.
+    /// The interface does not exist.
     #[error(
         "there is no network interface {interface}; for a virtual one: modprobe vcan; \
          ip link add dev {interface} type vcan; ip link set {interface} up"
     )]
     NoInterface {
-        /// The interface that was asked for.
+        /// Interface name.
         interface: String,
     },
-    /// It is an interface for something else.
+    /// The interface is not a CAN interface.
     #[error("{interface} is no CAN interface; `ip link show type can` and `type vcan` list those")]
     NotCan {
-        /// The interface that was asked for.
+        /// Interface name.
         interface: String,
     },
-    /// It is switched off.
+    /// The interface is down.
     #[error(
         "the CAN interface {interface} is down: ip link set {interface} up, for a real one with \
          its bit rate: ip link set {interface} up type can bitrate 500000"
     )]
     Down {
-        /// The interface.
+        /// Interface name.
         interface: String,
     },
-    /// The kernel refuses it for another reason.
+    /// Another error.
     #[error("cannot open the CAN interface {interface}: {error}")]
     Open {
-        /// The interface that was asked for.
+        /// Interface name.
         interface: String,
-        /// What the kernel says.
+        /// The system's error.
         error: io::Error,
     },
 }
 
-/// Opens an interface for classic and CAN FD frames. What is written to it does not come back,
-/// other programs on it do see it.
+/// Opens an interface for classic and CAN FD frames. Own frames are not received, but other
+/// programs on the interface receive them.
 pub(super) fn open(interface: &str) -> Result<CanFdSocket, SocketCanError> {
     let name = || interface.to_owned();
     let is_missing = |error: &io::Error| {
@@ -79,7 +79,7 @@ pub(super) fn open(interface: &str) -> Result<CanFdSocket, SocketCanError> {
             false => SocketCanError::Open { interface: name(), error },
         }
     })?;
-    // A raw socket may be bound to an interface that is down; that waits there as an error.
+    // A raw socket may be bound to an interface that is down; that is then a pending error.
     match socket.as_raw_socket().take_error() {
         Ok(None) => Ok(socket),
         Ok(Some(error)) if error.raw_os_error() == Some(Errno::NETDOWN.raw_os_error()) => {

@@ -1,8 +1,8 @@
-//! One command of socketcand, read.
+//! Parser of socketcand commands.
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 
-/// What a client asks for.
+/// A command of a client.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum SocketcandCommand {
     /// `open NAME`.
@@ -15,9 +15,9 @@ pub(crate) enum SocketcandCommand {
     Send(CanFrame),
 }
 
-/// Why a command is refused, in the protocol's words.
+/// Why a command is rejected, as text of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub(crate) enum Refusal {
+pub(crate) enum CommandError {
     #[error("unknown command")]
     Unknown,
     #[error("syntax error")]
@@ -26,38 +26,38 @@ pub(crate) enum Refusal {
     NoBus,
     #[error("not possible in this mode")]
     Mode,
-    /// Of a frame to send: these are not answered.
+    /// An invalid frame; it gets no answer.
     #[error("the frame is not sent")]
     Frame,
 }
 
-/// Reads what stands between `<` and `>`.
-pub(super) fn parse(text: &str) -> Result<SocketcandCommand, Refusal> {
+/// Parses the text between `<` and `>`.
+pub(super) fn parse(text: &str) -> Result<SocketcandCommand, CommandError> {
     let mut words = text.split_ascii_whitespace();
-    let command = match words.next().ok_or(Refusal::Syntax)? {
-        "open" => words.next().map(|_| SocketcandCommand::Open).ok_or(Refusal::NoBus)?,
+    let command = match words.next().ok_or(CommandError::Syntax)? {
+        "open" => words.next().map(|_| SocketcandCommand::Open).ok_or(CommandError::NoBus)?,
         "rawmode" => SocketcandCommand::RawMode,
         "echo" => SocketcandCommand::Echo,
         "send" => return frame(words, data_frame),
         "sendrtr" => return frame(words, remote_frame),
-        _ => return Err(Refusal::Unknown),
+        _ => return Err(CommandError::Unknown),
     };
-    if words.next().is_some() { Err(Refusal::Syntax) } else { Ok(command) }
+    if words.next().is_some() { Err(CommandError::Syntax) } else { Ok(command) }
 }
 
-/// Whether a command, or the beginning of one, is to send a frame.
+/// Whether a command, or its beginning, sends a frame.
 pub(super) fn is_send(text: &[u8]) -> bool {
     let text = text.trim_ascii_start();
     text.starts_with(b"send ") || text.starts_with(b"sendrtr ")
 }
 
-/// A frame to send and nothing behind it.
+/// Parses a frame to send, up to the end of the text.
 fn frame<W: Iterator>(
     mut words: W,
     read: impl FnOnce(&mut W) -> Option<CanFrame>,
-) -> Result<SocketcandCommand, Refusal> {
+) -> Result<SocketcandCommand, CommandError> {
     let frame = read(&mut words).filter(|_| words.next().is_none());
-    frame.map(SocketcandCommand::Send).ok_or(Refusal::Frame)
+    frame.map(SocketcandCommand::Send).ok_or(CommandError::Frame)
 }
 
 fn data_frame<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<CanFrame> {
@@ -65,7 +65,7 @@ fn data_frame<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<CanFrame>
     let length: usize = words.next()?.parse().ok()?;
     let mut data = [0; 8];
     for byte in data.get_mut(..length)? {
-        // Where bytes are signed, one from 80 on is written with the sign before it.
+        // If bytes are signed, values from 80 on have sign digits before them.
         *byte = lowest_digits(words.next()?)? as u8;
     }
     CanFrame::classic(id, data.get(..length)?).ok()
@@ -76,8 +76,8 @@ fn remote_frame<'a>(words: &mut impl Iterator<Item = &'a str>) -> Option<CanFram
     CanFrame::remote(id, Dlc::new(words.next()?.parse().ok()?)?).ok()
 }
 
-/// From eight digits up an identifier is an extended one. Bit 31 says the same in SocketCAN's
-/// identifiers, and where they are signed further digits stand before it.
+/// An identifier with eight digits or more is extended. SocketCAN identifiers mark it with bit 31,
+/// and signed ones have more digits before it.
 fn identifier(word: &str) -> Option<CanId> {
     const EXTENDED_FLAG: u32 = 1 << 31;
     let is_extended = word.len() >= 8;

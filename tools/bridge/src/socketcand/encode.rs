@@ -1,10 +1,10 @@
-//! Frames as socketcand writes them.
+//! Encoder of socketcand frames.
 
 use std::io::Write as _;
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
-/// Appends a received classic frame with its time in seconds. Raw mode has no form for CAN FD.
+/// Appends a received classic frame with its time in seconds. Raw mode has no format for CAN FD.
 pub(crate) fn encode(frame: &CanFrame, time_ns: u64, text: &mut Vec<u8>) {
     let word = match frame.kind() {
         FrameKind::Data => "frame",

@@ -1,4 +1,4 @@
-//! socketcand: the ASCII protocol of the daemon of the same name, as far as raw mode needs it.
+//! socketcand: the ASCII protocol of the daemon of the same name, raw mode only.
 
 mod command;
 mod encode;

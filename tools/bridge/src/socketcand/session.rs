@@ -1,11 +1,11 @@
-//! What socketcand remembers of a client, and how it answers.
+//! State of a socketcand session.
 
 use std::io::Write as _;
 
-use super::command::{Refusal, SocketcandCommand, is_send, parse};
-use crate::session::Uplink;
+use super::command::{CommandError, SocketcandCommand, is_send, parse};
+use crate::uplink::Uplink;
 
-/// More between `<` and `>` is no command.
+/// Maximum length of a command.
 const MAX_COMMAND: usize = 256;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -15,10 +15,10 @@ enum Mode {
     Raw,
 }
 
-/// The daemon that one client sees. Whatever bus it opens is the bridge's.
+/// The daemon of one client. Any bus name opens the bus of the bridge.
 #[derive(Debug)]
 pub(crate) struct SocketcandSession {
-    /// What has come since the last `<`; none outside of a command.
+    /// Text since the last `<`; `None` outside a command.
     command: Option<Vec<u8>>,
     mode: Mode,
 }
@@ -32,7 +32,7 @@ impl SocketcandSession {
         answer.extend(b"< hi >");
     }
 
-    /// Takes in what the client wrote. What stands outside of `<` and `>` does not matter.
+    /// Processes input. Text outside `<` and `>` is ignored.
     pub(crate) fn feed(&mut self, bytes: &[u8], bus: &mut impl Uplink, answer: &mut Vec<u8>) {
         for &byte in bytes {
             match (byte, &mut self.command) {
@@ -42,7 +42,7 @@ impl SocketcandSession {
                         self.command_ends(&text, bus, answer);
                     }
                 }
-                // One byte too many is enough to tell.
+                // One byte beyond the limit marks it as too long.
                 (_, Some(text)) if text.len() <= MAX_COMMAND => text.push(byte),
                 _ => {}
             }
@@ -50,17 +50,17 @@ impl SocketcandSession {
     }
 
     fn command_ends(&mut self, text: &[u8], bus: &mut impl Uplink, answer: &mut Vec<u8>) {
-        let wrong = if is_send(text) { Refusal::Frame } else { Refusal::Syntax };
+        let wrong = if is_send(text) { CommandError::Frame } else { CommandError::Syntax };
         let text = if text.len() > MAX_COMMAND { None } else { str::from_utf8(text).ok() };
         let command = text.ok_or(wrong).and_then(parse);
-        let Err(refusal) = command.and_then(|command| self.run(command, bus, answer)) else {
+        let Err(error) = command.and_then(|command| self.run(command, bus, answer)) else {
             return;
         };
-        bus.count_refused();
-        // Clients take an error for one of the bus, with a class and a time.
-        if refusal != Refusal::Frame {
+        bus.count_rejected();
+        // Clients expect a bus error, with class and time, as error of a frame.
+        if error != CommandError::Frame {
             // infallible: writing to a vector
-            let _ = write!(answer, "< error {refusal} >");
+            let _ = write!(answer, "< error {error} >");
         }
     }
 
@@ -69,7 +69,7 @@ impl SocketcandSession {
         command: SocketcandCommand,
         bus: &mut impl Uplink,
         answer: &mut Vec<u8>,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), CommandError> {
         match command {
             SocketcandCommand::Open if self.mode == Mode::NoBus => self.mode = Mode::Opened,
             SocketcandCommand::RawMode if self.mode == Mode::Opened => self.mode = Mode::Raw,
@@ -77,19 +77,19 @@ impl SocketcandSession {
                 answer.extend(b"< echo >");
                 return Ok(());
             }
-            // Sending is not answered. A full queue holds the client back; one that takes nothing
-            // counts that itself.
+            // Sending has no answer. A full queue blocks the client; a bus that accepts no frames
+            // counts them itself.
             SocketcandCommand::Send(frame) if self.mode != Mode::NoBus => {
                 bus.send_when_possible(frame);
                 return Ok(());
             }
-            _ => return Err(Refusal::Mode),
+            _ => return Err(CommandError::Mode),
         }
         answer.extend(b"< ok >");
         Ok(())
     }
 
-    /// Whether frames of the bus go to the client.
+    /// Whether the client receives frames of the bus.
     pub(crate) fn is_raw(&self) -> bool {
         self.mode == Mode::Raw
     }

@@ -1,16 +1,17 @@
-//! Conversations with the daemon.
+//! Sessions with the daemon.
 
 use ecan_protocol::can::{CanFrame, CanId, Dlc};
 use proptest::prelude::*;
 
 use super::SocketcandSession;
 use crate::rates::BusRates;
-use crate::session::{ReceiveSettings, Uplink};
+use crate::session::ReceiveSettings;
+use crate::uplink::Uplink;
 
 #[derive(Default)]
 struct Bus {
     sent: Vec<CanFrame>,
-    refused: usize,
+    rejected: usize,
 }
 
 impl Uplink for Bus {
@@ -26,8 +27,8 @@ impl Uplink for Bus {
         self.sent.push(frame);
     }
 
-    fn count_refused(&mut self) {
-        self.refused += 1;
+    fn count_rejected(&mut self) {
+        self.rejected += 1;
     }
 
     fn count_mismatched(&mut self) {}
@@ -41,8 +42,8 @@ fn say(session: &mut SocketcandSession, bus: &mut Bus, text: &str) -> String {
 
 fn heard(session: &SocketcandSession, frame: &CanFrame) -> String {
     let mut text = Vec::new();
-    let hearing = ReceiveSettings::Socketcand { is_raw: session.is_raw() };
-    hearing.encode(frame, 23_424_242_999, None, &mut text);
+    let receive_settings = ReceiveSettings::Socketcand { is_raw: session.is_raw() };
+    receive_settings.encode(frame, 23_424_242_999, None, &mut text);
     String::from_utf8(text).unwrap()
 }
 
@@ -61,7 +62,7 @@ fn raw(bus: &mut Bus) -> SocketcandSession {
 }
 
 #[test]
-fn a_session_as_python_can_begins_it() {
+fn session_starts_as_in_python_can() {
     let mut session = SocketcandSession::new();
     let mut bus = Bus::default();
     let mut greeting = Vec::new();
@@ -73,14 +74,14 @@ fn a_session_as_python_can_begins_it() {
     assert_eq!(say(&mut session, &mut bus, "< rawmode >"), "< ok >");
     assert_eq!(heard(&session, &standard(&[1, 0xAB])), "< frame 023 23.424242 01AB >");
     assert_eq!(heard(&session, &extended(&[])), "< frame 00000123 23.424242  >");
-    // python-can leaves leading zeros out, and a space where there is no data.
+    // python-can omits leading zeros, and writes a space if there is no data.
     assert_eq!(say(&mut session, &mut bus, "< send 023 2 1 ab >< send 00000123 0  >"), "");
     assert_eq!(bus.sent, [standard(&[1, 0xAB]), extended(&[])]);
     assert_eq!(say(&mut session, &mut bus, "< echo >"), "< echo >");
 }
 
 #[test]
-fn frames_without_a_form_in_raw_mode_are_left_out() {
+fn frames_without_raw_mode_form_are_skipped() {
     let mut bus = Bus::default();
     let session = raw(&mut bus);
     let id = CanId::standard(1).unwrap();
@@ -88,7 +89,7 @@ fn frames_without_a_form_in_raw_mode_are_left_out() {
 }
 
 #[test]
-fn remote_frames_have_words_of_their_own() {
+fn remote_frames_have_own_commands() {
     let mut bus = Bus::default();
     let mut session = raw(&mut bus);
     let remote = |id, dlc| CanFrame::remote(id, Dlc::new(dlc).unwrap()).unwrap();
@@ -101,7 +102,7 @@ fn remote_frames_have_words_of_their_own() {
 
 /// Identifiers without leading zeros, and signed numbers with all their digits.
 #[test]
-fn frames_as_savvycan_writes_them() {
+fn frames_match_savvycan_format() {
     let mut bus = Bus::default();
     let mut session = raw(&mut bus);
     let text = "< send 12 2 7f ffffffffffffffab >< send 7ff 0 >< send ffffffff80000123 1 1 >\
@@ -115,11 +116,11 @@ fn frames_as_savvycan_writes_them() {
         extended(&[1]),
         CanFrame::classic(highest, &[]).unwrap(),
     ];
-    assert_eq!((bus.sent.as_slice(), bus.refused), (expected.as_slice(), 0));
+    assert_eq!((bus.sent.as_slice(), bus.rejected), (expected.as_slice(), 0));
 }
 
 #[test]
-fn what_is_wrong_is_refused_with_a_reason() {
+fn invalid_commands_are_rejected_with_reason() {
     let mut bus = Bus::default();
     let mut session = SocketcandSession::new();
     let mut refused = |text: &str| say(&mut session, &mut bus, text);
@@ -129,12 +130,12 @@ fn what_is_wrong_is_refused_with_a_reason() {
     assert_eq!(refused("< isotpmode >"), "< error unknown command >");
     assert_eq!(refused("<>"), "< error syntax error >");
     assert_eq!(refused(&format!("< {} >", "x".repeat(100_000))), "< error syntax error >");
-    assert_eq!(bus.refused, 6);
+    assert_eq!(bus.rejected, 6);
 }
 
-/// An error in raw mode is one of the bus: python-can gives up where it finds no class in it.
+/// An error in raw mode is a bus error for python-can, which requires a class in it.
 #[test]
-fn a_frame_that_is_wrong_is_counted_and_not_answered() {
+fn invalid_frame_is_counted_without_answer() {
     let mut bus = Bus::default();
     let mut session = raw(&mut bus);
     let long = format!("123 1 {}", "0".repeat(100_000));
@@ -158,12 +159,12 @@ fn a_frame_that_is_wrong_is_counted_and_not_answered() {
     for frame in ["123 9", "123", "123 1 1"] {
         assert_eq!(say(&mut session, &mut bus, &format!("< sendrtr {frame} >")), "", "{frame}");
     }
-    assert_eq!((bus.sent.len(), bus.refused), (0, wrong.len() + 3));
+    assert_eq!((bus.sent.len(), bus.rejected), (0, wrong.len() + 3));
 }
 
 proptest! {
     #[test]
-    fn what_is_written_can_be_sent(id in 0..=0x7FFu16, data in prop::collection::vec(any::<u8>(), 0..=8)) {
+    fn written_frames_can_be_sent(id in 0..=0x7FFu16, data in prop::collection::vec(any::<u8>(), 0..=8)) {
         let frame = CanFrame::classic(CanId::standard(id).unwrap(), &data).unwrap();
         let mut bus = Bus::default();
         let mut session = raw(&mut bus);
@@ -174,7 +175,7 @@ proptest! {
     }
 
     #[test]
-    fn every_command_but_a_frame_has_one_answer(
+    fn every_command_except_frame_has_one_answer(
         commands in prop::collection::vec("(send |sendrtr |echo|open |rawmode)?[a-z0-9 ]{0,20}", 0..30),
     ) {
         let mut bus = Bus::default();
@@ -190,7 +191,7 @@ proptest! {
     }
 
     #[test]
-    fn any_bytes_are_survived(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
+    fn any_bytes_never_panic(bytes in prop::collection::vec(any::<u8>(), 0..2000)) {
         let mut session = SocketcandSession::new();
         session.feed(&bytes, &mut Bus::default(), &mut Vec::new());
     }

@@ -1,4 +1,4 @@
-//! The frames of the CAN buses as a candump log.
+//! candump log of the CAN buses.
 
 use std::fs::File;
 use std::io::{BufWriter, Write};
@@ -8,7 +8,7 @@ use ecan_candump::Record;
 use ecan_sim::World;
 use thiserror::Error;
 
-/// Why the log cannot be written.
+/// The log cannot be written.
 #[derive(Debug, Error)]
 #[error("cannot write {}: {error}", path.display())]
 pub struct DumpError {
@@ -16,17 +16,17 @@ pub struct DumpError {
     error: std::io::Error,
 }
 
-/// A log under way.
+/// An open log.
 pub struct Dump {
     path: PathBuf,
     output: BufWriter<Box<dyn Write>>,
-    /// What makes simulated time the time of day, in nanoseconds.
+    /// Offset from simulated time to the time of day, ns.
     offset_ns: u64,
     is_flushed: bool,
 }
 
 impl Dump {
-    /// Creates the file, or empties it; `-` is standard output. `offset_ns` is added to simulated
+    /// Creates or truncates the file; `-` is standard output. `offset_ns` is added to simulated
     /// time.
     pub fn create(path: &Path, offset_ns: u64) -> Result<Self, DumpError> {
         let path = path.to_owned();
@@ -41,7 +41,7 @@ impl Dump {
         Ok(Self { path, output: BufWriter::new(output), offset_ns, is_flushed: true })
     }
 
-    /// Writes what was recorded since the last call. Bus names are the interfaces.
+    /// Writes what was recorded since the last call. The bus names are the interface names.
     pub fn write(&mut self, world: &mut World) -> Result<(), DumpError> {
         let mut outcome = Ok(());
         world.drain_recorded(|bus, recorded| {
@@ -53,7 +53,7 @@ impl Dump {
             };
             self.is_flushed = false;
             if outcome.is_ok() {
-                // Blanks separate the fields of a log.
+                // Spaces separate the fields of a log.
                 outcome = if bus.contains(char::is_whitespace) {
                     let interface = bus.replace(char::is_whitespace, "_");
                     writeln!(self.output, "{}", Record { interface: &interface, ..record })
@@ -65,7 +65,7 @@ impl Dump {
         outcome.map_err(|error| self.fault(error))
     }
 
-    /// Writes everything out, for those who follow the file.
+    /// Flushes the log.
     pub fn flush(&mut self) -> Result<(), DumpError> {
         if std::mem::replace(&mut self.is_flushed, true) {
             return Ok(());
@@ -78,7 +78,7 @@ impl Dump {
     }
 }
 
-/// Whether a dump goes to standard output.
+/// Whether a dump is written to standard output.
 pub fn is_standard_output(path: &Path) -> bool {
     path.as_os_str() == "-"
 }

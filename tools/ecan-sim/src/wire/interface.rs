@@ -1,4 +1,4 @@
-//! Finding the network interface by its name.
+//! Network interfaces.
 
 use nix::ifaddrs::getifaddrs;
 use nix::net::if_::InterfaceFlags;
@@ -8,25 +8,27 @@ use thiserror::Error;
 /// Why an interface cannot be used.
 #[derive(Debug, Error)]
 pub enum InterfaceError {
-    /// The list of interfaces cannot be had.
+    /// The interfaces cannot be listed.
     #[error("cannot list the network interfaces: {0}")]
     List(nix::Error),
     /// No interface has this name.
-    #[error("there is no network interface \"{name}\"; there are: {known}")]
+    #[error("network interface \"{name}\" does not exist; there are: {known}")]
     Unknown {
         /// The name.
         name: String,
-        /// Those that there are.
+        /// The existing interfaces.
         known: String,
     },
-    /// The interface is switched off.
-    #[error("the network interface {name} is down: `ip link set {name} up` switches it on")]
+    /// The interface is down.
+    #[error("network interface {name} is down; use `ip link set {name} up`")]
     Down {
         /// Its name.
         name: String,
     },
-    /// It has no other end.
-    #[error("{name} is the loopback interface, it has no other end for a master: make a veth pair")]
+    /// The interface is the loopback interface.
+    #[error(
+        "{name} is the loopback interface, which has no other end for a master; create a veth pair"
+    )]
     Loopback {
         /// Its name.
         name: String,
@@ -42,7 +44,7 @@ pub struct Interface {
 }
 
 impl Interface {
-    /// The interface of this name.
+    /// Finds an interface by name.
     pub fn find(name: &str) -> Result<Self, InterfaceError> {
         let mut known = Vec::new();
         for entry in getifaddrs().map_err(InterfaceError::List)? {
@@ -69,12 +71,11 @@ impl Interface {
         Err(InterfaceError::Unknown { name: name.to_owned(), known: known.join(", ") })
     }
 
-    /// Its name.
     pub fn name(&self) -> &str {
         &self.name
     }
 
-    /// Its address for a packet socket, without a protocol.
+    /// Address for a packet socket, without a protocol.
     pub fn address(&self) -> LinkAddr {
         self.address
     }

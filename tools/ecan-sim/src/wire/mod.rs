@@ -26,10 +26,10 @@ pub use arguments::WireArguments;
 /// Runs until the user or `--duration` ends it.
 ///
 /// # Errors
-/// Why it cannot begin, or go on, in words.
+/// The scenario, the interface or the dump cannot be used.
 pub fn run(arguments: &WireArguments) -> Result<(), Box<dyn Error>> {
     let screen = match &arguments.dump {
-        Some(path) if dump::is_standard_output(path) => Screen::BesideData,
+        Some(path) if dump::is_standard_output(path) => Screen::OutputIsData,
         _ => Screen::Output,
     };
     let scenario = scenario(arguments, screen)?;
@@ -41,7 +41,7 @@ pub fn run(arguments: &WireArguments) -> Result<(), Box<dyn Error>> {
     if dump.is_some() {
         wire.world_mut().record_all_buses();
     }
-    // The threads for signals and bridges shall not inherit what this one is granted.
+    // The threads for signals and bridges must not inherit the privileges of this thread.
     let interrupt = Interrupt::install()?;
     announce(&scenario, &wire, &socket, screen);
     let report = arguments.thread.settings().apply()?;
@@ -50,7 +50,7 @@ pub fn run(arguments: &WireArguments) -> Result<(), Box<dyn Error>> {
     }
     let mut server = Server::new(wire, socket, dump, arguments, screen, start_ns);
     let outcome = server.serve(&interrupt);
-    // The counters also where a fault has ended it.
+    // Print the counters also after an error.
     let finished = server.finish();
     outcome?;
     Ok(finished?)
@@ -67,16 +67,16 @@ fn scenario(arguments: &WireArguments, screen: Screen) -> Result<Scenario, Box<d
         let file = path.display();
         let count = scenario.gateways.len();
         if count == 0 {
-            return Err(format!("{file} has no gateway: nobody would answer").into());
+            return Err(format!("{file} has no gateway").into());
         }
         if let Some(asked) = arguments.gateways.filter(|asked| usize::from(*asked) != count) {
             screen.line(format_args!(
-                "--gateways {asked} does not count: {file} has {}",
+                "--gateways {asked} is ignored: {file} has {}",
                 counted(count, "gateway")
             ));
         }
         if scenario.clock == Some(ClockKind::Stepped) {
-            screen.line(format_args!("the clock of {file} does not count: a wire is in real time"));
+            screen.line(format_args!("the clock of {file} is ignored: a wire runs in real time"));
         }
     }
     Ok(scenario)
@@ -94,7 +94,8 @@ fn announce(scenario: &Scenario, wire: &Wire, socket: &PacketSocket, screen: Scr
         scenario.seed,
     ));
     if !interface.has_link() {
-        screen.line(format_args!("{} has no link yet: is the other end up?", interface.name()));
+        screen
+            .line(format_args!("{} has no link; check that the other end is up", interface.name()));
     }
 }
 

@@ -1,4 +1,4 @@
-//! A packet socket that takes the EtherCAT frames of one interface (packet(7)).
+//! Packet socket for the EtherCAT frames of one interface (packet(7)).
 
 use std::fmt;
 use std::io::IoSliceMut;
@@ -19,7 +19,7 @@ use thiserror::Error;
 use super::interface::Interface;
 
 sockopt_impl!(
-    /// Takes frames to every address.
+    /// Receives frames to every address.
     Membership,
     SetOnly,
     libc::SOL_PACKET,
@@ -27,7 +27,7 @@ sockopt_impl!(
     libc::packet_mreq
 );
 sockopt_impl!(
-    /// Frames that there was no room for, since the last look.
+    /// Frames dropped by the system since the last read.
     Losses,
     GetOnly,
     libc::SOL_PACKET,
@@ -35,71 +35,70 @@ sockopt_impl!(
     libc::tpacket_stats
 );
 
-/// Room for the control message with the time of arrival.
+/// Size of the control message with the arrival time.
 const CONTROL_BYTES: usize = 128;
 
-/// Why there is no socket, or no longer.
+/// Error of a packet socket.
 #[derive(Debug, Error)]
 pub enum SocketError {
-    /// The system keeps raw sockets for those who may.
+    /// Raw sockets need a privilege.
     #[error(
-        "no permission for raw Ethernet frames on {interface}: run as root, or give the program \
+        "no permission for raw Ethernet frames on {interface}; run as root, or give the program \
          the capability CAP_NET_RAW (`setcap cap_net_raw+ep` on its file)"
     )]
     NotPermitted {
-        /// Which interface.
+        /// Interface name.
         interface: String,
     },
-    /// Setting up.
+    /// The socket cannot be set up.
     #[error("cannot open {interface} for raw Ethernet frames: {errno}")]
     Open {
-        /// Which interface.
+        /// Interface name.
         interface: String,
-        /// What the system says.
+        /// The system's error.
         errno: Errno,
     },
     /// The interface was removed.
-    #[error("the network interface {interface} is gone")]
+    #[error("network interface {interface} was removed")]
     Gone {
-        /// Which interface.
+        /// Interface name.
         interface: String,
     },
-    /// Receiving.
+    /// Receiving failed.
     #[error("cannot receive from {interface}: {errno}")]
     Receive {
-        /// Which interface.
+        /// Interface name.
         interface: String,
-        /// What the system says.
+        /// The system's error.
         errno: Errno,
     },
-    /// Sending.
+    /// Sending failed.
     #[error("cannot send to {interface}: {errno}")]
     Send {
-        /// Which interface.
+        /// Interface name.
         interface: String,
-        /// What the system says.
+        /// The system's error.
         errno: Errno,
     },
 }
 
-/// What [`PacketSocket::receive`] found.
+/// Result of [`PacketSocket::receive`].
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Received {
-    /// A frame of so many bytes, and when it arrived by the system's real-time clock, ns.
+    /// A frame of this size, and its arrival time by the system's real-time clock, ns.
     Frame {
-        /// Bytes.
+        /// Size in bytes.
         bytes: usize,
-        /// Where the system told it.
+        /// Arrival time, if known.
         arrived_ns: Option<u64>,
     },
-    /// Nothing is there.
+    /// No frame.
     Nothing,
-    /// The interface was switched off.
+    /// The interface is down.
     Down,
 }
 
-/// The socket. It receives what others send; what this machine sends from the interface is left
-/// out.
+/// The socket. Frames that this machine sends on the interface are skipped.
 pub struct PacketSocket {
     descriptor: OwnedFd,
     interface: Interface,
@@ -107,7 +106,7 @@ pub struct PacketSocket {
 }
 
 impl PacketSocket {
-    /// Opens it, for frames to every address.
+    /// Opens the socket, for frames to every address.
     pub fn open(interface: Interface) -> Result<Self, SocketError> {
         let fault = |errno: Errno| match errno {
             Errno::EPERM | Errno::EACCES => {
@@ -123,7 +122,7 @@ impl PacketSocket {
         )
         .map_err(|error| fault(Errno::from_raw(error.raw_os_error())))?;
         let address = interface.address();
-        // The address names no protocol: the socket keeps its own.
+        // The address has no protocol: the socket keeps its own.
         bind(descriptor.as_raw_fd(), &address).map_err(fault)?;
         let membership = libc::packet_mreq {
             mr_ifindex: address.ifindex() as i32,
@@ -141,7 +140,7 @@ impl PacketSocket {
         &self.interface
     }
 
-    /// Takes a frame, if there is one, without waiting.
+    /// Receives a frame, if there is one, without waiting.
     pub fn receive(&mut self, frame: &mut [u8]) -> Result<Received, SocketError> {
         loop {
             let mut parts = [IoSliceMut::new(frame)];
@@ -163,7 +162,7 @@ impl PacketSocket {
                     return Err(SocketError::Receive { interface, errno });
                 }
             };
-            // Until it was bound the socket took frames of every interface.
+            // Until it was bound the socket received frames of every interface.
             let is_for_us = message.address.is_none_or(|from| {
                 from.pkttype() != libc::PACKET_OUTGOING
                     && from.ifindex() == self.interface.address().ifindex()
@@ -182,8 +181,8 @@ impl PacketSocket {
         }
     }
 
-    /// Fails where the interface was removed. The system tells only that it goes down, which it does
-    /// before it is removed, too: ask again while it is down.
+    /// Fails if the interface was removed. The system reports only that it is down, which happens
+    /// before the removal: call again while it is down.
     pub fn check_interface(&self) -> Result<(), SocketError> {
         let is_there = nix::net::if_::if_nametoindex(self.interface.name())
             .is_ok_and(|index| index as usize == self.interface.address().ifindex());
@@ -194,11 +193,11 @@ impl PacketSocket {
         }
     }
 
-    /// Sends a frame; false where there was no room for it, or the interface is down.
+    /// Sends a frame; returns false if the queue is full or the interface is down.
     pub fn send(&self, frame: &[u8]) -> Result<bool, SocketError> {
         match send(self.descriptor.as_raw_fd(), frame, MsgFlags::MSG_DONTWAIT) {
             Ok(_) => Ok(true),
-            // Switched off, or removed: receiving tells.
+            // Down or removed: receiving reports it.
             Err(Errno::ENETDOWN | Errno::ENXIO | Errno::ENODEV) => Ok(false),
             Err(Errno::EAGAIN | Errno::ENOBUFS | Errno::EMSGSIZE | Errno::EINTR) => Ok(false),
             Err(errno) => {
@@ -207,15 +206,15 @@ impl PacketSocket {
         }
     }
 
-    /// Waits until there is something to receive, but no longer than this.
+    /// Waits for a frame, at most this long.
     pub fn wait(&self, timeout_ns: u64) {
         let timeout = TimeSpec::nanoseconds(i64::try_from(timeout_ns).unwrap_or(i64::MAX));
         let mut descriptors = [PollFd::new(self.descriptor.as_fd(), PollFlags::POLLIN)];
-        // A signal, a fault of the socket: whoever waited looks for them anyway.
+        // On a signal or socket error the caller checks anyway.
         let _ = ppoll(&mut descriptors, Some(timeout), None);
     }
 
-    /// Frames that the system had no room for, since the last call.
+    /// Frames dropped by the system since the last call.
     pub fn losses(&self) -> u64 {
         getsockopt(&self.descriptor, Losses).map_or(0, |losses| losses.tp_drops.into())
     }

@@ -1,4 +1,4 @@
-//! The loop that answers frames and lets the CAN side live between them.
+//! Loop that answers frames and runs the CAN side.
 
 use std::fmt::Display;
 
@@ -15,15 +15,14 @@ use super::watch::Watch;
 use crate::screen::Screen;
 use ecan_command_line::interrupt::Interrupt;
 
-/// Longest wait for a frame, in nanoseconds: bridges and signals are looked after that often.
+/// Maximum wait for a frame, ns: interval of serving bridges and signals.
 const LONGEST_WAIT_NS: u64 = 1_000_000;
-/// Whoever follows the dump sees a frame after this time, and an interface that is down is looked
-/// for that often, in nanoseconds.
+/// Interval of writing the dump and of checking an interface that is down, ns.
 const LOOK_NS: u64 = 100_000_000;
-/// More than any Ethernet frame that carries EtherCAT.
+/// More than any EtherCAT frame.
 const FRAME_BYTES: usize = 4096;
 
-/// Why the loop ended by itself.
+/// Error that ends the loop.
 #[derive(Debug, Error)]
 pub enum ServeError {
     /// The network.
@@ -34,7 +33,7 @@ pub enum ServeError {
     Dump(#[from] DumpError),
 }
 
-/// Gateways behind a socket.
+/// Gateways on a socket.
 pub struct Server {
     wire: Wire,
     socket: PacketSocket,
@@ -48,13 +47,13 @@ pub struct Server {
     end_ns: u64,
     looked_ns: u64,
     is_down: bool,
-    /// Answers that did not go out.
+    /// Number of answers that were not sent.
     unsent: u64,
     frame: Box<[u8; FRAME_BYTES]>,
 }
 
 impl Server {
-    /// Gateways that were switched on at `start_ns` of the monotonic clock.
+    /// Gateways switched on at `start_ns` of the monotonic clock.
     pub fn new(
         wire: Wire,
         socket: PacketSocket,
@@ -83,10 +82,10 @@ impl Server {
         }
     }
 
-    /// Answers until the time is over or the user ends it.
+    /// Answers frames until the time is over or the user ends it.
     ///
     /// # Errors
-    /// The interface is gone or refuses, or the dump cannot be written.
+    /// The interface fails, or the dump cannot be written.
     pub fn serve(&mut self, interrupt: &Interrupt) -> Result<(), ServeError> {
         while !interrupt.is_set() {
             let received = self.socket.receive(&mut self.frame[..])?;
@@ -100,7 +99,7 @@ impl Server {
                     self.screen.line(format_args!("{name} is down: no frames until it is up"));
                 }
             }
-            self.look()?;
+            self.log_events()?;
             if now >= self.end_ns {
                 break;
             }
@@ -122,7 +121,7 @@ impl Server {
         Ok(())
     }
 
-    /// One frame, at once.
+    /// Processes and answers one frame.
     fn answer(
         &mut self,
         now: u64,
@@ -142,21 +141,21 @@ impl Server {
             }
         }
         if is_first && self.wire.statistics().frames > 0 {
-            self.tell(now, "first EtherCAT frame");
+            self.log(now, "first EtherCAT frame");
         }
         if is_sent && std::mem::take(&mut self.is_down) {
-            self.tell(now, format_args!("{} is up again", self.socket.interface().name()));
+            self.log(now, format_args!("{} is up again", self.socket.interface().name()));
         }
         Ok(())
     }
 
-    /// Tells and writes what has happened.
-    fn look(&mut self) -> Result<(), DumpError> {
+    /// Logs and dumps new events.
+    fn log_events(&mut self) -> Result<(), DumpError> {
         let Self { wire, watch, dump, screen, is_quiet, start_ns, .. } = self;
         if !*is_quiet {
             let now = wire.world().now_ns();
-            watch.look(wire.world(), |gateway, words| {
-                screen.line(stamped(now, *start_ns, format_args!("gateway {gateway}: {words}")));
+            watch.poll(wire.world(), |gateway, text| {
+                screen.line(stamped(now, *start_ns, format_args!("gateway {gateway}: {text}")));
             });
         }
         match dump {
@@ -165,7 +164,7 @@ impl Server {
         }
     }
 
-    fn tell(&self, now: u64, what: impl Display) {
+    fn log(&self, now: u64, what: impl Display) {
         if !self.is_quiet {
             self.screen.line(stamped(now, self.start_ns, what));
         }

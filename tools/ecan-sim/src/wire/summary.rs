@@ -1,13 +1,14 @@
-//! Counters at the end.
+//! Final counters.
 
 use ecan_protocol::mapping::CHANNELS;
 use ecan_sim::Wire;
 
 use crate::screen::Screen;
 
-/// Prints what came by on the wire, and what every gateway and channel has done.
+/// Prints the counters of the wire and of every gateway and channel.
 ///
-/// `dropped` frames found no room in the system's queue, `unsent` answers none in the interface's.
+/// `dropped`: frames lost in the system's queue; `unsent`: answers that did not fit the interface's
+/// queue.
 pub fn print(wire: &Wire, dropped: u64, unsent: u64, screen: Screen) {
     let statistics = wire.statistics();
     screen.line(format_args!(
@@ -19,7 +20,7 @@ pub fn print(wire: &Wire, dropped: u64, unsent: u64, screen: Screen) {
     for (index, gateway) in (0..).map_while(|index| Some((index, world.gateway(index)?))) {
         let counters = gateway.counters();
         screen.line(format_args!(
-            "gateway {index}: {}, {} images taken, {} given, {} frames out, {} in",
+            "gateway {index}: {}, {} images received, {} sent, {} frames to the buses, {} from them",
             gateway.al_state(),
             counters.images_parsed,
             counters.images_read,

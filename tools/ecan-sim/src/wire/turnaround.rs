@@ -1,20 +1,20 @@
-//! How long frames stay.
+//! Turnaround times of frames.
 
 use std::fmt;
 use std::time::SystemTime;
 
 use hdrhistogram::Histogram;
 
-/// Longest time that is told, in nanoseconds: a minute.
+/// Maximum recorded time, ns: a minute.
 const LONGEST_NS: u64 = 60_000_000_000;
 
-/// The system's real-time clock in nanoseconds, by which it tells when frames arrive.
+/// The system's real-time clock in nanoseconds, which also gives arrival times.
 pub fn real_time_ns() -> u64 {
     let now = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH).unwrap_or_default();
     u64::try_from(now.as_nanos()).unwrap_or(u64::MAX)
 }
 
-/// Times of the frames that were answered.
+/// Turnaround times of answered frames.
 #[derive(Debug, Clone)]
 pub struct Turnaround {
     total: Histogram<u64>,
@@ -22,15 +22,15 @@ pub struct Turnaround {
 }
 
 impl Turnaround {
-    /// Without a frame.
+    /// An empty statistic.
     pub fn new() -> Self {
-        // infallible: the bounds are in order, and 3 digits are possible
+        // infallible: the bounds are in order, and 3 digits are supported
         let histogram = || Histogram::new_with_bounds(1, LONGEST_NS, 3).expect("valid bounds");
         Self { total: histogram(), computing: histogram() }
     }
 
-    /// Counts a frame that was taken at `taken_ns` and sent back at `sent_ns`, both by the same
-    /// clock as its arrival.
+    /// Counts a frame taken at `taken_ns` and sent back at `sent_ns`, both by the clock of the
+    /// arrival time.
     pub fn count(&mut self, arrived_ns: Option<u64>, taken_ns: u64, sent_ns: u64) {
         let since = |from: u64| sent_ns.saturating_sub(from).max(1);
         self.total.saturating_record(since(arrived_ns.unwrap_or(taken_ns)));
@@ -41,7 +41,7 @@ impl Turnaround {
 impl fmt::Display for Turnaround {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.total.is_empty() {
-            return write!(f, "turnaround: no frame was answered");
+            return write!(f, "turnaround: no frame answered");
         }
         let us = |ns: u64| ns as f64 / 1000.0;
         let figures = |histogram: &Histogram<u64>| {
@@ -67,9 +67,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_are_told_from_arrival_and_from_the_program_on() {
+    fn turnaround_is_measured_from_arrival_and_from_program() {
         let mut turnaround = Turnaround::new();
-        assert_eq!(turnaround.to_string(), "turnaround: no frame was answered");
+        assert_eq!(turnaround.to_string(), "turnaround: no frame answered");
         turnaround.count(Some(10_000), 14_000, 16_000);
         turnaround.count(None, 14_000, 16_000);
         turnaround.count(Some(20_000), 14_000, 16_000);

@@ -1,11 +1,11 @@
-//! What gateways do, told when it changes.
+//! Log of gateway state changes.
 
 use std::fmt::Write;
 
 use ecan_protocol::device::{AlState, AlStatusCode};
 use ecan_sim::World;
 
-/// What is seen of a gateway from outside.
+/// Externally visible state of a gateway.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct View {
     is_responding: bool,
@@ -25,32 +25,30 @@ impl View {
         })
     }
 
-    /// In words, what has changed since `before`; `None` where nothing has that anyone wants to
-    /// know.
+    /// Describes the change since `before`; `None` if it is not relevant.
     fn changes_since(&self, before: &Self) -> Option<String> {
         match (before.is_responding, self.is_responding) {
-            (true, false) => return Some("without power, or restarting".to_owned()),
+            (true, false) => return Some("off or restarting".to_owned()),
             (false, false) => return None,
             (false, true) => return Some(format!("booted, {}", self.state)),
             (true, true) => {}
         }
         let mut parts = Vec::new();
         if before.is_reachable != self.is_reachable {
-            let words =
-                if self.is_reachable { "reachable again" } else { "not reachable: link lost" };
-            parts.push(words.to_owned());
+            let text = if self.is_reachable { "link restored" } else { "link lost" };
+            parts.push(text.to_owned());
         }
         if before.state != self.state {
             parts.push(format!("{} -> {}", before.state, self.state));
         }
         match self.error {
             Some(code) if before.error != Some(code) => {
-                let mut words = String::new();
+                let mut text = String::new();
                 if before.state == self.state {
-                    let _ = write!(words, "{}, ", self.state);
+                    let _ = write!(text, "{}, ", self.state);
                 }
-                let _ = write!(words, "AL error {code}");
-                parts.push(words);
+                let _ = write!(text, "AL error {code}");
+                parts.push(text);
             }
             None if before.error.is_some() && before.state == self.state => {
                 parts.push(format!("{}, AL error acknowledged", self.state));
@@ -61,27 +59,27 @@ impl View {
     }
 }
 
-/// Looks at all gateways and tells what has changed.
+/// Reports changes of all gateways.
 #[derive(Debug, Clone)]
 pub struct Watch {
     views: Vec<View>,
 }
 
 impl Watch {
-    /// From now on.
+    /// Starts with the present state.
     pub fn new(world: &World) -> Self {
         Self { views: (0..world.gateway_count()).filter_map(|i| View::of(world, i)).collect() }
     }
 
-    /// Gives each change since the last call to `tell`: the gateway, and what it is in words.
-    pub fn look(&mut self, world: &World, mut tell: impl FnMut(usize, String)) {
+    /// Reports each change since the last call: the gateway and a description.
+    pub fn poll(&mut self, world: &World, mut report: impl FnMut(usize, String)) {
         for (index, before) in self.views.iter_mut().enumerate() {
             let Some(now) = View::of(world, index) else { continue };
             if now == *before {
                 continue;
             }
-            if let Some(words) = now.changes_since(before) {
-                tell(index, words);
+            if let Some(text) = now.changes_since(before) {
+                report(index, text);
             }
             *before = now;
         }
@@ -93,7 +91,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn changes_are_told_in_words() {
+    fn changes_are_described() {
         let off =
             View { is_responding: false, is_reachable: false, state: AlState::Init, error: None };
         let op = View { is_responding: true, is_reachable: true, state: AlState::Op, error: None };
@@ -103,7 +101,7 @@ mod tests {
         let refused = View { error: Some(AlStatusCode::MAILBOX_CONFIGURATION), ..init };
         let cases = [
             (off, init, Some("booted, INIT")),
-            (op, off, Some("without power, or restarting")),
+            (op, off, Some("off or restarting")),
             (off, View { state: AlState::PreOp, ..off }, None),
             (init, View { state: AlState::PreOp, ..init }, Some("INIT -> PREOP")),
             (
@@ -116,10 +114,10 @@ mod tests {
             ),
             (fallen, View { error: None, ..fallen }, Some("SAFEOP, AL error acknowledged")),
             (init, refused, Some("INIT, AL error 0x0016 invalid mailbox configuration for PREOP")),
-            (op, View { is_reachable: false, ..op }, Some("not reachable: link lost")),
+            (op, View { is_reachable: false, ..op }, Some("link lost")),
         ];
-        for (before, now, words) in cases {
-            assert_eq!(now.changes_since(&before).as_deref(), words, "{before:?} {now:?}");
+        for (before, now, text) in cases {
+            assert_eq!(now.changes_since(&before).as_deref(), text, "{before:?} {now:?}");
         }
     }
 }

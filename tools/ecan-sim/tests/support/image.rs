@@ -1,4 +1,4 @@
-//! Process data images byte by byte, as manual 5.4.4.1 shows them.
+//! Process data images byte by byte, as in manual 5.4.4.1.
 
 use super::bring_up::CHANNEL_MASK;
 

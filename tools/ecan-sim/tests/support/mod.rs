@@ -1,4 +1,4 @@
-//! What the tests of the program share.
+//! Shared parts of the program's tests.
 #![allow(dead_code, missing_docs)]
 
 #[path = "../../../../ecan-sim/tests/ethercrab_support/bring_up.rs"]

@@ -1,23 +1,23 @@
-//! A veth pair in a network namespace of its own.
+//! A veth pair in a separate network namespace.
 
 use std::process::Command;
 
 use nix::sched::{CloneFlags, unshare};
 
-/// End of the master.
+/// Interface of the master.
 pub const MASTER: &str = "veth0";
-/// End of the gateways.
+/// Interface of the gateways.
 pub const GATEWAYS: &str = "veth1";
 
-/// Takes the calling thread, and all threads and programs that it starts from now on, into a new
-/// network with nothing but a veth pair and the loopback interface, all up. False where that is not possible here; the
-/// reason is printed.
+/// Moves the calling thread, and all threads and programs that it starts from now on, into a new
+/// network with only a veth pair and the loopback interface, all up. Returns false if that is not
+/// possible; the reason is printed.
 pub fn enter() -> bool {
     if let Err(errno) = unshare(CloneFlags::CLONE_NEWNET) {
         println!("skipped: no network namespace of its own: {errno}");
         return false;
     }
-    // Nothing but the test speaks then; a system without IPv6 is silent anyway.
+    // Only the test sends then; a system without IPv6 is silent anyway.
     let _ = std::fs::write("/proc/sys/net/ipv6/conf/default/disable_ipv6", "1");
     let commands = [
         &["link", "add", MASTER, "type", "veth", "peer", "name", GATEWAYS][..],
@@ -43,7 +43,6 @@ pub fn enter() -> bool {
     true
 }
 
-/// Runs `ip`, which has run before.
 pub fn ip(arguments: &[&str]) {
     assert!(Command::new("ip").args(arguments).status().unwrap().success(), "ip {arguments:?}");
 }

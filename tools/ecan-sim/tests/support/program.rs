@@ -1,4 +1,4 @@
-//! Running `ecan-sim` as a user does.
+//! Runs `ecan-sim` as a user does.
 
 use std::io::{BufRead, BufReader, Read};
 use std::process::{Child, Command, Output, Stdio};
@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use nix::sys::signal::{Signal, kill};
 use nix::unistd::Pid;
 
-/// After so long something is broken.
+/// Timeout of a failing test.
 pub const DEADLINE: Duration = Duration::from_secs(60);
 
 pub fn command(arguments: &[&str]) -> Command {
@@ -25,7 +25,7 @@ pub fn run(arguments: &[&str]) -> Output {
     command(arguments).output().unwrap()
 }
 
-/// Expects failure with a readable message, gives the message.
+/// Expects failure with a readable message and returns it.
 pub fn fails(output: &Output) -> String {
     let message = text(&output.stderr);
     assert!(!output.status.success(), "it succeeded");
@@ -35,7 +35,7 @@ pub fn fails(output: &Output) -> String {
     message
 }
 
-/// The program, running.
+/// The running program.
 pub struct Running {
     child: Child,
     lines: Receiver<String>,
@@ -43,7 +43,7 @@ pub struct Running {
 }
 
 impl Running {
-    /// Starts `ecan-sim wire` on the gateways' end.
+    /// Starts `ecan-sim wire` on the gateways' interface.
     pub fn start(arguments: &[&str]) -> Self {
         let base = ["wire", "--interface", super::network::GATEWAYS];
         let mut child = command(&[&base[..], arguments].concat())
@@ -63,7 +63,7 @@ impl Running {
         Self { child, lines, seen: Vec::new() }
     }
 
-    /// Waits for a line with these words.
+    /// Waits for a line with this text.
     pub fn wait_for(&mut self, words: &str) {
         let start = Instant::now();
         while !self.seen.iter().any(|line| line.contains(words)) {
@@ -87,13 +87,13 @@ impl Running {
         errors
     }
 
-    /// Ends it with this signal; it must do so with success. Gives all that it has printed.
+    /// Ends it with this signal; it must succeed. Returns its output.
     pub fn end(self, signal: Signal) -> String {
         kill(Pid::from_raw(self.child.id().try_into().unwrap()), signal).unwrap();
         self.finish()
     }
 
-    /// Waits for its end, which must be a failure. Gives its message.
+    /// Waits for its end, which must be a failure. Returns its message.
     pub fn fail(mut self) -> String {
         let start = Instant::now();
         while self.child.try_wait().unwrap().is_none() {
@@ -104,7 +104,7 @@ impl Running {
         self.errors()
     }
 
-    /// Waits for its end; it must be a success. Gives all that it has printed.
+    /// Waits for its end; it must succeed. Returns its output.
     pub fn finish(mut self) -> String {
         let start = Instant::now();
         loop {
@@ -123,7 +123,7 @@ impl Running {
 
 impl Drop for Running {
     fn drop(&mut self) {
-        // A test that fails leaves nothing behind.
+        // A failing test leaves no process behind.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

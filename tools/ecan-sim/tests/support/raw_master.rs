@@ -1,4 +1,4 @@
-//! A master by hand: one datagram a frame, over a packet socket.
+//! A hand-written master: one datagram per frame, over a packet socket.
 
 use std::num::NonZeroU32;
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
@@ -21,7 +21,7 @@ pub const BRD: u8 = 7;
 const MAILBOX_BYTES: usize = 128;
 const MAILBOX_OUT: u16 = 0x1000;
 const MAILBOX_IN: u16 = 0x1080;
-/// Behind Ethernet and EtherCAT header.
+/// After Ethernet and EtherCAT header.
 const DATAGRAM: usize = 16;
 
 pub struct RawMaster {
@@ -48,7 +48,7 @@ impl RawMaster {
         assert_eq!(send(self.socket.as_raw_fd(), frame, MsgFlags::empty()), Ok(frame.len()));
     }
 
-    /// The next frame that comes back before the deadline.
+    /// The next frame that returns before the deadline.
     pub fn receive(&self) -> Vec<u8> {
         self.receive_within(DEADLINE).expect("no frame comes back")
     }
@@ -74,8 +74,8 @@ impl RawMaster {
         }
     }
 
-    /// Sends frames until one comes back: an interface that is switched on drops them until the
-    /// system has noticed its link.
+    /// Sends frames until one returns: an interface that comes up drops them until the system has
+    /// detected its link.
     pub fn wait_for_link(&self) {
         let start = Instant::now();
         loop {
@@ -87,7 +87,7 @@ impl RawMaster {
         }
     }
 
-    /// Sends a datagram and takes the same one back: its data and its working counter.
+    /// Sends a datagram and receives it again: its data and its working counter.
     pub fn exchange(
         &mut self,
         command: u8,
@@ -116,7 +116,7 @@ impl RawMaster {
         assert_eq!(counter, 1, "{station:#06x} {offset:#06x}");
     }
 
-    /// Repeats a read until its data are as wanted.
+    /// Repeats a read until the data match.
     pub fn read_until(
         &mut self,
         (command, slave, offset, bytes): (u8, u16, u16, usize),
@@ -132,7 +132,7 @@ impl RawMaster {
         }
     }
 
-    /// Asks for a state and waits for it.
+    /// Requests a state and waits for it.
     pub fn go_to(&mut self, station: u16, state: u8) {
         self.write(station, 0x0120, &[state, 0]);
         self.read_until((FPRD, station, 0x0130, 2), |data, counter| {
@@ -140,7 +140,7 @@ impl RawMaster {
         });
     }
 
-    /// Address 0x1001 for the first one and so on, mailboxes, PREOP.
+    /// Sets addresses 0x1001 and following, mailboxes, PREOP.
     pub fn bring_to_preop(&mut self, position: u16) -> u16 {
         let station = 0x1001 + position;
         let (_, counter) =

@@ -68,7 +68,8 @@ impl Endpoint {
         max_clients: u16,
     ) -> Result<Self, Failure> {
         let max_clients = max_clients.into();
-        let settings = BridgeConfig { address, max_clients, ..BridgeConfig::speaking(protocol) };
+        let settings =
+            BridgeConfig { address, max_clients, ..BridgeConfig::with_protocol(protocol) };
         let server = BridgeServer::listen(&settings);
         server.map(Self::Server).map_err(|error| Failure::Bridge(error.to_string()))
     }
@@ -149,7 +150,7 @@ impl Endpoint {
     /// What did not go through, in words; nothing where all did.
     pub fn losses(&self) -> Vec<String> {
         let counted = self.clients().statistics();
-        let has_own_words = counted.dropped_to_bus + counted.mismatched + counted.not_taken;
+        let has_own_words = counted.dropped_to_bus + counted.mismatched + counted.discarded;
         let words = [
             (counted.dropped_to_bus, "frames for the bus were dropped: too many waited"),
             (
@@ -157,7 +158,7 @@ impl Endpoint {
                 "frames of the bus were dropped: nobody took them in time",
             ),
             (
-                counted.refused.saturating_sub(has_own_words),
+                counted.rejected.saturating_sub(has_own_words),
                 "commands or frames were refused: malformed, unknown, or at the wrong time",
             ),
             (
@@ -165,11 +166,11 @@ impl Endpoint {
                 "frames for the bus were refused: the channel has another bit rate, or no CAN FD",
             ),
             (
-                counted.not_taken,
+                counted.discarded,
                 "frames for the bus were refused: nothing could be sent, or the channel only listens",
             ),
             (
-                counted.unfit,
+                counted.unsupported,
                 "CAN FD frames were not passed on: the interface is one of classic CAN (with \
                  ip link set INTERFACE mtu 72 a virtual one carries them)",
             ),

@@ -16,7 +16,7 @@ impl TransmitGate {
     /// Shut.
     pub fn shut(fronts: &[Endpoint]) -> Self {
         for front in fronts {
-            front.clients().set_taking(false);
+            front.clients().set_accepting(false);
         }
         Self { is_open: false, kept_before: kept(fronts) }
     }
@@ -30,7 +30,7 @@ impl TransmitGate {
         self.is_open = is_open;
         // Before the first front is shut: from then on clients are refused.
         let kept_before = kept(fronts);
-        let waiting: usize = fronts.iter().map(|it| it.clients().set_taking(is_open)).sum();
+        let waiting: usize = fronts.iter().map(|it| it.clients().set_accepting(is_open)).sum();
         let dropped = held + waiting;
         if !is_open {
             self.kept_before = kept_before + waiting as u64;
@@ -51,5 +51,5 @@ impl TransmitGate {
 }
 
 fn kept(fronts: &[Endpoint]) -> u64 {
-    fronts.iter().map(|front| front.clients().statistics().not_taken).sum()
+    fronts.iter().map(|front| front.clients().statistics().discarded).sum()
 }

@@ -1,4 +1,4 @@
-//! What waits for a client: frames of the bus and answers, in their order.
+//! Queue to a client: frames of the bus and answers, in order.
 
 use std::collections::VecDeque;
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
@@ -7,15 +7,15 @@ use ecan_protocol::can::CanFrame;
 
 use crate::session::ReceiveSettings;
 
-/// Bytes of answers that may wait; then the client is not read from.
+/// Maximum number of queued answer bytes; above it the client is not read.
 const MAX_ANSWER_BYTES: usize = 64 * 1024;
 
-/// Something for a client.
+/// An entry for a client.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) enum Outgoing {
-    /// A frame of the bus and when it was complete, in nanoseconds of the bus's clock.
+    /// A frame of the bus with its end time in nanoseconds of the bus's clock.
     Frame(CanFrame, u64),
-    /// Bytes of the protocol, and what the client wants to hear behind them.
+    /// Bytes of the protocol, and the client's receive settings after them.
     Answer(Vec<u8>, ReceiveSettings),
 }
 
@@ -25,11 +25,11 @@ struct State {
     frames: usize,
     answer_bytes: usize,
     is_closed: bool,
-    /// The writer sleeps; nobody else needs to be woken by a frame.
+    /// The writer waits; nobody else needs to be woken by a frame.
     is_awaited: bool,
 }
 
-/// A queue with room for so many frames, and for some bytes of answers besides.
+/// A queue with a limit for frames and one for answer bytes.
 #[derive(Debug)]
 pub(crate) struct ClientQueue {
     state: Mutex<State>,
@@ -48,7 +48,7 @@ impl ClientQueue {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Queues a frame; false when there is no room. Does not block.
+    /// Queues a frame; returns false if the queue is full. Does not block.
     pub(crate) fn offer(&self, frame: &CanFrame, time_ns: u64) -> bool {
         let mut state = self.lock();
         let has_room = state.frames < self.max_frames;
@@ -59,9 +59,8 @@ impl ClientQueue {
         has_room
     }
 
-    /// Queues an answer. Waits while too many bytes of answers wait already; false once it is
-    /// closed.
-    pub(crate) fn answer(&self, text: Vec<u8>, hearing: ReceiveSettings) -> bool {
+    /// Queues an answer. Waits while too many answer bytes are queued; returns false once closed.
+    pub(crate) fn answer(&self, text: Vec<u8>, receive_settings: ReceiveSettings) -> bool {
         let state = self.lock();
         let is_full = |state: &mut State| !state.is_closed && state.answer_bytes > MAX_ANSWER_BYTES;
         let waited = self.has_room.wait_while(state, is_full);
@@ -70,7 +69,7 @@ impl ClientQueue {
             return false;
         }
         state.answer_bytes += text.len();
-        self.push(state, Outgoing::Answer(text, hearing));
+        self.push(state, Outgoing::Answer(text, receive_settings));
         true
     }
 
@@ -83,7 +82,7 @@ impl ClientQueue {
         }
     }
 
-    /// Waits for the next; none once it is closed.
+    /// Waits for the next entry; `None` once closed.
     pub(crate) fn take(&self) -> Option<Outgoing> {
         let mut state = self.lock();
         state.is_awaited = true;
@@ -94,7 +93,7 @@ impl ClientQueue {
         if state.is_closed { None } else { self.pop(state) }
     }
 
-    /// The next, if there is one already.
+    /// The next entry, if any.
     pub(crate) fn try_take(&self) -> Option<Outgoing> {
         self.pop(self.lock())
     }
@@ -112,7 +111,7 @@ impl ClientQueue {
         Some(item)
     }
 
-    /// Nobody waits any more, and nothing more is taken out.
+    /// Ends all waiting; no more entries are returned.
     pub(crate) fn close(&self) {
         self.lock().is_closed = true;
         self.has_items.notify_all();
@@ -128,7 +127,7 @@ mod tests {
     use ecan_protocol::can::CanId;
 
     use super::*;
-    use crate::settings::BridgeProtocol;
+    use crate::config::BridgeProtocol;
 
     fn frame() -> CanFrame {
         CanFrame::classic(CanId::standard(1).unwrap(), &[]).unwrap()
@@ -139,45 +138,45 @@ mod tests {
     }
 
     #[test]
-    fn frames_and_answers_keep_their_order_and_frames_their_bound() {
-        let outbox = ClientQueue::new(2);
-        assert!(outbox.offer(&frame(), 1));
-        assert!(outbox.answer(vec![b'a'], nothing()));
-        assert!(outbox.offer(&frame(), 2));
-        assert!(!outbox.offer(&frame(), 3));
-        assert_eq!(outbox.take(), Some(Outgoing::Frame(frame(), 1)));
-        assert_eq!(outbox.take(), Some(Outgoing::Answer(vec![b'a'], nothing())));
-        assert!(outbox.offer(&frame(), 4));
-        assert_eq!(outbox.try_take(), Some(Outgoing::Frame(frame(), 2)));
-        assert_eq!(outbox.try_take(), Some(Outgoing::Frame(frame(), 4)));
-        assert_eq!(outbox.try_take(), None);
+    fn queue_keeps_order_and_bounds_frames() {
+        let queue = ClientQueue::new(2);
+        assert!(queue.offer(&frame(), 1));
+        assert!(queue.answer(vec![b'a'], nothing()));
+        assert!(queue.offer(&frame(), 2));
+        assert!(!queue.offer(&frame(), 3));
+        assert_eq!(queue.take(), Some(Outgoing::Frame(frame(), 1)));
+        assert_eq!(queue.take(), Some(Outgoing::Answer(vec![b'a'], nothing())));
+        assert!(queue.offer(&frame(), 4));
+        assert_eq!(queue.try_take(), Some(Outgoing::Frame(frame(), 2)));
+        assert_eq!(queue.try_take(), Some(Outgoing::Frame(frame(), 4)));
+        assert_eq!(queue.try_take(), None);
     }
 
     #[test]
-    fn whoever_floods_it_with_answers_waits_until_they_are_taken_or_it_is_closed() {
-        let outbox = &ClientQueue::new(2);
+    fn excess_answers_block_until_taken_or_closed() {
+        let queue = &ClientQueue::new(2);
         let (taken, gone) = channel();
         std::thread::scope(|scope| {
             scope.spawn(move || {
-                let answer = || outbox.answer(vec![0; 1024], nothing());
+                let answer = || queue.answer(vec![0; 1024], nothing());
                 while answer() {
                     taken.send(()).unwrap();
                 }
             });
-            let patience = Duration::from_secs(60);
+            let timeout = Duration::from_secs(60);
             let fill = MAX_ANSWER_BYTES / 1024 + 1;
             for _ in 0..fill {
-                gone.recv_timeout(patience).unwrap();
+                gone.recv_timeout(timeout).unwrap();
             }
             assert!(gone.try_recv().is_err());
             for _ in 0..100 {
-                outbox.take().unwrap();
-                gone.recv_timeout(patience).unwrap();
+                queue.take().unwrap();
+                gone.recv_timeout(timeout).unwrap();
             }
-            assert!(outbox.lock().answer_bytes <= fill * 1024);
-            outbox.close();
-            assert!(gone.recv_timeout(patience).is_err());
+            assert!(queue.lock().answer_bytes <= fill * 1024);
+            queue.close();
+            assert!(gone.recv_timeout(timeout).is_err());
         });
-        assert_eq!(outbox.take(), None);
+        assert_eq!(queue.take(), None);
     }
 }

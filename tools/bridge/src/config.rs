@@ -1,29 +1,29 @@
-//! What a bridge is told.
+//! Configuration of a bridge.
 
 use std::net::{IpAddr, Ipv4Addr, SocketAddr};
 
-/// What a bridge speaks with its clients.
+/// Protocol between a bridge and its clients.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum BridgeProtocol {
-    /// The ASCII protocol of Lawicel's serial adapters with the CAN FD commands of CANable 2:
+    /// ASCII protocol of Lawicel's serial adapters with the CAN FD commands of CANable 2:
     /// python-can's interface `slcan` on the channel `socket://127.0.0.1:PORT`.
     #[default]
     Slcan,
-    /// The raw mode of socketcand: python-can's interface `socketcand`. Classic CAN only.
+    /// Raw mode of socketcand: python-can's interface `socketcand`. Classic CAN only.
     Socketcand,
 }
 
-/// Settings of a bridge. Plain data.
+/// Configuration of a bridge. Plain data.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct BridgeConfig {
-    /// What it speaks.
+    /// Protocol.
     pub protocol: BridgeProtocol,
-    /// Where it listens. Port 0 takes any free one. Whoever reaches this address can send on the
-    /// bus.
+    /// Address on which it listens. Port 0 takes any free one. Everyone who can reach this address
+    /// can send on the bus.
     pub address: SocketAddr,
-    /// Clients at a time; more are turned away.
+    /// Maximum number of clients; more are rejected.
     pub max_clients: usize,
-    /// Frames that may wait for the bus, and frames that may wait for each client.
+    /// Capacity in frames of the queue to the bus, and of the queue to each client.
     pub queue: usize,
 }
 
@@ -40,9 +40,9 @@ impl Default for BridgeConfig {
 }
 
 impl BridgeConfig {
-    /// The default settings with another protocol.
+    /// The default configuration with another protocol.
     #[must_use]
-    pub fn speaking(protocol: BridgeProtocol) -> Self {
+    pub fn with_protocol(protocol: BridgeProtocol) -> Self {
         Self { protocol, ..Self::default() }
     }
 }

@@ -1,41 +1,42 @@
-//! A client's whole conversation without a connection, for fuzzing.
+//! A client session without a connection, for fuzzing.
 
 use ecan_protocol::can::CanFrame;
 
+use crate::config::BridgeProtocol;
 use crate::rates::BusRates;
-use crate::session::{Session, Uplink};
-use crate::settings::BridgeProtocol;
+use crate::session::Session;
+use crate::uplink::Uplink;
 
-/// What came of a conversation.
+/// Result of a session.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct OfflineSession {
-    /// What the client was told, the greeting included.
+    /// Bytes sent to the client, including the greeting.
     pub answers: Vec<u8>,
-    /// What it sent.
+    /// Frames that the client sent.
     pub sent: Vec<CanFrame>,
-    /// The same as the client would hear it in the end from others.
-    pub heard: Vec<u8>,
+    /// The same frames, encoded as the client would receive them at the end.
+    pub received: Vec<u8>,
 }
 
 impl OfflineSession {
-    /// A client that writes these pieces, on a bus that takes everything.
+    /// Feeds a client's input in pieces, on a bus that accepts everything.
     pub fn hold<'a>(
         protocol: BridgeProtocol,
         rates: Option<BusRates>,
         pieces: impl IntoIterator<Item = &'a [u8]>,
     ) -> Self {
         let mut session = Session::new(protocol);
-        let mut conversation = Self::default();
+        let mut session_result = Self::default();
         let mut bus = Bus { rates, sent: Vec::new() };
-        session.greet(&mut conversation.answers);
-        for piece in pieces {
-            session.feed(piece, &mut bus, &mut conversation.answers);
+        session.greet(&mut session_result.answers);
+        for chunk in pieces {
+            session.feed(chunk, &mut bus, &mut session_result.answers);
         }
         for frame in &bus.sent {
-            session.hearing().encode(frame, 0, rates, &mut conversation.heard);
+            session.receive_settings().encode(frame, 0, rates, &mut session_result.received);
         }
-        conversation.sent = bus.sent;
-        conversation
+        session_result.sent = bus.sent;
+        session_result
     }
 }
 
@@ -58,7 +59,7 @@ impl Uplink for Bus {
         self.sent.push(frame);
     }
 
-    fn count_refused(&mut self) {}
+    fn count_rejected(&mut self) {}
 
     fn count_mismatched(&mut self) {}
 }
