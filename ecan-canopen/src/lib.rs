@@ -19,6 +19,8 @@
 //! ```no_run
 //! # #[cfg(feature = "network")]
 //! # mod example {
+//! use std::time::Duration;
+//!
 //! use ecan_canopen::{Network, NetworkConfig, NodeAddress, NodeConfig, NodeId};
 //!
 //! fn device_type(port: &mut ecan_mcan_port::Port) -> Result<Vec<u8>, Box<dyn std::error::Error>> {
@@ -26,7 +28,7 @@
 //!     let mut network = Network::new(NetworkConfig::default());
 //!     let address = NodeAddress { slave: 0, channel: 0, node };
 //!     let drive = network.add_node(address, NodeConfig::default())?;
-//!     Ok(network.upload_blocking(port, drive, (0x1000, 0), 2_000)?)
+//!     Ok(network.upload_blocking(port, drive, (0x1000, 0), Duration::from_secs(2))?)
 //! }
 //! # }
 //! ```

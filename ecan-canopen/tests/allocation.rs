@@ -24,12 +24,12 @@ fn forty_nodes_in_transfers_allocate_nothing() {
     let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(3, gateway)).unwrap();
     port.wait_ready().unwrap();
 
-    let host = HostHeartbeat { node: NodeId::MAX, period_ms: 20 };
+    let host = HostHeartbeat { node: NodeId::MAX, period: Duration::from_millis(20) };
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let mut network = Network::new(config);
     // Short timeouts, so that failing, aborting and starting over are part of it.
-    let sdo = SdoConfig { timeout_ms: 20, ..SdoConfig::default() };
-    let settings = NodeConfig { heartbeat_timeout_ms: 100, sdo };
+    let sdo = SdoConfig { timeout: Duration::from_millis(20), ..SdoConfig::default() };
+    let settings = NodeConfig { heartbeat_timeout: Duration::from_millis(100), sdo };
     let nodes: Vec<_> = (0..40u8)
         .map(|nth| {
             let (slave, channel) = (usize::from(nth % 3), nth / 3 % 4);

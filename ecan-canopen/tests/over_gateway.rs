@@ -19,7 +19,7 @@ use ecan_protocol::can::FrameRef;
 use ecan_protocol::image::Schedule;
 use ecan_sim::{ClockKind, Fault, LossDirection, NodeKind, Scenario, SimOptions, Simulation};
 
-const READY_MS: u32 = 20_000;
+const READY: Duration = Duration::from_secs(20);
 
 fn open(scenario: Scenario, adapter: AdapterConfig, slaves: usize) -> (Port, Simulation) {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
@@ -49,7 +49,7 @@ fn cycles(
 ) -> Vec<ReceivedFrame> {
     let mut frames = Vec::new();
     let mut left = count;
-    run_cycle_until(port, READY_MS, |cycle, now_ns| {
+    run_cycle_until(port, READY, |cycle, now_ns| {
         network.receive(cycle, now_ns, |item| frames.extend(item.frame().copied()));
         targets(cycle);
         network.send_sync(cycle);
@@ -69,7 +69,7 @@ fn ids(frames: &[ReceivedFrame], channel: u8) -> Vec<u32> {
 fn targets_then_sync_then_service_frames_reach_the_bus() {
     let (mut port, _) =
         open(ecan_sim::echo(1), AdapterConfig::new(1).with_cycle(Duration::from_millis(2)), 1);
-    let host = HostHeartbeat { node: NodeId::new(127).unwrap(), period_ms: 10 };
+    let host = HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(10) };
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let mut network = Network::new(config);
     let add = |network: &mut Network, channel, node| {
@@ -210,7 +210,7 @@ fn a_gateway_that_loses_power_aborts_transfers_and_comes_back() {
     let (mut port, simulation) =
         open(ecan_sim::echo(2), AdapterConfig::new(2).with_cycle(Duration::from_millis(1)), 2);
     let mut network = Network::new(NetworkConfig::default());
-    let sdo = SdoConfig { timeout_ms: 60_000, ..SdoConfig::default() };
+    let sdo = SdoConfig { timeout: Duration::from_millis(60_000), ..SdoConfig::default() };
     let settings = NodeConfig { sdo, ..NodeConfig::default() };
     let nodes = [0, 1].map(|slave| network.add_node(address(slave, 0, 1), settings).unwrap());
     for node in nodes {
@@ -224,12 +224,12 @@ fn a_gateway_that_loses_power_aborts_transfers_and_comes_back() {
     assert_eq!(failure.fault, SdoFault::GatewayLost);
     assert_eq!(
         failure.to_string(),
-        "SDO upload 0x1000:00 from node 1 (slave 1, channel 0): the gateway went out of service"
+        "SDO upload 0x1000:00 from node 1 (slave 1, channel 0): the gateway was lost"
     );
     network.start_upload(nodes[1], 0x1001, 0).unwrap();
     let sent = network.statistics().sdo_sent;
     let mut echoed = None;
-    run_cycle_until(&mut port, READY_MS, |cycle, now_ns| {
+    run_cycle_until(&mut port, READY, |cycle, now_ns| {
         network.receive(cycle, now_ns, |item| {
             if let Some(frame) = item.frame().filter(|frame| frame.slave == 1) {
                 echoed = Some(*frame);
@@ -252,7 +252,8 @@ fn a_bus_that_is_not_active_is_reported_at_once() {
     let mut port = Port::open(&backend.ecrt, AdapterConfig::new(1), config).unwrap();
     let mut network = Network::new(NetworkConfig::default());
     let node = network.add_node(address(0, 0, 1), NodeConfig::default()).unwrap();
-    let error = network.upload_blocking(&mut port, node, (0x1000, 0), 60_000).unwrap_err();
+    let error =
+        network.upload_blocking(&mut port, node, (0x1000, 0), Duration::from_secs(60)).unwrap_err();
     assert!(matches!(error, WaitError::Cycle(_)), "{error}");
     assert_eq!(network.sdo_failure(node).unwrap().fault, SdoFault::Cancelled);
 }
@@ -266,9 +267,12 @@ fn lost_ethernet_frames_do_not_end_a_blocking_call() {
     );
     let mut network = Network::new(NetworkConfig::default());
     let node = network.add_node(address(0, 0, 5), NodeConfig::default()).unwrap();
-    network.wait_nmt_state_blocking(&mut port, NmtState::PreOperational, 10_000).unwrap();
+    network
+        .wait_nmt_state_blocking(&mut port, NmtState::PreOperational, Duration::from_secs(10))
+        .unwrap();
     simulation.inject(Fault::LostFrame { direction: LossDirection::Outward, cycles: 5 });
-    let value = network.upload_blocking(&mut port, node, (0x1000, 0), 1_000).unwrap();
+    let value =
+        network.upload_blocking(&mut port, node, (0x1000, 0), Duration::from_secs(1)).unwrap();
     assert_eq!(value, [0x92, 0x01, 0x02, 0x00]);
 }
 
@@ -322,18 +326,21 @@ fn a_node_is_met_watched_asked_and_missed() {
         1,
     );
     let mut network = Network::new(NetworkConfig::default());
-    let settings = NodeConfig { heartbeat_timeout_ms: 250, ..NodeConfig::default() };
+    let settings =
+        NodeConfig { heartbeat_timeout: Duration::from_millis(250), ..NodeConfig::default() };
     let node = network.add_node(address(0, 0, 5), settings).unwrap();
     assert_eq!(network.heartbeat(node), Heartbeat::Unknown);
     network
-        .wait_nmt_state_blocking(&mut port, NmtState::Operational, 10_000)
+        .wait_nmt_state_blocking(&mut port, NmtState::Operational, Duration::from_secs(10))
         .unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(network.status(node).unwrap().boot_ups, 1);
     assert_eq!(network.heartbeat(node), Heartbeat::Active);
 
-    let value = network.upload_blocking(&mut port, node, (0x1000, 0), 1_000).unwrap();
+    let value =
+        network.upload_blocking(&mut port, node, (0x1000, 0), Duration::from_secs(1)).unwrap();
     assert_eq!(value, [0x92, 0x01, 0x02, 0x00]);
-    let error = network.upload_blocking(&mut port, node, (0x1018, 1), 1_000).unwrap_err();
+    let error =
+        network.upload_blocking(&mut port, node, (0x1018, 1), Duration::from_secs(1)).unwrap_err();
     assert_eq!(
         error.to_string(),
         "SDO upload 0x1018:01 from node 5 (slave 0, channel 0): aborted by the node: 0x06020000 \
@@ -342,7 +349,7 @@ fn a_node_is_met_watched_asked_and_missed() {
 
     // TPDOs are not the network's.
     let mut tpdos = Vec::new();
-    run_cycle_until(&mut port, 5_000, |cycle, now_ns| {
+    run_cycle_until(&mut port, Duration::from_secs(5), |cycle, now_ns| {
         network.receive(cycle, now_ns, |item| tpdos.extend(item.frame().copied()));
         network.send(cycle, now_ns);
         (!tpdos.is_empty()).then_some(())
@@ -354,10 +361,15 @@ fn a_node_is_met_watched_asked_and_missed() {
     assert_eq!(emcy.last().unwrap().emcy.code, 0x8611);
 
     // No answer for this one in the node's script.
-    let error = network.upload_blocking(&mut port, node, (0x2000, 0), 100).unwrap_err();
-    assert!(matches!(error, WaitError::TimedOut { waited_ms } if waited_ms <= 102), "{error}");
+    let error = network
+        .upload_blocking(&mut port, node, (0x2000, 0), Duration::from_millis(100))
+        .unwrap_err();
+    assert!(
+        matches!(error, WaitError::TimedOut { waited } if waited <= Duration::from_millis(102)),
+        "{error}"
+    );
     assert_eq!(network.sdo_failure(node).unwrap().fault, SdoFault::Cancelled);
-    run_cycle_until(&mut port, 5_000, |cycle, now_ns| {
+    run_cycle_until(&mut port, Duration::from_secs(5), |cycle, now_ns| {
         network.serve(cycle, now_ns, |network| {
             (network.heartbeat(node) == Heartbeat::TimedOut).then_some(())
         })
@@ -388,7 +400,7 @@ fn a_configuration_runs_to_its_end_with_words_on_the_way() {
     );
     let mut words = Vec::new();
     network
-        .configure_blocking(&mut port, &mut configurator, 20_000, |progress| {
+        .configure_blocking(&mut port, &mut configurator, Duration::from_secs(20), |progress| {
             let step = progress.step.map_or("done".to_owned(), |step| step.to_string());
             if words.last() != Some(&step) {
                 words.push(step);
@@ -408,8 +420,9 @@ fn a_configuration_runs_to_its_end_with_words_on_the_way() {
     assert_eq!(configurator.uploaded(node, 0x1000, 0), Some(0x0002_0192));
     configurator.clear(&mut network);
     configurator.add(&network, node, [Step::expect(0x1000, 0, 1u32)]);
-    let error =
-        network.configure_blocking(&mut port, &mut configurator, 5_000, |_| {}).unwrap_err();
+    let error = network
+        .configure_blocking(&mut port, &mut configurator, Duration::from_secs(5), |_| {})
+        .unwrap_err();
     assert_eq!(
         error.to_string(),
         "node 5 (slave 0, channel 0), step 1 of 1, check 0x1000:00: value is 0x20192, expected 0x1"

@@ -23,7 +23,6 @@ use ecan_sim::{
 use ecan_sim_bridge::bridges;
 use python_peer::{PATIENCE, Peer, python};
 
-const PATIENCE_MS: u32 = PATIENCE.as_millis() as u32;
 /// Cycle of the master.
 const CYCLE: Duration = Duration::from_millis(2);
 
@@ -56,9 +55,9 @@ impl Client {
         port.wait_ready().unwrap();
         let mut network = Network::new(NetworkConfig::default());
         let settings = NodeConfig {
-            heartbeat_timeout_ms: 2_000,
+            heartbeat_timeout: Duration::from_millis(2_000),
             // Another program answers, on a machine that may have much to do.
-            sdo: SdoConfig { timeout_ms: 20_000, ..SdoConfig::default() },
+            sdo: SdoConfig { timeout: Duration::from_millis(20_000), ..SdoConfig::default() },
         };
         let address = NodeAddress { slave: 0, channel: 0, node };
         let node = network.add_node(address, settings).unwrap();
@@ -67,7 +66,7 @@ impl Client {
 
     /// Runs the cycle until something has happened.
     fn until(&mut self, what: &str, mut done: impl FnMut(&mut Network) -> bool) {
-        run_cycle_until(&mut self.port, PATIENCE_MS, |cycle, now_ns| {
+        run_cycle_until(&mut self.port, PATIENCE, |cycle, now_ns| {
             std::thread::sleep(CYCLE);
             self.network.serve(cycle, now_ns, |network| done(network).then_some(()))
         })

@@ -20,7 +20,6 @@ use ecan_host::AdapterConfig;
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, Port, PortConfig};
 use ecan_protocol::image::Header;
 
-const READY_MS: u32 = 20_000;
 /// Axes of a channel and of a gateway.
 const ON_CHANNEL: usize = 4;
 const ON_GATEWAY: usize = 16;
@@ -57,7 +56,7 @@ impl Bench {
         port.wait_ready().unwrap();
         let settings = (0..axes).map(axis).collect();
         let mut cia402 = Cia402::new(&port, settings, Cia402Config::default()).unwrap();
-        cia402.start_up_timeout(&mut port, READY_MS, |_| {}).unwrap();
+        cia402.start_up_timeout(&mut port, Duration::from_secs(20), |_| {}).unwrap();
         let mut bench = Self { axes, port, cia402 };
         bench.find_full_cycle();
         bench

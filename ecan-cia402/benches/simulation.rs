@@ -34,7 +34,7 @@ const BITRATE: u32 = 1_000_000;
 /// Increments per cycle that every axis moves.
 const STEP: i32 = 5;
 /// How long gateways and drives may take to start, in simulated milliseconds.
-const START_UP_MS: u32 = 20_000;
+const START_UP: Duration = Duration::from_secs(20);
 /// Cycles before the first segment: the axes come up to speed.
 const WARM_UP_CYCLES: u32 = 500;
 /// Simulated time of a segment.
@@ -122,7 +122,7 @@ impl Bench {
         let axes = (0..AXES).map(|number| axis(number, (case.tpdos)(number)));
         let axes = axes.collect::<Fallible<Vec<_>>>()?;
         let mut cia402 = Cia402::new(&port, axes, Cia402Config::default())?;
-        cia402.start_up_timeout(&mut port, START_UP_MS, |_| {})?;
+        cia402.start_up_timeout(&mut port, START_UP, |_| {})?;
         let cycle = Duration::from_micros(case.cycle_us.into());
         let mut bench = Self { port, cia402, simulation, cycle };
         bench.cycles(WARM_UP_CYCLES)?;

@@ -7,5 +7,9 @@
 #![forbid(unsafe_code)]
 
 mod axis;
+mod guard;
+mod table;
 
 pub use axis::*;
+pub use guard::*;
+pub use table::*;

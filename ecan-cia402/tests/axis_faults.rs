@@ -4,7 +4,9 @@
 
 mod axes;
 
-use axes::{Fixture, START_MS, axes, axis, with_quirk};
+use std::time::Duration;
+
+use axes::{Fixture, START, axes, axis, with_quirk};
 use ecan_canopen::{DriveState, NmtState, StepFault};
 use ecan_cia402::{
     AxisConfig, AxisError, AxisPhase, AxisTimeout, Cia402, Cia402Error, Decision, HoldReason,
@@ -42,7 +44,7 @@ fn recover(bench: &mut Fixture) {
 }
 
 fn start_fails(bench: &mut Fixture) -> AxisTimeout {
-    match bench.cia402.start_up_timeout(&mut bench.port, START_MS, |_| {}) {
+    match bench.cia402.start_up_timeout(&mut bench.port, START, |_| {}) {
         Err(Cia402Error::AxisTimeout(axes)) => axes,
         other => panic!("{other:?}"),
     }
@@ -217,7 +219,7 @@ fn a_brake_that_takes_longer_than_allowed_is_named() {
     let mut bench = Fixture::with(scenario.clone(), table.clone()).started();
     bench.steps(50);
     bench.judge();
-    table[0].enable_timeout_ms = 200;
+    table[0].enable_timeout = Duration::from_millis(200);
     bench = Fixture::with(scenario, table);
     let text = start_fails(&mut bench).to_string();
     assert!(text.contains("not enabled after") && text.contains("switched on"), "{text}");

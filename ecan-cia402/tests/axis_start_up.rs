@@ -3,6 +3,8 @@
 
 mod axes;
 
+use std::time::Duration;
+
 use axes::{Fixture, axes, axis, with_quirk};
 use ecan_canopen::DriveState;
 use ecan_cia402::{AxisConfig, AxisPhase, Cia402, Cia402Config, Cia402Error, Shutdown};
@@ -46,7 +48,7 @@ fn an_orderly_end_leaves_drives_at_rest_without_a_fault() {
     let table = axes(4).into_iter().map(|axis| axis.with_target_step(200)).collect();
     let mut bench = Fixture::single(table).started();
     bench.steps(200);
-    let ended = bench.cia402.shutdown_timeout(&mut bench.port, 10_000, |_| {});
+    let ended = bench.cia402.shutdown_timeout(&mut bench.port, Duration::from_secs(10), |_| {});
     ended.unwrap_or_else(|error| panic!("{error}"));
     assert_eq!(bench.cia402.shutdown_state(), Shutdown::Done);
     bench.judge();

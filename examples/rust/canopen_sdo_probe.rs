@@ -106,12 +106,13 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     let address = NodeAddress { slave: 0, channel: arguments.channel, node };
     let node = network.add_node(address, NodeConfig::default())?;
     let object = (arguments.index, arguments.sub);
+    let timeout = Duration::from_millis(arguments.timeout_ms.into());
     let name = format!("0x{:04X}:{:02X}", arguments.index, arguments.sub);
     if let Some(data) = written {
-        network.download_blocking(&mut port, node, object, &data, arguments.timeout_ms)?;
+        network.download_blocking(&mut port, node, object, &data, timeout)?;
         println!("{name} written");
     }
-    let data = network.upload_blocking(&mut port, node, object, arguments.timeout_ms)?;
+    let data = network.upload_blocking(&mut port, node, object, timeout)?;
     let kind = arguments.value_type.unwrap_or(ValueType::Any);
     println!("{name} = {}", kind.show(&data)?);
     Ok(true)

@@ -7,6 +7,7 @@
 
 use std::error::Error;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::Parser;
 use ecan_canopen::{NodeAddress, NodeId};
@@ -20,9 +21,9 @@ use ecan_protocol::mapping::CHANNELS;
 /// Number of axes.
 const AXES: usize = 10;
 /// Timeout of configuration and enabling, each, ms.
-const STARTUP_MS: u32 = 30_000;
+const STARTUP: Duration = Duration::from_secs(30);
 /// Timeout of stopping and disabling, ms.
-const SHUTDOWN_MS: u32 = 20_000;
+const SHUTDOWN: Duration = Duration::from_secs(20);
 
 /// Enable ten CiA 402 axes on the channels of all gateways and move them
 #[derive(Debug, Parser)]
@@ -85,8 +86,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     }
     // Stops and disables the drives, also after an error.
     println!("stopping the axes");
-    let shutdown =
-        cia402.shutdown_timeout(&mut port, SHUTDOWN_MS, |axis| record.print_progress(axis));
+    let shutdown = cia402.shutdown_timeout(&mut port, SHUTDOWN, |axis| record.print_progress(axis));
     print!("{table}");
     record.finish(&port, &cia402, motion.plot.as_deref())?;
     moved?;
@@ -102,7 +102,7 @@ fn move_axes(
     cycles: u64,
     interrupt: &Interrupt,
 ) -> Result<(), Box<dyn Error>> {
-    cia402.start_up_timeout(port, STARTUP_MS, |axis| record.print_progress(axis))?;
+    cia402.start_up_timeout(port, STARTUP, |axis| record.print_progress(axis))?;
     record.start_motion(cycles);
     for number in 0..cycles {
         let mut cycle = port.next_cycle();

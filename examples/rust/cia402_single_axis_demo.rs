@@ -8,6 +8,7 @@
 
 use std::error::Error;
 use std::process::ExitCode;
+use std::time::Duration;
 
 use clap::Parser;
 use ecan_canopen::{NodeAddress, NodeId};
@@ -18,9 +19,9 @@ use ecan_example_support::{Interrupt, print_plan, report_exit, run_options, wait
 use ecan_mcan_port::Port;
 
 /// Timeout of configuration and enabling, each, ms.
-const STARTUP_MS: u32 = 30_000;
+const STARTUP: Duration = Duration::from_secs(30);
 /// Timeout of stopping and disabling, ms.
-const SHUTDOWN_MS: u32 = 20_000;
+const SHUTDOWN: Duration = Duration::from_secs(20);
 
 /// Enable one CiA 402 axis and move it by a step per cycle
 #[derive(Debug, Parser)]
@@ -76,8 +77,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     }
     // Stops and disables the drives, also after an error.
     println!("stopping the axes");
-    let shutdown =
-        cia402.shutdown_timeout(&mut port, SHUTDOWN_MS, |axis| record.print_progress(axis));
+    let shutdown = cia402.shutdown_timeout(&mut port, SHUTDOWN, |axis| record.print_progress(axis));
     print!("{table}");
     record.finish(&port, &cia402, motion.plot.as_deref())?;
     moved?;
@@ -93,7 +93,7 @@ fn move_axes(
     cycles: u64,
     interrupt: &Interrupt,
 ) -> Result<(), Box<dyn Error>> {
-    cia402.start_up_timeout(port, STARTUP_MS, |axis| record.print_progress(axis))?;
+    cia402.start_up_timeout(port, STARTUP, |axis| record.print_progress(axis))?;
     record.start_motion(cycles);
     for number in 0..cycles {
         let mut cycle = port.next_cycle();

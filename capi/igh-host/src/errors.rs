@@ -169,7 +169,7 @@ impl Coded for WaitError {
                 SdoFault::TimedOut { .. } => (ECAN_ERR_TIMEOUT, 0),
                 SdoFault::TooLong { .. } => (ECAN_ERR_BUFFER, 0),
                 SdoFault::GatewayLost => (ECAN_ERR_NOT_READY, 0),
-                SdoFault::Refused(error) => error.coded(),
+                SdoFault::Rejected(error) => error.coded(),
                 _ => (ECAN_ERR_CANOPEN, 0),
             },
             Self::TimedOut { .. } => (ECAN_ERR_TIMEOUT, 0),

@@ -15,6 +15,7 @@ mod callback;
 mod entry;
 mod errors;
 mod handle;
+mod milliseconds;
 
 pub mod adapter;
 pub mod cia402;

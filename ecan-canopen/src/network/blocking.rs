@@ -1,9 +1,10 @@
-//! Blocking calls for start-up and tools: they run the cycle themselves.
+//! Blocking calls for startup and tools: they run the cycle themselves.
 //!
-//! Each sends SYNC where it is switched on, and throws away what is not the network's, like TPDOs.
-//! To do more meanwhile, use [`run_cycle_until`] with the non-blocking calls.
+//! Each sends SYNC if it is enabled, and discards received frames that are not the network's, such
+//! as TPDOs. To do more in these cycles, use [`run_cycle_until`] with the non-blocking calls.
 
-use crate::{NmtCommand, NmtState};
+use std::time::Duration;
+
 use ecan_mcan_port::{Cycle, Port};
 
 use super::address::NodeHandle;
@@ -13,10 +14,11 @@ use super::network::Network;
 use super::node_sequence::Configuring;
 use super::sdo::Sdo;
 use super::wait::run_cycle_until;
+use crate::{NmtCommand, NmtState};
 
 impl Network {
-    /// One cycle's work of the network, for a loop that has nothing else to do: receive, then
-    /// `work`, then SYNC and service frames. Real-time safe as far as `work` is.
+    /// Executes the network's part of one cycle: receives, calls `work`, then sends SYNC and
+    /// service frames. Real-time safe if `work` is.
     pub fn serve<T>(
         &mut self,
         cycle: &mut Cycle<'_>,
@@ -30,24 +32,24 @@ impl Network {
         result
     }
 
-    /// Reads an object. Blocks.
+    /// Uploads an object, given by index and subindex. Blocks.
     ///
     /// # Errors
-    /// [`WaitError::Sdo`] names node, object and reason; [`WaitError::TimedOut`] after `timeout_ms`
-    /// milliseconds in all, with the transfer given up.
+    /// [`WaitError::Sdo`] names node, object and cause; [`WaitError::TimedOut`] after `timeout` in
+    /// all, with the transfer cancelled.
     pub fn upload_blocking(
         &mut self,
         port: &mut Port,
         handle: NodeHandle,
         (index, subindex): (u16, u8),
-        timeout_ms: u32,
+        timeout: Duration,
     ) -> Result<Vec<u8>, WaitError> {
         self.start_upload(handle, index, subindex)?;
-        self.finish_blocking(port, handle, timeout_ms)?;
+        self.finish_blocking(port, handle, timeout)?;
         Ok(self.sdo_data(handle).to_vec())
     }
 
-    /// Writes an object. Blocks.
+    /// Downloads an object, given by index and subindex. Blocks.
     ///
     /// # Errors
     /// As [`upload_blocking`](Self::upload_blocking).
@@ -57,10 +59,10 @@ impl Network {
         handle: NodeHandle,
         (index, subindex): (u16, u8),
         data: &[u8],
-        timeout_ms: u32,
+        timeout: Duration,
     ) -> Result<(), WaitError> {
         self.start_download(handle, index, subindex, data)?;
-        self.finish_blocking(port, handle, timeout_ms)
+        self.finish_blocking(port, handle, timeout)
     }
 
     /// Waits for the end of the transfer with a node that was started before. Blocks.
@@ -71,9 +73,9 @@ impl Network {
         &mut self,
         port: &mut Port,
         handle: NodeHandle,
-        timeout_ms: u32,
+        timeout: Duration,
     ) -> Result<(), WaitError> {
-        let ended = run_cycle_until(port, timeout_ms, |cycle, now_ns| {
+        let ended = run_cycle_until(port, timeout, |cycle, now_ns| {
             self.serve(cycle, now_ns, |network| match network.sdo_state(handle) {
                 Sdo::Busy => None,
                 _ => Some(network.sdo_failure(handle)),
@@ -89,58 +91,58 @@ impl Network {
         }
     }
 
-    /// Sends an NMT command to all nodes and waits until it is on its way. Blocks. What became of
-    /// it is in [`nmt_state`](Self::nmt_state).
+    /// Sends an NMT command to all nodes and waits until all gateways have accepted it. Blocks.
+    /// [`nmt_state`](Self::nmt_state) reports its effect.
     ///
     /// # Errors
-    /// [`WaitError::Nmt`], or a gateway that does not take it within `timeout_ms` milliseconds.
+    /// [`WaitError::Nmt`]; [`WaitError::TimedOut`] if a gateway does not accept it in time.
     pub fn nmt_all_blocking(
         &mut self,
         port: &mut Port,
         command: NmtCommand,
-        timeout_ms: u32,
+        timeout: Duration,
     ) -> Result<(), WaitError> {
         self.nmt_all(command)?;
-        run_cycle_until(port, timeout_ms, |cycle, now_ns| {
+        run_cycle_until(port, timeout, |cycle, now_ns| {
             self.serve(cycle, now_ns, |_| ());
             (!self.nmt_is_pending()).then_some(())
         })
     }
 
-    /// Waits until every node has reported an NMT state, by boot-up message or heartbeat. Blocks.
+    /// Waits until every node has reported an NMT state by boot-up message or heartbeat. Blocks.
     ///
     /// # Errors
-    /// [`WaitError::TimedOut`] after `timeout_ms` milliseconds; [`nmt_state`](Self::nmt_state)
-    /// tells which node lacks.
+    /// [`WaitError::TimedOut`]; [`nmt_state`](Self::nmt_state) shows which node is missing.
     pub fn wait_nmt_state_blocking(
         &mut self,
         port: &mut Port,
         state: NmtState,
-        timeout_ms: u32,
+        timeout: Duration,
     ) -> Result<(), WaitError> {
-        run_cycle_until(port, timeout_ms, |cycle, now_ns| {
+        run_cycle_until(port, timeout, |cycle, now_ns| {
             self.serve(cycle, now_ns, |network| {
                 network.nodes.iter().all(|node| node.nmt.reported() == Some(state)).then_some(())
             })
         })
     }
 
-    /// Runs a configuration to its end. Blocks. `progress` is called in every cycle for every node.
+    /// Executes a configuration to its end. Blocks. `progress` is called in every cycle for every
+    /// node.
     ///
     /// # Errors
-    /// [`WaitError::Step`] with the first node that failed, once no other goes on; or
-    /// [`WaitError::TimedOut`] after `timeout_ms` milliseconds.
+    /// [`WaitError::Step`] with the first node that failed, after all others have ended;
+    /// [`WaitError::TimedOut`].
     pub fn configure_blocking(
         &mut self,
         port: &mut Port,
         configurator: &mut Configurator,
-        timeout_ms: u32,
+        timeout: Duration,
         mut progress: impl FnMut(&Progress),
     ) -> Result<(), WaitError> {
-        run_cycle_until(port, timeout_ms, |cycle, now_ns| {
-            let outcome = self.serve(cycle, now_ns, |network| configurator.step(network, now_ns));
+        run_cycle_until(port, timeout, |cycle, now_ns| {
+            let state = self.serve(cycle, now_ns, |network| configurator.step(network, now_ns));
             configurator.progress(now_ns).for_each(|node| progress(&node));
-            match outcome {
+            match state {
                 Configuring::Running => None,
                 Configuring::Done => Some(Ok(())),
                 Configuring::Failed(failure) => Some(Err(failure.into())),

@@ -38,7 +38,7 @@ const COUNT: u8 = 4;
 impl Fixture {
     fn new() -> Self {
         let mut network = Network::new(NetworkConfig::default());
-        let sdo = SdoConfig { timeout_ms: 10, ..SdoConfig::default() };
+        let sdo = SdoConfig { timeout: Duration::from_millis(10), ..SdoConfig::default() };
         let settings = NodeConfig { sdo, ..NodeConfig::default() };
         let handles = (1..=COUNT)
             .map(|node| network.add_node(address(0, node % 2, node), settings).unwrap())

@@ -1,128 +1,52 @@
-//! What can go wrong, located and in words.
+//! Errors of the network.
 
-use ecan_host::{CycleError, SdoDirection};
-use ecan_mcan_port::SendError;
-use ecan_protocol::object::AbortCode;
+use std::time::Duration;
+
+use ecan_host::CycleError;
 use thiserror::Error;
 
 use super::address::NodeAddress;
+use super::sdo_error::{SdoFailure, SdoStartError};
+use super::step_failure::StepFailure;
 
-/// Why an SDO transfer failed.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[non_exhaustive]
-pub enum SdoFault {
-    /// The node aborted it.
-    #[error("aborted by the node: {0}")]
-    Aborted(AbortCode),
-    /// The host aborted it, because of what the node answered.
-    #[error("aborted by the host: {0}")]
-    Violated(AbortCode),
-    /// No answer came in time.
-    #[error("no answer after {attempts} attempt{}", if *attempts == 1 { "" } else { "s" })]
-    TimedOut {
-        /// How often it was tried.
-        attempts: u8,
-    },
-    /// The value is longer than the buffer of [`SdoConfig`](crate::SdoConfig).
-    #[error("the value does not fit the buffer of {capacity} bytes")]
-    TooLong {
-        /// Bytes that fit.
-        capacity: usize,
-    },
-    /// The gateway went out of service: what it knew of the transfer is gone.
-    #[error("the gateway went out of service")]
-    GatewayLost,
-    /// The node restarted: its boot-up message came.
-    #[error("the node restarted")]
-    NodeRestarted,
-    /// The application gave it up.
-    #[error("given up by the application")]
-    Cancelled,
-    /// The Port refused the frame for a reason that waiting does not cure.
-    #[error("the frame was refused: {0}")]
-    Refused(SendError),
-}
-
-/// An SDO transfer that failed, with everything that locates it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-#[error("SDO {} 0x{index:04X}:{subindex:02X} {} {address}: {fault}", words(*direction).0, words(*direction).1)]
-pub struct SdoFailure {
-    /// The node.
-    pub address: NodeAddress,
-    /// Up- or download.
-    pub direction: SdoDirection,
-    /// Object index.
-    pub index: u16,
-    /// Object subindex.
-    pub subindex: u8,
-    /// Why.
-    pub fault: SdoFault,
-}
-
-fn words(direction: SdoDirection) -> (&'static str, &'static str) {
-    match direction {
-        SdoDirection::Upload => ("upload", "from"),
-        SdoDirection::Download => ("download", "to"),
-    }
-}
-
-/// Why an SDO transfer cannot start.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
-pub enum SdoStartError {
-    /// Another transfer with the node is under way.
-    #[error("an SDO transfer with the node is under way")]
-    Busy,
-    /// The value is longer than the buffer.
-    #[error("{length} bytes do not fit the SDO buffer of {capacity} bytes")]
-    TooLong {
-        /// Bytes given.
-        length: usize,
-        /// Bytes that fit.
-        capacity: usize,
-    },
-    /// The network has no such node.
-    #[error("the network has no such node")]
-    UnknownNode,
-}
-
-/// Why a node cannot be added, or a setting cannot be made.
+/// Rejection of a node or of a configuration.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum NetworkError {
     /// A gateway has four channels.
-    #[error("{address}: a gateway has channels 0 to 3 only")]
+    #[error("{address}: invalid channel; allowed: 0 to 3")]
     Channel {
         /// The node.
         address: NodeAddress,
     },
-    /// The node is there already.
+    /// The node exists already.
     #[error("{address} is in the network already")]
     Duplicate {
         /// The node.
         address: NodeAddress,
     },
-    /// The host itself uses this node-ID for its heartbeat.
-    #[error("{address} has the node-ID of the host's own heartbeat")]
+    /// The host uses this node-ID for its heartbeat.
+    #[error("{address} has the node-ID of the host's heartbeat")]
     HostNode {
         /// The node.
         address: NodeAddress,
     },
     /// A network holds 65535 nodes.
-    #[error("no more nodes fit")]
+    #[error("too many nodes; allowed: 65535")]
     TooMany,
-    /// The SYNC counter overflow is not 2..240.
-    #[error("SYNC counter overflow {value} is not in 2..240")]
+    /// The SYNC counter overflow is out of range.
+    #[error("SYNC counter overflow {value} is out of range; allowed: 2 to 240")]
     CounterOverflow {
-        /// The value given.
+        /// The invalid value.
         value: u8,
     },
 }
 
-/// Why an NMT command was not queued.
+/// Rejection of an NMT command.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 pub enum NmtError {
-    /// So many commands wait for the channel that no more fit.
-    #[error("slave {slave} channel {channel}: no more NMT commands can wait")]
+    /// The queue of the channel is full.
+    #[error("slave {slave} channel {channel}: NMT command queue is full; retry in a later cycle")]
     QueueFull {
         /// Slave index.
         slave: usize,
@@ -134,7 +58,15 @@ pub enum NmtError {
     UnknownNode,
 }
 
-/// Why a blocking call ended without success.
+impl NmtError {
+    /// Whether the same call may succeed later without a change by the application.
+    #[must_use]
+    pub const fn is_temporary(&self) -> bool {
+        matches!(self, Self::QueueFull { .. })
+    }
+}
+
+/// Failure of a blocking call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum WaitError {
@@ -149,18 +81,34 @@ pub enum WaitError {
     Nmt(#[from] NmtError),
     /// A step of a configuration failed.
     #[error(transparent)]
-    Step(#[from] super::step_failure::StepFailure),
+    Step(#[from] StepFailure),
     /// It did not end in time.
-    #[error("not done after {waited_ms} ms")]
+    #[error("not done after {} ms", waited.as_millis())]
     TimedOut {
-        /// How long was waited, in milliseconds of the bus clock.
-        waited_ms: u64,
+        /// Waiting time by the bus clock.
+        waited: Duration,
     },
-    /// The application gave up waiting
+    /// The application cancelled waiting
     /// ([`Adapter::stop_waiting_when`](ecan_host::Adapter::stop_waiting_when)).
-    #[error("given up by the application")]
+    #[error("cancelled by the application")]
     Stopped,
     /// The cycle failed.
     #[error(transparent)]
     Cycle(#[from] CycleError),
+}
+
+impl WaitError {
+    /// Whether the same call may succeed later without a change by the application.
+    #[must_use]
+    pub fn is_temporary(&self) -> bool {
+        match self {
+            Self::Sdo(failure) => failure.fault.is_temporary(),
+            Self::Start(error) => error.is_temporary(),
+            Self::Nmt(error) => error.is_temporary(),
+            Self::Step(failure) => failure.is_temporary(),
+            Self::TimedOut { .. } => true,
+            Self::Stopped => false,
+            Self::Cycle(error) => !matches!(error, CycleError::NotActive { .. }),
+        }
+    }
 }

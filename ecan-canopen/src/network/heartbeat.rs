@@ -1,10 +1,14 @@
 //! Heartbeat consumer of one node, and the host's own heartbeat producer (CiA 301, 7.2.8.3.2.2).
 
 use std::fmt;
+use std::time::Duration;
 
-use super::settings::HostHeartbeat;
+use super::config::HostHeartbeat;
 
-pub(super) const NS_PER_MS: u64 = 1_000_000;
+/// Duration as a number of nanoseconds of the bus clock.
+pub(super) fn nanoseconds(duration: Duration) -> u64 {
+    u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX)
+}
 
 /// How a node's heartbeat stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -41,16 +45,16 @@ pub(super) struct HeartbeatWatch {
 }
 
 impl HeartbeatWatch {
-    pub(super) fn new(timeout_ms: u32) -> Self {
+    pub(super) fn new(timeout: Duration) -> Self {
         let mut consumer = Self::default();
-        consumer.set_timeout(timeout_ms);
+        consumer.set_timeout(timeout);
         consumer
     }
 
     /// Watches with another time from now on; 0 stops watching.
-    pub(super) fn set_timeout(&mut self, timeout_ms: u32) {
-        self.timeout_ns = u64::from(timeout_ms) * NS_PER_MS;
-        self.state = if timeout_ms == 0 { Heartbeat::Unconfigured } else { Heartbeat::Unknown };
+    pub(super) fn set_timeout(&mut self, timeout: Duration) {
+        self.timeout_ns = nanoseconds(timeout);
+        self.state = if timeout.is_zero() { Heartbeat::Unconfigured } else { Heartbeat::Unknown };
     }
 
     pub(super) fn heard(&mut self, now_ns: u64) {
@@ -96,7 +100,7 @@ impl HeartbeatTimer {
 
     /// Keeps the pace of the plan; after a gap it begins anew, instead of catching up.
     pub(super) fn sent(&mut self, now_ns: u64, settings: &HostHeartbeat) {
-        let period = u64::from(settings.period_ms.max(1)) * NS_PER_MS;
+        let period = nanoseconds(settings.period.max(Duration::from_millis(1)));
         let next = self.due_ns.map_or(now_ns, |due| due.saturating_add(period));
         self.due_ns = Some(if next > now_ns { next } else { now_ns.saturating_add(period) });
     }
@@ -112,11 +116,11 @@ mod tests {
     use super::*;
     use crate::NodeId;
 
-    const MS: u64 = NS_PER_MS;
+    const MS: u64 = 1_000_000;
 
     #[test]
     fn watching_begins_with_the_first_heartbeat() {
-        let mut consumer = HeartbeatWatch::new(100);
+        let mut consumer = HeartbeatWatch::new(Duration::from_millis(100));
         consumer.tick(1_000 * MS);
         assert_eq!(consumer.state(), Heartbeat::Unknown, "nothing heard, nothing missed");
         consumer.heard(1_000 * MS);
@@ -132,7 +136,7 @@ mod tests {
 
     #[test]
     fn a_boot_up_message_is_no_heartbeat() {
-        let mut consumer = HeartbeatWatch::new(100);
+        let mut consumer = HeartbeatWatch::new(Duration::from_millis(100));
         consumer.heard(0);
         consumer.booted();
         consumer.tick(500 * MS);
@@ -141,18 +145,19 @@ mod tests {
 
     #[test]
     fn without_a_time_nothing_is_watched() {
-        let mut consumer = HeartbeatWatch::new(0);
+        let mut consumer = HeartbeatWatch::new(Duration::ZERO);
         consumer.heard(0);
         consumer.booted();
         consumer.tick(u64::MAX);
         assert_eq!(consumer.state(), Heartbeat::Unconfigured);
-        consumer.set_timeout(5);
+        consumer.set_timeout(Duration::from_millis(5));
         assert_eq!(consumer.state(), Heartbeat::Unknown);
     }
 
     #[test]
     fn the_producer_keeps_its_pace_and_does_not_catch_up() {
-        let settings = HostHeartbeat { node: NodeId::new(127).unwrap(), period_ms: 10 };
+        let settings =
+            HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(10) };
         let mut producer = HeartbeatTimer::default();
         assert!(producer.is_due(0));
         producer.sent(3 * MS, &settings);

@@ -3,6 +3,7 @@
 // Cycle
 mod address;
 mod channel;
+mod config;
 mod emcy_log;
 mod error;
 mod frame_sink;
@@ -13,21 +14,22 @@ mod network_sync;
 mod nmt_tracker;
 mod node;
 mod sdo;
+mod sdo_error;
 mod service_sender;
-mod settings;
 mod statistics;
 mod sync_producer;
 
 pub use address::{NodeAddress, NodeHandle};
+pub use config::{
+    BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeConfig, SdoConfig, SyncConfig,
+};
 pub use emcy_log::{EMCY_DEPTH, EmcyLog, EmcyRecord};
-pub use error::{NetworkError, NmtError, SdoFailure, SdoFault, SdoStartError, WaitError};
+pub use error::{NetworkError, NmtError, WaitError};
 pub use heartbeat::Heartbeat;
 pub use network::Network;
 pub use node::NodeStatus;
 pub use sdo::{Sdo, SdoClient};
-pub use settings::{
-    BlockTransferConfig, HostHeartbeat, NetworkConfig, NodeConfig, SdoConfig, SyncConfig,
-};
+pub use sdo_error::{SdoFailure, SdoFault, SdoStartError};
 pub use statistics::ServiceStatistics;
 
 // Configuration of nodes

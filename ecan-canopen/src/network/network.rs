@@ -1,16 +1,19 @@
 //! The CANopen nodes behind the gateways of a Port.
 
+use std::time::Duration;
+
 use crate::{NmtCommand, NmtRequest, NmtState, NodeId};
 use ecan_protocol::mapping::CHANNELS;
 
 use super::address::{NodeAddress, NodeHandle};
 use super::channel::Channel;
+use super::config::{HostHeartbeat, NetworkConfig, NodeConfig, SyncConfig};
 use super::emcy_log::EmcyLog;
-use super::error::{NetworkError, NmtError, SdoFailure, SdoStartError};
+use super::error::{NetworkError, NmtError};
 use super::heartbeat::Heartbeat;
 use super::node::{Node, NodeStatus};
 use super::sdo::{Sdo, SdoClient};
-use super::settings::{HostHeartbeat, NetworkConfig, NodeConfig, SyncConfig};
+use super::sdo_error::{SdoFailure, SdoStartError};
 use super::statistics::ServiceStatistics;
 
 /// The CANopen master of all nodes behind the gateways of a Port (CiA 301): NMT, heartbeat,
@@ -154,11 +157,11 @@ impl Network {
         self.node(handle).map_or(Heartbeat::Unconfigured, |node| node.heartbeat.state())
     }
 
-    /// Watches a node's heartbeat with another time from now on, in milliseconds; 0 stops
-    /// watching. Real-time safe.
-    pub fn set_heartbeat_timeout(&mut self, handle: NodeHandle, timeout_ms: u32) {
+    /// Watches a node's heartbeat with another timeout from now on; zero stops watching. Real-time
+    /// safe.
+    pub fn set_heartbeat_timeout(&mut self, handle: NodeHandle, timeout: Duration) {
         if let Some(node) = self.node_mut(handle) {
-            node.heartbeat.set_timeout(timeout_ms);
+            node.heartbeat.set_timeout(timeout);
         }
     }
 

@@ -4,10 +4,10 @@ use crate::{CobId, Emcy, NmtState, Service, parse_heartbeat};
 use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
 use ecan_protocol::can::FrameKind;
 
-use super::error::SdoFault;
 use super::frame_sink::FrameSink;
 use super::network::Network;
 use super::node::Node;
+use super::sdo_error::SdoFault;
 use super::service_sender::ServiceSender;
 
 impl Network {

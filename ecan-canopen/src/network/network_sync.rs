@@ -2,11 +2,11 @@
 
 use ecan_mcan_port::Cycle;
 
+use super::config::SyncConfig;
 use super::error::NetworkError;
 use super::frame_sink::FrameSink;
 use super::network::Network;
 use super::service_sender::ServiceSender;
-use super::settings::SyncConfig;
 
 impl Network {
     /// Starts producing SYNC on every channel that has a node, or changes how, or stops. Counters

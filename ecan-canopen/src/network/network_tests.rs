@@ -1,5 +1,7 @@
 //! The network on a Port of paper: every frame that it hands over, with refusals at will.
 
+use std::time::Duration;
+
 use crate::{NmtCommand, NmtState, NodeId};
 use ecan_mcan_port::{
     AddressError, Backpressure, ReceiveSource, ReceivedFrame, SendError, SendOptions, SendTicket,
@@ -122,14 +124,15 @@ pub(super) fn cycle(network: &mut Network, paper: &mut RecordingSink, now_ns: u6
 
 fn network(config: NetworkConfig, nodes: &[NodeAddress]) -> (Network, Vec<NodeHandle>) {
     let mut network = Network::new(config);
-    let settings = NodeConfig { heartbeat_timeout_ms: 100, ..NodeConfig::default() };
+    let settings =
+        NodeConfig { heartbeat_timeout: Duration::from_millis(100), ..NodeConfig::default() };
     let handles = nodes.iter().map(|node| network.add_node(*node, settings).unwrap()).collect();
     (network, handles)
 }
 
 #[test]
 fn nodes_are_checked_as_they_are_added() {
-    let host = HostHeartbeat { node: NodeId::new(127).unwrap(), period_ms: 50 };
+    let host = HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(50) };
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let (mut network, handles) = network(config, &[address(0, 1, 5), address(1, 1, 5)]);
     let mut add = |address| network.add_node(address, NodeConfig::default());
@@ -147,7 +150,7 @@ fn nodes_are_checked_as_they_are_added() {
 
 #[test]
 fn nmt_then_heartbeat_then_sdo_and_sync_before_all() {
-    let host = HostHeartbeat { node: NodeId::new(100).unwrap(), period_ms: 50 };
+    let host = HostHeartbeat { node: NodeId::new(100).unwrap(), period: Duration::from_millis(50) };
     let config = NetworkConfig { host_heartbeat: Some(host), ..NetworkConfig::default() };
     let (mut network, nodes) = network(config, &[address(0, 0, 1), address(0, 0, 2)]);
     let mut paper = RecordingSink::new();
@@ -318,13 +321,13 @@ fn a_refusal_that_waiting_does_not_cure_ends_the_transfer() {
     network.start_upload(nodes[0], 0x1000, 0).unwrap();
     network.nmt(nodes[0], NmtCommand::Start).unwrap();
     cycle(&mut network, &mut paper, 0);
-    assert_eq!(network.sdo_state(nodes[0]), Sdo::Failed(SdoFault::Refused(error)));
+    assert_eq!(network.sdo_state(nodes[0]), Sdo::Failed(SdoFault::Rejected(error)));
     assert!(!network.nmt_is_pending());
     let statistics = network.statistics();
     assert_eq!((statistics.refused, statistics.last_refusal), (2, Some(error)));
     assert_eq!(
         network.sdo_failure(nodes[0]).unwrap().to_string(),
-        "SDO upload 0x1000:00 from node 1 (slave 0, channel 2): the frame was refused: slave 0: \
+        "SDO upload 0x1000:00 from node 1 (slave 0, channel 2): the frame was rejected: slave 0: \
          channel 2 is not enabled; enable it in the gateway's configuration"
     );
 }
@@ -474,7 +477,7 @@ fn a_gateway_whose_image_is_held_gets_no_sync_and_the_others_do() {
 #[test]
 fn settings_reach_the_client() {
     let mut network = Network::new(NetworkConfig::default());
-    let sdo = SdoConfig { timeout_ms: 5, retries: 0, ..SdoConfig::default() };
+    let sdo = SdoConfig { timeout: Duration::from_millis(5), retries: 0, ..SdoConfig::default() };
     let settings = NodeConfig { sdo, ..NodeConfig::default() };
     let node = network.add_node(address(0, 0, 1), settings).unwrap();
     let mut paper = RecordingSink::new();

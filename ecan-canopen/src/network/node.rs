@@ -3,11 +3,11 @@
 use crate::NmtState;
 
 use super::address::NodeAddress;
+use super::config::NodeConfig;
 use super::emcy_log::EmcyLog;
 use super::heartbeat::{Heartbeat, HeartbeatWatch};
 use super::nmt_tracker::NmtTracker;
 use super::sdo::SdoClient;
-use super::settings::NodeConfig;
 
 #[derive(Debug)]
 pub(super) struct Node {
@@ -23,7 +23,7 @@ impl Node {
         Self {
             address,
             nmt: NmtTracker::default(),
-            heartbeat: HeartbeatWatch::new(settings.heartbeat_timeout_ms),
+            heartbeat: HeartbeatWatch::new(settings.heartbeat_timeout),
             emcy: EmcyLog::default(),
             sdo: SdoClient::new(settings.sdo),
         }

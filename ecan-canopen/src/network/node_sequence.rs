@@ -7,10 +7,11 @@ use ecan_protocol::object::AbortCode;
 use ecan_protocol::sequence::{ObjectAccess, SdoValue, Sequence, SequenceState, Transfer};
 
 use super::address::NodeHandle;
-use super::error::{NmtError, SdoFault, SdoStartError};
+use super::error::NmtError;
 use super::network::Network;
 use super::node_action::{NodeAction, Step};
 use super::sdo::Sdo;
+use super::sdo_error::{SdoFault, SdoStartError};
 use super::step_failure::{NodeAccessError, StepFailure};
 
 /// State of a configuration.

@@ -5,10 +5,10 @@ use ecan_mcan_port::{SendError, SendOptions};
 use ecan_protocol::can::FrameRef;
 
 use super::channel::Channel;
-use super::error::SdoFault;
+use super::config::{NetworkConfig, SyncConfig};
 use super::frame_sink::FrameSink;
 use super::node::Node;
-use super::settings::{NetworkConfig, SyncConfig};
+use super::sdo_error::SdoFault;
 use super::statistics::ServiceStatistics;
 
 /// Bytes that an SDO frame takes in the RxPDO image: control word, 11-bit identifier and eight
@@ -128,7 +128,7 @@ impl<O: FrameSink> ServiceSender<'_, O> {
             }
             Err(error) if error.is_temporary() => Err(()),
             Err(error) => {
-                node.sdo.drop_transfer(SdoFault::Refused(error));
+                node.sdo.drop_transfer(SdoFault::Rejected(error));
                 Ok(false)
             }
         }

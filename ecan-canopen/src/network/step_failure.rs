@@ -7,8 +7,8 @@ use ecan_protocol::sequence::StepError;
 use thiserror::Error;
 
 use super::address::NodeAddress;
-use super::error::{SdoFault, SdoStartError};
 use super::node_action::Step;
+use super::sdo_error::{SdoFault, SdoStartError};
 use crate::NmtState;
 
 /// Cause of the failure of a step.
@@ -65,4 +65,17 @@ pub struct StepFailure {
     pub step: Step,
     /// Cause.
     pub fault: StepFault,
+}
+
+impl StepFailure {
+    /// Whether the same step may succeed later without a change by the application.
+    #[must_use]
+    pub const fn is_temporary(&self) -> bool {
+        match self.fault {
+            StepError::Access(NodeAccessError::Sdo(fault)) => fault.is_temporary(),
+            StepError::Access(NodeAccessError::Start(error)) => error.is_temporary(),
+            StepError::Mismatch { .. } => false,
+            _ => true,
+        }
+    }
 }

@@ -1,6 +1,6 @@
 //! When SYNC is due on a channel, and its counter (CiA 301, 7.2.5).
 
-use super::settings::SyncConfig;
+use super::config::SyncConfig;
 
 /// SYNC of one channel.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

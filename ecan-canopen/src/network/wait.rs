@@ -1,26 +1,30 @@
-//! Running the cycle until something has happened.
+//! Execution of the cycle until an event.
+
+use std::time::Duration;
 
 use ecan_host::CycleError;
 use ecan_mcan_port::{Cycle, Port};
 
 use super::error::WaitError;
-use super::heartbeat::NS_PER_MS;
 
-/// Runs the cycle of a Port until `step` returns a value; `step` gets each cycle and the time of the
-/// bus clock at its begin.
+/// Runs the cycle of a Port until `step` returns a value. `step` receives each cycle and the time
+/// of the bus clock at its start, in nanoseconds.
 ///
-/// Blocks. Keeps the grid of [`Port::wait_next_cycle`], with which the caller goes on. Errors of
-/// single cycles do not end it; the step then finds nothing received.
+/// Blocks. Keeps the deadlines of [`Port::wait_next_cycle`], with which the caller continues.
+/// Errors of single cycles do not end it; such a cycle has received nothing.
 ///
 /// # Errors
-/// [`WaitError::Stopped`] where the application gives up; [`WaitError::TimedOut`] after `timeout_ms` milliseconds of the bus clock; [`WaitError::Cycle`]
-/// instead where the last cycle failed, and at once where the bus is not active.
+/// - [`WaitError::TimedOut`] after `timeout` by the bus clock, or [`WaitError::Cycle`] if the last
+///   cycle failed.
+/// - [`WaitError::Cycle`] at once if the bus is not active.
+/// - [`WaitError::Stopped`] if the application cancels
+///   ([`Adapter::stop_waiting_when`](ecan_host::Adapter::stop_waiting_when)).
 pub fn run_cycle_until<T>(
     port: &mut Port,
-    timeout_ms: u32,
+    timeout: Duration,
     step: impl FnMut(&mut Cycle<'_>, u64) -> Option<T>,
 ) -> Result<T, WaitError> {
-    run(port, timeout_ms, true, step)
+    run(port, timeout, true, step)
 }
 
 /// As [`run_cycle_until`], but ignores the application's request to stop waiting: for a shutdown
@@ -30,21 +34,20 @@ pub fn run_cycle_until<T>(
 /// [`WaitError::TimedOut`] or [`WaitError::Cycle`], as [`run_cycle_until`].
 pub fn run_cycle_uninterrupted<T>(
     port: &mut Port,
-    timeout_ms: u32,
+    timeout: Duration,
     step: impl FnMut(&mut Cycle<'_>, u64) -> Option<T>,
 ) -> Result<T, WaitError> {
-    run(port, timeout_ms, false, step)
+    run(port, timeout, false, step)
 }
 
 fn run<T>(
     port: &mut Port,
-    timeout_ms: u32,
+    timeout: Duration,
     may_stop: bool,
     mut step: impl FnMut(&mut Cycle<'_>, u64) -> Option<T>,
 ) -> Result<T, WaitError> {
     let clock = port.adapter().ecrt().clock().clone();
     let start_ns = clock.now_ns();
-    let limit_ns = u64::from(timeout_ms) * NS_PER_MS;
     loop {
         port.wait_next_cycle();
         let now_ns = clock.now_ns();
@@ -60,10 +63,9 @@ fn run<T>(
         if may_stop && port.adapter().should_stop() {
             return Err(WaitError::Stopped);
         }
-        let waited_ns = now_ns.saturating_sub(start_ns);
-        if waited_ns > limit_ns {
-            let timed_out = WaitError::TimedOut { waited_ms: waited_ns / NS_PER_MS };
-            return Err(error.map_or(timed_out, WaitError::from));
+        let waited = Duration::from_nanos(now_ns.saturating_sub(start_ns));
+        if waited > timeout {
+            return Err(error.map_or(WaitError::TimedOut { waited }, WaitError::from));
         }
     }
 }

@@ -2,13 +2,14 @@
 #![allow(dead_code)]
 
 use std::collections::VecDeque;
+use std::time::Duration;
 
 use ecan_canopen::{BlockTransferConfig, Sdo, SdoClient, SdoConfig};
 
 use crate::reference::{Frame, Server};
 
 pub const MS: u64 = 1_000_000;
-pub const TIMEOUT_MS: u32 = 20;
+pub const TIMEOUT_MS: u64 = 20;
 
 /// Which way a frame goes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -35,7 +36,7 @@ pub struct Link {
 }
 
 pub fn settings() -> SdoConfig {
-    SdoConfig { timeout_ms: TIMEOUT_MS, retries: 2, ..SdoConfig::default() }
+    SdoConfig { timeout: Duration::from_millis(TIMEOUT_MS), retries: 2, ..SdoConfig::default() }
 }
 
 pub fn block_settings() -> SdoConfig {

@@ -1,5 +1,7 @@
 //! One axis: its parts, the commands of the application, and its state in each cycle.
 
+use std::time::Duration;
+
 use ecan_canopen::{
     CobId, Configurator, Configuring, DriveState, Network, NmtCommand, NodeHandle, OperatingMode,
     Statusword, StepFailure, object,
@@ -7,24 +9,24 @@ use ecan_canopen::{
 use ecan_protocol::can::CanId;
 
 use super::axis_state::AxisState;
+use super::command_error::CommandError;
+use super::config::{AxisConfig, target_kind};
 use super::drive_status::DriveStatus;
-use super::error::CommandError;
-use super::guard::MotionGuard;
-use super::guard_input::HoldReason;
-use super::guard_terms::{Decision, GuardState, TargetKind};
-use super::homing::{HomingConfig, HomingState};
+use super::homing::HomingConfig;
 use super::pdo_layout::PdoLayout;
-use super::phase::{AxisError, AxisPhase, AxisProgress};
+use super::phase::{AxisError, AxisPhase};
 use super::power::{FaultReset, PowerGoal};
 use super::procedure::{Procedure, Stage};
 use super::script::{mode_steps, script};
 use super::set_point::SetPoint;
-use super::settings::{AxisConfig, target_kind};
-use super::start_up::{self, BusConfig};
+use super::setup_steps::{self, BusConfig};
 use super::statistics::AxisStatistics;
 use super::target_source::TargetSource;
 use super::target_tickets::TargetTickets;
 use super::verification::{Reachability, Verification};
+use crate::guard::input::HoldReason;
+use crate::guard::motion_guard::MotionGuard;
+use crate::guard::terms::{Decision, GuardState, TargetKind};
 
 /// Pause between two NMT start commands to a node that does not report Operational; longer than
 /// its heartbeat takes to show the effect of the first one.
@@ -35,45 +37,45 @@ const DISABLE_NS: u64 = 30_000_000_000;
 
 /// One axis.
 #[derive(Debug)]
-pub(super) struct Axis {
-    pub(super) index: usize,
-    pub(super) settings: AxisConfig,
-    pub(super) node: NodeHandle,
-    pub(super) rpdo: CanId,
-    pub(super) layout: PdoLayout,
-    pub(super) cycles_per_sync: u32,
+pub(crate) struct Axis {
+    pub(crate) index: usize,
+    pub(crate) settings: AxisConfig,
+    pub(crate) node: NodeHandle,
+    pub(crate) rpdo: CanId,
+    pub(crate) layout: PdoLayout,
+    pub(crate) cycles_per_sync: u32,
     /// New images, beyond those of the configuration, that a scheduled target may wait in the
     /// gateway.
-    pub(super) schedule_images: u16,
-    pub(super) state: AxisState,
-    pub(super) guard: MotionGuard,
+    pub(crate) schedule_images: u16,
+    pub(crate) state: AxisState,
+    pub(crate) guard: MotionGuard,
     /// Mode that the drive has confirmed, or that is being written.
-    pub(super) mode: OperatingMode,
-    pub(super) drive: DriveStatus,
-    pub(super) targets: TargetSource,
-    pub(super) set_point: SetPoint,
-    pub(super) tickets: TargetTickets,
+    pub(crate) mode: OperatingMode,
+    pub(crate) drive: DriveStatus,
+    pub(crate) targets: TargetSource,
+    pub(crate) set_point: SetPoint,
+    pub(crate) tickets: TargetTickets,
     /// The gateway reported a target as not sent since the last cycle.
-    pub(super) target_lost: bool,
-    pub(super) decision: Decision,
-    pub(super) procedure: Option<Procedure>,
-    pub(super) verification: Verification,
-    pub(super) reachability: Reachability,
-    pub(super) configurator: Configurator,
+    pub(crate) target_lost: bool,
+    pub(crate) decision: Decision,
+    pub(crate) procedure: Option<Procedure>,
+    pub(crate) verification: Verification,
+    pub(crate) reachability: Reachability,
+    pub(crate) configurator: Configurator,
     /// SDO requests without an answer when the configuration began.
     silences: u64,
     /// Boot-up messages when the configuration was complete.
-    pub(super) boot_ups: u32,
+    pub(crate) boot_ups: u32,
     /// Earliest time of the next NMT start command.
     next_start_ns: u64,
-    pub(super) statistics: AxisStatistics,
-    pub(super) error: Option<AxisError>,
-    pub(super) phase: AxisPhase,
-    phase_since_ns: u64,
+    pub(crate) statistics: AxisStatistics,
+    pub(crate) error: Option<AxisError>,
+    pub(crate) phase: AxisPhase,
+    pub(crate) phase_since_ns: u64,
 }
 
 impl Axis {
-    pub(super) fn new(
+    pub(crate) fn new(
         index: usize,
         settings: AxisConfig,
         node: NodeHandle,
@@ -113,24 +115,24 @@ impl Axis {
     }
 
     /// The target in force.
-    pub(super) fn target(&self) -> Option<i32> {
+    pub(crate) fn target(&self) -> Option<i32> {
         match self.guard.state() {
             GuardState::Running { target } => Some(target),
             _ => None,
         }
     }
 
-    pub(super) fn is_running(&self) -> bool {
+    pub(crate) fn is_running(&self) -> bool {
         self.target().is_some()
     }
 
     /// Whether the application's targets can or do reach the drive.
-    pub(super) fn is_active(&self) -> bool {
+    pub(crate) fn is_active(&self) -> bool {
         matches!(self.guard.state(), GuardState::Armed { .. } | GuardState::Running { .. })
     }
 
     /// Whether a halt is complete.
-    pub(super) fn is_at_rest(&self) -> bool {
+    pub(crate) fn is_at_rest(&self) -> bool {
         self.target().is_none_or(|target| match target_kind(self.mode) {
             TargetKind::Position => self.targets.ramp.step() == 0,
             TargetKind::Rate => target == 0,
@@ -143,12 +145,12 @@ impl Axis {
     // Commands of the application and of procedures
 
     /// Starts the configuration. Allocates.
-    pub(super) fn configure(
+    pub(crate) fn configure(
         &mut self,
         network: &mut Network,
         bus: &BusConfig,
     ) -> Result<(), CommandError> {
-        let steps = start_up::steps(&self.settings, bus)
+        let steps = setup_steps::steps(&self.settings, bus)
             .map_err(|error| CommandError::Mapping { axis: self.index, error })?;
         self.stop_targets();
         self.cancel_procedure(network);
@@ -180,20 +182,20 @@ impl Axis {
     }
 
     /// Establishes the actual position, without enabling.
-    pub(super) fn read_position(&mut self) -> Result<(), CommandError> {
+    pub(crate) fn read_position(&mut self) -> Result<(), CommandError> {
         self.ready_for_commands()?;
         self.error = None;
         self.guard.take_up();
         Ok(())
     }
 
-    pub(super) fn enable(&mut self, now_ns: u64) -> Result<(), CommandError> {
+    pub(crate) fn enable(&mut self, now_ns: u64) -> Result<(), CommandError> {
         self.ready_for_commands()?;
         self.begin_enable(now_ns);
         Ok(())
     }
 
-    pub(super) fn begin_enable(&mut self, now_ns: u64) {
+    pub(crate) fn begin_enable(&mut self, now_ns: u64) {
         if self.state.enabling_since_ns().is_some() {
             return;
         }
@@ -207,14 +209,14 @@ impl Axis {
         }
     }
 
-    pub(super) fn disable(&mut self) {
+    pub(crate) fn disable(&mut self) {
         self.stop_targets();
         if self.state.is_configured() {
             self.state = AxisState::Off;
         }
     }
 
-    pub(super) fn quick_stop(&mut self) {
+    pub(crate) fn quick_stop(&mut self) {
         self.stop_targets();
         self.guard.hold();
         if self.state.is_configured() {
@@ -222,7 +224,7 @@ impl Axis {
         }
     }
 
-    pub(super) fn reset_fault(&mut self) -> Result<(), CommandError> {
+    pub(crate) fn reset_fault(&mut self) -> Result<(), CommandError> {
         self.ready_for_commands()?;
         self.stop_targets();
         self.error = None;
@@ -230,20 +232,20 @@ impl Axis {
         Ok(())
     }
 
-    pub(super) fn change_mode(
+    pub(crate) fn change_mode(
         &mut self,
         mode: OperatingMode,
         now_ns: u64,
     ) -> Result<(), CommandError> {
         self.ready_for_commands()?;
-        if mode == OperatingMode::Homing || !start_up::can_switch_to(&self.settings, mode) {
+        if mode == OperatingMode::Homing || !setup_steps::can_switch_to(&self.settings, mode) {
             return Err(CommandError::ModeNotMapped { axis: self.index, mode });
         }
         self.begin_procedure(mode, None, now_ns);
         Ok(())
     }
 
-    pub(super) fn home(&mut self, homing: HomingConfig, now_ns: u64) -> Result<(), CommandError> {
+    pub(crate) fn home(&mut self, homing: HomingConfig, now_ns: u64) -> Result<(), CommandError> {
         self.ready_for_commands()?;
         self.begin_procedure(self.mode, Some(homing), now_ns);
         Ok(())
@@ -256,7 +258,7 @@ impl Axis {
         self.procedure = Some(Procedure::new((self.mode, mode), homing, then_enable, now_ns));
     }
 
-    pub(super) fn cancel_procedure(&mut self, network: &mut Network) {
+    pub(crate) fn cancel_procedure(&mut self, network: &mut Network) {
         if let Some(procedure) = self.procedure.take()
             && let Stage::Writing(script) | Stage::Restoring(script) = procedure.stage
         {
@@ -265,7 +267,7 @@ impl Axis {
     }
 
     /// Applies the rules of a mode, which the drive has confirmed or is about to.
-    pub(super) fn set_mode(&mut self, mode: OperatingMode) {
+    pub(crate) fn set_mode(&mut self, mode: OperatingMode) {
         self.mode = mode;
         let mut limits = self.settings.guard_limits(mode, self.cycles_per_sync);
         limits.drain_images = limits.drain_images.saturating_add(self.schedule_images);
@@ -273,7 +275,7 @@ impl Axis {
     }
 
     /// Shutdown: stops the drive's watch over the host's heartbeat, if it has one.
-    pub(super) fn begin_release(&mut self, has_host_heartbeat: bool) {
+    pub(crate) fn begin_release(&mut self, has_host_heartbeat: bool) {
         let watches = has_host_heartbeat && self.settings.drive.host_heartbeat_ms > 0;
         if watches && self.state.is_configured() {
             let step = ecan_canopen::Step::write(object::CONSUMER_HEARTBEAT, 1, 0_u32);
@@ -281,7 +283,7 @@ impl Axis {
         }
     }
 
-    pub(super) fn cancel_release(&mut self, network: &mut Network) {
+    pub(crate) fn cancel_release(&mut self, network: &mut Network) {
         if let AxisState::Releasing(script) = self.state {
             script.cancel(network, self.node);
             self.state = AxisState::Off;
@@ -291,7 +293,7 @@ impl Axis {
     // Events
 
     /// The guard began to hold.
-    pub(super) fn held(&mut self, reason: HoldReason) {
+    pub(crate) fn held(&mut self, reason: HoldReason) {
         self.statistics.held(reason);
         if matches!(reason, HoldReason::TpdoLost(_)) {
             self.require_verification();
@@ -318,7 +320,7 @@ impl Axis {
     }
 
     /// The drive entered Fault.
-    pub(super) fn faulted(&mut self, network: &Network) {
+    pub(crate) fn faulted(&mut self, network: &Network) {
         self.statistics.faults += 1;
         let error_code = self.error_code(network);
         self.error = Some(AxisError::Fault { error_code });
@@ -328,14 +330,14 @@ impl Axis {
     }
 
     /// The connection to the drive was lost.
-    pub(super) fn require_verification(&mut self) {
+    pub(crate) fn require_verification(&mut self) {
         if self.state.is_configured() && self.verification == Verification::Complete {
             self.verification = Verification::Due { from_ns: 0 };
         }
     }
 
     /// The drive has lost its configuration: its process data have another meaning.
-    pub(super) fn restarted(&mut self) {
+    pub(crate) fn restarted(&mut self) {
         self.stop_targets();
         self.state = AxisState::Unconfigured;
         self.verification = Verification::Complete;
@@ -344,13 +346,13 @@ impl Axis {
         self.drive.forget();
     }
 
-    pub(super) fn setup_failed(&mut self, failure: StepFailure) {
+    pub(crate) fn setup_failed(&mut self, failure: StepFailure) {
         self.state = AxisState::SetupFailed;
         self.error = Some(AxisError::Setup(failure));
     }
 
     /// The first target was sent to the enabled drive.
-    pub(super) fn activated(&mut self) {
+    pub(crate) fn activated(&mut self) {
         self.statistics.take_ups += 1;
         self.statistics.targets_sent += 1;
         self.targets.ramp.stop();
@@ -364,7 +366,7 @@ impl Axis {
 
     /// The enabled drive holds a target from which its actual position would be a jump. When
     /// switched off, it drops that target. An axis that resumes by itself is not switched off.
-    pub(super) fn old_target_found(&mut self) {
+    pub(crate) fn old_target_found(&mut self) {
         match self.state {
             AxisState::Resuming => {
                 self.guard.release();
@@ -378,7 +380,7 @@ impl Axis {
     // Each cycle
 
     /// Transitions that follow from the state of the drive, from a transfer, or from the time.
-    pub(super) fn step_state(&mut self, network: &mut Network, now_ns: u64) {
+    pub(crate) fn step_state(&mut self, network: &mut Network, now_ns: u64) {
         let elapsed_ns = |since_ns: u64| now_ns.saturating_sub(since_ns);
         match &mut self.state {
             AxisState::Configuring => match self.configurator.step(network, now_ns) {
@@ -398,15 +400,15 @@ impl Axis {
             AxisState::Enabling { since_ns } | AxisState::ReEnabling { since_ns } => {
                 let since_ns = *since_ns;
                 let is_off = self.drive.state == Some(DriveState::SwitchOnDisabled);
-                let waited_ms = elapsed_ns(since_ns) / 1_000_000;
+                let waited = Duration::from_nanos(elapsed_ns(since_ns));
                 if self.drive.is_in_fault() {
                     let error_code = self.error_code(network);
                     self.error = Some(AxisError::Fault { error_code });
                     self.stop_targets();
                     self.state = AxisState::Standby;
-                } else if waited_ms > u64::from(self.settings.enable_timeout_ms) {
+                } else if waited > self.settings.enable_timeout {
                     let (state, guard) = (self.drive.state, self.guard.state());
-                    self.error = Some(AxisError::EnableTimedOut { state, guard, waited_ms });
+                    self.error = Some(AxisError::EnableTimedOut { state, guard, waited });
                     self.disable();
                 } else if is_off {
                     self.state = AxisState::Enabling { since_ns };
@@ -462,8 +464,8 @@ impl Axis {
         let producer = object::PRODUCER_HEARTBEAT;
         // The value that was written and read back; none if the drive has no heartbeat.
         let period_ms = self.configurator.uploaded(self.node, producer, 0).unwrap_or_default();
-        let timeout_ms = u32::try_from(period_ms * 7 / 2).unwrap_or_default();
-        network.set_heartbeat_timeout(self.node, timeout_ms);
+        let timeout = Duration::from_millis(period_ms.saturating_mul(7) / 2);
+        network.set_heartbeat_timeout(self.node, timeout);
         self.boot_ups = network.status(self.node).map_or(0, |status| status.boot_ups);
         self.statistics.restart_tpdo_count();
         if network.sdo_silences(self.node) != self.silences {
@@ -475,7 +477,7 @@ impl Axis {
     /// Starts a node that lost the host's heartbeat: it is in Pre-operational (CiA 301, 0x1029)
     /// and remains there until it receives the NMT command. Only if the axis is in use and its
     /// configuration is verified.
-    pub(super) fn start_node(&mut self, network: &mut Network, now_ns: u64) {
+    pub(crate) fn start_node(&mut self, network: &mut Network, now_ns: u64) {
         let is_used = self.state.is_commanding()
             || matches!(self.guard.state(), GuardState::Draining | GuardState::Reading);
         let is_stopped =
@@ -487,78 +489,8 @@ impl Axis {
         }
     }
 
-    pub(super) fn error_code(&self, network: &Network) -> u16 {
+    pub(crate) fn error_code(&self, network: &Network) -> u16 {
         let last = network.emcy(self.node).and_then(|log| log.last());
         last.map_or(0, |record| record.emcy.code)
-    }
-
-    // Progress
-
-    pub(super) fn update_phase(&mut self, now_ns: u64) {
-        let phase = self.present_phase();
-        if phase != self.phase {
-            self.phase = phase;
-            self.phase_since_ns = now_ns;
-        }
-    }
-
-    fn present_phase(&self) -> AxisPhase {
-        match self.state {
-            AxisState::Unconfigured => return AxisPhase::NotConfigured,
-            AxisState::Configuring => return AxisPhase::Configuring,
-            AxisState::SettingMode(_) => return AxisPhase::SettingMode(self.mode),
-            AxisState::SetupFailed => return AxisPhase::SetupFailed,
-            _ => {}
-        }
-        if let Some(procedure) = &self.procedure {
-            return match (procedure.homing, procedure.stage) {
-                (None, _) => AxisPhase::ChangingMode(procedure.mode),
-                (Some(_), Stage::Homing(_)) => AxisPhase::Homing(self.homing_state()),
-                (Some(_), _) => AxisPhase::PreparingHoming,
-            };
-        }
-        match self.state {
-            AxisState::ResettingFault(_) => return AxisPhase::ResettingFault,
-            _ if self.drive.is_in_fault() => return AxisPhase::Fault,
-            AxisState::QuickStop => return AxisPhase::QuickStop,
-            AxisState::ReEnabling { .. } => return AxisPhase::Enabling(self.drive.state),
-            AxisState::Off | AxisState::SwitchingOff { .. } | AxisState::Releasing(_)
-                if !self.drive.is_off() =>
-            {
-                return AxisPhase::Disabling;
-            }
-            _ => {}
-        }
-        match self.guard.state() {
-            GuardState::Holding { reason } => AxisPhase::Holding(reason),
-            guard @ (GuardState::Draining | GuardState::Reading) => {
-                AxisPhase::Reading(guard, self.guard.hindrance())
-            }
-            GuardState::Running { .. } if self.targets.is_halted => AxisPhase::Halted,
-            GuardState::Running { .. } => AxisPhase::Running,
-            GuardState::Armed { .. } if self.state.power_goal() == PowerGoal::Enabled => {
-                AxisPhase::Enabling(self.drive.state)
-            }
-            GuardState::Armed { .. } => AxisPhase::Ready,
-            GuardState::Idle => AxisPhase::Standby,
-        }
-    }
-
-    pub(super) fn homing_state(&self) -> HomingState {
-        self.drive.statusword.map_or(HomingState::Waiting, HomingState::of)
-    }
-
-    pub(super) fn progress(&self, now_ns: u64) -> AxisProgress {
-        AxisProgress {
-            axis: self.index,
-            address: self.settings.address,
-            phase: self.phase,
-            for_ms: now_ns.saturating_sub(self.phase_since_ns) / 1_000_000,
-            setup: match self.state {
-                AxisState::Configuring => self.configurator.progress_of(self.node, now_ns),
-                _ => None,
-            },
-            error: self.error,
-        }
     }
 }

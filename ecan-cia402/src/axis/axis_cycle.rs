@@ -8,19 +8,19 @@ use ecan_mcan_port::{Backpressure, SendError, SendTicket, TransmitReport};
 
 use super::axis::Axis;
 use super::axis_state::AxisState;
-use super::channel_watch::GatewayWatch;
-use super::guard_input::{DriveView, GuardInput};
-use super::guard_terms::{Decision, GuardState, TargetKind, WaitReason};
+use super::config::target_kind;
 use super::pdo_layout::RpdoBytes;
 use super::power::PowerGoal;
 use super::procedure::Stage;
-use super::settings::target_kind;
 use super::verification::Reachability;
+use crate::guard::gateway_watch::GatewayWatch;
+use crate::guard::input::{DriveView, GuardInput};
+use crate::guard::terms::{Decision, GuardState, TargetKind, WaitReason};
 
 /// Frame to send to the drive.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Outgoing {
-    pub(super) rpdo: RpdoBytes,
+pub(crate) struct Outgoing {
+    pub(crate) rpdo: RpdoBytes,
     /// It carries the target of the guard's decision, not only a command.
     has_target: bool,
     /// Step of the host's own ramp that makes the target.
@@ -30,12 +30,12 @@ pub(super) struct Outgoing {
 impl Axis {
     // In
 
-    pub(super) fn begin_cycle(&mut self) {
+    pub(crate) fn begin_cycle(&mut self) {
         self.drive.arrived = None;
     }
 
     /// Takes a TPDO of this axis.
-    pub(super) fn take_tpdo(&mut self, data: &[u8]) {
+    pub(crate) fn take_tpdo(&mut self, data: &[u8]) {
         match self.layout.decode(data) {
             Some(feedback) => {
                 self.drive.arrived = Some(feedback);
@@ -46,7 +46,7 @@ impl Axis {
     }
 
     /// Takes a transmit report of the axis's channel.
-    pub(super) fn take_report(&mut self, report: &TransmitReport) {
+    pub(crate) fn take_report(&mut self, report: &TransmitReport) {
         if let Some(ticket) = report.ticket
             && self.tickets.remove(ticket)
             && !report.code.is_success()
@@ -57,7 +57,7 @@ impl Axis {
     }
 
     /// Passes everything that this cycle received to the guard.
-    pub(super) fn observe(&mut self, watch: &GatewayWatch, network: &Network) {
+    pub(crate) fn observe(&mut self, watch: &GatewayWatch, network: &Network) {
         let channel = self.settings.address.channel;
         let actual = watch.actual(channel, self.drive.arrived.map(|feedback| feedback.position));
         self.statistics.observed(actual, self.drive.arrived.is_some());
@@ -138,7 +138,7 @@ impl Axis {
     /// Returns the frame to send in this cycle. `stepping` makes the host's own steps,
     /// `with_target` states that this cycle carries targets. The actual position of an axis that is
     /// being enabled is sent back to it in the cycle that received it, whichever that is.
-    pub(super) fn prepare(&mut self, stepping: bool, with_target: bool) -> Option<Outgoing> {
+    pub(crate) fn prepare(&mut self, stepping: bool, with_target: bool) -> Option<Outgoing> {
         self.decision = Decision::Closed;
         if !self.state.is_configured() {
             return None;
@@ -208,7 +208,7 @@ impl Axis {
     }
 
     /// The Port accepted the frame.
-    pub(super) fn sent(&mut self, outgoing: &Outgoing, ticket: SendTicket) {
+    pub(crate) fn sent(&mut self, outgoing: &Outgoing, ticket: SendTicket) {
         if let AxisState::ResettingFault(reset) = &mut self.state {
             reset.sent();
         }
@@ -231,7 +231,7 @@ impl Axis {
     }
 
     /// The Port rejected the frame. Returns whether the channel's queue is full.
-    pub(super) fn not_sent(&mut self, outgoing: &Outgoing, error: &SendError) -> bool {
+    pub(crate) fn not_sent(&mut self, outgoing: &Outgoing, error: &SendError) -> bool {
         if outgoing.has_target {
             self.skipped();
         }
@@ -240,7 +240,7 @@ impl Axis {
 
     /// Nothing can be sent in this cycle: a frame of this axis or of one before it on the channel
     /// was rejected, or an image is repeated.
-    pub(super) fn skipped(&mut self) {
+    pub(crate) fn skipped(&mut self) {
         if self.decision.target().is_some() {
             self.decision = Decision::Wait(WaitReason::Refused);
             self.statistics.decided(self.decision, self.is_running());

@@ -1,5 +1,7 @@
 //! What an axis does over many cycles in parallel with its state: verification, mode change, homing.
 
+use std::time::Duration;
+
 use ecan_canopen::{
     Configuring, DriveState, Network, OperatingMode, Step, StepFailure, StepFault,
     TransmissionType, object,
@@ -13,16 +15,16 @@ use super::procedure::{Procedure, Stage};
 use super::script::{Script, mode_steps, script};
 use super::verification::{RETRY_NS, Verification};
 
-/// Longest time for an axis to come to rest and switch off, in milliseconds.
-const REST_TIMEOUT_MS: u64 = 30_000;
+/// Longest time for an axis to come to rest and switch off.
+const REST_TIMEOUT: Duration = Duration::from_secs(30);
 
 impl Axis {
-    pub(super) fn is_verified(&self) -> bool {
+    pub(crate) fn is_verified(&self) -> bool {
         self.verification == Verification::Complete
     }
 
     /// Continues a verification. A drive that does not answer is asked again.
-    pub(super) fn step_verification(&mut self, network: &mut Network, now_ns: u64) {
+    pub(crate) fn step_verification(&mut self, network: &mut Network, now_ns: u64) {
         if !self.state.is_configured() || self.procedure.is_some() {
             return;
         }
@@ -75,7 +77,7 @@ impl Axis {
     }
 
     /// Continues a mode change or a homing.
-    pub(super) fn step_procedure(&mut self, network: &mut Network, now_ns: u64) {
+    pub(crate) fn step_procedure(&mut self, network: &mut Network, now_ns: u64) {
         let Some(mut procedure) = self.procedure else { return };
         let continues = match procedure.stage {
             Stage::Disabling => self.step_disabling(&mut procedure, now_ns),
@@ -102,7 +104,7 @@ impl Axis {
     /// Brings the axis to rest by the ramp, then switches power off.
     fn step_disabling(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
         let is_moving = self.is_running() && !self.is_at_rest();
-        let is_late = procedure.waited_ms(now_ns) > REST_TIMEOUT_MS;
+        let is_late = procedure.waited(now_ns) > REST_TIMEOUT;
         if is_moving && !is_late {
             return true;
         }
@@ -166,19 +168,19 @@ impl Axis {
     }
 
     fn step_homing(&mut self, procedure: &mut Procedure, now_ns: u64) -> bool {
-        let waited_ms = procedure.waited_ms(now_ns);
+        let waited = procedure.waited(now_ns);
         let Stage::Homing(watch) = &mut procedure.stage else { return false };
         let result = self.drive.arrived.and_then(|feedback| watch.step(feedback.statusword));
-        let limit_ms = procedure.homing.map_or(0, |homing| homing.timeout_ms);
+        let limit = procedure.homing.map_or(Duration::ZERO, |homing| homing.timeout);
         let error = if !self.is_running() {
             self.error.or(Some(AxisError::Homing(HomingState::Waiting)))
         } else {
             match result {
                 Some(HomingState::Attained) => None,
                 Some(state) => Some(AxisError::Homing(state)),
-                None if waited_ms > u64::from(limit_ms) => {
+                None if waited > limit => {
                     let state = self.homing_state();
-                    Some(AxisError::HomingTimedOut { state, waited_ms })
+                    Some(AxisError::HomingTimedOut { state, waited })
                 }
                 None => return true,
             }
@@ -195,7 +197,7 @@ impl Axis {
             self.disable();
         }
         let is_off = self.drive.is_off();
-        if is_off || procedure.waited_ms(now_ns) > REST_TIMEOUT_MS {
+        if is_off || procedure.waited(now_ns) > REST_TIMEOUT {
             if !is_off {
                 let not_disabled = AxisError::NotDisabled { state: self.drive.state };
                 procedure.error = procedure.error.or(Some(not_disabled));

@@ -39,7 +39,7 @@ use super::script::Script;
 /// | `ResettingFault` | the drive left Fault, or stays in it | `Standby` |
 /// | any configured | shutdown, after `Off` | `Releasing`, then `Off` |
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) enum AxisState {
+pub(crate) enum AxisState {
     /// Not configured, or no longer: the drive restarted.
     #[default]
     Unconfigured,
@@ -72,7 +72,7 @@ pub(super) enum AxisState {
 }
 
 impl AxisState {
-    pub(super) fn is_configured(&self) -> bool {
+    pub(crate) fn is_configured(&self) -> bool {
         !matches!(
             self,
             Self::Unconfigured | Self::Configuring | Self::SettingMode(_) | Self::SetupFailed
@@ -80,7 +80,7 @@ impl AxisState {
     }
 
     /// Start of the command to enable, while it is not complete.
-    pub(super) fn enabling_since_ns(&self) -> Option<u64> {
+    pub(crate) fn enabling_since_ns(&self) -> Option<u64> {
         match *self {
             Self::Enabling { since_ns } | Self::ReEnabling { since_ns } => Some(since_ns),
             _ => None,
@@ -88,11 +88,11 @@ impl AxisState {
     }
 
     /// Whether the host commands the drive, so that its node must be Operational.
-    pub(super) fn is_commanding(&self) -> bool {
+    pub(crate) fn is_commanding(&self) -> bool {
         self.power_goal() != PowerGoal::None || matches!(self, Self::ResettingFault(_))
     }
 
-    pub(super) fn power_goal(&self) -> PowerGoal {
+    pub(crate) fn power_goal(&self) -> PowerGoal {
         match self {
             Self::Enabling { .. } | Self::Active => PowerGoal::Enabled,
             Self::ReEnabling { .. }
@@ -111,7 +111,7 @@ impl AxisState {
     }
 
     /// Controlword to send to a drive in this state; `None` if none is to be sent.
-    pub(super) fn controlword(&self, drive: DriveState) -> Option<Controlword> {
+    pub(crate) fn controlword(&self, drive: DriveState) -> Option<Controlword> {
         match self {
             Self::ResettingFault(reset) => reset.controlword(drive),
             _ => self.power_goal().command(drive).map(Controlword::of),
@@ -120,7 +120,7 @@ impl AxisState {
 
     /// Next state when the guard begins to hold, or the drive reports a fault: nothing is
     /// commanded that could move the axis, and a drive that would continue to move is stopped.
-    pub(super) fn after_hold(self, must_stop: bool) -> Self {
+    pub(crate) fn after_hold(self, must_stop: bool) -> Self {
         match self {
             Self::Off | Self::SwitchingOff { .. } | Self::Releasing(_) | Self::QuickStop => self,
             _ if must_stop => Self::QuickStop,

@@ -6,18 +6,18 @@ use super::pdo_layout::Feedback;
 
 /// Latest status that a drive reported by TPDO.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct DriveStatus {
+pub(crate) struct DriveStatus {
     /// Newest TPDO of this cycle.
-    pub(super) arrived: Option<Feedback>,
+    pub(crate) arrived: Option<Feedback>,
     /// Last statusword, however old.
-    pub(super) statusword: Option<Statusword>,
+    pub(crate) statusword: Option<Statusword>,
     /// Last valid state, however old.
-    pub(super) state: Option<DriveState>,
+    pub(crate) state: Option<DriveState>,
 }
 
 impl DriveStatus {
     /// Takes over the TPDO of this cycle.
-    pub(super) fn update(&mut self) {
+    pub(crate) fn update(&mut self) {
         if let Some(feedback) = self.arrived {
             self.statusword = Some(feedback.statusword);
             self.state = feedback.statusword.state();
@@ -25,24 +25,24 @@ impl DriveStatus {
     }
 
     /// Forgets what the drive reported under another configuration.
-    pub(super) fn forget(&mut self) {
+    pub(crate) fn forget(&mut self) {
         self.statusword = None;
         self.state = None;
     }
 
-    pub(super) fn has(&self, bits: u16) -> bool {
+    pub(crate) fn has(&self, bits: u16) -> bool {
         self.statusword.is_some_and(|status| status.has(bits))
     }
 
-    pub(super) fn is_enabled(&self) -> bool {
+    pub(crate) fn is_enabled(&self) -> bool {
         self.state == Some(DriveState::OperationEnabled)
     }
 
-    pub(super) fn is_in_fault(&self) -> bool {
+    pub(crate) fn is_in_fault(&self) -> bool {
         self.state == Some(DriveState::Fault)
     }
 
-    pub(super) fn is_off(&self) -> bool {
+    pub(crate) fn is_off(&self) -> bool {
         matches!(self.state, Some(DriveState::SwitchOnDisabled | DriveState::Fault))
     }
 }

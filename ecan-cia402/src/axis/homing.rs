@@ -1,6 +1,7 @@
 //! Homing: what it is told, and what the statusword says about it (CiA 402-2, 12).
 
 use std::fmt;
+use std::time::Duration;
 
 use ecan_canopen::{OperatingMode, Statusword, Step, object};
 
@@ -24,8 +25,8 @@ pub struct HomingConfig {
     pub acceleration: Option<u32>,
     /// What the home position is called, 0x607C; `None` leaves it alone.
     pub offset: Option<i32>,
-    /// How long it may take, in milliseconds.
-    pub timeout_ms: u32,
+    /// Longest time for the movement.
+    pub timeout: Duration,
 }
 
 impl HomingConfig {
@@ -37,12 +38,12 @@ impl HomingConfig {
             zero_speed: None,
             acceleration: None,
             offset: None,
-            timeout_ms: 60_000,
+            timeout: Duration::from_secs(60),
         }
     }
 
     /// Writes the parameters, then the mode.
-    pub(super) fn script(&self) -> Script {
+    pub(crate) fn script(&self) -> Script {
         let optional = [
             self.switch_speed.map(|speed| Step::write(object::HOMING_SPEEDS, 1, speed)),
             self.zero_speed.map(|speed| Step::write(object::HOMING_SPEEDS, 2, speed)),
@@ -102,7 +103,7 @@ impl fmt::Display for HomingState {
 
 /// Judges a homing by the statuswords since its start bit went up.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct HomingWatch {
+pub(crate) struct HomingWatch {
     cycles: u16,
     /// The drive has shown that this homing, not an earlier one, is what it reports about.
     has_begun: bool,
@@ -110,7 +111,7 @@ pub(super) struct HomingWatch {
 
 impl HomingWatch {
     /// One cycle with the start bit on the bus. `None` while the outcome is open.
-    pub(super) fn step(&mut self, status: Statusword) -> Option<HomingState> {
+    pub(crate) fn step(&mut self, status: Statusword) -> Option<HomingState> {
         let state = HomingState::of(status);
         self.cycles = self.cycles.saturating_add(1);
         match state {

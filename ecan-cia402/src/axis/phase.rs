@@ -1,13 +1,14 @@
 //! What an axis is doing, in words.
 
 use std::fmt;
+use std::time::Duration;
 
 use ecan_canopen::{DriveState, NodeAddress, OperatingMode, Progress, StepFailure};
 use thiserror::Error;
 
-use super::guard_input::HoldReason;
-use super::guard_terms::GuardState;
 use super::homing::HomingState;
+use crate::guard::input::HoldReason;
+use crate::guard::terms::GuardState;
 
 /// What went wrong with the last command to an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -20,23 +21,23 @@ pub enum AxisError {
     #[error("the drive restarted")]
     Restarted,
     /// The drive did not reach Operation Enabled in time.
-    #[error("not enabled after {waited_ms} ms: {guard}, the drive is {}", StateWords(*state))]
+    #[error("not enabled after {} ms: {guard}, the drive is {}", waited.as_millis(), StateText(*state))]
     EnableTimedOut {
         /// State of the drive.
         state: Option<DriveState>,
         /// Where the guard stood.
         guard: GuardState,
-        /// How long was waited, in milliseconds.
-        waited_ms: u64,
+        /// Waiting time.
+        waited: Duration,
     },
     /// The drive has a fault.
-    #[error("the drive is in fault{}", CodeWords(*error_code))]
+    #[error("the drive is in fault{}", CodeText(*error_code))]
     Fault {
         /// Error code of its last emergency message; 0 where none came.
         error_code: u16,
     },
     /// The drive stays in fault after a reset.
-    #[error("the drive stays in fault after a reset{}", CodeWords(*error_code))]
+    #[error("the drive stays in fault after a reset{}", CodeText(*error_code))]
     ResetRefused {
         /// Error code of its last emergency message; 0 where none came.
         error_code: u16,
@@ -48,27 +49,27 @@ pub enum AxisError {
     #[error("homing: {0}")]
     Homing(HomingState),
     /// Homing took too long.
-    #[error("homing is not done after {waited_ms} ms: {state}")]
+    #[error("homing is not done after {} ms: {state}", waited.as_millis())]
     HomingTimedOut {
         /// What the statusword says.
         state: HomingState,
-        /// How long was waited, in milliseconds.
-        waited_ms: u64,
+        /// Waiting time.
+        waited: Duration,
     },
     /// The mode could not be changed.
     #[error(transparent)]
     Mode(StepFailure),
     /// The drive did not switch its power off in time.
-    #[error("the drive does not switch off: {}", StateWords(*state))]
+    #[error("the drive does not switch off: {}", StateText(*state))]
     NotDisabled {
         /// State of the drive.
         state: Option<DriveState>,
     },
 }
 
-struct StateWords(Option<DriveState>);
+struct StateText(Option<DriveState>);
 
-impl fmt::Display for StateWords {
+impl fmt::Display for StateText {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             Some(state) => state.fmt(f),
@@ -77,16 +78,16 @@ impl fmt::Display for StateWords {
     }
 }
 
-struct CodeWords(u16);
+struct CodeText(u16);
 
-impl fmt::Display for CodeWords {
+impl fmt::Display for CodeText {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self.0 {
             0 => Ok(()),
             code => {
                 write!(f, ", error code 0x{code:04X}")?;
                 match ecan_canopen::error_code_text(code) {
-                    Some(words) => write!(f, " ({words})"),
+                    Some(text) => write!(f, " ({text})"),
                     None => Ok(()),
                 }
             }
@@ -147,7 +148,7 @@ impl fmt::Display for AxisPhase {
             Self::Reading(guard, None) => guard.fmt(f),
             Self::Reading(guard, Some(reason)) => write!(f, "{guard}: {reason}"),
             Self::Ready => f.write_str("ready at its actual position"),
-            Self::Enabling(state) => write!(f, "being enabled, {}", StateWords(*state)),
+            Self::Enabling(state) => write!(f, "being enabled, {}", StateText(*state)),
             Self::Running => f.write_str("following targets"),
             Self::Halted => f.write_str("halted"),
             Self::Holding(reason) => write!(f, "holding: {reason}"),
@@ -171,8 +172,8 @@ pub struct AxisProgress {
     pub address: NodeAddress,
     /// What it is doing.
     pub phase: AxisPhase,
-    /// For how long, in milliseconds.
-    pub for_ms: u64,
+    /// Time since the phase began.
+    pub elapsed: Duration,
     /// While it is being configured: how far.
     pub setup: Option<Progress>,
     /// Failure of the last command.
@@ -185,7 +186,9 @@ impl fmt::Display for AxisProgress {
         write!(f, "axis {}, ", self.axis)?;
         match (&self.setup, self.phase) {
             (Some(setup), AxisPhase::Configuring) => setup.fmt(f)?,
-            _ => write!(f, "{}: {}, for {} ms", self.address, self.phase, self.for_ms)?,
+            _ => {
+                write!(f, "{}: {}, for {} ms", self.address, self.phase, self.elapsed.as_millis())?
+            }
         }
         match &self.error {
             Some(AxisError::Held(_)) | None => Ok(()),
@@ -206,7 +209,7 @@ mod tests {
             axis: 2,
             address: NodeAddress { slave: 0, channel: 1, node },
             phase: AxisPhase::Enabling(Some(DriveState::SwitchedOn)),
-            for_ms: 120,
+            elapsed: Duration::from_millis(120),
             setup: None,
             error: None,
         };

@@ -4,7 +4,7 @@ use ecan_canopen::{Command, Controlword, DriveState};
 
 /// Target state of the power stage of a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) enum PowerGoal {
+pub(crate) enum PowerGoal {
     /// No command.
     #[default]
     None,
@@ -30,7 +30,7 @@ impl PowerGoal {
     /// | Quick Stop Active | disable voltage 0x00 | disable voltage 0x00 | quick stop 0x02 |
     /// | Fault Reaction Active | wait | wait | wait |
     /// | Fault | nothing: a reset is a separate command | reached | reached |
-    pub(super) fn command(self, state: DriveState) -> Option<Command> {
+    pub(crate) fn command(self, state: DriveState) -> Option<Command> {
         use DriveState as S;
         match (self, state) {
             (Self::None, _)
@@ -74,7 +74,7 @@ enum ResetLevel {
 /// has left the fault. A frame that was not sent does not count, so each level is really on the bus
 /// before the next one.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct FaultReset {
+pub(crate) struct FaultReset {
     level: ResetLevel,
     level_frames: u16,
     frames: u16,
@@ -82,14 +82,14 @@ pub(super) struct FaultReset {
 
 impl FaultReset {
     /// Creates a reset at the low level. `cycles_per_sync` stretches the levels.
-    pub(super) fn new(cycles_per_sync: u32) -> Self {
+    pub(crate) fn new(cycles_per_sync: u32) -> Self {
         let cycles = u16::try_from(cycles_per_sync.max(1)).unwrap_or(u16::MAX);
         let level_frames = LEVEL_FRAMES.saturating_mul(cycles);
         Self { level: ResetLevel::Low, level_frames, frames: 0 }
     }
 
     /// Returns the controlword for a drive in this state.
-    pub(super) fn controlword(&self, state: DriveState) -> Option<Controlword> {
+    pub(crate) fn controlword(&self, state: DriveState) -> Option<Controlword> {
         let command = match (self.level, state) {
             (ResetLevel::Low, DriveState::Fault) => Command::DisableVoltage,
             (ResetLevel::High, DriveState::Fault) => Command::FaultReset,
@@ -99,7 +99,7 @@ impl FaultReset {
     }
 
     /// Counts a controlword that was sent.
-    pub(super) fn sent(&mut self) {
+    pub(crate) fn sent(&mut self) {
         let (limit, next) = match self.level {
             ResetLevel::Low => (self.level_frames, ResetLevel::High),
             ResetLevel::High => {
@@ -114,12 +114,12 @@ impl FaultReset {
         }
     }
 
-    pub(super) fn has_failed(&self) -> bool {
+    pub(crate) fn has_failed(&self) -> bool {
         self.level == ResetLevel::Failed
     }
 
     /// Returns whether a drive in this state has left the fault.
-    pub(super) fn is_complete(&self, state: DriveState) -> bool {
+    pub(crate) fn is_complete(&self, state: DriveState) -> bool {
         !matches!(state, DriveState::Fault | DriveState::FaultReactionActive)
     }
 }

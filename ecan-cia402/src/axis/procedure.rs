@@ -1,5 +1,7 @@
 //! A command that takes an axis through several stages: mode change, homing.
 
+use std::time::Duration;
+
 use ecan_canopen::OperatingMode;
 
 use super::homing::{HomingConfig, HomingWatch};
@@ -9,7 +11,7 @@ use super::script::{Script, mode_steps, script};
 /// Stages of a mode change and of homing, in order. The mode is only changed while the drive is
 /// not enabled: an enabled drive would go from the target of one mode to an old one of the other.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Stage {
+pub(crate) enum Stage {
     /// The axis comes to rest and is switched off.
     Disabling,
     /// Parameters and mode are written.
@@ -26,22 +28,22 @@ pub(super) enum Stage {
 
 /// A mode change or a homing.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct Procedure {
+pub(crate) struct Procedure {
     /// Mode in force at the end.
-    pub(super) mode: OperatingMode,
-    pub(super) mode_before: OperatingMode,
+    pub(crate) mode: OperatingMode,
+    pub(crate) mode_before: OperatingMode,
     /// Homing, before that.
-    pub(super) homing: Option<HomingConfig>,
+    pub(crate) homing: Option<HomingConfig>,
     /// Whether the axis followed targets before and is enabled again afterwards.
-    pub(super) then_enable: bool,
-    pub(super) stage: Stage,
-    pub(super) error: Option<AxisError>,
+    pub(crate) then_enable: bool,
+    pub(crate) stage: Stage,
+    pub(crate) error: Option<AxisError>,
     stage_since_ns: u64,
 }
 
 impl Procedure {
     /// Creates a change from one mode to another, or, with homing, back to the same.
-    pub(super) fn new(
+    pub(crate) fn new(
         (mode_before, mode): (OperatingMode, OperatingMode),
         homing: Option<HomingConfig>,
         then_enable: bool,
@@ -52,19 +54,19 @@ impl Procedure {
     }
 
     /// Transfers of the stage [`Stage::Writing`].
-    pub(super) fn script(&self) -> Script {
+    pub(crate) fn script(&self) -> Script {
         match &self.homing {
             Some(homing) => homing.script(),
             None => script(mode_steps(self.mode)),
         }
     }
 
-    pub(super) fn enter(&mut self, stage: Stage, now_ns: u64) {
+    pub(crate) fn enter(&mut self, stage: Stage, now_ns: u64) {
         self.stage = stage;
         self.stage_since_ns = now_ns;
     }
 
-    pub(super) fn waited_ms(&self, now_ns: u64) -> u64 {
-        now_ns.saturating_sub(self.stage_since_ns) / 1_000_000
+    pub(crate) fn waited(&self, now_ns: u64) -> Duration {
+        Duration::from_nanos(now_ns.saturating_sub(self.stage_since_ns))
     }
 }

@@ -11,10 +11,10 @@ const MAX_STEPS: usize = 10;
 /// Longest time that a drive may take to display a new mode.
 const MODE_TIMEOUT: Duration = Duration::from_secs(1);
 
-pub(super) type Script = NodeSequence<List<Step, MAX_STEPS>>;
+pub(crate) type Script = NodeSequence<List<Step, MAX_STEPS>>;
 
 /// Creates a script; steps beyond the capacity are dropped, which no caller reaches.
-pub(super) fn script(steps: impl IntoIterator<Item = Step>) -> Script {
+pub(crate) fn script(steps: impl IntoIterator<Item = Step>) -> Script {
     let mut list = List::new();
     for step in steps {
         let pushed = list.push(step);
@@ -24,7 +24,7 @@ pub(super) fn script(steps: impl IntoIterator<Item = Step>) -> Script {
 }
 
 /// Writes a mode and waits until the drive displays it.
-pub(super) fn mode_steps(mode: OperatingMode) -> [Step; 2] {
+pub(crate) fn mode_steps(mode: OperatingMode) -> [Step; 2] {
     let purpose = match mode {
         OperatingMode::ProfilePosition => "mode PP",
         OperatingMode::ProfileVelocity => "mode PV",

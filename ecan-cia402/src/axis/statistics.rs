@@ -1,7 +1,7 @@
 //! Counters of an axis. They only grow.
 
-use super::guard_input::{Actual, HoldReason};
-use super::guard_terms::{Decision, TargetRejection};
+use crate::guard::input::{Actual, HoldReason};
+use crate::guard::terms::{Decision, TargetRejection};
 
 /// SYNC periods that a TPDO may be under way before it counts as lost: out through the gateway,
 /// over the bus and back, with the reply of one cycle lost.
@@ -50,7 +50,7 @@ pub struct AxisStatistics {
 }
 
 impl AxisStatistics {
-    pub(super) fn sync_sent(&mut self) {
+    pub(crate) fn sync_sent(&mut self) {
         self.outstanding += 1;
         if self.outstanding > IN_FLIGHT {
             self.outstanding -= 1;
@@ -58,26 +58,26 @@ impl AxisStatistics {
         }
     }
 
-    pub(super) fn tpdo_received(&mut self) {
+    pub(crate) fn tpdo_received(&mut self) {
         self.tpdos += 1;
         self.outstanding = self.outstanding.saturating_sub(1);
     }
 
     /// The count of SYNCs and TPDOs starts over: the drive was not Operational, or is not any more.
-    pub(super) fn restart_tpdo_count(&mut self) {
+    pub(crate) fn restart_tpdo_count(&mut self) {
         self.outstanding = 0;
     }
 
-    pub(super) fn observed(&mut self, actual: Actual, had_tpdo: bool) {
+    pub(crate) fn observed(&mut self, actual: Actual, had_tpdo: bool) {
         self.unusable_positions += u64::from(had_tpdo && matches!(actual, Actual::None(_)));
     }
 
-    pub(super) fn held(&mut self, reason: HoldReason) {
+    pub(crate) fn held(&mut self, reason: HoldReason) {
         self.holds += 1;
         self.last_hold = Some(reason);
     }
 
-    pub(super) fn decided(&mut self, decision: Decision, is_running: bool) {
+    pub(crate) fn decided(&mut self, decision: Decision, is_running: bool) {
         match decision {
             Decision::Refuse(refusal) => {
                 self.targets_refused += 1;

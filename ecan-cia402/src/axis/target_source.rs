@@ -1,33 +1,33 @@
 //! Source of the targets of an axis: the application, or the host's own ramp.
 
-use super::guard_terms::TargetKind;
-use super::position_range::PositionRange;
 use super::ramp::Ramp;
+use crate::guard::position_range::PositionRange;
+use crate::guard::terms::TargetKind;
 
 /// Source of the targets of an axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct TargetSource {
+pub(crate) struct TargetSource {
     /// Target of the application.
-    pub(super) wanted: Option<i32>,
+    pub(crate) wanted: Option<i32>,
     /// Whether the axis is brought to rest, or rests, instead of following the application.
-    pub(super) is_halted: bool,
-    pub(super) ramp: Ramp,
+    pub(crate) is_halted: bool,
+    pub(crate) ramp: Ramp,
 }
 
 impl TargetSource {
-    pub(super) fn new(ramp: u32) -> Self {
+    pub(crate) fn new(ramp: u32) -> Self {
         Self { wanted: None, is_halted: false, ramp: Ramp::new(ramp) }
     }
 
     /// Forgets all targets.
-    pub(super) fn clear(&mut self) {
+    pub(crate) fn clear(&mut self) {
         self.wanted = None;
         self.is_halted = false;
         self.ramp.stop();
     }
 
     /// Brings the axis to rest.
-    pub(super) fn halt(&mut self) {
+    pub(crate) fn halt(&mut self) {
         self.is_halted = true;
         self.wanted = None;
     }
@@ -35,7 +35,7 @@ impl TargetSource {
     /// Returns the next target after `last`, and the step of the host's own ramp that makes it.
     /// `own_step` is the step that the host is to make by itself; a rate returns to 0 by at most
     /// `rate_limit`.
-    pub(super) fn next(
+    pub(crate) fn next(
         &self,
         kind: TargetKind,
         range: PositionRange,

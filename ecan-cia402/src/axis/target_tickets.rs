@@ -7,13 +7,13 @@ const CAPACITY: usize = 8;
 
 /// Tickets of sent targets whose transmit result is pending.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct TargetTickets {
+pub(crate) struct TargetTickets {
     tickets: [Option<SendTicket>; CAPACITY],
     next: usize,
 }
 
 impl TargetTickets {
-    pub(super) fn insert(&mut self, ticket: SendTicket) {
+    pub(crate) fn insert(&mut self, ticket: SendTicket) {
         if let Some(slot) = self.tickets.get_mut(self.next) {
             *slot = Some(ticket);
         }
@@ -21,7 +21,7 @@ impl TargetTickets {
     }
 
     /// Removes a ticket; returns whether it was pending.
-    pub(super) fn remove(&mut self, ticket: SendTicket) -> bool {
+    pub(crate) fn remove(&mut self, ticket: SendTicket) -> bool {
         let slot = self.tickets.iter_mut().find(|slot| **slot == Some(ticket));
         slot.is_some_and(|slot| slot.take().is_some())
     }

@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use thiserror::Error;
 
-use super::position_range::PositionRange;
+use crate::guard::position_range::PositionRange;
 
 /// Why a value has no raw counterpart.
 #[derive(Debug, Clone, Copy, PartialEq, Error)]

@@ -1,24 +1,24 @@
 //! Verification of a drive's configuration after a connection loss.
 
-use super::guard_input::GuardInput;
 use super::script::Script;
+use crate::guard::input::GuardInput;
 
 /// Pause before a drive that did not answer is asked again.
-pub(super) const RETRY_NS: u64 = 500_000_000;
+pub(crate) const RETRY_NS: u64 = 500_000_000;
 
 /// Parts of the connection to a drive.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Reachability {
+pub(crate) struct Reachability {
     /// The gateway is ready.
-    pub(super) gateway: bool,
+    pub(crate) gateway: bool,
     /// The heartbeat has not timed out.
-    pub(super) heartbeat: bool,
+    pub(crate) heartbeat: bool,
     /// The node is in Operational, as far as the host can tell.
-    pub(super) operational: bool,
+    pub(crate) operational: bool,
 }
 
 impl Reachability {
-    pub(super) fn of(input: &GuardInput) -> Self {
+    pub(crate) fn of(input: &GuardInput) -> Self {
         Self {
             gateway: input.way.in_service,
             heartbeat: !input.drive.heartbeat_lost,
@@ -28,7 +28,7 @@ impl Reachability {
 
     /// Returns whether a part of the connection is lost since `before`; a part that remains lost
     /// does not count, so that a verification can complete.
-    pub(super) fn is_lost_since(self, before: Self) -> bool {
+    pub(crate) fn is_lost_since(self, before: Self) -> bool {
         before.gateway && !self.gateway
             || before.heartbeat && !self.heartbeat
             || before.operational && !self.operational
@@ -38,7 +38,7 @@ impl Reachability {
 /// Verification that a drive still has its configuration: during a connection loss it may have
 /// restarted unnoticed, and then its process data have another meaning.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) enum Verification {
+pub(crate) enum Verification {
     /// The connection was never lost, or the configuration is verified.
     #[default]
     Complete,

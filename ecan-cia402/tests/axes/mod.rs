@@ -14,7 +14,7 @@ use ecan_sim::{
     Simulation, TargetRecord,
 };
 
-pub const START_MS: u32 = 10_000;
+pub const START: Duration = Duration::from_secs(10);
 
 pub fn node(id: u8) -> NodeId {
     NodeId::new(id).unwrap()
@@ -91,7 +91,7 @@ impl Fixture {
 
     /// Started: every axis follows targets.
     pub fn start(&mut self) {
-        let started = self.cia402.start_up_timeout(&mut self.port, START_MS, |_| {});
+        let started = self.cia402.start_up_timeout(&mut self.port, START, |_| {});
         started.unwrap_or_else(|error| panic!("{error}"));
     }
 

@@ -11,6 +11,7 @@
 //! axes[1].steps_per_turn = 131072.0;
 //! ```
 
+use crate::milliseconds::{duration, milliseconds};
 use std::ffi::c_int;
 
 use ecan_canopen::{
@@ -196,8 +197,8 @@ impl igh_cia402_axis_t {
             tpdo_timeout: settings.tpdo_timeout,
             wc_misses: settings.wc_misses,
             drain_images: settings.drain_images,
-            enable_timeout_ms: settings.enable_timeout_ms,
-            boot_timeout_ms: drive.boot_timeout_ms,
+            enable_timeout_ms: milliseconds(settings.enable_timeout),
+            boot_timeout_ms: milliseconds(drive.boot_timeout),
             reset: drive.reset as u8,
             expect_profile_402: drive.expect_profile_402.into(),
             check_identity: identity.is_some().into(),
@@ -245,7 +246,7 @@ impl igh_cia402_axis_t {
         let drive = DriveConfig {
             reset: igh_cia402_reset_t::to_rust(self.reset)
                 .ok_or_else(|| fault("reset", self.reset.into()))?,
-            boot_timeout_ms: self.boot_timeout_ms,
+            boot_timeout: duration(self.boot_timeout_ms),
             identity: (self.check_identity != 0).then_some((self.vendor_id, self.product_code)),
             expect_profile_402: self.expect_profile_402 != 0,
             heartbeat_ms: self.heartbeat_ms,
@@ -274,7 +275,7 @@ impl igh_cia402_axis_t {
             wc_misses: self.wc_misses,
             drain_images: self.drain_images,
             auto_take_up: self.auto_take_up != 0,
-            enable_timeout_ms: self.enable_timeout_ms,
+            enable_timeout: duration(self.enable_timeout_ms),
             pdo_number: self.pdo_number,
             drive,
             ..AxisConfig::new(address)

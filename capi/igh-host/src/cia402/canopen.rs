@@ -18,6 +18,7 @@ use crate::errors::OrCode as _;
 use crate::handle::Entered;
 use crate::mcan_port::context::igh_mcan_port_t;
 use crate::mcan_port::state::find_channel;
+use crate::milliseconds::duration;
 
 /// Bytes that a transfer has room for, whatever the caller's buffer.
 const LEAST_BUFFER: usize = 1024;
@@ -103,8 +104,9 @@ pub unsafe extern "C" fn igh_canopen_sdo_upload(
         };
         let place = Place { slave, channel, node_id };
         let (port, mut network, node) = network(call, &mut bus, &place, size)?;
-        let value =
-            network.upload_blocking(port, node, (index, subindex), timeout_ms).or_code(call)?;
+        let value = network
+            .upload_blocking(port, node, (index, subindex), duration(timeout_ms))
+            .or_code(call)?;
         put_value(call, &value, &mut room, &out)
     })
 }
@@ -136,6 +138,8 @@ pub unsafe extern "C" fn igh_canopen_sdo_download(
         };
         let place = Place { slave, channel, node_id };
         let (port, mut network, node) = network(call, &mut bus, &place, size)?;
-        network.download_blocking(port, node, (index, subindex), data, timeout_ms).or_code(call)
+        network
+            .download_blocking(port, node, (index, subindex), data, duration(timeout_ms))
+            .or_code(call)
     })
 }

@@ -14,6 +14,7 @@ use super::context::{igh_cia402_context_t, need_axis};
 use super::numbers;
 use crate::entry::{Entry, enter};
 use crate::errors::OrCode as _;
+use crate::milliseconds::{duration, milliseconds};
 
 pub(super) fn command(
     entry: Entry<igh_cia402_context_t>,
@@ -273,7 +274,7 @@ impl From<HomingConfig> for igh_cia402_homing_t {
             zero_speed: from.zero_speed.unwrap_or(0),
             acceleration: from.acceleration.unwrap_or(0),
             offset: from.offset.unwrap_or(0),
-            timeout_ms: from.timeout_ms,
+            timeout_ms: milliseconds(from.timeout),
             method: from.method,
             has_offset: from.offset.is_some().into(),
             reserved: [0; 2],
@@ -290,7 +291,7 @@ impl From<&igh_cia402_homing_t> for HomingConfig {
             zero_speed: given(from.zero_speed),
             acceleration: given(from.acceleration),
             offset: (from.has_offset != 0).then_some(from.offset),
-            timeout_ms: from.timeout_ms,
+            timeout: duration(from.timeout_ms),
         }
     }
 }

@@ -13,6 +13,7 @@ use super::context::{igh_cia402_context_t, need_axis};
 use crate::bus;
 use crate::entry::enter;
 use crate::errors::{self, OrCode as _};
+use crate::milliseconds::duration;
 
 /// How the last SDO transfer with a drive stands.
 #[repr(C)]
@@ -79,8 +80,9 @@ pub unsafe extern "C" fn igh_cia402_sdo_upload(
         };
         bus.need_owned(call)?;
         let (cia402, port) = bus.need_axes(call)?;
-        let value =
-            cia402.upload_timeout(port, axis, (index, subindex), timeout_ms).or_code(call)?;
+        let value = cia402
+            .upload_timeout(port, axis, (index, subindex), duration(timeout_ms))
+            .or_code(call)?;
         put_value(call, &value, &mut room, &out)
     })
 }
@@ -111,7 +113,9 @@ pub unsafe extern "C" fn igh_cia402_sdo_download(
         };
         bus.need_owned(call)?;
         let (cia402, port) = bus.need_axes(call)?;
-        cia402.download_timeout(port, axis, (index, subindex), data, timeout_ms).or_code(call)
+        cia402
+            .download_timeout(port, axis, (index, subindex), data, duration(timeout_ms))
+            .or_code(call)
     })
 }
 

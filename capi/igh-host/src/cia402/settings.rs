@@ -1,5 +1,6 @@
 //! Settings of all axes together
 
+use crate::milliseconds::{duration, milliseconds};
 use std::ffi::c_int;
 
 use ecan_canopen::{
@@ -71,14 +72,14 @@ impl From<Cia402Config> for igh_cia402_settings_t {
             seal: SEAL,
             motion_div,
             sync_every_cycles: sync.every_cycles,
-            host_heartbeat_ms: host.map_or(0, |host| host.period_ms),
+            host_heartbeat_ms: host.map_or(0, |host| milliseconds(host.period)),
             host_node_id: host.map_or(NodeId::MAX, |host| host.node).get(),
             sync_counter_overflow: sync.counter_overflow.unwrap_or(0),
             service_frames_per_cycle: network.service_frames_per_cycle,
             sdo_pending_limit: network.sdo_pending_limit,
             reserved_image_bytes: short(network.reserved_image_bytes),
             nmt_queue: short(network.nmt_queue),
-            sdo_timeout_ms: node.sdo.timeout_ms,
+            sdo_timeout_ms: milliseconds(node.sdo.timeout),
             sdo_buffer_bytes: short(node.sdo.buffer_bytes),
             sdo_block_from: node.sdo.block.download_from.map_or(0, short),
             sdo_retries: node.sdo.retries,
@@ -108,7 +109,7 @@ impl igh_cia402_settings_t {
             period_ms => {
                 let id = self.host_node_id;
                 let node = NodeId::new(id).ok_or_else(|| fault("host_node_id", id.into()))?;
-                Some(HostHeartbeat { node, period_ms })
+                Some(HostHeartbeat { node, period: duration(period_ms) })
             }
         };
         if self.sdo_buffer_bytes > MOST_SDO_BYTES {
@@ -135,7 +136,7 @@ impl igh_cia402_settings_t {
             },
             node: NodeConfig {
                 sdo: SdoConfig {
-                    timeout_ms: self.sdo_timeout_ms,
+                    timeout: duration(self.sdo_timeout_ms),
                     retries: self.sdo_retries,
                     buffer_bytes: self.sdo_buffer_bytes as usize,
                     block,

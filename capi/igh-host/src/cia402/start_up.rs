@@ -14,6 +14,7 @@ use super::context::igh_cia402_context_t;
 use super::progress::Reporter;
 use crate::entry::{Entry, enter};
 use crate::errors::OrCode as _;
+use crate::milliseconds::duration;
 
 /// Waits with the cycle running, and reports progress.
 fn wait(
@@ -46,7 +47,7 @@ pub unsafe extern "C" fn igh_cia402_configure_csp_all_timeout(
     timeout_ms: u32,
 ) -> c_int {
     wait(enter!(igh_cia402_configure_csp_all_timeout, context), |cia402, port, progress| {
-        cia402.configure_all_timeout(port, timeout_ms, progress)
+        cia402.configure_all_timeout(port, duration(timeout_ms), progress)
     })
 }
 
@@ -66,7 +67,7 @@ pub unsafe extern "C" fn igh_cia402_request_actual_position_all_timeout(
     wait(
         enter!(igh_cia402_request_actual_position_all_timeout, context),
         |cia402, port, progress| {
-            cia402.request_actual_position_all_timeout(port, timeout_ms, progress)
+            cia402.request_actual_position_all_timeout(port, duration(timeout_ms), progress)
         },
     )
 }
@@ -86,7 +87,7 @@ pub unsafe extern "C" fn igh_cia402_enable_all_timeout(
     timeout_ms: u32,
 ) -> c_int {
     wait(enter!(igh_cia402_enable_all_timeout, context), |cia402, port, progress| {
-        cia402.enable_all_timeout(port, timeout_ms, progress)
+        cia402.enable_all_timeout(port, duration(timeout_ms), progress)
     })
 }
 
@@ -102,7 +103,7 @@ pub unsafe extern "C" fn igh_cia402_start_up_timeout(
     timeout_ms: u32,
 ) -> c_int {
     wait(enter!(igh_cia402_start_up_timeout, context), |cia402, port, progress| {
-        cia402.start_up_timeout(port, timeout_ms, progress)
+        cia402.start_up_timeout(port, duration(timeout_ms), progress)
     })
 }
 
@@ -119,7 +120,7 @@ pub unsafe extern "C" fn igh_cia402_finish_all_timeout(
     timeout_ms: u32,
 ) -> c_int {
     wait(enter!(igh_cia402_finish_all_timeout, context), |cia402, port, progress| {
-        cia402.finish_all_timeout(port, timeout_ms, progress)
+        cia402.finish_all_timeout(port, duration(timeout_ms), progress)
     })
 }
 
@@ -136,6 +137,6 @@ pub unsafe extern "C" fn igh_cia402_shutdown_timeout(
     timeout_ms: u32,
 ) -> c_int {
     wait(enter!(igh_cia402_shutdown_timeout, context), |cia402, port, progress| {
-        cia402.shutdown_timeout(port, timeout_ms, progress)
+        cia402.shutdown_timeout(port, duration(timeout_ms), progress)
     })
 }

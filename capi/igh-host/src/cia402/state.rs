@@ -93,7 +93,7 @@ fn state(cia402: &Cia402, axis: usize) -> Option<igh_cia402_axis_state_t> {
         _ => None,
     };
     Some(igh_cia402_axis_state_t {
-        for_ms: progress.for_ms,
+        for_ms: u64::try_from(progress.elapsed.as_millis()).unwrap_or(u64::MAX),
         following_error: cia402.following_error(axis).unwrap_or(0),
         actual_degrees: cia402.actual_degrees(axis).unwrap_or(0.0),
         actual_radians: cia402.actual_radians(axis).unwrap_or(0.0),

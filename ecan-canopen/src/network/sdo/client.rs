@@ -7,9 +7,9 @@ use ecan_host::SdoDirection;
 use ecan_protocol::object::AbortCode;
 
 use super::transfer::{Phase, Transfer, TransferFailure};
-use crate::network::error::{SdoFault, SdoStartError};
-use crate::network::heartbeat::NS_PER_MS;
-use crate::network::settings::SdoConfig;
+use crate::network::config::SdoConfig;
+use crate::network::heartbeat::nanoseconds;
+use crate::network::sdo_error::{SdoFault, SdoStartError};
 
 /// Bytes behind the longest value that the last segment of a block may fill up.
 const PADDING: usize = 7;
@@ -300,7 +300,7 @@ impl SdoClient {
     }
 
     pub(super) fn deadline(&self, now_ns: u64) -> u64 {
-        now_ns.saturating_add(u64::from(self.settings.timeout_ms) * NS_PER_MS)
+        now_ns.saturating_add(nanoseconds(self.settings.timeout))
     }
 }
 

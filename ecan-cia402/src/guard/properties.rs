@@ -4,12 +4,10 @@
 use ecan_canopen::DriveState;
 use proptest::prelude::*;
 
-use super::guard::MotionGuard;
-use super::guard_input::{
-    Actual, ChannelView, DriveView, GuardInput, PathStatus, PositionUnavailable,
-};
-use super::guard_terms::{Decision, GuardLimits, GuardState, TargetKind, WaitReason};
+use super::input::{Actual, ChannelView, DriveView, GuardInput, PathStatus, PositionUnavailable};
+use super::motion_guard::MotionGuard;
 use super::position_range::PositionRange;
+use super::terms::{Decision, GuardLimits, GuardState, TargetKind, WaitReason};
 
 /// What happens in one cycle.
 #[derive(Debug, Clone)]

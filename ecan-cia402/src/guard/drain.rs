@@ -4,14 +4,14 @@
 //! more frames wait than were delivered *behind* the last target, the target is not among them.
 //! That needs no pause of the channel: SYNC, SDO and heartbeats may go on.
 
-use super::guard_input::{ChannelView, PathStatus};
+use super::input::{ChannelView, PathStatus};
 
 /// Where the gateway's count of waiting frames ends.
 const SATURATED: u8 = 7;
 
 /// Follows the channel after the last target was sent.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct Drain {
+pub(crate) struct Drain {
     /// Frames delivered when the last target was certainly delivered or given up.
     base: Option<u64>,
     /// New channel statuses since then.
@@ -22,7 +22,7 @@ impl Drain {
     /// One cycle in which no target of the axis was sent before. Gives whether nothing that was
     /// sent before the drain began can reach the drive any more; at least `minimum` new statuses
     /// have been seen then.
-    pub(super) fn step(&mut self, way: &PathStatus, minimum: u16) -> bool {
+    pub(crate) fn step(&mut self, way: &PathStatus, minimum: u16) -> bool {
         if !way.in_service || way.holding || way.discarded {
             *self = Self::default();
             return false;

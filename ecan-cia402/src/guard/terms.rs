@@ -2,7 +2,7 @@
 
 use std::fmt;
 
-use super::guard_input::HoldReason;
+use super::input::HoldReason;
 use super::position_range::PositionRange;
 
 /// What the targets of an axis are.

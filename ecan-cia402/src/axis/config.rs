@@ -1,13 +1,15 @@
 //! What an axis is told: plain data.
 
+use std::time::Duration;
+
 use ecan_canopen::{NodeAddress, NodeLossReaction, OperatingMode, QuickStopOption, Step};
 use ecan_protocol::mapping::CHANNELS;
 use thiserror::Error;
 
-use super::guard_terms::{GuardLimits, TargetKind};
 use super::pdo_layout::{PdoLayout, TargetObject};
-use super::position_range::PositionRange;
 use super::units::Scale;
+use crate::guard::position_range::PositionRange;
+use crate::guard::terms::{GuardLimits, TargetKind};
 
 /// Least following-error window, in step limits: what an axis lags behind by the way out and back
 /// while it moves at its limit.
@@ -31,8 +33,8 @@ pub enum NodeReset {
 pub struct DriveConfig {
     /// How it begins.
     pub reset: NodeReset,
-    /// How long the boot-up message after a reset may take, in milliseconds.
-    pub boot_timeout_ms: u32,
+    /// Longest time for the boot-up message after a reset.
+    pub boot_timeout: Duration,
     /// Vendor id and product code that 0x1018 must have.
     pub identity: Option<(u32, u32)>,
     /// Whether the low half of 0x1000 must be 402.
@@ -65,7 +67,7 @@ impl Default for DriveConfig {
     fn default() -> Self {
         Self {
             reset: NodeReset::None,
-            boot_timeout_ms: 5_000,
+            boot_timeout: Duration::from_secs(5),
             identity: None,
             expect_profile_402: true,
             heartbeat_ms: 100,
@@ -118,8 +120,8 @@ pub struct AxisConfig {
     /// stayed enabled; in CSP only, where the drive stands meanwhile. Off, only the application
     /// does. A drive that left Operation Enabled is never enabled by itself.
     pub auto_take_up: bool,
-    /// How long enabling may take, in milliseconds: the brake, the power stage.
-    pub enable_timeout_ms: u32,
+    /// Longest time for enabling: brake and power stage.
+    pub enable_timeout: Duration,
     /// Number of the RPDO and the TPDO that are used, 1 to 4.
     pub pdo_number: u8,
     /// The configuration of the drive.
@@ -144,7 +146,7 @@ impl AxisConfig {
             wc_misses: 3,
             drain_images: 3,
             auto_take_up: false,
-            enable_timeout_ms: 5_000,
+            enable_timeout: Duration::from_secs(5),
             pdo_number: 1,
             drive: DriveConfig::default(),
         }
@@ -241,7 +243,7 @@ impl AxisConfig {
 }
 
 /// What kind of targets a mode takes.
-pub(super) fn target_kind(mode: OperatingMode) -> TargetKind {
+pub(crate) fn target_kind(mode: OperatingMode) -> TargetKind {
     match mode {
         OperatingMode::Homing => TargetKind::None,
         OperatingMode::CyclicPosition | OperatingMode::InterpolatedPosition => TargetKind::Position,

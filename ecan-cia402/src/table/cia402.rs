@@ -1,50 +1,21 @@
 //! The axes of a bus: network, axis table and Port brought together.
 
-use ecan_canopen::{
-    HostHeartbeat, Network, NetworkConfig, NmtCommand, NmtError, NodeConfig, SyncConfig,
-};
+use std::time::Duration;
+
+use ecan_canopen::{Network, NmtCommand, NmtError, NodeConfig, SyncConfig};
 use ecan_mcan_port::{NotSchedulable, Port, SendOptions};
 use ecan_protocol::config::TxMode;
 use ecan_protocol::image::Schedule;
 
-use super::axis::Axis;
-use super::channel_watch::GatewayWatch;
 use super::error::{AxisFaults, Cia402Error, ScheduleError};
 use super::load::{BusLoad, process_data};
 use super::lookup::AxisLookup;
-use super::settings::AxisConfig;
 use super::shutdown::Shutdown;
-use super::start_up::BusConfig;
-
-/// What the axes of a bus have in common.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Cia402Config {
-    /// The CANopen network; its host heartbeat is what lets drives notice that the host died.
-    pub network: NetworkConfig,
-    /// SDO client of each node. Its heartbeat timeout follows from
-    /// [`DriveConfig::heartbeat_ms`](super::DriveConfig::heartbeat_ms).
-    pub node: NodeConfig,
-    /// How SYNC is produced; the drives take targets and send TPDOs with it.
-    pub sync: SyncConfig,
-    /// Cycles from target to target; 0 counts as 1.
-    pub motion_div: u32,
-}
-
-impl Default for Cia402Config {
-    /// SYNC and targets in every cycle, at once; a heartbeat of the host every 50 ms, as node 127.
-    fn default() -> Self {
-        let node = ecan_canopen::NodeId::MAX;
-        Self {
-            network: NetworkConfig {
-                host_heartbeat: Some(HostHeartbeat { node, period_ms: 50 }),
-                ..NetworkConfig::default()
-            },
-            node: NodeConfig::default(),
-            sync: SyncConfig::default(),
-            motion_div: 1,
-        }
-    }
-}
+use super::table_config::Cia402Config;
+use crate::axis::axis::Axis;
+use crate::axis::config::AxisConfig;
+use crate::axis::setup_steps::BusConfig;
+use crate::guard::gateway_watch::GatewayWatch;
 
 /// CiA 402 axes behind the gateways of a Port (manual 15.4, 15.5.4).
 ///
@@ -155,7 +126,7 @@ impl Cia402 {
                 Some(TxMode::Fifo) => {}
             }
             // The heartbeat is watched once the drive has been told to produce one.
-            let node = NodeConfig { heartbeat_timeout_ms: 0, ..settings.node };
+            let node = NodeConfig { heartbeat_timeout: Duration::ZERO, ..settings.node };
             let handle = network.add_node(address, node)?;
             // infallible: the network takes no more nodes than that
             lookup.insert(address, axis.pdo_number, u16::try_from(index).unwrap_or(u16::MAX));

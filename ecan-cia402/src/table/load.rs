@@ -6,9 +6,9 @@ use ecan_protocol::config::{DATA_PATH_BUDGET_MAX, McanChannelConfig};
 
 use ecan_canopen::{CobId, MappingEntry, NodeAddress, SYNC_COB_ID, SyncConfig};
 
-use super::context::Cia402Config;
-use super::pdo_layout::PdoLayout;
-use super::settings::AxisConfig;
+use super::table_config::Cia402Config;
+use crate::axis::config::AxisConfig;
+use crate::axis::pdo_layout::PdoLayout;
 
 /// The load of one channel by the process data of its axes and SYNC; SDO, heartbeats and NMT need
 /// what is left.

@@ -3,11 +3,9 @@
 use ecan_canopen::DriveState;
 
 use super::drain::Drain;
-use super::guard_input::{Actual, ChannelView, GuardInput, HoldReason, PositionUnavailable};
-use super::guard_terms::{
-    Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason,
-};
+use super::input::{Actual, ChannelView, GuardInput, HoldReason, PositionUnavailable};
 use super::position_range::PositionRange;
+use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason};
 
 /// Keeps an axis from jumping. A pure state machine: no time, no frames, no memory of the bus; it
 /// is told what each cycle brought and says what may go out.

@@ -2,14 +2,12 @@
 
 use ecan_canopen::DriveState;
 
-use super::guard::MotionGuard;
-use super::guard_input::{
+use super::input::{
     Actual, ChannelView, DriveView, GuardInput, HoldReason, PathStatus, PositionUnavailable,
 };
-use super::guard_terms::{
-    Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason,
-};
+use super::motion_guard::MotionGuard;
 use super::position_range::PositionRange;
+use super::terms::{Decision, GuardLimits, GuardState, TargetKind, TargetRejection, WaitReason};
 
 const LIMITS: GuardLimits = GuardLimits {
     kind: TargetKind::Position,

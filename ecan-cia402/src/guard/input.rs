@@ -168,7 +168,7 @@ pub enum HoldReason {
 
 impl HoldReason {
     /// Whether the reason lies on the path to the drive, not in the drive or in a command.
-    pub(super) fn is_on_path(self) -> bool {
+    pub(crate) fn is_on_path(self) -> bool {
         !matches!(
             self,
             Self::LeftOperationEnabled(_)

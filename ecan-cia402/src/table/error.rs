@@ -1,64 +1,15 @@
 //! What can go wrong with axes, located and in words.
 
 use std::fmt;
+use std::time::Duration;
 
-use ecan_canopen::{NetworkError, NmtError, OperatingMode, PdoMappingError, WaitError};
+use ecan_canopen::{NetworkError, NmtError, WaitError};
 use ecan_mcan_port::NotSchedulable;
 use thiserror::Error;
 
-use super::phase::AxisProgress;
-use super::settings::AxisFault;
-use super::units::UnitError;
-
-/// Why a command to an axis was not taken. Nothing was changed.
-#[derive(Debug, Clone, Copy, PartialEq, Error)]
-#[non_exhaustive]
-pub enum CommandError {
-    /// The axis table has no such axis.
-    #[error("there is no axis {axis}")]
-    NoSuchAxis {
-        /// The index given.
-        axis: usize,
-    },
-    /// The axis is not configured, or its drive restarted.
-    #[error("axis {axis} is not configured")]
-    NotConfigured {
-        /// Index of the axis.
-        axis: usize,
-    },
-    /// The axis changes its mode or is homing.
-    #[error("axis {axis} changes its mode or is homing")]
-    Busy {
-        /// Index of the axis.
-        axis: usize,
-    },
-    /// The mode takes its targets from an object that is not mapped; homing has its own command.
-    #[error(
-        "axis {axis} cannot change to mode {mode}: its process data do not carry what it needs"
-    )]
-    ModeNotMapped {
-        /// Index of the axis.
-        axis: usize,
-        /// The mode.
-        mode: OperatingMode,
-    },
-    /// The PDOs cannot be mapped.
-    #[error("axis {axis}: {error}")]
-    Mapping {
-        /// Index of the axis.
-        axis: usize,
-        /// Why not.
-        error: PdoMappingError,
-    },
-    /// The value is no target.
-    #[error("axis {axis}: {error}")]
-    Unit {
-        /// Index of the axis.
-        axis: usize,
-        /// Why not.
-        error: UnitError,
-    },
-}
+use crate::axis::command_error::CommandError;
+use crate::axis::config::AxisFault;
+use crate::axis::phase::AxisProgress;
 
 /// Why targets or SYNC cannot be scheduled at a phase of Sync0.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -111,8 +62,8 @@ impl std::error::Error for AxisFaults {}
 pub struct AxisTimeout {
     /// What was waited for.
     pub what: &'static str,
-    /// How long, in milliseconds.
-    pub waited_ms: u64,
+    /// Waiting time by the bus clock.
+    pub waited: Duration,
     /// The axes that lack, with what each is doing and what hinders it.
     pub axes: Vec<AxisProgress>,
 }
@@ -121,7 +72,7 @@ impl fmt::Display for AxisTimeout {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let count = self.axes.len();
         let axes = if count == 1 { "axis" } else { "axes" };
-        write!(f, "{count} {axes} not {} after {} ms", self.what, self.waited_ms)?;
+        write!(f, "{count} {axes} not {} after {} ms", self.what, self.waited.as_millis())?;
         self.axes.iter().try_for_each(|axis| write!(f, "\n  - {axis}"))
     }
 }

@@ -4,10 +4,10 @@ use ecan_mcan_port::{Cycle, Received, ReceivedFrame};
 use ecan_protocol::can::{FrameKind, FrameRef};
 use ecan_protocol::mapping::CHANNELS;
 
-use super::axis::Axis;
-use super::context::Cia402;
-use super::guard_terms::Decision;
+use super::cia402::Cia402;
 use super::lookup::AxisLookup;
+use crate::axis::axis::Axis;
+use crate::guard::terms::Decision;
 
 /// What went out to the axes in one cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -86,7 +86,8 @@ impl Cia402 {
             axis.step_procedure(&mut self.network, self.now_ns);
             axis.start_node(&mut self.network, self.now_ns);
         }
-        self.step_shutdown();
+        let Self { axes, network, bus, shutdown, now_ns, .. } = self;
+        *shutdown = shutdown.step(axes, network, bus.host.is_some(), *now_ns);
         for axis in &mut self.axes {
             axis.update_phase(self.now_ns);
         }

@@ -1,11 +1,13 @@
-//! SDO transfers of the application with the drives, beside the axes' own.
+//! SDO transfers of the application with the drives, in parallel with the axes' own.
 
-use ecan_mcan_port::Port;
+use std::time::Duration;
 
 use ecan_canopen::{Network, NodeHandle, Sdo, SdoStartError, WaitError, run_cycle_until};
+use ecan_mcan_port::Port;
 
-use super::context::Cia402;
-use super::error::{Cia402Error, CommandError};
+use super::cia402::Cia402;
+use super::error::Cia402Error;
+use crate::axis::command_error::CommandError;
 
 impl Cia402 {
     /// The node of an axis in [`network`](Self::network).
@@ -13,25 +15,25 @@ impl Cia402 {
         self.axes.get(axis).map(|axis| axis.node)
     }
 
-    /// Reads an object of a drive and waits, with the axes at their last targets meanwhile. What
-    /// the axis itself transfers comes first. Blocks.
+    /// Uploads an object of a drive, given by index and subindex, and waits; the axes remain at
+    /// their last targets. Transfers of the axis itself come first. Blocks.
     ///
     /// # Errors
-    /// [`Cia402Error::Wait`] names node, object and reason, or says that it was not done within
-    /// `timeout_ms` milliseconds; [`CommandError::NoSuchAxis`].
+    /// [`Cia402Error::Wait`] names node, object and cause, or the timeout;
+    /// [`CommandError::NoSuchAxis`].
     pub fn upload_timeout(
         &mut self,
         port: &mut Port,
         axis: usize,
         (index, subindex): (u16, u8),
-        timeout_ms: u32,
+        timeout: Duration,
     ) -> Result<Vec<u8>, Cia402Error> {
-        self.transfer_timeout(port, axis, timeout_ms, |network, node| {
+        self.transfer_timeout(port, axis, timeout, |network, node| {
             network.start_upload(node, index, subindex)
         })
     }
 
-    /// Writes an object of a drive and waits, as [`upload_timeout`](Self::upload_timeout).
+    /// Downloads an object of a drive and waits, as [`upload_timeout`](Self::upload_timeout).
     ///
     /// # Errors
     /// As there.
@@ -41,9 +43,9 @@ impl Cia402 {
         axis: usize,
         (index, subindex): (u16, u8),
         data: &[u8],
-        timeout_ms: u32,
+        timeout: Duration,
     ) -> Result<(), Cia402Error> {
-        self.transfer_timeout(port, axis, timeout_ms, |network, node| {
+        self.transfer_timeout(port, axis, timeout, |network, node| {
             network.start_download(node, index, subindex, data)
         })?;
         Ok(())
@@ -53,17 +55,17 @@ impl Cia402 {
         &mut self,
         port: &mut Port,
         axis: usize,
-        timeout_ms: u32,
+        timeout: Duration,
         start: impl Fn(&mut Network, NodeHandle) -> Result<(), SdoStartError>,
     ) -> Result<Vec<u8>, Cia402Error> {
         let node = self.node(axis).ok_or(CommandError::NoSuchAxis { axis })?;
-        let mut ours = None;
-        let ended = run_cycle_until(port, timeout_ms, |cycle, _| {
+        let mut own = None;
+        let ended = run_cycle_until(port, timeout, |cycle, _| {
             self.serve(cycle);
             let network = &mut self.network;
-            // An axis may take the client in the cycle in which a transfer ends, and its result
-            // with it: then it starts over.
-            if ours == Some(network.sdo_generation(node)) {
+            // An axis may use the client in the cycle in which a transfer ends. The result is
+            // lost then, and the transfer starts again.
+            if own == Some(network.sdo_generation(node)) {
                 return match network.sdo_state(node) {
                     Sdo::Busy => None,
                     _ => Some(match network.sdo_failure(node) {
@@ -73,13 +75,13 @@ impl Cia402 {
                 };
             }
             match start(network, node) {
-                Ok(()) => ours = Some(network.sdo_generation(node)),
+                Ok(()) => own = Some(network.sdo_generation(node)),
                 Err(SdoStartError::Busy) => {}
                 Err(error) => return Some(Err(error.into())),
             }
             None
         });
-        if ended.is_err() && ours == Some(self.network.sdo_generation(node)) {
+        if ended.is_err() && own == Some(self.network.sdo_generation(node)) {
             self.network.cancel_sdo(node);
         }
         Ok(ended??)

@@ -1,14 +1,12 @@
 //! The steps that bring a drive from whatever state to Operational with its PDOs mapped.
 
-use std::time::Duration;
-
 use ecan_canopen::{
     CobId, Expectation, HeartbeatConsumer, HostHeartbeat, NmtCommand, NodeAction, OperatingMode,
     PdoDirection, PdoMapping, PdoMappingError, Step, SupportedModes, TransmissionType, object,
 };
 
+use super::config::{AxisConfig, NodeReset};
 use super::pdo_layout::TargetObject;
-use super::settings::{AxisConfig, NodeReset};
 
 /// Highest PDO number of the predefined connection set.
 const LAST_PDO: u16 = 4;
@@ -18,11 +16,11 @@ const NS_PER_US: u64 = 1_000;
 
 /// What the bus gives to every axis.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) struct BusConfig {
+pub(crate) struct BusConfig {
     /// Time from SYNC to SYNC, in nanoseconds.
-    pub(super) sync_period_ns: u64,
+    pub(crate) sync_period_ns: u64,
     /// The host's heartbeat, if it produces one.
-    pub(super) host: Option<HostHeartbeat>,
+    pub(crate) host: Option<HostHeartbeat>,
 }
 
 /// The steps, in order:
@@ -37,7 +35,7 @@ pub(super) struct BusConfig {
 /// 7. NMT: start.
 ///
 /// The mode follows after that, with its confirmation.
-pub(super) fn steps(settings: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, PdoMappingError> {
+pub(crate) fn steps(settings: &AxisConfig, bus: &BusConfig) -> Result<Vec<Step>, PdoMappingError> {
     let mut steps = Vec::new();
     push_nmt(&mut steps, settings);
     push_identity(&mut steps, settings);
@@ -59,7 +57,7 @@ fn push_nmt(steps: &mut Vec<Step>, settings: &AxisConfig) {
     };
     if let Some(command) = reset {
         steps.push(Step::device(NodeAction::Nmt(command)));
-        let timeout = Duration::from_millis(settings.drive.boot_timeout_ms.into());
+        let timeout = settings.drive.boot_timeout;
         steps.push(Step::device(NodeAction::AwaitBootUp { timeout }));
     }
     steps.push(Step::device(NodeAction::Nmt(NmtCommand::EnterPreOperational)));
@@ -142,7 +140,7 @@ fn push_times(steps: &mut Vec<Step>, settings: &AxisConfig, bus: &BusConfig) {
 
 /// A period as 0x60C2 has it: a value of 1 to 255 and a power of ten of seconds. Milliseconds
 /// where they are whole, since every drive has those.
-pub(super) fn interpolation_time(period_ns: u64) -> Option<(u8, i8)> {
+pub(crate) fn interpolation_time(period_ns: u64) -> Option<(u8, i8)> {
     [(-3, 1_000_000), (-4, 100_000), (-5, 10_000), (-6, 1_000)].into_iter().find_map(
         |(power, unit_ns)| {
             let value = u8::try_from(period_ns / unit_ns).ok()?;
@@ -175,7 +173,7 @@ fn push_limits(steps: &mut Vec<Step>, settings: &AxisConfig) {
 }
 
 /// Whether a mode can be chosen while the PDOs of `settings` are mapped.
-pub(super) fn can_switch_to(settings: &AxisConfig, mode: OperatingMode) -> bool {
+pub(crate) fn can_switch_to(settings: &AxisConfig, mode: OperatingMode) -> bool {
     settings.layout().target.serves(mode)
 }
 
@@ -183,6 +181,7 @@ pub(super) fn can_switch_to(settings: &AxisConfig, mode: OperatingMode) -> bool 
 mod tests {
     use super::*;
     use ecan_canopen::{NodeAddress, NodeId};
+    use std::time::Duration;
 
     #[test]
     fn periods_as_drives_take_them() {
@@ -207,7 +206,8 @@ mod tests {
         let node = NodeId::new(5).unwrap();
         let mut settings = AxisConfig::new(NodeAddress { slave: 0, channel: 1, node });
         settings.drive.silence_other_tpdos = false;
-        let host = HostHeartbeat { node: NodeId::new(127).unwrap(), period_ms: 50 };
+        let host =
+            HostHeartbeat { node: NodeId::new(127).unwrap(), period: Duration::from_millis(50) };
         let bus = BusConfig { sync_period_ns: 1_000_000, host: Some(host) };
         let words: Vec<String> =
             steps(&settings, &bus).unwrap().iter().map(|step| step.action.to_string()).collect();

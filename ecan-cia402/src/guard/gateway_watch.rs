@@ -9,7 +9,7 @@ use ecan_mcan_port::{ImageReport, Port};
 use ecan_protocol::image::{ChannelState, ChannelStatus, ImageFault};
 use ecan_protocol::mapping::CHANNELS;
 
-use super::guard_input::{Actual, ChannelView, PathStatus, PositionUnavailable};
+use super::input::{Actual, ChannelView, PathStatus, PositionUnavailable};
 
 /// Where the count of waiting frames in a channel's status ends (manual 7).
 const SATURATED: u8 = 7;
@@ -20,8 +20,8 @@ const STEADY: u8 = 3;
 
 /// A gateway that has axes.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct GatewayWatch {
-    pub(super) slave: usize,
+pub(crate) struct GatewayWatch {
+    pub(crate) slave: usize,
     image: ImageReport,
     in_service: bool,
     complete: bool,
@@ -52,7 +52,7 @@ struct ChannelWatch {
 }
 
 impl GatewayWatch {
-    pub(super) fn new(slave: usize) -> Self {
+    pub(crate) fn new(slave: usize) -> Self {
         Self {
             slave,
             image: ImageReport::None,
@@ -69,7 +69,7 @@ impl GatewayWatch {
 
     /// Once per cycle, when everything received has been taken out: only then is a fault behind
     /// the first packets known.
-    pub(super) fn observe(&mut self, port: &Port) {
+    pub(crate) fn observe(&mut self, port: &Port) {
         let Ok(gateway) = port.gateway(self.slave) else {
             // A reconfiguration removed the gateway.
             *self = Self::new(self.slave);
@@ -118,17 +118,17 @@ impl GatewayWatch {
     }
 
     /// Whether the last image is repeated, so that nothing should be added.
-    pub(super) fn is_holding(&self) -> bool {
+    pub(crate) fn is_holding(&self) -> bool {
         self.holding
     }
 
     /// Whether frames can go out at all.
-    pub(super) fn is_in_service(&self) -> bool {
+    pub(crate) fn is_in_service(&self) -> bool {
         self.in_service
     }
 
     /// The way to a drive on a channel.
-    pub(super) fn way(&self, channel: u8, target_lost: bool) -> PathStatus {
+    pub(crate) fn way(&self, channel: u8, target_lost: bool) -> PathStatus {
         let watch = self.channel(channel);
         let [delivered, _, covered] = watch.delivered;
         PathStatus {
@@ -146,7 +146,7 @@ impl GatewayWatch {
     }
 
     /// What a position from a TPDO of this cycle is worth.
-    pub(super) fn actual(&self, channel: u8, position: Option<i32>) -> Actual {
+    pub(crate) fn actual(&self, channel: u8, position: Option<i32>) -> Actual {
         let watch = self.channel(channel);
         let in_image = if self.counts_left_only { 0 } else { watch.in_image };
         match judge(self.image, watch.status, in_image, position) {

@@ -10,12 +10,10 @@ use std::collections::VecDeque;
 use ecan_canopen::DriveState;
 use proptest::prelude::*;
 
-use super::guard::MotionGuard;
-use super::guard_input::{
-    Actual, ChannelView, DriveView, GuardInput, PathStatus, PositionUnavailable,
-};
-use super::guard_terms::{Decision, GuardLimits, GuardState, TargetKind};
+use super::input::{Actual, ChannelView, DriveView, GuardInput, PathStatus, PositionUnavailable};
+use super::motion_guard::MotionGuard;
 use super::position_range::PositionRange;
+use super::terms::{Decision, GuardLimits, GuardState, TargetKind};
 
 const STEP: i32 = 50;
 const WINDOW: i32 = 600;

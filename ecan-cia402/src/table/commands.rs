@@ -2,16 +2,17 @@
 
 use ecan_canopen::{DriveState, OperatingMode, Statusword};
 
-use super::axis::Axis;
-use super::context::Cia402;
-use super::error::CommandError;
-use super::guard::MotionGuard;
-use super::guard_terms::Decision;
-use super::homing::HomingConfig;
-use super::phase::{AxisError, AxisPhase, AxisProgress};
-use super::settings::AxisConfig;
-use super::statistics::AxisStatistics;
-use super::units::{Scale, UnitError};
+use super::cia402::Cia402;
+use super::shutdown::Shutdown;
+use crate::axis::axis::Axis;
+use crate::axis::command_error::CommandError;
+use crate::axis::config::AxisConfig;
+use crate::axis::homing::HomingConfig;
+use crate::axis::phase::{AxisError, AxisPhase, AxisProgress};
+use crate::axis::statistics::AxisStatistics;
+use crate::axis::units::{Scale, UnitError};
+use crate::guard::motion_guard::MotionGuard;
+use crate::guard::terms::Decision;
 
 impl Cia402 {
     fn axis(&self, axis: usize) -> Option<&Axis> {
@@ -161,6 +162,23 @@ impl Cia402 {
     /// A [`CommandError`].
     pub fn reset_fault(&mut self, axis: usize) -> Result<(), CommandError> {
         self.axis_mut(axis)?.reset_fault()
+    }
+
+    /// Starts an orderly end: every axis comes to rest by its ramp, is switched off and released:
+    /// it stops watching the host's heartbeat and goes to Pre-operational, so that no drive
+    /// reports a fault when the host ends. [`shutdown_state`](Self::shutdown_state) reports when
+    /// it is complete. A stage that an axis cannot finish ends after five seconds.
+    ///
+    /// Mode changes and homings are cancelled. The cycle continues as before.
+    pub fn begin_shutdown(&mut self) {
+        if self.shutdown == Shutdown::None {
+            self.shutdown = Shutdown::begin(&mut self.axes, &mut self.network, self.now_ns);
+        }
+    }
+
+    /// State of the orderly end.
+    pub fn shutdown_state(&self) -> Shutdown {
+        self.shutdown
     }
 
     // Motion

@@ -1,15 +1,18 @@
-//! What the network and its nodes are told: plain data.
+//! Configuration of the network and its nodes: plain data.
 
-use crate::NodeId;
+use std::time::Duration;
+
 use ecan_protocol::image::Schedule;
 
-/// How SDO block transfer is used with a node (CiA 301, 7.2.4.2.9 to 7.2.4.2.16).
+use crate::NodeId;
+
+/// Use of SDO block transfer with a node (CiA 301, 7.2.4.2.9 to 7.2.4.2.16).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct BlockTransferConfig {
-    /// Downloads of at least so many bytes try block transfer first; `None` never does.
+    /// Downloads of at least this many bytes try block transfer first; `None` never does.
     pub download_from: Option<usize>,
-    /// Whether every upload asks for a block transfer. A server that supports it answers small
-    /// objects in one frame all the same; one that does not costs one refused request, once.
+    /// Whether every upload requests a block transfer. A server that supports it still sends small
+    /// objects in one frame; one that does not costs one rejected request, once.
     pub upload: bool,
     /// Segments that the server may send in a row in an upload, 1..127. A block arrives as fast as
     /// the bus carries it, so it must fit the receive cache of the gateway's channel (0x8021:07,
@@ -25,17 +28,17 @@ impl Default for BlockTransferConfig {
 }
 
 impl BlockTransferConfig {
-    /// No block transfer at all.
+    /// No block transfer.
     pub const NEVER: Self = Self { download_from: None, upload: false, segments: 1 };
 }
 
-/// How the SDO client talks to one server.
+/// SDO client of one server.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SdoConfig {
-    /// How long an answer may take after the request was handed to the gateway, in milliseconds.
-    pub timeout_ms: u32,
-    /// How often a transfer starts over after a missing or damaged answer. A download that starts
-    /// over writes the same value again. What the server refuses is never tried again.
+    /// Longest time for an answer, from the request's acceptance by the gateway.
+    pub timeout: Duration,
+    /// Repetitions of a transfer after a missing or damaged answer. A repeated download writes the
+    /// same value again. A transfer that the server aborts is never repeated.
     pub retries: u8,
     /// Longest value that can be transferred, in bytes; allocated once.
     pub buffer_bytes: usize,
@@ -47,7 +50,7 @@ impl Default for SdoConfig {
     /// 500 ms, two retries, 1024 bytes.
     fn default() -> Self {
         Self {
-            timeout_ms: 500,
+            timeout: Duration::from_millis(500),
             retries: 2,
             buffer_bytes: 1024,
             block: BlockTransferConfig::default(),
@@ -55,34 +58,33 @@ impl Default for SdoConfig {
     }
 }
 
-/// What the network knows of one node beforehand.
+/// Configuration of one node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct NodeConfig {
-    /// How long the node may be silent between two heartbeats, in milliseconds; 0 does not watch
-    /// it. To be chosen well above the producer time in the node's 0x1017.
-    pub heartbeat_timeout_ms: u32,
-    /// Its SDO server.
+    /// Longest time between two heartbeats; zero does not watch them. Choose it well above the
+    /// producer time in the node's 0x1017.
+    pub heartbeat_timeout: Duration,
+    /// SDO client.
     pub sdo: SdoConfig,
 }
 
-/// The heartbeat that the host itself produces, so that drives notice its death (their consumer
-/// time in 0x1016). It goes out on every channel that has a node, and stops when nobody runs the
-/// cycle any more.
+/// Heartbeat of the host, by which drives detect that it has stopped (their consumer time in
+/// 0x1016). It is sent on every channel that has a node, and ends with the cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct HostHeartbeat {
     /// Node-ID of the host; no node on its channels may have the same.
     pub node: NodeId,
-    /// Time between two heartbeats, in milliseconds.
-    pub period_ms: u32,
+    /// Time between two heartbeats; at least 1 ms.
+    pub period: Duration,
 }
 
-/// How SYNC is produced (CiA 301, 7.2.5).
+/// Production of SYNC (CiA 301, 7.2.5).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct SyncConfig {
     /// Cycles from one SYNC to the next; 0 counts as 1.
     pub every_cycles: u32,
-    /// With a counter as data, that runs from 1 to this value and starts over: 2..240, the value
-    /// of 0x1019 in the nodes. `None` sends SYNC without data.
+    /// Counter as data, from 1 to this value: 2..240, the value of 0x1019 in the nodes. `None`
+    /// sends SYNC without data.
     pub counter_overflow: Option<u8>,
     /// Sends at a phase of the next Sync0 period instead of at once (manual 8.4, 13.8).
     pub schedule: Option<Schedule>,
@@ -95,23 +97,23 @@ impl Default for SyncConfig {
     }
 }
 
-/// What the network is told as a whole.
+/// Configuration of the network.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct NetworkConfig {
-    /// SDO frames and NMT commands per cycle and channel at most; 0 counts as 1. Together with
-    /// the process data of a cycle they should not exceed what the gateway serves (0x8021:12, at
-    /// most 8).
+    /// Most SDO frames and NMT commands per cycle and channel; 0 counts as 1. Together with the
+    /// process data of a cycle they should not exceed what the gateway serves (0x8021:12, at most
+    /// 8).
     pub service_frames_per_cycle: u8,
-    /// SDO frames wait while the channel's status word reports at least so many frames that the
-    /// gateway has not sent yet (manual 7; the field ends at 7). So they never queue up before
-    /// the next cycle's process data on a channel that is full.
+    /// SDO frames wait while the channel's status word reports at least this many frames that the
+    /// gateway has not sent yet (manual 7; the field ends at 7). So they do not delay the next
+    /// cycle's process data on a channel that is full.
     pub sdo_pending_limit: u8,
     /// Bytes of each RxPDO image that SDO frames leave free, for frames that are sent after
     /// [`Network::send`](crate::Network::send) in the same cycle.
     pub reserved_image_bytes: usize,
-    /// NMT commands that can wait for a channel.
+    /// Capacity of the queue of NMT commands of a channel.
     pub nmt_queue: usize,
-    /// The host's own heartbeat.
+    /// Heartbeat of the host.
     pub host_heartbeat: Option<HostHeartbeat>,
 }
 

@@ -1,0 +1,194 @@
+//! Calls that wait: they run the cycle themselves until all axes have reached a state.
+
+use std::time::Duration;
+
+use ecan_canopen::{WaitError, run_cycle_uninterrupted, run_cycle_until};
+use ecan_mcan_port::{Cycle, Port};
+
+use super::cia402::Cia402;
+use super::error::{AxisTimeout, Cia402Error};
+use super::shutdown::Shutdown;
+use crate::axis::axis::Axis;
+use crate::axis::axis_state::AxisState;
+use crate::axis::phase::AxisProgress;
+use crate::guard::terms::GuardState;
+
+/// Relation of an axis to the state that is waited for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum WaitStatus {
+    Waiting,
+    Reached,
+    /// Waiting will not reach it.
+    Stuck,
+}
+
+impl Cia402 {
+    /// Executes one cycle for a loop that has no targets of its own: receives, keeps the axes at
+    /// their last targets, sends. Real-time safe.
+    pub fn serve(&mut self, cycle: &mut Cycle<'_>) {
+        self.process_rx(cycle);
+        self.send_targets_all(cycle);
+    }
+
+    /// Configures every drive that is not configured, and waits. `progress` is called for every
+    /// axis in every cycle. Blocks.
+    ///
+    /// # Errors
+    /// [`Cia402Error::AxisTimeout`] names the axes that are not configured after all others have
+    /// ended, or after `timeout`, with the step and the answer of each.
+    pub fn configure_all_timeout(
+        &mut self,
+        port: &mut Port,
+        timeout: Duration,
+        progress: impl FnMut(&AxisProgress),
+    ) -> Result<(), Cia402Error> {
+        self.configure_all()?;
+        self.wait(port, timeout, "configured", progress, |axis| match axis.state {
+            AxisState::Configuring | AxisState::SettingMode(_) => WaitStatus::Waiting,
+            AxisState::Unconfigured | AxisState::SetupFailed => WaitStatus::Stuck,
+            _ => WaitStatus::Reached,
+        })
+    }
+
+    /// Establishes the positions of all axes from fresh TPDOs, and waits. Blocks.
+    ///
+    /// # Errors
+    /// [`Cia402Error::AxisTimeout`] names the axes whose position is unknown, and the cause.
+    pub fn request_actual_position_all_timeout(
+        &mut self,
+        port: &mut Port,
+        timeout: Duration,
+        progress: impl FnMut(&AxisProgress),
+    ) -> Result<(), Cia402Error> {
+        self.read_position_all()?;
+        self.wait(port, timeout, "at a known position", progress, |axis| match axis.guard.state() {
+            GuardState::Armed { .. } | GuardState::Running { .. } => WaitStatus::Reached,
+            GuardState::Draining | GuardState::Reading => WaitStatus::Waiting,
+            GuardState::Idle | GuardState::Holding { .. } => WaitStatus::Stuck,
+        })
+    }
+
+    /// Enables all drives and waits until every axis follows targets. Blocks.
+    ///
+    /// # Errors
+    /// [`Cia402Error::AxisTimeout`] names the axes that are not enabled, with the state of each
+    /// drive and the cause. Enabled drives remain enabled.
+    pub fn enable_all_timeout(
+        &mut self,
+        port: &mut Port,
+        timeout: Duration,
+        progress: impl FnMut(&AxisProgress),
+    ) -> Result<(), Cia402Error> {
+        self.enable_all()?;
+        self.wait(port, timeout, "enabled", progress, |axis| {
+            let is_enabling = axis.state.enabling_since_ns().is_some();
+            if axis.is_running() {
+                WaitStatus::Reached
+            } else if is_enabling || axis.state == AxisState::Resuming {
+                WaitStatus::Waiting
+            } else {
+                WaitStatus::Stuck
+            }
+        })
+    }
+
+    /// The three calls above in a row: from drives in any state to axes that follow targets.
+    /// `timeout` applies to each. Blocks.
+    ///
+    /// # Errors
+    /// As those calls.
+    pub fn start_up_timeout(
+        &mut self,
+        port: &mut Port,
+        timeout: Duration,
+        mut progress: impl FnMut(&AxisProgress),
+    ) -> Result<(), Cia402Error> {
+        self.configure_all_timeout(port, timeout, &mut progress)?;
+        self.request_actual_position_all_timeout(port, timeout, &mut progress)?;
+        self.enable_all_timeout(port, timeout, progress)
+    }
+
+    /// Waits until mode changes and homings of all axes are complete. Blocks.
+    ///
+    /// # Errors
+    /// [`Cia402Error::AxisTimeout`] names the axes whose last command failed, and the cause.
+    pub fn finish_all_timeout(
+        &mut self,
+        port: &mut Port,
+        timeout: Duration,
+        progress: impl FnMut(&AxisProgress),
+    ) -> Result<(), Cia402Error> {
+        self.wait(port, timeout, "done", progress, |axis| {
+            if axis.procedure.is_some() || axis.state.enabling_since_ns().is_some() {
+                WaitStatus::Waiting
+            } else if axis.error.is_none() {
+                WaitStatus::Reached
+            } else {
+                WaitStatus::Stuck
+            }
+        })
+    }
+
+    /// Starts an orderly end, see [`begin_shutdown`](Self::begin_shutdown), and waits. Ignores the
+    /// application's request to stop waiting. Blocks.
+    ///
+    /// # Errors
+    /// [`Cia402Error::AxisTimeout`] names the axes that could not be switched off; all other parts
+    /// of the shutdown are complete nevertheless.
+    pub fn shutdown_timeout(
+        &mut self,
+        port: &mut Port,
+        timeout: Duration,
+        mut progress: impl FnMut(&AxisProgress),
+    ) -> Result<(), Cia402Error> {
+        self.begin_shutdown();
+        let ended = run_cycle_uninterrupted(port, timeout, |cycle, _| {
+            self.serve(cycle);
+            self.progress_all().for_each(|axis| progress(&axis));
+            // The last commands must be sent before the host ends.
+            let is_done = self.shutdown == Shutdown::Done && !self.network.nmt_is_pending();
+            is_done.then_some(())
+        });
+        let axes = self.progress_of(|axis| axis.drive.is_enabled());
+        match ended {
+            Ok(()) | Err(WaitError::TimedOut { .. }) if !axes.is_empty() => {
+                Err(AxisTimeout { what: "switched off", waited: timeout, axes }.into())
+            }
+            Ok(()) | Err(WaitError::TimedOut { .. }) => Ok(()),
+            Err(error) => Err(error.into()),
+        }
+    }
+
+    /// Runs the cycle until no axis is waiting.
+    fn wait(
+        &mut self,
+        port: &mut Port,
+        timeout: Duration,
+        what: &'static str,
+        mut progress: impl FnMut(&AxisProgress),
+        status: impl Fn(&Axis) -> WaitStatus,
+    ) -> Result<(), Cia402Error> {
+        let start_ns = self.now_ns;
+        let ended = run_cycle_until(port, timeout, |cycle, _| {
+            self.serve(cycle);
+            self.progress_all().for_each(|axis| progress(&axis));
+            let is_waiting = |axis: &Axis| status(axis) == WaitStatus::Waiting;
+            (!self.axes.iter().any(is_waiting)).then_some(())
+        });
+        match ended {
+            Ok(()) | Err(WaitError::TimedOut { .. }) => {}
+            Err(error) => return Err(error.into()),
+        }
+        let axes = self.progress_of(|axis| status(axis) != WaitStatus::Reached);
+        if axes.is_empty() {
+            return Ok(());
+        }
+        let waited = Duration::from_nanos(self.now_ns.saturating_sub(start_ns));
+        Err(AxisTimeout { what, waited, axes }.into())
+    }
+
+    fn progress_of(&self, select: impl Fn(&Axis) -> bool) -> Vec<AxisProgress> {
+        let selected = self.axes.iter().filter(|axis| select(axis));
+        selected.map(|axis| axis.progress(self.now_ns)).collect()
+    }
+}

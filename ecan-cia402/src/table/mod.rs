@@ -1,0 +1,19 @@
+//! All axes of a bus: network, axis table and Port together.
+
+mod blocking;
+mod cia402;
+mod commands;
+mod cycle;
+mod error;
+mod load;
+mod lookup;
+mod sdo;
+mod shutdown;
+mod table_config;
+
+pub use cia402::Cia402;
+pub use cycle::SendSummary;
+pub use error::{AxisFaults, AxisTimeout, Cia402Error, ScheduleError};
+pub use load::{BusLoad, LoadWarning, axis_traffic};
+pub use shutdown::Shutdown;
+pub use table_config::Cia402Config;

@@ -1,0 +1,107 @@
+//! Orderly end: the axes come to rest, are switched off, and continue without the host.
+
+use std::fmt;
+
+use ecan_canopen::{Network, NmtCommand};
+
+use crate::axis::axis::Axis;
+use crate::axis::axis_state::AxisState;
+
+/// Longest time of a stage; then the next one begins.
+const REST_NS: u64 = 5_000_000_000;
+const DISABLE_NS: u64 = 5_000_000_000;
+const RELEASE_NS: u64 = 1_000_000_000;
+
+/// State of the orderly end, see [`Cia402::begin_shutdown`](super::Cia402::begin_shutdown). Times
+/// are those of the bus clock, in nanoseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Shutdown {
+    /// No shutdown was requested.
+    #[default]
+    None,
+    /// The axes come to rest by their ramps.
+    Decelerating {
+        /// Start of this stage.
+        since_ns: u64,
+    },
+    /// The drives are switched off.
+    Disabling {
+        /// Start of this stage.
+        since_ns: u64,
+    },
+    /// The drives stop watching the host's heartbeat and go to Pre-operational.
+    Releasing {
+        /// Start of this stage.
+        since_ns: u64,
+    },
+    /// Complete; the host may end.
+    Done,
+}
+
+impl fmt::Display for Shutdown {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::None => "in operation",
+            Self::Decelerating { .. } => "decelerating",
+            Self::Disabling { .. } => "disabling",
+            Self::Releasing { .. } => "releasing",
+            Self::Done => "released",
+        })
+    }
+}
+
+impl Shutdown {
+    /// Cancels procedures and brings all axes to rest.
+    pub(super) fn begin(axes: &mut [Axis], network: &mut Network, since_ns: u64) -> Self {
+        for axis in axes {
+            axis.cancel_procedure(network);
+            if axis.is_running() {
+                axis.targets.halt();
+            }
+        }
+        Self::Decelerating { since_ns }
+    }
+
+    /// Continues the shutdown, once per cycle; returns its next state.
+    pub(super) fn step(
+        self,
+        axes: &mut [Axis],
+        network: &mut Network,
+        has_host_heartbeat: bool,
+        now_ns: u64,
+    ) -> Self {
+        let is_over = |since_ns: u64, limit| now_ns.saturating_sub(since_ns) > limit;
+        match self {
+            Self::Decelerating { since_ns }
+                if axes.iter().all(Axis::is_at_rest) || is_over(since_ns, REST_NS) =>
+            {
+                axes.iter_mut().for_each(Axis::disable);
+                Self::Disabling { since_ns: now_ns }
+            }
+            Self::Disabling { since_ns }
+                if axes.iter().all(is_off_or_unknown) || is_over(since_ns, DISABLE_NS) =>
+            {
+                axes.iter_mut().for_each(|axis| axis.begin_release(has_host_heartbeat));
+                Self::Releasing { since_ns: now_ns }
+            }
+            Self::Releasing { since_ns }
+                if axes.iter().all(is_released) || is_over(since_ns, RELEASE_NS) =>
+            {
+                axes.iter_mut().for_each(|axis| axis.cancel_release(network));
+                // A full queue is not sent any more, either.
+                let _ = network.nmt_all(NmtCommand::EnterPreOperational);
+                Self::Done
+            }
+            waiting => waiting,
+        }
+    }
+}
+
+/// The shutdown does not wait for a drive that is not configured or never reported its state.
+fn is_off_or_unknown(axis: &Axis) -> bool {
+    !axis.state.is_configured() || axis.drive.state.is_none() || axis.drive.is_off()
+}
+
+fn is_released(axis: &Axis) -> bool {
+    !matches!(axis.state, AxisState::Releasing(_))
+}
