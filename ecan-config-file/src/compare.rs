@@ -117,7 +117,7 @@ pub fn differences(
             }
             StartupStep::Expect { index, subindex, expected } => {
                 let found = bus.sdo_upload_u32(slave, index, subindex)?;
-                if !expected.is_met_by(found) {
+                if !expected.is_met_by(found.into()) {
                     differences.push(Difference {
                         index,
                         subindex,

@@ -123,22 +123,5 @@ pub fn apply(
     {
         return Err(ResolveError::State { slave, state });
     }
-    for step in steps {
-        match *step {
-            StartupStep::Download(sdo) => {
-                let (bytes, length) = sdo.bytes();
-                let data = bytes.get(..length).unwrap_or_default();
-                bus.sdo_download(slave, sdo.index, sdo.subindex, data)?;
-            }
-            StartupStep::Expect { index, subindex, expected } => {
-                let found = bus.sdo_upload_u32(slave, index, subindex)?;
-                if !expected.is_met_by(found) {
-                    let error = Error::Readback { slave, index, subindex, expected, found };
-                    return Err(error.into());
-                }
-            }
-        }
-        report(step);
-    }
-    Ok(())
+    Ok(bus.run_startup(slave, steps, report)?)
 }

@@ -13,8 +13,9 @@ use ecan_protocol::object::{ObjectType, SdoWrite, describe, lookup};
 pub enum Format {
     /// A line per step: action, index, subindex, type, value, comment. `write` writes; the `expect`
     /// actions read and must find the value (`expect`), at least or at most it (`expect_at_least`,
-    /// `expect_at_most`), all of its bits (`expect_bits`), one of its bits (`expect_any_bit`), or one
-    /// of several values with bars between them (`expect_one_of`).
+    /// `expect_at_most`), all of its bits (`expect_bits`), one of its bits (`expect_any_bit`), one of
+    /// several values with bars between them (`expect_one_of`), or a value in the bits of a mask
+    /// (`expect_masked`, value and mask with a bar between them).
     Csv,
     /// The XML of TwinCAT's startup list, for the transition from PREOP to SAFEOP.
     TwinCat,
@@ -100,7 +101,9 @@ fn csv(steps: &[StartupStep]) -> String {
     for step in steps {
         let (index, subindex) = step.object();
         let (action, ty, values) = match step {
-            StartupStep::Download(write) => ("write", type_name(write.ty), vec![write.value]),
+            StartupStep::Download(write) => {
+                ("write", type_name(write.ty), vec![write.value.into()])
+            }
             StartupStep::Expect { expected, .. } => {
                 let (action, values) = match *expected {
                     Expectation::Equals(value) => ("expect", vec![value]),
@@ -109,6 +112,7 @@ fn csv(steps: &[StartupStep]) -> String {
                     Expectation::HasBits(value) => ("expect_bits", vec![value]),
                     Expectation::HasAny(value) => ("expect_any_bit", vec![value]),
                     Expectation::OneOf(values) => ("expect_one_of", values.to_vec()),
+                    Expectation::Masked { value, mask } => ("expect_masked", vec![value, mask]),
                 };
                 (action, expected_type(index, subindex), values)
             }
@@ -176,6 +180,7 @@ check() {
     case $2 in
     bits) [ $((value & $3)) -eq $(($3)) ] ;;
     any) [ $((value & $3)) -ne 0 ] ;;
+    masked) [ $((value & ${3#* })) -eq $((${3% *})) ] ;;
     of) case " $3 " in *" $value "*) ;; *) false ;; esac ;;
     *) [ "$value" "$2" "$3" ] ;;
     esac || { echo "$4: reads $value, expected $2 $3" >&2; exit 1; }
@@ -206,6 +211,7 @@ fn ethercat(steps: &[StartupStep], place: SlaveAddress) -> String {
                         let values: Vec<_> = values.iter().map(ToString::to_string).collect();
                         ("of", values.join(" "))
                     }
+                    Expectation::Masked { value, mask } => ("masked", format!("{value} {mask}")),
                 };
                 let ty = expected_type(index, subindex);
                 writeln!(

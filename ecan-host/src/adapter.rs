@@ -18,7 +18,7 @@ use crate::mapping;
 use crate::master::{DomainId, Master, SlaveConfigId};
 use crate::plan::Plan;
 use crate::real_time::{CycleStart, CycleStatistics, CycleTimer, CycleTiming};
-use crate::startup::{StartupPlan, StartupStep, run_steps};
+use crate::startup::{StartupPlan, StartupStep};
 use crate::stop::StopCheck;
 
 /// Where an [`Adapter`] is in its life.
@@ -204,7 +204,7 @@ impl Adapter {
         let settings =
             self.config.slaves.get(slave).copied().ok_or(Error::SlaveIndex { slave, count })?;
         let steps = self.startup.steps(&self.config, slave);
-        run_steps(&self.diagnostics, slave, &steps)?;
+        self.diagnostics.run_startup(slave, &steps, |_| {})?;
         let (rx_n, tx_n) = (settings.rx_multiplier, settings.tx_multiplier);
         let rx_units = mapping::read_mapping(&self.diagnostics, slave, Direction::RxPdo, rx_n)?;
         let tx_units = mapping::read_mapping(&self.diagnostics, slave, Direction::TxPdo, tx_n)?;

@@ -1,7 +1,7 @@
 //! A second, unreserved handle for state and SDO transfers beside the cycle.
 
 use ecan_protocol::device::AlState;
-use ecrt_sys::Ecrt;
+use ecrt_sys::{Clock, Ecrt};
 
 use crate::config::AdapterConfig;
 use crate::error::{Error, SdoDirection};
@@ -44,6 +44,10 @@ impl Diagnostics {
         diagnostics.places =
             (0..count).filter_map(|at| Some((0, u16::try_from(at).ok()?))).collect();
         Ok(diagnostics)
+    }
+
+    pub(crate) fn clock(&self) -> &dyn Clock {
+        self.master.ecrt().clock().as_ref()
     }
 
     /// Number of slaves that it knows.

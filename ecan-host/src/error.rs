@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use ecan_protocol::device::{AlState, Recognition};
 use ecan_protocol::object::{AbortCode, describe};
+use ecan_protocol::sequence::Expectation;
 use ecrt_sys::Errno;
 use thiserror::Error;
 
@@ -12,7 +13,6 @@ use crate::config::{ConfigFault, Faults, Identity};
 use crate::cycle::CycleError;
 use crate::master::{OpenError, SdoError};
 use crate::operation_report::NotOperational;
-use crate::startup::Expectation;
 
 /// Direction of an SDO transfer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -305,7 +305,7 @@ fn sdo_cause(abort_code: &Option<AbortCode>, errno: &Errno) -> String {
 
 fn expected_words(index: u16, subindex: u8, expected: Expectation) -> String {
     match expected {
-        Expectation::Equals(value) => value_words(index, subindex, value),
+        Expectation::Equals(value) => value_words(index, subindex, value as u32),
         other => other.to_string(),
     }
 }

@@ -48,6 +48,7 @@ pub use cycle::{CycleError, Delivery, DomainReport};
 pub use diagnose::run_in_parallel;
 pub use diagnostics::Diagnostics;
 pub use domain_layout::{DomainLayout, LogicalCommand, MAX_DATAGRAM_BYTES, MAX_PLAIN_MULTIPLIER};
+pub use ecan_protocol::sequence::Expectation;
 pub use error::{Error, SdoDirection, value_words};
 pub use maintenance::{Maintenance, MaintenanceError};
 pub use master::{
@@ -69,7 +70,7 @@ pub use real_time::{
 };
 pub use recognition::{IdentificationError, SlaveKind, SlaveQuery, denies_object, slave_kinds};
 pub use requests::RequestId;
-pub use startup::{Expectation, StartupPlan, StartupStep};
+pub use startup::{StartupPlan, StartupStep};
 
 pub use ecrt_sys::{
     Clock, ECRT_VARIABLE, Ecrt, EcrtSetting, EnvironmentError, Errno, LoadError, MonotonicClock,

@@ -8,7 +8,7 @@ use ecan_protocol::mapping::Direction;
 use crate::adapter::{Adapter, Slave};
 use crate::diagnostics::Diagnostics;
 use crate::error::{Error, al_state_words};
-use crate::startup::{StartupStep, run_steps};
+use crate::startup::StartupStep;
 
 /// One slave that is not in OP, with everything the master can tell about it.
 #[derive(Debug)]
@@ -106,7 +106,7 @@ impl NotOperational {
             .collect();
         move |diagnostics| {
             let failure = |(slave, steps): &(usize, Vec<StartupStep>)| {
-                run_steps(diagnostics, *slave, steps).err().map(|error| (*slave, error))
+                diagnostics.run_startup(*slave, steps, |_| {}).err().map(|error| (*slave, error))
             };
             work.iter().filter_map(failure).collect()
         }

@@ -12,7 +12,7 @@ use crate::verification::profile_readback;
 
 const STATUS_OK: u32 = 0;
 /// Support of header version 1, bit 1 of 0xF000:09.
-const HEADER_VERSION_1: u32 = 1 << 1;
+const HEADER_VERSION_1: u64 = 1 << 1;
 
 impl PortConfig {
     /// The startup steps that each gateway needs: capability checks, PDO profiles with readback,
@@ -54,17 +54,17 @@ fn push_capabilities(
     let channels = 8 - gateway.channel_mask().leading_zeros();
     let profiles = (1 << rx.profile.raw()) | (1 << tx.profile.raw());
     let options = rx.options.with(tx.options);
-    let least = u32::from(rx.multiplier.min(tx.multiplier));
-    let most = u32::from(rx.multiplier.max(tx.multiplier));
+    let least = u64::from(rx.multiplier.min(tx.multiplier));
+    let most = u64::from(rx.multiplier.max(tx.multiplier));
     let capabilities = [
-        (2, AtLeast(channels)),
+        (2, AtLeast(channels.into())),
         (9, HasBits(HEADER_VERSION_1)),
         (10, AtMost(least)),
         (11, AtLeast(most)),
         (12, HasBits(profiles)),
-        (15, HasBits(u32::from(options.bits()))),
-        (17, Equals(CHUNK_BYTES as u32)),
-        (18, Equals(HEADER_BYTES as u32)),
+        (15, HasBits(options.bits().into())),
+        (17, Equals(CHUNK_BYTES as u64)),
+        (18, Equals(HEADER_BYTES as u64)),
     ];
     for (subindex, expected) in capabilities {
         steps.push(StartupStep::Expect { index: Capabilities::INDEX, subindex, expected });

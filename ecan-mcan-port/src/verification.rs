@@ -125,7 +125,7 @@ impl Check {
                 }
             }
             Self::Expect { index, subindex, expected } => {
-                if expected.is_met_by(found) {
+                if expected.is_met_by(found.into()) {
                     Ok(())
                 } else {
                     Err(VerificationFault::Readback { index, subindex, expected, found })
@@ -145,7 +145,7 @@ impl Check {
 
 /// Status values of 0x8010 and 0x8011 that a profile in use may show (manual 13.2): a parsing error
 /// or an overflow of the past says nothing against it.
-const IN_USE: &[u32] = &[0, 7, 8];
+const IN_USE: &[u64] = &[0, 7, 8];
 /// The state bits of a channel status word (manual 7); all clear is disabled.
 const STATE_BITS: u32 = 0b111;
 
@@ -165,18 +165,18 @@ pub(crate) fn checks(config: &GatewayConfig, [tx, rx]: [PdoProfile; 2], serial: 
         let expected = Expectation::OneOf(IN_USE);
         checks.push(Check::Expect { index, subindex: 2, expected });
         for (subindex, value) in profile_readback(&profile) {
-            let expected = Expectation::Equals(value);
+            let expected = Expectation::Equals(value.into());
             checks.push(Check::Expect { index, subindex, expected });
         }
         checks.push(Check::LayoutCrc { direction: nth, index });
     }
     for (channel, settings) in (0..).zip(&config.channels) {
         let Some(settings) = settings else { continue };
-        let expected = Expectation::Equals(STATUS_OK);
+        let expected = Expectation::Equals(STATUS_OK.into());
         checks.push(Check::Expect { index: 0x8001 + channel, subindex: 2, expected });
-        let expected = Expectation::HasAny(STATE_BITS);
+        let expected = Expectation::HasAny(STATE_BITS.into());
         checks.push(Check::Expect { index: 0x9000 + channel, subindex: 9, expected });
-        let expected = Expectation::Equals(settings.data_path.active_word());
+        let expected = Expectation::Equals(settings.data_path.active_word().into());
         checks.push(Check::Expect { index: 0x8021 + channel, subindex: 20, expected });
     }
     checks

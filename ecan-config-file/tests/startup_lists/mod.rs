@@ -188,7 +188,8 @@ pub fn run_script(
             | Expectation::AtLeast(value)
             | Expectation::AtMost(value)
             | Expectation::HasBits(value)
-            | Expectation::HasAny(value) => value,
+            | Expectation::HasAny(value)
+            | Expectation::Masked { value, .. } => value,
             Expectation::OneOf(values) => values[0],
         };
         let value = if wrong == Some((index, subindex)) { 0 } else { value };

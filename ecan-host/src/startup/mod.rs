@@ -1,8 +1,8 @@
 //! Startup of the slaves: steps that the Adapter executes in PREOP.
 
+mod blocking;
 mod startup_plan;
 mod startup_step;
 
 pub use startup_plan::StartupPlan;
-pub(crate) use startup_plan::run_steps;
-pub use startup_step::{Expectation, StartupStep};
+pub use startup_step::StartupStep;

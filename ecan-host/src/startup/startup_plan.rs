@@ -10,8 +10,6 @@ use ecan_protocol::mapping::Direction;
 
 use super::startup_step::StartupStep;
 use crate::config::AdapterConfig;
-use crate::diagnostics::Diagnostics;
-use crate::error::Error;
 
 /// Startup steps that the layer above the Adapter needs, for each slave: what an MCAN Port makes of
 /// its configuration. Empty by default.
@@ -59,30 +57,6 @@ impl StartupPlan {
     pub(crate) fn download_count(&self, config: &AdapterConfig, slave: usize) -> usize {
         self.steps(config, slave).iter().filter(|step| step.is_download()).count()
     }
-}
-
-/// Executes steps with blocking transfers.
-pub(crate) fn run_steps(
-    diagnostics: &Diagnostics,
-    slave: usize,
-    steps: &[StartupStep],
-) -> Result<(), Error> {
-    for step in steps {
-        match *step {
-            StartupStep::Download(sdo) => {
-                let (bytes, length) = sdo.bytes();
-                let data = bytes.get(..length).unwrap_or_default();
-                diagnostics.sdo_download(slave, sdo.index, sdo.subindex, data)?;
-            }
-            StartupStep::Expect { index, subindex, expected } => {
-                let found = diagnostics.sdo_upload_u32(slave, index, subindex)?;
-                if !expected.is_met_by(found) {
-                    return Err(Error::Readback { slave, index, subindex, expected, found });
-                }
-            }
-        }
-    }
-    Ok(())
 }
 
 #[cfg(test)]
