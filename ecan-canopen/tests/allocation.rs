@@ -19,9 +19,9 @@ use ecan_sim::{ClockKind, SimOptions};
 fn forty_nodes_in_transfers_allocate_nothing() {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(ecan_sim::echo(3), &options).unwrap();
-    let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
+    let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
     let adapter = AdapterConfig::new(3).with_cycle(Duration::from_millis(2));
-    let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(3, gateway)).unwrap();
+    let mut port = Port::open(&backend.ecrt, (adapter, PortConfig::uniform(3, gateway))).unwrap();
     port.wait_ready().unwrap();
 
     let host = HostHeartbeat { node: NodeId::MAX, period: Duration::from_millis(20) };

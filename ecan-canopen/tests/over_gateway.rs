@@ -24,9 +24,9 @@ const READY: Duration = Duration::from_secs(20);
 fn open(scenario: Scenario, adapter: AdapterConfig, slaves: usize) -> (Port, Simulation) {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
-    let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
+    let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
     let config = PortConfig::uniform(slaves, gateway);
-    let mut port = Port::open(&backend.ecrt, adapter, config).unwrap_or_else(|e| panic!("{e}"));
+    let mut port = Port::open(&backend.ecrt, (adapter, config)).unwrap_or_else(|e| panic!("{e}"));
     port.wait_ready().unwrap_or_else(|e| panic!("{e}"));
     (port, backend.simulation.unwrap())
 }
@@ -249,7 +249,7 @@ fn a_bus_that_is_not_active_is_reported_at_once() {
     let backend = ecan_sim::open_scenario(ecan_sim::echo(1), &options).unwrap();
     let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
     let config = PortConfig::uniform(1, gateway);
-    let mut port = Port::open(&backend.ecrt, AdapterConfig::new(1), config).unwrap();
+    let mut port = Port::open(&backend.ecrt, (AdapterConfig::new(1), config)).unwrap();
     let mut network = Network::new(NetworkConfig::default());
     let node = network.add_node(address(0, 0, 1), NodeConfig::default()).unwrap();
     let error =

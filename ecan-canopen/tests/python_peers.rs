@@ -51,7 +51,8 @@ impl Client {
         let backend = open(scenario, ClockKind::Stepped);
         let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
         let adapter = AdapterConfig::new(1).with_cycle(CYCLE);
-        let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway)).unwrap();
+        let mut port =
+            Port::open(&backend.ecrt, (adapter, PortConfig::uniform(1, gateway))).unwrap();
         port.wait_ready().unwrap();
         let mut network = Network::new(NetworkConfig::default());
         let settings = NodeConfig {

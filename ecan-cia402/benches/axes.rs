@@ -51,8 +51,8 @@ impl Bench {
         let adapter = AdapterConfig::new(slaves as u16)
             .with_multiplier(6)
             .with_cycle(Duration::from_millis(2));
-        let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
-        let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(slaves, gateway)).unwrap();
+        let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
+        let mut port = Port::open(&ecrt, (adapter, PortConfig::uniform(slaves, gateway))).unwrap();
         port.wait_ready().unwrap();
         let settings = (0..axes).map(axis).collect();
         let mut cia402 = Cia402::new(&port, settings, Cia402Config::default()).unwrap();

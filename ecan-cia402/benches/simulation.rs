@@ -115,9 +115,9 @@ impl Bench {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(ecan_sim::drives(1, 3), &options)?;
         let simulation = backend.simulation.ok_or("not a simulation")?;
-        let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(BITRATE));
+        let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(BITRATE));
         let adapter = AdapterConfig::new(1).with_cycle(Duration::from_micros(case.cycle_us.into()));
-        let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway))?;
+        let mut port = Port::open(&backend.ecrt, (adapter, PortConfig::uniform(1, gateway)))?;
         port.wait_ready()?;
         let axes = (0..AXES).map(|number| axis(number, (case.tpdos)(number)));
         let axes = axes.collect::<Fallible<Vec<_>>>()?;

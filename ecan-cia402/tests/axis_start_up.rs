@@ -103,7 +103,7 @@ fn a_table_that_does_not_fit_is_refused_with_every_fault() {
     let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
     let backend = ecan_sim::open_scenario(ecan_sim::drives(1, 4), &options).unwrap();
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, queue));
-    let port = Port::open(&backend.ecrt, AdapterConfig::new(1), config).unwrap();
+    let port = Port::open(&backend.ecrt, (AdapterConfig::new(1), config)).unwrap();
     let error = Cia402::new(&port, axes(1), Cia402Config::default()).unwrap_err();
     assert!(matches!(error, Cia402Error::TransmitQueue { axis: 0, .. }), "{error}");
     let error = Cia402::new(&port, vec![axis(0, 1, 1)], Cia402Config::default()).unwrap_err();

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use ecan_host::{AdapterConfig, ClockSource, DcSync, MAX_SLAVES, MAX_STARTUP_STEPS};
-use ecan_mcan_port::PortConfig;
+use ecan_mcan_port::{MAX_FILTERS, PortConfig};
 
 use crate::ConfigFile;
 use crate::document::{Document, Table};
@@ -34,15 +34,21 @@ pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Con
         adapter.dc = Some(read_dc(document, dc, adapter.cycle_ns()));
     }
     for (at, gateway) in table.tables(document, "gateway").into_iter().enumerate() {
-        let (slave, gateway, startup) = gateway::read(document, gateway, at);
-        let steps = startup.into_iter().map(|step| adapter.add_startup(at, step));
-        if steps.collect::<Result<(), _>>().and_then(|()| adapter.slaves.push(slave)).is_err() {
-            let text =
-                format!("more than {MAX_SLAVES} gateways or {MAX_STARTUP_STEPS} startup SDOs");
+        let read = gateway::read(document, gateway, at);
+        let startup = read.startup.into_iter().map(|step| adapter.add_startup(at, step));
+        let filters = read.filters.into_iter();
+        let filters = filters.map(|(channel, filter)| port.add_filter(at, channel, filter));
+        let is_full = startup.chain(filters).any(|added| added.is_err())
+            || adapter.slaves.push(read.slave).is_err()
+            || port.gateways.push(read.gateway).is_err();
+        if is_full {
+            let text = format!(
+                "too many gateways, startup SDOs or filters; allowed: {MAX_SLAVES} gateways, \
+                 {MAX_STARTUP_STEPS} startup SDOs, {MAX_FILTERS} filters"
+            );
             table.fault(document, "gateway", text);
             break;
         }
-        port.gateways.push(gateway);
     }
     table.finish(document);
     ConfigFile { adapter, port }

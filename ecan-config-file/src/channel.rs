@@ -1,6 +1,6 @@
 //! One channel of a file: bit rates, mode, Message RAM, filters and data path.
 
-use ecan_mcan_port::{ChannelConfig, Traffic};
+use ecan_mcan_port::{AcceptanceFilter, ChannelConfig, Traffic};
 use ecan_protocol::config::{ConfigObject, McanChannelConfig, MessageRamLayout};
 
 use crate::document::{Document, Table};
@@ -10,7 +10,10 @@ use crate::idle_keys;
 
 const CHANNEL: u16 = McanChannelConfig::INDEX;
 
-pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> ChannelConfig {
+pub(crate) fn read(
+    document: &mut Document<'_>,
+    mut table: Table<'_, '_>,
+) -> (ChannelConfig, Vec<AcceptanceFilter>) {
     // A missing or wrong bit rate is already a fault; the rest is read with another one.
     let bitrate = fields::read_entry(document, &mut table, "bitrate", (CHANNEL, 19));
     if !table.has("bitrate") {
@@ -45,11 +48,12 @@ pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Cha
         fields::read(document, &mut policy, "", &mut config.data_path);
         policy.finish(document);
     }
-    config.standard_filters = filter::read_standard(document, &mut table);
-    config.extended_filters = filter::read_extended(document, &mut table);
+    let standard = filter::read_standard(document, &mut table).into_iter().map(Into::into);
+    let extended = filter::read_extended(document, &mut table).into_iter().map(Into::into);
+    let filters = standard.chain(extended).collect();
     idle_keys::check(document, &table, &config.can);
     table.finish(document);
-    config
+    (config, filters)
 }
 
 fn read_traffic(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Traffic {

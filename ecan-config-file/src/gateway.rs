@@ -1,7 +1,7 @@
 //! One gateway of a file.
 
 use ecan_host::{Identity, SlaveConfig, StartupStep};
-use ecan_mcan_port::{GatewayConfig, MarginCheck, ScheduleConfig};
+use ecan_mcan_port::{AcceptanceFilter, GatewayConfig, MarginCheck, ScheduleConfig};
 use ecan_protocol::config::DataPathGlobal;
 use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{Direction, MAX_MULTIPLIER};
@@ -16,11 +16,19 @@ pub(crate) const CHANNEL_TABLES: [&str; ecan_protocol::mapping::CHANNELS] =
 
 const N: (u32, u32) = (1, MAX_MULTIPLIER as u32);
 
+/// A gateway with its startup steps, and its filters by channel.
+pub(crate) struct ReadGateway {
+    pub(crate) slave: SlaveConfig,
+    pub(crate) gateway: GatewayConfig,
+    pub(crate) startup: Vec<StartupStep>,
+    pub(crate) filters: Vec<(u8, AcceptanceFilter)>,
+}
+
 pub(crate) fn read(
     document: &mut Document<'_>,
     mut table: Table<'_, '_>,
     at: usize,
-) -> (SlaveConfig, GatewayConfig, Vec<StartupStep>) {
+) -> ReadGateway {
     // Without `alias` and `position` in the file, the gateways are the first slaves of the bus.
     let mut slave = SlaveConfig::at(u16::try_from(at).unwrap_or(u16::MAX), 3);
     let mut gateway = GatewayConfig::default();
@@ -69,11 +77,16 @@ pub(crate) fn read(
     if let Some(global) = table.table(document, "data_path") {
         startup = global_steps(document, global);
     }
-    for (key, place) in CHANNEL_TABLES.into_iter().zip(&mut gateway.channels) {
-        *place = table.table(document, key).map(|table| channel::read(document, table));
+    let mut filters = Vec::new();
+    let channels = CHANNEL_TABLES.into_iter().zip(&mut gateway.channels);
+    for (channel, (key, place)) in (0..).zip(channels) {
+        let Some(table) = table.table(document, key) else { continue };
+        let (config, own) = channel::read(document, table);
+        *place = Some(config);
+        filters.extend(own.into_iter().map(|filter| (channel, filter)));
     }
     table.finish(document);
-    (slave, gateway, startup)
+    ReadGateway { slave, gateway, startup, filters }
 }
 
 fn read_identity(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Option<Identity> {

@@ -11,7 +11,7 @@
 //! # let ecrt = ecan_sim::open(&setting, &SimOptions::default())?.ecrt;
 //! // `ecrt` is the loaded library, `path` the file.
 //! let file = ecan_config_file::load(path)?;
-//! let port = ecan_mcan_port::Port::open(&ecrt, file.adapter, file.port)?;
+//! let port = ecan_mcan_port::Port::open(&ecrt, (file.adapter, file.port))?;
 //! assert_eq!(port.slave_count(), 1);
 //! # Ok(()) }
 //! ```

@@ -1,6 +1,6 @@
 //! What a file says that works, but not for every frame.
 
-use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortPlan};
+use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortPlan};
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_protocol::config::{DataSize, FilterAction, NodeMode, NonMatch};
 use ecan_protocol::image::{BudgetPolicy, PdoProfile};
@@ -95,7 +95,7 @@ impl ConfigFile {
         for (slave, (gateway, images)) in self.port.gateways.iter().zip(&plan.gateways).enumerate()
         {
             for (channel, settings) in channels(gateway) {
-                warnings.extend(short_elements(slave, channel, settings));
+                warnings.extend(short_elements(slave, channel, settings, &self.port));
                 let Some(frame) = largest_frame(settings.can.fd) else { continue };
                 for image in [&images.rx, &images.tx] {
                     let direction = image.direction;
@@ -146,10 +146,11 @@ fn short_elements(
     slave: usize,
     channel: u8,
     settings: &ChannelConfig,
-) -> impl Iterator<Item = FileWarning> {
+    config: &PortConfig,
+) -> impl Iterator<Item = FileWarning> + use<> {
     let (can, ram) = (&settings.can, &settings.can.ram);
-    let standard = settings.standard_filters.iter().map(|filter| filter.action);
-    let extended = settings.extended_filters.iter().map(|filter| filter.action);
+    let standard = config.standard_filters(slave, channel).into_iter().map(|it| it.action);
+    let extended = config.extended_filters(slave, channel).into_iter().map(|it| it.action);
     let actions: Vec<FilterAction> = standard.chain(extended).collect();
     let takes = |non_match, wanted: fn(FilterAction) -> bool| {
         [can.non_match_standard, can.non_match_extended].map(Some).contains(&non_match)

@@ -44,7 +44,7 @@ fn what_is_applied_is_found_again_and_lives_through_a_power_cycle_once_saved() {
         assert!(kept.is_empty(), "{kept:?}");
     }
     // What the master sets at each start comes with it.
-    let mut port = Port::open(&bench.ecrt, file.adapter.clone(), file.port.clone()).unwrap();
+    let mut port = Port::open(&bench.ecrt, (file.adapter.clone(), file.port.clone())).unwrap();
     let adapter: &mut Adapter = port.adapter_mut();
     let bus = adapter.diagnostics();
     for slave in 0..2 {
@@ -173,7 +173,7 @@ fn two_gateways_of_a_file_are_never_one_slave() {
 #[test]
 fn a_gateway_in_op_is_left_alone() {
     let (bench, file) = (bench(2), two());
-    let mut port = Port::open(&bench.ecrt, file.adapter.clone(), file.port.clone()).unwrap();
+    let mut port = Port::open(&bench.ecrt, (file.adapter.clone(), file.port.clone())).unwrap();
     let adapter = port.adapter_mut();
     adapter.activate().unwrap();
     for _ in 0..3_000 {

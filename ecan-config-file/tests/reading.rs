@@ -163,7 +163,7 @@ fn values_reach_their_fields() {
     assert_eq!(channel.can.ram.tx_data_size, MessageRamLayout::fd().tx_data_size);
     assert_eq!(channel.data_path.rx_drain_max, 5);
     assert_eq!(channel.data_path.tx_budget_max, DataPathConfig::for_traffic(8, 8).tx_budget_max);
-    let filter = channel.extended_filters[0];
+    let filter = file.port.extended_filters(0, 3)[0];
     assert_eq!(
         (filter.matching, filter.action),
         (ExtendedMatch::RangeUnmasked, FilterAction::PriorityFifo1)

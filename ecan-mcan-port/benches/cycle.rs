@@ -105,7 +105,7 @@ impl Bench {
     fn new(case: &'static Case) -> Self {
         let gateway = GatewayConfig {
             paced: false,
-            ..GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000))
+            ..GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000))
         };
         let profile = |direction| gateway.profile(direction, case.multiplier);
         let frames: Vec<_> = (0..case.frames).map(frame).collect();
@@ -115,7 +115,7 @@ impl Bench {
         let ecrt = ecan_null_master::open(ecan_sim::echo(case.slaves)).unwrap();
         let adapter = AdapterConfig::new(case.slaves as u16).with_multiplier(case.multiplier);
         let config = PortConfig::uniform(case.slaves, gateway);
-        let mut port = Port::open(&ecrt, adapter, config).unwrap();
+        let mut port = Port::open(&ecrt, (adapter, config)).unwrap();
         port.wait_ready().unwrap();
         for (slave, codec) in codecs.iter().enumerate() {
             let image = port.adapter().tx_pdo(slave);

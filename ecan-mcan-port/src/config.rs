@@ -1,176 +1,74 @@
-//! What the Port is told about each gateway: plain data.
+//! Configuration of a whole bus: the Adapter's part and the Port's.
 
-use ecan_protocol::config::{DataPathConfig, ExtendedFilter, McanChannelConfig, StandardFilter};
-use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags, PdoProfile};
-use ecan_protocol::mapping::{CHANNELS, Direction};
+use std::time::Duration;
 
-use crate::schedule_settings::ScheduleConfig;
+use ecan_host::{AdapterConfig, Faults, SlaveConfig};
 
-/// Frames per cycle that a channel is expected to carry, for the gateway's data-path budgets
-/// (0x8021..0x8024, manual 13.2.2).
+use crate::config_check::PortConfigFault;
+use crate::port_config::{GatewayConfig, MAX_GATEWAYS, PortConfig};
+
+/// Default N of a gateway: chunks of 128 bytes per direction.
+const DEFAULT_MULTIPLIER: u8 = 3;
+
+/// Configuration of a Port with its Adapter: plain data.
 ///
-/// The device's own default drains 2 received frames and sends 4 per service; more traffic than
-/// that stays in its caches and is lost there.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Traffic {
-    /// Frames received from the bus per cycle, at most 8 are drained.
-    pub received: u8,
-    /// Frames sent to the bus per cycle, at most 8 are served.
-    pub sent: u8,
+/// ```
+/// # use std::time::Duration;
+/// # use ecan_mcan_port::{ChannelConfig, Config, GatewayConfig};
+/// let channel = ChannelConfig::classic(1_000_000);
+/// let config = Config::new(Duration::from_millis(10))
+///     .with_gateway(GatewayConfig::on_channel(0, channel));
+/// assert!(config.check().is_ok());
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Config {
+    /// The EtherCAT side: master, cycle, slaves, distributed clocks.
+    pub adapter: AdapterConfig,
+    /// The CAN side: one gateway per slave, in the same order.
+    pub port: PortConfig,
+    /// Gateways that did not fit.
+    excess: usize,
 }
 
-impl Default for Traffic {
-    /// The most that the gateway serves.
-    fn default() -> Self {
-        Self { received: 8, sent: 8 }
-    }
-}
-
-/// One enabled CAN channel.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ChannelConfig {
-    /// Bit rates, mode, Message RAM and the other objects of 0x8001..0x8004 (manual 13.4).
-    pub can: McanChannelConfig,
-    /// Filters for 11-bit identifiers, in order; empty accepts by the non-match rule.
-    pub standard_filters: Vec<StandardFilter>,
-    /// Filters for 29-bit identifiers, in order; empty accepts by the non-match rule.
-    pub extended_filters: Vec<ExtendedFilter>,
-    /// Budgets and policies of 0x8021..0x8024 (manual 13.2.2).
-    pub data_path: DataPathConfig,
-    /// The traffic that budgets and Message RAM are made for.
-    pub traffic: Traffic,
-}
-
-impl ChannelConfig {
-    /// A classic CAN channel, with the Message RAM laid out for 8-byte frames.
-    pub fn classic(bitrate: u32) -> Self {
-        Self::new(McanChannelConfig::classic(bitrate))
+impl Config {
+    /// A bus without gateways, with this cycle.
+    pub fn new(cycle: Duration) -> Self {
+        let adapter = AdapterConfig::new(0).with_cycle(cycle);
+        Self { adapter, port: PortConfig::default(), excess: 0 }
     }
 
-    /// A CAN FD channel with bit rate switch and transmitter delay compensation (manual 14.3).
-    pub fn fd(nominal: u32, data: u32) -> Self {
-        Self::new(McanChannelConfig::fd(nominal, data))
+    /// Adds a gateway at the next position of the bus, with N = 3. At most [`MAX_GATEWAYS`];
+    /// [`check`](Self::check) reports more.
+    pub fn with_gateway(self, gateway: GatewayConfig) -> Self {
+        let position = self.adapter.slaves.len() as u16;
+        self.with_gateway_at(0, position, gateway)
     }
 
-    fn new(can: McanChannelConfig) -> Self {
-        let expected = Traffic::default();
-        Self {
-            can,
-            standard_filters: Vec::new(),
-            extended_filters: Vec::new(),
-            data_path: DataPathConfig::for_traffic(expected.received, expected.sent),
-            traffic: expected,
-        }
-    }
-
-    /// Sets data-path budgets, cache and the share of transmission in the Message RAM for the
-    /// traffic that is expected.
-    pub fn with_traffic(mut self, traffic: Traffic) -> Self {
-        self.traffic = traffic;
-        self.can.ram = self.can.ram.for_traffic(traffic.sent);
-        self.data_path = DataPathConfig::for_traffic(traffic.received, traffic.sent);
+    /// As [`with_gateway`](Self::with_gateway), at a position counted from the slave with a station
+    /// alias; alias 0 counts from the start of the bus.
+    pub fn with_gateway_at(mut self, alias: u16, position: u16, gateway: GatewayConfig) -> Self {
+        let slave = SlaveConfig { alias, ..SlaveConfig::at(position, DEFAULT_MULTIPLIER) };
+        let added = self.adapter.slaves.push(slave).and_then(|()| self.port.gateways.push(gateway));
+        self.excess += usize::from(added.is_err());
         self
     }
-}
 
-/// One gateway.
-#[derive(Debug, Clone, PartialEq)]
-pub struct GatewayConfig {
-    /// The channels; `None` leaves one out of the channel masks.
-    pub channels: [Option<ChannelConfig>; CHANNELS],
-    /// Packet profile of the TxPDO, 0x8010:05 (manual 9).
-    pub tx_encapsulation: EncapsulationProfile,
-    /// Packet profile of the RxPDO, 0x8011:05.
-    pub rx_encapsulation: EncapsulationProfile,
-    /// How channels share the TxPDO, 0x8010:06 (manual 12).
-    pub tx_budget: BudgetPolicy,
-    /// How channels share the RxPDO, 0x8011:06. The Port itself does not limit channels by it.
-    pub rx_budget: BudgetPolicy,
-    /// Options of the TxPDO, 0x8010:07 (manual 9.1). [`OptionFlags::TX_RESULT`] asks for the
-    /// outcome of every frame sent.
-    pub tx_options: OptionFlags,
-    /// Options of the RxPDO, 0x8011:07.
-    pub rx_options: OptionFlags,
-    /// Refuse frames, as "no room", that would overrun the gateway's transmit queue or meet a
-    /// channel that is bus-off.
+    /// Checks the configuration without accessing the bus.
     ///
-    /// Off, the queue drops what it cannot hold, by the channel's TX overflow policy.
-    pub paced: bool,
-    /// Images in a row that may miss the gateway before the session counts as lost: pending
-    /// frames are discarded, and nothing is sent until the gateway has been verified again.
-    pub hold_limit: u16,
-    /// Cycles in a row that may bring no new TxPDO image before the session counts as lost; 0 for
-    /// no limit.
-    pub input_limit: u16,
-    /// Scheduled transmission: margin, and how the gateway is watched.
-    pub schedule: ScheduleConfig,
-    /// Permits the application bypass and the tests of 0x8030, which cut the CAN side off.
-    pub allow_diagnostic_tests: bool,
-}
-
-impl Default for GatewayConfig {
-    /// No channel enabled, profile 0, no options: the manual's base (5.4.3).
-    fn default() -> Self {
-        Self {
-            channels: [const { None }; CHANNELS],
-            tx_encapsulation: EncapsulationProfile::default(),
-            rx_encapsulation: EncapsulationProfile::default(),
-            tx_budget: BudgetPolicy::Balanced,
-            rx_budget: BudgetPolicy::Balanced,
-            tx_options: OptionFlags::default(),
-            rx_options: OptionFlags::default(),
-            paced: true,
-            hold_limit: 10,
-            input_limit: 100,
-            schedule: ScheduleConfig::default(),
-            allow_diagnostic_tests: false,
+    /// # Errors
+    /// Every fault of both parts.
+    pub fn check(&self) -> Result<(), Faults<PortConfigFault>> {
+        let mut faults = self.port.check(&self.adapter).err().map_or_else(Vec::new, |it| it.0);
+        if self.excess > 0 {
+            let count = MAX_GATEWAYS + self.excess;
+            faults.push(PortConfigFault::TooManyGateways { count });
         }
+        Faults::check(faults)
     }
 }
 
-impl GatewayConfig {
-    /// The same settings on all four channels.
-    pub fn on_all_channels(settings: &ChannelConfig) -> Self {
-        Self { channels: std::array::from_fn(|_| Some(settings.clone())), ..Self::default() }
-    }
-
-    /// One channel, the others left out. A channel beyond the gateway's four enables none.
-    pub fn on_channel(channel: u8, settings: ChannelConfig) -> Self {
-        let mut config = Self::default();
-        if let Some(place) = config.channels.get_mut(usize::from(channel)) {
-            *place = Some(settings);
-        }
-        config
-    }
-
-    /// Bit mask of the enabled channels.
-    pub fn channel_mask(&self) -> u8 {
-        self.channels
-            .iter()
-            .enumerate()
-            .fold(0, |mask, (channel, settings)| mask | u8::from(settings.is_some()) << channel)
-    }
-
-    /// The PDO profile of a direction with N = `multiplier`.
-    pub fn profile(&self, direction: Direction, multiplier: u8) -> PdoProfile {
-        let (profile, budget, options) = match direction {
-            Direction::TxPdo => (self.tx_encapsulation, self.tx_budget, self.tx_options),
-            Direction::RxPdo => (self.rx_encapsulation, self.rx_budget, self.rx_options),
-        };
-        PdoProfile { multiplier, channel_mask: self.channel_mask(), profile, budget, options }
-    }
-}
-
-/// The gateways, in the order of the Adapter's slaves.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct PortConfig {
-    /// One entry per slave.
-    pub gateways: Vec<GatewayConfig>,
-}
-
-impl PortConfig {
-    /// `count` gateways with the same configuration.
-    pub fn uniform(count: usize, gateway: GatewayConfig) -> Self {
-        Self { gateways: vec![gateway; count] }
+impl From<(AdapterConfig, PortConfig)> for Config {
+    fn from((adapter, port): (AdapterConfig, PortConfig)) -> Self {
+        Self { adapter, port, excess: 0 }
     }
 }

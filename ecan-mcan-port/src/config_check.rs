@@ -6,8 +6,8 @@ use ecan_protocol::image::{OptionFlags, ProfileError};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 use thiserror::Error;
 
-use crate::config::{GatewayConfig, PortConfig, Traffic};
 use crate::plan::{PortPlanError, budget};
+use crate::port_config::{GatewayConfig, MAX_GATEWAYS, PortConfig, Traffic};
 
 /// One thing that is wrong with the configuration of a Port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Error)]
@@ -23,6 +23,12 @@ pub enum PortConfigFault {
         gateways: usize,
         /// Slaves configured.
         slaves: usize,
+    },
+    /// More gateways than a configuration holds.
+    #[error("{count} gateways are too many; allowed: at most {MAX_GATEWAYS}")]
+    TooManyGateways {
+        /// Number of gateways.
+        count: usize,
     },
     /// A gateway without an enabled channel.
     #[error("slave {slave}: no channel is enabled")]
@@ -114,7 +120,7 @@ impl PortConfig {
             for (direction, multiplier) in sizes {
                 check_profile(slave, gateway, direction, multiplier, &mut faults);
             }
-            check_channels(slave, gateway, &mut faults);
+            check_channels(slave, gateway, self, &mut faults);
         }
         Faults::check(faults)
     }
@@ -139,7 +145,12 @@ fn check_profile(
     }
 }
 
-fn check_channels(slave: usize, gateway: &GatewayConfig, faults: &mut Vec<PortConfigFault>) {
+fn check_channels(
+    slave: usize,
+    gateway: &GatewayConfig,
+    config: &PortConfig,
+    faults: &mut Vec<PortConfigFault>,
+) {
     if gateway.channel_mask() == 0 {
         faults.push(PortConfigFault::NoChannel { slave });
     }
@@ -159,8 +170,8 @@ fn check_channels(slave: usize, gateway: &GatewayConfig, faults: &mut Vec<PortCo
         faults.extend(unserved.map(PortConfigFault::Plan));
         check_filters(
             &settings.can,
-            &settings.standard_filters,
-            &settings.extended_filters,
+            &config.standard_filters(slave, channel),
+            &config.extended_filters(slave, channel),
             &mut |fault| faults.push(PortConfigFault::Filter { slave, channel, fault }),
         );
     }

@@ -6,7 +6,7 @@ use ecan_protocol::device::Capabilities;
 use ecan_protocol::image::{ImageReader, ImageWriter, OptionFlags};
 use ecan_protocol::mapping::{CHANNELS, Direction};
 
-use crate::config::GatewayConfig;
+use crate::port_config::GatewayConfig;
 use crate::receiver::Receiver;
 use crate::schedule_margin::ScheduleTimes;
 use crate::schedule_settings::ScheduleConfig;

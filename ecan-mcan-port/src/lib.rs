@@ -27,6 +27,7 @@ mod phase_sweep;
 mod phase_table;
 mod plan;
 mod port;
+mod port_config;
 mod received;
 mod received_items;
 mod receiver;
@@ -47,7 +48,7 @@ mod verification;
 mod wait;
 
 pub use address::{AddressError, ChannelHandle, GatewayHandle};
-pub use config::{ChannelConfig, GatewayConfig, PortConfig, Traffic};
+pub use config::Config;
 pub use config_check::PortConfigFault;
 pub use cycle::{Cycle, CycleSummary, MAX_FAILED_CYCLES};
 pub use error::PortError;
@@ -58,6 +59,10 @@ pub use plan::{
     ImagePlan, PortPlan, PortPlanError, PortWarning,
 };
 pub use port::Port;
+pub use port_config::{
+    AcceptanceFilter, ChannelConfig, ChannelFilter, GatewayConfig, MAX_FILTERS, MAX_GATEWAYS,
+    PortConfig, Traffic,
+};
 pub use received::{ReceiveSource, Received, ReceivedFrame, ReceivedView, TransmitReport};
 pub use received_items::ReceivedItems;
 pub use report::{CycleReport, ImageReport};

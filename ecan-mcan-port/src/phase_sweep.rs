@@ -145,7 +145,7 @@ impl Port {
         mut cycle: impl FnMut(&mut Self, u32) -> Result<(), E>,
         mut progress: impl FnMut(&PhasePoint),
     ) -> Result<PhaseTable, E> {
-        let (before, config) = (self.adapter.config().clone(), self.config().clone());
+        let (before, config) = (self.adapter.config().clone(), *self.config());
         let dc = before.dc.ok_or(PortError::NoSync0)?;
         sweep.check(dc.cycle_ns).map_err(PortError::from)?;
         let mut table = PhaseTable {
@@ -158,7 +158,7 @@ impl Port {
         'sweep: for &shift_ns in &sweep.shifts_ns {
             let mut adapter = before.clone();
             adapter.dc = Some(ecan_host::DcSync { shift_ns, ..dc });
-            let ready = self.reconfigure(adapter, config.clone()).and_then(|()| self.wait_ready());
+            let ready = self.reconfigure((adapter, config)).and_then(|()| self.wait_ready());
             for &offset_ns in &sweep.offsets_ns {
                 let mut point = PhasePoint { shift_ns, offset_ns, ..PhasePoint::default() };
                 match &ready {
@@ -174,7 +174,7 @@ impl Port {
                 table.points.push(point);
             }
         }
-        let restored = self.reconfigure(before, config).and_then(|()| self.wait_ready());
+        let restored = self.reconfigure((before, config)).and_then(|()| self.wait_ready());
         end?;
         restored?;
         Ok(table)

@@ -1,14 +1,15 @@
 //! The Port: opening, reconfiguration and the state of its gateways.
 
-use ecan_host::{Adapter, AdapterConfig, CycleError, Ecrt, Phase};
+use ecan_host::{Adapter, CycleError, Ecrt, Phase};
 use ecan_protocol::device::Capabilities;
 use ecan_protocol::image::{ChannelStatus, ParseDiagnosis};
 use ecan_protocol::mapping::CHANNELS;
 
 use crate::address::{AddressError, ChannelHandle, GatewayHandle};
-use crate::config::PortConfig;
+use crate::config::Config;
 use crate::error::PortError;
 use crate::gateway::Gateway;
+use crate::port_config::PortConfig;
 use crate::report::CycleReport;
 use crate::schedule_account::ScheduleAccount;
 use crate::schedule_margin::{NotSchedulable, ScheduleMargin};
@@ -38,25 +39,23 @@ pub struct Port {
     pub(crate) skipped: u64,
     /// Failed cycles in a row.
     pub(crate) failed_cycles: u32,
-    config: PortConfig,
+    /// Boxed: a Port is moved by value when it is opened.
+    config: Box<PortConfig>,
 }
 
 impl Port {
-    /// Checks both configurations, opens the Adapter with the startup steps of the gateways, and
+    /// Checks the configuration, opens the Adapter with the startup steps of the gateways, and
     /// prepares the cycle. [`wait_ready`](Self::wait_ready) then starts the bus.
     ///
     /// Blocks, for seconds while slaves are being scanned.
     ///
     /// # Errors
     /// Any [`PortError`]; the master is released.
-    pub fn open(
-        ecrt: &Ecrt,
-        adapter: AdapterConfig,
-        config: PortConfig,
-    ) -> Result<Self, PortError> {
-        config.check(&adapter)?;
-        let startup = config.startup_plan(&adapter);
-        Self::new(Adapter::open(ecrt, adapter, startup)?, config)
+    pub fn open(ecrt: &Ecrt, config: impl Into<Config>) -> Result<Self, PortError> {
+        let config = config.into();
+        config.check()?;
+        let startup = config.port.startup_plan(&config.adapter);
+        Self::new(Adapter::open(ecrt, config.adapter, startup)?, config.port)
     }
 
     /// Creates a Port on an Adapter that is configured and not active yet, opened or attached, whose
@@ -88,7 +87,7 @@ impl Port {
                 receive_error: None,
                 skipped: 0,
                 failed_cycles: 0,
-                config,
+                config: Box::new(config),
             }),
             Err(error) => Err((Box::new(adapter), error)),
         }
@@ -101,14 +100,11 @@ impl Port {
     /// # Errors
     /// A faulty configuration changes nothing. After any other error no gateway is ready; call
     /// `reconfigure` again, for example with the old configuration.
-    pub fn reconfigure(
-        &mut self,
-        adapter: AdapterConfig,
-        config: PortConfig,
-    ) -> Result<(), PortError> {
-        config.check(&adapter)?;
-        let startup = config.startup_plan(&adapter);
-        let result = self.adapter.reconfigure(adapter, startup);
+    pub fn reconfigure(&mut self, config: impl Into<Config>) -> Result<(), PortError> {
+        let config = config.into();
+        config.check()?;
+        let startup = config.port.startup_plan(&config.adapter);
+        let result = self.adapter.reconfigure(config.adapter, startup);
         if self.adapter.phase() == Phase::Active {
             // The Adapter rejected it before it changed anything.
             return result.map_err(PortError::from);
@@ -118,8 +114,8 @@ impl Port {
         self.deadline_ns = None;
         self.sync0_phase = Sync0Phase::default();
         result?;
-        self.gateways = build_gateways(&mut self.adapter, &config)?;
-        self.config = config;
+        self.gateways = build_gateways(&mut self.adapter, &config.port)?;
+        *self.config = config.port;
         Ok(())
     }
 

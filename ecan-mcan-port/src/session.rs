@@ -9,7 +9,7 @@ use std::fmt;
 use ecan_host::{Adapter, Delivery, Error, RequestId, RequestState};
 use ecan_protocol::mapping::Direction;
 
-use crate::config::GatewayConfig;
+use crate::port_config::GatewayConfig;
 use crate::verification::{Check, SdoTransfer, VerificationFault, checks};
 
 /// Cycles between looks at the slave's state while it is in service.

@@ -7,7 +7,7 @@ use ecan_protocol::image::PdoProfile;
 use ecan_protocol::mapping::{CHANNELS, CHUNK_BYTES, Direction, HEADER_BYTES};
 use ecan_protocol::object::SdoWrite;
 
-use crate::config::{ChannelConfig, GatewayConfig, PortConfig};
+use crate::port_config::{ChannelConfig, GatewayConfig, PortConfig};
 use crate::verification::profile_readback;
 
 const STATUS_OK: u32 = 0;
@@ -22,7 +22,7 @@ impl PortConfig {
     /// Adapter yourself. A slave without a gateway entry has none.
     pub fn startup_plan(&self, adapter: &AdapterConfig) -> StartupPlan {
         let slaves = adapter.slaves.iter().zip(&self.gateways);
-        let steps = slaves.map(|(slave, gateway)| {
+        let steps = slaves.enumerate().map(|(index, (slave, gateway))| {
             let rx = gateway.profile(Direction::RxPdo, slave.rx_multiplier);
             let tx = gateway.profile(Direction::TxPdo, slave.tx_multiplier);
             let mut steps = Vec::with_capacity(400);
@@ -33,7 +33,11 @@ impl PortConfig {
             push_apply(&mut steps, Direction::RxPdo, &rx);
             for (channel, settings) in gateway.channels.iter().enumerate() {
                 if let Some(settings) = settings {
-                    push_channel(&mut steps, channel as u8, settings);
+                    let channel = channel as u8;
+                    let standard = self.standard_filters(index, channel);
+                    let extended = self.extended_filters(index, channel);
+                    let filters = filter_writes(channel, &standard, &extended);
+                    push_channel(&mut steps, channel, settings, filters);
                 }
             }
             steps
@@ -88,10 +92,15 @@ fn push_apply(steps: &mut Vec<StartupStep>, direction: Direction, profile: &PdoP
     steps.extend(readback.map(|(subindex, value)| StartupStep::expect(index, subindex, value)));
 }
 
-fn push_channel(steps: &mut Vec<StartupStep>, channel: u8, settings: &ChannelConfig) {
+fn push_channel(
+    steps: &mut Vec<StartupStep>,
+    channel: u8,
+    settings: &ChannelConfig,
+    filters: impl Iterator<Item = SdoWrite>,
+) {
     debug_assert!(usize::from(channel) < CHANNELS);
     steps.extend(settings.can.needed_writes(channel).map(StartupStep::Download));
-    push_filters(steps, channel, settings);
+    steps.extend(filters.map(StartupStep::Download));
     push_applied(steps, McanChannelConfig::apply_write(channel), 2);
     steps.extend(settings.data_path.writes(channel).map(StartupStep::Download));
     push_applied(steps, DataPathConfig::apply_write(channel), 3);
@@ -100,10 +109,4 @@ fn push_channel(steps: &mut Vec<StartupStep>, channel: u8, settings: &ChannelCon
 fn push_applied(steps: &mut Vec<StartupStep>, apply: SdoWrite, status_subindex: u8) {
     steps.push(StartupStep::Download(apply));
     steps.push(StartupStep::expect(apply.index, status_subindex, STATUS_OK));
-}
-
-/// The editing window of manual 13.4, entry by entry.
-fn push_filters(steps: &mut Vec<StartupStep>, channel: u8, settings: &ChannelConfig) {
-    let (standard, extended) = (&settings.standard_filters, &settings.extended_filters);
-    steps.extend(filter_writes(channel, standard, extended).map(StartupStep::Download));
 }

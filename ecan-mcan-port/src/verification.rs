@@ -10,7 +10,7 @@ use ecan_protocol::mapping::Direction;
 use ecan_protocol::object::{SdoWrite, describe};
 use thiserror::Error;
 
-use crate::config::GatewayConfig;
+use crate::port_config::GatewayConfig;
 
 const STATUS_OK: u32 = 0;
 

@@ -48,7 +48,7 @@ fn the_counter_counts() {
 #[test]
 fn full_images_allocate_nothing() {
     for paced in [true, false] {
-        let mut gateway = GatewayConfig::on_all_channels(&ChannelConfig::fd(1_000_000, 5_000_000));
+        let mut gateway = GatewayConfig::on_all_channels(ChannelConfig::fd(1_000_000, 5_000_000));
         gateway.tx_options = OptionFlags::TX_RESULT;
         gateway.paced = paced;
         let adapter =

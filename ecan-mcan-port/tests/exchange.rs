@@ -18,7 +18,7 @@ use ecan_protocol::mapping::CHANNELS;
 
 #[test]
 fn the_example_of_the_manual_lies_in_the_process_image() {
-    let gateway = GatewayConfig::on_all_channels(&classic());
+    let gateway = GatewayConfig::on_all_channels(classic());
     let adapter = AdapterConfig::new(1).with_multiplier(8).with_cycle(Duration::from_millis(1));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
     let data = [0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88];
@@ -95,12 +95,10 @@ fn two_gateways_with_different_sizes_do_not_mix() {
     let mut adapter = AdapterConfig::new(2).with_cycle(Duration::from_millis(2));
     adapter.slaves[1].rx_multiplier = 8;
     adapter.slaves[1].tx_multiplier = 6;
-    let config = PortConfig {
-        gateways: vec![
-            GatewayConfig::on_channel(1, classic()),
-            GatewayConfig::on_channel(3, ChannelConfig::fd(500_000, 2_000_000)),
-        ],
-    };
+    let config = PortConfig::from([
+        GatewayConfig::on_channel(1, classic()),
+        GatewayConfig::on_channel(3, ChannelConfig::fd(500_000, 2_000_000)),
+    ]);
     let mut bench = Fixture::ready(ecan_sim::echo(2), adapter, config);
     let long = [0xA5; 48];
     bench.cycle(|cycle| {
@@ -126,7 +124,7 @@ fn two_gateways_with_different_sizes_do_not_mix() {
 #[test]
 fn three_gateways_carry_traffic_on_all_twelve_channels() {
     let adapter = AdapterConfig::new(3).with_cycle(Duration::from_millis(2));
-    let gateway = GatewayConfig::on_all_channels(&classic());
+    let gateway = GatewayConfig::on_all_channels(classic());
     let mut bench = Fixture::ready(ecan_sim::echo(3), adapter, PortConfig::uniform(3, gateway));
     let mut back = vec![Vec::new(); 12];
     for round in 0..50u8 {
@@ -250,15 +248,17 @@ fn a_burst_is_paced_by_the_gateways_queue_and_nothing_is_dropped() {
 
 #[test]
 fn the_receive_source_and_the_transmit_hint_travel_along() {
-    let mut settings = classic();
-    settings.standard_filters.push(StandardFilter {
+    let filter = StandardFilter {
         matching: StandardMatch::Range,
         action: FilterAction::Fifo1,
         sync: false,
         id1: 0x200,
         id2: 0x2FF,
-    });
-    let mut bench = Fixture::single(GatewayConfig::on_channel(0, settings));
+    };
+    let mut config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
+    config.add_filter(0, 0, filter).unwrap();
+    let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
+    let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, config);
     let hint = TransmitHint::HighPriority;
     bench.cycle(|cycle| {
         let options = SendOptions { hint, schedule: None };

@@ -461,7 +461,7 @@ fn f25_another_gateway_in_the_place_of_a_lost_one_is_not_taken_for_it() {
 fn f26_a_busy_bus_does_not_keep_a_gateway_out_of_service() {
     let mut adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
     (adapter.slaves[0].rx_multiplier, adapter.slaves[0].tx_multiplier) = (8, 1);
-    let gateway = GatewayConfig::on_all_channels(&classic());
+    let gateway = GatewayConfig::on_all_channels(classic());
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway));
     // More comes back than images of 104 bytes carry: 0x8010:02 then shows 8 (manual 13.2).
     for _ in 0..20 {

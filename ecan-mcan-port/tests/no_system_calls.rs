@@ -25,10 +25,10 @@ fn port() -> Port {
     let mut adapter = AdapterConfig::new(2).with_multiplier(3).with_cycle(Duration::from_millis(1));
     let source = ClockSource::Reference;
     adapter.dc = Some(DcSync { source, monitor_every: 10, ..DcSync::new(1_000_000, 500_000) });
-    let mut gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
+    let mut gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
     gateway.tx_options = OptionFlags::TX_RESULT;
     gateway.schedule.watch_ms = 1;
-    let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(2, gateway)).unwrap();
+    let mut port = Port::open(&ecrt, (adapter, PortConfig::uniform(2, gateway))).unwrap();
     port.wait_ready().unwrap();
     for slave in 0..2 {
         ecan_null_master::keep_new(port.adapter().tx_pdo(slave));

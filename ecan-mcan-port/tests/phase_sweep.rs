@@ -54,7 +54,7 @@ fn the_recommended_point_holds_in_a_longer_run_and_the_bad_ones_are_bad() {
     let mut adapter = bench.port.adapter().config().clone();
     adapter.dc = Some(ecan_host::DcSync::new(1_000_000, best.shift_ns));
     let config = bench.port.config().clone();
-    bench.port.reconfigure(adapter, config).unwrap();
+    bench.port.reconfigure((adapter, config)).unwrap();
     bench.port.wait_ready().unwrap();
     let before = bench.simulation.with_world(|world| world.counters(0).unwrap());
     for _ in 0..5_000 {

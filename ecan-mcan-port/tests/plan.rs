@@ -94,7 +94,7 @@ fn an_image_holds_255_packets_at_most() {
     let mut adapter = adapter(24).with_cycle(Duration::from_millis(10));
     adapter.allow_large_pdos = true;
     let empty = frame(1, &[]);
-    let config = PortConfig::uniform(1, GatewayConfig::on_all_channels(&classic()));
+    let config = PortConfig::uniform(1, GatewayConfig::on_all_channels(classic()));
     let traffic = |frames| [FrameStream::to_bus(0, 0, empty, FrameRate::PerCycle(frames))];
     let plan = PortPlan::of(&adapter, &config, &traffic(255));
     assert_eq!(plan.gateways[0].rx.frames_per_image(empty.as_ref(), false), 255);
@@ -108,7 +108,7 @@ fn an_image_holds_255_packets_at_most() {
 
 #[test]
 fn frames_that_do_not_fit_an_image_are_refused_or_wait() {
-    let config = PortConfig::uniform(1, GatewayConfig::on_all_channels(&classic()));
+    let config = PortConfig::uniform(1, GatewayConfig::on_all_channels(classic()));
     // Eight frames of 12 bytes on each channel are 384 bytes, and 360 fit.
     let all = |rate| [0u8, 1, 2, 3].map(|channel| FrameStream::to_bus(0, channel, eight(), rate));
     let plan = PortPlan::of(&adapter(3), &config, &all(FrameRate::PerCycle(8)));
@@ -136,7 +136,7 @@ fn frames_that_do_not_fit_an_image_are_refused_or_wait() {
 /// 360 bytes for four channels are 90 each: seven frames of 12 bytes fit, eight do not.
 #[test]
 fn fixed_shares_are_judged_by_themselves() {
-    let mut gateway = GatewayConfig::on_all_channels(&classic());
+    let mut gateway = GatewayConfig::on_all_channels(classic());
     gateway.tx_budget = BudgetPolicy::Deterministic;
     let config = PortConfig::uniform(1, gateway);
     let refusals = |frames| {

@@ -18,7 +18,7 @@ fn n_goes_up_and_down_and_frames_flow_after_each_switch() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
     for multiplier in [8, 1, 11, 3] {
-        bench.port.reconfigure(adapter(multiplier), config.clone()).unwrap();
+        bench.port.reconfigure((adapter(multiplier), config.clone())).unwrap();
         assert_eq!(bench.port.adapter().phase(), Phase::Configured);
         bench.port.wait_ready().unwrap();
         let read = |diagnostics: &Diagnostics| {
@@ -38,7 +38,7 @@ fn other_channels_and_bit_rates_can_be_chosen() {
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config);
     let fd = ChannelConfig::fd(500_000, 4_000_000);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(3, fd));
-    bench.port.reconfigure(adapter(8), config).unwrap();
+    bench.port.reconfigure((adapter(8), config)).unwrap();
     bench.port.wait_ready().unwrap();
     let frames = [frame(7, &[1, 2, 3])];
     let back = bench.carry(3, &frames, 50);
@@ -49,7 +49,7 @@ fn other_channels_and_bit_rates_can_be_chosen() {
 fn a_faulty_configuration_leaves_everything_running() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
-    let refused = bench.port.reconfigure(adapter(12), config);
+    let refused = bench.port.reconfigure((adapter(12), config));
     assert!(matches!(refused, Err(PortError::Config(_))), "{refused:?}");
     let frames = [frame(1, &[])];
     assert_eq!(bench.carry(0, &frames, 50).len(), 1);
@@ -62,10 +62,10 @@ fn after_a_failed_switch_the_old_configuration_can_be_taken_up_again() {
     let mut elsewhere = adapter(3);
     elsewhere.slaves[0].position = 5;
     elsewhere.preop_timeout = Duration::from_millis(200);
-    let failed = bench.port.reconfigure(elsewhere, config.clone());
+    let failed = bench.port.reconfigure((elsewhere, config.clone()));
     assert!(failed.unwrap_err().to_string().contains("position 5"));
     assert_eq!(bench.port.adapter().phase(), Phase::Down);
-    bench.port.reconfigure(adapter(3), config).unwrap();
+    bench.port.reconfigure((adapter(3), config)).unwrap();
     bench.port.wait_ready().unwrap();
     assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
 }
@@ -75,7 +75,7 @@ fn the_configuration_in_force_can_be_changed_and_given_back() {
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(0, classic()));
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
     let larger = bench.port.adapter().config().clone().with_multiplier(8);
-    bench.port.reconfigure(larger, config).unwrap();
+    bench.port.reconfigure((larger, config)).unwrap();
     bench.port.wait_ready().unwrap();
     assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
 }
@@ -86,7 +86,7 @@ fn another_master_is_refused_and_nothing_changes() {
     let mut bench = Fixture::ready(ecan_sim::echo(1), adapter(3), config.clone());
     let mut elsewhere = adapter(3);
     elsewhere.master_index = 3;
-    let refused = bench.port.reconfigure(elsewhere, config).unwrap_err();
+    let refused = bench.port.reconfigure((elsewhere, config)).unwrap_err();
     assert!(refused.to_string().contains("master 3"), "{refused}");
     assert_eq!(bench.carry(0, &[frame(1, &[])], 50).len(), 1);
 }

@@ -106,7 +106,7 @@ fn a_full_schedule_is_told() {
     let mut adapter = bench.port.adapter().config().clone();
     adapter = adapter.with_multiplier(8);
     let config = bench.port.config().clone();
-    bench.port.reconfigure(adapter, config).unwrap();
+    bench.port.reconfigure((adapter, config)).unwrap();
     bench.port.wait_ready().unwrap();
     let taken = schedule(&mut bench, 100, OFFSET_NS);
     assert!(taken > 64);

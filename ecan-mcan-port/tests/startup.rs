@@ -23,7 +23,7 @@ fn downloads(steps: &[StartupStep]) -> Vec<(u16, u8, u32)> {
 #[test]
 fn the_sequence_of_the_manual_is_written() {
     let adapter = AdapterConfig::new(1).with_multiplier(8);
-    let gateway = GatewayConfig::on_all_channels(&ChannelConfig::fd(1_000_000, 5_000_000));
+    let gateway = GatewayConfig::on_all_channels(ChannelConfig::fd(1_000_000, 5_000_000));
     let plan = PortConfig::uniform(1, gateway).startup_plan(&adapter);
     let written = downloads(plan.of_slave(0));
     // Manual 5.4.2: both profiles, then both apply commands.
@@ -86,11 +86,11 @@ fn every_fault_of_both_configurations_is_reported_at_once() {
         id1: 0x100,
         id2: 0x1FF,
     };
-    impossible.standard_filters = vec![filter; 65];
     impossible.data_path.rx_drain_max = 9;
     let mut gateway = GatewayConfig::on_channel(0, impossible);
     gateway.rx_options = OptionFlags::APP_BYPASS;
-    let config = PortConfig { gateways: vec![gateway, GatewayConfig::default()] };
+    let mut config = PortConfig::from([gateway, GatewayConfig::default()]);
+    (0..65).for_each(|_| config.add_filter(0, 0, filter).unwrap());
     let faults = config.check(&adapter).unwrap_err().0;
     let has = |wanted: &dyn Fn(&PortConfigFault) -> bool| faults.iter().any(wanted);
     assert!(has(&|f| matches!(f, PortConfigFault::Adapter(_))), "{faults:?}");
@@ -113,11 +113,11 @@ fn a_gateway_whose_can_side_is_cut_off_by_a_test_is_refused_unless_allowed() {
     let mut bench = Fixture::single(gateway.clone());
     bench.port.diagnose(cut_off).unwrap();
     let config = PortConfig::uniform(1, gateway.clone());
-    let refused = bench.port.reconfigure(adapter.clone(), config).unwrap_err();
+    let refused = bench.port.reconfigure((adapter.clone(), config)).unwrap_err();
     let PortError::Adapter(Error::Readback { index: 0x8030, subindex: 6, found: 3, .. }) = refused
     else {
         panic!("{refused}")
     };
     gateway.allow_diagnostic_tests = true;
-    bench.port.reconfigure(adapter, PortConfig::uniform(1, gateway)).unwrap();
+    bench.port.reconfigure((adapter, PortConfig::uniform(1, gateway))).unwrap();
 }

@@ -10,7 +10,7 @@ use ecan_mcan_port::{GatewayConfig, Received, TransmitReport};
 use ecan_protocol::image::{OptionFlags, ResultCode};
 
 fn with_results() -> GatewayConfig {
-    let mut gateway = GatewayConfig::on_all_channels(&classic());
+    let mut gateway = GatewayConfig::on_all_channels(classic());
     gateway.tx_options = OptionFlags::TX_RESULT;
     gateway
 }

@@ -13,7 +13,7 @@ use ecan_mcan_port::{
 use ecan_sim::{Fault, GatewayFault, LossDirection};
 
 fn bench() -> Fixture {
-    let gateway = GatewayConfig::on_all_channels(&classic());
+    let gateway = GatewayConfig::on_all_channels(classic());
     let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(2));
     Fixture::ready(ecan_sim::echo(1), adapter, PortConfig::uniform(1, gateway))
 }

@@ -98,7 +98,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     adapter.slaves[0].position = arguments.slave;
     let channel = ChannelConfig::classic(arguments.bitrate);
     let config = PortConfig::uniform(1, GatewayConfig::on_channel(arguments.channel, channel));
-    let mut port = Port::open(&backend.ecrt, adapter, config)?;
+    let mut port = Port::open(&backend.ecrt, (adapter, config))?;
     port.wait_ready()?;
 
     let node = NodeId::new(arguments.node).ok_or("invalid node-ID")?;

@@ -106,7 +106,7 @@ fn open_port(arguments: &Arguments) -> Result<Port, Box<dyn Error>> {
     };
     let backend = backend::open(arguments.ecrt.as_deref(), defaults)?;
     arguments.thread.apply(|line| println!("{line}"))?;
-    Ok(Port::open(&backend.ecrt, adapter, config)?)
+    Ok(Port::open(&backend.ecrt, (adapter, config))?)
 }
 
 fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {

@@ -186,7 +186,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
         return Err("--bus-dump needs a simulated bus".into());
     }
     arguments.thread.apply(|line| println!("{line}"))?;
-    let mut port = Port::open(&backend.ecrt, adapter, config)?;
+    let mut port = Port::open(&backend.ecrt, (adapter, config))?;
     if !wait_ready(&mut port, &interrupt)? {
         println!("stopped by the user");
         return Ok(true);

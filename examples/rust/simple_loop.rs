@@ -90,7 +90,7 @@ fn run(arguments: &Arguments) -> Result<bool, Box<dyn Error>> {
     arguments.thread.apply(|line| println!("{line}"))?;
 
     // Checks the configuration, writes the startup SDOs, and verifies the gateways in OP.
-    let mut port = Port::open(&backend.ecrt, setup.adapter, setup.port)?;
+    let mut port = Port::open(&backend.ecrt, (setup.adapter, setup.port))?;
     if !wait_ready(&mut port, &interrupt)? {
         println!("stopped by the user");
         return Ok(true);

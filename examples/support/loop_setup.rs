@@ -47,7 +47,7 @@ impl LoopSetup {
         let adapter = arguments.adapter(cycle_us);
         let gateway = match channels {
             Channels::One(channel) => GatewayConfig::on_channel(channel, arguments.channel()),
-            Channels::All => GatewayConfig::on_all_channels(&arguments.channel()),
+            Channels::All => GatewayConfig::on_all_channels(arguments.channel()),
         };
         let port = PortConfig::uniform(adapter.slaves.len(), gateway);
         let fd_remedy = "set --fd DATA_BITRATE".to_owned();

@@ -114,8 +114,8 @@ impl MotionArguments {
         let profile = EncapsulationProfile::from_raw(self.profile)
             .ok_or_else(|| format!("--profile {} is invalid; allowed: 0, 1, 4, 5", self.profile))?;
         let options = if self.align4 { OptionFlags::ALIGN4 } else { OptionFlags::default() };
-        let mut gateways = vec![GatewayConfig::default(); usize::from(slaves)];
-        for (slave, gateway) in gateways.iter_mut().enumerate() {
+        let mut config = PortConfig::uniform(slaves.into(), GatewayConfig::default());
+        for (slave, gateway) in config.gateways.iter_mut().enumerate() {
             (gateway.tx_encapsulation, gateway.rx_encapsulation) = (profile, profile);
             (gateway.tx_options, gateway.rx_options) = (options, options);
             for channel in 0..CHANNELS {
@@ -123,12 +123,12 @@ impl MotionArguments {
                     axis.address.slave == slave && usize::from(axis.address.channel) == channel
                 };
                 if axes.iter().any(is_here) {
-                    let config = ChannelConfig::classic(self.bitrate);
-                    gateway.channels[channel] = Some(config.with_traffic(Traffic::default()));
+                    let settings = ChannelConfig::classic(self.bitrate);
+                    gateway.channels[channel] = Some(settings.with_traffic(Traffic::default()));
                 }
             }
         }
-        Ok((adapter, PortConfig { gateways }))
+        Ok((adapter, config))
     }
 
     /// Opens the EtherCAT master library; a plain `sim` selects the scenario with drives.
@@ -163,6 +163,6 @@ impl MotionArguments {
         if self.skip_sdo_config {
             return Ok(Port::new(Adapter::open(ecrt, adapter, StartupPlan::default())?, config)?);
         }
-        Ok(Port::open(ecrt, adapter, config)?)
+        Ok(Port::open(ecrt, (adapter, config))?)
     }
 }

@@ -67,7 +67,7 @@ fn rust_port() -> Port {
     };
     let config = PortConfig::uniform(1, gateway);
     let mut port =
-        Port::open(&backend.ecrt, AdapterConfig::new(1).with_multiplier(8), config).unwrap();
+        Port::open(&backend.ecrt, (AdapterConfig::new(1).with_multiplier(8), config)).unwrap();
     port.wait_ready().unwrap();
     port
 }

@@ -79,11 +79,12 @@ impl Fixture {
         settings: Cia402Config,
     ) -> Self {
         let slaves = adapter.slaves.len();
-        let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(1_000_000));
+        let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(1_000_000));
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
         let config = PortConfig::uniform(slaves, gateway);
-        let mut port = Port::open(&backend.ecrt, adapter, config).unwrap_or_else(|e| panic!("{e}"));
+        let mut port =
+            Port::open(&backend.ecrt, (adapter, config)).unwrap_or_else(|e| panic!("{e}"));
         port.wait_ready().unwrap_or_else(|e| panic!("{e}"));
         let cia402 = Cia402::new(&port, axes, settings).unwrap_or_else(|e| panic!("{e}"));
         Self { port, cia402, simulation: backend.simulation.unwrap() }

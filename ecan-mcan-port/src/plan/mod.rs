@@ -19,7 +19,7 @@ pub use image::{ImageFill, ImagePlan};
 use ecan_host::{AdapterConfig, Plan};
 use ecan_protocol::mapping::Direction;
 
-use crate::config::{ChannelConfig, PortConfig};
+use crate::port_config::{ChannelConfig, PortConfig};
 use crate::schedule_margin::ScheduleTimes;
 
 /// Share of a bus from which a plan warns.

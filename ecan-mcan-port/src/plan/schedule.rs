@@ -8,7 +8,7 @@ use ecan_protocol::can::FrameBits;
 use super::finding::{PortPlanError, PortWarning};
 use super::frame_stream::{FrameRate, FrameStream};
 use super::{PortPlan, settings};
-use crate::config::PortConfig;
+use crate::port_config::PortConfig;
 use crate::schedule_margin::NotSchedulable;
 use crate::schedule_margin::{RECOMMENDED_OFFSET_NS, ScheduleMargin};
 use crate::schedule_settings::MarginCheck;

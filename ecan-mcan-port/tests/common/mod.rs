@@ -28,7 +28,7 @@ impl Fixture {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(scenario, &options).expect("scenario");
         let simulation = backend.simulation.expect("simulated");
-        let port = Port::open(&backend.ecrt, adapter, config)?;
+        let port = Port::open(&backend.ecrt, (adapter, config))?;
         Ok(Self { port, simulation, cycle_errors: Vec::new() })
     }
 

@@ -80,7 +80,7 @@ pub fn with_long_sync0(shift_ns: u32, change: fn(&mut GatewayConfig)) -> Fixture
     let mut adapter = bench.port.adapter().config().clone();
     adapter.dc = Some(ecan_host::DcSync::new(4_000_000, shift_ns));
     let config = bench.port.config().clone();
-    bench.port.reconfigure(adapter, config).unwrap();
+    bench.port.reconfigure((adapter, config)).unwrap();
     bench.port.wait_ready().unwrap();
     bench
 }

@@ -35,7 +35,7 @@
 //! let mut gateway = GatewayConfig::default();
 //! gateway.channels[0] = Some(ChannelConfig::classic(500_000));
 //! let adapter = AdapterConfig::new(1).with_multiplier(n).with_cycle(Duration::from_millis(1));
-//! let mut port = Port::open(&ecrt, adapter, PortConfig::uniform(1, gateway))?;
+//! let mut port = Port::open(&ecrt, (adapter, PortConfig::uniform(1, gateway)))?;
 //!
 //! let file = std::io::BufWriter::new(std::fs::File::create(&path)?);
 //! let image_bytes = usize::from(n) * CHUNK_BYTES;

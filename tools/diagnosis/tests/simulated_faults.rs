@@ -20,11 +20,13 @@ impl Fixture {
     fn ready(scenario: Scenario) -> Self {
         let options = SimOptions { clock: Some(ClockKind::Stepped), ..SimOptions::default() };
         let backend = ecan_sim::open_scenario(scenario, &options).unwrap();
-        let gateway = GatewayConfig::on_all_channels(&ChannelConfig::classic(500_000));
+        let gateway = GatewayConfig::on_all_channels(ChannelConfig::classic(500_000));
         let mut port = Port::open(
             &backend.ecrt,
-            AdapterConfig::new(1).with_cycle(Duration::from_millis(1)),
-            PortConfig::uniform(1, gateway),
+            (
+                AdapterConfig::new(1).with_cycle(Duration::from_millis(1)),
+                PortConfig::uniform(1, gateway),
+            ),
         )
         .unwrap();
         port.wait_ready().unwrap();

@@ -9,9 +9,10 @@ use ecan_mcan_host::boundary::{Call, Plain, Sealed, call};
 use ecan_mcan_host::common::constants::ECAN_MCAN_CHANNELS;
 use ecan_mcan_host::common::result::ecan_result_t;
 use ecan_mcan_port::{
-    ChannelConfig, GatewayConfig, PortConfig, PortError, ScheduleConfig, Traffic,
+    AcceptanceFilter, ChannelConfig, ChannelFilter, GatewayConfig, PortConfig, PortError,
+    ScheduleConfig, Traffic,
 };
-use ecan_protocol::config::{DataPathConfig, ExtendedFilter, McanChannelConfig, StandardFilter};
+use ecan_protocol::config::{DataPathConfig, List, McanChannelConfig};
 use ecan_protocol::image::{BudgetPolicy, EncapsulationProfile, OptionFlags};
 
 use crate::adapter::config::{AdapterPlain, ECAN_IGH_MAX_SLAVES, ecan_igh_config_t};
@@ -37,9 +38,7 @@ pub(crate) struct ChannelPlain {
 
 impl From<&ChannelConfig> for ChannelPlain {
     fn from(settings: &ChannelConfig) -> Self {
-        // Filters have a table of their own.
-        let ChannelConfig { can, data_path, traffic, standard_filters: _, extended_filters: _ } =
-            *settings;
+        let ChannelConfig { can, data_path, traffic } = *settings;
         Self { can, data_path, traffic }
     }
 }
@@ -60,18 +59,12 @@ pub(crate) struct GatewayPlain {
     pub(crate) allow_diagnostic_tests: bool,
 }
 
-#[derive(Clone, Copy, Debug)]
-pub(crate) enum FilterPlain {
-    Standard(StandardFilter),
-    Extended(ExtendedFilter),
-}
-
 /// What is in an [`igh_mcan_port_config_t`].
 #[derive(Clone, Copy)]
 pub(crate) struct PortPlain {
     pub(crate) gateways: [GatewayPlain; ECAN_IGH_MAX_SLAVES],
     /// With slave and channel; in order.
-    pub(crate) filters: [Option<(u16, u8, FilterPlain)>; IGH_MCAN_MAX_FILTERS],
+    pub(crate) filters: [Option<(u16, u8, AcceptanceFilter)>; IGH_MCAN_MAX_FILTERS],
 }
 
 impl Plain for PortPlain {
@@ -91,7 +84,7 @@ impl PortPlain {
     /// # Errors
     /// More gateways or filters than there is room for.
     pub(crate) fn of(call: Call, config: &PortConfig) -> Result<Self, ecan_result_t> {
-        let PortConfig { gateways } = config;
+        let PortConfig { gateways, filters } = config;
         let mut plain = Self::new();
         let full = |what, count, most| {
             let words = format_args!("{count} {what}, {most} are the most");
@@ -100,22 +93,14 @@ impl PortPlain {
         if gateways.len() > ECAN_IGH_MAX_SLAVES {
             return full("gateways", gateways.len(), ECAN_IGH_MAX_SLAVES);
         }
-        let mut filters = Vec::new();
-        for (slave, (place, gateway)) in plain.gateways.iter_mut().zip(gateways).enumerate() {
+        for (place, gateway) in plain.gateways.iter_mut().zip(gateways) {
             *place = GatewayPlain::of(gateway);
-            for (channel, settings) in gateway.channels.iter().enumerate() {
-                let Some(settings) = settings else { continue };
-                let standard = settings.standard_filters.iter().copied().map(FilterPlain::Standard);
-                let extended = settings.extended_filters.iter().copied().map(FilterPlain::Extended);
-                let both = standard.chain(extended);
-                filters.extend(both.map(|filter| (slave as u16, channel as u8, filter)));
-            }
         }
         if filters.len() > IGH_MCAN_MAX_FILTERS {
             return full("filters", filters.len(), IGH_MCAN_MAX_FILTERS);
         }
         for (place, filter) in plain.filters.iter_mut().zip(filters) {
-            *place = Some(filter);
+            *place = Some((filter.slave as u16, filter.channel, filter.filter));
         }
         Ok(plain)
     }
@@ -189,19 +174,17 @@ impl PortPlain {
 
     /// As the Port takes it, of the first `count` gateways.
     pub(crate) fn settings(&self, count: usize) -> PortConfig {
-        let mut gateways: Vec<GatewayConfig> =
-            self.gateways.iter().take(count).map(GatewayPlain::settings).collect();
-        for (slave, channel, filter) in self.filters.iter().flatten() {
-            let place = gateways
-                .get_mut(usize::from(*slave))
-                .and_then(|gateway| gateway.channels[usize::from(*channel)].as_mut());
-            match (place, filter) {
-                (Some(channel), FilterPlain::Standard(f)) => channel.standard_filters.push(*f),
-                (Some(channel), FilterPlain::Extended(f)) => channel.extended_filters.push(*f),
-                (None, _) => {}
-            }
+        let gateways = self.gateways.iter().take(count).map(GatewayPlain::settings);
+        let filters = self.filters.iter().flatten().map(|(slave, channel, filter)| ChannelFilter {
+            slave: usize::from(*slave),
+            channel: *channel,
+            filter: *filter,
+        });
+        // infallible: the capacities are the same
+        PortConfig {
+            gateways: List::collect(gateways).unwrap_or_default(),
+            filters: List::collect(filters).unwrap_or_default(),
         }
-        PortConfig { gateways }
     }
 }
 
@@ -260,8 +243,6 @@ impl GatewayPlain {
         let channel = |plain: Option<ChannelPlain>| {
             plain.map(|ChannelPlain { can, data_path, traffic }| ChannelConfig {
                 can,
-                standard_filters: Vec::new(),
-                extended_filters: Vec::new(),
                 data_path,
                 traffic,
             })

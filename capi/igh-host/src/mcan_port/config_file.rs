@@ -373,7 +373,7 @@ mod tests {
         // The values tell something.
         let (adapter, port) = c.to_rust();
         assert!((0..adapter.slaves.len()).all(|slave| adapter.startup_of(slave).count() == 6));
-        assert!(port.gateways[0].channels[3].as_ref().unwrap().extended_filters[0].sync);
+        assert!(port.extended_filters(0, 3)[0].sync);
     }
 
     #[test]

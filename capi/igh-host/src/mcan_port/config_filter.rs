@@ -8,7 +8,9 @@ use ecan_protocol::config::{
     ExtendedFilter, ExtendedMatch, FilterAction, StandardFilter, StandardMatch,
 };
 
-use super::config::{FilterPlain, IGH_MCAN_MAX_FILTERS, PortPlain, igh_mcan_port_config_t};
+use ecan_mcan_port::AcceptanceFilter;
+
+use super::config::{IGH_MCAN_MAX_FILTERS, PortPlain, igh_mcan_port_config_t};
 
 /// Which identifiers a filter matches.
 #[repr(C)]
@@ -55,7 +57,7 @@ fn add(
     call: Call,
     config: &mut PortPlain,
     (slave, channel): (usize, u8),
-    filter: FilterPlain,
+    filter: AcceptanceFilter,
 ) -> Result<(), ecan_result_t> {
     config.channel(call, slave, channel)?;
     let Some(place) = config.filters.iter_mut().find(|place| place.is_none()) else {
@@ -95,7 +97,7 @@ pub unsafe extern "C" fn igh_mcan_port_add_standard_filter(
             .ok_or_else(|| call.argument("matching", format_args!("{matching} is not 0 to 3")))?;
         let action = self::action(call, action, id2.into())?;
         let filter = StandardFilter { matching, action, sync: false, id1, id2 };
-        add(call, config, (slave, channel), FilterPlain::Standard(filter))
+        add(call, config, (slave, channel), AcceptanceFilter::Standard(filter))
     })
 }
 
@@ -121,7 +123,7 @@ pub unsafe extern "C" fn igh_mcan_port_add_extended_filter(
             .ok_or_else(|| call.argument("matching", format_args!("{matching} is not 0 to 3")))?;
         let action = self::action(call, action, id2)?;
         let filter = ExtendedFilter { matching, action, sync: false, id1, id2 };
-        add(call, config, (slave, channel), FilterPlain::Extended(filter))
+        add(call, config, (slave, channel), AcceptanceFilter::Extended(filter))
     })
 }
 
@@ -139,7 +141,7 @@ pub unsafe extern "C" fn igh_mcan_port_clear_filters(
         // SAFETY: the pointer is C's, valid or NULL as the header demands.
         let config = unsafe { PortPlain::open(call, config)? };
         config.gateway(call, slave)?.place(call, channel)?;
-        let own = |place: &Option<(u16, u8, FilterPlain)>| {
+        let own = |place: &Option<(u16, u8, AcceptanceFilter)>| {
             place.is_some_and(|(s, c, _)| (usize::from(s), c) == (slave, channel))
         };
         // The order of the others stays.

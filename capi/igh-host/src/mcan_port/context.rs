@@ -118,7 +118,7 @@ pub unsafe extern "C" fn igh_mcan_port_reconfigure(
             )
         };
         let (adapter, config) = (adapter.to_rust(), config.settings(adapter.slave_count));
-        let reconfigured = bus.need_port(call)?.reconfigure(adapter, config);
+        let reconfigured = bus.need_port(call)?.reconfigure((adapter, config));
         if reconfigured.as_ref().err().is_none_or(errors::port_has_changed) {
             bus.forget_configuration();
         }

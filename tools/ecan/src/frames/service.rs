@@ -81,7 +81,7 @@ impl Service {
     ) -> Result<Option<Self>, Failure> {
         let GatewaySetup { position, adapter, config, channels } = place;
         let failed = |error| failure(position, error);
-        let mut port = Port::open(ecrt, adapter, config).map_err(failed)?;
+        let mut port = Port::open(ecrt, (adapter, config)).map_err(failed)?;
         let clock = port.adapter().ecrt().clock().clone();
         let mut store = Vec::with_capacity(ARRIVALS);
         let ready = port.wait_ready_with(port.startup_timeout(), |port| {

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use ecan_command_line::real_time::RealTimeArguments;
 use ecan_config_file::{ConfigFile, ResolvedGateway};
 use ecan_host::AdapterConfig;
-use ecan_mcan_port::{GatewayConfig, PortConfig};
+use ecan_mcan_port::{GatewayConfig, MAX_GATEWAYS, PortConfig};
 use ecan_protocol::config::{List, NodeMode};
 use ecan_protocol::image::{EncapsulationProfile, OptionFlags};
 use ecan_sim::ClockKind;
@@ -172,8 +172,7 @@ impl<'a> Settings<'a> {
         master: u32,
     ) -> Result<Planned, Failure> {
         let setup = &self.options.setup;
-        let count = u16::try_from(positions.len())
-            .map_err(|_| Failure::Slave(format!("{} gateways are too many", positions.len())))?;
+        let count = u16::try_from(positions.len()).map_err(|_| too_many(positions.len()))?;
         let mut adapter = setup.adapter(count);
         adapter.master_index = master;
         let mut config = PortConfig::default();
@@ -188,7 +187,7 @@ impl<'a> Settings<'a> {
                 }
             }
             wishes.apply(&mut gateway);
-            config.gateways.push(gateway);
+            config.gateways.push(gateway).map_err(|_| too_many(positions.len()))?;
         }
         Ok(Planned { positions, adapter, config, channels: wishes.channels })
     }
@@ -227,20 +226,25 @@ fn of_file(
         if wishes.channels.is_whatever_there_is() && places.len() == 1 {
             channels = enabled;
         }
-        let mut gateway = gateway.clone();
-        wishes.apply(&mut gateway);
+        config.add_gateway_of(&file.port, place.gateway).map_err(|_| too_many(places.len()))?;
+        if let Some(gateway) = config.gateways.last_mut() {
+            wishes.apply(gateway);
+        }
         let full = |_| Failure::Usage(format!("{} has too many gateways", path.display()));
         for step in file.adapter.startup_of(place.gateway) {
             adapter.add_startup(adapter.slaves.len(), step).map_err(full)?;
         }
         adapter.slaves.push(*slave).map_err(full)?;
-        config.gateways.push(gateway);
     }
     if places.is_empty() {
         return Err(no_gateway(path));
     }
     let positions = places.iter().map(|place| place.slave).collect();
     Ok(Planned { positions, adapter, config, channels })
+}
+
+fn too_many(count: usize) -> Failure {
+    Failure::Slave(format!("{count} gateways are too many; allowed: at most {MAX_GATEWAYS}"))
 }
 
 fn no_gateway(path: &Path) -> Failure {

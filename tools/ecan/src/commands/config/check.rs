@@ -133,7 +133,8 @@ fn of_file(file: &ConfigFile) -> Checked {
     Checked {
         faults: Vec::new(),
         gateways: gateways
-            .map(|(slave, gateway)| Gateway {
+            .enumerate()
+            .map(|(index, (slave, gateway))| Gateway {
                 alias: slave.alias,
                 position: slave.position,
                 channel_mask: gateway.channel_mask(),
@@ -143,7 +144,11 @@ fn of_file(file: &ConfigFile) -> Checked {
                 ],
                 channels: (0..)
                     .zip(&gateway.channels)
-                    .filter_map(|(number, settings)| channel(number, settings.as_ref()?))
+                    .filter_map(|(number, settings)| {
+                        let standard = file.port.standard_filters(index, number).len();
+                        let extended = file.port.extended_filters(index, number).len();
+                        channel(number, settings.as_ref()?, (standard, extended))
+                    })
                     .collect(),
             })
             .collect(),
@@ -174,7 +179,7 @@ fn image(gateway: &GatewayConfig, direction: Direction, multiplier: u8) -> Image
     }
 }
 
-fn channel(number: u8, settings: &ChannelConfig) -> Option<Channel> {
+fn channel(number: u8, settings: &ChannelConfig, filters: (usize, usize)) -> Option<Channel> {
     let can: &McanChannelConfig = &settings.can;
     // A file without faults has timings.
     let (nominal, data) = can.timings(MCAN_CLOCK_HZ).ok()?;
@@ -186,8 +191,8 @@ fn channel(number: u8, settings: &ChannelConfig) -> Option<Channel> {
         tdc_runs: can.tdc_runs(),
         message_ram_bytes: can.message_ram_bytes(),
         message_ram_size: MESSAGE_RAM_BYTES,
-        standard_filters: settings.standard_filters.len(),
-        extended_filters: settings.extended_filters.len(),
+        standard_filters: filters.0,
+        extended_filters: filters.1,
     })
 }
 

@@ -37,7 +37,8 @@ mod tests {
         let simulation = backend.simulation.clone().unwrap();
         let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(500_000));
         let adapter = AdapterConfig::new(1).with_cycle(Duration::from_millis(1));
-        let mut port = Port::open(&backend.ecrt, adapter, PortConfig::uniform(1, gateway)).unwrap();
+        let mut port =
+            Port::open(&backend.ecrt, (adapter, PortConfig::uniform(1, gateway))).unwrap();
         port.wait_ready().unwrap();
         simulation.pass_ns(300_000);
         let damage = |gateway: &mut ecan_sim::Gateway, now| gateway.write_outputs(now, &[0; 384]);

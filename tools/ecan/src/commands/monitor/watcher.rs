@@ -44,7 +44,7 @@ impl Watcher {
         };
         config.check(&adapter).map_err(|faults| failed(faults.into()))?;
         let busy = BusTime::new(&config);
-        let port = Port::open(bus.ecrt(), adapter, config).map_err(failed)?;
+        let port = Port::open(bus.ecrt(), (adapter, config)).map_err(failed)?;
         Ok(Self { port, positions, busy })
     }
 
