@@ -58,6 +58,7 @@ pub struct GatewayPlan {
 /// ```
 /// use ecan_protocol::can::{CanFrame, CanId};
 /// use ecan_mcan_port::{ChannelConfig, FrameRate, FrameStream, GatewayConfig, PortConfig, PortPlan};
+/// use std::time::Duration;
 /// use ecan_host::AdapterConfig;
 ///
 /// let gateway = GatewayConfig::on_channel(0, ChannelConfig::classic(1_000_000));
