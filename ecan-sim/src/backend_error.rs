@@ -8,7 +8,7 @@ use ecrt_sys::{EnvironmentError, LoadError};
 use crate::drive::EdsError;
 use crate::scenario::{BUILTIN_SCENARIOS, ScenarioError};
 
-/// Why a library or a simulation cannot be opened.
+/// Reason why a library or a simulation cannot be opened.
 #[derive(Debug, thiserror::Error)]
 pub enum BackendError {
     /// The real library cannot be loaded.

@@ -12,7 +12,7 @@ use crate::scenario::ClockKind;
 /// Interval between two steps.
 const STEP: Duration = Duration::from_millis(1);
 
-/// Why a simulation cannot run on a thread.
+/// Reason why a simulation cannot run on a thread.
 #[derive(Debug, thiserror::Error)]
 pub enum RunnerError {
     /// Stepped time is advanced by the program itself.

@@ -46,7 +46,7 @@ pub struct World {
     nodes: Vec<NodeSlot>,
     /// Time of the next event of each node.
     nodes_due: DeadlineSet,
-    /// Whether the nodes due at this instant have run.
+    /// True if the nodes due at this instant have run.
     nodes_had_turn: bool,
     script: FaultScript,
     lost: (Option<LossDirection>, u32),

@@ -39,7 +39,7 @@ pub struct CanBus {
     report_due: bool,
     /// Time at which the next transmission or recovery ends, as last planned.
     next_end: Option<u64>,
-    /// Whether a station may be in internal loopback or recovering from bus-off.
+    /// True if a station may be in internal loopback or recovering from bus-off.
     has_local_activity: bool,
 }
 
@@ -155,7 +155,7 @@ impl CanBus {
         true
     }
 
-    /// Whether a station has a frame in transmission or waiting for the bus.
+    /// Returns whether a station has a frame in transmission or waiting for the bus.
     #[must_use]
     pub fn is_offering(&self, station: StationId) -> bool {
         self.stations.get(station.0).is_some_and(|s| s.offer.is_some() || s.local.is_some())
@@ -312,7 +312,7 @@ impl CanBus {
         }
     }
 
-    /// Whether a bus-off station is recovering.
+    /// Returns whether a bus-off station is recovering.
     #[must_use]
     pub fn is_recovering(&self, station: StationId) -> bool {
         self.stations.get(station.0).is_some_and(|s| s.recovery.is_some())

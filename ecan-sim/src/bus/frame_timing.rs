@@ -79,11 +79,14 @@ impl FrameTiming {
         }
         let stuff = counter.count();
         let data = frame.data().len();
-        let behind = rest + 8 * data as u32 + stuff + header.before_switch - before
+        let after_switch = rest + 8 * data as u32 + stuff + header.before_switch - before
             + fd_crc_field_bits(data)
             + 1;
-        let (nominal_bits, data_bits) =
-            if brs { (before + TRAILER_BITS, behind) } else { (before + behind + TRAILER_BITS, 0) };
+        let (nominal_bits, data_bits) = if brs {
+            (before + TRAILER_BITS, after_switch)
+        } else {
+            (before + after_switch + TRAILER_BITS, 0)
+        };
         Self {
             nominal_bits: nominal_bits as u16,
             data_bits: data_bits as u16,

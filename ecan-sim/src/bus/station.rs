@@ -42,12 +42,12 @@ pub struct StationConfig {
     pub nominal_bitrate: u32,
     /// Bit rate of the data phase in bit/s, for FD frames with bit rate switching.
     pub data_bitrate: u32,
-    /// Whether the station supports CAN FD. Without support it destroys FD frames with error flags
+    /// True if the station supports CAN FD. Without support it destroys FD frames with error flags
     /// and sends its own in classic format, cut to 8 bytes, as M_CAN does.
     pub fd: bool,
     /// Operating mode.
     pub mode: StationMode,
-    /// Whether failed transmissions and lost arbitrations are repeated.
+    /// True if failed transmissions and lost arbitrations are repeated.
     pub auto_retransmit: bool,
 }
 
@@ -101,7 +101,7 @@ impl StationConfig {
         changed.unwrap_or(frame)
     }
 
-    /// Whether this controller can read a frame of another one.
+    /// Returns whether this controller can read a frame of another one.
     pub(super) fn can_read(&self, sender: &Self, frame: &CanFrame) -> Result<(), Mismatch> {
         if self.nominal_bitrate != sender.nominal_bitrate {
             return Err(Mismatch::NominalBitrate);
@@ -172,7 +172,7 @@ pub(super) struct Station {
 }
 
 impl Station {
-    /// Whether its error state has not been reported yet.
+    /// Returns whether its error state has not been reported yet.
     pub(super) fn has_new_state(&self) -> bool {
         self.counters.state() != self.reported
     }
@@ -180,10 +180,10 @@ impl Station {
     /// The configuration of a station that receives a frame starting at `start`.
     pub(super) fn listening(&self, start: u64) -> Option<&StationConfig> {
         let config = self.config.as_ref()?;
-        let hears = matches!(config.mode, StationMode::Normal | StationMode::Listen)
+        let receives = matches!(config.mode, StationMode::Normal | StationMode::Listen)
             && !self.counters.is_bus_off()
             && self.active_from <= start;
-        hears.then_some(config)
+        receives.then_some(config)
     }
 
     /// Earliest start of its frame, regardless of the bus state.

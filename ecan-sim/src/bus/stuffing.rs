@@ -84,7 +84,7 @@ impl StuffCounter {
         self.count
     }
 
-    /// Whether the stream ends in five equal bits.
+    /// Returns whether the stream ends in five equal bits.
     pub(super) const fn is_due(&self) -> bool {
         self.state % 5 == 4
     }

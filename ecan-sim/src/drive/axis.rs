@@ -179,7 +179,7 @@ impl Axis {
         self.motor.limit_torque(parameters.max_torque);
     }
 
-    /// Whether the motor moves or may have to move.
+    /// Returns whether the motor moves or may have to move.
     pub(super) fn is_live(&self) -> bool {
         self.power.is_energised() || !self.motor.is_still()
     }
@@ -289,7 +289,7 @@ impl Axis {
             && self.following_error().unsigned_abs() > parameters.following_window
     }
 
-    /// Whether the following error is monitored.
+    /// Returns whether the following error is monitored.
     fn monitors_following_error(&self, parameters: &Parameters) -> bool {
         parameters.following_window != u32::MAX
             && self.power.state() == DriveState::OperationEnabled

@@ -66,7 +66,7 @@ impl Drive {
         self.device.config.node
     }
 
-    /// Whether the drive has its supply.
+    /// Returns whether the drive has its supply.
     #[must_use]
     pub const fn is_powered(&self) -> bool {
         self.device.is_powered()

@@ -64,7 +64,7 @@ pub struct MotorConfig {
     pub period_us: u32,
     /// Motor position at the start of the simulation.
     pub start_position: i32,
-    /// Whether the encoder keeps its position after a loss of supply; otherwise it starts at 0.
+    /// True if the encoder keeps its position after a loss of supply; otherwise it starts at 0.
     pub absolute_encoder: bool,
     /// Mechanical positions of the negative limit switch, active there and below, and of the
     /// positive one, active there and above. Only homing stops at them; otherwise they are only

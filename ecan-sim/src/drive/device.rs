@@ -55,7 +55,7 @@ pub(super) struct Device {
     pub(super) axis: Axis,
     pub(super) receive: Vec<ReceivePdo>,
     pub(super) transmit: Vec<TransmitPdo>,
-    /// Whether a receive PDO has a timer, or a transmit PDO is event-driven. Without them the
+    /// True if a receive PDO has a timer, or a transmit PDO is event-driven. Without them the
     /// search for the next event skips the PDOs.
     has_timed_pdos: bool,
     has_event_pdos: bool,
@@ -126,8 +126,8 @@ impl Device {
         self.powered
     }
 
-    /// Whether the CAN controller takes part in the bus: from the end of booting until the supply
-    /// is switched off, also during NMT resets.
+    /// Returns whether the CAN controller takes part in the bus: from the end of booting until the
+    /// supply is switched off, also during NMT resets.
     pub(super) const fn is_on_bus(&self) -> bool {
         self.on_bus
     }
@@ -362,7 +362,7 @@ impl Device {
         }
     }
 
-    /// Whether an SDO response is delayed.
+    /// Returns whether an SDO response is delayed.
     pub(super) fn has_response(&self) -> bool {
         !self.responses.is_empty()
     }

@@ -27,7 +27,7 @@ pub struct TargetRecord {
     pub target: i32,
     /// State of the drive after the frame with the target, so with its controlword applied.
     pub state: DriveState,
-    /// Whether the drive follows the target: it is in Operation enabled, in a mode for this
+    /// True if the drive follows the target: it is in Operation enabled, in a mode for this
     /// quantity, and not stopping. In profile position the set-point counts, not the write to
     /// 0x607A.
     pub followed: bool,
@@ -36,7 +36,7 @@ pub struct TargetRecord {
     /// Previous target of the same quantity since the drive was enabled, changed its mode or was
     /// homed.
     pub previous: Option<i32>,
-    /// Whether it is the first target since the drive entered Operation enabled, changed its mode
+    /// True if it is the first target since the drive entered Operation enabled, changed its mode
     /// there, or was homed. Always `false` for a target that is not followed.
     pub first: bool,
     /// Following error window (0x6065) at that time.
@@ -160,7 +160,7 @@ impl TargetHistory {
         self.records.len()
     }
 
-    /// Whether the history is empty.
+    /// Returns whether the history is empty.
     #[must_use]
     pub fn is_empty(&self) -> bool {
         self.records.is_empty()

@@ -65,7 +65,7 @@ impl Switches {
     }
 }
 
-/// Whether a homing method is supported.
+/// Returns whether a homing method is supported.
 pub(super) const fn is_supported(method: i8) -> bool {
     matches!(method, 1 | 2 | 17..=20 | 33..=35 | 37)
 }

@@ -8,7 +8,7 @@ use super::motor::{Actuation, Motor};
 use super::parameters::Parameters;
 use super::ramp::{Bounds, Ramp};
 
-/// Whether the drive supports a mode.
+/// Returns whether the drive supports a mode.
 pub(super) const fn is_supported(mode: OperatingMode) -> bool {
     matches!(
         mode,
@@ -117,7 +117,7 @@ impl Motion {
         self.demand = MotionDemand::Stop { deceleration };
     }
 
-    /// Whether a commanded stop is complete.
+    /// Returns whether a commanded stop is complete.
     pub(super) fn has_stopped(&self, motor: &Motor) -> bool {
         matches!(self.demand, MotionDemand::Stop { .. })
             && self.ramp.velocity == 0.0
@@ -146,7 +146,7 @@ impl Motion {
         )
     }
 
-    /// Whether this mode monitors the following error.
+    /// Returns whether this mode monitors the following error.
     pub(super) const fn monitors_following_error(&self, mode: Option<OperatingMode>) -> bool {
         self.is_position_controlled()
             && matches!(

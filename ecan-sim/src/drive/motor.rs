@@ -86,7 +86,8 @@ impl Motor {
         self.velocity == 0.0
     }
 
-    /// Whether the motor is slow enough for a stop to be complete: 0.01 revolutions per second.
+    /// Returns whether the motor is slow enough for a stop to be complete: 0.01 revolutions per
+    /// second.
     pub(super) fn has_settled(&self) -> bool {
         self.velocity.abs() * 100.0 < f64::from(self.config.increments_per_revolution)
     }

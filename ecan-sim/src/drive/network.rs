@@ -54,7 +54,7 @@ impl Network {
         self.state = state;
     }
 
-    /// Whether SDO, SYNC and EMCY are active.
+    /// Returns whether SDO, SYNC and EMCY are active.
     pub(super) const fn communicates(&self) -> bool {
         matches!(self.state, NmtState::PreOperational | NmtState::Operational)
     }
@@ -70,7 +70,7 @@ impl Network {
         }
     }
 
-    /// Whether booting ends now.
+    /// Returns whether booting ends now.
     pub(super) fn boot_ends(&mut self, now: u64) -> bool {
         let ends = self.boot_at.is_some_and(|at| at <= now);
         if ends {
@@ -106,7 +106,7 @@ impl Network {
         }
     }
 
-    /// Whether another entry than `subindex` already monitors this node.
+    /// Returns whether another entry than `subindex` already monitors this node.
     pub(super) fn is_watched(objects: &Dictionary, producer: NodeId, subindex: u8) -> bool {
         (1..=127).filter(|other| *other != subindex).any(|other| {
             objects
@@ -132,7 +132,7 @@ impl Network {
         Some(WatchEvent::Lost)
     }
 
-    /// Whether a heartbeat is due now.
+    /// Returns whether a heartbeat is due now.
     pub(super) fn heartbeat_due(&mut self, now: u64) -> bool {
         match self.heartbeat_at {
             Some(at) if at <= now => {

@@ -79,7 +79,7 @@ impl Device {
         })
     }
 
-    /// Whether the drive supports a mode of operation; 0 (no mode) is supported.
+    /// Returns whether the drive supports a mode of operation; 0 (no mode) is supported.
     pub(super) fn has_mode(&self, raw: i8) -> bool {
         let modes = self.objects.number(object::SUPPORTED_MODES, 0).unwrap_or(0);
         match OperatingMode::from_raw(raw) {

@@ -71,7 +71,7 @@ impl Mapping {
     }
 }
 
-/// Whether a mapping entry is a dummy: the index of a data type.
+/// Returns whether a mapping entry is a dummy: the index of a data type.
 pub(super) fn is_dummy(entry: MappingEntry) -> bool {
     entry.subindex == 0
         && (1..=7).contains(&entry.index)
@@ -115,7 +115,7 @@ impl ReceivePdo {
         }
     }
 
-    /// Whether the PDO has an event timer.
+    /// Returns whether the PDO has an event timer.
     pub(super) const fn is_timed(&self) -> bool {
         self.timer_ns > 0
     }
@@ -179,7 +179,7 @@ impl TransmitPdo {
         self.syncs = None;
     }
 
-    /// Whether the PDO exists and is event-driven.
+    /// Returns whether the PDO exists and is event-driven.
     pub(super) const fn is_event_driven(&self) -> bool {
         self.id.is_some()
             && matches!(

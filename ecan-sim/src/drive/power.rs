@@ -70,7 +70,7 @@ impl PowerStage {
         self.word
     }
 
-    /// Whether the motor is energised.
+    /// Returns whether the motor is energised.
     pub(super) const fn is_energised(&self) -> bool {
         matches!(
             self.state,
@@ -80,7 +80,7 @@ impl PowerStage {
         )
     }
 
-    /// Whether a stop is in progress next_state which the state changes.
+    /// Returns whether a stop is in progress next_state which the state changes.
     pub(super) const fn has_next_state(&self) -> bool {
         self.next_state.is_some()
     }

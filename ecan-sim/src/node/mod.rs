@@ -54,8 +54,8 @@ pub trait Node: Any + Send {
         None
     }
 
-    /// Whether the node's controller takes part in the bus: it then acknowledges and receives
-    /// frames. Read after every call.
+    /// Returns whether the node's controller takes part in the bus: it then acknowledges and
+    /// receives frames. Read after every call.
     fn is_on_bus(&self) -> bool {
         true
     }

@@ -54,9 +54,9 @@ pub struct GatewaySpec {
     pub alias: u16,
     /// Identity and timing.
     pub config: GatewayModelConfig,
-    /// Whether the SII lets the master write 0x1C12 and 0x1C13.
+    /// True if the SII lets the master write 0x1C12 and 0x1C13.
     pub pdo_assign: bool,
-    /// Whether the SII lets the master write the mapping objects.
+    /// True if the SII lets the master write the mapping objects.
     pub pdo_configuration: bool,
     /// Names of the CAN buses of the four channels.
     pub buses: [String; ecan_protocol::mapping::CHANNELS],
@@ -137,9 +137,9 @@ pub struct Scenario {
     pub wake_up: Option<WakeUpDelay>,
     /// Simulated release of the library.
     pub version: EcrtVersion,
-    /// Whether the master sends process data of more than 1486 bytes per direction.
+    /// True if the master sends process data of more than 1486 bytes per direction.
     pub carries_large_pdos: bool,
-    /// Whether another program has reserved the master, so that requesting it fails with `EBUSY`.
+    /// True if another program has reserved the master, so that requesting it fails with `EBUSY`.
     pub reserved: bool,
     /// Connection of the gateways.
     pub topology: Topology,

@@ -326,8 +326,8 @@ impl World {
         let Some(bus) = self.buses.get(link.bus) else { return };
         let (tec, rec) = bus.bus.error_counters(link.station);
         let state = (bus.bus.error_state(link.station), tec, rec);
-        if link.told != state {
-            link.told = state;
+        if link.reported != state {
+            link.reported = state;
             slot.gateway.bus_state(now, channel, state.0, tec, rec);
         }
     }

@@ -58,7 +58,7 @@ mod tests {
         assert_eq!([set(0, 30), set(1, 20), set(2, 40)], [30, 20, 20]);
         assert_eq!([set(1, 50), set(0, NEVER), set(2, 40)], [30, 40, 40]);
         assert_eq!([set(1, 40), set(2, 60), set(1, NEVER)], [40, 40, 60]);
-        assert_eq!(set(9, 1), 60, "there is no such number");
+        assert_eq!(set(9, 1), 60, "unknown index");
         assert_eq!((due.get(2), due.get(9)), (60, NEVER));
     }
 }

@@ -56,12 +56,12 @@ pub(super) struct ChannelLink {
     /// Configuration generation that the bus has applied.
     pub(super) generation: Option<u32>,
     /// Error state and counters last passed to the gateway.
-    pub(super) told: (ErrorState, u16, u16),
+    pub(super) reported: (ErrorState, u16, u16),
 }
 
 impl ChannelLink {
     pub(super) fn new(bus: usize, station: StationId) -> Self {
-        Self { bus, station, generation: None, told: (ErrorState::Active, 0, 0) }
+        Self { bus, station, generation: None, reported: (ErrorState::Active, 0, 0) }
     }
 }
 
@@ -107,7 +107,7 @@ pub(crate) struct CycleFaults {
 }
 
 impl World {
-    /// Whether the master's own link is up.
+    /// Returns whether the master's own link is up.
     pub(crate) fn link_is_up(&self) -> bool {
         match (self.topology, self.slots.first()) {
             (Topology::Line, Some(slot)) => slot.cable_open_until <= self.now,
@@ -115,8 +115,8 @@ impl World {
         }
     }
 
-    /// Whether a frame of the master reaches this gateway and returns: it has booted and its cable
-    /// is connected, and in a line the same holds for all gateways before it.
+    /// Returns whether a frame of the master reaches this gateway and returns: it has booted and
+    /// its cable is connected, and in a line the same holds for all gateways before it.
     pub fn is_reachable(&self, index: usize) -> bool {
         let answers =
             |slot: &LineSlot| slot.cable_open_until <= self.now && slot.gateway.is_responding();
@@ -168,16 +168,16 @@ impl World {
         while let Some(fault) = self.script.due_cycle(self.cycle) {
             self.inject(fault);
         }
-        let mut fate = CycleFaults::default();
+        let mut faults = CycleFaults::default();
         if self.lost.1 > 0 {
             self.lost.1 -= 1;
-            fate.lost = self.lost.0;
+            faults.lost = self.lost.0;
         }
         if self.counter_offset.1 > 0 {
             self.counter_offset.1 -= 1;
-            fate.counter_offset = self.counter_offset.0;
+            faults.counter_offset = self.counter_offset.0;
         }
-        fate
+        faults
     }
 
     /// Passes a logical datagram through all slaves and returns its working counter.

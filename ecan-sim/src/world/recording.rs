@@ -15,7 +15,7 @@ pub struct BusFrame {
     pub end_ns: u64,
     /// The frame as sent on the wire.
     pub frame: CanFrame,
-    /// Whether the frame was sent by the gateway channel for which the recording was started; in a
+    /// True if the frame was sent by the gateway channel for which the recording was started; in a
     /// recording of all buses, by any gateway channel.
     pub is_from_channel: bool,
 }

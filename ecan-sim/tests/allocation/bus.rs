@@ -1,4 +1,4 @@
-//! A bus in operation allocates nothing.
+//! A running bus allocates no memory.
 
 use crate::counting::allocations;
 use ecan_protocol::can::{CanFrame, CanId};

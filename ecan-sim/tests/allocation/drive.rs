@@ -1,4 +1,4 @@
-//! A drive in motion allocates nothing: cycles of RPDO, SYNC and TPDO, heartbeats, SDO transfers.
+//! A moving drive allocates no memory: cycles of RPDO, SYNC and TPDO, heartbeats, SDO transfers.
 
 use crate::counting::allocations;
 use crate::ecrt_support::{Program, stepped};
@@ -92,7 +92,7 @@ fn cycles_allocate_nothing() {
             host.cycle(0x0F, target);
         }
     };
-    // buffers grow to their size
+    // buffers grow to their final size
     run(&mut host, 2_000);
     let before = (allocations(), host.received);
     run(&mut host, 3_000);

@@ -1,4 +1,4 @@
-//! What allocates no memory; in a program of its own because of the counting allocator.
+//! Code that must not allocate; a separate binary because of the counting allocator.
 
 mod bus;
 #[path = "../counting/mod.rs"]

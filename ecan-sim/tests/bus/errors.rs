@@ -1,4 +1,4 @@
-//! Errors on a bus: counters, states, bus-off and the way back.
+//! Errors on a bus: counters, states, bus-off and recovery.
 
 use crate::fixture::{
     BIT, CLASSIC, FD, START, bits, bus_of, classic, error_frames, received, run, sent, states,
@@ -6,8 +6,8 @@ use crate::fixture::{
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{BusError, BusEvent, BusFault, ErrorState, StationConfig};
 
-/// Up to the ACK slot the frame is whole; from the ACK delimiter on stand 6 bits of error flag
-/// and 8 of delimiter. Sixteen failures make the sender passive; further ones count nothing.
+/// The frame is complete up to the ACK slot; 6 bits of error flag and 8 of delimiter follow.
+/// Sixteen failures make the sender error passive; further ones do not count.
 #[test]
 fn lone_station_becomes_and_stays_error_passive() {
     let (mut bus, s) = bus_of(&[CLASSIC]);
@@ -21,7 +21,7 @@ fn lone_station_becomes_and_stays_error_passive() {
     let events = run(&mut bus, START + 16 * attempt);
     assert_eq!(states(&events, s[0]), [ErrorState::Passive]);
     assert_eq!(bus.error_counters(s[0]), (128, 0));
-    // A passive sender pauses for 8 bits more.
+    // An error-passive sender waits for 8 more bits.
     let from = START + 16 * attempt;
     let events = run(&mut bus, from + 1000 * (attempt + 8 * BIT) + 7 * BIT);
     assert_eq!(error_frames(&events), 1000);
@@ -104,12 +104,12 @@ fn recovery_on_idle_bus_takes_128_times_11_bits() {
         BusEvent::StateChanged { station: s[1], state: ErrorState::Active, at_ns: back }
     );
     assert_eq!(bus.error_counters(s[1]), (0, 0));
-    // The frame that waited goes out at once.
+    // The waiting frame is sent at once.
     assert_eq!(sent(&events)[0].2, back);
 }
 
-/// On a bus that never pauses each frame ends in one sequence of 11 recessive bits (ACK
-/// delimiter, EOF, intermission).
+/// On a bus without pauses each frame ends with one sequence of 11 recessive bits (ACK delimiter,
+/// EOF, intermission).
 #[test]
 fn recovery_on_busy_bus_takes_128_frames() {
     let (mut bus, s) = bus_of(&[CLASSIC; 3]);
@@ -128,7 +128,7 @@ fn recovery_on_busy_bus_takes_128_frames() {
             bus.offer(now, s[0], frame);
         }
     }
-    // The 128th sequence is over with the intermission, at which the next frame starts.
+    // The 128th sequence ends with the intermission, when the next frame starts.
     assert_eq!(frames, 128);
     assert_eq!(states(&events, s[2]), [ErrorState::Active]);
 }
@@ -146,8 +146,9 @@ fn bus_off_station_aborts_its_frame() {
     assert_eq!(bus.error_counters(s[1]), (0, 1));
 }
 
-/// The stranger signals an error first and gets 1 + 8 points for each frame: passive after 15
-/// of them. From then on it disturbs no one, and the sender has 120 points.
+/// The station with the wrong bit rate signals an error first and counts 1 + 8 for each frame:
+/// error passive after 15 of them. From then on it does not disturb, and the sender has counted
+/// 120.
 #[test]
 fn wrong_bit_rate_disturbs_until_error_passive() {
     let (mut bus, s) = bus_of(&[CLASSIC, CLASSIC, StationConfig::classic(250_000)]);

@@ -1,4 +1,4 @@
-//! A bus under test and what comes out of it.
+//! A bus under test and its events.
 
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{BusEvent, CanBus, ErrorState, FrameTiming, StationConfig, StationId};
@@ -16,7 +16,7 @@ pub fn bits(frame: &CanFrame) -> u64 {
     u64::from(FrameTiming::of(frame).total_bits())
 }
 
-/// A bus whose stations have long joined: they are configured at 0 and the test begins at 1 ms.
+/// A bus whose stations have joined: configured at 0, the test begins at 1 ms.
 pub fn bus_of(configs: &[StationConfig]) -> (CanBus, Vec<StationId>) {
     let mut bus = CanBus::new("test");
     let stations = configs

@@ -1,5 +1,5 @@
-//! Frame lengths on the wire: counted by hand, against an encoder of the tests' own, and against
-//! a recording of a real bus.
+//! Frame lengths on the wire: counted by hand, compared with an independent encoder and with a
+//! recording of a real bus.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -21,8 +21,8 @@ fn timing(frame: CanFrame) -> (u16, u16, u16) {
     (t.nominal_bits, t.data_bits, t.stuff_bits)
 }
 
-/// 44 bits of frame; 34 zeros from SOF to the CRC (which is 0 over zeros) take a stuff bit after
-/// every fifth one: 6.
+/// 44 bits of frame; the 34 zeros from SOF to the CRC (which is 0) need a stuff bit after every
+/// fifth one: 6.
 #[test]
 fn standard_frame_of_zeros_has_known_length() {
     let frame = CanFrame::classic(std_id(0), &[]).unwrap();
@@ -30,7 +30,7 @@ fn standard_frame_of_zeros_has_known_length() {
 }
 
 /// 1 + 11 + 1 + 1 + 1 + 4 + 15 + 1 + 1 + 1 + 7 = 44, and 8 per byte. Identifier 0x555 and bytes
-/// 0x55 alternate; the one stuff bit falls in the CRC 001101100000100, behind five zeros.
+/// 0x55 alternate; the only stuff bit is in the CRC 001101100000100, after five zeros.
 #[test]
 fn alternating_standard_frame_has_known_length() {
     let frame = CanFrame::classic(std_id(0x555), &[0x55; 8]).unwrap();
@@ -46,7 +46,7 @@ fn frame_of_manual_has_known_length() {
     assert_eq!(timing(frame), (44 + 64 + 1, 0, 1));
 }
 
-/// A remote frame has no data whatever its DLC: 64 bits extended, 44 standard.
+/// A remote frame has no data for any DLC: 64 bits extended, 44 standard.
 #[test]
 fn remote_frames_carry_no_data() {
     for dlc in 0..=8 {
@@ -58,8 +58,8 @@ fn remote_frames_carry_no_data() {
     }
 }
 
-/// 17 bits up to BRS, behind it ESI, DLC, 512 data bits, 32 bits of CRC field and the CRC
-/// delimiter, then 9 nominal bits. Nothing to stuff.
+/// 17 bits up to BRS, then ESI, DLC, 512 data bits, 32 bits of CRC field and the CRC delimiter,
+/// then 9 nominal bits. No stuff bits.
 #[test]
 fn alternating_fd_frame_has_known_length() {
     let frame = CanFrame::fd(std_id(0x555), &[0x55; 64], true, false).unwrap();
@@ -80,8 +80,8 @@ fn extended_fd_frame_of_ones_has_known_length() {
     assert_eq!(timing(frame), (36 + 6 + 9, 550 + 103, 109));
 }
 
-/// 160 zeros are 32 runs of five; behind the last the fixed stuff bit of the CRC field stands
-/// and no dynamic one.
+/// 160 zeros are 32 runs of five; after the last one comes the fixed stuff bit of the CRC field
+/// instead of a dynamic one.
 #[test]
 fn fd_data_field_ending_in_five_equal_bits_has_no_stuff_bit() {
     let frame = CanFrame::fd(std_id(0x555), &[0; 20], true, false).unwrap();
@@ -100,13 +100,13 @@ fn crc_field_grows_between_16_and_20_bytes() {
     assert_eq!(length(20), 5 + 160 + 32 + 1);
 }
 
-/// Without BRS all bits are nominal and as many.
+/// Without BRS all bits are nominal, with the same total.
 #[test]
 fn without_switching_every_bit_is_nominal() {
     let switched = FrameTiming::of(&CanFrame::fd(std_id(0x555), &[7; 32], true, false).unwrap());
     let steady = FrameTiming::of(&CanFrame::fd(std_id(0x555), &[7; 32], false, false).unwrap());
     assert_eq!(steady.data_bits, 0);
-    // BRS itself is the other way round, but no run of five goes through it.
+    // BRS itself differs, but is not part of a run of five.
     assert_eq!(steady.total_bits(), switched.total_bits());
 }
 
@@ -174,8 +174,8 @@ proptest! {
         prop_assert_eq!(encoded.stuff_bits(), wire.dynamic_stuff);
     }
 
-    /// The bounds of the literature: a stuff bit after the first five bits at most, and then
-    /// after every four.
+    /// Known bounds: at most one stuff bit after the first five bits, and then one after every
+    /// four.
     #[test]
     fn lengths_are_within_frame_bits(frame in any_frame()) {
         let extended = frame.id().is_extended();
@@ -194,7 +194,7 @@ proptest! {
         prop_assert!(total <= least + (stuffed - 1) / 4);
     }
 
-    /// The host plans with bounds that hold in each phase by itself, intermission included.
+    /// The bounds that the host uses for planning hold in each phase, intermission included.
     #[test]
     fn frame_bits_bound_each_phase(frame in any_frame()) {
         let exact = FrameTiming::of(&frame);
@@ -203,15 +203,14 @@ proptest! {
         let (least, most) = (FrameBits::least(frame.as_ref()), FrameBits::most(frame.as_ref()));
         prop_assert!(least.nominal <= nominal && nominal <= most.nominal);
         prop_assert!(least.data <= data && data <= most.data);
-        // Without their stuff bits they are alike.
+        // Without stuff bits they are equal.
         prop_assert_eq!(least.total(), nominal + data - u32::from(exact.stuff_bits));
     }
 }
 
-/// Frames that follow each other without a pause on a real 500 kbit/s bus lie as far apart as
-/// the second one and the intermission are long. The recorder's clock wavers by some
-/// microseconds, so the exact distance must be the most frequent one by far, and none may be
-/// much shorter.
+/// Frames without pause on a real 500 kbit/s bus are as far apart as the second one and the
+/// intermission are long. The recorder's clock varies by some microseconds, so the exact distance
+/// must be by far the most frequent one, and none may be much shorter.
 #[test]
 fn recorded_bus_has_calculated_frame_times() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/vehicle-can.log");

@@ -1,4 +1,4 @@
-//! A bit-by-bit encoder written for the tests alone, from the frame formats of ISO 11898-1.
+//! Independent bit-by-bit encoder, from the frame formats of ISO 11898-1.
 
 use ecan_protocol::can::{CanFrame, FrameKind};
 
@@ -14,7 +14,7 @@ fn digits(value: u32, count: usize) -> String {
     if count == 0 { String::new() } else { format!("{value:0count$b}") }
 }
 
-/// The bits that take part in arbitration.
+/// The bits of arbitration.
 pub fn arbitration_bits(frame: &CanFrame) -> String {
     let id = frame.id().raw();
     let rtr = if frame.kind() == FrameKind::Remote { "1" } else { "0" };
@@ -38,7 +38,7 @@ fn remainder(bits: &str, polynomial: u32, width: usize, start: u32) -> u32 {
     register
 }
 
-/// Inserts stuff bits; at the very end only if `closing`. Gives the position of every input bit.
+/// Inserts stuff bits; at the very end only if `closing`. Returns the position of every input bit.
 fn stuffed(bits: &str, closing: bool) -> (String, Vec<usize>) {
     let mut out = String::new();
     let mut positions = Vec::new();

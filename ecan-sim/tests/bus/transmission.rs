@@ -49,7 +49,7 @@ fn switching_shortens_only_data_phase() {
     assert_eq!(sent[0].3 - sent[0].2, 26 * 2_000 + 550 * 200);
 }
 
-/// Arbitration goes on among frames offered up to the very start of the next frame.
+/// Frames offered up to the start of the next frame take part in arbitration.
 #[test]
 fn offer_at_start_of_next_frame_takes_part() {
     let (mut bus, s) = bus_of(&[CLASSIC; 3]);
@@ -60,7 +60,7 @@ fn offer_at_start_of_next_frame_takes_part() {
     bus.advance(START + 1_000_000, &mut events);
     let next_start = START + bits(&first) * BIT + 3 * BIT;
     bus.offer(next_start, s[2], classic(0x1FF, &[]));
-    // Too late: the bus is taken.
+    // Too late: the bus is busy.
     bus.offer(next_start + 1, s[0], classic(0x000, &[]));
     let order: Vec<_> = sent(&run(&mut bus, START + 1_000_000))
         .iter()
@@ -104,7 +104,7 @@ fn equal_identifiers_use_station_order_and_are_counted() {
 fn any_classic() -> impl Strategy<Value = CanFrame> {
     let id = prop_oneof![
         (0..=0x7FFu16).prop_map(|id| CanId::standard(id).unwrap()),
-        // Close neighbours, of both formats.
+        // Neighbouring identifiers, of both formats.
         (0x120..=0x123u16).prop_map(|id| CanId::standard(id).unwrap()),
         (0x120..=0x123u32, 0..4u32).prop_map(|(a, b)| CanId::extended(a << 18 | b).unwrap()),
         (0..=0x1FFF_FFFFu32).prop_map(|id| CanId::extended(id).unwrap()),
@@ -120,8 +120,8 @@ fn any_classic() -> impl Strategy<Value = CanFrame> {
 }
 
 proptest! {
-    /// Whatever is pending at once goes out in the order of the bits on the wire, gapless, and
-    /// every station but the sender receives it.
+    /// Pending frames are sent in the order of their bits on the wire, without gaps, and every
+    /// station except the sender receives them.
     #[test]
     fn pending_frames_are_sent_by_priority(frames in prop::collection::vec(any_classic(), 1..12)) {
         let mut expected: Vec<CanFrame> = Vec::new();
@@ -161,7 +161,7 @@ fn station_joins_after_eleven_bits() {
     let frame = classic(1, &[]);
     bus.offer(0, a, frame);
     assert_eq!(sent(&run(&mut bus, 1_000_000))[0].2, 11 * BIT);
-    // A third one, configured in the middle of a frame, does not see that frame.
+    // A third station, configured during a frame, does not receive that frame.
     let c = bus.attach();
     bus.offer(1_000_000, a, frame);
     bus.configure(1_000_000 + 20 * BIT, c, Some(CLASSIC));
@@ -189,7 +189,7 @@ fn listeners_receive_but_do_not_acknowledge() {
     // The sender's active error flags destroyed the frame for the listener too.
     assert_eq!(error_frames(&events), 16);
     assert_eq!(received(&events), []);
-    // A passive sender's flags are recessive: the listener takes the frame as good.
+    // An error-passive sender's flags are recessive: the listener receives the frame.
     events.clear();
     bus.advance(START + 100_000_000, &mut events);
     assert_eq!(error_frames(&events), 1);
@@ -236,7 +236,7 @@ fn external_loopback_needs_no_acknowledgement() {
     bus.offer(START, s[0], frame);
     let events = run(&mut bus, START + 1_000_000);
     assert_eq!(received(&events), [(s[0], frame), (s[1], frame)]);
-    // It does not hear the others, and does not acknowledge them.
+    // It neither receives nor acknowledges frames of others.
     bus.offer(START + 1_000_000, s[1], classic(2, &[]));
     let events = run(&mut bus, START + 1_200_000);
     assert_eq!(received(&events), []);
@@ -261,7 +261,7 @@ fn withdrawn_frame_is_not_sent() {
     bus.withdraw(s[1]);
     assert!(!bus.is_offering(s[1]));
     run(&mut bus, START + BIT);
-    // Under way: it comes to its end.
+    // In transmission: it is completed.
     bus.withdraw(s[0]);
     assert!(bus.is_offering(s[0]));
     let events = run(&mut bus, START + 1_000_000);
@@ -301,7 +301,7 @@ fn bus_without_pauses_has_load_one() {
     assert!(bus.statistics().load_since(&full).abs() < 1e-12);
 }
 
-/// A snapshot in the middle of a frame counts the part that has passed.
+/// A snapshot during a frame counts the elapsed part.
 #[test]
 fn load_counts_frame_in_transmission() {
     let (mut bus, s) = bus_of(&[CLASSIC; 2]);

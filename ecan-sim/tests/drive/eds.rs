@@ -1,11 +1,11 @@
-//! Electronic data sheets: what is read from them, and how what is wrong is named.
+//! Electronic data sheets: parsed values and error messages.
 
 use crate::fixture::{Fixture, MS, config};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{Drive, EdsError, EdsErrorKind};
 use proptest::prelude::*;
 
-/// A small device, in the layout that the tests change line by line.
+/// A small device; the tests change it line by line.
 const SMALL: &str = "\
 ; a comment
 [DeviceInfo]
@@ -114,7 +114,7 @@ fn eds_accepts_crlf_any_case_and_byte_order_mark() {
     assert_eq!(read(&text).unwrap().object(0x1018, 1), Some(8));
 }
 
-/// Replaces one line, and gives the error's line and words.
+/// Replaces one line and returns the error's line and text.
 fn wrong(line: &str, with: &str) -> (usize, String) {
     let changed: Vec<_> = SMALL.lines().map(|l| if l == line { with } else { l }).collect();
     assert!(SMALL.lines().any(|l| l == line), "{line}");
@@ -122,7 +122,7 @@ fn wrong(line: &str, with: &str) -> (usize, String) {
     (error.line, error.kind.to_string())
 }
 
-/// The line of a text in the small device, from 1.
+/// Line number of a text in the small device, from 1.
 fn line(text: &str) -> usize {
     1 + SMALL.lines().position(|line| line == text).unwrap()
 }
@@ -198,10 +198,10 @@ fn every_error_has_line_and_text() {
             "`$NODE+1` is not a number",
         ),
     ];
-    for (old, new, place, words) in cases {
-        let (at, said) = wrong(old, new);
-        assert_eq!(said, words, "{old} -> {new}");
-        assert_eq!(at, line(place), "{old} -> {new}: {said}");
+    for (old, new, place, expected) in cases {
+        let (at, text) = wrong(old, new);
+        assert_eq!(text, expected, "{old} -> {new}");
+        assert_eq!(at, line(place), "{old} -> {new}: {text}");
     }
 }
 
@@ -238,7 +238,7 @@ proptest! {
     }
 }
 
-/// The EDS of a real device, where the shared data are there.
+/// The EDS of a real device, if the shared data exist.
 fn shared() -> Option<String> {
     let path =
         std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/cia402_slave.eds");
@@ -260,9 +260,9 @@ fn drive_from_foreign_eds_moves() {
     assert_eq!(fixture.read(0x1800, 1), Ok(0x8000_0185));
     assert_eq!(fixture.read(0x60C2, 2), Ok(0xFE));
     assert_eq!(fixture.read(0x6007, 0), Err(0x0602_0000));
-    // what the file leaves open, a drive has
+    // defaults for values that the file leaves open
     assert_eq!(fixture.read(0x6065, 0), Ok(32_768));
-    // it has PP, PV, HM and CSP only
+    // it supports only PP, PV, HM and CSP
     assert_eq!(fixture.write(0x6060, 0, 9, 1), Err(0x0609_0030));
     fixture.write(0x60C2, 1, 1, 1).unwrap();
     fixture.write(0x60C2, 2, -3, 1).unwrap();

@@ -1,28 +1,27 @@
-//! A drive on the table: frames go in and come out without a bus between.
+//! A drive without a bus: frames go in and come out directly.
 use ecan_canopen::{
     Command, Controlword, DriveState, NmtCommand, NmtRequest, NodeId, OperatingMode,
 };
 use ecan_protocol::can::{CanFrame, CanId};
 use ecan_sim::{Drive, DriveConfig, MotorConfig, Node, NodeOutput};
 
-/// Node id of the drive.
+/// Node-ID of the drive.
 pub const NODE: u16 = 5;
-/// A millisecond.
 pub const MS: u64 = 1_000_000;
 
-/// A frame as tests write it.
+/// A frame in the notation of the tests.
 pub type Line = (u16, Vec<u8>);
 
-/// A drive and its surroundings.
+/// A drive under test.
 pub struct Fixture {
     pub drive: Drive,
     pub now: u64,
     out: NodeOutput,
-    /// Frames that the drive has sent and nobody has looked at.
+    /// Sent frames that the test has not read.
     pub sent: Vec<(u64, Line)>,
 }
 
-/// Settings of a drive that answers at once and stands at 1000.
+/// Configuration of a drive that responds at once and starts at position 1000.
 pub fn config() -> DriveConfig {
     DriveConfig {
         sdo_delay_us: 0,
@@ -32,7 +31,7 @@ pub fn config() -> DriveConfig {
 }
 
 impl Fixture {
-    /// A drive with the built-in objects that has booted.
+    /// A booted drive with the built-in objects.
     pub fn booted() -> Self {
         Self::with(&config())
     }
@@ -44,7 +43,7 @@ impl Fixture {
         fixture
     }
 
-    /// A drive that has just got its supply.
+    /// A drive just after power-on.
     pub fn cold(drive: Drive) -> Self {
         let mut fixture = Self { drive, now: 10 * MS, out: NodeOutput::new(), sent: Vec::new() };
         fixture.drive.started(fixture.now, &mut fixture.out);
@@ -59,7 +58,7 @@ impl Fixture {
         }
     }
 
-    /// Lets time pass, with everything that the drive does meanwhile.
+    /// Advances time and runs the drive.
     pub fn pass(&mut self, ns: u64) {
         let end = self.now + ns;
         while let Some(at) = self.drive.next_event().filter(|at| *at <= end) {
@@ -67,7 +66,7 @@ impl Fixture {
             self.drive.advance(self.now, &mut self.out);
             self.collect();
             let next = self.drive.next_event();
-            assert!(next.is_none_or(|next| next > self.now), "time stands still");
+            assert!(next.is_none_or(|next| next > self.now), "time does not advance");
         }
         self.now = end;
     }
@@ -76,7 +75,7 @@ impl Fixture {
         self.pass(ms * MS);
     }
 
-    /// A frame of someone else; gives what the drive sends in the same instant.
+    /// Passes a received frame to the drive; returns the frames sent at the same instant.
     pub fn frame(&mut self, id: u16, data: &[u8]) -> Vec<Line> {
         let frame = CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap();
         let before = self.sent.len();
@@ -85,7 +84,7 @@ impl Fixture {
         self.sent.split_off(before).into_iter().map(|(_, line)| line).collect()
     }
 
-    /// Everything that was sent since the last look, without its times.
+    /// Returns and clears the frames sent so far.
     pub fn lines(&mut self) -> Vec<Line> {
         self.sent.drain(..).map(|(_, line)| line).collect()
     }
@@ -95,14 +94,14 @@ impl Fixture {
         self.frame(0, &NmtRequest { command, node }.to_bytes())
     }
 
-    /// One frame to the SDO server, one back.
+    /// Sends one SDO request and expects one response.
     pub fn sdo(&mut self, request: [u8; 8]) -> [u8; 8] {
         let lines: Vec<_> = self.sdo_all(request);
         assert_eq!(lines.len(), 1, "{lines:02X?}");
         lines[0]
     }
 
-    /// One frame to the SDO server, and all that come back.
+    /// Sends one SDO request and returns all responses.
     pub fn sdo_all(&mut self, request: [u8; 8]) -> Vec<[u8; 8]> {
         self.frame(0x600 + NODE, &request)
             .into_iter()
@@ -111,7 +110,7 @@ impl Fixture {
             .collect()
     }
 
-    /// Writes a number expedited; the abort code if it was refused.
+    /// Writes a number with an expedited download; returns the abort code on failure.
     pub fn write(&mut self, index: u16, sub: u8, value: i64, bytes: u8) -> Result<(), u32> {
         let [low, high] = index.to_le_bytes();
         let [a, b, c, d, ..] = value.to_le_bytes();
@@ -126,7 +125,7 @@ impl Fixture {
         }
     }
 
-    /// Reads a number that comes expedited.
+    /// Reads a number with an expedited upload.
     pub fn read(&mut self, index: u16, sub: u8) -> Result<u32, u32> {
         let [low, high] = index.to_le_bytes();
         let answer = self.sdo([0x40, low, high, sub, 0, 0, 0, 0]);
@@ -150,7 +149,7 @@ impl Fixture {
         self.write(0x6060, 0, i64::from(mode.raw()), 1).unwrap();
     }
 
-    /// Into Operation Enabled by SDO.
+    /// Enables the drive by SDO.
     pub fn enable(&mut self, mode: OperatingMode) {
         self.mode(mode);
         for command in [Command::Shutdown, Command::SwitchOn, Command::EnableOperation] {
@@ -159,8 +158,8 @@ impl Fixture {
         assert_eq!(self.drive.state(), DriveState::OperationEnabled);
     }
 
-    /// Maps controlword and target position to RPDO 1 and statusword and actual position to
-    /// TPDO 1, both with every SYNC, in the order that drives accept.
+    /// Maps controlword and target position to RPDO 1, statusword and actual position to TPDO 1,
+    /// both with every SYNC, in the order that drives accept.
     pub fn map_csp(&mut self) {
         let pdos = [
             (0x1400, 0x1600, 0x200 + NODE, 0x6040_0010, 0x607A_0020),
@@ -179,7 +178,7 @@ impl Fixture {
         self.mode(OperatingMode::CyclicPosition);
     }
 
-    /// A cycle of the host: RPDO 1, SYNC; gives statusword and actual position of TPDO 1.
+    /// One host cycle: RPDO 1, SYNC; returns statusword and actual position of TPDO 1.
     pub fn cycle(&mut self, word: u16, target: i32) -> (u16, i32) {
         let mut data = word.to_le_bytes().to_vec();
         data.extend(target.to_le_bytes());

@@ -1,4 +1,4 @@
-//! Modes of operation: does the motor do what it is told, and stay within its limits?
+//! Modes of operation: motion of the motor and its limits.
 
 use crate::fixture::{Fixture, MS, config};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
@@ -6,7 +6,7 @@ use ecan_sim::{DriveConfig, DriveQuirks, MotorConfig, NodeOutput, TargetKind};
 
 const ENABLE: u16 = 0x0F;
 
-/// A drive in CSP under 1 ms SYNC, enabled, at 1000.
+/// A drive in CSP with 1 ms SYNC, enabled, at 1000.
 fn cyclic() -> Fixture {
     let mut fixture = Fixture::booted();
     fixture.map_csp();
@@ -30,7 +30,7 @@ fn drive_follows_cyclic_positions() {
         worst = worst.max((target - position).abs());
         assert!(fixture.drive.following_error().abs() < 200, "{}", fixture.drive.following_error());
     }
-    // a cycle on the wire, a cycle of interpolation, and what the controller lacks
+    // one cycle on the wire, one of interpolation, and the controller's error
     assert!((100..500).contains(&worst), "{worst}");
     for _ in 0..100 {
         fixture.cycle(ENABLE, target);
@@ -69,7 +69,7 @@ fn drive_enabled_without_target_stays_at_standstill() {
     fixture.enable(OperatingMode::CyclicPosition);
     fixture.pass_ms(500);
     assert_eq!(fixture.drive.position(), 1000);
-    // the quirk: it goes for what 0x607A held
+    // the quirk: it moves to the previous value of 0x607A
     let quirks = DriveQuirks { follows_old_target: true, ..DriveQuirks::default() };
     let mut fixture = Fixture::with(&DriveConfig { quirks, ..config() });
     fixture.write(0x6065, 0, 0xFFFF_FFFF, 4).unwrap();
@@ -112,7 +112,7 @@ fn history_contains_every_target_and_marks_first() {
     let sums = history.sums();
     assert_eq!((sums.followed, sums.ignored, sums.firsts), (2, 3, 1));
     assert_eq!((sums.largest_first_offset, sums.largest_step), (1, 2));
-    // enabled again, the next is a first again
+    // after enabling again, the next target is a first target
     for word in [0x06, 0x07, 0x0F] {
         fixture.cycle(word, 5000);
     }
@@ -210,20 +210,20 @@ fn cyclic_velocity_and_torque_are_followed() {
     fixture.write(0x60FF, 0, 500_000, 4).unwrap();
     fixture.enable(OperatingMode::CyclicVelocity);
     fixture.pass_ms(50);
-    // the speed was written before enabling
+    // the velocity was written before enabling
     assert_eq!(fixture.drive.velocity(), 0.0);
     fixture.write(0x60FF, 0, 500_000, 4).unwrap();
     fixture.pass_ms(50);
     assert!((fixture.drive.velocity() - 500_000.0).abs() < 1.0);
     assert_eq!(fixture.read(0x606C, 0), Ok(500_000));
-    // torque overcomes friction: 5 of 200 million at 3000 thousandths
+    // torque first overcomes friction: 5 of 200 million at 3000 thousandths
     assert_eq!(fixture.read(0x6077, 0), Ok(75));
 
     let mut fixture = Fixture::booted();
     fixture.enable(OperatingMode::CyclicTorque);
     fixture.write(0x6071, 0, 150, 2).unwrap();
     fixture.pass_ms(100);
-    // 75 of 150 thousandths are left to accelerate: 5 000 000 increments/s² for 100 ms
+    // 75 of 150 thousandths remain for acceleration: 5 000 000 increments/s² for 100 ms
     assert!(
         (fixture.drive.velocity() - 500_000.0).abs() < 10_000.0,
         "{}",
@@ -260,7 +260,7 @@ fn profile_velocity_uses_profile_acceleration() {
     assert!((fixture.drive.velocity() - 100_000.0).abs() < 5_000.0);
     assert_eq!(fixture.drive.statusword().0 & 0x1400, 0);
     fixture.pass_ms(150);
-    // target reached, not standing
+    // target reached, not at standstill
     assert_eq!(fixture.drive.statusword().0 & 0x1400, 0x0400);
     fixture.write(0x60FF, 0, 0, 4).unwrap();
     fixture.pass_ms(100);
@@ -287,7 +287,7 @@ fn profile_position_accepts_set_points_on_edge() {
     assert_eq!(profile_bits(&fixture), (false, false));
     fixture.pass_ms(400);
     assert_eq!((fixture.drive.position(), profile_bits(&fixture)), (31_000, (true, false)));
-    // relative, from where it was sent
+    // relative to the present set-point
     fixture.write(0x607A, 0, -1_000, 4).unwrap();
     fixture.controlword(0x5F);
     fixture.controlword(0x0F);
@@ -306,7 +306,7 @@ fn set_points_are_queued_or_replaced() {
     };
     set_point(&mut fixture, 51_000, 0x1F);
     fixture.pass_ms(10);
-    // the buffer is taken: acknowledged until it is free
+    // the buffer is full: acknowledged until it is free
     set_point(&mut fixture, 1_000, 0x1F);
     assert_eq!(profile_bits(&fixture), (false, true));
     let mut furthest = 0;
@@ -316,7 +316,7 @@ fn set_points_are_queued_or_replaced() {
     }
     assert!((50_900..51_100).contains(&furthest), "{furthest}");
     assert_eq!(fixture.drive.position(), 1_000);
-    // at once
+    // immediately
     set_point(&mut fixture, 51_000, 0x1F);
     fixture.pass_ms(20);
     set_point(&mut fixture, -9_000, 0x3F);
@@ -346,10 +346,10 @@ fn profile_position_respects_limits() {
         assert!(fixture.now < start + 3_000 * MS);
     }
     assert!((fastest - 100_000.0).abs() < 5_000.0, "{fastest}");
-    // 0.1 s up (5000), 0.2 s down (10 000), 85 000 at full speed: 1.15 s, and the window's time
+    // 0.1 s up (5000), 0.2 s down (10 000), 85 000 at full speed: 1.15 s, and the window time
     let ms = (fixture.now - start) / MS;
     assert!((1_140..1_200).contains(&ms), "{ms}");
-    // halted on the way it stops, and goes on afterwards
+    // a halt stops the motion, which then continues
     fixture.controlword(0x0F);
     fixture.write(0x607A, 0, 1_000, 4).unwrap();
     fixture.controlword(0x1F);
@@ -393,7 +393,7 @@ fn homing_on_present_position_finishes_at_once() {
         assert_eq!(homing_bits(&fixture), (true, true, false));
         assert_eq!(fixture.drive.position(), 0);
         assert_eq!(fixture.drive.mechanical_position().round(), 1000.0);
-        // zero lies the offset behind home
+        // the zero position is the offset away from home
         let (fixture, _) = home(method, 250, config().motor);
         assert_eq!(fixture.drive.position(), -250);
     }
@@ -407,14 +407,14 @@ fn homing_on_switch_moves_to_switch() {
         home_switch: 90_000,
         ..MotorConfig::default()
     };
-    // slowly, so that the switches are seen within a few increments
+    // slowly, so that the switches are detected within a few increments
     for (method, home_at) in [(17, -20_000), (18, 200_000), (19, 90_000), (20, 90_000)] {
         let (fixture, ms) = home(method, 0, machine);
         assert!(ms > 300, "method {method}: {ms} ms");
         assert_eq!(homing_bits(&fixture), (true, true, false), "method {method}");
         let zero = fixture.drive.mechanical_position() - f64::from(fixture.drive.position());
         assert!((zero - f64::from(home_at)).abs() < 60.0, "method {method}: zero at {zero}");
-        // close to its new zero
+        // close to the new zero
         assert!(fixture.drive.position().abs() < 200, "{}", fixture.drive.position());
     }
     // index pulses at multiples of a revolution

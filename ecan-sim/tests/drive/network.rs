@@ -1,4 +1,4 @@
-//! The drive as a CANopen slave: NMT, boot-up, heartbeats, emergencies, saved parameters.
+//! The drive as a CANopen node: NMT, boot-up, heartbeats, emergencies, saved parameters.
 
 use crate::fixture::{Fixture, MS, NODE, config};
 use ecan_canopen::{DriveState, Emcy, ErrorRegister, NmtCommand, NmtState, OperatingMode};
@@ -13,7 +13,7 @@ fn drive_sends_boot_up_message() {
     let start = fixture.now;
     assert_eq!(fixture.drive.state(), DriveState::NotReadyToSwitchOn);
     assert!(!fixture.drive.is_on_bus());
-    // deaf while it boots
+    // no reception while it boots
     assert_eq!(fixture.frame(0x605, &[0x40, 0, 0x10, 0, 0, 0, 0, 0]), []);
     fixture.pass_ms(100);
     assert_eq!(fixture.sent, [(start + 40 * MS, (BOOT_UP, vec![0]))]);
@@ -25,16 +25,16 @@ fn drive_sends_boot_up_message() {
 #[test]
 fn nmt_commands_change_state() {
     let mut fixture = Fixture::booted();
-    // TPDO 1 carries the statusword on events, so it goes out when OPERATIONAL begins
+    // TPDO 1 sends the statusword on events, so also on entering Operational
     assert_eq!(fixture.nmt(NmtCommand::Start), [(0x185, vec![0x40, 0x02])]);
     assert_eq!(fixture.drive.nmt_state(), NmtState::Operational);
     assert_eq!(fixture.nmt(NmtCommand::Stop), []);
     assert_eq!(fixture.drive.nmt_state(), NmtState::Stopped);
-    // no SDO in STOPPED
+    // no SDO in Stopped
     assert_eq!(fixture.frame(0x605, &[0x40, 0, 0x10, 0, 0, 0, 0, 0]), []);
     fixture.nmt(NmtCommand::EnterPreOperational);
     assert_eq!(fixture.read(0x1000, 0), Ok(0x0002_0192));
-    // others' commands are none of ours; 0 is for all
+    // commands to other nodes are ignored; 0 addresses all
     fixture.frame(0, &[0x01, 6]);
     assert_eq!(fixture.drive.nmt_state(), NmtState::PreOperational);
     fixture.frame(0, &[0x01, 0]);
@@ -44,7 +44,7 @@ fn nmt_commands_change_state() {
         let start = fixture.now;
         fixture.nmt(command);
         assert_eq!(fixture.drive.nmt_state(), NmtState::Initialising);
-        // it goes on acknowledging
+        // it still acknowledges
         assert!(fixture.drive.is_on_bus());
         fixture.pass_ms(50);
         assert_eq!(fixture.sent, [(start + after * MS, (BOOT_UP, vec![0]))]);
@@ -66,7 +66,7 @@ fn heartbeats_have_period_and_state() {
     assert_eq!(beats, [beat(100, 0x7F), beat(200, 0x7F), beat(300, 0x04)]);
 }
 
-/// 0x1016 watches node 127, as a host; 0x6007 says what happens without it.
+/// 0x1016 monitors node 127, the host; 0x6007 selects the reaction to its loss.
 fn watching(reaction: i64) -> Fixture {
     let mut fixture = Fixture::booted();
     fixture.write(0x1016, 1, 0x007F_0032, 4).unwrap();
@@ -91,11 +91,11 @@ fn host_is_monitored_from_its_first_heartbeat() {
     fixture.pass_ms(100);
     assert_eq!(fixture.drive.state(), DriveState::Fault);
     assert_eq!(fixture.drive.error_code(), 0x8130);
-    // 0x1029 is 0: back to PRE-OPERATIONAL
+    // 0x1029 is 0: back to Pre-operational
     assert_eq!(fixture.drive.nmt_state(), NmtState::PreOperational);
     let emcy = (last + 50 * MS, (EMCY, vec![0x30, 0x81, 0x11, 0, 0, 0, 0, 0]));
     assert!(fixture.sent.contains(&emcy), "{:?}", fixture.sent);
-    // the host comes back and resets the fault
+    // the host returns and resets the fault
     fixture.frame(0x77F, &[0x05]);
     assert_eq!(fixture.drive.state(), DriveState::Fault);
     fixture.lines();
@@ -119,7 +119,7 @@ fn lost_host_causes_reaction_of_0x6007() {
         assert_eq!(fixture.drive.state(), state, "0x6007 = {reaction}");
         assert_eq!(fixture.drive.error_register(), ErrorRegister(0x11));
         fixture.lines();
-        // the error goes with the next heartbeat
+        // the error clears with the next heartbeat
         let lines = fixture.frame(0x77F, &[0x05]);
         assert!(lines.contains(&(EMCY, vec![0; 8])), "{lines:?}");
         assert_eq!(fixture.drive.error_register(), ErrorRegister(0));
@@ -146,7 +146,7 @@ fn nmt_stop_of_energised_drive_counts_as_lost_host() {
     assert_eq!(fixture.drive.state(), DriveState::SwitchOnDisabled);
 }
 
-/// Fails, and collects what the drive sends about it.
+/// Injects a fault and returns the frames that the drive sends.
 fn fail(fixture: &mut Fixture, code: u16) -> Vec<Vec<u8>> {
     let mut out = NodeOutput::new();
     fixture.drive.fail(fixture.now, code, &mut out);
@@ -164,14 +164,14 @@ fn errors_are_reported_and_stored() {
     assert_eq!(fixture.read(0x1001, 0), Ok(0x03));
     assert_eq!(fixture.read(0x603F, 0), Ok(0x2310));
     assert_eq!((fixture.read(0x1003, 0), fixture.read(0x1003, 1)), (Ok(1), Ok(0x2310)));
-    // a second one changes nothing
+    // a second one has no effect
     assert!(fail(&mut fixture, 0x4310).is_empty());
     fixture.lines();
     fixture.controlword(0x80);
     assert_eq!(fixture.read(0x1001, 0), Ok(0));
     assert_eq!(fail(&mut fixture, 0x3220), [[0x20, 0x32, 0x05, 0, 0, 0, 0, 0]]);
     assert_eq!((fixture.read(0x1003, 1), fixture.read(0x1003, 2)), (Ok(0x3220), Ok(0x2310)));
-    // only 0 may be written to the number of entries: it empties the list
+    // only 0 may be written to the number of entries: it clears the list
     assert_eq!(fixture.write(0x1003, 0, 1, 1), Err(0x0609_0031));
     fixture.write(0x1003, 0, 0, 1).unwrap();
     assert_eq!((fixture.read(0x1003, 0), fixture.read(0x1003, 1)), (Ok(0), Ok(0)));
@@ -215,7 +215,7 @@ fn emergencies_respect_inhibit_time_and_cob_id() {
     let sent: Vec<_> =
         fixture.sent.iter().map(|(at, (id, data))| (at - start, *id, data[0])).collect();
     assert_eq!(sent, [(10 * MS, 0x123, 0x01), (20 * MS, 0x123, 0x02)]);
-    // switched off by bit 31
+    // disabled by bit 31
     fixture.write(0x1014, 0, 0x8000_0123, 4).unwrap();
     let emcy = Emcy { code: 0x1000, register: ErrorRegister(1), manufacturer: [0; 5] };
     fixture.pass_ms(100);
@@ -230,7 +230,7 @@ fn only_saved_values_survive_reset() {
     fixture.write(0x1010, 1, 0x6576_6173, 4).unwrap();
     fixture.write(0x6083, 0, 2222, 4).unwrap();
     fixture.write(0x6084, 0, 3333, 4).unwrap();
-    // reset of communication leaves the profile alone
+    // reset of communication keeps the profile objects
     fixture.nmt(NmtCommand::ResetCommunication);
     fixture.pass_ms(50);
     assert_eq!(fixture.read(0x6083, 0), Ok(2222));
@@ -238,7 +238,7 @@ fn only_saved_values_survive_reset() {
     fixture.pass_ms(50);
     assert_eq!(fixture.read(0x6083, 0), Ok(1111));
     assert_ne!(fixture.read(0x6084, 0), Ok(3333));
-    // defaults come back with the reset after "load"
+    // "load" restores the defaults at the next reset
     fixture.write(0x1011, 1, 0x6461_6F6C, 4).unwrap();
     assert_eq!(fixture.read(0x6083, 0), Ok(1111));
     fixture.nmt(NmtCommand::ResetNode);

@@ -1,4 +1,4 @@
-//! Process data: the rules of mapping, SYNC, events, inhibit and event timers.
+//! PDOs: mapping rules, SYNC, events, inhibit and event timers.
 
 use crate::fixture::{Fixture, MS, NODE, config};
 use ecan_canopen::{Command, NmtCommand};
@@ -35,11 +35,11 @@ fn unmappable_object_is_aborted() {
     fixture.write(0x1600, 0, 0, 1).unwrap();
     fixture.write(0x1A00, 0, 0, 1).unwrap();
     let refused = [
-        // no such object, not mappable at all
+        // no such object, object not mappable
         (0x1600, 0x1234_0010, NO_OBJECT),
         (0x1600, 0x6081_0020, NOT_MAPPABLE),
         (0x1600, 0x1018_0120, NOT_MAPPABLE),
-        // the statusword is not received, the controlword not sent
+        // the statusword cannot be received, the controlword cannot be sent
         (0x1600, 0x6041_0010, NOT_MAPPABLE),
         (0x1A00, 0x6040_0010, NOT_MAPPABLE),
         // the target position has 32 bits
@@ -54,7 +54,7 @@ fn unmappable_object_is_aborted() {
     }
     assert_eq!(fixture.write(0x1600, 0, 3, 1), Err(PDO_LENGTH));
     fixture.write(0x1600, 0, 2, 1).unwrap();
-    // an empty entry does not count as one
+    // an empty entry is not a valid one
     fixture.write(0x1A00, 1, 0x6041_0010, 4).unwrap();
     assert_eq!(fixture.write(0x1A00, 0, 2, 1), Err(NO_OBJECT));
     assert_eq!(fixture.write(0x1A00, 0, 9, 1), Err(0x0609_0031));
@@ -63,12 +63,12 @@ fn unmappable_object_is_aborted() {
 #[test]
 fn communication_parameter_rules_apply() {
     let mut fixture = Fixture::booted();
-    // another identifier while valid, an identifier of another service, one with too many bits
+    // another COB-ID while valid, a COB-ID of another service, one with too many bits
     assert_eq!(fixture.write(0x1800, 1, 0x4000_0186, 4), Err(UNSUPPORTED));
     fixture.write(0x1800, 1, 0xC000_0185, 4).unwrap();
     assert_eq!(fixture.write(0x1800, 1, 0x4000_0581, 4), Err(RANGE));
     assert_eq!(fixture.write(0x1800, 1, 0x4000_1185, 4), Err(RANGE));
-    // reserved types and those that remote frames trigger
+    // reserved types and those triggered by remote frames
     for kind in [241, 251, 252, 253] {
         assert_eq!(fixture.write(0x1800, 2, kind, 1), Err(RANGE));
     }
@@ -97,10 +97,10 @@ fn synchronous_pdos_act_at_sync() {
     fixture.map_csp();
     fixture.nmt(NmtCommand::Start);
     fixture.lines();
-    // nothing happens before SYNC
+    // no effect before SYNC
     assert_eq!(fixture.frame(0x200 + NODE, &[6, 0, 0xE8, 3, 0, 0]), []);
     assert_eq!(fixture.drive.object(0x6040, 0), Some(0));
-    // the answer to SYNC is the state before the command: switch on disabled, at 1000
+    // the response to SYNC has the state before the command: switch on disabled, at 1000
     assert_eq!(fixture.frame(0x80, &[]), [(0x185, vec![0x40, 0x02, 0xE8, 3, 0, 0])]);
     assert_eq!(fixture.drive.object(0x6040, 0), Some(6));
     // ready to switch on
@@ -137,14 +137,14 @@ fn event_driven_pdos_respect_inhibit_time() {
     fixture.write(0x1800, 1, 0x4000_0185, 4).unwrap();
     assert_eq!(fixture.nmt(NmtCommand::Start), [(0x185, vec![0x40, 0x02])]);
     let start = fixture.now;
-    // both changes fall into the inhibit time of 5 ms: the last state goes out behind it
+    // both changes are within the inhibit time of 5 ms: the last state is sent after it
     fixture.pass_ms(1);
     fixture.command(Command::Shutdown);
     fixture.command(Command::SwitchOn);
     fixture.lines();
     fixture.pass_ms(20);
     assert_eq!(fixture.sent, [(start + 5 * MS, (0x185, vec![0x33, 0x02]))]);
-    // nothing changes, nothing is sent
+    // no change, no PDO
     fixture.lines();
     fixture.pass_ms(1000);
     assert!(fixture.sent.is_empty());
@@ -171,7 +171,7 @@ fn pdo_of_wrong_length_is_error() {
     let lines = fixture.frame(0x205, &[6]);
     assert_eq!(lines, [(0x085, vec![0x10, 0x82, 0x11, 0, 0, 0, 0, 0])]);
     assert_eq!(fixture.drive.object(0x6040, 0), Some(0));
-    // eight are too many, but what is mapped counts
+    // eight are too many, but the mapped part is used
     let lines = fixture.frame(0x205, &[6, 0, 1, 2, 3, 4, 5, 6]);
     assert!(lines.contains(&(0x085, vec![0x20, 0x82, 0x11, 0, 0, 0, 0, 0])));
     assert_eq!(fixture.drive.object(0x6040, 0), Some(6));
@@ -182,7 +182,7 @@ fn pdos_are_ignored_outside_operational() {
     let mut fixture = Fixture::booted();
     fixture.frame(0x205, &[6, 0]);
     assert_eq!((fixture.drive.object(0x6040, 0), fixture.drive.received_pdos()), (Some(0), 0));
-    // data that wait for SYNC are gone when OPERATIONAL is left
+    // data that wait for SYNC are discarded when Operational is left
     fixture.map_csp();
     fixture.nmt(NmtCommand::Start);
     fixture.frame(0x205, &[6, 0, 0, 0, 0, 0]);

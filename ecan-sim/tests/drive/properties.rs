@@ -1,11 +1,11 @@
-//! The drive under any input: it neither panics nor breaks its own rules.
+//! The drive under any input: it neither panics nor violates its own rules.
 
 use crate::fixture::{Fixture, config};
 use ecan_canopen::{DriveState, NmtCommand, OperatingMode};
 use ecan_sim::{Drive, MotorConfig, NodeOutput};
 use proptest::prelude::*;
 
-/// What can happen to a drive.
+/// An event for a drive.
 #[derive(Clone, Debug)]
 enum Event {
     Frame(u16, Vec<u8>),
@@ -26,7 +26,7 @@ fn event() -> impl Strategy<Value = Event> {
         0..0x800u16,
     ];
     let data = prop::collection::vec(any::<u8>(), 0..=8);
-    // SDO requests that mean something: all of PDO, profile and manufacturer objects
+    // valid SDO requests: all of PDO, profile and manufacturer objects
     let index = prop_oneof![
         0x1000..0x1020u16,
         0x1400..0x1404u16,
@@ -83,7 +83,7 @@ fn apply(fixture: &mut Fixture, event: &Event) {
     }
 }
 
-/// Everything about a drive that a test can see.
+/// Everything about a drive that a test can read.
 fn picture(fixture: &Fixture) -> String {
     let drive = &fixture.drive;
     format!(
@@ -108,7 +108,7 @@ proptest! {
             prop_assert!(fixture.drive.velocity().abs() <= most);
             prop_assert!(fixture.drive.statusword().state() == Some(fixture.drive.state()));
         }
-        // and it always comes back
+        // and it always recovers
         fixture.pass_ms(400);
         fixture.frame(0, &[0x81, 0]);
         fixture.pass_ms(50);
@@ -156,8 +156,8 @@ proptest! {
         prop_assert_eq!(read, value);
     }
 
-    /// Whatever targets come, the motor's speed and acceleration keep their bounds, and positions
-    /// move by no more than the speed allows.
+    /// For any targets, the motor's velocity and acceleration stay within their limits, and the
+    /// position changes by no more than the velocity allows.
     #[test]
     fn targets_never_exceed_motor_limits(
         targets in prop::collection::vec(prop_oneof![-5_000..5_000i32, any::<i32>()], 1..60),
@@ -176,7 +176,7 @@ proptest! {
             fixture.pass(*jitter);
             let seconds = (fixture.now - at) as f64 / 1e9;
             let moved = fixture.drive.mechanical_position() - before.mechanical_position();
-            // the last instant at which the drive did something may lie a period back
+            // the last event of the drive may be one period ago
             prop_assert!(moved.abs() <= 6_553_600.0 * (seconds + 0.001) + 1.0);
             let gained = fixture.drive.velocity() - before.velocity();
             prop_assert!(gained.abs() <= 205_000_000.0 * (seconds + 0.001) + 1.0);

@@ -1,4 +1,4 @@
-//! Drives behind gateways: the built-in scenario, scenario files, and faults that strike them.
+//! Drives connected to gateways: the built-in scenario, scenario files, and faults.
 
 use std::path::Path;
 
@@ -20,13 +20,13 @@ fn frame(id: u16, data: &[u8]) -> CanFrame {
     CanFrame::classic(CanId::standard(id).unwrap(), data).unwrap()
 }
 
-/// A program on some drives, with one slave a gateway.
+/// A program on some drives, with one slave per gateway.
 fn program(scenario: Scenario) -> Program {
     let slaves = scenario.gateways.len();
     Program::new(stepped(scenario), &vec![3; slaves]).into_op()
 }
 
-/// Sends frames on channel 0 of slave 0 and cycles a few times; gives what came back from there.
+/// Sends frames on channel 0 of slave 0, runs a few cycles and returns the received frames.
 fn exchange(program: &mut Program, frames: &[CanFrame]) -> Vec<(u32, Vec<u8>)> {
     let before = program.received.len();
     let frames: Vec<_> = frames.iter().map(|frame| (0, 0, *frame)).collect();
@@ -62,7 +62,7 @@ fn built_in_scenario_has_four_drives_per_channel() {
     });
 }
 
-/// The start-up of an axis as it stands on the bus, frame by frame.
+/// Startup of an axis, frame by frame.
 #[test]
 fn axis_reaches_its_first_target() {
     let mut program = program(drives(1, 1));
@@ -70,7 +70,7 @@ fn axis_reaches_its_first_target() {
     program.received.clear();
     let mut trace: Vec<String> = Vec::new();
     let mut step = |program: &mut Program, name: &str, frames: &[CanFrame]| {
-        // the motor comes to rest before the next step
+        // the motor stops before the next step
         program.cycles(50);
         trace.push(format!("# {name}"));
         let print = |arrow: &str, id: u32, data: &[u8]| {
@@ -188,8 +188,7 @@ fn axis_reaches_its_first_target() {
     });
 }
 
-/// The controllers of drives that nobody talks to are not run tick by tick; whoever looks at a drive
-/// must not notice.
+/// Idle drives are not run at every controller tick; reading a drive must not show that.
 #[test]
 fn drive_state_is_as_of_its_last_tick() {
     let run = |steps: &[u64]| {
@@ -256,7 +255,7 @@ fn power_cycle_takes_drive_off_bus() {
     let fault = DriveFault::PowerCycle { off_ms: 50 };
     program.simulation().inject(Fault::Drive { node, fault });
     let sdo = frame(0x601, &[0x40, 0x00, 0x10, 0, 0, 0, 0, 0]);
-    // the other drive acknowledges; this one does not answer
+    // the other drive acknowledges; this one does not respond
     assert_eq!(exchange(&mut program, &[sdo]), []);
     let errors = |program: &Program| {
         program.simulation().with_world(|world| world.bus_statistics(0, 0).unwrap().error_frames)
@@ -266,7 +265,7 @@ fn power_cycle_takes_drive_off_bus() {
     let boot_up = program.received.iter().position(|(_, _, frame)| frame.id().raw() == 0x701);
     assert_eq!(program.received[boot_up.unwrap()].2.data(), [0]);
     assert_eq!(exchange(&mut program, &[sdo]).len(), 1);
-    // both off: nobody acknowledges
+    // both off: no acknowledgement
     for node in ["drive 0.0/1", "drive 0.0/2"] {
         program.simulation().inject(Fault::Drive { node: node.to_owned(), fault });
     }
@@ -300,9 +299,9 @@ fn faults_affect_named_drive() {
     let frames = inject(&mut program, 1, DriveFault::Emcy { code: 0x4210, register: 9 });
     assert_eq!(frames, [(0x081, vec![0x10, 0x42, 0x09, 0, 0, 0, 0, 0])]);
     assert_eq!(state(&program, 1), DriveState::SwitchOnDisabled);
-    // a name that is none
+    // a name that does not exist
     assert_eq!(inject(&mut program, 9, DriveFault::Error { code: 0x2310 }), []);
-    // silent: alive, but without a word
+    // silent: it runs, but sends nothing
     let node = "drive 0.0/1".to_owned();
     program.simulation().inject(Fault::NodeSilent { node, for_ms: 100 });
     let sdo = frame(0x601, &[0x40, 0x00, 0x10, 0, 0, 0, 0, 0]);
@@ -464,10 +463,10 @@ fn drive_errors_are_reported() {
             "`register` does not belong to a fault of this kind",
         ),
     ];
-    for (old, new, words) in cases {
+    for (old, new, text) in cases {
         assert!(FILE.contains(old), "{old}");
         let error = read(&FILE.replacen(old, new, 1)).unwrap_err();
-        assert!(error.contains(words), "{error}");
+        assert!(error.contains(text), "{error}");
         assert!(error.starts_with("line "), "{error}");
     }
     let text = FILE.replace(
@@ -485,7 +484,7 @@ fn missing_or_invalid_eds_is_reported() {
     let path = directory.join("wrong.eds");
     std::fs::write(&path, "[MandatoryObjects]\nSupportedObjects=none\n").unwrap();
     let mut scenario = drives(1, 1);
-    for (file, words) in [
+    for (file, text) in [
         (path.clone(), "wrong.eds, line 2: `none` is not a number"),
         (directory.join("absent.eds"), "absent.eds: "),
     ] {
@@ -493,7 +492,7 @@ fn missing_or_invalid_eds_is_reported() {
         scenario.nodes[0].kind =
             NodeKind::Drive(Box::new(DriveSpec { config: config, eds: Some(file) }));
         let error = open_scenario(scenario.clone(), &SimOptions::default()).unwrap_err();
-        assert!(error.to_string().contains(words), "{error}");
+        assert!(error.to_string().contains(text), "{error}");
         assert!(matches!(error, BackendError::Eds { .. } | BackendError::Read { .. }));
     }
     std::fs::remove_dir_all(&directory).unwrap();
@@ -507,7 +506,7 @@ fn drive_with_own_bit_rates_runs_without_gateway() {
     program.simulation().with_world(|world| {
         let state = |name| world.drive(name).unwrap().nmt_state();
         assert_eq!(state("shoulder"), NmtState::PreOperational);
-        // the other follows a channel that nobody has configured yet
+        // the other one follows a channel that is not configured
         assert_eq!(state("node 1"), NmtState::Initialising);
     });
 }

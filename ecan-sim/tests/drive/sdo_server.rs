@@ -1,4 +1,4 @@
-//! The drive's SDO server against bytes written by hand from CiA 301.
+//! The drive's SDO server, with bytes written by hand from CiA 301.
 
 use crate::fixture::{Fixture, config};
 use ecan_sim::{DriveConfig, DriveQuirks, SdoDirection, SdoEffect, SdoRule};
@@ -21,7 +21,7 @@ fn expedited_uploads_return_values() {
     assert_eq!(fixture.sdo([0x40, 0x17, 0x10, 0, 0, 0, 0, 0]), [0x4B, 0x17, 0x10, 0, 0, 0, 0, 0]);
     // error register, 1 byte
     assert_eq!(fixture.sdo([0x40, 0x01, 0x10, 0, 0, 0, 0, 0]), [0x4F, 0x01, 0x10, 0, 0, 0, 0, 0]);
-    // actual position of a drive that stands at 1000
+    // actual position of a drive at 1000
     assert_eq!(
         fixture.sdo([0x40, 0x64, 0x60, 0, 0, 0, 0, 0]),
         [0x43, 0x64, 0x60, 0, 0xE8, 0x03, 0, 0]
@@ -37,7 +37,7 @@ fn expedited_downloads_write_values() {
         [0x60, 0x81, 0x60, 0, 0, 0, 0, 0]
     );
     assert_eq!(fixture.drive.object(0x6081, 0), Some(123_456));
-    // mode of operation 8, without a size
+    // mode of operation 8, without size
     assert_eq!(
         fixture.sdo([0x22, 0x60, 0x60, 0, 8, 0xAA, 0xBB, 0xCC]),
         [0x60, 0x60, 0x60, 0, 0, 0, 0, 0]
@@ -53,7 +53,7 @@ fn segmented_upload_returns_value() {
     assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00ECAN si");
     assert_eq!(fixture.sdo([0x70, 0, 0, 0, 0, 0, 0, 0]), *b"\x10mulated");
     assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00 servo ");
-    // 5 bytes, so 2 without meaning, and the last
+    // 5 bytes, so 2 unused, and the last
     assert_eq!(fixture.sdo([0x70, 0, 0, 0, 0, 0, 0, 0]), *b"\x15drive\0\0");
 }
 
@@ -62,7 +62,7 @@ fn segmented_download_writes_value() {
     let mut fixture = Fixture::booted();
     assert_eq!(fixture.sdo([0x21, 0x01, 0x20, 0, 10, 0, 0, 0]), [0x60, 0x01, 0x20, 0, 0, 0, 0, 0]);
     assert_eq!(fixture.sdo(*b"\x00abcdefg"), [0x20, 0, 0, 0, 0, 0, 0, 0]);
-    // 3 bytes, the last: 4 without meaning
+    // 3 bytes, the last: 4 unused
     assert_eq!(fixture.sdo(*b"\x19hij\0\0\0\0"), [0x30, 0, 0, 0, 0, 0, 0, 0]);
     assert_eq!(fixture.sdo([0x40, 0x01, 0x20, 0, 0, 0, 0, 0]), [0x41, 0x01, 0x20, 0, 10, 0, 0, 0]);
     assert_eq!(fixture.sdo([0x60, 0, 0, 0, 0, 0, 0, 0]), *b"\x00abcdefg");
@@ -79,12 +79,12 @@ fn repeated_toggle_bit_is_aborted() {
     fixture.sdo([0x21, 0x01, 0x20, 0, 20, 0, 0, 0]);
     let answer = fixture.sdo(*b"\x10abcdefg");
     assert_eq!(aborted(answer, 0x2001, 0), 0x0503_0000);
-    // and the transfer is over
+    // the transfer has ended
     let answer = fixture.sdo(*b"\x00abcdefg");
     assert_eq!(aborted(answer, 0x2001, 0), 0x0504_0001);
 }
 
-/// Sizes that do not go with what comes.
+/// Sizes that do not match the data.
 #[test]
 fn wrong_sizes_are_aborted() {
     let mut fixture = Fixture::booted();
@@ -110,7 +110,7 @@ fn aborts_have_matching_codes() {
         // halt option code 5 of 1 to 4, and 0
         ([0x2B, 0x5D, 0x60, 0, 5, 0, 0, 0], 0x0609_0031),
         ([0x2B, 0x5D, 0x60, 0, 0, 0, 0, 0], 0x0609_0032),
-        // mode of operation that the drive does not have
+        // unsupported mode of operation
         ([0x2F, 0x60, 0x60, 0, 7, 0, 0, 0], 0x0609_0030),
         // saving without the signature
         ([0x23, 0x10, 0x10, 1, 1, 2, 3, 4], 0x0800_0020),
@@ -119,14 +119,14 @@ fn aborts_have_matching_codes() {
         let index = u16::from_le_bytes([request[1], request[2]]);
         assert_eq!(aborted(fixture.sdo(request), index, request[3]), code, "{request:02X?}");
     }
-    // a command that does not exist is refused, a frame of the wrong length is not for the server
+    // an unknown command is aborted, a frame of the wrong length is ignored
     assert_eq!(fixture.sdo([0xE0, 0, 0, 0, 0, 0, 0, 0])[0], 0x80);
     assert_eq!(fixture.frame(0x605, &[0x40, 0, 0x10]), []);
-    // an abort of the client is not answered
+    // an abort of the client has no response
     assert_eq!(fixture.frame(0x605, &[0x80, 0, 0x10, 0, 0, 0, 0, 0]), []);
 }
 
-/// CRC-16 of XMODEM bit by bit, so that the server is not compared with its own table.
+/// CRC-16 XMODEM bit by bit, independent of the server's table.
 fn crc(data: &[u8]) -> u16 {
     data.iter().fold(0, |crc, byte| {
         (0..8).fold(crc ^ u16::from(*byte) << 8, |crc: u16, _| {
@@ -226,7 +226,7 @@ fn upload_block_resumes_at_lost_segment() {
     fixture.sdo([0xA4, 0x00, 0x20, 0, 4, 0, 0, 0]);
     let segments = fixture.sdo_all([0xA3, 0, 0, 0, 0, 0, 0, 0]);
     assert_eq!(segments.len(), 4);
-    // the client has got only the first two
+    // the client received only the first two
     let segments = fixture.sdo_all([0xA2, 2, 4, 0, 0, 0, 0, 0]);
     assert_eq!(segments[0], [1, 14, 15, 16, 17, 18, 19, 20]);
     assert_eq!(segments[2], [0x83, 28, 29, 0, 0, 0, 0, 0]);
@@ -266,7 +266,7 @@ fn invalid_block_transfers_are_aborted() {
 #[test]
 fn short_block_upload_may_be_answered_at_once() {
     let mut fixture = Fixture::booted();
-    // the client allows the change up to 4 bytes
+    // the client allows the switch up to 4 bytes
     assert_eq!(
         fixture.sdo([0xA4, 0x00, 0x10, 0, 127, 4, 0, 0]),
         [0x43, 0x00, 0x10, 0, 0x92, 0x01, 0x02, 0x00]

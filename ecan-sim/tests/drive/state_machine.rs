@@ -1,4 +1,4 @@
-//! The state machine of CiA 402 in the drive: transitions, option codes, faults.
+//! The CiA 402 state machine of the drive: transitions, option codes, faults.
 
 use crate::fixture::{Fixture, config};
 use ecan_canopen::DriveState::{
@@ -15,7 +15,7 @@ const DISABLE_VOLTAGE: u16 = 0x00;
 const QUICK_STOP: u16 = 0x02;
 const FAULT_RESET: u16 = 0x80;
 
-/// Controlwords that lead from switch on disabled to a state; the motor stands.
+/// Controlwords from switch on disabled to a state, at standstill.
 fn way_to(state: DriveState) -> Fixture {
     let mut fixture = Fixture::booted();
     fixture.mode(OperatingMode::CyclicPosition);
@@ -57,11 +57,11 @@ fn every_controlword_in_every_state_has_its_transition() {
             [
                 (SHUTDOWN, ReadyToSwitchOn),
                 (SWITCH_ON, SwitchedOn),
-                // transitions 3 and 4 in one
+                // transitions 3 and 4 together
                 (ENABLE, OperationEnabled),
                 (DISABLE_VOLTAGE, SwitchOnDisabled),
                 (QUICK_STOP, SwitchOnDisabled),
-                // bit 7 means nothing here, the rest is disable voltage
+                // bit 7 has no meaning here, the rest is disable voltage
                 (FAULT_RESET, SwitchOnDisabled),
             ],
         ),
@@ -126,7 +126,7 @@ fn each_state_has_its_statusword() {
         (SwitchOnDisabled, 0x0240),
         (ReadyToSwitchOn, 0x0221),
         (SwitchedOn, 0x0233),
-        // cyclic: bit 12, it follows its target
+        // cyclic: bit 12, the drive follows its target
         (OperationEnabled, 0x1237),
         (QuickStopActive, 0x0217),
         (Fault, 0x0208),
@@ -143,7 +143,7 @@ fn only_rising_edge_resets_fault() {
     let mut fixture = Fixture::booted();
     fixture.controlword(FAULT_RESET);
     fixture.drive.fail(fixture.now, 0x2310, &mut NodeOutput::new());
-    // the bit is still set from before
+    // the bit is still set
     for _ in 0..3 {
         fixture.controlword(FAULT_RESET);
         assert_eq!(fixture.drive.state(), Fault);
@@ -154,7 +154,7 @@ fn only_rising_edge_resets_fault() {
     assert_eq!(fixture.drive.error_code(), 0);
 }
 
-/// An axis that turns at 1 000 000 increments per second in profile velocity.
+/// An axis that moves at 1 000 000 increments per second in profile velocity.
 fn turning() -> Fixture {
     let mut fixture = Fixture::booted();
     fixture.write(0x60FF, 0, 1_000_000, 4).unwrap();
@@ -164,7 +164,7 @@ fn turning() -> Fixture {
     fixture
 }
 
-/// Milliseconds until it stands, and the states meanwhile.
+/// Returns the milliseconds until standstill and the states until then.
 fn until_standing(fixture: &mut Fixture) -> (usize, Vec<DriveState>) {
     let mut states = Vec::new();
     for ms in 0..1000 {
@@ -176,7 +176,7 @@ fn until_standing(fixture: &mut Fixture) -> (usize, Vec<DriveState>) {
         }
         fixture.pass_ms(1);
     }
-    panic!("it never stands");
+    panic!("no standstill");
 }
 
 // Speed over deceleration: friction 200 ms, profile (10 000 000) 100 ms, quick (50 000 000) 20 ms,
@@ -208,7 +208,7 @@ fn quick_stop_option_codes_apply() {
 
 #[test]
 fn shutdown_and_disable_operation_option_codes_apply() {
-    // 0x605B, 0x605C: 0 cuts the current, 1 slows down first
+    // 0x605B, 0x605C: 0 switches the current off, 1 decelerates first
     for (object, word, end) in
         [(0x605B, SHUTDOWN, ReadyToSwitchOn), (0x605C, SWITCH_ON, SwitchedOn)]
     {
@@ -248,7 +248,7 @@ fn halt_option_codes_decelerate_and_stay_enabled() {
         let (ms, states) = until_standing(&mut fixture);
         assert!(time.contains(&ms), "option {option}: {ms} ms");
         assert_eq!(states, [OperationEnabled]);
-        // target reached tells that it stands
+        // target reached indicates standstill
         fixture.pass_ms(10);
         assert_eq!(fixture.drive.statusword().0 & 0x0400, 0x0400);
         fixture.controlword(ENABLE);

@@ -27,8 +27,7 @@ impl Node for Recorder {
     }
 }
 
-/// No other node is on the bus: the attached one acknowledges the gateway's frames while it is
-/// there.
+/// No other node is on the bus: only the attached one acknowledges the gateway's frames.
 #[test]
 fn attached_node_takes_part_until_dropped() {
     let scenario = Scenario { gateways: vec![GatewaySpec::at(0)], ..Scenario::default() };

@@ -14,7 +14,7 @@ fn drain(out: &mut NodeOutput) -> Vec<CanFrame> {
     std::iter::from_fn(|| out.pop()).collect()
 }
 
-/// Runs a node by its own times; gives each frame with the time it was handed out.
+/// Runs a node by its own times; returns each frame with its time.
 fn play(node: &mut dyn Node, until: u64) -> Vec<(u64, CanFrame)> {
     let mut out = NodeOutput::new();
     let mut played = Vec::new();
@@ -42,7 +42,7 @@ fn echo_node_answers_in_kind_and_order() {
     assert_eq!(out.front(), Some(&frames[0]));
     assert_eq!(drain(&mut out), frames);
     assert_eq!(node.echoed(), 3);
-    // What it has sent itself it does not answer.
+    // It does not answer its own frames.
     node.transmitted(9, &frames[0], &mut out);
     assert!(out.is_empty());
     assert_eq!(node.next_event(), None);
@@ -75,12 +75,11 @@ fn replay_keeps_recorded_intervals() {
     node.started(1_000, &mut NodeOutput::new());
     let played = play(&mut node, u64::MAX);
     let times: Vec<_> = played.iter().map(|(at, frame)| (*at, frame.id().raw())).collect();
-    // 103 is older than 102 in the log: it goes out together with it, and 104 comes 1.1 ms
-    // after 103.
+    // 103 is older than 102 in the log: both are sent together, and 104 is sent 1.1 ms after 103.
     assert_eq!(times, [(1_007, 0x101), (1_001_007, 0x102), (1_001_007, 0x103), (2_101_007, 0x104)]);
     assert_eq!(node.sent(), 4);
     assert_eq!(node.next_event(), None);
-    // Started again, as after a power cycle, it begins again.
+    // After a restart, as after a power cycle, it begins again.
     node.started(5_000_000, &mut NodeOutput::new());
     assert_eq!(node.next_event(), Some(5_000_007));
 }
@@ -191,7 +190,7 @@ fn babbling_node_keeps_interval_without_backlog() {
     let played = play(&mut node, 13_000);
     let expected: Vec<_> = [10_000, 11_000, 12_000, 13_000].map(|at| (at, babble)).into();
     assert_eq!(played, expected);
-    // The bus was too slow to take the last one, and time has gone on.
+    // The bus was too slow for the last frame.
     node.advance(14_000, &mut out);
     node.advance(19_500, &mut out);
     assert_eq!(out.len(), 1);

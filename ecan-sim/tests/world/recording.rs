@@ -52,7 +52,7 @@ fn buses_are_recorded_with_name_in_order_of_time() {
     let mut recorded = Vec::new();
     wire.world_mut().drain_recorded(|bus, frame| recorded.push((bus.to_owned(), *frame)));
     let buses: Vec<_> = recorded.iter().map(|(bus, _)| bus.as_str()).collect();
-    // Frame and echo at 1 Mbit/s are over when the slow bus has its first.
+    // Frame and echo at 1 Mbit/s end before the first frame of the slow bus.
     assert_eq!(buses, ["0.0", "0.0", "0.3", "0.3"]);
     assert!(recorded.is_sorted_by_key(|(_, frame)| frame.end_ns));
     for (_, frame) in &recorded {

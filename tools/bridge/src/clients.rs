@@ -25,7 +25,7 @@ impl Clients {
         self.0.set_accepting(is_accepting)
     }
 
-    /// Whether a client is connected.
+    /// Returns whether a client is connected.
     pub fn is_any_connected(&self) -> bool {
         self.0.has_clients()
     }

@@ -7,7 +7,7 @@ pub struct BusRates {
     pub nominal_bitrate: u32,
     /// Bit rate of the data phase of CAN FD frames with bit rate switch in bit/s.
     pub data_bitrate: u32,
-    /// Whether CAN FD frames can be on the bus.
+    /// True if CAN FD frames can be on the bus.
     pub fd: bool,
 }
 

@@ -24,7 +24,7 @@ use crate::writer::Writer;
 /// Interval of polling for a new client. Stopping does not wait for it.
 const ACCEPT_INTERVAL: Duration = Duration::from_millis(10);
 
-/// Why a bridge cannot start.
+/// Reason why a bridge cannot start.
 #[derive(Debug, thiserror::Error)]
 pub enum ServerError {
     /// The address is not available.

@@ -50,12 +50,12 @@ impl Terminal {
         Ok(ioctl_tiocgptpeer(&self.ours, flags)?)
     }
 
-    /// Whether a program has it open.
+    /// Returns whether a program has it open.
     fn is_open(&self) -> io::Result<bool> {
         self.poll_at_once().map(|found| !found.contains(PollFlags::HUP))
     }
 
-    /// Whether a program has it open, or has left unread input.
+    /// Returns whether a program has it open, or has left unread input.
     pub(crate) fn is_in_use(&self) -> io::Result<bool> {
         let found = self.poll_at_once()?;
         Ok(!found.contains(PollFlags::HUP) || found.contains(PollFlags::IN))

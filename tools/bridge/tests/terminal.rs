@@ -26,18 +26,18 @@ impl Port {
     }
 
     fn expect(&mut self, text: &str) {
-        let mut heard = Vec::new();
+        let mut received = Vec::new();
         let begun = Instant::now();
-        while heard.len() < text.len() {
+        while received.len() < text.len() {
             let mut byte = [0];
             match self.0.read(&mut byte) {
-                Ok(count) => heard.extend(&byte[..count]),
+                Ok(count) => received.extend(&byte[..count]),
                 Err(error) if error.kind() == ErrorKind::WouldBlock => std::thread::yield_now(),
                 Err(error) => panic!("{error}"),
             }
-            assert!(begun.elapsed() < TIMEOUT, "only {:?}", String::from_utf8_lossy(&heard));
+            assert!(begun.elapsed() < TIMEOUT, "only {:?}", String::from_utf8_lossy(&received));
         }
-        assert_eq!(String::from_utf8_lossy(&heard), text);
+        assert_eq!(String::from_utf8_lossy(&received), text);
     }
 }
 

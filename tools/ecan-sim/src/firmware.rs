@@ -63,7 +63,7 @@ impl Version {
     }
 }
 
-/// Why the package cannot be written.
+/// Reason why the package cannot be written.
 #[derive(Debug, Error)]
 pub enum FirmwareError {
     /// The application cannot be read.

@@ -51,15 +51,15 @@ fn unsuitable_interface_is_rejected_with_reason() {
     if !network::enter() {
         return;
     }
-    let refused = |interface: &str| {
+    let rejected = |interface: &str| {
         let message = fails(&run(&["wire", "--interface", interface]));
         assert_eq!(message.trim().lines().count(), 1, "{message}");
         message
     };
-    assert!(refused("veth2").contains("there are: lo, veth0, veth1"));
-    assert!(refused("lo").contains("loopback"));
+    assert!(rejected("veth2").contains("there are: lo, veth0, veth1"));
+    assert!(rejected("lo").contains("loopback"));
     network::ip(&["link", "set", GATEWAYS, "down"]);
-    assert!(refused(GATEWAYS).contains("`ip link set veth1 up`"));
+    assert!(rejected(GATEWAYS).contains("`ip link set veth1 up`"));
     let output = run(&["wire", "--interface", MASTER, "--duration", "0.01"]);
     assert!(output.status.success());
     assert!(text(&output.stdout).contains("veth0 has no link"), "{}", text(&output.stdout));

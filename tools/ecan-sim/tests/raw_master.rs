@@ -44,7 +44,7 @@ fn two_gateways_answer_and_reach_preop() {
     // Two invalid frames: torn, and of another type.
     let whole = frame(BRD, 0, 0, 0, &[0; 8]);
     master.send(&whole[..whole.len() - 1]);
-    assert_eq!(master.receive().len(), whole.len() - 1, "it comes back as it was torn");
+    assert_eq!(master.receive().len(), whole.len() - 1, "it returns unchanged");
     let (_, counter) = master.read(APRD, 0, 0x030C, 1);
     assert_eq!(counter, 1);
 

@@ -7,7 +7,7 @@ use ecan_sim::{AttachedNode, BridgeSpec, Simulation, UnknownBus};
 
 use crate::bridge_node::BridgeNode;
 
-/// Why a bridge cannot be attached.
+/// Reason why a bridge cannot be attached.
 #[derive(Debug, thiserror::Error)]
 pub enum BridgeError {
     /// No bus has this name.

@@ -79,8 +79,8 @@ fn config(spec: &BridgeSpec) -> BridgeConfig {
     }
 }
 
-/// Whether a sent frame is the given one. The controller may set the error state indicator and
-/// shortens CAN FD frames on a classic bus.
+/// Returns whether a sent frame is the given one. The controller may set the error state indicator
+/// and shortens CAN FD frames on a classic bus.
 fn is_same(given: &CanFrame, sent: &CanFrame) -> bool {
     given.id() == sent.id()
         && given.is_remote() == sent.is_remote()

@@ -79,7 +79,7 @@ impl Client {
         assert_eq!(String::from_utf8_lossy(&bytes), text);
     }
 
-    /// Whether the server has closed the connection.
+    /// Returns whether the server has closed the connection.
     fn is_closed(&mut self) -> bool {
         matches!(self.0.read(&mut [0]), Ok(0) | Err(_))
     }
@@ -175,7 +175,7 @@ fn malformed_input_is_answered_with_bell() {
 
 #[test]
 fn queues_are_bounded_and_count_drops() {
-    // Time stands still, so the queue to the bus is not emptied.
+    // Time is paused, so the queue to the bus is not emptied.
     let settings = BridgeSpec { queue: Some(8), ..BridgeSpec::default() };
     let simulation = simulation(vec![NodeKind::Silent, bridge(settings)]);
     let bridge = only_bridge(&simulation);

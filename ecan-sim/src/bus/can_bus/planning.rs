@@ -48,7 +48,7 @@ pub(super) struct Transmission {
     pub end: u64,
     pub result: TransmissionResult,
     pub collision: bool,
-    /// Whether other stations were ready at the same start.
+    /// True if other stations were ready at the same start.
     pub contested: bool,
 }
 

@@ -20,7 +20,7 @@ impl NamedRate {
         Self { rate, or: None }
     }
 
-    /// Whether the command may mean this bit rate.
+    /// Returns whether the command may mean this bit rate.
     pub(super) fn fits(self, real: u32) -> bool {
         let is_near = |named: u32| {
             u64::from(named.abs_diff(real)) * 1000

@@ -134,7 +134,7 @@ pub(crate) struct SlcanReceiveSettings {
 }
 
 impl SlcanReceiveSettings {
-    /// Whether the settings match the bus for this frame.
+    /// Returns whether the settings match the bus for this frame.
     fn fits(&self, frame: &CanFrame, bus: &BusRates) -> bool {
         let shares = |named: Option<NamedRate>, real| named.is_none_or(|named| named.fits(real));
         let is_fast = matches!(frame.kind(), FrameKind::Fd { brs: true, .. });
@@ -151,8 +151,8 @@ impl SlcanReceiveSettings {
         bus: Option<BusRates>,
         text: &mut Vec<u8>,
     ) {
-        let hears = bus.is_none_or(|config| self.fits(frame, &config));
-        if self.mode != Mode::Closed && hears {
+        let receives = bus.is_none_or(|config| self.fits(frame, &config));
+        if self.mode != Mode::Closed && receives {
             encode(frame, self.timestamps.then_some(time_ns), text);
         }
     }

@@ -56,7 +56,7 @@ fn say(session: &mut SlcanSession, bus: &mut Bus, text: &str) -> String {
     String::from_utf8(answer).unwrap()
 }
 
-fn heard(session: &SlcanSession, bus: &Bus, frame: &CanFrame) -> String {
+fn received(session: &SlcanSession, bus: &Bus, frame: &CanFrame) -> String {
     let mut text = Vec::new();
     session.receive_settings().encode(frame, 1_234_000_000, bus.config, &mut text);
     String::from_utf8(text).unwrap()
@@ -75,10 +75,10 @@ fn session_starts_as_in_python_can() {
     assert_eq!(say(&mut session, &mut bus, "t1232AABB\r"), "z\r");
     assert_eq!(say(&mut session, &mut bus, "T000001230\r"), "Z\r");
     assert_eq!(bus.sent.len(), 2);
-    assert_eq!(heard(&session, &bus, &frame(&[1, 2])), "t12320102\r");
+    assert_eq!(received(&session, &bus, &frame(&[1, 2])), "t12320102\r");
     assert_eq!(say(&mut session, &mut bus, "V\rN\r"), "V1010\rNECAN\r");
     assert_eq!(say(&mut session, &mut bus, "C\r"), "\r");
-    assert_eq!(heard(&session, &bus, &frame(&[1, 2])), "");
+    assert_eq!(received(&session, &bus, &frame(&[1, 2])), "");
     assert_eq!(say(&mut session, &mut bus, "t1230\r"), "\x07");
     assert_eq!((bus.sent.len(), bus.rejected), (2, 1));
 }
@@ -88,7 +88,7 @@ fn listen_only_channel_receives_and_does_not_send() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(None);
     assert_eq!(say(&mut session, &mut bus, "Z1\rL\rL\rO\rt1230\r"), "\r\r\r\x07\x07");
-    assert_eq!(heard(&session, &bus, &frame(&[])), "t123004D2\r");
+    assert_eq!(received(&session, &bus, &frame(&[])), "t123004D2\r");
     assert!(bus.sent.is_empty());
 }
 
@@ -115,11 +115,11 @@ fn other_bit_rate_receives_and_sends_nothing() {
     let mut session = SlcanSession::new();
     let mut bus = Bus::new(Some(BusRates::classic(500_000)));
     assert_eq!(say(&mut session, &mut bus, "S8\rO\rt1230\r"), "\r\r\x07");
-    assert_eq!(heard(&session, &bus, &frame(&[])), "");
+    assert_eq!(received(&session, &bus, &frame(&[])), "");
     assert_eq!((bus.sent.len(), bus.mismatched), (0, 1));
     bus.config = Some(BusRates::classic(1_000_000));
     assert_eq!(say(&mut session, &mut bus, "t1230\r"), "z\r");
-    assert_eq!(heard(&session, &bus, &frame(&[])), "t1230\r");
+    assert_eq!(received(&session, &bus, &frame(&[])), "t1230\r");
 }
 
 #[test]
@@ -128,7 +128,7 @@ fn ambiguous_or_rounded_bit_rate_matches() {
         let mut session = SlcanSession::new();
         let mut bus = Bus::new(Some(BusRates::classic(rate)));
         assert_eq!(say(&mut session, &mut bus, &format!("{name}\rO\rt1230\r")), "\r\rz\r");
-        assert_eq!(heard(&session, &bus, &frame(&[])), "t1230\r");
+        assert_eq!(received(&session, &bus, &frame(&[])), "t1230\r");
     }
 }
 
@@ -175,9 +175,9 @@ proptest! {
         let mut cuts = cuts.iter().cycle();
         let mut rest = &text[..];
         while !rest.is_empty() {
-            let (chunk, behind) = rest.split_at(rest.len().min(*cuts.next().unwrap()));
+            let (chunk, after) = rest.split_at(rest.len().min(*cuts.next().unwrap()));
             session.feed(chunk, &mut bus, &mut answer);
-            rest = behind;
+            rest = after;
         }
         prop_assert_eq!(bus.sent, frames);
         prop_assert_eq!(bus.rejected, 0);

@@ -122,7 +122,7 @@ fn blocked_interface_drops_frames_and_recovers() {
         if id == 0x7FF {
             break;
         }
-        assert!(last == 0 || id > last, "{id} behind {last}");
+        assert!(last == 0 || id > last, "{id} after {last}");
         last = id;
     }
 }

@@ -9,7 +9,7 @@ use thiserror::Error;
 /// Any interface: its number for the kernel.
 const ANY: u32 = 0;
 
-/// Why a CAN interface cannot be opened.
+/// Reason why a CAN interface cannot be opened.
 #[derive(Debug, Error)]
 pub enum SocketCanError {
     /// The kernel does not support CAN.
@@ -25,7 +25,7 @@ pub enum SocketCanError {
     },
     /// The interface does not exist.
     #[error(
-        "there is no network interface {interface}; for a virtual one: modprobe vcan; \
+        "network interface {interface} does not exist; for a virtual one: modprobe vcan; \
          ip link add dev {interface} type vcan; ip link set {interface} up"
     )]
     NoInterface {
@@ -33,7 +33,9 @@ pub enum SocketCanError {
         interface: String,
     },
     /// The interface is not a CAN interface.
-    #[error("{interface} is no CAN interface; `ip link show type can` and `type vcan` list those")]
+    #[error(
+        "{interface} is not a CAN interface; see `ip link show type can` and `ip link show type vcan`"
+    )]
     NotCan {
         /// Interface name.
         interface: String,

@@ -15,7 +15,7 @@ pub(crate) enum SocketcandCommand {
     Send(CanFrame),
 }
 
-/// Why a command is rejected, as text of the protocol.
+/// Reason why a command is rejected, as text of the protocol.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub(crate) enum CommandError {
     #[error("unknown command")]
@@ -45,7 +45,7 @@ pub(super) fn parse(text: &str) -> Result<SocketcandCommand, CommandError> {
     if words.next().is_some() { Err(CommandError::Syntax) } else { Ok(command) }
 }
 
-/// Whether a command, or its beginning, sends a frame.
+/// Returns whether a command, or its beginning, sends a frame.
 pub(super) fn is_send(text: &[u8]) -> bool {
     let text = text.trim_ascii_start();
     text.starts_with(b"send ") || text.starts_with(b"sendrtr ")

@@ -89,7 +89,7 @@ impl SocketcandSession {
         Ok(())
     }
 
-    /// Whether the client receives frames of the bus.
+    /// Returns whether the client receives frames of the bus.
     pub(crate) fn is_raw(&self) -> bool {
         self.mode == Mode::Raw
     }

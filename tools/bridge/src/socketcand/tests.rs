@@ -40,7 +40,7 @@ fn say(session: &mut SocketcandSession, bus: &mut Bus, text: &str) -> String {
     String::from_utf8(answer).unwrap()
 }
 
-fn heard(session: &SocketcandSession, frame: &CanFrame) -> String {
+fn received(session: &SocketcandSession, frame: &CanFrame) -> String {
     let mut text = Vec::new();
     let receive_settings = ReceiveSettings::Socketcand { is_raw: session.is_raw() };
     receive_settings.encode(frame, 23_424_242_999, None, &mut text);
@@ -68,12 +68,12 @@ fn session_starts_as_in_python_can() {
     let mut greeting = Vec::new();
     session.greet(&mut greeting);
     assert_eq!(greeting, b"< hi >");
-    assert_eq!(heard(&session, &standard(&[1])), "");
+    assert_eq!(received(&session, &standard(&[1])), "");
     assert_eq!(say(&mut session, &mut bus, "< open can0 >"), "< ok >");
-    assert_eq!(heard(&session, &standard(&[1])), "");
+    assert_eq!(received(&session, &standard(&[1])), "");
     assert_eq!(say(&mut session, &mut bus, "< rawmode >"), "< ok >");
-    assert_eq!(heard(&session, &standard(&[1, 0xAB])), "< frame 023 23.424242 01AB >");
-    assert_eq!(heard(&session, &extended(&[])), "< frame 00000123 23.424242  >");
+    assert_eq!(received(&session, &standard(&[1, 0xAB])), "< frame 023 23.424242 01AB >");
+    assert_eq!(received(&session, &extended(&[])), "< frame 00000123 23.424242  >");
     // python-can omits leading zeros, and writes a space if there is no data.
     assert_eq!(say(&mut session, &mut bus, "< send 023 2 1 ab >< send 00000123 0  >"), "");
     assert_eq!(bus.sent, [standard(&[1, 0xAB]), extended(&[])]);
@@ -85,7 +85,7 @@ fn frames_without_raw_mode_form_are_skipped() {
     let mut bus = Bus::default();
     let session = raw(&mut bus);
     let id = CanId::standard(1).unwrap();
-    assert_eq!(heard(&session, &CanFrame::fd(id, &[1], false, false).unwrap()), "");
+    assert_eq!(received(&session, &CanFrame::fd(id, &[1], false, false).unwrap()), "");
 }
 
 #[test]
@@ -94,8 +94,8 @@ fn remote_frames_have_own_commands() {
     let mut session = raw(&mut bus);
     let remote = |id, dlc| CanFrame::remote(id, Dlc::new(dlc).unwrap()).unwrap();
     let (standard, extended) = (CanId::standard(0x123).unwrap(), CanId::extended(0x123).unwrap());
-    assert_eq!(heard(&session, &remote(standard, 4)), "< rtr 123 23.424242 4 >");
-    assert_eq!(heard(&session, &remote(extended, 0)), "< rtr 00000123 23.424242 0 >");
+    assert_eq!(received(&session, &remote(standard, 4)), "< rtr 123 23.424242 4 >");
+    assert_eq!(received(&session, &remote(extended, 0)), "< rtr 00000123 23.424242 0 >");
     assert_eq!(say(&mut session, &mut bus, "< sendrtr 123 4 >< sendrtr 00000123 0 >"), "");
     assert_eq!(bus.sent, [remote(standard, 4), remote(extended, 0)]);
 }

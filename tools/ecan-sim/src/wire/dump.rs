@@ -78,7 +78,7 @@ impl Dump {
     }
 }
 
-/// Whether a dump is written to standard output.
+/// Returns whether a dump is written to standard output.
 pub fn is_standard_output(path: &Path) -> bool {
     path.as_os_str() == "-"
 }

@@ -5,7 +5,7 @@ use nix::net::if_::InterfaceFlags;
 use nix::sys::socket::LinkAddr;
 use thiserror::Error;
 
-/// Why an interface cannot be used.
+/// Reason why an interface cannot be used.
 #[derive(Debug, Error)]
 pub enum InterfaceError {
     /// The interfaces cannot be listed.
@@ -80,7 +80,7 @@ impl Interface {
         self.address
     }
 
-    /// Whether there is a carrier.
+    /// Returns whether there is a carrier.
     pub fn has_link(&self) -> bool {
         self.has_link
     }

@@ -50,7 +50,7 @@ impl RawMaster {
 
     /// The next frame that returns before the deadline.
     pub fn receive(&self) -> Vec<u8> {
-        self.receive_within(DEADLINE).expect("no frame comes back")
+        self.receive_within(DEADLINE).expect("no frame returned")
     }
 
     fn receive_within(&self, time: Duration) -> Option<Vec<u8>> {
@@ -83,7 +83,7 @@ impl RawMaster {
             if self.receive_within(Duration::from_millis(20)).is_some() {
                 return;
             }
-            assert!(start.elapsed() < DEADLINE, "no frame comes back");
+            assert!(start.elapsed() < DEADLINE, "no frame returned");
         }
     }
 

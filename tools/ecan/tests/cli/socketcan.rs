@@ -26,7 +26,7 @@ fn what_is_missing_is_told_with_the_remedy() {
     // Having been asked, a kernel that has CAN has loaded it.
     let protocols = std::fs::read_to_string("/proc/net/protocols").unwrap();
     let expected = match protocols.lines().any(|line| line.starts_with("CAN_RAW")) {
-        true => "ecan: there is no network interface nosuch0",
+        true => "ecan: network interface nosuch0 does not exist",
         false => "ecan: this kernel has no SocketCAN (",
     };
     assert!(message.starts_with(expected), "{message}");
@@ -88,7 +88,7 @@ fn in_a_network_namespace() {
     let message = fails(6, &[&bridge[..], &[INTERFACE]].concat());
     assert!(message.contains(&format!("the CAN interface {INTERFACE} is down: ip link set")));
     let message = fails(6, &[&bridge[..], &["lo"]].concat());
-    assert!(message.starts_with("ecan: lo is no CAN interface"), "{message}");
+    assert!(message.starts_with("ecan: lo is not a CAN interface"), "{message}");
     ip(&["link", "set", INTERFACE, "up"]);
 
     let options = [INTERFACE, "--channel", "1", "--data-bitrate", "2000000"];
