@@ -1,76 +1,12 @@
 //! A device against a startup sequence, entry by entry.
 
 use std::collections::BTreeMap;
-use std::fmt;
 
 use ecan_host::{Diagnostics, Error, Expectation, StartupStep};
 use ecan_protocol::config::CacheDepth;
 use ecan_protocol::object::{SdoWrite, describe, lookup, object};
 
 use crate::filter_compare::{self, FilterList};
-
-/// What an entry should be.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Expected {
-    /// What the file sets.
-    Value(u32),
-    /// What a readback must meet.
-    Readback(Expectation),
-    /// That the device puts the filter into the editing window.
-    Loaded,
-}
-
-impl fmt::Display for Expected {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Value(value) => write!(f, "{value}"),
-            Self::Readback(expected) => write!(f, "{expected}"),
-            Self::Loaded => f.write_str("loaded"),
-        }
-    }
-}
-
-/// An entry in which a device and a file differ.
-#[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Difference {
-    /// Index of the object.
-    pub index: u16,
-    /// Subindex of the entry; of a filter that of the editing window.
-    pub subindex: u8,
-    /// Index of the filter in its list, for an entry of a filter.
-    pub filter: Option<u8>,
-    /// What the file says.
-    pub expected: Expected,
-    /// What the device has.
-    pub found: u32,
-    /// Whether the master sets the entry up at each start: the PDO assignment, and what is active of
-    /// a profile. The Flash does not keep these, so that they differ from power-up until then.
-    pub is_set_at_start: bool,
-}
-
-impl fmt::Display for Difference {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{}", describe(self.index, self.subindex))?;
-        if let Some(filter) = self.filter {
-            write!(f, " of filter {filter}")?;
-        }
-        let entry = lookup(self.index, self.subindex).map(|(_, entry)| entry);
-        let meaning = |value| match entry.and_then(|entry| entry.meaning(value)) {
-            Some(words) => format!(" ({words})"),
-            None => String::new(),
-        };
-        let wanted = match self.expected {
-            Expected::Value(value) => meaning(value),
-            Expected::Readback(_) => String::new(),
-            Expected::Loaded => {
-                let found = self.found;
-                return write!(f, ": the device does not load it, {found}{}", meaning(found));
-            }
-        };
-        let (expected, found) = (self.expected, self.found);
-        write!(f, ": the file has {expected}{wanted}, the device {found}{}", meaning(found))
-    }
-}
 
 /// Compares a slave with the startup sequence of a gateway: everything that the sequence writes and
 /// expects, filters included, but for commands.
@@ -150,25 +86,4 @@ fn is_command(write: &SdoWrite) -> bool {
     let entry = object(write.index).and_then(|object| object.entry(write.subindex));
     apply.is_some_and(|apply| apply.command == write.subindex)
         || entry.is_some_and(|entry| !entry.access.can_read())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_filter_that_is_not_loaded_is_told_as_such() {
-        let subindex = ecan_protocol::config::FilterWindow::STANDARD.status;
-        let difference = Difference {
-            index: 0x8001,
-            subindex,
-            filter: Some(3),
-            expected: Expected::Loaded,
-            found: 1,
-            is_set_at_start: false,
-        };
-        let words = difference.to_string();
-        assert!(words.contains(" of filter 3: the device does not load it, 1"), "{words}");
-        assert!(words.starts_with("0x8001:"), "{words}");
-    }
 }

@@ -4,7 +4,7 @@ use ecan_host::{Diagnostics, Error};
 use ecan_protocol::config::{FilterCommand, FilterWindow};
 use ecan_protocol::object::SdoWrite;
 
-use crate::compare::{Difference, Expected};
+use crate::difference::{Difference, Expected};
 
 /// What a file puts into one of the lists of a channel.
 #[derive(Debug)]

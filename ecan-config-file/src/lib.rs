@@ -30,6 +30,7 @@ mod channel;
 mod check;
 mod compare;
 mod device;
+mod difference;
 mod document;
 pub mod export;
 mod fault;
@@ -49,8 +50,9 @@ use std::str::FromStr;
 use ecan_host::{AdapterConfig, Expectation, StartupStep};
 use ecan_mcan_port::PortConfig;
 
-pub use compare::{Difference, Expected, differences};
+pub use compare::differences;
 pub use device::{ResolveError, ResolvedGateway, apply, find};
+pub use difference::{Difference, Expected};
 pub use fault::{ConfigFileError, FileFault, FileFaults};
 pub use flash::{ConfigChecksums, FlashCommand};
 pub use warning::{Elements, FileWarning};

@@ -1,12 +1,12 @@
-//! CAN identifiers.
+//! CAN IDs.
 
 use core::fmt;
 
-use super::frame::FrameError;
+use super::frame_error::FrameError;
 
 const EXTENDED: u32 = 1 << 31;
 
-/// A CAN identifier: 11 bits (standard) or 29 bits (extended).
+/// A CAN ID: 11 bits (standard) or 29 bits (extended).
 ///
 /// The order is that of the raw values, standard before extended; it is not the order of
 /// arbitration on the bus.
@@ -14,12 +14,12 @@ const EXTENDED: u32 = 1 << 31;
 pub struct CanId(u32);
 
 impl CanId {
-    /// Largest standard identifier.
+    /// Largest standard CAN ID.
     pub const MAX_STANDARD: u32 = 0x7FF;
-    /// Largest extended identifier.
+    /// Largest extended CAN ID.
     pub const MAX_EXTENDED: u32 = 0x1FFF_FFFF;
 
-    /// A standard identifier.
+    /// Creates a standard CAN ID.
     ///
     /// # Errors
     /// [`FrameError::IdRange`] above 0x7FF.
@@ -27,7 +27,7 @@ impl CanId {
         Self::new(id as u32, false)
     }
 
-    /// An extended identifier.
+    /// Creates an extended CAN ID.
     ///
     /// # Errors
     /// [`FrameError::IdRange`] above 0x1FFF_FFFF.
@@ -35,10 +35,10 @@ impl CanId {
         Self::new(id, true)
     }
 
-    /// An identifier of the given format.
+    /// Creates a CAN ID of the given format.
     ///
     /// # Errors
-    /// [`FrameError::IdRange`] where `raw` does not fit the format.
+    /// [`FrameError::IdRange`] if `raw` does not fit the format.
     pub const fn new(raw: u32, extended: bool) -> Result<Self, FrameError> {
         let (limit, mark) =
             if extended { (Self::MAX_EXTENDED, EXTENDED) } else { (Self::MAX_STANDARD, 0) };
@@ -48,26 +48,26 @@ impl CanId {
         Ok(Self(raw | mark))
     }
 
-    /// The low 11 bits as a standard identifier.
+    /// The low 11 bits as a standard CAN ID.
     #[inline]
     pub(crate) const fn standard_bits(bits: u16) -> Self {
         Self(bits as u32 & Self::MAX_STANDARD)
     }
 
-    /// The low 29 bits as an extended identifier.
+    /// The low 29 bits as an extended CAN ID.
     #[inline]
     pub(crate) const fn extended_bits(bits: u32) -> Self {
         Self(bits & Self::MAX_EXTENDED | EXTENDED)
     }
 
-    /// The identifier's value without any mark: 0 to 0x7FF or 0 to 0x1FFF_FFFF.
+    /// The value without its format: 0 to 0x7FF or 0 to 0x1FFF_FFFF.
     #[inline]
     #[must_use]
     pub const fn raw(self) -> u32 {
         self.0 & Self::MAX_EXTENDED
     }
 
-    /// Whether this is a 29 bit identifier.
+    /// True for a 29-bit CAN ID.
     #[inline]
     #[must_use]
     pub const fn is_extended(self) -> bool {
@@ -75,7 +75,7 @@ impl CanId {
     }
 }
 
-/// Three hex digits for a standard identifier, eight for an extended one, as in candump logs.
+/// Three hex digits for a standard CAN ID, eight for an extended one, as in candump logs.
 impl fmt::Display for CanId {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if self.is_extended() {
@@ -95,12 +95,12 @@ impl fmt::Debug for CanId {
 #[cfg(test)]
 mod tests {
     extern crate std;
-    use super::super::frame::FrameError;
     use super::CanId;
+    use super::FrameError;
     use std::string::ToString;
 
     #[test]
-    fn limits_of_both_formats() {
+    fn id_above_limit_returns_error() {
         assert_eq!(CanId::standard(0x7FF).unwrap().raw(), 0x7FF);
         assert_eq!(CanId::standard(0x800), Err(FrameError::IdRange { id: 0x800, extended: false }));
         assert!(CanId::extended(0x1FFF_FFFF).unwrap().is_extended());
@@ -109,7 +109,7 @@ mod tests {
     }
 
     #[test]
-    fn text_is_candumps() {
+    fn id_display_is_candump_format() {
         assert_eq!(CanId::standard(0x1A).unwrap().to_string(), "01A");
         assert_eq!(CanId::extended(0x1A).unwrap().to_string(), "0000001A");
     }

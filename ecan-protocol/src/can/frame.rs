@@ -5,36 +5,10 @@ use core::fmt;
 use super::can_id::CanId;
 use super::control::ControlWord;
 use super::dlc::Dlc;
+use super::frame_error::FrameError;
 use crate::copy::copy_data;
 
-/// Why bytes are no CAN frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
-pub enum FrameError {
-    /// The identifier does not fit its format.
-    #[error("identifier {id:#X} exceeds {} bits", if *.extended { 29 } else { 11 })]
-    IdRange {
-        /// The identifier given.
-        id: u32,
-        /// Whether a 29 bit identifier was meant.
-        extended: bool,
-    },
-    /// The frame format has no DLC for this number of data bytes.
-    #[error("{length} data bytes do not fit a {} frame", if *.fd { "CAN FD" } else { "classic CAN" })]
-    Length {
-        /// Data bytes given.
-        length: usize,
-        /// Whether a CAN FD frame was meant.
-        fd: bool,
-    },
-    /// A remote frame asks for at most 8 bytes.
-    #[error("remote frame with DLC {dlc}, at most 8 is possible")]
-    RemoteDlc {
-        /// The DLC given.
-        dlc: u8,
-    },
-}
-
-/// What kind of CAN frame it is.
+/// Kind of a CAN frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum FrameKind {
     /// Classic CAN data frame, up to 8 bytes.
@@ -79,18 +53,18 @@ const fn kind_of(bits: u16) -> FrameKind {
 
 /// A CAN frame whose data is borrowed.
 ///
-/// It is valid by construction: identifier in range, data length one that the DLC expresses, no
-/// data in a remote frame.
+/// It is valid by construction: CAN ID in range, a data length that the DLC can express, no data in a
+/// remote frame.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct FrameRef<'a> {
     id: CanId,
-    // DLC, IDE, FDF, BRS and X at their places in the control word, so that packing is an OR.
+    // DLC, IDE, FDF, BRS and X at their positions in the control word, so that packing is an OR.
     bits: u16,
     data: &'a [u8],
 }
 
 impl<'a> FrameRef<'a> {
-    /// A classic CAN data frame.
+    /// Creates a classic CAN data frame.
     ///
     /// # Errors
     /// [`FrameError::Length`] for more than 8 bytes.
@@ -102,7 +76,7 @@ impl<'a> FrameRef<'a> {
         }
     }
 
-    /// A classic CAN remote frame that asks for `dlc` bytes.
+    /// Creates a classic CAN remote frame that requests `dlc` bytes.
     ///
     /// # Errors
     /// [`FrameError::RemoteDlc`] above 8.
@@ -114,10 +88,10 @@ impl<'a> FrameRef<'a> {
         Ok(Self { id, bits: frame_bits(id, FrameKind::Remote, dlc), data: &[] })
     }
 
-    /// A CAN FD frame. `brs` switches to the data bit rate, `esi` is the error state indicator.
+    /// Creates a CAN FD frame. `brs` switches to the data bit rate, `esi` is the error state indicator.
     ///
     /// # Errors
-    /// [`FrameError::Length`] where no DLC means exactly this many bytes.
+    /// [`FrameError::Length`] if no DLC stands for this number of bytes.
     #[inline]
     pub const fn fd(id: CanId, data: &'a [u8], brs: bool, esi: bool) -> Result<Self, FrameError> {
         match Dlc::from_fd_len(data.len()) {
@@ -128,26 +102,26 @@ impl<'a> FrameRef<'a> {
         }
     }
 
-    /// From a control word that has passed all checks, and the data that its DLC means.
+    /// Creates a frame from a checked control word and the data of its DLC.
     #[inline]
     pub(crate) const fn from_checked(id: CanId, control: ControlWord, data: &'a [u8]) -> Self {
         Self { id, bits: control.0 & ControlWord::FRAME_BITS, data }
     }
 
-    /// The frame's part of the control word.
+    /// The bits of the control word that belong to the frame.
     #[inline]
     pub(crate) const fn control_bits(&self) -> u16 {
         self.bits
     }
 
-    /// The identifier.
+    /// The CAN ID.
     #[inline]
     #[must_use]
     pub const fn id(&self) -> CanId {
         self.id
     }
 
-    /// Classic data, remote or CAN FD.
+    /// The kind: classic data, remote or CAN FD.
     #[inline]
     #[must_use]
     pub const fn kind(&self) -> FrameKind {
@@ -168,35 +142,36 @@ impl<'a> FrameRef<'a> {
         self.data
     }
 
-    /// Whether this is a CAN FD frame.
+    /// True for a CAN FD frame.
     #[inline]
     #[must_use]
     pub const fn is_fd(&self) -> bool {
         ControlWord(self.bits).has(ControlWord::FDF)
     }
 
-    /// Whether this is a remote frame.
+    /// True for a remote frame.
     #[inline]
     #[must_use]
     pub const fn is_remote(&self) -> bool {
         ControlWord(self.bits).is_remote()
     }
 
-    /// Bytes that the DLC means: the length of the data, or what a remote frame asks for.
+    /// Bytes that the DLC stands for: the length of the data, or the length that a remote frame
+    /// requests.
     #[inline]
     #[must_use]
     pub const fn len(&self) -> usize {
         if self.is_remote() { self.dlc().value() as usize } else { self.data.len() }
     }
 
-    /// Whether the DLC is 0.
+    /// True if the DLC is 0.
     #[inline]
     #[must_use]
     pub const fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    /// A copy of the data, with zeros behind them.
+    /// Copies the data, followed by zeros.
     #[inline]
     #[must_use]
     pub fn padded_data(&self) -> [u8; 64] {
@@ -205,7 +180,7 @@ impl<'a> FrameRef<'a> {
         data
     }
 
-    /// A copy that owns its data.
+    /// Copies the frame into one that owns its data.
     #[inline]
     #[must_use]
     pub fn to_owned(&self) -> CanFrame {
@@ -213,7 +188,7 @@ impl<'a> FrameRef<'a> {
     }
 }
 
-/// A CAN frame that owns its data; bytes behind the data are zero.
+/// A CAN frame that owns its data; the bytes after the data are zero.
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 pub struct CanFrame {
     id: CanId,
@@ -222,7 +197,7 @@ pub struct CanFrame {
 }
 
 impl CanFrame {
-    /// A classic CAN data frame.
+    /// Creates a classic CAN data frame.
     ///
     /// # Errors
     /// [`FrameError::Length`] for more than 8 bytes.
@@ -230,7 +205,7 @@ impl CanFrame {
         FrameRef::classic(id, data).map(|frame| frame.to_owned())
     }
 
-    /// A classic CAN remote frame that asks for `dlc` bytes.
+    /// Creates a classic CAN remote frame that requests `dlc` bytes.
     ///
     /// # Errors
     /// [`FrameError::RemoteDlc`] above 8.
@@ -238,29 +213,29 @@ impl CanFrame {
         FrameRef::remote(id, dlc).map(|frame| frame.to_owned())
     }
 
-    /// A CAN FD frame. `brs` switches to the data bit rate, `esi` is the error state indicator.
+    /// Creates a CAN FD frame. `brs` switches to the data bit rate, `esi` is the error state indicator.
     ///
     /// # Errors
-    /// [`FrameError::Length`] where no DLC means exactly this many bytes.
+    /// [`FrameError::Length`] if no DLC stands for this number of bytes.
     pub fn fd(id: CanId, data: &[u8], brs: bool, esi: bool) -> Result<Self, FrameError> {
         FrameRef::fd(id, data, brs, esi).map(|frame| frame.to_owned())
     }
 
-    /// The frame as a borrowed view.
+    /// Returns the frame as a borrowed view.
     #[inline]
     #[must_use]
     pub fn as_ref(&self) -> FrameRef<'_> {
         FrameRef { id: self.id, bits: self.bits, data: self.data() }
     }
 
-    /// The identifier.
+    /// The CAN ID.
     #[inline]
     #[must_use]
     pub const fn id(&self) -> CanId {
         self.id
     }
 
-    /// Classic data, remote or CAN FD.
+    /// The kind: classic data, remote or CAN FD.
     #[inline]
     #[must_use]
     pub const fn kind(&self) -> FrameKind {
@@ -279,32 +254,33 @@ impl CanFrame {
     #[must_use]
     pub fn data(&self) -> &[u8] {
         let length = if self.is_remote() { 0 } else { self.dlc().fd_len() };
-        // infallible: no DLC means more than 64 bytes
+        // infallible: no DLC stands for more than 64 bytes
         self.data.get(..length).unwrap_or_default()
     }
 
-    /// Whether this is a CAN FD frame.
+    /// True for a CAN FD frame.
     #[inline]
     #[must_use]
     pub const fn is_fd(&self) -> bool {
         ControlWord(self.bits).has(ControlWord::FDF)
     }
 
-    /// Whether this is a remote frame.
+    /// True for a remote frame.
     #[inline]
     #[must_use]
     pub const fn is_remote(&self) -> bool {
         ControlWord(self.bits).is_remote()
     }
 
-    /// Bytes that the DLC means: the length of the data, or what a remote frame asks for.
+    /// Bytes that the DLC stands for: the length of the data, or the length that a remote frame
+    /// requests.
     #[inline]
     #[must_use]
     pub const fn len(&self) -> usize {
         if self.is_fd() { self.dlc().fd_len() } else { self.dlc().classic_len() }
     }
 
-    /// Whether the DLC is 0.
+    /// True if the DLC is 0.
     #[inline]
     #[must_use]
     pub const fn is_empty(&self) -> bool {
@@ -349,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn classic_frames_take_eight_bytes() {
+    fn classic_frame_with_nine_bytes_returns_error() {
         let frame = CanFrame::classic(id(), &[1; 8]).unwrap();
         assert_eq!(frame.data(), [1; 8]);
         assert_eq!(frame.kind(), FrameKind::Data);
@@ -360,7 +336,7 @@ mod tests {
     }
 
     #[test]
-    fn remote_frames_have_a_length_but_no_data() {
+    fn remote_frame_has_length_and_no_data() {
         let frame = CanFrame::remote(id(), Dlc::new(5).unwrap()).unwrap();
         assert_eq!((frame.len(), frame.data().len()), (5, 0));
         assert!(frame.is_remote() && !frame.is_fd());
@@ -371,7 +347,7 @@ mod tests {
     }
 
     #[test]
-    fn fd_frames_take_dlc_lengths_only() {
+    fn fd_frame_accepts_only_dlc_lengths() {
         for length in 0..=64 {
             let data = [7; 64];
             let frame = CanFrame::fd(id(), &data[..length], true, false);
@@ -389,7 +365,7 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_survives_borrowing() {
+    fn frame_borrow_round_trip() {
         let data = [9; 12];
         let frame = FrameRef::fd(CanId::extended(0x1234_5678).unwrap(), &data, false, true);
         let frame = frame.unwrap();

@@ -1,11 +1,13 @@
-//! CAN and CAN FD frames: identifiers, lengths, bits on the wire, bit timing.
+//! CAN and CAN FD frames: CAN IDs, lengths, bits on the bus, bit timing.
 
 mod bit_timing;
 mod can_id;
 pub(crate) mod control;
 mod dlc;
+mod embedded;
 mod frame;
 mod frame_bits;
+mod frame_error;
 
 pub use bit_timing::{
     BITRATE_TOLERANCE_PPM, BitTiming, BitTimingError, MCAN_CLOCK_HZ, Phase, SamplePoint,
@@ -13,5 +15,7 @@ pub use bit_timing::{
 };
 pub use can_id::CanId;
 pub use dlc::Dlc;
-pub use frame::{CanFrame, FrameError, FrameKind, FrameRef};
+pub use embedded::IdFormatError;
+pub use frame::{CanFrame, FrameKind, FrameRef};
 pub use frame_bits::FrameBits;
+pub use frame_error::FrameError;

@@ -38,7 +38,7 @@ impl DataPathGlobal {
 
     /// The download that applies what was written: :02 = 1.
     pub const fn apply_write() -> SdoWrite {
-        GLOBAL_DATA_PATH.apply_write(0)
+        SdoWrite::apply(&GLOBAL_DATA_PATH, 0)
     }
 
     /// Reports every fault.
@@ -83,7 +83,7 @@ impl DataPathConfig {
 
     /// The download that applies what was written to a channel (0 to 3): :02 = 1.
     pub const fn apply_write(channel: u8) -> SdoWrite {
-        CHANNEL_DATA_PATH.apply_write(channel)
+        SdoWrite::apply(&CHANNEL_DATA_PATH, channel)
     }
 
     /// The active control word that :20 returns after the policy is applied. Budgets out of range

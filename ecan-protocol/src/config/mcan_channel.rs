@@ -68,6 +68,6 @@ impl McanChannelConfig {
 
     /// The download that applies what was written to a channel (0 to 3): :01 = 1.
     pub const fn apply_write(channel: u8) -> SdoWrite {
-        MCAN_CHANNEL.apply_write(channel)
+        SdoWrite::apply(&MCAN_CHANNEL, channel)
     }
 }

@@ -3,8 +3,8 @@
 
 use super::ObjectType::{U8, U16, U32};
 use super::declare::object;
-use super::entry::{Entry, KeyForm, Object};
-use super::value::{ObjectValue, raw_enum};
+use super::entry::{Entry, Object};
+use super::value::{KeyForm, ObjectValue, raw_enum};
 
 const APPLY: &[(u32, &str)] = &[(0, "no-op"), (1, "apply")];
 

@@ -1,88 +1,7 @@
 //! Rows of the object dictionary: objects and their entries.
 
-use super::sdo_write::SdoWrite;
-use super::value::ObjectValue;
-
-/// CoE data type of an object dictionary entry.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum ObjectType {
-    /// Unsigned, 8 bit.
-    U8,
-    /// Unsigned, 16 bit.
-    U16,
-    /// Unsigned, 32 bit.
-    U32,
-    /// Signed, 32 bit. Values in the dictionary and in [`SdoWrite`](super::SdoWrite) are its two's
-    /// complement.
-    I32,
-    /// Text whose length the device decides.
-    VisibleString,
-    /// STRING(16): one 16-byte unit of a PDO image (manual 5.1).
-    String16,
-}
-
-impl ObjectType {
-    /// Bytes of a value in an SDO transfer; `None` if the device decides.
-    pub const fn size_bytes(self) -> Option<usize> {
-        match self {
-            Self::U8 => Some(1),
-            Self::U16 => Some(2),
-            Self::U32 | Self::I32 => Some(4),
-            Self::VisibleString => None,
-            Self::String16 => Some(16),
-        }
-    }
-
-    /// Name in the tables of the manual (13).
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::U8 => "U8",
-            Self::U16 => "U16",
-            Self::U32 => "U32",
-            Self::I32 => "I32",
-            Self::VisibleString => "STRING",
-            Self::String16 => "STRING(16)",
-        }
-    }
-
-    /// True for the types whose values fit into a `u32`.
-    pub const fn is_integer(self) -> bool {
-        !matches!(self, Self::VisibleString | Self::String16)
-    }
-
-    /// Largest raw value of an integer type, 0 for a string type.
-    pub const fn max_value(self) -> u32 {
-        match self {
-            Self::U8 => 0xFF,
-            Self::U16 => 0xFFFF,
-            Self::U32 | Self::I32 => u32::MAX,
-            Self::VisibleString | Self::String16 => 0,
-        }
-    }
-}
-
-/// SDO access to an entry (manual 3.1).
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Access {
-    /// Read only.
-    Ro,
-    /// Read and write.
-    Rw,
-    /// Write only: a command; its read value has no meaning.
-    Wo,
-}
-
-impl Access {
-    /// True when an SDO upload is allowed.
-    pub const fn can_read(self) -> bool {
-        matches!(self, Self::Ro | Self::Rw)
-    }
-
-    /// True when an SDO download is allowed.
-    pub const fn can_write(self) -> bool {
-        matches!(self, Self::Rw | Self::Wo)
-    }
-}
+use super::object_type::{Access, ObjectType};
+use super::value::{KeyForm, ObjectValue};
 
 /// One subindex of an object.
 #[derive(Clone, Copy, Debug)]
@@ -113,25 +32,6 @@ pub struct Entry {
     pub form: KeyForm,
     /// Subindices of the entries that must not be 0 for this one to have an effect.
     pub needs: &'static [u8],
-}
-
-/// How a configuration file states the value of an [`Entry`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum KeyForm {
-    /// As a whole number.
-    Number,
-    /// As `true` or `false`.
-    Flag,
-    /// As one word: the text of the value in lower case, with underscores.
-    Word,
-    /// As a list of words, in lower case; each stands for the given bits.
-    Words(&'static [(&'static str, u32)]),
-    /// As one of these sizes; its position in the list is the raw value.
-    Size(&'static [u32]),
-    /// As a percentage, or as the first one of a list of two.
-    LowerBound,
-    /// As a percentage, or as the second one of a list of two.
-    UpperBound,
 }
 
 impl Entry {
@@ -320,17 +220,6 @@ impl Object {
     pub fn entry(&self, subindex: u8) -> Option<&'static Entry> {
         let at = self.entries.binary_search_by_key(&subindex, |entry| entry.subindex).ok()?;
         self.entries.get(at)
-    }
-
-    /// The download that applies what was written to a family member: the command with value 1.
-    ///
-    /// Only for objects with [`apply`](Self::apply).
-    pub(crate) const fn apply_write(&self, instance: u8) -> SdoWrite {
-        let command = match self.apply {
-            Some(apply) => apply.command,
-            None => 0,
-        };
-        SdoWrite::new(self.first + instance as u16 * self.stride, command, ObjectType::U8, 1)
     }
 
     /// Highest subindex; 0 for an object of a single value.

@@ -5,12 +5,12 @@
 
 use super::ObjectType::{U8, U16, U32};
 use super::declare::object;
-use super::entry::{Entry, KeyForm, Object};
+use super::entry::{Entry, Object};
 use super::filter_window::{
     ExtendedMatch, FilterAction, FilterCommand, FilterCommandStatus, StandardMatch,
 };
 use super::message_ram::{DataSize, FifoMode, MessageRamLayout, TxMode};
-use super::value::{ObjectValue, raw_enum, status_enum};
+use super::value::{KeyForm, ObjectValue, raw_enum, status_enum};
 use crate::can::BitTiming;
 
 raw_enum! {

@@ -1,7 +1,6 @@
 //! The Message RAM of one MCAN channel (manual 13.4, "RAM/FIFO/Buffer").
 
-use super::entry::KeyForm;
-use super::value::raw_enum;
+use super::value::{KeyForm, raw_enum};
 
 /// Message RAM of one channel in bytes: the sum of the default layout.
 pub const MESSAGE_RAM_BYTES: u32 = 8192;

@@ -23,6 +23,7 @@ pub(crate) mod filter_window;
 mod maintenance;
 pub(crate) mod mcan_channel;
 pub(crate) mod message_ram;
+mod object_type;
 pub(crate) mod pdo_profile;
 mod register_service;
 mod sdo_write;
@@ -33,9 +34,11 @@ pub use abort_code::AbortCode;
 pub use communication::{MAPPED_SUBINDEX, pdo_mapping_entry};
 pub use declare::{ConfigObject, InvalidValue, RangeFault};
 pub use describe::describe;
-pub use entry::{Access, Apply, Entry, KeyForm, Object, ObjectType};
+pub use entry::{Apply, Entry, Object};
+pub use object_type::{Access, ObjectType};
 pub use register_service::WRITABLE_REGISTERS;
 pub use sdo_write::SdoWrite;
+pub use value::KeyForm;
 
 pub(crate) use value::{ObjectValue, largest, raw_default, raw_enum, status_enum};
 

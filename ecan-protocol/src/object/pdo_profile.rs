@@ -4,8 +4,8 @@ use core::fmt;
 
 use super::ObjectType::{U8, U16, U32};
 use super::declare::object;
-use super::entry::{Entry, KeyForm, Object};
-use super::value::{raw_enum, raw_flags, status_enum};
+use super::entry::{Entry, Object};
+use super::value::{KeyForm, raw_enum, raw_flags, status_enum};
 
 raw_enum! {
     /// Packing of the frames (manual 9).

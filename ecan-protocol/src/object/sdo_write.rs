@@ -3,8 +3,9 @@
 use core::fmt;
 
 use super::describe::write_object_name;
-use super::entry::ObjectType;
+use super::entry::Object;
 use super::object;
+use super::object_type::ObjectType;
 
 /// One SDO download: what a configuration turns into.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -30,6 +31,16 @@ impl SdoWrite {
     /// A download of `value` as `ty`.
     pub const fn new(index: u16, subindex: u8, ty: ObjectType, value: u32) -> Self {
         Self { index, subindex, value, ty }
+    }
+
+    /// The download that applies what was written to a member of an object family: 1 to its apply
+    /// command.
+    pub(crate) const fn apply(object: &Object, instance: u8) -> Self {
+        let command = match object.apply {
+            Some(apply) => apply.command,
+            None => 0,
+        };
+        Self::new(object.first + instance as u16 * object.stride, command, ObjectType::U8, 1)
     }
 
     /// The value as it is sent, little-endian, and how many of the four bytes count.

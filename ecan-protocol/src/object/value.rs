@@ -1,6 +1,25 @@
 //! The Rust types that an object's values have, and enumerations with the numbers of the manual.
 
-use super::entry::{KeyForm, ObjectType};
+use super::object_type::ObjectType;
+
+/// How a configuration file states the value of an [`Entry`](super::Entry).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum KeyForm {
+    /// As a whole number.
+    Number,
+    /// As `true` or `false`.
+    Flag,
+    /// As one word: the text of the value in lower case, with underscores.
+    Word,
+    /// As a list of words, in lower case; each stands for the given bits.
+    Words(&'static [(&'static str, u32)]),
+    /// As one of these sizes; its position in the list is the raw value.
+    Size(&'static [u32]),
+    /// As a percentage, or as the first one of a list of two.
+    LowerBound,
+    /// As a percentage, or as the second one of a list of two.
+    UpperBound,
+}
 
 /// A type of a configuration field: how its values are written to an object.
 pub(crate) trait ObjectValue: Copy + 'static {

@@ -182,7 +182,7 @@ fn misuse_is_named_and_told_by_the_status() {
             "123##1AA is a CAN FD frame: channel 0 has no data",
         ),
         (2, &["send", "123#", "--channel", "4"], "expected a channel, 0 to 3"),
-        (2, &["gen", "-I", "800", "-n", "1"], "identifier 0x800 exceeds 11 bits"),
+        (2, &["gen", "-I", "800", "-n", "1"], "CAN ID 0x800 is out of range; allowed: 0 to 0x7FF"),
         (2, &["gen", "-L", "9"], "expected r, i or a length"),
         (2, &["gen", "-L", "12"], "12 data bytes do not fit"),
         (2, &["gen", "-D", "1"], "x for a random digit"),

@@ -1,0 +1,90 @@
+//! A difference between a device and a configuration file.
+
+use std::fmt;
+
+use ecan_host::Expectation;
+use ecan_protocol::object::{describe, lookup};
+
+/// What an entry should be.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Expected {
+    /// What the file sets.
+    Value(u32),
+    /// What a readback must meet.
+    Readback(Expectation),
+    /// That the device puts the filter into the editing window.
+    Loaded,
+}
+
+impl fmt::Display for Expected {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Value(value) => write!(f, "{value}"),
+            Self::Readback(expected) => write!(f, "{expected}"),
+            Self::Loaded => f.write_str("loaded"),
+        }
+    }
+}
+
+/// An entry in which a device and a file differ.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Difference {
+    /// Index of the object.
+    pub index: u16,
+    /// Subindex of the entry; of a filter that of the editing window.
+    pub subindex: u8,
+    /// Index of the filter in its list, for an entry of a filter.
+    pub filter: Option<u8>,
+    /// What the file says.
+    pub expected: Expected,
+    /// What the device has.
+    pub found: u32,
+    /// Whether the master sets the entry up at each start: the PDO assignment, and what is active of
+    /// a profile. The Flash does not keep these, so that they differ from power-up until then.
+    pub is_set_at_start: bool,
+}
+
+impl fmt::Display for Difference {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", describe(self.index, self.subindex))?;
+        if let Some(filter) = self.filter {
+            write!(f, " of filter {filter}")?;
+        }
+        let entry = lookup(self.index, self.subindex).map(|(_, entry)| entry);
+        let meaning = |value| match entry.and_then(|entry| entry.meaning(value)) {
+            Some(words) => format!(" ({words})"),
+            None => String::new(),
+        };
+        let wanted = match self.expected {
+            Expected::Value(value) => meaning(value),
+            Expected::Readback(_) => String::new(),
+            Expected::Loaded => {
+                let found = self.found;
+                return write!(f, ": the device does not load it, {found}{}", meaning(found));
+            }
+        };
+        let (expected, found) = (self.expected, self.found);
+        write!(f, ": the file has {expected}{wanted}, the device {found}{}", meaning(found))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_filter_that_is_not_loaded_is_told_as_such() {
+        let subindex = ecan_protocol::config::FilterWindow::STANDARD.status;
+        let difference = Difference {
+            index: 0x8001,
+            subindex,
+            filter: Some(3),
+            expected: Expected::Loaded,
+            found: 1,
+            is_set_at_start: false,
+        };
+        let words = difference.to_string();
+        assert!(words.contains(" of filter 3: the device does not load it, 1"), "{words}");
+        assert!(words.starts_with("0x8001:"), "{words}");
+    }
+}
