@@ -1,4 +1,4 @@
-//! The whole bus: what a file says outside its gateways.
+//! The keys of a file outside its gateways.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use crate::ConfigFile;
 use crate::document::{Document, Table};
 use crate::gateway;
 
-/// Largest index of a master, slave or the like that makes sense.
+/// Largest index of a master or slave.
 const INDEX_MAX: u32 = 0xFFFF;
 
 pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> ConfigFile {
@@ -55,11 +55,11 @@ pub(crate) fn read(document: &mut Document<'_>, mut table: Table<'_, '_>) -> Con
 }
 
 fn read_dc(document: &mut Document<'_>, mut table: Table<'_, '_>, cycle_ns: u32) -> DcSync {
-    // Both in their own words: a shift that is missing has no sound value.
+    // The shift has no default.
     let sync0_ns = table.microseconds(document, "cycle_us").unwrap_or(cycle_ns);
     let shift_ns = table.microseconds(document, "shift_us");
     if shift_ns.is_none() && !table.has("shift_us") {
-        table.fault(document, "shift_us", "`shift_us` is missing: Sync0's phase in the cycle");
+        table.fault(document, "shift_us", "`shift_us` is missing: the phase of Sync0 in the cycle");
     }
     let mut dc = DcSync::new(sync0_ns, shift_ns.unwrap_or(0));
     if let Some(word) = table.unsigned(document, "assign_activate", (0, 0xFFFF)) {

@@ -1,27 +1,28 @@
-//! A device against a startup sequence, entry by entry.
+//! Comparison of a device with a startup sequence, entry by entry.
 
 use std::collections::BTreeMap;
 
-use ecan_host::{Diagnostics, Error, Expectation, StartupStep};
+use ecan_host::{Diagnostics, Error, StartupStep};
 use ecan_protocol::config::CacheDepth;
-use ecan_protocol::object::{SdoWrite, describe, lookup, object};
+use ecan_protocol::object::{SdoWrite, object};
 
+use crate::difference::{Difference, Expected};
 use crate::filter_compare::{self, FilterList};
 
 /// Compares a slave with the startup sequence of a gateway: everything that the sequence writes and
-/// expects, filters included, but for commands.
+/// expects, with filters, without commands.
 ///
 /// Blocks for one transfer per entry. Filters are read through the editing window of the device,
-/// whose index moves; nothing else is written, and the filters in force stay as they are.
+/// whose index changes; nothing else is written, and the active filters are unchanged.
 ///
 /// # Errors
-/// The first transfer that failed.
+/// The error of the first transfer that failed.
 pub fn differences(
     bus: &Diagnostics,
     slave: usize,
     steps: &[StartupStep],
 ) -> Result<Vec<Difference>, Error> {
-    // The last write of an entry counts: an assignment is emptied before it is filled.
+    // The last write of an entry counts: an assignment is cleared before it is written.
     let mut last: BTreeMap<(u16, u8), usize> = BTreeMap::new();
     for (at, step) in steps.iter().enumerate() {
         if let StartupStep::Download(write) = step {
@@ -72,7 +73,7 @@ pub fn differences(
     Ok(differences)
 }
 
-/// Whether a device has what was written. The depth of a cache has two numbers (manual 13.2.2).
+/// True if the device has the written value. A cache depth has two numbers (manual 13.2.2).
 fn is_same(write: &SdoWrite, found: u32) -> bool {
     let depth = |value| u8::try_from(value).ok().and_then(CacheDepth::from_written);
     let is_depth = (0x8021..=0x8024).contains(&write.index) && write.subindex == 7;
@@ -80,7 +81,7 @@ fn is_same(write: &SdoWrite, found: u32) -> bool {
         || (is_depth && depth(found).is_some() && depth(found) == depth(write.value))
 }
 
-/// Whether a write is a command, which reads back as nothing.
+/// True if a write is a command, whose read value has no meaning.
 fn is_command(write: &SdoWrite) -> bool {
     let apply = object(write.index).and_then(|object| object.apply);
     let entry = object(write.index).and_then(|object| object.entry(write.subindex));

@@ -1,10 +1,10 @@
-//! Gateways of a file on a bus: which slave is meant, and writing the configuration to it.
+//! Gateways of a file on a bus: finding the slave, and writing the configuration to it.
 
 use ecan_host::{Diagnostics, Error, SlaveConfig, StartupStep};
 use ecan_protocol::device::AlState;
 use thiserror::Error;
 
-/// Where a gateway of a file is on a bus.
+/// A gateway of a file and its slave on the bus.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ResolvedGateway {
     /// Its index in the file.
@@ -13,7 +13,7 @@ pub struct ResolvedGateway {
     pub slave: usize,
 }
 
-/// Why a gateway of a file cannot be addressed.
+/// Error: a gateway of a file cannot be found or configured.
 #[derive(Debug, Error)]
 pub enum ResolveError {
     /// No slave has the alias.
@@ -24,38 +24,38 @@ pub enum ResolveError {
         /// The alias.
         alias: u16,
     },
-    /// There is no slave in the place.
+    /// No slave at the position.
     #[error(
-        "gateway {gateway} of the file: there is no slave {position} places behind alias {alias}, \
-         the bus has {count}"
+        "gateway {gateway} of the file: no slave at alias {alias}, position {position}; the bus has \
+         {count} slaves"
     )]
     NoSlave {
         /// Its index in the file.
         gateway: usize,
         /// The alias, 0 for the start of the bus.
         alias: u16,
-        /// The position behind it.
+        /// The position relative to it.
         position: u16,
         /// Slaves on the bus.
         count: usize,
     },
-    /// Two gateways of the file are one slave, one by its alias and the other by its position.
+    /// Two gateways of the file are the same slave, one by alias and the other by position.
     #[error(
-        "gateways {first} and {second} of the file are the same slave {slave}: each needs a slave \
-         of its own, by alias or by position"
+        "gateways {first} and {second} of the file are the same slave {slave}; change alias or \
+         position of one of them"
     )]
     Same {
-        /// Index in the file of the one that stands before.
+        /// Index in the file of the first one.
         first: usize,
-        /// Of the other.
+        /// Index in the file of the second one.
         second: usize,
-        /// Index of the slave that both mean.
+        /// Index of the slave.
         slave: usize,
     },
-    /// Its state does not let the configuration be changed.
+    /// The configuration cannot change in the state of the slave.
     #[error(
-        "slave {slave} is in {state}: the layout of its process data is changed in PREOP; stop the \
-         program that drives the bus, or request the state (ethercat states PREOP)"
+        "slave {slave} is in {state}; its process data layout can only change in PREOP: stop the \
+         program that runs the bus, or request the state (ethercat states PREOP)"
     )]
     State {
         /// Index of the slave.
@@ -63,22 +63,21 @@ pub enum ResolveError {
         /// Its state.
         state: AlState,
     },
-    /// The slave cannot be asked.
+    /// A transfer to the slave failed.
     #[error(transparent)]
     Device(#[from] Error),
 }
 
-/// Finds the slave of each gateway, on a handle of the whole bus
-/// ([`Diagnostics::of_bus`]).
+/// Finds the slave of each gateway, with a handle of the whole bus ([`Diagnostics::of_bus`]).
 ///
 /// # Errors
-/// The first gateway that is not there, or that is the slave of another.
+/// [`ResolveError`] for the first gateway that is not found, or that is the slave of another one.
 pub fn find(
     bus: &Diagnostics,
     slaves: &[SlaveConfig],
 ) -> Result<Vec<ResolvedGateway>, ResolveError> {
     let count = bus.slave_count();
-    let place = |(gateway, settings): (usize, &SlaveConfig)| {
+    let resolve = |(gateway, settings): (usize, &SlaveConfig)| {
         let SlaveConfig { alias, position, .. } = *settings;
         let mut start = 0;
         if alias != 0 {
@@ -92,26 +91,26 @@ pub fn find(
             false => Err(ResolveError::NoSlave { gateway, alias, position, count }),
         }
     };
-    let mut places: Vec<ResolvedGateway> = Vec::with_capacity(slaves.len());
+    let mut resolved: Vec<ResolvedGateway> = Vec::with_capacity(slaves.len());
     for gateway in slaves.iter().enumerate() {
-        let found = place(gateway)?;
-        if let Some(other) = places.iter().find(|other| other.slave == found.slave) {
+        let found = resolve(gateway)?;
+        if let Some(other) = resolved.iter().find(|other| other.slave == found.slave) {
             let (first, second) = (other.gateway, found.gateway);
             return Err(ResolveError::Same { first, second, slave: found.slave });
         }
-        places.push(found);
+        resolved.push(found);
     }
-    Ok(places)
+    Ok(resolved)
 }
 
-/// Runs a startup sequence on a slave: downloads, and readbacks that must read what is expected.
-/// `report` is told each step that is done.
+/// Runs a startup sequence on a slave: downloads, and readbacks that must return the expected values.
+/// `report` is called after each step.
 ///
-/// Blocks for a transfer per step, some hundred for a gateway with four channels.
+/// Blocks for one transfer per step, several hundred for a gateway with four channels.
 ///
 /// # Errors
-/// The slave is in a state in which its layout cannot change; the first step that failed, with the
-/// abort code or what was read instead. The steps before it are done.
+/// [`ResolveError::State`] if the layout cannot change in the state of the slave; the error of the
+/// first step that failed, with the abort code or the value read. The steps before it are done.
 pub fn apply(
     bus: &Diagnostics,
     slave: usize,

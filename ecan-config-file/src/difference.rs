@@ -5,14 +5,14 @@ use std::fmt;
 use ecan_host::Expectation;
 use ecan_protocol::object::{describe, lookup};
 
-/// What an entry should be.
+/// Expected value of an entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Expected {
-    /// What the file sets.
+    /// The value of the file.
     Value(u32),
-    /// What a readback must meet.
+    /// The condition of a readback.
     Readback(Expectation),
-    /// That the device puts the filter into the editing window.
+    /// The device loads the filter into the editing window.
     Loaded,
 }
 
@@ -31,16 +31,16 @@ impl fmt::Display for Expected {
 pub struct Difference {
     /// Index of the object.
     pub index: u16,
-    /// Subindex of the entry; of a filter that of the editing window.
+    /// Subindex of the entry; for a filter, in the editing window.
     pub subindex: u8,
     /// Index of the filter in its list, for an entry of a filter.
     pub filter: Option<u8>,
-    /// What the file says.
+    /// Value of the file.
     pub expected: Expected,
-    /// What the device has.
+    /// Value of the device.
     pub found: u32,
-    /// Whether the master sets the entry up at each start: the PDO assignment, and what is active of
-    /// a profile. The Flash does not keep these, so that they differ from power-up until then.
+    /// True if the master writes the entry at each start: the PDO assignment and the active profile.
+    /// The flash does not keep these, so they differ from power-up to the start.
     pub is_set_at_start: bool,
 }
 
@@ -52,7 +52,7 @@ impl fmt::Display for Difference {
         }
         let entry = lookup(self.index, self.subindex).map(|(_, entry)| entry);
         let meaning = |value| match entry.and_then(|entry| entry.meaning(value)) {
-            Some(words) => format!(" ({words})"),
+            Some(text) => format!(" ({text})"),
             None => String::new(),
         };
         let wanted = match self.expected {
@@ -73,7 +73,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_filter_that_is_not_loaded_is_told_as_such() {
+    fn filter_that_is_not_loaded_is_reported() {
         let subindex = ecan_protocol::config::FilterWindow::STANDARD.status;
         let difference = Difference {
             index: 0x8001,
@@ -83,8 +83,8 @@ mod tests {
             found: 1,
             is_set_at_start: false,
         };
-        let words = difference.to_string();
-        assert!(words.contains(" of filter 3: the device does not load it, 1"), "{words}");
-        assert!(words.starts_with("0x8001:"), "{words}");
+        let text = difference.to_string();
+        assert!(text.contains(" of filter 3: the device does not load it, 1"), "{text}");
+        assert!(text.starts_with("0x8001:"), "{text}");
     }
 }

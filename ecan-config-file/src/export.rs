@@ -1,36 +1,36 @@
 //! The startup sequence of a gateway as lists for other EtherCAT masters (manual 5.4.3, 5.4.5).
 //!
-//! The checks of the sequence go into the formats that can hold them: CSV and `ethercat` lines. The
-//! startup lists of TwinCAT and CODESYS only write.
+//! CSV and `ethercat` lines contain the checks of the sequence; the startup lists of TwinCAT and
+//! CODESYS can only write.
 
 use std::fmt::{self, Write};
 
 use ecan_host::{Expectation, StartupStep};
 use ecan_protocol::object::{ObjectType, SdoWrite, describe, lookup};
 
-/// A list's format.
+/// Format of a list.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Format {
-    /// A line per step: action, index, subindex, type, value, comment. `write` writes; the `expect`
-    /// actions read and must find the value (`expect`), at least or at most it (`expect_at_least`,
-    /// `expect_at_most`), all of its bits (`expect_bits`), one of its bits (`expect_any_bit`), one of
-    /// several values with bars between them (`expect_one_of`), or a value in the bits of a mask
-    /// (`expect_masked`, value and mask with a bar between them).
+    /// One line per step: action, index, subindex, type, value, comment. `write` writes. The `expect`
+    /// actions read and compare: equal (`expect`), at least or at most (`expect_at_least`,
+    /// `expect_at_most`), all bits set (`expect_bits`), one bit set (`expect_any_bit`), one of
+    /// several values separated by bars (`expect_one_of`), or a value in the bits of a mask
+    /// (`expect_masked`, value and mask separated by a bar).
     Csv,
-    /// The XML of TwinCAT's startup list, for the transition from PREOP to SAFEOP.
+    /// XML of the startup list of TwinCAT, for the transition from PREOP to SAFEOP.
     TwinCat,
-    /// The columns of CODESYS' startup parameters, divided by semicolons.
+    /// Columns of the startup parameters of CODESYS, separated by semicolons.
     Codesys,
-    /// Calls of IgH's `ethercat` tool.
+    /// Calls of the `ethercat` tool of IgH.
     Ethercat,
 }
 
-/// Where a slave is, as the `ethercat` tool is told.
+/// Address of a slave in calls of the `ethercat` tool.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SlaveAddress {
     /// Index of the master.
     pub master: u32,
-    /// Alias that the position counts from; 0 is the start of the bus.
+    /// Alias that the position is relative to; 0 is the start of the bus.
     pub alias: u16,
     /// Position.
     pub position: u16,
@@ -49,13 +49,13 @@ impl fmt::Display for SlaveAddress {
     }
 }
 
-/// The list in a format; the `ethercat` lines need the slave's place.
-pub fn export(format: Format, steps: &[StartupStep], place: SlaveAddress) -> String {
+/// Returns the list in a format; only the `ethercat` lines use the address.
+pub fn export(format: Format, steps: &[StartupStep], address: SlaveAddress) -> String {
     match format {
         Format::Csv => csv(steps),
         Format::TwinCat => twincat(steps),
         Format::Codesys => codesys(steps),
-        Format::Ethercat => ethercat(steps, place),
+        Format::Ethercat => ethercat(steps, address),
     }
 }
 
@@ -66,7 +66,7 @@ fn downloads(steps: &[StartupStep]) -> impl Iterator<Item = &SdoWrite> {
     })
 }
 
-/// The entry's name, without its numbers.
+/// Name of the entry, without its numbers.
 fn name(index: u16, subindex: u8) -> String {
     match lookup(index, subindex) {
         Some((object, entry)) => format!("{}, {}", object.name, entry.name),
@@ -87,7 +87,7 @@ fn expected_type(index: u16, subindex: u8) -> &'static str {
     type_name(lookup(index, subindex).map_or(ObjectType::U32, |(_, entry)| entry.ty))
 }
 
-/// A text inside quotation marks, where it needs them.
+/// The text, in quotation marks if it needs them.
 fn quoted(text: &str) -> String {
     if text.contains([',', ';', '"']) {
         format!("\"{}\"", text.replace('"', "\"\""))
@@ -172,7 +172,7 @@ fn codesys(steps: &[StartupStep]) -> String {
     out
 }
 
-/// Reads a value and compares it; `upload` prints it in hexadecimal and in decimal.
+/// Shell function that reads a value and compares it; `upload` prints it in hexadecimal and decimal.
 const CHECK: &str = r#"#!/bin/sh
 set -e
 check() {
@@ -187,7 +187,7 @@ check() {
 }
 "#;
 
-fn ethercat(steps: &[StartupStep], place: SlaveAddress) -> String {
+fn ethercat(steps: &[StartupStep], address: SlaveAddress) -> String {
     let mut out = String::from(CHECK);
     for step in steps {
         let (index, subindex) = step.object();
@@ -196,7 +196,7 @@ fn ethercat(steps: &[StartupStep], place: SlaveAddress) -> String {
         let _ = match step {
             StartupStep::Download(write) => writeln!(
                 out,
-                "ethercat download {place} --type {} {object} {}  # {comment}",
+                "ethercat download {address} --type {} {object} {}  # {comment}",
                 type_name(write.ty),
                 write.value
             ),
@@ -216,7 +216,7 @@ fn ethercat(steps: &[StartupStep], place: SlaveAddress) -> String {
                 let ty = expected_type(index, subindex);
                 writeln!(
                     out,
-                    "check \"$(ethercat upload {place} --type {ty} {object})\" {comparison} \
+                    "check \"$(ethercat upload {address} --type {ty} {object})\" {comparison} \
                      \"{value}\" \"0x{index:04X}:{subindex:02} {comment}\""
                 )
             }

@@ -1,18 +1,18 @@
-//! What is wrong with a file, and where.
+//! Faults of a file, with their locations.
 
 use std::fmt;
 use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// One thing that is wrong with a configuration file.
+/// A fault of a configuration file.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileFault {
     /// Line, from 1.
     pub line: usize,
     /// Column in characters, from 1.
     pub column: usize,
-    /// What is wrong, in words.
+    /// Text of the fault.
     pub reason: String,
 }
 
@@ -22,7 +22,7 @@ impl fmt::Display for FileFault {
     }
 }
 
-/// Everything that is wrong with the text of a configuration, in the order of its lines.
+/// Every fault of the text of a configuration, in the order of its lines.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct FileFaults(pub Vec<FileFault>);
 
@@ -40,23 +40,23 @@ impl fmt::Display for FileFaults {
 
 impl std::error::Error for FileFaults {}
 
-/// Why a configuration file cannot be used.
+/// Error: a configuration file cannot be used.
 #[derive(Debug, Error)]
 pub enum ConfigFileError {
     /// The file cannot be read.
     #[error("cannot read {}: {reason}", path.display())]
     Read {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Why.
+        /// The reason.
         reason: std::io::Error,
     },
-    /// The file can be read, but not used.
+    /// The file has faults.
     #[error("{}: {faults}", path.display())]
     Faults {
-        /// Which file.
+        /// The file.
         path: PathBuf,
-        /// Every fault.
+        /// The faults.
         faults: FileFaults,
     },
 }

@@ -1,4 +1,4 @@
-//! The filters of a channel against a file, through the editing windows (manual 13.4).
+//! Comparison of the filters of a channel with a file, through the editing windows (manual 13.4).
 
 use ecan_host::{Diagnostics, Error};
 use ecan_protocol::config::{FilterCommand, FilterWindow};
@@ -6,13 +6,13 @@ use ecan_protocol::object::SdoWrite;
 
 use crate::difference::{Difference, Expected};
 
-/// What a file puts into one of the lists of a channel.
+/// The filters that a file writes to one list of a channel.
 #[derive(Debug)]
 pub(crate) struct FilterList {
     channel_object: u16,
     window: FilterWindow,
     count: u32,
-    /// Place in the list, then the fields as they are written.
+    /// Index in the list, and the fields as they are written.
     filters: Vec<(u8, Vec<(u8, u32)>)>,
 }
 
@@ -25,13 +25,13 @@ fn window_of(write: &SdoWrite) -> Option<FilterWindow> {
     if is_channel { FilterWindow::BOTH.into_iter().find(is_of) } else { None }
 }
 
-/// Whether a write goes to an editing window.
+/// True if a write is to an editing window.
 pub(crate) fn is_of_window(write: &SdoWrite) -> bool {
     window_of(write).is_some()
 }
 
 impl FilterList {
-    /// Takes a write to a window.
+    /// Adds a write to a window.
     pub(crate) fn collect(lists: &mut Vec<Self>, write: SdoWrite) {
         let Some(window) = window_of(&write) else { return };
         let is_it = |it: &Self| it.channel_object == write.index && it.window == window;
@@ -84,7 +84,7 @@ impl FilterList {
             bus.sdo_download(slave, self.channel_object, self.window.command, &[load])?;
             let status = read(self.window.status)?;
             if status != 0 {
-                // What the window shows is another filter.
+                // The window shows another filter.
                 push(Some(*at), self.window.status, Expected::Loaded, status);
                 continue;
             }

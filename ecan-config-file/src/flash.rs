@@ -1,4 +1,4 @@
-//! The Flash of a gateway: saving, loading and restoring its configuration (manual 13.7).
+//! Saving, loading and restoring the configuration of a gateway in its flash (manual 13.7).
 
 use ecan_host::{Clock, Diagnostics, Maintenance, MaintenanceError};
 use ecan_protocol::device::{AccessMode, MaintenanceCommand};
@@ -7,21 +7,21 @@ const MAINTENANCE: u16 = 0xB000;
 const ACTIVE_CRC: u8 = 7;
 const STORED_CRC: u8 = 8;
 
-/// A command about the configuration in Flash, 0xB000:04.
+/// A command for the configuration in the flash, 0xB000:04.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FlashCommand {
-    /// Saves the configuration that is in force.
+    /// Saves the active configuration.
     Save,
     /// Loads the saved configuration.
     Load,
-    /// Restores the configuration of the factory, and forgets the saved one.
+    /// Restores the factory configuration and deletes the saved one.
     Factory,
 }
 
-/// What is in a gateway after a command.
+/// Checksums of the configurations of a gateway after a command.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct ConfigChecksums {
-    /// CRC32 of the configuration in force, 0xB000:07.
+    /// CRC32 of the active configuration, 0xB000:07.
     pub active_crc: u32,
     /// CRC32 of the saved configuration, 0xB000:08.
     pub stored_crc: u32,
@@ -36,8 +36,8 @@ impl FlashCommand {
         }
     }
 
-    /// The access mode that the command needs. The manual names the modes, not what each permits:
-    /// see docs/ASSUMPTIONS.md.
+    /// The access mode that the command needs. The manual does not define what each mode permits; see
+    /// docs/ASSUMPTIONS.md.
     fn mode(self) -> AccessMode {
         match self {
             Self::Save | Self::Load => AccessMode::Engineering,
@@ -45,13 +45,13 @@ impl FlashCommand {
         }
     }
 
-    /// Runs the command in the access mode that it needs, which is given back in any case, and reads
-    /// the checksums.
+    /// Runs the command in the access mode that it needs, restores the previous mode in any case, and
+    /// reads the checksums.
     ///
-    /// Blocks, up to 10 s. Not in OP, where the gateway denies it.
+    /// Blocks up to 10 s. The gateway denies the command in OP.
     ///
     /// # Errors
-    /// What failed, in words.
+    /// [`MaintenanceError`] of the step that failed.
     pub fn run(
         self,
         bus: &Diagnostics,

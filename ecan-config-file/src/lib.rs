@@ -16,12 +16,13 @@
 //! # Ok(()) }
 //! ```
 //!
-//! [`EXAMPLE`] is such a file with every key in it. A key that is not known is a fault, and so is a
-//! value that the gateway would refuse; all of them are told at once, with line and column.
+//! [`EXAMPLE`] is such a file with every key in it. An unknown key is a fault, and so is a value that
+//! the gateway would reject; all faults are reported together, with line and column.
 //!
-//! What a file says is plain data ([`ConfigFile`]). [`apply`] writes it to a gateway, [`differences`]
-//! compares, [`FlashCommand::run`] keeps it in the gateway's Flash, and [`export`] makes startup
-//! lists for other masters of it. All of these block and allocate: they are not for the cycle.
+//! The content of a file is plain data ([`ConfigFile`]). [`apply`] writes it to a gateway,
+//! [`differences`] compares, [`FlashCommand::run`] saves it in the flash of the gateway, and
+//! [`export`] makes startup lists for other masters. All of these block and allocate: do not call
+//! them in the cycle.
 #![deny(missing_docs)]
 #![forbid(unsafe_code)]
 
@@ -59,11 +60,10 @@ pub use warning::{Elements, FileWarning};
 
 use document::{Document, Table};
 
-/// A commented file with every key that there is, at the values that are taken where a key is left
-/// out, as far as there are such values.
+/// A commented file with every key. The values are the defaults, unless a comment says otherwise.
 pub const EXAMPLE: &str = include_str!("example.toml");
 
-/// What a file says: the configurations of Adapter and Port, checked together.
+/// Content of a file: the configurations of Adapter and Port, checked together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ConfigFile {
     /// The EtherCAT side. Policies of 0x8020, if the file has any, are in its
@@ -74,10 +74,10 @@ pub struct ConfigFile {
 }
 
 impl ConfigFile {
-    /// The complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2): checks
-    /// of its abilities, PDO assignment, profiles, channels with their filters and data paths, each
-    /// with its readback. Checks that any value meets, as of the bits of no option, are left out.
-    /// Empty for a gateway that the file does not have.
+    /// Returns the complete startup sequence of a gateway (manual 5.4.3, phases A to E, and 13.2.2):
+    /// checks of its capabilities, PDO assignment, profiles, channels with their filters and data
+    /// paths, each with its readback. Checks that every value passes are omitted. Empty for a gateway
+    /// that the file does not have.
     pub fn startup(&self, gateway: usize) -> Vec<StartupStep> {
         let mut steps = self.port.startup_plan(&self.adapter).steps(&self.adapter, gateway);
         steps.retain(|step| {
@@ -97,10 +97,10 @@ impl FromStr for ConfigFile {
     }
 }
 
-/// Reads the text; `foreign` are the places in it of what was no text.
-fn read(text: &str, foreign: &[(usize, u8)]) -> Result<ConfigFile, FileFaults> {
+/// Reads the text; `invalid` are the locations and values of bytes that are not UTF-8.
+fn read(text: &str, invalid: &[(usize, u8)]) -> Result<ConfigFile, FileFaults> {
     let (mut document, root) = Document::parse(text);
-    for (at, byte) in foreign {
+    for (at, byte) in invalid {
         document.invalid_byte(*at, *byte);
     }
     let file = bus::read(&mut document, Table::root(&root));
@@ -114,29 +114,28 @@ fn read(text: &str, foreign: &[(usize, u8)]) -> Result<ConfigFile, FileFaults> {
 /// Reads a configuration from the bytes of a file, which are UTF-8.
 ///
 /// # Errors
-/// Everything that is wrong with it, with line and column; bytes that are not UTF-8 hide nothing
-/// else.
+/// Every fault, with line and column; bytes that are not UTF-8 do not hide other faults.
 pub fn parse(bytes: &[u8]) -> Result<ConfigFile, FileFaults> {
     let mut text = String::with_capacity(bytes.len());
-    let mut foreign = Vec::new();
+    let mut invalid = Vec::new();
     for chunk in bytes.utf8_chunks() {
         text.push_str(chunk.valid());
         if let Some(byte) = chunk.invalid().first() {
-            foreign.push((text.len(), *byte));
+            invalid.push((text.len(), *byte));
             text.push(char::REPLACEMENT_CHARACTER);
         }
     }
-    read(&text, &foreign)
+    read(&text, &invalid)
 }
 
-/// No configuration has so many bytes: what is read instead is a device, or a log by mistake.
+/// No configuration is larger; the path may be a device, or a log by mistake.
 const MAX_BYTES: u64 = 16 << 20;
 
 fn bytes(path: &Path) -> io::Result<Vec<u8>> {
     let mut bytes = Vec::new();
     File::open(path)?.take(MAX_BYTES + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > MAX_BYTES {
-        let reason = "more than 16 MiB is no configuration";
+        let reason = "larger than 16 MiB; not a configuration file";
         return Err(io::Error::new(io::ErrorKind::FileTooLarge, reason));
     }
     Ok(bytes)
@@ -145,7 +144,7 @@ fn bytes(path: &Path) -> io::Result<Vec<u8>> {
 /// Reads a configuration from a file of at most 16 MiB.
 ///
 /// # Errors
-/// The file cannot be read, or everything that is wrong with it, with line and column.
+/// [`ConfigFileError`]: the file cannot be read, or every fault of it, with line and column.
 pub fn load(path: impl AsRef<Path>) -> Result<ConfigFile, ConfigFileError> {
     let path = path.as_ref();
     let bytes =

@@ -1,4 +1,4 @@
-//! What a file says that works, but not for every frame.
+//! Warnings about configurations that do not work for every frame.
 
 use ecan_mcan_port::{ChannelConfig, GatewayConfig, PortConfig, PortPlan};
 use ecan_protocol::can::{CanFrame, CanId};
@@ -9,14 +9,14 @@ use thiserror::Error;
 
 use crate::ConfigFile;
 
-/// Something in a file that is no fault, since its frames may be short ones.
+/// A warning: the configuration works only for shorter frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Error)]
 #[non_exhaustive]
 pub enum FileWarning {
-    /// Elements of the Message RAM that cut CAN FD frames (manual 13.4).
+    /// Elements of the Message RAM that truncate CAN FD frames (manual 13.4).
     #[error(
-        "slave {slave}, channel {channel}: {elements} hold {bytes} bytes of a frame, and longer CAN \
-         FD frames are cut: raise `{}` in its table `ram`, or take the layout \"fd\"",
+        "slave {slave}, channel {channel}: {elements} hold {bytes} bytes of a frame; longer CAN FD \
+         frames are truncated; raise `{}` in its table `ram`, or use the layout \"fd\"",
         .elements.key()
     )]
     ShortElements {
@@ -24,27 +24,27 @@ pub enum FileWarning {
         slave: usize,
         /// The channel.
         channel: u8,
-        /// Which elements.
+        /// The elements.
         elements: Elements,
-        /// Data bytes that they hold.
+        /// Data bytes of one element.
         bytes: u8,
     },
-    /// The largest frame of a channel does not fit what it has of an image (manual 12).
+    /// The largest frame of a channel does not fit its share of an image (manual 12).
     #[error(
-        "slave {slave}, channel {channel}: its largest frame takes {frame_bytes} bytes of the \
-         {direction}, it has {share_bytes}: such frames never pass. Use a larger `n` or another \
-         `budget` than deterministic"
+        "slave {slave}, channel {channel}: the largest frame needs {frame_bytes} bytes of the \
+         {direction}, the channel has {share_bytes}; such frames are never received; use a larger \
+         `n` or another `budget` than deterministic"
     )]
     ShareBelowFrame {
         /// Index of the gateway in the file.
         slave: usize,
         /// The channel.
         channel: u8,
-        /// Of which image.
+        /// Direction of the image.
         direction: Direction,
-        /// What the frame takes of the frame area.
+        /// Bytes of the frame in the frame area.
         frame_bytes: usize,
-        /// What the channel has of it at most.
+        /// Bytes of the frame area that the channel can use.
         share_bytes: usize,
     },
 }
@@ -63,7 +63,7 @@ pub enum Elements {
 }
 
 impl Elements {
-    /// The key of a file with their size.
+    /// The key with their size.
     fn key(self) -> &'static str {
         match self {
             Self::RxFifo0 => "rx_fifo0_data_bytes",
@@ -86,9 +86,9 @@ impl std::fmt::Display for Elements {
 }
 
 impl ConfigFile {
-    /// What may lose frames although nothing of it is wrong: elements that are too short for CAN FD,
-    /// shares of an image that are too small for a frame. What traffic does to the images is told by
-    /// [`PortPlan`]. Allocates; not for the cycle.
+    /// Returns warnings about settings that may lose frames: elements that are too short for CAN FD,
+    /// shares of an image that are too small for a frame. [`PortPlan`] evaluates the traffic.
+    /// Allocates; do not call it in the cycle.
     pub fn warnings(&self) -> Vec<FileWarning> {
         let mut warnings = Vec::new();
         let plan = PortPlan::of(&self.adapter, &self.port, &[]);
@@ -121,7 +121,7 @@ fn channels(gateway: &GatewayConfig) -> impl Iterator<Item = (u8, &ChannelConfig
     (0..).zip(&gateway.channels).filter_map(|(channel, it)| Some((channel, it.as_ref()?)))
 }
 
-/// Data of the greatest length behind an identifier of 29 bits.
+/// Data of the largest length with a CAN ID of 29 bits.
 fn largest_frame(is_fd: bool) -> Option<CanFrame> {
     let id = CanId::extended(0).ok()?;
     match is_fd {
@@ -130,7 +130,7 @@ fn largest_frame(is_fd: bool) -> Option<CanFrame> {
     }
 }
 
-/// What a single channel has of an image at most. The Port lets any channel fill an RxPDO.
+/// Bytes of the frame area that one channel can use. The Port lets any channel fill an RxPDO.
 fn share(direction: Direction, profile: &PdoProfile) -> usize {
     let area = profile.frame_area_bytes();
     match (direction, profile.budget) {

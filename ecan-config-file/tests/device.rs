@@ -1,4 +1,4 @@
-//! A configuration is written, compared, kept in Flash and lost again, on simulated gateways.
+//! Writing, comparing, saving and losing a configuration, on simulated gateways.
 #![allow(missing_docs)]
 
 mod common;
@@ -19,7 +19,7 @@ fn entries(differences: &[Difference]) -> Vec<(u16, u8, Option<u8>)> {
 }
 
 #[test]
-fn what_is_applied_is_found_again_and_lives_through_a_power_cycle_once_saved() {
+fn saved_configuration_survives_power_cycle() {
     let (bench, file) = (bench(2), two());
     let bus = &bench.bus;
     let clock = bench.ecrt.clock().as_ref();
@@ -43,7 +43,7 @@ fn what_is_applied_is_found_again_and_lives_through_a_power_cycle_once_saved() {
         let kept: Vec<_> = left.iter().filter(|it| !it.is_set_at_start).collect();
         assert!(kept.is_empty(), "{kept:?}");
     }
-    // What the master sets at each start comes with it.
+    // The entries that the master writes at each start differ too.
     let mut port = Port::open(&bench.ecrt, (file.adapter.clone(), file.port.clone())).unwrap();
     let adapter: &mut Adapter = port.adapter_mut();
     let bus = adapter.diagnostics();
@@ -53,7 +53,7 @@ fn what_is_applied_is_found_again_and_lives_through_a_power_cycle_once_saved() {
 }
 
 #[test]
-fn without_saving_a_power_cycle_loses_the_configuration_and_load_needs_a_saved_one() {
+fn unsaved_configuration_is_lost_by_power_cycle() {
     let (bench, file) = (bench(2), two());
     let (bus, clock) = (&bench.bus, bench.ecrt.clock().as_ref());
     let steps = file.startup(1);
@@ -78,19 +78,19 @@ fn without_saving_a_power_cycle_loses_the_configuration_and_load_needs_a_saved_o
 }
 
 #[test]
-fn a_difference_is_told_by_entry_also_inside_a_filter() {
+fn difference_names_entry_and_filter() {
     let (bench, file) = (bench(2), two());
     let bus = &bench.bus;
     let steps = file.startup(1);
     apply(bus, 1, &steps, &mut |_| {}).unwrap();
-    // The second standard filter ends elsewhere, by the editing window.
+    // The second standard filter has another end, in the editing window.
     for (subindex, value) in [(43, 1), (45, 1)] {
         bus.sdo_download(1, 0x8002, subindex, &[value]).unwrap();
     }
     bus.sdo_download(1, 0x8002, 54, &0x310_u32.to_le_bytes()).unwrap();
     bus.sdo_download(1, 0x8002, 45, &[2]).unwrap();
     bus.sdo_download(1, 0x8022, 16, &30_u16.to_le_bytes()).unwrap();
-    // The same depth by its other number.
+    // The same depth as its other number.
     bus.sdo_download(1, 0x8022, 7, &[16]).unwrap();
     let found = differences(bus, 1, &steps).unwrap();
     assert_eq!(entries(&found), [(0x8022, 16, None), (0x8002, 54, Some(1))]);
@@ -100,7 +100,7 @@ fn a_difference_is_told_by_entry_also_inside_a_filter() {
 }
 
 #[test]
-fn a_step_that_fails_is_named_and_nothing_follows_it() {
+fn failed_step_is_reported_and_ends_the_sequence() {
     let (bench, mut file) = (bench(2), two());
     let bus = &bench.bus;
     file.adapter.add_startup(0, StartupStep::expect(0xF000, 2, 5)).unwrap();
@@ -122,7 +122,7 @@ fn a_step_that_fails_is_named_and_nothing_follows_it() {
 }
 
 #[test]
-fn failures_of_the_flash_are_told_in_words() {
+fn flash_failure_returns_status_text() {
     let bench = bench(1);
     let (bus, clock) = (&bench.bus, bench.ecrt.clock().as_ref());
     bench
@@ -148,14 +148,14 @@ fn gateways_are_found_by_alias_and_position() {
     assert_eq!(slaves, [2, 1]);
     file.adapter.slaves[0].position = 2;
     let error = find(&bench.bus, &file.adapter.slaves).unwrap_err().to_string();
-    assert!(error.contains("no slave 2 places behind alias 7, the bus has 3"), "{error}");
+    assert!(error.contains("no slave at alias 7, position 2; the bus has 3 slaves"), "{error}");
     file.adapter.slaves[0].alias = 8;
     let error = find(&bench.bus, &file.adapter.slaves).unwrap_err().to_string();
     assert!(error.contains("no slave has the alias 8"), "{error}");
 }
 
 #[test]
-fn two_gateways_of_a_file_are_never_one_slave() {
+fn two_gateways_on_one_slave_return_error() {
     let mut scenario = ecan_sim::echo(2);
     scenario.gateways[1].alias = 7;
     let bench = with(scenario);
@@ -171,7 +171,7 @@ fn two_gateways_of_a_file_are_never_one_slave() {
 }
 
 #[test]
-fn a_gateway_in_op_is_left_alone() {
+fn gateway_in_op_is_not_changed() {
     let (bench, file) = (bench(2), two());
     let mut port = Port::open(&bench.ecrt, (file.adapter.clone(), file.port.clone())).unwrap();
     let adapter = port.adapter_mut();
@@ -186,7 +186,7 @@ fn a_gateway_in_op_is_left_alone() {
     assert!(error.to_string().contains("slave 1 is in OP"), "{error}");
 }
 
-/// A clock on which ten seconds pass between two looks, while the gateway still writes.
+/// A clock on which ten seconds pass between two reads, while the gateway still writes.
 struct Impatient(AtomicU64);
 
 impl Clock for Impatient {
@@ -198,13 +198,13 @@ impl Clock for Impatient {
 }
 
 #[test]
-fn a_command_that_does_not_end_is_given_up_and_the_mode_given_back() {
+fn command_timeout_restores_the_mode() {
     let bench = bench(1);
     let bus = &bench.bus;
     let error = FlashCommand::Save.run(bus, 0, &Impatient(AtomicU64::new(0))).unwrap_err();
     assert!(matches!(error, MaintenanceError::Unended), "{error}");
     assert_eq!(bus.sdo_upload_u32(0, 0xB000, 2).unwrap(), 0);
-    // A mode that is refused.
+    // A rejected mode.
     let fault = GatewayFault::SdoAbort { index: 0xB000, subindex: 1, code: 0x0800_0022, times: 1 };
     bench.simulation.inject(Fault::Gateway { gateway: 0, fault });
     let error = FlashCommand::Factory.run(bus, 0, bench.ecrt.clock().as_ref()).unwrap_err();
@@ -212,7 +212,7 @@ fn a_command_that_does_not_end_is_given_up_and_the_mode_given_back() {
 }
 
 #[test]
-fn engineering_mode_that_somebody_asked_for_stays() {
+fn requested_engineering_mode_is_kept() {
     let bench = bench(1);
     let bus = &bench.bus;
     let clock = bench.ecrt.clock().as_ref();

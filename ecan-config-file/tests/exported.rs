@@ -1,5 +1,5 @@
-//! Startup lists for other masters, used as those would: each is read back and brings gateways to OP
-//! with a master that no one here wrote.
+//! Startup lists for other masters: each is read back and starts gateways up to OP with an
+//! independent master (ethercrab).
 #![allow(missing_docs)]
 
 mod common;
@@ -18,7 +18,7 @@ use ethercrab::subdevice_group::PreOp;
 use ethercrab_support::{Fixture, Group, MAX_GATEWAYS, MAX_PDI, MS, on_a_deep_stack};
 use startup_lists::{Line, codesys, csv, run_script, twincat};
 
-/// A frame for the first gateway's only channel, and one through the second one's filters.
+/// A frame for the only channel of the first gateway, and one that passes the filters of the second.
 fn frame(gateway: usize) -> (u8, CanFrame) {
     let id = CanId::standard(0x150).unwrap();
     match gateway {
@@ -36,7 +36,7 @@ fn send(file: &ConfigFile, gateway: usize, image: &mut [u8]) {
     writer.commit(image, CommitFields::default());
 }
 
-/// How many echoes of the frame an image brings.
+/// Number of echoes of the frame in an image.
 fn received(file: &ConfigFile, gateway: usize, image: &[u8]) -> u32 {
     let multiplier = file.adapter.slaves[gateway].tx_multiplier;
     let profile = file.port.gateways[gateway].profile(Direction::TxPdo, multiplier);
@@ -50,7 +50,7 @@ fn received(file: &ConfigFile, gateway: usize, image: &[u8]) -> u32 {
     image.packets().filter(|packet| is_echo(packet.unwrap())).count() as u32
 }
 
-/// Runs a list on each of two gateways in PREOP, brings them to OP and sends a frame through each.
+/// Runs a list on each of two gateways in PREOP, sets them to OP and sends a frame through each.
 fn brings_gateways_to_op(lists: [Vec<Line>; 2]) {
     on_a_deep_stack(|| {
         let mut bench = Fixture::new(&ecan_sim::echo(2));
@@ -106,7 +106,7 @@ fn steps_and_list(gateway: usize, format: Format) -> (Vec<StartupStep>, String) 
     (steps, list)
 }
 
-/// What the steps write.
+/// The writes of the steps.
 fn writes(steps: &[StartupStep]) -> Vec<Line> {
     let write = |step: &StartupStep| match step {
         StartupStep::Download(it) => {
@@ -119,7 +119,7 @@ fn writes(steps: &[StartupStep]) -> Vec<Line> {
     steps.iter().filter_map(write).collect()
 }
 
-/// What the lists of both gateways write, read back.
+/// The writes of the lists of both gateways, read back.
 fn read_back(format: Format, read: impl Fn(&str, &[StartupStep]) -> Vec<Line>) -> [Vec<Line>; 2] {
     [0, 1].map(|gateway| {
         let (steps, list) = steps_and_list(gateway, format);
@@ -130,7 +130,7 @@ fn read_back(format: Format, read: impl Fn(&str, &[StartupStep]) -> Vec<Line>) -
 }
 
 #[test]
-fn the_csv_brings_gateways_to_op() {
+fn csv_list_starts_gateways_up_to_op() {
     brings_gateways_to_op([0, 1].map(|gateway| {
         let (steps, list) = steps_and_list(gateway, Format::Csv);
         let lines = csv(&list);
@@ -141,14 +141,14 @@ fn the_csv_brings_gateways_to_op() {
 }
 
 #[test]
-fn the_twincat_list_brings_gateways_to_op() {
+fn twincat_list_starts_gateways_up_to_op() {
     let (_, list) = steps_and_list(0, Format::TwinCat);
     assert!(list.contains("<![CDATA[MCAN Channel Config, Node mode]]>"));
     brings_gateways_to_op(read_back(Format::TwinCat, |list, _| twincat(list)));
 }
 
 #[test]
-fn the_codesys_list_brings_gateways_to_op() {
+fn codesys_list_starts_gateways_up_to_op() {
     let (_, list) = steps_and_list(0, Format::Codesys);
     let third = list.lines().nth(2).unwrap();
     assert!(third.starts_with("2;16#1C12:16#01;") && third.contains(";5632;16;TRUE;FALSE;0;"));
@@ -156,7 +156,7 @@ fn the_codesys_list_brings_gateways_to_op() {
 }
 
 #[test]
-fn the_ethercat_lines_bring_gateways_to_op() {
+fn ethercat_lines_start_gateways_up_to_op() {
     brings_gateways_to_op(read_back(Format::Ethercat, |list, steps| {
         let (output, lines) = run_script(list, steps, None);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -165,7 +165,7 @@ fn the_ethercat_lines_bring_gateways_to_op() {
 }
 
 #[test]
-fn a_check_of_the_ethercat_lines_that_fails_stops_them() {
+fn failed_check_stops_the_ethercat_lines() {
     let steps = two().startup(1);
     let script =
         export(Format::Ethercat, &steps, SlaveAddress { master: 1, alias: 7, position: 0 });
@@ -173,7 +173,7 @@ fn a_check_of_the_ethercat_lines_that_fails_stops_them() {
     let (output, lines) = run_script(&script, &steps, None);
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     assert_eq!(lines, writes(&steps));
-    // Checks of each kind, with the writes behind them.
+    // Checks of each kind, followed by writes.
     for wrong in [(0xF000, 12), (0xF000, 11), (0xF000, 17), (0x8010, 12)] {
         let (output, lines) = run_script(&script, &steps, Some(wrong));
         let errors = String::from_utf8(output.stderr).unwrap();

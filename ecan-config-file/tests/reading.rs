@@ -1,4 +1,4 @@
-//! Files are read, and every fault is told with its place.
+//! Reading of files, and the locations of their faults.
 #![allow(missing_docs)]
 
 use std::time::Duration;
@@ -15,7 +15,7 @@ fn read(text: &str) -> Result<ConfigFile, FileFaults> {
 }
 
 #[test]
-fn the_example_is_valid_and_says_what_is_taken_by_default() {
+fn example_is_valid_and_shows_the_defaults() {
     let example = read(EXAMPLE).unwrap();
     let short = "
         cycle_us = 1000
@@ -52,9 +52,9 @@ fn the_example_is_valid_and_says_what_is_taken_by_default() {
     assert_eq!(example.port.gateways[0].channel_mask(), 0b11);
 }
 
-/// Every key of every table is in the example: a table of unknown keys names those that are known.
+/// Every key of every table is in the example: the fault of an unknown key lists the known ones.
 #[test]
-fn the_example_has_every_key() {
+fn example_has_every_key() {
     let tables = [
         ("", "nonsense = 1"),
         ("", "[dc]\nnonsense = 1"),
@@ -173,7 +173,7 @@ fn values_reach_their_fields() {
 }
 
 #[test]
-fn a_file_with_ten_faults_names_all_ten_with_their_lines() {
+fn all_faults_are_reported_with_lines() {
     let text = r#"cycle_us = "fast"
 dc = { cycle_us = 10_000, shift_us = 20_000 }
 
@@ -227,8 +227,8 @@ can2 = { bitrate = 500_000, data_bitrate = 2_000_000, ram = { rx_fifo0_size = 64
 }
 
 #[test]
-fn keys_that_would_do_nothing_are_faults() {
-    // What the channel has, the key, and why it does nothing; nothing where it is in its place.
+fn keys_without_effect_are_faults() {
+    // Other keys of the channel, the key, and why it has no effect; `None` if it has one.
     let manual =
         "bit_timing = \"manual\", nominal_timing = { brp = 2, tseg1 = 63, tseg2 = 16, sjw = 16 }";
     let (classic, fd) = ("", "data_bitrate = 2_000_000");
@@ -255,7 +255,7 @@ fn keys_that_would_do_nothing_are_faults() {
         (classic, "sample_point", "80", None),
         ("tsu = true", "tsu_prescaler", "2", None),
         ("timeout = true", "timeout_period", "9", None),
-        // Where the key that decides is wrong, its fault is the only one.
+        // If the key that decides is wrong, its fault is the only one.
         (
             "bit_timing = \"hand\"",
             "nominal_timing",
@@ -271,14 +271,14 @@ fn keys_that_would_do_nothing_are_faults() {
             Ok(_) => Vec::new(),
             Err(faults) => faults.0,
         };
-        let told: Vec<_> = faults
+        let reported: Vec<_> = faults
             .iter()
             .filter(|fault| fault.reason.starts_with(&format!("`{key}` has no effect: ")))
             .collect();
         match why {
-            None => assert!(told.is_empty(), "{others} {key}: {faults:?}"),
+            None => assert!(reported.is_empty(), "{others} {key}: {faults:?}"),
             Some(why) => {
-                let [fault] = told[..] else { panic!("{others} {key}: {faults:?}") };
+                let [fault] = reported[..] else { panic!("{others} {key}: {faults:?}") };
                 assert!(fault.reason.contains(why), "{fault}");
                 let column = head.lines().last().unwrap().chars().count() + 1;
                 assert_eq!((fault.line, fault.column), (3, column), "{fault}");
@@ -289,7 +289,7 @@ fn keys_that_would_do_nothing_are_faults() {
 }
 
 #[test]
-fn a_filter_into_a_receive_buffer_means_one_identifier() {
+fn receive_buffer_filter_matches_one_can_id() {
     let head = "[[gateway]]\nn = 3\n[gateway.can0]\nbitrate = 500_000\n";
     for (table, matching) in [("standard_filter", "range"), ("extended_filter", "range_unmasked")] {
         let filter = format!(
@@ -312,7 +312,7 @@ fn a_filter_into_a_receive_buffer_means_one_identifier() {
             });
             written.collect::<Vec<_>>()
         };
-        // Type, action, sync, both identifiers: "two", and not "disabled" or a range.
+        // Type, action, sync, both CAN IDs: "two", not "disabled" or a range.
         let first = if table == "standard_filter" { 50 } else { 56 };
         let fields: Vec<_> = (first..first + 5).map(values).collect();
         assert_eq!(fields, [[1], [7], [0], [0x80], [3]]);
@@ -320,7 +320,7 @@ fn a_filter_into_a_receive_buffer_means_one_identifier() {
 }
 
 #[test]
-fn checks_that_any_value_meets_are_left_out() {
+fn checks_that_every_value_passes_are_omitted() {
     let options = |options: &str| {
         let text = format!(
             "[[gateway]]\nn = 3\ncan0 = {{ bitrate = 500_000 }}\ntx_pdo = {{ options = [{options}] }}\n"
@@ -337,7 +337,7 @@ fn checks_that_any_value_meets_are_left_out() {
 }
 
 #[test]
-fn faults_of_the_syntax_do_not_hide_others() {
+fn syntax_faults_do_not_hide_others() {
     let faults = read("cycle_us = \nmaster = \"x\"\n[[gateway]\nn = 3\n").unwrap_err().0;
     let lines: Vec<_> = faults.iter().map(|it| it.line).collect();
     assert_eq!(lines[..2], [1, 2], "{faults:?}");
@@ -346,8 +346,8 @@ fn faults_of_the_syntax_do_not_hide_others() {
 }
 
 #[test]
-fn bytes_that_are_no_text_have_a_place_and_hide_nothing() {
-    // A comment in Latin-1, and a fault behind it.
+fn invalid_utf8_has_a_location_and_hides_nothing() {
+    // A comment in Latin-1, and a fault after it.
     let text = b"cycle_us = 1000 # \xB5s\n[[gateway]]\nn = 25\ncan0 = { bitrate = 500_000 }\n";
     let faults = parse(text).unwrap_err().0;
     let found: Vec<_> = faults.iter().map(|it| (it.line, it.column, it.reason.as_str())).collect();
@@ -361,7 +361,7 @@ fn bytes_that_are_no_text_have_a_place_and_hide_nothing() {
 }
 
 #[test]
-fn files_that_cannot_be_read_or_used_are_named() {
+fn unreadable_or_faulty_file_is_named() {
     let directory = tempfile::tempdir().unwrap();
     let path = directory.path().join("cell.toml");
     let error = load(&path).unwrap_err();
@@ -373,11 +373,11 @@ fn files_that_cannot_be_read_or_used_are_named() {
     std::fs::write(&path, EXAMPLE).unwrap();
     assert_eq!(load(&path).unwrap(), read(EXAMPLE).unwrap());
     let endless = load("/dev/zero").unwrap_err().to_string();
-    assert_eq!(endless, "cannot read /dev/zero: more than 16 MiB is no configuration");
+    assert_eq!(endless, "cannot read /dev/zero: larger than 16 MiB; not a configuration file");
 }
 
 #[test]
-fn wrong_numbers_and_words_are_told_whatever_their_form() {
+fn wrong_numbers_and_words_are_reported() {
     let cases = [
         ("cycle_us = 99999999999999999999", "`cycle_us` is too large"),
         ("cycle_us = nan", "`cycle_us` = NaN is out of range; allowed: 0 to 4000000"),
@@ -413,7 +413,7 @@ fn wrong_numbers_and_words_are_told_whatever_their_form() {
 }
 
 #[test]
-fn a_file_cut_off_anywhere_is_read_or_told_inside_its_lines() {
+fn truncated_file_faults_are_inside_its_lines() {
     let mut faulty = 0;
     for end in (0..EXAMPLE.len()).step_by(13).filter(|end| EXAMPLE.is_char_boundary(*end)) {
         let text = &EXAMPLE[..end];

@@ -1,4 +1,4 @@
-//! What works, but not for every frame.
+//! Warnings about configurations that do not work for every frame.
 #![allow(missing_docs)]
 
 use ecan_config_file::{ConfigFile, Elements, FileWarning};
@@ -20,7 +20,7 @@ fn short(channel: &str) -> Vec<(Elements, u8)> {
 }
 
 #[test]
-fn elements_that_cut_can_fd_frames_are_told_where_they_are_used() {
+fn elements_that_truncate_fd_frames_are_reported() {
     let fd = "data_bitrate = 2_000_000\n";
     let classic = format!("{fd}ram = {{ layout = \"classic\" }}\n");
     assert_eq!(short(&classic), [(Elements::RxFifo0, 8), (Elements::Transmit, 8)]);
@@ -43,7 +43,7 @@ fn elements_that_cut_can_fd_frames_are_told_where_they_are_used() {
     assert!(text[1].to_string().contains("raise `tx_data_bytes` in its table `ram`"), "{text:?}");
 }
 
-/// A gateway with CAN FD on all channels, and this of the PDO to the host.
+/// A gateway with CAN FD on all channels and these keys of the TxPDO.
 fn four(n: u8, tx_pdo: &str) -> String {
     let channels = (0..4).map(|channel| {
         format!("can{channel} = {{ bitrate = 500_000, data_bitrate = 2_000_000 }}\n")
@@ -52,8 +52,8 @@ fn four(n: u8, tx_pdo: &str) -> String {
 }
 
 #[test]
-fn a_share_that_no_frame_fits_is_told() {
-    // A quarter of 104 bytes; the packet is control word, identifier of 4 bytes and 64 of data.
+fn share_smaller_than_a_frame_is_reported() {
+    // A quarter of 104 bytes; the packet is control word, 4 bytes of CAN ID and 64 of data.
     let found = warnings(&four(1, "budget = \"deterministic\""));
     let expected = |channel| FileWarning::ShareBelowFrame {
         slave: 0,
@@ -64,9 +64,11 @@ fn a_share_that_no_frame_fits_is_told() {
     };
     assert_eq!(found, [0, 1, 2, 3].map(expected));
     assert!(
-        found[3].to_string().contains("its largest frame takes 70 bytes of the TxPDO, it has 26")
+        found[3]
+            .to_string()
+            .contains("the largest frame needs 70 bytes of the TxPDO, the channel has 26")
     );
-    // With timestamp and padding it takes 72, and (3 * 128 - 24) / 4 are 90.
+    // With timestamp and padding it needs 72, and (3 * 128 - 24) / 4 are 90.
     let padded = "budget = \"deterministic\", profile = 1, options = [\"align4\"]";
     let bytes = warnings(&four(2, padded)).into_iter().map(|warning| match warning {
         FileWarning::ShareBelowFrame { frame_bytes, share_bytes, .. } => (frame_bytes, share_bytes),
@@ -74,7 +76,7 @@ fn a_share_that_no_frame_fits_is_told() {
     });
     assert_eq!(bytes.collect::<Vec<_>>(), [(72, 58); 4]);
     assert_eq!(warnings(&four(3, padded)), []);
-    // Other policies let a channel have the whole area; a classic frame fits 26 bytes.
+    // With other policies a channel can use the whole area; a classic frame fits into 26 bytes.
     assert_eq!(warnings(&four(1, "budget = \"balanced\"")), []);
     let classic = four(1, "budget = \"deterministic\"").replace(", data_bitrate = 2_000_000", "");
     assert_eq!(warnings(&classic), []);

@@ -64,8 +64,8 @@ pub fn with(scenario: Scenario) -> Fixture {
     Fixture { ecrt: backend.ecrt, simulation: backend.simulation.unwrap(), bus }
 }
 
-/// Writes a program that another program is to run. Another process writes it: a descriptor of our
-/// own could be inherited by a child of another test just then, and the file would be busy.
+/// Writes a program that another program runs. Another process writes it: a child of a parallel test
+/// could inherit our own descriptor, and the file would be busy.
 pub fn write_program(path: &std::path::Path, text: &str) {
     let status = std::process::Command::new("sh")
         .args(["-c", "printf '%s' \"$2\" > \"$1\" && chmod 755 \"$1\"", "sh"])

@@ -1,4 +1,4 @@
-//! Startup lists as a program reads them that knows nothing but their format.
+//! Readers of startup lists, independent of the code that writes them.
 #![allow(missing_docs)]
 
 use std::fmt::Write as _;
@@ -34,7 +34,7 @@ impl Line {
         Self::Write { index, subindex, bytes: value.to_le_bytes()[..size].to_vec() }
     }
 
-    /// Writes, or reads and compares; whether it is as expected.
+    /// Writes, or reads and compares; true if the value is as expected.
     pub async fn replay<S>(&self, gateway: &SubDeviceRef<'_, S>) -> Result<bool, Error>
     where
         S: Deref<Target = SubDevice>,
@@ -69,7 +69,7 @@ impl Line {
     }
 }
 
-/// The rows of a list with a head, each with as many columns as the head.
+/// The rows of a list with a head line; each has the columns of the head.
 fn rows(list: &str, divider: u8, head: &[&str]) -> Vec<Vec<String>> {
     let mut reader = csv::ReaderBuilder::new().delimiter(divider).from_reader(list.as_bytes());
     assert_eq!(reader.headers().unwrap(), head);
@@ -142,7 +142,7 @@ pub fn twincat(list: &str) -> Vec<Line> {
         .map(|command| {
             assert!(command.has_tag_name("InitCmd"));
             let text = |name| get(named(&command, name)).text().unwrap();
-            // A download on the way from PREOP to SAFEOP.
+            // A download in the transition from PREOP to SAFEOP.
             assert_eq!([text("Transition"), text("Ccs")], ["PS", "1"]);
             assert!(text("Timeout").parse::<u32>().unwrap() > 0 && !text("Comment").is_empty());
             let data = text("Data");
@@ -154,7 +154,7 @@ pub fn twincat(list: &str) -> Vec<Line> {
         .collect()
 }
 
-/// The `ethercat` tool of the tests: notes downloads, answers uploads from a table.
+/// The `ethercat` tool of the tests: records downloads, answers uploads from a table.
 const STAND_IN: &str = r#"#!/bin/sh
 command=$1
 shift
@@ -171,8 +171,8 @@ done <"$DIRECTORY/values"
 exit 9
 "#;
 
-/// Runs a script of `ethercat` lines on a stand-in for the tool: what it wrote. Uploads answer what
-/// the steps expect, but 0 for the entry that is `wrong`.
+/// Runs a script of `ethercat` lines with a fake tool and returns its writes. Uploads return what the
+/// steps expect, but 0 for the entry `wrong`.
 pub fn run_script(
     script: &str,
     steps: &[StartupStep],
