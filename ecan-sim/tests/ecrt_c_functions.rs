@@ -21,7 +21,7 @@ fn lists_of_pdos_and_entries_bring_a_slave_to_op() {
 }
 
 #[test]
-fn an_entry_is_found_by_its_place_as_by_its_object() {
+fn entry_is_found_by_position_and_by_object() {
     let program = CMaster::configured();
     let (config, domain) = (program.config, program.domain);
     let at = |sync, pdo, entry| {
@@ -43,7 +43,7 @@ fn an_entry_is_found_by_its_place_as_by_its_object() {
 }
 
 #[test]
-fn an_entry_inside_a_byte_needs_a_place_for_its_bit() {
+fn entry_inside_a_byte_needs_a_bit_position() {
     let program = CMaster::configured();
     let (config, domain) = (program.config, program.domain);
     let mut bit = 0;
@@ -60,7 +60,7 @@ fn an_entry_inside_a_byte_needs_a_place_for_its_bit() {
 }
 
 #[test]
-fn a_list_that_names_an_unmapped_entry_or_another_device_ends_there() {
+fn list_with_an_unmapped_entry_or_other_device_fails() {
     let mut program = CMaster::configured();
     program.product_code += 1;
     assert_eq!(program.register_by_list(), (-libc::ENOENT, [u32::MAX; 2]));
@@ -72,7 +72,7 @@ fn a_list_that_names_an_unmapped_entry_or_another_device_ends_there() {
 }
 
 #[test]
-fn one_handle_at_a_time_has_the_master() {
+fn one_handle_at_a_time_reserves_the_master() {
     let simulation = stepped_echo();
     let first = c::open_master(&simulation, 0);
     // SAFETY: the handles are the library's.
@@ -104,7 +104,7 @@ fn complete_access_is_aborted() {
 }
 
 #[test]
-fn complete_access_at_start_up_keeps_the_slave_in_preop() {
+fn startup_complete_access_keeps_the_slave_in_preop() {
     let program = CMaster::configured();
     program.register_by_list();
     let data = [8u8, 0, 0, 0];
@@ -118,7 +118,7 @@ fn complete_access_at_start_up_keeps_the_slave_in_preop() {
 }
 
 #[test]
-fn a_reset_lets_a_slave_that_was_given_up_start_again() {
+fn master_reset_restarts_a_failed_slave() {
     let program = CMaster::configured();
     program.register_by_list();
     let fault = ecan_sim::GatewayFault::SdoAbort {
@@ -136,7 +136,7 @@ fn a_reset_lets_a_slave_that_was_given_up_start_again() {
 }
 
 #[test]
-fn a_written_register_takes_effect() {
+fn written_register_takes_effect() {
     let program = CMaster::configured();
     program.register_by_list();
     // SAFETY: the handles are the library's, the request's memory has two bytes.
@@ -162,7 +162,7 @@ fn a_written_register_takes_effect() {
 }
 
 #[test]
-fn a_slave_without_emergencies_has_none() {
+fn slave_without_emergencies_has_none() {
     let program = CMaster::configured();
     let mut message = [0xEE; 8];
     // SAFETY: the handle is the library's, a message has room for its eight bytes.

@@ -16,7 +16,7 @@ fn calls(master: &mut Master) -> [Result<(), Errno>; 3] {
 }
 
 #[test]
-fn an_empty_bus_has_no_reference_clock() {
+fn empty_bus_has_no_reference_clock() {
     let backend = stepped(Scenario::default());
     let mut master = Master::request(&backend.ecrt, 0).unwrap();
     master.activate().unwrap();
@@ -26,7 +26,7 @@ fn an_empty_bus_has_no_reference_clock() {
 }
 
 #[test]
-fn one_5_reports_only_where_its_function_returns_something() {
+fn version_1_5_reports_only_returned_errors() {
     let backend = stepped(Scenario { version: EcrtVersion::V1_5, ..Scenario::default() });
     let mut master = Master::request(&backend.ecrt, 0).unwrap();
     master.activate().unwrap();
@@ -34,7 +34,7 @@ fn one_5_reports_only_where_its_function_returns_something() {
 }
 
 #[test]
-fn the_reference_clock_is_gone_during_a_scan_and_there_afterwards() {
+fn reference_clock_is_missing_during_a_scan() {
     let mut program = Program::new(stepped_echo(2), &[3, 1]);
     let config = program.slaves[0].config;
     program.master.config_dc(config, 0x0300, CYCLE_NS as u32, 0, 0, 0).unwrap();
@@ -62,7 +62,7 @@ fn the_reference_clock_is_gone_during_a_scan_and_there_afterwards() {
 }
 
 #[test]
-fn clocks_are_not_missed_on_a_bus_that_never_had_traffic() {
+fn idle_bus_does_not_miss_its_clocks() {
     let backend = stepped(echo(1));
     let mut master = Master::request(&backend.ecrt, 0).unwrap();
     assert_eq!(calls(&mut master), [Ok(()), Ok(()), Err(Errno::EIO)]);

@@ -31,7 +31,7 @@ fn crosses(program: &mut Program, slave: usize, id: u16) {
 }
 
 #[test]
-fn a_frame_lost_on_its_way_out_reaches_no_slave() {
+fn frame_lost_before_the_slaves_reaches_none() {
     let mut program = operational(&[3]);
     let written = |program: &Program| {
         program.simulation().with_world(|world| world.counters(0)).unwrap().images_written
@@ -47,7 +47,7 @@ fn a_frame_lost_on_its_way_out_reaches_no_slave() {
 }
 
 #[test]
-fn a_frame_lost_on_its_way_back_has_been_executed() {
+fn frame_lost_on_return_was_executed() {
     let mut program = operational(&[3]);
     program.simulation().inject(Fault::LostFrame { direction: LossDirection::Return, cycles: 1 });
     program.cycle_with(&[(0, 0, frame(0x42))]);
@@ -58,7 +58,7 @@ fn a_frame_lost_on_its_way_back_has_been_executed() {
 }
 
 #[test]
-fn a_working_counter_offset_makes_the_domain_incomplete() {
+fn working_counter_offset_makes_the_domain_incomplete() {
     let mut program = operational(&[3]);
     program.simulation().inject(Fault::WorkingCounterOffset { offset: -1, cycles: 2 });
     program.cycle();
@@ -72,7 +72,7 @@ fn a_working_counter_offset_makes_the_domain_incomplete() {
 }
 
 #[test]
-fn a_power_cycled_slave_comes_back_configured() {
+fn power_cycled_slave_returns_configured() {
     let mut program = operational(&[3]);
     crosses(&mut program, 0, 0x10);
     program.simulation().inject(Fault::PowerCycle { gateway: 0, off_ms: 300 });
@@ -88,7 +88,7 @@ fn a_power_cycled_slave_comes_back_configured() {
 }
 
 #[test]
-fn a_power_cycle_shorter_than_the_look_at_the_bus_is_noticed_as_well() {
+fn power_cycle_between_two_polls_is_detected() {
     let mut scenario = echo(1);
     scenario.gateways[0].config.boot_ms = 1;
     let mut program = Program::new(stepped(scenario), &[3]).into_op();
@@ -99,7 +99,7 @@ fn a_power_cycle_shorter_than_the_look_at_the_bus_is_noticed_as_well() {
 }
 
 #[test]
-fn the_slaves_behind_a_lost_one_vanish_too_and_all_come_back() {
+fn slaves_after_a_lost_one_vanish_and_return() {
     let mut program = operational(&[3, 1, 1]);
     program.simulation().inject(Fault::PowerCycle { gateway: 1, off_ms: 100 });
     program.cycles(3);
@@ -134,7 +134,7 @@ fn without_link_nothing_is_sent() {
 }
 
 #[test]
-fn a_short_link_loss_does_not_disturb_the_slave() {
+fn short_link_loss_does_not_disturb_the_slave() {
     let mut program = operational(&[1, 1]);
     program.simulation().inject(Fault::LinkLoss { gateway: 1, for_ms: 20 });
     program.cycles(3);
@@ -145,7 +145,7 @@ fn a_short_link_loss_does_not_disturb_the_slave() {
 }
 
 #[test]
-fn a_refused_startup_sdo_leaves_the_slave_in_preop_with_the_error_flag() {
+fn aborted_startup_sdo_keeps_preop_and_sets_error_flag() {
     let backend = stepped_echo(1);
     let wrong = SdoWrite { index: 0x5FFF, subindex: 0, value: 1, ty: ObjectType::U8 };
     let mut program = Program::with_startup(backend, &[3], |_| vec![wrong]);
@@ -160,7 +160,7 @@ fn a_refused_startup_sdo_leaves_the_slave_in_preop_with_the_error_flag() {
 }
 
 #[test]
-fn a_startup_sdo_that_aborts_once_is_not_tried_again() {
+fn aborted_startup_sdo_is_not_retried() {
     let backend = stepped_echo(1);
     let simulation = backend.simulation.clone().unwrap();
     let fault = GatewayFault::SdoAbort { index: 0x8010, subindex: 1, code: 0x0800_0022, times: 1 };
@@ -172,7 +172,7 @@ fn a_startup_sdo_that_aborts_once_is_not_tried_again() {
 }
 
 #[test]
-fn a_refused_assignment_is_only_a_warning() {
+fn rejected_assignment_is_only_a_warning() {
     let backend = stepped_echo(1);
     let mut program = Program::new(backend, &[3]);
     let config = program.slaves[0].config;
@@ -186,7 +186,7 @@ fn a_refused_assignment_is_only_a_warning() {
 }
 
 #[test]
-fn a_master_that_may_not_assign_leaves_the_startup_list_to_do_it() {
+fn startup_list_assigns_if_the_master_cannot() {
     let mut scenario = echo(1);
     scenario.gateways[0] = GatewaySpec { pdo_assign: false, ..GatewaySpec::at(0) };
     let mut program = Program::new(stepped(scenario), &[3]).into_op();
@@ -194,7 +194,7 @@ fn a_master_that_may_not_assign_leaves_the_startup_list_to_do_it() {
 }
 
 #[test]
-fn without_process_data_the_watchdog_drops_the_slave() {
+fn watchdog_drops_the_slave_without_process_data() {
     let mut program = operational(&[1]);
     program.simulation().pass_ns(300 * CYCLE_NS);
     let simulation = program.simulation().clone();
@@ -208,7 +208,7 @@ fn without_process_data_the_watchdog_drops_the_slave() {
 }
 
 #[test]
-fn the_watchdog_is_set_by_divider_and_intervals() {
+fn watchdog_is_set_by_divider_and_intervals() {
     let mut program = Program::new(stepped_echo(1), &[1]);
     let config = program.slaves[0].config;
     program.master.config_watchdog(config, 2498, 5000).unwrap();
@@ -221,7 +221,7 @@ fn the_watchdog_is_set_by_divider_and_intervals() {
 }
 
 #[test]
-fn torn_and_corrupted_images_are_seen_and_pass() {
+fn torn_and_corrupted_images_are_detected() {
     for fault in [GatewayFault::TornTxPdo { images: 2 }, GatewayFault::CrcErrorTxPdo { images: 2 }]
     {
         let mut program = operational(&[3]);
@@ -233,7 +233,7 @@ fn torn_and_corrupted_images_are_seen_and_pass() {
 }
 
 #[test]
-fn an_al_error_is_reported_by_request_and_the_master_brings_the_slave_back() {
+fn al_error_is_reported_and_the_slave_returns_to_op() {
     let mut program = Program::new(stepped_echo(1), &[1]);
     let config = program.slaves[0].config;
     let register = program.master.create_reg_request(config, 2).unwrap();
@@ -249,7 +249,7 @@ fn an_al_error_is_reported_by_request_and_the_master_brings_the_slave_back() {
 }
 
 #[test]
-fn a_channel_that_went_bus_off_recovers() {
+fn bus_off_channel_recovers() {
     let mut program = operational(&[3]);
     program.simulation().inject(Fault::BusOff { gateway: 0, channel: 0 });
     program.cycles(100);
@@ -267,7 +267,7 @@ fn error_frames_delay_a_frame() {
 }
 
 #[test]
-fn a_silent_node_answers_nothing_but_acknowledges() {
+fn silent_node_only_acknowledges() {
     let mut program = operational(&[3]);
     let node = "echo 0.0".to_owned();
     program.simulation().inject(Fault::NodeSilent { node, for_ms: 50 });
@@ -281,7 +281,7 @@ fn a_silent_node_answers_nothing_but_acknowledges() {
 }
 
 #[test]
-fn faults_strike_in_the_cycle_they_are_scheduled_for() {
+fn scheduled_faults_occur_in_their_cycle() {
     let mut program = operational(&[3]);
     let simulation = program.simulation().clone();
     let now = simulation.with_world(|world| world.cycles());
@@ -307,7 +307,7 @@ fn sync0_starts_in_phase_with_the_application_time() {
 }
 
 #[test]
-fn a_seed_and_a_script_in_the_scenario_are_enough() {
+fn scenario_needs_only_seed_and_script() {
     let text = r#"
         seed = 9
         clock = "stepped"

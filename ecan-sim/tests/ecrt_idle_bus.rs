@@ -48,7 +48,7 @@ fn only_the_default_assignment_is_known() {
 }
 
 #[test]
-fn a_reserved_master_is_busy_but_can_be_looked_at() {
+fn reserved_master_is_busy_but_readable() {
     let backend = stepped_echo(1);
     let owner = Master::request(&backend.ecrt, 0).unwrap();
     let error = Master::request(&backend.ecrt, 0).unwrap_err();
@@ -67,14 +67,14 @@ fn another_program_may_hold_the_master() {
 }
 
 #[test]
-fn there_is_one_master() {
+fn second_master_index_does_not_exist() {
     let backend = stepped_echo(1);
     assert!(Master::request(&backend.ecrt, 1).is_err());
     assert!(Master::open(&backend.ecrt, 1).is_err());
 }
 
 #[test]
-fn two_worlds_do_not_see_each_other() {
+fn two_worlds_are_independent() {
     let (one, two) = (stepped_echo(1), stepped_echo(2));
     let first = Master::request(&one.ecrt, 0).unwrap();
     let second = Master::request(&two.ecrt, 0).unwrap();
@@ -107,7 +107,7 @@ fn blocking_transfers_take_time_and_report_aborts() {
 }
 
 #[test]
-fn a_silent_mailbox_ends_in_an_error_without_abort_code() {
+fn silent_mailbox_ends_in_an_error_without_abort_code() {
     let backend = stepped_echo(1);
     let simulation = backend.simulation.as_ref().unwrap();
     let fault = GatewayFault::MailboxSilent { ms: 1_500 };
@@ -122,7 +122,7 @@ fn a_silent_mailbox_ends_in_an_error_without_abort_code() {
 }
 
 #[test]
-fn a_slave_that_is_switched_off_vanishes_from_the_scan() {
+fn switched_off_slave_is_missing_in_the_scan() {
     for (topology, remaining) in [(Topology::Line, 1), (Topology::Star, 2)] {
         let backend = stepped(Scenario { topology, ..echo(3) });
         let simulation = backend.simulation.as_ref().unwrap();
@@ -148,7 +148,7 @@ fn configuration_needs_the_reserved_master_before_activation() {
 }
 
 #[test]
-fn entries_that_are_not_mapped_and_wrong_sync_managers_are_refused() {
+fn unmapped_entries_and_wrong_sync_managers_are_rejected() {
     let backend = stepped_echo(1);
     let mut master = Master::request(&backend.ecrt, 0).unwrap();
     let info = master.slave_info(0).unwrap();
@@ -164,7 +164,7 @@ fn entries_that_are_not_mapped_and_wrong_sync_managers_are_refused() {
 }
 
 #[test]
-fn a_configuration_of_the_wrong_identity_is_not_attached() {
+fn configuration_of_the_wrong_identity_is_not_attached() {
     let backend = stepped_echo(1);
     let mut master = Master::request(&backend.ecrt, 0).unwrap();
     let config = master.slave_config(0, 0, 0xBAD, 0xBAD).unwrap();
@@ -187,7 +187,7 @@ fn slaves_are_found_by_alias_and_distance() {
 }
 
 #[test]
-fn requests_run_beside_the_cycle() {
+fn requests_run_in_parallel_with_the_cycle() {
     let mut program = {
         let backend = stepped_echo(1);
         Program::new(backend, &[1])
@@ -220,7 +220,7 @@ fn requests_run_beside_the_cycle() {
 }
 
 #[test]
-fn a_request_writes() {
+fn request_writes() {
     let mut program = Program::new(stepped_echo(1), &[1]);
     let config = program.slaves[0].config;
     let write = program.master.create_sdo_request(config, 0x8010, 8, 1).unwrap();

@@ -20,7 +20,7 @@ fn fails(program: &Program, call: LibraryCall, times: u32) {
 }
 
 #[test]
-fn each_call_fails_as_often_as_told_and_no_other_does() {
+fn only_the_configured_calls_fail() {
     let calls = [
         LibraryCall::Receive,
         LibraryCall::Send,
@@ -50,7 +50,7 @@ fn each_call_fails_as_often_as_told_and_no_other_does() {
 }
 
 #[test]
-fn frames_that_an_interrupted_receive_left_are_fetched_by_the_next() {
+fn receive_after_an_interrupted_one_gets_its_frames() {
     let mut program = operational();
     let domain = program.slaves[0].domain;
     fails(&program, LibraryCall::Receive, 1);
@@ -65,7 +65,7 @@ fn frames_that_an_interrupted_receive_left_are_fetched_by_the_next() {
 }
 
 #[test]
-fn what_an_interrupted_send_left_is_sent_by_the_next() {
+fn send_after_an_interrupted_one_sends_its_datagrams() {
     let mut program = operational();
     let domain = program.slaves[0].domain;
     let images = |program: &Program| {
@@ -82,7 +82,7 @@ fn what_an_interrupted_send_left_is_sent_by_the_next() {
 }
 
 #[test]
-fn an_interrupted_process_keeps_the_last_working_counter() {
+fn interrupted_process_keeps_the_last_working_counter() {
     let mut program = operational();
     let domain = program.slaves[0].domain;
     program.simulation().pass_ns(CYCLE_NS);
@@ -97,7 +97,7 @@ fn an_interrupted_process_keeps_the_last_working_counter() {
 }
 
 #[test]
-fn one_5_fails_silently() {
+fn version_1_5_fails_silently() {
     let backend = stepped(Scenario { version: EcrtVersion::V1_5, ..echo(1) });
     let mut program = Program::new(backend, &[3]).into_op();
     program.cycles(5);
@@ -109,7 +109,7 @@ fn one_5_fails_silently() {
 }
 
 #[test]
-fn a_bus_with_interrupted_calls_still_carries_frames() {
+fn bus_with_interrupted_calls_still_carries_frames() {
     let mut program = operational();
     for call in [LibraryCall::Receive, LibraryCall::Send, LibraryCall::DomainQueue] {
         fails(&program, call, 1);

@@ -44,7 +44,7 @@ fn station(backend: &Backend, channel: usize) -> Option<StationConfig> {
 }
 
 #[test]
-fn a_saved_channel_runs_again_after_a_power_cycle() {
+fn saved_channel_runs_again_after_a_power_cycle() {
     let backend = stepped_echo(1);
     let master = Master::open(&backend.ecrt, 0).unwrap();
     master.sdo_download(0, 0xB000, 1, &[1]).unwrap();
@@ -66,7 +66,7 @@ fn a_saved_channel_runs_again_after_a_power_cycle() {
 }
 
 #[test]
-fn a_scenario_may_break_the_flash() {
+fn scenario_injects_a_flash_failure() {
     let text =
         "[[gateway]]\n[[fault]]\nat_ms = 0\nkind = \"flash_failure\"\ngateway = 0\ntimes = 2\n";
     let backend = stepped(Scenario::from_toml(text, "broken", Path::new(".")).unwrap());
@@ -77,7 +77,7 @@ fn a_scenario_may_break_the_flash() {
 }
 
 #[test]
-fn an_update_shows_in_the_version_objects() {
+fn update_shows_in_the_version_objects() {
     let backend = stepped_echo(1);
     let master = Master::open(&backend.ecrt, 0).unwrap();
     let simulation = backend.simulation.as_ref().unwrap();
@@ -123,7 +123,7 @@ fn write_register(program: &Program, offset: u32, value: u32) {
 }
 
 #[test]
-fn frames_of_a_stopped_controller_wait_for_its_return() {
+fn stopped_controller_keeps_its_frames() {
     const CCCR: u32 = 0x18;
     const INIT: u32 = 1;
     let mut program = Program::new(stepped_echo(1), &[3]).into_op();

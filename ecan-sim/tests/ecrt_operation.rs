@@ -16,7 +16,7 @@ fn scenario(version: EcrtVersion) -> Scenario {
 }
 
 #[test]
-fn a_frame_crosses_the_bus_and_comes_back() {
+fn frame_crosses_the_bus_and_returns() {
     let mut program = Program::new(stepped_echo(1), &[3]).into_op();
     program.cycle_with(&[(0, 0, frame(0x123, &[1, 2, 3]))]);
     program.receive_frames(1);
@@ -76,7 +76,7 @@ fn twelve_chunks_block_the_whole_bus() {
 }
 
 #[test]
-fn what_is_queued_before_the_oversized_datagram_still_travels() {
+fn datagrams_before_an_oversized_one_are_sent() {
     let mut program = Program::new(stepped_echo(2), &[1, 12]);
     program.activate();
     program.cycles(50);
@@ -86,7 +86,7 @@ fn what_is_queued_before_the_oversized_datagram_still_travels() {
 }
 
 #[test]
-fn twelve_to_twenty_four_chunks_work_on_a_master_that_carries_them() {
+fn twelve_or_more_chunks_work_with_large_pdos() {
     for n in [12, 24] {
         let carries = Scenario { carries_large_pdos: true, ..echo(1) };
         let mut program = Program::new(stepped(carries), &[n]).into_op();
@@ -105,7 +105,7 @@ fn two_slaves_in_one_domain_share_a_datagram() {
 }
 
 #[test]
-fn the_stepped_clock_moves_only_in_sleep() {
+fn stepped_clock_moves_only_in_sleep() {
     let mut program = Program::new(stepped_echo(1), &[3]).into_op();
     let clock = program.backend.ecrt.clock().clone();
     let before = clock.now_ns();
@@ -122,7 +122,7 @@ fn the_stepped_clock_moves_only_in_sleep() {
 }
 
 #[test]
-fn a_reply_needs_its_time_on_the_wire() {
+fn reply_needs_its_time_on_the_wire() {
     let mut program = Program::new(stepped_echo(1), &[3]).into_op();
     let domain = program.slaves[0].domain;
     let clock = program.backend.ecrt.clock().clone();
@@ -156,7 +156,7 @@ fn equal_scenarios_give_equal_runs() {
 }
 
 #[test]
-fn deactivation_brings_the_slaves_back_to_preop_and_another_n_works() {
+fn deactivated_slaves_return_to_preop_for_another_n() {
     let mut program = Program::new(stepped_echo(1), &[3]).into_op();
     program.master.deactivate().unwrap();
     assert_eq!(program.master.domain_state(program.slaves[0].domain).unwrap_err(), Errno::EBADF);

@@ -41,7 +41,7 @@ fn sends_of(program: &mut Program, request: SdoRequestId, distance_ns: u64) -> u
 }
 
 #[test]
-fn a_request_takes_three_sends_and_the_time_of_the_device() {
+fn request_takes_three_sends_and_the_time_of_the_device() {
     let (mut program, request) = with_request();
     // One send passes before the master has seen the request.
     for (distance_ns, sends) in [(4 * MS, 4), (2 * MS, 4), (MS, 4), (MS / 2, 6), (MS / 4, 10)] {
@@ -50,7 +50,7 @@ fn a_request_takes_three_sends_and_the_time_of_the_device() {
 }
 
 #[test]
-fn a_request_does_not_move_without_sends() {
+fn request_does_not_move_without_sends() {
     let (mut program, request) = with_request();
     program.master.sdo_request_read(request).unwrap();
     program.simulation().pass_ns(50 * MS);
@@ -60,7 +60,7 @@ fn a_request_does_not_move_without_sends() {
 }
 
 #[test]
-fn before_activation_a_transfer_takes_two_milliseconds() {
+fn transfer_before_activation_takes_two_milliseconds() {
     let backend = stepped_echo(1);
     let master = Master::request(&backend.ecrt, 0).unwrap();
     let clock = backend.ecrt.clock();
@@ -71,7 +71,7 @@ fn before_activation_a_transfer_takes_two_milliseconds() {
 }
 
 #[test]
-fn a_blocking_transfer_on_an_active_master_waits_for_the_cycle() {
+fn blocking_transfer_on_an_active_master_waits_for_the_cycle() {
     let mut program = Program::new(stepped_echo(1), &[1]).into_op();
     let ecrt = program.backend.ecrt.clone();
     let sends = |program: &Program| program.simulation().with_world(|world| world.cycles());
@@ -95,7 +95,7 @@ fn a_blocking_transfer_on_an_active_master_waits_for_the_cycle() {
 }
 
 #[test]
-fn a_blocking_transfer_that_nobody_sends_for_is_given_up_and_noted() {
+fn blocking_transfer_without_sends_is_cancelled_and_logged() {
     let program = Program::new(stepped_echo(1), &[1]).into_op();
     let before = program.backend.ecrt.clock().now_ns();
     let mut data = [0; 4];
@@ -122,7 +122,7 @@ fn cycles_to_op(slaves: usize, downloads: usize) -> usize {
 }
 
 #[test]
-fn startup_takes_three_cycles_a_download_and_slave() {
+fn startup_takes_three_cycles_per_download_and_slave() {
     assert_eq!(cycles_to_op(1, 40) - cycles_to_op(1, 0), 3 * 40);
     assert_eq!(cycles_to_op(3, 40) - cycles_to_op(3, 0), 3 * 40 * 3);
     let (one, four) = (cycles_to_op(1, 0), cycles_to_op(4, 0));
@@ -152,7 +152,7 @@ fn slaves_are_configured_one_after_the_other() {
 }
 
 #[test]
-fn a_slave_that_refuses_does_not_hold_up_those_behind_it() {
+fn failing_slave_does_not_delay_later_slaves() {
     let mut program = Program::new(stepped_echo(2), &[1, 1]);
     let fault = GatewayFault::SdoAbort { index: 0x8010, subindex: 1, code: 0x0800_0022, times: 1 };
     program.simulation().inject(Fault::Gateway { gateway: 0, fault });
@@ -163,7 +163,7 @@ fn a_slave_that_refuses_does_not_hold_up_those_behind_it() {
 }
 
 #[test]
-fn a_slave_that_vanishes_in_its_configuration_does_not_hold_up_the_others() {
+fn slave_lost_during_configuration_delays_no_other() {
     let mut program = Program::new(stepped_echo(2), &[1, 1]);
     program.activate();
     program.cycles(100);
@@ -174,7 +174,7 @@ fn a_slave_that_vanishes_in_its_configuration_does_not_hold_up_the_others() {
 }
 
 #[test]
-fn a_link_loss_in_a_configuration_that_is_over_before_the_next_look_leads_to_a_scan() {
+fn short_link_loss_during_configuration_starts_a_scan() {
     let mut program = Program::new(stepped_echo(2), &[1, 1]);
     program.activate();
     program.cycles(100);
@@ -185,7 +185,7 @@ fn a_link_loss_in_a_configuration_that_is_over_before_the_next_look_leads_to_a_s
 }
 
 #[test]
-fn a_request_of_a_slave_runs_while_another_is_configured() {
+fn request_of_a_slave_runs_while_another_is_configured() {
     let mut program = Program::new(stepped_echo(2), &[1, 1]);
     let config = program.slaves[1].config;
     let request = program.master.create_sdo_request(config, 0x1018, 1, 4).unwrap();

@@ -56,7 +56,7 @@ proptest! {
     })]
 
     #[test]
-    fn the_bus_recovers_from_any_sequence_of_passing_faults(
+    fn bus_recovers_from_any_sequence_of_passing_faults(
         script in proptest::collection::vec((faults(), 0..1_000usize), 1..6),
     ) {
         let mut program = Program::new(stepped_echo(2), &[3, 2]).into_op();

@@ -36,7 +36,7 @@ fn into_scan(program: &mut Program, mut keep_busy: impl FnMut(&mut Program)) -> 
 }
 
 #[test]
-fn a_request_under_way_fails_when_the_bus_is_scanned_anew() {
+fn request_in_progress_fails_at_a_rescan() {
     // The scan meets the transfer at each of its steps.
     for delay in 0..4 {
         let (mut program, request, _) = with_requests();
@@ -56,7 +56,7 @@ fn a_request_under_way_fails_when_the_bus_is_scanned_anew() {
 }
 
 #[test]
-fn a_register_request_under_way_fails_when_the_bus_is_scanned_anew() {
+fn register_request_in_progress_fails_at_a_rescan() {
     // A register is read within a cycle: what the scan meets depends on the cycle's phase.
     for quarter in 0..4 {
         let (mut program, _, request) = with_requests();
@@ -78,7 +78,7 @@ fn a_register_request_under_way_fails_when_the_bus_is_scanned_anew() {
 }
 
 #[test]
-fn a_request_that_waits_for_its_lost_slave_ends_when_it_is_back() {
+fn queued_request_of_a_lost_slave_ends_on_its_return() {
     let (mut program, request, _) = with_requests();
     into_scan(&mut program, |_| {});
     program.master.sdo_request_read(request).unwrap();
@@ -94,7 +94,7 @@ fn a_request_that_waits_for_its_lost_slave_ends_when_it_is_back() {
 }
 
 #[test]
-fn a_request_that_waits_for_a_slave_that_never_left_op_is_served_after_the_scan() {
+fn queued_request_is_served_after_the_scan() {
     let (mut program, _, _) = with_requests();
     let cycles = into_scan(&mut program, |_| {});
     // Open only for a moment, when the master looks at the bus.
@@ -110,7 +110,7 @@ fn a_request_that_waits_for_a_slave_that_never_left_op_is_served_after_the_scan(
 }
 
 #[test]
-fn the_timeout_of_a_request_is_judged_when_its_turn_comes() {
+fn request_timeout_is_checked_when_it_is_served() {
     let (mut program, request, _) = with_requests();
     program.master.sdo_request_timeout(request, 100).unwrap();
     program.simulation().inject(Fault::RequestsHeld { for_ms: 1_000 });

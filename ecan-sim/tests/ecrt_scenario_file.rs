@@ -156,7 +156,7 @@ for_ms = 9000
 
 /// Text, line and part of the reason.
 #[test]
-fn what_is_wrong_is_named_with_its_line() {
+fn scenario_fault_is_reported_with_its_line() {
     let gateway = "[[gateway]]\n";
     for (text, line, reason) in [
         ("sead = 1", 1, "unknown field `sead`"),
@@ -219,7 +219,7 @@ fn two_nodes_need_two_names() {
 }
 
 #[test]
-fn missing_files_and_bad_logs_are_named() {
+fn missing_files_and_bad_logs_are_reported() {
     let directory = std::env::temp_dir().join(format!("ecan-sim-files-{}", std::process::id()));
     std::fs::create_dir_all(&directory).unwrap();
     let setting = |name: &str| {
@@ -250,7 +250,7 @@ fn missing_files_and_bad_logs_are_named() {
 }
 
 #[test]
-fn a_simulated_run_says_so() {
+fn simulated_run_reports_itself() {
     let options =
         SimOptions { clock: Some(ClockKind::Stepped), slaves: Some(2), ..SimOptions::default() };
     let setting = EcrtSetting::parse("sim");
@@ -264,7 +264,7 @@ fn a_simulated_run_says_so() {
 }
 
 #[test]
-fn a_missing_library_is_an_error_and_not_a_simulation() {
+fn missing_library_is_an_error_and_not_a_simulation() {
     let setting = EcrtSetting::parse("/nowhere/libethercat.so.1");
     let error = open(&setting, &SimOptions::default()).unwrap_err();
     assert!(matches!(error, BackendError::Load(_)));

@@ -24,7 +24,7 @@ fn delays(backend: &ecan_sim::Backend, count: usize, spin_ns: u64) -> Vec<u64> {
 }
 
 #[test]
-fn sleeps_end_late_as_the_scenario_says_and_as_the_seed_decides() {
+fn sleeps_end_late_by_scenario_and_seed() {
     let late = delays(&machine(1, Some(DELAY)), 2_000, 0);
     let beyond = |ns: u64| late.iter().filter(|late| **late > ns).count();
     assert!(beyond(0) == 2_000 && beyond(DELAY.longest_ns) == 0);
@@ -36,7 +36,7 @@ fn sleeps_end_late_as_the_scenario_says_and_as_the_seed_decides() {
 }
 
 #[test]
-fn a_spin_swallows_as_much_of_the_delay() {
+fn spin_absorbs_the_wake_up_delay() {
     let plain = delays(&machine(1, Some(DELAY)), 2_000, 0);
     let spun = delays(&machine(1, Some(DELAY)), 2_000, 50_000);
     let expected: Vec<u64> = plain.iter().map(|late| late.saturating_sub(50_000)).collect();
@@ -45,7 +45,7 @@ fn a_spin_swallows_as_much_of_the_delay() {
 }
 
 #[test]
-fn what_does_not_sleep_is_not_late() {
+fn calls_without_sleep_are_not_late() {
     let backend = machine(1, Some(DELAY));
     let (clock, simulation) = (backend.ecrt.clock(), backend.simulation.as_ref().unwrap());
     let now = clock.now_ns();
@@ -57,7 +57,7 @@ fn what_does_not_sleep_is_not_late() {
 }
 
 #[test]
-fn the_built_in_scenario_has_all_three_delays() {
+fn built_in_scenario_has_all_three_delays() {
     let scenario = jitter(2);
     assert_eq!(scenario.nodes, echo(2).nodes);
     assert!(scenario.wake_up.is_some());

@@ -20,16 +20,16 @@ const EXAMPLE: [u8; 36] = [
 ];
 
 #[test]
-fn the_example_image_of_the_manual_goes_out_and_its_echo_comes_back() {
+fn example_image_of_the_manual_goes_out_and_its_echo_returns() {
     on_a_deep_stack(|| {
         for gateways in [1, 3] {
-            let mut bench = Fixture::new(&ecan_sim::echo(gateways));
-            let group = bench.run(async |master| into_op(master, gateways, CHUNKS).await);
+            let mut fixture = Fixture::new(&ecan_sim::echo(gateways));
+            let group = fixture.run(async |master| into_op(master, gateways, CHUNKS).await);
             let mut echoes = vec![0; gateways];
             let mut counter = None;
             for cycle in 0..20 {
-                bench.pass(MS);
-                bench.run(async |master| {
+                fixture.pass(MS);
+                fixture.run(async |master| {
                     for gateway in group.iter(master) {
                         let mut io = gateway.io_raw_mut();
                         let outputs = io.outputs();
@@ -57,7 +57,7 @@ fn the_example_image_of_the_manual_goes_out_and_its_echo_comes_back() {
             }
             assert_eq!(echoes, vec![1; gateways]);
             for gateway in 0..gateways {
-                let counters = bench.wire.world().counters(gateway).unwrap();
+                let counters = fixture.wire.world().counters(gateway).unwrap();
                 assert_eq!((counters.frames_on_bus, counters.frames_from_bus), (1, 1));
             }
         }
@@ -68,12 +68,12 @@ fn the_example_image_of_the_manual_goes_out_and_its_echo_comes_back() {
 fn every_size_of_process_data_reaches_op() {
     on_a_deep_stack(|| {
         for (gateways, chunks) in [(1, 1), (3, 3), (1, 8), (1, 24), (3, 24)] {
-            let mut bench = Fixture::new(&ecan_sim::echo(gateways));
-            let group = bench.run(async |master| into_op(master, gateways, chunks).await);
-            let before = bench.wire.world().counters(0).unwrap();
+            let mut fixture = Fixture::new(&ecan_sim::echo(gateways));
+            let group = fixture.run(async |master| into_op(master, gateways, chunks).await);
+            let before = fixture.wire.world().counters(0).unwrap();
             for _ in 0..20 {
-                bench.pass(MS);
-                bench.run(async |master| {
+                fixture.pass(MS);
+                fixture.run(async |master| {
                     group.tx_rx(master).await?;
                     for gateway in group.iter(master) {
                         assert_eq!(gateway.inputs_raw().len(), 128 * usize::from(chunks));
@@ -83,7 +83,7 @@ fn every_size_of_process_data_reaches_op() {
                     Ok(())
                 });
             }
-            let counters = bench.wire.world().counters(0).unwrap();
+            let counters = fixture.wire.world().counters(0).unwrap();
             assert_eq!(counters.images_written - before.images_written, 20, "N = {chunks}");
             assert_eq!(counters.images_read - before.images_read, 20, "N = {chunks}");
         }
@@ -91,10 +91,10 @@ fn every_size_of_process_data_reaches_op() {
 }
 
 #[test]
-fn objects_are_read_and_written_whatever_their_size() {
+fn objects_of_all_sizes_are_read_and_written() {
     on_a_deep_stack(|| {
-        let mut bench = Fixture::new(&ecan_sim::echo(1));
-        bench.run(async |master| {
+        let mut fixture = Fixture::new(&ecan_sim::echo(1));
+        fixture.run(async |master| {
             let group = master.init_single_group::<4, 64>(|| 0).await?;
             let gateway = group.subdevice(master, 0)?;
             assert_eq!(gateway.name(), "ECAN-Lite");
@@ -123,8 +123,8 @@ fn distributed_clocks_reach_op_with_sync0_in_phase() {
         for (gateway, drift) in scenario.gateways.iter_mut().zip([20_000, 50_000, -50_000]) {
             gateway.config.clock_drift_ppb = drift;
         }
-        let mut bench = Fixture::new(&scenario);
-        let group = bench.run(async |master| {
+        let mut fixture = Fixture::new(&scenario);
+        let group = fixture.run(async |master| {
             let mut group = master.init_single_group::<MAX_GATEWAYS, MAX_PDI>(|| 0).await?;
             for mut gateway in group.iter_mut(master) {
                 gateway.set_dc_sync(DcSync::Sync0);
@@ -137,10 +137,10 @@ fn distributed_clocks_reach_op_with_sync0_in_phase() {
             group.into_pre_op_pdi(master).await
         });
         for _ in 0..1_000 {
-            bench.pass(MS);
-            bench.run(async |master| group.tx_rx_sync_system_time(master).await.map(|_| ()));
+            fixture.pass(MS);
+            fixture.run(async |master| group.tx_rx_sync_system_time(master).await.map(|_| ()));
         }
-        let group = bench.run(async |master| {
+        let group = fixture.run(async |master| {
             let configuration = DcConfiguration {
                 start_delay: Duration::from_millis(20),
                 sync0_period: Duration::from_millis(1),
@@ -152,21 +152,21 @@ fn distributed_clocks_reach_op_with_sync0_in_phase() {
         });
         let mut in_op = 0;
         for _ in 0..200 {
-            bench.pass(MS);
-            let is_in_op = bench.run(async |master| {
+            fixture.pass(MS);
+            let is_in_op = fixture.run(async |master| {
                 let response = group.tx_rx_dc(master).await?;
                 Ok(response.all_op())
             });
             in_op += u32::from(is_in_op);
         }
         assert!(in_op > 150, "{in_op} of 200 cycles");
-        let now = bench.now;
+        let now = fixture.now;
         let pulses: Vec<_> = (0..3)
-            .map(|index| bench.wire.world().gateway(index).unwrap().next_sync0(now).unwrap())
+            .map(|index| fixture.wire.world().gateway(index).unwrap().next_sync0(now).unwrap())
             .collect();
         let spread = pulses.iter().max().unwrap() - pulses.iter().min().unwrap();
         assert!(spread < 1_000, "{pulses:?}");
-        bench.run(async |master| {
+        fixture.run(async |master| {
             for gateway in group.iter(master) {
                 assert!(gateway.sdo_read::<u32>(0x9011, 2).await? > 100, "Sync0 pulses");
                 let difference = gateway.register_read::<u32>(0x092C_u16).await? & 0x7FFF_FFFF;

@@ -14,12 +14,12 @@ use ecan_sim::{StationConfig, StationMode};
 use gateway_support::{Fixture, chunks, fd, standard};
 
 /// Writes the configuration to channel 0 and returns the apply status.
-fn apply(bench: &mut Fixture, config: McanChannelConfig) -> u32 {
+fn apply(fixture: &mut Fixture, config: McanChannelConfig) -> u32 {
     for write in config.writes(0) {
-        bench.send(write);
+        fixture.send(write);
     }
-    bench.send(McanChannelConfig::apply_write(0));
-    bench.upload(0x8001, 2)
+    fixture.send(McanChannelConfig::apply_write(0));
+    fixture.upload(0x8001, 2)
 }
 
 /// In OP with this configuration and these filters on channel 0.
@@ -28,25 +28,25 @@ fn with(
     standard: &[StandardFilter],
     extended: &[ExtendedFilter],
 ) -> Fixture {
-    let mut bench = Fixture::preop();
-    bench.apply_profiles(chunks(16), chunks(3));
+    let mut fixture = Fixture::preop();
+    fixture.apply_profiles(chunks(16), chunks(3));
     for write in filter_writes(0, standard, extended) {
-        bench.send(write);
-        assert_eq!((bench.upload(0x8001, 47), bench.upload(0x8001, 48)), (0, 0));
+        fixture.send(write);
+        assert_eq!((fixture.upload(0x8001, 47), fixture.upload(0x8001, 48)), (0, 0));
     }
-    bench.apply_channel(0, config);
-    bench.apply_data_path(0, DataPathConfig::for_traffic(8, 8));
-    bench.start();
-    bench
+    fixture.apply_channel(0, config);
+    fixture.apply_data_path(0, DataPathConfig::for_traffic(8, 8));
+    fixture.start();
+    fixture
 }
 
 /// Identifier and receive source of the frames that pass.
-fn passing(bench: &mut Fixture, frames: &[CanFrame]) -> Vec<(u32, u8)> {
+fn passing(fixture: &mut Fixture, frames: &[CanFrame]) -> Vec<(u32, u8)> {
     let mut passed = Vec::new();
     for frame in frames {
-        bench.deliver(0, *frame);
-        bench.cycle();
-        passed.extend(bench.packets(|packet| match packet {
+        fixture.deliver(0, *frame);
+        fixture.cycle();
+        passed.extend(fixture.packets(|packet| match packet {
             Packet::Frame(frame) => Some((frame.frame.id().raw(), frame.id_aux)),
             Packet::TxResult(_) => None,
         }));
@@ -63,24 +63,24 @@ fn filter(matching: StandardMatch, action: FilterAction, id1: u16, id2: u16) -> 
 }
 
 #[test]
-fn channels_are_off_until_applied() {
-    let mut bench = Fixture::preop();
-    assert_eq!(bench.gateway.station_config(0), None);
-    assert_eq!(bench.upload(0x9000, 9) & 7, 0, "disabled");
-    assert_eq!(apply(&mut bench, McanChannelConfig::default()), 0);
-    assert_eq!(bench.gateway.station_config(0), Some(StationConfig::fd(500_000, 5_000_000)));
-    assert_eq!(bench.gateway.station_config(1), None);
-    assert_eq!(bench.upload(0x9000, 9) & 0xF, 2 | 1 << 3, "run, FD");
-    assert_eq!(bench.upload(0x8001, 5), 1, "command sequence");
+fn channels_are_disabled_until_applied() {
+    let mut fixture = Fixture::preop();
+    assert_eq!(fixture.gateway.station_config(0), None);
+    assert_eq!(fixture.upload(0x9000, 9) & 7, 0, "disabled");
+    assert_eq!(apply(&mut fixture, McanChannelConfig::default()), 0);
+    assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::fd(500_000, 5_000_000)));
+    assert_eq!(fixture.gateway.station_config(1), None);
+    assert_eq!(fixture.upload(0x9000, 9) & 0xF, 2 | 1 << 3, "run, FD");
+    assert_eq!(fixture.upload(0x8001, 5), 1, "command sequence");
 }
 
 #[test]
 fn configuration_reaches_the_bus() {
-    let mut bench = Fixture::preop();
-    let before = bench.gateway.station_generation(0);
-    assert_eq!(apply(&mut bench, McanChannelConfig::classic(125_000)), 0);
-    assert_eq!(bench.gateway.station_config(0), Some(StationConfig::classic(125_000)));
-    assert_ne!(bench.gateway.station_generation(0), before);
+    let mut fixture = Fixture::preop();
+    let before = fixture.gateway.station_generation(0);
+    assert_eq!(apply(&mut fixture, McanChannelConfig::classic(125_000)), 0);
+    assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::classic(125_000)));
+    assert_ne!(fixture.gateway.station_generation(0), before);
     for (node_mode, mode) in [
         (NodeMode::Normal, StationMode::Normal),
         (NodeMode::Listen, StationMode::Listen),
@@ -92,14 +92,14 @@ fn configuration_reaches_the_bus() {
             disable_auto_retransmission: true,
             ..McanChannelConfig::default()
         };
-        assert_eq!(apply(&mut bench, config), 0);
-        let station = bench.gateway.station_config(0).unwrap();
+        assert_eq!(apply(&mut fixture, config), 0);
+        let station = fixture.gateway.station_config(0).unwrap();
         assert_eq!((station.mode, station.auto_retransmit), (mode, false));
     }
 }
 
 #[test]
-fn build_fails_without_a_bit_timing_or_with_a_value_out_of_range() {
+fn apply_fails_without_timing_or_with_a_bad_value() {
     let default = McanChannelConfig::default();
     let window = |min, max| SamplePointWindow { min, max };
     for bad in [
@@ -112,33 +112,33 @@ fn build_fails_without_a_bit_timing_or_with_a_value_out_of_range() {
         McanChannelConfig { timeout_select: 4, ..default },
         McanChannelConfig { tsu_prescaler: 0, ..default },
     ] {
-        let mut bench = Fixture::preop();
-        assert_eq!(apply(&mut bench, bad), 3, "{bad:?}");
-        assert_eq!(bench.gateway.station_config(0), None);
-        assert_eq!(bench.upload(0x9000, 9) & 7, 4, "error");
+        let mut fixture = Fixture::preop();
+        assert_eq!(apply(&mut fixture, bad), 3, "{bad:?}");
+        assert_eq!(fixture.gateway.station_config(0), None);
+        assert_eq!(fixture.upload(0x9000, 9) & 7, 4, "error");
     }
-    let mut bench = Fixture::preop();
-    bench.write_u8(0x8001, 8, 4);
-    bench.write_u8(0x8001, 1, 1);
-    assert_eq!(bench.upload(0x8001, 2), 3, "no such node mode");
+    let mut fixture = Fixture::preop();
+    fixture.write_u8(0x8001, 8, 4);
+    fixture.write_u8(0x8001, 1, 1);
+    assert_eq!(fixture.upload(0x8001, 2), 3, "no such node mode");
 }
 
 #[test]
-fn layout_beyond_the_message_ram_fails_at_run_time_and_leaves_the_old_one() {
-    let mut bench = Fixture::preop();
-    assert_eq!(apply(&mut bench, McanChannelConfig::classic(250_000)), 0);
-    let before = bench.gateway.station_generation(0);
+fn oversized_ram_layout_fails_and_keeps_the_old_one() {
+    let mut fixture = Fixture::preop();
+    assert_eq!(apply(&mut fixture, McanChannelConfig::classic(250_000)), 0);
+    let before = fixture.gateway.station_generation(0);
     let fits = MessageRamLayout::fd();
     for ram in [
         MessageRamLayout { rx_buffer_count: 13, ..fits },
         MessageRamLayout { tx_dedicated_count: 1, rx_buffer_count: 0, ..fits },
     ] {
         let config = McanChannelConfig { ram, ..McanChannelConfig::default() };
-        assert_eq!(apply(&mut bench, config), 4, "{ram:?}");
-        assert_eq!(bench.gateway.station_config(0), Some(StationConfig::classic(250_000)));
-        assert_eq!(bench.gateway.station_generation(0), before);
+        assert_eq!(apply(&mut fixture, config), 4, "{ram:?}");
+        assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::classic(250_000)));
+        assert_eq!(fixture.gateway.station_generation(0), before);
     }
-    assert_eq!(apply(&mut bench, McanChannelConfig::default()), 0, "8192 bytes are just enough");
+    assert_eq!(apply(&mut fixture, McanChannelConfig::default()), 0, "8192 bytes are just enough");
 }
 
 #[test]
@@ -149,15 +149,15 @@ fn manual_timing_decides_the_bit_rate() {
         manual_data: BitTiming { brp: 1, tseg1: 30, tseg2: 9, sjw: 9 },
         ..McanChannelConfig::default()
     };
-    let mut bench = Fixture::preop();
-    assert_eq!(apply(&mut bench, config), 0);
-    assert_eq!(bench.gateway.station_config(0), Some(StationConfig::fd(500_000, 2_000_000)));
+    let mut fixture = Fixture::preop();
+    assert_eq!(apply(&mut fixture, config), 0);
+    assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::fd(500_000, 2_000_000)));
     let too_wide = BitTiming { brp: 1, tseg1: 30, tseg2: 20, sjw: 9 };
-    assert_eq!(apply(&mut bench, McanChannelConfig { manual_data: too_wide, ..config }), 3);
+    assert_eq!(apply(&mut fixture, McanChannelConfig { manual_data: too_wide, ..config }), 3);
 }
 
 #[test]
-fn frames_without_a_filter_go_by_the_non_match_rules() {
+fn unmatched_frames_follow_the_non_match_rules() {
     for (rule, expected) in [
         (NonMatch::Fifo0, vec![(0x10, 0), (0x20, 0)]),
         (NonMatch::Fifo1, vec![(0x10, 1), (0x20, 1)]),
@@ -169,8 +169,8 @@ fn frames_without_a_filter_go_by_the_non_match_rules() {
             non_match_extended: rule,
             ..McanChannelConfig::default()
         };
-        let mut bench = with(config, &[], &[]);
-        let passed = passing(&mut bench, &[standard(0x10, &[]), extended(0x20)]);
+        let mut fixture = with(config, &[], &[]);
+        let passed = passing(&mut fixture, &[standard(0x10, &[]), extended(0x20)]);
         assert_eq!(passed, expected, "{rule:?}");
     }
 }
@@ -211,10 +211,10 @@ fn standard_filters_match_and_route() {
         filter(Two, Priority, 0x603, 0x603),
         filter(Two, Fifo0, 0x100, 0x200),
     ];
-    let mut bench = with(McanChannelConfig::default(), &filters, &[]);
+    let mut fixture = with(McanChannelConfig::default(), &filters, &[]);
     let ids =
         [0x0FF, 0x100, 0x10F, 0x110, 0x200, 0x300, 0x405, 0x410, 0x500, 0x501, 0x600, 0x602, 0x603];
-    let passed = passing(&mut bench, &ids.map(|id| standard(id, &[])));
+    let passed = passing(&mut fixture, &ids.map(|id| standard(id, &[])));
     assert_eq!(
         passed,
         [
@@ -231,12 +231,12 @@ fn standard_filters_match_and_route() {
         ],
         "the first filter that matches decides"
     );
-    assert_eq!(bench.gateway.counters().receive_losses.filtered, 3);
-    assert_eq!(bench.upload(0x9000, 8), 7 << 8, "HPMS: filter 7, not stored");
+    assert_eq!(fixture.gateway.counters().receive_losses.filtered, 3);
+    assert_eq!(fixture.upload(0x9000, 8), 7 << 8, "HPMS: filter 7, not stored");
 }
 
 #[test]
-fn extended_filters_see_the_global_mask_unless_they_opt_out() {
+fn extended_filters_use_the_global_mask_by_default() {
     let config = McanChannelConfig {
         extended_id_mask: 0x1FFF_FF00,
         non_match_extended: NonMatch::Reject,
@@ -255,24 +255,24 @@ fn extended_filters_see_the_global_mask_unless_they_opt_out() {
         filter(ExtendedMatch::Range, 0x1000, 0x10FF),
         filter(ExtendedMatch::Masked, 0x0700_0000, 0x0F00_0000),
     ];
-    let mut bench = with(config, &[], &filters);
+    let mut fixture = with(config, &[], &filters);
     let ids = [0x1234_5678, 0x1234_5778, 0x41, 0x42, 0x10AB, 0x1100, 0x1712_3456];
-    let passed = passing(&mut bench, &ids.map(extended));
+    let passed = passing(&mut fixture, &ids.map(extended));
     assert_eq!(passed, [(0x1234_5678, 1), (0x42, 1), (0x10AB, 1), (0x1712_3456, 1)]);
 }
 
 #[test]
 fn receive_buffer_is_locked_until_it_is_read() {
     let filters = [filter(StandardMatch::Range, FilterAction::RxBuffer(0), 0x100, 0)];
-    let mut bench = with(McanChannelConfig::default(), &filters, &[]);
-    bench.deliver(0, standard(0x100, &[1]));
-    bench.deliver(0, standard(0x100, &[2]));
-    bench.cycle();
-    assert_eq!(bench.received(), [(0, standard(0x100, &[1]))]);
-    assert_eq!(bench.gateway.counters().receive_losses.controller_full, 1);
-    bench.deliver(0, standard(0x100, &[3]));
-    bench.cycle();
-    assert_eq!(bench.received(), [(0, standard(0x100, &[3]))]);
+    let mut fixture = with(McanChannelConfig::default(), &filters, &[]);
+    fixture.deliver(0, standard(0x100, &[1]));
+    fixture.deliver(0, standard(0x100, &[2]));
+    fixture.cycle();
+    assert_eq!(fixture.received(), [(0, standard(0x100, &[1]))]);
+    assert_eq!(fixture.gateway.counters().receive_losses.controller_full, 1);
+    fixture.deliver(0, standard(0x100, &[3]));
+    fixture.cycle();
+    assert_eq!(fixture.received(), [(0, standard(0x100, &[3]))]);
 }
 
 #[test]
@@ -283,15 +283,15 @@ fn blocking_fifo_keeps_old_frames_and_overwriting_keeps_new_ones() {
         let mut ram = MessageRamLayout::fd();
         ram.rx_fifo0.mode = mode;
         ram.rx_fifo0.size = 4;
-        let mut bench = with(McanChannelConfig { ram, ..Default::default() }, &[], &[]);
+        let mut fixture = with(McanChannelConfig { ram, ..Default::default() }, &[], &[]);
         for id in 0..6 {
-            bench.deliver(0, standard(id, &[]));
+            fixture.deliver(0, standard(id, &[]));
         }
-        assert_eq!(bench.upload(0x9000, 4) & (1 << 24 | 1 << 25 | 0x7F), 1 << 25 | 1 << 24 | 4);
-        bench.cycle();
-        let ids: Vec<_> = bench.received().iter().map(|(_, frame)| frame.id().raw()).collect();
+        assert_eq!(fixture.upload(0x9000, 4) & (1 << 24 | 1 << 25 | 0x7F), 1 << 25 | 1 << 24 | 4);
+        fixture.cycle();
+        let ids: Vec<_> = fixture.received().iter().map(|(_, frame)| frame.id().raw()).collect();
         assert_eq!(ids, expected, "{mode:?}");
-        assert_eq!(bench.gateway.counters().receive_losses.controller_full, 2);
+        assert_eq!(fixture.gateway.counters().receive_losses.controller_full, 2);
     }
 }
 
@@ -299,105 +299,105 @@ fn blocking_fifo_keeps_old_frames_and_overwriting_keeps_new_ones() {
 fn element_too_small_for_a_received_frame_keeps_what_fits() {
     let mut ram = MessageRamLayout::fd();
     ram.rx_fifo0.data_size = DataSize::B8;
-    let mut bench = with(McanChannelConfig { ram, ..Default::default() }, &[], &[]);
-    bench.deliver(0, fd(1, &[0x55; 12]));
-    bench.cycle();
+    let mut fixture = with(McanChannelConfig { ram, ..Default::default() }, &[], &[]);
+    fixture.deliver(0, fd(1, &[0x55; 12]));
+    fixture.cycle();
     let mut data = [0; 12];
     data[..8].fill(0x55);
-    assert_eq!(bench.received(), [(0, fd(1, &data))]);
+    assert_eq!(fixture.received(), [(0, fd(1, &data))]);
 }
 
 #[test]
 fn editing_window_saves_loads_and_clears() {
-    let mut bench = Fixture::preop();
+    let mut fixture = Fixture::preop();
     for (subindex, value) in [(43, 7), (50, 2), (51, 1), (52, 1)] {
-        bench.write_u8(0x8001, subindex, value);
+        fixture.write_u8(0x8001, subindex, value);
     }
-    bench.download(0x8001, 53, &0x123u32.to_le_bytes()).unwrap();
-    bench.download(0x8001, 54, &0x7F0u32.to_le_bytes()).unwrap();
-    bench.write_u8(0x8001, 45, 2);
-    assert_eq!(bench.upload(0x8001, 47), 0);
-    bench.write_u8(0x8001, 43, 8);
-    bench.write_u8(0x8001, 45, 1);
-    assert_eq!((bench.upload(0x8001, 51), bench.upload(0x8001, 53)), (0, 0));
-    bench.write_u8(0x8001, 43, 7);
-    bench.write_u8(0x8001, 45, 1);
-    let window: Vec<_> = (50..=54).map(|subindex| bench.upload(0x8001, subindex)).collect();
+    fixture.download(0x8001, 53, &0x123u32.to_le_bytes()).unwrap();
+    fixture.download(0x8001, 54, &0x7F0u32.to_le_bytes()).unwrap();
+    fixture.write_u8(0x8001, 45, 2);
+    assert_eq!(fixture.upload(0x8001, 47), 0);
+    fixture.write_u8(0x8001, 43, 8);
+    fixture.write_u8(0x8001, 45, 1);
+    assert_eq!((fixture.upload(0x8001, 51), fixture.upload(0x8001, 53)), (0, 0));
+    fixture.write_u8(0x8001, 43, 7);
+    fixture.write_u8(0x8001, 45, 1);
+    let window: Vec<_> = (50..=54).map(|subindex| fixture.upload(0x8001, subindex)).collect();
     assert_eq!(window, [2, 1, 1, 0x123, 0x7F0]);
-    bench.write_u8(0x8001, 45, 3);
-    bench.write_u8(0x8001, 45, 1);
-    assert_eq!(bench.upload(0x8001, 53), 0);
+    fixture.write_u8(0x8001, 45, 3);
+    fixture.write_u8(0x8001, 45, 1);
+    assert_eq!(fixture.upload(0x8001, 53), 0);
 }
 
 #[test]
 fn editing_window_statuses() {
-    let mut bench = Fixture::preop();
+    let mut fixture = Fixture::preop();
     for (index, command, max) in [(43, 45, 64), (44, 46, 24)] {
         let status = command + 2;
         for (at, value, expected) in
             [(max, 2, 1), (max - 1, 2, 0), (0, 4, 2), (0, 9, 2), (0, 0, 0), (255, 1, 1)]
         {
-            bench.write_u8(0x8001, index, at);
-            bench.write_u8(0x8001, command, value);
-            assert_eq!(bench.upload(0x8001, status), expected, "{at} {value}");
+            fixture.write_u8(0x8001, index, at);
+            fixture.write_u8(0x8001, command, value);
+            assert_eq!(fixture.upload(0x8001, status), expected, "{at} {value}");
         }
     }
 }
 
 #[test]
 fn filters_take_effect_with_the_apply() {
-    let mut bench = with(McanChannelConfig::default(), &[], &[]);
+    let mut fixture = with(McanChannelConfig::default(), &[], &[]);
     let reject = [filter(StandardMatch::Two, FilterAction::Reject, 1, 1)];
     for write in filter_writes(0, &reject, &[]) {
-        bench.send(write);
+        fixture.send(write);
     }
-    assert_eq!(passing(&mut bench, &[standard(1, &[])]), [(1, 0)]);
-    bench.send(McanChannelConfig::apply_write(0));
-    assert_eq!(passing(&mut bench, &[standard(1, &[])]), []);
+    assert_eq!(passing(&mut fixture, &[standard(1, &[])]), [(1, 0)]);
+    fixture.send(McanChannelConfig::apply_write(0));
+    assert_eq!(passing(&mut fixture, &[standard(1, &[])]), []);
 }
 
 #[test]
 fn pin_rotation_moves_channels_to_other_connectors() {
-    let mut bench = Fixture::preop();
-    bench.apply_profiles(chunks(3), chunks(3));
-    bench.apply_channel(0, McanChannelConfig::classic(125_000));
-    bench.apply_channel(1, McanChannelConfig::classic(250_000));
-    let generation = bench.gateway.station_generation(0);
-    bench.write_u8(0x8000, 12, 1);
-    assert_eq!((bench.upload(0x8000, 13), bench.upload(0x8000, 15)), (1, 0));
-    assert_ne!(bench.gateway.station_generation(0), generation);
-    assert_eq!(bench.gateway.station_config(0), None);
-    assert_eq!(bench.gateway.station_config(1), Some(StationConfig::classic(125_000)));
-    assert_eq!(bench.gateway.station_config(2), Some(StationConfig::classic(250_000)));
-    bench.start();
-    bench.push(0, standard(1, &[]));
-    bench.cycle();
-    assert_eq!(bench.sent(1).len(), 1);
-    bench.deliver(2, standard(2, &[]));
-    bench.cycle();
-    assert_eq!(bench.received(), [(1, standard(2, &[]))]);
-    bench.write_u8(0x8000, 12, 0);
-    assert_eq!((bench.upload(0x8000, 13), bench.upload(0x8000, 15)), (1, 1), "not in OP");
+    let mut fixture = Fixture::preop();
+    fixture.apply_profiles(chunks(3), chunks(3));
+    fixture.apply_channel(0, McanChannelConfig::classic(125_000));
+    fixture.apply_channel(1, McanChannelConfig::classic(250_000));
+    let generation = fixture.gateway.station_generation(0);
+    fixture.write_u8(0x8000, 12, 1);
+    assert_eq!((fixture.upload(0x8000, 13), fixture.upload(0x8000, 15)), (1, 0));
+    assert_ne!(fixture.gateway.station_generation(0), generation);
+    assert_eq!(fixture.gateway.station_config(0), None);
+    assert_eq!(fixture.gateway.station_config(1), Some(StationConfig::classic(125_000)));
+    assert_eq!(fixture.gateway.station_config(2), Some(StationConfig::classic(250_000)));
+    fixture.start();
+    fixture.push(0, standard(1, &[]));
+    fixture.cycle();
+    assert_eq!(fixture.sent(1).len(), 1);
+    fixture.deliver(2, standard(2, &[]));
+    fixture.cycle();
+    assert_eq!(fixture.received(), [(1, standard(2, &[]))]);
+    fixture.write_u8(0x8000, 12, 0);
+    assert_eq!((fixture.upload(0x8000, 13), fixture.upload(0x8000, 15)), (1, 1), "not in OP");
 }
 
 #[test]
-fn start_of_frame_is_captured_where_the_tsu_says_so() {
+fn tsu_captures_start_of_frame_if_configured() {
     let config = McanChannelConfig { tsu: true, tsu_capture_sof: true, ..Default::default() };
     for (config, expected) in [(config, 100), (McanChannelConfig::default(), 400)] {
         let tx = ecan_protocol::image::PdoProfile {
             profile: ecan_protocol::image::EncapsulationProfile::CompactTimestamped,
             ..chunks(3)
         };
-        let mut bench = Fixture::preop();
-        bench.apply_profiles(tx, chunks(3));
-        bench.apply_channel(0, config);
-        bench.start();
-        bench.cycle();
-        let service = bench.now - gateway_support::MS + gateway_support::SERVICE;
+        let mut fixture = Fixture::preop();
+        fixture.apply_profiles(tx, chunks(3));
+        fixture.apply_channel(0, config);
+        fixture.start();
+        fixture.cycle();
+        let service = fixture.now - gateway_support::MS + gateway_support::SERVICE;
         let end = service + 400_000;
-        bench.gateway.received(end, 0, &standard(1, &[]), service + 100_000);
-        bench.cycle();
-        let times = bench.packets(|packet| match packet {
+        fixture.gateway.received(end, 0, &standard(1, &[]), service + 100_000);
+        fixture.cycle();
+        let times = fixture.packets(|packet| match packet {
             Packet::Frame(frame) => Some(frame.timestamp),
             Packet::TxResult(_) => None,
         });

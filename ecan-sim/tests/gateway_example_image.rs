@@ -12,39 +12,39 @@ const EXAMPLE: [u8; 36] = [
 
 #[test]
 fn example_image_sends_its_frame_on_channel_0() {
-    let mut bench = Fixture::op(chunks(8), chunks(8));
-    bench.image[..EXAMPLE.len()].copy_from_slice(&EXAMPLE);
-    assert!(bench.write_again());
+    let mut fixture = Fixture::op(chunks(8), chunks(8));
+    fixture.image[..EXAMPLE.len()].copy_from_slice(&EXAMPLE);
+    assert!(fixture.write_again());
     let frame = standard(0x123, &[0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88]);
-    assert_eq!(bench.sent(0), [frame]);
+    assert_eq!(fixture.sent(0), [frame]);
     for channel in 1..4 {
-        assert_eq!(bench.sent(channel), []);
+        assert_eq!(fixture.sent(channel), []);
     }
-    assert_eq!(bench.upload(0x8011, 2), 0);
-    assert_eq!(bench.upload(0x8011, 13), 1);
-    assert_eq!(bench.upload(0x8011, 14), 0);
+    assert_eq!(fixture.upload(0x8011, 2), 0);
+    assert_eq!(fixture.upload(0x8011, 13), 1);
+    assert_eq!(fixture.upload(0x8011, 14), 0);
 }
 
 #[test]
 fn received_frame_has_the_same_bytes_in_the_input_image() {
-    let mut bench = Fixture::op(chunks(8), chunks(8));
-    bench.deliver(0, standard(0x123, &[0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88]));
-    bench.cycle();
+    let mut fixture = Fixture::op(chunks(8), chunks(8));
+    fixture.deliver(0, standard(0x123, &[0x11, 0x22, 0x33, 0x44, 0x55, 0x66, 0x77, 0x88]));
+    fixture.cycle();
     // The image on entering SAFEOP was number 1.
-    assert_eq!(bench.input[2..6], [2, 0, 2, 0]);
-    assert_eq!(bench.input[..2], [0x16, 0x08], "channel status changed: a frame was pending");
-    assert_eq!(bench.input[6..16], EXAMPLE[6..16]);
-    assert_eq!(bench.input[24..36], EXAMPLE[24..36]);
-    assert!(bench.input[36..].iter().all(|&byte| byte == 0));
+    assert_eq!(fixture.input[2..6], [2, 0, 2, 0]);
+    assert_eq!(fixture.input[..2], [0x16, 0x08], "channel status changed: a frame was pending");
+    assert_eq!(fixture.input[6..16], EXAMPLE[6..16]);
+    assert_eq!(fixture.input[24..36], EXAMPLE[24..36]);
+    assert!(fixture.input[36..].iter().all(|&byte| byte == 0));
 }
 
 #[test]
-fn readback_is_that_of_the_manual() {
-    let mut bench = Fixture::op(chunks(8), chunks(8));
+fn readback_matches_the_manual() {
+    let mut fixture = Fixture::op(chunks(8), chunks(8));
     for object in [0x8010, 0x8011] {
-        assert_eq!(bench.upload(object, 2), 0);
-        assert_eq!(bench.upload(object, 9), 1024);
-        assert_eq!(bench.upload(object, 10), 1000);
-        assert_eq!(bench.upload(object, 12), 0x0000_01E7);
+        assert_eq!(fixture.upload(object, 2), 0);
+        assert_eq!(fixture.upload(object, 9), 1024);
+        assert_eq!(fixture.upload(object, 10), 1000);
+        assert_eq!(fixture.upload(object, 12), 0x0000_01E7);
     }
 }

@@ -19,36 +19,36 @@ const CRC_ERROR: u32 = 3;
 const IMAGE_INVALID: u32 = 4;
 
 /// Sends a whole file, waiting for the flash.
-fn update(bench: &mut Fixture, file: &[u8]) -> Result<(), FirmwareUpdateError> {
-    bench.gateway.begin_firmware_update(bench.now)?;
+fn update(fixture: &mut Fixture, file: &[u8]) -> Result<(), FirmwareUpdateError> {
+    fixture.gateway.begin_firmware_update(fixture.now)?;
     for piece in file.chunks(1000) {
-        while bench.gateway.write_firmware(bench.now, piece)? != FirmwareProgress::Done {
-            bench.pass(MS);
+        while fixture.gateway.write_firmware(fixture.now, piece)? != FirmwareProgress::Done {
+            fixture.pass(MS);
         }
     }
-    while bench.gateway.finish_firmware_update(bench.now)? != FirmwareProgress::Done {
-        bench.pass(MS);
+    while fixture.gateway.finish_firmware_update(fixture.now)? != FirmwareProgress::Done {
+        fixture.pass(MS);
     }
     Ok(())
 }
 
-fn restart(bench: &mut Fixture) {
-    bench.pass(500 * MS);
-    assert!(!bench.gateway.is_responding());
-    bench.pass(1_000 * MS);
-    bench.set_up_mailboxes();
-    bench.gateway.request_al_state(bench.now, AlState::PreOp);
+fn restart(fixture: &mut Fixture) {
+    fixture.pass(500 * MS);
+    assert!(!fixture.gateway.is_responding());
+    fixture.pass(1_000 * MS);
+    fixture.set_up_mailboxes();
+    fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
 }
 
-fn maintain(bench: &mut Fixture, bits: u8) -> u32 {
-    bench.write_u8(0xB000, 1, 1);
-    bench.write_u8(0xB000, 4, bits);
-    bench.pass(10 * MS);
-    bench.upload(0xB000, 5)
+fn maintain(fixture: &mut Fixture, bits: u8) -> u32 {
+    fixture.write_u8(0xB000, 1, 1);
+    fixture.write_u8(0xB000, 4, bits);
+    fixture.pass(10 * MS);
+    fixture.upload(0xB000, 5)
 }
 
-fn version(bench: &mut Fixture) -> (u32, u32) {
-    (bench.upload(0xF000, 5), bench.upload(0xF000, 6))
+fn version(fixture: &mut Fixture) -> (u32, u32) {
+    (fixture.upload(0xF000, 5), fixture.upload(0xF000, 6))
 }
 
 fn file(version: u32) -> Vec<u8> {
@@ -57,76 +57,76 @@ fn file(version: u32) -> Vec<u8> {
 
 #[test]
 fn size_crc_and_status_of_the_last_file_are_shown() {
-    let mut bench = Fixture::preop();
+    let mut fixture = Fixture::preop();
     for subindex in 9..=11 {
-        assert_eq!(bench.upload(0xB000, subindex), 0);
+        assert_eq!(fixture.upload(0xB000, subindex), 0);
     }
     let check = b"123456789";
-    bench.gateway.begin_firmware_update(bench.now).unwrap();
-    assert_eq!(bench.upload(0xB000, 11), 1, "receiving");
+    fixture.gateway.begin_firmware_update(fixture.now).unwrap();
+    assert_eq!(fixture.upload(0xB000, 11), 1, "receiving");
     let refused = FirmwareUpdateError::Package(FirmwarePackageError::NoHeader { bytes: 9 });
-    assert_eq!(update(&mut bench, check), Err(refused));
+    assert_eq!(update(&mut fixture, check), Err(refused));
     // the check value of CRC-32
-    let shown = [9, 10, 11].map(|subindex| bench.upload(0xB000, subindex));
+    let shown = [9, 10, 11].map(|subindex| fixture.upload(0xB000, subindex));
     assert_eq!(shown, [9, 0xCBF4_3926, 0x8010]);
-    update(&mut bench, &file(0x0303_0003)).unwrap();
-    assert_eq!((bench.upload(0xB000, 9), bench.upload(0xB000, 11)), (10_032, 2));
-    restart(&mut bench);
-    assert_eq!((bench.upload(0xB000, 9), bench.upload(0xB000, 11)), (10_032, 0));
-    assert_eq!(version(&mut bench), (0x0303, 3));
+    update(&mut fixture, &file(0x0303_0003)).unwrap();
+    assert_eq!((fixture.upload(0xB000, 9), fixture.upload(0xB000, 11)), (10_032, 2));
+    restart(&mut fixture);
+    assert_eq!((fixture.upload(0xB000, 9), fixture.upload(0xB000, 11)), (10_032, 0));
+    assert_eq!(version(&mut fixture), (0x0303, 3));
 }
 
 #[test]
-fn an_update_in_op_restarts_the_gateway_out_of_it() {
-    let mut bench = Fixture::op(chunks(1), chunks(1));
-    bench.gateway.set_watchdog_ns(0);
-    update(&mut bench, &file(0x0303_0003)).unwrap();
-    assert_eq!(bench.gateway.al_state(), AlState::Op);
-    restart(&mut bench);
-    assert_eq!(version(&mut bench), (0x0303, 3));
+fn update_in_op_restarts_the_gateway() {
+    let mut fixture = Fixture::op(chunks(1), chunks(1));
+    fixture.gateway.set_watchdog_ns(0);
+    update(&mut fixture, &file(0x0303_0003)).unwrap();
+    assert_eq!(fixture.gateway.al_state(), AlState::Op);
+    restart(&mut fixture);
+    assert_eq!(version(&mut fixture), (0x0303, 3));
 }
 
 #[test]
-fn commands_judge_what_lies_in_the_free_partition() {
-    let mut bench = Fixture::preop();
+fn commands_check_the_free_partition() {
+    let mut fixture = Fixture::preop();
     for bits in [VALIDATE, ACTIVATE, VALIDATE | ACTIVATE] {
-        assert_eq!(maintain(&mut bench, bits), IMAGE_INVALID, "empty");
+        assert_eq!(maintain(&mut fixture, bits), IMAGE_INVALID, "empty");
     }
     let mut damaged = file(0x0303_0003);
     damaged[5_000] ^= 1;
-    assert!(update(&mut bench, &damaged).is_err());
-    assert_eq!(maintain(&mut bench, VALIDATE), CRC_ERROR);
-    assert_eq!(maintain(&mut bench, ACTIVATE), CRC_ERROR);
+    assert!(update(&mut fixture, &damaged).is_err());
+    assert_eq!(maintain(&mut fixture, VALIDATE), CRC_ERROR);
+    assert_eq!(maintain(&mut fixture, ACTIVATE), CRC_ERROR);
     let foreign = FirmwarePackage::new(1, 1, Vec::new()).to_bytes();
-    assert_eq!(update(&mut bench, &foreign), Err(FirmwareUpdateError::WrongDevice { found: 1 }));
-    assert_eq!(maintain(&mut bench, VALIDATE), IMAGE_INVALID);
-    bench.pass(2_000 * MS);
-    assert!(bench.gateway.is_responding());
-    bench.gateway.begin_firmware_update(bench.now).unwrap();
-    assert_eq!(maintain(&mut bench, VALIDATE), DENIED, "while a file arrives");
+    assert_eq!(update(&mut fixture, &foreign), Err(FirmwareUpdateError::WrongDevice { found: 1 }));
+    assert_eq!(maintain(&mut fixture, VALIDATE), IMAGE_INVALID);
+    fixture.pass(2_000 * MS);
+    assert!(fixture.gateway.is_responding());
+    fixture.gateway.begin_firmware_update(fixture.now).unwrap();
+    assert_eq!(maintain(&mut fixture, VALIDATE), DENIED, "while a file arrives");
 }
 
 #[test]
-fn activating_the_old_partition_goes_back() {
-    let mut bench = Fixture::preop();
-    let factory = version(&mut bench);
-    update(&mut bench, &file(0x0303_0003)).unwrap();
-    restart(&mut bench);
-    assert_eq!(maintain(&mut bench, VALIDATE), OK);
-    bench.pass(1_000 * MS);
-    assert_eq!(version(&mut bench), (0x0303, 3), "validated only");
-    assert_eq!(maintain(&mut bench, ACTIVATE), OK);
-    bench.pass(490 * MS);
-    bench.pass(10 * MS);
-    assert!(!bench.gateway.is_responding());
-    bench.pass(1_000 * MS);
-    bench.set_up_mailboxes();
-    bench.gateway.request_al_state(bench.now, AlState::PreOp);
-    assert_eq!(version(&mut bench), factory);
+fn activating_the_old_partition_restores_its_version() {
+    let mut fixture = Fixture::preop();
+    let factory = version(&mut fixture);
+    update(&mut fixture, &file(0x0303_0003)).unwrap();
+    restart(&mut fixture);
+    assert_eq!(maintain(&mut fixture, VALIDATE), OK);
+    fixture.pass(1_000 * MS);
+    assert_eq!(version(&mut fixture), (0x0303, 3), "validated only");
+    assert_eq!(maintain(&mut fixture, ACTIVATE), OK);
+    fixture.pass(490 * MS);
+    fixture.pass(10 * MS);
+    assert!(!fixture.gateway.is_responding());
+    fixture.pass(1_000 * MS);
+    fixture.set_up_mailboxes();
+    fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+    assert_eq!(version(&mut fixture), factory);
 }
 
 #[test]
-fn an_update_needs_a_gateway_that_runs() {
+fn update_needs_a_running_gateway() {
     let mut gateway = Gateway::new(GatewayModelConfig::default(), 1);
     assert_eq!(gateway.begin_firmware_update(0), Err(FirmwareUpdateError::NotReady));
     assert_eq!(gateway.write_firmware(0, &[1]), Err(FirmwareUpdateError::NotBegun));
@@ -136,12 +136,12 @@ fn an_update_needs_a_gateway_that_runs() {
 }
 
 #[test]
-fn the_serial_number_stays() {
+fn serial_number_stays() {
     let settings = GatewayModelConfig { serial: 0x1122_3344_5566_7788, ..Default::default() };
-    let mut bench = Fixture::preop_with(settings);
-    update(&mut bench, &file(0x0909_0009)).unwrap();
-    restart(&mut bench);
-    assert_eq!((bench.upload(0xF000, 7), bench.upload(0xF000, 8)), (0x5566_7788, 0x1122_3344));
+    let mut fixture = Fixture::preop_with(settings);
+    update(&mut fixture, &file(0x0909_0009)).unwrap();
+    restart(&mut fixture);
+    assert_eq!((fixture.upload(0xF000, 7), fixture.upload(0xF000, 8)), (0x5566_7788, 0x1122_3344));
 }
 
 #[test]
@@ -172,7 +172,7 @@ proptest! {
     }
 
     #[test]
-    fn any_bytes_are_parsed_or_refused(bytes: Vec<u8>, cut in 0usize..40) {
+    fn any_bytes_are_parsed_or_rejected(bytes: Vec<u8>, cut in 0usize..40) {
         prop_assert!(FirmwarePackage::parse(&bytes).is_err());
         let file = FirmwarePackage::new(0, 1, bytes).to_bytes();
         let short = &file[..cut.min(file.len() - 1)];

@@ -26,46 +26,46 @@ const IMAGE_INVALID: u32 = 4;
 const FLASH_ERROR: u32 = 5;
 
 fn in_mode(mode: u8) -> Fixture {
-    let mut bench = Fixture::preop();
-    bench.write_u8(0xB000, 1, mode);
-    bench
+    let mut fixture = Fixture::preop();
+    fixture.write_u8(0xB000, 1, mode);
+    fixture
 }
 
 /// Executes a maintenance command; its status.
-fn maintain(bench: &mut Fixture, bits: u8) -> u32 {
-    let sequence = bench.upload(0xB000, 12);
-    bench.write_u8(0xB000, 4, bits);
-    bench.pass(LONG);
-    assert_eq!(bench.upload(0xB000, 12), sequence + 1);
-    bench.upload(0xB000, 5)
+fn maintain(fixture: &mut Fixture, bits: u8) -> u32 {
+    let sequence = fixture.upload(0xB000, 12);
+    fixture.write_u8(0xB000, 4, bits);
+    fixture.pass(LONG);
+    assert_eq!(fixture.upload(0xB000, 12), sequence + 1);
+    fixture.upload(0xB000, 5)
 }
 
 /// Executes a channel's flash command; its status.
-fn flash(bench: &mut Fixture, channel: u16, bits: u8) -> u32 {
-    let sequence = bench.upload(0x8001 + channel, 5);
-    bench.write_u8(0x8001 + channel, 3, bits);
-    bench.pass(LONG);
-    assert_eq!(bench.upload(0x8001 + channel, 5), sequence + 1);
-    bench.upload(0x8001 + channel, 4)
+fn flash(fixture: &mut Fixture, channel: u16, bits: u8) -> u32 {
+    let sequence = fixture.upload(0x8001 + channel, 5);
+    fixture.write_u8(0x8001 + channel, 3, bits);
+    fixture.pass(LONG);
+    assert_eq!(fixture.upload(0x8001 + channel, 5), sequence + 1);
+    fixture.upload(0x8001 + channel, 4)
 }
 
-fn power_cycle(bench: &mut Fixture) {
-    bench.gateway.power(bench.now, false);
-    bench.pass(MS);
-    bench.gateway.power(bench.now, true);
-    boot(bench);
+fn power_cycle(fixture: &mut Fixture) {
+    fixture.gateway.power(fixture.now, false);
+    fixture.pass(MS);
+    fixture.gateway.power(fixture.now, true);
+    boot(fixture);
 }
 
 /// Waits for the end of a start and goes to PREOP.
-fn boot(bench: &mut Fixture) {
-    assert!(!bench.gateway.is_responding());
-    bench.pass(1_000 * MS);
-    bench.set_up_mailboxes();
-    bench.gateway.request_al_state(bench.now, ecan_protocol::device::AlState::PreOp);
+fn boot(fixture: &mut Fixture) {
+    assert!(!fixture.gateway.is_responding());
+    fixture.pass(1_000 * MS);
+    fixture.set_up_mailboxes();
+    fixture.gateway.request_al_state(fixture.now, ecan_protocol::device::AlState::PreOp);
 }
 
 /// Channel 1 runs with a filter, and something of every other object is set.
-fn configure(bench: &mut Fixture) {
+fn configure(fixture: &mut Fixture) {
     let filter = StandardFilter {
         matching: StandardMatch::Two,
         action: FilterAction::Reject,
@@ -74,23 +74,23 @@ fn configure(bench: &mut Fixture) {
         id2: 0x102,
     };
     for write in filter_writes(1, &[filter], &[]) {
-        bench.send(write);
+        fixture.send(write);
     }
-    bench.apply_channel(1, McanChannelConfig::classic(250_000));
+    fixture.apply_channel(1, McanChannelConfig::classic(250_000));
     // asked for, never applied
-    bench.download(0x8004, 19, &125_000u32.to_le_bytes()).unwrap();
-    bench.apply_data_path(2, DataPathConfig::for_traffic(5, 6));
-    bench.write_u8(0x8000, 12, 3);
-    bench.download(0x8000, 10, &77u32.to_le_bytes()).unwrap();
-    bench.write_u8(0x8010, 3, 5);
-    bench.write_u8(0x8011, 7, 2);
-    bench.download(0x8020, 7, &500u16.to_le_bytes()).unwrap();
+    fixture.download(0x8004, 19, &125_000u32.to_le_bytes()).unwrap();
+    fixture.apply_data_path(2, DataPathConfig::for_traffic(5, 6));
+    fixture.write_u8(0x8000, 12, 3);
+    fixture.download(0x8000, 10, &77u32.to_le_bytes()).unwrap();
+    fixture.write_u8(0x8010, 3, 5);
+    fixture.write_u8(0x8011, 7, 2);
+    fixture.download(0x8020, 7, &500u16.to_le_bytes()).unwrap();
 }
 
-fn assert_configured(bench: &mut Fixture) {
-    assert_eq!(bench.gateway.station_config(0), Some(StationConfig::classic(250_000)), "rotated");
+fn assert_configured(fixture: &mut Fixture) {
+    assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::classic(250_000)), "rotated");
     for connector in 1..4 {
-        assert_eq!(bench.gateway.station_config(connector), None);
+        assert_eq!(fixture.gateway.station_config(connector), None);
     }
     let word = DataPathConfig::for_traffic(5, 6).active_word();
     for (index, subindex, expected) in [
@@ -103,101 +103,101 @@ fn assert_configured(bench: &mut Fixture) {
         (0x8011, 7, 2),
         (0x8020, 7, 500),
     ] {
-        assert_eq!(bench.upload(index, subindex), expected, "{index:04X}:{subindex}");
+        assert_eq!(fixture.upload(index, subindex), expected, "{index:04X}:{subindex}");
     }
-    bench.write_u8(0x8002, 43, 0);
-    bench.write_u8(0x8002, 45, 1);
-    assert_eq!((bench.upload(0x8002, 53), bench.upload(0x8002, 54)), (0x101, 0x102));
+    fixture.write_u8(0x8002, 43, 0);
+    fixture.write_u8(0x8002, 45, 1);
+    assert_eq!((fixture.upload(0x8002, 53), fixture.upload(0x8002, 54)), (0x101, 0x102));
 }
 
 #[test]
-fn a_new_gateway_has_nothing_stored() {
-    let mut bench = Fixture::preop();
-    assert_eq!(bench.upload(0xB000, 8), 0);
-    assert_ne!(bench.upload(0xB000, 7), 0);
-    let before = bench.upload(0xB000, 7);
-    configure(&mut bench);
-    assert_ne!(bench.upload(0xB000, 7), before);
-    power_cycle(&mut bench);
-    assert_eq!(bench.upload(0xB000, 7), before, "nothing was saved");
-    bench.write_u8(0xB000, 1, ENGINEERING);
-    assert_eq!(maintain(&mut bench, LOAD), IMAGE_INVALID);
-    assert_eq!(flash(&mut bench, 0, LOAD), 1);
+fn new_gateway_has_no_saved_configuration() {
+    let mut fixture = Fixture::preop();
+    assert_eq!(fixture.upload(0xB000, 8), 0);
+    assert_ne!(fixture.upload(0xB000, 7), 0);
+    let before = fixture.upload(0xB000, 7);
+    configure(&mut fixture);
+    assert_ne!(fixture.upload(0xB000, 7), before);
+    power_cycle(&mut fixture);
+    assert_eq!(fixture.upload(0xB000, 7), before, "nothing was saved");
+    fixture.write_u8(0xB000, 1, ENGINEERING);
+    assert_eq!(maintain(&mut fixture, LOAD), IMAGE_INVALID);
+    assert_eq!(flash(&mut fixture, 0, LOAD), 1);
 }
 
 #[test]
-fn a_saved_configuration_survives_power_loss_and_reboot() {
-    let mut bench = in_mode(ENGINEERING);
-    configure(&mut bench);
-    bench.download(0x8030, 1, &0x4543_414Eu32.to_le_bytes()).unwrap();
-    bench.write_u8(0x8030, 4, 2);
-    let active = bench.upload(0xB000, 7);
-    bench.write_u8(0xB000, 4, SAVE);
-    let sequence = bench.upload(0xB000, 12);
-    bench.pass(20 * MS - 1);
-    assert_eq!((bench.upload(0xB000, 5), bench.upload(0xB000, 12)), (BUSY, sequence));
-    bench.pass(1);
-    assert_eq!((bench.upload(0xB000, 5), bench.upload(0xB000, 12)), (OK, sequence + 1));
-    assert_eq!(bench.upload(0xB000, 8), active);
+fn saved_configuration_survives_power_loss_and_reboot() {
+    let mut fixture = in_mode(ENGINEERING);
+    configure(&mut fixture);
+    fixture.download(0x8030, 1, &0x4543_414Eu32.to_le_bytes()).unwrap();
+    fixture.write_u8(0x8030, 4, 2);
+    let active = fixture.upload(0xB000, 7);
+    fixture.write_u8(0xB000, 4, SAVE);
+    let sequence = fixture.upload(0xB000, 12);
+    fixture.pass(20 * MS - 1);
+    assert_eq!((fixture.upload(0xB000, 5), fixture.upload(0xB000, 12)), (BUSY, sequence));
+    fixture.pass(1);
+    assert_eq!((fixture.upload(0xB000, 5), fixture.upload(0xB000, 12)), (OK, sequence + 1));
+    assert_eq!(fixture.upload(0xB000, 8), active);
     for restart in 0..2 {
         // not saved
-        bench.download(0x8000, 10, &1u32.to_le_bytes()).unwrap();
+        fixture.download(0x8000, 10, &1u32.to_le_bytes()).unwrap();
         if restart == 0 {
-            power_cycle(&mut bench);
+            power_cycle(&mut fixture);
         } else {
-            bench.write_u8(0x8000, 1, 1);
-            bench.pass(20 * MS);
-            boot(&mut bench);
+            fixture.write_u8(0x8000, 1, 1);
+            fixture.pass(20 * MS);
+            boot(&mut fixture);
         }
-        assert_configured(&mut bench);
-        assert_eq!((bench.upload(0xB000, 7), bench.upload(0xB000, 8)), (active, active));
-        assert_eq!((bench.upload(0x8030, 1), bench.upload(0x8030, 4)), (0, 0));
-        assert_eq!((bench.upload(0xB000, 2), bench.upload(0xB000, 12)), (0, 0));
+        assert_configured(&mut fixture);
+        assert_eq!((fixture.upload(0xB000, 7), fixture.upload(0xB000, 8)), (active, active));
+        assert_eq!((fixture.upload(0x8030, 1), fixture.upload(0x8030, 4)), (0, 0));
+        assert_eq!((fixture.upload(0xB000, 2), fixture.upload(0xB000, 12)), (0, 0));
     }
     // the filter works again
-    bench.apply_profiles(chunks(3), chunks(3));
-    bench.start();
+    fixture.apply_profiles(chunks(3), chunks(3));
+    fixture.start();
     for id in [0x101, 0x103] {
-        bench.deliver(0, standard(id, &[]));
+        fixture.deliver(0, standard(id, &[]));
     }
-    bench.cycle();
-    assert_eq!(bench.received(), [(1, standard(0x103, &[]))]);
+    fixture.cycle();
+    assert_eq!(fixture.received(), [(1, standard(0x103, &[]))]);
 }
 
 #[test]
-fn loading_puts_the_saved_configuration_in_force() {
-    let mut bench = in_mode(ENGINEERING);
-    configure(&mut bench);
-    assert_eq!(maintain(&mut bench, SAVE), OK);
-    bench.apply_channel(1, McanChannelConfig::classic(1_000_000));
-    bench.apply_data_path(2, DataPathConfig::default());
-    bench.write_u8(0x8000, 12, 0);
+fn load_activates_the_saved_configuration() {
+    let mut fixture = in_mode(ENGINEERING);
+    configure(&mut fixture);
+    assert_eq!(maintain(&mut fixture, SAVE), OK);
+    fixture.apply_channel(1, McanChannelConfig::classic(1_000_000));
+    fixture.apply_data_path(2, DataPathConfig::default());
+    fixture.write_u8(0x8000, 12, 0);
     for (index, subindex, value) in [(0x8010, 3, 9), (0x8011, 7, 0)] {
-        bench.write_u8(index, subindex, value);
+        fixture.write_u8(index, subindex, value);
     }
-    assert_eq!(maintain(&mut bench, LOAD), OK);
-    assert_configured(&mut bench);
-    assert_eq!(bench.upload(0x8010, 2), 9, "a requested profile waits to be applied");
-    assert_eq!(bench.upload(0xB000, 7), bench.upload(0xB000, 8));
+    assert_eq!(maintain(&mut fixture, LOAD), OK);
+    assert_configured(&mut fixture);
+    assert_eq!(fixture.upload(0x8010, 2), 9, "a requested profile waits to be applied");
+    assert_eq!(fixture.upload(0xB000, 7), fixture.upload(0xB000, 8));
 }
 
 #[test]
 fn factory_defaults_erase_what_was_saved() {
-    let mut bench = in_mode(FACTORY_MODE);
-    let fresh = bench.upload(0xB000, 7);
-    configure(&mut bench);
-    assert_eq!(maintain(&mut bench, SAVE), OK);
-    assert_eq!(maintain(&mut bench, FACTORY), OK);
-    assert_eq!(bench.upload(0xB000, 8), 0);
-    assert_eq!(bench.gateway.station_config(1), Some(StationConfig::fd(500_000, 5_000_000)));
-    assert_eq!((bench.upload(0x8000, 13), bench.upload(0x8004, 19)), (0, 500_000));
-    power_cycle(&mut bench);
-    assert_eq!(bench.upload(0xB000, 7), fresh);
-    assert_eq!(bench.gateway.station_config(1), None);
+    let mut fixture = in_mode(FACTORY_MODE);
+    let fresh = fixture.upload(0xB000, 7);
+    configure(&mut fixture);
+    assert_eq!(maintain(&mut fixture, SAVE), OK);
+    assert_eq!(maintain(&mut fixture, FACTORY), OK);
+    assert_eq!(fixture.upload(0xB000, 8), 0);
+    assert_eq!(fixture.gateway.station_config(1), Some(StationConfig::fd(500_000, 5_000_000)));
+    assert_eq!((fixture.upload(0x8000, 13), fixture.upload(0x8004, 19)), (0, 500_000));
+    power_cycle(&mut fixture);
+    assert_eq!(fixture.upload(0xB000, 7), fresh);
+    assert_eq!(fixture.gateway.station_config(1), None);
 }
 
 #[test]
-fn commands_need_their_mode_and_stay_out_of_op() {
+fn commands_need_their_mode_and_are_denied_in_op() {
     // command, lowest mode in which it is executed, whether also in OP
     let commands = [
         (SAVE, 1, false),
@@ -215,15 +215,15 @@ fn commands_need_their_mode_and_stay_out_of_op() {
     for mode in 0..=2 {
         for op in [false, true] {
             for (bits, needed, in_op) in commands {
-                let mut bench =
+                let mut fixture =
                     if op { Fixture::op(chunks(1), chunks(1)) } else { Fixture::preop() };
-                bench.gateway.set_watchdog_ns(0);
-                bench.write_u8(0xB000, 1, mode);
+                fixture.gateway.set_watchdog_ns(0);
+                fixture.write_u8(0xB000, 1, mode);
                 let allowed = mode >= needed && (!op || in_op);
-                let status = maintain(&mut bench, bits);
+                let status = maintain(&mut fixture, bits);
                 assert_eq!(status != DENIED, allowed, "{bits:#04x} in mode {mode}, OP {op}");
                 if !allowed {
-                    assert_eq!(bench.upload(0xB000, 8), 0, "nothing of it is done");
+                    assert_eq!(fixture.upload(0xB000, 8), 0, "nothing of it is done");
                 }
             }
         }
@@ -231,119 +231,119 @@ fn commands_need_their_mode_and_stay_out_of_op() {
 }
 
 #[test]
-fn a_mode_that_timed_out_denies() {
-    let mut bench = Fixture::preop();
-    bench.download(0xB000, 3, &1u16.to_le_bytes()).unwrap();
-    bench.write_u8(0xB000, 1, ENGINEERING);
-    assert_eq!(maintain(&mut bench, SAVE), OK);
-    bench.pass(1_000 * MS);
-    assert_eq!(maintain(&mut bench, SAVE), DENIED);
+fn expired_access_mode_denies_commands() {
+    let mut fixture = Fixture::preop();
+    fixture.download(0xB000, 3, &1u16.to_le_bytes()).unwrap();
+    fixture.write_u8(0xB000, 1, ENGINEERING);
+    assert_eq!(maintain(&mut fixture, SAVE), OK);
+    fixture.pass(1_000 * MS);
+    assert_eq!(maintain(&mut fixture, SAVE), DENIED);
 }
 
 #[test]
-fn combined_commands_go_by_their_bits_and_stop_at_the_first_failure() {
-    let mut bench = in_mode(FACTORY_MODE);
-    configure(&mut bench);
-    assert_eq!(maintain(&mut bench, SAVE | FACTORY), OK);
-    assert_eq!((bench.upload(0xB000, 8), bench.upload(0x8000, 10)), (0, 0));
-    configure(&mut bench);
+fn combined_commands_stop_at_the_first_failure() {
+    let mut fixture = in_mode(FACTORY_MODE);
+    configure(&mut fixture);
+    assert_eq!(maintain(&mut fixture, SAVE | FACTORY), OK);
+    assert_eq!((fixture.upload(0xB000, 8), fixture.upload(0x8000, 10)), (0, 0));
+    configure(&mut fixture);
     // no image lies in the free partition; what comes before is done
-    assert_eq!(maintain(&mut bench, SAVE | 1 << 3), IMAGE_INVALID);
-    assert_eq!(bench.upload(0xB000, 8), bench.upload(0xB000, 7));
-    bench.download(0x8000, 10, &5u32.to_le_bytes()).unwrap();
-    bench.gateway.inject(bench.now, GatewayFault::FlashFailure { times: 1 });
-    assert_eq!(maintain(&mut bench, SAVE | LOAD), FLASH_ERROR);
-    assert_eq!(bench.upload(0x8000, 10), 5, "nothing was loaded");
+    assert_eq!(maintain(&mut fixture, SAVE | 1 << 3), IMAGE_INVALID);
+    assert_eq!(fixture.upload(0xB000, 8), fixture.upload(0xB000, 7));
+    fixture.download(0x8000, 10, &5u32.to_le_bytes()).unwrap();
+    fixture.gateway.inject(fixture.now, GatewayFault::FlashFailure { times: 1 });
+    assert_eq!(maintain(&mut fixture, SAVE | LOAD), FLASH_ERROR);
+    assert_eq!(fixture.upload(0x8000, 10), 5, "nothing was loaded");
 }
 
 #[test]
-fn a_command_under_way_refuses_the_next() {
-    let mut bench = in_mode(ENGINEERING);
-    bench.write_u8(0xB000, 4, SAVE);
-    assert_eq!(bench.download(0xB000, 4, &[LOAD]), Err(AbortCode::DEVICE_STATE));
-    bench.write_u8(0x8001, 3, SAVE);
-    assert_eq!((bench.upload(0x8001, 4), bench.upload(0x8001, 5)), (1, 1));
-    bench.pass(LONG);
-    assert_eq!((bench.upload(0xB000, 5), bench.upload(0xB000, 12)), (OK, 1));
+fn command_in_progress_rejects_the_next() {
+    let mut fixture = in_mode(ENGINEERING);
+    fixture.write_u8(0xB000, 4, SAVE);
+    assert_eq!(fixture.download(0xB000, 4, &[LOAD]), Err(AbortCode::DEVICE_STATE));
+    fixture.write_u8(0x8001, 3, SAVE);
+    assert_eq!((fixture.upload(0x8001, 4), fixture.upload(0x8001, 5)), (1, 1));
+    fixture.pass(LONG);
+    assert_eq!((fixture.upload(0xB000, 5), fixture.upload(0xB000, 12)), (OK, 1));
 }
 
 #[test]
-fn a_save_that_was_cut_off_is_found_out() {
-    let mut bench = in_mode(ENGINEERING);
-    configure(&mut bench);
-    assert_eq!(maintain(&mut bench, SAVE), OK);
-    bench.write_u8(0xB000, 4, SAVE);
-    bench.pass(10 * MS);
-    power_cycle(&mut bench);
-    assert_eq!((bench.upload(0xB000, 8), bench.upload(0x8000, 10)), (0, 0));
-    bench.write_u8(0xB000, 1, ENGINEERING);
-    assert_eq!(maintain(&mut bench, LOAD), CRC_ERROR);
-    assert_eq!(maintain(&mut bench, SAVE), OK);
-    assert_eq!(maintain(&mut bench, LOAD), OK);
+fn interrupted_save_is_detected() {
+    let mut fixture = in_mode(ENGINEERING);
+    configure(&mut fixture);
+    assert_eq!(maintain(&mut fixture, SAVE), OK);
+    fixture.write_u8(0xB000, 4, SAVE);
+    fixture.pass(10 * MS);
+    power_cycle(&mut fixture);
+    assert_eq!((fixture.upload(0xB000, 8), fixture.upload(0x8000, 10)), (0, 0));
+    fixture.write_u8(0xB000, 1, ENGINEERING);
+    assert_eq!(maintain(&mut fixture, LOAD), CRC_ERROR);
+    assert_eq!(maintain(&mut fixture, SAVE), OK);
+    assert_eq!(maintain(&mut fixture, LOAD), OK);
 }
 
 #[test]
-fn a_failing_flash_is_told() {
-    let mut bench = in_mode(FACTORY_MODE);
+fn failing_flash_is_reported() {
+    let mut fixture = in_mode(FACTORY_MODE);
     for bits in [SAVE, FACTORY] {
-        bench.gateway.inject(bench.now, GatewayFault::FlashFailure { times: 2 });
-        assert_eq!(maintain(&mut bench, bits), FLASH_ERROR);
-        assert_eq!(flash(&mut bench, 0, bits), 1);
+        fixture.gateway.inject(fixture.now, GatewayFault::FlashFailure { times: 2 });
+        assert_eq!(maintain(&mut fixture, bits), FLASH_ERROR);
+        assert_eq!(flash(&mut fixture, 0, bits), 1);
     }
-    assert_eq!(maintain(&mut bench, SAVE), OK);
+    assert_eq!(maintain(&mut fixture, SAVE), OK);
 }
 
 #[test]
-fn a_channel_is_saved_loaded_and_restored_alone() {
-    let mut bench = Fixture::preop();
-    bench.apply_channel(0, McanChannelConfig::classic(125_000));
-    bench.apply_channel(3, McanChannelConfig::classic(250_000));
-    bench.write_u8(0x8004, 3, SAVE);
-    bench.pass(20 * MS - 1);
-    assert_eq!(bench.upload(0x8004, 5), 1, "the apply before");
-    bench.pass(1);
-    assert_eq!((bench.upload(0x8004, 4), bench.upload(0x8004, 5)), (0, 2));
-    power_cycle(&mut bench);
-    assert_eq!(bench.gateway.station_config(0), None);
-    assert_eq!(bench.upload(0x8001, 19), 500_000);
-    assert_eq!(bench.gateway.station_config(3), Some(StationConfig::classic(250_000)));
-    bench.apply_channel(3, McanChannelConfig::classic(1_000_000));
-    assert_eq!(flash(&mut bench, 3, LOAD), 0);
-    assert_eq!(bench.gateway.station_config(3), Some(StationConfig::classic(250_000)));
+fn channel_is_saved_loaded_and_restored_alone() {
+    let mut fixture = Fixture::preop();
+    fixture.apply_channel(0, McanChannelConfig::classic(125_000));
+    fixture.apply_channel(3, McanChannelConfig::classic(250_000));
+    fixture.write_u8(0x8004, 3, SAVE);
+    fixture.pass(20 * MS - 1);
+    assert_eq!(fixture.upload(0x8004, 5), 1, "the apply before");
+    fixture.pass(1);
+    assert_eq!((fixture.upload(0x8004, 4), fixture.upload(0x8004, 5)), (0, 2));
+    power_cycle(&mut fixture);
+    assert_eq!(fixture.gateway.station_config(0), None);
+    assert_eq!(fixture.upload(0x8001, 19), 500_000);
+    assert_eq!(fixture.gateway.station_config(3), Some(StationConfig::classic(250_000)));
+    fixture.apply_channel(3, McanChannelConfig::classic(1_000_000));
+    assert_eq!(flash(&mut fixture, 3, LOAD), 0);
+    assert_eq!(fixture.gateway.station_config(3), Some(StationConfig::classic(250_000)));
     // another one is added, the first stays
-    bench.apply_channel(0, McanChannelConfig::classic(125_000));
-    assert_eq!(flash(&mut bench, 0, SAVE), 0);
-    assert_eq!(flash(&mut bench, 3, FACTORY), 0);
-    assert_eq!(bench.upload(0x8004, 19), 500_000);
-    power_cycle(&mut bench);
-    assert_eq!(bench.gateway.station_config(0), Some(StationConfig::classic(125_000)));
-    assert_eq!(bench.gateway.station_config(3), None);
+    fixture.apply_channel(0, McanChannelConfig::classic(125_000));
+    assert_eq!(flash(&mut fixture, 0, SAVE), 0);
+    assert_eq!(flash(&mut fixture, 3, FACTORY), 0);
+    assert_eq!(fixture.upload(0x8004, 19), 500_000);
+    power_cycle(&mut fixture);
+    assert_eq!(fixture.gateway.station_config(0), Some(StationConfig::classic(125_000)));
+    assert_eq!(fixture.gateway.station_config(3), None);
 }
 
 #[test]
-fn a_channel_that_cannot_be_built_is_not_saved() {
-    let mut bench = Fixture::preop();
-    bench.download(0x8001, 19, &0u32.to_le_bytes()).unwrap();
-    assert_eq!(flash(&mut bench, 0, SAVE), 3);
-    bench.download(0x8001, 19, &500_000u32.to_le_bytes()).unwrap();
-    bench.write_u8(0x8001, 62, 64);
-    bench.write_u8(0x8001, 64, 64);
-    bench.write_u8(0x8001, 67, 64);
-    assert_eq!(flash(&mut bench, 0, SAVE), 4);
-    assert_eq!(bench.upload(0xB000, 8), 0);
+fn invalid_channel_is_not_saved() {
+    let mut fixture = Fixture::preop();
+    fixture.download(0x8001, 19, &0u32.to_le_bytes()).unwrap();
+    assert_eq!(flash(&mut fixture, 0, SAVE), 3);
+    fixture.download(0x8001, 19, &500_000u32.to_le_bytes()).unwrap();
+    fixture.write_u8(0x8001, 62, 64);
+    fixture.write_u8(0x8001, 64, 64);
+    fixture.write_u8(0x8001, 67, 64);
+    assert_eq!(flash(&mut fixture, 0, SAVE), 4);
+    assert_eq!(fixture.upload(0xB000, 8), 0);
 }
 
 #[test]
 fn channel_flash_commands_fail_in_op() {
-    let mut bench = Fixture::op(chunks(1), chunks(1));
-    bench.gateway.set_watchdog_ns(0);
+    let mut fixture = Fixture::op(chunks(1), chunks(1));
+    fixture.gateway.set_watchdog_ns(0);
     for bits in [SAVE, LOAD, FACTORY] {
-        assert_eq!(flash(&mut bench, 0, bits), 1);
+        assert_eq!(flash(&mut fixture, 0, bits), 1);
     }
 }
 
 #[test]
-fn the_crc_covers_what_is_saved_and_nothing_else() {
+fn crc_covers_what_is_saved_and_nothing_else() {
     let mut judged = 0;
     for object in objects() {
         for instance in 0..object.count {
@@ -359,8 +359,8 @@ fn the_crc_covers_what_is_saved_and_nothing_else() {
                 if entry.access != Access::Rw || !entry.ty.is_integer() || index >= 0x9000 {
                     continue;
                 }
-                let mut bench = Fixture::preop();
-                let before = bench.upload(0xB000, 7);
+                let mut fixture = Fixture::preop();
+                let before = fixture.upload(0xB000, 7);
                 let candidates = [entry.max, entry.max.saturating_sub(1), entry.min, entry.min + 1];
                 let other = candidates
                     .into_iter()
@@ -369,11 +369,11 @@ fn the_crc_covers_what_is_saved_and_nothing_else() {
                 let Some(value) = other else { continue };
                 let bytes = value.to_le_bytes();
                 let size = entry.ty.size_bytes().unwrap();
-                if bench.download(index, entry.subindex, &bytes[..size]).is_err() {
+                if fixture.download(index, entry.subindex, &bytes[..size]).is_err() {
                     continue;
                 }
                 judged += 1;
-                let changed = bench.upload(0xB000, 7) != before;
+                let changed = fixture.upload(0xB000, 7) != before;
                 let name = format!("{index:04X}:{} = {value}", entry.subindex);
                 assert_eq!(changed, saved_object && !window && !command, "{name}");
             }

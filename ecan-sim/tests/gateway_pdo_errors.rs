@@ -44,12 +44,12 @@ fn image(
 
 /// Writes the image and returns error, error counter and the frames sent on channel 0.
 fn parse(profile: PdoProfile, image: Vec<u8>) -> (u32, u32, usize) {
-    let mut bench = Fixture::op(chunks(8), profile);
-    bench.image = image;
-    assert!(bench.write_again());
-    let sent = bench.sent(0).len();
-    let (error, count) = (bench.upload(0x8011, 14), bench.upload(0x8011, 15));
-    assert_eq!(bench.upload(0x8011, 2), if error == 0 { 0 } else { 7 });
+    let mut fixture = Fixture::op(chunks(8), profile);
+    fixture.image = image;
+    assert!(fixture.write_again());
+    let sent = fixture.sent(0).len();
+    let (error, count) = (fixture.upload(0x8011, 14), fixture.upload(0x8011, 15));
+    assert_eq!(fixture.upload(0x8011, 2), if error == 0 { 0 } else { 7 });
     (error, count, sent)
 }
 
@@ -75,7 +75,7 @@ fn good_image_has_no_error() {
 }
 
 #[test]
-fn frame_overrun_2_is_a_window_that_the_profile_does_not_know() {
+fn frame_overrun_2_is_an_unsupported_window() {
     let mut window = vec![0x00, 0x81, 0x23, 0x01];
     window.resize(4 + 64, 0);
     assert_eq!(packets(&[&GOOD, &window]), after_good(2));
@@ -128,14 +128,14 @@ fn truncated_8_reaches_beyond_the_payload_only() {
 
 #[test]
 fn duplicate_sequence_10_is_another_image_with_the_same_number() {
-    let mut bench = Fixture::op(chunks(8), chunks(8));
-    bench.image = image(chunks(8), 1, &GOOD, |_| {});
-    assert!(bench.write_again());
+    let mut fixture = Fixture::op(chunks(8), chunks(8));
+    fixture.image = image(chunks(8), 1, &GOOD, |_| {});
+    assert!(fixture.write_again());
     let other = [0x00, 0x00, 0x24, 0x01];
-    bench.image = image(chunks(8), 1, &other, |_| {});
-    assert!(bench.write_again());
-    assert_eq!(bench.upload(0x8011, 14), 10);
-    assert_eq!(bench.sent(0), [standard(0x123, &[])]);
+    fixture.image = image(chunks(8), 1, &other, |_| {});
+    assert!(fixture.write_again());
+    assert_eq!(fixture.upload(0x8011, 14), 10);
+    assert_eq!(fixture.sent(0), [standard(0x123, &[])]);
 }
 
 #[test]
@@ -178,35 +178,35 @@ fn bad_schedule_16() {
     let good = schedule([1, 0, 0, 0, 0xA0, 0x86, 0x01, 0]);
     assert_eq!(packets(&[&GOOD, &good]), after_good(16), "no Sync0 to schedule by");
     for record in [[0, 0, 0, 0, 0, 0, 0, 0], [2, 0, 0, 0, 0, 0, 0, 0], [1, 1, 0, 0, 0, 0, 0, 0]] {
-        let mut bench = Fixture::configured(chunks(8), chunks(8));
-        bench.start_sync0();
-        bench.pass(gateway_support::MS);
-        bench.start();
+        let mut fixture = Fixture::configured(chunks(8), chunks(8));
+        fixture.start_sync0();
+        fixture.pass(gateway_support::MS);
+        fixture.start();
         let payload = [&GOOD[..], &schedule(record)].concat();
-        bench.image = image(chunks(8), 2, &payload, |_| {});
-        assert!(bench.write_again());
-        assert_eq!(bench.upload(0x8011, 14), 16, "{record:?}");
-        assert_eq!(bench.sent(0).len(), 1);
+        fixture.image = image(chunks(8), 2, &payload, |_| {});
+        assert!(fixture.write_again());
+        assert_eq!(fixture.upload(0x8011, 14), 16, "{record:?}");
+        assert_eq!(fixture.sent(0).len(), 1);
     }
 }
 
 #[test]
-fn errors_9_and_11_come_from_the_profile_not_from_packets() {
+fn errors_9_and_11_come_from_the_profile() {
     for (field, value, error) in [(5, 3, 9), (7, 0x40, 11)] {
-        let mut bench = Fixture::configured(chunks(8), chunks(8));
-        bench.write_u8(0x8011, field, value);
-        bench.write_u8(0x8011, 1, 1);
-        assert_eq!(bench.upload(0x8011, 14), error);
+        let mut fixture = Fixture::configured(chunks(8), chunks(8));
+        fixture.write_u8(0x8011, field, value);
+        fixture.write_u8(0x8011, 1, 1);
+        assert_eq!(fixture.upload(0x8011, 14), error);
     }
 }
 
 #[test]
-fn good_image_after_a_fault_is_taken() {
-    let mut bench = Fixture::op(chunks(8), chunks(8));
-    bench.image = image(chunks(8), 1, &GOOD, |header| header.payload_crc16 ^= 1);
-    assert!(bench.write_again());
-    bench.image = image(chunks(8), 1, &GOOD, |_| {});
-    assert!(bench.write_again());
-    assert_eq!(bench.sent(0).len(), 1, "the faulty image used up no sequence number");
-    assert_eq!(bench.upload(0x8011, 15), 1);
+fn good_image_after_a_faulty_one_is_accepted() {
+    let mut fixture = Fixture::op(chunks(8), chunks(8));
+    fixture.image = image(chunks(8), 1, &GOOD, |header| header.payload_crc16 ^= 1);
+    assert!(fixture.write_again());
+    fixture.image = image(chunks(8), 1, &GOOD, |_| {});
+    assert!(fixture.write_again());
+    assert_eq!(fixture.sent(0).len(), 1, "the faulty image used up no sequence number");
+    assert_eq!(fixture.upload(0x8011, 15), 1);
 }

@@ -10,89 +10,89 @@ fn with_results() -> PdoProfile {
 }
 
 #[test]
-fn exact_repeat_sends_nothing_and_reports_nothing() {
-    let mut bench = Fixture::op(with_results(), chunks(8));
-    bench.push(0, standard(0x10, &[1]));
-    bench.cycle();
-    assert_eq!(bench.sent(0).len(), 1);
-    assert_eq!(bench.results().len(), 1);
+fn exact_repeat_is_a_no_op() {
+    let mut fixture = Fixture::op(with_results(), chunks(8));
+    fixture.push(0, standard(0x10, &[1]));
+    fixture.cycle();
+    assert_eq!(fixture.sent(0).len(), 1);
+    assert_eq!(fixture.results().len(), 1);
     for _ in 0..3 {
-        assert!(bench.write_again());
-        assert!(bench.read());
-        assert_eq!(bench.results(), []);
-        assert_eq!(bench.sent(0), []);
+        assert!(fixture.write_again());
+        assert!(fixture.read());
+        assert_eq!(fixture.results(), []);
+        assert_eq!(fixture.sent(0), []);
     }
-    assert_eq!(bench.upload(0x8011, 14), 0);
-    assert_eq!(bench.upload(0x8011, 15), 0);
-    assert_eq!(bench.gateway.counters().images_repeated, 3);
+    assert_eq!(fixture.upload(0x8011, 14), 0);
+    assert_eq!(fixture.upload(0x8011, 15), 0);
+    assert_eq!(fixture.gateway.counters().images_repeated, 3);
 }
 
 #[test]
 fn next_sequence_executes_the_same_frames_again() {
-    let mut bench = Fixture::op(with_results(), chunks(8));
+    let mut fixture = Fixture::op(with_results(), chunks(8));
     for sequence in 1..4 {
-        bench.push(0, standard(0x10, &[1]));
-        bench.cycle();
-        assert_eq!(bench.sent(0).len(), 1);
-        assert_eq!(bench.results()[0].sequence, sequence);
+        fixture.push(0, standard(0x10, &[1]));
+        fixture.cycle();
+        assert_eq!(fixture.sent(0).len(), 1);
+        assert_eq!(fixture.results()[0].sequence, sequence);
     }
 }
 
 #[test]
 fn sequence_0_is_a_number_like_any_other() {
-    let mut bench = Fixture::op(chunks(8), chunks(8));
-    bench.writer.set_next_sequence(0);
-    bench.push(0, standard(0x10, &[]));
-    bench.cycle();
-    assert_eq!(bench.sent(0).len(), 1);
-    assert!(bench.write_again());
-    assert_eq!(bench.sent(0), []);
+    let mut fixture = Fixture::op(chunks(8), chunks(8));
+    fixture.writer.set_next_sequence(0);
+    fixture.push(0, standard(0x10, &[]));
+    fixture.cycle();
+    assert_eq!(fixture.sent(0).len(), 1);
+    assert!(fixture.write_again());
+    assert_eq!(fixture.sent(0), []);
 }
 
 #[test]
 fn reset_session_makes_the_old_image_new_again() {
-    let mut bench = Fixture::op(chunks(8), chunks(8));
-    bench.push(0, standard(0x10, &[]));
-    bench.cycle();
-    assert_eq!(bench.sent(0).len(), 1);
-    bench.write_u8(0x8011, 8, 1);
-    assert!(bench.write_again());
-    assert_eq!(bench.sent(0).len(), 1);
+    let mut fixture = Fixture::op(chunks(8), chunks(8));
+    fixture.push(0, standard(0x10, &[]));
+    fixture.cycle();
+    assert_eq!(fixture.sent(0).len(), 1);
+    fixture.write_u8(0x8011, 8, 1);
+    assert!(fixture.write_again());
+    assert_eq!(fixture.sent(0).len(), 1);
 }
 
 #[test]
 fn power_cycle_makes_the_old_image_new_again() {
-    let mut bench = Fixture::op(chunks(8), chunks(8));
-    bench.push(0, standard(0x10, &[]));
-    bench.cycle();
-    assert_eq!(bench.sent(0).len(), 1);
-    let old = bench.image.clone();
-    bench.gateway.power(bench.now, false);
-    bench.gateway.power(bench.now, true);
-    bench.pass(1_000 * gateway_support::MS);
-    bench.set_up_mailboxes();
-    bench.gateway.request_al_state(bench.now, ecan_protocol::device::AlState::PreOp);
-    bench.apply_profiles(chunks(8), chunks(8));
-    bench.apply_channel(0, ecan_protocol::config::McanChannelConfig::default());
-    bench.start();
-    bench.image = old;
-    assert!(bench.write_again());
-    assert_eq!(bench.sent(0).len(), 1, "which is why a host resets the session first");
+    let mut fixture = Fixture::op(chunks(8), chunks(8));
+    fixture.push(0, standard(0x10, &[]));
+    fixture.cycle();
+    assert_eq!(fixture.sent(0).len(), 1);
+    let old = fixture.image.clone();
+    fixture.gateway.power(fixture.now, false);
+    fixture.gateway.power(fixture.now, true);
+    fixture.pass(1_000 * gateway_support::MS);
+    fixture.set_up_mailboxes();
+    fixture.gateway.request_al_state(fixture.now, ecan_protocol::device::AlState::PreOp);
+    fixture.apply_profiles(chunks(8), chunks(8));
+    fixture.apply_channel(0, ecan_protocol::config::McanChannelConfig::default());
+    fixture.start();
+    fixture.image = old;
+    assert!(fixture.write_again());
+    assert_eq!(fixture.sent(0).len(), 1, "which is why a host resets the session first");
 }
 
 #[test]
-fn image_with_a_bad_packet_behind_good_ones_is_executed_once() {
-    let mut bench = Fixture::op(chunks(8), chunks(8));
-    bench.push(0, standard(0x10, &[]));
-    bench.push(0, standard(0x11, &[]));
-    bench.writer.commit(&mut bench.image, Default::default());
+fn packets_before_a_bad_packet_are_sent_once() {
+    let mut fixture = Fixture::op(chunks(8), chunks(8));
+    fixture.push(0, standard(0x10, &[]));
+    fixture.push(0, standard(0x11, &[]));
+    fixture.writer.commit(&mut fixture.image, Default::default());
     // the second packet's kind becomes 3
-    bench.image[29] |= 0x60;
-    let crc = ecan_protocol::image::crc16(&bench.image[24..32]);
-    bench.image[8..10].copy_from_slice(&crc.to_le_bytes());
+    fixture.image[29] |= 0x60;
+    let crc = ecan_protocol::image::crc16(&fixture.image[24..32]);
+    fixture.image[8..10].copy_from_slice(&crc.to_le_bytes());
     for _ in 0..3 {
-        bench.write_again();
+        fixture.write_again();
     }
-    assert_eq!(Fixture::identifiers(&bench.sent(0)), [0x10]);
-    assert_eq!(bench.upload(0x8011, 14), 4);
+    assert_eq!(Fixture::identifiers(&fixture.sent(0)), [0x10]);
+    assert_eq!(fixture.upload(0x8011, 14), 4);
 }

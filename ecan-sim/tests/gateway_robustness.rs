@@ -42,43 +42,43 @@ fn step() -> impl Strategy<Value = Step> {
     ]
 }
 
-fn run(bench: &mut Fixture, step: &Step) {
+fn run(fixture: &mut Fixture, step: &Step) {
     match step {
         Step::Download { object, instance, subindex, data } => {
             let object = object.get(objects());
             let index = object.first + instance % object.count * object.stride;
-            let _ = bench.download(index, *subindex, data);
+            let _ = fixture.download(index, *subindex, data);
         }
         Step::Upload { index, subindex } => {
-            let _ = bench.try_upload(*index, *subindex);
+            let _ = fixture.try_upload(*index, *subindex);
         }
         Step::Request(state) => {
             let states =
                 [AlState::Init, AlState::PreOp, AlState::Boot, AlState::SafeOp, AlState::Op];
-            bench.gateway.request_al_state(bench.now, states[usize::from(*state)]);
+            fixture.gateway.request_al_state(fixture.now, states[usize::from(*state)]);
         }
         Step::Image(bytes) => {
-            let mut image = vec![0; bench.image.len()];
+            let mut image = vec![0; fixture.image.len()];
             image[..bytes.len()].copy_from_slice(bytes);
-            bench.gateway.write_outputs(bench.now, &image);
-            bench.pass(50_000);
+            fixture.gateway.write_outputs(fixture.now, &image);
+            fixture.pass(50_000);
         }
         Step::Frames(count) => {
             for number in 0..*count {
-                bench.push(number % 4, standard(number.into(), &[number; 3]));
+                fixture.push(number % 4, standard(number.into(), &[number; 3]));
             }
-            bench.writer.commit(&mut bench.image, CommitFields::default());
+            fixture.writer.commit(&mut fixture.image, CommitFields::default());
         }
         Step::FromBus(byte) => {
-            bench.deliver(usize::from(*byte) % 4, fd(u16::from(*byte) * 7, &[*byte; 8]));
+            fixture.deliver(usize::from(*byte) % 4, fd(u16::from(*byte) * 7, &[*byte; 8]));
         }
         Step::Cycle => {
-            bench.write_again();
-            bench.read();
-            bench.pass(MS / 2);
+            fixture.write_again();
+            fixture.read();
+            fixture.pass(MS / 2);
             for channel in 0..4 {
-                if let Some(frame) = bench.gateway.next_transmit(channel) {
-                    bench.gateway.transmitted(bench.now, channel, &frame);
+                if let Some(frame) = fixture.gateway.next_transmit(channel) {
+                    fixture.gateway.transmitted(fixture.now, channel, &frame);
                 }
             }
         }
@@ -86,32 +86,33 @@ fn run(bench: &mut Fixture, step: &Step) {
             let states =
                 [ErrorState::Active, ErrorState::Warning, ErrorState::Passive, ErrorState::BusOff];
             let state = states[usize::from(byte / 4) % 4];
-            bench.gateway.bus_state(bench.now, usize::from(byte % 4), state, 0, 0);
+            fixture.gateway.bus_state(fixture.now, usize::from(byte % 4), state, 0, 0);
         }
-        Step::Pass(ns) => bench.pass(u64::from(*ns)),
+        Step::Pass(ns) => fixture.pass(u64::from(*ns)),
     }
 }
 
 /// Brings the mailbox back, which may drop frames that wait.
-fn make_readable(bench: &mut Fixture) {
-    if !bench.gateway.is_responding() {
-        bench.pass(1_000 * MS);
+fn make_readable(fixture: &mut Fixture) {
+    if !fixture.gateway.is_responding() {
+        fixture.pass(1_000 * MS);
     }
-    if !bench.gateway.mailbox_answers(bench.now) || bench.gateway.al_state() == AlState::Boot {
-        bench.gateway.request_al_state(bench.now, AlState::Init);
-        bench.gateway.request_al_state(bench.now, AlState::PreOp);
+    if !fixture.gateway.mailbox_answers(fixture.now) || fixture.gateway.al_state() == AlState::Boot
+    {
+        fixture.gateway.request_al_state(fixture.now, AlState::Init);
+        fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
     }
 }
 
 /// Frames that went in, on the way out and on the way in, and are neither delivered, nor
 /// lost, nor waiting.
-fn unaccounted(bench: &mut Fixture) -> (i64, i64) {
+fn unaccounted(fixture: &mut Fixture) -> (i64, i64) {
     let (mut waiting_out, mut waiting_in) = (0, 0);
     for channel in 0..4 {
-        waiting_out += i64::from(bench.upload(0x9000 + channel, 11));
-        waiting_in += i64::from(bench.upload(0x9000 + channel, 10));
+        waiting_out += i64::from(fixture.upload(0x9000 + channel, 11));
+        waiting_in += i64::from(fixture.upload(0x9000 + channel, 10));
     }
-    let counters = *bench.gateway.counters();
+    let counters = *fixture.gateway.counters();
     let out = counters.transmit_losses;
     let lost_out = out.invalid_channel
         + out.bus_off
@@ -140,26 +141,26 @@ proptest! {
 
     #[test]
     fn any_sequence_of_steps_keeps_the_books(steps in prop::collection::vec(step(), 1..80)) {
-        let mut bench = Fixture::op(chunks(8), chunks(8));
+        let mut fixture = Fixture::op(chunks(8), chunks(8));
         for step in &steps {
-            run(&mut bench, step);
+            run(&mut fixture, step);
         }
-        make_readable(&mut bench);
-        prop_assert_eq!(unaccounted(&mut bench), (0, 0));
+        make_readable(&mut fixture);
+        prop_assert_eq!(unaccounted(&mut fixture), (0, 0));
     }
 
     #[test]
     fn equal_seeds_give_equal_runs(steps in prop::collection::vec(step(), 1..40)) {
         let settings = GatewayModelConfig { service_jitter_ns: 20_000, ..Default::default() };
         let [first, second] = [(); 2].map(|()| {
-            let mut bench = Fixture::preop_with(settings.clone());
-            bench.apply_profiles(chunks(8), chunks(8));
-            bench.apply_channel(0, Default::default());
-            bench.start();
+            let mut fixture = Fixture::preop_with(settings.clone());
+            fixture.apply_profiles(chunks(8), chunks(8));
+            fixture.apply_channel(0, Default::default());
+            fixture.start();
             for step in &steps {
-                run(&mut bench, step);
+                run(&mut fixture, step);
             }
-            (*bench.gateway.counters(), bench.input.clone(), bench.gateway.next_event())
+            (*fixture.gateway.counters(), fixture.input.clone(), fixture.gateway.next_event())
         });
         prop_assert_eq!(first, second);
     }
@@ -179,7 +180,7 @@ proptest! {
             options: ecan_protocol::image::OptionFlags::from_bits(options).unwrap(),
             ..PdoProfile::default()
         };
-        let mut bench = Fixture::op(tx, chunks(8));
+        let mut fixture = Fixture::op(tx, chunks(8));
         let mut cycles = 0;
         for (count, (channel, size, is_fd)) in frames.iter().enumerate() {
             let length = ecan_protocol::can::Dlc::new(*size as u8).unwrap().fd_len();
@@ -188,20 +189,20 @@ proptest! {
             } else {
                 standard(count as u16, &vec![count as u8; length.min(8)])
             };
-            bench.deliver(*channel, frame);
-            bench.push(*channel as u8, standard(count as u16, &[]));
+            fixture.deliver(*channel, frame);
+            fixture.push(*channel as u8, standard(count as u16, &[]));
             if count % 3 == 0 {
-                bench.cycle();
+                fixture.cycle();
                 cycles += 1;
-                bench.packets(|packet| Some(matches!(packet, Packet::Frame(_))));
+                fixture.packets(|packet| Some(matches!(packet, Packet::Frame(_))));
             }
         }
         for _ in 0..80 {
-            bench.cycle();
+            fixture.cycle();
             cycles += 1;
-            bench.packets(|packet| Some(matches!(packet, Packet::Frame(_))));
+            fixture.packets(|packet| Some(matches!(packet, Packet::Frame(_))));
         }
-        let counters = *bench.gateway.counters();
+        let counters = *fixture.gateway.counters();
         prop_assert_eq!(counters.images_read, cycles + 1);
         prop_assert_eq!(counters.frames_to_master + lost_in(&counters), frames.len() as u64);
     }

@@ -14,54 +14,54 @@ use gateway_support::{Fixture, MS, chunks, standard};
 const KEYED: DiagnosticTest = DiagnosticTest { key: DIAGNOSTIC_TEST_KEY, ..DiagnosticTest::OFF };
 
 fn with(test: DiagnosticTest) -> Fixture {
-    let mut bench = Fixture::op(chunks(3), chunks(3));
+    let mut fixture = Fixture::op(chunks(3), chunks(3));
     for write in test.writes() {
-        bench.send(write);
+        fixture.send(write);
     }
-    bench
+    fixture
 }
 
-fn send_one(bench: &mut Fixture) -> usize {
-    bench.push(0, standard(1, &[]));
-    bench.write();
-    bench.sent(0).len()
+fn send_one(fixture: &mut Fixture) -> usize {
+    fixture.push(0, standard(1, &[]));
+    fixture.write();
+    fixture.sent(0).len()
 }
 
-fn receive_one(bench: &mut Fixture) -> usize {
-    bench.deliver(0, standard(1, &[]));
-    bench.write();
-    if bench.read() { bench.received().len() } else { 0 }
+fn receive_one(fixture: &mut Fixture) -> usize {
+    fixture.deliver(0, standard(1, &[]));
+    fixture.write();
+    if fixture.read() { fixture.received().len() } else { 0 }
 }
 
 #[test]
-fn policies_need_the_key() {
-    let mut bench = Fixture::preop();
+fn test_policies_need_the_key() {
+    let mut fixture = Fixture::preop();
     for (subindex, data) in
         [(2, &[4, 0, 0, 0][..]), (3, &[4, 0, 0, 0]), (4, &[1]), (5, &[1]), (6, &[1])]
     {
-        let refused = bench.download(0x8030, subindex, data);
+        let refused = fixture.download(0x8030, subindex, data);
         assert_eq!(refused, Err(AbortCode::PARAMETER_INCOMPATIBLE));
-        assert!(bench.try_upload(0x8030, subindex).unwrap().iter().all(|&byte| byte == 0));
-        assert_ne!(bench.upload(0x8030, 9), 0, "reject reason");
+        assert!(fixture.try_upload(0x8030, subindex).unwrap().iter().all(|&byte| byte == 0));
+        assert_ne!(fixture.upload(0x8030, 9), 0, "reject reason");
         let zeros = vec![0; data.len()];
-        assert_eq!(bench.download(0x8030, subindex, &zeros), Ok(()), "0 needs no key");
+        assert_eq!(fixture.download(0x8030, subindex, &zeros), Ok(()), "0 needs no key");
     }
-    bench.download(0x8030, 1, &DIAGNOSTIC_TEST_KEY.to_le_bytes()).unwrap();
-    assert_eq!(bench.upload(0x8030, 9), 0);
-    bench.download(0x8030, 2, &[0x1C, 0, 0, 0]).unwrap();
-    let taken_away = bench.download(0x8030, 1, &[0; 4]);
+    fixture.download(0x8030, 1, &DIAGNOSTIC_TEST_KEY.to_le_bytes()).unwrap();
+    assert_eq!(fixture.upload(0x8030, 9), 0);
+    fixture.download(0x8030, 2, &[0x1C, 0, 0, 0]).unwrap();
+    let taken_away = fixture.download(0x8030, 1, &[0; 4]);
     assert_eq!(taken_away, Err(AbortCode::PARAMETER_INCOMPATIBLE));
-    bench.download(0x8030, 2, &[0; 4]).unwrap();
-    bench.download(0x8030, 1, &[0; 4]).unwrap();
+    fixture.download(0x8030, 2, &[0; 4]).unwrap();
+    fixture.download(0x8030, 1, &[0; 4]).unwrap();
 }
 
 #[test]
-fn bits_and_values_without_meaning_are_refused() {
-    let mut bench = with(KEYED);
+fn undefined_bits_and_values_are_rejected() {
+    let mut fixture = with(KEYED);
     for (subindex, data) in
         [(1, &[1, 2, 3, 4][..]), (2, &[1, 0, 0, 0]), (3, &[0x40, 0, 0, 0]), (4, &[3]), (6, &[4])]
     {
-        assert!(bench.download(0x8030, subindex, data).is_err());
+        assert!(fixture.download(0x8030, subindex, data).is_err());
     }
 }
 
@@ -73,34 +73,34 @@ fn rx_stages_can_be_skipped() {
         (RxBypass::TX_RING, true, 1),
         (RxBypass::MCAN_WRITE, true, 1),
     ] {
-        let mut bench = with(DiagnosticTest { rx_bypass: bypass, ..KEYED });
-        assert_eq!(send_one(&mut bench), 0, "{bypass:?}");
-        assert_eq!(bench.gateway.counters().transmit_losses.bypassed, lost);
-        bench.read();
-        bench.image[0] = 0;
-        bench.write_again();
-        assert_eq!(bench.upload(0x8011, 15) != 0, error_seen, "{bypass:?}");
+        let mut fixture = with(DiagnosticTest { rx_bypass: bypass, ..KEYED });
+        assert_eq!(send_one(&mut fixture), 0, "{bypass:?}");
+        assert_eq!(fixture.gateway.counters().transmit_losses.bypassed, lost);
+        fixture.read();
+        fixture.image[0] = 0;
+        fixture.write_again();
+        assert_eq!(fixture.upload(0x8011, 15) != 0, error_seen, "{bypass:?}");
         for write in DiagnosticTest::OFF.writes() {
-            bench.send(write);
+            fixture.send(write);
         }
-        bench.read();
-        assert_eq!(send_one(&mut bench), 1);
+        fixture.read();
+        assert_eq!(send_one(&mut fixture), 1);
     }
 }
 
 #[test]
 fn tx_stages_can_be_skipped() {
     for bypass in [TxBypass::MCAN_READ, TxBypass::BUILD] {
-        let mut bench = with(DiagnosticTest { tx_bypass: bypass, ..KEYED });
-        assert_eq!(receive_one(&mut bench), 0, "{bypass:?}");
-        assert_eq!(bench.input().header().payload_len, 0);
-        let sequence = bench.input().sequence();
-        assert_eq!(receive_one(&mut bench), 0);
-        assert_eq!(bench.input().sequence(), sequence + 1, "images go on");
+        let mut fixture = with(DiagnosticTest { tx_bypass: bypass, ..KEYED });
+        assert_eq!(receive_one(&mut fixture), 0, "{bypass:?}");
+        assert_eq!(fixture.input().header().payload_len, 0);
+        let sequence = fixture.input().sequence();
+        assert_eq!(receive_one(&mut fixture), 0);
+        assert_eq!(fixture.input().sequence(), sequence + 1, "images go on");
     }
-    let mut bench = with(DiagnosticTest { tx_bypass: TxBypass::COPY, ..KEYED });
-    assert!(bench.write());
-    assert!(!bench.read(), "nothing is published");
+    let mut fixture = with(DiagnosticTest { tx_bypass: TxBypass::COPY, ..KEYED });
+    assert!(fixture.write());
+    assert!(!fixture.read(), "nothing is published");
 }
 
 #[test]
@@ -113,15 +113,15 @@ fn app_link_bypass_and_the_option_cut_off_the_same() {
         (option, chunks(3), Sides::Off, 1, 0),
         (chunks(3), option, Sides::Off, 0, 1),
     ] {
-        let mut bench = Fixture::op(tx, rx);
+        let mut fixture = Fixture::op(tx, rx);
         for write in (DiagnosticTest { app_link_bypass: sides, ..KEYED }).writes() {
-            bench.send(write);
+            fixture.send(write);
         }
-        assert_eq!(send_one(&mut bench), sends, "{sides:?}");
-        bench.read();
-        bench.pass(MS);
-        assert_eq!(receive_one(&mut bench), receives, "{sides:?}");
-        assert_eq!(bench.upload(0x8010, 14), 0);
+        assert_eq!(send_one(&mut fixture), sends, "{sides:?}");
+        fixture.read();
+        fixture.pass(MS);
+        assert_eq!(receive_one(&mut fixture), receives, "{sides:?}");
+        assert_eq!(fixture.upload(0x8010, 14), 0);
     }
 }
 
@@ -134,21 +134,21 @@ fn crc_policy_overrides_the_option_both_ways() {
         (without, CrcTest::Follow, false),
         (without, CrcTest::Force, true),
     ] {
-        let mut bench = Fixture::op(profile, profile);
+        let mut fixture = Fixture::op(profile, profile);
         for write in (DiagnosticTest { crc, ..KEYED }).writes() {
-            bench.send(write);
+            fixture.send(write);
         }
-        bench.writer = ImageWriter::new(Direction::RxPdo, profile).with_crc(with_crc);
-        bench.reader = ImageReader::new(Direction::TxPdo, profile).with_crc(with_crc);
-        assert_eq!(send_one(&mut bench), 1, "{crc:?}");
-        assert!(bench.read());
-        assert_eq!(bench.input().header().crc_alg, u8::from(with_crc));
-        assert_eq!(bench.upload(0x8010, 12), profile.word(), "the layout stays");
+        fixture.writer = ImageWriter::new(Direction::RxPdo, profile).with_crc(with_crc);
+        fixture.reader = ImageReader::new(Direction::TxPdo, profile).with_crc(with_crc);
+        assert_eq!(send_one(&mut fixture), 1, "{crc:?}");
+        assert!(fixture.read());
+        assert_eq!(fixture.input().header().crc_alg, u8::from(with_crc));
+        assert_eq!(fixture.upload(0x8010, 12), profile.word(), "the layout stays");
         if with_crc {
-            bench.writer = ImageWriter::new(Direction::RxPdo, profile).with_crc(false);
-            bench.writer.set_next_sequence(9);
-            assert_eq!(send_one(&mut bench), 0);
-            assert_eq!(bench.upload(0x8011, 14), 14);
+            fixture.writer = ImageWriter::new(Direction::RxPdo, profile).with_crc(false);
+            fixture.writer.set_next_sequence(9);
+            assert_eq!(send_one(&mut fixture), 0);
+            assert_eq!(fixture.upload(0x8011, 14), 14);
         }
     }
 }
@@ -156,17 +156,17 @@ fn crc_policy_overrides_the_option_both_ways() {
 #[test]
 fn payload_only_policy_leaves_stale_bytes_in_the_input_image() {
     for (sides, stale) in [(Sides::Tx, true), (Sides::Both, true), (Sides::Rx, false)] {
-        let mut bench = with(DiagnosticTest { payload_only: sides, ..KEYED });
-        bench.deliver(0, standard(1, &[0xAB; 8]));
-        bench.cycle();
-        bench.cycle();
-        assert_eq!(bench.input[28] == 0xAB, stale, "{sides:?}");
-        assert_eq!(bench.received(), []);
+        let mut fixture = with(DiagnosticTest { payload_only: sides, ..KEYED });
+        fixture.deliver(0, standard(1, &[0xAB; 8]));
+        fixture.cycle();
+        fixture.cycle();
+        assert_eq!(fixture.input[28] == 0xAB, stale, "{sides:?}");
+        assert_eq!(fixture.received(), []);
     }
 }
 
 #[test]
-fn legal_combinations_are_told() {
-    let mut bench = Fixture::preop();
-    assert_eq!(bench.upload(0x8030, 8), 0x1F);
+fn legal_combinations_are_accepted() {
+    let mut fixture = Fixture::preop();
+    assert_eq!(fixture.upload(0x8030, 8), 0x1F);
 }

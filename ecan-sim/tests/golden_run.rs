@@ -109,7 +109,7 @@ fn any_frame(random: &mut Random) -> CanFrame {
 }
 
 #[test]
-fn a_bus_in_trouble() {
+fn bus_with_faults_keeps_its_digest() {
     let mut random = Random(1);
     let mut bus = CanBus::new("golden");
     let stations: [_; 7] = std::array::from_fn(|_| bus.attach());
@@ -450,7 +450,7 @@ fn run(gateway: usize, channel: usize) -> Run {
 }
 
 #[test]
-fn two_gateways_with_drives_and_faults() {
+fn two_gateways_with_drives_keep_their_digest() {
     let mut digests = [0; 2 * CHANNELS];
     let mut counts = [0; 2 * CHANNELS];
     let mut states = [0; 2 * CHANNELS];
@@ -474,7 +474,7 @@ fn two_gateways_with_drives_and_faults() {
 
 /// The id of the drives is part of what is pinned.
 #[test]
-fn the_drives_are_where_the_program_looks_for_them() {
+fn scenario_drives_are_found_at_their_nodes() {
     let simulation = stepped(scenario()).simulation.unwrap();
     simulation.with_world(|world| {
         for place in 0..6 {

@@ -25,7 +25,7 @@ fn local_time_begins_with_the_supply() {
 }
 
 #[test]
-fn an_offset_sets_system_time_and_a_written_time_pulls_it() {
+fn offset_sets_system_time_and_a_written_time_pulls_it() {
     let mut line = Line::of(1);
     line.address(0);
     let before = u64_at(&mut line, 0x0910);
@@ -44,7 +44,7 @@ fn an_offset_sets_system_time_and_a_written_time_pulls_it() {
 }
 
 #[test]
-fn a_start_that_has_gone_by_gives_no_pulse() {
+fn past_start_time_gives_no_pulse() {
     let mut line = Line::op();
     line.request(0x1001, 4);
     arm(&mut line, 1, 1_000_000);
@@ -60,7 +60,7 @@ fn a_start_that_has_gone_by_gives_no_pulse() {
 }
 
 #[test]
-fn the_start_register_shows_the_next_pulse_and_keeps_what_was_written() {
+fn start_register_reads_the_next_pulse() {
     let mut line = Line::preop(1);
     let start = u64_at(&mut line, 0x0910) + 2 * MS;
     arm(&mut line, start, 1_000_000);
@@ -73,7 +73,7 @@ fn the_start_register_shows_the_next_pulse_and_keeps_what_was_written() {
 
 /// Beyond what a clock can be told.
 #[test]
-fn impossible_times_are_survived() {
+fn impossible_times_cause_no_panic() {
     let mut line = Line::preop(1);
     let own = u64_at(&mut line, 0x0910);
     for time in [own.wrapping_add(1 << 63), own.wrapping_add((1 << 63) + 10_000), u64::MAX, 0] {

@@ -30,7 +30,7 @@ fn is_full(line: &mut Line) -> bool {
 }
 
 #[test]
-fn a_lost_fragment_comes_again_and_those_behind_it_follow() {
+fn lost_fragment_is_repeated_in_order() {
     let mut line = Line::preop(1);
     write(&mut line, 3, &LIST);
     let first = read(&mut line).unwrap();
@@ -51,7 +51,7 @@ fn a_lost_fragment_comes_again_and_those_behind_it_follow() {
 }
 
 #[test]
-fn a_repeat_with_nothing_read_gives_nothing() {
+fn repeat_with_nothing_read_gives_nothing() {
     let mut line = Line::preop(1);
     assert_eq!(line.write(FPWR, 0x1001, 0x080E, &[3]), 1);
     assert!(!is_full(&mut line));
@@ -64,7 +64,7 @@ fn a_repeat_with_nothing_read_gives_nothing() {
 }
 
 #[test]
-fn init_makes_void_what_lies_in_the_mailboxes() {
+fn init_discards_mailbox_contents() {
     let mut line = Line::preop(1);
     write(&mut line, 3, &UPLOAD);
     assert!(is_full(&mut line));
@@ -88,7 +88,7 @@ fn init_makes_void_what_lies_in_the_mailboxes() {
 }
 
 #[test]
-fn boot_is_for_firmware_alone() {
+fn boot_state_serves_only_firmware() {
     let mut line = Line::of(1);
     line.address(0);
     line.request(0x1001, 3);
@@ -104,7 +104,7 @@ fn boot_is_for_firmware_alone() {
 }
 
 #[test]
-fn mailboxes_that_cannot_work_are_refused() {
+fn unusable_mailboxes_are_rejected() {
     let good = [0x00, 0x10, 0x80, 0, 0x26, 0, 1, 0, 0x80, 0x10, 0x80, 0, 0x22, 0, 1, 0];
     let changed = |at: usize, value: u8| {
         let mut registers = good;

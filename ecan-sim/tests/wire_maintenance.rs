@@ -67,7 +67,7 @@ fn come_back(line: &mut Line) {
 }
 
 #[test]
-fn an_update_reboots_into_the_new_version() {
+fn update_reboots_into_the_new_version() {
     let mut line = Line::preop(1);
     assert_eq!(line.upload(0x1001, (0xF000, 5)), 0x0202);
     assert_eq!(write_file(&mut line, "ecan_lite_app", 0, &package(0x0E04_5E0F)), Ok(()));
@@ -78,7 +78,7 @@ fn an_update_reboots_into_the_new_version() {
 }
 
 #[test]
-fn wrong_updates_are_refused_in_words() {
+fn wrong_update_is_rejected_with_a_text() {
     let mut line = Line::preop(1);
     let good = package(0x0300_0000);
     let refused = |line: &mut Line, name, password, file: &[u8]| {
@@ -94,14 +94,14 @@ fn wrong_updates_are_refused_in_words() {
 }
 
 #[test]
-fn a_reboot_is_answered_before_it_happens() {
+fn reboot_command_is_answered_before_the_reboot() {
     let mut line = Line::preop(1);
     line.download(0x1001, (0x8000, 1), &[1]).unwrap();
     come_back(&mut line);
 }
 
 #[test]
-fn the_eeprom_is_rebuilt_by_command() {
+fn eeprom_is_rebuilt_by_command() {
     let mut line = Line::preop(1);
     line.write(FPWR, 0x1001, 0x0502, &[1, 2, 8, 0, 0, 0, 0xEF, 0xBE]);
     line.pass(MS);

@@ -22,7 +22,7 @@ fn image(line: &mut Line, sequence: u16) -> Vec<u8> {
 }
 
 #[test]
-fn an_exchange_counts_its_read_and_its_write_each() {
+fn exchange_counts_read_and_write() {
     let mut line = Line::op();
     let outputs = image(&mut line, 1);
     line.pass(MS);
@@ -44,7 +44,7 @@ fn an_exchange_counts_its_read_and_its_write_each() {
 }
 
 #[test]
-fn an_image_may_come_in_parts_from_its_first_byte_on() {
+fn image_written_in_parts_is_accepted() {
     let mut line = Line::op();
     let outputs = image(&mut line, 1);
     line.pass(MS);
@@ -68,7 +68,7 @@ fn an_image_may_come_in_parts_from_its_first_byte_on() {
 
 /// The status of the mailbox, as a bit of the process data.
 #[test]
-fn a_bit_of_a_register_is_mapped() {
+fn bit_of_a_register_is_mapped() {
     let mut line = Line::preop(1);
     let mut fmmu = 0x8000_u32.to_le_bytes().to_vec();
     fmmu.extend([1, 0, 5, 5, 0x0D, 0x08, 3, 1, 1, 0, 0, 0]);
@@ -87,7 +87,7 @@ fn a_bit_of_a_register_is_mapped() {
 }
 
 #[test]
-fn a_lost_answer_is_read_again() {
+fn lost_response_is_read_again() {
     let mut line = Line::preop(1);
     assert_eq!(line.upload(0x1001, (0xF000, 2)), 4);
     assert_eq!(line.read(FPRD, 0x1001, 0x1080, 128).1, 0, "it was read");
@@ -98,7 +98,7 @@ fn a_lost_answer_is_read_again() {
 }
 
 #[test]
-fn a_silent_firmware_leaves_its_mailbox_full() {
+fn silent_firmware_leaves_its_mailbox_full() {
     let mut line = Line::preop(1);
     let silence = GatewayFault::MailboxSilent { ms: 50 };
     line.wire.world_mut().inject(Fault::Gateway { gateway: 0, fault: silence });
@@ -115,7 +115,7 @@ fn a_silent_firmware_leaves_its_mailbox_full() {
 }
 
 #[test]
-fn the_watchdog_throws_the_slave_back_and_is_counted() {
+fn watchdog_forces_safeop_and_is_counted() {
     let mut line = Line::op();
     assert_eq!(line.write(FPWR, 0x1001, 0x0420, &500_u16.to_le_bytes()), 1);
     let outputs = image(&mut line, 1);
@@ -159,7 +159,7 @@ fn op_with_sync0_waits_for_its_pulse() {
 
 /// A master that sends its startup list first and the assignment behind it, again.
 #[test]
-fn the_assignment_may_be_written_once_more_behind_the_startup_list() {
+fn assignment_can_be_repeated_after_the_startup_list() {
     let mut line = Line::preop(1);
     line.configure(0x1001, 3);
     line.assign(0x1001, 3);
@@ -172,7 +172,7 @@ fn the_assignment_may_be_written_once_more_behind_the_startup_list() {
 }
 
 #[test]
-fn events_of_process_data_are_told() {
+fn process_data_events_are_reported() {
     let mut line = Line::op();
     line.write(FPWR, 0x1001, 0x0200, &[0xC0, 0x00]);
     line.pass(MS);
@@ -212,7 +212,7 @@ fn images_on_several_frames_are_read_in_every_cycle() {
 }
 
 #[test]
-fn an_access_that_has_begun_ends_with_the_exchange_of_process_data() {
+fn partial_access_ends_when_process_data_stops() {
     let mut line = Line::op();
     let outputs = image(&mut line, 1);
     assert_eq!(line.logical(LWR, 0, &outputs[..10]).counter, 1);
@@ -222,7 +222,7 @@ fn an_access_that_has_begun_ends_with_the_exchange_of_process_data() {
 }
 
 #[test]
-fn the_watchdog_status_stays_until_outputs_come() {
+fn watchdog_status_stays_until_outputs_come() {
     let mut line = Line::op();
     let outputs = image(&mut line, 1);
     line.pass(500 * MS);

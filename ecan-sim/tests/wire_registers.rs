@@ -38,7 +38,7 @@ fn broadcasts_read_by_or_and_write_everywhere() {
 }
 
 #[test]
-fn an_exchange_reads_before_it_writes() {
+fn exchange_reads_before_it_writes() {
     let mut line = Line::of(1);
     line.address(0);
     assert_eq!(line.write(FPWR, 0x1001, 0x0F80, &[1, 2]), 1);
@@ -50,7 +50,7 @@ fn an_exchange_reads_before_it_writes() {
 }
 
 #[test]
-fn one_is_read_and_the_others_are_written() {
+fn armw_reads_one_slave_and_writes_the_others() {
     let mut line = Line::of(3);
     (0..3).for_each(|position| line.address(position));
     line.write(FPWR, 0x1002, 0x0F80, &[7]);
@@ -82,7 +82,7 @@ fn many_datagrams_of_a_frame_are_served_in_order() {
 }
 
 #[test]
-fn information_and_ports_are_told() {
+fn information_and_port_registers_are_readable() {
     let mut line = Line::of(2);
     (0..2).for_each(|position| line.address(position));
     let (information, _) = line.read(FPRD, 0x1001, 0x0000, 10);
@@ -94,7 +94,7 @@ fn information_and_ports_are_told() {
 }
 
 #[test]
-fn what_may_not_be_written_does_not_count() {
+fn rejected_register_write_is_not_counted() {
     let mut line = Line::of(1);
     line.address(0);
     for read_only in [0x0000, 0x0110, 0x0130, 0x0134, 0x0918, 0x092C] {
@@ -129,7 +129,7 @@ fn state_requests_are_answered_with_state_and_code() {
 }
 
 #[test]
-fn events_are_told_where_they_are_asked_for() {
+fn events_follow_the_event_mask() {
     let mut line = Line::preop(1);
     assert_eq!(line.one(Datagram::new(FPRD, 0x1001, 0x0000, &[0])).events, 0);
     line.write(FPWR, 0x1001, 0x0200, &[0xFF, 0x0F]);
@@ -143,7 +143,7 @@ fn events_are_told_where_they_are_asked_for() {
 }
 
 #[test]
-fn the_eeprom_is_read_written_and_checked() {
+fn eeprom_is_read_written_and_checked() {
     let mut line = Line::of(2);
     (0..2).for_each(|position| line.address(position));
     let [vendor, _] = line.eeprom(0x1001, 0x0008);
@@ -170,7 +170,7 @@ fn the_eeprom_is_read_written_and_checked() {
 }
 
 #[test]
-fn a_lost_gateway_closes_the_line_behind_it() {
+fn lost_gateway_closes_the_line_after_it() {
     let mut line = Line::of(3);
     (0..3).for_each(|position| line.address(position));
     line.wire.world_mut().inject(Fault::PowerOff { gateway: 1 });
@@ -182,7 +182,7 @@ fn a_lost_gateway_closes_the_line_behind_it() {
 }
 
 #[test]
-fn a_power_cycle_forgets_registers_and_keeps_the_eeprom() {
+fn power_cycle_clears_registers_and_keeps_the_eeprom() {
     let mut line = Line::preop(2);
     line.write(FPWR, 0x1001, 0x0502, &[1, 2, 4, 0, 0, 0, 0x34, 0x12]);
     line.wire.world_mut().inject(Fault::PowerCycle { gateway: 0, off_ms: 10 });
@@ -194,7 +194,7 @@ fn a_power_cycle_forgets_registers_and_keeps_the_eeprom() {
 }
 
 #[test]
-fn faults_of_the_scenario_strike_frames_with_process_data() {
+fn scenario_faults_affect_process_data_frames() {
     let mut line = Line::of(1);
     line.wire.world_mut().inject(Fault::LostFrame { direction: LossDirection::Return, cycles: 2 });
     assert_eq!(line.read(BRD, 0, 0x0000, 1).1, 1, "no process data");

@@ -74,7 +74,7 @@ fn mailbox_access(line: &mut Line, access: &Access) -> bool {
 }
 
 #[test]
-fn what_a_master_touches_is_answered() {
+fn recorded_master_accesses_are_answered() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/igh");
     let Ok(trace) = std::fs::read_to_string(path.join("register-trace-1.6.2.txt")) else {
         println!("skipped: the trace is not there");

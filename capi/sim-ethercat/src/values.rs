@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_lie_in_any_byte_as_little_endian() {
+    fn values_are_little_endian_at_any_offset() {
         let mut bytes = [0u8; 16];
         // SAFETY: there is room for both.
         unsafe {

@@ -9,7 +9,7 @@ use ecrt_sys::Ecrt;
 use toolchain::{SONAME, simulated_library};
 
 #[test]
-fn the_binding_finds_every_function_and_all_threads_the_same_world() {
+fn binding_finds_every_function_and_all_threads_the_same_world() {
     if !toolchain::is_there() {
         return;
     }

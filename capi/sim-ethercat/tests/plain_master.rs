@@ -8,7 +8,7 @@ use std::process::Command;
 use toolchain::{plain_master, simulated_library, start, told};
 
 #[test]
-fn it_reaches_op_and_a_frame_comes_back() {
+fn ethercrab_reaches_op_and_exchanges_a_frame() {
     if !toolchain::is_there() {
         return;
     }
@@ -27,7 +27,7 @@ fn it_reaches_op_and_a_frame_comes_back() {
 }
 
 #[test]
-fn a_run_says_once_that_it_is_simulated_and_names_the_scenario() {
+fn run_reports_once_that_it_is_simulated() {
     if !toolchain::is_there() {
         return;
     }
@@ -54,7 +54,7 @@ fn a_run_says_once_that_it_is_simulated_and_names_the_scenario() {
 }
 
 #[test]
-fn a_wrong_setting_is_told_and_gives_no_master() {
+fn wrong_setting_is_reported_and_gives_no_master() {
     if !toolchain::is_there() {
         return;
     }

@@ -20,7 +20,7 @@ fn committed() -> Vec<&'static str> {
 }
 
 #[test]
-fn the_committed_list_is_that_of_the_real_library() {
+fn committed_list_is_that_of_the_real_library() {
     let path = Path::new(CRATE).join("../../../shared/igh/libethercat-1.6.2-symbols.txt");
     let Ok(text) = std::fs::read_to_string(&path) else {
         println!("skipped: {} is not there", path.display());
@@ -87,7 +87,7 @@ fn stub_of_the_real_library() -> TempDir {
 }
 
 #[test]
-fn a_program_linked_against_the_real_library_starts_without_a_warning() {
+fn program_linked_against_the_real_library_gets_no_warning() {
     if !toolchain::is_there() {
         return;
     }

@@ -221,14 +221,14 @@ mod tests {
     }
 
     #[test]
-    fn an_oversized_fmmu_stays_whole() {
+    fn oversized_fmmu_stays_whole() {
         let domain = domain(&[(1536, 1536)], EcrtVersion::V1_6);
         assert!(domain.datagrams.iter().all(|d| d.wire.len() == 1536));
         assert_eq!(domain.expected, 2);
     }
 
     #[test]
-    fn an_fmmu_is_made_once_per_sync_manager() {
+    fn fmmu_is_made_once_per_sync_manager() {
         let mut domain = Domain::default();
         assert_eq!(domain.add_fmmu(0, 2, ProcessDirection::Output, 384), 0);
         assert_eq!(domain.add_fmmu(0, 3, ProcessDirection::Input, 384), 384);

@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn a_read_is_busy_for_a_while_and_gives_two_words() {
+    fn eeprom_read_takes_time_and_gives_two_words() {
         let (mut eeprom, words) = (EepromInterface::default(), words());
         eeprom.written(100, &interface(READ, 8, 0), true, &words);
         assert_eq!(eeprom.show(101)[1] & 0x81, 0x81, "busy, reading");
@@ -164,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn a_write_needs_to_be_enabled_and_to_be_inside() {
+    fn eeprom_write_needs_enable_and_valid_address() {
         let (mut eeprom, words) = (EepromInterface::default(), words());
         let write = |enable: u16, at| interface(WRITE | enable, at, 0x1234);
         assert_eq!(eeprom.written(0, &write(0, 4), true, &words), Effect::Nothing);
@@ -178,7 +178,7 @@ mod tests {
 
     /// As two devices on the market carry it.
     #[test]
-    fn the_checksum_is_the_one_of_real_devices() {
+    fn checksum_is_the_one_of_real_devices() {
         assert_eq!(checksum(&[0x0D00, 0, 0, 0, 0, 0, 0]), 0x46);
         let words = [0x0104, 0, 0, 0x00FF, 0, 0, 0, 0x00E2];
         let mut eeprom = EepromInterface::default();

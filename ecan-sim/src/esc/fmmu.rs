@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn whole_bytes_are_cut_to_what_the_datagram_carries() {
+    fn byte_mapping_is_cut_to_the_datagram() {
         let bytes = fmmu([0, 0x10, 0, 0, 0x80, 1, 0, 7, 0x00, 0x11, 0, 2, 1, 0, 0, 0]);
         assert!(bytes.writes && !bytes.reads);
         let whole = Part::Bytes { at: 0, length: 0x180, physical: 0x1100 };

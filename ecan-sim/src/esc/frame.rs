@@ -169,7 +169,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn datagrams_are_walked_and_changed_in_place() {
+    fn datagrams_are_changed_in_place() {
         let mut bytes = frame(&[(4, 0x1001, 0x0130, &[0, 0]), (7, 0, 0x0000, &[9])]);
         let mut seen = Vec::new();
         for_each_datagram(&mut bytes, |mut datagram| {
@@ -188,7 +188,7 @@ pub(super) mod tests {
     }
 
     #[test]
-    fn faulty_frames_are_told_apart() {
+    fn faulty_frames_have_distinct_errors() {
         let good = frame(&[(4, 0x1001, 0x0130, &[0, 0])]);
         let fault = |bytes: &[u8]| for_each_datagram(&mut bytes.to_vec(), |_| ()).unwrap_err();
         assert_eq!(fault(&good[..13]), FrameFault::Short);

@@ -187,7 +187,7 @@ mod tests {
     }
 
     #[test]
-    fn the_scenario_decides_on_identity_alias_and_assignment() {
+    fn scenario_sets_identity_alias_and_assignment() {
         let mut spec = GatewaySpec::at(0);
         spec.alias = 0x1234;
         spec.config.vendor_id = 0xAABB_CCDD;

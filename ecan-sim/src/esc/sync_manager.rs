@@ -40,7 +40,7 @@ pub(super) struct SyncManager {
 /// How far an access got.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Progress {
-    Refused,
+    Rejected,
     Begun,
     Complete,
 }
@@ -102,7 +102,7 @@ impl SyncManager {
 
     fn access(&mut self, may: bool, offset: usize, bytes: usize) -> Progress {
         if !may || (offset > 0 && !self.is_open) {
-            return Progress::Refused;
+            return Progress::Rejected;
         }
         self.is_open = offset + bytes < self.length();
         if self.is_open { Progress::Begun } else { Progress::Complete }
@@ -200,21 +200,21 @@ mod tests {
     }
 
     #[test]
-    fn a_single_buffer_is_written_from_its_first_byte_to_its_last() {
+    fn single_buffer_is_written_from_its_first_byte_to_its_last() {
         let mut sm = set_up([0x00, 0x11, 0x80, 0x01, 0x66, 0, 1, 0]);
         assert!(sm.contains(0x1100) && sm.contains(0x127F) && !sm.contains(0x1280));
-        assert_eq!(sm.write(1, 10, false), Progress::Refused, "not begun");
+        assert_eq!(sm.write(1, 10, false), Progress::Rejected, "not begun");
         assert_eq!(sm.write(0, 0x100, false), Progress::Begun);
         assert_eq!(sm.write(0x100, 0x80, false), Progress::Complete);
-        assert_eq!(sm.write(0, 0x180, true), Progress::Refused, "full");
-        assert_eq!(sm.read(0, 0x180, true), Progress::Refused, "the other direction");
+        assert_eq!(sm.write(0, 0x180, true), Progress::Rejected, "full");
+        assert_eq!(sm.read(0, 0x180, true), Progress::Rejected, "the other direction");
         assert_eq!(sm.write(0, 0x180, false), Progress::Complete);
     }
 
     #[test]
-    fn a_buffer_to_be_read_has_to_be_full() {
+    fn buffer_to_be_read_has_to_be_full() {
         let mut sm = set_up([0x00, 0x1D, 0x80, 0x00, 0x22, 0, 1, 0]);
-        assert_eq!(sm.read(0, 0x80, false), Progress::Refused);
+        assert_eq!(sm.read(0, 0x80, false), Progress::Rejected);
         sm.filled();
         assert!(sm.has_event() && !sm.has_device_event());
         assert_eq!(sm.register(5, sm.is_full), STATUS_WRITTEN | STATUS_FULL);
@@ -225,7 +225,7 @@ mod tests {
     }
 
     #[test]
-    fn it_is_set_up_while_it_is_off() {
+    fn switched_off_gateway_can_be_configured() {
         let mut sm = set_up([0x00, 0x10, 0x80, 0x00, 0x26, 0, 1, 0]);
         sm.write_register(0, 0x55);
         assert_eq!(sm.start(), 0x1000, "it is on");
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_repeat_is_asked_for_by_a_change() {
+    fn repeat_is_asked_for_by_a_change() {
         let mut sm = set_up([0x80, 0x10, 0x80, 0x00, 0x22, 0, 1, 0]);
         assert!(!sm.take_repeat_request());
         sm.write_register(6, 3);

@@ -1,5 +1,3 @@
-//! 0x8001..0x8004: from the values in the dictionary to a running controller, and the filter
-//! editing window (manual 13.4).
 
 use ecan_protocol::config::{
     ApplyStatus, BitTimingMode, ChannelFault, ConfigObject, FilterCommand, FilterCommandStatus,
@@ -18,7 +16,7 @@ pub(super) const FIRST_CHANNEL_OBJECT: u16 = 0x8001;
 const SYSTEM_OBJECT: u16 = 0x8000;
 const FIRST_CLOCK: u8 = 6;
 
-/// Subindices of 0x8001..0x8004 that do something when written, or that the firmware writes.
+/// Command and status subindices of 0x8001..0x8004.
 pub(super) mod subindex {
     use ecan_protocol::config::FilterWindow;
 
@@ -31,7 +29,7 @@ pub(super) mod subindex {
     pub(in crate::gateway) const EXTENDED_COMMAND: u8 = FilterWindow::EXTENDED.command;
 }
 
-/// Filter lists of one channel as edited, applied or not.
+/// Edited filter lists of one channel, applied or not.
 #[derive(Debug)]
 pub(super) struct FilterLists {
     standard: Vec<FilterElement>,
@@ -62,12 +60,12 @@ impl FilterLists {
         self.standard.iter().chain(&self.extended)
     }
 
-    /// All elements, in the same order.
+    /// All elements, standard before extended ones.
     pub(super) fn elements_mut(&mut self) -> impl Iterator<Item = &mut FilterElement> {
         self.standard.iter_mut().chain(&mut self.extended)
     }
 
-    /// A command of the editing window at subindex 45 or 46; the status goes to 47 or 48.
+    /// Executes a command of the editing window at subindex 45 or 46; the status goes to 47 or 48.
     pub(super) fn command(
         &mut self,
         values: &mut DictionaryValues,
@@ -131,8 +129,8 @@ pub(super) type Built = Result<ControllerConfig, ApplyStatus>;
 
 /// Builds the controller configuration of a channel from the dictionary.
 ///
-/// `BuildFail` when values have no meaning, are out of range or admit no bit timing;
-/// `RuntimeFail` when the controller's Message RAM or transmit elements do not suffice.
+/// `BuildFail` for undefined or out-of-range values and for a bit rate without timing;
+/// `RuntimeFail` for too small a Message RAM or too few transmit elements.
 pub(super) fn build(values: &DictionaryValues, channel: u8, filters: &FilterLists) -> Built {
     let index = FIRST_CHANNEL_OBJECT + u16::from(channel);
     let config = McanChannelConfig::from_values(|subindex| values.get(index, subindex))
@@ -144,14 +142,14 @@ pub(super) fn build(values: &DictionaryValues, channel: u8, filters: &FilterList
             ChannelFault::MessageRam { .. } | ChannelFault::TransmitElements { .. } => {
                 ApplyStatus::RuntimeFail
             }
-            // nothing that the controller itself would object to
+            // no error for the controller
             ChannelFault::DataBelowNominal { .. }
             | ChannelFault::ManualBitrate { .. }
             | ChannelFault::NoTransmitFifo
             | ChannelFault::NonMatchWithoutFifo { .. } => return,
             _ => ApplyStatus::BuildFail,
         };
-        // a configuration that cannot be built is never tried on the controller
+        // a configuration that cannot be built is not tried on the controller
         if verdict != Err(ApplyStatus::BuildFail) {
             verdict = Err(status);
         }

@@ -1,11 +1,10 @@
-//! The configuration as it is saved: values of 0x8000..0x8024 with the filter lists, not the
-//! commands, the editing windows, the test policies of 0x8030 nor anything of the run (manual
-//! 13.3, 13.4, 13.7).
+//! Saved configuration: values of 0x8000..0x8024 and the filter lists, without commands, editing
+//! windows, the test policies of 0x8030 and runtime state (manual 13.3, 13.4, 13.7).
 //!
-//! The manual gives no format, only a CRC32 over the image. This one is: the letters `ECFG`, a
-//! format number, the common objects, the four channels, the CRC32 of all that, everything little
-//! endian. A channel is saved with the fact whether its controller runs, so that one that was in
-//! use comes back into use.
+//! The manual gives no format, only a CRC32 over the image. This format is: the letters `ECFG`, a
+//! format number, the common objects, the four channels, the CRC32 of all that, all little endian.
+//! A channel is saved with the information whether its controller runs, so that it runs again after
+//! a load.
 
 use ecan_protocol::mapping::CHANNELS;
 use ecan_protocol::object::{Access, Entry, object};
@@ -20,21 +19,21 @@ const FORMAT: u32 = 1;
 const PREFIX_BYTES: usize = 8;
 const FILTER_BYTES: usize = 11;
 
-/// What belongs to no single channel of 0x8001..0x8004.
+/// Objects that belong to no single channel.
 const COMMON_OBJECTS: [u16; 8] = [0x8000, 0x8010, 0x8011, 0x8020, 0x8021, 0x8022, 0x8023, 0x8024];
 
-/// Stored bytes whose check fails.
+/// The CRC of the stored bytes is invalid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct CrcError;
 
-/// One saved configuration, in the parts that are saved and loaded alone.
+/// A saved configuration, in the parts that are saved and loaded separately.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct ConfigurationImage {
     common: Vec<u8>,
     channels: [Vec<u8>; CHANNELS],
 }
 
-/// The entries of an object that are saved.
+/// Saved entries of an object.
 fn saved_entries(index: u16) -> impl Iterator<Item = &'static Entry> {
     let entries = object(index).map_or(&[][..], |object| object.entries);
     entries.iter().filter(move |entry| {
@@ -57,7 +56,7 @@ fn save_object(index: u16, values: &DictionaryValues, out: &mut Vec<u8>) {
     }
 }
 
-/// Takes the object's values off the front of `bytes`.
+/// Takes the values of an object from the start of `bytes`.
 fn restore_object(index: u16, values: &mut DictionaryValues, bytes: &mut &[u8]) {
     for entry in saved_entries(index) {
         let size = entry.ty.size_bytes().unwrap_or(4);
@@ -91,7 +90,7 @@ fn restore_filter(bytes: &[u8; FILTER_BYTES]) -> FilterElement {
 }
 
 impl ConfigurationImage {
-    /// The present configuration; `runs` says of each channel whether its controller runs.
+    /// The present configuration; `runs` states for each channel whether its controller runs.
     pub(super) fn collect(
         values: &DictionaryValues,
         filters: &[FilterLists; CHANNELS],
@@ -114,20 +113,20 @@ impl ConfigurationImage {
         Self { common, channels }
     }
 
-    /// What a gateway has that never saved anything.
+    /// The factory configuration.
     pub(super) fn factory() -> Self {
         let filters = std::array::from_fn(|_| FilterLists::new());
         Self::collect(&DictionaryValues::new(), &filters, [false; CHANNELS])
     }
 
-    /// Takes one channel over from another image.
+    /// Copies one channel from another image.
     pub(super) fn replace_channel(&mut self, number: usize, from: &Self) {
         if let (Some(to), Some(from)) = (self.channels.get_mut(number), from.channels.get(number)) {
             to.clone_from(from);
         }
     }
 
-    /// Puts back what belongs to no single channel.
+    /// Restores the common objects.
     pub(super) fn restore_common(&self, values: &mut DictionaryValues) {
         let mut bytes = self.common.as_slice();
         for index in COMMON_OBJECTS {
@@ -135,7 +134,7 @@ impl ConfigurationImage {
         }
     }
 
-    /// Puts one channel back; tells whether it ran when it was saved.
+    /// Restores one channel; returns whether it ran when it was saved.
     pub(super) fn restore_channel(
         &self,
         number: usize,
@@ -155,7 +154,7 @@ impl ConfigurationImage {
         runs != 0
     }
 
-    /// The bytes that go into the flash, the CRC32 at their end.
+    /// The bytes for the flash, with the CRC32 at the end.
     pub(super) fn to_bytes(&self) -> Vec<u8> {
         let mut bytes = self.checked_bytes();
         let check = crc32(&bytes);
@@ -178,13 +177,13 @@ impl ConfigurationImage {
         bytes
     }
 
-    /// Reads what [`to_bytes`](Self::to_bytes) wrote.
+    /// Parses the result of [`to_bytes`](Self::to_bytes).
     pub(super) fn parse(bytes: &[u8]) -> Result<Self, CrcError> {
         let (checked, check) = bytes.split_last_chunk::<4>().ok_or(CrcError)?;
         if crc32(checked) != u32::from_le_bytes(*check) {
             return Err(CrcError);
         }
-        // sound, so of the one format that there is: every part has the factory's length
+        // valid, so every part has the length of the factory configuration
         let mut rest = checked.get(PREFIX_BYTES..).ok_or(CrcError)?;
         let mut image = Self::factory();
         for part in std::iter::once(&mut image.common).chain(&mut image.channels) {

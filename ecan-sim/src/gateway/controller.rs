@@ -1,5 +1,5 @@
-//! One MCAN controller: transmit FIFO or queue, receive FIFOs and buffers, error state,
-//! and the status registers that 0x9000..0x9003 show (manual 13.4, 13.5).
+//! MCAN controller: transmit FIFO or queue, receive FIFOs and buffers, error state, and the status
+//! registers of 0x9000..0x9003 (manual 13.4, 13.5).
 //!
 //! Register layouts are those of the Bosch M_CAN core; the manual names the registers but
 //! not their bits.
@@ -22,9 +22,9 @@ use register_writes::WrittenRegisters;
 
 pub(super) use register_writes::FramesDropped;
 
-/// Most transmit elements.
+/// Largest number of transmit elements.
 const TX_ELEMENTS_MAX: usize = 32;
-/// What the controller sends for data bytes that its element cannot hold.
+/// Data byte sent in place of one that does not fit into the element.
 const MISSING_DATA: u8 = 0xCC;
 
 /// Bits of the IR register that the model raises.
@@ -44,7 +44,7 @@ mod interrupt {
     pub(super) const BUS_OFF: u32 = 1 << 25;
 }
 
-/// What an applied channel configuration means for the controller.
+/// Controller settings of an applied channel configuration.
 #[derive(Clone, Debug, PartialEq)]
 pub(super) struct ControllerConfig {
     pub(super) station: StationConfig,
@@ -54,11 +54,11 @@ pub(super) struct ControllerConfig {
     pub(super) timing: (BitTiming, Option<BitTiming>),
     /// Timestamps are those of the start of frame, not of its end.
     pub(super) captures_start: bool,
-    /// Offset and filter of the delay compensation while it runs; 0 is automatic.
+    /// Offset (0 is automatic) and filter of the active delay compensation.
     pub(super) tdc: Option<(u8, u8)>,
 }
 
-/// Why the controller did not take a frame for transmission.
+/// Cause of a rejected transmission.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Rejection {
     /// Not configured, listening only, or an FD frame on a classic channel.
@@ -69,7 +69,7 @@ pub(super) enum Rejection {
     Full,
 }
 
-/// One MCAN controller behind a CAN connector.
+/// MCAN controller of one channel.
 #[derive(Debug)]
 pub(super) struct Controller {
     config: Option<ControllerConfig>,
@@ -77,7 +77,7 @@ pub(super) struct Controller {
     fifo0: ReceiveFifo,
     fifo1: ReceiveFifo,
     buffers: Vec<Option<Received>>,
-    /// Receive buffers that hold a frame: mostly none, which spares looking through them.
+    /// Number of full receive buffers; usually 0, which avoids a search.
     buffers_full: usize,
     transmit: VecDeque<CanFrame>,
     in_flight: Option<CanFrame>,
@@ -115,8 +115,8 @@ impl Controller {
         }
     }
 
-    /// Restarts the controller with a configuration, or stops it; what it held is lost and
-    /// counted, a bus-off ends.
+    /// Restarts the controller with a configuration, or stops it. Its frames are lost and counted;
+    /// bus-off ends.
     pub(super) fn restart(
         &mut self,
         config: Option<ControllerConfig>,
@@ -139,7 +139,7 @@ impl Controller {
         self.generation = self.generation.wrapping_add(1);
     }
 
-    /// Drops the received frames and says how many that were.
+    /// Drops the received frames; returns their number.
     pub(super) fn flush_received(&mut self) -> usize {
         self.buffers.fill(None);
         self.fifo0.clear() + self.fifo1.clear() + std::mem::take(&mut self.buffers_full)
@@ -149,12 +149,12 @@ impl Controller {
         self.config.as_ref()
     }
 
-    /// How it takes part in its bus; not at all while it is not configured or in INIT.
+    /// How it takes part in its bus; `None` while it is not configured or in INIT.
     pub(super) fn station(&self) -> Option<StationConfig> {
         self.config.as_ref().filter(|_| !self.is_stopped()).map(|config| config.station)
     }
 
-    /// Not configured, or taken off the bus by its INIT bit.
+    /// Not configured, or off the bus by its INIT bit.
     pub(super) fn is_stopped(&self) -> bool {
         self.config.is_none() || self.written.is_stopped
     }
@@ -184,7 +184,7 @@ impl Controller {
             .min(TX_ELEMENTS_MAX)
     }
 
-    /// Frames in the transmit FIFO or queue, the one in arbitration included.
+    /// Frames in the transmit FIFO or queue, including the one in arbitration.
     pub(super) fn transmit_waiting(&self) -> usize {
         self.transmit.len() + usize::from(self.in_flight.is_some())
     }
@@ -193,7 +193,7 @@ impl Controller {
         self.config.is_some() && self.transmit_waiting() >= self.transmit_elements()
     }
 
-    /// Whether a frame could ever be sent, and now.
+    /// Checks whether a frame can be sent.
     pub(super) fn accepts(&self, frame: &CanFrame) -> Result<(), Rejection> {
         let Some(config) = &self.config else {
             return Err(Rejection::CannotSend);
@@ -207,7 +207,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Takes a frame for transmission.
+    /// Accepts a frame for transmission.
     pub(super) fn submit(&mut self, frame: CanFrame) -> Result<(), Rejection> {
         self.accepts(&frame)?;
         if self.is_transmit_full() {
@@ -220,7 +220,7 @@ impl Controller {
         Ok(())
     }
 
-    /// Takes the frame that goes into arbitration next; none while one is there.
+    /// Takes the next frame for arbitration; `None` while one is in arbitration.
     pub(super) fn next_transmit(&mut self) -> Option<CanFrame> {
         if self.in_flight.is_some() {
             return None;
@@ -247,7 +247,7 @@ impl Controller {
         Some(frame)
     }
 
-    /// The bus confirms the frame in arbitration; `false` when there was none.
+    /// The bus confirms the frame in arbitration; returns `false` without one.
     pub(super) fn transmitted(&mut self) -> bool {
         if !self.end_arbitration() {
             return false;
@@ -259,8 +259,8 @@ impl Controller {
         true
     }
 
-    /// The bus gave the frame in arbitration up, automatic retransmission being off; `false`
-    /// when there was none.
+    /// The bus abandoned the frame in arbitration because automatic retransmission is off; returns
+    /// `false` without one.
     pub(super) fn abandoned(&mut self) -> bool {
         self.end_arbitration()
     }
@@ -273,7 +273,7 @@ impl Controller {
         ended
     }
 
-    /// Drops the frames that wait behind the one in arbitration and says how many that were.
+    /// Drops the frames that wait for arbitration; returns their number.
     pub(super) fn flush_transmit(&mut self) -> usize {
         let dropped = self.transmit.len();
         self.transmit.clear();
@@ -338,7 +338,7 @@ impl Controller {
                     source: source(2),
                 };
                 match self.buffers.get_mut(usize::from(number)) {
-                    // a buffer that was not read yet is locked
+                    // an unread buffer is locked
                     Some(free @ None) if number < ram.rx_buffer_count => {
                         *free = Some(element);
                         self.buffers_full += 1;
@@ -368,8 +368,8 @@ impl Controller {
         }
     }
 
-    /// Takes the next received frame: FIFO1 and the buffers first, since they hold frames
-    /// that filters selected, then FIFO0.
+    /// Takes the next received frame: FIFO1 and the buffers first, which hold frames selected by
+    /// filters, then FIFO0.
     pub(super) fn take_received(&mut self) -> Option<Received> {
         [1, 2, 0].into_iter().find_map(|source| self.take_received_from(source))
     }
@@ -394,7 +394,8 @@ impl Controller {
         self.fifo0.len() + self.fifo1.len() + self.buffers_full
     }
 
-    /// FIFO0 is at least seven eighths full, or has lost a frame since it was last read.
+    /// Whether FIFO0 is at least seven eighths full, or a FIFO has lost a frame since it was last
+    /// read.
     pub(super) fn is_receive_pressed(&self) -> bool {
         let Some(config) = &self.config else {
             return false;
@@ -407,7 +408,7 @@ impl Controller {
 
     // Error state
 
-    /// The bus reports error state and counters; tells whether the state changed.
+    /// The bus reports error state and counters; returns whether the state changed.
     pub(super) fn set_bus_state(&mut self, state: ErrorState, tec: u16, rec: u16) -> bool {
         self.error_counters = (tec, rec);
         let changed = state != self.error_state;
@@ -430,13 +431,13 @@ impl Controller {
         self.recovery_requested = self.is_bus_off();
     }
 
-    /// Takes the wish to leave bus-off.
+    /// Takes the request to recover from bus-off.
     pub(super) fn take_recovery_request(&mut self) -> bool {
         std::mem::take(&mut self.recovery_requested)
     }
 }
 
-/// Replaces the data bytes that an element of `size` cannot hold.
+/// Replaces the data bytes that do not fit into an element of `size`.
 fn cut_data(frame: CanFrame, size: usize, filler: u8) -> CanFrame {
     if frame.data().len() <= size {
         return frame;

@@ -1,19 +1,19 @@
-//! The distributed clock of a slave: an oscillator that drifts, and what the master makes of it.
+//! Distributed clock of a slave: a drifting oscillator with the corrections of the master.
 
-/// Share of a difference that one correction takes away at once.
+/// Share of a difference that one correction removes at once.
 const STEP_SHARE: i64 = 4;
 /// Share of a difference that one correction adds to the rate, per interval.
 const RATE_SHARE: i64 = 64;
-/// Largest step of one correction: a clock is pulled, not thrown.
+/// Largest step of one correction.
 const MAX_STEP_NS: i64 = 2_000;
 /// Largest correction of the rate, in parts per billion: 500 ppm.
 const MAX_RATE_PPB: i64 = 500_000;
-/// Intervals between corrections outside this say nothing about the rate.
+/// Intervals between corrections from which the rate is estimated.
 const INTERVALS_NS: std::ops::Range<u64> = 10_000..1_000_000_000;
 
 const BILLION: i128 = 1_000_000_000;
 
-/// System time as a straight line over simulated time.
+/// System time as a linear function of simulated time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct LinearClock {
     simulated_ns: u64,
@@ -31,7 +31,7 @@ impl LinearClock {
         u64::try_from(time).unwrap_or(0)
     }
 
-    /// The simulated time at which system time has come that far, rounded up.
+    /// The simulated time of a system time, rounded up.
     pub(super) fn simulated(self, system: u64) -> u64 {
         let passed = i128::from(system) - i128::from(self.system_ns);
         let rate = BILLION + i128::from(self.rate_ppb);
@@ -40,16 +40,16 @@ impl LinearClock {
     }
 }
 
-/// The clock. Until the master writes its time, system time is simulated time with the
-/// oscillator's drift.
+/// Clock of a slave. Until the master writes its time, system time is simulated time with the drift
+/// of the oscillator.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct DcClock {
     drift_ppb: i64,
     line: LinearClock,
     is_written: bool,
-    /// The last correction.
+    /// Time of the last correction.
     corrected_ns: Option<u64>,
-    /// What the last correction found, received time minus own (0x092C).
+    /// Difference found by the last correction, received time minus own (0x092C).
     difference_ns: i64,
 }
 
@@ -77,17 +77,17 @@ impl DcClock {
         self.corrected_ns = None;
     }
 
-    /// The master sends the time that it shall be (0x0910): the clock goes after it.
+    /// The master sends the reference time (0x0910).
     pub(super) fn correct(&mut self, system_ns: u64, now: u64) {
         let own = self.line.system(now);
-        // Beyond what the register can tell it makes no difference.
+        // limited by the register
         let limit = i128::from(i32::MAX);
         let apart = i128::from(system_ns) - i128::from(own);
         let difference = apart.clamp(-limit, limit) as i64;
         self.difference_ns = difference;
         let step = (difference / STEP_SHARE).clamp(-MAX_STEP_NS, MAX_STEP_NS);
         let interval = self.corrected_ns.replace(now).map(|before| now.saturating_sub(before));
-        // While it is still on its way the difference says nothing about the rate.
+        // a large difference does not show the rate
         let is_near = difference.abs() < MAX_STEP_NS * STEP_SHARE;
         if let Some(interval) = interval.filter(|ns| INTERVALS_NS.contains(ns) && is_near) {
             let per_interval = difference * BILLION as i64 / (RATE_SHARE * interval as i64);
@@ -99,7 +99,7 @@ impl DcClock {
         self.line.simulated_ns = now;
     }
 
-    /// The control loop starts anew, with the rate of the oscillator.
+    /// Restarts the control loop, with the rate of the oscillator.
     pub(super) fn restart_control(&mut self, now: u64) {
         self.line.system_ns = self.line.system(now);
         self.line.simulated_ns = now;
@@ -107,13 +107,12 @@ impl DcClock {
         (self.corrected_ns, self.difference_ns) = (None, 0);
     }
 
-    /// The clock jumps.
     pub(super) fn jump(&mut self, by_ns: i64, now: u64) {
         self.line.system_ns = self.line.system(now).saturating_add_signed(by_ns);
         self.line.simulated_ns = now;
     }
 
-    /// What the last correction found.
+    /// Difference found by the last correction.
     pub(super) fn difference_ns(&self) -> i64 {
         self.difference_ns
     }
@@ -137,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn it_drifts_when_nobody_corrects_it() {
+    fn uncorrected_clock_drifts() {
         let mut clock = DcClock::new(50_000);
         clock.write(7_000, 1_000);
         assert_eq!(clock.written_time(1_000_001_000), Some(1_000_057_000));
@@ -149,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn corrections_take_its_drift_and_its_error_away() {
+    fn corrections_remove_drift_and_offset() {
         for drift_ppb in [-50_000, 0, 50_000] {
             let mut clock = DcClock::new(drift_ppb);
             clock.write(300_000, 0);
@@ -158,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jump_is_pulled_back_slowly() {
+    fn jump_is_pulled_back_slowly() {
         let mut clock = DcClock::new(0);
         clock.write(0, 0);
         clock.jump(100_000, 0);

@@ -1,8 +1,7 @@
-//! The one store of all SDO values: every integer entry of ecan-protocol's object
-//! dictionary table, with its default.
+//! Store of all SDO values: every integer entry of ecan-protocol's object dictionary.
 //!
-//! Configuration values live here and nowhere else; the firmware decodes them when a
-//! command applies them. What changes by itself (counters, states) is computed on upload.
+//! Configuration values are stored only here; the firmware decodes them when a command applies
+//! them. Counters and states are computed on upload.
 
 use ecan_protocol::object::{Object, objects};
 
@@ -21,7 +20,7 @@ pub(super) struct DictionaryValues {
 }
 
 impl DictionaryValues {
-    /// The store as after a factory start.
+    /// With the factory values.
     pub(super) fn new() -> Self {
         let mut slots = Vec::new();
         for object in objects() {
@@ -37,7 +36,7 @@ impl DictionaryValues {
         Self { slots }
     }
 
-    /// Sets every value back to its default.
+    /// Resets all values to their defaults.
     pub(super) fn reset(&mut self) {
         for slot in &mut self.slots {
             for (value, entry) in slot.values.iter_mut().zip(slot.object.entries) {
@@ -46,7 +45,7 @@ impl DictionaryValues {
         }
     }
 
-    /// A stored value; 0 for what the table does not know.
+    /// A stored value; 0 if there is no such entry.
     pub(super) fn get(&self, index: u16, subindex: u8) -> u32 {
         let Ok(at) = self.slots.binary_search_by_key(&index, |slot| slot.index) else {
             return 0;
@@ -73,7 +72,7 @@ impl DictionaryValues {
         u16::from_le_bytes([low, high])
     }
 
-    /// Stores a value; ignored for what the table does not know.
+    /// Stores a value; ignored if there is no such entry.
     pub(super) fn set(&mut self, index: u16, subindex: u8, value: u32) {
         let Ok(at) = self.slots.binary_search_by_key(&index, |slot| slot.index) else {
             return;

@@ -1,21 +1,20 @@
-//! CoE emergencies that wait for a master to fetch them (ETG.1000.6, CiA 301).
+//! CoE emergencies that wait for the master (ETG.1000.6, CiA 301).
 //!
-//! The manual names no emergencies. The codes are those that CiA 301 gives for the same events on
-//! a CANopen device. A front without a mailbox in bytes never fetches any: the queue has a bound,
-//! and the oldest gives way.
+//! The manual specifies no emergencies. The codes are those of CiA 301 for the same events. A front
+//! end without mailbox bytes never fetches any; a full queue drops the oldest.
 
 use std::collections::VecDeque;
 
 use ecan_protocol::device::AlStatusCode;
 
-/// Emergencies that the firmware keeps.
+/// Size of the queue.
 const KEPT: usize = 8;
 
 /// Error codes.
 mod code {
     /// Communication, generic.
     pub(super) const COMMUNICATION: u16 = 0x8100;
-    /// Life guarding: who should send has gone silent.
+    /// Life guarding: expected messages are missing.
     pub(super) const LIFE_GUARD: u16 = 0x8130;
     /// Recovered from bus-off.
     pub(super) const RECOVERED: u16 = 0x8140;
@@ -33,7 +32,7 @@ pub(crate) struct Emergency {
     pub(crate) code: u16,
     /// Error register.
     pub(crate) register: u8,
-    /// Bytes of the device's own.
+    /// Device-specific bytes.
     pub(crate) data: [u8; 5],
 }
 
@@ -52,7 +51,7 @@ impl Emergency {
         Self { code, register, data: [channel.to_le_bytes()[0], 0, 0, 0, 0] }
     }
 
-    /// The slave fell back by itself; the AL status code is in the first two bytes.
+    /// The slave fell back on its own; the AL status code is in the first two bytes.
     pub(super) fn al_error(status: AlStatusCode) -> Self {
         let code = match status {
             AlStatusCode::SM_WATCHDOG => code::LIFE_GUARD,
@@ -63,7 +62,7 @@ impl Emergency {
     }
 }
 
-/// The emergencies that wait.
+/// Queue of emergencies.
 #[derive(Debug)]
 pub(super) struct EmergencyQueue {
     waiting: VecDeque<Emergency>,
@@ -100,7 +99,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_oldest_gives_way() {
+    fn oldest_emergency_is_dropped() {
         let mut queue = EmergencyQueue::new();
         for channel in 0..KEPT + 3 {
             queue.push(Emergency::bus_off(channel));
@@ -111,7 +110,7 @@ mod tests {
     }
 
     #[test]
-    fn a_watchdog_is_told_from_other_errors() {
+    fn watchdog_emergency_has_its_own_code() {
         let watchdog = Emergency::al_error(AlStatusCode::SM_WATCHDOG);
         assert_eq!((watchdog.code, watchdog.data), (0x8130, [0x1B, 0, 0, 0, 0]));
         let sync = Emergency::al_error(AlStatusCode::FATAL_SYNC);

@@ -1,31 +1,31 @@
-//! Acceptance filters of an MCAN controller, as the editing window of 0x8001..0x8004 fills
-//! them (manual 13.4).
+//! Acceptance filters of an MCAN controller, filled by the editing window of 0x8001..0x8004 (manual
+//! 13.4).
 
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::{ExtendedMatch, FilterAction, NonMatch, StandardMatch};
 
-/// Where a received frame goes.
+/// Destination of a received frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Destination {
     Fifo0,
     Fifo1,
-    /// Dedicated receive buffer of this number.
+    /// Dedicated receive buffer with this number.
     Buffer(u8),
-    /// Accepted by nothing, or rejected.
+    /// Not accepted.
     Nowhere,
 }
 
-/// Verdict of the acceptance filter.
+/// Result of the acceptance filter.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Verdict {
     pub(super) destination: Destination,
-    /// A filter marked the frame as a high priority message.
+    /// A filter marked the frame as high priority.
     pub(super) priority: bool,
-    /// Filter element that matched.
+    /// Matching filter element.
     pub(super) filter: Option<u8>,
 }
 
-/// One filter element as the editing window holds it.
+/// One filter element, in the values of the editing window.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct FilterElement {
     pub(super) kind: u8,
@@ -36,16 +36,16 @@ pub(super) struct FilterElement {
 }
 
 impl FilterElement {
-    /// The action, "disabled" for a number without a meaning.
+    /// The action; undefined numbers are "disabled".
     fn action(&self) -> FilterAction {
         FilterAction::from_raw(self.action, self.id2).unwrap_or(FilterAction::Disabled)
     }
 
-    /// Whether the element catches a frame: `id` as received, `masked` behind the global mask.
+    /// Whether the element matches a frame: `id` as received, `masked` after the global mask.
     fn matches(&self, id: u32, masked: u32, extended: bool) -> bool {
         match self.action() {
             FilterAction::Disabled => return false,
-            // the second identifier names the buffer, the kind of match is not looked at
+            // the second identifier selects the buffer; the kind of match is ignored
             FilterAction::RxBuffer(_) => return masked == self.id1,
             _ => {}
         }
@@ -77,7 +77,7 @@ impl FilterElement {
             FilterAction::PriorityFifo0 => (Destination::Fifo0, true),
             FilterAction::PriorityFifo1 => (Destination::Fifo1, true),
             FilterAction::RxBuffer(buffer) => (Destination::Buffer(buffer), false),
-            // the core stops at the first match: a mark alone stores nothing
+            // the core stops at the first match: a priority mark alone stores nothing
             FilterAction::Priority => (Destination::Nowhere, true),
             FilterAction::Disabled | FilterAction::Reject => (Destination::Nowhere, false),
         };
@@ -98,7 +98,7 @@ pub(super) struct FilterTable {
 }
 
 impl FilterTable {
-    /// Judges a frame: remote rule first, then the list in order, then the non-match rule.
+    /// Filters a frame: remote rule first, then the list in order, then the non-match rule.
     pub(super) fn judge(&self, frame: &CanFrame) -> Verdict {
         let id = frame.id();
         let extended = id.is_extended();

@@ -1,11 +1,10 @@
 //! Two application partitions and the update that writes the free one (manual 13.7, 15.3.1).
 //!
-//! A file arrives in pieces, whatever protocol carries them. The free partition is erased first,
-//! then written sector by sector, which takes time: meanwhile pieces are answered with "busy" and
-//! have to come again. The whole file is checked behind its last piece; a good one is marked for
-//! the next start, and the gateway restarts by itself a little later. Whatever interrupts an
-//! update leaves the running version where it is. The times, the size of a partition and the
-//! FoE error numbers are assumptions.
+//! A file arrives in parts. The free partition is erased first, then written sector by sector,
+//! which takes time: during that time parts are answered with "busy" and must be repeated. The file
+//! is checked after its last part; a valid one is marked for the next start, and the gateway
+//! restarts a little later. An interruption keeps the running version. The times, the size of a
+//! partition and the FoE error numbers are assumptions.
 
 use thiserror::Error;
 
@@ -15,38 +14,38 @@ use super::firmware_package::{FirmwarePackage, FirmwarePackageError, Header};
 
 /// Bytes of an application partition, package header included.
 const PARTITION_BYTES: usize = 512 * 1024;
-/// Bytes that are written at once.
+/// Size of a flash sector.
 const SECTOR_BYTES: usize = 4096;
 const ERASE_NS: u64 = 100 * NS_PER_MS;
 const SECTOR_WRITE_NS: u64 = 2 * NS_PER_MS;
-/// From the last answer of an update, or an activation, to the restart.
+/// From the last response of an update, or an activation, to the restart.
 const RESET_DELAY_NS: u64 = 500 * NS_PER_MS;
 /// Product and device type of this gateway.
 const DEVICE_TYPE: u8 = 0;
-/// The application that a gateway is made with.
+/// The factory application.
 const FACTORY_PAYLOAD: &[u8] = b"ECAN-Lite application, simulated";
 
-/// 0xB000:11 besides FoE error codes; the manual gives no numbers.
+/// 0xB000:11, in addition to FoE error codes; the manual gives no numbers.
 const STATUS_NONE: u32 = 0;
 const STATUS_RECEIVING: u32 = 1;
 const STATUS_VERIFIED: u32 = 2;
 
-/// Why a firmware update was refused or given up.
+/// Cause of a rejected or failed firmware update.
 #[derive(Clone, Copy, Debug, Error, PartialEq, Eq)]
 pub enum FirmwareUpdateError {
-    /// The gateway has no supply, boots, or is about to restart into another version.
+    /// The gateway has no supply, boots, or will restart with another version.
     #[error("the gateway does not take firmware now")]
     NotReady,
-    /// A piece without a begun update.
+    /// A part without an update in progress.
     #[error("no firmware update was begun")]
     NotBegun,
-    /// The file is bigger than a partition.
+    /// The file is larger than a partition.
     #[error("the file is bigger than the {PARTITION_BYTES} bytes of a partition")]
     TooBig,
     /// The flash could not be erased or written.
     #[error("the flash could not be erased or written")]
     Flash,
-    /// The file is no good package.
+    /// The file is not a valid package.
     #[error("the file was refused: {0}")]
     Package(#[from] FirmwarePackageError),
     /// The package is for another product.
@@ -58,7 +57,7 @@ pub enum FirmwareUpdateError {
 }
 
 impl FirmwareUpdateError {
-    /// The FoE error code (ETG.1000.6), also shown in 0xB000:11.
+    /// The FoE error code (ETG.1000.6), also in 0xB000:11.
     #[must_use]
     pub fn foe_code(self) -> u32 {
         match self {
@@ -72,7 +71,7 @@ impl FirmwareUpdateError {
         }
     }
 
-    /// The text that goes with the FoE error (manual 15.3.1).
+    /// Text of the FoE error (manual 15.3.1).
     #[must_use]
     pub fn foe_text(self) -> &'static str {
         match self {
@@ -84,24 +83,24 @@ impl FirmwareUpdateError {
     }
 }
 
-/// What became of a piece of firmware, or of its end.
+/// Progress of an update after a part or after its end.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum FirmwareProgress {
-    /// Taken; of the end: checked, and the gateway restarts soon.
+    /// The part was accepted; after the end: the file is valid, and the gateway restarts soon.
     Done,
-    /// Not taken, since the flash is at work: the same again, later.
+    /// The flash is busy; repeat the call later.
     Busy {
-        /// How much of the present work is done, in percent.
+        /// Progress of the flash operation, in percent.
         percent: u8,
     },
 }
 
-/// A file on its way into the free partition.
+/// A transfer into the free partition.
 #[derive(Debug)]
 struct Transfer {
     busy_since: u64,
     ready_at: u64,
-    /// What the next sector will hold.
+    /// Contents of the next sector.
     sector: Vec<u8>,
 }
 
@@ -118,7 +117,7 @@ impl Transfer {
     }
 }
 
-/// Partitions, boot mark, and a running update.
+/// Partitions, boot mark, and an update in progress.
 #[derive(Debug)]
 pub(super) struct FirmwareUpdate {
     // survives power loss
@@ -126,7 +125,7 @@ pub(super) struct FirmwareUpdate {
     next_start: usize,
     /// Size and CRC32 of the last file that was complete, good or bad.
     last_image: (u32, u32),
-    // of this start
+    // of the present start
     running: usize,
     header: Header,
     transfer: Option<Transfer>,
@@ -134,7 +133,7 @@ pub(super) struct FirmwareUpdate {
     reset_at: Option<u64>,
 }
 
-/// Checks a file against format and device.
+/// Checks format and device of a file.
 fn check(file: &[u8]) -> Result<Header, FirmwareUpdateError> {
     let header = Header::parse(file)?;
     if header.device_type != DEVICE_TYPE {
@@ -145,7 +144,7 @@ fn check(file: &[u8]) -> Result<Header, FirmwareUpdateError> {
 }
 
 impl FirmwareUpdate {
-    /// With the factory's version in the first partition and nothing in the second.
+    /// With the factory version in the first partition and an empty second one.
     pub(super) fn new((major, minor): (u16, u16)) -> Self {
         let version = u32::from(major) << 16 | u32::from(minor);
         let package = FirmwarePackage::new(DEVICE_TYPE, version, FACTORY_PAYLOAD.to_vec());
@@ -161,14 +160,14 @@ impl FirmwareUpdate {
         }
     }
 
-    /// The supply or the program ends: what was under way is forgotten.
+    /// Power loss or reboot: an update in progress is lost.
     pub(super) fn stop(&mut self) {
         self.transfer = None;
         self.reset_at = None;
         self.status = STATUS_NONE;
     }
 
-    /// Another start: the marked partition runs.
+    /// A start: the marked partition runs.
     pub(super) fn start(&mut self) {
         let marked = self.partitions.get(self.next_start).map(|file| check(file));
         match marked {
@@ -189,7 +188,7 @@ impl FirmwareUpdate {
         ((self.header.version >> 16) as u16, self.header.version as u16)
     }
 
-    /// What a subindex of 0xB000 shows; `None` for the others.
+    /// Value of a subindex of 0xB000; `None` for the others.
     pub(super) fn readback(&self, subindex: u8) -> Option<u32> {
         Some(match subindex {
             9 => self.last_image.0,
@@ -199,7 +198,7 @@ impl FirmwareUpdate {
         })
     }
 
-    /// When the gateway restarts into the marked partition.
+    /// When the gateway restarts with the marked partition.
     pub(super) fn reset_time(&self) -> Option<u64> {
         self.reset_at
     }
@@ -208,7 +207,7 @@ impl FirmwareUpdate {
         1 - self.running
     }
 
-    /// The file in the free partition as far as it is written.
+    /// The written part of the file in the free partition.
     fn free_file(&self) -> &[u8] {
         self.partitions.get(self.free()).map_or(&[], Vec::as_slice)
     }
@@ -229,7 +228,7 @@ impl FirmwareUpdate {
         error
     }
 
-    /// `fails`: whether the flash does not work this time.
+    /// `fails`: the flash operation fails.
     pub(super) fn begin(&mut self, now: u64, fails: bool) -> Result<(), FirmwareUpdateError> {
         if self.reset_at.is_some() {
             return Err(FirmwareUpdateError::NotReady);
@@ -259,12 +258,12 @@ impl FirmwareUpdate {
         Ok((now < transfer.ready_at).then(|| transfer.progress(now)))
     }
 
-    /// Whether the flash is to be written with so many bytes more, so that it may fail.
+    /// Whether this number of bytes completes a sector, so that a flash operation follows.
     pub(super) fn fills_sector(&self, bytes: usize) -> bool {
         self.transfer.as_ref().is_some_and(|transfer| transfer.sector.len() + bytes >= SECTOR_BYTES)
     }
 
-    /// Whether the end of the file is still to be written.
+    /// Whether the end of the file is not written yet.
     pub(super) fn has_rest(&self) -> bool {
         self.transfer.as_ref().is_some_and(|transfer| !transfer.sector.is_empty())
     }
@@ -329,12 +328,12 @@ impl FirmwareUpdate {
         }
     }
 
-    /// Checks what lies in the free partition.
+    /// Checks the file in the free partition.
     pub(super) fn validate(&self) -> Result<(), FirmwareUpdateError> {
         check(self.free_file()).map(|_| ())
     }
 
-    /// Checks what lies in the free partition and restarts into it soon.
+    /// Checks the file in the free partition and restarts with it soon.
     pub(super) fn activate(&mut self, now: u64) -> Result<(), FirmwareUpdateError> {
         self.validate()?;
         self.mark(now);
@@ -347,7 +346,7 @@ impl FirmwareUpdate {
         self.reset_at = Some(now + RESET_DELAY_NS);
     }
 
-    /// Whether a file is being received, which nothing else may disturb.
+    /// Whether a file is being received; nothing else may change the flash then.
     pub(super) fn is_receiving(&self) -> bool {
         self.transfer.is_some()
     }

@@ -1,16 +1,16 @@
-//! The flash sector that holds the saved configuration. It survives power loss and restarts; a
-//! write that is cut off leaves bytes whose check fails.
+//! Flash sector of the saved configuration. It survives power loss; an interrupted write leaves
+//! bytes with an invalid CRC.
 
 use super::configuration_image::{ConfigurationImage, CrcError};
 
-/// Configuration memory: empty as made.
+/// Configuration memory, empty at first.
 #[derive(Debug, Default)]
 pub(super) struct Flash {
     bytes: Vec<u8>,
 }
 
 impl Flash {
-    /// What is stored; nothing in an erased flash.
+    /// The stored configuration; `None` if erased.
     pub(super) fn read(&self) -> Result<Option<ConfigurationImage>, CrcError> {
         if self.bytes.is_empty() {
             return Ok(None);
@@ -18,7 +18,7 @@ impl Flash {
         ConfigurationImage::parse(&self.bytes).map(Some)
     }
 
-    /// The CRC32 of what is stored, 0 without a sound image.
+    /// CRC32 of the stored configuration, 0 without a valid one.
     pub(super) fn stored_crc(&self) -> u32 {
         match self.read() {
             Ok(Some(image)) => image.crc(),
@@ -26,7 +26,7 @@ impl Flash {
         }
     }
 
-    /// A write or an erasure begins: what is stored is sound again only when it is through.
+    /// A write or an erasure begins: the contents are invalid until it completes.
     pub(super) fn begin_change(&mut self) {
         let half = self.bytes.len() / 2;
         self.bytes.truncate(half);

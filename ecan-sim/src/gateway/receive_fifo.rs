@@ -1,11 +1,11 @@
-//! A receive FIFO in the Message RAM (manual 13.4).
+//! Receive FIFO in the Message RAM (manual 13.4).
 
 use std::collections::VecDeque;
 
 use ecan_protocol::can::CanFrame;
 use ecan_protocol::config::FifoMode;
 
-/// Most elements of a receive FIFO, and most receive buffers.
+/// Largest size of a receive FIFO, and largest number of receive buffers.
 pub(super) const RX_ELEMENTS_MAX: usize = 64;
 
 /// A received frame.
@@ -46,7 +46,7 @@ impl ReceiveFifo {
         flushed
     }
 
-    /// Stores a frame; `false` when a frame was lost for it.
+    /// Stores a frame; returns `false` if that lost a frame.
     pub(super) fn store(&mut self, received: Received, size: u8, mode: FifoMode) -> bool {
         let size = usize::from(size).min(RX_ELEMENTS_MAX);
         let full = self.elements.len() >= size;
@@ -70,8 +70,8 @@ impl ReceiveFifo {
         Some(taken)
     }
 
-    /// The reader acknowledges the element at `index` and all before it, unread ones too; says
-    /// how many that were. Nothing happens for an index without a frame.
+    /// Acknowledges the element at `index` and all before it, read or not; returns their number.
+    /// Ignores an index without a frame.
     pub(super) fn acknowledge(&mut self, index: u32, size: u8) -> usize {
         let size = u32::from(size);
         if index >= size {
@@ -106,7 +106,7 @@ impl ReceiveFifo {
     }
 }
 
-/// The index behind `index` in a ring of so many elements.
+/// The next index in a ring of `size` elements.
 pub(super) fn wrap_increment(index: u32, size: usize) -> u32 {
     match u32::try_from(size) {
         Ok(size) if index + 1 < size => index + 1,

@@ -1,5 +1,5 @@
-//! From the CAN controller to the TxPDO: drain budgets, the RX cache and what happens when
-//! it is full (manual 13.2.2).
+//! From the CAN controller to the TxPDO: drain budgets, RX cache and overflow policies (manual
+//! 13.2.2).
 
 use std::collections::VecDeque;
 
@@ -10,9 +10,9 @@ use super::controller::Controller;
 use super::counters::ReceiveLosses;
 use super::receive_fifo::Received;
 
-/// Most frames that an RX cache holds, 0xF000:28.
+/// Largest size of an RX cache, 0xF000:28.
 pub(super) const RX_CACHE_MAX: usize = 32;
-/// Frames that the balanced policy drains per service, whatever the maximum allows beyond.
+/// Frames that the balanced policy drains per service, if the maximum is not lower.
 const BALANCED_DRAIN: u8 = 2;
 
 /// RX cache of one channel with its counters of 0x9020..0x9023.
@@ -61,7 +61,7 @@ impl ReceivePath {
         self.degraded
     }
 
-    /// At least three quarters of the configured depth are used.
+    /// Whether at least three quarters of the configured depth are used.
     pub(super) fn is_under_pressure(&self, policy: &DataPathConfig) -> bool {
         self.cache.len() * 4 >= depth(policy) * 3
     }
@@ -74,7 +74,7 @@ impl ReceivePath {
         self.cache.pop_front()
     }
 
-    /// Empties the cache and says how many frames were lost.
+    /// Empties the cache; returns the number of lost frames.
     pub(super) fn flush(&mut self) -> usize {
         let lost = self.cache.len();
         self.cache.clear();
@@ -83,7 +83,7 @@ impl ReceivePath {
         lost
     }
 
-    /// Brings the cache down to a smaller depth, oldest frames first.
+    /// Reduces the cache to a smaller depth; the oldest frames are dropped.
     pub(super) fn shrink(&mut self, policy: &DataPathConfig, losses: &mut ReceiveLosses) {
         while self.cache.len() > depth(policy) {
             self.cache.pop_front();
@@ -109,15 +109,15 @@ impl ReceivePath {
         self.consumed_max = self.consumed_max.max(frames);
     }
 
-    /// A frame that the controller itself lost, its FIFO being full.
+    /// The controller lost a frame because its FIFO was full.
     pub(super) fn note_controller_loss(&mut self) {
         self.count_drop(Dropped::New);
     }
 
-    /// One service: takes frames from the controller into the cache, within the policy's
-    /// budget and the `allowance` that the service budget still grants; the configured
-    /// minimum is granted in any case. Frames of a channel that the TxPDO does not carry
-    /// (`carried` false) are taken and dropped. Returns the number of frames taken.
+    /// One service: moves frames from the controller to the cache, within the policy's budget and
+    /// the `allowance` of the service budget; the configured minimum is always granted. Frames of a
+    /// channel that the TxPDO does not carry (`carried` false) are dropped. Returns the number of
+    /// frames.
     pub(super) fn drain(
         &mut self,
         controller: &mut Controller,
@@ -131,7 +131,7 @@ impl ReceivePath {
         let budget = match policy.rx_budget {
             RxBudget::Balanced => maximum.min(BALANCED_DRAIN),
             RxBudget::Limited => maximum,
-            // every source of its own, see below
+            // for each source, see below
             RxBudget::Performance => maximum,
             RxBudget::Adaptive if self.is_under_pressure(policy) => minimum,
             RxBudget::Adaptive => maximum,
@@ -206,8 +206,8 @@ impl ReceivePath {
         }
     }
 
-    /// Full cache under the preserve-critical policy: an uncritical frame gives way to a
-    /// critical one; among critical ones the oldest goes.
+    /// Full cache with the preserve-critical policy: a critical frame replaces an uncritical one;
+    /// among critical frames the oldest is dropped.
     fn preserve(&mut self, received: Received, policy: &DataPathConfig) {
         if !is_critical(&received.frame, policy.critical_frames) {
             self.count_drop(Dropped::New);
@@ -240,15 +240,14 @@ enum Dropped {
     New,
 }
 
-/// Frames that the cache holds under this policy.
+/// Cache depth of a policy.
 fn depth(policy: &DataPathConfig) -> usize {
     usize::from(policy.rx_cache_depth.frames()).min(RX_CACHE_MAX)
 }
 
-/// Whether a frame belongs to the CANopen services that a policy protects, judged by the
-/// predefined connection set: NMT, EMCY and heartbeat for "CANopen safety"; SYNC, TIME and
-/// SDO as well for "CANopen all". Process data is replaced by the next cycle and is
-/// protected by neither.
+/// Whether a frame belongs to the CANopen services that a policy protects, by the predefined
+/// connection set: NMT, EMCY and heartbeat for "CANopen safety"; SYNC, TIME and SDO as well for
+/// "CANopen all". No policy protects process data: the next cycle replaces it.
 pub(super) fn is_critical(frame: &CanFrame, policy: CriticalFrames) -> bool {
     let id = frame.id();
     if id.is_extended() {

@@ -7,7 +7,7 @@ use ecan_protocol::can::CanFrame;
 
 use crate::random::Random;
 
-/// Frames that may wait at once; the manual names no size, so the size of a TX ring.
+/// Largest number of waiting frames. The manual specifies no size; this is the size of a TX ring.
 const SCHEDULE_DEPTH: usize = 64;
 
 /// A frame that waits for its phase.
@@ -22,7 +22,7 @@ pub(super) struct Scheduled {
 #[derive(Debug)]
 pub(super) struct ScheduleQueue {
     entries: VecDeque<Scheduled>,
-    /// Bound of the delay of the timer, and what its draws start from.
+    /// Upper bound of the timer delay, and the seed of its random numbers.
     jitter_ns: u64,
     seed: u64,
 }
@@ -32,7 +32,7 @@ impl ScheduleQueue {
         Self { entries: VecDeque::with_capacity(SCHEDULE_DEPTH), jitter_ns, seed }
     }
 
-    /// How late the timer is at a phase: drawn anew for each, the same for all frames of one.
+    /// Timer delay at a phase: random, equal for all frames of a phase.
     fn timer_delay(&self, due_ns: u64) -> u64 {
         match self.jitter_ns {
             0 => 0,
@@ -40,7 +40,7 @@ impl ScheduleQueue {
         }
     }
 
-    /// Takes a frame in; `false` when the queue is full.
+    /// Adds a frame; returns `false` if the queue is full.
     pub(super) fn insert(&mut self, entry: Scheduled) -> bool {
         if self.entries.len() >= SCHEDULE_DEPTH {
             return false;
@@ -50,14 +50,14 @@ impl ScheduleQueue {
         true
     }
 
-    /// When the next frame is handed to its controller.
+    /// When the next frame goes to its controller.
     pub(super) fn next_due(&self) -> Option<u64> {
         self.entries
             .front()
             .map(|entry| entry.due_ns.saturating_add(self.timer_delay(entry.due_ns)))
     }
 
-    /// Takes out the first frame whose phase has come.
+    /// Takes the first frame that is due.
     pub(super) fn pop_due(&mut self, now: u64) -> Option<Scheduled> {
         if self.next_due()? <= now { self.entries.pop_front() } else { None }
     }
@@ -67,14 +67,14 @@ impl ScheduleQueue {
         self.entries.iter().filter(|entry| entry.channel == channel).count()
     }
 
-    /// Drops everything and says how many frames that were.
+    /// Drops everything; returns the number of frames.
     pub(super) fn flush(&mut self) -> usize {
         let dropped = self.entries.len();
         self.entries.clear();
         dropped
     }
 
-    /// Drops the frames of one channel and says how many that were.
+    /// Drops the frames of one channel; returns their number.
     pub(super) fn flush_channel(&mut self, channel: usize) -> usize {
         let before = self.entries.len();
         self.entries.retain(|entry| entry.channel != channel);

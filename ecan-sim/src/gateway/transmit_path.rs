@@ -1,5 +1,5 @@
-//! From the RxPDO to the CAN controller: the TX ring, its service budget, and what happens
-//! under backpressure (manual 10, 13.2.2).
+//! From the RxPDO to the CAN controller: TX ring, service budget, and overflow policies (manual 10,
+//! 13.2.2).
 
 use std::collections::VecDeque;
 
@@ -10,32 +10,32 @@ use ecan_protocol::image::{ResultCode, TxResult};
 use super::controller::{Controller, Rejection};
 use super::counters::{GatewayCounters, TransmitLosses};
 
-/// Frames that a TX ring holds, 0xF000:29.
+/// Size of a TX ring, 0xF000:29.
 pub(super) const TX_RING: usize = 64;
-/// TX_RESULT packets that may wait for a TxPDO image: those of two full images.
+/// TX_RESULT packets that can wait for a TxPDO image: those of two full images.
 const RESULTS_MAX: usize = 512;
-/// The backoff doubles at most this often.
+/// Longest backoff, in doublings of the base.
 const BACKOFF_DOUBLINGS: u32 = 4;
 
-/// Which frame of which RxPDO image a TX_RESULT answers for.
+/// Image and frame that a TX_RESULT refers to.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Reference {
     pub(super) sequence: u16,
     pub(super) frame_index: u8,
 }
 
-/// A frame in the TX ring. `reference` is there until its result is reported.
+/// A frame in the TX ring. `reference` is set until its result is reported.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Pending {
     pub(super) frame: CanFrame,
     pub(super) reference: Option<Reference>,
 }
 
-/// TX_RESULT packets on their way to the master.
+/// TX_RESULT packets that wait for a TxPDO image.
 #[derive(Debug)]
 pub(super) struct ResultQueue {
     results: VecDeque<TxResult>,
-    /// Results of the image under work, not yet in order.
+    /// Results of the image in progress, not sorted yet.
     fresh: Vec<TxResult>,
 }
 
@@ -47,7 +47,7 @@ impl ResultQueue {
         }
     }
 
-    /// Notes the result of a frame of the image under work.
+    /// Adds the result of a frame of the image in progress.
     pub(super) fn report(&mut self, channel: usize, reference: Reference, code: ResultCode) {
         if self.fresh.len() < RESULTS_MAX {
             self.fresh.push(TxResult {
@@ -59,7 +59,7 @@ impl ResultQueue {
         }
     }
 
-    /// Ends the work on an image: its results follow in the order of its frames.
+    /// Ends an image: queues its results in the order of its frames.
     pub(super) fn settle(&mut self, counters: &mut GatewayCounters) {
         self.fresh.sort_unstable_by_key(|result| result.frame_index);
         for result in self.fresh.drain(..) {
@@ -120,13 +120,13 @@ impl TransmitPath {
         self.degraded
     }
 
-    /// The ring is filled to at least this share.
+    /// Whether the ring is filled to at least this percentage.
     pub(super) fn is_filled_to(&self, percent: u8) -> bool {
         self.ring.len() * 100 >= TX_RING * usize::from(percent)
     }
 
-    /// Takes a frame into the ring; when it is full, the overflow policy decides who goes.
-    /// `Err` is the result code of the refused new frame.
+    /// Puts a frame into the ring; the overflow policy decides which frame a full ring drops. `Err`
+    /// is the result code of a rejected new frame.
     pub(super) fn enqueue(
         &mut self,
         channel: usize,
@@ -159,9 +159,9 @@ impl TransmitPath {
         Ok(())
     }
 
-    /// One service: hands frames to the controller, at most as many as the policy's budget and
-    /// the `allowance` of the service budget grant; the configured minimum is granted in any
-    /// case, even while backing off. Returns the number of frames handed over.
+    /// One service: hands frames to the controller, within the policy's budget and the `allowance`
+    /// of the service budget; the configured minimum is always granted, even during a backoff.
+    /// Returns the number of frames.
     pub(super) fn serve(
         &mut self,
         channel: usize,
@@ -221,7 +221,7 @@ impl TransmitPath {
         sent
     }
 
-    /// Reports as queued what the service left in the ring of the image under work.
+    /// Reports the frames of the image in progress that stay in the ring as queued.
     pub(super) fn report_queued(&mut self, channel: usize, results: &mut ResultQueue) {
         for pending in &mut self.ring {
             if let Some(reference) = pending.reference.take() {
@@ -230,7 +230,7 @@ impl TransmitPath {
         }
     }
 
-    /// Drops everything as stale and says how many frames that were.
+    /// Drops everything as stale; returns the number of frames.
     pub(super) fn flush(&mut self) -> usize {
         let dropped = self.ring.len();
         self.ring.clear();
@@ -247,7 +247,7 @@ impl TransmitPath {
         counters.transmit_losses.stale += self.flush() as u64;
     }
 
-    /// Drops everything unsent without counting it as stale: a test policy skips sending.
+    /// Drops all unsent frames without counting them as stale: a test policy disables sending.
     pub(super) fn drop_unsent(&mut self) -> usize {
         let dropped = self.ring.len();
         self.ring.clear();

@@ -1,4 +1,4 @@
-//! From the RX caches to SM3: the TxPDO builder with its budget policies (manual 12).
+//! TxPDO builder with its budget policies (manual 12).
 
 use ecan_protocol::image::{
     BudgetPolicy, ChannelStatus, CommitFields, HeaderFlags, ImageWriter, PdoProfile, Timestamp,
@@ -9,18 +9,18 @@ use super::channel::Channel;
 use super::counters::GatewayCounters;
 use super::transmit_path::ResultQueue;
 
-/// Bytes that the balanced policy reserves for each enabled channel: the greatest packet of a
-/// classic frame without timestamp, padded. The manual says only "a minimum packet budget".
+/// Bytes that the balanced policy reserves for each enabled channel: the largest packet of a
+/// classic frame without timestamp, padded. The manual specifies only "a minimum packet budget".
 const BALANCED_RESERVE: usize = 16;
 
-/// How the frame area of one image is shared among the channels.
+/// Division of the frame area of one image among the channels.
 #[derive(Debug)]
 struct Budget {
     reserved: [usize; CHANNELS],
     shared: usize,
-    /// Most that a single packet can get.
+    /// Largest packet.
     greatest: usize,
-    /// Reserves that nobody used may go to others in the end.
+    /// Unused reserves can go to other channels at the end.
     lends: bool,
 }
 
@@ -55,7 +55,7 @@ impl Budget {
         bytes <= self.own(channel) + self.shared
     }
 
-    /// Whether a packet of this size fits no image at all under this policy.
+    /// Whether no image has space for a packet of this size under this policy.
     fn never_fits(&self, bytes: usize) -> bool {
         bytes > self.greatest
     }
@@ -68,8 +68,8 @@ impl Budget {
         self.shared = self.shared.saturating_sub(bytes - from_own);
     }
 
-    /// Every channel had its chance: what is left of the reserves becomes common. Returns
-    /// whether there was any.
+    /// All channels were served: the remaining reserves become common. Returns whether there were
+    /// any.
     fn release_reserves(&mut self) -> bool {
         if !self.lends {
             return false;
@@ -82,14 +82,14 @@ impl Budget {
     }
 }
 
-/// What a TxPDO build could not deliver.
+/// Frames that a TxPDO image could not deliver.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct UndeliveredFrames {
-    /// Frames that stay in their caches for the next image.
+    /// Frames that wait for the next image.
     pub(super) unpacked: u32,
-    /// Frames dropped on their way into the caches since the last image.
+    /// Frames dropped at the caches since the last image.
     pub(super) dropped: u32,
-    /// Frames dropped because they fit no image.
+    /// Frames dropped because no image has space for them.
     pub(super) oversized: u32,
 }
 
@@ -114,8 +114,8 @@ impl TxPdoBuilder {
         }
     }
 
-    /// Takes the active profile, whether images carry a CRC, and whether bytes behind the
-    /// payload are left alone. The sequence runs on.
+    /// Sets the active profile, whether images carry a CRC, and whether bytes after the payload
+    /// keep their value. The sequence numbers continue.
     pub(super) fn configure(&mut self, profile: Option<PdoProfile>, crc: bool, payload_only: bool) {
         let next = self.writer.as_ref().map(ImageWriter::next_sequence);
         self.payload_only = payload_only;
@@ -138,9 +138,9 @@ impl TxPdoBuilder {
         }
     }
 
-    /// Packs results and frames, whole packets only, and commits the image to the shadow.
-    /// `empty` builds a header without packets. Returns the sequence number, and what did not
-    /// fit; `None` without a profile.
+    /// Packs results and frames, whole packets only, and commits the image to the shadow buffer.
+    /// `empty` builds a header without packets. Returns the sequence number and the undelivered
+    /// frames; `None` without a profile.
     pub(super) fn build(
         &mut self,
         channels: &mut [Channel; CHANNELS],
@@ -188,7 +188,7 @@ impl TxPdoBuilder {
         Some((sequence, undelivered))
     }
 
-    /// The bytes to copy into SM3: all of the image, or header and payload only.
+    /// Bytes for SM3: the whole image, or header and payload only.
     pub(super) fn published(&self) -> &[u8] {
         let whole = self.writer.as_ref().map_or(0, |writer| writer.profile().pdo_bytes());
         let end =
@@ -196,7 +196,7 @@ impl TxPdoBuilder {
         self.shadow.get(..end).unwrap_or_default()
     }
 
-    /// Fault: leaves `seq_end` one behind `seq_begin`.
+    /// Fault: sets `seq_end` to one less than `seq_begin`.
     pub(super) fn tear(&mut self) {
         let seq_begin = self.shadow.get(2..4).map(|bytes| [bytes[0], bytes[1]]);
         if let (Some(begin), Some(seq_end)) = (seq_begin, self.shadow.get_mut(4..6)) {
@@ -304,7 +304,7 @@ fn pack_frames(
     }
 }
 
-/// The channel whose next frame was received first; the lower channel of two.
+/// Channel with the oldest waiting frame; the lower one of two.
 fn oldest(channels: &[Channel; CHANNELS], blocked: &[bool; CHANNELS]) -> Option<usize> {
     channels
         .iter()
@@ -316,8 +316,8 @@ fn oldest(channels: &[Channel; CHANNELS], blocked: &[bool; CHANNELS]) -> Option<
         .map(|(_, number)| number)
 }
 
-/// Microseconds from the time base to the reception, modulo 2^16; negative differences of
-/// frames left over from earlier cycles wrap.
+/// Microseconds from the time base to the reception, modulo 2^16. The negative difference of a
+/// frame from an earlier cycle wraps.
 fn delta_us(at_ns: u64, time_base_ns: u64) -> u16 {
     let [low, high, ..] = (at_ns / 1000).wrapping_sub(time_base_ns / 1000).to_le_bytes();
     u16::from_le_bytes([low, high])

@@ -1,4 +1,4 @@
-//! A gateway on the bench: SDO shorthand, one-call start-up to OP, and cycles without any
+//! A gateway on the fixture: SDO shorthand, one-call start-up to OP, and cycles without any
 //! EtherCAT frames or CAN bus around it.
 #![allow(dead_code)]
 
@@ -48,7 +48,7 @@ impl Fixture {
 
     pub fn preop_with(settings: GatewayModelConfig) -> Self {
         let profile = PdoProfile::default();
-        let mut bench = Self {
+        let mut fixture = Self {
             gateway: Gateway::new(settings, 1),
             now: 1_000 * MS,
             writer: ImageWriter::new(Direction::RxPdo, profile),
@@ -56,12 +56,12 @@ impl Fixture {
             image: vec![0; profile.pdo_bytes()],
             input: vec![0; profile.pdo_bytes()],
         };
-        bench.gateway.power(bench.now, true);
-        bench.pass(1_000 * MS);
-        bench.set_up_mailboxes();
-        bench.gateway.request_al_state(bench.now, AlState::PreOp);
-        assert_eq!(bench.gateway.al_state(), AlState::PreOp);
-        bench
+        fixture.gateway.power(fixture.now, true);
+        fixture.pass(1_000 * MS);
+        fixture.set_up_mailboxes();
+        fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+        assert_eq!(fixture.gateway.al_state(), AlState::PreOp);
+        fixture
     }
 
     /// As a master does in INIT.
@@ -73,9 +73,9 @@ impl Fixture {
 
     /// In OP with these profiles and all channels at 1 and 5 Mbit/s.
     pub fn op(tx: PdoProfile, rx: PdoProfile) -> Self {
-        let mut bench = Self::configured(tx, rx);
-        bench.start();
-        bench
+        let mut fixture = Self::configured(tx, rx);
+        fixture.start();
+        fixture
     }
 
     /// In PREOP with these profiles applied, sync managers set up and all channels running.
@@ -84,12 +84,12 @@ impl Fixture {
     }
 
     pub fn configured_with(settings: GatewayModelConfig, tx: PdoProfile, rx: PdoProfile) -> Self {
-        let mut bench = Self::preop_with(settings);
-        bench.apply_profiles(tx, rx);
+        let mut fixture = Self::preop_with(settings);
+        fixture.apply_profiles(tx, rx);
         for channel in 0..CHANNELS as u8 {
-            bench.apply_channel(channel, McanChannelConfig::fd(1_000_000, 5_000_000));
+            fixture.apply_channel(channel, McanChannelConfig::fd(1_000_000, 5_000_000));
         }
-        bench
+        fixture
     }
 
     pub fn apply_profiles(&mut self, tx: PdoProfile, rx: PdoProfile) {

@@ -24,7 +24,7 @@ fn call<A>(
 }
 
 #[test]
-fn what_is_no_handle_is_refused() {
+fn invalid_handle_is_rejected() {
     let (table, _) = simulated();
     for address in [0usize, 1, 0x5ECA_0000 - 16, usize::MAX & !15] {
         let master = std::ptr::without_provenance_mut(address);
@@ -66,7 +66,7 @@ fn handles_die_with_deactivation_and_release() {
 }
 
 #[test]
-fn a_panic_ends_as_an_error_of_the_call() {
+fn panic_ends_as_an_error_of_the_call() {
     assert_eq!(status(|| panic!("on purpose")), -libc::EIO);
     assert_eq!(byte_offset(|| panic!("on purpose")), -libc::EIO);
     assert!(data_or_null(|| panic!("on purpose")).is_null());

@@ -129,7 +129,7 @@ impl Controller {
         }
         let sm = &mut self.sync_managers[number];
         let progress = sm.write(at - sm.start(), data.len(), is_full);
-        if progress == Progress::Refused {
+        if progress == Progress::Rejected {
             if number == OUTPUTS {
                 context.gateway.count_rejected_access(true);
             }
@@ -168,7 +168,7 @@ impl Controller {
         let sm = &mut self.sync_managers[number];
         let (start, length) = (sm.start(), sm.length());
         let progress = sm.read(at - start, out.len(), is_full);
-        if progress == Progress::Refused {
+        if progress == Progress::Rejected {
             if number == INPUTS {
                 context.gateway.count_rejected_access(false);
             }

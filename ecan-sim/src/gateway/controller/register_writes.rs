@@ -1,14 +1,14 @@
-//! What writing a register does to an MCAN controller (manual 13.6), by the rules of the Bosch
-//! M_CAN core.
+//! Effect of register writes on an MCAN controller (manual 13.6), by the rules of the Bosch M_CAN
+//! core.
 //!
-//! CCCR.INIT takes the controller off its bus, with what it has to send waiting inside;
-//! CCCR.CCE, possible only then, opens the protected registers and empties FIFOs and queue. A
-//! write to a protected register while that is not so has no effect, as on the chip. Clearing INIT
-//! brings the controller back with what was changed: bit timing, delay compensation, modes,
-//! global filters. A controller that was never applied has no Message RAM and stays in INIT.
-//! Without a meaning here, kept and read back: the interrupt enables and lines, the RAM watchdog,
-//! the other bits of CCCR, and the acknowledge of transmit events, which the firmware takes at
-//! once. An add request finds nothing to add, since the firmware requests each frame itself.
+//! CCCR.INIT takes the controller off its bus; its unsent frames wait. CCCR.CCE, writable only
+//! then, unlocks the protected registers and empties FIFOs and queue. Otherwise a write to a
+//! protected register has no effect, as on the chip. Clearing INIT returns the controller to the
+//! bus with the changed bit timing, delay compensation, modes and global filters. A controller that
+//! was never applied has no Message RAM and stays in INIT. These are stored and read back without
+//! effect: interrupt enables and lines, the RAM watchdog, the other bits of CCCR, and the
+//! acknowledge of transmit events, which the firmware takes at once. An add request has no effect,
+//! because the firmware requests each frame itself.
 
 use ecan_protocol::can::{BitTiming, Phase};
 use ecan_protocol::config::NonMatch;
@@ -26,7 +26,7 @@ pub(super) mod cccr {
     pub(in super::super) const TEST: u32 = 1 << 7;
     pub(in super::super) const FDOE: u32 = 1 << 8;
     pub(in super::super) const BRSE: u32 = 1 << 9;
-    /// ASM, and what is above the bit rate switch.
+    /// ASM, and the bits above the bit rate switch.
     pub(in super::super) const KEPT: u32 = 1 << 2 | 0xFC00;
 }
 
@@ -38,12 +38,12 @@ const INTERRUPT_BITS: u32 = 0x3FFF_FFFF;
 const LINE_ENABLE_BITS: u32 = 3;
 const DBTP_DELAY_COMPENSATION: u32 = 1 << 23;
 
-/// Register contents since the last restart that the configuration does not tell.
+/// Written register values since the last restart that the configuration does not contain.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct WrittenRegisters {
     pub(super) is_stopped: bool,
     pub(super) may_change: bool,
-    /// CCCR but for INIT and CCE.
+    /// CCCR without INIT and CCE.
     pub(super) control: Option<u32>,
     pub(super) data_timing: Option<u32>,
     pub(super) nominal_timing: Option<u32>,
@@ -60,7 +60,7 @@ pub(super) struct WrittenRegisters {
     pub(super) event_acknowledge: u32,
 }
 
-/// Frames that a register write cost.
+/// Frames dropped by a register write.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(in crate::gateway) struct FramesDropped {
     pub(in crate::gateway) transmit: usize,
@@ -117,12 +117,12 @@ impl Controller {
         if init != self.written.is_stopped {
             self.written.is_stopped = init;
             self.generation = self.generation.wrapping_add(1);
-            // what was in arbitration has to go there once more
+            // the frame in arbitration must be sent again
             if let Some(frame) = self.in_flight.take() {
                 self.transmit.push_front(frame);
             }
         }
-        // CCE can be set once INIT has been, and goes with it
+        // CCE can be set after INIT, and is cleared with it
         let may_change = cce && was_stopped && self.is_stopped();
         if may_change && !self.written.may_change {
             dropped.transmit = self.flush_transmit();
@@ -145,7 +145,7 @@ impl Controller {
         self.take_modes_over();
     }
 
-    /// Brings the station's mode in line with CCCR and TEST.
+    /// Sets the station mode from CCCR and TEST.
     fn take_modes_over(&mut self) {
         let control = self.control_register();
         let loopback = self.test_register() & TEST_LOOPBACK != 0;
@@ -236,7 +236,7 @@ fn data_timing(value: u32) -> BitTiming {
     )
 }
 
-/// Segments that the core could not work with count as its shortest.
+/// Raises segments to the shortest that the core supports.
 fn clamp(phase: Phase, timing: BitTiming) -> BitTiming {
     let limits = phase.limits();
     BitTiming {

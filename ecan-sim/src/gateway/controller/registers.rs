@@ -1,5 +1,5 @@
-//! Status and configuration registers of an MCAN controller, laid out as in the Bosch M_CAN
-//! core; the manual names them but not their bits (manual 13.5, 13.6).
+//! Status and configuration registers of an MCAN controller, in the layout of the Bosch M_CAN core;
+//! the manual names them but not their bits (manual 13.5, 13.6).
 
 use ecan_protocol::can::{BitTiming, Phase};
 
@@ -53,7 +53,7 @@ impl Controller {
             | u32::from(self.is_transmit_full()) << 21
     }
 
-    /// TXEFS: always empty, the firmware takes each event at once.
+    /// TXEFS: always empty, because the firmware takes each event at once.
     pub(in crate::gateway) fn event_register(&self) -> u32 {
         0
     }
@@ -93,7 +93,7 @@ impl Controller {
         RECEIVE_PIN | self.written.test.unwrap_or(if loopback { TEST_LOOPBACK } else { 0 })
     }
 
-    /// What a register reads as; 0 for one that the model does not have.
+    /// Value of a register; 0 for one that the model does not have.
     pub(in crate::gateway) fn read_register(&self, offset: u16) -> u32 {
         match offset {
             offset::ENDIAN => 0x8765_4321,
@@ -144,7 +144,7 @@ impl Controller {
         timing | u32::from(config.tdc.is_some()) << 23
     }
 
-    /// TDCR: filter window and offset, the automatic ones resolved.
+    /// TDCR: filter window and offset; an automatic offset is computed.
     pub(in crate::gateway) fn delay_compensation_register(&self) -> u32 {
         if let Some(written) = self.written.delay_compensation {
             return written;

@@ -119,54 +119,54 @@ fn package(payload: usize) -> FirmwarePackage {
 }
 
 #[test]
-fn an_update_brings_the_new_version() {
-    let mut bench = Fixture::new(122);
-    assert_eq!(bench.version(), (vec![0, 0x02, 0x02, 0x01, 0x00], "2.2.1".to_owned()));
+fn update_brings_the_new_version() {
+    let mut fixture = Fixture::new(122);
+    assert_eq!(fixture.version(), (vec![0, 0x02, 0x02, 0x01, 0x00], "2.2.1".to_owned()));
     let file = package(20_000).to_bytes();
-    assert_eq!(bench.write(&file), message(4, 173, &[]));
-    assert_eq!(bench.version().1, "2.2.1", "until the restart");
-    bench.restart();
-    assert_eq!(bench.version(), (vec![0, 0x05, 0x03, 0x0E, 0x00], "3.5.14".to_owned()));
-    assert_eq!(bench.gateway.running_firmware(), file);
+    assert_eq!(fixture.write(&file), message(4, 173, &[]));
+    assert_eq!(fixture.version().1, "2.2.1", "until the restart");
+    fixture.restart();
+    assert_eq!(fixture.version(), (vec![0, 0x05, 0x03, 0x0E, 0x00], "3.5.14".to_owned()));
+    assert_eq!(fixture.gateway.running_firmware(), file);
 }
 
 #[test]
 fn bytes_of_a_write() {
-    let mut bench = Fixture::new(122);
+    let mut fixture = Fixture::new(122);
     let request = [
         0x02, 0x00, 0x00, 0x00, 0x00, 0x00, b'e', b'c', b'a', b'n', b'_', b'l', b'i', b't', b'e',
         b'_', b'a', b'p', b'p',
     ];
-    assert_eq!(bench.ask(&request), [0x04, 0x00, 0x00, 0x00, 0x00, 0x00]);
+    assert_eq!(fixture.ask(&request), [0x04, 0x00, 0x00, 0x00, 0x00, 0x00]);
     let file = package(0).to_bytes();
     assert_eq!(file[..16], [b'E', b'C', b'L', b'A', 32, 0, 0, 0, 0, 0, 0, 0, 0x0E, 0, 5, 3]);
     let mut data = vec![0x03, 0x00, 0x01, 0x00, 0x00, 0x00];
     data.extend(&file);
     // the partition is being erased
-    assert_eq!(bench.ask(&data), [0x06, 0x00, 0x00, 0x00, 100, 0x00]);
-    bench.now += 50 * MS;
-    assert_eq!(bench.ask(&data), [0x06, 0x00, 50, 0x00, 100, 0x00]);
-    bench.now += 50 * MS;
+    assert_eq!(fixture.ask(&data), [0x06, 0x00, 0x00, 0x00, 100, 0x00]);
+    fixture.now += 50 * MS;
+    assert_eq!(fixture.ask(&data), [0x06, 0x00, 50, 0x00, 100, 0x00]);
+    fixture.now += 50 * MS;
     // taken, being written
-    assert_eq!(bench.ask(&data), [0x06, 0x00, 0x00, 0x00, 100, 0x00]);
-    bench.now += 2 * MS;
-    assert_eq!(bench.ask(&data), [0x04, 0x00, 0x01, 0x00, 0x00, 0x00]);
-    bench.restart();
-    assert_eq!(bench.version().1, "3.5.14");
+    assert_eq!(fixture.ask(&data), [0x06, 0x00, 0x00, 0x00, 100, 0x00]);
+    fixture.now += 2 * MS;
+    assert_eq!(fixture.ask(&data), [0x04, 0x00, 0x01, 0x00, 0x00, 0x00]);
+    fixture.restart();
+    assert_eq!(fixture.version().1, "3.5.14");
 }
 
 #[test]
-fn a_full_last_packet_is_followed_by_an_empty_one() {
-    let mut bench = Fixture::new(70);
+fn full_last_packet_is_followed_by_an_empty_one() {
+    let mut fixture = Fixture::new(70);
     // 32 bytes of header and 96 of payload are two packets of 64
     let file = package(96).to_bytes();
-    assert_eq!(bench.write(&file), message(4, 3, &[]));
-    bench.restart();
-    assert_eq!(bench.gateway.running_firmware(), file);
+    assert_eq!(fixture.write(&file), message(4, 3, &[]));
+    fixture.restart();
+    assert_eq!(fixture.gateway.running_firmware(), file);
 }
 
 #[test]
-fn wrong_packages_are_refused_and_leave_the_version() {
+fn wrong_package_is_rejected_and_keeps_the_version() {
     let good = package(500);
     let changed = |at: usize| {
         let mut file = good.to_bytes();
@@ -186,162 +186,162 @@ fn wrong_packages_are_refused_and_leave_the_version() {
         (changed(400), 0x800C),
         (FirmwarePackage::new(7, 1, vec![1]).to_bytes(), 0x800D),
     ];
-    let mut bench = Fixture::new(122);
+    let mut fixture = Fixture::new(122);
     for (number, (file, code)) in cases.into_iter().enumerate() {
-        assert_eq!(bench.write(&file), error(code, "OTA verify failed"), "{number}");
+        assert_eq!(fixture.write(&file), error(code, "OTA verify failed"), "{number}");
         let mut out = Vec::new();
-        bench.gateway.sdo_upload(bench.now, 0xB000, 11, &mut out).unwrap();
+        fixture.gateway.sdo_upload(fixture.now, 0xB000, 11, &mut out).unwrap();
         assert_eq!(out, code.to_le_bytes());
-        bench.gateway.sdo_upload(bench.now, 0xB000, 9, &mut out).unwrap();
+        fixture.gateway.sdo_upload(fixture.now, 0xB000, 9, &mut out).unwrap();
         assert_eq!(out, (file.len() as u32).to_le_bytes());
-        bench.now += 1_000 * MS;
-        bench.gateway.advance(bench.now);
-        assert!(bench.gateway.is_responding(), "no restart");
+        fixture.now += 1_000 * MS;
+        fixture.gateway.advance(fixture.now);
+        assert!(fixture.gateway.is_responding(), "no restart");
     }
-    assert_eq!(bench.version().1, "2.2.1");
-    assert_eq!(bench.write(&good.to_bytes())[0], 4, "a good one works after all");
+    assert_eq!(fixture.version().1, "2.2.1");
+    assert_eq!(fixture.write(&good.to_bytes())[0], 4, "a good one works after all");
 }
 
 #[test]
-fn requests_are_refused_by_name_and_password() {
-    let mut bench = Fixture::new(122);
+fn requests_are_rejected_by_name_and_password() {
+    let mut fixture = Fixture::new(122);
     for opcode in [1, 2] {
         for name in [&b"ecan_lite"[..], b"", b"ecan_lite_app2", b"ECAN_LITE_APP"] {
-            assert_eq!(bench.open(opcode, 0, name), error(0x8001, "File not found"));
+            assert_eq!(fixture.open(opcode, 0, name), error(0x8001, "File not found"));
         }
-        assert_eq!(bench.open(opcode, 1, NAME), error(0x800A, "Password invalid"));
-        assert_eq!(bench.data(1, &[1]).0, error(0x8004, "Illegal operation"), "nothing is open");
+        assert_eq!(fixture.open(opcode, 1, NAME), error(0x800A, "Password invalid"));
+        assert_eq!(fixture.data(1, &[1]).0, error(0x8004, "Illegal operation"), "nothing is open");
     }
-    assert_eq!(bench.open(2, 0, b"ecan_lite_app\0\0")[0], 4, "padded");
-    assert_eq!(bench.ask(&[]), error(0x8004, "Illegal operation"));
-    assert_eq!(bench.ask(&message(9, 0, &[])), error(0x8004, "Illegal operation"));
-    assert_eq!(bench.ask(&message(4, 0, &[])), error(0x8004, "Illegal operation"));
+    assert_eq!(fixture.open(2, 0, b"ecan_lite_app\0\0")[0], 4, "padded");
+    assert_eq!(fixture.ask(&[]), error(0x8004, "Illegal operation"));
+    assert_eq!(fixture.ask(&message(9, 0, &[])), error(0x8004, "Illegal operation"));
+    assert_eq!(fixture.ask(&message(4, 0, &[])), error(0x8004, "Illegal operation"));
 }
 
 #[test]
 fn repeated_and_skipped_packets_end_the_transfer() {
     for wrong in [0, 1, 3] {
-        let mut bench = Fixture::new(122);
-        bench.open(2, 0, NAME);
-        assert_eq!(bench.data(1, &[0; 116]).0[0], 4);
-        assert_eq!(bench.data(wrong, &[0; 116]).0, error(0x8005, "Packet number wrong"));
-        assert_eq!(bench.data(2, &[0; 116]).0, error(0x8004, "Illegal operation"));
+        let mut fixture = Fixture::new(122);
+        fixture.open(2, 0, NAME);
+        assert_eq!(fixture.data(1, &[0; 116]).0[0], 4);
+        assert_eq!(fixture.data(wrong, &[0; 116]).0, error(0x8005, "Packet number wrong"));
+        assert_eq!(fixture.data(2, &[0; 116]).0, error(0x8004, "Illegal operation"));
     }
 }
 
 #[test]
-fn the_flash_makes_the_master_wait_or_fail() {
-    let mut bench = Fixture::new(1 << 13);
-    bench.open(2, 0, NAME);
-    assert_eq!(bench.data(1, &[0; (1 << 13) - 6]).1, 100, "erasing");
-    assert_eq!(bench.data(2, &[0; (1 << 13) - 6]).1, 2, "one sector written, the rest kept");
+fn flash_makes_the_master_wait_or_fail() {
+    let mut fixture = Fixture::new(1 << 13);
+    fixture.open(2, 0, NAME);
+    assert_eq!(fixture.data(1, &[0; (1 << 13) - 6]).1, 100, "erasing");
+    assert_eq!(fixture.data(2, &[0; (1 << 13) - 6]).1, 2, "one sector written, the rest kept");
     for failing in 0..3 {
-        let mut bench = Fixture::new(4096);
+        let mut fixture = Fixture::new(4096);
         if failing == 0 {
-            bench.gateway.inject(bench.now, GatewayFault::FlashFailure { times: 1 });
-            assert_eq!(bench.open(2, 0, NAME), error(0x8011, "file write fail"));
+            fixture.gateway.inject(fixture.now, GatewayFault::FlashFailure { times: 1 });
+            assert_eq!(fixture.open(2, 0, NAME), error(0x8011, "file write fail"));
             continue;
         }
-        bench.open(2, 0, NAME);
-        let (answer, _) = bench.data(1, &[0; 4090]);
+        fixture.open(2, 0, NAME);
+        let (answer, _) = fixture.data(1, &[0; 4090]);
         assert_eq!(answer[0], 4);
-        bench.gateway.inject(bench.now, GatewayFault::FlashFailure { times: 1 });
+        fixture.gateway.inject(fixture.now, GatewayFault::FlashFailure { times: 1 });
         let length = if failing == 1 { 4090 } else { 3 };
-        assert_eq!(bench.data(2, &vec![0; length]).0, error(0x8011, "file write fail"));
+        assert_eq!(fixture.data(2, &vec![0; length]).0, error(0x8011, "file write fail"));
     }
 }
 
 #[test]
 fn bootstrap_takes_firmware_too() {
-    let mut bench = Fixture::new(122);
-    bench.gateway.request_al_state(bench.now, AlState::Init);
-    bench.gateway.request_al_state(bench.now, AlState::Boot);
-    assert_eq!(bench.gateway.al_state(), AlState::Boot);
-    assert_eq!(bench.write(&package(100).to_bytes())[0], 4);
-    bench.restart();
-    assert_eq!(bench.version().1, "3.5.14");
+    let mut fixture = Fixture::new(122);
+    fixture.gateway.request_al_state(fixture.now, AlState::Init);
+    fixture.gateway.request_al_state(fixture.now, AlState::Boot);
+    assert_eq!(fixture.gateway.al_state(), AlState::Boot);
+    assert_eq!(fixture.write(&package(100).to_bytes())[0], 4);
+    fixture.restart();
+    assert_eq!(fixture.version().1, "3.5.14");
 }
 
 #[test]
-fn a_file_too_big_for_the_partition_is_refused() {
-    let mut bench = Fixture::new(60_000);
-    assert_eq!(bench.write(&vec![0; 512 * 1024 + 1]), error(0x8003, "file write fail"));
+fn file_larger_than_the_partition_is_rejected() {
+    let mut fixture = Fixture::new(60_000);
+    assert_eq!(fixture.write(&vec![0; 512 * 1024 + 1]), error(0x8003, "file write fail"));
 }
 
 #[test]
 fn interrupted_updates_leave_the_running_version() {
     let file = package(3_000).to_bytes();
-    let begin = |bench: &mut Fixture| {
-        bench.open(2, 0, NAME);
-        assert_eq!(bench.data(1, &file[..116]).0[0], 4);
+    let begin = |fixture: &mut Fixture| {
+        fixture.open(2, 0, NAME);
+        assert_eq!(fixture.data(1, &file[..116]).0[0], 4);
     };
     // the supply goes
-    let mut bench = Fixture::new(122);
-    begin(&mut bench);
-    bench.gateway.power(bench.now, false);
-    bench.server = FoeServer::new();
-    bench.gateway.power(bench.now, true);
-    bench.now += 300 * MS;
-    bench.gateway.set_up_mailboxes();
-    bench.gateway.request_al_state(bench.now, AlState::PreOp);
-    assert_eq!(bench.version().1, "2.2.1");
+    let mut fixture = Fixture::new(122);
+    begin(&mut fixture);
+    fixture.gateway.power(fixture.now, false);
+    fixture.server = FoeServer::new();
+    fixture.gateway.power(fixture.now, true);
+    fixture.now += 300 * MS;
+    fixture.gateway.set_up_mailboxes();
+    fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+    assert_eq!(fixture.version().1, "2.2.1");
     // the master gives up, changes its mind, or leaves the mailbox states
-    begin(&mut bench);
-    assert_eq!(bench.ask(&message(5, 0x8000, b"stop")), []);
-    assert_eq!(bench.data(2, &[]).0, error(0x8004, "Illegal operation"));
-    begin(&mut bench);
-    bench.gateway.request_al_state(bench.now, AlState::Init);
-    bench.gateway.set_up_mailboxes();
-    bench.gateway.request_al_state(bench.now, AlState::PreOp);
-    assert_eq!(bench.data(2, &[]).0, error(0x8004, "Illegal operation"));
-    begin(&mut bench);
-    assert_eq!(bench.write(&file), message(4, 27, &[]));
+    begin(&mut fixture);
+    assert_eq!(fixture.ask(&message(5, 0x8000, b"stop")), []);
+    assert_eq!(fixture.data(2, &[]).0, error(0x8004, "Illegal operation"));
+    begin(&mut fixture);
+    fixture.gateway.request_al_state(fixture.now, AlState::Init);
+    fixture.gateway.set_up_mailboxes();
+    fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+    assert_eq!(fixture.data(2, &[]).0, error(0x8004, "Illegal operation"));
+    begin(&mut fixture);
+    assert_eq!(fixture.write(&file), message(4, 27, &[]));
     // and nothing more until the restart
-    assert_eq!(bench.open(2, 0, NAME), error(0x8002, "Access denied"));
+    assert_eq!(fixture.open(2, 0, NAME), error(0x8002, "Access denied"));
     // the supply goes before the restart: the verified version runs
-    bench.gateway.power(bench.now, false);
-    bench.gateway.power(bench.now, true);
-    bench.now += 300 * MS;
-    bench.gateway.set_up_mailboxes();
-    bench.gateway.request_al_state(bench.now, AlState::PreOp);
-    assert_eq!(bench.version().1, "3.5.14");
-    bench.now += 1_000 * MS;
-    bench.gateway.advance(bench.now);
-    assert!(bench.gateway.is_responding(), "restarted once");
+    fixture.gateway.power(fixture.now, false);
+    fixture.gateway.power(fixture.now, true);
+    fixture.now += 300 * MS;
+    fixture.gateway.set_up_mailboxes();
+    fixture.gateway.request_al_state(fixture.now, AlState::PreOp);
+    assert_eq!(fixture.version().1, "3.5.14");
+    fixture.now += 1_000 * MS;
+    fixture.gateway.advance(fixture.now);
+    assert!(fixture.gateway.is_responding(), "restarted once");
 }
 
 #[test]
-fn the_running_package_is_read_back() {
+fn running_package_is_read_back() {
     for room in [7, 38, 70, 122, 1000] {
-        let mut bench = Fixture::new(room);
+        let mut fixture = Fixture::new(room);
         let mut file = Vec::new();
-        let mut answer = bench.open(1, 0, NAME);
+        let mut answer = fixture.open(1, 0, NAME);
         for number in 1.. {
             assert_eq!(answer[..6], message(3, number, &[]));
-            let again = bench.ask(&message(6, 0, &[]));
+            let again = fixture.ask(&message(6, 0, &[]));
             assert_eq!(again, answer, "a busy master gets the packet again");
             file.extend(&answer[6..]);
             let is_last = answer.len() < room;
-            answer = bench.ask(&message(4, number, &[]));
+            answer = fixture.ask(&message(4, number, &[]));
             if is_last {
                 break;
             }
         }
         assert_eq!(answer, []);
-        assert_eq!(file, bench.gateway.running_firmware());
+        assert_eq!(file, fixture.gateway.running_firmware());
         assert_eq!(FirmwarePackage::parse(&file).unwrap().version(), 0x0202_0001);
     }
-    let mut bench = Fixture::new(38);
-    bench.open(1, 0, NAME);
-    assert_eq!(bench.ask(&message(4, 2, &[])), error(0x8005, "Packet number wrong"));
+    let mut fixture = Fixture::new(38);
+    fixture.open(1, 0, NAME);
+    assert_eq!(fixture.ask(&message(4, 2, &[])), error(0x8005, "Packet number wrong"));
 }
 
 #[test]
-fn answers_fit_the_mailbox() {
+fn responses_fit_the_mailbox() {
     for room in 0..40 {
-        let mut bench = Fixture::new(room);
-        assert!(bench.open(1, 1, NAME).len() <= room);
-        assert!(bench.open(1, 0, NAME).len() <= room);
+        let mut fixture = Fixture::new(room);
+        assert!(fixture.open(1, 1, NAME).len() <= room);
+        assert!(fixture.open(1, 0, NAME).len() <= room);
     }
 }
 
@@ -364,10 +364,10 @@ proptest! {
         room in 0usize..200,
         messages in proptest::collection::vec((any_message(), 0u64..200), 0..40),
     ) {
-        let mut bench = Fixture::new(room);
+        let mut fixture = Fixture::new(room);
         for (message, pause) in messages {
-            bench.now += pause * MS;
-            let answer = bench.ask(&message);
+            fixture.now += pause * MS;
+            let answer = fixture.ask(&message);
             prop_assert!(answer.len() <= room);
             prop_assert!(answer.is_empty() || (3..=6).contains(&answer[0]));
         }

@@ -2,11 +2,11 @@
 
 use ecan_protocol::object::AbortCode;
 
-use super::bench::{Fixture, abort_in, coe, info};
+use super::fixture::{Fixture, abort_in, coe, info};
 use crate::gateway::GatewayFault;
 
 #[test]
-fn requests_that_begin_a_transfer() {
+fn initiating_requests_are_checked() {
     let cases: [(&str, &[u8], AbortCode); 22] = [
         ("specifier 5", &[0xA0, 0, 0xF0, 2, 0, 0, 0, 0], AbortCode::COMMAND),
         ("specifier 6", &[0xC0, 0, 0xF0, 2, 0, 0, 0, 0], AbortCode::COMMAND),
@@ -32,15 +32,15 @@ fn requests_that_begin_a_transfer() {
         ("segments for no subindex", &[0x21, 0, 0xF0, 33, 9, 0, 0, 0], AbortCode::NO_SUBINDEX),
     ];
     for (what, sdo, code) in cases {
-        let mut bench = Fixture::preop();
+        let mut fixture = Fixture::preop();
         let mut body = vec![0x00, 0x20];
         body.extend_from_slice(sdo);
-        let answer = bench.coe(&body);
+        let answer = fixture.coe(&body);
         assert_eq!(abort_in(&answer), Some(code), "{what}: {answer:02X?}");
         if !matches!(sdo[0] >> 5, 0 | 3) {
             assert_eq!(answer[3..6], sdo[1..4], "{what}: the abort names the entry");
         }
-        assert_eq!(bench.upload(0xF000, 2, false), Ok(vec![4]), "{what}: the next is served");
+        assert_eq!(fixture.upload(0xF000, 2, false), Ok(vec![4]), "{what}: the next is served");
     }
 }
 
@@ -63,17 +63,17 @@ fn segments_of_a_download() {
         ("the other direction", &seven(0x60), AbortCode::COMMAND),
     ];
     for (what, segment, code) in cases {
-        let mut bench = Fixture::preop();
-        assert_eq!(abort_in(&bench.coe(&BEGIN_DOWNLOAD)), None);
-        let answer = bench.coe(segment);
+        let mut fixture = Fixture::preop();
+        assert_eq!(abort_in(&fixture.coe(&BEGIN_DOWNLOAD)), None);
+        let answer = fixture.coe(segment);
         assert_eq!(abort_in(&answer), Some(code), "{what}");
         assert_eq!(answer[3..6], [0x00, 0x70, 0x01], "{what}");
         assert_eq!(
-            bench.abort_of(&seven(0x00)),
+            fixture.abort_of(&seven(0x00)),
             AbortCode::COMMAND,
             "{what}: the transfer is over"
         );
-        assert_eq!(bench.value(0x7000, 1), [0; 16], "{what}: nothing was written");
+        assert_eq!(fixture.value(0x7000, 1), [0; 16], "{what}: nothing was written");
     }
 }
 
@@ -81,44 +81,44 @@ fn segments_of_a_download() {
 fn segments_of_an_upload() {
     let cases = [("wrong toggle", 0x70, AbortCode::TOGGLE), ("down", 0x00, AbortCode::COMMAND)];
     for (what, command, code) in cases {
-        let mut bench = Fixture::with_mailbox(20);
-        let first = bench.coe(&[0x00, 0x20, 0x40, 0x00, 0x60, 0x01, 0, 0, 0, 0]);
+        let mut fixture = Fixture::with_mailbox(20);
+        let first = fixture.coe(&[0x00, 0x20, 0x40, 0x00, 0x60, 0x01, 0, 0, 0, 0]);
         assert_eq!(first[6..10], [16, 0, 0, 0]);
-        assert_eq!(bench.abort_of(&[0x00, 0x20, command, 0, 0, 0, 0, 0, 0, 0]), code, "{what}");
-        let again = bench.abort_of(&[0x00, 0x20, 0x60, 0, 0, 0, 0, 0, 0, 0]);
+        assert_eq!(fixture.abort_of(&[0x00, 0x20, command, 0, 0, 0, 0, 0, 0, 0]), code, "{what}");
+        let again = fixture.abort_of(&[0x00, 0x20, 0x60, 0, 0, 0, 0, 0, 0, 0]);
         assert_eq!(again, AbortCode::COMMAND, "{what}: the transfer is over");
     }
 }
 
 #[test]
-fn the_client_aborts_in_the_middle() {
-    let mut bench = Fixture::preop();
-    bench.coe(&BEGIN_DOWNLOAD);
-    bench.write(&coe(&[0x00, 0x20, 0x80, 0x00, 0x70, 0x01, 0, 0, 0, 8]));
-    assert_eq!(bench.server.next_ready(), None, "an abort has no answer");
+fn client_abort_ends_the_transfer() {
+    let mut fixture = Fixture::preop();
+    fixture.coe(&BEGIN_DOWNLOAD);
+    fixture.write(&coe(&[0x00, 0x20, 0x80, 0x00, 0x70, 0x01, 0, 0, 0, 8]));
+    assert_eq!(fixture.server.next_ready(), None, "an abort has no answer");
     let segment = [0x00, 0x20, 0x01, 1, 2, 3, 4, 5, 6, 7];
-    assert_eq!(bench.abort_of(&segment), AbortCode::COMMAND);
-    assert_eq!(bench.value(0x7000, 1), [0; 16]);
+    assert_eq!(fixture.abort_of(&segment), AbortCode::COMMAND);
+    assert_eq!(fixture.value(0x7000, 1), [0; 16]);
 }
 
 #[test]
-fn a_new_transfer_ends_the_one_before() {
-    let mut bench = Fixture::preop();
-    bench.coe(&BEGIN_DOWNLOAD);
-    assert_eq!(bench.upload(0xF000, 2, false), Ok(vec![4]));
+fn new_transfer_ends_the_one_before() {
+    let mut fixture = Fixture::preop();
+    fixture.coe(&BEGIN_DOWNLOAD);
+    assert_eq!(fixture.upload(0xF000, 2, false), Ok(vec![4]));
     let segment = [0x00, 0x20, 0x00, 1, 2, 3, 4, 5, 6, 7];
-    assert_eq!(bench.abort_of(&segment), AbortCode::COMMAND);
+    assert_eq!(fixture.abort_of(&segment), AbortCode::COMMAND);
 }
 
 #[test]
-fn an_injected_abort_reaches_the_master() {
-    let mut bench = Fixture::preop();
+fn injected_abort_reaches_the_master() {
+    let mut fixture = Fixture::preop();
     let fault = GatewayFault::SdoAbort { index: 0xF000, subindex: 2, code: 0x0800_0021, times: 1 };
-    bench.gateway.inject(bench.now, fault);
-    assert_eq!(bench.upload(0xF000, 2, false), Err(AbortCode::LOCAL_CONTROL));
-    bench.gateway.inject(bench.now, fault);
-    assert_eq!(bench.upload(0xF000, 1, true), Err(AbortCode::LOCAL_CONTROL));
-    assert_eq!(bench.upload(0xF000, 2, false), Ok(vec![4]));
+    fixture.gateway.inject(fixture.now, fault);
+    assert_eq!(fixture.upload(0xF000, 2, false), Err(AbortCode::LOCAL_CONTROL));
+    fixture.gateway.inject(fixture.now, fault);
+    assert_eq!(fixture.upload(0xF000, 1, true), Err(AbortCode::LOCAL_CONTROL));
+    assert_eq!(fixture.upload(0xF000, 2, false), Ok(vec![4]));
 }
 
 #[test]
@@ -132,9 +132,9 @@ fn errors_of_sdo_information() {
         ("a response", info(2, &[1, 0]), AbortCode::COMMAND),
     ];
     for (what, request, code) in cases {
-        let mut bench = Fixture::preop();
+        let mut fixture = Fixture::preop();
         let mut expected = vec![0x00, 0x80, 7, 0, 0, 0];
         expected.extend_from_slice(&code.0.to_le_bytes());
-        assert_eq!(bench.coe(&request), expected, "{what}");
+        assert_eq!(fixture.coe(&request), expected, "{what}");
     }
 }

@@ -1,11 +1,11 @@
 //! Every service byte by byte, written by hand from ETG.1000.4 and ETG.1000.6.
 
-use super::bench::{Fixture, MS};
+use super::fixture::{Fixture, MS};
 use crate::bus::ErrorState;
 
 #[test]
-fn an_expedited_upload_as_igh_sends_it() {
-    let mut bench = Fixture::preop();
+fn expedited_upload_as_igh_sends_it() {
+    let mut fixture = Fixture::preop();
     // 10 bytes, to station 0x1001, CoE without counter; SDO request; upload 0xF000:2
     let request = [
         0x0A, 0x00, 0x01, 0x10, 0x00, 0x03, 0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0x00, 0x00, 0x00,
@@ -16,93 +16,93 @@ fn an_expedited_upload_as_igh_sends_it() {
         0x0A, 0x00, 0x01, 0x10, 0x00, 0x13, 0x00, 0x30, 0x4F, 0x00, 0xF0, 0x02, 0x04, 0x00, 0x00,
         0x00,
     ];
-    assert_eq!(bench.exchange(&request), response);
+    assert_eq!(fixture.exchange(&request), response);
 }
 
 #[test]
 fn expedited_uploads_of_two_and_four_bytes() {
-    let mut bench = Fixture::preop();
-    let wide = bench.coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x0D, 0, 0, 0, 0]);
+    let mut fixture = Fixture::preop();
+    let wide = fixture.coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x0D, 0, 0, 0, 0]);
     assert_eq!(wide, [0x00, 0x30, 0x4B, 0x00, 0xF0, 0x0D, 0x00, 0x0C, 0x00, 0x00]);
-    let long = bench.coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x10, 0, 0, 0, 0]);
+    let long = fixture.coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x10, 0, 0, 0, 0]);
     assert_eq!(long, [0x00, 0x30, 0x43, 0x00, 0xF0, 0x10, 0x3B, 0x1F, 0x00, 0x00]);
 }
 
 #[test]
-fn a_normal_upload() {
-    let mut bench = Fixture::preop();
-    let name = bench.coe(&[0x00, 0x20, 0x40, 0x08, 0x10, 0x00, 0, 0, 0, 0]);
+fn normal_upload_matches_golden_bytes() {
+    let mut fixture = Fixture::preop();
+    let name = fixture.coe(&[0x00, 0x20, 0x40, 0x08, 0x10, 0x00, 0, 0, 0, 0]);
     let mut expected = vec![0x00, 0x30, 0x41, 0x08, 0x10, 0x00, 0x09, 0x00, 0x00, 0x00];
     expected.extend_from_slice(b"ECAN-Lite");
     assert_eq!(name, expected);
 }
 
 #[test]
-fn segmented_upload_returns_value() {
+fn segmented_upload_matches_golden_bytes() {
     // room for 4 bytes in the first message, for 11 in a segment
-    let mut bench = Fixture::with_mailbox(20);
-    bench.download(0x7000, 1, false, b"0123456789ABCDEF").unwrap();
-    let first = bench.coe(&[0x00, 0x20, 0x40, 0x00, 0x70, 0x01, 0, 0, 0, 0]);
+    let mut fixture = Fixture::with_mailbox(20);
+    fixture.download(0x7000, 1, false, b"0123456789ABCDEF").unwrap();
+    let first = fixture.coe(&[0x00, 0x20, 0x40, 0x00, 0x70, 0x01, 0, 0, 0, 0]);
     let mut expected = vec![0x00, 0x30, 0x41, 0x00, 0x70, 0x01, 0x10, 0x00, 0x00, 0x00];
     expected.extend_from_slice(b"0123");
     assert_eq!(first, expected);
-    let second = bench.coe(&[0x00, 0x20, 0x60, 0, 0, 0, 0, 0, 0, 0]);
+    let second = fixture.coe(&[0x00, 0x20, 0x60, 0, 0, 0, 0, 0, 0, 0]);
     let mut expected = vec![0x00, 0x30, 0x00];
     expected.extend_from_slice(b"456789ABCDE");
     assert_eq!(second, expected);
     // one byte in a segment of seven: six unused, last
-    let third = bench.coe(&[0x00, 0x20, 0x70, 0, 0, 0, 0, 0, 0, 0]);
+    let third = fixture.coe(&[0x00, 0x20, 0x70, 0, 0, 0, 0, 0, 0, 0]);
     assert_eq!(third, [0x00, 0x30, 0x1D, b'F', 0, 0, 0, 0, 0, 0]);
 }
 
 #[test]
 fn expedited_downloads_with_and_without_size() {
-    let mut bench = Fixture::preop();
+    let mut fixture = Fixture::preop();
     // 0x8000:3 := 1200, two bytes
-    let indicated = bench.coe(&[0x00, 0x20, 0x2B, 0x00, 0x80, 0x03, 0xB0, 0x04, 0x00, 0x00]);
+    let indicated = fixture.coe(&[0x00, 0x20, 0x2B, 0x00, 0x80, 0x03, 0xB0, 0x04, 0x00, 0x00]);
     assert_eq!(indicated, [0x00, 0x30, 0x60, 0x00, 0x80, 0x03, 0, 0, 0, 0]);
-    assert_eq!(bench.value(0x8000, 3), [0xB0, 0x04]);
+    assert_eq!(fixture.value(0x8000, 3), [0xB0, 0x04]);
     // 0x8000:3 := 1275, as many bytes as the entry has
-    let unsaid = bench.coe(&[0x00, 0x20, 0x22, 0x00, 0x80, 0x03, 0xFB, 0x04, 0x55, 0x55]);
+    let unsaid = fixture.coe(&[0x00, 0x20, 0x22, 0x00, 0x80, 0x03, 0xFB, 0x04, 0x55, 0x55]);
     assert_eq!(unsaid, [0x00, 0x30, 0x60, 0x00, 0x80, 0x03, 0, 0, 0, 0]);
-    assert_eq!(bench.value(0x8000, 3), [0xFB, 0x04]);
+    assert_eq!(fixture.value(0x8000, 3), [0xFB, 0x04]);
 }
 
 #[test]
-fn a_normal_download() {
-    let mut bench = Fixture::preop();
+fn normal_download_matches_golden_bytes() {
+    let mut fixture = Fixture::preop();
     let mut body = vec![0x00, 0x20, 0x21, 0x10, 0x70, 0x01, 0x10, 0x00, 0x00, 0x00];
     body.extend_from_slice(b"0123456789ABCDEF");
-    assert_eq!(bench.coe(&body), [0x00, 0x30, 0x60, 0x10, 0x70, 0x01, 0, 0, 0, 0]);
-    assert_eq!(bench.value(0x7010, 1), b"0123456789ABCDEF");
+    assert_eq!(fixture.coe(&body), [0x00, 0x30, 0x60, 0x10, 0x70, 0x01, 0, 0, 0, 0]);
+    assert_eq!(fixture.value(0x7010, 1), b"0123456789ABCDEF");
 }
 
 #[test]
-fn segmented_download_writes_value() {
-    let mut bench = Fixture::preop();
+fn segmented_download_matches_golden_bytes() {
+    let mut fixture = Fixture::preop();
     let mut body = vec![0x00, 0x20, 0x21, 0x10, 0x70, 0x01, 0x10, 0x00, 0x00, 0x00];
     body.extend_from_slice(b"0123");
-    assert_eq!(bench.coe(&body), [0x00, 0x30, 0x60, 0x10, 0x70, 0x01, 0, 0, 0, 0]);
-    let second = bench.coe(&[0x00, 0x20, 0x00, b'4', b'5', b'6', b'7', b'8', b'9', b'A']);
+    assert_eq!(fixture.coe(&body), [0x00, 0x30, 0x60, 0x10, 0x70, 0x01, 0, 0, 0, 0]);
+    let second = fixture.coe(&[0x00, 0x20, 0x00, b'4', b'5', b'6', b'7', b'8', b'9', b'A']);
     assert_eq!(second, [0x00, 0x30, 0x20, 0, 0, 0, 0, 0, 0, 0]);
-    assert_eq!(bench.value(0x7010, 1), [0; 16], "nothing before the last segment");
+    assert_eq!(fixture.value(0x7010, 1), [0; 16], "nothing before the last segment");
     // five bytes of seven, last, toggled
-    let third = bench.coe(&[0x00, 0x20, 0x15, b'B', b'C', b'D', b'E', b'F', 9, 9]);
+    let third = fixture.coe(&[0x00, 0x20, 0x15, b'B', b'C', b'D', b'E', b'F', 9, 9]);
     assert_eq!(third, [0x00, 0x30, 0x30, 0, 0, 0, 0, 0, 0, 0]);
-    assert_eq!(bench.value(0x7010, 1), b"0123456789ABCDEF");
+    assert_eq!(fixture.value(0x7010, 1), b"0123456789ABCDEF");
 }
 
 #[test]
-fn an_abort_of_the_server() {
-    let mut bench = Fixture::preop();
-    let answer = bench.coe(&[0x00, 0x20, 0x40, 0x34, 0x12, 0x05, 0, 0, 0, 0]);
+fn abort_of_the_server() {
+    let mut fixture = Fixture::preop();
+    let answer = fixture.coe(&[0x00, 0x20, 0x40, 0x34, 0x12, 0x05, 0, 0, 0, 0]);
     assert_eq!(answer, [0x00, 0x20, 0x80, 0x34, 0x12, 0x05, 0x00, 0x00, 0x02, 0x06]);
 }
 
 #[test]
-fn a_complete_upload() {
-    let mut bench = Fixture::preop();
-    let answer = bench.coe(&[0x00, 0x20, 0x50, 0x18, 0x10, 0x00, 0, 0, 0, 0]);
+fn complete_upload() {
+    let mut fixture = Fixture::preop();
+    let answer = fixture.coe(&[0x00, 0x20, 0x50, 0x18, 0x10, 0x00, 0, 0, 0, 0]);
     let expected = [
         0x00, 0x30, 0x51, 0x18, 0x10, 0x00, 0x12, 0x00, 0x00, 0x00, // 18 bytes
         0x04, 0x00, // subindex 0 and its filling
@@ -115,21 +115,21 @@ fn a_complete_upload() {
 }
 
 #[test]
-fn a_complete_download_of_an_assignment() {
-    let mut bench = Fixture::preop();
-    let answer = bench.coe(&[
+fn complete_download_of_an_assignment() {
+    let mut fixture = Fixture::preop();
+    let answer = fixture.coe(&[
         0x00, 0x20, 0x31, 0x12, 0x1C, 0x00, 0x06, 0x00, 0x00, 0x00, // 6 bytes
         0x02, 0x00, 0x00, 0x16, 0x01, 0x16,
     ]);
     assert_eq!(answer, [0x00, 0x30, 0x70, 0x12, 0x1C, 0x00, 0, 0, 0, 0]);
-    assert_eq!(bench.value(0x1C12, 0), [2]);
-    assert_eq!(bench.value(0x1C12, 2), [0x01, 0x16]);
+    assert_eq!(fixture.value(0x1C12, 0), [2]);
+    assert_eq!(fixture.value(0x1C12, 2), [0x01, 0x16]);
 }
 
 #[test]
 fn lengths_of_the_object_lists() {
-    let mut bench = Fixture::preop();
-    let answer = bench.coe(&[0x00, 0x80, 0x01, 0x00, 0x00, 0x00, 0x00, 0x00]);
+    let mut fixture = Fixture::preop();
+    let answer = fixture.coe(&[0x00, 0x80, 0x01, 0x00, 0x00, 0x00, 0x00, 0x00]);
     assert_eq!(answer[..8], [0x00, 0x80, 0x02, 0x00, 0x00, 0x00, 0x00, 0x00]);
     // 192 output units and 192 input units
     assert_eq!(answer[10..14], [0xC0, 0x00, 0xC0, 0x00]);
@@ -137,71 +137,71 @@ fn lengths_of_the_object_lists() {
 }
 
 #[test]
-fn a_list_in_two_fragments() {
+fn list_in_two_fragments() {
     // 0x8000..0x8004, 0x8010, 0x8011, 0x8020..0x8024 are to be saved: room for nine numbers
-    let mut bench = Fixture::with_mailbox(30);
-    let first = bench.coe(&[0x00, 0x80, 0x01, 0x00, 0x00, 0x00, 0x04, 0x00]);
+    let mut fixture = Fixture::with_mailbox(30);
+    let first = fixture.coe(&[0x00, 0x80, 0x01, 0x00, 0x00, 0x00, 0x04, 0x00]);
     let expected = [
         0x00, 0x80, 0x82, 0x00, 0x01, 0x00, 0x04, 0x00, 0x00, 0x80, 0x01, 0x80, 0x02, 0x80, 0x03,
         0x80, 0x04, 0x80, 0x10, 0x80, 0x11, 0x80, 0x20, 0x80,
     ];
     assert_eq!(first, expected);
-    let second = bench.read().unwrap();
+    let second = fixture.read().unwrap();
     let expected = [
         0x0E, 0x00, 0x00, 0x00, 0x00, 0x23, 0x00, 0x80, 0x02, 0x00, 0x00, 0x00, 0x21, 0x80, 0x22,
         0x80, 0x23, 0x80, 0x24, 0x80,
     ];
     assert_eq!(second, expected);
-    assert_eq!(bench.read(), None);
+    assert_eq!(fixture.read(), None);
 }
 
 #[test]
 fn descriptions_of_an_object_and_of_an_entry() {
-    let mut bench = Fixture::preop();
-    let object = bench.coe(&[0x00, 0x80, 0x03, 0x00, 0x00, 0x00, 0x18, 0x10]);
+    let mut fixture = Fixture::preop();
+    let object = fixture.coe(&[0x00, 0x80, 0x03, 0x00, 0x00, 0x00, 0x18, 0x10]);
     let mut expected = vec![0x00, 0x80, 0x04, 0x00, 0x00, 0x00, 0x18, 0x10, 0x23, 0x00, 4, 9];
     expected.extend_from_slice(b"Identity");
     assert_eq!(object, expected);
 
     // 0x8000:12 with everything that is known: U8, default 0, 0 to 3
-    let entry = bench.coe(&[0x00, 0x80, 0x05, 0x00, 0x00, 0x00, 0x00, 0x80, 0x0C, 0x7F]);
+    let entry = fixture.coe(&[0x00, 0x80, 0x05, 0x00, 0x00, 0x00, 0x00, 0x80, 0x0C, 0x7F]);
     let mut expected = vec![0x00, 0x80, 0x06, 0x00, 0x00, 0x00, 0x00, 0x80, 0x0C, 0x70];
     expected.extend_from_slice(&[0x05, 0x00, 0x08, 0x00, 0x3F, 0x03, 0, 0, 3]);
     expected.extend_from_slice(b"CAN pin rotation");
     assert_eq!(entry, expected);
 
     // the same without values, as IgH asks
-    let entry = bench.coe(&[0x00, 0x80, 0x05, 0x00, 0x00, 0x00, 0x00, 0x80, 0x0C, 0x00]);
+    let entry = fixture.coe(&[0x00, 0x80, 0x05, 0x00, 0x00, 0x00, 0x00, 0x80, 0x0C, 0x00]);
     assert_eq!(entry[8..16], [0x0C, 0x00, 0x05, 0x00, 0x08, 0x00, 0x3F, 0x03]);
     assert_eq!(&entry[16..], b"CAN pin rotation");
 }
 
 #[test]
-fn an_error_of_sdo_information() {
-    let mut bench = Fixture::preop();
-    let answer = bench.coe(&[0x00, 0x80, 0x03, 0x00, 0x00, 0x00, 0x34, 0x12]);
+fn sdo_information_error_matches_golden_bytes() {
+    let mut fixture = Fixture::preop();
+    let answer = fixture.coe(&[0x00, 0x80, 0x03, 0x00, 0x00, 0x00, 0x34, 0x12]);
     assert_eq!(answer, [0x00, 0x80, 0x07, 0x00, 0x00, 0x00, 0x00, 0x00, 0x02, 0x06]);
 }
 
 #[test]
-fn an_emergency() {
-    let mut bench = Fixture::preop();
-    bench.gateway.bus_state(bench.now, 2, ErrorState::BusOff, 256, 0);
-    assert!(bench.server.is_due(bench.now, &bench.gateway));
-    let message = bench.read_now().unwrap();
+fn emergency_matches_golden_bytes() {
+    let mut fixture = Fixture::preop();
+    fixture.gateway.bus_state(fixture.now, 2, ErrorState::BusOff, 256, 0);
+    assert!(fixture.server.is_due(fixture.now, &fixture.gateway));
+    let message = fixture.read_now().unwrap();
     let expected = [
         0x0A, 0x00, 0x00, 0x00, 0x00, 0x13, 0x00, 0x10, 0x00, 0x81, 0x11, 0x02, 0x00, 0x00, 0x00,
         0x00,
     ];
     assert_eq!(message, expected);
-    bench.now += MS;
-    assert_eq!(bench.read_now(), None);
+    fixture.now += MS;
+    assert_eq!(fixture.read_now(), None);
 }
 
 #[test]
-fn a_mailbox_error() {
-    let mut bench = Fixture::preop();
+fn mailbox_error_matches_golden_bytes() {
+    let mut fixture = Fixture::preop();
     // EoE
-    let answer = bench.exchange(&[0x04, 0x00, 0x34, 0x12, 0x00, 0x52, 0, 0, 0, 0]);
+    let answer = fixture.exchange(&[0x04, 0x00, 0x34, 0x12, 0x00, 0x52, 0, 0, 0, 0]);
     assert_eq!(answer, [0x04, 0x00, 0x34, 0x12, 0x00, 0x10, 0x01, 0x00, 0x02, 0x00]);
 }

@@ -2,15 +2,15 @@
 
 use ecan_protocol::object::{Access, Entry, ObjectType, object, objects};
 
-use super::bench::{Fixture, coe, info};
+use super::fixture::{Fixture, coe, info};
 
 /// Asks, and puts the fragments together.
-fn ask(bench: &mut Fixture, opcode: u8, parameters: &[u8]) -> Vec<u8> {
-    bench.write(&coe(&info(opcode, parameters)));
+fn ask(fixture: &mut Fixture, opcode: u8, parameters: &[u8]) -> Vec<u8> {
+    fixture.write(&coe(&info(opcode, parameters)));
     let mut body = Vec::new();
     let mut expected_left = None;
     loop {
-        let message = bench.read().expect("a fragment");
+        let message = fixture.read().expect("a fragment");
         assert_eq!(message[6..8], [0x00, 0x80]);
         assert_eq!(message[8] & 0x7F, opcode + 1, "{message:02X?}");
         let left = u16::from_le_bytes([message[10], message[11]]);
@@ -24,8 +24,8 @@ fn ask(bench: &mut Fixture, opcode: u8, parameters: &[u8]) -> Vec<u8> {
     }
 }
 
-fn list(bench: &mut Fixture, list_type: u8) -> Vec<u16> {
-    let body = ask(bench, 1, &[list_type, 0]);
+fn list(fixture: &mut Fixture, list_type: u8) -> Vec<u16> {
+    let body = ask(fixture, 1, &[list_type, 0]);
     assert_eq!(body[..2], [list_type, 0]);
     body[2..].chunks(2).map(|pair| u16::from_le_bytes([pair[0], pair[1]])).collect()
 }
@@ -38,10 +38,10 @@ fn dictionary() -> Vec<u16> {
 }
 
 #[test]
-fn the_lists_and_their_lengths() {
-    let mut bench = Fixture::preop();
-    let lengths = list(&mut bench, 0);
-    let lists: Vec<Vec<u16>> = (1..=5).map(|list_type| list(&mut bench, list_type)).collect();
+fn lists_and_their_lengths() {
+    let mut fixture = Fixture::preop();
+    let lengths = list(&mut fixture, 0);
+    let lists: Vec<Vec<u16>> = (1..=5).map(|list_type| list(&mut fixture, list_type)).collect();
     let found: Vec<u16> = lists.iter().map(|list| list.len() as u16).collect();
     assert_eq!(lengths, found);
     assert_eq!(lists[0], dictionary());
@@ -58,14 +58,14 @@ fn the_lists_and_their_lengths() {
 }
 
 #[test]
-fn a_walk_finds_every_object_and_entry() {
+fn walk_finds_every_object_and_entry() {
     for mailbox in [128, 40] {
-        let mut bench = Fixture::with_mailbox(mailbox);
+        let mut fixture = Fixture::with_mailbox(mailbox);
         let mut entries_found = 0;
-        for index in list(&mut bench, 1) {
+        for index in list(&mut fixture, 1) {
             let [i0, i1] = index.to_le_bytes();
             let object = object(index).expect("an object of the table");
-            let description = ask(&mut bench, 3, &[i0, i1]);
+            let description = ask(&mut fixture, 3, &[i0, i1]);
             assert_eq!(description[..2], [i0, i1]);
             let highest = object.entries.last().unwrap().subindex;
             assert_eq!(description[4], highest, "0x{index:04X}");
@@ -79,12 +79,12 @@ fn a_walk_finds_every_object_and_entry() {
             assert!(name.starts_with(object.name), "0x{index:04X} is called {name}");
             for subindex in 0..=highest {
                 if let Some(entry) = object.entry(subindex) {
-                    let description = ask(&mut bench, 5, &[i0, i1, subindex, 0x7F]);
+                    let description = ask(&mut fixture, 5, &[i0, i1, subindex, 0x7F]);
                     assert_eq!(description[..3], [i0, i1, subindex]);
-                    check_entry(&mut bench, index, entry, &description);
+                    check_entry(&mut fixture, index, entry, &description);
                     entries_found += 1;
                 } else {
-                    let answer = bench.coe(&info(5, &[i0, i1, subindex, 0]));
+                    let answer = fixture.coe(&info(5, &[i0, i1, subindex, 0]));
                     assert_eq!(answer[2], 7, "0x{index:04X}:{subindex} does not exist");
                 }
             }
@@ -95,7 +95,7 @@ fn a_walk_finds_every_object_and_entry() {
     }
 }
 
-fn check_entry(bench: &mut Fixture, index: u16, entry: &Entry, description: &[u8]) {
+fn check_entry(fixture: &mut Fixture, index: u16, entry: &Entry, description: &[u8]) {
     let what = format!("0x{index:04X}:{}", entry.subindex);
     let word = |at: usize| u16::from_le_bytes([description[at], description[at + 1]]);
     let data_type = match entry.ty {
@@ -108,7 +108,7 @@ fn check_entry(bench: &mut Fixture, index: u16, entry: &Entry, description: &[u8
     assert_eq!(word(4), data_type, "{what}");
     let readable = entry.access != Access::Wo;
     if readable {
-        let bits = bench.value(index, entry.subindex).len() * 8;
+        let bits = fixture.value(index, entry.subindex).len() * 8;
         assert_eq!(usize::from(word(6)), bits, "{what}");
     }
     assert_eq!(word(8) & 0x07 == 0x07, readable, "{what}");
@@ -128,9 +128,9 @@ fn check_entry(bench: &mut Fixture, index: u16, entry: &Entry, description: &[u8
 }
 
 #[test]
-fn a_signed_entry_has_signed_limits() {
-    let mut bench = Fixture::preop();
-    let description = ask(&mut bench, 5, &[0x11, 0x90, 4, 0x60]);
+fn signed_entry_has_signed_limits() {
+    let mut fixture = Fixture::preop();
+    let description = ask(&mut fixture, 5, &[0x11, 0x90, 4, 0x60]);
     assert_eq!(description[4..8], [4, 0, 32, 0]);
     assert_eq!(description[10..14], i32::MIN.to_le_bytes());
     assert_eq!(description[14..18], i32::MAX.to_le_bytes());
@@ -150,10 +150,10 @@ fn rights_of_entries() {
         (0x7000, 1, 0x004F, "an RxPDO maps it, and owns it from SAFEOP on"),
         (0x7000, 0, 0x0007, "nothing maps the count"),
     ];
-    let mut bench = Fixture::preop();
+    let mut fixture = Fixture::preop();
     for (index, subindex, rights, what) in cases {
         let [i0, i1] = u16::to_le_bytes(index);
-        let description = ask(&mut bench, 5, &[i0, i1, subindex, 0]);
+        let description = ask(&mut fixture, 5, &[i0, i1, subindex, 0]);
         let found = u16::from_le_bytes([description[8], description[9]]);
         assert_eq!(found, rights, "0x{index:04X}:{subindex}: {what}");
     }
@@ -163,11 +163,11 @@ fn rights_of_entries() {
 fn no_fragment_ends_within_an_index() {
     let expected = dictionary();
     for mailbox in 16..=64 {
-        let mut bench = Fixture::with_mailbox(mailbox);
-        bench.write(&coe(&info(1, &[1, 0])));
+        let mut fixture = Fixture::with_mailbox(mailbox);
+        fixture.write(&coe(&info(1, &[1, 0])));
         let mut found = Vec::new();
         let mut first = true;
-        while let Some(message) = bench.read() {
+        while let Some(message) = fixture.read() {
             let indices = &message[if first { 14 } else { 12 }..];
             first = false;
             assert!(indices.len().is_multiple_of(2), "mailbox of {mailbox} bytes");

@@ -3,7 +3,7 @@
 use crate::mailbox::MailboxServer;
 use ecan_protocol::device::AlState;
 
-use super::bench::{Fixture, MAILBOX, MS, coe, message};
+use super::fixture::{Fixture, MAILBOX, MS, coe, message};
 use crate::gateway::{GatewayFault, GatewayModelConfig};
 
 /// An upload of 0xF000:2, CoE body.
@@ -39,117 +39,117 @@ fn every_detail_of_a_mailbox_error() {
         ("longer than the mailbox", vec![0xFF, 0xFF, 0, 0, 0, 3], 8),
     ];
     for (what, request, detail) in cases {
-        let mut bench = Fixture::preop();
-        let answer = bench.exchange(&request);
+        let mut fixture = Fixture::preop();
+        let answer = fixture.exchange(&request);
         assert_eq!(error_detail(&answer), Some(detail), "{what}: {answer:02X?}");
-        let next = bench.exchange(&coe(&UPLOAD));
+        let next = fixture.exchange(&coe(&UPLOAD));
         assert_eq!(next[8], 0x4F, "{what}: the next request is served");
     }
 }
 
 #[test]
-fn a_mailbox_shorter_than_a_header() {
-    let mut bench = Fixture::preop();
-    bench.server.receive(bench.now, &[1, 2, 3], MAILBOX, &mut bench.gateway);
-    assert_eq!(bench.read().as_deref().and_then(error_detail), Some(6));
+fn mailbox_shorter_than_a_header() {
+    let mut fixture = Fixture::preop();
+    fixture.server.receive(fixture.now, &[1, 2, 3], MAILBOX, &mut fixture.gateway);
+    assert_eq!(fixture.read().as_deref().and_then(error_detail), Some(6));
 }
 
 #[test]
-fn an_answer_that_the_read_mailbox_cannot_hold() {
-    let mut bench = Fixture::preop();
-    bench.mailbox = 10;
-    bench.server.receive(bench.now, &coe(&UPLOAD), 10, &mut bench.gateway);
-    assert_eq!(bench.read().as_deref().and_then(error_detail), Some(8));
+fn response_larger_than_the_read_mailbox_is_an_error() {
+    let mut fixture = Fixture::preop();
+    fixture.mailbox = 10;
+    fixture.server.receive(fixture.now, &coe(&UPLOAD), 10, &mut fixture.gateway);
+    assert_eq!(fixture.read().as_deref().and_then(error_detail), Some(8));
     // not even for the error
-    bench.mailbox = 9;
-    bench.server.receive(bench.now, &coe(&UPLOAD), 9, &mut bench.gateway);
-    assert_eq!(bench.read(), None);
-    assert_eq!(bench.server.next_ready(), None);
+    fixture.mailbox = 9;
+    fixture.server.receive(fixture.now, &coe(&UPLOAD), 9, &mut fixture.gateway);
+    assert_eq!(fixture.read(), None);
+    assert_eq!(fixture.server.next_ready(), None);
 }
 
 #[test]
-fn an_error_is_not_answered() {
-    let mut bench = Fixture::preop();
-    bench.write(&message(0, 0, &[1, 0, 2, 0]));
-    assert_eq!(bench.server.next_ready(), None);
+fn mailbox_error_gets_no_response() {
+    let mut fixture = Fixture::preop();
+    fixture.write(&message(0, 0, &[1, 0, 2, 0]));
+    assert_eq!(fixture.server.next_ready(), None);
 }
 
 #[test]
-fn the_counter_of_answers_goes_from_one_to_seven() {
-    let mut bench = Fixture::preop();
-    let counters: Vec<u8> = (0..9).map(|_| bench.exchange(&coe(&UPLOAD))[5] >> 4).collect();
+fn response_counter_counts_from_one_to_seven() {
+    let mut fixture = Fixture::preop();
+    let counters: Vec<u8> = (0..9).map(|_| fixture.exchange(&coe(&UPLOAD))[5] >> 4).collect();
     assert_eq!(counters, [1, 2, 3, 4, 5, 6, 7, 1, 2]);
 }
 
 #[test]
-fn a_repeated_write_is_ignored() {
-    let mut bench = Fixture::preop();
-    assert_eq!(bench.exchange(&message(3, 4, &UPLOAD))[8], 0x4F);
-    bench.write(&message(3, 4, &UPLOAD));
-    assert_eq!(bench.server.next_ready(), None);
-    assert_eq!(bench.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
+fn repeated_write_is_ignored() {
+    let mut fixture = Fixture::preop();
+    assert_eq!(fixture.exchange(&message(3, 4, &UPLOAD))[8], 0x4F);
+    fixture.write(&message(3, 4, &UPLOAD));
+    assert_eq!(fixture.server.next_ready(), None);
+    assert_eq!(fixture.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
     // without counter nothing is a repeat
     for _ in 0..2 {
-        assert_eq!(bench.exchange(&message(3, 0, &UPLOAD))[8], 0x4F);
+        assert_eq!(fixture.exchange(&message(3, 0, &UPLOAD))[8], 0x4F);
     }
     // INIT forgets the counter
-    assert_eq!(bench.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
-    bench.server = MailboxServer::new();
-    assert_eq!(bench.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
+    assert_eq!(fixture.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
+    fixture.server = MailboxServer::new();
+    assert_eq!(fixture.exchange(&message(3, 5, &UPLOAD))[8], 0x4F);
 }
 
 #[test]
-fn the_answer_takes_its_time() {
-    let mut bench = Fixture::preop();
+fn response_takes_its_configured_time() {
+    let mut fixture = Fixture::preop();
     assert_eq!(GatewayModelConfig::default().mailbox_delay_ns, DELAY);
-    let asked = bench.now;
-    bench.write(&coe(&UPLOAD));
-    assert_eq!(bench.server.next_ready(), Some(asked + DELAY));
-    bench.now = asked + DELAY - 1;
-    assert!(!bench.server.is_due(bench.now, &bench.gateway));
-    assert_eq!(bench.read_now(), None);
-    bench.now += 1;
-    assert!(bench.server.is_due(bench.now, &bench.gateway));
-    assert!(bench.read_now().is_some());
-    assert_eq!(bench.server.next_ready(), None);
+    let asked = fixture.now;
+    fixture.write(&coe(&UPLOAD));
+    assert_eq!(fixture.server.next_ready(), Some(asked + DELAY));
+    fixture.now = asked + DELAY - 1;
+    assert!(!fixture.server.is_due(fixture.now, &fixture.gateway));
+    assert_eq!(fixture.read_now(), None);
+    fixture.now += 1;
+    assert!(fixture.server.is_due(fixture.now, &fixture.gateway));
+    assert!(fixture.read_now().is_some());
+    assert_eq!(fixture.server.next_ready(), None);
 }
 
 #[test]
-fn a_silent_mailbox_keeps_its_answers() {
-    let mut bench = Fixture::preop();
-    let asked = bench.now;
-    bench.write(&coe(&UPLOAD));
-    bench.gateway.inject(asked, GatewayFault::MailboxSilent { ms: 5 });
-    bench.now = asked + DELAY;
-    assert!(!bench.server.is_due(bench.now, &bench.gateway));
-    assert_eq!(bench.read_now(), None);
-    bench.now = asked + 5 * MS;
-    assert_eq!(bench.read_now().unwrap()[11], 0x02);
+fn silent_mailbox_keeps_its_responses() {
+    let mut fixture = Fixture::preop();
+    let asked = fixture.now;
+    fixture.write(&coe(&UPLOAD));
+    fixture.gateway.inject(asked, GatewayFault::MailboxSilent { ms: 5 });
+    fixture.now = asked + DELAY;
+    assert!(!fixture.server.is_due(fixture.now, &fixture.gateway));
+    assert_eq!(fixture.read_now(), None);
+    fixture.now = asked + 5 * MS;
+    assert_eq!(fixture.read_now().unwrap()[11], 0x02);
 }
 
 #[test]
-fn a_gateway_in_init_neither_answers_nor_takes_requests() {
-    let mut bench = Fixture::preop();
-    bench.write(&coe(&UPLOAD));
-    bench.gateway.request_al_state(bench.now, AlState::Init);
-    assert_eq!(bench.read(), None);
-    bench.server = MailboxServer::new();
-    bench.write(&coe(&UPLOAD));
-    assert_eq!(bench.server.next_ready(), None);
+fn gateway_in_init_ignores_mailbox_requests() {
+    let mut fixture = Fixture::preop();
+    fixture.write(&coe(&UPLOAD));
+    fixture.gateway.request_al_state(fixture.now, AlState::Init);
+    assert_eq!(fixture.read(), None);
+    fixture.server = MailboxServer::new();
+    fixture.write(&coe(&UPLOAD));
+    assert_eq!(fixture.server.next_ready(), None);
 }
 
 #[test]
-fn a_full_queue_says_so_once() {
-    let mut bench = Fixture::preop();
+fn full_mailbox_queue_is_reported_once() {
+    let mut fixture = Fixture::preop();
     for _ in 0..12 {
-        bench.write(&coe(&UPLOAD));
+        fixture.write(&coe(&UPLOAD));
     }
     let mut answers = Vec::new();
-    while let Some(answer) = bench.read() {
+    while let Some(answer) = fixture.read() {
         answers.push(error_detail(&answer));
     }
     assert_eq!(answers.len(), 9);
     assert!(answers[..8].iter().all(Option::is_none));
     assert_eq!(answers[8], Some(7));
-    assert_eq!(bench.exchange(&coe(&UPLOAD))[8], 0x4F);
+    assert_eq!(fixture.exchange(&coe(&UPLOAD))[8], 0x4F);
 }

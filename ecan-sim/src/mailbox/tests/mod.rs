@@ -1,9 +1,9 @@
 //! Tests of the mailbox services, byte by byte and by property.
 
 mod aborts;
-mod bench;
 mod complete_access;
 mod emergencies;
+mod fixture;
 mod golden;
 mod information;
 mod messages;

@@ -5,7 +5,7 @@ use crate::mailbox::MailboxServer;
 use ecan_protocol::device::AlState;
 use proptest::prelude::*;
 
-use super::bench::{Fixture, coe, message};
+use super::fixture::{Fixture, coe, message};
 use crate::bus::ErrorState;
 use crate::gateway::GatewayFault;
 
@@ -20,7 +20,7 @@ enum Step {
         body: Vec<u8>,
         length: Option<u16>,
     },
-    /// The client of the bench: something that must succeed whatever came before.
+    /// The client of the fixture: something that must succeed whatever came before.
     Upload,
     Read,
     Mailbox(usize),
@@ -116,13 +116,13 @@ fn check_form(out: &[u8]) -> u8 {
 }
 
 /// Reads all there is; more rounds than there can be messages are an endless loop.
-fn drain(bench: &mut Fixture) {
+fn drain(fixture: &mut Fixture) {
     for _ in 0..20_000 {
-        if !bench.server.is_due(bench.now, &bench.gateway) {
+        if !fixture.server.is_due(fixture.now, &fixture.gateway) {
             return;
         }
-        let mut out = vec![0xAA; bench.mailbox];
-        if bench.server.send(bench.now, &mut out, &mut bench.gateway) {
+        let mut out = vec![0xAA; fixture.mailbox];
+        if fixture.server.send(fixture.now, &mut out, &mut fixture.gateway) {
             check_form(&out);
         }
     }
@@ -130,41 +130,41 @@ fn drain(bench: &mut Fixture) {
 }
 
 fn run(steps: Vec<Step>) {
-    let mut bench = Fixture::preop();
+    let mut fixture = Fixture::preop();
     let mut counter = 0;
     for step in steps {
         match step {
             Step::Write(bytes) => {
-                let reply_bytes = bench.mailbox;
-                bench.server.receive(bench.now, &bytes, reply_bytes, &mut bench.gateway);
+                let reply_bytes = fixture.mailbox;
+                fixture.server.receive(fixture.now, &bytes, reply_bytes, &mut fixture.gateway);
             }
             Step::Message { protocol, counter, body, length } => {
                 let mut bytes = message(protocol, counter, &body);
                 if let Some(length) = length {
                     bytes[..2].copy_from_slice(&length.to_le_bytes());
                 }
-                bench.write(&bytes);
+                fixture.write(&bytes);
             }
             Step::Upload => {
-                bench.gateway.advance(bench.now);
-                let is_served = bench.gateway.mailbox_answers(bench.now)
-                    && bench.gateway.al_state() == AlState::PreOp
-                    && bench.mailbox >= 16;
-                drain(&mut bench);
-                while bench.read().is_some() {}
-                bench.gateway.advance(bench.now);
+                fixture.gateway.advance(fixture.now);
+                let is_served = fixture.gateway.mailbox_answers(fixture.now)
+                    && fixture.gateway.al_state() == AlState::PreOp
+                    && fixture.mailbox >= 16;
+                drain(&mut fixture);
+                while fixture.read().is_some() {}
+                fixture.gateway.advance(fixture.now);
                 counter = 0;
-                bench.server = MailboxServer::new();
-                if is_served && bench.gateway.mailbox_answers(bench.now) {
+                fixture.server = MailboxServer::new();
+                if is_served && fixture.gateway.mailbox_answers(fixture.now) {
                     let upload = coe(&[0x00, 0x20, 0x40, 0x00, 0xF0, 0x02, 0, 0, 0, 0]);
-                    assert_eq!(bench.exchange(&upload)[8], 0x4F);
+                    assert_eq!(fixture.exchange(&upload)[8], 0x4F);
                     counter = 1;
                 }
             }
             Step::Read => {
-                let mut out = vec![0xAA; bench.mailbox];
+                let mut out = vec![0xAA; fixture.mailbox];
                 let before = out.clone();
-                if bench.server.send(bench.now, &mut out, &mut bench.gateway) {
+                if fixture.server.send(fixture.now, &mut out, &mut fixture.gateway) {
                     let found = check_form(&out);
                     // a lost mailbox (INIT) begins anew
                     assert!(found == counter % 7 + 1 || found == 1, "{found} behind {counter}");
@@ -173,24 +173,24 @@ fn run(steps: Vec<Step>) {
                     assert_eq!(out, before, "untouched");
                 }
             }
-            Step::Mailbox(bytes) => bench.mailbox = bytes,
-            Step::Wait(ns) => bench.now += ns,
+            Step::Mailbox(bytes) => fixture.mailbox = bytes,
+            Step::Wait(ns) => fixture.now += ns,
             Step::Silence(ms) => {
-                bench.gateway.inject(bench.now, GatewayFault::MailboxSilent { ms });
+                fixture.gateway.inject(fixture.now, GatewayFault::MailboxSilent { ms });
             }
-            Step::BusState(state) => bench.gateway.bus_state(bench.now, 0, state, 0, 0),
-            Step::State(state) => bench.gateway.request_al_state(bench.now, state),
+            Step::BusState(state) => fixture.gateway.bus_state(fixture.now, 0, state, 0, 0),
+            Step::State(state) => fixture.gateway.request_al_state(fixture.now, state),
             Step::Reset => {
                 counter = 0;
-                bench.server = MailboxServer::new();
+                fixture.server = MailboxServer::new();
             }
         }
     }
     // Beyond any silence.
-    bench.now += 1_000_000_000;
-    drain(&mut bench);
-    if bench.gateway.mailbox_answers(bench.now) {
-        assert_eq!(bench.server.next_ready(), None);
+    fixture.now += 1_000_000_000;
+    drain(&mut fixture);
+    if fixture.gateway.mailbox_answers(fixture.now) {
+        assert_eq!(fixture.server.next_ready(), None);
     }
 }
 
@@ -208,9 +208,9 @@ proptest! {
         mailbox in 16..160_usize,
         unit in 0..192_u16,
     ) {
-        let mut bench = Fixture::with_mailbox(mailbox);
+        let mut fixture = Fixture::with_mailbox(mailbox);
         let index = 0x7000 + 16 * unit;
-        prop_assert_eq!(bench.download(index, 1, false, &data), Ok(()));
-        prop_assert_eq!(bench.upload(index, 1, false), Ok(data.to_vec()));
+        prop_assert_eq!(fixture.download(index, 1, false, &data), Ok(()));
+        prop_assert_eq!(fixture.upload(index, 1, false), Ok(data.to_vec()));
     }
 }

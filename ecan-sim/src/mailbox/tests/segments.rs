@@ -1,6 +1,6 @@
 //! Transfers in mailboxes of every size give the same data.
 
-use super::bench::Fixture;
+use super::fixture::Fixture;
 
 #[test]
 fn every_mailbox_size_moves_the_same_data() {
@@ -8,21 +8,25 @@ fn every_mailbox_size_moves_the_same_data() {
     let whole = Fixture::preop().upload(0x8001, 0, true).unwrap();
     assert!(whole.len() > 120, "several segments even in a full mailbox");
     for mailbox in 16..=200 {
-        let mut bench = Fixture::with_mailbox(mailbox);
-        bench.download(0x7020, 1, false, &data).unwrap();
-        assert_eq!(bench.value(0x7020, 1), data, "down, {mailbox} bytes");
-        assert_eq!(bench.upload(0x7020, 1, false).as_deref(), Ok(&data[..]), "up, {mailbox} bytes");
-        assert_eq!(bench.upload(0x8001, 0, true).as_deref(), Ok(&whole[..]), "{mailbox} bytes");
+        let mut fixture = Fixture::with_mailbox(mailbox);
+        fixture.download(0x7020, 1, false, &data).unwrap();
+        assert_eq!(fixture.value(0x7020, 1), data, "down, {mailbox} bytes");
+        assert_eq!(
+            fixture.upload(0x7020, 1, false).as_deref(),
+            Ok(&data[..]),
+            "up, {mailbox} bytes"
+        );
+        assert_eq!(fixture.upload(0x8001, 0, true).as_deref(), Ok(&whole[..]), "{mailbox} bytes");
     }
 }
 
 #[test]
-fn a_segmented_download_of_a_whole_object() {
-    let mut bench = Fixture::with_mailbox(20);
+fn segmented_download_of_a_whole_object() {
+    let mut fixture = Fixture::with_mailbox(20);
     let mut block = vec![24, 0];
     for chunk in 0..24_u16 {
         block.extend_from_slice(&(0x1A00 + chunk).to_le_bytes());
     }
-    bench.download(0x1C13, 0, true, &block).unwrap();
-    assert_eq!(bench.upload(0x1C13, 0, true), Ok(block));
+    fixture.download(0x1C13, 0, true, &block).unwrap();
+    assert_eq!(fixture.upload(0x1C13, 0, true), Ok(block));
 }
